@@ -1,0 +1,62 @@
+// Little- and big-endian integers in byte buffers, encoded explicitly: no struct is ever cast.
+#pragma once
+
+#include <bit>
+#include <concepts>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <vector>
+
+namespace slf {
+
+using ByteSpan = std::span<const std::byte>;
+using Bytes = std::vector<std::byte>;
+
+/// Reads an unsigned integer stored least significant byte first.
+/// REQUIRES: sizeof(T) readable bytes at `from`, at any alignment.
+template <std::unsigned_integral T>
+[[nodiscard]] T load_le(const std::byte* from) {
+  T value = 0;
+  for (std::size_t i = 0; i < sizeof(T); ++i)
+    value = static_cast<T>(value | (static_cast<T>(from[i]) << (8 * i)));
+  return value;
+}
+
+/// Writes an unsigned integer least significant byte first.
+/// REQUIRES: sizeof(T) writable bytes at `to`, at any alignment.
+template <std::unsigned_integral T>
+void store_le(std::byte* to, T value) {
+  for (std::size_t i = 0; i < sizeof(T); ++i) to[i] = static_cast<std::byte>(value >> (8 * i));
+}
+
+/// Reads an unsigned integer stored most significant byte first (keys, which sort as bytes).
+template <std::unsigned_integral T>
+[[nodiscard]] T load_be(const std::byte* from) {
+  T value = 0;
+  for (std::size_t i = 0; i < sizeof(T); ++i)
+    value = static_cast<T>((value << 8 * (sizeof(T) > 1)) | static_cast<T>(from[i]));
+  return value;
+}
+
+/// Writes an unsigned integer most significant byte first.
+template <std::unsigned_integral T>
+void store_be(std::byte* to, T value) {
+  for (std::size_t i = 0; i < sizeof(T); ++i)
+    to[i] = static_cast<std::byte>(value >> (8 * (sizeof(T) - 1 - i)));
+}
+
+template <std::unsigned_integral T>
+void append_le(Bytes& to, T value) {
+  to.resize(to.size() + sizeof(T));
+  store_le(to.data() + to.size() - sizeof(T), value);
+}
+
+/// The bytes of a span of trivially copyable values.
+template <class T>
+[[nodiscard]] ByteSpan as_bytes(std::span<const T> values) {
+  return std::as_bytes(values);
+}
+
+}  // namespace slf

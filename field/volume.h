@@ -1,0 +1,72 @@
+// Volume: a 3D scalar image in world coordinates, and its readers.
+//
+// World coordinates are millimetres (or whatever unit the file is in) in the LPS convention of
+// DICOM and ITK: +x to the patient's left, +y to the back, +z to the head. NIfTI files, which are
+// RAS, have x and y negated, so the same scan gives the same world in every format and a left hand
+// stays a left hand.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <glm/glm.hpp>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "base/error.h"
+
+namespace slf {
+
+enum class ScalarType : std::uint8_t { u8, i8, u16, i16, u32, i32, u64, i64, f32, f64 };
+
+[[nodiscard]] const char* name(ScalarType type);
+[[nodiscard]] std::size_t bytes_per_voxel(ScalarType type);
+
+/// Voxels as stored in the file (8 and 16 bits stay so), x fastest, then y, then z.
+struct Volume {
+  std::array<std::uint32_t, 3> dims{};
+  ScalarType type = ScalarType::u8;
+  std::vector<std::byte> voxels;  ///< native endian, dims product × bytes_per_voxel(type)
+  /// The value of a voxel is slope × stored + intercept (scl_slope, RescaleSlope).
+  double slope = 1;
+  double intercept = 0;
+  /// World position of the centre of voxel (i,j,k) is origin + axes · (i,j,k): the columns of
+  /// `axes` are the unit axis directions times the spacing. Never singular.
+  glm::dmat3 axes{1.0};
+  glm::dvec3 origin{0.0};
+  /// Values are ids, not amounts: never interpolated.
+  bool labels = false;
+  std::string source;  ///< the path it was read from, for messages and provenance
+
+  [[nodiscard]] glm::dvec3 spacing() const;
+  [[nodiscard]] std::uint64_t voxel_count() const;
+  /// Least and greatest finite value, after slope and intercept.
+  [[nodiscard]] std::array<double, 2> value_range() const;
+};
+
+/// How to read a headerless file.
+struct RawLayout {
+  std::array<std::uint32_t, 3> dims{};
+  ScalarType type = ScalarType::u8;
+  glm::dvec3 spacing{1.0};
+  bool big_endian = false;
+  std::uint64_t offset = 0;  ///< bytes before the first voxel
+};
+
+struct VolumeOptions {
+  std::optional<RawLayout> raw;  ///< set for raw files, which name no layout themselves
+  bool labels = false;
+};
+
+/// Reads NIfTI-1/2 (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), a folder of one
+/// DICOM series, or raw. The format is found from the content, not from the name alone. Input is
+/// untrusted.
+/// io: missing or unreadable. bad_file: not what it claims, truncated, absurd dims, spacing or
+/// axes. unsupported: more than one component or more than 3 dimensions of extent above 1; the
+/// message names the choice. usage: raw layout that does not fit the file.
+[[nodiscard]] Result<Volume> read_volume(const std::string& path,
+                                         const VolumeOptions& options = {});
+
+}  // namespace slf

@@ -1,0 +1,169 @@
+// The container of a field: layers of tiles in key order, and a few named blobs, in one LMDB file.
+//
+// Storage knows keys and bytes, nothing of spheres or codecs. Tiles are grouped into records of
+// about 64 KiB, each with a table and a checksum per tile (FORMAT.md). Reads come straight from
+// the memory map; the bytes of the file are untrusted, so every page is checked before it is
+// walked and no input, truncated, flipped, hostile, or shrinking while mapped, can crash a reader.
+//
+// Use:
+//   auto store = storage::TileStore::open("brain.slf");
+//   storage::TileRef tile = store->find(0, {2, 4711}).value();
+//   if (tile.state == storage::TileState::stored && store->check(tile)) use(tile.payload);
+#pragma once
+
+#include <compare>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/bytes.h"
+#include "base/error.h"
+
+namespace slf::storage {
+
+/// A tile's place in its layer: level first, then the index within the level. Records and
+/// iteration are in this order.
+struct TileKey {
+  std::uint8_t level = 0;
+  std::uint64_t index = 0;
+  friend auto operator<=>(const TileKey&, const TileKey&) = default;
+};
+
+/// A layer by its position in the list given at creation.
+using LayerId = std::uint32_t;
+
+enum class TileState : std::uint8_t {
+  missing,  ///< never built, or dropped as damaged
+  empty,    ///< built, and nothing is there
+  stored,   ///< has a payload
+};
+
+/// Where a tile lies. `payload` views the map: valid as long as the TileStore, but only as
+/// trustworthy as the last check().
+struct TileRef {
+  TileState state = TileState::missing;
+  LayerId layer = 0;
+  TileKey key;
+  ByteSpan payload;
+  std::uint64_t checksum = 0;
+};
+
+/// Half-open range of bytes of the file.
+struct FileRange {
+  std::uint64_t begin = 0;
+  std::uint64_t end = 0;
+};
+
+/// A consistent, read-only snapshot of a container: what was committed when it was opened, however
+/// much a writer adds meanwhile.
+/// Thread-safety: all const members may be called from many threads at once.
+class TileStore {
+ public:
+  /// io: missing, unreadable. bad_file: not a container, truncated, damaged meta pages.
+  /// unsupported: made by LMDB of another version or page size.
+  /// Uses a lock file beside the container to hold its snapshot against a concurrent writer where
+  /// the directory can be written, and none otherwise.
+  [[nodiscard]] static Result<TileStore> open(const std::string& path);
+
+  TileStore(TileStore&&) noexcept;
+  TileStore& operator=(TileStore&&) noexcept;
+  ~TileStore();
+
+  [[nodiscard]] const std::string& path() const;
+  [[nodiscard]] std::uint64_t file_bytes() const;
+  [[nodiscard]] const std::vector<std::string>& layers() const;
+
+  /// A named blob, checked against its checksum. bad_file when absent or damaged.
+  [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const;
+
+  /// Finds a tile without touching its payload: a B-tree descent and the record's table.
+  /// bad_file: a page on the way, or the record's table, is damaged.
+  [[nodiscard]] Result<TileRef> find(LayerId layer, TileKey key) const;
+
+  /// Verifies a stored tile's checksum (touches the payload). bad_file names layer and key.
+  [[nodiscard]] Result<void> check(const TileRef& tile) const;
+
+  /// Asks the kernel to read the tiles' pages soon; neighbouring ranges are merged.
+  void advise(std::span<const TileRef> tiles) const;
+
+  /// Tells the kernel that the tiles' pages are no longer needed by this process (MADV_DONTNEED
+  /// on the shared read-only map: safe, the file is unchanged).
+  void release(std::span<const TileRef> tiles) const;
+
+  /// The part of the file a payload lies in, for counting pages.
+  [[nodiscard]] FileRange range(const TileRef& tile) const;
+
+  /// The base of the map, for mincore and smaps cross-checks; file_bytes() long.
+  [[nodiscard]] const std::byte* map() const;
+
+  /// Visits the tiles of a layer with key in [from, to) in key order (missing ones not at all).
+  /// A damaged record goes to `damaged`, once, with the keys it should hold, when given; without it
+  /// iteration stops with that error. The visitor's error stops iteration and is returned.
+  using Visitor = std::function<Result<void>(const TileRef&)>;
+  using DamageVisitor = std::function<void(const Error&)>;
+  [[nodiscard]] Result<void> visit(LayerId layer, TileKey from, TileKey to, const Visitor& visitor,
+                                   const DamageVisitor& damaged = {}) const;
+
+  /// Walks every page of the file: each is reachable once, within bounds, in order, or on the free
+  /// list. Appends one error per finding.
+  void check_structure(std::vector<Error>& findings) const;
+
+ private:
+  struct State;
+  explicit TileStore(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
+};
+
+/// The only writer of a container. Appends tiles in key order per layer; what commit() returned
+/// for survives a crash of the process or machine; a reader sees whole commits only.
+/// Thread-safety: none; one thread.
+class TileWriter {
+ public:
+  /// Creates `path` (refuses an existing file: usage) with its layers and blobs, committed.
+  [[nodiscard]] static Result<TileWriter> create(
+      const std::string& path, std::span<const std::string> layers,
+      std::span<const std::pair<std::string, Bytes>> blobs);
+
+  /// Opens an existing container to append. Its structure is checked first (bad_file).
+  /// failed: another writer has it open. io: no write permission.
+  [[nodiscard]] static Result<TileWriter> resume(const std::string& path);
+
+  TileWriter(TileWriter&&) noexcept;
+  TileWriter& operator=(TileWriter&&) noexcept;
+  /// Without close(), drops what was not committed.
+  ~TileWriter();
+
+  /// The last key of a layer that is committed, if any. Building resumes after it.
+  [[nodiscard]] Result<std::optional<TileKey>> last(LayerId layer) const;
+
+  /// Adds a tile; an empty payload records an empty tile.
+  /// REQUIRES: key above every key appended to or committed in this layer.
+  [[nodiscard]] Result<void> append(LayerId layer, TileKey key, ByteSpan payload);
+
+  /// Replaces one tile within a committed record (a damaged or missing one), in its own commit.
+  [[nodiscard]] Result<void> replace(LayerId layer, TileKey key, TileState state, ByteSpan payload);
+
+  /// Sets a named blob, in the next commit.
+  [[nodiscard]] Result<void> set_blob(std::string_view name, ByteSpan value);
+
+  /// Makes every full record durable. Records are cut at the same keys whatever the commits, so
+  /// tiles of the record still being filled are kept in memory until it is full (or close()).
+  /// io: disk full or a write error; the file then holds the previous commit, and the message says
+  /// what to do.
+  [[nodiscard]] Result<void> commit();
+
+  /// Writes the last, partly filled records, commits, syncs and closes.
+  [[nodiscard]] Result<void> close();
+
+ private:
+  struct State;
+  explicit TileWriter(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace slf::storage
