@@ -70,6 +70,10 @@ class Codec {
   /// Whether decode returns exactly what encode was given.
   [[nodiscard]] virtual bool lossless() const = 0;
 
+  /// Whether a payload is the samples themselves, so that a reader may use it where it lies and
+  /// skip decode. A payload of another size than tile.bytes() is damaged, as decode would say.
+  [[nodiscard]] virtual bool in_place() const { return false; }
+
   /// Bytes that every tile's decoder needs and that are stored once per field (shared JPEG tables,
   /// a dictionary); empty for codecs without any.
   [[nodiscard]] virtual ByteSpan tables() const { return {}; }

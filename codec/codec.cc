@@ -1,0 +1,98 @@
+#include "codec/codec.h"
+
+#include <array>
+#include <charconv>
+#include <optional>
+#include <vector>
+
+#include "codec/jpeg_codec.h"
+#include "codec/raw_codec.h"
+#include "codec/zstd_codec.h"
+
+namespace slf::codec {
+namespace {
+
+constexpr int default_zstd_level = 9;
+constexpr int default_jpeg_quality = 75;
+
+std::vector<std::string_view> split(std::string_view text, char separator) {
+  std::vector<std::string_view> parts;
+  while (true) {
+    const std::size_t end = text.find(separator);
+    parts.push_back(text.substr(0, end));
+    if (end == std::string_view::npos) return parts;
+    text.remove_prefix(end + 1);
+  }
+}
+
+// An integer within low..high and nothing after it.
+std::optional<int> parse_int(std::string_view text, int low, int high) {
+  int value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  if (value < low || value > high) return std::nullopt;
+  return value;
+}
+
+tl::unexpected<Error> bad_spec(std::string_view spec) {
+  return fail(ErrorCode::usage, "codec \"", spec,
+              "\": expected raw, zstd[:LEVEL] with a level of 1 to 22, or "
+              "jpeg[:QUALITY[:420|:444]] with a quality of 1 to 100");
+}
+
+Result<std::unique_ptr<Codec>> make_zstd(std::string_view spec, SampleFormat format,
+                                         const std::vector<std::string_view>& parts) {
+  int level = default_zstd_level;
+  if (parts.size() > 2) return bad_spec(spec);
+  if (parts.size() == 2) {
+    const std::optional<int> given = parse_int(parts[1], 1, 22);
+    if (!given) return bad_spec(spec);
+    level = *given;
+  }
+  return make_zstd_codec(format, level);
+}
+
+Result<std::unique_ptr<Codec>> make_jpeg(std::string_view spec, SampleFormat format,
+                                         const std::vector<std::string_view>& parts,
+                                         ByteSpan tables) {
+  JpegOptions options{default_jpeg_quality, ChromaSampling::half};
+  if (parts.size() > 3) return bad_spec(spec);
+  if (parts.size() >= 2) {
+    const std::optional<int> given = parse_int(parts[1], 1, 100);
+    if (!given) return bad_spec(spec);
+    options.quality = *given;
+  }
+  if (parts.size() == 3) {
+    if (parts[2] != "420" && parts[2] != "444") return bad_spec(spec);
+    options.chroma = parts[2] == "444" ? ChromaSampling::full : ChromaSampling::half;
+  }
+  if (format == SampleFormat::rgba16f)
+    return fail(ErrorCode::unsupported, "codec \"", spec,
+                "\": JPEG cannot hold half floats; use zstd");
+  if (tables.empty()) return make_jpeg_codec(format, options, standard_tables(options.quality));
+  const Result<JpegTables> shared = parse_tables(tables);
+  if (!shared) return tl::unexpected(shared.error());
+  return make_jpeg_codec(format, options, *shared);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat format,
+                                          ByteSpan tables) {
+  const std::vector<std::string_view> parts = split(spec, ':');
+  if (parts[0] == "jpeg") return make_jpeg(spec, format, parts, tables);
+  if (!tables.empty())
+    return fail(ErrorCode::bad_file, "codec \"", spec, "\": has no shared tables, but ",
+                tables.size(), " bytes of them were found");
+  if (spec == "raw") return make_raw_codec();
+  if (parts[0] == "zstd") return make_zstd(spec, format, parts);
+  return bad_spec(spec);
+}
+
+Result<std::unique_ptr<Codec>> train_codec(std::string_view spec, SampleFormat format,
+                                           std::span<const TrainingTile> sample) {
+  (void)sample;
+  return make_codec(spec, format);
+}
+
+}  // namespace slf::codec

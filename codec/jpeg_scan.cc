@@ -1,0 +1,238 @@
+#include "codec/jpeg_scan.h"
+
+// jpeglib.h needs FILE and size_t declared before it.
+#include <jpeglib.h>
+#include <cstddef>
+#include <cstdio>
+// jerror.h needs jpeglib.h.
+#include <jerror.h>
+
+#include <cassert>
+#include <csetjmp>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+
+namespace slf::codec {
+namespace {
+
+// libjpeg reports errors by calling us back and must not be returned to: we jump out. Nothing with
+// a destructor may live in the frames between setjmp and the jump.
+struct ErrorManager {
+  jpeg_error_mgr base;
+  std::jmp_buf jump;
+  char message[JMSG_LENGTH_MAX];
+};
+
+[[noreturn]] void jump_out(j_common_ptr info) {
+  auto* manager = reinterpret_cast<ErrorManager*>(info->err);
+  manager->base.format_message(info, manager->message);
+  std::longjmp(manager->jump, 1);
+}
+
+// Warnings (level < 0) mean damage; the other levels are traces.
+void refuse_warning(j_common_ptr info, int level) {
+  if (level < 0) jump_out(info);
+}
+
+void ignore_message(j_common_ptr) {}
+
+jpeg_error_mgr* init(ErrorManager& manager) {
+  jpeg_std_error(&manager.base);
+  manager.base.error_exit = jump_out;
+  manager.base.emit_message = refuse_warning;
+  manager.base.output_message = ignore_message;
+  return &manager.base;
+}
+
+void append(Bytes& to, std::initializer_list<int> values) {
+  for (const int value : values) to.push_back(static_cast<std::byte>(value));
+}
+
+// Everything of a JPEG stream before its entropy-coded bytes.
+Bytes stream_header(const JpegTables& tables, const JpegShape& shape) {
+  Bytes bytes = to_bytes(tables);
+  bytes.resize(bytes.size() - 2);  // EOI
+  const int components = shape.color == JpegColor::gray ? 1 : 3;
+  const int luma_sampling = shape.color == JpegColor::ycbcr_420 ? 0x22 : 0x11;
+  const int width = static_cast<int>(shape.width), height = static_cast<int>(shape.height);
+  append(bytes, {0xFF, 0xC0, 0, 8 + 3 * components, 8, height >> 8, height & 255, width >> 8,
+                 width & 255, components});
+  for (int i = 0; i < components; ++i)
+    append(bytes, {i + 1, i == 0 ? luma_sampling : 0x11, i == 0 ? 0 : 1});
+  append(bytes, {0xFF, 0xDA, 0, 6 + 2 * components, components});
+  for (int i = 0; i < components; ++i) append(bytes, {i + 1, i == 0 ? 0 : 0x11});
+  append(bytes, {0, 63, 0});
+  return bytes;
+}
+
+// Feeds header, scan and an EOI, one after the other, without copying them together.
+struct ChunkSource {
+  jpeg_source_mgr base;
+  ByteSpan chunks[3];
+  int next = 0;
+};
+
+constexpr std::byte end_of_image[2] = {std::byte{0xFF}, std::byte{0xD9}};
+
+void start_source(j_decompress_ptr) {}
+void end_source(j_decompress_ptr) {}
+
+boolean next_chunk(j_decompress_ptr info) {
+  auto* source = reinterpret_cast<ChunkSource*>(info->src);
+  while (source->next < 3 && source->chunks[source->next].empty()) ++source->next;
+  if (source->next == 3) ERREXIT(info, JERR_INPUT_EOF);
+  const ByteSpan chunk = source->chunks[source->next++];
+  source->base.next_input_byte = reinterpret_cast<const JOCTET*>(chunk.data());
+  source->base.bytes_in_buffer = chunk.size();
+  return TRUE;
+}
+
+void skip_bytes(j_decompress_ptr info, long count) {
+  jpeg_source_mgr& source = *info->src;
+  while (count > static_cast<long>(source.bytes_in_buffer)) {
+    count -= static_cast<long>(source.bytes_in_buffer);
+    next_chunk(info);
+  }
+  source.next_input_byte += count > 0 ? count : 0;
+  source.bytes_in_buffer -= static_cast<std::size_t>(count > 0 ? count : 0);
+}
+
+// A decompressor that a thread keeps from tile to tile.
+class Decompressor {
+ public:
+  Decompressor() {
+    info_.err = init(errors_);
+    if (setjmp(errors_.jump)) return;
+    jpeg_create_decompress(&info_);
+    created_ = true;
+  }
+  ~Decompressor() {
+    if (created_) jpeg_destroy_decompress(&info_);
+  }
+  Decompressor(const Decompressor&) = delete;
+  Decompressor& operator=(const Decompressor&) = delete;
+
+  // Returns null, or what went wrong.
+  const char* decode(ByteSpan header, ByteSpan scan, const JpegShape& shape, std::uint8_t* pixels) {
+    if (!created_) return "out of memory";
+    source_.base = {nullptr,   0, start_source, next_chunk, skip_bytes, jpeg_resync_to_restart,
+                    end_source};
+    source_.chunks[0] = header;
+    source_.chunks[1] = scan;
+    source_.chunks[2] = end_of_image;
+    source_.next = 0;
+    info_.src = &source_.base;
+    if (setjmp(errors_.jump)) {
+      jpeg_abort_decompress(&info_);
+      return errors_.message;
+    }
+    jpeg_read_header(&info_, TRUE);
+    if (shape.color != JpegColor::gray) {
+      info_.jpeg_color_space = JCS_YCbCr;
+      info_.out_color_space = JCS_EXT_RGBA;
+    }
+    jpeg_start_decompress(&info_);
+    const std::size_t stride = shape.width * pixel_bytes(shape.color);
+    while (info_.output_scanline < info_.output_height) {
+      JSAMPROW line = pixels + info_.output_scanline * stride;
+      jpeg_read_scanlines(&info_, &line, 1);
+    }
+    jpeg_finish_decompress(&info_);
+    return nullptr;
+  }
+
+ private:
+  jpeg_decompress_struct info_{};
+  ErrorManager errors_{};
+  ChunkSource source_{};
+  bool created_ = false;
+};
+
+// Entropy-coded bytes hold no marker: every FF is followed by a stuffed 00.
+bool holds_marker(ByteSpan scan) {
+  const std::byte* at = scan.data();
+  const std::byte* const end = at + scan.size();
+  while (at != end) {
+    at = static_cast<const std::byte*>(std::memchr(at, 0xFF, static_cast<std::size_t>(end - at)));
+    if (!at) return false;
+    if (at + 1 == end || at[1] != std::byte{0}) return true;
+    at += 2;
+  }
+  return false;
+}
+
+void set_tables(j_compress_ptr info, const JpegTables& tables) {
+  jpeg_set_quality(info, 50, TRUE);
+  for (int i = 0; i < 2; ++i) {
+    unsigned natural[64];
+    static constexpr std::uint8_t zigzag[64] = {
+        0,  1,  8,  16, 9,  2,  3,  10, 17, 24, 32, 25, 18, 11, 4,  5,  12, 19, 26, 33, 40, 48,
+        41, 34, 27, 20, 13, 6,  7,  14, 21, 28, 35, 42, 49, 56, 57, 50, 43, 36, 29, 22, 15, 23,
+        30, 37, 44, 51, 58, 59, 52, 45, 38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63};
+    for (int k = 0; k < 64; ++k) natural[zigzag[k]] = tables.quantisation[i][k];
+    jpeg_add_quant_table(info, i, natural, 100, TRUE);
+    for (auto [from, to] : {std::pair{&tables.dc[i], info->dc_huff_tbl_ptrs[i]},
+                            std::pair{&tables.ac[i], info->ac_huff_tbl_ptrs[i]}}) {
+      std::memset(to->huffval, 0, sizeof(to->huffval));
+      std::memcpy(to->bits + 1, from->counts.data(), 16);
+      std::memcpy(to->huffval, from->symbols.data(), from->symbols.size());
+    }
+  }
+}
+
+}  // namespace
+
+Result<void> append_scan(const JpegTables& tables, const JpegShape& shape,
+                         std::span<const std::uint8_t> pixels, Bytes& scan) {
+  jpeg_compress_struct info;
+  ErrorManager errors;
+  unsigned char* stream = nullptr;
+  unsigned long size = 0;
+  info.err = init(errors);
+  if (setjmp(errors.jump)) {
+    jpeg_destroy_compress(&info);
+    std::free(stream);
+    return fail(ErrorCode::failed, "JPEG: ", static_cast<const char*>(errors.message));
+  }
+  jpeg_create_compress(&info);
+  jpeg_mem_dest(&info, &stream, &size);
+  info.image_width = shape.width;
+  info.image_height = shape.height;
+  const bool gray = shape.color == JpegColor::gray;
+  info.input_components = gray ? 1 : 4;
+  info.in_color_space = gray ? JCS_GRAYSCALE : JCS_EXT_RGBX;
+  jpeg_set_defaults(&info);
+  set_tables(&info, tables);
+  info.write_JFIF_header = FALSE;
+  if (shape.color == JpegColor::ycbcr_444)
+    info.comp_info[0].h_samp_factor = info.comp_info[0].v_samp_factor = 1;
+  jpeg_suppress_tables(&info, TRUE);
+  jpeg_start_compress(&info, FALSE);
+  const std::size_t stride = shape.width * pixel_bytes(shape.color);
+  while (info.next_scanline < info.image_height) {
+    auto* line = const_cast<JSAMPROW>(pixels.data() + info.next_scanline * stride);
+    jpeg_write_scanlines(&info, &line, 1);
+  }
+  jpeg_finish_compress(&info);
+  jpeg_destroy_compress(&info);
+  const std::size_t components = gray ? 1 : 3;
+  const std::size_t header = 2 + (10 + 3 * components) + (8 + 2 * components);
+  const auto* begin = reinterpret_cast<const std::byte*>(stream);
+  scan.insert(scan.end(), begin + header, begin + size - 2);
+  std::free(stream);
+  return {};
+}
+
+Result<void> read_scan(const JpegTables& tables, const JpegShape& shape, ByteSpan scan,
+                       std::span<std::uint8_t> pixels) {
+  assert(pixels.size() == std::size_t{shape.width} * shape.height * pixel_bytes(shape.color));
+  if (holds_marker(scan)) return fail(ErrorCode::bad_file, "JPEG: a marker inside the scan");
+  thread_local Decompressor decompressor;
+  const Bytes header = stream_header(tables, shape);
+  if (const char* wrong = decompressor.decode(header, scan, shape, pixels.data()))
+    return fail(ErrorCode::bad_file, "JPEG: ", wrong);
+  return {};
+}
+
+}  // namespace slf::codec
