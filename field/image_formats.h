@@ -6,6 +6,7 @@
 // Errors of decoders: bad_file, damaged or truncated; unsupported, valid but not read here.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <string>
 
@@ -26,7 +27,7 @@ inline constexpr std::uint64_t kMaxPixels = std::uint64_t{1} << 26;
 /// A value in 0..1 as 8 bits, to the nearest; what is outside is clamped, NaN gives 0.
 [[nodiscard]] inline std::uint8_t to_byte(float value) {
   if (!(value > 0)) return 0;
-  return value >= 1 ? 255 : static_cast<std::uint8_t>(value * 255.0F + 0.5F);
+  return value >= 1 ? 255 : static_cast<std::uint8_t>(std::lround(value * 255.0F));
 }
 
 /// REQUIRES (all encoders): at least one pixel, and width × height of them.
