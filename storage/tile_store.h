@@ -59,6 +59,22 @@ struct FileRange {
   std::uint64_t end = 0;
 };
 
+/// What a layer holds at one level.
+struct LevelStatistics {
+  std::uint8_t level = 0;
+  std::uint64_t records = 0;
+  std::uint64_t stored = 0;         ///< tiles
+  std::uint64_t empty = 0;          ///< tiles
+  std::uint64_t payload_bytes = 0;  ///< sum of the payloads
+  std::uint64_t record_bytes = 0;   ///< of the records, with tables and padding
+};
+
+/// Part of a layer that cannot be read, with the keys it should hold, both inclusive.
+struct Damage : Error {
+  TileKey first;
+  TileKey last;
+};
+
 /// A consistent, read-only snapshot of a container: what was committed when it was opened, however
 /// much a writer adds meanwhile.
 /// Thread-safety: all const members may be called from many threads at once.
@@ -66,8 +82,13 @@ class TileStore {
  public:
   /// io: missing, unreadable. bad_file: not a container, truncated, damaged meta pages.
   /// unsupported: made by LMDB of another version or page size.
-  /// Uses a lock file beside the container to hold its snapshot against a concurrent writer where
-  /// the directory can be written, and none otherwise.
+  /// Needs read permission only, and leaves no lock file. A lock on the container itself holds the
+  /// snapshot against a concurrent writer, in any process; file systems without locks hold nothing.
+  /// Takes the same time however many tiles there are.
+  ///
+  /// The first open() installs a handler for SIGBUS: a file that shrinks while it is open makes
+  /// the calls below return bad_file instead of ending the process. Faults in other memory go to
+  /// the handler that was there before.
   [[nodiscard]] static Result<TileStore> open(const std::string& path);
 
   TileStore(TileStore&&) noexcept;
@@ -77,6 +98,10 @@ class TileStore {
   [[nodiscard]] const std::string& path() const;
   [[nodiscard]] std::uint64_t file_bytes() const;
   [[nodiscard]] const std::vector<std::string>& layers() const;
+
+  /// Whether the file has shrunk under the map and a page was missed. Payloads read since then may
+  /// have been zeros; ask after using bytes that were check()ed earlier.
+  [[nodiscard]] bool changed() const;
 
   /// A named blob, checked against its checksum. bad_file when absent or damaged.
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const;
@@ -105,9 +130,13 @@ class TileStore {
   /// A damaged record goes to `damaged`, once, with the keys it should hold, when given; without it
   /// iteration stops with that error. The visitor's error stops iteration and is returned.
   using Visitor = std::function<Result<void>(const TileRef&)>;
-  using DamageVisitor = std::function<void(const Error&)>;
+  using DamageVisitor = std::function<void(const Damage&)>;
   [[nodiscard]] Result<void> visit(LayerId layer, TileKey from, TileKey to, const Visitor& visitor,
                                    const DamageVisitor& damaged = {}) const;
+
+  /// Counts the tiles of a layer, one entry per level that has records, from the records' tables
+  /// alone: no payload is touched. bad_file: a damaged page or record.
+  [[nodiscard]] Result<std::vector<LevelStatistics>> statistics(LayerId layer) const;
 
   /// Walks every page of the file: each is reachable once, within bounds, in order, or on the free
   /// list. Appends one error per finding.
@@ -130,7 +159,8 @@ class TileWriter {
       std::span<const std::pair<std::string, Bytes>> blobs);
 
   /// Opens an existing container to append. Its structure is checked first (bad_file).
-  /// failed: another writer has it open. io: no write permission.
+  /// failed: another writer has it open, or a reader still holds a snapshot older than the last
+  /// commit, whose pages this writer might overwrite. io: no write permission.
   [[nodiscard]] static Result<TileWriter> resume(const std::string& path);
 
   TileWriter(TileWriter&&) noexcept;
@@ -141,11 +171,19 @@ class TileWriter {
   /// The last key of a layer that is committed, if any. Building resumes after it.
   [[nodiscard]] Result<std::optional<TileKey>> last(LayerId layer) const;
 
+  /// Bytes of full records that the next commit() will write. They are in memory until then, so
+  /// commit every hundred megabytes or so.
+  [[nodiscard]] std::uint64_t pending_bytes() const;
+
   /// Adds a tile; an empty payload records an empty tile.
-  /// REQUIRES: key above every key appended to or committed in this layer.
+  /// usage: key not above every key appended to or committed in this layer, level above 254, or a
+  /// payload above 1 GiB.
   [[nodiscard]] Result<void> append(LayerId layer, TileKey key, ByteSpan payload);
 
   /// Replaces one tile within a committed record (a damaged or missing one), in its own commit.
+  /// Where the record's table itself is damaged, the record's other tiles become missing.
+  /// usage: no committed record spans the tile. bad_file: the tree or the record's pages are
+  /// damaged.
   [[nodiscard]] Result<void> replace(LayerId layer, TileKey key, TileState state, ByteSpan payload);
 
   /// Sets a named blob, in the next commit.

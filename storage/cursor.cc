@@ -1,0 +1,121 @@
+#include "storage/internal/cursor.h"
+
+namespace slf::storage::internal {
+
+Result<bool> Cursor::seek(ByteSpan key) {
+  depth_ = 0;
+  node_ = {};
+  if (tree_.root == kNoPage) return false;
+  if (tree_.depth == 0 || tree_.depth > kMaxDepth)
+    return pages_->damaged(tree_.root, "root of a tree of depth ", tree_.depth);
+  return descend(tree_.root, key);
+}
+
+// The path to `key` itself shows where the entry before lies: at the deepest step with something to
+// its left, and from there down along the last entries.
+Result<bool> Cursor::seek_before(ByteSpan key) {
+  if (auto found = seek(key); !found) return found;
+  if (depth_ == 0) return last_below(tree_.root);
+  while (depth_ > 0 && path_[depth_ - 1].index == 0) --depth_;
+  if (depth_ == 0) return false;
+  Step& step = path_[depth_ - 1];
+  --step.index;
+  Node node;
+  if (!step.page.node(step.index, node)) return bad_node(step.page, step.index);
+  if (!step.page.leaf()) return last_below(node.child);
+  node_ = node;
+  return true;
+}
+
+// Goes to the last entry below page `number`, which belongs at path_[depth_].
+Result<bool> Cursor::last_below(std::uint64_t number) {
+  if (number == kNoPage) return false;
+  while (depth_ < tree_.depth) {
+    auto page = pages_->tree_page(number, depth_ + 1 == tree_.depth);
+    if (!page) return tl::unexpected(std::move(page.error()));
+    const std::uint32_t index = page->count() - 1;
+    path_[depth_++] = {*page, index};
+    if (!page->node(index, node_)) return bad_node(*page, index);
+    number = node_.child;
+  }
+  return true;
+}
+
+Result<bool> Cursor::next() {
+  if (depth_ == 0) return false;
+  ++path_[depth_ - 1].index;
+  return settle();
+}
+
+// Follows `key` from page `number`, which belongs at path_[depth_].
+Result<bool> Cursor::descend(std::uint64_t number, ByteSpan key) {
+  while (true) {
+    const bool leaf = depth_ + 1 == tree_.depth;
+    if (++visited_ > pages_->count()) {
+      depth_ = 0;  // nothing behind is worth going to: the tree runs in circles
+      return pages_->damaged(number, "reached more than once");
+    }
+    auto page = pages_->tree_page(number, leaf);
+    if (!page) return tl::unexpected(std::move(page.error()));
+    auto index = leaf ? lower_bound(*page, key) : child_for(*page, key);
+    if (!index) return tl::unexpected(std::move(index.error()));
+    path_[depth_++] = {*page, *index};
+    if (leaf) return settle();
+    Node child;
+    if (!page->node(*index, child)) return bad_node(*page, *index);
+    number = child.child;
+  }
+}
+
+// Moves from a path that may point behind the last entry of its page to the next entry there is.
+Result<bool> Cursor::settle() {
+  while (depth_ > 0) {
+    Step& step = path_[depth_ - 1];
+    if (step.index >= step.page.count()) {
+      if (--depth_ > 0) ++path_[depth_ - 1].index;
+      continue;
+    }
+    Node node;
+    if (!step.page.node(step.index, node)) return bad_node(step.page, step.index);
+    if (!step.page.leaf()) return descend(node.child, {});
+    if (!node_.key.empty() && compare_keys(node.key, node_.key) <= 0)
+      return pages_->damaged(step.page.number(), "entry ", step.index, " is out of order");
+    node_ = node;
+    return true;
+  }
+  return false;
+}
+
+Result<std::uint32_t> Cursor::lower_bound(const TreePage& page, ByteSpan key) const {
+  std::uint32_t begin = 0;
+  std::uint32_t end = page.count();
+  while (begin < end) {
+    const std::uint32_t middle = begin + (end - begin) / 2;
+    Node node;
+    if (!page.node(middle, node)) return bad_node(page, middle);
+    if (compare_keys(node.key, key) < 0)
+      begin = middle + 1;
+    else
+      end = middle;
+  }
+  return begin;
+}
+
+// The last child whose keys begin at or before `key`. The first child has no lower bound: its
+// node's key means nothing.
+Result<std::uint32_t> Cursor::child_for(const TreePage& page, ByteSpan key) const {
+  std::uint32_t begin = 1;
+  std::uint32_t end = page.count();
+  while (begin < end) {
+    const std::uint32_t middle = begin + (end - begin) / 2;
+    Node node;
+    if (!page.node(middle, node)) return bad_node(page, middle);
+    if (compare_keys(node.key, key) <= 0)
+      begin = middle + 1;
+    else
+      end = middle;
+  }
+  return begin - 1;
+}
+
+}  // namespace slf::storage::internal

@@ -1,0 +1,160 @@
+#include "storage/internal/environment.h"
+
+#include <fcntl.h>
+#include <lmdb.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <map>
+#include <utility>
+
+#include "storage/internal/container.h"
+
+namespace slf::storage::internal {
+namespace {
+
+constexpr std::uint64_t kSpare = std::uint64_t{16} << 20;
+
+MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(bytes.data())}; }
+
+// LMDB's lock file serves the writer alone, and the writer holds a lock of its own, so one that is
+// found is left over: its mutexes and reader slots are not to be believed. Unless another program
+// using LMDB (mdb_copy, say) has it open.
+void remove_lock_file(const std::string& path) {
+  const std::string name = path + "-lock";
+  const int file = ::open(name.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+  if (file < 0) return;
+  struct flock lock = {};
+  lock.l_type = F_WRLCK;
+  lock.l_whence = SEEK_SET;
+  const bool unused = fcntl(file, F_OFD_GETLK, &lock) == 0 && lock.l_type == F_UNLCK;
+  ::close(file);
+  if (unused) unlink(name.c_str());
+}
+
+bool same_file(int a, int b) {
+  struct stat x = {};
+  struct stat y = {};
+  return fstat(a, &x) == 0 && fstat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+}
+
+const char* cure(int code) {
+  switch (code) {
+    case ENOSPC:
+    case EDQUOT:
+    case EFBIG:
+    case EIO:  // what LMDB makes of a short write
+      return "; the disk may be full: free some space and run the same command again, it goes on "
+             "from the last commit";
+    case MDB_PANIC:
+      return "; close the field and run the same command again, it goes on from the last commit";
+    default:
+      return "";
+  }
+}
+
+}  // namespace
+
+Environment::Environment(Environment&& other) noexcept { *this = std::move(other); }
+
+Environment& Environment::operator=(Environment&& other) noexcept {
+  std::swap(path_, other.path_);
+  std::swap(map_bytes_, other.map_bytes_);
+  std::swap(environment_, other.environment_);
+  std::swap(reader_, other.reader_);
+  return *this;
+}
+
+Environment::~Environment() {
+  if (reader_ != nullptr) mdb_txn_abort(reader_);
+  if (environment_ == nullptr) return;
+  mdb_env_close(environment_);
+  remove_lock_file(path_);
+}
+
+Result<Environment> Environment::open(const std::string& path, int descriptor) {
+  Environment result;
+  result.path_ = path;
+  struct stat status = {};
+  if (fstat(descriptor, &status) != 0) return result.error(errno, "read its size");
+  result.map_bytes_ = (static_cast<std::uint64_t>(status.st_size) / kSpare + 1) * kSpare;
+  if (const int code = mdb_env_create(&result.environment_); code != 0)
+    return result.error(code, "open");
+  MDB_env* environment = result.environment_;
+  remove_lock_file(path);
+  int code = mdb_env_set_mapsize(environment, result.map_bytes_);
+  if (code == 0) code = mdb_env_set_maxdbs(environment, kMaxLayers + 1);
+  if (code == 0)
+    code = mdb_env_open(environment, path.c_str(), MDB_NOSUBDIR | MDB_NOTLS | MDB_NORDAHEAD, 0666);
+  if (code != 0) return result.error(code, "open to write");
+  mdb_filehandle_t opened = -1;
+  if (mdb_env_get_fd(environment, &opened) != 0 || !same_file(opened, descriptor))
+    return fail(ErrorCode::failed, path, ": was replaced by another file while it was opened");
+  int dead = 0;
+  (void)mdb_reader_check(environment, &dead);
+  code = mdb_txn_begin(environment, nullptr, MDB_RDONLY, &result.reader_);
+  if (code != 0) return result.error(code, "read");
+  return result;
+}
+
+std::uint64_t Environment::transaction() const {
+  MDB_envinfo info = {};
+  return mdb_env_info(environment_, &info) == 0 ? info.me_last_txnid : 0;
+}
+
+Result<void> Environment::put(std::span<const Put> puts) {
+  while (true) {
+    const int code = try_put(puts);
+    if (code == 0) return {};
+    if (code != MDB_MAP_FULL) return error(code, "write");
+    if (auto grown = grow(); !grown) return grown;
+  }
+}
+
+int Environment::try_put(std::span<const Put> puts) {
+  MDB_txn* transaction = nullptr;
+  int code = mdb_txn_begin(environment_, nullptr, 0, &transaction);
+  if (code != 0) return code;
+  std::map<std::string, MDB_dbi> trees;
+  for (const Put& put : puts) {
+    auto [tree, unknown] = trees.try_emplace(put.tree, 0);
+    if (unknown) code = mdb_dbi_open(transaction, put.tree.c_str(), MDB_CREATE, &tree->second);
+    MDB_val key = value_of(put.key);
+    MDB_val value = value_of(put.value);
+    if (code == 0 && !put.key.empty()) code = mdb_put(transaction, tree->second, &key, &value, 0);
+    if (code != 0) {
+      mdb_txn_abort(transaction);
+      return code;
+    }
+  }
+  return mdb_txn_commit(transaction);
+}
+
+// LMDB forbids this while transactions are active because it moves the map under their data.
+// reader_ has none: all it does is hold a slot.
+Result<void> Environment::grow() {
+  map_bytes_ += std::max(map_bytes_, kSpare);
+  const int code = mdb_env_set_mapsize(environment_, map_bytes_);
+  if (code != 0) return error(code, "grow the map");
+  return {};
+}
+
+Result<void> Environment::allow_reuse() {
+  mdb_txn_reset(reader_);
+  const int code = mdb_txn_renew(reader_);
+  if (code != 0) return error(code, "read");
+  return {};
+}
+
+tl::unexpected<Error> Environment::error(int code, const char* doing) const {
+  const ErrorCode kind = code > 0                    ? ErrorCode::io
+                         : code == MDB_CORRUPTED     ? ErrorCode::bad_file
+                         : code == MDB_PAGE_NOTFOUND ? ErrorCode::bad_file
+                         : code == MDB_INVALID       ? ErrorCode::bad_file
+                                                     : ErrorCode::failed;
+  return fail(kind, path_, ": cannot ", doing, ": ", mdb_strerror(code), cure(code));
+}
+
+}  // namespace slf::storage::internal

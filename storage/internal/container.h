@@ -1,0 +1,47 @@
+// The container's own blob: which layers there are, and how far each one goes.
+//
+// It is rewritten by every commit, so that a reader knows the last tile of every layer and takes a
+// lost branch of a tree for what it is. FORMAT.md, "The container blob", has the grid.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/bytes.h"
+#include "base/error.h"
+#include "storage/tile_store.h"
+
+namespace slf::storage::internal {
+
+inline constexpr std::string_view kManifest = "manifest";    ///< name of the tree of blobs
+inline constexpr std::string_view kContainer = "container";  ///< name of the container's own blob
+inline constexpr std::size_t kMaxLayers = 64;
+inline constexpr std::size_t kMaxLayerName = 64;
+inline constexpr std::size_t kMaxBlobName = 255;
+
+struct LayerInfo {
+  std::string name;
+  std::uint64_t records = 0;
+  std::optional<TileKey> last;
+};
+
+/// REQUIRES: layers that check_layer_names() accepts.
+[[nodiscard]] Bytes encode_container(std::span<const LayerInfo> layers);
+
+/// bad_file: not a container blob. unsupported: of another version.
+[[nodiscard]] Result<std::vector<LayerInfo>> decode_container(ByteSpan blob);
+
+/// usage: none or too many, one empty, too long, twice, or a name the container uses itself.
+[[nodiscard]] Result<void> check_layer_names(std::span<const std::string> names);
+
+/// A blob as the file holds it: XXH3-64 of its bytes, seeded with that of its name, then its bytes.
+[[nodiscard]] Bytes seal_blob(std::string_view name, ByteSpan bytes);
+
+/// The bytes of a sealed blob. bad_file: they do not match the checksum.
+[[nodiscard]] Result<ByteSpan> open_blob(std::string_view name, ByteSpan sealed);
+
+}  // namespace slf::storage::internal

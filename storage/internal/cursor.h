@@ -1,0 +1,62 @@
+// Cursor: a position in a B+tree of a snapshot; entries in key order, from any key on.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "base/bytes.h"
+#include "base/error.h"
+#include "storage/internal/pages.h"
+
+namespace slf::storage::internal {
+
+/// Untrusted input is safe: the path is at most kMaxDepth pages, keys must ascend, and no more
+/// pages are visited than the file has, whatever they say.
+///
+/// seek() and next() return
+///   true    the cursor is at an entry: key(), value()
+///   false   no more entries
+///   error   the entries below some page are lost; next() goes on behind them
+class Cursor {
+ public:
+  /// `pages` must outlive the cursor.
+  Cursor(const Pages& pages, const Tree& tree) : pages_(&pages), tree_(tree) {}
+
+  /// Goes to the first entry with key >= `key`. An empty key means the first entry of all.
+  [[nodiscard]] Result<bool> seek(ByteSpan key);
+
+  /// Goes to the last entry with key < `key`. next() must not follow.
+  [[nodiscard]] Result<bool> seek_before(ByteSpan key);
+
+  /// Goes to the next entry. REQUIRES: seek() has been called.
+  [[nodiscard]] Result<bool> next();
+
+  [[nodiscard]] ByteSpan key() const { return node_.key; }
+  [[nodiscard]] const Node& node() const { return node_; }
+  [[nodiscard]] Result<ByteSpan> value() const { return pages_->value(node_); }
+
+ private:
+  struct Step {
+    TreePage page;
+    std::uint32_t index = 0;
+  };
+
+  /// Goes down from page `number` to a leaf, towards `key`, and to an entry there or behind.
+  [[nodiscard]] Result<bool> descend(std::uint64_t number, ByteSpan key);
+  [[nodiscard]] Result<bool> settle();
+  [[nodiscard]] Result<bool> last_below(std::uint64_t number);
+  [[nodiscard]] Result<std::uint32_t> child_for(const TreePage& page, ByteSpan key) const;
+  [[nodiscard]] Result<std::uint32_t> lower_bound(const TreePage& page, ByteSpan key) const;
+  [[nodiscard]] tl::unexpected<Error> bad_node(const TreePage& page, std::uint32_t index) const {
+    return pages_->damaged(page.number(), "entry ", index, " leaves the page");
+  }
+
+  const Pages* pages_;
+  Tree tree_;
+  std::array<Step, kMaxDepth> path_;
+  std::size_t depth_ = 0;  ///< steps of the path in use
+  std::uint64_t visited_ = 0;
+  Node node_;
+};
+
+}  // namespace slf::storage::internal

@@ -1,0 +1,57 @@
+// MappedFile: a whole file mapped read-only, whose shrinking cannot kill the process.
+//
+// Touching a mapped page that the file no longer has raises SIGBUS. The first map() installs a
+// process-wide handler that knows all live maps: in one of them it puts a zero page in the place
+// of the missing one, marks the map as changed, and lets the access go on; any other fault goes to
+// the handler that was there before. Readers then ask changed() before they believe what they read.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <string>
+#include <utility>
+
+#include "base/bytes.h"
+#include "base/error.h"
+
+namespace slf::storage::internal {
+
+/// What the signal handler must know of one map. Slots are reused and never freed, so that the
+/// handler can walk them at any moment without a lock.
+struct MapSlot {
+  std::atomic<bool> used{false};
+  std::atomic<std::uintptr_t> begin{0};
+  std::atomic<std::uintptr_t> end{0};  ///< 0 while nothing is mapped
+  std::atomic<bool> changed{false};
+  MapSlot* next = nullptr;
+};
+
+/// Thread-safety: const members from any thread.
+class MappedFile {
+ public:
+  /// Maps the first `bytes` bytes of `file`, for random access (no readahead).
+  /// REQUIRES: bytes > 0. io: the kernel refused.
+  [[nodiscard]] static Result<MappedFile> map(int file, std::size_t bytes, const std::string& path);
+
+  MappedFile() = default;
+  MappedFile(MappedFile&& other) noexcept { *this = std::move(other); }
+  MappedFile& operator=(MappedFile&& other) noexcept {
+    std::swap(slot_, other.slot_);
+    std::swap(bytes_, other.bytes_);
+    return *this;
+  }
+  ~MappedFile();
+
+  [[nodiscard]] ByteSpan bytes() const { return bytes_; }
+
+  /// Whether a page was missing when it was touched: what was read since may be zeros.
+  [[nodiscard]] bool changed() const {
+    return slot_ != nullptr && slot_->changed.load(std::memory_order_acquire);
+  }
+
+ private:
+  MapSlot* slot_ = nullptr;
+  ByteSpan bytes_;
+};
+
+}  // namespace slf::storage::internal

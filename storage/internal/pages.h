@@ -1,0 +1,126 @@
+// What of LMDB's file format slf reads, with every number checked before it is used.
+//
+// A file is an array of pages. Pages 0 and 1 are metas: each describes one snapshot, the one with
+// the higher transaction number is current. A snapshot is a set of B+trees of branch and leaf
+// pages; values above about half a page lie in runs of overflow pages. FORMAT.md has the grids.
+//
+// The bytes are untrusted and may change while they are read, so a number is loaded once, into a
+// local, and then checked and used.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "base/bytes.h"
+#include "base/error.h"
+
+namespace slf::storage::internal {
+
+inline constexpr std::size_t kPageHeader = 16;
+inline constexpr std::size_t kNodeHeader = 8;
+inline constexpr std::size_t kMetaEnd = 152;  ///< bytes of a meta page in use
+inline constexpr std::size_t kTreeBytes = 48;
+inline constexpr std::size_t kMaxDepth = 32;
+inline constexpr std::uint64_t kNoPage = ~std::uint64_t{0};
+
+enum PageFlag : std::uint16_t { kBranch = 1, kLeaf = 2, kOverflow = 4, kMeta = 8 };
+enum NodeFlag : std::uint16_t { kBigData = 1, kSubTree = 2 };
+inline constexpr std::uint16_t kIntegerKeys = 8;  ///< flag of the free-list tree
+
+/// A B+tree as a meta page or a named entry describes it.
+struct Tree {
+  std::uint16_t flags = 0;
+  std::uint16_t depth = 0;  ///< pages from root to leaf; 0 when empty
+  std::uint64_t branch_pages = 0;
+  std::uint64_t leaf_pages = 0;
+  std::uint64_t overflow_pages = 0;
+  std::uint64_t entries = 0;
+  std::uint64_t root = kNoPage;
+
+  /// REQUIRES: kTreeBytes readable bytes.
+  [[nodiscard]] static Tree parse(const std::byte* from);
+};
+
+/// The content of a meta page.
+struct Meta {
+  std::uint32_t page_size = 0;
+  std::uint64_t last_page = 0;
+  std::uint64_t transaction = 0;
+  Tree free_list;
+  Tree main;
+};
+
+/// Reads both meta pages of an open file and chooses the current one.
+/// bad_file: either is damaged, or they do not belong together. unsupported: another version.
+[[nodiscard]] Result<Meta> read_metas(int file, const std::string& path);
+
+/// One entry of a branch or leaf page.
+struct Node {
+  ByteSpan key;
+  std::uint16_t flags = 0;  ///< leaf only
+  std::uint64_t child = 0;  ///< branch: the page below. leaf with kBigData: the first of the run
+  std::uint64_t data_size = 0;  ///< leaf only
+  ByteSpan data;                ///< leaf without kBigData
+};
+
+/// A branch or leaf page whose header has been checked.
+class TreePage {
+ public:
+  TreePage() = default;
+  TreePage(ByteSpan bytes, std::uint64_t number, bool leaf, std::uint32_t count)
+      : bytes_(bytes), number_(number), leaf_(leaf), count_(count) {}
+
+  [[nodiscard]] bool leaf() const { return leaf_; }
+  [[nodiscard]] std::uint32_t count() const { return count_; }
+  [[nodiscard]] std::uint64_t number() const { return number_; }
+  [[nodiscard]] ByteSpan bytes() const { return bytes_; }
+
+  /// Reads node `i` into `node`; false when it leaves the page.
+  [[nodiscard]] bool node(std::uint32_t i, Node& node) const;
+
+ private:
+  ByteSpan bytes_;
+  std::uint64_t number_ = 0;
+  bool leaf_ = false;
+  std::uint32_t count_ = 0;
+};
+
+/// The pages of one snapshot. Views the map; does not own it.
+class Pages {
+ public:
+  Pages() = default;
+  Pages(ByteSpan file, const Meta& meta, const std::string* path)
+      : file_(file), meta_(meta), path_(path) {}
+
+  [[nodiscard]] const Meta& meta() const { return meta_; }
+  [[nodiscard]] std::uint64_t count() const { return meta_.last_page + 1; }
+  [[nodiscard]] ByteSpan file() const { return file_; }
+
+  /// A branch (leaf = false) or leaf page. bad_file: it is not one.
+  [[nodiscard]] Result<TreePage> tree_page(std::uint64_t number, bool leaf) const;
+
+  /// The value of a leaf's node, wherever it lies. bad_file: its overflow pages are damaged.
+  [[nodiscard]] Result<ByteSpan> value(const Node& node) const;
+
+  /// How many pages an overflow value of `size` bytes needs.
+  [[nodiscard]] std::uint64_t overflow_pages(std::uint64_t size) const {
+    return (kPageHeader + size + meta_.page_size - 1) / meta_.page_size;
+  }
+
+  /// A bad_file error about one page.
+  template <class... Parts>
+  [[nodiscard]] tl::unexpected<Error> damaged(std::uint64_t page, const Parts&... parts) const {
+    return fail(ErrorCode::bad_file, *path_, ": page ", page, ": ", parts...);
+  }
+
+ private:
+  ByteSpan file_;
+  Meta meta_;
+  const std::string* path_ = nullptr;
+};
+
+/// LMDB's default key order: bytes as unsigned, then length.
+[[nodiscard]] int compare_keys(ByteSpan a, ByteSpan b);
+
+}  // namespace slf::storage::internal

@@ -1,0 +1,104 @@
+// Record: the value under which LMDB keeps a run of neighbouring tiles of one layer and level.
+// FORMAT.md, "Tile records", has the grid.
+//
+// A record is found by the key of its last tile, and states the last key of the record before it:
+// so whoever finds a record for a key knows that no other record could hold it, and a lost entry
+// cannot pass for a tile that was never built.
+#pragma once
+
+#include <array>
+#include <compare>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/bytes.h"
+#include "base/error.h"
+#include "storage/tile_store.h"
+
+namespace slf::storage::internal {
+
+inline constexpr std::size_t kRecordHeader = 40;
+inline constexpr std::uint64_t kMaxTiles = 1024;      ///< indexes one record spans at most
+inline constexpr std::size_t kMinRecordBytes = 2048;  ///< LMDB keeps smaller ones inside tree pages
+inline constexpr std::uint64_t kMaxPayload = std::uint64_t{1} << 30;
+inline constexpr std::uint8_t kNoLevel = 255;
+
+[[nodiscard]] std::uint64_t checksum(ByteSpan bytes, std::uint64_t seed = 0);
+
+/// The checksum of a payload depends on where it belongs, so that one in the wrong place is found.
+[[nodiscard]] std::uint64_t payload_checksum(LayerId layer, TileKey key, ByteSpan payload);
+
+/// A record's key in the layer's tree: the level, then the index with its most significant byte
+/// first, so that LMDB's byte order is the order of TileKey.
+using RecordKey = std::array<std::byte, 9>;
+[[nodiscard]] RecordKey encode_key(TileKey last);
+/// Nothing when the bytes are no record key.
+[[nodiscard]] std::optional<TileKey> decode_key(ByteSpan bytes);
+
+/// One tile of a record.
+struct Tile {
+  TileState state = TileState::missing;
+  ByteSpan payload;
+  std::uint64_t checksum = 0;
+};
+
+/// A record whose header and table have been checked. Views the value.
+class Record {
+ public:
+  /// bad_file: the value is not a whole record, or its table does not match its checksum. The
+  /// message says only what is wrong; the caller adds where.
+  [[nodiscard]] static Result<Record> parse(ByteSpan value);
+
+  [[nodiscard]] LayerId layer() const { return layer_; }
+  [[nodiscard]] const std::optional<TileKey>& previous() const { return previous_; }
+  [[nodiscard]] TileKey first() const { return first_; }
+  [[nodiscard]] TileKey last() const { return {first_.level, first_.index + count_ - 1}; }
+  [[nodiscard]] std::uint32_t count() const { return count_; }
+  [[nodiscard]] ByteSpan bytes() const { return value_; }
+
+  /// Walks the table. Usage: for (Record::Walk walk(record); walk.next();) use(walk.tile());
+  class Walk {
+   public:
+    explicit Walk(const Record& record);
+    /// False behind the last tile.
+    [[nodiscard]] bool next();
+    [[nodiscard]] const Tile& tile() const { return tile_; }
+    [[nodiscard]] std::uint32_t position() const { return position_ - 1; }
+
+   private:
+    const Record* record_;
+    const std::byte* code_;
+    std::uint32_t position_ = 0;
+    std::uint32_t stored_ = 0;
+    std::size_t payload_ = 0;
+    Tile tile_;
+  };
+
+  /// The tile at `position` < count().
+  [[nodiscard]] Tile tile(std::uint32_t position) const;
+
+ private:
+  ByteSpan value_;
+  LayerId layer_ = 0;
+  TileKey first_;
+  std::optional<TileKey> previous_;
+  std::uint32_t count_ = 0;
+  std::uint32_t stored_ = 0;
+  std::size_t checksums_ = 0;  ///< offset of the table of checksums
+  std::size_t payloads_ = 0;   ///< offset of the first payload
+};
+
+/// Encodes a record. REQUIRES: 1 to kMaxTiles tiles; a payload exactly where one is stored, of at
+/// most kMaxPayload bytes, with its checksum.
+[[nodiscard]] Bytes encode_record(LayerId layer, std::optional<TileKey> previous, TileKey first,
+                                  std::span<const Tile> tiles);
+
+/// Rounds up to the alignment of checksums and payloads.
+[[nodiscard]] constexpr std::size_t align8(std::size_t offset) { return (offset + 7) / 8 * 8; }
+
+/// The bytes of the table's code for a payload of `size` bytes; 0 means an empty or missing tile.
+[[nodiscard]] std::size_t code_bytes(std::uint64_t size);
+
+}  // namespace slf::storage::internal

@@ -1,0 +1,84 @@
+#include "storage/internal/locked_file.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+
+namespace slf::storage::internal {
+namespace {
+
+constexpr std::uint64_t kPins = std::uint64_t{1} << 62;
+constexpr std::uint64_t kWriter = kPins - 1;
+
+struct flock lock_of(short type, std::uint64_t byte, std::uint64_t length) {
+  struct flock lock = {};
+  lock.l_type = type;
+  lock.l_whence = SEEK_SET;
+  lock.l_start = static_cast<off_t>(byte);
+  lock.l_len = static_cast<off_t>(length);
+  return lock;
+}
+
+}  // namespace
+
+Result<LockedFile> LockedFile::open(const std::string& path, Access access) {
+  LockedFile result;
+  // O_NONBLOCK: opening a pipe by mistake must not wait for its other end.
+  const int mode = access == Access::read    ? O_RDONLY
+                   : access == Access::write ? O_RDWR
+                                             : O_RDWR | O_CREAT | O_NOFOLLOW;
+  result.file_ = ::open(path.c_str(), mode | O_CLOEXEC | O_NONBLOCK, 0666);
+  if (result.file_ < 0)
+    return fail(ErrorCode::io, path, ": cannot ",
+                access == Access::read    ? "open"
+                : access == Access::write ? "open to write"
+                                          : "create",
+                ": ", std::strerror(errno));
+  struct stat status = {};
+  if (fstat(result.file_, &status) != 0)
+    return fail(ErrorCode::io, path, ": ", std::strerror(errno));
+  if (!S_ISREG(status.st_mode)) return fail(ErrorCode::io, path, ": not a regular file");
+  return result;
+}
+
+LockedFile::~LockedFile() {
+  if (file_ >= 0) ::close(file_);
+}
+
+Result<std::uint64_t> LockedFile::size(const std::string& path) const {
+  struct stat status = {};
+  if (fstat(file_, &status) != 0) return fail(ErrorCode::io, path, ": ", std::strerror(errno));
+  return static_cast<std::uint64_t>(status.st_size);
+}
+
+void LockedFile::pin(std::uint64_t transaction) const {
+  if (transaction >= kPins) return;
+  struct flock lock = lock_of(F_RDLCK, kPins + transaction, 1);
+  (void)fcntl(file_, F_OFD_SETLK, &lock);
+}
+
+void LockedFile::unpin(std::uint64_t transaction) const {
+  if (transaction >= kPins) return;
+  struct flock lock = lock_of(F_UNLCK, kPins + transaction, 1);
+  (void)fcntl(file_, F_OFD_SETLK, &lock);
+}
+
+Result<void> LockedFile::lock_writer(const std::string& path) const {
+  struct flock lock = lock_of(F_WRLCK, kWriter, 1);
+  if (fcntl(file_, F_OFD_SETLK, &lock) == 0) return {};
+  if (errno == EAGAIN || errno == EACCES)
+    return fail(ErrorCode::failed, path, ": another writer has it open");
+  return fail(ErrorCode::io, path, ": cannot be locked for writing: ", std::strerror(errno));
+}
+
+bool LockedFile::pinned_before(std::uint64_t transaction) const {
+  if (transaction == 0) return false;
+  struct flock lock = lock_of(F_WRLCK, kPins, transaction);
+  // Not knowing counts as pinned: it costs space, never a reader's data.
+  return fcntl(file_, F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
+}
+
+}  // namespace slf::storage::internal

@@ -1,0 +1,105 @@
+#include "storage/internal/mapped_file.h"
+
+#include <signal.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <mutex>
+
+namespace slf::storage::internal {
+namespace {
+
+std::atomic<MapSlot*> all_slots{nullptr};
+struct sigaction previous_action;
+std::uintptr_t system_page = 4096;
+
+MapSlot* slot_of(std::uintptr_t address) {
+  for (MapSlot* slot = all_slots.load(std::memory_order_acquire); slot != nullptr;
+       slot = slot->next) {
+    const std::uintptr_t end = slot->end.load(std::memory_order_acquire);
+    if (address < end && address >= slot->begin.load(std::memory_order_acquire)) return slot;
+  }
+  return nullptr;
+}
+
+void call_previous(int signal, siginfo_t* info, void* context) {
+  if ((previous_action.sa_flags & SA_SIGINFO) != 0) {
+    previous_action.sa_sigaction(signal, info, context);
+  } else if (previous_action.sa_handler != SIG_DFL && previous_action.sa_handler != SIG_IGN) {
+    previous_action.sa_handler(signal);
+  } else {
+    // The access is retried on return, faults again, and then ends the process as it would have.
+    ::signal(signal, SIG_DFL);
+  }
+}
+
+// Runs in a signal handler: atomics and system calls only.
+void on_bus_error(int signal, siginfo_t* info, void* context) {
+  const int saved_errno = errno;
+  const auto address = reinterpret_cast<std::uintptr_t>(info->si_addr);
+  MapSlot* slot = slot_of(address);
+  if (slot != nullptr) {
+    void* page = reinterpret_cast<void*>(address & ~(system_page - 1));
+    if (mmap(page, system_page, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED, -1, 0) !=
+        MAP_FAILED) {
+      slot->changed.store(true, std::memory_order_release);
+      errno = saved_errno;
+      return;
+    }
+  }
+  call_previous(signal, info, context);
+  errno = saved_errno;
+}
+
+void install_handler() {
+  static std::once_flag once;
+  std::call_once(once, [] {
+    system_page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
+    struct sigaction action = {};
+    action.sa_sigaction = on_bus_error;
+    action.sa_flags = SA_SIGINFO | SA_ONSTACK;
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGBUS, &action, &previous_action);
+  });
+}
+
+MapSlot* take_slot() {
+  for (MapSlot* slot = all_slots.load(); slot != nullptr; slot = slot->next) {
+    bool expected = false;
+    if (slot->used.compare_exchange_strong(expected, true)) return slot;
+  }
+  auto* slot = new MapSlot;  // never freed: the handler may be looking at it
+  slot->used = true;
+  slot->next = all_slots.load();
+  while (!all_slots.compare_exchange_weak(slot->next, slot)) {
+  }
+  return slot;
+}
+
+}  // namespace
+
+Result<MappedFile> MappedFile::map(int file, std::size_t bytes, const std::string& path) {
+  install_handler();
+  void* base = mmap(nullptr, bytes, PROT_READ, MAP_SHARED, file, 0);
+  if (base == MAP_FAILED)
+    return fail(ErrorCode::io, path, ": cannot map ", bytes, " bytes: ", std::strerror(errno));
+  (void)madvise(base, bytes, MADV_RANDOM);
+  MappedFile result;
+  result.bytes_ = {static_cast<const std::byte*>(base), bytes};
+  result.slot_ = take_slot();
+  result.slot_->changed = false;
+  result.slot_->begin = reinterpret_cast<std::uintptr_t>(base);
+  result.slot_->end = reinterpret_cast<std::uintptr_t>(base) + bytes;
+  return result;
+}
+
+MappedFile::~MappedFile() {
+  if (slot_ == nullptr) return;
+  slot_->end = 0;
+  munmap(const_cast<std::byte*>(bytes_.data()), bytes_.size());
+  slot_->used = false;
+}
+
+}  // namespace slf::storage::internal

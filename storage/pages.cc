@@ -1,0 +1,150 @@
+#include "storage/internal/pages.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cerrno>
+#include <cstring>
+
+namespace slf::storage::internal {
+namespace {
+
+constexpr std::uint32_t kMagic = 0xBEEFC0DE;
+constexpr std::uint32_t kVersion = 1;
+constexpr std::uint32_t kMinPage = 512;
+constexpr std::uint32_t kMaxPage = 32768;
+
+Result<Meta> read_meta(int file, const std::string& path, std::uint64_t number,
+                       std::uint64_t offset) {
+  std::array<std::byte, kMetaEnd> bytes;
+  const ssize_t got = pread(file, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+  if (got < 0)
+    return fail(ErrorCode::io, path, ": cannot read meta page ", number, ": ",
+                std::strerror(errno));
+  const std::byte* page = bytes.data();
+  if (static_cast<std::size_t>(got) < bytes.size() || load_le<std::uint32_t>(page + 16) != kMagic) {
+    if (number == 0)
+      return fail(ErrorCode::bad_file, path, ": not a field: it is not an LMDB file");
+    return fail(ErrorCode::bad_file, path, ": meta page 1 is damaged or missing");
+  }
+  if (const auto version = load_le<std::uint32_t>(page + 20); version != kVersion)
+    return fail(ErrorCode::unsupported, path, ": LMDB data version ", version, ", expected ",
+                kVersion);
+  if (load_le<std::uint64_t>(page) != number || load_le<std::uint16_t>(page + 10) != kMeta)
+    return fail(ErrorCode::bad_file, path, ": meta page ", number, " is damaged");
+
+  Meta meta;
+  meta.page_size = load_le<std::uint32_t>(page + 40);
+  meta.free_list = Tree::parse(page + 40);
+  meta.main = Tree::parse(page + 88);
+  meta.last_page = load_le<std::uint64_t>(page + 136);
+  meta.transaction = load_le<std::uint64_t>(page + 144);
+  if (!std::has_single_bit(meta.page_size) || meta.page_size < kMinPage ||
+      meta.page_size > kMaxPage)
+    return fail(ErrorCode::unsupported, path, ": page size ", meta.page_size,
+                ", expected a power of two from ", kMinPage, " to ", kMaxPage);
+  return meta;
+}
+
+}  // namespace
+
+Tree Tree::parse(const std::byte* from) {
+  Tree tree;
+  tree.flags = load_le<std::uint16_t>(from + 4);
+  tree.depth = load_le<std::uint16_t>(from + 6);
+  tree.branch_pages = load_le<std::uint64_t>(from + 8);
+  tree.leaf_pages = load_le<std::uint64_t>(from + 16);
+  tree.overflow_pages = load_le<std::uint64_t>(from + 24);
+  tree.entries = load_le<std::uint64_t>(from + 32);
+  tree.root = load_le<std::uint64_t>(from + 40);
+  return tree;
+}
+
+Result<Meta> read_metas(int file, const std::string& path) {
+  auto first = read_meta(file, path, 0, 0);
+  if (!first) return first;
+  auto second = read_meta(file, path, 1, first->page_size);
+  if (!second) return second;
+  // Transaction t writes meta page t mod 2, so two neighbours are there; a new file has two zeros.
+  const std::uint64_t a = first->transaction;
+  const std::uint64_t b = second->transaction;
+  const bool neighbours = a % 2 == 0 && (b == a + 1 || a == b + 1);
+  if (first->page_size != second->page_size || !(neighbours || (a == 0 && b == 0)))
+    return fail(ErrorCode::bad_file, path, ": the meta pages contradict each other: transactions ",
+                a, " and ", b, ", page sizes ", first->page_size, " and ", second->page_size);
+  return b > a ? second : first;
+}
+
+bool TreePage::node(std::uint32_t i, Node& node) const {
+  const std::byte* page = bytes_.data();
+  const std::size_t size = bytes_.size();
+  const std::size_t at = load_le<std::uint16_t>(page + kPageHeader + 2 * std::size_t{i});
+  if (at < kPageHeader + 2 * std::size_t{count_} || at % 2 != 0 || at + kNodeHeader > size)
+    return false;
+  const std::byte* head = page + at;
+  const std::uint64_t low = load_le<std::uint32_t>(head);
+  const auto flags = load_le<std::uint16_t>(head + 4);
+  const std::size_t key_size = load_le<std::uint16_t>(head + 6);
+  std::size_t end = at + kNodeHeader + key_size;
+  if (end > size) return false;
+  node.key = {head + kNodeHeader, key_size};
+  if (!leaf_) {
+    node.child = low | std::uint64_t{flags} << 32;
+    return true;
+  }
+  node.flags = flags;
+  node.data_size = low;
+  if ((flags & kBigData) != 0) {
+    if (end + 8 > size) return false;
+    node.child = load_le<std::uint64_t>(page + end);
+    node.data = {};
+  } else {
+    if (low > size - end) return false;
+    node.data = {page + end, static_cast<std::size_t>(low)};
+  }
+  return true;
+}
+
+Result<TreePage> Pages::tree_page(std::uint64_t number, bool leaf) const {
+  if (number < 2 || number > meta_.last_page)
+    return damaged(number, "outside the file's ", count(), " pages");
+  const std::size_t size = meta_.page_size;
+  const std::byte* page = file_.data() + number * size;
+  const auto own_number = load_le<std::uint64_t>(page);
+  const auto flags = load_le<std::uint16_t>(page + 10);
+  const std::size_t lower = load_le<std::uint16_t>(page + 12);
+  const std::size_t upper = load_le<std::uint16_t>(page + 14);
+  if (own_number != number) return damaged(number, "calls itself page ", own_number);
+  if (flags != (leaf ? kLeaf : kBranch))
+    return damaged(number, "expected a ", leaf ? "leaf" : "branch", ", found flags ", flags);
+  if (lower <= kPageHeader || lower % 2 != 0 || lower > upper || upper > size)
+    return damaged(number, "free space ", lower, " to ", upper, " of ", size, " bytes");
+  return TreePage({page, size}, number, leaf,
+                  static_cast<std::uint32_t>((lower - kPageHeader) / 2));
+}
+
+Result<ByteSpan> Pages::value(const Node& node) const {
+  if ((node.flags & kBigData) == 0) return node.data;
+  const std::uint64_t needed = overflow_pages(node.data_size);
+  if (node.child < 2 || node.child > meta_.last_page || needed > count() - node.child)
+    return damaged(node.child, "a value of ", node.data_size, " bytes leaves the file");
+  const std::byte* page = file_.data() + node.child * meta_.page_size;
+  const auto own_number = load_le<std::uint64_t>(page);
+  const auto flags = load_le<std::uint16_t>(page + 10);
+  const std::uint64_t run = load_le<std::uint32_t>(page + 12);
+  if (own_number != node.child || flags != kOverflow || run < needed || run > count() - node.child)
+    return damaged(node.child, "expected a run of ", needed, " overflow pages, found page ",
+                   own_number, " with flags ", flags, " and ", run, " pages");
+  return ByteSpan(page + kPageHeader, static_cast<std::size_t>(node.data_size));
+}
+
+int compare_keys(ByteSpan a, ByteSpan b) {
+  const std::size_t common = std::min(a.size(), b.size());
+  const int order = common == 0 ? 0 : std::memcmp(a.data(), b.data(), common);
+  if (order != 0) return order;
+  return a.size() < b.size() ? -1 : a.size() > b.size() ? 1 : 0;
+}
+
+}  // namespace slf::storage::internal

@@ -1,0 +1,198 @@
+#include "storage/internal/record.h"
+
+#include <xxhash.h>
+
+#include <algorithm>
+#include <cassert>
+
+namespace slf::storage::internal {
+namespace {
+
+constexpr std::uint32_t kMagic = 0x31524C53;  // "SLR1"
+constexpr std::uint64_t kEmpty = 0;
+constexpr std::uint64_t kMissing = 1;
+constexpr std::size_t kMaxCode = 5;  ///< bytes of the longest code, of kMaxPayload + 1
+
+tl::unexpected<Error> damaged(const char* what) {
+  return tl::unexpected(Error{ErrorCode::bad_file, what});
+}
+
+void append_code(Bytes& to, std::uint64_t code) {
+  for (; code >= 0x80; code >>= 7) to.push_back(static_cast<std::byte>(code | 0x80));
+  to.push_back(static_cast<std::byte>(code));
+}
+
+// LEB128, in the only way it can be written in the fewest bytes. Null when it is not that.
+const std::byte* read_code(const std::byte* from, const std::byte* end, std::uint64_t& code) {
+  code = 0;
+  for (std::size_t i = 0; i < kMaxCode && from != end; ++i) {
+    const auto byte = static_cast<std::uint64_t>(*from++);
+    code |= (byte & 0x7F) << (7 * i);
+    if ((byte & 0x80) == 0) return byte == 0 && i > 0 ? nullptr : from;
+  }
+  return nullptr;
+}
+
+std::uint64_t code_of(const Tile& tile) {
+  switch (tile.state) {
+    case TileState::empty:
+      return kEmpty;
+    case TileState::missing:
+      return kMissing;
+    case TileState::stored:
+      return tile.payload.size() + 1;
+  }
+  return kMissing;
+}
+
+}  // namespace
+
+std::uint64_t checksum(ByteSpan bytes, std::uint64_t seed) {
+  return XXH3_64bits_withSeed(bytes.data(), bytes.size(), seed);
+}
+
+std::uint64_t payload_checksum(LayerId layer, TileKey key, ByteSpan payload) {
+  std::array<std::byte, 13> place;
+  store_le<std::uint32_t>(place.data(), layer);
+  place[4] = static_cast<std::byte>(key.level);
+  store_le<std::uint64_t>(place.data() + 5, key.index);
+  return checksum(payload, checksum(place));
+}
+
+RecordKey encode_key(TileKey last) {
+  RecordKey key;
+  key[0] = static_cast<std::byte>(last.level);
+  store_be<std::uint64_t>(key.data() + 1, last.index);
+  return key;
+}
+
+std::optional<TileKey> decode_key(ByteSpan bytes) {
+  if (bytes.size() != RecordKey{}.size()) return std::nullopt;
+  return TileKey{static_cast<std::uint8_t>(bytes[0]), load_be<std::uint64_t>(bytes.data() + 1)};
+}
+
+std::size_t code_bytes(std::uint64_t size) {
+  std::size_t bytes = 1;
+  for (std::uint64_t code = size == 0 ? 0 : size + 1; code >= 0x80; code >>= 7) ++bytes;
+  return bytes;
+}
+
+Result<Record> Record::parse(ByteSpan value) {
+  if (value.size() < kRecordHeader) return damaged("the record is shorter than its header");
+  const std::byte* head = value.data();
+  if (load_le<std::uint32_t>(head + 8) != kMagic) return damaged("no tile record");
+  Record record;
+  record.value_ = value;
+  record.layer_ = load_le<std::uint32_t>(head + 12);
+  record.first_ = {static_cast<std::uint8_t>(head[32]), load_le<std::uint64_t>(head + 16)};
+  record.count_ = load_le<std::uint16_t>(head + 34);
+  record.stored_ = load_le<std::uint16_t>(head + 36);
+  const std::size_t codes = load_le<std::uint16_t>(head + 38);
+  if (const auto level = static_cast<std::uint8_t>(head[33]); level != kNoLevel)
+    record.previous_ = TileKey{level, load_le<std::uint64_t>(head + 24)};
+  record.checksums_ = align8(kRecordHeader + codes);
+  record.payloads_ = record.checksums_ + 8 * std::size_t{record.stored_};
+  if (record.count_ == 0 || record.count_ > kMaxTiles || record.stored_ > record.count_ ||
+      codes < record.count_ || codes > kMaxCode * record.count_ ||
+      record.payloads_ > value.size() || record.first_.level == kNoLevel ||
+      record.first_.index + (record.count_ - 1) < record.first_.index)
+    return damaged("the record's header is damaged");
+  if (checksum(value.subspan(8, record.payloads_ - 8)) != load_le<std::uint64_t>(head))
+    return damaged("the record's table does not match its checksum");
+  if (record.previous_ && *record.previous_ >= record.first_)
+    return damaged("the record claims to come after its own tiles");
+
+  // The table's codes must be whole, and their payloads inside the value: a checksum can be forged.
+  const std::byte* code = head + kRecordHeader;
+  const std::byte* end = code + codes;
+  std::uint32_t stored = 0;
+  std::size_t payload = record.payloads_;
+  for (std::uint32_t i = 0; i < record.count_; ++i) {
+    std::uint64_t n = 0;
+    code = read_code(code, end, n);
+    if (code == nullptr) return damaged("the record's table is damaged");
+    if (n <= kMissing) continue;
+    ++stored;
+    payload = align8(payload);
+    if (payload > value.size() || n - 1 > value.size() - payload)
+      return damaged("a payload leaves the record");
+    payload += n - 1;
+  }
+  if (code != end || stored != record.stored_) return damaged("the record's table is damaged");
+  return record;
+}
+
+Record::Walk::Walk(const Record& record)
+    : record_(&record), code_(record.value_.data() + kRecordHeader), payload_(record.payloads_) {}
+
+// The file may change under a checked table, so the bounds are checked here too.
+bool Record::Walk::next() {
+  if (position_ == record_->count_) return false;
+  ++position_;
+  tile_ = {};
+  const ByteSpan value = record_->value_;
+  const std::byte* end = value.data() + record_->checksums_;
+  std::uint64_t code = kMissing;
+  const std::byte* after = read_code(code_, end, code);
+  if (after == nullptr) return true;
+  code_ = after;
+  if (code == kMissing) return true;
+  if (code == kEmpty) {
+    tile_.state = TileState::empty;
+    return true;
+  }
+  payload_ = align8(payload_);
+  if (stored_ == record_->stored_ || payload_ > value.size() || code - 1 > value.size() - payload_)
+    return true;
+  tile_.state = TileState::stored;
+  tile_.payload = value.subspan(payload_, code - 1);
+  tile_.checksum = load_le<std::uint64_t>(value.data() + record_->checksums_ + 8 * stored_);
+  payload_ += code - 1;
+  ++stored_;
+  return true;
+}
+
+Tile Record::tile(std::uint32_t position) const {
+  assert(position < count_);
+  Walk walk(*this);
+  for (std::uint32_t i = 0; i <= position; ++i) (void)walk.next();
+  return walk.tile();
+}
+
+Bytes encode_record(LayerId layer, std::optional<TileKey> previous, TileKey first,
+                    std::span<const Tile> tiles) {
+  assert(!tiles.empty() && tiles.size() <= kMaxTiles);
+  Bytes record(kRecordHeader);
+  std::size_t stored = 0;
+  for (const Tile& tile : tiles) {
+    append_code(record, code_of(tile));
+    if (tile.state == TileState::stored) ++stored;
+  }
+  const std::size_t codes = record.size() - kRecordHeader;
+  record.resize(align8(record.size()));
+  for (const Tile& tile : tiles)
+    if (tile.state == TileState::stored) append_le<std::uint64_t>(record, tile.checksum);
+  const std::size_t payloads = record.size();
+
+  std::byte* head = record.data();
+  store_le<std::uint32_t>(head + 8, kMagic);
+  store_le<std::uint32_t>(head + 12, layer);
+  store_le<std::uint64_t>(head + 16, first.index);
+  store_le<std::uint64_t>(head + 24, previous ? previous->index : 0);
+  head[32] = static_cast<std::byte>(first.level);
+  head[33] = static_cast<std::byte>(previous ? previous->level : kNoLevel);
+  store_le<std::uint16_t>(head + 34, static_cast<std::uint16_t>(tiles.size()));
+  store_le<std::uint16_t>(head + 36, static_cast<std::uint16_t>(stored));
+  store_le<std::uint16_t>(head + 38, static_cast<std::uint16_t>(codes));
+  store_le<std::uint64_t>(head, checksum(ByteSpan(record).subspan(8, payloads - 8)));
+
+  for (const Tile& tile : tiles) {
+    if (tile.state != TileState::stored) continue;
+    record.resize(align8(record.size()));
+    record.insert(record.end(), tile.payload.begin(), tile.payload.end());
+  }
+  if (record.size() < kMinRecordBytes) record.resize(kMinRecordBytes);
+  return record;
+}
+
+}  // namespace slf::storage::internal

@@ -1,0 +1,258 @@
+#include "storage/tile_store.h"
+
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "storage/internal/snapshot.h"
+#include "storage/internal/structure.h"
+
+namespace slf::storage {
+
+using internal::Cursor;
+using internal::Record;
+using internal::Snapshot;
+
+struct TileStore::State {
+  std::unique_ptr<Snapshot> snapshot;
+  std::vector<std::string> names;
+
+  [[nodiscard]] Result<void> check_layer(LayerId layer) const {
+    if (layer < names.size()) return {};
+    return fail(ErrorCode::usage, snapshot->path(), ": no layer ", layer, "; there are ",
+                names.size());
+  }
+};
+
+namespace {
+
+// The smallest key above `key`.
+TileKey after(TileKey key) {
+  if (++key.index == 0) ++key.level;
+  return key;
+}
+
+TileRef tile_ref(const Record& record, std::uint32_t position, const internal::Tile& tile) {
+  const TileKey key{record.first().level, record.first().index + position};
+  return {tile.state, record.layer(), key, tile.payload, tile.checksum};
+}
+
+// Walks a layer's records from a key on, and accounts for every key: those of damaged records, and
+// those that a record says lay before it but were not met, are handed over as damage.
+class RecordWalk {
+ public:
+  RecordWalk(const Snapshot& snapshot, LayerId layer, TileKey from, TileKey to)
+      : snapshot_(snapshot),
+        layer_(layer),
+        cursor_(snapshot.pages(), snapshot.tree(layer)),
+        due_(from),
+        to_(to) {}
+
+  // `visit` and `damaged` return whether to go on.
+  template <class Visit, class Damaged>
+  void run(const Visit& visit, const Damaged& damaged) {
+    auto at = cursor_.seek(internal::encode_key(due_));
+    for (; !at || *at; at = cursor_.next()) {
+      if (!at) {
+        if (!cause_) cause_ = std::move(at.error());
+        continue;
+      }
+      auto record = snapshot_.record(layer_, cursor_);
+      if (!record) {
+        const auto last = internal::decode_key(cursor_.key());
+        if (!cause_) cause_ = std::move(record.error());
+        if (!last || *last < due_) continue;
+        if (!report(*last, damaged) || due_ >= to_) return;
+        continue;
+      }
+      if (record->previous() && *record->previous() >= due_ &&
+          !report(*record->previous(), damaged))
+        return;
+      cause_.reset();
+      if (record->first() >= to_) return;
+      if (record->last() < due_) continue;
+      if (!visit(*record)) return;
+      due_ = after(record->last());
+      if (due_ >= to_) return;
+    }
+    const auto& last = snapshot_.layers()[layer_].last;
+    if (last && due_ <= *last) (void)report(*last, damaged);
+  }
+
+ private:
+  template <class Damaged>
+  bool report(TileKey last, const Damaged& damaged) {
+    if (!cause_)
+      cause_ =
+          Error{ErrorCode::bad_file, snapshot_.path() + ": layer " +
+                                         snapshot_.layers()[layer_].name + ": records are lost"};
+    Damage damage{std::move(*cause_), due_, last};
+    damage.message += "; tiles " + std::to_string(due_.level) + "/" + std::to_string(due_.index) +
+                      " to " + std::to_string(last.level) + "/" + std::to_string(last.index);
+    cause_.reset();
+    due_ = after(last);
+    return damaged(damage);
+  }
+
+  const Snapshot& snapshot_;
+  LayerId layer_;
+  Cursor cursor_;
+  TileKey due_;  ///< the first key not accounted for
+  TileKey to_;
+  std::optional<Error> cause_;
+};
+
+struct Advice {
+  std::uintptr_t begin = 0;
+  std::uintptr_t end = 0;
+};
+
+// The pages of the tiles' payloads, merged where they touch, in the order of the map.
+std::vector<Advice> pages_of(std::span<const TileRef> tiles) {
+  static const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
+  std::vector<Advice> ranges;
+  ranges.reserve(tiles.size());
+  for (const TileRef& tile : tiles) {
+    if (tile.payload.empty()) continue;
+    const auto begin = reinterpret_cast<std::uintptr_t>(tile.payload.data());
+    const std::uintptr_t end = begin + tile.payload.size();
+    ranges.push_back({begin / page * page, (end + page - 1) / page * page});
+  }
+  std::sort(ranges.begin(), ranges.end(),
+            [](const Advice& a, const Advice& b) { return a.begin < b.begin; });
+  std::size_t kept = 0;
+  for (const Advice& range : ranges) {
+    if (kept > 0 && range.begin <= ranges[kept - 1].end)
+      ranges[kept - 1].end = std::max(ranges[kept - 1].end, range.end);
+    else
+      ranges[kept++] = range;
+  }
+  ranges.resize(kept);
+  return ranges;
+}
+
+void advise_all(std::span<const TileRef> tiles, int advice) {
+  for (const Advice& range : pages_of(tiles))
+    (void)madvise(reinterpret_cast<void*>(range.begin), range.end - range.begin, advice);
+}
+
+}  // namespace
+
+TileStore::TileStore(std::unique_ptr<State> state) : state_(std::move(state)) {}
+TileStore::TileStore(TileStore&&) noexcept = default;
+TileStore& TileStore::operator=(TileStore&&) noexcept = default;
+TileStore::~TileStore() = default;
+
+Result<TileStore> TileStore::open(const std::string& path) {
+  auto snapshot = Snapshot::open(path);
+  if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
+  auto state = std::make_unique<State>();
+  state->snapshot = std::move(*snapshot);
+  for (const auto& layer : state->snapshot->layers()) state->names.push_back(layer.name);
+  return TileStore(std::move(state));
+}
+
+const std::string& TileStore::path() const { return state_->snapshot->path(); }
+std::uint64_t TileStore::file_bytes() const { return state_->snapshot->bytes().size(); }
+const std::vector<std::string>& TileStore::layers() const { return state_->names; }
+const std::byte* TileStore::map() const { return state_->snapshot->bytes().data(); }
+bool TileStore::changed() const { return !state_->snapshot->unchanged(); }
+
+Result<ByteSpan> TileStore::blob(std::string_view name) const {
+  return state_->snapshot->blob(name);
+}
+
+Result<TileRef> TileStore::find(LayerId layer, TileKey key) const {
+  if (auto known = state_->check_layer(layer); !known)
+    return tl::unexpected(std::move(known.error()));
+  auto record = state_->snapshot->find(layer, key);
+  if (!record) return tl::unexpected(std::move(record.error()));
+  if (!*record) return TileRef{TileState::missing, layer, key, {}, 0};
+  const auto position = static_cast<std::uint32_t>(key.index - (*record)->first().index);
+  const TileRef tile = tile_ref(**record, position, (*record)->tile(position));
+  if (auto same = state_->snapshot->unchanged(); !same)
+    return tl::unexpected(std::move(same.error()));
+  return tile;
+}
+
+Result<void> TileStore::check(const TileRef& tile) const {
+  if (tile.state != TileState::stored) return {};
+  const bool good = internal::payload_checksum(tile.layer, tile.key, tile.payload) == tile.checksum;
+  if (auto same = state_->snapshot->unchanged(); !same) return same;
+  if (good) return {};
+  return fail(ErrorCode::bad_file, path(), ": layer ",
+              tile.layer < state_->names.size() ? state_->names[tile.layer] : "?", ", tile ",
+              int{tile.key.level}, "/", tile.key.index, ": the payload of ", tile.payload.size(),
+              " bytes does not match its checksum");
+}
+
+void TileStore::advise(std::span<const TileRef> tiles) const { advise_all(tiles, MADV_WILLNEED); }
+void TileStore::release(std::span<const TileRef> tiles) const { advise_all(tiles, MADV_DONTNEED); }
+
+FileRange TileStore::range(const TileRef& tile) const {
+  if (tile.payload.empty()) return {};
+  const auto begin = static_cast<std::uint64_t>(tile.payload.data() - map());
+  return {begin, begin + tile.payload.size()};
+}
+
+Result<void> TileStore::visit(LayerId layer, TileKey from, TileKey to, const Visitor& visitor,
+                              const DamageVisitor& damaged) const {
+  if (auto known = state_->check_layer(layer); !known) return known;
+  Result<void> result;
+  const auto visit_record = [&](const Record& record) {
+    for (Record::Walk walk(record); result && walk.next();) {
+      const TileRef tile = tile_ref(record, walk.position(), walk.tile());
+      if (tile.state == TileState::missing || tile.key < from || tile.key >= to) continue;
+      if (result = state_->snapshot->unchanged(); result) result = visitor(tile);
+    }
+    return result.has_value();
+  };
+  const auto take_damage = [&](const Damage& damage) {
+    if (result = state_->snapshot->unchanged(); !result) return false;
+    if (damaged)
+      damaged(damage);
+    else
+      result = tl::unexpected(static_cast<const Error&>(damage));
+    return result.has_value();
+  };
+  if (from < to) RecordWalk(*state_->snapshot, layer, from, to).run(visit_record, take_damage);
+  if (result) result = state_->snapshot->unchanged();
+  return result;
+}
+
+Result<std::vector<LevelStatistics>> TileStore::statistics(LayerId layer) const {
+  if (auto known = state_->check_layer(layer); !known)
+    return tl::unexpected(std::move(known.error()));
+  Result<void> result;
+  std::vector<LevelStatistics> levels;
+  const auto count = [&](const Record& record) {
+    if (levels.empty() || levels.back().level != record.first().level)
+      levels.push_back({record.first().level});
+    LevelStatistics& level = levels.back();
+    ++level.records;
+    level.record_bytes += record.bytes().size();
+    for (Record::Walk walk(record); walk.next();) {
+      level.stored += walk.tile().state == TileState::stored ? 1 : 0;
+      level.empty += walk.tile().state == TileState::empty ? 1 : 0;
+      level.payload_bytes += walk.tile().payload.size();
+    }
+    return true;
+  };
+  const auto stop = [&](const Damage& damage) {
+    result = tl::unexpected(static_cast<const Error&>(damage));
+    return false;
+  };
+  RecordWalk(*state_->snapshot, layer, {}, {internal::kNoLevel, 0}).run(count, stop);
+  if (auto same = state_->snapshot->unchanged(); !same) result = std::move(same);
+  if (!result) return tl::unexpected(std::move(result.error()));
+  return levels;
+}
+
+void TileStore::check_structure(std::vector<Error>& findings) const {
+  internal::check_pages(state_->snapshot->pages(), internal::Depth::everything, findings);
+  if (auto same = state_->snapshot->unchanged(); !same) findings.push_back(std::move(same.error()));
+}
+
+}  // namespace slf::storage

@@ -1,0 +1,314 @@
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <map>
+#include <utility>
+
+#include "storage/internal/environment.h"
+#include "storage/internal/locked_file.h"
+#include "storage/internal/record_cutter.h"
+#include "storage/internal/snapshot.h"
+#include "storage/internal/structure.h"
+#include "storage/tile_store.h"
+
+namespace slf::storage {
+
+using internal::CutRecord;
+using internal::Environment;
+using internal::LayerInfo;
+using internal::LockedFile;
+using internal::Put;
+using internal::RecordCutter;
+using internal::RecordKey;
+using internal::Snapshot;
+
+namespace {
+
+ByteSpan bytes_of(std::string_view text) {
+  return std::as_bytes(std::span(text.data(), text.size()));
+}
+
+using SealedBlobs = std::map<std::string, Bytes, std::less<>>;
+
+Result<void> check_blob_name(std::string_view name) {
+  if (!name.empty() && name.size() <= internal::kMaxBlobName && name != internal::kContainer)
+    return {};
+  return fail(ErrorCode::usage, "blob name '", name, "': expected 1 to ", internal::kMaxBlobName,
+              " characters, and not '", internal::kContainer, "'");
+}
+
+// Everything one commit writes: records, blobs, and the container's own blob.
+Result<void> write(Environment& environment, std::span<const CutRecord> records,
+                   const SealedBlobs& blobs, std::span<const LayerInfo> layers) {
+  std::vector<RecordKey> keys(records.size());
+  std::vector<Put> puts;
+  for (std::size_t i = 0; i < records.size(); ++i) {
+    keys[i] = internal::encode_key(records[i].last);
+    puts.push_back({layers[records[i].layer].name, keys[i], records[i].value});
+  }
+  const std::string manifest(internal::kManifest);
+  for (const auto& [name, sealed] : blobs) puts.push_back({manifest, bytes_of(name), sealed});
+  const Bytes container =
+      internal::seal_blob(internal::kContainer, internal::encode_container(layers));
+  puts.push_back({manifest, bytes_of(internal::kContainer), container});
+  return environment.put(puts);
+}
+
+// A put without a key only makes the tree.
+Result<void> write_new(Environment& environment, const SealedBlobs& blobs,
+                       std::span<const LayerInfo> layers) {
+  std::vector<Put> trees;
+  for (const LayerInfo& layer : layers) trees.push_back({layer.name, {}, {}});
+  if (auto made = environment.put(trees); !made) return made;
+  return write(environment, {}, blobs, layers);
+}
+
+// Gives a finished file its name, unless there is one of that name.
+Result<void> publish(const std::string& from, const std::string& to) {
+  int failed = renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE);
+  if (failed != 0 && (errno == EINVAL || errno == ENOSYS))
+    failed = access(to.c_str(), F_OK) == 0 ? (errno = EEXIST, -1)
+                                           : std::rename(from.c_str(), to.c_str());
+  if (failed != 0)
+    return fail(errno == EEXIST ? ErrorCode::usage : ErrorCode::io, to,
+                ": cannot create: ", std::strerror(errno));
+  const std::size_t slash = to.rfind('/');
+  const std::string folder = slash == std::string::npos ? "." : to.substr(0, slash + 1);
+  const int directory = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (directory >= 0) {
+    (void)fsync(directory);
+    ::close(directory);
+  }
+  return {};
+}
+
+}  // namespace
+
+struct TileWriter::State {
+  std::string path;
+  LockedFile file;  // before the environment: its lock must outlive LMDB's lock file
+  std::optional<Environment> environment;
+  std::vector<LayerInfo> layers;  // as committed
+  std::vector<RecordCutter> cutters;
+  std::vector<CutRecord> records;  // cut, not committed
+  SealedBlobs blobs;               // set, not committed
+
+  // Opens LMDB on a locked, checked file.
+  [[nodiscard]] Result<void> attach() {
+    auto opened = Environment::open(path, file.descriptor());
+    if (!opened) return tl::unexpected(std::move(opened.error()));
+    environment = std::move(*opened);
+    for (LayerId i = 0; i < layers.size(); ++i) cutters.emplace_back(i, layers[i].last);
+    return {};
+  }
+
+  [[nodiscard]] Result<void> check_layer(LayerId layer) const {
+    if (layer < layers.size()) return {};
+    return fail(ErrorCode::usage, path, ": no layer ", layer, "; there are ", layers.size());
+  }
+
+  [[nodiscard]] std::string place(LayerId layer, TileKey key) const {
+    return path + ": layer " + layers[layer].name + ", tile " + std::to_string(key.level) + "/" +
+           std::to_string(key.index);
+  }
+
+  // Pages freed by earlier commits may be reused as soon as nobody reads an older snapshot.
+  [[nodiscard]] Result<void> after_commit() {
+    if (file.pinned_before(environment->transaction())) return {};
+    return environment->allow_reuse();
+  }
+
+  [[nodiscard]] Result<void> commit() {
+    if (!environment) return fail(ErrorCode::usage, path, ": was closed");
+    if (records.empty() && blobs.empty()) return {};
+    std::vector<LayerInfo> committed = layers;
+    for (const CutRecord& record : records) {
+      ++committed[record.layer].records;
+      committed[record.layer].last = record.last;
+    }
+    if (auto written = write(*environment, records, blobs, committed); !written) return written;
+    layers = std::move(committed);
+    records.clear();
+    blobs.clear();
+    return after_commit();
+  }
+
+  [[nodiscard]] Result<Bytes> replaced(const Snapshot& snapshot, LayerId layer, TileKey key,
+                                       const internal::Tile& tile, RecordKey& place) const;
+};
+
+TileWriter::TileWriter(std::unique_ptr<State> state) : state_(std::move(state)) {}
+TileWriter::TileWriter(TileWriter&&) noexcept = default;
+TileWriter& TileWriter::operator=(TileWriter&&) noexcept = default;
+TileWriter::~TileWriter() = default;
+
+Result<TileWriter> TileWriter::create(const std::string& path, std::span<const std::string> layers,
+                                      std::span<const std::pair<std::string, Bytes>> blobs) {
+  if (auto named = internal::check_layer_names(layers); !named)
+    return tl::unexpected(std::move(named.error()));
+  SealedBlobs sealed;
+  for (const auto& [name, bytes] : blobs) {
+    if (auto named = check_blob_name(name); !named) return tl::unexpected(std::move(named.error()));
+    sealed[name] = internal::seal_blob(name, bytes);
+  }
+  if (access(path.c_str(), F_OK) == 0) return fail(ErrorCode::usage, path, ": exists already");
+
+  // Made under another name, so that a crash leaves no half container under this one.
+  const std::string unfinished = path + ".new";
+  auto state = std::make_unique<State>();
+  state->path = path;
+  auto file = LockedFile::open(unfinished, LockedFile::Access::create);
+  if (!file) return tl::unexpected(std::move(file.error()));
+  state->file = std::move(*file);
+  if (auto locked = state->file.lock_writer(unfinished); !locked)
+    return tl::unexpected(std::move(locked.error()));
+  const auto finish = [&]() -> Result<void> {
+    if (ftruncate(state->file.descriptor(), 0) != 0)
+      return fail(ErrorCode::io, unfinished, ": ", std::strerror(errno));
+    for (const std::string& name : layers) state->layers.push_back({name, 0, std::nullopt});
+    {
+      auto environment = Environment::open(unfinished, state->file.descriptor());
+      if (!environment) return tl::unexpected(std::move(environment.error()));
+      if (auto written = write_new(*environment, sealed, state->layers); !written) return written;
+    }
+    return publish(unfinished, path);
+  };
+  if (auto finished = finish(); !finished) {
+    unlink(unfinished.c_str());
+    return tl::unexpected(std::move(finished.error()));
+  }
+  if (auto attached = state->attach(); !attached)
+    return tl::unexpected(std::move(attached.error()));
+  return TileWriter(std::move(state));
+}
+
+Result<TileWriter> TileWriter::resume(const std::string& path) {
+  auto state = std::make_unique<State>();
+  state->path = path;
+  auto file = LockedFile::open(path, LockedFile::Access::write);
+  if (!file) return tl::unexpected(std::move(file.error()));
+  state->file = std::move(*file);
+  if (auto locked = state->file.lock_writer(path); !locked)
+    return tl::unexpected(std::move(locked.error()));
+  auto snapshot = Snapshot::open_locked(path, state->file);
+  if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
+  std::vector<Error> findings;
+  internal::check_pages((*snapshot)->pages(), internal::Depth::trees, findings);
+  if (!findings.empty()) return tl::unexpected(std::move(findings.front()));
+  if (auto same = (*snapshot)->unchanged(); !same) return tl::unexpected(std::move(same.error()));
+  const std::uint64_t transaction = (*snapshot)->meta().transaction;
+  // LMDB may reuse whatever this transaction does not need.
+  if (state->file.pinned_before(transaction))
+    return fail(ErrorCode::failed, path,
+                ": another program still reads an older state of it; close or reload it there, "
+                "then try again");
+  state->layers = (*snapshot)->layers();
+  if (auto attached = state->attach(); !attached)
+    return tl::unexpected(std::move(attached.error()));
+  if (state->environment->transaction() != transaction)
+    return fail(ErrorCode::bad_file, path, ": LMDB sees transaction ",
+                state->environment->transaction(), ", expected ", transaction);
+  return TileWriter(std::move(state));
+}
+
+Result<std::optional<TileKey>> TileWriter::last(LayerId layer) const {
+  if (auto known = state_->check_layer(layer); !known)
+    return tl::unexpected(std::move(known.error()));
+  return state_->layers[layer].last;
+}
+
+std::uint64_t TileWriter::pending_bytes() const {
+  std::uint64_t bytes = 0;
+  for (const CutRecord& record : state_->records) bytes += record.value.size();
+  return bytes;
+}
+
+Result<void> TileWriter::append(LayerId layer, TileKey key, ByteSpan payload) {
+  if (auto known = state_->check_layer(layer); !known) return known;
+  RecordCutter& cutter = state_->cutters[layer];
+  if (cutter.last() && key <= *cutter.last())
+    return fail(ErrorCode::usage, state_->place(layer, key), ": tiles are appended in key order; ",
+                "the last one was ", int{cutter.last()->level}, "/", cutter.last()->index);
+  if (key.level == internal::kNoLevel || payload.size() > internal::kMaxPayload)
+    return fail(ErrorCode::usage, state_->place(layer, key), ": levels go up to 254, payloads up ",
+                "to ", internal::kMaxPayload, " bytes; this one has ", payload.size());
+  cutter.append(key, payload, state_->records);
+  return {};
+}
+
+Result<void> TileWriter::set_blob(std::string_view name, ByteSpan value) {
+  if (auto named = check_blob_name(name); !named) return named;
+  state_->blobs[std::string(name)] = internal::seal_blob(name, value);
+  return {};
+}
+
+Result<void> TileWriter::commit() { return state_->commit(); }
+
+Result<void> TileWriter::close() {
+  for (RecordCutter& cutter : state_->cutters) cutter.finish(state_->records);
+  if (auto committed = state_->commit(); !committed) return committed;
+  state_->environment.reset();
+  state_->file = {};
+  return {};
+}
+
+Result<void> TileWriter::replace(LayerId layer, TileKey key, TileState tile_state,
+                                 ByteSpan payload) {
+  if (auto known = state_->check_layer(layer); !known) return known;
+  if (payload.empty() == (tile_state == TileState::stored) ||
+      payload.size() > internal::kMaxPayload)
+    return fail(ErrorCode::usage, state_->place(layer, key), ": a payload of ", payload.size(),
+                " bytes for that state");
+  if (!state_->environment) return fail(ErrorCode::usage, state_->path, ": was closed");
+  auto snapshot = Snapshot::open_locked(state_->path, state_->file);
+  if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
+  internal::Tile tile{tile_state, payload, 0};
+  if (tile_state == TileState::stored)
+    tile.checksum = internal::payload_checksum(layer, key, payload);
+  RecordKey place;
+  auto value = state_->replaced(**snapshot, layer, key, tile, place);
+  if (!value) return tl::unexpected(std::move(value.error()));
+  const Put put{state_->layers[layer].name, place, *value};
+  if (auto written = state_->environment->put({&put, 1}); !written) return written;
+  return state_->after_commit();
+}
+
+// The record that holds a tile, with that tile changed, and its key. Of a record whose table is
+// damaged nothing is left: all its tiles become missing.
+Result<Bytes> TileWriter::State::replaced(const Snapshot& snapshot, LayerId layer, TileKey key,
+                                          const internal::Tile& tile, RecordKey& place) const {
+  internal::Cursor cursor(snapshot.pages(), snapshot.tree(layer));
+  auto at = cursor.seek(internal::encode_key(key));
+  if (!at) return tl::unexpected(std::move(at.error()));
+  const auto last = *at ? internal::decode_key(cursor.key()) : std::nullopt;
+  if (!last || last->level != key.level)
+    return fail(ErrorCode::usage, path, ": no record holds tile ", int{key.level}, "/", key.index);
+  // LMDB frees the old value's pages: they must be what they claim to be.
+  if (auto old = cursor.value(); !old) return tl::unexpected(std::move(old.error()));
+  auto before = snapshot.last_before(layer, *last);
+  if (!before) return tl::unexpected(std::move(before.error()));
+
+  TileKey first = *last;
+  std::vector<internal::Tile> tiles;
+  if (auto record = snapshot.record(layer, cursor)) {
+    first = record->first();
+    for (internal::Record::Walk walk(*record); walk.next();) tiles.push_back(walk.tile());
+  } else {
+    const bool same_level = *before && (*before)->level == last->level;
+    const std::uint64_t room = same_level ? last->index - (*before)->index - 1 : last->index;
+    first.index -= std::min(room, internal::kMaxTiles - 1);
+    tiles.resize(last->index - first.index + 1);
+  }
+  if (key < first)
+    return fail(ErrorCode::usage, path, ": no record holds tile ", int{key.level}, "/", key.index);
+  tiles[key.index - first.index] = tile;
+  place = internal::encode_key(*last);
+  return internal::encode_record(layer, *before, first, tiles);
+}
+
+}  // namespace slf::storage

@@ -1,0 +1,120 @@
+// What the tests of the container share: a folder that goes away, and tiles one can recognise.
+#pragma once
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "storage/tile_store.h"
+
+namespace slf::storage::testing {
+
+/// A fresh folder under the system's temporary one; removed with everything in it.
+class TemporaryFolder {
+ public:
+  TemporaryFolder() {
+    std::string name = (std::filesystem::temp_directory_path() / "slf-storage-XXXXXX").string();
+    if (mkdtemp(name.data()) != nullptr) path_ = name;
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  [[nodiscard]] std::string file(const std::string& name) const { return path_ + "/" + name; }
+  [[nodiscard]] const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
+/// Bytes that depend on the place and the seed, so that no two tiles are alike.
+inline Bytes tile_bytes(LayerId layer, TileKey key, std::size_t size, std::uint64_t seed = 0) {
+  std::mt19937_64 random(key.index * 0x9E3779B97F4A7C15u + key.level * 1000003u + layer * 7919u +
+                         seed);
+  Bytes bytes(size);
+  for (std::size_t i = 0; i < size; i += 8) {
+    const std::uint64_t word = random();
+    for (std::size_t k = i; k < size && k < i + 8; ++k)
+      bytes[k] = static_cast<std::byte>(word >> (8 * (k - i)));
+  }
+  return bytes;
+}
+
+inline Bytes bytes_of(std::string_view text) {
+  const auto span = std::as_bytes(std::span(text.data(), text.size()));
+  return {span.begin(), span.end()};
+}
+
+inline Bytes read_file(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  const std::string text((std::istreambuf_iterator<char>(in)), {});
+  return bytes_of(text);
+}
+
+inline void write_file(const std::string& path, ByteSpan bytes) {
+  std::ofstream out(path, std::ios::binary | std::ios::trunc);
+  out.write(reinterpret_cast<const char*>(bytes.data()),
+            static_cast<std::streamsize>(bytes.size()));
+}
+
+inline const std::vector<std::string> kTwoLayers = {"color", "depth"};
+
+/// What a layer holds: empty bytes stand for an empty tile.
+using Model = std::map<TileKey, Bytes>;
+
+template <class T>
+::testing::AssertionResult ok(const Result<T>& result) {
+  if (result) return ::testing::AssertionSuccess();
+  return ::testing::AssertionFailure() << result.error().message;
+}
+
+inline TileWriter create(const std::string& path,
+                         const std::vector<std::string>& layers = kTwoLayers) {
+  const std::vector<std::pair<std::string, Bytes>> blobs = {{"manifest.json", bytes_of("{}")}};
+  auto writer = TileWriter::create(path, layers, blobs);
+  EXPECT_TRUE(ok(writer));
+  return std::move(writer.value());
+}
+
+/// Everything a layer gives when visited, payloads checked.
+inline Model contents(const TileStore& store, LayerId layer) {
+  Model model;
+  const auto visited = store.visit(layer, {0, 0}, {255, 0}, [&](const TileRef& tile) {
+    EXPECT_NE(tile.state, TileState::missing);
+    EXPECT_TRUE(ok(store.check(tile)));
+    EXPECT_TRUE(model.empty() || model.rbegin()->first < tile.key);
+    model[tile.key] = Bytes(tile.payload.begin(), tile.payload.end());
+    return Result<void>();
+  });
+  EXPECT_TRUE(ok(visited));
+  return model;
+}
+
+/// No finding, and find() agrees with the model for its tiles.
+inline void expect_holds(const std::string& path, LayerId layer, const Model& model) {
+  auto store = TileStore::open(path);
+  ASSERT_TRUE(ok(store));
+  std::vector<Error> findings;
+  store->check_structure(findings);
+  for (const Error& finding : findings) ADD_FAILURE() << finding.message;
+  EXPECT_EQ(contents(*store, layer), model);
+  for (const auto& [key, bytes] : model) {
+    const auto tile = store->find(layer, key);
+    ASSERT_TRUE(ok(tile));
+    EXPECT_EQ(tile->state, bytes.empty() ? TileState::empty : TileState::stored);
+    EXPECT_TRUE(ok(store->check(*tile)));
+    EXPECT_EQ(Bytes(tile->payload.begin(), tile->payload.end()), bytes);
+  }
+}
+
+}  // namespace slf::storage::testing

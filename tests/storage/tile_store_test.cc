@@ -1,0 +1,243 @@
+// What a container gives back: order, presence, blobs, ranges, and what it refuses.
+#include "storage/tile_store.h"
+
+#include <gmock/gmock.h>
+
+#include "tests/storage/storage_testing.h"
+
+namespace slf::storage::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+TEST(TileStore, GivesBackTilesBlobsAndLayers) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  Model color;
+  Model depth;
+  {
+    TileWriter writer = create(path);
+    for (std::uint64_t i = 0; i < 300; ++i) {
+      const TileKey key{static_cast<std::uint8_t>(i / 100), i % 100 * 3};
+      color[key] = i % 7 == 0 ? Bytes{} : tile_bytes(0, key, 100 + 37 * i);
+      depth[key] = tile_bytes(1, key, 1 + i);
+      ASSERT_TRUE(ok(writer.append(0, key, color[key])));
+      ASSERT_TRUE(ok(writer.append(1, key, depth[key])));
+    }
+    ASSERT_TRUE(ok(writer.set_blob("notes", bytes_of("of a builder"))));
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  expect_holds(path, 0, color);
+  expect_holds(path, 1, depth);
+  auto store = TileStore::open(path);
+  ASSERT_TRUE(ok(store));
+  EXPECT_EQ(store->layers(), kTwoLayers);
+  EXPECT_EQ(store->path(), path);
+  EXPECT_EQ(store->file_bytes(), std::filesystem::file_size(path));
+  const auto notes = store->blob("notes");
+  ASSERT_TRUE(ok(notes));
+  EXPECT_EQ(Bytes(notes->begin(), notes->end()), bytes_of("of a builder"));
+  EXPECT_TRUE(ok(store->blob("manifest.json")));
+  EXPECT_EQ(store->blob("other").error().code, ErrorCode::bad_file);
+  EXPECT_FALSE(std::filesystem::exists(path + "-lock"));
+  EXPECT_FALSE(std::filesystem::exists(path + ".new"));
+}
+
+TEST(TileStore, TellsMissingFromEmpty) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  {
+    TileWriter writer = create(path);
+    ASSERT_TRUE(ok(writer.append(0, {1, 10}, {})));
+    ASSERT_TRUE(ok(writer.append(0, {1, 12}, tile_bytes(0, {1, 12}, 5))));
+    ASSERT_TRUE(ok(writer.append(0, {1, 5000}, {})));
+    ASSERT_TRUE(ok(writer.append(0, {3, 0}, {})));
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  auto store = TileStore::open(path);
+  ASSERT_TRUE(ok(store));
+  const auto state = [&](LayerId layer, TileKey key) { return store->find(layer, key)->state; };
+  EXPECT_EQ(state(0, {1, 10}), TileState::empty);
+  EXPECT_EQ(state(0, {1, 12}), TileState::stored);
+  EXPECT_EQ(state(0, {1, 5000}), TileState::empty);
+  EXPECT_EQ(state(0, {3, 0}), TileState::empty);
+  for (const TileKey key : {TileKey{0, 0}, TileKey{1, 0}, TileKey{1, 9}, TileKey{1, 11},
+                            TileKey{1, 13}, TileKey{1, 4999}, TileKey{1, 5001}, TileKey{2, 0},
+                            TileKey{3, 1}, TileKey{255, ~std::uint64_t{0}}})
+    EXPECT_EQ(state(0, key), TileState::missing) << int{key.level} << "/" << key.index;
+  EXPECT_EQ(state(1, {1, 10}), TileState::missing);
+  EXPECT_EQ(store->find(2, {0, 0}).error().code, ErrorCode::usage);
+}
+
+TEST(TileStore, HoldsIndexesOf64Bits) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  Model model;
+  {
+    TileWriter writer = create(path, {"color"});
+    const std::uint64_t top = ~std::uint64_t{0};
+    for (const TileKey key :
+         {TileKey{0, 0}, TileKey{0, 1u << 31}, TileKey{0, std::uint64_t{1} << 32},
+          TileKey{0, top - 1}, TileKey{0, top}, TileKey{1, 0}, TileKey{254, top}}) {
+      model[key] = tile_bytes(0, key, 33);
+      ASSERT_TRUE(ok(writer.append(0, key, model[key])));
+    }
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  expect_holds(path, 0, model);
+}
+
+TEST(TileStore, HoldsTilesOfAllSizes) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  Model model;
+  {
+    TileWriter writer = create(path, {"color"});
+    std::uint64_t index = 0;
+    for (const std::size_t size : {0u, 1u, 7u, 8u, 9u, 126u, 127u, 128u, 2000u, 4079u, 4080u, 4081u,
+                                   16382u, 16383u, 65520u, 65536u, 262128u, 262129u, 1u << 20})
+      for (int repeat = 0; repeat < 3; ++repeat) {
+        const TileKey key{0, index++};
+        model[key] = tile_bytes(0, key, size);
+        ASSERT_TRUE(ok(writer.append(0, key, model[key])));
+      }
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  expect_holds(path, 0, model);
+  auto store = TileStore::open(path);
+  ASSERT_TRUE(ok(store));
+  for (const auto& [key, bytes] : model)
+    EXPECT_EQ(reinterpret_cast<std::uintptr_t>(store->find(0, key)->payload.data()) % 8, 0u);
+}
+
+TEST(TileStore, VisitsHalfOpenRanges) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  {
+    TileWriter writer = create(path, {"color"});
+    for (std::uint64_t i = 0; i < 5000; ++i)
+      ASSERT_TRUE(ok(writer.append(0, {2, i}, tile_bytes(0, {2, i}, 50))));
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  auto store = TileStore::open(path);
+  ASSERT_TRUE(ok(store));
+  const auto count = [&](TileKey from, TileKey to) {
+    std::uint64_t n = 0;
+    EXPECT_TRUE(ok(store->visit(0, from, to, [&](const TileRef& tile) {
+      EXPECT_TRUE(from <= tile.key && tile.key < to);
+      ++n;
+      return Result<void>();
+    })));
+    return n;
+  };
+  EXPECT_EQ(count({2, 100}, {2, 4000}), 3900u);
+  EXPECT_EQ(count({2, 1023}, {2, 1025}), 2u);
+  EXPECT_EQ(count({0, 0}, {2, 1}), 1u);
+  EXPECT_EQ(count({2, 4999}, {9, 0}), 1u);
+  EXPECT_EQ(count({2, 5000}, {9, 0}), 0u);
+  EXPECT_EQ(count({2, 7}, {2, 7}), 0u);
+  const auto stopped = store->visit(0, {0, 0}, {9, 0}, [](const TileRef&) -> Result<void> {
+    return fail(ErrorCode::failed, "enough");
+  });
+  EXPECT_EQ(stopped.error().message, "enough");
+}
+
+TEST(TileStore, CountsTilesPerLevel) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  {
+    TileWriter writer = create(path);
+    for (std::uint8_t level = 0; level < 3; ++level)
+      for (std::uint64_t i = 0; i < 100u * (level + 1u); ++i)
+        ASSERT_TRUE(ok(writer.append(0, {level, i}, Bytes(i % 4 * 10, std::byte{1}))));
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  auto store = TileStore::open(path);
+  ASSERT_TRUE(ok(store));
+  const auto levels = store->statistics(0);
+  ASSERT_TRUE(ok(levels));
+  ASSERT_EQ(levels->size(), 3u);
+  for (std::uint8_t level = 0; level < 3; ++level) {
+    const LevelStatistics& found = (*levels)[level];
+    const std::uint64_t tiles = 100u * (level + 1u);
+    EXPECT_EQ(found.level, level);
+    EXPECT_EQ(found.empty, tiles / 4);
+    EXPECT_EQ(found.stored, tiles * 3 / 4);
+    EXPECT_EQ(found.payload_bytes, tiles * 15);
+    EXPECT_EQ(found.records, 1u);
+    EXPECT_GT(found.record_bytes, found.payload_bytes);
+  }
+  EXPECT_TRUE(store->statistics(1)->empty());
+}
+
+TEST(TileStore, RangeAdviseAndReleaseConcernThePayload) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  const Bytes payload = tile_bytes(0, {0, 1}, 30000);
+  {
+    TileWriter writer = create(path, {"color"});
+    ASSERT_TRUE(ok(writer.append(0, {0, 0}, {})));
+    ASSERT_TRUE(ok(writer.append(0, {0, 1}, payload)));
+    ASSERT_TRUE(ok(writer.append(0, {0, 2}, payload)));
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  auto store = TileStore::open(path);
+  ASSERT_TRUE(ok(store));
+  std::vector<TileRef> tiles;
+  for (std::uint64_t i = 3; i-- > 0;) tiles.push_back(*store->find(0, {0, i}));
+  const FileRange range = store->range(tiles[1]);
+  EXPECT_EQ(range.end - range.begin, payload.size());
+  const Bytes file = read_file(path);
+  EXPECT_TRUE(
+      std::equal(payload.begin(), payload.end(), file.begin() + static_cast<long>(range.begin)));
+  EXPECT_EQ(store->range(tiles[2]).end, 0u);
+  store->advise(tiles);
+  store->release(tiles);
+  EXPECT_TRUE(ok(store->check(tiles[1])));
+}
+
+TEST(TileStore, SaysWhatIsWrongWithAFile) {
+  TemporaryFolder folder;
+  const auto missing = TileStore::open(folder.file("none.slf"));
+  EXPECT_EQ(missing.error().code, ErrorCode::io);
+  EXPECT_THAT(missing.error().message, HasSubstr("none.slf"));
+  EXPECT_EQ(TileStore::open(folder.path()).error().code, ErrorCode::io);
+  write_file(folder.file("text"),
+             bytes_of("not a field, but a text that is long enough to be one"));
+  EXPECT_EQ(TileStore::open(folder.file("text")).error().code, ErrorCode::bad_file);
+  write_file(folder.file("empty"), {});
+  EXPECT_EQ(TileStore::open(folder.file("empty")).error().code, ErrorCode::bad_file);
+
+  (void)create(folder.file("a.slf"));
+  Bytes file = read_file(folder.file("a.slf"));
+  file[20] = std::byte{2};
+  write_file(folder.file("newer.slf"), file);
+  EXPECT_EQ(TileStore::open(folder.file("newer.slf")).error().code, ErrorCode::unsupported);
+}
+
+TEST(TileStore, FindsAPayloadThatMoved) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  const Bytes one = tile_bytes(0, {0, 0}, 64);
+  {
+    TileWriter writer = create(path, {"color"});
+    ASSERT_TRUE(ok(writer.append(0, {0, 0}, one)));
+    ASSERT_TRUE(ok(writer.append(0, {0, 1}, one)));
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  auto store = TileStore::open(path);
+  ASSERT_TRUE(ok(store));
+  TileRef first = *store->find(0, {0, 0});
+  const TileRef second = *store->find(0, {0, 1});
+  EXPECT_NE(first.checksum, second.checksum);
+  first.payload = second.payload;
+  EXPECT_TRUE(ok(store->check(first)));  // the same bytes at the same place in the layer
+  first.checksum = second.checksum;
+  const auto moved = store->check(first);
+  ASSERT_FALSE(moved);
+  EXPECT_EQ(moved.error().code, ErrorCode::bad_file);
+  EXPECT_THAT(moved.error().message, HasSubstr("layer color, tile 0/0"));
+}
+
+}  // namespace
+}  // namespace slf::storage::testing

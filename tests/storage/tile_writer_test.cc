@@ -1,0 +1,212 @@
+// What a writer promises: commits, resuming, replacing, exclusion, and what it refuses.
+#include <gmock/gmock.h>
+
+#include "tests/storage/storage_testing.h"
+
+namespace slf::storage::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+TEST(TileWriter, RefusesWhatItShould) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  TileWriter writer = create(path);
+  ASSERT_TRUE(ok(writer.append(0, {1, 5}, {})));
+  for (const TileKey key : {TileKey{1, 5}, TileKey{1, 4}, TileKey{0, 9}, TileKey{255, 0}})
+    EXPECT_EQ(writer.append(0, key, {}).error().code, ErrorCode::usage);
+  EXPECT_TRUE(ok(writer.append(1, {0, 0}, {})));
+  EXPECT_EQ(writer.append(2, {9, 0}, {}).error().code, ErrorCode::usage);
+  EXPECT_EQ(writer.set_blob("", {}).error().code, ErrorCode::usage);
+  EXPECT_EQ(writer.set_blob("container", {}).error().code, ErrorCode::usage);
+  EXPECT_EQ(writer.set_blob(std::string(256, 'x'), {}).error().code, ErrorCode::usage);
+  EXPECT_TRUE(ok(writer.set_blob(std::string(255, 'x'), {})));
+  ASSERT_TRUE(ok(writer.close()));
+  EXPECT_EQ(writer.commit().error().code, ErrorCode::usage);
+  EXPECT_TRUE(ok(TileStore::open(path)->blob(std::string(255, 'x'))));
+
+  EXPECT_EQ(TileWriter::create(path, kTwoLayers, {}).error().code, ErrorCode::usage);
+  for (const std::vector<std::string>& layers : {std::vector<std::string>{},
+                                                 {""},
+                                                 {"a", "a"},
+                                                 {"manifest"},
+                                                 {std::string(65, 'x')},
+                                                 std::vector<std::string>(65, "x")})
+    EXPECT_EQ(TileWriter::create(folder.file("b"), layers, {}).error().code, ErrorCode::usage);
+  EXPECT_EQ(TileWriter::create(folder.file("no/b"), kTwoLayers, {}).error().code, ErrorCode::io);
+  EXPECT_EQ(TileWriter::resume(folder.file("c")).error().code, ErrorCode::io);
+  EXPECT_FALSE(std::filesystem::exists(folder.file("b.new")));
+}
+
+TEST(TileWriter, ASecondWriterIsRefusedAtOnce) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  {
+    TileWriter writer = create(path);
+    const auto second = TileWriter::resume(path);
+    ASSERT_FALSE(second);
+    EXPECT_EQ(second.error().code, ErrorCode::failed);
+    EXPECT_THAT(second.error().message, HasSubstr("another writer"));
+    EXPECT_TRUE(ok(writer.append(0, {0, 0}, {})));
+    EXPECT_TRUE(ok(writer.close()));
+  }
+  EXPECT_TRUE(ok(TileWriter::resume(path)));
+}
+
+TEST(TileWriter, WithoutCloseDropsWhatWasNotCommitted) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  Model model;
+  std::optional<TileKey> last;
+  {
+    TileWriter writer = create(path, {"color"});
+    for (std::uint64_t i = 0; i < 2000; ++i) {
+      if (i == 1000) {
+        ASSERT_TRUE(ok(writer.commit()));
+        last = *writer.last(0);
+        ASSERT_TRUE(last);
+      }
+      const TileKey key{0, i};
+      const Bytes bytes = tile_bytes(0, key, 300);
+      ASSERT_TRUE(ok(writer.append(0, key, bytes)));
+      if (i < 1000) model[key] = bytes;
+    }
+    EXPECT_GT(writer.pending_bytes(), 0u);
+  }
+  std::erase_if(model, [&](const auto& tile) { return tile.first > *last; });
+  expect_holds(path, 0, model);
+  auto writer = TileWriter::resume(path);
+  ASSERT_TRUE(ok(writer));
+  EXPECT_EQ(*writer->last(0), last);
+}
+
+TEST(TileWriter, CutsTheSameRecordsWhateverTheCommits) {
+  TemporaryFolder folder;
+  std::vector<std::pair<TileKey, Bytes>> tiles;
+  for (std::uint64_t i = 0; i < 900; ++i) {
+    const TileKey key{static_cast<std::uint8_t>(i / 400), i % 400 * (i > 800 ? 30 : 1)};
+    tiles.emplace_back(key, tile_bytes(0, key, i * 7919 % 6000));
+  }
+  const auto build = [&](const std::string& path, std::size_t commit_every, bool reopen) {
+    std::optional<TileWriter> writer = create(path, {"color"});
+    std::size_t since = 0;
+    for (std::size_t i = 0; i < tiles.size(); ++i) {
+      EXPECT_TRUE(ok(writer->append(0, tiles[i].first, tiles[i].second)));
+      if (++since < commit_every) continue;
+      since = 0;
+      EXPECT_TRUE(ok(writer->commit()));
+      if (!reopen) continue;
+      writer.reset();
+      writer = std::move(TileWriter::resume(path).value());
+      const auto last = *writer->last(0);
+      while (last && tiles[i].first > *last) --i;
+    }
+    EXPECT_TRUE(ok(writer->close()));
+  };
+  // Which tiles share a record shows in where payloads lie relative to their neighbours.
+  const auto cuts = [&](const std::string& path) {
+    std::vector<std::pair<std::uint64_t, std::uint64_t>> result;
+    auto store = TileStore::open(path);
+    std::uint64_t end = 0;
+    EXPECT_TRUE(ok(store->visit(0, {0, 0}, {9, 0}, [&](const TileRef& tile) {
+      const FileRange range = store->range(tile);
+      if (tile.state == TileState::stored && (range.begin < end || range.begin > end + 8))
+        result.emplace_back(tile.key.level, tile.key.index);
+      if (tile.state == TileState::stored) end = range.end;
+      return Result<void>();
+    })));
+    return result;
+  };
+  build(folder.file("once"), 100000, false);
+  const auto expected = cuts(folder.file("once"));
+  EXPECT_GT(expected.size(), 10u);
+  for (const std::uint64_t every : {1u, 7u, 50u}) {
+    const std::string path = folder.file("every" + std::to_string(every));
+    build(path, every, false);
+    EXPECT_EQ(cuts(path), expected) << every;
+  }
+  build(folder.file("reopened"), 310, true);
+  EXPECT_EQ(cuts(folder.file("reopened")), expected);
+  EXPECT_EQ(contents(*TileStore::open(folder.file("reopened")), 0),
+            contents(*TileStore::open(folder.file("once")), 0));
+}
+
+TEST(TileWriter, ReplacesTilesOfAllStates) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  Model model;
+  {
+    TileWriter writer = create(path, {"color"});
+    for (std::uint64_t i = 0; i < 600; ++i) {
+      const TileKey key{static_cast<std::uint8_t>(i / 300), i % 300 * 2};
+      model[key] = tile_bytes(0, key, 500);
+      ASSERT_TRUE(ok(writer.append(0, key, model[key])));
+    }
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  {
+    auto writer = TileWriter::resume(path);
+    ASSERT_TRUE(ok(writer));
+    const auto set = [&](TileKey key, TileState state, std::size_t size) {
+      const Bytes bytes = tile_bytes(0, key, size, 99);
+      ASSERT_TRUE(ok(writer->replace(0, key, state, bytes)));
+      model.erase(key);
+      if (state != TileState::missing) model[key] = bytes;
+    };
+    set({0, 0}, TileState::missing, 0);
+    set({0, 10}, TileState::empty, 0);
+    set({0, 11}, TileState::stored, 70000);
+    set({0, 598}, TileState::missing, 0);
+    set({1, 0}, TileState::stored, 1);
+    set({1, 598}, TileState::missing, 0);
+    set({1, 598}, TileState::stored, 12);
+    EXPECT_EQ(writer->replace(0, {1, 599}, TileState::empty, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace(0, {0, 599}, TileState::empty, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace(0, {1, 0}, TileState::stored, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace(1, {1, 0}, TileState::empty, {}).error().code, ErrorCode::usage);
+    ASSERT_TRUE(ok(writer->append(0, {1, 600}, {})));
+    ASSERT_TRUE(ok(writer->close()));
+    model[{1, 600}] = {};
+  }
+  expect_holds(path, 0, model);
+}
+
+TEST(TileWriter, OverwritesBlobs) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  TileWriter writer = create(path);
+  for (const std::size_t size : {10u, 100000u, 0u, 2000u}) {
+    const Bytes bytes = tile_bytes(0, {0, size}, size);
+    ASSERT_TRUE(ok(writer.set_blob("b", bytes)));
+    ASSERT_TRUE(ok(writer.commit()));
+    auto store = TileStore::open(path);
+    ASSERT_TRUE(ok(store));
+    const auto blob = store->blob("b");
+    ASSERT_TRUE(ok(blob));
+    EXPECT_EQ(Bytes(blob->begin(), blob->end()), bytes);
+    std::vector<Error> findings;
+    store->check_structure(findings);
+    EXPECT_TRUE(findings.empty());
+  }
+}
+
+TEST(TileWriter, GrowsItsMap) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  Model model;
+  {
+    TileWriter writer = create(path, {"color"});
+    for (std::uint64_t i = 0; i < 40; ++i) {
+      model[{0, i}] = tile_bytes(0, {0, i}, 1 << 20);
+      ASSERT_TRUE(ok(writer.append(0, {0, i}, model[{0, i}])));
+      if (i == 3) {
+        ASSERT_TRUE(ok(writer.commit()));
+      }
+    }
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  expect_holds(path, 0, model);
+}
+
+}  // namespace
+}  // namespace slf::storage::testing
