@@ -12,6 +12,7 @@
 #include <glm/glm.hpp>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -23,6 +24,10 @@ enum class ScalarType : std::uint8_t { u8, i8, u16, i16, u32, i32, u64, i64, f32
 
 [[nodiscard]] const char* name(ScalarType type);
 [[nodiscard]] std::size_t bytes_per_voxel(ScalarType type);
+
+/// A type by any of its usual names, in any case: "u8", "uint8", "uint8_t", "uchar", "unsigned
+/// char", and so for the others. usage: unknown; the message lists the short names.
+[[nodiscard]] Result<ScalarType> parse_scalar_type(std::string_view text);
 
 /// Voxels as stored in the file (8 and 16 bits stay so), x fastest, then y, then z.
 struct Volume {
@@ -56,16 +61,30 @@ struct RawLayout {
 };
 
 struct VolumeOptions {
-  std::optional<RawLayout> raw;  ///< set for raw files, which name no layout themselves
+  std::optional<RawLayout> raw{};  ///< set for raw files, which name no layout themselves
   bool labels = false;
 };
 
 /// Reads NIfTI-1/2 (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), a folder of one
-/// DICOM series, or raw. The format is found from the content, not from the name alone. Input is
-/// untrusted.
-/// io: missing or unreadable. bad_file: not what it claims, truncated, absurd dims, spacing or
-/// axes. unsupported: more than one component or more than 3 dimensions of extent above 1; the
-/// message names the choice. usage: raw layout that does not fit the file.
+/// DICOM series, or raw. The format is found from the content, not from the name. Input is
+/// untrusted: nothing is allocated before the file was found large enough to fill it.
+///
+/// Position. NIfTI: the sform or the qform, chosen as ITK does, in mm; with neither, the grid
+/// itself. NRRD: spaces RAS and LAS become LPS, others are taken as they are; without a space, the
+/// spacings (1 where there are none) and axis mins. DICOM: slices in order of their position along
+/// the normal, never of their names. Files that only state spacings start at the origin.
+///
+/// Values. A scale uniform over the file stays in slope and intercept. A DICOM series whose scale
+/// differs from slice to slice (PET) cannot be said so: it becomes f32 with its scale applied.
+///
+/// | error | when |
+/// |---|---|
+/// | io | missing, unreadable, its detached data file missing |
+/// | bad_file | not what it claims, truncated, absurd dims, spacing or axes, a slice missing |
+/// | unsupported | several components, more than 3 dimensions of extent above 1, one slice, several
+/// DICOM series, an encoding we do not read; the message names the choice | | usage | a headerless
+/// file without a layout, a layout that does not fit the file, labels that are not integers | |
+/// failed | not enough memory |
 [[nodiscard]] Result<Volume> read_volume(const std::string& path,
                                          const VolumeOptions& options = {});
 

@@ -1,0 +1,149 @@
+#include "base/bytes.h"
+#include "field/volume_dicom.h"
+#include "field/volume_io.h"
+
+namespace slf::volume_io {
+
+namespace {
+
+constexpr std::uint32_t kUndefined = 0xffffffff;
+constexpr std::uint32_t kItem = 0xfffee000, kItemEnd = 0xfffee00d, kSequenceEnd = 0xfffee0dd;
+constexpr std::uint32_t kPixelData = 0x7fe00010;
+constexpr int kDeepest = 32;
+
+struct Walker {
+  const std::string& path;
+  std::string_view bytes;
+  std::size_t at = 0;
+
+  template <class T>
+  T take() {
+    const auto value = load_le<T>(reinterpret_cast<const std::byte*>(bytes.data()) + at);
+    at += sizeof(T);
+    return value;
+  }
+
+  std::uint32_t take_tag() {
+    const std::uint32_t group = take<std::uint16_t>();
+    return group << 16 | take<std::uint16_t>();
+  }
+
+  tl::unexpected<Error> truncated(std::size_t from, std::uint64_t length) const {
+    return fail(ErrorCode::bad_file, path, ": the DICOM element at byte ", from, " claims ", length,
+                " bytes, but the file ends at byte ", bytes.size(),
+                ": it is truncated or damaged, copy it again");
+  }
+
+  struct Element {
+    std::uint32_t tag = 0;
+    std::string_view vr{};
+    std::uint32_t length = 0;
+    std::size_t from = 0;
+  };
+
+  Result<Element> next(bool is_explicit, std::size_t end) {
+    Element e{.from = at};
+    if (end - at < 8) return truncated(at, 8);
+    e.tag = take_tag();
+    if (!is_explicit || e.tag >> 16 == 0xfffe) {
+      e.length = take<std::uint32_t>();
+    } else {
+      e.vr = bytes.substr(at, 2);
+      at += 2;
+      constexpr std::string_view kLong = "OB OD OF OL OV OW SQ SV UC UN UR UT UV";
+      if (kLong.find(e.vr) != std::string_view::npos) {
+        if (end - at < 6) return truncated(e.from, 12);
+        at += 2;
+        e.length = take<std::uint32_t>();
+      } else {
+        e.length = take<std::uint16_t>();
+      }
+    }
+    if (e.length != kUndefined && e.length > end - at) return truncated(e.from, e.length);
+    return e;
+  }
+
+  /// Items up to `end`, or up to the delimiter where `open`. In encapsulated pixel data an item is
+  /// a run of bytes, else a data set.
+  Result<void> items(bool is_explicit, std::size_t end, bool open, bool of_bytes, int depth) {
+    if (depth > kDeepest)
+      return fail(ErrorCode::bad_file, path, ": DICOM sequences nested deeper than ", kDeepest);
+    while (open || at < end) {
+      const auto item = next(is_explicit, end);
+      if (!item) return tl::unexpected(item.error());
+      if (item->tag == kSequenceEnd && open) return {};
+      if (item->tag != kItem || (of_bytes && item->length == kUndefined))
+        return fail(ErrorCode::bad_file, path, ": expected a DICOM item at byte ", item->from);
+      if (of_bytes) {
+        at += item->length;
+        continue;
+      }
+      const bool open_item = item->length == kUndefined;
+      const auto inner =
+          data_set(is_explicit, open_item ? end : at + item->length, open_item, depth + 1);
+      if (!inner) return inner;
+    }
+    return {};
+  }
+
+  Result<void> data_set(bool is_explicit, std::size_t end, bool open, int depth) {
+    while (open || at < end) {
+      const auto e = next(is_explicit, end);
+      if (!e) return tl::unexpected(e.error());
+      if (e->tag == kItemEnd && open) return {};
+      const bool undefined = e->length == kUndefined;
+      // A private or unknown element of undefined length is implicit within.
+      const bool inner_explicit = is_explicit && e->vr != "UN";
+      if (undefined || e->vr == "SQ") {
+        const std::size_t stop = undefined ? end : at + e->length;
+        const auto inner =
+            items(inner_explicit, stop, undefined, undefined && e->tag == kPixelData, depth + 1);
+        if (!inner) return inner;
+      } else {
+        at += e->length;
+      }
+    }
+    return {};
+  }
+
+  /// The file meta information, always explicit; returns the transfer syntax.
+  Result<std::string> meta() {
+    std::string syntax;
+    while (at < bytes.size()) {
+      const std::size_t from = at;
+      if (bytes.size() - at >= 4 && take_tag() >> 16 != 0x0002) {
+        at = from;
+        break;
+      }
+      at = from;
+      const auto e = next(true, bytes.size());
+      if (!e) return tl::unexpected(e.error());
+      if (e->length == kUndefined) return truncated(from, e->length);
+      if (e->tag == 0x00020010) syntax = bytes.substr(at, e->length);
+      at += e->length;
+    }
+    while (!syntax.empty() && (syntax.back() == '\0' || syntax.back() == ' ')) syntax.pop_back();
+    return syntax;
+  }
+};
+
+}  // namespace
+
+bool looks_like_dicom(std::string_view head) {
+  return head.size() >= 132 && head.substr(128, 4) == "DICM";
+}
+
+Result<void> check_dicom_structure(const std::string& path, std::string_view bytes) {
+  if (!looks_like_dicom(bytes))
+    return fail(ErrorCode::bad_file, path, ": expected 'DICM' at byte 128");
+  Walker walker{path, bytes, 132};
+  const auto syntax = walker.meta();
+  if (!syntax) return tl::unexpected(syntax.error());
+  if (*syntax == "1.2.840.10008.1.2.1.99" || *syntax == "1.2.840.10008.1.2.2")
+    return fail(ErrorCode::unsupported, path, ": deflated or big endian DICOM (transfer syntax ",
+                *syntax, "): convert it, `gdcmconv --raw IN OUT`");
+  const bool is_explicit = *syntax != "1.2.840.10008.1.2";
+  return walker.data_set(is_explicit, bytes.size(), false, 0);
+}
+
+}  // namespace slf::volume_io
