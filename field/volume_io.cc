@@ -206,7 +206,7 @@ Result<std::array<std::uint32_t, 3>> check_scalar_dims(const std::string& source
   while (sizes.size() > 3 && sizes.back() == 1) sizes.pop_back();
   if (sizes.size() <= 3) return check_dims(source, sizes);
   std::string found;
-  for (const auto size : sizes) found += (found.empty() ? "" : "x") + std::to_string(size);
+  for (const auto size : sizes) found.append(found.empty() ? "" : "x").append(std::to_string(size));
   return fail(ErrorCode::unsupported, source, ": dims ", found,
               ", expected 3 dimensions: the further ones are time points or components; extract "
               "one of them into a file of its own");

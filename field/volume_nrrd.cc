@@ -182,8 +182,9 @@ Result<void> keep_space(const std::string& path, bool directed, std::vector<Axis
   if (axes.size() <= 3 && !has_components) return {};
   std::string found;
   for (const Axis& axis : axes)
-    found += (found.empty() ? "" : "x") + std::to_string(axis.size) +
-             (axis.kind.empty() ? "" : " (" + quoted(axis.kind) + ")");
+    found.append(found.empty() ? "" : "x")
+        .append(std::to_string(axis.size))
+        .append(axis.kind.empty() ? "" : " (" + quoted(axis.kind) + ")");
   return fail(ErrorCode::unsupported, path, ": sizes ", found,
               ", expected 3 axes of one number each: extract one component or time point, e.g. "
               "`unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");

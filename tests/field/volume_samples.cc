@@ -141,7 +141,7 @@ std::string nifti(const Nifti& h) {
   };
   const std::size_t width = h.version == 1 ? 4 : 8;
   put(0, encode(static_cast<std::int32_t>(size), big));
-  put(h.version == 1 ? 344 : 4, "n" + h.magic + std::to_string(h.version));
+  put(h.version == 1 ? 344 : 4, std::string("n").append(h.magic).append(std::to_string(h.version)));
   put(h.version == 1 ? 70 : 12, encode(static_cast<std::int16_t>(code), big));
   for (std::size_t i = 0; i <= h.dim.size(); ++i) {
     const int extent = i == 0 ? static_cast<int>(h.dim.size()) : h.dim[i - 1];
@@ -196,7 +196,8 @@ std::string phantom_nrrd(ScalarType type, bool big_endian, const std::string& sp
                           : space == "LAS" ? glm::dvec3(1, -1, 1)
                                            : glm::dvec3(1, 1, 1);
   const auto vector = [&](const glm::dvec3& v) {
-    return "(" + numbers({flip.x * v.x, flip.y * v.y, flip.z * v.z}, ",") + ")";
+    std::string text = "(";
+    return text.append(numbers({flip.x * v.x, flip.y * v.y, flip.z * v.z}, ",")).append(")");
   };
   const auto axes = phantom_axes();
   return nrrd("type: " + nrrd_type(type) + "\ndimension: 3\nspace: " + space +
