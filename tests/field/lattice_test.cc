@@ -35,8 +35,7 @@ double interpolate(const glm::dvec3& d, std::int32_t n, const F& f) {
   const Cell cell = locate(d, n);
   const auto corners = cell.corners();
   double sum = 0;
-  for (int c = 0; c < 3; ++c)
-    sum += cell.weights[c] * f(to_vertex(cell.octant, corners[c], n));
+  for (int c = 0; c < 3; ++c) sum += cell.weights[c] * f(to_vertex(cell.octant, corners[c], n));
   return sum;
 }
 
@@ -118,12 +117,24 @@ TEST(Lattice, InterpolationIsContinuousAcrossEveryEdgeAndAxisPoint) {
   for (int k = 0; k < 3000; ++k) {  // points on the planes of octants and of section arcs
     glm::dvec3 d = random_direction(random);
     switch (k % 6) {
-      case 0: d.x = 0; break;
-      case 1: d.y = 0; break;
-      case 2: d.z = 0; break;
-      case 3: d.x = std::copysign(std::abs(d.y) + std::abs(d.z), d.x); break;
-      case 4: d.y = std::copysign(std::abs(d.x) + std::abs(d.z), d.y); break;
-      default: d.z = std::copysign((std::abs(d.x) + std::abs(d.y)) / 3, d.z); break;
+      case 0:
+        d.x = 0;
+        break;
+      case 1:
+        d.y = 0;
+        break;
+      case 2:
+        d.z = 0;
+        break;
+      case 3:
+        d.x = std::copysign(std::abs(d.y) + std::abs(d.z), d.x);
+        break;
+      case 4:
+        d.y = std::copysign(std::abs(d.x) + std::abs(d.z), d.y);
+        break;
+      default:
+        d.z = std::copysign((std::abs(d.x) + std::abs(d.y)) / 3, d.z);
+        break;
     }
     seams.push_back(glm::normalize(d));
   }

@@ -1,0 +1,112 @@
+#include "field/build.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+
+#include "cli/command.h"
+
+namespace slf::cli {
+namespace {
+
+struct Arguments {
+  SourceArguments source;
+  std::string output;
+  bool force = false;
+  BuildOptions build;
+  std::string color_type = "u8";
+  std::string depth_codec = "zstd";
+  double radius = 0;
+  std::string center;
+};
+
+Result<void> run_build(const Arguments& arguments) {
+  BuildOptions options = arguments.build;
+  options.half = arguments.color_type == "half";
+  options.depth_codec = arguments.depth_codec == "none" ? "" : arguments.depth_codec;
+  if (options.half && options.color_codec.starts_with("jpeg")) options.color_codec = "zstd";
+  const auto scene = arguments.source.scene();
+  if (!scene) return tl::unexpected(scene.error());
+  options.shape.sphere = (*scene)->bounds();
+  if (!arguments.center.empty()) {
+    const auto center = parse_vec3(arguments.center, "--center");
+    if (!center) return tl::unexpected(center.error());
+    options.shape.sphere.center = *center;
+  }
+  if (arguments.radius != 0) {
+    if (!(arguments.radius > 0))
+      return fail(ErrorCode::usage, "--radius ", arguments.radius, ": expected a positive number");
+    options.shape.sphere.radius = arguments.radius;
+  }
+
+  if (arguments.force) {
+    std::error_code failed;
+    std::filesystem::remove(arguments.output, failed);
+    std::filesystem::remove(arguments.output + "-lock", failed);
+  }
+  const auto report =
+      build_field(**scene, arguments.output, options, progress_bar("build", "slabs"));
+  if (!report) return tl::unexpected(report.error());
+  if (report->resumed > 0)
+    note(fmt::format("{}: resumed after {} tiles", arguments.output, report->resumed));
+  note(fmt::format("{}: complete; look with: slf render {} -o view.png", arguments.output,
+                   arguments.output));
+  return {};
+}
+
+}  // namespace
+
+void add_build(CLI::App& app, Run& run) {
+  auto* command =
+      app.add_subcommand("build", "Build a field from a volume; resumes if interrupted");
+  auto a = std::make_shared<Arguments>();
+  a->source.add_volume_to(*command, "INPUT");
+  a->source.add_light_to(*command);
+  command->add_option("-o,--output", a->output, "The field to write, .slf")->required();
+  command->add_flag("-f,--force", a->force, "Start over: remove what is at the output");
+  const char* group = "Field";
+  auto& shape = a->build.shape;
+  command
+      ->add_option("--entry", shape.entry_side,
+                   "Entry lattice at level 0: cells along an octsphere's edge")
+      ->group(group)
+      ->capture_default_str();
+  command->add_option("--exit", shape.exit_side, "Exit lattice at level 0")
+      ->group(group)
+      ->capture_default_str();
+  command
+      ->add_option("--levels", shape.levels,
+                   "Subdivisions: tiles at levels 0 to this; each\n"
+                   "doubles both lattices")
+      ->group(group)
+      ->capture_default_str();
+  command
+      ->add_option("--entry-depth", shape.entry_depth,
+                   "How many levels deeper the entry side is split than the exit side")
+      ->group(group)
+      ->capture_default_str();
+  command->add_option("--color-codec", a->build.color_codec, "raw, zstd[:LEVEL] or jpeg:QUALITY")
+      ->group(group)
+      ->capture_default_str();
+  command->add_option("--depth-codec", a->depth_codec, "The same, or none: no depth layer")
+      ->group(group)
+      ->capture_default_str();
+  command->add_option("--color-type", a->color_type, "u8, or half: HDR colour, stored with zstd")
+      ->check(CLI::IsMember({"u8", "half"}))
+      ->group(group)
+      ->capture_default_str();
+  command
+      ->add_option("--center", a->center,
+                   "Centre of the sphere in world coordinates, x,y,z;\n"
+                   "default: around what is visible")
+      ->group(group);
+  command
+      ->add_option("--radius", a->radius,
+                   "Radius of the sphere in world units; default: around\n"
+                   "what is visible")
+      ->group(group);
+  command->add_option("-j,--threads", a->build.threads, "0: all cores")->capture_default_str();
+  command->callback([a, &run] { run = [a] { return run_build(*a); }; });
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,136 @@
+#include <fmt/format.h>
+
+#include "cli/command.h"
+
+namespace slf::cli {
+namespace {
+
+struct Arguments {
+  SourceArguments source;
+  bool json = false;
+};
+
+nlohmann::json vec3_json(const glm::dvec3& v) { return {v.x, v.y, v.z}; }
+
+nlohmann::json field_json(const Field& field, const FieldContent& content) {
+  const FieldShape& shape = field.shape();
+  nlohmann::json levels = nlohmann::json::array();
+  for (const LevelContent& level : content.levels) {
+    nlohmann::json bytes;
+    for (std::size_t k = 0; k < field.manifest().layers.size(); ++k)
+      bytes[field.manifest().layers[k].name] = level.payload_bytes[k];
+    levels.push_back({{"level", level.level},
+                      {"entry_resolution", shape.entry_resolution(level.level)},
+                      {"exit_resolution", shape.exit_resolution(level.level)},
+                      {"tiles", level.tiles},
+                      {"stored", level.stored},
+                      {"empty", level.empty},
+                      {"slabs", level.slabs},
+                      {"bytes", bytes}});
+  }
+  nlohmann::json json = field.manifest().to_json();
+  json["file_bytes"] = content.file_bytes;
+  json["payload_bytes"] = content.payload_bytes;
+  json["entry_resolution"] = shape.entry_resolution(shape.levels);
+  json["exit_resolution"] = shape.exit_resolution(shape.levels);
+  json["levels"] = levels;
+  json["complete"] = content.complete;
+  return json;
+}
+
+void print_field(const Field& field, const FieldContent& content) {
+  const FieldShape& shape = field.shape();
+  const glm::dvec3& c = shape.sphere.center;
+  fmt::print("{}: {}sphere light field, {} on disk, {} of payload\n", field.path(),
+             content.complete ? "" : "INCOMPLETE ",
+             human_bytes(static_cast<double>(content.file_bytes)),
+             human_bytes(static_cast<double>(content.payload_bytes)));
+  fmt::print("sphere  centre {:.2f},{:.2f},{:.2f}  radius {:.2f}\n", c.x, c.y, c.z,
+             shape.sphere.radius);
+  fmt::print("lattice {} entry, {} exit at the finest level\n",
+             shape.entry_resolution(shape.levels), shape.exit_resolution(shape.levels));
+  for (const Layer& layer : field.manifest().layers)
+    fmt::print("layer   {}: {} as {}\n", layer.name, name(layer.format), layer.codec);
+  fmt::print("source  {}\n", field.manifest().provenance.value(
+                                 "source", field.manifest().provenance.value("name", "unknown")));
+  std::vector<std::vector<std::string>> rows{
+      {"level", "lattice", "tiles", "stored", "empty", "slabs"}};
+  for (const Layer& layer : field.manifest().layers) rows[0].push_back(layer.name);
+  for (const LevelContent& level : content.levels) {
+    rows.push_back({fmt::format("{}", level.level),
+                    fmt::format("{}/{}", shape.entry_resolution(level.level),
+                                shape.exit_resolution(level.level)),
+                    fmt::format("{}", level.tiles), fmt::format("{}", level.stored),
+                    fmt::format("{}", level.empty), human_count(static_cast<double>(level.slabs))});
+    for (const std::uint64_t bytes : level.payload_bytes)
+      rows.back().push_back(human_bytes(static_cast<double>(bytes)));
+  }
+  print_table(rows);
+}
+
+nlohmann::json volume_json(const Volume& volume) {
+  const auto range = volume.value_range();
+  return {
+      {"source", volume.source},
+      {"dims", volume.dims},
+      {"type", name(volume.type)},
+      {"spacing", vec3_json(volume.spacing())},
+      {"origin", vec3_json(volume.origin)},
+      {"axes", {vec3_json(volume.axes[0]), vec3_json(volume.axes[1]), vec3_json(volume.axes[2])}},
+      {"world", "LPS"},
+      {"slope", volume.slope},
+      {"intercept", volume.intercept},
+      {"range", {range[0], range[1]}},
+      {"labels", volume.labels}};
+}
+
+void print_volume(const Volume& volume) {
+  const auto range = volume.value_range();
+  const auto vec = [](const glm::dvec3& v) {
+    return fmt::format("{:.6g},{:.6g},{:.6g}", v.x, v.y, v.z);
+  };
+  fmt::print("{}: volume\n", volume.source);
+  fmt::print("dims    {}x{}x{} {}{}\n", volume.dims[0], volume.dims[1], volume.dims[2],
+             name(volume.type), volume.labels ? " labels" : "");
+  fmt::print("spacing {}\n", vec(volume.spacing()));
+  fmt::print("range   {:.6g} to {:.6g}\n", range[0], range[1]);
+  fmt::print("origin  {}  (world coordinates are LPS)\n", vec(volume.origin));
+  for (int axis = 0; axis < 3; ++axis)
+    fmt::print("axis {}  {}\n", "xyz"[axis], vec(volume.axes[axis] / volume.spacing()[axis]));
+}
+
+Result<void> run_info(const Arguments& arguments) {
+  if (!arguments.source.input.ends_with(".slf")) {
+    const auto volume = arguments.source.volume();
+    if (!volume) return tl::unexpected(volume.error());
+    if (arguments.json)
+      print_json(volume_json(*volume));
+    else
+      print_volume(*volume);
+    return {};
+  }
+  const auto field = Field::open(arguments.source.input);
+  if (!field) return tl::unexpected(field.error());
+  const auto content = (*field)->content();
+  if (!content) return tl::unexpected(content.error());
+  if (arguments.json)
+    print_json(field_json(**field, *content));
+  else
+    print_field(**field, *content);
+  if (!content->complete)
+    note(arguments.source.input + ": incomplete; the build command that made it resumes it");
+  return {};
+}
+
+}  // namespace
+
+void add_info(CLI::App& app, Run& run) {
+  auto* command =
+      app.add_subcommand("info", "What a field (.slf) or a volume (anything else) holds");
+  auto a = std::make_shared<Arguments>();
+  a->source.add_volume_to(*command, "INPUT");
+  command->add_flag("--json", a->json, "JSON on stdout");
+  command->callback([a, &run] { run = [a] { return run_info(*a); }; });
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,189 @@
+#include "field/render.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <filesystem>
+
+#include "cli/command.h"
+#include "field/image.h"
+#include "field/view.h"
+
+namespace slf::cli {
+namespace {
+
+struct Picture {
+  std::string output;
+  std::string background = "0,0,0";
+  bool transparent = false;
+  bool force = false;
+
+  void add_to(CLI::App& command) {
+    command
+        .add_option("-o,--output", output, "Picture to write: .png, .jpg, or .exr (float RGBA, Z)")
+        ->required();
+    command.add_flag("-f,--force", force, "Overwrite the picture");
+    command.add_option("--background", background, "r,g,b from 0 to 1 behind the picture")
+        ->capture_default_str();
+    command.add_flag("--transparent", transparent, "PNG with alpha instead of a background");
+  }
+  [[nodiscard]] bool is_exr() const { return output.ends_with(".exr"); }
+
+  Result<void> write(const Image& image) const {
+    ImageFileOptions options;
+    const auto color = parse_vec3(background, "--background");
+    if (!color) return tl::unexpected(color.error());
+    options.background = glm::vec3(*color);
+    options.transparent = transparent;
+    return write_image(output, image, options);
+  }
+};
+
+struct RenderArguments {
+  std::string field;
+  Picture picture;
+  CameraArguments camera;
+  DrawArguments draw;
+  bool stats = false, json = false;
+};
+
+nlohmann::json statistics_json(const ViewStatistics& s, const ViewOptions& view) {
+  return {{"mode", name(view.mode)},
+          {"level", view.level},
+          {"tiles_touched", s.tiles.size()},
+          {"tiles_stored", s.stored_tiles},
+          {"compressed_bytes", s.compressed_bytes},
+          {"map_pages", s.map_pages},
+          {"decodes", s.decodes},
+          {"decoded_peak_bytes", s.decoded_peak_bytes},
+          {"pixels_hit", s.pixels_hit},
+          {"pixels_from_coarser_levels", s.fallback_pixels}};
+}
+
+Result<void> run_render(const RenderArguments& a) {
+  if (auto ok = refuse_overwrite(a.picture.output, a.picture.force); !ok) return ok;
+  const auto options = a.draw.renderer();
+  if (!options) return tl::unexpected(options.error());
+  const auto field = Field::open(a.field);
+  if (!field) return tl::unexpected(field.error());
+  auto view = a.draw.view(**field);
+  if (!view) return tl::unexpected(view.error());
+  view->with_depth = a.picture.is_exr() && (*field)->layer("depth");
+  const auto camera = a.camera.camera((*field)->shape().sphere);
+  if (!camera) return tl::unexpected(camera.error());
+
+  Renderer renderer(**field, *options);
+  ViewStatistics statistics;
+  const auto image = renderer.render(*camera, *view, &statistics);
+  if (!image) return tl::unexpected(image.error());
+  if (auto ok = a.picture.write(*image); !ok) return ok;
+  if (statistics.fallback_pixels > 0)
+    note(
+        fmt::format("{}: incomplete at level {}: {} pixels drawn from coarser levels; the build "
+                    "command that made it resumes it",
+                    a.field, view->level, statistics.fallback_pixels));
+  const auto json = statistics_json(statistics, *view);
+  if (a.json) {
+    print_json(json);
+  } else if (a.stats) {
+    std::vector<std::vector<std::string>> rows;
+    for (const auto& [key, value] : json.items())
+      rows.push_back({key, value.is_string() ? value.get<std::string>() : value.dump()});
+    print_table(rows);
+  }
+  return {};
+}
+
+struct RaycastArguments {
+  SourceArguments source;
+  Picture picture;
+  CameraArguments camera;
+  unsigned threads = 0;
+};
+
+Result<void> run_raycast(const RaycastArguments& a) {
+  if (auto ok = refuse_overwrite(a.picture.output, a.picture.force); !ok) return ok;
+  const auto scene = a.source.scene();
+  if (!scene) return tl::unexpected(scene.error());
+  const Sphere sphere = (*scene)->bounds();
+  const auto camera = a.camera.camera(sphere);
+  if (!camera) return tl::unexpected(camera.error());
+  const auto image = trace_view(**scene, sphere, *camera, a.threads);
+  if (!image) return tl::unexpected(image.error());
+  return a.picture.write(*image);
+}
+
+struct CompareArguments {
+  std::string a, b, diff;
+  float gain = 4;
+  double min_psnr = 0;
+  bool force = false, json = false;
+};
+
+Result<void> run_compare(const CompareArguments& arguments) {
+  const auto a = read_image(arguments.a);
+  if (!a) return tl::unexpected(a.error());
+  const auto b = read_image(arguments.b);
+  if (!b) return tl::unexpected(b.error());
+  if (a->width != b->width || a->height != b->height)
+    return fail(ErrorCode::usage, arguments.a, " is ", a->width, "x", a->height, ", ", arguments.b,
+                " is ", b->width, "x", b->height, ": only pictures of one size can be compared");
+  const ImageDifference d = compare(*a, *b);
+  if (!arguments.diff.empty()) {
+    if (auto ok = refuse_overwrite(arguments.diff, arguments.force); !ok) return ok;
+    if (auto ok = write_image(arguments.diff, difference(*a, *b, arguments.gain)); !ok) return ok;
+  }
+  if (arguments.json)  // JSON has no infinity: equal pictures have a null PSNR
+    print_json({{"psnr", std::isfinite(d.psnr) ? nlohmann::json(d.psnr) : nlohmann::json()},
+                {"ssim", d.ssim},
+                {"equal", !std::isfinite(d.psnr)}});
+  else
+    fmt::print("PSNR {:.2f} dB  SSIM {:.4f}\n", d.psnr, d.ssim);
+  if (d.psnr < arguments.min_psnr)
+    return fail(ErrorCode::differs, arguments.a, " and ", arguments.b, ": PSNR ", d.psnr,
+                " dB is below ", arguments.min_psnr);
+  return {};
+}
+
+}  // namespace
+
+void add_render(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand("render", "Draw a view of a field");
+  auto a = std::make_shared<RenderArguments>();
+  command->add_option("FIELD", a->field, "Field, .slf")->required();
+  a->picture.add_to(*command);
+  a->camera.add_to(*command);
+  a->draw.add_to(*command);
+  command->add_flag("--stats", a->stats, "Say what the view cost: tiles, bytes, pages, memory");
+  command->add_flag("--json", a->json, "The same as JSON");
+  command->callback([a, &run] { run = [a] { return run_render(*a); }; });
+}
+
+void add_raycast(CLI::App& app, Run& run) {
+  auto* command =
+      app.add_subcommand("raycast", "Draw the same view straight from the volume: the truth");
+  auto a = std::make_shared<RaycastArguments>();
+  a->source.add_volume_to(*command, "INPUT");
+  a->source.add_light_to(*command);
+  a->picture.add_to(*command);
+  a->camera.add_to(*command);
+  command->add_option("-j,--threads", a->threads, "0: all cores")->capture_default_str();
+  command->callback([a, &run] { run = [a] { return run_raycast(*a); }; });
+}
+
+void add_compare(CLI::App& app, Run& run) {
+  auto* command =
+      app.add_subcommand("compare", "PSNR and SSIM of two pictures, and their difference");
+  auto a = std::make_shared<CompareArguments>();
+  command->add_option("A", a->a, "Picture")->required();
+  command->add_option("B", a->b, "Picture of the same size")->required();
+  command->add_option("--diff", a->diff, "Write the difference picture here");
+  command->add_option("--gain", a->gain, "Differences are multiplied by this")
+      ->capture_default_str();
+  command->add_option("--min-psnr", a->min_psnr, "Exit with 7 when the PSNR is below this");
+  command->add_flag("-f,--force", a->force, "Overwrite the difference picture");
+  command->add_flag("--json", a->json, "JSON on stdout");
+  command->callback([a, &run] { run = [a] { return run_compare(*a); }; });
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,49 @@
+// Builds a field from a scene: every tile of every level, in key order, on all cores.
+//
+// Memory is bounded by a few tiles per thread, whatever the field's size. The build may be killed
+// at any instant: the same call resumes it. Tile content depends only on the scene and the
+// settings, never on the number of threads or on where a build was interrupted.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "base/error.h"
+#include "field/manifest.h"
+#include "field/scene.h"
+
+namespace slf {
+
+struct BuildOptions {
+  FieldShape shape;  ///< sphere.radius <= 0: the scene's own bounds
+  std::string color_codec = "jpeg:90";
+  std::string depth_codec = "zstd";  ///< empty: no depth layer
+  bool half = false;                 ///< colour as half floats
+  unsigned threads = 0;              ///< 0: all
+};
+
+struct Progress {
+  std::uint64_t done = 0;  ///< work finished, in `unit`
+  std::uint64_t total = 0;
+  std::uint64_t skipped = 0;  ///< of done: already there when this run began
+};
+/// Called from the calling thread now and then, and at the end. Returning false stops the work
+/// after what is under way; what was committed stays.
+using ProgressCallback = std::function<bool(const Progress&)>;
+
+struct BuildReport {
+  std::uint64_t tiles = 0;    ///< built by this run
+  std::uint64_t resumed = 0;  ///< that were there already
+  std::uint64_t slabs = 0;    ///< traced by this run
+};
+
+/// Builds, or resumes, the field at `path`. Progress counts slabs.
+/// usage: a setting out of range; a complete field, or another one, is at `path`.
+/// io: disk full or a write error: what was committed stays and the same call resumes.
+/// failed: stopped by the progress callback, or another process is writing the file.
+[[nodiscard]] Result<BuildReport> build_field(const Scene& scene, const std::string& path,
+                                              BuildOptions options,
+                                              const ProgressCallback& progress = {});
+
+}  // namespace slf

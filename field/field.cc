@@ -1,0 +1,93 @@
+#include "field/field.h"
+
+namespace slf {
+
+Result<std::unique_ptr<Field>> Field::open(const std::string& path) {
+  auto store = storage::TileStore::open(path);
+  if (!store) return tl::unexpected(store.error());
+  const auto text = store->blob(kManifestBlob);
+  if (!text) return tl::unexpected(text.error());
+  auto manifest =
+      Manifest::parse({reinterpret_cast<const char*>(text->data()), text->size()}, path);
+  if (!manifest) return tl::unexpected(manifest.error());
+  if (manifest->layers.size() != store->layers().size())
+    return fail(ErrorCode::bad_file, path, ": the manifest names ", manifest->layers.size(),
+                " layers, the container holds ", store->layers().size());
+
+  std::unique_ptr<Field> field(new Field(std::move(*store), std::move(*manifest)));
+  for (std::size_t k = 0; k < field->manifest_.layers.size(); ++k) {
+    const Layer& layer = field->manifest_.layers[k];
+    if (layer.name != field->store_.layers()[k])
+      return fail(ErrorCode::bad_file, path, ": layer ", k, " is '", layer.name,
+                  "' in the manifest and '", field->store_.layers()[k], "' in the container");
+    const auto tables = field->store_.blob(kTablesBlobPrefix + layer.name);
+    if (!tables) return tl::unexpected(tables.error());
+    auto made = codec::make_codec(layer.codec, layer.format, *tables);
+    if (!made)
+      return fail(ErrorCode::bad_file, path, ": layer '", layer.name, "': ", made.error().message);
+    field->codecs_.push_back(std::move(*made));
+  }
+  return field;
+}
+
+std::optional<storage::LayerId> Field::layer(std::string_view name) const {
+  for (std::size_t k = 0; k < manifest_.layers.size(); ++k)
+    if (manifest_.layers[k].name == name) return static_cast<storage::LayerId>(k);
+  return std::nullopt;
+}
+
+const LevelGeometry& Field::geometry(unsigned level) const {
+  std::call_once(geometry_once_[level], [&] {
+    geometry_[level] = std::make_unique<LevelGeometry>(manifest_.shape, level);
+  });
+  return *geometry_[level];
+}
+
+codec::Tile Field::tile_shape(storage::LayerId layer, TileKey key) const {
+  const TileSections sections = sections_of(key, manifest_.shape.entry_depth);
+  return geometry(key.level).tile(sections.entry.index, manifest_.layers[layer].format);
+}
+
+Result<void> Field::decode(const storage::TileRef& tile, std::span<std::byte> samples) const {
+  if (auto ok = store_.check(tile); !ok) return ok;
+  auto decoded =
+      codecs_[tile.layer]->decode(tile_shape(tile.layer, tile.key), tile.payload, samples);
+  // A file that shrank while it was read shows as zeros; say that rather than blame the codec.
+  if (auto ok = store_.check(tile); !ok) return ok;
+  if (!decoded)
+    return fail(decoded.error().code, path(), ": layer '", manifest_.layers[tile.layer].name,
+                "', tile ", int{tile.key.level}, "/", tile.key.index, ": ", decoded.error().message,
+                "; run slf verify --fix and build again");
+  return {};
+}
+
+Result<FieldContent> Field::content() const {
+  FieldContent content;
+  content.file_bytes = store_.file_bytes();
+  content.complete = true;
+  for (unsigned level = 0; level <= shape().levels; ++level) {
+    LevelContent& at = content.levels.emplace_back();
+    at.level = level;
+    at.tiles = tile_count(level, shape().entry_depth);
+    at.slabs = shape().slabs(level);
+    at.payload_bytes.resize(manifest_.layers.size());
+  }
+  for (storage::LayerId layer = 0; layer < manifest_.layers.size(); ++layer) {
+    const auto statistics = store_.statistics(layer);
+    if (!statistics) return tl::unexpected(statistics.error());
+    std::vector<std::uint64_t> built(content.levels.size());
+    for (const storage::LevelStatistics& s : *statistics) {
+      if (s.level >= content.levels.size()) continue;
+      LevelContent& at = content.levels[s.level];
+      at.payload_bytes[layer] = s.payload_bytes;
+      content.payload_bytes += s.payload_bytes;
+      built[s.level] = s.stored + s.empty;
+      if (layer == 0) at.stored = s.stored, at.empty = s.empty;
+    }
+    for (std::size_t l = 0; l < built.size(); ++l)
+      if (built[l] != content.levels[l].tiles) content.complete = false;
+  }
+  return content;
+}
+
+}  // namespace slf

@@ -1,0 +1,154 @@
+#include "field/manifest.h"
+
+#include <bit>
+#include <cmath>
+
+namespace slf {
+namespace {
+
+constexpr std::uint64_t kMostTileSamples = 1ull << 24;  // 64 MiB of RGBA
+constexpr std::uint32_t kMostSide = 1024;
+constexpr std::uint32_t kMostResolution = 4096;
+
+constexpr codec::SampleFormat kFormats[] = {codec::SampleFormat::rgba8, codec::SampleFormat::depth8,
+                                            codec::SampleFormat::rgba16f};
+
+/// Reads members of untrusted JSON; the first problem is kept with its place.
+class Reader {
+ public:
+  Reader(const nlohmann::json& root, std::string file) : root_(root), file_(std::move(file)) {}
+
+  const nlohmann::json* find(const std::string& pointer) {
+    const nlohmann::json::json_pointer at(pointer);
+    if (root_.contains(at)) return &root_.at(at);
+    problem(pointer, "is missing");
+    return nullptr;
+  }
+  double number(const std::string& pointer) {
+    const auto* value = find(pointer);
+    if (!value) return 0;
+    if (!value->is_number()) return problem(pointer, "is not a number"), 0;
+    return value->get<double>();
+  }
+  std::uint32_t integer(const std::string& pointer, std::uint32_t most) {
+    const auto* value = find(pointer);
+    if (!value) return 0;
+    if (!value->is_number_unsigned() || value->get<std::uint64_t>() > most)
+      return problem(pointer, "is not an integer from 0 to " + std::to_string(most)), 0;
+    return value->get<std::uint32_t>();
+  }
+  std::string text(const std::string& pointer) {
+    const auto* value = find(pointer);
+    if (!value) return {};
+    if (!value->is_string()) return problem(pointer, "is not a string"), std::string{};
+    return value->get<std::string>();
+  }
+  void problem(const std::string& pointer, const std::string& what) {
+    if (error_.empty()) error_ = file_ + ": manifest: " + pointer + " " + what;
+  }
+  [[nodiscard]] const std::string& error() const { return error_; }
+
+ private:
+  const nlohmann::json& root_;
+  std::string file_;
+  std::string error_;
+};
+
+}  // namespace
+
+const char* name(codec::SampleFormat format) {
+  switch (format) {
+    case codec::SampleFormat::rgba8:
+      return "rgba8";
+    case codec::SampleFormat::depth8:
+      return "depth8";
+    case codec::SampleFormat::rgba16f:
+      return "rgba16f";
+  }
+  return "unknown";
+}
+
+Result<void> FieldShape::check() const {
+  if (entry_side < 1 || entry_side > kMostSide || exit_side < 1 || exit_side > kMostSide)
+    return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side, ": expected 1 to ",
+                kMostSide, " cells along an octsphere's edge");
+  if (levels + entry_depth > kMaxSectionLevel || levels > 10)
+    return fail(ErrorCode::usage, "levels ", levels, ": expected at most 10");
+  if (entry_resolution(levels) > kMostResolution || exit_resolution(levels) > kMostResolution)
+    return fail(ErrorCode::usage, "lattice ", entry_resolution(levels), "/",
+                exit_resolution(levels), ": expected at most ", kMostResolution);
+  if (entry_section_side() << entry_depth != entry_side)
+    return fail(ErrorCode::usage, "entry ", entry_side, " cannot be split ", entry_depth,
+                " levels deeper: expected a multiple of ", 1u << entry_depth);
+  if (largest_tile() > kMostTileSamples)
+    return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side,
+                ": a tile would have ", largest_tile(), " samples, at most ", kMostTileSamples,
+                " are allowed; halve both sides and add a level");
+  const glm::dvec3& c = sphere.center;
+  if (!std::isfinite(c.x + c.y + c.z) || !(sphere.radius > 0) || !std::isfinite(sphere.radius))
+    return fail(ErrorCode::usage, "sphere: expected a finite centre and a positive radius");
+  return {};
+}
+
+nlohmann::json Manifest::to_json() const {
+  nlohmann::json layer_list = nlohmann::json::array();
+  for (const Layer& layer : layers)
+    layer_list.push_back(
+        {{"name", layer.name}, {"format", name(layer.format)}, {"codec", layer.codec}});
+  const glm::dvec3& c = shape.sphere.center;
+  return {{"slf", {{"major", kMajor}, {"minor", kMinor}}},
+          {"required", nlohmann::json::array()},
+          {"sphere", {{"center", {c.x, c.y, c.z}}, {"radius", shape.sphere.radius}}},
+          {"entry_side", shape.entry_side},
+          {"exit_side", shape.exit_side},
+          {"levels", shape.levels},
+          {"entry_depth", shape.entry_depth},
+          {"layers", layer_list},
+          {"provenance", provenance}};
+}
+
+Result<Manifest> Manifest::parse(std::string_view text, const std::string& file) {
+  const auto json = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
+  if (!json.is_object()) return fail(ErrorCode::bad_file, file, ": the manifest is not JSON");
+  Reader in(json, file);
+  const std::uint32_t major = in.integer("/slf/major", 1u << 20);
+  if (in.error().empty() && major != kMajor)
+    return fail(ErrorCode::unsupported, file, ": format version ", major,
+                ", this program reads version ", kMajor, "; update slf");
+  if (const auto* required = in.find("/required"); required && !required->empty())
+    return fail(ErrorCode::unsupported, file, ": needs features this program does not have: ",
+                required->dump(-1, ' ', false, nlohmann::json::error_handler_t::replace),
+                "; update slf");
+
+  Manifest manifest;
+  FieldShape& shape = manifest.shape;
+  for (int axis = 0; axis < 3; ++axis)
+    shape.sphere.center[axis] = in.number("/sphere/center/" + std::to_string(axis));
+  shape.sphere.radius = in.number("/sphere/radius");
+  shape.entry_side = in.integer("/entry_side", kMostSide);
+  shape.exit_side = in.integer("/exit_side", kMostSide);
+  shape.levels = in.integer("/levels", 10);
+  shape.entry_depth = in.integer("/entry_depth", 8);
+
+  const auto* layers = in.find("/layers");
+  for (std::size_t k = 0; layers && k < std::min<std::size_t>(layers->size(), 16); ++k) {
+    const std::string at = "/layers/" + std::to_string(k);
+    Layer layer{in.text(at + "/name"), {}, in.text(at + "/codec")};
+    const std::string format = in.text(at + "/format");
+    const auto* known = std::find_if(std::begin(kFormats), std::end(kFormats),
+                                     [&](auto f) { return format == name(f); });
+    if (known == std::end(kFormats))
+      in.problem(at + "/format", "is not a known sample format");
+    else
+      layer.format = *known;
+    manifest.layers.push_back(std::move(layer));
+  }
+  if (manifest.layers.empty()) in.problem("/layers", "names no layer");
+  if (!in.error().empty()) return fail(ErrorCode::bad_file, in.error());
+  if (auto ok = shape.check(); !ok)
+    return fail(ErrorCode::bad_file, file, ": manifest: ", ok.error().message);
+  if (json.contains("provenance")) manifest.provenance = json["provenance"];
+  return manifest;
+}
+
+}  // namespace slf

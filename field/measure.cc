@@ -1,0 +1,153 @@
+#include "field/measure.h"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <fstream>
+#include <numeric>
+#include <string>
+#include <thread>
+
+#include "field/view.h"
+
+namespace slf {
+namespace {
+
+/// Watches the process's resident memory while it lives.
+class ResidentWatch {
+ public:
+  ResidentWatch() : thread_([this] { watch(); }) {}
+  ~ResidentWatch() {
+    stop_ = true;
+    thread_.join();
+  }
+  [[nodiscard]] ResidentMemory peak() {
+    look();
+    return {anonymous_, file_};
+  }
+
+ private:
+  void watch() {
+    while (!stop_) {
+      look();
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+  }
+  void look() {
+    const ResidentMemory now = resident_memory();
+    raise(anonymous_, now.anonymous);
+    raise(file_, now.file);
+  }
+  static void raise(std::atomic<std::uint64_t>& to, std::uint64_t value) {
+    for (std::uint64_t old = to; old < value && !to.compare_exchange_weak(old, value);) continue;
+  }
+
+  std::atomic<bool> stop_{false};
+  std::atomic<std::uint64_t> anonymous_{0}, file_{0};
+  std::thread thread_;
+};
+
+/// What one view at one level cost, in the order of LevelMeasure's members.
+struct ViewCost {
+  double tiles = 0, pairs = 0, bytes = 0, pages = 0, peak = 0;
+};
+
+Spread spread(const std::vector<ViewCost>& views, double ViewCost::*member, double scale = 1) {
+  Spread s;
+  for (const ViewCost& view : views) {
+    s.mean += view.*member * scale / static_cast<double>(views.size());
+    s.max = std::max(s.max, view.*member * scale);
+  }
+  return s;
+}
+
+LevelMeasure summarize(unsigned level, std::uint64_t tiles, const std::vector<ViewCost>& views) {
+  const double share = 1 / static_cast<double>(tiles);
+  return {level,
+          tiles,
+          spread(views, &ViewCost::tiles),
+          spread(views, &ViewCost::pairs),
+          spread(views, &ViewCost::bytes),
+          spread(views, &ViewCost::pages),
+          spread(views, &ViewCost::peak),
+          spread(views, &ViewCost::tiles, share),
+          spread(views, &ViewCost::pairs, share)};
+}
+
+}  // namespace
+
+ResidentMemory resident_memory() {
+  ResidentMemory memory;
+  std::ifstream status("/proc/self/status");
+  for (std::string key; status >> key;) {
+    std::uint64_t kib = 0;
+    if (key == "RssAnon:" && status >> kib) memory.anonymous = kib << 10;
+    if (key == "RssFile:" && status >> kib) memory.file = kib << 10;
+  }
+  return memory;
+}
+
+Result<Measurement> measure_views(const Field& field, const MeasureOptions& options) {
+  if (options.cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
+  std::vector<unsigned> levels = options.levels;
+  if (levels.empty()) {
+    levels.resize(field.shape().levels + 1);
+    std::iota(levels.begin(), levels.end(), 0u);
+  }
+  Measurement result;
+  ResidentWatch watch;
+  std::vector<ViewCost> total(options.cameras.size());
+  std::uint64_t total_tiles = 0;
+  for (const unsigned level : levels) {
+    std::vector<ViewCost> views;
+    for (std::size_t v = 0; v < options.cameras.size(); ++v) {
+      Renderer renderer(field, options.renderer);
+      ViewStatistics statistics;
+      const auto image =
+          renderer.render(options.cameras[v], {options.mode, level, false}, &statistics);
+      if (!image) return tl::unexpected(image.error());
+      const auto pairs = crossed_pairs(field, options.cameras[v], level);
+      if (!pairs) return tl::unexpected(pairs.error());
+      const ViewCost cost{static_cast<double>(statistics.tiles.size()),
+                          static_cast<double>(pairs->size()),
+                          static_cast<double>(statistics.compressed_bytes),
+                          static_cast<double>(statistics.map_pages),
+                          static_cast<double>(statistics.decoded_peak_bytes)};
+      views.push_back(cost);
+      total[v].tiles += cost.tiles;
+      total[v].pairs += cost.pairs;
+      total[v].bytes += cost.bytes;
+      total[v].pages += cost.pages;
+      total[v].peak = std::max(total[v].peak, cost.peak);
+    }
+    const std::uint64_t tiles = tile_count(level, field.shape().entry_depth);
+    total_tiles += tiles;
+    result.levels.push_back(summarize(level, tiles, views));
+  }
+  result.total = summarize(field.shape().levels, total_tiles, total);
+  const ResidentMemory peak = watch.peak();
+  result.rss_anon_peak = peak.anonymous;
+  result.rss_file_peak = peak.file;
+  return result;
+}
+
+Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
+                                  const std::vector<Camera>& cameras, const ViewOptions& view,
+                                  const RendererOptions& options) {
+  if (cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
+  Renderer renderer(field, options);
+  Evaluation result;
+  for (const Camera& camera : cameras) {
+    const auto truth = trace_view(scene, field.shape().sphere, camera, options.threads);
+    if (!truth) return tl::unexpected(truth.error());
+    const auto image = renderer.render(camera, view);
+    if (!image) return tl::unexpected(image.error());
+    const ImageDifference difference = compare(*truth, *image);
+    result.views.push_back({difference.psnr, difference.ssim});
+    result.psnr += difference.psnr / static_cast<double>(cameras.size());
+    result.ssim += difference.ssim / static_cast<double>(cameras.size());
+  }
+  return result;
+}
+
+}  // namespace slf

@@ -1,0 +1,75 @@
+// Measuring: what views of a field cost in memory, and how close they come to the truth.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "base/error.h"
+#include "field/field.h"
+#include "field/image.h"
+#include "field/render.h"
+#include "field/scene.h"
+
+namespace slf {
+
+/// Mean and maximum over views.
+struct Spread {
+  double mean = 0;
+  double max = 0;
+};
+
+struct LevelMeasure {
+  unsigned level = 0;
+  std::uint64_t tiles = 0;  ///< the level has
+  Spread tiles_touched;     ///< neighbouring owners included
+  Spread pairs_crossed;     ///< (entry section, exit section) pairs that rays pass through
+  Spread compressed_bytes;  ///< of the touched tiles, in the layers the mode uses
+  Spread map_pages;         ///< distinct 4 KiB pages of the map
+  Spread decoded_peak_bytes;
+  Spread fraction;       ///< tiles_touched / tiles
+  Spread pair_fraction;  ///< pairs_crossed / tiles
+};
+
+struct MeasureOptions {
+  std::vector<Camera> cameras;
+  RenderMode mode = RenderMode::bitri;
+  std::vector<unsigned> levels;  ///< empty: all
+  RendererOptions renderer;
+};
+
+struct Measurement {
+  std::vector<LevelMeasure> levels;
+  LevelMeasure total;               ///< each view's levels together, as when all are drawn
+  std::uint64_t rss_anon_peak = 0;  ///< bytes, of this process while it rendered
+  std::uint64_t rss_file_peak = 0;  ///< bytes, mapped pages of files
+};
+
+/// Renders every camera at every level with a cold cache and counts.
+[[nodiscard]] Result<Measurement> measure_views(const Field& field, const MeasureOptions& options);
+
+struct ViewQuality {
+  double psnr = 0;
+  double ssim = 0;
+};
+
+struct Evaluation {
+  std::vector<ViewQuality> views;
+  double psnr = 0;  ///< mean of the views' PSNR
+  double ssim = 0;
+};
+
+/// Compares views of the field with views of the scene it was built from: RGB over black at
+/// 8 bits.
+[[nodiscard]] Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
+                                                const std::vector<Camera>& cameras,
+                                                const ViewOptions& view,
+                                                const RendererOptions& renderer);
+
+/// Resident memory of this process in bytes, from /proc/self/status.
+struct ResidentMemory {
+  std::uint64_t anonymous = 0;
+  std::uint64_t file = 0;
+};
+[[nodiscard]] ResidentMemory resident_memory();
+
+}  // namespace slf

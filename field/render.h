@@ -1,0 +1,86 @@
+// Renderer: draws views of a field, within a memory budget.
+//
+// A picture is drawn in blocks of pixels. Within a block rays are grouped by tile: each tile is
+// found, checked and decoded once (or taken from the cache), all its samples are taken, and it may
+// go. Pictures depend on the field, camera, mode and level only: never on threads, budget or what
+// the cache held.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string_view>
+#include <vector>
+
+#include "base/error.h"
+#include "field/camera.h"
+#include "field/field.h"
+#include "field/image.h"
+#include "field/tile_cache.h"
+
+namespace slf {
+
+/// How a ray between samples gets its colour. The first four are the paper's (section 3, Figure 8).
+enum class RenderMode {
+  nearest,  ///< the closest slab
+  uv,       ///< interpolated between entry vertices, nearest exit
+  st,       ///< interpolated between exit vertices, nearest entry
+  bitri,    ///< bi-triangle: both, 9 samples (eq. 2)
+  depth,    ///< bi-triangle on rays corrected by the depth layer (needs one)
+};
+
+[[nodiscard]] const char* name(RenderMode mode);
+/// usage: unknown; the message lists the modes.
+[[nodiscard]] Result<RenderMode> parse_render_mode(std::string_view text);
+/// depth where the field has a depth layer, bitri otherwise.
+[[nodiscard]] RenderMode default_mode(const Field& field);
+
+struct RendererOptions {
+  std::uint64_t memory = 256ull << 20;  ///< bytes of decoded tiles and scratch
+  unsigned threads = 0;                 ///< 0: all
+};
+
+struct ViewOptions {
+  RenderMode mode = RenderMode::bitri;
+  unsigned level = 0;       ///< of the tile pyramid
+  bool with_depth = false;  ///< also fill Image::depth (needs a depth layer)
+};
+
+/// What one view cost, counted by the engine (see measure.h for the kernel's own count).
+struct ViewStatistics {
+  std::vector<TileKey> tiles;            ///< touched: sorted, stored or empty, any layer
+  std::uint64_t fallback_pixels = 0;     ///< drawn from a coarser level: a tile was never built
+  std::uint64_t stored_tiles = 0;        ///< of tiles: not empty
+  std::uint64_t compressed_bytes = 0;    ///< payloads of the touched tiles, in the layers used
+  std::uint64_t map_pages = 0;           ///< distinct 4 KiB pages those payloads lie in
+  std::uint64_t decodes = 0;             ///< tiles decoded for this view
+  std::uint64_t decoded_peak_bytes = 0;  ///< most bytes of decoded tiles at any time
+  std::uint64_t pixels_hit = 0;          ///< pixels whose ray crosses the sphere
+};
+
+/// Thread-safety: one render() at a time; it uses the threads of its options itself.
+class Renderer {
+ public:
+  /// Borrows the field.
+  explicit Renderer(const Field& field, const RendererOptions& options = {});
+  ~Renderer();
+
+  /// usage: a bad camera or level, or a mode the field has no layer for. bad_file: a damaged tile.
+  /// Rays start at the eye: where it is inside the sphere, what lies behind it is not drawn in
+  /// depth mode, and is in the others.
+  [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& options,
+                                     ViewStatistics* statistics = nullptr);
+
+  [[nodiscard]] TileCache& cache();
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+/// The (entry section, exit section) pairs that a view's rays pass through, neighbouring owners
+/// not counted: the paper's measure of how much of a field a view needs. Sorted keys.
+[[nodiscard]] Result<std::vector<TileKey>> crossed_pairs(const Field& field, const Camera& camera,
+                                                         unsigned level);
+
+}  // namespace slf

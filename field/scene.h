@@ -1,0 +1,49 @@
+// Scene: what a field is built from and what it is compared with: the colour of any ray.
+//
+// Implementations: Raycaster (a volume, raycaster.h) and the analytic scenes (analytic.h).
+#pragma once
+
+#include <glm/glm.hpp>
+#include <nlohmann/json.hpp>
+
+namespace slf {
+
+/// The plenoptic sphere: centre and radius in world units.
+struct Sphere {
+  glm::dvec3 center{0.0};
+  double radius = 1;
+};
+
+/// What a ray sees between two points.
+struct RaySample {
+  glm::vec4 rgba{0};  ///< premultiplied by opacity; black is the absence of anything
+  float depth = 0;    ///< opacity-weighted mean position, 0 at the first point, 1 at the second;
+                      ///< 0 where nothing is seen
+};
+
+class Scene {
+ public:
+  virtual ~Scene() = default;
+
+  /// A sphere around all that can be seen.
+  [[nodiscard]] virtual Sphere bounds() const = 0;
+
+  /// The ray from one world point to another, front to back. Deterministic; any thread.
+  [[nodiscard]] virtual RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const = 0;
+
+  /// Where the scene came from and every setting that changes its pictures, for the manifest:
+  /// equal provenance means equal samples.
+  [[nodiscard]] virtual nlohmann::json provenance() const = 0;
+};
+
+/// Where a line meets a sphere, as parameters along origin + t·direction; `hit` is false when it
+/// misses or only touches. REQUIRES: direction is not zero.
+struct Chord {
+  bool hit = false;
+  double enter = 0;
+  double leave = 0;
+};
+[[nodiscard]] Chord intersect(const Sphere& sphere, const glm::dvec3& origin,
+                              const glm::dvec3& direction);
+
+}  // namespace slf

@@ -1,0 +1,135 @@
+#include "field/tile_cache.h"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+namespace slf {
+
+namespace {
+constexpr std::uint64_t kEntryBytes = 256;  // bookkeeping of one entry, about
+}
+
+struct TileCache::Entry {
+  Id id;
+  storage::TileRef tile;
+  const std::byte* samples = nullptr;
+  std::vector<std::byte> owned;  // what `samples` points to, unless it is the map
+  std::uint64_t cost = 0;        // what it counts for in the budget
+  std::uint32_t pins = 0;
+  bool ready = false;
+  std::optional<Error> error;
+  std::list<Id>::iterator place;  // in unpinned_, valid while pins == 0
+};
+
+TileCache::Pin& TileCache::Pin::operator=(Pin&& other) noexcept {
+  if (this != &other) {
+    release();
+    cache_ = std::exchange(other.cache_, nullptr);
+    entry_ = std::move(other.entry_);
+  }
+  return *this;
+}
+
+void TileCache::Pin::release() {
+  if (cache_ && entry_) cache_->unpin(entry_);
+  cache_ = nullptr;
+  entry_.reset();
+}
+
+storage::TileState TileCache::Pin::state() const { return entry_->tile.state; }
+const std::byte* TileCache::Pin::samples() const { return entry_->samples; }
+const storage::TileRef& TileCache::Pin::tile() const { return entry_->tile; }
+
+Result<TileCache::Pin> TileCache::get(storage::LayerId layer, TileKey key) {
+  const Id id{layer, key};
+  std::unique_lock lock(mutex_);
+  if (const auto found = entries_.find(id); found != entries_.end()) {
+    const std::shared_ptr<Entry> entry = found->second;
+    if (entry->pins++ == 0) unpinned_.erase(entry->place);
+    loaded_.wait(lock, [&] { return entry->ready; });
+    if (entry->error) return tl::unexpected(*entry->error);
+    ++statistics_.hits;
+    return Pin(this, entry);
+  }
+
+  const auto entry = std::make_shared<Entry>();
+  entry->id = id;
+  entry->pins = 1;
+  entries_.emplace(id, entry);
+  lock.unlock();
+  auto ok = load(*entry, id);
+  lock.lock();
+  entry->ready = true;
+  if (!ok) {  // those who waited get the error too; the next to ask tries again
+    entry->error = ok.error();
+    entries_.erase(id);
+    statistics_.decoded_bytes -= entry->cost;
+    loaded_.notify_all();
+    return tl::unexpected(ok.error());
+  }
+  loaded_.notify_all();
+  return Pin(this, entry);
+}
+
+void TileCache::charge(Entry& entry, std::uint64_t bytes) {
+  const std::lock_guard lock(mutex_);
+  entry.cost = bytes + kEntryBytes;
+  evict_locked(budget_ > entry.cost ? budget_ - entry.cost : 0);
+  statistics_.decodes += bytes > 0;
+  statistics_.decoded_bytes += entry.cost;
+  statistics_.decoded_peak_bytes =
+      std::max(statistics_.decoded_peak_bytes, statistics_.decoded_bytes);
+}
+
+Result<void> TileCache::load(Entry& entry, const Id& id) {
+  const auto tile = field_.store().find(id.layer, id.key);
+  if (!tile) return tl::unexpected(tile.error());
+  entry.tile = *tile;
+  const bool stored = tile->state == storage::TileState::stored;
+  const std::size_t bytes = stored ? field_.tile_shape(id.layer, id.key).bytes() : 0;
+  const bool in_place =
+      stored && field_.codec(id.layer).in_place() && tile->payload.size() == bytes;
+  charge(entry, in_place ? 0 : bytes);
+  if (in_place) {
+    entry.samples = tile->payload.data();
+    return field_.store().check(*tile);
+  }
+  if (!stored) return {};
+  entry.owned.resize(bytes);
+  entry.samples = entry.owned.data();
+  return field_.decode(*tile, entry.owned);
+}
+
+void TileCache::unpin(const std::shared_ptr<Entry>& entry) {
+  const std::lock_guard lock(mutex_);
+  if (--entry->pins > 0) return;
+  entry->place = unpinned_.insert(unpinned_.end(), entry->id);
+  if (statistics_.decoded_bytes > budget_) evict_locked(budget_);
+}
+
+void TileCache::evict_locked(std::uint64_t budget) {
+  while (statistics_.decoded_bytes > budget && !unpinned_.empty()) {
+    const auto found = entries_.find(unpinned_.front());
+    unpinned_.pop_front();
+    statistics_.decoded_bytes -= found->second->cost;
+    entries_.erase(found);
+  }
+}
+
+CacheStatistics TileCache::statistics() const {
+  const std::lock_guard lock(mutex_);
+  return statistics_;
+}
+
+void TileCache::reset_peak() {
+  const std::lock_guard lock(mutex_);
+  statistics_.decoded_peak_bytes = statistics_.decoded_bytes;
+}
+
+void TileCache::clear() {
+  const std::lock_guard lock(mutex_);
+  evict_locked(0);
+}
+
+}  // namespace slf

@@ -1,0 +1,97 @@
+// TileCache: decoded tiles of one field, within a byte budget.
+//
+// A tile is found, checked and decoded once, by whoever asks first; others wait for it. Pinned
+// tiles stay; of the rest, the least recently used are dropped when the budget is reached. Only
+// pinned tiles can exceed it: keep few pins at a time.
+//
+// Tiles of an in-place codec (raw) are views of the map and cost nothing here.
+#pragma once
+
+#include <condition_variable>
+#include <cstdint>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <unordered_map>
+#include <vector>
+
+#include "base/error.h"
+#include "field/field.h"
+
+namespace slf {
+
+struct CacheStatistics {
+  std::uint64_t hits = 0;
+  std::uint64_t decodes = 0;
+  std::uint64_t decoded_bytes = 0;       ///< kept now
+  std::uint64_t decoded_peak_bytes = 0;  ///< the most kept at any time
+};
+
+class TileCache {
+  struct Entry;
+
+ public:
+  /// A tile that cannot be evicted while this lives. Move-only; must not outlive the cache.
+  class Pin {
+   public:
+    Pin() = default;
+    Pin(Pin&& other) noexcept : cache_(other.cache_), entry_(std::move(other.entry_)) {
+      other.cache_ = nullptr;
+    }
+    Pin& operator=(Pin&& other) noexcept;
+    ~Pin() { release(); }
+
+    [[nodiscard]] storage::TileState state() const;
+    /// The samples of a stored tile, as codec::Tile lays them out; null when empty or missing.
+    [[nodiscard]] const std::byte* samples() const;
+    [[nodiscard]] const storage::TileRef& tile() const;
+
+   private:
+    friend class TileCache;
+    Pin(TileCache* cache, std::shared_ptr<Entry> entry) : cache_(cache), entry_(std::move(entry)) {}
+    void release();
+
+    TileCache* cache_ = nullptr;
+    std::shared_ptr<Entry> entry_;
+  };
+
+  /// Borrows the field. `budget` bytes of decoded samples.
+  TileCache(const Field& field, std::uint64_t budget) : field_(field), budget_(budget) {}
+
+  /// Thread-safe. Any error of finding, checking or decoding; it is not remembered.
+  [[nodiscard]] Result<Pin> get(storage::LayerId layer, TileKey key);
+
+  [[nodiscard]] CacheStatistics statistics() const;
+  void reset_peak();
+  /// Drops everything that is not pinned.
+  void clear();
+
+ private:
+  struct Id {
+    storage::LayerId layer;
+    TileKey key;
+    friend bool operator==(const Id&, const Id&) = default;
+  };
+  struct Hash {
+    std::size_t operator()(const Id& id) const {
+      return (id.key.index * 0x9E3779B97F4A7C15u) ^ (std::size_t{id.key.level} << 56) ^
+             (std::size_t{id.layer} << 60);
+    }
+  };
+
+  void unpin(const std::shared_ptr<Entry>& entry);
+  void evict_locked(std::uint64_t budget);
+  /// Makes room for an entry and counts it.
+  void charge(Entry& entry, std::uint64_t bytes);
+  [[nodiscard]] Result<void> load(Entry& entry, const Id& id);
+
+  const Field& field_;
+  const std::uint64_t budget_;
+  mutable std::mutex mutex_;
+  std::condition_variable loaded_;
+  std::unordered_map<Id, std::shared_ptr<Entry>, Hash> entries_;
+  std::list<Id> unpinned_;  // least recently used first
+  CacheStatistics statistics_;
+};
+
+}  // namespace slf

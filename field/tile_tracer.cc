@@ -1,0 +1,141 @@
+#include "field/tile_tracer.h"
+
+#include <Imath/half.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace slf {
+namespace {
+
+std::vector<glm::dvec3> world_points(const FieldShape& shape, Section section, std::uint32_t side,
+                                     std::span<const LatticePoint> locals) {
+  std::vector<glm::dvec3> points;
+  points.reserve(locals.size());
+  for (const LatticePoint& local : locals)
+    points.push_back(shape.sphere.center +
+                     shape.sphere.radius * direction(vertex_at(section, local, side)));
+  return points;
+}
+
+std::vector<LatticePoint> whole_triangle(std::uint32_t side) {
+  std::vector<LatticePoint> points;
+  for (std::uint16_t q = 0; q <= side; ++q)
+    for (std::uint16_t p = 0; p + q <= side; ++p) points.push_back({p, q});
+  return points;
+}
+
+std::byte to_byte(float value) {
+  return static_cast<std::byte>(std::lround(std::clamp(value, 0.f, 1.f) * 255));
+}
+
+void store_color(const glm::vec4& rgba, codec::SampleFormat format, std::byte* to) {
+  if (format == codec::SampleFormat::rgba16f) {
+    for (int c = 0; c < 4; ++c) store_le<std::uint16_t>(to + 2 * c, Imath::half(rgba[c]).bits());
+    return;
+  }
+  to[3] = to_byte(rgba.a);
+  for (int c = 0; c < 3; ++c) to[c] = std::min(to_byte(rgba[c]), to[3]);
+}
+
+/// Depth means nothing where nothing is seen. What stands there should cost few bytes and blur
+/// well: along each line, a ramp between what is defined; other lines repeat their neighbour.
+void fill_undefined_depth(std::byte* picture, const std::vector<bool>& defined,
+                          std::uint32_t side) {
+  const auto line = [&](std::uint32_t q) { return triangle_index(side, 0, q); };
+  std::vector<bool> filled(side + 1, false);
+  for (std::uint32_t q = 0; q <= side; ++q) {
+    const std::uint32_t begin = line(q), length = side + 1 - q;
+    std::int64_t last = -1;
+    for (std::uint32_t p = 0; p < length; ++p) {
+      if (!defined[begin + p]) continue;
+      const int right = std::to_integer<int>(picture[begin + p]);
+      const int left = last < 0 ? right : std::to_integer<int>(picture[begin + last]);
+      const auto gap = static_cast<int>(p - last);
+      for (auto k = static_cast<std::uint32_t>(last + 1); k < p; ++k) {
+        const int along = static_cast<int>(k - last);
+        picture[begin + k] = static_cast<std::byte>(left + (right - left) * along / gap);
+      }
+      last = p;
+    }
+    if (last < 0) continue;
+    std::fill(picture + begin + last + 1, picture + begin + length, picture[begin + last]);
+    filled[q] = true;
+  }
+  const auto copy_line = [&](std::uint32_t from, std::uint32_t to) {
+    const std::uint32_t have = side + 1 - from;
+    for (std::uint32_t p = 0; p < side + 1 - to; ++p)
+      picture[line(to) + p] = picture[line(from) + std::min(p, have - 1)];
+    filled[to] = true;
+  };
+  for (std::uint32_t q = 1; q <= side; ++q)
+    if (filled[q - 1] && !filled[q]) copy_line(q - 1, q);
+  for (std::uint32_t q = side; q-- > 0;)
+    if (filled[q + 1] && !filled[q]) copy_line(q + 1, q);
+}
+
+}  // namespace
+
+TileTracer::TileTracer(const Scene& scene, const Manifest& manifest)
+    : scene_(scene), shape_(manifest.shape) {
+  for (const Layer& layer : manifest.layers) formats_.push_back(layer.format);
+  for (unsigned level = 0; level <= shape_.levels; ++level) levels_.emplace_back(shape_, level);
+}
+
+codec::Tile TileTracer::shape(TileKey key, codec::SampleFormat format) const {
+  return levels_[key.level].tile(sections_of(key, shape_.entry_depth).entry.index, format);
+}
+
+std::uint64_t TileTracer::slabs(TileKey key) const {
+  const codec::Tile tile = shape(key, codec::SampleFormat::rgba8);
+  return tile.rows() * tile.columns();
+}
+
+std::uint64_t TileTracer::slabs(unsigned level) const {
+  // Every entry vertex is owned once; every exit section holds a whole triangle.
+  return vertex_count(shape_.entry_resolution(level)) * section_count(level) *
+         triangle_size(shape_.exit_side);
+}
+
+void TileTracer::trace(TileKey key, TracedTile& tile) const {
+  const TileSections sections = sections_of(key, shape_.entry_depth);
+  const codec::Tile layout = shape(key, codec::SampleFormat::rgba8);
+  const auto entries =
+      world_points(shape_, sections.entry, shape_.entry_section_side(), layout.positions);
+  const auto exits =
+      world_points(shape_, sections.exit, shape_.exit_side, whole_triangle(shape_.exit_side));
+
+  const std::size_t columns = layout.columns();
+  tile.key = key;
+  tile.empty = true;
+  tile.slabs = layout.rows() * columns;
+  tile.layers.resize(formats_.size());
+  for (std::size_t k = 0; k < formats_.size(); ++k)
+    tile.layers[k].assign(tile.slabs * codec::sample_bytes(formats_[k]), std::byte{0});
+
+  std::vector<bool> defined(columns);
+  for (std::size_t row = 0; row < entries.size(); ++row) {
+    bool any = false;
+    for (std::size_t column = 0; column < columns; ++column) {
+      const RaySample sample = scene_.trace(entries[row], exits[column]);
+      defined[column] = sample.rgba.a > 0;
+      if (!defined[column]) continue;
+      any = true;
+      const std::size_t at = row * columns + column;
+      for (std::size_t k = 0; k < formats_.size(); ++k) {
+        std::byte* to = tile.layers[k].data() + at * codec::sample_bytes(formats_[k]);
+        if (formats_[k] == codec::SampleFormat::depth8)
+          *to = to_byte(sample.depth);
+        else
+          store_color(sample.rgba, formats_[k], to);
+      }
+    }
+    if (!any) continue;
+    tile.empty = false;
+    for (std::size_t k = 0; k < formats_.size(); ++k)
+      if (formats_[k] == codec::SampleFormat::depth8)
+        fill_undefined_depth(tile.layers[k].data() + row * columns, defined, shape_.exit_side);
+  }
+}
+
+}  // namespace slf

@@ -1,0 +1,39 @@
+// TileTracer: samples one tile's slabs from a scene, in the formats of a manifest's layers.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "field/level_geometry.h"
+#include "field/manifest.h"
+#include "field/scene.h"
+
+namespace slf {
+
+/// A tile's samples before encoding; reused from tile to tile.
+struct TracedTile {
+  TileKey key;
+  bool empty = true;  ///< nothing visible anywhere; `layers` is then meaningless
+  std::uint64_t slabs = 0;
+  std::vector<Bytes> layers;  ///< in the manifest's order, each laid out as codec::Tile says
+};
+
+/// Thread-safety: const members from many threads. Borrows the scene.
+class TileTracer {
+ public:
+  TileTracer(const Scene& scene, const Manifest& manifest);
+
+  void trace(TileKey key, TracedTile& tile) const;
+
+  [[nodiscard]] codec::Tile shape(TileKey key, codec::SampleFormat format) const;
+  [[nodiscard]] std::uint64_t slabs(TileKey key) const;
+  [[nodiscard]] std::uint64_t slabs(unsigned level) const;
+
+ private:
+  const Scene& scene_;
+  FieldShape shape_;
+  std::vector<codec::SampleFormat> formats_;
+  std::vector<LevelGeometry> levels_;
+};
+
+}  // namespace slf
