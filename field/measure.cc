@@ -106,7 +106,7 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
       const auto image =
           renderer.render(options.cameras[v], {options.mode, level, false}, &statistics);
       if (!image) return tl::unexpected(image.error());
-      const auto pairs = crossed_pairs(field, options.cameras[v], level);
+      const auto pairs = crossed_pairs(field.shape(), options.cameras[v], level);
       if (!pairs) return tl::unexpected(pairs.error());
       const ViewCost cost{static_cast<double>(statistics.tiles.size()),
                           static_cast<double>(pairs->size()),

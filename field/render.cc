@@ -367,16 +367,16 @@ Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
   return image;
 }
 
-Result<std::vector<TileKey>> crossed_pairs(const Field& field, const Camera& camera,
+Result<std::vector<TileKey>> crossed_pairs(const FieldShape& shape, const Camera& camera,
                                            unsigned level) {
   const auto rays = RayGenerator::make(camera);
   if (!rays) return tl::unexpected(rays.error());
-  const unsigned entry_level = level + field.shape().entry_depth;
+  const unsigned entry_level = level + shape.entry_depth;
   std::vector<TileKey> keys;
   for (std::uint32_t y = 0; y < camera.height; ++y) {
     for (std::uint32_t x = 0; x < camera.width; ++x) {
       Ray ray;
-      if (!cross_sphere(field.shape().sphere, rays->ray(x, y), ray)) continue;
+      if (!cross_sphere(shape.sphere, rays->ray(x, y), ray)) continue;
       const TileKey key =
           tile_key({locate_section(ray.enter, entry_level), locate_section(ray.leave, level)});
       if (keys.empty() || keys.back() != key) keys.push_back(key);

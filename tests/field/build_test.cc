@@ -1,0 +1,234 @@
+#include "field/build.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "field/analytic.h"
+#include "field/field.h"
+#include "field/tile_tracer.h"
+#include "tests/field/field_testing.h"
+
+namespace slf {
+namespace {
+
+using testing::all_tiles;
+using testing::build_and_open;
+using testing::FunctionScene;
+using testing::lossless_options;
+using testing::TemporaryFolder;
+
+std::unique_ptr<Scene> balls() { return std::move(*make_analytic_scene("balls")); }
+
+TEST(Build, EveryTileOfEveryLevelIsThere) {
+  TemporaryFolder folder;
+  const auto scene = balls();
+  const auto field = build_and_open(*scene, folder / "a.slf", lossless_options(2, 4, 2));
+  ASSERT_TRUE(field);
+  const auto content = field->content();
+  ASSERT_TRUE(content);
+  EXPECT_TRUE(content->complete);
+  for (const LevelContent& level : content->levels) {
+    EXPECT_EQ(level.stored + level.empty, 64ull << (4 * level.level));
+    EXPECT_GT(level.stored, 0);
+    EXPECT_EQ(level.slabs, (4ull * (2 << level.level) * (2 << level.level) + 2) *
+                               (4ull * (4 << level.level) * (4 << level.level) + 2));
+  }
+  EXPECT_GT(content->levels[2].empty, 0);
+}
+
+TEST(Build, SamplesAreTheScenesRays) {
+  TemporaryFolder folder;
+  const auto scene = balls();
+  const auto field = build_and_open(*scene, folder / "a.slf", lossless_options(2, 4, 1));
+  ASSERT_TRUE(field);
+  std::size_t checked = 0;
+  for (std::uint64_t index = 0; index < tile_count(1, 0); index += 7) {
+    const TileKey key{1, index};
+    const auto tile = field->store().find(0, key);
+    ASSERT_TRUE(tile);
+    const codec::Tile shape = field->tile_shape(0, key);
+    std::vector<std::byte> samples(shape.bytes());
+    if (tile->state == storage::TileState::stored) {
+      ASSERT_TRUE(field->decode(*tile, samples));
+    } else {
+      ASSERT_EQ(tile->state, storage::TileState::empty);
+    }
+    const TileSections sections = sections_of(key, 0);
+    for (std::size_t row = 0; row < shape.rows(); ++row)
+      for (std::uint16_t q = 0; q <= 4; ++q)
+        for (std::uint16_t p = 0; p + q <= 4; ++p) {
+          const glm::dvec3 from = direction(vertex_at(sections.entry, shape.positions[row], 2));
+          const glm::dvec3 to = direction(vertex_at(sections.exit, {p, q}, 4));
+          const RaySample truth = scene->trace(from, to);
+          const std::byte* at = &samples[(row * shape.columns() + triangle_index(4, p, q)) * 4];
+          for (int c = 0; c < 4; ++c)
+            EXPECT_NEAR(std::to_integer<int>(at[c]), truth.rgba[c] * 255, 0.51);
+          ++checked;
+        }
+  }
+  EXPECT_GT(checked, 1000u);
+}
+
+TEST(Build, ContentDoesNotDependOnThreads) {
+  TemporaryFolder folder;
+  const auto scene = balls();
+  auto options = lossless_options(2, 4, 2);
+  options.color_codec = "jpeg:75";
+  options.threads = 1;
+  const auto one = build_and_open(*scene, folder / "1.slf", options);
+  options.threads = 7;
+  const auto seven = build_and_open(*scene, folder / "7.slf", options);
+  ASSERT_TRUE(one && seven);
+  EXPECT_EQ(all_tiles(*one), all_tiles(*seven));
+}
+
+TEST(Build, StoppedAnywhereItResumesToTheSameContent) {
+  TemporaryFolder folder;
+  const auto scene = balls();
+  auto options = lossless_options(2, 4, 2);
+  options.color_codec = "jpeg:75";
+  const auto whole = build_and_open(*scene, folder / "whole.slf", options);
+  ASSERT_TRUE(whole);
+  const std::string path = folder / "parts.slf";
+  int stops = 0;
+  for (std::uint64_t limit = 1;; limit = limit * 2 + 37) {
+    std::uint64_t calls = 0;
+    const auto report =
+        build_field(*scene, path, options, [&](const Progress&) { return ++calls < limit; });
+    if (report) {
+      EXPECT_GT(report->resumed, 0u);
+      break;
+    }
+    ASSERT_EQ(report.error().code, ErrorCode::failed) << report.error().message;
+    ++stops;
+    const auto partial = Field::open(path);
+    ASSERT_TRUE(partial) << partial.error().message;
+    EXPECT_FALSE((*partial)->content()->complete);
+  }
+  EXPECT_GT(stops, 4);
+  const auto parts = Field::open(path);
+  ASSERT_TRUE(parts);
+  EXPECT_EQ(all_tiles(*whole), all_tiles(**parts));
+}
+
+TEST(Build, RefusesWhatIsNotItsOwnUnfinishedField) {
+  TemporaryFolder folder;
+  const auto scene = balls();
+  const auto options = lossless_options(2, 4, 0);
+  ASSERT_TRUE(build_field(*scene, folder / "a.slf", options));
+  const auto again = build_field(*scene, folder / "a.slf", options);
+  ASSERT_FALSE(again);
+  EXPECT_EQ(again.error().code, ErrorCode::usage);
+  EXPECT_NE(again.error().message.find("complete"), std::string::npos);
+
+  auto other = options;
+  other.shape.exit_side = 5;
+  const auto mixed = build_field(*scene, folder / "a.slf", other);
+  ASSERT_FALSE(mixed);
+  EXPECT_NE(mixed.error().message.find("exit_side"), std::string::npos) << mixed.error().message;
+
+  std::ofstream(folder / "text.slf") << "not a field";
+  EXPECT_EQ(build_field(*scene, folder / "text.slf", options).error().code, ErrorCode::bad_file);
+  EXPECT_EQ(build_field(*scene, folder / "no/such/folder.slf", options).error().code,
+            ErrorCode::io);
+}
+
+TEST(Build, AbsurdShapesAreRefused) {
+  TemporaryFolder folder;
+  const auto scene = balls();
+  for (const auto& [entry, exit, levels, depth] :
+       std::vector<std::array<unsigned, 4>>{{0, 4, 1, 0},
+                                            {4, 0, 1, 0},
+                                            {4, 4, 99, 0},
+                                            {1024, 1024, 0, 0},
+                                            {3, 4, 1, 1},
+                                            {1024, 1, 9, 0}}) {
+    auto options = lossless_options(entry, exit, levels);
+    options.shape.entry_depth = depth;
+    const auto built = build_field(*scene, folder / "a.slf", options);
+    ASSERT_FALSE(built);
+    EXPECT_EQ(built.error().code, ErrorCode::usage);
+    EXPECT_FALSE(std::filesystem::exists(folder / "a.slf"));
+  }
+  auto options = lossless_options(2, 4, 0);
+  options.color_codec = "gif";
+  EXPECT_EQ(build_field(*scene, folder / "a.slf", options).error().code, ErrorCode::usage);
+  EXPECT_FALSE(std::filesystem::exists(folder / "a.slf"));
+}
+
+TEST(Build, EmptyScenesBuildToEmptyTiles) {
+  TemporaryFolder folder;
+  const FunctionScene nothing([](const glm::dvec3&, const glm::dvec3&) { return RaySample{}; });
+  const auto field = build_and_open(nothing, folder / "a.slf", lossless_options(2, 2, 1));
+  ASSERT_TRUE(field);
+  const auto content = field->content();
+  EXPECT_TRUE(content->complete);
+  EXPECT_EQ(content->payload_bytes, 0u);
+  EXPECT_EQ(content->levels[1].empty, 1024u);
+}
+
+TEST(Build, HalfFloatColourIsKeptBitForBit) {
+  TemporaryFolder folder;
+  const FunctionScene bright([](const glm::dvec3& a, const glm::dvec3& b) {
+    return RaySample{{float(3 + a.x), float(100 * (1 + b.y)), 1e-3f, 1}, 0.5f};
+  });
+  auto options = lossless_options(2, 3, 1);
+  options.half = true;
+  const auto field = build_and_open(bright, folder / "a.slf", options);
+  ASSERT_TRUE(field);
+  Manifest manifest = field->manifest();
+  const TileTracer tracer(bright, manifest);
+  for (std::uint64_t index = 0; index < tile_count(1, 0); index += 31) {
+    const auto tile = field->store().find(0, {1, index});
+    ASSERT_TRUE(tile);
+    std::vector<std::byte> samples(field->tile_shape(0, {1, index}).bytes());
+    ASSERT_TRUE(field->decode(*tile, samples));
+    TracedTile traced;
+    tracer.trace({1, index}, traced);
+    EXPECT_EQ(samples, traced.layers[0]);
+  }
+}
+
+TEST(LevelGeometry, TablesAgreeWithTheSectionFunctions) {
+  FieldShape shape;
+  shape.entry_side = 4;
+  shape.exit_side = 3;
+  for (unsigned depth = 0; depth <= 2; ++depth) {
+    shape.entry_depth = depth;
+    for (unsigned level = 0; level <= 2; ++level) {
+      const LevelGeometry geometry(shape, level);
+      const auto n = geometry.entry_resolution();
+      for (unsigned octant = 0; octant < 8; ++octant)
+        for (std::int32_t y = 0; y <= n; ++y)
+          for (std::int32_t x = 0; x + y <= n; ++x) {
+            const Vertex v = to_vertex(octant, {x, y}, n);
+            const EntryRow found = geometry.entry_row(octant, {x, y});
+            const Section owner = owner_of(v, level + depth);
+            ASSERT_EQ(found.section, owner.index);
+            const auto rows = geometry.rows(found.section);
+            ASSERT_LT(found.row, rows.size());
+            EXPECT_EQ(vertex_at(owner, rows[found.row], shape.entry_section_side()), v);
+          }
+      const auto m = geometry.exit_resolution();
+      for (unsigned octant = 0; octant < 8; ++octant)
+        for (std::int32_t y = 0; y < m; ++y)
+          for (std::int32_t x = 0; x + y < m; ++x)
+            for (const bool inverted : {false, true}) {
+              if (inverted && x + y + 1 >= m) continue;
+              const Cell cell{octant, {x, y}, inverted, {}};
+              const auto found = geometry.exit_cell(cell);
+              const Section section = section_of(cell, shape.exit_side, level);
+              ASSERT_EQ(found.section, section.index);
+              const auto corners = cell.corners();
+              for (int c = 0; c < 3; ++c) {
+                const LatticePoint local = to_local(corners[c], section, shape.exit_side);
+                EXPECT_EQ(found.columns[c], triangle_index(shape.exit_side, local.p, local.q));
+              }
+            }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace slf

@@ -1,0 +1,88 @@
+// What tests of fields share: temporary folders, small fields, scenes with known answers.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <string>
+
+#include "field/build.h"
+#include "field/field.h"
+#include "field/scene.h"
+
+namespace slf::testing {
+
+/// A folder of one test, removed with it.
+class TemporaryFolder {
+ public:
+  TemporaryFolder() {
+    std::string name = std::filesystem::temp_directory_path() / "slf-test-XXXXXX";
+    path_ = mkdtemp(name.data());
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  [[nodiscard]] std::string operator/(const std::string& name) const { return path_ + "/" + name; }
+
+ private:
+  std::string path_;
+};
+
+/// A scene whose rays are a function of their two points on the unit sphere.
+class FunctionScene final : public Scene {
+ public:
+  using Function = std::function<RaySample(const glm::dvec3&, const glm::dvec3&)>;
+  explicit FunctionScene(Function f) : f_(std::move(f)) {}
+  Sphere bounds() const override { return {glm::dvec3(0), 1}; }
+  RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override {
+    return f_(from, to);
+  }
+  nlohmann::json provenance() const override { return {{"kind", "function"}}; }
+
+ private:
+  Function f_;
+};
+
+inline BuildOptions lossless_options(std::uint32_t entry, std::uint32_t exit, unsigned levels) {
+  BuildOptions options;
+  options.shape.sphere.radius = 0;
+  options.shape.entry_side = entry;
+  options.shape.exit_side = exit;
+  options.shape.levels = levels;
+  options.color_codec = "zstd:1";
+  options.depth_codec = "zstd:1";
+  options.threads = 2;
+  return options;
+}
+
+inline std::unique_ptr<Field> build_and_open(const Scene& scene, const std::string& path,
+                                             const BuildOptions& options) {
+  const auto report = build_field(scene, path, options);
+  EXPECT_TRUE(report) << (report ? "" : report.error().message);
+  auto field = Field::open(path);
+  EXPECT_TRUE(field) << (field ? "" : field.error().message);
+  return field ? std::move(*field) : nullptr;
+}
+
+/// Every tile's payload, by layer and key: what two equal fields share byte for byte.
+inline std::map<std::pair<storage::LayerId, TileKey>, std::string> all_tiles(const Field& field) {
+  std::map<std::pair<storage::LayerId, TileKey>, std::string> tiles;
+  for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
+    const auto ok = field.store().visit(
+        layer, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
+          if (tile.state == storage::TileState::stored) {
+            if (auto checked = field.store().check(tile); !checked) return checked;
+          }
+          tiles[{layer, tile.key}] = {reinterpret_cast<const char*>(tile.payload.data()),
+                                      tile.payload.size()};
+          return {};
+        });
+    EXPECT_TRUE(ok) << (ok ? "" : ok.error().message);
+  }
+  return tiles;
+}
+
+}  // namespace slf::testing

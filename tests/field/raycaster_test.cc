@@ -1,0 +1,312 @@
+#include "field/raycaster.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <limits>
+#include <random>
+
+namespace slf {
+namespace {
+
+template <class T>
+Volume make_volume(std::array<std::uint32_t, 3> dims, ScalarType type,
+                   const std::function<double(int, int, int)>& f) {
+  Volume v;
+  v.dims = dims;
+  v.type = type;
+  v.source = "test";
+  for (std::uint32_t z = 0; z < dims[2]; ++z)
+    for (std::uint32_t y = 0; y < dims[1]; ++y)
+      for (std::uint32_t x = 0; x < dims[0]; ++x) {
+        const T value =
+            static_cast<T>(f(static_cast<int>(x), static_cast<int>(y), static_cast<int>(z)));
+        const auto* bytes = reinterpret_cast<const std::byte*>(&value);
+        v.voxels.insert(v.voxels.end(), bytes, bytes + sizeof value);
+      }
+  return v;
+}
+
+TransferFunction ramp(double low, double high, double opacity) {
+  TransferFunction t;
+  t.colors = {{low, {0.2, 0.4, 0.6}}, {high, {1.0, 0.8, 0.5}}};
+  t.opacities = {{low, 0, 0.5, 0}, {high, opacity, 0.5, 0}};
+  return t;
+}
+
+TransferFunction constant(double opacity) {
+  TransferFunction t;
+  t.colors = {{0, {1, 0.5, 0.25}}};
+  t.opacities = {{0, opacity, 0.5, 0}};
+  return t;
+}
+
+std::unique_ptr<Raycaster> make(Volume v, const TransferFunction& t, const RaycastOptions& o = {}) {
+  auto made = Raycaster::make(std::move(v), t, o);
+  EXPECT_TRUE(made) << (made ? "" : made.error().message);
+  return std::move(*made);
+}
+
+glm::dvec3 random_point(std::mt19937& random, double radius) {
+  std::normal_distribution<double> normal;
+  return radius * glm::normalize(glm::dvec3(normal(random), normal(random), normal(random)));
+}
+
+Volume blobs(std::uint32_t seed) {
+  std::mt19937 random(seed);
+  std::vector<glm::dvec4> balls;
+  for (int k = 0; k < 6; ++k)
+    balls.push_back({random() % 40, random() % 33, random() % 27, 2 + random() % 5});
+  return make_volume<std::uint8_t>({40, 33, 27}, ScalarType::u8, [&](int x, int y, int z) {
+    double value = 0;
+    for (const auto& b : balls)
+      value = std::max(value, 200 * (1 - glm::distance(glm::dvec3(x, y, z), glm::dvec3(b)) / b.w));
+    return value;
+  });
+}
+
+TEST(Raycaster, LeapingOverEmptySpaceChangesNothing) {
+  for (std::uint32_t seed = 1; seed <= 4; ++seed) {
+    RaycastOptions options;
+    const auto leaping = make(blobs(seed), ramp(20, 120, 0.6), options);
+    options.leap = false;
+    const auto plain = make(blobs(seed), ramp(20, 120, 0.6), options);
+    const Sphere s = leaping->bounds();
+    std::mt19937 random(seed);
+    int visible = 0;
+    for (int k = 0; k < 3000; ++k) {
+      const glm::dvec3 from = s.center + random_point(random, s.radius);
+      const glm::dvec3 to = s.center + random_point(random, s.radius);
+      const RaySample a = leaping->trace(from, to), b = plain->trace(from, to);
+      EXPECT_EQ(a.rgba, b.rgba);
+      EXPECT_EQ(a.depth, b.depth);
+      visible += a.rgba.a > 0;
+    }
+    EXPECT_GT(visible, 100);
+  }
+}
+
+TEST(Raycaster, BoundsHoldEverythingVisible) {
+  const auto caster = make(blobs(3), ramp(20, 120, 0.6));
+  const Sphere s = caster->bounds();
+  std::mt19937 random(3);
+  for (int k = 0; k < 3000; ++k) {  // rays outside the sphere see nothing
+    const glm::dvec3 n = random_point(random, 1);
+    const glm::dvec3 t = glm::normalize(glm::cross(n, random_point(random, 1)));
+    const glm::dvec3 at = s.center + 1.0001 * s.radius * n;
+    EXPECT_EQ(caster->trace(at - 200.0 * t, at + 200.0 * t).rgba.a, 0);
+  }
+}
+
+TEST(Raycaster, OpacityFollowsThePathLengthWhateverTheStep) {
+  // A homogeneous box: transmittance is (1 - opacity)^length, in units of unit_distance.
+  for (const double step : {0.2, 0.5, 1.0}) {
+    for (const double unit : {1.0, 2.5}) {
+      auto v =
+          make_volume<std::uint8_t>({31, 31, 31}, ScalarType::u8, [](int, int, int) { return 9; });
+      TransferFunction t = constant(0.04);
+      t.unit_distance = unit;
+      RaycastOptions options;
+      options.step = step;
+      options.shade = false;
+      const auto caster = make(std::move(v), t, options);
+      const RaySample s = caster->trace({15, 15, -40}, {15, 15, 80});
+      EXPECT_NEAR(s.rgba.a, 1 - std::pow(1 - 0.04, 30 / unit), 0.04 * step / unit + 1e-4);
+      EXPECT_NEAR(s.rgba.r / s.rgba.a, 1, 1e-5);
+      EXPECT_NEAR(s.rgba.b / s.rgba.a, 0.25, 1e-5);
+    }
+  }
+}
+
+TEST(Raycaster, DepthIsWhereTheOpacityIs) {
+  auto v = make_volume<std::uint8_t>({21, 21, 41}, ScalarType::u8,
+                                     [](int, int, int z) { return z >= 30 && z <= 32 ? 100 : 0; });
+  const auto caster = make(std::move(v), ramp(50, 60, 0.999));
+  const RaySample s = caster->trace({10, 10, -10}, {10, 10, 90});
+  EXPECT_GT(s.rgba.a, 0.99);
+  EXPECT_NEAR(s.depth * 100 - 10, 29.5, 0.8);  // the iso-surface between 29 and 30
+  const RaySample back = caster->trace({10, 10, 90}, {10, 10, -10});
+  EXPECT_NEAR(90 - back.depth * 100, 32.5, 0.8);
+}
+
+TEST(Raycaster, AxesSpacingAndOriginPlaceTheVolumeInTheWorld) {
+  // One bright voxel, seen from three sides, in a rotated, anisotropic, mirrored volume.
+  auto v = make_volume<std::int16_t>({12, 10, 14}, ScalarType::i16, [](int x, int y, int z) {
+    return x == 7 && y == 3 && z == 9 ? 1000 : -1000;
+  });
+  v.axes = glm::dmat3(glm::dvec3(0, 2, 0), glm::dvec3(-0.5, 0, 0), glm::dvec3(0, 0, -1.5));
+  v.origin = {5, -7, 11};
+  const glm::dvec3 at = v.origin + v.axes * glm::dvec3(7, 3, 9);
+  RaycastOptions options;
+  options.step = 0.1;
+  const auto caster = make(std::move(v), ramp(400, 600, 0.9), options);
+  for (int axis = 0; axis < 3; ++axis) {
+    glm::dvec3 from = at, to = at;
+    from[axis] -= 50;
+    to[axis] += 50;
+    const RaySample s = caster->trace(from, to);
+    EXPECT_GT(s.rgba.a, 0.02);
+    EXPECT_NEAR(s.depth, 0.5, 0.012);
+    from[(axis + 1) % 3] += 4;
+    to[(axis + 1) % 3] += 4;
+    EXPECT_EQ(caster->trace(from, to).rgba.a, 0);
+  }
+}
+
+TEST(Raycaster, SlopeAndInterceptMeanTheValuesTheySay) {
+  const auto f = [](int x, int y, int z) { return (x * 7 + y * 5 + z * 3) % 50; };
+  auto stored = make_volume<std::uint8_t>({20, 20, 20}, ScalarType::u8, f);
+  stored.slope = -2.5;
+  stored.intercept = 40;
+  auto values = make_volume<float>({20, 20, 20}, ScalarType::f32,
+                                   [&](int x, int y, int z) { return 40 - 2.5 * f(x, y, z); });
+  RaycastOptions options;
+  options.shade = true;
+  const auto a = make(std::move(stored), ramp(-40, 40, 0.2), options);
+  const auto b = make(std::move(values), ramp(-40, 40, 0.2), options);
+  std::mt19937 random(5);
+  for (int k = 0; k < 500; ++k) {
+    const glm::dvec3 from = a->bounds().center + random_point(random, 30);
+    const glm::dvec3 to = a->bounds().center + random_point(random, 30);
+    const RaySample s = a->trace(from, to), t = b->trace(from, to);
+    for (int c = 0; c < 4; ++c) EXPECT_NEAR(s.rgba[c], t.rgba[c], 0.01);
+  }
+}
+
+TEST(Raycaster, AllScalarTypesAgree) {
+  const auto f = [](int x, int y, int z) { return (x * x + y * 3 + z) % 100; };
+  const auto reference =
+      make(make_volume<float>({16, 15, 14}, ScalarType::f32, f), ramp(10, 90, 0.3));
+  const auto check = [&]<class T>(T, ScalarType type) {
+    const auto other = make(make_volume<T>({16, 15, 14}, type, f), ramp(10, 90, 0.3));
+    std::mt19937 random(6);
+    for (int k = 0; k < 200; ++k) {
+      const glm::dvec3 from = reference->bounds().center + random_point(random, 20);
+      const glm::dvec3 to = reference->bounds().center + random_point(random, 20);
+      const RaySample s = other->trace(from, to), t = reference->trace(from, to);
+      for (int c = 0; c < 4; ++c) EXPECT_NEAR(s.rgba[c], t.rgba[c], 0.01) << name(type);
+    }
+  };
+  check(std::uint8_t{}, ScalarType::u8);
+  check(std::int8_t{}, ScalarType::i8);
+  check(std::uint16_t{}, ScalarType::u16);
+  check(std::int16_t{}, ScalarType::i16);
+  check(std::uint32_t{}, ScalarType::u32);
+  check(std::int32_t{}, ScalarType::i32);
+  check(std::uint64_t{}, ScalarType::u64);
+  check(std::int64_t{}, ScalarType::i64);
+  check(double{}, ScalarType::f64);
+}
+
+TEST(Raycaster, LabelsAreNeverBlended) {
+  // Label 2 lies between 1 and 3: interpolation would show it at every border of the two.
+  auto v = make_volume<std::uint8_t>({24, 24, 24}, ScalarType::u8, [](int x, int y, int z) {
+    const double r = glm::length(glm::dvec3(x, y, z) - 11.5);
+    return r > 10 ? 0 : x < 12 ? 1 : 3;
+  });
+  v.labels = true;
+  TransferFunction t;
+  t.space = TransferFunction::Space::step;
+  t.colors = {{0, {0, 0, 0}}, {1, {1, 0, 0}}, {2, {0, 1, 0}}, {3, {0, 0, 1}}};
+  t.opacities = {{0, 0, 0.5, 1}, {1, 1, 0.5, 1}, {3, 1, 0.5, 1}};
+  const auto caster = make(std::move(v), t);
+  std::mt19937 random(7);
+  int visible = 0;
+  for (int k = 0; k < 2000; ++k) {
+    const glm::dvec3 from = glm::dvec3(11.5) + random_point(random, 30);
+    const RaySample s = caster->trace(from, glm::dvec3(23) - from);
+    EXPECT_EQ(s.rgba.g, 0);
+    EXPECT_TRUE(s.rgba.r == 0 || s.rgba.b == 0);
+    visible += s.rgba.a > 0.9;
+  }
+  EXPECT_GT(visible, 1500);
+}
+
+TEST(Raycaster, LabelIdsBeyondSixteenBitsAreKeptApart) {
+  const std::uint32_t far = 4000000000u;
+  auto v = make_volume<std::uint32_t>({9, 9, 9}, ScalarType::u32, [&](int x, int, int) {
+    return x < 3 ? 0.0 : x < 6 ? 70000.0 : static_cast<double>(far);
+  });
+  v.labels = true;
+  TransferFunction t;
+  t.space = TransferFunction::Space::step;
+  t.colors = {{0, {0, 0, 0}}, {70000, {1, 0, 0}}, {4e9, {0, 0, 1}}};
+  t.opacities = {{0, 0, 0.5, 1}, {70000, 1, 0.5, 1}, {4e9, 1, 0.5, 1}};
+  const auto caster = make(std::move(v), t);
+  EXPECT_GT(caster->trace({-20, 4, 4}, {30, 4, 4}).rgba.r, 0.1);
+  EXPECT_EQ(caster->trace({-20, 4, 4}, {30, 4, 4}).rgba.b, 0);
+  EXPECT_GT(caster->trace({30, 4, 4}, {-20, 4, 4}).rgba.b, 0.1);
+}
+
+TEST(Raycaster, FunctionsOverManyOrdersOfMagnitudeAreResolved) {
+  // Values 1e-24 ... 1e0 along z; only the decade around 1e-12 is visible.
+  auto v = make_volume<float>({9, 9, 97}, ScalarType::f32,
+                              [](int, int, int z) { return std::pow(10.0, (z - 96) / 4.0); });
+  TransferFunction t;
+  t.colors = {{0, {1, 1, 1}}};
+  t.opacities = {{0, 0, 0.5, 0},       {4e-13, 0, 0.5, 0}, {5e-13, 0.9, 0.5, 0},
+                 {2e-12, 0.9, 0.5, 0}, {3e-12, 0, 0.5, 0}, {1, 0, 0.5, 0}};
+  const auto caster = make(std::move(v), t);
+  const RaySample s = caster->trace({4, 4, -2}, {4, 4, 98});
+  EXPECT_GT(s.rgba.a, 0.8);
+  EXPECT_NEAR(s.depth * 100 - 2, 47.5, 1.5);
+  EXPECT_EQ(caster->trace({4, -50, 20}, {4, 60, 20}).rgba.a, 0);
+}
+
+TEST(Raycaster, NonFiniteVoxelsDoNoHarm) {
+  auto v = make_volume<float>({12, 12, 12}, ScalarType::f32, [](int x, int y, int z) {
+    if (x == 3) return std::numeric_limits<double>::quiet_NaN();
+    if (y == 5) return std::numeric_limits<double>::infinity();
+    return double(x + y + z);
+  });
+  const auto caster = make(std::move(v), ramp(5, 20, 0.5));
+  std::mt19937 random(8);
+  for (int k = 0; k < 500; ++k) {
+    const RaySample s = caster->trace(glm::dvec3(6) + random_point(random, 20),
+                                      glm::dvec3(6) + random_point(random, 20));
+    EXPECT_TRUE(std::isfinite(s.rgba.r + s.rgba.g + s.rgba.b + s.rgba.a + s.depth));
+    EXPECT_LE(s.rgba.a, 1.0001);
+  }
+}
+
+TEST(Raycaster, NothingVisibleAndBadOptionsAreErrors) {
+  const auto volume = [] {
+    return make_volume<std::uint8_t>({8, 8, 8}, ScalarType::u8, [](int x, int, int) { return x; });
+  };
+  const auto nothing = Raycaster::make(volume(), ramp(100, 200, 1));
+  ASSERT_FALSE(nothing);
+  EXPECT_EQ(nothing.error().code, ErrorCode::failed);
+  EXPECT_NE(nothing.error().message.find("nothing visible"), std::string::npos);
+  for (const double step : {0.0, -1.0, std::nan(""), 1e9}) {
+    RaycastOptions options;
+    options.step = step;
+    EXPECT_EQ(Raycaster::make(volume(), ramp(1, 5, 1), options).error().code, ErrorCode::usage);
+  }
+  RaycastOptions dark;
+  dark.light = glm::dvec3(0);
+  EXPECT_EQ(Raycaster::make(volume(), ramp(1, 5, 1), dark).error().code, ErrorCode::usage);
+}
+
+TEST(Raycaster, DegenerateRaysSeeNothing) {
+  const auto caster = make(blobs(1), ramp(20, 120, 0.6));
+  EXPECT_EQ(caster->trace({10, 10, 10}, {10, 10, 10}).rgba.a, 0);
+  EXPECT_EQ(caster->trace({1e6, 0, 0}, {1e6, 1, 0}).rgba.a, 0);
+}
+
+TEST(Raycaster, ShadingBrightensWhatFacesTheLight) {
+  auto v = make_volume<std::uint8_t>({41, 41, 41}, ScalarType::u8, [](int x, int y, int z) {
+    return 200 - 10 * glm::length(glm::dvec3(x, y, z) - 20.0);
+  });
+  RaycastOptions options;
+  options.light = {1, 0, 0};
+  options.ambient = 0.2f;
+  const auto caster = make(std::move(v), ramp(60, 70, 0.9), options);
+  const float lit = caster->trace({100, 20, 20}, {-60, 20, 20}).rgba.r;
+  const float dark = caster->trace({-60, 20, 20}, {100, 20, 20}).rgba.r;
+  EXPECT_NEAR(dark / lit, 0.2, 0.03);
+}
+
+}  // namespace
+}  // namespace slf

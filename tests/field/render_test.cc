@@ -1,0 +1,242 @@
+#include "field/render.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <set>
+
+#include "field/analytic.h"
+#include "field/measure.h"
+#include "field/view.h"
+#include "tests/field/field_testing.h"
+
+namespace slf {
+namespace {
+
+using testing::build_and_open;
+using testing::FunctionScene;
+using testing::lossless_options;
+using testing::TemporaryFolder;
+
+constexpr RenderMode kModes[] = {RenderMode::nearest, RenderMode::uv, RenderMode::st,
+                                 RenderMode::bitri, RenderMode::depth};
+
+Image draw(const Field& field, const Camera& camera, const ViewOptions& view,
+           const RendererOptions& options = {}, ViewStatistics* statistics = nullptr) {
+  Renderer renderer(field, options);
+  auto image = renderer.render(camera, view, statistics);
+  EXPECT_TRUE(image) << (image ? "" : image.error().message);
+  return image ? std::move(*image) : Image{};
+}
+
+/// A field of the balls, built once for all tests here.
+class Render : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    scene_ = std::move(*make_analytic_scene("balls")).release();
+    field_ = build_and_open(*scene_, *folder_ / "balls.slf", lossless_options(4, 16, 2)).release();
+  }
+  static void TearDownTestSuite() {
+    delete field_;
+    delete scene_;
+    delete folder_;
+  }
+  static inline TemporaryFolder* folder_ = nullptr;
+  static inline Scene* scene_ = nullptr;
+  static inline Field* field_ = nullptr;
+};
+
+TEST_F(Render, QualityRisesFromNearestToBiTriangleToDepth) {
+  const auto cameras = random_cameras(field_->shape().sphere, 3, 4, 5, 128, 128);
+  double last = 0;
+  for (const RenderMode mode :
+       {RenderMode::nearest, RenderMode::uv, RenderMode::bitri, RenderMode::depth}) {
+    const auto quality = evaluate_views(*field_, *scene_, cameras, {mode, 2, false}, {});
+    ASSERT_TRUE(quality);
+    EXPECT_GT(quality->psnr, last) << name(mode);
+    last = quality->psnr;
+  }
+}
+
+TEST_F(Render, FinerLevelsAreSharper) {
+  const auto cameras = random_cameras(field_->shape().sphere, 3, 4, 5, 128, 128);
+  double last = 0;
+  for (unsigned level = 0; level <= 2; ++level) {
+    const auto quality =
+        evaluate_views(*field_, *scene_, cameras, {RenderMode::bitri, level, false}, {});
+    EXPECT_GT(quality->psnr, last);
+    last = quality->psnr;
+  }
+}
+
+TEST_F(Render, ThePictureDoesNotDependOnBudgetThreadsOrCache) {
+  const Camera camera = orbit_camera(field_->shape().sphere, 40, 25, 2.5, 150, 131);
+  for (const RenderMode mode : kModes) {
+    const Image reference = draw(*field_, camera, {mode, 2, true}, {1ull << 30, 1});
+    for (const RendererOptions& options :
+         {RendererOptions{1ull << 30, 5}, RendererOptions{1ull << 20, 2}, RendererOptions{1, 3}}) {
+      const Image image = draw(*field_, camera, {mode, 2, true}, options);
+      EXPECT_EQ(image.rgba, reference.rgba) << name(mode) << " " << options.memory;
+      EXPECT_EQ(image.depth, reference.depth) << name(mode) << " " << options.memory;
+    }
+  }
+  Renderer renderer(*field_, {64ull << 20, 2});
+  const auto first = renderer.render(camera, {RenderMode::bitri, 2, false});
+  ASSERT_TRUE(renderer.render(orbit_camera(field_->shape().sphere, 0, 0, 3, 99, 99),
+                              {RenderMode::depth, 1, false}));
+  const auto second = renderer.render(camera, {RenderMode::bitri, 2, false});
+  EXPECT_EQ(first->rgba, second->rgba);
+}
+
+TEST_F(Render, DecodedTilesStayWithinTheBudget) {
+  const Camera camera = orbit_camera(field_->shape().sphere, 40, 25, 2.5, 256, 256);
+  ViewStatistics statistics;
+  for (const std::uint64_t memory : {1ull << 20, 2ull << 20, 8ull << 20}) {
+    draw(*field_, camera, {RenderMode::depth, 2, false}, {memory, 2}, &statistics);
+    EXPECT_LE(statistics.decoded_peak_bytes, memory);
+    EXPECT_GT(statistics.decoded_peak_bytes, 0u);
+  }
+}
+
+TEST_F(Render, StatisticsCountWhatWasTouched) {
+  const Camera camera = orbit_camera(field_->shape().sphere, 10, -35, 3, 200, 200);
+  ViewStatistics statistics;
+  draw(*field_, camera, {RenderMode::bitri, 1, false}, {}, &statistics);
+  const auto pairs = crossed_pairs(field_->shape(), camera, 1);
+  ASSERT_TRUE(pairs);
+  // A cell's vertices may all belong to neighbours of the section it lies in, but what a ray exits
+  // through is what is touched.
+  std::set<Section> exits;
+  for (const TileKey& key : statistics.tiles) exits.insert(sections_of(key, 0).exit);
+  for (const TileKey& key : *pairs) EXPECT_TRUE(exits.contains(sections_of(key, 0).exit));
+  std::uint64_t bytes = 0, stored = 0;
+  for (const TileKey& key : statistics.tiles) {
+    const auto tile = field_->store().find(0, key);
+    bytes += tile->payload.size();
+    stored += tile->state == storage::TileState::stored;
+  }
+  EXPECT_EQ(statistics.compressed_bytes, bytes);
+  EXPECT_EQ(statistics.stored_tiles, stored);
+  EXPECT_EQ(statistics.decodes, stored);
+  EXPECT_GE(statistics.map_pages, bytes / 4096);
+  EXPECT_LE(statistics.map_pages, bytes / 4096 + 2 * stored);
+  EXPECT_EQ(statistics.fallback_pixels, 0u);
+}
+
+TEST_F(Render, DistancesReachTheSurface) {
+  const Camera camera = orbit_camera(field_->shape().sphere, 70, 10, 3, 96, 96);
+  const Image image = draw(*field_, camera, {RenderMode::depth, 2, true});
+  const Image truth = *trace_view(*scene_, field_->shape().sphere, camera);
+  int close = 0, both = 0;
+  for (std::size_t k = 0; k < image.pixels(); ++k) {
+    if (!(truth.rgba[k].a > 0.99f && image.rgba[k].a > 0.99f)) continue;
+    ++both;
+    close += std::abs(image.depth[k] - truth.depth[k]) < 0.04f;
+  }
+  EXPECT_GT(both, 1000);
+  EXPECT_GT(close, both * 9 / 10);
+}
+
+TEST_F(Render, BadRequestsAreUsageErrors) {
+  const Sphere sphere = field_->shape().sphere;
+  Renderer renderer(*field_);
+  const auto code = [&](const Camera& camera, const ViewOptions& view) {
+    const auto image = renderer.render(camera, view);
+    EXPECT_FALSE(image);
+    return image ? ErrorCode::failed : image.error().code;
+  };
+  const Camera good = orbit_camera(sphere, 0, 0, 3, 32, 32);
+  EXPECT_EQ(code(good, {RenderMode::bitri, 3, false}), ErrorCode::usage);
+  Camera camera = good;
+  camera.eye = camera.look_at;
+  EXPECT_EQ(code(camera, {}), ErrorCode::usage);
+  camera = good;
+  camera.eye.x = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(code(camera, {}), ErrorCode::usage);
+  camera = good;
+  camera.width = 0;
+  EXPECT_EQ(code(camera, {}), ErrorCode::usage);
+  camera = good;
+  camera.width = camera.height = 1000000;
+  EXPECT_EQ(code(camera, {}), ErrorCode::usage);
+  camera = good;
+  camera.fov = 180;
+  EXPECT_EQ(code(camera, {}), ErrorCode::usage);
+  camera = good;
+  camera.up = camera.look_at - camera.eye;
+  EXPECT_EQ(code(camera, {}), ErrorCode::usage);
+  EXPECT_FALSE(parse_render_mode("sharp"));
+}
+
+TEST_F(Render, EyesInsideTheSphereAndFarAwayDraw) {
+  for (const double distance : {0.7, 1.0, 1.01, 50.0, 1e6}) {
+    const Camera camera = orbit_camera(field_->shape().sphere, 15, 40, distance, 48, 48);
+    for (const RenderMode mode : kModes)
+      for (const glm::vec4& pixel : draw(*field_, camera, {mode, 2, false}).rgba)
+        ASSERT_TRUE(pixel.a >= 0 && pixel.a <= 1.0001f) << distance << " " << name(mode);
+  }
+}
+
+TEST(RenderConstant, AConstantFieldIsConstantInEveryModeAndAtEveryLevel) {
+  TemporaryFolder folder;
+  const FunctionScene scene([](const glm::dvec3&, const glm::dvec3&) {
+    return RaySample{{0.2f, 0.4f, 0.6f, 0.8f}, 0.4f};
+  });
+  const auto field = build_and_open(scene, folder / "a.slf", lossless_options(2, 3, 2));
+  ASSERT_TRUE(field);
+  for (unsigned level = 0; level <= 2; ++level)
+    for (const RenderMode mode : kModes) {
+      ViewStatistics statistics;
+      const Image image = draw(*field, orbit_camera(field->shape().sphere, 33, 44, 2, 64, 64),
+                               {mode, level, false}, {}, &statistics);
+      std::uint64_t seen = 0;
+      for (const glm::vec4& pixel : image.rgba) {
+        if (pixel.a == 0) continue;
+        ++seen;
+        EXPECT_NEAR(pixel.r, 51 / 255.f, 1e-5);
+        EXPECT_NEAR(pixel.a, 204 / 255.f, 1e-5);
+      }
+      EXPECT_EQ(seen, statistics.pixels_hit);
+      EXPECT_GT(seen, 2000u);
+    }
+}
+
+TEST(RenderIncomplete, MissingTilesAreDrawnFromCoarserLevelsAndCounted) {
+  TemporaryFolder folder;
+  const auto scene = std::move(*make_analytic_scene("balls"));
+  const auto options = lossless_options(4, 16, 2);
+  std::uint64_t coarse = 0;
+  ASSERT_FALSE(build_field(*scene, folder / "a.slf", options, [&](const Progress& p) {
+    coarse = p.done;
+    return p.done < p.total / 6;  // levels 0 and 1 and a part of level 2
+  }));
+  const auto field = Field::open(folder / "a.slf");
+  ASSERT_TRUE(field);
+  const auto whole = build_and_open(*scene, folder / "b.slf", options);
+  const Camera camera = orbit_camera((*field)->shape().sphere, 40, 25, 3, 128, 128);
+  ViewStatistics statistics;
+  const Image image = draw(**field, camera, {RenderMode::bitri, 2, false}, {}, &statistics);
+  EXPECT_GT(statistics.fallback_pixels, 0u);
+  const Image fine = draw(*whole, camera, {RenderMode::bitri, 2, false});
+  EXPECT_GT(compare(image, fine).psnr, 18);  // blurred in part, but the same picture
+}
+
+TEST(RenderGeometry, ViewsCrossThePublishedShareOfPairs) {
+  // Share of all (entry section, exit section) pairs that a view's rays pass through: 512², eye at
+  // 3R, mean of random views.
+  const double expected[] = {0.27, 0.078, 0.019, 0.0046};
+  FieldShape shape;
+  const auto cameras = random_cameras(shape.sphere, 3, 12, 1, 512, 512);
+  for (unsigned level = 0; level <= 3; ++level) {
+    double share = 0;
+    for (const Camera& camera : cameras)
+      share += static_cast<double>(crossed_pairs(shape, camera, level)->size()) /
+               static_cast<double>(tile_count(level, 0)) / static_cast<double>(cameras.size());
+    EXPECT_NEAR(share, expected[level], 0.1 * expected[level]) << "level " << level;
+  }
+}
+
+}  // namespace
+}  // namespace slf
