@@ -52,9 +52,8 @@ Result<std::unique_ptr<Codec>> make_zstd(std::string_view spec, SampleFormat for
   return make_zstd_codec(format, level);
 }
 
-Result<std::unique_ptr<Codec>> make_jpeg(std::string_view spec, SampleFormat format,
-                                         const std::vector<std::string_view>& parts,
-                                         ByteSpan tables) {
+Result<JpegOptions> jpeg_options(std::string_view spec, SampleFormat format,
+                                 const std::vector<std::string_view>& parts) {
   JpegOptions options{default_jpeg_quality, ChromaSampling::half};
   if (parts.size() > 3) return bad_spec(spec);
   if (parts.size() >= 2) {
@@ -69,10 +68,18 @@ Result<std::unique_ptr<Codec>> make_jpeg(std::string_view spec, SampleFormat for
   if (format == SampleFormat::rgba16f)
     return fail(ErrorCode::unsupported, "codec \"", spec,
                 "\": JPEG cannot hold half floats; use zstd");
-  if (tables.empty()) return make_jpeg_codec(format, options, standard_tables(options.quality));
+  return options;
+}
+
+Result<std::unique_ptr<Codec>> make_jpeg(std::string_view spec, SampleFormat format,
+                                         const std::vector<std::string_view>& parts,
+                                         ByteSpan tables) {
+  const Result<JpegOptions> options = jpeg_options(spec, format, parts);
+  if (!options) return tl::unexpected(options.error());
+  if (tables.empty()) return make_jpeg_codec(format, *options, standard_tables(options->quality));
   const Result<JpegTables> shared = parse_tables(tables);
   if (!shared) return tl::unexpected(shared.error());
-  return make_jpeg_codec(format, options, *shared);
+  return make_jpeg_codec(format, *options, *shared);
 }
 
 }  // namespace
@@ -91,8 +98,11 @@ Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat fo
 
 Result<std::unique_ptr<Codec>> train_codec(std::string_view spec, SampleFormat format,
                                            std::span<const TrainingTile> sample) {
-  (void)sample;
-  return make_codec(spec, format);
+  const std::vector<std::string_view> parts = split(spec, ':');
+  if (parts[0] != "jpeg") return make_codec(spec, format);
+  const Result<JpegOptions> options = jpeg_options(spec, format, parts);
+  if (!options) return tl::unexpected(options.error());
+  return make_jpeg_codec(format, *options, train_tables(format, *options, sample));
 }
 
 }  // namespace slf::codec

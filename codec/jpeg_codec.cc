@@ -3,30 +3,41 @@
 #include <algorithm>
 #include <cassert>
 
-#include "codec/jpeg_scan.h"
+#include "codec/jpeg_alpha.h"
+#include "codec/jpeg_decode.h"
+#include "codec/jpeg_encode.h"
+#include "codec/jpeg_pictures.h"
 #include "codec/mosaic.h"
-#include "codec/predict.h"
 #include "codec/scratch.h"
-#include "codec/zstd_frame.h"
 
 namespace slf::codec {
 namespace {
 
-constexpr int alpha_level = 9;
-constexpr std::size_t max_extent = 65500;  // libjpeg's JPEG_MAX_DIMENSION
+// From here on alpha is kept exactly.
+constexpr int exact_alpha_quality = 95;
 
-const std::uint8_t* bytes_of(ByteSpan span) {
-  return reinterpret_cast<const std::uint8_t*>(span.data());
+std::span<const std::uint8_t> bytes_of(ByteSpan span) {
+  return {reinterpret_cast<const std::uint8_t*>(span.data()), span.size()};
+}
+
+JpegColor color_of(SampleFormat format, const JpegOptions& options) {
+  if (format == SampleFormat::depth8) return JpegColor::gray;
+  return options.chroma == ChromaSampling::full ? JpegColor::ycbcr_444 : JpegColor::ycbcr_420;
 }
 
 class JpegCodec final : public Codec {
  public:
   JpegCodec(SampleFormat format, const JpegOptions& options, const JpegTables& tables)
-      : format_(format), options_(options), tables_(tables), table_bytes_(to_bytes(tables)) {}
+      : format_(format),
+        options_(options),
+        color_(color_of(format, options)),
+        tables_(tables),
+        table_bytes_(to_bytes(tables)),
+        can_encode_(is_complete(tables)) {}
 
   std::string spec() const override {
     std::string text = "jpeg:" + std::to_string(options_.quality);
-    if (format_ == SampleFormat::rgba8 && options_.chroma == ChromaSampling::full) text += ":444";
+    if (color_ == JpegColor::ycbcr_444) text += ":444";
     return text;
   }
   bool lossless() const override { return false; }
@@ -37,87 +48,48 @@ class JpegCodec final : public Codec {
                       std::span<std::byte> samples) const override;
 
  private:
-  JpegColor color() const {
-    return format_ == SampleFormat::depth8           ? JpegColor::gray
-           : options_.chroma == ChromaSampling::full ? JpegColor::ycbcr_444
-                                                     : JpegColor::ycbcr_420;
-  }
-  std::uint32_t align() const { return color() == JpegColor::ycbcr_420 ? 16 : 8; }
-
   SampleFormat format_;
   JpegOptions options_;
+  JpegColor color_;
   JpegTables tables_;
   Bytes table_bytes_;
+  bool can_encode_;
 };
-
-// Calls use(sample index, pixel index) for every sample of a tile.
-template <class Use>
-void for_each_sample(const Tile& tile, const Mosaic& mosaic, Use use) {
-  std::size_t sample = 0;
-  for (std::size_t row = 0; row < tile.rows(); ++row)
-    for (std::uint32_t q = 0; q <= tile.side; ++q) {
-      const MosaicLine line = mosaic.line(row, q);
-      auto pixel = static_cast<std::ptrdiff_t>(line.start);
-      for (std::uint32_t p = 0; p <= tile.side - q; ++p, pixel += line.step)
-        use(sample++, static_cast<std::size_t>(pixel));
-    }
-}
-
-JpegShape shape_of(const Mosaic& mosaic, JpegColor color) {
-  return {static_cast<std::uint32_t>(mosaic.width()), static_cast<std::uint32_t>(mosaic.height()),
-          color};
-}
-
-// Alpha, lossless: predicted, then zstd.
-Result<void> append_alpha(const Tile& tile, const std::uint8_t* rgba, Bytes& to) {
-  thread_local Scratch<std::uint8_t> plane_scratch, residual_scratch;
-  const std::size_t columns = tile.columns();
-  const auto plane = plane_scratch.take(columns);
-  const auto residuals = residual_scratch.take(tile.rows() * columns);
-  for (std::size_t row = 0; row < tile.rows(); ++row) {
-    for (std::size_t i = 0; i < columns; ++i) plane[i] = rgba[(row * columns + i) * 4 + 3];
-    predict(plane, tile.side, residuals.subspan(row * columns, columns));
-  }
-  return append_zstd(std::as_bytes(residuals), alpha_level, to);
-}
-
-Result<void> read_alpha(const Tile& tile, ByteSpan frame, std::uint8_t* rgba) {
-  thread_local Scratch<std::uint8_t> plane_scratch, residual_scratch;
-  const std::size_t columns = tile.columns();
-  const auto plane = plane_scratch.take(columns);
-  const auto residuals = residual_scratch.take(tile.rows() * columns);
-  if (auto read = read_zstd(frame, std::as_writable_bytes(residuals)); !read) return read;
-  for (std::size_t row = 0; row < tile.rows(); ++row) {
-    restore(residuals.subspan(row * columns, columns), tile.side, plane);
-    for (std::size_t i = 0; i < columns; ++i) rgba[(row * columns + i) * 4 + 3] = plane[i];
-  }
-  return {};
-}
 
 Result<void> JpegCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payload) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   payload.clear();
   if (tile.bytes() == 0) return {};
-  const Mosaic mosaic(tile.rows(), tile.side, align());
-  if (mosaic.width() > max_extent || mosaic.height() > max_extent)
+  if (!can_encode_) return fail(ErrorCode::bad_file, "JPEG: the shared tables lack codes");
+  const Mosaic mosaic(tile.rows(), tile.side, alignment(color_));
+  if (!fits_jpeg(mosaic))
     return fail(ErrorCode::unsupported, "JPEG: a tile of ", tile.rows(), " pictures of side ",
                 tile.side, " is too large");
-  const std::size_t stride = pixel_bytes(color());
-  thread_local Scratch<std::uint8_t> scratch;
-  const auto pixels = scratch.take(mosaic.pixels() * stride);
-  std::fill(pixels.begin(), pixels.end(), std::uint8_t{0});
-  const std::uint8_t* from = bytes_of(samples);
-  for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
-    std::copy_n(from + sample * stride, stride, pixels.data() + pixel * stride);
-  });
-  if (format_ == SampleFormat::depth8)
-    return append_scan(tables_, shape_of(mosaic, color()), pixels, payload);
-
-  payload.resize(4);
-  if (auto done = append_scan(tables_, shape_of(mosaic, color()), pixels, payload); !done)
+  const std::span<const std::uint8_t> from = bytes_of(samples);
+  if (format_ == SampleFormat::depth8) {
+    encode_scan(tables_, JpegCoefficients(depth_picture(tile, mosaic, from)), &payload, nullptr);
+    return {};
+  }
+  std::vector<std::uint8_t> alpha = alpha_of(from);
+  const bool exact = options_.quality >= exact_alpha_quality;
+  if (auto done = append_jpeg_alpha(tile, mosaic, tables_, exact, alpha, payload); !done)
     return done;
-  store_le<std::uint32_t>(payload.data(), static_cast<std::uint32_t>(payload.size() - 4));
-  return append_alpha(tile, from, payload);
+  if (std::all_of(alpha.begin(), alpha.end(), [](auto a) { return a == 0; })) return {};
+  encode_scan(tables_, JpegCoefficients(color_picture(tile, mosaic, color_, from, alpha)), &payload,
+              nullptr);
+  return {};
+}
+
+// Samples from the pixels of a mosaic and the alpha of each sample.
+void blend(const Tile& tile, const Mosaic& mosaic, std::span<const std::uint8_t> pixels,
+           std::span<const std::uint8_t> alpha, std::uint8_t* samples) {
+  for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
+    const std::uint8_t* from = &pixels[pixel * 4];
+    std::uint8_t* to = samples + sample * 4;
+    const unsigned a = alpha[sample];
+    for (int c = 0; c < 3; ++c) to[c] = static_cast<std::uint8_t>((from[c] * a + 127) / 255);
+    to[3] = static_cast<std::uint8_t>(a);
+  });
 }
 
 Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload,
@@ -125,32 +97,32 @@ Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload,
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};
   if (tile.bytes() == 0) return fail(ErrorCode::bad_file, "JPEG: bytes for a tile without rows");
-  const Mosaic mosaic(tile.rows(), tile.side, align());
-  if (mosaic.width() > max_extent || mosaic.height() > max_extent)
+  const Mosaic mosaic(tile.rows(), tile.side, alignment(color_));
+  if (!fits_jpeg(mosaic))
     return fail(ErrorCode::bad_file, "JPEG: no tile of ", tile.rows(), " pictures of side ",
                 tile.side, " fits");
   auto* out = reinterpret_cast<std::uint8_t*>(samples.data());
-  ByteSpan scan = payload;
-  if (format_ == SampleFormat::rgba8) {
-    if (payload.size() < 4) return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
-    const std::size_t size = load_le<std::uint32_t>(payload.data());
-    if (size > payload.size() - 4) return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
-    scan = payload.subspan(4, size);
-  }
-  const std::size_t stride = pixel_bytes(color());
-  thread_local Scratch<std::uint8_t> scratch;
-  const auto pixels = scratch.take(mosaic.pixels() * stride);
-  if (auto done = read_scan(tables_, shape_of(mosaic, color()), scan, pixels); !done) return done;
+  thread_local Scratch<std::uint8_t> pixel_scratch, alpha_scratch;
+  const auto pixels = pixel_scratch.take(mosaic.pixels() * pixel_bytes(color_));
   if (format_ == SampleFormat::depth8) {
+    if (auto done = decode_scan(tables_, shape_of(mosaic, color_), payload, pixels); !done)
+      return done;
     for_each_sample(tile, mosaic,
                     [&](std::size_t sample, std::size_t pixel) { out[sample] = pixels[pixel]; });
     return {};
   }
-  if (auto done = read_alpha(tile, payload.subspan(4 + scan.size()), out); !done) return done;
-  for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
-    std::uint8_t* to = out + sample * 4;
-    for (int c = 0; c < 3; ++c) to[c] = std::min(pixels[pixel * 4 + c], to[3]);
-  });
+  const auto alpha = alpha_scratch.take(tile.rows() * tile.columns());
+  if (auto done = read_jpeg_alpha(tile, mosaic, tables_, payload, alpha); !done) return done;
+  if (payload.empty()) {
+    // Only a tile that is clear all over has no picture.
+    if (std::any_of(alpha.begin(), alpha.end(), [](auto a) { return a != 0; }))
+      return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
+    std::fill(samples.begin(), samples.end(), std::byte{0});
+    return {};
+  }
+  if (auto done = decode_scan(tables_, shape_of(mosaic, color_), payload, pixels); !done)
+    return done;
+  blend(tile, mosaic, pixels, alpha, out);
   return {};
 }
 
@@ -159,6 +131,35 @@ Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload,
 std::unique_ptr<Codec> make_jpeg_codec(SampleFormat format, const JpegOptions& options,
                                        const JpegTables& tables) {
   return std::make_unique<JpegCodec>(format, options, tables);
+}
+
+JpegTables train_tables(SampleFormat format, const JpegOptions& options,
+                        std::span<const TrainingTile> sample) {
+  JpegTables tables = standard_tables(options.quality);
+  const JpegColor color = color_of(format, options);
+  std::vector<JpegCoefficients> pictures;
+  for (const TrainingTile& training : sample) {
+    const Tile& tile = training.tile;
+    if (tile.bytes() == 0) continue;
+    const Mosaic mosaic(tile.rows(), tile.side, alignment(color));
+    if (!fits_jpeg(mosaic)) continue;
+    const std::span<const std::uint8_t> from = bytes_of(training.samples);
+    if (format == SampleFormat::depth8)
+      pictures.emplace_back(depth_picture(tile, mosaic, from));
+    else
+      pictures.emplace_back(color_picture(tile, mosaic, color, from, alpha_of(from)));
+  }
+  if (pictures.empty()) return tables;
+  // The cheapest levels depend on the code and the best code on the levels: a few rounds settle it.
+  for (int round = 0; round < 3; ++round) {
+    JpegCounts counts;
+    for (const JpegCoefficients& picture : pictures) encode_scan(tables, picture, nullptr, &counts);
+    for (std::size_t i = 0; i < 2; ++i) {
+      tables.dc[i] = optimal_huffman(counts.dc[i], is_dc_symbol);
+      tables.ac[i] = optimal_huffman(counts.ac[i], is_ac_symbol);
+    }
+  }
+  return tables;
 }
 
 }  // namespace slf::codec

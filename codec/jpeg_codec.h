@@ -20,4 +20,8 @@ struct JpegOptions {
                                                      const JpegOptions& options,
                                                      const JpegTables& tables);
 
+/// Tables whose Huffman codes fit a sample of tiles best.
+[[nodiscard]] JpegTables train_tables(SampleFormat format, const JpegOptions& options,
+                                      std::span<const TrainingTile> sample);
+
 }  // namespace slf::codec

@@ -12,11 +12,6 @@ namespace slf::codec {
 namespace {
 
 constexpr std::uint8_t marker_soi = 0xD8, marker_eoi = 0xD9, marker_dqt = 0xDB, marker_dht = 0xC4;
-constexpr std::uint8_t zigzag[64] = {
-    0,  1,  8,  16, 9,  2,  3,  10, 17, 24, 32, 25, 18, 11, 4,  5,  12, 19, 26, 33, 40, 48,
-    41, 34, 27, 20, 13, 6,  7,  14, 21, 28, 35, 42, 49, 56, 57, 50, 43, 36, 29, 22, 15, 23,
-    30, 37, 44, 51, 58, 59, 52, 45, 38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63};
-
 HuffmanTable from_libjpeg(const JHUFF_TBL& table) {
   HuffmanTable result;
   std::copy(table.bits + 1, table.bits + 17, result.counts.begin());
@@ -24,6 +19,12 @@ HuffmanTable from_libjpeg(const JHUFF_TBL& table) {
   for (const std::uint8_t count : result.counts) total += count;
   result.symbols.assign(table.huffval, table.huffval + total);
   return result;
+}
+
+// `base` at quality 50, and otherwise scaled as libjpeg scales its tables.
+std::uint8_t quantisation_step(int quality, int base) {
+  const int percent = quality < 50 ? 5000 / quality : 200 - 2 * quality;
+  return static_cast<std::uint8_t>(std::clamp((base * percent + 50) / 100, 1, 255));
 }
 
 void append(Bytes& to, std::uint8_t value) { to.push_back(static_cast<std::byte>(value)); }
@@ -94,9 +95,94 @@ bool read_huffman(Reader& reader, std::uint8_t id, HuffmanTable& table) {
   return is_code(table);
 }
 
+bool covers(const HuffmanTable& table, bool (*can_occur)(int)) {
+  for (int symbol = 0; symbol < 256; ++symbol)
+    if (can_occur(symbol) &&
+        std::find(table.symbols.begin(), table.symbols.end(), symbol) == table.symbols.end())
+      return false;
+  return true;
+}
+
+// Lengths of a Huffman code for `weights`; 0 for those of weight 0.
+std::array<int, 257> huffman_lengths(std::array<std::uint64_t, 257> weights) {
+  std::array<int, 257> lengths{};
+  std::array<int, 257> next;  // the symbols of each subtree, as a list
+  next.fill(-1);
+  while (true) {
+    int least = -1, second = -1;  // on a tie the later symbol, as T.81 asks
+    for (int i = 0; i < 257; ++i) {
+      if (weights[i] == 0) continue;
+      if (least < 0 || weights[i] <= weights[least]) {
+        second = least;
+        least = i;
+      } else if (second < 0 || weights[i] <= weights[second]) {
+        second = i;
+      }
+    }
+    if (second < 0) return lengths;
+    weights[least] += weights[second];
+    weights[second] = 0;
+    int last = least;
+    for (int i = least; i >= 0; i = next[i]) {
+      ++lengths[i];
+      last = i;
+    }
+    next[last] = second;
+    for (int i = second; i >= 0; i = next[i]) ++lengths[i];
+  }
+}
+
 }  // namespace
 
+bool is_dc_symbol(int symbol) { return symbol <= 11; }
+
+bool is_ac_symbol(int symbol) {
+  const int size = symbol & 15;
+  return symbol == 0x00 || symbol == 0xF0 || (size >= 1 && size <= 10);
+}
+
+HuffmanTable optimal_huffman(const SymbolCounts& counts, bool (*can_occur)(int)) {
+  // A counted symbol outweighs all uncounted ones together. Symbol 256 reserves the code of all
+  // ones: the least likely, it ends up last among the longest.
+  std::array<std::uint64_t, 257> weights{};
+  for (int i = 0; i < 256; ++i)
+    weights[i] = counts[i] > 0 ? counts[i] * 1024 + 1 : can_occur(i) ? 2 : 0;
+  weights[256] = 1;
+  std::array<int, 257> lengths = huffman_lengths(weights);
+
+  std::array<int, 258> of_length{};
+  for (const int length : lengths) ++of_length[length];
+  // Shorten the longest codes two at a time (T.81 figure K.3).
+  for (int i = 257; i > 16; --i)
+    while (of_length[i] > 0) {
+      int j = i - 2;
+      while (of_length[j] == 0) --j;
+      of_length[i] -= 2;
+      ++of_length[i - 1];
+      of_length[j + 1] += 2;
+      --of_length[j];
+    }
+  int longest = 16;
+  while (of_length[longest] == 0) --longest;
+  --of_length[longest];  // the reserved code
+
+  HuffmanTable table;
+  for (int i = 1; i <= 16; ++i) table.counts[i - 1] = static_cast<std::uint8_t>(of_length[i]);
+  for (int length = 1; length <= 257; ++length)
+    for (int i = 0; i < 256; ++i)
+      if (lengths[i] == length) table.symbols.push_back(static_cast<std::uint8_t>(i));
+  return table;
+}
+
+bool is_complete(const JpegTables& tables) {
+  return std::ranges::all_of(tables.dc, [](auto& t) { return covers(t, is_dc_symbol); }) &&
+         std::ranges::all_of(tables.ac, [](auto& t) { return covers(t, is_ac_symbol); });
+}
+
 JpegTables standard_tables(int quality) {
+  JpegTables tables;
+  tables.quantisation[0].fill(quantisation_step(quality, 32));
+  tables.quantisation[1].fill(quantisation_step(quality, 21));
   jpeg_compress_struct compress;
   jpeg_error_mgr errors;
   compress.err = jpeg_std_error(&errors);
@@ -104,12 +190,7 @@ JpegTables standard_tables(int quality) {
   compress.in_color_space = JCS_RGB;
   compress.input_components = 3;
   jpeg_set_defaults(&compress);
-  jpeg_set_quality(&compress, quality, TRUE);
-  JpegTables tables;
   for (std::size_t i = 0; i < 2; ++i) {
-    for (std::size_t k = 0; k < 64; ++k)
-      tables.quantisation[i][k] =
-          static_cast<std::uint8_t>(compress.quant_tbl_ptrs[i]->quantval[zigzag[k]]);
     tables.dc[i] = from_libjpeg(*compress.dc_huff_tbl_ptrs[i]);
     tables.ac[i] = from_libjpeg(*compress.ac_huff_tbl_ptrs[i]);
   }

@@ -24,8 +24,22 @@ struct JpegTables {
   std::array<HuffmanTable, 2> ac;
 };
 
-/// The tables of ITU-T T.81 Annex K, the quantisation scaled to a quality of 1..100 as libjpeg
-/// does.
+/// How often each symbol occurs.
+using SymbolCounts = std::array<std::uint64_t, 256>;
+
+/// The symbols a baseline encoder can need: sizes of DC differences, and runs and sizes of AC.
+[[nodiscard]] bool is_dc_symbol(int symbol);
+[[nodiscard]] bool is_ac_symbol(int symbol);
+
+/// The best code of at most 16 bits for these counts (T.81 K.2), with a code for every symbol that
+/// `can_occur`, counted or not.
+[[nodiscard]] HuffmanTable optimal_huffman(const SymbolCounts& counts, bool (*can_occur)(int));
+
+/// Whether any picture can be encoded with these tables.
+[[nodiscard]] bool is_complete(const JpegTables& tables);
+
+/// Flat quantisation for a quality of 1..100, which gives the least squared error for its bytes
+/// (the error of 75 is that of libjpeg's 75), and the Huffman tables of T.81 Annex K.
 [[nodiscard]] JpegTables standard_tables(int quality);
 
 /// An abbreviated table-specification stream: SOI, one DQT and one DHT segment per table, EOI.

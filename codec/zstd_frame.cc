@@ -3,6 +3,7 @@
 #include <zstd.h>
 
 #include <memory>
+#include <utility>
 
 namespace slf::codec {
 namespace {
@@ -12,28 +13,81 @@ struct FreeContext {
   void operator()(ZSTD_DCtx* context) const { ZSTD_freeDCtx(context); }
 };
 
-}  // namespace
+using Parameters = std::initializer_list<std::pair<ZSTD_cParameter, int>>;
 
-Result<void> append_zstd(ByteSpan plain, int level, Bytes& to) {
+// Matches found by chance in residuals cost more than they save: a table too small to find many
+// leaves the Huffman coder to it, which is also the fastest.
+constexpr Parameters entropy_only = {{ZSTD_c_strategy, ZSTD_fast},
+                                     {ZSTD_c_hashLog, 6},
+                                     {ZSTD_c_minMatch, 7},
+                                     {ZSTD_c_targetLength, 0}};
+
+// Appends a frame of all parts, a block or more for each; parameters not given are zstd's choice.
+Result<void> append_frame(std::span<const ByteSpan> parts, Parameters parameters, Bytes& to) {
   thread_local const std::unique_ptr<ZSTD_CCtx, FreeContext> context(ZSTD_createCCtx());
   if (!context) return fail(ErrorCode::failed, "zstd: out of memory");
+  ZSTD_CCtx_reset(context.get(), ZSTD_reset_session_and_parameters);
+  for (const auto& [parameter, value] : parameters)
+    ZSTD_CCtx_setParameter(context.get(), parameter, value);
+  std::size_t total = 0, bound = 0;
+  for (const ByteSpan part : parts) {
+    total += part.size();
+    bound += ZSTD_compressBound(part.size());
+  }
+  ZSTD_CCtx_setPledgedSrcSize(context.get(), total);
   const std::size_t begin = to.size();
-  to.resize(begin + ZSTD_compressBound(plain.size()));
-  const std::size_t size = ZSTD_compressCCtx(context.get(), to.data() + begin, to.size() - begin,
-                                             plain.data(), plain.size(), level);
-  if (ZSTD_isError(size)) return fail(ErrorCode::failed, "zstd: ", ZSTD_getErrorName(size));
-  to.resize(begin + size);
+  to.resize(begin + bound);
+  ZSTD_outBuffer out{to.data() + begin, bound, 0};
+  for (const ByteSpan part : parts) {
+    if (part.empty()) continue;
+    const bool last = total == part.size();
+    total -= part.size();
+    ZSTD_inBuffer in{part.data(), part.size(), 0};
+    const std::size_t left =
+        ZSTD_compressStream2(context.get(), &out, &in, last ? ZSTD_e_end : ZSTD_e_flush);
+    if (ZSTD_isError(left)) return fail(ErrorCode::failed, "zstd: ", ZSTD_getErrorName(left));
+    if (left > 0) return fail(ErrorCode::failed, "zstd: its bound is too small");
+  }
+  to.resize(begin + out.pos);
   return {};
 }
 
-Result<void> read_zstd(ByteSpan frame, std::span<std::byte> plain) {
+}  // namespace
+
+Result<void> append_plane(ByteSpan plane, int level, Bytes& to) {
+  if (plane.empty()) return {};
+  const std::size_t begin = to.size();
+  if (auto done = append_frame({&plane, 1}, entropy_only, to); !done) return done;
+  // Above 3 bits a byte there is nothing to match.
+  const std::size_t entropy_size = to.size() - begin;
+  if (entropy_size > plane.size() * 3 / 8) return {};
+  Bytes matched;
+  if (auto done = append_frame({&plane, 1}, {{ZSTD_c_compressionLevel, level}}, matched); !done)
+    return done;
+  if (matched.size() >= entropy_size) return {};
+  to.resize(begin);
+  to.insert(to.end(), matched.begin(), matched.end());
+  return {};
+}
+
+Result<void> append_parts(std::span<const ByteSpan> parts, Bytes& to) {
+  for (const ByteSpan part : parts)
+    if (!part.empty()) return append_frame(parts, entropy_only, to);
+  return {};
+}
+
+Result<void> read_plane(ByteSpan& bytes, std::span<std::byte> plane) {
+  if (plane.empty()) return {};
   thread_local const std::unique_ptr<ZSTD_DCtx, FreeContext> context(ZSTD_createDCtx());
   if (!context) return fail(ErrorCode::failed, "zstd: out of memory");
+  const std::size_t frame = ZSTD_findFrameCompressedSize(bytes.data(), bytes.size());
+  if (ZSTD_isError(frame)) return fail(ErrorCode::bad_file, "zstd: ", ZSTD_getErrorName(frame));
   const std::size_t size =
-      ZSTD_decompressDCtx(context.get(), plain.data(), plain.size(), frame.data(), frame.size());
+      ZSTD_decompressDCtx(context.get(), plane.data(), plane.size(), bytes.data(), frame);
   if (ZSTD_isError(size)) return fail(ErrorCode::bad_file, "zstd: ", ZSTD_getErrorName(size));
-  if (size != plain.size())
-    return fail(ErrorCode::bad_file, "zstd: expected ", plain.size(), " bytes, found ", size);
+  if (size != plane.size())
+    return fail(ErrorCode::bad_file, "zstd: expected ", plane.size(), " bytes, found ", size);
+  bytes = bytes.subspan(frame);
   return {};
 }
 

@@ -1,4 +1,4 @@
-// One zstd frame at a time, with contexts that each thread keeps.
+// Byte strings as zstd frames, with contexts that each thread keeps.
 #pragma once
 
 #include <span>
@@ -8,11 +8,16 @@
 
 namespace slf::codec {
 
-/// Appends `plain`, compressed at `level`, to `to`.
-[[nodiscard]] Result<void> append_zstd(ByteSpan plain, int level, Bytes& to);
+/// Appends `plane`, compressed at `level` or by entropy coding alone, whichever is smaller. An
+/// empty plane appends nothing.
+[[nodiscard]] Result<void> append_plane(ByteSpan plane, int level, Bytes& to);
 
-/// Decompresses one frame into exactly plain.size() bytes.
-/// bad_file: damaged, or of another size.
-[[nodiscard]] Result<void> read_zstd(ByteSpan frame, std::span<std::byte> plain);
+/// Appends all parts, one after the other, as one frame with an entropy code for each. Nothing if
+/// all are empty.
+[[nodiscard]] Result<void> append_parts(std::span<const ByteSpan> parts, Bytes& to);
+
+/// Decompresses the frame at the start of `bytes` into exactly plane.size() bytes and moves
+/// `bytes` behind it; untrusted. bad_file: damaged, or of another size.
+[[nodiscard]] Result<void> read_plane(ByteSpan& bytes, std::span<std::byte> plane);
 
 }  // namespace slf::codec

@@ -77,7 +77,7 @@ TEST_P(Conformance, StaysCloseOnRealisticContent) {
       const Result<Bytes> back = decode_exactly(*codec_, sample.tile, encode(sample));
       ASSERT_TRUE(back) << back.error().message;
       if (!codec_->lossless()) {
-        EXPECT_GT(psnr(format(), *back, sample.samples), 33) << name(content);
+        EXPECT_GT(psnr(format(), sample.samples, *back), 33) << name(content);
       }
     }
 }
@@ -89,7 +89,9 @@ TEST_P(Conformance, KeepsThePremultipliedInvariant) {
     const Result<Bytes> back = decode_exactly(*codec_, sample.tile, encode(sample));
     ASSERT_TRUE(back) << back.error().message;
     for (std::size_t i = 0; i < back->size(); i += 4) {
-      ASSERT_EQ((*back)[i + 3], sample.samples[i + 3]) << "alpha of sample " << i / 4;
+      const int error =
+          std::to_integer<int>((*back)[i + 3]) - std::to_integer<int>(sample.samples[i + 3]);
+      ASSERT_LE(std::abs(error), codec_->lossless() ? 0 : 24) << "alpha of sample " << i / 4;
       for (std::size_t c = 0; c < 3; ++c) ASSERT_LE((*back)[i + c], (*back)[i + 3]);
     }
   }

@@ -82,12 +82,13 @@ SampleTile make_tile(SampleFormat format, std::size_t rows, std::uint32_t side, 
   return result;
 }
 
-double psnr(SampleFormat format, ByteSpan a, ByteSpan b) {
+double psnr(SampleFormat format, ByteSpan expected, ByteSpan found) {
   double sum = 0;
   std::size_t count = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
+  for (std::size_t i = 0; i < expected.size(); ++i) {
     if (format == SampleFormat::rgba8 && i % 4 == 3) continue;
-    const double difference = std::to_integer<int>(a[i]) - std::to_integer<int>(b[i]);
+    if (format == SampleFormat::depth8 && expected[i] == std::byte{0}) continue;
+    const double difference = std::to_integer<int>(expected[i]) - std::to_integer<int>(found[i]);
     sum += difference * difference;
     ++count;
   }

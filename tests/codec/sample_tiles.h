@@ -58,7 +58,8 @@ class Random {
   std::uint64_t state_;
 };
 
-/// dB between samples of 8 bits; for rgba8 over R, G and B. Infinity when equal.
-[[nodiscard]] double psnr(SampleFormat format, ByteSpan a, ByteSpan b);
+/// dB between samples of 8 bits; for rgba8 over R, G and B, for depth8 where `expected` is not 0,
+/// which is to say nothing. Infinity when equal.
+[[nodiscard]] double psnr(SampleFormat format, ByteSpan expected, ByteSpan found);
 
 }  // namespace slf::codec

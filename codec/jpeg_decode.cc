@@ -1,4 +1,4 @@
-#include "codec/jpeg_scan.h"
+#include "codec/jpeg_decode.h"
 
 // jpeglib.h needs FILE and size_t declared before it.
 #include <jpeglib.h>
@@ -9,9 +9,7 @@
 
 #include <cassert>
 #include <csetjmp>
-#include <cstdlib>
 #include <cstring>
-#include <memory>
 
 namespace slf::codec {
 namespace {
@@ -162,70 +160,10 @@ bool holds_marker(ByteSpan scan) {
   return false;
 }
 
-void set_tables(j_compress_ptr info, const JpegTables& tables) {
-  jpeg_set_quality(info, 50, TRUE);
-  for (int i = 0; i < 2; ++i) {
-    unsigned natural[64];
-    static constexpr std::uint8_t zigzag[64] = {
-        0,  1,  8,  16, 9,  2,  3,  10, 17, 24, 32, 25, 18, 11, 4,  5,  12, 19, 26, 33, 40, 48,
-        41, 34, 27, 20, 13, 6,  7,  14, 21, 28, 35, 42, 49, 56, 57, 50, 43, 36, 29, 22, 15, 23,
-        30, 37, 44, 51, 58, 59, 52, 45, 38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63};
-    for (int k = 0; k < 64; ++k) natural[zigzag[k]] = tables.quantisation[i][k];
-    jpeg_add_quant_table(info, i, natural, 100, TRUE);
-    for (auto [from, to] : {std::pair{&tables.dc[i], info->dc_huff_tbl_ptrs[i]},
-                            std::pair{&tables.ac[i], info->ac_huff_tbl_ptrs[i]}}) {
-      std::memset(to->huffval, 0, sizeof(to->huffval));
-      std::memcpy(to->bits + 1, from->counts.data(), 16);
-      std::memcpy(to->huffval, from->symbols.data(), from->symbols.size());
-    }
-  }
-}
-
 }  // namespace
 
-Result<void> append_scan(const JpegTables& tables, const JpegShape& shape,
-                         std::span<const std::uint8_t> pixels, Bytes& scan) {
-  jpeg_compress_struct info;
-  ErrorManager errors;
-  unsigned char* stream = nullptr;
-  unsigned long size = 0;
-  info.err = init(errors);
-  if (setjmp(errors.jump)) {
-    jpeg_destroy_compress(&info);
-    std::free(stream);
-    return fail(ErrorCode::failed, "JPEG: ", static_cast<const char*>(errors.message));
-  }
-  jpeg_create_compress(&info);
-  jpeg_mem_dest(&info, &stream, &size);
-  info.image_width = shape.width;
-  info.image_height = shape.height;
-  const bool gray = shape.color == JpegColor::gray;
-  info.input_components = gray ? 1 : 4;
-  info.in_color_space = gray ? JCS_GRAYSCALE : JCS_EXT_RGBX;
-  jpeg_set_defaults(&info);
-  set_tables(&info, tables);
-  info.write_JFIF_header = FALSE;
-  if (shape.color == JpegColor::ycbcr_444)
-    info.comp_info[0].h_samp_factor = info.comp_info[0].v_samp_factor = 1;
-  jpeg_suppress_tables(&info, TRUE);
-  jpeg_start_compress(&info, FALSE);
-  const std::size_t stride = shape.width * pixel_bytes(shape.color);
-  while (info.next_scanline < info.image_height) {
-    auto* line = const_cast<JSAMPROW>(pixels.data() + info.next_scanline * stride);
-    jpeg_write_scanlines(&info, &line, 1);
-  }
-  jpeg_finish_compress(&info);
-  jpeg_destroy_compress(&info);
-  const std::size_t components = gray ? 1 : 3;
-  const std::size_t header = 2 + (10 + 3 * components) + (8 + 2 * components);
-  const auto* begin = reinterpret_cast<const std::byte*>(stream);
-  scan.insert(scan.end(), begin + header, begin + size - 2);
-  std::free(stream);
-  return {};
-}
-
-Result<void> read_scan(const JpegTables& tables, const JpegShape& shape, ByteSpan scan,
-                       std::span<std::uint8_t> pixels) {
+Result<void> decode_scan(const JpegTables& tables, const JpegShape& shape, ByteSpan scan,
+                         std::span<std::uint8_t> pixels) {
   assert(pixels.size() == std::size_t{shape.width} * shape.height * pixel_bytes(shape.color));
   if (holds_marker(scan)) return fail(ErrorCode::bad_file, "JPEG: a marker inside the scan");
   thread_local Decompressor decompressor;

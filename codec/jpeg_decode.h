@@ -1,0 +1,39 @@
+// Decodes one baseline JPEG scan at a time: entropy-coded bytes of a picture of known size, all
+// headers left out. libjpeg-turbo does the work; its errors and warnings come back as Result.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "base/bytes.h"
+#include "base/error.h"
+#include "codec/jpeg_tables.h"
+
+namespace slf::codec {
+
+enum class JpegColor : std::uint8_t {
+  gray,       ///< one component, pixels of 1 byte
+  ycbcr_444,  ///< three components, pixels of 4 bytes: R, G, B and one of no meaning
+  ycbcr_420,  ///< the same, chroma at half the resolution both ways
+};
+
+struct JpegShape {
+  std::uint32_t width = 0;   ///< 1..65500, a multiple of alignment(color)
+  std::uint32_t height = 0;  ///< likewise
+  JpegColor color = JpegColor::gray;
+};
+
+[[nodiscard]] constexpr std::size_t pixel_bytes(JpegColor color) {
+  return color == JpegColor::gray ? 1 : 4;
+}
+/// The side of a minimum coded unit.
+[[nodiscard]] constexpr std::uint32_t alignment(JpegColor color) {
+  return color == JpegColor::ycbcr_420 ? 16 : 8;
+}
+
+/// Fills `pixels`, width × height × pixel_bytes(color) bytes, from an untrusted scan.
+/// bad_file: the scan is damaged: it ends early, goes on too long or holds a marker.
+[[nodiscard]] Result<void> decode_scan(const JpegTables& tables, const JpegShape& shape,
+                                       ByteSpan scan, std::span<std::uint8_t> pixels);
+
+}  // namespace slf::codec

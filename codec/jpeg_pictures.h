@@ -1,0 +1,48 @@
+// The pictures that the jpeg codec makes of a tile's samples.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "codec/codec.h"
+#include "codec/jpeg_encode.h"
+#include "codec/mosaic.h"
+
+namespace slf::codec {
+
+/// Calls use(sample, pixel) for every sample of a tile and the pixel of the mosaic that shows it.
+template <class Use>
+void for_each_sample(const Tile& tile, const Mosaic& mosaic, Use use) {
+  std::size_t sample = 0;
+  for (std::size_t row = 0; row < tile.rows(); ++row)
+    for (std::uint32_t q = 0; q <= tile.side; ++q) {
+      const MosaicLine line = mosaic.line(row, q);
+      auto pixel = static_cast<std::ptrdiff_t>(line.start);
+      for (std::uint32_t p = 0; p <= tile.side - q; ++p, pixel += line.step)
+        use(sample++, static_cast<std::size_t>(pixel));
+    }
+}
+
+/// Whether JPEG can hold pictures of this size.
+[[nodiscard]] bool fits_jpeg(const Mosaic& mosaic);
+
+[[nodiscard]] JpegShape shape_of(const Mosaic& mosaic, JpegColor color);
+
+/// Depth in gray; a depth of 0 is nothing and does not matter.
+[[nodiscard]] JpegPicture depth_picture(const Tile& tile, const Mosaic& mosaic,
+                                        std::span<const std::uint8_t> depth);
+
+/// Alpha in gray: all of it matters.
+[[nodiscard]] JpegPicture alpha_picture(const Tile& tile, const Mosaic& mosaic,
+                                        std::span<const std::uint8_t> alpha);
+
+/// Colour not multiplied by alpha, so that a silhouette is no edge in it. It matters as much as it
+/// is opaque, and not at all where the decoder's alpha, `shown`, is 0.
+[[nodiscard]] JpegPicture color_picture(const Tile& tile, const Mosaic& mosaic, JpegColor color,
+                                        std::span<const std::uint8_t> rgba,
+                                        std::span<const std::uint8_t> shown);
+
+/// The alpha of rgba8 samples.
+[[nodiscard]] std::vector<std::uint8_t> alpha_of(std::span<const std::uint8_t> rgba);
+
+}  // namespace slf::codec

@@ -1,0 +1,159 @@
+#include "codec/lane_samples.h"
+
+#include <algorithm>
+
+#include "codec/planes.h"
+
+namespace slf::codec {
+namespace {
+
+constexpr std::uint16_t half_sign = 0x8000;
+// R - G of halves is centred here, so that small differences of either sign do not wrap.
+constexpr std::uint16_t difference_origin = 0x8000;
+
+std::uint16_t to_ordered(std::uint16_t half) {
+  return half < half_sign ? half : static_cast<std::uint16_t>(~(half - half_sign));
+}
+
+std::uint16_t from_ordered(std::uint16_t value) {
+  return value < half_sign ? value : static_cast<std::uint16_t>(half_sign | ~value);
+}
+
+// One group of a tile: where its lanes are, and its first picture's samples.
+template <class Values, class Byte>
+struct Group {
+  std::size_t columns;
+  std::size_t lanes;
+  Values* alpha;
+  Values* color;
+  Byte* samples;
+
+  Values& channel(std::size_t index, std::size_t column) const {
+    return color[index * columns + column];
+  }
+};
+using Loading = Group<LaneValues, const std::byte>;
+using Storing = Group<const LaneValues, std::byte>;
+
+template <class To, class Values, class Byte>
+To group_of(const Tile& tile, std::size_t index, Values* alpha, Values* color, Byte* samples) {
+  const std::size_t columns = tile.columns();
+  return {columns, lanes_of(tile, index), alpha ? alpha + index * columns : nullptr,
+          color + index * columns * color_channels(tile.format),
+          samples + index * lane_count * columns * sample_bytes(tile.format)};
+}
+
+void load_rgba8(const Loading& group) {
+  const std::byte* from = group.samples;
+  for (std::size_t lane = 0; lane < group.lanes; ++lane)
+    for (std::size_t i = 0; i < group.columns; ++i, from += 4) {
+      group.channel(0, i)[lane] = std::to_integer<std::uint8_t>(from[1]);
+      group.channel(1, i)[lane] = std::to_integer<std::uint8_t>(from[0]);
+      group.channel(2, i)[lane] = std::to_integer<std::uint8_t>(from[2]);
+      group.alpha[i][lane] = std::to_integer<std::uint8_t>(from[3]);
+    }
+}
+
+void load_rgba16f(const Loading& group) {
+  const std::byte* from = group.samples;
+  for (std::size_t lane = 0; lane < group.lanes; ++lane)
+    for (std::size_t i = 0; i < group.columns; ++i, from += 8) {
+      const auto at = [&](std::size_t c) {
+        return to_ordered(load_le<std::uint16_t>(from + 2 * c));
+      };
+      const int green = at(1);
+      group.channel(0, i)[lane] = static_cast<std::uint16_t>(green);
+      group.channel(1, i)[lane] = static_cast<std::uint16_t>(at(0) - green + difference_origin);
+      group.channel(2, i)[lane] = static_cast<std::uint16_t>(at(2) - green + difference_origin);
+      group.alpha[i][lane] = at(3);
+    }
+}
+
+void load_depth8(const Loading& group) {
+  const std::byte* from = group.samples;
+  for (std::size_t lane = 0; lane < group.lanes; ++lane)
+    for (std::size_t i = 0; i < group.columns; ++i)
+      group.color[i][lane] = std::to_integer<std::uint8_t>(*from++);
+}
+
+void store_rgba8(const Storing& group, bool clear) {
+  for (std::size_t i = 0; i < group.columns; ++i) {
+    std::uint32_t pixels[lane_count];
+    for (std::size_t lane = 0; lane < lane_count; ++lane) {
+      const std::uint32_t g = group.channel(0, i)[lane], r = group.channel(1, i)[lane],
+                          b = group.channel(2, i)[lane], a = group.alpha[i][lane];
+      pixels[lane] = clear && a == 0 ? 0 : r | g << 8 | b << 16 | a << 24;
+    }
+    std::byte* to = group.samples + i * 4;
+    for (std::size_t lane = 0; lane < group.lanes; ++lane, to += group.columns * 4)
+      store_le(to, pixels[lane]);
+  }
+}
+
+void store_rgba16f(const Storing& group, bool clear) {
+  for (std::size_t i = 0; i < group.columns; ++i)
+    for (std::size_t lane = 0; lane < group.lanes; ++lane) {
+      const int green = group.channel(0, i)[lane];
+      const auto plus_green = [&](std::size_t c) {
+        return static_cast<std::uint16_t>(group.channel(c, i)[lane] + green - difference_origin);
+      };
+      const bool empty = clear && group.alpha[i][lane] == 0;
+      const std::uint64_t r = empty ? 0 : from_ordered(plus_green(1));
+      const std::uint64_t g = empty ? 0 : from_ordered(static_cast<std::uint16_t>(green));
+      const std::uint64_t b = empty ? 0 : from_ordered(plus_green(2));
+      const std::uint64_t a = from_ordered(group.alpha[i][lane]);
+      store_le(group.samples + (lane * group.columns + i) * 8, r | g << 16 | b << 32 | a << 48);
+    }
+}
+
+void store_depth8(const Storing& group) {
+  std::byte* to = group.samples;
+  for (std::size_t lane = 0; lane < group.lanes; ++lane)
+    for (std::size_t i = 0; i < group.columns; ++i)
+      *to++ = static_cast<std::byte>(group.color[i][lane]);
+}
+
+}  // namespace
+
+void load(const Tile& tile, const std::byte* samples, LaneValues* alpha, LaneValues* color) {
+  const std::size_t groups = group_count(tile), columns = tile.columns();
+  if (tile.rows() % lane_count != 0) {
+    const std::size_t channels = color_channels(tile.format);
+    std::fill_n(color + (groups - 1) * channels * columns, channels * columns, LaneValues{});
+    if (alpha) std::fill_n(alpha + (groups - 1) * columns, columns, LaneValues{});
+  }
+  for (std::size_t index = 0; index < groups; ++index) {
+    const auto group = group_of<Loading>(tile, index, alpha, color, samples);
+    switch (tile.format) {
+      case SampleFormat::rgba8:
+        load_rgba8(group);
+        break;
+      case SampleFormat::depth8:
+        load_depth8(group);
+        break;
+      case SampleFormat::rgba16f:
+        load_rgba16f(group);
+        break;
+    }
+  }
+}
+
+void store(const Tile& tile, bool clear, const LaneValues* alpha, const LaneValues* color,
+           std::byte* samples) {
+  for (std::size_t index = 0; index < group_count(tile); ++index) {
+    const auto group = group_of<Storing>(tile, index, alpha, color, samples);
+    switch (tile.format) {
+      case SampleFormat::rgba8:
+        store_rgba8(group, clear);
+        break;
+      case SampleFormat::depth8:
+        store_depth8(group);
+        break;
+      case SampleFormat::rgba16f:
+        store_rgba16f(group, clear);
+        break;
+    }
+  }
+}
+
+}  // namespace slf::codec

@@ -1,0 +1,89 @@
+#include "codec/linear_fit.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace slf::codec {
+namespace {
+
+// Where a sample's neighbours are, as columns; stand-ins as in lanes.cc. REQUIRES: p > 0 or q > 0.
+std::array<std::size_t, own_taps> neighbours(std::uint32_t side, std::uint32_t p, std::uint32_t q,
+                                             std::size_t column) {
+  const std::size_t above = column - (side + 2 - q);  // line q - 1 holds side + 2 - q samples
+  const std::size_t w = p > 0 ? column - 1 : above;
+  const std::size_t n = q > 0 ? above : w;
+  const std::size_t nw = p > 0 && q > 0 ? above - 1 : n;
+  const std::size_t ne = q > 0 ? above + 1 : n;
+  const std::size_t ww = p > 1 ? column - 2 : w;
+  const std::size_t nn = q > 1 ? above - (side + 3 - q) : n;
+  return {w, n, nw, ne, ww, nn};
+}
+
+// Solves the symmetric, positive definite system a·x = b in place, b being the last column.
+template <class Matrix>
+void solve_system(Matrix& a, std::size_t size) {
+  for (std::size_t i = 0; i < size; ++i) {
+    const double pivot = a[i][i];
+    for (std::size_t j = i; j <= size; ++j) a[i][j] /= pivot;
+    for (std::size_t k = 0; k < size; ++k) {
+      if (k == i) continue;
+      const double factor = a[k][i];
+      for (std::size_t j = i; j <= size; ++j) a[k][j] -= factor * a[i][j];
+    }
+  }
+}
+
+}  // namespace
+
+void LinearFit::add(std::uint32_t side, std::size_t lanes, const LaneValues* values,
+                    const LaneValues* coverage) {
+  const std::size_t columns = std::size_t{side + 1} * (side + 2) / 2;
+  const std::size_t terms = terms_per_channel * channels_;
+  std::array<double, max_terms> term{};
+  std::size_t column = 1;  // the first sample has no neighbours
+  for (std::uint32_t q = 0; q <= side; ++q)
+    for (std::uint32_t p = q == 0 ? 1 : 0; p <= side - q; ++p, ++column) {
+      const auto around = neighbours(side, p, q, column);
+      for (std::size_t lane = column % 3; lane < lanes; lane += 3) {
+        if (coverage && coverage[column][lane] == 0) continue;
+        double* next = term.data();
+        for (std::size_t channel = 0; channel < channels_; ++channel) {
+          const LaneValues* plane = values + channel * columns;
+          for (const std::size_t at : around) *next++ = plane[at][lane];
+          *next++ = plane[column][lane];
+        }
+        for (std::size_t i = 0; i < terms; ++i)
+          for (std::size_t j = 0; j < terms; ++j) products_[i][j] += term[i] * term[j];
+      }
+    }
+}
+
+ChannelPredictor LinearFit::solve(std::size_t channel) const {
+  // The terms that are taps of this channel, in the order of its weights.
+  std::array<std::size_t, max_taps> tap{};
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < own_taps; ++i) tap[count++] = channel * terms_per_channel + i;
+  for (std::size_t earlier = 0; earlier < channel; ++earlier) {
+    tap[count++] = earlier * terms_per_channel + own_taps;
+    for (std::size_t i = 0; i + 1 < cross_taps; ++i) tap[count++] = earlier * terms_per_channel + i;
+  }
+  const std::size_t target = channel * terms_per_channel + own_taps;
+
+  std::array<std::array<double, max_taps + 1>, max_taps> system{};
+  for (std::size_t i = 0; i < count; ++i) {
+    for (std::size_t j = 0; j < count; ++j) system[i][j] = products_[tap[i]][tap[j]];
+    system[i][i] += 1;  // keeps the system definite where samples are all alike
+    system[i][count] = products_[tap[i]][target];
+  }
+  solve_system(system, count);
+
+  ChannelPredictor predictor{true, {}};
+  for (std::size_t i = 0; i < count; ++i) {
+    const double weight =
+        std::nearbyint(std::clamp(system[i][count] * 256, -double{max_weight}, double{max_weight}));
+    predictor.weights[i] = static_cast<std::int16_t>(weight);
+  }
+  return predictor;
+}
+
+}  // namespace slf::codec

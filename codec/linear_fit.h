@@ -1,0 +1,34 @@
+// LinearFit: the weights with which the linear predictor errs least, by least squares.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "codec/lanes.h"
+
+namespace slf::codec {
+
+/// Sums of products over all samples added, and the weights that follow from them. Sums are exact,
+/// and the few roundings after them are the same on every machine.
+class LinearFit {
+ public:
+  /// 1..3 channels.
+  explicit LinearFit(std::size_t channels) : channels_(channels) {}
+
+  /// Adds a third of the samples of the first `lanes` pictures of a group: values as predict takes
+  /// them, below 256. Where `coverage`, if given, is 0 samples are left out.
+  void add(std::uint32_t side, std::size_t lanes, const LaneValues* values,
+           const LaneValues* coverage);
+
+  [[nodiscard]] ChannelPredictor solve(std::size_t channel) const;
+
+ private:
+  // Per channel: W, N, NW, NE, WW, NN and the sample itself.
+  static constexpr std::size_t terms_per_channel = own_taps + 1;
+  static constexpr std::size_t max_terms = terms_per_channel * 3;
+
+  std::size_t channels_;
+  std::array<std::array<double, max_terms>, max_terms> products_{};
+};
+
+}  // namespace slf::codec
