@@ -9,7 +9,7 @@ namespace {
 
 constexpr std::uint32_t kMagic = 0x434C53;  // "SLC", below the version
 constexpr std::uint8_t kVersion = 1;
-constexpr std::size_t kHeader = 8;
+constexpr std::size_t kHeader = 16;
 constexpr std::size_t kLayerHeader = 18;
 
 ByteSpan bytes_of(std::string_view text) {
@@ -22,10 +22,11 @@ tl::unexpected<Error> damaged(const char* what) {
 
 }  // namespace
 
-Bytes encode_container(std::span<const LayerInfo> layers) {
+Bytes encode_container(std::uint64_t transaction, std::span<const LayerInfo> layers) {
   Bytes blob;
   append_le<std::uint32_t>(blob, kMagic | std::uint32_t{kVersion} << 24);
   append_le<std::uint32_t>(blob, static_cast<std::uint32_t>(layers.size()));
+  append_le<std::uint64_t>(blob, transaction);
   for (const LayerInfo& layer : layers) {
     append_le<std::uint64_t>(blob, layer.records);
     append_le<std::uint64_t>(blob, layer.last ? layer.last->index : 0);
@@ -37,7 +38,7 @@ Bytes encode_container(std::span<const LayerInfo> layers) {
   return blob;
 }
 
-Result<std::vector<LayerInfo>> decode_container(ByteSpan blob) {
+Result<Container> decode_container(ByteSpan blob) {
   if (blob.size() < kHeader) return damaged("too short");
   const auto magic = load_le<std::uint32_t>(blob.data());
   if ((magic & 0xFFFFFF) != kMagic) return damaged("no container blob");
@@ -46,7 +47,8 @@ Result<std::vector<LayerInfo>> decode_container(ByteSpan blob) {
                 int{kVersion});
   const auto count = load_le<std::uint32_t>(blob.data() + 4);
   if (count == 0 || count > kMaxLayers) return damaged("the number of layers is damaged");
-  std::vector<LayerInfo> layers;
+  Container container;
+  container.transaction = load_le<std::uint64_t>(blob.data() + 8);
   std::size_t at = kHeader;
   for (std::uint32_t i = 0; i < count; ++i) {
     if (blob.size() - at < kLayerHeader) return damaged("the list of layers is cut short");
@@ -61,10 +63,10 @@ Result<std::vector<LayerInfo>> decode_container(ByteSpan blob) {
     if (level != kNoLevel) layer.last = TileKey{level, index};
     layer.name.assign(reinterpret_cast<const char*>(blob.data() + at), name);
     at += name;
-    layers.push_back(std::move(layer));
+    container.layers.push_back(std::move(layer));
   }
   if (at != blob.size()) return damaged("bytes behind the list of layers");
-  return layers;
+  return container;
 }
 
 Result<void> check_layer_names(std::span<const std::string> names) {

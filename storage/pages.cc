@@ -15,6 +15,7 @@ constexpr std::uint32_t kMagic = 0xBEEFC0DE;
 constexpr std::uint32_t kVersion = 1;
 constexpr std::uint32_t kMinPage = 512;
 constexpr std::uint32_t kMaxPage = 32768;
+constexpr std::uint16_t kHarmlessFlags = 0x4000;  // how the file was opened: MDB_NOSUBDIR
 
 Result<Meta> read_meta(int file, const std::string& path, std::uint64_t number,
                        std::uint64_t offset) {
@@ -45,6 +46,10 @@ Result<Meta> read_meta(int file, const std::string& path, std::uint64_t number,
       meta.page_size > kMaxPage)
     return fail(ErrorCode::unsupported, path, ": page size ", meta.page_size,
                 ", expected a power of two from ", kMinPage, " to ", kMaxPage);
+  // Flags would change the order of keys, or, to LMDB, the address of the map.
+  if ((meta.free_list.flags & ~kHarmlessFlags) != kIntegerKeys || meta.main.flags != 0)
+    return fail(ErrorCode::bad_file, path, ": meta page ", number, " has flags ",
+                meta.free_list.flags, " and ", meta.main.flags);
   return meta;
 }
 

@@ -73,9 +73,14 @@ Result<void> Snapshot::load(const Meta& meta, const LockedFile& file) {
   manifest_ = *manifest;
   auto sealed = blob(kContainer);
   if (!sealed) return tl::unexpected(std::move(sealed.error()));
-  auto layers = decode_container(*sealed);
-  if (!layers) return fail(layers.error().code, path_, ": container: ", layers.error().message);
-  layers_ = std::move(*layers);
+  auto container = decode_container(*sealed);
+  if (!container)
+    return fail(container.error().code, path_, ": container: ", container.error().message);
+  if (container->transaction != meta.transaction)
+    return fail(ErrorCode::bad_file, path_, ": the meta page names transaction ", meta.transaction,
+                ", the container ", container->transaction,
+                ": damaged, or written to by another program");
+  layers_ = std::move(container->layers);
   for (const LayerInfo& layer : layers_) {
     auto tree = named_tree(layer.name);
     if (!tree) return tl::unexpected(std::move(tree.error()));

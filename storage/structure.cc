@@ -102,6 +102,7 @@ class Checker {
   bool check_nodes(const TreePage& page, const Visit& visit, Content content) {
     const auto size = static_cast<std::uint64_t>(page.bytes().size());
     const std::uint64_t upper = load_le<std::uint16_t>(page.bytes().data() + 14);
+    const std::uint64_t node_limit = (size - kPageHeader) / 2;
     std::uint64_t filled = 0;
     ByteSpan before;
     for (std::uint32_t i = 0; i < page.count(); ++i) {
@@ -113,6 +114,10 @@ class Checker {
       const bool keyed = page.leaf() || i > 0;  // the first child has no key
       const bool big = (node.flags & kBigData) != 0;
       const std::uint64_t data = !page.leaf() ? 0 : big ? 8 : node.data_size;
+      if (node.key.size() > kMaxKey || kNodeHeader + node.key.size() + data > node_limit) {
+        report(page.number(), "entry ", i, " is larger than LMDB makes them");
+        return false;
+      }
       filled += (kNodeHeader + node.key.size() + data + 1) / 2 * 2;
       const auto at = static_cast<std::uint64_t>(node.key.data() - page.bytes().data());
       if (at < upper + kNodeHeader) {
@@ -199,17 +204,29 @@ class Checker {
       named_.emplace_back(name, tree);
   }
 
-  // A value of the free list: a count, then that many page numbers.
+  // An entry of the free list: under the transaction that freed them, a count and that many page
+  // numbers, in descending order.
   void take_free_pages(const TreePage& page, std::uint32_t i, const Node& node) {
     auto value = pages_.value(node);
     if (!value) return report(std::move(value.error()));
     const std::uint64_t count = value->size() < 8 ? 0 : load_le<std::uint64_t>(value->data());
-    if (node.key.size() != 8 || value->size() < 8 || count > value->size() / 8 - 1) {
+    const std::uint64_t freed_by =
+        node.key.size() == 8 ? load_le<std::uint64_t>(node.key.data()) : 0;
+    if (freed_by == 0 || freed_by > pages_.meta().transaction || value->size() < 8 ||
+        count > value->size() / 8 - 1) {
       report(page.number(), "entry ", i, " of the free list is damaged");
       return;
     }
-    for (std::uint64_t k = 1; k <= count && !gave_up(); ++k)
-      claim(load_le<std::uint64_t>(value->data() + 8 * k), 1, "the free list");
+    std::uint64_t above = pages_.count();
+    for (std::uint64_t k = 1; k <= count && !gave_up(); ++k) {
+      const auto free_page = load_le<std::uint64_t>(value->data() + 8 * k);
+      if (free_page >= above) {
+        report(page.number(), "entry ", i, " of the free list is out of order");
+        return;
+      }
+      claim(free_page, 1, "the free list");
+      above = free_page;
+    }
   }
 
   void compare(const Tree& tree, const Tree& counted, const std::string& name) {

@@ -69,7 +69,9 @@ struct LevelStatistics {
   std::uint64_t record_bytes = 0;   ///< of the records, with tables and padding
 };
 
-/// Part of a layer that cannot be read, with the keys it should hold, both inclusive.
+/// Part of a layer that cannot be read, with the keys it should hold, both inclusive. Usually one
+/// record: TileWriter::replace() of its `last` makes all its tiles missing, so that they can be
+/// filled again. Where a page of the tree is lost there may be many records, and no way to tell.
 struct Damage : Error {
   TileKey first;
   TileKey last;

@@ -53,8 +53,8 @@ Result<void> write(Environment& environment, std::span<const CutRecord> records,
   }
   const std::string manifest(internal::kManifest);
   for (const auto& [name, sealed] : blobs) puts.push_back({manifest, bytes_of(name), sealed});
-  const Bytes container =
-      internal::seal_blob(internal::kContainer, internal::encode_container(layers));
+  const Bytes container = internal::seal_blob(
+      internal::kContainer, internal::encode_container(environment.transaction() + 1, layers));
   puts.push_back({manifest, bytes_of(internal::kContainer), container});
   return environment.put(puts);
 }
@@ -139,7 +139,7 @@ struct TileWriter::State {
   }
 
   [[nodiscard]] Result<Bytes> replaced(const Snapshot& snapshot, LayerId layer, TileKey key,
-                                       const internal::Tile& tile, RecordKey& place) const;
+                                       const internal::Tile& tile, TileKey& place) const;
 };
 
 TileWriter::TileWriter(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -270,18 +270,18 @@ Result<void> TileWriter::replace(LayerId layer, TileKey key, TileState tile_stat
   internal::Tile tile{tile_state, payload, 0};
   if (tile_state == TileState::stored)
     tile.checksum = internal::payload_checksum(layer, key, payload);
-  RecordKey place;
+  TileKey place;
   auto value = state_->replaced(**snapshot, layer, key, tile, place);
   if (!value) return tl::unexpected(std::move(value.error()));
-  const Put put{state_->layers[layer].name, place, *value};
-  if (auto written = state_->environment->put({&put, 1}); !written) return written;
-  return state_->after_commit();
+  const CutRecord record{layer, place, std::move(*value)};
+  const auto written = write(*state_->environment, {&record, 1}, {}, state_->layers);
+  return written ? state_->after_commit() : written;
 }
 
 // The record that holds a tile, with that tile changed, and its key. Of a record whose table is
 // damaged nothing is left: all its tiles become missing.
 Result<Bytes> TileWriter::State::replaced(const Snapshot& snapshot, LayerId layer, TileKey key,
-                                          const internal::Tile& tile, RecordKey& place) const {
+                                          const internal::Tile& tile, TileKey& place) const {
   internal::Cursor cursor(snapshot.pages(), snapshot.tree(layer));
   auto at = cursor.seek(internal::encode_key(key));
   if (!at) return tl::unexpected(std::move(at.error()));
@@ -307,7 +307,7 @@ Result<Bytes> TileWriter::State::replaced(const Snapshot& snapshot, LayerId laye
   if (key < first)
     return fail(ErrorCode::usage, path, ": no record holds tile ", int{key.level}, "/", key.index);
   tiles[key.index - first.index] = tile;
-  place = internal::encode_key(*last);
+  place = *last;
   return internal::encode_record(layer, *before, first, tiles);
 }
 

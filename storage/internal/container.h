@@ -1,7 +1,8 @@
 // The container's own blob: which layers there are, and how far each one goes.
 //
 // It is rewritten by every commit, so that a reader knows the last tile of every layer and takes a
-// lost branch of a tree for what it is. FORMAT.md, "The container blob", has the grid.
+// lost branch of a tree, or a root that an older commit left behind, for what it is. FORMAT.md,
+// "The container blob", has the grid.
 #pragma once
 
 #include <cstdint>
@@ -23,17 +24,23 @@ inline constexpr std::size_t kMaxLayers = 64;
 inline constexpr std::size_t kMaxLayerName = 64;
 inline constexpr std::size_t kMaxBlobName = 255;
 
+/// One layer as of the last commit.
 struct LayerInfo {
   std::string name;
   std::uint64_t records = 0;
   std::optional<TileKey> last;
 };
 
+struct Container {
+  std::uint64_t transaction = 0;  ///< that wrote it: the meta page must name the same
+  std::vector<LayerInfo> layers;
+};
+
 /// REQUIRES: layers that check_layer_names() accepts.
-[[nodiscard]] Bytes encode_container(std::span<const LayerInfo> layers);
+[[nodiscard]] Bytes encode_container(std::uint64_t transaction, std::span<const LayerInfo> layers);
 
 /// bad_file: not a container blob. unsupported: of another version.
-[[nodiscard]] Result<std::vector<LayerInfo>> decode_container(ByteSpan blob);
+[[nodiscard]] Result<Container> decode_container(ByteSpan blob);
 
 /// usage: none or too many, one empty, too long, twice, or a name the container uses itself.
 [[nodiscard]] Result<void> check_layer_names(std::span<const std::string> names);

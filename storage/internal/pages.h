@@ -22,6 +22,7 @@ inline constexpr std::size_t kNodeHeader = 8;
 inline constexpr std::size_t kMetaEnd = 152;  ///< bytes of a meta page in use
 inline constexpr std::size_t kTreeBytes = 48;
 inline constexpr std::size_t kMaxDepth = 32;
+inline constexpr std::size_t kMaxKey = 511;
 inline constexpr std::uint64_t kNoPage = ~std::uint64_t{0};
 
 enum PageFlag : std::uint16_t { kBranch = 1, kLeaf = 2, kOverflow = 4, kMeta = 8 };

@@ -17,11 +17,15 @@
 
 namespace slf::storage::testing {
 
-/// A fresh folder under the system's temporary one; removed with everything in it.
+/// A fresh folder, in memory where there is /dev/shm; removed with everything in it.
 class TemporaryFolder {
  public:
   TemporaryFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "slf-storage-XXXXXX").string();
+    const std::filesystem::path memory = "/dev/shm";
+    std::string name =
+        ((access(memory.c_str(), W_OK) == 0 ? memory : std::filesystem::temp_directory_path()) /
+         "slf-storage-XXXXXX")
+            .string();
     if (mkdtemp(name.data()) != nullptr) path_ = name;
   }
   TemporaryFolder(const TemporaryFolder&) = delete;
