@@ -1,0 +1,185 @@
+// Killed writers, failing system calls, full disks: what was committed stays, and resuming
+// reaches the same content.
+#include <gmock/gmock.h>
+#include <signal.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+
+#include "tests/storage/failing_calls.h"
+#include "tests/storage/storage_testing.h"
+
+namespace slf::storage::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr std::uint64_t kTiles = 240;
+
+Bytes expected_tile(LayerId layer, std::uint64_t i) {
+  return tile_bytes(layer, {static_cast<std::uint8_t>(i / 100), i % 100}, i * 131 % 9000);
+}
+
+// Appends what is not there yet, with a commit every 20 tiles. `report` hears of commits.
+template <class Report>
+Result<void> build(const std::string& path, const Report& report) {
+  auto writer = std::filesystem::exists(path) ? TileWriter::resume(path)
+                                              : TileWriter::create(path, kTwoLayers, {});
+  if (!writer) return tl::unexpected(writer.error());
+  std::optional<TileKey> last[2];
+  for (LayerId layer = 0; layer < 2; ++layer) {
+    auto found = writer->last(layer);
+    if (!found) return tl::unexpected(found.error());
+    last[layer] = *found;
+  }
+  for (std::uint64_t i = 0; i < kTiles; ++i) {
+    const TileKey key{static_cast<std::uint8_t>(i / 100), i % 100};
+    for (LayerId layer = 0; layer < 2; ++layer) {
+      if (last[layer] && key <= *last[layer]) continue;
+      if (auto done = writer->append(layer, key, expected_tile(layer, i)); !done) return done;
+    }
+    if (i % 20 != 19) continue;
+    if (auto done = writer->commit(); !done) return done;
+    const auto color = writer->last(0);
+    report(color && *color ? (*color)->level * 100 + (*color)->index + 1 : 0);
+  }
+  auto done = writer->close();
+  if (done) report(kTiles);
+  return done;
+}
+
+// Whatever is in the file is right, and the color layer has at least `committed` tiles.
+void expect_kept(const std::string& path, std::uint64_t committed) {
+  if (!std::filesystem::exists(path)) {
+    EXPECT_EQ(committed, 0u);
+    return;
+  }
+  auto store = TileStore::open(path);
+  ASSERT_TRUE(ok(store));
+  std::vector<Error> findings;
+  store->check_structure(findings);
+  for (const Error& finding : findings) ADD_FAILURE() << finding.message;
+  for (LayerId layer = 0; layer < 2; ++layer) {
+    std::uint64_t i = 0;
+    for (const auto& [key, bytes] : contents(*store, layer)) {
+      EXPECT_EQ(key, (TileKey{static_cast<std::uint8_t>(i / 100), i % 100}));
+      EXPECT_EQ(bytes, expected_tile(layer, i));
+      ++i;
+    }
+    if (layer == 0) {
+      EXPECT_GE(i, committed);
+    }
+  }
+}
+
+void expect_complete(const std::string& path) {
+  const auto done = build(path, [](std::uint64_t) {});
+  ASSERT_TRUE(ok(done));
+  expect_kept(path, kTiles);
+  for (LayerId layer = 0; layer < 2; ++layer)
+    EXPECT_EQ(contents(*TileStore::open(path), layer).size(), kTiles);
+}
+
+TEST(Crash, AKilledWriterLosesNothingItCommitted) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  std::mt19937 random(3);
+  int killed = 0;
+  for (int round = 0; round < 250 && !HasFailure(); ++round) {
+    int pipes[2];
+    ASSERT_EQ(pipe(pipes), 0);
+    const pid_t child = fork();
+    if (child == 0) {
+      const auto done =
+          build(path, [&](std::uint64_t count) { (void)!::write(pipes[1], &count, sizeof count); });
+      _exit(done ? 0 : 1);
+    }
+    ::close(pipes[1]);
+    usleep(random() % 3000);
+    kill(child, SIGKILL);
+    int status = 0;
+    waitpid(child, &status, 0);
+    std::uint64_t committed = 0;
+    while (::read(pipes[0], &committed, sizeof committed) == sizeof committed) {
+    }
+    ::close(pipes[0]);
+    if (WIFSIGNALED(status)) ++killed;
+    if (WIFEXITED(status)) {
+      EXPECT_EQ(WEXITSTATUS(status), 0);
+    }
+    expect_kept(path, committed);
+    if (round % 10 == 0) expect_complete(path);
+    if (committed == kTiles || round % 10 == 0) std::filesystem::remove(path);
+  }
+  EXPECT_GE(killed, 20);
+  expect_complete(path);
+}
+
+void fail_each_call(int error, bool all_later) {
+  bool failed = true;
+  int calls = 0;
+  for (; failed && !::testing::Test::HasFailure(); ++calls) {
+    TemporaryFolder folder;
+    const std::string path = folder.file("a.slf");
+    std::uint64_t committed = 0;
+    fail_after(calls, error, all_later);
+    const auto done = build(path, [&](std::uint64_t count) { committed = count; });
+    failed = has_failed();
+    fail_after(-1, 0, false);
+    if (!done) {
+      EXPECT_TRUE(failed);
+      EXPECT_TRUE(done.error().code == ErrorCode::io || done.error().code == ErrorCode::failed)
+          << done.error().message;
+      EXPECT_THAT(done.error().message, HasSubstr("a.slf"));
+    }
+    expect_kept(path, committed);
+    expect_complete(path);
+  }
+  EXPECT_GT(calls, 30);
+}
+
+TEST(Crash, AnyOneFailingCallLosesNothing) { fail_each_call(ENOSPC, false); }
+TEST(Crash, AnyHalfWriteLosesNothing) { fail_each_call(EIO, false); }
+TEST(Crash, NothingIsLostWhenAllCallsFailFromSomePointOn) { fail_each_call(ENOSPC, true); }
+
+TEST(Crash, ACommitThatFailedCanBeTriedAgain) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  TileWriter writer = create(path, {"color"});
+  Model model;
+  for (std::uint64_t i = 0; i < 100; ++i) {
+    model[{0, i}] = tile_bytes(0, {0, i}, 5000);
+    ASSERT_TRUE(ok(writer.append(0, {0, i}, model[{0, i}])));
+  }
+  fail_after(0, ENOSPC, false);
+  const auto full = writer.commit();
+  fail_after(-1, 0, false);
+  ASSERT_FALSE(full);
+  EXPECT_EQ(full.error().code, ErrorCode::io);
+  EXPECT_THAT(full.error().message, HasSubstr("free some space"));
+  ASSERT_TRUE(ok(writer.close()));
+  expect_holds(path, 0, model);
+}
+
+TEST(Crash, AFullDiskIsAnErrorThatSaysSo) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  const pid_t child = fork();
+  if (child == 0) {
+    signal(SIGXFSZ, SIG_IGN);
+    const rlimit limit{500000, 500000};
+    setrlimit(RLIMIT_FSIZE, &limit);
+    const auto done = build(path, [](std::uint64_t) {});
+    _exit(!done && done.error().code == ErrorCode::io &&
+                  done.error().message.find("free some space") != std::string::npos
+              ? 0
+              : 1);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0);
+  expect_kept(path, 20);
+  expect_complete(path);
+}
+
+}  // namespace
+}  // namespace slf::storage::testing

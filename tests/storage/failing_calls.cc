@@ -1,0 +1,91 @@
+// These definitions stand before the C library's for the whole process, LMDB included.
+#include "tests/storage/failing_calls.h"
+
+#include <dlfcn.h>
+#include <sys/mman.h>
+#include <sys/uio.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+
+namespace slf::storage::testing {
+namespace {
+
+std::atomic<int> left = -1;
+std::atomic<int> code = 0;
+std::atomic<bool> later = false;
+std::atomic<bool> failed = false;
+
+bool fails() {
+  if (left.load() < 0) return false;
+  if (left.load() > 0) {
+    --left;
+    return false;
+  }
+  if (failed && !later) return false;
+  failed = true;
+  errno = code;
+  return true;
+}
+
+template <class Function>
+Function* next(const char* name) {
+  return reinterpret_cast<Function*>(dlsym(RTLD_NEXT, name));
+}
+
+}  // namespace
+
+void fail_after(int calls, int error, bool all_later) {
+  failed = false;
+  code = error;
+  later = all_later;
+  left = calls;
+}
+
+bool has_failed() { return failed; }
+
+}  // namespace slf::storage::testing
+
+using slf::storage::testing::fails;
+using slf::storage::testing::next;
+
+extern "C" {
+
+ssize_t pwrite(int file, const void* from, size_t size, off_t at) {
+  static auto* real = next<ssize_t(int, const void*, size_t, off_t)>("pwrite");
+  if (!fails()) return real(file, from, size, at);
+  return errno == EIO && size > 1 ? real(file, from, size / 2, at) : -1;  // half a write, too
+}
+
+ssize_t writev(int file, const struct iovec* from, int count) {
+  static auto* real = next<ssize_t(int, const struct iovec*, int)>("writev");
+  return fails() ? -1 : real(file, from, count);
+}
+
+int fdatasync(int file) {
+  static auto* real = next<int(int)>("fdatasync");
+  return fails() ? -1 : real(file);
+}
+
+int fsync(int file) {
+  static auto* real = next<int(int)>("fsync");
+  return fails() ? -1 : real(file);
+}
+
+int msync(void* from, size_t size, int flags) {
+  static auto* real = next<int(void*, size_t, int)>("msync");
+  return fails() ? -1 : real(from, size, flags);
+}
+
+void* mmap(void* at, size_t size, int protection, int flags, int file, off_t offset) noexcept {
+  static auto* real = next<void*(void*, size_t, int, int, int, off_t)>("mmap");
+  return file >= 0 && fails() ? MAP_FAILED : real(at, size, protection, flags, file, offset);
+}
+
+int ftruncate(int file, off_t size) noexcept {
+  static auto* real = next<int(int, off_t)>("ftruncate");
+  return fails() ? -1 : real(file, size);
+}
+
+}  // extern "C"

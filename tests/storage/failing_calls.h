@@ -1,0 +1,13 @@
+// Makes the operating system refuse: the n-th call that writes, of this process, fails.
+#pragma once
+
+namespace slf::storage::testing {
+
+/// From now on lets `calls` writing calls succeed (pwrite, write, writev, fdatasync, fsync, msync,
+/// ftruncate, and mmap), then fails one, or all later ones, with `error`. -1 never fails.
+void fail_after(int calls, int error, bool all_later);
+
+/// Whether a call has failed since.
+[[nodiscard]] bool has_failed();
+
+}  // namespace slf::storage::testing
