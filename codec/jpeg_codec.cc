@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <cstring>
 
 #include "codec/jpeg_alpha.h"
 #include "codec/jpeg_decode.h"
@@ -84,12 +85,18 @@ Result<void> JpegCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payloa
 void blend(const Tile& tile, const Mosaic& mosaic, std::span<const std::uint8_t> pixels,
            std::span<const std::uint8_t> alpha, std::uint8_t* samples) {
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
-    const std::uint8_t* from = &pixels[pixel * 4];
-    std::uint8_t* to = samples + sample * 4;
-    const unsigned a = alpha[sample];
-    for (int c = 0; c < 3; ++c) to[c] = static_cast<std::uint8_t>((from[c] * a + 127) / 255);
-    to[3] = static_cast<std::uint8_t>(a);
+    std::memcpy(samples + sample * 4, &pixels[pixel * 4], 4);
   });
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
+    std::uint8_t* to = samples + i * 4;
+    const unsigned a = alpha[i];
+    // (c × a) / 255, rounded.
+    for (int c = 0; c < 3; ++c) {
+      const unsigned product = to[c] * a + 128;
+      to[c] = static_cast<std::uint8_t>((product + (product >> 8)) >> 8);
+    }
+    to[3] = static_cast<std::uint8_t>(a);
+  }
 }
 
 Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload,

@@ -1,14 +1,18 @@
 #include "codec/lanes.h"
 
-#include <algorithm>
-#include <utility>
+#include <cstring>
 
 #include "codec/scratch.h"
 
 namespace slf::codec {
 namespace {
 
-using Lanes = std::array<float, lane_count>;
+// Four lanes each: what every processor's vectors hold.
+using Vector = float __attribute__((vector_size(16)));
+using ShortVector = std::uint16_t __attribute__((vector_size(8)));
+using IntVector = int __attribute__((vector_size(16)));
+constexpr std::size_t vector_count = lane_count / 4;
+using Lanes = std::array<Vector, vector_count>;
 
 constexpr Lanes nothing{};
 
@@ -40,17 +44,15 @@ class Lines {
   std::size_t length_;
 };
 
-void add(Lanes& sum, float weight, const Lanes& values) {
-  for (std::size_t i = 0; i < lane_count; ++i) sum[i] += weight * values[i];
-}
+Vector least(Vector a, Vector b) { return a < b ? a : b; }
+Vector greatest(Vector a, Vector b) { return a > b ? a : b; }
 
 // JPEG-LS: the median of W, N and W + N - NW.
 Lanes median_edge(const Neighbours& s) {
   Lanes guess;
-  for (std::size_t i = 0; i < lane_count; ++i) {
-    const float w = (*s.w)[i], n = (*s.n)[i];
-    const float low = std::min(w, n), high = std::max(w, n);
-    guess[i] = std::min(std::max(w + n - (*s.nw)[i], low), high);
+  for (std::size_t i = 0; i < vector_count; ++i) {
+    const Vector w = (*s.w)[i], n = (*s.n)[i];
+    guess[i] = least(greatest(w + n - (*s.nw)[i], least(w, n)), greatest(w, n));
   }
   return guess;
 }
@@ -58,19 +60,40 @@ Lanes median_edge(const Neighbours& s) {
 // floor((sum of weight × value + 128) / 256), within a byte.
 Lanes weighted(const ChannelPredictor& predictor, std::size_t channel, Lines* lines,
                std::uint32_t p, std::uint32_t q) {
-  Lanes sum;
-  sum.fill(128);
-  const std::int16_t* weight = predictor.weights.data();
+  const Lanes* tap[max_taps];
   const Neighbours own = lines[channel].around(p, q);
-  for (const Lanes* tap : {own.w, own.n, own.nw, own.ne, own.ww, own.nn}) add(sum, *weight++, *tap);
+  std::size_t count = 0;
+  for (const Lanes* at : {own.w, own.n, own.nw, own.ne, own.ww, own.nn}) tap[count++] = at;
   for (std::size_t earlier = 0; earlier < channel; ++earlier) {
     const Neighbours cross = lines[earlier].around(p, q);
-    for (const Lanes* tap :
-         {&std::as_const(lines[earlier].at(p, q)), cross.w, cross.n, cross.nw, cross.ne})
-      add(sum, *weight++, *tap);
+    tap[count++] = &lines[earlier].at(p, q);
+    for (const Lanes* at : {cross.w, cross.n, cross.nw, cross.ne}) tap[count++] = at;
   }
-  for (float& value : sum) value = std::min(std::max(value * (1.0f / 256), 0.0f), 255.0f);
-  return sum;
+  Vector a{128, 128, 128, 128}, b = a, c = a, d = a;
+  for (std::size_t i = 0; i < count; ++i) {
+    const float weight = predictor.weights[i];
+    const Lanes& values = *tap[i];
+    a += weight * values[0];
+    b += weight * values[1];
+    c += weight * values[2];
+    d += weight * values[3];
+  }
+  const auto to_byte = [](Vector sum) {
+    const Vector none{}, most = none + 255.0f;
+    return least(greatest(sum * (1.0f / 256), none), most);
+  };
+  return {to_byte(a), to_byte(b), to_byte(c), to_byte(d)};
+}
+
+IntVector load(const std::uint16_t* from) {
+  ShortVector values;
+  std::memcpy(&values, from, sizeof(values));
+  return __builtin_convertvector(values, IntVector);
+}
+
+void store(IntVector values, std::uint16_t* to) {
+  const ShortVector narrow = __builtin_convertvector(values, ShortVector);
+  std::memcpy(to, &narrow, sizeof(narrow));
 }
 
 enum class Way { predict, predict_covered, restore };
@@ -94,20 +117,21 @@ void walk(const LaneGroup& group, const LaneValues* from, const LaneValues* cove
         const ChannelPredictor& predictor = group.channels[channel];
         const Lanes guess = predictor.linear ? weighted(predictor, channel, lines, p, q)
                                              : median_edge(lines[channel].around(p, q));
-        const LaneValues& in = from[channel * columns + column];
-        LaneValues& out = to[channel * columns + column];
+        const std::uint16_t* in = from[channel * columns + column].data();
+        std::uint16_t* out = to[channel * columns + column].data();
         Lanes& line = lines[channel].at(p, q);
-        for (std::size_t i = 0; i < lane_count; ++i) {
-          const int predicted = static_cast<int>(guess[i]);
-          int residual = in[i], value = in[i];
+        for (std::size_t i = 0; i < vector_count; ++i) {
+          const IntVector predicted = __builtin_convertvector(guess[i], IntVector);
+          IntVector value = load(in + 4 * i);
           if (way == Way::restore) {
-            value = (residual + predicted) & mask;
+            value = (value + predicted) & mask;
+            store(value, out + 4 * i);
           } else {
-            if (way == Way::predict_covered && coverage[column][i] == 0) value = predicted;
-            residual = (value - predicted) & mask;
+            if (way == Way::predict_covered)
+              value = load(coverage[column].data() + 4 * i) == 0 ? predicted : value;
+            store((value - predicted) & mask, out + 4 * i);
           }
-          out[i] = static_cast<std::uint16_t>(way == Way::restore ? value : residual);
-          line[i] = static_cast<float>(value);
+          line[i] = __builtin_convertvector(value, Vector);
         }
       }
 }

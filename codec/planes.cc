@@ -49,8 +49,11 @@ void for_each_stored(const LaneStack& stack, Use use) {
   }
 }
 
-bool covers_all(const LaneValues& coverage) {
-  return std::none_of(coverage.begin(), coverage.end(), [](std::uint16_t v) { return v == 0; });
+// How many lanes have no coverage.
+unsigned uncovered(const LaneValues& coverage) {
+  unsigned count = 0;
+  for (const std::uint16_t value : coverage) count += value == 0 ? 1 : 0;
+  return count;
 }
 
 // Calls take(group, column, lane) for every stored sample; whole columns go through
@@ -62,7 +65,7 @@ void for_each_stored(const LaneStack& stack, TakeAll take_all, Take take) {
     const std::size_t lanes = lanes_of(stack.tile, group);
     const LaneValues* coverage = stack.coverage_of(group);
     for (std::size_t column = 0; column < columns; ++column) {
-      if (lanes == lane_count && (!coverage || covers_all(coverage[column]))) {
+      if (lanes == lane_count && (!coverage || uncovered(coverage[column]) == 0)) {
         take_all(group, column);
         continue;
       }
@@ -74,20 +77,19 @@ void for_each_stored(const LaneStack& stack, TakeAll take_all, Take take) {
 
 }  // namespace
 
-std::size_t LaneStack::stored() const {
-  const std::size_t columns = tile.columns();
-  if (!coverage) return tile.rows() * columns;
-  std::size_t count = 0;
+LaneStack::LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneValues* covered_by)
+    : tile(of_tile), group(of_group), coverage(covered_by), stored(tile.rows() * tile.columns()) {
+  if (!coverage) return;
+  stored = 0;
   // Lanes without a picture have no coverage.
-  for (std::size_t i = 0; i < group_count(tile) * columns; ++i)
-    for (const std::uint16_t value : coverage[i]) count += value != 0 ? 1 : 0;
-  return count;
+  for (std::size_t i = 0; i < group_count(tile) * tile.columns(); ++i)
+    stored += lane_count - uncovered(coverage[i]);
 }
 
 Result<void> append_channel(const LaneStack& stack, std::size_t channel,
                             const LaneValues* residuals, int level, Bytes& payload) {
   thread_local Scratch<std::uint8_t> scratch;
-  const std::span<std::uint8_t> plane = scratch.take(stack.stored());
+  const std::span<std::uint8_t> plane = scratch.take(stack.stored);
   for (unsigned shift = 0; shift < stack.group.bits; shift += 8) {
     std::uint8_t* to = plane.data();
     for_each_stored(stack, [&](std::size_t group, std::size_t column, std::size_t lane) {
@@ -102,7 +104,7 @@ Result<void> append_channel(const LaneStack& stack, std::size_t channel,
 Result<void> read_channel(const LaneStack& stack, std::size_t channel, ByteSpan& payload,
                           LaneValues* residuals) {
   thread_local Scratch<std::uint8_t> scratch;
-  const std::span<std::uint8_t> plane = scratch.take(stack.stored());
+  const std::span<std::uint8_t> plane = scratch.take(stack.stored);
   const std::size_t columns = stack.tile.columns();
   for (std::size_t group = 0; group < group_count(stack.tile); ++group)
     std::fill_n(residuals + stack.offset(group) + channel * columns, columns, LaneValues{});
@@ -131,7 +133,7 @@ Result<void> read_channel(const LaneStack& stack, std::size_t channel, ByteSpan&
 Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals, int level,
                          Bytes& payload) {
   thread_local Scratch<std::uint8_t> symbol_scratch, escape_scratch;
-  const std::span<std::uint8_t> symbols = symbol_scratch.take(stack.stored());
+  const std::span<std::uint8_t> symbols = symbol_scratch.take(stack.stored);
   const std::span<std::uint8_t> escapes = escape_scratch.take(2 * symbols.size());
   const std::size_t columns = stack.tile.columns();
   std::uint8_t* to = symbols.data();
@@ -150,7 +152,7 @@ Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals, in
 
 Result<void> read_pair(const LaneStack& stack, ByteSpan& payload, LaneValues* residuals) {
   thread_local Scratch<std::uint8_t> symbol_scratch, escape_scratch;
-  const std::span<std::uint8_t> symbols = symbol_scratch.take(stack.stored());
+  const std::span<std::uint8_t> symbols = symbol_scratch.take(stack.stored);
   if (auto done = read_plane(payload, std::as_writable_bytes(symbols)); !done) return done;
   const auto escaped =
       static_cast<std::size_t>(std::count(symbols.begin(), symbols.end(), pair_escape));
@@ -190,7 +192,7 @@ Result<void> read_pair(const LaneStack& stack, ByteSpan& payload, LaneValues* re
 static constexpr ChannelPredictor median;
 
 LaneStack alpha_stack(const Tile& tile) {
-  return {tile, {tile.side, value_bits(tile.format), {&median, 1}}, nullptr};
+  return LaneStack(tile, {tile.side, value_bits(tile.format), {&median, 1}}, nullptr);
 }
 
 Result<void> append_stack(const LaneStack& stack, const LaneValues* values, LaneValues* residuals,

@@ -28,8 +28,11 @@ namespace slf::codec {
 /// [group][channel][column].
 struct LaneStack {
   Tile tile;
-  LaneGroup group;                       ///< the same for every group
-  const LaneValues* coverage = nullptr;  ///< [group][column]; null where all samples are stored
+  LaneGroup group;             ///< the same for every group
+  const LaneValues* coverage;  ///< [group][column]; null where all samples are stored
+  std::size_t stored;          ///< how many samples of a channel are
+
+  LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneValues* covered_by);
 
   [[nodiscard]] std::size_t channels() const { return group.channels.size(); }
   /// Where channel 0 of a group begins in values or residuals.
@@ -39,8 +42,6 @@ struct LaneStack {
   [[nodiscard]] const LaneValues* coverage_of(std::size_t of_group) const {
     return coverage ? coverage + of_group * tile.columns() : nullptr;
   }
-  /// How many samples of a channel are stored.
-  [[nodiscard]] std::size_t stored() const;
 };
 
 /// Appends one zstd frame per byte of a channel's residuals, least significant byte first.
