@@ -25,7 +25,7 @@ using storage::TileWriter;
 constexpr std::size_t kTrainingTiles = 16;
 constexpr std::size_t kTrainingTries = 256;
 constexpr std::uint64_t kCommitBytes = 32ull << 20;
-constexpr auto kCommitInterval = std::chrono::seconds(5);
+constexpr auto kCommitInterval = std::chrono::seconds(1);  // what a kill can cost
 
 /// All tiles of a field in key order, numbered through the levels.
 class TileOrder {

@@ -386,11 +386,13 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   grid.origin = v.origin;
   // Values rise where the stored ones do only under a positive slope.
   const double sign = v.slope < 0 && !v.labels ? -1 : 1;
-  grid.gradient_to_world = glm::mat3(sign * least_spacing * glm::transpose(grid.world_to_index));
-  grid.gradient_floor = 0.02f * contrast;
+  const glm::mat3 gradient_to_world(sign * least_spacing * glm::transpose(grid.world_to_index));
+  for (int axis = 0; axis < 3; ++axis)
+    grid.gradient_to_world[static_cast<std::size_t>(axis)] = {gradient_to_world[axis], 0};
+  grid.inverse_gradient_floor = 1 / (0.02f * contrast);
   grid.leap = options.leap;
   grid.shade = options.shade;
-  grid.light = glm::vec3(glm::normalize(options.light));
+  grid.light = {glm::vec3(glm::normalize(options.light)), 0};
   grid.ambient = options.ambient;
 
   grid.distance = find_visible_bricks(v, grid);

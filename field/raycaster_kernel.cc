@@ -29,42 +29,40 @@ HWY_INLINE V4 load_row(const T* row) {
 }
 
 /// The 4×4×4 voxels around a cell, of which the value needs the inner rows and central differences
-/// the outer ones. Rows are read where they lie; only at the border of the volume are they copied
-/// together, clamped.
+/// the outer ones. A view: of the volume itself or, at its border, of a clamped copy.
 template <class T>
-class Neighbourhood {
- public:
-  HWY_INLINE Neighbourhood(const RayGrid& grid, int x, int y, int z) {
-    const auto* voxels = reinterpret_cast<const T*>(grid.voxels);
-    const auto [nx, ny, nz] = grid.dims;
-    const bool inside = x >= 1 && y >= 1 && z >= 1 && x < nx - 2 && y < ny - 2 && z < nz - 2;
-    if (HWY_LIKELY(inside)) {
-      stride_y_ = nx;
-      stride_z_ = static_cast<std::ptrdiff_t>(nx) * ny;
-      first_ = voxels + (z - 1) * stride_z_ + (y - 1) * stride_y_ + (x - 1);
-    } else {
-      for (int k = 0; k < 64; ++k) {
-        const std::ptrdiff_t cx = std::clamp(x - 1 + (k & 3), 0, nx - 1);
-        const std::ptrdiff_t cy = std::clamp(y - 1 + (k >> 2 & 3), 0, ny - 1);
-        const std::ptrdiff_t cz = std::clamp(z - 1 + (k >> 4), 0, nz - 1);
-        border_[k] = voxels[(cz * ny + cy) * nx + cx];
-      }
-      stride_y_ = 4;
-      stride_z_ = 16;
-      first_ = border_;
-    }
-  }
+struct Neighbourhood {
+  const T* first;
+  std::ptrdiff_t stride_y, stride_z;
 
-  HWY_INLINE V4 row(int y, int z) const { return load_row(first_ + z * stride_z_ + y * stride_y_); }
-  HWY_INLINE T center(int x, int y, int z) const {
-    return first_[(1 + z) * stride_z_ + (1 + y) * stride_y_ + 1 + x];
-  }
-
- private:
-  const T* first_;
-  std::ptrdiff_t stride_y_, stride_z_;
-  T border_[64];
+  HWY_INLINE V4 row(int y, int z) const { return load_row(first + z * stride_z + y * stride_y); }
+  HWY_INLINE T at(int x, int y, int z) const { return first[z * stride_z + y * stride_y + x]; }
 };
+
+template <class T>
+HWY_NOINLINE void copy_clamped(const RayGrid& grid, int x, int y, int z, T* to) {
+  const auto* voxels = reinterpret_cast<const T*>(grid.voxels);
+  const auto [nx, ny, nz] = grid.dims;
+  for (int k = 0; k < 64; ++k) {
+    const std::ptrdiff_t cx = std::clamp(x - 1 + (k & 3), 0, nx - 1);
+    const std::ptrdiff_t cy = std::clamp(y - 1 + (k >> 2 & 3), 0, ny - 1);
+    const std::ptrdiff_t cz = std::clamp(z - 1 + (k >> 4), 0, nz - 1);
+    to[k] = voxels[(cz * ny + cy) * nx + cx];
+  }
+}
+
+template <class T>
+HWY_INLINE Neighbourhood<T> neighbourhood(const RayGrid& grid, int x, int y, int z, T* border) {
+  const auto [nx, ny, nz] = grid.dims;
+  if (HWY_UNLIKELY(x < 1 || y < 1 || z < 1 || x >= nx - 2 || y >= ny - 2 || z >= nz - 2)) {
+    copy_clamped(grid, x, y, z, border);
+    return {border, 4, 16};
+  }
+  const std::ptrdiff_t stride_z = std::ptrdiff_t{nx} * ny;
+  return {reinterpret_cast<const T*>(grid.voxels) + (z - 1) * stride_z +
+              (y - 1) * std::ptrdiff_t{nx} + (x - 1),
+          nx, stride_z};
+}
 
 /// As Neighbourhood, but of label volumes: 1 where the voxel's label is visible, else 0.
 template <class T>
@@ -74,7 +72,7 @@ class VisibleNeighbourhood {
     for (int z = 0; z < 4; ++z)
       for (int y = 0; y < 4; ++y)
         for (int x = 0; x < 4; ++x) {
-          const auto entry = static_cast<std::size_t>(labels.center(x - 1, y - 1, z - 1));
+          const auto entry = static_cast<std::size_t>(labels.at(x, y, z));
           rows_[z][y][x] =
               entry < grid.table.entries.size() && grid.table.entries[entry].a > 0 ? 1.f : 0.f;
         }
@@ -121,10 +119,15 @@ HWY_INLINE std::int32_t table_index(const TransferTable& table, float value) {
 }
 
 HWY_INLINE float shading(const RayGrid& grid, const glm::vec3& index_gradient) {
-  const glm::vec3 normal = grid.gradient_to_world * index_gradient;
-  const float length = std::sqrt(glm::dot(normal, normal));
-  const float lambert = std::max(0.f, -glm::dot(normal, grid.light)) / std::max(length, 1e-30f);
-  const float sure = std::min(1.f, length / grid.gradient_floor);
+  const V4 normal = index_gradient.x * load_row(&grid.gradient_to_world[0].x) +
+                    index_gradient.y * load_row(&grid.gradient_to_world[1].x) +
+                    index_gradient.z * load_row(&grid.gradient_to_world[2].x);
+  const V4 toward = normal * load_row(&grid.light.x);
+  const V4 square = normal * normal;
+  const float length2 = square[0] + square[1] + square[2] + 1e-30f;
+  const float inverse = 1 / std::sqrt(length2);
+  const float lambert = std::max(0.f, -(toward[0] + toward[1] + toward[2])) * inverse;
+  const float sure = std::min(1.f, length2 * inverse * grid.inverse_gradient_floor);
   return 1 - (1 - grid.ambient) * (1 - lambert) * sure;
 }
 
@@ -178,7 +181,7 @@ HWY_INLINE int leap(const March& march, const glm::vec3& p, const int brick[3], 
   return std::max(1, static_cast<int>(steps));
 }
 
-constexpr float kOpaque = 1 - 1.f / 512;
+constexpr float kOpaque = 1 - 1.f / 256;
 
 template <class T, bool kLabels>
 RaySample trace_typed(const RayGrid& grid, const glm::dvec3& from, const glm::dvec3& to) {
@@ -186,6 +189,7 @@ RaySample trace_typed(const RayGrid& grid, const glm::dvec3& from, const glm::dv
   const std::int64_t count = march.last - march.first;
   V4 color = V4{};
   float alpha = 0, depth = 0;
+  T border[64];
   for (std::int64_t k = 0; k < count;) {
     const glm::vec3 p = march.start + static_cast<float>(k) * march.delta;
     // Rounding may leave the box by a hair; clamping keeps every access inside the volume.
@@ -206,11 +210,12 @@ RaySample trace_typed(const RayGrid& grid, const glm::dvec3& from, const glm::dv
     const float fx = p.x - static_cast<float>(x);
     const float fy = p.y - static_cast<float>(y);
     const float fz = p.z - static_cast<float>(z);
-    const Neighbourhood<T> rows(grid, x, y, z);
+    const Neighbourhood<T> rows = neighbourhood(grid, x, y, z, border);
     V4 inner = V4{};
     std::int32_t index;
     if constexpr (kLabels) {
-      index = static_cast<std::int32_t>(rows.center(fx >= 0.5f, fy >= 0.5f, fz >= 0.5f));
+      index =
+          static_cast<std::int32_t>(rows.at(1 + (fx >= 0.5f), 1 + (fy >= 0.5f), 1 + (fz >= 0.5f)));
       if (static_cast<std::size_t>(index) >= grid.table.entries.size()) continue;
     } else {
       inner = inner_row(rows, fy, fz);
@@ -236,7 +241,7 @@ RaySample trace_typed(const RayGrid& grid, const glm::dvec3& from, const glm::dv
   }
   RaySample sample;
   if (alpha <= 0) return sample;
-  // What early termination left out is below the step of 8 bits: count it as opaque.
+  // What early termination left out is within a step of 8 bits: count it as opaque.
   const float whole = alpha > kOpaque ? 1 / alpha : 1;
   sample.rgba = glm::vec4(color[0], color[1], color[2], alpha) * whole;
   const double steps = static_cast<double>(march.first) + 0.5 + depth / alpha;

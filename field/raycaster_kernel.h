@@ -36,7 +36,8 @@ struct RayGrid {
 
   glm::dmat3 world_to_index{1.0};
   glm::dvec3 origin{0.0};
-  glm::mat3 gradient_to_world{1.0f};
+  /// Columns of the matrix that takes gradients to the world, padded to four.
+  std::array<glm::vec4, 3> gradient_to_world{};
   double step = 1;  ///< world units
 
   TransferTable table;
@@ -49,9 +50,9 @@ struct RayGrid {
   bool leap = true;
 
   bool shade = true;
-  glm::vec3 light{0};  ///< unit, towards the light
+  glm::vec4 light{0};  ///< unit, towards the light; padded
   float ambient = 0.3f;
-  float gradient_floor = 0;  ///< gradients shorter than this fade to unshaded
+  float inverse_gradient_floor = 0;  ///< 1 / length below which gradients fade to unshaded
 };
 
 /// Traces one ray; chooses the best instruction set at run time.

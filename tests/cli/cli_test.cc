@@ -1,0 +1,292 @@
+// The command line as users meet it: what is printed, where, and with which exit code.
+
+#include <cmath>
+
+#include "field/image.h"
+#include "tests/cli/cli_testing.h"
+#include "tests/field/field_testing.h"
+
+namespace slf {
+namespace {
+
+using testing::Outcome;
+using testing::read_text;
+using testing::slf;
+using testing::Workplace;
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+#define EXPECT_OUTCOME(outcome, code, part)                      \
+  do {                                                           \
+    const Outcome o_ = (outcome);                                \
+    EXPECT_EQ(o_.signal, 0);                                     \
+    EXPECT_EQ(o_.exit_code, code) << o_.err;                     \
+    EXPECT_TRUE(contains(o_.err, part)) << "stderr: " << o_.err; \
+  } while (false)
+
+/// A small field, built once.
+class Cli : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    place_ = new Workplace;
+    const Outcome built = build(field());
+    ASSERT_EQ(built.exit_code, 0) << built.err;
+  }
+  static void TearDownTestSuite() { delete place_; }
+  static std::string field() { return *place_ / "balls.slf"; }
+  static Outcome build(const std::string& path, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> arguments{
+        "build",  "scene:balls", "-o",       path, "--entry",       "2",
+        "--exit", "8",           "--levels", "2",  "--color-codec", "zstd:1"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return slf(arguments);
+  }
+  static inline Workplace* place_ = nullptr;
+};
+
+TEST_F(Cli, InfoSaysWhatIsThere) {
+  const auto json = slf({"info", field(), "--json"}).json();
+  EXPECT_EQ(json["entry_resolution"], 8);
+  EXPECT_EQ(json["exit_resolution"], 32);
+  EXPECT_EQ(json["complete"], true);
+  EXPECT_EQ(json["file_bytes"], std::filesystem::file_size(field()));
+  ASSERT_EQ(json["levels"].size(), 3u);
+  std::uint64_t payload = 0;
+  for (const auto& level : json["levels"]) {
+    EXPECT_EQ(level["stored"].get<int>() + level["empty"].get<int>(), level["tiles"].get<int>());
+    payload += level["bytes"]["color"].get<std::uint64_t>();
+    payload += level["bytes"]["depth"].get<std::uint64_t>();
+  }
+  EXPECT_EQ(json["payload_bytes"], payload);
+  EXPECT_EQ(json["layers"].size(), 2u);
+  EXPECT_TRUE(contains(slf({"info", field()}).out, "sphere light field"));
+}
+
+TEST_F(Cli, RenderWritesEveryFormatAndSaysWhatItCost) {
+  Workplace place;
+  for (const std::string name : {"a.png", "a.jpg", "a.exr"}) {
+    const Outcome drawn = slf({"render", field(), "-o", place / name, "--size", "40x30", "--json"});
+    ASSERT_EQ(drawn.exit_code, 0) << drawn.err;
+    const auto image = read_image(place / name);
+    ASSERT_TRUE(image);
+    EXPECT_EQ(image->width, 40u);
+    EXPECT_EQ(image->height, 30u);
+    EXPECT_GT(drawn.json()["tiles_touched"].get<int>(), 0);
+    if (name == "a.exr") {
+      EXPECT_FALSE(image->depth.empty());
+    }
+  }
+  EXPECT_OUTCOME(slf({"render", field(), "-o", place / "a.png"}), 1, "-f overwrites");
+  EXPECT_EQ(slf({"render", field(), "-o", place / "a.png", "-f", "--size", "8"}).exit_code, 0);
+}
+
+TEST_F(Cli, ModesRankAgainstTheTruth) {
+  double last = 0;
+  for (const std::string mode : {"nearest", "uv", "bitri", "depth"}) {
+    const auto json = slf({"evaluate", field(), "--volume", "scene:balls", "--mode", mode,
+                           "--views", "3", "--size", "96", "--json"})
+                          .json();
+    EXPECT_EQ(json["mode"], mode);
+    EXPECT_EQ(json["views"], 3);
+    EXPECT_EQ(json["per_view"].size(), 3u);
+    EXPECT_GT(json["psnr"].get<double>(), last);
+    EXPECT_GT(json["file_bytes"].get<int>(), 0);
+    last = json["psnr"];
+  }
+}
+
+TEST_F(Cli, MeasureCountsPerLevel) {
+  const auto json = slf({"measure", field(), "--views", "3", "--size", "64", "--json"}).json();
+  EXPECT_EQ(json["views"], 3);
+  ASSERT_EQ(json["levels"].size(), 3u);
+  double last = 1;
+  for (const auto& level : json["levels"]) {
+    for (const char* key :
+         {"tiles_touched", "compressed_bytes", "map_pages", "decoded_peak_bytes", "fraction"}) {
+      EXPECT_GT(level[key]["mean"].get<double>(), 0) << key;
+      EXPECT_GE(level[key]["max"].get<double>(), level[key]["mean"].get<double>() * 0.999) << key;
+    }
+    EXPECT_LT(level["fraction"]["mean"].get<double>(), last);
+    last = level["fraction"]["mean"];
+  }
+  EXPECT_GT(json["rss_anon_peak"].get<std::uint64_t>(), 0u);
+  EXPECT_GT(json["rss_file_peak"].get<std::uint64_t>(), 0u);
+  EXPECT_TRUE(json["total"].contains("tiles_touched"));
+}
+
+TEST_F(Cli, CompareMeasuresAndWritesTheDifference) {
+  Workplace place;
+  ASSERT_EQ(
+      slf({"render", field(), "-o", place / "a.png", "--size", "32", "--mode", "bitri"}).exit_code,
+      0);
+  ASSERT_EQ(slf({"raycast", "scene:balls", "-o", place / "t.png", "--size", "32"}).exit_code, 0);
+  const Outcome same = slf({"compare", place / "a.png", place / "a.png", "--json"});
+  EXPECT_EQ(same.exit_code, 0);
+  EXPECT_EQ(same.json()["equal"], true);
+  const Outcome other =
+      slf({"compare", place / "a.png", place / "t.png", "--diff", place / "d.png", "--json"});
+  EXPECT_GT(other.json()["psnr"].get<double>(), 10);
+  EXPECT_TRUE(read_image(place / "d.png"));
+  EXPECT_OUTCOME(slf({"compare", place / "a.png", place / "t.png", "--min-psnr", "90"}), 7,
+                 "below 90");
+}
+
+TEST_F(Cli, WrongArgumentsAreUsageErrors) {
+  Workplace place;
+  const std::string out = place / "o.png";
+  EXPECT_OUTCOME(slf({}), 1, "");
+  EXPECT_OUTCOME(slf({"paint"}), 1, "");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--mode", "sharp"}), 1, "unknown mode 'sharp'");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--level", "3"}), 1,
+                 "finest level of this field is 2");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--size", "0x5"}), 1, "--size");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--size", "1000000x1000000"}), 1, "pixels");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--eye", "nan,0,0"}), 1, "finite");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--eye", "0,0,0"}), 1, "same point");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--eye", "1,2"}), 1, "three numbers");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--fov", "400"}), 1, "field of view");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--memory", "lots"}), 1, "64MiB");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", place / "o.gif"}), 1, ".png");
+  EXPECT_OUTCOME(slf({"evaluate", field(), "--volume", "scene:moon"}), 1, "unknown scene");
+  EXPECT_OUTCOME(slf({"measure", field(), "--views", "0"}), 1, "--views");
+  EXPECT_OUTCOME(slf({"build", "scene:balls", "-o", place / "x.slf", "--levels", "40"}), 1,
+                 "levels");
+  EXPECT_OUTCOME(slf({"build", "scene:balls", "-o", place / "x.slf", "--color-codec", "mp3"}), 1,
+                 "mp3");
+  EXPECT_TRUE(place.files().empty());
+}
+
+TEST_F(Cli, MissingAndWrongFilesAreNamed) {
+  Workplace place;
+  std::ofstream(place / "empty.slf").close();
+  std::ofstream(place / "text.slf") << std::string(100000, 'x');
+  std::ofstream(place / "empty.nii").close();
+  std::ofstream(place / "bad.json") << "{\"Points\": [1, 2";
+  EXPECT_OUTCOME(slf({"info", place / "none.slf"}), 2, "none.slf");
+  EXPECT_OUTCOME(slf({"info", place / "empty.slf"}), 3, "empty.slf");
+  EXPECT_OUTCOME(slf({"info", place / "text.slf"}), 3, "text.slf");
+  EXPECT_OUTCOME(slf({"info", place / "none.nii"}), 2, "none.nii");
+  EXPECT_OUTCOME(slf({"info", place / "empty.nii"}), 3, "empty.nii");
+  EXPECT_OUTCOME(slf({"build", place / "empty.nii", "-o", place / "o.slf"}), 3, "empty.nii");
+  EXPECT_OUTCOME(
+      slf({"build", place / "empty.nii", "-o", place / "o.slf", "--transfer", place / "bad.json"}),
+      3, "bad.json");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", place / "no/such/o.png"}), 2, "o.png");
+  EXPECT_OUTCOME(slf({"build", "scene:balls", "-o", place / "no/such/o.slf"}), 2, "o.slf");
+  EXPECT_EQ(place.files().size(), 4u);
+}
+
+TEST_F(Cli, AFieldTruncatedAnywhereIsAnErrorOrWhole) {
+  Workplace place;
+  const std::string bytes = read_text(field());
+  for (int k = 0; k < 24; ++k) {
+    const std::string cut = place / "cut.slf";
+    std::ofstream(cut, std::ios::binary) << bytes.substr(0, bytes.size() * k / 24);
+    const Outcome drawn = slf({"render", cut, "-o", place / "o.png", "-f", "--size", "64"});
+    EXPECT_EQ(drawn.signal, 0);
+    EXPECT_EQ(drawn.exit_code, 3) << k << ": " << drawn.err;
+    EXPECT_TRUE(contains(drawn.err, "cut.slf")) << drawn.err;
+    EXPECT_FALSE(std::filesystem::exists(place / "o.png"));
+  }
+}
+
+TEST_F(Cli, AFlippedByteInATileIsFoundWhenItIsDrawn) {
+  Workplace place;
+  const Outcome good = slf({"render", field(), "-o", place / "good.png", "--size", "64"});
+  ASSERT_EQ(good.exit_code, 0);
+  std::string bytes = read_text(field());
+  int refused = 0;
+  for (std::size_t at = bytes.size() / 5; at < bytes.size(); at += bytes.size() / 40) {
+    std::string damaged = bytes;
+    damaged[at] = static_cast<char>(damaged[at] ^ 0x10);
+    const std::string path = place / "damaged.slf";
+    std::ofstream(path, std::ios::binary) << damaged;
+    const Outcome drawn = slf({"render", path, "-o", place / "o.png", "-f", "--size", "64"});
+    ASSERT_EQ(drawn.signal, 0);
+    if (drawn.exit_code != 0) {  // found: named, and nothing written
+      EXPECT_EQ(drawn.exit_code, 3) << drawn.err;
+      EXPECT_TRUE(contains(drawn.err, "damaged.slf")) << drawn.err;
+      ++refused;
+    } else {  // not in what this view touches: the very same picture
+      EXPECT_EQ(read_text(place / "o.png"), read_text(place / "good.png"));
+    }
+    std::filesystem::remove(place / "o.png");
+  }
+  EXPECT_GT(refused, 3);
+}
+
+TEST_F(Cli, BuildRefusesToOverwriteAndForceStartsOver) {
+  Workplace place;
+  ASSERT_EQ(build(place / "a.slf").exit_code, 0);
+  EXPECT_OUTCOME(build(place / "a.slf"), 1, "complete");
+  EXPECT_OUTCOME(build(place / "a.slf", {"--exit-depth"}), 1, "");
+  EXPECT_EQ(build(place / "a.slf", {"-f"}).exit_code, 0);
+}
+
+TEST_F(Cli, AFullDiskIsSaidAndTheBuildResumesWhenThereIsRoom) {
+  Workplace place;
+  // 400 blocks of 1 KiB: the file may not grow beyond; writes fail as on a full disk.
+  const std::vector<std::string> arguments{
+      "build", "scene:balls", "-o", place / "a.slf", "--entry", "2", "--exit",
+      "8",     "--levels",    "2",  "--color-codec", "raw"};
+  const Outcome full = slf(arguments, "trap '' XFSZ; ulimit -f 400;");
+  EXPECT_EQ(full.exit_code, 2) << full.err;
+  EXPECT_TRUE(contains(full.err, "a.slf")) << full.err;
+  const Outcome resumed = slf(arguments);
+  EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
+  EXPECT_EQ(slf({"info", place / "a.slf", "--json"}).json()["complete"], true);
+}
+
+TEST_F(Cli, KilledAtAnyMomentItResumesToTheSameTiles) {
+  Workplace place;
+  const std::vector<std::string> arguments{
+      "build", "scene:balls", "-o", place / "a.slf", "--entry", "4",  "--exit",
+      "16",    "--levels",    "2",  "--color-codec", "zstd:1",  "-j", "2"};
+  int kills = 0;
+  for (int k = 0; k < 12; ++k) {
+    const Outcome outcome = slf(arguments, "timeout -s KILL 0." + std::to_string(10 + 7 * k));
+    if (outcome.exit_code == 0) break;
+    ++kills;
+    if (!std::filesystem::exists(place / "a.slf")) continue;
+    const Outcome info = slf({"info", place / "a.slf", "--json"});  // whole commits, or no file yet
+    EXPECT_TRUE(info.exit_code == 0 || info.exit_code == 3) << info.err;
+  }
+  EXPECT_GT(kills, 0);
+  if (std::filesystem::exists(place / "a.slf")) slf(arguments);
+  auto whole = arguments;
+  whole[3] = place / "whole.slf";
+  ASSERT_EQ(slf(whole).exit_code, 0);
+  const auto a = Field::open(place / "a.slf"), b = Field::open(place / "whole.slf");
+  ASSERT_TRUE(a && b);
+  EXPECT_TRUE((*a)->content()->complete);
+  EXPECT_EQ(testing::all_tiles(**a), testing::all_tiles(**b));
+}
+
+TEST_F(Cli, ReadOnlyFoldersAndFilesOpen) {
+  Workplace place;
+  std::filesystem::copy(field(), place / "a.slf");
+  std::filesystem::permissions(place / "a.slf", std::filesystem::perms::owner_read);
+  std::filesystem::permissions(
+      place.path(), std::filesystem::perms::owner_read | std::filesystem::perms::owner_exec);
+  EXPECT_EQ(slf({"info", place / "a.slf"}).exit_code, 0);
+  if (geteuid() == 0) GTEST_SKIP() << "root may write anywhere: refusal cannot be tested";
+  EXPECT_OUTCOME(slf({"render", place / "a.slf", "-o", place / "o.png"}), 2, "o.png");
+  EXPECT_OUTCOME(build(place / "b.slf"), 2, "b.slf");
+}
+
+TEST_F(Cli, HelpTeaches) {
+  const Outcome help = slf({"--help"});
+  EXPECT_EQ(help.exit_code, 0);
+  for (const char* command :
+       {"build", "info", "render", "raycast", "measure", "evaluate", "compare"}) {
+    EXPECT_TRUE(contains(help.out, command));
+    EXPECT_EQ(slf({command, "--help"}).exit_code, 0);
+  }
+  EXPECT_TRUE(contains(help.out, "Exit codes"));
+  EXPECT_TRUE(contains(slf({"--version"}).out, "slf "));
+}
+
+}  // namespace
+}  // namespace slf

@@ -1,0 +1,112 @@
+#include "field/manifest.h"
+
+#include <gtest/gtest.h>
+
+#include "field/field.h"
+#include "tests/field/field_testing.h"
+
+namespace slf {
+namespace {
+
+Manifest example() {
+  Manifest manifest;
+  manifest.shape.sphere = {{1.5, -2, 3}, 98.25};
+  manifest.shape.entry_side = 16;
+  manifest.shape.exit_side = 24;
+  manifest.shape.levels = 3;
+  manifest.shape.entry_depth = 2;
+  manifest.layers = {{"color", codec::SampleFormat::rgba8, "jpeg:75"},
+                     {"depth", codec::SampleFormat::depth8, "zstd:9"}};
+  manifest.provenance = {{"kind", "scene"}, {"name", "balls"}};
+  return manifest;
+}
+
+ErrorCode parse_error(const nlohmann::json& json) {
+  const auto parsed = Manifest::parse(json.dump(), "x.slf");
+  EXPECT_FALSE(parsed);
+  if (parsed) return ErrorCode::failed;
+  EXPECT_NE(parsed.error().message.find("x.slf"), std::string::npos);
+  return parsed.error().code;
+}
+
+TEST(Manifest, RoundTrips) {
+  const auto parsed = Manifest::parse(example().to_json().dump(), "x.slf");
+  ASSERT_TRUE(parsed) << parsed.error().message;
+  EXPECT_EQ(parsed->to_json(), example().to_json());
+}
+
+TEST(Manifest, EveryMemberIsNeededAndChecked) {
+  const nlohmann::json good = example().to_json();
+  for (const char* at :
+       {"/slf/major", "/sphere/radius", "/sphere/center/1", "/entry_side", "/exit_side", "/levels",
+        "/entry_depth", "/layers/0/name", "/layers/1/format", "/layers/1/codec"}) {
+    const nlohmann::json::json_pointer pointer(at);
+    nlohmann::json broken = good;
+    auto& parent = broken[pointer.parent_pointer()];
+    if (parent.is_array())
+      parent = nlohmann::json::array();
+    else
+      parent.erase(pointer.back());
+    EXPECT_EQ(parse_error(broken), ErrorCode::bad_file) << at;
+    for (const auto& wrong :
+         std::vector<nlohmann::json>{nullptr, "?", -1, 1e300, nlohmann::json::object()}) {
+      broken = good;
+      broken[pointer] = wrong;
+      if (wrong == "?" && std::string(at).ends_with("name")) continue;
+      if (wrong == "?" && std::string(at).ends_with("codec")) continue;
+      if (std::string(at).starts_with("/sphere/center") && wrong.is_number()) continue;
+      if (std::string(at) == "/sphere/radius" && wrong == 1e300) continue;
+      EXPECT_EQ(parse_error(broken), ErrorCode::bad_file) << at << " " << wrong;
+    }
+  }
+  EXPECT_EQ(parse_error("text"), ErrorCode::bad_file);
+  EXPECT_FALSE(Manifest::parse("{", "x.slf"));
+  EXPECT_FALSE(Manifest::parse("", "x.slf"));
+  EXPECT_FALSE(Manifest::parse(std::string(100000, '['), "x.slf"));
+}
+
+TEST(Manifest, NewerVersionsAndUnknownRequiredFeaturesAreRefused) {
+  nlohmann::json json = example().to_json();
+  json["slf"]["major"] = 2;
+  EXPECT_EQ(parse_error(json), ErrorCode::unsupported);
+  json = example().to_json();
+  json["required"] = {"hologram"};
+  EXPECT_EQ(parse_error(json), ErrorCode::unsupported);
+  json = example().to_json();
+  json["slf"]["minor"] = 99;  // newer minor versions add what older readers may ignore
+  json["more"] = 1;
+  EXPECT_TRUE(Manifest::parse(json.dump(), "x.slf"));
+}
+
+TEST(Field, OpensOnlyContainersThatAreFields) {
+  testing::TemporaryFolder folder;
+  const auto make = [&](const std::string& name, const nlohmann::json& json,
+                        std::vector<std::string> layers) {
+    const std::string text = json.dump();
+    const ByteSpan bytes = std::as_bytes(std::span<const char>(text));
+    std::vector<std::pair<std::string, Bytes>> blobs{{"field", Bytes(bytes.begin(), bytes.end())}};
+    for (const auto& layer : layers) blobs.emplace_back("tables/" + layer, Bytes{});
+    auto writer = storage::TileWriter::create(folder / name, layers, blobs);
+    ASSERT_TRUE(writer) << writer.error().message;
+    ASSERT_TRUE(writer->close());
+  };
+  nlohmann::json json = example().to_json();
+  make("good.slf", json, {"color", "depth"});
+  EXPECT_TRUE(Field::open(folder / "good.slf"));
+  make("layers.slf", json, {"color"});
+  EXPECT_EQ(Field::open(folder / "layers.slf").error().code, ErrorCode::bad_file);
+  make("names.slf", json, {"depth", "color"});
+  EXPECT_EQ(Field::open(folder / "names.slf").error().code, ErrorCode::bad_file);
+  json["layers"][0]["codec"] = "gif:3";
+  make("codec.slf", json, {"color", "depth"});
+  EXPECT_EQ(Field::open(folder / "codec.slf").error().code, ErrorCode::bad_file);
+  json = example().to_json();
+  json["slf"]["major"] = 2;
+  make("newer.slf", json, {"color", "depth"});
+  const auto newer = Field::open(folder / "newer.slf");
+  EXPECT_EQ(newer.error().code, ErrorCode::unsupported);
+  EXPECT_NE(newer.error().message.find("update slf"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace slf
