@@ -1,0 +1,84 @@
+// Any bytes as a container: opening, every way of reading, and the structure check neither crash
+// nor hang. The same bytes as one record and as one container blob, with checksums that fit, reach
+// what a checksum of the whole file would keep from a fuzzer.
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <cstdint>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "storage/internal/container.h"
+#include "storage/internal/record.h"
+#include "storage/tile_store.h"
+
+namespace {
+
+using namespace slf;
+using namespace slf::storage;
+
+std::uint64_t touched = 0;
+
+void touch(ByteSpan bytes) {
+  for (const std::byte b : bytes) touched += static_cast<std::uint64_t>(b);
+}
+
+void read_store(const TileStore& store) {
+  for (const char* name : {"manifest.json", "container", ""})
+    if (auto blob = store.blob(name)) touch(*blob);
+  std::vector<TileRef> tiles;
+  for (LayerId layer = 0; layer < store.layers().size(); ++layer) {
+    TileKey before;
+    bool any = false;
+    (void)store.visit(
+        layer, {0, 0}, {255, ~std::uint64_t{0}},
+        [&](const TileRef& tile) -> Result<void> {
+          if (any && tile.key <= before) std::abort();
+          before = tile.key;
+          any = true;
+          const FileRange range = store.range(tile);
+          if (range.end > store.file_bytes() || range.begin > range.end) std::abort();
+          (void)store.check(tile);
+          touch(tile.payload);
+          if (tiles.size() < 64) tiles.push_back(tile);
+          return {};
+        },
+        [](const Damage&) {});
+    for (const TileKey key : {TileKey{0, 0}, TileKey{0, 3}, TileKey{1, 4000}, TileKey{254, 1}})
+      if (auto tile = store.find(layer, key)) (void)store.check(*tile);
+    (void)store.statistics(layer);
+  }
+  store.advise(tiles);
+  store.release(tiles);
+  std::vector<Error> findings;
+  store.check_structure(findings);
+  if (findings.size() > 1000) std::abort();
+}
+
+void read_record(Bytes bytes) {
+  if (bytes.size() < internal::kRecordHeader) return;
+  const std::size_t codes = load_le<std::uint16_t>(&bytes[38]);
+  const std::size_t table =
+      internal::align8(40 + codes) + 8 * std::size_t{load_le<std::uint16_t>(&bytes[36])};
+  store_le<std::uint32_t>(&bytes[8], 0x31524C53);
+  if (table <= bytes.size())
+    store_le(bytes.data(), internal::checksum(ByteSpan(bytes).subspan(8, table - 8)));
+  const auto record = internal::Record::parse(bytes);
+  if (!record) return;
+  for (internal::Record::Walk walk(*record); walk.next();) touch(walk.tile().payload);
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const ByteSpan bytes = std::as_bytes(std::span(data, size));
+  read_record(Bytes(bytes.begin(), bytes.end()));
+  (void)internal::decode_container(bytes);
+
+  const int file = memfd_create("store", MFD_CLOEXEC);
+  if (file < 0 || write(file, data, size) != static_cast<ssize_t>(size)) std::abort();
+  if (auto store = TileStore::open("/proc/self/fd/" + std::to_string(file))) read_store(*store);
+  close(file);
+  return 0;
+}
