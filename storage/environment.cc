@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "storage/internal/container.h"
+#include "storage/internal/locked_file.h"
 
 namespace slf::storage::internal {
 namespace {
@@ -32,12 +33,6 @@ void remove_lock_file(const std::string& path) {
   const bool unused = fcntl(file, F_OFD_GETLK, &lock) == 0 && lock.l_type == F_UNLCK;
   ::close(file);
   if (unused) unlink(name.c_str());
-}
-
-bool same_file(int a, int b) {
-  struct stat x = {};
-  struct stat y = {};
-  return fstat(a, &x) == 0 && fstat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }
 
 const char* cure(int code) {
@@ -107,7 +102,7 @@ std::uint64_t Environment::transaction() const {
 Result<void> Environment::put(std::span<const Put> puts) {
   while (true) {
     const int code = try_put(puts);
-    if (code == 0) return {};
+    if (code == 0) return extend();
     if (code != MDB_MAP_FULL) return error(code, "write");
     if (auto grown = grow(); !grown) return grown;
   }
@@ -123,13 +118,31 @@ int Environment::try_put(std::span<const Put> puts) {
     if (unknown) code = mdb_dbi_open(transaction, put.tree.c_str(), MDB_CREATE, &tree->second);
     MDB_val key = value_of(put.key);
     MDB_val value = value_of(put.value);
-    if (code == 0 && !put.key.empty()) code = mdb_put(transaction, tree->second, &key, &value, 0);
+    if (code == 0 && !put.key.empty())
+      code = mdb_put(transaction, tree->second, &key, &value, put.append ? MDB_APPEND : 0);
     if (code != 0) {
       mdb_txn_abort(transaction);
       return code;
     }
   }
   return mdb_txn_commit(transaction);
+}
+
+// LMDB does not write pages it took and gave back in the same transaction. Where they are the last
+// ones, the file ends before them, and would seem truncated.
+Result<void> Environment::extend() {
+  MDB_envinfo info = {};
+  MDB_stat pages = {};
+  int code = mdb_env_info(environment_, &info);
+  if (code == 0) code = mdb_env_stat(environment_, &pages);
+  mdb_filehandle_t file = -1;
+  if (code == 0) code = mdb_env_get_fd(environment_, &file);
+  if (code != 0) return error(code, "read");
+  struct stat status = {};
+  if (fstat(file, &status) != 0) return error(errno, "read its size");
+  const auto needed = static_cast<off_t>((info.me_last_pgno + 1) * pages.ms_psize);
+  if (status.st_size < needed && ftruncate(file, needed) != 0) return error(errno, "extend");
+  return {};
 }
 
 // LMDB forbids this while transactions are active because it moves the map under their data.
@@ -149,11 +162,11 @@ Result<void> Environment::allow_reuse() {
 }
 
 tl::unexpected<Error> Environment::error(int code, const char* doing) const {
-  const ErrorCode kind = code > 0                    ? ErrorCode::io
-                         : code == MDB_CORRUPTED     ? ErrorCode::bad_file
-                         : code == MDB_PAGE_NOTFOUND ? ErrorCode::bad_file
-                         : code == MDB_INVALID       ? ErrorCode::bad_file
-                                                     : ErrorCode::failed;
+  ErrorCode kind = code > 0 ? ErrorCode::io : ErrorCode::failed;
+  // MDB_KEYEXIST: there are records behind the last one.
+  if (code == MDB_CORRUPTED || code == MDB_PAGE_NOTFOUND || code == MDB_INVALID ||
+      code == MDB_KEYEXIST)
+    kind = ErrorCode::bad_file;
   return fail(kind, path_, ": cannot ", doing, ": ", mdb_strerror(code), cure(code));
 }
 

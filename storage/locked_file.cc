@@ -22,7 +22,23 @@ struct flock lock_of(short type, std::uint64_t byte, std::uint64_t length) {
   return lock;
 }
 
+bool same(const struct stat& a, const struct stat& b) {
+  return a.st_dev == b.st_dev && a.st_ino == b.st_ino;
+}
+
 }  // namespace
+
+bool same_file(int a, int b) {
+  struct stat x = {};
+  struct stat y = {};
+  return fstat(a, &x) == 0 && fstat(b, &y) == 0 && same(x, y);
+}
+
+bool is_file(int descriptor, const std::string& path) {
+  struct stat x = {};
+  struct stat y = {};
+  return fstat(descriptor, &x) == 0 && lstat(path.c_str(), &y) == 0 && same(x, y);
+}
 
 Result<LockedFile> LockedFile::open(const std::string& path, Access access) {
   LockedFile result;

@@ -162,7 +162,10 @@ Tile Record::tile(std::uint32_t position) const {
 Bytes encode_record(LayerId layer, std::optional<TileKey> previous, TileKey first,
                     std::span<const Tile> tiles) {
   assert(!tiles.empty() && tiles.size() <= kMaxTiles);
+  std::size_t expected = kRecordHeader + kMinRecordBytes;
+  for (const Tile& tile : tiles) expected += kMaxCode + 8 + align8(tile.payload.size());
   Bytes record(kRecordHeader);
+  record.reserve(expected);
   std::size_t stored = 0;
   for (const Tile& tile : tiles) {
     append_code(record, code_of(tile));

@@ -1,5 +1,7 @@
 #include "storage/internal/structure.h"
 
+#include "storage/internal/container.h"
+
 #include <optional>
 #include <string>
 #include <utility>
@@ -22,12 +24,13 @@ class Checker {
     used_[0] = used_[1] = true;
     walk(pages_.meta().free_list, "the free list", Content::free_list);
     walk(pages_.meta().main, "the root", Content::trees);
-    for (const auto& [name, tree] : named_) walk(tree, "tree '" + name + "'", Content::values);
+    for (const auto& [name, tree] : named_)
+      walk(tree, "tree '" + name + "'", name == kManifest ? Content::blobs : Content::records);
     if (depth_ == Depth::everything) report_lost();
   }
 
  private:
-  enum class Content { free_list, trees, values };
+  enum class Content { free_list, trees, blobs, records };
 
   /// A page to visit: every key in it is >= low and < high, where there is one.
   struct Visit {
@@ -171,15 +174,15 @@ class Checker {
         report(page.number(), "entry ", i, " of ", name, " has flags ", node.flags);
         continue;
       }
-      if ((node.flags & kBigData) != 0 && !take_run(node, name, counted)) continue;
+      if ((node.flags & kBigData) != 0 && !take_run(node, name, content, counted)) continue;
       if (content == Content::trees) take_tree(page, i, node);
       if (content == Content::free_list) take_free_pages(page, i, node);
     }
   }
 
-  bool take_run(const Node& node, const std::string& name, Tree& counted) {
+  bool take_run(const Node& node, const std::string& name, Content content, Tree& counted) {
     std::uint64_t run = pages_.overflow_pages(node.data_size);
-    if (depth_ == Depth::everything) {
+    if (depth_ == Depth::everything || content != Content::records) {
       auto value = pages_.value(node);
       if (!value) {
         report(std::move(value.error()));

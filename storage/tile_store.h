@@ -152,6 +152,8 @@ class TileStore {
 
 /// The only writer of a container. Appends tiles in key order per layer; what commit() returned
 /// for survives a crash of the process or machine; a reader sees whole commits only.
+/// LMDB's lock file, `path`-lock, lies beside the container while a writer is open; whoever comes
+/// after a killed writer removes it.
 /// Thread-safety: none; one thread.
 class TileWriter {
  public:

@@ -43,19 +43,20 @@ Result<void> check_blob_name(std::string_view name) {
 }
 
 // Everything one commit writes: records, blobs, and the container's own blob.
-Result<void> write(Environment& environment, std::span<const CutRecord> records,
+Result<void> write(Environment& environment, std::span<const CutRecord> records, bool append,
                    const SealedBlobs& blobs, std::span<const LayerInfo> layers) {
   std::vector<RecordKey> keys(records.size());
   std::vector<Put> puts;
   for (std::size_t i = 0; i < records.size(); ++i) {
     keys[i] = internal::encode_key(records[i].last);
-    puts.push_back({layers[records[i].layer].name, keys[i], records[i].value});
+    puts.push_back({layers[records[i].layer].name, keys[i], records[i].value, append});
   }
   const std::string manifest(internal::kManifest);
-  for (const auto& [name, sealed] : blobs) puts.push_back({manifest, bytes_of(name), sealed});
+  for (const auto& [name, sealed] : blobs)
+    puts.push_back({manifest, bytes_of(name), sealed, false});
   const Bytes container = internal::seal_blob(
       internal::kContainer, internal::encode_container(environment.transaction() + 1, layers));
-  puts.push_back({manifest, bytes_of(internal::kContainer), container});
+  puts.push_back({manifest, bytes_of(internal::kContainer), container, false});
   return environment.put(puts);
 }
 
@@ -63,9 +64,9 @@ Result<void> write(Environment& environment, std::span<const CutRecord> records,
 Result<void> write_new(Environment& environment, const SealedBlobs& blobs,
                        std::span<const LayerInfo> layers) {
   std::vector<Put> trees;
-  for (const LayerInfo& layer : layers) trees.push_back({layer.name, {}, {}});
+  for (const LayerInfo& layer : layers) trees.push_back({layer.name, {}, {}, false});
   if (auto made = environment.put(trees); !made) return made;
-  return write(environment, {}, blobs, layers);
+  return write(environment, {}, true, blobs, layers);
 }
 
 // Gives a finished file its name, unless there is one of that name.
@@ -131,7 +132,8 @@ struct TileWriter::State {
       ++committed[record.layer].records;
       committed[record.layer].last = record.last;
     }
-    if (auto written = write(*environment, records, blobs, committed); !written) return written;
+    if (auto written = write(*environment, records, true, blobs, committed); !written)
+      return written;
     layers = std::move(committed);
     records.clear();
     blobs.clear();
@@ -167,6 +169,9 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
   state->file = std::move(*file);
   if (auto locked = state->file.lock_writer(unfinished); !locked)
     return tl::unexpected(std::move(locked.error()));
+  // Another create() may have published, under `path`, the very file that was opened here.
+  if (!internal::is_file(state->file.descriptor(), unfinished))
+    return fail(ErrorCode::failed, path, ": another program has just created it");
   const auto finish = [&]() -> Result<void> {
     if (ftruncate(state->file.descriptor(), 0) != 0)
       return fail(ErrorCode::io, unfinished, ": ", std::strerror(errno));
@@ -274,7 +279,7 @@ Result<void> TileWriter::replace(LayerId layer, TileKey key, TileState tile_stat
   auto value = state_->replaced(**snapshot, layer, key, tile, place);
   if (!value) return tl::unexpected(std::move(value.error()));
   const CutRecord record{layer, place, std::move(*value)};
-  const auto written = write(*state_->environment, {&record, 1}, {}, state_->layers);
+  const auto written = write(*state_->environment, {&record, 1}, false, {}, state_->layers);
   return written ? state_->after_commit() : written;
 }
 

@@ -19,6 +19,7 @@ struct Put {
   std::string tree;
   ByteSpan key;
   ByteSpan value;
+  bool append = false;  ///< the key must be above all others of the tree
 };
 
 /// Thread-safety: none.
@@ -51,6 +52,7 @@ class Environment {
 
   [[nodiscard]] int try_put(std::span<const Put> puts);
   [[nodiscard]] Result<void> grow();
+  [[nodiscard]] Result<void> extend();
   [[nodiscard]] tl::unexpected<Error> error(int code, const char* doing) const;
 
   std::string path_;

@@ -23,6 +23,11 @@
 
 namespace slf::storage::internal {
 
+/// Whether two descriptors, or a descriptor and a path, are the same file.
+[[nodiscard]] bool same_file(int a, int b);
+[[nodiscard]] bool is_file(int descriptor, const std::string& path);
+
+/// Thread-safety: const members from any thread.
 class LockedFile {
  public:
   enum class Access { read, write, create };

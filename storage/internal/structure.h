@@ -9,8 +9,11 @@
 namespace slf::storage::internal {
 
 enum class Depth {
-  trees,       ///< branch and leaf pages and the free list; values by their extent only
-  everything,  ///< also the head of every run of overflow pages, and that no page is lost
+  /// All that LMDB relies on when it appends records and changes blobs: branch and leaf pages, the
+  /// free list, and blobs; of records their extents only.
+  trees,
+  /// Also the head of every record's overflow pages, and that no page is lost.
+  everything,
 };
 
 /// Appends one error per finding, at most a few hundred; the last then says that it gave up.
