@@ -1,17 +1,15 @@
 #include "field/build.h"
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
-#include <condition_variable>
 #include <filesystem>
-#include <mutex>
+#include <functional>
 #include <optional>
-#include <thread>
 #include <vector>
 
 #include "field/field.h"
 #include "field/parallel.h"
+#include "field/tile_order.h"
 #include "field/tile_tracer.h"
 #include "storage/tile_store.h"
 
@@ -26,29 +24,6 @@ constexpr std::size_t kTrainingTiles = 16;
 constexpr std::size_t kTrainingTries = 256;
 constexpr std::uint64_t kCommitBytes = 32ull << 20;
 constexpr auto kCommitInterval = std::chrono::seconds(1);  // what a kill can cost
-
-/// All tiles of a field in key order, numbered through the levels.
-class TileOrder {
- public:
-  explicit TileOrder(const FieldShape& shape) : shape_(shape) {
-    for (unsigned level = 0; level <= shape.levels; ++level) {
-      first_.push_back(count_);
-      count_ += tile_count(level, shape.entry_depth);
-    }
-  }
-  [[nodiscard]] std::uint64_t count() const { return count_; }
-  [[nodiscard]] TileKey key(std::uint64_t number) const {
-    std::size_t level = first_.size() - 1;
-    while (first_[level] > number) --level;
-    return {static_cast<std::uint8_t>(level), number - first_[level]};
-  }
-  [[nodiscard]] std::uint64_t number(TileKey key) const { return first_[key.level] + key.index; }
-
- private:
-  FieldShape shape_;
-  std::vector<std::uint64_t> first_;
-  std::uint64_t count_ = 0;
-};
 
 std::uint64_t mix(std::uint64_t x) {  // splitmix64
   x += 0x9E3779B97F4A7C15u;
@@ -144,90 +119,127 @@ struct Encoded {
   std::vector<Bytes> payloads;  // per layer; all empty for an empty tile
   std::uint64_t slabs = 0;
   std::optional<Error> error;
-  bool ready = false;
 };
 
-/// Traces and encodes tiles on all cores; hands them out in order, never more than a window ahead.
-class TilePipeline {
- public:
-  TilePipeline(const TileTracer& tracer, const TileOrder& order, const Manifest& manifest,
-               const std::vector<std::unique_ptr<codec::Codec>>& codecs,
-               std::vector<std::uint64_t> numbers, unsigned threads)
-      : tracer_(tracer),
-        order_(order),
-        manifest_(manifest),
-        codecs_(codecs),
-        numbers_(std::move(numbers)),
-        slots_(4 * threads) {
-    for (unsigned t = 0; t < threads; ++t) workers_.emplace_back([this] { work(); });
-  }
-  ~TilePipeline() {
-    {
-      const std::lock_guard lock(mutex_);
-      stop_ = true;
-    }
-    changed_.notify_all();
-    for (auto& worker : workers_) worker.join();
-  }
+/// What a build works with, once everything is checked.
+struct Job {
+  const TileTracer& tracer;
+  const Manifest& manifest;
+  const std::vector<std::unique_ptr<codec::Codec>>& codecs;
+  TileOrder order;
+  unsigned threads;
 
-  /// The next tile in order. REQUIRES: called at most numbers.size() times.
-  Encoded take() {
-    std::unique_lock lock(mutex_);
-    Encoded& slot = slots_[taken_ % slots_.size()];
-    changed_.wait(lock, [&] { return slot.ready; });
-    Encoded tile = std::exchange(slot, {});
-    ++taken_;
-    lock.unlock();
-    changed_.notify_all();
-    return tile;
-  }
-
- private:
-  void work() {
-    TracedTile traced;
-    for (;;) {
-      std::unique_lock lock(mutex_);
-      changed_.wait(lock, [&] {
-        return stop_ || next_ == numbers_.size() || next_ < taken_ + slots_.size();
-      });
-      if (stop_ || next_ == numbers_.size()) return;
-      const std::size_t mine = next_++;
-      lock.unlock();
-      Encoded encoded = encode(order_.key(numbers_[mine]), traced);
-      encoded.ready = true;
-      lock.lock();
-      slots_[mine % slots_.size()] = std::move(encoded);
-      lock.unlock();
-      changed_.notify_all();
-    }
-  }
-
-  Encoded encode(TileKey key, TracedTile& traced) const {
+  Encoded make(TileKey key, TracedTile& traced) const {
     Encoded encoded;
-    tracer_.trace(key, traced);
+    tracer.trace(key, traced);
     encoded.slabs = traced.slabs;
-    encoded.payloads.resize(codecs_.size());
-    for (std::size_t k = 0; k < codecs_.size() && !traced.empty; ++k) {
-      const auto ok = codecs_[k]->encode(tracer_.shape(key, manifest_.layers[k].format),
-                                         traced.layers[k], encoded.payloads[k]);
+    encoded.payloads.resize(codecs.size());
+    for (std::size_t k = 0; k < codecs.size() && !traced.empty; ++k) {
+      const auto ok = codecs[k]->encode(tracer.shape(key, manifest.layers[k].format),
+                                        traced.layers[k], encoded.payloads[k]);
       if (!ok) encoded.error = ok.error();
     }
     return encoded;
   }
 
-  const TileTracer& tracer_;
-  const TileOrder& order_;
-  const Manifest& manifest_;
-  const std::vector<std::unique_ptr<codec::Codec>>& codecs_;
-  std::vector<std::uint64_t> numbers_;
-  std::vector<Encoded> slots_;
-  std::vector<std::thread> workers_;
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  std::size_t next_ = 0;
-  std::size_t taken_ = 0;
-  bool stop_ = false;
+  /// Makes the tiles of these numbers, in order, on all threads.
+  [[nodiscard]] OrderedPipeline<Encoded> pipeline(
+      std::uint64_t count, std::function<std::uint64_t(std::uint64_t)> number) const {
+    return {count, threads, 4 * threads, [this, number] {
+              return [this, number, traced = TracedTile()](std::uint64_t k) mutable {
+                return make(order.key(number(k)), traced);
+              };
+            }};
+  }
 };
+
+Error interrupted(const std::string& path) {
+  return {ErrorCode::failed, path + ": interrupted; the same command goes on from here"};
+}
+
+/// Appends every tile from number `resumed` on. `begin` says, per layer, where its tiles end.
+Result<void> append_tiles(const Job& job, TileWriter& writer, const std::string& path,
+                          const std::vector<std::uint64_t>& begin, std::uint64_t resumed,
+                          const ProgressCallback& progress, Progress& state, BuildReport& report) {
+  auto pipeline =
+      job.pipeline(job.order.count() - resumed, [resumed](std::uint64_t k) { return resumed + k; });
+  std::uint64_t uncommitted = 0;
+  auto committed_at = Clock::now();
+  for (std::uint64_t number = resumed; number < job.order.count(); ++number) {
+    const Encoded tile = pipeline.take();
+    if (tile.error) return tl::unexpected(*tile.error);
+    for (std::size_t k = 0; k < begin.size(); ++k) {
+      if (number < begin[k]) continue;
+      if (auto ok = writer.append(static_cast<LayerId>(k), job.order.key(number), tile.payloads[k]);
+          !ok)
+        return ok;
+      uncommitted += tile.payloads[k].size();
+    }
+    ++report.tiles;
+    report.slabs += tile.slabs;
+    state.done += tile.slabs;
+    if (uncommitted >= kCommitBytes || Clock::now() - committed_at >= kCommitInterval) {
+      if (auto ok = writer.commit(); !ok) return ok;
+      uncommitted = 0;
+      committed_at = Clock::now();
+    }
+    if (progress && !progress(state)) {
+      if (auto ok = writer.commit(); !ok) return ok;
+      return tl::unexpected(interrupted(path));
+    }
+  }
+  return {};
+}
+
+/// The numbers below `end` of tiles that some layer lacks: dropped by verify --fix as damaged.
+Result<std::vector<std::uint64_t>> find_holes(const std::string& path, const TileOrder& order,
+                                              std::size_t layers, std::uint64_t end) {
+  std::vector<std::uint64_t> holes;
+  if (end == 0) return holes;
+  const auto field = Field::open(path);
+  if (!field) return tl::unexpected(field.error());
+  for (std::size_t layer = 0; layer < layers; ++layer) {
+    std::uint64_t expected = 0;
+    const auto missing_before = [&](std::uint64_t number) {
+      for (; expected < std::min(number, end); ++expected) holes.push_back(expected);
+    };
+    const auto ok = (*field)->store().visit(static_cast<LayerId>(layer), {0, 0}, {255, 0},
+                                            [&](const storage::TileRef& tile) -> Result<void> {
+                                              const std::uint64_t number = order.number(tile.key);
+                                              missing_before(number);
+                                              expected = number + 1;
+                                              return {};
+                                            });
+    if (!ok) return tl::unexpected(ok.error());
+    missing_before(end);
+  }
+  std::sort(holes.begin(), holes.end());
+  holes.erase(std::unique(holes.begin(), holes.end()), holes.end());
+  return holes;
+}
+
+Result<void> fill_holes(const Job& job, TileWriter& writer, const std::string& path,
+                        const std::vector<std::uint64_t>& holes, const ProgressCallback& progress,
+                        Progress& state, BuildReport& report) {
+  auto pipeline = job.pipeline(holes.size(), [&holes](std::uint64_t k) { return holes[k]; });
+  for (const std::uint64_t number : holes) {
+    const Encoded tile = pipeline.take();
+    if (tile.error) return tl::unexpected(*tile.error);
+    for (std::size_t k = 0; k < tile.payloads.size(); ++k) {
+      const auto tile_state =
+          tile.payloads[k].empty() ? storage::TileState::empty : storage::TileState::stored;
+      if (auto ok = writer.replace(static_cast<LayerId>(k), job.order.key(number), tile_state,
+                                   tile.payloads[k]);
+          !ok)
+        return ok;
+    }
+    ++report.tiles;
+    report.slabs += tile.slabs;
+    state.done += tile.slabs;
+    if (progress && !progress(state)) return tl::unexpected(interrupted(path));
+  }
+  return {};
+}
 
 }  // namespace
 
@@ -251,53 +263,32 @@ Result<BuildReport> build_field(const Scene& scene, const std::string& path, Bui
   auto writer = exists ? TileWriter::resume(path) : create(path, manifest, *codecs);
   if (!writer) return tl::unexpected(writer.error());
 
-  // What is there already, per layer: building goes on after the least of them.
-  const TileOrder order(manifest.shape);
+  // What is there already, per layer: building goes on after the least of them, and in holes.
+  const Job job{tracer, manifest, *codecs, TileOrder(manifest.shape),
+                thread_count(options.threads)};
   std::vector<std::uint64_t> begin(codecs->size(), 0);
   for (std::size_t k = 0; k < begin.size(); ++k) {
     const auto last = writer->last(static_cast<LayerId>(k));
     if (!last) return tl::unexpected(last.error());
-    if (*last) begin[k] = order.number(**last) + 1;
+    if (*last) begin[k] = job.order.number(**last) + 1;
   }
-  BuildReport report;
-  report.resumed = *std::min_element(begin.begin(), begin.end());
+  const std::uint64_t resumed = *std::min_element(begin.begin(), begin.end());
+  const auto holes = find_holes(path, job.order, begin.size(), resumed);
+  if (!holes) return tl::unexpected(holes.error());
 
+  BuildReport report;
+  report.resumed = resumed - holes->size();
   Progress state;
   for (unsigned level = 0; level <= manifest.shape.levels; ++level)
     state.total += tracer.slabs(level);
-  for (std::uint64_t n = 0; n < report.resumed; ++n) state.skipped += tracer.slabs(order.key(n));
+  for (std::uint64_t n = 0; n < resumed; ++n) state.skipped += tracer.slabs(job.order.key(n));
+  for (const std::uint64_t n : *holes) state.skipped -= tracer.slabs(job.order.key(n));
   state.done = state.skipped;
 
-  const unsigned threads = thread_count(options.threads);
-  std::vector<std::uint64_t> numbers;
-  for (std::uint64_t n = report.resumed; n < order.count(); ++n) numbers.push_back(n);
-  TilePipeline pipeline(tracer, order, manifest, *codecs, numbers, threads);
-
-  std::uint64_t uncommitted = 0;
-  auto committed_at = Clock::now();
-  for (const std::uint64_t number : numbers) {
-    const TileKey key = order.key(number);
-    const Encoded tile = pipeline.take();
-    if (tile.error) return tl::unexpected(*tile.error);
-    for (std::size_t k = 0; k < begin.size(); ++k) {
-      if (number < begin[k]) continue;
-      if (auto ok = writer->append(static_cast<LayerId>(k), key, tile.payloads[k]); !ok)
-        return tl::unexpected(ok.error());
-      uncommitted += tile.payloads[k].size();
-    }
-    ++report.tiles;
-    report.slabs += tile.slabs;
-    state.done += tile.slabs;
-    if (uncommitted >= kCommitBytes || Clock::now() - committed_at >= kCommitInterval) {
-      if (auto ok = writer->commit(); !ok) return tl::unexpected(ok.error());
-      uncommitted = 0;
-      committed_at = Clock::now();
-    }
-    if (progress && !progress(state)) {
-      if (auto ok = writer->commit(); !ok) return tl::unexpected(ok.error());
-      return fail(ErrorCode::failed, path, ": interrupted; the same command goes on from here");
-    }
-  }
+  if (auto ok = fill_holes(job, *writer, path, *holes, progress, state, report); !ok)
+    return tl::unexpected(ok.error());
+  if (auto ok = append_tiles(job, *writer, path, begin, resumed, progress, state, report); !ok)
+    return tl::unexpected(ok.error());
   if (auto ok = writer->close(); !ok) return tl::unexpected(ok.error());
   return report;
 }

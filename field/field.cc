@@ -52,8 +52,8 @@ Result<void> Field::decode(const storage::TileRef& tile, std::span<std::byte> sa
   if (auto ok = store_.check(tile); !ok) return ok;
   auto decoded =
       codecs_[tile.layer]->decode(tile_shape(tile.layer, tile.key), tile.payload, samples);
-  // A file that shrank while it was read shows as zeros; say that rather than blame the codec.
-  if (auto ok = store_.check(tile); !ok) return ok;
+  if (store_.changed())  // zeros were read where the file shrank: not the codec's fault
+    return fail(ErrorCode::bad_file, path(), ": changed while it was open; open it again");
   if (!decoded)
     return fail(decoded.error().code, path(), ": layer '", manifest_.layers[tile.layer].name,
                 "', tile ", int{tile.key.level}, "/", tile.key.index, ": ", decoded.error().message,
@@ -68,7 +68,7 @@ Result<FieldContent> Field::content() const {
   for (unsigned level = 0; level <= shape().levels; ++level) {
     LevelContent& at = content.levels.emplace_back();
     at.level = level;
-    at.tiles = tile_count(level, shape().entry_depth);
+    at.tiles = shape().tiles(level);
     at.slabs = shape().slabs(level);
     at.payload_bytes.resize(manifest_.layers.size());
   }

@@ -1,5 +1,6 @@
 #include "field/manifest.h"
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 
@@ -68,6 +69,12 @@ const char* name(codec::SampleFormat format) {
   return "unknown";
 }
 
+bool FieldShape::has(TileKey key) const {
+  if (key.level > levels || key.index >= tile_count(key.level, entry_depth)) return false;
+  const auto subfield = static_cast<std::uint8_t>(key.index >> (4 * key.level + 2 * entry_depth));
+  return subfields.empty() || std::binary_search(subfields.begin(), subfields.end(), subfield);
+}
+
 Result<void> FieldShape::check() const {
   if (entry_side < 1 || entry_side > kMostSide || exit_side < 1 || exit_side > kMostSide)
     return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side, ": expected 1 to ",
@@ -84,6 +91,10 @@ Result<void> FieldShape::check() const {
     return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side,
                 ": a tile would have ", largest_tile(), " samples, at most ", kMostTileSamples,
                 " are allowed; halve both sides and add a level");
+  for (std::size_t k = 0; k < subfields.size(); ++k)
+    if (subfields[k] > 63 || (k > 0 && subfields[k] <= subfields[k - 1]))
+      return fail(ErrorCode::usage,
+                  "subfields: expected different numbers from 0 to 63, ascending");
   const glm::dvec3& c = sphere.center;
   if (!std::isfinite(c.x + c.y + c.z) || !(sphere.radius > 0) || !std::isfinite(sphere.radius))
     return fail(ErrorCode::usage, "sphere: expected a finite centre and a positive radius");
@@ -96,15 +107,17 @@ nlohmann::json Manifest::to_json() const {
     layer_list.push_back(
         {{"name", layer.name}, {"format", name(layer.format)}, {"codec", layer.codec}});
   const glm::dvec3& c = shape.sphere.center;
-  return {{"slf", {{"major", kMajor}, {"minor", kMinor}}},
-          {"required", nlohmann::json::array()},
-          {"sphere", {{"center", {c.x, c.y, c.z}}, {"radius", shape.sphere.radius}}},
-          {"entry_side", shape.entry_side},
-          {"exit_side", shape.exit_side},
-          {"levels", shape.levels},
-          {"entry_depth", shape.entry_depth},
-          {"layers", layer_list},
-          {"provenance", provenance}};
+  nlohmann::json json = {{"slf", {{"major", kMajor}, {"minor", kMinor}}},
+                         {"required", nlohmann::json::array()},
+                         {"sphere", {{"center", {c.x, c.y, c.z}}, {"radius", shape.sphere.radius}}},
+                         {"entry_side", shape.entry_side},
+                         {"exit_side", shape.exit_side},
+                         {"levels", shape.levels},
+                         {"entry_depth", shape.entry_depth},
+                         {"layers", layer_list},
+                         {"provenance", provenance}};
+  if (!shape.subfields.empty()) json["subfields"] = shape.subfields;
+  return json;
 }
 
 Result<Manifest> Manifest::parse(std::string_view text, const std::string& file) {
@@ -129,6 +142,11 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   shape.exit_side = in.integer("/exit_side", kMostSide);
   shape.levels = in.integer("/levels", 10);
   shape.entry_depth = in.integer("/entry_depth", 8);
+
+  if (json.contains("subfields"))
+    for (std::size_t k = 0; k < std::min<std::size_t>(json["subfields"].size(), 64); ++k)
+      shape.subfields.push_back(
+          static_cast<std::uint8_t>(in.integer("/subfields/" + std::to_string(k), 63)));
 
   const auto* layers = in.find("/layers");
   for (std::size_t k = 0; layers && k < std::min<std::size_t>(layers->size(), 16); ++k) {

@@ -80,7 +80,7 @@ class Renderer {
 
 /// The (entry section, exit section) pairs that a view's rays pass through, neighbouring owners
 /// not counted: the paper's measure of how much of a field a view needs. Sorted keys.
-[[nodiscard]] Result<std::vector<TileKey>> crossed_pairs(const FieldShape& shape, const Camera& camera,
-                                                         unsigned level);
+[[nodiscard]] Result<std::vector<TileKey>> crossed_pairs(const FieldShape& shape,
+                                                         const Camera& camera, unsigned level);
 
 }  // namespace slf
