@@ -69,6 +69,18 @@ Result<void> write_new(Environment& environment, const SealedBlobs& blobs,
   return write(environment, {}, true, blobs, layers);
 }
 
+// Every layer's tree must end with the record the container names, or appending would not append.
+Result<void> check_ends(const Snapshot& snapshot) {
+  for (LayerId layer = 0; layer < snapshot.layers().size(); ++layer) {
+    auto last = snapshot.last_before(layer, {internal::kNoLevel, ~std::uint64_t{0}});
+    if (!last) return tl::unexpected(std::move(last.error()));
+    if (*last != snapshot.layers()[layer].last)
+      return fail(ErrorCode::bad_file, snapshot.path(), ": layer ", snapshot.layers()[layer].name,
+                  " does not end with its last record");
+  }
+  return {};
+}
+
 // Gives a finished file its name, unless there is one of that name.
 Result<void> publish(const std::string& from, const std::string& to) {
   int failed = renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE);
@@ -205,6 +217,7 @@ Result<TileWriter> TileWriter::resume(const std::string& path) {
   std::vector<Error> findings;
   internal::check_pages((*snapshot)->pages(), internal::Depth::trees, findings);
   if (!findings.empty()) return tl::unexpected(std::move(findings.front()));
+  if (auto ends = check_ends(**snapshot); !ends) return tl::unexpected(std::move(ends.error()));
   if (auto same = (*snapshot)->unchanged(); !same) return tl::unexpected(std::move(same.error()));
   const std::uint64_t transaction = (*snapshot)->meta().transaction;
   // LMDB may reuse whatever this transaction does not need.

@@ -186,7 +186,7 @@ TEST_F(Damaged, ResumingAFileWithAFlippedBitLosesNothingElse) {
   std::vector<std::size_t> places;
   for (std::size_t at = 0; at < bytes_.size(); ++at)
     if (!monotonous(at)) places.push_back(at);
-  for (std::size_t i = 0; i < 1000 / kThin && !HasFailure(); ++i) {
+  for (std::size_t i = 0; i < 3000 / kThin && !HasFailure(); ++i) {
     Bytes bytes = bytes_;
     // Half of the flips in the heads of pages, where the structure is.
     std::size_t at = places[random() % places.size()];
