@@ -181,8 +181,8 @@ bool is_complete(const JpegTables& tables) {
 
 JpegTables standard_tables(int quality) {
   JpegTables tables;
-  tables.quantisation[0].fill(quantisation_step(quality, 32));
-  tables.quantisation[1].fill(quantisation_step(quality, 21));
+  tables.quantisation[0].fill(quantisation_step(quality, 28));
+  tables.quantisation[1].fill(quantisation_step(quality, 18));
   jpeg_compress_struct compress;
   jpeg_error_mgr errors;
   compress.err = jpeg_std_error(&errors);

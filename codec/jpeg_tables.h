@@ -39,7 +39,8 @@ using SymbolCounts = std::array<std::uint64_t, 256>;
 [[nodiscard]] bool is_complete(const JpegTables& tables);
 
 /// Flat quantisation for a quality of 1..100, which gives the least squared error for its bytes
-/// (the error of 75 is that of libjpeg's 75), and the Huffman tables of T.81 Annex K.
+/// (a little less than that of libjpeg at the same quality), and the Huffman tables of T.81 Annex
+/// K.
 [[nodiscard]] JpegTables standard_tables(int quality);
 
 /// An abbreviated table-specification stream: SOI, one DQT and one DHT segment per table, EOI.

@@ -1,0 +1,371 @@
+// Codecs against their peers, on the tiles of a field: ratio, error and speed, all in one run.
+//
+//   codec_peers FIELD.slf [--tiles N] [--level L] [--codec SPEC]... [--json]
+//
+// Tiles are taken evenly from one level (the finest by default) of a field whose layers are
+// lossless: what a lossy field holds has lost what a codec would have to keep. Ratios are against
+// 3 bytes a sample for colour and 1 for depth. Our colour payloads hold alpha too, and what
+// lossless alpha takes is shown apart; the peers, which get the RGB planes as mirrored mosaics
+// (codec/mosaic.h), do not. Speeds are those bytes over the processor time of one thread, warm,
+// decoding the best of 5 rounds. PSNR is over RGB, or over depth where the colour is not clear.
+#include <png.h>
+#include <webp/decode.h>
+#include <webp/encode.h>
+#include <zstd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <ctime>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "codec/alpha_coder.h"
+#include "codec/codec.h"
+#include "codec/mosaic.h"
+#include "field/field.h"
+
+namespace {
+
+using namespace slf;
+
+// One tile of the field, decoded.
+struct Sample {
+  TileKey key;
+  Bytes color, depth;
+};
+
+struct Row {
+  std::string name, layer;
+  double ratio = 0, bytes_per_tile = 0, bits_per_slab = 0;
+  double psnr = 0;                            // infinity when lossless
+  double encode_speed = 0, decode_speed = 0;  // MB/s
+};
+
+double cpu_seconds() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + static_cast<double>(now.tv_nsec) * 1e-9;
+}
+
+[[noreturn]] void stop(const std::string& message) {
+  std::fprintf(stderr, "codec_peers: %s\n", message.c_str());
+  std::exit(1);
+}
+
+template <class T>
+T expect(Result<T> result) {
+  if (!result) stop(result.error().message);
+  if constexpr (!std::is_void_v<T>) return std::move(*result);
+}
+
+// What one codec or peer does with a tile.
+struct Contender {
+  std::string name, layer;
+  std::function<void(const Sample&, Bytes&)> encode;
+  std::function<void(const Sample&, ByteSpan, Bytes&)> decode;  // to the layer's samples
+  bool lossless = false;
+};
+
+constexpr int rounds = 5;
+
+Row run(const Contender& contender, const std::vector<Sample>& samples) {
+  const bool color = contender.layer == "color";
+  std::vector<Bytes> payloads(samples.size());
+  double slabs = 0, bytes = 0;
+  double begin = cpu_seconds();
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    contender.encode(samples[i], payloads[i]);
+    slabs += static_cast<double>(samples[i].color.size() / 4);
+    bytes += static_cast<double>(payloads[i].size());
+  }
+  const double encode_seconds = cpu_seconds() - begin;
+  double decode_seconds = 1e9;
+  Bytes decoded;
+  for (int round = 0; round < rounds; ++round) {
+    begin = cpu_seconds();
+    for (std::size_t i = 0; i < samples.size(); ++i)
+      contender.decode(samples[i], payloads[i], decoded);
+    decode_seconds = std::min(decode_seconds, cpu_seconds() - begin);
+  }
+  double squared = 0, count = 0;
+  for (std::size_t i = 0; i < samples.size() && !contender.lossless; ++i) {
+    contender.decode(samples[i], payloads[i], decoded);
+    const Bytes& truth = color ? samples[i].color : samples[i].depth;
+    for (std::size_t k = 0; k < truth.size(); ++k) {
+      if (color ? k % 4 == 3 : samples[i].color[k * 4 + 3] == std::byte{0}) continue;
+      const double error = std::to_integer<int>(truth[k]) - std::to_integer<int>(decoded[k]);
+      squared += error * error;
+      ++count;
+    }
+  }
+  const double raw = slabs * (color ? 3 : 1);
+  return {contender.name,
+          contender.layer,
+          raw / bytes,
+          bytes / static_cast<double>(samples.size()),
+          bytes * 8 / slabs,
+          squared > 0 ? 10 * std::log10(255 * 255 * count / squared) : INFINITY,
+          raw / encode_seconds / 1e6,
+          raw / decode_seconds / 1e6};
+}
+
+// ---- ours ------------------------------------------------------------------------------------
+
+// Leaks its codec into the closures, which live as long as the program needs them.
+Contender ours(const Field& field, const std::string& spec, const std::string& layer,
+               const std::vector<Sample>& samples) {
+  const storage::LayerId id = *field.layer(layer);
+  const bool color = layer == "color";
+  const auto shape = [&field, id](const Sample& sample) {
+    return field.tile_shape(id, sample.key);
+  };
+  const auto part = [color](const Sample& s) -> const Bytes& { return color ? s.color : s.depth; };
+  std::vector<codec::TrainingTile> training;
+  for (std::size_t i = 0; i < samples.size(); i += 4)
+    training.push_back({shape(samples[i]), part(samples[i])});
+  const auto format = color ? codec::SampleFormat::rgba8 : codec::SampleFormat::depth8;
+  const std::shared_ptr<codec::Codec> made = expect(codec::train_codec(spec, format, training));
+  return {made->spec(), layer,
+          [=](const Sample& s, Bytes& to) { expect(made->encode(shape(s), part(s), to)); },
+          [=](const Sample& s, ByteSpan from, Bytes& to) {
+            to.resize(part(s).size());
+            expect(made->decode(shape(s), from, to));
+          },
+          made->lossless()};
+}
+
+// The alpha of lossless colour, apart: what of its payload is not RGB.
+Contender alpha_of_zstd(const Field& field) {
+  const std::uint32_t side = field.shape().exit_side;
+  return {"alpha of zstd", "color",
+          [=](const Sample& sample, Bytes& to) {
+            std::vector<std::uint8_t> alpha;
+            for (std::size_t i = 3; i < sample.color.size(); i += 4)
+              alpha.push_back(std::to_integer<std::uint8_t>(sample.color[i]));
+            to.clear();
+            expect(codec::append_alpha(alpha, side, 255, to));
+          },
+          [=](const Sample& sample, ByteSpan from, Bytes& to) {
+            to.resize(sample.color.size());
+            std::vector<std::uint8_t> alpha(sample.color.size() / 4);
+            expect(codec::read_alpha(from, side, 255, alpha));
+          },
+          true};
+}
+
+// ---- peers: RGB mosaics ----------------------------------------------------------------------
+
+struct Mosaics {
+  const Field& field;
+  storage::LayerId layer;
+
+  codec::Mosaic of(const Sample& sample) const {
+    const codec::Tile tile = field.tile_shape(layer, sample.key);
+    return {tile.rows(), tile.side, 1};
+  }
+  // Calls use(sample index, pixel index).
+  template <class Use>
+  void walk(const Sample& sample, Use use) const {
+    const codec::Tile tile = field.tile_shape(layer, sample.key);
+    const codec::Mosaic mosaic(tile.rows(), tile.side, 1);
+    std::size_t at = 0;
+    for (std::size_t row = 0; row < tile.rows(); ++row)
+      for (std::uint32_t q = 0; q <= tile.side; ++q) {
+        const codec::MosaicLine line = mosaic.line(row, q);
+        auto pixel = static_cast<std::ptrdiff_t>(line.start);
+        for (std::uint32_t p = 0; p <= tile.side - q; ++p, pixel += line.step)
+          use(at++, static_cast<std::size_t>(pixel));
+      }
+  }
+  std::vector<std::uint8_t> rgb(const Sample& sample) const {
+    std::vector<std::uint8_t> pixels(of(sample).pixels() * 3);
+    walk(sample, [&](std::size_t at, std::size_t pixel) {
+      std::memcpy(&pixels[pixel * 3], &sample.color[at * 4], 3);
+    });
+    return pixels;
+  }
+  void samples(const Sample& sample, const std::uint8_t* pixels, Bytes& to) const {
+    to.resize(sample.color.size());
+    walk(sample, [&](std::size_t at, std::size_t pixel) {
+      std::memcpy(&to[at * 4], &pixels[pixel * 3], 3);
+    });
+  }
+};
+
+Contender png(const Mosaics& mosaics) {
+  const auto image_of = [mosaics](const Sample& sample) {
+    png_image image{};
+    image.version = PNG_IMAGE_VERSION;
+    image.width = static_cast<png_uint_32>(mosaics.of(sample).width());
+    image.height = static_cast<png_uint_32>(mosaics.of(sample).height());
+    image.format = PNG_FORMAT_RGB;
+    return image;
+  };
+  return {"PNG", "color",
+          [=](const Sample& sample, Bytes& to) {
+            png_image image = image_of(sample);
+            const auto rgb = mosaics.rgb(sample);
+            png_alloc_size_t size = PNG_IMAGE_PNG_SIZE_MAX(image);
+            to.resize(size);
+            if (!png_image_write_to_memory(&image, to.data(), &size, 0, rgb.data(), 0, nullptr))
+              stop("PNG cannot encode");
+            to.resize(size);
+          },
+          [=](const Sample& sample, ByteSpan from, Bytes& to) {
+            png_image image{};
+            image.version = PNG_IMAGE_VERSION;
+            if (!png_image_begin_read_from_memory(&image, from.data(), from.size()))
+              stop("PNG cannot decode");
+            std::vector<std::uint8_t> rgb(mosaics.of(sample).pixels() * 3);
+            image.format = PNG_FORMAT_RGB;
+            png_image_finish_read(&image, nullptr, rgb.data(), 0, nullptr);
+            mosaics.samples(sample, rgb.data(), to);
+          },
+          true};
+}
+
+Contender webp(const Mosaics& mosaics, int effort) {
+  return {"WebP lossless " + std::to_string(effort), "color",
+          [=](const Sample& sample, Bytes& to) {
+            WebPConfig config;
+            WebPPicture picture;
+            WebPMemoryWriter writer;
+            if (!WebPConfigInit(&config) || !WebPPictureInit(&picture)) stop("WebP: version");
+            WebPConfigLosslessPreset(&config, effort);
+            WebPMemoryWriterInit(&writer);
+            picture.use_argb = 1;
+            picture.width = static_cast<int>(mosaics.of(sample).width());
+            picture.height = static_cast<int>(mosaics.of(sample).height());
+            picture.writer = WebPMemoryWrite;
+            picture.custom_ptr = &writer;
+            const auto rgb = mosaics.rgb(sample);
+            if (!WebPPictureImportRGB(&picture, rgb.data(), picture.width * 3) ||
+                !WebPEncode(&config, &picture))
+              stop("WebP cannot encode");
+            const auto* bytes = reinterpret_cast<const std::byte*>(writer.mem);
+            to.assign(bytes, bytes + writer.size);
+            WebPMemoryWriterClear(&writer);
+            WebPPictureFree(&picture);
+          },
+          [=](const Sample& sample, ByteSpan from, Bytes& to) {
+            const codec::Mosaic mosaic = mosaics.of(sample);
+            std::vector<std::uint8_t> rgb(mosaic.pixels() * 3);
+            if (!WebPDecodeRGBInto(reinterpret_cast<const std::uint8_t*>(from.data()), from.size(),
+                                   rgb.data(), rgb.size(), static_cast<int>(mosaic.width() * 3)))
+              stop("WebP cannot decode");
+            mosaics.samples(sample, rgb.data(), to);
+          },
+          true};
+}
+
+Contender plain_zstd(const Mosaics& mosaics, int level) {
+  return {"plain zstd:" + std::to_string(level), "color",
+          [=](const Sample& sample, Bytes& to) {
+            const auto rgb = mosaics.rgb(sample);
+            to.resize(ZSTD_compressBound(rgb.size()));
+            to.resize(ZSTD_compress(to.data(), to.size(), rgb.data(), rgb.size(), level));
+          },
+          [=](const Sample& sample, ByteSpan from, Bytes& to) {
+            std::vector<std::uint8_t> rgb(mosaics.of(sample).pixels() * 3);
+            ZSTD_decompress(rgb.data(), rgb.size(), from.data(), from.size());
+            mosaics.samples(sample, rgb.data(), to);
+          },
+          true};
+}
+
+// ---- the run ---------------------------------------------------------------------------------
+
+std::vector<Sample> read_samples(const Field& field, unsigned level, std::size_t wanted) {
+  const storage::LayerId color = *field.layer("color"), depth = *field.layer("depth");
+  std::vector<TileKey> keys;
+  expect(field.store().visit(color, {static_cast<std::uint8_t>(level), 0},
+                             {static_cast<std::uint8_t>(level + 1), 0},
+                             [&](const storage::TileRef& tile) -> Result<void> {
+                               if (tile.state == storage::TileState::stored)
+                                 keys.push_back(tile.key);
+                               return {};
+                             }));
+  std::vector<Sample> samples;
+  for (std::size_t i = 0; i < std::min(wanted, keys.size()); ++i) {
+    Sample sample{keys[i * keys.size() / std::min(wanted, keys.size())], {}, {}};
+    for (const auto& [layer, to] : {std::pair{color, &sample.color}, {depth, &sample.depth}}) {
+      to->resize(field.tile_shape(layer, sample.key).bytes());
+      expect(field.decode(expect(field.store().find(layer, sample.key)), *to));
+    }
+    samples.push_back(std::move(sample));
+  }
+  return samples;
+}
+
+void print_table(const std::vector<Row>& rows) {
+  std::printf("%-18s %-6s %8s %8s %8s %9s %10s %10s\n", "codec", "layer", "ratio", "B/tile",
+              "bit/slab", "PSNR dB", "enc MB/s", "dec MB/s");
+  for (const Row& row : rows)
+    std::printf("%-18s %-6s %6.2f:1 %8.0f %8.3f %9.2f %10.1f %10.1f\n", row.name.c_str(),
+                row.layer.c_str(), row.ratio, row.bytes_per_tile, row.bits_per_slab, row.psnr,
+                row.encode_speed, row.decode_speed);
+}
+
+void print_json(const std::string& path, std::size_t tiles, const std::vector<Row>& rows) {
+  nlohmann::json json{{"field", path}, {"tiles", tiles}, {"rows", nlohmann::json::array()}};
+  for (const Row& row : rows) {
+    nlohmann::json item{{"codec", row.name},
+                        {"layer", row.layer},
+                        {"ratio", row.ratio},
+                        {"bytes_per_tile", row.bytes_per_tile},
+                        {"bits_per_slab", row.bits_per_slab},
+                        {"encode_mb_per_s", row.encode_speed},
+                        {"decode_mb_per_s", row.decode_speed}};
+    item["psnr_db"] = std::isfinite(row.psnr) ? nlohmann::json(row.psnr) : nlohmann::json();
+    json["rows"].push_back(item);
+  }
+  std::printf("%s\n", json.dump(2).c_str());
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::string path;
+  std::size_t tiles = 200;
+  int level = -1;
+  bool as_json = false;
+  std::vector<std::string> specs{"raw",     "zstd:1",  "zstd:9",      "zstd:19",
+                                 "jpeg:50", "jpeg:75", "jpeg:75:444", "jpeg:90"};
+  CLI::App app{"Codecs against their peers, on the tiles of a field"};
+  app.add_option("field", path, "A field with lossless colour and depth")->required();
+  app.add_option("--tiles", tiles, "How many tiles, taken evenly")->check(CLI::PositiveNumber);
+  app.add_option("--level", level, "Their level; default: the finest");
+  app.add_option("--codec", specs, "Codecs of ours to run");
+  app.add_flag("--json", as_json, "JSON instead of a table");
+  CLI11_PARSE(app, argc, argv);
+
+  const std::unique_ptr<Field> field = expect(Field::open(path));
+  const auto color = field->layer("color");
+  if (!color || !field->layer("depth")) stop("the field needs a color and a depth layer");
+  if (!field->codec(*color).lossless()) stop("the field's colour has lost what is measured here");
+  if (field->manifest().layers[*color].format != codec::SampleFormat::rgba8)
+    stop("the field's colour is not rgba8");
+  const unsigned at = level < 0 ? field->shape().levels : static_cast<unsigned>(level);
+  const std::vector<Sample> samples = read_samples(*field, at, tiles);
+  if (samples.empty()) stop("no stored tiles at that level");
+
+  const Mosaics mosaics{*field, *color};
+  std::vector<Row> rows;
+  for (const Contender& peer : {png(mosaics), plain_zstd(mosaics, 19), webp(mosaics, 6)})
+    rows.push_back(run(peer, samples));
+  rows.push_back(run(alpha_of_zstd(*field), samples));
+  for (const char* layer : {"color", "depth"})
+    for (const std::string& spec : specs)
+      rows.push_back(run(ours(*field, spec, layer, samples), samples));
+  if (as_json)
+    print_json(path, samples.size(), rows);
+  else
+    print_table(rows);
+  return 0;
+}

@@ -1,0 +1,156 @@
+// Properties of the parts that codecs are made of.
+#include <gtest/gtest.h>
+#include <rapidcheck.h>
+#include <rapidcheck/gtest.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "codec/alpha_coder.h"
+#include "codec/fill.h"
+#include "codec/jpeg_tables.h"
+#include "codec/lanes.h"
+
+namespace slf::codec {
+namespace {
+
+RC_GTEST_PROP(AlphaCoder, GivesBackFlatAreasWithNoise, ()) {
+  const auto side = *rc::gen::inRange<std::uint32_t>(0, 12);
+  const auto pictures = *rc::gen::inRange<std::size_t>(1, 5);
+  const std::size_t columns = std::size_t{side + 1} * (side + 2) / 2;
+  std::vector<std::uint8_t> alpha(pictures * columns);
+  // Long runs of few values, so that gaps, breaks and edges all occur.
+  const auto values = *rc::gen::container<std::vector<std::uint8_t>>(
+      rc::gen::element<std::uint8_t>(0, 0, 0, 255, 255, 7, 128));
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < alpha.size() && !values.empty(); ++i) {
+    alpha[i] = values[next % values.size()];
+    if (i % 5 == alpha[i] % 5u) ++next;
+  }
+  Bytes payload;
+  RC_ASSERT(append_alpha(alpha, side, 255, payload).has_value());
+  payload.push_back(std::byte{42});
+  ByteSpan rest = payload;
+  std::vector<std::uint8_t> back(alpha.size());
+  RC_ASSERT(read_alpha(rest, side, 255, back).has_value());
+  RC_ASSERT(back == alpha);
+  RC_ASSERT(rest.size() == 1u);
+}
+
+TEST(AlphaCoder, SpendsNextToNothingOnFlatAlpha) {
+  for (const std::uint8_t value : {0, 255}) {
+    const std::vector<std::uint8_t> alpha(45 * 561, value);
+    Bytes payload;
+    ASSERT_TRUE(append_alpha(alpha, 32, 255, payload));
+    EXPECT_LE(payload.size(), 32u);
+  }
+}
+
+RC_GTEST_PROP(Lanes, RestoreUndoesPredict, ()) {
+  const auto side = *rc::gen::inRange<std::uint32_t>(0, 9);
+  const bool wide = *rc::gen::arbitrary<bool>();
+  const auto channels = *rc::gen::inRange<std::size_t>(1, 4);
+  const std::size_t columns = std::size_t{side + 1} * (side + 2) / 2;
+  std::vector<ChannelPredictor> predictors(channels);
+  for (ChannelPredictor& predictor : predictors) {
+    predictor.linear = !wide;
+    for (std::int16_t& weight : predictor.weights)
+      weight = *rc::gen::inRange<std::int16_t>(-max_weight, max_weight + 1);
+  }
+  const LaneGroup group{side, wide ? 16u : 8u, predictors};
+  std::vector<LaneValues> values(channels * columns), residuals(values.size()), back(values.size());
+  std::vector<LaneValues> coverage(columns);
+  const auto seed = *rc::gen::arbitrary<std::uint32_t>();
+  std::uint32_t state = seed | 1;
+  const auto random = [&] { return (state = state * 1664525 + 1013904223) >> 16; };
+  for (LaneValues& lanes : values)
+    for (std::uint16_t& value : lanes)
+      value = static_cast<std::uint16_t>(random() & (wide ? 0xFFFF : 0xFF));
+  for (LaneValues& lanes : coverage)
+    for (std::uint16_t& value : lanes) value = random() % 4 != 0;
+
+  predict(group, values.data(), nullptr, residuals.data());
+  restore(group, residuals.data(), back.data());
+  RC_ASSERT(back == values);
+
+  predict(group, values.data(), coverage.data(), residuals.data());
+  restore(group, residuals.data(), back.data());
+  for (std::size_t i = 0; i < values.size(); ++i)
+    for (std::size_t lane = 0; lane < lane_count; ++lane)
+      if (coverage[i % columns][lane] != 0)
+        RC_ASSERT(back[i][lane] == values[i][lane]);
+      else
+        RC_ASSERT(residuals[i][lane] == 0);
+}
+
+// The sum of 2^-length over all codes; 1 would use every code of the longest length.
+double kraft(const HuffmanTable& table) {
+  double sum = 0, unit = 1;
+  for (const std::uint8_t count : table.counts) sum += count * (unit /= 2);
+  return sum;
+}
+
+RC_GTEST_PROP(OptimalHuffman, GivesEverySymbolACode, ()) {
+  SymbolCounts counts{};
+  // Counts that grow like powers ask for codes far longer than 16 bits.
+  const auto base = *rc::gen::inRange<std::uint64_t>(1, 4);
+  std::uint64_t count = 1;
+  for (int symbol = 0; symbol < 256; ++symbol)
+    if (is_ac_symbol(symbol) && *rc::gen::inRange(0, 4) == 0)
+      counts[static_cast<std::size_t>(symbol)] = count =
+          std::min(count * base, std::uint64_t{1} << 40);
+  const HuffmanTable table = optimal_huffman(counts, is_ac_symbol);
+  RC_ASSERT(table.symbols.size() == 162u);
+  RC_ASSERT(kraft(table) < 1.0);  // the code of all ones stays free
+  JpegTables tables = standard_tables(75);
+  tables.ac[0] = tables.ac[1] = table;
+  RC_ASSERT(is_complete(tables));
+  RC_ASSERT(parse_tables(to_bytes(tables)).has_value());
+}
+
+TEST(OptimalHuffman, GivesFrequentSymbolsShortCodes) {
+  SymbolCounts counts{};
+  counts[3] = 1000;
+  counts[5] = 10;
+  const HuffmanTable table = optimal_huffman(counts, is_dc_symbol);
+  EXPECT_EQ(table.counts[0], 1);
+  EXPECT_EQ(table.symbols[0], 3);
+  EXPECT_EQ(table.symbols[1], 5);
+}
+
+TEST(JpegTables, RefusesWhatIsNoPrefixCode) {
+  JpegTables tables = standard_tables(75);
+  tables.dc[0].counts = {};
+  tables.dc[0].counts[0] = 2;  // both codes of one bit, one of them all ones
+  tables.dc[0].symbols = {0, 1};
+  EXPECT_FALSE(parse_tables(to_bytes(tables)));
+  tables.dc[0].counts[0] = 1;
+  tables.dc[0].counts[1] = 1;
+  EXPECT_TRUE(parse_tables(to_bytes(tables)));
+  tables.dc[0].symbols = {1, 1};
+  EXPECT_FALSE(parse_tables(to_bytes(tables)));
+}
+
+TEST(Fill, LeavesWhatMattersAlone) {
+  std::vector<float> values(20 * 13, 99), weight(values.size());
+  weight[45] = weight[130] = 1;
+  values[45] = 10;
+  values[130] = 30;
+  fill(20, 13, weight, values);
+  EXPECT_EQ(values[45], 10);
+  EXPECT_EQ(values[130], 30);
+  for (const float value : values) {
+    EXPECT_GE(value, 10);
+    EXPECT_LE(value, 30);
+  }
+}
+
+TEST(Fill, WithoutAnyWeightChangesNothing) {
+  std::vector<float> values(9, 5);
+  const std::vector<float> weight(9);
+  fill(3, 3, weight, values);
+  EXPECT_EQ(values, std::vector<float>(9, 5));
+}
+
+}  // namespace
+}  // namespace slf::codec
