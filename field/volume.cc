@@ -75,7 +75,7 @@ Result<Volume> read_headerless(const std::string& path, std::string_view head) {
         Promise{".gz", "a NIfTI header within"}})
     if (file.ends_with(ending))
       return fail(ErrorCode::bad_file, path, ": expected ", expected, ", found ",
-                  quoted(head.substr(0, 16)), " at its start: it is damaged, or misnamed");
+                  in_quotes(head.substr(0, 16)), " at its start: it is damaged, or misnamed");
   return fail(ErrorCode::usage, path,
               ": neither NIfTI, NRRD, MetaImage nor a DICOM folder; headerless voxels need their "
               "layout, for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`");
@@ -122,7 +122,8 @@ Result<ScalarType> parse_scalar_type(std::string_view text) {
     if (std::find(names.begin(), names.end(), wanted) != names.end()) return type;
     known += (known.empty() ? "" : ", ") + std::string(names.front());
   }
-  return fail(ErrorCode::usage, "unknown voxel type ", quoted(text), ", expected one of ", known);
+  return fail(ErrorCode::usage, "unknown voxel type ", in_quotes(text), ", expected one of ",
+              known);
 }
 
 glm::dvec3 Volume::spacing() const {

@@ -78,7 +78,8 @@ ByteReader& ByteReader::operator=(ByteReader&&) noexcept = default;
 ByteReader::~ByteReader() = default;
 
 Result<ByteReader> ByteReader::open(const std::string& path, std::uint64_t offset, bool packed) {
-  if (auto size = file_size(path); !size) return tl::unexpected(size.error());
+  const auto size = file_size(path);
+  if (!size) return tl::unexpected(size.error());
   auto state = std::make_unique<State>();
   state->path = path;
   state->packed = packed;
@@ -86,7 +87,7 @@ Result<ByteReader> ByteReader::open(const std::string& path, std::uint64_t offse
   if (!state->file) return fail(ErrorCode::io, path, ": cannot be opened: ", std::strerror(errno));
   state->file.seekg(static_cast<std::streamoff>(offset));
   if (packed) {
-    state->chunk.resize(kChunk);
+    state->chunk.resize(std::clamp<std::uint64_t>(*size, 1, kChunk));
     constexpr int kGzipOrZlib = 15 + 32;
     if (inflateInit2(&state->stream, kGzipOrZlib) != Z_OK)
       return fail(ErrorCode::failed, path, ": no memory to unpack");
@@ -156,9 +157,10 @@ Result<void> read_voxels(const VoxelData& from, Volume& volume) {
   auto reader =
       ByteReader::open(from.path, from.offset + (from.packed ? 0 : from.skip), from.packed);
   if (!reader) return tl::unexpected(reader.error());
-  std::vector<std::byte> scratch(kChunk);
+  std::vector<std::byte> scratch(from.packed ? std::clamp<std::uint64_t>(from.skip, 1, kChunk) : 0);
   for (std::uint64_t left = from.packed ? from.skip : 0; left > 0;) {
-    const auto got = reader->read(std::span(scratch).first(std::min<std::uint64_t>(left, kChunk)));
+    const auto got =
+        reader->read(std::span(scratch).first(std::min<std::uint64_t>(left, scratch.size())));
     if (!got) return tl::unexpected(got.error());
     if (*got == 0) break;
     left -= *got;

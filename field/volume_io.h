@@ -84,7 +84,7 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 [[nodiscard]] std::optional<double> parse_number(std::string_view text);
 [[nodiscard]] std::optional<std::int64_t> parse_integer(std::string_view text);
 /// At most 40 printable characters of untrusted text, quoted, for a message.
-[[nodiscard]] std::string quoted(std::string_view text);
+[[nodiscard]] std::string in_quotes(std::string_view text);
 /// A data file named in a header, relative to the header's folder.
 [[nodiscard]] std::string beside(const std::string& header, std::string_view name);
 

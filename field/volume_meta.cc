@@ -31,7 +31,7 @@ Result<Header> parse_lines(const std::string& path, std::string_view head) {
     const auto equals = line.find('=');
     if (equals == std::string_view::npos)
       return fail(ErrorCode::bad_file, path, ": line ", number, " of the MetaImage header is ",
-                  quoted(line), ", expected 'Field = value'");
+                  in_quotes(line), ", expected 'Field = value'");
     const std::string field(trim(line.substr(0, equals)));
     header.fields[field] = trim(line.substr(equals + 1));
     if (field == "ElementDataFile") return header;
@@ -45,7 +45,7 @@ Result<std::vector<double>> numbers(const std::string& path, std::string_view fi
   for (const auto word : words(text)) {
     const auto value = parse_number(word);
     if (!value)
-      return fail(ErrorCode::bad_file, path, ": '", field, "' holds ", quoted(word),
+      return fail(ErrorCode::bad_file, path, ": '", field, "' holds ", in_quotes(word),
                   ", expected a number");
     result.push_back(*value);
   }
@@ -62,7 +62,7 @@ Result<bool> flag(const std::string& path, const Header& header,
   const auto value = lower(*text);
   if (value == "true" || value == "1" || value == "t") return true;
   if (value == "false" || value == "0" || value == "f") return false;
-  return fail(ErrorCode::bad_file, path, ": '", names.front(), "' is ", quoted(*text),
+  return fail(ErrorCode::bad_file, path, ": '", names.front(), "' is ", in_quotes(*text),
               ", expected True or False");
 }
 
@@ -70,7 +70,7 @@ Result<ScalarType> scalar_type(const std::string& path, const Header& header) {
   const auto* text = header.find({"ElementType"});
   if (!text) return fail(ErrorCode::bad_file, path, ": the header has no 'ElementType' line");
   if (text->ends_with("_ARRAY"))
-    return fail(ErrorCode::unsupported, path, ": ElementType ", quoted(*text),
+    return fail(ErrorCode::unsupported, path, ": ElementType ", in_quotes(*text),
                 ", expected one number a voxel: extract one component");
   // MET_LONG is 32 bits in MetaIO, whatever the machine.
   static const std::map<std::string_view, ScalarType> kTypes = {
@@ -83,7 +83,7 @@ Result<ScalarType> scalar_type(const std::string& path, const Header& header) {
       {"MET_DOUBLE", ScalarType::f64}};
   const auto found = kTypes.find(*text);
   if (found != kTypes.end()) return found->second;
-  return fail(ErrorCode::bad_file, path, ": ElementType ", quoted(*text),
+  return fail(ErrorCode::bad_file, path, ": ElementType ", in_quotes(*text),
               ", expected MET_UCHAR, MET_SHORT, MET_FLOAT or the like");
 }
 
@@ -95,13 +95,13 @@ Result<std::vector<std::uint64_t>> sizes_of(const std::string& path, const Heade
                 "' line");
   const auto rank = parse_integer(*rank_text);
   if (!rank || *rank < 1 || *rank > 10)
-    return fail(ErrorCode::bad_file, path, ": 'NDims' is ", quoted(*rank_text),
+    return fail(ErrorCode::bad_file, path, ": 'NDims' is ", in_quotes(*rank_text),
                 ", expected 1 to 10");
   std::vector<std::uint64_t> sizes;
   for (const auto word : words(*size_text)) {
     const auto size = parse_integer(word);
     if (!size || *size < 1)
-      return fail(ErrorCode::bad_file, path, ": 'DimSize' holds ", quoted(word),
+      return fail(ErrorCode::bad_file, path, ": 'DimSize' holds ", in_quotes(word),
                   ", expected positive integers");
     sizes.push_back(static_cast<std::uint64_t>(*size));
   }
@@ -149,7 +149,7 @@ Result<void> read_scale(const Header& header, Volume& volume) {
     if (const auto* text = header.find({name})) {
       const auto value = parse_number(*text);
       if (!value || !std::isfinite(*value) || (to == &volume.slope && *value == 0))
-        return fail(ErrorCode::bad_file, volume.source, ": '", name, "' is ", quoted(*text),
+        return fail(ErrorCode::bad_file, volume.source, ": '", name, "' is ", in_quotes(*text),
                     ", expected a finite number, and a slope that is not 0");
       *to = *value;
     }
@@ -171,7 +171,7 @@ Result<VoxelData> locate(const Header& header, const Volume& volume) {
   const std::string& file = *header.find({"ElementDataFile"});
   if (file.starts_with("LIST") || file.find('%') != std::string::npos)
     return fail(ErrorCode::unsupported, path, ": voxels spread over several data files (",
-                quoted(file), "): save the volume as one .mha");
+                in_quotes(file), "): save the volume as one .mha");
   if (lower(file) != "local") {
     data.path = beside(path, file);
     data.offset = 0;
@@ -182,7 +182,7 @@ Result<VoxelData> locate(const Header& header, const Volume& volume) {
   if (const auto* text = header.find({"HeaderSize"}); text && data.path != path) {
     const auto skip = parse_integer(*text);
     if (!skip || *skip < -1 || *skip > (std::int64_t{1} << 53))
-      return fail(ErrorCode::bad_file, path, ": 'HeaderSize' is ", quoted(*text),
+      return fail(ErrorCode::bad_file, path, ": 'HeaderSize' is ", in_quotes(*text),
                   ", expected a count of bytes, or -1");
     if (*skip >= 0)
       data.offset = static_cast<std::uint64_t>(*skip);
@@ -212,11 +212,11 @@ Result<Volume> read_meta(const std::string& path, std::string_view head) {
   Volume volume;
   volume.source = path;
   if (const auto* object = header->find({"ObjectType"}); object && lower(*object) != "image")
-    return fail(ErrorCode::unsupported, path, ": a MetaIO ", quoted(*object),
+    return fail(ErrorCode::unsupported, path, ": a MetaIO ", in_quotes(*object),
                 ", expected ObjectType = Image");
   if (const auto* channels = header->find({"ElementNumberOfChannels"});
       channels && parse_integer(*channels) != 1)
-    return fail(ErrorCode::unsupported, path, ": ", quoted(*channels),
+    return fail(ErrorCode::unsupported, path, ": ", in_quotes(*channels),
                 " components a voxel (ElementNumberOfChannels), expected 1: extract one of them");
   const auto type = scalar_type(path, *header);
   if (!type) return tl::unexpected(type.error());

@@ -3,7 +3,7 @@
 // Read here and not through libnifti or ITK. ITK turns scaled 8 and 16 bit voxels into floats,
 // four times the memory, where we keep them and their slope. libnifti trusts the dims it allocates
 // by, and reports on stderr. What is left of the format is a header of fixed offsets (nifti1.h,
-// nifti2.h) and the arithmetic of the two transforms, below; the tests compare both with ITK.
+// nifti2.h) and the arithmetic of the two transforms, below.
 #include <bit>
 #include <cmath>
 #include <cstring>

@@ -41,7 +41,7 @@ Result<Header> parse_lines(const std::string& path, std::string_view head) {
     if (line.starts_with('#') || line.substr(0, line.find(":=")).size() < line.size()) continue;
     if (colon == std::string_view::npos)
       return fail(ErrorCode::bad_file, path, ": line ", number, " of the NRRD header is ",
-                  quoted(line), ", expected 'field: value'");
+                  in_quotes(line), ", expected 'field: value'");
     std::string field = lower(trim(line.substr(0, colon)));
     std::erase(field, ' ');
     header.fields[field] = trim(line.substr(colon + 1));
@@ -65,7 +65,7 @@ Result<std::vector<std::string_view>> per_axis(const std::string& path, const Fi
   if (found == fields.end()) return std::vector<std::string_view>{};
   auto result = words(found->second);
   if (result.size() != axes)
-    return fail(ErrorCode::bad_file, path, ": '", field, ": ", quoted(found->second), "' has ",
+    return fail(ErrorCode::bad_file, path, ": '", field, ": ", in_quotes(found->second), "' has ",
                 result.size(), " values, expected one for each of the ", axes, " axes");
   return result;
 }
@@ -110,8 +110,8 @@ Result<void> parse_directions(const std::string& path, const std::string& text,
     if (lower(parts[i]) == "none") continue;
     axes[i].direction = parse_vector(parts[i]);
     if (!axes[i].direction)
-      return fail(ErrorCode::bad_file, path, ": 'space directions' ", i, " is ", quoted(parts[i]),
-                  ", expected a vector as (x,y,z)");
+      return fail(ErrorCode::bad_file, path, ": 'space directions' ", i, " is ",
+                  in_quotes(parts[i]), ", expected a vector as (x,y,z)");
   }
   return {};
 }
@@ -123,7 +123,7 @@ Result<void> parse_numbers(const std::string& path, const FieldMap& fields, std:
   for (std::size_t i = 0; i < values->size(); ++i) {
     const auto value = parse_number((*values)[i]);
     if (!value)
-      return fail(ErrorCode::bad_file, path, ": '", field, "' ", i, " is ", quoted((*values)[i]),
+      return fail(ErrorCode::bad_file, path, ": '", field, "' ", i, " is ", in_quotes((*values)[i]),
                   ", expected a number");
     axes[i].*to = *value;
   }
@@ -141,7 +141,7 @@ Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fi
   if (!dimension) return tl::unexpected(dimension.error());
   const auto rank = parse_integer(*dimension);
   if (!rank || *rank < 1 || *rank > 16)
-    return fail(ErrorCode::bad_file, path, ": 'dimension' is ", quoted(*dimension),
+    return fail(ErrorCode::bad_file, path, ": 'dimension' is ", in_quotes(*dimension),
                 ", expected 1 to 16");
   std::vector<Axis> axes(static_cast<std::size_t>(*rank));
   if (auto text = required(path, fields, "sizes"); !text) return tl::unexpected(text.error());
@@ -150,7 +150,7 @@ Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fi
   for (std::size_t i = 0; i < axes.size(); ++i) {
     const auto size = parse_integer((*sizes)[i]);
     if (!size || *size < 1)
-      return fail(ErrorCode::bad_file, path, ": 'sizes' ", i, " is ", quoted((*sizes)[i]),
+      return fail(ErrorCode::bad_file, path, ": 'sizes' ", i, " is ", in_quotes((*sizes)[i]),
                   ", expected a positive integer");
     axes[i].size = static_cast<std::uint64_t>(*size);
   }
@@ -184,7 +184,7 @@ Result<void> keep_space(const std::string& path, bool directed, std::vector<Axis
   for (const Axis& axis : axes)
     found.append(found.empty() ? "" : "x")
         .append(std::to_string(axis.size))
-        .append(axis.kind.empty() ? "" : " (" + quoted(axis.kind) + ")");
+        .append(axis.kind.empty() ? "" : " (" + in_quotes(axis.kind) + ")");
   return fail(ErrorCode::unsupported, path, ": sizes ", found,
               ", expected 3 axes of one number each: extract one component or time point, e.g. "
               "`unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
@@ -210,8 +210,8 @@ Result<void> place_directed(const FieldMap& fields, const std::vector<Axis>& axe
   if (const auto found = fields.find("spaceorigin"); found != fields.end()) {
     const auto origin = parse_vector(found->second);
     if (!origin)
-      return fail(ErrorCode::bad_file, volume.source, ": 'space origin' is ", quoted(found->second),
-                  ", expected a vector as (x,y,z)");
+      return fail(ErrorCode::bad_file, volume.source, ": 'space origin' is ",
+                  in_quotes(found->second), ", expected a vector as (x,y,z)");
     volume.origin = flip * *origin + 0.0;
   }
   return check_axes(volume);
@@ -243,7 +243,7 @@ Result<std::uint64_t> parse_skip(const std::string& path, const FieldMap& fields
   if (found == fields.end()) return 0;
   const auto value = parse_integer(found->second);
   if (!value || *value < least || *value > (std::int64_t{1} << 53))
-    return fail(ErrorCode::bad_file, path, ": '", field, "' is ", quoted(found->second),
+    return fail(ErrorCode::bad_file, path, ": '", field, "' is ", in_quotes(found->second),
                 ", expected a count");
   return static_cast<std::uint64_t>(*value);  // -1, the end of the file, becomes the largest
 }
@@ -269,7 +269,7 @@ Result<bool> parse_packed(const std::string& path, const FieldMap& fields) {
     if (encoding == known)
       return fail(ErrorCode::unsupported, path, ": encoding ", known,
                   ", expected raw or gzip: `unu save -e gzip -f nrrd -i IN -o OUT.nrrd`");
-  return fail(ErrorCode::bad_file, path, ": 'encoding' is ", quoted(*text),
+  return fail(ErrorCode::bad_file, path, ": 'encoding' is ", in_quotes(*text),
               ", expected raw or gzip");
 }
 
@@ -278,7 +278,7 @@ Result<bool> parse_big_endian(const std::string& path, const FieldMap& fields, S
   const std::string endian = found == fields.end() ? "" : lower(found->second);
   if (endian == "little" || endian == "big") return endian == "big";
   if (bytes_per_voxel(type) == 1) return false;
-  return fail(ErrorCode::bad_file, path, ": 'endian' is ", quoted(endian),
+  return fail(ErrorCode::bad_file, path, ": 'endian' is ", in_quotes(endian),
               ", expected 'endian: little' or 'endian: big'");
 }
 
@@ -288,7 +288,7 @@ Result<VoxelData> locate(const std::string& path, const Header& header, const Vo
   if (const auto found = fields.find("datafile"); found != fields.end()) {
     if (found->second.starts_with("LIST") || found->second.find('%') != std::string::npos)
       return fail(ErrorCode::unsupported, path, ": voxels spread over several data files (",
-                  quoted(found->second), "): join them, `unu save -f nrrd -i IN -o OUT.nrrd`");
+                  in_quotes(found->second), "): join them, `unu save -f nrrd -i IN -o OUT.nrrd`");
     data.path = beside(path, found->second);
     data.offset = 0;
   }
@@ -329,7 +329,7 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head) {
   if (!type_name) return tl::unexpected(type_name.error());
   const auto type = parse_scalar_type(*type_name);
   if (!type)
-    return fail(ErrorCode::bad_file, path, ": 'type' is ", quoted(*type_name),
+    return fail(ErrorCode::bad_file, path, ": 'type' is ", in_quotes(*type_name),
                 ", expected one number, 8 to 64 bits wide");
   volume.type = *type;
 

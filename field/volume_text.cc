@@ -50,7 +50,7 @@ std::optional<std::int64_t> parse_integer(std::string_view text) {
   return parse<std::int64_t>(text);
 }
 
-std::string quoted(std::string_view text) {
+std::string in_quotes(std::string_view text) {
   std::string result = "'";
   for (const char c : text.substr(0, 40))
     result += std::isprint(static_cast<unsigned char>(c)) ? c : '?';

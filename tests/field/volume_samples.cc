@@ -80,6 +80,7 @@ Folder::~Folder() { std::filesystem::remove_all(folder_); }
 std::string Folder::path(const std::string& name) const { return (folder_ / name).string(); }
 std::string Folder::write(const std::string& name, const std::string& bytes) const {
   std::filesystem::create_directories((folder_ / name).parent_path());
+  std::filesystem::remove(folder_ / name);  // a new file: some systems flush one that is rewritten
   std::ofstream(folder_ / name, std::ios::binary) << bytes;
   return path(name);
 }

@@ -15,6 +15,7 @@ struct Walker {
   const std::string& path;
   std::string_view bytes;
   std::size_t at = 0;
+  DicomElements found{};
 
   template <class T>
   T take() {
@@ -94,6 +95,8 @@ struct Walker {
       const bool undefined = e->length == kUndefined;
       // A private or unknown element of undefined length is implicit within.
       const bool inner_explicit = is_explicit && e->vr != "UN";
+      if (depth == 0 && !undefined) found.values[e->tag] = bytes.substr(at, e->length);
+      if (depth == 0 && e->tag == kPixelData) found.compressed = undefined;
       if (undefined || e->vr == "SQ") {
         const std::size_t stop = undefined ? end : at + e->length;
         const auto inner =
@@ -133,7 +136,7 @@ bool looks_like_dicom(std::string_view head) {
   return head.size() >= 132 && head.substr(128, 4) == "DICM";
 }
 
-Result<void> check_dicom_structure(const std::string& path, std::string_view bytes) {
+Result<DicomElements> parse_dicom(const std::string& path, std::string_view bytes) {
   if (!looks_like_dicom(bytes))
     return fail(ErrorCode::bad_file, path, ": expected 'DICM' at byte 128");
   Walker walker{path, bytes, 132};
@@ -143,7 +146,10 @@ Result<void> check_dicom_structure(const std::string& path, std::string_view byt
     return fail(ErrorCode::unsupported, path, ": deflated or big endian DICOM (transfer syntax ",
                 *syntax, "): convert it, `gdcmconv --raw IN OUT`");
   const bool is_explicit = *syntax != "1.2.840.10008.1.2";
-  return walker.data_set(is_explicit, bytes.size(), false, 0);
+  if (auto r = walker.data_set(is_explicit, bytes.size(), false, 0); !r)
+    return tl::unexpected(r.error());
+  walker.found.syntax = *syntax;
+  return std::move(walker.found);
 }
 
 }  // namespace slf::volume_io
