@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 using Space = TransferFunction::Space;
-using volume_io::quoted;
+using volume_io::in_quotes;
 
 // As ParaView writes them; the first name of a space is the one written back.
 struct SpaceName {
@@ -78,7 +78,7 @@ Result<Space> read_space(const json& preset, const Place& place) {
   const auto& text = found->get_ref<const std::string&>();
   for (const auto& [name, space] : kSpaces)
     if (volume_io::lower(name) == volume_io::lower(text)) return space;
-  return fail(ErrorCode::unsupported, place("ColorSpace"), " is ", quoted(text),
+  return fail(ErrorCode::unsupported, place("ColorSpace"), " is ", in_quotes(text),
               ", expected RGB, HSV, Lab, CIELAB, Diverging or Step");
 }
 
@@ -109,7 +109,7 @@ Result<TransferFunction> read_preset(const json& preset, const Place& place) {
   if (const auto found = preset.find("ScalarOpacityUnitDistance"); found != preset.end()) {
     const double distance = found->is_number() ? found->get<double>() : -1;
     if (!(distance > 0) || !std::isfinite(distance))
-      return bad(place("ScalarOpacityUnitDistance"), " is ", quoted(found->dump().substr(0, 40)),
+      return bad(place("ScalarOpacityUnitDistance"), " is ", in_quotes(found->dump().substr(0, 40)),
                  ", expected a positive number");
     result.unit_distance = distance;
   }
