@@ -1,0 +1,124 @@
+// The volume readers on any bytes: an error that names the file, or a volume that keeps its
+// promises. The first byte chooses how the rest is read; see Way.
+#include <unistd.h>
+#include <zlib.h>
+
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <string_view>
+
+#include "field/transfer.h"
+#include "field/volume.h"
+#include "field/volume_dicom.h"
+
+namespace {
+
+enum Way : int {
+  as_is,   // a file with these bytes, of whatever format they are
+  packed,  // the same, gzipped first, so that mutations reach what is inside
+  labels,  // a file read as labels
+  raw_8,   // a raw file with a layout
+  dicom,   // one DICOM slice: header, then pixels
+  ways
+};
+
+void require(bool condition) {
+  if (!condition) std::abort();
+}
+
+// A folder of this process, with a data file that detached headers may name.
+struct Scratch {
+  std::string folder;
+  Scratch() {
+    const std::filesystem::path memory = "/dev/shm";
+    const auto base =
+        std::filesystem::is_directory(memory) ? memory : std::filesystem::temp_directory_path();
+    folder = (base / "slf-fuzz-XXXXXX").string();
+    require(::mkdtemp(folder.data()) != nullptr);
+    std::ofstream(folder + "/d.raw", std::ios::binary) << std::string(4096, 'x');
+  }
+  Scratch(const Scratch&) = delete;
+  Scratch& operator=(const Scratch&) = delete;
+  ~Scratch() { std::filesystem::remove_all(folder); }
+};
+
+const std::string& scratch() {
+  static const Scratch kScratch;
+  return kScratch.folder;
+}
+
+std::string write(std::string_view bytes) {
+  const std::string path = scratch() + "/input";
+  std::ofstream(path, std::ios::binary) << bytes;
+  return path;
+}
+
+std::string gzipped(std::string_view bytes) {
+  const std::string path = scratch() + "/packed";
+  const gzFile file = gzopen(path.c_str(), "wb1");
+  require(file != nullptr);
+  if (!bytes.empty()) gzwrite(file, bytes.data(), static_cast<unsigned>(bytes.size()));
+  gzclose(file);
+  return path;
+}
+
+void check(const std::string& path, const slf::VolumeOptions& options) {
+  const auto volume = slf::read_volume(path, options);
+  if (!volume) {
+    require(volume.error().message.find(path.substr(0, path.rfind('/'))) == 0);
+    return;
+  }
+  require(volume->voxels.size() == volume->voxel_count() * slf::bytes_per_voxel(volume->type));
+  for (int i = 0; i < 3; ++i) {
+    require(volume->dims[static_cast<std::size_t>(i)] >= 2);
+    require(volume->spacing()[i] > 0 && std::isfinite(volume->origin[i]));
+  }
+  require(std::isfinite(volume->slope) && volume->slope != 0 && std::isfinite(volume->intercept));
+  require(std::abs(glm::determinant(volume->axes)) > 0);
+  const auto [least, most] = volume->value_range();
+  require(least <= most);
+  const auto transfer = slf::default_transfer(*volume);
+  require(slf::parse_transfer(slf::to_json(transfer), "default").has_value());
+}
+
+void check_dicom(const std::string& path) {
+  const auto slice = slf::volume_io::read_dicom_header(path);
+  if (!slice || slice->series.empty()) return;
+  const auto pixels = slf::volume_io::read_dicom_pixels(*slice);
+  if (!pixels) return;
+  require(pixels->size() ==
+          std::uint64_t{slice->width} * slice->height * slf::bytes_per_voxel(slice->type));
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  if (size == 0) return 0;
+  const std::string_view bytes(reinterpret_cast<const char*>(data) + 1, size - 1);
+  switch (data[0] % ways) {
+    case as_is:
+      check(write(bytes), {});
+      break;
+    case packed:
+      check(gzipped(bytes), {});
+      break;
+    case labels:
+      check(write(bytes), {.raw = {}, .labels = true});
+      break;
+    case raw_8: {
+      slf::RawLayout layout;
+      layout.dims = {2, 3, 4};
+      layout.type = static_cast<slf::ScalarType>(size % 10);
+      layout.big_endian = size % 2 == 1;
+      check(write(bytes), {.raw = layout});
+      break;
+    }
+    default:
+      check_dicom(write(bytes));
+  }
+  return 0;
+}
