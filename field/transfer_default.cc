@@ -35,7 +35,7 @@ std::vector<double> sorted_sample(const Volume& volume) {
 
 /// REQUIRES: sorted, not empty, q in 0..1.
 double quantile(std::span<const double> sorted, double q) {
-  return sorted[static_cast<std::size_t>(q * static_cast<double>(sorted.size() - 1) + 0.5)];
+  return sorted[static_cast<std::size_t>(std::llround(q * static_cast<double>(sorted.size() - 1)))];
 }
 
 /// The value that best parts the sorted values in two classes (Otsu 1979), over 256 bins between

@@ -80,8 +80,7 @@ struct Walker {
         continue;
       }
       const bool open_item = item->length == kUndefined;
-      const auto inner =
-          data_set(is_explicit, open_item ? end : at + item->length, open_item, depth + 1);
+      auto inner = data_set(is_explicit, open_item ? end : at + item->length, open_item, depth + 1);
       if (!inner) return inner;
     }
     return {};
@@ -99,7 +98,7 @@ struct Walker {
       if (depth == 0 && e->tag == kPixelData) found.compressed = undefined;
       if (undefined || e->vr == "SQ") {
         const std::size_t stop = undefined ? end : at + e->length;
-        const auto inner =
+        auto inner =
             items(inner_explicit, stop, undefined, undefined && e->tag == kPixelData, depth + 1);
         if (!inner) return inner;
       } else {
