@@ -33,6 +33,8 @@ void add_raycast(CLI::App& app, Run& run);
 void add_compare(CLI::App& app, Run& run);
 void add_measure(CLI::App& app, Run& run);
 void add_evaluate(CLI::App& app, Run& run);
+void add_repack(CLI::App& app, Run& run);
+void add_verify(CLI::App& app, Run& run);
 
 /// --quiet: no progress, no notes; set from main.
 extern bool quiet;

@@ -41,6 +41,8 @@ int run_command(int argc, char** argv) {
   slf::cli::add_measure(app, run);
   slf::cli::add_evaluate(app, run);
   slf::cli::add_compare(app, run);
+  slf::cli::add_repack(app, run);
+  slf::cli::add_verify(app, run);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

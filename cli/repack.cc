@@ -1,0 +1,158 @@
+#include "field/repack.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+
+#include "cli/command.h"
+#include "field/verify.h"
+
+namespace slf::cli {
+namespace {
+
+struct RepackArguments {
+  std::string input, output, color_type, memory = "256MiB", subfields;
+  RepackOptions repack;
+  int levels = -1;
+  bool force = false, json = false;
+};
+
+/// "0-7,12" as numbers from 0 to 63.
+Result<std::vector<std::uint8_t>> parse_subfields(const std::string& text) {
+  std::vector<bool> chosen(64, false);
+  for (std::size_t at = 0; at < text.size();) {
+    unsigned first = 0, last = 0;
+    int used = 0;
+    if (std::sscanf(text.c_str() + at, "%2u-%2u%n", &first, &last, &used) != 2) {
+      if (std::sscanf(text.c_str() + at, "%2u%n", &first, &used) != 1) used = 0;
+      last = first;
+    }
+    const std::size_t end = at + static_cast<std::size_t>(used);
+    if (used == 0 || first > last || last > 63 || (end < text.size() && text[end] != ','))
+      return fail(ErrorCode::usage, "--subfields ", text,
+                  ": expected numbers from 0 to 63, 8 x entry octant + exit octant, as 0-7,12");
+    for (unsigned k = first; k <= last; ++k) chosen[k] = true;
+    at = end + 1;
+  }
+  std::vector<std::uint8_t> numbers;
+  for (std::uint8_t k = 0; k < 64; ++k)
+    if (chosen[k]) numbers.push_back(k);
+  return numbers;
+}
+
+Result<void> run_repack(const RepackArguments& a) {
+  RepackOptions options = a.repack;
+  const auto memory = parse_bytes(a.memory, "--memory");
+  if (!memory) return tl::unexpected(memory.error());
+  options.memory = *memory;
+  if (a.levels >= 0) options.levels = static_cast<unsigned>(a.levels);
+  if (!a.color_type.empty()) options.half = a.color_type == "half";
+  if (!a.subfields.empty()) {
+    auto subfields = parse_subfields(a.subfields);
+    if (!subfields) return tl::unexpected(subfields.error());
+    options.subfields = std::move(*subfields);
+  }
+  std::error_code ignored;
+  if (std::filesystem::equivalent(a.input, a.output, ignored))
+    return fail(ErrorCode::usage, a.output, ": is the input; repack writes another file");
+  if (auto ok = refuse_overwrite(a.output, a.force); !ok) return ok;
+  const auto field = Field::open(a.input);
+  if (!field) return tl::unexpected(field.error());
+  if (a.force) std::filesystem::remove(a.output, ignored);
+  const auto report = repack_field(**field, a.output, options, progress_bar("repack", "tiles"));
+  if (!report) return tl::unexpected(report.error());
+  if (a.json)
+    print_json({{"tiles", report->tiles},
+                {"copied", report->copied},
+                {"recoded", report->recoded},
+                {"missing", report->missing},
+                {"payload_bytes", report->payload_bytes},
+                {"file_bytes", report->file_bytes},
+                {"input_bytes", (*field)->store().file_bytes()}});
+  else
+    fmt::print("{}: {} (was {}), {} tiles copied, {} recoded{}\n", a.output,
+               human_bytes(static_cast<double>(report->file_bytes)),
+               human_bytes(static_cast<double>((*field)->store().file_bytes())), report->copied,
+               report->recoded,
+               report->missing ? fmt::format(", {} missing as in the input", report->missing) : "");
+  return {};
+}
+
+struct VerifyArguments {
+  std::string field;
+  VerifyOptions verify;
+  bool json = false;
+};
+
+Result<void> run_verify(const VerifyArguments& a) {
+  const auto report = verify_field(a.field, a.verify, progress_bar("verify", "tiles"));
+  if (!report) return tl::unexpected(report.error());
+  bool damaged = false;
+  nlohmann::json findings = nlohmann::json::array();
+  for (const Finding& finding : report->findings) {
+    damaged |= finding.kind != FindingKind::missing;
+    findings.push_back({{"id", id(finding.kind)}, {"message", finding.message}});
+    if (!a.json) fmt::print("{} {}\n", id(finding.kind), finding.message);
+  }
+  if (a.json)
+    print_json({{"findings", findings},
+                {"found", report->found},
+                {"tiles", report->tiles},
+                {"payload_bytes", report->payload_bytes},
+                {"dropped", report->dropped},
+                {"complete", report->complete}});
+  else
+    fmt::print("{}: {} tiles, {}: {}\n", a.field, report->tiles,
+               human_bytes(static_cast<double>(report->payload_bytes)),
+               report->found == 0 ? "all good" : fmt::format("{} findings", report->found));
+  if (report->dropped > 0)
+    note(fmt::format("{} damaged tiles dropped; the build command that made the field refills them",
+                     report->dropped));
+  if (damaged && !a.verify.fix)
+    return fail(ErrorCode::bad_file, a.field, ": damaged; slf verify --fix drops damaged tiles");
+  return {};
+}
+
+}  // namespace
+
+void add_repack(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand(
+      "repack", "Rewrite a field: other codecs, quality, layers, levels; compact");
+  auto a = std::make_shared<RepackArguments>();
+  command->add_option("FIELD", a->input, "Field, .slf; not touched")->required();
+  command->add_option("-o,--output", a->output, "The field to write, .slf")->required();
+  command->add_flag("-f,--force", a->force, "Overwrite the output");
+  command->add_option("--color-codec", a->repack.color_codec,
+                      "raw, zstd[:LEVEL] or jpeg:QUALITY; default: as it is");
+  command->add_option("--depth-codec", a->repack.depth_codec, "The same for depth");
+  command->add_option("--layers", a->repack.layers, "Layers to keep, as color or color,depth")
+      ->delimiter(',');
+  command->add_option("--levels", a->levels, "The finest level to keep");
+  command->add_option("--subfields", a->subfields,
+                      "Level-0 subfields to keep, 8 x entry octant + exit octant, as 0-7,12");
+  command->add_option("--color-type", a->color_type, "u8 or half")
+      ->check(CLI::IsMember({"u8", "half"}));
+  command->add_option("--memory", a->memory, "Budget for tiles and records under way")
+      ->capture_default_str();
+  command->add_option("-j,--threads", a->repack.threads, "0: all cores")->capture_default_str();
+  command->add_flag("--json", a->json, "JSON on stdout");
+  command->callback([a, &run] { run = [a] { return run_repack(*a); }; });
+}
+
+void add_verify(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand(
+      "verify", "Check structure, counts, every checksum, and that every tile decodes");
+  command->footer(R"(
+Findings: S1 a page is damaged, M1 manifest or tables, R1 a record, K1 a tile that should not be,
+T1 a checksum, T2 a tile does not decode, C1 tiles are missing, C2 layers disagree.
+Exit code 0 when all is good or only tiles are missing, 3 when something is damaged.)");
+  auto a = std::make_shared<VerifyArguments>();
+  command->add_option("FIELD", a->field, "Field, .slf")->required();
+  command->add_flag("--quick", a->verify.quick, "Structure and counts only");
+  command->add_flag("--fix", a->verify.fix, "Drop damaged tiles, so that build can refill them");
+  command->add_option("-j,--threads", a->verify.threads, "0: all cores")->capture_default_str();
+  command->add_flag("--json", a->json, "JSON on stdout");
+  command->callback([a, &run] { run = [a] { return run_verify(*a); }; });
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,53 @@
+// Checks a field from end to end, and drops what is damaged so that a build can refill it.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "field/build.h"
+
+namespace slf {
+
+/// What can be wrong. The ids are stable: scripts may rely on them.
+enum class FindingKind {
+  structure,  ///< S1: a page of the file is damaged, lost or used twice
+  manifest,   ///< M1: the manifest or a codec's tables are damaged
+  record,     ///< R1: a record of tiles cannot be read
+  key,        ///< K1: a tile that this field does not have
+  checksum,   ///< T1: a tile's bytes are not what was written
+  decode,     ///< T2: a tile's bytes are as written but do not decode
+  missing,    ///< C1: tiles that the manifest promises were never built, or were dropped
+  mismatch,   ///< C2: a tile is stored in one layer and empty in another
+};
+[[nodiscard]] const char* id(FindingKind kind);
+
+struct Finding {
+  FindingKind kind;
+  std::string message;
+};
+
+struct VerifyOptions {
+  bool quick = false;    ///< structure and counts only: no payload is read
+  bool fix = false;      ///< drop damaged tiles
+  unsigned threads = 0;  ///< 0: all
+};
+
+struct VerifyReport {
+  std::vector<Finding> findings;  ///< the first thousand
+  std::uint64_t found = 0;        ///< all
+  std::uint64_t tiles = 0;        ///< checked, all layers
+  std::uint64_t payload_bytes = 0;
+  std::uint64_t dropped = 0;  ///< by fix
+  bool complete = false;
+};
+
+/// Progress counts tiles. io: the file cannot be read at all (or, with fix, written).
+/// A damaged file is not an error but a report with findings.
+[[nodiscard]] Result<VerifyReport> verify_field(const std::string& path,
+                                                const VerifyOptions& options,
+                                                const ProgressCallback& progress = {});
+
+}  // namespace slf
