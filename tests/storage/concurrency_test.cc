@@ -4,6 +4,7 @@
 #include <sys/wait.h>
 
 #include <atomic>
+#include <chrono>
 #include <thread>
 
 #include "tests/storage/storage_testing.h"
@@ -63,6 +64,9 @@ TEST(Concurrency, EveryReaderKeepsItsSnapshotWhileAWriterGoesOn) {
     if (i % 10 == 9) {
       EXPECT_TRUE(ok(writer.set_blob("progress", bytes_of(std::to_string(i)))));
       EXPECT_TRUE(ok(writer.commit()));
+      // Readers come at many states of the file, however the threads are scheduled.
+      for (int wait = 0; wait < 1000 && opened < static_cast<int>(i / 60); ++wait)
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
   }
   EXPECT_TRUE(ok(writer.close()));
