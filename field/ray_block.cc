@@ -25,8 +25,7 @@ glm::vec4 load_color(const std::byte* sample, codec::SampleFormat format) {
 }  // namespace
 
 TapGatherer::TapGatherer(const Field& field, TileCache& cache)
-    : field_(field),
-      cache_(cache),
+    : cache_(cache),
       color_(field.layer("color").value_or(0)),
       depth_(field.layer("depth")),
       format_(field.manifest().layers[color_].format) {}
@@ -85,11 +84,18 @@ Result<void> TapGatherer::gather(const LevelGeometry& geometry, std::span<const 
   group(taps);
   const std::size_t columns = triangle_size(geometry.exit_side());
   const std::size_t sample_size = codec::sample_bytes(format_);
-  for (const Group& g : groups_) {
-    const TileKey key =
+  const std::size_t first = touched_.size();
+  for (const Group& g : groups_)
+    touched_.push_back(
         tile_key({geometry.entry_section(static_cast<std::uint32_t>(g.sections >> 32)),
-                  geometry.exit_section(static_cast<std::uint32_t>(g.sections))});
-    touched_.push_back(key);
+                  geometry.exit_section(static_cast<std::uint32_t>(g.sections))}));
+  const std::span<const TileKey> keys(touched_.data() + first, groups_.size());
+  cache_.advise(color_, keys);
+  if (with_depth) cache_.advise(*depth_, keys);
+
+  for (std::size_t n = 0; n < groups_.size(); ++n) {
+    const Group& g = groups_[n];
+    const TileKey key = keys[n];
     auto color = cache_.get(color_, key);
     if (!color) return tl::unexpected(color.error());
     if (color->state() == storage::TileState::missing)

@@ -59,7 +59,6 @@ class TapGatherer {
   };
   void group(std::span<const Tap> taps);
 
-  const Field& field_;
   TileCache& cache_;
   storage::LayerId color_;
   std::optional<storage::LayerId> depth_;

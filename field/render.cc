@@ -77,7 +77,10 @@ struct Pixel {
   float alpha = 0;  // opacity the depth was weighted with
   bool missing = false;
   std::array<std::uint32_t, 3> taps{};  // where its taps are, ~0u for none
-  std::array<glm::dvec3, 3> exits{};
+  std::array<glm::dvec3, 3> exits{};    // where each entry vertex's ray is aimed
+
+  /// The point at depth t.
+  [[nodiscard]] glm::dvec3 seen() const { return ray.enter + double{t} * (ray.leave - ray.enter); }
 };
 
 /// Draws the pixels of one block. Owned by one thread.
@@ -281,90 +284,133 @@ Renderer::~Renderer() = default;
 
 TileCache& Renderer::cache() { return state_->cache; }
 
-Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
-                               ViewStatistics* statistics) {
-  const Field& field = state_->field;
-  const auto rays = RayGenerator::make(camera);
-  if (!rays) return tl::unexpected(rays.error());
+namespace {
+
+Result<void> check_view(const Field& field, const ViewOptions& options) {
   if (options.level > field.shape().levels)
     return fail(ErrorCode::usage, field.path(), ": level ", options.level,
                 ": the finest level of this field is ", field.shape().levels);
-  if ((options.mode == RenderMode::depth || options.with_depth) && !field.layer("depth"))
+  if (options.needs_depth() && !field.layer("depth"))
     return fail(ErrorCode::usage, field.path(),
                 ": has no depth layer, which mode depth needs; use --mode bitri");
+  return {};
+}
 
-  Image image;
-  image.width = camera.width;
-  image.height = camera.height;
-  image.rgba.resize(std::size_t{camera.width} * camera.height);
-  if (options.with_depth)
-    image.depth.assign(image.rgba.size(), std::numeric_limits<float>::infinity());
+/// One picture under way: blocks are taken by any thread, each writes pixels of its own.
+class ViewJob {
+ public:
+  ViewJob(const Field& field, TileCache& cache, const Camera& camera, const RayGenerator& rays,
+          const ViewOptions& options, std::uint32_t edge)
+      : field_(field),
+        cache_(cache),
+        camera_(camera),
+        rays_(rays),
+        options_(options),
+        edge_(edge),
+        across_((camera.width + edge - 1) / edge),
+        blocks_(across_ * ((camera.height + edge - 1) / edge)) {
+    image_.width = camera.width;
+    image_.height = camera.height;
+    image_.rgba.resize(std::size_t{camera.width} * camera.height);
+    if (options.with_depth)
+      image_.depth.assign(image_.rgba.size(), std::numeric_limits<float>::infinity());
+  }
 
-  const std::uint32_t edge = state_->block;
-  const std::uint32_t across = (camera.width + edge - 1) / edge;
-  const std::uint32_t blocks = across * ((camera.height + edge - 1) / edge);
-  state_->cache.reset_peak();
-  const std::uint64_t decodes_before = state_->cache.statistics().decodes;
-
-  std::atomic<std::uint32_t> next{0};
-  std::mutex mutex;
-  std::optional<Error> error;
-  std::vector<TileKey> touched;
-  std::uint64_t fallback = 0, hit = 0;
-  const auto work = [&] {
-    BlockRenderer renderer(field, state_->cache, options);
+  /// Draws blocks until none are left. Called by each thread.
+  void work() {
+    BlockRenderer renderer(field_, cache_, options_);
     std::vector<Pixel> pixels;
-    std::uint64_t my_fallback = 0, my_hit = 0;
-    for (std::uint32_t b; (b = next++) < blocks;) {
-      const std::uint32_t x0 = b % across * edge, y0 = b / across * edge;
-      pixels.clear();
-      for (std::uint32_t y = y0; y < std::min(y0 + edge, camera.height); ++y)
-        for (std::uint32_t x = x0; x < std::min(x0 + edge, camera.width); ++x) {
-          Pixel pixel;
-          if (!cross_sphere(field.shape().sphere, rays->ray(x, y), pixel.ray)) continue;
-          pixel.ray.pixel = y * camera.width + x;
-          pixels.push_back(pixel);
-        }
-      my_hit += pixels.size();
-      if (auto ok = renderer.draw(pixels, my_fallback); !ok) {
-        const std::lock_guard lock(mutex);
-        if (!error) error = ok.error();
-        next = blocks;
-        break;
-      }
-      for (const Pixel& pixel : pixels) {
-        image.rgba[pixel.ray.pixel] = pixel.rgba;
-        if (!options.with_depth || pixel.rgba.a <= 0) continue;
-        const Sphere& sphere = field.shape().sphere;
-        const glm::dvec3 seen =
-            pixel.ray.enter + double{pixel.t} * (pixel.ray.leave - pixel.ray.enter);
-        image.depth[pixel.ray.pixel] =
-            static_cast<float>(glm::distance(camera.eye, sphere.center + sphere.radius * seen));
-      }
+    std::uint64_t fallback = 0, hit = 0;
+    std::optional<Error> error;
+    for (std::uint32_t block; !error && (block = next_++) < blocks_;) {
+      cast_rays(block, pixels);
+      hit += pixels.size();
+      if (auto ok = renderer.draw(pixels, fallback); !ok) error = ok.error();
+      write_pixels(pixels);
       sort_unique(renderer.touched());
     }
-    const std::lock_guard lock(mutex);
-    touched.insert(touched.end(), renderer.touched().begin(), renderer.touched().end());
-    fallback += my_fallback;
-    hit += my_hit;
-  };
-  on_threads(std::min(state_->threads, blocks), work);
-  if (error) return tl::unexpected(*error);
+    const std::lock_guard lock(mutex_);
+    touched_.insert(touched_.end(), renderer.touched().begin(), renderer.touched().end());
+    fallback_ += fallback;
+    hit_ += hit;
+    if (error && !error_) error_ = error;
+    if (error) next_ = blocks_;
+  }
+
+  [[nodiscard]] std::uint32_t blocks() const { return blocks_; }
+  [[nodiscard]] const std::optional<Error>& error() const { return error_; }
+  [[nodiscard]] Image& image() { return image_; }
+
+  /// What the engine counted; bytes and pages are looked up by count_bytes.
+  void fill(ViewStatistics& statistics) {
+    sort_unique(touched_);
+    statistics.tiles = std::move(touched_);
+    statistics.pixels_hit = hit_;
+    statistics.fallback_pixels = fallback_;
+  }
+
+ private:
+  void cast_rays(std::uint32_t block, std::vector<Pixel>& pixels) const {
+    const std::uint32_t x0 = block % across_ * edge_, y0 = block / across_ * edge_;
+    pixels.clear();
+    for (std::uint32_t y = y0; y < std::min(y0 + edge_, camera_.height); ++y)
+      for (std::uint32_t x = x0; x < std::min(x0 + edge_, camera_.width); ++x) {
+        Pixel pixel;
+        if (!cross_sphere(field_.shape().sphere, rays_.ray(x, y), pixel.ray)) continue;
+        pixel.ray.pixel = y * camera_.width + x;
+        pixels.push_back(pixel);
+      }
+  }
+
+  void write_pixels(const std::vector<Pixel>& pixels) {
+    const Sphere& sphere = field_.shape().sphere;
+    for (const Pixel& pixel : pixels) {
+      image_.rgba[pixel.ray.pixel] = pixel.rgba;
+      if (!options_.with_depth || pixel.rgba.a <= 0) continue;
+      const glm::dvec3 seen = sphere.center + sphere.radius * pixel.seen();
+      image_.depth[pixel.ray.pixel] = static_cast<float>(glm::distance(camera_.eye, seen));
+    }
+  }
+
+  const Field& field_;
+  TileCache& cache_;
+  const Camera& camera_;
+  const RayGenerator& rays_;
+  const ViewOptions& options_;
+  const std::uint32_t edge_, across_, blocks_;
+  Image image_;
+  std::atomic<std::uint32_t> next_{0};
+  std::mutex mutex_;
+  std::optional<Error> error_;
+  std::vector<TileKey> touched_;
+  std::uint64_t fallback_ = 0, hit_ = 0;
+};
+
+}  // namespace
+
+Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
+                               ViewStatistics* statistics) {
+  const auto rays = RayGenerator::make(camera);
+  if (!rays) return tl::unexpected(rays.error());
+  const Field& field = state_->field;
+  if (auto ok = check_view(field, options); !ok) return tl::unexpected(ok.error());
+
+  state_->cache.reset_peak();
+  const std::uint64_t decodes_before = state_->cache.statistics().decodes;
+  ViewJob job(field, state_->cache, camera, *rays, options, state_->block);
+  on_threads(std::min(state_->threads, job.blocks()), [&] { job.work(); });
+  if (job.error()) return tl::unexpected(*job.error());
 
   if (statistics) {
-    sort_unique(touched);
     *statistics = {};
-    statistics->pixels_hit = hit;
-    statistics->fallback_pixels = fallback;
-    statistics->tiles = std::move(touched);
-    const auto cache = state_->cache.statistics();
+    job.fill(*statistics);
+    const CacheStatistics cache = state_->cache.statistics();
     statistics->decodes = cache.decodes - decodes_before;
     statistics->decoded_peak_bytes = cache.decoded_peak_bytes;
-    const bool depth_used = options.mode == RenderMode::depth || options.with_depth;
-    if (auto ok = count_bytes(field, depth_used, *statistics); !ok)
+    if (auto ok = count_bytes(field, options.needs_depth(), *statistics); !ok)
       return tl::unexpected(ok.error());
   }
-  return image;
+  return std::move(job.image());
 }
 
 Result<std::vector<TileKey>> crossed_pairs(const FieldShape& shape, const Camera& camera,

@@ -44,6 +44,8 @@ struct ViewOptions {
   RenderMode mode = RenderMode::bitri;
   unsigned level = 0;       ///< of the tile pyramid
   bool with_depth = false;  ///< also fill Image::depth (needs a depth layer)
+
+  [[nodiscard]] bool needs_depth() const { return mode == RenderMode::depth || with_depth; }
 };
 
 /// What one view cost, counted by the engine (see measure.h for the kernel's own count).

@@ -101,6 +101,20 @@ Result<void> TileCache::load(Entry& entry, const Id& id) {
   return field_.decode(*tile, entry.owned);
 }
 
+void TileCache::advise(storage::LayerId layer, std::span<const TileKey> keys) const {
+  std::vector<storage::TileRef> wanted;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const TileKey& key : keys)
+      if (!entries_.contains({layer, key}))
+        wanted.push_back({storage::TileState::missing, layer, key, {}, 0});
+  }
+  for (storage::TileRef& tile : wanted)
+    if (const auto found = field_.store().find(tile.layer, tile.key)) tile = *found;
+  std::erase_if(wanted, [](const auto& tile) { return tile.state != storage::TileState::stored; });
+  if (!wanted.empty()) field_.store().advise(wanted);
+}
+
 void TileCache::unpin(const std::shared_ptr<Entry>& entry) {
   const std::lock_guard lock(mutex_);
   if (--entry->pins > 0) return;

@@ -61,6 +61,10 @@ class TileCache {
   /// Thread-safe. Any error of finding, checking or decoding; it is not remembered.
   [[nodiscard]] Result<Pin> get(storage::LayerId layer, TileKey key);
 
+  /// Asks the kernel to read the payloads of tiles that are not here yet: call it with all that
+  /// will be wanted next, so that the disk works on many at a time.
+  void advise(storage::LayerId layer, std::span<const TileKey> keys) const;
+
   [[nodiscard]] CacheStatistics statistics() const;
   void reset_peak();
   /// Drops everything that is not pinned.
