@@ -1,8 +1,9 @@
 // Codecs against their peers, on the tiles of a field: ratio, error and speed, all in one run.
 //
-//   codec_peers FIELD.slf [--tiles N] [--level L] [--codec SPEC]... [--json]
+//   codec_peers FIELD.slf [--tiles N] [--level L] [--views V] [--codec SPEC]... [--json]
 //
-// Tiles are taken evenly from one level (the finest by default) of a field whose layers are
+// Tiles are taken evenly from one level (the finest by default), all of it or what V random views
+// of 512² from 3 radii touch, of a field whose layers are
 // lossless: what a lossy field holds has lost what a codec would have to keep. Ratios are against
 // 3 bytes a sample for colour and 1 for depth. Our colour payloads hold alpha too, and what
 // lossless alpha takes is shown apart; the peers, which get the RGB planes as mirrored mosaics
@@ -29,6 +30,7 @@
 #include "codec/codec.h"
 #include "codec/mosaic.h"
 #include "field/field.h"
+#include "field/render.h"
 
 namespace {
 
@@ -281,16 +283,37 @@ Contender plain_zstd(const Mosaics& mosaics, int level) {
 
 // ---- the run ---------------------------------------------------------------------------------
 
-std::vector<Sample> read_samples(const Field& field, unsigned level, std::size_t wanted) {
-  const storage::LayerId color = *field.layer("color"), depth = *field.layer("depth");
+std::vector<TileKey> stored_tiles(const Field& field, unsigned level) {
   std::vector<TileKey> keys;
-  expect(field.store().visit(color, {static_cast<std::uint8_t>(level), 0},
+  expect(field.store().visit(*field.layer("color"), {static_cast<std::uint8_t>(level), 0},
                              {static_cast<std::uint8_t>(level + 1), 0},
                              [&](const storage::TileRef& tile) -> Result<void> {
                                if (tile.state == storage::TileState::stored)
                                  keys.push_back(tile.key);
                                return {};
                              }));
+  return keys;
+}
+
+std::vector<TileKey> touched_tiles(const Field& field, unsigned level, std::uint32_t views) {
+  std::vector<TileKey> keys;
+  Renderer renderer(field);
+  for (const Camera& camera : random_cameras(field.shape().sphere, 3, views, 1, 512, 512)) {
+    ViewStatistics statistics;
+    expect(renderer.render(camera, {RenderMode::bitri, level, false}, &statistics));
+    for (const TileKey& key : statistics.tiles)
+      if (expect(field.store().find(*field.layer("color"), key)).state ==
+          storage::TileState::stored)
+        keys.push_back(key);
+  }
+  std::sort(keys.begin(), keys.end());
+  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+  return keys;
+}
+
+std::vector<Sample> read_samples(const Field& field, const std::vector<TileKey>& keys,
+                                 std::size_t wanted) {
+  const storage::LayerId color = *field.layer("color"), depth = *field.layer("depth");
   std::vector<Sample> samples;
   for (std::size_t i = 0; i < std::min(wanted, keys.size()); ++i) {
     Sample sample{keys[i * keys.size() / std::min(wanted, keys.size())], {}, {}};
@@ -334,6 +357,7 @@ int main(int argc, char** argv) {
   std::string path;
   std::size_t tiles = 200;
   int level = -1;
+  std::uint32_t views = 0;
   bool as_json = false;
   std::vector<std::string> specs{"raw",     "zstd:1",  "zstd:9",      "zstd:19",
                                  "jpeg:50", "jpeg:75", "jpeg:75:444", "jpeg:90"};
@@ -341,6 +365,7 @@ int main(int argc, char** argv) {
   app.add_option("field", path, "A field with lossless colour and depth")->required();
   app.add_option("--tiles", tiles, "How many tiles, taken evenly")->check(CLI::PositiveNumber);
   app.add_option("--level", level, "Their level; default: the finest");
+  app.add_option("--views", views, "Only tiles that this many random views touch; 0: all");
   app.add_option("--codec", specs, "Codecs of ours to run");
   app.add_flag("--json", as_json, "JSON instead of a table");
   CLI11_PARSE(app, argc, argv);
@@ -352,7 +377,8 @@ int main(int argc, char** argv) {
   if (field->manifest().layers[*color].format != codec::SampleFormat::rgba8)
     stop("the field's colour is not rgba8");
   const unsigned at = level < 0 ? field->shape().levels : static_cast<unsigned>(level);
-  const std::vector<Sample> samples = read_samples(*field, at, tiles);
+  const std::vector<Sample> samples = read_samples(
+      *field, views > 0 ? touched_tiles(*field, at, views) : stored_tiles(*field, at), tiles);
   if (samples.empty()) stop("no stored tiles at that level");
 
   const Mosaics mosaics{*field, *color};

@@ -15,7 +15,7 @@ struct Arguments {
   bool force = false;
   BuildOptions build;
   std::string color_type = "u8";
-  std::string depth_codec = "zstd";
+  std::string depth_codec = "jpeg:75";
   double radius = 0;
   std::string center;
 };
