@@ -19,8 +19,8 @@ struct BuildOptions {
   FieldShape shape;  ///< sphere.radius <= 0: the scene's own bounds
   std::string color_codec = "jpeg:90";
   std::string depth_codec = "jpeg:75";  ///< empty: no depth layer
-  bool half = false;                 ///< colour as half floats
-  unsigned threads = 0;              ///< 0: all
+  bool half = false;                    ///< colour as half floats
+  unsigned threads = 0;                 ///< 0: all
 };
 
 struct Progress {

@@ -1,4 +1,4 @@
-// RayBlock: the rays of a block of pixels, and the taps they take from tiles. Private to field/.
+// Taps: the samples that rays take from tiles. Private to field/.
 //
 // A tap is what a ray needs of one entry vertex: up to three samples of one row of one tile. A
 // block's taps are grouped by tile, so that each tile is pinned once per pass, and one at a time.
@@ -14,14 +14,6 @@
 #include "field/tile_cache.h"
 
 namespace slf {
-
-/// A pixel's ray where it crosses the plenoptic sphere, in coordinates where that is the unit
-/// sphere around the origin.
-struct Ray {
-  glm::dvec3 enter;
-  glm::dvec3 leave;
-  std::uint32_t pixel = 0;
-};
 
 /// Samples of one row of a tile: up to three columns, and how much each counts.
 struct Tap {

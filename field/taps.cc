@@ -1,4 +1,4 @@
-#include "field/ray_block.h"
+#include "field/taps.h"
 
 #include <Imath/half.h>
 
