@@ -264,6 +264,25 @@ TEST_F(Cli, KilledAtAnyMomentItResumesToTheSameTiles) {
   EXPECT_EQ(testing::all_tiles(**a), testing::all_tiles(**b));
 }
 
+TEST_F(Cli, AnUnfinishedFieldDrawsWhatIsThereAndSaysSo) {
+  Workplace place;
+  // A file size limit ends the build in the middle of level 2.
+  const Outcome full = build(place / "whole.slf", {});
+  ASSERT_EQ(full.exit_code, 0);
+  const auto limit = std::filesystem::file_size(place / "whole.slf") / 1024 / 2;
+  slf({"build", "scene:balls", "-o", place / "part.slf", "--entry", "2", "--exit", "8", "--levels",
+       "2", "--color-codec", "zstd:1"},
+      "trap '' XFSZ; ulimit -f " + std::to_string(limit) + ";");
+  const Outcome info = slf({"info", place / "part.slf", "--json"});
+  ASSERT_EQ(info.exit_code, 0) << info.err;
+  EXPECT_EQ(info.json()["complete"], false);
+  EXPECT_TRUE(contains(info.err, "incomplete"));
+  const Outcome drawn = slf({"render", place / "part.slf", "-o", place / "o.png", "--size", "64"});
+  EXPECT_EQ(drawn.exit_code, 0) << drawn.err;
+  EXPECT_TRUE(contains(drawn.err, "incomplete")) << drawn.err;
+  EXPECT_TRUE(std::filesystem::exists(place / "o.png"));
+}
+
 TEST_F(Cli, ReadOnlyFoldersAndFilesOpen) {
   Workplace place;
   std::filesystem::copy(field(), place / "a.slf");
