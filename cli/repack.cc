@@ -2,8 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <filesystem>
-
 #include "cli/command.h"
 #include "field/verify.h"
 
@@ -52,13 +50,9 @@ Result<void> run_repack(const RepackArguments& a) {
     if (!subfields) return tl::unexpected(subfields.error());
     options.subfields = std::move(*subfields);
   }
-  std::error_code ignored;
-  if (std::filesystem::equivalent(a.input, a.output, ignored))
-    return fail(ErrorCode::usage, a.output, ": is the input; repack writes another file");
-  if (auto ok = refuse_overwrite(a.output, a.force); !ok) return ok;
+  options.replace = a.force;
   const auto field = Field::open(a.input);
   if (!field) return tl::unexpected(field.error());
-  if (a.force) std::filesystem::remove(a.output, ignored);
   const auto report = repack_field(**field, a.output, options, progress_bar("repack", "tiles"));
   if (!report) return tl::unexpected(report.error());
   if (a.json)
@@ -84,33 +78,43 @@ struct VerifyArguments {
   bool json = false;
 };
 
+nlohmann::json report_json(const VerifyReport& report) {
+  nlohmann::json findings = nlohmann::json::array();
+  for (const Finding& finding : report.findings)
+    findings.push_back({{"id", id(finding.kind)}, {"message", finding.message}});
+  return {{"findings", findings},      {"found", report.found},
+          {"damaged", report.damaged}, {"unfixed", report.unfixed},
+          {"tiles", report.tiles},     {"payload_bytes", report.payload_bytes},
+          {"dropped", report.dropped}, {"complete", report.complete}};
+}
+
+void print_report(const std::string& path, const VerifyReport& report) {
+  for (const Finding& finding : report.findings)
+    fmt::print("{} {}\n", id(finding.kind), finding.message);
+  if (report.found > report.findings.size())
+    fmt::print("... and {} more\n", report.found - report.findings.size());
+  fmt::print("{}: {} tiles, {}: {}\n", path, report.tiles,
+             human_bytes(static_cast<double>(report.payload_bytes)),
+             report.found == 0     ? "all good"
+             : report.damaged == 0 ? "no damage, but incomplete"
+                                   : fmt::format("{} damaged", report.damaged));
+}
+
 Result<void> run_verify(const VerifyArguments& a) {
   const auto report = verify_field(a.field, a.verify, progress_bar("verify", "tiles"));
   if (!report) return tl::unexpected(report.error());
-  bool damaged = false;
-  nlohmann::json findings = nlohmann::json::array();
-  for (const Finding& finding : report->findings) {
-    damaged |= finding.kind != FindingKind::missing;
-    findings.push_back({{"id", id(finding.kind)}, {"message", finding.message}});
-    if (!a.json) fmt::print("{} {}\n", id(finding.kind), finding.message);
-  }
   if (a.json)
-    print_json({{"findings", findings},
-                {"found", report->found},
-                {"tiles", report->tiles},
-                {"payload_bytes", report->payload_bytes},
-                {"dropped", report->dropped},
-                {"complete", report->complete}});
+    print_json(report_json(*report));
   else
-    fmt::print("{}: {} tiles, {}: {}\n", a.field, report->tiles,
-               human_bytes(static_cast<double>(report->payload_bytes)),
-               report->found == 0 ? "all good" : fmt::format("{} findings", report->found));
+    print_report(a.field, *report);
   if (report->dropped > 0)
-    note(fmt::format("{} damaged tiles dropped; the build command that made the field refills them",
-                     report->dropped));
-  if (damaged && !a.verify.fix)
-    return fail(ErrorCode::bad_file, a.field, ": damaged; slf verify --fix drops damaged tiles");
-  return {};
+    note(fmt::format("{}: dropped {} damaged; the build command that made the field refills them",
+                     a.field, report->dropped));
+  if (report->unfixed == 0) return {};
+  if (a.verify.fix)
+    return fail(ErrorCode::bad_file, a.field, ": ", report->unfixed,
+                " findings cannot be fixed in place; build it anew, or restore a copy");
+  return fail(ErrorCode::bad_file, a.field, ": damaged; slf verify --fix drops damaged tiles");
 }
 
 }  // namespace
@@ -121,13 +125,14 @@ void add_repack(CLI::App& app, Run& run) {
   auto a = std::make_shared<RepackArguments>();
   command->add_option("FIELD", a->input, "Field, .slf; not touched")->required();
   command->add_option("-o,--output", a->output, "The field to write, .slf")->required();
-  command->add_flag("-f,--force", a->force, "Overwrite the output");
+  command->add_flag("-f,--force", a->force, "Replace the output, once the new one is whole");
   command->add_option("--color-codec", a->repack.color_codec,
                       "raw, zstd[:LEVEL] or jpeg:QUALITY; default: as it is");
   command->add_option("--depth-codec", a->repack.depth_codec, "The same for depth");
   command->add_option("--layers", a->repack.layers, "Layers to keep, as color or color,depth")
       ->delimiter(',');
-  command->add_option("--levels", a->levels, "The finest level to keep");
+  command->add_option("--levels", a->levels, "The finest level to keep")
+      ->check(CLI::NonNegativeNumber);
   command->add_option("--subfields", a->subfields,
                       "Level-0 subfields to keep, 8 x entry octant + exit octant, as 0-7,12");
   command->add_option("--color-type", a->color_type, "u8 or half")
@@ -145,7 +150,8 @@ void add_verify(CLI::App& app, Run& run) {
   command->footer(R"(
 Findings: S1 a page is damaged, M1 manifest or tables, R1 a record, K1 a tile that should not be,
 T1 a checksum, T2 a tile does not decode, C1 tiles are missing, C2 layers disagree.
-Exit code 0 when all is good or only tiles are missing, 3 when something is damaged.)");
+Exit code 0 when all is good or only tiles are missing, 3 when something is damaged and, with
+--fix, could not be dropped (S1, M1).)");
   auto a = std::make_shared<VerifyArguments>();
   command->add_option("FIELD", a->field, "Field, .slf")->required();
   command->add_flag("--quick", a->verify.quick, "Structure and counts only");

@@ -1,7 +1,6 @@
 #include "field/repack.h"
 
 #include <Imath/half.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -9,6 +8,7 @@
 
 #include "field/parallel.h"
 #include "field/tile_order.h"
+#include "field/unfinished.h"
 
 namespace slf {
 namespace {
@@ -27,22 +27,31 @@ struct OutputLayer {
   bool copy = false;  ///< payloads need no recoding
 };
 
+std::byte eight_bits(std::uint16_t bits) {
+  Imath::half value;
+  value.setBits(bits);
+  const float v = value;
+  return static_cast<std::byte>(std::lround(v > 0 ? std::min(v, 1.f) * 255 : 0.f));  // NaN: 0
+}
+
+std::uint16_t half_bits(std::byte value) {
+  return Imath::half(static_cast<float>(std::to_integer<int>(value)) / 255).bits();
+}
+
+/// Copies samples, colour from one format to the other. Eight bits of premultiplied colour are at
+/// most those of alpha.
 void convert(SampleFormat from, SampleFormat to, std::span<const std::byte> in, Bytes& out) {
   if (from == to) {
     out.assign(in.begin(), in.end());
   } else if (to == SampleFormat::rgba16f) {
     out.resize(in.size() * 2);
-    for (std::size_t k = 0; k < in.size(); ++k)
-      store_le<std::uint16_t>(
-          &out[2 * k], Imath::half(static_cast<float>(std::to_integer<int>(in[k])) / 255).bits());
+    for (std::size_t k = 0; k < in.size(); ++k) store_le(&out[2 * k], half_bits(in[k]));
   } else {
     out.resize(in.size() / 2);
-    for (std::size_t k = 0; k < out.size(); ++k) {
-      Imath::half value;
-      value.setBits(load_le<std::uint16_t>(&in[2 * k]));
-      const float v = value;
-      out[k] = static_cast<std::byte>(std::lround(std::clamp(v >= 0 ? v : 0.f, 0.f, 1.f) * 255));
-    }
+    for (std::size_t k = 0; k < out.size(); ++k)
+      out[k] = eight_bits(load_le<std::uint16_t>(&in[2 * k]));
+    for (std::size_t k = 0; k < out.size(); k += 4)
+      for (std::size_t c = k; c < k + 3; ++c) out[c] = std::min(out[c], out[k + 3]);
   }
 }
 
@@ -104,7 +113,11 @@ Result<std::vector<OutputLayer>> plan_layers(const Field& field, const FieldShap
     if (!is_depth && options.half)
       out.layer.format = *options.half ? SampleFormat::rgba16f : SampleFormat::rgba8;
     if (!wanted.empty()) out.layer.codec = wanted;
-    const auto plain = codec::make_codec(out.layer.codec, out.layer.format);
+    auto plain = codec::make_codec(out.layer.codec, out.layer.format);
+    if (!plain && wanted.empty() && plain.error().code == ErrorCode::unsupported) {
+      out.layer.codec = "zstd";  // what JPEG cannot hold
+      plain = codec::make_codec(out.layer.codec, out.layer.format);
+    }
     if (!plain) return tl::unexpected(plain.error());
     out.copy = out.layer.format == in.format && (*plain)->spec() == field.codec(id).spec();
     auto made = out.copy ? codec::make_codec(in.codec, in.format, field.codec(id).tables())
@@ -152,55 +165,26 @@ Recoded recode(const Field& field, const std::vector<OutputLayer>& outputs, Tile
   return tile;
 }
 
-/// A file under another name until it is whole; removed unless kept.
-class Unfinished {
- public:
-  explicit Unfinished(const std::string& path)
-      : path_(path), temporary_(path + ".unfinished-" + std::to_string(getpid())) {}
-  ~Unfinished() {
-    std::error_code ignored;
-    if (!kept_) std::filesystem::remove(temporary_, ignored);
-  }
-  [[nodiscard]] const std::string& temporary() const { return temporary_; }
-  Result<void> keep() {
-    std::error_code failed;
-    std::filesystem::rename(temporary_, path_, failed);
-    if (failed) return fail(ErrorCode::io, path_, ": ", failed.message());
-    kept_ = true;
-    return {};
-  }
+/// The shape of the output, checked.
+Result<FieldShape> plan_shape(const Field& field, const RepackOptions& options) {
+  FieldShape shape = field.shape();
+  if (options.levels && *options.levels > shape.levels)
+    return fail(ErrorCode::usage, field.path(), ": has levels 0 to ", shape.levels, ", not ",
+                *options.levels);
+  if (options.levels) shape.levels = *options.levels;
+  for (const std::uint8_t subfield : options.subfields)
+    if (!field.shape().has({0, std::uint64_t{subfield} << (2 * shape.entry_depth)}))
+      return fail(ErrorCode::usage, field.path(), ": has no subfield ", int{subfield});
+  if (!options.subfields.empty()) shape.subfields = options.subfields;
+  if (auto ok = shape.check(); !ok) return tl::unexpected(ok.error());
+  return shape;
+}
 
- private:
-  std::string path_, temporary_;
-  bool kept_ = false;
-};
-
-}  // namespace
-
-Result<RepackReport> repack_field(const Field& field, const std::string& path,
-                                  const RepackOptions& options, const ProgressCallback& progress) {
-  std::error_code ignored;
-  if (std::filesystem::exists(path, ignored))
-    return fail(ErrorCode::usage, path, ": exists; choose another output or -f");
-  Manifest manifest = field.manifest();
-  if (options.levels && *options.levels > manifest.shape.levels)
-    return fail(ErrorCode::usage, field.path(), ": has levels 0 to ", manifest.shape.levels,
-                ", not ", *options.levels);
-  if (options.levels) manifest.shape.levels = *options.levels;
-  if (!options.subfields.empty()) {
-    for (const std::uint8_t subfield : options.subfields)
-      if (!field.shape().has({0, std::uint64_t{subfield} << (2 * field.shape().entry_depth)}))
-        return fail(ErrorCode::usage, field.path(), ": has no subfield ", int{subfield});
-    manifest.shape.subfields = options.subfields;
-  }
-  if (auto ok = manifest.shape.check(); !ok) return tl::unexpected(ok.error());
-  auto outputs = plan_layers(field, manifest.shape, options);
-  if (!outputs) return tl::unexpected(outputs.error());
-  manifest.layers.clear();
+Result<storage::TileWriter> create(const std::string& path, const Manifest& manifest,
+                                   const std::vector<OutputLayer>& outputs) {
   std::vector<std::string> names;
   std::vector<std::pair<std::string, Bytes>> blobs;
-  for (const OutputLayer& out : *outputs) {
-    manifest.layers.push_back(out.layer);
+  for (const OutputLayer& out : outputs) {
     names.push_back(out.layer.name);
     const ByteSpan tables = out.codec->tables();
     blobs.emplace_back(kTablesBlobPrefix + out.layer.name, Bytes(tables.begin(), tables.end()));
@@ -208,26 +192,35 @@ Result<RepackReport> repack_field(const Field& field, const std::string& path,
   const std::string text = manifest.to_json().dump();
   const ByteSpan bytes = as_bytes(std::span<const char>(text));
   blobs.emplace_back(kManifestBlob, Bytes(bytes.begin(), bytes.end()));
+  return storage::TileWriter::create(path, names, blobs);
+}
 
-  Unfinished unfinished(path);
-  auto writer = storage::TileWriter::create(unfinished.temporary(), names, blobs);
-  if (!writer) return tl::unexpected(writer.error());
+/// Says that nothing is left. A writer's own advice, to go on from its last commit, is for builds.
+Error not_written(const std::string& path, const Error& error) {
+  if (error.code != ErrorCode::io) return error;
+  const std::string reason = error.message.substr(0, error.message.find("; the disk may be full"));
+  return {error.code, path + ": not written, the disk may be full: " + reason};
+}
 
+/// Recodes every tile on all threads and appends them in order.
+Result<void> write_tiles(const Field& field, const FieldShape& shape,
+                         const std::vector<OutputLayer>& outputs, const RepackOptions& options,
+                         storage::TileWriter& writer, const ProgressCallback& progress,
+                         RepackReport& report) {
   // A third of the budget for tiles under way, each at most decoded twice and encoded once per
   // layer; a third for records waiting for their commit; a third for LMDB's copies of their pages.
-  const TileOrder order(manifest.shape);
+  const TileOrder order(shape);
   const std::uint64_t share = options.memory / 3;
-  const std::uint64_t tile_cost = manifest.shape.largest_tile() * 24 + 4096;
-  const unsigned threads = static_cast<unsigned>(
+  const std::uint64_t tile_cost = shape.largest_tile() * 24 + 4096;
+  const auto threads = static_cast<unsigned>(
       std::clamp<std::uint64_t>(share / tile_cost, 1, thread_count(options.threads)));
   const std::size_t window = std::clamp<std::uint64_t>(share / tile_cost, 1, 8 * threads);
   OrderedPipeline<Recoded> pipeline(order.count(), threads, window, [&] {
     return [&, scratch = Bytes(), samples = Bytes()](std::uint64_t n) mutable {
-      return recode(field, *outputs, order.key(n), scratch, samples);
+      return recode(field, outputs, order.key(n), scratch, samples);
     };
   });
 
-  RepackReport report;
   Progress state;
   state.total = order.count();
   for (std::uint64_t n = 0; n < order.count(); ++n) {
@@ -238,21 +231,49 @@ Result<RepackReport> repack_field(const Field& field, const std::string& path,
         ++report.missing;
         continue;
       }
-      if (auto ok = writer->append(static_cast<LayerId>(k), order.key(n), tile.payloads[k]); !ok)
-        return tl::unexpected(ok.error());
+      if (auto ok = writer.append(static_cast<LayerId>(k), order.key(n), tile.payloads[k]); !ok)
+        return ok;
       ++report.tiles;
-      (*outputs)[k].copy ? ++report.copied : ++report.recoded;
+      ++(outputs[k].copy ? report.copied : report.recoded);
       report.payload_bytes += tile.payloads[k].size();
     }
-    if (writer->pending_bytes() >= std::min<std::uint64_t>(share, 32ull << 20))
-      if (auto ok = writer->commit(); !ok) return tl::unexpected(ok.error());
+    if (writer.pending_bytes() >= std::min<std::uint64_t>(share, 32ull << 20))
+      if (auto ok = writer.commit(); !ok) return ok;
     ++state.done;
     if (progress && !progress(state))
-      return fail(ErrorCode::failed, path, ": interrupted; nothing was written");
+      return fail(ErrorCode::failed, field.path(), ": repack interrupted; nothing was written");
   }
-  if (auto ok = writer->close(); !ok) return tl::unexpected(ok.error());
-  report.file_bytes = std::filesystem::file_size(unfinished.temporary(), ignored);
-  if (auto ok = unfinished.keep(); !ok) return tl::unexpected(ok.error());
+  return writer.close();
+}
+
+}  // namespace
+
+Result<RepackReport> repack_field(const Field& field, const std::string& path,
+                                  const RepackOptions& options, const ProgressCallback& progress) {
+  std::error_code ignored;
+  if (std::filesystem::equivalent(field.path(), path, ignored))
+    return fail(ErrorCode::usage, path, ": is the input; repack writes another file");
+  Manifest manifest = field.manifest();
+  auto shape = plan_shape(field, options);
+  if (!shape) return tl::unexpected(shape.error());
+  manifest.shape = std::move(*shape);
+  auto unfinished = Unfinished::at(path, options.replace);
+  if (!unfinished) return tl::unexpected(unfinished.error());
+  const auto outputs = plan_layers(field, manifest.shape, options);
+  if (!outputs) return tl::unexpected(outputs.error());
+  manifest.layers.clear();
+  for (const OutputLayer& out : *outputs) manifest.layers.push_back(out.layer);
+
+  RepackReport report;
+  {
+    auto writer = create(unfinished->temporary(), manifest, *outputs);
+    if (!writer) return tl::unexpected(writer.error());
+    if (auto ok = write_tiles(field, manifest.shape, *outputs, options, *writer, progress, report);
+        !ok)
+      return tl::unexpected(not_written(path, ok.error()));
+  }
+  report.file_bytes = std::filesystem::file_size(unfinished->temporary(), ignored);
+  if (auto ok = unfinished->publish(); !ok) return tl::unexpected(ok.error());
   return report;
 }
 

@@ -1,7 +1,7 @@
 #include "field/verify.h"
 
 #include <algorithm>
-#include <mutex>
+#include <optional>
 
 #include "field/field.h"
 #include "field/parallel.h"
@@ -17,8 +17,8 @@ using storage::TileState;
 constexpr std::size_t kMostFindings = 1000;
 constexpr std::size_t kBatch = 256;
 
-/// A tile that must go.
-struct Damaged {
+/// What must go to cure a finding: one tile, or the record that ends with it.
+struct Cure {
   LayerId layer;
   TileKey key;
 };
@@ -29,94 +29,90 @@ class Verifier {
       : options_(options), progress_(progress) {}
 
   Result<VerifyReport> run(const std::string& path) {
-    {
-      const auto store = storage::TileStore::open(path);
-      if (!store) {
-        if (store.error().code != ErrorCode::bad_file) return tl::unexpected(store.error());
-        add(FindingKind::structure, store.error().message);
-        return std::move(report_);
-      }
-      std::vector<Error> structural;
-      store->check_structure(structural);
-      for (const Error& error : structural) add(FindingKind::structure, error.message);
-      fixable_ = structural.empty();
-    }
-    auto field = Field::open(path);
-    if (!field) {
-      if (field.error().code == ErrorCode::unsupported) return tl::unexpected(field.error());
-      add(FindingKind::manifest, field.error().message);
-      return std::move(report_);
-    }
-    if (auto ok = check_tiles(**field); !ok) return tl::unexpected(ok.error());
-    field->reset();
+    if (auto ok = check(path); !ok) return tl::unexpected(ok.error());
     if (options_.fix)
       if (auto ok = drop(path); !ok) return tl::unexpected(ok.error());
+    report_.unfixed = report_.damaged - fixed_;
     return std::move(report_);
   }
 
  private:
   void add(FindingKind kind, std::string message) {
-    const std::lock_guard lock(mutex_);
     ++report_.found;
+    if (kind != FindingKind::missing) ++report_.damaged;
     if (report_.findings.size() < kMostFindings)
       report_.findings.push_back({kind, std::move(message)});
   }
-  void add_damaged(FindingKind kind, std::string message, LayerId layer, TileKey key) {
+  void add(FindingKind kind, std::string message, std::vector<Cure> cures) {
     add(kind, std::move(message));
-    const std::lock_guard lock(mutex_);
-    damaged_.push_back({layer, key});
+    if (options_.fix) cures_.push_back(std::move(cures));
+  }
+
+  Result<void> check(const std::string& path) {
+    if (auto ok = check_structure(path); !ok || !readable_) return ok;
+    const auto field = Field::open(path);
+    if (!field) {
+      if (field.error().code != ErrorCode::bad_file) return tl::unexpected(field.error());
+      add(FindingKind::manifest, field.error().message);
+      return {};
+    }
+    return check_tiles(**field);
+  }
+
+  Result<void> check_structure(const std::string& path) {
+    const auto store = storage::TileStore::open(path);
+    if (!store) {
+      if (store.error().code != ErrorCode::bad_file) return tl::unexpected(store.error());
+      add(FindingKind::structure, store.error().message);
+      readable_ = false;
+      return {};
+    }
+    std::vector<Error> structural;
+    store->check_structure(structural);
+    for (const Error& error : structural) add(FindingKind::structure, error.message);
+    return {};
   }
 
   Result<void> check_tiles(const Field& field) {
-    Progress state;
     for (unsigned level = 0; level <= field.shape().levels; ++level)
-      state.total += field.shape().tiles(level) * field.manifest().layers.size();
-    bool stopped = false;
+      state_.total += field.shape().tiles(level) * field.manifest().layers.size();
     report_.complete = true;
-    for (LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
-      const std::string& name = field.manifest().layers[layer].name;
-      std::vector<std::uint64_t> found(field.shape().levels + 1);
-      std::vector<TileRef> batch;
-      const auto flush = [&] {
-        if (!options_.quick) check_payloads(field, batch);
-        batch.clear();
-      };
-      const auto visited = field.store().visit(
-          layer, {0, 0}, {255, 0},
-          [&](const TileRef& tile) -> Result<void> {
-            ++report_.tiles;
-            report_.payload_bytes += tile.payload.size();
-            if (!field.shape().has(tile.key)) {
-              add(FindingKind::key, place(field, tile) + ": this field has no such tile");
-              return {};
-            }
-            ++found[tile.key.level];
-            if (tile.state == TileState::stored) batch.push_back(tile);
-            if (layer > 0) compare_states(field, tile);
-            if (batch.size() == kBatch) flush();
-            ++state.done;
-            if (progress_ && !progress_(state)) {
-              stopped = true;
-              return fail(ErrorCode::failed, field.path(), ": interrupted");
-            }
+    for (LayerId layer = 0; layer < field.manifest().layers.size(); ++layer)
+      if (auto ok = check_layer(field, layer); !ok) return ok;
+    return {};
+  }
+
+  Result<void> check_layer(const Field& field, LayerId layer) {
+    std::vector<std::uint64_t> found(field.shape().levels + 1);
+    std::vector<TileRef> batch;
+    bool stopped = false;
+    const auto visited = field.store().visit(
+        layer, {0, 0}, {255, 0},
+        [&](const TileRef& tile) -> Result<void> {
+          ++report_.tiles;
+          report_.payload_bytes += tile.payload.size();
+          if (!field.shape().has(tile.key)) {
+            add(FindingKind::key, place(field, tile) + ": this field has no such tile",
+                {{layer, tile.key}});
             return {};
-          },
-          [&](const storage::Damage& damage) {
-            add_damaged(FindingKind::record, damage.message, layer, damage.last);
-          });
-      flush();
-      if (stopped) return tl::unexpected(visited.error());
-      if (!visited) add(FindingKind::structure, visited.error().message);
-      for (unsigned level = 0; level < found.size(); ++level)
-        if (found[level] != field.shape().tiles(level)) {
-          report_.complete = false;
-          add(FindingKind::missing, field.path() + ": layer '" + name + "', level " +
-                                        std::to_string(level) + ": " +
-                                        std::to_string(found[level]) + " of " +
-                                        std::to_string(field.shape().tiles(level)) +
-                                        " tiles; the build command that made it fills it");
-        }
-    }
+          }
+          ++found[tile.key.level];
+          if (tile.state == TileState::stored) batch.push_back(tile);
+          if (layer > 0) compare_states(field, tile);
+          if (batch.size() == kBatch) check_payloads(field, batch);
+          ++state_.done;
+          if (!progress_ || progress_(state_)) return {};
+          stopped = true;
+          return fail(ErrorCode::failed, field.path(), ": verify interrupted");
+        },
+        [&](const storage::Damage& damage) {
+          add(FindingKind::record, damage.message, {{layer, damage.last}});
+        });
+    if (stopped) return visited;
+    if (!visited) add(FindingKind::structure, visited.error().message);
+    check_payloads(field, batch);
+    for (unsigned level = 0; level < found.size(); ++level)
+      compare_count(field, layer, level, found[level]);
     return {};
   }
 
@@ -125,39 +121,69 @@ class Verifier {
            std::to_string(tile.key.level) + "/" + std::to_string(tile.key.index);
   }
 
+  void compare_count(const Field& field, LayerId layer, unsigned level, std::uint64_t found) {
+    const std::uint64_t expected = field.shape().tiles(level);
+    if (found == expected) return;
+    report_.complete = false;
+    add(FindingKind::missing, field.path() + ": layer '" + field.manifest().layers[layer].name +
+                                  "', level " + std::to_string(level) + ": " +
+                                  std::to_string(found) + " of " + std::to_string(expected) +
+                                  " tiles; the build command that made it fills it");
+  }
+
+  /// Whichever layer is wrong, both tiles must be built again.
   void compare_states(const Field& field, const TileRef& tile) {
     const auto first = field.store().find(0, tile.key);
-    if (first && first->state != TileState::missing && first->state != tile.state)
-      add(FindingKind::mismatch,
-          place(field, tile) + ": is " + (tile.state == TileState::empty ? "empty" : "stored") +
-              ", but not so in layer '" + field.manifest().layers[0].name + "'");
+    if (!first || first->state == TileState::missing || first->state == tile.state) return;
+    add(FindingKind::mismatch,
+        place(field, tile) + ": is " + (tile.state == TileState::empty ? "empty" : "stored") +
+            ", but not so in layer '" + field.manifest().layers[0].name + "'",
+        {{0, tile.key}, {tile.layer, tile.key}});
   }
 
-  void check_payloads(const Field& field, const std::vector<TileRef>& tiles) {
-    field.store().advise(tiles);
-    parallel_for(tiles.size(), options_.threads, [&](std::uint64_t k) {
-      const TileRef& tile = tiles[k];
-      if (auto ok = field.store().check(tile); !ok)
-        return add_damaged(FindingKind::checksum, ok.error().message, tile.layer, tile.key);
-      thread_local Bytes samples;
-      samples.resize(field.tile_shape(tile.layer, tile.key).bytes());
-      if (auto ok = field.decode(tile, samples); !ok)
-        add_damaged(FindingKind::decode, ok.error().message, tile.layer, tile.key);
-    });
-    field.store().release(tiles);
+  /// Checks and decodes tiles on all threads, and forgets them.
+  void check_payloads(const Field& field, std::vector<TileRef>& tiles) {
+    if (!options_.quick) {
+      std::vector<std::optional<Finding>> found(tiles.size());
+      field.store().advise(tiles);
+      parallel_for(tiles.size(), options_.threads,
+                   [&](std::uint64_t k) { found[k] = check_payload(field, tiles[k]); });
+      field.store().release(tiles);
+      for (std::size_t k = 0; k < tiles.size(); ++k)
+        if (found[k])
+          add(found[k]->kind, std::move(found[k]->message), {{tiles[k].layer, tiles[k].key}});
+    }
+    tiles.clear();
   }
 
+  static std::optional<Finding> check_payload(const Field& field, const TileRef& tile) {
+    if (auto ok = field.store().check(tile); !ok)
+      return Finding{FindingKind::checksum, ok.error().message};
+    thread_local Bytes samples;
+    samples.resize(field.tile_shape(tile.layer, tile.key).bytes());
+    if (auto ok = field.decode(tile, samples); !ok)
+      return Finding{FindingKind::decode, ok.error().message};
+    return std::nullopt;
+  }
+
+  /// Carries out the cures. Findings without one (S1, M1) stay, and so do all where a page may not
+  /// be what it seems.
   Result<void> drop(const std::string& path) {
-    if (damaged_.empty()) return {};
-    if (!fixable_)
-      return fail(ErrorCode::bad_file, path,
-                  ": the file's structure is damaged, so nothing in it can be replaced in place; "
-                  "build it anew, or restore a copy");
+    const bool sound =
+        std::none_of(report_.findings.begin(), report_.findings.end(),
+                     [](const Finding& finding) { return finding.kind == FindingKind::structure; });
+    if (cures_.empty() || !sound) return {};
     auto writer = storage::TileWriter::resume(path);
     if (!writer) return tl::unexpected(writer.error());
-    for (const Damaged& tile : damaged_) {
-      if (auto ok = writer->replace(tile.layer, tile.key, TileState::missing, {}); !ok) return ok;
-      ++report_.dropped;
+    for (const std::vector<Cure>& cures : cures_) {
+      bool cured = true;
+      for (const Cure& cure : cures) {
+        auto ok = writer->replace(cure.layer, cure.key, TileState::missing, {});
+        if (!ok && ok.error().code == ErrorCode::io) return ok;
+        cured = cured && ok.has_value();
+        if (ok) ++report_.dropped;
+      }
+      if (cured) ++fixed_;
     }
     report_.complete = false;
     return writer->close();
@@ -166,9 +192,10 @@ class Verifier {
   const VerifyOptions& options_;
   const ProgressCallback& progress_;
   VerifyReport report_;
-  std::mutex mutex_;
-  std::vector<Damaged> damaged_;
-  bool fixable_ = true;
+  Progress state_;
+  std::vector<std::vector<Cure>> cures_;  ///< one for each finding that has one
+  std::uint64_t fixed_ = 0;
+  bool readable_ = true;
 };
 
 }  // namespace

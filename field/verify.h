@@ -13,7 +13,7 @@ namespace slf {
 
 /// What can be wrong. The ids are stable: scripts may rely on them.
 enum class FindingKind {
-  structure,  ///< S1: a page of the file is damaged, lost or used twice
+  structure,  ///< S1: a page of the file is damaged, lost or used twice; or it is no container
   manifest,   ///< M1: the manifest or a codec's tables are damaged
   record,     ///< R1: a record of tiles cannot be read
   key,        ///< K1: a tile that this field does not have
@@ -31,21 +31,26 @@ struct Finding {
 
 struct VerifyOptions {
   bool quick = false;    ///< structure and counts only: no payload is read
-  bool fix = false;      ///< drop damaged tiles
+  bool fix = false;      ///< drop tiles and records with R1, K1, T1, T2; and C2, in all layers
   unsigned threads = 0;  ///< 0: all
 };
 
 struct VerifyReport {
-  std::vector<Finding> findings;  ///< the first thousand
-  std::uint64_t found = 0;        ///< all
-  std::uint64_t tiles = 0;        ///< checked, all layers
-  std::uint64_t payload_bytes = 0;
-  std::uint64_t dropped = 0;  ///< by fix
-  bool complete = false;
+  std::vector<Finding> findings;    ///< the first thousand, in the same order whatever the threads
+  std::uint64_t found = 0;          ///< all
+  std::uint64_t damaged = 0;        ///< of found: all but C1
+  std::uint64_t unfixed = 0;        ///< of damaged: still in the file. Without fix, all
+  std::uint64_t tiles = 0;          ///< visited, all layers
+  std::uint64_t payload_bytes = 0;  ///< of them
+  std::uint64_t dropped = 0;        ///< tiles, and records as a whole, by fix
+  bool complete = false;            ///< every tile is there, now
 };
 
-/// Progress counts tiles. io: the file cannot be read at all (or, with fix, written).
-/// A damaged file is not an error but a report with findings.
+/// Progress counts tiles. A damaged file is not an error but a report with findings.
+/// io: the file cannot be read at all (or, with fix, written). unsupported: a newer format.
+/// failed: stopped by the callback; with fix, another process is using the file.
+/// With fix, every drop is committed by itself: whenever it is stopped, the file is a field.
+/// Nothing is dropped where the structure is damaged (S1), since no page can then be trusted.
 [[nodiscard]] Result<VerifyReport> verify_field(const std::string& path,
                                                 const VerifyOptions& options,
                                                 const ProgressCallback& progress = {});

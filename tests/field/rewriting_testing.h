@@ -1,0 +1,51 @@
+// What tests of programs that rewrite or damage fields share.
+#pragma once
+
+#include <fstream>
+#include <iterator>
+
+#include "tests/field/field_testing.h"
+
+namespace slf::testing {
+
+inline std::string file_text(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+inline void write_text(const std::string& path, const std::string& text) {
+  std::ofstream(path, std::ios::binary | std::ios::trunc) << text;
+}
+
+/// The samples of every stored tile of a layer; an empty tile has none.
+inline std::map<TileKey, Bytes> all_samples(const Field& field, const std::string& layer) {
+  std::map<TileKey, Bytes> tiles;
+  const auto id = field.layer(layer);
+  EXPECT_TRUE(id) << layer;
+  if (!id) return tiles;
+  const auto ok =
+      field.store().visit(*id, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
+        Bytes& samples = tiles[tile.key];
+        if (tile.state != storage::TileState::stored) return {};
+        samples.resize(field.tile_shape(*id, tile.key).bytes());
+        return field.decode(tile, samples);
+      });
+  EXPECT_TRUE(ok) << (ok ? "" : ok.error().message);
+  return tiles;
+}
+
+/// Rays with content everywhere but in a few tiles, none of it smooth; brighter than 1 where asked.
+inline FunctionScene stripes(float brightness = 1) {
+  return FunctionScene([brightness](const glm::dvec3& a, const glm::dvec3& b) {
+    RaySample sample;
+    if (glm::dot(a, b) > 0.2) return sample;
+    const auto wave = [](double x) { return static_cast<float>(0.5 + 0.5 * std::sin(x)); };
+    const float alpha = 0.25f + 0.75f * wave(9 * b.y);
+    sample.rgba = {brightness * alpha * wave(5 * a.x + 7 * b.z), alpha * wave(11 * b.x),
+                   alpha * wave(3 * a.z - 4 * b.y), alpha};
+    sample.depth = 0.2f + 0.6f * wave(2 * a.y + b.x);
+    return sample;
+  });
+}
+
+}  // namespace slf::testing
