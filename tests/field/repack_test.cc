@@ -238,14 +238,14 @@ TEST_F(Repack, BrightHalfFloatsAreClampedToEightBits) {
   build.half = false;
   const auto built = build_and_open(stripes(40), folder_ / "built.slf", build);
   const auto expected = all_samples(*built, "color");
-  int brightest = 0;
+  std::size_t clamped = 0;
   for (const auto& [key, samples] : all_samples(*flat, "color"))
     for (std::size_t k = 0; k < samples.size(); ++k) {
       // Half floats have 11 bits: rounding them may fall on the other side.
       EXPECT_NEAR(std::to_integer<int>(samples[k]), std::to_integer<int>(expected.at(key)[k]), 1);
-      brightest = std::max(brightest, std::to_integer<int>(samples[k]));
+      clamped += k % 4 == 0 && samples[k] > std::byte{0} && samples[k] == samples[k + 3];
     }
-  EXPECT_EQ(brightest, 255);
+  EXPECT_GT(clamped, 100u);
 }
 
 TEST_F(Repack, TheFileIsTheSameForAnyNumberOfThreads) {
