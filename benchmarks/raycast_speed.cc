@@ -21,10 +21,7 @@ namespace {
 
 using namespace slf;
 
-struct Segment {
-  glm::dvec3 from, to;
-};
-
+constexpr std::size_t kRow = 561;
 std::unique_ptr<Raycaster> caster;
 std::vector<Segment> segments;
 
@@ -39,9 +36,9 @@ void make_segments() {
     const glm::dvec3 entry = direction(), exit = direction();
     const glm::dvec3 across = glm::normalize(glm::cross(exit, entry));
     const glm::dvec3 down = glm::cross(exit, across);
-    for (int k = 0; k < 561; ++k) {  // a section of the sphere at level 2, 33 × 17 exits
-      const glm::dvec3 at =
-          glm::normalize(exit + 0.4 * (k % 33 / 33.0 * across + k / 33 / 17.0 * down));
+    for (std::size_t k = 0; k < kRow; ++k) {  // a section of the sphere at level 2, 33 × 17 exits
+      const glm::dvec3 at = glm::normalize(exit + 0.4 * (static_cast<double>(k % 33) / 33 * across +
+                                                         static_cast<double>(k / 33) / 17 * down));
       segments.push_back({s.center + s.radius * entry, s.center + s.radius * at});
     }
   }
@@ -49,9 +46,13 @@ void make_segments() {
 
 void Trace(benchmark::State& state) {
   double opacity = 0;
+  std::vector<RaySample> samples(kRow);
   for (auto _ : state) {
     opacity = 0;
-    for (const Segment& s : segments) opacity += caster->trace(s.from, s.to).rgba.a;
+    for (std::size_t begin = 0; begin < segments.size(); begin += kRow) {
+      caster->trace_many(std::span(segments).subspan(begin, kRow), samples);
+      for (const RaySample& sample : samples) opacity += sample.rgba.a;
+    }
     benchmark::DoNotOptimize(opacity);
   }
   state.counters["slabs"] = benchmark::Counter(static_cast<double>(segments.size()),

@@ -27,7 +27,8 @@ struct RaycastOptions {
 /// The options a field's provenance records; what is missing or of another type is the default.
 [[nodiscard]] RaycastOptions raycast_options(const nlohmann::json& provenance);
 
-/// Thread-safety: immutable; trace() from any thread.
+/// Thread-safety: immutable; trace() and trace_many() from any thread. trace_many() is several
+/// times faster per ray.
 class Raycaster final : public Scene {
  public:
   /// Takes the volume's voxels as they are; types other than 8 and 16 bit integers and f32 are
@@ -40,6 +41,7 @@ class Raycaster final : public Scene {
 
   [[nodiscard]] Sphere bounds() const override;
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
+  void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const override;
   [[nodiscard]] nlohmann::json provenance() const override;
 
  private:

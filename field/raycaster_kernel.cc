@@ -1,269 +1,304 @@
 #include "field/raycaster_kernel.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <type_traits>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "field/raycaster_kernel.cc"
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
+#include "field/raycaster_rows-inl.h"
+#include "field/raycaster_shading-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace slf {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// Four floats; the compiler's own vectors, which every target has.
-using V4 = float __attribute__((vector_size(16)));
+// Rays advance together, kWave of them, one sample each per pass. A pass alternates short loops of
+// two kinds over the wave: arithmetic on vectors, and look-ups lane by lane, so that neither waits
+// for the other and all hands over in the first-level cache. No lane ever sees another: a ray's
+// sample does not depend on its company.
+constexpr std::size_t kWave = 64;
+static_assert(kWave % kLanes == 0 && kHits >= 2 * kWave);
 
-/// Four voxels in a row, as floats.
-template <class T>
-HWY_INLINE V4 load_row(const T* row) {
-  typedef T T4 __attribute__((vector_size(4 * sizeof(T))));
-  T4 voxels;
-  std::memcpy(&voxels, row, sizeof voxels);
-  return __builtin_convertvector(voxels, V4);
-}
-
-/// The 4×4×4 voxels around a cell, of which the value needs the inner rows and central differences
-/// the outer ones. A view: of the volume itself or, at its border, of a clamped copy.
-template <class T>
-struct Neighbourhood {
-  const T* first;
-  std::ptrdiff_t stride_y, stride_z;
-
-  HWY_INLINE V4 row(int y, int z) const { return load_row(first + z * stride_z + y * stride_y); }
-  HWY_INLINE T at(int x, int y, int z) const { return first[z * stride_z + y * stride_y + x]; }
+/// The rays under way: ray i of the wave is the i-th of each array. Positions are in voxel indices.
+struct Wave {
+  std::size_t size = 0;
+  // The ray: sample k of `count` lies at start + k·delta.
+  alignas(64) float start[3][kWave];
+  alignas(64) float delta[3][kWave];
+  alignas(64) float inverse[3][kWave];
+  alignas(64) std::int32_t k[kWave];
+  alignas(64) std::int32_t count[kWave];
+  double first[kWave];  // distance of sample 0 from the ray's beginning, in steps
+  double steps[kWave];  // length of the ray in steps
+  std::size_t ray[kWave];
+  // What it has seen, but for the colour.
+  alignas(64) float alpha[kWave];
+  alignas(64) float depth[kWave];
+  // Its next sample.
+  alignas(64) std::int32_t cell[3][kWave];
+  alignas(64) float within[3][kWave];
+  alignas(64) std::int32_t brick[kWave];
+  alignas(64) std::int32_t distance[kWave];
+  alignas(64) std::int32_t entry[kWave];
 };
 
-template <class T>
-HWY_NOINLINE void copy_clamped(const RayGrid& grid, int x, int y, int z, T* to) {
-  const auto* voxels = reinterpret_cast<const T*>(grid.voxels);
-  const auto [nx, ny, nz] = grid.dims;
-  for (int k = 0; k < 64; ++k) {
-    const std::ptrdiff_t cx = std::clamp(x - 1 + (k & 3), 0, nx - 1);
-    const std::ptrdiff_t cy = std::clamp(y - 1 + (k >> 2 & 3), 0, ny - 1);
-    const std::ptrdiff_t cz = std::clamp(z - 1 + (k >> 4), 0, nz - 1);
-    to[k] = voxels[(cz * ny + cy) * nx + cx];
-  }
-}
-
-template <class T>
-HWY_INLINE Neighbourhood<T> neighbourhood(const RayGrid& grid, int x, int y, int z, T* border) {
-  const auto [nx, ny, nz] = grid.dims;
-  if (HWY_UNLIKELY(x < 1 || y < 1 || z < 1 || x >= nx - 2 || y >= ny - 2 || z >= nz - 2)) {
-    copy_clamped(grid, x, y, z, border);
-    return {border, 4, 16};
-  }
-  const std::ptrdiff_t stride_z = std::ptrdiff_t{nx} * ny;
-  return {reinterpret_cast<const T*>(grid.voxels) + (z - 1) * stride_z +
-              (y - 1) * std::ptrdiff_t{nx} + (x - 1),
-          nx, stride_z};
-}
-
-/// As Neighbourhood, but of label volumes: 1 where the voxel's label is visible, else 0.
-template <class T>
-class VisibleNeighbourhood {
- public:
-  VisibleNeighbourhood(const RayGrid& grid, const Neighbourhood<T>& labels) {
-    for (int z = 0; z < 4; ++z)
-      for (int y = 0; y < 4; ++y)
-        for (int x = 0; x < 4; ++x) {
-          const auto entry = static_cast<std::size_t>(labels.at(x, y, z));
-          rows_[z][y][x] =
-              entry < grid.table.entries.size() && grid.table.entries[entry].a > 0 ? 1.f : 0.f;
-        }
-  }
-  HWY_INLINE V4 row(int y, int z) const { return load_row(rows_[z][y]); }
-
- private:
-  float rows_[4][4][4];
-};
-
-/// Trilinear value of the four inner rows, as a row along x still to be interpolated.
-template <class Rows>
-HWY_INLINE V4 inner_row(const Rows& rows, float fy, float fz) {
-  const V4 low = rows.row(1, 1) + fy * (rows.row(2, 1) - rows.row(1, 1));
-  const V4 high = rows.row(1, 2) + fy * (rows.row(2, 2) - rows.row(1, 2));
-  return low + fz * (high - low);
-}
-
-HWY_INLINE float along_x(V4 row, float fx) { return row[1] + fx * (row[2] - row[1]); }
-
-/// Central differences one voxel apart, interpolated trilinearly: a normal without facets.
-template <class Rows>
-HWY_INLINE glm::vec3 gradient(const Rows& rows, V4 inner, float fx, float fy, float fz) {
-  const auto across_y = [&](int z) {
-    return (1 - fy) * (rows.row(2, z) - rows.row(0, z)) + fy * (rows.row(3, z) - rows.row(1, z));
-  };
-  const auto across_z = [&](int y) {
-    return (1 - fz) * (rows.row(y, 2) - rows.row(y, 0)) + fz * (rows.row(y, 3) - rows.row(y, 1));
-  };
-  const V4 dy = (1 - fz) * across_y(1) + fz * across_y(2);
-  const V4 dz = (1 - fy) * across_z(1) + fy * across_z(2);
-  const float dx = (1 - fx) * (inner[2] - inner[0]) + fx * (inner[3] - inner[1]);
-  return 0.5f * glm::vec3(dx, along_x(dy, fx), along_x(dz, fx));
-}
-
-HWY_INLINE std::int32_t table_index(const TransferTable& table, float value) {
-  const auto last = static_cast<std::int32_t>(table.entries.size()) - 1;
-  if (table.logarithmic) {
-    const std::int64_t key = std::int64_t{ordered_bits(value)} - table.low_key;
-    return static_cast<std::int32_t>(std::clamp<std::int64_t>(key >> table.shift, 0, last));
-  }
-  const float at = (value - table.low) * table.scale + 0.5f;
-  return static_cast<std::int32_t>(std::min(std::max(at, 0.f), static_cast<float>(last)));
-}
-
-HWY_INLINE float shading(const RayGrid& grid, const glm::vec3& index_gradient) {
-  const V4 normal = index_gradient.x * load_row(&grid.gradient_to_world[0].x) +
-                    index_gradient.y * load_row(&grid.gradient_to_world[1].x) +
-                    index_gradient.z * load_row(&grid.gradient_to_world[2].x);
-  const V4 toward = normal * load_row(&grid.light.x);
-  const V4 square = normal * normal;
-  const float length2 = square[0] + square[1] + square[2] + 1e-30f;
-  const float inverse = 1 / std::sqrt(length2);
-  const float lambert = std::max(0.f, -(toward[0] + toward[1] + toward[2])) * inverse;
-  const float sure = std::min(1.f, length2 * inverse * grid.inverse_gradient_floor);
-  return 1 - (1 - grid.ambient) * (1 - lambert) * sure;
-}
-
-/// A segment in voxel indices: position(k) is where the k-th sample lies.
-struct March {
-  glm::vec3 start, delta;  // of one step
-  float inverse[3];
-  std::int64_t first, last;  // half-open range of samples inside the visible box
-};
-
-March make_march(const RayGrid& grid, const glm::dvec3& from, const glm::dvec3& to) {
-  const glm::dvec3 a = grid.world_to_index * (from - grid.origin);
-  const glm::dvec3 b = grid.world_to_index * (to - grid.origin);
-  const double length = glm::distance(from, to);
-  March march{};
-  if (!(length > 0)) return march;
-  const glm::dvec3 delta = (b - a) * (grid.step / length);
-  double low = 0, high = length / grid.step;  // in steps
+/// Puts a ray into place i of the wave; false when it misses everything visible.
+bool enter(const RayGrid& grid, const Segment& segment, Wave& wave, std::size_t i) {
+  // Find the range of steps inside the visible box.
+  const double length = glm::distance(segment.from, segment.to);
+  if (!(length > 0)) return false;
+  const glm::dvec3 a = grid.world_to_index * (segment.from - grid.origin);
+  const glm::dvec3 delta = grid.world_to_index * (segment.to - segment.from) * (grid.step / length);
+  double low = 0, high = length / grid.step;
+  wave.steps[i] = high;
   for (int axis = 0; axis < 3; ++axis) {
     const double from_low = grid.visible_low[axis] - a[axis];
     const double from_high = grid.visible_high[axis] - a[axis];
     if (std::abs(delta[axis]) < 1e-12) {
-      if (from_low > 0 || from_high < 0) return march;
+      if (from_low > 0 || from_high < 0) return false;
+      wave.inverse[axis][i] = std::numeric_limits<float>::lowest();  // as leap() likes it
       continue;
     }
-    const double t0 = from_low / delta[axis], t1 = from_high / delta[axis];
-    const double enter = std::min(t0, t1), leave = std::max(t0, t1);
-    low = std::max(low, enter);
-    high = std::min(high, leave);
+    const double inverse = 1 / delta[axis];
+    const double t0 = from_low * inverse, t1 = from_high * inverse;
+    low = std::max(low, std::min(t0, t1));
+    high = std::min(high, std::max(t0, t1));
+    wave.inverse[axis][i] = static_cast<float>(inverse);
   }
-  if (!(low < high)) return march;
-  march.first = static_cast<std::int64_t>(std::ceil(low - 0.5));  // sample k is at k + 0.5 steps
-  march.last = static_cast<std::int64_t>(std::floor(high - 0.5)) + 1;
-  march.start = glm::vec3(a + delta * (static_cast<double>(march.first) + 0.5));
-  march.delta = glm::vec3(delta);
-  for (int axis = 0; axis < 3; ++axis)
-    march.inverse[axis] = std::abs(march.delta[axis]) < 1e-12f ? std::numeric_limits<float>::max()
-                                                               : 1 / march.delta[axis];
-  return march;
+  if (!(low < high)) return false;
+  // Sample k of the whole ray is at k + 0.5 steps: the box only chooses among them.
+  const double first = std::ceil(low - 0.5);
+  const double count = std::floor(high - 0.5) + 1 - first;
+  if (!(count > 0)) return false;
+  const glm::dvec3 start = a + delta * (first + 0.5);
+  for (int axis = 0; axis < 3; ++axis) {
+    wave.start[axis][i] = static_cast<float>(start[axis]);
+    wave.delta[axis][i] = static_cast<float>(delta[axis]);
+  }
+  wave.k[i] = 0;
+  wave.count[i] = static_cast<std::int32_t>(std::min(count, 1e9));
+  wave.first[i] = first + 0.5;
+  wave.alpha[i] = wave.depth[i] = 0;
+  return true;
 }
 
-/// How many steps stay inside the empty cube of bricks around a position: at least 1.
-HWY_INLINE int leap(const March& march, const glm::vec3& p, const int brick[3], int distance) {
-  float steps = 1e9f;
+void move_ray(Wave& wave, std::size_t from, std::size_t to) {
   for (int axis = 0; axis < 3; ++axis) {
-    const bool up = march.delta[axis] > 0;
-    const int edge = up ? brick[axis] + distance : brick[axis] - distance + 1;
-    const float away = (static_cast<float>(edge << kBrickShift) - p[axis]) * march.inverse[axis];
-    if (march.inverse[axis] != std::numeric_limits<float>::max()) steps = std::min(steps, away);
+    wave.start[axis][to] = wave.start[axis][from];
+    wave.delta[axis][to] = wave.delta[axis][from];
+    wave.inverse[axis][to] = wave.inverse[axis][from];
   }
-  return std::max(1, static_cast<int>(steps));
+  wave.k[to] = wave.k[from];
+  wave.count[to] = wave.count[from];
+  wave.first[to] = wave.first[from];
+  wave.steps[to] = wave.steps[from];
+  wave.ray[to] = wave.ray[from];
+  wave.alpha[to] = wave.alpha[from];
+  wave.depth[to] = wave.depth[from];
+}
+
+/// Finds each ray's next sample: its cell, where in it, and the brick.
+HWY_INLINE void locate(const RayGrid& grid, Wave& wave) {
+  const Ints zero = hn::Zero(kInts);
+  for (std::size_t i = 0; i < wave.size; i += kLanes) {
+    const Floats k = hn::ConvertTo(kFloats, hn::Load(kInts, wave.k + i));
+    Ints brick = zero;
+    for (int axis = 2; axis >= 0; --axis) {
+      const Floats p = hn::MulAdd(k, hn::Load(kFloats, wave.delta[axis] + i),
+                                  hn::Load(kFloats, wave.start[axis] + i));
+      // Rounding may leave the box by a hair; clamping keeps every access inside the volume.
+      const Ints cell =
+          hn::Min(hn::Max(hn::ConvertTo(kInts, p), zero), hn::Set(kInts, grid.dims[axis] - 2));
+      hn::Store(cell, kInts, wave.cell[axis] + i);
+      hn::Store(p - hn::ConvertTo(kFloats, cell), kFloats, wave.within[axis] + i);
+      brick = brick * hn::Set(kInts, grid.bricks[axis]) + hn::ShiftRight<kBrickShift>(cell);
+    }
+    hn::Store(brick, kInts, wave.brick + i);
+  }
+}
+
+/// Advances each ray: to its next sample or, where its brick is empty, by as many steps as stay
+/// inside the empty cube of bricks around it.
+HWY_INLINE void advance(Wave& wave) {
+  const Ints one = hn::Set(kInts, 1);
+  for (std::size_t i = 0; i < wave.size; i += kLanes) {
+    const Ints distance = hn::Load(kInts, wave.distance + i);
+    Floats steps = hn::Set(kFloats, 1e9f);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Ints cell = hn::Load(kInts, wave.cell[axis] + i);
+      const Floats within = hn::Load(kFloats, wave.within[axis] + i);
+      const Floats inverse = hn::Load(kFloats, wave.inverse[axis] + i);
+      const Ints brick = hn::ShiftRight<kBrickShift>(cell);
+      const auto up = hn::RebindMask(kInts, inverse > hn::Zero(kFloats));
+      const Ints edge = hn::IfThenElse(up, brick + distance, brick - distance + one);
+      const Ints cells = hn::ShiftLeft<kBrickShift>(edge) - cell;
+      steps = hn::Min(steps, (hn::ConvertTo(kFloats, cells) - within) * inverse);
+    }
+    const auto leaps = distance > hn::Zero(kInts);
+    const Ints by = hn::IfThenElse(leaps, hn::Max(one, hn::ConvertTo(kInts, steps)), one);
+    hn::Store(hn::Load(kInts, wave.k + i) + by, kInts, wave.k + i);
+  }
+}
+
+/// The table's entry for each value, trilinear between the eight voxels of the cell.
+template <class T>
+HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4][kWave],
+                             Wave& wave) {
+  const auto last = static_cast<std::int32_t>(table.opacities.size()) - 1;
+  for (std::size_t i = 0; i < wave.size; i += kLanes) {
+    const Floats fx = hn::Load(kFloats, wave.within[0] + i);
+    const Floats fy = hn::Load(kFloats, wave.within[1] + i);
+    const Floats fz = hn::Load(kFloats, wave.within[2] + i);
+    Floats along_x[4];
+    for (int r = 0; r < 4; ++r) {
+      const Columns c = load_columns(rows[r] + i);
+      along_x[r] = lerp(c.x1, c.x2, fx);
+    }
+    const Floats value =
+        lerp(lerp(along_x[0], along_x[1], fy), lerp(along_x[2], along_x[3], fy), fz);
+    Ints entry;
+    if (table.logarithmic) {
+      const Ints bits = hn::BitCast(kInts, value);
+      const Ints least = hn::Set(kInts, std::numeric_limits<std::int32_t>::min());
+      const Ints ordered = hn::IfThenElse(bits < hn::Zero(kInts), least - bits, bits);
+      const auto key = hn::BitCast(
+          kWords, hn::Max(ordered, hn::Set(kInts, table.low_key)) - hn::Set(kInts, table.low_key));
+      entry = hn::BitCast(kInts, hn::Min(hn::ShiftRightSame(key, table.shift),
+                                         hn::Set(kWords, static_cast<std::uint32_t>(last))));
+    } else {
+      const Floats at = hn::MulAdd(value - hn::Set(kFloats, table.low),
+                                   hn::Set(kFloats, table.scale), hn::Set(kFloats, 0.5f));
+      const Floats most = hn::Set(kFloats, static_cast<float>(last));
+      entry = hn::ConvertTo(kInts, hn::Min(hn::Max(at, hn::Zero(kFloats)), most));
+    }
+    hn::Store(entry, kInts, wave.entry + i);
+  }
 }
 
 constexpr float kOpaque = 1 - 1.f / 256;
 
-template <class T, bool kLabels>
-RaySample trace_typed(const RayGrid& grid, const glm::dvec3& from, const glm::dvec3& to) {
-  const March march = make_march(grid, from, to);
-  const std::int64_t count = march.last - march.first;
-  V4 color = V4{};
-  float alpha = 0, depth = 0;
-  T border[64];
-  for (std::int64_t k = 0; k < count;) {
-    const glm::vec3 p = march.start + static_cast<float>(k) * march.delta;
-    // Rounding may leave the box by a hair; clamping keeps every access inside the volume.
-    const int x = std::clamp(static_cast<int>(p.x), 0, grid.dims[0] - 2);
-    const int y = std::clamp(static_cast<int>(p.y), 0, grid.dims[1] - 2);
-    const int z = std::clamp(static_cast<int>(p.z), 0, grid.dims[2] - 2);
-    const int brick[3] = {x >> kBrickShift, y >> kBrickShift, z >> kBrickShift};
-    const int distance =
-        grid.distance[(static_cast<std::size_t>(brick[2]) * grid.bricks[1] + brick[1]) *
-                          grid.bricks[0] +
-                      brick[0]];
-    if (distance > 0 && grid.leap) {
-      k += leap(march, p, brick, distance);
-      continue;
+/// Retires the rays that have ended, and replaces them by the next ones or by the wave's last.
+void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::size_t& next,
+                      Wave& wave, std::span<RaySample> out) {
+  const auto finished = [&](std::size_t i) {
+    return wave.k[i] >= wave.count[i] || wave.alpha[i] > kOpaque;
+  };
+  // Backwards: a ray that moves down was looked at before.
+  for (std::size_t group = (wave.size + kLanes - 1) / kLanes; group-- > 0;) {
+    const std::size_t begin = group * kLanes;
+    const auto going = hn::Load(kInts, wave.count + begin) > hn::Load(kInts, wave.k + begin);
+    const auto opaque = hn::Load(kFloats, wave.alpha + begin) > hn::Set(kFloats, kOpaque);
+    if (hn::AllTrue(kInts, hn::AndNot(hn::RebindMask(kInts, opaque), going))) continue;
+    for (std::size_t i = std::min(begin + kLanes, wave.size); i-- > begin;) {
+      if (!finished(i)) continue;
+      RaySample& sample = out[wave.ray[i]];
+      sample.rgba.a = wave.alpha[i];
+      if (sample.rgba.a > 0)
+        sample.depth = static_cast<float>(
+            std::clamp((wave.first[i] + wave.depth[i] / wave.alpha[i]) / wave.steps[i], 0.0, 1.0));
+      while (next < rays.size() && !enter(grid, rays[next], wave, i)) ++next;
+      if (next < rays.size())
+        wave.ray[i] = next++;
+      else
+        move_ray(wave, --wave.size, i);
     }
-    ++k;
-
-    const float fx = p.x - static_cast<float>(x);
-    const float fy = p.y - static_cast<float>(y);
-    const float fz = p.z - static_cast<float>(z);
-    const Neighbourhood<T> rows = neighbourhood(grid, x, y, z, border);
-    V4 inner = V4{};
-    std::int32_t index;
-    if constexpr (kLabels) {
-      index =
-          static_cast<std::int32_t>(rows.at(1 + (fx >= 0.5f), 1 + (fy >= 0.5f), 1 + (fz >= 0.5f)));
-      if (static_cast<std::size_t>(index) >= grid.table.entries.size()) continue;
-    } else {
-      inner = inner_row(rows, fy, fz);
-      index = table_index(grid.table, along_x(inner, fx));
-    }
-    const glm::vec4& entry = grid.table.entries[static_cast<std::size_t>(index)];
-    if (entry.a <= 0) continue;
-
-    float light = 1;
-    if (grid.shade) {
-      if constexpr (kLabels) {
-        const VisibleNeighbourhood<T> visible(grid, rows);
-        light = shading(grid, gradient(visible, inner_row(visible, fy, fz), fx, fy, fz));
-      } else {
-        light = shading(grid, gradient(rows, inner, fx, fy, fz));
-      }
-    }
-    const float weight = (1 - alpha) * entry.a;
-    color += (weight * light) * load_row(&entry.x);
-    depth += weight * static_cast<float>(k - 1);
-    alpha += weight;
-    if (alpha > kOpaque) break;
   }
-  RaySample sample;
-  if (alpha <= 0) return sample;
-  // What early termination left out is within a step of 8 bits: count it as opaque.
-  const float whole = alpha > kOpaque ? 1 / alpha : 1;
-  sample.rgba = glm::vec4(color[0], color[1], color[2], alpha) * whole;
-  const double steps = static_cast<double>(march.first) + 0.5 + depth / alpha;
-  sample.depth =
-      static_cast<float>(std::clamp(steps * grid.step / glm::distance(from, to), 0.0, 1.0));
-  return sample;
 }
 
-RaySample trace_any(const RayGrid& grid, const glm::dvec3& from, const glm::dvec3& to) {
+template <class T, bool kLabels>
+void trace_typed(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out) {
+  using S = std::conditional_t<kLabels, std::uint8_t, T>;
+  Wave wave{};
+  Hits<S> hits;
+  alignas(64) Row<T> rows[4][kWave];
+  T border[64];
+  std::fill(out.begin(), out.end(), RaySample{});
+
+  std::size_t next = 0;
+  for (; next < rays.size() && wave.size < kWave; ++next)
+    if (enter(grid, rays[next], wave, wave.size)) wave.ray[wave.size++] = next;
+  while (wave.size > 0) {
+    // Find the rays whose next sample is not in empty space.
+    locate(grid, wave);
+    std::uint8_t sampling[kWave];
+    std::size_t samples = 0;
+    for (std::size_t i = 0; i < wave.size; ++i) {
+      const int distance = grid.distance[static_cast<std::size_t>(wave.brick[i])];
+      const bool empty = distance > 0 && grid.leap;
+      wave.distance[i] = empty ? distance : 0;
+      sampling[samples] = static_cast<std::uint8_t>(i);
+      samples += !empty;
+    }
+    // Look up what their values are made of.
+    for (std::size_t s = 0; s < samples; ++s) {
+      const std::size_t i = sampling[s];
+      const int x = wave.cell[0][i], y = wave.cell[1][i], z = wave.cell[2][i];
+      const Neighbourhood<T> voxels = neighbourhood(grid, x, y, z, border);
+      if constexpr (kLabels) {
+        const int up[3] = {wave.within[0][i] >= 0.5f, wave.within[1][i] >= 0.5f,
+                           wave.within[2][i] >= 0.5f};
+        wave.entry[i] = voxels.at(1 + up[1], 1 + up[2])[1 + up[0]];
+      } else {
+        for (int r = 0; r < 4; ++r)
+          std::memcpy(&rows[r][i], voxels.at(kRowY[r], kRowZ[r]), sizeof rows[r][i]);
+      }
+    }
+    if constexpr (!kLabels) find_entries(grid.table, rows, wave);
+    // Composite opacity, front to back; the colour follows once it is shaded.
+    for (std::size_t s = 0; s < samples; ++s) {
+      const std::size_t i = sampling[s];
+      const auto entry = static_cast<std::size_t>(wave.entry[i]);
+      if (kLabels && entry >= grid.table.opacities.size()) continue;
+      const float opacity = grid.table.opacities[entry];
+      if (opacity <= 0) continue;
+      const float weight = (1 - wave.alpha[i]) * opacity;
+      wave.alpha[i] += weight;
+      wave.depth[i] += weight * static_cast<float>(wave.k[i]);
+      if (!grid.shade) {
+        add_color(grid, wave.entry[i], weight, out[wave.ray[i]].rgba);
+        continue;
+      }
+      const std::size_t h = hits.size++;
+      const Neighbourhood<T> voxels =
+          neighbourhood(grid, wave.cell[0][i], wave.cell[1][i], wave.cell[2][i], border);
+      for (int r = 0; r < 12; ++r)
+        hits.rows[r][h] = take_row<T, kLabels>(grid, voxels.at(kRowY[r], kRowZ[r]));
+      for (int axis = 0; axis < 3; ++axis) hits.within[axis][h] = wave.within[axis][i];
+      hits.weight[h] = weight;
+      hits.entry[h] = wave.entry[i];
+      hits.ray[h] = wave.ray[i];
+    }
+    if (hits.size > kHits - kWave) shade(grid, hits, out);
+    advance(wave);
+    replace_finished(grid, rays, next, wave, out);
+  }
+  shade(grid, hits, out);
+  // What early termination left out is within a step of 8 bits: count it as opaque.
+  for (RaySample& sample : out)
+    if (sample.rgba.a > kOpaque) sample.rgba /= sample.rgba.a;
+}
+
+void trace_any(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out) {
   switch (grid.type) {
     case ScalarType::u8:
-      return grid.labels ? trace_typed<std::uint8_t, true>(grid, from, to)
-                         : trace_typed<std::uint8_t, false>(grid, from, to);
+      return grid.labels ? trace_typed<std::uint8_t, true>(grid, rays, out)
+                         : trace_typed<std::uint8_t, false>(grid, rays, out);
     case ScalarType::u16:
-      return grid.labels ? trace_typed<std::uint16_t, true>(grid, from, to)
-                         : trace_typed<std::uint16_t, false>(grid, from, to);
+      return grid.labels ? trace_typed<std::uint16_t, true>(grid, rays, out)
+                         : trace_typed<std::uint16_t, false>(grid, rays, out);
     case ScalarType::i8:
-      return trace_typed<std::int8_t, false>(grid, from, to);
+      return trace_typed<std::int8_t, false>(grid, rays, out);
     case ScalarType::i16:
-      return trace_typed<std::int16_t, false>(grid, from, to);
+      return trace_typed<std::int16_t, false>(grid, rays, out);
     default:
-      return trace_typed<float, false>(grid, from, to);
+      return trace_typed<float, false>(grid, rays, out);
   }
 }
 
@@ -277,13 +312,8 @@ namespace slf {
 
 HWY_EXPORT(trace_any);
 
-std::int32_t ordered_bits(float value) {
-  const auto bits = std::bit_cast<std::int32_t>(value);
-  return bits >= 0 ? bits : std::numeric_limits<std::int32_t>::min() - bits;
-}
-
-RaySample trace_ray(const RayGrid& grid, const glm::dvec3& from, const glm::dvec3& to) {
-  return HWY_DYNAMIC_DISPATCH(trace_any)(grid, from, to);
+void trace_rays(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out) {
+  HWY_DYNAMIC_DISPATCH(trace_any)(grid, rays, out);
 }
 
 }  // namespace slf

@@ -4,28 +4,18 @@
 #include <array>
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <span>
 #include <vector>
 
+#include "field/raycaster_table.h"
 #include "field/scene.h"
 #include "field/volume.h"
 
 namespace slf {
 
 /// Edge of a brick, in cells (the cubes between voxel centres); a power of two.
-inline constexpr int kBrickShift = 2;
+inline constexpr int kBrickShift = 1;
 inline constexpr int kBrick = 1 << kBrickShift;
-
-/// Colour and step-corrected opacity over the values of a volume.
-struct TransferTable {
-  /// How a value becomes an index: evenly over [low, high], or evenly over the bits of the float
-  /// (constant relative precision), for functions whose points span many orders of magnitude.
-  bool logarithmic = false;
-  float low = 0;
-  float scale = 1;           ///< entries per unit of value (even)
-  std::int32_t low_key = 0;  /// ordered bits of `low` (logarithmic)
-  int shift = 0;
-  std::vector<glm::vec4> entries;  ///< straight RGB, opacity of one step
-};
 
 /// Everything the loop reads. Positions are in voxel indices.
 struct RayGrid {
@@ -55,11 +45,8 @@ struct RayGrid {
   float inverse_gradient_floor = 0;  ///< 1 / length below which gradients fade to unshaded
 };
 
-/// Traces one ray; chooses the best instruction set at run time.
-[[nodiscard]] RaySample trace_ray(const RayGrid& grid, const glm::dvec3& from,
-                                  const glm::dvec3& to);
-
-/// Index of a value in the table.
-[[nodiscard]] std::int32_t ordered_bits(float value);
+/// Traces rays into as many samples; chooses the best instruction set at run time. A ray's sample
+/// does not depend on the rays it is traced with.
+void trace_rays(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out);
 
 }  // namespace slf

@@ -1,8 +1,14 @@
 #include "field/scene.h"
 
+#include <cassert>
 #include <cmath>
 
 namespace slf {
+
+void Scene::trace_many(std::span<const Segment> rays, std::span<RaySample> out) const {
+  assert(rays.size() == out.size());
+  for (std::size_t k = 0; k < rays.size(); ++k) out[k] = trace(rays[k].from, rays[k].to);
+}
 
 Chord intersect(const Sphere& sphere, const glm::dvec3& origin, const glm::dvec3& direction) {
   // Solved from the point nearest the centre, which stays accurate for distant origins.

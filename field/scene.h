@@ -5,6 +5,7 @@
 
 #include <glm/glm.hpp>
 #include <nlohmann/json.hpp>
+#include <span>
 
 namespace slf {
 
@@ -12,6 +13,12 @@ namespace slf {
 struct Sphere {
   glm::dvec3 center{0.0};
   double radius = 1;
+};
+
+/// A ray, between two world points.
+struct Segment {
+  glm::dvec3 from{0.0};
+  glm::dvec3 to{0.0};
 };
 
 /// What a ray sees between two points.
@@ -30,6 +37,10 @@ class Scene {
 
   /// The ray from one world point to another, front to back. Deterministic; any thread.
   [[nodiscard]] virtual RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const = 0;
+
+  /// Traces many rays at once, neighbours best together: out[k] is, to the bit, what trace() says
+  /// of rays[k]. REQUIRES: equal sizes.
+  virtual void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const;
 
   /// Where the scene came from and every setting that changes its pictures, for the manifest:
   /// equal provenance means equal samples.

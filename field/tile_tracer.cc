@@ -114,10 +114,15 @@ void TileTracer::trace(TileKey key, TracedTile& tile) const {
     tile.layers[k].assign(tile.slabs * codec::sample_bytes(formats_[k]), std::byte{0});
 
   std::vector<bool> defined(columns);
+  std::vector<Segment> rays(columns);
+  std::vector<RaySample> samples(columns);
   for (std::size_t row = 0; row < entries.size(); ++row) {
+    for (std::size_t column = 0; column < columns; ++column)
+      rays[column] = {entries[row], exits[column]};
+    scene_.trace_many(rays, samples);
     bool any = false;
     for (std::size_t column = 0; column < columns; ++column) {
-      const RaySample sample = scene_.trace(entries[row], exits[column]);
+      const RaySample& sample = samples[column];
       defined[column] = sample.rgba.a > 0;
       if (!defined[column]) continue;
       any = true;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <vector>
 
 #include "field/parallel.h"
 
@@ -17,18 +18,27 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
   image.rgba.resize(std::size_t{camera.width} * camera.height);
   image.depth.assign(image.rgba.size(), std::numeric_limits<float>::infinity());
   parallel_for(camera.height, threads, [&](std::uint64_t y) {
+    std::vector<Segment> segments;
+    std::vector<std::uint32_t> columns;
     for (std::uint32_t x = 0; x < camera.width; ++x) {
       const PixelRay ray = rays->ray(x, static_cast<std::uint32_t>(y));
       const Chord chord = intersect(sphere, ray.origin, ray.direction);
       if (!chord.hit || chord.leave <= 0) continue;
-      const glm::dvec3 from = ray.origin + std::max(chord.enter, 0.0) * ray.direction;
-      const glm::dvec3 to = ray.origin + chord.leave * ray.direction;
-      const RaySample sample = scene.trace(from, to);
-      const std::size_t pixel = y * camera.width + x;
+      segments.push_back({ray.origin + std::max(chord.enter, 0.0) * ray.direction,
+                          ray.origin + chord.leave * ray.direction});
+      columns.push_back(x);
+    }
+    std::vector<RaySample> samples(segments.size());
+    scene.trace_many(segments, samples);
+    for (std::size_t k = 0; k < samples.size(); ++k) {
+      const RaySample& sample = samples[k];
+      const auto& [from, to] = segments[k];
+      const std::size_t pixel = y * camera.width + columns[k];
       image.rgba[pixel] = sample.rgba;
       if (sample.rgba.a > 0)
         image.depth[pixel] = static_cast<float>(
-            glm::distance(ray.origin, from + double{sample.depth} * (to - from)));
+            glm::distance(rays->ray(columns[k], static_cast<std::uint32_t>(y)).origin,
+                          from + double{sample.depth} * (to - from)));
     }
   });
   return image;

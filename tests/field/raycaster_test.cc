@@ -1,12 +1,16 @@
 #include "field/raycaster.h"
 
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 #include <cmath>
 #include <cstring>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <random>
+#include <span>
+#include <vector>
 
 namespace slf {
 namespace {
@@ -97,6 +101,119 @@ TEST(Raycaster, BoundsHoldEverythingVisible) {
     const glm::dvec3 t = glm::normalize(glm::cross(n, random_point(random, 1)));
     const glm::dvec3 at = s.center + 1.0001 * s.radius * n;
     EXPECT_EQ(caster->trace(at - 200.0 * t, at + 200.0 * t).rgba.a, 0);
+  }
+}
+
+TEST(Raycaster, BoundsAreThoseOfTheVisibleCells) {
+  // Around a single voxel there are eight cells, wherever it lies among the bricks of any size.
+  for (const glm::ivec3 at : {glm::ivec3(7, 3, 9), glm::ivec3(8, 4, 8), glm::ivec3(13, 10, 6)}) {
+    auto v = make_volume<std::uint8_t>({20, 17, 19}, ScalarType::u8, [&](int x, int y, int z) {
+      return glm::ivec3(x, y, z) == at ? 100 : 0;
+    });
+    v.axes = glm::dmat3(2.0);
+    const Sphere s = make(std::move(v), ramp(50, 60, 0.9))->bounds();
+    EXPECT_EQ(s.center, 2.0 * glm::dvec3(at));
+    EXPECT_NEAR(s.radius, 2 * std::sqrt(3), 0.01);
+  }
+}
+
+std::vector<Segment> random_segments(const Sphere& sphere, std::size_t count, std::uint32_t seed) {
+  std::mt19937 random(seed);
+  std::vector<Segment> segments(count);
+  for (Segment& s : segments)
+    s = {sphere.center + random_point(random, sphere.radius),
+         sphere.center + random_point(random, sphere.radius)};
+  return segments;
+}
+
+/// Each kind of volume the kernel tells apart.
+std::vector<std::unique_ptr<Raycaster>> one_of_each_kind() {
+  const auto f = [](int x, int y, int z) { return (x * x + y * 3 + z * z) % 100; };
+  const auto signed_f = [&](int x, int y, int z) { return f(x, y, z) - 50; };
+  const auto labels = [&](int x, int y, int z) { return f(x / 4, y / 4, z / 4) % 5; };
+  std::vector<std::unique_ptr<Raycaster>> casters;
+  casters.push_back(make(blobs(5), ramp(20, 120, 0.6)));
+  const auto add = [&]<class T>(T, ScalarType type, const auto& values, double low, double high) {
+    casters.push_back(make(make_volume<T>({23, 15, 18}, type, values), ramp(low, high, 0.2)));
+  };
+  add(std::uint8_t{}, ScalarType::u8, f, 50, 90);
+  add(std::int8_t{}, ScalarType::i8, signed_f, -10, 40);
+  add(std::uint16_t{}, ScalarType::u16, f, 50, 90);
+  add(std::int16_t{}, ScalarType::i16, signed_f, -10, 40);
+  add(float{}, ScalarType::f32, f, 50, 90);
+  add(
+      float{}, ScalarType::f32, [&](int x, int y, int z) { return std::exp(-f(x, y, z)); }, 1e-30,
+      1e-20);
+  for (const ScalarType type : {ScalarType::u8, ScalarType::u16}) {
+    auto v = type == ScalarType::u8 ? make_volume<std::uint8_t>({23, 15, 18}, type, labels)
+                                    : make_volume<std::uint16_t>({23, 15, 18}, type, labels);
+    v.labels = true;
+    casters.push_back(make(std::move(v), ramp(1, 4, 0.3)));
+  }
+  RaycastOptions unshaded;
+  unshaded.shade = false;
+  casters.push_back(make(blobs(6), ramp(20, 120, 0.3), unshaded));
+  return casters;
+}
+
+TEST(Raycaster, ASampleDoesNotDependOnTheRaysItIsTracedWith) {
+  for (const auto& caster : one_of_each_kind()) {
+    std::vector<Segment> segments = random_segments(caster->bounds(), 700, 9);
+    segments[3] = {glm::dvec3(1), glm::dvec3(1)};        // of no length
+    segments[650] = {glm::dvec3(1e6), glm::dvec3(2e6)};  // past everything
+    std::vector<RaySample> together(segments.size()), apart(segments.size());
+    caster->trace_many(segments, together);
+    // In batches of 0, 1, 2, ... rays.
+    for (std::size_t begin = 0, size = 0; begin < segments.size(); begin += size++) {
+      const std::size_t count = std::min(size, segments.size() - begin);
+      caster->trace_many(std::span(segments).subspan(begin, count),
+                         std::span(apart).subspan(begin, count));
+    }
+    int visible = 0;
+    for (std::size_t k = 0; k < segments.size(); ++k) {
+      const RaySample alone = caster->trace(segments[k].from, segments[k].to);
+      EXPECT_EQ(together[k].rgba, alone.rgba);
+      EXPECT_EQ(together[k].depth, alone.depth);
+      EXPECT_EQ(apart[k].rgba, alone.rgba);
+      EXPECT_EQ(apart[k].depth, alone.depth);
+      visible += alone.rgba.a > 0;
+    }
+    EXPECT_GT(visible, 50);
+  }
+}
+
+/// Restores the machine's own instruction sets.
+struct TargetsForTest {
+  explicit TargetsForTest(std::int64_t target) { set(target); }
+  ~TargetsForTest() { set(0); }
+  static void set(std::int64_t targets) {
+    hwy::SetSupportedTargetsForTest(targets);
+    hwy::GetChosenTarget().DeInit();  // until the next look-up
+  }
+};
+
+TEST(Raycaster, InstructionSetsAgree) {
+  const auto casters = one_of_each_kind();
+  const auto trace_all = [&](std::int64_t target) {
+    const TargetsForTest only(target);
+    std::vector<RaySample> all;
+    for (const auto& caster : casters) {
+      const auto segments = random_segments(caster->bounds(), 300, 10);
+      std::vector<RaySample> samples(segments.size());
+      caster->trace_many(segments, samples);
+      all.insert(all.end(), samples.begin(), samples.end());
+      EXPECT_EQ(caster->trace(segments[7].from, segments[7].to).rgba, samples[7].rgba);
+    }
+    return all;
+  };
+  const auto best = trace_all(0);
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    const auto samples = trace_all(target);
+    int apart = 0;
+    for (std::size_t k = 0; k < best.size(); ++k)
+      for (int c = 0; c < 4; ++c) apart += !(std::abs(samples[k].rgba[c] - best[k].rgba[c]) < 1e-3);
+    // Rounding may decide whether one more sample is seen, but seldom.
+    EXPECT_LE(apart, 4) << hwy::TargetName(target);
   }
 }
 
