@@ -2,6 +2,7 @@
 #pragma once
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <functional>
@@ -14,11 +15,14 @@
 
 namespace slf::testing {
 
-/// A folder of one test, removed with it.
+/// A folder of one test, in memory where there is /dev/shm; removed with it.
 class TemporaryFolder {
  public:
   TemporaryFolder() {
-    std::string name = std::filesystem::temp_directory_path() / "slf-test-XXXXXX";
+    const std::filesystem::path memory = "/dev/shm";
+    std::string name =
+        (access(memory.c_str(), W_OK) == 0 ? memory : std::filesystem::temp_directory_path()) /
+        "slf-test-XXXXXX";
     path_ = mkdtemp(name.data());
   }
   ~TemporaryFolder() {
