@@ -1,0 +1,174 @@
+// How fast views are drawn from decoded tiles, and how far that is from what the machine allows.
+//
+//   render_speed FIELD [SIZE [REPEATS]]
+//
+// Workload: one view of SIZE × SIZE pixels (1024) that the sphere fills, drawn REPEATS times (9)
+// after one that decoded all its tiles; every mode the field has, on one thread and on two.
+// Reported: the median over the repeats, in ns for each pixel whose ray meets the sphere.
+//   gathers  the memory limit of mode bitri: a loop that only loads the same nine samples of the
+//            same rays in the same order, at addresses it reads from a list
+// SLF_TARGETS in the environment, a mask of Highway targets, measures lesser instruction sets.
+
+#include <hwy/targets.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "field/camera.h"
+#include "field/level_geometry.h"
+#include "field/render.h"
+
+namespace {
+
+using namespace slf;
+
+constexpr std::uint64_t kMemory = 2ull << 30;
+constexpr std::uint32_t kBlock = 32;  // rays are listed in blocks, as the renderer takes them
+
+/// Median nanoseconds of a call.
+template <class F>
+double median_time(int repeats, const F& f) {
+  std::vector<double> times;
+  for (int k = 0; k < repeats; ++k) {
+    const auto start = std::chrono::steady_clock::now();
+    f();
+    times.push_back(
+        std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - start).count());
+  }
+  std::nth_element(times.begin(), times.begin() + repeats / 2, times.end());
+  return times[static_cast<std::size_t>(repeats / 2)];
+}
+
+/// The samples of mode bitri: where each ray finds its three rows and three columns.
+class GatherList {
+ public:
+  GatherList(const Field& field, unsigned level, const Camera& camera)
+      : field_(field), geometry_(field.geometry(level)), cache_(field, kMemory) {
+    const auto rays = *RayGenerator::make(camera);
+    const std::uint32_t across = (camera.width + kBlock - 1) / kBlock;
+    for (std::uint32_t block = 0; block < across * across; ++block)
+      for (std::uint32_t k = 0; k < kBlock * kBlock; ++k) {
+        const std::uint32_t x = block % across * kBlock + k % kBlock;
+        const std::uint32_t y = block / across * kBlock + k / kBlock;
+        if (x < camera.width && y < camera.height) add(rays.ray(x, y));
+      }
+  }
+
+  [[nodiscard]] std::uint32_t gather() const {
+    std::uint32_t sum = 0;
+    for (const Taps& t : taps_)
+      for (const std::uint32_t row : t.rows)
+        for (const std::uint32_t column : t.columns) sum += samples_[row + column];
+    return sum;
+  }
+
+ private:
+  struct Taps {
+    std::array<std::uint32_t, 3> rows, columns;
+  };
+
+  void add(const PixelRay& pixel) {
+    const Sphere& sphere = field_.shape().sphere;
+    const Chord chord = intersect(sphere, pixel.origin, pixel.direction);
+    if (!chord.hit || chord.leave <= 0) return;
+    const auto at = [&](double t) { return pixel.origin + t * pixel.direction - sphere.center; };
+    const Cell enter = locate(at(chord.enter), geometry_.entry_resolution());
+    const auto exit = geometry_.exit_cell(locate(at(chord.leave), geometry_.exit_resolution()));
+    Taps taps{{}, exit.columns};
+    for (std::size_t c = 0; c < 3; ++c) {
+      const EntryRow row = geometry_.entry_row(enter.octant, enter.corners()[c]);
+      taps.rows[c] =
+          tile(row.section, exit.section) + row.row * triangle_size(geometry_.exit_side());
+    }
+    taps_.push_back(taps);
+  }
+
+  /// Where a tile's samples begin; appends them the first time. Empty tiles are zeros.
+  std::uint32_t tile(std::uint32_t entry, std::uint32_t exit) {
+    const auto [found, is_new] =
+        tiles_.try_emplace({entry, exit}, static_cast<std::uint32_t>(samples_.size()));
+    if (!is_new) return found->second;
+    const codec::Tile shape = geometry_.tile(entry, codec::SampleFormat::rgba8);
+    samples_.resize(samples_.size() + shape.bytes() / 4);
+    const auto pin =
+        cache_.get(0, tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)}));
+    if (pin && pin->samples())
+      std::memcpy(samples_.data() + found->second, pin->samples(), shape.bytes());
+    return found->second;
+  }
+
+  const Field& field_;
+  const LevelGeometry& geometry_;
+  TileCache cache_;
+  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> tiles_;
+  std::vector<std::uint32_t> samples_;
+  std::vector<Taps> taps_;
+};
+
+/// Nanoseconds of one view; exits where it cannot be drawn.
+double view_time(const Field& field, const Camera& camera, const ViewOptions& view,
+                 unsigned threads, int repeats, std::uint64_t& hit) {
+  Renderer renderer(field, {kMemory, threads});
+  ViewStatistics statistics;
+  const auto draw = [&](ViewStatistics* wanted) {
+    if (const auto image = renderer.render(camera, view, wanted); !image) {
+      std::fprintf(stderr, "%s\n", image.error().message.c_str());
+      std::exit(1);
+    }
+  };
+  draw(&statistics);
+  hit = statistics.pixels_hit;
+  return median_time(repeats, [&] { draw(nullptr); });
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 2) {
+    std::fprintf(stderr, "usage: render_speed FIELD [SIZE [REPEATS]]\n");
+    return 1;
+  }
+  const auto field = Field::open(argv[1]);
+  if (!field) {
+    std::fprintf(stderr, "%s\n", field.error().message.c_str());
+    return 1;
+  }
+  const auto size = static_cast<std::uint32_t>(argc > 2 ? std::atoi(argv[2]) : 1024);
+  const int repeats = argc > 3 ? std::max(1, std::atoi(argv[3])) : 9;
+  const unsigned level = (*field)->shape().levels;
+  const Camera camera = orbit_camera((*field)->shape().sphere, 30, 20, 3, size, size);
+
+  if (const char* targets = std::getenv("SLF_TARGETS"))
+    hwy::SetSupportedTargetsForTest(std::strtoll(targets, nullptr, 0));
+
+  double gathers = 0, bitri = 0;
+  std::uint64_t hit = 1;
+  if ((*field)->manifest().layers[0].format == codec::SampleFormat::rgba8) {
+    const GatherList list(**field, level, camera);
+    std::uint32_t sum = 0;
+    gathers = median_time(repeats, [&] { sum += list.gather(); });
+    volatile std::uint32_t keep = sum;
+    (void)keep;
+  }
+  std::printf("%s, level %u, %ux%u, median of %d\n", argv[1], level, size, size, repeats);
+  std::printf("%-8s %10s %10s %8s %8s %8s\n", "mode", "ns (1)", "ns (2)", "speedup", "/gathers",
+              "/bitri");
+  for (const RenderMode mode : {RenderMode::bitri, RenderMode::nearest, RenderMode::uv,
+                                RenderMode::st, RenderMode::depth}) {
+    if (mode == RenderMode::depth && !(*field)->layer("depth")) continue;
+    const double one = view_time(**field, camera, {mode, level, false}, 1, repeats, hit);
+    const double two = view_time(**field, camera, {mode, level, false}, 2, repeats, hit);
+    if (mode == RenderMode::bitri) bitri = one;
+    const auto pixels = static_cast<double>(hit);
+    std::printf("%-8s %10.2f %10.2f %8.2f %8.2f %8.2f\n", name(mode), one / pixels, two / pixels,
+                one / two, gathers > 0 ? one / gathers : 0.0, one / bitri);
+  }
+  std::printf("%-8s %10.2f\n", "gathers", gathers / static_cast<double>(hit));
+  return 0;
+}
