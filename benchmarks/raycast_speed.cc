@@ -4,14 +4,17 @@
 //
 // Workload: the slabs of random tiles (entry vertex × a patch of exit vertices, as the builder
 // traces them). Reported, one thread:
-//   Trace        slabs/s, and ns per shaded sample
-//   ShadeLimit   the arithmetic limit: as many shaded samples, all from one cached place
-//   GatherLimit  the memory limit: only the voxel rows of as many samples, from the same places
-// Trace can be at most as fast as the slower of the two limits.
+//   Trace        slabs/s, and per slab: positions looked at, values interpolated, samples shaded
+//   ShadeLimit   the arithmetic limit: as many shaded samples, by the same code, of a volume so
+//                small that it stays in the first-level cache, with no empty space
+//   GatherLimit  the memory limit: only the voxel rows of as many samples, in the volume itself
+//                and around where the slabs' opacity lies
+// Trace can be at most as fast as the slower of the two limits; all three report slabs/s.
 
 #include <benchmark/benchmark.h>
 
 #include <cstdio>
+#include <cstring>
 #include <random>
 #include <vector>
 
@@ -24,6 +27,8 @@ using namespace slf;
 constexpr std::size_t kRow = 561;
 std::unique_ptr<Raycaster> caster;
 std::vector<Segment> segments;
+std::vector<RaySample> samples;
+Volume volume;  // as the ray-caster has it
 
 void make_segments() {
   const Sphere s = caster->bounds();
@@ -44,22 +49,103 @@ void make_segments() {
   }
 }
 
-void Trace(benchmark::State& state) {
-  double opacity = 0;
-  std::vector<RaySample> samples(kRow);
-  for (auto _ : state) {
-    opacity = 0;
-    for (std::size_t begin = 0; begin < segments.size(); begin += kRow) {
-      caster->trace_many(std::span(segments).subspan(begin, kRow), samples);
-      for (const RaySample& sample : samples) opacity += sample.rgba.a;
-    }
-    benchmark::DoNotOptimize(opacity);
-  }
+void count_slabs(benchmark::State& state) {
   state.counters["slabs"] = benchmark::Counter(static_cast<double>(segments.size()),
                                                benchmark::Counter::kIsIterationInvariantRate);
-  state.counters["mean opacity"] = opacity / static_cast<double>(segments.size());
+}
+
+RayCounts trace_all() {
+  RayCounts all;
+  for (std::size_t begin = 0; begin < segments.size(); begin += kRow) {
+    const RayCounts row = caster->trace_counted(std::span(segments).subspan(begin, kRow),
+                                                std::span(samples).subspan(begin, kRow));
+    all.steps += row.steps;
+    all.samples += row.samples;
+    all.visible += row.visible;
+  }
+  return all;
+}
+
+void Trace(benchmark::State& state) {
+  RayCounts counts;
+  for (auto _ : state) {
+    counts = trace_all();
+    benchmark::DoNotOptimize(samples.data());
+    benchmark::ClobberMemory();
+  }
+  const auto slabs = static_cast<double>(segments.size());
+  count_slabs(state);
+  state.counters["steps/slab"] = static_cast<double>(counts.steps) / slabs;
+  state.counters["values/slab"] = static_cast<double>(counts.samples) / slabs;
+  state.counters["shaded/slab"] = static_cast<double>(counts.visible) / slabs;
 }
 BENCHMARK(Trace)->Unit(benchmark::kMillisecond);
+
+/// 24³ voxels, faint: every sample is visible, and no ray ends early.
+std::unique_ptr<Raycaster> small_cube() {
+  Volume cube;
+  cube.dims = {24, 24, 24};
+  for (int k = 0; k < 24 * 24 * 24; ++k) cube.voxels.push_back(std::byte(100 + k % 24));
+  TransferFunction faint;
+  faint.colors = {{0, {1, 1, 1}}};
+  faint.opacities = {{0, 1e-4, 0.5, 0}};
+  auto made = Raycaster::make(std::move(cube), faint);
+  return made ? std::move(*made) : nullptr;
+}
+
+void ShadeLimit(benchmark::State& state) {
+  const std::uint64_t wanted = trace_all().visible;
+  const auto cube = small_cube();
+  std::vector<Segment> rays;  // clear of the faces, where voxels are copied first
+  for (std::size_t k = 0; k < kRow; ++k)
+    rays.push_back({glm::dvec3(2 + k % 19, 2 + k / 33, 2), glm::dvec3(2 + k % 18, 3 + k / 35, 21)});
+  std::vector<RaySample> seen(kRow);
+  for (auto _ : state)
+    for (std::uint64_t shaded = 0; shaded < wanted;)
+      shaded += cube->trace_counted(rays, seen).visible;
+  count_slabs(state);
+}
+BENCHMARK(ShadeLimit)->Unit(benchmark::kMillisecond);
+
+void GatherLimit(benchmark::State& state) {
+  const auto counts = trace_all();
+  const auto [nx, ny, nz] = volume.dims;
+  const std::size_t bytes = bytes_per_voxel(volume.type);
+  const std::size_t stride_y = nx * bytes, stride_z = stride_y * ny;
+  // Offsets of the first voxel of the 4×4×4, at successive samples around each slab's depth.
+  const glm::dmat3 to_index = glm::inverse(volume.axes);
+  std::vector<std::size_t> places;
+  std::size_t seen = 0;
+  for (const RaySample& s : samples) seen += s.rgba.a > 0;
+  const double per_ray = static_cast<double>(counts.visible) / static_cast<double>(seen);
+  for (std::size_t k = 0; k < segments.size(); ++k) {
+    if (samples[k].rgba.a <= 0) continue;
+    const auto& [from, to] = segments[k];
+    const glm::dvec3 middle = to_index * (glm::mix(from, to, samples[k].depth) - volume.origin);
+    const glm::dvec3 step = 0.7 * glm::normalize(to_index * (to - from));
+    for (double s = -per_ray / 2; s < per_ray / 2; ++s) {
+      const glm::dvec3 at =
+          glm::clamp(middle + s * step - 1.0, glm::dvec3(0), glm::dvec3(nx, ny, nz) - 4.0);
+      places.push_back(static_cast<std::size_t>(at.z) * stride_z +
+                       static_cast<std::size_t>(at.y) * stride_y +
+                       static_cast<std::size_t>(at.x) * bytes);
+    }
+  }
+  constexpr int kY[12] = {1, 2, 1, 2, 0, 0, 3, 3, 1, 2, 1, 2};
+  constexpr int kZ[12] = {1, 1, 2, 2, 1, 2, 1, 2, 0, 0, 3, 3};
+  for (auto _ : state) {
+    std::uint32_t sum = 0;
+    for (const std::size_t place : places)
+      for (int r = 0; r < 12; ++r) {
+        std::uint32_t row;
+        std::memcpy(&row, volume.voxels.data() + place + kZ[r] * stride_z + kY[r] * stride_y, 4);
+        sum += row;
+      }
+    benchmark::DoNotOptimize(sum);
+  }
+  count_slabs(state);
+}
+BENCHMARK(GatherLimit)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 
@@ -68,19 +154,21 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "usage: raycast_speed VOLUME TRANSFER.json [--benchmark_...]\n");
     return 1;
   }
-  auto volume = read_volume(argv[1]);
+  auto read = read_volume(argv[1]);
   auto transfer = read_transfer(argv[2]);
-  if (!volume || !transfer) {
-    std::fprintf(stderr, "%s\n", (!volume ? volume.error() : transfer.error()).message.c_str());
+  if (!read || !transfer) {
+    std::fprintf(stderr, "%s\n", (!read ? read.error() : transfer.error()).message.c_str());
     return 1;
   }
-  auto made = Raycaster::make(std::move(*volume), *transfer);
+  volume = std::move(*read);
+  auto made = Raycaster::make(volume, *transfer);
   if (!made) {
     std::fprintf(stderr, "%s\n", made.error().message.c_str());
     return 1;
   }
   caster = std::move(*made);
   make_segments();
+  samples.resize(segments.size());
   argc -= 2;
   argv[2] = argv[0];
   argv += 2;

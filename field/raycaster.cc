@@ -202,8 +202,12 @@ RaySample Raycaster::trace(const glm::dvec3& from, const glm::dvec3& to) const {
 }
 
 void Raycaster::trace_many(std::span<const Segment> rays, std::span<RaySample> out) const {
+  trace_counted(rays, out);
+}
+
+RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const {
   assert(rays.size() == out.size());
-  trace_rays(state_->grid, rays, out);
+  return trace_rays(state_->grid, rays, out);
 }
 
 nlohmann::json Raycaster::provenance() const { return state_->provenance; }

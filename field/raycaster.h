@@ -24,6 +24,13 @@ struct RaycastOptions {
   bool leap = true;      ///< off only to test that leaping changes nothing
 };
 
+/// What tracing took.
+struct RayCounts {
+  std::uint64_t steps = 0;    ///< positions looked at: samples, and leaps over empty space
+  std::uint64_t samples = 0;  ///< values interpolated
+  std::uint64_t visible = 0;  ///< of those, with any opacity: shaded and composited
+};
+
 /// The options a field's provenance records; what is missing or of another type is the default.
 [[nodiscard]] RaycastOptions raycast_options(const nlohmann::json& provenance);
 
@@ -43,6 +50,9 @@ class Raycaster final : public Scene {
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
   void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const override;
   [[nodiscard]] nlohmann::json provenance() const override;
+
+  /// As trace_many(), and says what it took.
+  RayCounts trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const;
 
  private:
   struct State;

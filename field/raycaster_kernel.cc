@@ -213,7 +213,8 @@ void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::s
 }
 
 template <class T, bool kLabels>
-void trace_typed(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out) {
+RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
+                      std::span<RaySample> out) {
   using S = std::conditional_t<kLabels, std::uint8_t, T>;
   Wave wave{};
   Hits<S> hits;
@@ -221,6 +222,7 @@ void trace_typed(const RayGrid& grid, std::span<const Segment> rays, std::span<R
   T border[64];
   std::fill(out.begin(), out.end(), RaySample{});
 
+  RayCounts counts;
   std::size_t next = 0;
   for (; next < rays.size() && wave.size < kWave; ++next)
     if (enter(grid, rays[next], wave, wave.size)) wave.ray[wave.size++] = next;
@@ -236,6 +238,8 @@ void trace_typed(const RayGrid& grid, std::span<const Segment> rays, std::span<R
       sampling[samples] = static_cast<std::uint8_t>(i);
       samples += !empty;
     }
+    counts.steps += wave.size;
+    counts.samples += samples;
     // Look up what their values are made of.
     for (std::size_t s = 0; s < samples; ++s) {
       const std::size_t i = sampling[s];
@@ -259,6 +263,7 @@ void trace_typed(const RayGrid& grid, std::span<const Segment> rays, std::span<R
       const float opacity = grid.table.opacities[entry];
       if (opacity <= 0) continue;
       const float weight = (1 - wave.alpha[i]) * opacity;
+      ++counts.visible;
       wave.alpha[i] += weight;
       wave.depth[i] += weight * static_cast<float>(wave.k[i]);
       if (!grid.shade) {
@@ -283,9 +288,10 @@ void trace_typed(const RayGrid& grid, std::span<const Segment> rays, std::span<R
   // What early termination left out is within a step of 8 bits: count it as opaque.
   for (RaySample& sample : out)
     if (sample.rgba.a > kOpaque) sample.rgba /= sample.rgba.a;
+  return counts;
 }
 
-void trace_any(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out) {
+RayCounts trace_any(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out) {
   switch (grid.type) {
     case ScalarType::u8:
       return grid.labels ? trace_typed<std::uint8_t, true>(grid, rays, out)
@@ -312,8 +318,8 @@ namespace slf {
 
 HWY_EXPORT(trace_any);
 
-void trace_rays(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out) {
-  HWY_DYNAMIC_DISPATCH(trace_any)(grid, rays, out);
+RayCounts trace_rays(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out) {
+  return HWY_DYNAMIC_DISPATCH(trace_any)(grid, rays, out);
 }
 
 }  // namespace slf

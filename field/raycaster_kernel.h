@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "field/raycaster.h"
 #include "field/raycaster_table.h"
 #include "field/scene.h"
 #include "field/volume.h"
@@ -47,6 +48,6 @@ struct RayGrid {
 
 /// Traces rays into as many samples; chooses the best instruction set at run time. A ray's sample
 /// does not depend on the rays it is traced with.
-void trace_rays(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out);
+RayCounts trace_rays(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out);
 
 }  // namespace slf
