@@ -1,0 +1,251 @@
+// slf repack and slf verify as users meet them: exit codes, messages, and what is left on the disk.
+#include "field/image.h"
+#include "tests/cli/cli_testing.h"
+#include "tests/field/field_testing.h"
+
+namespace slf {
+namespace {
+
+using testing::Outcome;
+using testing::read_text;
+using testing::slf;
+using testing::Workplace;
+
+using Names = std::vector<std::string>;
+
+#define EXPECT_OUTCOME(outcome, code, part)                                               \
+  do {                                                                                    \
+    const Outcome o_ = (outcome);                                                         \
+    EXPECT_EQ(o_.signal, 0);                                                              \
+    EXPECT_EQ(o_.exit_code, code) << o_.err;                                              \
+    EXPECT_NE(o_.err.find(part), std::string::npos) << "stderr: " << o_.err << std::endl; \
+  } while (false)
+
+/// A field of a few megabytes, built once and copied where it is to be damaged.
+class RepackCli : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    place_ = new Workplace;
+    const Outcome built = build(field());
+    ASSERT_EQ(built.exit_code, 0) << built.err;
+  }
+  static void TearDownTestSuite() { delete place_; }
+  static std::string field() { return *place_ / "in.slf"; }
+  static Outcome build(const std::string& path) {
+    return slf({"build", "scene:balls", "-o", path, "--entry", "4", "--exit", "8", "--levels", "2",
+                "--color-codec", "raw", "--depth-codec", "zstd:1"});
+  }
+
+  /// A copy of the field with a bit of one tile flipped.
+  static void damage(const std::string& path, const std::string& layer, TileKey key) {
+    std::string bytes = read_text(field());
+    const auto open = Field::open(field());
+    const auto tile = (*open)->store().find(*(*open)->layer(layer), key);
+    ASSERT_EQ(tile->state, storage::TileState::stored);
+    bytes[(*open)->store().range(*tile).begin] ^= 1;
+    std::ofstream(path, std::ios::binary) << bytes;
+  }
+
+  static inline Workplace* place_ = nullptr;
+};
+
+TEST_F(RepackCli, RecodesAndSaysWhatItDid) {
+  Workplace place;
+  const Outcome done = slf({"repack", field(), "-o", place / "out.slf", "--color-codec", "jpeg:70",
+                            "--depth-codec", "zstd:1", "--levels", "1", "--json"});
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  const auto json = done.json();
+  EXPECT_EQ(json["tiles"], 2 * (64 + 1024));
+  EXPECT_EQ(json["copied"], json["recoded"]);
+  EXPECT_EQ(json["missing"], 0);
+  EXPECT_EQ(json["file_bytes"], std::filesystem::file_size(place / "out.slf"));
+  EXPECT_EQ(json["input_bytes"], std::filesystem::file_size(field()));
+  const auto info = slf({"info", place / "out.slf", "--json"}).json();
+  EXPECT_EQ(info["layers"][0]["codec"], "jpeg:70");
+  EXPECT_EQ(info["levels"].size(), 2u);
+  EXPECT_EQ(info["payload_bytes"], json["payload_bytes"]);
+  EXPECT_EQ(place.files(), Names{"out.slf"});
+  EXPECT_OUTCOME(slf({"verify", place / "out.slf"}), 0, "");
+}
+
+TEST_F(RepackCli, AKeptSubfieldRenders) {
+  Workplace place;
+  ASSERT_EQ(slf({"repack", field(), "-o", place / "out.slf", "--subfields", "7,8-10", "--layers",
+                 "color"})
+                .exit_code,
+            0);
+  const auto info = slf({"info", place / "out.slf", "--json"}).json();
+  EXPECT_EQ(info["subfields"], (std::vector<int>{7, 8, 9, 10}));
+  EXPECT_EQ(info["layers"].size(), 1u);
+  EXPECT_EQ(info["complete"], true);
+  EXPECT_OUTCOME(
+      slf({"render", place / "out.slf", "-o", place / "o.png", "--size", "32", "--transparent"}), 0,
+      "");
+  EXPECT_OUTCOME(
+      slf({"repack", place / "out.slf", "-o", place / "more.slf", "--subfields", "7,11"}), 1,
+      "no subfield 11");
+}
+
+TEST_F(RepackCli, RefusesNonsense) {
+  Workplace place;
+  const std::string out = place / "out.slf";
+  for (const char* wrong : {"64", "5-3", "x", "1;2", "-1", "1-2-3"})
+    EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--subfields=" + std::string(wrong)}), 1,
+                   "--subfields");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--levels", "-1"}), 1, "--levels");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--levels", "3"}), 1, "levels 0 to 2");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--color-codec", "mp3"}), 1, "mp3");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--color-type", "float"}), 1, "float");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--memory", "lots"}), 1, "64MiB");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", field(), "-f"}), 1, "is the input");
+  EXPECT_OUTCOME(
+      slf({"repack", field(), "-o", out, "--color-type", "half", "--color-codec", "jpeg:90"}), 5,
+      "jpeg");
+  EXPECT_OUTCOME(slf({"repack", place / "none.slf", "-o", out}), 2, "none.slf");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", place / "no/such.slf"}), 2, "no/such.slf");
+  EXPECT_EQ(place.files(), Names{});
+}
+
+TEST_F(RepackCli, AnExistingOutputIsKeptUnlessForced) {
+  Workplace place;
+  const std::string out = place / "out.slf";
+  std::ofstream(out) << "precious";
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out}), 1, "exists");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "-f", "--color-codec", "mp3"}), 1, "mp3");
+  EXPECT_EQ(read_text(out), "precious");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "-f", "--levels", "0"}), 0, "");
+  EXPECT_OUTCOME(slf({"verify", out}), 0, "");
+  EXPECT_EQ(place.files(), Names{"out.slf"});
+}
+
+TEST_F(RepackCli, AFullDiskLeavesNothing) {
+  Workplace place;
+  const std::string before = read_text(field());
+  // Blocks of 1 KiB: writes beyond fail as on a full disk.
+  for (const char* blocks : {"4", "60", "400", "1500"}) {
+    const Outcome full = slf({"repack", field(), "-o", place / "out.slf"},
+                             "trap '' XFSZ; ulimit -f " + std::string(blocks) + ";");
+    EXPECT_EQ(full.exit_code, 2) << blocks << full.err;
+    EXPECT_NE(full.err.find("out.slf"), std::string::npos) << full.err;
+    EXPECT_EQ(place.files(), Names{}) << blocks;
+  }
+  EXPECT_TRUE(read_text(field()) == before);
+}
+
+TEST_F(RepackCli, ADamagedTileIsNamedAndNothingIsLeft) {
+  Workplace place;
+  damage(place / "bad.slf", "color", {0, 7});
+  const std::string before = read_text(place / "bad.slf");
+  EXPECT_OUTCOME(slf({"repack", place / "bad.slf", "-o", place / "out.slf"}), 3, "0/7");
+  EXPECT_EQ(place.files(), Names{"bad.slf"});
+  EXPECT_TRUE(read_text(place / "bad.slf") == before);
+}
+
+TEST_F(RepackCli, KilledAtAnyMomentItLeavesNoField) {
+  Workplace place;
+  const std::string out = place / "out.slf";
+  const std::vector<std::string> arguments{"repack",        field(),   "-o", out,
+                                           "--color-codec", "zstd:19", "-j", "2"};
+  int kills = 0;
+  for (int k = 0; k < 10; ++k) {
+    const Outcome outcome = slf(arguments, "timeout -s KILL 0." + std::to_string(10 + 9 * k));
+    if (outcome.exit_code == 0) break;
+    ++kills;
+    EXPECT_FALSE(std::filesystem::exists(out));
+    for (const std::string& name : place.files())  // nothing that looks like a field
+      EXPECT_FALSE(name.ends_with(".slf")) << name;
+  }
+  EXPECT_GT(kills, 0);
+  std::filesystem::remove(out);
+  const Outcome whole = slf(arguments);
+  EXPECT_EQ(whole.exit_code, 0) << whole.err;
+  EXPECT_EQ(place.files(), Names{"out.slf"});
+  EXPECT_EQ(slf({"verify", out}).exit_code, 0);
+}
+
+TEST_F(RepackCli, VerifyTellsDamageFromIncompleteness) {
+  Workplace place;
+  const Outcome good = slf({"verify", field()});
+  EXPECT_EQ(good.exit_code, 0) << good.err;
+  EXPECT_NE(good.out.find("all good"), std::string::npos);
+
+  const std::string bad = place / "bad.slf";
+  damage(bad, "depth", {0, 7});
+  const Outcome found = slf({"verify", bad});
+  EXPECT_EQ(found.exit_code, 3);
+  EXPECT_EQ(found.out.substr(0, 3), "T1 ");
+  EXPECT_NE(found.out.find("0/7"), std::string::npos) << found.out;
+  EXPECT_NE(found.err.find("--fix"), std::string::npos) << found.err;
+  EXPECT_EQ(slf({"verify", bad, "--quick"}).exit_code, 0);
+
+  const auto json = slf({"verify", bad, "--json"}).json();
+  EXPECT_EQ(json["findings"][0]["id"], "T1");
+  EXPECT_EQ(json["found"], 1);
+  EXPECT_EQ(json["damaged"], 1);
+  EXPECT_EQ(json["unfixed"], 1);
+  EXPECT_EQ(json["dropped"], 0);
+  EXPECT_EQ(json["complete"], true);
+  EXPECT_EQ(json["tiles"], 2 * (64 + 1024 + 16384));
+
+  const auto fixed = slf({"verify", bad, "--fix", "--json"});
+  EXPECT_EQ(fixed.exit_code, 0) << fixed.err;
+  EXPECT_EQ(fixed.json()["dropped"], 1);
+  EXPECT_EQ(fixed.json()["unfixed"], 0);
+  const Outcome incomplete = slf({"verify", bad});
+  EXPECT_EQ(incomplete.exit_code, 0);
+  EXPECT_EQ(incomplete.out.substr(0, 3), "C1 ");
+
+  ASSERT_EQ(build(bad).exit_code, 0);
+  EXPECT_EQ(slf({"verify", bad}).exit_code, 0);
+  EXPECT_EQ(testing::all_tiles(**Field::open(bad)), testing::all_tiles(**Field::open(field())));
+}
+
+TEST_F(RepackCli, VerifySaysWhatItCannotFix) {
+  Workplace place;
+  std::ofstream(place / "text.slf") << std::string(20000, 'x');
+  EXPECT_OUTCOME(slf({"verify", place / "text.slf", "--fix"}), 3, "cannot be fixed");
+  EXPECT_OUTCOME(slf({"verify", place / "text.slf"}), 3, "text.slf");
+  EXPECT_OUTCOME(slf({"verify", place / "none.slf"}), 2, "none.slf");
+}
+
+// Values above 1 survive from a half-float field to an OpenEXR picture.
+TEST_F(RepackCli, BrightColoursReachThePicture) {
+  Workplace place;
+  const testing::FunctionScene bright([](const glm::dvec3&, const glm::dvec3&) {
+    return RaySample{{7.5f, 0.25f, 100, 1}, 0.5f};
+  });
+  auto options = testing::lossless_options(2, 3, 1);
+  options.half = true;
+  ASSERT_TRUE(testing::build_and_open(bright, place / "in.slf", options));
+  ASSERT_EQ(slf({"repack", place / "in.slf", "-o", place / "out.slf", "--color-codec", "zstd:9"})
+                .exit_code,
+            0);
+  const Outcome drawn =
+      slf({"render", place / "out.slf", "-o", place / "o.exr", "--size", "16", "--mode", "bitri"});
+  ASSERT_EQ(drawn.exit_code, 0) << drawn.err;
+  const auto image = read_image(place / "o.exr");
+  ASSERT_TRUE(image);
+  const glm::vec4 middle = image->rgba[8 * 16 + 8];
+  EXPECT_NEAR(middle.r, 7.5f, 0.01f);
+  EXPECT_NEAR(middle.b, 100, 0.1f);
+}
+
+TEST_F(RepackCli, HalfFloatFieldsBuildFromTheCommandLine) {
+  Workplace place;
+  ASSERT_EQ(slf({"build", "scene:balls", "-o", place / "half.slf", "--entry", "2", "--exit", "4",
+                 "--levels", "1", "--color-type", "half"})
+                .exit_code,
+            0);
+  const auto info = slf({"info", place / "half.slf", "--json"}).json();
+  EXPECT_EQ(info["layers"][0]["format"], "rgba16f");
+  EXPECT_TRUE(info["layers"][0]["codec"].get<std::string>().starts_with("zstd"));
+  EXPECT_EQ(slf({"verify", place / "half.slf"}).exit_code, 0);
+  ASSERT_EQ(slf({"repack", place / "half.slf", "-o", place / "u8.slf", "--color-type", "u8",
+                 "--color-codec", "jpeg:80"})
+                .exit_code,
+            0);
+  EXPECT_EQ(slf({"info", place / "u8.slf", "--json"}).json()["layers"][0]["format"], "rgba8");
+}
+
+}  // namespace
+}  // namespace slf
