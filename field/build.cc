@@ -51,6 +51,7 @@ Result<std::vector<std::unique_ptr<codec::Codec>>> train_codecs(const TileTracer
   std::vector<std::unique_ptr<codec::Codec>> codecs;
   for (std::size_t k = 0; k < manifest.layers.size(); ++k) {
     std::vector<codec::TrainingTile> tiles;
+    tiles.reserve(sample.size());
     for (const TracedTile& tile : sample)
       tiles.push_back({tracer.shape(tile.key, manifest.layers[k].format), tile.layers[k]});
     auto made = codec::train_codec(manifest.layers[k].codec, manifest.layers[k].format, tiles);
@@ -144,7 +145,7 @@ struct Job {
 
   /// Makes the tiles of these numbers, in order, on all threads.
   [[nodiscard]] OrderedPipeline<Encoded> pipeline(
-      std::uint64_t count, std::function<std::uint64_t(std::uint64_t)> number) const {
+      std::uint64_t count, const std::function<std::uint64_t(std::uint64_t)>& number) const {
     return {count, threads, 4 * threads, [this, number] {
               return [this, number, traced = TracedTile()](std::uint64_t k) mutable {
                 return make(order.key(number(k)), traced);
@@ -243,8 +244,8 @@ Result<void> fill_holes(const Job& job, TileWriter& writer, const std::string& p
 
 }  // namespace
 
-Result<BuildReport> build_field(const Scene& scene, const std::string& path, BuildOptions options,
-                                const ProgressCallback& progress) {
+Result<BuildReport> build_field(const Scene& scene, const std::string& path,
+                                const BuildOptions& options, const ProgressCallback& progress) {
   Manifest manifest;
   manifest.shape = options.shape;
   if (!(manifest.shape.sphere.radius > 0)) manifest.shape.sphere = scene.bounds();

@@ -43,7 +43,7 @@ struct BuildReport {
 /// io: disk full or a write error: what was committed stays and the same call resumes.
 /// failed: stopped by the progress callback, or another process is writing the file.
 [[nodiscard]] Result<BuildReport> build_field(const Scene& scene, const std::string& path,
-                                              BuildOptions options,
+                                              const BuildOptions& options,
                                               const ProgressCallback& progress = {});
 
 }  // namespace slf

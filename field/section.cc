@@ -88,12 +88,20 @@ Vertex vertex_at(Section section, LatticePoint local, std::uint32_t side) {
                    static_cast<std::int32_t>(side) << section.level);
 }
 
+std::vector<LatticePoint> triangle_points(std::uint32_t side) {
+  std::vector<LatticePoint> points;
+  points.reserve(triangle_size(side));
+  for (std::uint32_t q = 0; q <= side; ++q)
+    for (std::uint32_t p = 0; p + q <= side; ++p)
+      points.push_back({static_cast<std::uint16_t>(p), static_cast<std::uint16_t>(q)});
+  return points;
+}
+
 std::vector<LatticePoint> owned_vertices(Section section, std::uint32_t side) {
-  std::vector<LatticePoint> owned;
-  for (std::uint16_t q = 0; q <= side; ++q)
-    for (std::uint16_t p = 0; p + q <= side; ++p)
-      if (owner_of(vertex_at(section, {p, q}, side), section.level) == section)
-        owned.push_back({p, q});
+  std::vector<LatticePoint> owned = triangle_points(side);
+  std::erase_if(owned, [&](LatticePoint local) {
+    return owner_of(vertex_at(section, local, side), section.level) != section;
+  });
   return owned;
 }
 

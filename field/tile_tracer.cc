@@ -18,13 +18,6 @@ std::vector<glm::dvec3> world_points(const FieldShape& shape, Section section, s
   return points;
 }
 
-std::vector<LatticePoint> whole_triangle(std::uint32_t side) {
-  std::vector<LatticePoint> points;
-  for (std::uint16_t q = 0; q <= side; ++q)
-    for (std::uint16_t p = 0; p + q <= side; ++p) points.push_back({p, q});
-  return points;
-}
-
 std::byte to_byte(float value) {
   return static_cast<std::byte>(std::lround(std::clamp(value, 0.f, 1.f) * 255));
 }
@@ -103,7 +96,7 @@ void TileTracer::trace(TileKey key, TracedTile& tile) const {
   const auto entries =
       world_points(shape_, sections.entry, shape_.entry_section_side(), layout.positions);
   const auto exits =
-      world_points(shape_, sections.exit, shape_.exit_side, whole_triangle(shape_.exit_side));
+      world_points(shape_, sections.exit, shape_.exit_side, triangle_points(shape_.exit_side));
 
   const std::size_t columns = layout.columns();
   tile.key = key;

@@ -86,7 +86,7 @@ class Verifier {
     std::vector<std::uint64_t> found(field.shape().levels + 1);
     std::vector<TileRef> batch;
     bool stopped = false;
-    const auto visited = field.store().visit(
+    auto visited = field.store().visit(
         layer, {0, 0}, {255, 0},
         [&](const TileRef& tile) -> Result<void> {
           ++report_.tiles;
