@@ -1,7 +1,9 @@
 #include "field/block_renderer.h"
 
-#include <algorithm>
-#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "field/render_kernel.h"
 
 namespace slf {
 namespace {
@@ -9,124 +11,119 @@ namespace {
 constexpr float kFaint = 1.f / 255;  // below this opacity a depth is not worth following
 constexpr int kDepthPasses = 2;
 
-/// Nearest instead of interpolated: all weight to the greatest.
-void keep_greatest(std::array<double, 3>& weights) {
-  const auto greatest = std::max_element(weights.begin(), weights.end()) - weights.begin();
-  weights = {};
-  weights[static_cast<std::size_t>(greatest)] = 1;
+glm::dvec3 point(const PointArrays& points, std::size_t k) {
+  return {points.x[k], points.y[k], points.z[k]};
 }
 
-void find_corners(const LevelGeometry& geometry, bool nearest, Pixel& pixel) {
-  Cell cell = locate(pixel.ray.enter, geometry.entry_resolution());
-  if (nearest) keep_greatest(cell.weights);
-  const auto points = cell.corners();
-  for (std::size_t c = 0; c < 3; ++c) {
-    EntryCorner& corner = pixel.corners[c];
-    corner.row = geometry.entry_row(cell.octant, points[c]);
-    corner.point = direction(to_vertex(cell.octant, points[c], geometry.entry_resolution()));
-    corner.weight = static_cast<float>(cell.weights[c]);
-    corner.aim = pixel.ray.leave;
-  }
-}
-
-Tap make_tap(const LevelGeometry& geometry, const EntryCorner& corner, bool nearest) {
-  Cell cell = locate(corner.aim, geometry.exit_resolution());
-  if (nearest) keep_greatest(cell.weights);
-  const auto exit = geometry.exit_cell(cell);
-  Tap tap{corner.row.section, exit.section, corner.row.row, exit.columns, {}};
-  for (std::size_t c = 0; c < 3; ++c) tap.weights[c] = static_cast<float>(cell.weights[c]);
-  return tap;
-}
-
-/// Where the ray from a point of the unit sphere through another point leaves the sphere.
-glm::dvec3 leave_sphere(const glm::dvec3& from, const glm::dvec3& through) {
-  const glm::dvec3 d = through - from;
-  const double length2 = glm::dot(d, d);
-  if (!(length2 > 0)) return from;
-  return from - 2 * glm::dot(from, d) / length2 * d;
+void copy_ray(const RayBlock& from, std::size_t k, RayBlock& to, std::size_t n) {
+  to.enter.x[n] = from.enter.x[k], to.enter.y[n] = from.enter.y[k], to.enter.z[n] = from.enter.z[k];
+  to.leave.x[n] = from.leave.x[k], to.leave.y[n] = from.leave.y[k], to.leave.z[n] = from.leave.z[k];
+  to.pixel[n] = from.pixel[k];
 }
 
 }  // namespace
 
-bool cross_sphere(const Sphere& sphere, const PixelRay& pixel, Ray& ray) {
-  const Chord chord = intersect(sphere, pixel.origin, pixel.direction);
-  if (!chord.hit || chord.leave <= 0) return false;
-  const auto at = [&](double t) {
-    return glm::normalize(pixel.origin + t * pixel.direction - sphere.center);
-  };
-  ray.enter = at(chord.enter);
-  ray.leave = at(chord.leave);
-  return true;
+BlockRenderer::BlockRenderer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
+                             const ViewOptions& options, const glm::dvec3& eye, Image& image)
+    : field_(field),
+      options_(options),
+      eye_(eye),
+      image_(image),
+      gatherer_(field, cache, pin_bytes, options.needs_depth()) {}
+
+RayBlock& BlockRenderer::rays(std::size_t most_rays) {
+  if (rgba_.size() < most_rays + kRayPadding) {
+    gatherer_.resize(most_rays);
+    rays_.resize(most_rays);
+    missing_.resize(most_rays);
+    entries_.resize(most_rays);
+    const bool follow = options_.mode == RenderMode::depth;
+    for (auto& aim : aims_) aim.resize(follow ? most_rays + kRayPadding : 0);
+    for (auto& exit : exits_) exit.resize(most_rays);
+    rgba_.resize(most_rays + kRayPadding);
+    t_.resize(most_rays + kRayPadding);
+  }
+  return rays_;
 }
 
-Result<void> BlockRenderer::draw(std::vector<Pixel>& pixels, std::uint64_t& fallback) {
-  active_.resize(pixels.size());
-  for (std::uint32_t k = 0; k < pixels.size(); ++k) active_[k] = k;
-  for (unsigned level = options_.level + 1; level-- > 0 && !active_.empty();) {
-    if (auto ok = draw_level(pixels, field_.geometry(level)); !ok) return ok;
-    std::erase_if(active_, [&](std::uint32_t k) { return !pixels[k].missing; });
-    fallback += active_.size();
+Result<void> BlockRenderer::draw(std::uint64_t& fallback) {
+  for (unsigned level = options_.level + 1; level-- > 0 && rays_.count > 0;) {
+    missing_.count = 0;
+    if (auto ok = draw_level(field_.geometry(level)); !ok) return ok;
+    fallback += missing_.count;
+    std::swap(rays_, missing_);
   }
   return {};
 }
 
-Result<void> BlockRenderer::draw_level(std::vector<Pixel>& pixels, const LevelGeometry& geometry) {
+Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
   const RenderMode mode = options_.mode;
-  const bool one_entry = mode == RenderMode::nearest || mode == RenderMode::st;
-  for (const std::uint32_t k : active_) {
-    find_corners(geometry, one_entry, pixels[k]);
-    pixels[k].missing = false;
+  Pass pass;
+  pass.entries = mode == RenderMode::nearest || mode == RenderMode::st ? 1 : 3;
+  pass.exits = mode == RenderMode::nearest || mode == RenderMode::uv ? 1 : 3;
+  pass.with_depth = options_.needs_depth();
+  if (auto ok = first_pass(geometry, pass); !ok) return ok;
+  for (int k = 1; mode == RenderMode::depth && k <= kDepthPasses; ++k) {
+    keep_followed();
+    pass.with_depth = k < kDepthPasses || options_.with_depth;
+    if (auto ok = depth_pass(geometry, pass); !ok) return ok;
   }
-  if (auto ok = pass(pixels, geometry, active_, options_.needs_depth()); !ok) return ok;
-  if (mode != RenderMode::depth) return {};
-  for (int k = 1; k <= kDepthPasses; ++k) {
-    followed_.clear();
-    for (const std::uint32_t p : active_) {
-      Pixel& pixel = pixels[p];
-      if (pixel.missing || pixel.rgba.a <= kFaint) continue;
-      const glm::dvec3 seen = pixel.ray.at(pixel.t);
-      for (EntryCorner& corner : pixel.corners) corner.aim = leave_sphere(corner.point, seen);
-      followed_.push_back(p);
-    }
-    const bool more = k < kDepthPasses || options_.with_depth;
-    if (auto ok = pass(pixels, geometry, followed_, more); !ok) return ok;
-  }
+  for (std::size_t k = 0; k < rays_.count; ++k) finish(k);
   return {};
 }
 
-Result<void> BlockRenderer::pass(std::vector<Pixel>& pixels, const LevelGeometry& geometry,
-                                 const Indices& which, bool with_depth) {
-  const bool one_exit = options_.mode == RenderMode::nearest || options_.mode == RenderMode::uv;
-  taps_.clear();
-  for (const std::uint32_t k : which)
-    for (EntryCorner& corner : pixels[k].corners) {
-      if (corner.weight == 0) continue;
-      corner.tap = static_cast<std::uint32_t>(taps_.size());
-      taps_.push_back(make_tap(geometry, corner, one_exit));
-    }
-  if (auto ok = gatherer_.gather(geometry, taps_, with_depth, values_); !ok) return ok;
-  for (const std::uint32_t k : which) blend(pixels[k], with_depth);
+Result<void> BlockRenderer::first_pass(const LevelGeometry& geometry, Pass& pass) {
+  find_entries(geometry, rays_, pass.entries == 1, pass.with_depth, entries_);
+  find_exits(geometry, rays_.leave, rays_.count, pass.exits == 1, exits_[0]);
+  pass.aim.fill(&rays_.leave);
+  pass.exit.fill(&exits_[0]);
+  if (auto ok = gatherer_.gather(geometry, rays_.count, entries_, pass); !ok) return ok;
+  blend(pass, rays_, entries_, gatherer_.samples(), gatherer_.half_floats(), rgba_.data(),
+        t_.data());
   return {};
 }
 
-void BlockRenderer::blend(Pixel& pixel, bool with_depth) const {
-  const glm::dvec3 along = pixel.ray.leave - pixel.ray.enter;
-  const double length2 = glm::dot(along, along);
-  glm::vec4 rgba(0);
-  double t = 0;
-  for (const EntryCorner& corner : pixel.corners) {
-    if (corner.weight == 0) continue;
-    const TapValue& value = values_[corner.tap];
-    pixel.missing |= value.missing;
-    rgba += corner.weight * value.rgba;
-    if (!with_depth || value.rgba.a <= 0) continue;
-    // Where the corner's ray saw something, as a position along the pixel's.
+Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry, Pass& pass) {
+  find_entries(geometry, rays_, false, true, entries_);
+  aim_at_depth(rays_, entries_, t_.data(), aims_);
+  for (std::size_t c = 0; c < 3; ++c) {
+    find_exits(geometry, aims_[c], rays_.count, false, exits_[c]);
+    pass.aim[c] = &aims_[c];
+    pass.exit[c] = &exits_[c];
+  }
+  if (auto ok = gatherer_.gather(geometry, rays_.count, entries_, pass); !ok) return ok;
+  blend(pass, rays_, entries_, gatherer_.samples(), gatherer_.half_floats(), rgba_.data(),
+        t_.data());
+  return {};
+}
+
+/// Finishes the rays that saw nothing to follow and closes the ranks of the others.
+void BlockRenderer::keep_followed() {
+  std::size_t n = 0;
+  for (std::size_t k = 0; k < rays_.count; ++k) {
+    if (gatherer_.missing(k) || rgba_[k].a <= kFaint) {
+      finish(k);
+      continue;
+    }
+    copy_ray(rays_, k, rays_, n);
+    t_[n++] = t_[k];
+  }
+  rays_.count = n;
+}
+
+/// Writes a ray's pixel; it is written again where a coarser level must help.
+void BlockRenderer::finish(std::size_t ray) {
+  const std::uint32_t pixel = rays_.pixel[ray];
+  image_.rgba[pixel] = rgba_[ray];
+  if (options_.with_depth) {
+    const Sphere& sphere = field_.shape().sphere;
+    const glm::dvec3 enter = point(rays_.enter, ray), leave = point(rays_.leave, ray);
     const glm::dvec3 seen =
-        corner.point + double{value.depth / value.rgba.a} * (corner.aim - corner.point);
-    t += corner.weight * value.rgba.a * glm::dot(seen - pixel.ray.enter, along) / length2;
+        sphere.center + sphere.radius * (enter + double{t_[ray]} * (leave - enter));
+    image_.depth[pixel] = rgba_[ray].a > 0 ? static_cast<float>(glm::distance(eye_, seen))
+                                           : std::numeric_limits<float>::infinity();
   }
-  pixel.rgba = rgba;
-  if (with_depth && rgba.a > 0) pixel.t = static_cast<float>(std::clamp(t / rgba.a, 0.0, 1.0));
+  if (gatherer_.missing(ray)) copy_ray(rays_, ray, missing_, missing_.count++);
 }
 
 }  // namespace slf

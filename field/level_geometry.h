@@ -48,6 +48,11 @@ class LevelGeometry {
                        static_cast<std::uint32_t>(point.x)];
   }
 
+  /// All of them: [octant][y][x], with entry_resolution() + 1 of each y and x.
+  [[nodiscard]] std::span<const EntryRow> entry_rows() const { return entry_rows_; }
+  /// Exit sections within an octant by place: [y][x][inverted], 2^level of each y and x.
+  [[nodiscard]] std::span<const std::uint32_t> exit_paths() const { return exit_paths_; }
+
   /// The exit section that holds a cell, and the columns of the cell's corners in its tiles.
   struct ExitCell {
     std::uint32_t section = 0;

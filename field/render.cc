@@ -8,6 +8,7 @@
 
 #include "field/block_renderer.h"
 #include "field/parallel.h"
+#include "field/render_kernel.h"
 
 namespace slf {
 namespace {
@@ -24,7 +25,8 @@ void sort_unique(std::vector<TileKey>& keys) {
 struct Renderer::State {
   const Field& field;
   unsigned threads;
-  std::uint32_t block;  // edge in pixels
+  std::uint32_t block;      // edge in pixels
+  std::uint64_t pin_bytes;  // that each thread may pin
   TileCache cache;
 };
 
@@ -62,7 +64,7 @@ Result<void> count_bytes(const Field& field, bool with_depth, ViewStatistics& st
 Plan plan_memory(const Field& field, const RendererOptions& options) {
   const std::uint64_t tile = field.shape().largest_tile() * (4 + 1);
   Plan plan;
-  plan.block = options.memory >= 64ull << 20 ? 64 : options.memory >= 4ull << 20 ? 32 : 16;
+  plan.block = options.memory >= 4ull << 20 ? 32 : 16;  // larger ones leave the core's own cache
   const std::uint64_t scratch = std::uint64_t{plan.block} * plan.block * kRayScratch;
   const std::uint64_t fit = options.memory / (tile + scratch);
   plan.threads =
@@ -93,8 +95,9 @@ RenderMode default_mode(const Field& field) {
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field, options);
-  state_ = std::unique_ptr<State>(
-      new State{field, plan.threads, plan.block, TileCache(field, plan.cache_bytes)});
+  state_ = std::unique_ptr<State>(new State{field, plan.threads, plan.block,
+                                            plan.cache_bytes / plan.threads,
+                                            TileCache(field, plan.cache_bytes)});
 }
 Renderer::~Renderer() = default;
 
@@ -112,15 +115,22 @@ Result<void> check_view(const Field& field, const ViewOptions& options) {
   return {};
 }
 
+RayFan make_fan(const Sphere& sphere, const RayGenerator& rays, std::uint32_t width) {
+  const double scale = 1 / sphere.radius;
+  return {(rays.eye() - sphere.center) * scale, rays.corner() * scale, rays.across() * scale,
+          rays.down() * scale, width};
+}
+
 /// One picture under way: blocks are taken by any thread, each writes pixels of its own.
 class ViewJob {
  public:
-  ViewJob(const Field& field, TileCache& cache, const Camera& camera, const RayGenerator& rays,
-          const ViewOptions& options, std::uint32_t edge)
+  ViewJob(const Field& field, TileCache& cache, std::uint64_t pin_bytes, const Camera& camera,
+          const RayGenerator& rays, const ViewOptions& options, std::uint32_t edge)
       : field_(field),
         cache_(cache),
+        pin_bytes_(pin_bytes),
         camera_(camera),
-        rays_(rays),
+        fan_(make_fan(field.shape().sphere, rays, camera.width)),
         options_(options),
         edge_(edge),
         across_((camera.width + edge - 1) / edge),
@@ -134,17 +144,16 @@ class ViewJob {
 
   /// Draws blocks until none are left. Called by each thread.
   void work() {
-    BlockRenderer renderer(field_, cache_, options_);
-    std::vector<Pixel> pixels;
+    BlockRenderer renderer(field_, cache_, pin_bytes_, options_, camera_.eye, image_);
     std::uint64_t fallback = 0, hit = 0;
     std::optional<Error> error;
     for (std::uint32_t block; !error && (block = next_++) < blocks_;) {
-      cast_rays(block, pixels);
-      hit += pixels.size();
-      if (auto ok = renderer.draw(pixels, fallback); !ok) error = ok.error();
-      write_pixels(pixels);
-      sort_unique(renderer.touched());
+      RayBlock& rays = renderer.rays(std::size_t{edge_} * edge_);
+      cast_rays(fan_, pixels(block), rays);
+      hit += rays.count;
+      if (auto ok = renderer.draw(fallback); !ok) error = ok.error();
     }
+    sort_unique(renderer.touched());
     const std::lock_guard lock(mutex_);
     touched_.insert(touched_.end(), renderer.touched().begin(), renderer.touched().end());
     fallback_ += fallback;
@@ -166,32 +175,16 @@ class ViewJob {
   }
 
  private:
-  void cast_rays(std::uint32_t block, std::vector<Pixel>& pixels) const {
+  [[nodiscard]] PixelBlock pixels(std::uint32_t block) const {
     const std::uint32_t x0 = block % across_ * edge_, y0 = block / across_ * edge_;
-    pixels.clear();
-    for (std::uint32_t y = y0; y < std::min(y0 + edge_, camera_.height); ++y)
-      for (std::uint32_t x = x0; x < std::min(x0 + edge_, camera_.width); ++x) {
-        Pixel pixel;
-        if (!cross_sphere(field_.shape().sphere, rays_.ray(x, y), pixel.ray)) continue;
-        pixel.index = y * camera_.width + x;
-        pixels.push_back(pixel);
-      }
-  }
-
-  void write_pixels(const std::vector<Pixel>& pixels) {
-    const Sphere& sphere = field_.shape().sphere;
-    for (const Pixel& pixel : pixels) {
-      image_.rgba[pixel.index] = pixel.rgba;
-      if (!options_.with_depth || pixel.rgba.a <= 0) continue;
-      const glm::dvec3 seen = sphere.center + sphere.radius * pixel.ray.at(pixel.t);
-      image_.depth[pixel.index] = static_cast<float>(glm::distance(camera_.eye, seen));
-    }
+    return {x0, y0, std::min(x0 + edge_, camera_.width), std::min(y0 + edge_, camera_.height)};
   }
 
   const Field& field_;
   TileCache& cache_;
+  const std::uint64_t pin_bytes_;
   const Camera& camera_;
-  const RayGenerator& rays_;
+  const RayFan fan_;
   const ViewOptions& options_;
   const std::uint32_t edge_, across_, blocks_;
   Image image_;
@@ -213,7 +206,7 @@ Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
 
   state_->cache.reset_peak();
   const std::uint64_t decodes_before = state_->cache.statistics().decodes;
-  ViewJob job(field, state_->cache, camera, *rays, options, state_->block);
+  ViewJob job(field, state_->cache, state_->pin_bytes, camera, *rays, options, state_->block);
   on_threads(std::min(state_->threads, job.blocks()), [&] { job.work(); });
   if (job.error()) return tl::unexpected(*job.error());
 
@@ -237,10 +230,14 @@ Result<std::vector<TileKey>> crossed_pairs(const FieldShape& shape, const Camera
   std::vector<TileKey> keys;
   for (std::uint32_t y = 0; y < camera.height; ++y) {
     for (std::uint32_t x = 0; x < camera.width; ++x) {
-      Ray ray;
-      if (!cross_sphere(shape.sphere, rays->ray(x, y), ray)) continue;
-      const TileKey key =
-          tile_key({locate_section(ray.enter, entry_level), locate_section(ray.leave, level)});
+      const PixelRay ray = rays->ray(x, y);
+      const Chord chord = intersect(shape.sphere, ray.origin, ray.direction);
+      if (!chord.hit || chord.leave <= 0) continue;
+      const auto at = [&](double t) {
+        return ray.origin + t * ray.direction - shape.sphere.center;
+      };
+      const TileKey key = tile_key(
+          {locate_section(at(chord.enter), entry_level), locate_section(at(chord.leave), level)});
       if (keys.empty() || keys.back() != key) keys.push_back(key);
     }
     if (y % 64 == 63) sort_unique(keys);

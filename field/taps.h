@@ -1,64 +1,83 @@
 // Taps: the samples that rays take from tiles. Private to field/.
 //
-// A tap is what a ray needs of one entry vertex: up to three samples of one row of one tile. A
-// block's taps are grouped by tile, so that each tile is pinned once per pass, and one at a time.
+// A tap is what a ray needs of one entry vertex: up to three samples of one row of one tile. The
+// tiles of a block's taps are pinned in waves that fit a budget, and each wave's samples taken;
+// mostly one wave takes all, and its tiles stay pinned for the blocks that follow.
 #pragma once
 
 #include <array>
 #include <cstdint>
-#include <glm/glm.hpp>
+#include <optional>
 #include <vector>
 
 #include "base/error.h"
 #include "field/level_geometry.h"
+#include "field/ray_block.h"
 #include "field/tile_cache.h"
 
 namespace slf {
 
-/// Samples of one row of a tile: up to three columns, and how much each counts.
-struct Tap {
-  std::uint32_t entry_section = 0;
-  std::uint32_t exit_section = 0;
-  std::uint32_t row = 0;
-  std::array<std::uint32_t, 3> columns{};
-  std::array<float, 3> weights{};
-};
-
-/// What a tap found: premultiplied colour, and depth along the tapped ray, weighted by opacity.
-struct TapValue {
-  glm::vec4 rgba{0};
-  float depth = 0;
-  bool missing = false;  ///< the tile was never built
-};
-
 /// Reused from block to block. Thread-safety: one thread.
 class TapGatherer {
  public:
-  TapGatherer(const Field& field, TileCache& cache);
+  /// Pins at most `pin_bytes` of decoded tiles, or one tile. With depth, both layers are pinned.
+  TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes, bool with_depth);
 
-  /// Takes all taps at a level. `values` gets one value per tap. Depth is filled when `with_depth`.
-  /// Touched tiles are added to touched(), each once per call.
-  [[nodiscard]] Result<void> gather(const LevelGeometry& geometry, std::span<const Tap> taps,
-                                    bool with_depth, std::vector<TapValue>& values);
+  void resize(std::size_t rays);
 
+  /// Takes all samples of a pass over `count` rays. `missing` is set, per ray, where a tile was
+  /// never built.
+  [[nodiscard]] Result<void> gather(const LevelGeometry& geometry, std::size_t count,
+                                    const EntryArrays& entries, const Pass& pass);
+
+  [[nodiscard]] const SampleArrays& samples() const { return samples_; }
+  [[nodiscard]] bool missing(std::size_t ray) const { return missing_[ray] != 0; }
+  [[nodiscard]] bool half_floats() const { return format_ == codec::SampleFormat::rgba16f; }
+
+  /// Tiles touched since this was last cleared; with repetitions.
   [[nodiscard]] std::vector<TileKey>& touched() { return touched_; }
 
  private:
-  struct Group {
-    std::uint64_t sections;  // entry << 32 | exit
-    std::uint32_t begin;     // into order_
-    std::uint32_t count;
+  struct Tap {
+    std::uint32_t tile;  // number, in tiles_
+    std::uint32_t row;   // its first sample
   };
-  void group(std::span<const Tap> taps);
+  struct Tile {
+    std::uint64_t sections;  // entry << 32 | exit
+    TileKey key;
+    bool missing = false;
+    const std::byte* colors = nullptr;  // null: nothing there
+    const std::byte* depths = nullptr;
+    TileCache::Pin color_pin, depth_pin;
+  };
+  /// Tiles [begin, end) of tiles_.
+  struct Wave {
+    std::uint32_t begin, end;
+  };
+
+  void number_tiles(std::size_t count, const EntryArrays& entries, const Pass& pass);
+  [[nodiscard]] std::uint32_t number_of(std::uint64_t sections);
+  void rehash(std::size_t slots);
+  void forget_tiles();
+  [[nodiscard]] Result<void> pin(Wave wave);
+  void unpin(Wave wave);
+  void take(Wave wave, std::size_t count, const Pass& pass);
+  template <unsigned kExits, class Color>
+  void take_typed(Wave wave, std::size_t count, const Pass& pass,
+                  std::array<std::vector<Color>, 9>& colors);
 
   TileCache& cache_;
   storage::LayerId color_;
   std::optional<storage::LayerId> depth_;
   codec::SampleFormat format_;
-  std::vector<Group> groups_;
-  std::vector<std::uint32_t> order_;
-  std::vector<std::uint32_t> group_of_;
-  std::vector<std::uint32_t> slots_;  // open-addressing table over groups_
+  std::uint32_t most_pins_;
+  const LevelGeometry* geometry_ = nullptr;  // whose tiles are in tiles_
+  std::vector<Tile> tiles_;
+  std::uint32_t pinned_ = 0;          // of tiles_, the first ones, that stay pinned
+  std::vector<std::uint32_t> slots_;  // open-addressing table over tiles_
+  std::array<std::vector<Tap>, 3> taps_;
+  SampleArrays samples_;
+  std::vector<std::uint8_t> missing_;
   std::vector<TileKey> touched_;
 };
 

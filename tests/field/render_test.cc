@@ -1,6 +1,7 @@
 #include "field/render.h"
 
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 #include <cmath>
 #include <limits>
@@ -88,6 +89,74 @@ TEST_F(Render, ThePictureDoesNotDependOnBudgetThreadsOrCache) {
                               {RenderMode::depth, 1, false}));
   const auto second = renderer.render(camera, {RenderMode::bitri, 2, false});
   EXPECT_EQ(first->rgba, second->rgba);
+}
+
+/// A ray's colour by the definition (eq. 2), one sample at a time, in double.
+glm::dvec4 bi_triangle(const Field& field, unsigned level, TileCache& cache, const PixelRay& ray) {
+  const Sphere& sphere = field.shape().sphere;
+  const Chord chord = intersect(sphere, ray.origin, ray.direction);
+  if (!chord.hit) return glm::dvec4(0);
+  const LevelGeometry& geometry = field.geometry(level);
+  const auto at = [&](double t) { return ray.origin + t * ray.direction - sphere.center; };
+  const Cell enter = locate(at(chord.enter), geometry.entry_resolution());
+  const Cell leave = locate(at(chord.leave), geometry.exit_resolution());
+  const auto exit = geometry.exit_cell(leave);
+  glm::dvec4 rgba(0);
+  for (std::size_t c = 0; c < 3; ++c) {
+    const EntryRow row = geometry.entry_row(enter.octant, enter.corners()[c]);
+    const auto pin = cache.get(
+        0, tile_key({geometry.entry_section(row.section), geometry.exit_section(exit.section)}));
+    if (!pin || !pin->samples()) continue;
+    const std::byte* samples =
+        pin->samples() + 4ull * row.row * triangle_size(geometry.exit_side());
+    for (std::size_t e = 0; e < 3; ++e)
+      for (int channel = 0; channel < 4; ++channel)
+        rgba[channel] += enter.weights[c] * leave.weights[e] / 255 *
+                         std::to_integer<int>(samples[4 * exit.columns[e] + channel]);
+  }
+  return rgba;
+}
+
+/// The most that any channel of any pixel differs.
+float largest_difference(const Image& a, const Image& b) {
+  float most = 0;
+  for (std::size_t k = 0; k < a.rgba.size(); ++k)
+    for (int c = 0; c < 4; ++c) most = std::max(most, std::abs(a.rgba[k][c] - b.rgba[k][c]));
+  return most;
+}
+
+TEST_F(Render, BiTriangleIsTheWeightedSumOfNineSamples) {
+  TileCache cache(*field_, 1ull << 30);
+  for (const double distance : {1.3, 3.0, 40.0}) {
+    const Camera camera = orbit_camera(field_->shape().sphere, 20, 50, distance, 101, 90);
+    const auto rays = *RayGenerator::make(camera);
+    const Image image = draw(*field_, camera, {RenderMode::bitri, 2, false});
+    Image expected = image;
+    for (std::uint32_t y = 0; y < camera.height; ++y)
+      for (std::uint32_t x = 0; x < camera.width; ++x)
+        expected.rgba[y * camera.width + x] =
+            glm::vec4(bi_triangle(*field_, 2, cache, rays.ray(x, y)));
+    EXPECT_LT(largest_difference(image, expected), 1.f / 255) << distance;
+  }
+}
+
+TEST_F(Render, EveryInstructionSetDrawsTheSamePicture) {
+  const auto use = [](std::int64_t targets) {
+    hwy::SetSupportedTargetsForTest(targets);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+  };
+  const Camera camera = orbit_camera(field_->shape().sphere, 40, 25, 2.5, 150, 131);
+  for (const RenderMode mode : {RenderMode::bitri, RenderMode::depth}) {
+    use(0);  // all there are
+    const Image best = draw(*field_, camera, {mode, 2, false});
+    for (std::int64_t left = hwy::SupportedTargets(); left != 0; left &= left - 1) {
+      use(left & -left);
+      const Image image = draw(*field_, camera, {mode, 2, false});
+      EXPECT_LT(largest_difference(image, best), 1.f / 255) << name(mode) << " " << (left & -left);
+      EXPECT_EQ(draw(*field_, camera, {mode, 2, false}, {1, 1}).rgba, image.rgba);
+    }
+    use(0);
+  }
 }
 
 TEST_F(Render, DecodedTilesStayWithinTheBudget) {
