@@ -34,8 +34,8 @@ struct RayCounts {
 /// The options a field's provenance records; what is missing or of another type is the default.
 [[nodiscard]] RaycastOptions raycast_options(const nlohmann::json& provenance);
 
-/// Thread-safety: immutable; trace() and trace_many() from any thread. trace_many() is several
-/// times faster per ray.
+/// Thread-safety: immutable; trace() and trace_many() from any thread. Many rays at a time fill the
+/// vector units; one leaves them mostly idle.
 class Raycaster final : public Scene {
  public:
   /// Takes the volume's voxels as they are; types other than 8 and 16 bit integers and f32 are

@@ -246,7 +246,7 @@ TEST_F(Cli, KilledAtAnyMomentItResumesToTheSameTiles) {
       "16",    "--levels",    "2",  "--color-codec", "zstd:1",  "-j", "2"};
   int kills = 0;
   for (int k = 0; k < 12; ++k) {
-    const Outcome outcome = slf(arguments, "timeout -s KILL 0." + std::to_string(10 + 7 * k));
+    const Outcome outcome = slf(arguments, "timeout --foreground -s KILL 0." + std::to_string(10 + 7 * k));
     if (outcome.exit_code == 0) break;
     ++kills;
     if (!std::filesystem::exists(place / "a.slf")) continue;
@@ -254,14 +254,17 @@ TEST_F(Cli, KilledAtAnyMomentItResumesToTheSameTiles) {
     EXPECT_TRUE(info.exit_code == 0 || info.exit_code == 3) << info.err;
   }
   EXPECT_GT(kills, 0);
-  if (std::filesystem::exists(place / "a.slf")) slf(arguments);
+  if (!slf({"info", place / "a.slf", "--json"}).json().value("complete", false)) {
+    const Outcome resumed = slf(arguments);
+    EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
+  }
   auto whole = arguments;
   whole[3] = place / "whole.slf";
   ASSERT_EQ(slf(whole).exit_code, 0);
   const auto a = Field::open(place / "a.slf"), b = Field::open(place / "whole.slf");
   ASSERT_TRUE(a && b);
   EXPECT_TRUE((*a)->content()->complete);
-  EXPECT_EQ(testing::all_tiles(**a), testing::all_tiles(**b));
+  EXPECT_TRUE(testing::all_tiles(**a) == testing::all_tiles(**b));  // too many to print
 }
 
 TEST_F(Cli, AnUnfinishedFieldDrawsWhatIsThereAndSaysSo) {

@@ -148,7 +148,7 @@ TEST_F(RepackCli, KilledAtAnyMomentItLeavesNoField) {
                                            "--color-codec", "zstd:19", "-j", "2"};
   int kills = 0;
   for (int k = 0; k < 10; ++k) {
-    const Outcome outcome = slf(arguments, "timeout -s KILL 0." + std::to_string(10 + 9 * k));
+    const Outcome outcome = slf(arguments, "timeout --foreground -s KILL 0." + std::to_string(10 + 9 * k));
     if (outcome.exit_code == 0) break;
     ++kills;
     EXPECT_FALSE(std::filesystem::exists(out));
