@@ -77,7 +77,7 @@ Result<Volume> read_headerless(const std::string& path, std::string_view head) {
       return fail(ErrorCode::bad_file, path, ": expected ", expected, ", found ",
                   in_quotes(head.substr(0, 16)), " at its start: it is damaged, or misnamed");
   return fail(ErrorCode::usage, path,
-              ": neither NIfTI, NRRD, MetaImage nor a DICOM folder; headerless voxels need their "
+              ": neither NIfTI, NRRD, MetaImage nor DICOM; headerless voxels need their "
               "layout, for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`");
 }
 
@@ -99,9 +99,7 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
   if (head->starts_with("NRRD000")) return read_nrrd(path, *head);
   if (looks_like_nifti(*head)) return read_nifti(path, *head);
   if (looks_like_meta(*head)) return read_meta(path, *head);
-  if (looks_like_dicom(*head))
-    return fail(ErrorCode::unsupported, path,
-                ": one DICOM file; give the folder that holds the series");
+  if (looks_like_dicom(*head)) return read_dicom_file(path);
   return read_headerless(path, *head);
 }
 

@@ -65,9 +65,14 @@ struct VolumeOptions {
   bool labels = false;
 };
 
-/// Reads NIfTI-1/2 (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), a folder of one
-/// DICOM series, or raw. The format is found from the content, not from the name. Input is
-/// untrusted: nothing is allocated before the file was found large enough to fill it.
+/// Reads NIfTI-1/2 (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), DICOM, or raw.
+/// The format is found from the content, not from the name. Input is untrusted: no memory is
+/// touched before the file was found large enough to fill it, or has been decoded.
+///
+/// DICOM is a folder that holds one series (what is not DICOM in it is ignored), or one file: a
+/// multi-frame file is the volume, any other stands for its series, which is all files of its
+/// folder with its SeriesInstanceUID. Pixels may be plain, deflated, JPEG, JPEG-LS, JPEG 2000 or
+/// RLE; compressed ones are decoded in a child process: call this before starting threads.
 ///
 /// Position. NIfTI: the sform or the qform, chosen as ITK does, in mm; with neither, the grid
 /// itself. NRRD: spaces RAS and LAS become LPS, others are taken as they are; without a space, the
@@ -76,6 +81,7 @@ struct VolumeOptions {
 ///
 /// Values. A scale uniform over the file stays in slope and intercept. A DICOM series whose scale
 /// differs from slice to slice (PET) cannot be said so: it becomes f32 with its scale applied.
+/// MONOCHROME1, which shows the least value white, is read as the numbers it stores.
 ///
 /// | error | when |
 /// |---|---|

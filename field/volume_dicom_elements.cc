@@ -1,3 +1,10 @@
+// Our own walk over a DICOM file's elements; volume_dicom.h says why.
+#include <zlib.h>
+
+#include <algorithm>
+#include <array>
+#include <fstream>
+
 #include "base/bytes.h"
 #include "field/volume_dicom.h"
 #include "field/volume_io.h"
@@ -9,13 +16,31 @@ namespace {
 constexpr std::uint32_t kUndefined = 0xffffffff;
 constexpr std::uint32_t kItem = 0xfffee000, kItemEnd = 0xfffee00d, kSequenceEnd = 0xfffee0dd;
 constexpr std::uint32_t kPixelData = 0x7fe00010;
+constexpr std::uint32_t kSharedGroups = 0x52009229, kFrameGroups = 0x52009230;
+constexpr std::string_view kDeflated = "1.2.840.10008.1.2.1.99", kBigEndian = "1.2.840.10008.1.2.2";
 constexpr int kDeepest = 32;
+
+/// Whether `parent` is the sequence of the functional groups that holds `tag`: plane position,
+/// plane orientation, pixel measures, pixel value transformation.
+bool is_of_group(std::uint32_t parent, std::uint32_t tag) {
+  constexpr std::array<std::array<std::uint32_t, 2>, 5> kPlaces = {{{0x00209113, 0x00200032},
+                                                                    {0x00209116, 0x00200037},
+                                                                    {0x00289110, 0x00280030},
+                                                                    {0x00289145, 0x00281052},
+                                                                    {0x00289145, 0x00281053}}};
+  for (const auto& [sequence, element] : kPlaces)
+    if (sequence == parent && element == tag) return true;
+  return false;
+}
 
 struct Walker {
   const std::string& path;
   std::string_view bytes;
   std::size_t at = 0;
   DicomElements found{};
+  // Within the functional groups: where their elements go, and the sequence we are in.
+  DicomValues* groups = nullptr;
+  std::uint32_t parent = 0;
 
   template <class T>
   T take() {
@@ -79,11 +104,25 @@ struct Walker {
         at += item->length;
         continue;
       }
+      if (depth == 1 && parent == kFrameGroups) groups = &found.frames.emplace_back();
       const bool open_item = item->length == kUndefined;
       auto inner = data_set(is_explicit, open_item ? end : at + item->length, open_item, depth + 1);
       if (!inner) return inner;
     }
     return {};
+  }
+
+  /// The items of a sequence, `parent` and `groups` being what they are within it.
+  Result<void> sequence(std::uint32_t tag, bool is_explicit, std::size_t end, bool open,
+                        int depth) {
+    const auto outer_groups = groups;
+    const auto outer_parent = parent;
+    parent = tag;
+    if (depth == 1) groups = tag == kSharedGroups ? &found.shared : nullptr;
+    auto inner = items(is_explicit, end, open, open && tag == kPixelData, depth);
+    groups = outer_groups;
+    parent = outer_parent;
+    return inner;
   }
 
   Result<void> data_set(bool is_explicit, std::size_t end, bool open, int depth) {
@@ -95,11 +134,12 @@ struct Walker {
       // A private or unknown element of undefined length is implicit within.
       const bool inner_explicit = is_explicit && e->vr != "UN";
       if (depth == 0 && !undefined) found.values[e->tag] = bytes.substr(at, e->length);
-      if (depth == 0 && e->tag == kPixelData) found.compressed = undefined;
+      if (depth == 0 && e->tag == kPixelData) found.encapsulated = undefined;
+      if (groups && !undefined && is_of_group(parent, e->tag))
+        (*groups)[e->tag] = bytes.substr(at, e->length);
       if (undefined || e->vr == "SQ") {
         const std::size_t stop = undefined ? end : at + e->length;
-        auto inner =
-            items(inner_explicit, stop, undefined, undefined && e->tag == kPixelData, depth + 1);
+        auto inner = sequence(e->tag, inner_explicit, stop, undefined, depth + 1);
         if (!inner) return inner;
       } else {
         at += e->length;
@@ -129,21 +169,78 @@ struct Walker {
   }
 };
 
+/// A data set as the deflated transfer syntax packs it: deflate without a header, up to its end.
+Result<std::string> inflated(const std::string& path, std::string_view packed) {
+  constexpr std::size_t kMost = std::size_t{1} << 30, kStep = std::size_t{1} << 20;
+  z_stream stream{};
+  if (inflateInit2(&stream, -15) != Z_OK)
+    return fail(ErrorCode::failed, path, ": no memory to inflate it");
+  std::string data;
+  stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data()));
+  int status = Z_OK;
+  // Lengths of more than 32 bits are fed in parts.
+  for (std::size_t left = packed.size(); status == Z_OK && data.size() < kMost;) {
+    if (stream.avail_in == 0) {
+      stream.avail_in = static_cast<uInt>(std::min(left, kStep));
+      left -= stream.avail_in;
+    }
+    const std::size_t from = data.size();
+    data.resize(from + kStep);
+    stream.next_out = reinterpret_cast<Bytef*>(data.data() + from);
+    stream.avail_out = kStep;
+    status = inflate(&stream, Z_NO_FLUSH);
+    data.resize(from + kStep - stream.avail_out);
+  }
+  inflateEnd(&stream);
+  if (status == Z_STREAM_END) return data;
+  if (status == Z_OK)
+    return fail(ErrorCode::unsupported, path, ": its deflated data set is larger than 1 GiB");
+  return fail(ErrorCode::bad_file, path, ": its deflated data set is damaged or cut after ",
+              data.size(), " inflated bytes: copy the file again");
+}
+
+Result<std::string> read_whole(const std::string& path) {
+  const auto size = file_size(path);
+  if (!size) return tl::unexpected(size.error());
+  std::string bytes(*size, '\0');
+  std::ifstream file(path, std::ios::binary);
+  if (!file.read(bytes.data(), static_cast<std::streamsize>(bytes.size())))
+    return fail(ErrorCode::io, path, ": cannot be read");
+  return bytes;
+}
+
+Result<void> check_magic(const std::string& path, std::string_view bytes) {
+  if (looks_like_dicom(bytes)) return {};
+  return fail(ErrorCode::bad_file, path, ": expected 'DICM' at byte 128");
+}
+
 }  // namespace
 
 bool looks_like_dicom(std::string_view head) {
   return head.size() >= 132 && head.substr(128, 4) == "DICM";
 }
 
+Result<std::string> read_dicom_bytes(const std::string& path) {
+  auto bytes = read_whole(path);
+  if (!bytes) return bytes;
+  if (auto r = check_magic(path, *bytes); !r) return tl::unexpected(r.error());
+  Walker walker{path, *bytes, 132};
+  const auto syntax = walker.meta();
+  if (!syntax) return tl::unexpected(syntax.error());
+  if (*syntax != kDeflated) return bytes;
+  const auto data = inflated(path, std::string_view(*bytes).substr(walker.at));
+  if (!data) return data;
+  return bytes->substr(0, walker.at) + *data;
+}
+
 Result<DicomElements> parse_dicom(const std::string& path, std::string_view bytes) {
-  if (!looks_like_dicom(bytes))
-    return fail(ErrorCode::bad_file, path, ": expected 'DICM' at byte 128");
+  if (auto r = check_magic(path, bytes); !r) return tl::unexpected(r.error());
   Walker walker{path, bytes, 132};
   const auto syntax = walker.meta();
   if (!syntax) return tl::unexpected(syntax.error());
-  if (*syntax == "1.2.840.10008.1.2.1.99" || *syntax == "1.2.840.10008.1.2.2")
-    return fail(ErrorCode::unsupported, path, ": deflated or big endian DICOM (transfer syntax ",
-                *syntax, "): convert it, `gdcmconv --raw IN OUT`");
+  if (*syntax == kBigEndian)
+    return fail(ErrorCode::unsupported, path, ": big endian DICOM (transfer syntax ", *syntax,
+                "): convert it, `gdcmconv --raw IN OUT`");
   const bool is_explicit = *syntax != "1.2.840.10008.1.2";
   if (auto r = walker.data_set(is_explicit, bytes.size(), false, 0); !r)
     return tl::unexpected(r.error());

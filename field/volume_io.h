@@ -100,5 +100,6 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 [[nodiscard]] Result<Volume> read_meta(const std::string& path, std::string_view head);
 [[nodiscard]] Result<Volume> read_raw(const std::string& path, const RawLayout& layout);
 [[nodiscard]] Result<Volume> read_dicom_folder(const std::string& path);
+[[nodiscard]] Result<Volume> read_dicom_file(const std::string& path);
 
 }  // namespace slf::volume_io

@@ -1,9 +1,11 @@
-// A folder of DICOM slices, sorted in space and stacked.
+// DICOM slices, of a folder or of one file, sorted in space and stacked.
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <filesystem>
+#include <iterator>
 #include <map>
+#include <optional>
+#include <span>
 
 #include "field/volume_dicom.h"
 #include "field/volume_io.h"
@@ -13,7 +15,9 @@ namespace slf::volume_io {
 
 namespace {
 
-Result<std::vector<DicomSlice>> read_headers(const std::string& folder) {
+/// The slices of all files in a folder, or of those of one series.
+Result<std::vector<DicomSlice>> read_headers(const std::string& folder,
+                                             const std::optional<std::string>& series = {}) {
   std::vector<std::string> files;
   std::error_code code;
   for (auto it = std::filesystem::directory_iterator(folder, code);
@@ -26,9 +30,9 @@ Result<std::vector<DicomSlice>> read_headers(const std::string& folder) {
   for (const auto& file : files) {
     const auto head = read_head(file, 132);
     if (!head || !looks_like_dicom(*head)) continue;
-    auto slice = read_dicom_header(file);
-    if (!slice) return tl::unexpected(slice.error());
-    if (!slice->series.empty()) slices.push_back(std::move(*slice));
+    auto found = read_dicom_slices(file, series);
+    if (!found) return found;
+    std::move(found->begin(), found->end(), std::back_inserter(slices));
   }
   if (slices.empty())
     return fail(ErrorCode::bad_file, folder, ": no DICOM pictures among its ", files.size(),
@@ -50,6 +54,9 @@ Result<void> check_one_series(const std::string& folder, const std::vector<Dicom
 Result<void> check_alike(const std::vector<DicomSlice>& slices) {
   const auto& first = slices.front();
   for (const auto& slice : slices) {
+    if (slice.frames > 1 && slice.path != first.path)
+      return fail(ErrorCode::unsupported, slice.path, ": ", slice.frames,
+                  " frames, one of several files: give the one file that holds the volume");
     const char* what =
         slice.width != first.width || slice.height != first.height ? "size"
         : slice.type != first.type                                 ? "pixel type"
@@ -60,8 +67,8 @@ Result<void> check_alike(const std::vector<DicomSlice>& slices) {
             ? "pixel spacing"
             : nullptr;
     if (what)
-      return fail(ErrorCode::unsupported, slice.path, ": its ", what, " is not that of ",
-                  first.path,
+      return fail(ErrorCode::unsupported, slice.label(), ": its ", what, " is not that of ",
+                  first.label(),
                   ": a volume needs slices that are alike; remove those that are not "
                   "(a localizer, perhaps)");
   }
@@ -81,11 +88,11 @@ Result<void> place(std::vector<DicomSlice>& slices, Volume& volume) {
   for (std::size_t i = 1; i < slices.size(); ++i) {
     const double here = height(slices[i]) - height(slices[i - 1]);
     if (here < 1e-6)
-      return fail(ErrorCode::unsupported, slices[i].path, " and ", slices[i - 1].path,
+      return fail(ErrorCode::unsupported, slices[i].label(), " and ", slices[i - 1].label(),
                   " lie at the same place: several time points or echoes; keep one of them");
     if (std::abs(here - gap) > 0.1 * gap)
       return fail(ErrorCode::bad_file, volume.source, ": slices are not evenly spaced: ", here,
-                  " mm between ", slices[i - 1].path, " and ", slices[i].path, ", ", gap,
+                  " mm between ", slices[i - 1].label(), " and ", slices[i].label(), ", ", gap,
                   " mm on average: a slice is missing, or the series must be resampled");
   }
   volume.axes[0] = slices[0].row * slices[0].spacing.x;
@@ -95,36 +102,66 @@ Result<void> place(std::vector<DicomSlice>& slices, Volume& volume) {
   return check_axes(volume);
 }
 
-/// Slices whose scales differ have no one slope: they become f32.
-Result<void> stack_scaled(const std::vector<DicomSlice>& slices, Volume& volume) {
-  const std::uint64_t in_slice = std::uint64_t{volume.dims[0]} * volume.dims[1];
-  Volume one = volume;
-  volume.type = ScalarType::f32;
-  volume.voxels.resize(voxel_bytes(volume));
-  auto* to = reinterpret_cast<float*>(volume.voxels.data());
+/// A slice's pixels, behind those that are there: as they are, or as f32 with the scale applied
+/// where scales differ and have no one slope.
+void append(const DicomSlice& slice, std::span<const std::byte> pixels, Volume& volume) {
+  if (volume.type == slice.type) {
+    volume.voxels.insert(volume.voxels.end(), pixels.begin(), pixels.end());
+    return;
+  }
+  Volume one;
+  one.type = slice.type;
+  one.voxels.assign(pixels.begin(), pixels.end());
+  std::vector<float> scaled;
+  visit_voxels(one, [&](auto stored) {
+    for (const auto value : stored)
+      scaled.push_back(
+          static_cast<float>(slice.slope * static_cast<double>(value) + slice.intercept));
+  });
+  const auto bytes = std::as_bytes(std::span(scaled));
+  volume.voxels.insert(volume.voxels.end(), bytes.begin(), bytes.end());
+}
+
+/// Fills the voxels. Memory for all is asked for once the first file has shown its pixels.
+Result<void> stack(const std::vector<DicomSlice>& slices, Volume& volume) {
+  const bool one_file = slices.front().frames > 1;
+  DicomPixelReader reader(one_file ? std::vector(1, slices.front()) : slices);
+  std::vector<std::byte> pixels;
   for (const auto& slice : slices) {
-    auto pixels = read_dicom_pixels(slice);
-    if (!pixels) return tl::unexpected(pixels.error());
-    one.voxels = std::move(*pixels);
-    visit_voxels(one, [&](auto stored) {
-      for (std::size_t i = 0; i < in_slice; ++i)
-        to[i] = static_cast<float>(slice.slope * static_cast<double>(stored[i]) + slice.intercept);
-    });
-    to += in_slice;
+    if (pixels.empty() || !one_file) {
+      auto next = reader.next();
+      if (!next) return tl::unexpected(next.error());
+      pixels = std::move(*next);
+    }
+    if (volume.voxels.empty()) volume.voxels.reserve(voxel_bytes(volume));
+    append(slice, std::span(pixels).subspan(slice.frame * slice.bytes(), slice.bytes()), volume);
   }
   return {};
 }
 
-Result<void> stack(const std::vector<DicomSlice>& slices, Volume& volume) {
-  volume.voxels.resize(voxel_bytes(volume));
-  auto* to = volume.voxels.data();
-  for (const auto& slice : slices) {
-    const auto pixels = read_dicom_pixels(slice);
-    if (!pixels) return tl::unexpected(pixels.error());
-    std::memcpy(to, pixels->data(), pixels->size());
-    to += pixels->size();
+Result<Volume> read_series(const std::string& path, std::vector<DicomSlice> slices) {
+  Volume volume;
+  volume.source = path;
+  const auto& first = slices.front();
+  volume.type = first.type;
+  const std::array<std::uint64_t, 3> sizes{first.width, first.height, slices.size()};
+  const auto dims = check_dims(path, sizes);
+  if (!dims) return tl::unexpected(dims.error());
+  volume.dims = *dims;
+  if (auto r = check_alike(slices); !r) return tl::unexpected(r.error());
+  if (auto r = place(slices, volume); !r) return tl::unexpected(r.error());
+
+  const bool uniform = std::all_of(slices.begin(), slices.end(), [&](const DicomSlice& s) {
+    return s.slope == slices.front().slope && s.intercept == slices.front().intercept;
+  });
+  if (uniform) {
+    volume.slope = slices.front().slope;
+    volume.intercept = slices.front().intercept;
+  } else {
+    volume.type = ScalarType::f32;
   }
-  return {};
+  if (auto r = stack(slices, volume); !r) return tl::unexpected(r.error());
+  return volume;
 }
 
 }  // namespace
@@ -133,27 +170,26 @@ Result<Volume> read_dicom_folder(const std::string& path) {
   auto slices = read_headers(path);
   if (!slices) return tl::unexpected(slices.error());
   if (auto r = check_one_series(path, *slices); !r) return tl::unexpected(r.error());
-  Volume volume;
-  volume.source = path;
-  const auto& first = slices->front();
-  volume.type = first.type;
-  const std::array<std::uint64_t, 3> sizes{first.width, first.height, slices->size()};
-  const auto dims = check_dims(path, sizes);
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
-  if (auto r = check_alike(*slices); !r) return tl::unexpected(r.error());
-  if (auto r = place(*slices, volume); !r) return tl::unexpected(r.error());
+  return read_series(path, std::move(*slices));
+}
 
-  const bool uniform = std::all_of(slices->begin(), slices->end(), [&](const DicomSlice& s) {
-    return s.slope == slices->front().slope && s.intercept == slices->front().intercept;
-  });
-  if (uniform) {
-    volume.slope = slices->front().slope;
-    volume.intercept = slices->front().intercept;
+Result<Volume> read_dicom_file(const std::string& path) {
+  auto slices = read_dicom_slices(path);
+  if (!slices) return tl::unexpected(slices.error());
+  if (slices->empty())
+    return fail(ErrorCode::bad_file, path,
+                ": a DICOM file without a picture (a directory or a report); give the folder that "
+                "holds the slices, or one of them");
+  if (slices->front().frames == 1) {
+    const auto folder = std::filesystem::path(path).parent_path();
+    slices = read_headers(folder.empty() ? "." : folder.string(), slices->front().series);
+    if (!slices) return tl::unexpected(slices.error());
+    if (slices->size() == 1)
+      return fail(ErrorCode::unsupported, path,
+                  ": the single slice of its series in its folder; give a file that lies with the "
+                  "others, or a multi-frame file");
   }
-  const auto stacked = uniform ? stack(*slices, volume) : stack_scaled(*slices, volume);
-  if (!stacked) return tl::unexpected(stacked.error());
-  return volume;
+  return read_series(path, std::move(*slices));
 }
 
 }  // namespace slf::volume_io

@@ -212,7 +212,7 @@ TEST_F(VolumeBadInput, DicomFolders) {
   expect_at(cut.path(), ErrorCode::bad_file, {"claims 40 bytes", "truncated"});
   one.write("1", whole);
   expect_at(one.path(), ErrorCode::unsupported, {"5x4x1", "single slice"});
-  expect_at(one.path("1"), ErrorCode::unsupported, {"the folder that holds the series"});
+  expect_at(one.path("1"), ErrorCode::unsupported, {"the single slice of its series"});
 }
 
 /// Every format, whole.

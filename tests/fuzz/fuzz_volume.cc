@@ -22,7 +22,7 @@ enum Way : int {
   packed,  // the same, gzipped first, so that mutations reach what is inside
   labels,  // a file read as labels
   raw_8,   // a raw file with a layout
-  dicom,   // one DICOM slice: header, then pixels
+  dicom,   // one DICOM file: header, then pixels
   ways
 };
 
@@ -86,12 +86,12 @@ void check(const std::string& path, const slf::VolumeOptions& options) {
 }
 
 void check_dicom(const std::string& path) {
-  const auto slice = slf::volume_io::read_dicom_header(path);
-  if (!slice || slice->series.empty()) return;
-  const auto pixels = slf::volume_io::read_dicom_pixels(*slice);
+  const auto slices = slf::volume_io::read_dicom_slices(path);
+  if (!slices || slices->empty()) return;
+  const auto& slice = slices->front();
+  const auto pixels = slf::volume_io::DicomPixelReader({slice}).next();
   if (!pixels) return;
-  require(pixels->size() ==
-          std::uint64_t{slice->width} * slice->height * slf::bytes_per_voxel(slice->type));
+  require(pixels->size() == slice.bytes() * slice.frames);
 }
 
 }  // namespace

@@ -1,0 +1,16 @@
+# Gdcm::gdcm, the libraries of GDCM that read pictures. Their own package file is of no use: in
+# Debian it asks for the tools, which live in another package.
+find_path(GDCM_INCLUDE gdcmImageReader.h PATH_SUFFIXES gdcm-3.0)
+set(GDCM_FOUND_LIBRARIES)
+foreach(part MSFF DSED DICT IOD Common)
+  find_library(GDCM_${part} gdcm${part} REQUIRED)
+  list(APPEND GDCM_FOUND_LIBRARIES ${GDCM_${part}})
+endforeach()
+if(NOT GDCM_INCLUDE)
+  message(FATAL_ERROR "GDCM 3.0 not found: gdcmImageReader.h is missing (libgdcm-dev)")
+endif()
+if(NOT TARGET Gdcm::gdcm)
+  add_library(Gdcm::gdcm INTERFACE IMPORTED)
+  target_include_directories(Gdcm::gdcm SYSTEM INTERFACE ${GDCM_INCLUDE})
+  target_link_libraries(Gdcm::gdcm INTERFACE ${GDCM_FOUND_LIBRARIES})
+endif()
