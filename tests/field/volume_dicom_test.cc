@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <sstream>
 
 #include "field/volume.h"
 #include "field/volume_dicom.h"
@@ -192,6 +193,69 @@ TEST(VolumeDicom, OneFileStandsForItsSeries) {
   folder.write("another", dicom({.series = "1.2.9", .samples = 3}));  // would be refused
   EXPECT_FALSE(read_volume(folder.path()));
   expect_same(expect_read(folder.path("1")), expected);
+}
+
+std::string le(std::uint32_t value, int count) {
+  std::string bytes;
+  for (int i = 0; i < count; ++i) bytes += static_cast<char>(value >> 8 * i & 255);
+  return bytes;
+}
+
+std::string tag(std::uint32_t value) { return le(value >> 16, 2) + le(value & 0xffff, 2); }
+
+std::string item(const std::string& inner) {
+  return tag(0xfffee000) + le(std::uint32_t(inner.size()), 4) + inner;
+}
+
+std::string sequence(std::uint32_t of, const std::string& items) {
+  return tag(of) + "SQ" + le(0, 2) + le(std::uint32_t(items.size()), 4) + items;
+}
+
+std::string decimals(std::uint32_t of, std::string text) {
+  if (text.size() % 2) text += ' ';
+  return tag(of) + "DS" + le(std::uint32_t(text.size()), 2) + text;
+}
+
+/// The slices of write_series in one enhanced file, the frames in the order given.
+std::string enhanced(const std::vector<std::uint32_t>& order) {
+  std::string groups, pixels;
+  for (const auto k : order) {
+    const auto at = phantom_origin() + phantom_axes()[2] * double(k);
+    std::ostringstream place;
+    place << at.x << '\\' << at.y << '\\' << at.z;
+    groups += item(sequence(0x00209113, item(decimals(0x00200032, place.str()))));
+    const auto one = slice({.k = k});
+    pixels += one.substr(one.size() - 2 * kWidth * kHeight);
+  }
+  auto bytes = slice({.frames = std::to_string(order.size()), .placed = false});
+  bytes.resize(bytes.size() - 2 * kWidth * kHeight - 12);
+  const auto axes = phantom_axes();
+  const auto row = glm::normalize(axes[0]), column = glm::normalize(axes[1]);
+  std::ostringstream directions;
+  directions << row.x << '\\' << row.y << '\\' << row.z << '\\' << column.x << '\\' << column.y
+             << '\\' << column.z;
+  return bytes +
+         sequence(0x52009229,
+                  item(sequence(0x00209116, item(decimals(0x00200037, directions.str()))))) +
+         sequence(0x52009230, groups) + tag(0x7fe00010) + "OW" + le(0, 2) +
+         le(std::uint32_t(pixels.size()), 4) + pixels;
+}
+
+TEST(VolumeDicom, MultiFrameFileIsAVolume) {
+  const Folder plain, folder;
+  write_series(plain);
+  const auto expected = expect_read(plain.path());
+  const auto path = folder.write("a", enhanced({2, 0, 1}));
+  expect_same(expect_read(path), expected);
+  expect_same(expect_read(folder.path()), expected);
+  folder.write("a", enhanced({0, 1, 1}));
+  EXPECT_THAT(read_volume(path).error().message, HasSubstr("same place"));
+  const auto whole = enhanced({0, 1, 2});
+  folder.write("a", whole.substr(0, whole.size() - 1));
+  EXPECT_FALSE(read_volume(path));
+  folder.write("a", enhanced({0, 1}));
+  folder.write("b", enhanced({2, 1}));
+  EXPECT_THAT(read_volume(folder.path()).error().message, HasSubstr("give the one file"));
 }
 
 // Each flip decodes to something else or to nothing; the process and the other slices stay whole.
