@@ -1,0 +1,214 @@
+#include <algorithm>
+#include <barrier>
+#include <ctime>
+#include <numeric>
+#include <random>
+#include <thread>
+
+#include "benchmarks/storage/expect.h"
+#include "benchmarks/storage/page_cache.h"
+#include "benchmarks/storage/scenarios.h"
+#include "benchmarks/storage/store_peer.h"
+
+namespace slf::bench {
+namespace {
+
+constexpr std::size_t kAhead = 16;
+constexpr unsigned kThreads[] = {1, 8};
+constexpr std::size_t kSegment = 128;  // tiles that a store reads before another has its turn
+
+enum class What { get, decode };
+
+struct Way {
+  bool cold = false;
+  unsigned threads = 1;
+  What what = What::decode;
+};
+
+// A store under test, open, with a reader for each thread.
+struct Contestant {
+  const StorePeer* peer = nullptr;
+  std::string path;
+  std::unique_ptr<OpenStore> store;
+  std::vector<std::unique_ptr<StoreReader>> readers;
+  std::uint64_t stayed = 0;                // pages in the cache before a cold run
+  std::vector<double> seconds, latencies;  // per segment; per tile
+};
+
+double thread_seconds() {
+  timespec time = {};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + static_cast<double>(time.tv_nsec) * 1e-9;
+}
+
+// The least that makes sure that a payload has arrived: a byte of every page.
+std::byte touch(ByteSpan payload) {
+  std::byte sum{0};
+  for (std::size_t i = 0; i < payload.size(); i += 4096) sum ^= payload[i];
+  return sum;
+}
+
+// One thread's share of the work. A tile's latency runs from when the one before was done, so that
+// the time for ahead() is counted, with the first tile of its batch.
+void read_share(StoreReader& reader, std::span<const std::size_t> order, const Way& way,
+                std::vector<double>& latencies) {
+  Bytes samples;
+  volatile std::byte sink{0};
+  const auto batch = [&](std::size_t begin) {
+    const std::size_t from = std::min(begin, order.size());
+    return order.subspan(from, std::min(kAhead, order.size() - from));
+  };
+  double last = now();
+  if (way.cold) reader.ahead(batch(0));
+  for (std::size_t begin = 0; begin < order.size(); begin += kAhead) {
+    if (way.cold) reader.ahead(batch(begin + kAhead));
+    for (const std::size_t tile : batch(begin)) {
+      if (way.what == What::decode)
+        reader.read(tile, samples);
+      else
+        sink = touch(reader.get(tile));
+      const double done = now();
+      latencies.push_back(done - last);
+      last = done;
+    }
+  }
+  (void)sink;
+}
+
+// Reads a segment with all threads. Returns its seconds: of the wall clock when cold; of the
+// processor, over all threads, when hot, where nothing waits and others may share the machine.
+double read_segment(Contestant& contestant, std::span<const std::size_t> order, const Way& way) {
+  std::vector<std::vector<double>> latencies(way.threads);
+  std::vector<double> busy(way.threads);
+  double begin = 0;
+  std::barrier ready(static_cast<std::ptrdiff_t>(way.threads), [&]() noexcept { begin = now(); });
+  std::vector<std::thread> threads;
+  for (unsigned t = 0; t < way.threads; ++t)
+    threads.emplace_back([&, t] {
+      const std::size_t from = order.size() * t / way.threads;
+      const std::size_t to = order.size() * (t + 1) / way.threads;
+      latencies[t].reserve(to - from);
+      ready.arrive_and_wait();
+      const double before = thread_seconds();
+      read_share(*contestant.readers[t], order.subspan(from, to - from), way, latencies[t]);
+      busy[t] = thread_seconds() - before;
+    });
+  for (std::thread& thread : threads) thread.join();
+  const double wall = now() - begin;
+  for (const auto& some : latencies)
+    contestant.latencies.insert(contestant.latencies.end(), some.begin(), some.end());
+  return way.cold ? wall : std::accumulate(busy.begin(), busy.end(), 0.0);
+}
+
+void open(Contestant& contestant, const TileSet& set, const Way& way,
+          std::span<const std::size_t> order) {
+  contestant.seconds.clear();
+  contestant.latencies.clear();
+  contestant.readers.clear();
+  contestant.store.reset();
+  if (way.cold) contestant.stayed = drop_from_cache(contestant.path);
+  contestant.store = contestant.peer->open(set, contestant.path);
+  Bytes samples;
+  for (unsigned t = 0; t < way.threads; ++t) {
+    contestant.readers.push_back(contestant.store->reader());
+    for (const std::size_t tile : order) {  // fills the caches of the kernel and of the store
+      if (way.cold) break;
+      if (contestant.peer->gets())
+        (void)touch(contestant.readers.back()->get(tile));
+      else if (t == 0)
+        contestant.readers.back()->read(tile, samples);
+    }
+  }
+}
+
+double sum(const std::vector<double>& values) {
+  return std::accumulate(values.begin(), values.end(), 0.0);
+}
+
+// How many times faster the first contestant is than another. Hot: the median over the turns, which
+// what else the machine does hardly moves. Cold: over all turns together, as what one read ahead
+// serves the next.
+double ratio_to(const Contestant& ours, const Contestant& other, const Way& way) {
+  if (way.cold) return sum(other.seconds) / sum(ours.seconds);
+  std::vector<double> ratios;
+  for (std::size_t s = 0; s < ours.seconds.size(); ++s)
+    ratios.push_back(other.seconds[s] / ours.seconds[s]);
+  return percentile(ratios, 0.5);
+}
+
+// Segments go through all stores, each time from another on, so that what else the machine does
+// strikes all alike.
+void race(std::vector<Contestant>& contestants, const Way& way,
+          std::span<const std::size_t> order) {
+  const std::size_t length = kSegment * (way.threads > 1 ? 4 : 1);
+  for (std::size_t begin = 0, turn = 0; begin + length <= order.size(); begin += length, ++turn)
+    for (std::size_t k = 0; k < contestants.size(); ++k) {
+      Contestant& next = contestants[(k + turn) % contestants.size()];
+      next.seconds.push_back(read_segment(next, order.subspan(begin, length), way));
+    }
+}
+
+void report_race(const TileSet& set, std::vector<Contestant>& contestants, const Way& way,
+                 Report& report) {
+  std::vector<Row> rows;
+  double least = 1e9;
+  const double tiles = static_cast<double>(contestants[0].latencies.size());
+  for (Contestant& contestant : contestants) {
+    const double ratio = ratio_to(contestants[0], contestant, way);
+    if (&contestant != &contestants[0] && !contestant.peer->bound()) least = std::min(least, ratio);
+    rows.push_back({{"store", contestant.peer->name()},
+                    {way.cold ? "tiles/s" : "tiles/cpu s", tiles / sum(contestant.seconds)},
+                    {"ours/it", ratio},
+                    {"p50 us", percentile(contestant.latencies, 0.5) * 1e6},
+                    {"p99 us", percentile(contestant.latencies, 0.99) * 1e6},
+                    {"file/payload", static_cast<double>(disk_bytes(contestant.path)) /
+                                         static_cast<double>(set.bytes())},
+                    {"pages not cold", way.cold ? Row(contestant.stayed) : Row()}});
+  }
+  const std::string title = set.name + ", " + (way.cold ? "cold" : "hot") + ", " +
+                            std::to_string(way.threads) +
+                            (way.threads > 1 ? " threads" : " thread") +
+                            (way.what == What::get ? ", get" : ", get + decode");
+  report.table(title, rows);
+  if (way.what == What::decode || way.cold)
+    report.target(title + ": ours / best peer", least, way.cold ? 1.5 : 0.95, true);
+}
+
+}  // namespace
+
+void measure_reads(const Settings& settings, const TileSet& set, Report& report) {
+  const std::vector<std::unique_ptr<StorePeer>> peers = store_peers();
+  std::vector<Contestant> all;
+  for (const auto& peer : peers) {
+    if (!peer->holds(set)) continue;
+    Contestant& contestant = all.emplace_back();
+    contestant.peer = peer.get();
+    contestant.path = settings.folder + "/reads-" + std::to_string(all.size());
+    remove_files(contestant.path);
+    peer->write(set, contestant.path);
+    (void)drop_from_cache(contestant.path);
+  }
+  std::vector<std::size_t> order(set.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::shuffle(order.begin(), order.end(), std::mt19937_64(1));
+  order.resize(std::min(order.size(), settings.reads));
+
+  for (const bool cold : {false, true})
+    for (const unsigned threads : kThreads)
+      for (const What what : {What::get, What::decode}) {
+        const Way way{cold, threads, what};
+        std::vector<Contestant> contestants;
+        for (Contestant& contestant : all) {
+          if (what == What::get && !contestant.peer->gets()) continue;
+          Contestant& opened = contestants.emplace_back();
+          opened.peer = contestant.peer;
+          opened.path = contestant.path;
+          open(opened, set, way, order);
+        }
+        race(contestants, way, order);
+        report_race(set, contestants, way, report);
+      }
+  for (const Contestant& contestant : all) remove_files(contestant.path);
+}
+
+}  // namespace slf::bench

@@ -1,0 +1,136 @@
+#include <algorithm>
+#include <filesystem>
+
+#include "benchmarks/storage/expect.h"
+#include "benchmarks/storage/page_cache.h"
+#include "benchmarks/storage/scenarios.h"
+#include "field/field.h"
+#include "field/parallel.h"
+#include "field/repack.h"
+
+namespace slf::bench {
+namespace {
+
+constexpr std::size_t kTiles = 4000;
+constexpr std::uint64_t kCommitBytes = 32ull << 20;
+
+// Samples of the tiles, all in memory, and a codec to encode them with.
+struct Work {
+  TileSet set;
+  std::vector<Bytes> samples;
+};
+
+Work work_of(const Settings& settings) {
+  Work work{tiles_of_field(settings.field, kTiles), {}};
+  work.samples.resize(work.set.size());
+  parallel_for(work.set.size(), 0,
+               [&](std::uint64_t i) { work.set.decode(i, work.set.payloads[i], work.samples[i]); });
+  return work;
+}
+
+double encode_alone(const Work& work, unsigned threads) {
+  const double begin = now();
+  std::atomic<std::uint64_t> next{0};
+  on_threads(threads, [&] {
+    Bytes payload;
+    for (std::uint64_t i; (i = next.fetch_add(1)) < work.set.size();)
+      expect(work.set.codec->encode(work.set.shapes[i], work.samples[i], payload));
+  });
+  return now() - begin;
+}
+
+// As build_field does it: encoders on all threads, one writer, a commit every 32 MiB.
+double encode_and_store(const Work& work, unsigned threads, const std::string& path) {
+  const double begin = now();
+  const std::string layer = "color";
+  auto writer = expect(storage::TileWriter::create(path, {&layer, 1}, {}));
+  OrderedPipeline<Bytes> pipeline(work.set.size(), threads, 8 * threads, [&] {
+    return [&](std::uint64_t i) {
+      Bytes payload;
+      expect(work.set.codec->encode(work.set.shapes[i], work.samples[i], payload));
+      return payload;
+    };
+  });
+  for (std::size_t i = 0; i < work.set.size(); ++i) {
+    expect(writer.append(0, {work.set.level, work.set.keys[i]}, pipeline.take()));
+    if (writer.pending_bytes() >= kCommitBytes) expect(writer.commit());
+  }
+  expect(writer.close());
+  return now() - begin;
+}
+
+// Decodes every stored tile of the field and encodes it with codecs of the same kind, in memory.
+double recode_alone(const Field& field, const std::vector<std::unique_ptr<codec::Codec>>& codecs,
+                    unsigned threads) {
+  const double begin = now();
+  std::vector<storage::TileRef> tiles;
+  for (storage::LayerId layer = 0; layer < codecs.size(); ++layer)
+    expect(field.store().visit(layer, {0, 0}, {255, 0},
+                               [&](const storage::TileRef& tile) -> Result<void> {
+                                 if (tile.state == storage::TileState::stored)
+                                   tiles.push_back(tile);
+                                 return {};
+                               }));
+  std::atomic<std::uint64_t> next{0};
+  on_threads(threads, [&] {
+    Bytes samples, payload;
+    for (std::uint64_t i; (i = next.fetch_add(1)) < tiles.size();) {
+      const codec::Tile shape = field.tile_shape(tiles[i].layer, tiles[i].key);
+      samples.resize(shape.bytes());
+      expect(field.decode(tiles[i], samples));
+      expect(codecs[tiles[i].layer]->encode(shape, samples, payload));
+    }
+  });
+  return now() - begin;
+}
+
+Row row(const std::string& what, double alone, double whole) {
+  return {{"what", what},
+          {"codec alone s", alone},
+          {"with the store s", whole},
+          {"above", whole / alone - 1}};
+}
+
+}  // namespace
+
+void measure_writes(const Settings& settings, Report& report) {
+  const unsigned threads = thread_count(0);
+  const std::string path = settings.folder + "/written.slf";
+  const auto fresh = [&] { std::filesystem::remove(path); };
+
+  double alone = 1e9, whole = 1e9;
+  {
+    const Work work = work_of(settings);
+    for (int round = 0; round < settings.rounds; ++round) {
+      alone = std::min(alone, encode_alone(work, threads));
+      fresh();
+      whole = std::min(whole, encode_and_store(work, threads, path));
+    }
+  }
+
+  const auto field = expect(Field::open(settings.field));
+  RepackOptions options;
+  options.color_codec = "jpeg:60";
+  options.depth_codec = "zstd:3";
+  options.threads = threads;
+  std::vector<std::unique_ptr<codec::Codec>> codecs;
+  for (const Layer& layer : field->manifest().layers)
+    codecs.push_back(expect(codec::make_codec(
+        layer.format == codec::SampleFormat::depth8 ? options.depth_codec : options.color_codec,
+        layer.format)));
+  double recode = 1e9, repack = 1e9;
+  for (int round = 0; round < std::min(settings.rounds, 3); ++round) {
+    recode = std::min(recode, recode_alone(*field, codecs, threads));
+    fresh();
+    const double begin = now();
+    (void)expect(repack_field(*field, path, options));
+    repack = std::min(repack, now() - begin);
+  }
+  fresh();
+  report.table("bulk writes, " + std::to_string(threads) + " threads, to the disk and synced",
+               {row("build: encode", alone, whole), row("repack: decode, encode", recode, repack)});
+  report.target("build: time above encoding alone", whole / alone - 1, 0.15, false);
+  report.target("repack: time above recoding alone", repack / recode - 1, 0.15, false);
+}
+
+}  // namespace slf::bench

@@ -1,0 +1,21 @@
+# Every store that tiles are compared in is optional: what is missing is named when it runs.
+find_package(CLI11)
+if(CLI11_FOUND)
+  file(GLOB storage_peers_sources CONFIGURE_DEPENDS storage/*.cc)
+  list(FILTER storage_peers_sources EXCLUDE REGEX "/peer_(sqlite|rocksdb|hdf5|tiff)\\.cc$")
+  add_executable(storage_peers ${storage_peers_sources})
+  target_link_libraries(storage_peers PRIVATE
+    slf::field CLI11::CLI11 Threads::Threads slf_options)
+
+  foreach(peer sqlite:sqlite3 rocksdb:rocksdb hdf5:hdf5 tiff:libtiff-4)
+    string(REGEX REPLACE ":.*" "" name ${peer})
+    string(REGEX REPLACE ".*:" "" package ${peer})
+    string(TOUPPER ${name} NAME)
+    pkg_check_modules(PEER_${NAME} IMPORTED_TARGET ${package})
+    if(PEER_${NAME}_FOUND)
+      target_sources(storage_peers PRIVATE storage/peer_${name}.cc)
+      target_link_libraries(storage_peers PRIVATE PkgConfig::PEER_${NAME})
+      target_compile_definitions(storage_peers PRIVATE SLF_WITH_${NAME})
+    endif()
+  endforeach()
+endif()
