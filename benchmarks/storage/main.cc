@@ -12,8 +12,9 @@
 // Cold: after fsync and POSIX_FADV_DONTNEED mincore finds no page of the files ("pages not cold"
 // says if it does), tiles are read once, at random, and stores that take hints get them 16 tiles
 // ahead; speeds are of the wall clock. A virtual machine's host may still have the disk cached.
-// Stores take turns every 128 tiles (512 with 8 threads). "ours/it", the ratio of the speeds, is
-// the median over the turns when hot, and over all tiles when cold.
+// Stores take turns every 128 tiles (512 with 8 threads), when cold on a file dropped anew;
+// "ours/it" is the median over the turns of the ratio of the speeds. "read KiB/tile" is what the
+// kernel fetched, readahead included.
 #include <CLI/CLI.hpp>
 #include <filesystem>
 

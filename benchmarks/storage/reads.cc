@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <barrier>
 #include <ctime>
+#include <fstream>
 #include <numeric>
 #include <random>
 #include <thread>
@@ -25,6 +26,14 @@ struct Way {
   What what = What::decode;
 };
 
+// Bytes this process has had the kernel fetch from disks, readahead included.
+std::uint64_t bytes_from_disk() {
+  std::ifstream io("/proc/self/io");
+  for (std::string name; io >> name;)
+    if (std::uint64_t bytes = 0; name == "read_bytes:" && io >> bytes) return bytes;
+  return 0;
+}
+
 // A store under test, open, with a reader for each thread.
 struct Contestant {
   const StorePeer* peer = nullptr;
@@ -32,6 +41,7 @@ struct Contestant {
   std::unique_ptr<OpenStore> store;
   std::vector<std::unique_ptr<StoreReader>> readers;
   std::uint64_t stayed = 0;                // pages in the cache before a cold run
+  std::uint64_t bytes_read = 0;            // from the disk, for the tiles
   std::vector<double> seconds, latencies;  // per segment; per tile
 };
 
@@ -100,13 +110,12 @@ double read_segment(Contestant& contestant, std::span<const std::size_t> order, 
   return way.cold ? wall : std::accumulate(busy.begin(), busy.end(), 0.0);
 }
 
+// Opens a store anew: cold from its first page on, or hot to its last.
 void open(Contestant& contestant, const TileSet& set, const Way& way,
           std::span<const std::size_t> order) {
-  contestant.seconds.clear();
-  contestant.latencies.clear();
   contestant.readers.clear();
   contestant.store.reset();
-  if (way.cold) contestant.stayed = drop_from_cache(contestant.path);
+  if (way.cold) contestant.stayed = std::max(contestant.stayed, drop_from_cache(contestant.path));
   contestant.store = contestant.peer->open(set, contestant.path);
   Bytes samples;
   for (unsigned t = 0; t < way.threads; ++t) {
@@ -121,30 +130,31 @@ void open(Contestant& contestant, const TileSet& set, const Way& way,
   }
 }
 
-double sum(const std::vector<double>& values) {
-  return std::accumulate(values.begin(), values.end(), 0.0);
-}
-
-// How many times faster the first contestant is than another. Hot: the median over the turns, which
-// what else the machine does hardly moves. Cold: over all turns together, as what one read ahead
-// serves the next.
-double ratio_to(const Contestant& ours, const Contestant& other, const Way& way) {
-  if (way.cold) return sum(other.seconds) / sum(ours.seconds);
+// How many times faster the first contestant is than another, turn by turn: the median, which what
+// else the machine does hardly moves.
+double ratio_to(const Contestant& ours, const Contestant& other) {
   std::vector<double> ratios;
   for (std::size_t s = 0; s < ours.seconds.size(); ++s)
     ratios.push_back(other.seconds[s] / ours.seconds[s]);
   return percentile(ratios, 0.5);
 }
 
-// Segments go through all stores, each time from another on, so that what else the machine does
-// strikes all alike.
-void race(std::vector<Contestant>& contestants, const Way& way,
+// Turns go through all stores, each time from another on, so that what else the machine does
+// strikes all alike. When cold, the whole file is dropped before every turn: with a generous
+// readahead a few reads would load what later ones ask for, as they cannot where it exceeds memory.
+void race(std::vector<Contestant>& contestants, const TileSet& set, const Way& way,
           std::span<const std::size_t> order) {
   const std::size_t length = kSegment * (way.threads > 1 ? 4 : 1);
   for (std::size_t begin = 0, turn = 0; begin + length <= order.size(); begin += length, ++turn)
     for (std::size_t k = 0; k < contestants.size(); ++k) {
       Contestant& next = contestants[(k + turn) % contestants.size()];
+      if (way.cold) open(next, set, way, order);
+      const std::uint64_t before = bytes_from_disk();
       next.seconds.push_back(read_segment(next, order.subspan(begin, length), way));
+      next.bytes_read += bytes_from_disk() - before;
+      if (!way.cold) continue;
+      next.readers.clear();
+      next.store.reset();
     }
 }
 
@@ -154,16 +164,19 @@ void report_race(const TileSet& set, std::vector<Contestant>& contestants, const
   double least = 1e9;
   const double tiles = static_cast<double>(contestants[0].latencies.size());
   for (Contestant& contestant : contestants) {
-    const double ratio = ratio_to(contestants[0], contestant, way);
+    const double ratio = ratio_to(contestants[0], contestant);
     if (&contestant != &contestants[0] && !contestant.peer->bound()) least = std::min(least, ratio);
-    rows.push_back({{"store", contestant.peer->name()},
-                    {way.cold ? "tiles/s" : "tiles/cpu s", tiles / sum(contestant.seconds)},
-                    {"ours/it", ratio},
-                    {"p50 us", percentile(contestant.latencies, 0.5) * 1e6},
-                    {"p99 us", percentile(contestant.latencies, 0.99) * 1e6},
-                    {"file/payload", static_cast<double>(disk_bytes(contestant.path)) /
-                                         static_cast<double>(set.bytes())},
-                    {"pages not cold", way.cold ? Row(contestant.stayed) : Row()}});
+    rows.push_back(
+        {{"store", contestant.peer->name()},
+         {way.cold ? "tiles/s" : "tiles/cpu s",
+          tiles / std::accumulate(contestant.seconds.begin(), contestant.seconds.end(), 0.0)},
+         {"ours/it", ratio},
+         {"p50 us", percentile(contestant.latencies, 0.5) * 1e6},
+         {"p99 us", percentile(contestant.latencies, 0.99) * 1e6},
+         {"file/payload",
+          static_cast<double>(disk_bytes(contestant.path)) / static_cast<double>(set.bytes())},
+         {"read KiB/tile", static_cast<double>(contestant.bytes_read) / 1024 / tiles},
+         {"pages not cold", way.cold ? Row(contestant.stayed) : Row()}});
   }
   const std::string title = set.name + ", " + (way.cold ? "cold" : "hot") + ", " +
                             std::to_string(way.threads) +
@@ -203,9 +216,9 @@ void measure_reads(const Settings& settings, const TileSet& set, Report& report)
           Contestant& opened = contestants.emplace_back();
           opened.peer = contestant.peer;
           opened.path = contestant.path;
-          open(opened, set, way, order);
+          if (!cold) open(opened, set, way, order);
         }
-        race(contestants, way, order);
+        race(contestants, set, way, order);
         report_race(set, contestants, way, report);
       }
   for (const Contestant& contestant : all) remove_files(contestant.path);
