@@ -1,0 +1,193 @@
+// Fields of this format version, kept for ever, and what `slf` says of them: if these tests fail,
+// existing fields can no longer be read, or are read as something else. Bad ones too: what is
+// refused today must be refused tomorrow, with the same exit code.
+//
+// To write them anew, only with a new format version:
+//   SLF_WRITE_GOLDEN=1 cli_tests --gtest_filter='GoldenFields*'
+#include <cmath>
+#include <cstdlib>
+
+#include "field/analytic.h"
+#include "field/image.h"
+#include "field/repack.h"
+#include "tests/cli/cli_testing.h"
+#include "tests/field/field_testing.h"
+
+namespace slf {
+namespace {
+
+using testing::read_text;
+using testing::slf;
+using testing::Workplace;
+
+std::string golden(const std::string& name) {
+  return std::string(SLF_TEST_DATA) + "/golden/" + name;
+}
+
+/// `slf info --json` without what depends on where the file is.
+nlohmann::json info_of(const std::string& path) { return slf({"info", path, "--json"}).json(); }
+
+std::vector<std::string> view_of(const std::string& path, const std::string& picture) {
+  return {"render", path, "-o", picture, "--size", "64", "--orbit", "315,35,3", "-f"};
+}
+
+struct Good {
+  const char* name;
+  double least_psnr;  ///< of the picture; JPEG decoders and float arithmetic may differ a little
+};
+constexpr Good kGood[] = {{"example", 50}, {"jpeg", 40}, {"zstd", 50},
+                          {"half", 50},    {"deep", 50}, {"subfields", 50}};
+
+struct Bad {
+  const char* name;
+  std::vector<std::string> command;
+  int exit_code;
+  const char* message;  ///< part of what stderr or, for verify, stdout says
+};
+const Bad kBad[] = {
+    {"truncated", {"info"}, 3, "truncated.slf"},
+    {"truncated", {"verify"}, 3, "S1 "},
+    {"flipped_tile", {"info"}, 0, ""},
+    {"flipped_tile", {"verify"}, 3, "T1 "},
+    {"flipped_tile", {"verify", "--quick"}, 0, "all good"},
+    {"newer_major", {"info"}, 5, "update slf"},
+    {"newer_major", {"verify"}, 5, "update slf"},
+    {"required_feature", {"info"}, 5, "hologram"},
+    {"not_a_field", {"info"}, 3, "not_a_field.slf"},
+    {"not_a_field", {"verify"}, 3, "M1 "},
+    {"not_a_container", {"info"}, 3, "not_a_container.slf"},
+    {"not_a_container", {"verify"}, 3, "S1 "},
+    {"incomplete", {"info"}, 0, "incomplete"},
+    {"incomplete", {"verify"}, 0, "C1 "},
+};
+
+// ---- writing them ----------------------------------------------------------------------------
+
+void write(const std::string& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary | std::ios::trunc) << bytes;
+}
+
+BuildOptions options_for(const std::string& name) {
+  auto options = testing::lossless_options(1, 3, 1);
+  options.color_codec = name == "jpeg" ? "jpeg:80" : name == "example" ? "raw" : "zstd:9";
+  options.depth_codec = name == "jpeg" ? "jpeg:60" : name == "example" ? "" : "zstd:9";
+  options.half = name == "half";
+  if (name == "deep") {
+    options.shape.entry_side = 2, options.shape.entry_depth = 1;
+    options.shape.levels = 0;
+  }
+  if (name == "subfields" || name == "example")
+    options.shape.entry_side = 4, options.shape.levels = 0;
+  if (name == "example") options.shape.exit_side = 2;
+  return options;
+}
+
+/// Builds a field and repacks it, so that it is as small as can be. A few subfields, entered from
+/// one side, do where that is what is tested.
+void write_good(const std::string& name) {
+  const Workplace place;
+  const auto scene = make_analytic_scene("balls");
+  const auto field = testing::build_and_open(**scene, place / "built.slf", options_for(name));
+  RepackOptions options;
+  options.replace = true;
+  if (name == "example") options.subfields = {28};
+  if (name == "subfields") options.subfields = {24, 25, 26, 27, 28, 29, 30, 31};
+  const auto done = repack_field(*field, golden(name + ".slf"), options);
+  ASSERT_TRUE(done) << done.error().message;
+  write(golden(name + ".json"), info_of(golden(name + ".slf")).dump(1) + "\n");
+  ASSERT_EQ(slf(view_of(golden(name + ".slf"), golden(name + ".png"))).exit_code, 0);
+}
+
+/// A container of one color layer with this manifest, if any, and no tiles.
+void write_container(const std::string& path, const nlohmann::json& manifest) {
+  std::filesystem::remove(path);
+  std::vector<std::pair<std::string, Bytes>> blobs{{"tables/color", {}}};
+  const std::string text = manifest.dump();
+  const ByteSpan bytes = as_bytes(std::span<const char>(text));
+  if (!manifest.is_null()) blobs.emplace_back(kManifestBlob, Bytes(bytes.begin(), bytes.end()));
+  const std::vector<std::string> layers{"color"};
+  auto writer = storage::TileWriter::create(path, layers, blobs);
+  ASSERT_TRUE(writer);
+  ASSERT_TRUE(writer->close());
+}
+
+void write_bad() {
+  const std::string bytes = read_text(golden("example.slf"));
+  write(golden("truncated.slf"), bytes.substr(0, bytes.size() - 4096 - 100));
+  write(golden("not_a_container.slf"), "Sphere light field? No: text.\n");
+  const auto field = Field::open(golden("example.slf"));
+  const auto tile = (*field)->store().find(0, {0, 28});
+  ASSERT_EQ(tile->state, storage::TileState::stored);
+  std::string flipped = bytes;
+  flipped[(*field)->store().range(*tile).begin + 5] ^= 1;
+  write(golden("flipped_tile.slf"), flipped);
+  nlohmann::json json = (*field)->manifest().to_json();
+  write_container(golden("incomplete.slf"), json);
+  write_container(golden("not_a_field.slf"), nullptr);
+  json["required"] = {"hologram"};
+  write_container(golden("required_feature.slf"), json);
+  json["required"] = nlohmann::json::array();
+  json["slf"]["major"] = 2;
+  write_container(golden("newer_major.slf"), json);
+}
+
+class GoldenFields : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    if (!std::getenv("SLF_WRITE_GOLDEN")) return;
+    std::filesystem::create_directories(golden(""));
+    for (const Good& good : kGood) write_good(good.name);
+    write_bad();
+  }
+};
+
+// ---- reading them ----------------------------------------------------------------------------
+
+TEST_F(GoldenFields, GoodOnesAreReadAsEver) {
+  const Workplace place;
+  for (const auto& [name, least_psnr] : kGood) {
+    SCOPED_TRACE(name);
+    const std::string path = golden(std::string(name) + ".slf");
+    const auto expected = nlohmann::json::parse(read_text(golden(std::string(name) + ".json")),
+                                                nullptr, /*allow_exceptions=*/false);
+    const auto info = info_of(path);
+    for (const auto& [member, value] : expected.items())  // newer programs may say more
+      EXPECT_EQ(info.value(member, nlohmann::json()), value) << member;
+    EXPECT_EQ(slf({"verify", path}).exit_code, 0);
+    ASSERT_EQ(slf(view_of(path, place / "o.png")).exit_code, 0);
+    const auto drawn = read_image(place / "o.png");
+    const auto picture = read_image(golden(std::string(name) + ".png"));
+    ASSERT_TRUE(drawn && picture);
+    EXPECT_GE(compare(*drawn, *picture).psnr, least_psnr);
+    float most = 0;
+    for (const glm::vec4& pixel : drawn->rgba) most = std::max({most, pixel.r, pixel.g, pixel.b});
+    EXPECT_GT(most, 0.2f);  // there is something to see
+  }
+}
+
+TEST_F(GoldenFields, BadOnesAreRefusedAsEver) {
+  for (const Bad& bad : kBad) {
+    auto arguments = bad.command;
+    arguments.push_back(golden(std::string(bad.name) + ".slf"));
+    const auto outcome = slf(arguments);
+    SCOPED_TRACE(bad.name + (" " + bad.command[0]) + ": " + outcome.out + outcome.err);
+    EXPECT_EQ(outcome.signal, 0);
+    EXPECT_EQ(outcome.exit_code, bad.exit_code);
+    EXPECT_NE((outcome.err + outcome.out).find(bad.message), std::string::npos);
+  }
+}
+
+TEST_F(GoldenFields, EveryOneIsTested) {
+  std::vector<std::string> tested, there;
+  for (const Good& good : kGood) tested.push_back(good.name);
+  for (const Bad& bad : kBad)
+    if (tested.back() != bad.name) tested.push_back(bad.name);
+  for (const auto& entry : std::filesystem::directory_iterator(golden("")))
+    if (entry.path().extension() == ".slf") there.push_back(entry.path().stem());
+  std::sort(tested.begin(), tested.end());
+  std::sort(there.begin(), there.end());
+  EXPECT_EQ(tested, there);
+}
+
+}  // namespace
+}  // namespace slf

@@ -1,0 +1,138 @@
+// Any bytes as a whole field: opening, counting, decoding, drawing and verifying neither crash nor
+// hang, and a field without findings has tiles that all decode.
+//
+// Checksums would keep a fuzzer from the manifest and the tables, so the same bytes are also taken
+// as those: byte 0 chooses, and for the parts of a field made here, the rest is one of them.
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "field/field.h"
+#include "field/render.h"
+#include "field/verify.h"
+
+namespace {
+
+using namespace slf;
+
+void require(bool promise) {
+  if (!promise) std::abort();
+}
+
+constexpr std::uint64_t kMostSamples = 1u << 16;  // larger tiles only cost time
+constexpr std::uint64_t kMostTiles = 256;
+
+/// Decodes every tile that is stored; the number of those that do not.
+std::uint64_t decode_all(const Field& field) {
+  std::uint64_t bad = 0, tiles = 0;
+  Bytes samples;
+  for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer)
+    (void)field.store().visit(layer, {0, 0}, {255, 0},
+                              [&](const storage::TileRef& tile) -> Result<void> {
+                                if (++tiles > kMostTiles || !field.shape().has(tile.key) ||
+                                    tile.state != storage::TileState::stored)
+                                  return {};
+                                samples.resize(field.tile_shape(layer, tile.key).bytes());
+                                if (!field.decode(tile, samples)) ++bad;
+                                return {};
+                              });
+  return bad;
+}
+
+void draw(const Field& field) {
+  Camera camera;
+  const Sphere& sphere = field.shape().sphere;
+  camera.look_at = sphere.center;
+  camera.eye = sphere.center + 3.0 * sphere.radius * glm::dvec3(0.5, 0.7, 0.4);
+  camera.width = camera.height = 16;
+  RendererOptions options;
+  options.threads = 1;
+  options.memory = 1u << 20;
+  Renderer renderer(field, options);
+  ViewOptions view;
+  view.level = field.shape().levels;
+  for (const RenderMode mode : {RenderMode::nearest, default_mode(field), RenderMode::depth}) {
+    view.mode = mode;
+    (void)renderer.render(camera, view);
+  }
+}
+
+void use(const std::string& path) {
+  {
+    const auto field = Field::open(path);
+    if (!field) return;
+    const FieldShape& shape = (*field)->shape();
+    if (shape.largest_tile() > kMostSamples || shape.tiles(shape.levels) > 1u << 14 ||
+        shape.entry_resolution(shape.levels) > 64 || shape.exit_resolution(shape.levels) > 256)
+      return;
+    (void)(*field)->content();
+    const std::uint64_t bad = decode_all(**field);
+    draw(**field);
+    VerifyOptions options;
+    options.threads = 1;
+    const auto whole = verify_field(path, options);
+    if (whole && whole->found == 0) require(bad == 0 && whole->complete);
+    options.quick = true;
+    const auto quick = verify_field(path, options);
+    require(!whole || !quick || quick->found <= whole->found);
+  }
+}
+
+void use_bytes(ByteSpan bytes) {
+  const int file = memfd_create("field", MFD_CLOEXEC);
+  require(file >= 0 &&
+          write(file, bytes.data(), bytes.size()) == static_cast<ssize_t>(bytes.size()));
+  use("/proc/self/fd/" + std::to_string(file));
+  close(file);
+}
+
+constexpr std::string_view kManifest =
+    R"({"slf":{"major":1,"minor":0},"required":[],"sphere":{"center":[0,0,0],"radius":1},
+"entry_side":1,"exit_side":2,"levels":0,"entry_depth":0,"subfields":[7],"provenance":{},"layers":[
+{"name":"color","format":"rgba8","codec":"jpeg:75"},
+{"name":"depth","format":"depth8","codec":"zstd:1"}]})";
+
+Bytes bytes_of(std::string_view text) {
+  const ByteSpan bytes = as_bytes(std::span<const char>(text));
+  return {bytes.begin(), bytes.end()};
+}
+
+/// A field of one tile, with one of its parts replaced.
+void use_part(unsigned part, ByteSpan bytes) {
+  const Bytes given(bytes.begin(), bytes.end());
+  const std::string path =
+      (std::filesystem::exists("/dev/shm") ? "/dev/shm/slf-fuzz-" : "/tmp/slf-fuzz-") +
+      std::to_string(getpid());
+  std::filesystem::remove(path);
+  const std::vector<std::string> layers{"color", "depth"};
+  const std::vector<std::pair<std::string, Bytes>> blobs{
+      {kManifestBlob, part == 0 ? given : bytes_of(kManifest)},
+      {"tables/color", part == 1 ? given : Bytes{}},
+      {"tables/depth", {}}};
+  {
+    auto writer = storage::TileWriter::create(path, layers, blobs);
+    require(writer.has_value());
+    require(writer->append(0, {0, 7}, part <= 2 ? ByteSpan(given) : ByteSpan()).has_value());
+    require(writer->append(1, {0, 7}, part == 3 ? ByteSpan(given) : ByteSpan()).has_value());
+    require(writer->close().has_value());
+  }
+  use(path);
+  std::filesystem::remove(path);
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  if (size == 0) return 0;
+  const ByteSpan bytes = std::as_bytes(std::span(data, size));
+  if (data[0] >= '0' && data[0] <= '3')
+    use_part(data[0] - '0', bytes.subspan(1));
+  else
+    use_bytes(bytes);
+  return 0;
+}
