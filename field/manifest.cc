@@ -10,6 +10,7 @@ namespace {
 constexpr std::uint64_t kMostTileSamples = 1ull << 24;  // 64 MiB of RGBA
 constexpr std::uint32_t kMostSide = 1024;
 constexpr std::uint32_t kMostResolution = 4096;
+constexpr int kDeepest = 64;
 
 constexpr codec::SampleFormat kFormats[] = {codec::SampleFormat::rgba8, codec::SampleFormat::depth8,
                                             codec::SampleFormat::rgba16f};
@@ -121,7 +122,15 @@ nlohmann::json Manifest::to_json() const {
 }
 
 Result<Manifest> Manifest::parse(std::string_view text, const std::string& file) {
-  const auto json = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
+  // Copying and printing JSON recurses: its depth is bounded by the stack.
+  bool too_deep = false;
+  const auto limit_depth = [&](int depth, nlohmann::json::parse_event_t, nlohmann::json&) {
+    too_deep |= depth > kDeepest;
+    return !too_deep;
+  };
+  const auto json = nlohmann::json::parse(text, limit_depth, /*allow_exceptions=*/false);
+  if (too_deep)
+    return fail(ErrorCode::bad_file, file, ": the manifest is nested deeper than ", kDeepest);
   if (!json.is_object()) return fail(ErrorCode::bad_file, file, ": the manifest is not JSON");
   Reader in(json, file);
   const std::uint32_t major = in.integer("/slf/major", 1u << 20);
@@ -143,7 +152,10 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   shape.levels = in.integer("/levels", 10);
   shape.entry_depth = in.integer("/entry_depth", 8);
 
-  if (json.contains("subfields"))
+  if (json.contains("subfields") &&
+      (!json["subfields"].is_array() || json["subfields"].size() > 64))
+    in.problem("/subfields", "is not an array of at most 64 numbers");
+  else if (json.contains("subfields"))
     for (std::size_t k = 0; k < std::min<std::size_t>(json["subfields"].size(), 64); ++k)
       shape.subfields.push_back(
           static_cast<std::uint8_t>(in.integer("/subfields/" + std::to_string(k), 63)));
@@ -159,13 +171,18 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
       in.problem(at + "/format", "is not a known sample format");
     else
       layer.format = *known;
+    if (layer.name == "color" || layer.name == "depth")
+      if ((layer.name == "depth") != (layer.format == codec::SampleFormat::depth8))
+        in.problem(at + "/format", "does not suit the layer " + layer.name);
     manifest.layers.push_back(std::move(layer));
   }
+  if (json.contains("provenance") && !json["provenance"].is_object())
+    in.problem("/provenance", "is not an object");
   if (manifest.layers.empty()) in.problem("/layers", "names no layer");
   if (!in.error().empty()) return fail(ErrorCode::bad_file, in.error());
   if (auto ok = shape.check(); !ok)
     return fail(ErrorCode::bad_file, file, ": manifest: ", ok.error().message);
-  if (json.contains("provenance")) manifest.provenance = json["provenance"];
+  manifest.provenance = json.value("provenance", nlohmann::json::object());
   return manifest;
 }
 

@@ -87,7 +87,7 @@ std::vector<std::uint8_t> find_visible_bricks(const RayGrid& grid, const Visibil
 /// Chebyshev distance to the nearest brick that is 0, capped at 255: the separable maximum of
 /// distances, found by two sweeps of the 3×3×3 neighbourhood.
 void spread_distance(std::vector<std::uint8_t>& bricks, const std::array<std::int32_t, 3>& size) {
-  const auto [nx, ny, nz] = size;
+  const std::int32_t nx = size[0], ny = size[1], nz = size[2];  // clang 14 captures no bindings
   const auto at = [&](int x, int y, int z) -> std::uint8_t& {
     return bricks[(static_cast<std::size_t>(z) * ny + y) * nx + x];
   };

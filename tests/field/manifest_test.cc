@@ -65,6 +65,30 @@ TEST(Manifest, EveryMemberIsNeededAndChecked) {
   EXPECT_FALSE(Manifest::parse(std::string(100000, '['), "x.slf"));
 }
 
+TEST(Manifest, MembersThatOthersRelyOnHaveTheRightKind) {
+  const nlohmann::json good = example().to_json();
+  const auto with = [&](const char* at, const nlohmann::json& value) {
+    nlohmann::json json = good;
+    json[nlohmann::json::json_pointer(at)] = value;
+    return json;
+  };
+  EXPECT_EQ(parse_error(with("/provenance", 7)), ErrorCode::bad_file);
+  EXPECT_EQ(parse_error(with("/layers/0/format", "depth8")), ErrorCode::bad_file);
+  EXPECT_EQ(parse_error(with("/layers/1/format", "rgba8")), ErrorCode::bad_file);
+  EXPECT_EQ(parse_error(with("/subfields", {{"0", 3}})), ErrorCode::bad_file);
+  EXPECT_EQ(parse_error(with("/subfields", std::vector<int>(65, 1))), ErrorCode::bad_file);
+  nlohmann::json none = good;
+  none.erase("provenance");
+  EXPECT_TRUE(Manifest::parse(none.dump(), "x.slf")->provenance.is_object());
+  // A million levels would end the process when they are copied or printed.
+  std::string deep = good.dump();
+  deep.insert(deep.size() - 1,
+              ",\"more\":" + std::string(1000000, '[') + std::string(1000000, ']'));
+  const auto parsed = Manifest::parse(deep, "x.slf");
+  ASSERT_FALSE(parsed);
+  EXPECT_NE(parsed.error().message.find("nested"), std::string::npos) << parsed.error().message;
+}
+
 TEST(Manifest, NewerVersionsAndUnknownRequiredFeaturesAreRefused) {
   nlohmann::json json = example().to_json();
   json["slf"]["major"] = 2;
