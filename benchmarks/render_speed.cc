@@ -4,7 +4,8 @@
 //
 // Workload: one view of SIZE × SIZE pixels (1024) that the sphere fills, drawn REPEATS times (9)
 // after one that decoded all its tiles; every mode the field has, on one thread and on two.
-// Reported: the median over the repeats, in ns for each pixel whose ray meets the sphere.
+// Reported: the median over the repeats, in ns for each pixel whose ray meets the sphere; processor
+// time on one thread, of which the ratios are, and time on the wall on one thread and on two.
 //   gathers  the memory limit of mode bitri: a loop that only loads the same nine samples of the
 //            same rays in the same order, at addresses it reads from a list
 // SLF_TARGETS in the environment, a mask of Highway targets, measures lesser instruction sets.
@@ -12,10 +13,10 @@
 #include <hwy/targets.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <ctime>
 #include <map>
 #include <string>
 #include <vector>
@@ -31,18 +32,31 @@ using namespace slf;
 constexpr std::uint64_t kMemory = 2ull << 30;
 constexpr std::uint32_t kBlock = 32;  // rays are listed in blocks, as the renderer takes them
 
-/// Median nanoseconds of a call.
+/// Nanoseconds.
+struct Time {
+  double wall = 0;
+  double cpu = 0;  ///< of all threads
+};
+
+double now(clockid_t clock) {
+  timespec time{};
+  clock_gettime(clock, &time);
+  return 1e9 * static_cast<double>(time.tv_sec) + static_cast<double>(time.tv_nsec);
+}
+
+/// Median times of a call.
 template <class F>
-double median_time(int repeats, const F& f) {
-  std::vector<double> times;
+Time median_time(int repeats, const F& f) {
+  std::vector<double> wall, cpu;
   for (int k = 0; k < repeats; ++k) {
-    const auto start = std::chrono::steady_clock::now();
+    const double wall_start = now(CLOCK_MONOTONIC), cpu_start = now(CLOCK_PROCESS_CPUTIME_ID);
     f();
-    times.push_back(
-        std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - start).count());
+    cpu.push_back(now(CLOCK_PROCESS_CPUTIME_ID) - cpu_start);
+    wall.push_back(now(CLOCK_MONOTONIC) - wall_start);
   }
-  std::nth_element(times.begin(), times.begin() + repeats / 2, times.end());
-  return times[static_cast<std::size_t>(repeats / 2)];
+  std::sort(wall.begin(), wall.end());
+  std::sort(cpu.begin(), cpu.end());
+  return {wall[wall.size() / 2], cpu[cpu.size() / 2]};
 }
 
 /// The samples of mode bitri: where each ray finds its three rows and three columns.
@@ -111,9 +125,9 @@ class GatherList {
   std::vector<Taps> taps_;
 };
 
-/// Nanoseconds of one view; exits where it cannot be drawn.
-double view_time(const Field& field, const Camera& camera, const ViewOptions& view,
-                 unsigned threads, int repeats, std::uint64_t& hit) {
+/// Of one view; exits where it cannot be drawn.
+Time view_time(const Field& field, const Camera& camera, const ViewOptions& view, unsigned threads,
+               int repeats, std::uint64_t& hit) {
   Renderer renderer(field, {kMemory, threads});
   ViewStatistics statistics;
   const auto draw = [&](ViewStatistics* wanted) {
@@ -147,7 +161,7 @@ int main(int argc, char** argv) {
   if (const char* targets = std::getenv("SLF_TARGETS"))
     hwy::SetSupportedTargetsForTest(std::strtoll(targets, nullptr, 0));
 
-  double gathers = 0, bitri = 0;
+  Time gathers, bitri;
   std::uint64_t hit = 1;
   if ((*field)->manifest().layers[0].format == codec::SampleFormat::rgba8) {
     const GatherList list(**field, level, camera);
@@ -157,18 +171,20 @@ int main(int argc, char** argv) {
     (void)keep;
   }
   std::printf("%s, level %u, %ux%u, median of %d\n", argv[1], level, size, size, repeats);
-  std::printf("%-8s %10s %10s %8s %8s %8s\n", "mode", "ns (1)", "ns (2)", "speedup", "/gathers",
-              "/bitri");
+  std::printf("%-8s %9s %9s %9s %8s %9s %8s\n", "mode", "cpu (1)", "wall (1)", "wall (2)",
+              "speedup", "/gathers", "/bitri");
   for (const RenderMode mode : {RenderMode::bitri, RenderMode::nearest, RenderMode::uv,
                                 RenderMode::st, RenderMode::depth}) {
     if (mode == RenderMode::depth && !(*field)->layer("depth")) continue;
-    const double one = view_time(**field, camera, {mode, level, false}, 1, repeats, hit);
-    const double two = view_time(**field, camera, {mode, level, false}, 2, repeats, hit);
+    const Time one = view_time(**field, camera, {mode, level, false}, 1, repeats, hit);
+    const Time two = view_time(**field, camera, {mode, level, false}, 2, repeats, hit);
     if (mode == RenderMode::bitri) bitri = one;
     const auto pixels = static_cast<double>(hit);
-    std::printf("%-8s %10.2f %10.2f %8.2f %8.2f %8.2f\n", name(mode), one / pixels, two / pixels,
-                one / two, gathers > 0 ? one / gathers : 0.0, one / bitri);
+    std::printf("%-8s %9.2f %9.2f %9.2f %8.2f %9.2f %8.2f\n", name(mode), one.cpu / pixels,
+                one.wall / pixels, two.wall / pixels, one.wall / two.wall,
+                gathers.cpu > 0 ? one.cpu / gathers.cpu : 0.0, one.cpu / bitri.cpu);
   }
-  std::printf("%-8s %10.2f\n", "gathers", gathers / static_cast<double>(hit));
+  const auto pixels = static_cast<double>(hit);
+  std::printf("%-8s %9.2f %9.2f\n", "gathers", gathers.cpu / pixels, gathers.wall / pixels);
   return 0;
 }

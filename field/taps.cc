@@ -107,26 +107,25 @@ Result<void> TapGatherer::pin(Wave wave) {
   for (std::uint32_t n = wave.begin; n < wave.end; ++n) wanted.push_back(tiles_[n].key);
   cache_.advise(color_, wanted);
   if (depth_) cache_.advise(*depth_, wanted);
+  tile_samples_.resize(tiles_.size());
   for (std::uint32_t n = wave.begin; n < wave.end; ++n) {
     Tile& tile = tiles_[n];
     auto color = cache_.get(color_, tile.key);
     if (!color) return tl::unexpected(color.error());
-    tile.color_pin = std::move(*color);
-    tile.missing = tile.color_pin.state() == storage::TileState::missing;
-    tile.colors = tile.color_pin.samples();
-    if (tile.colors && depth_) {
-      auto depth = cache_.get(*depth_, tile.key);
-      if (!depth) return tl::unexpected(depth.error());
-      tile.depth_pin = std::move(*depth);
-      tile.depths = tile.depth_pin.samples();
-    }
+    tile.color = std::move(*color);
+    TileSamples& samples = tile_samples_[n];
+    samples = {tile.color.samples(), nullptr, tile.color.state() == storage::TileState::missing};
+    if (!samples.colors || !depth_) continue;
+    auto depth = cache_.get(*depth_, tile.key);
+    if (!depth) return tl::unexpected(depth.error());
+    tile.depth = std::move(*depth);
+    samples.depths = tile.depth.samples();
   }
   return {};
 }
 
 void TapGatherer::unpin(Wave wave) {
-  for (std::uint32_t n = wave.begin; n < wave.end; ++n)
-    tiles_[n].color_pin = {}, tiles_[n].depth_pin = {};
+  for (std::uint32_t n = wave.begin; n < wave.end; ++n) tiles_[n].color = {}, tiles_[n].depth = {};
 }
 
 template <unsigned kExits, class Color>
@@ -145,7 +144,7 @@ void TapGatherer::take_typed(Wave wave, std::size_t count, const Pass& pass,
     for (std::size_t k = 0; k < count; ++k) {
       const Tap tap = taps[k];
       if (tap.tile - wave.begin >= wave.end - wave.begin) continue;  // another wave's, or none's
-      const Tile& tile = tiles_[tap.tile];
+      const TileSamples& tile = tile_samples_[tap.tile];
       if (!tile.colors) {
         missing_[k] |= tile.missing;
         continue;

@@ -45,10 +45,12 @@ class TapGatherer {
   struct Tile {
     std::uint64_t sections;  // entry << 32 | exit
     TileKey key;
-    bool missing = false;
+    TileCache::Pin color, depth;
+  };
+  struct TileSamples {
     const std::byte* colors = nullptr;  // null: nothing there
     const std::byte* depths = nullptr;
-    TileCache::Pin color_pin, depth_pin;
+    bool missing = false;
   };
   /// Tiles [begin, end) of tiles_.
   struct Wave {
@@ -73,8 +75,9 @@ class TapGatherer {
   std::uint32_t most_pins_;
   const LevelGeometry* geometry_ = nullptr;  // whose tiles are in tiles_
   std::vector<Tile> tiles_;
-  std::uint32_t pinned_ = 0;          // of tiles_, the first ones, that stay pinned
-  std::vector<std::uint32_t> slots_;  // open-addressing table over tiles_
+  std::vector<TileSamples> tile_samples_;  // of tiles_, where pinned
+  std::uint32_t pinned_ = 0;               // of tiles_, the first ones, that stay pinned
+  std::vector<std::uint32_t> slots_;       // open-addressing table over tiles_
   std::array<std::vector<Tap>, 3> taps_;
   SampleArrays samples_;
   std::vector<std::uint8_t> missing_;
