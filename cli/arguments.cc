@@ -157,7 +157,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(const nlohmann::json* prov
   RaycastOptions options = raycast;
   options.shade = !no_shade;
   std::optional<TransferFunction> function;
-  if (provenance && provenance->value("kind", "") == "volume") {
+  if (provenance && text_of(*provenance, "kind", "") == "volume") {
     options = raycast_options(*provenance);
     auto parsed = parse_transfer(provenance->value("transfer", nlohmann::json()).dump(),
                                  "the field's transfer function");

@@ -49,6 +49,10 @@ void note(const std::string& text);
 /// JSON on stdout.
 void print_json(const nlohmann::json& json);
 
+/// A text member of untrusted JSON, or `otherwise`.
+[[nodiscard]] std::string text_of(const nlohmann::json& json, const char* key,
+                                  const std::string& otherwise);
+
 /// "1.5 GiB", "12.3 M".
 [[nodiscard]] std::string human_bytes(double bytes);
 [[nodiscard]] std::string human_count(double count);

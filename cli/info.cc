@@ -51,8 +51,8 @@ void print_field(const Field& field, const FieldContent& content) {
              shape.entry_resolution(shape.levels), shape.exit_resolution(shape.levels));
   for (const Layer& layer : field.manifest().layers)
     fmt::print("layer   {}: {} as {}\n", layer.name, name(layer.format), layer.codec);
-  fmt::print("source  {}\n", field.manifest().provenance.value(
-                                 "source", field.manifest().provenance.value("name", "unknown")));
+  const nlohmann::json& provenance = field.manifest().provenance;
+  fmt::print("source  {}\n", text_of(provenance, "source", text_of(provenance, "name", "unknown")));
   std::vector<std::vector<std::string>> rows{
       {"level", "lattice", "tiles", "stored", "empty", "slabs"}};
   for (const Layer& layer : field.manifest().layers) rows[0].push_back(layer.name);

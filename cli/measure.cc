@@ -128,8 +128,8 @@ void warn_of_other_source(const Field& field, const Scene& scene) {
     if (json->is_object()) json->erase("source");
   const auto differences = nlohmann::json::diff(built, now);
   if (!differences.empty())
-    note(fmt::format("note: {} was built with another {}; the figures include that difference",
-                     field.path(), differences[0].value("path", "source").substr(1)));
+    note(fmt::format("note: {} was built from another source ({}); the figures include that",
+                     field.path(), text_of(differences[0], "path", "/")));
 }
 
 Result<void> run_evaluate(const EvaluateArguments& a) {

@@ -51,6 +51,11 @@ void print_json(const nlohmann::json& json) {
   fmt::print("{}\n", json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
+std::string text_of(const nlohmann::json& json, const char* key, const std::string& otherwise) {
+  if (!json.is_object() || !json.contains(key) || !json[key].is_string()) return otherwise;
+  return json[key].get<std::string>();
+}
+
 std::string human_bytes(double bytes) {
   return scaled(bytes, 1024, {"B", "KiB", "MiB", "GiB", "TiB"}, " ");
 }

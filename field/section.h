@@ -74,8 +74,8 @@ struct SectionPlace {
 /// The vertex of a section at local coordinates, and its direction on the unit sphere.
 [[nodiscard]] Vertex vertex_at(Section section, LatticePoint local, std::uint32_t side);
 
-/// All local coordinates of a section with `side` cells an edge, in ascending (q, p): the columns of
-/// a tile that exits through it.
+/// All local coordinates of a section with `side` cells an edge, in ascending (q, p): the columns
+/// of a tile that exits through it.
 [[nodiscard]] std::vector<LatticePoint> triangle_points(std::uint32_t side);
 
 /// The local coordinates of the vertices that a section owns, in ascending (q, p): the rows of a

@@ -246,7 +246,8 @@ TEST_F(Cli, KilledAtAnyMomentItResumesToTheSameTiles) {
       "16",    "--levels",    "2",  "--color-codec", "zstd:1",  "-j", "2"};
   int kills = 0;
   for (int k = 0; k < 12; ++k) {
-    const Outcome outcome = slf(arguments, "timeout --foreground -s KILL 0." + std::to_string(10 + 7 * k));
+    const Outcome outcome =
+        slf(arguments, "timeout --foreground -s KILL 0." + std::to_string(10 + 7 * k));
     if (outcome.exit_code == 0) break;
     ++kills;
     if (!std::filesystem::exists(place / "a.slf")) continue;

@@ -148,7 +148,8 @@ TEST_F(RepackCli, KilledAtAnyMomentItLeavesNoField) {
                                            "--color-codec", "zstd:19", "-j", "2"};
   int kills = 0;
   for (int k = 0; k < 10; ++k) {
-    const Outcome outcome = slf(arguments, "timeout --foreground -s KILL 0." + std::to_string(10 + 9 * k));
+    const Outcome outcome =
+        slf(arguments, "timeout --foreground -s KILL 0." + std::to_string(10 + 9 * k));
     if (outcome.exit_code == 0) break;
     ++kills;
     if (std::filesystem::exists(out)) {  // killed after all was done: then it is whole

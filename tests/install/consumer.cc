@@ -1,6 +1,6 @@
 // Uses the installed headers and libraries of slf: opens a field that is not there, and learns so.
-#include <cstdio>
 #include <field/field.h>
+#include <cstdio>
 
 int main() {
   const auto field = slf::Field::open("missing.slf");
