@@ -78,10 +78,12 @@ Result<void> run_render(const RenderArguments& a) {
   if (!image) return tl::unexpected(image.error());
   if (auto ok = a.picture.write(*image); !ok) return ok;
   if (statistics.fallback_pixels > 0)
-    note(
-        fmt::format("{}: incomplete at level {}: {} pixels drawn from coarser levels; the build "
-                    "command that made it resumes it",
-                    a.field, view->level, statistics.fallback_pixels));
+    note((*field)->shape().subfields.empty()
+             ? fmt::format("{}: incomplete at level {}: {} pixels drawn from coarser levels; the "
+                           "build command that made it resumes it",
+                           a.field, view->level, statistics.fallback_pixels)
+             : fmt::format("{}: {} pixels need subfields that were left out of this field", a.field,
+                           statistics.fallback_pixels));
   const auto json = statistics_json(statistics, *view);
   if (a.json) {
     print_json(json);

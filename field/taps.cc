@@ -27,7 +27,6 @@ void load(const std::byte* samples, std::size_t at, glm::vec4& color) {
 TapGatherer::TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
                          bool with_depth)
     : cache_(cache),
-      shape_(field.shape()),
       color_(field.layer("color").value_or(0)),
       depth_(with_depth ? field.layer("depth") : std::nullopt),
       format_(field.manifest().layers[color_].format) {
@@ -115,9 +114,7 @@ Result<void> TapGatherer::pin(Wave wave) {
     if (!color) return tl::unexpected(color.error());
     tile.color = std::move(*color);
     TileSamples& samples = tile_samples_[n];
-    // A tile of a subfield that the field does not have is as good as empty.
-    samples = {tile.color.samples(), nullptr,
-               tile.color.state() == storage::TileState::missing && shape_.has(tile.key)};
+    samples = {tile.color.samples(), nullptr, tile.color.state() == storage::TileState::missing};
     if (!samples.colors || !depth_) continue;
     auto depth = cache_.get(*depth_, tile.key);
     if (!depth) return tl::unexpected(depth.error());

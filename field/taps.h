@@ -69,7 +69,6 @@ class TapGatherer {
                   std::array<std::vector<Color>, 9>& colors);
 
   TileCache& cache_;
-  const FieldShape& shape_;
   storage::LayerId color_;
   std::optional<storage::LayerId> depth_;
   codec::SampleFormat format_;

@@ -176,19 +176,6 @@ TEST_F(Repack, SubfieldsAreKeptAtEveryEntryDepthAndOfWhatIsThere) {
   EXPECT_EQ(refusal(*two, folder_ / "x.slf", options, "no subfield 6"), ErrorCode::usage);
 }
 
-TEST_F(Repack, WhatWasLeftOutIsNotCalledMissing) {
-  RepackOptions options;
-  options.subfields = {3, 7};
-  const auto out = repack(*lossless_, folder_ / "out.slf", options);
-  ASSERT_TRUE(out);
-  ViewStatistics statistics;
-  Renderer renderer(*out);
-  ASSERT_TRUE(renderer.render(orbit_camera(out->shape().sphere, 20, 30, 3, 64, 64),
-                              {RenderMode::bitri, out->shape().levels, false}, &statistics));
-  EXPECT_GT(statistics.pixels_hit, 0u);
-  EXPECT_EQ(statistics.fallback_pixels, 0u);
-}
-
 TEST_F(Repack, ASubfieldRendersAsInTheWholeAndTheRestIsTransparent) {
   RepackOptions options;
   options.subfields = {7};  // enters where all coordinates are positive, leaves opposite
