@@ -18,14 +18,6 @@ bool contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
 }
 
-#define EXPECT_OUTCOME(outcome, code, part)                      \
-  do {                                                           \
-    const Outcome o_ = (outcome);                                \
-    EXPECT_EQ(o_.signal, 0);                                     \
-    EXPECT_EQ(o_.exit_code, code) << o_.err;                     \
-    EXPECT_TRUE(contains(o_.err, part)) << "stderr: " << o_.err; \
-  } while (false)
-
 /// A small field, built once.
 class Cli : public ::testing::Test {
  protected:

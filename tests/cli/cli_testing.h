@@ -78,3 +78,12 @@ inline Outcome slf(const std::vector<std::string>& arguments, const std::string&
 }
 
 }  // namespace slf::testing
+
+/// Ended by itself with this exit code, saying this on stderr.
+#define EXPECT_OUTCOME(outcome, code, part)                                               \
+  do {                                                                                    \
+    const ::slf::testing::Outcome o_ = (outcome);                                         \
+    EXPECT_EQ(o_.signal, 0);                                                              \
+    EXPECT_EQ(o_.exit_code, code) << o_.err;                                              \
+    EXPECT_NE(o_.err.find(part), std::string::npos) << "stderr: " << o_.err << std::endl; \
+  } while (false)

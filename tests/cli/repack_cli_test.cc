@@ -13,14 +13,6 @@ using testing::Workplace;
 
 using Names = std::vector<std::string>;
 
-#define EXPECT_OUTCOME(outcome, code, part)                                               \
-  do {                                                                                    \
-    const Outcome o_ = (outcome);                                                         \
-    EXPECT_EQ(o_.signal, 0);                                                              \
-    EXPECT_EQ(o_.exit_code, code) << o_.err;                                              \
-    EXPECT_NE(o_.err.find(part), std::string::npos) << "stderr: " << o_.err << std::endl; \
-  } while (false)
-
 /// A field of a few megabytes, built once and copied where it is to be damaged.
 class RepackCli : public ::testing::Test {
  protected:
