@@ -68,8 +68,8 @@ class Renderer {
   ~Renderer();
 
   /// usage: a bad camera or level, or a mode the field has no layer for. bad_file: a damaged tile.
-  /// Rays start at the eye: where it is inside the sphere, what lies behind it is not drawn in
-  /// depth mode, and is in the others.
+  /// Rays are whole chords of the sphere: from an eye inside it, what lies between the sphere and
+  /// the eye is drawn as well, so the eye may come as close as the object.
   [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& options,
                                      ViewStatistics* statistics = nullptr);
 

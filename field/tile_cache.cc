@@ -141,9 +141,4 @@ void TileCache::reset_peak() {
   statistics_.decoded_peak_bytes = statistics_.decoded_bytes;
 }
 
-void TileCache::clear() {
-  const std::lock_guard lock(mutex_);
-  evict_locked(0);
-}
-
 }  // namespace slf

@@ -67,8 +67,6 @@ class TileCache {
 
   [[nodiscard]] CacheStatistics statistics() const;
   void reset_peak();
-  /// Drops everything that is not pinned.
-  void clear();
 
  private:
   struct Id {
