@@ -1,0 +1,177 @@
+"""What the parts share: the programs, the volumes, and fields that are built once."""
+
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from . import volumes
+
+
+class Failed(Exception):
+    """A command failed or something needed is missing; the message says which and why."""
+
+
+class Bench:
+    """One run of the report. `quick` asks for smaller experiments that show the same."""
+
+    def __init__(self, root, out, data, quick, keep_fields):
+        self.root, self.out, self.quick = Path(root), Path(out), quick
+        self.programs = self.root / "build/bench"
+        self.fields = self.out / "fields"
+        self.work = self.out / "work"
+        self.keep_fields = keep_fields
+        self.volumes = volumes.find_volumes(self.root, Path(data))
+        self.commands = []  # of the part under way
+        self.part = ""
+        self._begin = time.monotonic()
+        self._threads = os.cpu_count()
+        for folder in (self.fields, self.work):
+            folder.mkdir(parents=True, exist_ok=True)
+
+    def close(self):
+        shutil.rmtree(self.work, ignore_errors=True)
+        if not self.keep_fields:
+            shutil.rmtree(self.fields, ignore_errors=True)
+
+    # ---- what is going on ------------------------------------------------------------------
+
+    def seconds(self):
+        return time.monotonic() - self._begin
+
+    def say(self, text):
+        print(f"[{self.seconds():4.0f} s] {self.part}: {text}", file=sys.stderr, flush=True)
+
+    # ---- commands --------------------------------------------------------------------------
+
+    def program(self, name):
+        """The path of a benchmark program, or None where it was not built."""
+        path = self.programs / ("cli/slf" if name == "slf" else f"benchmarks/{name}")
+        return path if path.exists() else None
+
+    def run(self, name, *arguments, quiet=True, check=True, memory=None):
+        """Runs slf, a benchmark program, or one from the system; returns what it printed.
+        `memory` limits its address space, as ulimit -v."""
+        program = self.program(name) or shutil.which(name)
+        if not program:
+            raise Failed(f"{name} is not there (not built, or not installed)")
+        words = [str(program), *map(str, arguments)]
+        self.commands.append(self.shown([name, *words[1:]]))
+        begin = told = time.monotonic()
+        with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as errors:
+            process = subprocess.Popen(words, stdout=out, stderr=errors, stdin=subprocess.DEVNULL)
+            while True:
+                try:
+                    process.wait(timeout=1)
+                    break
+                except subprocess.TimeoutExpired:
+                    if time.monotonic() - told > 20:
+                        told = time.monotonic()
+                        self.say(f"... {name} {words[1]}: {told - begin:.0f} s")
+                except BaseException:
+                    process.terminate()
+                    process.wait()
+                    raise
+            out.seek(0)
+            errors.seek(0)
+            text, complaint = out.read(), errors.read()
+        if process.returncode != 0 and check:
+            raise Failed(f"{self.commands[-1]}: exit code {process.returncode}: {complaint[-600:]}")
+        return text
+
+    def json(self, name, *arguments, **options):
+        """The same for a program that prints JSON."""
+        return json.loads(self.run(name, *arguments, **options))
+
+    def shown(self, words):
+        """A command as a reader would type it, from the root of the repository."""
+        text = " ".join(shlex.quote(str(word)) for word in words)
+        return text.replace(f"{self.root}/", "")
+
+    # ---- volumes and fields ----------------------------------------------------------------
+
+    def volume(self, *names):
+        """The first of these volumes that is there."""
+        for name in names:
+            if name in self.volumes:
+                return self.volumes[name]
+        raise Failed(f"no volume of: {', '.join(names)} (scripts/install-packages --for report)")
+
+    def scene(self, name):
+        """An analytic scene, as a volume."""
+        return volumes.Volume(name, f"scene:{name}", f"scene:{name}")
+
+    def resampled(self, side):
+        """The brain with side³ voxels in the same box."""
+        brain = self.volume("brain")
+        target = self.fields / f"brain-{side}.nrrd"
+        if not target.exists():
+            self.say(f"resampling the brain to {side}³")
+            info = self.json("slf", "info", brain.path, "--json")
+            volumes.resample_nifti(brain.path, info, side, target)
+        return volumes.Volume(
+            f"brain-{side}", f"Brain, resampled to {side}³", str(target), brain.transfer
+        )
+
+    def field(self, volume, entry, exit, levels, color="jpeg:90", depth="jpeg:75"):
+        """The path of a field of a volume, built at the first call."""
+        codecs = f"{color}-{depth}".replace(":", "")
+        path = self.fields / f"{volume.name}-{entry}-{exit}-{levels}-{codecs}.slf"
+        if not self.is_complete(path):
+            finest = f"{entry << levels}/{exit << levels}"
+            self.say(f"building {volume.name}, {finest} cells an edge, {color}, depth {depth}")
+            self.run(
+                "slf", "build", *volume.arguments(), "-o", path, "--entry", entry, "--exit", exit,
+                "--levels", levels, "--color-codec", color, "--depth-codec", depth,
+            )  # fmt: skip
+        return path
+
+    def repacked(self, field, color, depth):
+        """The path of a copy of a field with other codecs; `depth` None leaves depth out."""
+        codecs = f"{color}-{depth or 'none'}".replace(":", "")
+        path = self.fields / f"{field.stem}-as-{codecs}.slf"
+        if not self.is_complete(path):
+            layers = ["--layers", "color"] if depth is None else ["--depth-codec", depth]
+            self.say(f"repacking {field.stem}: {color}, depth {depth or 'left out'}")
+            self.run("slf", "repack", field, "-o", path, "-f", "--color-codec", color, *layers)
+        return path
+
+    def is_complete(self, path):
+        if not path.exists():
+            return False
+        text = self.run("slf", "info", path, "--json", check=False)
+        self.commands.pop()
+        return bool(text) and json.loads(text).get("complete", False)
+
+    def evaluate(self, field, volume, mode, views=8, size=512, level=None):
+        """PSNR, SSIM and file size of random views against ray-cast truth."""
+        at = [] if level is None else ["--level", level]
+        return self.json(
+            "slf", "evaluate", field, "--volume", volume.path, *volume.options, "--mode", mode,
+            "--views", views, "--size", size, *at, "--json",
+        )  # fmt: skip
+
+    # ---- pictures --------------------------------------------------------------------------
+
+    def raycast(self, volume, name, *camera):
+        path = self.work / f"{name}.png"
+        self.run("slf", "raycast", *volume.arguments(), "-o", path, "-f", *camera)
+        return path
+
+    def render(self, field, name, *camera):
+        path = self.work / f"{name}.png"
+        self.run("slf", "render", field, "-o", path, "-f", *camera)
+        return path
+
+    def compare(self, truth, picture, gain=4):
+        """PSNR and SSIM of two pictures, and the path of their difference picture."""
+        path = picture.with_name(f"{picture.stem}-error.png")
+        numbers = self.json(
+            "slf", "compare", truth, picture, "--diff", path, "-f", "--gain", gain, "--json"
+        )
+        return numbers, path

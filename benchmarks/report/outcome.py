@@ -1,0 +1,59 @@
+"""What a part of the report hands back: claims, sections to look at, and its numbers."""
+
+import math
+from dataclasses import dataclass, field
+
+CONFIRMED, PARTLY, REFUTED, NOT_RUN = "confirmed", "partly", "not confirmed", "not measured"
+
+
+@dataclass
+class Claim:
+    """One sentence somebody made, and what the measurement says of it."""
+
+    source: str  # "paper, section 3", or "slf"
+    text: str
+    measured: str
+    verdict: str
+    command: str = ""  # what shows it; filled in with the part's own command where empty
+
+
+@dataclass
+class Part:
+    """The outcome of one experiment. `html` is what to look at, `numbers` goes into the JSON."""
+
+    title: str
+    claims: list = field(default_factory=list)
+    html: list = field(default_factory=list)
+    numbers: dict = field(default_factory=dict)
+    left_out: list = field(default_factory=list)  # sentences: what could not be done, and why
+
+    def add(self, *pieces):
+        self.html.extend(pieces)
+
+    def claim(self, source, text, measured, verdict, command=""):
+        if isinstance(verdict, bool):
+            verdict = CONFIRMED if verdict else REFUTED
+        self.claims.append(Claim(source, text, measured, verdict, command))
+
+
+def mean(values):
+    values = list(values)
+    return sum(values) / len(values) if values else math.nan
+
+
+def geometric_mean(values):
+    return math.exp(mean(math.log(v) for v in values))
+
+
+def human_bytes(count):
+    for unit in ("B", "KiB", "MiB", "GiB", "TiB"):
+        if count < 1024 or unit == "TiB":
+            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.3g} {unit}"
+        count /= 1024
+
+
+def human_count(count):
+    for limit, unit in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if count >= limit:
+            return f"{count / limit:.3g} {unit}"
+    return f"{count:g}"
