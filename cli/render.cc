@@ -57,7 +57,7 @@ nlohmann::json statistics_json(const ViewStatistics& s, const ViewOptions& view)
           {"decodes", s.decodes},
           {"decoded_peak_bytes", s.decoded_peak_bytes},
           {"pixels_hit", s.pixels_hit},
-          {"pixels_from_coarser_levels", s.fallback_pixels}};
+          {"pixels_from_coarser_levels", s.fallback_pixels()}};
 }
 
 Result<void> run_render(const RenderArguments& a) {
@@ -77,13 +77,13 @@ Result<void> run_render(const RenderArguments& a) {
   const auto image = renderer.render(*camera, *view, &statistics);
   if (!image) return tl::unexpected(image.error());
   if (auto ok = a.picture.write(*image); !ok) return ok;
-  if (statistics.fallback_pixels > 0)
+  if (statistics.fallback_pixels() > 0)
     note((*field)->shape().subfields.empty()
              ? fmt::format("{}: incomplete at level {}: {} pixels drawn from coarser levels; the "
                            "build command that made it resumes it",
-                           a.field, view->level, statistics.fallback_pixels)
+                           a.field, view->level, statistics.fallback_pixels())
              : fmt::format("{}: {} pixels need subfields that were left out of this field", a.field,
-                           statistics.fallback_pixels));
+                           statistics.fallback_pixels()));
   const auto json = statistics_json(statistics, *view);
   if (a.json) {
     print_json(json);

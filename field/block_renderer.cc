@@ -29,7 +29,7 @@ BlockRenderer::BlockRenderer(const Field& field, TileCache& cache, std::uint64_t
       options_(options),
       eye_(eye),
       image_(image),
-      gatherer_(field, cache, pin_bytes, options.needs_depth()) {}
+      gatherer_(field, cache, pin_bytes, options.needs_depth(), options.wait) {}
 
 RayBlock& BlockRenderer::rays(std::size_t most_rays) {
   if (rgba_.size() < most_rays + kRayPadding) {
@@ -46,11 +46,12 @@ RayBlock& BlockRenderer::rays(std::size_t most_rays) {
   return rays_;
 }
 
-Result<void> BlockRenderer::draw(std::uint64_t& fallback) {
+Result<void> BlockRenderer::draw(std::vector<std::uint64_t>& level_pixels) {
   for (unsigned level = options_.level + 1; level-- > 0 && rays_.count > 0;) {
     missing_.count = 0;
+    const std::size_t rays = rays_.count;
     if (auto ok = draw_level(field_.geometry(level)); !ok) return ok;
-    fallback += missing_.count;
+    level_pixels[level] += rays - missing_.count;
     std::swap(rays_, missing_);
   }
   return {};

@@ -27,11 +27,13 @@ class BlockRenderer {
   [[nodiscard]] RayBlock& rays(std::size_t most_rays);
 
   /// Draws the block's pixels, and takes its rays. Pixels that need a missing tile are drawn from
-  /// the next coarser level, and counted in `fallback`, once for each level.
-  [[nodiscard]] Result<void> draw(std::uint64_t& fallback);
+  /// the next coarser level; each counts in `level_pixels` for the level that had all it needs.
+  [[nodiscard]] Result<void> draw(std::vector<std::uint64_t>& level_pixels);
 
   /// Tiles touched since this was last cleared; with repetitions.
   [[nodiscard]] std::vector<TileKey>& touched() { return gatherer_.touched(); }
+  /// Of them, those that were not waited for.
+  [[nodiscard]] std::vector<TileKey>& wanted() { return gatherer_.wanted(); }
 
  private:
   [[nodiscard]] Result<void> draw_level(const LevelGeometry& geometry);

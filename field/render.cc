@@ -95,9 +95,9 @@ RenderMode default_mode(const Field& field) {
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field, options);
-  state_ = std::unique_ptr<State>(new State{field, plan.threads, plan.block,
-                                            plan.cache_bytes / plan.threads,
-                                            TileCache(field, plan.cache_bytes)});
+  state_ = std::unique_ptr<State>(
+      new State{field, plan.threads, plan.block, plan.cache_bytes / plan.threads,
+                TileCache(field, plan.cache_bytes, options.map_budget)});
 }
 Renderer::~Renderer() = default;
 
@@ -125,7 +125,7 @@ RayFan make_fan(const Sphere& sphere, const RayGenerator& rays, std::uint32_t wi
 class ViewJob {
  public:
   ViewJob(const Field& field, TileCache& cache, std::uint64_t pin_bytes, const Camera& camera,
-          const RayGenerator& rays, const ViewOptions& options, std::uint32_t edge)
+          const RayGenerator& rays, const ViewOptions& options, std::uint32_t edge, Image& image)
       : field_(field),
         cache_(cache),
         pin_bytes_(pin_bytes),
@@ -134,29 +134,34 @@ class ViewJob {
         options_(options),
         edge_(edge),
         across_((camera.width + edge - 1) / edge),
-        blocks_(across_ * ((camera.height + edge - 1) / edge)) {
+        blocks_(across_ * ((camera.height + edge - 1) / edge)),
+        image_(image),
+        level_pixels_(options.level + 1) {
     image_.width = camera.width;
     image_.height = camera.height;
     image_.rgba.resize(std::size_t{camera.width} * camera.height);
-    if (options.with_depth)
-      image_.depth.assign(image_.rgba.size(), std::numeric_limits<float>::infinity());
+    image_.depth.resize(options.with_depth ? image_.rgba.size() : 0);
   }
 
   /// Draws blocks until none are left. Called by each thread.
   void work() {
     BlockRenderer renderer(field_, cache_, pin_bytes_, options_, camera_.eye, image_);
-    std::uint64_t fallback = 0, hit = 0;
+    std::vector<std::uint64_t> level_pixels(level_pixels_.size());
+    std::uint64_t hit = 0;
     std::optional<Error> error;
     for (std::uint32_t block; !error && (block = next_++) < blocks_;) {
       RayBlock& rays = renderer.rays(std::size_t{edge_} * edge_);
+      clear(pixels(block));
       cast_rays(fan_, pixels(block), rays);
       hit += rays.count;
-      if (auto ok = renderer.draw(fallback); !ok) error = ok.error();
+      if (auto ok = renderer.draw(level_pixels); !ok) error = ok.error();
     }
     sort_unique(renderer.touched());
     const std::lock_guard lock(mutex_);
     touched_.insert(touched_.end(), renderer.touched().begin(), renderer.touched().end());
-    fallback_ += fallback;
+    wanted_.insert(wanted_.end(), renderer.wanted().begin(), renderer.wanted().end());
+    for (std::size_t level = 0; level < level_pixels.size(); ++level)
+      level_pixels_[level] += level_pixels[level];
     hit_ += hit;
     if (error && !error_) error_ = error;
     if (error) next_ = blocks_;
@@ -164,20 +169,31 @@ class ViewJob {
 
   [[nodiscard]] std::uint32_t blocks() const { return blocks_; }
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
-  [[nodiscard]] Image& image() { return image_; }
 
   /// What the engine counted; bytes and pages are looked up by count_bytes.
   void fill(ViewStatistics& statistics) {
     sort_unique(touched_);
+    sort_unique(wanted_);
     statistics.tiles = std::move(touched_);
+    statistics.wanted = std::move(wanted_);
     statistics.pixels_hit = hit_;
-    statistics.fallback_pixels = fallback_;
+    statistics.level_pixels = std::move(level_pixels_);
   }
 
  private:
   [[nodiscard]] PixelBlock pixels(std::uint32_t block) const {
     const std::uint32_t x0 = block % across_ * edge_, y0 = block / across_ * edge_;
     return {x0, y0, std::min(x0 + edge_, camera_.width), std::min(y0 + edge_, camera_.height)};
+  }
+
+  void clear(const PixelBlock& block) {
+    for (std::uint32_t y = block.y0; y < block.y1; ++y) {
+      const std::size_t row = std::size_t{y} * camera_.width;
+      std::fill(&image_.rgba[row + block.x0], &image_.rgba[row + block.x1 - 1] + 1, glm::vec4(0));
+      if (options_.with_depth)
+        std::fill(&image_.depth[row + block.x0], &image_.depth[row + block.x1 - 1] + 1,
+                  std::numeric_limits<float>::infinity());
+    }
   }
 
   const Field& field_;
@@ -187,18 +203,26 @@ class ViewJob {
   const RayFan fan_;
   const ViewOptions& options_;
   const std::uint32_t edge_, across_, blocks_;
-  Image image_;
+  Image& image_;
   std::atomic<std::uint32_t> next_{0};
   std::mutex mutex_;
   std::optional<Error> error_;
-  std::vector<TileKey> touched_;
-  std::uint64_t fallback_ = 0, hit_ = 0;
+  std::vector<TileKey> touched_, wanted_;
+  std::vector<std::uint64_t> level_pixels_;
+  std::uint64_t hit_ = 0;
 };
 
 }  // namespace
 
 Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
                                ViewStatistics* statistics) {
+  Image image;
+  if (auto ok = render(camera, options, image, statistics); !ok) return tl::unexpected(ok.error());
+  return image;
+}
+
+Result<void> Renderer::render(const Camera& camera, const ViewOptions& options, Image& image,
+                              ViewStatistics* statistics) {
   const auto rays = RayGenerator::make(camera);
   if (!rays) return tl::unexpected(rays.error());
   const Field& field = state_->field;
@@ -206,7 +230,8 @@ Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
 
   state_->cache.reset_peak();
   const std::uint64_t decodes_before = state_->cache.statistics().decodes;
-  ViewJob job(field, state_->cache, state_->pin_bytes, camera, *rays, options, state_->block);
+  ViewJob job(field, state_->cache, state_->pin_bytes, camera, *rays, options, state_->block,
+              image);
   on_threads(std::min(state_->threads, job.blocks()), [&] { job.work(); });
   if (job.error()) return tl::unexpected(*job.error());
 
@@ -219,7 +244,7 @@ Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
     if (auto ok = count_bytes(field, options.needs_depth(), *statistics); !ok)
       return tl::unexpected(ok.error());
   }
-  return std::move(job.image());
+  return {};
 }
 
 Result<std::vector<TileKey>> crossed_pairs(const FieldShape& shape, const Camera& camera,

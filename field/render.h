@@ -36,28 +36,37 @@ enum class RenderMode {
 [[nodiscard]] RenderMode default_mode(const Field& field);
 
 struct RendererOptions {
-  std::uint64_t memory = 256ull << 20;  ///< bytes of decoded tiles and scratch
-  unsigned threads = 0;                 ///< 0: all
+  std::uint64_t memory = 256ull << 20;  ///< bytes of decoded tiles and scratch, pictures apart
+  /// Resident bytes of the map. Tiles of an in-place codec (raw) that are in use may exceed it.
+  std::uint64_t map_budget = kUnlimited;
+  unsigned threads = 0;  ///< 0: all
 };
 
 struct ViewOptions {
   RenderMode mode = RenderMode::bitri;
   unsigned level = 0;       ///< of the tile pyramid
   bool with_depth = false;  ///< also fill Image::depth (needs a depth layer)
+  bool wait = true;         ///< for tiles to load; else the cache and level 0 must do
 
   [[nodiscard]] bool needs_depth() const { return mode == RenderMode::depth || with_depth; }
 };
 
 /// What one view cost, counted by the engine (see measure.h for the kernel's own count).
 struct ViewStatistics {
-  std::vector<TileKey> tiles;            ///< touched: sorted, stored or empty, any layer
-  std::uint64_t fallback_pixels = 0;     ///< drawn from a coarser level: a tile was never built
-  std::uint64_t stored_tiles = 0;        ///< of tiles: not empty
-  std::uint64_t compressed_bytes = 0;    ///< payloads of the touched tiles, in the layers used
-  std::uint64_t map_pages = 0;           ///< distinct 4 KiB pages those payloads lie in
-  std::uint64_t decodes = 0;             ///< tiles decoded for this view
-  std::uint64_t decoded_peak_bytes = 0;  ///< most bytes of decoded tiles at any time
-  std::uint64_t pixels_hit = 0;          ///< pixels whose ray crosses the sphere
+  std::vector<TileKey> tiles;               ///< touched: sorted, stored or empty, any layer
+  std::vector<TileKey> wanted;              ///< of tiles: not waited for, sorted
+  std::vector<std::uint64_t> level_pixels;  ///< pixels for which a level had all tiles, by level
+  std::uint64_t stored_tiles = 0;           ///< of tiles: not empty
+  std::uint64_t compressed_bytes = 0;       ///< payloads of the touched tiles, in the layers used
+  std::uint64_t map_pages = 0;              ///< distinct 4 KiB pages those payloads lie in
+  std::uint64_t decodes = 0;                ///< tiles decoded for this view
+  std::uint64_t decoded_peak_bytes = 0;     ///< most bytes of decoded tiles at any time
+  std::uint64_t pixels_hit = 0;             ///< pixels whose ray crosses the sphere
+
+  /// Pixels for which the level asked for lacked a tile: never built, or not waited for.
+  [[nodiscard]] std::uint64_t fallback_pixels() const {
+    return level_pixels.empty() ? 0 : pixels_hit - level_pixels.back();
+  }
 };
 
 /// Thread-safety: one render() at a time; it uses the threads of its options itself.
@@ -72,6 +81,9 @@ class Renderer {
   /// the eye is drawn as well, so the eye may come as close as the object.
   [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& options,
                                      ViewStatistics* statistics = nullptr);
+  /// The same into a picture whose memory is used again; after an error it is part drawn.
+  [[nodiscard]] Result<void> render(const Camera& camera, const ViewOptions& options, Image& image,
+                                    ViewStatistics* statistics = nullptr);
 
   [[nodiscard]] TileCache& cache();
 

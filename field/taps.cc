@@ -25,11 +25,12 @@ void load(const std::byte* samples, std::size_t at, glm::vec4& color) {
 }  // namespace
 
 TapGatherer::TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
-                         bool with_depth)
+                         bool with_depth, bool wait)
     : cache_(cache),
       color_(field.layer("color").value_or(0)),
       depth_(with_depth ? field.layer("depth") : std::nullopt),
-      format_(field.manifest().layers[color_].format) {
+      format_(field.manifest().layers[color_].format),
+      wait_(wait) {
   const std::uint64_t sample = codec::sample_bytes(format_) + (with_depth ? 1 : 0);
   const std::uint64_t tile = field.shape().largest_tile() * sample + kPinBytes;
   most_pins_ = static_cast<std::uint32_t>(std::clamp<std::uint64_t>(pin_bytes / tile, 1, 1 << 20));
@@ -103,24 +104,40 @@ void TapGatherer::number_tiles(std::size_t count, const EntryArrays& entries, co
 
 Result<void> TapGatherer::pin(Wave wave) {
   if (wave.begin == wave.end) return {};
-  std::vector<TileKey> wanted;
-  for (std::uint32_t n = wave.begin; n < wave.end; ++n) wanted.push_back(tiles_[n].key);
-  cache_.advise(color_, wanted);
-  if (depth_) cache_.advise(*depth_, wanted);
-  tile_samples_.resize(tiles_.size());
-  for (std::uint32_t n = wave.begin; n < wave.end; ++n) {
-    Tile& tile = tiles_[n];
-    auto color = cache_.get(color_, tile.key);
-    if (!color) return tl::unexpected(color.error());
-    tile.color = std::move(*color);
-    TileSamples& samples = tile_samples_[n];
-    samples = {tile.color.samples(), nullptr, tile.color.state() == storage::TileState::missing};
-    if (!samples.colors || !depth_) continue;
-    auto depth = cache_.get(*depth_, tile.key);
-    if (!depth) return tl::unexpected(depth.error());
-    tile.depth = std::move(*depth);
-    samples.depths = tile.depth.samples();
+  const bool wait = wait_ || geometry_->level() == 0;  // something must be drawn
+  if (wait) {
+    std::vector<TileKey> keys;
+    for (std::uint32_t n = wave.begin; n < wave.end; ++n) keys.push_back(tiles_[n].key);
+    cache_.advise(color_, keys);
+    if (depth_) cache_.advise(*depth_, keys);
   }
+  tile_samples_.resize(tiles_.size());
+  for (std::uint32_t n = wave.begin; n < wave.end; ++n)
+    if (auto ok = pin(tiles_[n], tile_samples_[n], wait); !ok) return ok;
+  return {};
+}
+
+Result<void> TapGatherer::pin(Tile& tile, TileSamples& samples, bool wait) {
+  const auto take = [&](storage::LayerId layer) -> Result<TileCache::Pin> {
+    if (wait) return cache_.get(layer, tile.key);
+    TileCache::Pin found = cache_.find(layer, tile.key);
+    if (!found) {
+      samples = {nullptr, nullptr, true};
+      wanted_.push_back(tile.key);
+    }
+    return found;
+  };
+  auto color = take(color_);
+  if (!color) return tl::unexpected(color.error());
+  if (!*color) return {};
+  tile.color = std::move(*color);
+  samples = {tile.color.samples(), nullptr, tile.color.state() == storage::TileState::missing};
+  if (!samples.colors || !depth_) return {};
+  auto depth = take(*depth_);
+  if (!depth) return tl::unexpected(depth.error());
+  if (!*depth) return {};
+  tile.depth = std::move(*depth);
+  samples.depths = tile.depth.samples();
   return {};
 }
 

@@ -21,12 +21,14 @@ namespace slf {
 class TapGatherer {
  public:
   /// Pins at most `pin_bytes` of decoded tiles, or one tile. With depth, both layers are pinned.
-  TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes, bool with_depth);
+  /// Unless it waits, tiles of levels above 0 that are not in the cache count as missing.
+  TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes, bool with_depth,
+              bool wait);
 
   void resize(std::size_t rays);
 
   /// Takes all samples of a pass over `count` rays. `missing` is set, per ray, where a tile was
-  /// never built.
+  /// never built or is not there yet.
   [[nodiscard]] Result<void> gather(const LevelGeometry& geometry, std::size_t count,
                                     const EntryArrays& entries, const Pass& pass);
 
@@ -36,6 +38,8 @@ class TapGatherer {
 
   /// Tiles touched since this was last cleared; with repetitions.
   [[nodiscard]] std::vector<TileKey>& touched() { return touched_; }
+  /// Of them, those that were not waited for.
+  [[nodiscard]] std::vector<TileKey>& wanted() { return wanted_; }
 
  private:
   struct Tap {
@@ -62,6 +66,7 @@ class TapGatherer {
   void rehash(std::size_t slots);
   void forget_tiles();
   [[nodiscard]] Result<void> pin(Wave wave);
+  [[nodiscard]] Result<void> pin(Tile& tile, TileSamples& samples, bool wait);
   void unpin(Wave wave);
   void take(Wave wave, std::size_t count, const Pass& pass);
   template <unsigned kExits, class Color>
@@ -73,6 +78,7 @@ class TapGatherer {
   std::optional<storage::LayerId> depth_;
   codec::SampleFormat format_;
   std::uint32_t most_pins_;
+  bool wait_;
   const LevelGeometry* geometry_ = nullptr;  // whose tiles are in tiles_
   std::vector<Tile> tiles_;
   std::vector<TileSamples> tile_samples_;  // of tiles_, where pinned
@@ -81,7 +87,7 @@ class TapGatherer {
   std::array<std::vector<Tap>, 3> taps_;
   SampleArrays samples_;
   std::vector<std::uint8_t> missing_;
-  std::vector<TileKey> touched_;
+  std::vector<TileKey> touched_, wanted_;
 };
 
 }  // namespace slf

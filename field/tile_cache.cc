@@ -7,8 +7,9 @@
 namespace slf {
 
 namespace {
-constexpr std::uint64_t kEntryBytes = 256;  // bookkeeping of one entry, about
-}
+constexpr std::uint64_t kEntryBytes = 256;     // bookkeeping of one entry, about
+constexpr std::uint64_t kMapWindow = 1 << 16;  // what Linux maps around a page that is read
+}  // namespace
 
 struct TileCache::Entry {
   Id id;
@@ -18,6 +19,7 @@ struct TileCache::Entry {
   std::uint64_t cost = 0;        // what it counts for in the budget
   std::uint32_t pins = 0;
   bool ready = false;
+  bool in_place = false;  // samples are in the map
   std::optional<Error> error;
   std::list<Id>::iterator place;  // in unpinned_, valid while pins == 0
 };
@@ -46,7 +48,7 @@ Result<TileCache::Pin> TileCache::get(storage::LayerId layer, TileKey key) {
   std::unique_lock lock(mutex_);
   if (const auto found = entries_.find(id); found != entries_.end()) {
     const std::shared_ptr<Entry> entry = found->second;
-    if (entry->pins++ == 0) unpinned_.erase(entry->place);
+    pin_locked(*entry);
     loaded_.wait(lock, [&] { return entry->ready; });
     if (entry->error) return tl::unexpected(*entry->error);
     ++statistics_.hits;
@@ -72,11 +74,23 @@ Result<TileCache::Pin> TileCache::get(storage::LayerId layer, TileKey key) {
   return Pin(this, entry);
 }
 
+TileCache::Pin TileCache::find(storage::LayerId layer, TileKey key) {
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find({layer, key});
+  if (found == entries_.end() || !found->second->ready) return {};
+  const std::shared_ptr<Entry>& entry = found->second;
+  pin_locked(*entry);
+  ++statistics_.hits;
+  return Pin(this, entry);
+}
+
 void TileCache::charge(Entry& entry, std::uint64_t bytes) {
   const std::lock_guard lock(mutex_);
   entry.cost = bytes + kEntryBytes;
   evict_locked(budget_ > entry.cost ? budget_ - entry.cost : 0);
   statistics_.decodes += bytes > 0;
+  statistics_.loaded_bytes += entry.tile.payload.size();
+  map_locked(entry.tile);
   statistics_.decoded_bytes += entry.cost;
   statistics_.decoded_peak_bytes =
       std::max(statistics_.decoded_peak_bytes, statistics_.decoded_bytes);
@@ -90,6 +104,7 @@ Result<void> TileCache::load(Entry& entry, const Id& id) {
   const std::size_t bytes = stored ? field_.tile_shape(id.layer, id.key).bytes() : 0;
   const bool in_place =
       stored && field_.codec(id.layer).in_place() && tile->payload.size() == bytes;
+  entry.in_place = in_place;
   charge(entry, in_place ? 0 : bytes);
   if (in_place) {
     entry.samples = tile->payload.data();
@@ -113,6 +128,24 @@ void TileCache::advise(storage::LayerId layer, std::span<const TileKey> keys) co
     if (const auto found = field_.store().find(tile.layer, tile.key)) tile = *found;
   std::erase_if(wanted, [](const auto& tile) { return tile.state != storage::TileState::stored; });
   if (!wanted.empty()) field_.store().advise(wanted);
+}
+
+void TileCache::pin_locked(Entry& entry) {
+  if (entry.pins++ > 0) return;
+  unpinned_.erase(entry.place);
+  if (entry.in_place) map_locked(entry.tile);
+}
+
+void TileCache::map_locked(const storage::TileRef& tile) {
+  const auto [begin, end] = field_.store().range(tile);
+  if (begin == end) return;
+  const std::uint64_t first = begin / kMapWindow, last = (end - 1) / kMapWindow;
+  const bool counted = first == mapped_window_;  // neighbours are mostly read together
+  mapped_bytes_ += (last - first + (counted ? 0 : 1)) * kMapWindow;
+  mapped_window_ = last;
+  if (mapped_bytes_ <= map_budget_) return;
+  field_.store().release_all();
+  mapped_bytes_ = 0;
 }
 
 void TileCache::unpin(const std::shared_ptr<Entry>& entry) {

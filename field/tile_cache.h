@@ -4,7 +4,9 @@
 // tiles stay; of the rest, the least recently used are dropped when the budget is reached. Only
 // pinned tiles can exceed it: keep few pins at a time.
 //
-// Tiles of an in-place codec (raw) are views of the map and cost nothing here.
+// Tiles of an in-place codec (raw) are views of the map and cost nothing here. What the map keeps
+// resident has a budget of its own: when about that much was read through it, all of it is
+// released; what is still in use comes back page by page.
 #pragma once
 
 #include <condition_variable>
@@ -25,7 +27,11 @@ struct CacheStatistics {
   std::uint64_t decodes = 0;
   std::uint64_t decoded_bytes = 0;       ///< kept now
   std::uint64_t decoded_peak_bytes = 0;  ///< the most kept at any time
+  std::uint64_t loaded_bytes = 0;        ///< payloads that were read, from the start
 };
+
+/// No limit.
+inline constexpr std::uint64_t kUnlimited = ~std::uint64_t{0};
 
 class TileCache {
   struct Entry;
@@ -41,6 +47,9 @@ class TileCache {
     Pin& operator=(Pin&& other) noexcept;
     ~Pin() { release(); }
 
+    /// Whether there is a tile at all.
+    explicit operator bool() const { return entry_ != nullptr; }
+    /// The rest REQUIRES one.
     [[nodiscard]] storage::TileState state() const;
     /// The samples of a stored tile, as codec::Tile lays them out; null when empty or missing.
     [[nodiscard]] const std::byte* samples() const;
@@ -55,11 +64,16 @@ class TileCache {
     std::shared_ptr<Entry> entry_;
   };
 
-  /// Borrows the field. `budget` bytes of decoded samples.
-  TileCache(const Field& field, std::uint64_t budget) : field_(field), budget_(budget) {}
+  /// Borrows the field. `budget` bytes of decoded samples, `map_budget` resident bytes of the map;
+  /// the latter can be exceeded by the pinned tiles of an in-place codec.
+  TileCache(const Field& field, std::uint64_t budget, std::uint64_t map_budget = kUnlimited)
+      : field_(field), budget_(budget), map_budget_(map_budget) {}
 
   /// Thread-safe. Any error of finding, checking or decoding; it is not remembered.
   [[nodiscard]] Result<Pin> get(storage::LayerId layer, TileKey key);
+
+  /// The tile if it is loaded already, else none. Thread-safe; waits for nobody.
+  [[nodiscard]] Pin find(storage::LayerId layer, TileKey key);
 
   /// Asks the kernel to read the payloads of tiles that are not here yet: call it with all that
   /// will be wanted next, so that the disk works on many at a time.
@@ -81,18 +95,23 @@ class TileCache {
     }
   };
 
+  void pin_locked(Entry& entry);
   void unpin(const std::shared_ptr<Entry>& entry);
   void evict_locked(std::uint64_t budget);
+  /// Counts the pages that reading a tile brings into the map, and releases them when due.
+  void map_locked(const storage::TileRef& tile);
   /// Makes room for an entry and counts it.
   void charge(Entry& entry, std::uint64_t bytes);
   [[nodiscard]] Result<void> load(Entry& entry, const Id& id);
 
   const Field& field_;
-  const std::uint64_t budget_;
+  const std::uint64_t budget_, map_budget_;
   mutable std::mutex mutex_;
   std::condition_variable loaded_;
   std::unordered_map<Id, std::shared_ptr<Entry>, Hash> entries_;
-  std::list<Id> unpinned_;  // least recently used first
+  std::list<Id> unpinned_;           // least recently used first
+  std::uint64_t mapped_bytes_ = 0;   // read through the map since it was last released, about
+  std::uint64_t mapped_window_ = 0;  // the window that was read last
   CacheStatistics statistics_;
 };
 

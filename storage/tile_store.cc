@@ -190,6 +190,9 @@ Result<void> TileStore::check(const TileRef& tile) const {
 
 void TileStore::advise(std::span<const TileRef> tiles) const { advise_all(tiles, MADV_WILLNEED); }
 void TileStore::release(std::span<const TileRef> tiles) const { advise_all(tiles, MADV_DONTNEED); }
+void TileStore::release_all() const {
+  (void)madvise(const_cast<std::byte*>(map()), file_bytes(), MADV_DONTNEED);
+}
 
 FileRange TileStore::range(const TileRef& tile) const {
   if (tile.payload.empty()) return {};

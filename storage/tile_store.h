@@ -121,6 +121,8 @@ class TileStore {
   /// Tells the kernel that the tiles' pages are no longer needed by this process (MADV_DONTNEED
   /// on the shared read-only map: safe, the file is unchanged).
   void release(std::span<const TileRef> tiles) const;
+  /// The same of the whole map. Payloads in use stay valid: they are read from the file again.
+  void release_all() const;
 
   /// The part of the file a payload lies in, for counting pages.
   [[nodiscard]] FileRange range(const TileRef& tile) const;

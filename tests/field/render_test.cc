@@ -191,7 +191,7 @@ TEST_F(Render, StatisticsCountWhatWasTouched) {
   EXPECT_EQ(statistics.decodes, stored);
   EXPECT_GE(statistics.map_pages, bytes / 4096);
   EXPECT_LE(statistics.map_pages, bytes / 4096 + 2 * stored);
-  EXPECT_EQ(statistics.fallback_pixels, 0u);
+  EXPECT_EQ(statistics.fallback_pixels(), 0u);
 }
 
 TEST_F(Render, DistancesReachTheSurface) {
@@ -287,7 +287,7 @@ TEST(RenderIncomplete, MissingTilesAreDrawnFromCoarserLevelsAndCounted) {
   const Camera camera = orbit_camera((*field)->shape().sphere, 40, 25, 3, 128, 128);
   ViewStatistics statistics;
   const Image image = draw(**field, camera, {RenderMode::bitri, 2, false}, {}, &statistics);
-  EXPECT_GT(statistics.fallback_pixels, 0u);
+  EXPECT_GT(statistics.fallback_pixels(), 0u);
   const Image fine = draw(*whole, camera, {RenderMode::bitri, 2, false});
   EXPECT_GT(compare(image, fine).psnr, 18);  // blurred in part, but the same picture
 }
