@@ -1,6 +1,7 @@
 // What a benchmark does when something goes wrong: say so and stop.
 #pragma once
 
+#include <cerrno>
 #include <cstdio>
 #include <cstdlib>
 #include <string>
@@ -12,7 +13,7 @@
 namespace slf::bench {
 
 [[noreturn]] inline void stop(const std::string& message) {
-  std::fprintf(stderr, "storage_peers: %s\n", message.c_str());
+  std::fprintf(stderr, "%s: %s\n", program_invocation_short_name, message.c_str());
   std::exit(static_cast<int>(ErrorCode::failed));
 }
 

@@ -1,0 +1,135 @@
+#include "benchmarks/plane/plane_field.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "benchmarks/storage/expect.h"
+#include "field/parallel.h"
+
+namespace slf::bench {
+namespace {
+
+constexpr std::uint32_t kBlock = 32;  // edge in pixels, as slf's renderer has it
+
+std::uint32_t to_rgba8(const glm::vec4& v) {
+  std::uint32_t packed = 0;
+  for (int c = 0; c < 4; ++c)
+    packed |= static_cast<std::uint32_t>(std::lround(std::clamp(v[c], 0.f, 1.f) * 255)) << 8 * c;
+  return packed;
+}
+
+/// Calls f(x0, x1, y0, y1) for each block of a picture.
+template <class F>
+void for_blocks(const Camera& camera, unsigned threads, const F& f) {
+  const std::uint32_t across = (camera.width + kBlock - 1) / kBlock;
+  const std::uint32_t down = (camera.height + kBlock - 1) / kBlock;
+  parallel_for(across * down, threads, [&](std::uint64_t block) {
+    const auto x = static_cast<std::uint32_t>(block % across) * kBlock;
+    const auto y = static_cast<std::uint32_t>(block / across) * kBlock;
+    f(x, std::min(x + kBlock, camera.width), y, std::min(y + kBlock, camera.height));
+  });
+}
+
+}  // namespace
+
+PlaneFan PlaneField::fan(const Camera& camera) const {
+  const auto rays = expect(RayGenerator::make(camera));
+  const double scale = 1 / sphere_.radius;
+  return {glm::vec3((rays.eye() - sphere_.center) * scale), glm::vec3(rays.corner() * scale),
+          glm::vec3(rays.across() * scale), glm::vec3(rays.down() * scale), camera.width};
+}
+
+void PlaneField::prepare(const Camera& camera) {
+  const PlaneFan rays_fan = fan(camera);
+  PlaneRays rays;
+  rays.resize(std::size_t{kBlock} * kBlock);
+  std::vector<std::size_t> wanted;
+  for_blocks(camera, 1, [&](auto x0, auto x1, auto y0, auto y1) {
+    find_taps(shape_, rays_fan, x0, x1, y0, y1, rays);
+    for (const auto& tiles : rays.tile)
+      for (std::size_t k = 0; k < rays.count; ++k)
+        if (std::uint32_t& at = tiles_[tiles[k]]; at == kUnknown) {
+          at = static_cast<std::uint32_t>(samples_.size() / kTileSamples + wanted.size());
+          wanted.push_back(tiles[k]);
+        }
+  });
+  const std::size_t begin = samples_.size();
+  samples_.resize(begin + wanted.size() * kTileSamples);
+  parallel_for(wanted.size(), 0, [&](std::uint64_t k) {
+    trace(wanted[k], samples_.data() + begin + k * kTileSamples);
+  });
+}
+
+/// Slabs that miss the sphere are clear.
+void PlaneField::trace(std::size_t tile, std::uint32_t* samples) const {
+  const auto columns = static_cast<std::size_t>(grid_.column_blocks);
+  const auto rows = static_cast<std::size_t>(grid_.row_blocks);
+  const auto first_s = static_cast<std::int32_t>(tile % columns) << kColumnShift;
+  const auto first_t = static_cast<std::int32_t>(tile / columns % columns) << kColumnShift;
+  const std::size_t block = tile / (columns * columns);
+  const auto first_u = static_cast<std::int32_t>(block % rows) << kRowShift;
+  const auto first_v = static_cast<std::int32_t>(block / rows % rows) << kRowShift;
+  const auto pair = static_cast<unsigned>(block / (rows * rows));
+
+  std::vector<Segment> segments;
+  std::vector<std::uint32_t*> to;
+  for (std::int32_t row = 0; row < kTileRows; ++row)
+    for (std::int32_t column = 0; column < kTileColumns; ++column) {
+      const glm::dvec3 a =
+          from_pair(pair, {node_at(shape_.first, shape_.first_nodes, first_u + row % kRowEdge),
+                           node_at(shape_.first, shape_.first_nodes, first_v + row / kRowEdge),
+                           shape_.first});
+      const glm::dvec3 b = from_pair(
+          pair, {node_at(shape_.second, shape_.second_nodes, first_s + column % kColumnEdge),
+                 node_at(shape_.second, shape_.second_nodes, first_t + column / kColumnEdge),
+                 shape_.second});
+      const Chord chord = intersect({}, a, b - a);
+      if (!chord.hit) continue;
+      const auto world = [&](double t) {
+        return sphere_.center + sphere_.radius * (a + t * (b - a));
+      };
+      segments.push_back({world(chord.enter), world(chord.leave)});
+      to.push_back(samples + row * kTileColumns + column);
+    }
+  std::vector<RaySample> out(segments.size());
+  scene_.trace_many(segments, out);
+  for (std::size_t k = 0; k < out.size(); ++k) *to[k] = to_rgba8(out[k].rgba);
+}
+
+void PlaneField::take(PlaneRays& rays) const {
+  for (std::size_t c = 0; c < 4; ++c) {
+    const std::uint32_t* tile = rays.tile[c].data();
+    const std::uint32_t* row = rays.row[c].data();
+    const std::uint32_t* column = rays.column.data();
+    std::uint32_t* to[4];
+    for (std::size_t e = 0; e < 4; ++e) to[e] = rays.sample[4 * c + e].data();
+    for (std::size_t k = 0; k < rays.count; ++k) {
+      const std::uint32_t* from =
+          samples_.data() + std::size_t{tiles_[tile[k]]} * kTileSamples + row[k] + column[k];
+      to[0][k] = from[0];
+      to[1][k] = from[1];
+      to[2][k] = from[kColumnEdge];
+      to[3][k] = from[kColumnEdge + 1];
+    }
+  }
+}
+
+Image PlaneField::render(const Camera& camera, unsigned threads) const {
+  Image image;
+  image.width = camera.width, image.height = camera.height;
+  image.rgba.assign(std::size_t{camera.width} * camera.height, glm::vec4(0));
+  const PlaneFan rays_fan = fan(camera);
+  for_blocks(camera, threads, [&](auto x0, auto x1, auto y0, auto y1) {
+    thread_local PlaneRays rays;
+    thread_local std::vector<glm::vec4> colors;
+    rays.resize(std::size_t{kBlock} * kBlock);
+    colors.resize(std::size_t{kBlock} * kBlock + kPadding);
+    find_taps(shape_, rays_fan, x0, x1, y0, y1, rays);
+    take(rays);
+    blend(rays, colors.data());
+    for (std::size_t k = 0; k < rays.count; ++k) image.rgba[rays.pixel[k]] = colors[k];
+  });
+  return image;
+}
+
+}  // namespace slf::bench

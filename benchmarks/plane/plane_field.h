@@ -1,0 +1,60 @@
+// PlaneField: the traditional light field, between pairs of parallel planes, in memory.
+//
+// The peer of slf's sphere light field: built by tracing the same Scene, drawn from the same
+// cameras, and engineered alike: tiles of 8-bit RGBA whose rows are entry samples that one tile
+// owns and whose columns are exit samples with shared edges, blocks of pixels, vectors of rays,
+// threads. Rendering is quadrilinear, 16 samples a ray.
+//
+// Tiles are traced when a view first needs them (prepare), so that a field of any size can be
+// measured by a few views; drawing touches no others.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "benchmarks/plane/plane_kernel.h"
+#include "benchmarks/plane/slabs.h"
+#include "field/camera.h"
+#include "field/image.h"
+#include "field/scene.h"
+
+namespace slf::bench {
+
+/// Thread-safety: one call at a time; render() uses threads itself.
+class PlaneField {
+ public:
+  /// Borrows the scene.
+  PlaneField(const Scene& scene, const Sphere& sphere, const PlaneShape& shape)
+      : scene_(scene),
+        sphere_(sphere),
+        shape_(shape),
+        grid_(shape),
+        tiles_(grid_.tiles(), kUnknown) {}
+
+  /// Traces the tiles that a view needs and that no view needed before.
+  void prepare(const Camera& camera);
+
+  /// Draws a view. REQUIRES: prepared.
+  [[nodiscard]] Image render(const Camera& camera, unsigned threads) const;
+
+  [[nodiscard]] const PlaneShape& shape() const { return shape_; }
+  /// Tiles traced so far.
+  [[nodiscard]] std::size_t tiles() const { return samples_.size() / kTileSamples; }
+  [[nodiscard]] std::size_t all_tiles() const { return tiles_.size(); }
+
+ private:
+  static constexpr std::uint32_t kUnknown = ~0u;
+
+  [[nodiscard]] PlaneFan fan(const Camera& camera) const;
+  void trace(std::size_t tile, std::uint32_t* samples) const;
+  void take(PlaneRays& rays) const;
+
+  const Scene& scene_;
+  Sphere sphere_;
+  PlaneShape shape_;
+  TileGrid grid_;
+  std::vector<std::uint32_t> tiles_;  ///< where each tile is in samples_, in tiles
+  std::vector<std::uint32_t> samples_;
+};
+
+}  // namespace slf::bench

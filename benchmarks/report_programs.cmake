@@ -1,0 +1,33 @@
+# The programs that scripts/report runs.
+find_package(CLI11 REQUIRED)
+find_package(fmt REQUIRED)
+
+# The command line's own arguments: a volume is named everywhere as it is to slf.
+add_library(bench_arguments STATIC ../cli/arguments.cc ../cli/output.cc)
+target_link_libraries(bench_arguments PUBLIC slf::field CLI11::CLI11 PRIVATE fmt::fmt slf_options)
+
+find_package(VTK 9 QUIET COMPONENTS CommonCore CommonDataModel RenderingCore RenderingOpenGL2
+                                    RenderingVolume RenderingVolumeOpenGL2)
+if(VTK_FOUND)
+  add_executable(vtk_speed vtk_speed.cc)
+  target_link_libraries(vtk_speed PRIVATE bench_arguments ${VTK_LIBRARIES} slf_options)
+  vtk_module_autoinit(TARGETS vtk_speed MODULES ${VTK_LIBRARIES})
+else()
+  message(STATUS "vtk_speed is left out: VTK 9 not found (libvtk9-dev)")
+endif()
+
+# The traditional light field, between planes.
+add_library(bench_plane STATIC plane/plane_field.cc plane/plane_kernel.cc)
+target_link_libraries(bench_plane PUBLIC slf::field PRIVATE PkgConfig::HWY Threads::Threads slf_options)
+add_executable(systems systems.cc)
+target_link_libraries(systems PRIVATE bench_arguments bench_plane Threads::Threads slf_options)
+
+add_executable(sampling_quality sampling_quality.cc)
+target_link_libraries(sampling_quality PRIVATE bench_arguments Threads::Threads slf_options)
+
+add_custom_target(report_programs)
+foreach(program codec_peers sampling_quality systems vtk_speed)
+  if(TARGET ${program})
+    add_dependencies(report_programs ${program})
+  endif()
+endforeach()
