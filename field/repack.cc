@@ -18,6 +18,7 @@ using storage::LayerId;
 using storage::TileState;
 
 constexpr std::size_t kTrainingTiles = 16;
+constexpr std::uint64_t kAdvised = 64;  // tiles that are asked for together
 
 /// One layer of the output and where it comes from.
 struct OutputLayer {
@@ -165,6 +166,19 @@ Recoded recode(const Field& field, const std::vector<OutputLayer>& outputs, Tile
   return tile;
 }
 
+/// Asks for the tiles with numbers in [begin, end), for an input that is not in memory.
+void advise(const Field& field, const std::vector<OutputLayer>& outputs, const TileOrder& order,
+            std::uint64_t begin, std::uint64_t end) {
+  std::vector<TileKey> keys;
+  for (std::uint64_t n = begin; n < std::min(end, order.count()); ++n) keys.push_back(order.key(n));
+  for (const OutputLayer& out : outputs) {
+    std::vector<storage::TileRef> tiles;
+    for (const auto& tile : field.store().find_all(out.from, keys))
+      if (tile) tiles.push_back(*tile);
+    field.store().advise(tiles);
+  }
+}
+
 /// The shape of the output, checked.
 Result<FieldShape> plan_shape(const Field& field, const RepackOptions& options) {
   FieldShape shape = field.shape();
@@ -223,7 +237,10 @@ Result<void> write_tiles(const Field& field, const FieldShape& shape,
 
   Progress state;
   state.total = order.count();
+  advise(field, outputs, order, 0, window + kAdvised);
   for (std::uint64_t n = 0; n < order.count(); ++n) {
+    if (n % kAdvised == 0)
+      advise(field, outputs, order, n + window + kAdvised, n + window + 2 * kAdvised);
     const Recoded tile = pipeline.take();
     if (tile.error) return tl::unexpected(*tile.error);
     for (std::size_t k = 0; k < tile.payloads.size(); ++k) {

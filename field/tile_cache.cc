@@ -117,17 +117,17 @@ Result<void> TileCache::load(Entry& entry, const Id& id) {
 }
 
 void TileCache::advise(storage::LayerId layer, std::span<const TileKey> keys) const {
-  std::vector<storage::TileRef> wanted;
+  std::vector<TileKey> wanted;
   {
     const std::lock_guard lock(mutex_);
     for (const TileKey& key : keys)
-      if (!entries_.contains({layer, key}))
-        wanted.push_back({storage::TileState::missing, layer, key, {}, 0});
+      if (!entries_.contains({layer, key})) wanted.push_back(key);
   }
-  for (storage::TileRef& tile : wanted)
-    if (const auto found = field_.store().find(tile.layer, tile.key)) tile = *found;
-  std::erase_if(wanted, [](const auto& tile) { return tile.state != storage::TileState::stored; });
-  if (!wanted.empty()) field_.store().advise(wanted);
+  if (wanted.empty()) return;
+  std::vector<storage::TileRef> tiles;
+  for (const auto& found : field_.store().find_all(layer, wanted))
+    if (found && found->state == storage::TileState::stored) tiles.push_back(*found);
+  field_.store().advise(tiles);
 }
 
 void TileCache::pin_locked(Entry& entry) {

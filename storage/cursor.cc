@@ -57,12 +57,13 @@ Result<bool> Cursor::descend(std::uint64_t number, ByteSpan key) {
     }
     auto page = pages_->tree_page(number, leaf);
     if (!page) return tl::unexpected(std::move(page.error()));
-    auto index = leaf ? lower_bound(*page, key) : child_for(*page, key);
-    if (!index) return tl::unexpected(std::move(index.error()));
-    path_[depth_++] = {*page, *index};
+    std::uint32_t index = 0;
+    if (!(leaf ? page->lower_bound(key, index) : page->child_for(key, index)))
+      return bad_node(*page, index);
+    path_[depth_++] = {*page, index};
     if (leaf) return settle();
     Node child;
-    if (!page->node(*index, child)) return bad_node(*page, *index);
+    if (!page->node(index, child)) return bad_node(*page, index);
     number = child.child;
   }
 }
@@ -84,38 +85,6 @@ Result<bool> Cursor::settle() {
     return true;
   }
   return false;
-}
-
-Result<std::uint32_t> Cursor::lower_bound(const TreePage& page, ByteSpan key) const {
-  std::uint32_t begin = 0;
-  std::uint32_t end = page.count();
-  while (begin < end) {
-    const std::uint32_t middle = begin + (end - begin) / 2;
-    Node node;
-    if (!page.node(middle, node)) return bad_node(page, middle);
-    if (compare_keys(node.key, key) < 0)
-      begin = middle + 1;
-    else
-      end = middle;
-  }
-  return begin;
-}
-
-// The last child whose keys begin at or before `key`. The first child has no lower bound: its
-// node's key means nothing.
-Result<std::uint32_t> Cursor::child_for(const TreePage& page, ByteSpan key) const {
-  std::uint32_t begin = 1;
-  std::uint32_t end = page.count();
-  while (begin < end) {
-    const std::uint32_t middle = begin + (end - begin) / 2;
-    Node node;
-    if (!page.node(middle, node)) return bad_node(page, middle);
-    if (compare_keys(node.key, key) <= 0)
-      begin = middle + 1;
-    else
-      end = middle;
-  }
-  return begin - 1;
 }
 
 }  // namespace slf::storage::internal

@@ -112,6 +112,37 @@ bool TreePage::node(std::uint32_t i, Node& node) const {
   return true;
 }
 
+// The first entry from `begin` on that is not `before` what is searched.
+template <class Before>
+bool TreePage::search(std::uint32_t begin, const Before& before, std::uint32_t& index) const {
+  std::uint32_t end = count_;
+  while (begin < end) {
+    index = begin + (end - begin) / 2;
+    Node entry;
+    if (!node(index, entry)) return false;
+    if (before(entry))
+      begin = index + 1;
+    else
+      end = index;
+  }
+  index = begin;
+  return true;
+}
+
+bool TreePage::lower_bound(ByteSpan key, std::uint32_t& index) const {
+  return search(
+      0, [&](const Node& entry) { return compare_keys(entry.key, key) < 0; }, index);
+}
+
+// The first child has no lower bound: its node's key means nothing.
+bool TreePage::child_for(ByteSpan key, std::uint32_t& index) const {
+  if (!search(
+          1, [&](const Node& entry) { return compare_keys(entry.key, key) <= 0; }, index))
+    return false;
+  --index;
+  return true;
+}
+
 Result<TreePage> Pages::tree_page(std::uint64_t number, bool leaf) const {
   if (number < 2 || number > meta_.last_page)
     return damaged(number, "outside the file's ", count(), " pages");

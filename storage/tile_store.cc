@@ -4,8 +4,10 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <numeric>
 #include <utility>
 
+#include "storage/internal/prefetch.h"
 #include "storage/internal/snapshot.h"
 #include "storage/internal/structure.h"
 
@@ -59,6 +61,10 @@ class RecordWalk {
         if (!cause_) cause_ = std::move(at.error());
         continue;
       }
+      if (cursor_.leaf().number() != leaf_) {
+        leaf_ = cursor_.leaf().number();
+        internal::prefetch_heads(snapshot_.pages(), cursor_, to_);
+      }
       auto record = snapshot_.record(layer_, cursor_);
       if (!record) {
         const auto last = internal::decode_key(cursor_.key());
@@ -101,41 +107,14 @@ class RecordWalk {
   Cursor cursor_;
   TileKey due_;  ///< the first key not accounted for
   TileKey to_;
+  std::uint64_t leaf_ = internal::kNoPage;  ///< whose records are being fetched
   std::optional<Error> cause_;
 };
 
-struct Advice {
-  std::uintptr_t begin = 0;
-  std::uintptr_t end = 0;
-};
-
-// The pages of the tiles' payloads, merged where they touch, in the order of the map.
-std::vector<Advice> pages_of(std::span<const TileRef> tiles) {
-  static const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
-  std::vector<Advice> ranges;
-  ranges.reserve(tiles.size());
-  for (const TileRef& tile : tiles) {
-    if (tile.payload.empty()) continue;
-    const auto begin = reinterpret_cast<std::uintptr_t>(tile.payload.data());
-    const std::uintptr_t end = begin + tile.payload.size();
-    ranges.push_back({begin / page * page, (end + page - 1) / page * page});
-  }
-  std::sort(ranges.begin(), ranges.end(),
-            [](const Advice& a, const Advice& b) { return a.begin < b.begin; });
-  std::size_t kept = 0;
-  for (const Advice& range : ranges) {
-    if (kept > 0 && range.begin <= ranges[kept - 1].end)
-      ranges[kept - 1].end = std::max(ranges[kept - 1].end, range.end);
-    else
-      ranges[kept++] = range;
-  }
-  ranges.resize(kept);
-  return ranges;
-}
-
 void advise_all(std::span<const TileRef> tiles, int advice) {
-  for (const Advice& range : pages_of(tiles))
-    (void)madvise(reinterpret_cast<void*>(range.begin), range.end - range.begin, advice);
+  internal::Advice parts;
+  for (const TileRef& tile : tiles) parts.add(tile.payload);
+  parts.give(advice);
 }
 
 }  // namespace
@@ -164,17 +143,60 @@ Result<ByteSpan> TileStore::blob(std::string_view name) const {
   return state_->snapshot->blob(name);
 }
 
+namespace {
+
+TileRef tile_of(const std::optional<Record>& record, LayerId layer, TileKey key) {
+  if (!record) return {TileState::missing, layer, key, {}, 0};
+  const auto position = static_cast<std::uint32_t>(key.index - record->first().index);
+  return tile_ref(*record, position, record->tile(position));
+}
+
+}  // namespace
+
 Result<TileRef> TileStore::find(LayerId layer, TileKey key) const {
   if (auto known = state_->check_layer(layer); !known)
     return tl::unexpected(std::move(known.error()));
   auto record = state_->snapshot->find(layer, key);
   if (!record) return tl::unexpected(std::move(record.error()));
-  if (!*record) return TileRef{TileState::missing, layer, key, {}, 0};
-  const auto position = static_cast<std::uint32_t>(key.index - (*record)->first().index);
-  const TileRef tile = tile_ref(**record, position, (*record)->tile(position));
+  const TileRef tile = tile_of(*record, layer, key);
   if (auto same = state_->snapshot->unchanged(); !same)
     return tl::unexpected(std::move(same.error()));
   return tile;
+}
+
+std::vector<Result<TileRef>> TileStore::find_all(LayerId layer,
+                                                 std::span<const TileKey> keys) const {
+  std::vector<Result<TileRef>> tiles(keys.size());
+  if (auto known = state_->check_layer(layer); !known) {
+    for (auto& tile : tiles) tile = tl::unexpected(known.error());
+    return tiles;
+  }
+  std::vector<std::size_t> order(keys.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::sort(order.begin(), order.end(),
+            [&](std::size_t a, std::size_t b) { return keys[a] < keys[b]; });
+  const Snapshot& snapshot = *state_->snapshot;
+  std::vector<internal::RecordKey> sorted;
+  sorted.reserve(keys.size());
+  for (const std::size_t k : order) sorted.push_back(internal::encode_key(keys[k]));
+  internal::prefetch_records(snapshot.pages(), snapshot.tree(layer), sorted);
+
+  std::optional<Record> held;  // of the tile before: mostly the next one's too
+  for (const std::size_t k : order) {
+    if (!held || keys[k] < held->first() || keys[k] > held->last()) {
+      auto record = snapshot.find(layer, keys[k]);
+      held.reset();
+      if (!record) {
+        tiles[k] = tl::unexpected(std::move(record.error()));
+        continue;
+      }
+      held = std::move(*record);
+    }
+    tiles[k] = tile_of(held, layer, keys[k]);
+  }
+  if (auto same = snapshot.unchanged(); !same)
+    for (auto& tile : tiles) tile = tl::unexpected(same.error());
+  return tiles;
 }
 
 Result<void> TileStore::check(const TileRef& tile) const {

@@ -112,6 +112,13 @@ class TileStore {
   /// bad_file: a page on the way, or the record's table, is damaged.
   [[nodiscard]] Result<TileRef> find(LayerId layer, TileKey key) const;
 
+  /// Finds many tiles of a layer, given in any order; the results are in the order of `keys` and
+  /// as find() gives them. (Of a damaged file it may find tiles that find() cannot reach.) Where the
+  /// file is not in memory, much faster than one after the other: the pages that the search needs
+  /// next are fetched together. advise() then fetches the payloads.
+  [[nodiscard]] std::vector<Result<TileRef>> find_all(LayerId layer,
+                                                      std::span<const TileKey> keys) const;
+
   /// Verifies a stored tile's checksum (touches the payload). bad_file names layer and key.
   [[nodiscard]] Result<void> check(const TileRef& tile) const;
 

@@ -35,6 +35,10 @@ class Cursor {
   [[nodiscard]] const Node& node() const { return node_; }
   [[nodiscard]] Result<ByteSpan> value() const { return pages_->value(node_); }
 
+  /// The leaf the entry is on, and its place there. REQUIRES: the cursor is at an entry.
+  [[nodiscard]] const TreePage& leaf() const { return path_[depth_ - 1].page; }
+  [[nodiscard]] std::uint32_t index() const { return path_[depth_ - 1].index; }
+
  private:
   struct Step {
     TreePage page;
@@ -45,8 +49,6 @@ class Cursor {
   [[nodiscard]] Result<bool> descend(std::uint64_t number, ByteSpan key);
   [[nodiscard]] Result<bool> settle();
   [[nodiscard]] Result<bool> last_below(std::uint64_t number);
-  [[nodiscard]] Result<std::uint32_t> child_for(const TreePage& page, ByteSpan key) const;
-  [[nodiscard]] Result<std::uint32_t> lower_bound(const TreePage& page, ByteSpan key) const;
   [[nodiscard]] tl::unexpected<Error> bad_node(const TreePage& page, std::uint32_t index) const {
     return pages_->damaged(page.number(), "entry ", index, " leaves the page");
   }

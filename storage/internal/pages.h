@@ -80,7 +80,16 @@ class TreePage {
   /// Reads node `i` into `node`; false when it leaves the page.
   [[nodiscard]] bool node(std::uint32_t i, Node& node) const;
 
+  /// Leaf: the first entry with key >= `key`, or count(). False: entry `index` leaves the page.
+  [[nodiscard]] bool lower_bound(ByteSpan key, std::uint32_t& index) const;
+
+  /// Branch: the last child whose keys begin at or before `key`. False: as above.
+  [[nodiscard]] bool child_for(ByteSpan key, std::uint32_t& index) const;
+
  private:
+  template <class Before>
+  [[nodiscard]] bool search(std::uint32_t begin, const Before& before, std::uint32_t& index) const;
+
   ByteSpan bytes_;
   std::uint64_t number_ = 0;
   bool leaf_ = false;

@@ -90,6 +90,8 @@ bool survives(const std::string& path, const Layers& model, const std::string& w
       EXPECT_EQ(tile->state, bytes.empty() ? TileState::empty : TileState::stored) << what;
       EXPECT_TRUE(std::ranges::equal(tile->payload, bytes)) << what;
     }
+    SCOPED_TRACE(what);
+    expect_finds_alike(*store, layer, model[layer]);
   }
   const auto large = store->blob("large");
   if (large && !std::ranges::equal(*large, Bytes(6000, std::byte{6})))

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -104,6 +105,38 @@ inline Model contents(const TileStore& store, LayerId layer) {
   return model;
 }
 
+/// find_all() gives, for the tiles of the model and some that are not there, in any order and
+/// repeatedly, exactly what find() gives. In a damaged file it may find more: a record that was
+/// reached by another of its tiles.
+inline void expect_finds_alike(const TileStore& store, LayerId layer, const Model& model) {
+  std::vector<TileKey> keys{{0, 0}, {7, 7}, {254, ~std::uint64_t{0}}};
+  for (const auto& [key, bytes] : model) {
+    keys.push_back(key);
+    if (key.index % 5 == 0) keys.insert(keys.end(), {key, {key.level, key.index + 1}});
+  }
+  std::shuffle(keys.begin(), keys.end(), std::mt19937_64(keys.size()));
+  const auto all = store.find_all(layer, keys);
+  ASSERT_EQ(all.size(), keys.size());
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    const auto one = store.find(layer, keys[i]);
+    if (!one && all[i]) {
+      const auto held = model.find(keys[i]);
+      ASSERT_EQ(all[i]->state == TileState::missing, held == model.end());
+      if (held == model.end() || !store.check(*all[i])) continue;
+      EXPECT_TRUE(std::ranges::equal(all[i]->payload, held->second));
+      continue;
+    }
+    ASSERT_EQ(all[i].has_value(), one.has_value());
+    if (!one) continue;
+    EXPECT_EQ(all[i]->state, one->state);
+    EXPECT_EQ(all[i]->layer, layer);
+    EXPECT_EQ(all[i]->key, keys[i]);
+    EXPECT_EQ(all[i]->payload.data(), one->payload.data());
+    EXPECT_EQ(all[i]->payload.size(), one->payload.size());
+    EXPECT_EQ(all[i]->checksum, one->checksum);
+  }
+}
+
 /// No finding, and find() agrees with the model for its tiles.
 inline void expect_holds(const std::string& path, LayerId layer, const Model& model) {
   auto store = TileStore::open(path);
@@ -112,6 +145,7 @@ inline void expect_holds(const std::string& path, LayerId layer, const Model& mo
   store->check_structure(findings);
   for (const Error& finding : findings) ADD_FAILURE() << finding.message;
   EXPECT_EQ(contents(*store, layer), model);
+  expect_finds_alike(*store, layer, model);
   for (const auto& [key, bytes] : model) {
     const auto tile = store->find(layer, key);
     ASSERT_TRUE(ok(tile));

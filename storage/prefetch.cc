@@ -1,0 +1,129 @@
+#include "storage/internal/prefetch.h"
+
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+
+namespace slf::storage::internal {
+namespace {
+
+constexpr std::size_t kUsualCode = 3;  ///< bytes of a table's code, of payloads below 2 MiB
+
+/// A page of the tree, and which of the keys lead there: [begin, end).
+struct Stop {
+  std::uint64_t page = 0;
+  std::size_t begin = 0;
+  std::size_t end = 0;
+};
+
+ByteSpan bytes_of(const Pages& pages, std::uint64_t first, std::uint64_t bytes) {
+  const std::uint64_t size = pages.meta().page_size;
+  const std::uint64_t count = (bytes + size - 1) / size;
+  if (first < 2 || first >= pages.count() || count > pages.count() - first) return {};
+  return pages.file().subspan(first * size, count * size);
+}
+
+/// How many tiles the record of entry `index` spans at most, as far as the leaf tells: the entry
+/// before says where it begins.
+std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& node) {
+  Node before;
+  if (index == 0 || !leaf.node(index - 1, before)) return kMaxTiles;
+  const auto last = decode_key(node.key);
+  const auto previous = decode_key(before.key);
+  if (!last || !previous || *previous >= *last) return kMaxTiles;
+  const std::uint64_t span =
+      previous->level == last->level ? last->index - previous->index : last->index + 1;
+  return std::min(span, kMaxTiles);
+}
+
+/// Adds a record's header and table; all of it where that is a single tile.
+void add_head(const Pages& pages, const TreePage& leaf, std::uint32_t index, Advice& advice) {
+  Node node;
+  if (!leaf.node(index, node) || (node.flags & kBigData) == 0) return;
+  const std::uint64_t span = span_of(leaf, index, node);
+  const std::uint64_t table = kPageHeader + kRecordHeader + span * (kUsualCode + 8);
+  const std::uint64_t all = kPageHeader + node.data_size;
+  advice.add(bytes_of(pages, node.child, span == 1 ? all : std::min(all, table)));
+}
+
+/// Adds the pages below a branch that the stop's keys lead to.
+void add_children(const Pages& pages, std::span<const RecordKey> keys, const Stop& stop,
+                  std::vector<Stop>& below) {
+  const auto branch = pages.tree_page(stop.page, false);
+  if (!branch) return;
+  const std::size_t first = below.size();
+  for (std::size_t k = stop.begin; k < stop.end; ++k) {
+    std::uint32_t index = 0;
+    Node node;
+    if (!branch->child_for(keys[k], index) || !branch->node(index, node)) continue;
+    if (below.size() == first || below.back().page != node.child)
+      below.push_back({node.child, k, k});
+    below.back().end = k + 1;
+  }
+}
+
+/// Adds the heads of the records that hold the stop's keys. One that is the first of the next leaf
+/// is left to whoever finds it.
+void add_heads(const Pages& pages, std::span<const RecordKey> keys, const Stop& stop,
+               Advice& advice) {
+  const auto leaf = pages.tree_page(stop.page, true);
+  if (!leaf) return;
+  std::uint32_t next = 0;  // behind the last entry added
+  for (std::size_t k = stop.begin; k < stop.end; ++k) {
+    std::uint32_t index = 0;
+    if (!leaf->lower_bound(keys[k], index) || index >= leaf->count() || index < next) continue;
+    add_head(pages, *leaf, index, advice);
+    next = index + 1;
+  }
+}
+
+}  // namespace
+
+void Advice::add(ByteSpan bytes) {
+  static const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
+  if (bytes.empty()) return;
+  const auto begin = reinterpret_cast<std::uintptr_t>(bytes.data());
+  ranges_.push_back({begin / page * page, (begin + bytes.size() + page - 1) / page * page});
+}
+
+void Advice::give(int advice) {
+  std::sort(ranges_.begin(), ranges_.end(),
+            [](const Range& a, const Range& b) { return a.begin < b.begin; });
+  for (std::size_t i = 0; i < ranges_.size();) {
+    Range merged = ranges_[i++];
+    for (; i < ranges_.size() && ranges_[i].begin <= merged.end; ++i)
+      merged.end = std::max(merged.end, ranges_[i].end);
+    (void)madvise(reinterpret_cast<void*>(merged.begin), merged.end - merged.begin, advice);
+  }
+  ranges_.clear();
+}
+
+void prefetch_records(const Pages& pages, const Tree& tree, std::span<const RecordKey> keys) {
+  if (keys.empty() || tree.root == kNoPage || tree.depth == 0 || tree.depth > kMaxDepth) return;
+  std::vector<Stop> stops{{tree.root, 0, keys.size()}};
+  Advice advice;
+  for (std::size_t depth = 1; depth < tree.depth; ++depth) {
+    std::vector<Stop> below;
+    for (const Stop& stop : stops) add_children(pages, keys, stop, below);
+    stops = std::move(below);
+    for (const Stop& stop : stops) advice.add(bytes_of(pages, stop.page, pages.meta().page_size));
+    advice.give(MADV_WILLNEED);
+  }
+  for (const Stop& stop : stops) add_heads(pages, keys, stop, advice);
+  advice.give(MADV_WILLNEED);
+}
+
+void prefetch_heads(const Pages& pages, const Cursor& at, TileKey to) {
+  Advice advice;
+  const TreePage& leaf = at.leaf();
+  for (std::uint32_t i = at.index(); i < leaf.count(); ++i) {
+    add_head(pages, leaf, i, advice);
+    Node node;
+    if (!leaf.node(i, node)) continue;
+    if (const auto last = decode_key(node.key); last && *last >= to) break;
+  }
+  advice.give(MADV_WILLNEED);
+}
+
+}  // namespace slf::storage::internal
