@@ -22,11 +22,14 @@ target_link_libraries(bench_plane PUBLIC slf::field PRIVATE PkgConfig::HWY Threa
 add_executable(systems systems.cc)
 target_link_libraries(systems PRIVATE bench_arguments bench_plane Threads::Threads slf_options)
 
+add_executable(turntable turntable.cc)
+target_link_libraries(turntable PRIVATE bench_arguments slf_options)
+
 add_executable(sampling_quality sampling_quality.cc)
 target_link_libraries(sampling_quality PRIVATE bench_arguments Threads::Threads slf_options)
 
 add_custom_target(report_programs)
-foreach(program codec_peers sampling_quality systems vtk_speed)
+foreach(program codec_peers sampling_quality systems turntable vtk_speed)
   if(TARGET ${program})
     add_dependencies(report_programs ${program})
   endif()

@@ -98,11 +98,12 @@ def claims_table(parts):
     rows = []
     for name, part in parts:
         for claim in part.claims:
+            command = escape(claim.command).replace(" --", "<br>--", 1)
             rows.append(
                 f'<tr><td><span class="mark {_MARKS[claim.verdict]}">{claim.verdict}</span></td>'
                 f'<td>{escape(claim.text)}<small class="source">{escape(claim.source)}</small></td>'
                 f'<td>{escape(claim.measured)}</td><td><a href="#{name}"><code>'
-                f"{escape(claim.command)}</code></a></td></tr>"
+                f"{command}</code></a></td></tr>"
             )
     return (
         '<div class="scroll"><table class="claims"><thead><tr><th></th><th>claim</th>'

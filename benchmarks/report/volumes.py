@@ -44,7 +44,7 @@ def find_volumes(root, data):
     if templates:
         wanted += [
             ("brain", "Brain, MRI", templates / "ch2bet.nii.gz", brain / "brain.json", ()),
-            ("glass", "The same, translucent", templates / "ch2bet.nii.gz",
+            ("glass", "Brain, translucent", templates / "ch2bet.nii.gz",
              brain / "brain_translucent.json", ()),
         ]  # fmt: skip
     wanted += [
