@@ -245,13 +245,24 @@ void DrawArguments::add_to(CLI::App& command) {
   command.add_option("--memory", memory, "Budget for decoded tiles and scratch")
       ->group(group)
       ->capture_default_str();
+  command
+      .add_option("--map-budget", map_budget,
+                  "Resident bytes of the mapped file; default: as many as the kernel likes")
+      ->group(group);
   command.add_option("-j,--threads", threads, "0: all cores")->group(group)->capture_default_str();
 }
 
 Result<RendererOptions> DrawArguments::renderer() const {
   const auto bytes = parse_bytes(memory, "--memory");
   if (!bytes) return tl::unexpected(bytes.error());
-  return RendererOptions{*bytes, threads};
+  RendererOptions options;
+  options.memory = *bytes;
+  options.threads = threads;
+  if (map_budget.empty()) return options;
+  const auto mapped = parse_bytes(map_budget, "--map-budget");
+  if (!mapped) return tl::unexpected(mapped.error());
+  options.map_budget = *mapped;
+  return options;
 }
 
 Result<ViewOptions> DrawArguments::view(const Field& field) const {

@@ -31,6 +31,7 @@ void add_info(CLI::App& app, Run& run);
 void add_render(CLI::App& app, Run& run);
 void add_raycast(CLI::App& app, Run& run);
 void add_compare(CLI::App& app, Run& run);
+void add_play(CLI::App& app, Run& run);
 void add_measure(CLI::App& app, Run& run);
 void add_evaluate(CLI::App& app, Run& run);
 void add_repack(CLI::App& app, Run& run);
@@ -108,6 +109,7 @@ struct DrawArguments {
   std::string mode;  // empty: the field's default
   std::string level = "finest";
   std::string memory = "256MiB";
+  std::string map_budget;  // empty: no limit
   unsigned threads = 0;
 
   void add_to(CLI::App& command);

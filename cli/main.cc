@@ -37,6 +37,7 @@ int run_command(int argc, char** argv) {
   slf::cli::add_build(app, run);
   slf::cli::add_info(app, run);
   slf::cli::add_render(app, run);
+  slf::cli::add_play(app, run);
   slf::cli::add_raycast(app, run);
   slf::cli::add_measure(app, run);
   slf::cli::add_evaluate(app, run);

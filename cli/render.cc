@@ -7,6 +7,7 @@
 
 #include "cli/command.h"
 #include "field/image.h"
+#include "field/measure.h"
 #include "field/view.h"
 
 namespace slf::cli {
@@ -47,13 +48,14 @@ struct RenderArguments {
   bool stats = false, json = false;
 };
 
-nlohmann::json statistics_json(const ViewStatistics& s, const ViewOptions& view) {
+nlohmann::json statistics_json(const ViewStatistics& s, const Footprint& file,
+                               const ViewOptions& view) {
   return {{"mode", name(view.mode)},
           {"level", view.level},
           {"tiles_touched", s.tiles.size()},
-          {"tiles_stored", s.stored_tiles},
-          {"compressed_bytes", s.compressed_bytes},
-          {"map_pages", s.map_pages},
+          {"tiles_stored", file.stored_tiles},
+          {"compressed_bytes", file.compressed_bytes},
+          {"map_pages", file.map_pages},
           {"decodes", s.decodes},
           {"decoded_peak_bytes", s.decoded_peak_bytes},
           {"pixels_hit", s.pixels_hit},
@@ -84,10 +86,13 @@ Result<void> run_render(const RenderArguments& a) {
                            a.field, view->level, statistics.fallback_pixels())
              : fmt::format("{}: {} pixels need subfields that were left out of this field", a.field,
                            statistics.fallback_pixels()));
-  const auto json = statistics_json(statistics, *view);
+  if (!a.json && !a.stats) return {};
+  const auto file = footprint(**field, statistics.tiles, view->needs_depth());
+  if (!file) return tl::unexpected(file.error());
+  const auto json = statistics_json(statistics, *file, *view);
   if (a.json) {
     print_json(json);
-  } else if (a.stats) {
+  } else {
     std::vector<std::vector<std::string>> rows;
     for (const auto& [key, value] : json.items())
       rows.push_back({key, value.is_string() ? value.get<std::string>() : value.dump()});

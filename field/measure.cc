@@ -1,11 +1,16 @@
 #include "field/measure.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <atomic>
+#include <cerrno>
 #include <chrono>
 #include <fstream>
 #include <numeric>
 #include <string>
+#include <system_error>
 #include <thread>
 
 #include "field/view.h"
@@ -76,6 +81,40 @@ LevelMeasure summarize(unsigned level, std::uint64_t tiles, const std::vector<Vi
 
 }  // namespace
 
+Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles, bool with_depth) {
+  Footprint sum;
+  std::vector<std::uint64_t> pages;
+  for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
+    const bool is_depth = field.manifest().layers[layer].name == "depth";
+    if (is_depth && !with_depth) continue;
+    for (const TileKey& key : tiles) {
+      const auto tile = field.store().find(layer, key);
+      if (!tile) return tl::unexpected(tile.error());
+      if (tile->state != storage::TileState::stored) continue;
+      if (!is_depth) ++sum.stored_tiles;
+      sum.compressed_bytes += tile->payload.size();
+      const auto [begin, end] = field.store().range(*tile);
+      for (std::uint64_t page = begin >> 12; page <= (end - 1) >> 12; ++page) pages.push_back(page);
+    }
+  }
+  std::sort(pages.begin(), pages.end());
+  sum.map_pages =
+      static_cast<std::uint64_t>(std::unique(pages.begin(), pages.end()) - pages.begin());
+  return sum;
+}
+
+Result<void> drop_page_cache(const std::string& path) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  // Dirty pages are not dropped.
+  const bool good =
+      fd >= 0 && ::fsync(fd) == 0 && ::posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED) == 0;
+  const int cause = errno;
+  if (fd >= 0) ::close(fd);
+  if (good) return {};
+  return fail(ErrorCode::io, path,
+              ": cannot drop its cached pages: ", std::generic_category().message(cause));
+}
+
 ResidentMemory resident_memory() {
   ResidentMemory memory;
   std::ifstream status("/proc/self/status");
@@ -108,11 +147,12 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
       if (!image) return tl::unexpected(image.error());
       const auto pairs = crossed_pairs(field.shape(), options.cameras[v], level);
       if (!pairs) return tl::unexpected(pairs.error());
-      const ViewCost cost{static_cast<double>(statistics.tiles.size()),
-                          static_cast<double>(pairs->size()),
-                          static_cast<double>(statistics.compressed_bytes),
-                          static_cast<double>(statistics.map_pages),
-                          static_cast<double>(statistics.decoded_peak_bytes)};
+      const auto file = footprint(field, statistics.tiles, options.mode == RenderMode::depth);
+      if (!file) return tl::unexpected(file.error());
+      const ViewCost cost{
+          static_cast<double>(statistics.tiles.size()), static_cast<double>(pairs->size()),
+          static_cast<double>(file->compressed_bytes), static_cast<double>(file->map_pages),
+          static_cast<double>(statistics.decoded_peak_bytes)};
       views.push_back(cost);
       total[v].tiles += cost.tiles;
       total[v].pairs += cost.pairs;

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "base/error.h"
@@ -11,6 +13,17 @@
 #include "field/scene.h"
 
 namespace slf {
+
+/// What tiles take in the file.
+struct Footprint {
+  std::uint64_t stored_tiles = 0;      ///< not empty
+  std::uint64_t compressed_bytes = 0;  ///< payloads, in the layers used
+  std::uint64_t map_pages = 0;         ///< distinct 4 KiB pages those payloads lie in
+};
+
+/// Looks tiles up in the color layer, or with_depth in both. bad_file: the file is damaged.
+[[nodiscard]] Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles,
+                                          bool with_depth);
 
 /// Mean and maximum over views.
 struct Spread {
@@ -64,6 +77,10 @@ struct Evaluation {
                                                 const std::vector<Camera>& cameras,
                                                 const ViewOptions& view,
                                                 const RendererOptions& renderer);
+
+/// Asks the kernel to forget what it caches of a file, so that reads come from the disk. Pages that
+/// are mapped anywhere stay. io: cannot open or sync.
+[[nodiscard]] Result<void> drop_page_cache(const std::string& path);
 
 /// Resident memory of this process in bytes, from /proc/self/status.
 struct ResidentMemory {

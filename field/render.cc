@@ -27,7 +27,7 @@ struct Renderer::State {
   unsigned threads;
   std::uint32_t block;      // edge in pixels
   std::uint64_t pin_bytes;  // that each thread may pin
-  TileCache cache;
+  std::shared_ptr<TileCache> cache;
 };
 
 namespace {
@@ -37,28 +37,6 @@ struct Plan {
   std::uint32_t block;
   std::uint64_t cache_bytes;
 };
-
-/// Adds up the payloads of the touched tiles and the pages they lie in.
-Result<void> count_bytes(const Field& field, bool with_depth, ViewStatistics& statistics) {
-  std::vector<std::uint64_t> pages;
-  for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
-    const bool is_depth = field.manifest().layers[layer].name == "depth";
-    if (is_depth && !with_depth) continue;
-    for (const TileKey& key : statistics.tiles) {
-      const auto tile = field.store().find(layer, key);
-      if (!tile) return tl::unexpected(tile.error());
-      if (tile->state != storage::TileState::stored) continue;
-      if (!is_depth) ++statistics.stored_tiles;
-      statistics.compressed_bytes += tile->payload.size();
-      const auto [begin, end] = field.store().range(*tile);
-      for (std::uint64_t page = begin >> 12; page <= (end - 1) >> 12; ++page) pages.push_back(page);
-    }
-  }
-  std::sort(pages.begin(), pages.end());
-  statistics.map_pages =
-      static_cast<std::uint64_t>(std::unique(pages.begin(), pages.end()) - pages.begin());
-  return {};
-}
 
 /// Divides a budget between scratch, one tile at a time per thread, and the cache.
 Plan plan_memory(const Field& field, const RendererOptions& options) {
@@ -95,15 +73,16 @@ RenderMode default_mode(const Field& field) {
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field, options);
-  state_ = std::unique_ptr<State>(
-      new State{field, plan.threads, plan.block, plan.cache_bytes / plan.threads,
-                TileCache(field, plan.cache_bytes, options.map_budget)});
+  state_ = std::unique_ptr<State>(new State{
+      field, plan.threads, plan.block, plan.cache_bytes / (plan.threads + 1),
+      std::make_shared<TileCache>(field, plan.cache_bytes, options.map_budget, options.in_place)});
+}
+Renderer::Renderer(const Renderer& other, unsigned threads) : state_(new State(*other.state_)) {
+  state_->threads = threads;
 }
 Renderer::~Renderer() = default;
 
-TileCache& Renderer::cache() { return state_->cache; }
-
-namespace {
+TileCache& Renderer::cache() const { return *state_->cache; }
 
 Result<void> check_view(const Field& field, const ViewOptions& options) {
   if (options.level > field.shape().levels)
@@ -114,6 +93,8 @@ Result<void> check_view(const Field& field, const ViewOptions& options) {
                 ": has no depth layer, which mode depth needs; use --mode bitri");
   return {};
 }
+
+namespace {
 
 RayFan make_fan(const Sphere& sphere, const RayGenerator& rays, std::uint32_t width) {
   const double scale = 1 / sphere.radius;
@@ -228,9 +209,9 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& options, 
   const Field& field = state_->field;
   if (auto ok = check_view(field, options); !ok) return tl::unexpected(ok.error());
 
-  state_->cache.reset_peak();
-  const std::uint64_t decodes_before = state_->cache.statistics().decodes;
-  ViewJob job(field, state_->cache, state_->pin_bytes, camera, *rays, options, state_->block,
+  state_->cache->reset_peak();
+  const std::uint64_t decodes_before = state_->cache->statistics().decodes;
+  ViewJob job(field, *state_->cache, state_->pin_bytes, camera, *rays, options, state_->block,
               image);
   on_threads(std::min(state_->threads, job.blocks()), [&] { job.work(); });
   if (job.error()) return tl::unexpected(*job.error());
@@ -238,11 +219,9 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& options, 
   if (statistics) {
     *statistics = {};
     job.fill(*statistics);
-    const CacheStatistics cache = state_->cache.statistics();
+    const CacheStatistics cache = state_->cache->statistics();
     statistics->decodes = cache.decodes - decodes_before;
     statistics->decoded_peak_bytes = cache.decoded_peak_bytes;
-    if (auto ok = count_bytes(field, options.needs_depth(), *statistics); !ok)
-      return tl::unexpected(ok.error());
   }
   return {};
 }

@@ -40,6 +40,7 @@ struct RendererOptions {
   unsigned threads = 0;                 ///< 0: all
   /// Resident bytes of the map. Tiles of an in-place codec (raw) that are in use may exceed it.
   std::uint64_t map_budget = kUnlimited;
+  bool in_place = true;  ///< use raw tiles where they are mapped; else copy them, within `memory`
 };
 
 struct ViewOptions {
@@ -51,14 +52,11 @@ struct ViewOptions {
   [[nodiscard]] bool needs_depth() const { return mode == RenderMode::depth || with_depth; }
 };
 
-/// What one view cost, counted by the engine (see measure.h for the kernel's own count).
+/// What drawing one view took (see measure.h for what its tiles take in the file).
 struct ViewStatistics {
   std::vector<TileKey> tiles;               ///< touched: sorted, stored or empty, any layer
   std::vector<TileKey> wanted;              ///< of tiles: not waited for, sorted
   std::vector<std::uint64_t> level_pixels;  ///< pixels for which a level had all tiles, by level
-  std::uint64_t stored_tiles = 0;           ///< of tiles: not empty
-  std::uint64_t compressed_bytes = 0;       ///< payloads of the touched tiles, in the layers used
-  std::uint64_t map_pages = 0;              ///< distinct 4 KiB pages those payloads lie in
   std::uint64_t decodes = 0;                ///< tiles decoded for this view
   std::uint64_t decoded_peak_bytes = 0;     ///< most bytes of decoded tiles at any time
   std::uint64_t pixels_hit = 0;             ///< pixels whose ray crosses the sphere
@@ -74,6 +72,8 @@ class Renderer {
  public:
   /// Borrows the field.
   explicit Renderer(const Field& field, const RendererOptions& options = {});
+  /// Draws with the cache of another, which must outlive it.
+  Renderer(const Renderer& other, unsigned threads);
   ~Renderer();
 
   /// usage: a bad camera or level, or a mode the field has no layer for. bad_file: a damaged tile.
@@ -85,12 +85,15 @@ class Renderer {
   [[nodiscard]] Result<void> render(const Camera& camera, const ViewOptions& options, Image& image,
                                     ViewStatistics* statistics = nullptr);
 
-  [[nodiscard]] TileCache& cache();
+  [[nodiscard]] TileCache& cache() const;
 
  private:
   struct State;
   std::unique_ptr<State> state_;
 };
+
+/// What Renderer::render() checks. usage: a level or mode the field does not have.
+[[nodiscard]] Result<void> check_view(const Field& field, const ViewOptions& options);
 
 /// The (entry section, exit section) pairs that a view's rays pass through, neighbouring owners
 /// not counted: the paper's measure of how much of a field a view needs. Sorted keys.

@@ -18,6 +18,7 @@ struct TileCache::Entry {
   std::vector<std::byte> owned;  // what `samples` points to, unless it is the map
   std::uint64_t cost = 0;        // what it counts for in the budget
   std::uint32_t pins = 0;
+  std::uint64_t used = 0;  // when it was last unpinned
   bool ready = false;
   bool in_place = false;  // samples are in the map
   std::optional<Error> error;
@@ -103,7 +104,7 @@ Result<void> TileCache::load(Entry& entry, const Id& id) {
   const bool stored = tile->state == storage::TileState::stored;
   const std::size_t bytes = stored ? field_.tile_shape(id.layer, id.key).bytes() : 0;
   const bool in_place =
-      stored && field_.codec(id.layer).in_place() && tile->payload.size() == bytes;
+      in_place_ && stored && field_.codec(id.layer).in_place() && tile->payload.size() == bytes;
   entry.in_place = in_place;
   charge(entry, in_place ? 0 : bytes);
   if (in_place) {
@@ -151,6 +152,7 @@ void TileCache::map_locked(const storage::TileRef& tile) {
 void TileCache::unpin(const std::shared_ptr<Entry>& entry) {
   const std::lock_guard lock(mutex_);
   if (--entry->pins > 0) return;
+  entry->used = ++clock_;
   entry->place = unpinned_.insert(unpinned_.end(), entry->id);
   if (statistics_.decoded_bytes > budget_) evict_locked(budget_);
 }
@@ -162,6 +164,17 @@ void TileCache::evict_locked(std::uint64_t budget) {
     statistics_.decoded_bytes -= found->second->cost;
     entries_.erase(found);
   }
+}
+
+std::uint64_t TileCache::now() const {
+  const std::lock_guard lock(mutex_);
+  return clock_;
+}
+
+bool TileCache::has_room(std::uint64_t since) const {
+  const std::lock_guard lock(mutex_);
+  if (statistics_.decoded_bytes < budget_ - budget_ / 8) return true;
+  return !unpinned_.empty() && entries_.at(unpinned_.front())->used <= since;
 }
 
 CacheStatistics TileCache::statistics() const {

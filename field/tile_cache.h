@@ -66,8 +66,10 @@ class TileCache {
 
   /// Borrows the field. `budget` bytes of decoded samples, `map_budget` resident bytes of the map;
   /// the latter can be exceeded by the pinned tiles of an in-place codec.
-  TileCache(const Field& field, std::uint64_t budget, std::uint64_t map_budget = kUnlimited)
-      : field_(field), budget_(budget), map_budget_(map_budget) {}
+  /// Unless `in_place`, tiles of in-place codecs are copied out of the map too.
+  TileCache(const Field& field, std::uint64_t budget, std::uint64_t map_budget = kUnlimited,
+            bool in_place = true)
+      : field_(field), budget_(budget), map_budget_(map_budget), in_place_(in_place) {}
 
   /// Thread-safe. Any error of finding, checking or decoding; it is not remembered.
   [[nodiscard]] Result<Pin> get(storage::LayerId layer, TileKey key);
@@ -78,6 +80,11 @@ class TileCache {
   /// Asks the kernel to read the payloads of tiles that are not here yet: call it with all that
   /// will be wanted next, so that the disk works on many at a time.
   void advise(storage::LayerId layer, std::span<const TileKey> keys) const;
+
+  /// A clock that ticks as tiles are used.
+  [[nodiscard]] std::uint64_t now() const;
+  /// Whether more can be loaded without dropping what was used since then.
+  [[nodiscard]] bool has_room(std::uint64_t since) const;
 
   [[nodiscard]] CacheStatistics statistics() const;
   void reset_peak();
@@ -106,12 +113,14 @@ class TileCache {
 
   const Field& field_;
   const std::uint64_t budget_, map_budget_;
+  const bool in_place_;
   mutable std::mutex mutex_;
   std::condition_variable loaded_;
   std::unordered_map<Id, std::shared_ptr<Entry>, Hash> entries_;
   std::list<Id> unpinned_;           // least recently used first
   std::uint64_t mapped_bytes_ = 0;   // read through the map since it was last released, about
   std::uint64_t mapped_window_ = 0;  // the window that was read last
+  std::uint64_t clock_ = 0;
   CacheStatistics statistics_;
 };
 

@@ -1,0 +1,298 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <numeric>
+#include <optional>
+#include <thread>
+
+#include "cli/command.h"
+#include "field/animation.h"
+#include "field/camera_path.h"
+#include "field/image.h"
+#include "field/measure.h"
+#include "field/player.h"
+
+namespace slf::cli {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+struct PlayArguments {
+  std::string field;
+  std::string path, orbit = "0,20,3", size = "512x512";
+  double turns = 1, seconds = 12, fps = 30;
+  std::vector<std::string> loading{"ahead"};
+  unsigned horizon = PlayOptions{}.horizon;
+  bool cold = false;
+  std::string frames, preview;
+  DrawArguments draw;
+  bool force = false, json = false;
+
+  [[nodiscard]] Result<CameraPath> camera_path(const Sphere& sphere) const {
+    if (path.empty()) {
+      const auto start = parse_vec3(orbit, "--orbit");
+      if (!start) return tl::unexpected(start.error());
+      return CameraPath::orbit(sphere, start->x, start->y, start->z, turns, seconds);
+    }
+    return CameraPath::read(path, sphere);
+  }
+};
+
+/// Where the pictures go that were asked for.
+class Pictures {
+ public:
+  static Result<Pictures> make(const PlayArguments& a) {
+    Pictures pictures;
+    if (!a.preview.empty()) {
+      if (auto ok = refuse_overwrite(a.preview, a.force); !ok) return tl::unexpected(ok.error());
+      pictures.animation_.emplace(a.preview, 1 / a.fps);
+    }
+    if (!a.frames.empty()) {
+      std::error_code error;
+      std::filesystem::create_directories(a.frames, error);
+      if (error)
+        return fail(ErrorCode::io, a.frames, ": cannot make the folder: ", error.message());
+      if (!a.force && !std::filesystem::is_empty(a.frames, error))
+        return fail(ErrorCode::usage, a.frames, ": not empty; -f overwrites the frames in it");
+      pictures.folder_ = a.frames;
+    }
+    return pictures;
+  }
+  [[nodiscard]] Result<void> add(std::size_t frame, const Image& image) {
+    if (animation_)
+      if (auto ok = animation_->add(image); !ok) return ok;
+    if (folder_.empty()) return {};
+    return write_image((folder_ / fmt::format("{:05}.png", frame)).string(), image);
+  }
+  [[nodiscard]] Result<void> close() { return animation_ ? animation_->close() : Result<void>(); }
+  [[nodiscard]] bool wanted() const { return animation_ || !folder_.empty(); }
+
+ private:
+  std::optional<AnimationWriter> animation_;
+  std::filesystem::path folder_;
+};
+
+/// One way of loading, played.
+struct Played {
+  Loading loading;
+  std::vector<FrameReport> frames;
+  ResidentMemory peak;
+};
+
+/// Plays the path on the clock. Where pictures are written, the clock stands still meanwhile; the
+/// loading thread does not.
+Result<Played> play(const PlayArguments& a, const PlayOptions& options, Pictures* pictures) {
+  if (a.cold)
+    if (auto ok = drop_page_cache(a.field); !ok) return tl::unexpected(ok.error());
+  const auto field = Field::open(a.field);
+  if (!field) return tl::unexpected(field.error());
+  const auto path = a.camera_path((*field)->shape().sphere);
+  if (!path) return tl::unexpected(path.error());
+  const auto pixels = parse_size(a.size);
+  if (!pixels) return tl::unexpected(pixels.error());
+  const auto view = a.draw.view(**field);
+  if (!view) return tl::unexpected(view.error());
+  PlayOptions play_options = options;
+  play_options.view = *view;
+  const auto player = Player::make(**field, play_options);
+  if (!player) return tl::unexpected(player.error());
+
+  Played played{options.loading, {}, {}};
+  const auto frames = static_cast<std::size_t>(std::max(1.0, std::round(path->seconds() * a.fps)));
+  const auto progress =
+      progress_bar(fmt::format("Playing, loading {}", name(options.loading)), "frames");
+  Image image;
+  const auto period = std::chrono::duration<double>(1 / a.fps);
+  auto due = Clock::now();
+  for (std::size_t k = 0; k < frames && progress({k, frames, 0}); ++k) {
+    std::this_thread::sleep_until(due);
+    const Camera camera = path->at(static_cast<double>(k) / a.fps, pixels->first, pixels->second);
+    if (auto ok = (*player)->draw(camera, image, &played.frames.emplace_back()); !ok)
+      return tl::unexpected(ok.error());
+    due += std::chrono::duration_cast<Clock::duration>(period);
+    const ResidentMemory now = resident_memory();
+    played.peak.anonymous = std::max(played.peak.anonymous, now.anonymous);
+    played.peak.file = std::max(played.peak.file, now.file);
+    if (!pictures || !pictures->wanted()) continue;
+    const auto begin = Clock::now();
+    if (auto ok = pictures->add(k, image); !ok) return tl::unexpected(ok.error());
+    due += Clock::now() - begin;
+  }
+  (void)progress({frames, frames, 0});
+  return played;
+}
+
+/// What there is to say about all frames.
+struct Summary {
+  std::size_t frames = 0, late = 0;
+  double mean_ms = 0, p95_ms = 0, worst_ms = 0;
+  double mean_full = 0, least_full = 1, hit_rate = 0;
+  std::uint64_t loads = 0, load_bytes = 0;
+
+  Summary(const std::vector<FrameReport>& reports, double period) : frames(reports.size()) {
+    std::vector<double> ms;
+    std::uint64_t tiles = 0, lacking = 0, hit = 0, full = 0;
+    for (const FrameReport& r : reports) {
+      ms.push_back(1000 * r.seconds);
+      late += r.seconds > period;
+      tiles += r.tiles, lacking += r.lacking;
+      hit += r.pixels_hit, full += r.pixels_full;
+      least_full = std::min(least_full, r.full_share());
+      loads += r.loads, load_bytes += r.load_bytes;
+    }
+    std::sort(ms.begin(), ms.end());
+    mean_ms = std::accumulate(ms.begin(), ms.end(), 0.0) / static_cast<double>(frames);
+    p95_ms = ms[(frames - 1) * 95 / 100];
+    worst_ms = ms.back();
+    mean_full = hit ? static_cast<double>(full) / static_cast<double>(hit) : 1;
+    hit_rate = tiles ? 1 - static_cast<double>(lacking) / static_cast<double>(tiles) : 1;
+  }
+};
+
+nlohmann::json frame_json(const FrameReport& r) {
+  return {{"ms", 1000 * r.seconds},    {"full_share", r.full_share()}, {"tiles", r.tiles},
+          {"lacking", r.lacking},      {"hit_rate", r.hit_rate()},     {"loads", r.loads},
+          {"load_bytes", r.load_bytes}};
+}
+
+nlohmann::json played_json(const Played& played, const Summary& s) {
+  nlohmann::json frames = nlohmann::json::array();
+  for (const FrameReport& report : played.frames) frames.push_back(frame_json(report));
+  return {{"loading", name(played.loading)},
+          {"summary",
+           {{"frames", s.frames},
+            {"late", s.late},
+            {"mean_ms", s.mean_ms},
+            {"p95_ms", s.p95_ms},
+            {"worst_ms", s.worst_ms},
+            {"full_share", s.mean_full},
+            {"least_full_share", s.least_full},
+            {"hit_rate", s.hit_rate},
+            {"loads", s.loads},
+            {"load_bytes", s.load_bytes},
+            {"rss_anon_peak", played.peak.anonymous},
+            {"rss_file_peak", played.peak.file}}},
+          {"frames", frames}};
+}
+
+std::vector<std::string> played_row(const Played& played, const Summary& s) {
+  const auto bytes = [](std::uint64_t b) { return human_bytes(static_cast<double>(b)); };
+  return {name(played.loading),
+          fmt::format("{}", s.frames),
+          fmt::format("{}", s.late),
+          fmt::format("{:.1f}", s.mean_ms),
+          fmt::format("{:.1f}", s.p95_ms),
+          fmt::format("{:.1f}", s.worst_ms),
+          fmt::format("{:.2f} %", 100 * s.mean_full),
+          fmt::format("{:.2f} %", 100 * s.least_full),
+          fmt::format("{:.2f} %", 100 * s.hit_rate),
+          fmt::format("{}", s.loads),
+          bytes(s.load_bytes),
+          bytes(played.peak.anonymous),
+          bytes(played.peak.file)};
+}
+
+Result<void> run_play(const PlayArguments& a) {
+  if (!(a.fps > 0 && a.fps <= 1000))
+    return fail(ErrorCode::usage, "--fps ", a.fps, ": expected above 0, at most 1000");
+  const auto renderer = a.draw.renderer();
+  if (!renderer) return tl::unexpected(renderer.error());
+  PlayOptions options{*renderer, {}, Loading::ahead, a.horizon};
+  std::vector<Loading> ways;
+  for (const std::string& text : a.loading) {
+    const auto way = parse_loading(text);
+    if (!way) return tl::unexpected(way.error());
+    ways.push_back(*way);
+  }
+  auto pictures = Pictures::make(a);
+  if (!pictures) return tl::unexpected(pictures.error());
+
+  nlohmann::json runs = nlohmann::json::array();
+  std::vector<std::vector<std::string>> rows{{"loading", "frames", "late", "mean ms", "95 %",
+                                              "worst", "full level", "least", "hits", "loads",
+                                              "read", "anonymous", "mapped"}};
+  for (const Loading way : ways) {
+    options.loading = way;
+    // Pictures show the first way only.
+    const auto played = play(a, options, runs.empty() ? &*pictures : nullptr);
+    if (!played) return tl::unexpected(played.error());
+    if (played->frames.empty()) break;
+    const Summary summary(played->frames, 1 / a.fps);
+    runs.push_back(played_json(*played, summary));
+    rows.push_back(played_row(*played, summary));
+    if (interrupted()) break;
+  }
+  if (auto ok = pictures->close(); !ok) return ok;
+  if (a.json) {
+    print_json({{"field", a.field},
+                {"fps", a.fps},
+                {"size", a.size},
+                {"memory", renderer->memory},
+                {"runs", runs}});
+    return {};
+  }
+  fmt::print("{} at {} frames a second, {} pixels; late: drawn in more than {:.1f} ms\n", a.field,
+             a.fps, a.size, 1000 / a.fps);
+  print_table(rows);
+  return {};
+}
+
+}  // namespace
+
+void add_play(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand(
+      "play", "Fly around a field at a steady frame rate, loading tiles ahead of the camera");
+  auto a = std::make_shared<PlayArguments>();
+  command->add_option("FIELD", a->field, "Field, .slf")->required();
+  const char* path = "Path";
+  auto* keys =
+      command->add_option("--path", a->path,
+                          "Keyframes, JSON: {\"keys\": [{\"at\": 0, \"orbit\": [0,20,3]},\n"
+                          "{\"at\": 4, \"eye\": [x,y,z], \"look_at\": [x,y,z], \"fov\": 30}]}");
+  keys->group(path);
+  command
+      ->add_option("--orbit", a->orbit, "Without --path: azimuth,elevation,distance to start from")
+      ->group(path)
+      ->excludes(keys)
+      ->capture_default_str();
+  command->add_option("--turns", a->turns, "Times round")->group(path)->capture_default_str();
+  command->add_option("--seconds", a->seconds, "Length of an orbit")
+      ->group(path)
+      ->capture_default_str();
+  command->add_option("--fps", a->fps, "Frames a second")->group(path)->capture_default_str();
+  command->add_option("--size", a->size, "Picture size in pixels, WIDTHxHEIGHT")
+      ->group(path)
+      ->capture_default_str();
+  const char* loading = "Loading";
+  command
+      ->add_option(
+          "--loading", a->loading,
+          "ahead: a loading thread follows the motion; demand: it brings only what a frame\n"
+          "lacked; wait: no thread, frames wait for their tiles. Several, with commas, are\n"
+          "played one after the other and compared")
+      ->delimiter(',')
+      ->group(loading)
+      ->capture_default_str();
+  command->add_option("--horizon", a->horizon, "Frames to load ahead")
+      ->check(CLI::Range(0, 1000))
+      ->group(loading)
+      ->capture_default_str();
+  command
+      ->add_flag("--cold", a->cold,
+                 "Ask the kernel to forget the file before each run, so that\n"
+                 "tiles come from the disk")
+      ->group(loading);
+  a->draw.add_to(*command);
+  const char* output = "Output";
+  command->add_option("--frames", a->frames, "Write every frame as PNG into this folder")
+      ->group(output);
+  command->add_option("--preview", a->preview, "Write an animated WebP")->group(output);
+  command->add_flag("-f,--force", a->force, "Overwrite pictures")->group(output);
+  command->add_flag("--json", a->json, "Summary and every frame as JSON")->group(output);
+  command->callback([a, &run] { run = [a] { return run_play(*a); }; });
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,265 @@
+#include "field/player.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <glm/gtc/quaternion.hpp>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <utility>
+
+namespace slf {
+namespace {
+
+constexpr std::uint32_t kPreviewEdge = 96;  // pixels along a preview's longer side
+constexpr std::size_t kBatch = 64;          // tiles between looks at whether the plan has changed
+constexpr double kCut = 0.5;                // radians a frame; beyond it is another place
+
+Camera preview_of(Camera camera) {
+  const double scale =
+      std::min(1.0, kPreviewEdge / static_cast<double>(std::max(camera.width, camera.height)));
+  const auto scaled = [&](std::uint32_t edge) {
+    return std::max(1u, static_cast<std::uint32_t>(std::lround(edge * scale)));
+  };
+  camera.width = scaled(camera.width);
+  camera.height = scaled(camera.height);
+  return camera;
+}
+
+}  // namespace
+
+const char* name(Loading loading) {
+  constexpr const char* kNames[] = {"ahead", "demand", "wait"};
+  return kNames[static_cast<int>(loading)];
+}
+
+Result<Loading> parse_loading(std::string_view text) {
+  for (const auto loading : {Loading::ahead, Loading::demand, Loading::wait})
+    if (text == name(loading)) return loading;
+  return fail(ErrorCode::usage, "unknown loading '", text, "'; expected ahead, demand or wait");
+}
+
+Camera predict(const glm::dvec3& center, const Camera& before, const Camera& now, double frames) {
+  const glm::dvec3 from = before.eye - center, to = now.eye - center;
+  const double far = glm::length(from), near = glm::length(to);
+  if (!(far > 0 && near > 0)) return now;
+  const glm::dvec3 axis = glm::cross(from, to);
+  const double sine = glm::length(axis) / (far * near), cosine = glm::dot(from, to) / (far * near);
+  const double angle = std::atan2(sine, cosine);
+  if (!(angle < kCut)) return now;
+
+  Camera camera = now;
+  const glm::dquat turn =
+      sine > 0 ? glm::angleAxis(angle * frames, glm::normalize(axis)) : glm::dquat(1, 0, 0, 0);
+  camera.eye = center + turn * to * std::pow(near / far, frames);
+  camera.look_at = now.look_at + (now.look_at - before.look_at) * frames;
+  // An up that stood still goes on standing still.
+  if (before.up != now.up) camera.up = turn * now.up;
+  camera.fov = std::clamp(now.fov * std::pow(now.fov / before.fov, frames), now.fov / 2,
+                          std::min(2 * now.fov, 170.0));
+  return camera;
+}
+
+/// The loading thread. It works on the latest plan only: what the last frame lacked, then the views
+/// to come, coarse levels first.
+class Player::Loader {
+ public:
+  Loader(const Field& field, const Renderer& renderer, const ViewOptions& view)
+      : cache_(renderer.cache()),
+        color_(field.layer("color").value_or(0)),
+        depth_(view.needs_depth() ? field.layer("depth") : std::nullopt),
+        view_(view),
+        previewer_(renderer, 1),
+        thread_([this] { run(); }) {}
+  ~Loader() {
+    {
+      const std::lock_guard lock(mutex_);
+      stop_ = true;
+    }
+    changed_.notify_all();
+    thread_.join();
+  }
+
+  /// `lacking` are keys in order; `frame_began` is when, on the cache's clock.
+  void plan(std::vector<TileKey> lacking, std::vector<Camera> next, std::uint64_t frame_began) {
+    {
+      const std::lock_guard lock(mutex_);
+      lacking_ = std::move(lacking);
+      next_ = std::move(next);
+      frame_began_ = frame_began;
+      ++plan_;
+    }
+    changed_.notify_all();
+  }
+
+  void settle() {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return done_ == plan_; });
+  }
+
+  /// The first error since this was last called.
+  [[nodiscard]] std::optional<Error> take_error() {
+    const std::lock_guard lock(mutex_);
+    return std::exchange(error_, std::nullopt);
+  }
+
+ private:
+  void run() {
+    std::unique_lock lock(mutex_);
+    for (;;) {
+      changed_.wait(lock, [&] { return stop_ || done_ != plan_; });
+      if (stop_) return;
+      const std::uint64_t plan = plan_;
+      const std::vector<TileKey> lacking = std::move(lacking_);
+      const std::vector<Camera> next = std::move(next_);
+      const std::uint64_t frame_began = frame_began_;
+      lock.unlock();
+      current_ = plan;
+      auto ok = load(lacking);
+      for (std::size_t k = 0; ok && k < next.size() && *ok; ++k)
+        ok = load_view(next[k], frame_began);
+      lock.lock();
+      if (!ok && !error_) error_ = ok.error();
+      done_ = plan;
+      changed_.notify_all();
+    }
+  }
+
+  [[nodiscard]] bool outdated() {
+    const std::lock_guard lock(mutex_);
+    return stop_ || plan_ != current_;
+  }
+
+  /// Loads tiles in batches that the disk can work on together. False: there is a newer plan.
+  [[nodiscard]] Result<bool> load(std::span<const TileKey> keys) {
+    const auto batch = [&](std::size_t from) {
+      return keys.subspan(from, std::min(kBatch, keys.size() - from));
+    };
+    advise(batch(0));
+    for (std::size_t at = 0; at < keys.size(); at += kBatch) {
+      if (outdated()) return false;
+      if (at + kBatch < keys.size()) advise(batch(at + kBatch));
+      for (const TileKey& key : batch(at)) {
+        if (auto tile = cache_.get(color_, key); !tile) return tl::unexpected(tile.error());
+        if (!depth_) continue;
+        if (auto tile = cache_.get(*depth_, key); !tile) return tl::unexpected(tile.error());
+      }
+    }
+    return true;
+  }
+
+  void advise(std::span<const TileKey> keys) {
+    cache_.advise(color_, keys);
+    if (depth_) cache_.advise(*depth_, keys);
+  }
+
+  /// Loads what a small picture of a view touches. What it sees changes as tiles come, so it is
+  /// drawn until it lacks nothing. False: there is a newer plan, or no room.
+  [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint64_t frame_began) {
+    for (;;) {
+      if (outdated() || !cache_.has_room(frame_began)) return false;
+      ViewStatistics statistics;
+      if (auto ok = previewer_.render(preview_of(camera), view_, preview_, &statistics); !ok)
+        return tl::unexpected(ok.error());
+      if (statistics.wanted.empty()) return true;
+      const auto loaded = load(statistics.wanted);
+      if (!loaded || !*loaded) return loaded;
+    }
+  }
+
+  TileCache& cache_;
+  const storage::LayerId color_;
+  const std::optional<storage::LayerId> depth_;
+  const ViewOptions view_;
+  Renderer previewer_;
+  Image preview_;
+  std::uint64_t current_ = 0;  // the plan that is worked on
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::vector<TileKey> lacking_;
+  std::vector<Camera> next_;
+  std::uint64_t frame_began_ = 0;
+  std::uint64_t plan_ = 0, done_ = 0;
+  std::optional<Error> error_;
+  bool stop_ = false;
+  std::thread thread_;
+};
+
+namespace {
+
+/// Frames must not fault pages in, so tiles are copied out of the map.
+RendererOptions copying(RendererOptions options) {
+  options.in_place = false;
+  return options;
+}
+
+}  // namespace
+
+Player::Player(const Field& field, const PlayOptions& options)
+    : field_(field), options_(options), renderer_(field, copying(options.renderer)) {
+  options_.view.wait = options.loading == Loading::wait;
+}
+Player::~Player() = default;
+
+Result<std::unique_ptr<Player>> Player::make(const Field& field, const PlayOptions& options) {
+  if (auto ok = check_view(field, options.view); !ok) return tl::unexpected(ok.error());
+  std::unique_ptr<Player> player(new Player(field, options));
+  if (options.loading == Loading::wait) return player;
+
+  // Something can be drawn from the first frame on, whatever comes next.
+  TileCache& cache = player->renderer_.cache();
+  for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
+    if (field.manifest().layers[layer].name == "depth" && !options.view.needs_depth()) continue;
+    for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_depth); ++index) {
+      if (4 * cache.statistics().decoded_bytes > options.renderer.memory) break;
+      auto tile = cache.get(layer, {0, index});
+      if (!tile) return tl::unexpected(tile.error());
+      player->coarsest_.push_back(std::move(*tile));
+    }
+  }
+  player->seen_ = cache.statistics();
+  player->loader_ = std::make_unique<Loader>(field, player->renderer_, player->options_.view);
+  return player;
+}
+
+Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* report) {
+  const auto begin = std::chrono::steady_clock::now();
+  TileCache& cache = renderer_.cache();
+  const std::uint64_t began = cache.now();
+  ViewStatistics statistics;
+  if (auto ok = renderer_.render(camera, options_.view, image, &statistics); !ok) return ok;
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
+
+  if (report) {
+    const CacheStatistics now = cache.statistics();
+    *report = {took.count(),
+               statistics.pixels_hit,
+               statistics.level_pixels.back(),
+               statistics.tiles.size(),
+               statistics.wanted.size(),
+               now.decodes - seen_.decodes,
+               now.loaded_bytes - seen_.loaded_bytes};
+    seen_ = now;
+  }
+  if (!loader_) return {};
+  if (auto error = loader_->take_error()) return tl::unexpected(*error);
+  std::vector<Camera> next;
+  if (options_.loading == Loading::ahead) {
+    const glm::dvec3& center = field_.shape().sphere.center;
+    next.push_back(camera);  // what was lacking may lead to more
+    for (unsigned k = 1; before_ && k <= options_.horizon; ++k)
+      next.push_back(predict(center, *before_, camera, k));
+  }
+  loader_->plan(std::move(statistics.wanted), std::move(next), began);
+  before_ = camera;
+  return {};
+}
+
+void Player::settle() {
+  if (loader_) loader_->settle();
+}
+
+}  // namespace slf
