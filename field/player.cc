@@ -117,7 +117,7 @@ class Player::Loader {
       const std::uint64_t frame_began = frame_began_;
       lock.unlock();
       current_ = plan;
-      auto ok = load(lacking);
+      auto ok = load(lacking, frame_began);
       for (std::size_t k = 0; ok && k < next.size() && *ok; ++k)
         ok = load_view(next[k], frame_began);
       lock.lock();
@@ -132,14 +132,15 @@ class Player::Loader {
     return stop_ || plan_ != current_;
   }
 
-  /// Loads tiles in batches that the disk can work on together. False: there is a newer plan.
-  [[nodiscard]] Result<bool> load(std::span<const TileKey> keys) {
+  /// Loads tiles in batches that the disk can work on together. False: there is a newer plan, or no
+  /// room but that of tiles the last frame used.
+  [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint64_t frame_began) {
     const auto batch = [&](std::size_t from) {
       return keys.subspan(from, std::min(kBatch, keys.size() - from));
     };
     advise(batch(0));
     for (std::size_t at = 0; at < keys.size(); at += kBatch) {
-      if (outdated()) return false;
+      if (outdated() || !cache_.has_room(frame_began)) return false;
       if (at + kBatch < keys.size()) advise(batch(at + kBatch));
       for (const TileKey& key : batch(at)) {
         if (auto tile = cache_.get(color_, key); !tile) return tl::unexpected(tile.error());
@@ -156,15 +157,14 @@ class Player::Loader {
   }
 
   /// Loads what a small picture of a view touches. What it sees changes as tiles come, so it is
-  /// drawn until it lacks nothing. False: there is a newer plan, or no room.
+  /// drawn until it lacks nothing. False: as load().
   [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint64_t frame_began) {
     for (;;) {
-      if (outdated() || !cache_.has_room(frame_began)) return false;
       ViewStatistics statistics;
       if (auto ok = previewer_.render(preview_of(camera), view_, preview_, &statistics); !ok)
         return tl::unexpected(ok.error());
       if (statistics.wanted.empty()) return true;
-      const auto loaded = load(statistics.wanted);
+      const auto loaded = load(statistics.wanted, frame_began);
       if (!loaded || !*loaded) return loaded;
     }
   }
