@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <optional>
@@ -26,6 +27,12 @@ std::optional<std::array<double, kCount>> numbers_of(const nlohmann::json& json)
     numbers[k] = json[k].get<double>();
   }
   return numbers;
+}
+
+/// A member that is a number; else none, NaN.
+double number_of(const nlohmann::json& json, const char* key) {
+  return json.contains(key) && json[key].is_number() ? json[key].get<double>()
+                                                     : std::numeric_limits<double>::quiet_NaN();
 }
 
 /// Azimuth, elevation and distance of an eye as orbit_camera() takes them.
@@ -76,10 +83,9 @@ Result<CameraPath> CameraPath::parse(std::string_view json, const std::string& n
     };
     if (!from.is_object()) return bad("expected an object");
     Key key;
-    const auto at = from.contains("at") ? numbers_of<1>({from["at"]}) : std::nullopt;
-    if (!at || (*at)[0] < 0 || (*at)[0] > kMostSeconds)
-      return bad("expected \"at\", seconds from 0 to a day");
-    key.at = (*at)[0];
+    const double at = number_of(from, "at");
+    if (!(at >= 0 && at <= kMostSeconds)) return bad("expected \"at\", seconds from 0 to a day");
+    key.at = at;
     if (!path.empty() && !(key.at > path.back().at))
       return bad("\"at\" must be later than that of the key before");
 
@@ -104,10 +110,9 @@ Result<CameraPath> CameraPath::parse(std::string_view json, const std::string& n
     if (!look_at) return bad("expected three numbers in \"look_at\"");
     std::copy(look_at->begin(), look_at->end(), key.place.begin() + 3);
     if (from.contains("fov")) {
-      const auto fov = numbers_of<1>({from["fov"]});
-      if (!fov || !((*fov)[0] > 0 && (*fov)[0] < 180))
-        return bad("expected \"fov\" in degrees, above 0 and below 180");
-      key.place[6] = (*fov)[0];
+      const double fov = number_of(from, "fov");
+      if (!(fov > 0 && fov < 180)) return bad("expected \"fov\" in degrees, above 0 and below 180");
+      key.place[6] = fov;
     }
     path.push_back(key);
   }
