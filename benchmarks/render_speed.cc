@@ -3,9 +3,10 @@
 //   render_speed FIELD [SIZE [REPEATS]]
 //
 // Workload: one view of SIZE × SIZE pixels (1024) that the sphere fills, drawn REPEATS times (9)
-// after one that decoded all its tiles; every mode the field has, on one thread and on two.
-// Reported: the median over the repeats, in ns for each pixel whose ray meets the sphere; processor
-// time on one thread, of which the ratios are, and time on the wall on one thread and on two.
+// into the same picture, after one that decoded all its tiles; every mode the field has, on one
+// thread and on two. Reported: the median over the repeats, in ns for each pixel whose ray meets
+// the sphere; processor time on one thread, of which the ratios are, and time on the wall on one
+// thread and on two.
 //   gathers  the memory limit of mode bitri: a loop that only loads the same nine samples of the
 //            same rays in the same order, at addresses it reads from a list
 // SLF_TARGETS in the environment, a mask of Highway targets, measures lesser instruction sets.
@@ -130,9 +131,10 @@ Time view_time(const Field& field, const Camera& camera, const ViewOptions& view
                int repeats, std::uint64_t& hit) {
   Renderer renderer(field, {kMemory, threads});
   ViewStatistics statistics;
+  Image image;
   const auto draw = [&](ViewStatistics* wanted) {
-    if (const auto image = renderer.render(camera, view, wanted); !image) {
-      std::fprintf(stderr, "%s\n", image.error().message.c_str());
+    if (const auto ok = renderer.render(camera, view, image, wanted); !ok) {
+      std::fprintf(stderr, "%s\n", ok.error().message.c_str());
       std::exit(1);
     }
   };

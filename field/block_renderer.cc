@@ -1,5 +1,6 @@
 #include "field/block_renderer.h"
 
+#include <algorithm>
 #include <limits>
 #include <utility>
 
@@ -8,7 +9,6 @@
 namespace slf {
 namespace {
 
-constexpr float kFaint = 1.f / 255;  // below this opacity a depth is not worth following
 constexpr int kDepthPasses = 2;
 
 glm::dvec3 point(const PointArrays& points, std::size_t k) {
@@ -61,21 +61,22 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
   const RenderMode mode = options_.mode;
   Pass pass;
   pass.entries = mode == RenderMode::nearest || mode == RenderMode::st ? 1 : 3;
-  pass.exits = mode == RenderMode::nearest || mode == RenderMode::uv ? 1 : 3;
   pass.with_depth = options_.needs_depth();
   if (auto ok = first_pass(geometry, pass); !ok) return ok;
   for (int k = 1; mode == RenderMode::depth && k <= kDepthPasses; ++k) {
-    keep_followed();
-    pass.with_depth = k < kDepthPasses || options_.with_depth;
-    if (auto ok = depth_pass(geometry, pass); !ok) return ok;
+    if (k == 1 || gatherer_.any_missing()) keep_followed(geometry);
+    const bool last = k == kDepthPasses;
+    pass.with_depth = !last || options_.with_depth;
+    if (auto ok = depth_pass(geometry, pass, last); !ok) return ok;
   }
-  for (std::size_t k = 0; k < rays_.count; ++k) finish(k);
+  finish_all();
   return {};
 }
 
 Result<void> BlockRenderer::first_pass(const LevelGeometry& geometry, Pass& pass) {
   find_entries(geometry, rays_, pass.entries == 1, pass.with_depth, entries_);
-  find_exits(geometry, rays_.leave, rays_.count, pass.exits == 1, exits_[0]);
+  find_exits(geometry, rays_.leave, rays_.count,
+             options_.mode == RenderMode::nearest || options_.mode == RenderMode::uv, exits_[0]);
   pass.aim.fill(&rays_.leave);
   pass.exit.fill(&exits_[0]);
   if (auto ok = gatherer_.gather(geometry, rays_.count, entries_, pass); !ok) return ok;
@@ -84,8 +85,7 @@ Result<void> BlockRenderer::first_pass(const LevelGeometry& geometry, Pass& pass
   return {};
 }
 
-Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry, Pass& pass) {
-  find_entries(geometry, rays_, false, true, entries_);
+Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry, Pass& pass, bool last) {
   aim_at_depth(rays_, entries_, t_.data(), aims_);
   for (std::size_t c = 0; c < 3; ++c) {
     find_exits(geometry, aims_[c], rays_.count, false, exits_[c]);
@@ -93,23 +93,41 @@ Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry, Pass& pass
     pass.exit[c] = &exits_[c];
   }
   if (auto ok = gatherer_.gather(geometry, rays_.count, entries_, pass); !ok) return ok;
+  pass.with_color = last || gatherer_.any_missing();
   blend(pass, rays_, entries_, gatherer_.samples(), gatherer_.half_floats(), rgba_.data(),
         t_.data());
   return {};
 }
 
 /// Finishes the rays that saw nothing to follow and closes the ranks of the others.
-void BlockRenderer::keep_followed() {
+void BlockRenderer::keep_followed(const LevelGeometry& geometry) {
   std::size_t n = 0;
   for (std::size_t k = 0; k < rays_.count; ++k) {
     if (gatherer_.missing(k) || rgba_[k].a <= kFaint) {
       finish(k);
       continue;
     }
-    copy_ray(rays_, k, rays_, n);
-    t_[n++] = t_[k];
+    if (k != n) copy_ray(rays_, k, rays_, n), t_[n] = t_[k];
+    ++n;
   }
+  if (n == rays_.count) return;
   rays_.count = n;
+  find_entries(geometry, rays_, false, true, entries_);
+}
+
+/// Writes the rays' pixels, many at a time where they are side by side.
+void BlockRenderer::finish_all() {
+  constexpr std::size_t kRun = 16;
+  const bool plain = !options_.with_depth && !gatherer_.any_missing();
+  for (std::size_t k = 0; k < rays_.count;) {
+    const std::uint32_t pixel = rays_.pixel[k];  // they ascend
+    if (plain && k + kRun <= rays_.count && rays_.pixel[k + kRun - 1] == pixel + kRun - 1) {
+      std::copy_n(&rgba_[k], kRun, &image_.rgba[pixel]);
+      k += kRun;
+    } else {
+      finish(k++);
+    }
+  }
 }
 
 /// Writes a ray's pixel; it is written again where a coarser level must help.

@@ -38,8 +38,9 @@ class BlockRenderer {
  private:
   [[nodiscard]] Result<void> draw_level(const LevelGeometry& geometry);
   [[nodiscard]] Result<void> first_pass(const LevelGeometry& geometry, Pass& pass);
-  [[nodiscard]] Result<void> depth_pass(const LevelGeometry& geometry, Pass& pass);
-  void keep_followed();
+  [[nodiscard]] Result<void> depth_pass(const LevelGeometry& geometry, Pass& pass, bool last);
+  void keep_followed(const LevelGeometry& geometry);
+  void finish_all();
   void finish(std::size_t ray);
 
   const Field& field_;
@@ -51,8 +52,8 @@ class BlockRenderer {
   EntryArrays entries_;
   std::array<PointArrays, 3> aims_;
   std::array<ExitArrays, 3> exits_;
-  std::vector<glm::vec4> rgba_;
-  std::vector<float> t_;
+  RayArray<glm::vec4> rgba_;
+  RayArray<float> t_;
 };
 
 }  // namespace slf

@@ -1,5 +1,8 @@
 #include "field/level_geometry.h"
 
+#include <bit>
+#include <cassert>
+
 namespace slf {
 
 LevelGeometry::LevelGeometry(const FieldShape& shape, unsigned level)
@@ -8,7 +11,10 @@ LevelGeometry::LevelGeometry(const FieldShape& shape, unsigned level)
       entry_resolution_(static_cast<std::int32_t>(shape.entry_resolution(level))),
       exit_resolution_(static_cast<std::int32_t>(shape.exit_resolution(level))),
       exit_side_(shape.exit_side),
-      entry_stride_(shape.entry_resolution(level) + 1) {
+      entry_stride_(shape.entry_resolution(level) + 1),
+      row_bits_(static_cast<unsigned>(std::bit_width(triangle_size(shape.entry_section_side())))) {
+  // Lattices of at most 2^12 cells an edge leave room for both in 32 bits.
+  assert(3 + 2 * entry_level_ + row_bits_ <= 32);
   entry_rows_.resize(8ull * entry_stride_ * entry_stride_);
   row_begin_.push_back(0);
   const std::uint32_t side = shape.entry_section_side();
@@ -23,7 +29,7 @@ LevelGeometry::LevelGeometry(const FieldShape& shape, unsigned level)
       for (unsigned octant = 0; octant < 8; ++octant)
         if ((octant & ~free) == octant_of(v))
           entry_rows_[(octant * entry_stride_ + static_cast<std::uint32_t>(at.y)) * entry_stride_ +
-                      static_cast<std::uint32_t>(at.x)] = {s, row};
+                      static_cast<std::uint32_t>(at.x)] = s << row_bits_ | row;
       ++row;
     }
     row_begin_.push_back(static_cast<std::uint32_t>(points_.size()));

@@ -43,13 +43,16 @@ class LevelGeometry {
 
   /// Finds an entry vertex, seen from any octant it touches.
   [[nodiscard]] EntryRow entry_row(unsigned octant, GridPoint point) const {
-    return entry_rows_[(octant * entry_stride_ + static_cast<std::uint32_t>(point.y)) *
-                           entry_stride_ +
-                       static_cast<std::uint32_t>(point.x)];
+    const std::uint32_t packed =
+        entry_rows_[(octant * entry_stride_ + static_cast<std::uint32_t>(point.y)) * entry_stride_ +
+                    static_cast<std::uint32_t>(point.x)];
+    return {packed >> row_bits_, packed & ((1u << row_bits_) - 1)};
   }
 
-  /// All of them: [octant][y][x], with entry_resolution() + 1 of each y and x.
-  [[nodiscard]] std::span<const EntryRow> entry_rows() const { return entry_rows_; }
+  /// All of them: [octant][y][x], with entry_resolution() + 1 of each y and x; as
+  /// section << row_bits() | row.
+  [[nodiscard]] std::span<const std::uint32_t> entry_rows() const { return entry_rows_; }
+  [[nodiscard]] unsigned row_bits() const { return row_bits_; }
   /// Exit sections within an octant by place: [y][x][inverted], 2^level of each y and x.
   [[nodiscard]] std::span<const std::uint32_t> exit_paths() const { return exit_paths_; }
 
@@ -64,9 +67,10 @@ class LevelGeometry {
   unsigned level_, entry_level_;
   std::int32_t entry_resolution_, exit_resolution_;
   std::uint32_t exit_side_, entry_stride_;
-  std::vector<LatticePoint> points_;       // rows of all sections, one after the other
-  std::vector<std::uint32_t> row_begin_;   // per entry section, into points_; one more at the end
-  std::vector<EntryRow> entry_rows_;       // [octant][y][x]
+  std::vector<LatticePoint> points_;      // rows of all sections, one after the other
+  std::vector<std::uint32_t> row_begin_;  // per entry section, into points_; one more at the end
+  unsigned row_bits_;
+  std::vector<std::uint32_t> entry_rows_;  // [octant][y][x]
   std::vector<std::uint32_t> exit_paths_;  // [y][x][inverted]: section index within an octant
 };
 

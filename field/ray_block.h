@@ -6,18 +6,39 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <new>
 #include <vector>
+
+#include "field/tile_numbers.h"
 
 namespace slf {
 
 /// At least the lanes of any target.
 inline constexpr std::size_t kRayPadding = 64;
 
+/// Whole vectors lie in one cache line each.
+template <class T>
+struct LineAllocator {
+  using value_type = T;
+  static constexpr std::align_val_t kLine{64};
+
+  LineAllocator() = default;
+  template <class U>
+  explicit LineAllocator(const LineAllocator<U>&) {}
+  T* allocate(std::size_t n) { return static_cast<T*>(::operator new(n * sizeof(T), kLine)); }
+  void deallocate(T* from, std::size_t) { ::operator delete(from, kLine); }
+  friend bool operator==(const LineAllocator&, const LineAllocator&) { return true; }
+};
+
+template <class T>
+using RayArray = std::vector<T, LineAllocator<T>>;
+
 /// Points on (or in) the unit sphere.
 struct PointArrays {
-  std::vector<float> x, y, z;
+  RayArray<float> x, y, z;
 
   void resize(std::size_t size) {
     for (auto* axis : {&x, &y, &z}) axis->resize(size);
@@ -29,7 +50,7 @@ struct PointArrays {
 struct RayBlock {
   std::size_t count = 0;
   PointArrays enter, leave;
-  std::vector<std::uint32_t> pixel;  ///< index in the picture
+  RayArray<std::uint32_t> pixel;  ///< index in the picture
 
   void resize(std::size_t size) {
     enter.resize(size + kRayPadding);
@@ -40,43 +61,61 @@ struct RayBlock {
 
 /// Each ray's entry vertices: three, or in slot 0 the nearest alone.
 struct EntryArrays {
-  std::array<std::vector<std::uint32_t>, 3> index;  ///< in LevelGeometry::entry_rows()
-  std::array<std::vector<float>, 3> weight;
+  std::array<RayArray<std::uint32_t>, 3> section;  ///< that owns the vertex
+  std::array<RayArray<std::uint32_t>, 3> row;      ///< its first sample in the section's tiles
+  std::array<RayArray<float>, 3> weight;
   std::array<PointArrays, 3> point;  ///< the vertices, where depth is wanted
 
   void resize(std::size_t size) {
-    for (auto& array : index) array.resize(size + kRayPadding);
+    for (auto* arrays : {&section, &row})
+      for (auto& array : *arrays) array.resize(size + kRayPadding);
     for (auto& array : weight) array.resize(size + kRayPadding);
     for (auto& points : point) points.resize(size + kRayPadding);
   }
 };
 
-/// The exit vertices around one exit point per ray: three, or in slot 0 the nearest alone.
+/// The three exit vertices around one exit point per ray. Two of them are neighbours in a row of
+/// samples: one load takes both.
 struct ExitArrays {
-  std::vector<std::uint32_t> section;
-  std::array<std::vector<std::uint32_t>, 3> column;
-  std::array<std::vector<float>, 3> weight;
+  RayArray<std::uint32_t> section;
+  RayArray<std::uint32_t> pair;           ///< column of the first; the second comes next
+  RayArray<std::uint32_t> third;          ///< column of the third, never the row's first
+  std::array<RayArray<float>, 3> weight;  ///< 1 for the nearest, where it alone is wanted
 
   void resize(std::size_t size) {
-    section.resize(size + kRayPadding);
-    for (auto& array : column) array.resize(size + kRayPadding);
+    for (auto* array : {&section, &pair, &third}) array->resize(size + kRayPadding);
     for (auto& array : weight) array.resize(size + kRayPadding);
   }
 };
 
-/// The samples of each ray, as stored: [3 × entry slot + exit slot]. Only one of the two kinds of
-/// colour is used.
+/// The samples of each ray, as stored. Only one of the two kinds of colour is used.
 struct SampleArrays {
-  std::array<std::vector<std::uint32_t>, 9> rgba8;  ///< r in the lowest byte
-  std::array<std::vector<glm::vec4>, 9> rgba16f;
-  std::array<std::vector<std::uint8_t>, 9> depth;
+  std::array<RayArray<std::uint32_t>, 9> rgba8;    ///< [3 × entry slot + exit], r lowest
+  std::array<RayArray<std::uint64_t>, 9> rgba16f;  ///< the same
+  std::array<RayArray<std::uint32_t>, 3> depth;    ///< [entry slot]: a byte for each exit
+
+  void resize(std::size_t size, bool half_floats) {
+    for (auto& array : rgba8) array.resize(half_floats ? 0 : size + kRayPadding);
+    for (auto& array : rgba16f) array.resize(half_floats ? size + kRayPadding : 0);
+    for (auto& array : depth) array.resize(size + kRayPadding);
+  }
+};
+
+/// Which tile, by number, each ray's entry slots sample: kNoTile where its weight is 0.
+using TileArrays = std::array<RayArray<std::uint32_t>, 3>;
+
+/// Where the pinned tiles are, by number: bytes from `zeros`, a row of samples that are 0, to a
+/// tile's first sample. 0 where nothing is stored or pinned; so is the one after the last tile.
+struct TileOffsets {
+  const std::byte* zeros = nullptr;
+  std::vector<std::int64_t> color, depth;
 };
 
 /// A pass over rays: every ray's entry vertices, each aimed at an exit point.
 struct Pass {
-  unsigned entries = 3;  ///< slots in use
-  unsigned exits = 3;
-  bool with_depth = false;
+  unsigned entries = 3;                     ///< slots in use
+  bool with_color = true;                   ///< colours are wanted, or opacity alone
+  bool with_depth = false;                  ///< depth is wanted
   std::array<const PointArrays*, 3> aim{};  ///< per entry slot
   std::array<const ExitArrays*, 3> exit{};
 };

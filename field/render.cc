@@ -13,6 +13,7 @@
 namespace slf {
 namespace {
 
+constexpr std::uint32_t kBlock = 16;      // edge in pixels; larger ones leave the core's own cache
 constexpr std::size_t kRayScratch = 512;  // bytes of scratch per ray of a block, about
 
 void sort_unique(std::vector<TileKey>& keys) {
@@ -25,7 +26,6 @@ void sort_unique(std::vector<TileKey>& keys) {
 struct Renderer::State {
   const Field& field;
   unsigned threads;
-  std::uint32_t block;      // edge in pixels
   std::uint64_t pin_bytes;  // that each thread may pin
   std::shared_ptr<TileCache> cache;
 };
@@ -34,7 +34,6 @@ namespace {
 
 struct Plan {
   unsigned threads;
-  std::uint32_t block;
   std::uint64_t cache_bytes;
 };
 
@@ -42,8 +41,7 @@ struct Plan {
 Plan plan_memory(const Field& field, const RendererOptions& options) {
   const std::uint64_t tile = field.shape().largest_tile() * (4 + 1);
   Plan plan;
-  plan.block = options.memory >= 4ull << 20 ? 32 : 16;  // larger ones leave the core's own cache
-  const std::uint64_t scratch = std::uint64_t{plan.block} * plan.block * kRayScratch;
+  const std::uint64_t scratch = std::uint64_t{kBlock} * kBlock * kRayScratch;
   const std::uint64_t fit = options.memory / (tile + scratch);
   plan.threads =
       static_cast<unsigned>(std::clamp<std::uint64_t>(fit, 1, thread_count(options.threads)));
@@ -74,7 +72,7 @@ RenderMode default_mode(const Field& field) {
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field, options);
   state_ = std::unique_ptr<State>(new State{
-      field, plan.threads, plan.block, plan.cache_bytes / (plan.threads + 1),
+      field, plan.threads, plan.cache_bytes / (plan.threads + 1),
       std::make_shared<TileCache>(field, plan.cache_bytes, options.map_budget, options.in_place)});
 }
 Renderer::Renderer(const Renderer& other, unsigned threads) : state_(new State(*other.state_)) {
@@ -106,16 +104,15 @@ RayFan make_fan(const Sphere& sphere, const RayGenerator& rays, std::uint32_t wi
 class ViewJob {
  public:
   ViewJob(const Field& field, TileCache& cache, std::uint64_t pin_bytes, const Camera& camera,
-          const RayGenerator& rays, const ViewOptions& options, std::uint32_t edge, Image& image)
+          const RayGenerator& rays, const ViewOptions& options, Image& image)
       : field_(field),
         cache_(cache),
         pin_bytes_(pin_bytes),
         camera_(camera),
         fan_(make_fan(field.shape().sphere, rays, camera.width)),
         options_(options),
-        edge_(edge),
-        across_((camera.width + edge - 1) / edge),
-        blocks_(across_ * ((camera.height + edge - 1) / edge)),
+        across_((camera.width + kBlock - 1) / kBlock),
+        blocks_(across_ * ((camera.height + kBlock - 1) / kBlock)),
         image_(image),
         level_pixels_(options.level + 1) {
     image_.width = camera.width;
@@ -131,9 +128,10 @@ class ViewJob {
     std::uint64_t hit = 0;
     std::optional<Error> error;
     for (std::uint32_t block; !error && (block = next_++) < blocks_;) {
-      RayBlock& rays = renderer.rays(std::size_t{edge_} * edge_);
-      clear(pixels(block));
-      cast_rays(fan_, pixels(block), rays);
+      RayBlock& rays = renderer.rays(std::size_t{kBlock} * kBlock);
+      const PixelBlock square = pixels(block);
+      cast_rays(fan_, square, rays);
+      if (rays.count < std::size_t{square.x1 - square.x0} * (square.y1 - square.y0)) clear(square);
       hit += rays.count;
       if (auto ok = renderer.draw(level_pixels); !ok) error = ok.error();
     }
@@ -163,8 +161,8 @@ class ViewJob {
 
  private:
   [[nodiscard]] PixelBlock pixels(std::uint32_t block) const {
-    const std::uint32_t x0 = block % across_ * edge_, y0 = block / across_ * edge_;
-    return {x0, y0, std::min(x0 + edge_, camera_.width), std::min(y0 + edge_, camera_.height)};
+    const std::uint32_t x0 = block % across_ * kBlock, y0 = block / across_ * kBlock;
+    return {x0, y0, std::min(x0 + kBlock, camera_.width), std::min(y0 + kBlock, camera_.height)};
   }
 
   void clear(const PixelBlock& block) {
@@ -183,7 +181,7 @@ class ViewJob {
   const Camera& camera_;
   const RayFan fan_;
   const ViewOptions& options_;
-  const std::uint32_t edge_, across_, blocks_;
+  const std::uint32_t across_, blocks_;
   Image& image_;
   std::atomic<std::uint32_t> next_{0};
   std::mutex mutex_;
@@ -211,8 +209,7 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& options, 
 
   state_->cache->reset_peak();
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
-  ViewJob job(field, *state_->cache, state_->pin_bytes, camera, *rays, options, state_->block,
-              image);
+  ViewJob job(field, *state_->cache, state_->pin_bytes, camera, *rays, options, image);
   on_threads(std::min(state_->threads, job.blocks()), [&] { job.work(); });
   if (job.error()) return tl::unexpected(*job.error());
 

@@ -1,5 +1,8 @@
 #include "field/render_kernel.h"
 
+#include <algorithm>
+#include <type_traits>
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "field/render_kernel.cc"
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set
@@ -15,10 +18,11 @@ namespace hn = hwy::HWY_NAMESPACE;
 using D = hn::ScalableTag<float>;
 using DI = hn::RebindToSigned<D>;
 using DU = hn::RebindToUnsigned<D>;
-using DD = hn::ScalableTag<double>;
+using D64 = hn::ScalableTag<std::int64_t>;
 using V = hn::Vec<D>;
 using VI = hn::Vec<DI>;
-using VD = hn::Vec<DD>;
+using VU = hn::Vec<DU>;
+using V64 = hn::Vec<D64>;
 
 HWY_INLINE VI to_int(V v) { return hn::ConvertTo(DI(), v); }
 HWY_INLINE V to_float(VI v) { return hn::ConvertTo(D(), v); }
@@ -30,10 +34,10 @@ HWY_INLINE VI mul_add(VI a, VI b, VI c) { return hn::Add(hn::Mul(a, b), c); }
 HWY_INLINE VI choose(hn::Mask<D> mask, VI yes, VI no) {
   return hn::IfThenElse(hn::RebindMask(DI(), mask), yes, no);
 }
-HWY_INLINE void store(VI v, std::vector<std::uint32_t>& to, std::size_t k) {
+HWY_INLINE void store(VI v, RayArray<std::uint32_t>& to, std::size_t k) {
   hn::StoreU(hn::BitCast(DU(), v), DU(), to.data() + k);
 }
-HWY_INLINE void store(V v, std::vector<float>& to, std::size_t k) {
+HWY_INLINE void store(V v, RayArray<float>& to, std::size_t k) {
   hn::StoreU(v, D(), to.data() + k);
 }
 
@@ -41,6 +45,10 @@ HWY_INLINE void store(V v, std::vector<float>& to, std::size_t k) {
 struct Point {
   V x, y, z;
 
+  static HWY_INLINE Point set(const glm::dvec3& p) {
+    const glm::vec3 f(p);
+    return {hn::Set(D(), f.x), hn::Set(D(), f.y), hn::Set(D(), f.z)};
+  }
   static HWY_INLINE Point load(const PointArrays& from, std::size_t k) {
     return {hn::LoadU(D(), from.x.data() + k), hn::LoadU(D(), from.y.data() + k),
             hn::LoadU(D(), from.z.data() + k)};
@@ -54,8 +62,13 @@ struct Point {
   HWY_INLINE Point plus(V t, const Point& d) const {
     return {hn::MulAdd(t, d.x, x), hn::MulAdd(t, d.y, y), hn::MulAdd(t, d.z, z)};
   }
+  HWY_INLINE Point times(V t) const { return {hn::Mul(x, t), hn::Mul(y, t), hn::Mul(z, t)}; }
   HWY_INLINE V dot(const Point& p) const {
     return hn::MulAdd(x, p.x, hn::MulAdd(y, p.y, hn::Mul(z, p.z)));
+  }
+  HWY_INLINE Point cross(const Point& p) const {
+    return {hn::MulSub(y, p.z, hn::Mul(z, p.y)), hn::MulSub(z, p.x, hn::Mul(x, p.z)),
+            hn::MulSub(x, p.y, hn::Mul(y, p.x))};
   }
 };
 
@@ -94,22 +107,17 @@ HWY_INLINE Cells locate(const Point& p, std::int32_t resolution) {
   return cell;
 }
 
-/// Stores what goes with a cell's corners: all three, or the one of the greatest weight.
-HWY_INLINE void store_corners(const VI corners[3], const V weights[3], bool nearest, std::size_t k,
-                              std::array<std::vector<std::uint32_t>, 3>& corner,
-                              std::array<std::vector<float>, 3>& weight) {
-  if (!nearest) {
-    for (std::size_t c = 0; c < 3; ++c) {
-      store(corners[c], corner[c], k);
-      store(weights[c], weight[c], k);
-    }
-    return;
+/// Which of three weights is the greatest.
+struct Nearest {
+  hn::Mask<D> second, third;
+
+  static HWY_INLINE Nearest of(const V weight[3]) {
+    return {hn::Gt(weight[1], weight[0]), hn::Gt(weight[2], hn::Max(weight[0], weight[1]))};
   }
-  const auto second = hn::Gt(weights[1], weights[0]);
-  const auto third = hn::Gt(weights[2], hn::Max(weights[0], weights[1]));
-  store(choose(third, corners[2], choose(second, corners[1], corners[0])), corner[0], k);
-  store(hn::Set(D(), 1.f), weight[0], k);
-}
+  HWY_INLINE VI choose_from(const VI v[3]) const {
+    return choose(third, v[2], choose(second, v[1], v[0]));
+  }
+};
 
 /// The unit direction of a lattice point, on the side of each axis that `side` is on.
 HWY_INLINE Point vertex(VI x, VI y, std::int32_t resolution, const Point& side) {
@@ -120,65 +128,50 @@ HWY_INLINE Point vertex(VI x, VI y, std::int32_t resolution, const Point& side) 
           hn::CopySign(hn::Mul(p.z, inverse), side.z)};
 }
 
-struct DoublePoint {
-  VD x, y, z;
+/// Stores the chosen lanes one after the other.
+template <class DT, class T>
+HWY_INLINE void store_chosen(hn::Vec<DT> v, bool all, hn::Mask<D> chosen, DT d, T* to) {
+  hn::StoreU(all ? v : hn::Compress(v, hn::RebindMask(d, chosen)), d, to);
+}
 
-  static HWY_INLINE DoublePoint set(const glm::dvec3& p) {
-    return {hn::Set(DD(), p.x), hn::Set(DD(), p.y), hn::Set(DD(), p.z)};
-  }
-  HWY_INLINE DoublePoint plus(VD t, const DoublePoint& d) const {
-    return {hn::MulAdd(t, d.x, x), hn::MulAdd(t, d.y, y), hn::MulAdd(t, d.z, z)};
-  }
-  HWY_INLINE VD dot(const DoublePoint& p) const {
-    return hn::MulAdd(x, p.x, hn::MulAdd(y, p.y, hn::Mul(z, p.z)));
-  }
-};
-
-using DH = hn::Rebind<float, DD>;
-using DHI = hn::Rebind<std::int32_t, DD>;
-
-/// Stores points as floats; where not `all`, the chosen ones one after the other.
-HWY_INLINE void store_chosen(const DoublePoint& p, bool all, hn::Mask<DH> chosen, PointArrays& to,
+HWY_INLINE void store_chosen(const Point& p, bool all, hn::Mask<D> chosen, PointArrays& to,
                              std::size_t k) {
-  const DH half;
-  auto x = hn::DemoteTo(half, p.x), y = hn::DemoteTo(half, p.y), z = hn::DemoteTo(half, p.z);
-  if (!all) x = hn::Compress(x, chosen), y = hn::Compress(y, chosen), z = hn::Compress(z, chosen);
-  hn::StoreU(x, half, to.x.data() + k);
-  hn::StoreU(y, half, to.y.data() + k);
-  hn::StoreU(z, half, to.z.data() + k);
+  store_chosen(p.x, all, chosen, D(), to.x.data() + k);
+  store_chosen(p.y, all, chosen, D(), to.y.data() + k);
+  store_chosen(p.z, all, chosen, D(), to.z.data() + k);
 }
 
 void cast_rays_any(const RayFan& fan, const PixelBlock& block, RayBlock& rays) {
-  const DD d;
-  const DoublePoint eye = DoublePoint::set(fan.eye), across = DoublePoint::set(fan.across);
-  const VD x_end = hn::Set(d, block.x1);
+  const D d;
+  const V zero = hn::Zero(d), one = hn::Set(d, 1.f);
+  const Point across = Point::set(fan.across), turn = Point::set(glm::cross(fan.eye, fan.across));
+  const V forward = hn::Set(d, static_cast<float>(glm::dot(fan.eye, fan.across)));
   std::size_t n = 0;
   for (std::uint32_t y = block.y0; y < block.y1; ++y) {
-    const DoublePoint row = DoublePoint::set(fan.corner + (y + 0.5) * fan.down);
     for (std::uint32_t x = block.x0; x < block.x1; x += hn::Lanes(d)) {
-      const VD column = hn::Iota(d, x + 0.5);
-      const DoublePoint direction = row.plus(column, across);
+      // Directions and moments (eye × direction) are linear in x: from a start in double, because
+      // eyes may be far away, a few steps in float lose nothing.
+      const glm::dvec3 start = fan.corner + (x + 0.5) * fan.across + (y + 0.5) * fan.down;
+      const V step = hn::Iota(d, 0);
+      const Point direction = Point::set(start).plus(step, across);
+      const Point moment = Point::set(glm::cross(fan.eye, start)).plus(step, turn);
+      const V along =
+          hn::MulAdd(step, forward, hn::Set(d, static_cast<float>(glm::dot(fan.eye, start))));
 
-      // Find the ray's point closest to the centre, and half the chord around it. In double: eyes
-      // may be far away.
-      const VD length2 = direction.dot(direction);
-      const VD middle = hn::Neg(hn::Div(eye.dot(direction), length2));
-      const DoublePoint closest = eye.plus(middle, direction);
-      const VD above = hn::Sub(hn::Set(d, 1.0), closest.dot(closest));
-      const VD half = hn::Sqrt(hn::Div(hn::Max(above, hn::Zero(d)), length2));
-      const auto ahead = hn::Gt(hn::Add(middle, half), hn::Zero(d));
-      const auto hit = hn::And(hn::And(hn::Gt(above, hn::Zero(d)), ahead), hn::Lt(column, x_end));
+      // Find the ray's point closest to the centre, and half the chord around it.
+      const V inverse = hn::Div(one, direction.dot(direction));
+      const V above = hn::NegMulAdd(moment.dot(moment), inverse, one);
+      const V half = hn::Sqrt(hn::Mul(hn::Max(above, zero), inverse));
+      const auto ahead = hn::Gt(half, hn::Mul(along, inverse));
+      const auto hit = hn::And(hn::And(hn::Gt(above, zero), ahead), hn::FirstN(d, block.x1 - x));
 
       // Keep the rays that do.
       if (hn::AllFalse(d, hit)) continue;
       const bool all = hn::AllTrue(d, hit);
-      const auto chosen =
-          hn::Gt(hn::DemoteTo(DH(), hn::IfThenElseZero(hit, hn::Set(d, 1.0))), hn::Zero(DH()));
-      store_chosen(closest.plus(hn::Neg(half), direction), all, chosen, rays.enter, n);
-      store_chosen(closest.plus(half, direction), all, chosen, rays.leave, n);
-      auto pixel = hn::Iota(DHI(), static_cast<std::int32_t>(y * fan.width + x));
-      if (!all) pixel = hn::Compress(pixel, hn::RebindMask(DHI(), chosen));
-      hn::StoreU(pixel, DHI(), reinterpret_cast<std::int32_t*>(rays.pixel.data() + n));
+      const Point closest = direction.cross(moment).times(inverse);
+      store_chosen(closest.plus(hn::Neg(half), direction), all, hit, rays.enter, n);
+      store_chosen(closest.plus(half, direction), all, hit, rays.leave, n);
+      store_chosen(hn::Iota(DU(), y * fan.width + x), all, hit, DU(), rays.pixel.data() + n);
       n += hn::CountTrue(d, hit);
     }
   }
@@ -189,7 +182,17 @@ void find_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool 
                       bool with_points, EntryArrays& entries) {
   const DI di;
   const std::int32_t resolution = geometry.entry_resolution();
+  const auto* rows = reinterpret_cast<const std::int32_t*>(geometry.entry_rows().data());
+  const auto row_bits = static_cast<int>(geometry.row_bits());
   const VI stride = hn::Set(di, resolution + 1), one = hn::Set(di, 1), zero = hn::Zero(di);
+  const VI row_mask = hn::Set(di, (1 << row_bits) - 1);
+  const VI columns = hn::Set(di, static_cast<std::int32_t>(triangle_size(geometry.exit_side())));
+  const auto store_row = [&](VI vertex, V weight, std::size_t c, std::size_t k) {
+    const VI packed = hn::GatherIndex(di, rows, vertex);
+    store(hn::ShiftRightSame(packed, row_bits), entries.section[c], k);
+    store(hn::Mul(hn::And(packed, row_mask), columns), entries.row[c], k);
+    store(weight, entries.weight[c], k);
+  };
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(D())) {
     const Point enter = Point::load(rays.enter, k);
     const Cells cell = locate(enter, resolution);
@@ -201,11 +204,12 @@ void find_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool 
     VI corners[3];
     for (std::size_t c = 0; c < 3; ++c) {
       corners[c] = hn::Add(mul_add(y_step[c], stride, base), x_step[c]);
+      if (!nearest) store_row(corners[c], cell.weight[c], c, k);
       if (with_points)
         vertex(hn::Add(cell.x, x_step[c]), hn::Add(cell.y, y_step[c]), resolution, enter)
             .store_to(entries.point[c], k);
     }
-    store_corners(corners, cell.weight, nearest, k, entries.index, entries.weight);
+    if (nearest) store_row(Nearest::of(cell.weight).choose_from(corners), hn::Set(D(), 1.f), 0, k);
   }
 }
 
@@ -242,9 +246,180 @@ void find_exits_any(const LevelGeometry& geometry, const PointArrays& points, st
     const VI line = hn::Sub(hn::Add(hn::Add(n, one), down), q);  // columns from q to q ± 1
     const VI before = hn::ShiftRight<1>(hn::Mul(q, hn::Sub(q, one)));
     const VI first = hn::Add(hn::Sub(hn::Mul(q, hn::Add(n, one)), before), p);
-    const VI columns[] = {first, hn::Add(first, sign), mul_add(sign, line, first)};
-    store_corners(columns, cell.weight, nearest, k, exits.column, exits.weight);
+    store(hn::Sub(first, down), exits.pair, k);
+    store(mul_add(sign, line, first), exits.third, k);
+    V weight[] = {cell.weight[0], cell.weight[1], cell.weight[2]};
+    if (nearest) {
+      const Nearest best = Nearest::of(weight);
+      const V full = hn::Set(d, 1.f);
+      weight[2] = hn::IfThenElseZero(best.third, full);
+      weight[1] = hn::IfThenZeroElse(best.third, hn::IfThenElseZero(best.second, full));
+      weight[0] = hn::Sub(full, hn::Add(weight[1], weight[2]));
+    }
+    // The lower column of the pair comes first.
+    const auto swap = hn::RebindMask(d, hn::Eq(down, one));
+    store(hn::IfThenElse(swap, weight[1], weight[0]), exits.weight[0], k);
+    store(hn::IfThenElse(swap, weight[0], weight[1]), exits.weight[1], k);
+    store(weight[2], exits.weight[2], k);
   }
+}
+
+void number_tiles_any(const Pass& pass, const EntryArrays& entries, std::size_t count,
+                      TileNumbers& numbers, TileArrays& tiles) {
+  const DU d;
+  const VU no_tile = hn::Set(d, kNoTile);
+  TileNumbers::Pair last{kNoTile, kNoTile};
+  std::uint32_t number = kNoTile;
+  for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
+    VU tile = no_tile, entry = no_tile, exit = no_tile;  // of the slot before
+    for (std::size_t c = 0; c < pass.entries; ++c) {
+      // Mostly a ray's entry slots share a tile, and neighbours do: one look-up for all of them.
+      const auto here_entry = hn::LoadU(d, &entries.section[c][k]);
+      const auto here_exit = hn::LoadU(d, &pass.exit[c]->section[k]);
+      const auto as_before = hn::And(hn::Eq(here_entry, entry), hn::Eq(here_exit, exit));
+      const auto used =
+          hn::And(hn::RebindMask(d, hn::Gt(hn::LoadU(D(), &entries.weight[c][k]), hn::Zero(D()))),
+                  hn::FirstN(d, count - k));
+      entry = here_entry, exit = here_exit;
+      const auto as_last =
+          hn::And(hn::Eq(entry, hn::Set(d, last.entry)), hn::Eq(exit, hn::Set(d, last.exit)));
+      tile = hn::IfThenElse(as_before, tile, no_tile);
+      tile = hn::IfThenElse(as_last, hn::Set(d, number), tile);
+      tile = hn::IfThenElse(used, tile, no_tile);
+      auto left = hn::And(used, hn::Eq(tile, no_tile));
+      while (!hn::AllFalse(d, left)) {
+        const auto lane = k + static_cast<std::size_t>(hn::FindFirstTrue(d, left));
+        const TileNumbers::Pair pair{entries.section[c][lane], pass.exit[c]->section[lane]};
+        number = numbers.number(last = pair);
+        const auto same =
+            hn::And(hn::Eq(entry, hn::Set(d, pair.entry)), hn::Eq(exit, hn::Set(d, pair.exit)));
+        tile = hn::IfThenElse(hn::And(same, left), hn::Set(d, number), tile);
+        left = hn::AndNot(same, left);
+      }
+      hn::StoreU(tile, d, &tiles[c][k]);
+    }
+  }
+}
+
+using Narrow = hn::Rebind<std::uint32_t, D64>;  // as many lanes as D64 has
+
+/// Vectors of 64-bit lanes that hold as many as one of 32.
+constexpr std::size_t kHalves = HWY_TARGET == HWY_SCALAR ? 1 : 2;
+
+/// The lower 32 bits of all lanes.
+HWY_INLINE VU lower_bits(const V64 v[kHalves]) {
+#if HWY_TARGET == HWY_SCALAR
+  return hn::TruncateTo(DU(), hn::BitCast(hn::RebindToUnsigned<D64>(), v[0]));
+#else
+  return hn::ConcatEven(DU(), hn::BitCast(DU(), v[1]), hn::BitCast(DU(), v[0]));
+#endif
+}
+
+/// The upper 32 bits of all lanes.
+HWY_INLINE VU upper_bits(const V64 v[kHalves]) {
+#if HWY_TARGET == HWY_SCALAR
+  const V64 shifted = hn::ShiftRight<32>(v[0]);
+  return lower_bits(&shifted);
+#else
+  return hn::ConcatOdd(DU(), hn::BitCast(DU(), v[1]), hn::BitCast(DU(), v[0]));
+#endif
+}
+
+HWY_INLINE V64 widen(hn::Vec<Narrow> v) {
+  return hn::BitCast(D64(), hn::PromoteTo(hn::RebindToUnsigned<D64>(), v));
+}
+
+/// Loads 8 bytes for each lane.
+HWY_INLINE V64 load_at(const std::byte* base, V64 offset) {
+  return hn::GatherOffset(D64(), reinterpret_cast<const std::int64_t*>(base), offset);
+}
+
+/// Where each lane's row begins, `row` bytes into its tile; without a tile, the row of zeros.
+HWY_INLINE V64 find_rows(const std::vector<std::int64_t>& offsets, hn::Vec<Narrow> tile,
+                         const std::uint32_t* one_tile, V64 row) {
+  const D64 d;
+  const V64 offset =
+      one_tile ? hn::Set(d, offsets[*one_tile]) : hn::GatherIndex(d, offsets.data(), widen(tile));
+  return hn::Add(offset, hn::IfThenZeroElse(hn::Eq(offset, hn::Zero(d)), row));
+}
+
+/// Depths at a column of each row and the columns that follow, a byte each, lowest first. `last` is
+/// the last column that 8 bytes can be loaded at.
+HWY_INLINE V64 load_depths(const std::byte* base, V64 row, hn::Vec<Narrow> column,
+                           hn::Vec<Narrow> last) {
+  const auto at = hn::Min(column, last);
+  const V64 bits = hn::ShiftLeft<3>(widen(hn::Sub(column, at)));
+  const hn::RebindToUnsigned<D64> d;
+  return hn::BitCast(
+      D64(), hn::BitCast(d, load_at(base, hn::Add(row, widen(at)))) >> hn::BitCast(d, bits));
+}
+
+template <bool kHalf, bool kDepth>
+void take_typed(const TileOffsets& offsets, const Pass& pass, const EntryArrays& entries,
+                const TileArrays& tiles, std::size_t count, std::uint32_t columns, bool add,
+                SampleArrays& samples) {
+  const D64 d;
+  const Narrow narrow;
+  const DU du;
+  const std::size_t lanes = hn::Lanes(d);
+  const auto absent = static_cast<std::uint32_t>(offsets.color.size() - 1);
+  const auto last_load = hn::Set(narrow, columns < 8 ? 0 : columns - 8);
+  const auto store_or = [&](auto v, auto tag, auto* to) {
+    hn::StoreU(add ? hn::Or(v, hn::LoadU(tag, to)) : v, tag, to);
+  };
+  for (std::size_t c = 0; c < pass.entries; ++c) {
+    const ExitArrays& exit = *pass.exit[c];
+    for (std::size_t k = 0; k < count; k += kHalves * lanes) {
+      const std::uint32_t first = std::min(tiles[c][k], absent);
+      const VU all = hn::Min(hn::LoadU(du, &tiles[c][k]), hn::Set(du, absent));
+      const auto* one_tile = hn::AllTrue(du, hn::Eq(all, hn::Set(du, first))) ? &first : nullptr;
+      V64 colors[3][kHalves], depths[kHalves];
+      for (std::size_t half = 0; half < kHalves; ++half) {
+        const std::size_t at = k + half * lanes;
+        const auto tile = hn::Min(hn::LoadU(narrow, &tiles[c][at]), hn::Set(narrow, absent));
+        const V64 row = widen(hn::LoadU(narrow, &entries.row[c][at]));
+        const auto pair = hn::LoadU(narrow, &exit.pair[at]);
+        const auto third = hn::LoadU(narrow, &exit.third[at]);
+        constexpr int kShift = kHalf ? 3 : 2;
+        const V64 color_row = find_rows(offsets.color, tile, one_tile, hn::ShiftLeft<kShift>(row));
+        const V64 pair_at = hn::Add(color_row, hn::ShiftLeft<kShift>(widen(pair)));
+        const V64 third_at = hn::Add(color_row, hn::ShiftLeft<kShift>(widen(third)));
+        colors[0][half] = load_at(offsets.zeros, pair_at);
+        if constexpr (kHalf) {
+          colors[1][half] = load_at(offsets.zeros, hn::Add(pair_at, hn::Set(d, 8)));
+          colors[2][half] = load_at(offsets.zeros, third_at);
+        } else {  // with the one before it: 8 bytes that are the tile's in any case
+          colors[2][half] = load_at(offsets.zeros, hn::Sub(third_at, hn::Set(d, 4)));
+        }
+        if constexpr (kDepth) {
+          const V64 depth_row = find_rows(offsets.depth, tile, one_tile, row);
+          const V64 two = load_depths(offsets.zeros, depth_row, pair, last_load);
+          const V64 one = load_depths(offsets.zeros, depth_row, third, last_load);
+          depths[half] = hn::Or(hn::And(two, hn::Set(d, 0xFFFF)), hn::ShiftLeft<16>(one));
+        }
+      }
+      if constexpr (kHalf) {
+        for (std::size_t e = 0; e < 3; ++e)
+          for (std::size_t half = 0; half < kHalves; ++half)
+            store_or(hn::BitCast(hn::RebindToUnsigned<D64>(), colors[e][half]),
+                     hn::RebindToUnsigned<D64>(), &samples.rgba16f[3 * c + e][k + half * lanes]);
+      } else {
+        store_or(lower_bits(colors[0]), du, &samples.rgba8[3 * c][k]);
+        store_or(upper_bits(colors[0]), du, &samples.rgba8[3 * c + 1][k]);
+        store_or(upper_bits(colors[2]), du, &samples.rgba8[3 * c + 2][k]);
+      }
+      if constexpr (kDepth) store_or(lower_bits(depths), du, &samples.depth[c][k]);
+    }
+  }
+}
+
+void take_samples_any(const TileOffsets& offsets, const Pass& pass, const EntryArrays& entries,
+                      const TileArrays& tiles, std::size_t count, std::uint32_t columns,
+                      bool half_floats, bool add, SampleArrays& samples) {
+  const auto typed = half_floats
+                         ? (pass.with_depth ? take_typed<true, true> : take_typed<true, false>)
+                         : (pass.with_depth ? take_typed<false, true> : take_typed<false, false>);
+  typed(offsets, pass, entries, tiles, count, columns, add, samples);
 }
 
 void aim_at_depth_any(const RayBlock& rays, const EntryArrays& entries, const float* t,
@@ -267,25 +442,28 @@ struct Colors {
   V r, g, b, a;
 };
 
-HWY_INLINE Colors load_rgba8(const std::vector<std::uint32_t>& from, std::size_t k) {
-  const DI di;
-  const VI v = hn::BitCast(di, hn::LoadU(DU(), from.data() + k)), byte = hn::Set(di, 255);
-  return {to_float(hn::And(v, byte)), to_float(hn::And(hn::ShiftRight<8>(v), byte)),
-          to_float(hn::And(hn::ShiftRight<16>(v), byte)),
-          to_float(hn::And(hn::ShiftRight<24>(v), byte))};
+HWY_INLINE V byte_of(VI v, int shift) {
+  return to_float(hn::And(hn::ShiftRightSame(v, shift), hn::Set(DI(), 255)));
 }
 
-HWY_INLINE Colors load_rgba(const std::vector<glm::vec4>& from, std::size_t k) {
-  Colors v;
-  hn::LoadInterleaved4(D(), &from[k].x, v.r, v.g, v.b, v.a);
-  return v;
+HWY_INLINE Colors load_colors(const RayArray<std::uint32_t>& from, std::size_t k) {
+  const VI v = hn::BitCast(DI(), hn::LoadU(DU(), from.data() + k));
+  return {byte_of(v, 0), byte_of(v, 8), byte_of(v, 16), byte_of(v, 24)};
 }
 
-template <bool kHalf, bool kDepth>
+HWY_INLINE Colors load_colors(const RayArray<std::uint64_t>& from, std::size_t k) {
+  const hn::Rebind<std::uint16_t, D> bits;
+  const hn::Rebind<hwy::float16_t, D> half;
+  hn::Vec<decltype(bits)> r, g, b, a;
+  hn::LoadInterleaved4(bits, reinterpret_cast<const std::uint16_t*>(from.data() + k), r, g, b, a);
+  const auto to_float = [&](auto v) { return hn::PromoteTo(D(), hn::BitCast(half, v)); };
+  return {to_float(r), to_float(g), to_float(b), to_float(a)};
+}
+
+template <bool kHalf, bool kDepth, bool kColor>
 void blend_typed(const Pass& pass, const RayBlock& rays, const EntryArrays& entries,
                  const SampleArrays& samples, glm::vec4* rgba, float* t) {
   const D d;
-  const hn::Rebind<std::uint8_t, D> bytes;
   const V zero = hn::Zero(d), unit = hn::Set(d, kHalf ? 1.f : 1.f / 255);
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
     Colors sum{zero, zero, zero, zero};
@@ -295,18 +473,22 @@ void blend_typed(const Pass& pass, const RayBlock& rays, const EntryArrays& entr
     for (std::size_t c = 0; c < pass.entries; ++c) {
       const V weight = hn::LoadU(d, entries.weight[c].data() + k);
       V opacity = zero, depth = zero;
-      for (std::size_t e = 0; e < pass.exits; ++e) {
+      VI depths = hn::Zero(DI());
+      if constexpr (kDepth)
+        depths = hn::BitCast(DI(), hn::LoadU(DU(), samples.depth[c].data() + k));
+      for (std::size_t e = 0; e < 3; ++e) {
         const V w = hn::Mul(weight, hn::LoadU(d, pass.exit[c]->weight[e].data() + k));
-        const Colors v = kHalf ? load_rgba(samples.rgba16f[3 * c + e], k)
-                               : load_rgba8(samples.rgba8[3 * c + e], k);
-        sum.r = hn::MulAdd(w, v.r, sum.r);
-        sum.g = hn::MulAdd(w, v.g, sum.g);
-        sum.b = hn::MulAdd(w, v.b, sum.b);
+        const Colors v = kHalf ? load_colors(samples.rgba16f[3 * c + e], k)
+                               : load_colors(samples.rgba8[3 * c + e], k);
+        if constexpr (kColor) {
+          sum.r = hn::MulAdd(w, v.r, sum.r);
+          sum.g = hn::MulAdd(w, v.g, sum.g);
+          sum.b = hn::MulAdd(w, v.b, sum.b);
+        }
         if constexpr (kDepth) {
           const V visible = hn::Mul(w, v.a);
-          const auto byte = hn::LoadU(bytes, samples.depth[3 * c + e].data() + k);
           opacity = hn::Add(opacity, visible);
-          depth = hn::MulAdd(visible, to_float(hn::PromoteTo(DI(), byte)), depth);
+          depth = hn::MulAdd(visible, byte_of(depths, 8 * static_cast<int>(e)), depth);
         } else {
           opacity = hn::MulAdd(w, v.a, opacity);
         }
@@ -324,19 +506,27 @@ void blend_typed(const Pass& pass, const RayBlock& rays, const EntryArrays& entr
     if constexpr (kDepth) {
       const V at = hn::Div(place, hn::Mul(sum.a, ray.dot(ray)));
       const V inside = hn::Min(hn::Max(at, zero), hn::Set(d, 1.f));
-      hn::StoreU(hn::IfThenElseZero(hn::Gt(sum.a, zero), inside), d, t + k);
+      const V seen = kColor ? hn::IfThenElseZero(hn::Gt(sum.a, zero), inside)
+                            : hn::IfThenElse(hn::Gt(hn::Mul(sum.a, unit), hn::Set(d, kFaint)),
+                                             inside, hn::LoadU(d, t + k));
+      hn::StoreU(seen, d, t + k);
     }
-    hn::StoreInterleaved4(hn::Mul(sum.r, unit), hn::Mul(sum.g, unit), hn::Mul(sum.b, unit),
-                          hn::Mul(sum.a, unit), d, &rgba[k].x);
+    if constexpr (kColor)
+      hn::StoreInterleaved4(hn::Mul(sum.r, unit), hn::Mul(sum.g, unit), hn::Mul(sum.b, unit),
+                            hn::Mul(sum.a, unit), d, &rgba[k].x);
   }
 }
 
 void blend_any(const Pass& pass, const RayBlock& rays, const EntryArrays& entries,
                const SampleArrays& samples, bool half_floats, glm::vec4* rgba, float* t) {
-  const auto typed = half_floats
-                         ? (pass.with_depth ? blend_typed<true, true> : blend_typed<true, false>)
-                         : (pass.with_depth ? blend_typed<false, true> : blend_typed<false, false>);
-  typed(pass, rays, entries, samples, rgba, t);
+  const auto typed = [&](auto half) {
+    constexpr bool kHalf = decltype(half)::value;
+    return !pass.with_depth   ? blend_typed<kHalf, false, true>
+           : !pass.with_color ? blend_typed<kHalf, true, false>
+                              : blend_typed<kHalf, true, true>;
+  };
+  (half_floats ? typed(std::true_type()) : typed(std::false_type()))(pass, rays, entries, samples,
+                                                                     rgba, t);
 }
 
 }  // namespace
@@ -350,6 +540,8 @@ namespace slf {
 HWY_EXPORT(cast_rays_any);
 HWY_EXPORT(find_entries_any);
 HWY_EXPORT(find_exits_any);
+HWY_EXPORT(number_tiles_any);
+HWY_EXPORT(take_samples_any);
 HWY_EXPORT(aim_at_depth_any);
 HWY_EXPORT(blend_any);
 
@@ -365,6 +557,18 @@ void find_entries(const LevelGeometry& geometry, const RayBlock& rays, bool near
 void find_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
                 bool nearest, ExitArrays& exits) {
   HWY_DYNAMIC_DISPATCH(find_exits_any)(geometry, points, count, nearest, exits);
+}
+
+void number_tiles(const Pass& pass, const EntryArrays& entries, std::size_t count,
+                  TileNumbers& numbers, TileArrays& tiles) {
+  HWY_DYNAMIC_DISPATCH(number_tiles_any)(pass, entries, count, numbers, tiles);
+}
+
+void take_samples(const TileOffsets& offsets, const Pass& pass, const EntryArrays& entries,
+                  const TileArrays& tiles, std::size_t count, std::uint32_t columns,
+                  bool half_floats, bool add, SampleArrays& samples) {
+  HWY_DYNAMIC_DISPATCH(take_samples_any)
+  (offsets, pass, entries, tiles, count, columns, half_floats, add, samples);
 }
 
 void aim_at_depth(const RayBlock& rays, const EntryArrays& entries, const float* t,

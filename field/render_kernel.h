@@ -9,6 +9,7 @@
 
 #include "field/level_geometry.h"
 #include "field/ray_block.h"
+#include "field/tile_numbers.h"
 
 namespace slf {
 
@@ -28,7 +29,8 @@ struct PixelBlock {
 /// REQUIRES: `rays` is sized for all of them.
 void cast_rays(const RayFan& fan, const PixelBlock& block, RayBlock& rays);
 
-/// Finds the cell of the entry lattice each ray enters through; `nearest` keeps one vertex.
+/// Finds the cell of the entry lattice each ray enters through and its rows; `nearest` keeps one
+/// vertex.
 void find_entries(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
                   bool with_points, EntryArrays& entries);
 
@@ -36,13 +38,28 @@ void find_entries(const LevelGeometry& geometry, const RayBlock& rays, bool near
 void find_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
                 bool nearest, ExitArrays& exits);
 
+/// Numbers the tiles that a pass over `count` rays samples.
+void number_tiles(const Pass& pass, const EntryArrays& entries, std::size_t count,
+                  TileNumbers& numbers, TileArrays& tiles);
+
+/// Takes a pass's samples from the tiles that are there; those of other tiles are 0. `add` combines
+/// them with what was taken before from other tiles. `columns` is the length of a tile's rows.
+/// REQUIRES: from a row of depths that is shorter than 8 bytes, 8 can be loaded.
+void take_samples(const TileOffsets& offsets, const Pass& pass, const EntryArrays& entries,
+                  const TileArrays& tiles, std::size_t count, std::uint32_t columns,
+                  bool half_floats, bool add, SampleArrays& samples);
+
 /// Aims each ray's three entry vertices at what the ray sees at depth t: where the lines through
 /// it leave the sphere.
 void aim_at_depth(const RayBlock& rays, const EntryArrays& entries, const float* t,
                   std::array<PointArrays, 3>& aims);
 
+/// Below this opacity a depth is not worth following.
+inline constexpr float kFaint = 1.f / 255;
+
 /// Blends each ray's samples (eq. 2): premultiplied colours and, where the pass has depth, the
-/// opacity-weighted depth along the ray, 0 where nothing is seen.
+/// opacity-weighted depth along the ray, 0 where nothing is seen. A pass without colour only
+/// improves `t`, and leaves it where it sees too little.
 void blend(const Pass& pass, const RayBlock& rays, const EntryArrays& entries,
            const SampleArrays& samples, bool half_floats, glm::vec4* rgba, float* t);
 

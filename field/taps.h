@@ -1,6 +1,6 @@
 // Taps: the samples that rays take from tiles. Private to field/.
 //
-// A tap is what a ray needs of one entry vertex: up to three samples of one row of one tile. The
+// A tap is what a ray needs of one entry vertex: three samples of one row of one tile. The
 // tiles of a block's taps are pinned in waves that fit a budget, and each wave's samples taken;
 // mostly one wave takes all, and its tiles stay pinned for the blocks that follow.
 #pragma once
@@ -14,6 +14,7 @@
 #include "field/level_geometry.h"
 #include "field/ray_block.h"
 #include "field/tile_cache.h"
+#include "field/tile_numbers.h"
 
 namespace slf {
 
@@ -33,7 +34,8 @@ class TapGatherer {
                                     const EntryArrays& entries, const Pass& pass);
 
   [[nodiscard]] const SampleArrays& samples() const { return samples_; }
-  [[nodiscard]] bool missing(std::size_t ray) const { return missing_[ray] != 0; }
+  [[nodiscard]] bool any_missing() const { return any_missing_; }
+  [[nodiscard]] bool missing(std::size_t ray) const { return any_missing_ && missing_[ray] != 0; }
   [[nodiscard]] bool half_floats() const { return format_ == codec::SampleFormat::rgba16f; }
 
   /// Tiles touched since this was last cleared; with repetitions.
@@ -42,50 +44,41 @@ class TapGatherer {
   [[nodiscard]] std::vector<TileKey>& wanted() { return wanted_; }
 
  private:
-  struct Tap {
-    std::uint32_t tile;  // number, in tiles_
-    std::uint32_t row;   // its first sample
-  };
   struct Tile {
-    std::uint64_t sections;  // entry << 32 | exit
     TileKey key;
     TileCache::Pin color, depth;
-  };
-  struct TileSamples {
-    const std::byte* colors = nullptr;  // null: nothing there
-    const std::byte* depths = nullptr;
-    bool missing = false;
+    bool missing;  // or not there yet
   };
   /// Tiles [begin, end) of tiles_.
   struct Wave {
     std::uint32_t begin, end;
   };
 
-  void number_tiles(std::size_t count, const EntryArrays& entries, const Pass& pass);
-  [[nodiscard]] std::uint32_t number_of(std::uint64_t sections);
-  void rehash(std::size_t slots);
   void forget_tiles();
+  void add_tiles();
   [[nodiscard]] Result<void> pin(Wave wave);
-  [[nodiscard]] Result<void> pin(Tile& tile, TileSamples& samples, bool wait);
+  [[nodiscard]] Result<void> pin(Tile& tile, bool wait);
   void unpin(Wave wave);
-  void take(Wave wave, std::size_t count, const Pass& pass);
-  template <unsigned kExits, class Color>
-  void take_typed(Wave wave, std::size_t count, const Pass& pass,
-                  std::array<std::vector<Color>, 9>& colors);
+  void take(Wave wave, std::size_t count, const EntryArrays& entries, const Pass& pass, bool add);
+  [[nodiscard]] std::int64_t offset_of(const TileCache::Pin& pin) const;
 
   TileCache& cache_;
   storage::LayerId color_;
   std::optional<storage::LayerId> depth_;
   codec::SampleFormat format_;
+  std::uint32_t columns_;  // of every tile
   std::uint32_t most_pins_;
   bool wait_;
   const LevelGeometry* geometry_ = nullptr;  // whose tiles are in tiles_
-  std::vector<Tile> tiles_;
-  std::vector<TileSamples> tile_samples_;  // of tiles_, where pinned
-  std::uint32_t pinned_ = 0;               // of tiles_, the first ones, that stay pinned
-  std::vector<std::uint32_t> slots_;       // open-addressing table over tiles_
-  std::array<std::vector<Tap>, 3> taps_;
+  TileNumbers numbers_;
+  std::vector<Tile> tiles_;   // by number
+  std::uint32_t pinned_ = 0;  // of tiles_, the first ones, that stay pinned
+  std::vector<std::byte> zeros_;
+  TileOffsets offsets_;
+  TileArrays taps_;
   SampleArrays samples_;
+  bool lacks_tiles_ = false;  // some of tiles_ are missing
+  bool any_missing_ = false;  // some of missing_ are set
   std::vector<std::uint8_t> missing_;
   std::vector<TileKey> touched_, wanted_;
 };

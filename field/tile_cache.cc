@@ -9,6 +9,9 @@ namespace slf {
 namespace {
 constexpr std::uint64_t kEntryBytes = 256;     // bookkeeping of one entry, about
 constexpr std::uint64_t kMapWindow = 1 << 16;  // what Linux maps around a page that is read
+// The renderer loads so many bytes at a time, from within a row of samples where it has as many:
+// behind shorter ones there must be room.
+constexpr std::size_t kLoad = 8;
 }  // namespace
 
 struct TileCache::Entry {
@@ -103,8 +106,9 @@ Result<void> TileCache::load(Entry& entry, const Id& id) {
   entry.tile = *tile;
   const bool stored = tile->state == storage::TileState::stored;
   const std::size_t bytes = stored ? field_.tile_shape(id.layer, id.key).bytes() : 0;
-  const bool in_place =
-      in_place_ && stored && field_.codec(id.layer).in_place() && tile->payload.size() == bytes;
+  const bool in_place = in_place_ && stored && field_.codec(id.layer).in_place() &&
+                        tile->payload.size() == bytes &&
+                        triangle_size(field_.shape().exit_side) >= kLoad;
   entry.in_place = in_place;
   charge(entry, in_place ? 0 : bytes);
   if (in_place) {
@@ -112,9 +116,9 @@ Result<void> TileCache::load(Entry& entry, const Id& id) {
     return field_.store().check(*tile);
   }
   if (!stored) return {};
-  entry.owned.resize(bytes);
+  entry.owned.resize(bytes + kLoad);
   entry.samples = entry.owned.data();
-  return field_.decode(*tile, entry.owned);
+  return field_.decode(*tile, std::span(entry.owned).first(bytes));
 }
 
 void TileCache::advise(storage::LayerId layer, std::span<const TileKey> keys) const {

@@ -140,23 +140,52 @@ TEST_F(Render, BiTriangleIsTheWeightedSumOfNineSamples) {
   }
 }
 
-TEST_F(Render, EveryInstructionSetDrawsTheSamePicture) {
+/// Draws a view with each instruction set, with room for every tile and for hardly any, and expects
+/// the same picture.
+void expect_same_on_every_target(const Field& field, const Camera& camera,
+                                 const ViewOptions& view) {
   const auto use = [](std::int64_t targets) {
     hwy::SetSupportedTargetsForTest(targets);
     hwy::GetChosenTarget().Update(hwy::SupportedTargets());
   };
-  const Camera camera = orbit_camera(field_->shape().sphere, 40, 25, 2.5, 150, 131);
-  for (const RenderMode mode : {RenderMode::bitri, RenderMode::depth}) {
-    use(0);  // all there are
-    const Image best = draw(*field_, camera, {mode, 2, false});
-    for (std::int64_t left = hwy::SupportedTargets(); left != 0; left &= left - 1) {
-      use(left & -left);
-      const Image image = draw(*field_, camera, {mode, 2, false});
-      EXPECT_LT(largest_difference(image, best), 1.f / 255) << name(mode) << " " << (left & -left);
-      EXPECT_EQ(draw(*field_, camera, {mode, 2, false}, {1, 1}).rgba, image.rgba);
-    }
-    use(0);
+  use(0);  // all there are
+  const Image best = draw(field, camera, view);
+  for (std::int64_t left = hwy::SupportedTargets(); left != 0; left &= left - 1) {
+    use(left & -left);
+    const Image image = draw(field, camera, view);
+    EXPECT_LT(largest_difference(image, best), 1.f / 255)
+        << name(view.mode) << " " << (left & -left);
+    EXPECT_EQ(draw(field, camera, view, {1, 1}).rgba, image.rgba);
   }
+  use(0);
+}
+
+TEST_F(Render, EveryInstructionSetDrawsTheSamePicture) {
+  const Camera camera = orbit_camera(field_->shape().sphere, 40, 25, 2.5, 150, 131);
+  for (const RenderMode mode : {RenderMode::bitri, RenderMode::depth})
+    expect_same_on_every_target(*field_, camera, {mode, 2, false});
+}
+
+TEST(RenderSmallTiles, AnyShapeFormatAndCodecDrawsTheSamePictureEverywhere) {
+  // Something to see that moves with both ends of a ray, and a depth that does.
+  const FunctionScene scene([](const glm::dvec3& from, const glm::dvec3& to) {
+    const glm::vec3 a = 0.5 + 0.5 * from, b = 0.5 + 0.5 * to;
+    return RaySample{glm::vec4(a.x, b.y, a.z * b.x, 1) * (0.2f + 0.8f * b.z), 0.3f + 0.4f * a.y};
+  });
+  for (const std::uint32_t exit : {1u, 2u, 3u})
+    for (const char* codec : {"raw", "zstd:1"})
+      for (const bool half : {false, true}) {
+        TemporaryFolder folder;
+        auto options = lossless_options(2, exit, 1);
+        options.color_codec = options.depth_codec = codec;
+        options.half = half;
+        if (half) options.color_codec = "zstd:1";
+        const auto field = build_and_open(scene, folder / "a.slf", options);
+        ASSERT_TRUE(field);
+        const Camera camera = orbit_camera(field->shape().sphere, 40, 25, 2.5, 61, 50);
+        for (const RenderMode mode : kModes)
+          expect_same_on_every_target(*field, camera, {mode, 1, false});
+      }
 }
 
 TEST_F(Render, DecodedTilesStayWithinTheBudget) {
