@@ -4,6 +4,7 @@
 #include <chrono>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <optional>
 #include <vector>
 
@@ -154,18 +155,45 @@ struct Job {
   }
 };
 
-Error interrupted(const std::string& path) {
-  return {ErrorCode::failed, path + ": interrupted; the same command goes on from here"};
-}
+/// What follows each tile handed to the writer: it is counted, and now and then all is committed.
+class Steps {
+ public:
+  Steps(TileWriter& writer, const std::string& path, const ProgressCallback& progress,
+        Progress& state, BuildReport& report)
+      : writer_(writer), path_(path), progress_(progress), state_(state), report_(report) {}
+
+  /// failed: the progress callback stops the build.
+  [[nodiscard]] Result<void> after(const Encoded& tile) {
+    ++report_.tiles;
+    report_.slabs += tile.slabs;
+    state_.done += tile.slabs;
+    if (writer_.pending_bytes() >= kCommitBytes || Clock::now() - committed_at_ >= kCommitInterval)
+      if (auto ok = commit(); !ok) return ok;
+    if (!progress_ || progress_(state_)) return {};
+    if (auto ok = commit(); !ok) return ok;
+    return fail(ErrorCode::failed, path_, ": interrupted; the same command goes on from here");
+  }
+
+ private:
+  [[nodiscard]] Result<void> commit() {
+    committed_at_ = Clock::now();
+    return writer_.commit();
+  }
+
+  TileWriter& writer_;
+  const std::string& path_;
+  const ProgressCallback& progress_;
+  Progress& state_;
+  BuildReport& report_;
+  Clock::time_point committed_at_ = Clock::now();
+};
 
 /// Appends every tile from number `resumed` on. `begin` says, per layer, where its tiles end.
-Result<void> append_tiles(const Job& job, TileWriter& writer, const std::string& path,
+Result<void> append_tiles(const Job& job, TileWriter& writer,
                           const std::vector<std::uint64_t>& begin, std::uint64_t resumed,
-                          const ProgressCallback& progress, Progress& state, BuildReport& report) {
+                          Steps& steps) {
   auto pipeline =
       job.pipeline(job.order.count() - resumed, [resumed](std::uint64_t k) { return resumed + k; });
-  std::uint64_t uncommitted = 0;
-  auto committed_at = Clock::now();
   for (std::uint64_t number = resumed; number < job.order.count(); ++number) {
     const Encoded tile = pipeline.take();
     if (tile.error) return tl::unexpected(*tile.error);
@@ -174,37 +202,31 @@ Result<void> append_tiles(const Job& job, TileWriter& writer, const std::string&
       if (auto ok = writer.append(static_cast<LayerId>(k), job.order.key(number), tile.payloads[k]);
           !ok)
         return ok;
-      uncommitted += tile.payloads[k].size();
     }
-    ++report.tiles;
-    report.slabs += tile.slabs;
-    state.done += tile.slabs;
-    if (uncommitted >= kCommitBytes || Clock::now() - committed_at >= kCommitInterval) {
-      if (auto ok = writer.commit(); !ok) return ok;
-      uncommitted = 0;
-      committed_at = Clock::now();
-    }
-    if (progress && !progress(state)) {
-      if (auto ok = writer.commit(); !ok) return ok;
-      return tl::unexpected(interrupted(path));
-    }
+    if (auto ok = steps.after(tile); !ok) return ok;
   }
   return {};
 }
 
-/// The numbers below `end` of tiles that some layer lacks: dropped by verify --fix as damaged.
-Result<std::vector<std::uint64_t>> find_holes(const std::string& path, const TileOrder& order,
-                                              std::size_t layers, std::uint64_t end) {
-  std::vector<std::uint64_t> holes;
-  if (end == 0) return holes;
+/// A tile that some layers lack: dropped by verify --fix as damaged.
+struct Hole {
+  std::uint64_t number = 0;
+  std::vector<LayerId> layers;
+};
+
+/// The holes below number `end`, in order.
+Result<std::vector<Hole>> find_holes(const std::string& path, const TileOrder& order,
+                                     std::size_t layers, std::uint64_t end) {
+  std::map<std::uint64_t, std::vector<LayerId>> lacking;
+  if (end == 0) return std::vector<Hole>();
   const auto field = Field::open(path);
   if (!field) return tl::unexpected(field.error());
-  for (std::size_t layer = 0; layer < layers; ++layer) {
+  for (LayerId layer = 0; layer < layers; ++layer) {
     std::uint64_t expected = 0;
     const auto missing_before = [&](std::uint64_t number) {
-      for (; expected < std::min(number, end); ++expected) holes.push_back(expected);
+      for (; expected < std::min(number, end); ++expected) lacking[expected].push_back(layer);
     };
-    const auto ok = (*field)->store().visit(static_cast<LayerId>(layer), {0, 0}, {255, 0},
+    const auto ok = (*field)->store().visit(layer, {0, 0}, {255, 0},
                                             [&](const storage::TileRef& tile) -> Result<void> {
                                               const std::uint64_t number = order.number(tile.key);
                                               missing_before(number);
@@ -214,30 +236,25 @@ Result<std::vector<std::uint64_t>> find_holes(const std::string& path, const Til
     if (!ok) return tl::unexpected(ok.error());
     missing_before(end);
   }
-  std::sort(holes.begin(), holes.end());
-  holes.erase(std::unique(holes.begin(), holes.end()), holes.end());
+  std::vector<Hole> holes;
+  for (auto& [number, of] : lacking) holes.push_back({number, std::move(of)});
   return holes;
 }
 
-Result<void> fill_holes(const Job& job, TileWriter& writer, const std::string& path,
-                        const std::vector<std::uint64_t>& holes, const ProgressCallback& progress,
-                        Progress& state, BuildReport& report) {
-  auto pipeline = job.pipeline(holes.size(), [&holes](std::uint64_t k) { return holes[k]; });
-  for (const std::uint64_t number : holes) {
+Result<void> fill_holes(const Job& job, TileWriter& writer, const std::vector<Hole>& holes,
+                        Steps& steps) {
+  auto pipeline = job.pipeline(holes.size(), [&holes](std::uint64_t k) { return holes[k].number; });
+  for (const Hole& hole : holes) {
     const Encoded tile = pipeline.take();
     if (tile.error) return tl::unexpected(*tile.error);
-    for (std::size_t k = 0; k < tile.payloads.size(); ++k) {
+    for (const LayerId layer : hole.layers) {
+      const Bytes& payload = tile.payloads[layer];
       const auto tile_state =
-          tile.payloads[k].empty() ? storage::TileState::empty : storage::TileState::stored;
-      if (auto ok = writer.replace(static_cast<LayerId>(k), job.order.key(number), tile_state,
-                                   tile.payloads[k]);
-          !ok)
+          payload.empty() ? storage::TileState::empty : storage::TileState::stored;
+      if (auto ok = writer.replace(layer, job.order.key(hole.number), tile_state, payload); !ok)
         return ok;
     }
-    ++report.tiles;
-    report.slabs += tile.slabs;
-    state.done += tile.slabs;
-    if (progress && !progress(state)) return tl::unexpected(interrupted(path));
+    if (auto ok = steps.after(tile); !ok) return ok;
   }
   return {};
 }
@@ -283,12 +300,12 @@ Result<BuildReport> build_field(const Scene& scene, const std::string& path,
   for (unsigned level = 0; level <= manifest.shape.levels; ++level)
     state.total += tracer.slabs(level);
   for (std::uint64_t n = 0; n < resumed; ++n) state.skipped += tracer.slabs(job.order.key(n));
-  for (const std::uint64_t n : *holes) state.skipped -= tracer.slabs(job.order.key(n));
+  for (const Hole& hole : *holes) state.skipped -= tracer.slabs(job.order.key(hole.number));
   state.done = state.skipped;
 
-  if (auto ok = fill_holes(job, *writer, path, *holes, progress, state, report); !ok)
-    return tl::unexpected(ok.error());
-  if (auto ok = append_tiles(job, *writer, path, begin, resumed, progress, state, report); !ok)
+  Steps steps(*writer, path, progress, state, report);
+  if (auto ok = fill_holes(job, *writer, *holes, steps); !ok) return tl::unexpected(ok.error());
+  if (auto ok = append_tiles(job, *writer, begin, resumed, steps); !ok)
     return tl::unexpected(ok.error());
   if (auto ok = writer->close(); !ok) return tl::unexpected(ok.error());
   return report;

@@ -153,7 +153,6 @@ Recoded recode(const Field& field, const std::vector<OutputLayer>& outputs, Tile
     if (out.copy) {
       if (auto ok = field.store().check(*found); !ok) return tile.error = ok.error(), tile;
       payload.assign(found->payload.begin(), found->payload.end());
-      field.store().release({&*found, 1});
       continue;
     }
     auto ok = decode_converted(field, *found, out.layer.format, scratch, samples);
@@ -161,7 +160,6 @@ Recoded recode(const Field& field, const std::vector<OutputLayer>& outputs, Tile
     shape.format = out.layer.format;
     if (ok) ok = out.codec->encode(shape, samples, payload);
     if (!ok) return tile.error = ok.error(), tile;
-    field.store().release({&*found, 1});
   }
   return tile;
 }
@@ -239,8 +237,10 @@ Result<void> write_tiles(const Field& field, const FieldShape& shape,
   state.total = order.count();
   advise(field, outputs, order, 0, window + kAdvised);
   for (std::uint64_t n = 0; n < order.count(); ++n) {
-    if (n % kAdvised == 0)
+    if (n % kAdvised == 0) {
+      field.store().release_all();  // what was read; the kernel still has it for who needs it again
       advise(field, outputs, order, n + window + kAdvised, n + window + 2 * kAdvised);
+    }
     const Recoded tile = pipeline.take();
     if (tile.error) return tl::unexpected(*tile.error);
     for (std::size_t k = 0; k < tile.payloads.size(); ++k) {

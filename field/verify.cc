@@ -16,6 +16,7 @@ using storage::TileState;
 
 constexpr std::size_t kMostFindings = 1000;
 constexpr std::size_t kBatch = 256;
+constexpr std::uint64_t kCommitBytes = 32ull << 20;
 
 /// What must go to cure a finding: one tile, or the record that ends with it.
 struct Cure {
@@ -184,6 +185,8 @@ class Verifier {
         if (ok) ++report_.dropped;
       }
       if (cured) ++fixed_;
+      if (writer->pending_bytes() < kCommitBytes) continue;
+      if (auto ok = writer->commit(); !ok) return ok;
     }
     report_.complete = false;
     return writer->close();

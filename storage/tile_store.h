@@ -113,9 +113,9 @@ class TileStore {
   [[nodiscard]] Result<TileRef> find(LayerId layer, TileKey key) const;
 
   /// Finds many tiles of a layer, given in any order; the results are in the order of `keys` and
-  /// as find() gives them. (Of a damaged file it may find tiles that find() cannot reach.) Where the
-  /// file is not in memory, much faster than one after the other: the pages that the search needs
-  /// next are fetched together. advise() then fetches the payloads.
+  /// as find() gives them. (Of a damaged file it may find tiles that find() cannot reach.) Where
+  /// the file is not in memory, much faster than one after the other: the pages that the search
+  /// needs next are fetched together. advise() then fetches the payloads.
   [[nodiscard]] std::vector<Result<TileRef>> find_all(LayerId layer,
                                                       std::span<const TileKey> keys) const;
 
@@ -184,8 +184,8 @@ class TileWriter {
   /// The last key of a layer that is committed, if any. Building resumes after it.
   [[nodiscard]] Result<std::optional<TileKey>> last(LayerId layer) const;
 
-  /// Bytes of full records that the next commit() will write. They are in memory until then, so
-  /// commit every hundred megabytes or so.
+  /// Bytes of records, full or changed, that the next commit() will write, about. They are in
+  /// memory until then, so commit every hundred megabytes or so.
   [[nodiscard]] std::uint64_t pending_bytes() const;
 
   /// Adds a tile; an empty payload records an empty tile.
@@ -193,8 +193,9 @@ class TileWriter {
   /// payload above 1 GiB.
   [[nodiscard]] Result<void> append(LayerId layer, TileKey key, ByteSpan payload);
 
-  /// Replaces one tile within a committed record (a damaged or missing one), in its own commit.
-  /// Where the record's table itself is damaged, the record's other tiles become missing.
+  /// Replaces one tile within a committed record (a damaged or missing one), in the next commit. A
+  /// record is written once however many of its tiles are replaced, so go in key order where there
+  /// are many. Where the record's table itself is damaged, its other tiles become missing.
   /// usage: no committed record spans the tile. bad_file: the tree or the record's pages are
   /// damaged.
   [[nodiscard]] Result<void> replace(LayerId layer, TileKey key, TileState state, ByteSpan payload);

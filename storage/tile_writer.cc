@@ -42,15 +42,20 @@ Result<void> check_blob_name(std::string_view name) {
               " characters, and not '", internal::kContainer, "'");
 }
 
-// Everything one commit writes: records, blobs, and the container's own blob.
-Result<void> write(Environment& environment, std::span<const CutRecord> records, bool append,
-                   const SealedBlobs& blobs, std::span<const LayerInfo> layers) {
-  std::vector<RecordKey> keys(records.size());
+// Everything one commit writes: records in the place of others, new ones, blobs, and the
+// container's own blob.
+Result<void> write(Environment& environment, std::span<const CutRecord> edited,
+                   std::span<const CutRecord> appended, const SealedBlobs& blobs,
+                   std::span<const LayerInfo> layers) {
+  std::vector<RecordKey> keys;
+  keys.reserve(edited.size() + appended.size());
   std::vector<Put> puts;
-  for (std::size_t i = 0; i < records.size(); ++i) {
-    keys[i] = internal::encode_key(records[i].last);
-    puts.push_back({layers[records[i].layer].name, keys[i], records[i].value, append});
-  }
+  const auto add = [&](const CutRecord& record, bool append) {
+    keys.push_back(internal::encode_key(record.last));
+    puts.push_back({layers[record.layer].name, keys.back(), record.value, append});
+  };
+  for (const CutRecord& record : edited) add(record, false);
+  for (const CutRecord& record : appended) add(record, true);
   const std::string manifest(internal::kManifest);
   for (const auto& [name, sealed] : blobs)
     puts.push_back({manifest, bytes_of(name), sealed, false});
@@ -66,7 +71,7 @@ Result<void> write_new(Environment& environment, const SealedBlobs& blobs,
   std::vector<Put> trees;
   for (const LayerInfo& layer : layers) trees.push_back({layer.name, {}, {}, false});
   if (auto made = environment.put(trees); !made) return made;
-  return write(environment, {}, true, blobs, layers);
+  return write(environment, {}, {}, blobs, layers);
 }
 
 // Every layer's tree must end with the record the container names, or appending would not append.
@@ -100,9 +105,20 @@ Result<void> publish(const std::string& from, const std::string& to) {
   return {};
 }
 
+// A committed record of which tiles are being replaced. Tiles that stay as they are view the
+// snapshot.
+struct Edit {
+  std::optional<TileKey> previous;
+  TileKey first;
+  std::vector<internal::Tile> tiles;
+  std::map<std::size_t, Bytes> payloads;  // of the tiles replaced, by position
+};
+
 }  // namespace
 
 struct TileWriter::State {
+  using Place = std::pair<LayerId, TileKey>;  // of a record: its layer and last key
+
   std::string path;
   LockedFile file;  // before the environment: its lock must outlive LMDB's lock file
   std::optional<Environment> environment;
@@ -110,6 +126,9 @@ struct TileWriter::State {
   std::vector<RecordCutter> cutters;
   std::vector<CutRecord> records;  // cut, not committed
   SealedBlobs blobs;               // set, not committed
+  std::map<Place, Edit> edits;     // not committed
+  std::uint64_t edited_bytes = 0;  // of the records they make, about
+  std::unique_ptr<Snapshot> base;  // of what is committed, while there are edits
 
   // Opens LMDB on a locked, checked file.
   [[nodiscard]] Result<void> attach() {
@@ -138,22 +157,32 @@ struct TileWriter::State {
 
   [[nodiscard]] Result<void> commit() {
     if (!environment) return fail(ErrorCode::usage, path, ": was closed");
-    if (records.empty() && blobs.empty()) return {};
+    if (records.empty() && blobs.empty() && edits.empty()) return {};
     std::vector<LayerInfo> committed = layers;
     for (const CutRecord& record : records) {
       ++committed[record.layer].records;
       committed[record.layer].last = record.last;
     }
-    if (auto written = write(*environment, records, true, blobs, committed); !written)
+    std::vector<CutRecord> edited;
+    for (const auto& [at, edit] : edits)
+      edited.push_back({at.first, at.second,
+                        internal::encode_record(at.first, edit.previous, edit.first, edit.tiles)});
+    if (auto written = write(*environment, edited, records, blobs, committed); !written)
       return written;
     layers = std::move(committed);
     records.clear();
     blobs.clear();
+    edits.clear();
+    edited_bytes = 0;
+    base.reset();
     return after_commit();
   }
 
-  [[nodiscard]] Result<Bytes> replaced(const Snapshot& snapshot, LayerId layer, TileKey key,
-                                       const internal::Tile& tile, TileKey& place) const;
+  [[nodiscard]] tl::unexpected<Error> no_record(TileKey key) const {
+    return fail(ErrorCode::usage, path, ": no record holds tile ", int{key.level}, "/", key.index);
+  }
+
+  [[nodiscard]] Result<Edit*> edit(LayerId layer, TileKey key);
 };
 
 TileWriter::TileWriter(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -241,7 +270,7 @@ Result<std::optional<TileKey>> TileWriter::last(LayerId layer) const {
 }
 
 std::uint64_t TileWriter::pending_bytes() const {
-  std::uint64_t bytes = 0;
+  std::uint64_t bytes = state_->edited_bytes;
   for (const CutRecord& record : state_->records) bytes += record.value.size();
   return bytes;
 }
@@ -283,50 +312,53 @@ Result<void> TileWriter::replace(LayerId layer, TileKey key, TileState tile_stat
     return fail(ErrorCode::usage, state_->place(layer, key), ": a payload of ", payload.size(),
                 " bytes for that state");
   if (!state_->environment) return fail(ErrorCode::usage, state_->path, ": was closed");
-  auto snapshot = Snapshot::open_locked(state_->path, state_->file);
-  if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
-  internal::Tile tile{tile_state, payload, 0};
-  if (tile_state == TileState::stored)
-    tile.checksum = internal::payload_checksum(layer, key, payload);
-  TileKey place;
-  auto value = state_->replaced(**snapshot, layer, key, tile, place);
-  if (!value) return tl::unexpected(std::move(value.error()));
-  const CutRecord record{layer, place, std::move(*value)};
-  const auto written = write(*state_->environment, {&record, 1}, false, {}, state_->layers);
-  return written ? state_->after_commit() : written;
+  auto edit = state_->edit(layer, key);
+  if (!edit) return tl::unexpected(std::move(edit.error()));
+  const std::size_t position = key.index - (*edit)->first.index;
+  Bytes& kept = (*edit)->payloads[position];
+  kept.assign(payload.begin(), payload.end());
+  state_->edited_bytes += payload.size();
+  internal::Tile& tile = (*edit)->tiles[position];
+  tile = {tile_state, kept, 0};
+  if (tile_state == TileState::stored) tile.checksum = internal::payload_checksum(layer, key, kept);
+  return {};
 }
 
-// The record that holds a tile, with that tile changed, and its key. Of a record whose table is
-// damaged nothing is left: all its tiles become missing.
-Result<Bytes> TileWriter::State::replaced(const Snapshot& snapshot, LayerId layer, TileKey key,
-                                          const internal::Tile& tile, TileKey& place) const {
-  internal::Cursor cursor(snapshot.pages(), snapshot.tree(layer));
+// The edit of the record that holds a tile, begun where there is none yet. Of a record whose table
+// is damaged nothing is left: all its tiles become missing.
+Result<Edit*> TileWriter::State::edit(LayerId layer, TileKey key) {
+  if (const auto known = edits.lower_bound({layer, key});
+      known != edits.end() && known->first.first == layer && known->second.first <= key)
+    return &known->second;
+  if (!base) {
+    auto snapshot = Snapshot::open_locked(path, file);
+    if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
+    base = std::move(*snapshot);
+  }
+  internal::Cursor cursor(base->pages(), base->tree(layer));
   auto at = cursor.seek(internal::encode_key(key));
   if (!at) return tl::unexpected(std::move(at.error()));
   const auto last = *at ? internal::decode_key(cursor.key()) : std::nullopt;
-  if (!last || last->level != key.level)
-    return fail(ErrorCode::usage, path, ": no record holds tile ", int{key.level}, "/", key.index);
+  if (!last || last->level != key.level) return no_record(key);
   // LMDB frees the old value's pages: they must be what they claim to be.
-  if (auto old = cursor.value(); !old) return tl::unexpected(std::move(old.error()));
-  auto before = snapshot.last_before(layer, *last);
+  const auto old = cursor.value();
+  if (!old) return tl::unexpected(old.error());
+  auto before = base->last_before(layer, *last);
   if (!before) return tl::unexpected(std::move(before.error()));
 
-  TileKey first = *last;
-  std::vector<internal::Tile> tiles;
-  if (auto record = snapshot.record(layer, cursor)) {
-    first = record->first();
-    for (internal::Record::Walk walk(*record); walk.next();) tiles.push_back(walk.tile());
+  Edit edit{*before, *last, {}, {}};
+  if (auto record = base->record(layer, cursor)) {
+    edit.first = record->first();
+    for (internal::Record::Walk walk(*record); walk.next();) edit.tiles.push_back(walk.tile());
   } else {
     const bool same_level = *before && (*before)->level == last->level;
     const std::uint64_t room = same_level ? last->index - (*before)->index - 1 : last->index;
-    first.index -= std::min(room, internal::kMaxTiles - 1);
-    tiles.resize(last->index - first.index + 1);
+    edit.first.index -= std::min(room, internal::kMaxTiles - 1);
+    edit.tiles.resize(last->index - edit.first.index + 1);
   }
-  if (key < first)
-    return fail(ErrorCode::usage, path, ": no record holds tile ", int{key.level}, "/", key.index);
-  tiles[key.index - first.index] = tile;
-  place = *last;
-  return internal::encode_record(layer, *before, first, tiles);
+  if (key < edit.first) return no_record(key);
+  edited_bytes += old->size();
+  return &edits.emplace(Place{layer, *last}, std::move(edit)).first->second;
 }
 
 }  // namespace slf::storage

@@ -274,6 +274,7 @@ TEST_F(Repack, WhatWasNeverBuiltStaysMissing) {
     auto writer = storage::TileWriter::resume(path);  // and a hole
     ASSERT_TRUE(writer);
     ASSERT_TRUE(writer->replace(0, {0, 20}, storage::TileState::missing, {}));
+    ASSERT_TRUE(writer->close());
   }
   const auto partial = Field::open(path);
   ASSERT_TRUE(partial);

@@ -319,6 +319,29 @@ TEST_F(Verify, EveryKindOfDamageAtOnceIsDropped) {
   expect_fixed_and_refilled();
 }
 
+TEST_F(Verify, FillingHolesRewritesOnlyWhatLacksThemAndMayBeInterrupted) {
+  const std::vector<TileKey> holes{stored_[0], stored_[1], {0, 5}, stored_.back()};
+  for (const TileKey& key : holes) replace(0, key, TileState::missing);
+  const auto depth_places = [&] {
+    std::vector<std::uint64_t> places;
+    const auto field = Field::open(path_).value();
+    for (const TileKey& key : stored_)
+      places.push_back(field->store().range(*field->store().find(1, key)).begin);
+    return places;
+  };
+  const auto before = depth_places();
+  int calls = 0;
+  EXPECT_FALSE(
+      build_field(stripes(), path_, options_, [&](const Progress&) { return ++calls < 2; }));
+  EXPECT_EQ(verify(path_).found, 1u);  // two of level 1 are still to fill
+  const auto rebuilt = build_field(stripes(), path_, options_);
+  ASSERT_TRUE(rebuilt) << rebuilt.error().message;
+  EXPECT_EQ(rebuilt->tiles, holes.size() - 2);
+  EXPECT_EQ(verify(path_).found, 0u);
+  EXPECT_EQ(all_tiles(**Field::open(path_)), tiles_);
+  EXPECT_EQ(depth_places(), before);
+}
+
 TEST_F(Verify, ItCanBeStopped) {
   int calls = 0;
   const auto stopped = verify_field(path_, {}, [&](const Progress& state) {

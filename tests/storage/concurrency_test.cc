@@ -91,8 +91,10 @@ TEST(Concurrency, AnOldSnapshotOutlivesManyCommits) {
   ASSERT_TRUE(ok(writer.commit()));
   auto old = TileStore::open(path);
   ASSERT_TRUE(ok(old));
-  for (std::uint64_t i = 0; i < 300; ++i)
+  for (std::uint64_t i = 0; i < 300; ++i) {
     ASSERT_TRUE(ok(writer.replace(0, {0, i % 200}, TileState::stored, tile_bytes(5, {}, 4000))));
+    ASSERT_TRUE(ok(writer.commit()));
+  }
   EXPECT_EQ(check_whole(*old), 200u);
   EXPECT_FALSE(std::ranges::equal(TileStore::open(path)->find(0, {0, 7})->payload,
                                   old->find(0, {0, 7})->payload));
@@ -105,8 +107,10 @@ TEST(Concurrency, FreedPagesAreReusedWhenNobodyReadsThem) {
   ASSERT_TRUE(ok(writer.append(0, {0, 0}, tile_bytes(0, {}, 100000))));
   ASSERT_TRUE(ok(writer.append(0, {1, 0}, {})));
   ASSERT_TRUE(ok(writer.commit()));
-  for (int i = 0; i < 100; ++i)
+  for (int i = 0; i < 100; ++i) {
     ASSERT_TRUE(ok(writer.replace(0, {0, 0}, TileState::stored, tile_bytes(5, {}, 100000))));
+    ASSERT_TRUE(ok(writer.commit()));
+  }
   EXPECT_LT(std::filesystem::file_size(path), 1000000u);
 }
 

@@ -39,13 +39,14 @@ class History {
     RC_ASSERT(writer_->commit().has_value());
     for (LayerId layer = 0; layer < 2; ++layer) {
       const auto last = writer_->last(layer).value();
-      std::erase_if(held_[layer], [&](const auto& tile) {
+      const auto moved = std::erase_if(held_[layer], [&](const auto& tile) {
         if (!last || tile.first > *last) return false;
         kept_[layer][tile.first] = tile.second;
         return true;
       });
-      RC_ASSERT(!last || kept_[layer].contains(*last));
+      RC_ASSERT(moved == 0 || kept_[layer].contains(*last));
     }
+    take_replaced();
   }
 
   void close_and_resume() {
@@ -54,19 +55,23 @@ class History {
       kept_[layer].merge(held_[layer]);
       held_[layer].clear();
     }
+    take_replaced();
     reopen();
   }
 
   // What was not committed is gone.
   void kill_and_resume() {
     ++salt_;
-    for (LayerId layer = 0; layer < 2; ++layer) held_[layer].clear();
+    for (LayerId layer = 0; layer < 2; ++layer) {
+      held_[layer].clear();
+      replaced_[layer].clear();
+    }
     reopen();
   }
 
   void replace() {
     const auto layer = *rc::gen::inRange<LayerId>(0, 2);
-    Model& kept = kept_[layer];
+    const Model& kept = kept_[layer];
     if (kept.empty()) return;
     const auto at = *rc::gen::inRange<std::size_t>(0, kept.size());
     const TileKey key = std::next(kept.begin(), static_cast<long>(at))->first;
@@ -74,10 +79,7 @@ class History {
     const Bytes bytes =
         state == TileState::stored ? tile_bytes(layer, key, 1 + at * 97 % 9000, ++salt_) : Bytes{};
     RC_ASSERT(writer_->replace(layer, key, state, bytes).has_value());
-    if (state == TileState::missing)
-      kept.erase(key);
-    else
-      kept[key] = bytes;
+    replaced_[layer][key] = {state, bytes};
   }
 
   void compare() const {
@@ -105,6 +107,18 @@ class History {
   }
 
  private:
+  void take_replaced() {
+    for (LayerId layer = 0; layer < 2; ++layer) {
+      for (const auto& [key, tile] : replaced_[layer]) {
+        if (tile.first == TileState::missing)
+          kept_[layer].erase(key);
+        else
+          kept_[layer][key] = tile.second;
+      }
+      replaced_[layer].clear();
+    }
+  }
+
   void reopen() {
     writer_.reset();
     auto writer = TileWriter::resume(path_);
@@ -117,6 +131,7 @@ class History {
   std::optional<TileWriter> writer_;
   Model kept_[2];
   Model held_[2];
+  std::map<TileKey, std::pair<TileState, Bytes>> replaced_[2];  // not committed
   std::optional<TileKey> top_[2];
   std::uint64_t salt_ = 0;
 };

@@ -171,6 +171,60 @@ TEST(TileWriter, ReplacesTilesOfAllStates) {
   expect_holds(path, 0, model);
 }
 
+// The number of the last commit, from the meta pages.
+std::uint64_t transaction(const std::string& path) {
+  const Bytes file = read_file(path);
+  return std::max(load_le<std::uint64_t>(file.data() + 144),
+                  load_le<std::uint64_t>(file.data() + 4096 + 144));
+}
+
+TEST(TileWriter, ReplacesManyTilesInOneCommitAndTouchesNoOtherRecord) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  std::vector<Model> model(2);
+  {
+    TileWriter writer = create(path);
+    for (std::uint64_t i = 0; i < 600; ++i)
+      for (LayerId layer = 0; layer < 2; ++layer) {
+        model[layer][{1, i}] = tile_bytes(layer, {1, i}, 1000);
+        ASSERT_TRUE(ok(writer.append(layer, {1, i}, model[layer][{1, i}])));
+      }
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  const std::uint64_t before = transaction(path);
+  const auto places = [&](LayerId layer) {
+    std::vector<std::uint64_t> found;
+    auto store = TileStore::open(path);
+    for (const auto& [key, bytes] : model[layer])
+      found.push_back(store->range(*store->find(layer, key)).begin);
+    return found;
+  };
+  const auto color = places(0), depth = places(1);
+  {
+    auto writer = TileWriter::resume(path);
+    ASSERT_TRUE(ok(writer));
+    std::uint64_t pending = 0;
+    for (const std::uint64_t i : {599u, 3u, 200u, 201u, 4u, 200u}) {
+      model[1][{1, i}] = tile_bytes(1, {1, i}, 900, 5 + pending);
+      ASSERT_TRUE(ok(writer->replace(1, {1, i}, TileState::stored, model[1][{1, i}])));
+      EXPECT_GT(writer->pending_bytes(), pending);
+      pending = writer->pending_bytes();
+    }
+    EXPECT_EQ(transaction(path), before);
+    ASSERT_TRUE(ok(writer->commit()));
+    EXPECT_EQ(writer->pending_bytes(), 0u);
+    EXPECT_EQ(transaction(path), before + 1);
+    ASSERT_TRUE(ok(writer->replace(1, {1, 5}, TileState::empty, {})));  // and is then dropped
+  }
+  expect_holds(path, 0, model[0]);
+  expect_holds(path, 1, model[1]);
+  EXPECT_EQ(places(0), color);
+  const auto now = places(1);
+  EXPECT_NE(now[3], depth[3]);
+  EXPECT_NE(now[599], depth[599]);
+  EXPECT_EQ(now[400], depth[400]);
+}
+
 TEST(TileWriter, OverwritesBlobs) {
   TemporaryFolder folder;
   const std::string path = folder.file("a.slf");
