@@ -6,6 +6,13 @@ find_package(fmt REQUIRED)
 add_library(bench_arguments STATIC ../cli/arguments.cc ../cli/output.cc)
 target_link_libraries(bench_arguments PUBLIC slf::field CLI11::CLI11 PRIVATE fmt::fmt slf_options)
 
+add_executable(entry_pictures entry_pictures.cc)
+target_link_libraries(entry_pictures PRIVATE slf::field CLI11::CLI11 slf_options)
+find_package(OpenEXR REQUIRED)
+add_executable(exr_peer exr_peer.cc)
+target_link_libraries(exr_peer PRIVATE
+  OpenEXR::OpenEXR CLI11::CLI11 nlohmann_json::nlohmann_json slf_options)
+
 find_package(VTK 9 QUIET COMPONENTS CommonCore CommonDataModel RenderingCore RenderingOpenGL2
                                     RenderingVolume RenderingVolumeOpenGL2)
 if(VTK_FOUND)
@@ -29,7 +36,8 @@ add_executable(sampling_quality sampling_quality.cc)
 target_link_libraries(sampling_quality PRIVATE bench_arguments Threads::Threads slf_options)
 
 add_custom_target(report_programs)
-foreach(program codec_peers sampling_quality systems turntable vtk_speed)
+find_package(nlohmann_json REQUIRED)
+foreach(program codec_peers entry_pictures exr_peer sampling_quality systems turntable vtk_speed)
   if(TARGET ${program})
     add_dependencies(report_programs ${program})
   endif()

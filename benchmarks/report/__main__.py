@@ -42,16 +42,15 @@ def run_part(bench, name, quick):
     bench.part, bench.commands = name, []
     command = f"scripts/report --only {name}" + (" --quick" if quick else "")
     begin = time.monotonic()
-    module = None
+    module = importlib.import_module(f".{name}", __package__)
+    part = Part(module.TITLE)
+    bench.say("begins")
     try:
-        module = importlib.import_module(f".{name}", __package__)
-        bench.say("begins")
-        part = module.run(bench)
+        module.run(bench, part)
     except Exception as error:  # a report with a hole is better than none
         if not isinstance(error, Failed):
             traceback.print_exc()
         bench.say(f"FAILED: {error}")
-        part = Part(getattr(module, "TITLE", name))
         part.left_out.append(f"failed: {error}")
         part.claims.append(Claim("", part.title, f"failed: {error}", NOT_RUN))
         part.failed = True
@@ -91,7 +90,7 @@ def main():
             write(chosen.out, parts, facts, chosen.quick)  # what is done is kept, come what may
     finally:
         bench.close()
-    failed = [name for name, part in parts if getattr(part, "failed", False)]
+    failed = [name for name, part in parts if part.failed]
     print(f"{chosen.out}/report.html, report.json, report.md: {bench.seconds():.0f} s")
     for name, part in parts:
         for words in part.left_out:

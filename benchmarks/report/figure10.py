@@ -1,7 +1,7 @@
 """Figures 10 and 11: volume rendering beside the light field, turning around the object."""
 
 from . import page
-from .outcome import PARTLY, Part, human_bytes, mean
+from .outcome import PARTLY, human_bytes, mean
 
 TITLE = "Figures 10 and 11: volume rendering and light field"
 WANTED = ["brain", "head", "glass", "bonsai", "atlas", "engine", "heptane", "teapot"]
@@ -9,8 +9,7 @@ SPARE = ["scalp", "regions", "monkey", "areas", "tooth"]
 LEAST = 6
 
 
-def run(bench):
-    part = Part(TITLE)
+def run(bench, part):
     names = [n for n in WANTED if n in bench.volumes][: LEAST if bench.quick else len(WANTED)]
     names += [n for n in SPARE if n in bench.volumes][: max(0, LEAST - len(names))]
     if len(names) < LEAST:
@@ -51,4 +50,3 @@ def run(bench):
         f"SSIM {min(n['ssim'] for n in numbers.values()):.3f} at least",
         True if min(psnr) >= 30 else PARTLY if mean(psnr) >= 28 else False,
     )
-    return part

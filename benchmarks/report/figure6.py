@@ -3,7 +3,7 @@
 import numpy as np
 
 from . import lines, page, plots
-from .outcome import PARTLY, Part, human_count, mean
+from .outcome import PARTLY, human_count, mean
 
 TITLE = "Figure 6: coverage of line space"
 LABELS = {
@@ -17,13 +17,11 @@ LABELS = {
 COLORS = dict(zip(LABELS, [plots.PAPER, "#8a6d3b", plots.OURS, plots.PLANES, "#7f9f3f", plots.TRUTH]))
 
 
-def run(bench):
-    part = Part(TITLE)
+def run(bench, part):
     random = np.random.default_rng(1)
     _in_the_plane(part, random)
     _in_space(part, random, 300_000 if bench.quick else 2_000_000)
     _worth(bench, part)
-    return part
 
 
 # ---- the paper's own figure ----------------------------------------------------------------

@@ -1,7 +1,6 @@
 """Figure 8: one view by each kind of interpolation, and how far each is from the truth."""
 
 from . import page
-from .outcome import Part
 
 TITLE = "Figure 8: interpolation"
 MODES = {
@@ -14,8 +13,7 @@ MODES = {
 GAIN = 4
 
 
-def run(bench):
-    part = Part(TITLE)
+def run(bench, part):
     volume = bench.volume("brain")
     # The paper's layout: as fine where rays enter as where they leave.
     levels = 2 if bench.quick else 3
@@ -68,4 +66,3 @@ def run(bench):
         f"{ours:.1f} dB, {ours - best:+.1f} dB",
         ours > best,
     )
-    return part

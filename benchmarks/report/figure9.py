@@ -3,19 +3,17 @@
 import numpy as np
 
 from . import lines, page, plots
-from .outcome import PARTLY, Part, human_bytes
+from .outcome import PARTLY, human_bytes
 
 TITLE = "Figure 9 and section 4: subfields and memory per view"
 LEVELS = range(4)
 DISTANCES = [1.2, 1.5, 2, 3, 5, 10]
 
 
-def run(bench):
-    part = Part(TITLE)
+def run(bench, part):
     _draw_subdivision(part)
     _count_subfields(bench, part)
     _measure_memory(bench, part)
-    return part
 
 
 def _draw_subdivision(part):

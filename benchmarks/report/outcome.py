@@ -19,13 +19,17 @@ class Claim:
 
 @dataclass
 class Part:
-    """The outcome of one experiment. `html` is what to look at, `numbers` goes into the JSON."""
+    """One experiment, filled in as it goes, so that what was done before a failure is kept. `html` is
+    what to look at, `numbers` goes into the JSON."""
 
     title: str
     claims: list = field(default_factory=list)
     html: list = field(default_factory=list)
     numbers: dict = field(default_factory=dict)
     left_out: list = field(default_factory=list)  # sentences: what could not be done, and why
+    failed: bool = False  # set, like what follows, by whoever runs the part
+    seconds: float = 0
+    commands: list = field(default_factory=list)
 
     def add(self, *pieces):
         self.html.extend(pieces)

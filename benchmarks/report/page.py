@@ -91,6 +91,10 @@ def table(head, rows, note=""):
     )
 
 
+def folded(words, inside):
+    return f"<details><summary>{escape(words)}</summary>{inside}</details>"
+
+
 # ---- the whole -----------------------------------------------------------------------------
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from . import page, plots
-from .outcome import PARTLY, Part, geometric_mean, human_count, mean
+from .outcome import PARTLY, geometric_mean, human_count, mean
 
 TITLE = "Table 1: rendering time"
 # Seconds for one 256 × 256 picture on an SGI Visual Workstation 320 (Table 1 of the paper).
@@ -12,8 +12,7 @@ PAPER_LAYOUT, TUNED = "-1:1", "-100:0"  # where the planes are, in radii
 VTK_TARGETS = {"brain": 25, "brain-512": 60}
 
 
-def run(bench):
-    part = Part(TITLE)
+def run(bench, part):
     quick = bench.quick
     sizes = [256, 512] if quick else [256, 512, 1024]
     names = ["brain", "head"] if quick else ["brain", "head", "bonsai", "engine"]
@@ -27,7 +26,6 @@ def run(bench):
     titles = {v.name: v.title for v in volumes}
     _show(part, rows, vtk, titles, sizes[-1])
     _claim(part, rows, vtk, sizes[-1])
-    return part
 
 
 def _measure(bench, volume, sizes):
