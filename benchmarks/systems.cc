@@ -57,7 +57,7 @@ bench::PlaneShape plane_shape(const std::string& text, double slabs) {
 struct System {
   std::string name;
   double slabs = 0;
-  std::function<Image(const Camera&)> draw;
+  std::function<void(const Camera&, Image&)> draw;  ///< into a picture used again
 };
 
 nlohmann::json measure(const Arguments& a) {
@@ -69,8 +69,8 @@ nlohmann::json measure(const Arguments& a) {
   const auto slabs = static_cast<double>(content.levels.back().slabs);
 
   Renderer renderer(*field, {4ull << 30, threads});
-  std::vector<System> systems{{"raycast", 0, [&](const Camera& c) {
-                                 return expect(trace_view(*scene, sphere, c, threads));
+  std::vector<System> systems{{"raycast", 0, [&](const Camera& c, Image& image) {
+                                 image = expect(trace_view(*scene, sphere, c, threads));
                                }}};
   std::vector<std::unique_ptr<bench::PlaneField>> planes;
   for (const std::string& text : a.planes) {
@@ -80,14 +80,15 @@ nlohmann::json measure(const Arguments& a) {
     char name[96];
     std::snprintf(name, sizeof name, "planes:%g:%g:%d:%d", s.first, s.second, s.first_nodes,
                   s.second_nodes);
-    systems.push_back(
-        {name, s.nominal_slabs(), [=](const Camera& c) { return plane->render(c, threads); }});
+    systems.push_back({name, s.nominal_slabs(),
+                       [=](const Camera& c, Image& image) { plane->render(c, threads, image); }});
   }
   for (const RenderMode mode : {RenderMode::bitri, RenderMode::depth})
     if (mode != RenderMode::depth || field->layer("depth"))
-      systems.push_back({name(mode), slabs, [&renderer, mode, level](const Camera& c) {
-                           return expect(renderer.render(c, {mode, level}));
-                         }});
+      systems.push_back(
+          {name(mode), slabs, [&renderer, mode, level](const Camera& c, Image& image) {
+             expect(renderer.render(c, {mode, level}, image));
+           }});
 
   nlohmann::json rows = nlohmann::json::array();
   for (const std::uint32_t size : a.sizes) {
@@ -102,7 +103,7 @@ nlohmann::json measure(const Arguments& a) {
       for (int k = 0; k <= a.repeats; ++k)
         for (std::size_t s = 0; s < systems.size(); ++s) {
           if (k == 1) times[s] = {};
-          times[s].run([&] { images[s] = systems[s].draw(camera); });
+          times[s].run([&] { systems[s].draw(camera, images[s]); });
         }
       for (std::size_t s = 0; s < systems.size(); ++s) {
         sums[s].wall += 1e3 * times[s].median_wall() / a.views;

@@ -9,7 +9,7 @@
 namespace slf::bench {
 namespace {
 
-constexpr std::uint32_t kBlock = 32;  // edge in pixels, as slf's renderer has it
+constexpr std::uint32_t kBlock = 16;  // edge in pixels, as slf's renderer has it
 
 std::uint32_t to_rgba8(const glm::vec4& v) {
   std::uint32_t packed = 0;
@@ -96,28 +96,9 @@ void PlaneField::trace(std::size_t tile, std::uint32_t* samples) const {
   for (std::size_t k = 0; k < out.size(); ++k) *to[k] = to_rgba8(out[k].rgba);
 }
 
-void PlaneField::take(PlaneRays& rays) const {
-  for (std::size_t c = 0; c < 4; ++c) {
-    const std::uint32_t* tile = rays.tile[c].data();
-    const std::uint32_t* row = rays.row[c].data();
-    const std::uint32_t* column = rays.column.data();
-    std::uint32_t* to[4];
-    for (std::size_t e = 0; e < 4; ++e) to[e] = rays.sample[4 * c + e].data();
-    for (std::size_t k = 0; k < rays.count; ++k) {
-      const std::uint32_t* from =
-          samples_.data() + std::size_t{tiles_[tile[k]]} * kTileSamples + row[k] + column[k];
-      to[0][k] = from[0];
-      to[1][k] = from[1];
-      to[2][k] = from[kColumnEdge];
-      to[3][k] = from[kColumnEdge + 1];
-    }
-  }
-}
-
-Image PlaneField::render(const Camera& camera, unsigned threads) const {
-  Image image;
+void PlaneField::render(const Camera& camera, unsigned threads, Image& image) const {
   image.width = camera.width, image.height = camera.height;
-  image.rgba.assign(std::size_t{camera.width} * camera.height, glm::vec4(0));
+  image.rgba.resize(std::size_t{camera.width} * camera.height);
   const PlaneFan rays_fan = fan(camera);
   for_blocks(camera, threads, [&](auto x0, auto x1, auto y0, auto y1) {
     thread_local PlaneRays rays;
@@ -125,11 +106,14 @@ Image PlaneField::render(const Camera& camera, unsigned threads) const {
     rays.resize(std::size_t{kBlock} * kBlock);
     colors.resize(std::size_t{kBlock} * kBlock + kPadding);
     find_taps(shape_, rays_fan, x0, x1, y0, y1, rays);
-    take(rays);
-    blend(rays, colors.data());
+    if (rays.count < std::size_t{x1 - x0} * (y1 - y0))
+      for (std::uint32_t y = y0; y < y1; ++y) {
+        glm::vec4* row = image.rgba.data() + std::size_t{y} * camera.width;
+        std::fill(row + x0, row + x1, glm::vec4(0));
+      }
+    blend(rays, tiles_.data(), samples_.data(), colors.data());
     for (std::size_t k = 0; k < rays.count; ++k) image.rgba[rays.pixel[k]] = colors[k];
   });
-  return image;
 }
 
 }  // namespace slf::bench

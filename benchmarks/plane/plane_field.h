@@ -34,8 +34,8 @@ class PlaneField {
   /// Traces the tiles that a view needs and that no view needed before.
   void prepare(const Camera& camera);
 
-  /// Draws a view. REQUIRES: prepared.
-  [[nodiscard]] Image render(const Camera& camera, unsigned threads) const;
+  /// Draws a view into a picture whose memory is used again. REQUIRES: prepared.
+  void render(const Camera& camera, unsigned threads, Image& image) const;
 
   [[nodiscard]] const PlaneShape& shape() const { return shape_; }
   /// Tiles traced so far.
@@ -47,7 +47,6 @@ class PlaneField {
 
   [[nodiscard]] PlaneFan fan(const Camera& camera) const;
   void trace(std::size_t tile, std::uint32_t* samples) const;
-  void take(PlaneRays& rays) const;
 
   const Scene& scene_;
   Sphere sphere_;

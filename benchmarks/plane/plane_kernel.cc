@@ -130,30 +130,68 @@ void find_taps_any(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x
   rays.count = n;
 }
 
-HWY_INLINE V channel(VI v, int shift) {
-  const VI byte = hn::And(hn::ShiftRightSame(v, shift), set_int(255));
-  return hn::ConvertTo(D(), byte);
+HWY_INLINE void add_sample(VI v, V weight, V sum[4]) {
+  const VI byte = set_int(255);
+  sum[0] = hn::MulAdd(weight, hn::ConvertTo(D(), hn::And(v, byte)), sum[0]);
+  sum[1] = hn::MulAdd(weight, hn::ConvertTo(D(), hn::And(hn::ShiftRight<8>(v), byte)), sum[1]);
+  sum[2] = hn::MulAdd(weight, hn::ConvertTo(D(), hn::And(hn::ShiftRight<16>(v), byte)), sum[2]);
+  sum[3] = hn::MulAdd(weight, hn::ConvertTo(D(), hn::And(hn::ShiftRight<24>(v), byte)), sum[3]);
 }
 
-void blend_any(const PlaneRays& rays, glm::vec4* rgba) {
+/// The four samples of each lane's st cell, whose first is at `at`.
+HWY_INLINE void take_cell(const std::uint32_t* samples, VI at, VI cell[4]) {
+  const DI di;
+#if HWY_TARGET == HWY_SCALAR
+  const auto* base = reinterpret_cast<const std::int32_t*>(samples);
+  const int steps[] = {0, 1, kColumnEdge, kColumnEdge + 1};
+  for (int e = 0; e < 4; ++e) cell[e] = hn::GatherIndex(di, base, hn::Add(at, set_int(steps[e])));
+#else
+  // Two columns side by side with one load, of the lower half of the lanes and of the upper.
+  const hn::Repartition<std::int64_t, D> d64;
+  const hn::Half<DI> half;
+  const auto* base = reinterpret_cast<const std::int64_t*>(samples);
+  auto low = hn::ShiftLeft<2>(hn::PromoteTo(d64, hn::LowerHalf(half, at)));
+  auto high = hn::ShiftLeft<2>(hn::PromoteTo(d64, hn::UpperHalf(half, at)));
+  for (int row = 0; row < 4; row += 2) {
+    const VI first = hn::BitCast(di, hn::GatherOffset(d64, base, low));
+    const VI second = hn::BitCast(di, hn::GatherOffset(d64, base, high));
+    cell[row] = hn::ConcatEven(di, second, first);
+    cell[row + 1] = hn::ConcatOdd(di, second, first);
+    low = hn::Add(low, hn::Set(d64, 4 * kColumnEdge));
+    high = hn::Add(high, hn::Set(d64, 4 * kColumnEdge));
+  }
+#endif
+}
+
+void blend_any(const PlaneRays& rays, const std::uint32_t* tiles, const std::uint32_t* samples,
+               glm::vec4* rgba) {
   const D d;
   const DI di;
   const V one = set(1.f), unit = set(1.f / 255);
+  const auto load = [&](const std::vector<std::uint32_t>& from, std::size_t k, hn::Mask<DI> in) {
+    return hn::IfThenElseZero(in, hn::BitCast(di, hn::LoadU(DU(), from.data() + k)));
+  };
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
+    const auto in = hn::FirstN(di, rays.count - k);  // what is behind the last ray is no address
     V high[4], low[4];
     for (std::size_t p = 0; p < 4; ++p) {
       high[p] = hn::LoadU(d, rays.part[p].data() + k);
       low[p] = hn::Sub(one, high[p]);
     }
+    const V exit[] = {hn::Mul(low[2], low[3]), hn::Mul(high[2], low[3]), hn::Mul(low[2], high[3]),
+                      hn::Mul(high[2], high[3])};
+    const VI column = load(rays.column, k, in);
     V sum[4] = {hn::Zero(d), hn::Zero(d), hn::Zero(d), hn::Zero(d)};
     for (std::size_t c = 0; c < 4; ++c) {
       const V entry = hn::Mul(c & 1 ? high[0] : low[0], c & 2 ? high[1] : low[1]);
-      for (std::size_t e = 0; e < 4; ++e) {
-        const V exit = hn::Mul(e & 1 ? high[2] : low[2], e & 2 ? high[3] : low[3]);
-        const V weight = hn::Mul(entry, exit);
-        const VI v = hn::BitCast(di, hn::LoadU(DU(), rays.sample[4 * c + e].data() + k));
-        for (int i = 0; i < 4; ++i) sum[i] = hn::MulAdd(weight, channel(v, 8 * i), sum[i]);
-      }
+      const VI number = load(rays.tile[c], k, in);
+      const VI tile = hn::IfThenElseZero(
+          in, hn::GatherIndex(di, reinterpret_cast<const std::int32_t*>(tiles), number));
+      const VI at =
+          hn::Add(hn::Mul(tile, set_int(kTileSamples)), hn::Add(load(rays.row[c], k, in), column));
+      VI cell[4];
+      take_cell(samples, at, cell);
+      for (std::size_t e = 0; e < 4; ++e) add_sample(cell[e], hn::Mul(entry, exit[e]), sum);
     }
     hn::StoreInterleaved4(hn::Mul(sum[0], unit), hn::Mul(sum[1], unit), hn::Mul(sum[2], unit),
                           hn::Mul(sum[3], unit), d, &rgba[k].x);
@@ -178,7 +216,6 @@ void PlaneRays::resize(std::size_t size) {
   for (auto& array : tile) array.resize(padded);
   for (auto& array : row) array.resize(padded);
   for (auto& array : part) array.resize(padded);
-  for (auto& array : sample) array.resize(padded);
 }
 
 void find_taps(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x0, std::uint32_t x1,
@@ -186,7 +223,10 @@ void find_taps(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x0, s
   HWY_DYNAMIC_DISPATCH(find_taps_any)(shape, fan, x0, x1, y0, y1, rays);
 }
 
-void blend(const PlaneRays& rays, glm::vec4* rgba) { HWY_DYNAMIC_DISPATCH(blend_any)(rays, rgba); }
+void blend(const PlaneRays& rays, const std::uint32_t* tiles, const std::uint32_t* samples,
+           glm::vec4* rgba) {
+  HWY_DYNAMIC_DISPATCH(blend_any)(rays, tiles, samples, rgba);
+}
 
 }  // namespace slf::bench
 #endif  // HWY_ONCE

@@ -46,20 +46,21 @@ struct PlaneFan {
 struct PlaneRays {
   std::size_t count = 0;
   std::vector<std::uint32_t> pixel;
-  std::array<std::vector<std::uint32_t>, 4> tile;     ///< [corner of the uv cell]
-  std::array<std::vector<std::uint32_t>, 4> row;      ///< its first sample in the tile
-  std::vector<std::uint32_t> column;                  ///< of the st cell's first corner
-  std::array<std::vector<float>, 4> part;             ///< u, v, s, t within their cells
-  std::array<std::vector<std::uint32_t>, 16> sample;  ///< [4 × uv corner + st corner], rgba8
+  std::array<std::vector<std::uint32_t>, 4> tile;  ///< [corner of the uv cell]
+  std::array<std::vector<std::uint32_t>, 4> row;   ///< its first sample in the tile
+  std::vector<std::uint32_t> column;               ///< of the st cell's first corner
+  std::array<std::vector<float>, 4> part;          ///< u, v, s, t within their cells
 
   void resize(std::size_t size);
 };
 
-/// Fills everything but `sample` for the pixels [x0, x1) × [y0, y1).
+/// Finds what the rays of these pixels take:  [x0, x1) × [y0, y1).
 void find_taps(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x0, std::uint32_t x1,
                std::uint32_t y0, std::uint32_t y1, PlaneRays& rays);
 
-/// Quadrilinear interpolation of the samples.
-void blend(const PlaneRays& rays, glm::vec4* rgba);
+/// Takes the samples (rgba8) and interpolates them quadrilinearly. tiles[t] says which tile of
+/// `samples` tile t is. REQUIRES: fewer than 2^31 samples, and one more behind the last.
+void blend(const PlaneRays& rays, const std::uint32_t* tiles, const std::uint32_t* samples,
+           glm::vec4* rgba);
 
 }  // namespace slf::bench
