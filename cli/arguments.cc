@@ -239,7 +239,10 @@ void DrawArguments::add_to(CLI::App& command) {
                   "nearest, uv, st, bitri or depth; default: depth where the\n"
                   "field has a depth layer, else bitri")
       ->group(group);
-  command.add_option("--level", level, "Level of the tile pyramid, 0 the coarsest")
+  command
+      .add_option("--level", level,
+                  "Level of the tile pyramid, 0 the coarsest; finest; auto: what the pixels\n"
+                  "of this camera can show")
       ->group(group)
       ->capture_default_str();
   command.add_option("--memory", memory, "Budget for decoded tiles and scratch")
@@ -265,7 +268,7 @@ Result<RendererOptions> DrawArguments::renderer() const {
   return options;
 }
 
-Result<ViewOptions> DrawArguments::view(const Field& field) const {
+Result<ViewOptions> DrawArguments::view(const Field& field, std::optional<Camera> camera) const {
   ViewOptions view;
   view.mode = default_mode(field);
   view.level = field.shape().levels;
@@ -274,10 +277,12 @@ Result<ViewOptions> DrawArguments::view(const Field& field) const {
     if (!parsed) return tl::unexpected(parsed.error());
     view.mode = *parsed;
   }
-  if (level != "finest") {
+  if (level == "auto") {
+    view.level = camera ? matching_level(field.shape(), *camera) : kMatchingLevel;
+  } else if (level != "finest") {
     const auto parsed = parse_numbers<unsigned>(level, ',', 1);
     if (!parsed)
-      return fail(ErrorCode::usage, "--level ", level, ": expected a number or 'finest'");
+      return fail(ErrorCode::usage, "--level ", level, ": expected a number, 'finest' or 'auto'");
     view.level = parsed->front();
   }
   return view;

@@ -114,7 +114,9 @@ struct DrawArguments {
 
   void add_to(CLI::App& command);
   [[nodiscard]] Result<RendererOptions> renderer() const;
-  [[nodiscard]] Result<ViewOptions> view(const Field& field) const;
+  /// `camera` resolves --level auto; without one it stays kMatchingLevel.
+  [[nodiscard]] Result<ViewOptions> view(const Field& field,
+                                         std::optional<Camera> camera = {}) const;
 };
 
 }  // namespace slf::cli

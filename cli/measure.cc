@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <fstream>
 
 #include "cli/command.h"
+#include "cli/drawing.h"
 
 namespace slf::cli {
 namespace {
@@ -13,19 +15,13 @@ namespace {
 struct ViewsArguments {
   std::uint32_t views = 8;
   std::uint64_t seed = 1;
-  double distance = 3;
-  std::string size;
 
-  void add_to(CLI::App& command, const char* default_size) {
-    size = default_size;
+  void add_to(CLI::App& command) {
     command.add_option("--views", views, "How many random views")->capture_default_str();
     command.add_option("--seed", seed, "Which random views")->capture_default_str();
-    command.add_option("--distance", distance, "Eye's distance from the centre, in sphere radii")
-        ->capture_default_str();
-    command.add_option("--size", size, "Picture size in pixels, WIDTHxHEIGHT")
-        ->capture_default_str();
   }
-  [[nodiscard]] Result<std::vector<Camera>> cameras(const Sphere& sphere) const {
+  [[nodiscard]] Result<std::vector<Camera>> cameras(const Sphere& sphere, double distance,
+                                                    const std::string& size) const {
     const auto pixels = parse_size(size);
     if (!pixels) return tl::unexpected(pixels.error());
     if (!(distance > 1))
@@ -36,6 +32,9 @@ struct ViewsArguments {
   }
 };
 
+constexpr const char* kDistanceHelp = "Eye's distance from the centre, in sphere radii";
+constexpr const char* kSizeHelp = "Picture size in pixels, WIDTHxHEIGHT";
+
 nlohmann::json spread_json(const Spread& s) { return {{"mean", s.mean}, {"max", s.max}}; }
 
 nlohmann::json level_json(const LevelMeasure& m) {
@@ -44,79 +43,165 @@ nlohmann::json level_json(const LevelMeasure& m) {
           {"pairs_crossed", spread_json(m.pairs_crossed)},
           {"compressed_bytes", spread_json(m.compressed_bytes)},
           {"map_pages", spread_json(m.map_pages)},
+          {"cached_pages", spread_json(m.cached_pages)},
+          {"mapped_pages", spread_json(m.mapped_pages)},
           {"decoded_peak_bytes", spread_json(m.decoded_peak_bytes)},
           {"fraction", spread_json(m.fraction)},
           {"pair_fraction", spread_json(m.pair_fraction)}};
 }
 
 struct MeasureArguments {
-  std::string field;
+  std::vector<std::string> fields;
   ViewsArguments views;
+  std::vector<std::string> modes, sizes{"512x512"};
+  std::vector<double> distances{3};
   DrawArguments draw;
-  bool json = false;
+  std::string picture, plot;
+  bool force = false, json = false;
 };
 
-Result<void> run_measure(const MeasureArguments& a) {
-  const auto renderer = a.draw.renderer();
-  if (!renderer) return tl::unexpected(renderer.error());
-  const auto field = Field::open(a.field);
-  if (!field) return tl::unexpected(field.error());
-  const auto cameras = a.views.cameras((*field)->shape().sphere);
-  if (!cameras) return tl::unexpected(cameras.error());
-  DrawArguments draw = a.draw;
-  const bool all = draw.level == "all";
-  if (all) draw.level = "finest";
-  const auto view = draw.view(**field);
-  if (!view) return tl::unexpected(view.error());
+/// What one line of the table is about.
+struct Setting {
+  std::string field, codec, size;
+  double distance = 0;
+  RenderMode mode{};
 
-  MeasureOptions options{*cameras, view->mode, {}, *renderer};
-  if (!all) options.levels = {view->level};
-  const auto m = measure_views(**field, options);
-  if (!m) return tl::unexpected(m.error());
-  if (a.json) {
-    nlohmann::json levels = nlohmann::json::array();
-    for (const LevelMeasure& level : m->levels) {
-      levels.push_back(level_json(level));
-      levels.back()["level"] = level.level;
-    }
-    print_json({{"views", a.views.views},
-                {"mode", name(view->mode)},
-                {"size", a.views.size},
-                {"distance", a.views.distance},
-                {"levels", levels},
-                {"total", level_json(m->total)},
-                {"rss_anon_peak", m->rss_anon_peak},
-                {"rss_file_peak", m->rss_file_peak}});
-    return {};
+  /// A setting's name, of what differs between settings.
+  [[nodiscard]] std::string name(const MeasureArguments& a) const {
+    std::string text = slf::name(mode);
+    if (a.distances.size() > 1) text += fmt::format(" {} R", distance);
+    if (a.sizes.size() > 1) text += " " + size;
+    if (a.fields.size() > 1) text += " " + field;
+    return text;
   }
-  fmt::print("Memory per view: {} random views, {} pixels, eye at {} R, mode {}; mean (max)\n",
-             a.views.views, a.views.size, a.views.distance, name(view->mode));
+};
+
+std::string codecs_of(const Field& field) {
+  std::string text;
+  for (const Layer& layer : field.manifest().layers)
+    text += (text.empty() ? "" : "+") + layer.codec;
+  return text;
+}
+
+nlohmann::json setting_json(const Setting& s, const Measurement& m, std::uint32_t views) {
+  nlohmann::json levels = nlohmann::json::array();
+  for (const LevelMeasure& level : m.levels) {
+    levels.push_back(level_json(level));
+    levels.back()["level"] = level.level;
+  }
+  return {{"field", s.field},
+          {"codec", s.codec},
+          {"views", views},
+          {"mode", name(s.mode)},
+          {"size", s.size},
+          {"distance", s.distance},
+          {"levels", levels},
+          {"total", level_json(m.total)},
+          {"kernel_counted", m.kernel_counted},
+          {"rss_anon_peak", m.rss_anon_peak},
+          {"rss_file_peak", m.rss_file_peak}};
+}
+
+void print_measurement(const Setting& s, const Measurement& m, std::uint32_t views) {
+  fmt::print("{} ({}): {} random views, {} pixels, eye at {} R, mode {}; mean (max)\n", s.field,
+             s.codec, views, s.size, s.distance, name(s.mode));
   std::vector<std::vector<std::string>> rows{{"level", "pairs crossed", "tiles touched", "of field",
-                                              "compressed", "map pages", "decoded peak"}};
+                                              "compressed", "pages", "kernel", "mapped",
+                                              "decoded peak"}};
   const auto add = [&](const std::string& title, const LevelMeasure& l) {
-    const auto bytes = [](const Spread& s) {
-      return fmt::format("{} ({})", human_bytes(s.mean), human_bytes(s.max));
+    const auto bytes = [](const Spread& spread) {
+      return fmt::format("{} ({})", human_bytes(spread.mean), human_bytes(spread.max));
+    };
+    const auto pages = [&](const Spread& spread) {
+      return m.kernel_counted ? fmt::format("{:.0f}", spread.mean) : "-";
     };
     rows.push_back(
         {title, fmt::format("{:.2f} %", 100 * l.pair_fraction.mean),
          fmt::format("{:.1f} ({:.0f}) of {}", l.tiles_touched.mean, l.tiles_touched.max, l.tiles),
          fmt::format("{:.2f} %", 100 * l.fraction.mean), bytes(l.compressed_bytes),
-         fmt::format("{:.0f} ({:.0f})", l.map_pages.mean, l.map_pages.max),
-         bytes(l.decoded_peak_bytes)});
+         fmt::format("{:.0f} ({:.0f})", l.map_pages.mean, l.map_pages.max), pages(l.cached_pages),
+         pages(l.mapped_pages), bytes(l.decoded_peak_bytes)});
   };
-  for (const LevelMeasure& level : m->levels) add(fmt::format("{}", level.level), level);
-  if (all) add("total", m->total);
+  for (const LevelMeasure& level : m.levels) add(fmt::format("{}", level.level), level);
+  if (m.levels.size() > 1) add("total", m.total);
   print_table(rows);
   fmt::print("process peak: {} anonymous, {} mapped files\n",
-             human_bytes(static_cast<double>(m->rss_anon_peak)),
-             human_bytes(static_cast<double>(m->rss_file_peak)));
-  return {};
+             human_bytes(static_cast<double>(m.rss_anon_peak)),
+             human_bytes(static_cast<double>(m.rss_file_peak)));
+}
+
+Result<void> write_text(const std::string& path, bool force, const std::string& text) {
+  if (auto ok = refuse_overwrite(path, force); !ok) return ok;
+  std::ofstream file(path, std::ios::binary);
+  if (file << text && file.flush()) return {};
+  return fail(ErrorCode::io, path, ": cannot write");
+}
+
+/// The sections that the first view touches at the finest level that was measured.
+Result<void> write_picture(const MeasureArguments& a, const Field& field, const Camera& camera,
+                           const MeasureOptions& options, unsigned level) {
+  Renderer renderer(field, options.renderer);
+  ViewStatistics statistics;
+  if (auto image = renderer.render(camera, {options.mode, level}, &statistics); !image)
+    return tl::unexpected(image.error());
+  return write_text(a.picture, a.force,
+                    draw_sections(field.shape(), camera, level, statistics.tiles));
+}
+
+Result<void> run_measure(const MeasureArguments& a) {
+  const auto renderer = a.draw.renderer();
+  if (!renderer) return tl::unexpected(renderer.error());
+  nlohmann::json runs = nlohmann::json::array();
+  std::vector<Series> series;
+  for (const std::string& path : a.fields) {
+    const auto field = Field::open(path);
+    if (!field) return tl::unexpected(field.error());
+    const FieldShape& shape = (*field)->shape();
+    for (const std::string& mode : a.modes.empty() ? std::vector<std::string>{""} : a.modes)
+      for (const double distance : a.distances)
+        for (const std::string& size : a.sizes) {
+          const auto cameras = a.views.cameras(shape.sphere, distance, size);
+          if (!cameras) return tl::unexpected(cameras.error());
+          DrawArguments draw = a.draw;
+          draw.mode = mode;
+          const bool all = draw.level == "all";
+          if (all) draw.level = "finest";
+          const auto view = draw.view(**field, cameras->front());
+          if (!view) return tl::unexpected(view.error());
+          MeasureOptions options{*cameras, view->mode, {}, *renderer};
+          if (!all) options.levels = {view->level};
+          const auto m = measure_views(**field, options);
+          if (!m) return tl::unexpected(m.error());
+
+          const Setting setting{path, codecs_of(**field), size, distance, view->mode};
+          if (!a.json) print_measurement(setting, *m, a.views.views);
+          runs.push_back(setting_json(setting, *m, a.views.views));
+          Series touched{setting.name(a) + ", tiles touched", {}};
+          Series crossed{setting.name(a) + ", pairs crossed", {}};
+          for (const LevelMeasure& level : m->levels) {
+            touched.points.emplace_back(level.level, level.fraction.mean);
+            crossed.points.emplace_back(level.level, level.pair_fraction.mean);
+          }
+          series.push_back(std::move(touched));
+          if (runs.size() == 1) series.push_back(std::move(crossed));
+          if (a.picture.empty() || runs.size() > 1) continue;
+          if (auto ok = write_picture(a, **field, cameras->front(), options, view->level); !ok)
+            return ok;
+        }
+  }
+  if (a.json) print_json({{"runs", runs}});
+  if (a.plot.empty()) return {};
+  return write_text(
+      a.plot, a.force,
+      draw_plot("Share of a level that a view touches", "level", "share of tiles", series));
 }
 
 struct EvaluateArguments {
   std::string field;
   SourceArguments source;
   ViewsArguments views;
+  std::string size = "256x256";
+  double distance = 3;
   DrawArguments draw;
   bool json = false;
 };
@@ -137,10 +222,10 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   if (!renderer) return tl::unexpected(renderer.error());
   const auto field = Field::open(a.field);
   if (!field) return tl::unexpected(field.error());
-  const auto view = a.draw.view(**field);
-  if (!view) return tl::unexpected(view.error());
-  const auto cameras = a.views.cameras((*field)->shape().sphere);
+  const auto cameras = a.views.cameras((*field)->shape().sphere, a.distance, a.size);
   if (!cameras) return tl::unexpected(cameras.error());
+  const auto view = a.draw.view(**field, cameras->front());
+  if (!view) return tl::unexpected(view.error());
   const auto scene = a.source.scene(&(*field)->manifest().provenance);
   if (!scene) return tl::unexpected(scene.error());
   warn_of_other_source(**field, **scene);
@@ -158,7 +243,7 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
     print_json({{"views", a.views.views},
                 {"mode", name(view->mode)},
                 {"level", view->level},
-                {"size", a.views.size},
+                {"size", a.size},
                 {"seed", a.views.seed},
                 {"psnr", finite(evaluation->psnr)},
                 {"ssim", evaluation->ssim},
@@ -175,13 +260,35 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
 }  // namespace
 
 void add_measure(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand("measure", "Memory per view: tiles, bytes, pages, peaks");
+  auto* command = app.add_subcommand(
+      "measure", "Memory per view: tiles, bytes, pages, the kernel's own count, peaks");
   auto a = std::make_shared<MeasureArguments>();
-  command->add_option("FIELD", a->field, "Field, .slf")->required();
+  command->add_option("FIELD", a->fields, "Fields, .slf; several are measured one by one")
+      ->required();
   a->draw.level = "all";
-  a->views.add_to(*command, "512x512");
+  a->views.add_to(*command);
+  command->add_option("--distance", a->distances, std::string(kDistanceHelp) + "; or several")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--size", a->sizes, std::string(kSizeHelp) + "; or several")
+      ->delimiter(',')
+      ->capture_default_str();
   a->draw.add_to(*command);
+  command->remove_option(command->get_option("--mode"));
+  command->add_option("--mode", a->modes, "As for render; or several")
+      ->delimiter(',')
+      ->group("Drawing");
+  command->add_option("--picture", a->picture,
+                      "Write an SVG: the sections of the sphere that the first view touches");
+  command->add_option("--plot", a->plot, "Write an SVG: share of the tiles touched, by level");
+  command->add_flag("-f,--force", a->force, "Overwrite drawings");
   command->add_flag("--json", a->json, "JSON on stdout");
+  command->footer(
+      "Levels are drawn one by one, from a file that the kernel was asked to forget. pages: the\n"
+      "engine's count of 4 KiB pages of the file, with those of the search tree; kernel: pages "
+      "that\n"
+      "came into memory (mincore); mapped: pages this process mapped (smaps); - where the kernel\n"
+      "does not forget, as for a file in memory or in use by others.");
   command->callback([a, &run] { run = [a] { return run_measure(*a); }; });
 }
 
@@ -191,7 +298,9 @@ void add_evaluate(CLI::App& app, Run& run) {
   auto a = std::make_shared<EvaluateArguments>();
   command->add_option("FIELD", a->field, "Field, .slf")->required();
   a->source.add_volume_to(*command, "--volume");
-  a->views.add_to(*command, "256x256");
+  a->views.add_to(*command);
+  command->add_option("--distance", a->distance, kDistanceHelp)->capture_default_str();
+  command->add_option("--size", a->size, kSizeHelp)->capture_default_str();
   a->draw.add_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_evaluate(*a); }; });

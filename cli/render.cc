@@ -51,11 +51,11 @@ struct RenderArguments {
 nlohmann::json statistics_json(const ViewStatistics& s, const Footprint& file,
                                const ViewOptions& view) {
   return {{"mode", name(view.mode)},
-          {"level", view.level},
+          {"level", s.level_pixels.size() - 1},
           {"tiles_touched", s.tiles.size()},
           {"tiles_stored", file.stored_tiles},
           {"compressed_bytes", file.compressed_bytes},
-          {"map_pages", file.map_pages},
+          {"map_pages", file.pages.size()},
           {"decodes", s.decodes},
           {"decoded_peak_bytes", s.decoded_peak_bytes},
           {"pixels_hit", s.pixels_hit},
@@ -83,7 +83,8 @@ Result<void> run_render(const RenderArguments& a) {
     note((*field)->shape().subfields.empty()
              ? fmt::format("{}: incomplete at level {}: {} pixels drawn from coarser levels; the "
                            "build command that made it resumes it",
-                           a.field, view->level, statistics.fallback_pixels())
+                           a.field, statistics.level_pixels.size() - 1,
+                           statistics.fallback_pixels())
              : fmt::format("{}: {} pixels need subfields that were left out of this field", a.field,
                            statistics.fallback_pixels()));
   if (!a.json && !a.stats) return {};

@@ -1,12 +1,14 @@
 #include "field/measure.h"
 
 #include <fcntl.h>
+#include <sys/mman.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <chrono>
+#include <cstdio>
 #include <fstream>
 #include <numeric>
 #include <string>
@@ -54,7 +56,66 @@ class ResidentWatch {
 
 /// What one view at one level cost, in the order of LevelMeasure's members.
 struct ViewCost {
-  double tiles = 0, pairs = 0, bytes = 0, pages = 0, peak = 0;
+  double tiles = 0, pairs = 0, bytes = 0, pages = 0, cached = 0, mapped = 0, peak = 0;
+};
+
+/// What the kernel knows of a field's map.
+class KernelCount {
+ public:
+  explicit KernelCount(const Field& field)
+      : map_(const_cast<std::byte*>(field.store().map())),
+        bytes_(field.store().file_bytes()),
+        path_(field.path()) {}
+
+  /// Forgets all pages and notes which stay in memory all the same.
+  void begin() {
+    (void)madvise(map_, bytes_, MADV_DONTNEED);
+    dropped_ = drop_page_cache(path_).has_value();
+    before_ = cached();
+  }
+  /// Whether the pages that were needed came into memory since begin(), and no other way.
+  [[nodiscard]] bool counts(std::span<const std::uint64_t> needed) const {
+    return dropped_ && !before_.empty() &&
+           std::none_of(needed.begin(), needed.end(),
+                        [&](std::uint64_t page) { return before_[page] & 1; });
+  }
+  /// Pages that came into the page cache since begin().
+  [[nodiscard]] std::uint64_t came() const {
+    const std::vector<unsigned char> now = cached();
+    std::uint64_t count = 0;
+    for (std::size_t page = 0; page < now.size(); ++page) count += now[page] & ~before_[page] & 1;
+    return count;
+  }
+  /// Pages of the map that this process has mapped, from /proc/self/smaps.
+  [[nodiscard]] std::uint64_t mapped() const {
+    std::ifstream smaps("/proc/self/smaps");
+    const auto first = reinterpret_cast<std::uintptr_t>(map_), last = first + bytes_;
+    std::uint64_t kib = 0;
+    bool ours = false;
+    for (std::string line; std::getline(smaps, line);) {
+      std::uintptr_t begin = 0, end = 0;
+      unsigned long long rss = 0;
+      if (std::sscanf(line.c_str(), "%lx-%lx ", &begin, &end) == 2)
+        ours = begin < last && end > first;
+      else if (ours && std::sscanf(line.c_str(), "Rss: %llu kB", &rss) == 1)
+        kib += rss;
+    }
+    return kib / 4;
+  }
+
+ private:
+  /// One byte a page, empty where the kernel does not say.
+  [[nodiscard]] std::vector<unsigned char> cached() const {
+    std::vector<unsigned char> pages((bytes_ + 4095) / 4096);
+    if (mincore(map_, bytes_, pages.data()) != 0) pages.clear();
+    return pages;
+  }
+
+  std::byte* map_;
+  std::uint64_t bytes_;
+  std::string path_;
+  bool dropped_ = false;
+  std::vector<unsigned char> before_;
 };
 
 Spread spread(const std::vector<ViewCost>& views, double ViewCost::*member, double scale = 1) {
@@ -74,6 +135,8 @@ LevelMeasure summarize(unsigned level, std::uint64_t tiles, const std::vector<Vi
           spread(views, &ViewCost::pairs),
           spread(views, &ViewCost::bytes),
           spread(views, &ViewCost::pages),
+          spread(views, &ViewCost::cached),
+          spread(views, &ViewCost::mapped),
           spread(views, &ViewCost::peak),
           spread(views, &ViewCost::tiles, share),
           spread(views, &ViewCost::pairs, share)};
@@ -83,23 +146,24 @@ LevelMeasure summarize(unsigned level, std::uint64_t tiles, const std::vector<Vi
 
 Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles, bool with_depth) {
   Footprint sum;
-  std::vector<std::uint64_t> pages;
   for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
     const bool is_depth = field.manifest().layers[layer].name == "depth";
     if (is_depth && !with_depth) continue;
+    std::vector<TileKey> stored;  // the renderer does not look for the depth of nothing
     for (const TileKey& key : tiles) {
       const auto tile = field.store().find(layer, key);
       if (!tile) return tl::unexpected(tile.error());
-      if (tile->state != storage::TileState::stored) continue;
-      if (!is_depth) ++sum.stored_tiles;
+      if (tile->state == storage::TileState::stored) stored.push_back(key);
       sum.compressed_bytes += tile->payload.size();
-      const auto [begin, end] = field.store().range(*tile);
-      for (std::uint64_t page = begin >> 12; page <= (end - 1) >> 12; ++page) pages.push_back(page);
     }
+    if (!is_depth) sum.stored_tiles = stored.size();
+    const auto pages =
+        field.store().pages(layer, is_depth ? std::span<const TileKey>(stored) : tiles);
+    if (!pages) return tl::unexpected(pages.error());
+    sum.pages.insert(sum.pages.end(), pages->begin(), pages->end());
   }
-  std::sort(pages.begin(), pages.end());
-  sum.map_pages =
-      static_cast<std::uint64_t>(std::unique(pages.begin(), pages.end()) - pages.begin());
+  std::sort(sum.pages.begin(), sum.pages.end());
+  sum.pages.erase(std::unique(sum.pages.begin(), sum.pages.end()), sum.pages.end());
   return sum;
 }
 
@@ -135,29 +199,38 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
   }
   Measurement result;
   ResidentWatch watch;
+  KernelCount kernel(field);
   std::vector<ViewCost> total(options.cameras.size());
   std::uint64_t total_tiles = 0;
   for (const unsigned level : levels) {
     std::vector<ViewCost> views;
     for (std::size_t v = 0; v < options.cameras.size(); ++v) {
+      kernel.begin();
       Renderer renderer(field, options.renderer);
       ViewStatistics statistics;
       const auto image =
           renderer.render(options.cameras[v], {options.mode, level, false}, &statistics);
       if (!image) return tl::unexpected(image.error());
+      const std::uint64_t came = kernel.came(), mapped = kernel.mapped();
       const auto pairs = crossed_pairs(field.shape(), options.cameras[v], level);
       if (!pairs) return tl::unexpected(pairs.error());
       const auto file = footprint(field, statistics.tiles, options.mode == RenderMode::depth);
       if (!file) return tl::unexpected(file.error());
-      const ViewCost cost{
-          static_cast<double>(statistics.tiles.size()), static_cast<double>(pairs->size()),
-          static_cast<double>(file->compressed_bytes), static_cast<double>(file->map_pages),
-          static_cast<double>(statistics.decoded_peak_bytes)};
+      const ViewCost cost{static_cast<double>(statistics.tiles.size()),
+                          static_cast<double>(pairs->size()),
+                          static_cast<double>(file->compressed_bytes),
+                          static_cast<double>(file->pages.size()),
+                          static_cast<double>(came),
+                          static_cast<double>(mapped),
+                          static_cast<double>(statistics.decoded_peak_bytes)};
       views.push_back(cost);
+      result.kernel_counted = result.kernel_counted && kernel.counts(file->pages);
       total[v].tiles += cost.tiles;
       total[v].pairs += cost.pairs;
       total[v].bytes += cost.bytes;
       total[v].pages += cost.pages;
+      total[v].cached += cost.cached;
+      total[v].mapped += cost.mapped;
       total[v].peak = std::max(total[v].peak, cost.peak);
     }
     const std::uint64_t tiles = tile_count(level, field.shape().entry_depth);

@@ -18,7 +18,9 @@ namespace slf {
 struct Footprint {
   std::uint64_t stored_tiles = 0;      ///< not empty
   std::uint64_t compressed_bytes = 0;  ///< payloads, in the layers used
-  std::uint64_t map_pages = 0;         ///< distinct 4 KiB pages those payloads lie in
+  /// Numbers of the 4 KiB pages that finding and reading them touches, ascending: of the tree, of
+  /// the records' tables, of the payloads.
+  std::vector<std::uint64_t> pages;
 };
 
 /// Looks tiles up in the color layer, or with_depth in both. bad_file: the file is damaged.
@@ -37,7 +39,9 @@ struct LevelMeasure {
   Spread tiles_touched;     ///< neighbouring owners included
   Spread pairs_crossed;     ///< (entry section, exit section) pairs that rays pass through
   Spread compressed_bytes;  ///< of the touched tiles, in the layers the mode uses
-  Spread map_pages;         ///< distinct 4 KiB pages of the map
+  Spread map_pages;         ///< distinct 4 KiB pages of the map, as the engine counts them
+  Spread cached_pages;      ///< the kernel's count: pages that came from the disk (mincore)
+  Spread mapped_pages;      ///< and those that this process has mapped (smaps)
   Spread decoded_peak_bytes;
   Spread fraction;       ///< tiles_touched / tiles
   Spread pair_fraction;  ///< pairs_crossed / tiles
@@ -52,12 +56,16 @@ struct MeasureOptions {
 
 struct Measurement {
   std::vector<LevelMeasure> levels;
-  LevelMeasure total;               ///< each view's levels together, as when all are drawn
+  LevelMeasure total;  ///< each view's levels together, as when all are drawn
+  /// Whether the kernel forgot the file before each view, so that its counts mean these views:
+  /// not where others use the file, or it lives in memory.
+  bool kernel_counted = true;
   std::uint64_t rss_anon_peak = 0;  ///< bytes, of this process while it rendered
   std::uint64_t rss_file_peak = 0;  ///< bytes, mapped pages of files
 };
 
-/// Renders every camera at every level with a cold cache and counts.
+/// Renders every camera at every level, from a cold cache and where possible from the disk, and
+/// counts.
 [[nodiscard]] Result<Measurement> measure_views(const Field& field, const MeasureOptions& options);
 
 struct ViewQuality {

@@ -82,12 +82,15 @@ class Player::Loader {
     thread_.join();
   }
 
-  /// `lacking` are keys in order; `frame_began` is when, on the cache's clock.
-  void plan(std::vector<TileKey> lacking, std::vector<Camera> next, std::uint64_t frame_began) {
+  /// `lacking` are keys in order, `level` that of the frame; `frame_began` is when, on the cache's
+  /// clock.
+  void plan(std::vector<TileKey> lacking, std::vector<Camera> next, unsigned level,
+            std::uint64_t frame_began) {
     {
       const std::lock_guard lock(mutex_);
       lacking_ = std::move(lacking);
       next_ = std::move(next);
+      level_ = level;
       frame_began_ = frame_began;
       ++plan_;
     }
@@ -115,6 +118,7 @@ class Player::Loader {
       const std::vector<TileKey> lacking = std::move(lacking_);
       const std::vector<Camera> next = std::move(next_);
       const std::uint64_t frame_began = frame_began_;
+      view_.level = level_;
       lock.unlock();
       current_ = plan;
       auto ok = load(lacking, frame_began);
@@ -172,7 +176,7 @@ class Player::Loader {
   TileCache& cache_;
   const storage::LayerId color_;
   const std::optional<storage::LayerId> depth_;
-  const ViewOptions view_;
+  ViewOptions view_;
   Renderer previewer_;
   Image preview_;
   std::uint64_t current_ = 0;  // the plan that is worked on
@@ -181,6 +185,7 @@ class Player::Loader {
   std::condition_variable changed_;
   std::vector<TileKey> lacking_;
   std::vector<Camera> next_;
+  unsigned level_ = 0;
   std::uint64_t frame_began_ = 0;
   std::uint64_t plan_ = 0, done_ = 0;
   std::optional<Error> error_;
@@ -253,7 +258,8 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
     for (unsigned k = 1; before_ && k <= options_.horizon; ++k)
       next.push_back(predict(center, *before_, camera, k));
   }
-  loader_->plan(std::move(statistics.wanted), std::move(next), began);
+  const auto level = static_cast<unsigned>(statistics.level_pixels.size() - 1);
+  loader_->plan(std::move(statistics.wanted), std::move(next), level, began);
   before_ = camera;
   return {};
 }

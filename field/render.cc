@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <limits>
 #include <mutex>
+#include <numbers>
 #include <optional>
 
 #include "field/block_renderer.h"
@@ -82,8 +84,19 @@ Renderer::~Renderer() = default;
 
 TileCache& Renderer::cache() const { return *state_->cache; }
 
+unsigned matching_level(const FieldShape& shape, const Camera& camera) {
+  const double distance = glm::distance(camera.eye, shape.sphere.center);
+  const double pixel = 2 * std::tan(glm::radians(camera.fov) / 2) / camera.height * distance;
+  // A quarter of the sphere has exit_side · 2^level vertices; halfway from the entry vertex, lines
+  // to them are half as far apart.
+  double spacing = shape.sphere.radius * std::numbers::pi / 4 / shape.exit_side;
+  unsigned level = 0;
+  for (; level < shape.levels && spacing > pixel; ++level) spacing /= 2;
+  return level;
+}
+
 Result<void> check_view(const Field& field, const ViewOptions& options) {
-  if (options.level > field.shape().levels)
+  if (options.level != kMatchingLevel && options.level > field.shape().levels)
     return fail(ErrorCode::usage, field.path(), ": level ", options.level,
                 ": the finest level of this field is ", field.shape().levels);
   if (options.needs_depth() && !field.layer("depth"))
@@ -93,6 +106,11 @@ Result<void> check_view(const Field& field, const ViewOptions& options) {
 }
 
 namespace {
+
+ViewOptions resolved(ViewOptions options, const FieldShape& shape, const Camera& camera) {
+  if (options.level == kMatchingLevel) options.level = matching_level(shape, camera);
+  return options;
+}
 
 RayFan make_fan(const Sphere& sphere, const RayGenerator& rays, std::uint32_t width) {
   const double scale = 1 / sphere.radius;
@@ -200,12 +218,13 @@ Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
   return image;
 }
 
-Result<void> Renderer::render(const Camera& camera, const ViewOptions& options, Image& image,
+Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, Image& image,
                               ViewStatistics* statistics) {
   const auto rays = RayGenerator::make(camera);
   if (!rays) return tl::unexpected(rays.error());
   const Field& field = state_->field;
-  if (auto ok = check_view(field, options); !ok) return tl::unexpected(ok.error());
+  if (auto ok = check_view(field, wanted); !ok) return ok;
+  const ViewOptions options = resolved(wanted, field.shape(), camera);
 
   state_->cache->reset_peak();
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
@@ -219,6 +238,18 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& options, 
     const CacheStatistics cache = state_->cache->statistics();
     statistics->decodes = cache.decodes - decodes_before;
     statistics->decoded_peak_bytes = cache.decoded_peak_bytes;
+  }
+  return {};
+}
+
+Result<void> Renderer::render_progressively(const Camera& camera, const ViewOptions& options,
+                                            Image& image, const Show& show) {
+  if (auto ok = check_view(state_->field, options); !ok) return ok;
+  const unsigned last = resolved(options, state_->field.shape(), camera).level;
+  ViewOptions view = options;
+  for (view.level = 0; view.level <= last; ++view.level) {
+    if (auto ok = render(camera, view, image); !ok) return ok;
+    if (!show(image, view.level)) break;
   }
   return {};
 }

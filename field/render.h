@@ -43,9 +43,12 @@ struct RendererOptions {
   bool in_place = true;  ///< use raw tiles where they are mapped; else copy them, within `memory`
 };
 
+/// Stands for the level that matches the camera.
+inline constexpr unsigned kMatchingLevel = ~0u;
+
 struct ViewOptions {
   RenderMode mode = RenderMode::bitri;
-  unsigned level = 0;       ///< of the tile pyramid
+  unsigned level = 0;       ///< of the tile pyramid, or kMatchingLevel
   bool with_depth = false;  ///< also fill Image::depth (needs a depth layer)
   bool wait = true;         ///< for tiles to load; else the cache and level 0 must do
 
@@ -85,12 +88,24 @@ class Renderer {
   [[nodiscard]] Result<void> render(const Camera& camera, const ViewOptions& options, Image& image,
                                     ViewStatistics* statistics = nullptr);
 
+  /// Draws level after level into `image`, the coarsest first, and shows each picture: something is
+  /// seen at once, and the last is what render() draws. Stops early, without an error, when `show`
+  /// returns false.
+  using Show = std::function<bool(const Image& image, unsigned level)>;
+  [[nodiscard]] Result<void> render_progressively(const Camera& camera, const ViewOptions& options,
+                                                  Image& image, const Show& show);
+
   [[nodiscard]] TileCache& cache() const;
 
  private:
   struct State;
   std::unique_ptr<State> state_;
 };
+
+/// The coarsest level whose samples lie as close as the camera's pixels: where the ray through the
+/// centre of the sphere passes it, lines from an entry vertex to neighbouring exit vertices are no
+/// further apart than the rays of neighbouring pixels. The finest where none is.
+[[nodiscard]] unsigned matching_level(const FieldShape& shape, const Camera& camera);
 
 /// What Renderer::render() checks. usage: a level or mode the field does not have.
 [[nodiscard]] Result<void> check_view(const Field& field, const ViewOptions& options);

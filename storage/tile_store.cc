@@ -222,6 +222,34 @@ FileRange TileStore::range(const TileRef& tile) const {
   return {begin, begin + tile.payload.size()};
 }
 
+Result<std::vector<std::uint64_t>> TileStore::pages(LayerId layer,
+                                                    std::span<const TileKey> keys) const {
+  if (auto known = state_->check_layer(layer); !known)
+    return tl::unexpected(std::move(known.error()));
+  const Snapshot& snapshot = *state_->snapshot;
+  const std::uint64_t size = snapshot.pages().meta().page_size;
+  std::vector<std::uint64_t> pages;
+  const auto add = [&](ByteSpan bytes) {
+    if (bytes.empty()) return;
+    const auto begin = static_cast<std::uint64_t>(bytes.data() - map());
+    for (std::uint64_t page = begin / size; page * size < begin + bytes.size(); ++page)
+      pages.push_back(page);
+  };
+  for (const TileKey& key : keys) {
+    Cursor cursor(snapshot.pages(), snapshot.tree(layer));
+    if (const auto found = cursor.seek(internal::encode_key(key)); found && *found)
+      cursor.path(pages);
+    const auto record = snapshot.find(layer, key);
+    if (!record) return tl::unexpected(record.error());
+    if (!*record) continue;
+    add((*record)->head());
+    add(tile_of(*record, layer, key).payload);
+  }
+  std::sort(pages.begin(), pages.end());
+  pages.erase(std::unique(pages.begin(), pages.end()), pages.end());
+  return pages;
+}
+
 Result<void> TileStore::visit(LayerId layer, TileKey from, TileKey to, const Visitor& visitor,
                               const DamageVisitor& damaged) const {
   if (auto known = state_->check_layer(layer); !known) return known;

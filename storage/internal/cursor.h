@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <vector>
 
 #include "base/bytes.h"
 #include "base/error.h"
@@ -31,6 +32,10 @@ class Cursor {
   /// Goes to the next entry. REQUIRES: seek() has been called.
   [[nodiscard]] Result<bool> next();
 
+  /// Appends the numbers of the pages from the root to the entry.
+  void path(std::vector<std::uint64_t>& pages) const {
+    for (std::size_t step = 0; step < depth_; ++step) pages.push_back(path_[step].page.number());
+  }
   [[nodiscard]] ByteSpan key() const { return node_.key; }
   [[nodiscard]] const Node& node() const { return node_; }
   [[nodiscard]] Result<ByteSpan> value() const { return pages_->value(node_); }

@@ -91,10 +91,12 @@ TEST_F(Cli, ModesRankAgainstTheTruth) {
 
 TEST_F(Cli, MeasureCountsPerLevel) {
   const auto json = slf({"measure", field(), "--views", "3", "--size", "64", "--json"}).json();
-  EXPECT_EQ(json["views"], 3);
-  ASSERT_EQ(json["levels"].size(), 3u);
+  ASSERT_EQ(json["runs"].size(), 1u);
+  const auto& run = json["runs"][0];
+  EXPECT_EQ(run["views"], 3);
+  ASSERT_EQ(run["levels"].size(), 3u);
   double last = 1;
-  for (const auto& level : json["levels"]) {
+  for (const auto& level : run["levels"]) {
     for (const char* key :
          {"tiles_touched", "compressed_bytes", "map_pages", "decoded_peak_bytes", "fraction"}) {
       EXPECT_GT(level[key]["mean"].get<double>(), 0) << key;
@@ -103,9 +105,64 @@ TEST_F(Cli, MeasureCountsPerLevel) {
     EXPECT_LT(level["fraction"]["mean"].get<double>(), last);
     last = level["fraction"]["mean"];
   }
-  EXPECT_GT(json["rss_anon_peak"].get<std::uint64_t>(), 0u);
-  EXPECT_GT(json["rss_file_peak"].get<std::uint64_t>(), 0u);
-  EXPECT_TRUE(json["total"].contains("tiles_touched"));
+  EXPECT_GT(run["rss_anon_peak"].get<std::uint64_t>(), 0u);
+  EXPECT_GT(run["rss_file_peak"].get<std::uint64_t>(), 0u);
+  EXPECT_TRUE(run["total"].contains("tiles_touched"));
+}
+
+TEST_F(Cli, MeasureComparesSettingsAndDraws) {
+  Workplace place;
+  const auto json = slf({"measure", field(), "--views", "2", "--size", "32,64", "--distance", "2,4",
+                         "--mode", "bitri,depth", "--level", "1", "--picture", place / "s.svg",
+                         "--plot", place / "p.svg", "--json"})
+                        .json();
+  ASSERT_EQ(json["runs"].size(), 8u);
+  EXPECT_EQ(json["runs"][0]["mode"], "bitri");
+  EXPECT_EQ(json["runs"][7]["mode"], "depth");
+  EXPECT_EQ(json["runs"][7]["distance"], 4);
+  EXPECT_EQ(json["runs"][7]["size"], "64");
+  for (const char* name : {"s.svg", "p.svg"}) {
+    std::ifstream file(place / name);
+    const std::string text(std::istreambuf_iterator<char>(file), {});
+    EXPECT_TRUE(text.starts_with("<svg")) << name;
+    EXPECT_TRUE(text.ends_with("</svg>\n")) << name;
+  }
+  EXPECT_OUTCOME(slf({"measure", field(), "--views", "1", "--plot", place / "p.svg"}), 1, "-f");
+}
+
+TEST_F(Cli, PlayReportsEveryFrame) {
+  Workplace place;
+  const auto json = slf({"play", field(), "--seconds", "0.2", "--turns", "0.1", "--size", "48x32",
+                         "--loading", "ahead,demand,wait", "--preview", place / "p.webp",
+                         "--frames", place / "frames", "--json"})
+                        .json();
+  ASSERT_EQ(json["runs"].size(), 3u);
+  for (const auto& run : json["runs"]) {
+    ASSERT_EQ(run["frames"].size(), 6u);
+    EXPECT_EQ(run["summary"]["frames"], 6);
+    for (const auto& frame : run["frames"])
+      for (const char* key : {"ms", "full_share", "tiles", "loads", "load_bytes", "hit_rate"})
+        EXPECT_TRUE(frame.contains(key)) << key;
+  }
+  EXPECT_EQ(json["runs"][2]["summary"]["full_share"], 1);
+  EXPECT_TRUE(std::filesystem::exists(place / "frames/00005.png"));
+  EXPECT_FALSE(std::filesystem::exists(place / "frames/00006.png"));
+  EXPECT_TRUE(std::filesystem::exists(place / "p.webp"));
+}
+
+TEST_F(Cli, PlayFollowsKeyframesAndSaysWhatIsWrong) {
+  Workplace place;
+  std::ofstream(place / "keys.json")
+      << R"({"keys": [{"at": 0, "orbit": [0, 20, 3]}, {"at": 0.1, "orbit": [20, 20, 8]}]})";
+  std::ofstream(place / "bad.json") << R"({"keys": [{"at": 0, "orbit": [0, 20]}]})";
+  const auto json = slf({"play", field(), "--path", place / "keys.json", "--level", "auto",
+                         "--size", "32", "--json"})
+                        .json();
+  EXPECT_EQ(json["runs"][0]["frames"].size(), 3u);
+  EXPECT_OUTCOME(slf({"play", field(), "--path", place / "bad.json"}), 3, "bad.json");
+  EXPECT_OUTCOME(slf({"play", field(), "--path", place / "none.json"}), 2, "none.json");
+  EXPECT_OUTCOME(slf({"play", field(), "--fps", "0"}), 1, "--fps");
+  EXPECT_OUTCOME(slf({"play", field(), "--loading", "later"}), 1, "ahead");
 }
 
 TEST_F(Cli, CompareMeasuresAndWritesTheDifference) {

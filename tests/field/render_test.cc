@@ -4,6 +4,7 @@
 #include <hwy/targets.h>
 
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <set>
 
@@ -220,9 +221,94 @@ TEST_F(Render, StatisticsCountWhatWasTouched) {
   EXPECT_EQ(file->compressed_bytes, bytes);
   EXPECT_EQ(file->stored_tiles, stored);
   EXPECT_EQ(statistics.decodes, stored);
-  EXPECT_GE(file->map_pages, bytes / 4096);
-  EXPECT_LE(file->map_pages, bytes / 4096 + 2 * stored);
+  EXPECT_GE(file->pages.size(), bytes / 4096);
+  EXPECT_LE(file->pages.size(), bytes / 4096 + 4 * stored);
   EXPECT_EQ(statistics.fallback_pixels(), 0u);
+}
+
+TEST_F(Render, TheMatchingLevelIsCoarserFromAfarAndInSmallPictures) {
+  const FieldShape& shape = field_->shape();
+  const auto level = [&](double distance, std::uint32_t size) {
+    return matching_level(shape, orbit_camera(shape.sphere, 10, 20, distance, size, size));
+  };
+  EXPECT_EQ(level(3, 2000), shape.levels);
+  EXPECT_EQ(level(3, 8), 0u);
+  for (std::uint32_t size = 16; size < 1024; size *= 2)
+    EXPECT_LE(level(3, size), level(3, 2 * size));
+  // Through the same lens, from further away.
+  Camera camera = orbit_camera(shape.sphere, 10, 20, 3, 200, 200);
+  unsigned last = matching_level(shape, camera);
+  for (int k = 0; k < 5; ++k) {
+    camera.eye = shape.sphere.center + 2.0 * (camera.eye - shape.sphere.center);
+    const unsigned now = matching_level(shape, camera);
+    EXPECT_LE(now, last);
+    last = now;
+  }
+  EXPECT_EQ(last, 0u);
+  // Rendering takes it.
+  const Camera small = orbit_camera(shape.sphere, 10, 20, 3, 40, 40);
+  ASSERT_LT(matching_level(shape, small), shape.levels);
+  EXPECT_EQ(draw(*field_, small, {RenderMode::bitri, kMatchingLevel}).rgba,
+            draw(*field_, small, {RenderMode::bitri, matching_level(shape, small)}).rgba);
+}
+
+TEST_F(Render, ProgressiveDrawingShowsEveryLevelAndStopsWhenTold) {
+  const Camera camera = orbit_camera(field_->shape().sphere, 10, 20, 3, 100, 80);
+  const ViewOptions view{RenderMode::depth, 2};
+  Renderer renderer(*field_);
+  Image image;
+  std::vector<unsigned> shown;
+  const auto ok =
+      renderer.render_progressively(camera, view, image, [&](const Image& picture, unsigned level) {
+        shown.push_back(level);
+        EXPECT_EQ(picture.rgba, draw(*field_, camera, {RenderMode::depth, level}).rgba);
+        return true;
+      });
+  ASSERT_TRUE(ok);
+  EXPECT_EQ(shown, (std::vector<unsigned>{0, 1, 2}));
+  EXPECT_EQ(image.rgba, draw(*field_, camera, view).rgba);
+  shown.clear();
+  ASSERT_TRUE(renderer.render_progressively(camera, view, image, [&](const Image&, unsigned level) {
+    shown.push_back(level);
+    return level < 1;
+  }));
+  EXPECT_EQ(shown, (std::vector<unsigned>{0, 1}));
+}
+
+TEST_F(Render, ThePagesTheEngineCountsAreThoseTheKernelReads) {
+  // In memory file systems forget nothing: on the disk, where there is one.
+  const std::string path = std::filesystem::path(SLF_COMMAND).parent_path() / "pages-test.slf";
+  std::filesystem::copy_file(field_->path(), path,
+                             std::filesystem::copy_options::overwrite_existing);
+  const auto field = Field::open(path);
+  ASSERT_TRUE(field) << field.error().message;
+  MeasureOptions options;
+  options.cameras = random_cameras((*field)->shape().sphere, 3, 3, 1, 200, 200);
+  options.mode = RenderMode::depth;
+  const auto m = measure_views(**field, options);
+  std::filesystem::remove(path);
+  ASSERT_TRUE(m) << m.error().message;
+  if (!m->kernel_counted) GTEST_SKIP() << "this file system does not forget";
+  for (const LevelMeasure& level : m->levels) {
+    EXPECT_NEAR(level.cached_pages.mean, level.map_pages.mean, 0.05 * level.map_pages.mean + 2);
+    EXPECT_NEAR(level.mapped_pages.mean, level.map_pages.mean, 0.05 * level.map_pages.mean + 2);
+  }
+}
+
+TEST_F(Render, TheMapBudgetBoundsResidentPages) {
+  const Camera camera = orbit_camera(field_->shape().sphere, 10, 20, 3, 200, 200);
+  const auto resident = [&](std::uint64_t budget) {
+    MeasureOptions options{{camera}, RenderMode::depth, {2}, {}};
+    options.renderer.map_budget = budget;
+    options.renderer.memory = 1 << 20;
+    return measure_views(*field_, options)->total.mapped_pages.max;
+  };
+  EXPECT_LE(resident(128 << 10), (128.0 + 64) / 4);
+  EXPECT_GT(resident(kUnlimited), 2 * 192 / 4);
+  RendererOptions tight;
+  tight.map_budget = 64 << 10;
+  EXPECT_EQ(draw(*field_, camera, {RenderMode::depth, 2}, tight).rgba,
+            draw(*field_, camera, {RenderMode::depth, 2}).rgba);
 }
 
 TEST_F(Render, DistancesReachTheSurface) {

@@ -1,0 +1,75 @@
+// Opens a field, draws a view of it level by level, then flies around it:
+//   views FIELD.slf PICTURE.png
+#include <field/camera_path.h>
+#include <field/field.h>
+#include <field/image.h>
+#include <field/player.h>
+#include <field/render.h>
+
+#include <cstdio>
+
+namespace {
+
+int report(const slf::Error& error) {
+  std::fprintf(stderr, "views: %s\n", error.message.c_str());
+  return static_cast<int>(error.code);
+}
+
+/// A picture that gets sharper, for whoever cannot wait: each level is shown as it is ready.
+slf::Result<void> draw_progressively(const slf::Field& field, const char* path) {
+  slf::RendererOptions options;
+  options.memory = 64 << 20;  // bytes, however large the field is
+  slf::Renderer renderer(field, options);
+  const slf::Camera camera = slf::orbit_camera(field.shape().sphere, 30, 20, 3, 256, 256);
+  slf::ViewOptions view;
+  view.mode = slf::default_mode(field);
+  view.level = slf::kMatchingLevel;
+
+  slf::Image image;  // its memory is used again for each picture
+  auto drawn = renderer.render_progressively(
+      camera, view, image, [](const slf::Image& picture, unsigned level) {
+        std::printf("level %u: %u x %u pixels\n", level, picture.width, picture.height);
+        return true;  // go on
+      });
+  if (!drawn) return drawn;
+  slf::ViewStatistics statistics;
+  if (drawn = renderer.render(camera, view, image, &statistics); !drawn) return drawn;
+  std::printf("the view touches %zu tiles\n", statistics.tiles.size());
+  return slf::write_image(path, image);
+}
+
+/// Frames on time: a loading thread brings the tiles, coarser ones stand in meanwhile.
+slf::Result<void> fly(const slf::Field& field) {
+  slf::PlayOptions options;
+  options.view.mode = slf::default_mode(field);
+  options.view.level = field.shape().levels;
+  const auto player = slf::Player::make(field, options);
+  if (!player) return tl::unexpected(player.error());
+  const auto path = slf::CameraPath::orbit(field.shape().sphere, 0, 20, 3, 0.1, 1);
+  if (!path) return tl::unexpected(path.error());
+
+  slf::Image image;
+  for (int frame = 0; frame < 10; ++frame) {
+    slf::FrameReport report;
+    const slf::Camera camera = path->at(frame / 10.0, 256, 256);
+    if (auto ok = (*player)->draw(camera, image, &report); !ok) return ok;
+    std::printf("frame %d: %.0f %% at full level, %llu tiles loaded\n", frame,
+                100 * report.full_share(), static_cast<unsigned long long>(report.loads));
+    (*player)->settle();  // a program on screen would wait for its next frame instead
+  }
+  return {};
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 3) {
+    std::fprintf(stderr, "usage: views FIELD.slf PICTURE.png\n");
+    return 1;
+  }
+  const auto field = slf::Field::open(argv[1]);
+  if (!field) return report(field.error());
+  if (const auto ok = draw_progressively(**field, argv[2]); !ok) return report(ok.error());
+  if (const auto ok = fly(**field); !ok) return report(ok.error());
+  return 0;
+}
