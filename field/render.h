@@ -38,7 +38,8 @@ enum class RenderMode {
 struct RendererOptions {
   std::uint64_t memory = 256ull << 20;  ///< bytes of decoded tiles and scratch, pictures apart
   unsigned threads = 0;                 ///< 0: all
-  /// Resident bytes of the map. Tiles of an in-place codec (raw) that are in use may exceed it.
+  /// Resident bytes of the map, from 512 KiB. Tiles of an in-place codec (raw) that are in use may
+  /// exceed it.
   std::uint64_t map_budget = kUnlimited;
   bool in_place = true;  ///< use raw tiles where they are mapped; else copy them, within `memory`
 };

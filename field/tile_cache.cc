@@ -9,6 +9,7 @@ namespace slf {
 namespace {
 constexpr std::uint64_t kEntryBytes = 256;     // bookkeeping of one entry, about
 constexpr std::uint64_t kMapWindow = 1 << 16;  // what Linux maps around a page that is read
+constexpr std::uint64_t kTreeWindows = 3;      // on the way through the search tree, about
 // The renderer loads so many bytes at a time, from within a row of samples where it has as many:
 // behind shorter ones there must be room.
 constexpr std::size_t kLoad = 8;
@@ -121,18 +122,25 @@ Result<void> TileCache::load(Entry& entry, const Id& id) {
   return field_.decode(*tile, std::span(entry.owned).first(bytes));
 }
 
-void TileCache::advise(storage::LayerId layer, std::span<const TileKey> keys) const {
+void TileCache::advise(storage::LayerId layer, std::span<const TileKey> keys) {
   std::vector<TileKey> wanted;
   {
     const std::lock_guard lock(mutex_);
     for (const TileKey& key : keys)
       if (!entries_.contains({layer, key})) wanted.push_back(key);
   }
-  if (wanted.empty()) return;
-  std::vector<storage::TileRef> tiles;
-  for (const auto& found : field_.store().find_all(layer, wanted))
-    if (found && found->state == storage::TileState::stored) tiles.push_back(*found);
-  field_.store().advise(tiles);
+  // All together, unless the tables of so many records were too much of the map.
+  const std::size_t most = std::max<std::uint64_t>(map_budget_ / (4 * kMapWindow), 1);
+  for (std::span<const TileKey> rest = wanted; !rest.empty();) {
+    const auto some = rest.first(std::min(most, rest.size()));
+    rest = rest.subspan(some.size());
+    std::vector<storage::TileRef> tiles;
+    for (const auto& found : field_.store().find_all(layer, some))
+      if (found && found->state == storage::TileState::stored) tiles.push_back(*found);
+    field_.store().advise(tiles);
+    const std::lock_guard lock(mutex_);
+    for (const storage::TileRef& tile : tiles) map_locked(tile);
+  }
 }
 
 void TileCache::pin_locked(Entry& entry) {
@@ -145,12 +153,13 @@ void TileCache::map_locked(const storage::TileRef& tile) {
   const auto [begin, end] = field_.store().range(tile);
   if (begin == end) return;
   const std::uint64_t first = begin / kMapWindow, last = (end - 1) / kMapWindow;
-  const bool counted = first == mapped_window_;  // neighbours are mostly read together
-  mapped_bytes_ += (last - first + (counted ? 0 : 1)) * kMapWindow;
+  // One more for the table of its record; neighbours are mostly read together.
+  const bool counted = first == mapped_window_;
+  mapped_bytes_ += (last - first + (counted ? 0 : 2)) * kMapWindow;
   mapped_window_ = last;
   if (mapped_bytes_ <= map_budget_) return;
   field_.store().release_all();
-  mapped_bytes_ = 0;
+  mapped_bytes_ = kTreeWindows * kMapWindow;  // these are soon back
 }
 
 void TileCache::unpin(const std::shared_ptr<Entry>& entry) {

@@ -79,7 +79,7 @@ class TileCache {
 
   /// Asks the kernel to read the payloads of tiles that are not here yet: call it with all that
   /// will be wanted next, so that the disk works on many at a time.
-  void advise(storage::LayerId layer, std::span<const TileKey> keys) const;
+  void advise(storage::LayerId layer, std::span<const TileKey> keys);
 
   /// A clock that ticks as tiles are used.
   [[nodiscard]] std::uint64_t now() const;

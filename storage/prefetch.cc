@@ -37,16 +37,6 @@ std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& nod
   return std::min(span, kMaxTiles);
 }
 
-/// Adds a record's header and table; all of it where that is a single tile.
-void add_head(const Pages& pages, const TreePage& leaf, std::uint32_t index, Advice& advice) {
-  Node node;
-  if (!leaf.node(index, node) || (node.flags & kBigData) == 0) return;
-  const std::uint64_t span = span_of(leaf, index, node);
-  const std::uint64_t table = kPageHeader + kRecordHeader + span * (kUsualCode + 8);
-  const std::uint64_t all = kPageHeader + node.data_size;
-  advice.add(bytes_of(pages, node.child, span == 1 ? all : std::min(all, table)));
-}
-
 /// Adds the pages below a branch that the stop's keys lead to.
 void add_children(const Pages& pages, std::span<const RecordKey> keys, const Stop& stop,
                   std::vector<Stop>& below) {
@@ -73,7 +63,7 @@ void add_heads(const Pages& pages, std::span<const RecordKey> keys, const Stop& 
   for (std::size_t k = stop.begin; k < stop.end; ++k) {
     std::uint32_t index = 0;
     if (!leaf->lower_bound(keys[k], index) || index >= leaf->count() || index < next) continue;
-    add_head(pages, *leaf, index, advice);
+    advice.add(head_of(pages, *leaf, index));
     next = index + 1;
   }
 }
@@ -99,6 +89,15 @@ void Advice::give(int advice) {
   ranges_.clear();
 }
 
+ByteSpan head_of(const Pages& pages, const TreePage& leaf, std::uint32_t index) {
+  Node node;
+  if (!leaf.node(index, node) || (node.flags & kBigData) == 0) return {};
+  const std::uint64_t span = span_of(leaf, index, node);
+  const std::uint64_t table = kPageHeader + kRecordHeader + span * (kUsualCode + 8);
+  const std::uint64_t all = kPageHeader + node.data_size;
+  return bytes_of(pages, node.child, span == 1 ? all : std::min(all, table));
+}
+
 void prefetch_records(const Pages& pages, const Tree& tree, std::span<const RecordKey> keys) {
   if (keys.empty() || tree.root == kNoPage || tree.depth == 0 || tree.depth > kMaxDepth) return;
   std::vector<Stop> stops{{tree.root, 0, keys.size()}};
@@ -118,7 +117,7 @@ void prefetch_heads(const Pages& pages, const Cursor& at, TileKey to) {
   Advice advice;
   const TreePage& leaf = at.leaf();
   for (std::uint32_t i = at.index(); i < leaf.count(); ++i) {
-    add_head(pages, leaf, i, advice);
+    advice.add(head_of(pages, leaf, i));
     Node node;
     if (!leaf.node(i, node)) continue;
     if (const auto last = decode_key(node.key); last && *last >= to) break;

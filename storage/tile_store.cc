@@ -237,12 +237,13 @@ Result<std::vector<std::uint64_t>> TileStore::pages(LayerId layer,
   };
   for (const TileKey& key : keys) {
     Cursor cursor(snapshot.pages(), snapshot.tree(layer));
-    if (const auto found = cursor.seek(internal::encode_key(key)); found && *found)
+    if (const auto found = cursor.seek(internal::encode_key(key)); found && *found) {
       cursor.path(pages);
+      add(internal::head_of(snapshot.pages(), cursor.leaf(), cursor.index()));
+    }
     const auto record = snapshot.find(layer, key);
     if (!record) return tl::unexpected(record.error());
     if (!*record) continue;
-    add((*record)->head());
     add(tile_of(*record, layer, key).payload);
   }
   std::sort(pages.begin(), pages.end());

@@ -134,7 +134,7 @@ class TileStore {
   /// The part of the file a payload lies in, for counting pages.
   [[nodiscard]] FileRange range(const TileRef& tile) const;
 
-  /// The pages of the file that finding and reading some tiles of a layer touches, ascending: of
+  /// The pages of the file that finding and reading some tiles of a layer fetches, ascending: of
   /// the tree, of the records' tables and of the payloads. Touches no payload. Errors as find().
   [[nodiscard]] Result<std::vector<std::uint64_t>> pages(LayerId layer,
                                                          std::span<const TileKey> keys) const;

@@ -33,6 +33,10 @@ class Advice {
   std::vector<Range> ranges_;
 };
 
+/// The pages of a record that hold its header and table, as far as the leaf tells; all of it where
+/// that is a single tile. Empty where the entry holds no record.
+[[nodiscard]] ByteSpan head_of(const Pages& pages, const TreePage& leaf, std::uint32_t index);
+
 /// Fetches what finding some keys touches: the pages of the tree, one level after the other, and
 /// the heads of the records. Waits for the tree's pages, not for the heads.
 /// A hint only: damage is passed over, for whoever reads to find. Untrusted input is safe.

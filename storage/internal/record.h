@@ -57,8 +57,6 @@ class Record {
   [[nodiscard]] TileKey last() const { return {first_.level, first_.index + count_ - 1}; }
   [[nodiscard]] std::uint32_t count() const { return count_; }
   [[nodiscard]] ByteSpan bytes() const { return value_; }
-  /// Header and tables: what comes before the first payload.
-  [[nodiscard]] ByteSpan head() const { return value_.first(payloads_); }
 
   /// Walks the table. Usage: for (Record::Walk walk(record); walk.next();) use(walk.tile());
   class Walk {

@@ -247,7 +247,7 @@ TEST_F(Cli, AFlippedByteInATileIsFoundWhenItIsDrawn) {
   ASSERT_EQ(good.exit_code, 0);
   std::string bytes = read_text(field());
   int refused = 0;
-  for (std::size_t at = bytes.size() / 5; at < bytes.size(); at += bytes.size() / 40) {
+  for (std::size_t at = bytes.size() / 5; at < bytes.size(); at += bytes.size() / 64) {
     std::string damaged = bytes;
     damaged[at] = static_cast<char>(damaged[at] ^ 0x10);
     const std::string path = place / "damaged.slf";

@@ -303,8 +303,8 @@ TEST_F(Render, TheMapBudgetBoundsResidentPages) {
     options.renderer.memory = 1 << 20;
     return measure_views(*field_, options)->total.mapped_pages.max;
   };
-  EXPECT_LE(resident(128 << 10), (128.0 + 64) / 4);
-  EXPECT_GT(resident(kUnlimited), 2 * 192 / 4);
+  EXPECT_LE(resident(512 << 10), (512 + 64) / 4);
+  EXPECT_GT(resident(kUnlimited), (512 + 64) / 4);
   RendererOptions tight;
   tight.map_budget = 64 << 10;
   EXPECT_EQ(draw(*field_, camera, {RenderMode::depth, 2}, tight).rgba,
