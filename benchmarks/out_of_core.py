@@ -1,0 +1,204 @@
+#!/usr/bin/env python3
+"""Fields larger than memory: pictures and frame times under a memory limit of the kernel's.
+
+Builds a field of at least 8 GB from an analytic scene, unless it is there, then inside a memory
+control group draws views (which must equal those drawn without a limit) and plays an orbit with
+each way of loading. Also the first frame from the disk, and the bytes read for a view.
+
+  benchmarks/out_of_core.py --slf build/release/cli/slf --folder /var/tmp/slf [--jpeg brain.slf]
+
+Needs root, or a delegated group, for the limit; says so and goes on without it where there is none.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+SHAPE = ["--entry", "6", "--exit", "8", "--levels", "4"]
+CODECS = ["--color-codec", "raw", "--depth-codec", "raw"]
+LEAST_BYTES = 8_000_000_000
+MIB = 1 << 20
+
+
+class MemoryLimit:
+    """A memory control group of version 1 or 2, made for one run and removed with it."""
+
+    def __init__(self, limit):
+        self.limit = limit
+        self.path = None
+        for base, file in (
+            ("/sys/fs/cgroup/memory", "memory.limit_in_bytes"),
+            ("/sys/fs/cgroup", "memory.max"),
+        ):
+            path = pathlib.Path(base) / f"slf-{os.getpid()}"
+            try:
+                path.mkdir()
+                (path / file).write_text(str(limit))
+                self.path = path
+                break
+            except OSError:
+                with contextlib.suppress(OSError):
+                    path.rmdir()
+        if self.path and (self.path / "memory.swap.max").exists():
+            (self.path / "memory.swap.max").write_text("0")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.path:
+            self.path.rmdir()
+
+    def enter(self):
+        """Moves the calling process into the group: for a child, before it runs."""
+        if self.path:
+            (self.path / "cgroup.procs").write_text(str(os.getpid()))
+
+    def killed(self):
+        """How often the kernel killed for want of memory."""
+        for name in ("memory.oom_control", "memory.events"):
+            file = self.path / name
+            if file.exists():
+                rows = dict(line.split() for line in file.read_text().splitlines())
+                return int(rows.get("oom_kill", 0))
+        return 0
+
+    def peak(self):
+        for name in ("memory.max_usage_in_bytes", "memory.peak"):
+            if (self.path / name).exists():
+                return int((self.path / name).read_text())
+        return None
+
+
+def run(command, limit=None):
+    done = subprocess.run(
+        [str(part) for part in command],
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=limit.enter if limit else None,
+    )
+    if done.returncode != 0:
+        sys.exit(f"failed with {done.returncode}: {' '.join(map(str, command))}")
+    return done.stdout
+
+
+def build(slf, field):
+    if not field.exists():
+        print(f"building {field}", file=sys.stderr)
+        run([slf, "build", "scene:globe", "-o", field, *SHAPE, *CODECS])
+    size = field.stat().st_size
+    if size < LEAST_BYTES:
+        sys.exit(f"{field}: {size} bytes; at least {LEAST_BYTES} were wanted")
+    return size
+
+
+def draw(slf, field, size, limit, budgets, folder):
+    """Pictures from around the field."""
+    for azimuth in range(0, 360, 60):
+        run(
+            [slf, "render", field, "-f", "-o", folder / f"{azimuth}.png",
+             "--orbit", f"{azimuth},20,3", "--size", size, *budgets],
+            limit,
+        )
+
+
+def same_pictures(slf, field, size, limit, budgets):
+    """Whether views under the limit equal those without."""
+    with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as other:
+        draw(slf, field, size, None, [], pathlib.Path(one))
+        draw(slf, field, size, limit, budgets, pathlib.Path(other))
+        names = sorted(path.name for path in pathlib.Path(one).iterdir())
+        return all(
+            json.loads(run([slf, "compare", f"{one}/{name}", f"{other}/{name}", "--json"]))["equal"]
+            for name in names
+        ), len(names)
+
+
+def play(slf, field, size, limit, budgets, loading, seconds):
+    text = run(
+        [slf, "-q", "play", field, "--cold", "--loading", loading, "--seconds", seconds,
+         "--size", size, "--json", *budgets],
+        limit,
+    )
+    return json.loads(text)["runs"][0]
+
+
+def first_frame(slf, field, size, views=5):
+    """Milliseconds of first frames from a cold file, each from elsewhere."""
+    times = []
+    for k in range(views):
+        text = run(
+            [slf, "-q", "play", field, "--cold", "--loading", "wait", "--seconds", "0.01",
+             "--size", size, "--orbit", f"{72 * k},{15 * k - 30},3", "--json"]
+        )
+        times.append(json.loads(text)["runs"][0]["frames"][0]["ms"])
+    return times
+
+
+def disk_bytes(slf, field, size):
+    """Bytes that came from the disk for a view, over the payloads of the tiles it touched."""
+    runs = json.loads(
+        run([slf, "measure", field, "--level", "finest", "--size", size, "--json"])
+    )["runs"]
+    level = runs[0]["levels"][-1]
+    if not runs[0]["kernel_counted"]:
+        return None
+    return 4096 * level["cached_pages"]["mean"] / level["compressed_bytes"]["mean"]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--slf", required=True, help="the command")
+    parser.add_argument("--folder", required=True, help="where the field is, or is built")
+    parser.add_argument("--jpeg", help="a JPEG field for the first frame and the bytes read")
+    parser.add_argument("--limit", type=int, default=256, help="MiB of memory (256)")
+    parser.add_argument("--memory", default="112MiB", help="slf's own budget")
+    parser.add_argument("--map-budget", default="32MiB")
+    parser.add_argument("--size", default="512x512")
+    parser.add_argument("--seconds", default="12", help="length of an orbit")
+    parser.add_argument("--json", help="also write the numbers here")
+    a = parser.parse_args()
+
+    folder = pathlib.Path(a.folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    field = folder / "globe.slf"
+    numbers = {"field_bytes": build(a.slf, field), "limit": a.limit * MIB, "loading": {}}
+    budgets = ["--memory", a.memory, "--map-budget", a.map_budget]
+    print(f"{field}: {numbers['field_bytes'] / 1e9:.2f} GB, under {a.limit} MiB")
+    with MemoryLimit(a.limit * MIB) as limit:
+        if not limit.path:
+            print("no memory control group can be made here (it needs root): no limit is set")
+            limit = None
+        equal, count = same_pictures(a.slf, field, a.size, limit, budgets)
+        numbers["pictures_equal"] = equal
+        print(f"{count} pictures {'equal' if equal else 'DIFFER FROM'} those without a limit")
+        print(f"{'loading':10} {'frames':>7} {'late':>6} {'mean ms':>8} {'worst':>8} "
+              f"{'full level':>11} {'least':>8} {'anonymous':>10}")
+        for loading in ("ahead", "demand", "wait"):
+            s = play(a.slf, field, a.size, limit, budgets, loading, a.seconds)["summary"]
+            numbers["loading"][loading] = s
+            print(f"{loading:10} {s['frames']:7} {s['late']:6} {s['mean_ms']:8.1f} "
+                  f"{s['worst_ms']:8.1f} {100 * s['full_share']:9.2f} % "
+                  f"{100 * s['least_full_share']:6.2f} % {s['rss_anon_peak'] / MIB:6.0f} MiB")
+        if limit:
+            numbers["oom_kills"], numbers["limit_peak"] = limit.killed(), limit.peak()
+            print(f"killed for want of memory: {numbers['oom_kills']}")
+    if a.jpeg:
+        numbers["first_frame_ms"] = first_frame(a.slf, a.jpeg, a.size)
+        numbers["disk_bytes_ratio"] = disk_bytes(a.slf, a.jpeg, a.size)
+        worst, ratio = max(numbers["first_frame_ms"]), numbers["disk_bytes_ratio"]
+        print(f"{a.jpeg}: first frame from the disk, at worst {worst:.0f} ms")
+        print("bytes from the disk over compressed bytes touched: "
+              + (f"{ratio:.2f}" if ratio else "not known here"))
+    if a.json:
+        pathlib.Path(a.json).write_text(json.dumps(numbers, indent=1) + "\n")
+    return 0 if numbers["pictures_equal"] else 7
+
+
+if __name__ == "__main__":
+    sys.exit(main())
