@@ -106,6 +106,11 @@ void add_build(CLI::App& app, Run& run) {
                    "what is visible")
       ->group(group);
   command->add_option("-j,--threads", a->build.threads, "0: all cores")->capture_default_str();
+  command
+      ->add_option("--commit-every", a->build.commit_seconds,
+                   "Seconds between commits: what being killed can cost")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   command->callback([a, &run] { run = [a] { return run_build(*a); }; });
 }
 

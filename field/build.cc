@@ -24,7 +24,6 @@ using storage::TileWriter;
 constexpr std::size_t kTrainingTiles = 16;
 constexpr std::size_t kTrainingTries = 256;
 constexpr std::uint64_t kCommitBytes = 32ull << 20;
-constexpr auto kCommitInterval = std::chrono::seconds(1);  // what a kill can cost
 
 std::uint64_t mix(std::uint64_t x) {  // splitmix64
   x += 0x9E3779B97F4A7C15u;
@@ -158,16 +157,21 @@ struct Job {
 /// What follows each tile handed to the writer: it is counted, and now and then all is committed.
 class Steps {
  public:
-  Steps(TileWriter& writer, const std::string& path, const ProgressCallback& progress,
-        Progress& state, BuildReport& report)
-      : writer_(writer), path_(path), progress_(progress), state_(state), report_(report) {}
+  Steps(TileWriter& writer, const std::string& path, const BuildOptions& options,
+        const ProgressCallback& progress, Progress& state, BuildReport& report)
+      : writer_(writer),
+        path_(path),
+        interval_(options.commit_seconds),
+        progress_(progress),
+        state_(state),
+        report_(report) {}
 
   /// failed: the progress callback stops the build.
   [[nodiscard]] Result<void> after(const Encoded& tile) {
     ++report_.tiles;
     report_.slabs += tile.slabs;
     state_.done += tile.slabs;
-    if (writer_.pending_bytes() >= kCommitBytes || Clock::now() - committed_at_ >= kCommitInterval)
+    if (writer_.pending_bytes() >= kCommitBytes || Clock::now() - committed_at_ >= interval_)
       if (auto ok = commit(); !ok) return ok;
     if (!progress_ || progress_(state_)) return {};
     if (auto ok = commit(); !ok) return ok;
@@ -182,6 +186,7 @@ class Steps {
 
   TileWriter& writer_;
   const std::string& path_;
+  std::chrono::duration<double> interval_;
   const ProgressCallback& progress_;
   Progress& state_;
   BuildReport& report_;
@@ -303,7 +308,7 @@ Result<BuildReport> build_field(const Scene& scene, const std::string& path,
   for (const Hole& hole : *holes) state.skipped -= tracer.slabs(job.order.key(hole.number));
   state.done = state.skipped;
 
-  Steps steps(*writer, path, progress, state, report);
+  Steps steps(*writer, path, options, progress, state, report);
   if (auto ok = fill_holes(job, *writer, *holes, steps); !ok) return tl::unexpected(ok.error());
   if (auto ok = append_tiles(job, *writer, begin, resumed, steps); !ok)
     return tl::unexpected(ok.error());

@@ -21,6 +21,7 @@ struct BuildOptions {
   std::string depth_codec = "jpeg:75";  ///< empty: no depth layer
   bool half = false;                    ///< colour as half floats
   unsigned threads = 0;                 ///< 0: all
+  double commit_seconds = 1;            ///< how often tiles are made safe: what a kill can cost
 };
 
 struct Progress {

@@ -12,6 +12,7 @@
 
 #include "storage/internal/container.h"
 #include "storage/internal/locked_file.h"
+#include "storage/internal/pages.h"
 
 namespace slf::storage::internal {
 namespace {
@@ -58,12 +59,14 @@ Environment& Environment::operator=(Environment&& other) noexcept {
   std::swap(path_, other.path_);
   std::swap(map_bytes_, other.map_bytes_);
   std::swap(environment_, other.environment_);
+  std::swap(map_, other.map_);
   std::swap(reader_, other.reader_);
   return *this;
 }
 
 Environment::~Environment() {
   if (reader_ != nullptr) mdb_txn_abort(reader_);
+  map_ = {};
   if (environment_ == nullptr) return;
   mdb_env_close(environment_);
   remove_lock_file(path_);
@@ -87,6 +90,11 @@ Result<Environment> Environment::open(const std::string& path, int descriptor) {
   mdb_filehandle_t opened = -1;
   if (mdb_env_get_fd(environment, &opened) != 0 || !same_file(opened, descriptor))
     return fail(ErrorCode::failed, path, ": was replaced by another file while it was opened");
+  MDB_stat pages = {};
+  if (mdb_env_stat(environment, &pages) != 0 || pages.ms_psize != kPageSize)
+    return fail(ErrorCode::unsupported, path, ": LMDB makes pages of ", pages.ms_psize,
+                " bytes on this system, expected ", kPageSize);
+  result.guard();
   int dead = 0;
   (void)mdb_reader_check(environment, &dead);
   code = mdb_txn_begin(environment, nullptr, MDB_RDONLY, &result.reader_);
@@ -99,9 +107,45 @@ std::uint64_t Environment::transaction() const {
   return mdb_env_info(environment_, &info) == 0 ? info.me_last_txnid : 0;
 }
 
+// Anew whenever LMDB has moved its map. It does not say where that is; but an entry of its main
+// tree lies in a leaf, and a page begins with its own number. A file without entries has little to
+// lose.
+void Environment::guard() {
+  map_ = {};
+  MDB_txn* transaction = nullptr;
+  if (mdb_txn_begin(environment_, nullptr, MDB_RDONLY, &transaction) != 0) return;
+  MDB_dbi tree = 0;
+  MDB_cursor* cursor = nullptr;
+  MDB_val key, value;
+  if (mdb_dbi_open(transaction, nullptr, 0, &tree) == 0 &&
+      mdb_cursor_open(transaction, tree, &cursor) == 0 &&
+      mdb_cursor_get(cursor, &key, &value, MDB_FIRST) == 0) {
+    const auto entry = reinterpret_cast<std::uintptr_t>(value.mv_data);
+    const auto* page = reinterpret_cast<const std::byte*>(entry / kPageSize * kPageSize);
+    map_ = GuardedRange({page - load_le<std::uint64_t>(page) * kPageSize, map_bytes_});
+  }
+  if (cursor != nullptr) mdb_cursor_close(cursor);
+  mdb_txn_abort(transaction);
+}
+
+Result<void> Environment::check_length() const {
+  MDB_envinfo info = {};
+  mdb_filehandle_t file = -1;
+  struct stat status = {};
+  if (mdb_env_info(environment_, &info) != 0 || mdb_env_get_fd(environment_, &file) != 0 ||
+      fstat(file, &status) != 0)
+    return error(errno, "read its size");
+  const std::uint64_t expected = (info.me_last_pgno + 1) * kPageSize;
+  if (!map_.changed() && static_cast<std::uint64_t>(status.st_size) >= expected) return {};
+  return fail(ErrorCode::bad_file, path_, ": changed while open: it has become shorter than its ",
+              expected, " bytes; nothing more is written to it");
+}
+
 Result<void> Environment::put(std::span<const Put> puts) {
   while (true) {
+    if (auto whole = check_length(); !whole) return whole;
     const int code = try_put(puts);
+    if (map_.changed()) return check_length();
     if (code == 0) return extend();
     if (code != MDB_MAP_FULL) return error(code, "write");
     if (auto grown = grow(); !grown) return grown;
@@ -124,6 +168,10 @@ int Environment::try_put(std::span<const Put> puts) {
       mdb_txn_abort(transaction);
       return code;
     }
+  }
+  if (map_.changed()) {  // put() says so
+    mdb_txn_abort(transaction);
+    return MDB_CORRUPTED;
   }
   return mdb_txn_commit(transaction);
 }
@@ -149,7 +197,9 @@ Result<void> Environment::extend() {
 // reader_ has none: all it does is hold a slot.
 Result<void> Environment::grow() {
   map_bytes_ += std::max(map_bytes_, kSpare);
+  map_ = {};
   const int code = mdb_env_set_mapsize(environment_, map_bytes_);
+  guard();
   if (code != 0) return error(code, "grow the map");
   return {};
 }

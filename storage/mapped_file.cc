@@ -80,26 +80,34 @@ MapSlot* take_slot() {
 
 }  // namespace
 
-Result<MappedFile> MappedFile::map(int file, std::size_t bytes, const std::string& path) {
+GuardedRange::GuardedRange(ByteSpan mapped) {
   install_handler();
+  slot_ = take_slot();
+  slot_->changed = false;
+  slot_->begin = reinterpret_cast<std::uintptr_t>(mapped.data());
+  slot_->end = reinterpret_cast<std::uintptr_t>(mapped.data()) + mapped.size();
+}
+
+GuardedRange::~GuardedRange() {
+  if (slot_ == nullptr) return;
+  slot_->end = 0;
+  slot_->used = false;
+}
+
+Result<MappedFile> MappedFile::map(int file, std::size_t bytes, const std::string& path) {
   void* base = mmap(nullptr, bytes, PROT_READ, MAP_SHARED, file, 0);
   if (base == MAP_FAILED)
     return fail(ErrorCode::io, path, ": cannot map ", bytes, " bytes: ", std::strerror(errno));
   (void)madvise(base, bytes, MADV_RANDOM);
   MappedFile result;
   result.bytes_ = {static_cast<const std::byte*>(base), bytes};
-  result.slot_ = take_slot();
-  result.slot_->changed = false;
-  result.slot_->begin = reinterpret_cast<std::uintptr_t>(base);
-  result.slot_->end = reinterpret_cast<std::uintptr_t>(base) + bytes;
+  result.guard_ = GuardedRange(result.bytes_);
   return result;
 }
 
 MappedFile::~MappedFile() {
-  if (slot_ == nullptr) return;
-  slot_->end = 0;
-  munmap(const_cast<std::byte*>(bytes_.data()), bytes_.size());
-  slot_->used = false;
+  guard_ = {};
+  if (!bytes_.empty()) munmap(const_cast<std::byte*>(bytes_.data()), bytes_.size());
 }
 
 }  // namespace slf::storage::internal

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cerrno>
 #include <cstring>
 
@@ -13,8 +12,6 @@ namespace {
 
 constexpr std::uint32_t kMagic = 0xBEEFC0DE;
 constexpr std::uint32_t kVersion = 1;
-constexpr std::uint32_t kMinPage = 512;
-constexpr std::uint32_t kMaxPage = 32768;
 constexpr std::uint16_t kHarmlessFlags = 0x4000;  // how the file was opened: MDB_NOSUBDIR
 
 Result<Meta> read_meta(int file, const std::string& path, std::uint64_t number,
@@ -42,10 +39,9 @@ Result<Meta> read_meta(int file, const std::string& path, std::uint64_t number,
   meta.main = Tree::parse(page + 88);
   meta.last_page = load_le<std::uint64_t>(page + 136);
   meta.transaction = load_le<std::uint64_t>(page + 144);
-  if (!std::has_single_bit(meta.page_size) || meta.page_size < kMinPage ||
-      meta.page_size > kMaxPage)
-    return fail(ErrorCode::unsupported, path, ": page size ", meta.page_size,
-                ", expected a power of two from ", kMinPage, " to ", kMaxPage);
+  if (meta.page_size != kPageSize)
+    return fail(ErrorCode::unsupported, path, ": pages of ", meta.page_size, " bytes, expected ",
+                kPageSize, "; make it anew on a system of 4 KiB pages");
   // Flags would change the order of keys, or, to LMDB, the address of the map.
   if ((meta.free_list.flags & ~kHarmlessFlags) != kIntegerKeys || meta.main.flags != 0)
     return fail(ErrorCode::bad_file, path, ": meta page ", number, " has flags ",

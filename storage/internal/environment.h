@@ -8,6 +8,7 @@
 
 #include "base/bytes.h"
 #include "base/error.h"
+#include "storage/internal/mapped_file.h"
 
 struct MDB_env;
 struct MDB_txn;
@@ -40,6 +41,7 @@ class Environment {
 
   /// Puts all, in one durable transaction; makes trees that do not exist. Grows the map as needed.
   /// io: disk full or a write error; the previous commit stays. failed, bad_file: as LMDB says.
+  /// bad_file: another program has made the file shorter.
   [[nodiscard]] Result<void> put(std::span<const Put> puts);
 
   /// From open() on, no page that is freed is reused, so that snapshots readers hold stay whole.
@@ -50,6 +52,8 @@ class Environment {
  private:
   Environment() = default;
 
+  void guard();
+  [[nodiscard]] Result<void> check_length() const;
   [[nodiscard]] int try_put(std::span<const Put> puts);
   [[nodiscard]] Result<void> grow();
   [[nodiscard]] Result<void> extend();
@@ -58,6 +62,7 @@ class Environment {
   std::string path_;
   std::uint64_t map_bytes_ = 0;
   MDB_env* environment_ = nullptr;
+  GuardedRange map_;           ///< LMDB's, which it reads without looking at the file's length
   MDB_txn* reader_ = nullptr;  ///< LMDB reuses no page freed after this transaction
 };
 

@@ -26,6 +26,28 @@ struct MapSlot {
   MapSlot* next = nullptr;
 };
 
+/// A mapped range, ours or LMDB's, in which a missing page does not end the process.
+/// Not copyable; the range must stay mapped for as long as it is guarded.
+class GuardedRange {
+ public:
+  GuardedRange() = default;
+  explicit GuardedRange(ByteSpan mapped);
+  GuardedRange(GuardedRange&& other) noexcept { *this = std::move(other); }
+  GuardedRange& operator=(GuardedRange&& other) noexcept {
+    std::swap(slot_, other.slot_);
+    return *this;
+  }
+  ~GuardedRange();
+
+  /// Whether a page was missing when it was touched: what was read since may be zeros.
+  [[nodiscard]] bool changed() const {
+    return slot_ != nullptr && slot_->changed.load(std::memory_order_acquire);
+  }
+
+ private:
+  MapSlot* slot_ = nullptr;
+};
+
 /// Thread-safety: const members from any thread.
 class MappedFile {
  public:
@@ -36,7 +58,7 @@ class MappedFile {
   MappedFile() = default;
   MappedFile(MappedFile&& other) noexcept { *this = std::move(other); }
   MappedFile& operator=(MappedFile&& other) noexcept {
-    std::swap(slot_, other.slot_);
+    std::swap(guard_, other.guard_);
     std::swap(bytes_, other.bytes_);
     return *this;
   }
@@ -44,13 +66,11 @@ class MappedFile {
 
   [[nodiscard]] ByteSpan bytes() const { return bytes_; }
 
-  /// Whether a page was missing when it was touched: what was read since may be zeros.
-  [[nodiscard]] bool changed() const {
-    return slot_ != nullptr && slot_->changed.load(std::memory_order_acquire);
-  }
+  /// As of GuardedRange.
+  [[nodiscard]] bool changed() const { return guard_.changed(); }
 
  private:
-  MapSlot* slot_ = nullptr;
+  GuardedRange guard_;
   ByteSpan bytes_;
 };
 

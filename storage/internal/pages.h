@@ -17,6 +17,7 @@
 
 namespace slf::storage::internal {
 
+inline constexpr std::size_t kPageSize = 4096;  ///< LMDB's on most systems; others are refused
 inline constexpr std::size_t kPageHeader = 16;
 inline constexpr std::size_t kNodeHeader = 8;
 inline constexpr std::size_t kMetaEnd = 152;  ///< bytes of a meta page in use

@@ -133,32 +133,6 @@ TEST_F(RepackCli, ADamagedTileIsNamedAndNothingIsLeft) {
   EXPECT_TRUE(read_text(place / "bad.slf") == before);
 }
 
-TEST_F(RepackCli, KilledAtAnyMomentItLeavesNoField) {
-  Workplace place;
-  const std::string out = place / "out.slf";
-  const std::vector<std::string> arguments{"repack",        field(),   "-o", out,
-                                           "--color-codec", "zstd:19", "-j", "2"};
-  int kills = 0;
-  for (int k = 0; k < 10; ++k) {
-    const Outcome outcome =
-        slf(arguments, "timeout --foreground -s KILL 0." + std::to_string(10 + 9 * k));
-    if (outcome.exit_code == 0) break;
-    ++kills;
-    if (std::filesystem::exists(out)) {  // killed after all was done: then it is whole
-      EXPECT_EQ(slf({"verify", out}).exit_code, 0);
-      break;
-    }
-    for (const std::string& name : place.files())  // nothing that looks like a field
-      EXPECT_FALSE(name.ends_with(".slf")) << name;
-  }
-  EXPECT_GT(kills, 0);
-  std::filesystem::remove(out);
-  const Outcome whole = slf(arguments);
-  EXPECT_EQ(whole.exit_code, 0) << whole.err;
-  EXPECT_EQ(place.files(), Names{"out.slf"});
-  EXPECT_EQ(slf({"verify", out}).exit_code, 0);
-}
-
 TEST_F(RepackCli, VerifyTellsDamageFromIncompleteness) {
   Workplace place;
   const Outcome good = slf({"verify", field()});

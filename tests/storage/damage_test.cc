@@ -257,6 +257,30 @@ void take_fault(int, siginfo_t*, void*) {
 }
 
 // The handler is installed once per process, so the program that had its own before is a child.
+TEST_F(Damaged, ShrinkingUnderAWriterIsAnError) {
+  for (const std::size_t left : {std::size_t{0}, std::size_t{4096}, std::size_t{5000},
+                                 std::size_t{8192}, bytes_.size() / 2, bytes_.size() - 4096}) {
+    SCOPED_TRACE(left);
+    for (const bool replaces : {false, true}) {
+      write_file(path_, bytes_);
+      auto writer = TileWriter::resume(path_);
+      ASSERT_TRUE(ok(writer));
+      EXPECT_TRUE(ok(writer->append(0, {9, 0}, bytes_of("more"))));
+      ASSERT_EQ(truncate(path_.c_str(), static_cast<off_t>(left)), 0);
+      const auto replaced =
+          replaces ? writer->replace(0, {0, 1}, TileState::empty, {}) : Result<void>();
+      EXPECT_TRUE(replaced || replaced.error().code == ErrorCode::bad_file);
+      ASSERT_TRUE(ok(writer->set_blob("note", bytes_of("x"))));
+      const auto committed = writer->commit();
+      ASSERT_FALSE(committed);
+      EXPECT_EQ(committed.error().code, ErrorCode::bad_file);
+      EXPECT_THAT(committed.error().message, HasSubstr("shorter"));
+      EXPECT_EQ(writer->close().error().code, ErrorCode::bad_file);
+      EXPECT_EQ(std::filesystem::file_size(path_), left);
+    }
+  }
+}
+
 TEST_F(Damaged, FaultsElsewhereGoToThePreviousHandler) {
   const auto child = [&]() -> int {
     struct sigaction action = {};

@@ -213,6 +213,15 @@ TEST(TileStore, SaysWhatIsWrongWithAFile) {
   file[20] = std::byte{2};
   write_file(folder.file("newer.slf"), file);
   EXPECT_EQ(TileStore::open(folder.file("newer.slf")).error().code, ErrorCode::unsupported);
+  file[20] = std::byte{1};
+  for (const std::uint32_t page : {512u, 8192u, 16384u, 65536u}) {
+    store_le<std::uint32_t>(file.data() + 40, page);
+    write_file(folder.file("pages.slf"), file);
+    const auto other = TileStore::open(folder.file("pages.slf"));
+    EXPECT_EQ(other.error().code, ErrorCode::unsupported);
+    EXPECT_THAT(other.error().message, HasSubstr("pages of " + std::to_string(page)));
+    EXPECT_EQ(TileWriter::resume(folder.file("pages.slf")).error().code, ErrorCode::unsupported);
+  }
 }
 
 TEST(TileStore, FindsAPayloadThatMoved) {

@@ -1,0 +1,156 @@
+// `slf build` and `slf repack`, killed at any moment of their lives: nothing committed is lost,
+// nothing half done can be taken for a field, and the same command ends as if nothing had happened.
+#include <signal.h>
+
+#include <chrono>
+#include <optional>
+#include <random>
+#include <thread>
+
+#include "tests/cli/cli_testing.h"
+#include "tests/field/field_testing.h"
+
+extern char** environ;
+
+namespace slf {
+namespace {
+
+using testing::all_tiles;
+using testing::Workplace;
+using Clock = std::chrono::steady_clock;
+using Seconds = std::chrono::duration<double>;
+using Arguments = std::vector<std::string>;
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr int kKills = 15;  // the commands take ten times as long
+#else
+constexpr int kKills = 110;  // of each command
+#endif
+
+/// Runs the command, killing it after `limit` if it still lives. Its exit code, or nothing.
+std::optional<int> run(const Arguments& arguments, std::optional<Seconds> limit = {}) {
+  std::vector<char*> line{const_cast<char*>(SLF_COMMAND)};
+  for (const std::string& argument : arguments) line.push_back(const_cast<char*>(argument.c_str()));
+  line.push_back(nullptr);
+  posix_spawn_file_actions_t silent;
+  posix_spawn_file_actions_init(&silent);
+  posix_spawn_file_actions_addopen(&silent, STDOUT_FILENO, "/dev/null", O_WRONLY, 0);
+  pid_t child = 0;
+  const int failed = posix_spawn(&child, line[0], &silent, nullptr, line.data(), environ);
+  posix_spawn_file_actions_destroy(&silent);
+  if (failed != 0) return 127;
+  if (limit) {
+    std::this_thread::sleep_for(*limit);
+    kill(child, SIGKILL);  // not reaped yet, so the number is still its own
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  if (WIFEXITED(status)) return WEXITSTATUS(status);
+  EXPECT_EQ(WTERMSIG(status), SIGKILL);
+  return std::nullopt;
+}
+
+/// Moments spread at random over a little more than the time a command takes.
+class Moments {
+ public:
+  explicit Moments(const Arguments& arguments) {
+    const auto begin = Clock::now();
+    EXPECT_EQ(run(arguments), 0);
+    whole_ = Clock::now() - begin;
+  }
+  Seconds next() { return whole_ * std::uniform_real_distribution<>(0, 1.1)(random_); }
+
+ private:
+  Seconds whole_{};
+  std::mt19937 random_{1};
+};
+
+using Tiles = decltype(all_tiles(std::declval<const Field&>()));
+
+Tiles tiles_of(const std::string& path) {
+  const auto field = Field::open(path);
+  EXPECT_TRUE(field) << field.error().message;
+  return field ? all_tiles(**field) : Tiles();
+}
+
+Arguments build(const std::string& output) {
+  return {"-q",     "build",         "scene:balls", "-o",       output, "--entry",
+          "3",      "--exit",        "8",           "--levels", "1",    "--color-codec",
+          "zstd:1", "--depth-codec", "zstd:1",      "-j",       "2",    "--commit-every",
+          "0.002"};
+}
+
+TEST(Killed, ABuildKeepsWhatItCommittedAndEndsTheSame) {
+  Workplace place;
+  Moments moments(build(place / "whole.slf"));
+  const Tiles whole = tiles_of(place / "whole.slf");
+  const std::string path = place / "a.slf";
+  int kills = 0, resumed = 0, partial = 0;
+  std::size_t kept = 0;
+  for (int runs = 0; kills < kKills && runs < 4 * kKills; ++runs) {
+    const auto ended = run(build(path), moments.next());
+    if (!ended) ++kills;
+    if (!ended && !std::filesystem::exists(path)) {
+      EXPECT_EQ(kept, 0u);
+      continue;
+    }
+    const Tiles found = tiles_of(path);
+    EXPECT_GE(found.size(), kept);
+    for (const auto& [place_of_tile, payload] : found) {
+      const auto expected = whole.find(place_of_tile);
+      ASSERT_NE(expected, whole.end());
+      ASSERT_TRUE(expected->second == payload);
+    }
+    resumed += kept > 0 && found.size() > kept;
+    partial += !found.empty() && found.size() < whole.size();
+    kept = found.size();
+    EXPECT_EQ(ended.value_or(0), 0);
+    if (kept < whole.size()) continue;
+    EXPECT_TRUE(ended || run({"-q", "verify", path}) == 0);
+    std::filesystem::remove(path);
+    kept = 0;
+  }
+  EXPECT_EQ(kills, kKills);
+  EXPECT_GT(partial, kKills / 10) << "kills hardly ever met a half-built field";
+  EXPECT_GT(resumed, 0);
+  if (kept == 0) return;
+  EXPECT_EQ(run(build(path)), 0);
+  EXPECT_TRUE(tiles_of(path) == whole);
+}
+
+TEST(Killed, ARepackLeavesNoFieldOrAWholeOne) {
+  Workplace place;
+  ASSERT_EQ(run(build(place / "in.slf")), 0);
+  const auto repack = [&](const std::string& output) -> Arguments {
+    return {"-q",      "repack",   place / "in.slf", "-o", output, "--color-codec",
+            "zstd:6", "--memory", "1MiB",           "-j", "2"};
+  };
+  Moments moments(repack(place / "whole.slf"));
+  const Tiles whole = tiles_of(place / "whole.slf");
+  std::filesystem::remove(place / "whole.slf");
+  const std::string path = place / "a.slf";
+  int kills = 0, left_over = 0;
+  for (int runs = 0; kills < kKills && runs < 4 * kKills; ++runs) {
+    const auto ended = run(repack(path), moments.next());
+    EXPECT_EQ(ended.value_or(0), 0);
+    kills += !ended;
+    for (const std::string& name : place.files()) {
+      EXPECT_TRUE(name == "in.slf" || name == "a.slf" || !name.ends_with(".slf")) << name;
+      left_over += name != "in.slf" && name != "a.slf";
+    }
+    if (!std::filesystem::exists(path)) {
+      EXPECT_FALSE(ended);
+      continue;
+    }
+    EXPECT_TRUE(tiles_of(path) == whole);  // killed when all was done, if at all
+    std::filesystem::remove(path);
+  }
+  EXPECT_EQ(kills, kKills);
+  EXPECT_GT(left_over, 0) << "no kill met a repack at work";
+  EXPECT_EQ(run(repack(path)), 0);  // goes over what the others left
+  EXPECT_TRUE(tiles_of(path) == whole);
+  EXPECT_EQ(place.files(), (std::vector<std::string>{"a.slf", "in.slf"}));
+}
+
+}  // namespace
+}  // namespace slf
