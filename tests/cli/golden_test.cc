@@ -6,6 +6,8 @@
 //   SLF_WRITE_GOLDEN=1 cli_tests --gtest_filter='GoldenFields*'
 #include <cmath>
 #include <cstdlib>
+#include <map>
+#include <optional>
 
 #include "field/analytic.h"
 #include "field/image.h"
@@ -187,6 +189,53 @@ TEST_F(GoldenFields, EveryOneIsTested) {
   std::sort(tested.begin(), tested.end());
   std::sort(there.begin(), there.end());
   EXPECT_EQ(tested, there);
+}
+
+// ---- what FORMAT.md quotes of them -----------------------------------------------------------
+
+/// The byte that a line of a dump ("7080: 7f78 6aff ...") shows at place k, if it shows one.
+std::optional<unsigned> quoted(const std::string& line, std::size_t k) {
+  const std::size_t at = 6 + k / 2 * 5 + k % 2 * 2;
+  if (line.size() < at + 2 || line[at] == ' ') return {};
+  return std::stoul(line.substr(at, 2), nullptr, 16);
+}
+
+TEST(Format, QuotesBytesThatAreInTheFiles) {
+  const std::string root = std::string(SLF_TEST_DATA) + "/../../";
+  std::istringstream text(read_text(root + "FORMAT.md"));
+  std::map<std::string, int> checked;
+  std::string name, file;
+  bool dump = false;
+  for (std::string line; std::getline(text, line);) {
+    if (line.starts_with("```")) dump = !dump;
+    if (!dump && line.starts_with("`tests/")) {
+      name = line.substr(1, line.find('`', 1) - 1);
+      file = read_text(root + name);
+      ASSERT_FALSE(file.empty()) << name;
+    }
+    if (!dump || line.size() < 10 || line.find_first_not_of("0123456789abcdef") != 4 ||
+        line[4] != ':')
+      continue;
+    const std::size_t offset = std::stoul(line.substr(0, 4), nullptr, 16);
+    for (std::size_t k = 0; k < 16; ++k) {
+      const auto byte = quoted(line, k);
+      if (!byte) continue;
+      ASSERT_LT(offset + k, file.size()) << line;
+      EXPECT_EQ(static_cast<unsigned char>(file[offset + k]), *byte) << name << " " << line;
+      ++checked[name];
+    }
+  }
+  EXPECT_GT(checked["tests/data/golden/example.slf"], 300);
+  EXPECT_GT(checked["tests/fuzz/corpus/store/tiny.slf"], 300);
+}
+
+TEST(Format, TheSlabOfItsExampleIsThatRay) {
+  const auto scene = make_analytic_scene("balls");
+  ASSERT_TRUE(scene);
+  const RaySample sample =
+      (*scene)->trace(glm::normalize(glm::dvec3(-3, -1, 0)), glm::normalize(glm::dvec3(0, 1, -1)));
+  const double expected[] = {26, 52, 78, 255};
+  for (int c = 0; c < 4; ++c) EXPECT_NEAR(sample.rgba[c] * 255, expected[c], 0.5001);
 }
 
 }  // namespace
