@@ -9,8 +9,6 @@
 namespace slf {
 namespace {
 
-constexpr int kDepthPasses = 2;
-
 glm::dvec3 point(const PointArrays& points, std::size_t k) {
   return {points.x[k], points.y[k], points.z[k]};
 }
@@ -62,12 +60,17 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
   Pass pass;
   pass.entries = mode == RenderMode::nearest || mode == RenderMode::st ? 1 : 3;
   pass.with_depth = options_.needs_depth();
+  gatherer_.forget_missing();
   if (auto ok = first_pass(geometry, pass); !ok) return ok;
-  for (int k = 1; mode == RenderMode::depth && k <= kDepthPasses; ++k) {
-    if (k == 1 || gatherer_.any_missing()) keep_followed(geometry);
-    const bool last = k == kDepthPasses;
-    pass.with_depth = !last || options_.with_depth;
-    if (auto ok = depth_pass(geometry, pass, last); !ok) return ok;
+  if (mode == RenderMode::depth) {
+    keep_followed(geometry);
+    pass.aims = true;
+    if (auto ok = depth_pass(geometry, {t_.data(), t_.data(), t_.data()}, pass); !ok) return ok;
+    pass.aims = false;
+    pass.with_depth = options_.with_depth;
+    const auto& t = entries_.t;
+    if (auto ok = depth_pass(geometry, {t[0].data(), t[1].data(), t[2].data()}, pass); !ok)
+      return ok;
   }
   finish_all();
   return {};
@@ -85,15 +88,15 @@ Result<void> BlockRenderer::first_pass(const LevelGeometry& geometry, Pass& pass
   return {};
 }
 
-Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry, Pass& pass, bool last) {
-  aim_at_depth(rays_, entries_, t_.data(), aims_);
+Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry,
+                                       const std::array<const float*, 3>& t, Pass& pass) {
+  aim_at_depth(rays_, entries_, t, aims_);
   for (std::size_t c = 0; c < 3; ++c) {
     find_exits(geometry, aims_[c], rays_.count, false, exits_[c]);
     pass.aim[c] = &aims_[c];
     pass.exit[c] = &exits_[c];
   }
   if (auto ok = gatherer_.gather(geometry, rays_.count, entries_, pass); !ok) return ok;
-  pass.with_color = last || gatherer_.any_missing();
   blend(pass, rays_, entries_, gatherer_.samples(), gatherer_.half_floats(), rgba_.data(),
         t_.data());
   return {};
@@ -110,6 +113,7 @@ void BlockRenderer::keep_followed(const LevelGeometry& geometry) {
     if (k != n) copy_ray(rays_, k, rays_, n), t_[n] = t_[k];
     ++n;
   }
+  gatherer_.forget_missing();
   if (n == rays_.count) return;
   rays_.count = n;
   find_entries(geometry, rays_, false, true, entries_);

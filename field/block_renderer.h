@@ -38,7 +38,8 @@ class BlockRenderer {
  private:
   [[nodiscard]] Result<void> draw_level(const LevelGeometry& geometry);
   [[nodiscard]] Result<void> first_pass(const LevelGeometry& geometry, Pass& pass);
-  [[nodiscard]] Result<void> depth_pass(const LevelGeometry& geometry, Pass& pass, bool last);
+  [[nodiscard]] Result<void> depth_pass(const LevelGeometry& geometry,
+                                        const std::array<const float*, 3>& t, Pass& pass);
   void keep_followed(const LevelGeometry& geometry);
   void finish_all();
   void finish(std::size_t ray);

@@ -64,12 +64,14 @@ struct EntryArrays {
   std::array<RayArray<std::uint32_t>, 3> section;  ///< that owns the vertex
   std::array<RayArray<std::uint32_t>, 3> row;      ///< its first sample in the section's tiles
   std::array<RayArray<float>, 3> weight;
+  std::array<RayArray<float>, 3> t;  ///< depth along the ray that the vertex is to aim at
   std::array<PointArrays, 3> point;  ///< the vertices, where depth is wanted
 
   void resize(std::size_t size) {
     for (auto* arrays : {&section, &row})
       for (auto& array : *arrays) array.resize(size + kRayPadding);
     for (auto& array : weight) array.resize(size + kRayPadding);
+    for (auto& array : t) array.resize(size + kRayPadding);
     for (auto& points : point) points.resize(size + kRayPadding);
   }
 };
@@ -113,9 +115,9 @@ struct TileOffsets {
 
 /// A pass over rays: every ray's entry vertices, each aimed at an exit point.
 struct Pass {
-  unsigned entries = 3;                     ///< slots in use
-  bool with_color = true;                   ///< colours are wanted, or opacity alone
-  bool with_depth = false;                  ///< depth is wanted
+  unsigned entries = 3;     ///< slots in use
+  bool aims = false;        ///< no colour is wanted, but a better aim for the next pass
+  bool with_depth = false;  ///< depth is wanted
   std::array<const PointArrays*, 3> aim{};  ///< per entry slot
   std::array<const ExitArrays*, 3> exit{};
 };

@@ -422,13 +422,14 @@ void take_samples_any(const TileOffsets& offsets, const Pass& pass, const EntryA
   typed(offsets, pass, entries, tiles, count, columns, add, samples);
 }
 
-void aim_at_depth_any(const RayBlock& rays, const EntryArrays& entries, const float* t,
-                      std::array<PointArrays, 3>& aims) {
+void aim_at_depth_any(const RayBlock& rays, const EntryArrays& entries,
+                      const std::array<const float*, 3>& t, std::array<PointArrays, 3>& aims) {
   const D d;
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
     const Point enter = Point::load(rays.enter, k);
-    const Point seen = enter.plus(hn::LoadU(d, t + k), Point::load(rays.leave, k).minus(enter));
+    const Point ray = Point::load(rays.leave, k).minus(enter);
     for (std::size_t c = 0; c < 3; ++c) {
+      const Point seen = enter.plus(hn::LoadU(d, t[c] + k), ray);
       const Point from = Point::load(entries.point[c], k);
       const Point along = seen.minus(from);
       const V length2 = along.dot(along);
@@ -460,14 +461,15 @@ HWY_INLINE Colors load_colors(const RayArray<std::uint64_t>& from, std::size_t k
   return {to_float(r), to_float(g), to_float(b), to_float(a)};
 }
 
-template <bool kHalf, bool kDepth, bool kColor>
-void blend_typed(const Pass& pass, const RayBlock& rays, const EntryArrays& entries,
+template <bool kHalf, bool kDepth, bool kAims>
+void blend_typed(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
                  const SampleArrays& samples, glm::vec4* rgba, float* t) {
   const D d;
   const V zero = hn::Zero(d), unit = hn::Set(d, kHalf ? 1.f : 1.f / 255);
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
     Colors sum{zero, zero, zero, zero};
-    V place = zero;  // depth along the ray, times opacity and the ray's squared length
+    // Depth along the ray, times opacity and the ray's squared length.
+    V place = zero, places[3], opacities[3];
     const Point enter = Point::load(rays.enter, k);
     const Point ray = Point::load(rays.leave, k).minus(enter);
     for (std::size_t c = 0; c < pass.entries; ++c) {
@@ -480,7 +482,7 @@ void blend_typed(const Pass& pass, const RayBlock& rays, const EntryArrays& entr
         const V w = hn::Mul(weight, hn::LoadU(d, pass.exit[c]->weight[e].data() + k));
         const Colors v = kHalf ? load_colors(samples.rgba16f[3 * c + e], k)
                                : load_colors(samples.rgba8[3 * c + e], k);
-        if constexpr (kColor) {
+        if constexpr (!kAims) {
           sum.r = hn::MulAdd(w, v.r, sum.r);
           sum.g = hn::MulAdd(w, v.g, sum.g);
           sum.b = hn::MulAdd(w, v.b, sum.b);
@@ -499,31 +501,43 @@ void blend_typed(const Pass& pass, const RayBlock& rays, const EntryArrays& entr
         const Point from = Point::load(entries.point[c], k);
         const Point along = Point::load(*pass.aim[c], k).minus(from);
         const V share = hn::Mul(depth, hn::Set(d, 1.f / 255));
-        place = hn::MulAdd(opacity, from.minus(enter).dot(ray), place);
-        place = hn::MulAdd(share, along.dot(ray), place);
+        places[c] = hn::MulAdd(opacity, from.minus(enter).dot(ray), hn::Mul(share, along.dot(ray)));
+        opacities[c] = opacity;
+        place = hn::Add(place, places[c]);
       }
     }
     if constexpr (kDepth) {
-      const V at = hn::Div(place, hn::Mul(sum.a, ray.dot(ray)));
-      const V inside = hn::Min(hn::Max(at, zero), hn::Set(d, 1.f));
-      const V seen = kColor ? hn::IfThenElseZero(hn::Gt(sum.a, zero), inside)
-                            : hn::IfThenElse(hn::Gt(hn::Mul(sum.a, unit), hn::Set(d, kFaint)),
-                                             inside, hn::LoadU(d, t + k));
-      hn::StoreU(seen, d, t + k);
+      const V length2 = ray.dot(ray), one = hn::Set(d, 1.f);
+      const auto along_ray = [&](V where, V opacity) {
+        return hn::Min(hn::Max(hn::Div(where, hn::Mul(opacity, length2)), zero), one);
+      };
+      V seen = along_ray(place, sum.a);
+      if constexpr (kAims) {
+        const V faint = hn::Set(d, kFaint / (kHalf ? 1.f : 1.f / 255));
+        seen = hn::IfThenElse(hn::Gt(sum.a, faint), seen, hn::LoadU(d, t + k));
+        for (std::size_t c = 0; c < 3; ++c) {
+          const auto saw =
+              hn::Gt(opacities[c], hn::Mul(hn::LoadU(d, &entries.weight[c][k]), faint));
+          const V own = hn::IfThenElse(saw, along_ray(places[c], opacities[c]), seen);
+          store(hn::Mul(hn::Add(seen, own), hn::Set(d, 0.5f)), entries.t[c], k);
+        }
+      } else {
+        hn::StoreU(hn::IfThenElseZero(hn::Gt(sum.a, zero), seen), d, t + k);
+      }
     }
-    if constexpr (kColor)
+    if constexpr (!kAims)
       hn::StoreInterleaved4(hn::Mul(sum.r, unit), hn::Mul(sum.g, unit), hn::Mul(sum.b, unit),
                             hn::Mul(sum.a, unit), d, &rgba[k].x);
   }
 }
 
-void blend_any(const Pass& pass, const RayBlock& rays, const EntryArrays& entries,
+void blend_any(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
                const SampleArrays& samples, bool half_floats, glm::vec4* rgba, float* t) {
   const auto typed = [&](auto half) {
     constexpr bool kHalf = decltype(half)::value;
-    return !pass.with_depth   ? blend_typed<kHalf, false, true>
-           : !pass.with_color ? blend_typed<kHalf, true, false>
-                              : blend_typed<kHalf, true, true>;
+    return pass.aims         ? blend_typed<kHalf, true, true>
+           : pass.with_depth ? blend_typed<kHalf, true, false>
+                             : blend_typed<kHalf, false, false>;
   };
   (half_floats ? typed(std::true_type()) : typed(std::false_type()))(pass, rays, entries, samples,
                                                                      rgba, t);
@@ -571,12 +585,12 @@ void take_samples(const TileOffsets& offsets, const Pass& pass, const EntryArray
   (offsets, pass, entries, tiles, count, columns, half_floats, add, samples);
 }
 
-void aim_at_depth(const RayBlock& rays, const EntryArrays& entries, const float* t,
-                  std::array<PointArrays, 3>& aims) {
+void aim_at_depth(const RayBlock& rays, const EntryArrays& entries,
+                  const std::array<const float*, 3>& t, std::array<PointArrays, 3>& aims) {
   HWY_DYNAMIC_DISPATCH(aim_at_depth_any)(rays, entries, t, aims);
 }
 
-void blend(const Pass& pass, const RayBlock& rays, const EntryArrays& entries,
+void blend(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
            const SampleArrays& samples, bool half_floats, glm::vec4* rgba, float* t) {
   HWY_DYNAMIC_DISPATCH(blend_any)(pass, rays, entries, samples, half_floats, rgba, t);
 }

@@ -49,18 +49,19 @@ void take_samples(const TileOffsets& offsets, const Pass& pass, const EntryArray
                   const TileArrays& tiles, std::size_t count, std::uint32_t columns,
                   bool half_floats, bool add, SampleArrays& samples);
 
-/// Aims each ray's three entry vertices at what the ray sees at depth t: where the lines through
-/// it leave the sphere.
-void aim_at_depth(const RayBlock& rays, const EntryArrays& entries, const float* t,
-                  std::array<PointArrays, 3>& aims);
+/// Aims each ray's three entry vertices at what the ray sees at their depths t: where the lines
+/// through it leave the sphere.
+void aim_at_depth(const RayBlock& rays, const EntryArrays& entries,
+                  const std::array<const float*, 3>& t, std::array<PointArrays, 3>& aims);
 
 /// Below this opacity a depth is not worth following.
 inline constexpr float kFaint = 1.f / 255;
 
 /// Blends each ray's samples (eq. 2): premultiplied colours and, where the pass has depth, the
-/// opacity-weighted depth along the ray, 0 where nothing is seen. A pass without colour only
-/// improves `t`, and leaves it where it sees too little.
-void blend(const Pass& pass, const RayBlock& rays, const EntryArrays& entries,
+/// opacity-weighted depth along the ray, 0 where nothing is seen. A pass for aims
+/// fills `entries.t` instead: halfway between the depth that all three vertices saw, or `t` where
+/// they saw too little, and the one that the vertex saw itself.
+void blend(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
            const SampleArrays& samples, bool half_floats, glm::vec4* rgba, float* t);
 
 }  // namespace slf

@@ -113,7 +113,6 @@ Result<void> TapGatherer::gather(const LevelGeometry& geometry, std::size_t coun
                                  const EntryArrays& entries, const Pass& pass) {
   if (geometry_ != &geometry || 2 * tiles_.size() > most_pins_) forget_tiles();
   geometry_ = &geometry;
-  any_missing_ = false;
   number_tiles(pass, entries, count, numbers_, taps_);
   add_tiles();
   const auto tiles = static_cast<std::uint32_t>(tiles_.size());

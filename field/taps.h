@@ -28,12 +28,13 @@ class TapGatherer {
 
   void resize(std::size_t rays);
 
-  /// Takes all samples of a pass over `count` rays. `missing` is set, per ray, where a tile was
-  /// never built or is not there yet.
+  /// Takes all samples of a pass over `count` rays. `missing` becomes set, per ray, where a tile
+  /// was never built or is not there yet.
   [[nodiscard]] Result<void> gather(const LevelGeometry& geometry, std::size_t count,
                                     const EntryArrays& entries, const Pass& pass);
 
   [[nodiscard]] const SampleArrays& samples() const { return samples_; }
+  void forget_missing() { any_missing_ = false; }
   [[nodiscard]] bool any_missing() const { return any_missing_; }
   [[nodiscard]] bool missing(std::size_t ray) const { return any_missing_ && missing_[ray] != 0; }
   [[nodiscard]] bool half_floats() const { return format_ == codec::SampleFormat::rgba16f; }

@@ -407,6 +407,9 @@ TEST(RenderIncomplete, MissingTilesAreDrawnFromCoarserLevelsAndCounted) {
   EXPECT_GT(statistics.fallback_pixels(), 0u);
   const Image fine = draw(*whole, camera, {RenderMode::bitri, 2, false});
   EXPECT_GT(compare(image, fine).psnr, 18);  // blurred in part, but the same picture
+  const Image deep = draw(**field, camera, {RenderMode::depth, 2, true});
+  EXPECT_GT(compare(deep, draw(*whole, camera, {RenderMode::depth, 2, false})).psnr, 18);
+  EXPECT_EQ(draw(**field, camera, {RenderMode::depth, 2, true}, {1, 1}).rgba, deep.rgba);
 }
 
 TEST(RenderGeometry, ViewsCrossThePublishedShareOfPairs) {
