@@ -3,6 +3,7 @@
 
 #include <dlfcn.h>
 #include <sys/mman.h>
+#include <sys/syscall.h>
 #include <sys/uio.h>
 #include <unistd.h>
 
@@ -79,8 +80,10 @@ int msync(void* from, size_t size, int flags) {
 }
 
 void* mmap(void* at, size_t size, int protection, int flags, int file, off_t offset) noexcept {
+  if (file < 0)  // memory, perhaps for a sanitizer that is not ready yet
+    return reinterpret_cast<void*>(syscall(SYS_mmap, at, size, protection, flags, file, offset));
   static auto* real = next<void*(void*, size_t, int, int, int, off_t)>("mmap");
-  return file >= 0 && fails() ? MAP_FAILED : real(at, size, protection, flags, file, offset);
+  return fails() ? MAP_FAILED : real(at, size, protection, flags, file, offset);
 }
 
 int ftruncate(int file, off_t size) noexcept {
