@@ -32,12 +32,15 @@ target_link_libraries(systems PRIVATE bench_arguments bench_plane Threads::Threa
 add_executable(turntable turntable.cc)
 target_link_libraries(turntable PRIVATE bench_arguments slf_options)
 
+add_executable(view_times view_times.cc storage/page_cache.cc)
+target_link_libraries(view_times PRIVATE bench_arguments slf_options)
+
 add_executable(sampling_quality sampling_quality.cc)
 target_link_libraries(sampling_quality PRIVATE bench_arguments Threads::Threads slf_options)
 
 add_custom_target(report_programs)
 find_package(nlohmann_json REQUIRED)
-foreach(program codec_peers entry_pictures exr_peer sampling_quality systems turntable vtk_speed)
+foreach(program codec_peers entry_pictures exr_peer sampling_quality systems turntable view_times vtk_speed)
   if(TARGET ${program})
     add_dependencies(report_programs ${program})
   endif()
