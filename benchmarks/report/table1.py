@@ -107,7 +107,9 @@ def _show(part, rows, vtk, titles, size):
             "Planes and sphere have the same number of slabs, the same kind of tiles in memory, "
             "vectors of rays and threads. Planes “touching” lie on both sides of the sphere, as in "
             "the paper's Figure 1; “tuned” has directions on one plane and the object's centre on "
-            "the other, the best of the arrangements tried with sampling_quality."
+            "the other, the best of the arrangements tried with sampling_quality. A ray takes 16 "
+            "samples between planes and 9 on the sphere; but neighbouring samples come two at a time, "
+            "8 loads and 6, and to cross two planes takes less arithmetic than to cross a sphere."
         ),
         page.plot(plots.svg(fig)),
         page.table(
