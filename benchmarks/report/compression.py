@@ -25,6 +25,7 @@ def run(bench, part):
     _show_settings(part, settings)
     _claim_paper(part, settings)
     _compare_codecs(bench, part, volume, shapes[-1])
+    _compare_speeds(bench, part, volume, shapes[-1])
     _published(part)
 
 
@@ -372,6 +373,33 @@ def _claim_codecs(part, rows):
         f"{ours:.2f} bits a slab at {middle:.1f} dB; others take {text}",
         True if wins == len(pictures) else PARTLY if wins else False,
     )
+
+
+def _compare_speeds(bench, part, volume, shape):
+    """Ratio and speed on whole tiles, by codec_peers."""
+    if not bench.program("codec_peers"):
+        part.left_out.append("speeds of codecs: codec_peers was not built (libwebp-dev, libpng-dev)")
+        return
+    lossless = bench.field(volume, *shape, "zstd", "zstd")
+    bench.say("timing codecs on tiles")
+    tiles = 64 if bench.quick else 400
+    rows = bench.json("codec_peers", lossless, "--tiles", tiles, "--json")["rows"]
+    part.numbers["speeds"] = rows
+    part.add(
+        page.heading("Speed"),
+        page.folded(
+            f"{len(rows)} codecs on {tiles} tiles: ratio, PSNR, encoding and decoding on one core",
+            page.table(
+                ["codec", "layer", "ratio", "PSNR, dB", "encode MB/s", "decode MB/s"],
+                [
+                    [r["codec"], r["layer"], f"{r['ratio']:.1f}",
+                     "lossless" if r["psnr_db"] is None else f"{r['psnr_db']:.1f}",
+                     f"{r['encode_mb_per_s']:.0f}", f"{r['decode_mb_per_s']:.0f}"]
+                    for r in rows
+                ],
+            ),
+        ),
+    )  # fmt: skip
 
 
 def _published(part):

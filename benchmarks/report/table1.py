@@ -95,7 +95,7 @@ def _show(part, rows, vtk, titles, size):
                 values.append(_pick(rows[group], size, system)[0]["wall_ms"])
         x = np.arange(len(groups)) + (k - 2) * 0.16
         bars = axis.bar(x, values, 0.15, label=label, color=color)
-        axis.bar_label(bars, [f"{v:.3g}" if v == v else "" for v in values], fontsize=7.5)
+        axis.bar_label(bars, [_short(v) for v in values], fontsize=7.5)
     axis.set_yscale("log")
     axis.set_ylabel("ms for one picture")
     shown = [f"paper: {g}\n256², SGI 320" if g in PAPER else f"{titles[g]}\n{size}²" for g in groups]
@@ -112,16 +112,8 @@ def _show(part, rows, vtk, titles, size):
             "8 loads and 6, and to cross two planes takes less arithmetic than to cross a sphere."
         ),
         page.plot(plots.svg(fig)),
-        page.table(
-            ["volume", "size", "slabs", "system", "wall ms", "processor ms", "PSNR dB"],
-            [
-                [titles[name], f"{r['size']}²", human_count(r["slabs"]) if r["slabs"] else "",
-                 _label(r["system"]), f"{r['wall_ms']:.2f}", f"{r['cpu_ms']:.2f}",
-                 f"{r['psnr']:.1f}" if "psnr" in r else "truth"]
-                for name in rows for r in rows[name] if r["size"] == size
-            ],
-        ),
-    )  # fmt: skip
+        _all_sizes(rows, titles),
+    )
     if vtk:
         part.add(
             page.heading("VTK's CPU ray-caster beside the field"),
@@ -138,6 +130,34 @@ def _show(part, rows, vtk, titles, size):
                 "step and threads.",
             ),
         )  # fmt: skip
+
+
+def _all_sizes(rows, titles):
+    """A line for each system and volume, a column for each size."""
+    sizes = list(dict.fromkeys(r["size"] for r in next(iter(rows.values()))))
+    lines = [
+        [f"paper: {name}", system, "", *(f"{1e3 * seconds:.0f}" if size == 256 else "" for size in sizes),
+         "", ""]
+        for name, times in PAPER.items()
+        for system, seconds in zip(("ray-caster", "planes", "sphere, bi-triangle"), times)
+    ]  # fmt: skip
+    for name, measured in rows.items():
+        for last in _pick(measured, sizes[-1], ""):
+            of_system = [_pick(measured, size, last["system"])[0]["wall_ms"] for size in sizes]
+            lines.append([
+                titles[name], _label(last["system"]),
+                human_count(last["slabs"]) if last["slabs"] else "", *map(_short, of_system),
+                _short(last["cpu_ms"]), f"{last['psnr']:.1f}" if "psnr" in last else "truth",
+            ])  # fmt: skip
+    return page.table(
+        ["volume", "system", "slabs", *(f"{size}², ms" for size in sizes),
+         f"{sizes[-1]}², processor ms", "PSNR, dB"],
+        lines,
+    )  # fmt: skip
+
+
+def _short(value):
+    return "" if value != value else f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
 def _label(system):
