@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 
-SHAPE = ["--entry", "6", "--exit", "8", "--levels", "4"]
+SHAPE = ["--entry", "5", "--exit", "8", "--levels", "4"]
 CODECS = ["--color-codec", "raw", "--depth-codec", "raw"]
 LEAST_BYTES = 8_000_000_000
 MIB = 1 << 20
