@@ -15,33 +15,35 @@ constexpr std::uint64_t kTreeWindows = 3;      // on the way through the search 
 constexpr std::size_t kLoad = 8;
 }  // namespace
 
-struct TileCache::Entry {
+struct TileCache::Entry : Link {
   Id id;
   storage::TileRef tile;
   const std::byte* samples = nullptr;
-  std::vector<std::byte> owned;  // what `samples` points to, unless it is the map
-  std::uint64_t cost = 0;        // what it counts for in the budget
-  std::uint32_t pins = 0;
-  std::uint64_t used = 0;  // when it was last unpinned
+  std::unique_ptr<std::byte[]> owned;  // what `samples` points to, unless it is the map
+  std::uint64_t cost = 0;              // what it counts for in the budget
+  std::uint64_t used = 0;              // when it was last unpinned
+  std::uint32_t pins = 0;              // 0: linked into idle_
   bool ready = false;
   bool in_place = false;  // samples are in the map
   std::optional<Error> error;
-  std::list<Id>::iterator place;  // in unpinned_, valid while pins == 0
 };
+
+TileCache::TileCache(const Field& field, std::uint64_t budget, std::uint64_t map_budget,
+                     bool in_place)
+    : field_(field), budget_(budget), map_budget_(map_budget), in_place_(in_place) {}
+TileCache::~TileCache() = default;
 
 TileCache::Pin& TileCache::Pin::operator=(Pin&& other) noexcept {
   if (this != &other) {
     release();
-    cache_ = std::exchange(other.cache_, nullptr);
-    entry_ = std::move(other.entry_);
+    cache_ = other.cache_;
+    entry_ = std::exchange(other.entry_, nullptr);
   }
   return *this;
 }
 
 void TileCache::Pin::release() {
-  if (cache_ && entry_) cache_->unpin(entry_);
-  cache_ = nullptr;
-  entry_.reset();
+  if (entry_) cache_->unpin(*std::exchange(entry_, nullptr));
 }
 
 storage::TileState TileCache::Pin::state() const { return entry_->tile.state; }
@@ -51,42 +53,44 @@ const storage::TileRef& TileCache::Pin::tile() const { return entry_->tile; }
 Result<TileCache::Pin> TileCache::get(storage::LayerId layer, TileKey key) {
   const Id id{layer, key};
   std::unique_lock lock(mutex_);
-  if (const auto found = entries_.find(id); found != entries_.end()) {
-    const std::shared_ptr<Entry> entry = found->second;
-    pin_locked(*entry);
-    loaded_.wait(lock, [&] { return entry->ready; });
-    if (entry->error) return tl::unexpected(*entry->error);
-    ++statistics_.hits;
-    return Pin(this, entry);
+  std::unique_ptr<Entry>& place = entries_[id];
+  if (place) {
+    Entry& entry = *place;
+    pin_locked(entry);
+    loaded_.wait(lock, [&] { return entry.ready; });
+    if (!entry.error) {
+      ++statistics_.hits;
+      return Pin(this, &entry);
+    }
+    Error error = *entry.error;
+    unpin_locked(entry);
+    return tl::unexpected(std::move(error));
   }
 
-  const auto entry = std::make_shared<Entry>();
-  entry->id = id;
-  entry->pins = 1;
-  entries_.emplace(id, entry);
+  place = std::make_unique<Entry>();
+  Entry& entry = *place;
+  entry.id = id;
+  entry.pins = 1;
   lock.unlock();
-  auto ok = load(*entry, id);
+  auto ok = load(entry, id);
   lock.lock();
-  entry->ready = true;
-  if (!ok) {  // those who waited get the error too; the next to ask tries again
-    entry->error = ok.error();
-    entries_.erase(id);
-    statistics_.decoded_bytes -= entry->cost;
-    loaded_.notify_all();
-    return tl::unexpected(ok.error());
-  }
+  entry.ready = true;
   loaded_.notify_all();
-  return Pin(this, entry);
+  if (ok) return Pin(this, &entry);
+  entry.error = ok.error();  // for those who wait too; it goes with the last of them
+  unpin_locked(entry);
+  return tl::unexpected(ok.error());
 }
 
 TileCache::Pin TileCache::find(storage::LayerId layer, TileKey key) {
   const std::lock_guard lock(mutex_);
   const auto found = entries_.find({layer, key});
-  if (found == entries_.end() || !found->second->ready) return {};
-  const std::shared_ptr<Entry>& entry = found->second;
-  pin_locked(*entry);
+  if (found == entries_.end()) return {};
+  Entry& entry = *found->second;
+  if (!entry.ready || entry.error) return {};
+  pin_locked(entry);
   ++statistics_.hits;
-  return Pin(this, entry);
+  return Pin(this, &entry);
 }
 
 void TileCache::charge(Entry& entry, std::uint64_t bytes) {
@@ -117,9 +121,9 @@ Result<void> TileCache::load(Entry& entry, const Id& id) {
     return field_.store().check(*tile);
   }
   if (!stored) return {};
-  entry.owned.resize(bytes + kLoad);
-  entry.samples = entry.owned.data();
-  return field_.decode(*tile, std::span(entry.owned).first(bytes));
+  entry.owned = std::make_unique_for_overwrite<std::byte[]>(bytes + kLoad);
+  entry.samples = entry.owned.get();
+  return field_.decode(*tile, {entry.owned.get(), bytes});
 }
 
 void TileCache::advise(storage::LayerId layer, std::span<const TileKey> keys) {
@@ -145,7 +149,8 @@ void TileCache::advise(storage::LayerId layer, std::span<const TileKey> keys) {
 
 void TileCache::pin_locked(Entry& entry) {
   if (entry.pins++ > 0) return;
-  unpinned_.erase(entry.place);
+  entry.before->after = entry.after;
+  entry.after->before = entry.before;
   if (entry.in_place) map_locked(entry.tile);
 }
 
@@ -162,20 +167,32 @@ void TileCache::map_locked(const storage::TileRef& tile) {
   mapped_bytes_ = kTreeWindows * kMapWindow;  // these are soon back
 }
 
-void TileCache::unpin(const std::shared_ptr<Entry>& entry) {
+void TileCache::unpin(Entry& entry) {
   const std::lock_guard lock(mutex_);
-  if (--entry->pins > 0) return;
-  entry->used = ++clock_;
-  entry->place = unpinned_.insert(unpinned_.end(), entry->id);
+  unpin_locked(entry);
+}
+
+void TileCache::unpin_locked(Entry& entry) {
+  if (--entry.pins > 0) return;
+  if (entry.error) {
+    statistics_.decoded_bytes -= entry.cost;
+    entries_.erase(Id(entry.id));
+    return;
+  }
+  entry.used = ++clock_;
+  entry.after = &idle_;
+  entry.before = idle_.before;
+  entry.before->after = entry.after->before = &entry;
   if (statistics_.decoded_bytes > budget_) evict_locked(budget_);
 }
 
 void TileCache::evict_locked(std::uint64_t budget) {
-  while (statistics_.decoded_bytes > budget && !unpinned_.empty()) {
-    const auto found = entries_.find(unpinned_.front());
-    unpinned_.pop_front();
-    statistics_.decoded_bytes -= found->second->cost;
-    entries_.erase(found);
+  while (statistics_.decoded_bytes > budget && idle_.after != &idle_) {
+    auto& entry = static_cast<Entry&>(*idle_.after);
+    entry.after->before = &idle_;
+    idle_.after = entry.after;
+    statistics_.decoded_bytes -= entry.cost;
+    entries_.erase(Id(entry.id));
   }
 }
 
@@ -187,7 +204,7 @@ std::uint64_t TileCache::now() const {
 bool TileCache::has_room(std::uint64_t since) const {
   const std::lock_guard lock(mutex_);
   if (statistics_.decoded_bytes < budget_ - budget_ / 8) return true;
-  return !unpinned_.empty() && entries_.at(unpinned_.front())->used <= since;
+  return idle_.after != &idle_ && static_cast<const Entry&>(*idle_.after).used <= since;
 }
 
 CacheStatistics TileCache::statistics() const {

@@ -11,10 +11,10 @@
 
 #include <condition_variable>
 #include <cstdint>
-#include <list>
 #include <memory>
 #include <mutex>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
@@ -41,9 +41,8 @@ class TileCache {
   class Pin {
    public:
     Pin() = default;
-    Pin(Pin&& other) noexcept : cache_(other.cache_), entry_(std::move(other.entry_)) {
-      other.cache_ = nullptr;
-    }
+    Pin(Pin&& other) noexcept
+        : cache_(other.cache_), entry_(std::exchange(other.entry_, nullptr)) {}
     Pin& operator=(Pin&& other) noexcept;
     ~Pin() { release(); }
 
@@ -57,19 +56,19 @@ class TileCache {
 
    private:
     friend class TileCache;
-    Pin(TileCache* cache, std::shared_ptr<Entry> entry) : cache_(cache), entry_(std::move(entry)) {}
+    Pin(TileCache* cache, Entry* entry) : cache_(cache), entry_(entry) {}
     void release();
 
     TileCache* cache_ = nullptr;
-    std::shared_ptr<Entry> entry_;
+    Entry* entry_ = nullptr;
   };
 
   /// Borrows the field. `budget` bytes of decoded samples, `map_budget` resident bytes of the map;
   /// the latter can be exceeded by the pinned tiles of an in-place codec.
   /// Unless `in_place`, tiles of in-place codecs are copied out of the map too.
   TileCache(const Field& field, std::uint64_t budget, std::uint64_t map_budget = kUnlimited,
-            bool in_place = true)
-      : field_(field), budget_(budget), map_budget_(map_budget), in_place_(in_place) {}
+            bool in_place = true);
+  ~TileCache();
 
   /// Thread-safe. Any error of finding, checking or decoding; it is not remembered.
   [[nodiscard]] Result<Pin> get(storage::LayerId layer, TileKey key);
@@ -102,8 +101,15 @@ class TileCache {
     }
   };
 
+  /// The entries that nobody pins, least recently used first, as a ring through `idle_`.
+  struct Link {
+    Link* before = this;
+    Link* after = this;
+  };
+
   void pin_locked(Entry& entry);
-  void unpin(const std::shared_ptr<Entry>& entry);
+  void unpin(Entry& entry);
+  void unpin_locked(Entry& entry);
   void evict_locked(std::uint64_t budget);
   /// Counts the pages that reading a tile brings into the map, and releases them when due.
   void map_locked(const storage::TileRef& tile);
@@ -116,8 +122,8 @@ class TileCache {
   const bool in_place_;
   mutable std::mutex mutex_;
   std::condition_variable loaded_;
-  std::unordered_map<Id, std::shared_ptr<Entry>, Hash> entries_;
-  std::list<Id> unpinned_;           // least recently used first
+  std::unordered_map<Id, std::unique_ptr<Entry>, Hash> entries_;
+  Link idle_;
   std::uint64_t mapped_bytes_ = 0;   // read through the map since it was last released, about
   std::uint64_t mapped_window_ = 0;  // the window that was read last
   std::uint64_t clock_ = 0;
