@@ -156,15 +156,19 @@ void TileCache::pin_locked(Entry& entry) {
 
 void TileCache::map_locked(const storage::TileRef& tile) {
   const auto [begin, end] = field_.store().range(tile);
-  if (begin == end) return;
-  const std::uint64_t first = begin / kMapWindow, last = (end - 1) / kMapWindow;
-  // One more for the table of its record; neighbours are mostly read together.
-  const bool counted = first == mapped_window_;
-  mapped_bytes_ += (last - first + (counted ? 0 : 2)) * kMapWindow;
-  mapped_window_ = last;
+  // Neighbours are mostly read together; others take their record's table and a leaf of the tree,
+  // and so do tiles that are empty.
+  std::uint64_t windows = 2;
+  if (begin < end) {
+    const std::uint64_t first = begin / kMapWindow, last = (end - 1) / kMapWindow;
+    windows = last - first + (first == mapped_window_ ? 0 : 3);
+    mapped_window_ = last;
+  }
+  mapped_bytes_ += windows * kMapWindow;
   if (mapped_bytes_ <= map_budget_) return;
   field_.store().release_all();
   mapped_bytes_ = kTreeWindows * kMapWindow;  // these are soon back
+  mapped_window_ = kUnlimited;
 }
 
 void TileCache::unpin(Entry& entry) {

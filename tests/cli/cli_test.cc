@@ -263,7 +263,7 @@ TEST_F(Cli, AFlippedByteInATileIsFoundWhenItIsDrawn) {
     }
     std::filesystem::remove(place / "o.png");
   }
-  EXPECT_GT(refused, 0);  // how many depends on where the pages lie, and so on the commits
+  EXPECT_GT(refused, 3);  // how many depends on where the pages lie, and so on the commits
 }
 
 TEST_F(Cli, BuildRefusesToOverwriteAndForceStartsOver) {
