@@ -63,7 +63,7 @@ def _count_subfields(bench, part):
             "slf", "measure", field, "--views", 32 if bench.quick else 128, "--size", 256,
             "--distance", distance, "--mode", "bitri", "--json",
         )  # fmt: skip
-        rows[distance] = {row["level"]: row for row in measured["levels"]}
+        rows[distance] = {row["level"]: row for row in measured["runs"][0]["levels"]}
     part.numbers["subfields"] = rows
 
     fig, axes = plots.figure(2, 1, width=10, height=3.3)
@@ -133,7 +133,7 @@ def _measure_memory(bench, part):
             "slf", "measure", field, "--views", 16, "--level", level, "--mode", "depth", "--json",
             "--memory", "2GiB",
         )  # fmt: skip
-        row = measured["levels"][0]
+        row = measured["runs"][0]["levels"][0]
         row["payload"] = sum(
             bench.json("slf", "info", field, "--json")["levels"][level]["bytes"].values()
         )
