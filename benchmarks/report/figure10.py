@@ -12,8 +12,9 @@ LEAST = 6
 def run(bench, part):
     names = [n for n in WANTED if n in bench.volumes][: LEAST if bench.quick else len(WANTED)]
     names += [n for n in SPARE if n in bench.volumes][: max(0, LEAST - len(names))]
-    if len(names) < LEAST:
-        part.left_out.append(f"only {len(names)} volumes are there")
+    absent = [n for n in WANTED if n not in bench.volumes]
+    if absent:
+        part.left_out.append(f"volumes that are not there: {', '.join(absent)} (--data names a folder)")
     widgets, rows, numbers = [], [], {}
     for name in names:
         volume = bench.volume(name)

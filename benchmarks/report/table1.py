@@ -16,6 +16,9 @@ def run(bench, part):
     quick = bench.quick
     sizes = [256, 512] if quick else [256, 512, 1024]
     names = ["brain", "head"] if quick else ["brain", "head", "bonsai", "engine"]
+    absent = [n for n in names if n not in bench.volumes]
+    if absent:
+        part.left_out.append(f"volumes that are not there: {', '.join(absent)} (--data names a folder)")
     spare = [v for v in ("scalp", "monkey", "glass") if v in bench.volumes]
     chosen = [n if n in bench.volumes else spare.pop(0) for n in names if n in bench.volumes or spare]
     volumes = [bench.volume(name) for name in chosen] + [bench.resampled(512)]
