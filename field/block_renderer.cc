@@ -27,11 +27,14 @@ BlockRenderer::BlockRenderer(const Field& field, TileCache& cache, std::uint64_t
       options_(options),
       eye_(eye),
       image_(image),
-      gatherer_(field, cache, pin_bytes, options.needs_depth(), options.wait) {}
+      cache_(cache),
+      pin_bytes_(pin_bytes),
+      gatherers_(options.level + 1) {}
 
 RayBlock& BlockRenderer::rays(std::size_t most_rays) {
   if (rgba_.size() < most_rays + kRayPadding) {
-    gatherer_.resize(most_rays);
+    for (auto& gatherer : gatherers_) gatherer.reset();
+    most_rays_ = most_rays;
     rays_.resize(most_rays);
     missing_.resize(most_rays);
     entries_.resize(most_rays);
@@ -44,10 +47,30 @@ RayBlock& BlockRenderer::rays(std::size_t most_rays) {
   return rays_;
 }
 
+TapGatherer& BlockRenderer::gatherer(unsigned level) {
+  std::optional<TapGatherer>& place = gatherers_[level];
+  if (!place) {
+    // Half of the pins for the finest level, half of the rest for the next...
+    const std::uint64_t share = pin_bytes_ >> (gatherers_.size() - level);
+    place.emplace(field_, cache_, share, options_.needs_depth(), options_.wait);
+    place->resize(most_rays_);
+  }
+  return *place;
+}
+
+void BlockRenderer::add_tiles_to(std::vector<TileKey>& touched, std::vector<TileKey>& wanted) {
+  for (auto& gatherer : gatherers_) {
+    if (!gatherer) continue;
+    touched.insert(touched.end(), gatherer->touched().begin(), gatherer->touched().end());
+    wanted.insert(wanted.end(), gatherer->wanted().begin(), gatherer->wanted().end());
+  }
+}
+
 Result<void> BlockRenderer::draw(std::vector<std::uint64_t>& level_pixels) {
   for (unsigned level = options_.level + 1; level-- > 0 && rays_.count > 0;) {
     missing_.count = 0;
     const std::size_t rays = rays_.count;
+    gatherer_ = &gatherer(level);
     if (auto ok = draw_level(field_.geometry(level)); !ok) return ok;
     level_pixels[level] += rays - missing_.count;
     std::swap(rays_, missing_);
@@ -60,7 +83,7 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
   Pass pass;
   pass.entries = mode == RenderMode::nearest || mode == RenderMode::st ? 1 : 3;
   pass.with_depth = options_.needs_depth();
-  gatherer_.forget_missing();
+  gatherer_->forget_missing();
   if (auto ok = first_pass(geometry, pass); !ok) return ok;
   if (mode == RenderMode::depth) {
     keep_followed(geometry);
@@ -82,8 +105,8 @@ Result<void> BlockRenderer::first_pass(const LevelGeometry& geometry, Pass& pass
              options_.mode == RenderMode::nearest || options_.mode == RenderMode::uv, exits_[0]);
   pass.aim.fill(&rays_.leave);
   pass.exit.fill(&exits_[0]);
-  if (auto ok = gatherer_.gather(geometry, rays_.count, entries_, pass); !ok) return ok;
-  blend(pass, rays_, entries_, gatherer_.samples(), gatherer_.half_floats(), rgba_.data(),
+  if (auto ok = gatherer_->gather(geometry, rays_.count, entries_, pass); !ok) return ok;
+  blend(pass, rays_, entries_, gatherer_->samples(), gatherer_->half_floats(), rgba_.data(),
         t_.data());
   return {};
 }
@@ -96,8 +119,8 @@ Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry,
     pass.aim[c] = &aims_[c];
     pass.exit[c] = &exits_[c];
   }
-  if (auto ok = gatherer_.gather(geometry, rays_.count, entries_, pass); !ok) return ok;
-  blend(pass, rays_, entries_, gatherer_.samples(), gatherer_.half_floats(), rgba_.data(),
+  if (auto ok = gatherer_->gather(geometry, rays_.count, entries_, pass); !ok) return ok;
+  blend(pass, rays_, entries_, gatherer_->samples(), gatherer_->half_floats(), rgba_.data(),
         t_.data());
   return {};
 }
@@ -106,14 +129,14 @@ Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry,
 void BlockRenderer::keep_followed(const LevelGeometry& geometry) {
   std::size_t n = 0;
   for (std::size_t k = 0; k < rays_.count; ++k) {
-    if (gatherer_.missing(k) || rgba_[k].a <= kFaint) {
+    if (gatherer_->missing(k) || rgba_[k].a <= kFaint) {
       finish(k);
       continue;
     }
     if (k != n) copy_ray(rays_, k, rays_, n), t_[n] = t_[k];
     ++n;
   }
-  gatherer_.forget_missing();
+  gatherer_->forget_missing();
   if (n == rays_.count) return;
   rays_.count = n;
   find_entries(geometry, rays_, false, true, entries_);
@@ -122,7 +145,7 @@ void BlockRenderer::keep_followed(const LevelGeometry& geometry) {
 /// Writes the rays' pixels, many at a time where they are side by side.
 void BlockRenderer::finish_all() {
   constexpr std::size_t kRun = 16;
-  const bool plain = !options_.with_depth && !gatherer_.any_missing();
+  const bool plain = !options_.with_depth && !gatherer_->any_missing();
   for (std::size_t k = 0; k < rays_.count;) {
     const std::uint32_t pixel = rays_.pixel[k];  // they ascend
     if (plain && k + kRun <= rays_.count && rays_.pixel[k + kRun - 1] == pixel + kRun - 1) {
@@ -146,7 +169,7 @@ void BlockRenderer::finish(std::size_t ray) {
     image_.depth[pixel] = rgba_[ray].a > 0 ? static_cast<float>(glm::distance(eye_, seen))
                                            : std::numeric_limits<float>::infinity();
   }
-  if (gatherer_.missing(ray)) copy_ray(rays_, ray, missing_, missing_.count++);
+  if (gatherer_->missing(ray)) copy_ray(rays_, ray, missing_, missing_.count++);
 }
 
 }  // namespace slf

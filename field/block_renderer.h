@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <optional>
 #include <vector>
 
 #include "field/ray_block.h"
@@ -30,12 +31,12 @@ class BlockRenderer {
   /// the next coarser level; each counts in `level_pixels` for the level that had all it needs.
   [[nodiscard]] Result<void> draw(std::vector<std::uint64_t>& level_pixels);
 
-  /// Tiles touched since this was last cleared; with repetitions.
-  [[nodiscard]] std::vector<TileKey>& touched() { return gatherer_.touched(); }
-  /// Of them, those that were not waited for.
-  [[nodiscard]] std::vector<TileKey>& wanted() { return gatherer_.wanted(); }
+  /// Appends the tiles touched since this was made, and of them those that were not waited for;
+  /// with repetitions.
+  void add_tiles_to(std::vector<TileKey>& touched, std::vector<TileKey>& wanted);
 
  private:
+  [[nodiscard]] TapGatherer& gatherer(unsigned level);
   [[nodiscard]] Result<void> draw_level(const LevelGeometry& geometry);
   [[nodiscard]] Result<void> first_pass(const LevelGeometry& geometry, Pass& pass);
   [[nodiscard]] Result<void> depth_pass(const LevelGeometry& geometry,
@@ -48,7 +49,11 @@ class BlockRenderer {
   const ViewOptions& options_;
   const glm::dvec3 eye_;
   Image& image_;
-  TapGatherer gatherer_;
+  TileCache& cache_;
+  const std::uint64_t pin_bytes_;
+  std::vector<std::optional<TapGatherer>> gatherers_;  // by level, so that each keeps its tiles
+  TapGatherer* gatherer_ = nullptr;                    // of the level that is drawn
+  std::size_t most_rays_ = 0;
   RayBlock rays_, missing_;
   EntryArrays entries_;
   std::array<PointArrays, 3> aims_;

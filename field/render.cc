@@ -153,10 +153,12 @@ class ViewJob {
       hit += rays.count;
       if (auto ok = renderer.draw(level_pixels); !ok) error = ok.error();
     }
-    sort_unique(renderer.touched());
+    std::vector<TileKey> touched, wanted;
+    renderer.add_tiles_to(touched, wanted);
+    sort_unique(touched);
     const std::lock_guard lock(mutex_);
-    touched_.insert(touched_.end(), renderer.touched().begin(), renderer.touched().end());
-    wanted_.insert(wanted_.end(), renderer.wanted().begin(), renderer.wanted().end());
+    touched_.insert(touched_.end(), touched.begin(), touched.end());
+    wanted_.insert(wanted_.end(), wanted.begin(), wanted.end());
     for (std::size_t level = 0; level < level_pixels.size(); ++level)
       level_pixels_[level] += level_pixels[level];
     hit_ += hit;
