@@ -33,6 +33,12 @@ void TapGatherer::resize(std::size_t rays) {
 }
 
 void TapGatherer::forget_tiles() {
+  std::vector<TileCache::Pin> pins;
+  for (Tile& tile : tiles_) {
+    if (tile.color) pins.push_back(std::move(tile.color));
+    if (tile.depth) pins.push_back(std::move(tile.depth));
+  }
+  cache_.release(pins);
   numbers_.clear();
   tiles_.clear();
   lacks_tiles_ = false;
@@ -53,14 +59,17 @@ void TapGatherer::add_tiles() {
 Result<void> TapGatherer::pin(Wave wave) {
   if (wave.begin == wave.end) return {};
   const bool wait = wait_ || geometry_->level() == 0;  // something must be drawn
+  std::vector<TileKey> keys;
+  for (std::uint32_t n = wave.begin; n < wave.end; ++n) keys.push_back(tiles_[n].key);
   if (wait) {
-    std::vector<TileKey> keys;
-    for (std::uint32_t n = wave.begin; n < wave.end; ++n) keys.push_back(tiles_[n].key);
     cache_.advise(color_, keys);
     if (depth_) cache_.advise(*depth_, keys);
+    for (std::uint32_t n = wave.begin; n < wave.end; ++n)
+      if (auto ok = load(tiles_[n]); !ok) return ok;
+  } else {
+    find({tiles_.data() + wave.begin, keys.size()}, keys);
   }
   for (std::uint32_t n = wave.begin; n < wave.end; ++n) {
-    if (auto ok = pin(tiles_[n], wait); !ok) return ok;
     lacks_tiles_ |= tiles_[n].missing;
     offsets_.color[n] = offset_of(tiles_[n].color);
     offsets_.depth[n] = offset_of(tiles_[n].depth);
@@ -68,20 +77,30 @@ Result<void> TapGatherer::pin(Wave wave) {
   return {};
 }
 
-Result<void> TapGatherer::pin(Tile& tile, bool wait) {
-  const auto take = [&](storage::LayerId layer, TileCache::Pin& pin) -> Result<void> {
-    auto found = wait ? cache_.get(layer, tile.key) : cache_.find(layer, tile.key);
-    if (!found) return tl::unexpected(found.error());
-    pin = std::move(*found);
-    if (pin) return {};
-    tile.missing = true;
-    wanted_.push_back(tile.key);
-    return {};
-  };
-  if (auto ok = take(color_, tile.color); !ok) return ok;
-  if (!tile.color) return {};
+Result<void> TapGatherer::load(Tile& tile) {
+  auto color = cache_.get(color_, tile.key);
+  if (!color) return tl::unexpected(color.error());
+  tile.color = std::move(*color);
   tile.missing = tile.color.state() == storage::TileState::missing;
-  return tile.color.samples() && depth_ ? take(*depth_, tile.depth) : Result<void>{};
+  if (!tile.color.samples() || !depth_) return {};
+  auto depth = cache_.get(*depth_, tile.key);
+  if (!depth) return tl::unexpected(depth.error());
+  tile.depth = std::move(*depth);
+  return {};
+}
+
+void TapGatherer::find(std::span<Tile> tiles, std::span<const TileKey> keys) {
+  auto colors = cache_.find(color_, keys);
+  auto depths = depth_ ? cache_.find(*depth_, keys) : std::vector<TileCache::Pin>(keys.size());
+  for (std::size_t k = 0; k < tiles.size(); ++k) {
+    Tile& tile = tiles[k];
+    tile.color = std::move(colors[k]);
+    tile.depth = std::move(depths[k]);
+    const bool visible = tile.color && tile.color.samples();
+    const bool here = tile.color && (!visible || !depth_ || tile.depth);
+    tile.missing = !here || tile.color.state() == storage::TileState::missing;
+    if (!here) wanted_.push_back(tile.key);
+  }
 }
 
 std::int64_t TapGatherer::offset_of(const TileCache::Pin& pin) const {

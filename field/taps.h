@@ -25,6 +25,9 @@ class TapGatherer {
   /// Unless it waits, tiles of levels above 0 that are not in the cache count as missing.
   TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes, bool with_depth,
               bool wait);
+  TapGatherer(const TapGatherer&) = delete;
+  TapGatherer& operator=(const TapGatherer&) = delete;
+  ~TapGatherer() { forget_tiles(); }
 
   void resize(std::size_t rays);
 
@@ -58,7 +61,9 @@ class TapGatherer {
   void forget_tiles();
   void add_tiles();
   [[nodiscard]] Result<void> pin(Wave wave);
-  [[nodiscard]] Result<void> pin(Tile& tile, bool wait);
+  [[nodiscard]] Result<void> load(Tile& tile);
+  /// Takes what the cache holds of tiles.
+  void find(std::span<Tile> tiles, std::span<const TileKey> keys);
   void unpin(Wave wave);
   void take(Wave wave, std::size_t count, const EntryArrays& entries, const Pass& pass, bool add);
   [[nodiscard]] std::int64_t offset_of(const TileCache::Pin& pin) const;

@@ -82,15 +82,25 @@ Result<TileCache::Pin> TileCache::get(storage::LayerId layer, TileKey key) {
   return tl::unexpected(ok.error());
 }
 
-TileCache::Pin TileCache::find(storage::LayerId layer, TileKey key) {
+std::vector<TileCache::Pin> TileCache::find(storage::LayerId layer, std::span<const TileKey> keys) {
+  std::vector<Pin> pins(keys.size());
   const std::lock_guard lock(mutex_);
-  const auto found = entries_.find({layer, key});
-  if (found == entries_.end()) return {};
-  Entry& entry = *found->second;
-  if (!entry.ready || entry.error) return {};
-  pin_locked(entry);
-  ++statistics_.hits;
-  return Pin(this, &entry);
+  for (std::size_t k = 0; k < keys.size(); ++k) {
+    const auto found = entries_.find({layer, keys[k]});
+    if (found == entries_.end()) continue;
+    Entry& entry = *found->second;
+    if (!entry.ready || entry.error) continue;
+    pin_locked(entry);
+    ++statistics_.hits;
+    pins[k] = Pin(this, &entry);
+  }
+  return pins;
+}
+
+void TileCache::release(std::span<Pin> pins) {
+  const std::lock_guard lock(mutex_);
+  for (Pin& pin : pins)
+    if (pin.entry_) unpin_locked(*std::exchange(pin.entry_, nullptr));
 }
 
 void TileCache::charge(Entry& entry, std::uint64_t bytes) {

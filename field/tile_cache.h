@@ -73,8 +73,12 @@ class TileCache {
   /// Thread-safe. Any error of finding, checking or decoding; it is not remembered.
   [[nodiscard]] Result<Pin> get(storage::LayerId layer, TileKey key);
 
-  /// The tile if it is loaded already, else none. Thread-safe; waits for nobody.
-  [[nodiscard]] Pin find(storage::LayerId layer, TileKey key);
+  /// The tiles that are loaded already; where one is not, an empty pin. Thread-safe; waits for
+  /// nobody.
+  [[nodiscard]] std::vector<Pin> find(storage::LayerId layer, std::span<const TileKey> keys);
+
+  /// Lets go of many pins at once.
+  void release(std::span<Pin> pins);
 
   /// Asks the kernel to read the payloads of tiles that are not here yet: call it with all that
   /// will be wanted next, so that the disk works on many at a time.
