@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <mutex>
 #include <numbers>
@@ -15,7 +16,9 @@
 namespace slf {
 namespace {
 
-constexpr std::uint32_t kBlock = 16;      // edge in pixels; larger ones leave the core's own cache
+constexpr std::uint32_t kBlock = 16;  // edge in pixels; larger ones leave the core's own cache
+constexpr std::uint32_t kRun = 8;  // blocks taken at once: cache lines of the image are shared only
+                                   // where runs meet
 constexpr std::size_t kRayScratch = 512;  // bytes of scratch per ray of a block, about
 
 void sort_unique(std::vector<TileKey>& keys) {
@@ -145,13 +148,16 @@ class ViewJob {
     std::vector<std::uint64_t> level_pixels(level_pixels_.size());
     std::uint64_t hit = 0;
     std::optional<Error> error;
-    for (std::uint32_t block; !error && (block = next_++) < blocks_;) {
-      RayBlock& rays = renderer.rays(std::size_t{kBlock} * kBlock);
-      const PixelBlock square = pixels(block);
-      cast_rays(fan_, square, rays);
-      if (rays.count < std::size_t{square.x1 - square.x0} * (square.y1 - square.y0)) clear(square);
-      hit += rays.count;
-      if (auto ok = renderer.draw(level_pixels); !ok) error = ok.error();
+    for (std::uint32_t run; !error && (run = next_run_++) < runs();) {
+      for (std::uint32_t block = run * kRun; block < std::min((run + 1) * kRun, blocks_); ++block) {
+        RayBlock& rays = renderer.rays(std::size_t{kBlock} * kBlock);
+        const PixelBlock square = pixels(block);
+        cast_rays(fan_, square, rays);
+        if (rays.count < std::size_t{square.x1 - square.x0} * (square.y1 - square.y0))
+          clear(square);
+        hit += rays.count;
+        if (auto ok = renderer.draw(level_pixels); !ok) error = ok.error();
+      }
     }
     std::vector<TileKey> touched, wanted;
     renderer.add_tiles_to(touched, wanted);
@@ -163,10 +169,10 @@ class ViewJob {
       level_pixels_[level] += level_pixels[level];
     hit_ += hit;
     if (error && !error_) error_ = error;
-    if (error) next_ = blocks_;
+    if (error) next_run_ = runs();
   }
 
-  [[nodiscard]] std::uint32_t blocks() const { return blocks_; }
+  [[nodiscard]] std::uint32_t runs() const { return (blocks_ + kRun - 1) / kRun; }
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
 
   /// What the engine counted; bytes and pages are looked up by count_bytes.
@@ -188,7 +194,7 @@ class ViewJob {
   void clear(const PixelBlock& block) {
     for (std::uint32_t y = block.y0; y < block.y1; ++y) {
       const std::size_t row = std::size_t{y} * camera_.width;
-      std::fill(&image_.rgba[row + block.x0], &image_.rgba[row + block.x1 - 1] + 1, glm::vec4(0));
+      std::memset(&image_.rgba[row + block.x0], 0, (block.x1 - block.x0) * sizeof(glm::vec4));
       if (options_.with_depth)
         std::fill(&image_.depth[row + block.x0], &image_.depth[row + block.x1 - 1] + 1,
                   std::numeric_limits<float>::infinity());
@@ -203,7 +209,7 @@ class ViewJob {
   const ViewOptions& options_;
   const std::uint32_t across_, blocks_;
   Image& image_;
-  std::atomic<std::uint32_t> next_{0};
+  std::atomic<std::uint32_t> next_run_{0};
   std::mutex mutex_;
   std::optional<Error> error_;
   std::vector<TileKey> touched_, wanted_;
@@ -231,7 +237,7 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
   state_->cache->reset_peak();
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
   ViewJob job(field, *state_->cache, state_->pin_bytes, camera, *rays, options, image);
-  on_threads(std::min(state_->threads, job.blocks()), [&] { job.work(); });
+  on_threads(std::min(state_->threads, job.runs()), [&] { job.work(); });
   if (job.error()) return tl::unexpected(*job.error());
 
   if (statistics) {
