@@ -9,6 +9,7 @@
 #include "codec/jpeg_encode.h"
 #include "codec/jpeg_pictures.h"
 #include "codec/mosaic.h"
+#include "codec/premultiply.h"
 #include "codec/scratch.h"
 
 namespace slf::codec {
@@ -83,20 +84,15 @@ Result<void> JpegCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payloa
 
 // Samples from the pixels of a mosaic and the alpha of each sample.
 void blend(const Tile& tile, const Mosaic& mosaic, std::span<const std::uint8_t> pixels,
-           std::span<const std::uint8_t> alpha, std::uint8_t* samples) {
+           std::span<const std::uint8_t> alpha, std::span<std::byte> samples) {
+  thread_local Scratch<std::uint32_t> scratch;
+  const auto words = scratch.take(alpha.size());
+  const ByteSpan from = std::as_bytes(pixels);
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
-    std::memcpy(samples + sample * 4, &pixels[pixel * 4], 4);
+    std::memcpy(&words[sample], &from[pixel * 4], 4);
   });
-  for (std::size_t i = 0; i < alpha.size(); ++i) {
-    std::uint8_t* to = samples + i * 4;
-    const unsigned a = alpha[i];
-    // (c × a) / 255, rounded.
-    for (int c = 0; c < 3; ++c) {
-      const unsigned product = to[c] * a + 128;
-      to[c] = static_cast<std::uint8_t>((product + (product >> 8)) >> 8);
-    }
-    to[3] = static_cast<std::uint8_t>(a);
-  }
+  premultiply(words, alpha);
+  std::memcpy(samples.data(), words.data(), samples.size());
 }
 
 Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload,
@@ -129,7 +125,7 @@ Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload,
   }
   if (auto done = decode_scan(tables_, shape_of(mosaic, color_), payload, pixels); !done)
     return done;
-  blend(tile, mosaic, pixels, alpha, out);
+  blend(tile, mosaic, pixels, alpha, samples);
   return {};
 }
 
