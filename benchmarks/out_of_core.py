@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 
-SHAPE = ["--entry", "5", "--exit", "8", "--levels", "4"]
+SHAPE = ["--entry", "10", "--entry-depth", "1", "--exit", "16", "--levels", "3"]
 CODECS = ["--color-codec", "raw", "--depth-codec", "raw"]
 LEAST_BYTES = 8_000_000_000
 MIB = 1 << 20
@@ -157,10 +157,10 @@ def main():
     parser.add_argument("--folder", required=True, help="where the field is, or is built")
     parser.add_argument("--jpeg", help="a JPEG field for the first frame and the bytes read")
     parser.add_argument("--limit", type=int, default=256, help="MiB of memory (256)")
-    parser.add_argument("--memory", default="112MiB", help="slf's own budget")
+    parser.add_argument("--memory", default="160MiB", help="slf's own budget")
     parser.add_argument("--map-budget", default="32MiB")
     parser.add_argument("--size", default="512x512")
-    parser.add_argument("--seconds", default="12", help="length of an orbit")
+    parser.add_argument("--seconds", default="24", help="length of an orbit")
     parser.add_argument("--json", help="also write the numbers here")
     a = parser.parse_args()
 

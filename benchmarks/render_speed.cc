@@ -112,9 +112,9 @@ class GatherList {
     const codec::Tile shape = geometry_.tile(entry, codec::SampleFormat::rgba8);
     samples_.resize(samples_.size() + shape.bytes() / 4);
     const auto pin =
-        cache_.get(0, tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)}));
-    if (pin && pin->samples())
-      std::memcpy(samples_.data() + found->second, pin->samples(), shape.bytes());
+        cache_.get(tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)}), false);
+    if (pin && pin->color())
+      std::memcpy(samples_.data() + found->second, pin->color(), shape.bytes());
     return found->second;
   }
 

@@ -1,6 +1,7 @@
 #include "field/player.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
@@ -13,13 +14,15 @@
 namespace slf {
 namespace {
 
-constexpr std::uint32_t kPreviewEdge = 96;  // pixels along a preview's longer side
-constexpr std::size_t kBatch = 64;          // tiles between looks at whether the plan has changed
-constexpr double kCut = 0.5;                // radians a frame; beyond it is another place
+// Pixels along a preview's longer side. Edges take turns, so that views that follow each other are
+// looked at along other rays.
+constexpr std::array<std::uint32_t, 4> kPreviewEdges{83, 97, 89, 101};
+constexpr std::size_t kBatch = 64;  // tiles between looks at whether the plan has changed
+constexpr double kCut = 0.5;        // radians a frame; beyond it is another place
 
-Camera preview_of(Camera camera) {
-  const double scale =
-      std::min(1.0, kPreviewEdge / static_cast<double>(std::max(camera.width, camera.height)));
+Camera preview_of(Camera camera, std::uint64_t turn) {
+  const auto longer = static_cast<double>(std::max(camera.width, camera.height));
+  const double scale = std::min(1.0, kPreviewEdges[turn % kPreviewEdges.size()] / longer);
   const auto scaled = [&](std::uint32_t edge) {
     return std::max(1u, static_cast<std::uint32_t>(std::lround(edge * scale)));
   };
@@ -66,10 +69,8 @@ Camera predict(const glm::dvec3& center, const Camera& before, const Camera& now
 /// to come, coarse levels first.
 class Player::Loader {
  public:
-  Loader(const Field& field, const Renderer& renderer, const ViewOptions& view)
+  Loader(const Renderer& renderer, const ViewOptions& view)
       : cache_(renderer.cache()),
-        color_(field.layer("color").value_or(0)),
-        depth_(view.needs_depth() ? field.layer("depth") : std::nullopt),
         view_(view),
         previewer_(renderer, 1),
         thread_([this] { run(); }) {}
@@ -142,40 +143,32 @@ class Player::Loader {
     const auto batch = [&](std::size_t from) {
       return keys.subspan(from, std::min(kBatch, keys.size() - from));
     };
-    advise(batch(0));
+    cache_.advise(batch(0), view_.needs_depth());
     for (std::size_t at = 0; at < keys.size(); at += kBatch) {
       if (outdated() || !cache_.has_room(frame_began)) return false;
-      if (at + kBatch < keys.size()) advise(batch(at + kBatch));
-      for (const TileKey& key : batch(at)) {
-        if (auto tile = cache_.get(color_, key); !tile) return tl::unexpected(tile.error());
-        if (!depth_) continue;
-        if (auto tile = cache_.get(*depth_, key); !tile) return tl::unexpected(tile.error());
-      }
+      if (at + kBatch < keys.size()) cache_.advise(batch(at + kBatch), view_.needs_depth());
+      for (const TileKey& key : batch(at))
+        if (auto tile = cache_.get(key, view_.needs_depth()); !tile)
+          return tl::unexpected(tile.error());
     }
     return true;
   }
 
-  void advise(std::span<const TileKey> keys) {
-    cache_.advise(color_, keys);
-    if (depth_) cache_.advise(*depth_, keys);
-  }
-
-  /// Loads what a small picture of a view touches. What it sees changes as tiles come, so it is
-  /// drawn until it lacks nothing. False: as load().
+  /// Loads what a small picture of a view touches. What it sees leads to more as tiles come, so it
+  /// is drawn until it lacks nothing. False: as load().
   [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint64_t frame_began) {
-    for (;;) {
+    for (std::uint64_t turn = current_; !outdated(); ++turn) {
       ViewStatistics statistics;
-      if (auto ok = previewer_.render(preview_of(camera), view_, preview_, &statistics); !ok)
+      if (auto ok = previewer_.render(preview_of(camera, turn), view_, preview_, &statistics); !ok)
         return tl::unexpected(ok.error());
       if (statistics.wanted.empty()) return true;
       const auto loaded = load(statistics.wanted, frame_began);
       if (!loaded || !*loaded) return loaded;
     }
+    return false;
   }
 
   TileCache& cache_;
-  const storage::LayerId color_;
-  const std::optional<storage::LayerId> depth_;
   ViewOptions view_;
   Renderer previewer_;
   Image preview_;
@@ -216,17 +209,14 @@ Result<std::unique_ptr<Player>> Player::make(const Field& field, const PlayOptio
 
   // Something can be drawn from the first frame on, whatever comes next.
   TileCache& cache = player->renderer_.cache();
-  for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
-    if (field.manifest().layers[layer].name == "depth" && !options.view.needs_depth()) continue;
-    for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_depth); ++index) {
-      if (4 * cache.statistics().decoded_bytes > options.renderer.memory) break;
-      auto tile = cache.get(layer, {0, index});
-      if (!tile) return tl::unexpected(tile.error());
-      player->coarsest_.push_back(std::move(*tile));
-    }
+  for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_depth); ++index) {
+    if (4 * cache.statistics().decoded_bytes > options.renderer.memory) break;
+    auto tile = cache.get({0, index}, options.view.needs_depth());
+    if (!tile) return tl::unexpected(tile.error());
+    player->coarsest_.push_back(std::move(*tile));
   }
   player->seen_ = cache.statistics();
-  player->loader_ = std::make_unique<Loader>(field, player->renderer_, player->options_.view);
+  player->loader_ = std::make_unique<Loader>(player->renderer_, player->options_.view);
   return player;
 }
 
@@ -254,8 +244,9 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
   std::vector<Camera> next;
   if (options_.loading == Loading::ahead) {
     const glm::dvec3& center = field_.shape().sphere.center;
-    next.push_back(camera);  // what was lacking may lead to more
-    for (unsigned k = 1; before_ && k <= options_.horizon; ++k)
+    if (!statistics.wanted.empty()) next.push_back(camera);  // it may lead to more
+    // Tiles span several frames: the further ahead, the fewer looks are needed.
+    for (unsigned k = 1; before_ && k <= options_.horizon; k *= 2)
       next.push_back(predict(center, *before_, camera, k));
   }
   const auto level = static_cast<unsigned>(statistics.level_pixels.size() - 1);

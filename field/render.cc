@@ -16,9 +16,7 @@
 namespace slf {
 namespace {
 
-constexpr std::uint32_t kBlock = 16;  // edge in pixels; larger ones leave the core's own cache
-constexpr std::uint32_t kRun = 8;  // blocks taken at once: cache lines of the image are shared only
-                                   // where runs meet
+constexpr std::uint32_t kBlock = 16;      // edge in pixels; larger ones leave the core's own cache
 constexpr std::size_t kRayScratch = 512;  // bytes of scratch per ray of a block, about
 
 void sort_unique(std::vector<TileKey>& keys) {
@@ -121,35 +119,45 @@ RayFan make_fan(const Sphere& sphere, const RayGenerator& rays, std::uint32_t wi
           rays.down() * scale, width};
 }
 
+std::uint32_t blocks_across(std::uint32_t pixels) { return (pixels + kBlock - 1) / kBlock; }
+std::uint32_t block_count(const Camera& camera) {
+  return blocks_across(camera.width) * blocks_across(camera.height);
+}
+
 /// One picture under way: blocks are taken by any thread, each writes pixels of its own.
 class ViewJob {
  public:
-  ViewJob(const Field& field, TileCache& cache, std::uint64_t pin_bytes, const Camera& camera,
-          const RayGenerator& rays, const ViewOptions& options, Image& image)
+  ViewJob(const Field& field, TileCache& cache, unsigned threads, std::uint64_t pin_bytes,
+          const Camera& camera, const RayGenerator& rays, const ViewOptions& options, Image& image)
       : field_(field),
         cache_(cache),
         pin_bytes_(pin_bytes),
         camera_(camera),
         fan_(make_fan(field.shape().sphere, rays, camera.width)),
         options_(options),
-        across_((camera.width + kBlock - 1) / kBlock),
-        blocks_(across_ * ((camera.height + kBlock - 1) / kBlock)),
+        across_(blocks_across(camera.width)),
+        blocks_(block_count(camera)),
+        bands_(threads),
         image_(image),
         level_pixels_(options.level + 1) {
     image_.width = camera.width;
     image_.height = camera.height;
     image_.rgba.resize(std::size_t{camera.width} * camera.height);
     image_.depth.resize(options.with_depth ? image_.rgba.size() : 0);
+    for (std::uint32_t band = 0; band < threads; ++band) bands_[band].next = begin_of(band);
   }
 
-  /// Draws blocks until none are left. Called by each thread.
+  /// Draws blocks until none are left. Called by each thread; each has a band of the picture of its
+  /// own, so that few tiles and cache lines are shared, and then helps with the others.
   void work() {
     BlockRenderer renderer(field_, cache_, pin_bytes_, options_, camera_.eye, image_);
     std::vector<std::uint64_t> level_pixels(level_pixels_.size());
     std::uint64_t hit = 0;
     std::optional<Error> error;
-    for (std::uint32_t run; !error && (run = next_run_++) < runs();) {
-      for (std::uint32_t block = run * kRun; block < std::min((run + 1) * kRun, blocks_); ++block) {
+    const std::uint32_t own = workers_++;
+    for (std::uint32_t k = 0; k < bands_.size(); ++k) {
+      const auto band = (own + k) % static_cast<std::uint32_t>(bands_.size());
+      for (std::uint32_t block; !error && (block = bands_[band].next++) < begin_of(band + 1);) {
         RayBlock& rays = renderer.rays(std::size_t{kBlock} * kBlock);
         const PixelBlock square = pixels(block);
         cast_rays(fan_, square, rays);
@@ -169,10 +177,10 @@ class ViewJob {
       level_pixels_[level] += level_pixels[level];
     hit_ += hit;
     if (error && !error_) error_ = error;
-    if (error) next_run_ = runs();
+    if (!error) return;
+    for (Band& band : bands_) band.next = blocks_;
   }
 
-  [[nodiscard]] std::uint32_t runs() const { return (blocks_ + kRun - 1) / kRun; }
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
 
   /// What the engine counted; bytes and pages are looked up by count_bytes.
@@ -186,6 +194,15 @@ class ViewJob {
   }
 
  private:
+  /// Blocks from begin_of(band) to begin_of(band + 1).
+  struct alignas(64) Band {
+    std::atomic<std::uint32_t> next{0};
+  };
+
+  [[nodiscard]] std::uint32_t begin_of(std::uint32_t band) const {
+    return static_cast<std::uint32_t>(std::uint64_t{blocks_} * band / bands_.size());
+  }
+
   [[nodiscard]] PixelBlock pixels(std::uint32_t block) const {
     const std::uint32_t x0 = block % across_ * kBlock, y0 = block / across_ * kBlock;
     return {x0, y0, std::min(x0 + kBlock, camera_.width), std::min(y0 + kBlock, camera_.height)};
@@ -208,8 +225,9 @@ class ViewJob {
   const RayFan fan_;
   const ViewOptions& options_;
   const std::uint32_t across_, blocks_;
+  std::vector<Band> bands_;
   Image& image_;
-  std::atomic<std::uint32_t> next_run_{0};
+  std::atomic<std::uint32_t> workers_{0};
   std::mutex mutex_;
   std::optional<Error> error_;
   std::vector<TileKey> touched_, wanted_;
@@ -236,8 +254,9 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
 
   state_->cache->reset_peak();
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
-  ViewJob job(field, *state_->cache, state_->pin_bytes, camera, *rays, options, image);
-  on_threads(std::min(state_->threads, job.runs()), [&] { job.work(); });
+  const unsigned threads = std::min(state_->threads, block_count(camera));
+  ViewJob job(field, *state_->cache, threads, state_->pin_bytes, camera, *rays, options, image);
+  on_threads(threads, [&] { job.work(); });
   if (job.error()) return tl::unexpected(*job.error());
 
   if (statistics) {

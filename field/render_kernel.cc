@@ -264,36 +264,45 @@ void find_exits_any(const LevelGeometry& geometry, const PointArrays& points, st
   }
 }
 
+/// The numbers of tiles as far as they were asked for recently; of others, kNoTile.
+HWY_INLINE VU recent_numbers(const TileNumbers::Recent& recent, VU entry, VU exit) {
+  const DU d;
+  const VU hash = hn::Add(hn::Mul(entry, hn::Set(d, TileNumbers::Recent::kEntryFactor)),
+                          hn::Mul(exit, hn::Set(d, TileNumbers::Recent::kExitFactor)));
+  const VI slot = hn::BitCast(DI(), hn::ShiftRight<TileNumbers::Recent::kShift>(hash));
+  const auto same = hn::And(hn::Eq(hn::GatherIndex(d, recent.entry.data(), slot), entry),
+                            hn::Eq(hn::GatherIndex(d, recent.exit.data(), slot), exit));
+  return hn::IfThenElse(same, hn::GatherIndex(d, recent.number.data(), slot), hn::Set(d, kNoTile));
+}
+
 void number_tiles_any(const Pass& pass, const EntryArrays& entries, std::size_t count,
                       TileNumbers& numbers, TileArrays& tiles) {
   const DU d;
   const VU no_tile = hn::Set(d, kNoTile);
-  TileNumbers::Pair last{kNoTile, kNoTile};
-  std::uint32_t number = kNoTile;
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
-    VU tile = no_tile, entry = no_tile, exit = no_tile;  // of the slot before
+    VU tile = no_tile, last_entry = no_tile, last_exit = no_tile;  // of the slot before
     for (std::size_t c = 0; c < pass.entries; ++c) {
-      // Mostly a ray's entry slots share a tile, and neighbours do: one look-up for all of them.
-      const auto here_entry = hn::LoadU(d, &entries.section[c][k]);
-      const auto here_exit = hn::LoadU(d, &pass.exit[c]->section[k]);
-      const auto as_before = hn::And(hn::Eq(here_entry, entry), hn::Eq(here_exit, exit));
+      const VU entry = hn::LoadU(d, &entries.section[c][k]);
+      const VU exit = hn::LoadU(d, &pass.exit[c]->section[k]);
       const auto used =
           hn::And(hn::RebindMask(d, hn::Gt(hn::LoadU(D(), &entries.weight[c][k]), hn::Zero(D()))),
                   hn::FirstN(d, count - k));
-      entry = here_entry, exit = here_exit;
-      const auto as_last =
-          hn::And(hn::Eq(entry, hn::Set(d, last.entry)), hn::Eq(exit, hn::Set(d, last.exit)));
-      tile = hn::IfThenElse(as_before, tile, no_tile);
-      tile = hn::IfThenElse(as_last, hn::Set(d, number), tile);
-      tile = hn::IfThenElse(used, tile, no_tile);
+      // Mostly a ray's entry slots share a tile.
+      const auto as_before = hn::And(hn::Eq(entry, last_entry), hn::Eq(exit, last_exit));
+      tile = hn::IfThenElse(hn::And(as_before, used), tile, no_tile);
+      last_entry = entry, last_exit = exit;
       auto left = hn::And(used, hn::Eq(tile, no_tile));
+      if (!hn::AllFalse(d, left)) {
+        tile = hn::IfThenElse(left, recent_numbers(numbers.recent(), entry, exit), tile);
+        left = hn::And(used, hn::Eq(tile, no_tile));
+      }
       while (!hn::AllFalse(d, left)) {
         const auto lane = k + static_cast<std::size_t>(hn::FindFirstTrue(d, left));
         const TileNumbers::Pair pair{entries.section[c][lane], pass.exit[c]->section[lane]};
-        number = numbers.number(last = pair);
+        const VU number = hn::Set(d, numbers.number(pair));
         const auto same =
             hn::And(hn::Eq(entry, hn::Set(d, pair.entry)), hn::Eq(exit, hn::Set(d, pair.exit)));
-        tile = hn::IfThenElse(hn::And(same, left), hn::Set(d, number), tile);
+        tile = hn::IfThenElse(hn::And(same, left), number, tile);
         left = hn::AndNot(same, left);
       }
       hn::StoreU(tile, d, &tiles[c][k]);

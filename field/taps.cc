@@ -14,9 +14,8 @@ constexpr std::uint64_t kPinBytes = 512;  // bookkeeping of a pinned tile, about
 TapGatherer::TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
                          bool with_depth, bool wait)
     : cache_(cache),
-      color_(field.layer("color").value_or(0)),
-      depth_(with_depth ? field.layer("depth") : std::nullopt),
-      format_(field.manifest().layers[color_].format),
+      format_(field.manifest().layers[field.layer("color").value_or(0)].format),
+      with_depth_(with_depth),
       columns_(triangle_size(field.shape().exit_side)),
       wait_(wait),
       zeros_(columns_ * codec::sample_bytes(format_) + 8) {
@@ -34,10 +33,8 @@ void TapGatherer::resize(std::size_t rays) {
 
 void TapGatherer::forget_tiles() {
   std::vector<TileCache::Pin> pins;
-  for (Tile& tile : tiles_) {
-    if (tile.color) pins.push_back(std::move(tile.color));
-    if (tile.depth) pins.push_back(std::move(tile.depth));
-  }
+  for (Tile& tile : tiles_)
+    if (tile.pin) pins.push_back(std::move(tile.pin));
   cache_.release(pins);
   numbers_.clear();
   tiles_.clear();
@@ -50,7 +47,7 @@ void TapGatherer::add_tiles() {
   for (std::size_t n = tiles_.size(); n < numbers_.pairs().size(); ++n) {
     const auto [entry, exit] = numbers_.pairs()[n];
     touched_.push_back(tile_key({geometry_->entry_section(entry), geometry_->exit_section(exit)}));
-    tiles_.push_back({touched_.back(), {}, {}, false});
+    tiles_.push_back({touched_.back(), {}, false});
   }
   offsets_.color.resize(tiles_.size() + 1);
   offsets_.depth.resize(tiles_.size() + 1);
@@ -62,56 +59,48 @@ Result<void> TapGatherer::pin(Wave wave) {
   std::vector<TileKey> keys;
   for (std::uint32_t n = wave.begin; n < wave.end; ++n) keys.push_back(tiles_[n].key);
   if (wait) {
-    cache_.advise(color_, keys);
-    if (depth_) cache_.advise(*depth_, keys);
+    cache_.advise(keys, with_depth_);
     for (std::uint32_t n = wave.begin; n < wave.end; ++n)
       if (auto ok = load(tiles_[n]); !ok) return ok;
   } else {
     find({tiles_.data() + wave.begin, keys.size()}, keys);
   }
   for (std::uint32_t n = wave.begin; n < wave.end; ++n) {
-    lacks_tiles_ |= tiles_[n].missing;
-    offsets_.color[n] = offset_of(tiles_[n].color);
-    offsets_.depth[n] = offset_of(tiles_[n].depth);
+    const Tile& tile = tiles_[n];
+    lacks_tiles_ |= tile.missing;
+    offsets_.color[n] = tile.pin ? offset_of(tile.pin.color()) : 0;
+    offsets_.depth[n] = tile.pin ? offset_of(tile.pin.depth()) : 0;
   }
   return {};
 }
 
 Result<void> TapGatherer::load(Tile& tile) {
-  auto color = cache_.get(color_, tile.key);
-  if (!color) return tl::unexpected(color.error());
-  tile.color = std::move(*color);
-  tile.missing = tile.color.state() == storage::TileState::missing;
-  if (!tile.color.samples() || !depth_) return {};
-  auto depth = cache_.get(*depth_, tile.key);
-  if (!depth) return tl::unexpected(depth.error());
-  tile.depth = std::move(*depth);
+  auto pin = cache_.get(tile.key, with_depth_);
+  if (!pin) return tl::unexpected(pin.error());
+  tile.pin = std::move(*pin);
+  tile.missing = tile.pin.state() == storage::TileState::missing;
   return {};
 }
 
 void TapGatherer::find(std::span<Tile> tiles, std::span<const TileKey> keys) {
-  auto colors = cache_.find(color_, keys);
-  auto depths = depth_ ? cache_.find(*depth_, keys) : std::vector<TileCache::Pin>(keys.size());
+  auto pins = cache_.find(keys, with_depth_);
   for (std::size_t k = 0; k < tiles.size(); ++k) {
     Tile& tile = tiles[k];
-    tile.color = std::move(colors[k]);
-    tile.depth = std::move(depths[k]);
-    const bool visible = tile.color && tile.color.samples();
-    const bool here = tile.color && (!visible || !depth_ || tile.depth);
-    tile.missing = !here || tile.color.state() == storage::TileState::missing;
-    if (!here) wanted_.push_back(tile.key);
+    tile.pin = std::move(pins[k]);
+    tile.missing = !tile.pin || tile.pin.state() == storage::TileState::missing;
+    if (!tile.pin) wanted_.push_back(tile.key);
   }
 }
 
-std::int64_t TapGatherer::offset_of(const TileCache::Pin& pin) const {
-  if (!pin || !pin.samples()) return 0;
-  return static_cast<std::int64_t>(reinterpret_cast<std::uintptr_t>(pin.samples()) -
+std::int64_t TapGatherer::offset_of(const std::byte* samples) const {
+  if (!samples) return 0;
+  return static_cast<std::int64_t>(reinterpret_cast<std::uintptr_t>(samples) -
                                    reinterpret_cast<std::uintptr_t>(zeros_.data()));
 }
 
 void TapGatherer::unpin(Wave wave) {
   for (std::uint32_t n = wave.begin; n < wave.end; ++n) {
-    tiles_[n].color = {}, tiles_[n].depth = {};
+    tiles_[n].pin = {};
     offsets_.color[n] = offsets_.depth[n] = 0;
   }
 }

@@ -50,7 +50,7 @@ class TapGatherer {
  private:
   struct Tile {
     TileKey key;
-    TileCache::Pin color, depth;
+    TileCache::Pin pin;
     bool missing;  // or not there yet
   };
   /// Tiles [begin, end) of tiles_.
@@ -66,12 +66,11 @@ class TapGatherer {
   void find(std::span<Tile> tiles, std::span<const TileKey> keys);
   void unpin(Wave wave);
   void take(Wave wave, std::size_t count, const EntryArrays& entries, const Pass& pass, bool add);
-  [[nodiscard]] std::int64_t offset_of(const TileCache::Pin& pin) const;
+  [[nodiscard]] std::int64_t offset_of(const std::byte* samples) const;
 
   TileCache& cache_;
-  storage::LayerId color_;
-  std::optional<storage::LayerId> depth_;
   codec::SampleFormat format_;
+  bool with_depth_;
   std::uint32_t columns_;  // of every tile
   std::uint32_t most_pins_;
   bool wait_;

@@ -7,7 +7,7 @@
 namespace slf {
 
 namespace {
-constexpr std::uint64_t kEntryBytes = 256;     // bookkeeping of one entry, about
+constexpr std::uint64_t kEntryBytes = 512;     // bookkeeping of one entry, about
 constexpr std::uint64_t kMapWindow = 1 << 16;  // what Linux maps around a page that is read
 constexpr std::uint64_t kTreeWindows = 3;      // on the way through the search tree, about
 // The renderer loads so many bytes at a time, from within a row of samples where it has as many:
@@ -15,23 +15,61 @@ constexpr std::uint64_t kTreeWindows = 3;      // on the way through the search 
 constexpr std::size_t kLoad = 8;
 }  // namespace
 
-struct TileCache::Entry : Link {
-  Id id;
+/// What an entry has of one layer.
+struct TileCache::Part {
+  enum class Stage : std::uint8_t { absent, loading, ready };
+
   storage::TileRef tile;
   const std::byte* samples = nullptr;
   std::unique_ptr<std::byte[]> owned;  // what `samples` points to, unless it is the map
-  std::uint64_t cost = 0;              // what it counts for in the budget
-  std::uint64_t used = 0;              // when it was last unpinned
-  std::uint32_t pins = 0;              // 0: linked into idle_
-  bool ready = false;
-  bool in_place = false;  // samples are in the map
   std::optional<Error> error;
+  Stage stage = Stage::absent;
+  bool in_place = false;  // samples are in the map
+
+  [[nodiscard]] bool good() const { return stage == Stage::ready && !error; }
+};
+
+struct TileCache::Entry : Link {
+  TileKey key;
+  Part color, depth;
+  std::uint64_t cost = 0;  // what it counts for in the budget
+  std::uint64_t used = 0;  // when it was last unpinned
+  std::uint32_t pins = 0;  // 0: linked into idle_
+
+  /// REQUIRES: the colour is here.
+  [[nodiscard]] bool visible() const { return color.tile.state == storage::TileState::stored; }
+  [[nodiscard]] bool lacks_depth() const {
+    return color.good() && visible() && depth.stage == Part::Stage::absent;
+  }
 };
 
 TileCache::TileCache(const Field& field, std::uint64_t budget, std::uint64_t map_budget,
                      bool in_place)
-    : field_(field), budget_(budget), map_budget_(map_budget), in_place_(in_place) {}
+    : field_(field),
+      color_(field.layer("color").value_or(0)),
+      depth_(field.layer("depth")),
+      budget_(budget),
+      map_budget_(map_budget),
+      in_place_(in_place) {}
 TileCache::~TileCache() = default;
+
+/// Has the cache to itself, and once it has let go does what nobody needs to wait for.
+class TileCache::Hold {
+ public:
+  explicit Hold(TileCache& cache) : cache_(cache), lock(cache.mutex_) {}
+  ~Hold() {
+    const auto dropped = std::exchange(cache_.dropped_, {});
+    const bool release = std::exchange(cache_.release_due_, false);
+    lock.unlock();
+    if (release) cache_.field_.store().release_all();
+  }
+
+ private:
+  TileCache& cache_;
+
+ public:
+  std::unique_lock<std::mutex> lock;
+};
 
 TileCache::Pin& TileCache::Pin::operator=(Pin&& other) noexcept {
   if (this != &other) {
@@ -46,50 +84,56 @@ void TileCache::Pin::release() {
   if (entry_) cache_->unpin(*std::exchange(entry_, nullptr));
 }
 
-storage::TileState TileCache::Pin::state() const { return entry_->tile.state; }
-const std::byte* TileCache::Pin::samples() const { return entry_->samples; }
-const storage::TileRef& TileCache::Pin::tile() const { return entry_->tile; }
+storage::TileState TileCache::Pin::state() const { return entry_->color.tile.state; }
+const std::byte* TileCache::Pin::color() const { return entry_->color.samples; }
+const std::byte* TileCache::Pin::depth() const { return entry_->depth.samples; }
 
-Result<TileCache::Pin> TileCache::get(storage::LayerId layer, TileKey key) {
-  const Id id{layer, key};
-  std::unique_lock lock(mutex_);
-  std::unique_ptr<Entry>& place = entries_[id];
-  if (place) {
-    Entry& entry = *place;
-    pin_locked(entry);
-    loaded_.wait(lock, [&] { return entry.ready; });
-    if (!entry.error) {
-      ++statistics_.hits;
-      return Pin(this, &entry);
-    }
-    Error error = *entry.error;
-    unpin_locked(entry);
-    return tl::unexpected(std::move(error));
+Result<TileCache::Pin> TileCache::get(TileKey key, bool with_depth) {
+  Hold hold(*this);
+  Entry& entry = entries_[key];
+  entry.key = key;
+  pin_locked(entry);
+  auto here = bring(hold.lock, entry, entry.color, color_);
+  bool hit = here && *here;
+  if (const auto depth = depth_of(with_depth); here && depth && entry.visible()) {
+    here = bring(hold.lock, entry, entry.depth, *depth);
+    hit = hit && here && *here;
   }
-
-  place = std::make_unique<Entry>();
-  Entry& entry = *place;
-  entry.id = id;
-  entry.pins = 1;
-  lock.unlock();
-  auto ok = load(entry, id);
-  lock.lock();
-  entry.ready = true;
-  loaded_.notify_all();
-  if (ok) return Pin(this, &entry);
-  entry.error = ok.error();  // for those who wait too; it goes with the last of them
+  if (here) {
+    statistics_.hits += hit;
+    return Pin(this, &entry);
+  }
   unpin_locked(entry);
-  return tl::unexpected(ok.error());
+  return tl::unexpected(std::move(here.error()));
 }
 
-std::vector<TileCache::Pin> TileCache::find(storage::LayerId layer, std::span<const TileKey> keys) {
+Result<bool> TileCache::bring(std::unique_lock<std::mutex>& lock, Entry& entry, Part& part,
+                              storage::LayerId layer) {
+  const bool absent = part.stage == Part::Stage::absent;
+  if (absent) {
+    part.stage = Part::Stage::loading;
+    lock.unlock();
+    auto ok = load(entry, part, layer);
+    lock.lock();
+    part.stage = Part::Stage::ready;
+    if (!ok) part.error = std::move(ok.error());  // it goes with the last who pin the entry
+    loaded_.notify_all();
+  } else {
+    loaded_.wait(lock, [&] { return part.stage == Part::Stage::ready; });
+  }
+  if (part.error) return tl::unexpected(*part.error);
+  return !absent;
+}
+
+std::vector<TileCache::Pin> TileCache::find(std::span<const TileKey> keys, bool with_depth) {
   std::vector<Pin> pins(keys.size());
-  const std::lock_guard lock(mutex_);
+  const bool depth = depth_of(with_depth).has_value();
+  const Hold hold(*this);
   for (std::size_t k = 0; k < keys.size(); ++k) {
-    const auto found = entries_.find({layer, keys[k]});
+    const auto found = entries_.find(keys[k]);
     if (found == entries_.end()) continue;
-    Entry& entry = *found->second;
-    if (!entry.ready || entry.error) continue;
+    Entry& entry = found->second;
+    if (!entry.color.good() || (depth && entry.visible() && !entry.depth.good())) continue;
     pin_locked(entry);
     ++statistics_.hits;
     pins[k] = Pin(this, &entry);
@@ -98,61 +142,67 @@ std::vector<TileCache::Pin> TileCache::find(storage::LayerId layer, std::span<co
 }
 
 void TileCache::release(std::span<Pin> pins) {
-  const std::lock_guard lock(mutex_);
+  const Hold hold(*this);
   for (Pin& pin : pins)
     if (pin.entry_) unpin_locked(*std::exchange(pin.entry_, nullptr));
 }
 
-void TileCache::charge(Entry& entry, std::uint64_t bytes) {
-  const std::lock_guard lock(mutex_);
-  entry.cost = bytes + kEntryBytes;
-  evict_locked(budget_ > entry.cost ? budget_ - entry.cost : 0);
+void TileCache::charge(Entry& entry, const Part& part, std::uint64_t bytes) {
+  const Hold hold(*this);
+  const std::uint64_t cost = bytes + (entry.cost == 0 ? kEntryBytes : 0);
+  evict_locked(budget_ > cost ? budget_ - cost : 0);
+  entry.cost += cost;
   statistics_.decodes += bytes > 0;
-  statistics_.loaded_bytes += entry.tile.payload.size();
-  map_locked(entry.tile);
-  statistics_.decoded_bytes += entry.cost;
+  statistics_.loaded_bytes += part.tile.payload.size();
+  map_locked(part.tile);
+  statistics_.decoded_bytes += cost;
   statistics_.decoded_peak_bytes =
       std::max(statistics_.decoded_peak_bytes, statistics_.decoded_bytes);
 }
 
-Result<void> TileCache::load(Entry& entry, const Id& id) {
-  const auto tile = field_.store().find(id.layer, id.key);
+Result<void> TileCache::load(Entry& entry, Part& part, storage::LayerId layer) {
+  const auto tile = field_.store().find(layer, entry.key);
   if (!tile) return tl::unexpected(tile.error());
-  entry.tile = *tile;
+  part.tile = *tile;
   const bool stored = tile->state == storage::TileState::stored;
-  const std::size_t bytes = stored ? field_.tile_shape(id.layer, id.key).bytes() : 0;
-  const bool in_place = in_place_ && stored && field_.codec(id.layer).in_place() &&
-                        tile->payload.size() == bytes &&
-                        triangle_size(field_.shape().exit_side) >= kLoad;
-  entry.in_place = in_place;
-  charge(entry, in_place ? 0 : bytes);
-  if (in_place) {
-    entry.samples = tile->payload.data();
+  const std::size_t bytes = stored ? field_.tile_shape(layer, entry.key).bytes() : 0;
+  part.in_place = in_place_ && stored && field_.codec(layer).in_place() &&
+                  tile->payload.size() == bytes && triangle_size(field_.shape().exit_side) >= kLoad;
+  charge(entry, part, part.in_place ? 0 : bytes);
+  if (part.in_place) {
+    part.samples = tile->payload.data();
     return field_.store().check(*tile);
   }
   if (!stored) return {};
-  entry.owned = std::make_unique_for_overwrite<std::byte[]>(bytes + kLoad);
-  entry.samples = entry.owned.get();
-  return field_.decode(*tile, {entry.owned.get(), bytes});
+  part.owned = std::make_unique_for_overwrite<std::byte[]>(bytes + kLoad);
+  part.samples = part.owned.get();
+  return field_.decode(*tile, {part.owned.get(), bytes});
 }
 
-void TileCache::advise(storage::LayerId layer, std::span<const TileKey> keys) {
+void TileCache::advise(std::span<const TileKey> keys, bool with_depth) {
+  std::vector<storage::LayerId> layers{color_};
+  if (const auto depth = depth_of(with_depth)) layers.push_back(*depth);
   std::vector<TileKey> wanted;
   {
     const std::lock_guard lock(mutex_);
-    for (const TileKey& key : keys)
-      if (!entries_.contains({layer, key})) wanted.push_back(key);
+    for (const TileKey& key : keys) {
+      const auto found = entries_.find(key);
+      if (found == entries_.end() || (layers.size() > 1 && found->second.lacks_depth()))
+        wanted.push_back(key);
+    }
   }
   // All together, unless the tables of so many records were too much of the map.
-  const std::size_t most = std::max<std::uint64_t>(map_budget_ / (4 * kMapWindow), 1);
+  const std::size_t most =
+      std::max<std::uint64_t>(map_budget_ / (4 * kMapWindow * layers.size()), 1);
   for (std::span<const TileKey> rest = wanted; !rest.empty();) {
     const auto some = rest.first(std::min(most, rest.size()));
     rest = rest.subspan(some.size());
     std::vector<storage::TileRef> tiles;
-    for (const auto& found : field_.store().find_all(layer, some))
-      if (found && found->state == storage::TileState::stored) tiles.push_back(*found);
+    for (const storage::LayerId layer : layers)
+      for (const auto& found : field_.store().find_all(layer, some))
+        if (found && found->state == storage::TileState::stored) tiles.push_back(*found);
     field_.store().advise(tiles);
-    const std::lock_guard lock(mutex_);
+    const Hold hold(*this);
     for (const storage::TileRef& tile : tiles) map_locked(tile);
   }
 }
@@ -161,7 +211,8 @@ void TileCache::pin_locked(Entry& entry) {
   if (entry.pins++ > 0) return;
   entry.before->after = entry.after;
   entry.after->before = entry.before;
-  if (entry.in_place) map_locked(entry.tile);
+  for (const Part* part : {&entry.color, &entry.depth})
+    if (part->in_place) map_locked(part->tile);
 }
 
 void TileCache::map_locked(const storage::TileRef& tile) {
@@ -176,21 +227,20 @@ void TileCache::map_locked(const storage::TileRef& tile) {
   }
   mapped_bytes_ += windows * kMapWindow;
   if (mapped_bytes_ <= map_budget_) return;
-  field_.store().release_all();
+  release_due_ = true;
   mapped_bytes_ = kTreeWindows * kMapWindow;  // these are soon back
   mapped_window_ = kUnlimited;
 }
 
 void TileCache::unpin(Entry& entry) {
-  const std::lock_guard lock(mutex_);
+  const Hold hold(*this);
   unpin_locked(entry);
 }
 
 void TileCache::unpin_locked(Entry& entry) {
   if (--entry.pins > 0) return;
-  if (entry.error) {
-    statistics_.decoded_bytes -= entry.cost;
-    entries_.erase(Id(entry.id));
+  if (entry.color.error || entry.depth.error) {
+    drop_locked(entry);
     return;
   }
   entry.used = ++clock_;
@@ -205,9 +255,13 @@ void TileCache::evict_locked(std::uint64_t budget) {
     auto& entry = static_cast<Entry&>(*idle_.after);
     entry.after->before = &idle_;
     idle_.after = entry.after;
-    statistics_.decoded_bytes -= entry.cost;
-    entries_.erase(Id(entry.id));
+    drop_locked(entry);
   }
+}
+
+void TileCache::drop_locked(Entry& entry) {
+  statistics_.decoded_bytes -= entry.cost;
+  dropped_.push_back(entries_.extract(entry.key));
 }
 
 std::uint64_t TileCache::now() const {

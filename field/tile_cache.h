@@ -13,6 +13,8 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <optional>
+#include <span>
 #include <unordered_map>
 #include <utility>
 #include <vector>
@@ -35,6 +37,8 @@ inline constexpr std::uint64_t kUnlimited = ~std::uint64_t{0};
 
 class TileCache {
   struct Entry;
+  struct Part;
+  class Hold;
 
  public:
   /// A tile that cannot be evicted while this lives. Move-only; must not outlive the cache.
@@ -48,11 +52,12 @@ class TileCache {
 
     /// Whether there is a tile at all.
     explicit operator bool() const { return entry_ != nullptr; }
-    /// The rest REQUIRES one.
+    /// Of the colour layer. This and the rest REQUIRE a tile.
     [[nodiscard]] storage::TileState state() const;
     /// The samples of a stored tile, as codec::Tile lays them out; null when empty or missing.
-    [[nodiscard]] const std::byte* samples() const;
-    [[nodiscard]] const storage::TileRef& tile() const;
+    [[nodiscard]] const std::byte* color() const;
+    /// The same of the depth layer; null, too, where it was not asked for.
+    [[nodiscard]] const std::byte* depth() const;
 
    private:
     friend class TileCache;
@@ -70,19 +75,20 @@ class TileCache {
             bool in_place = true);
   ~TileCache();
 
-  /// Thread-safe. Any error of finding, checking or decoding; it is not remembered.
-  [[nodiscard]] Result<Pin> get(storage::LayerId layer, TileKey key);
+  /// A tile's colour and, if it has any and they are wanted, depths. Thread-safe. Any error of
+  /// finding, checking or decoding; it is not remembered.
+  [[nodiscard]] Result<Pin> get(TileKey key, bool with_depth);
 
   /// The tiles that are loaded already; where one is not, an empty pin. Thread-safe; waits for
   /// nobody.
-  [[nodiscard]] std::vector<Pin> find(storage::LayerId layer, std::span<const TileKey> keys);
+  [[nodiscard]] std::vector<Pin> find(std::span<const TileKey> keys, bool with_depth);
 
   /// Lets go of many pins at once.
   void release(std::span<Pin> pins);
 
   /// Asks the kernel to read the payloads of tiles that are not here yet: call it with all that
   /// will be wanted next, so that the disk works on many at a time.
-  void advise(storage::LayerId layer, std::span<const TileKey> keys);
+  void advise(std::span<const TileKey> keys, bool with_depth);
 
   /// A clock that ticks as tiles are used.
   [[nodiscard]] std::uint64_t now() const;
@@ -93,15 +99,9 @@ class TileCache {
   void reset_peak();
 
  private:
-  struct Id {
-    storage::LayerId layer;
-    TileKey key;
-    friend bool operator==(const Id&, const Id&) = default;
-  };
   struct Hash {
-    std::size_t operator()(const Id& id) const {
-      return (id.key.index * 0x9E3779B97F4A7C15u) ^ (std::size_t{id.key.level} << 56) ^
-             (std::size_t{id.layer} << 60);
+    std::size_t operator()(TileKey key) const {
+      return (key.index * 0x9E3779B97F4A7C15u) ^ (std::size_t{key.level} << 56);
     }
   };
 
@@ -115,18 +115,30 @@ class TileCache {
   void unpin(Entry& entry);
   void unpin_locked(Entry& entry);
   void evict_locked(std::uint64_t budget);
-  /// Counts the pages that reading a tile brings into the map, and releases them when due.
+  void drop_locked(Entry& entry);
+  /// Counts the pages that reading a tile brings into the map, and has them released when due.
   void map_locked(const storage::TileRef& tile);
-  /// Makes room for an entry and counts it.
-  void charge(Entry& entry, std::uint64_t bytes);
-  [[nodiscard]] Result<void> load(Entry& entry, const Id& id);
+  /// Makes room for a part of an entry and counts it.
+  void charge(Entry& entry, const Part& part, std::uint64_t bytes);
+  /// Loads a part, or waits for whoever does. Whether there was nothing to load.
+  [[nodiscard]] Result<bool> bring(std::unique_lock<std::mutex>& lock, Entry& entry, Part& part,
+                                   storage::LayerId layer);
+  [[nodiscard]] Result<void> load(Entry& entry, Part& part, storage::LayerId layer);
+  [[nodiscard]] std::optional<storage::LayerId> depth_of(bool wanted) const {
+    return wanted ? depth_ : std::nullopt;
+  }
 
   const Field& field_;
+  const storage::LayerId color_;
+  const std::optional<storage::LayerId> depth_;
   const std::uint64_t budget_, map_budget_;
   const bool in_place_;
   mutable std::mutex mutex_;
   std::condition_variable loaded_;
-  std::unordered_map<Id, std::unique_ptr<Entry>, Hash> entries_;
+  using Entries = std::unordered_map<TileKey, Entry, Hash>;
+  Entries entries_;
+  std::vector<Entries::node_type> dropped_;  // entries to be freed
+  bool release_due_ = false;                 // of the map
   Link idle_;
   std::uint64_t mapped_bytes_ = 0;   // read through the map since it was last released, about
   std::uint64_t mapped_window_ = 0;  // the window that was read last

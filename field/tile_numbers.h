@@ -1,6 +1,8 @@
 // TileNumbers: small consecutive numbers for the tiles that rays meet. Private to field/.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -16,18 +18,36 @@ class TileNumbers {
     friend bool operator==(const Pair&, const Pair&) = default;
   };
 
-  TileNumbers() : slots_(256) {}
+  TileNumbers() { clear(); }
+
+  /// The numbers last asked for, for the kernel to look up many at a time: a pair is in its slot,
+  /// or must be asked for.
+  struct Recent {
+    static constexpr std::uint32_t kSlots = 512;
+    /// Of two products, the highest bits.
+    static constexpr std::uint32_t kEntryFactor = 0x9E3779B1, kExitFactor = 0x85EBCA77;
+    static constexpr int kShift = 23;
+
+    std::array<std::uint32_t, kSlots> entry, exit, number;
+  };
+  static_assert(Recent::kSlots == 1u << (32 - Recent::kShift));
 
   [[nodiscard]] std::uint32_t number(Pair pair) {
     const Slot& slot = find(pair);
-    return slot.number != kNoTile ? slot.number : add(pair);
+    const std::uint32_t number = slot.number != kNoTile ? slot.number : add(pair);
+    const std::uint32_t at =
+        (pair.entry * Recent::kEntryFactor + pair.exit * Recent::kExitFactor) >> Recent::kShift;
+    recent_.entry[at] = pair.entry, recent_.exit[at] = pair.exit, recent_.number[at] = number;
+    return number;
   }
+  [[nodiscard]] const Recent& recent() const { return recent_; }
 
   [[nodiscard]] const std::vector<Pair>& pairs() const { return pairs_; }
 
   void clear() {
     pairs_.clear();
-    slots_.assign(slots_.size(), {});
+    slots_.assign(std::max<std::size_t>(slots_.size(), 256), {});
+    recent_.entry.fill(kNoTile);
   }
 
  private:
@@ -58,6 +78,7 @@ class TileNumbers {
 
   std::vector<Pair> pairs_;
   std::vector<Slot> slots_;  // open addressing
+  Recent recent_;
 };
 
 }  // namespace slf

@@ -106,10 +106,10 @@ glm::dvec4 bi_triangle(const Field& field, unsigned level, TileCache& cache, con
   for (std::size_t c = 0; c < 3; ++c) {
     const EntryRow row = geometry.entry_row(enter.octant, enter.corners()[c]);
     const auto pin = cache.get(
-        0, tile_key({geometry.entry_section(row.section), geometry.exit_section(exit.section)}));
-    if (!pin || !pin->samples()) continue;
-    const std::byte* samples =
-        pin->samples() + 4ull * row.row * triangle_size(geometry.exit_side());
+        tile_key({geometry.entry_section(row.section), geometry.exit_section(exit.section)}),
+        false);
+    if (!pin || !pin->color()) continue;
+    const std::byte* samples = pin->color() + 4ull * row.row * triangle_size(geometry.exit_side());
     for (std::size_t e = 0; e < 3; ++e)
       for (int channel = 0; channel < 4; ++channel)
         rgba[channel] += enter.weights[c] * leave.weights[e] / 255 *
