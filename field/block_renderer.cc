@@ -9,6 +9,10 @@
 namespace slf {
 namespace {
 
+/// Entry lattices coarser than this are worth aiming once more: their vertices see things from
+/// further apart.
+constexpr std::int32_t kFineEntries = 32;
+
 glm::dvec3 point(const PointArrays& points, std::size_t k) {
   return {points.x[k], points.y[k], points.z[k]};
 }
@@ -87,8 +91,11 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
   if (auto ok = first_pass(geometry, pass); !ok) return ok;
   if (mode == RenderMode::depth) {
     keep_followed(geometry);
+    const std::array<const float*, 3> same{t_.data(), t_.data(), t_.data()};
+    if (geometry.entry_resolution() < kFineEntries)
+      if (auto ok = depth_pass(geometry, same, pass); !ok) return ok;
     pass.aims = true;
-    if (auto ok = depth_pass(geometry, {t_.data(), t_.data(), t_.data()}, pass); !ok) return ok;
+    if (auto ok = depth_pass(geometry, same, pass); !ok) return ok;
     pass.aims = false;
     pass.with_depth = options_.with_depth;
     const auto& t = entries_.t;

@@ -2,7 +2,7 @@
 //
 // All modes are passes of the same three steps: each ray's entry vertices are aimed at an exit
 // point, the samples are gathered, the values blended. The first pass aims where the ray itself
-// leaves; mode depth aims anew, twice, at what the pass before saw.
+// leaves; mode depth aims anew, twice or thrice, at what the pass before saw.
 #pragma once
 
 #include <cstdint>
