@@ -69,7 +69,7 @@ Result<void> TapGatherer::pin(Wave wave) {
     const Tile& tile = tiles_[n];
     lacks_tiles_ |= tile.missing;
     offsets_.color[n] = tile.pin ? offset_of(tile.pin.color()) : 0;
-    offsets_.depth[n] = tile.pin ? offset_of(tile.pin.depth()) : 0;
+    offsets_.depth[n] = tile.pin && with_depth_ ? offset_of(tile.pin.depth()) : 0;
   }
   return {};
 }

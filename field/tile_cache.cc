@@ -56,19 +56,19 @@ TileCache::~TileCache() = default;
 /// Has the cache to itself, and once it has let go does what nobody needs to wait for.
 class TileCache::Hold {
  public:
-  explicit Hold(TileCache& cache) : cache_(cache), lock(cache.mutex_) {}
+  explicit Hold(TileCache& cache) : cache_(cache), lock_(cache.mutex_) {}
   ~Hold() {
     const auto dropped = std::exchange(cache_.dropped_, {});
     const bool release = std::exchange(cache_.release_due_, false);
-    lock.unlock();
+    lock_.unlock();
     if (release) cache_.field_.store().release_all();
   }
 
+  [[nodiscard]] std::unique_lock<std::mutex>& lock() { return lock_; }
+
  private:
   TileCache& cache_;
-
- public:
-  std::unique_lock<std::mutex> lock;
+  std::unique_lock<std::mutex> lock_;
 };
 
 TileCache::Pin& TileCache::Pin::operator=(Pin&& other) noexcept {
@@ -93,10 +93,10 @@ Result<TileCache::Pin> TileCache::get(TileKey key, bool with_depth) {
   Entry& entry = entries_[key];
   entry.key = key;
   pin_locked(entry);
-  auto here = bring(hold.lock, entry, entry.color, color_);
+  auto here = bring(hold.lock(), entry, entry.color, color_);
   bool hit = here && *here;
   if (const auto depth = depth_of(with_depth); here && depth && entry.visible()) {
-    here = bring(hold.lock, entry, entry.depth, *depth);
+    here = bring(hold.lock(), entry, entry.depth, *depth);
     hit = hit && here && *here;
   }
   if (here) {

@@ -56,7 +56,7 @@ class TileCache {
     [[nodiscard]] storage::TileState state() const;
     /// The samples of a stored tile, as codec::Tile lays them out; null when empty or missing.
     [[nodiscard]] const std::byte* color() const;
-    /// The same of the depth layer; null, too, where it was not asked for.
+    /// The same of the depth layer. REQUIRES that it was asked for.
     [[nodiscard]] const std::byte* depth() const;
 
    private:

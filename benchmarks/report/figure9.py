@@ -60,7 +60,7 @@ def _count_subfields(bench, part):
     for distance in DISTANCES:
         bench.say(f"counting subfields from {distance} radii")
         measured = bench.json(
-            "slf", "measure", field, "--views", 32 if bench.quick else 128, "--size", 256,
+            "slf", "measure", field, "--views", 16 if bench.quick else 128, "--size", 256,
             "--distance", distance, "--mode", "bitri", "--json",
         )  # fmt: skip
         rows[distance] = {row["level"]: row for row in measured["runs"][0]["levels"]}

@@ -35,7 +35,7 @@ def _measure(bench, volume, sizes):
     """Ray-casting, planes and sphere of one volume: rows of `systems`."""
     # Drawing does not depend on the volume, so only one field is large.
     large = volume.name == "brain" and not bench.quick
-    small = volume.name == "brain-512" and bench.quick
+    small = volume.name != "brain" and bench.quick
     field = bench.field(volume, 8, 8, 3 if large else 1 if small else 2, "zstd", "zstd")
     bench.say(f"timing views of {volume.title}")
     edge = (_slabs(bench, field) / 6) ** 0.25
@@ -60,7 +60,7 @@ def _measure_vtk(bench, volumes, sizes, part):
         return {}
     results = {}
     for volume in volumes:
-        small = volume.name == "brain-512" and bench.quick
+        small = volume.name != "brain" and bench.quick
         field = bench.field(volume, 4 if small else 8, 16 if small else 32, 1)
         bench.say(f"timing VTK on {volume.title}")
         size = [word for s in sizes for word in ("--size", s)]
