@@ -85,7 +85,7 @@ Result<void> JpegCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payloa
 // Samples from the pixels of a mosaic and the alpha of each sample.
 void blend(const Tile& tile, const Mosaic& mosaic, std::span<const std::uint8_t> pixels,
            std::span<const std::uint8_t> alpha, std::span<std::byte> samples) {
-  thread_local Scratch<std::uint32_t> scratch;
+  thread_local Scratch<std::uint32_t> scratch;  // `samples` may lie at any alignment
   const auto words = scratch.take(alpha.size());
   const ByteSpan from = std::as_bytes(pixels);
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {

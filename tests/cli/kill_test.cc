@@ -122,7 +122,7 @@ TEST(Killed, ARepackLeavesNoFieldOrAWholeOne) {
   Workplace place;
   ASSERT_EQ(run(build(place / "in.slf")), 0);
   const auto repack = [&](const std::string& output) -> Arguments {
-    return {"-q",      "repack",   place / "in.slf", "-o", output, "--color-codec",
+    return {"-q",     "repack",   place / "in.slf", "-o", output, "--color-codec",
             "zstd:6", "--memory", "1MiB",           "-j", "2"};
   };
   Moments moments(repack(place / "whole.slf"));

@@ -92,6 +92,16 @@ TEST_F(Render, ThePictureDoesNotDependOnBudgetThreadsOrCache) {
   EXPECT_EQ(first->rgba, second->rgba);
 }
 
+TEST_F(Render, DepthIsLoadedBesideColorThatIsHereAlready) {
+  const Camera camera = orbit_camera(field_->shape().sphere, 20, 50, 3, 61, 60);
+  const ViewOptions deep{RenderMode::depth, 2, false};
+  Renderer renderer(*field_, {});
+  ASSERT_TRUE(renderer.render(camera, {RenderMode::bitri, 2, false}));
+  const auto image = renderer.render(camera, deep);
+  ASSERT_TRUE(image);
+  EXPECT_EQ(image->rgba, draw(*field_, camera, deep).rgba);
+}
+
 /// A ray's colour by the definition (eq. 2), one sample at a time, in double.
 glm::dvec4 bi_triangle(const Field& field, unsigned level, TileCache& cache, const PixelRay& ray) {
   const Sphere& sphere = field.shape().sphere;
