@@ -1,99 +1,111 @@
 #include "codec/lanes.h"
 
-#include <cstring>
-
 #include "codec/scratch.h"
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "codec/lanes.cc"
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
 namespace slf::codec {
+namespace HWY_NAMESPACE {
 namespace {
 
-// Four lanes each: what every processor's vectors hold.
-using Vector = float __attribute__((vector_size(16)));
-using ShortVector = std::uint16_t __attribute__((vector_size(8)));
-using IntVector = int __attribute__((vector_size(16)));
-constexpr std::size_t vector_count = lane_count / 4;
-using Lanes = std::array<Vector, vector_count>;
+namespace hn = hwy::HWY_NAMESPACE;
 
-constexpr Lanes nothing{};
+// As many lanes at once as the processor's vectors hold.
+using Floats = hn::CappedTag<float, lane_count>;
+using Ints = hn::RebindToSigned<Floats>;
+using Shorts = hn::Rebind<std::uint16_t, Floats>;
+using Vector = hn::Vec<Floats>;
 
-// The neighbours of a sample, with stand-ins where the picture ends.
-struct Neighbours {
-  const Lanes *w, *n, *nw, *ne, *ww, *nn;
+struct alignas(lane_count * sizeof(float)) Lanes {
+  float of[lane_count];
 };
 
-// The last three lines of one channel.
+// Where a sample and its neighbours are in the memory of a channel, with stand-ins where the
+// picture ends.
+struct Neighbours {
+  std::size_t self, w, n, nw, ne, ww, nn;
+};
+
+// The last three lines of every channel, and a zero for the neighbours of the first sample.
 class Lines {
  public:
-  Lines(Lanes* memory, std::uint32_t side) : memory_(memory), length_(side + 1) {}
+  explicit Lines(std::uint32_t side) : length_(side + 1), size_(3 * length_ + 1) {
+    thread_local Scratch<Lanes> scratch;
+    memory_ = scratch.take(max_channels * size_).data();
+    for (std::size_t channel = 0; channel < max_channels; ++channel)
+      memory_[channel * size_ + nothing()] = {};
+  }
 
-  Lanes& at(std::uint32_t p, std::uint32_t q) { return memory_[q % 3 * length_ + p]; }
+  float* at(std::size_t channel, std::size_t place) { return memory_[channel * size_ + place].of; }
 
-  Neighbours around(std::uint32_t p, std::uint32_t q) {
+  Neighbours around(std::uint32_t p, std::uint32_t q) const {
+    const std::size_t line = q % 3 * length_, above = (q + 2) % 3 * length_;
     Neighbours s;
-    s.w = p > 0 ? &at(p - 1, q) : q > 0 ? &at(0, q - 1) : &nothing;
-    s.n = q > 0 ? &at(p, q - 1) : s.w;
-    s.nw = p > 0 && q > 0 ? &at(p - 1, q - 1) : s.n;
-    s.ne = q > 0 ? &at(p + 1, q - 1) : s.n;  // the line above is longer by one
-    s.ww = p > 1 ? &at(p - 2, q) : s.w;
-    s.nn = q > 1 ? &at(p, q - 2) : s.n;
+    s.self = line + p;
+    s.w = p > 0 ? s.self - 1 : q > 0 ? above : nothing();
+    s.n = q > 0 ? above + p : s.w;
+    s.nw = p > 0 && q > 0 ? s.n - 1 : s.n;
+    s.ne = q > 0 ? s.n + 1 : s.n;  // the line above is longer by one
+    s.ww = p > 1 ? s.self - 2 : s.w;
+    s.nn = q > 1 ? (q + 1) % 3 * length_ + p : s.n;
     return s;
   }
 
  private:
+  std::size_t nothing() const { return size_ - 1; }
+
+  std::size_t length_, size_;
   Lanes* memory_;
-  std::size_t length_;
 };
 
-Vector least(Vector a, Vector b) { return a < b ? a : b; }
-Vector greatest(Vector a, Vector b) { return a > b ? a : b; }
+// One sample of some lanes: its taps, from lane `first` on.
+struct Taps {
+  Lines* lines;
+  Neighbours at;
+  std::size_t first;
+
+  Vector operator()(std::size_t channel, std::size_t place) const {
+    return hn::Load(Floats(), lines->at(channel, place) + first);
+  }
+};
 
 // JPEG-LS: the median of W, N and W + N - NW.
-Lanes median_edge(const Neighbours& s) {
-  Lanes guess;
-  for (std::size_t i = 0; i < vector_count; ++i) {
-    const Vector w = (*s.w)[i], n = (*s.n)[i];
-    guess[i] = least(greatest(w + n - (*s.nw)[i], least(w, n)), greatest(w, n));
-  }
-  return guess;
+HWY_INLINE Vector median_edge(std::size_t channel, const Taps& tap) {
+  const Vector w = tap(channel, tap.at.w), n = tap(channel, tap.at.n);
+  const Vector gradient = hn::Sub(hn::Add(w, n), tap(channel, tap.at.nw));
+  return hn::Min(hn::Max(gradient, hn::Min(w, n)), hn::Max(w, n));
 }
 
-// floor((sum of weight × value + 128) / 256), within a byte.
-Lanes weighted(const ChannelPredictor& predictor, std::size_t channel, Lines* lines,
-               std::uint32_t p, std::uint32_t q) {
-  const Lanes* tap[max_taps];
-  const Neighbours own = lines[channel].around(p, q);
-  std::size_t count = 0;
-  for (const Lanes* at : {own.w, own.n, own.nw, own.ne, own.ww, own.nn}) tap[count++] = at;
-  for (std::size_t earlier = 0; earlier < channel; ++earlier) {
-    const Neighbours cross = lines[earlier].around(p, q);
-    tap[count++] = &lines[earlier].at(p, q);
-    for (const Lanes* at : {cross.w, cross.n, cross.nw, cross.ne}) tap[count++] = at;
-  }
-  Vector a{128, 128, 128, 128}, b = a, c = a, d = a;
-  for (std::size_t i = 0; i < count; ++i) {
-    const float weight = predictor.weights[i];
-    const Lanes& values = *tap[i];
-    a += weight * values[0];
-    b += weight * values[1];
-    c += weight * values[2];
-    d += weight * values[3];
-  }
-  const auto to_byte = [](Vector sum) {
-    const Vector none{}, most = none + 255.0f;
-    return least(greatest(sum * (1.0f / 256), none), most);
+// floor((sum of weight × value + 128) / 256), within a byte. Whole numbers below 2^24 add up to
+// the same in any order: first what has long been restored, so that only the last few taps wait.
+HWY_INLINE Vector weighted(const float* weights, std::size_t channel, const Taps& tap) {
+  const Floats d;
+  Vector sum = hn::Set(d, 128);
+  const auto add = [&](std::size_t weight, std::size_t of, std::size_t place) {
+    sum = hn::MulAdd(hn::Set(d, weights[weight]), tap(of, place), sum);
   };
-  return {to_byte(a), to_byte(b), to_byte(c), to_byte(d)};
-}
-
-IntVector load(const std::uint16_t* from) {
-  ShortVector values;
-  std::memcpy(&values, from, sizeof(values));
-  return __builtin_convertvector(values, IntVector);
-}
-
-void store(IntVector values, std::uint16_t* to) {
-  const ShortVector narrow = __builtin_convertvector(values, ShortVector);
-  std::memcpy(to, &narrow, sizeof(narrow));
+  const Neighbours& at = tap.at;
+  add(1, channel, at.n);
+  add(2, channel, at.nw);
+  add(3, channel, at.ne);
+  add(5, channel, at.nn);
+  const auto cross = [](std::size_t earlier) { return own_taps + earlier * cross_taps; };
+  for (std::size_t earlier = 0; earlier < channel; ++earlier) {
+    add(cross(earlier) + 2, earlier, at.n);
+    add(cross(earlier) + 3, earlier, at.nw);
+    add(cross(earlier) + 4, earlier, at.ne);
+  }
+  for (std::size_t earlier = 0; earlier < channel; ++earlier) {
+    add(cross(earlier) + 1, earlier, at.w);
+    add(cross(earlier), earlier, at.self);
+  }
+  add(4, channel, at.ww);
+  add(0, channel, at.w);
+  return hn::Min(hn::Max(hn::Mul(sum, hn::Set(d, 1.0f / 256)), hn::Zero(d)), hn::Set(d, 255));
 }
 
 enum class Way { predict, predict_covered, restore };
@@ -102,52 +114,79 @@ enum class Way { predict, predict_covered, restore };
 template <Way way>
 void walk(const LaneGroup& group, const LaneValues* from, const LaneValues* coverage,
           LaneValues* to) {
-  thread_local Scratch<Lanes> scratch;
-  const std::size_t length = group.side + 1;
-  Lanes* memory = scratch.take(max_channels * 3 * length).data();
-  const auto make = [&](std::size_t i) { return Lines(memory + i * 3 * length, group.side); };
-  Lines lines[max_channels] = {make(0), make(1), make(2), make(3)};
-  const std::size_t columns = length * (length + 1) / 2;
-  const int mask = (1 << group.bits) - 1;
+  const Ints ints;
+  const Shorts shorts;
+  const auto load = [&](const LaneValues& values, std::size_t first) {
+    return hn::PromoteTo(ints, hn::LoadU(shorts, values.data() + first));
+  };
+  float weights[max_channels][max_taps];
+  for (std::size_t channel = 0; channel < group.channels.size(); ++channel)
+    for (std::size_t i = 0; i < max_taps; ++i)
+      weights[channel][i] = group.channels[channel].weights[i];
+  Lines lines(group.side);
+  const std::size_t columns = std::size_t{group.side + 1} * (group.side + 2) / 2;
+  const auto mask = hn::Set(ints, (1 << group.bits) - 1);
 
   std::size_t column = 0;
   for (std::uint32_t q = 0; q <= group.side; ++q)
-    for (std::uint32_t p = 0; p <= group.side - q; ++p, ++column)
+    for (std::uint32_t p = 0; p <= group.side - q; ++p, ++column) {
+      Taps tap{&lines, lines.around(p, q), 0};
       for (std::size_t channel = 0; channel < group.channels.size(); ++channel) {
-        const ChannelPredictor& predictor = group.channels[channel];
-        const Lanes guess = predictor.linear ? weighted(predictor, channel, lines, p, q)
-                                             : median_edge(lines[channel].around(p, q));
-        const std::uint16_t* in = from[channel * columns + column].data();
-        std::uint16_t* out = to[channel * columns + column].data();
-        Lanes& line = lines[channel].at(p, q);
-        for (std::size_t i = 0; i < vector_count; ++i) {
-          const IntVector predicted = __builtin_convertvector(guess[i], IntVector);
-          IntVector value = load(in + 4 * i);
-          if (way == Way::restore) {
-            value = (value + predicted) & mask;
-            store(value, out + 4 * i);
+        const std::size_t i = channel * columns + column;
+        for (tap.first = 0; tap.first < lane_count; tap.first += hn::Lanes(ints)) {
+          const auto predicted = hn::ConvertTo(ints, group.channels[channel].linear
+                                                         ? weighted(weights[channel], channel, tap)
+                                                         : median_edge(channel, tap));
+          auto value = load(from[i], tap.first);
+          auto result = value;
+          if constexpr (way == Way::restore) {
+            result = value = hn::And(hn::Add(value, predicted), mask);
           } else {
-            if (way == Way::predict_covered)
-              value = load(coverage[column].data() + 4 * i) == 0 ? predicted : value;
-            store((value - predicted) & mask, out + 4 * i);
+            if constexpr (way == Way::predict_covered) {
+              const auto covered = load(coverage[column], tap.first);
+              value = hn::IfThenElse(hn::Eq(covered, hn::Zero(ints)), predicted, value);
+            }
+            result = hn::And(hn::Sub(value, predicted), mask);
           }
-          line[i] = __builtin_convertvector(value, Vector);
+          hn::StoreU(hn::DemoteTo(shorts, result), shorts, to[i].data() + tap.first);
+          hn::Store(hn::ConvertTo(Floats(), value), Floats(),
+                    lines.at(channel, tap.at.self) + tap.first);
         }
       }
+    }
 }
 
-}  // namespace
-
-void predict(const LaneGroup& group, const LaneValues* values, const LaneValues* coverage,
-             LaneValues* residuals) {
+void predict_any(const LaneGroup& group, const LaneValues* values, const LaneValues* coverage,
+                 LaneValues* residuals) {
   if (coverage)
     walk<Way::predict_covered>(group, values, coverage, residuals);
   else
     walk<Way::predict>(group, values, nullptr, residuals);
 }
 
-void restore(const LaneGroup& group, const LaneValues* residuals, LaneValues* values) {
+void restore_any(const LaneGroup& group, const LaneValues* residuals, LaneValues* values) {
   walk<Way::restore>(group, residuals, nullptr, values);
 }
 
+}  // namespace
+}  // namespace HWY_NAMESPACE
 }  // namespace slf::codec
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace slf::codec {
+
+HWY_EXPORT(predict_any);
+HWY_EXPORT(restore_any);
+
+void predict(const LaneGroup& group, const LaneValues* values, const LaneValues* coverage,
+             LaneValues* residuals) {
+  HWY_DYNAMIC_DISPATCH(predict_any)(group, values, coverage, residuals);
+}
+
+void restore(const LaneGroup& group, const LaneValues* residuals, LaneValues* values) {
+  HWY_DYNAMIC_DISPATCH(restore_any)(group, residuals, values);
+}
+
+}  // namespace slf::codec
+#endif  // HWY_ONCE

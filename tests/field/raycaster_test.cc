@@ -1,7 +1,6 @@
 #include "field/raycaster.h"
 
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <cmath>
 #include <cstring>
@@ -11,6 +10,8 @@
 #include <random>
 #include <span>
 #include <vector>
+
+#include "tests/instruction_set.h"
 
 namespace slf {
 namespace {
@@ -182,20 +183,9 @@ TEST(Raycaster, ASampleDoesNotDependOnTheRaysItIsTracedWith) {
   }
 }
 
-/// Restores the machine's own instruction sets.
-struct TargetsForTest {
-  explicit TargetsForTest(std::int64_t target) { set(target); }
-  ~TargetsForTest() { set(0); }
-  static void set(std::int64_t targets) {
-    hwy::SetSupportedTargetsForTest(targets);
-    hwy::GetChosenTarget().DeInit();  // until the next look-up
-  }
-};
-
 TEST(Raycaster, InstructionSetsAgree) {
   const auto casters = one_of_each_kind();
-  const auto trace_all = [&](std::int64_t target) {
-    const TargetsForTest only(target);
+  const auto trace_all = [&] {
     std::vector<RaySample> all;
     for (const auto& caster : casters) {
       const auto segments = random_segments(caster->bounds(), 300, 10);
@@ -206,15 +196,15 @@ TEST(Raycaster, InstructionSetsAgree) {
     }
     return all;
   };
-  const auto best = trace_all(0);
-  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-    const auto samples = trace_all(target);
+  const auto best = trace_all();
+  testing::with_each_instruction_set([&](const char* name) {
+    const auto samples = trace_all();
     int apart = 0;
     for (std::size_t k = 0; k < best.size(); ++k)
       for (int c = 0; c < 4; ++c) apart += !(std::abs(samples[k].rgba[c] - best[k].rgba[c]) < 1e-3);
     // Rounding may decide whether one more sample is seen, but seldom.
-    EXPECT_LE(apart, 4) << hwy::TargetName(target);
-  }
+    EXPECT_LE(apart, 4) << name;
+  });
 }
 
 TEST(Raycaster, OpacityFollowsThePathLengthWhateverTheStep) {

@@ -1,7 +1,6 @@
 #include "field/render.h"
 
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <cmath>
 #include <filesystem>
@@ -12,6 +11,7 @@
 #include "field/measure.h"
 #include "field/view.h"
 #include "tests/field/field_testing.h"
+#include "tests/instruction_set.h"
 
 namespace slf {
 namespace {
@@ -155,20 +155,12 @@ TEST_F(Render, BiTriangleIsTheWeightedSumOfNineSamples) {
 /// the same picture.
 void expect_same_on_every_target(const Field& field, const Camera& camera,
                                  const ViewOptions& view) {
-  const auto use = [](std::int64_t targets) {
-    hwy::SetSupportedTargetsForTest(targets);
-    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
-  };
-  use(0);  // all there are
   const Image best = draw(field, camera, view);
-  for (std::int64_t left = hwy::SupportedTargets(); left != 0; left &= left - 1) {
-    use(left & -left);
+  testing::with_each_instruction_set([&](const char* set) {
     const Image image = draw(field, camera, view);
-    EXPECT_LT(largest_difference(image, best), 1.f / 255)
-        << name(view.mode) << " " << (left & -left);
+    EXPECT_LT(largest_difference(image, best), 1.f / 255) << name(view.mode) << " " << set;
     EXPECT_EQ(draw(field, camera, view, {1, 1}).rgba, image.rgba);
-  }
-  use(0);
+  });
 }
 
 TEST_F(Render, EveryInstructionSetDrawsTheSamePicture) {
