@@ -31,20 +31,25 @@ constexpr float cosines[side][side] = {
     {c0, -c0, -c0, c0, c0, -c0, -c0, c0}, {c5, -c1, c7, c3, -c3, -c7, c1, -c5},
     {c6, -c2, c2, -c6, -c6, c2, -c2, c6}, {c7, -c5, c3, -c1, c1, -c3, c5, -c7}};
 
-// The 8 × 8 values at `from`, transformed.
+constexpr auto transposed = [] {
+  std::array<std::array<float, side>, side> result{};
+  for (std::size_t k = 0; k < side; ++k)
+    for (std::size_t x = 0; x < side; ++x) result[x][k] = cosines[k][x];
+  return result;
+}();
+
+// The 8 × 8 values at `from`, transformed; sums run over vectors, in the order of the samples.
 std::array<float, 64> transform(const float* from, std::size_t stride) {
   float lines[side][side]{};
   for (std::size_t y = 0; y < side; ++y)
     for (std::size_t k = 0; k < side; ++k)
       for (std::size_t x = 0; x < side; ++x) lines[k][x] += cosines[k][y] * from[y * stride + x];
+  float both[side][side]{};
+  for (std::size_t k = 0; k < side; ++k)
+    for (std::size_t x = 0; x < side; ++x)
+      for (std::size_t j = 0; j < side; ++j) both[k][j] += lines[k][x] * transposed[x][j];
   std::array<float, 64> block;
-  for (std::size_t i = 0; i < 64; ++i) {
-    const float* line = lines[zigzag[i] / side];
-    const float* cosine = cosines[zigzag[i] % side];
-    float sum = 0;
-    for (std::size_t x = 0; x < side; ++x) sum += line[x] * cosine[x];
-    block[i] = sum;
-  }
+  for (std::size_t i = 0; i < 64; ++i) block[i] = both[zigzag[i] / side][zigzag[i] % side];
   return block;
 }
 

@@ -1,7 +1,10 @@
 #include "field/analytic.h"
 
 #include <algorithm>
+#include <array>
+#include <cassert>
 #include <cmath>
+#include <span>
 
 namespace slf {
 namespace {
@@ -14,6 +17,7 @@ struct Ball {
 };
 
 constexpr double kSolid = INFINITY;
+constexpr std::size_t kMostBalls = 6;
 const glm::dvec3 kLight = glm::normalize(glm::dvec3(-0.45, -0.65, 0.6));
 
 /// A smooth pattern in 0.35..1 over the surface, the same from every side.
@@ -31,7 +35,9 @@ glm::dvec3 surface_color(const Ball& ball, const glm::dvec3& point) {
 class Balls final : public Scene {
  public:
   Balls(std::string name, std::vector<Ball> balls)
-      : name_(std::move(name)), balls_(std::move(balls)) {}
+      : name_(std::move(name)), balls_(std::move(balls)) {
+    assert(balls_.size() <= kMostBalls);
+  }
 
   Sphere bounds() const override { return {glm::dvec3(0), 1}; }
 
@@ -43,18 +49,21 @@ class Balls final : public Scene {
     // Where density changes along the ray, and where it ends at something solid.
     double end = 1;
     const Ball* solid = nullptr;
-    std::vector<double> cuts{0};
+    std::array<double, 2 * kMostBalls + 2> memory;
+    std::size_t count = 0;
+    memory[count++] = 0;
     for (const Ball& ball : balls_) {
       const Chord chord = intersect(ball.sphere, from, direction);
       if (!chord.hit || chord.leave <= 0 || chord.enter >= 1) continue;
       if (ball.density == kSolid) {
         if (chord.enter > 0 && chord.enter < end) end = chord.enter, solid = &ball;
       } else {
-        cuts.push_back(std::clamp(chord.enter, 0.0, 1.0));
-        cuts.push_back(std::clamp(chord.leave, 0.0, 1.0));
+        memory[count++] = std::clamp(chord.enter, 0.0, 1.0);
+        memory[count++] = std::clamp(chord.leave, 0.0, 1.0);
       }
     }
-    cuts.push_back(end);
+    memory[count++] = end;
+    const std::span cuts(memory.data(), count);
     std::sort(cuts.begin(), cuts.end());
 
     // Between two cuts all is homogeneous: the integrals are exact.

@@ -4,7 +4,8 @@
 #include <limits>
 #include <utility>
 
-#include "field/render_kernel.h"
+#include "field/ray_kernel.h"
+#include "field/sample_kernel.h"
 
 namespace slf {
 namespace {

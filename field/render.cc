@@ -11,12 +11,13 @@
 
 #include "field/block_renderer.h"
 #include "field/parallel.h"
-#include "field/render_kernel.h"
+#include "field/ray_kernel.h"
 
 namespace slf {
 namespace {
 
 constexpr std::uint32_t kBlock = 16;      // edge in pixels; larger ones leave the core's own cache
+constexpr std::uint32_t kTaken = 8;       // blocks that a thread takes at once
 constexpr std::size_t kRayScratch = 512;  // bytes of scratch per ray of a block, about
 
 void sort_unique(std::vector<TileKey>& keys) {
@@ -157,15 +158,11 @@ class ViewJob {
     const std::uint32_t own = workers_++;
     for (std::uint32_t k = 0; k < bands_.size(); ++k) {
       const auto band = (own + k) % static_cast<std::uint32_t>(bands_.size());
-      for (std::uint32_t block; !error && (block = bands_[band].next++) < begin_of(band + 1);) {
-        RayBlock& rays = renderer.rays(std::size_t{kBlock} * kBlock);
-        const PixelBlock square = pixels(block);
-        cast_rays(fan_, square, rays);
-        if (rays.count < std::size_t{square.x1 - square.x0} * (square.y1 - square.y0))
-          clear(square);
-        hit += rays.count;
-        if (auto ok = renderer.draw(level_pixels); !ok) error = ok.error();
-      }
+      const std::uint32_t end = begin_of(band + 1);
+      // Taking waits until all pixels are written, so a few are taken at once.
+      for (std::uint32_t begin; !error && (begin = bands_[band].next.fetch_add(kTaken)) < end;)
+        for (std::uint32_t block = begin; !error && block < std::min(begin + kTaken, end); ++block)
+          if (auto ok = draw(block, renderer, level_pixels, hit); !ok) error = ok.error();
     }
     std::vector<TileKey> touched, wanted;
     renderer.add_tiles_to(touched, wanted);
@@ -206,6 +203,26 @@ class ViewJob {
   [[nodiscard]] PixelBlock pixels(std::uint32_t block) const {
     const std::uint32_t x0 = block % across_ * kBlock, y0 = block / across_ * kBlock;
     return {x0, y0, std::min(x0 + kBlock, camera_.width), std::min(y0 + kBlock, camera_.height)};
+  }
+
+  Result<void> draw(std::uint32_t block, BlockRenderer& renderer,
+                    std::vector<std::uint64_t>& level_pixels, std::uint64_t& hit) {
+    RayBlock& rays = renderer.rays(std::size_t{kBlock} * kBlock);
+    const PixelBlock square = pixels(block);
+    fetch(square);
+    cast_rays(fan_, square, rays);
+    if (rays.count < std::size_t{square.x1 - square.x0} * (square.y1 - square.y0)) clear(square);
+    hit += rays.count;
+    return renderer.draw(level_pixels);
+  }
+
+  /// Has the lines of cache that the block will write brought in meanwhile: pictures are larger
+  /// than caches.
+  void fetch(const PixelBlock& block) {
+    constexpr std::uint32_t kLine = 64 / sizeof(glm::vec4);
+    for (std::uint32_t y = block.y0; y < block.y1; ++y)
+      for (std::uint32_t x = block.x0; x < block.x1; x += kLine)
+        __builtin_prefetch(&image_.rgba[std::size_t{y} * camera_.width + x], 1);
   }
 
   void clear(const PixelBlock& block) {

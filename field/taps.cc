@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "field/render_kernel.h"
+#include "field/sample_kernel.h"
 
 namespace slf {
 namespace {

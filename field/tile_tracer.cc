@@ -3,7 +3,6 @@
 #include <Imath/half.h>
 
 #include <algorithm>
-#include <cmath>
 
 namespace slf {
 namespace {
@@ -19,7 +18,7 @@ std::vector<glm::dvec3> world_points(const FieldShape& shape, Section section, s
 }
 
 std::byte to_byte(float value) {
-  return static_cast<std::byte>(std::lround(std::clamp(value, 0.f, 1.f) * 255));
+  return static_cast<std::byte>(std::clamp(value, 0.f, 1.f) * 255 + 0.5f);
 }
 
 void store_color(const glm::vec4& rgba, codec::SampleFormat format, std::byte* to) {

@@ -1,7 +1,7 @@
 // The arithmetic of the plane light field's rendering, compiled for several instruction sets.
 //
-// As field/render_kernel.h is for spheres: structures of arrays, as many rays at a time as there
-// are lanes, arrays longer than the block by kPadding.
+// As field/ray_kernel.h and field/sample_kernel.h are for spheres: structures of arrays, as many
+// rays at a time as there are lanes, arrays longer than the block by kPadding.
 #pragma once
 
 #include <array>

@@ -22,7 +22,7 @@ class Bench:
 
     def __init__(self, root, out, data, quick, keep_fields):
         self.root, self.out, self.quick = Path(root), Path(out), quick
-        self.programs = self.root / "build/bench"
+        self.programs = self.root / "build/release"
         self.fields = self.out / "fields"
         self.work = self.out / "work"
         self.keep_fields = keep_fields

@@ -197,7 +197,7 @@ def _compare_codecs(bench, part, volume, shape):
         line = [r for r in line if np.isfinite(r["psnr"])]
         ours = name.startswith("slf")
         axis.plot(
-            [r["bits"] for r in line], [r["psnr"] for r in line], "o-", ms=4, label=name,
+            [r["bits"] for r in line], [r["psnr"] for r in line], marker="o", ms=4, label=name,
             lw=2.4 if ours else 1.2, color=plots.OURS if name == "slf jpeg" else
             plots.plt.cm.Dark2(k % 8), ls="--" if r_film(name) else "-",
         )  # fmt: skip

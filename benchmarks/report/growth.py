@@ -9,11 +9,11 @@ from .outcome import PARTLY, human_bytes, human_count
 
 TITLE = "Growth"
 # Fields of an analytic scene, entry and exit alike: (cells an edge at level 0, levels).
-QUICK_FIELDS = [(8, 0), (8, 1), (8, 2)]
-FULL_FIELDS = [(8, 1), (8, 2), (8, 3), (12, 3), (10, 4)]
+QUICK_FIELDS = [(8, 0), (16, 0), (16, 1)]
+FULL_FIELDS = [(16, 0), (16, 1), (16, 2), (24, 2), (20, 3)]
 CODEC = "zstd:1"  # what builds fastest without filling the disk
 BYTES_PER_SLAB = 1.2  # with this codec, from above: to know beforehand whether a field fits
-LONGEST_BUILD = 1000  # seconds
+LONGEST_BUILD = 1200  # seconds
 VOLUMES = [64, 128, 256, 512]
 
 

@@ -1,0 +1,36 @@
+// What rays see: the samples they take from tiles, and their blend, on blocks of rays, compiled for
+// several instruction sets. Private to field/.
+//
+// A ray's result depends on the ray alone, never on its place in a block: lanes do not mix.
+#pragma once
+
+#include <cstdint>
+#include <glm/glm.hpp>
+
+#include "field/ray_block.h"
+#include "field/tile_numbers.h"
+
+namespace slf {
+
+/// Numbers the tiles that a pass over `count` rays samples.
+void number_tiles(const Pass& pass, const EntryArrays& entries, std::size_t count,
+                  TileNumbers& numbers, TileArrays& tiles);
+
+/// Takes a pass's samples from the tiles that are there; those of other tiles are 0. `add` combines
+/// them with what was taken before from other tiles. `columns` is the length of a tile's rows.
+/// REQUIRES: from a row of depths that is shorter than 8 bytes, 8 can be loaded.
+void take_samples(const TileOffsets& offsets, const Pass& pass, const EntryArrays& entries,
+                  const TileArrays& tiles, std::size_t count, std::uint32_t columns,
+                  bool half_floats, bool add, SampleArrays& samples);
+
+/// Below this opacity a depth is not worth following.
+inline constexpr float kFaint = 1.f / 255;
+
+/// Blends each ray's samples (eq. 2): premultiplied colours and, where the pass has depth, the
+/// opacity-weighted depth along the ray, 0 where nothing is seen. A pass for aims
+/// fills `entries.t` instead: halfway between the depth that all three vertices saw, or `t` where
+/// they saw too little, and the one that the vertex saw itself.
+void blend(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
+           const SampleArrays& samples, bool half_floats, glm::vec4* rgba, float* t);
+
+}  // namespace slf
