@@ -111,8 +111,8 @@ class GatherList {
     if (!is_new) return found->second;
     const codec::Tile shape = geometry_.tile(entry, codec::SampleFormat::rgba8);
     samples_.resize(samples_.size() + shape.bytes() / 4);
-    const auto pin =
-        cache_.get(tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)}), false);
+    const auto pin = cache_.get(
+        {tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)})}, false);
     if (pin && pin->color())
       std::memcpy(samples_.data() + found->second, pin->color(), shape.bytes());
     return found->second;

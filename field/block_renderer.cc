@@ -27,14 +27,18 @@ void copy_ray(const RayBlock& from, std::size_t k, RayBlock& to, std::size_t n) 
 }  // namespace
 
 BlockRenderer::BlockRenderer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
-                             const ViewOptions& options, const glm::dvec3& eye, Image& image)
+                             const ViewOptions& options, const glm::dvec3& eye, Image& image,
+                             Kept earlier)
     : field_(field),
       options_(options),
       eye_(eye),
       image_(image),
       cache_(cache),
       pin_bytes_(pin_bytes),
-      gatherers_(options.level + 1) {}
+      earlier_(std::move(earlier)),
+      gatherers_(options.level + 1) {
+  earlier_.resize(gatherers_.size());
+}
 
 RayBlock& BlockRenderer::rays(std::size_t most_rays) {
   if (rgba_.size() < most_rays + kRayPadding) {
@@ -57,7 +61,8 @@ TapGatherer& BlockRenderer::gatherer(unsigned level) {
   if (!place) {
     // Half of the pins for the finest level, half of the rest for the next...
     const std::uint64_t share = pin_bytes_ >> (gatherers_.size() - level);
-    place.emplace(field_, cache_, share, options_.needs_depth(), options_.wait);
+    place.emplace(field_, cache_, share, options_.needs_depth(), waits(level),
+                  std::exchange(earlier_[level], {}));
     place->resize(most_rays_);
   }
   return *place;
@@ -69,6 +74,13 @@ void BlockRenderer::add_tiles_to(std::vector<TileKey>& touched, std::vector<Tile
     touched.insert(touched.end(), gatherer->touched().begin(), gatherer->touched().end());
     wanted.insert(wanted.end(), gatherer->wanted().begin(), gatherer->wanted().end());
   }
+}
+
+BlockRenderer::Kept BlockRenderer::keep() && {
+  Kept kept(gatherers_.size());
+  for (unsigned level = 0; level < kept.size(); ++level)
+    if (gatherers_[level] && !waits(level)) kept[level] = std::move(*gatherers_[level]).keep();
+  return kept;
 }
 
 Result<void> BlockRenderer::draw(std::vector<std::uint64_t>& level_pixels) {

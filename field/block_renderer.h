@@ -19,10 +19,14 @@ namespace slf {
 /// Reused from block to block. Thread-safety: one thread.
 class BlockRenderer {
  public:
-  /// Borrows all; pins at most `pin_bytes` of the cache's tiles. Pixels are written into `image`,
-  /// whose depths are distances from `eye`, in world units.
+  /// By level.
+  using Kept = std::vector<KeptTiles>;
+
+  /// Borrows all; where it waits for tiles, pins at most `pin_bytes` of them. Pixels are written
+  /// into `image`, whose depths are distances from `eye`, in world units. `earlier` is what the
+  /// picture before kept.
   BlockRenderer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
-                const ViewOptions& options, const glm::dvec3& eye, Image& image);
+                const ViewOptions& options, const glm::dvec3& eye, Image& image, Kept earlier = {});
 
   /// The block to draw: fill it, then draw(). Sized for `most_rays`.
   [[nodiscard]] RayBlock& rays(std::size_t most_rays);
@@ -35,7 +39,11 @@ class BlockRenderer {
   /// with repetitions.
   void add_tiles_to(std::vector<TileKey>& touched, std::vector<TileKey>& wanted);
 
+  /// The end: the tiles that were not waited for, still pinned.
+  [[nodiscard]] Kept keep() &&;
+
  private:
+  [[nodiscard]] bool waits(unsigned level) const { return options_.wait || level == 0; }
   [[nodiscard]] TapGatherer& gatherer(unsigned level);
   [[nodiscard]] Result<void> draw_level(const LevelGeometry& geometry);
   [[nodiscard]] Result<void> first_pass(const LevelGeometry& geometry, Pass& pass);
@@ -51,6 +59,7 @@ class BlockRenderer {
   Image& image_;
   TileCache& cache_;
   const std::uint64_t pin_bytes_;
+  Kept earlier_;
   std::vector<std::optional<TapGatherer>> gatherers_;  // by level, so that each keeps its tiles
   TapGatherer* gatherer_ = nullptr;                    // of the level that is drawn
   std::size_t most_rays_ = 0;

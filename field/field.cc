@@ -49,6 +49,8 @@ codec::Tile Field::tile_shape(storage::LayerId layer, TileKey key) const {
 }
 
 Result<void> Field::decode(const storage::TileRef& tile, std::span<std::byte> samples) const {
+  if (codecs_[tile.layer]->in_place() && tile.payload.size() == samples.size())
+    return store_.copy(tile, samples);
   if (auto ok = store_.check(tile); !ok) return ok;
   auto decoded =
       codecs_[tile.layer]->decode(tile_shape(tile.layer, tile.key), tile.payload, samples);

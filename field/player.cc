@@ -16,7 +16,7 @@ namespace {
 
 // Pixels along a preview's longer side. Edges take turns, so that views that follow each other are
 // looked at along other rays.
-constexpr std::array<std::uint32_t, 4> kPreviewEdges{83, 97, 89, 101};
+constexpr std::array<std::uint32_t, 4> kPreviewEdges{41, 47, 43, 53};
 constexpr std::size_t kBatch = 64;  // tiles between looks at whether the plan has changed
 constexpr double kCut = 0.5;        // radians a frame; beyond it is another place
 
@@ -65,6 +65,19 @@ Camera predict(const glm::dvec3& center, const Camera& before, const Camera& now
   return camera;
 }
 
+namespace {
+
+/// Whether a camera is where it was expected: off by so little of its last step that it takes
+/// `frames` more to be off by all of it.
+bool is_near(const Camera& camera, const Camera& expected, const Camera& before, double frames) {
+  const auto apart = [](const Camera& a, const Camera& b) {
+    return glm::distance(a.eye, b.eye) + glm::distance(a.look_at, b.look_at);
+  };
+  return apart(camera, expected) * frames <= apart(camera, before);
+}
+
+}  // namespace
+
 /// The loading thread. It works on the latest plan only: what the last frame lacked, then the views
 /// to come, coarse levels first.
 class Player::Loader {
@@ -83,16 +96,16 @@ class Player::Loader {
     thread_.join();
   }
 
-  /// `lacking` are keys in order, `level` that of the frame; `frame_began` is when, on the cache's
-  /// clock.
+  /// `lacking` are keys in order, `level` that of the frame; `drawn` is when it was done, on the
+  /// cache's clock. Its tiles are pinned: what was used since is for frames to come.
   void plan(std::vector<TileKey> lacking, std::vector<Camera> next, unsigned level,
-            std::uint64_t frame_began) {
+            std::uint64_t drawn) {
     {
       const std::lock_guard lock(mutex_);
       lacking_ = std::move(lacking);
       next_ = std::move(next);
       level_ = level;
-      frame_began_ = frame_began;
+      drawn_ = drawn;
       ++plan_;
     }
     changed_.notify_all();
@@ -118,13 +131,12 @@ class Player::Loader {
       const std::uint64_t plan = plan_;
       const std::vector<TileKey> lacking = std::move(lacking_);
       const std::vector<Camera> next = std::move(next_);
-      const std::uint64_t frame_began = frame_began_;
+      const std::uint64_t drawn = drawn_;
       view_.level = level_;
       lock.unlock();
       current_ = plan;
-      auto ok = load(lacking, frame_began);
-      for (std::size_t k = 0; ok && k < next.size() && *ok; ++k)
-        ok = load_view(next[k], frame_began);
+      auto ok = load(lacking, drawn);
+      for (std::size_t k = 0; ok && k < next.size() && *ok; ++k) ok = load_view(next[k], drawn);
       lock.lock();
       if (!ok && !error_) error_ = ok.error();
       done_ = plan;
@@ -138,31 +150,34 @@ class Player::Loader {
   }
 
   /// Loads tiles in batches that the disk can work on together. False: there is a newer plan, or no
-  /// room but that of tiles the last frame used.
-  [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint64_t frame_began) {
-    const auto batch = [&](std::size_t from) {
-      return keys.subspan(from, std::min(kBatch, keys.size() - from));
+  /// room but that of tiles the next frames use.
+  [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint64_t drawn) {
+    const bool with_depth = view_.needs_depth();
+    const auto locate = [&](std::size_t from) {
+      from = std::min(from, keys.size());
+      return cache_.locate(keys.subspan(from, std::min(kBatch, keys.size() - from)), with_depth);
     };
-    cache_.advise(batch(0), view_.needs_depth());
+    auto batch = locate(0);
     for (std::size_t at = 0; at < keys.size(); at += kBatch) {
-      if (outdated() || !cache_.has_room(frame_began)) return false;
-      if (at + kBatch < keys.size()) cache_.advise(batch(at + kBatch), view_.needs_depth());
-      for (const TileKey& key : batch(at))
-        if (auto tile = cache_.get(key, view_.needs_depth()); !tile)
-          return tl::unexpected(tile.error());
+      if (outdated()) return false;
+      const auto now = std::exchange(batch, locate(at + kBatch));
+      for (const TileCache::Located& tile : now) {
+        if (!cache_.has_room(drawn)) return false;
+        if (auto here = cache_.get(tile, with_depth); !here) return tl::unexpected(here.error());
+      }
     }
     return true;
   }
 
   /// Loads what a small picture of a view touches. What it sees leads to more as tiles come, so it
   /// is drawn until it lacks nothing. False: as load().
-  [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint64_t frame_began) {
+  [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint64_t drawn) {
     for (std::uint64_t turn = current_; !outdated(); ++turn) {
       ViewStatistics statistics;
       if (auto ok = previewer_.render(preview_of(camera, turn), view_, preview_, &statistics); !ok)
         return tl::unexpected(ok.error());
       if (statistics.wanted.empty()) return true;
-      const auto loaded = load(statistics.wanted, frame_began);
+      const auto loaded = load(statistics.wanted, drawn);
       if (!loaded || !*loaded) return loaded;
     }
     return false;
@@ -179,7 +194,7 @@ class Player::Loader {
   std::vector<TileKey> lacking_;
   std::vector<Camera> next_;
   unsigned level_ = 0;
-  std::uint64_t frame_began_ = 0;
+  std::uint64_t drawn_ = 0;
   std::uint64_t plan_ = 0, done_ = 0;
   std::optional<Error> error_;
   bool stop_ = false;
@@ -188,16 +203,18 @@ class Player::Loader {
 
 namespace {
 
-/// Frames must not fault pages in, so tiles are copied out of the map.
-RendererOptions copying(RendererOptions options) {
+/// Frames must not fault pages in, so tiles are copied out of the map; and most are those of the
+/// frame before.
+RendererOptions for_frames(RendererOptions options) {
   options.in_place = false;
+  options.keep = true;
   return options;
 }
 
 }  // namespace
 
 Player::Player(const Field& field, const PlayOptions& options)
-    : field_(field), options_(options), renderer_(field, copying(options.renderer)) {
+    : field_(field), options_(options), renderer_(field, for_frames(options.renderer)) {
   options_.view.wait = options.loading == Loading::wait;
 }
 Player::~Player() = default;
@@ -211,7 +228,7 @@ Result<std::unique_ptr<Player>> Player::make(const Field& field, const PlayOptio
   TileCache& cache = player->renderer_.cache();
   for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_depth); ++index) {
     if (4 * cache.statistics().decoded_bytes > options.renderer.memory) break;
-    auto tile = cache.get({0, index}, options.view.needs_depth());
+    auto tile = cache.get({{0, index}}, options.view.needs_depth());
     if (!tile) return tl::unexpected(tile.error());
     player->coarsest_.push_back(std::move(*tile));
   }
@@ -223,7 +240,6 @@ Result<std::unique_ptr<Player>> Player::make(const Field& field, const PlayOptio
 Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* report) {
   const auto begin = std::chrono::steady_clock::now();
   TileCache& cache = renderer_.cache();
-  const std::uint64_t began = cache.now();
   ViewStatistics statistics;
   if (auto ok = renderer_.render(camera, options_.view, image, &statistics); !ok) return ok;
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
@@ -245,12 +261,18 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
   if (options_.loading == Loading::ahead) {
     const glm::dvec3& center = field_.shape().sphere.center;
     if (!statistics.wanted.empty()) next.push_back(camera);  // it may lead to more
-    // Tiles span several frames: the further ahead, the fewer looks are needed.
-    for (unsigned k = 1; before_ && k <= options_.horizon; k *= 2)
+    steady_ = before_ && expected_ && is_near(camera, *expected_, *before_, options_.horizon)
+                  ? steady_ + 1
+                  : 0;
+    // While the camera moves as predicted, what lies nearer was looked at from frames before.
+    // Otherwise: tiles span several frames, so the further ahead, the fewer looks are needed.
+    for (unsigned k = steady_ < options_.horizon ? 1 : options_.horizon;
+         before_ && k <= options_.horizon; k *= 2)
       next.push_back(predict(center, *before_, camera, k));
+    if (before_) expected_ = predict(center, *before_, camera, 1);
   }
   const auto level = static_cast<unsigned>(statistics.level_pixels.size() - 1);
-  loader_->plan(std::move(statistics.wanted), std::move(next), level, began);
+  loader_->plan(std::move(statistics.wanted), std::move(next), level, cache.now());
   before_ = camera;
   return {};
 }

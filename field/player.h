@@ -85,8 +85,10 @@ class Player {
   PlayOptions options_;
   Renderer renderer_;
   std::vector<TileCache::Pin> coarsest_;
-  CacheStatistics seen_;          // when the last frame was drawn
-  std::optional<Camera> before_;  // of that frame
+  CacheStatistics seen_;            // when the last frame was drawn
+  std::optional<Camera> before_;    // of that frame
+  std::optional<Camera> expected_;  // where the next frame's was predicted
+  unsigned steady_ = 0;             // frames for which it was there
   std::unique_ptr<Loader> loader_;
 };
 

@@ -8,6 +8,7 @@
 #include <mutex>
 #include <numbers>
 #include <optional>
+#include <utility>
 
 #include "field/block_renderer.h"
 #include "field/parallel.h"
@@ -31,7 +32,9 @@ struct Renderer::State {
   const Field& field;
   unsigned threads;
   std::uint64_t pin_bytes;  // that each thread may pin
+  bool keep;
   std::shared_ptr<TileCache> cache;
+  std::vector<BlockRenderer::Kept> kept{};  // by band of the picture
 };
 
 namespace {
@@ -76,12 +79,12 @@ RenderMode default_mode(const Field& field) {
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field, options);
   state_ = std::unique_ptr<State>(new State{
-      field, plan.threads, plan.cache_bytes / (plan.threads + 1),
+      field, plan.threads, plan.cache_bytes / (plan.threads + 1), options.keep,
       std::make_shared<TileCache>(field, plan.cache_bytes, options.map_budget, options.in_place)});
 }
-Renderer::Renderer(const Renderer& other, unsigned threads) : state_(new State(*other.state_)) {
-  state_->threads = threads;
-}
+Renderer::Renderer(const Renderer& other, unsigned threads)
+    : state_(new State{other.state_->field, threads, other.state_->pin_bytes, false,
+                       other.state_->cache}) {}
 Renderer::~Renderer() = default;
 
 TileCache& Renderer::cache() const { return *state_->cache; }
@@ -129,7 +132,8 @@ std::uint32_t block_count(const Camera& camera) {
 class ViewJob {
  public:
   ViewJob(const Field& field, TileCache& cache, unsigned threads, std::uint64_t pin_bytes,
-          const Camera& camera, const RayGenerator& rays, const ViewOptions& options, Image& image)
+          const Camera& camera, const RayGenerator& rays, const ViewOptions& options,
+          std::vector<BlockRenderer::Kept> kept, Image& image)
       : field_(field),
         cache_(cache),
         pin_bytes_(pin_bytes),
@@ -139,6 +143,7 @@ class ViewJob {
         across_(blocks_across(camera.width)),
         blocks_(block_count(camera)),
         bands_(threads),
+        kept_(std::move(kept)),
         image_(image),
         level_pixels_(options.level + 1) {
     image_.width = camera.width;
@@ -151,11 +156,12 @@ class ViewJob {
   /// Draws blocks until none are left. Called by each thread; each has a band of the picture of its
   /// own, so that few tiles and cache lines are shared, and then helps with the others.
   void work() {
-    BlockRenderer renderer(field_, cache_, pin_bytes_, options_, camera_.eye, image_);
     std::vector<std::uint64_t> level_pixels(level_pixels_.size());
     std::uint64_t hit = 0;
     std::optional<Error> error;
     const std::uint32_t own = workers_++;
+    BlockRenderer renderer(field_, cache_, pin_bytes_, options_, camera_.eye, image_,
+                           std::exchange(kept_[own], {}));
     for (std::uint32_t k = 0; k < bands_.size(); ++k) {
       const auto band = (own + k) % static_cast<std::uint32_t>(bands_.size());
       const std::uint32_t end = begin_of(band + 1);
@@ -167,6 +173,7 @@ class ViewJob {
     std::vector<TileKey> touched, wanted;
     renderer.add_tiles_to(touched, wanted);
     sort_unique(touched);
+    kept_[own] = std::move(renderer).keep();
     const std::lock_guard lock(mutex_);
     touched_.insert(touched_.end(), touched.begin(), touched.end());
     wanted_.insert(wanted_.end(), wanted.begin(), wanted.end());
@@ -179,6 +186,7 @@ class ViewJob {
   }
 
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
+  [[nodiscard]] std::vector<BlockRenderer::Kept> take_kept() { return std::move(kept_); }
 
   /// What the engine counted; bytes and pages are looked up by count_bytes.
   void fill(ViewStatistics& statistics) {
@@ -243,6 +251,7 @@ class ViewJob {
   const ViewOptions& options_;
   const std::uint32_t across_, blocks_;
   std::vector<Band> bands_;
+  std::vector<BlockRenderer::Kept> kept_;  // by band
   Image& image_;
   std::atomic<std::uint32_t> workers_{0};
   std::mutex mutex_;
@@ -272,8 +281,12 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
   state_->cache->reset_peak();
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
   const unsigned threads = std::min(state_->threads, block_count(camera));
-  ViewJob job(field, *state_->cache, threads, state_->pin_bytes, camera, *rays, options, image);
+  auto earlier = std::exchange(state_->kept, {});
+  earlier.resize(threads);
+  ViewJob job(field, *state_->cache, threads, state_->pin_bytes, camera, *rays, options,
+              std::move(earlier), image);
   on_threads(threads, [&] { job.work(); });
+  if (state_->keep && !options.wait) state_->kept = job.take_kept();
   if (job.error()) return tl::unexpected(*job.error());
 
   if (statistics) {

@@ -1,6 +1,7 @@
 #include "field/taps.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "field/sample_kernel.h"
 
@@ -12,17 +13,34 @@ constexpr std::uint64_t kPinBytes = 512;  // bookkeeping of a pinned tile, about
 }  // namespace
 
 TapGatherer::TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
-                         bool with_depth, bool wait)
+                         bool with_depth, bool wait, KeptTiles earlier)
     : cache_(cache),
       format_(field.manifest().layers[field.layer("color").value_or(0)].format),
       with_depth_(with_depth),
       columns_(triangle_size(field.shape().exit_side)),
       wait_(wait),
+      earlier_(std::move(earlier)),
       zeros_(columns_ * codec::sample_bytes(format_) + 8) {
   const std::uint64_t sample = codec::sample_bytes(format_) + (with_depth ? 1 : 0);
   const std::uint64_t tile = field.shape().largest_tile() * sample + kPinBytes;
-  most_pins_ = static_cast<std::uint32_t>(std::clamp<std::uint64_t>(pin_bytes / tile, 1, 1 << 20));
+  // What is in the cache already takes no room when it is pinned.
+  if (!wait) pin_bytes = kUnlimited;
+  most_pins_ = static_cast<std::uint32_t>(std::clamp<std::uint64_t>(pin_bytes / tile, 1, 1 << 30));
   offsets_.zeros = zeros_.data();
+  if (earlier_.with_depth != with_depth) release(earlier_.tiles);
+}
+
+TapGatherer::~TapGatherer() {
+  forget_tiles();
+  release(earlier_.tiles);
+}
+
+KeptTiles TapGatherer::keep() && {
+  KeptTiles kept;
+  kept.numbers = std::move(numbers_);
+  kept.tiles = std::move(tiles_);
+  kept.with_depth = with_depth_;
+  return kept;
 }
 
 void TapGatherer::resize(std::size_t rays) {
@@ -31,11 +49,15 @@ void TapGatherer::resize(std::size_t rays) {
   missing_.resize(rays);
 }
 
-void TapGatherer::forget_tiles() {
+void TapGatherer::release(std::span<Tile> tiles) {
   std::vector<TileCache::Pin> pins;
-  for (Tile& tile : tiles_)
+  for (Tile& tile : tiles)
     if (tile.pin) pins.push_back(std::move(tile.pin));
-  cache_.release(pins);
+  if (!pins.empty()) cache_.release(pins);
+}
+
+void TapGatherer::forget_tiles() {
+  release(tiles_);
   numbers_.clear();
   tiles_.clear();
   lacks_tiles_ = false;
@@ -55,16 +77,10 @@ void TapGatherer::add_tiles() {
 
 Result<void> TapGatherer::pin(Wave wave) {
   if (wave.begin == wave.end) return {};
-  const bool wait = wait_ || geometry_->level() == 0;  // something must be drawn
-  std::vector<TileKey> keys;
-  for (std::uint32_t n = wave.begin; n < wave.end; ++n) keys.push_back(tiles_[n].key);
-  if (wait) {
-    cache_.advise(keys, with_depth_);
-    for (std::uint32_t n = wave.begin; n < wave.end; ++n)
-      if (auto ok = load(tiles_[n]); !ok) return ok;
-  } else {
-    find({tiles_.data() + wave.begin, keys.size()}, keys);
-  }
+  if (!wait_)
+    find(wave);
+  else if (auto ok = load(wave); !ok)
+    return ok;
   for (std::uint32_t n = wave.begin; n < wave.end; ++n) {
     const Tile& tile = tiles_[n];
     lacks_tiles_ |= tile.missing;
@@ -74,21 +90,45 @@ Result<void> TapGatherer::pin(Wave wave) {
   return {};
 }
 
-Result<void> TapGatherer::load(Tile& tile) {
-  auto pin = cache_.get(tile.key, with_depth_);
-  if (!pin) return tl::unexpected(pin.error());
-  tile.pin = std::move(*pin);
-  tile.missing = tile.pin.state() == storage::TileState::missing;
+Result<void> TapGatherer::load(Wave wave) {
+  std::vector<TileKey> keys;
+  for (std::uint32_t n = wave.begin; n < wave.end; ++n) keys.push_back(tiles_[n].key);
+  std::uint32_t n = wave.begin;
+  for (const TileCache::Located& located : cache_.locate(keys, with_depth_)) {
+    auto pin = cache_.get(located, with_depth_);
+    if (!pin) return tl::unexpected(pin.error());
+    Tile& tile = tiles_[n++];
+    tile.pin = std::move(*pin);
+    tile.missing = tile.pin.state() == storage::TileState::missing;
+  }
   return {};
 }
 
-void TapGatherer::find(std::span<Tile> tiles, std::span<const TileKey> keys) {
+void TapGatherer::find(Wave wave) {
+  std::vector<TileKey> keys;
+  std::vector<std::uint32_t> numbers;
+  const auto take = [&](std::uint32_t n, TileCache::Pin pin) {
+    tiles_[n].pin = std::move(pin);
+    tiles_[n].missing = tiles_[n].pin.state() == storage::TileState::missing;
+  };
+  for (std::uint32_t n = wave.begin; n < wave.end; ++n) {
+    const std::uint32_t before = earlier_.numbers.known(numbers_.pairs()[n]);
+    if (before != kNoTile && earlier_.tiles[before].pin) {
+      take(n, std::move(earlier_.tiles[before].pin));
+    } else {
+      keys.push_back(tiles_[n].key);
+      numbers.push_back(n);
+    }
+  }
+  if (keys.empty()) return;
   auto pins = cache_.find(keys, with_depth_);
-  for (std::size_t k = 0; k < tiles.size(); ++k) {
-    Tile& tile = tiles[k];
-    tile.pin = std::move(pins[k]);
-    tile.missing = !tile.pin || tile.pin.state() == storage::TileState::missing;
-    if (!tile.pin) wanted_.push_back(tile.key);
+  for (std::size_t k = 0; k < keys.size(); ++k) {
+    if (pins[k]) {
+      take(numbers[k], std::move(pins[k]));
+    } else {
+      tiles_[numbers[k]].missing = true;
+      wanted_.push_back(keys[k]);
+    }
   }
 }
 

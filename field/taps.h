@@ -18,16 +18,33 @@
 
 namespace slf {
 
+/// The tiles that were gathered for a picture, still pinned: the next one needs mostly the same.
+/// Must not outlive the cache.
+struct KeptTiles {
+  struct Tile {
+    TileKey key;
+    TileCache::Pin pin;
+    bool missing;  ///< or not there yet
+  };
+  TileNumbers numbers;
+  std::vector<Tile> tiles;  ///< by number
+  bool with_depth = false;
+};
+
 /// Reused from block to block. Thread-safety: one thread.
 class TapGatherer {
  public:
-  /// Pins at most `pin_bytes` of decoded tiles, or one tile. With depth, both layers are pinned.
-  /// Unless it waits, tiles of levels above 0 that are not in the cache count as missing.
+  /// With depth, both layers of tiles are pinned. One that waits pins at most `pin_bytes` of
+  /// decoded tiles, or one tile; for one that does not, tiles that are not in the cache count as
+  /// missing, and those of `earlier` need not be looked for.
   TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes, bool with_depth,
-              bool wait);
+              bool wait, KeptTiles earlier = {});
   TapGatherer(const TapGatherer&) = delete;
   TapGatherer& operator=(const TapGatherer&) = delete;
-  ~TapGatherer() { forget_tiles(); }
+  ~TapGatherer();
+
+  /// The end: what this one gathered. REQUIRES: it does not wait.
+  [[nodiscard]] KeptTiles keep() &&;
 
   void resize(std::size_t rays);
 
@@ -48,22 +65,19 @@ class TapGatherer {
   [[nodiscard]] std::vector<TileKey>& wanted() { return wanted_; }
 
  private:
-  struct Tile {
-    TileKey key;
-    TileCache::Pin pin;
-    bool missing;  // or not there yet
-  };
+  using Tile = KeptTiles::Tile;
   /// Tiles [begin, end) of tiles_.
   struct Wave {
     std::uint32_t begin, end;
   };
 
+  void release(std::span<Tile> tiles);
   void forget_tiles();
   void add_tiles();
   [[nodiscard]] Result<void> pin(Wave wave);
-  [[nodiscard]] Result<void> load(Tile& tile);
-  /// Takes what the cache holds of tiles.
-  void find(std::span<Tile> tiles, std::span<const TileKey> keys);
+  [[nodiscard]] Result<void> load(Wave wave);
+  /// Takes what is pinned already, or in the cache.
+  void find(Wave wave);
   void unpin(Wave wave);
   void take(Wave wave, std::size_t count, const EntryArrays& entries, const Pass& pass, bool add);
   [[nodiscard]] std::int64_t offset_of(const std::byte* samples) const;
@@ -74,6 +88,7 @@ class TapGatherer {
   std::uint32_t columns_;  // of every tile
   std::uint32_t most_pins_;
   bool wait_;
+  KeptTiles earlier_;
   const LevelGeometry* geometry_ = nullptr;  // whose tiles are in tiles_
   TileNumbers numbers_;
   std::vector<Tile> tiles_;   // by number

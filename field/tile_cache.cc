@@ -25,6 +25,7 @@ struct TileCache::Part {
   std::optional<Error> error;
   Stage stage = Stage::absent;
   bool in_place = false;  // samples are in the map
+  bool mapped = false;    // the payload is read there
 
   [[nodiscard]] bool good() const { return stage == Stage::ready && !error; }
 };
@@ -88,15 +89,15 @@ storage::TileState TileCache::Pin::state() const { return entry_->color.tile.sta
 const std::byte* TileCache::Pin::color() const { return entry_->color.samples; }
 const std::byte* TileCache::Pin::depth() const { return entry_->depth.samples; }
 
-Result<TileCache::Pin> TileCache::get(TileKey key, bool with_depth) {
+Result<TileCache::Pin> TileCache::get(const Located& tile, bool with_depth) {
   Hold hold(*this);
-  Entry& entry = entries_[key];
-  entry.key = key;
+  Entry& entry = entries_[tile.key];
+  entry.key = tile.key;
   pin_locked(entry);
-  auto here = bring(hold.lock(), entry, entry.color, color_);
+  auto here = bring(hold.lock(), entry, entry.color, color_, tile.color);
   bool hit = here && *here;
   if (const auto depth = depth_of(with_depth); here && depth && entry.visible()) {
-    here = bring(hold.lock(), entry, entry.depth, *depth);
+    here = bring(hold.lock(), entry, entry.depth, *depth, tile.depth);
     hit = hit && here && *here;
   }
   if (here) {
@@ -108,12 +109,13 @@ Result<TileCache::Pin> TileCache::get(TileKey key, bool with_depth) {
 }
 
 Result<bool> TileCache::bring(std::unique_lock<std::mutex>& lock, Entry& entry, Part& part,
-                              storage::LayerId layer) {
+                              storage::LayerId layer,
+                              const std::optional<storage::TileRef>& located) {
   const bool absent = part.stage == Part::Stage::absent;
   if (absent) {
     part.stage = Part::Stage::loading;
     lock.unlock();
-    auto ok = load(entry, part, layer);
+    auto ok = load(entry, part, layer, located);
     lock.lock();
     part.stage = Part::Stage::ready;
     if (!ok) part.error = std::move(ok.error());  // it goes with the last who pin the entry
@@ -147,28 +149,30 @@ void TileCache::release(std::span<Pin> pins) {
     if (pin.entry_) unpin_locked(*std::exchange(pin.entry_, nullptr));
 }
 
-void TileCache::charge(Entry& entry, const Part& part, std::uint64_t bytes) {
+void TileCache::charge(Entry& entry, const Part& part, std::uint64_t bytes, bool located) {
   const Hold hold(*this);
   const std::uint64_t cost = bytes + (entry.cost == 0 ? kEntryBytes : 0);
   evict_locked(budget_ > cost ? budget_ - cost : 0);
   entry.cost += cost;
   statistics_.decodes += bytes > 0;
   statistics_.loaded_bytes += part.tile.payload.size();
-  map_locked(part.tile);
+  if (part.mapped || !located) map_locked(part.tile, part.mapped);
   statistics_.decoded_bytes += cost;
   statistics_.decoded_peak_bytes =
       std::max(statistics_.decoded_peak_bytes, statistics_.decoded_bytes);
 }
 
-Result<void> TileCache::load(Entry& entry, Part& part, storage::LayerId layer) {
-  const auto tile = field_.store().find(layer, entry.key);
+Result<void> TileCache::load(Entry& entry, Part& part, storage::LayerId layer,
+                             const std::optional<storage::TileRef>& located) {
+  const auto tile = located ? *located : field_.store().find(layer, entry.key);
   if (!tile) return tl::unexpected(tile.error());
   part.tile = *tile;
   const bool stored = tile->state == storage::TileState::stored;
   const std::size_t bytes = stored ? field_.tile_shape(layer, entry.key).bytes() : 0;
-  part.in_place = in_place_ && stored && field_.codec(layer).in_place() &&
-                  tile->payload.size() == bytes && triangle_size(field_.shape().exit_side) >= kLoad;
-  charge(entry, part, part.in_place ? 0 : bytes);
+  const bool raw = stored && field_.codec(layer).in_place() && tile->payload.size() == bytes;
+  part.in_place = in_place_ && raw && triangle_size(field_.shape().exit_side) >= kLoad;
+  part.mapped = stored && (part.in_place || !raw);
+  charge(entry, part, part.in_place ? 0 : bytes, located.has_value());
   if (part.in_place) {
     part.samples = tile->payload.data();
     return field_.store().check(*tile);
@@ -179,32 +183,42 @@ Result<void> TileCache::load(Entry& entry, Part& part, storage::LayerId layer) {
   return field_.decode(*tile, {part.owned.get(), bytes});
 }
 
-void TileCache::advise(std::span<const TileKey> keys, bool with_depth) {
-  std::vector<storage::LayerId> layers{color_};
-  if (const auto depth = depth_of(with_depth)) layers.push_back(*depth);
+std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys, bool with_depth) {
+  const auto depth = depth_of(with_depth);
+  std::vector<Located> located(keys.size());
   std::vector<TileKey> wanted;
+  std::vector<std::size_t> places;  // of the wanted ones among all
   {
     const std::lock_guard lock(mutex_);
-    for (const TileKey& key : keys) {
-      const auto found = entries_.find(key);
-      if (found == entries_.end() || (layers.size() > 1 && found->second.lacks_depth()))
-        wanted.push_back(key);
+    for (std::size_t k = 0; k < keys.size(); ++k) {
+      located[k].key = keys[k];
+      const auto found = entries_.find(keys[k]);
+      if (found != entries_.end() && !(depth && found->second.lacks_depth())) continue;
+      wanted.push_back(keys[k]);
+      places.push_back(k);
     }
   }
   // All together, unless the tables of so many records were too much of the map.
   const std::size_t most =
-      std::max<std::uint64_t>(map_budget_ / (4 * kMapWindow * layers.size()), 1);
-  for (std::span<const TileKey> rest = wanted; !rest.empty();) {
-    const auto some = rest.first(std::min(most, rest.size()));
-    rest = rest.subspan(some.size());
+      std::max<std::uint64_t>(map_budget_ / (4 * kMapWindow * (depth ? 2 : 1)), 1);
+  for (std::size_t begin = 0; begin < wanted.size(); begin += most) {
+    const auto some = std::span(wanted).subspan(begin, std::min(most, wanted.size() - begin));
     std::vector<storage::TileRef> tiles;
-    for (const storage::LayerId layer : layers)
-      for (const auto& found : field_.store().find_all(layer, some))
-        if (found && found->state == storage::TileState::stored) tiles.push_back(*found);
+    const auto look_up = [&](storage::LayerId layer, auto part) {
+      const auto found = field_.store().find_all(layer, some);
+      for (std::size_t k = 0; k < found.size(); ++k) {
+        if (!found[k]) continue;  // get() says why
+        located[places[begin + k]].*part = *found[k];
+        if (found[k]->state == storage::TileState::stored) tiles.push_back(*found[k]);
+      }
+    };
+    look_up(color_, &Located::color);
+    if (depth) look_up(*depth, &Located::depth);
     field_.store().advise(tiles);
     const Hold hold(*this);
-    for (const storage::TileRef& tile : tiles) map_locked(tile);
+    for (const storage::TileRef& tile : tiles) map_locked(tile, false);
   }
+  return located;
 }
 
 void TileCache::pin_locked(Entry& entry) {
@@ -212,11 +226,11 @@ void TileCache::pin_locked(Entry& entry) {
   entry.before->after = entry.after;
   entry.after->before = entry.before;
   for (const Part* part : {&entry.color, &entry.depth})
-    if (part->in_place) map_locked(part->tile);
+    if (part->in_place) map_locked(part->tile, true);
 }
 
-void TileCache::map_locked(const storage::TileRef& tile) {
-  const auto [begin, end] = field_.store().range(tile);
+void TileCache::map_locked(const storage::TileRef& tile, bool used) {
+  const auto [begin, end] = used ? field_.store().range(tile) : storage::FileRange{};
   // Neighbours are mostly read together; others take their record's table and a leaf of the tree,
   // and so do tiles that are empty.
   std::uint64_t windows = 2;

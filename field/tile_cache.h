@@ -75,9 +75,15 @@ class TileCache {
             bool in_place = true);
   ~TileCache();
 
+  /// A tile, and where its payloads are in the file as far as that was looked up.
+  struct Located {
+    TileKey key;
+    std::optional<storage::TileRef> color{}, depth{};
+  };
+
   /// A tile's colour and, if it has any and they are wanted, depths. Thread-safe. Any error of
   /// finding, checking or decoding; it is not remembered.
-  [[nodiscard]] Result<Pin> get(TileKey key, bool with_depth);
+  [[nodiscard]] Result<Pin> get(const Located& tile, bool with_depth);
 
   /// The tiles that are loaded already; where one is not, an empty pin. Thread-safe; waits for
   /// nobody.
@@ -86,9 +92,10 @@ class TileCache {
   /// Lets go of many pins at once.
   void release(std::span<Pin> pins);
 
-  /// Asks the kernel to read the payloads of tiles that are not here yet: call it with all that
-  /// will be wanted next, so that the disk works on many at a time.
-  void advise(std::span<const TileKey> keys, bool with_depth);
+  /// Looks up the tiles that are not here yet and asks the kernel to read their payloads: call it
+  /// with all that will be wanted next, so that the disk works on many at a time, and get() what it
+  /// returns, in the order of the keys.
+  [[nodiscard]] std::vector<Located> locate(std::span<const TileKey> keys, bool with_depth);
 
   /// A clock that ticks as tiles are used.
   [[nodiscard]] std::uint64_t now() const;
@@ -116,14 +123,17 @@ class TileCache {
   void unpin_locked(Entry& entry);
   void evict_locked(std::uint64_t budget);
   void drop_locked(Entry& entry);
-  /// Counts the pages that reading a tile brings into the map, and has them released when due.
-  void map_locked(const storage::TileRef& tile);
+  /// Counts the pages that finding a tile brings into the map, or using it there, and has all of
+  /// them released when due.
+  void map_locked(const storage::TileRef& tile, bool used);
   /// Makes room for a part of an entry and counts it.
-  void charge(Entry& entry, const Part& part, std::uint64_t bytes);
+  void charge(Entry& entry, const Part& part, std::uint64_t bytes, bool located);
   /// Loads a part, or waits for whoever does. Whether there was nothing to load.
   [[nodiscard]] Result<bool> bring(std::unique_lock<std::mutex>& lock, Entry& entry, Part& part,
-                                   storage::LayerId layer);
-  [[nodiscard]] Result<void> load(Entry& entry, Part& part, storage::LayerId layer);
+                                   storage::LayerId layer,
+                                   const std::optional<storage::TileRef>& located);
+  [[nodiscard]] Result<void> load(Entry& entry, Part& part, storage::LayerId layer,
+                                  const std::optional<storage::TileRef>& located);
   [[nodiscard]] std::optional<storage::LayerId> depth_of(bool wanted) const {
     return wanted ? depth_ : std::nullopt;
   }

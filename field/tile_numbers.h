@@ -33,14 +33,16 @@ class TileNumbers {
   static_assert(Recent::kSlots == 1u << (32 - Recent::kShift));
 
   [[nodiscard]] std::uint32_t number(Pair pair) {
-    const Slot& slot = find(pair);
-    const std::uint32_t number = slot.number != kNoTile ? slot.number : add(pair);
+    std::uint32_t number = known(pair);
+    if (number == kNoTile) number = add(pair);
     const std::uint32_t at =
         (pair.entry * Recent::kEntryFactor + pair.exit * Recent::kExitFactor) >> Recent::kShift;
     recent_.entry[at] = pair.entry, recent_.exit[at] = pair.exit, recent_.number[at] = number;
     return number;
   }
   [[nodiscard]] const Recent& recent() const { return recent_; }
+  /// The number a pair was given, or kNoTile.
+  [[nodiscard]] std::uint32_t known(Pair pair) const { return slots_[slot_of(pair)].number; }
 
   [[nodiscard]] const std::vector<Pair>& pairs() const { return pairs_; }
 
@@ -57,21 +59,21 @@ class TileNumbers {
   };
 
   /// The slot of a pair, or the free one where it would go.
-  [[nodiscard]] Slot& find(Pair pair) {
+  [[nodiscard]] std::size_t slot_of(Pair pair) const {
     const std::uint64_t key = std::uint64_t{pair.entry} << 32 | pair.exit;
     std::size_t slot = key * 0x9E3779B97F4A7C15u >> 32 & (slots_.size() - 1);
     while (slots_[slot].number != kNoTile && slots_[slot].pair != pair)
       slot = (slot + 1) & (slots_.size() - 1);
-    return slots_[slot];
+    return slot;
   }
 
   std::uint32_t add(Pair pair) {
     if (2 * pairs_.size() >= slots_.size()) {  // at most half full
       slots_.assign(4 * slots_.size(), {});
-      for (std::uint32_t n = 0; n < pairs_.size(); ++n) find(pairs_[n]) = {pairs_[n], n};
+      for (std::uint32_t n = 0; n < pairs_.size(); ++n) slots_[slot_of(pairs_[n])] = {pairs_[n], n};
     }
     const auto number = static_cast<std::uint32_t>(pairs_.size());
-    find(pair) = {pair, number};
+    slots_[slot_of(pair)] = {pair, number};
     pairs_.push_back(pair);
     return number;
   }

@@ -1,6 +1,10 @@
 #include "storage/internal/snapshot.h"
 
+#include <unistd.h>
+
 #include <atomic>
+#include <cerrno>
+#include <cstring>
 #include <thread>
 
 namespace slf::storage::internal {
@@ -110,7 +114,24 @@ Result<Tree> Snapshot::named_tree(std::string_view name) const {
 
 Result<void> Snapshot::unchanged() const {
   if (!map_.changed()) return {};
+  return shrunk();
+}
+
+Result<void> Snapshot::shrunk() const {
   return fail(ErrorCode::bad_file, path_, ": changed while open: it has become shorter");
+}
+
+Result<void> Snapshot::read(ByteSpan part, std::span<std::byte> to) const {
+  auto offset = static_cast<off_t>(part.data() - map_.bytes().data());
+  while (!to.empty()) {
+    const ssize_t got = pread(file_.descriptor(), to.data(), to.size(), offset);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return fail(ErrorCode::io, path_, ": cannot read: ", std::strerror(errno));
+    if (got == 0) return shrunk();
+    to = to.subspan(static_cast<std::size_t>(got));
+    offset += got;
+  }
+  return {};
 }
 
 Result<ByteSpan> Snapshot::blob(std::string_view name) const {

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cassert>
 #include <numeric>
 #include <utility>
 
@@ -208,6 +209,14 @@ Result<void> TileStore::check(const TileRef& tile) const {
               tile.layer < state_->names.size() ? state_->names[tile.layer] : "?", ", tile ",
               int{tile.key.level}, "/", tile.key.index, ": the payload of ", tile.payload.size(),
               " bytes does not match its checksum");
+}
+
+Result<void> TileStore::copy(const TileRef& tile, std::span<std::byte> to) const {
+  assert(to.size() == tile.payload.size());
+  if (auto done = state_->snapshot->read(tile.payload, to); !done) return done;
+  TileRef copied = tile;
+  copied.payload = to;
+  return check(copied);
 }
 
 void TileStore::advise(std::span<const TileRef> tiles) const { advise_all(tiles, MADV_WILLNEED); }

@@ -122,6 +122,11 @@ class TileStore {
   /// Verifies a stored tile's checksum (touches the payload). bad_file names layer and key.
   [[nodiscard]] Result<void> check(const TileRef& tile) const;
 
+  /// Copies a stored tile's payload out of the file, and verifies its checksum. Leaves the map
+  /// alone: no page of the payload becomes part of it. Errors as check(), or io.
+  /// REQUIRES: `to` is as long as the payload.
+  [[nodiscard]] Result<void> copy(const TileRef& tile, std::span<std::byte> to) const;
+
   /// Asks the kernel to read the tiles' pages soon; neighbouring ranges are merged.
   void advise(std::span<const TileRef> tiles) const;
 

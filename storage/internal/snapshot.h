@@ -42,6 +42,10 @@ class Snapshot {
   /// bad_file once the file has shrunk under the map; what was read before may have been zeros.
   [[nodiscard]] Result<void> unchanged() const;
 
+  /// Reads a part of bytes() from the file, past the map. io: the system's reason. bad_file: the
+  /// file has shrunk. REQUIRES: not opened locked; `to` is as long as `part`.
+  [[nodiscard]] Result<void> read(ByteSpan part, std::span<std::byte> to) const;
+
   /// A blob, checked. bad_file: absent or damaged.
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const;
 
@@ -57,6 +61,7 @@ class Snapshot {
   [[nodiscard]] Result<std::optional<Record>> find(LayerId layer, TileKey key) const;
 
  private:
+  [[nodiscard]] Result<void> shrunk() const;
   explicit Snapshot(std::string path) : path_(std::move(path)) {}
 
   [[nodiscard]] Result<Meta> pin_current();

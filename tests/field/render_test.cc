@@ -115,9 +115,9 @@ glm::dvec4 bi_triangle(const Field& field, unsigned level, TileCache& cache, con
   glm::dvec4 rgba(0);
   for (std::size_t c = 0; c < 3; ++c) {
     const EntryRow row = geometry.entry_row(enter.octant, enter.corners()[c]);
-    const auto pin = cache.get(
-        tile_key({geometry.entry_section(row.section), geometry.exit_section(exit.section)}),
-        false);
+    const TileKey key =
+        tile_key({geometry.entry_section(row.section), geometry.exit_section(exit.section)});
+    const auto pin = cache.get({key}, false);
     if (!pin || !pin->color()) continue;
     const std::byte* samples = pin->color() + 4ull * row.row * triangle_size(geometry.exit_side());
     for (std::size_t e = 0; e < 3; ++e)
