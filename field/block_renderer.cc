@@ -169,7 +169,7 @@ void BlockRenderer::finish_all() {
   for (std::size_t k = 0; k < rays_.count;) {
     const std::uint32_t pixel = rays_.pixel[k];  // they ascend
     if (plain && k + kRun <= rays_.count && rays_.pixel[k + kRun - 1] == pixel + kRun - 1) {
-      std::copy_n(&rgba_[k], kRun, &image_.rgba[pixel]);
+      for (std::size_t i = 0; i < kRun; ++i) image_.rgba[pixel + i] = rgba_[k + i];
       k += kRun;
     } else {
       finish(k++);

@@ -188,13 +188,16 @@ struct Colors {
   V r, g, b, a;
 };
 
-HWY_INLINE V byte_of(VI v, int shift) {
-  return to_float(hn::And(hn::ShiftRightSame(v, shift), hn::Set(DI(), 255)));
+/// Byte `k` of each lane, 0 the lowest.
+template <int k>
+HWY_INLINE V byte_of(VU v) {
+  const VU shifted = hn::ShiftRight<8 * k>(v);
+  return to_float(hn::BitCast(DI(), k == 3 ? shifted : hn::And(shifted, hn::Set(DU(), 255))));
 }
 
 HWY_INLINE Colors load_colors(const RayArray<std::uint32_t>& from, std::size_t k) {
-  const VI v = hn::BitCast(DI(), hn::LoadU(DU(), from.data() + k));
-  return {byte_of(v, 0), byte_of(v, 8), byte_of(v, 16), byte_of(v, 24)};
+  const VU v = hn::LoadU(DU(), from.data() + k);
+  return {byte_of<0>(v), byte_of<1>(v), byte_of<2>(v), byte_of<3>(v)};
 }
 
 HWY_INLINE Colors load_colors(const RayArray<std::uint64_t>& from, std::size_t k) {
@@ -220,9 +223,11 @@ void blend_typed(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
     for (std::size_t c = 0; c < pass.entries; ++c) {
       const V weight = hn::LoadU(d, entries.weight[c].data() + k);
       V opacity = zero, depth = zero;
-      VI depths = hn::Zero(DI());
-      if constexpr (kDepth)
-        depths = hn::BitCast(DI(), hn::LoadU(DU(), samples.depth[c].data() + k));
+      V depths[3] = {zero, zero, zero};
+      if constexpr (kDepth) {
+        const VU three = hn::LoadU(DU(), samples.depth[c].data() + k);
+        depths[0] = byte_of<0>(three), depths[1] = byte_of<1>(three), depths[2] = byte_of<2>(three);
+      }
       for (std::size_t e = 0; e < 3; ++e) {
         const V w = hn::Mul(weight, hn::LoadU(d, pass.exit[c]->weight[e].data() + k));
         const Colors v = kHalf ? load_colors(samples.rgba16f[3 * c + e], k)
@@ -235,7 +240,7 @@ void blend_typed(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
         if constexpr (kDepth) {
           const V visible = hn::Mul(w, v.a);
           opacity = hn::Add(opacity, visible);
-          depth = hn::MulAdd(visible, byte_of(depths, 8 * static_cast<int>(e)), depth);
+          depth = hn::MulAdd(visible, depths[e], depth);
         } else {
           opacity = hn::MulAdd(w, v.a, opacity);
         }
