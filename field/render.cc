@@ -133,7 +133,7 @@ class ViewJob {
  public:
   ViewJob(const Field& field, TileCache& cache, unsigned threads, std::uint64_t pin_bytes,
           const Camera& camera, const RayGenerator& rays, const ViewOptions& options,
-          std::vector<BlockRenderer::Kept> kept, Image& image)
+          std::vector<BlockRenderer::Kept>* kept, Image& image)
       : field_(field),
         cache_(cache),
         pin_bytes_(pin_bytes),
@@ -143,7 +143,7 @@ class ViewJob {
         across_(blocks_across(camera.width)),
         blocks_(block_count(camera)),
         bands_(threads),
-        kept_(std::move(kept)),
+        kept_(kept),
         image_(image),
         level_pixels_(options.level + 1) {
     image_.width = camera.width;
@@ -161,7 +161,7 @@ class ViewJob {
     std::optional<Error> error;
     const std::uint32_t own = workers_++;
     BlockRenderer renderer(field_, cache_, pin_bytes_, options_, camera_.eye, image_,
-                           std::exchange(kept_[own], {}));
+                           kept_ ? std::move((*kept_)[own]) : BlockRenderer::Kept());
     for (std::uint32_t k = 0; k < bands_.size(); ++k) {
       const auto band = (own + k) % static_cast<std::uint32_t>(bands_.size());
       const std::uint32_t end = begin_of(band + 1);
@@ -173,7 +173,7 @@ class ViewJob {
     std::vector<TileKey> touched, wanted;
     renderer.add_tiles_to(touched, wanted);
     sort_unique(touched);
-    kept_[own] = std::move(renderer).keep();
+    if (kept_) (*kept_)[own] = std::move(renderer).keep();
     const std::lock_guard lock(mutex_);
     touched_.insert(touched_.end(), touched.begin(), touched.end());
     wanted_.insert(wanted_.end(), wanted.begin(), wanted.end());
@@ -186,7 +186,6 @@ class ViewJob {
   }
 
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
-  [[nodiscard]] std::vector<BlockRenderer::Kept> take_kept() { return std::move(kept_); }
 
   /// What the engine counted; bytes and pages are looked up by count_bytes.
   void fill(ViewStatistics& statistics) {
@@ -251,7 +250,7 @@ class ViewJob {
   const ViewOptions& options_;
   const std::uint32_t across_, blocks_;
   std::vector<Band> bands_;
-  std::vector<BlockRenderer::Kept> kept_;  // by band
+  std::vector<BlockRenderer::Kept>* kept_;  // by band; null: none are
   Image& image_;
   std::atomic<std::uint32_t> workers_{0};
   std::mutex mutex_;
@@ -281,12 +280,11 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
   state_->cache->reset_peak();
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
   const unsigned threads = std::min(state_->threads, block_count(camera));
-  auto earlier = std::exchange(state_->kept, {});
-  earlier.resize(threads);
+  const bool keep = state_->keep && !options.wait;
+  state_->kept.resize(keep ? threads : 0);
   ViewJob job(field, *state_->cache, threads, state_->pin_bytes, camera, *rays, options,
-              std::move(earlier), image);
+              keep ? &state_->kept : nullptr, image);
   on_threads(threads, [&] { job.work(); });
-  if (state_->keep && !options.wait) state_->kept = job.take_kept();
   if (job.error()) return tl::unexpected(*job.error());
 
   if (statistics) {

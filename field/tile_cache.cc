@@ -95,24 +95,17 @@ Result<TileCache::Pin> TileCache::get(const Located& tile, bool with_depth) {
   entry.key = tile.key;
   pin_locked(entry);
   auto here = bring(hold.lock(), entry, entry.color, color_, tile.color);
-  bool hit = here && *here;
-  if (const auto depth = depth_of(with_depth); here && depth && entry.visible()) {
+  if (const auto depth = depth_of(with_depth); here && depth && entry.visible())
     here = bring(hold.lock(), entry, entry.depth, *depth, tile.depth);
-    hit = hit && here && *here;
-  }
-  if (here) {
-    statistics_.hits += hit;
-    return Pin(this, &entry);
-  }
+  if (here) return Pin(this, &entry);
   unpin_locked(entry);
   return tl::unexpected(std::move(here.error()));
 }
 
-Result<bool> TileCache::bring(std::unique_lock<std::mutex>& lock, Entry& entry, Part& part,
+Result<void> TileCache::bring(std::unique_lock<std::mutex>& lock, Entry& entry, Part& part,
                               storage::LayerId layer,
                               const std::optional<storage::TileRef>& located) {
-  const bool absent = part.stage == Part::Stage::absent;
-  if (absent) {
+  if (part.stage == Part::Stage::absent) {
     part.stage = Part::Stage::loading;
     lock.unlock();
     auto ok = load(entry, part, layer, located);
@@ -124,7 +117,7 @@ Result<bool> TileCache::bring(std::unique_lock<std::mutex>& lock, Entry& entry, 
     loaded_.wait(lock, [&] { return part.stage == Part::Stage::ready; });
   }
   if (part.error) return tl::unexpected(*part.error);
-  return !absent;
+  return {};
 }
 
 std::vector<TileCache::Pin> TileCache::find(std::span<const TileKey> keys, bool with_depth) {
@@ -137,7 +130,6 @@ std::vector<TileCache::Pin> TileCache::find(std::span<const TileKey> keys, bool 
     Entry& entry = found->second;
     if (!entry.color.good() || (depth && entry.visible() && !entry.depth.good())) continue;
     pin_locked(entry);
-    ++statistics_.hits;
     pins[k] = Pin(this, &entry);
   }
   return pins;

@@ -25,7 +25,6 @@
 namespace slf {
 
 struct CacheStatistics {
-  std::uint64_t hits = 0;
   std::uint64_t decodes = 0;
   std::uint64_t decoded_bytes = 0;       ///< kept now
   std::uint64_t decoded_peak_bytes = 0;  ///< the most kept at any time
@@ -128,8 +127,8 @@ class TileCache {
   void map_locked(const storage::TileRef& tile, bool used);
   /// Makes room for a part of an entry and counts it.
   void charge(Entry& entry, const Part& part, std::uint64_t bytes, bool located);
-  /// Loads a part, or waits for whoever does. Whether there was nothing to load.
-  [[nodiscard]] Result<bool> bring(std::unique_lock<std::mutex>& lock, Entry& entry, Part& part,
+  /// Loads a part, or waits for whoever does.
+  [[nodiscard]] Result<void> bring(std::unique_lock<std::mutex>& lock, Entry& entry, Part& part,
                                    storage::LayerId layer,
                                    const std::optional<storage::TileRef>& located);
   [[nodiscard]] Result<void> load(Entry& entry, Part& part, storage::LayerId layer,

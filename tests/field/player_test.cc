@@ -132,6 +132,35 @@ TEST_F(Play, ATightBudgetIsKeptAndStillDraws) {
   }
 }
 
+TEST_F(Play, WhatThePathLeftBehindMakesRoom) {
+  // Room for one view, not for all that the path sees. A view leads to more tiles as some come.
+  const auto stay = [&](Player& player, double azimuth) {
+    Image image;
+    FrameReport report;
+    for (int k = 0; k < 8; ++k) {
+      report = draw(player, camera(azimuth), image);
+      player.settle();
+    }
+    return report;
+  };
+  constexpr std::uint64_t kMemory = 12 << 20;
+  const auto fresh = player(options(Loading::demand, kMemory));
+  ASSERT_TRUE(fresh);
+  ASSERT_EQ(stay(*fresh, 180).lacking, 0u);
+
+  const auto moving = player(options(Loading::ahead, kMemory));
+  ASSERT_TRUE(moving);
+  Image image;
+  std::uint64_t loads = 0;
+  for (double azimuth = 0; azimuth <= 180; azimuth += 10) {
+    loads += draw(*moving, camera(azimuth), image).loads;
+    moving->settle();
+  }
+  EXPECT_EQ(stay(*moving, 180).lacking, 0u);
+  EXPECT_EQ(image.rgba.size(), 160u * 120u);
+  EXPECT_GT(loads, 0u);
+}
+
 TEST_F(Play, EndsWhileLoading) {
   for (int k = 0; k < 20; ++k) {
     const auto p = player(options(Loading::ahead));
