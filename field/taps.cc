@@ -77,10 +77,15 @@ void TapGatherer::add_tiles() {
 
 Result<void> TapGatherer::pin(Wave wave) {
   if (wave.begin == wave.end) return {};
-  if (!wait_)
-    find(wave);
-  else if (auto ok = load(wave); !ok)
-    return ok;
+  const std::vector<std::uint32_t> absent = find(wave);
+  if (wait_) {
+    if (auto ok = load(absent); !ok) return ok;
+  } else {
+    for (const std::uint32_t n : absent) {
+      tiles_[n].missing = true;
+      wanted_.push_back(tiles_[n].key);
+    }
+  }
   for (std::uint32_t n = wave.begin; n < wave.end; ++n) {
     const Tile& tile = tiles_[n];
     lacks_tiles_ |= tile.missing;
@@ -90,46 +95,45 @@ Result<void> TapGatherer::pin(Wave wave) {
   return {};
 }
 
-Result<void> TapGatherer::load(Wave wave) {
+std::vector<std::uint32_t> TapGatherer::find(Wave wave) {
   std::vector<TileKey> keys;
-  for (std::uint32_t n = wave.begin; n < wave.end; ++n) keys.push_back(tiles_[n].key);
-  std::uint32_t n = wave.begin;
-  for (const TileCache::Located& located : cache_.locate(keys, with_depth_)) {
-    auto pin = cache_.get(located, with_depth_);
-    if (!pin) return tl::unexpected(pin.error());
-    Tile& tile = tiles_[n++];
-    tile.pin = std::move(*pin);
-    tile.missing = tile.pin.state() == storage::TileState::missing;
-  }
-  return {};
-}
-
-void TapGatherer::find(Wave wave) {
-  std::vector<TileKey> keys;
-  std::vector<std::uint32_t> numbers;
-  const auto take = [&](std::uint32_t n, TileCache::Pin pin) {
-    tiles_[n].pin = std::move(pin);
-    tiles_[n].missing = tiles_[n].pin.state() == storage::TileState::missing;
-  };
+  std::vector<std::uint32_t> numbers, absent;
   for (std::uint32_t n = wave.begin; n < wave.end; ++n) {
     const std::uint32_t before = earlier_.numbers.known(numbers_.pairs()[n]);
     if (before != kNoTile && earlier_.tiles[before].pin) {
-      take(n, std::move(earlier_.tiles[before].pin));
+      hold(n, std::move(earlier_.tiles[before].pin));
     } else {
       keys.push_back(tiles_[n].key);
       numbers.push_back(n);
     }
   }
-  if (keys.empty()) return;
+  if (keys.empty()) return absent;
   auto pins = cache_.find(keys, with_depth_);
-  for (std::size_t k = 0; k < keys.size(); ++k) {
-    if (pins[k]) {
-      take(numbers[k], std::move(pins[k]));
-    } else {
-      tiles_[numbers[k]].missing = true;
-      wanted_.push_back(keys[k]);
-    }
+  for (std::size_t k = 0; k < keys.size(); ++k)
+    if (pins[k])
+      hold(numbers[k], std::move(pins[k]));
+    else
+      absent.push_back(numbers[k]);
+  return absent;
+}
+
+Result<void> TapGatherer::load(std::span<const std::uint32_t> numbers) {
+  if (numbers.empty()) return {};
+  std::vector<TileKey> keys;
+  for (const std::uint32_t n : numbers) keys.push_back(tiles_[n].key);
+  const auto located = cache_.locate(keys, with_depth_);
+  for (std::size_t k = 0; k < numbers.size(); ++k) {
+    auto pin = cache_.get(located[k], with_depth_);
+    if (!pin) return tl::unexpected(pin.error());
+    hold(numbers[k], std::move(*pin));
   }
+  return {};
+}
+
+void TapGatherer::hold(std::uint32_t number, TileCache::Pin pin) {
+  Tile& tile = tiles_[number];
+  tile.pin = std::move(pin);
+  tile.missing = tile.pin.state() == storage::TileState::missing;
 }
 
 std::int64_t TapGatherer::offset_of(const std::byte* samples) const {

@@ -8,6 +8,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "base/error.h"
@@ -75,9 +76,10 @@ class TapGatherer {
   void forget_tiles();
   void add_tiles();
   [[nodiscard]] Result<void> pin(Wave wave);
-  [[nodiscard]] Result<void> load(Wave wave);
-  /// Takes what is pinned already, or in the cache.
-  void find(Wave wave);
+  /// Holds what is pinned already or in the cache; returns the numbers of the others.
+  [[nodiscard]] std::vector<std::uint32_t> find(Wave wave);
+  [[nodiscard]] Result<void> load(std::span<const std::uint32_t> numbers);
+  void hold(std::uint32_t number, TileCache::Pin pin);
   void unpin(Wave wave);
   void take(Wave wave, std::size_t count, const EntryArrays& entries, const Pass& pass, bool add);
   [[nodiscard]] std::int64_t offset_of(const std::byte* samples) const;
