@@ -12,7 +12,7 @@ TITLE = "Growth"
 QUICK_FIELDS = [(8, 0), (16, 0), (16, 1)]
 FULL_FIELDS = [(16, 0), (16, 1), (16, 2), (24, 2), (20, 3)]
 CODEC = "zstd:1"  # what builds fastest without filling the disk
-BYTES_PER_SLAB = 1.2  # with this codec, from above: to know beforehand whether a field fits
+BYTES_PER_SLAB = 0.6  # of large fields, from above: to know beforehand whether one fits
 LONGEST_BUILD = 1200  # seconds
 VOLUMES = [64, 128, 256, 512]
 
