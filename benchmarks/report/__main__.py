@@ -67,7 +67,10 @@ def machine(quick):
             processor = line.split(":")[1].strip()
             break
     git = ["git", "-C", str(ROOT), "describe", "--always", "--dirty"]
-    commit = subprocess.run(git, capture_output=True, text=True).stdout.strip() or "?"
+    try:
+        commit = subprocess.run(git, capture_output=True, text=True).stdout.strip() or "?"
+    except OSError:  # there is no git
+        commit = "?"
     return {
         "commit": commit,
         "processor": processor,
