@@ -169,6 +169,7 @@ void BlockRenderer::finish_all() {
   for (std::size_t k = 0; k < rays_.count;) {
     const std::uint32_t pixel = rays_.pixel[k];  // they ascend
     if (plain && k + kRun <= rays_.count && rays_.pixel[k + kRun - 1] == pixel + kRun - 1) {
+      // As whole vectors; copy_n would call memmove, which is slower for so few.
       for (std::size_t i = 0; i < kRun; ++i) image_.rgba[pixel + i] = rgba_[k + i];
       k += kRun;
     } else {

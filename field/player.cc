@@ -266,8 +266,8 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
                   : 0;
     // While the camera moves as predicted, what lies nearer was looked at from frames before.
     // Otherwise: tiles span several frames, so the further ahead, the fewer looks are needed.
-    for (unsigned k = steady_ < options_.horizon ? 1 : options_.horizon;
-         before_ && k <= options_.horizon; k *= 2)
+    const unsigned first = steady_ < options_.horizon ? 1 : std::max(options_.horizon, 1u);
+    for (unsigned k = first; before_ && k <= options_.horizon; k *= 2)
       next.push_back(predict(center, *before_, camera, k));
     if (before_) expected_ = predict(center, *before_, camera, 1);
   }

@@ -201,7 +201,7 @@ std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys,
       for (std::size_t k = 0; k < found.size(); ++k) {
         if (!found[k]) continue;  // get() says why
         located[places[begin + k]].*part = *found[k];
-        if (found[k]->state == storage::TileState::stored) tiles.push_back(*found[k]);
+        tiles.push_back(*found[k]);
       }
     };
     look_up(color_, &Located::color);

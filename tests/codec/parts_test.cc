@@ -70,13 +70,16 @@ RC_GTEST_PROP(Lanes, RestoreUndoesPredictOnEveryMachine, ()) {
   for (LaneValues& lanes : coverage)
     for (std::uint16_t& value : lanes) value = random() % 4 != 0;
 
-  std::vector<LaneValues> expected;
+  std::vector<LaneValues> expected, expected_covered;
   slf::testing::with_each_instruction_set([&](const char*) {
     predict(group, values.data(), nullptr, residuals.data());
     restore(group, residuals.data(), back.data());
     RC_ASSERT(back == values);
     if (expected.empty()) expected = residuals;
     RC_ASSERT(residuals == expected);
+    predict(group, values.data(), coverage.data(), residuals.data());
+    if (expected_covered.empty()) expected_covered = residuals;
+    RC_ASSERT(residuals == expected_covered);
   });
 
   predict(group, values.data(), coverage.data(), residuals.data());
