@@ -10,9 +10,13 @@
 namespace slf {
 namespace {
 
-/// Entry lattices coarser than this are worth aiming once more: their vertices see things from
-/// further apart.
-constexpr std::int32_t kFineEntries = 32;
+/// Rays are followed until their aims move, along the chord, by less than the entry lattice's
+/// resolution times this (the closer the vertices, the less they see of it), or for so many rounds.
+constexpr float kRest = 1.f / 2048;
+constexpr int kRounds = 3;
+
+/// Pass::spread in steps of the exit lattice: on slanted surfaces neighbours differ in depth, too.
+constexpr float kSpread = 6.4f;
 
 glm::dvec3 point(const PointArrays& points, std::size_t k) {
   return {points.x[k], points.y[k], points.z[k]};
@@ -102,20 +106,15 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
   pass.with_depth = options_.needs_depth();
   gatherer_->forget_missing();
   if (auto ok = first_pass(geometry, pass); !ok) return ok;
-  if (mode == RenderMode::depth) {
-    keep_followed(geometry);
-    const std::array<const float*, 3> same{t_.data(), t_.data(), t_.data()};
-    if (geometry.entry_resolution() < kFineEntries)
-      if (auto ok = depth_pass(geometry, same, pass); !ok) return ok;
-    pass.aims = true;
-    if (auto ok = depth_pass(geometry, same, pass); !ok) return ok;
-    pass.aims = false;
-    pass.with_depth = options_.with_depth;
-    const auto& t = entries_.t;
-    if (auto ok = depth_pass(geometry, {t[0].data(), t[1].data(), t[2].data()}, pass); !ok)
-      return ok;
-  }
   finish_all();
+  if (mode != RenderMode::depth) return {};
+  pass.spread = kSpread / static_cast<float>(geometry.exit_resolution());
+  for (int round = 0; round < kRounds; ++round) {
+    keep_moving(geometry);
+    if (rays_.count == 0) break;
+    if (auto ok = depth_pass(geometry, pass); !ok) return ok;
+    finish_all();
+  }
   return {};
 }
 
@@ -131,9 +130,8 @@ Result<void> BlockRenderer::first_pass(const LevelGeometry& geometry, Pass& pass
   return {};
 }
 
-Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry,
-                                       const std::array<const float*, 3>& t, Pass& pass) {
-  aim_at_depth(rays_, entries_, t, aims_);
+Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry, Pass& pass) {
+  aim_at_depth(rays_, entries_, aims_);
   for (std::size_t c = 0; c < 3; ++c) {
     find_exits(geometry, aims_[c], rays_.count, false, exits_[c]);
     pass.aim[c] = &aims_[c];
@@ -145,21 +143,16 @@ Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry,
   return {};
 }
 
-/// Finishes the rays that saw nothing to follow and closes the ranks of the others.
-void BlockRenderer::keep_followed(const LevelGeometry& geometry) {
-  std::size_t n = 0;
-  for (std::size_t k = 0; k < rays_.count; ++k) {
-    if (gatherer_->missing(k) || rgba_[k].a <= kFaint) {
-      finish(k);
-      continue;
-    }
-    if (k != n) copy_ray(rays_, k, rays_, n), t_[n] = t_[k];
-    ++n;
-  }
+/// Closes the ranks of the rays whose aims still move.
+void BlockRenderer::keep_moving(const LevelGeometry& geometry) {
+  if (gatherer_->any_missing())
+    for (std::size_t k = 0; k < rays_.count; ++k)
+      if (gatherer_->missing(k)) entries_.step[k] = 0;
   gatherer_->forget_missing();
-  if (n == rays_.count) return;
-  rays_.count = n;
-  find_entries(geometry, rays_, false, true, entries_);
+  const std::size_t before = rays_.count;
+  const float rest = kRest * static_cast<float>(geometry.entry_resolution());
+  slf::keep_moving(rest, rays_, entries_, t_.data());
+  if (rays_.count < before) find_entries(geometry, rays_, false, true, entries_);
 }
 
 /// Writes the rays' pixels, many at a time where they are side by side.

@@ -2,7 +2,7 @@
 //
 // All modes are passes of the same three steps: each ray's entry vertices are aimed at an exit
 // point, the samples are gathered, the values blended. The first pass aims where the ray itself
-// leaves; mode depth aims anew, twice or thrice, at what the pass before saw.
+// leaves; mode depth aims anew at what the pass before saw, until that is where it aimed.
 #pragma once
 
 #include <cstdint>
@@ -47,9 +47,8 @@ class BlockRenderer {
   [[nodiscard]] TapGatherer& gatherer(unsigned level);
   [[nodiscard]] Result<void> draw_level(const LevelGeometry& geometry);
   [[nodiscard]] Result<void> first_pass(const LevelGeometry& geometry, Pass& pass);
-  [[nodiscard]] Result<void> depth_pass(const LevelGeometry& geometry,
-                                        const std::array<const float*, 3>& t, Pass& pass);
-  void keep_followed(const LevelGeometry& geometry);
+  [[nodiscard]] Result<void> depth_pass(const LevelGeometry& geometry, Pass& pass);
+  void keep_moving(const LevelGeometry& geometry);
   void finish_all();
   void finish(std::size_t ray);
 

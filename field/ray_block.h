@@ -65,6 +65,7 @@ struct EntryArrays {
   std::array<RayArray<std::uint32_t>, 3> row;      ///< its first sample in the section's tiles
   std::array<RayArray<float>, 3> weight;
   std::array<RayArray<float>, 3> t;  ///< depth along the ray that the vertex is to aim at
+  RayArray<float> step;              ///< how far the furthest of these aims moved; 0: not at all
   std::array<PointArrays, 3> point;  ///< the vertices, where depth is wanted
 
   void resize(std::size_t size) {
@@ -72,6 +73,7 @@ struct EntryArrays {
       for (auto& array : *arrays) array.resize(size + kRayPadding);
     for (auto& array : weight) array.resize(size + kRayPadding);
     for (auto& array : t) array.resize(size + kRayPadding);
+    step.resize(size + kRayPadding);
     for (auto& points : point) points.resize(size + kRayPadding);
   }
 };
@@ -116,8 +118,10 @@ struct TileOffsets {
 /// A pass over rays: every ray's entry vertices, each aimed at an exit point.
 struct Pass {
   unsigned entries = 3;     ///< slots in use
-  bool aims = false;        ///< no colour is wanted, but a better aim for the next pass
   bool with_depth = false;  ///< depth is wanted
+  /// Samples count by how well they agree with the depth that was aimed at: fully at the same
+  /// place, hardly from this far along the ray. 0: they all count.
+  float spread = 0;
   std::array<const PointArrays*, 3> aim{};  ///< per entry slot
   std::array<const ExitArrays*, 3> exit{};
 };

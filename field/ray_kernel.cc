@@ -203,14 +203,32 @@ void find_exits_any(const LevelGeometry& geometry, const PointArrays& points, st
   }
 }
 
+void keep_moving_any(float rest, RayBlock& rays, EntryArrays& entries, float* t) {
+  const D d;
+  std::size_t n = 0;
+  for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
+    const auto moving = hn::And(hn::Gt(hn::LoadU(d, &entries.step[k]), hn::Set(d, rest)),
+                                hn::FirstN(d, rays.count - k));
+    if (hn::AllFalse(d, moving)) continue;
+    const bool all = hn::AllTrue(d, moving);
+    store_chosen(Point::load(rays.enter, k), all, moving, rays.enter, n);
+    store_chosen(Point::load(rays.leave, k), all, moving, rays.leave, n);
+    store_chosen(hn::LoadU(DU(), &rays.pixel[k]), all, moving, DU(), &rays.pixel[n]);
+    for (auto& aim : entries.t) store_chosen(hn::LoadU(d, &aim[k]), all, moving, d, &aim[n]);
+    store_chosen(hn::LoadU(d, t + k), all, moving, d, t + n);
+    n += hn::CountTrue(d, moving);
+  }
+  rays.count = n;
+}
+
 void aim_at_depth_any(const RayBlock& rays, const EntryArrays& entries,
-                      const std::array<const float*, 3>& t, std::array<PointArrays, 3>& aims) {
+                      std::array<PointArrays, 3>& aims) {
   const D d;
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
     const Point enter = Point::load(rays.enter, k);
     const Point ray = Point::load(rays.leave, k).minus(enter);
     for (std::size_t c = 0; c < 3; ++c) {
-      const Point seen = enter.plus(hn::LoadU(d, t[c] + k), ray);
+      const Point seen = enter.plus(hn::LoadU(d, &entries.t[c][k]), ray);
       const Point from = Point::load(entries.point[c], k);
       const Point along = seen.minus(from);
       const V length2 = along.dot(along);
@@ -231,6 +249,7 @@ namespace slf {
 HWY_EXPORT(cast_rays_any);
 HWY_EXPORT(find_entries_any);
 HWY_EXPORT(find_exits_any);
+HWY_EXPORT(keep_moving_any);
 HWY_EXPORT(aim_at_depth_any);
 
 void cast_rays(const RayFan& fan, const PixelBlock& block, RayBlock& rays) {
@@ -247,9 +266,13 @@ void find_exits(const LevelGeometry& geometry, const PointArrays& points, std::s
   HWY_DYNAMIC_DISPATCH(find_exits_any)(geometry, points, count, nearest, exits);
 }
 
+void keep_moving(float rest, RayBlock& rays, EntryArrays& entries, float* t) {
+  HWY_DYNAMIC_DISPATCH(keep_moving_any)(rest, rays, entries, t);
+}
+
 void aim_at_depth(const RayBlock& rays, const EntryArrays& entries,
-                  const std::array<const float*, 3>& t, std::array<PointArrays, 3>& aims) {
-  HWY_DYNAMIC_DISPATCH(aim_at_depth_any)(rays, entries, t, aims);
+                  std::array<PointArrays, 3>& aims) {
+  HWY_DYNAMIC_DISPATCH(aim_at_depth_any)(rays, entries, aims);
 }
 
 }  // namespace slf

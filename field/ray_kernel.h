@@ -38,9 +38,13 @@ void find_entries(const LevelGeometry& geometry, const RayBlock& rays, bool near
 void find_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
                 bool nearest, ExitArrays& exits);
 
+/// Keeps the rays whose aims moved by more than `rest`, with the aims and `t`; the rest of
+/// `entries` is then to be found again.
+void keep_moving(float rest, RayBlock& rays, EntryArrays& entries, float* t);
+
 /// Aims each ray's three entry vertices at what the ray sees at their depths t: where the lines
 /// through it leave the sphere.
 void aim_at_depth(const RayBlock& rays, const EntryArrays& entries,
-                  const std::array<const float*, 3>& t, std::array<PointArrays, 3>& aims);
+                  std::array<PointArrays, 3>& aims);
 
 }  // namespace slf

@@ -209,75 +209,105 @@ HWY_INLINE Colors load_colors(const RayArray<std::uint64_t>& from, std::size_t k
   return {to_float(r), to_float(g), to_float(b), to_float(a)};
 }
 
-template <bool kHalf, bool kDepth, bool kAims>
+/// What samples that do not agree at all still count: where nothing agrees, all must do.
+constexpr float kDisagreeing = 0.1f;
+/// Samples of a quarter of full opacity are judged as if they had it all; fainter ones less.
+constexpr float kJudged = 0.25f;
+
+template <bool kHalf, bool kDepth, bool kAgree>
 void blend_typed(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
                  const SampleArrays& samples, glm::vec4* rgba, float* t) {
   const D d;
-  const V zero = hn::Zero(d), unit = hn::Set(d, kHalf ? 1.f : 1.f / 255);
+  constexpr float kFull = kHalf ? 1.f : 255.f;
+  const V zero = hn::Zero(d), one = hn::Set(d, 1.f), faint = hn::Set(d, kFaint * kFull);
+  const V most = hn::Set(d, 1 - kDisagreeing);
+  const V by_opacity = hn::Set(d, (1 - kDisagreeing) / (kJudged * kFull));
+  const V sharpness = hn::Set(d, kAgree ? 1 / pass.spread : 0.f);
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
     Colors sum{zero, zero, zero, zero};
-    // Depth along the ray, times opacity and the ray's squared length.
-    V place = zero, places[3], opacities[3];
+    V total = zero;                  // of the weights
+    V opacity = zero, place = zero;  // the latter times the former, as in the next line
+    V opacities[3], places[3];
     const Point enter = Point::load(rays.enter, k);
     const Point ray = Point::load(rays.leave, k).minus(enter);
+    const V inverse = kDepth ? hn::Div(one, ray.dot(ray)) : zero;
     for (std::size_t c = 0; c < pass.entries; ++c) {
       const V weight = hn::LoadU(d, entries.weight[c].data() + k);
-      V opacity = zero, depth = zero;
-      V depths[3] = {zero, zero, zero};
+      V depths[3], seen = zero, depth = zero, offset = zero, slope = zero;
+      V begin = zero, scale = zero;  // where its samples lie along the ray: begin + depth · scale
       if constexpr (kDepth) {
         const VU three = hn::LoadU(DU(), samples.depth[c].data() + k);
         depths[0] = byte_of<0>(three), depths[1] = byte_of<1>(three), depths[2] = byte_of<2>(three);
+        const Point from = Point::load(entries.point[c], k);
+        const Point aim = Point::load(*pass.aim[c], k).minus(from);
+        begin = hn::Mul(from.minus(enter).dot(ray), inverse);
+        scale = hn::Mul(aim.dot(ray), hn::Mul(inverse, hn::Set(d, 1.f / 255)));
+      }
+      if constexpr (kAgree) {
+        offset = hn::Mul(hn::Sub(begin, hn::LoadU(d, &entries.t[c][k])), sharpness);
+        slope = hn::Mul(scale, sharpness);
       }
       for (std::size_t e = 0; e < 3; ++e) {
-        const V w = hn::Mul(weight, hn::LoadU(d, pass.exit[c]->weight[e].data() + k));
+        const V share = hn::Mul(weight, hn::LoadU(d, pass.exit[c]->weight[e].data() + k));
         const Colors v = kHalf ? load_colors(samples.rgba16f[3 * c + e], k)
                                : load_colors(samples.rgba8[3 * c + e], k);
-        if constexpr (!kAims) {
-          sum.r = hn::MulAdd(w, v.r, sum.r);
-          sum.g = hn::MulAdd(w, v.g, sum.g);
-          sum.b = hn::MulAdd(w, v.b, sum.b);
-        }
+        V w = share;
         if constexpr (kDepth) {
-          const V visible = hn::Mul(w, v.a);
-          opacity = hn::Add(opacity, visible);
+          const V visible = hn::Mul(share, v.a);
+          seen = hn::Add(seen, visible);
           depth = hn::MulAdd(visible, depths[e], depth);
-        } else {
-          opacity = hn::MulAdd(w, v.a, opacity);
         }
+        if constexpr (kAgree) {
+          const V off = hn::MulAdd(depths[e], slope, offset);
+          const V apart = hn::Min(hn::Mul(off, off), one);
+          const V lost = hn::Mul(apart, hn::Min(hn::Mul(v.a, by_opacity), most));
+          w = hn::NegMulAdd(lost, share, share);
+          total = hn::Add(total, w);
+        }
+        sum.r = hn::MulAdd(w, v.r, sum.r);
+        sum.g = hn::MulAdd(w, v.g, sum.g);
+        sum.b = hn::MulAdd(w, v.b, sum.b);
+        sum.a = hn::MulAdd(w, v.a, sum.a);
       }
-      sum.a = hn::Add(sum.a, opacity);
       if constexpr (kDepth) {
-        // Where the vertex's ray saw something, as a position along the pixel's.
-        const Point from = Point::load(entries.point[c], k);
-        const Point along = Point::load(*pass.aim[c], k).minus(from);
-        const V share = hn::Mul(depth, hn::Set(d, 1.f / 255));
-        places[c] = hn::MulAdd(opacity, from.minus(enter).dot(ray), hn::Mul(share, along.dot(ray)));
-        opacities[c] = opacity;
+        opacities[c] = seen;
+        places[c] = hn::MulAdd(seen, begin, hn::Mul(depth, scale));
+        opacity = hn::Add(opacity, seen);
         place = hn::Add(place, places[c]);
       }
     }
     if constexpr (kDepth) {
-      const V length2 = ray.dot(ray), one = hn::Set(d, 1.f);
-      const auto along_ray = [&](V where, V opacity) {
-        return hn::Min(hn::Max(hn::Div(where, hn::Mul(opacity, length2)), zero), one);
+      const auto mean = [&](V of, V weight) {
+        return hn::Min(hn::Max(hn::Div(of, weight), zero), one);
       };
-      V seen = along_ray(place, sum.a);
-      if constexpr (kAims) {
-        const V faint = hn::Set(d, kFaint / (kHalf ? 1.f : 1.f / 255));
-        seen = hn::IfThenElse(hn::Gt(sum.a, faint), seen, hn::LoadU(d, t + k));
+      const auto enough = hn::Gt(opacity, faint);
+      V all = mean(place, opacity);
+      V step = zero;
+      if constexpr (kAgree) {
+        all = hn::IfThenElse(enough, all, hn::LoadU(d, t + k));
         for (std::size_t c = 0; c < 3; ++c) {
-          const auto saw =
-              hn::Gt(opacities[c], hn::Mul(hn::LoadU(d, &entries.weight[c][k]), faint));
-          const V own = hn::IfThenElse(saw, along_ray(places[c], opacities[c]), seen);
-          store(hn::Mul(hn::Add(seen, own), hn::Set(d, 0.5f)), entries.t[c], k);
+          const V weight = hn::LoadU(d, &entries.weight[c][k]);
+          const auto saw = hn::Gt(opacities[c], hn::Mul(weight, faint));
+          const V own = hn::IfThenElse(saw, mean(places[c], opacities[c]), all);
+          const V next = hn::Mul(hn::Add(all, own), hn::Set(d, 0.5f));
+          const V moved = hn::AbsDiff(next, hn::LoadU(d, &entries.t[c][k]));
+          step = hn::Max(step, hn::IfThenElseZero(hn::Gt(weight, zero), moved));
+          store(next, entries.t[c], k);
         }
+        const V whole = hn::Div(one, total);
+        sum = {hn::Mul(sum.r, whole), hn::Mul(sum.g, whole), hn::Mul(sum.b, whole),
+               hn::Mul(sum.a, whole)};
       } else {
-        hn::StoreU(hn::IfThenElseZero(hn::Gt(sum.a, zero), seen), d, t + k);
+        all = hn::IfThenElseZero(hn::Gt(opacity, zero), all);
+        step = hn::IfThenElseZero(enough, one);
+        for (std::size_t c = 0; c < 3; ++c) store(all, entries.t[c], k);
       }
+      store(step, entries.step, k);
+      hn::StoreU(all, d, t + k);
     }
-    if constexpr (!kAims)
-      hn::StoreInterleaved4(hn::Mul(sum.r, unit), hn::Mul(sum.g, unit), hn::Mul(sum.b, unit),
-                            hn::Mul(sum.a, unit), d, &rgba[k].x);
+    const V unit = hn::Set(d, 1 / kFull);
+    hn::StoreInterleaved4(hn::Mul(sum.r, unit), hn::Mul(sum.g, unit), hn::Mul(sum.b, unit),
+                          hn::Mul(sum.a, unit), d, &rgba[k].x);
   }
 }
 
@@ -285,7 +315,7 @@ void blend_any(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
                const SampleArrays& samples, bool half_floats, glm::vec4* rgba, float* t) {
   const auto typed = [&](auto half) {
     constexpr bool kHalf = decltype(half)::value;
-    return pass.aims         ? blend_typed<kHalf, true, true>
+    return pass.spread > 0   ? blend_typed<kHalf, true, true>
            : pass.with_depth ? blend_typed<kHalf, true, false>
                              : blend_typed<kHalf, false, false>;
   };
