@@ -202,6 +202,7 @@ struct EvaluateArguments {
   ViewsArguments views;
   std::string size = "256x256";
   double distance = 3;
+  std::uint32_t supersample = 1;
   DrawArguments draw;
   bool json = false;
 };
@@ -229,7 +230,8 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   const auto scene = a.source.scene(&(*field)->manifest().provenance);
   if (!scene) return tl::unexpected(scene.error());
   warn_of_other_source(**field, **scene);
-  const auto evaluation = evaluate_views(**field, **scene, *cameras, *view, *renderer);
+  const auto evaluation =
+      evaluate_views(**field, **scene, *cameras, *view, *renderer, a.supersample);
   if (!evaluation) return tl::unexpected(evaluation.error());
 
   const std::uint64_t bytes = (*field)->store().file_bytes();
@@ -245,6 +247,7 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
                 {"level", view->level},
                 {"size", a.size},
                 {"seed", a.views.seed},
+                {"supersample", a.supersample},
                 {"psnr", finite(evaluation->psnr)},
                 {"ssim", evaluation->ssim},
                 {"per_view", per_view},
@@ -301,6 +304,13 @@ void add_evaluate(CLI::App& app, Run& run) {
   a->views.add_to(*command);
   command->add_option("--distance", a->distance, kDistanceHelp)->capture_default_str();
   command->add_option("--size", a->size, kSizeHelp)->capture_default_str();
+  command
+      ->add_option(
+          "--supersample", a->supersample,
+          "Rays along a pixel's edge in the truth: above 1 it has no aliasing, which small "
+          "and distant views are to be compared with")
+      ->check(CLI::Range(1, 16))
+      ->capture_default_str();
   a->draw.add_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_evaluate(*a); }; });

@@ -48,6 +48,10 @@ struct ImageDifference {
 /// REQUIRES: equal sizes.
 [[nodiscard]] ImageDifference compare(const Image& a, const Image& b);
 
+/// The means of factor × factor pixels; the distances are left out.
+/// REQUIRES: width and height are multiples of `factor`.
+[[nodiscard]] Image shrink(const Image& image, std::uint32_t factor);
+
 /// |a - b| × gain over black, opaque: what a person looks at to see where two pictures differ.
 /// REQUIRES: equal sizes.
 [[nodiscard]] Image difference(const Image& a, const Image& b, float gain);

@@ -110,6 +110,17 @@ ImageDifference compare(const Image& a, const Image& b) {
   return {psnr(rgb_a, rgb_b), mean_ssim(luma(a, rgb_a), luma(b, rgb_b))};
 }
 
+Image shrink(const Image& image, std::uint32_t factor) {
+  Image small{image.width / factor, image.height / factor, {}, {}};
+  small.rgba.resize(std::size_t{small.width} * small.height);
+  const auto share = 1.f / static_cast<float>(factor * factor);
+  for (std::size_t k = 0; k < image.rgba.size(); ++k) {
+    const std::size_t x = k % image.width / factor, y = k / image.width / factor;
+    small.rgba[y * small.width + x] += share * image.rgba[k];
+  }
+  return small;
+}
+
 Image difference(const Image& a, const Image& b, float gain) {
   assert(a.width == b.width && a.height == b.height && a.rgba.size() == b.rgba.size());
   Image out{a.width, a.height, {}, {}};

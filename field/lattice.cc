@@ -27,6 +27,22 @@ Vertex to_vertex(unsigned octant, GridPoint point, std::int32_t resolution) {
 
 GridPoint to_grid(const Vertex& vertex) { return {std::abs(vertex.i), std::abs(vertex.j)}; }
 
+std::vector<Vertex> neighbors(const Vertex& vertex) {
+  // Along an edge one coordinate gives one to another, which from zero may go either way.
+  const std::array<std::int32_t, 3> at{vertex.i, vertex.j, vertex.k};
+  std::vector<Vertex> found;
+  for (std::size_t from = 0; from < 3; ++from)
+    for (std::size_t to = 0; to < 3; ++to)
+      for (const std::int32_t sign : {1, -1}) {
+        if (from == to || at[from] == 0 || at[to] * sign < 0) continue;
+        auto next = at;
+        next[from] -= at[from] > 0 ? 1 : -1;
+        next[to] += sign;
+        found.push_back({next[0], next[1], next[2]});
+      }
+  return found;
+}
+
 std::array<GridPoint, 3> Cell::corners() const {
   const auto [x, y] = base;
   if (inverted) return {{{x + 1, y + 1}, {x, y + 1}, {x + 1, y}}};

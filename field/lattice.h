@@ -12,6 +12,7 @@
 #include <array>
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <vector>
 
 namespace slf {
 
@@ -43,6 +44,10 @@ struct GridPoint {
 
 [[nodiscard]] Vertex to_vertex(unsigned octant, GridPoint point, std::int32_t resolution);
 [[nodiscard]] GridPoint to_grid(const Vertex& vertex);
+
+/// The vertices an edge away: six, or four at the six points where two coordinates are zero.
+/// REQUIRES: the resolution is at least 1.
+[[nodiscard]] std::vector<Vertex> neighbors(const Vertex& vertex);
 
 /// Vertices of lattice(N): 4N²+2.
 [[nodiscard]] constexpr std::uint64_t vertex_count(std::uint64_t resolution) {

@@ -246,16 +246,18 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
 
 Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
                                   const std::vector<Camera>& cameras, const ViewOptions& view,
-                                  const RendererOptions& options) {
+                                  const RendererOptions& options, std::uint32_t supersample) {
   if (cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
   Renderer renderer(field, options);
   Evaluation result;
   for (const Camera& camera : cameras) {
-    const auto truth = trace_view(scene, field.shape().sphere, camera, options.threads);
+    Camera finer = camera;
+    finer.width *= supersample, finer.height *= supersample;
+    const auto truth = trace_view(scene, field.shape().sphere, finer, options.threads);
     if (!truth) return tl::unexpected(truth.error());
     const auto image = renderer.render(camera, view);
     if (!image) return tl::unexpected(image.error());
-    const ImageDifference difference = compare(*truth, *image);
+    const ImageDifference difference = compare(shrink(*truth, supersample), *image);
     result.views.push_back({difference.psnr, difference.ssim});
     result.psnr += difference.psnr / static_cast<double>(cameras.size());
     result.ssim += difference.ssim / static_cast<double>(cameras.size());

@@ -80,11 +80,12 @@ struct Evaluation {
 };
 
 /// Compares views of the field with views of the scene it was built from: RGB over black at
-/// 8 bits.
+/// 8 bits. Of the scene, a pixel is the mean of `supersample`² rays.
 [[nodiscard]] Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
                                                 const std::vector<Camera>& cameras,
                                                 const ViewOptions& view,
-                                                const RendererOptions& renderer);
+                                                const RendererOptions& renderer,
+                                                std::uint32_t supersample = 1);
 
 /// Asks the kernel to forget what it caches of a file, so that reads come from the disk. Pages that
 /// are mapped anywhere stay. io: cannot open or sync.

@@ -3,19 +3,75 @@
 #include <Imath/half.h>
 
 #include <algorithm>
+#include <optional>
+#include <utility>
 
 namespace slf {
 namespace {
 
-std::vector<glm::dvec3> world_points(const FieldShape& shape, Section section, std::uint32_t side,
-                                     std::span<const LatticePoint> locals) {
+std::vector<Vertex> vertices_at(Section section, std::uint32_t side,
+                                std::span<const LatticePoint> locals) {
+  std::vector<Vertex> vertices;
+  vertices.reserve(locals.size());
+  for (const LatticePoint& local : locals) vertices.push_back(vertex_at(section, local, side));
+  return vertices;
+}
+
+std::vector<glm::dvec3> world_points(const Sphere& sphere, std::span<const Vertex> vertices) {
   std::vector<glm::dvec3> points;
-  points.reserve(locals.size());
-  for (const LatticePoint& local : locals)
-    points.push_back(shape.sphere.center +
-                     shape.sphere.radius * direction(vertex_at(section, local, side)));
+  points.reserve(vertices.size());
+  for (const Vertex& vertex : vertices)
+    points.push_back(sphere.center + sphere.radius * direction(vertex));
   return points;
 }
+
+/// The mean of rays from one entry vertex, each with its weight.
+class Hats {
+ public:
+  /// Around vertices of an exit lattice, over the lattice twice as fine, whose vertices they need
+  /// are appended to `fine`, in order.
+  Hats(std::span<const Vertex> vertices, std::vector<Vertex>& fine) {
+    std::vector<std::vector<Vertex>> around;
+    for (const Vertex& v : vertices) {
+      around.push_back(neighbors({2 * v.i, 2 * v.j, 2 * v.k}));
+      around.back().push_back({2 * v.i, 2 * v.j, 2 * v.k});
+      fine.insert(fine.end(), around.back().begin(), around.back().end());
+    }
+    std::sort(fine.begin(), fine.end());
+    fine.erase(std::unique(fine.begin(), fine.end()), fine.end());
+    for (const auto& of : around) {
+      // A hat is half as high halfway to the next vertex.
+      const float side = 1 / static_cast<float>(of.size() + 1);
+      for (const Vertex& v : of) {
+        const auto at = std::lower_bound(fine.begin(), fine.end(), v) - fine.begin();
+        shares_.push_back({static_cast<std::uint32_t>(at), side});
+      }
+      shares_.back().weight = 2 * side;
+      end_.push_back(shares_.size());
+    }
+  }
+
+  void mean(std::span<const RaySample> rays, std::span<RaySample> out) const {
+    for (std::size_t k = 0, share = 0; k < out.size(); ++k) {
+      RaySample sum;
+      for (; share < end_[k]; ++share) {
+        const RaySample& ray = rays[shares_[share].ray];
+        sum.rgba += shares_[share].weight * ray.rgba;
+        sum.depth += shares_[share].weight * ray.rgba.a * ray.depth;
+      }
+      if (sum.rgba.a > 0) sum.depth /= sum.rgba.a;
+      out[k] = sum;
+    }
+  }
+
+ private:
+  struct Share {
+    std::uint32_t ray;
+    float weight;
+  };
+  std::vector<Share> shares_;
+  std::vector<std::size_t> end_;  // per mean, into shares_
+};
 
 std::byte to_byte(float value) {
   return static_cast<std::byte>(std::clamp(value, 0.f, 1.f) * 255 + 0.5f);
@@ -92,10 +148,18 @@ std::uint64_t TileTracer::slabs(unsigned level) const {
 void TileTracer::trace(TileKey key, TracedTile& tile) const {
   const TileSections sections = sections_of(key, shape_.entry_depth);
   const codec::Tile layout = shape(key, codec::SampleFormat::rgba8);
-  const auto entries =
-      world_points(shape_, sections.entry, shape_.entry_section_side(), layout.positions);
-  const auto exits =
-      world_points(shape_, sections.exit, shape_.exit_side, triangle_points(shape_.exit_side));
+  const Sphere& sphere = shape_.sphere;
+  const auto entries = world_points(
+      sphere, vertices_at(sections.entry, shape_.entry_section_side(), layout.positions));
+  std::vector<Vertex> aims =
+      vertices_at(sections.exit, shape_.exit_side, triangle_points(shape_.exit_side));
+  std::optional<Hats> hats;
+  if (key.level < shape_.levels) {
+    std::vector<Vertex> fine;
+    hats.emplace(aims, fine);
+    aims = std::move(fine);
+  }
+  const auto exits = world_points(sphere, aims);
 
   const std::size_t columns = layout.columns();
   tile.key = key;
@@ -106,12 +170,13 @@ void TileTracer::trace(TileKey key, TracedTile& tile) const {
     tile.layers[k].assign(tile.slabs * codec::sample_bytes(formats_[k]), std::byte{0});
 
   std::vector<bool> defined(columns);
-  std::vector<Segment> rays(columns);
-  std::vector<RaySample> samples(columns);
+  std::vector<Segment> rays(exits.size());
+  std::vector<RaySample> seen(exits.size()), means(hats ? columns : 0);
+  const std::span<const RaySample> samples = hats ? means : seen;
   for (std::size_t row = 0; row < entries.size(); ++row) {
-    for (std::size_t column = 0; column < columns; ++column)
-      rays[column] = {entries[row], exits[column]};
-    scene_.trace_many(rays, samples);
+    for (std::size_t k = 0; k < exits.size(); ++k) rays[k] = {entries[row], exits[k]};
+    scene_.trace_many(rays, seen);
+    if (hats) hats->mean(seen, means);
     bool any = false;
     for (std::size_t column = 0; column < columns; ++column) {
       const RaySample& sample = samples[column];

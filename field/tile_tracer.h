@@ -1,4 +1,8 @@
 // TileTracer: samples one tile's slabs from a scene, in the formats of a manifest's layers.
+//
+// At the finest level a slab is one ray. At the others, which serve small and distant views, it is
+// the mean of the rays to the exit vertices of the next finer level around its own, weighted by a
+// hat as wide as its cells: what such a view shows of it, without aliasing.
 #pragma once
 
 #include <memory>

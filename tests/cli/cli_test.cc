@@ -87,6 +87,13 @@ TEST_F(Cli, ModesRankAgainstTheTruth) {
     EXPECT_GT(json["file_bytes"].get<int>(), 0);
     last = json["psnr"];
   }
+  const std::vector<std::string> small{"evaluate", field(),  "--volume", "scene:balls", "--views",
+                                       "1",        "--size", "32",       "--json"};
+  auto smooth = small, absurd = small;
+  smooth.insert(smooth.end(), {"--supersample", "4"});
+  absurd.insert(absurd.end(), {"--supersample", "0"});
+  EXPECT_NE(slf(smooth).json()["psnr"], slf(small).json()["psnr"]);
+  EXPECT_OUTCOME(slf(absurd), 1, "--supersample");
 }
 
 TEST_F(Cli, MeasureCountsPerLevel) {

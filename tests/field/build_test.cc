@@ -2,10 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <fstream>
 
 #include "field/analytic.h"
 #include "field/field.h"
+#include "field/measure.h"
 #include "field/tile_tracer.h"
 #include "tests/field/field_testing.h"
 
@@ -68,6 +70,73 @@ TEST(Build, SamplesAreTheScenesRays) {
         }
   }
   EXPECT_GT(checked, 1000u);
+}
+
+/// By another way than the tracer's: a hat is the weight that interpolation gives its vertex.
+TEST(Build, CoarserLevelsAreMeansUnderAHat) {
+  TemporaryFolder folder;
+  const FunctionScene scene([](const glm::dvec3& a, const glm::dvec3& b) {
+    const auto wave = [](double x) { return static_cast<float>(0.5 + 0.5 * std::sin(7 * x)); };
+    const float alpha = b.z > 0.9 ? 0.f : wave(b.x + a.y);
+    return RaySample{{alpha * wave(b.y), alpha * wave(b.z), alpha * wave(a.x), alpha}, wave(b.x)};
+  });
+  const auto field = build_and_open(scene, folder / "a.slf", lossless_options(1, 3, 1));
+  ASSERT_TRUE(field);
+  const auto sphere = field->shape().sphere;
+  const auto world = [&](const Vertex& v) { return sphere.center + sphere.radius * direction(v); };
+  for (std::uint64_t index = 0; index < tile_count(0, 0); index += 5) {
+    const auto color = field->store().find(0, {0, index}),
+               depth = field->store().find(1, {0, index});
+    ASSERT_TRUE(color && depth);
+    const codec::Tile shape = field->tile_shape(0, {0, index});
+    std::vector<std::byte> colors(shape.bytes()), depths(shape.rows() * shape.columns());
+    if (color->state == storage::TileState::stored) {
+      ASSERT_TRUE(field->decode(*color, colors) && field->decode(*depth, depths));
+    }
+    const TileSections sections = sections_of({0, index}, 0);
+    std::size_t sample = 0;
+    for (std::size_t row = 0; row < shape.rows(); ++row)
+      for (std::uint16_t q = 0; q <= 3; ++q)
+        for (std::uint16_t p = 0; p + q <= 3; ++p, ++sample) {
+          const Vertex from = vertex_at(sections.entry, shape.positions[row], 1);
+          const Vertex to = vertex_at(sections.exit, {p, q}, 3);
+          glm::dvec4 rgba(0);
+          double weights = 0, place = 0;
+          for (std::int32_t i = -6; i <= 6; ++i)
+            for (std::int32_t j = -6; j <= 6; ++j)
+              for (const int sign : {1, -1}) {
+                const std::int32_t k = sign * (6 - std::abs(i) - std::abs(j));
+                if (k * sign < 0 || (k == 0 && sign < 0)) continue;
+                const Cell cell = locate(direction({i, j, k}), 3);
+                for (int c = 0; c < 3; ++c) {
+                  if (to_vertex(cell.octant, cell.corners()[c], 3) != to) continue;
+                  const RaySample ray = scene.trace(world(from), world({i, j, k}));
+                  weights += cell.weights[c];
+                  rgba += cell.weights[c] * glm::dvec4(ray.rgba);
+                  place += cell.weights[c] * ray.rgba.a * ray.depth;
+                }
+              }
+          rgba /= weights, place /= weights;
+          for (int c = 0; c < 4; ++c)
+            EXPECT_NEAR(std::to_integer<int>(colors[4 * sample + c]), rgba[c] * 255, 0.51);
+          if (rgba.a == 0) continue;
+          EXPECT_NEAR(std::to_integer<int>(depths[sample]), place / rgba.a * 255, 0.51);
+        }
+  }
+}
+
+TEST(Build, PrefilteredLevelsAreCloserToWhatIsSeenFromAfar) {
+  TemporaryFolder folder;
+  const auto scene = balls();
+  const auto alone = build_and_open(*scene, folder / "a.slf", lossless_options(4, 8, 0));
+  const auto below = build_and_open(*scene, folder / "b.slf", lossless_options(4, 8, 1));
+  ASSERT_TRUE(alone && below);
+  const auto cameras = random_cameras(alone->shape().sphere, 3, 4, 1, 16, 16);
+  const ViewOptions coarse{RenderMode::depth, 0, false};
+  const auto rays = evaluate_views(*alone, *scene, cameras, coarse, {}, 8);
+  const auto means = evaluate_views(*below, *scene, cameras, coarse, {}, 8);
+  ASSERT_TRUE(rays && means);
+  EXPECT_GT(means->psnr, rays->psnr + 0.5);
 }
 
 TEST(Build, ContentDoesNotDependOnThreads) {

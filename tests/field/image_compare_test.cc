@@ -35,6 +35,19 @@ TEST(Compare, EqualPicturesAreInfinitelyAlike) {
   EXPECT_NEAR(compare(image, image).ssim, 1, 1e-9);
 }
 
+TEST(Shrink, TakesMeansOfSquares) {
+  Image image{6, 4, std::vector<glm::vec4>(24), std::vector<float>(24, 1.f)};
+  for (std::uint32_t k = 0; k < 24; ++k) image.rgba[k] = glm::vec4(k, k / 6, 1, 0);
+  const Image small = shrink(image, 2);
+  EXPECT_EQ(small.width, 3u);
+  EXPECT_EQ(small.height, 2u);
+  EXPECT_TRUE(small.depth.empty());
+  ASSERT_EQ(small.pixels(), 6u);
+  EXPECT_EQ(small.rgba[0], glm::vec4(3.5, 0.5, 1, 0));
+  EXPECT_EQ(small.rgba[5], glm::vec4(19.5, 2.5, 1, 0));
+  EXPECT_EQ(shrink(image, 1).rgba, image.rgba);
+}
+
 TEST(Compare, PsnrOfAConstantError) {
   // 20 log10(255 / 16)
   EXPECT_NEAR(compare(constant(12, 12, 100), constant(12, 12, 116)).psnr, 24.0485, 1e-4);

@@ -83,6 +83,22 @@ RC_GTEST_PROP(Lattice, WeightsSumToOneAndReproduceThePoint, ()) {
   RC_ASSERT(glm::distance(glm::normalize(point), d) < 1e-12);
 }
 
+TEST(Lattice, NeighborsAreTheVerticesAnEdgeAway) {
+  for (const std::int32_t n : {1, 2, 5}) {
+    for (const Vertex& v : all_vertices(n)) {
+      const auto next = neighbors(v);
+      std::set<Vertex> expected;
+      for (const Vertex& u : all_vertices(n))
+        if (std::abs(u.i - v.i) + std::abs(u.j - v.j) + std::abs(u.k - v.k) == 2 &&
+            std::max({std::abs(u.i - v.i), std::abs(u.j - v.j), std::abs(u.k - v.k)}) == 1)
+          expected.insert(u);
+      EXPECT_EQ(std::set<Vertex>(next.begin(), next.end()), expected);
+      EXPECT_EQ(next.size(), expected.size());
+      EXPECT_EQ(next.size(), (v.i == 0) + (v.j == 0) + (v.k == 0) == 2 ? 4u : 6u);
+    }
+  }
+}
+
 TEST(Lattice, VerticesLieInTheirOwnCells) {
   for (std::int32_t n : {1, 2, 5, 32})
     for (const Vertex& v : all_vertices(n)) {
