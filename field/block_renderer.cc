@@ -45,7 +45,7 @@ BlockRenderer::BlockRenderer(const Field& field, TileCache& cache, std::uint64_t
 }
 
 RayBlock& BlockRenderer::rays(std::size_t most_rays) {
-  if (rgba_.size() < most_rays + kRayPadding) {
+  if (t_.size() < most_rays + kRayPadding) {
     for (auto& gatherer : gatherers_) gatherer.reset();
     most_rays_ = most_rays;
     rays_.resize(most_rays);
@@ -54,7 +54,6 @@ RayBlock& BlockRenderer::rays(std::size_t most_rays) {
     const bool follow = options_.mode == RenderMode::depth;
     for (auto& aim : aims_) aim.resize(follow ? most_rays + kRayPadding : 0);
     for (auto& exit : exits_) exit.resize(most_rays);
-    rgba_.resize(most_rays + kRayPadding);
     t_.resize(most_rays + kRayPadding);
   }
   return rays_;
@@ -105,41 +104,41 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
   pass.entries = mode == RenderMode::nearest || mode == RenderMode::st ? 1 : 3;
   pass.with_depth = options_.needs_depth();
   gatherer_->forget_missing();
-  if (auto ok = first_pass(geometry, pass); !ok) return ok;
-  finish_all();
-  if (mode != RenderMode::depth) return {};
+  aim_where_rays_leave(geometry, pass);
+  if (auto ok = look(geometry, pass); !ok || mode != RenderMode::depth) return ok;
   pass.spread = kSpread / static_cast<float>(geometry.exit_resolution());
   for (int round = 0; round < kRounds; ++round) {
     keep_moving(geometry);
     if (rays_.count == 0) break;
-    if (auto ok = depth_pass(geometry, pass); !ok) return ok;
-    finish_all();
+    aim_at_what_was_seen(geometry, pass);
+    if (auto ok = look(geometry, pass); !ok) return ok;
   }
   return {};
 }
 
-Result<void> BlockRenderer::first_pass(const LevelGeometry& geometry, Pass& pass) {
+void BlockRenderer::aim_where_rays_leave(const LevelGeometry& geometry, Pass& pass) {
   find_entries(geometry, rays_, pass.entries == 1, pass.with_depth, entries_);
   find_exits(geometry, rays_.leave, rays_.count,
              options_.mode == RenderMode::nearest || options_.mode == RenderMode::uv, exits_[0]);
   pass.aim.fill(&rays_.leave);
   pass.exit.fill(&exits_[0]);
-  if (auto ok = gatherer_->gather(geometry, rays_.count, entries_, pass); !ok) return ok;
-  blend(pass, rays_, entries_, gatherer_->samples(), gatherer_->half_floats(), rgba_.data(),
-        t_.data());
-  return {};
 }
 
-Result<void> BlockRenderer::depth_pass(const LevelGeometry& geometry, Pass& pass) {
+void BlockRenderer::aim_at_what_was_seen(const LevelGeometry& geometry, Pass& pass) {
   aim_at_depth(rays_, entries_, aims_);
   for (std::size_t c = 0; c < 3; ++c) {
     find_exits(geometry, aims_[c], rays_.count, false, exits_[c]);
     pass.aim[c] = &aims_[c];
     pass.exit[c] = &exits_[c];
   }
+}
+
+/// Gathers what was aimed at and draws it.
+Result<void> BlockRenderer::look(const LevelGeometry& geometry, const Pass& pass) {
   if (auto ok = gatherer_->gather(geometry, rays_.count, entries_, pass); !ok) return ok;
-  blend(pass, rays_, entries_, gatherer_->samples(), gatherer_->half_floats(), rgba_.data(),
+  blend(pass, rays_, entries_, gatherer_->samples(), gatherer_->half_floats(), image_.rgba.data(),
         t_.data());
+  finish();
   return {};
 }
 
@@ -155,35 +154,21 @@ void BlockRenderer::keep_moving(const LevelGeometry& geometry) {
   if (rays_.count < before) find_entries(geometry, rays_, false, true, entries_);
 }
 
-/// Writes the rays' pixels, many at a time where they are side by side.
-void BlockRenderer::finish_all() {
-  constexpr std::size_t kRun = 16;
-  const bool plain = !options_.with_depth && !gatherer_->any_missing();
-  for (std::size_t k = 0; k < rays_.count;) {
-    const std::uint32_t pixel = rays_.pixel[k];  // they ascend
-    if (plain && k + kRun <= rays_.count && rays_.pixel[k + kRun - 1] == pixel + kRun - 1) {
-      // As whole vectors; copy_n would call memmove, which is slower for so few.
-      for (std::size_t i = 0; i < kRun; ++i) image_.rgba[pixel + i] = rgba_[k + i];
-      k += kRun;
-    } else {
-      finish(k++);
+/// What a pass leaves to do beside its colours: distances, and rays for a coarser level.
+void BlockRenderer::finish() {
+  if (!options_.with_depth && !gatherer_->any_missing()) return;
+  for (std::size_t k = 0; k < rays_.count; ++k) {
+    if (options_.with_depth) {
+      const Sphere& sphere = field_.shape().sphere;
+      const glm::dvec3 enter = point(rays_.enter, k), leave = point(rays_.leave, k);
+      const glm::dvec3 seen =
+          sphere.center + sphere.radius * (enter + double{t_[k]} * (leave - enter));
+      const std::uint32_t pixel = rays_.pixel[k];
+      image_.depth[pixel] = image_.rgba[pixel].a > 0 ? static_cast<float>(glm::distance(eye_, seen))
+                                                     : std::numeric_limits<float>::infinity();
     }
+    if (gatherer_->missing(k)) copy_ray(rays_, k, missing_, missing_.count++);
   }
-}
-
-/// Writes a ray's pixel; it is written again where a coarser level must help.
-void BlockRenderer::finish(std::size_t ray) {
-  const std::uint32_t pixel = rays_.pixel[ray];
-  image_.rgba[pixel] = rgba_[ray];
-  if (options_.with_depth) {
-    const Sphere& sphere = field_.shape().sphere;
-    const glm::dvec3 enter = point(rays_.enter, ray), leave = point(rays_.leave, ray);
-    const glm::dvec3 seen =
-        sphere.center + sphere.radius * (enter + double{t_[ray]} * (leave - enter));
-    image_.depth[pixel] = rgba_[ray].a > 0 ? static_cast<float>(glm::distance(eye_, seen))
-                                           : std::numeric_limits<float>::infinity();
-  }
-  if (gatherer_->missing(ray)) copy_ray(rays_, ray, missing_, missing_.count++);
 }
 
 }  // namespace slf

@@ -46,11 +46,11 @@ class BlockRenderer {
   [[nodiscard]] bool waits(unsigned level) const { return options_.wait || level == 0; }
   [[nodiscard]] TapGatherer& gatherer(unsigned level);
   [[nodiscard]] Result<void> draw_level(const LevelGeometry& geometry);
-  [[nodiscard]] Result<void> first_pass(const LevelGeometry& geometry, Pass& pass);
-  [[nodiscard]] Result<void> depth_pass(const LevelGeometry& geometry, Pass& pass);
+  void aim_where_rays_leave(const LevelGeometry& geometry, Pass& pass);
+  void aim_at_what_was_seen(const LevelGeometry& geometry, Pass& pass);
   void keep_moving(const LevelGeometry& geometry);
-  void finish_all();
-  void finish(std::size_t ray);
+  [[nodiscard]] Result<void> look(const LevelGeometry& geometry, const Pass& pass);
+  void finish();
 
   const Field& field_;
   const ViewOptions& options_;
@@ -66,7 +66,6 @@ class BlockRenderer {
   EntryArrays entries_;
   std::array<PointArrays, 3> aims_;
   std::array<ExitArrays, 3> exits_;
-  RayArray<glm::vec4> rgba_;
   RayArray<float> t_;
 };
 

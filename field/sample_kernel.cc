@@ -209,6 +209,20 @@ HWY_INLINE Colors load_colors(const RayArray<std::uint64_t>& from, std::size_t k
   return {to_float(r), to_float(g), to_float(b), to_float(a)};
 }
 
+/// Writes the pixels of the rays from `k` on.
+HWY_INLINE void store_pixels(const Colors& colors, const RayBlock& rays, std::size_t k,
+                             glm::vec4* picture) {
+  const D d;
+  const std::size_t n = std::min(hn::Lanes(d), rays.count - k);
+  const std::uint32_t* pixel = &rays.pixel[k];  // they ascend
+  const bool together = n == hn::Lanes(d) && pixel[n - 1] - pixel[0] == n - 1;
+  glm::vec4 apart[hn::MaxLanes(D())];
+  glm::vec4* to = together ? picture + pixel[0] : apart;
+  hn::StoreInterleaved4(colors.r, colors.g, colors.b, colors.a, d, &to->x);
+  if (together) return;
+  for (std::size_t i = 0; i < n; ++i) picture[pixel[i]] = apart[i];
+}
+
 /// What samples that do not agree at all still count: where nothing agrees, all must do.
 constexpr float kDisagreeing = 0.1f;
 /// Samples of a quarter of full opacity are judged as if they had it all; fainter ones less.
@@ -216,7 +230,7 @@ constexpr float kJudged = 0.25f;
 
 template <bool kHalf, bool kDepth, bool kAgree>
 void blend_typed(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
-                 const SampleArrays& samples, glm::vec4* rgba, float* t) {
+                 const SampleArrays& samples, glm::vec4* picture, float* t) {
   const D d;
   constexpr float kFull = kHalf ? 1.f : 255.f;
   const V zero = hn::Zero(d), one = hn::Set(d, 1.f), faint = hn::Set(d, kFaint * kFull);
@@ -306,13 +320,14 @@ void blend_typed(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
       hn::StoreU(all, d, t + k);
     }
     const V unit = hn::Set(d, 1 / kFull);
-    hn::StoreInterleaved4(hn::Mul(sum.r, unit), hn::Mul(sum.g, unit), hn::Mul(sum.b, unit),
-                          hn::Mul(sum.a, unit), d, &rgba[k].x);
+    store_pixels(
+        {hn::Mul(sum.r, unit), hn::Mul(sum.g, unit), hn::Mul(sum.b, unit), hn::Mul(sum.a, unit)},
+        rays, k, picture);
   }
 }
 
 void blend_any(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
-               const SampleArrays& samples, bool half_floats, glm::vec4* rgba, float* t) {
+               const SampleArrays& samples, bool half_floats, glm::vec4* picture, float* t) {
   const auto typed = [&](auto half) {
     constexpr bool kHalf = decltype(half)::value;
     return pass.spread > 0   ? blend_typed<kHalf, true, true>
@@ -320,7 +335,7 @@ void blend_any(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
                              : blend_typed<kHalf, false, false>;
   };
   (half_floats ? typed(std::true_type()) : typed(std::false_type()))(pass, rays, entries, samples,
-                                                                     rgba, t);
+                                                                     picture, t);
 }
 
 }  // namespace
@@ -348,8 +363,8 @@ void take_samples(const TileOffsets& offsets, const Pass& pass, const EntryArray
 }
 
 void blend(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
-           const SampleArrays& samples, bool half_floats, glm::vec4* rgba, float* t) {
-  HWY_DYNAMIC_DISPATCH(blend_any)(pass, rays, entries, samples, half_floats, rgba, t);
+           const SampleArrays& samples, bool half_floats, glm::vec4* picture, float* t) {
+  HWY_DYNAMIC_DISPATCH(blend_any)(pass, rays, entries, samples, half_floats, picture, t);
 }
 
 }  // namespace slf

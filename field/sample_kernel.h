@@ -26,11 +26,12 @@ void take_samples(const TileOffsets& offsets, const Pass& pass, const EntryArray
 /// Below this opacity a depth is not worth following.
 inline constexpr float kFaint = 1.f / 255;
 
-/// Blends each ray's samples (eq. 2): premultiplied colours and, where the pass has depth, `t`, the
-/// opacity-weighted depth along the ray, and in `entries` the next aims: all three vertices at `t`,
-/// or nowhere where too little is seen. A pass with a spread, which aimed already, aims each vertex
-/// halfway between `t`, which stays what it was where too little is seen, and what the vertex saw.
+/// Blends each ray's samples (eq. 2) into its pixel of a picture: premultiplied colours; and, where
+/// the pass has depth, `t`, the opacity-weighted depth along the ray, and in `entries` the next
+/// aims: all three vertices at `t`, or nowhere where too little is seen. A pass with a spread,
+/// which aimed already, aims each vertex halfway between `t`, which stays what it was where too
+/// little is seen, and what the vertex saw.
 void blend(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
-           const SampleArrays& samples, bool half_floats, glm::vec4* rgba, float* t);
+           const SampleArrays& samples, bool half_floats, glm::vec4* picture, float* t);
 
 }  // namespace slf
