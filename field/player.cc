@@ -17,7 +17,7 @@ namespace {
 // Pixels along a preview's longer side. Edges take turns, so that views that follow each other are
 // looked at along other rays.
 constexpr std::array<std::uint32_t, 4> kPreviewEdges{41, 47, 43, 53};
-constexpr std::size_t kBatch = 64;  // tiles between looks at whether the plan has changed
+constexpr std::size_t kBatch = 64;  // tiles that are asked for together
 constexpr double kCut = 0.5;        // radians a frame; beyond it is another place
 
 Camera preview_of(Camera camera, std::uint64_t turn) {
@@ -116,6 +116,15 @@ class Player::Loader {
     changed_.wait(lock, [&] { return done_ == plan_; });
   }
 
+  /// While a frame is drawn, the thread can leave the cores to it.
+  void pause(bool paused) {
+    {
+      const std::lock_guard lock(mutex_);
+      paused_ = paused;
+    }
+    if (!paused) changed_.notify_all();
+  }
+
   /// The first error since this was last called.
   [[nodiscard]] std::optional<Error> take_error() {
     const std::lock_guard lock(mutex_);
@@ -144,8 +153,10 @@ class Player::Loader {
     }
   }
 
+  /// Whether there is a newer plan; waits out a pause.
   [[nodiscard]] bool outdated() {
-    const std::lock_guard lock(mutex_);
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return stop_ || !paused_; });
     return stop_ || plan_ != current_;
   }
 
@@ -159,10 +170,9 @@ class Player::Loader {
     };
     auto batch = locate(0);
     for (std::size_t at = 0; at < keys.size(); at += kBatch) {
-      if (outdated()) return false;
       const auto now = std::exchange(batch, locate(at + kBatch));
       for (const TileCache::Located& tile : now) {
-        if (!cache_.has_room(drawn)) return false;
+        if (outdated() || !cache_.has_room(drawn)) return false;
         if (auto here = cache_.get(tile, with_depth); !here) return tl::unexpected(here.error());
       }
     }
@@ -197,7 +207,7 @@ class Player::Loader {
   std::uint64_t drawn_ = 0;
   std::uint64_t plan_ = 0, done_ = 0;
   std::optional<Error> error_;
-  bool stop_ = false;
+  bool stop_ = false, paused_ = false;
   std::thread thread_;
 };
 
@@ -238,11 +248,17 @@ Result<std::unique_ptr<Player>> Player::make(const Field& field, const PlayOptio
 }
 
 Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* report) {
-  const auto begin = std::chrono::steady_clock::now();
+  const auto begin = Clock::now();
+  // Frames that leave time between them get the cores for themselves while they are drawn.
+  const bool alone = loader_ && begin - ended_ > (ended_ - began_) / 2;
+  if (alone) loader_->pause(true);
   TileCache& cache = renderer_.cache();
   ViewStatistics statistics;
-  if (auto ok = renderer_.render(camera, options_.view, image, &statistics); !ok) return ok;
-  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
+  const auto ok = renderer_.render(camera, options_.view, image, &statistics);
+  if (alone) loader_->pause(false);
+  if (!ok) return ok;
+  began_ = begin, ended_ = Clock::now();
+  const std::chrono::duration<double> took = ended_ - began_;
 
   if (report) {
     const CacheStatistics now = cache.statistics();

@@ -9,6 +9,7 @@
 //   for (const Camera& camera : path) (*player)->draw(camera, picture, &report);
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -79,16 +80,18 @@ class Player {
 
  private:
   class Loader;
+  using Clock = std::chrono::steady_clock;
   Player(const Field& field, const PlayOptions& options);
 
   const Field& field_;
   PlayOptions options_;
   Renderer renderer_;
   std::vector<TileCache::Pin> coarsest_;
-  CacheStatistics seen_;            // when the last frame was drawn
-  std::optional<Camera> before_;    // of that frame
-  std::optional<Camera> expected_;  // where the next frame's was predicted
-  unsigned steady_ = 0;             // frames for which it was there
+  CacheStatistics seen_;             // when the last frame was drawn
+  Clock::time_point began_, ended_;  // of that frame
+  std::optional<Camera> before_;     // of that frame
+  std::optional<Camera> expected_;   // where the next frame's was predicted
+  unsigned steady_ = 0;              // frames for which it was there
   std::unique_ptr<Loader> loader_;
 };
 
