@@ -8,11 +8,10 @@
 //   equal-angle:NE:NX   the octsphere's edges divided into equal angles, sin(u π/2) and so on
 //   equal-area:NE:NX    cells of equal area (Clarberg 2008, on each octsphere)
 //   planes:A:B:NA:NB    six pairs of planes at heights A and B (radii; the sphere is 1), NA × NA
-//   and
-//                       NB × NB nodes
+//                       and NB × NB nodes
 // Every view takes the samples it needs, each traced once by the same ray-caster that draws the
-// truth. Spheres are interpolated bi-triangularly and then corrected by depth, as slf renders;
-// planes quadrilinearly. Samples are floats.
+// truth. Spheres are interpolated bi-triangularly and then corrected by depth, twice, more simply
+// than slf does and in the same way for all; planes quadrilinearly. Samples are floats.
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <cstdio>

@@ -187,7 +187,7 @@ class Player::Loader {
       if (auto ok = previewer_.render(preview_of(camera, turn), view_, preview_, &statistics); !ok)
         return tl::unexpected(ok.error());
       if (statistics.wanted.empty()) return true;
-      const auto loaded = load(statistics.wanted, drawn);
+      auto loaded = load(statistics.wanted, drawn);
       if (!loaded || !*loaded) return loaded;
     }
     return false;
@@ -254,7 +254,7 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
   if (alone) loader_->pause(true);
   TileCache& cache = renderer_.cache();
   ViewStatistics statistics;
-  const auto ok = renderer_.render(camera, options_.view, image, &statistics);
+  auto ok = renderer_.render(camera, options_.view, image, &statistics);
   if (alone) loader_->pause(false);
   if (!ok) return ok;
   began_ = begin, ended_ = Clock::now();
