@@ -278,7 +278,7 @@ Result<ViewOptions> DrawArguments::view(const Field& field, std::optional<Camera
     view.mode = *parsed;
   }
   if (level == "auto") {
-    view.level = camera ? matching_level(field.shape(), *camera) : kMatchingLevel;
+    view.level = camera ? matching_level(field.shape(), *camera, view.mode) : kMatchingLevel;
   } else if (level != "finest") {
     const auto parsed = parse_numbers<unsigned>(level, ',', 1);
     if (!parsed)

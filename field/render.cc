@@ -89,12 +89,15 @@ Renderer::~Renderer() = default;
 
 TileCache& Renderer::cache() const { return *state_->cache; }
 
-unsigned matching_level(const FieldShape& shape, const Camera& camera) {
+unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMode mode) {
   const double distance = glm::distance(camera.eye, shape.sphere.center);
   const double pixel = 2 * std::tan(glm::radians(camera.fov) / 2) / camera.height * distance;
-  // A quarter of the sphere has exit_side · 2^level vertices; halfway from the entry vertex, lines
+  // Where rays are aimed anew, entry vertices may be further apart.
+  const double entry_side = (mode == RenderMode::depth ? 2.0 : 1.0) * shape.entry_side;
+  // A quarter of the sphere has as many vertices, times 2^level; halfway to the other side, lines
   // to them are half as far apart.
-  double spacing = shape.sphere.radius * std::numbers::pi / 4 / shape.exit_side;
+  double spacing =
+      shape.sphere.radius * std::numbers::pi / 4 / std::min<double>(shape.exit_side, entry_side);
   unsigned level = 0;
   for (; level < shape.levels && spacing > pixel; ++level) spacing /= 2;
   return level;
@@ -113,7 +116,7 @@ Result<void> check_view(const Field& field, const ViewOptions& options) {
 namespace {
 
 ViewOptions resolved(ViewOptions options, const FieldShape& shape, const Camera& camera) {
-  if (options.level == kMatchingLevel) options.level = matching_level(shape, camera);
+  if (options.level == kMatchingLevel) options.level = matching_level(shape, camera, options.mode);
   return options;
 }
 

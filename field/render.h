@@ -106,9 +106,11 @@ class Renderer {
 };
 
 /// The coarsest level whose samples lie as close as the camera's pixels: where the ray through the
-/// centre of the sphere passes it, lines from an entry vertex to neighbouring exit vertices are no
-/// further apart than the rays of neighbouring pixels. The finest where none is.
-[[nodiscard]] unsigned matching_level(const FieldShape& shape, const Camera& camera);
+/// centre of the sphere passes it, lines between an entry vertex and neighbouring exit vertices, or
+/// an exit vertex and neighbouring entry vertices, are no further apart than the rays of
+/// neighbouring pixels; the latter twice as far in mode depth. The finest where none is.
+[[nodiscard]] unsigned matching_level(const FieldShape& shape, const Camera& camera,
+                                      RenderMode mode);
 
 /// What Renderer::render() checks. usage: a level or mode the field does not have.
 [[nodiscard]] Result<void> check_view(const Field& field, const ViewOptions& options);

@@ -348,7 +348,11 @@ TEST_F(Render, StatisticsCountWhatWasTouched) {
 TEST_F(Render, TheMatchingLevelIsCoarserFromAfarAndInSmallPictures) {
   const FieldShape& shape = field_->shape();
   const auto level = [&](double distance, std::uint32_t size) {
-    return matching_level(shape, orbit_camera(shape.sphere, 10, 20, distance, size, size));
+    const Camera camera = orbit_camera(shape.sphere, 10, 20, distance, size, size);
+    const unsigned matching = matching_level(shape, camera, RenderMode::depth);
+    // Without depth the entry lattice, which is coarse here, must match as well.
+    EXPECT_GE(matching_level(shape, camera, RenderMode::bitri), matching);
+    return matching;
   };
   EXPECT_EQ(level(3, 2000), shape.levels);
   EXPECT_EQ(level(3, 8), 0u);
@@ -356,19 +360,23 @@ TEST_F(Render, TheMatchingLevelIsCoarserFromAfarAndInSmallPictures) {
     EXPECT_LE(level(3, size), level(3, 2 * size));
   // Through the same lens, from further away.
   Camera camera = orbit_camera(shape.sphere, 10, 20, 3, 200, 200);
-  unsigned last = matching_level(shape, camera);
+  unsigned last = matching_level(shape, camera, RenderMode::depth);
   for (int k = 0; k < 5; ++k) {
     camera.eye = shape.sphere.center + 2.0 * (camera.eye - shape.sphere.center);
-    const unsigned now = matching_level(shape, camera);
+    const unsigned now = matching_level(shape, camera, RenderMode::depth);
     EXPECT_LE(now, last);
     last = now;
   }
   EXPECT_EQ(last, 0u);
   // Rendering takes it.
   const Camera small = orbit_camera(shape.sphere, 10, 20, 3, 40, 40);
-  ASSERT_LT(matching_level(shape, small), shape.levels);
-  EXPECT_EQ(draw(*field_, small, {RenderMode::bitri, kMatchingLevel}).rgba,
-            draw(*field_, small, {RenderMode::bitri, matching_level(shape, small)}).rgba);
+  ASSERT_LT(matching_level(shape, small, RenderMode::depth), shape.levels);
+  EXPECT_GT(matching_level(shape, small, RenderMode::bitri),
+            matching_level(shape, small, RenderMode::depth));
+  EXPECT_EQ(
+      draw(*field_, small, {RenderMode::bitri, kMatchingLevel}).rgba,
+      draw(*field_, small, {RenderMode::bitri, matching_level(shape, small, RenderMode::bitri)})
+          .rgba);
 }
 
 TEST_F(Render, ProgressiveDrawingShowsEveryLevelAndStopsWhenTold) {
