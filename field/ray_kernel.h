@@ -38,8 +38,8 @@ void find_entries(const LevelGeometry& geometry, const RayBlock& rays, bool near
 void find_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
                 bool nearest, ExitArrays& exits);
 
-/// Keeps the rays whose aims moved by more than `rest`, with the aims and `t`; the rest of
-/// `entries` is then to be found again.
+/// Keeps the rays whose aims moved by more than `rest`, with the aims and `t`; find_entries() must
+/// then find what else `entries` holds.
 void keep_moving(float rest, RayBlock& rays, EntryArrays& entries, float* t);
 
 /// Aims each ray's three entry vertices at what the ray sees at their depths t: where the lines

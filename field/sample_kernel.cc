@@ -223,6 +223,8 @@ HWY_INLINE void store_pixels(const Colors& colors, const RayBlock& rays, std::si
   for (std::size_t i = 0; i < n; ++i) picture[pixel[i]] = apart[i];
 }
 
+/// Below this opacity a depth is not worth following.
+constexpr float kFaint = 1.f / 255;
 /// What samples that do not agree at all still count: where nothing agrees, all must do.
 constexpr float kDisagreeing = 0.1f;
 /// Samples of a quarter of full opacity are judged as if they had it all; fainter ones less.

@@ -23,9 +23,6 @@ void take_samples(const TileOffsets& offsets, const Pass& pass, const EntryArray
                   const TileArrays& tiles, std::size_t count, std::uint32_t columns,
                   bool half_floats, bool add, SampleArrays& samples);
 
-/// Below this opacity a depth is not worth following.
-inline constexpr float kFaint = 1.f / 255;
-
 /// Blends each ray's samples (eq. 2) into its pixel of a picture: premultiplied colours; and, where
 /// the pass has depth, `t`, the opacity-weighted depth along the ray, and in `entries` the next
 /// aims: all three vertices at `t`, or nowhere where too little is seen. A pass with a spread,

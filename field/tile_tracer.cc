@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <optional>
-#include <utility>
 
 namespace slf {
 namespace {
@@ -25,32 +24,36 @@ std::vector<glm::dvec3> world_points(const Sphere& sphere, std::span<const Verte
   return points;
 }
 
-/// The mean of rays from one entry vertex, each with its weight.
+/// Means of rays from one entry vertex, under hats around vertices of an exit lattice.
 class Hats {
  public:
-  /// Around vertices of an exit lattice, over the lattice twice as fine, whose vertices they need
-  /// are appended to `fine`, in order.
-  Hats(std::span<const Vertex> vertices, std::vector<Vertex>& fine) {
-    std::vector<std::vector<Vertex>> around;
-    for (const Vertex& v : vertices) {
-      around.push_back(neighbors({2 * v.i, 2 * v.j, 2 * v.k}));
-      around.back().push_back({2 * v.i, 2 * v.j, 2 * v.k});
-      fine.insert(fine.end(), around.back().begin(), around.back().end());
+  explicit Hats(std::span<const Vertex> centers) {
+    const auto in_finer = [](const Vertex& v) { return Vertex{2 * v.i, 2 * v.j, 2 * v.k}; };
+    for (const Vertex& center : centers) {
+      const auto around = neighbors(in_finer(center));
+      aims_.insert(aims_.end(), around.begin(), around.end());
+      aims_.push_back(in_finer(center));
     }
-    std::sort(fine.begin(), fine.end());
-    fine.erase(std::unique(fine.begin(), fine.end()), fine.end());
-    for (const auto& of : around) {
+    std::sort(aims_.begin(), aims_.end());
+    aims_.erase(std::unique(aims_.begin(), aims_.end()), aims_.end());
+    const auto add = [&](const Vertex& v, float weight) {
+      const auto at = std::lower_bound(aims_.begin(), aims_.end(), v) - aims_.begin();
+      shares_.push_back({static_cast<std::uint32_t>(at), weight});
+    };
+    for (const Vertex& center : centers) {
+      const auto around = neighbors(in_finer(center));
       // A hat is half as high halfway to the next vertex.
-      const float side = 1 / static_cast<float>(of.size() + 1);
-      for (const Vertex& v : of) {
-        const auto at = std::lower_bound(fine.begin(), fine.end(), v) - fine.begin();
-        shares_.push_back({static_cast<std::uint32_t>(at), side});
-      }
-      shares_.back().weight = 2 * side;
+      const float side = 1 / static_cast<float>(around.size() + 2);
+      for (const Vertex& v : around) add(v, side);
+      add(in_finer(center), 2 * side);
       end_.push_back(shares_.size());
     }
   }
 
+  /// Where the rays are to go: vertices of the lattice twice as fine.
+  [[nodiscard]] const std::vector<Vertex>& aims() const { return aims_; }
+
+  /// `rays` are those to the aims; REQUIRES: a place in `out` for each center.
   void mean(std::span<const RaySample> rays, std::span<RaySample> out) const {
     for (std::size_t k = 0, share = 0; k < out.size(); ++k) {
       RaySample sum;
@@ -69,6 +72,7 @@ class Hats {
     std::uint32_t ray;
     float weight;
   };
+  std::vector<Vertex> aims_;
   std::vector<Share> shares_;
   std::vector<std::size_t> end_;  // per mean, into shares_
 };
@@ -151,15 +155,11 @@ void TileTracer::trace(TileKey key, TracedTile& tile) const {
   const Sphere& sphere = shape_.sphere;
   const auto entries = world_points(
       sphere, vertices_at(sections.entry, shape_.entry_section_side(), layout.positions));
-  std::vector<Vertex> aims =
+  const auto vertices =
       vertices_at(sections.exit, shape_.exit_side, triangle_points(shape_.exit_side));
   std::optional<Hats> hats;
-  if (key.level < shape_.levels) {
-    std::vector<Vertex> fine;
-    hats.emplace(aims, fine);
-    aims = std::move(fine);
-  }
-  const auto exits = world_points(sphere, aims);
+  if (key.level < shape_.levels) hats.emplace(vertices);
+  const auto exits = world_points(sphere, hats ? hats->aims() : vertices);
 
   const std::size_t columns = layout.columns();
   tile.key = key;

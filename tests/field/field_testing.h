@@ -35,6 +35,18 @@ class TemporaryFolder {
   std::string path_;
 };
 
+/// The vertices of lattice(n).
+inline std::vector<Vertex> all_vertices(std::int32_t n) {
+  std::vector<Vertex> all;
+  for (std::int32_t i = -n; i <= n; ++i)
+    for (std::int32_t j = -(n - std::abs(i)); j <= n - std::abs(i); ++j) {
+      const std::int32_t k = n - std::abs(i) - std::abs(j);
+      all.push_back({i, j, k});
+      if (k != 0) all.push_back({i, j, -k});
+    }
+  return all;
+}
+
 /// A scene whose rays are a function of their two points on the unit sphere.
 class FunctionScene final : public Scene {
  public:

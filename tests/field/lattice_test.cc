@@ -9,24 +9,16 @@
 #include <set>
 
 #include "field/section.h"
+#include "tests/field/field_testing.h"
 
 namespace slf {
 namespace {
 
+using testing::all_vertices;
+
 glm::dvec3 random_direction(std::mt19937_64& random) {
   std::normal_distribution<double> normal;
   return glm::normalize(glm::dvec3(normal(random), normal(random), normal(random)));
-}
-
-std::vector<Vertex> all_vertices(std::int32_t n) {
-  std::vector<Vertex> all;
-  for (std::int32_t i = -n; i <= n; ++i)
-    for (std::int32_t j = -(n - std::abs(i)); j <= n - std::abs(i); ++j) {
-      const std::int32_t k = n - std::abs(i) - std::abs(j);
-      all.push_back({i, j, k});
-      if (k != 0) all.push_back({i, j, -k});
-    }
-  return all;
 }
 
 /// Interpolates f over the lattice at a direction, as rendering does.
