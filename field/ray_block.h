@@ -108,11 +108,11 @@ struct SampleArrays {
 /// Which tile, by number, each ray's entry slots sample: kNoTile where its weight is 0.
 using TileArrays = std::array<RayArray<std::uint32_t>, 3>;
 
-/// Where the pinned tiles are, by number: bytes from `zeros`, a row of samples that are 0, to a
-/// tile's first sample. 0 where nothing is stored or pinned; so is the one after the last tile.
+/// Where the pinned tiles are: bytes from `zeros`, amid zeros for whatever is loaded at once, to a
+/// tile's first sample. 0 where nothing is stored or pinned.
 struct TileOffsets {
   const std::byte* zeros = nullptr;
-  std::vector<std::int64_t> color, depth;
+  std::vector<std::int64_t> color{0}, depth{0};  ///< [number + 1], so that kNoTile has the first
 };
 
 /// A pass over rays: every ray's entry vertices, each aimed at an exit point.

@@ -13,14 +13,15 @@ namespace {
 
 /// Cells of a lattice, as slf::Cell.
 struct Cells {
-  VI octant, x, y;
+  VI octant;  ///< times a step
+  V x, y;     ///< whole numbers
   hn::Mask<D> inverted;
   V weight[3];
 };
 
-HWY_INLINE Cells locate(const Point& p, std::int32_t resolution) {
+/// REQUIRES: points are finite.
+HWY_INLINE Cells locate(const Point& p, std::int32_t resolution, std::int32_t octant_step) {
   const D d;
-  const DI di;
   const V one = hn::Set(d, 1.f), zero = hn::Zero(d);
   const V ax = hn::Abs(p.x), ay = hn::Abs(p.y), az = hn::Abs(p.z);
   const V scale = hn::Div(hn::Set(d, static_cast<float>(resolution)), hn::Add(hn::Add(ax, ay), az));
@@ -28,16 +29,17 @@ HWY_INLINE Cells locate(const Point& p, std::int32_t resolution) {
 
   // Points on the far edges belong to the last cell, not to one beyond the octsphere.
   Cells cell;
-  const VI last = hn::Set(di, resolution - 1);
-  cell.octant = hn::Or(flag(hn::Lt(p.x, zero), 1),
-                       hn::Or(flag(hn::Lt(p.y, zero), 2), flag(hn::Lt(p.z, zero), 4)));
-  cell.x = clamp_int(to_int(x), last);
-  cell.y = clamp_int(to_int(y), hn::Sub(last, cell.x));
-  const V du = hn::Min(hn::Max(hn::Sub(x, to_float(cell.x)), zero), one);
-  const V dv = hn::Min(hn::Max(hn::Sub(y, to_float(cell.y)), zero), one);
+  const V last = hn::Set(d, static_cast<float>(resolution - 1));
+  cell.octant = hn::Add(
+      hn::Add(flag(hn::Lt(p.x, zero), octant_step), flag(hn::Lt(p.y, zero), 2 * octant_step)),
+      flag(hn::Lt(p.z, zero), 4 * octant_step));
+  cell.x = hn::Min(hn::Floor(x), last);
+  cell.y = hn::Min(hn::Floor(y), hn::Sub(last, cell.x));
+  const V du = hn::Min(hn::Sub(x, cell.x), one);
+  const V dv = hn::Min(hn::Sub(y, cell.y), one);
 
   // On the last diagonal du + dv exceeds 1 only by rounding: dv gives way.
-  const auto diagonal = hn::RebindMask(d, hn::Eq(hn::Add(cell.x, cell.y), last));
+  const auto diagonal = hn::Eq(hn::Add(cell.x, cell.y), last);
   const V sum = hn::Add(du, dv), rest = hn::Sub(one, du), v = hn::Min(dv, rest);
   cell.inverted = hn::AndNot(diagonal, hn::Gt(sum, one));
   cell.weight[0] = hn::IfThenElse(cell.inverted, hn::Sub(sum, one), hn::Sub(rest, v));
@@ -59,9 +61,9 @@ struct Nearest {
 };
 
 /// The unit direction of a lattice point, on the side of each axis that `side` is on.
-HWY_INLINE Point vertex(VI x, VI y, std::int32_t resolution, const Point& side) {
-  const VI z = hn::Sub(hn::Sub(hn::Set(DI(), resolution), x), y);
-  const Point p{to_float(x), to_float(y), to_float(z)};
+HWY_INLINE Point vertex(V x, V y, std::int32_t resolution, const Point& side) {
+  const V whole = hn::Set(D(), static_cast<float>(resolution));
+  const Point p{x, y, hn::Sub(hn::Sub(whole, x), y)};
   const V inverse = hn::Div(hn::Set(D(), 1.f), hn::Sqrt(p.dot(p)));
   return {hn::CopySign(hn::Mul(p.x, inverse), side.x), hn::CopySign(hn::Mul(p.y, inverse), side.y),
           hn::CopySign(hn::Mul(p.z, inverse), side.z)};
@@ -80,29 +82,54 @@ HWY_INLINE void store_chosen(const Point& p, bool all, hn::Mask<D> chosen, Point
   store_chosen(p.z, all, chosen, D(), to.z.data() + k);
 }
 
+/// Something of rays that is linear in the pixel's place: its value for a block's first pixel, and
+/// what a step to the right or down adds. From a start in double, because eyes may be far away, a
+/// block's few steps in float lose nothing.
+struct Linear {
+  Point start, across, down;
+
+  HWY_INLINE Point at(V x, V y) const { return start.plus(x, across).plus(y, down); }
+};
+
 void cast_rays_any(const RayFan& fan, const PixelBlock& block, RayBlock& rays) {
   const D d;
   const V zero = hn::Zero(d), one = hn::Set(d, 1.f);
-  const Point across = Point::set(fan.across), turn = Point::set(glm::cross(fan.eye, fan.across));
-  const V forward = hn::Set(d, static_cast<float>(glm::dot(fan.eye, fan.across)));
+  const glm::dvec3 start = fan.corner + (block.x0 + 0.5) * fan.across + (block.y0 + 0.5) * fan.down;
+  const auto linear = [&](const auto& of) {
+    return Linear{Point::set(of(start)), Point::set(of(fan.across)), Point::set(of(fan.down))};
+  };
+  const Linear directions = linear([](const glm::dvec3& v) { return v; });
+  const Linear moments = linear([&](const glm::dvec3& v) { return glm::cross(fan.eye, v); });
+  const auto along_eye = [&](const glm::dvec3& v) {
+    return hn::Set(d, static_cast<float>(glm::dot(fan.eye, v)));
+  };
+  const V along_start = along_eye(start), along_across = along_eye(fan.across),
+          along_down = along_eye(fan.down);
+  // Vectors hold squares of pixels, if they can: their rays mostly meet the same tile.
+  constexpr std::uint32_t kAcross = kPixelRun, kDown = hn::MaxLanes(D()) / kAcross;
+  const DU du;
+  const VU lane = hn::Iota(du, 0), right = hn::And(lane, hn::Set(du, kAcross - 1));
+  const VU down = hn::ShiftRight<hwy::CeilLog2(kAcross)>(lane);
+  const VU index = hn::Add(hn::Mul(down, hn::Set(du, fan.width)), right);
+  const auto count = [&](std::uint32_t pixels) { return hn::Set(d, static_cast<float>(pixels)); };
+  const auto float_of = [&](VU v) { return to_float(hn::BitCast(DI(), v)); };
+  const V columns = count(block.x1 - block.x0), rows = count(block.y1 - block.y0);
   std::size_t n = 0;
-  for (std::uint32_t y = block.y0; y < block.y1; ++y) {
-    for (std::uint32_t x = block.x0; x < block.x1; x += hn::Lanes(d)) {
-      // Directions and moments (eye × direction) are linear in x: from a start in double, because
-      // eyes may be far away, a few steps in float lose nothing.
-      const glm::dvec3 start = fan.corner + (x + 0.5) * fan.across + (y + 0.5) * fan.down;
-      const V step = hn::Iota(d, 0);
-      const Point direction = Point::set(start).plus(step, across);
-      const Point moment = Point::set(glm::cross(fan.eye, start)).plus(step, turn);
-      const V along =
-          hn::MulAdd(step, forward, hn::Set(d, static_cast<float>(glm::dot(fan.eye, start))));
+  for (std::uint32_t y = block.y0; y < block.y1; y += kDown) {
+    const V row = hn::Add(float_of(down), count(y - block.y0));
+    for (std::uint32_t x = block.x0; x < block.x1; x += kAcross) {
+      const V column = hn::Add(float_of(right), count(x - block.x0));
+      const Point direction = directions.at(column, row);
+      const Point moment = moments.at(column, row);
+      const V along = hn::MulAdd(row, along_down, hn::MulAdd(column, along_across, along_start));
 
       // Find the ray's point closest to the centre, and half the chord around it.
       const V inverse = hn::Div(one, direction.dot(direction));
       const V above = hn::NegMulAdd(moment.dot(moment), inverse, one);
       const V half = hn::Sqrt(hn::Mul(hn::Max(above, zero), inverse));
       const auto ahead = hn::Gt(half, hn::Mul(along, inverse));
-      const auto hit = hn::And(hn::And(hn::Gt(above, zero), ahead), hn::FirstN(d, block.x1 - x));
+      const auto inside = hn::And(hn::Lt(column, columns), hn::Lt(row, rows));
+      const auto hit = hn::And(hn::And(hn::Gt(above, zero), ahead), inside);
 
       // Keep the rays that do.
       if (hn::AllFalse(d, hit)) continue;
@@ -110,7 +137,8 @@ void cast_rays_any(const RayFan& fan, const PixelBlock& block, RayBlock& rays) {
       const Point closest = direction.cross(moment).times(inverse);
       store_chosen(closest.plus(hn::Neg(half), direction), all, hit, rays.enter, n);
       store_chosen(closest.plus(half, direction), all, hit, rays.leave, n);
-      store_chosen(hn::Iota(DU(), y * fan.width + x), all, hit, DU(), rays.pixel.data() + n);
+      store_chosen(hn::Add(index, hn::Set(du, y * fan.width + x)), all, hit, du,
+                   rays.pixel.data() + n);
       n += hn::CountTrue(d, hit);
     }
   }
@@ -119,11 +147,12 @@ void cast_rays_any(const RayFan& fan, const PixelBlock& block, RayBlock& rays) {
 
 void find_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
                       bool with_points, EntryArrays& entries) {
+  const D d;
   const DI di;
-  const std::int32_t resolution = geometry.entry_resolution();
+  const std::int32_t resolution = geometry.entry_resolution(), across = resolution + 1;
   const auto* rows = reinterpret_cast<const std::int32_t*>(geometry.entry_rows().data());
   const auto row_bits = static_cast<int>(geometry.row_bits());
-  const VI stride = hn::Set(di, resolution + 1), one = hn::Set(di, 1), zero = hn::Zero(di);
+  const VI stride = hn::Set(di, across), one = hn::Set(di, 1);
   const VI row_mask = hn::Set(di, (1 << row_bits) - 1);
   const VI columns = hn::Set(di, static_cast<std::int32_t>(triangle_size(geometry.exit_side())));
   const auto store_row = [&](VI vertex, V weight, std::size_t c, std::size_t k) {
@@ -132,23 +161,28 @@ void find_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool 
     store(hn::Mul(hn::And(packed, row_mask), columns), entries.row[c], k);
     store(weight, entries.weight[c], k);
   };
-  for (std::size_t k = 0; k < rays.count; k += hn::Lanes(D())) {
+  for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
     const Point enter = Point::load(rays.enter, k);
-    const Cells cell = locate(enter, resolution);
-    // Steps from the base to the corners, as Cell::corners() has them.
-    const VI x_step[] = {choose(cell.inverted, one, zero), choose(cell.inverted, zero, one),
-                         choose(cell.inverted, one, zero)};
-    const VI y_step[] = {x_step[0], x_step[0], choose(cell.inverted, zero, one)};
-    const VI base = mul_add(mul_add(cell.octant, stride, cell.y), stride, cell.x);
-    VI corners[3];
-    for (std::size_t c = 0; c < 3; ++c) {
-      corners[c] = hn::Add(mul_add(y_step[c], stride, base), x_step[c]);
-      if (!nearest) store_row(corners[c], cell.weight[c], c, k);
-      if (with_points)
-        vertex(hn::Add(cell.x, x_step[c]), hn::Add(cell.y, y_step[c]), resolution, enter)
-            .store_to(entries.point[c], k);
-    }
-    if (nearest) store_row(Nearest::of(cell.weight).choose_from(corners), hn::Set(D(), 1.f), 0, k);
+    const Cells cell = locate(enter, resolution, across * across);
+    // The corners, as Cell::corners() has them.
+    const VI base = hn::Add(mul_add(to_whole(cell.y), stride, to_whole(cell.x)), cell.octant);
+    const VI corners[] = {hn::Add(base, flag(cell.inverted, across + 1)),
+                          hn::Add(base, choose(cell.inverted, stride, one)),
+                          hn::Add(base, choose(cell.inverted, one, stride))};
+    if (nearest)
+      store_row(Nearest::of(cell.weight).choose_from(corners), hn::Set(d, 1.f), 0, k);
+    else
+      for (std::size_t c = 0; c < 3; ++c) store_row(corners[c], cell.weight[c], c, k);
+    if (!with_points) continue;
+    const V x1 = hn::Add(cell.x, hn::Set(d, 1.f)), y1 = hn::Add(cell.y, hn::Set(d, 1.f));
+    const V x[] = {hn::IfThenElse(cell.inverted, x1, cell.x),
+                   hn::IfThenElse(cell.inverted, cell.x, x1),
+                   hn::IfThenElse(cell.inverted, x1, cell.x)};
+    const V y[] = {hn::IfThenElse(cell.inverted, y1, cell.y),
+                   hn::IfThenElse(cell.inverted, y1, cell.y),
+                   hn::IfThenElse(cell.inverted, cell.y, y1)};
+    for (std::size_t c = 0; c < 3; ++c)
+      vertex(x[c], y[c], resolution, enter).store_to(entries.point[c], k);
   }
 }
 
@@ -157,48 +191,45 @@ void find_exits_any(const LevelGeometry& geometry, const PointArrays& points, st
   const D d;
   const DI di;
   const auto level = static_cast<int>(geometry.level());
-  const auto side = static_cast<std::int32_t>(geometry.exit_side());
+  const auto side = static_cast<float>(geometry.exit_side());
   const auto* paths = reinterpret_cast<const std::int32_t*>(geometry.exit_paths().data());
-  const VI n = hn::Set(di, side), one = hn::Set(di, 1);
-  const V inverse = hn::Set(d, 1.f / static_cast<float>(side)), half = hn::Set(d, 0.5f);
+  // Numbers of cells and columns are in floats, which hold them all: integers multiply slowly.
+  const V n = hn::Set(d, side), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
+  const V inverse = hn::Set(d, 1 / side), across = hn::Set(d, static_cast<float>(2 << level));
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
-    const Cells cell = locate(Point::load(points, k), geometry.exit_resolution());
+    const Cells cell = locate(Point::load(points, k), geometry.exit_resolution(), 1 << 2 * level);
     // Divide by the side: half a cell keeps the quotients away from whole numbers.
-    const VI sx = to_int(hn::Mul(hn::Add(to_float(cell.x), half), inverse));
-    const VI sy = to_int(hn::Mul(hn::Add(to_float(cell.y), half), inverse));
-    const VI rx = hn::Sub(cell.x, hn::Mul(sx, n)), ry = hn::Sub(cell.y, hn::Mul(sy, n));
-    const VI cell_inverted = flag(cell.inverted, 1);
-    const auto inverted =
-        hn::RebindMask(d, hn::Gt(hn::Add(hn::Add(rx, ry), cell_inverted), hn::Sub(n, one)));
-    const VI path =
-        hn::Add(hn::ShiftLeft<1>(hn::Add(hn::ShiftLeftSame(sy, level), sx)), flag(inverted, 1));
-    store(hn::Or(hn::ShiftLeftSame(cell.octant, 2 * level), hn::GatherIndex(di, paths, path)),
-          exits.section, k);
+    const V sx = hn::Floor(hn::Mul(hn::Add(cell.x, half), inverse));
+    const V sy = hn::Floor(hn::Mul(hn::Add(cell.y, half), inverse));
+    const V beyond = hn::IfThenElseZero(cell.inverted, one);
+    V p = hn::Add(hn::NegMulAdd(sx, n, cell.x), beyond);
+    V q = hn::Add(hn::NegMulAdd(sy, n, cell.y), beyond);
+    const auto inverted = hn::Gt(hn::Sub(hn::Add(p, q), beyond), hn::Sub(n, one));
+    const V path =
+        hn::Add(hn::MulAdd(sy, across, hn::Add(sx, sx)), hn::IfThenElseZero(inverted, one));
+    store(hn::Add(cell.octant, hn::GatherIndex(di, paths, to_whole(path))), exits.section, k);
 
     // The corner opposite the hypotenuse, then its neighbours along x and y, as in
     // LevelGeometry::exit_cell.
-    VI p = hn::Add(rx, cell_inverted), q = hn::Add(ry, cell_inverted);
-    p = choose(inverted, hn::Sub(n, p), p);
-    q = choose(inverted, hn::Sub(n, q), q);
-    const auto down = hn::Xor(flag(inverted, 1), cell_inverted);  // towards smaller coordinates
-    const VI sign = hn::Sub(one, hn::ShiftLeft<1>(down));
-    const VI line = hn::Sub(hn::Add(hn::Add(n, one), down), q);  // columns from q to q ± 1
-    const VI before = hn::ShiftRight<1>(hn::Mul(q, hn::Sub(q, one)));
-    const VI first = hn::Add(hn::Sub(hn::Mul(q, hn::Add(n, one)), before), p);
-    store(hn::Sub(first, down), exits.pair, k);
-    store(mul_add(sign, line, first), exits.third, k);
+    p = hn::IfThenElse(inverted, hn::Sub(n, p), p);
+    q = hn::IfThenElse(inverted, hn::Sub(n, q), q);
+    const auto down = hn::Xor(inverted, cell.inverted);  // towards smaller coordinates
+    const V back = hn::IfThenElseZero(down, one);
+    const V line = hn::Sub(hn::Add(hn::Add(n, one), back), q);  // columns from q to q ± 1
+    const V first = hn::MulAdd(q, hn::NegMulAdd(q, half, hn::Set(d, side + 1.5f)), p);
+    store(to_whole(hn::Sub(first, back)), exits.pair, k);
+    store(to_whole(hn::IfThenElse(down, hn::Sub(first, line), hn::Add(first, line))), exits.third,
+          k);
     V weight[] = {cell.weight[0], cell.weight[1], cell.weight[2]};
     if (nearest) {
       const Nearest best = Nearest::of(weight);
-      const V full = hn::Set(d, 1.f);
-      weight[2] = hn::IfThenElseZero(best.third, full);
-      weight[1] = hn::IfThenZeroElse(best.third, hn::IfThenElseZero(best.second, full));
-      weight[0] = hn::Sub(full, hn::Add(weight[1], weight[2]));
+      weight[2] = hn::IfThenElseZero(best.third, one);
+      weight[1] = hn::IfThenZeroElse(best.third, hn::IfThenElseZero(best.second, one));
+      weight[0] = hn::Sub(one, hn::Add(weight[1], weight[2]));
     }
     // The lower column of the pair comes first.
-    const auto swap = hn::RebindMask(d, hn::Eq(down, one));
-    store(hn::IfThenElse(swap, weight[1], weight[0]), exits.weight[0], k);
-    store(hn::IfThenElse(swap, weight[0], weight[1]), exits.weight[1], k);
+    store(hn::IfThenElse(down, weight[1], weight[0]), exits.weight[0], k);
+    store(hn::IfThenElse(down, weight[0], weight[1]), exits.weight[1], k);
     store(weight[2], exits.weight[2], k);
   }
 }

@@ -17,8 +17,10 @@
 namespace slf {
 namespace {
 
-constexpr std::uint32_t kBlock = 16;      // edge in pixels; larger ones leave the core's own cache
-constexpr std::uint32_t kTaken = 8;       // blocks that a thread takes at once
+// In pixels. Larger blocks leave the core's first cache, and each row is another page of memory.
+constexpr std::uint32_t kBlockWidth = 32, kBlockHeight = 4;
+constexpr std::size_t kBlockRays = kBlockWidth * kBlockHeight;
+constexpr std::uint32_t kTaken = 16;      // blocks that a thread takes at once
 constexpr std::size_t kRayScratch = 512;  // bytes of scratch per ray of a block, about
 
 void sort_unique(std::vector<TileKey>& keys) {
@@ -48,7 +50,7 @@ struct Plan {
 Plan plan_memory(const Field& field, const RendererOptions& options) {
   const std::uint64_t tile = field.shape().largest_tile() * (4 + 1);
   Plan plan;
-  const std::uint64_t scratch = std::uint64_t{kBlock} * kBlock * kRayScratch;
+  const std::uint64_t scratch = kBlockRays * kRayScratch;
   const std::uint64_t fit = options.memory / (tile + scratch);
   plan.threads =
       static_cast<unsigned>(std::clamp<std::uint64_t>(fit, 1, thread_count(options.threads)));
@@ -126,9 +128,11 @@ RayFan make_fan(const Sphere& sphere, const RayGenerator& rays, std::uint32_t wi
           rays.down() * scale, width};
 }
 
-std::uint32_t blocks_across(std::uint32_t pixels) { return (pixels + kBlock - 1) / kBlock; }
+std::uint32_t blocks_across(const Camera& camera) {
+  return (camera.width + kBlockWidth - 1) / kBlockWidth;
+}
 std::uint32_t block_count(const Camera& camera) {
-  return blocks_across(camera.width) * blocks_across(camera.height);
+  return blocks_across(camera) * ((camera.height + kBlockHeight - 1) / kBlockHeight);
 }
 
 /// One picture under way: blocks are taken by any thread, each writes pixels of its own.
@@ -143,7 +147,7 @@ class ViewJob {
         camera_(camera),
         fan_(make_fan(field.shape().sphere, rays, camera.width)),
         options_(options),
-        across_(blocks_across(camera.width)),
+        across_(blocks_across(camera)),
         blocks_(block_count(camera)),
         bands_(threads),
         kept_(kept),
@@ -211,17 +215,18 @@ class ViewJob {
   }
 
   [[nodiscard]] PixelBlock pixels(std::uint32_t block) const {
-    const std::uint32_t x0 = block % across_ * kBlock, y0 = block / across_ * kBlock;
-    return {x0, y0, std::min(x0 + kBlock, camera_.width), std::min(y0 + kBlock, camera_.height)};
+    const std::uint32_t x0 = block % across_ * kBlockWidth, y0 = block / across_ * kBlockHeight;
+    return {x0, y0, std::min(x0 + kBlockWidth, camera_.width),
+            std::min(y0 + kBlockHeight, camera_.height)};
   }
 
   Result<void> draw(std::uint32_t block, BlockRenderer& renderer,
                     std::vector<std::uint64_t>& level_pixels, std::uint64_t& hit) {
-    RayBlock& rays = renderer.rays(std::size_t{kBlock} * kBlock);
-    const PixelBlock square = pixels(block);
-    fetch(square);
-    cast_rays(fan_, square, rays);
-    if (rays.count < std::size_t{square.x1 - square.x0} * (square.y1 - square.y0)) clear(square);
+    RayBlock& rays = renderer.rays(kBlockRays);
+    const PixelBlock area = pixels(block);
+    fetch(area);
+    cast_rays(fan_, area, rays);
+    if (rays.count < std::size_t{area.x1 - area.x0} * (area.y1 - area.y0)) clear(area);
     hit += rays.count;
     return renderer.draw(level_pixels);
   }

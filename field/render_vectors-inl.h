@@ -26,12 +26,19 @@ using V = hn::Vec<D>;
 using VI = hn::Vec<DI>;
 using VU = hn::Vec<DU>;
 
-HWY_INLINE VI to_int(V v) { return hn::ConvertTo(DI(), v); }
+/// Neighbouring rays of a block in runs of so many are neighbouring pixels of a row, but for those
+/// that miss the sphere.
+constexpr std::uint32_t kPixelRun = hn::MaxLanes(D()) < 4 ? 1 : 4;
+
+/// Of whole numbers from 0 to 2^23: less work than hn::ConvertTo, which saturates.
+HWY_INLINE VI to_whole(V v) {
+  const V shift = hn::Set(D(), 8388608.f);  // from here on floats are whole
+  return hn::Sub(hn::BitCast(DI(), hn::Add(v, shift)), hn::BitCast(DI(), shift));
+}
 HWY_INLINE V to_float(VI v) { return hn::ConvertTo(D(), v); }
 HWY_INLINE VI flag(hn::Mask<D> mask, std::int32_t value) {
   return hn::IfThenElseZero(hn::RebindMask(DI(), mask), hn::Set(DI(), value));
 }
-HWY_INLINE VI clamp_int(VI v, VI high) { return hn::Min(hn::Max(v, hn::Zero(DI())), high); }
 HWY_INLINE VI mul_add(VI a, VI b, VI c) { return hn::Add(hn::Mul(a, b), c); }
 HWY_INLINE VI choose(hn::Mask<D> mask, VI yes, VI no) {
   return hn::IfThenElse(hn::RebindMask(DI(), mask), yes, no);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <type_traits>
+#include <utility>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "field/sample_kernel.cc"
@@ -32,31 +33,34 @@ void number_tiles_any(const Pass& pass, const EntryArrays& entries, std::size_t 
                       TileNumbers& numbers, TileArrays& tiles) {
   const DU d;
   const VU no_tile = hn::Set(d, kNoTile);
-  // Mostly a ray's entry slots share a tile, and so do rays that follow each other.
+  // Mostly a ray's entry slots share a tile, or it is the one of a ray nearby.
   VU tile = no_tile, last_entry = no_tile, last_exit = no_tile;
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
     for (std::size_t c = 0; c < pass.entries; ++c) {
-      const VU entry = hn::LoadU(d, &entries.section[c][k]);
-      const VU exit = hn::LoadU(d, &pass.exit[c]->section[k]);
+      const auto entry_at = [&](std::size_t at) { return hn::LoadU(d, &entries.section[c][at]); };
+      const auto exit_at = [&](std::size_t at) { return hn::LoadU(d, &pass.exit[c]->section[at]); };
+      const VU entry = entry_at(k), exit = exit_at(k), last_tile = std::exchange(tile, no_tile);
       const auto used =
           hn::And(hn::RebindMask(d, hn::Gt(hn::LoadU(D(), &entries.weight[c][k]), hn::Zero(D()))),
                   hn::FirstN(d, count - k));
-      const auto as_before = hn::And(hn::Eq(entry, last_entry), hn::Eq(exit, last_exit));
-      tile = hn::IfThenElse(hn::And(as_before, used), tile, no_tile);
-      last_entry = entry, last_exit = exit;
-      auto left = hn::And(used, hn::Eq(tile, no_tile));
-      if (!hn::AllFalse(d, left)) {
-        tile = hn::IfThenElse(left, recent_numbers(numbers.recent(), entry, exit), tile);
+      auto left = used;
+      const auto take = [&](auto same, VU found) {
+        tile = hn::IfThenElse(hn::And(same, left), found, tile);
         left = hn::And(used, hn::Eq(tile, no_tile));
+      };
+      take(hn::And(hn::Eq(entry, last_entry), hn::Eq(exit, last_exit)), last_tile);
+      last_entry = entry, last_exit = exit;
+      if (k > 0 && !hn::AllFalse(d, left)) {
+        const std::size_t before = k - hn::Lanes(d);
+        take(hn::And(hn::Eq(entry, entry_at(before)), hn::Eq(exit, exit_at(before))),
+             hn::LoadU(d, &tiles[c][before]));
       }
+      if (!hn::AllFalse(d, left)) take(left, recent_numbers(numbers.recent(), entry, exit));
       while (!hn::AllFalse(d, left)) {
         const auto lane = k + static_cast<std::size_t>(hn::FindFirstTrue(d, left));
         const TileNumbers::Pair pair{entries.section[c][lane], pass.exit[c]->section[lane]};
-        const VU number = hn::Set(d, numbers.number(pair));
-        const auto same =
-            hn::And(hn::Eq(entry, hn::Set(d, pair.entry)), hn::Eq(exit, hn::Set(d, pair.exit)));
-        tile = hn::IfThenElse(hn::And(same, left), number, tile);
-        left = hn::AndNot(same, left);
+        take(hn::And(hn::Eq(entry, hn::Set(d, pair.entry)), hn::Eq(exit, hn::Set(d, pair.exit))),
+             hn::Set(d, numbers.number(pair)));
       }
       hn::StoreU(tile, d, &tiles[c][k]);
     }
@@ -91,97 +95,113 @@ HWY_INLINE V64 widen(hn::Vec<Narrow> v) {
   return hn::BitCast(D64(), hn::PromoteTo(hn::RebindToUnsigned<D64>(), v));
 }
 
-/// Loads 8 bytes for each lane.
-HWY_INLINE V64 load_at(const std::byte* base, V64 offset) {
-  return hn::GatherOffset(D64(), reinterpret_cast<const std::int64_t*>(base), offset);
+/// Half of a vector, the lower one first.
+template <std::size_t half>
+HWY_INLINE hn::Vec<Narrow> half_of(VU v) {
+#if HWY_TARGET == HWY_SCALAR
+  return v;
+#else
+  return half == 0 ? hn::LowerHalf(Narrow(), v) : hn::UpperHalf(Narrow(), v);
+#endif
 }
 
-/// Where each lane's row begins, `row` bytes into its tile; without a tile, the row of zeros.
-HWY_INLINE V64 find_rows(const std::vector<std::int64_t>& offsets, hn::Vec<Narrow> tile,
-                         const std::uint32_t* one_tile, V64 row) {
-  const D64 d;
-  const V64 offset =
-      one_tile ? hn::Set(d, offsets[*one_tile]) : hn::GatherIndex(d, offsets.data(), widen(tile));
-  return hn::Add(offset, hn::IfThenZeroElse(hn::Eq(offset, hn::Zero(d)), row));
+/// Calls f for each half of vectors.
+template <class F>
+HWY_INLINE void for_halves(const F& f) {
+  f(std::integral_constant<std::size_t, 0>());
+  if constexpr (kHalves == 2) f(std::integral_constant<std::size_t, kHalves - 1>());
 }
 
-/// Depths at a column of each row and the columns that follow, a byte each, lowest first. `last` is
-/// the last column that 8 bytes can be loaded at.
-HWY_INLINE V64 load_depths(const std::byte* base, V64 row, hn::Vec<Narrow> column,
-                           hn::Vec<Narrow> last) {
-  const auto at = hn::Min(column, last);
-  const V64 bits = hn::ShiftLeft<3>(widen(hn::Sub(column, at)));
-  const hn::RebindToUnsigned<D64> d;
-  return hn::BitCast(
-      D64(), hn::BitCast(d, load_at(base, hn::Add(row, widen(at)))) >> hn::BitCast(d, bits));
-}
+/// The tiles of as many rays as there are lanes.
+class Tiles {
+ public:
+  HWY_INLINE Tiles(const TileOffsets& offsets, const std::uint32_t* numbers)
+      : zeros_(offsets.zeros),
+        numbers_(hn::LoadU(DU(), numbers)),
+        first_(static_cast<std::int32_t>(numbers[0])),
+        same_(hn::AllTrue(DU(), hn::Eq(numbers_, hn::Set(DU(), numbers[0])))) {}
+
+  /// Loads 8 bytes for each lane of a half, from `at - before` bytes into its tile; zeros where
+  /// there is none.
+  template <class Half>
+  HWY_INLINE V64 load(const std::vector<std::int64_t>& offsets, Half, VU at, int before) const {
+    const D64 d;
+    const hn::RebindToSigned<Narrow> narrow;
+    const std::int64_t* from = offsets.data() + 1;
+    const V64 tile =
+        same_ ? hn::Set(d, from[first_])
+              : hn::GatherIndex(
+                    d, from, hn::PromoteTo(d, hn::BitCast(narrow, half_of<Half::value>(numbers_))));
+    const V64 within =
+        hn::IfThenZeroElse(hn::Eq(tile, hn::Zero(d)), widen(half_of<Half::value>(at)));
+    return hn::GatherOffset(d, reinterpret_cast<const std::int64_t*>(zeros_ - before),
+                            hn::Add(tile, within));
+  }
+
+ private:
+  const std::byte* zeros_;
+  VU numbers_;
+  std::int32_t first_;  // of the numbers
+  bool same_;           // all of them
+};
 
 template <bool kHalf, bool kDepth>
 void take_typed(const TileOffsets& offsets, const Pass& pass, const EntryArrays& entries,
-                const TileArrays& tiles, std::size_t count, std::uint32_t columns, bool add,
-                SampleArrays& samples) {
+                const TileArrays& tiles, std::size_t count, bool add, SampleArrays& samples) {
   const D64 d;
-  const Narrow narrow;
   const DU du;
-  const std::size_t lanes = hn::Lanes(d);
-  const auto absent = static_cast<std::uint32_t>(offsets.color.size() - 1);
-  const auto last_load = hn::Set(narrow, columns < 8 ? 0 : columns - 8);
+  const hn::RebindToUnsigned<D64> du64;
   const auto store_or = [&](auto v, auto tag, auto* to) {
     hn::StoreU(add ? hn::Or(v, hn::LoadU(tag, to)) : v, tag, to);
   };
   for (std::size_t c = 0; c < pass.entries; ++c) {
     const ExitArrays& exit = *pass.exit[c];
-    for (std::size_t k = 0; k < count; k += kHalves * lanes) {
-      const std::uint32_t first = std::min(tiles[c][k], absent);
-      const VU all = hn::Min(hn::LoadU(du, &tiles[c][k]), hn::Set(du, absent));
-      const auto* one_tile = hn::AllTrue(du, hn::Eq(all, hn::Set(du, first))) ? &first : nullptr;
-      V64 colors[3][kHalves], depths[kHalves];
-      for (std::size_t half = 0; half < kHalves; ++half) {
-        const std::size_t at = k + half * lanes;
-        const auto tile = hn::Min(hn::LoadU(narrow, &tiles[c][at]), hn::Set(narrow, absent));
-        const V64 row = widen(hn::LoadU(narrow, &entries.row[c][at]));
-        const auto pair = hn::LoadU(narrow, &exit.pair[at]);
-        const auto third = hn::LoadU(narrow, &exit.third[at]);
-        constexpr int kShift = kHalf ? 3 : 2;
-        const V64 color_row = find_rows(offsets.color, tile, one_tile, hn::ShiftLeft<kShift>(row));
-        const V64 pair_at = hn::Add(color_row, hn::ShiftLeft<kShift>(widen(pair)));
-        const V64 third_at = hn::Add(color_row, hn::ShiftLeft<kShift>(widen(third)));
-        colors[0][half] = load_at(offsets.zeros, pair_at);
+    for (std::size_t k = 0; k < count; k += hn::Lanes(du)) {
+      const Tiles tile(offsets, &tiles[c][k]);
+      const VU row = hn::LoadU(du, &entries.row[c][k]);
+      const VU pair = hn::Add(row, hn::LoadU(du, &exit.pair[k]));
+      const VU third = hn::Add(row, hn::LoadU(du, &exit.third[k]));
+      constexpr int kShift = kHalf ? 3 : 2;
+      const VU pair_at = hn::ShiftLeft<kShift>(pair), third_at = hn::ShiftLeft<kShift>(third);
+      V64 two[kHalves], one[kHalves];
+      for_halves([&](auto half) {
+        two[half] = tile.load(offsets.color, half, pair_at, 0);
+        one[half] = tile.load(offsets.color, half, third_at, kHalf ? 0 : 4);
         if constexpr (kHalf) {
-          colors[1][half] = load_at(offsets.zeros, hn::Add(pair_at, hn::Set(d, 8)));
-          colors[2][half] = load_at(offsets.zeros, third_at);
-        } else {  // with the one before it: 8 bytes that are the tile's in any case
-          colors[2][half] = load_at(offsets.zeros, hn::Sub(third_at, hn::Set(d, 4)));
+          const auto put = [&](std::size_t e, V64 v) {
+            store_or(hn::BitCast(du64, v), du64,
+                     &samples.rgba16f[3 * c + e][k + half * hn::Lanes(d)]);
+          };
+          put(0, two[half]), put(2, one[half]);
+          put(1, tile.load(offsets.color, half, pair_at, -8));
         }
-        if constexpr (kDepth) {
-          const V64 depth_row = find_rows(offsets.depth, tile, one_tile, row);
-          const V64 two = load_depths(offsets.zeros, depth_row, pair, last_load);
-          const V64 one = load_depths(offsets.zeros, depth_row, third, last_load);
-          depths[half] = hn::Or(hn::And(two, hn::Set(d, 0xFFFF)), hn::ShiftLeft<16>(one));
-        }
+      });
+      if constexpr (!kHalf) {
+        store_or(lower_bits(two), du, &samples.rgba8[3 * c][k]);
+        store_or(upper_bits(two), du, &samples.rgba8[3 * c + 1][k]);
+        store_or(upper_bits(one), du, &samples.rgba8[3 * c + 2][k]);
       }
-      if constexpr (kHalf) {
-        for (std::size_t e = 0; e < 3; ++e)
-          for (std::size_t half = 0; half < kHalves; ++half)
-            store_or(hn::BitCast(hn::RebindToUnsigned<D64>(), colors[e][half]),
-                     hn::RebindToUnsigned<D64>(), &samples.rgba16f[3 * c + e][k + half * lanes]);
-      } else {
-        store_or(lower_bits(colors[0]), du, &samples.rgba8[3 * c][k]);
-        store_or(upper_bits(colors[0]), du, &samples.rgba8[3 * c + 1][k]);
-        store_or(upper_bits(colors[2]), du, &samples.rgba8[3 * c + 2][k]);
+      if constexpr (kDepth) {
+        for_halves([&](auto half) {  // the last two of 8 bytes, and the last one
+          const auto pairs = hn::BitCast(du64, tile.load(offsets.depth, half, pair, 6));
+          const auto thirds = hn::BitCast(du64, tile.load(offsets.depth, half, third, 7));
+          two[half] =
+              hn::BitCast(d, hn::Or(hn::ShiftRight<48>(pairs),
+                                    hn::And(hn::ShiftRight<40>(thirds), hn::Set(du64, 0xFF0000))));
+        });
+        store_or(lower_bits(two), du, &samples.depth[c][k]);
       }
-      if constexpr (kDepth) store_or(lower_bits(depths), du, &samples.depth[c][k]);
     }
   }
 }
 
 void take_samples_any(const TileOffsets& offsets, const Pass& pass, const EntryArrays& entries,
-                      const TileArrays& tiles, std::size_t count, std::uint32_t columns,
-                      bool half_floats, bool add, SampleArrays& samples) {
+                      const TileArrays& tiles, std::size_t count, bool half_floats, bool add,
+                      SampleArrays& samples) {
   const auto typed = half_floats
                          ? (pass.with_depth ? take_typed<true, true> : take_typed<true, false>)
                          : (pass.with_depth ? take_typed<false, true> : take_typed<false, false>);
-  typed(offsets, pass, entries, tiles, count, columns, add, samples);
+  typed(offsets, pass, entries, tiles, count, add, samples);
 }
 
 struct Colors {
@@ -191,8 +211,18 @@ struct Colors {
 /// Byte `k` of each lane, 0 the lowest.
 template <int k>
 HWY_INLINE V byte_of(VU v) {
+  const DU d;
+#if HWY_TARGET != HWY_SCALAR
+  if constexpr (k == 1 || k == 2) {  // one step instead of a shift and a mask
+    const hn::Repartition<std::uint8_t, DU> bytes;
+    const VU lane = hn::And(hn::Iota(d, 0), hn::Set(d, 3));  // look-ups stay among four lanes
+    const VU from = hn::Add(hn::ShiftLeft<2>(lane), hn::Set(d, 0x80808000u + k));
+    const auto byte = hn::TableLookupBytesOr0(hn::BitCast(bytes, v), hn::BitCast(bytes, from));
+    return to_float(hn::BitCast(DI(), byte));
+  }
+#endif
   const VU shifted = hn::ShiftRight<8 * k>(v);
-  return to_float(hn::BitCast(DI(), k == 3 ? shifted : hn::And(shifted, hn::Set(DU(), 255))));
+  return to_float(hn::BitCast(DI(), k == 3 ? shifted : hn::And(shifted, hn::Set(d, 255))));
 }
 
 HWY_INLINE Colors load_colors(const RayArray<std::uint32_t>& from, std::size_t k) {
@@ -213,14 +243,20 @@ HWY_INLINE Colors load_colors(const RayArray<std::uint64_t>& from, std::size_t k
 HWY_INLINE void store_pixels(const Colors& colors, const RayBlock& rays, std::size_t k,
                              glm::vec4* picture) {
   const D d;
+  HWY_ALIGN glm::vec4 pixels[hn::MaxLanes(D())];
+  hn::StoreInterleaved4(colors.r, colors.g, colors.b, colors.a, d, &pixels[0].x);
   const std::size_t n = std::min(hn::Lanes(d), rays.count - k);
-  const std::uint32_t* pixel = &rays.pixel[k];  // they ascend
-  const bool together = n == hn::Lanes(d) && pixel[n - 1] - pixel[0] == n - 1;
-  glm::vec4 apart[hn::MaxLanes(D())];
-  glm::vec4* to = together ? picture + pixel[0] : apart;
-  hn::StoreInterleaved4(colors.r, colors.g, colors.b, colors.a, d, &to->x);
-  if (together) return;
-  for (std::size_t i = 0; i < n; ++i) picture[pixel[i]] = apart[i];
+  const std::uint32_t* to = &rays.pixel[k];
+  const DU du;
+  const VU step = hn::Sub(hn::LoadU(du, to + 1), hn::LoadU(du, to));
+  const VU place = hn::And(hn::Iota(du, 1), hn::Set(du, kPixelRun - 1));  // 0 where a run ends
+  const auto runs = hn::Or(hn::Eq(step, hn::Set(du, 1)), hn::Eq(place, hn::Zero(du)));
+  if (n == hn::Lanes(d) && hn::AllTrue(du, runs)) {
+    for (std::size_t i = 0; i < n; i += kPixelRun)
+      std::copy_n(pixels + i, kPixelRun, picture + to[i]);
+  } else {
+    for (std::size_t i = 0; i < n; ++i) picture[to[i]] = pixels[i];
+  }
 }
 
 /// Below this opacity a depth is not worth following.
@@ -293,8 +329,9 @@ void blend_typed(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
       }
     }
     if constexpr (kDepth) {
-      const auto mean = [&](V of, V weight) {
-        return hn::Min(hn::Max(hn::Div(of, weight), zero), one);
+      const auto mean = [&](V of, V weight) {  // whatever half floats there are, it is in range
+        const V at = hn::Div(of, weight);
+        return hn::IfThenElseZero(hn::Gt(at, zero), hn::Min(at, one));
       };
       const auto enough = hn::Gt(opacity, faint);
       V all = mean(place, opacity);
@@ -358,10 +395,10 @@ void number_tiles(const Pass& pass, const EntryArrays& entries, std::size_t coun
 }
 
 void take_samples(const TileOffsets& offsets, const Pass& pass, const EntryArrays& entries,
-                  const TileArrays& tiles, std::size_t count, std::uint32_t columns,
-                  bool half_floats, bool add, SampleArrays& samples) {
+                  const TileArrays& tiles, std::size_t count, bool half_floats, bool add,
+                  SampleArrays& samples) {
   HWY_DYNAMIC_DISPATCH(take_samples_any)
-  (offsets, pass, entries, tiles, count, columns, half_floats, add, samples);
+  (offsets, pass, entries, tiles, count, half_floats, add, samples);
 }
 
 void blend(const Pass& pass, const RayBlock& rays, EntryArrays& entries,

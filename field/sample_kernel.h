@@ -17,11 +17,11 @@ void number_tiles(const Pass& pass, const EntryArrays& entries, std::size_t coun
                   TileNumbers& numbers, TileArrays& tiles);
 
 /// Takes a pass's samples from the tiles that are there; those of other tiles are 0. `add` combines
-/// them with what was taken before from other tiles. `columns` is the length of a tile's rows.
-/// REQUIRES: from a row of depths that is shorter than 8 bytes, 8 can be loaded.
+/// them with what was taken before from other tiles.
+/// REQUIRES: the 8 bytes before a tile's first sample can be read.
 void take_samples(const TileOffsets& offsets, const Pass& pass, const EntryArrays& entries,
-                  const TileArrays& tiles, std::size_t count, std::uint32_t columns,
-                  bool half_floats, bool add, SampleArrays& samples);
+                  const TileArrays& tiles, std::size_t count, bool half_floats, bool add,
+                  SampleArrays& samples);
 
 /// Blends each ray's samples (eq. 2) into its pixel of a picture: premultiplied colours; and, where
 /// the pass has depth, `t`, the opacity-weighted depth along the ray, and in `entries` the next

@@ -17,16 +17,14 @@ TapGatherer::TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin
     : cache_(cache),
       format_(field.manifest().layers[field.layer("color").value_or(0)].format),
       with_depth_(with_depth),
-      columns_(triangle_size(field.shape().exit_side)),
       wait_(wait),
-      earlier_(std::move(earlier)),
-      zeros_(columns_ * codec::sample_bytes(format_) + 8) {
+      earlier_(std::move(earlier)) {
   const std::uint64_t sample = codec::sample_bytes(format_) + (with_depth ? 1 : 0);
   const std::uint64_t tile = field.shape().largest_tile() * sample + kPinBytes;
   // What is in the cache already takes no room when it is pinned.
   if (!wait) pin_bytes = kUnlimited;
   most_pins_ = static_cast<std::uint32_t>(std::clamp<std::uint64_t>(pin_bytes / tile, 1, 1 << 30));
-  offsets_.zeros = zeros_.data();
+  offsets_.zeros = zeros_.data() + TileCache::kBefore;
   if (earlier_.with_depth != with_depth) release(earlier_.tiles);
 }
 
@@ -89,8 +87,8 @@ Result<void> TapGatherer::pin(Wave wave) {
   for (std::uint32_t n = wave.begin; n < wave.end; ++n) {
     const Tile& tile = tiles_[n];
     lacks_tiles_ |= tile.missing;
-    offsets_.color[n] = tile.pin ? offset_of(tile.pin.color()) : 0;
-    offsets_.depth[n] = tile.pin && with_depth_ ? offset_of(tile.pin.depth()) : 0;
+    offsets_.color[n + 1] = tile.pin ? offset_of(tile.pin.color()) : 0;
+    offsets_.depth[n + 1] = tile.pin && with_depth_ ? offset_of(tile.pin.depth()) : 0;
   }
   return {};
 }
@@ -139,19 +137,19 @@ void TapGatherer::hold(std::uint32_t number, TileCache::Pin pin) {
 std::int64_t TapGatherer::offset_of(const std::byte* samples) const {
   if (!samples) return 0;
   return static_cast<std::int64_t>(reinterpret_cast<std::uintptr_t>(samples) -
-                                   reinterpret_cast<std::uintptr_t>(zeros_.data()));
+                                   reinterpret_cast<std::uintptr_t>(offsets_.zeros));
 }
 
 void TapGatherer::unpin(Wave wave) {
   for (std::uint32_t n = wave.begin; n < wave.end; ++n) {
     tiles_[n].pin = {};
-    offsets_.color[n] = offsets_.depth[n] = 0;
+    offsets_.color[n + 1] = offsets_.depth[n + 1] = 0;
   }
 }
 
 void TapGatherer::take(Wave wave, std::size_t count, const EntryArrays& entries, const Pass& pass,
                        bool add) {
-  take_samples(offsets_, pass, entries, taps_, count, columns_, half_floats(), add, samples_);
+  take_samples(offsets_, pass, entries, taps_, count, half_floats(), add, samples_);
   if (!lacks_tiles_) return;
   if (!any_missing_) std::fill_n(missing_.begin(), count, std::uint8_t{0});
   any_missing_ = true;
@@ -171,13 +169,11 @@ Result<void> TapGatherer::gather(const LevelGeometry& geometry, std::size_t coun
   if (tiles <= most_pins_) {
     if (auto ok = pin({pinned_, tiles}); !ok) return ok;
     pinned_ = tiles;
-    offsets_.color[tiles] = offsets_.depth[tiles] = 0;
     take({0, tiles}, count, entries, pass, false);
     return {};
   }
   // Too many to hold at once: none of them stays.
   unpin({0, tiles});
-  offsets_.color[tiles] = offsets_.depth[tiles] = 0;
   for (std::uint32_t begin = 0; begin < tiles; begin += most_pins_) {
     const Wave wave{begin, std::min(begin + most_pins_, tiles)};
     if (auto ok = pin(wave); !ok) return ok;

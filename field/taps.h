@@ -87,7 +87,6 @@ class TapGatherer {
   TileCache& cache_;
   codec::SampleFormat format_;
   bool with_depth_;
-  std::uint32_t columns_;  // of every tile
   std::uint32_t most_pins_;
   bool wait_;
   KeptTiles earlier_;
@@ -95,7 +94,7 @@ class TapGatherer {
   TileNumbers numbers_;
   std::vector<Tile> tiles_;   // by number
   std::uint32_t pinned_ = 0;  // of tiles_, the first ones, that stay pinned
-  std::vector<std::byte> zeros_;
+  std::array<std::byte, TileCache::kBefore + 16> zeros_{};
   TileOffsets offsets_;
   TileArrays taps_;
   SampleArrays samples_;

@@ -10,9 +10,6 @@ namespace {
 constexpr std::uint64_t kEntryBytes = 512;     // bookkeeping of one entry, about
 constexpr std::uint64_t kMapWindow = 1 << 16;  // what Linux maps around a page that is read
 constexpr std::uint64_t kTreeWindows = 3;      // on the way through the search tree, about
-// The renderer loads so many bytes at a time, from within a row of samples where it has as many:
-// behind shorter ones there must be room.
-constexpr std::size_t kLoad = 8;
 }  // namespace
 
 /// What an entry has of one layer.
@@ -162,17 +159,18 @@ Result<void> TileCache::load(Entry& entry, Part& part, storage::LayerId layer,
   const bool stored = tile->state == storage::TileState::stored;
   const std::size_t bytes = stored ? field_.tile_shape(layer, entry.key).bytes() : 0;
   const bool raw = stored && field_.codec(layer).in_place() && tile->payload.size() == bytes;
-  part.in_place = in_place_ && raw && triangle_size(field_.shape().exit_side) >= kLoad;
+  part.in_place = in_place_ && raw;
   part.mapped = stored && (part.in_place || !raw);
   charge(entry, part, part.in_place ? 0 : bytes, located.has_value());
   if (part.in_place) {
-    part.samples = tile->payload.data();
+    part.samples = tile->payload.data();  // a record's table comes before any payload
     return field_.store().check(*tile);
   }
   if (!stored) return {};
-  part.owned = std::make_unique_for_overwrite<std::byte[]>(bytes + kLoad);
-  part.samples = part.owned.get();
-  return field_.decode(*tile, {part.owned.get(), bytes});
+  part.owned = std::make_unique_for_overwrite<std::byte[]>(kBefore + bytes);
+  std::byte* samples = part.owned.get() + kBefore;
+  part.samples = samples;
+  return field_.decode(*tile, {samples, bytes});
 }
 
 std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys, bool with_depth) {

@@ -40,6 +40,10 @@ class TileCache {
   class Hold;
 
  public:
+  /// Bytes before a tile's samples that can be read, whatever they are: loads of several bytes may
+  /// end with a sample instead of beginning with it.
+  static constexpr std::size_t kBefore = 8;
+
   /// A tile that cannot be evicted while this lives. Move-only; must not outlive the cache.
   class Pin {
    public:

@@ -32,7 +32,8 @@ class TileNumbers {
   };
   static_assert(Recent::kSlots == 1u << (32 - Recent::kShift));
 
-  [[nodiscard]] std::uint32_t number(Pair pair) {
+  /// Not inlined: the kernel rarely needs it, and its loop keeps its registers.
+  [[nodiscard, gnu::noinline]] std::uint32_t number(Pair pair) {
     std::uint32_t number = known(pair);
     if (number == kNoTile) number = add(pair);
     const std::uint32_t at =
