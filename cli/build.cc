@@ -45,7 +45,7 @@ Result<void> run_build(const Arguments& arguments) {
     std::filesystem::remove(arguments.output + "-lock", failed);
   }
   const auto report =
-      build_field(**scene, arguments.output, options, progress_bar("build", "slabs"));
+      build_field(**scene, arguments.output, options, progress_bar("build", "rays"));
   if (!report) return tl::unexpected(report.error());
   if (report->resumed > 0)
     note(fmt::format("{}: resumed after {} tiles", arguments.output, report->resumed));

@@ -118,7 +118,7 @@ Result<std::vector<std::unique_ptr<codec::Codec>>> codecs_to_resume(const std::s
 /// A tile on its way from a worker to the writer.
 struct Encoded {
   std::vector<Bytes> payloads;  // per layer; all empty for an empty tile
-  std::uint64_t slabs = 0;
+  std::uint64_t rays = 0;       // that it took, about
   std::optional<Error> error;
 };
 
@@ -133,7 +133,7 @@ struct Job {
   Encoded make(TileKey key, TracedTile& traced) const {
     Encoded encoded;
     tracer.trace(key, traced);
-    encoded.slabs = traced.slabs;
+    encoded.rays = tracer.rays(key);
     encoded.payloads.resize(codecs.size());
     for (std::size_t k = 0; k < codecs.size() && !traced.empty; ++k) {
       const auto ok = codecs[k]->encode(tracer.shape(key, manifest.layers[k].format),
@@ -169,8 +169,7 @@ class Steps {
   /// failed: the progress callback stops the build.
   [[nodiscard]] Result<void> after(const Encoded& tile) {
     ++report_.tiles;
-    report_.slabs += tile.slabs;
-    state_.done += tile.slabs;
+    state_.done += tile.rays;
     if (writer_.pending_bytes() >= kCommitBytes || Clock::now() - committed_at_ >= interval_)
       if (auto ok = commit(); !ok) return ok;
     if (!progress_ || progress_(state_)) return {};
@@ -303,9 +302,9 @@ Result<BuildReport> build_field(const Scene& scene, const std::string& path,
   report.resumed = resumed - holes->size();
   Progress state;
   for (unsigned level = 0; level <= manifest.shape.levels; ++level)
-    state.total += tracer.slabs(level);
-  for (std::uint64_t n = 0; n < resumed; ++n) state.skipped += tracer.slabs(job.order.key(n));
-  for (const Hole& hole : *holes) state.skipped -= tracer.slabs(job.order.key(hole.number));
+    state.total += tracer.rays(level);
+  for (std::uint64_t n = 0; n < resumed; ++n) state.skipped += tracer.rays(job.order.key(n));
+  for (const Hole& hole : *holes) state.skipped -= tracer.rays(job.order.key(hole.number));
   state.done = state.skipped;
 
   Steps steps(*writer, path, options, progress, state, report);

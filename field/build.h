@@ -36,10 +36,9 @@ using ProgressCallback = std::function<bool(const Progress&)>;
 struct BuildReport {
   std::uint64_t tiles = 0;    ///< built by this run
   std::uint64_t resumed = 0;  ///< that were there already
-  std::uint64_t slabs = 0;    ///< traced by this run
 };
 
-/// Builds, or resumes, the field at `path`. Progress counts slabs.
+/// Builds, or resumes, the field at `path`. Progress counts rays, about.
 /// usage: a setting out of range; a complete field, or another one, is at `path`.
 /// io: disk full or a write error: what was committed stays and the same call resumes.
 /// failed: stopped by the progress callback, or another process is writing the file.

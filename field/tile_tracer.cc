@@ -138,15 +138,15 @@ codec::Tile TileTracer::shape(TileKey key, codec::SampleFormat format) const {
   return levels_[key.level].tile(sections_of(key, shape_.entry_depth).entry.index, format);
 }
 
-std::uint64_t TileTracer::slabs(TileKey key) const {
+std::uint64_t TileTracer::rays(TileKey key) const {
   const codec::Tile tile = shape(key, codec::SampleFormat::rgba8);
-  return tile.rows() * tile.columns();
+  return tile.rows() * tile.columns() * rays_per_slab(key.level);
 }
 
-std::uint64_t TileTracer::slabs(unsigned level) const {
+std::uint64_t TileTracer::rays(unsigned level) const {
   // Every entry vertex is owned once; every exit section holds a whole triangle.
   return vertex_count(shape_.entry_resolution(level)) * section_count(level) *
-         triangle_size(shape_.exit_side);
+         triangle_size(shape_.exit_side) * rays_per_slab(level);
 }
 
 void TileTracer::trace(TileKey key, TracedTile& tile) const {
@@ -164,10 +164,9 @@ void TileTracer::trace(TileKey key, TracedTile& tile) const {
   const std::size_t columns = layout.columns();
   tile.key = key;
   tile.empty = true;
-  tile.slabs = layout.rows() * columns;
   tile.layers.resize(formats_.size());
   for (std::size_t k = 0; k < formats_.size(); ++k)
-    tile.layers[k].assign(tile.slabs * codec::sample_bytes(formats_[k]), std::byte{0});
+    tile.layers[k].assign(layout.rows() * columns * codec::sample_bytes(formats_[k]), std::byte{0});
 
   std::vector<bool> defined(columns);
   std::vector<Segment> rays(exits.size());

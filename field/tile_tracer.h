@@ -17,8 +17,7 @@ namespace slf {
 /// A tile's samples before encoding; reused from tile to tile.
 struct TracedTile {
   TileKey key;
-  bool empty = true;  ///< nothing visible anywhere; `layers` is then meaningless
-  std::uint64_t slabs = 0;
+  bool empty = true;          ///< nothing visible anywhere; `layers` is then meaningless
   std::vector<Bytes> layers;  ///< in the manifest's order, each laid out as codec::Tile says
 };
 
@@ -30,10 +29,16 @@ class TileTracer {
   void trace(TileKey key, TracedTile& tile) const;
 
   [[nodiscard]] codec::Tile shape(TileKey key, codec::SampleFormat format) const;
-  [[nodiscard]] std::uint64_t slabs(TileKey key) const;
-  [[nodiscard]] std::uint64_t slabs(unsigned level) const;
+  /// Rays that a tile, or all tiles of a level, take, about.
+  [[nodiscard]] std::uint64_t rays(TileKey key) const;
+  [[nodiscard]] std::uint64_t rays(unsigned level) const;
 
  private:
+  /// A hat's cells are half as wide as the level's own.
+  [[nodiscard]] std::uint64_t rays_per_slab(unsigned level) const {
+    return level < shape_.levels ? 4 : 1;
+  }
+
   const Scene& scene_;
   FieldShape shape_;
   std::vector<codec::SampleFormat> formats_;

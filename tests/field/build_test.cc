@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cmath>
 #include <fstream>
 
@@ -38,6 +39,30 @@ TEST(Build, EveryTileOfEveryLevelIsThere) {
                                (4ull * (4 << level.level) * (4 << level.level) + 2));
   }
   EXPECT_GT(content->levels[2].empty, 0);
+}
+
+TEST(Build, ProgressCountsTheRaysThatAreTraced) {
+  TemporaryFolder folder;
+  std::atomic<std::uint64_t> traced = 0;
+  const FunctionScene scene([&](const glm::dvec3&, const glm::dvec3&) {
+    ++traced;
+    return RaySample{glm::vec4(1), 0.5f};
+  });
+  auto options = lossless_options(2, 16, 2);
+  options.threads = 1;
+  std::uint64_t tiles = 0, level_0 = 0;  // what that took
+  Progress last;
+  ASSERT_TRUE(build_field(scene, folder / "a.slf", options, [&](const Progress& progress) {
+    if (++tiles == 64) level_0 = progress.done;
+    last = progress;
+    return true;
+  }));
+  EXPECT_EQ(last.done, last.total);
+  const auto all = static_cast<double>(traced);
+  EXPECT_NEAR(static_cast<double>(last.total), all, 0.15 * all);
+  // Of every level, not only in all: level 0 is small, but takes four rays a slab.
+  const double share = 4. / (4 + 4 * 16 + 256);
+  EXPECT_NEAR(static_cast<double>(level_0), share * all, 0.15 * share * all);
 }
 
 TEST(Build, SamplesAreTheScenesRays) {

@@ -368,7 +368,7 @@ TEST(RenderIncomplete, MissingTilesAreDrawnFromCoarserLevelsAndCounted) {
   std::uint64_t coarse = 0;
   ASSERT_FALSE(build_field(*scene, folder / "a.slf", options, [&](const Progress& p) {
     coarse = p.done;
-    return p.done < p.total / 6;  // levels 0 and 1 and a part of level 2
+    return p.done < p.total / 3;  // levels 0 and 1 and a part of level 2
   }));
   const auto field = Field::open(folder / "a.slf");
   ASSERT_TRUE(field);
