@@ -95,6 +95,10 @@ Result<void> BlockRenderer::draw(std::vector<std::uint64_t>& level_pixels) {
     level_pixels[level] += rays - missing_.count;
     std::swap(rays_, missing_);
   }
+  for (std::size_t k = 0; k < rays_.count; ++k) {  // not even level 0 has what they need
+    image_.rgba[rays_.pixel[k]] = glm::vec4(0);
+    if (options_.with_depth) image_.depth[rays_.pixel[k]] = std::numeric_limits<float>::infinity();
+  }
   return {};
 }
 
@@ -103,6 +107,7 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
   Pass pass;
   pass.entries = mode == RenderMode::nearest || mode == RenderMode::st ? 1 : 3;
   pass.with_depth = options_.needs_depth();
+  pass.preview = mode == RenderMode::depth;
   gatherer_->forget_missing();
   aim_where_rays_leave(geometry, pass);
   if (auto ok = look(geometry, pass); !ok || mode != RenderMode::depth) return ok;

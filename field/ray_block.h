@@ -119,6 +119,7 @@ struct TileOffsets {
 struct Pass {
   unsigned entries = 3;     ///< slots in use
   bool with_depth = false;  ///< depth is wanted
+  bool preview = false;     ///< pixels that a further look will draw need not be drawn
   /// Samples count by how well they agree with the depth that was aimed at: fully at the same
   /// place, hardly from this far along the ray. 0: they all count.
   float spread = 0;

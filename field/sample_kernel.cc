@@ -206,6 +206,14 @@ void take_samples_any(const TileOffsets& offsets, const Pass& pass, const EntryA
 
 struct Colors {
   V r, g, b, a;
+
+  HWY_INLINE Colors times(V t) const {
+    return {hn::Mul(r, t), hn::Mul(g, t), hn::Mul(b, t), hn::Mul(a, t)};
+  }
+  HWY_INLINE Colors plus(V t, const Colors& c) const {
+    return {hn::MulAdd(t, c.r, r), hn::MulAdd(t, c.g, g), hn::MulAdd(t, c.b, b),
+            hn::MulAdd(t, c.a, a)};
+  }
 };
 
 /// Byte `k` of each lane, 0 the lowest.
@@ -266,15 +274,52 @@ constexpr float kDisagreeing = 0.1f;
 /// Samples of a quarter of full opacity are judged as if they had it all; fainter ones less.
 constexpr float kJudged = 0.25f;
 
-template <bool kHalf, bool kDepth, bool kAgree>
-void blend_typed(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
-                 const SampleArrays& samples, glm::vec4* picture, float* t) {
+/// Opacities and colours are stored as so much when full.
+template <bool kHalf>
+constexpr float kFull = kHalf ? 1.f : 255.f;
+
+template <bool kHalf>
+HWY_INLINE Colors load_sample(const SampleArrays& samples, std::size_t slot, std::size_t k) {
+  if constexpr (kHalf)
+    return load_colors(samples.rgba16f[slot], k);
+  else
+    return load_colors(samples.rgba8[slot], k);
+}
+
+/// What the rays from `k` on see if all their samples count alike.
+template <bool kHalf>
+HWY_INLINE Colors interpolate(const Pass& pass, const EntryArrays& entries,
+                              const SampleArrays& samples, std::size_t k) {
   const D d;
-  constexpr float kFull = kHalf ? 1.f : 255.f;
-  const V zero = hn::Zero(d), one = hn::Set(d, 1.f), faint = hn::Set(d, kFaint * kFull);
+  Colors sum{hn::Zero(d), hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+  for (std::size_t c = 0; c < pass.entries; ++c) {
+    const V weight = hn::LoadU(d, &entries.weight[c][k]);
+    for (std::size_t e = 0; e < 3; ++e)
+      sum = sum.plus(hn::Mul(weight, hn::LoadU(d, &pass.exit[c]->weight[e][k])),
+                     load_sample<kHalf>(samples, 3 * c + e, k));
+  }
+  return sum.times(hn::Set(d, 1 / kFull<kHalf>));
+}
+
+template <bool kHalf>
+void blend_flat(const Pass& pass, const RayBlock& rays, const EntryArrays& entries,
+                const SampleArrays& samples, glm::vec4* picture) {
+  for (std::size_t k = 0; k < rays.count; k += hn::Lanes(D()))
+    store_pixels(interpolate<kHalf>(pass, entries, samples, k), rays, k, picture);
+}
+
+template <bool kHalf, bool kAgree>
+void blend_deep(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
+                const SampleArrays& samples, glm::vec4* picture, float* t) {
+  const D d;
+  const V zero = hn::Zero(d), one = hn::Set(d, 1.f), faint = hn::Set(d, kFaint * kFull<kHalf>);
   const V most = hn::Set(d, 1 - kDisagreeing);
-  const V by_opacity = hn::Set(d, (1 - kDisagreeing) / (kJudged * kFull));
+  const V by_opacity = hn::Set(d, (1 - kDisagreeing) / (kJudged * kFull<kHalf>));
   const V sharpness = hn::Set(d, kAgree ? 1 / pass.spread : 0.f);
+  const auto mean = [&](V of, V weight) {  // whatever half floats there are, it is in range
+    const V at = hn::Div(of, weight);
+    return hn::IfThenElseZero(hn::Gt(at, zero), hn::Min(at, one));
+  };
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
     Colors sum{zero, zero, zero, zero};
     V total = zero;                  // of the weights
@@ -282,99 +327,83 @@ void blend_typed(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
     V opacities[3], places[3];
     const Point enter = Point::load(rays.enter, k);
     const Point ray = Point::load(rays.leave, k).minus(enter);
-    const V inverse = kDepth ? hn::Div(one, ray.dot(ray)) : zero;
+    const V inverse = hn::Div(one, ray.dot(ray));
     for (std::size_t c = 0; c < pass.entries; ++c) {
-      const V weight = hn::LoadU(d, entries.weight[c].data() + k);
-      V depths[3], seen = zero, depth = zero, offset = zero, slope = zero;
-      V begin = zero, scale = zero;  // where its samples lie along the ray: begin + depth · scale
-      if constexpr (kDepth) {
-        const VU three = hn::LoadU(DU(), samples.depth[c].data() + k);
-        depths[0] = byte_of<0>(three), depths[1] = byte_of<1>(three), depths[2] = byte_of<2>(three);
-        const Point from = Point::load(entries.point[c], k);
-        const Point aim = Point::load(*pass.aim[c], k).minus(from);
-        begin = hn::Mul(from.minus(enter).dot(ray), inverse);
-        scale = hn::Mul(aim.dot(ray), hn::Mul(inverse, hn::Set(d, 1.f / 255)));
-      }
+      const V weight = hn::LoadU(d, &entries.weight[c][k]);
+      const VU three = hn::LoadU(DU(), &samples.depth[c][k]);
+      const V depths[] = {byte_of<0>(three), byte_of<1>(three), byte_of<2>(three)};
+      // Where its samples lie along the ray: begin + depth · scale.
+      const Point from = Point::load(entries.point[c], k);
+      const Point aim = Point::load(*pass.aim[c], k).minus(from);
+      const V begin = hn::Mul(from.minus(enter).dot(ray), inverse);
+      const V scale = hn::Mul(aim.dot(ray), hn::Mul(inverse, hn::Set(d, 1.f / 255)));
+      V seen = zero, depth = zero, offset = zero, slope = zero;
       if constexpr (kAgree) {
         offset = hn::Mul(hn::Sub(begin, hn::LoadU(d, &entries.t[c][k])), sharpness);
         slope = hn::Mul(scale, sharpness);
       }
       for (std::size_t e = 0; e < 3; ++e) {
-        const V share = hn::Mul(weight, hn::LoadU(d, pass.exit[c]->weight[e].data() + k));
-        const Colors v = kHalf ? load_colors(samples.rgba16f[3 * c + e], k)
-                               : load_colors(samples.rgba8[3 * c + e], k);
-        V w = share;
-        if constexpr (kDepth) {
-          const V visible = hn::Mul(share, v.a);
-          seen = hn::Add(seen, visible);
-          depth = hn::MulAdd(visible, depths[e], depth);
-        }
+        const V share = hn::Mul(weight, hn::LoadU(d, &pass.exit[c]->weight[e][k]));
+        const Colors v = load_sample<kHalf>(samples, 3 * c + e, k);
+        const V visible = hn::Mul(share, v.a);
+        seen = hn::Add(seen, visible);
+        depth = hn::MulAdd(visible, depths[e], depth);
         if constexpr (kAgree) {
           const V off = hn::MulAdd(depths[e], slope, offset);
           const V apart = hn::Min(hn::Mul(off, off), one);
           const V lost = hn::Mul(apart, hn::Min(hn::Mul(v.a, by_opacity), most));
-          w = hn::NegMulAdd(lost, share, share);
+          const V w = hn::NegMulAdd(lost, share, share);
           total = hn::Add(total, w);
+          sum = sum.plus(w, v);
         }
-        sum.r = hn::MulAdd(w, v.r, sum.r);
-        sum.g = hn::MulAdd(w, v.g, sum.g);
-        sum.b = hn::MulAdd(w, v.b, sum.b);
-        sum.a = hn::MulAdd(w, v.a, sum.a);
       }
-      if constexpr (kDepth) {
-        opacities[c] = seen;
-        places[c] = hn::MulAdd(seen, begin, hn::Mul(depth, scale));
-        opacity = hn::Add(opacity, seen);
-        place = hn::Add(place, places[c]);
-      }
+      opacities[c] = seen;
+      places[c] = hn::MulAdd(seen, begin, hn::Mul(depth, scale));
+      opacity = hn::Add(opacity, seen);
+      place = hn::Add(place, places[c]);
     }
-    if constexpr (kDepth) {
-      const auto mean = [&](V of, V weight) {  // whatever half floats there are, it is in range
-        const V at = hn::Div(of, weight);
-        return hn::IfThenElseZero(hn::Gt(at, zero), hn::Min(at, one));
-      };
-      const auto enough = hn::Gt(opacity, faint);
-      V all = mean(place, opacity);
-      V step = zero;
-      if constexpr (kAgree) {
-        all = hn::IfThenElse(enough, all, hn::LoadU(d, t + k));
-        for (std::size_t c = 0; c < 3; ++c) {
-          const V weight = hn::LoadU(d, &entries.weight[c][k]);
-          const auto saw = hn::Gt(opacities[c], hn::Mul(weight, faint));
-          const V own = hn::IfThenElse(saw, mean(places[c], opacities[c]), all);
-          const V next = hn::Mul(hn::Add(all, own), hn::Set(d, 0.5f));
-          const V moved = hn::AbsDiff(next, hn::LoadU(d, &entries.t[c][k]));
-          step = hn::Max(step, hn::IfThenElseZero(hn::Gt(weight, zero), moved));
-          store(next, entries.t[c], k);
-        }
-        const V whole = hn::Div(one, total);
-        sum = {hn::Mul(sum.r, whole), hn::Mul(sum.g, whole), hn::Mul(sum.b, whole),
-               hn::Mul(sum.a, whole)};
-      } else {
-        all = hn::IfThenElseZero(hn::Gt(opacity, zero), all);
-        step = hn::IfThenElseZero(enough, one);
-        for (std::size_t c = 0; c < 3; ++c) store(all, entries.t[c], k);
+    const auto enough = hn::Gt(opacity, faint);
+    V all = mean(place, opacity);
+    V step = zero;
+    if constexpr (kAgree) {
+      all = hn::IfThenElse(enough, all, hn::LoadU(d, t + k));
+      for (std::size_t c = 0; c < 3; ++c) {
+        const V weight = hn::LoadU(d, &entries.weight[c][k]);
+        const auto saw = hn::Gt(opacities[c], hn::Mul(weight, faint));
+        const V own = hn::IfThenElse(saw, mean(places[c], opacities[c]), all);
+        const V next = hn::Mul(hn::Add(all, own), hn::Set(d, 0.5f));
+        const V moved = hn::AbsDiff(next, hn::LoadU(d, &entries.t[c][k]));
+        step = hn::Max(step, hn::IfThenElseZero(hn::Gt(weight, zero), moved));
+        store(next, entries.t[c], k);
       }
-      store(step, entries.step, k);
-      hn::StoreU(all, d, t + k);
+    } else {
+      all = hn::IfThenElseZero(hn::Gt(opacity, zero), all);
+      step = hn::IfThenElseZero(enough, hn::Inf(d));
+      for (std::size_t c = 0; c < 3; ++c) store(all, entries.t[c], k);
     }
-    const V unit = hn::Set(d, 1 / kFull);
-    store_pixels(
-        {hn::Mul(sum.r, unit), hn::Mul(sum.g, unit), hn::Mul(sum.b, unit), hn::Mul(sum.a, unit)},
-        rays, k, picture);
+    store(step, entries.step, k);
+    hn::StoreU(all, d, t + k);
+    if constexpr (kAgree)
+      store_pixels(sum.times(hn::Div(hn::Set(d, 1 / kFull<kHalf>), total)), rays, k, picture);
+    else if (!pass.preview || !hn::AllTrue(d, enough))
+      store_pixels(interpolate<kHalf>(pass, entries, samples, k), rays, k, picture);
   }
+}
+
+template <bool kHalf>
+void blend_typed(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
+                 const SampleArrays& samples, glm::vec4* picture, float* t) {
+  if (!pass.with_depth)
+    blend_flat<kHalf>(pass, rays, entries, samples, picture);
+  else if (pass.spread > 0)
+    blend_deep<kHalf, true>(pass, rays, entries, samples, picture, t);
+  else
+    blend_deep<kHalf, false>(pass, rays, entries, samples, picture, t);
 }
 
 void blend_any(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
                const SampleArrays& samples, bool half_floats, glm::vec4* picture, float* t) {
-  const auto typed = [&](auto half) {
-    constexpr bool kHalf = decltype(half)::value;
-    return pass.spread > 0   ? blend_typed<kHalf, true, true>
-           : pass.with_depth ? blend_typed<kHalf, true, false>
-                             : blend_typed<kHalf, false, false>;
-  };
-  (half_floats ? typed(std::true_type()) : typed(std::false_type()))(pass, rays, entries, samples,
-                                                                     picture, t);
+  (half_floats ? blend_typed<true> : blend_typed<false>)(pass, rays, entries, samples, picture, t);
 }
 
 }  // namespace

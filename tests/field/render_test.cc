@@ -92,6 +92,19 @@ TEST_F(Render, ThePictureDoesNotDependOnBudgetThreadsOrCache) {
   EXPECT_EQ(first->rgba, second->rgba);
 }
 
+TEST_F(Render, NothingStaysOfWhatThePictureHeldBefore) {
+  const Camera camera = orbit_camera(field_->shape().sphere, 40, 25, 2.5, 150, 131);
+  Renderer renderer(*field_, {});
+  for (const RenderMode mode : kModes) {
+    Image image{1, 1, std::vector<glm::vec4>(150 * 131, glm::vec4(7)),
+                std::vector<float>(150 * 131, 7)};
+    ASSERT_TRUE(renderer.render(camera, {mode, 2, true}, image));
+    const Image fresh = draw(*field_, camera, {mode, 2, true});
+    EXPECT_EQ(image.rgba, fresh.rgba) << name(mode);
+    EXPECT_EQ(image.depth, fresh.depth) << name(mode);
+  }
+}
+
 TEST_F(Render, DepthIsLoadedBesideColorThatIsHereAlready) {
   const Camera camera = orbit_camera(field_->shape().sphere, 20, 50, 3, 61, 60);
   const ViewOptions deep{RenderMode::depth, 2, false};
@@ -382,6 +395,38 @@ TEST(RenderIncomplete, MissingTilesAreDrawnFromCoarserLevelsAndCounted) {
   const Image deep = draw(**field, camera, {RenderMode::depth, 2, true});
   EXPECT_GT(compare(deep, draw(*whole, camera, {RenderMode::depth, 2, false})).psnr, 18);
   EXPECT_EQ(draw(**field, camera, {RenderMode::depth, 2, true}, {1, 1}).rgba, deep.rgba);
+  Image used{1, 1, std::vector<glm::vec4>(128 * 128, glm::vec4(7)), {}};
+  ASSERT_TRUE(Renderer(**field, {}).render(camera, {RenderMode::depth, 2, false}, used));
+  EXPECT_EQ(used.rgba, deep.rgba);
+}
+
+TEST(RenderIncomplete, PixelsThatCannotBeDrawnAreTransparent) {
+  TemporaryFolder folder;
+  const auto scene = std::move(*make_analytic_scene("balls"));
+  auto options = lossless_options(4, 16, 1);
+  const auto whole = build_and_open(*scene, folder / "whole.slf", options);
+  options.shape.subfields = {7};  // enters where all coordinates are positive, leaves opposite
+  const auto part = build_and_open(*scene, folder / "part.slf", options);
+  ASSERT_TRUE(whole && part);
+  const Camera camera = orbit_camera(part->shape().sphere, 135, 35, 3, 128, 128);
+  for (const RenderMode mode : {RenderMode::bitri, RenderMode::depth}) {
+    const ViewOptions view{mode, 1, true};
+    const Image expected = draw(*whole, camera, view);
+    Image image{1, 1, std::vector<glm::vec4>(128 * 128, glm::vec4(7)), {}};
+    ASSERT_TRUE(Renderer(*part, {}).render(camera, view, image));
+    std::size_t drawn = 0, left_out = 0;
+    for (std::size_t k = 0; k < image.rgba.size(); ++k) {
+      if (image.rgba[k] == expected.rgba[k]) {
+        drawn += image.rgba[k].a > 0;
+        continue;
+      }
+      ++left_out;
+      EXPECT_EQ(image.rgba[k], glm::vec4(0)) << name(mode) << " pixel " << k;
+      EXPECT_EQ(image.depth[k], std::numeric_limits<float>::infinity());
+    }
+    EXPECT_GT(drawn, 500u) << name(mode);
+    EXPECT_GT(left_out, 500u) << name(mode);
+  }
 }
 
 TEST(RenderGeometry, ViewsCrossThePublishedShareOfPairs) {
