@@ -216,23 +216,6 @@ struct Colors {
   }
 };
 
-/// Byte `k` of each lane, 0 the lowest.
-template <int k>
-HWY_INLINE V byte_of(VU v) {
-  const DU d;
-#if HWY_TARGET != HWY_SCALAR
-  if constexpr (k == 1 || k == 2) {  // one step instead of a shift and a mask
-    const hn::Repartition<std::uint8_t, DU> bytes;
-    const VU lane = hn::And(hn::Iota(d, 0), hn::Set(d, 3));  // look-ups stay among four lanes
-    const VU from = hn::Add(hn::ShiftLeft<2>(lane), hn::Set(d, 0x80808000u + k));
-    const auto byte = hn::TableLookupBytesOr0(hn::BitCast(bytes, v), hn::BitCast(bytes, from));
-    return to_float(hn::BitCast(DI(), byte));
-  }
-#endif
-  const VU shifted = hn::ShiftRight<8 * k>(v);
-  return to_float(hn::BitCast(DI(), k == 3 ? shifted : hn::And(shifted, hn::Set(d, 255))));
-}
-
 HWY_INLINE Colors load_colors(const RayArray<std::uint32_t>& from, std::size_t k) {
   const VU v = hn::LoadU(DU(), from.data() + k);
   return {byte_of<0>(v), byte_of<1>(v), byte_of<2>(v), byte_of<3>(v)};

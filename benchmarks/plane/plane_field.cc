@@ -9,7 +9,9 @@
 namespace slf::bench {
 namespace {
 
-constexpr std::uint32_t kBlock = 16;  // edge in pixels, as slf's renderer has it
+// In pixels, as slf's renderer has them.
+constexpr std::uint32_t kBlockWidth = 32, kBlockHeight = 4;
+constexpr std::size_t kBlockRays = kBlockWidth * kBlockHeight;
 
 std::uint32_t to_rgba8(const glm::vec4& v) {
   std::uint32_t packed = 0;
@@ -21,12 +23,12 @@ std::uint32_t to_rgba8(const glm::vec4& v) {
 /// Calls f(x0, x1, y0, y1) for each block of a picture.
 template <class F>
 void for_blocks(const Camera& camera, unsigned threads, const F& f) {
-  const std::uint32_t across = (camera.width + kBlock - 1) / kBlock;
-  const std::uint32_t down = (camera.height + kBlock - 1) / kBlock;
+  const std::uint32_t across = (camera.width + kBlockWidth - 1) / kBlockWidth;
+  const std::uint32_t down = (camera.height + kBlockHeight - 1) / kBlockHeight;
   parallel_for(across * down, threads, [&](std::uint64_t block) {
-    const auto x = static_cast<std::uint32_t>(block % across) * kBlock;
-    const auto y = static_cast<std::uint32_t>(block / across) * kBlock;
-    f(x, std::min(x + kBlock, camera.width), y, std::min(y + kBlock, camera.height));
+    const auto x = static_cast<std::uint32_t>(block % across) * kBlockWidth;
+    const auto y = static_cast<std::uint32_t>(block / across) * kBlockHeight;
+    f(x, std::min(x + kBlockWidth, camera.width), y, std::min(y + kBlockHeight, camera.height));
   });
 }
 
@@ -42,7 +44,7 @@ PlaneFan PlaneField::fan(const Camera& camera) const {
 void PlaneField::prepare(const Camera& camera) {
   const PlaneFan rays_fan = fan(camera);
   PlaneRays rays;
-  rays.resize(std::size_t{kBlock} * kBlock);
+  rays.resize(kBlockRays);
   std::vector<std::size_t> wanted;
   for_blocks(camera, 1, [&](auto x0, auto x1, auto y0, auto y1) {
     find_taps(shape_, rays_fan, x0, x1, y0, y1, rays);
@@ -103,8 +105,8 @@ void PlaneField::render(const Camera& camera, unsigned threads, Image& image) co
   for_blocks(camera, threads, [&](auto x0, auto x1, auto y0, auto y1) {
     thread_local PlaneRays rays;
     thread_local std::vector<glm::vec4> colors;
-    rays.resize(std::size_t{kBlock} * kBlock);
-    colors.resize(std::size_t{kBlock} * kBlock + kPadding);
+    rays.resize(kBlockRays);
+    colors.resize(kBlockRays + kPadding);
     find_taps(shape_, rays_fan, x0, x1, y0, y1, rays);
     if (rays.count < std::size_t{x1 - x0} * (y1 - y0))
       for (std::uint32_t y = y0; y < y1; ++y) {

@@ -5,6 +5,8 @@
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
+#include "field/render_vectors-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace slf::bench {
 namespace HWY_NAMESPACE {
@@ -12,11 +14,16 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-using D = hn::ScalableTag<float>;
-using DI = hn::RebindToSigned<D>;
-using DU = hn::RebindToUnsigned<D>;
-using V = hn::Vec<D>;
-using VI = hn::Vec<DI>;
+using slf::HWY_NAMESPACE::byte_of;
+using slf::HWY_NAMESPACE::D;
+using slf::HWY_NAMESPACE::DI;
+using slf::HWY_NAMESPACE::DU;
+using slf::HWY_NAMESPACE::kPixelRun;
+using slf::HWY_NAMESPACE::to_float;
+using slf::HWY_NAMESPACE::to_whole;
+using slf::HWY_NAMESPACE::V;
+using slf::HWY_NAMESPACE::VI;
+using slf::HWY_NAMESPACE::VU;
 using M = hn::Mask<D>;
 
 HWY_INLINE V set(float v) { return hn::Set(D(), v); }
@@ -35,9 +42,10 @@ struct Place {
 HWY_INLINE Place place(V x, double height, std::int32_t nodes) {
   const auto scale = static_cast<float>((nodes - 1) / (2 * PlaneShape::extent(height)));
   const V at = hn::MulAdd(x, set(scale), set(0.5f * static_cast<float>(nodes - 1)));
-  const VI node = hn::Min(hn::Max(hn::ConvertTo(DI(), at), hn::Zero(DI())), set_int(nodes - 2));
-  const V part = hn::Sub(at, hn::ConvertTo(D(), node));
-  return {node, hn::Min(hn::Max(part, hn::Zero(D())), set(1.f))};
+  const V last = set(static_cast<float>(nodes - 2));
+  const V node = hn::Min(hn::Max(hn::Floor(at), hn::Zero(D())), last);
+  const V part = hn::Sub(at, node);
+  return {to_whole(node), hn::Min(hn::Max(part, hn::Zero(D())), set(1.f))};
 }
 
 HWY_INLINE void store_chosen(VI v, M hit, std::vector<std::uint32_t>& to, std::size_t n) {
@@ -50,20 +58,31 @@ void find_taps_any(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x
   const D d;
   const DI di;
   const TileGrid grid(shape);
-  const V zero = hn::Zero(d), x_end = set(static_cast<float>(x1));
+  const V zero = hn::Zero(d);
+  const V x_end = set(static_cast<float>(x1)), y_end = set(static_cast<float>(y1));
   const V eye[] = {set(fan.eye.x), set(fan.eye.y), set(fan.eye.z)};
   const V eye_beyond = set(glm::dot(fan.eye, fan.eye) - 1);
   const VI row_blocks = set_int(grid.row_blocks), column_blocks = set_int(grid.column_blocks);
   const VI columns_blocks2 = hn::Mul(column_blocks, column_blocks);
   const VI in_block = set_int(kRowEdge - 1), one = set_int(1);
+  // Vectors hold squares of pixels, if they can.
+  constexpr std::uint32_t kAcross = kPixelRun, kDown = hn::MaxLanes(D()) / kAcross;
+  const VI lane = hn::Iota(di, 0), right = hn::And(lane, set_int(kAcross - 1));
+  const VI below = hn::ShiftRight<hwy::CeilLog2(kAcross)>(lane);
+  const VI index = hn::Add(hn::Mul(below, set_int(static_cast<std::int32_t>(fan.width))), right);
   std::size_t n = 0;
-  for (std::uint32_t y = y0; y < y1; ++y) {
-    const glm::vec3 row = fan.corner + (static_cast<float>(y) + 0.5f) * fan.down;
-    for (std::uint32_t x = x0; x < x1; x += static_cast<std::uint32_t>(hn::Lanes(d))) {
-      const V column = hn::Iota(d, static_cast<float>(x) + 0.5f);
-      const V dir[] = {hn::MulAdd(column, set(fan.across.x), set(row.x)),
-                       hn::MulAdd(column, set(fan.across.y), set(row.y)),
-                       hn::MulAdd(column, set(fan.across.z), set(row.z))};
+  for (std::uint32_t y = y0; y < y1; y += kDown) {
+    const V row = hn::Add(to_float(below), set(static_cast<float>(y) + 0.5f));
+    const auto start = [&](float corner, float down) {
+      return hn::MulAdd(row, set(down), set(corner));
+    };
+    const V starts[] = {start(fan.corner.x, fan.down.x), start(fan.corner.y, fan.down.y),
+                        start(fan.corner.z, fan.down.z)};
+    for (std::uint32_t x = x0; x < x1; x += kAcross) {
+      const V column = hn::Add(to_float(right), set(static_cast<float>(x) + 0.5f));
+      const V dir[] = {hn::MulAdd(column, set(fan.across.x), starts[0]),
+                       hn::MulAdd(column, set(fan.across.y), starts[1]),
+                       hn::MulAdd(column, set(fan.across.z), starts[2])};
 
       // Keep the rays that cross the sphere, ahead of the eye.
       const V length2 =
@@ -71,8 +90,8 @@ void find_taps_any(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x
       const V toward =
           hn::MulAdd(eye[0], dir[0], hn::MulAdd(eye[1], dir[1], hn::Mul(eye[2], dir[2])));
       const V inside = hn::Sub(hn::Mul(toward, toward), hn::Mul(length2, eye_beyond));
-      const M hit =
-          hn::And(hn::And(hn::Gt(inside, zero), hn::Lt(toward, zero)), hn::Lt(column, x_end));
+      const M pixel = hn::And(hn::Lt(column, x_end), hn::Lt(row, y_end));
+      const M hit = hn::And(hn::And(hn::Gt(inside, zero), hn::Lt(toward, zero)), pixel);
       if (hn::AllFalse(d, hit)) continue;
 
       // Choose the pair of planes by the greatest component, and go to its frame.
@@ -123,7 +142,8 @@ void find_taps_any(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x
       const V parts[] = {u.part, v.part, s.part, t.part};
       for (std::size_t p = 0; p < 4; ++p)
         hn::StoreU(hn::Compress(parts[p], hit), d, rays.part[p].data() + n);
-      store_chosen(hn::Iota(di, static_cast<std::int32_t>(y * fan.width + x)), hit, rays.pixel, n);
+      store_chosen(hn::Add(index, set_int(static_cast<std::int32_t>(y * fan.width + x))), hit,
+                   rays.pixel, n);
       n += hn::CountTrue(d, hit);
     }
   }
@@ -131,11 +151,11 @@ void find_taps_any(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x
 }
 
 HWY_INLINE void add_sample(VI v, V weight, V sum[4]) {
-  const VI byte = set_int(255);
-  sum[0] = hn::MulAdd(weight, hn::ConvertTo(D(), hn::And(v, byte)), sum[0]);
-  sum[1] = hn::MulAdd(weight, hn::ConvertTo(D(), hn::And(hn::ShiftRight<8>(v), byte)), sum[1]);
-  sum[2] = hn::MulAdd(weight, hn::ConvertTo(D(), hn::And(hn::ShiftRight<16>(v), byte)), sum[2]);
-  sum[3] = hn::MulAdd(weight, hn::ConvertTo(D(), hn::And(hn::ShiftRight<24>(v), byte)), sum[3]);
+  const VU bytes = hn::BitCast(DU(), v);
+  sum[0] = hn::MulAdd(weight, byte_of<0>(bytes), sum[0]);
+  sum[1] = hn::MulAdd(weight, byte_of<1>(bytes), sum[1]);
+  sum[2] = hn::MulAdd(weight, byte_of<2>(bytes), sum[2]);
+  sum[3] = hn::MulAdd(weight, byte_of<3>(bytes), sum[3]);
 }
 
 /// The four samples of each lane's st cell, whose first is at `at`.
