@@ -16,6 +16,11 @@
 
 namespace slf {
 
+/// Blocks of pixels. Larger ones leave the core's first cache, and each row is another page of
+/// memory.
+inline constexpr std::uint32_t kBlockWidth = 32, kBlockHeight = 4;
+inline constexpr std::size_t kBlockRays = kBlockWidth * kBlockHeight;
+
 /// At least the lanes of any target.
 inline constexpr std::size_t kRayPadding = 64;
 

@@ -105,20 +105,14 @@ void cast_rays_any(const RayFan& fan, const PixelBlock& block, RayBlock& rays) {
   };
   const V along_start = along_eye(start), along_across = along_eye(fan.across),
           along_down = along_eye(fan.down);
-  // Vectors hold squares of pixels, if they can: their rays mostly meet the same tile.
-  constexpr std::uint32_t kAcross = kPixelRun, kDown = hn::MaxLanes(D()) / kAcross;
-  const DU du;
-  const VU lane = hn::Iota(du, 0), right = hn::And(lane, hn::Set(du, kAcross - 1));
-  const VU down = hn::ShiftRight<hwy::CeilLog2(kAcross)>(lane);
-  const VU index = hn::Add(hn::Mul(down, hn::Set(du, fan.width)), right);
+  const PixelSquare square(fan.width);
   const auto count = [&](std::uint32_t pixels) { return hn::Set(d, static_cast<float>(pixels)); };
-  const auto float_of = [&](VU v) { return to_float(hn::BitCast(DI(), v)); };
   const V columns = count(block.x1 - block.x0), rows = count(block.y1 - block.y0);
   std::size_t n = 0;
-  for (std::uint32_t y = block.y0; y < block.y1; y += kDown) {
-    const V row = hn::Add(float_of(down), count(y - block.y0));
-    for (std::uint32_t x = block.x0; x < block.x1; x += kAcross) {
-      const V column = hn::Add(float_of(right), count(x - block.x0));
+  for (std::uint32_t y = block.y0; y < block.y1; y += PixelSquare::kDown) {
+    const V row = hn::Add(square.down, count(y - block.y0));
+    for (std::uint32_t x = block.x0; x < block.x1; x += PixelSquare::kAcross) {
+      const V column = hn::Add(square.right, count(x - block.x0));
       const Point direction = directions.at(column, row);
       const Point moment = moments.at(column, row);
       const V along = hn::MulAdd(row, along_down, hn::MulAdd(column, along_across, along_start));
@@ -137,8 +131,8 @@ void cast_rays_any(const RayFan& fan, const PixelBlock& block, RayBlock& rays) {
       const Point closest = direction.cross(moment).times(inverse);
       store_chosen(closest.plus(hn::Neg(half), direction), all, hit, rays.enter, n);
       store_chosen(closest.plus(half, direction), all, hit, rays.leave, n);
-      store_chosen(hn::Add(index, hn::Set(du, y * fan.width + x)), all, hit, du,
-                   rays.pixel.data() + n);
+      const VU first = hn::Set(DU(), y * fan.width + x);
+      store_chosen(hn::Add(first, square.index), all, hit, DU(), rays.pixel.data() + n);
       n += hn::CountTrue(d, hit);
     }
   }

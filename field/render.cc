@@ -17,9 +17,6 @@
 namespace slf {
 namespace {
 
-// In pixels. Larger blocks leave the core's first cache, and each row is another page of memory.
-constexpr std::uint32_t kBlockWidth = 32, kBlockHeight = 4;
-constexpr std::size_t kBlockRays = kBlockWidth * kBlockHeight;
 constexpr std::uint32_t kTaken = 16;      // blocks that a thread takes at once
 constexpr std::size_t kRayScratch = 512;  // bytes of scratch per ray of a block, about
 

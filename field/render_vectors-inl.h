@@ -27,16 +27,13 @@ using V = hn::Vec<D>;
 using VI = hn::Vec<DI>;
 using VU = hn::Vec<DU>;
 
-/// Neighbouring rays of a block in runs of so many are neighbouring pixels of a row, but for those
-/// that miss the sphere.
-constexpr std::uint32_t kPixelRun = hn::MaxLanes(D()) < 4 ? 1 : 4;
-
 /// Of whole numbers from 0 to 2^23: less work than hn::ConvertTo, which saturates.
 HWY_INLINE VI to_whole(V v) {
   const V shift = hn::Set(D(), 8388608.f);  // from here on floats are whole
   return hn::Sub(hn::BitCast(DI(), hn::Add(v, shift)), hn::BitCast(DI(), shift));
 }
 HWY_INLINE V to_float(VI v) { return hn::ConvertTo(D(), v); }
+
 /// Byte `k` of each lane, 0 the lowest.
 template <int k>
 HWY_INLINE V byte_of(VU v) {
@@ -67,6 +64,24 @@ HWY_INLINE void store(VI v, RayArray<std::uint32_t>& to, std::size_t k) {
 HWY_INLINE void store(V v, RayArray<float>& to, std::size_t k) {
   hn::StoreU(v, D(), to.data() + k);
 }
+
+/// As many pixels as there are lanes, in a square if they can be: their rays mostly meet one tile.
+struct PixelSquare {
+  static constexpr std::uint32_t kAcross = hn::MaxLanes(D()) < 4 ? 1 : 4;
+  static constexpr std::uint32_t kDown = hn::MaxLanes(D()) / kAcross;
+  V right, down;  ///< in pixels from the first
+  VU index;       ///< in the picture, from the first's
+
+  /// In a picture of this width.
+  HWY_INLINE explicit PixelSquare(std::uint32_t width) {
+    const DU d;
+    const VU lane = hn::Iota(d, 0), x = hn::And(lane, hn::Set(d, kAcross - 1));
+    const VU y = hn::ShiftRight<hwy::CeilLog2(kAcross)>(lane);
+    right = to_float(hn::BitCast(DI(), x));
+    down = to_float(hn::BitCast(DI(), y));
+    index = hn::Add(hn::Mul(y, hn::Set(d, width)), x);
+  }
+};
 
 /// As many points as there are lanes.
 struct Point {

@@ -240,11 +240,12 @@ HWY_INLINE void store_pixels(const Colors& colors, const RayBlock& rays, std::si
   const std::uint32_t* to = &rays.pixel[k];
   const DU du;
   const VU step = hn::Sub(hn::LoadU(du, to + 1), hn::LoadU(du, to));
-  const VU place = hn::And(hn::Iota(du, 1), hn::Set(du, kPixelRun - 1));  // 0 where a run ends
+  const VU place =
+      hn::And(hn::Iota(du, 1), hn::Set(du, PixelSquare::kAcross - 1));  // 0 where a run ends
   const auto runs = hn::Or(hn::Eq(step, hn::Set(du, 1)), hn::Eq(place, hn::Zero(du)));
   if (n == hn::Lanes(d) && hn::AllTrue(du, runs)) {
-    for (std::size_t i = 0; i < n; i += kPixelRun)
-      std::copy_n(pixels + i, kPixelRun, picture + to[i]);
+    for (std::size_t i = 0; i < n; i += PixelSquare::kAcross)
+      std::copy_n(pixels + i, PixelSquare::kAcross, picture + to[i]);
   } else {
     for (std::size_t i = 0; i < n; ++i) picture[to[i]] = pixels[i];
   }

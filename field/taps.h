@@ -94,7 +94,7 @@ class TapGatherer {
   TileNumbers numbers_;
   std::vector<Tile> tiles_;   // by number
   std::uint32_t pinned_ = 0;  // of tiles_, the first ones, that stay pinned
-  std::array<std::byte, TileCache::kBefore + 16> zeros_{};
+  std::array<std::byte, TileCache::kBefore + 16> zeros_{};  // as far around as samples are loaded
   TileOffsets offsets_;
   TileArrays taps_;
   SampleArrays samples_;

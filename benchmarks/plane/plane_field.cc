@@ -5,13 +5,10 @@
 
 #include "benchmarks/storage/expect.h"
 #include "field/parallel.h"
+#include "field/ray_block.h"
 
 namespace slf::bench {
 namespace {
-
-// In pixels, as slf's renderer has them.
-constexpr std::uint32_t kBlockWidth = 32, kBlockHeight = 4;
-constexpr std::size_t kBlockRays = kBlockWidth * kBlockHeight;
 
 std::uint32_t to_rgba8(const glm::vec4& v) {
   std::uint32_t packed = 0;
@@ -20,7 +17,7 @@ std::uint32_t to_rgba8(const glm::vec4& v) {
   return packed;
 }
 
-/// Calls f(x0, x1, y0, y1) for each block of a picture.
+/// Calls f(x0, x1, y0, y1) for each block of a picture, of the size that slf's renderer takes.
 template <class F>
 void for_blocks(const Camera& camera, unsigned threads, const F& f) {
   const std::uint32_t across = (camera.width + kBlockWidth - 1) / kBlockWidth;

@@ -18,8 +18,7 @@ using slf::HWY_NAMESPACE::byte_of;
 using slf::HWY_NAMESPACE::D;
 using slf::HWY_NAMESPACE::DI;
 using slf::HWY_NAMESPACE::DU;
-using slf::HWY_NAMESPACE::kPixelRun;
-using slf::HWY_NAMESPACE::to_float;
+using slf::HWY_NAMESPACE::PixelSquare;
 using slf::HWY_NAMESPACE::to_whole;
 using slf::HWY_NAMESPACE::V;
 using slf::HWY_NAMESPACE::VI;
@@ -65,21 +64,17 @@ void find_taps_any(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x
   const VI row_blocks = set_int(grid.row_blocks), column_blocks = set_int(grid.column_blocks);
   const VI columns_blocks2 = hn::Mul(column_blocks, column_blocks);
   const VI in_block = set_int(kRowEdge - 1), one = set_int(1);
-  // Vectors hold squares of pixels, if they can.
-  constexpr std::uint32_t kAcross = kPixelRun, kDown = hn::MaxLanes(D()) / kAcross;
-  const VI lane = hn::Iota(di, 0), right = hn::And(lane, set_int(kAcross - 1));
-  const VI below = hn::ShiftRight<hwy::CeilLog2(kAcross)>(lane);
-  const VI index = hn::Add(hn::Mul(below, set_int(static_cast<std::int32_t>(fan.width))), right);
+  const PixelSquare square(fan.width);
   std::size_t n = 0;
-  for (std::uint32_t y = y0; y < y1; y += kDown) {
-    const V row = hn::Add(to_float(below), set(static_cast<float>(y) + 0.5f));
+  for (std::uint32_t y = y0; y < y1; y += PixelSquare::kDown) {
+    const V row = hn::Add(square.down, set(static_cast<float>(y) + 0.5f));
     const auto start = [&](float corner, float down) {
       return hn::MulAdd(row, set(down), set(corner));
     };
     const V starts[] = {start(fan.corner.x, fan.down.x), start(fan.corner.y, fan.down.y),
                         start(fan.corner.z, fan.down.z)};
-    for (std::uint32_t x = x0; x < x1; x += kAcross) {
-      const V column = hn::Add(to_float(right), set(static_cast<float>(x) + 0.5f));
+    for (std::uint32_t x = x0; x < x1; x += PixelSquare::kAcross) {
+      const V column = hn::Add(square.right, set(static_cast<float>(x) + 0.5f));
       const V dir[] = {hn::MulAdd(column, set(fan.across.x), starts[0]),
                        hn::MulAdd(column, set(fan.across.y), starts[1]),
                        hn::MulAdd(column, set(fan.across.z), starts[2])};
@@ -142,8 +137,8 @@ void find_taps_any(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x
       const V parts[] = {u.part, v.part, s.part, t.part};
       for (std::size_t p = 0; p < 4; ++p)
         hn::StoreU(hn::Compress(parts[p], hit), d, rays.part[p].data() + n);
-      store_chosen(hn::Add(index, set_int(static_cast<std::int32_t>(y * fan.width + x))), hit,
-                   rays.pixel, n);
+      const VU first = hn::Set(DU(), y * fan.width + x);
+      store_chosen(hn::BitCast(di, hn::Add(first, square.index)), hit, rays.pixel, n);
       n += hn::CountTrue(d, hit);
     }
   }
