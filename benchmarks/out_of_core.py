@@ -3,7 +3,8 @@
 
 Builds a field of at least 8 GB from an analytic scene, unless it is there, then inside a memory
 control group draws views (which must equal those drawn without a limit) and plays an orbit with
-each way of loading. Also the first frame from the disk, and the bytes read for a view.
+each way of loading. Also for how long the machine itself, with nothing else to do, keeps its cores
+from what runs there; the first frame from the disk; and the bytes read for a view.
 
   benchmarks/out_of_core.py --slf build/release/cli/slf --folder /var/tmp/slf [--jpeg brain.slf]
 
@@ -13,16 +14,20 @@ Needs root, or a delegated group, for the limit; says so and goes on without it 
 import argparse
 import contextlib
 import json
+import multiprocessing
 import os
 import pathlib
 import subprocess
 import sys
 import tempfile
+import time
 
 SHAPE = ["--entry", "10", "--entry-depth", "1", "--exit", "16", "--levels", "3"]
 CODECS = ["--color-codec", "raw", "--depth-codec", "raw"]
 LEAST_BYTES = 8_000_000_000
 MIB = 1 << 20
+FRAME_MS = 1000 / 30
+PAUSE = 0.005  # seconds
 
 
 class MemoryLimit:
@@ -128,6 +133,28 @@ def play(slf, field, size, limit, budgets, loading, seconds):
     return json.loads(text)["runs"][0]
 
 
+def watch_clock(seconds, pauses):
+    begin = last = time.perf_counter()
+    seen = []
+    while last - begin < seconds:
+        now = time.perf_counter()
+        if now - last >= PAUSE:
+            seen.append(1000 * (now - last))
+        last = now
+    pauses.put(seen)
+
+
+def machine_pauses(seconds):
+    """Milliseconds for which a core that only looked at the clock was kept from it, all cores
+    looking: frames that meet one of these come later by so much, whatever draws them."""
+    pauses = multiprocessing.Queue()
+    watchers = [multiprocessing.Process(target=watch_clock, args=(seconds, pauses))
+                for _ in os.sched_getaffinity(0)]
+    for watcher in watchers:
+        watcher.start()
+    return sorted(sum((pauses.get() for _ in watchers), []))
+
+
 def first_frame(slf, field, size, views=5):
     """Milliseconds of first frames from a cold file, each from elsewhere."""
     times = []
@@ -180,14 +207,21 @@ def main():
         print(f"{'loading':10} {'frames':>7} {'late':>6} {'mean ms':>8} {'worst':>8} "
               f"{'full level':>11} {'least':>8} {'anonymous':>10}")
         for loading in ("ahead", "demand", "wait"):
-            s = play(a.slf, field, a.size, limit, budgets, loading, a.seconds)["summary"]
-            numbers["loading"][loading] = s
+            played = play(a.slf, field, a.size, limit, budgets, loading, a.seconds)
+            s = numbers["loading"][loading] = played["summary"]
             print(f"{loading:10} {s['frames']:7} {s['late']:6} {s['mean_ms']:8.1f} "
                   f"{s['worst_ms']:8.1f} {100 * s['full_share']:9.2f} % "
                   f"{100 * s['least_full_share']:6.2f} % {s['rss_anon_peak'] / MIB:6.0f} MiB")
+            late = [f"{k}: {f['ms']:.0f}" for k, f in enumerate(played["frames"])
+                    if f["ms"] > FRAME_MS]
+            if 0 < len(late) <= 12:
+                print(f"{'':10} ms of the late: {', '.join(late)}")
         if limit:
             numbers["oom_kills"], numbers["limit_peak"] = limit.killed(), limit.peak()
             print(f"killed for want of memory: {numbers['oom_kills']}")
+    pauses = numbers["machine_pauses_ms"] = machine_pauses(float(a.seconds))
+    print(f"the machine alone, all cores busy as long: {len(pauses)} pauses of {1000 * PAUSE:.0f} ms "
+          f"and more, the longest {max(pauses, default=0):.1f} ms")
     if a.jpeg:
         numbers["first_frame_ms"] = first_frame(a.slf, a.jpeg, a.size)
         numbers["disk_bytes_ratio"] = disk_bytes(a.slf, a.jpeg, a.size)
