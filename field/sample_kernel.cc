@@ -163,17 +163,19 @@ void take_typed(const TileOffsets& offsets, const Pass& pass, const EntryArrays&
       const VU third = hn::Add(row, hn::LoadU(du, &exit.third[k]));
       constexpr int kShift = kHalf ? 3 : 2;
       const VU pair_at = hn::ShiftLeft<kShift>(pair), third_at = hn::ShiftLeft<kShift>(third);
-      V64 two[kHalves], one[kHalves];
+      V64 two[kHalves], one[kHalves], seen = hn::Zero(d);
       for_halves([&](auto half) {
         two[half] = tile.load(offsets.color, half, pair_at, 0);
         one[half] = tile.load(offsets.color, half, third_at, kHalf ? 0 : 4);
+        seen = hn::Or3(seen, two[half], one[half]);
         if constexpr (kHalf) {
           const auto put = [&](std::size_t e, V64 v) {
             store_or(hn::BitCast(du64, v), du64,
                      &samples.rgba16f[3 * c + e][k + half * hn::Lanes(d)]);
           };
-          put(0, two[half]), put(2, one[half]);
-          put(1, tile.load(offsets.color, half, pair_at, -8));
+          const V64 second = tile.load(offsets.color, half, pair_at, -8);
+          put(0, two[half]), put(1, second), put(2, one[half]);
+          seen = hn::Or(seen, second);
         }
       });
       if constexpr (!kHalf) {
@@ -182,6 +184,10 @@ void take_typed(const TileOffsets& offsets, const Pass& pass, const EntryArrays&
         store_or(upper_bits(one), du, &samples.rgba8[3 * c + 2][k]);
       }
       if constexpr (kDepth) {
+        if (!add && hn::AllTrue(d, hn::Eq(seen, hn::Zero(d)))) {  // no depth means anything
+          hn::StoreU(hn::Zero(du), du, &samples.depth[c][k]);
+          continue;
+        }
         for_halves([&](auto half) {  // the last two of 8 bytes, and the last one
           const auto pairs = hn::BitCast(du64, tile.load(offsets.depth, half, pair, 6));
           const auto thirds = hn::BitCast(du64, tile.load(offsets.depth, half, third, 7));
@@ -207,6 +213,10 @@ void take_samples_any(const TileOffsets& offsets, const Pass& pass, const EntryA
 struct Colors {
   V r, g, b, a;
 
+  static HWY_INLINE Colors none() {
+    const V zero = hn::Zero(D());
+    return {zero, zero, zero, zero};
+  }
   HWY_INLINE Colors times(V t) const {
     return {hn::Mul(r, t), hn::Mul(g, t), hn::Mul(b, t), hn::Mul(a, t)};
   }
@@ -263,11 +273,24 @@ template <bool kHalf>
 constexpr float kFull = kHalf ? 1.f : 255.f;
 
 template <bool kHalf>
-HWY_INLINE Colors load_sample(const SampleArrays& samples, std::size_t slot, std::size_t k) {
+HWY_INLINE const auto& colors_of(const SampleArrays& samples) {
   if constexpr (kHalf)
-    return load_colors(samples.rgba16f[slot], k);
+    return samples.rgba16f;
   else
-    return load_colors(samples.rgba8[slot], k);
+    return samples.rgba8;
+}
+
+/// Whether the rays from `k` on, as many as there are lanes, see nothing: many do, all of them.
+template <bool kHalf>
+HWY_INLINE bool blank(const Pass& pass, const SampleArrays& samples, std::size_t k) {
+  const DU d;
+  VU any = hn::Zero(d);
+  for (std::size_t slot = 0; slot < 3 * pass.entries; ++slot) {
+    const auto* words = reinterpret_cast<const std::uint32_t*>(&colors_of<kHalf>(samples)[slot][k]);
+    for (std::size_t word = 0; word < (kHalf ? 2 : 1); ++word)
+      any = hn::Or(any, hn::LoadU(d, words + word * hn::Lanes(d)));
+  }
+  return hn::AllTrue(d, hn::Eq(any, hn::Zero(d)));
 }
 
 /// What the rays from `k` on see if all their samples count alike.
@@ -275,12 +298,13 @@ template <bool kHalf>
 HWY_INLINE Colors interpolate(const Pass& pass, const EntryArrays& entries,
                               const SampleArrays& samples, std::size_t k) {
   const D d;
-  Colors sum{hn::Zero(d), hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+  Colors sum = Colors::none();
+  if (blank<kHalf>(pass, samples, k)) return sum;
   for (std::size_t c = 0; c < pass.entries; ++c) {
     const V weight = hn::LoadU(d, &entries.weight[c][k]);
     for (std::size_t e = 0; e < 3; ++e)
       sum = sum.plus(hn::Mul(weight, hn::LoadU(d, &pass.exit[c]->weight[e][k])),
-                     load_sample<kHalf>(samples, 3 * c + e, k));
+                     load_colors(colors_of<kHalf>(samples)[3 * c + e], k));
   }
   return sum.times(hn::Set(d, 1 / kFull<kHalf>));
 }
@@ -305,7 +329,14 @@ void blend_deep(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
     return hn::IfThenElseZero(hn::Gt(at, zero), hn::Min(at, one));
   };
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
-    Colors sum{zero, zero, zero, zero};
+    if (!kAgree && blank<kHalf>(pass, samples, k)) {
+      for (std::size_t c = 0; c < 3; ++c) store(zero, entries.t[c], k);
+      store(zero, entries.step, k);
+      hn::StoreU(zero, d, t + k);
+      store_pixels(Colors::none(), rays, k, picture);
+      continue;
+    }
+    Colors sum = Colors::none();
     V total = zero;                  // of the weights
     V opacity = zero, place = zero;  // the latter times the former, as in the next line
     V opacities[3], places[3];
@@ -328,7 +359,7 @@ void blend_deep(const Pass& pass, const RayBlock& rays, EntryArrays& entries,
       }
       for (std::size_t e = 0; e < 3; ++e) {
         const V share = hn::Mul(weight, hn::LoadU(d, &pass.exit[c]->weight[e][k]));
-        const Colors v = load_sample<kHalf>(samples, 3 * c + e, k);
+        const Colors v = load_colors(colors_of<kHalf>(samples)[3 * c + e], k);
         const V visible = hn::Mul(share, v.a);
         seen = hn::Add(seen, visible);
         depth = hn::MulAdd(visible, depths[e], depth);
