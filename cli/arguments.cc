@@ -81,14 +81,17 @@ Result<void> refuse_overwrite(const std::string& path, bool force) {
 void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
   command
       .add_option(name, input,
-                  "Volume (NIfTI, NRRD, MetaImage, a DICOM folder, or raw with --dims), or\n"
-                  "scene:balls, scene:globe, scene:fog")
+                  std::string(kVolumeHelp) + ", or\nscene:balls, scene:globe, scene:fog")
       ->required();
-  const char* group = "Volume";
   command
       .add_option("--transfer", transfer,
                   "Transfer function, ParaView preset JSON; without one, made from the histogram")
-      ->group(group);
+      ->group(kVolumeGroup);
+  add_raw_to(command);
+}
+
+void SourceArguments::add_raw_to(CLI::App& command) {
+  const char* group = kVolumeGroup;
   command.add_flag("--labels", labels, "Voxels are ids: nearest sampling, a colour per label")
       ->group(group);
   command.add_option("--dims", dims, "Raw files: voxels along x, y, z, as 128x128x84")

@@ -82,10 +82,12 @@ void add_build(CLI::App& app, Run& run) {
       ->capture_default_str();
   command
       ->add_option("--entry-depth", shape.entry_depth,
-                   "How many levels deeper the entry side is split than the exit side")
+                   "How many levels further the entry side is split into tiles than the exit\n"
+                   "side (nothing to do with the depth layer)")
       ->group(group)
       ->capture_default_str();
-  command->add_option("--color-codec", a->build.color_codec, "raw, zstd[:LEVEL] or jpeg:QUALITY")
+  command
+      ->add_option("--color-codec", a->build.color_codec, "raw, zstd[:LEVEL] or jpeg:QUALITY[:444]")
       ->group(group)
       ->capture_default_str();
   command->add_option("--depth-codec", a->depth_codec, "The same, or none: no depth layer")

@@ -73,6 +73,11 @@ void print_table(const std::vector<std::vector<std::string>>& rows);
 /// Refuses an existing output without -f: usage.
 [[nodiscard]] Result<void> refuse_overwrite(const std::string& path, bool force);
 
+/// The inputs that are volumes.
+inline constexpr const char* kVolumeHelp =
+    "Volume: NIfTI, NRRD, MetaImage, a DICOM folder or one of its files,\nor raw with --dims";
+inline constexpr const char* kVolumeGroup = "Volume";
+
 /// INPUT: a volume with its transfer function, or scene:NAME; and how it is lit.
 struct SourceArguments {
   std::string input;
@@ -86,6 +91,8 @@ struct SourceArguments {
 
   /// The volume and its transfer function, as an option or positional of that name.
   void add_volume_to(CLI::App& command, const char* name);
+  /// Of them, what says how voxels are to be read.
+  void add_raw_to(CLI::App& command);
   /// Step, light and shading.
   void add_light_to(CLI::App& command);
   [[nodiscard]] Result<Volume> volume() const;

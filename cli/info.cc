@@ -128,7 +128,9 @@ void add_info(CLI::App& app, Run& run) {
   auto* command =
       app.add_subcommand("info", "What a field (.slf) or a volume (anything else) holds");
   auto a = std::make_shared<Arguments>();
-  a->source.add_volume_to(*command, "INPUT");
+  command->add_option("INPUT", a->source.input, std::string("Field, .slf; or ") + kVolumeHelp)
+      ->required();
+  a->source.add_raw_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_info(*a); }; });
 }

@@ -277,6 +277,9 @@ void add_measure(CLI::App& app, Run& run) {
       ->delimiter(',')
       ->capture_default_str();
   a->draw.add_to(*command);
+  command->get_option("--level")->description(
+      "all; one of the tile pyramid, 0 the coarsest; finest; auto: what the pixels\n"
+      "of these cameras can show");
   command->remove_option(command->get_option("--mode"));
   command->add_option("--mode", a->modes, "As for render; or several")
       ->delimiter(',')
@@ -301,6 +304,9 @@ void add_evaluate(CLI::App& app, Run& run) {
   auto a = std::make_shared<EvaluateArguments>();
   command->add_option("FIELD", a->field, "Field, .slf")->required();
   a->source.add_volume_to(*command, "--volume");
+  command->get_option("--transfer")
+      ->description(
+          "Transfer function, ParaView preset JSON; default: what the field was built with");
   a->views.add_to(*command);
   command->add_option("--distance", a->distance, kDistanceHelp)->capture_default_str();
   command->add_option("--size", a->size, kSizeHelp)->capture_default_str();

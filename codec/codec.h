@@ -89,9 +89,11 @@ class Codec {
                                             std::span<std::byte> samples) const = 0;
 };
 
-/// Makes a codec from its specification: "raw", "zstd", "zstd:LEVEL", "jpeg:QUALITY".
+/// Makes a codec from its specification: "raw", "zstd", "zstd:LEVEL", "jpeg:QUALITY",
+/// "jpeg:QUALITY:444".
 /// `tables` is what an equal codec's tables() returned, untrusted; empty for the defaults.
 /// usage: unknown name, or a parameter out of range; the message lists what is known.
+/// bad_file: tables that are damaged, or for a codec that has none.
 /// unsupported: the codec cannot hold this format (JPEG and half floats).
 [[nodiscard]] Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat format,
                                                         ByteSpan tables = {});

@@ -19,13 +19,13 @@ struct BuildOptions {
   FieldShape shape;  ///< sphere.radius <= 0: the scene's own bounds
   std::string color_codec = "jpeg:90";
   std::string depth_codec = "jpeg:75";  ///< empty: no depth layer
-  bool half = false;                    ///< colour as half floats
+  bool half = false;                    ///< colour as half floats, with zstd or raw
   unsigned threads = 0;                 ///< 0: all
   double commit_seconds = 1;            ///< how often tiles are made safe: what a kill can cost
 };
 
 struct Progress {
-  std::uint64_t done = 0;  ///< work finished, in `unit`
+  std::uint64_t done = 0;  ///< work finished; of what, each function says
   std::uint64_t total = 0;
   std::uint64_t skipped = 0;  ///< of done: already there when this run began
 };
@@ -40,8 +40,9 @@ struct BuildReport {
 
 /// Builds, or resumes, the field at `path`. Progress counts rays, about.
 /// usage: a setting out of range; a complete field, or another one, is at `path`.
-/// io: disk full or a write error: what was committed stays and the same call resumes.
-/// failed: stopped by the progress callback, or another process is writing the file.
+/// unsupported: a codec that cannot hold the samples (JPEG and half floats). io: disk full or a
+/// write error: what was committed stays and the same call resumes. failed: stopped by the progress
+/// callback, or another process is writing the file.
 [[nodiscard]] Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                               const BuildOptions& options,
                                               const ProgressCallback& progress = {});

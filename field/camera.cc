@@ -15,13 +15,12 @@ bool finite(const glm::dvec3& v) {
   return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
 }
 
-/// A direction that is not along the view, the z axis if possible.
+}  // namespace
+
 glm::dvec3 any_up(const glm::dvec3& forward) {
   return std::abs(forward.z) < 0.999 * glm::length(forward) ? glm::dvec3(0, 0, 1)
                                                             : glm::dvec3(0, 1, 0);
 }
-
-}  // namespace
 
 Result<RayGenerator> RayGenerator::make(const Camera& camera) {
   const auto [eye, look_at, up, fov, width, height] = camera;

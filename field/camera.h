@@ -45,6 +45,9 @@ class RayGenerator {
   glm::dvec3 eye_, corner_, across_, down_;
 };
 
+/// A direction to be up in pictures that look along `forward`: +z, unless that is too close to it.
+[[nodiscard]] glm::dvec3 any_up(const glm::dvec3& forward);
+
 /// Field of view, in degrees, that fits the whole sphere in a picture of this shape seen from
 /// `distance` (world units, above the radius) from its centre.
 [[nodiscard]] double fitted_fov(const Sphere& sphere, double distance, std::uint32_t width,

@@ -153,6 +153,7 @@ Camera CameraPath::at(double seconds, std::uint32_t width, std::uint32_t height)
   };
   if (b.place[6] > 0 || c.place[6] > 0) camera.fov = hermite(fov(b), fov(c), 0, 0, u);
   camera.look_at = {place[3], place[4], place[5]};
+  camera.up = any_up(camera.look_at - camera.eye);
   return camera;
 }
 

@@ -17,7 +17,7 @@ class CameraPath {
  public:
   /// Turns around the sphere's centre at a steady pace: `turns` times 360 degrees of azimuth,
   /// starting from these angles in degrees, at this distance in sphere radii. usage: not finite, no
-  /// time, or too close to see anything.
+  /// time, or a distance not above 0.
   [[nodiscard]] static Result<CameraPath> orbit(const Sphere& sphere, double azimuth,
                                                 double elevation, double distance, double turns,
                                                 double seconds);
@@ -25,10 +25,10 @@ class CameraPath {
   /// Reads keyframes (untrusted):
   ///   {"keys": [{"at": 0, "orbit": [30, 20, 3]},
   ///             {"at": 4, "eye": [0, -300, 80], "look_at": [0, 0, 20], "fov": 30}, ...]}
-  /// `at` is in seconds, ascending. A key has an orbit (azimuth, elevation, distance as above;
-  /// azimuths beyond 360 go round again) or an eye in world units, and may have look_at (default:
-  /// the sphere's centre) and fov (default: the sphere fits). bad_file: anything else; the message
-  /// says `name`, key and cure.
+  /// At least two; `at` is in seconds, ascending, and the path begins at the first. A key has an
+  /// orbit (azimuth, elevation, distance as above; azimuths beyond 360 go round again) or an eye in
+  /// world units, and may have look_at (default: the sphere's centre) and fov (default: the sphere
+  /// fits). bad_file: anything else; the message says `name`, key and cure.
   [[nodiscard]] static Result<CameraPath> parse(std::string_view json, const std::string& name,
                                                 const Sphere& sphere);
 
@@ -36,7 +36,7 @@ class CameraPath {
   [[nodiscard]] static Result<CameraPath> read(const std::string& path, const Sphere& sphere);
 
   [[nodiscard]] double seconds() const { return keys_.back().at; }
-  /// up is +z, or where that fails what orbit_camera() takes.
+  /// up is any_up() of the view.
   [[nodiscard]] Camera at(double seconds, std::uint32_t width, std::uint32_t height) const;
 
  private:

@@ -54,13 +54,17 @@ Result<void> Field::decode(const storage::TileRef& tile, std::span<std::byte> sa
   if (auto ok = store_.check(tile); !ok) return ok;
   auto decoded =
       codecs_[tile.layer]->decode(tile_shape(tile.layer, tile.key), tile.payload, samples);
-  if (store_.changed())  // zeros were read where the file shrank: not the codec's fault
-    return fail(ErrorCode::bad_file, path(), ": changed while it was open; open it again");
+  if (auto ok = unchanged(); !ok) return ok;  // not the codec's fault
   if (!decoded)
     return fail(decoded.error().code, path(), ": layer '", manifest_.layers[tile.layer].name,
                 "', tile ", int{tile.key.level}, "/", tile.key.index, ": ", decoded.error().message,
                 "; run slf verify --fix and build again");
   return {};
+}
+
+Result<void> Field::unchanged() const {
+  if (!store_.changed()) return {};
+  return fail(ErrorCode::bad_file, path(), ": changed while it was open; open it again");
 }
 
 Result<FieldContent> Field::content() const {

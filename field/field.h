@@ -68,6 +68,9 @@ class Field {
   [[nodiscard]] Result<void> decode(const storage::TileRef& tile,
                                     std::span<std::byte> samples) const;
 
+  /// bad_file: the file shrank while it was open, and samples used in place may have been zeros.
+  [[nodiscard]] Result<void> unchanged() const;
+
   /// Counts what is there, from the records' tables alone. Linear in the number of records.
   [[nodiscard]] Result<FieldContent> content() const;
 

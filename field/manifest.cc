@@ -178,7 +178,9 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   }
   if (json.contains("provenance") && !json["provenance"].is_object())
     in.problem("/provenance", "is not an object");
-  if (manifest.layers.empty()) in.problem("/layers", "names no layer");
+  if (std::none_of(manifest.layers.begin(), manifest.layers.end(),
+                   [](const Layer& layer) { return layer.name == "color"; }))
+    in.problem("/layers", "names no layer color");
   if (!in.error().empty()) return fail(ErrorCode::bad_file, in.error());
   if (auto ok = shape.check(); !ok)
     return fail(ErrorCode::bad_file, file, ": manifest: ", ok.error().message);

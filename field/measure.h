@@ -35,7 +35,7 @@ struct Spread {
 
 struct LevelMeasure {
   unsigned level = 0;
-  std::uint64_t tiles = 0;  ///< the level has
+  std::uint64_t tiles = 0;  ///< of the level, with all subfields
   Spread tiles_touched;     ///< neighbouring owners included
   Spread pairs_crossed;     ///< (entry section, exit section) pairs that rays pass through
   Spread compressed_bytes;  ///< of the touched tiles, in the layers the mode uses

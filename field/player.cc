@@ -21,8 +21,10 @@ constexpr std::size_t kBatch = 64;  // tiles that are asked for together
 constexpr double kCut = 0.5;        // radians a frame; beyond it is another place
 
 Camera preview_of(Camera camera, std::uint64_t turn) {
-  const auto longer = static_cast<double>(std::max(camera.width, camera.height));
-  const double scale = std::min(1.0, kPreviewEdges[turn % kPreviewEdges.size()] / longer);
+  const auto [shorter, longer] = std::minmax(camera.width, camera.height);
+  // A picture keeps its shape, though it be a line.
+  const double scale =
+      std::clamp(1.0 * kPreviewEdges[turn % kPreviewEdges.size()] / longer, 1.0 / shorter, 1.0);
   const auto scaled = [&](std::uint32_t edge) {
     return std::max(1u, static_cast<std::uint32_t>(std::lround(edge * scale)));
   };
@@ -180,15 +182,23 @@ class Player::Loader {
   }
 
   /// Loads what a small picture of a view touches. What it sees leads to more as tiles come, so it
-  /// is drawn until it lacks nothing. False: as load().
+  /// is drawn until it lacks nothing. False: as load(); or what was loaded had to go again.
   [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint64_t drawn) {
+    std::vector<TileKey> loaded;  // in order
     for (std::uint64_t turn = current_; !outdated(); ++turn) {
       ViewStatistics statistics;
       if (auto ok = previewer_.render(preview_of(camera, turn), view_, preview_, &statistics); !ok)
         return tl::unexpected(ok.error());
-      if (statistics.wanted.empty()) return true;
-      auto loaded = load(statistics.wanted, drawn);
-      if (!loaded || !*loaded) return loaded;
+      const std::vector<TileKey>& wanted = statistics.wanted;
+      if (wanted.empty()) return true;
+      if (std::any_of(wanted.begin(), wanted.end(), [&](TileKey key) {
+            return std::binary_search(loaded.begin(), loaded.end(), key);
+          }))
+        return false;
+      if (auto ok = load(wanted, drawn); !ok || !*ok) return ok;
+      const auto before = static_cast<std::ptrdiff_t>(loaded.size());
+      loaded.insert(loaded.end(), wanted.begin(), wanted.end());
+      std::inplace_merge(loaded.begin(), loaded.begin() + before, loaded.end());
     }
     return false;
   }
@@ -283,8 +293,10 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
     // While the camera moves as predicted, what lies nearer was looked at from frames before.
     // Otherwise: tiles span several frames, so the further ahead, the fewer looks are needed.
     const unsigned first = steady_ < options_.horizon ? 1 : std::max(options_.horizon, 1u);
-    for (unsigned k = first; before_ && k <= options_.horizon; k *= 2)
-      next.push_back(predict(center, *before_, camera, k));
+    for (unsigned k = first; before_ && k <= options_.horizon; k *= 2) {
+      const Camera ahead = predict(center, *before_, camera, k);
+      if (RayGenerator::make(ahead)) next.push_back(ahead);  // else it is no view at all
+    }
     if (before_) expected_ = predict(center, *before_, camera, 1);
   }
   const auto level = static_cast<unsigned>(statistics.level_pixels.size() - 1);

@@ -1,12 +1,15 @@
 // Player: draws the frames of a camera's path on time, from a field of any size.
 //
-// A frame takes what the cache holds and waits for nothing: where a tile is not there yet, a
-// coarser level is drawn. Beside the frames runs a loading thread (the paper's second process,
-// section 5): it brings what frames lacked, then what they will want if the motion goes on, and the
-// cache drops what the path has left behind.
+// A frame takes what the cache holds: where a tile is not there yet, a coarser level is drawn. It
+// waits only for what did not fit of the coarsest level when playing began. Beside the frames runs
+// a loading thread (the paper's second process, section 5): it brings what frames lacked, then what
+// they will want if the motion goes on, and the cache drops what the path has left behind.
 //
-//   auto player = Player::make(field, {});
-//   for (const Camera& camera : path) (*player)->draw(camera, picture, &report);
+//   PlayOptions options;
+//   options.view = {default_mode(field), field.shape().levels};
+//   auto player = Player::make(field, options);
+//   for (const Camera& camera : cameras)
+//     if (auto ok = (*player)->draw(camera, picture, &report); !ok) return ok;
 #pragma once
 
 #include <chrono>
@@ -64,7 +67,8 @@ struct FrameReport {
 /// Thread-safety: one draw() at a time.
 class Player {
  public:
-  /// Borrows the field. Loads its coarsest level. usage: as Renderer::render().
+  /// Borrows the field. Unless its frames wait, loads and keeps its coarsest level, as far as a
+  /// quarter of the memory goes. usage: as Renderer::render().
   [[nodiscard]] static Result<std::unique_ptr<Player>> make(const Field& field,
                                                             const PlayOptions& options);
   /// Stops the loading thread.

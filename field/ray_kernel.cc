@@ -55,7 +55,8 @@ struct Nearest {
   static HWY_INLINE Nearest of(const V weight[3]) {
     return {hn::Gt(weight[1], weight[0]), hn::Gt(weight[2], hn::Max(weight[0], weight[1]))};
   }
-  HWY_INLINE VI choose_from(const VI v[3]) const {
+  template <class T>
+  HWY_INLINE T choose_from(const T v[3]) const {
     return choose(third, v[2], choose(second, v[1], v[0]));
   }
 };
@@ -163,8 +164,9 @@ void find_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool 
     const VI corners[] = {hn::Add(base, flag(cell.inverted, across + 1)),
                           hn::Add(base, choose(cell.inverted, stride, one)),
                           hn::Add(base, choose(cell.inverted, one, stride))};
+    const Nearest best = Nearest::of(cell.weight);
     if (nearest)
-      store_row(Nearest::of(cell.weight).choose_from(corners), hn::Set(d, 1.f), 0, k);
+      store_row(best.choose_from(corners), hn::Set(d, 1.f), 0, k);
     else
       for (std::size_t c = 0; c < 3; ++c) store_row(corners[c], cell.weight[c], c, k);
     if (!with_points) continue;
@@ -175,8 +177,13 @@ void find_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool 
     const V y[] = {hn::IfThenElse(cell.inverted, y1, cell.y),
                    hn::IfThenElse(cell.inverted, y1, cell.y),
                    hn::IfThenElse(cell.inverted, cell.y, y1)};
-    for (std::size_t c = 0; c < 3; ++c)
-      vertex(x[c], y[c], resolution, enter).store_to(entries.point[c], k);
+    const auto store_point = [&](V at_x, V at_y, std::size_t c) {
+      vertex(at_x, at_y, resolution, enter).store_to(entries.point[c], k);
+    };
+    if (nearest)
+      store_point(best.choose_from(x), best.choose_from(y), 0);
+    else
+      for (std::size_t c = 0; c < 3; ++c) store_point(x[c], y[c], c);
   }
 }
 

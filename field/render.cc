@@ -45,7 +45,9 @@ struct Plan {
 
 /// Divides a budget between scratch, one tile at a time per thread, and the cache.
 Plan plan_memory(const Field& field, const RendererOptions& options) {
-  const std::uint64_t tile = field.shape().largest_tile() * (4 + 1);
+  std::uint64_t sample = 0;
+  for (const Layer& layer : field.manifest().layers) sample += codec::sample_bytes(layer.format);
+  const std::uint64_t tile = field.shape().largest_tile() * sample;
   Plan plan;
   const std::uint64_t scratch = kBlockRays * kRayScratch;
   const std::uint64_t fit = options.memory / (tile + scratch);
@@ -191,7 +193,7 @@ class ViewJob {
 
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
 
-  /// What the engine counted; bytes and pages are looked up by count_bytes.
+  /// What the engine counted; footprint() looks up bytes and pages.
   void fill(ViewStatistics& statistics) {
     sort_unique(touched_);
     sort_unique(wanted_);
@@ -291,6 +293,7 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
               keep ? &state_->kept : nullptr, image);
   on_threads(threads, [&] { job.work(); });
   if (job.error()) return tl::unexpected(*job.error());
+  if (auto ok = field.unchanged(); !ok) return ok;
 
   if (statistics) {
     *statistics = {};

@@ -1,9 +1,9 @@
 // Renderer: draws views of a field, within a memory budget.
 //
-// A picture is drawn in blocks of pixels. Within a block rays are grouped by tile: each tile is
-// found, checked and decoded once (or taken from the cache), all its samples are taken, and it may
-// go. Pictures depend on the field, camera, mode and level only: never on threads, budget or what
-// the cache held.
+// A picture is drawn in blocks of pixels. Within a block rays are grouped by tile: the tiles are
+// pinned, as many at a time as the budget allows, each found, checked and decoded once (or taken
+// from the cache), and all their samples taken. Pictures depend on the field, camera, mode and
+// level only, never on threads or budget; those that do not wait, on what the cache holds, too.
 #pragma once
 
 #include <cstdint>
@@ -36,7 +36,9 @@ enum class RenderMode {
 [[nodiscard]] RenderMode default_mode(const Field& field);
 
 struct RendererOptions {
-  std::uint64_t memory = 256ull << 20;  ///< bytes of decoded tiles and scratch, pictures apart
+  /// Bytes of decoded tiles and scratch. Beside it come pictures and the field's tables of each
+  /// level: about 32 N² bytes for an entry lattice of N cells.
+  std::uint64_t memory = 256ull << 20;
   unsigned threads = 0;                 ///< 0: all
   /// Resident bytes of the map, from 512 KiB. Tiles of an in-place codec (raw) that are in use may
   /// exceed it.

@@ -58,6 +58,7 @@ HWY_INLINE VI mul_add(VI a, VI b, VI c) { return hn::Add(hn::Mul(a, b), c); }
 HWY_INLINE VI choose(hn::Mask<D> mask, VI yes, VI no) {
   return hn::IfThenElse(hn::RebindMask(DI(), mask), yes, no);
 }
+HWY_INLINE V choose(hn::Mask<D> mask, V yes, V no) { return hn::IfThenElse(mask, yes, no); }
 HWY_INLINE void store(VI v, RayArray<std::uint32_t>& to, std::size_t k) {
   hn::StoreU(hn::BitCast(DU(), v), DU(), to.data() + k);
 }

@@ -9,13 +9,14 @@ namespace slf {
 namespace {
 
 constexpr std::uint64_t kPinBytes = 512;  // bookkeeping of a pinned tile, about
+constexpr std::size_t kManyTiles = 4096;
 
 }  // namespace
 
 TapGatherer::TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
                          bool with_depth, bool wait, KeptTiles earlier)
     : cache_(cache),
-      format_(field.manifest().layers[field.layer("color").value_or(0)].format),
+      format_(field.manifest().layers[field.layer("color").value()].format),
       with_depth_(with_depth),
       wait_(wait),
       earlier_(std::move(earlier)) {
@@ -55,6 +56,12 @@ void TapGatherer::release(std::span<Tile> tiles) {
 }
 
 void TapGatherer::forget_tiles() {
+  // Tiles that are forgotten again and again are touched as often.
+  if (touched_.size() > 2 * touched_once_ + kManyTiles) {
+    std::sort(touched_.begin(), touched_.end());
+    touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
+    touched_once_ = touched_.size();
+  }
   release(tiles_);
   numbers_.clear();
   tiles_.clear();
@@ -131,7 +138,7 @@ Result<void> TapGatherer::load(std::span<const std::uint32_t> numbers) {
 void TapGatherer::hold(std::uint32_t number, TileCache::Pin pin) {
   Tile& tile = tiles_[number];
   tile.pin = std::move(pin);
-  tile.missing = tile.pin.state() == storage::TileState::missing;
+  tile.missing = tile.pin.missing();
 }
 
 std::int64_t TapGatherer::offset_of(const std::byte* samples) const {

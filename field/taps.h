@@ -102,6 +102,7 @@ class TapGatherer {
   bool any_missing_ = false;  // some of missing_ are set
   std::vector<std::uint8_t> missing_;
   std::vector<TileKey> touched_, wanted_;
+  std::size_t touched_once_ = 0;  // of touched_, without repetitions, when last looked at
 };
 
 }  // namespace slf

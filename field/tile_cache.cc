@@ -44,7 +44,7 @@ struct TileCache::Entry : Link {
 TileCache::TileCache(const Field& field, std::uint64_t budget, std::uint64_t map_budget,
                      bool in_place)
     : field_(field),
-      color_(field.layer("color").value_or(0)),
+      color_(field.layer("color").value()),
       depth_(field.layer("depth")),
       budget_(budget),
       map_budget_(map_budget),
@@ -82,14 +82,20 @@ void TileCache::Pin::release() {
   if (entry_) cache_->unpin(*std::exchange(entry_, nullptr));
 }
 
-storage::TileState TileCache::Pin::state() const { return entry_->color.tile.state; }
+bool TileCache::Pin::missing() const {
+  const auto never_built = [](const Part& part) {
+    return part.good() && part.tile.state == storage::TileState::missing;
+  };
+  return never_built(entry_->color) || never_built(entry_->depth);
+}
 const std::byte* TileCache::Pin::color() const { return entry_->color.samples; }
 const std::byte* TileCache::Pin::depth() const { return entry_->depth.samples; }
 
 Result<TileCache::Pin> TileCache::get(const Located& tile, bool with_depth) {
   Hold hold(*this);
-  Entry& entry = entries_[tile.key];
-  entry.key = tile.key;
+  const auto [place, added] = entries_.try_emplace(tile.key);
+  Entry& entry = place->second;
+  if (added) entry.key = tile.key;
   pin_locked(entry);
   auto here = bring(hold.lock(), entry, entry.color, color_, tile.color);
   if (const auto depth = depth_of(with_depth); here && depth && entry.visible())

@@ -55,8 +55,8 @@ class TileCache {
 
     /// Whether there is a tile at all.
     explicit operator bool() const { return entry_ != nullptr; }
-    /// Of the colour layer. This and the rest REQUIRE a tile.
-    [[nodiscard]] storage::TileState state() const;
+    /// Whether what was asked for was never built, in any layer. This and the rest REQUIRE a tile.
+    [[nodiscard]] bool missing() const;
     /// The samples of a stored tile, as codec::Tile lays them out; null when empty or missing.
     [[nodiscard]] const std::byte* color() const;
     /// The same of the depth layer. REQUIRES that it was asked for.

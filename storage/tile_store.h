@@ -1,7 +1,7 @@
 // The container of a field: layers of tiles in key order, and a few named blobs, in one LMDB file.
 //
 // Storage knows keys and bytes, nothing of spheres or codecs. Tiles are grouped into records of
-// about 64 KiB, each with a table and a checksum per tile (FORMAT.md). Reads come straight from
+// 64 KiB and more, each with a table and a checksum per tile (FORMAT.md). Reads come straight from
 // the memory map; the bytes of the file are untrusted, so every page is checked before it is
 // walked and no input, truncated, flipped, hostile, or shrinking while mapped, can crash a reader.
 //

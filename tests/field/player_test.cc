@@ -132,6 +132,36 @@ TEST_F(Play, ATightBudgetIsKeptAndStillDraws) {
   }
 }
 
+TEST_F(Play, LoadingEndsWhereTilesPushEachOtherOut) {
+  TemporaryFolder folder;
+  const auto field = build_and_open(*scene_, folder / "large.slf", lossless_options(4, 32, 1));
+  ASSERT_TRUE(field);  // of tiles of up to 42 KB
+  for (const std::uint64_t memory : {116u << 10, 122u << 10, 128u << 10, 250u << 10}) {
+    auto options = this->options(Loading::ahead, memory);
+    options.view.level = 1;
+    const auto p = Player::make(*field, options);
+    ASSERT_TRUE(p);
+    Image image;
+    for (int k = 0; k < 4; ++k) {
+      draw(**p, camera(10.0 * k), image);
+      (*p)->settle();
+    }
+  }
+}
+
+TEST_F(Play, WhatCannotBeAViewIsNotLookedAtAhead) {
+  // Upright cameras on their way to the top: the next one would look along its up.
+  const auto p = player(options(Loading::ahead));
+  ASSERT_TRUE(p);
+  Image image;
+  for (const double elevation : {66.0, 74.0, 82.0, 82.0}) {
+    const Camera camera = orbit_camera(field_->shape().sphere, 33, elevation, 3, 64, 64);
+    ASSERT_EQ(camera.up, glm::dvec3(0, 0, 1));
+    draw(*p, camera, image);
+    p->settle();
+  }
+}
+
 TEST_F(Play, WhatThePathLeftBehindMakesRoom) {
   // Room for one view, not for all that the path sees. A view leads to more tiles as some come.
   const auto stay = [&](Player& player, double azimuth) {
@@ -265,6 +295,15 @@ TEST(CameraPath, PassesThroughItsKeys) {
   // No jumps in between.
   for (double t = 0; t < 3; t += 0.01)
     EXPECT_LT(glm::distance(path->at(t, 64, 64).eye, path->at(t + 0.01, 64, 64).eye), 20) << t;
+}
+
+TEST(CameraPath, LooksStraightDownBesideTheCentreToo) {
+  const auto path = CameraPath::parse(
+      R"({"keys": [{"at": 0, "eye": [50, 0, 200], "look_at": [50, 0, 0]},
+                   {"at": 1, "eye": [-50, 0, 200], "look_at": [-50, 0, 0]}]})",
+      "keys.json", Sphere{{0, 0, 0}, 100});
+  ASSERT_TRUE(path) << path.error().message;
+  for (const double t : {0.0, 0.3, 1.0}) EXPECT_TRUE(RayGenerator::make(path->at(t, 64, 64))) << t;
 }
 
 TEST(CameraPath, RefusesBadKeys) {

@@ -350,6 +350,40 @@ TEST_F(Render, EyesInsideTheSphereAndFarAwayDraw) {
   }
 }
 
+TEST(RenderDistances, AreThoseOfTheVertexThatIsSeen) {
+  // Every ray shows its entry vertex: its place is the colour.
+  const FunctionScene scene([](const glm::dvec3& from, const glm::dvec3&) {
+    return RaySample{glm::vec4((glm::vec3(from) + 1.f) / 2.f, 1), 0};
+  });
+  const TemporaryFolder folder;
+  BuildOptions options = lossless_options(4, 8, 0);
+  options.half = true;
+  const auto field = build_and_open(scene, folder / "a.slf", options);
+  ASSERT_TRUE(field);
+  const Camera camera = orbit_camera(field->shape().sphere, 70, 10, 3, 48, 48);
+  const auto rays = *RayGenerator::make(camera);
+  for (const RenderMode mode : {RenderMode::nearest, RenderMode::st}) {
+    const Image image = draw(*field, camera, {mode, 0, true});
+    std::size_t seen = 0;
+    for (std::uint32_t y = 0; y < camera.height; ++y)
+      for (std::uint32_t x = 0; x < camera.width; ++x) {
+        const std::size_t k = y * camera.width + x;
+        if (image.rgba[k].a == 0) continue;
+        ++seen;
+        const PixelRay ray = rays.ray(x, y);
+        const Chord chord = intersect(field->shape().sphere, ray.origin, ray.direction);
+        const glm::dvec3 enter = ray.origin + chord.enter * ray.direction;
+        const glm::dvec3 along = (chord.leave - chord.enter) * ray.direction;
+        const glm::dvec3 vertex = 2.0 * glm::dvec3(image.rgba[k]) - 1.0;
+        const double t =
+            std::clamp(glm::dot(vertex - enter, along) / glm::dot(along, along), 0.0, 1.0);
+        EXPECT_NEAR(image.depth[k], glm::distance(camera.eye, enter + t * along), 5e-3)
+            << name(mode) << " " << x << "," << y;
+      }
+    EXPECT_GT(seen, 1000u);
+  }
+}
+
 TEST(RenderConstant, AConstantFieldIsConstantInEveryModeAndAtEveryLevel) {
   TemporaryFolder folder;
   const FunctionScene scene([](const glm::dvec3&, const glm::dvec3&) {
@@ -427,6 +461,54 @@ TEST(RenderIncomplete, PixelsThatCannotBeDrawnAreTransparent) {
     EXPECT_GT(drawn, 500u) << name(mode);
     EXPECT_GT(left_out, 500u) << name(mode);
   }
+}
+
+TEST(RenderIncomplete, AMissingDepthIsAMissingTile) {
+  TemporaryFolder folder;
+  const auto scene = std::move(*make_analytic_scene("balls"));
+  const std::string path = folder / "a.slf";
+  std::vector<TileKey> keys;
+  {
+    const auto whole = build_and_open(*scene, path, lossless_options(4, 16, 1));
+    ASSERT_TRUE(whole->store().visit(1, {1, 0}, {2, 0}, [&](const storage::TileRef& tile) {
+      if (tile.state == storage::TileState::stored) keys.push_back(tile.key);
+      return Result<void>();
+    }));
+  }
+  {
+    auto writer = storage::TileWriter::resume(path);
+    ASSERT_TRUE(writer) << writer.error().message;
+    for (const TileKey key : keys)
+      ASSERT_TRUE(writer->replace(1, key, storage::TileState::missing, {}));
+    ASSERT_TRUE(writer->close());
+  }
+  const auto field = Field::open(path);
+  ASSERT_TRUE(field) << field.error().message;
+  const Camera camera = orbit_camera((*field)->shape().sphere, 40, 25, 3, 128, 128);
+  ViewStatistics statistics;
+  const Image image = draw(**field, camera, {RenderMode::depth, 1}, {}, &statistics);
+  EXPECT_GT(2 * statistics.fallback_pixels(), statistics.pixels_hit);
+  EXPECT_EQ(image.rgba, draw(**field, camera, {RenderMode::depth, 0}).rgba);
+  // Without depth nothing is missing.
+  (void)draw(**field, camera, {RenderMode::bitri, 1}, {}, &statistics);
+  EXPECT_EQ(statistics.fallback_pixels(), 0u);
+}
+
+TEST(RenderBadFile, AFileThatShrinksWhileItsTilesAreInUseIsAnError) {
+  TemporaryFolder folder;
+  const auto scene = std::move(*make_analytic_scene("balls"));
+  auto options = lossless_options(4, 16, 0);
+  options.color_codec = options.depth_codec = "raw";
+  const auto field = build_and_open(*scene, folder / "a.slf", options);
+  ASSERT_TRUE(field);
+  const Camera camera = orbit_camera(field->shape().sphere, 40, 25, 3, 64, 64);
+  Renderer renderer(*field);
+  ASSERT_TRUE(renderer.render(camera, {RenderMode::depth, 0}));
+  std::filesystem::resize_file(field->path(), 8192);
+  const auto image = renderer.render(camera, {RenderMode::depth, 0});  // from the cache
+  ASSERT_FALSE(image);
+  EXPECT_EQ(image.error().code, ErrorCode::bad_file);
+  EXPECT_NE(image.error().message.find("a.slf"), std::string::npos);
 }
 
 TEST(RenderGeometry, ViewsCrossThePublishedShareOfPairs) {
