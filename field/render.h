@@ -39,7 +39,7 @@ struct RendererOptions {
   /// Bytes of decoded tiles and scratch. Beside it come pictures and the field's tables of each
   /// level: about 32 N² bytes for an entry lattice of N cells.
   std::uint64_t memory = 256ull << 20;
-  unsigned threads = 0;                 ///< 0: all
+  unsigned threads = 0;  ///< 0: all
   /// Resident bytes of the map, from 512 KiB. Tiles of an in-place codec (raw) that are in use may
   /// exceed it.
   std::uint64_t map_budget = kUnlimited;
