@@ -19,6 +19,9 @@ namespace {
 constexpr std::array<std::uint32_t, 4> kPreviewEdges{41, 47, 43, 53};
 constexpr std::size_t kBatch = 64;  // tiles that are asked for together
 constexpr double kCut = 0.5;        // radians a frame; beyond it is another place
+// Frames that leave this part of their time between them, or more, get the cores for themselves.
+// It is small: a frame that took long once would share them next, and so take long again.
+constexpr int kGap = 8;  // one in
 
 Camera preview_of(Camera camera, std::uint64_t turn) {
   const auto [shorter, longer] = std::minmax(camera.width, camera.height);
@@ -260,7 +263,7 @@ Result<std::unique_ptr<Player>> Player::make(const Field& field, const PlayOptio
 Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* report) {
   const auto begin = Clock::now();
   // Frames that leave time between them get the cores for themselves while they are drawn.
-  const bool alone = loader_ && begin - ended_ > (ended_ - began_) / 2;
+  const bool alone = loader_ && begin - ended_ > (ended_ - began_) / kGap;
   if (alone) loader_->pause(true);
   TileCache& cache = renderer_.cache();
   ViewStatistics statistics;
