@@ -138,7 +138,7 @@ Result<void> TapGatherer::load(std::span<const std::uint32_t> numbers) {
 void TapGatherer::hold(std::uint32_t number, TileCache::Pin pin) {
   Tile& tile = tiles_[number];
   tile.pin = std::move(pin);
-  tile.missing = tile.pin.missing();
+  tile.missing = tile.pin.missing(with_depth_);
 }
 
 std::int64_t TapGatherer::offset_of(const std::byte* samples) const {

@@ -82,11 +82,11 @@ void TileCache::Pin::release() {
   if (entry_) cache_->unpin(*std::exchange(entry_, nullptr));
 }
 
-bool TileCache::Pin::missing() const {
+bool TileCache::Pin::missing(bool with_depth) const {
   const auto never_built = [](const Part& part) {
     return part.good() && part.tile.state == storage::TileState::missing;
   };
-  return never_built(entry_->color) || never_built(entry_->depth);
+  return never_built(entry_->color) || (with_depth && never_built(entry_->depth));
 }
 const std::byte* TileCache::Pin::color() const { return entry_->color.samples; }
 const std::byte* TileCache::Pin::depth() const { return entry_->depth.samples; }

@@ -55,8 +55,9 @@ class TileCache {
 
     /// Whether there is a tile at all.
     explicit operator bool() const { return entry_ != nullptr; }
-    /// Whether what was asked for was never built, in any layer. This and the rest REQUIRE a tile.
-    [[nodiscard]] bool missing() const;
+    /// Whether it was never built: its colours or, if they are wanted (and were asked for), its
+    /// depths. This and the rest REQUIRE a tile.
+    [[nodiscard]] bool missing(bool with_depth) const;
     /// The samples of a stored tile, as codec::Tile lays them out; null when empty or missing.
     [[nodiscard]] const std::byte* color() const;
     /// The same of the depth layer. REQUIRES that it was asked for.
