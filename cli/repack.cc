@@ -127,7 +127,7 @@ void add_repack(CLI::App& app, Run& run) {
   command->add_option("-o,--output", a->output, "The field to write, .slf")->required();
   command->add_flag("-f,--force", a->force, "Replace the output, once the new one is whole");
   command->add_option("--color-codec", a->repack.color_codec,
-                      "raw, zstd[:LEVEL] or jpeg:QUALITY; default: as it is");
+                      "raw, zstd[:LEVEL] or jpeg:QUALITY[:444]; default: as it is");
   command->add_option("--depth-codec", a->repack.depth_codec, "The same for depth");
   command->add_option("--layers", a->repack.layers, "Layers to keep, as color or color,depth")
       ->delimiter(',');

@@ -8,6 +8,7 @@
 #include <glm/gtc/quaternion.hpp>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <thread>
 #include <utility>
 
@@ -19,9 +20,9 @@ namespace {
 constexpr std::array<std::uint32_t, 4> kPreviewEdges{41, 47, 43, 53};
 constexpr std::size_t kBatch = 64;  // tiles that are asked for together
 constexpr double kCut = 0.5;        // radians a frame; beyond it is another place
-// Frames that leave this part of their time between them, or more, get the cores for themselves.
-// It is small: a frame that took long once would share them next, and so take long again.
-constexpr int kGap = 8;  // one in
+// Frames that leave a kGap-th of their time between them, or more, get the cores for themselves.
+// So little is enough: a frame that took long once would share them next, and so take long again.
+constexpr int kGap = 8;
 
 Camera preview_of(Camera camera, std::uint64_t turn) {
   const auto [shorter, longer] = std::minmax(camera.width, camera.height);
@@ -187,21 +188,17 @@ class Player::Loader {
   /// Loads what a small picture of a view touches. What it sees leads to more as tiles come, so it
   /// is drawn until it lacks nothing. False: as load(); or what was loaded had to go again.
   [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint64_t drawn) {
-    std::vector<TileKey> loaded;  // in order
+    std::set<TileKey> loaded;
     for (std::uint64_t turn = current_; !outdated(); ++turn) {
       ViewStatistics statistics;
       if (auto ok = previewer_.render(preview_of(camera, turn), view_, preview_, &statistics); !ok)
         return tl::unexpected(ok.error());
       const std::vector<TileKey>& wanted = statistics.wanted;
       if (wanted.empty()) return true;
-      if (std::any_of(wanted.begin(), wanted.end(), [&](TileKey key) {
-            return std::binary_search(loaded.begin(), loaded.end(), key);
-          }))
+      if (std::ranges::any_of(wanted, [&](TileKey key) { return loaded.contains(key); }))
         return false;
       if (auto ok = load(wanted, drawn); !ok || !*ok) return ok;
-      const auto before = static_cast<std::ptrdiff_t>(loaded.size());
-      loaded.insert(loaded.end(), wanted.begin(), wanted.end());
-      std::inplace_merge(loaded.begin(), loaded.begin() + before, loaded.end());
+      loaded.insert(wanted.begin(), wanted.end());
     }
     return false;
   }

@@ -20,11 +20,6 @@ namespace {
 constexpr std::uint32_t kTaken = 16;      // blocks that a thread takes at once
 constexpr std::size_t kRayScratch = 512;  // bytes of scratch per ray of a block, about
 
-void sort_unique(std::vector<TileKey>& keys) {
-  std::sort(keys.begin(), keys.end());
-  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
-}
-
 }  // namespace
 
 struct Renderer::State {

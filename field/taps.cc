@@ -9,9 +9,14 @@ namespace slf {
 namespace {
 
 constexpr std::uint64_t kPinBytes = 512;  // bookkeeping of a pinned tile, about
-constexpr std::size_t kManyTiles = 4096;
+constexpr std::size_t kManyTiles = 4096;  // that a list may repeat
 
 }  // namespace
+
+void sort_unique(std::vector<TileKey>& keys) {
+  std::sort(keys.begin(), keys.end());
+  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+}
 
 TapGatherer::TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
                          bool with_depth, bool wait, KeptTiles earlier)
@@ -58,8 +63,7 @@ void TapGatherer::release(std::span<Tile> tiles) {
 void TapGatherer::forget_tiles() {
   // Tiles that are forgotten again and again are touched as often.
   if (touched_.size() > 2 * touched_once_ + kManyTiles) {
-    std::sort(touched_.begin(), touched_.end());
-    touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
+    sort_unique(touched_);
     touched_once_ = touched_.size();
   }
   release(tiles_);

@@ -19,6 +19,9 @@
 
 namespace slf {
 
+/// Sorts keys and drops repetitions.
+void sort_unique(std::vector<TileKey>& keys);
+
 /// The tiles that were gathered for a picture, still pinned: the next one needs mostly the same.
 /// Must not outlive the cache.
 struct KeptTiles {

@@ -11,6 +11,7 @@
 
 #include "field/build.h"
 #include "field/field.h"
+#include "field/render.h"
 #include "field/scene.h"
 
 namespace slf::testing {
@@ -99,6 +100,14 @@ inline std::map<std::pair<storage::LayerId, TileKey>, std::string> all_tiles(con
     EXPECT_TRUE(ok) << (ok ? "" : ok.error().message);
   }
   return tiles;
+}
+
+inline Image draw(const Field& field, const Camera& camera, const ViewOptions& view,
+                  const RendererOptions& options = {}, ViewStatistics* statistics = nullptr) {
+  Renderer renderer(field, options);
+  auto image = renderer.render(camera, view, statistics);
+  EXPECT_TRUE(image) << (image ? "" : image.error().message);
+  return image ? std::move(*image) : Image{};
 }
 
 }  // namespace slf::testing

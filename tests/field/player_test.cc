@@ -135,7 +135,8 @@ TEST_F(Play, ATightBudgetIsKeptAndStillDraws) {
 TEST_F(Play, LoadingEndsWhereTilesPushEachOtherOut) {
   TemporaryFolder folder;
   const auto field = build_and_open(*scene_, folder / "large.slf", lossless_options(4, 32, 1));
-  ASSERT_TRUE(field);  // of tiles of up to 42 KB
+  ASSERT_TRUE(field);
+  // Tiles have up to 42 KB, scratch 64: room for the one that stays and a part of another.
   for (const std::uint64_t memory : {116u << 10, 122u << 10, 128u << 10, 250u << 10}) {
     auto options = this->options(Loading::ahead, memory);
     options.view.level = 1;
