@@ -34,8 +34,8 @@
 #include "codec/alpha_coder.h"
 #include "codec/codec.h"
 #include "codec/mosaic.h"
-#include "field/field.h"
-#include "field/render.h"
+#include "slf/field.h"
+#include "slf/render.h"
 
 namespace {
 

@@ -14,7 +14,7 @@
 #include <unordered_map>
 
 #include "benchmarks/storage/expect.h"
-#include "field/field.h"
+#include "slf/field.h"
 
 namespace {
 
@@ -22,7 +22,7 @@ using namespace slf;
 using bench::expect;
 
 /// The vertex at a pixel of the unfolded octahedron; x and y from -n to n.
-Vertex unfolded(std::int32_t x, std::int32_t y, std::int32_t n) {
+LatticeVertex unfolded(std::int32_t x, std::int32_t y, std::int32_t n) {
   const std::int32_t ax = std::abs(x), ay = std::abs(y);
   if (ax + ay <= n) return {x, y, n - ax - ay};
   const std::int32_t i = n - ay, j = n - ax;
@@ -30,12 +30,12 @@ Vertex unfolded(std::int32_t x, std::int32_t y, std::int32_t n) {
 }
 
 /// Entry vertices, each once, line by line and back.
-std::vector<Vertex> entry_path(std::int32_t n) {
-  std::vector<Vertex> path;
+std::vector<LatticeVertex> entry_path(std::int32_t n) {
+  std::vector<LatticeVertex> path;
   std::unordered_map<std::uint64_t, bool> seen;
   for (std::int32_t y = -n; y <= n; ++y)
     for (std::int32_t k = -n; k <= n; ++k) {
-      const Vertex v = unfolded(y % 2 ? -k : k, y, n);
+      const LatticeVertex v = unfolded(y % 2 ? -k : k, y, n);
       const auto key = static_cast<std::uint64_t>(v.i + n) << 40 |
                        static_cast<std::uint64_t>(v.j + n) << 20 |
                        static_cast<std::uint64_t>(v.k + n);
@@ -56,16 +56,16 @@ class Reader {
       bench::stop("expected a field with 8-bit colour");
   }
 
-  void read(const Vertex& entry, const Vertex& exit, std::uint8_t* rgb) {
+  void read(const LatticeVertex& entry, const LatticeVertex& exit, std::uint8_t* rgb) {
     const Section section = owner_of(exit, level_);
-    const EntryRow row = geometry_.entry_row(octant_of(entry), to_grid(entry));
+    const EntryRow row = geometry_.entry_row(octant_of(entry), to_octant_point(entry));
     const Bytes& samples = tile(tile_key({geometry_.entry_section(row.section), section}));
     if (samples.empty()) {
       rgb[0] = rgb[1] = rgb[2] = 0;
       return;
     }
     const std::uint32_t side = geometry_.exit_side();
-    const LatticePoint local = to_local(to_grid(exit), section, side);
+    const LocalPoint local = to_local(to_octant_point(exit), section, side);
     const std::size_t at = std::size_t{row.row} * triangle_size(side) +
                            triangle_index(side, static_cast<std::uint32_t>(local.p),
                                           static_cast<std::uint32_t>(local.q));
@@ -109,7 +109,7 @@ int main(int argc, char** argv) {
   const auto entries = entry_path(geometry.entry_resolution());
   std::ofstream file(output, std::ios::binary);
   std::vector<std::uint8_t> picture(3 * edge * edge);
-  for (const Vertex& entry : entries) {
+  for (const LatticeVertex& entry : entries) {
     std::uint8_t* to = picture.data();
     for (std::int32_t y = -n; y <= n; ++y)
       for (std::int32_t x = -n; x <= n; ++x, to += 3) reader.read(entry, unfolded(x, y, n), to);

@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time
 
-SHAPE = ["--entry", "10", "--entry-depth", "1", "--exit", "16", "--levels", "3"]
+SHAPE = ["--entry", "10", "--entry-extra-levels", "1", "--exit", "16", "--levels", "3"]
 CODECS = ["--color-codec", "raw", "--depth-codec", "raw"]
 LEAST_BYTES = 8_000_000_000
 MIB = 1 << 20

@@ -18,7 +18,7 @@
 #include <random>
 #include <vector>
 
-#include "field/raycaster.h"
+#include "slf/raycaster.h"
 
 namespace {
 

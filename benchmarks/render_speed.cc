@@ -22,9 +22,9 @@
 #include <string>
 #include <vector>
 
-#include "field/camera.h"
-#include "field/level_geometry.h"
-#include "field/render.h"
+#include "field/geometry/level_geometry.h"
+#include "slf/camera.h"
+#include "slf/render.h"
 
 namespace {
 

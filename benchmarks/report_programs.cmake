@@ -4,10 +4,10 @@ find_package(fmt REQUIRED)
 
 # The command line's own arguments: a volume is named everywhere as it is to slf.
 add_library(bench_arguments STATIC ../cli/arguments.cc ../cli/output.cc)
-target_link_libraries(bench_arguments PUBLIC slf::field CLI11::CLI11 PRIVATE fmt::fmt slf_options)
+target_link_libraries(bench_arguments PUBLIC slf::slf CLI11::CLI11 PRIVATE fmt::fmt slf_options)
 
 add_executable(entry_pictures entry_pictures.cc)
-target_link_libraries(entry_pictures PRIVATE slf::field CLI11::CLI11 slf_options)
+target_link_libraries(entry_pictures PRIVATE slf::slf CLI11::CLI11 slf_options)
 find_package(OpenEXR REQUIRED)
 add_executable(exr_peer exr_peer.cc)
 target_link_libraries(exr_peer PRIVATE
@@ -25,7 +25,7 @@ endif()
 
 # The traditional light field, between planes.
 add_library(bench_plane STATIC plane/plane_field.cc plane/plane_kernel.cc)
-target_link_libraries(bench_plane PUBLIC slf::field PRIVATE PkgConfig::HWY Threads::Threads slf_options)
+target_link_libraries(bench_plane PUBLIC slf::slf PRIVATE PkgConfig::HWY Threads::Threads slf_options)
 add_executable(systems systems.cc)
 target_link_libraries(systems PRIVATE bench_arguments bench_plane Threads::Threads slf_options)
 

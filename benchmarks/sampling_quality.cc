@@ -21,12 +21,12 @@
 #include <numbers>
 #include <unordered_map>
 
+#include "base/parallel.h"
 #include "benchmarks/plane/slabs.h"
 #include "benchmarks/storage/expect.h"
 #include "cli/command.h"
-#include "field/lattice.h"
-#include "field/parallel.h"
-#include "field/view.h"
+#include "field/geometry/lattice.h"
+#include "field/scene/view.h"
 
 namespace {
 
@@ -94,7 +94,7 @@ struct Ray {
 
 /// A way to spread the octsphere's triangle over the sphere: from barycentric coordinates, with the
 /// signs of the octant, to a direction, and back.
-struct Spread {
+struct MeanAndMax {
   std::function<glm::dvec3(const glm::dvec3&)> to_direction, to_barycentric;
 };
 
@@ -102,12 +102,12 @@ glm::dvec3 with_signs(const glm::dvec3& v, const glm::dvec3& signs) {
   return {std::copysign(v.x, signs.x), std::copysign(v.y, signs.y), std::copysign(v.z, signs.z)};
 }
 
-Spread gnomonic() {
+MeanAndMax gnomonic() {
   return {[](const glm::dvec3& b) { return glm::normalize(b); },
           [](const glm::dvec3& d) { return d; }};  // locate() divides by the sum
 }
 
-Spread equal_angle() {
+MeanAndMax equal_angle() {
   constexpr double quarter = std::numbers::pi / 2;
   return {[](const glm::dvec3& b) { return glm::normalize(glm::sin(b * quarter)); },
           [](const glm::dvec3& d) {
@@ -123,7 +123,7 @@ Spread equal_angle() {
           }};
 }
 
-Spread equal_area() {
+MeanAndMax equal_area() {
   constexpr double quarter = std::numbers::pi / 2;
   return {[](const glm::dvec3& b) {
             const glm::dvec3 a = glm::abs(b);
@@ -142,7 +142,8 @@ Spread equal_area() {
 /// One side of the sphere: where points lie among its vertices.
 class Side {
  public:
-  Side(const Spread& spread, std::int32_t resolution) : spread_(spread), resolution_(resolution) {}
+  Side(const MeanAndMax& spread, std::int32_t resolution)
+      : spread_(spread), resolution_(resolution) {}
 
   struct Corners {
     std::array<std::uint64_t, 3> key;
@@ -153,7 +154,7 @@ class Side {
     const Cell cell = slf::locate(spread_.to_barycentric(p), resolution_);
     Corners out{{}, {}, cell.weights};
     for (std::size_t c = 0; c < 3; ++c) {
-      const Vertex v = to_vertex(cell.octant, cell.corners()[c], resolution_);
+      const LatticeVertex v = to_vertex(cell.octant, cell.corners()[c], resolution_);
       const auto side = static_cast<std::uint64_t>(2 * resolution_ + 1);
       out.key[c] = (static_cast<std::uint64_t>(v.i + resolution_) * side +
                     static_cast<std::uint64_t>(v.j + resolution_)) *
@@ -166,7 +167,7 @@ class Side {
   [[nodiscard]] double vertices() const { return static_cast<double>(vertex_count(resolution_)); }
 
  private:
-  Spread spread_;
+  MeanAndMax spread_;
   std::int32_t resolution_;
 };
 
@@ -315,9 +316,9 @@ System make_system(const std::string& spec) {
   const std::string kind = spec.substr(0, spec.find(':'));
   if (kind != "gnomonic" && kind != "equal-angle" && kind != "equal-area")
     bench::stop(spec + ": expected gnomonic, equal-angle, equal-area or planes");
-  const Spread spread = kind == "gnomonic"      ? gnomonic()
-                        : kind == "equal-angle" ? equal_angle()
-                                                : equal_area();
+  const MeanAndMax spread = kind == "gnomonic"      ? gnomonic()
+                            : kind == "equal-angle" ? equal_angle()
+                                                    : equal_area();
   const auto n = numbers_after(spec, 2);
   const Side entry(spread, static_cast<std::int32_t>(n[0]));
   const Side exit(spread, static_cast<std::int32_t>(n[1]));

@@ -5,7 +5,7 @@ if(CLI11_FOUND)
   list(FILTER storage_peers_sources EXCLUDE REGEX "/peer_(sqlite|rocksdb|hdf5|tiff)\\.cc$")
   add_executable(storage_peers ${storage_peers_sources})
   target_link_libraries(storage_peers PRIVATE
-    slf::field CLI11::CLI11 Threads::Threads slf_options)
+    slf::slf slf::storage_writer CLI11::CLI11 Threads::Threads slf_options)
 
   foreach(peer sqlite:sqlite3 rocksdb:rocksdb hdf5:hdf5 tiff:libtiff-4)
     string(REGEX REPLACE ":.*" "" name ${peer})

@@ -16,12 +16,12 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "base/parallel.h"
 #include "benchmarks/plane/plane_field.h"
 #include "benchmarks/storage/expect.h"
 #include "benchmarks/timing.h"
 #include "cli/command.h"
-#include "field/parallel.h"
-#include "field/view.h"
+#include "field/scene/view.h"
 
 namespace {
 

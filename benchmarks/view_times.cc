@@ -14,7 +14,7 @@
 #include "benchmarks/storage/page_cache.h"
 #include "benchmarks/timing.h"
 #include "cli/command.h"
-#include "field/measure.h"
+#include "slf/measure.h"
 
 int main(int argc, char** argv) {
   using namespace slf;

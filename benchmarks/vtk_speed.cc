@@ -32,11 +32,11 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "base/parallel.h"
 #include "benchmarks/storage/expect.h"
 #include "benchmarks/timing.h"
 #include "cli/command.h"
-#include "field/parallel.h"
-#include "field/view.h"
+#include "field/scene/view.h"
 
 namespace {
 

@@ -3,8 +3,8 @@
 #include <filesystem>
 
 #include "cli/command.h"
-#include "field/analytic.h"
-#include "field/transfer.h"
+#include "slf/analytic.h"
+#include "slf/transfer.h"
 
 namespace slf::cli {
 namespace {

@@ -1,4 +1,4 @@
-#include "field/build.h"
+#include "slf/build.h"
 
 #include <fmt/format.h>
 
@@ -81,9 +81,8 @@ void add_build(CLI::App& app, Run& run) {
       ->group(group)
       ->capture_default_str();
   command
-      ->add_option("--entry-depth", shape.entry_depth,
-                   "How many levels further the entry side is split into tiles than the exit\n"
-                   "side (nothing to do with the depth layer)")
+      ->add_option("--entry-extra-levels", shape.entry_extra_levels,
+                   "How many levels further than the exit side the entry side is split into tiles")
       ->group(group)
       ->capture_default_str();
   command

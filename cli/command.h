@@ -13,13 +13,13 @@
 #include <string>
 #include <vector>
 
-#include "base/error.h"
-#include "field/build.h"
-#include "field/camera.h"
-#include "field/field.h"
-#include "field/raycaster.h"
-#include "field/render.h"
-#include "field/scene.h"
+#include "slf/build.h"
+#include "slf/camera.h"
+#include "slf/error.h"
+#include "slf/field.h"
+#include "slf/raycaster.h"
+#include "slf/render.h"
+#include "slf/scene.h"
 
 namespace slf::cli {
 

@@ -55,7 +55,7 @@ struct Frame {
 std::string outline(Section section, const Frame& frame, double x, double y) {
   std::string points;
   const auto add = [&](int p, int q) {
-    const LatticePoint local{static_cast<std::uint16_t>(p), static_cast<std::uint16_t>(q)};
+    const LocalPoint local{static_cast<std::uint16_t>(p), static_cast<std::uint16_t>(q)};
     const glm::dvec3 d = direction(vertex_at(section, local, kArcSteps));
     points += fmt::format("{:.1f},{:.1f} ", x + kRadius * glm::dot(d, frame.right),
                           y - kRadius * glm::dot(d, frame.up));
@@ -101,7 +101,7 @@ std::string draw_sections(const FieldShape& shape, const Camera& camera, unsigne
   std::map<Section, std::size_t> entries, exits;
   for (const TileKey& key : tiles) {
     if (key.level != level) continue;
-    const TileSections sections = sections_of(key, shape.entry_depth);
+    const TileSections sections = sections_of(key, shape.entry_extra_levels);
     ++entries[drawn(sections.entry)];
     ++exits[drawn(sections.exit)];
   }
@@ -112,10 +112,10 @@ std::string draw_sections(const FieldShape& shape, const Camera& camera, unsigne
     return fmt::format("{}: {} of {} sections", what, counts.size(),
                        section_count(std::min(section_level, kFinestDrawn)));
   };
-  const unsigned entry_level = level + shape.entry_depth;
+  const unsigned entry_level = level + shape.entry_extra_levels;
   std::string body = text_at((left + right) / 2, 24,
                              fmt::format("Level {}: {} tiles touched, of {}", level, tiles.size(),
-                                         tile_count(level, shape.entry_depth)));
+                                         tile_count(level, shape.entry_extra_levels)));
   body += text_at(left, 48, caption("Entry, the near side", entries, entry_level));
   body += text_at(right, 48, caption("Exit, the far side seen through", exits, level));
   body += draw_side(entries, std::min(entry_level, kFinestDrawn), frame, true, left, y);

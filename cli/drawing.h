@@ -6,9 +6,9 @@
 #include <utility>
 #include <vector>
 
-#include "field/camera.h"
+#include "field/geometry/section.h"
 #include "field/manifest.h"
-#include "field/section.h"
+#include "slf/camera.h"
 
 namespace slf::cli {
 

@@ -1,4 +1,4 @@
-#include "field/measure.h"
+#include "slf/measure.h"
 
 #include <fmt/format.h>
 
@@ -35,19 +35,19 @@ struct ViewsArguments {
 constexpr const char* kDistanceHelp = "Eye's distance from the centre, in sphere radii";
 constexpr const char* kSizeHelp = "Picture size in pixels, WIDTHxHEIGHT";
 
-nlohmann::json spread_json(const Spread& s) { return {{"mean", s.mean}, {"max", s.max}}; }
+nlohmann::json mean_and_max_json(const MeanAndMax& s) { return {{"mean", s.mean}, {"max", s.max}}; }
 
 nlohmann::json level_json(const LevelMeasure& m) {
   return {{"tiles", m.tiles},
-          {"tiles_touched", spread_json(m.tiles_touched)},
-          {"pairs_crossed", spread_json(m.pairs_crossed)},
-          {"compressed_bytes", spread_json(m.compressed_bytes)},
-          {"map_pages", spread_json(m.map_pages)},
-          {"cached_pages", spread_json(m.cached_pages)},
-          {"mapped_pages", spread_json(m.mapped_pages)},
-          {"decoded_peak_bytes", spread_json(m.decoded_peak_bytes)},
-          {"fraction", spread_json(m.fraction)},
-          {"pair_fraction", spread_json(m.pair_fraction)}};
+          {"tiles_touched", mean_and_max_json(m.tiles_touched)},
+          {"pairs_crossed", mean_and_max_json(m.pairs_crossed)},
+          {"compressed_bytes", mean_and_max_json(m.compressed_bytes)},
+          {"map_pages", mean_and_max_json(m.map_pages)},
+          {"cached_pages", mean_and_max_json(m.cached_pages)},
+          {"mapped_pages", mean_and_max_json(m.mapped_pages)},
+          {"decoded_peak_bytes", mean_and_max_json(m.decoded_peak_bytes)},
+          {"fraction", mean_and_max_json(m.fraction)},
+          {"pair_fraction", mean_and_max_json(m.pair_fraction)}};
 }
 
 struct MeasureArguments {
@@ -109,10 +109,10 @@ void print_measurement(const Setting& s, const Measurement& m, std::uint32_t vie
                                               "compressed", "pages", "kernel", "mapped",
                                               "decoded peak"}};
   const auto add = [&](const std::string& title, const LevelMeasure& l) {
-    const auto bytes = [](const Spread& spread) {
+    const auto bytes = [](const MeanAndMax& spread) {
       return fmt::format("{} ({})", human_bytes(spread.mean), human_bytes(spread.max));
     };
-    const auto pages = [&](const Spread& spread) {
+    const auto pages = [&](const MeanAndMax& spread) {
       return m.kernel_counted ? fmt::format("{:.0f}", spread.mean) : "-";
     };
     rows.push_back(

@@ -9,11 +9,11 @@
 #include <thread>
 
 #include "cli/command.h"
-#include "field/animation.h"
-#include "field/camera_path.h"
-#include "field/image.h"
-#include "field/measure.h"
-#include "field/player.h"
+#include "slf/animation.h"
+#include "slf/camera_path.h"
+#include "slf/image.h"
+#include "slf/measure.h"
+#include "slf/player.h"
 
 namespace slf::cli {
 namespace {

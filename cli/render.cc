@@ -1,4 +1,4 @@
-#include "field/render.h"
+#include "slf/render.h"
 
 #include <fmt/format.h>
 
@@ -6,9 +6,9 @@
 #include <filesystem>
 
 #include "cli/command.h"
-#include "field/image.h"
-#include "field/measure.h"
-#include "field/view.h"
+#include "field/scene/view.h"
+#include "slf/image.h"
+#include "slf/measure.h"
 
 namespace slf::cli {
 namespace {

@@ -1,9 +1,9 @@
-#include "field/repack.h"
+#include "slf/repack.h"
 
 #include <fmt/format.h>
 
 #include "cli/command.h"
-#include "field/verify.h"
+#include "slf/verify.h"
 
 namespace slf::cli {
 namespace {

@@ -1,5 +1,7 @@
-# slf_library(NAME): the one target of a folder, slf::NAME, made of every .cc in it.
-# Headers are included as "NAME/header.h", in the tree and once installed.
+# slf_library(NAME [SOURCES...]): the library slf::NAME, made of the sources given or, without any,
+# of every .cc in its folder.
+#
+# Public headers are those in include/slf; every other header is internal and is not installed.
 
 add_library(slf_options INTERFACE)
 target_compile_options(slf_options INTERFACE
@@ -21,16 +23,23 @@ if(SLF_SANITIZE)
 endif()
 
 function(slf_library name)
-  file(GLOB sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/*.cc)
-  file(GLOB headers CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/*.h)
-  add_library(slf_${name} STATIC ${sources})
+  set(sources ${ARGN})
+  if(NOT sources)
+    file(GLOB sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/*.cc)
+  endif()
+  add_library(slf_${name} ${sources})
   add_library(slf::${name} ALIAS slf_${name})
-  set_target_properties(slf_${name} PROPERTIES EXPORT_NAME ${name} POSITION_INDEPENDENT_CODE ON LINKER_LANGUAGE CXX)
+  set_target_properties(slf_${name} PROPERTIES
+    EXPORT_NAME ${name}
+    POSITION_INDEPENDENT_CODE ON
+    LINKER_LANGUAGE CXX
+    VERSION ${PROJECT_VERSION}
+    SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
   target_include_directories(slf_${name} PUBLIC
+    $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
     $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}>
-    $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}/slf>)
+    $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
   target_compile_features(slf_${name} PUBLIC cxx_std_20)
   target_link_libraries(slf_${name} PRIVATE $<BUILD_INTERFACE:slf_options>)
   install(TARGETS slf_${name} EXPORT slf-targets)
-  install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/slf/${name})
 endfunction()

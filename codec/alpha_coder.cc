@@ -199,7 +199,7 @@ Result<void> read_alpha(ByteSpan& payload, std::uint32_t side, std::uint8_t top,
   }
   thread_local Scratch<std::uint8_t> scratch;
   const std::span<std::uint8_t> bytes = scratch.take(total);
-  if (auto done = read_plane(payload, std::as_writable_bytes(bytes)); !done) return done;
+  if (auto done = read_stream(payload, std::as_writable_bytes(bytes)); !done) return done;
   Decoder decoder(bytes, sizes, top);
   for_each_line(alpha, side, [&](auto* line, auto* above, std::size_t length, auto before) {
     decoder.decode_line(line, above, length, before);

@@ -9,7 +9,7 @@
 #include <span>
 
 #include "base/bytes.h"
-#include "base/error.h"
+#include "slf/error.h"
 
 namespace slf::codec {
 

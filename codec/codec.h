@@ -19,7 +19,7 @@
 #include <string_view>
 
 #include "base/bytes.h"
-#include "base/error.h"
+#include "slf/error.h"
 
 namespace slf::codec {
 
@@ -36,10 +36,10 @@ enum class SampleFormat : std::uint8_t {
 
 /// Where a picture of the stack was taken: integer coordinates on a triangular lattice. Pictures
 /// at adjacent coordinates, (±1, 0), (0, ±1) and (±1, ∓1), look alike.
-struct LatticePoint {
+struct LocalPoint {
   std::uint16_t p = 0;
   std::uint16_t q = 0;
-  friend bool operator==(const LatticePoint&, const LatticePoint&) = default;
+  friend bool operator==(const LocalPoint&, const LocalPoint&) = default;
 };
 
 /// The shape of a tile: positions.size() pictures ("rows"), each a triangle of
@@ -51,7 +51,7 @@ struct LatticePoint {
 struct Tile {
   SampleFormat format = SampleFormat::rgba8;
   std::uint32_t side = 0;
-  std::span<const LatticePoint> positions;
+  std::span<const LocalPoint> positions;
 
   [[nodiscard]] std::size_t rows() const { return positions.size(); }
   [[nodiscard]] std::size_t columns() const {

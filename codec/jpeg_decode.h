@@ -6,8 +6,8 @@
 #include <span>
 
 #include "base/bytes.h"
-#include "base/error.h"
 #include "codec/jpeg_tables.h"
+#include "slf/error.h"
 
 namespace slf::codec {
 

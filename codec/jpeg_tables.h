@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "base/bytes.h"
-#include "base/error.h"
+#include "slf/error.h"
 
 namespace slf::codec {
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "codec/planes.h"
+#include "codec/byte_streams.h"
 
 namespace slf::codec {
 namespace {

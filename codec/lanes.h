@@ -12,7 +12,7 @@
 #include <cstdint>
 #include <span>
 
-#include "base/error.h"
+#include "slf/error.h"
 
 namespace slf::codec {
 

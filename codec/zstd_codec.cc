@@ -4,10 +4,10 @@
 #include <cassert>
 
 #include "codec/alpha_coder.h"
+#include "codec/byte_streams.h"
 #include "codec/lane_samples.h"
 #include "codec/lanes.h"
 #include "codec/linear_fit.h"
-#include "codec/planes.h"
 #include "codec/scratch.h"
 
 namespace slf::codec {

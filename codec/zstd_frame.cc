@@ -54,15 +54,15 @@ Result<void> append_frame(std::span<const ByteSpan> parts, Parameters parameters
 
 }  // namespace
 
-Result<void> append_plane(ByteSpan plane, int level, Bytes& to) {
-  if (plane.empty()) return {};
+Result<void> append_stream(ByteSpan stream, int level, Bytes& to) {
+  if (stream.empty()) return {};
   const std::size_t begin = to.size();
-  if (auto done = append_frame({&plane, 1}, entropy_only, to); !done) return done;
+  if (auto done = append_frame({&stream, 1}, entropy_only, to); !done) return done;
   // Above 3 bits a byte there is nothing to match.
   const std::size_t entropy_size = to.size() - begin;
-  if (entropy_size > plane.size() * 3 / 8) return {};
+  if (entropy_size > stream.size() * 3 / 8) return {};
   Bytes matched;
-  if (auto done = append_frame({&plane, 1}, {{ZSTD_c_compressionLevel, level}}, matched); !done)
+  if (auto done = append_frame({&stream, 1}, {{ZSTD_c_compressionLevel, level}}, matched); !done)
     return done;
   if (matched.size() >= entropy_size) return {};
   to.resize(begin);
@@ -76,17 +76,17 @@ Result<void> append_parts(std::span<const ByteSpan> parts, Bytes& to) {
   return {};
 }
 
-Result<void> read_plane(ByteSpan& bytes, std::span<std::byte> plane) {
-  if (plane.empty()) return {};
+Result<void> read_stream(ByteSpan& bytes, std::span<std::byte> stream) {
+  if (stream.empty()) return {};
   thread_local const std::unique_ptr<ZSTD_DCtx, FreeContext> context(ZSTD_createDCtx());
   if (!context) return fail(ErrorCode::failed, "zstd: out of memory");
   const std::size_t frame = ZSTD_findFrameCompressedSize(bytes.data(), bytes.size());
   if (ZSTD_isError(frame)) return fail(ErrorCode::bad_file, "zstd: ", ZSTD_getErrorName(frame));
   const std::size_t size =
-      ZSTD_decompressDCtx(context.get(), plane.data(), plane.size(), bytes.data(), frame);
+      ZSTD_decompressDCtx(context.get(), stream.data(), stream.size(), bytes.data(), frame);
   if (ZSTD_isError(size)) return fail(ErrorCode::bad_file, "zstd: ", ZSTD_getErrorName(size));
-  if (size != plane.size())
-    return fail(ErrorCode::bad_file, "zstd: expected ", plane.size(), " bytes, found ", size);
+  if (size != stream.size())
+    return fail(ErrorCode::bad_file, "zstd: expected ", stream.size(), " bytes, found ", size);
   bytes = bytes.subspan(frame);
   return {};
 }

@@ -4,20 +4,20 @@
 #include <span>
 
 #include "base/bytes.h"
-#include "base/error.h"
+#include "slf/error.h"
 
 namespace slf::codec {
 
-/// Appends `plane`, compressed at `level` or by entropy coding alone, whichever is smaller. An
-/// empty plane appends nothing.
-[[nodiscard]] Result<void> append_plane(ByteSpan plane, int level, Bytes& to);
+/// Appends `stream`, compressed at `level` or by entropy coding alone, whichever is smaller. An
+/// empty stream appends nothing.
+[[nodiscard]] Result<void> append_stream(ByteSpan stream, int level, Bytes& to);
 
 /// Appends all parts, one after the other, as one frame with an entropy code for each. Nothing if
 /// all are empty.
 [[nodiscard]] Result<void> append_parts(std::span<const ByteSpan> parts, Bytes& to);
 
-/// Decompresses the frame at the start of `bytes` into exactly plane.size() bytes and moves
+/// Decompresses the frame at the start of `bytes` into exactly stream.size() bytes and moves
 /// `bytes` behind it; untrusted. bad_file: damaged, or of another size.
-[[nodiscard]] Result<void> read_plane(ByteSpan& bytes, std::span<std::byte> plane);
+[[nodiscard]] Result<void> read_stream(ByteSpan& bytes, std::span<std::byte> stream);
 
 }  // namespace slf::codec

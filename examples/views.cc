@@ -1,10 +1,10 @@
 // Opens a field, draws a view of it level by level, then flies around it:
 //   views FIELD.slf PICTURE.png
-#include <field/camera_path.h>
-#include <field/field.h>
-#include <field/image.h>
-#include <field/player.h>
-#include <field/render.h>
+#include "slf/camera_path.h"
+#include "slf/field.h"
+#include "slf/image.h"
+#include "slf/player.h"
+#include "slf/render.h"
 
 #include <cstdio>
 

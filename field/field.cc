@@ -1,4 +1,4 @@
-#include "field/field.h"
+#include "slf/field.h"
 
 namespace slf {
 
@@ -44,7 +44,7 @@ const LevelGeometry& Field::geometry(unsigned level) const {
 }
 
 codec::Tile Field::tile_shape(storage::LayerId layer, TileKey key) const {
-  const TileSections sections = sections_of(key, manifest_.shape.entry_depth);
+  const TileSections sections = sections_of(key, manifest_.shape.entry_extra_levels);
   return geometry(key.level).tile(sections.entry.index, manifest_.layers[layer].format);
 }
 

@@ -7,9 +7,6 @@
 namespace slf {
 namespace {
 
-constexpr std::uint64_t kMostTileSamples = 1ull << 24;  // 64 MiB of RGBA
-constexpr std::uint32_t kMostSide = 1024;
-constexpr std::uint32_t kMostResolution = 4096;
 constexpr int kDeepest = 64;
 
 constexpr codec::SampleFormat kFormats[] = {codec::SampleFormat::rgba8, codec::SampleFormat::depth8,
@@ -70,38 +67,6 @@ const char* name(codec::SampleFormat format) {
   return "unknown";
 }
 
-bool FieldShape::has(TileKey key) const {
-  if (key.level > levels || key.index >= tile_count(key.level, entry_depth)) return false;
-  const auto subfield = static_cast<std::uint8_t>(key.index >> (4 * key.level + 2 * entry_depth));
-  return subfields.empty() || std::binary_search(subfields.begin(), subfields.end(), subfield);
-}
-
-Result<void> FieldShape::check() const {
-  if (entry_side < 1 || entry_side > kMostSide || exit_side < 1 || exit_side > kMostSide)
-    return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side, ": expected 1 to ",
-                kMostSide, " cells along an octsphere's edge");
-  if (levels + entry_depth > kMaxSectionLevel || levels > 10)
-    return fail(ErrorCode::usage, "levels ", levels, ": expected at most 10");
-  if (entry_resolution(levels) > kMostResolution || exit_resolution(levels) > kMostResolution)
-    return fail(ErrorCode::usage, "lattice ", entry_resolution(levels), "/",
-                exit_resolution(levels), ": expected at most ", kMostResolution);
-  if (entry_section_side() << entry_depth != entry_side)
-    return fail(ErrorCode::usage, "entry ", entry_side, " cannot be split ", entry_depth,
-                " levels deeper: expected a multiple of ", 1u << entry_depth);
-  if (largest_tile() > kMostTileSamples)
-    return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side,
-                ": a tile would have ", largest_tile(), " samples, at most ", kMostTileSamples,
-                " are allowed; halve both sides and add a level");
-  for (std::size_t k = 0; k < subfields.size(); ++k)
-    if (subfields[k] > 63 || (k > 0 && subfields[k] <= subfields[k - 1]))
-      return fail(ErrorCode::usage,
-                  "subfields: expected different numbers from 0 to 63, ascending");
-  const glm::dvec3& c = sphere.center;
-  if (!std::isfinite(c.x + c.y + c.z) || !(sphere.radius > 0) || !std::isfinite(sphere.radius))
-    return fail(ErrorCode::usage, "sphere: expected a finite centre and a positive radius");
-  return {};
-}
-
 nlohmann::json Manifest::to_json() const {
   nlohmann::json layer_list = nlohmann::json::array();
   for (const Layer& layer : layers)
@@ -114,7 +79,7 @@ nlohmann::json Manifest::to_json() const {
                          {"entry_side", shape.entry_side},
                          {"exit_side", shape.exit_side},
                          {"levels", shape.levels},
-                         {"entry_depth", shape.entry_depth},
+                         {"entry_depth", shape.entry_extra_levels},
                          {"layers", layer_list},
                          {"provenance", provenance}};
   if (!shape.subfields.empty()) json["subfields"] = shape.subfields;
@@ -147,10 +112,10 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   for (int axis = 0; axis < 3; ++axis)
     shape.sphere.center[axis] = in.number("/sphere/center/" + std::to_string(axis));
   shape.sphere.radius = in.number("/sphere/radius");
-  shape.entry_side = in.integer("/entry_side", kMostSide);
-  shape.exit_side = in.integer("/exit_side", kMostSide);
+  shape.entry_side = in.integer("/entry_side", FieldShape::kMostSide);
+  shape.exit_side = in.integer("/exit_side", FieldShape::kMostSide);
   shape.levels = in.integer("/levels", 10);
-  shape.entry_depth = in.integer("/entry_depth", 8);
+  shape.entry_extra_levels = in.integer("/entry_depth", 8);
 
   if (json.contains("subfields") &&
       (!json["subfields"].is_array() || json["subfields"].size() > 64))

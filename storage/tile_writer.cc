@@ -11,10 +11,11 @@
 
 #include "storage/internal/environment.h"
 #include "storage/internal/locked_file.h"
-#include "storage/internal/record_cutter.h"
+#include "storage/internal/record_builder.h"
 #include "storage/internal/snapshot.h"
 #include "storage/internal/structure.h"
 #include "storage/tile_store.h"
+#include "storage/tile_writer.h"
 
 namespace slf::storage {
 
@@ -23,7 +24,7 @@ using internal::Environment;
 using internal::LayerInfo;
 using internal::LockedFile;
 using internal::Put;
-using internal::RecordCutter;
+using internal::RecordBuilder;
 using internal::RecordKey;
 using internal::Snapshot;
 
@@ -123,7 +124,7 @@ struct TileWriter::State {
   LockedFile file;  // before the environment: its lock must outlive LMDB's lock file
   std::optional<Environment> environment;
   std::vector<LayerInfo> layers;  // as committed
-  std::vector<RecordCutter> cutters;
+  std::vector<RecordBuilder> builders;
   std::vector<CutRecord> records;  // cut, not committed
   SealedBlobs blobs;               // set, not committed
   std::map<Place, Edit> edits;     // not committed
@@ -135,7 +136,7 @@ struct TileWriter::State {
     auto opened = Environment::open(path, file.descriptor());
     if (!opened) return tl::unexpected(std::move(opened.error()));
     environment = std::move(*opened);
-    for (LayerId i = 0; i < layers.size(); ++i) cutters.emplace_back(i, layers[i].last);
+    for (LayerId i = 0; i < layers.size(); ++i) builders.emplace_back(i, layers[i].last);
     return {};
   }
 
@@ -277,14 +278,14 @@ std::uint64_t TileWriter::pending_bytes() const {
 
 Result<void> TileWriter::append(LayerId layer, TileKey key, ByteSpan payload) {
   if (auto known = state_->check_layer(layer); !known) return known;
-  RecordCutter& cutter = state_->cutters[layer];
-  if (cutter.last() && key <= *cutter.last())
+  RecordBuilder& builder = state_->builders[layer];
+  if (builder.last() && key <= *builder.last())
     return fail(ErrorCode::usage, state_->place(layer, key), ": tiles are appended in key order; ",
-                "the last one was ", int{cutter.last()->level}, "/", cutter.last()->index);
+                "the last one was ", int{builder.last()->level}, "/", builder.last()->index);
   if (key.level == internal::kNoLevel || payload.size() > internal::kMaxPayload)
     return fail(ErrorCode::usage, state_->place(layer, key), ": levels go up to 254, payloads up ",
                 "to ", internal::kMaxPayload, " bytes; this one has ", payload.size());
-  cutter.append(key, payload, state_->records);
+  builder.append(key, payload, state_->records);
   return {};
 }
 
@@ -297,7 +298,7 @@ Result<void> TileWriter::set_blob(std::string_view name, ByteSpan value) {
 Result<void> TileWriter::commit() { return state_->commit(); }
 
 Result<void> TileWriter::close() {
-  for (RecordCutter& cutter : state_->cutters) cutter.finish(state_->records);
+  for (RecordBuilder& builder : state_->builders) builder.finish(state_->records);
   if (auto committed = state_->commit(); !committed) return committed;
   state_->environment.reset();
   state_->file = {};

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/parallel.h"
 #include "benchmarks/storage/expect.h"
-#include "field/parallel.h"
-#include "field/ray_block.h"
+#include "field/render/ray_block.h"
 
 namespace slf::bench {
 namespace {
@@ -31,7 +31,7 @@ void for_blocks(const Camera& camera, unsigned threads, const F& f) {
 
 }  // namespace
 
-PlaneFan PlaneField::fan(const Camera& camera) const {
+PlaneBasis PlaneField::basis(const Camera& camera) const {
   const auto rays = expect(RayGenerator::make(camera));
   const double scale = 1 / sphere_.radius;
   return {glm::vec3((rays.eye() - sphere_.center) * scale), glm::vec3(rays.corner() * scale),
@@ -39,12 +39,12 @@ PlaneFan PlaneField::fan(const Camera& camera) const {
 }
 
 void PlaneField::prepare(const Camera& camera) {
-  const PlaneFan rays_fan = fan(camera);
+  const PlaneBasis rays_basis = basis(camera);
   PlaneRays rays;
   rays.resize(kBlockRays);
   std::vector<std::size_t> wanted;
   for_blocks(camera, 1, [&](auto x0, auto x1, auto y0, auto y1) {
-    find_taps(shape_, rays_fan, x0, x1, y0, y1, rays);
+    find_taps(shape_, rays_basis, x0, x1, y0, y1, rays);
     for (const auto& tiles : rays.tile)
       for (std::size_t k = 0; k < rays.count; ++k)
         if (std::uint32_t& at = tiles_[tiles[k]]; at == kUnknown) {
@@ -98,13 +98,13 @@ void PlaneField::trace(std::size_t tile, std::uint32_t* samples) const {
 void PlaneField::render(const Camera& camera, unsigned threads, Image& image) const {
   image.width = camera.width, image.height = camera.height;
   image.rgba.resize(std::size_t{camera.width} * camera.height);
-  const PlaneFan rays_fan = fan(camera);
+  const PlaneBasis rays_basis = basis(camera);
   for_blocks(camera, threads, [&](auto x0, auto x1, auto y0, auto y1) {
     thread_local PlaneRays rays;
     thread_local std::vector<glm::vec4> colors;
     rays.resize(kBlockRays);
     colors.resize(kBlockRays + kPadding);
-    find_taps(shape_, rays_fan, x0, x1, y0, y1, rays);
+    find_taps(shape_, rays_basis, x0, x1, y0, y1, rays);
     if (rays.count < std::size_t{x1 - x0} * (y1 - y0))
       for (std::uint32_t y = y0; y < y1; ++y) {
         glm::vec4* row = image.rgba.data() + std::size_t{y} * camera.width;

@@ -14,9 +14,9 @@
 
 #include "benchmarks/plane/plane_kernel.h"
 #include "benchmarks/plane/slabs.h"
-#include "field/camera.h"
-#include "field/image.h"
-#include "field/scene.h"
+#include "slf/camera.h"
+#include "slf/image.h"
+#include "slf/scene.h"
 
 namespace slf::bench {
 
@@ -45,7 +45,7 @@ class PlaneField {
  private:
   static constexpr std::uint32_t kUnknown = ~0u;
 
-  [[nodiscard]] PlaneFan fan(const Camera& camera) const;
+  [[nodiscard]] PlaneBasis basis(const Camera& camera) const;
   void trace(std::size_t tile, std::uint32_t* samples) const;
 
   const Scene& scene_;

@@ -5,7 +5,7 @@
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
-#include "field/render_vectors-inl.h"
+#include "field/render/render_vectors-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace slf::bench {
@@ -52,32 +52,32 @@ HWY_INLINE void store_chosen(VI v, M hit, std::vector<std::uint32_t>& to, std::s
   hn::StoreU(hn::BitCast(DU(), packed), DU(), to.data() + n);
 }
 
-void find_taps_any(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x0, std::uint32_t x1,
-                   std::uint32_t y0, std::uint32_t y1, PlaneRays& rays) {
+void find_taps_any(const PlaneShape& shape, const PlaneBasis& basis, std::uint32_t x0,
+                   std::uint32_t x1, std::uint32_t y0, std::uint32_t y1, PlaneRays& rays) {
   const D d;
   const DI di;
   const TileGrid grid(shape);
   const V zero = hn::Zero(d);
   const V x_end = set(static_cast<float>(x1)), y_end = set(static_cast<float>(y1));
-  const V eye[] = {set(fan.eye.x), set(fan.eye.y), set(fan.eye.z)};
-  const V eye_beyond = set(glm::dot(fan.eye, fan.eye) - 1);
+  const V eye[] = {set(basis.eye.x), set(basis.eye.y), set(basis.eye.z)};
+  const V eye_beyond = set(glm::dot(basis.eye, basis.eye) - 1);
   const VI row_blocks = set_int(grid.row_blocks), column_blocks = set_int(grid.column_blocks);
   const VI columns_blocks2 = hn::Mul(column_blocks, column_blocks);
   const VI in_block = set_int(kRowEdge - 1), one = set_int(1);
-  const PixelSquare square(fan.width);
+  const PixelSquare square(basis.width);
   std::size_t n = 0;
   for (std::uint32_t y = y0; y < y1; y += PixelSquare::kDown) {
     const V row = hn::Add(square.down, set(static_cast<float>(y) + 0.5f));
     const auto start = [&](float corner, float down) {
       return hn::MulAdd(row, set(down), set(corner));
     };
-    const V starts[] = {start(fan.corner.x, fan.down.x), start(fan.corner.y, fan.down.y),
-                        start(fan.corner.z, fan.down.z)};
+    const V starts[] = {start(basis.corner.x, basis.down.x), start(basis.corner.y, basis.down.y),
+                        start(basis.corner.z, basis.down.z)};
     for (std::uint32_t x = x0; x < x1; x += PixelSquare::kAcross) {
       const V column = hn::Add(square.right, set(static_cast<float>(x) + 0.5f));
-      const V dir[] = {hn::MulAdd(column, set(fan.across.x), starts[0]),
-                       hn::MulAdd(column, set(fan.across.y), starts[1]),
-                       hn::MulAdd(column, set(fan.across.z), starts[2])};
+      const V dir[] = {hn::MulAdd(column, set(basis.across.x), starts[0]),
+                       hn::MulAdd(column, set(basis.across.y), starts[1]),
+                       hn::MulAdd(column, set(basis.across.z), starts[2])};
 
       // Keep the rays that cross the sphere, ahead of the eye.
       const V length2 =
@@ -137,7 +137,7 @@ void find_taps_any(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x
       const V parts[] = {u.part, v.part, s.part, t.part};
       for (std::size_t p = 0; p < 4; ++p)
         hn::StoreU(hn::Compress(parts[p], hit), d, rays.part[p].data() + n);
-      const VU first = hn::Set(DU(), y * fan.width + x);
+      const VU first = hn::Set(DU(), y * basis.width + x);
       store_chosen(hn::BitCast(di, hn::Add(first, square.index)), hit, rays.pixel, n);
       n += hn::CountTrue(d, hit);
     }
@@ -233,9 +233,9 @@ void PlaneRays::resize(std::size_t size) {
   for (auto& array : part) array.resize(padded);
 }
 
-void find_taps(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x0, std::uint32_t x1,
+void find_taps(const PlaneShape& shape, const PlaneBasis& basis, std::uint32_t x0, std::uint32_t x1,
                std::uint32_t y0, std::uint32_t y1, PlaneRays& rays) {
-  HWY_DYNAMIC_DISPATCH(find_taps_any)(shape, fan, x0, x1, y0, y1, rays);
+  HWY_DYNAMIC_DISPATCH(find_taps_any)(shape, basis, x0, x1, y0, y1, rays);
 }
 
 void blend(const PlaneRays& rays, const std::uint32_t* tiles, const std::uint32_t* samples,

@@ -1,7 +1,7 @@
 // The arithmetic of the plane light field's rendering, compiled for several instruction sets.
 //
-// As field/ray_kernel.h and field/sample_kernel.h are for spheres: structures of arrays, as many
-// rays at a time as there are lanes, arrays longer than the block by kPadding.
+// As field/render/ray_kernel.h and field/render/sample_kernel.h are for spheres: structures of
+// arrays, as many rays at a time as there are lanes, arrays longer than the block by kPadding.
 #pragma once
 
 #include <array>
@@ -36,7 +36,7 @@ struct TileGrid {
 };
 
 /// The rays of a picture, in units where the sphere is the unit sphere around the origin.
-struct PlaneFan {
+struct PlaneBasis {
   glm::vec3 eye, corner, across, down;
   std::uint32_t width = 0;
 };
@@ -55,7 +55,7 @@ struct PlaneRays {
 };
 
 /// Finds what the rays of these pixels take:  [x0, x1) × [y0, y1).
-void find_taps(const PlaneShape& shape, const PlaneFan& fan, std::uint32_t x0, std::uint32_t x1,
+void find_taps(const PlaneShape& shape, const PlaneBasis& basis, std::uint32_t x0, std::uint32_t x1,
                std::uint32_t y0, std::uint32_t y1, PlaneRays& rays);
 
 /// Takes the samples (rgba8) and interpolates them quadrilinearly. tiles[t] says which tile of

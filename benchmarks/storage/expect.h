@@ -8,7 +8,7 @@
 #include <type_traits>
 #include <utility>
 
-#include "base/error.h"
+#include "slf/error.h"
 
 namespace slf::bench {
 

@@ -4,7 +4,7 @@
 #include "benchmarks/storage/page_cache.h"
 #include "benchmarks/storage/scenarios.h"
 #include "benchmarks/storage/store_peer.h"
-#include "field/field.h"
+#include "slf/field.h"
 
 namespace slf::bench {
 namespace {

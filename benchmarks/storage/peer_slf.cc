@@ -4,6 +4,7 @@
 #include "benchmarks/storage/expect.h"
 #include "benchmarks/storage/store_peer.h"
 #include "storage/tile_store.h"
+#include "storage/tile_writer.h"
 
 namespace slf::bench {
 namespace {

@@ -5,7 +5,7 @@
 #include <random>
 
 #include "benchmarks/storage/expect.h"
-#include "field/field.h"
+#include "slf/field.h"
 
 namespace slf::bench {
 namespace {
@@ -14,7 +14,7 @@ constexpr std::uint32_t kSide = 32;
 constexpr std::size_t kPictures = 64;  // distinct ones; more only take longer to make
 
 struct Positions {
-  std::vector<codec::LatticePoint> points;
+  std::vector<codec::LocalPoint> points;
 };
 
 std::shared_ptr<Positions> positions(std::size_t rows) {

@@ -2,12 +2,12 @@
 #include <ctime>
 #include <filesystem>
 
+#include "base/parallel.h"
 #include "benchmarks/storage/expect.h"
 #include "benchmarks/storage/page_cache.h"
 #include "benchmarks/storage/scenarios.h"
-#include "field/field.h"
-#include "field/parallel.h"
-#include "field/repack.h"
+#include "slf/field.h"
+#include "slf/repack.h"
 
 namespace slf::bench {
 namespace {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "base/bytes.h"
-#include "base/error.h"
+#include "slf/error.h"
 #include "storage/internal/pages.h"
 
 namespace slf::storage::internal {

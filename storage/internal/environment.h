@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "base/bytes.h"
-#include "base/error.h"
+#include "slf/error.h"
 #include "storage/internal/mapped_file.h"
 
 struct MDB_env;

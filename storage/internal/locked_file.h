@@ -19,7 +19,7 @@
 #include <string>
 #include <utility>
 
-#include "base/error.h"
+#include "slf/error.h"
 
 namespace slf::storage::internal {
 

@@ -12,7 +12,7 @@
 #include <utility>
 
 #include "base/bytes.h"
-#include "base/error.h"
+#include "slf/error.h"
 
 namespace slf::storage::internal {
 

@@ -13,7 +13,7 @@
 #include <string_view>
 
 #include "base/bytes.h"
-#include "base/error.h"
+#include "slf/error.h"
 
 namespace slf::storage::internal {
 

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "base/bytes.h"
-#include "base/error.h"
+#include "slf/error.h"
 #include "storage/tile_store.h"
 
 namespace slf::storage::internal {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "base/bytes.h"
-#include "base/error.h"
+#include "slf/error.h"
 #include "storage/internal/container.h"
 #include "storage/internal/cursor.h"
 #include "storage/internal/locked_file.h"

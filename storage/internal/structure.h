@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "base/error.h"
+#include "slf/error.h"
 #include "storage/internal/pages.h"
 
 namespace slf::storage::internal {

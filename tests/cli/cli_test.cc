@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "field/image.h"
+#include "slf/image.h"
 #include "tests/cli/cli_testing.h"
 #include "tests/field/field_testing.h"
 

@@ -9,9 +9,10 @@
 #include <map>
 #include <optional>
 
-#include "field/analytic.h"
-#include "field/image.h"
-#include "field/repack.h"
+#include "slf/analytic.h"
+#include "slf/image.h"
+#include "slf/repack.h"
+#include "storage/tile_writer.h"
 #include "tests/cli/cli_testing.h"
 #include "tests/field/field_testing.h"
 
@@ -75,7 +76,7 @@ BuildOptions options_for(const std::string& name) {
   options.depth_codec = name == "jpeg" ? "jpeg:60" : name == "example" ? "" : "zstd:9";
   options.half = name == "half";
   if (name == "deep") {
-    options.shape.entry_side = 2, options.shape.entry_depth = 1;
+    options.shape.entry_side = 2, options.shape.entry_extra_levels = 1;
     options.shape.levels = 0;
   }
   if (name == "subfields" || name == "example")

@@ -1,5 +1,5 @@
 // slf repack and slf verify as users meet them: exit codes, messages, and what is left on the disk.
-#include "field/image.h"
+#include "slf/image.h"
 #include "tests/cli/cli_testing.h"
 #include "tests/field/field_testing.h"
 

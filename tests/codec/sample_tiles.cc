@@ -13,7 +13,7 @@ struct Sample {
   double depth;
 };
 
-Sample at(Content content, double x, double y, LatticePoint where) {
+Sample at(Content content, double x, double y, LocalPoint where) {
   if (content == Content::zero) return {{0, 0, 0, 0}, 0};
   if (content == Content::constant) return {{0.8, 0.5, 0.25, 1}, 0.4};
   const double u = x + 0.02 * where.p, v = y + 0.02 * where.q;
@@ -71,7 +71,7 @@ SampleTile make_tile(SampleFormat format, std::size_t rows, std::uint32_t side, 
   result.tile = {format, side, result.positions};
   Random random(rows * 1000 + side);
   const double unit = 1.0 / (side + 1);
-  for (const LatticePoint where : result.positions)
+  for (const LocalPoint where : result.positions)
     for (std::uint32_t q = 0; q <= side; ++q)
       for (std::uint32_t p = 0; p <= side - q; ++p)
         if (content == Content::noise)

@@ -11,7 +11,7 @@ namespace slf::codec {
 
 /// A tile that owns its positions and samples.
 struct SampleTile {
-  std::vector<LatticePoint> positions;
+  std::vector<LocalPoint> positions;
   Tile tile;  ///< views positions
   Bytes samples;
 

@@ -1,4 +1,4 @@
-#include "field/analytic.h"
+#include "slf/analytic.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "field/build.h"
+#include "slf/build.h"
 
 #include <gtest/gtest.h>
 
@@ -6,10 +6,10 @@
 #include <cmath>
 #include <fstream>
 
-#include "field/analytic.h"
-#include "field/field.h"
-#include "field/measure.h"
-#include "field/tile_tracer.h"
+#include "field/build/tile_tracer.h"
+#include "slf/analytic.h"
+#include "slf/field.h"
+#include "slf/measure.h"
 #include "tests/field/field_testing.h"
 
 namespace slf {
@@ -99,13 +99,13 @@ TEST(Build, SamplesAreTheScenesRays) {
 }
 
 /// The mean of rays around one of lattice(3), over lattice(6), by another way than the tracer's: a
-/// hat is the weight that interpolation gives its vertex.
+/// tent is the weight that interpolation gives its vertex.
 template <class World>
-RaySample mean_under_hat(const Scene& scene, const World& world, const Vertex& from,
-                         const Vertex& to) {
+RaySample mean_under_tent(const Scene& scene, const World& world, const LatticeVertex& from,
+                          const LatticeVertex& to) {
   glm::dvec4 rgba(0);
   double weights = 0, place = 0;
-  for (const Vertex& fine : all_vertices(6)) {
+  for (const LatticeVertex& fine : all_vertices(6)) {
     const Cell cell = locate(direction(fine), 3);
     for (int c = 0; c < 3; ++c) {
       if (to_vertex(cell.octant, cell.corners()[c], 3) != to) continue;
@@ -128,7 +128,9 @@ TEST(Build, CoarserLevelsAreMeansUnderAHat) {
   const auto field = build_and_open(scene, folder / "a.slf", lossless_options(1, 3, 1));
   ASSERT_TRUE(field);
   const auto sphere = field->shape().sphere;
-  const auto world = [&](const Vertex& v) { return sphere.center + sphere.radius * direction(v); };
+  const auto world = [&](const LatticeVertex& v) {
+    return sphere.center + sphere.radius * direction(v);
+  };
   std::size_t visible = 0;
   for (std::uint64_t index = 0; index < tile_count(0, 0); ++index) {
     const auto color = field->store().find(0, {0, index}),
@@ -144,9 +146,9 @@ TEST(Build, CoarserLevelsAreMeansUnderAHat) {
     for (std::size_t row = 0; row < shape.rows(); ++row)
       for (std::uint16_t q = 0; q <= 3; ++q)
         for (std::uint16_t p = 0; p + q <= 3; ++p, ++sample) {
-          const Vertex from = vertex_at(sections.entry, shape.positions[row], 1);
-          const Vertex to = vertex_at(sections.exit, {p, q}, 3);
-          const auto [rgba, depth_there] = mean_under_hat(scene, world, from, to);
+          const LatticeVertex from = vertex_at(sections.entry, shape.positions[row], 1);
+          const LatticeVertex to = vertex_at(sections.exit, {p, q}, 3);
+          const auto [rgba, depth_there] = mean_under_tent(scene, world, from, to);
           for (int c = 0; c < 4; ++c)
             EXPECT_NEAR(std::to_integer<int>(colors[4 * sample + c]), rgba[c] * 255, 0.51);
           if (rgba.a == 0) continue;
@@ -246,7 +248,7 @@ TEST(Build, AbsurdShapesAreRefused) {
                                             {3, 4, 1, 1},
                                             {1024, 1, 9, 0}}) {
     auto options = lossless_options(entry, exit, levels);
-    options.shape.entry_depth = depth;
+    options.shape.entry_extra_levels = depth;
     const auto built = build_field(*scene, folder / "a.slf", options);
     ASSERT_FALSE(built);
     EXPECT_EQ(built.error().code, ErrorCode::usage);
@@ -296,14 +298,14 @@ TEST(LevelGeometry, TablesAgreeWithTheSectionFunctions) {
   shape.entry_side = 4;
   shape.exit_side = 3;
   for (unsigned depth = 0; depth <= 2; ++depth) {
-    shape.entry_depth = depth;
+    shape.entry_extra_levels = depth;
     for (unsigned level = 0; level <= 2; ++level) {
       const LevelGeometry geometry(shape, level);
       const auto n = geometry.entry_resolution();
       for (unsigned octant = 0; octant < 8; ++octant)
         for (std::int32_t y = 0; y <= n; ++y)
           for (std::int32_t x = 0; x + y <= n; ++x) {
-            const Vertex v = to_vertex(octant, {x, y}, n);
+            const LatticeVertex v = to_vertex(octant, {x, y}, n);
             const EntryRow found = geometry.entry_row(octant, {x, y});
             const Section owner = owner_of(v, level + depth);
             ASSERT_EQ(found.section, owner.index);
@@ -323,7 +325,7 @@ TEST(LevelGeometry, TablesAgreeWithTheSectionFunctions) {
               ASSERT_EQ(found.section, section.index);
               const auto corners = cell.corners();
               for (int c = 0; c < 3; ++c) {
-                const LatticePoint local = to_local(corners[c], section, shape.exit_side);
+                const LocalPoint local = to_local(corners[c], section, shape.exit_side);
                 EXPECT_EQ(found.columns[c], triangle_index(shape.exit_side, local.p, local.q));
               }
             }

@@ -9,10 +9,10 @@
 #include <map>
 #include <string>
 
-#include "field/build.h"
-#include "field/field.h"
-#include "field/render.h"
-#include "field/scene.h"
+#include "slf/build.h"
+#include "slf/field.h"
+#include "slf/render.h"
+#include "slf/scene.h"
 
 namespace slf::testing {
 
@@ -37,8 +37,8 @@ class TemporaryFolder {
 };
 
 /// The vertices of lattice(n).
-inline std::vector<Vertex> all_vertices(std::int32_t n) {
-  std::vector<Vertex> all;
+inline std::vector<LatticeVertex> all_vertices(std::int32_t n) {
+  std::vector<LatticeVertex> all;
   for (std::int32_t i = -n; i <= n; ++i)
     for (std::int32_t j = -(n - std::abs(i)); j <= n - std::abs(i); ++j) {
       const std::int32_t k = n - std::abs(i) - std::abs(j);

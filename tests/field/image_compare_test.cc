@@ -4,7 +4,7 @@
 #include <cmath>
 #include <random>
 
-#include "field/image.h"
+#include "slf/image.h"
 
 namespace slf {
 namespace {

@@ -1,5 +1,5 @@
 // Decoders of pictures against files that other programs, or an attacker, would write.
-#include "field/image_formats.h"
+#include "field/image/formats.h"
 
 #include <ImfChannelList.h>
 #include <ImfFrameBuffer.h>

@@ -1,5 +1,5 @@
 // Images on disk: what is written is read back, the right way up, whole or not at all.
-#include "field/image.h"
+#include "slf/image.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

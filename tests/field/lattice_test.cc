@@ -1,4 +1,4 @@
-#include "field/lattice.h"
+#include "field/geometry/lattice.h"
 
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
@@ -8,7 +8,7 @@
 #include <random>
 #include <set>
 
-#include "field/section.h"
+#include "field/geometry/section.h"
 #include "tests/field/field_testing.h"
 
 namespace slf {
@@ -31,7 +31,7 @@ double interpolate(const glm::dvec3& d, std::int32_t n, const F& f) {
   return sum;
 }
 
-double hash_value(const Vertex& v) {
+double hash_value(const LatticeVertex& v) {
   return std::fmod(std::abs(std::sin(v.i * 12.9898 + v.j * 78.233 + v.k * 37.719) * 43758.5), 1.0);
 }
 
@@ -39,19 +39,19 @@ TEST(Lattice, HasFourNSquaredPlusTwoVertices) {
   for (std::int32_t n : {1, 2, 3, 7, 16}) {
     const auto all = all_vertices(n);
     EXPECT_EQ(all.size(), vertex_count(n));
-    EXPECT_EQ(std::set<Vertex>(all.begin(), all.end()).size(), vertex_count(n));
+    EXPECT_EQ(std::set<LatticeVertex>(all.begin(), all.end()).size(), vertex_count(n));
   }
 }
 
 TEST(Lattice, VerticesAndGridPointsRoundTripFromEveryOctant) {
-  for (const Vertex& v : all_vertices(9)) {
+  for (const LatticeVertex& v : all_vertices(9)) {
     EXPECT_EQ(v.resolution(), 9);
-    EXPECT_EQ(to_vertex(octant_of(v), to_grid(v), 9), v);
+    EXPECT_EQ(to_vertex(octant_of(v), to_octant_point(v), 9), v);
     for (unsigned octant = 0; octant < 8; ++octant) {
       const bool touches = (v.i == 0 || (v.i < 0) == bool(octant & 1)) &&
                            (v.j == 0 || (v.j < 0) == bool(octant & 2)) &&
                            (v.k == 0 || (v.k < 0) == bool(octant & 4));
-      EXPECT_EQ(to_vertex(octant, to_grid(v), 9) == v, touches);
+      EXPECT_EQ(to_vertex(octant, to_octant_point(v), 9) == v, touches);
     }
   }
 }
@@ -66,7 +66,7 @@ RC_GTEST_PROP(Lattice, WeightsSumToOneAndReproduceThePoint, ()) {
   const auto corners = cell.corners();
   for (int c = 0; c < 3; ++c) {
     RC_ASSERT(cell.weights[c] >= 0 && cell.weights[c] <= 1);
-    const Vertex v = to_vertex(cell.octant, corners[c], n);
+    const LatticeVertex v = to_vertex(cell.octant, corners[c], n);
     RC_ASSERT(v.resolution() == n);
     sum += cell.weights[c];
     point += cell.weights[c] * glm::dvec3(v.i, v.j, v.k);
@@ -77,14 +77,14 @@ RC_GTEST_PROP(Lattice, WeightsSumToOneAndReproduceThePoint, ()) {
 
 TEST(Lattice, NeighborsAreTheVerticesAnEdgeAway) {
   for (const std::int32_t n : {1, 2, 5}) {
-    for (const Vertex& v : all_vertices(n)) {
+    for (const LatticeVertex& v : all_vertices(n)) {
       const auto next = neighbors(v);
-      std::set<Vertex> expected;
-      for (const Vertex& u : all_vertices(n))
+      std::set<LatticeVertex> expected;
+      for (const LatticeVertex& u : all_vertices(n))
         if (std::abs(u.i - v.i) + std::abs(u.j - v.j) + std::abs(u.k - v.k) == 2 &&
             std::max({std::abs(u.i - v.i), std::abs(u.j - v.j), std::abs(u.k - v.k)}) == 1)
           expected.insert(u);
-      EXPECT_EQ(std::set<Vertex>(next.begin(), next.end()), expected);
+      EXPECT_EQ(std::set<LatticeVertex>(next.begin(), next.end()), expected);
       EXPECT_EQ(next.size(), expected.size());
       EXPECT_EQ(next.size(), (v.i == 0) + (v.j == 0) + (v.k == 0) == 2 ? 4u : 6u);
     }
@@ -93,7 +93,7 @@ TEST(Lattice, NeighborsAreTheVerticesAnEdgeAway) {
 
 TEST(Lattice, VerticesLieInTheirOwnCells) {
   for (std::int32_t n : {1, 2, 5, 32})
-    for (const Vertex& v : all_vertices(n)) {
+    for (const LatticeVertex& v : all_vertices(n)) {
       const Cell cell = locate(direction(v), n);
       const auto corners = cell.corners();
       double at_vertex = 0;
@@ -116,9 +116,10 @@ TEST(Lattice, InterpolationIsContinuousAcrossEveryEdgeAndAxisPoint) {
       pole[axis] = sign;
       seams.push_back(pole);
     }
-  for (const Vertex& v : all_vertices(n)) {
+  for (const LatticeVertex& v : all_vertices(n)) {
     seams.push_back(direction(v));
-    for (const Vertex& w : {Vertex{v.i, -v.j, v.k}, Vertex{v.j, v.k, v.i}, Vertex{v.i, v.k, v.j}})
+    for (const LatticeVertex& w : {LatticeVertex{v.i, -v.j, v.k}, LatticeVertex{v.j, v.k, v.i},
+                                   LatticeVertex{v.i, v.k, v.j}})
       if (glm::distance(direction(v), direction(w)) > 0)
         seams.push_back(glm::normalize(direction(v) + direction(w) + glm::dvec3(1e-13)));
   }
@@ -160,7 +161,7 @@ TEST(Lattice, LinearFunctionsOfTheGridAreReproduced) {
   for (int k = 0; k < 1000; ++k) {
     const glm::dvec3 d = random_direction(random);
     const double l1 = std::abs(d.x) + std::abs(d.y) + std::abs(d.z);
-    const auto f = [](const Vertex& v) { return 3.0 * v.i - 2.0 * v.j + 0.5 * v.k; };
+    const auto f = [](const LatticeVertex& v) { return 3.0 * v.i - 2.0 * v.j + 0.5 * v.k; };
     EXPECT_NEAR(interpolate(d, 40, f), 40 / l1 * (3 * d.x - 2 * d.y + 0.5 * d.z), 1e-9);
   }
 }

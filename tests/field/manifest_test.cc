@@ -2,7 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include "field/field.h"
+#include "slf/field.h"
+#include "storage/tile_writer.h"
 #include "tests/field/field_testing.h"
 
 namespace slf {
@@ -14,7 +15,7 @@ Manifest example() {
   manifest.shape.entry_side = 16;
   manifest.shape.exit_side = 24;
   manifest.shape.levels = 3;
-  manifest.shape.entry_depth = 2;
+  manifest.shape.entry_extra_levels = 2;
   manifest.layers = {{"color", codec::SampleFormat::rgba8, "jpeg:75"},
                      {"depth", codec::SampleFormat::depth8, "zstd:9"}};
   manifest.provenance = {{"kind", "scene"}, {"name", "balls"}};

@@ -1,4 +1,4 @@
-#include "field/player.h"
+#include "slf/player.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,9 +7,9 @@
 #include <fstream>
 #include <map>
 
-#include "field/analytic.h"
-#include "field/animation.h"
-#include "field/camera_path.h"
+#include "slf/analytic.h"
+#include "slf/animation.h"
+#include "slf/camera_path.h"
 #include "tests/field/field_testing.h"
 
 namespace slf {

@@ -1,4 +1,4 @@
-#include "field/raycaster.h"
+#include "slf/raycaster.h"
 
 #include <gtest/gtest.h>
 

@@ -7,8 +7,8 @@
 #include <memory>
 #include <string>
 
-#include "field/analytic.h"
-#include "field/render.h"
+#include "slf/analytic.h"
+#include "slf/render.h"
 #include "tests/field/field_testing.h"
 
 namespace slf {
@@ -73,7 +73,7 @@ class Definition {
  private:
   void take(std::size_t c, const glm::dvec3& exit_point) {
     Tap& tap = taps_[c];
-    const GridPoint corner = cell_.corners()[c];
+    const OctantPoint corner = cell_.corners()[c];
     const Cell cell = locate(exit_point, geometry_.exit_resolution());
     const auto exit = geometry_.exit_cell(cell);
     const EntryRow row = geometry_.entry_row(cell_.octant, corner);

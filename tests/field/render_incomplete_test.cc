@@ -5,8 +5,9 @@
 #include <filesystem>
 #include <limits>
 
-#include "field/analytic.h"
-#include "field/render.h"
+#include "slf/analytic.h"
+#include "slf/render.h"
+#include "storage/tile_writer.h"
 #include "tests/field/field_testing.h"
 
 namespace slf {

@@ -1,4 +1,4 @@
-#include "field/render.h"
+#include "slf/render.h"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,9 @@
 #include <limits>
 #include <set>
 
-#include "field/analytic.h"
-#include "field/measure.h"
-#include "field/view.h"
+#include "field/scene/view.h"
+#include "slf/analytic.h"
+#include "slf/measure.h"
 #include "tests/field/field_testing.h"
 #include "tests/instruction_set.h"
 

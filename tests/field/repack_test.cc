@@ -1,11 +1,12 @@
-#include "field/repack.h"
+#include "slf/repack.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "field/render.h"
-#include "field/verify.h"
+#include "slf/render.h"
+#include "slf/verify.h"
+#include "storage/tile_writer.h"
 #include "tests/field/rewriting_testing.h"
 
 namespace slf {
@@ -158,7 +159,7 @@ TEST_F(Repack, LayersLevelsAndSubfieldsCanBeLeftOut) {
 
 TEST_F(Repack, SubfieldsAreKeptAtEveryEntryDepthAndOfWhatIsThere) {
   auto build = lossless_options(4, 3, 1);
-  build.shape.entry_depth = 1;
+  build.shape.entry_extra_levels = 1;
   const auto deep = build_and_open(stripes(), folder_ / "deep.slf", build);
   RepackOptions options;
   options.subfields = {5, 60};

@@ -1,4 +1,4 @@
-#include "field/section.h"
+#include "field/geometry/section.h"
 
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
@@ -56,8 +56,8 @@ TEST(Section, CellsLieInTheSectionThatTheirPointsLieIn) {
         const Cell cell = locate(d, static_cast<std::int32_t>(side << level));
         const Section section = section_of(cell, side, level);
         EXPECT_EQ(section, locate_section(d, level));
-        for (const GridPoint& corner : cell.corners()) {
-          const LatticePoint local = to_local(corner, section, side);
+        for (const OctantPoint& corner : cell.corners()) {
+          const LocalPoint local = to_local(corner, section, side);
           EXPECT_LE(local.p + local.q, side);
           EXPECT_EQ(from_local(local, section, side), corner);
         }
@@ -72,8 +72,8 @@ TEST(Section, LocalCoordinatesRoundTripAtEveryLevel) {
       const std::uint32_t side = 1 + random() % 9;
       for (std::uint16_t q = 0; q <= side; ++q)
         for (std::uint16_t p = 0; p + q <= side; ++p) {
-          const GridPoint point = from_local({p, q}, section, side);
-          EXPECT_EQ(to_local(point, section, side), (LatticePoint{p, q}));
+          const OctantPoint point = from_local({p, q}, section, side);
+          EXPECT_EQ(to_local(point, section, side), (LocalPoint{p, q}));
           EXPECT_EQ(vertex_at(section, {p, q}, side).resolution(),
                     static_cast<std::int32_t>(side << level));
         }
@@ -85,7 +85,7 @@ TEST(Section, LatticesNest) {
   std::mt19937_64 random(4);
   for (int k = 0; k < 100; ++k) {
     const Section section = any_section(random() % 4, random);
-    std::set<Vertex> fine;
+    std::set<LatticeVertex> fine;
     for (unsigned c = 0; c < 4; ++c)
       for (std::uint16_t q = 0; q <= 4; ++q)
         for (std::uint16_t p = 0; p + q <= 4; ++p) {
@@ -94,7 +94,7 @@ TEST(Section, LatticesNest) {
     EXPECT_EQ(fine.size(), triangle_size(8));
     for (std::uint16_t q = 0; q <= 4; ++q)
       for (std::uint16_t p = 0; p + q <= 4; ++p) {
-        const Vertex v = vertex_at(section, {p, q}, 4);
+        const LatticeVertex v = vertex_at(section, {p, q}, 4);
         EXPECT_TRUE(fine.contains({2 * v.i, 2 * v.j, 2 * v.k}));
       }
   }
@@ -103,15 +103,15 @@ TEST(Section, LatticesNest) {
 TEST(Section, EveryVertexIsOwnedExactlyOnce) {
   for (unsigned level = 0; level <= 4; ++level)
     for (std::uint32_t side : {1u, 2u, 4u, 5u}) {
-      std::map<Vertex, Section> owners;
+      std::map<LatticeVertex, Section> owners;
       for (std::uint32_t s = 0; s < section_count(level); ++s) {
         const Section section{static_cast<std::uint8_t>(level), s};
         const auto owned = owned_vertices(section, side);
         EXPECT_TRUE(std::is_sorted(owned.begin(), owned.end(), [](auto a, auto b) {
           return std::pair(a.q, a.p) < std::pair(b.q, b.p);
         }));
-        for (const LatticePoint& local : owned) {
-          const Vertex v = vertex_at(section, local, side);
+        for (const LocalPoint& local : owned) {
+          const LatticeVertex v = vertex_at(section, local, side);
           EXPECT_TRUE(owners.emplace(v, section).second);
           EXPECT_EQ(owner_of(v, level), section);
         }
@@ -123,7 +123,7 @@ TEST(Section, EveryVertexIsOwnedExactlyOnce) {
 TEST(Section, OwnersAtACoarseLevelAreAncestorsOfOwnersAtAFineOne) {
   for (std::int32_t i = -16; i <= 16; ++i)
     for (std::int32_t j = -(16 - std::abs(i)); j <= 16 - std::abs(i); ++j) {
-      const Vertex v{i, j, 16 - std::abs(i) - std::abs(j)};
+      const LatticeVertex v{i, j, 16 - std::abs(i) - std::abs(j)};
       for (unsigned level = 1; level <= 4; ++level)
         EXPECT_EQ(owner_of(v, level).parent(), owner_of(v, level - 1));
     }

@@ -1,4 +1,4 @@
-#include "field/transfer.h"
+#include "slf/transfer.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -10,8 +10,8 @@
 #include <filesystem>
 #include <set>
 
-#include "field/transfer_color.h"
-#include "field/volume.h"
+#include "field/volume/transfer_color.h"
+#include "slf/volume.h"
 
 namespace slf {
 namespace {

@@ -1,10 +1,11 @@
-#include "field/verify.h"
+#include "slf/verify.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <cstdlib>
 
+#include "storage/tile_writer.h"
 #include "tests/field/rewriting_testing.h"
 
 namespace slf {

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "field/volume.h"
+#include "slf/volume.h"
 #include "volume_samples.h"
 
 namespace slf {

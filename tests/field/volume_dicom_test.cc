@@ -12,8 +12,8 @@
 #include <iterator>
 #include <sstream>
 
-#include "field/volume.h"
-#include "field/volume_dicom.h"
+#include "field/volume/dicom.h"
+#include "slf/volume.h"
 #include "volume_samples.h"
 
 namespace slf {

@@ -8,7 +8,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "field/volume_voxels.h"
+#include "field/volume/voxels.h"
 
 namespace slf::samples {
 

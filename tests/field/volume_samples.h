@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "field/volume.h"
+#include "slf/volume.h"
 
 namespace slf::samples {
 

@@ -3,8 +3,8 @@
 
 #include <filesystem>
 
-#include "field/transfer.h"
-#include "field/volume.h"
+#include "slf/transfer.h"
+#include "slf/volume.h"
 
 namespace slf {
 namespace {

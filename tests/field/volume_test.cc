@@ -1,5 +1,5 @@
 // read_volume over every format, scalar type and byte order; place and value of one marker.
-#include "field/volume.h"
+#include "slf/volume.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

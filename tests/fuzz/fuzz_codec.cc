@@ -18,8 +18,8 @@ using namespace slf::codec;
 
 constexpr const char* specs[] = {"raw", "zstd:1", "zstd:9", "jpeg:75", "jpeg:95:444"};
 
-std::vector<LatticePoint> positions_of(std::size_t rows) {
-  std::vector<LatticePoint> positions;
+std::vector<LocalPoint> positions_of(std::size_t rows) {
+  std::vector<LocalPoint> positions;
   for (std::size_t i = 0; i < rows; ++i) positions.push_back({static_cast<std::uint16_t>(i), 0});
   return positions;
 }
@@ -48,7 +48,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (size < 5) return 0;
   const char* spec = specs[data[0] % std::size(specs)];
   const auto format = static_cast<SampleFormat>(data[1] % 3);
-  const std::vector<LatticePoint> positions = positions_of(data[2] % 46);
+  const std::vector<LocalPoint> positions = positions_of(data[2] % 46);
   const Tile tile{format, data[3] % 40u, positions};
   const ByteSpan rest = std::as_bytes(std::span(data + 5, size - 5));
   const auto codec = make_codec(spec, format);

@@ -12,9 +12,10 @@
 #include <string>
 #include <vector>
 
-#include "field/field.h"
-#include "field/render.h"
-#include "field/verify.h"
+#include "slf/field.h"
+#include "slf/render.h"
+#include "slf/verify.h"
+#include "storage/tile_writer.h"
 
 namespace {
 

@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <string>
 
-#include "field/transfer.h"
+#include "slf/transfer.h"
 
 namespace {
 

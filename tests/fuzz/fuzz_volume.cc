@@ -11,9 +11,9 @@
 #include <string>
 #include <string_view>
 
-#include "field/transfer.h"
-#include "field/volume.h"
-#include "field/volume_dicom.h"
+#include "field/volume/dicom.h"
+#include "slf/transfer.h"
+#include "slf/volume.h"
 
 namespace {
 

@@ -6,7 +6,7 @@
 
 #include "storage/internal/container.h"
 #include "storage/internal/record.h"
-#include "storage/internal/record_cutter.h"
+#include "storage/internal/record_builder.h"
 #include "tests/storage/storage_testing.h"
 
 namespace slf::storage::testing {

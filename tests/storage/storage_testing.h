@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "storage/tile_store.h"
+#include "storage/tile_writer.h"
 
 namespace slf::storage::testing {
 

@@ -1,5 +1,6 @@
 // What a container gives back: order, presence, blobs, ranges, and what it refuses.
 #include "storage/tile_store.h"
+#include "storage/tile_writer.h"
 
 #include <gmock/gmock.h>
 

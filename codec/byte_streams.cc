@@ -1,0 +1,223 @@
+#include "codec/byte_streams.h"
+
+#include <algorithm>
+#include <array>
+
+#include "codec/lane_samples.h"
+#include "codec/scratch.h"
+#include "codec/zstd_frame.h"
+
+namespace slf::codec {
+namespace {
+
+// Pairs of residuals from -pair_reach to pair_reach have a symbol each; the others share the next
+// one and follow in a stream of their own.
+constexpr int pair_reach = 7;
+constexpr int pair_side = 2 * pair_reach + 1;
+constexpr std::uint8_t pair_escape = pair_side * pair_side;
+
+using Pair = std::array<std::uint8_t, 2>;
+
+// The pair of every symbol; zeros for the escape and what is no symbol.
+constexpr std::array<Pair, 256> make_pairs() {
+  std::array<Pair, 256> pairs{};
+  for (int symbol = 0; symbol < pair_escape; ++symbol)
+    pairs[static_cast<std::size_t>(symbol)] = {
+        static_cast<std::uint8_t>(symbol / pair_side - pair_reach),
+        static_cast<std::uint8_t>(symbol % pair_side - pair_reach)};
+  return pairs;
+}
+constexpr std::array<Pair, 256> pairs = make_pairs();
+
+std::uint8_t pair_symbol(std::uint16_t first, std::uint16_t second) {
+  const int a = static_cast<std::int8_t>(first) + pair_reach;
+  const int b = static_cast<std::int8_t>(second) + pair_reach;
+  if (a < 0 || a >= pair_side || b < 0 || b >= pair_side) return pair_escape;
+  return static_cast<std::uint8_t>(a * pair_side + b);
+}
+
+// Calls use(group, column, lane) for every stored sample, in the order of a stream.
+template <class Use>
+void for_each_stored(const LaneStack& stack, Use use) {
+  const std::size_t columns = stack.tile.columns();
+  for (std::size_t group = 0; group < group_count(stack.tile); ++group) {
+    const std::size_t lanes = lanes_of(stack.tile, group);
+    const LaneValues* coverage = stack.coverage_of(group);
+    for (std::size_t column = 0; column < columns; ++column)
+      for (std::size_t lane = 0; lane < lanes; ++lane)
+        if (!coverage || coverage[column][lane] != 0) use(group, column, lane);
+  }
+}
+
+// How many lanes have no coverage.
+unsigned uncovered(const LaneValues& coverage) {
+  unsigned count = 0;
+  for (const std::uint16_t value : coverage) count += value == 0 ? 1 : 0;
+  return count;
+}
+
+// Calls take(group, column, lane) for every stored sample; whole columns go through
+// take_all(group, column) instead, in a loop of constant length.
+template <class TakeAll, class Take>
+void for_each_stored(const LaneStack& stack, TakeAll take_all, Take take) {
+  const std::size_t columns = stack.tile.columns();
+  for (std::size_t group = 0; group < group_count(stack.tile); ++group) {
+    const std::size_t lanes = lanes_of(stack.tile, group);
+    const LaneValues* coverage = stack.coverage_of(group);
+    for (std::size_t column = 0; column < columns; ++column) {
+      if (lanes == lane_count && (!coverage || uncovered(coverage[column]) == 0)) {
+        take_all(group, column);
+        continue;
+      }
+      for (std::size_t lane = 0; lane < lanes; ++lane)
+        if (!coverage || coverage[column][lane] != 0) take(group, column, lane);
+    }
+  }
+}
+
+}  // namespace
+
+LaneStack::LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneValues* covered_by)
+    : tile(of_tile), group(of_group), coverage(covered_by), stored(tile.rows() * tile.columns()) {
+  if (!coverage) return;
+  stored = 0;
+  // Lanes without a picture have no coverage.
+  for (std::size_t i = 0; i < group_count(tile) * tile.columns(); ++i)
+    stored += lane_count - uncovered(coverage[i]);
+}
+
+Result<void> append_channel(const LaneStack& stack, std::size_t channel,
+                            const LaneValues* residuals, int level, Bytes& payload) {
+  thread_local Scratch<std::uint8_t> scratch;
+  const std::span<std::uint8_t> stream = scratch.take(stack.stored);
+  for (unsigned shift = 0; shift < stack.group.bits; shift += 8) {
+    std::uint8_t* to = stream.data();
+    for_each_stored(stack, [&](std::size_t group, std::size_t column, std::size_t lane) {
+      const std::size_t at = stack.offset(group) + channel * stack.tile.columns() + column;
+      *to++ = static_cast<std::uint8_t>(residuals[at][lane] >> shift);
+    });
+    if (auto done = append_stream(std::as_bytes(stream), level, payload); !done) return done;
+  }
+  return {};
+}
+
+Result<void> read_channel(const LaneStack& stack, std::size_t channel, ByteSpan& payload,
+                          LaneValues* residuals) {
+  thread_local Scratch<std::uint8_t> scratch;
+  const std::span<std::uint8_t> stream = scratch.take(stack.stored);
+  const std::size_t columns = stack.tile.columns();
+  for (std::size_t group = 0; group < group_count(stack.tile); ++group)
+    std::fill_n(residuals + stack.offset(group) + channel * columns, columns, LaneValues{});
+  for (unsigned shift = 0; shift < stack.group.bits; shift += 8) {
+    if (auto done = read_stream(payload, std::as_writable_bytes(stream)); !done) return done;
+    const std::uint8_t* from = stream.data();
+    const auto at = [&](std::size_t group, std::size_t column) -> LaneValues& {
+      return residuals[stack.offset(group) + channel * columns + column];
+    };
+    for_each_stored(
+        stack,
+        [&](std::size_t group, std::size_t column) {
+          LaneValues& to = at(group, column);
+          for (std::size_t i = 0; i < lane_count; ++i)
+            to[i] = static_cast<std::uint16_t>(to[i] | from[i] << shift);
+          from += lane_count;
+        },
+        [&](std::size_t group, std::size_t column, std::size_t lane) {
+          std::uint16_t& to = at(group, column)[lane];
+          to = static_cast<std::uint16_t>(to | *from++ << shift);
+        });
+  }
+  return {};
+}
+
+Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals, int level,
+                         Bytes& payload) {
+  thread_local Scratch<std::uint8_t> symbol_scratch, escape_scratch;
+  const std::span<std::uint8_t> symbols = symbol_scratch.take(stack.stored);
+  const std::span<std::uint8_t> escapes = escape_scratch.take(2 * symbols.size());
+  const std::size_t columns = stack.tile.columns();
+  std::uint8_t* to = symbols.data();
+  std::size_t escaped = 0;
+  for_each_stored(stack, [&](std::size_t group, std::size_t column, std::size_t lane) {
+    const LaneValues* channel = residuals + stack.offset(group) + columns + column;
+    const std::uint16_t first = channel[0][lane], second = channel[columns][lane];
+    *to = pair_symbol(first, second);
+    if (*to++ != pair_escape) return;
+    escapes[escaped++] = static_cast<std::uint8_t>(first);
+    escapes[escaped++] = static_cast<std::uint8_t>(second);
+  });
+  if (auto done = append_stream(std::as_bytes(symbols), level, payload); !done) return done;
+  return append_stream(std::as_bytes(escapes.first(escaped)), level, payload);
+}
+
+Result<void> read_pair(const LaneStack& stack, ByteSpan& payload, LaneValues* residuals) {
+  thread_local Scratch<std::uint8_t> symbol_scratch, escape_scratch;
+  const std::span<std::uint8_t> symbols = symbol_scratch.take(stack.stored);
+  if (auto done = read_stream(payload, std::as_writable_bytes(symbols)); !done) return done;
+  const auto escaped =
+      static_cast<std::size_t>(std::count(symbols.begin(), symbols.end(), pair_escape));
+  const std::span<std::uint8_t> escapes = escape_scratch.take(2 * escaped);
+  if (auto done = read_stream(payload, std::as_writable_bytes(escapes)); !done) return done;
+  if (std::any_of(symbols.begin(), symbols.end(), [](auto s) { return s > pair_escape; }))
+    return fail(ErrorCode::bad_file, "zstd: a symbol that does not exist");
+
+  const std::size_t columns = stack.tile.columns();
+  const std::uint8_t* from = symbols.data();
+  const std::uint8_t* escape = escapes.data();
+  const auto take = [&](LaneValues* channel, std::size_t lane) {
+    const std::uint8_t symbol = *from++;
+    const Pair pair = symbol == pair_escape ? Pair{escape[0], escape[1]} : pairs[symbol];
+    if (symbol == pair_escape) escape += 2;
+    channel[0][lane] = pair[0];
+    channel[columns][lane] = pair[1];
+  };
+  const auto at = [&](std::size_t group, std::size_t column) {
+    return residuals + stack.offset(group) + columns + column;
+  };
+  for (std::size_t group = 0; group < group_count(stack.tile); ++group)
+    std::fill_n(at(group, 0), 2 * columns, LaneValues{});
+  for_each_stored(
+      stack,
+      [&](std::size_t group, std::size_t column) {
+        LaneValues* channel = at(group, column);
+        for (std::size_t lane = 0; lane < lane_count; ++lane) take(channel, lane);
+      },
+      [&](std::size_t group, std::size_t column, std::size_t lane) {
+        take(at(group, column), lane);
+      });
+  return {};
+}
+
+// Alpha is flat nearly everywhere and sharp at the rest, which suits the median predictor.
+static constexpr ChannelPredictor median;
+
+LaneStack alpha_stack(const Tile& tile) {
+  return LaneStack(tile, {tile.side, value_bits(tile.format), {&median, 1}}, nullptr);
+}
+
+Result<void> append_stack(const LaneStack& stack, const LaneValues* values, LaneValues* residuals,
+                          bool paired, int level, Bytes& payload) {
+  for (std::size_t group = 0; group < group_count(stack.tile); ++group)
+    predict(stack.group, values + stack.offset(group), stack.coverage_of(group),
+            residuals + stack.offset(group));
+  const std::size_t singles = paired ? 1 : stack.channels();
+  for (std::size_t channel = 0; channel < singles; ++channel)
+    if (auto done = append_channel(stack, channel, residuals, level, payload); !done) return done;
+  if (paired) return append_pair(stack, residuals, level, payload);
+  return {};
+}
+
+Result<void> read_stack(const LaneStack& stack, bool paired, ByteSpan& payload,
+                        LaneValues* residuals, LaneValues* values) {
+  const std::size_t singles = paired ? 1 : stack.channels();
+  for (std::size_t channel = 0; channel < singles; ++channel)
+    if (auto done = read_channel(stack, channel, payload, residuals); !done) return done;
+  if (paired) {
+    if (auto done = read_pair(stack, payload, residuals); !done) return done;
+  }
+  for (std::size_t group = 0; group < group_count(stack.tile); ++group)
+    restore(stack.group, residuals + stack.offset(group), values + stack.offset(group));
+  return {};
+}
+
+}  // namespace slf::codec

@@ -1,0 +1,77 @@
+// Byte streams: residuals in lanes to byte strings that zstd compresses well, and back.
+//
+// A stream lists one byte per sample in the order group, column, lane: group g is pictures 16g to
+// 16g + 15, or fewer in the last one. Samples under zero coverage are left out.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "base/bytes.h"
+#include "codec/codec.h"
+#include "codec/lanes.h"
+#include "slf/error.h"
+
+namespace slf::codec {
+
+[[nodiscard]] inline std::size_t group_count(const Tile& tile) {
+  return (tile.rows() + lane_count - 1) / lane_count;
+}
+
+/// How many pictures of a group there are, 1..lane_count.
+[[nodiscard]] inline std::size_t lanes_of(const Tile& tile, std::size_t group) {
+  const std::size_t left = tile.rows() - group * lane_count;
+  return left < lane_count ? left : lane_count;
+}
+
+/// The channels of a tile that are predicted together. Values and residuals are
+/// [group][channel][column].
+struct LaneStack {
+  Tile tile;
+  LaneGroup group;             ///< the same for every group
+  const LaneValues* coverage;  ///< [group][column]; null where all samples are stored
+  std::size_t stored;          ///< how many samples of a channel are
+
+  LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneValues* covered_by);
+
+  [[nodiscard]] std::size_t channels() const { return group.channels.size(); }
+  /// Where channel 0 of a group begins in values or residuals.
+  [[nodiscard]] std::size_t offset(std::size_t of_group) const {
+    return of_group * channels() * tile.columns();
+  }
+  [[nodiscard]] const LaneValues* coverage_of(std::size_t of_group) const {
+    return coverage ? coverage + of_group * tile.columns() : nullptr;
+  }
+};
+
+/// Appends one zstd frame per byte of a channel's residuals, least significant byte first.
+[[nodiscard]] Result<void> append_channel(const LaneStack& stack, std::size_t channel,
+                                          const LaneValues* residuals, int level, Bytes& payload);
+
+/// Undoes append_channel and moves `payload` behind it; untrusted.
+[[nodiscard]] Result<void> read_channel(const LaneStack& stack, std::size_t channel,
+                                        ByteSpan& payload, LaneValues* residuals);
+
+/// Appends channels 1 and 2, whose residuals are small and alike, as one stream of both: a Huffman
+/// code spends at least a bit per symbol, and these need hardly more than one each.
+[[nodiscard]] Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals,
+                                       int level, Bytes& payload);
+
+/// Undoes append_pair and moves `payload` behind it; untrusted.
+[[nodiscard]] Result<void> read_pair(const LaneStack& stack, ByteSpan& payload,
+                                     LaneValues* residuals);
+
+/// The alpha of a tile, or any one channel that is flat nearly everywhere and sharp at the rest.
+[[nodiscard]] LaneStack alpha_stack(const Tile& tile);
+
+/// Predicts and appends all channels, channels 1 and 2 as a pair if `paired`. `residuals` is
+/// scratch of the size of `values`.
+[[nodiscard]] Result<void> append_stack(const LaneStack& stack, const LaneValues* values,
+                                        LaneValues* residuals, bool paired, int level,
+                                        Bytes& payload);
+
+/// Undoes append_stack and moves `payload` behind it; untrusted.
+[[nodiscard]] Result<void> read_stack(const LaneStack& stack, bool paired, ByteSpan& payload,
+                                      LaneValues* residuals, LaneValues* values);
+
+}  // namespace slf::codec

@@ -1,0 +1,205 @@
+#include "field/build/tile_tracer.h"
+
+#include <Imath/half.h>
+
+#include <algorithm>
+#include <optional>
+
+namespace slf {
+namespace {
+
+std::vector<LatticeVertex> vertices_at(Section section, std::uint32_t side,
+                                       std::span<const LocalPoint> locals) {
+  std::vector<LatticeVertex> vertices;
+  vertices.reserve(locals.size());
+  for (const LocalPoint& local : locals) vertices.push_back(vertex_at(section, local, side));
+  return vertices;
+}
+
+std::vector<glm::dvec3> world_points(const Sphere& sphere,
+                                     std::span<const LatticeVertex> vertices) {
+  std::vector<glm::dvec3> points;
+  points.reserve(vertices.size());
+  for (const LatticeVertex& vertex : vertices)
+    points.push_back(sphere.center + sphere.radius * direction(vertex));
+  return points;
+}
+
+/// Means of rays from one entry vertex, under filter around vertices of an exit lattice.
+class TentFilter {
+ public:
+  explicit TentFilter(std::span<const LatticeVertex> centers) {
+    const auto in_finer = [](const LatticeVertex& v) {
+      return LatticeVertex{2 * v.i, 2 * v.j, 2 * v.k};
+    };
+    for (const LatticeVertex& center : centers) {
+      const auto around = neighbors(in_finer(center));
+      aims_.insert(aims_.end(), around.begin(), around.end());
+      aims_.push_back(in_finer(center));
+    }
+    std::sort(aims_.begin(), aims_.end());
+    aims_.erase(std::unique(aims_.begin(), aims_.end()), aims_.end());
+    const auto add = [&](const LatticeVertex& v, float weight) {
+      const auto at = std::lower_bound(aims_.begin(), aims_.end(), v) - aims_.begin();
+      shares_.push_back({static_cast<std::uint32_t>(at), weight});
+    };
+    for (const LatticeVertex& center : centers) {
+      const auto around = neighbors(in_finer(center));
+      // A tent is half as high halfway to the next vertex.
+      const float side = 1 / static_cast<float>(around.size() + 2);
+      for (const LatticeVertex& v : around) add(v, side);
+      add(in_finer(center), 2 * side);
+      end_.push_back(shares_.size());
+    }
+  }
+
+  /// Where the rays are to go: vertices of the lattice twice as fine.
+  [[nodiscard]] const std::vector<LatticeVertex>& aims() const { return aims_; }
+
+  /// `rays` are those to the aims; REQUIRES: a place in `out` for each center.
+  void mean(std::span<const RaySample> rays, std::span<RaySample> out) const {
+    for (std::size_t k = 0, share = 0; k < out.size(); ++k) {
+      RaySample sum;
+      for (; share < end_[k]; ++share) {
+        const RaySample& ray = rays[shares_[share].ray];
+        sum.rgba += shares_[share].weight * ray.rgba;
+        sum.depth += shares_[share].weight * ray.rgba.a * ray.depth;
+      }
+      if (sum.rgba.a > 0) sum.depth /= sum.rgba.a;
+      out[k] = sum;
+    }
+  }
+
+ private:
+  struct Share {
+    std::uint32_t ray;
+    float weight;
+  };
+  std::vector<LatticeVertex> aims_;
+  std::vector<Share> shares_;
+  std::vector<std::size_t> end_;  // per mean, into shares_
+};
+
+std::byte to_byte(float value) {
+  return static_cast<std::byte>(std::clamp(value, 0.f, 1.f) * 255 + 0.5f);
+}
+
+void store_color(const glm::vec4& rgba, codec::SampleFormat format, std::byte* to) {
+  if (format == codec::SampleFormat::rgba16f) {
+    for (int c = 0; c < 4; ++c) store_le<std::uint16_t>(to + 2 * c, Imath::half(rgba[c]).bits());
+    return;
+  }
+  to[3] = to_byte(rgba.a);
+  for (int c = 0; c < 3; ++c) to[c] = std::min(to_byte(rgba[c]), to[3]);
+}
+
+/// Depth means nothing where nothing is seen. What stands there should cost few bytes and blur
+/// well: along each line, a ramp between what is defined; other lines repeat their neighbour.
+void fill_undefined_depth(std::byte* picture, const std::vector<bool>& defined,
+                          std::uint32_t side) {
+  const auto line = [&](std::uint32_t q) { return triangle_index(side, 0, q); };
+  std::vector<bool> filled(side + 1, false);
+  for (std::uint32_t q = 0; q <= side; ++q) {
+    const std::uint32_t begin = line(q), length = side + 1 - q;
+    std::int64_t last = -1;
+    for (std::uint32_t p = 0; p < length; ++p) {
+      if (!defined[begin + p]) continue;
+      const int right = std::to_integer<int>(picture[begin + p]);
+      const int left = last < 0 ? right : std::to_integer<int>(picture[begin + last]);
+      const auto gap = static_cast<int>(p - last);
+      for (auto k = static_cast<std::uint32_t>(last + 1); k < p; ++k) {
+        const int along = static_cast<int>(k - last);
+        picture[begin + k] = static_cast<std::byte>(left + (right - left) * along / gap);
+      }
+      last = p;
+    }
+    if (last < 0) continue;
+    std::fill(picture + begin + last + 1, picture + begin + length, picture[begin + last]);
+    filled[q] = true;
+  }
+  const auto copy_line = [&](std::uint32_t from, std::uint32_t to) {
+    const std::uint32_t have = side + 1 - from;
+    for (std::uint32_t p = 0; p < side + 1 - to; ++p)
+      picture[line(to) + p] = picture[line(from) + std::min(p, have - 1)];
+    filled[to] = true;
+  };
+  for (std::uint32_t q = 1; q <= side; ++q)
+    if (filled[q - 1] && !filled[q]) copy_line(q - 1, q);
+  for (std::uint32_t q = side; q-- > 0;)
+    if (filled[q + 1] && !filled[q]) copy_line(q + 1, q);
+}
+
+}  // namespace
+
+TileTracer::TileTracer(const Scene& scene, const Manifest& manifest)
+    : scene_(scene), shape_(manifest.shape) {
+  for (const Layer& layer : manifest.layers) formats_.push_back(layer.format);
+  for (unsigned level = 0; level <= shape_.levels; ++level) levels_.emplace_back(shape_, level);
+}
+
+codec::Tile TileTracer::shape(TileKey key, codec::SampleFormat format) const {
+  return levels_[key.level].tile(sections_of(key, shape_.entry_extra_levels).entry.index, format);
+}
+
+std::uint64_t TileTracer::rays(TileKey key) const {
+  const codec::Tile tile = shape(key, codec::SampleFormat::rgba8);
+  return tile.rows() * tile.columns() * rays_per_slab(key.level);
+}
+
+std::uint64_t TileTracer::rays(unsigned level) const {
+  // Every entry vertex is owned once; every exit section holds a whole triangle.
+  return vertex_count(shape_.entry_resolution(level)) * section_count(level) *
+         triangle_size(shape_.exit_side) * rays_per_slab(level);
+}
+
+void TileTracer::trace(TileKey key, TracedTile& tile) const {
+  const TileSections sections = sections_of(key, shape_.entry_extra_levels);
+  const codec::Tile layout = shape(key, codec::SampleFormat::rgba8);
+  const Sphere& sphere = shape_.sphere;
+  const auto entries = world_points(
+      sphere, vertices_at(sections.entry, shape_.entry_section_side(), layout.positions));
+  const auto vertices =
+      vertices_at(sections.exit, shape_.exit_side, triangle_points(shape_.exit_side));
+  std::optional<TentFilter> filter;
+  if (key.level < shape_.levels) filter.emplace(vertices);
+  const auto exits = world_points(sphere, filter ? filter->aims() : vertices);
+
+  const std::size_t columns = layout.columns();
+  tile.key = key;
+  tile.empty = true;
+  tile.layers.resize(formats_.size());
+  for (std::size_t k = 0; k < formats_.size(); ++k)
+    tile.layers[k].assign(layout.rows() * columns * codec::sample_bytes(formats_[k]), std::byte{0});
+
+  std::vector<bool> defined(columns);
+  std::vector<Segment> rays(exits.size());
+  std::vector<RaySample> seen(exits.size()), means(filter ? columns : 0);
+  const std::span<const RaySample> samples = filter ? means : seen;
+  for (std::size_t row = 0; row < entries.size(); ++row) {
+    for (std::size_t k = 0; k < exits.size(); ++k) rays[k] = {entries[row], exits[k]};
+    scene_.trace_many(rays, seen);
+    if (filter) filter->mean(seen, means);
+    bool any = false;
+    for (std::size_t column = 0; column < columns; ++column) {
+      const RaySample& sample = samples[column];
+      defined[column] = sample.rgba.a > 0;
+      if (!defined[column]) continue;
+      any = true;
+      const std::size_t at = row * columns + column;
+      for (std::size_t k = 0; k < formats_.size(); ++k) {
+        std::byte* to = tile.layers[k].data() + at * codec::sample_bytes(formats_[k]);
+        if (formats_[k] == codec::SampleFormat::depth8)
+          *to = to_byte(sample.depth);
+        else
+          store_color(sample.rgba, formats_[k], to);
+      }
+    }
+    if (!any) continue;
+    tile.empty = false;
+    for (std::size_t k = 0; k < formats_.size(); ++k)
+      if (formats_[k] == codec::SampleFormat::depth8)
+        fill_undefined_depth(tile.layers[k].data() + row * columns, defined, shape_.exit_side);
+  }
+}
+
+}  // namespace slf

@@ -1,0 +1,217 @@
+#include "slf/verify.h"
+
+#include <algorithm>
+#include <optional>
+
+#include "base/parallel.h"
+#include "slf/field.h"
+#include "storage/tile_store.h"
+#include "storage/tile_writer.h"
+
+namespace slf {
+namespace {
+
+using storage::LayerId;
+using storage::TileRef;
+using storage::TileState;
+
+constexpr std::size_t kMostFindings = 1000;
+constexpr std::size_t kBatch = 256;
+constexpr std::uint64_t kCommitBytes = 32ull << 20;
+
+/// What must go to cure a finding: one tile, or the record that ends with it.
+struct Cure {
+  LayerId layer;
+  TileKey key;
+};
+
+class Verifier {
+ public:
+  Verifier(const VerifyOptions& options, const ProgressCallback& progress)
+      : options_(options), progress_(progress) {}
+
+  Result<VerifyReport> run(const std::string& path) {
+    if (auto ok = check(path); !ok) return tl::unexpected(ok.error());
+    if (options_.fix)
+      if (auto ok = drop(path); !ok) return tl::unexpected(ok.error());
+    report_.unfixed = report_.damaged - fixed_;
+    return std::move(report_);
+  }
+
+ private:
+  void add(FindingKind kind, std::string message) {
+    ++report_.found;
+    if (kind != FindingKind::missing) ++report_.damaged;
+    if (report_.findings.size() < kMostFindings)
+      report_.findings.push_back({kind, std::move(message)});
+  }
+  void add(FindingKind kind, std::string message, std::vector<Cure> cures) {
+    add(kind, std::move(message));
+    if (options_.fix) cures_.push_back(std::move(cures));
+  }
+
+  Result<void> check(const std::string& path) {
+    if (auto ok = check_structure(path); !ok || !readable_) return ok;
+    const auto field = Field::open(path);
+    if (!field) {
+      if (field.error().code != ErrorCode::bad_file) return tl::unexpected(field.error());
+      add(FindingKind::manifest, field.error().message);
+      return {};
+    }
+    return check_tiles(**field);
+  }
+
+  Result<void> check_structure(const std::string& path) {
+    const auto store = storage::TileStore::open(path);
+    if (!store) {
+      if (store.error().code != ErrorCode::bad_file) return tl::unexpected(store.error());
+      add(FindingKind::structure, store.error().message);
+      readable_ = false;
+      return {};
+    }
+    std::vector<Error> structural;
+    store->check_structure(structural);
+    for (const Error& error : structural) add(FindingKind::structure, error.message);
+    return {};
+  }
+
+  Result<void> check_tiles(const Field& field) {
+    for (unsigned level = 0; level <= field.shape().levels; ++level)
+      state_.total += field.shape().tiles(level) * field.manifest().layers.size();
+    report_.complete = true;
+    for (LayerId layer = 0; layer < field.manifest().layers.size(); ++layer)
+      if (auto ok = check_layer(field, layer); !ok) return ok;
+    return {};
+  }
+
+  Result<void> check_layer(const Field& field, LayerId layer) {
+    std::vector<std::uint64_t> found(field.shape().levels + 1);
+    std::vector<TileRef> batch;
+    bool stopped = false;
+    auto visited = field.store().visit(
+        layer, {0, 0}, {255, 0},
+        [&](const TileRef& tile) -> Result<void> {
+          ++report_.tiles;
+          report_.payload_bytes += tile.payload.size();
+          if (!field.shape().has(tile.key)) {
+            add(FindingKind::key, place(field, tile) + ": this field has no such tile",
+                {{layer, tile.key}});
+            return {};
+          }
+          ++found[tile.key.level];
+          if (tile.state == TileState::stored) batch.push_back(tile);
+          if (layer > 0) compare_states(field, tile);
+          if (batch.size() == kBatch) check_payloads(field, batch);
+          ++state_.done;
+          if (!progress_ || progress_(state_)) return {};
+          stopped = true;
+          return fail(ErrorCode::failed, field.path(), ": verify interrupted");
+        },
+        [&](const storage::Damage& damage) {
+          add(FindingKind::record, damage.message, {{layer, damage.last}});
+        });
+    if (stopped) return visited;
+    if (!visited) add(FindingKind::structure, visited.error().message);
+    check_payloads(field, batch);
+    for (unsigned level = 0; level < found.size(); ++level)
+      compare_count(field, layer, level, found[level]);
+    return {};
+  }
+
+  static std::string place(const Field& field, const TileRef& tile) {
+    return field.path() + ": layer '" + field.manifest().layers[tile.layer].name + "', tile " +
+           std::to_string(tile.key.level) + "/" + std::to_string(tile.key.index);
+  }
+
+  void compare_count(const Field& field, LayerId layer, unsigned level, std::uint64_t found) {
+    const std::uint64_t expected = field.shape().tiles(level);
+    if (found == expected) return;
+    report_.complete = false;
+    add(FindingKind::missing, field.path() + ": layer '" + field.manifest().layers[layer].name +
+                                  "', level " + std::to_string(level) + ": " +
+                                  std::to_string(found) + " of " + std::to_string(expected) +
+                                  " tiles; the build command that made it fills it");
+  }
+
+  /// Whichever layer is wrong, both tiles must be built again.
+  void compare_states(const Field& field, const TileRef& tile) {
+    const auto first = field.store().find(0, tile.key);
+    if (!first || first->state == TileState::missing || first->state == tile.state) return;
+    add(FindingKind::mismatch,
+        place(field, tile) + ": is " + (tile.state == TileState::empty ? "empty" : "stored") +
+            ", but not so in layer '" + field.manifest().layers[0].name + "'",
+        {{0, tile.key}, {tile.layer, tile.key}});
+  }
+
+  /// Checks and decodes tiles on all threads, and forgets them.
+  void check_payloads(const Field& field, std::vector<TileRef>& tiles) {
+    if (!options_.quick) {
+      std::vector<std::optional<Finding>> found(tiles.size());
+      field.store().advise(tiles);
+      parallel_for(tiles.size(), options_.threads,
+                   [&](std::uint64_t k) { found[k] = check_payload(field, tiles[k]); });
+      field.store().release(tiles);
+      for (std::size_t k = 0; k < tiles.size(); ++k)
+        if (found[k])
+          add(found[k]->kind, std::move(found[k]->message), {{tiles[k].layer, tiles[k].key}});
+    }
+    tiles.clear();
+  }
+
+  static std::optional<Finding> check_payload(const Field& field, const TileRef& tile) {
+    if (auto ok = field.store().check(tile); !ok)
+      return Finding{FindingKind::checksum, ok.error().message};
+    thread_local Bytes samples;
+    samples.resize(field.tile_shape(tile.layer, tile.key).bytes());
+    if (auto ok = field.decode(tile, samples); !ok)
+      return Finding{FindingKind::decode, ok.error().message};
+    return std::nullopt;
+  }
+
+  /// Carries out the cures. Findings without one (S1, M1) stay, and so do all where a page may not
+  /// be what it seems.
+  Result<void> drop(const std::string& path) {
+    const bool sound =
+        std::none_of(report_.findings.begin(), report_.findings.end(),
+                     [](const Finding& finding) { return finding.kind == FindingKind::structure; });
+    if (cures_.empty() || !sound) return {};
+    auto writer = storage::TileWriter::resume(path);
+    if (!writer) return tl::unexpected(writer.error());
+    for (const std::vector<Cure>& cures : cures_) {
+      bool cured = true;
+      for (const Cure& cure : cures) {
+        auto ok = writer->replace(cure.layer, cure.key, TileState::missing, {});
+        if (!ok && ok.error().code == ErrorCode::io) return ok;
+        cured = cured && ok.has_value();
+        if (ok) ++report_.dropped;
+      }
+      if (cured) ++fixed_;
+      if (writer->pending_bytes() < kCommitBytes) continue;
+      if (auto ok = writer->commit(); !ok) return ok;
+    }
+    report_.complete = false;
+    return writer->close();
+  }
+
+  const VerifyOptions& options_;
+  const ProgressCallback& progress_;
+  VerifyReport report_;
+  Progress state_;
+  std::vector<std::vector<Cure>> cures_;  ///< one for each finding that has one
+  std::uint64_t fixed_ = 0;
+  bool readable_ = true;
+};
+
+}  // namespace
+
+const char* id(FindingKind kind) {
+  constexpr const char* kIds[] = {"S1", "M1", "R1", "K1", "T1", "T2", "C1", "C2"};
+  return kIds[static_cast<int>(kind)];
+}
+
+Result<VerifyReport> verify_field(const std::string& path, const VerifyOptions& options,
+                                  const ProgressCallback& progress) {
+  return Verifier(options, progress).run(path);
+}
+
+}  // namespace slf

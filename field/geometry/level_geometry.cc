@@ -1,0 +1,77 @@
+#include "field/geometry/level_geometry.h"
+
+#include <bit>
+#include <cassert>
+
+namespace slf {
+
+LevelGeometry::LevelGeometry(const FieldShape& shape, unsigned level)
+    : level_(level),
+      entry_level_(level + shape.entry_extra_levels),
+      entry_resolution_(static_cast<std::int32_t>(shape.entry_resolution(level))),
+      exit_resolution_(static_cast<std::int32_t>(shape.exit_resolution(level))),
+      exit_side_(shape.exit_side),
+      entry_stride_(shape.entry_resolution(level) + 1),
+      row_bits_(static_cast<unsigned>(std::bit_width(triangle_size(shape.entry_section_side())))) {
+  // Lattices of at most 2^12 cells an edge leave room for both in 32 bits.
+  assert(3 + 2 * entry_level_ + row_bits_ <= 32);
+  entry_rows_.resize(8ull * entry_stride_ * entry_stride_);
+  row_begin_.push_back(0);
+  const std::uint32_t side = shape.entry_section_side();
+  for (std::uint32_t s = 0; s < section_count(entry_level_); ++s) {
+    std::uint32_t row = 0;
+    for (const LocalPoint& local : owned_vertices(entry_section(s), side)) {
+      points_.push_back(local);
+      const LatticeVertex v = vertex_at(entry_section(s), local, side);
+      const OctantPoint at = to_octant_point(v);
+      // A zero coordinate has either sign: the vertex is found from every octant it touches.
+      const unsigned free = (v.i == 0 ? 1u : 0u) | (v.j == 0 ? 2u : 0u) | (v.k == 0 ? 4u : 0u);
+      for (unsigned octant = 0; octant < 8; ++octant)
+        if ((octant & ~free) == octant_of(v))
+          entry_rows_[(octant * entry_stride_ + static_cast<std::uint32_t>(at.y)) * entry_stride_ +
+                      static_cast<std::uint32_t>(at.x)] = s << row_bits_ | row;
+      ++row;
+    }
+    row_begin_.push_back(static_cast<std::uint32_t>(points_.size()));
+  }
+
+  const std::uint32_t edge = 1u << level;
+  exit_paths_.resize(std::size_t{edge} * edge * 2);
+  for (std::uint32_t y = 0; y < edge; ++y)
+    for (std::uint32_t x = 0; x + y < edge; ++x)
+      for (unsigned inverted = 0; inverted <= (x + y + 1 < edge ? 1u : 0u); ++inverted)
+        exit_paths_[(std::size_t{y} * edge + x) * 2 + inverted] =
+            section_at(0,
+                       {static_cast<std::int32_t>(x), static_cast<std::int32_t>(y), inverted != 0},
+                       level)
+                .index;
+}
+
+std::span<const LocalPoint> LevelGeometry::rows(std::uint32_t entry_section) const {
+  return {points_.data() + row_begin_[entry_section],
+          row_begin_[entry_section + 1] - row_begin_[entry_section]};
+}
+
+LevelGeometry::ExitCell LevelGeometry::exit_cell(const Cell& cell) const {
+  const std::uint32_t n = exit_side_;
+  const auto x = static_cast<std::uint32_t>(cell.base.x);
+  const auto y = static_cast<std::uint32_t>(cell.base.y);
+  const std::uint32_t sx = x / n, sy = y / n;
+  const std::uint32_t rx = x - sx * n, ry = y - sy * n;
+  const bool inverted = rx + ry + (cell.inverted ? 1 : 0) >= n;
+
+  ExitCell exit;
+  exit.section = (cell.octant << (2 * level_)) |
+                 exit_paths_[((std::size_t{sy} << level_) + sx) * 2 + (inverted ? 1 : 0)];
+  // The corner opposite the hypotenuse, then its neighbours along x and y. In an inverted section
+  // local coordinates run backwards, so an upright cell is an inverted one there and vice versa.
+  std::uint32_t p = rx, q = ry, step = 1;
+  if (cell.inverted) p += 1, q += 1;
+  if (inverted) p = n - p, q = n - q;
+  if (cell.inverted != inverted) step = ~0u;  // towards smaller local coordinates
+  exit.columns = {triangle_index(n, p, q), triangle_index(n, p + step, q),
+                  triangle_index(n, p, q + step)};
+  return exit;
+}
+
+}  // namespace slf

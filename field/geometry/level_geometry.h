@@ -1,0 +1,77 @@
+// LevelGeometry: the tables that take a ray to its tile, row and columns at one level.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "field/geometry/section.h"
+#include "slf/shape.h"
+
+namespace slf {
+
+/// Where an entry vertex's samples are: the section that owns it, and its row in that section's
+/// tiles.
+struct EntryRow {
+  std::uint32_t section = 0;  ///< index at the entry section level
+  std::uint32_t row = 0;
+};
+
+/// Thread-safety: immutable.
+class LevelGeometry {
+ public:
+  LevelGeometry(const FieldShape& shape, unsigned level);
+
+  [[nodiscard]] unsigned level() const { return level_; }
+  [[nodiscard]] std::int32_t entry_resolution() const { return entry_resolution_; }
+  [[nodiscard]] std::int32_t exit_resolution() const { return exit_resolution_; }
+  [[nodiscard]] std::uint32_t exit_side() const { return exit_side_; }
+  [[nodiscard]] Section entry_section(std::uint32_t index) const {
+    return {static_cast<std::uint8_t>(entry_level_), index};
+  }
+  [[nodiscard]] Section exit_section(std::uint32_t index) const {
+    return {static_cast<std::uint8_t>(level_), index};
+  }
+
+  /// The rows of tiles entered through a section, as local coordinates. Lives as long as this.
+  [[nodiscard]] std::span<const LocalPoint> rows(std::uint32_t entry_section) const;
+
+  /// The shape of a layer of the tiles entered through a section.
+  [[nodiscard]] codec::Tile tile(std::uint32_t entry_section, codec::SampleFormat format) const {
+    return {format, exit_side_, rows(entry_section)};
+  }
+
+  /// Finds an entry vertex, seen from any octant it touches.
+  [[nodiscard]] EntryRow entry_row(unsigned octant, OctantPoint point) const {
+    const std::uint32_t packed =
+        entry_rows_[(octant * entry_stride_ + static_cast<std::uint32_t>(point.y)) * entry_stride_ +
+                    static_cast<std::uint32_t>(point.x)];
+    return {packed >> row_bits_, packed & ((1u << row_bits_) - 1)};
+  }
+
+  /// All of them: [octant][y][x], with entry_resolution() + 1 of each y and x; as
+  /// section << row_bits() | row.
+  [[nodiscard]] std::span<const std::uint32_t> entry_rows() const { return entry_rows_; }
+  [[nodiscard]] unsigned row_bits() const { return row_bits_; }
+  /// Exit sections within an octant by place: [y][x][inverted], 2^level of each y and x.
+  [[nodiscard]] std::span<const std::uint32_t> exit_paths() const { return exit_paths_; }
+
+  /// The exit section that holds a cell, and the columns of the cell's corners in its tiles.
+  struct ExitCell {
+    std::uint32_t section = 0;
+    std::array<std::uint32_t, 3> columns{};
+  };
+  [[nodiscard]] ExitCell exit_cell(const Cell& cell) const;
+
+ private:
+  unsigned level_, entry_level_;
+  std::int32_t entry_resolution_, exit_resolution_;
+  std::uint32_t exit_side_, entry_stride_;
+  std::vector<LocalPoint> points_;        // rows of all sections, one after the other
+  std::vector<std::uint32_t> row_begin_;  // per entry section, into points_; one more at the end
+  unsigned row_bits_;
+  std::vector<std::uint32_t> entry_rows_;  // [octant][y][x]
+  std::vector<std::uint32_t> exit_paths_;  // [y][x][inverted]: section index within an octant
+};
+
+}  // namespace slf

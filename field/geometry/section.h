@@ -1,0 +1,102 @@
+// Section: a spherical triangle of the hierarchical subdivision; and the tiles that pair two.
+//
+// The 8 octspheres are the sections of level 0. A section is split into four by three great arcs
+// through its edge midpoints (paper Figure 9): child 0, 1, 2 at the corner of its first, second,
+// third barycentric coordinate, child 3 in the middle. In the u,v plane a section is a
+// sub-triangle of the lattice, either upright or, after an odd number of middles, inverted.
+//
+// Inside a section, points have local coordinates (p, q), p + q <= n, where n is the number of
+// lattice cells along its edge: its own barycentric coordinates times n.
+#pragma once
+
+#include <compare>
+#include <cstdint>
+#include <vector>
+
+#include "codec/codec.h"
+#include "field/geometry/lattice.h"
+#include "slf/tile_key.h"
+
+namespace slf {
+
+using codec::LocalPoint;
+
+/// The deepest level a section can have; index then needs 3 + 2·12 bits.
+inline constexpr unsigned kMaxSectionLevel = 12;
+
+/// A section by its level and its index in [0, 8·4^level): the octant, then two bits for each
+/// child on the way down. The children of index s are 4s..4s+3: they tile their parent.
+struct Section {
+  std::uint8_t level = 0;
+  std::uint32_t index = 0;
+  friend auto operator<=>(const Section&, const Section&) = default;
+
+  [[nodiscard]] unsigned octant() const { return index >> (2 * level); }
+  [[nodiscard]] Section parent() const {
+    return {static_cast<std::uint8_t>(level - 1), index >> 2};
+  }
+  [[nodiscard]] Section child(unsigned c) const {
+    return {static_cast<std::uint8_t>(level + 1), index << 2 | c};
+  }
+};
+
+[[nodiscard]] constexpr std::uint64_t section_count(unsigned level) { return 8ull << (2 * level); }
+
+/// A section's place in its octsphere: the sub-triangle with corners (x,y), (x+1,y), (x,y+1) when
+/// upright and (x+1,y+1), (x,y+1), (x+1,y) when inverted, on the grid with 2^level cells an edge.
+struct SectionPlace {
+  std::int32_t x = 0;
+  std::int32_t y = 0;
+  bool inverted = false;
+  friend bool operator==(const SectionPlace&, const SectionPlace&) = default;
+};
+
+[[nodiscard]] SectionPlace place_of(Section section);
+[[nodiscard]] Section section_at(unsigned octant, SectionPlace place, unsigned level);
+
+/// The section of `level` that holds a cell of the lattice with `side`·2^level cells an edge.
+[[nodiscard]] Section section_of(const Cell& cell, std::uint32_t side, unsigned level);
+
+/// The section of `level` that holds a direction. Ties, on shared arcs, go as for owner_of.
+[[nodiscard]] Section locate_section(const glm::dvec3& direction, unsigned level);
+
+/// The one section of `level` that owns a vertex (of a lattice whose resolution is a multiple of
+/// 2^level), by integer arithmetic alone. A zero
+/// coordinate counts as positive; on an arc between children, the corner child of the first
+/// coordinate wins over the second's, that over the third's, and every corner over the middle.
+[[nodiscard]] Section owner_of(const LatticeVertex& vertex, unsigned level);
+
+/// Local coordinates of a grid point in a section (which must touch it), and back.
+[[nodiscard]] LocalPoint to_local(OctantPoint point, Section section, std::uint32_t side);
+[[nodiscard]] OctantPoint from_local(LocalPoint local, Section section, std::uint32_t side);
+
+/// The vertex of a section at local coordinates, and its direction on the unit sphere.
+[[nodiscard]] LatticeVertex vertex_at(Section section, LocalPoint local, std::uint32_t side);
+
+/// All local coordinates of a section with `side` cells an edge, in ascending (q, p): the columns
+/// of a tile that exits through it.
+[[nodiscard]] std::vector<LocalPoint> triangle_points(std::uint32_t side);
+
+/// The local coordinates of the vertices that a section owns, in ascending (q, p): the rows of a
+/// tile entered through it.
+[[nodiscard]] std::vector<LocalPoint> owned_vertices(Section section, std::uint32_t side);
+
+/// A tile's two sections. At level l the exit section has level l, the entry section l + depth,
+/// where depth is the field's entry depth (0 in the paper).
+struct TileSections {
+  Section entry;
+  Section exit;
+  friend bool operator==(const TileSections&, const TileSections&) = default;
+};
+
+/// Key: octant pair (3+3 bits), then (entry child, exit child), 2+2 bits, per level, then the
+/// entry's extra children. One subfield's tiles are one contiguous range of keys at every depth.
+[[nodiscard]] TileKey tile_key(const TileSections& sections);
+[[nodiscard]] TileSections sections_of(TileKey key, unsigned entry_extra_levels);
+
+/// Tiles of one level: 64·16^level·4^depth.
+[[nodiscard]] constexpr std::uint64_t tile_count(unsigned level, unsigned entry_extra_levels) {
+  return 64ull << (4 * level + 2 * entry_extra_levels);
+}
+
+}  // namespace slf

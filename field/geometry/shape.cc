@@ -1,0 +1,62 @@
+#include "slf/shape.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "field/geometry/section.h"
+
+namespace slf {
+namespace {
+
+constexpr std::uint64_t kMostTileSamples = 1ull << 24;  // 64 MiB of RGBA
+constexpr std::uint32_t kMostResolution = 4096;
+
+}  // namespace
+
+std::uint64_t FieldShape::slabs(unsigned level) const {
+  return vertex_count(entry_resolution(level)) * vertex_count(exit_resolution(level));
+}
+
+std::uint64_t FieldShape::tiles(unsigned level) const {
+  const std::uint64_t all = tile_count(level, entry_extra_levels);
+  return subfields.empty() ? all : all / 64 * subfields.size();
+}
+
+std::uint64_t FieldShape::largest_tile() const {
+  return std::uint64_t{triangle_size(entry_section_side())} * triangle_size(exit_side);
+}
+
+bool FieldShape::has(TileKey key) const {
+  if (key.level > levels || key.index >= tile_count(key.level, entry_extra_levels)) return false;
+  const auto subfield =
+      static_cast<std::uint8_t>(key.index >> (4 * key.level + 2 * entry_extra_levels));
+  return subfields.empty() || std::binary_search(subfields.begin(), subfields.end(), subfield);
+}
+
+Result<void> FieldShape::check() const {
+  if (entry_side < 1 || entry_side > kMostSide || exit_side < 1 || exit_side > kMostSide)
+    return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side, ": expected 1 to ",
+                kMostSide, " cells along an octsphere's edge");
+  if (levels + entry_extra_levels > kMaxSectionLevel || levels > 10)
+    return fail(ErrorCode::usage, "levels ", levels, ": expected at most 10");
+  if (entry_resolution(levels) > kMostResolution || exit_resolution(levels) > kMostResolution)
+    return fail(ErrorCode::usage, "lattice ", entry_resolution(levels), "/",
+                exit_resolution(levels), ": expected at most ", kMostResolution);
+  if (entry_section_side() << entry_extra_levels != entry_side)
+    return fail(ErrorCode::usage, "entry ", entry_side, " cannot be split ", entry_extra_levels,
+                " levels deeper: expected a multiple of ", 1u << entry_extra_levels);
+  if (largest_tile() > kMostTileSamples)
+    return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side,
+                ": a tile would have ", largest_tile(), " samples, at most ", kMostTileSamples,
+                " are allowed; halve both sides and add a level");
+  for (std::size_t k = 0; k < subfields.size(); ++k)
+    if (subfields[k] > 63 || (k > 0 && subfields[k] <= subfields[k - 1]))
+      return fail(ErrorCode::usage,
+                  "subfields: expected different numbers from 0 to 63, ascending");
+  const glm::dvec3& c = sphere.center;
+  if (!std::isfinite(c.x + c.y + c.z) || !(sphere.radius > 0) || !std::isfinite(sphere.radius))
+    return fail(ErrorCode::usage, "sphere: expected a finite centre and a positive radius");
+  return {};
+}
+
+}  // namespace slf

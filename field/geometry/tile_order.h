@@ -1,0 +1,61 @@
+// TileOrder: all tiles of a field in key order, numbered through its levels and subfields.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "field/geometry/section.h"
+#include "slf/shape.h"
+
+namespace slf {
+
+class TileOrder {
+ public:
+  explicit TileOrder(const FieldShape& shape) : shape_(shape) {
+    for (unsigned level = 0; level <= shape.levels; ++level) {
+      first_.push_back(count_);
+      count_ += shape.tiles(level);
+    }
+  }
+
+  [[nodiscard]] std::uint64_t count() const { return count_; }
+
+  /// REQUIRES: number < count().
+  [[nodiscard]] TileKey key(std::uint64_t number) const {
+    std::size_t level = first_.size() - 1;
+    while (first_[level] > number) --level;
+    const auto l = static_cast<unsigned>(level);
+    std::uint64_t index = number - first_[level];
+    if (!shape_.subfields.empty()) {
+      const unsigned bits = subfield_bits(l);
+      index = std::uint64_t{shape_.subfields[index >> bits]} << bits |
+              (index & ((std::uint64_t{1} << bits) - 1));
+    }
+    return {static_cast<std::uint8_t>(l), index};
+  }
+
+  /// The first number whose key is not below `key`.
+  [[nodiscard]] std::uint64_t number(TileKey key) const {
+    std::uint64_t low = 0, high = count_;
+    while (low < high) {
+      const std::uint64_t middle = low + (high - low) / 2;
+      if (this->key(middle) < key)
+        low = middle + 1;
+      else
+        high = middle;
+    }
+    return low;
+  }
+
+ private:
+  /// Bits of an index below its level-0 subfield.
+  [[nodiscard]] unsigned subfield_bits(unsigned level) const {
+    return 4 * level + 2 * shape_.entry_extra_levels;
+  }
+
+  FieldShape shape_;
+  std::vector<std::uint64_t> first_;
+  std::uint64_t count_ = 0;
+};
+
+}  // namespace slf

@@ -1,0 +1,95 @@
+#include "slf/image.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cstring>
+#include <filesystem>
+#include <string_view>
+
+#include "base/file.h"
+#include "field/image/formats.h"
+
+namespace slf {
+namespace image_formats {
+
+Result<void> check_size(const std::string& name, std::uint64_t width, std::uint64_t height) {
+  if (width == 0 || height == 0)
+    return fail(ErrorCode::bad_file, name, ": has no pixels (", width, "x", height, ")");
+  if (width > kMaxSide || height > kMaxSide || width * height > kMaxPixels)
+    return fail(ErrorCode::unsupported, name, ": claims ", width, "x", height,
+                " pixels; pictures are read up to ", kMaxSide, " on a side and ", kMaxPixels,
+                " in all");
+  return {};
+}
+
+Result<Image> decode(const std::string& name, ByteSpan bytes) {
+  const auto begins = [&](std::string_view magic) {
+    return bytes.size() >= magic.size() &&
+           std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;
+  };
+  if (begins("\x89PNG")) return decode_png(name, bytes);
+  if (begins("\xff\xd8\xff")) return decode_jpeg(name, bytes);
+  if (begins("\x76\x2f\x31\x01")) return decode_exr(name, bytes);
+  return fail(ErrorCode::bad_file, name, ": not a PNG, JPEG or OpenEXR picture");
+}
+
+}  // namespace image_formats
+
+namespace {
+
+/// No file of a picture of kMaxPixels is longer than its float RGBA and Z, and some metadata.
+constexpr std::uint64_t kMaxFileBytes = image_formats::kMaxPixels * 20 + (std::uint64_t{1} << 24);
+
+std::string lower_extension(const std::string& path) {
+  std::string extension = std::filesystem::path(path).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension;
+}
+
+Result<void> check_pixels(const std::string& path, const Image& image) {
+  const std::size_t expected = std::size_t{image.width} * image.height;
+  if (expected == 0) return fail(ErrorCode::usage, path, ": the picture has no pixels");
+  if (image.rgba.size() != expected || (!image.depth.empty() && image.depth.size() != expected))
+    return fail(ErrorCode::usage, path, ": a picture of ", image.width, "x", image.height, " has ",
+                image.rgba.size(), " colours and ", image.depth.size(), " depths");
+  return {};
+}
+
+Result<Bytes> encode(const std::string& path, const Image& image, const ImageFileOptions& options) {
+  const std::string extension = lower_extension(path);
+  if (extension == ".png") return image_formats::encode_png(path, image, options);
+  if (extension == ".jpg" || extension == ".jpeg")
+    return image_formats::encode_jpeg(path, image, options);
+  if (extension == ".exr") return image_formats::encode_exr(path, image);
+  return fail(ErrorCode::usage, path, ": unknown kind of picture '", extension,
+              "'; use .png, .jpg or .exr");
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> to_rgb8(const Image& image, const glm::vec3& background) {
+  std::vector<std::uint8_t> rgb;
+  rgb.reserve(image.rgba.size() * 3);
+  for (const glm::vec4& pixel : image.rgba) {
+    const glm::vec3 color = glm::vec3(pixel) + (1 - pixel.a) * background;
+    for (int c = 0; c < 3; ++c) rgb.push_back(image_formats::to_byte(color[c]));
+  }
+  return rgb;
+}
+
+Result<void> write_image(const std::string& path, const Image& image,
+                         const ImageFileOptions& options) {
+  if (auto ok = check_pixels(path, image); !ok) return tl::unexpected(ok.error());
+  const Result<Bytes> bytes = encode(path, image, options);
+  if (!bytes) return tl::unexpected(bytes.error());
+  return write_file(path, *bytes);
+}
+
+Result<Image> read_image(const std::string& path) {
+  const Result<Bytes> bytes = read_file(path, kMaxFileBytes);
+  if (!bytes) return tl::unexpected(bytes.error());
+  return image_formats::decode(path, *bytes);
+}
+
+}  // namespace slf

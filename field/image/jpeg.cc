@@ -1,0 +1,174 @@
+// JPEG through libjpeg-turbo.
+
+#include <cstdio>  // before jpeglib.h, which uses FILE
+// Keep apart: jpeglib.h needs the above.
+#include <jerror.h>
+#include <jpeglib.h>
+
+#include <algorithm>
+#include <csetjmp>
+#include <cstdlib>
+#include <memory>
+
+#include "field/image/formats.h"
+
+namespace slf::image_formats {
+namespace {
+
+/// A progressive file may repeat scans that cost time and hold nothing; real ones have about ten.
+constexpr int kMaxScans = 500;
+
+/// Turns libjpeg's calls to exit into a message. Owned beside the jpeg struct that points to it.
+class JpegErrors {
+ public:
+  jpeg_error_mgr* install() {
+    jpeg_std_error(&manager_);
+    manager_.error_exit = [](j_common_ptr jpeg) { self(jpeg).stop(jpeg); };
+    manager_.emit_message = [](j_common_ptr jpeg, int level) {
+      if (level < 0 && !harmless(jpeg->err->msg_code)) self(jpeg).stop(jpeg);
+    };
+    return &manager_;
+  }
+
+  /// Runs calls into libjpeg; false when one of them failed.
+  /// REQUIRES: `calls` owns nothing that needs a destructor: a longjmp leaves it.
+  template <class Calls>
+  [[nodiscard]] bool run(const Calls& calls) {
+    if (setjmp(back_) != 0) return false;
+    calls();
+    return true;
+  }
+
+  [[nodiscard]] const char* message() const { return message_; }
+
+ private:
+  static JpegErrors& self(j_common_ptr jpeg) {
+    return *static_cast<JpegErrors*>(jpeg->client_data);
+  }
+
+  /// Warnings other than these mean that pixels are missing or made up.
+  static bool harmless(int code) {
+    return code == JWRN_JFIF_MAJOR || code == JWRN_ADOBE_XFORM || code == JWRN_BOGUS_ICC;
+  }
+
+  [[noreturn]] void stop(j_common_ptr jpeg) {
+    manager_.format_message(jpeg, message_);
+    std::longjmp(back_, 1);
+  }
+
+  jpeg_error_mgr manager_{};
+  std::jmp_buf back_{};
+  char message_[JMSG_LENGTH_MAX] = "";
+};
+
+struct Compressor {
+  JpegErrors errors;
+  jpeg_compress_struct jpeg{};
+  unsigned char* bytes = nullptr;  ///< malloc'ed by libjpeg
+  unsigned long size = 0;
+
+  Compressor() = default;
+  Compressor(const Compressor&) = delete;
+  Compressor& operator=(const Compressor&) = delete;
+  ~Compressor() {
+    jpeg_destroy_compress(&jpeg);
+    std::free(bytes);
+  }
+
+  void compress(const std::uint8_t* rgb, std::uint32_t width, std::uint32_t height, int quality) {
+    jpeg_create_compress(&jpeg);
+    jpeg.image_width = width;
+    jpeg.image_height = height;
+    jpeg.input_components = 3;
+    jpeg.in_color_space = JCS_RGB;
+    jpeg_mem_dest(&jpeg, &bytes, &size);
+    jpeg_set_defaults(&jpeg);
+    jpeg_set_quality(&jpeg, quality, TRUE);
+    // Full-resolution chroma: rendered surfaces have sharp coloured edges.
+    for (int c = 0; c < 3; ++c)
+      jpeg.comp_info[c].h_samp_factor = jpeg.comp_info[c].v_samp_factor = 1;
+    jpeg_start_compress(&jpeg, TRUE);
+    while (jpeg.next_scanline < height) {
+      // The library takes a non-const row and does not write to it.
+      auto* row = const_cast<std::uint8_t*>(rgb + std::size_t{jpeg.next_scanline} * width * 3);
+      jpeg_write_scanlines(&jpeg, &row, 1);
+    }
+    jpeg_finish_compress(&jpeg);
+  }
+};
+
+struct Decompressor {
+  JpegErrors errors;
+  jpeg_decompress_struct jpeg{};
+  jpeg_progress_mgr progress{};
+
+  Decompressor() = default;
+  Decompressor(const Decompressor&) = delete;
+  Decompressor& operator=(const Decompressor&) = delete;
+  ~Decompressor() { jpeg_destroy_decompress(&jpeg); }
+
+  void read_header(ByteSpan bytes) {
+    jpeg_create_decompress(&jpeg);
+    progress.progress_monitor = [](j_common_ptr common) {
+      if (reinterpret_cast<j_decompress_ptr>(common)->input_scan_number > kMaxScans)
+        ERREXIT(common, JERR_BAD_PROGRESSION);
+    };
+    jpeg.progress = &progress;
+    jpeg_mem_src(&jpeg, reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size());
+    jpeg_read_header(&jpeg, TRUE);
+  }
+
+  /// REQUIRES: width × height × 3 bytes at `rgb`.
+  void read_pixels(std::uint8_t* rgb) {
+    jpeg.out_color_space = JCS_RGB;
+    jpeg_start_decompress(&jpeg);
+    while (jpeg.output_scanline < jpeg.output_height) {
+      std::uint8_t* row = rgb + std::size_t{jpeg.output_scanline} * jpeg.output_width * 3;
+      jpeg_read_scanlines(&jpeg, &row, 1);
+    }
+    jpeg_finish_decompress(&jpeg);
+  }
+};
+
+}  // namespace
+
+Result<Bytes> encode_jpeg(const std::string& name, const Image& image,
+                          const ImageFileOptions& options) {
+  const std::vector<std::uint8_t> rgb = to_rgb8(image, options.background);
+  Compressor compressor;
+  compressor.jpeg.err = compressor.errors.install();
+  compressor.jpeg.client_data = &compressor.errors;
+  const int quality = std::clamp(options.jpeg_quality, 1, 100);
+  if (!compressor.errors.run(
+          [&] { compressor.compress(rgb.data(), image.width, image.height, quality); }))
+    return fail(ErrorCode::failed, name, ": cannot encode as JPEG: ", compressor.errors.message());
+  const auto* begin = reinterpret_cast<const std::byte*>(compressor.bytes);
+  return Bytes(begin, begin + compressor.size);
+}
+
+Result<Image> decode_jpeg(const std::string& name, ByteSpan bytes) {
+  Decompressor decompressor;
+  decompressor.jpeg.err = decompressor.errors.install();
+  decompressor.jpeg.client_data = &decompressor.errors;
+  const auto damaged = [&] {
+    return fail(ErrorCode::bad_file, name, ": damaged JPEG: ", decompressor.errors.message());
+  };
+  if (!decompressor.errors.run([&] { decompressor.read_header(bytes); })) return damaged();
+
+  const auto& jpeg = decompressor.jpeg;
+  if (auto ok = check_size(name, jpeg.image_width, jpeg.image_height); !ok)
+    return tl::unexpected(ok.error());
+  if (jpeg.jpeg_color_space == JCS_CMYK || jpeg.jpeg_color_space == JCS_YCCK)
+    return fail(ErrorCode::unsupported, name, ": JPEG in CMYK; only grey and colour are read");
+
+  Image image{jpeg.image_width, jpeg.image_height, {}, {}};
+  std::vector<std::uint8_t> rgb(std::size_t{image.width} * image.height * 3);
+  if (!decompressor.errors.run([&] { decompressor.read_pixels(rgb.data()); })) return damaged();
+
+  image.rgba.reserve(rgb.size() / 3);
+  for (std::size_t i = 0; i < rgb.size(); i += 3)
+    image.rgba.emplace_back(glm::vec3(rgb[i], rgb[i + 1], rgb[i + 2]) / 255.0F, 1.0F);
+  return image;
+}
+
+}  // namespace slf::image_formats

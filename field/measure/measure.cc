@@ -1,0 +1,268 @@
+#include "slf/measure.h"
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <chrono>
+#include <cstdio>
+#include <fstream>
+#include <numeric>
+#include <string>
+#include <system_error>
+#include <thread>
+
+#include "field/scene/view.h"
+
+namespace slf {
+namespace {
+
+/// Watches the process's resident memory while it lives.
+class ResidentWatch {
+ public:
+  ResidentWatch() : thread_([this] { watch(); }) {}
+  ~ResidentWatch() {
+    stop_ = true;
+    thread_.join();
+  }
+  [[nodiscard]] ResidentMemory peak() {
+    look();
+    return {anonymous_, file_};
+  }
+
+ private:
+  void watch() {
+    while (!stop_) {
+      look();
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+  }
+  void look() {
+    const ResidentMemory now = resident_memory();
+    raise(anonymous_, now.anonymous);
+    raise(file_, now.file);
+  }
+  static void raise(std::atomic<std::uint64_t>& to, std::uint64_t value) {
+    for (std::uint64_t old = to; old < value && !to.compare_exchange_weak(old, value);) continue;
+  }
+
+  std::atomic<bool> stop_{false};
+  std::atomic<std::uint64_t> anonymous_{0}, file_{0};
+  std::thread thread_;
+};
+
+/// What one view at one level cost, in the order of LevelMeasure's members.
+struct ViewCost {
+  double tiles = 0, pairs = 0, bytes = 0, pages = 0, cached = 0, mapped = 0, peak = 0;
+};
+
+/// What the kernel knows of a field's map.
+class KernelCount {
+ public:
+  explicit KernelCount(const Field& field)
+      : map_(const_cast<std::byte*>(field.store().map())),
+        bytes_(field.store().file_bytes()),
+        path_(field.path()) {}
+
+  /// Forgets all pages and notes which stay in memory all the same.
+  void begin() {
+    (void)madvise(map_, bytes_, MADV_DONTNEED);
+    dropped_ = drop_page_cache(path_).has_value();
+    before_ = cached();
+  }
+  /// Whether the pages that were needed came into memory since begin(), and no other way.
+  [[nodiscard]] bool counts(std::span<const std::uint64_t> needed) const {
+    return dropped_ && !before_.empty() &&
+           std::none_of(needed.begin(), needed.end(),
+                        [&](std::uint64_t page) { return before_[page] & 1; });
+  }
+  /// Pages that came into the page cache since begin().
+  [[nodiscard]] std::uint64_t came() const {
+    const std::vector<unsigned char> now = cached();
+    std::uint64_t count = 0;
+    for (std::size_t page = 0; page < now.size(); ++page) count += now[page] & ~before_[page] & 1;
+    return count;
+  }
+  /// Pages of the map that this process has mapped, from /proc/self/smaps.
+  [[nodiscard]] std::uint64_t mapped() const {
+    std::ifstream smaps("/proc/self/smaps");
+    const auto first = reinterpret_cast<std::uintptr_t>(map_), last = first + bytes_;
+    std::uint64_t kib = 0;
+    bool ours = false;
+    for (std::string line; std::getline(smaps, line);) {
+      std::uintptr_t begin = 0, end = 0;
+      unsigned long long rss = 0;
+      if (std::sscanf(line.c_str(), "%lx-%lx ", &begin, &end) == 2)
+        ours = begin < last && end > first;
+      else if (ours && std::sscanf(line.c_str(), "Rss: %llu kB", &rss) == 1)
+        kib += rss;
+    }
+    return kib / 4;
+  }
+
+ private:
+  /// One byte a page, empty where the kernel does not say.
+  [[nodiscard]] std::vector<unsigned char> cached() const {
+    std::vector<unsigned char> pages((bytes_ + 4095) / 4096);
+    if (mincore(map_, bytes_, pages.data()) != 0) pages.clear();
+    return pages;
+  }
+
+  std::byte* map_;
+  std::uint64_t bytes_;
+  std::string path_;
+  bool dropped_ = false;
+  std::vector<unsigned char> before_;
+};
+
+MeanAndMax spread(const std::vector<ViewCost>& views, double ViewCost::*member, double scale = 1) {
+  MeanAndMax s;
+  for (const ViewCost& view : views) {
+    s.mean += view.*member * scale / static_cast<double>(views.size());
+    s.max = std::max(s.max, view.*member * scale);
+  }
+  return s;
+}
+
+LevelMeasure summarize(unsigned level, std::uint64_t tiles, const std::vector<ViewCost>& views) {
+  const double share = 1 / static_cast<double>(tiles);
+  return {level,
+          tiles,
+          spread(views, &ViewCost::tiles),
+          spread(views, &ViewCost::pairs),
+          spread(views, &ViewCost::bytes),
+          spread(views, &ViewCost::pages),
+          spread(views, &ViewCost::cached),
+          spread(views, &ViewCost::mapped),
+          spread(views, &ViewCost::peak),
+          spread(views, &ViewCost::tiles, share),
+          spread(views, &ViewCost::pairs, share)};
+}
+
+}  // namespace
+
+Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles, bool with_depth) {
+  Footprint sum;
+  for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
+    const bool is_depth = field.manifest().layers[layer].name == "depth";
+    if (is_depth && !with_depth) continue;
+    std::vector<TileKey> stored;  // the renderer does not look for the depth of nothing
+    for (const TileKey& key : tiles) {
+      const auto tile = field.store().find(layer, key);
+      if (!tile) return tl::unexpected(tile.error());
+      if (tile->state == storage::TileState::stored) stored.push_back(key);
+      sum.compressed_bytes += tile->payload.size();
+    }
+    if (!is_depth) sum.stored_tiles = stored.size();
+    const auto pages =
+        field.store().pages(layer, is_depth ? std::span<const TileKey>(stored) : tiles);
+    if (!pages) return tl::unexpected(pages.error());
+    sum.pages.insert(sum.pages.end(), pages->begin(), pages->end());
+  }
+  std::sort(sum.pages.begin(), sum.pages.end());
+  sum.pages.erase(std::unique(sum.pages.begin(), sum.pages.end()), sum.pages.end());
+  return sum;
+}
+
+Result<void> drop_page_cache(const std::string& path) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  // Dirty pages are not dropped.
+  const bool good =
+      fd >= 0 && ::fsync(fd) == 0 && ::posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED) == 0;
+  const int cause = errno;
+  if (fd >= 0) ::close(fd);
+  if (good) return {};
+  return fail(ErrorCode::io, path,
+              ": cannot drop its cached pages: ", std::generic_category().message(cause));
+}
+
+ResidentMemory resident_memory() {
+  ResidentMemory memory;
+  std::ifstream status("/proc/self/status");
+  for (std::string key; status >> key;) {
+    std::uint64_t kib = 0;
+    if (key == "RssAnon:" && status >> kib) memory.anonymous = kib << 10;
+    if (key == "RssFile:" && status >> kib) memory.file = kib << 10;
+  }
+  return memory;
+}
+
+Result<Measurement> measure_views(const Field& field, const MeasureOptions& options) {
+  if (options.cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
+  std::vector<unsigned> levels = options.levels;
+  if (levels.empty()) {
+    levels.resize(field.shape().levels + 1);
+    std::iota(levels.begin(), levels.end(), 0u);
+  }
+  Measurement result;
+  ResidentWatch watch;
+  KernelCount kernel(field);
+  std::vector<ViewCost> total(options.cameras.size());
+  std::uint64_t total_tiles = 0;
+  for (const unsigned level : levels) {
+    std::vector<ViewCost> views;
+    for (std::size_t v = 0; v < options.cameras.size(); ++v) {
+      kernel.begin();
+      Renderer renderer(field, options.renderer);
+      ViewStatistics statistics;
+      const auto image =
+          renderer.render(options.cameras[v], {options.mode, level, false}, &statistics);
+      if (!image) return tl::unexpected(image.error());
+      const std::uint64_t came = kernel.came(), mapped = kernel.mapped();
+      const auto pairs = crossed_pairs(field.shape(), options.cameras[v], level);
+      if (!pairs) return tl::unexpected(pairs.error());
+      const auto file = footprint(field, statistics.tiles, options.mode == RenderMode::depth);
+      if (!file) return tl::unexpected(file.error());
+      const ViewCost cost{static_cast<double>(statistics.tiles.size()),
+                          static_cast<double>(pairs->size()),
+                          static_cast<double>(file->compressed_bytes),
+                          static_cast<double>(file->pages.size()),
+                          static_cast<double>(came),
+                          static_cast<double>(mapped),
+                          static_cast<double>(statistics.decoded_peak_bytes)};
+      views.push_back(cost);
+      result.kernel_counted = result.kernel_counted && kernel.counts(file->pages);
+      total[v].tiles += cost.tiles;
+      total[v].pairs += cost.pairs;
+      total[v].bytes += cost.bytes;
+      total[v].pages += cost.pages;
+      total[v].cached += cost.cached;
+      total[v].mapped += cost.mapped;
+      total[v].peak = std::max(total[v].peak, cost.peak);
+    }
+    const std::uint64_t tiles = tile_count(level, field.shape().entry_extra_levels);
+    total_tiles += tiles;
+    result.levels.push_back(summarize(level, tiles, views));
+  }
+  result.total = summarize(field.shape().levels, total_tiles, total);
+  const ResidentMemory peak = watch.peak();
+  result.rss_anon_peak = peak.anonymous;
+  result.rss_file_peak = peak.file;
+  return result;
+}
+
+Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
+                                  const std::vector<Camera>& cameras, const ViewOptions& view,
+                                  const RendererOptions& options, std::uint32_t supersample) {
+  if (cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
+  Renderer renderer(field, options);
+  Evaluation result;
+  for (const Camera& camera : cameras) {
+    Camera finer = camera;
+    finer.width *= supersample, finer.height *= supersample;
+    const auto truth = trace_view(scene, field.shape().sphere, finer, options.threads);
+    if (!truth) return tl::unexpected(truth.error());
+    const auto image = renderer.render(camera, view);
+    if (!image) return tl::unexpected(image.error());
+    const ImageDifference difference = compare(shrink(*truth, supersample), *image);
+    result.views.push_back({difference.psnr, difference.ssim});
+    result.psnr += difference.psnr / static_cast<double>(cameras.size());
+    result.ssim += difference.ssim / static_cast<double>(cameras.size());
+  }
+  return result;
+}
+
+}  // namespace slf

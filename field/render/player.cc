@@ -1,0 +1,312 @@
+#include "slf/player.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <glm/gtc/quaternion.hpp>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <thread>
+#include <utility>
+
+namespace slf {
+namespace {
+
+// Pixels along a preview's longer side. Edges take turns, so that views that follow each other are
+// looked at along other rays.
+constexpr std::array<std::uint32_t, 4> kPreviewEdges{41, 47, 43, 53};
+constexpr std::size_t kBatch = 64;  // tiles that are asked for together
+constexpr double kCut = 0.5;        // radians a frame; beyond it is another place
+// Frames that leave a kGap-th of their time between them, or more, get the cores for themselves.
+// So little is enough: a frame that took long once would share them next, and so take long again.
+constexpr int kGap = 8;
+
+Camera preview_of(Camera camera, std::uint64_t turn) {
+  const auto [shorter, longer] = std::minmax(camera.width, camera.height);
+  // A picture keeps its shape, though it be a line.
+  const double scale =
+      std::clamp(1.0 * kPreviewEdges[turn % kPreviewEdges.size()] / longer, 1.0 / shorter, 1.0);
+  const auto scaled = [&](std::uint32_t edge) {
+    return std::max(1u, static_cast<std::uint32_t>(std::lround(edge * scale)));
+  };
+  camera.width = scaled(camera.width);
+  camera.height = scaled(camera.height);
+  return camera;
+}
+
+}  // namespace
+
+const char* name(Loading loading) {
+  constexpr const char* kNames[] = {"ahead", "demand", "wait"};
+  return kNames[static_cast<int>(loading)];
+}
+
+Result<Loading> parse_loading(std::string_view text) {
+  for (const auto loading : {Loading::ahead, Loading::demand, Loading::wait})
+    if (text == name(loading)) return loading;
+  return fail(ErrorCode::usage, "unknown loading '", text, "'; expected ahead, demand or wait");
+}
+
+Camera predict(const glm::dvec3& center, const Camera& before, const Camera& now, double frames) {
+  const glm::dvec3 from = before.eye - center, to = now.eye - center;
+  const double far = glm::length(from), near = glm::length(to);
+  if (!(far > 0 && near > 0)) return now;
+  const glm::dvec3 axis = glm::cross(from, to);
+  const double sine = glm::length(axis) / (far * near), cosine = glm::dot(from, to) / (far * near);
+  const double angle = std::atan2(sine, cosine);
+  if (!(angle < kCut)) return now;
+
+  Camera camera = now;
+  const glm::dquat turn =
+      sine > 0 ? glm::angleAxis(angle * frames, glm::normalize(axis)) : glm::dquat(1, 0, 0, 0);
+  camera.eye = center + turn * to * std::pow(near / far, frames);
+  camera.look_at = now.look_at + (now.look_at - before.look_at) * frames;
+  // An up that stood still goes on standing still.
+  if (before.up != now.up) camera.up = turn * now.up;
+  camera.fov = std::clamp(now.fov * std::pow(now.fov / before.fov, frames), now.fov / 2,
+                          std::min(2 * now.fov, 170.0));
+  return camera;
+}
+
+namespace {
+
+/// Whether a camera is where it was expected: off by so little of its last step that it takes
+/// `frames` more to be off by all of it.
+bool is_near(const Camera& camera, const Camera& expected, const Camera& before, double frames) {
+  const auto apart = [](const Camera& a, const Camera& b) {
+    return glm::distance(a.eye, b.eye) + glm::distance(a.look_at, b.look_at);
+  };
+  return apart(camera, expected) * frames <= apart(camera, before);
+}
+
+}  // namespace
+
+/// The loading thread. It works on the latest plan only: what the last frame lacked, then the views
+/// to come, coarse levels first.
+class Player::Loader {
+ public:
+  Loader(const Renderer& renderer, const ViewOptions& view)
+      : cache_(renderer.cache()),
+        view_(view),
+        previewer_(renderer, 1),
+        thread_([this] { run(); }) {}
+  ~Loader() {
+    {
+      const std::lock_guard lock(mutex_);
+      stop_ = true;
+    }
+    changed_.notify_all();
+    thread_.join();
+  }
+
+  /// `lacking` are keys in order, `level` that of the frame; `drawn` is when it was done, on the
+  /// cache's clock. Its tiles are pinned: what was used since is for frames to come.
+  void plan(std::vector<TileKey> lacking, std::vector<Camera> next, unsigned level,
+            std::uint64_t drawn) {
+    {
+      const std::lock_guard lock(mutex_);
+      lacking_ = std::move(lacking);
+      next_ = std::move(next);
+      level_ = level;
+      drawn_ = drawn;
+      ++plan_;
+    }
+    changed_.notify_all();
+  }
+
+  void settle() {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return done_ == plan_; });
+  }
+
+  /// While a frame is drawn, the thread can leave the cores to it.
+  void pause(bool paused) {
+    {
+      const std::lock_guard lock(mutex_);
+      paused_ = paused;
+    }
+    if (!paused) changed_.notify_all();
+  }
+
+  /// The first error since this was last called.
+  [[nodiscard]] std::optional<Error> take_error() {
+    const std::lock_guard lock(mutex_);
+    return std::exchange(error_, std::nullopt);
+  }
+
+ private:
+  void run() {
+    std::unique_lock lock(mutex_);
+    for (;;) {
+      changed_.wait(lock, [&] { return stop_ || done_ != plan_; });
+      if (stop_) return;
+      const std::uint64_t plan = plan_;
+      const std::vector<TileKey> lacking = std::move(lacking_);
+      const std::vector<Camera> next = std::move(next_);
+      const std::uint64_t drawn = drawn_;
+      view_.level = level_;
+      lock.unlock();
+      current_ = plan;
+      auto ok = load(lacking, drawn);
+      for (std::size_t k = 0; ok && k < next.size() && *ok; ++k) ok = load_view(next[k], drawn);
+      lock.lock();
+      if (!ok && !error_) error_ = ok.error();
+      done_ = plan;
+      changed_.notify_all();
+    }
+  }
+
+  /// Whether there is a newer plan; waits out a pause.
+  [[nodiscard]] bool outdated() {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return stop_ || !paused_; });
+    return stop_ || plan_ != current_;
+  }
+
+  /// Loads tiles in batches that the disk can work on together. False: there is a newer plan, or no
+  /// room but that of tiles the next frames use.
+  [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint64_t drawn) {
+    const bool with_depth = view_.needs_depth();
+    const auto locate = [&](std::size_t from) {
+      from = std::min(from, keys.size());
+      return cache_.locate(keys.subspan(from, std::min(kBatch, keys.size() - from)), with_depth);
+    };
+    auto batch = locate(0);
+    for (std::size_t at = 0; at < keys.size(); at += kBatch) {
+      const auto now = std::exchange(batch, locate(at + kBatch));
+      for (const TileCache::Located& tile : now) {
+        if (outdated() || !cache_.has_room(drawn)) return false;
+        if (auto here = cache_.get(tile, with_depth); !here) return tl::unexpected(here.error());
+      }
+    }
+    return true;
+  }
+
+  /// Loads what a small picture of a view touches. What it sees leads to more as tiles come, so it
+  /// is drawn until it lacks nothing. False: as load(); or what was loaded had to go again.
+  [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint64_t drawn) {
+    std::set<TileKey> loaded;
+    for (std::uint64_t turn = current_; !outdated(); ++turn) {
+      ViewStatistics statistics;
+      if (auto ok = previewer_.render(preview_of(camera, turn), view_, preview_, &statistics); !ok)
+        return tl::unexpected(ok.error());
+      const std::vector<TileKey>& wanted = statistics.wanted;
+      if (wanted.empty()) return true;
+      if (std::ranges::any_of(wanted, [&](TileKey key) { return loaded.contains(key); }))
+        return false;
+      if (auto ok = load(wanted, drawn); !ok || !*ok) return ok;
+      loaded.insert(wanted.begin(), wanted.end());
+    }
+    return false;
+  }
+
+  TileCache& cache_;
+  ViewOptions view_;
+  Renderer previewer_;
+  Image preview_;
+  std::uint64_t current_ = 0;  // the plan that is worked on
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::vector<TileKey> lacking_;
+  std::vector<Camera> next_;
+  unsigned level_ = 0;
+  std::uint64_t drawn_ = 0;
+  std::uint64_t plan_ = 0, done_ = 0;
+  std::optional<Error> error_;
+  bool stop_ = false, paused_ = false;
+  std::thread thread_;
+};
+
+namespace {
+
+/// Frames must not fault pages in, so tiles are copied out of the map; and most are those of the
+/// frame before.
+RendererOptions for_frames(RendererOptions options) {
+  options.in_place = false;
+  options.keep = true;
+  return options;
+}
+
+}  // namespace
+
+Player::Player(const Field& field, const PlayOptions& options)
+    : field_(field), options_(options), renderer_(field, for_frames(options.renderer)) {
+  options_.view.wait = options.loading == Loading::wait;
+}
+Player::~Player() = default;
+
+Result<std::unique_ptr<Player>> Player::make(const Field& field, const PlayOptions& options) {
+  if (auto ok = check_view(field, options.view); !ok) return tl::unexpected(ok.error());
+  std::unique_ptr<Player> player(new Player(field, options));
+  if (options.loading == Loading::wait) return player;
+
+  // Something can be drawn from the first frame on, whatever comes next.
+  TileCache& cache = player->renderer_.cache();
+  for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_extra_levels); ++index) {
+    if (4 * cache.statistics().decoded_bytes > options.renderer.memory) break;
+    auto tile = cache.get({{0, index}}, options.view.needs_depth());
+    if (!tile) return tl::unexpected(tile.error());
+    player->coarsest_.push_back(std::move(*tile));
+  }
+  player->seen_ = cache.statistics();
+  player->loader_ = std::make_unique<Loader>(player->renderer_, player->options_.view);
+  return player;
+}
+
+Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* report) {
+  const auto begin = Clock::now();
+  // Frames that leave time between them get the cores for themselves while they are drawn.
+  const bool alone = loader_ && begin - ended_ > (ended_ - began_) / kGap;
+  if (alone) loader_->pause(true);
+  TileCache& cache = renderer_.cache();
+  ViewStatistics statistics;
+  auto ok = renderer_.render(camera, options_.view, image, &statistics);
+  if (alone) loader_->pause(false);
+  if (!ok) return ok;
+  began_ = begin, ended_ = Clock::now();
+  const std::chrono::duration<double> took = ended_ - began_;
+
+  if (report) {
+    const CacheStatistics now = cache.statistics();
+    *report = {took.count(),
+               statistics.pixels_hit,
+               statistics.level_pixels.back(),
+               statistics.tiles.size(),
+               statistics.wanted.size(),
+               now.decodes - seen_.decodes,
+               now.loaded_bytes - seen_.loaded_bytes};
+    seen_ = now;
+  }
+  if (!loader_) return {};
+  if (auto error = loader_->take_error()) return tl::unexpected(*error);
+  std::vector<Camera> next;
+  if (options_.loading == Loading::ahead) {
+    const glm::dvec3& center = field_.shape().sphere.center;
+    if (!statistics.wanted.empty()) next.push_back(camera);  // it may lead to more
+    steady_ = before_ && expected_ && is_near(camera, *expected_, *before_, options_.horizon)
+                  ? steady_ + 1
+                  : 0;
+    // While the camera moves as predicted, what lies nearer was looked at from frames before.
+    // Otherwise: tiles span several frames, so the further ahead, the fewer looks are needed.
+    const unsigned first = steady_ < options_.horizon ? 1 : std::max(options_.horizon, 1u);
+    for (unsigned k = first; before_ && k <= options_.horizon; k *= 2) {
+      const Camera ahead = predict(center, *before_, camera, k);
+      if (RayGenerator::make(ahead)) next.push_back(ahead);  // else it is no view at all
+    }
+    if (before_) expected_ = predict(center, *before_, camera, 1);
+  }
+  const auto level = static_cast<unsigned>(statistics.level_pixels.size() - 1);
+  loader_->plan(std::move(statistics.wanted), std::move(next), level, cache.now());
+  before_ = camera;
+  return {};
+}
+
+void Player::settle() {
+  if (loader_) loader_->settle();
+}
+
+}  // namespace slf

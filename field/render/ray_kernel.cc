@@ -1,0 +1,312 @@
+#include "field/render/ray_kernel.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "field/render/ray_kernel.cc"
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
+
+#include "field/render/render_vectors-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace slf {
+namespace HWY_NAMESPACE {
+namespace {
+
+/// Cells of a lattice, as slf::Cell.
+struct Cells {
+  VI octant;  ///< times a step
+  V x, y;     ///< whole numbers
+  hn::Mask<D> inverted;
+  V weight[3];
+};
+
+/// REQUIRES: points are finite.
+HWY_INLINE Cells locate(const Point& p, std::int32_t resolution, std::int32_t octant_step) {
+  const D d;
+  const V one = hn::Set(d, 1.f), zero = hn::Zero(d);
+  const V ax = hn::Abs(p.x), ay = hn::Abs(p.y), az = hn::Abs(p.z);
+  const V scale = hn::Div(hn::Set(d, static_cast<float>(resolution)), hn::Add(hn::Add(ax, ay), az));
+  const V x = hn::Mul(ax, scale), y = hn::Mul(ay, scale);
+
+  // Points on the far edges belong to the last cell, not to one beyond the octsphere.
+  Cells cell;
+  const V last = hn::Set(d, static_cast<float>(resolution - 1));
+  cell.octant = hn::Add(
+      hn::Add(flag(hn::Lt(p.x, zero), octant_step), flag(hn::Lt(p.y, zero), 2 * octant_step)),
+      flag(hn::Lt(p.z, zero), 4 * octant_step));
+  cell.x = hn::Min(hn::Floor(x), last);
+  cell.y = hn::Min(hn::Floor(y), hn::Sub(last, cell.x));
+  const V du = hn::Min(hn::Sub(x, cell.x), one);
+  const V dv = hn::Min(hn::Sub(y, cell.y), one);
+
+  // On the last diagonal du + dv exceeds 1 only by rounding: dv gives way.
+  const auto diagonal = hn::Eq(hn::Add(cell.x, cell.y), last);
+  const V sum = hn::Add(du, dv), rest = hn::Sub(one, du), v = hn::Min(dv, rest);
+  cell.inverted = hn::AndNot(diagonal, hn::Gt(sum, one));
+  cell.weight[0] = hn::IfThenElse(cell.inverted, hn::Sub(sum, one), hn::Sub(rest, v));
+  cell.weight[1] = hn::IfThenElse(cell.inverted, rest, du);
+  cell.weight[2] = hn::IfThenElse(cell.inverted, hn::Sub(one, dv), v);
+  return cell;
+}
+
+/// Which of three weights is the greatest.
+struct Nearest {
+  hn::Mask<D> second, third;
+
+  static HWY_INLINE Nearest of(const V weight[3]) {
+    return {hn::Gt(weight[1], weight[0]), hn::Gt(weight[2], hn::Max(weight[0], weight[1]))};
+  }
+  template <class T>
+  HWY_INLINE T choose_from(const T v[3]) const {
+    return choose(third, v[2], choose(second, v[1], v[0]));
+  }
+};
+
+/// The unit direction of a lattice point, on the side of each axis that `side` is on.
+HWY_INLINE Point vertex(V x, V y, std::int32_t resolution, const Point& side) {
+  const V whole = hn::Set(D(), static_cast<float>(resolution));
+  const Point p{x, y, hn::Sub(hn::Sub(whole, x), y)};
+  const V inverse = hn::Div(hn::Set(D(), 1.f), hn::Sqrt(p.dot(p)));
+  return {hn::CopySign(hn::Mul(p.x, inverse), side.x), hn::CopySign(hn::Mul(p.y, inverse), side.y),
+          hn::CopySign(hn::Mul(p.z, inverse), side.z)};
+}
+
+/// Stores the chosen lanes one after the other.
+template <class DT, class T>
+HWY_INLINE void store_chosen(hn::Vec<DT> v, bool all, hn::Mask<D> chosen, DT d, T* to) {
+  hn::StoreU(all ? v : hn::Compress(v, hn::RebindMask(d, chosen)), d, to);
+}
+
+HWY_INLINE void store_chosen(const Point& p, bool all, hn::Mask<D> chosen, PointArrays& to,
+                             std::size_t k) {
+  store_chosen(p.x, all, chosen, D(), to.x.data() + k);
+  store_chosen(p.y, all, chosen, D(), to.y.data() + k);
+  store_chosen(p.z, all, chosen, D(), to.z.data() + k);
+}
+
+/// Something of rays that is linear in the pixel's place: its value for a block's first pixel, and
+/// what a step to the right or down adds. From a start in double, because eyes may be far away, a
+/// block's few steps in float lose nothing.
+struct Linear {
+  Point start, across, down;
+
+  HWY_INLINE Point at(V x, V y) const { return start.plus(x, across).plus(y, down); }
+};
+
+void cast_rays_any(const CameraBasis& basis, const PixelBlock& block, RayBlock& rays) {
+  const D d;
+  const V zero = hn::Zero(d), one = hn::Set(d, 1.f);
+  const glm::dvec3 start =
+      basis.corner + (block.x0 + 0.5) * basis.across + (block.y0 + 0.5) * basis.down;
+  const auto linear = [&](const auto& of) {
+    return Linear{Point::set(of(start)), Point::set(of(basis.across)), Point::set(of(basis.down))};
+  };
+  const Linear directions = linear([](const glm::dvec3& v) { return v; });
+  const Linear moments = linear([&](const glm::dvec3& v) { return glm::cross(basis.eye, v); });
+  const auto along_eye = [&](const glm::dvec3& v) {
+    return hn::Set(d, static_cast<float>(glm::dot(basis.eye, v)));
+  };
+  const V along_start = along_eye(start), along_across = along_eye(basis.across),
+          along_down = along_eye(basis.down);
+  const PixelSquare square(basis.width);
+  const auto count = [&](std::uint32_t pixels) { return hn::Set(d, static_cast<float>(pixels)); };
+  const V columns = count(block.x1 - block.x0), rows = count(block.y1 - block.y0);
+  std::size_t n = 0;
+  for (std::uint32_t y = block.y0; y < block.y1; y += PixelSquare::kDown) {
+    const V row = hn::Add(square.down, count(y - block.y0));
+    for (std::uint32_t x = block.x0; x < block.x1; x += PixelSquare::kAcross) {
+      const V column = hn::Add(square.right, count(x - block.x0));
+      const Point direction = directions.at(column, row);
+      const Point moment = moments.at(column, row);
+      const V along = hn::MulAdd(row, along_down, hn::MulAdd(column, along_across, along_start));
+
+      // Find the ray's point closest to the centre, and half the chord around it.
+      const V inverse = hn::Div(one, direction.dot(direction));
+      const V above = hn::NegMulAdd(moment.dot(moment), inverse, one);
+      const V half = hn::Sqrt(hn::Mul(hn::Max(above, zero), inverse));
+      const auto ahead = hn::Gt(half, hn::Mul(along, inverse));
+      const auto inside = hn::And(hn::Lt(column, columns), hn::Lt(row, rows));
+      const auto hit = hn::And(hn::And(hn::Gt(above, zero), ahead), inside);
+
+      // Keep the rays that do.
+      if (hn::AllFalse(d, hit)) continue;
+      const bool all = hn::AllTrue(d, hit);
+      const Point closest = direction.cross(moment).times(inverse);
+      store_chosen(closest.plus(hn::Neg(half), direction), all, hit, rays.enter, n);
+      store_chosen(closest.plus(half, direction), all, hit, rays.leave, n);
+      const VU first = hn::Set(DU(), y * basis.width + x);
+      store_chosen(hn::Add(first, square.index), all, hit, DU(), rays.pixel.data() + n);
+      n += hn::CountTrue(d, hit);
+    }
+  }
+  rays.count = n;
+}
+
+void find_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
+                      bool with_points, EntryArrays& entries) {
+  const D d;
+  const DI di;
+  const std::int32_t resolution = geometry.entry_resolution(), across = resolution + 1;
+  const auto* rows = reinterpret_cast<const std::int32_t*>(geometry.entry_rows().data());
+  const auto row_bits = static_cast<int>(geometry.row_bits());
+  const VI stride = hn::Set(di, across), one = hn::Set(di, 1);
+  const VI row_mask = hn::Set(di, (1 << row_bits) - 1);
+  const VI columns = hn::Set(di, static_cast<std::int32_t>(triangle_size(geometry.exit_side())));
+  const auto store_row = [&](VI vertex, V weight, std::size_t c, std::size_t k) {
+    const VI packed = hn::GatherIndex(di, rows, vertex);
+    store(hn::ShiftRightSame(packed, row_bits), entries.section[c], k);
+    store(hn::Mul(hn::And(packed, row_mask), columns), entries.row[c], k);
+    store(weight, entries.weight[c], k);
+  };
+  for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
+    const Point enter = Point::load(rays.enter, k);
+    const Cells cell = locate(enter, resolution, across * across);
+    // The corners, as Cell::corners() has them.
+    const VI base = hn::Add(mul_add(to_whole(cell.y), stride, to_whole(cell.x)), cell.octant);
+    const VI corners[] = {hn::Add(base, flag(cell.inverted, across + 1)),
+                          hn::Add(base, choose(cell.inverted, stride, one)),
+                          hn::Add(base, choose(cell.inverted, one, stride))};
+    const Nearest best = Nearest::of(cell.weight);
+    if (nearest)
+      store_row(best.choose_from(corners), hn::Set(d, 1.f), 0, k);
+    else
+      for (std::size_t c = 0; c < 3; ++c) store_row(corners[c], cell.weight[c], c, k);
+    if (!with_points) continue;
+    const V x1 = hn::Add(cell.x, hn::Set(d, 1.f)), y1 = hn::Add(cell.y, hn::Set(d, 1.f));
+    const V x[] = {hn::IfThenElse(cell.inverted, x1, cell.x),
+                   hn::IfThenElse(cell.inverted, cell.x, x1),
+                   hn::IfThenElse(cell.inverted, x1, cell.x)};
+    const V y[] = {hn::IfThenElse(cell.inverted, y1, cell.y),
+                   hn::IfThenElse(cell.inverted, y1, cell.y),
+                   hn::IfThenElse(cell.inverted, cell.y, y1)};
+    const auto store_point = [&](V at_x, V at_y, std::size_t c) {
+      vertex(at_x, at_y, resolution, enter).store_to(entries.point[c], k);
+    };
+    if (nearest)
+      store_point(best.choose_from(x), best.choose_from(y), 0);
+    else
+      for (std::size_t c = 0; c < 3; ++c) store_point(x[c], y[c], c);
+  }
+}
+
+void find_exits_any(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
+                    bool nearest, ExitArrays& exits) {
+  const D d;
+  const DI di;
+  const auto level = static_cast<int>(geometry.level());
+  const auto side = static_cast<float>(geometry.exit_side());
+  const auto* paths = reinterpret_cast<const std::int32_t*>(geometry.exit_paths().data());
+  // Numbers of cells and columns are in floats, which hold them all: integers multiply slowly.
+  const V n = hn::Set(d, side), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
+  const V inverse = hn::Set(d, 1 / side), across = hn::Set(d, static_cast<float>(2 << level));
+  for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
+    const Cells cell = locate(Point::load(points, k), geometry.exit_resolution(), 1 << 2 * level);
+    // Divide by the side: half a cell keeps the quotients away from whole numbers.
+    const V sx = hn::Floor(hn::Mul(hn::Add(cell.x, half), inverse));
+    const V sy = hn::Floor(hn::Mul(hn::Add(cell.y, half), inverse));
+    const V beyond = hn::IfThenElseZero(cell.inverted, one);
+    V p = hn::Add(hn::NegMulAdd(sx, n, cell.x), beyond);
+    V q = hn::Add(hn::NegMulAdd(sy, n, cell.y), beyond);
+    const auto inverted = hn::Gt(hn::Sub(hn::Add(p, q), beyond), hn::Sub(n, one));
+    const V path =
+        hn::Add(hn::MulAdd(sy, across, hn::Add(sx, sx)), hn::IfThenElseZero(inverted, one));
+    store(hn::Add(cell.octant, hn::GatherIndex(di, paths, to_whole(path))), exits.section, k);
+
+    // The corner opposite the hypotenuse, then its neighbours along x and y, as in
+    // LevelGeometry::exit_cell.
+    p = hn::IfThenElse(inverted, hn::Sub(n, p), p);
+    q = hn::IfThenElse(inverted, hn::Sub(n, q), q);
+    const auto down = hn::Xor(inverted, cell.inverted);  // towards smaller coordinates
+    const V back = hn::IfThenElseZero(down, one);
+    const V line = hn::Sub(hn::Add(hn::Add(n, one), back), q);  // columns from q to q ± 1
+    const V first = hn::MulAdd(q, hn::NegMulAdd(q, half, hn::Set(d, side + 1.5f)), p);
+    store(to_whole(hn::Sub(first, back)), exits.pair, k);
+    store(to_whole(hn::IfThenElse(down, hn::Sub(first, line), hn::Add(first, line))), exits.third,
+          k);
+    V weight[] = {cell.weight[0], cell.weight[1], cell.weight[2]};
+    if (nearest) {
+      const Nearest best = Nearest::of(weight);
+      weight[2] = hn::IfThenElseZero(best.third, one);
+      weight[1] = hn::IfThenZeroElse(best.third, hn::IfThenElseZero(best.second, one));
+      weight[0] = hn::Sub(one, hn::Add(weight[1], weight[2]));
+    }
+    // The lower column of the pair comes first.
+    store(hn::IfThenElse(down, weight[1], weight[0]), exits.weight[0], k);
+    store(hn::IfThenElse(down, weight[0], weight[1]), exits.weight[1], k);
+    store(weight[2], exits.weight[2], k);
+  }
+}
+
+void keep_moving_any(float rest, RayBlock& rays, EntryArrays& entries, float* t) {
+  const D d;
+  std::size_t n = 0;
+  for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
+    const auto moving = hn::And(hn::Gt(hn::LoadU(d, &entries.step[k]), hn::Set(d, rest)),
+                                hn::FirstN(d, rays.count - k));
+    if (hn::AllFalse(d, moving)) continue;
+    const bool all = hn::AllTrue(d, moving);
+    store_chosen(Point::load(rays.enter, k), all, moving, rays.enter, n);
+    store_chosen(Point::load(rays.leave, k), all, moving, rays.leave, n);
+    store_chosen(hn::LoadU(DU(), &rays.pixel[k]), all, moving, DU(), &rays.pixel[n]);
+    for (auto& aim : entries.t) store_chosen(hn::LoadU(d, &aim[k]), all, moving, d, &aim[n]);
+    store_chosen(hn::LoadU(d, t + k), all, moving, d, t + n);
+    n += hn::CountTrue(d, moving);
+  }
+  rays.count = n;
+}
+
+void aim_at_depth_any(const RayBlock& rays, const EntryArrays& entries,
+                      std::array<PointArrays, 3>& aims) {
+  const D d;
+  for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
+    const Point enter = Point::load(rays.enter, k);
+    const Point ray = Point::load(rays.leave, k).minus(enter);
+    for (std::size_t c = 0; c < 3; ++c) {
+      const Point seen = enter.plus(hn::LoadU(d, &entries.t[c][k]), ray);
+      const Point from = Point::load(entries.point[c], k);
+      const Point along = seen.minus(from);
+      const V length2 = along.dot(along);
+      const V far = hn::Div(hn::Mul(hn::Set(d, -2.f), from.dot(along)), length2);
+      from.plus(hn::IfThenElseZero(hn::Gt(length2, hn::Zero(d)), far), along).store_to(aims[c], k);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace slf
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace slf {
+
+HWY_EXPORT(cast_rays_any);
+HWY_EXPORT(find_entries_any);
+HWY_EXPORT(find_exits_any);
+HWY_EXPORT(keep_moving_any);
+HWY_EXPORT(aim_at_depth_any);
+
+void cast_rays(const CameraBasis& basis, const PixelBlock& block, RayBlock& rays) {
+  HWY_DYNAMIC_DISPATCH(cast_rays_any)(basis, block, rays);
+}
+
+void find_entries(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
+                  bool with_points, EntryArrays& entries) {
+  HWY_DYNAMIC_DISPATCH(find_entries_any)(geometry, rays, nearest, with_points, entries);
+}
+
+void find_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
+                bool nearest, ExitArrays& exits) {
+  HWY_DYNAMIC_DISPATCH(find_exits_any)(geometry, points, count, nearest, exits);
+}
+
+void keep_moving(float rest, RayBlock& rays, EntryArrays& entries, float* t) {
+  HWY_DYNAMIC_DISPATCH(keep_moving_any)(rest, rays, entries, t);
+}
+
+void aim_at_depth(const RayBlock& rays, const EntryArrays& entries,
+                  std::array<PointArrays, 3>& aims) {
+  HWY_DYNAMIC_DISPATCH(aim_at_depth_any)(rays, entries, aims);
+}
+
+}  // namespace slf
+#endif  // HWY_ONCE

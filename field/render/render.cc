@@ -1,0 +1,339 @@
+#include "slf/render.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <mutex>
+#include <numbers>
+#include <optional>
+#include <utility>
+
+#include "base/parallel.h"
+#include "field/render/block_renderer.h"
+#include "field/render/ray_kernel.h"
+
+namespace slf {
+namespace {
+
+constexpr std::uint32_t kTaken = 16;      // blocks that a thread takes at once
+constexpr std::size_t kRayScratch = 512;  // bytes of scratch per ray of a block, about
+
+}  // namespace
+
+struct Renderer::State {
+  const Field& field;
+  unsigned threads;
+  std::uint64_t pin_bytes;  // that each thread may pin
+  bool keep;
+  std::shared_ptr<TileCache> cache;
+  std::vector<BlockRenderer::Kept> kept{};  // by band of the picture
+};
+
+namespace {
+
+struct Plan {
+  unsigned threads;
+  std::uint64_t cache_bytes;
+};
+
+/// Divides a budget between scratch, one tile at a time per thread, and the cache.
+Plan plan_memory(const Field& field, const RendererOptions& options) {
+  std::uint64_t sample = 0;
+  for (const Layer& layer : field.manifest().layers) sample += codec::sample_bytes(layer.format);
+  const std::uint64_t tile = field.shape().largest_tile() * sample;
+  Plan plan;
+  const std::uint64_t scratch = kBlockRays * kRayScratch;
+  const std::uint64_t fit = options.memory / (tile + scratch);
+  plan.threads =
+      static_cast<unsigned>(std::clamp<std::uint64_t>(fit, 1, thread_count(options.threads)));
+  const std::uint64_t used = plan.threads * scratch;
+  plan.cache_bytes = options.memory > used ? options.memory - used : 0;
+  return plan;
+}
+
+}  // namespace
+
+const char* name(RenderMode mode) {
+  constexpr const char* kNames[] = {"nearest", "uv", "st", "bitri", "depth"};
+  return kNames[static_cast<int>(mode)];
+}
+
+Result<RenderMode> parse_render_mode(std::string_view text) {
+  for (const auto mode :
+       {RenderMode::nearest, RenderMode::uv, RenderMode::st, RenderMode::bitri, RenderMode::depth})
+    if (text == name(mode)) return mode;
+  return fail(ErrorCode::usage, "unknown mode '", text,
+              "'; expected nearest, uv, st, bitri or depth");
+}
+
+RenderMode default_mode(const Field& field) {
+  return field.layer("depth") ? RenderMode::depth : RenderMode::bitri;
+}
+
+Renderer::Renderer(const Field& field, const RendererOptions& options) {
+  const Plan plan = plan_memory(field, options);
+  state_ = std::unique_ptr<State>(new State{
+      field, plan.threads, plan.cache_bytes / (plan.threads + 1), options.keep,
+      std::make_shared<TileCache>(field, plan.cache_bytes, options.map_budget, options.in_place)});
+}
+Renderer::Renderer(const Renderer& other, unsigned threads)
+    : state_(new State{other.state_->field, threads, other.state_->pin_bytes, false,
+                       other.state_->cache}) {}
+Renderer::~Renderer() = default;
+
+TileCache& Renderer::cache() const { return *state_->cache; }
+
+unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMode mode) {
+  const double distance = glm::distance(camera.eye, shape.sphere.center);
+  const double pixel = 2 * std::tan(glm::radians(camera.fov) / 2) / camera.height * distance;
+  // Where rays are aimed anew, entry vertices may be further apart.
+  const double entry_side = (mode == RenderMode::depth ? 2.0 : 1.0) * shape.entry_side;
+  // A quarter of the sphere has as many vertices, times 2^level; halfway to the other side, lines
+  // to them are half as far apart.
+  double spacing =
+      shape.sphere.radius * std::numbers::pi / 4 / std::min<double>(shape.exit_side, entry_side);
+  unsigned level = 0;
+  for (; level < shape.levels && spacing > pixel; ++level) spacing /= 2;
+  return level;
+}
+
+Result<void> check_view(const Field& field, const ViewOptions& options) {
+  if (options.level != kMatchingLevel && options.level > field.shape().levels)
+    return fail(ErrorCode::usage, field.path(), ": level ", options.level,
+                ": the finest level of this field is ", field.shape().levels);
+  if (options.needs_depth() && !field.layer("depth"))
+    return fail(ErrorCode::usage, field.path(),
+                ": has no depth layer, which mode depth needs; use --mode bitri");
+  return {};
+}
+
+namespace {
+
+ViewOptions resolved(ViewOptions options, const FieldShape& shape, const Camera& camera) {
+  if (options.level == kMatchingLevel) options.level = matching_level(shape, camera, options.mode);
+  return options;
+}
+
+CameraBasis make_basis(const Sphere& sphere, const RayGenerator& rays, std::uint32_t width) {
+  const double scale = 1 / sphere.radius;
+  return {(rays.eye() - sphere.center) * scale, rays.corner() * scale, rays.across() * scale,
+          rays.down() * scale, width};
+}
+
+std::uint32_t blocks_across(const Camera& camera) {
+  return (camera.width + kBlockWidth - 1) / kBlockWidth;
+}
+std::uint32_t block_count(const Camera& camera) {
+  return blocks_across(camera) * ((camera.height + kBlockHeight - 1) / kBlockHeight);
+}
+
+/// One picture under way: blocks are taken by any thread, each writes pixels of its own.
+class ViewJob {
+ public:
+  ViewJob(const Field& field, TileCache& cache, unsigned threads, std::uint64_t pin_bytes,
+          const Camera& camera, const RayGenerator& rays, const ViewOptions& options,
+          std::vector<BlockRenderer::Kept>* kept, Image& image)
+      : field_(field),
+        cache_(cache),
+        pin_bytes_(pin_bytes),
+        camera_(camera),
+        basis_(make_basis(field.shape().sphere, rays, camera.width)),
+        options_(options),
+        across_(blocks_across(camera)),
+        blocks_(block_count(camera)),
+        bands_(threads),
+        kept_(kept),
+        image_(image),
+        level_pixels_(options.level + 1) {
+    image_.width = camera.width;
+    image_.height = camera.height;
+    image_.rgba.resize(std::size_t{camera.width} * camera.height);
+    image_.depth.resize(options.with_depth ? image_.rgba.size() : 0);
+    for (std::uint32_t band = 0; band < threads; ++band) bands_[band].next = begin_of(band);
+  }
+
+  /// Draws blocks until none are left. Called by each thread; each has a band of the picture of its
+  /// own, so that few tiles and cache lines are shared, and then helps with the others.
+  void work() {
+    std::vector<std::uint64_t> level_pixels(level_pixels_.size());
+    std::uint64_t hit = 0;
+    std::optional<Error> error;
+    const std::uint32_t own = workers_++;
+    BlockRenderer renderer(field_, cache_, pin_bytes_, options_, camera_.eye, image_,
+                           kept_ ? std::move((*kept_)[own]) : BlockRenderer::Kept());
+    for (std::uint32_t k = 0; k < bands_.size(); ++k) {
+      const auto band = (own + k) % static_cast<std::uint32_t>(bands_.size());
+      const std::uint32_t end = begin_of(band + 1);
+      // Taking waits until all pixels are written, so a few are taken at once.
+      for (std::uint32_t begin; !error && (begin = bands_[band].next.fetch_add(kTaken)) < end;)
+        for (std::uint32_t block = begin; !error && block < std::min(begin + kTaken, end); ++block)
+          if (auto ok = draw(block, renderer, level_pixels, hit); !ok) error = ok.error();
+    }
+    std::vector<TileKey> touched, wanted;
+    renderer.add_tiles_to(touched, wanted);
+    sort_unique(touched);
+    if (kept_) (*kept_)[own] = std::move(renderer).keep();
+    const std::lock_guard lock(mutex_);
+    touched_.insert(touched_.end(), touched.begin(), touched.end());
+    wanted_.insert(wanted_.end(), wanted.begin(), wanted.end());
+    for (std::size_t level = 0; level < level_pixels.size(); ++level)
+      level_pixels_[level] += level_pixels[level];
+    hit_ += hit;
+    if (error && !error_) error_ = error;
+    if (!error) return;
+    for (Band& band : bands_) band.next = blocks_;
+  }
+
+  [[nodiscard]] const std::optional<Error>& error() const { return error_; }
+
+  /// What the engine counted; footprint() looks up bytes and pages.
+  void fill(ViewStatistics& statistics) {
+    sort_unique(touched_);
+    sort_unique(wanted_);
+    statistics.tiles = std::move(touched_);
+    statistics.wanted = std::move(wanted_);
+    statistics.pixels_hit = hit_;
+    statistics.level_pixels = std::move(level_pixels_);
+  }
+
+ private:
+  /// Blocks from begin_of(band) to begin_of(band + 1).
+  struct alignas(64) Band {
+    std::atomic<std::uint32_t> next{0};
+  };
+
+  [[nodiscard]] std::uint32_t begin_of(std::uint32_t band) const {
+    return static_cast<std::uint32_t>(std::uint64_t{blocks_} * band / bands_.size());
+  }
+
+  [[nodiscard]] PixelBlock pixels(std::uint32_t block) const {
+    const std::uint32_t x0 = block % across_ * kBlockWidth, y0 = block / across_ * kBlockHeight;
+    return {x0, y0, std::min(x0 + kBlockWidth, camera_.width),
+            std::min(y0 + kBlockHeight, camera_.height)};
+  }
+
+  Result<void> draw(std::uint32_t block, BlockRenderer& renderer,
+                    std::vector<std::uint64_t>& level_pixels, std::uint64_t& hit) {
+    RayBlock& rays = renderer.rays(kBlockRays);
+    const PixelBlock area = pixels(block);
+    fetch(area);
+    cast_rays(basis_, area, rays);
+    if (rays.count < std::size_t{area.x1 - area.x0} * (area.y1 - area.y0)) clear(area);
+    hit += rays.count;
+    return renderer.draw(level_pixels);
+  }
+
+  /// Has the lines of cache that the block will write brought in meanwhile: pictures are larger
+  /// than caches.
+  void fetch(const PixelBlock& block) {
+    constexpr std::uint32_t kLine = 64 / sizeof(glm::vec4);
+    for (std::uint32_t y = block.y0; y < block.y1; ++y)
+      for (std::uint32_t x = block.x0; x < block.x1; x += kLine)
+        __builtin_prefetch(&image_.rgba[std::size_t{y} * camera_.width + x], 1);
+  }
+
+  void clear(const PixelBlock& block) {
+    for (std::uint32_t y = block.y0; y < block.y1; ++y) {
+      const std::size_t row = std::size_t{y} * camera_.width;
+      std::memset(&image_.rgba[row + block.x0], 0, (block.x1 - block.x0) * sizeof(glm::vec4));
+      if (options_.with_depth)
+        std::fill(&image_.depth[row + block.x0], &image_.depth[row + block.x1 - 1] + 1,
+                  std::numeric_limits<float>::infinity());
+    }
+  }
+
+  const Field& field_;
+  TileCache& cache_;
+  const std::uint64_t pin_bytes_;
+  const Camera& camera_;
+  const CameraBasis basis_;
+  const ViewOptions& options_;
+  const std::uint32_t across_, blocks_;
+  std::vector<Band> bands_;
+  std::vector<BlockRenderer::Kept>* kept_;  // by band; null: none are
+  Image& image_;
+  std::atomic<std::uint32_t> workers_{0};
+  std::mutex mutex_;
+  std::optional<Error> error_;
+  std::vector<TileKey> touched_, wanted_;
+  std::vector<std::uint64_t> level_pixels_;
+  std::uint64_t hit_ = 0;
+};
+
+}  // namespace
+
+Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
+                               ViewStatistics* statistics) {
+  Image image;
+  if (auto ok = render(camera, options, image, statistics); !ok) return tl::unexpected(ok.error());
+  return image;
+}
+
+Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, Image& image,
+                              ViewStatistics* statistics) {
+  const auto rays = RayGenerator::make(camera);
+  if (!rays) return tl::unexpected(rays.error());
+  const Field& field = state_->field;
+  if (auto ok = check_view(field, wanted); !ok) return ok;
+  const ViewOptions options = resolved(wanted, field.shape(), camera);
+
+  state_->cache->reset_peak();
+  const std::uint64_t decodes_before = state_->cache->statistics().decodes;
+  const unsigned threads = std::min(state_->threads, block_count(camera));
+  const bool keep = state_->keep && !options.wait;
+  state_->kept.resize(keep ? threads : 0);
+  ViewJob job(field, *state_->cache, threads, state_->pin_bytes, camera, *rays, options,
+              keep ? &state_->kept : nullptr, image);
+  on_threads(threads, [&] { job.work(); });
+  if (job.error()) return tl::unexpected(*job.error());
+  if (auto ok = field.unchanged(); !ok) return ok;
+
+  if (statistics) {
+    *statistics = {};
+    job.fill(*statistics);
+    const CacheStatistics cache = state_->cache->statistics();
+    statistics->decodes = cache.decodes - decodes_before;
+    statistics->decoded_peak_bytes = cache.decoded_peak_bytes;
+  }
+  return {};
+}
+
+Result<void> Renderer::render_progressively(const Camera& camera, const ViewOptions& options,
+                                            Image& image, const Show& show) {
+  if (auto ok = check_view(state_->field, options); !ok) return ok;
+  const unsigned last = resolved(options, state_->field.shape(), camera).level;
+  ViewOptions view = options;
+  for (view.level = 0; view.level <= last; ++view.level) {
+    if (auto ok = render(camera, view, image); !ok) return ok;
+    if (!show(image, view.level)) break;
+  }
+  return {};
+}
+
+Result<std::vector<TileKey>> crossed_pairs(const FieldShape& shape, const Camera& camera,
+                                           unsigned level) {
+  const auto rays = RayGenerator::make(camera);
+  if (!rays) return tl::unexpected(rays.error());
+  const unsigned entry_level = level + shape.entry_extra_levels;
+  std::vector<TileKey> keys;
+  for (std::uint32_t y = 0; y < camera.height; ++y) {
+    for (std::uint32_t x = 0; x < camera.width; ++x) {
+      const PixelRay ray = rays->ray(x, y);
+      const Chord chord = intersect(shape.sphere, ray.origin, ray.direction);
+      if (!chord.hit || chord.leave <= 0) continue;
+      const auto at = [&](double t) {
+        return ray.origin + t * ray.direction - shape.sphere.center;
+      };
+      const TileKey key = tile_key(
+          {locate_section(at(chord.enter), entry_level), locate_section(at(chord.leave), level)});
+      if (keys.empty() || keys.back() != key) keys.push_back(key);
+    }
+    if (y % 64 == 63) sort_unique(keys);
+  }
+  sort_unique(keys);
+  return keys;
+}
+
+}  // namespace slf

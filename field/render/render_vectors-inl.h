@@ -1,0 +1,123 @@
+// Vectors of floats and integers, and of points. Part of ray_kernel.cc and sample_kernel.cc, and of
+// the benchmarks' peer.
+
+// Included once per instruction set.
+#if defined(SLF_FIELD_RENDER_VECTORS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SLF_FIELD_RENDER_VECTORS_INL_H_
+#undef SLF_FIELD_RENDER_VECTORS_INL_H_
+#else
+#define SLF_FIELD_RENDER_VECTORS_INL_H_
+#endif
+
+#include <hwy/highway.h>
+
+#include "field/render/ray_block.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace slf {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+using D = hn::ScalableTag<float>;
+using DI = hn::RebindToSigned<D>;
+using DU = hn::RebindToUnsigned<D>;
+using V = hn::Vec<D>;
+using VI = hn::Vec<DI>;
+using VU = hn::Vec<DU>;
+
+/// Of whole numbers from 0 to 2^23: less work than hn::ConvertTo, which saturates.
+HWY_INLINE VI to_whole(V v) {
+  const V shift = hn::Set(D(), 8388608.f);  // from here on floats are whole
+  return hn::Sub(hn::BitCast(DI(), hn::Add(v, shift)), hn::BitCast(DI(), shift));
+}
+HWY_INLINE V to_float(VI v) { return hn::ConvertTo(D(), v); }
+
+/// Byte `k` of each lane, 0 the lowest.
+template <int k>
+HWY_INLINE V byte_of(VU v) {
+  const DU d;
+#if HWY_TARGET != HWY_SCALAR
+  if constexpr (k == 1 || k == 2) {  // one step instead of a shift and a mask
+    const hn::Repartition<std::uint8_t, DU> bytes;
+    const VU lane = hn::And(hn::Iota(d, 0), hn::Set(d, 3));  // look-ups stay among four lanes
+    const VU from = hn::Add(hn::ShiftLeft<2>(lane), hn::Set(d, 0x80808000u + k));
+    const auto byte = hn::TableLookupBytesOr0(hn::BitCast(bytes, v), hn::BitCast(bytes, from));
+    return to_float(hn::BitCast(DI(), byte));
+  }
+#endif
+  const VU shifted = hn::ShiftRight<8 * k>(v);
+  return to_float(hn::BitCast(DI(), k == 3 ? shifted : hn::And(shifted, hn::Set(d, 255))));
+}
+
+HWY_INLINE VI flag(hn::Mask<D> mask, std::int32_t value) {
+  return hn::IfThenElseZero(hn::RebindMask(DI(), mask), hn::Set(DI(), value));
+}
+HWY_INLINE VI mul_add(VI a, VI b, VI c) { return hn::Add(hn::Mul(a, b), c); }
+HWY_INLINE VI choose(hn::Mask<D> mask, VI yes, VI no) {
+  return hn::IfThenElse(hn::RebindMask(DI(), mask), yes, no);
+}
+HWY_INLINE V choose(hn::Mask<D> mask, V yes, V no) { return hn::IfThenElse(mask, yes, no); }
+HWY_INLINE void store(VI v, RayArray<std::uint32_t>& to, std::size_t k) {
+  hn::StoreU(hn::BitCast(DU(), v), DU(), to.data() + k);
+}
+HWY_INLINE void store(V v, RayArray<float>& to, std::size_t k) {
+  hn::StoreU(v, D(), to.data() + k);
+}
+
+/// As many pixels as there are lanes, in a square if they can be: their rays mostly meet one tile.
+struct PixelSquare {
+  static constexpr std::uint32_t kAcross = hn::MaxLanes(D()) < 4 ? 1 : 4;
+  static constexpr std::uint32_t kDown = hn::MaxLanes(D()) / kAcross;
+  V right, down;  ///< in pixels from the first
+  VU index;       ///< in the picture, from the first's
+
+  /// In a picture of this width.
+  HWY_INLINE explicit PixelSquare(std::uint32_t width) {
+    const DU d;
+    const VU lane = hn::Iota(d, 0), x = hn::And(lane, hn::Set(d, kAcross - 1));
+    const VU y = hn::ShiftRight<hwy::CeilLog2(kAcross)>(lane);
+    right = to_float(hn::BitCast(DI(), x));
+    down = to_float(hn::BitCast(DI(), y));
+    index = hn::Add(hn::Mul(y, hn::Set(d, width)), x);
+  }
+};
+
+/// As many points as there are lanes.
+struct Point {
+  V x, y, z;
+
+  static HWY_INLINE Point set(const glm::dvec3& p) {
+    const glm::vec3 f(p);
+    return {hn::Set(D(), f.x), hn::Set(D(), f.y), hn::Set(D(), f.z)};
+  }
+  static HWY_INLINE Point load(const PointArrays& from, std::size_t k) {
+    return {hn::LoadU(D(), from.x.data() + k), hn::LoadU(D(), from.y.data() + k),
+            hn::LoadU(D(), from.z.data() + k)};
+  }
+  HWY_INLINE void store_to(PointArrays& to, std::size_t k) const {
+    store(x, to.x, k), store(y, to.y, k), store(z, to.z, k);
+  }
+  HWY_INLINE Point minus(const Point& p) const {
+    return {hn::Sub(x, p.x), hn::Sub(y, p.y), hn::Sub(z, p.z)};
+  }
+  HWY_INLINE Point plus(V t, const Point& d) const {
+    return {hn::MulAdd(t, d.x, x), hn::MulAdd(t, d.y, y), hn::MulAdd(t, d.z, z)};
+  }
+  HWY_INLINE Point times(V t) const { return {hn::Mul(x, t), hn::Mul(y, t), hn::Mul(z, t)}; }
+  HWY_INLINE V dot(const Point& p) const {
+    return hn::MulAdd(x, p.x, hn::MulAdd(y, p.y, hn::Mul(z, p.z)));
+  }
+  HWY_INLINE Point cross(const Point& p) const {
+    return {hn::MulSub(y, p.z, hn::Mul(z, p.y)), hn::MulSub(z, p.x, hn::Mul(x, p.z)),
+            hn::MulSub(x, p.y, hn::Mul(y, p.x))};
+  }
+};
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace slf
+HWY_AFTER_NAMESPACE();
+
+#endif  // include guard

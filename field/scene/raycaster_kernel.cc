@@ -1,0 +1,326 @@
+#include "field/scene/raycaster_kernel.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <type_traits>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "field/scene/raycaster_kernel.cc"
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
+#include <hwy/highway.h>
+
+#include "field/scene/raycaster_rows-inl.h"
+#include "field/scene/raycaster_shading-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace slf {
+namespace HWY_NAMESPACE {
+namespace {
+
+// Rays advance together, kWave of them, one sample each per pass. A pass alternates short loops of
+// two kinds over the wave: arithmetic on vectors, and look-ups lane by lane, so that neither waits
+// for the other and all hands over in the first-level cache. No lane ever sees another: a ray's
+// sample does not depend on its company.
+constexpr std::size_t kWave = 64;
+static_assert(kWave % kLanes == 0 && kHits >= 2 * kWave);
+
+/// The rays under way: ray i of the wave is the i-th of each array. Positions are in voxel indices.
+struct Wave {
+  std::size_t size = 0;
+  // The ray: sample k of `count` lies at start + k·delta.
+  alignas(64) float start[3][kWave];
+  alignas(64) float delta[3][kWave];
+  alignas(64) float inverse[3][kWave];
+  alignas(64) std::int32_t k[kWave];
+  alignas(64) std::int32_t count[kWave];
+  double first[kWave];  // distance of sample 0 from the ray's beginning, in steps
+  double steps[kWave];  // length of the ray in steps
+  std::size_t ray[kWave];
+  // What it has seen, but for the colour.
+  alignas(64) float alpha[kWave];
+  alignas(64) float depth[kWave];
+  // Its next sample.
+  alignas(64) std::int32_t cell[3][kWave];
+  alignas(64) float within[3][kWave];
+  alignas(64) std::int32_t brick[kWave];
+  alignas(64) std::int32_t distance[kWave];
+  alignas(64) std::int32_t entry[kWave];
+};
+
+/// Puts a ray into place i of the wave; false when it misses everything visible.
+bool enter(const RayGrid& grid, const Segment& segment, Wave& wave, std::size_t i) {
+  // Find the range of steps inside the visible box.
+  const double length = glm::distance(segment.from, segment.to);
+  if (!(length > 0)) return false;
+  const glm::dvec3 a = grid.world_to_index * (segment.from - grid.origin);
+  const glm::dvec3 delta = grid.world_to_index * (segment.to - segment.from) * (grid.step / length);
+  double low = 0, high = length / grid.step;
+  wave.steps[i] = high;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double from_low = grid.visible_low[axis] - a[axis];
+    const double from_high = grid.visible_high[axis] - a[axis];
+    if (std::abs(delta[axis]) < 1e-12) {
+      if (from_low > 0 || from_high < 0) return false;
+      wave.inverse[axis][i] = std::numeric_limits<float>::lowest();  // as leap() likes it
+      continue;
+    }
+    const double inverse = 1 / delta[axis];
+    const double t0 = from_low * inverse, t1 = from_high * inverse;
+    low = std::max(low, std::min(t0, t1));
+    high = std::min(high, std::max(t0, t1));
+    wave.inverse[axis][i] = static_cast<float>(inverse);
+  }
+  if (!(low < high)) return false;
+  // Sample k of the whole ray is at k + 0.5 steps: the box only chooses among them.
+  const double first = std::ceil(low - 0.5);
+  const double count = std::floor(high - 0.5) + 1 - first;
+  if (!(count > 0)) return false;
+  const glm::dvec3 start = a + delta * (first + 0.5);
+  for (int axis = 0; axis < 3; ++axis) {
+    wave.start[axis][i] = static_cast<float>(start[axis]);
+    wave.delta[axis][i] = static_cast<float>(delta[axis]);
+  }
+  wave.k[i] = 0;
+  wave.count[i] = static_cast<std::int32_t>(std::min(count, 1e9));
+  wave.first[i] = first + 0.5;
+  wave.alpha[i] = wave.depth[i] = 0;
+  return true;
+}
+
+void move_ray(Wave& wave, std::size_t from, std::size_t to) {
+  for (int axis = 0; axis < 3; ++axis) {
+    wave.start[axis][to] = wave.start[axis][from];
+    wave.delta[axis][to] = wave.delta[axis][from];
+    wave.inverse[axis][to] = wave.inverse[axis][from];
+  }
+  wave.k[to] = wave.k[from];
+  wave.count[to] = wave.count[from];
+  wave.first[to] = wave.first[from];
+  wave.steps[to] = wave.steps[from];
+  wave.ray[to] = wave.ray[from];
+  wave.alpha[to] = wave.alpha[from];
+  wave.depth[to] = wave.depth[from];
+}
+
+/// Finds each ray's next sample: its cell, where in it, and the brick.
+HWY_INLINE void locate(const RayGrid& grid, Wave& wave) {
+  const Ints zero = hn::Zero(kInts);
+  for (std::size_t i = 0; i < wave.size; i += kLanes) {
+    const Floats k = hn::ConvertTo(kFloats, hn::Load(kInts, wave.k + i));
+    Ints brick = zero;
+    for (int axis = 2; axis >= 0; --axis) {
+      const Floats p = hn::MulAdd(k, hn::Load(kFloats, wave.delta[axis] + i),
+                                  hn::Load(kFloats, wave.start[axis] + i));
+      // Rounding may leave the box by a hair; clamping keeps every access inside the volume.
+      const Ints cell =
+          hn::Min(hn::Max(hn::ConvertTo(kInts, p), zero), hn::Set(kInts, grid.dims[axis] - 2));
+      hn::Store(cell, kInts, wave.cell[axis] + i);
+      hn::Store(p - hn::ConvertTo(kFloats, cell), kFloats, wave.within[axis] + i);
+      brick = brick * hn::Set(kInts, grid.bricks[axis]) + hn::ShiftRight<kBrickShift>(cell);
+    }
+    hn::Store(brick, kInts, wave.brick + i);
+  }
+}
+
+/// Advances each ray: to its next sample or, where its brick is empty, by as many steps as stay
+/// inside the empty cube of bricks around it.
+HWY_INLINE void advance(Wave& wave) {
+  const Ints one = hn::Set(kInts, 1);
+  for (std::size_t i = 0; i < wave.size; i += kLanes) {
+    const Ints distance = hn::Load(kInts, wave.distance + i);
+    Floats steps = hn::Set(kFloats, 1e9f);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Ints cell = hn::Load(kInts, wave.cell[axis] + i);
+      const Floats within = hn::Load(kFloats, wave.within[axis] + i);
+      const Floats inverse = hn::Load(kFloats, wave.inverse[axis] + i);
+      const Ints brick = hn::ShiftRight<kBrickShift>(cell);
+      const auto up = hn::RebindMask(kInts, inverse > hn::Zero(kFloats));
+      const Ints edge = hn::IfThenElse(up, brick + distance, brick - distance + one);
+      const Ints cells = hn::ShiftLeft<kBrickShift>(edge) - cell;
+      steps = hn::Min(steps, (hn::ConvertTo(kFloats, cells) - within) * inverse);
+    }
+    const auto leaps = distance > hn::Zero(kInts);
+    const Ints by = hn::IfThenElse(leaps, hn::Max(one, hn::ConvertTo(kInts, steps)), one);
+    hn::Store(hn::Load(kInts, wave.k + i) + by, kInts, wave.k + i);
+  }
+}
+
+/// The table's entry for each value, trilinear between the eight voxels of the cell.
+template <class T>
+HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4][kWave],
+                             Wave& wave) {
+  const auto last = static_cast<std::int32_t>(table.opacities.size()) - 1;
+  for (std::size_t i = 0; i < wave.size; i += kLanes) {
+    const Floats fx = hn::Load(kFloats, wave.within[0] + i);
+    const Floats fy = hn::Load(kFloats, wave.within[1] + i);
+    const Floats fz = hn::Load(kFloats, wave.within[2] + i);
+    Floats along_x[4];
+    for (int r = 0; r < 4; ++r) {
+      const Columns c = load_columns(rows[r] + i);
+      along_x[r] = lerp(c.x1, c.x2, fx);
+    }
+    const Floats value =
+        lerp(lerp(along_x[0], along_x[1], fy), lerp(along_x[2], along_x[3], fy), fz);
+    Ints entry;
+    if (table.logarithmic) {
+      const Ints bits = hn::BitCast(kInts, value);
+      const Ints least = hn::Set(kInts, std::numeric_limits<std::int32_t>::min());
+      const Ints ordered = hn::IfThenElse(bits < hn::Zero(kInts), least - bits, bits);
+      const auto key = hn::BitCast(
+          kWords, hn::Max(ordered, hn::Set(kInts, table.low_key)) - hn::Set(kInts, table.low_key));
+      entry = hn::BitCast(kInts, hn::Min(hn::ShiftRightSame(key, table.shift),
+                                         hn::Set(kWords, static_cast<std::uint32_t>(last))));
+    } else {
+      const Floats at = hn::MulAdd(value - hn::Set(kFloats, table.low),
+                                   hn::Set(kFloats, table.scale), hn::Set(kFloats, 0.5f));
+      const Floats most = hn::Set(kFloats, static_cast<float>(last));
+      entry = hn::ConvertTo(kInts, hn::Min(hn::Max(at, hn::Zero(kFloats)), most));
+    }
+    hn::Store(entry, kInts, wave.entry + i);
+  }
+}
+
+constexpr float kOpaque = 1 - 1.f / 256;
+
+/// Retires the rays that have ended, and replaces them by the next ones or by the wave's last.
+void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::size_t& next,
+                      Wave& wave, std::span<RaySample> out) {
+  const auto finished = [&](std::size_t i) {
+    return wave.k[i] >= wave.count[i] || wave.alpha[i] > kOpaque;
+  };
+  // Backwards: a ray that moves down was looked at before.
+  for (std::size_t group = (wave.size + kLanes - 1) / kLanes; group-- > 0;) {
+    const std::size_t begin = group * kLanes;
+    const auto going = hn::Load(kInts, wave.count + begin) > hn::Load(kInts, wave.k + begin);
+    const auto opaque = hn::Load(kFloats, wave.alpha + begin) > hn::Set(kFloats, kOpaque);
+    if (hn::AllTrue(kInts, hn::AndNot(hn::RebindMask(kInts, opaque), going))) continue;
+    for (std::size_t i = std::min(begin + kLanes, wave.size); i-- > begin;) {
+      if (!finished(i)) continue;
+      RaySample& sample = out[wave.ray[i]];
+      sample.rgba.a = wave.alpha[i];
+      if (sample.rgba.a > 0)
+        sample.depth = static_cast<float>(
+            std::clamp((wave.first[i] + wave.depth[i] / wave.alpha[i]) / wave.steps[i], 0.0, 1.0));
+      while (next < rays.size() && !enter(grid, rays[next], wave, i)) ++next;
+      if (next < rays.size())
+        wave.ray[i] = next++;
+      else
+        move_ray(wave, --wave.size, i);
+    }
+  }
+}
+
+template <class T, bool kLabels>
+RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
+                      std::span<RaySample> out) {
+  using S = std::conditional_t<kLabels, std::uint8_t, T>;
+  Wave wave{};
+  Hits<S> hits;
+  alignas(64) Row<T> rows[4][kWave];
+  T border[64];
+  std::fill(out.begin(), out.end(), RaySample{});
+
+  RayCounts counts;
+  std::size_t next = 0;
+  for (; next < rays.size() && wave.size < kWave; ++next)
+    if (enter(grid, rays[next], wave, wave.size)) wave.ray[wave.size++] = next;
+  while (wave.size > 0) {
+    // Find the rays whose next sample is not in empty space.
+    locate(grid, wave);
+    std::uint8_t sampling[kWave];
+    std::size_t samples = 0;
+    for (std::size_t i = 0; i < wave.size; ++i) {
+      const int distance = grid.distance[static_cast<std::size_t>(wave.brick[i])];
+      const bool empty = distance > 0 && grid.leap;
+      wave.distance[i] = empty ? distance : 0;
+      sampling[samples] = static_cast<std::uint8_t>(i);
+      samples += !empty;
+    }
+    counts.steps += wave.size;
+    counts.samples += samples;
+    // Look up what their values are made of.
+    for (std::size_t s = 0; s < samples; ++s) {
+      const std::size_t i = sampling[s];
+      const int x = wave.cell[0][i], y = wave.cell[1][i], z = wave.cell[2][i];
+      const Neighbourhood<T> voxels = neighbourhood(grid, x, y, z, border);
+      if constexpr (kLabels) {
+        const int up[3] = {wave.within[0][i] >= 0.5f, wave.within[1][i] >= 0.5f,
+                           wave.within[2][i] >= 0.5f};
+        wave.entry[i] = voxels.at(1 + up[1], 1 + up[2])[1 + up[0]];
+      } else {
+        for (int r = 0; r < 4; ++r)
+          std::memcpy(&rows[r][i], voxels.at(kRowY[r], kRowZ[r]), sizeof rows[r][i]);
+      }
+    }
+    if constexpr (!kLabels) find_entries(grid.table, rows, wave);
+    // Composite opacity, front to back; the colour follows once it is shaded.
+    for (std::size_t s = 0; s < samples; ++s) {
+      const std::size_t i = sampling[s];
+      const auto entry = static_cast<std::size_t>(wave.entry[i]);
+      if (kLabels && entry >= grid.table.opacities.size()) continue;
+      const float opacity = grid.table.opacities[entry];
+      if (opacity <= 0) continue;
+      const float weight = (1 - wave.alpha[i]) * opacity;
+      ++counts.visible;
+      wave.alpha[i] += weight;
+      wave.depth[i] += weight * static_cast<float>(wave.k[i]);
+      if (!grid.shade) {
+        add_color(grid, wave.entry[i], weight, out[wave.ray[i]].rgba);
+        continue;
+      }
+      const std::size_t h = hits.size++;
+      const Neighbourhood<T> voxels =
+          neighbourhood(grid, wave.cell[0][i], wave.cell[1][i], wave.cell[2][i], border);
+      for (int r = 0; r < 12; ++r)
+        hits.rows[r][h] = take_row<T, kLabels>(grid, voxels.at(kRowY[r], kRowZ[r]));
+      for (int axis = 0; axis < 3; ++axis) hits.within[axis][h] = wave.within[axis][i];
+      hits.weight[h] = weight;
+      hits.entry[h] = wave.entry[i];
+      hits.ray[h] = wave.ray[i];
+    }
+    if (hits.size > kHits - kWave) shade(grid, hits, out);
+    advance(wave);
+    replace_finished(grid, rays, next, wave, out);
+  }
+  shade(grid, hits, out);
+  // What early termination left out is within a step of 8 bits: count it as opaque.
+  for (RaySample& sample : out)
+    if (sample.rgba.a > kOpaque) sample.rgba /= sample.rgba.a;
+  return counts;
+}
+
+RayCounts trace_any(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out) {
+  switch (grid.type) {
+    case ScalarType::u8:
+      return grid.labels ? trace_typed<std::uint8_t, true>(grid, rays, out)
+                         : trace_typed<std::uint8_t, false>(grid, rays, out);
+    case ScalarType::u16:
+      return grid.labels ? trace_typed<std::uint16_t, true>(grid, rays, out)
+                         : trace_typed<std::uint16_t, false>(grid, rays, out);
+    case ScalarType::i8:
+      return trace_typed<std::int8_t, false>(grid, rays, out);
+    case ScalarType::i16:
+      return trace_typed<std::int16_t, false>(grid, rays, out);
+    default:
+      return trace_typed<float, false>(grid, rays, out);
+  }
+}
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace slf
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace slf {
+
+HWY_EXPORT(trace_any);
+
+RayCounts trace_rays(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out) {
+  return HWY_DYNAMIC_DISPATCH(trace_any)(grid, rays, out);
+}
+
+}  // namespace slf
+#endif  // HWY_ONCE

@@ -1,0 +1,53 @@
+// The inner loop of the ray-caster, compiled for several instruction sets. Private to field/.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <glm/glm.hpp>
+#include <span>
+#include <vector>
+
+#include "field/scene/raycaster_table.h"
+#include "slf/raycaster.h"
+#include "slf/scene.h"
+#include "slf/volume.h"
+
+namespace slf {
+
+/// Edge of a brick, in cells (the cubes between voxel centres); a power of two.
+inline constexpr int kBrickShift = 1;
+inline constexpr int kBrick = 1 << kBrickShift;
+
+/// Everything the loop reads. Positions are in voxel indices.
+struct RayGrid {
+  const std::byte* voxels = nullptr;
+  ScalarType type = ScalarType::u8;  ///< u8, i8, u16, i16 or f32
+  bool labels = false;
+  std::array<std::int32_t, 3> dims{};
+
+  glm::dmat3 world_to_index{1.0};
+  glm::dvec3 origin{0.0};
+  /// Columns of the matrix that takes gradients to the world, padded to four.
+  std::array<glm::vec4, 3> gradient_to_world{};
+  double step = 1;  ///< world units
+
+  TransferTable table;
+  /// Per brick: Chebyshev distance, in bricks, to the nearest one with anything visible (0: this).
+  std::vector<std::uint8_t> distance;
+  std::array<std::int32_t, 3> bricks{};
+  /// Cells outside this half-open box hold nothing visible.
+  glm::dvec3 visible_low{0.0};
+  glm::dvec3 visible_high{0.0};
+  bool leap = true;
+
+  bool shade = true;
+  glm::vec4 light{0};  ///< unit, towards the light; padded
+  float ambient = 0.3f;
+  float inverse_gradient_floor = 0;  ///< 1 / length below which gradients fade to unshaded
+};
+
+/// Traces rays into as many samples; chooses the best instruction set at run time. A ray's sample
+/// does not depend on the rays it is traced with.
+RayCounts trace_rays(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out);
+
+}  // namespace slf

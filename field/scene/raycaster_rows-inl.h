@@ -1,0 +1,143 @@
+// The voxels around a sample: looked up row by row, then taken apart into vectors of one voxel of
+// each of several samples. Part of raycaster_kernel.cc.
+
+// Included once per instruction set.
+#if defined(SLF_FIELD_RAYCASTER_ROWS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SLF_FIELD_RAYCASTER_ROWS_INL_H_
+#undef SLF_FIELD_RAYCASTER_ROWS_INL_H_
+#else
+#define SLF_FIELD_RAYCASTER_ROWS_INL_H_
+#endif
+
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <cstring>
+#include <type_traits>
+
+#include "field/scene/raycaster_kernel.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace slf {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+constexpr hn::ScalableTag<float> kFloats;
+constexpr hn::ScalableTag<std::int32_t> kInts;
+constexpr hn::ScalableTag<std::uint32_t> kWords;
+using Floats = hn::Vec<decltype(kFloats)>;
+using Ints = hn::Vec<decltype(kInts)>;
+constexpr std::size_t kLanes = hn::MaxLanes(kFloats);
+
+/// Four voxels in a row along x.
+template <class T>
+struct Row {
+  T voxels[4];
+};
+
+/// The 4×4×4 voxels around a cell, of which the value needs the inner rows and central differences
+/// the outer ones. A view: of the volume itself or, at its border, of a clamped copy.
+template <class T>
+struct Neighbourhood {
+  const T* first;
+  std::ptrdiff_t stride_y, stride_z;
+
+  HWY_INLINE const T* at(int y, int z) const { return first + z * stride_z + y * stride_y; }
+};
+
+template <class T>
+HWY_NOINLINE void copy_clamped(const RayGrid& grid, int x, int y, int z, T* to) {
+  const auto* voxels = reinterpret_cast<const T*>(grid.voxels);
+  const auto [nx, ny, nz] = grid.dims;
+  for (int k = 0; k < 64; ++k) {
+    const std::ptrdiff_t cx = std::clamp(x - 1 + (k & 3), 0, nx - 1);
+    const std::ptrdiff_t cy = std::clamp(y - 1 + (k >> 2 & 3), 0, ny - 1);
+    const std::ptrdiff_t cz = std::clamp(z - 1 + (k >> 4), 0, nz - 1);
+    to[k] = voxels[(cz * ny + cy) * nx + cx];
+  }
+}
+
+template <class T>
+HWY_INLINE Neighbourhood<T> neighbourhood(const RayGrid& grid, int x, int y, int z, T* border) {
+  const auto [nx, ny, nz] = grid.dims;
+  if (HWY_UNLIKELY(x < 1 || y < 1 || z < 1 || x >= nx - 2 || y >= ny - 2 || z >= nz - 2)) {
+    copy_clamped(grid, x, y, z, border);
+    return {border, 4, 16};
+  }
+  const std::ptrdiff_t stride_z = std::ptrdiff_t{nx} * ny;
+  return {reinterpret_cast<const T*>(grid.voxels) + (z - 1) * stride_z +
+              (y - 1) * std::ptrdiff_t{nx} + (x - 1),
+          nx, stride_z};
+}
+
+/// A row as it is looked up: of voxels or, of label volumes, 1 where the label is visible, else 0.
+template <class T, bool kLabels>
+HWY_INLINE auto take_row(const RayGrid& grid, const T* from) {
+  if constexpr (kLabels) {
+    Row<std::uint8_t> row;
+    for (int x = 0; x < 4; ++x) {
+      const auto label = static_cast<std::size_t>(from[x]);
+      row.voxels[x] = label < grid.table.opacities.size() && grid.table.opacities[label] > 0;
+    }
+    return row;
+  } else {
+    Row<T> row;
+    std::memcpy(&row, from, sizeof row);
+    return row;
+  }
+}
+
+/// The rows of kLanes cells, transposed: one vector for each of the four columns.
+struct Columns {
+  Floats x0, x1, x2, x3;
+};
+
+template <class T>
+HWY_INLINE Columns load_columns(const Row<T>* rows) {
+  Columns c;
+  if constexpr (std::is_same_v<T, float>) {
+    hn::LoadInterleaved4(kFloats, &rows->voxels[0], c.x0, c.x1, c.x2, c.x3);
+  } else {
+    // The k-th voxel of a word, moved to its top and from there, with its sign, to its bottom.
+    constexpr int kDown = 32 - 8 * static_cast<int>(sizeof(T));
+    const auto voxel = [&](auto word, auto up) {
+      const auto top = hn::ShiftLeft<decltype(up)::value>(word);
+      if constexpr (std::is_signed_v<T>)
+        return hn::ConvertTo(kFloats, hn::ShiftRight<kDown>(hn::BitCast(kInts, top)));
+      else
+        return hn::ConvertTo(kFloats, hn::BitCast(kInts, hn::ShiftRight<kDown>(top)));
+    };
+    using std::integral_constant;
+    const auto* words = reinterpret_cast<const std::uint32_t*>(rows);
+    if constexpr (sizeof(T) == 1) {
+      const auto word = hn::Load(kWords, words);
+      c.x0 = voxel(word, integral_constant<int, 24>{});
+      c.x1 = voxel(word, integral_constant<int, 16>{});
+      c.x2 = voxel(word, integral_constant<int, 8>{});
+      c.x3 = voxel(word, integral_constant<int, 0>{});
+    } else {
+      auto low = hn::Undefined(kWords), high = hn::Undefined(kWords);
+      hn::LoadInterleaved2(kWords, words, low, high);
+      c.x0 = voxel(low, integral_constant<int, 16>{});
+      c.x1 = voxel(low, integral_constant<int, 0>{});
+      c.x2 = voxel(high, integral_constant<int, 16>{});
+      c.x3 = voxel(high, integral_constant<int, 0>{});
+    }
+  }
+  return c;
+}
+
+HWY_INLINE Floats lerp(Floats a, Floats b, Floats t) { return hn::MulAdd(t, b - a, a); }
+
+/// The rows of a neighbourhood in the order they are kept in: inner ones first.
+constexpr int kRowY[12] = {1, 2, 1, 2, 0, 0, 3, 3, 1, 2, 1, 2};
+constexpr int kRowZ[12] = {1, 1, 2, 2, 1, 2, 1, 2, 0, 0, 3, 3};
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace slf
+HWY_AFTER_NAMESPACE();
+
+#endif

@@ -1,0 +1,101 @@
+// Samples found visible, and their shading. Part of raycaster_kernel.cc.
+
+// Included once per instruction set.
+#if defined(SLF_FIELD_RAYCASTER_SHADING_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SLF_FIELD_RAYCASTER_SHADING_INL_H_
+#undef SLF_FIELD_RAYCASTER_SHADING_INL_H_
+#else
+#define SLF_FIELD_RAYCASTER_SHADING_INL_H_
+#endif
+
+#include <hwy/highway.h>
+
+#include <span>
+
+#include "field/scene/raycaster_rows-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace slf {
+namespace HWY_NAMESPACE {
+namespace {
+
+constexpr std::size_t kHits = 128;
+
+/// Samples that are visible and wait to be shaded.
+template <class S>
+struct Hits {
+  std::size_t size = 0;
+  alignas(64) Row<S> rows[12][kHits];
+  alignas(64) float within[3][kHits];
+  alignas(64) float weight[kHits];
+  std::int32_t entry[kHits];
+  std::size_t ray[kHits];
+};
+
+/// Ambient and Lambert's share of the light at kLanes hits, from central differences one voxel
+/// apart, interpolated trilinearly: a normal without facets.
+template <class S>
+HWY_INLINE Floats shading(const RayGrid& grid, const Hits<S>& hits, std::size_t i) {
+  const Floats one = hn::Set(kFloats, 1.f);
+  const Floats fx = hn::Load(kFloats, hits.within[0] + i);
+  const Floats fy = hn::Load(kFloats, hits.within[1] + i);
+  const Floats fz = hn::Load(kFloats, hits.within[2] + i);
+  // Interpolate the outer rows along x; the inner ones also across it.
+  Floats row[12];
+  for (int r = 4; r < 12; ++r) {
+    const Columns c = load_columns(hits.rows[r] + i);
+    row[r] = lerp(c.x1, c.x2, fx);
+  }
+  Columns inner[4];
+  for (int r = 0; r < 4; ++r) {
+    inner[r] = load_columns(hits.rows[r] + i);
+    row[r] = lerp(inner[r].x1, inner[r].x2, fx);
+  }
+  const auto face = [&](Floats Columns::*x) {
+    return lerp(lerp(inner[0].*x, inner[1].*x, fy), lerp(inner[2].*x, inner[3].*x, fy), fz);
+  };
+  // Difference along each axis, twice over.
+  const Floats dx =
+      lerp(face(&Columns::x2) - face(&Columns::x0), face(&Columns::x3) - face(&Columns::x1), fx);
+  const Floats dy = lerp(lerp(row[1] - row[4], row[6] - row[0], fy),
+                         lerp(row[3] - row[5], row[7] - row[2], fy), fz);
+  const Floats dz = lerp(lerp(row[2] - row[8], row[10] - row[0], fz),
+                         lerp(row[3] - row[9], row[11] - row[1], fz), fy);
+  // Take the gradient to the world, where the light is.
+  const auto& m = grid.gradient_to_world;
+  Floats toward = hn::Zero(kFloats), length2 = hn::Set(kFloats, 1e-30f);
+  for (int axis = 0; axis < 3; ++axis) {
+    const Floats n = hn::MulAdd(hn::Set(kFloats, 0.5f * m[0][axis]), dx,
+                                hn::MulAdd(hn::Set(kFloats, 0.5f * m[1][axis]), dy,
+                                           hn::Set(kFloats, 0.5f * m[2][axis]) * dz));
+    toward = hn::NegMulAdd(n, hn::Set(kFloats, grid.light[axis]), toward);
+    length2 = hn::MulAdd(n, n, length2);
+  }
+  // Gradients too small to be sure of fade to unshaded.
+  const Floats length = hn::Sqrt(length2);
+  const Floats lambert = hn::Max(hn::Zero(kFloats), toward) / length;
+  const Floats sure = hn::Min(one, length * hn::Set(kFloats, grid.inverse_gradient_floor));
+  return hn::NegMulAdd(hn::Set(kFloats, 1 - grid.ambient) * (one - lambert), sure, one);
+}
+
+HWY_INLINE void add_color(const RayGrid& grid, std::int32_t entry, float weight, glm::vec4& to) {
+  const glm::vec4& color = grid.table.colors[static_cast<std::size_t>(entry)];
+  for (int c = 0; c < 3; ++c) to[c] += weight * color[c];
+}
+
+template <class S>
+HWY_NOINLINE void shade(const RayGrid& grid, Hits<S>& hits, std::span<RaySample> out) {
+  for (std::size_t i = 0; i < hits.size; i += kLanes)
+    hn::Store(hn::Load(kFloats, hits.weight + i) * shading(grid, hits, i), kFloats,
+              hits.weight + i);
+  for (std::size_t i = 0; i < hits.size; ++i)  // in the order each ray met them
+    add_color(grid, hits.entry[i], hits.weight[i], out[hits.ray[i]].rgba);
+  hits.size = 0;
+}
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace slf
+HWY_AFTER_NAMESPACE();
+
+#endif

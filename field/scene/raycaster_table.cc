@@ -1,0 +1,81 @@
+#include "field/scene/raycaster_table.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+
+namespace slf {
+namespace {
+
+void add_entry(TransferTable& table, const TransferFunction& transfer, double value,
+               double steps_per_unit) {
+  const glm::dvec4 entry = transfer(value);
+  table.colors.push_back(glm::vec4(entry));
+  table.opacities.push_back(
+      static_cast<float>(1 - std::pow(1 - std::clamp(entry.a, 0.0, 1.0), steps_per_unit)));
+}
+
+/// The least gap between neighbouring points of the function: what a table has to resolve.
+double least_gap(const TransferFunction& transfer) {
+  double gap = std::numeric_limits<double>::max();
+  const auto measure = [&](const auto& points) {
+    for (std::size_t k = 1; k < points.size(); ++k)
+      if (const double g = points[k].value - points[k - 1].value; g > 0) gap = std::min(gap, g);
+  };
+  measure(transfer.colors);
+  measure(transfer.opacities);
+  return gap;
+}
+
+}  // namespace
+
+std::int32_t ordered_bits(float value) {
+  const auto bits = std::bit_cast<std::int32_t>(value);
+  return bits >= 0 ? bits : std::numeric_limits<std::int32_t>::min() - bits;
+}
+
+TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
+                         std::array<float, 2> range, double steps_per_unit) {
+  constexpr int kMost = 1 << 16;
+  TransferTable table;
+  const auto [low, high] = range;
+  table.low = low;
+  const double width = std::max(double{high} - low, 1e-30);
+  // Sixteen entries for the narrowest ramp, and at least four for each integer value.
+  const double wanted = 16 * width * std::abs(volume.slope) / least_gap(transfer);
+  const bool integers = volume.type != ScalarType::f32;
+  const auto add = [&](double stored) {
+    add_entry(table, transfer, volume.slope * stored + volume.intercept, steps_per_unit);
+  };
+  if (integers || wanted <= kMost) {
+    const int size = static_cast<int>(
+        std::clamp(std::max(wanted, integers ? 4 * width : 0.0), 1024.0, double{kMost}));
+    table.scale = static_cast<float>((size - 1) / width);
+    for (int k = 0; k < size; ++k) add(low + width * k / (size - 1));
+    return table;
+  }
+  table.logarithmic = true;
+  table.low_key = ordered_bits(low);
+  const std::int64_t keys = std::int64_t{ordered_bits(high)} - table.low_key;
+  while ((keys >> table.shift) >= kMost) ++table.shift;
+  for (std::int64_t k = 0; k <= keys >> table.shift; ++k) {
+    const std::int64_t key =
+        table.low_key +
+        std::min(keys, (k << table.shift) + ((std::int64_t{1} << table.shift) >> 1));
+    const auto ordered = static_cast<std::int32_t>(key);
+    add(std::bit_cast<float>(ordered >= 0 ? ordered
+                                          : std::numeric_limits<std::int32_t>::min() - ordered));
+  }
+  return table;
+}
+
+TransferTable make_label_table(const TransferFunction& transfer, const Volume& volume,
+                               const std::vector<double>& labels, double steps_per_unit) {
+  TransferTable table;
+  for (const double label : labels)
+    add_entry(table, transfer, volume.slope * label + volume.intercept, steps_per_unit);
+  return table;
+}
+
+}  // namespace slf

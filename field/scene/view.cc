@@ -1,0 +1,47 @@
+#include "field/scene/view.h"
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include "base/parallel.h"
+
+namespace slf {
+
+Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera& camera,
+                         unsigned threads) {
+  const auto rays = RayGenerator::make(camera);
+  if (!rays) return tl::unexpected(rays.error());
+  Image image;
+  image.width = camera.width;
+  image.height = camera.height;
+  image.rgba.resize(std::size_t{camera.width} * camera.height);
+  image.depth.assign(image.rgba.size(), std::numeric_limits<float>::infinity());
+  parallel_for(camera.height, threads, [&](std::uint64_t y) {
+    std::vector<Segment> segments;
+    std::vector<std::uint32_t> columns;
+    for (std::uint32_t x = 0; x < camera.width; ++x) {
+      const PixelRay ray = rays->ray(x, static_cast<std::uint32_t>(y));
+      const Chord chord = intersect(sphere, ray.origin, ray.direction);
+      if (!chord.hit || chord.leave <= 0) continue;
+      segments.push_back({ray.origin + std::max(chord.enter, 0.0) * ray.direction,
+                          ray.origin + chord.leave * ray.direction});
+      columns.push_back(x);
+    }
+    std::vector<RaySample> samples(segments.size());
+    scene.trace_many(segments, samples);
+    for (std::size_t k = 0; k < samples.size(); ++k) {
+      const RaySample& sample = samples[k];
+      const auto& [from, to] = segments[k];
+      const std::size_t pixel = y * camera.width + columns[k];
+      image.rgba[pixel] = sample.rgba;
+      if (sample.rgba.a > 0)
+        image.depth[pixel] = static_cast<float>(
+            glm::distance(rays->ray(columns[k], static_cast<std::uint32_t>(y)).origin,
+                          from + double{sample.depth} * (to - from)));
+    }
+  });
+  return image;
+}
+
+}  // namespace slf

@@ -1,0 +1,213 @@
+#include "field/volume/dicom_decode.h"
+
+#include <fcntl.h>
+#include <gdcmImageReader.h>
+#include <gdcmSequenceOfFragments.h>
+#include <poll.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <fstream>
+
+namespace slf::volume_io {
+
+namespace {
+
+constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 30;
+
+std::uint64_t decoded_bytes(const DicomSlice& file) { return file.bytes() * file.frames; }
+
+/// Seconds a file may take: the slowest decoder gives tens of megabytes in one.
+std::uint64_t patience(const DicomSlice& file) { return 60 + (decoded_bytes(file) >> 20); }
+
+// In the child.
+
+/// No more address space than it has now and GDCM's several copies of a file take, no more time
+/// than the files call for, and no file written or process started (GDCM would call pvrg-jpeg on
+/// what its own JPEG refuses).
+bool set_limits(const std::vector<DicomSlice>& files) {
+  std::uint64_t pages = 0, largest = 0, seconds = 0;
+  if (!(std::ifstream("/proc/self/statm") >> pages)) return false;
+  for (const auto& file : files) {
+    largest = std::max(largest, decoded_bytes(file));
+    seconds += patience(file);
+  }
+  const auto page = static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+  constexpr std::uint64_t kSpare = std::uint64_t{1} << 30;
+  const auto limit = [](auto resource, std::uint64_t most) {
+    rlimit now{};
+    if (::getrlimit(resource, &now) != 0) return false;
+    now.rlim_cur = std::min<rlim_t>(now.rlim_max, most);
+    return ::setrlimit(resource, &now) == 0;
+  };
+  return limit(RLIMIT_CORE, 0) && limit(RLIMIT_FSIZE, 0) && limit(RLIMIT_NPROC, 0) &&
+         limit(RLIMIT_CPU, seconds) && limit(RLIMIT_AS, pages * page + kSpare + 12 * largest);
+}
+
+/// What the process we were forked from does on signals is not for us.
+void forget_signal_handlers() {
+  for (const int signal : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGINT, SIGTERM, SIGHUP,
+                           SIGPIPE, SIGXCPU, SIGCHLD})
+    ::signal(signal, SIG_DFL);
+}
+
+bool silence() {
+  const int nowhere = ::open("/dev/null", O_RDWR);
+  if (nowhere < 0) return false;
+  for (const int standard : {0, 1, 2})
+    if (::dup2(nowhere, standard) < 0) return false;
+  return true;
+}
+
+bool write_all(int to, const char* bytes, std::size_t size) {
+  while (size > 0) {
+    const ssize_t written = ::write(to, bytes, size);
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) return false;
+    bytes += written;
+    size -= static_cast<std::size_t>(written);
+  }
+  return true;
+}
+
+/// Whether the size that a JPEG 2000 stream states is the header's. GDCM does not ask, and leaves
+/// pixels of a smaller one unset.
+bool is_of_stated_size(const DicomSlice& file, const gdcm::Image& image) {
+  const auto* fragments = image.GetDataElement().GetSequenceOfFragments();
+  if (!fragments) return false;
+  for (std::size_t i = 0; i < fragments->GetNumberOfFragments(); ++i) {
+    const auto* value = fragments->GetFragment(i).GetByteValue();
+    if (!value) return false;
+    const std::string_view bytes(value->GetPointer(), value->GetLength());
+    const auto start = bytes.substr(0, 512).find("\xff\x4f\xff\x51");  // SOC, SIZ
+    if (start == std::string_view::npos) continue;                     // goes on from the last
+    if (bytes.size() < start + 24) return false;
+    const auto field = [&](std::size_t at) {
+      std::uint32_t number = 0;
+      for (std::size_t k = 0; k < 4; ++k)
+        number = number << 8 | static_cast<std::uint8_t>(bytes[start + at + k]);
+      return number;
+    };
+    if (field(8) - field(16) != file.width || field(12) - field(20) != file.height) return false;
+  }
+  return true;
+}
+
+bool decode(const DicomSlice& file, int to) {
+  gdcm::ImageReader reader;
+  reader.SetFileName(file.path.c_str());
+  if (!reader.Read()) return false;
+  const gdcm::Image& image = reader.GetImage();
+  const auto* size = image.GetDimensions();
+  if (size[0] != file.width || size[1] != file.height ||
+      image.GetPixelFormat().GetPixelSize() != bytes_per_voxel(file.type) ||
+      image.GetBufferLength() != decoded_bytes(file))
+    return false;
+  const bool is_jpeg_2000 = name_of_compression(file.syntax).starts_with("JPEG 2000");
+  if (is_jpeg_2000 && !is_of_stated_size(file, image)) return false;
+  std::vector<char> pixels(image.GetBufferLength());
+  return image.GetBuffer(pixels.data()) && write_all(to, pixels.data(), pixels.size());
+}
+
+[[noreturn]] void be_child(const std::vector<DicomSlice>& files, int to) noexcept {
+  forget_signal_handlers();
+  try {
+    bool good = silence() && set_limits(files);
+    for (std::size_t i = 0; good && i < files.size(); ++i) good = decode(files[i], to);
+    ::_exit(good ? 0 : 1);
+  } catch (...) {
+    ::_exit(1);
+  }
+}
+
+// In the parent.
+
+enum class Wait { ready, late };
+
+/// Polls of a second each, so that a time in which both processes were stopped counts as one.
+Wait wait_for_bytes(int from, std::uint64_t seconds) {
+  pollfd entry{.fd = from, .events = POLLIN, .revents = 0};
+  for (std::uint64_t i = 0; i < seconds; ++i)
+    if (::poll(&entry, 1, 1000) > 0) return Wait::ready;
+  return Wait::late;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<DicomDecoder>> DicomDecoder::start(const std::vector<DicomSlice>& files) {
+  for (const auto& file : files)
+    if (decoded_bytes(file) > kMostBytes)
+      return fail(ErrorCode::unsupported, file.path, ": ", file.frames, " frames of ", file.height,
+                  "x", file.width, " decode to ", decoded_bytes(file),
+                  " bytes, expected at most 2^30: decompress it first, `gdcmconv --raw IN OUT`");
+  std::array<int, 2> ends{};
+  if (::pipe2(ends.data(), O_CLOEXEC) != 0)
+    return fail(ErrorCode::failed, files.front().path,
+                ": no pipe to its decoder: ", std::strerror(errno));
+  const pid_t child = ::fork();
+  if (child == 0) {
+    ::close(ends[0]);
+    be_child(files, ends[1]);
+  }
+  const int error = errno;
+  ::close(ends[1]);
+  if (child < 0) {
+    ::close(ends[0]);
+    return fail(ErrorCode::failed, files.front().path,
+                ": no process to decode it: ", std::strerror(error));
+  }
+  return std::unique_ptr<DicomDecoder>(new DicomDecoder(child, ends[0]));
+}
+
+DicomDecoder::~DicomDecoder() {
+  ::close(pipe_);
+  if (child_ <= 0) return;
+  ::kill(child_, SIGKILL);
+  while (::waitpid(child_, nullptr, 0) < 0 && errno == EINTR) {
+  }
+}
+
+Result<std::vector<std::byte>> DicomDecoder::read(const DicomSlice& file) {
+  // Memory is taken as bytes arrive: that a header asks for it is no reason.
+  std::vector<std::byte> pixels;
+  const std::uint64_t needed = decoded_bytes(file);
+  while (pixels.size() < needed) {
+    if (wait_for_bytes(pipe_, patience(file)) == Wait::late) return why_not(file, true);
+    const std::size_t from = pixels.size();
+    if (from == 0) pixels.reserve(needed);
+    constexpr std::uint64_t kStep = std::uint64_t{1} << 18;
+    pixels.resize(from + std::min(needed - from, kStep));
+    const ssize_t got = ::read(pipe_, pixels.data() + from, pixels.size() - from);
+    pixels.resize(from + static_cast<std::size_t>(std::max<ssize_t>(got, 0)));
+    if (got == 0 || (got < 0 && errno != EINTR)) return why_not(file, false);
+  }
+  return pixels;
+}
+
+tl::unexpected<Error> DicomDecoder::why_not(const DicomSlice& file, bool late) {
+  const std::string what = name_of_compression(file.syntax);
+  if (late)
+    return fail(ErrorCode::bad_file, file.path, ": its pixels, ", what,
+                ", were not decoded within ", patience(file), " s: they are damaged");
+  int status = 0;
+  pid_t ended = 0;
+  while ((ended = ::waitpid(child_, &status, 0)) < 0 && errno == EINTR) {
+  }
+  child_ = 0;
+  if (ended > 0 && WIFSIGNALED(status) &&
+      (WTERMSIG(status) == SIGINT || WTERMSIG(status) == SIGTERM || WTERMSIG(status) == SIGKILL))
+    return fail(ErrorCode::failed, file.path,
+                ": its decoder was ended from outside: ", ::strsignal(WTERMSIG(status)));
+  return fail(ErrorCode::bad_file, file.path, ": its pixels, ", what,
+              ended > 0 && WIFSIGNALED(status) ? ", crash the decoder" : ", cannot be decoded",
+              " to ", file.frames, " frames of ", file.height, "x", file.width, " ",
+              name(file.type), ": they are damaged, copy the file again");
+}
+
+}  // namespace slf::volume_io

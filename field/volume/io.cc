@@ -1,0 +1,235 @@
+#include "field/volume/io.h"
+
+#include <zlib.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <limits>
+
+namespace slf::volume_io {
+
+namespace {
+
+// The most that deflate can expand, from its format: 258 bytes for two one-bit codes.
+constexpr std::uint64_t kMostExpansion = 1032;
+constexpr std::size_t kChunk = std::size_t{1} << 18;
+
+}  // namespace
+
+struct ByteReader::State {
+  std::string path;
+  std::ifstream file;
+  bool packed = false;
+  bool ended = false;    // the packed stream is complete
+  bool started = false;  // inflateInit2 was called and inflateEnd is due
+  z_stream stream{};
+  std::vector<char> chunk;
+
+  State() = default;
+  State(const State&) = delete;
+  State& operator=(const State&) = delete;
+  ~State() {
+    if (started) inflateEnd(&stream);
+  }
+
+  void refill() {
+    file.read(chunk.data(), static_cast<std::streamsize>(chunk.size()));
+    stream.next_in = reinterpret_cast<Bytef*>(chunk.data());
+    stream.avail_in = static_cast<uInt>(file.gcount());
+  }
+
+  // A gzip file may be several members, one after the other; anything else behind is not ours.
+  bool next_member() {
+    if (stream.avail_in == 0) refill();
+    if (stream.avail_in == 0 || *stream.next_in != 0x1f) return false;
+    return inflateReset(&stream) == Z_OK;
+  }
+
+  Result<std::size_t> unpack(std::span<std::byte> to) {
+    std::size_t done = 0;
+    while (done < to.size() && !ended) {
+      if (stream.avail_in == 0) refill();
+      const auto room = static_cast<uInt>(std::min<std::size_t>(to.size() - done, 1u << 30));
+      stream.next_out = reinterpret_cast<Bytef*>(to.data() + done);
+      stream.avail_out = room;
+      const int status = inflate(&stream, Z_NO_FLUSH);
+      done += room - stream.avail_out;
+      if (status == Z_STREAM_END)
+        ended = !next_member();
+      else if (status == Z_BUF_ERROR && stream.avail_in == 0)
+        return fail(ErrorCode::bad_file, path, ": the packed data stop after ", stream.total_out,
+                    " unpacked bytes, before their end: the file is truncated, copy it again");
+      else if (status != Z_OK)
+        return fail(ErrorCode::bad_file, path, ": damaged packed data after ", stream.total_out,
+                    " unpacked bytes (", stream.msg ? stream.msg : "not gzip or zlib",
+                    "): the file is corrupt, copy it again");
+    }
+    return done;
+  }
+};
+
+ByteReader::ByteReader(std::unique_ptr<State> state) : state_(std::move(state)) {}
+ByteReader::ByteReader(ByteReader&&) noexcept = default;
+ByteReader& ByteReader::operator=(ByteReader&&) noexcept = default;
+ByteReader::~ByteReader() = default;
+
+Result<ByteReader> ByteReader::open(const std::string& path, std::uint64_t offset, bool packed) {
+  const auto size = file_size(path);
+  if (!size) return tl::unexpected(size.error());
+  auto state = std::make_unique<State>();
+  state->path = path;
+  state->packed = packed;
+  state->file.open(path, std::ios::binary);
+  if (!state->file) return fail(ErrorCode::io, path, ": cannot be opened: ", std::strerror(errno));
+  state->file.seekg(static_cast<std::streamoff>(offset));
+  if (packed) {
+    state->chunk.resize(std::clamp<std::uint64_t>(*size, 1, kChunk));
+    constexpr int kGzipOrZlib = 15 + 32;
+    if (inflateInit2(&state->stream, kGzipOrZlib) != Z_OK)
+      return fail(ErrorCode::failed, path, ": no memory to unpack");
+    state->started = true;
+  }
+  return ByteReader(std::move(state));
+}
+
+Result<std::size_t> ByteReader::read(std::span<std::byte> to) {
+  if (state_->packed) return state_->unpack(to);
+  state_->file.read(reinterpret_cast<char*>(to.data()), static_cast<std::streamsize>(to.size()));
+  return static_cast<std::size_t>(state_->file.gcount());
+}
+
+Result<std::uint64_t> file_size(const std::string& path) {
+  std::error_code code;
+  const auto status = std::filesystem::status(path, code);
+  if (status.type() == std::filesystem::file_type::not_found)
+    return fail(ErrorCode::io, path, ": no such file");
+  if (status.type() != std::filesystem::file_type::regular)
+    return fail(ErrorCode::io, path, ": not a regular file");
+  const auto size = std::filesystem::file_size(path, code);
+  if (code) return fail(ErrorCode::io, path, ": ", code.message());
+  return size;
+}
+
+Result<std::string> read_head(const std::string& path, std::size_t limit) {
+  std::string head(limit, '\0');
+  const auto bytes = std::as_writable_bytes(std::span(head));
+  bool packed = false;
+  for (int attempt = 0; attempt < 2; ++attempt) {
+    auto reader = ByteReader::open(path, 0, packed);
+    if (!reader) return tl::unexpected(reader.error());
+    const auto got = reader->read(bytes);
+    if (!got) return tl::unexpected(got.error());
+    head.resize(*got);
+    packed = head.starts_with("\x1f\x8b");
+    if (!packed || attempt == 1) break;
+    head.resize(limit);
+  }
+  return head;
+}
+
+std::uint64_t voxel_bytes(const Volume& volume) {
+  return volume.voxel_count() * bytes_per_voxel(volume.type);
+}
+
+void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value) {
+  for (std::size_t at = 0; at + bytes_per_value <= values.size(); at += bytes_per_value)
+    std::reverse(values.begin() + static_cast<std::ptrdiff_t>(at),
+                 values.begin() + static_cast<std::ptrdiff_t>(at + bytes_per_value));
+}
+
+Result<void> read_voxels(const VoxelData& from, Volume& volume) {
+  const auto size = file_size(from.path);
+  if (!size) return tl::unexpected(size.error());
+  const std::uint64_t needed = voxel_bytes(volume);
+  const std::uint64_t there = *size > from.offset ? *size - from.offset : 0;
+  const std::uint64_t most = from.packed ? there * kMostExpansion : there;
+  const auto& d = volume.dims;
+  if (from.skip > most || needed > most - from.skip)
+    return fail(ErrorCode::bad_file, from.path, ": ", d[0], "x", d[1], "x", d[2], " voxels of ",
+                name(volume.type), " need ", needed, " bytes from byte ", from.offset + from.skip,
+                " on, but the file holds ", there, from.packed ? " packed" : "",
+                " bytes there: it is truncated, or its header is wrong");
+
+  auto reader =
+      ByteReader::open(from.path, from.offset + (from.packed ? 0 : from.skip), from.packed);
+  if (!reader) return tl::unexpected(reader.error());
+  std::vector<std::byte> scratch(from.packed ? std::clamp<std::uint64_t>(from.skip, 1, kChunk) : 0);
+  for (std::uint64_t left = from.packed ? from.skip : 0; left > 0;) {
+    const auto got =
+        reader->read(std::span(scratch).first(std::min<std::uint64_t>(left, scratch.size())));
+    if (!got) return tl::unexpected(got.error());
+    if (*got == 0) break;
+    left -= *got;
+  }
+  volume.voxels.resize(needed);
+  const auto got = reader->read(volume.voxels);
+  if (!got) return tl::unexpected(got.error());
+  if (*got != needed)
+    return fail(ErrorCode::bad_file, from.path, ": expected ", needed, " bytes of voxels, found ",
+                *got, ": the file is truncated, or its header is wrong");
+  // Reading past the voxels is what makes zlib compare its checksum.
+  if (from.packed)
+    if (const auto rest = reader->read(std::span(scratch).first(1)); !rest)
+      return tl::unexpected(rest.error());
+  if (from.big_endian != (std::endian::native == std::endian::big))
+    swap_bytes(volume.voxels, bytes_per_voxel(volume.type));
+  return {};
+}
+
+Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
+                                                std::span<const std::uint64_t> sizes) {
+  if (sizes.size() < 3)
+    return fail(ErrorCode::unsupported, source, ": a picture of ", sizes.size(),
+                " dimensions, expected a volume of 3: give the file of the whole stack");
+  std::array<std::uint32_t, 3> dims{};
+  std::uint64_t product = 8;  // the widest voxel, so that a byte count cannot overflow
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (sizes[i] == 0 || sizes[i] > std::numeric_limits<std::uint32_t>::max() ||
+        product > std::numeric_limits<std::int64_t>::max() / sizes[i])
+      return fail(ErrorCode::bad_file, source, ": absurd dims ", sizes[0], "x", sizes[1], "x",
+                  sizes[2], ": each must be at least 1 and the volume below 2^63 bytes");
+    dims[i] = static_cast<std::uint32_t>(sizes[i]);
+    product *= sizes[i];
+  }
+  for (std::size_t i = 0; i < 3; ++i)
+    if (dims[i] == 1)
+      return fail(ErrorCode::unsupported, source, ": dims ", dims[0], "x", dims[1], "x", dims[2],
+                  " are a single slice; a volume has at least 2 voxels along each axis: give the "
+                  "file of the whole stack");
+  return dims;
+}
+
+Result<std::array<std::uint32_t, 3>> check_scalar_dims(const std::string& source,
+                                                       std::vector<std::uint64_t> sizes) {
+  while (sizes.size() > 3 && sizes.back() == 1) sizes.pop_back();
+  if (sizes.size() <= 3) return check_dims(source, sizes);
+  std::string found;
+  for (const auto size : sizes) found.append(found.empty() ? "" : "x").append(std::to_string(size));
+  return fail(ErrorCode::unsupported, source, ": dims ", found,
+              ", expected 3 dimensions: the further ones are time points or components; extract "
+              "one of them into a file of its own");
+}
+
+Result<void> check_axes(const Volume& volume) {
+  double scale = 1;
+  for (int i = 0; i < 3; ++i) {
+    const double length = glm::length(volume.axes[i]);
+    if (!std::isfinite(length) || !(length > 1e-30) || !(length < 1e30))
+      return fail(ErrorCode::bad_file, volume.source, ": spacing of axis ", i, " is ", length,
+                  ", expected a positive finite number");
+    scale *= length;
+    if (!std::isfinite(volume.origin[i]))
+      return fail(ErrorCode::bad_file, volume.source, ": origin is not finite");
+  }
+  const double volume_of_voxel = std::abs(glm::determinant(volume.axes));
+  if (!(volume_of_voxel > 1e-6 * scale))
+    return fail(ErrorCode::bad_file, volume.source,
+                ": its axes are singular: two of them point the same way");
+  return {};
+}
+
+}  // namespace slf::volume_io

@@ -1,0 +1,105 @@
+// What the volume readers share: bytes read with bounds, checked dims and axes, header text.
+//
+// Nothing here trusts a header. A size is believed only after the file was found large enough to
+// hold it; deflate expands at most 1032:1, so that holds for packed voxels too.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <fstream>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "slf/error.h"
+#include "slf/volume.h"
+
+namespace slf::volume_io {
+
+/// Where the voxels of a volume lie.
+struct VoxelData {
+  std::string path;
+  std::uint64_t offset = 0;  ///< first byte in the file, of the voxels or of their packed stream
+  bool packed = false;       ///< gzip or zlib
+  std::uint64_t skip = 0;    ///< bytes before the voxels, counted once unpacked
+  bool big_endian = false;
+};
+
+/// Bytes of a file from an offset on, unpacked where they are gzip or zlib. Moves forward only.
+class ByteReader {
+ public:
+  /// io: missing, a folder or device, unreadable.
+  [[nodiscard]] static Result<ByteReader> open(const std::string& path, std::uint64_t offset,
+                                               bool packed);
+  ByteReader(ByteReader&&) noexcept;
+  ByteReader& operator=(ByteReader&&) noexcept;
+  ~ByteReader();
+
+  /// Fills `to` and returns its size, or fewer bytes where the data end.
+  /// bad_file: packed data that are damaged or stop before their end.
+  [[nodiscard]] Result<std::size_t> read(std::span<std::byte> to);
+
+ private:
+  struct State;
+  explicit ByteReader(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
+};
+
+/// io: missing or not a regular file.
+[[nodiscard]] Result<std::uint64_t> file_size(const std::string& path);
+
+/// The first bytes, at most `limit`, unpacked when they begin as gzip does.
+[[nodiscard]] Result<std::string> read_head(const std::string& path, std::size_t limit);
+
+/// Exactly three extents of at least 2 whose product is a size the machine can count.
+/// bad_file: zero or absurd. unsupported: one slice.
+[[nodiscard]] Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
+                                                              std::span<const std::uint64_t> sizes);
+
+/// Drops extents of 1 beyond the third axis, then check_dims.
+/// unsupported: more than 3 dimensions of extent above 1, named with `what` the fourth may be.
+[[nodiscard]] Result<std::array<std::uint32_t, 3>> check_scalar_dims(
+    const std::string& source, std::vector<std::uint64_t> sizes);
+
+/// bad_file: axes or origin that are not finite, or axes that do not span space.
+[[nodiscard]] Result<void> check_axes(const Volume& volume);
+
+/// Fills `volume.voxels`, in native byte order, from `from`; dims and type are set.
+/// bad_file: fewer bytes than the dims need, or damaged packed data.
+[[nodiscard]] Result<void> read_voxels(const VoxelData& from, Volume& volume);
+
+/// Bytes the voxels take. REQUIRES: dims that passed check_dims.
+[[nodiscard]] std::uint64_t voxel_bytes(const Volume& volume);
+
+/// Least significant first to most significant first, or back, in place.
+void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
+
+// Header text.
+[[nodiscard]] std::string_view trim(std::string_view text);
+[[nodiscard]] std::string lower(std::string_view text);
+[[nodiscard]] std::vector<std::string_view> words(std::string_view text);
+[[nodiscard]] std::optional<double> parse_number(std::string_view text);
+[[nodiscard]] std::optional<std::int64_t> parse_integer(std::string_view text);
+/// At most 40 printable characters of untrusted text, quoted, for a message.
+[[nodiscard]] std::string in_quotes(std::string_view text);
+/// A data file named in a header, relative to the header's folder.
+[[nodiscard]] std::string beside(const std::string& header, std::string_view name);
+
+/// The next line of `text` from `at` on, without its end; `at` moves behind it.
+[[nodiscard]] std::string_view next_line(std::string_view text, std::size_t& at);
+
+// The readers, one a format. `head` is what read_head gave, enough to hold the header.
+[[nodiscard]] bool looks_like_nifti(std::string_view head);
+[[nodiscard]] bool looks_like_meta(std::string_view head);
+[[nodiscard]] bool looks_like_dicom(std::string_view head);
+[[nodiscard]] Result<Volume> read_nifti(const std::string& path, std::string_view head);
+[[nodiscard]] Result<Volume> read_nrrd(const std::string& path, std::string_view head);
+[[nodiscard]] Result<Volume> read_meta(const std::string& path, std::string_view head);
+[[nodiscard]] Result<Volume> read_raw(const std::string& path, const RawLayout& layout);
+[[nodiscard]] Result<Volume> read_dicom_folder(const std::string& path);
+[[nodiscard]] Result<Volume> read_dicom_file(const std::string& path);
+
+}  // namespace slf::volume_io

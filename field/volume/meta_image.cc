@@ -1,0 +1,238 @@
+// MetaImage (.mha, or .mhd with its data file), https://itk.org/Wiki/MetaIO/Documentation.
+//
+// Read here and not through ITK, for the reason given in volume_nrrd.cc. World coordinates are
+// LPS, as ITK takes them; AnatomicalOrientation is, as in ITK, a remark and not a transform.
+#include <cmath>
+#include <map>
+
+#include "field/volume/io.h"
+
+namespace slf::volume_io {
+
+namespace {
+
+struct Header {
+  std::map<std::string, std::string, std::less<>> fields;
+  std::size_t bytes = 0;  // up to and with the line ElementDataFile, which is the last
+
+  /// The first of several names of one field that is there.
+  const std::string* find(const std::vector<std::string_view>& names) const {
+    for (const auto name : names)
+      if (const auto found = fields.find(name); found != fields.end()) return &found->second;
+    return nullptr;
+  }
+};
+
+Result<Header> parse_lines(const std::string& path, std::string_view head) {
+  Header header;
+  for (int number = 1; header.bytes < head.size(); ++number) {
+    const auto line = next_line(head, header.bytes);
+    if (trim(line).empty()) continue;
+    const auto equals = line.find('=');
+    if (equals == std::string_view::npos)
+      return fail(ErrorCode::bad_file, path, ": line ", number, " of the MetaImage header is ",
+                  in_quotes(line), ", expected 'Field = value'");
+    const std::string field(trim(line.substr(0, equals)));
+    header.fields[field] = trim(line.substr(equals + 1));
+    if (field == "ElementDataFile") return header;
+  }
+  return fail(ErrorCode::bad_file, path, ": the MetaImage header has no 'ElementDataFile' line");
+}
+
+Result<std::vector<double>> numbers(const std::string& path, std::string_view field,
+                                    const std::string& text, std::size_t count) {
+  std::vector<double> result;
+  for (const auto word : words(text)) {
+    const auto value = parse_number(word);
+    if (!value)
+      return fail(ErrorCode::bad_file, path, ": '", field, "' holds ", in_quotes(word),
+                  ", expected a number");
+    result.push_back(*value);
+  }
+  if (result.size() != count)
+    return fail(ErrorCode::bad_file, path, ": '", field, "' has ", result.size(),
+                " values, expected ", count);
+  return result;
+}
+
+Result<bool> flag(const std::string& path, const Header& header,
+                  const std::vector<std::string_view>& names, bool otherwise) {
+  const auto* text = header.find(names);
+  if (!text) return otherwise;
+  const auto value = lower(*text);
+  if (value == "true" || value == "1" || value == "t") return true;
+  if (value == "false" || value == "0" || value == "f") return false;
+  return fail(ErrorCode::bad_file, path, ": '", names.front(), "' is ", in_quotes(*text),
+              ", expected True or False");
+}
+
+Result<ScalarType> scalar_type(const std::string& path, const Header& header) {
+  const auto* text = header.find({"ElementType"});
+  if (!text) return fail(ErrorCode::bad_file, path, ": the header has no 'ElementType' line");
+  if (text->ends_with("_ARRAY"))
+    return fail(ErrorCode::unsupported, path, ": ElementType ", in_quotes(*text),
+                ", expected one number a voxel: extract one component");
+  // MET_LONG is 32 bits in MetaIO, whatever the machine.
+  static const std::map<std::string_view, ScalarType> kTypes = {
+      {"MET_UCHAR", ScalarType::u8},      {"MET_CHAR", ScalarType::i8},
+      {"MET_ASCII_CHAR", ScalarType::i8}, {"MET_USHORT", ScalarType::u16},
+      {"MET_SHORT", ScalarType::i16},     {"MET_UINT", ScalarType::u32},
+      {"MET_INT", ScalarType::i32},       {"MET_ULONG", ScalarType::u32},
+      {"MET_LONG", ScalarType::i32},      {"MET_ULONG_LONG", ScalarType::u64},
+      {"MET_LONG_LONG", ScalarType::i64}, {"MET_FLOAT", ScalarType::f32},
+      {"MET_DOUBLE", ScalarType::f64}};
+  const auto found = kTypes.find(*text);
+  if (found != kTypes.end()) return found->second;
+  return fail(ErrorCode::bad_file, path, ": ElementType ", in_quotes(*text),
+              ", expected MET_UCHAR, MET_SHORT, MET_FLOAT or the like");
+}
+
+Result<std::vector<std::uint64_t>> sizes_of(const std::string& path, const Header& header) {
+  const auto* rank_text = header.find({"NDims"});
+  const auto* size_text = header.find({"DimSize"});
+  if (!rank_text || !size_text)
+    return fail(ErrorCode::bad_file, path, ": the header has no '", rank_text ? "DimSize" : "NDims",
+                "' line");
+  const auto rank = parse_integer(*rank_text);
+  if (!rank || *rank < 1 || *rank > 10)
+    return fail(ErrorCode::bad_file, path, ": 'NDims' is ", in_quotes(*rank_text),
+                ", expected 1 to 10");
+  std::vector<std::uint64_t> sizes;
+  for (const auto word : words(*size_text)) {
+    const auto size = parse_integer(word);
+    if (!size || *size < 1)
+      return fail(ErrorCode::bad_file, path, ": 'DimSize' holds ", in_quotes(word),
+                  ", expected positive integers");
+    sizes.push_back(static_cast<std::uint64_t>(*size));
+  }
+  if (sizes.size() != static_cast<std::size_t>(*rank))
+    return fail(ErrorCode::bad_file, path, ": 'DimSize' has ", sizes.size(),
+                " values, expected NDims = ", *rank);
+  return sizes;
+}
+
+Result<void> place(const Header& header, std::size_t rank, Volume& volume) {
+  const std::string& path = volume.source;
+  std::vector<double> spacing(rank, 1), origin(rank, 0), matrix(rank * rank, 0);
+  for (std::size_t i = 0; i < rank; ++i) matrix[i * rank + i] = 1;
+  struct Part {
+    std::vector<std::string_view> names;
+    std::vector<double>* to;
+  };
+  for (const auto& [names, to] : {Part{{"ElementSpacing", "ElementSize"}, &spacing},
+                                  Part{{"Offset", "Position", "Origin"}, &origin},
+                                  Part{{"TransformMatrix", "Rotation", "Orientation"}, &matrix}})
+    if (const auto* text = header.find(names)) {
+      auto values = numbers(path, names.front(), *text, to->size());
+      if (!values) return tl::unexpected(values.error());
+      *to = *values;
+    }
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (!(spacing[axis] > 0) || !std::isfinite(spacing[axis]))
+      return fail(ErrorCode::bad_file, path, ": 'ElementSpacing' ", axis, " is ", spacing[axis],
+                  ", expected a positive number");
+    // A row of the matrix, as written, is the direction of an axis.
+    const auto* row = matrix.data() + axis * rank;
+    volume.axes[static_cast<int>(axis)] = glm::dvec3(row[0], row[1], row[2]) * spacing[axis];
+    volume.origin[static_cast<int>(axis)] = origin[axis];
+  }
+  return check_axes(volume);
+}
+
+Result<void> read_scale(const Header& header, Volume& volume) {
+  struct Part {
+    std::string_view name;
+    double* to;
+  };
+  for (const auto& [name, to] : {Part{"ElementToIntensityFunctionSlope", &volume.slope},
+                                 Part{"ElementToIntensityFunctionOffset", &volume.intercept}})
+    if (const auto* text = header.find({name})) {
+      const auto value = parse_number(*text);
+      if (!value || !std::isfinite(*value) || (to == &volume.slope && *value == 0))
+        return fail(ErrorCode::bad_file, volume.source, ": '", name, "' is ", in_quotes(*text),
+                    ", expected a finite number, and a slope that is not 0");
+      *to = *value;
+    }
+  return {};
+}
+
+Result<VoxelData> locate(const Header& header, const Volume& volume) {
+  const std::string& path = volume.source;
+  const auto binary = flag(path, header, {"BinaryData"}, true);
+  const auto packed = flag(path, header, {"CompressedData"}, false);
+  const auto big = flag(path, header, {"BinaryDataByteOrderMSB", "ElementByteOrderMSB"}, false);
+  for (const auto* result : {&binary, &packed, &big})
+    if (!*result) return tl::unexpected(result->error());
+  if (!*binary)
+    return fail(ErrorCode::unsupported, path,
+                ": voxels as text (BinaryData = False): save the "
+                "volume as binary");
+  VoxelData data{.path = path, .offset = header.bytes, .packed = *packed, .big_endian = *big};
+  const std::string& file = *header.find({"ElementDataFile"});
+  if (file.starts_with("LIST") || file.find('%') != std::string::npos)
+    return fail(ErrorCode::unsupported, path, ": voxels spread over several data files (",
+                in_quotes(file), "): save the volume as one .mha");
+  if (lower(file) != "local") {
+    data.path = beside(path, file);
+    data.offset = 0;
+  }
+  const auto size = file_size(data.path);
+  if (!size)
+    return fail(size.error().code, path, ": its data file cannot be read: ", size.error().message);
+  if (const auto* text = header.find({"HeaderSize"}); text && data.path != path) {
+    const auto skip = parse_integer(*text);
+    if (!skip || *skip < -1 || *skip > (std::int64_t{1} << 53))
+      return fail(ErrorCode::bad_file, path, ": 'HeaderSize' is ", in_quotes(*text),
+                  ", expected a count of bytes, or -1");
+    if (*skip >= 0)
+      data.offset = static_cast<std::uint64_t>(*skip);
+    else if (*size >= voxel_bytes(volume))  // the voxels are the last bytes of the file
+      data.offset = *size - voxel_bytes(volume);
+  }
+  return data;
+}
+
+}  // namespace
+
+bool looks_like_meta(std::string_view head) {
+  std::size_t at = 0;
+  const auto line = next_line(head, at);
+  const auto equals = line.find('=');
+  if (equals == std::string_view::npos) return false;
+  const auto field = trim(line.substr(0, equals));
+  for (const auto* known : {"ObjectType", "NDims", "DimSize", "Comment", "ObjectSubType",
+                            "TransformType", "ElementType", "BinaryData", "ID", "Name"})
+    if (field == known) return true;
+  return false;
+}
+
+Result<Volume> read_meta(const std::string& path, std::string_view head) {
+  const auto header = parse_lines(path, head);
+  if (!header) return tl::unexpected(header.error());
+  Volume volume;
+  volume.source = path;
+  if (const auto* object = header->find({"ObjectType"}); object && lower(*object) != "image")
+    return fail(ErrorCode::unsupported, path, ": a MetaIO ", in_quotes(*object),
+                ", expected ObjectType = Image");
+  if (const auto* channels = header->find({"ElementNumberOfChannels"});
+      channels && parse_integer(*channels) != 1)
+    return fail(ErrorCode::unsupported, path, ": ", in_quotes(*channels),
+                " components a voxel (ElementNumberOfChannels), expected 1: extract one of them");
+  const auto type = scalar_type(path, *header);
+  if (!type) return tl::unexpected(type.error());
+  volume.type = *type;
+  const auto sizes = sizes_of(path, *header);
+  if (!sizes) return tl::unexpected(sizes.error());
+  const auto dims = check_scalar_dims(path, *sizes);
+  if (!dims) return tl::unexpected(dims.error());
+  volume.dims = *dims;
+  if (auto placed = place(*header, sizes->size(), volume); !placed)
+    return tl::unexpected(placed.error());
+  if (auto scaled = read_scale(*header, volume); !scaled) return tl::unexpected(scaled.error());
+  const auto data = locate(*header, volume);
+  if (!data) return tl::unexpected(data.error());
+  if (auto read = read_voxels(*data, volume); !read) return tl::unexpected(read.error());
+  return volume;
+}
+
+}  // namespace slf::volume_io

@@ -1,0 +1,297 @@
+// NIfTI-1 and NIfTI-2, one file (.nii, .nii.gz) or a .hdr with its .img.
+//
+// Read here and not through libnifti or ITK. ITK turns scaled 8 and 16 bit voxels into floats,
+// four times the memory, where we keep them and their slope. libnifti trusts the dims it allocates
+// by, and reports on stderr. What is left of the format is a header of fixed offsets (nifti1.h,
+// nifti2.h) and the arithmetic of the two transforms, below.
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+
+#include "base/bytes.h"
+#include "field/volume/io.h"
+
+namespace slf::volume_io {
+
+namespace {
+
+constexpr std::size_t kHeader1 = 348;
+constexpr std::size_t kHeader2 = 540;
+
+// A number at a byte offset, in the file's own byte order.
+struct Fields {
+  std::string_view bytes;
+  bool big_endian;
+
+  template <class T>
+  T get(std::size_t at) const {
+    using Bits = std::conditional_t<
+        sizeof(T) == 1, std::uint8_t,
+        std::conditional_t<sizeof(T) == 2, std::uint16_t,
+                           std::conditional_t<sizeof(T) == 4, std::uint32_t, std::uint64_t>>>;
+    const auto* from = reinterpret_cast<const std::byte*>(bytes.data()) + at;
+    return std::bit_cast<T>(big_endian ? load_be<Bits>(from) : load_le<Bits>(from));
+  }
+};
+
+struct Header {
+  bool big_endian = false;
+  bool single_file = true;
+  std::array<std::int64_t, 8> dim{};
+  int datatype = 0;
+  std::array<double, 8> pixdim{};
+  double vox_offset = 0;
+  double slope = 0, intercept = 0;
+  int qform_code = 0, sform_code = 0;
+  glm::dvec3 quaternion{0.0}, qoffset{0.0};
+  std::array<glm::dvec4, 3> srow{};
+  int units = 0;
+};
+
+/// The byte order in which the header's first field is `size`.
+std::optional<bool> big_endian_of(std::string_view head, std::uint32_t size) {
+  if (head.size() < size) return std::nullopt;
+  const auto* from = reinterpret_cast<const std::byte*>(head.data());
+  if (load_le<std::uint32_t>(from) == size) return false;
+  if (load_be<std::uint32_t>(from) == size) return true;
+  return std::nullopt;
+}
+
+// Real is the header's floating type, Extent that of its dims: all else that differs are offsets.
+template <class Real, class Extent, class Code>
+void fill(const Fields& from, std::size_t dim, std::size_t pixdim, std::size_t scale,
+          std::size_t codes, Header& to) {
+  for (std::size_t i = 0; i < 8; ++i) {
+    to.dim[i] = from.get<Extent>(dim + i * sizeof(Extent));
+    to.pixdim[i] = from.get<Real>(pixdim + i * sizeof(Real));
+  }
+  to.slope = from.get<Real>(scale);
+  to.intercept = from.get<Real>(scale + sizeof(Real));
+  to.qform_code = from.get<Code>(codes);
+  to.sform_code = from.get<Code>(codes + sizeof(Code));
+  std::size_t at = codes + 2 * sizeof(Code);
+  const auto next = [&] { return double{from.get<Real>(std::exchange(at, at + sizeof(Real)))}; };
+  for (int i = 0; i < 3; ++i) to.quaternion[i] = next();
+  for (int i = 0; i < 3; ++i) to.qoffset[i] = next();
+  for (auto& row : to.srow)
+    for (int i = 0; i < 4; ++i) row[i] = next();
+}
+
+Header parse(std::string_view head) {
+  Header header;
+  if (const auto big = big_endian_of(head, kHeader1)) {
+    const Fields from{head, *big};
+    header.big_endian = *big;
+    header.single_file = head[345] == '+';
+    header.datatype = from.get<std::int16_t>(70);
+    header.vox_offset = from.get<float>(108);
+    header.units = from.get<std::uint8_t>(123);
+    fill<float, std::int16_t, std::int16_t>(from, 40, 76, 112, 252, header);
+  } else {
+    header.big_endian = big_endian_of(head, kHeader2).value_or(false);
+    const Fields from{head, header.big_endian};
+    header.single_file = head[5] == '+';
+    header.datatype = from.get<std::int16_t>(12);
+    header.vox_offset = static_cast<double>(from.get<std::int64_t>(168));
+    header.units = from.get<std::int32_t>(500);
+    fill<double, std::int64_t, std::int32_t>(from, 16, 104, 176, 344, header);
+  }
+  return header;
+}
+
+Result<ScalarType> scalar_type(const std::string& path, int datatype) {
+  switch (datatype) {
+    case 2:
+      return ScalarType::u8;
+    case 4:
+      return ScalarType::i16;
+    case 8:
+      return ScalarType::i32;
+    case 16:
+      return ScalarType::f32;
+    case 64:
+      return ScalarType::f64;
+    case 256:
+      return ScalarType::i8;
+    case 512:
+      return ScalarType::u16;
+    case 768:
+      return ScalarType::u32;
+    case 1024:
+      return ScalarType::i64;
+    case 1280:
+      return ScalarType::u64;
+    case 128:
+    case 2304:
+      return fail(ErrorCode::unsupported, path, ": voxels are colours (", datatype == 128 ? 3 : 4,
+                  " components), expected one number each: extract one component");
+    case 32:
+    case 1792:
+    case 2048:
+      return fail(ErrorCode::unsupported, path,
+                  ": voxels are complex numbers (2 components), "
+                  "expected one number each: extract the magnitude");
+    case 1:
+    case 1536:
+      return fail(ErrorCode::unsupported, path, ": datatype ", datatype,
+                  " (bits or 128 bit floats): convert to 8, 16, 32 or 64 bits");
+    default:
+      return fail(ErrorCode::bad_file, path, ": unknown datatype code ", datatype);
+  }
+}
+
+struct Transform {
+  glm::dmat3 axes{1.0};
+  glm::dvec3 origin{0.0};
+};
+
+Transform sform_of(const Header& header) {
+  Transform t;
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column)
+      t.axes[column][row] = header.srow[static_cast<std::size_t>(row)][column];
+    t.origin[row] = header.srow[static_cast<std::size_t>(row)][3];
+  }
+  return t;
+}
+
+// nifti1.h, method 2: the quaternion (a,b,c,d), a from the others; pixdim[0] is the handedness.
+Transform qform_of(const Header& header) {
+  double b = header.quaternion.x, c = header.quaternion.y, d = header.quaternion.z;
+  double a = 1 - (b * b + c * c + d * d);
+  if (a < 1e-7) {  // a turn by half a circle, rounded
+    const double norm = 1 / std::sqrt(b * b + c * c + d * d);
+    b *= norm, c *= norm, d *= norm, a = 0;
+  } else {
+    a = std::sqrt(a);
+  }
+  Transform t;
+  t.axes[0] = {a * a + b * b - c * c - d * d, 2 * (b * c + a * d), 2 * (b * d - a * c)};
+  t.axes[1] = {2 * (b * c - a * d), a * a + c * c - b * b - d * d, 2 * (c * d + a * b)};
+  t.axes[2] = {2 * (b * d + a * c), 2 * (c * d - a * b), a * a + d * d - b * b - c * c};
+  t.axes[2] *= header.pixdim[0] < 0 ? -1 : 1;
+  for (int i = 0; i < 3; ++i) t.axes[i] *= header.pixdim[static_cast<std::size_t>(i) + 1];
+  t.origin = header.qoffset;
+  return t;
+}
+
+bool is_orthogonal(const glm::dmat3& axes) {
+  for (int i = 0; i < 3; ++i) {
+    const glm::dvec3 u = axes[i], v = axes[(i + 1) % 3];
+    if (!(std::abs(glm::dot(u, v)) <= 1e-4 * glm::length(u) * glm::length(v))) return false;
+  }
+  return true;
+}
+
+bool is_similar(const Transform& a, const Transform& b) {
+  for (int i = 0; i < 3; ++i)
+    if (!(glm::length(a.axes[i] - b.axes[i]) <= 1e-4 * glm::length(a.axes[i])) ||
+        !(std::abs(a.origin[i] - b.origin[i]) <= 1e-4))
+      return false;
+  return true;
+}
+
+bool is_finite(const Transform& t) {
+  for (int i = 0; i < 3; ++i)
+    if (!std::isfinite(t.origin[i]) || !(glm::length(t.axes[i]) < 1e30)) return false;
+  return std::abs(glm::determinant(t.axes)) > 0;
+}
+
+// The choice ITK 5.2 makes: the sform, more precise, where the qform is absent, where both agree,
+// or where the sform is the scanner's; the qform where the sform is sheared or of another space.
+// Where there is only a sheared sform ITK refuses the file; we can read it.
+bool prefers_sform(const Header& header, const Transform& sform, const Transform& qform) {
+  if (header.sform_code <= 0) return false;
+  if (header.qform_code <= 0) return true;
+  if (!is_finite(sform) || !is_orthogonal(sform.axes)) return false;
+  constexpr int kScanner = 1;
+  return header.sform_code == kScanner || is_similar(sform, qform);
+}
+
+Result<void> place(const Header& header, Volume& volume) {
+  const Transform sform = sform_of(header), qform = qform_of(header);
+  Transform t;
+  if (prefers_sform(header, sform, qform)) {
+    t = sform;
+  } else {
+    for (std::size_t i = 1; i <= 3; ++i)
+      if (!(header.pixdim[i] > 0) || !std::isfinite(header.pixdim[i]))
+        return fail(ErrorCode::bad_file, volume.source, ": spacing (pixdim[", i, "]) is ",
+                    header.pixdim[i], ", expected a positive number");
+    if (header.qform_code > 0)
+      t = qform;
+    else  // neither: as ITK, the grid itself with the origin at its first voxel
+      for (int i = 0; i < 3; ++i) t.axes[i][i] = header.pixdim[static_cast<std::size_t>(i) + 1];
+  }
+  // From RAS to LPS; with neither transform the file says nothing of RAS, and ITK leaves it be.
+  if (header.sform_code > 0 || header.qform_code > 0) {
+    for (int i = 0; i < 3; ++i) t.axes[i] *= glm::dvec3(-1, -1, 1);
+    t.origin *= glm::dvec3(-1, -1, 1);
+  }
+  constexpr int kMetre = 1, kMicron = 3;
+  const int unit = header.units & 7;
+  const double to_mm = unit == kMetre ? 1e3 : unit == kMicron ? 1e-3 : 1;
+  for (int i = 0; i < 3; ++i) volume.axes[i] = t.axes[i] * to_mm + 0.0;  // + 0.0: no -0
+  volume.origin = t.origin * to_mm + 0.0;
+  return check_axes(volume);
+}
+
+}  // namespace
+
+bool looks_like_nifti(std::string_view head) {
+  if (big_endian_of(head, kHeader1)) {
+    const auto magic = head.substr(344, 4);
+    return magic == std::string_view("n+1\0", 4) || magic == std::string_view("ni1\0", 4);
+  }
+  if (!big_endian_of(head, kHeader2)) return false;
+  const auto magic = head.substr(4, 4);
+  return magic == std::string_view("n+2\0", 4) || magic == std::string_view("ni2\0", 4);
+}
+
+Result<Volume> read_nifti(const std::string& path, std::string_view head) {
+  const Header header = parse(head);
+  Volume volume;
+  volume.source = path;
+  const std::int64_t rank = header.dim[0];
+  if (rank < 1 || rank > 7)
+    return fail(ErrorCode::bad_file, path, ": dim[0] is ", rank, ", expected 1 to 7 dimensions");
+  std::vector<std::uint64_t> sizes;
+  for (std::size_t i = 1; i <= static_cast<std::size_t>(rank); ++i) {
+    if (header.dim[i] < 1)
+      return fail(ErrorCode::bad_file, path, ": dim[", i, "] is ", header.dim[i],
+                  ", expected at least 1");
+    sizes.push_back(static_cast<std::uint64_t>(header.dim[i]));
+  }
+  const auto type = scalar_type(path, header.datatype);
+  if (!type) return tl::unexpected(type.error());
+  volume.type = *type;
+  const auto dims = check_scalar_dims(path, sizes);
+  if (!dims) return tl::unexpected(dims.error());
+  volume.dims = *dims;
+  if (auto placed = place(header, volume); !placed) return tl::unexpected(placed.error());
+
+  // A slope of 0 means that there is none.
+  if (header.slope != 0 && std::isfinite(header.slope) && std::isfinite(header.intercept)) {
+    volume.slope = header.slope;
+    volume.intercept = header.intercept;
+  }
+  if (!(header.vox_offset >= 0) || !(header.vox_offset < 0x1p53))
+    return fail(ErrorCode::bad_file, path, ": vox_offset is ", header.vox_offset,
+                ", expected the byte where the voxels begin");
+  VoxelData data{.path = path, .big_endian = header.big_endian};
+  data.skip = static_cast<std::uint64_t>(header.vox_offset);
+  const std::uint64_t header_bytes = big_endian_of(head, kHeader1) ? kHeader1 : kHeader2;
+  if (!header.single_file)
+    data.path = std::filesystem::path(path).replace_extension(".img").string();
+  else if (data.skip < header_bytes)
+    data.skip = header_bytes + 4;  // unset: behind the header and its extension flag
+  std::ifstream file(data.path, std::ios::binary);
+  if (!file)
+    return fail(ErrorCode::io, path, ": its voxels are in ", data.path, ", which cannot be opened");
+  data.packed = file.get() == 0x1f && file.get() == 0x8b;
+  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  return volume;
+}
+
+}  // namespace slf::volume_io

@@ -1,0 +1,23 @@
+// Colour interpolation as VTK's vtkColorTransferFunction does it, so that a preset looks here as
+// it does in ParaView.
+#pragma once
+
+#include <glm/glm.hpp>
+
+#include "slf/transfer.h"
+
+namespace slf::transfer_color {
+
+/// Hue, saturation, value, each in 0..1, from RGB and back.
+[[nodiscard]] glm::dvec3 rgb_to_hsv(const glm::dvec3& rgb);
+[[nodiscard]] glm::dvec3 hsv_to_rgb(const glm::dvec3& hsv);
+
+/// CIELAB of sRGB under D65, and back into the gamut.
+[[nodiscard]] glm::dvec3 rgb_to_lab(const glm::dvec3& rgb);
+[[nodiscard]] glm::dvec3 lab_to_rgb(const glm::dvec3& lab);
+
+/// The colour at s in 0..1 on the way from a to b. Space::step is b all the way.
+[[nodiscard]] glm::dvec3 interpolate(TransferFunction::Space space, const glm::dvec3& a,
+                                     const glm::dvec3& b, double s);
+
+}  // namespace slf::transfer_color

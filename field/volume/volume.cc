@@ -1,0 +1,202 @@
+#include "slf/volume.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <new>
+
+#include "field/volume/io.h"
+#include "field/volume/voxels.h"
+
+namespace slf {
+
+using namespace volume_io;
+
+namespace {
+
+struct TypeNames {
+  ScalarType type;
+  std::size_t bytes;
+  std::vector<std::string_view> names;  // the short one first
+};
+
+const std::array<TypeNames, 10>& type_names() {
+  static const std::array<TypeNames, 10> kNames = {{
+      {ScalarType::u8, 1, {"u8", "uint8", "uint8_t", "uchar", "unsigned char"}},
+      {ScalarType::i8, 1, {"i8", "int8", "int8_t", "char", "signed char"}},
+      {ScalarType::u16,
+       2,
+       {"u16", "uint16", "uint16_t", "ushort", "unsigned short", "unsigned short int"}},
+      {ScalarType::i16,
+       2,
+       {"i16", "int16", "int16_t", "short", "short int", "signed short", "signed short int"}},
+      {ScalarType::u32, 4, {"u32", "uint32", "uint32_t", "uint", "unsigned int"}},
+      {ScalarType::i32, 4, {"i32", "int32", "int32_t", "int", "signed int"}},
+      {ScalarType::u64,
+       8,
+       {"u64", "uint64", "uint64_t", "ulonglong", "unsigned long long", "unsigned long long int"}},
+      {ScalarType::i64,
+       8,
+       {"i64", "int64", "int64_t", "longlong", "long long", "long long int", "signed long long",
+        "signed long long int"}},
+      {ScalarType::f32, 4, {"f32", "float32", "float"}},
+      {ScalarType::f64, 8, {"f64", "float64", "double"}},
+  }};
+  return kNames;
+}
+
+/// Whether every value is an integer, so that it can be an id.
+bool all_integers(const Volume& volume) {
+  const bool whole =
+      std::trunc(volume.slope) == volume.slope && std::trunc(volume.intercept) == volume.intercept;
+  return visit_voxels(volume, [&](auto voxels) {
+    using T = typename decltype(voxels)::value_type;
+    if (std::is_integral_v<T> && whole) return true;
+    return std::all_of(voxels.begin(), voxels.end(), [&](T stored) {
+      const double value = volume.slope * static_cast<double>(stored) + volume.intercept;
+      return std::trunc(value) == value && std::isfinite(value);
+    });
+  });
+}
+
+Result<Volume> read_headerless(const std::string& path, std::string_view head) {
+  // A name that promises a format is a better lead than the way to load raw voxels.
+  const std::string file = lower(path);
+  struct Promise {
+    std::string_view ending, expected;
+  };
+  for (const auto& [ending, expected] :
+       {Promise{".nii", "a NIfTI header ('n+1' at byte 344 or 'n+2' at byte 4)"},
+        Promise{".nii.gz", "a gzip file with a NIfTI header in it"},
+        Promise{".hdr", "a NIfTI header ('ni1' at byte 344)"}, Promise{".nrrd", "'NRRD000'"},
+        Promise{".nhdr", "'NRRD000'"}, Promise{".mha", "'ObjectType = Image'"},
+        Promise{".mhd", "'ObjectType = Image'"}, Promise{".dcm", "'DICM' at byte 128"},
+        Promise{".gz", "a NIfTI header within"}})
+    if (file.ends_with(ending))
+      return fail(ErrorCode::bad_file, path, ": expected ", expected, ", found ",
+                  in_quotes(head.substr(0, 16)), " at its start: it is damaged, or misnamed");
+  return fail(ErrorCode::usage, path,
+              ": neither NIfTI, NRRD, MetaImage nor DICOM; headerless voxels need their "
+              "layout, for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`");
+}
+
+Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
+  std::error_code code;
+  if (std::filesystem::is_directory(path, code)) {
+    if (options.raw)
+      return fail(ErrorCode::usage, path, ": a raw layout was given, but this is a folder");
+    return read_dicom_folder(path);
+  }
+  if (options.raw) return read_raw(path, *options.raw);
+  const auto size = file_size(path);
+  if (!size) return tl::unexpected(size.error());
+  if (*size == 0)
+    return fail(ErrorCode::bad_file, path, ": the file is empty; copy or download it again");
+  constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
+  const auto head = read_head(path, std::min<std::uint64_t>(*size * 4 + 1024, kLongestHeader));
+  if (!head) return tl::unexpected(head.error());
+  if (head->starts_with("NRRD000")) return read_nrrd(path, *head);
+  if (looks_like_nifti(*head)) return read_nifti(path, *head);
+  if (looks_like_meta(*head)) return read_meta(path, *head);
+  if (looks_like_dicom(*head)) return read_dicom_file(path);
+  return read_headerless(path, *head);
+}
+
+}  // namespace
+
+const char* name(ScalarType type) {
+  return type_names()[static_cast<std::size_t>(type)].names.front().data();
+}
+
+std::size_t bytes_per_voxel(ScalarType type) {
+  return type_names()[static_cast<std::size_t>(type)].bytes;
+}
+
+Result<ScalarType> parse_scalar_type(std::string_view text) {
+  const std::string wanted = lower(trim(text));
+  std::string known;
+  for (const auto& [type, bytes, names] : type_names()) {
+    if (std::find(names.begin(), names.end(), wanted) != names.end()) return type;
+    known += (known.empty() ? "" : ", ") + std::string(names.front());
+  }
+  return fail(ErrorCode::usage, "unknown voxel type ", in_quotes(text), ", expected one of ",
+              known);
+}
+
+glm::dvec3 Volume::spacing() const {
+  return {glm::length(axes[0]), glm::length(axes[1]), glm::length(axes[2])};
+}
+
+std::uint64_t Volume::voxel_count() const { return std::uint64_t{dims[0]} * dims[1] * dims[2]; }
+
+std::array<double, 2> Volume::value_range() const {
+  return visit_voxels(*this, [&](auto stored) -> std::array<double, 2> {
+    using T = typename decltype(stored)::value_type;
+    T least = std::numeric_limits<T>::max(), most = std::numeric_limits<T>::lowest();
+    bool any = false;
+    for (const T voxel : stored) {
+      if constexpr (std::is_floating_point_v<T>)
+        if (!std::isfinite(voxel)) continue;
+      least = std::min(least, voxel);
+      most = std::max(most, voxel);
+      any = true;
+    }
+    if (!any) return {0, 0};
+    const double a = slope * static_cast<double>(least) + intercept;
+    const double b = slope * static_cast<double>(most) + intercept;
+    return {std::min(a, b), std::max(a, b)};
+  });
+}
+
+namespace volume_io {
+
+Result<Volume> read_raw(const std::string& path, const RawLayout& layout) {
+  Volume volume;
+  volume.source = path;
+  volume.type = layout.type;
+  const std::array<std::uint64_t, 3> sizes{layout.dims[0], layout.dims[1], layout.dims[2]};
+  const auto as_usage = [](const Error& error) {
+    return tl::unexpected<Error>(Error{ErrorCode::usage, error.message});
+  };
+  const auto dims = check_dims(path, sizes);
+  if (!dims) return as_usage(dims.error());
+  volume.dims = *dims;
+  for (int i = 0; i < 3; ++i) {
+    if (!(layout.spacing[i] > 0) || !std::isfinite(layout.spacing[i]))
+      return fail(ErrorCode::usage, path, ": --spacing ", i, " is ", layout.spacing[i],
+                  ", expected a positive number");
+    volume.axes[i][i] = layout.spacing[i];
+  }
+  if (auto checked = check_axes(volume); !checked) return as_usage(checked.error());
+  const auto size = file_size(path);
+  if (!size) return tl::unexpected(size.error());
+  const std::uint64_t needed = voxel_bytes(volume);
+  if (layout.offset > *size || needed > *size - layout.offset)
+    return fail(ErrorCode::usage, path, ": --dims ", sizes[0], "x", sizes[1], "x", sizes[2],
+                " --type ", name(layout.type), " --offset ", layout.offset, " need ", needed,
+                " bytes behind the offset, but the file has ", *size, " bytes in all");
+  const VoxelData data{.path = path, .offset = layout.offset, .big_endian = layout.big_endian};
+  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  return volume;
+}
+
+}  // namespace volume_io
+
+Result<Volume> read_volume(const std::string& path, const VolumeOptions& options) {
+  try {
+    auto volume = read_any(path, options);
+    if (!volume || !options.labels) return volume;
+    if (!all_integers(*volume))
+      return fail(ErrorCode::usage, path, ": read as labels, but its values (", name(volume->type),
+                  ", slope ", volume->slope, ") are not all integers: it holds amounts, not ids");
+    volume->labels = true;
+    return volume;
+  } catch (const std::bad_alloc&) {
+    return fail(ErrorCode::failed, path, ": not enough memory to read it");
+  } catch (const std::exception& error) {
+    return fail(ErrorCode::failed, path, ": ", error.what());
+  }
+}
+
+}  // namespace slf

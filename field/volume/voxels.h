@@ -1,0 +1,51 @@
+// visit_voxels: a volume's voxels as a span of their own type.
+#pragma once
+
+#include <span>
+
+#include "slf/volume.h"
+
+namespace slf {
+
+namespace detail {
+
+template <class T, class Visitor>
+decltype(auto) visit_as(const Volume& volume, Visitor&& visitor) {
+  return visitor(std::span<const T>(reinterpret_cast<const T*>(volume.voxels.data()),
+                                    volume.voxels.size() / sizeof(T)));
+}
+
+}  // namespace detail
+
+/// Calls `visitor` with a std::span<const T> of the stored voxels (before slope and intercept),
+/// and returns what it returns:
+/// `visit_voxels(volume, [](auto voxels) { return double(voxels.front()); })`
+/// The span lives as long as the volume is not changed.
+template <class Visitor>
+decltype(auto) visit_voxels(const Volume& volume, Visitor&& visitor) {
+  switch (volume.type) {
+    case ScalarType::u8:
+      return detail::visit_as<std::uint8_t>(volume, visitor);
+    case ScalarType::i8:
+      return detail::visit_as<std::int8_t>(volume, visitor);
+    case ScalarType::u16:
+      return detail::visit_as<std::uint16_t>(volume, visitor);
+    case ScalarType::i16:
+      return detail::visit_as<std::int16_t>(volume, visitor);
+    case ScalarType::u32:
+      return detail::visit_as<std::uint32_t>(volume, visitor);
+    case ScalarType::i32:
+      return detail::visit_as<std::int32_t>(volume, visitor);
+    case ScalarType::u64:
+      return detail::visit_as<std::uint64_t>(volume, visitor);
+    case ScalarType::i64:
+      return detail::visit_as<std::int64_t>(volume, visitor);
+    case ScalarType::f32:
+      return detail::visit_as<float>(volume, visitor);
+    case ScalarType::f64:
+      break;
+  }
+  return detail::visit_as<double>(volume, visitor);
+}
+
+}  // namespace slf

@@ -1,0 +1,63 @@
+// Raycaster: colour and depth of rays through a volume; the builder's source and the ground truth.
+//
+// Front-to-back compositing (Levoy 1990) at a fixed step, trilinear (labels: nearest), with opacity
+// corrected for the step, gradient shading under one fixed light, empty-space leaping and early
+// termination. Leaping never moves a sample position, so it does not change a result.
+#pragma once
+
+#include <memory>
+#include <optional>
+
+#include "slf/error.h"
+#include "slf/scene.h"
+#include "slf/transfer.h"
+#include "slf/volume.h"
+
+namespace slf {
+
+struct RaycastOptions {
+  double step = 0.7;  ///< distance between samples, in smallest voxel spacings; positive
+  bool shade = true;
+  /// World direction towards the light. LPS: above, in front and to the right of the patient.
+  glm::dvec3 light{-0.45, -0.65, 0.6};
+  float ambient = 0.3f;  ///< share of a colour that needs no light; the rest is Lambert's
+  bool leap = true;      ///< off only to test that leaping changes nothing
+};
+
+/// What tracing took.
+struct RayCounts {
+  std::uint64_t steps = 0;    ///< positions looked at: samples, and leaps over empty space
+  std::uint64_t samples = 0;  ///< values interpolated
+  std::uint64_t visible = 0;  ///< of those, with any opacity: shaded and composited
+};
+
+/// The options a field's provenance records; what is missing or of another type is the default.
+[[nodiscard]] RaycastOptions raycast_options(const nlohmann::json& provenance);
+
+/// Thread-safety: immutable; trace() and trace_many() from any thread. Many rays at a time fill the
+/// vector units; one leaves them mostly idle.
+class Raycaster final : public Scene {
+ public:
+  /// Takes the volume's voxels as they are; types other than 8 and 16 bit integers and f32 are
+  /// converted to f32. Label ids beyond 16 bits are renumbered.
+  /// usage: an option out of range. failed: nothing in the volume is visible.
+  [[nodiscard]] static Result<std::unique_ptr<Raycaster>> make(Volume volume,
+                                                               const TransferFunction& transfer,
+                                                               const RaycastOptions& options = {});
+  ~Raycaster() override;
+
+  [[nodiscard]] Sphere bounds() const override;
+  [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
+  void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const override;
+  [[nodiscard]] nlohmann::json provenance() const override;
+
+  /// As trace_many(), and says what it took.
+  RayCounts trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const;
+
+ private:
+  struct State;
+  explicit Raycaster(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace slf

@@ -1,0 +1,46 @@
+// Scene: what a field is built from and what it is compared with: the colour of any ray.
+//
+// Implementations: Raycaster (a volume, raycaster.h) and the analytic scenes (analytic.h).
+#pragma once
+
+#include <glm/glm.hpp>
+#include <nlohmann/json.hpp>
+#include <span>
+
+#include "slf/sphere.h"
+
+namespace slf {
+
+/// A ray, between two world points.
+struct Segment {
+  glm::dvec3 from{0.0};
+  glm::dvec3 to{0.0};
+};
+
+/// What a ray sees between two points.
+struct RaySample {
+  glm::vec4 rgba{0};  ///< premultiplied by opacity; black is the absence of anything
+  float depth = 0;    ///< opacity-weighted mean position, 0 at the first point, 1 at the second;
+                      ///< 0 where nothing is seen
+};
+
+class Scene {
+ public:
+  virtual ~Scene() = default;
+
+  /// A sphere around all that can be seen.
+  [[nodiscard]] virtual Sphere bounds() const = 0;
+
+  /// The ray from one world point to another, front to back. Deterministic; any thread.
+  [[nodiscard]] virtual RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const = 0;
+
+  /// Traces many rays at once, neighbours best together: out[k] is, to the bit, what trace() says
+  /// of rays[k]. REQUIRES: equal sizes.
+  virtual void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const;
+
+  /// Where the scene came from and every setting that changes its pictures, for the manifest:
+  /// equal provenance means equal samples.
+  [[nodiscard]] virtual nlohmann::json provenance() const = 0;
+};
+
+}  // namespace slf

@@ -1,0 +1,65 @@
+// RecordBuilder: turns a layer's stream of tiles into records that fill whole pages.
+//
+// A value of LMDB takes whole pages after a header of 16 bytes, so a record pays for the page it
+// has just begun. Records are therefore cut where little is lost: from 64 KiB on, at the first tile
+// that leaves less than 1/256 of the record unused; if there is none before 256 KiB, at the best
+// tile there was. Where a record ends depends on its own tiles only, not on commits: a build that
+// was interrupted and resumed at a record's end writes the same records.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "base/bytes.h"
+#include "storage/internal/record.h"
+#include "storage/tile_store.h"
+
+namespace slf::storage::internal {
+
+/// A finished record, ready to be written.
+struct CutRecord {
+  LayerId layer = 0;
+  TileKey last;
+  Bytes value;
+};
+
+/// Thread-safety: none.
+class RecordBuilder {
+ public:
+  /// `previous`: the last key already in the file.
+  RecordBuilder(LayerId layer, std::optional<TileKey> previous)
+      : layer_(layer), previous_(previous) {}
+
+  /// Adds a tile; an empty payload records an empty tile. Appends to `out` the records that this
+  /// completes. REQUIRES: key above the last one; at most kMaxPayload bytes.
+  void append(TileKey key, ByteSpan payload, std::vector<CutRecord>& out);
+
+  /// Cuts what is left.
+  void finish(std::vector<CutRecord>& out);
+
+  /// The last key appended or in the file.
+  [[nodiscard]] std::optional<TileKey> last() const {
+    return held_.empty() ? previous_ : held_.back().key;
+  }
+
+ private:
+  struct Held {
+    TileKey key;
+    Bytes payload;
+    std::size_t record_bytes = 0;  ///< of a record that ends with this tile
+  };
+
+  void add(Held tile, std::vector<CutRecord>& out);
+  [[nodiscard]] std::size_t best_cut() const;
+  void cut(std::size_t tiles, std::vector<CutRecord>& out);
+
+  LayerId layer_;
+  std::optional<TileKey> previous_;
+  std::vector<Held> held_;
+  std::size_t code_bytes_ = 0;
+  std::size_t stored_ = 0;
+  std::size_t payload_bytes_ = 0;  ///< with padding
+};
+
+}  // namespace slf::storage::internal

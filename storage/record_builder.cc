@@ -1,0 +1,92 @@
+#include "storage/internal/record_builder.h"
+
+#include <cassert>
+#include <iterator>
+#include <utility>
+
+namespace slf::storage::internal {
+namespace {
+
+// The cuts are part of what a resumed build must repeat, so they do not depend on the page size of
+// the machine that builds.
+constexpr std::size_t kPage = 4096;
+constexpr std::size_t kPageHead = 16;
+constexpr std::size_t kSmall = 16 * kPage - kPageHead;
+constexpr std::size_t kLarge = 64 * kPage - kPageHead;
+
+constexpr std::size_t unused(std::size_t bytes) {
+  return (kPage - (bytes + kPageHead) % kPage) % kPage;
+}
+
+}  // namespace
+
+void RecordBuilder::append(TileKey key, ByteSpan payload, std::vector<CutRecord>& out) {
+  assert(!last() || *last() < key);
+  add({key, Bytes(payload.begin(), payload.end()), 0}, out);
+}
+
+void RecordBuilder::finish(std::vector<CutRecord>& out) {
+  if (!held_.empty()) cut(held_.size(), out);
+}
+
+void RecordBuilder::add(Held tile, std::vector<CutRecord>& out) {
+  while (!held_.empty()) {
+    const TileKey first = held_.front().key;
+    if (tile.key.level != first.level || tile.key.index - first.index >= kMaxTiles) {
+      cut(held_.size(), out);
+    } else if (held_.back().record_bytes + tile.payload.size() > kLarge) {
+      cut(best_cut(), out);
+    } else {
+      break;
+    }
+  }
+  const std::uint64_t skipped = held_.empty() ? 0 : tile.key.index - held_.back().key.index - 1;
+  code_bytes_ += skipped + code_bytes(tile.payload.size());
+  stored_ += tile.payload.empty() ? 0 : 1;
+  payload_bytes_ += align8(tile.payload.size());
+  tile.record_bytes = align8(kRecordHeader + code_bytes_) + 8 * stored_ + payload_bytes_;
+  held_.push_back(std::move(tile));
+
+  const std::size_t bytes = held_.back().record_bytes;
+  if (bytes >= kSmall && (bytes > kLarge || unused(bytes) <= bytes / 256)) cut(held_.size(), out);
+}
+
+// The number of tiles that leaves the smallest share of its pages unused.
+std::size_t RecordBuilder::best_cut() const {
+  std::size_t best = held_.size();
+  double least = 1;
+  for (std::size_t n = 1; n <= held_.size(); ++n) {
+    const std::size_t bytes = held_[n - 1].record_bytes;
+    const double share = static_cast<double>(unused(bytes)) / static_cast<double>(bytes);
+    if (bytes >= kSmall && share < least) {
+      least = share;
+      best = n;
+    }
+  }
+  return best;
+}
+
+void RecordBuilder::cut(std::size_t tiles, std::vector<CutRecord>& out) {
+  const TileKey first = held_.front().key;
+  const TileKey last = held_[tiles - 1].key;
+  std::vector<Tile> table(last.index - first.index + 1);
+  for (std::size_t i = 0; i < tiles; ++i) {
+    const Held& held = held_[i];
+    Tile& tile = table[held.key.index - first.index];
+    tile.state = held.payload.empty() ? TileState::empty : TileState::stored;
+    tile.payload = held.payload;
+    if (!held.payload.empty()) tile.checksum = payload_checksum(layer_, held.key, held.payload);
+  }
+  out.push_back({layer_, last, encode_record(layer_, previous_, first, table)});
+  previous_ = last;
+
+  // What was not cut begins the next record, as if it had only now been appended.
+  std::vector<Held> rest(
+      std::make_move_iterator(held_.begin() + static_cast<std::ptrdiff_t>(tiles)),
+      std::make_move_iterator(held_.end()));
+  held_.clear();
+  code_bytes_ = stored_ = payload_bytes_ = 0;
+  for (Held& tile : rest) add(std::move(tile), out);
+}
+
+}  // namespace slf::storage::internal
