@@ -82,10 +82,12 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
   command
       .add_option(name, input,
                   std::string(kVolumeHelp) + ", or\nscene:balls, scene:globe, scene:fog")
+      ->type_name(kAnyFile)
       ->required();
   command
       .add_option("--transfer", transfer,
                   "Transfer function, ParaView preset JSON; without one, made from the histogram")
+      ->type_name("FILE.json")
       ->group(kVolumeGroup);
   add_raw_to(command);
 }
@@ -97,6 +99,7 @@ void SourceArguments::add_raw_to(CLI::App& command) {
   command.add_option("--dims", dims, "Raw files: voxels along x, y, z, as 128x128x84")
       ->group(group);
   command.add_option("--type", type, "Raw files: u8 i8 u16 i16 u32 i32 u64 i64 f32 f64")
+      ->type_name(kVoxelType)
       ->group(group)
       ->capture_default_str();
   command.add_option("--spacing", spacing, "Raw files: distance between voxels, as 1x1x1.5")
@@ -239,8 +242,9 @@ void DrawArguments::add_to(CLI::App& command) {
   const char* group = "Drawing";
   command
       .add_option("--mode", mode,
-                  "nearest, uv, st, bitri or depth; default: depth where the\n"
-                  "field has a depth layer, else bitri")
+                  "How samples are interpolated; default: depth where the field has a depth\n"
+                  "layer, else bitri")
+      ->check(CLI::IsMember(kRenderModes))
       ->group(group);
   command
       .add_option("--level", level,

@@ -62,7 +62,9 @@ void add_build(CLI::App& app, Run& run) {
   auto a = std::make_shared<Arguments>();
   a->source.add_volume_to(*command, "INPUT");
   a->source.add_light_to(*command);
-  command->add_option("-o,--output", a->output, "The field to write, .slf")->required();
+  command->add_option("-o,--output", a->output, "The field to write")
+      ->type_name(kFieldFile)
+      ->required();
   command->add_flag("-f,--force", a->force, "Start over: remove what is at the output");
   const char* group = "Field";
   auto& shape = a->build.shape;
@@ -87,9 +89,11 @@ void add_build(CLI::App& app, Run& run) {
       ->capture_default_str();
   command
       ->add_option("--color-codec", a->build.color_codec, "raw, zstd[:LEVEL] or jpeg:QUALITY[:444]")
+      ->type_name(kCodec)
       ->group(group)
       ->capture_default_str();
   command->add_option("--depth-codec", a->depth_codec, "The same, or none: no depth layer")
+      ->type_name(kCodec)
       ->group(group)
       ->capture_default_str();
   command->add_option("--color-type", a->color_type, "u8, or half: HDR colour, stored with zstd")

@@ -26,6 +26,9 @@ namespace slf::cli {
 /// What is to be done once the command line is parsed. A subcommand's callback sets it.
 using Run = std::function<Result<void>()>;
 
+/// The command line of `slf` with all of its commands. Parsing sets `run`, which must outlive it.
+[[nodiscard]] std::unique_ptr<CLI::App> make_app(Run& run);
+
 void add_build(CLI::App& app, Run& run);
 void add_info(CLI::App& app, Run& run);
 void add_render(CLI::App& app, Run& run);
@@ -72,6 +75,15 @@ void print_table(const std::vector<std::vector<std::string>>& rows);
 [[nodiscard]] Result<glm::dvec3> parse_vec3(const std::string& text, const char* option);
 /// Refuses an existing output without -f: usage.
 [[nodiscard]] Result<void> refuse_overwrite(const std::string& path, bool force);
+
+/// What arguments hold: shown by --help, and what completion in a shell goes by.
+inline constexpr const char* kFieldFile = "FILE.slf";
+inline constexpr const char* kAnyFile = "FILE";
+inline constexpr const char* kFolder = "DIR";
+inline constexpr const char* kCodec = "CODEC";
+inline constexpr const char* kVoxelType = "TYPE";
+inline constexpr std::initializer_list<const char*> kRenderModes{"nearest", "uv", "st", "bitri",
+                                                                 "depth"};
 
 /// The inputs that are volumes.
 inline constexpr const char* kVolumeHelp =

@@ -129,6 +129,7 @@ void add_info(CLI::App& app, Run& run) {
       app.add_subcommand("info", "What a field (.slf) or a volume (anything else) holds");
   auto a = std::make_shared<Arguments>();
   command->add_option("INPUT", a->source.input, std::string("Field: .slf\n") + kVolumeHelp)
+      ->type_name(kAnyFile)
       ->required();
   a->source.add_raw_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout");

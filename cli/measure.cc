@@ -266,7 +266,8 @@ void add_measure(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "measure", "Memory per view: tiles, bytes, pages, the kernel's own count, peaks");
   auto a = std::make_shared<MeasureArguments>();
-  command->add_option("FIELD", a->fields, "Fields, .slf; several are measured one by one")
+  command->add_option("FIELD", a->fields, "Fields; several are measured one by one")
+      ->type_name(kFieldFile)
       ->required();
   a->draw.level = "all";
   a->views.add_to(*command);
@@ -282,11 +283,15 @@ void add_measure(CLI::App& app, Run& run) {
       "of these cameras can show");
   command->remove_option(command->get_option("--mode"));
   command->add_option("--mode", a->modes, "As for render; or several")
+      ->check(CLI::IsMember(kRenderModes))
       ->delimiter(',')
       ->group("Drawing");
-  command->add_option("--picture", a->picture,
-                      "Write an SVG: the sections of the sphere that the first view touches");
-  command->add_option("--plot", a->plot, "Write an SVG: share of the tiles touched, by level");
+  command
+      ->add_option("--picture", a->picture,
+                   "Write an SVG: the sections of the sphere that the first view touches")
+      ->type_name("FILE.svg");
+  command->add_option("--plot", a->plot, "Write an SVG: share of the tiles touched, by level")
+      ->type_name("FILE.svg");
   command->add_flag("-f,--force", a->force, "Overwrite drawings");
   command->add_flag("--json", a->json, "JSON on stdout");
   command->footer(
@@ -302,7 +307,7 @@ void add_evaluate(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "evaluate", "Quality: PSNR and SSIM of random views against the ray-cast truth");
   auto a = std::make_shared<EvaluateArguments>();
-  command->add_option("FIELD", a->field, "Field, .slf")->required();
+  command->add_option("FIELD", a->field, "Field to evaluate")->type_name(kFieldFile)->required();
   a->source.add_volume_to(*command, "--volume");
   command->get_option("--transfer")
       ->description(

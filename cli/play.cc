@@ -246,13 +246,13 @@ void add_play(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "play", "Fly around a field at a steady frame rate, loading tiles ahead of the camera");
   auto a = std::make_shared<PlayArguments>();
-  command->add_option("FIELD", a->field, "Field, .slf")->required();
+  command->add_option("FIELD", a->field, "Field to play")->type_name(kFieldFile)->required();
   const char* path = "Path";
   auto* keys =
       command->add_option("--path", a->path,
                           "Keyframes, JSON: {\"keys\": [{\"at\": 0, \"orbit\": [0,20,3]},\n"
                           "{\"at\": 4, \"eye\": [x,y,z], \"look_at\": [x,y,z], \"fov\": 30}]}");
-  keys->group(path);
+  keys->group(path)->type_name("FILE.json");
   command
       ->add_option("--orbit", a->orbit, "Without --path: azimuth,elevation,distance to start from")
       ->group(path)
@@ -273,6 +273,7 @@ void add_play(CLI::App& app, Run& run) {
           "ahead: a loading thread follows the motion; demand: it brings only what a frame\n"
           "lacked; wait: no thread, frames wait for their tiles. Several, with commas, are\n"
           "played one after the other and compared")
+      ->check(CLI::IsMember({"ahead", "demand", "wait"}))
       ->delimiter(',')
       ->group(loading)
       ->capture_default_str();
@@ -288,8 +289,11 @@ void add_play(CLI::App& app, Run& run) {
   a->draw.add_to(*command);
   const char* output = "Output";
   command->add_option("--frames", a->frames, "Write every frame as PNG into this folder")
+      ->type_name(kFolder)
       ->group(output);
-  command->add_option("--preview", a->preview, "Write an animated WebP")->group(output);
+  command->add_option("--preview", a->preview, "Write an animated WebP")
+      ->group(output)
+      ->type_name("FILE.webp");
   command->add_flag("-f,--force", a->force, "Overwrite pictures")->group(output);
   command->add_flag("--json", a->json, "Summary and every frame as JSON")->group(output);
   command->callback([a, &run] { run = [a] { return run_play(*a); }; });

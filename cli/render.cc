@@ -22,6 +22,7 @@ struct Picture {
   void add_to(CLI::App& command) {
     command
         .add_option("-o,--output", output, "Picture to write: .png, .jpg, or .exr (float RGBA, Z)")
+        ->type_name(kAnyFile)
         ->required();
     command.add_flag("-f,--force", force, "Overwrite the picture");
     command.add_option("--background", background, "r,g,b from 0 to 1 behind the picture")
@@ -158,7 +159,7 @@ Result<void> run_compare(const CompareArguments& arguments) {
 void add_render(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("render", "Draw a view of a field");
   auto a = std::make_shared<RenderArguments>();
-  command->add_option("FIELD", a->field, "Field, .slf")->required();
+  command->add_option("FIELD", a->field, "Field to draw")->type_name(kFieldFile)->required();
   a->picture.add_to(*command);
   a->camera.add_to(*command);
   a->draw.add_to(*command);
@@ -183,9 +184,9 @@ void add_compare(CLI::App& app, Run& run) {
   auto* command =
       app.add_subcommand("compare", "PSNR and SSIM of two pictures, and their difference");
   auto a = std::make_shared<CompareArguments>();
-  command->add_option("A", a->a, "Picture")->required();
-  command->add_option("B", a->b, "Picture of the same size")->required();
-  command->add_option("--diff", a->diff, "Write the difference picture here");
+  command->add_option("A", a->a, "Picture")->type_name(kAnyFile)->required();
+  command->add_option("B", a->b, "Picture of the same size")->type_name(kAnyFile)->required();
+  command->add_option("--diff", a->diff, "Write the difference picture here")->type_name(kAnyFile);
   command->add_option("--gain", a->gain, "Differences are multiplied by this")
       ->capture_default_str();
   command->add_option("--min-psnr", a->min_psnr, "Exit with 7 when the PSNR is below this");

@@ -123,12 +123,19 @@ void add_repack(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "repack", "Rewrite a field: other codecs, quality, layers, levels; compact");
   auto a = std::make_shared<RepackArguments>();
-  command->add_option("FIELD", a->input, "Field, .slf; not touched")->required();
-  command->add_option("-o,--output", a->output, "The field to write, .slf")->required();
+  command->add_option("FIELD", a->input, "Field to read; not touched")
+      ->type_name(kFieldFile)
+      ->required();
+  command->add_option("-o,--output", a->output, "The field to write")
+      ->type_name(kFieldFile)
+      ->required();
   command->add_flag("-f,--force", a->force, "Replace the output, once the new one is whole");
-  command->add_option("--color-codec", a->repack.color_codec,
-                      "raw, zstd[:LEVEL] or jpeg:QUALITY[:444]; default: as it is");
-  command->add_option("--depth-codec", a->repack.depth_codec, "The same for depth");
+  command
+      ->add_option("--color-codec", a->repack.color_codec,
+                   "raw, zstd[:LEVEL] or jpeg:QUALITY[:444]; default: as it is")
+      ->type_name(kCodec);
+  command->add_option("--depth-codec", a->repack.depth_codec, "The same for depth")
+      ->type_name(kCodec);
   command->add_option("--layers", a->repack.layers, "Layers to keep, as color or color,depth")
       ->delimiter(',');
   command->add_option("--levels", a->levels, "The finest level to keep")
@@ -153,7 +160,7 @@ T1 a checksum, T2 a tile does not decode, C1 tiles are missing, C2 layers disagr
 Exit code 0 when all is good or only tiles are missing, 3 when something is damaged and, with
 --fix, could not be dropped (S1, M1).)");
   auto a = std::make_shared<VerifyArguments>();
-  command->add_option("FIELD", a->field, "Field, .slf")->required();
+  command->add_option("FIELD", a->field, "Field to check")->type_name(kFieldFile)->required();
   command->add_flag("--quick", a->verify.quick, "Structure and counts only");
   command->add_flag("--fix", a->verify.fix, "Drop damaged tiles, so that build can refill them");
   command->add_option("-j,--threads", a->verify.threads, "0: all cores")->capture_default_str();

@@ -1,0 +1,208 @@
+#include <fmt/format.h>
+
+#include <cctype>
+#include <utility>
+
+#include "cli/reference/model.h"
+#include "cli/reference/prose.h"
+
+namespace slf::cli::reference {
+namespace {
+
+constexpr std::pair<int, const char*> kExitCodes[] = {
+    {0, "Done."},
+    {1, "An argument is wrong or contradicts another."},
+    {2, "Input or output failed: missing, permission, disk full."},
+    {3, "A file is damaged, truncated or not what it claims to be."},
+    {4, "A correct request could not be carried out at run time."},
+    {5, "Valid, but not supported by this version."},
+    {7, "A comparison found a difference."},
+};
+
+/// Text as troff prints it literally.
+std::string literal(const std::string& text) {
+  std::string out;
+  for (const char c : text) switch (c) {
+      case '\\':
+        out += "\\e";
+        break;
+      case '-':
+        out += "\\-";
+        break;
+      case '\'':
+        out += "\\(aq";
+        break;
+      case '^':
+        out += "\\(ha";
+        break;
+      case '~':
+        out += "\\(ti";
+        break;
+      default:
+        out += c;
+    }
+  // A dot at the start of a line would be a request.
+  return out.starts_with('.') ? "\\&" + out : out;
+}
+
+std::string bold(const std::string& text) { return "\\fB" + literal(text) + "\\fR"; }
+std::string italic(const std::string& text) { return "\\fI" + literal(text) + "\\fR"; }
+
+/// Bold where it names an option or another page, as readers of manual pages expect.
+std::string marked(const std::string& text) {
+  std::string out, word;
+  const auto flush = [&] {
+    const std::size_t end = word.find_last_not_of(".,;:)") + 1;
+    if (word.starts_with("--") && end > 2)
+      out += bold(word.substr(0, end)) + literal(word.substr(end));
+    else if (const auto page = word.find("(1)");
+             word.starts_with("slf") && page != std::string::npos)
+      out += bold(word.substr(0, page)) + literal(word.substr(page));
+    else
+      out += literal(word);
+    word.clear();
+  };
+  for (const char c : text)
+    if (c == ' ')
+      flush(), out += c;
+    else
+      word += c;
+  flush();
+  return out.starts_with('.') ? "\\&" + out : out;
+}
+
+std::string upper(std::string text) {
+  for (char& c : text) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  return text;
+}
+
+std::string header(const std::string& page) {
+  return fmt::format(
+      ".\\\" Generated from the command line of slf. Do not edit.\n"
+      ".TH {} 1 \"\" \"slf {}\" \"slf manual\"\n.nh\n.ad l\n",
+      literal(upper(page)), SLF_VERSION);
+}
+
+std::string section(const char* title) { return fmt::format(".SH {}\n", title); }
+
+/// "Build a field" as it stands after the name of a command.
+std::string after_dash(std::string text) {
+  if (text.size() > 1 && std::islower(static_cast<unsigned char>(text[1])))
+    text[0] = static_cast<char>(std::tolower(static_cast<unsigned char>(text[0])));
+  return literal(text);
+}
+
+std::string value_of(const Argument& a) {
+  std::string value = italic(a.value);
+  if (a.repeated) value += a.list ? "[," + italic(a.value) + "...]" : " ...";
+  return value;
+}
+
+/// An argument and what it means, as one paragraph.
+std::string entry(const Argument& a) {
+  std::string names;
+  for (const auto& name : a.names) {
+    if (!names.empty()) names += ", ";
+    names += a.positional ? italic(name) : bold(name);
+  }
+  if (!a.positional && !a.value.empty()) names += " " + value_of(a);
+  std::string text = marked(a.description);
+  if (!text.ends_with('.')) text += '.';
+  if (a.closed) {
+    std::string choices;
+    for (const auto& choice : a.choices) choices += (choices.empty() ? "" : ", ") + bold(choice);
+    text += " One of: " + choices + ".";
+  }
+  if (!a.range.empty() && a.range.find('[') != std::string::npos)
+    text += " Range: " + literal(a.range.substr(a.range.find('['))) + ".";
+  if (!a.initial.empty()) text += " Default: " + bold(a.initial) + ".";
+  if (a.required && !a.positional) text += " Required.";
+  return ".TP\n" + names + "\n" + text + "\n";
+}
+
+std::string paragraphs(const Prose& text) {
+  std::string out;
+  for (const char* paragraph : text.paragraphs)
+    out += (out.empty() ? "" : ".PP\n") + marked(paragraph) + "\n";
+  return out;
+}
+
+std::string examples(const Prose& text) {
+  std::string out = section("EXAMPLES");
+  for (const Example& example : text.examples)
+    out += fmt::format(".TP\n{}:\n{}\n", literal(example.purpose), bold(example.line));
+  return out;
+}
+
+std::string closing(const std::vector<std::string>& see_also, bool writes_fields) {
+  std::string out = section("EXIT STATUS");
+  for (const auto& [code, meaning] : kExitCodes)
+    out += fmt::format(".TP\n.B {}\n{}\n", code, literal(meaning));
+  out += section("ENVIRONMENT") + "slf itself reads no environment variables.\n" +
+         section("FILES") + ".TP\n" + italic("FILE.slf") +
+         "\nA field: one file, described byte by byte in FORMAT.md.\n";
+  if (writes_fields)
+    out +=
+        ".TP\n" + italic("FILE.slf-lock") +
+        "\nPresent while a program writes the field. A program that was killed leaves it behind; "
+        "the next writer removes it.\n";
+  out += section("SEE ALSO");
+  for (std::size_t i = 0; i < see_also.size(); ++i)
+    out += fmt::format(".BR {} (1){}\n", literal(see_also[i]), i + 1 < see_also.size() ? "," : "");
+  return out;
+}
+
+}  // namespace
+
+std::string command_manual(const Program& program, const Command& command) {
+  const Prose& text = prose(command.name);
+  const std::string page = "slf-" + command.name;
+  std::string out = header(page) + section("NAME") + literal(page) + " \\- " +
+                    after_dash(command.description) + "\n";
+  out +=
+      section("SYNOPSIS") + ".B slf " + literal(command.name) + "\n[" + italic("OPTIONS") + "]\n";
+  for (const Argument& a : command.arguments)
+    if (a.positional) out += italic(a.names.front()) + (a.repeated ? " ...\n" : "\n");
+  for (const Argument& a : command.arguments)
+    if (!a.positional && a.required) out += bold(a.names.front()) + " " + value_of(a) + "\n";
+  out += section("DESCRIPTION") + paragraphs(text);
+  if (!command.notes.empty()) out += ".PP\n" + marked(command.notes) + "\n";
+  out += section("ARGUMENTS");
+  for (const Argument& a : command.arguments)
+    if (a.positional) out += entry(a);
+  out += section("OPTIONS");
+  for (const std::string& group : command.groups()) {
+    if (group != "Options") out += ".SS " + literal(group) + "\n";
+    for (const Argument& a : command.arguments)
+      if (!a.positional && a.group == group) out += entry(a);
+  }
+  out += ".SS Every command\n";
+  for (const Argument& a : program.global.arguments)
+    if (a.names.back() != "--version" && a.names.back() != "--help") out += entry(a);
+  out += examples(text);
+  std::vector<std::string> others{"slf"};
+  for (const Command& other : program.commands)
+    if (other.name != command.name) others.push_back("slf-" + other.name);
+  return out + closing(others, command.name == "build" || command.name == "repack" ||
+                                   command.name == "verify");
+}
+
+std::string program_manual(const Program& program) {
+  const Prose& text = prose("");
+  std::string out = header("slf") + section("NAME") +
+                    "slf \\- build, store and render sphere light fields\n" + section("SYNOPSIS") +
+                    ".B slf\n" + italic("COMMAND") + "\n[" + italic("OPTIONS") +
+                    "]\n.br\n.B slf\n" + italic("COMMAND") + "\n" + bold("--help") + "\n" +
+                    section("DESCRIPTION") + paragraphs(text) + section("COMMANDS");
+  std::vector<std::string> pages;
+  for (const Command& command : program.commands) {
+    pages.push_back("slf-" + command.name);
+    out +=
+        fmt::format(".TP\n.BR {} (1)\n{}.\n", literal(pages.back()), literal(command.description));
+  }
+  out += section("OPTIONS");
+  for (const Argument& a : program.global.arguments) out += entry(a);
+  return out + examples(text) + closing(pages, true);
+}
+
+}  // namespace slf::cli::reference

@@ -1,0 +1,105 @@
+#include "cli/reference/prose.h"
+
+#include <stdexcept>
+
+namespace slf::cli::reference {
+namespace {
+
+const std::vector<Prose>& all() {
+  static const std::vector<Prose> texts{
+      {"",
+       {"A sphere light field stores the colour of every ray that crosses a sphere around an "
+        "object, "
+        "indexed by where the ray enters and where it leaves. Any view from outside is then a "
+        "look-up "
+        "whose cost does not depend on the volume.",
+        "slf builds such fields from volumes (NIfTI, NRRD, MetaImage, DICOM series, raw), stores "
+        "them "
+        "in one file of small compressed tiles, and draws views within a given amount of memory, "
+        "however large the file is.",
+        "Results go to standard output, progress and messages to standard error."},
+       {{"Build a field and draw a view of it",
+         "slf build head.nii.gz -o head.slf && slf render head.slf -o view.png"},
+        {"Without a volume at hand", "slf build scene:balls -o balls.slf"}}},
+      {"build",
+       {"Traces every ray of the field through the volume and stores the result. The size of a "
+        "field "
+        "follows from --entry, --exit and --levels: doubling one of the lattices takes four times "
+        "the "
+        "rays.",
+        "A build may be interrupted at any moment. The same command continues it; tiles that were "
+        "committed are not traced again.",
+        "World coordinates are millimetres, LPS: x to the patient's left, y to the back, z up."},
+       {{"A small field first", "slf build head.nii.gz -o head.slf --levels 1"},
+        {"With the colours of a ParaView preset",
+         "slf build head.nii.gz -o head.slf --transfer preset.json"},
+        {"Lossless", "slf build head.nii.gz -o head.slf --color-codec zstd --depth-codec zstd"},
+        {"Headerless voxels",
+         "slf build head.raw -o head.slf --dims 128x128x84 --type u8 --spacing 1x1x1.5"}}},
+      {"info",
+       {"For a field, prints geometry, levels, layers, codecs, sizes and provenance; for a volume, "
+        "dimensions, spacing, orientation and the range of its values."},
+       {{"Is a field complete?", "slf info head.slf --json | grep complete"}}},
+      {"render",
+       {"Draws one view with as many tiles as it needs and no more memory than --memory allows. "
+        "Pixels "
+        "whose tiles are missing are drawn from coarser levels, and a message says how many."},
+       {{"From the front, in a large picture",
+         "slf render head.slf -o front.png --orbit 0,0,3 --size 1024x1024"},
+        {"Float colours and depths", "slf render head.slf -o view.exr"},
+        {"What does the view cost?", "slf render head.slf -o view.png --stats"}}},
+      {"raycast",
+       {"Draws the view that slf-render(1) draws from a field, by ray-casting the volume itself. "
+        "It is "
+        "the truth that slf-evaluate(1) compares with."},
+       {{"The default view", "slf raycast head.nii.gz -o truth.png"}}},
+      {"play",
+       {"Draws the frames of an orbit or of a path of keyframes when they are due. A loading "
+        "thread "
+        "decodes tiles for the frames ahead; a frame that lacks tiles is drawn from coarser levels "
+        "instead of waiting. Prints how many frames were late and how much was drawn at full "
+        "level."},
+       {{"An orbit, as an animated picture",
+         "slf play head.slf --memory 64MiB --preview turn.webp"},
+        {"Compare ways of loading, from a cold file",
+         "slf play head.slf --cold --loading ahead,demand,wait"}}},
+      {"measure",
+       {"Draws random views at every level and prints what a view touches: tiles, compressed "
+        "bytes, "
+        "pages of the file, decoded bytes and resident memory."},
+       {{"As JSON, for other programs", "slf measure head.slf --json"},
+        {"Two modes beside each other", "slf measure head.slf --mode bitri,depth --views 32"}}},
+      {"evaluate",
+       {"Draws random views from the field and by ray-casting, and prints PSNR and SSIM. Transfer "
+        "function and light are those of the field's provenance unless options name others."},
+       {{"Every mode has its own quality",
+         "slf evaluate head.slf --volume head.nii.gz --mode bitri"}}},
+      {"compare",
+       {"Compares two pictures of one size. With --min-psnr the exit status says whether they are "
+        "alike enough."},
+       {{"The differences, enlarged", "slf compare truth.png view.png --diff error.png --gain 8"}}},
+      {"repack",
+       {"Writes a new field from the tiles of another: with other codecs, fewer layers, levels or "
+        "subfields. Tiles whose codec stays the same are copied without loss. The input is not "
+        "changed."},
+       {{"Smaller colours", "slf repack fine.slf -o small.slf --color-codec jpeg:60"},
+        {"The first two levels", "slf repack fine.slf -o coarse.slf --levels 1"}}},
+      {"verify",
+       {"Reads the whole file: pages, records, checksums and every tile. With --fix, tiles that "
+        "are "
+        "damaged are dropped; the build command that made the field fills them again."},
+       {{"Check after copying", "slf verify head.slf"},
+        {"Repair", "slf verify --fix head.slf && slf build head.nii.gz -o head.slf"}}},
+  };
+  return texts;
+}
+
+}  // namespace
+
+const Prose& prose(const std::string& command) {
+  for (const Prose& text : all())
+    if (text.command == command) return text;
+  throw std::runtime_error("cli/reference/prose.cc has no text for the command " + command);
+}
+
+}  // namespace slf::cli::reference

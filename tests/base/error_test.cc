@@ -1,0 +1,63 @@
+#include "slf/error.h"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+
+namespace slf {
+namespace {
+
+Result<int> half_of(int value) {
+  if (value % 2 != 0)
+    return fail(ErrorCode::usage, "a.slf: expected an even number, found ", value);
+  return value / 2;
+}
+
+TEST(Error, AResultHoldsTheValueOrTheError) {
+  const Result<int> four = half_of(8);
+  ASSERT_TRUE(four);
+  EXPECT_EQ(*four, 4);
+  const Result<int> none = half_of(7);
+  ASSERT_FALSE(none);
+  EXPECT_EQ(none.error().code, ErrorCode::usage);
+}
+
+TEST(Error, FailJoinsItsParts) {
+  EXPECT_EQ(half_of(7).error().message, "a.slf: expected an even number, found 7");
+  const auto mixed = fail(ErrorCode::io, std::string("b"), ':', 1.5, '/', 3u);
+  EXPECT_EQ(mixed.value().message, "b:1.5/3");
+  EXPECT_EQ(mixed.value().code, ErrorCode::io);
+}
+
+TEST(Error, AnErrorMovesFromOneResultToAnother) {
+  const auto doubled = [](int value) -> Result<std::string> {
+    auto half = half_of(value);
+    if (!half) return tl::unexpected(std::move(half.error()));
+    return std::to_string(*half);
+  };
+  EXPECT_EQ(*doubled(4), "2");
+  EXPECT_EQ(doubled(5).error().message, "a.slf: expected an even number, found 5");
+}
+
+TEST(Error, ResultsOfNothingAndOfWhatOnlyMoves) {
+  const Result<void> done;
+  EXPECT_TRUE(done);
+  const Result<void> failed = fail(ErrorCode::failed, "no");
+  EXPECT_FALSE(failed);
+  Result<std::unique_ptr<int>> owned = std::make_unique<int>(3);
+  const std::unique_ptr<int> moved = std::move(*owned);
+  EXPECT_EQ(*moved, 3);
+}
+
+// Scripts depend on these numbers: README and the manual pages list them.
+TEST(Error, CodesAreTheDocumentedExitCodes) {
+  EXPECT_EQ(static_cast<int>(ErrorCode::usage), 1);
+  EXPECT_EQ(static_cast<int>(ErrorCode::io), 2);
+  EXPECT_EQ(static_cast<int>(ErrorCode::bad_file), 3);
+  EXPECT_EQ(static_cast<int>(ErrorCode::failed), 4);
+  EXPECT_EQ(static_cast<int>(ErrorCode::unsupported), 5);
+  EXPECT_EQ(static_cast<int>(ErrorCode::differs), 7);
+}
+
+}  // namespace
+}  // namespace slf
