@@ -1,4 +1,4 @@
-// Little- and big-endian integers in byte buffers, encoded explicitly: no struct is ever cast.
+// Little- and big-endian integers in byte buffers, encoded explicitly. Nothing casts structs.
 #pragma once
 
 #include <bit>

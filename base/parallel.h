@@ -1,5 +1,5 @@
-// The library's ways to spread work over threads: parallel_for where order does not matter,
-// OrderedPipeline where results are wanted one after the other.
+// Work on several threads: parallel_for if the order does not matter, OrderedPipeline if results
+// are needed in order.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +20,7 @@ namespace slf {
   return wanted ? wanted : std::max(1u, std::thread::hardware_concurrency());
 }
 
-/// Calls work() once on each of `threads` threads, the calling one among them, and waits.
+/// Calls work() once on each of `threads` threads, including the calling thread, and waits.
 /// work must not throw.
 template <class Work>
 void on_threads(unsigned threads, const Work& work) {
@@ -42,12 +42,12 @@ void parallel_for(std::uint64_t count, unsigned threads, const F& f) {
   });
 }
 
-/// Makes items 0, 1, 2, ... on several threads and hands them out in that order, never more than
-/// `window` ahead of what was taken: memory is bounded by the window.
+/// Makes items 0, 1, 2, ... on several threads and returns them in that order. Makers are never
+/// more than `window` items ahead of take(), which bounds memory.
 template <class T>
 class OrderedPipeline {
  public:
-  /// Each thread has a maker of its own, so that scratch is reused; makers must not throw.
+  /// Makes one item. Each thread has its own maker, which may reuse scratch memory. Must not throw.
   using Maker = std::function<T(std::uint64_t)>;
 
   template <class NewMaker>

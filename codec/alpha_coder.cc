@@ -11,11 +11,11 @@
 namespace slf::codec {
 namespace {
 
-// The streams: how many samples of flat surroundings agree with them before one that does not; by
-// how much that one differs; and the residuals along edges, by which of N and W are soft.
+// The streams. gaps: how many samples agree with their flat neighbourhood before one that does not.
+// breaks: by how much that one differs. edges: residuals along edges, by which of N and W are soft.
 enum Stream : std::size_t { gaps, breaks, edges, stream_count = edges + 4 };
 
-// A gap of 255 or more takes several bytes, all but the last 255.
+// A gap of 255 or more takes several bytes; all but the last are 255.
 constexpr std::size_t long_gap = 255;
 
 struct Around {
@@ -31,8 +31,8 @@ struct Around {
   }
 };
 
-// Neighbours of the sample at p of a line, and of the line's first; `above` is the line before it,
-// longer by one, or null.
+// The neighbours of sample p of a line. `above` is the line above, which is one sample longer; null
+// for the first line of a picture.
 Around around(const std::uint8_t* line, const std::uint8_t* above, std::size_t p,
               std::uint8_t before_picture) {
   if (!above) {
@@ -94,7 +94,7 @@ class Decoder {
         line[p++] = static_cast<std::uint8_t>(near.w + take(breaks));
         read_gap();
       } else {
-        // All that follow are as flat while the line above stays the same.
+        // The following samples have the same flat neighbourhood while the line above is constant.
         std::size_t end = p + 1;
         const std::size_t limit = std::min(length, p + gap_);
         if (above)
@@ -108,7 +108,7 @@ class Decoder {
     }
   }
 
-  // Whether every byte was used, and none was missing.
+  // Whether the samples used up every byte and needed no more.
   bool complete() const { return !overrun_ && next_ == end_; }
 
  private:
@@ -117,7 +117,7 @@ class Decoder {
     overrun_ = true;
     return 0;
   }
-  // After the last gap there is no break.
+  // When no gaps are left there are no more breaks.
   void read_gap() {
     gap_ = 0;
     while (true) {
@@ -138,7 +138,7 @@ class Decoder {
   std::array<const std::uint8_t*, stream_count> end_;
 };
 
-// Calls use(line, above or null, length, first sample of the picture before) for every line.
+// Calls use(line, above or null, length, first sample of the previous picture) for every line.
 template <class Byte, class Use>
 void for_each_line(std::span<Byte> alpha, std::uint32_t side, Use use) {
   Byte* line = alpha.data();
@@ -155,7 +155,7 @@ void for_each_line(std::span<Byte> alpha, std::uint32_t side, Use use) {
   }
 }
 
-// LEB128: seven bits a byte, least significant first, the top bit set on all but the last.
+// LEB128: seven bits per byte, least significant first; the top bit is set in all but the last.
 void append_varint(Bytes& to, std::size_t value) {
   for (; value >= 128; value >>= 7) to.push_back(static_cast<std::byte>(value | 128));
   to.push_back(static_cast<std::byte>(value));
@@ -192,7 +192,7 @@ Result<void> read_alpha(ByteSpan& payload, std::uint32_t side, std::uint8_t top,
   std::array<std::size_t, stream_count> sizes;
   std::size_t total = 0;
   for (std::size_t& size : sizes) {
-    // No stream can be longer than two bytes a sample: that bounds what is allocated.
+    // No stream has more than two bytes per sample. This bounds the allocation.
     if (!read_varint(payload, size) || size > 2 * alpha.size())
       return fail(ErrorCode::bad_file, "alpha: the sizes are damaged");
     total += size;

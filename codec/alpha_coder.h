@@ -1,8 +1,8 @@
-// Alpha, lossless: large flat areas and thin, soft edges.
+// Lossless coder for alpha, which has large flat areas and thin, soft edges.
 //
-// Where the four neighbours of a sample agree it hardly ever differs, so only the gaps between
-// those that do are stored; the samples along edges are predicted, and their residuals sorted by
-// what lies around them (FORMAT.md, "Alpha").
+// Where the four neighbours of a sample agree, the sample hardly ever differs from them. So the
+// coder stores only the distances between samples that do. It predicts the samples along edges, and
+// groups their residuals by the neighbours (FORMAT.md, "Alpha").
 #pragma once
 
 #include <cstdint>
@@ -13,9 +13,9 @@
 
 namespace slf::codec {
 
-/// Appends a stack of triangular pictures of equal side, samples ordered as in Tile. `top` is the
-/// value that means opaque.
-/// REQUIRES: alpha holds whole pictures and is not empty.
+/// Encodes a stack of triangular pictures of equal side and appends them to `payload`. Samples are
+/// ordered as in Tile. `top` is the value that means opaque.
+/// REQUIRES: alpha consists of complete pictures and is not empty.
 [[nodiscard]] Result<void> append_alpha(std::span<const std::uint8_t> alpha, std::uint32_t side,
                                         std::uint8_t top, Bytes& payload);
 

@@ -10,15 +10,15 @@
 namespace slf::codec {
 namespace {
 
-// Pairs of residuals from -pair_reach to pair_reach have a symbol each; the others share the next
-// one and follow in a stream of their own.
+// Each pair of residuals from -pair_reach to pair_reach has a symbol. All other pairs share the
+// next symbol, and their residuals follow in a stream of their own.
 constexpr int pair_reach = 7;
 constexpr int pair_side = 2 * pair_reach + 1;
 constexpr std::uint8_t pair_escape = pair_side * pair_side;
 
 using Pair = std::array<std::uint8_t, 2>;
 
-// The pair of every symbol; zeros for the escape and what is no symbol.
+// The pair of every symbol; zeros for the escape and for invalid symbols.
 constexpr std::array<Pair, 256> make_pairs() {
   std::array<Pair, 256> pairs{};
   for (int symbol = 0; symbol < pair_escape; ++symbol)
@@ -36,7 +36,7 @@ std::uint8_t pair_symbol(std::uint16_t first, std::uint16_t second) {
   return static_cast<std::uint8_t>(a * pair_side + b);
 }
 
-// Calls use(group, column, lane) for every stored sample, in the order of a stream.
+// Calls use(group, column, lane) for every stored sample, in stream order.
 template <class Use>
 void for_each_stored(const LaneStack& stack, Use use) {
   const std::size_t columns = stack.tile.columns();
@@ -56,8 +56,8 @@ unsigned uncovered(const LaneValues& coverage) {
   return count;
 }
 
-// Calls take(group, column, lane) for every stored sample; whole columns go through
-// take_all(group, column) instead, in a loop of constant length.
+// Calls take(group, column, lane) for every stored sample. For columns without gaps calls
+// take_all(group, column) instead, so that its loop has constant length.
 template <class TakeAll, class Take>
 void for_each_stored(const LaneStack& stack, TakeAll take_all, Take take) {
   const std::size_t columns = stack.tile.columns();
@@ -188,7 +188,7 @@ Result<void> read_pair(const LaneStack& stack, ByteSpan& payload, LaneValues* re
   return {};
 }
 
-// Alpha is flat nearly everywhere and sharp at the rest, which suits the median predictor.
+// The median predictor suits alpha, which is flat almost everywhere and has sharp edges.
 static constexpr ChannelPredictor median;
 
 LaneStack alpha_stack(const Tile& tile) {

@@ -1,7 +1,7 @@
-// Byte streams: residuals in lanes to byte strings that zstd compresses well, and back.
+// Byte streams: converts residuals in lanes to byte strings that zstd compresses well, and back.
 //
-// A stream lists one byte per sample in the order group, column, lane: group g is pictures 16g to
-// 16g + 15, or fewer in the last one. Samples under zero coverage are left out.
+// A stream has one byte per sample in the order group, column, lane. Group g is the pictures 16g to
+// 16g + 15, or fewer in the last group. Samples with zero coverage are left out.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ namespace slf::codec {
   return (tile.rows() + lane_count - 1) / lane_count;
 }
 
-/// How many pictures of a group there are, 1..lane_count.
+/// How many pictures a group has, 1..lane_count.
 [[nodiscard]] inline std::size_t lanes_of(const Tile& tile, std::size_t group) {
   const std::size_t left = tile.rows() - group * lane_count;
   return left < lane_count ? left : lane_count;
@@ -29,13 +29,13 @@ namespace slf::codec {
 struct LaneStack {
   Tile tile;
   LaneGroup group;             ///< the same for every group
-  const LaneValues* coverage;  ///< [group][column]; null where all samples are stored
-  std::size_t stored;          ///< how many samples of a channel are
+  const LaneValues* coverage;  ///< [group][column]; null if all samples are stored
+  std::size_t stored;          ///< how many samples of a channel are stored
 
   LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneValues* covered_by);
 
   [[nodiscard]] std::size_t channels() const { return group.channels.size(); }
-  /// Where channel 0 of a group begins in values or residuals.
+  /// The offset of channel 0 of a group in values or residuals.
   [[nodiscard]] std::size_t offset(std::size_t of_group) const {
     return of_group * channels() * tile.columns();
   }
@@ -48,20 +48,20 @@ struct LaneStack {
 [[nodiscard]] Result<void> append_channel(const LaneStack& stack, std::size_t channel,
                                           const LaneValues* residuals, int level, Bytes& payload);
 
-/// Undoes append_channel and moves `payload` behind it; untrusted.
+/// Undoes append_channel and removes the bytes it read from the front of `payload`; untrusted.
 [[nodiscard]] Result<void> read_channel(const LaneStack& stack, std::size_t channel,
                                         ByteSpan& payload, LaneValues* residuals);
 
-/// Appends channels 1 and 2, whose residuals are small and alike, as one stream of both: a Huffman
-/// code spends at least a bit per symbol, and these need hardly more than one each.
+/// Appends channels 1 and 2 as one stream of pairs. Their residuals are small and need little more
+/// than one bit each, while a Huffman code spends at least one bit per symbol.
 [[nodiscard]] Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals,
                                        int level, Bytes& payload);
 
-/// Undoes append_pair and moves `payload` behind it; untrusted.
+/// Undoes append_pair and removes the bytes it read from the front of `payload`; untrusted.
 [[nodiscard]] Result<void> read_pair(const LaneStack& stack, ByteSpan& payload,
                                      LaneValues* residuals);
 
-/// The alpha of a tile, or any one channel that is flat nearly everywhere and sharp at the rest.
+/// The stack for a tile's alpha: one channel that is flat almost everywhere and has sharp edges.
 [[nodiscard]] LaneStack alpha_stack(const Tile& tile);
 
 /// Predicts and appends all channels, channels 1 and 2 as a pair if `paired`. `residuals` is
@@ -70,7 +70,7 @@ struct LaneStack {
                                         LaneValues* residuals, bool paired, int level,
                                         Bytes& payload);
 
-/// Undoes append_stack and moves `payload` behind it; untrusted.
+/// Undoes append_stack and removes the bytes it read from the front of `payload`; untrusted.
 [[nodiscard]] Result<void> read_stack(const LaneStack& stack, bool paired, ByteSpan& payload,
                                       LaneValues* residuals, LaneValues* values);
 

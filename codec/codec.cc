@@ -25,7 +25,7 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
   }
 }
 
-// An integer within low..high and nothing after it.
+// Parses an integer within low..high that takes up the whole text.
 std::optional<int> parse_int(std::string_view text, int low, int high) {
   int value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);

@@ -1,9 +1,8 @@
 // Codec: turns the samples of one tile into bytes and back.
 //
-// A tile is a stack of `rows` triangular pictures of equal side. A codec knows nothing of
-// spheres, files or keys. It treats encoded bytes as untrusted: any input decodes to samples or
-// to an error, with no crash, no hang, no over-read and no allocation beyond what the shape
-// implies.
+// A tile is a stack of `rows` triangular pictures of equal side. Codecs do not depend on spheres,
+// files or keys. Encoded bytes are untrusted: any input decodes to samples or to an error. No input
+// makes a decoder crash, hang, read beyond the input, or allocate more than the shape implies.
 //
 // Thread-safety: a Codec is immutable; encode and decode may be called from many threads at once.
 //
@@ -34,8 +33,8 @@ enum class SampleFormat : std::uint8_t {
   return format == SampleFormat::rgba8 ? 4 : format == SampleFormat::depth8 ? 1 : 8;
 }
 
-/// Where a picture of the stack was taken: integer coordinates on a triangular lattice. Pictures
-/// at adjacent coordinates, (±1, 0), (0, ±1) and (±1, ∓1), look alike.
+/// The position of a picture in the stack: integer coordinates on a triangular lattice. Pictures at
+/// adjacent positions, which differ by (±1, 0), (0, ±1) or (±1, ∓1), are similar.
 struct LocalPoint {
   std::uint16_t p = 0;
   std::uint16_t q = 0;
@@ -43,11 +42,10 @@ struct LocalPoint {
 };
 
 /// The shape of a tile: positions.size() pictures ("rows"), each a triangle of
-/// (side+1)(side+2)/2 samples ("columns"). Samples lie row after row; within a row the sample at
-/// (p, q), p + q <= side, has index q*(side+1) - q*(q-1)/2 + p: lines of constant q, each one
-/// shorter than the one before.
-/// `positions` is only viewed: it must outlive the Tile. Positions are distinct and in ascending
-/// (q, p) order.
+/// (side+1)(side+2)/2 samples ("columns"). Samples are stored row after row. Within a row the
+/// sample at (p, q), p + q <= side, has index q*(side+1) - q*(q-1)/2 + p: lines of constant q, each
+/// one sample shorter than the previous one. `positions` is a view and must outlive the Tile.
+/// Positions are distinct and in ascending (q, p) order.
 struct Tile {
   SampleFormat format = SampleFormat::rgba8;
   std::uint32_t side = 0;
@@ -70,42 +68,42 @@ class Codec {
   /// Whether decode returns exactly what encode was given.
   [[nodiscard]] virtual bool lossless() const = 0;
 
-  /// Whether a payload is the samples themselves, so that a reader may use it where it lies and
-  /// skip decode. A payload of another size than tile.bytes() is damaged, as decode would say.
+  /// Whether a payload is the samples themselves, so that a reader may use it in place instead of
+  /// calling decode. A payload whose size is not tile.bytes() is damaged.
   [[nodiscard]] virtual bool in_place() const { return false; }
 
-  /// Bytes that every tile's decoder needs and that are stored once per field (shared JPEG tables,
-  /// a dictionary); empty for codecs without any.
+  /// Bytes that decoding any tile needs and that are stored once per field, such as shared JPEG
+  /// tables. Empty for codecs without any.
   [[nodiscard]] virtual ByteSpan tables() const { return {}; }
 
-  /// Encodes `samples` (exactly tile.bytes() bytes) and appends nothing: `payload` is replaced.
-  /// The same samples give the same bytes on every machine and thread.
+  /// Encodes `samples` (exactly tile.bytes() bytes) and replaces the content of `payload`. The same
+  /// samples give the same bytes on every machine and thread.
   [[nodiscard]] virtual Result<void> encode(const Tile& tile, ByteSpan samples,
                                             Bytes& payload) const = 0;
 
   /// Decodes `payload` into `samples` (exactly tile.bytes() bytes, caller-owned).
-  /// bad_file: the payload is damaged or is not of this shape; `samples` then holds garbage.
+  /// bad_file: the payload is damaged or of another shape; the content of `samples` is undefined.
   [[nodiscard]] virtual Result<void> decode(const Tile& tile, ByteSpan payload,
                                             std::span<std::byte> samples) const = 0;
 };
 
 /// Makes a codec from its specification: "raw", "zstd", "zstd:LEVEL", "jpeg:QUALITY",
 /// "jpeg:QUALITY:444".
-/// `tables` is what an equal codec's tables() returned, untrusted; empty for the defaults.
-/// usage: unknown name, or a parameter out of range; the message lists what is known.
-/// bad_file: tables that are damaged, or for a codec that has none.
-/// unsupported: the codec cannot hold this format (JPEG and half floats).
+/// `tables` are those of Codec::tables() of an equal codec, untrusted. Empty selects the defaults.
+/// usage: an unknown name, or a parameter out of range; the message lists what is valid.
+/// bad_file: `tables` are damaged, or not empty although the codec has none.
+/// unsupported: the codec cannot store this format (JPEG and half floats).
 [[nodiscard]] Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat format,
                                                         ByteSpan tables = {});
 
-/// One tile of a training set; views only.
+/// One tile of a training set. Views the samples.
 struct TrainingTile {
   Tile tile;
   ByteSpan samples;
 };
 
-/// Makes the codec whose shared tables fit a sample of a field's tiles best (Huffman tables
-/// optimised over them). Deterministic. With an empty sample, or for codecs without tables,
+/// Makes a codec and fits its shared tables to a sample of a field's tiles, by optimising Huffman
+/// codes over them. Deterministic. With an empty sample, or for a codec without tables, returns
 /// the same as make_codec(spec, format).
 [[nodiscard]] Result<std::unique_ptr<Codec>> train_codec(std::string_view spec, SampleFormat format,
                                                          std::span<const TrainingTile> sample);

@@ -11,7 +11,7 @@ struct Level {
   std::vector<float> values, weight;
 };
 
-// Weighted means of 2 × 2 pixels; a weight of 1 is full certainty.
+// Weighted means of 2 × 2 pixels. Weights are at most 1.
 Level push(std::size_t width, std::size_t height, std::span<const float> values,
            std::span<const float> weight) {
   Level half{(width + 1) / 2, (height + 1) / 2, {}, {}};
@@ -31,7 +31,7 @@ Level push(std::size_t width, std::size_t height, std::span<const float> values,
   return half;
 }
 
-// The coarse value at a fine pixel: 9, 3, 3 and 1 sixteenths of the nearest four.
+// The coarse picture's value at a fine pixel: 9, 3, 3 and 1 sixteenths of the nearest four pixels.
 float pull(const Level& coarse, std::size_t x, std::size_t y) {
   const std::size_t u = x / 2, v = y / 2;
   const auto beside = [](std::size_t fine, std::size_t at, std::size_t size) {

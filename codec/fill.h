@@ -1,4 +1,4 @@
-// Fill: smooth values for the pixels of a picture that do not matter.
+// Fill: finds smooth values for the pixels of a picture whose content does not matter.
 #pragma once
 
 #include <cstddef>
@@ -6,9 +6,9 @@
 
 namespace slf::codec {
 
-/// Blends each value towards the mean of its surroundings as its weight goes from 1 to 0
-/// (push-pull over a pyramid: Gortler et al., The Lumigraph, 1996). Without any weight the values
-/// are left alone. All spans hold width × height values.
+/// Blends each value with the mean of its surroundings; at weight 1 the value is kept, at weight 0
+/// it is replaced (push-pull over a pyramid: Gortler et al., The Lumigraph, 1996). If all weights
+/// are 0, nothing changes. All spans hold width × height values.
 void fill(std::size_t width, std::size_t height, std::span<const float> weight,
           std::span<float> values);
 

@@ -12,13 +12,13 @@
 namespace slf::codec {
 namespace {
 
-// The first byte: how many steps alpha has, 1..255, or that it is a gray JPEG.
+// The value of the first byte that means a gray JPEG. 1..255 is the number of steps.
 constexpr std::uint8_t in_jpeg = 0;
 
-// JPEG leaves noise where all is clear or opaque: values this close are meant to be so.
+// JPEG adds noise where alpha is 0 or 255. Values this close to either are rounded to it.
 constexpr std::uint8_t noise = 2;
 
-// Alpha is 0..top, evenly from clear to opaque.
+// Steps 0..top are evenly spaced from transparent to opaque.
 std::uint8_t to_steps(std::uint8_t alpha, int top) {
   return static_cast<std::uint8_t>((alpha * top * 2 + 255) / 510);
 }
@@ -78,7 +78,7 @@ Result<void> append_jpeg_alpha(const Tile& tile, const Mosaic& mosaic, const Jpe
     if (static_cast<std::size_t>(soft) > alpha.size() / 8)
       candidates.push_back(as_jpeg(tile, mosaic, tables, alpha));
   }
-  // An error in alpha is one in the colour under it, too.
+  // An error in alpha also causes an error in the colour under it.
   const double error_of_a_byte = 8 * error_per_bit(tables.quantisation[0]) / 2;
   const Candidate* best = nullptr;
   double least = 0;

@@ -1,4 +1,4 @@
-// The alpha beside a JPEG picture: in steps, losslessly, or in a gray JPEG, whichever serves best.
+// Alpha of a JPEG tile: exact, in steps, or as a gray JPEG, whichever costs least.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,8 @@
 
 namespace slf::codec {
 
-/// Appends the alpha of a tile, a byte per sample, and replaces it by what read_jpeg_alpha will
-/// give. With `exact` alpha stays as it is.
+/// Encodes the alpha of a tile, one byte per sample, and appends it to `payload`. Replaces `alpha`
+/// by what read_jpeg_alpha will decode. With `exact` the coding is lossless.
 [[nodiscard]] Result<void> append_jpeg_alpha(const Tile& tile, const Mosaic& mosaic,
                                              const JpegTables& tables, bool exact,
                                              std::span<std::uint8_t> alpha, Bytes& payload);

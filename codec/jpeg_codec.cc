@@ -15,7 +15,7 @@
 namespace slf::codec {
 namespace {
 
-// From here on alpha is kept exactly.
+// From this quality on, alpha is exact.
 constexpr int exact_alpha_quality = 95;
 
 std::span<const std::uint8_t> bytes_of(ByteSpan span) {
@@ -82,10 +82,10 @@ Result<void> JpegCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payloa
   return {};
 }
 
-// Samples from the pixels of a mosaic and the alpha of each sample.
+// Computes samples from the pixels of a mosaic and the alpha of each sample.
 void blend(const Tile& tile, const Mosaic& mosaic, std::span<const std::uint8_t> pixels,
            std::span<const std::uint8_t> alpha, std::span<std::byte> samples) {
-  thread_local Scratch<std::uint32_t> scratch;  // `samples` may lie at any alignment
+  thread_local Scratch<std::uint32_t> scratch;  // `samples` may have any alignment
   const auto words = scratch.take(alpha.size());
   const ByteSpan from = std::as_bytes(pixels);
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
@@ -117,7 +117,7 @@ Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload,
   const auto alpha = alpha_scratch.take(tile.rows() * tile.columns());
   if (auto done = read_jpeg_alpha(tile, mosaic, tables_, payload, alpha); !done) return done;
   if (payload.empty()) {
-    // Only a tile that is clear all over has no picture.
+    // Only a tile that is transparent everywhere has no picture.
     if (std::any_of(alpha.begin(), alpha.end(), [](auto a) { return a != 0; }))
       return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
     std::fill(samples.begin(), samples.end(), std::byte{0});
@@ -153,7 +153,7 @@ JpegTables train_tables(SampleFormat format, const JpegOptions& options,
       pictures.emplace_back(color_picture(tile, mosaic, color, from, alpha_of(from)));
   }
   if (pictures.empty()) return tables;
-  // The cheapest levels depend on the code and the best code on the levels: a few rounds settle it.
+  // The best levels depend on the code and the best code on the levels, so iterate a few times.
   for (int round = 0; round < 3; ++round) {
     JpegCounts counts;
     for (const JpegCoefficients& picture : pictures) encode_scan(tables, picture, nullptr, &counts);

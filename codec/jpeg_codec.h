@@ -20,7 +20,7 @@ struct JpegOptions {
                                                      const JpegOptions& options,
                                                      const JpegTables& tables);
 
-/// Tables whose Huffman codes fit a sample of tiles best.
+/// Returns tables with Huffman codes optimised for a sample of tiles.
 [[nodiscard]] JpegTables train_tables(SampleFormat format, const JpegOptions& options,
                                       std::span<const TrainingTile> sample);
 

@@ -14,7 +14,7 @@
 namespace slf::codec {
 namespace {
 
-// libjpeg reports errors by calling us back and must not be returned to: we jump out. Nothing with
+// libjpeg reports an error by calling us, and we must not return to it: we jump out. No object with
 // a destructor may live in the frames between setjmp and the jump.
 struct ErrorManager {
   jpeg_error_mgr base;
@@ -47,7 +47,7 @@ void append(Bytes& to, std::initializer_list<int> values) {
   for (const int value : values) to.push_back(static_cast<std::byte>(value));
 }
 
-// Everything of a JPEG stream before its entropy-coded bytes.
+// The part of a JPEG stream before its entropy-coded bytes.
 Bytes stream_header(const JpegTables& tables, const JpegShape& shape) {
   Bytes bytes = to_bytes(tables);
   bytes.resize(bytes.size() - 2);  // EOI
@@ -64,7 +64,7 @@ Bytes stream_header(const JpegTables& tables, const JpegShape& shape) {
   return bytes;
 }
 
-// Feeds header, scan and an EOI, one after the other, without copying them together.
+// Feeds header, scan and an EOI to libjpeg one after the other, without concatenating them.
 struct ChunkSource {
   jpeg_source_mgr base;
   ByteSpan chunks[3];
@@ -96,7 +96,7 @@ void skip_bytes(j_decompress_ptr info, long count) {
   source.bytes_in_buffer -= static_cast<std::size_t>(count > 0 ? count : 0);
 }
 
-// A decompressor that a thread keeps from tile to tile.
+// A decompressor; each thread keeps one from tile to tile.
 class Decompressor {
  public:
   Decompressor() {
@@ -111,7 +111,7 @@ class Decompressor {
   Decompressor(const Decompressor&) = delete;
   Decompressor& operator=(const Decompressor&) = delete;
 
-  // Returns null, or what went wrong.
+  // Returns null, or a message if it fails.
   const char* decode(ByteSpan header, ByteSpan scan, const JpegShape& shape, std::uint8_t* pixels) {
     if (!created_) return "out of memory";
     source_.base = {nullptr,   0, start_source, next_chunk, skip_bytes, jpeg_resync_to_restart,
@@ -147,7 +147,7 @@ class Decompressor {
   bool created_ = false;
 };
 
-// Entropy-coded bytes hold no marker: every FF is followed by a stuffed 00.
+// In entropy-coded bytes every FF is followed by a stuffed 00; anything else is a marker.
 bool holds_marker(ByteSpan scan) {
   const std::byte* at = scan.data();
   const std::byte* const end = at + scan.size();

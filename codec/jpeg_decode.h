@@ -1,5 +1,5 @@
-// Decodes one baseline JPEG scan at a time: entropy-coded bytes of a picture of known size, all
-// headers left out. libjpeg-turbo does the work; its errors and warnings come back as Result.
+// Decodes a baseline JPEG scan: the entropy-coded bytes of a picture of known size, without
+// headers. Uses libjpeg-turbo, and returns its errors and warnings as Result.
 #pragma once
 
 #include <cstdint>
@@ -13,8 +13,8 @@ namespace slf::codec {
 
 enum class JpegColor : std::uint8_t {
   gray,       ///< one component, pixels of 1 byte
-  ycbcr_444,  ///< three components, pixels of 4 bytes: R, G, B and one of no meaning
-  ycbcr_420,  ///< the same, chroma at half the resolution both ways
+  ycbcr_444,  ///< three components, pixels of 4 bytes: R, G, B and an undefined byte
+  ycbcr_420,  ///< the same, with chroma at half the resolution in both directions
 };
 
 struct JpegShape {
@@ -26,13 +26,13 @@ struct JpegShape {
 [[nodiscard]] constexpr std::size_t pixel_bytes(JpegColor color) {
   return color == JpegColor::gray ? 1 : 4;
 }
-/// The side of a minimum coded unit.
+/// The side of a minimum coded unit, in pixels.
 [[nodiscard]] constexpr std::uint32_t alignment(JpegColor color) {
   return color == JpegColor::ycbcr_420 ? 16 : 8;
 }
 
 /// Fills `pixels`, width × height × pixel_bytes(color) bytes, from an untrusted scan.
-/// bad_file: the scan is damaged: it ends early, goes on too long or holds a marker.
+/// bad_file: the scan is damaged: too short, too long, or with a marker in it.
 [[nodiscard]] Result<void> decode_scan(const JpegTables& tables, const JpegShape& shape,
                                        ByteSpan scan, std::span<std::uint8_t> pixels);
 

@@ -12,8 +12,8 @@ namespace {
 
 constexpr std::size_t side = 8;
 
-// A bit is worth this much squared error, as a share of the squared quantisation step: measured on
-// tiles of a brain as giving the fewest bytes at equal error.
+// The squared error that is worth one bit, relative to the squared quantisation step. On tiles of a
+// brain this value gave the fewest bytes at equal error.
 constexpr float bit_worth = 0.09f;
 
 constexpr std::uint8_t zigzag[64] = {
@@ -21,8 +21,8 @@ constexpr std::uint8_t zigzag[64] = {
     41, 34, 27, 20, 13, 6,  7,  14, 21, 28, 35, 42, 49, 56, 57, 50, 43, 36, 29, 22, 15, 23,
     30, 37, 44, 51, 58, 59, 52, 45, 38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63};
 
-// Row k: the k-th orthonormal cosine, sampled at 8 points. Written out rather than computed, since
-// libraries differ in the last bit of a cosine.
+// Row k is the k-th orthonormal cosine, sampled at 8 points. The values are written out because
+// libraries compute cosines that differ in the last bit.
 constexpr float c0 = 0.353553391f, c1 = 0.490392640f, c2 = 0.461939766f, c3 = 0.415734806f,
                 c5 = 0.277785117f, c6 = 0.191341716f, c7 = 0.097545161f;
 constexpr float cosines[side][side] = {
@@ -38,7 +38,7 @@ constexpr auto transposed = [] {
   return result;
 }();
 
-// The 8 × 8 values at `from`, transformed; sums run over vectors, in the order of the samples.
+// Transforms the 8 × 8 values at `from`. Sums are over vectors, in the order of the samples.
 std::array<float, 64> transform(const float* from, std::size_t stride) {
   float lines[side][side]{};
   for (std::size_t y = 0; y < side; ++y)
@@ -53,7 +53,7 @@ std::array<float, 64> transform(const float* from, std::size_t stride) {
   return block;
 }
 
-// In place: R, G, B become Y, Cb, Cr, all centred on 0 (JFIF).
+// Converts R, G, B to Y, Cb, Cr in place, all centred on 0 (JFIF).
 void to_ycbcr(std::array<std::vector<float>, 3>& planes) {
   for (std::size_t i = 0; i < planes[0].size(); ++i) {
     const float r = planes[0][i], g = planes[1][i], b = planes[2][i];
@@ -72,7 +72,7 @@ void halve(std::size_t width, std::size_t height, std::vector<float>& plane) {
     }
 }
 
-// Blocks of a plane, which is `scale` times smaller than the weights.
+// Makes the blocks of a plane, whose sides are `scale` times shorter than those of the weights.
 JpegCoefficients::Component split(const JpegPicture& picture, std::size_t plane,
                                   std::size_t scale) {
   JpegCoefficients::Component component;
@@ -95,7 +95,7 @@ JpegCoefficients::Component split(const JpegPicture& picture, std::size_t plane,
   return component;
 }
 
-// A Huffman table as an encoder needs it.
+// A Huffman table in the form an encoder needs.
 struct Codes {
   std::array<std::uint16_t, 256> code{};
   std::array<std::uint8_t, 256> length{};
@@ -133,7 +133,7 @@ class BitWriter {
   unsigned count_ = 0;
 };
 
-// Bits that a value takes behind its symbol; negative ones are stored one less.
+// The bits that follow a value's symbol. Negative values are stored minus one.
 unsigned size_of(int value) {
   return static_cast<unsigned>(std::bit_width(unsigned(std::abs(value))));
 }
@@ -141,7 +141,7 @@ unsigned bits_of(int value) { return static_cast<unsigned>(value < 0 ? value - 1
 
 using Quantised = std::array<std::int16_t, 64>;
 
-// Chooses the AC levels of a block with the least squared error + worth × bits, by dynamic
+// Chooses the AC levels of a block that minimise squared error + worth × bits, by dynamic
 // programming over the position of the last level that is not 0.
 class Quantiser {
  public:
@@ -150,17 +150,17 @@ class Quantiser {
 
   void quantise(const JpegCoefficients::Block& block, Quantised& levels) {
     const std::array<float, 64>& values = block.values;
-    // What is no error where it does not matter: the less matters, the less an error is worth.
+    // The less the pixels of a block matter, the less an error in it is worth.
     worth_ = full_worth_ / block.coverage;
     levels.fill(0);
     levels[0] = static_cast<std::int16_t>(
         std::clamp(std::nearbyint(values[0] / float(steps_[0])), -1024.0f, 1016.0f));
-    // zeroed[i]: error of making coefficients 1..i all zero.
+    // zeroed[i]: the error if coefficients 1..i are all zero.
     float zeroed[64];
     zeroed[0] = 0;
     for (std::size_t i = 1; i < 64; ++i) zeroed[i] = zeroed[i - 1] + values[i] * values[i];
 
-    // Nodes: the start, then every position that may hold a level. Edges skip zeros.
+    // Nodes are the start and every position that may have a level. Edges skip zeros.
     count_ = 0;
     node_[count_++] = {0, 0, 0, 0};
     for (std::size_t i = 1; i < 64; ++i) add_node(i, values[i], zeroed);
@@ -183,7 +183,7 @@ class Quantiser {
     std::size_t position;
     std::int16_t level;
     std::size_t before;
-    float cost;  // of the block up to here
+    float cost;  // of the block up to this node
   };
 
   void add_node(std::size_t position, float value, const float* zeroed) {
@@ -220,7 +220,7 @@ class Quantiser {
   std::size_t count_ = 0;
 };
 
-// Writes or counts the symbols of one component's blocks.
+// Writes or counts the symbols of the blocks of one component.
 class BlockCoder {
  public:
   BlockCoder(const Codes& dc, const Codes& ac, BitWriter* writer, SymbolCounts* dc_counts,
@@ -301,7 +301,7 @@ void encode_scan(const JpegTables& tables, const JpegCoefficients& picture, Byte
                         counts ? &counts->dc[table] : nullptr,
                         counts ? &counts->ac[table] : nullptr);
   }
-  // Minimum coded units, row by row: of each component the blocks under the same pixels.
+  // For each minimum coded unit, row by row: the blocks of each component that cover its pixels.
   const auto& components = picture.components();
   const auto& smallest = components[components.size() - 1];
   Quantised levels;

@@ -1,5 +1,5 @@
-// A baseline JPEG encoder for mosaics of light fields: it spends no bits on pixels that do not
-// matter, and weighs every coefficient's error against the bits it costs.
+// A baseline JPEG encoder for mosaics of light fields. It spends no bits on pixels whose content
+// does not matter, and weighs the error of every coefficient against its cost in bits.
 #pragma once
 
 #include <array>
@@ -13,25 +13,25 @@
 
 namespace slf::codec {
 
-/// A picture to encode: planes of floats, 0..255, row by row.
+/// A picture to encode: planes of floats, 0..255, in row order.
 struct JpegPicture {
   JpegShape shape;
   /// Gray, or R, G and B: width × height values each.
   std::array<std::vector<float>, 3> planes;
-  /// Per pixel, 0 where the value does not matter, up to 1.
+  /// Per pixel, how much its value matters: 0 (not at all) to 1.
   std::vector<float> weight;
 };
 
-/// The coefficients of a picture before quantisation, for quantising it with one set of tables
-/// after the other.
+/// The coefficients of a picture before quantisation. They can be quantised with several sets of
+/// tables.
 class JpegCoefficients {
  public:
-  /// Fills in what does not matter, converts to YCbCr and transforms.
+  /// Fills in the pixels that do not matter, converts to YCbCr and transforms.
   explicit JpegCoefficients(JpegPicture picture);
 
   struct Block {
     std::array<float, 64> values;  ///< in zigzag order, orthonormal, DC included
-    float coverage = 0;            ///< mean weight of its pixels; at 0 there are no values
+    float coverage = 0;            ///< mean weight of its pixels; if 0, `values` is not set
   };
   struct Component {
     std::uint32_t across = 0;  ///< blocks in a row
@@ -46,16 +46,17 @@ class JpegCoefficients {
   std::vector<Component> components_;
 };
 
-/// How often each symbol of each Huffman table is used.
+/// How often each symbol of each Huffman table occurs.
 struct JpegCounts {
   std::array<SymbolCounts, 2> dc{};
   std::array<SymbolCounts, 2> ac{};
 };
 
-/// The squared error that is worth a bit at these quantisation steps.
+/// The squared error that is worth one bit at these quantisation steps.
 [[nodiscard]] float error_per_bit(const std::array<std::uint8_t, 64>& steps);
 
-/// Appends the entropy-coded bytes of a picture and adds to `counts`, either of which may be null.
+/// Appends the entropy-coded bytes of a picture, and counts its symbols. Either pointer may be
+/// null.
 /// REQUIRES: is_complete(tables).
 void encode_scan(const JpegTables& tables, const JpegCoefficients& picture, Bytes* scan,
                  JpegCounts* counts);

@@ -1,4 +1,4 @@
-// The pictures that the jpeg codec makes of a tile's samples.
+// Converts the samples of a tile to the pictures that the jpeg codec encodes.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace slf::codec {
 
-/// Calls use(sample, pixel) for every sample of a tile and the pixel of the mosaic that shows it.
+/// Calls use(sample, pixel) for every sample of a tile and its pixel in the mosaic.
 template <class Use>
 void for_each_sample(const Tile& tile, const Mosaic& mosaic, Use use) {
   std::size_t sample = 0;
@@ -23,21 +23,21 @@ void for_each_sample(const Tile& tile, const Mosaic& mosaic, Use use) {
     }
 }
 
-/// Whether JPEG can hold pictures of this size.
+/// Whether JPEG supports pictures of this size.
 [[nodiscard]] bool fits_jpeg(const Mosaic& mosaic);
 
 [[nodiscard]] JpegShape shape_of(const Mosaic& mosaic, JpegColor color);
 
-/// Depth in gray; a depth of 0 is nothing and does not matter.
+/// Depth as gray. A depth of 0 means that the ray sees nothing; it does not matter.
 [[nodiscard]] JpegPicture depth_picture(const Tile& tile, const Mosaic& mosaic,
                                         std::span<const std::uint8_t> depth);
 
-/// Alpha in gray: all of it matters.
+/// Alpha as gray. All pixels matter.
 [[nodiscard]] JpegPicture alpha_picture(const Tile& tile, const Mosaic& mosaic,
                                         std::span<const std::uint8_t> alpha);
 
-/// Colour not multiplied by alpha, so that a silhouette is no edge in it. It matters as much as it
-/// is opaque, and not at all where the decoder's alpha, `shown`, is 0.
+/// Colour before multiplication by alpha, so that a silhouette is no edge in the picture. A pixel
+/// matters in proportion to its alpha, and not at all where the decoder's alpha, `shown`, is 0.
 [[nodiscard]] JpegPicture color_picture(const Tile& tile, const Mosaic& mosaic, JpegColor color,
                                         std::span<const std::uint8_t> rgba,
                                         std::span<const std::uint8_t> shown);

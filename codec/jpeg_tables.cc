@@ -21,7 +21,7 @@ HuffmanTable from_libjpeg(const JHUFF_TBL& table) {
   return result;
 }
 
-// `base` at quality 50, and otherwise scaled as libjpeg scales its tables.
+// `base` is the step at quality 50. Other qualities scale it as libjpeg scales its tables.
 std::uint8_t quantisation_step(int quality, int base) {
   const int percent = quality < 50 ? 5000 / quality : 200 - 2 * quality;
   return static_cast<std::uint8_t>(std::clamp((base * percent + 50) / 100, 1, 255));
@@ -43,7 +43,7 @@ void append_huffman(Bytes& to, std::uint8_t id, const HuffmanTable& table) {
   for (const std::uint8_t symbol : table.symbols) append(to, symbol);
 }
 
-// Reads bytes one after the other; past the end it reads zeros and says so.
+// Reads bytes one after the other. Beyond the end it returns zeros and sets overrun_.
 class Reader {
  public:
   explicit Reader(ByteSpan bytes) : bytes_(bytes) {}
@@ -68,9 +68,9 @@ class Reader {
   bool overrun_ = false;
 };
 
-// A prefix code exists, leaves the all-ones code free, and no symbol has two codes.
+// Whether this is a prefix code that leaves the all-ones code free and has each symbol once.
 bool is_code(const HuffmanTable& table) {
-  std::size_t free = 1;  // codes of this length that no shorter code is a prefix of
+  std::size_t free = 1;  // codes of this length without a shorter code as prefix
   for (const std::uint8_t count : table.counts) {
     free = free * 2;
     if (count >= free) return false;
@@ -103,13 +103,13 @@ bool covers(const HuffmanTable& table, bool (*can_occur)(int)) {
   return true;
 }
 
-// Lengths of a Huffman code for `weights`; 0 for those of weight 0.
+// The code lengths of a Huffman code for `weights`; 0 for symbols of weight 0.
 std::array<int, 257> huffman_lengths(std::array<std::uint64_t, 257> weights) {
   std::array<int, 257> lengths{};
   std::array<int, 257> next;  // the symbols of each subtree, as a list
   next.fill(-1);
   while (true) {
-    int least = -1, second = -1;  // on a tie the later symbol, as T.81 asks
+    int least = -1, second = -1;  // on a tie the later symbol, as T.81 requires
     for (int i = 0; i < 257; ++i) {
       if (weights[i] == 0) continue;
       if (least < 0 || weights[i] <= weights[least]) {
@@ -142,8 +142,8 @@ bool is_ac_symbol(int symbol) {
 }
 
 HuffmanTable optimal_huffman(const SymbolCounts& counts, bool (*can_occur)(int)) {
-  // A counted symbol outweighs all uncounted ones together. Symbol 256 reserves the code of all
-  // ones: the least likely, it ends up last among the longest.
+  // A counted symbol outweighs all uncounted ones together. Symbol 256 reserves the all-ones code:
+  // it is the least likely, so it gets the last of the longest codes.
   std::array<std::uint64_t, 257> weights{};
   for (int i = 0; i < 256; ++i)
     weights[i] = counts[i] > 0 ? counts[i] * 1024 + 1 : can_occur(i) ? 2 : 0;

@@ -1,4 +1,4 @@
-// The quantisation and Huffman tables that all JPEG tiles of a field share.
+// The quantisation and Huffman tables that all JPEG tiles of a layer share.
 #pragma once
 
 #include <array>
@@ -10,8 +10,8 @@
 
 namespace slf::codec {
 
-/// A Huffman table as a DHT segment states it: counts[i] codes of i + 1 bits, and their symbols in
-/// order of code.
+/// A Huffman table as in a DHT segment: counts[i] codes of i + 1 bits, and their symbols in the
+/// order of the codes.
 struct HuffmanTable {
   std::array<std::uint8_t, 16> counts{};
   std::vector<std::uint8_t> symbols;
@@ -27,27 +27,28 @@ struct JpegTables {
 /// How often each symbol occurs.
 using SymbolCounts = std::array<std::uint64_t, 256>;
 
-/// The symbols a baseline encoder can need: sizes of DC differences, and runs and sizes of AC.
+/// Whether a baseline encoder can need a symbol: the size of a DC difference, or run and size of
+/// AC.
 [[nodiscard]] bool is_dc_symbol(int symbol);
 [[nodiscard]] bool is_ac_symbol(int symbol);
 
-/// The best code of at most 16 bits for these counts (T.81 K.2), with a code for every symbol that
-/// `can_occur`, counted or not.
+/// The optimal code of at most 16 bits for these counts (T.81 K.2). Every symbol that `can_occur`
+/// gets a code, even if its count is 0.
 [[nodiscard]] HuffmanTable optimal_huffman(const SymbolCounts& counts, bool (*can_occur)(int));
 
-/// Whether any picture can be encoded with these tables.
+/// Whether every picture can be encoded with these tables.
 [[nodiscard]] bool is_complete(const JpegTables& tables);
 
-/// Flat quantisation for a quality of 1..100, which gives the least squared error for its bytes
-/// (a little less than that of libjpeg at the same quality), and the Huffman tables of T.81 Annex
-/// K.
+/// Flat quantisation for a quality of 1..100, and the Huffman tables of T.81 Annex K. Flat
+/// quantisation gives the least squared error for its bytes, a little less than libjpeg's tables at
+/// the same quality.
 [[nodiscard]] JpegTables standard_tables(int quality);
 
 /// An abbreviated table-specification stream: SOI, one DQT and one DHT segment per table, EOI.
 [[nodiscard]] Bytes to_bytes(const JpegTables& tables);
 
-/// Reads what to_bytes wrote; untrusted.
-/// bad_file: anything else, an impossible Huffman code, or a quantisation step of 0.
+/// Parses the output of to_bytes; untrusted.
+/// bad_file: another structure, an invalid Huffman code, or a quantisation step of 0.
 [[nodiscard]] Result<JpegTables> parse_tables(ByteSpan bytes);
 
 }  // namespace slf::codec

@@ -8,7 +8,7 @@ namespace slf::codec {
 namespace {
 
 constexpr std::uint16_t half_sign = 0x8000;
-// R - G of halves is centred here, so that small differences of either sign do not wrap.
+// Differences of halves are centred on this value, so that small ones of either sign do not wrap.
 constexpr std::uint16_t difference_origin = 0x8000;
 
 std::uint16_t to_ordered(std::uint16_t half) {
@@ -19,7 +19,7 @@ std::uint16_t from_ordered(std::uint16_t value) {
   return value < half_sign ? value : static_cast<std::uint16_t>(half_sign | ~value);
 }
 
-// One group of a tile: where its lanes are, and its first picture's samples.
+// One group of a tile: its lanes, and the samples of its first picture.
 template <class Values, class Byte>
 struct Group {
   std::size_t columns;

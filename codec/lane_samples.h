@@ -1,4 +1,4 @@
-// Samples of a tile to lanes and back.
+// Converts the samples of a tile to lanes and back.
 #pragma once
 
 #include "codec/codec.h"
@@ -6,8 +6,9 @@
 
 namespace slf::codec {
 
-/// What the lanes of a format hold besides alpha: rgba8 G, R, B; rgba16f G, R - G, B - G, each half
-/// first made an integer that grows with its value, +0 being 0; depth8 the depth.
+/// How many channels a format has besides alpha. rgba8: G, R, B. rgba16f: G, R - G, B - G, where
+/// each half float is first mapped to an integer that grows with its value (+0 becomes 0). depth8:
+/// depth.
 [[nodiscard]] constexpr std::size_t color_channels(SampleFormat format) {
   return format == SampleFormat::depth8 ? 1 : 3;
 }
@@ -18,11 +19,11 @@ namespace slf::codec {
   return format == SampleFormat::rgba16f ? 16 : 8;
 }
 
-/// Moves a tile's samples into `alpha` [group][column], null where there is none, and `color`
-/// [group][channel][column]. Lanes without a picture are 0.
+/// Copies a tile's samples to `alpha` [group][column] (null for formats without alpha) and `color`
+/// [group][channel][column]. Lanes without a picture become 0.
 void load(const Tile& tile, const std::byte* samples, LaneValues* alpha, LaneValues* color);
 
-/// Undoes load, and clears all samples of zero alpha if `clear`.
+/// Undoes load. With `clear`, samples of zero alpha become 0 in all channels.
 void store(const Tile& tile, bool clear, const LaneValues* alpha, const LaneValues* color,
            std::byte* samples);
 

@@ -14,7 +14,7 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-// As many lanes at once as the processor's vectors hold.
+// As many lanes at a time as the processor's vectors hold.
 using Floats = hn::CappedTag<float, lane_count>;
 using Ints = hn::RebindToSigned<Floats>;
 using Shorts = hn::Rebind<std::uint16_t, Floats>;
@@ -24,13 +24,13 @@ struct alignas(lane_count * sizeof(float)) Lanes {
   float of[lane_count];
 };
 
-// Where a sample and its neighbours are in the memory of a channel, with stand-ins where the
-// picture ends.
+// Offsets of a sample and its neighbours in the memory of a channel, with replacements at the
+// borders of the picture.
 struct Neighbours {
   std::size_t self, w, n, nw, ne, ww, nn;
 };
 
-// The last three lines of every channel, and a zero for the neighbours of the first sample.
+// The last three lines of every channel, and a zero as neighbour of the first sample.
 class Lines {
  public:
   explicit Lines(std::uint32_t side) : length_(side + 1), size_(3 * length_ + 1) {
@@ -62,7 +62,7 @@ class Lines {
   Lanes* memory_;
 };
 
-// One sample of some lanes: its taps, from lane `first` on.
+// The taps of one sample, from lane `first` on.
 struct Taps {
   Lines* lines;
   Neighbours at;
@@ -80,8 +80,8 @@ HWY_INLINE Vector median_edge(std::size_t channel, const Taps& tap) {
   return hn::Min(hn::Max(gradient, hn::Min(w, n)), hn::Max(w, n));
 }
 
-// floor((sum of weight × value + 128) / 256), within a byte. Whole numbers below 2^24 add up to
-// the same in any order: first what has long been restored, so that only the last few taps wait.
+// floor((sum of weight × value + 128) / 256), clamped to a byte. Integers below 2^24 have the same
+// sum in any order. So the taps restored last come last, and only these additions have to wait.
 HWY_INLINE Vector weighted(const float* weights, std::size_t channel, const Taps& tap) {
   const Floats d;
   Vector sum = hn::Set(d, 128);
@@ -110,7 +110,7 @@ HWY_INLINE Vector weighted(const float* weights, std::size_t channel, const Taps
 
 enum class Way { predict, predict_covered, restore };
 
-// Walks a group's samples in the order in which they can be restored.
+// Visits a group's samples in the order in which they can be restored.
 template <Way way>
 void walk(const LaneGroup& group, const LaneValues* from, const LaneValues* coverage,
           LaneValues* to) {

@@ -6,7 +6,7 @@
 namespace slf::codec {
 namespace {
 
-// Where a sample's neighbours are, as columns; stand-ins as in lanes.cc. REQUIRES: p > 0 or q > 0.
+// The columns of a sample's neighbours, replaced as in lanes.cc. REQUIRES: p > 0 or q > 0.
 std::array<std::size_t, own_taps> neighbours(std::uint32_t side, std::uint32_t p, std::uint32_t q,
                                              std::size_t column) {
   const std::size_t above = column - (side + 2 - q);  // line q - 1 holds side + 2 - q samples
@@ -19,7 +19,7 @@ std::array<std::size_t, own_taps> neighbours(std::uint32_t side, std::uint32_t p
   return {w, n, nw, ne, ww, nn};
 }
 
-// Solves the symmetric, positive definite system a·x = b in place, b being the last column.
+// Solves the symmetric, positive definite system a·x = b in place. b is the last column.
 template <class Matrix>
 void solve_system(Matrix& a, std::size_t size) {
   for (std::size_t i = 0; i < size; ++i) {
@@ -59,7 +59,7 @@ void LinearFit::add(std::uint32_t side, std::size_t lanes, const LaneValues* val
 }
 
 ChannelPredictor LinearFit::solve(std::size_t channel) const {
-  // The terms that are taps of this channel, in the order of its weights.
+  // Select the terms that are taps of this channel, in the order of its weights.
   std::array<std::size_t, max_taps> tap{};
   std::size_t count = 0;
   for (std::size_t i = 0; i < own_taps; ++i) tap[count++] = channel * terms_per_channel + i;
@@ -72,7 +72,7 @@ ChannelPredictor LinearFit::solve(std::size_t channel) const {
   std::array<std::array<double, max_taps + 1>, max_taps> system{};
   for (std::size_t i = 0; i < count; ++i) {
     for (std::size_t j = 0; j < count; ++j) system[i][j] = products_[tap[i]][tap[j]];
-    system[i][i] += 1;  // keeps the system definite where samples are all alike
+    system[i][i] += 1;  // keeps the system definite if all samples are equal
     system[i][count] = products_[tap[i]][target];
   }
   solve_system(system, count);

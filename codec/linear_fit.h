@@ -1,4 +1,4 @@
-// LinearFit: the weights with which the linear predictor errs least, by least squares.
+// LinearFit: computes the weights of the linear predictor by least squares.
 #pragma once
 
 #include <array>
@@ -8,15 +8,15 @@
 
 namespace slf::codec {
 
-/// Sums of products over all samples added, and the weights that follow from them. Sums are exact,
-/// and the few roundings after them are the same on every machine.
+/// Accumulates sums of products over samples, and solves for the weights. The sums are exact, and
+/// the few operations that round are the same on every machine.
 class LinearFit {
  public:
   /// 1..3 channels.
   explicit LinearFit(std::size_t channels) : channels_(channels) {}
 
-  /// Adds a third of the samples of the first `lanes` pictures of a group: values as predict takes
-  /// them, below 256. Where `coverage`, if given, is 0 samples are left out.
+  /// Adds a third of the samples of the first `lanes` pictures of a group. `values` are those of
+  /// predict, below 256. Samples whose `coverage`, if given, is 0 are left out.
   void add(std::uint32_t side, std::size_t lanes, const LaneValues* values,
            const LaneValues* coverage);
 

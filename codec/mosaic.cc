@@ -18,7 +18,7 @@ Mosaic::Mosaic(std::size_t rows, std::uint32_t side, std::uint32_t align) : side
     const std::size_t down = (squares + across - 1) / across;
     const std::size_t width = round_up(across * (side_ + 1), align);
     const std::size_t height = round_up(down * (side_ + 2), align);
-    // Among equal areas the first, the tallest, would win: prefer the one nearest to a square.
+    // Among equal areas prefer the one closest to a square; without this the tallest would win.
     const std::size_t longest = width > height ? width : height;
     const std::size_t cost = width * height + longest;
     if (cost >= best) continue;

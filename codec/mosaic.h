@@ -1,9 +1,10 @@
-// Mosaic: lays the triangular pictures of a tile out in one rectangle, without gaps inside.
+// Mosaic: arranges the triangular pictures of a tile in one rectangle without gaps inside.
 //
-// Picture 2k takes the upper left half of square k; picture 2k+1 takes the lower right half,
-// reflected across the hypotenuse, so that what meets along the diagonal is nearly the same in
-// both. Squares are (side+1) wide and (side+2) high, laid in rows, boustrophedon, every other one
-// mirrored left to right and every other row of them upside down: equal edges meet there too.
+// Picture 2k is the upper left half of square k. Picture 2k+1 is the lower right half, reflected
+// across the hypotenuse, so that the two are nearly equal along the diagonal. Squares are (side+1)
+// wide and (side+2) high. They are arranged in rows, alternately from left to right and from right
+// to left. Every other square in a row is mirrored left to right, and every other row is upside
+// down, so that equal edges meet there too.
 #pragma once
 
 #include <cstddef>
@@ -13,17 +14,17 @@
 
 namespace slf::codec {
 
-/// Where one line of a picture (its samples of equal q, p ascending) lies in the rectangle: the
+/// The pixels of one line of a picture (its samples of equal q, p ascending) in the rectangle: the
 /// sample at p is pixel start + p * step.
 struct MosaicLine {
   std::size_t start = 0;
   std::ptrdiff_t step = 1;
 };
 
-/// The layout is a function of (rows, side, align) alone.
+/// The layout depends on (rows, side, align) only.
 class Mosaic {
  public:
-  /// Width and height come out as multiples of `align`, the smallest area first.
+  /// Chooses the width and height, multiples of `align`, with the smallest area.
   /// REQUIRES: rows > 0, align > 0.
   Mosaic(std::size_t rows, std::uint32_t side, std::uint32_t align);
 

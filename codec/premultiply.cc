@@ -12,7 +12,7 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// As many pixels as `d` has lanes: two channels at a time, each in the lower half of 16 bits.
+/// Multiplies as many pixels as `d` has lanes, two channels at a time, each in 16 bits.
 template <class D>
 HWY_INLINE void multiply(D d, std::uint32_t* pixels, const std::uint8_t* alpha) {
   const hn::Rebind<std::uint8_t, D> narrow;

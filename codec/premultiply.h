@@ -1,4 +1,4 @@
-// Colours times opacity, compiled for several instruction sets. Private to codec/.
+// Multiplies colours by alpha; compiled for several instruction sets. Private to codec/.
 #pragma once
 
 #include <cstddef>
@@ -7,8 +7,8 @@
 
 namespace slf::codec {
 
-/// Turns opaque pixels, a byte for each of R, G, B and 255 from the lowest on, into premultiplied
-/// ones of the given alpha: colour × alpha / 255, rounded. Thread-safe.
+/// Multiplies the colour of each pixel by its alpha: colour × alpha / 255, rounded; and stores the
+/// alpha. Pixels hold, from the lowest byte on, R, G, B and 255. Thread-safe.
 /// REQUIRES: as many pixels as alphas.
 void premultiply(std::span<std::uint32_t> pixels, std::span<const std::uint8_t> alpha);
 

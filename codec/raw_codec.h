@@ -1,4 +1,4 @@
-// RawCodec: the samples as they are. A reader may use the payload in place.
+// RawCodec: stores the samples unchanged. A reader may use the payload in place.
 #pragma once
 
 #include <memory>

@@ -1,4 +1,4 @@
-// Scratch: working memory of a thread, kept from tile to tile.
+// Scratch: working memory that a thread keeps from tile to tile.
 #pragma once
 
 #include <cstddef>
@@ -7,7 +7,7 @@
 
 namespace slf::codec {
 
-/// A buffer that grows and is never cleared: what take() returns holds garbage.
+/// A buffer that grows and is never cleared: the content of what take() returns is undefined.
 template <class T>
 class Scratch {
  public:

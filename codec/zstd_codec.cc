@@ -14,10 +14,10 @@ namespace slf::codec {
 namespace {
 
 // The first byte of a payload.
-constexpr std::uint8_t flag_keeps_clear = 1;  // colour of zero alpha is stored, not 0 by rule
+constexpr std::uint8_t flag_keeps_clear = 1;  // colour is stored where alpha is 0, too
 constexpr std::uint8_t flag_linear = 2;       // weights follow
 
-// R and B of rgba8 go together; every other channel for itself.
+// R and B of rgba8 share a stream; every other channel has its own.
 bool pairs_up(SampleFormat format) { return format == SampleFormat::rgba8; }
 
 class ZstdCodec final : public Codec {
@@ -36,7 +36,7 @@ class ZstdCodec final : public Codec {
   int level_;
 };
 
-// A tile in lanes; what a thread keeps.
+// A tile in lanes; each thread keeps one.
 struct Workspace {
   Scratch<LaneValues> alpha_scratch, color_scratch, residual_scratch;
   Scratch<std::uint8_t> byte_scratch;
@@ -54,7 +54,7 @@ struct Workspace {
   }
 };
 
-// Bytes have a coder of their own; halves go in lanes like the other channels.
+// Alpha of 8 bits has a coder of its own; that of halves is coded in lanes like other channels.
 Result<void> append_alpha_of(const Tile& tile, Workspace& work, int level, Bytes& payload) {
   if (tile.format == SampleFormat::rgba16f)
     return append_stack(alpha_stack(tile), work.alpha, work.residuals, false, level, payload);
@@ -80,7 +80,7 @@ Result<void> read_alpha_of(const Tile& tile, Workspace& work, ByteSpan& payload)
   return {};
 }
 
-// Whether all samples of zero alpha are all zero, so that they need not be stored.
+// Whether all samples of zero alpha are 0 in every channel, so that they need not be stored.
 bool clear_is_zero(const LaneValues* alpha, const Tile& tile, ByteSpan samples) {
   const std::size_t bytes = sample_bytes(tile.format), columns = tile.columns();
   for (std::size_t row = 0; row < tile.rows(); ++row)

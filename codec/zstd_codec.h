@@ -1,5 +1,5 @@
-// ZstdCodec: lossless, for every format. Samples are predicted from their neighbours and what is
-// left is compressed with zstd (FORMAT.md, "The zstd codec").
+// ZstdCodec: lossless, for every format. Predicts samples from their neighbours and compresses the
+// residuals with zstd (FORMAT.md, "The zstd codec").
 #pragma once
 
 #include <memory>

@@ -15,14 +15,15 @@ struct FreeContext {
 
 using Parameters = std::initializer_list<std::pair<ZSTD_cParameter, int>>;
 
-// Matches found by chance in residuals cost more than they save: a table too small to find many
-// leaves the Huffman coder to it, which is also the fastest.
+// Accidental matches in residuals cost more than they save. With a hash table too small to find
+// many, zstd mostly uses its Huffman coder, which is also the fastest.
 constexpr Parameters entropy_only = {{ZSTD_c_strategy, ZSTD_fast},
                                      {ZSTD_c_hashLog, 6},
                                      {ZSTD_c_minMatch, 7},
                                      {ZSTD_c_targetLength, 0}};
 
-// Appends a frame of all parts, a block or more for each; parameters not given are zstd's choice.
+// Appends one frame of all parts, with at least one block per part. zstd chooses the parameters
+// that are not given.
 Result<void> append_frame(std::span<const ByteSpan> parts, Parameters parameters, Bytes& to) {
   thread_local const std::unique_ptr<ZSTD_CCtx, FreeContext> context(ZSTD_createCCtx());
   if (!context) return fail(ErrorCode::failed, "zstd: out of memory");

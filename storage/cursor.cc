@@ -11,8 +11,8 @@ Result<bool> Cursor::seek(ByteSpan key) {
   return descend(tree_.root, key);
 }
 
-// The path to `key` itself shows where the entry before lies: at the deepest step with something to
-// its left, and from there down along the last entries.
+// The previous entry follows from the path to `key`: go up to the deepest page with an entry to the
+// left, step left, and descend along the last entries.
 Result<bool> Cursor::seek_before(ByteSpan key) {
   if (auto found = seek(key); !found) return found;
   if (depth_ == 0) return last_below(tree_.root);
@@ -27,7 +27,7 @@ Result<bool> Cursor::seek_before(ByteSpan key) {
   return true;
 }
 
-// Goes to the last entry below page `number`, which belongs at path_[depth_].
+// Descends to the last entry below page `number`, which becomes path_[depth_].
 Result<bool> Cursor::last_below(std::uint64_t number) {
   if (number == kNoPage) return false;
   while (depth_ < tree_.depth) {
@@ -47,12 +47,12 @@ Result<bool> Cursor::next() {
   return settle();
 }
 
-// Follows `key` from page `number`, which belongs at path_[depth_].
+// Descends towards `key` from page `number`, which becomes path_[depth_].
 Result<bool> Cursor::descend(std::uint64_t number, ByteSpan key) {
   while (true) {
     const bool leaf = depth_ + 1 == tree_.depth;
     if (++visited_ > pages_->count()) {
-      depth_ = 0;  // nothing behind is worth going to: the tree runs in circles
+      depth_ = 0;  // the tree has a cycle, so do not continue behind it
       return pages_->damaged(number, "reached more than once");
     }
     auto page = pages_->tree_page(number, leaf);
@@ -68,7 +68,7 @@ Result<bool> Cursor::descend(std::uint64_t number, ByteSpan key) {
   }
 }
 
-// Moves from a path that may point behind the last entry of its page to the next entry there is.
+// Moves to the entry at the path or, if the path is behind the last entry of its page, to the next.
 Result<bool> Cursor::settle() {
   while (depth_ > 0) {
     Step& step = path_[depth_ - 1];

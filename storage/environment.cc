@@ -21,9 +21,9 @@ constexpr std::uint64_t kSpare = std::uint64_t{16} << 20;
 
 MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(bytes.data())}; }
 
-// LMDB's lock file serves the writer alone, and the writer holds a lock of its own, so one that is
-// found is left over: its mutexes and reader slots are not to be believed. Unless another program
-// using LMDB (mdb_copy, say) has it open.
+// Only the writer needs LMDB's lock file, and we hold the writer's lock. So a lock file that exists
+// is left over from a killed writer, and its mutexes and reader slots are invalid; unless another
+// program that uses LMDB (such as mdb_copy) has it open.
 void remove_lock_file(const std::string& path) {
   const std::string name = path + "-lock";
   const int file = ::open(name.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
@@ -41,7 +41,7 @@ const char* cure(int code) {
     case ENOSPC:
     case EDQUOT:
     case EFBIG:
-    case EIO:  // what LMDB makes of a short write
+    case EIO:  // LMDB returns this for a short write
       return "; the disk may be full: free some space and run the same command again, it goes on "
              "from the last commit";
     case MDB_PANIC:
@@ -107,9 +107,9 @@ std::uint64_t Environment::transaction() const {
   return mdb_env_info(environment_, &info) == 0 ? info.me_last_txnid : 0;
 }
 
-// Anew whenever LMDB has moved its map. It does not say where that is; but an entry of its main
-// tree lies in a leaf, and a page begins with its own number. A file without entries has little to
-// lose.
+// Must be called whenever LMDB has moved its map. LMDB does not report the map's address. But an
+// entry of its main tree is in a leaf, and a page begins with its own number. A file without
+// entries has no such leaf and stays unguarded.
 void Environment::guard() {
   map_ = {};
   MDB_txn* transaction = nullptr;
@@ -169,15 +169,15 @@ int Environment::try_put(std::span<const Put> puts) {
       return code;
     }
   }
-  if (map_.changed()) {  // put() says so
+  if (map_.changed()) {  // put() reports it
     mdb_txn_abort(transaction);
     return MDB_CORRUPTED;
   }
   return mdb_txn_commit(transaction);
 }
 
-// LMDB does not write pages it took and gave back in the same transaction. Where they are the last
-// ones, the file ends before them, and would seem truncated.
+// LMDB does not write pages that it allocates and frees in the same transaction. If these are the
+// last pages, the file ends before them and would seem truncated.
 Result<void> Environment::extend() {
   MDB_envinfo info = {};
   MDB_stat pages = {};
@@ -193,8 +193,8 @@ Result<void> Environment::extend() {
   return {};
 }
 
-// LMDB forbids this while transactions are active because it moves the map under their data.
-// reader_ has none: all it does is hold a slot.
+// LMDB forbids this while transactions are active, because their data would move with the map.
+// reader_ reads no data: it only occupies a slot.
 Result<void> Environment::grow() {
   map_bytes_ += std::max(map_bytes_, kSpare);
   map_ = {};
@@ -213,7 +213,7 @@ Result<void> Environment::allow_reuse() {
 
 tl::unexpected<Error> Environment::error(int code, const char* doing) const {
   ErrorCode kind = code > 0 ? ErrorCode::io : ErrorCode::failed;
-  // MDB_KEYEXIST: there are records behind the last one.
+  // MDB_KEYEXIST: the tree has records behind the layer's last one.
   if (code == MDB_CORRUPTED || code == MDB_PAGE_NOTFOUND || code == MDB_INVALID ||
       code == MDB_KEYEXIST)
     kind = ErrorCode::bad_file;

@@ -42,7 +42,7 @@ bool is_file(int descriptor, const std::string& path) {
 
 Result<LockedFile> LockedFile::open(const std::string& path, Access access) {
   LockedFile result;
-  // O_NONBLOCK: opening a pipe by mistake must not wait for its other end.
+  // O_NONBLOCK: if the path is a pipe, do not wait for its other end.
   const int mode = access == Access::read    ? O_RDONLY
                    : access == Access::write ? O_RDWR
                                              : O_RDWR | O_CREAT | O_NOFOLLOW;
@@ -93,7 +93,7 @@ Result<void> LockedFile::lock_writer(const std::string& path) const {
 bool LockedFile::pinned_before(std::uint64_t transaction) const {
   if (transaction == 0) return false;
   struct flock lock = lock_of(F_WRLCK, kPins, transaction);
-  // Not knowing counts as pinned: it costs space, never a reader's data.
+  // If the query fails, assume a pin: that wastes space, but never harms a reader.
   return fcntl(file_, F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
 }
 

@@ -30,7 +30,7 @@ void call_previous(int signal, siginfo_t* info, void* context) {
   } else if (previous_action.sa_handler != SIG_DFL && previous_action.sa_handler != SIG_IGN) {
     previous_action.sa_handler(signal);
   } else {
-    // The access is retried on return, faults again, and then ends the process as it would have.
+    // On return the access repeats and faults again, now with the default action.
     ::signal(signal, SIG_DFL);
   }
 }
@@ -70,7 +70,7 @@ MapSlot* take_slot() {
     bool expected = false;
     if (slot->used.compare_exchange_strong(expected, true)) return slot;
   }
-  auto* slot = new MapSlot;  // never freed: the handler may be looking at it
+  auto* slot = new MapSlot;  // never freed: the handler may be reading it
   slot->used = true;
   slot->next = all_slots.load();
   while (!all_slots.compare_exchange_weak(slot->next, slot)) {

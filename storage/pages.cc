@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::uint32_t kMagic = 0xBEEFC0DE;
 constexpr std::uint32_t kVersion = 1;
-constexpr std::uint16_t kHarmlessFlags = 0x4000;  // how the file was opened: MDB_NOSUBDIR
+constexpr std::uint16_t kHarmlessFlags = 0x4000;  // MDB_NOSUBDIR: only says how the file was opened
 
 Result<Meta> read_meta(int file, const std::string& path, std::uint64_t number,
                        std::uint64_t offset) {
@@ -42,7 +42,7 @@ Result<Meta> read_meta(int file, const std::string& path, std::uint64_t number,
   if (meta.page_size != kPageSize)
     return fail(ErrorCode::unsupported, path, ": pages of ", meta.page_size, " bytes, expected ",
                 kPageSize, "; make it anew on a system of 4 KiB pages");
-  // Flags would change the order of keys, or, to LMDB, the address of the map.
+  // Other flags would change the order of keys or, for LMDB, the address of the map.
   if ((meta.free_list.flags & ~kHarmlessFlags) != kIntegerKeys || meta.main.flags != 0)
     return fail(ErrorCode::bad_file, path, ": meta page ", number, " has flags ",
                 meta.free_list.flags, " and ", meta.main.flags);
@@ -68,7 +68,7 @@ Result<Meta> read_metas(int file, const std::string& path) {
   if (!first) return first;
   auto second = read_meta(file, path, 1, first->page_size);
   if (!second) return second;
-  // Transaction t writes meta page t mod 2, so two neighbours are there; a new file has two zeros.
+  // Transaction t writes meta page t mod 2, so the two are consecutive; a new file has two zeros.
   const std::uint64_t a = first->transaction;
   const std::uint64_t b = second->transaction;
   const bool neighbours = a % 2 == 0 && (b == a + 1 || a == b + 1);
@@ -108,7 +108,7 @@ bool TreePage::node(std::uint32_t i, Node& node) const {
   return true;
 }
 
-// The first entry from `begin` on that is not `before` what is searched.
+// Binary search for the first entry from `begin` on for which `before` is false.
 template <class Before>
 bool TreePage::search(std::uint32_t begin, const Before& before, std::uint32_t& index) const {
   std::uint32_t end = count_;
@@ -130,7 +130,7 @@ bool TreePage::lower_bound(ByteSpan key, std::uint32_t& index) const {
       0, [&](const Node& entry) { return compare_keys(entry.key, key) < 0; }, index);
 }
 
-// The first child has no lower bound: its node's key means nothing.
+// The first child has no lower bound, so the search ignores its key.
 bool TreePage::child_for(ByteSpan key, std::uint32_t& index) const {
   if (!search(
           1, [&](const Node& entry) { return compare_keys(entry.key, key) <= 0; }, index))

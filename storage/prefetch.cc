@@ -8,9 +8,9 @@
 namespace slf::storage::internal {
 namespace {
 
-constexpr std::size_t kUsualCode = 3;  ///< bytes of a table's code, of payloads below 2 MiB
+constexpr std::size_t kUsualCode = 3;  ///< bytes per code of the table, for payloads below 2 MiB
 
-/// A page of the tree, and which of the keys lead there: [begin, end).
+/// A page of the tree, and the keys whose path leads there: [begin, end).
 struct Stop {
   std::uint64_t page = 0;
   std::size_t begin = 0;
@@ -24,8 +24,8 @@ ByteSpan bytes_of(const Pages& pages, std::uint64_t first, std::uint64_t bytes) 
   return pages.file().subspan(first * size, count * size);
 }
 
-/// How many tiles the record of entry `index` spans at most, as far as the leaf tells: the entry
-/// before says where it begins.
+/// How many tiles the record of entry `index` has at most, judged from the leaf alone: the previous
+/// entry's key bounds where it begins.
 std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& node) {
   Node before;
   if (index == 0 || !leaf.node(index - 1, before)) return kMaxTiles;
@@ -37,7 +37,7 @@ std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& nod
   return std::min(span, kMaxTiles);
 }
 
-/// Adds the pages below a branch that the stop's keys lead to.
+/// Adds the children of a branch to which the stop's keys lead.
 void add_children(const Pages& pages, std::span<const RecordKey> keys, const Stop& stop,
                   std::vector<Stop>& below) {
   const auto branch = pages.tree_page(stop.page, false);
@@ -53,8 +53,8 @@ void add_children(const Pages& pages, std::span<const RecordKey> keys, const Sto
   }
 }
 
-/// Adds the heads of the records that hold the stop's keys. One that is the first of the next leaf
-/// is left to whoever finds it.
+/// Adds the heads of the records that hold the stop's keys, but not the first record of the next
+/// leaf.
 void add_heads(const Pages& pages, std::span<const RecordKey> keys, const Stop& stop,
                Advice& advice) {
   const auto leaf = pages.tree_page(stop.page, true);

@@ -11,7 +11,7 @@ namespace {
 constexpr std::uint32_t kMagic = 0x31524C53;  // "SLR1"
 constexpr std::uint64_t kEmpty = 0;
 constexpr std::uint64_t kMissing = 1;
-constexpr std::size_t kMaxCode = 5;  ///< bytes of the longest code, of kMaxPayload + 1
+constexpr std::size_t kMaxCode = 5;  ///< bytes of the longest code, that of kMaxPayload + 1
 
 tl::unexpected<Error> damaged(const char* what) {
   return tl::unexpected(Error{ErrorCode::bad_file, what});
@@ -22,7 +22,7 @@ void append_code(Bytes& to, std::uint64_t code) {
   to.push_back(static_cast<std::byte>(code));
 }
 
-// LEB128, in the only way it can be written in the fewest bytes. Null when it is not that.
+// Reads a LEB128 integer. Null if it is not complete or does not use the fewest bytes possible.
 const std::byte* read_code(const std::byte* from, const std::byte* end, std::uint64_t& code) {
   code = 0;
   for (std::size_t i = 0; i < kMaxCode && from != end; ++i) {
@@ -102,7 +102,7 @@ Result<Record> Record::parse(ByteSpan value) {
   if (record.previous_ && *record.previous_ >= record.first_)
     return damaged("the record claims to come after its own tiles");
 
-  // The table's codes must be whole, and their payloads inside the value: a checksum can be forged.
+  // A checksum can be forged: check that codes are complete and payloads are inside the value.
   const std::byte* code = head + kRecordHeader;
   const std::byte* end = code + codes;
   std::uint32_t stored = 0;
@@ -125,7 +125,7 @@ Result<Record> Record::parse(ByteSpan value) {
 Record::Walk::Walk(const Record& record)
     : record_(&record), code_(record.value_.data() + kRecordHeader), payload_(record.payloads_) {}
 
-// The file may change under a checked table, so the bounds are checked here too.
+// The file may change after the table was checked, so check the bounds here too.
 bool Record::Walk::next() {
   if (position_ == record_->count_) return false;
   ++position_;

@@ -7,8 +7,8 @@
 namespace slf::storage::internal {
 namespace {
 
-// The cuts are part of what a resumed build must repeat, so they do not depend on the page size of
-// the machine that builds.
+// A resumed build must end its records at the same tiles, on any machine. So these sizes do not
+// depend on the machine's page size.
 constexpr std::size_t kPage = 4096;
 constexpr std::size_t kPageHead = 16;
 constexpr std::size_t kSmall = 16 * kPage - kPageHead;
@@ -51,7 +51,7 @@ void RecordBuilder::add(Held tile, std::vector<CutRecord>& out) {
   if (bytes >= kSmall && (bytes > kLarge || unused(bytes) <= bytes / 256)) cut(held_.size(), out);
 }
 
-// The number of tiles that leaves the smallest share of its pages unused.
+// How many tiles to cut so that the record wastes the smallest share of its pages.
 std::size_t RecordBuilder::best_cut() const {
   std::size_t best = held_.size();
   double least = 1;
@@ -80,7 +80,7 @@ void RecordBuilder::cut(std::size_t tiles, std::vector<CutRecord>& out) {
   out.push_back({layer_, last, encode_record(layer_, previous_, first, table)});
   previous_ = last;
 
-  // What was not cut begins the next record, as if it had only now been appended.
+  // The remaining tiles begin the next record, as if they were appended now.
   std::vector<Held> rest(
       std::make_move_iterator(held_.begin() + static_cast<std::ptrdiff_t>(tiles)),
       std::make_move_iterator(held_.end()));

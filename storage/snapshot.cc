@@ -40,13 +40,13 @@ Result<std::unique_ptr<Snapshot>> Snapshot::open_locked(const std::string& path,
   return snapshot;
 }
 
-// A pin counts from the moment when, with the lock held, its transaction is still the current one:
-// no writer can have reused pages of the current snapshot, and one that moves on sees the lock.
+// A pin is valid if its transaction is still the current one after the lock was taken: no writer
+// can have reused pages of the current snapshot, and a later commit sees the lock.
 Result<Meta> Snapshot::pin_current() {
   Result<Meta> meta = read_metas(file_.descriptor(), path_);
   for (int i = 0; i < kAttempts; ++i) {
     if (!meta) {
-      // A writer may have been half-way through a meta page.
+      // A writer may have been in the middle of writing a meta page.
       std::this_thread::yield();
       meta = read_metas(file_.descriptor(), path_);
       if (!meta) return meta;

@@ -32,7 +32,7 @@ class Checker {
  private:
   enum class Content { free_list, trees, blobs, records };
 
-  /// A page to visit: every key in it is >= low and < high, where there is one.
+  /// A page to visit. Its keys must be >= low and < high; an empty bound does not apply.
   struct Visit {
     std::uint64_t page = 0;
     std::uint32_t level = 1;
@@ -51,7 +51,7 @@ class Checker {
   }
   [[nodiscard]] bool gave_up() const { return findings_.size() > limit_; }
 
-  // Claims pages for one use; false when they are not there or taken.
+  // Marks pages as used. False: they do not exist or are used already.
   bool claim(std::uint64_t first, std::uint64_t count, const std::string& user) {
     if (first < 2 || first >= used_.size() || count > used_.size() - first) {
       report(first, user, " uses pages outside the file");
@@ -100,8 +100,8 @@ class Checker {
     compare(tree, counted, name);
   }
 
-  // Every node whole, their keys in order and between the keys of the page's place, and no byte of
-  // the page left over or used twice.
+  // Checks that every node is complete, that keys are in order and within the page's bounds, and
+  // that each byte behind `upper` belongs to exactly one node.
   bool check_nodes(const TreePage& page, const Visit& visit, Content content) {
     const auto size = static_cast<std::uint64_t>(page.bytes().size());
     const std::uint64_t upper = load_le<std::uint16_t>(page.bytes().data() + 14);
@@ -114,7 +114,7 @@ class Checker {
         report(page.number(), "entry ", i, " leaves the page");
         return false;
       }
-      const bool keyed = page.leaf() || i > 0;  // the first child has no key
+      const bool keyed = page.leaf() || i > 0;  // the first child's key has no meaning
       const bool big = (node.flags & kBigData) != 0;
       const std::uint64_t data = !page.leaf() ? 0 : big ? 8 : node.data_size;
       if (node.key.size() > kMaxKey || kNodeHeader + node.key.size() + data > node_limit) {
@@ -207,8 +207,8 @@ class Checker {
       named_.emplace_back(name, tree);
   }
 
-  // An entry of the free list: under the transaction that freed them, a count and that many page
-  // numbers, in descending order.
+  // Checks an entry of the free list. Its key is the transaction that freed the pages, its value a
+  // count and that many page numbers in descending order.
   void take_free_pages(const TreePage& page, std::uint32_t i, const Node& node) {
     auto value = pages_.value(node);
     if (!value) return report(std::move(value.error()));

@@ -42,8 +42,8 @@ TileRef tile_ref(const Record& record, std::uint32_t position, const internal::T
   return {tile.state, record.layer(), key, tile.payload, tile.checksum};
 }
 
-// Walks a layer's records from a key on, and accounts for every key: those of damaged records, and
-// those that a record says lay before it but were not met, are handed over as damage.
+// Walks a layer's records from a key on, and accounts for every key. Reports as damage the keys of
+// damaged records, and those of lost records, which the next record's previous key reveals.
 class RecordWalk {
  public:
   RecordWalk(const Snapshot& snapshot, LayerId layer, TileKey from, TileKey to)
@@ -53,7 +53,7 @@ class RecordWalk {
         due_(from),
         to_(to) {}
 
-  // `visit` and `damaged` return whether to go on.
+  // `visit` and `damaged` return whether to continue.
   template <class Visit, class Damaged>
   void run(const Visit& visit, const Damaged& damaged) {
     auto at = cursor_.seek(internal::encode_key(due_));
@@ -108,7 +108,7 @@ class RecordWalk {
   Cursor cursor_;
   TileKey due_;  ///< the first key not accounted for
   TileKey to_;
-  std::uint64_t leaf_ = internal::kNoPage;  ///< whose records are being fetched
+  std::uint64_t leaf_ = internal::kNoPage;  ///< the leaf whose records were prefetched
   std::optional<Error> cause_;
 };
 
@@ -182,7 +182,7 @@ std::vector<Result<TileRef>> TileStore::find_all(LayerId layer,
   for (const std::size_t k : order) sorted.push_back(internal::encode_key(keys[k]));
   internal::prefetch_records(snapshot.pages(), snapshot.tree(layer), sorted);
 
-  std::optional<Record> held;  // of the tile before: mostly the next one's too
+  std::optional<Record> held;  // of the previous tile; mostly the next tile's too
   for (const std::size_t k : order) {
     if (!held || keys[k] < held->first() || keys[k] > held->last()) {
       auto record = snapshot.find(layer, keys[k]);

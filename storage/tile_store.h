@@ -1,9 +1,9 @@
 // The container of a field: layers of tiles in key order, and a few named blobs, in one LMDB file.
 //
-// Storage knows keys and bytes, nothing of spheres or codecs. Tiles are grouped into records of
-// 64 KiB and more, each with a table and a checksum per tile (FORMAT.md). Reads come straight from
-// the memory map; the bytes of the file are untrusted, so every page is checked before it is
-// walked and no input, truncated, flipped, hostile, or shrinking while mapped, can crash a reader.
+// Storage handles keys and bytes; it does not depend on spheres or codecs. Tiles are grouped into
+// records of 64 KiB and more, each with a table and a checksum per tile (FORMAT.md). Payloads are
+// read directly from the memory map. The file is untrusted: every page is checked before use, so no
+// file can crash a reader, be it truncated, damaged, hostile, or shrinking while it is mapped.
 //
 // Use:
 //   auto store = storage::TileStore::open("brain.slf");
@@ -28,17 +28,17 @@ namespace slf::storage {
 
 using slf::TileKey;
 
-/// A layer by its position in the list given at creation.
+/// A layer: its position in the list given at creation.
 using LayerId = std::uint32_t;
 
 enum class TileState : std::uint8_t {
-  missing,  ///< never built, or dropped as damaged
-  empty,    ///< built, and nothing is there
+  missing,  ///< never built, or dropped because it was damaged
+  empty,    ///< built; no ray in it sees anything
   stored,   ///< has a payload
 };
 
-/// Where a tile lies. `payload` views the map: valid as long as the TileStore, but only as
-/// trustworthy as the last check().
+/// A tile's state and payload. `payload` views the map and is valid as long as the TileStore lives.
+/// Its bytes are untrusted until check().
 struct TileRef {
   TileState state = TileState::missing;
   LayerId layer = 0;
@@ -47,13 +47,13 @@ struct TileRef {
   std::uint64_t checksum = 0;
 };
 
-/// Half-open range of bytes of the file.
+/// A half-open range of bytes of the file.
 struct FileRange {
   std::uint64_t begin = 0;
   std::uint64_t end = 0;
 };
 
-/// What a layer holds at one level.
+/// The content of one level of a layer.
 struct LevelStatistics {
   std::uint8_t level = 0;
   std::uint64_t records = 0;
@@ -63,28 +63,28 @@ struct LevelStatistics {
   std::uint64_t record_bytes = 0;   ///< of the records, with tables and padding
 };
 
-/// Part of a layer that cannot be read, with the keys it should hold, both inclusive. Usually one
-/// record: TileWriter::replace() of its `last` makes all its tiles missing, so that they can be
-/// filled again. Where a page of the tree is lost there may be many records, and no way to tell.
+/// A part of a layer that cannot be read, and the keys it should hold, both inclusive. Usually this
+/// is one record; then TileWriter::replace() of `last` makes all its tiles missing, so that they
+/// can be built again. If a page of the tree is lost, it may be any number of records.
 struct Damage : Error {
   TileKey first;
   TileKey last;
 };
 
-/// A consistent, read-only snapshot of a container: what was committed when it was opened, however
-/// much a writer adds meanwhile.
+/// A consistent, read-only snapshot of a container: the last commit before it was opened. Later
+/// commits do not affect it.
 /// Thread-safety: all const members may be called from many threads at once.
 class TileStore {
  public:
-  /// io: missing, unreadable. bad_file: not a container, truncated, damaged meta pages.
-  /// unsupported: made by LMDB of another version or page size.
-  /// Needs read permission only, and leaves no lock file. A lock on the container itself holds the
-  /// snapshot against a concurrent writer, in any process; file systems without locks hold nothing.
-  /// Takes the same time however many tiles there are.
+  /// io: the file is missing or unreadable. bad_file: it is no container, truncated, or its meta
+  /// pages are damaged. unsupported: written by LMDB of another version or page size.
+  /// Needs read permission only, and leaves no lock file. A lock on the container itself protects
+  /// the snapshot from a concurrent writer in any process, except on file systems without locks.
+  /// The time does not depend on the number of tiles.
   ///
-  /// The first open() installs a handler for SIGBUS: a file that shrinks while it is open makes
-  /// the calls below return bad_file instead of ending the process. Faults in other memory go to
-  /// the handler that was there before.
+  /// The first open() installs a handler for SIGBUS. If a file shrinks while it is open, the calls
+  /// below return bad_file and the process goes on. Faults in other memory go to the previous
+  /// handler.
   [[nodiscard]] static Result<TileStore> open(const std::string& path);
 
   TileStore(TileStore&&) noexcept;
@@ -95,66 +95,66 @@ class TileStore {
   [[nodiscard]] std::uint64_t file_bytes() const;
   [[nodiscard]] const std::vector<std::string>& layers() const;
 
-  /// Whether the file has shrunk under the map and a page was missed. Payloads read since then may
-  /// have been zeros; ask after using bytes that were check()ed earlier.
+  /// Whether the file has shrunk and an access hit a missing page. Payloads read since then may
+  /// have been zeros: call this after using bytes that were checked earlier.
   [[nodiscard]] bool changed() const;
 
-  /// A named blob, checked against its checksum. bad_file when absent or damaged.
+  /// A named blob that matches its checksum. bad_file: it is missing or damaged.
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const;
 
-  /// Finds a tile without touching its payload: a B-tree descent and the record's table.
-  /// bad_file: a page on the way, or the record's table, is damaged.
+  /// Finds a tile by a B-tree descent and the record's table. Does not touch the payload.
+  /// bad_file: a page on the path, or the record's table, is damaged.
   [[nodiscard]] Result<TileRef> find(LayerId layer, TileKey key) const;
 
-  /// Finds many tiles of a layer, given in any order; the results are in the order of `keys` and
-  /// as find() gives them. (Of a damaged file it may find tiles that find() cannot reach.) Where
-  /// the file is not in memory, much faster than one after the other: the pages that the search
-  /// needs next are fetched together. advise() then fetches the payloads.
+  /// Finds many tiles of a layer, given in any order. The results are those of find(), in the order
+  /// of `keys`. (In a damaged file it may find tiles that find() cannot reach.) When the file is
+  /// not in memory this is much faster than many find()s, because it fetches the pages that the
+  /// search needs in batches. advise() then fetches the payloads.
   [[nodiscard]] std::vector<Result<TileRef>> find_all(LayerId layer,
                                                       std::span<const TileKey> keys) const;
 
-  /// Verifies a stored tile's checksum (touches the payload). bad_file names layer and key.
+  /// Verifies a stored tile's checksum, which reads the payload. bad_file names layer and key.
   [[nodiscard]] Result<void> check(const TileRef& tile) const;
 
-  /// Copies a stored tile's payload out of the file, and verifies its checksum. Leaves the map
-  /// alone: no page of the payload becomes part of it. Errors as check(), or io.
+  /// Copies a stored tile's payload from the file and verifies its checksum. Bypasses the map: no
+  /// page of the payload becomes resident there. Errors as check(), or io.
   /// REQUIRES: `to` is as long as the payload.
   [[nodiscard]] Result<void> copy(const TileRef& tile, std::span<std::byte> to) const;
 
-  /// Asks the kernel to read the tiles' pages soon; neighbouring ranges are merged.
+  /// Asks the kernel to read the tiles' pages soon. Merges neighbouring ranges.
   void advise(std::span<const TileRef> tiles) const;
 
-  /// Tells the kernel that the tiles' pages are no longer needed by this process (MADV_DONTNEED
-  /// on the shared read-only map: safe, the file is unchanged).
+  /// Tells the kernel that this process no longer needs the tiles' pages (MADV_DONTNEED on the
+  /// shared read-only map, which does not change the file).
   void release(std::span<const TileRef> tiles) const;
-  /// The same of the whole map. Payloads in use stay valid: they are read from the file again.
+  /// The same for the whole map. Payloads in use stay valid: their pages fault back in.
   void release_all() const;
 
-  /// The part of the file a payload lies in, for counting pages.
+  /// The part of the file that holds a payload, for counting pages.
   [[nodiscard]] FileRange range(const TileRef& tile) const;
 
-  /// The pages of the file that finding and reading some tiles of a layer fetches, ascending: of
-  /// the tree, of the records' tables and of the payloads. Touches no payload. Errors as find().
+  /// The pages of the file that a reader of some tiles of a layer needs, ascending: those of the
+  /// tree, of the records' tables and of the payloads. Touches no payload. Errors as find().
   [[nodiscard]] Result<std::vector<std::uint64_t>> pages(LayerId layer,
                                                          std::span<const TileKey> keys) const;
 
-  /// The base of the map, for mincore and smaps cross-checks; file_bytes() long.
+  /// The start of the map, for comparison with mincore and smaps; file_bytes() long.
   [[nodiscard]] const std::byte* map() const;
 
-  /// Visits the tiles of a layer with key in [from, to) in key order (missing ones not at all).
-  /// A damaged record goes to `damaged`, once, with the keys it should hold, when given; without it
-  /// iteration stops with that error. The visitor's error stops iteration and is returned.
+  /// Visits the tiles of a layer with keys in [from, to) in key order, except missing ones. Calls
+  /// `damaged` once for each damaged record, with the keys it should hold. Without `damaged` the
+  /// iteration stops with that error. An error of the visitor stops the iteration and is returned.
   using Visitor = std::function<Result<void>(const TileRef&)>;
   using DamageVisitor = std::function<void(const Damage&)>;
   [[nodiscard]] Result<void> visit(LayerId layer, TileKey from, TileKey to, const Visitor& visitor,
                                    const DamageVisitor& damaged = {}) const;
 
-  /// Counts the tiles of a layer, one entry per level that has records, from the records' tables
-  /// alone: no payload is touched. bad_file: a damaged page or record.
+  /// Counts the tiles of a layer, with one entry per level that has records. Reads the records'
+  /// tables but no payload. bad_file: a page or record is damaged.
   [[nodiscard]] Result<std::vector<LevelStatistics>> statistics(LayerId layer) const;
 
-  /// Walks every page of the file: each is reachable once, within bounds, in order, or on the free
-  /// list. Appends one error per finding.
+  /// Checks every page of the file: each is reachable exactly once, within bounds and in order, or
+  /// in the free list. Appends one error per finding.
   void check_structure(std::vector<Error>& findings) const;
 
  private:

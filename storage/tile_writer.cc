@@ -43,8 +43,7 @@ Result<void> check_blob_name(std::string_view name) {
               " characters, and not '", internal::kContainer, "'");
 }
 
-// Everything one commit writes: records in the place of others, new ones, blobs, and the
-// container's own blob.
+// Writes one commit: replaced records, new records, blobs, and the container's own blob.
 Result<void> write(Environment& environment, std::span<const CutRecord> edited,
                    std::span<const CutRecord> appended, const SealedBlobs& blobs,
                    std::span<const LayerInfo> layers) {
@@ -66,7 +65,7 @@ Result<void> write(Environment& environment, std::span<const CutRecord> edited,
   return environment.put(puts);
 }
 
-// A put without a key only makes the tree.
+// A put without a key only creates the tree.
 Result<void> write_new(Environment& environment, const SealedBlobs& blobs,
                        std::span<const LayerInfo> layers) {
   std::vector<Put> trees;
@@ -75,7 +74,8 @@ Result<void> write_new(Environment& environment, const SealedBlobs& blobs,
   return write(environment, {}, {}, blobs, layers);
 }
 
-// Every layer's tree must end with the record the container names, or appending would not append.
+// Checks that every layer's tree ends with the record that the container names as the last. Only
+// then does a new record go behind all others.
 Result<void> check_ends(const Snapshot& snapshot) {
   for (LayerId layer = 0; layer < snapshot.layers().size(); ++layer) {
     auto last = snapshot.last_before(layer, {internal::kNoLevel, ~std::uint64_t{0}});
@@ -87,7 +87,7 @@ Result<void> check_ends(const Snapshot& snapshot) {
   return {};
 }
 
-// Gives a finished file its name, unless there is one of that name.
+// Renames a complete file to its final name, unless a file of that name exists.
 Result<void> publish(const std::string& from, const std::string& to) {
   int failed = renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE);
   if (failed != 0 && (errno == EINVAL || errno == ENOSYS))
@@ -106,8 +106,7 @@ Result<void> publish(const std::string& from, const std::string& to) {
   return {};
 }
 
-// A committed record of which tiles are being replaced. Tiles that stay as they are view the
-// snapshot.
+// A committed record, some of whose tiles are being replaced. The other tiles view the snapshot.
 struct Edit {
   std::optional<TileKey> previous;
   TileKey first;
@@ -150,7 +149,7 @@ struct TileWriter::State {
            std::to_string(key.index);
   }
 
-  // Pages freed by earlier commits may be reused as soon as nobody reads an older snapshot.
+  // Pages freed by earlier commits may be reused once no reader has an older snapshot.
   [[nodiscard]] Result<void> after_commit() {
     if (file.pinned_before(environment->transaction())) return {};
     return environment->allow_reuse();
@@ -202,7 +201,7 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
   }
   if (access(path.c_str(), F_OK) == 0) return fail(ErrorCode::usage, path, ": exists already");
 
-  // Made under another name, so that a crash leaves no half container under this one.
+  // Create it under a temporary name, so that a crash leaves no partial container under `path`.
   const std::string unfinished = path + ".new";
   auto state = std::make_unique<State>();
   state->path = path;
@@ -211,7 +210,7 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
   state->file = std::move(*file);
   if (auto locked = state->file.lock_writer(unfinished); !locked)
     return tl::unexpected(std::move(locked.error()));
-  // Another create() may have published, under `path`, the very file that was opened here.
+  // Another create() may have published the file that was opened here under `path`.
   if (!internal::is_file(state->file.descriptor(), unfinished))
     return fail(ErrorCode::failed, path, ": another program has just created it");
   const auto finish = [&]() -> Result<void> {
@@ -250,7 +249,7 @@ Result<TileWriter> TileWriter::resume(const std::string& path) {
   if (auto ends = check_ends(**snapshot); !ends) return tl::unexpected(std::move(ends.error()));
   if (auto same = (*snapshot)->unchanged(); !same) return tl::unexpected(std::move(same.error()));
   const std::uint64_t transaction = (*snapshot)->meta().transaction;
-  // LMDB may reuse whatever this transaction does not need.
+  // LMDB may reuse all pages that this transaction does not need.
   if (state->file.pinned_before(transaction))
     return fail(ErrorCode::failed, path,
                 ": another program still reads an older state of it; close or reload it there, "
@@ -325,8 +324,8 @@ Result<void> TileWriter::replace(LayerId layer, TileKey key, TileState tile_stat
   return {};
 }
 
-// The edit of the record that holds a tile, begun where there is none yet. Of a record whose table
-// is damaged nothing is left: all its tiles become missing.
+// Returns the edit of the record that holds a tile, and begins one if there is none. If the
+// record's table is damaged, all its tiles become missing.
 Result<Edit*> TileWriter::State::edit(LayerId layer, TileKey key) {
   if (const auto known = edits.lower_bound({layer, key});
       known != edits.end() && known->first.first == layer && known->second.first <= key)
@@ -341,7 +340,7 @@ Result<Edit*> TileWriter::State::edit(LayerId layer, TileKey key) {
   if (!at) return tl::unexpected(std::move(at.error()));
   const auto last = *at ? internal::decode_key(cursor.key()) : std::nullopt;
   if (!last || last->level != key.level) return no_record(key);
-  // LMDB frees the old value's pages: they must be what they claim to be.
+  // LMDB will free the old value's pages, so check them first.
   const auto old = cursor.value();
   if (!old) return tl::unexpected(old.error());
   auto before = base->last_before(layer, *last);

@@ -1,8 +1,8 @@
-// Error: what went wrong, in a form a caller can branch on and a person can act on.
+// Error: the reason of a failure: a code for the caller and a message for people.
 //
-// Every fallible function of slf returns Result<T>. Libraries never print and never exit.
-// A message names the file, the place in it, what was expected and what was found, and,
-// where there is one, the cure.
+// Every function of slf that can fail returns Result<T>. Libraries never print and never exit. A
+// message names the file, the place in it, what was expected, what was found and, if there is one,
+// the cure.
 #pragma once
 
 #include <sstream>
@@ -17,8 +17,8 @@ enum class ErrorCode : int {
   usage = 1,        ///< an argument is wrong or contradicts another
   io = 2,           ///< the operating system refused: missing, permission, disk full
   bad_file = 3,     ///< a file is damaged, truncated, or not what it claims to be
-  failed = 4,       ///< a correct request could not be carried out at run time
-  unsupported = 5,  ///< valid, but not something this version can do
+  failed = 4,       ///< a correct request could not be completed at run time
+  unsupported = 5,  ///< valid, but this version cannot do it
   differs = 7,      ///< a comparison found a difference
 };
 

@@ -6,8 +6,7 @@
 
 namespace slf {
 
-/// Level first, then the index within the level (FORMAT.md, "Tiles"). Records and iteration are
-/// in this order.
+/// Keys are ordered by level, then by the index within the level (FORMAT.md, "Tiles").
 struct TileKey {
   std::uint8_t level = 0;
   std::uint64_t index = 0;

@@ -1,8 +1,8 @@
-// The container's own blob: which layers there are, and how far each one goes.
+// The container's own blob: the list of layers, and the last tile of each.
 //
-// It is rewritten by every commit, so that a reader knows the last tile of every layer and takes a
-// lost branch of a tree, or a root that an older commit left behind, for what it is. FORMAT.md,
-// "The container blob", has the grid.
+// Every commit rewrites it. So a reader knows the last tile of every layer, and detects a lost
+// branch of a tree or a root page of an older commit. For the bytes see FORMAT.md, "Container
+// blob".
 #pragma once
 
 #include <cstdint>
@@ -32,7 +32,7 @@ struct LayerInfo {
 };
 
 struct Container {
-  std::uint64_t transaction = 0;  ///< that wrote it: the meta page must name the same
+  std::uint64_t transaction = 0;  ///< that wrote the blob; the meta page must have the same
   std::vector<LayerInfo> layers;
 };
 
@@ -42,10 +42,10 @@ struct Container {
 /// bad_file: not a container blob. unsupported: of another version.
 [[nodiscard]] Result<Container> decode_container(ByteSpan blob);
 
-/// usage: none or too many, one empty, too long, twice, or a name the container uses itself.
+/// usage: no names or too many; a name is empty, too long, repeated, or reserved.
 [[nodiscard]] Result<void> check_layer_names(std::span<const std::string> names);
 
-/// A blob as the file holds it: XXH3-64 of its bytes, seeded with that of its name, then its bytes.
+/// A blob as stored: XXH3-64 of its bytes, seeded with the XXH3-64 of its name, then its bytes.
 [[nodiscard]] Bytes seal_blob(std::string_view name, ByteSpan bytes);
 
 /// The bytes of a sealed blob. bad_file: they do not match the checksum.

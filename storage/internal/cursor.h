@@ -1,4 +1,4 @@
-// Cursor: a position in a B+tree of a snapshot; entries in key order, from any key on.
+// Cursor: a position in a B+tree of a snapshot. Visits entries in key order, from any key on.
 #pragma once
 
 #include <array>
@@ -11,25 +11,25 @@
 
 namespace slf::storage::internal {
 
-/// Untrusted input is safe: the path is at most kMaxDepth pages, keys must ascend, and no more
-/// pages are visited than the file has, whatever they say.
+/// Untrusted input is safe: a path has at most kMaxDepth pages, keys must ascend, and a cursor
+/// never visits more pages than the file has.
 ///
 /// seek() and next() return
 ///   true    the cursor is at an entry: key(), value()
-///   false   no more entries
-///   error   the entries below some page are lost; next() goes on behind them
+///   false   there are no more entries
+///   error   the entries below one page are lost; next() continues behind them
 class Cursor {
  public:
   /// `pages` must outlive the cursor.
   Cursor(const Pages& pages, const Tree& tree) : pages_(&pages), tree_(tree) {}
 
-  /// Goes to the first entry with key >= `key`. An empty key means the first entry of all.
+  /// Moves to the first entry with key >= `key`. An empty key selects the first entry of the tree.
   [[nodiscard]] Result<bool> seek(ByteSpan key);
 
-  /// Goes to the last entry with key < `key`. next() must not follow.
+  /// Moves to the last entry with key < `key`. Do not call next() afterwards.
   [[nodiscard]] Result<bool> seek_before(ByteSpan key);
 
-  /// Goes to the next entry. REQUIRES: seek() has been called.
+  /// Moves to the next entry. REQUIRES: seek() was called.
   [[nodiscard]] Result<bool> next();
 
   /// Appends the numbers of the pages from the root to the entry.
@@ -40,7 +40,7 @@ class Cursor {
   [[nodiscard]] const Node& node() const { return node_; }
   [[nodiscard]] Result<ByteSpan> value() const { return pages_->value(node_); }
 
-  /// The leaf the entry is on, and its place there. REQUIRES: the cursor is at an entry.
+  /// The entry's leaf page and its position there. REQUIRES: the cursor is at an entry.
   [[nodiscard]] const TreePage& leaf() const { return path_[depth_ - 1].page; }
   [[nodiscard]] std::uint32_t index() const { return path_[depth_ - 1].index; }
 
@@ -50,7 +50,7 @@ class Cursor {
     std::uint32_t index = 0;
   };
 
-  /// Goes down from page `number` to a leaf, towards `key`, and to an entry there or behind.
+  /// Descends from page `number` towards `key`, to the first entry that is not below it.
   [[nodiscard]] Result<bool> descend(std::uint64_t number, ByteSpan key);
   [[nodiscard]] Result<bool> settle();
   [[nodiscard]] Result<bool> last_below(std::uint64_t number);

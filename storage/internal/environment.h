@@ -1,4 +1,4 @@
-// Environment: LMDB as the writer uses it: batches of puts, each one durable or not there at all.
+// Environment: what the writer needs of LMDB. It writes batches; each is durable or has no effect.
 #pragma once
 
 #include <cstdint>
@@ -15,37 +15,37 @@ struct MDB_txn;
 
 namespace slf::storage::internal {
 
-/// One key and value for a named tree. Views the caller's bytes.
+/// A key and a value to write to a named tree. Views the caller's bytes.
 struct Put {
   std::string tree;
   ByteSpan key;
   ByteSpan value;
-  bool append = false;  ///< the key must be above all others of the tree
+  bool append = false;  ///< fail unless the key is above all others of the tree
 };
 
 /// Thread-safety: none.
 class Environment {
  public:
-  /// Opens a container for its one writer, or makes one of an empty file, with LMDB's lock file
-  /// beside it. REQUIRES: the caller holds the writer's lock on `descriptor`, which is open on
-  /// `path`, and has checked the pages.
+  /// Opens a container for writing; turns an empty file into a container. Creates LMDB's lock file
+  /// beside it. REQUIRES: `descriptor` is open on `path`; the caller holds the writer's lock on it
+  /// and has checked the pages.
   [[nodiscard]] static Result<Environment> open(const std::string& path, int descriptor);
 
   Environment(Environment&& other) noexcept;
   Environment& operator=(Environment&& other) noexcept;
-  /// Closes, and removes the lock file unless another program uses it.
+  /// Closes LMDB, and removes the lock file unless another program uses it.
   ~Environment();
 
   /// The last committed transaction.
   [[nodiscard]] std::uint64_t transaction() const;
 
-  /// Puts all, in one durable transaction; makes trees that do not exist. Grows the map as needed.
-  /// io: disk full or a write error; the previous commit stays. failed, bad_file: as LMDB says.
-  /// bad_file: another program has made the file shorter.
+  /// Writes all puts in one durable transaction. Creates missing trees and grows the map as needed.
+  /// io: the disk is full or a write failed; the previous commit remains. failed, bad_file: an
+  /// error of LMDB's. bad_file: another program has truncated the file.
   [[nodiscard]] Result<void> put(std::span<const Put> puts);
 
-  /// From open() on, no page that is freed is reused, so that snapshots readers hold stay whole.
-  /// This lets go of the pages freed until now.
+  /// Allows LMDB to reuse the pages freed until now. Without this call no page freed since open()
+  /// is reused, so snapshots that readers hold stay whole.
   /// REQUIRES: no reader holds a snapshot older than transaction().
   [[nodiscard]] Result<void> allow_reuse();
 
@@ -62,8 +62,8 @@ class Environment {
   std::string path_;
   std::uint64_t map_bytes_ = 0;
   MDB_env* environment_ = nullptr;
-  GuardedRange map_;           ///< LMDB's, which it reads without looking at the file's length
-  MDB_txn* reader_ = nullptr;  ///< LMDB reuses no page freed after this transaction
+  GuardedRange map_;           ///< LMDB's map; LMDB reads it without checking the file's length
+  MDB_txn* reader_ = nullptr;  ///< LMDB does not reuse pages freed after this transaction
 };
 
 }  // namespace slf::storage::internal

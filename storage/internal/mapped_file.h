@@ -1,9 +1,9 @@
-// MappedFile: a whole file mapped read-only, whose shrinking cannot kill the process.
+// MappedFile: a whole file mapped read-only. If the file shrinks, the process survives.
 //
-// Touching a mapped page that the file no longer has raises SIGBUS. The first map() installs a
-// process-wide handler that knows all live maps: in one of them it puts a zero page in the place
-// of the missing one, marks the map as changed, and lets the access go on; any other fault goes to
-// the handler that was there before. Readers then ask changed() before they believe what they read.
+// An access to a mapped page that the file no longer has raises SIGBUS. The first map() installs a
+// process-wide handler that knows all live maps. For a fault in one of them it maps a zero page in
+// place of the missing one, marks the map as changed, and repeats the access. Any other fault goes
+// to the previous handler. Readers check changed() before they trust what they read.
 #pragma once
 
 #include <atomic>
@@ -16,8 +16,8 @@
 
 namespace slf::storage::internal {
 
-/// What the signal handler must know of one map. Slots are reused and never freed, so that the
-/// handler can walk them at any moment without a lock.
+/// What the signal handler knows about one map. Slots are reused and never freed, so the handler
+/// can walk their list at any time without a lock.
 struct MapSlot {
   std::atomic<bool> used{false};
   std::atomic<std::uintptr_t> begin{0};
@@ -27,7 +27,7 @@ struct MapSlot {
 };
 
 /// A mapped range, ours or LMDB's, in which a missing page does not end the process.
-/// Not copyable; the range must stay mapped for as long as it is guarded.
+/// Not copyable. The range must stay mapped while it is guarded.
 class GuardedRange {
  public:
   GuardedRange() = default;
@@ -39,7 +39,7 @@ class GuardedRange {
   }
   ~GuardedRange();
 
-  /// Whether a page was missing when it was touched: what was read since may be zeros.
+  /// Whether an access hit a missing page: bytes read since then may be zeros.
   [[nodiscard]] bool changed() const {
     return slot_ != nullptr && slot_->changed.load(std::memory_order_acquire);
   }
@@ -66,7 +66,7 @@ class MappedFile {
 
   [[nodiscard]] ByteSpan bytes() const { return bytes_; }
 
-  /// As of GuardedRange.
+  /// As GuardedRange::changed().
   [[nodiscard]] bool changed() const { return guard_.changed(); }
 
  private:

@@ -1,11 +1,12 @@
-// What of LMDB's file format slf reads, with every number checked before it is used.
+// Reads LMDB's file format, and checks every number before it uses it.
 //
-// A file is an array of pages. Pages 0 and 1 are metas: each describes one snapshot, the one with
-// the higher transaction number is current. A snapshot is a set of B+trees of branch and leaf
-// pages; values above about half a page lie in runs of overflow pages. FORMAT.md has the grids.
+// A file is an array of pages. Pages 0 and 1 are meta pages. Each describes one snapshot; the one
+// with the higher transaction number is current. A snapshot is a set of B+trees of branch and leaf
+// pages. Values above about half a page are in overflow pages. For the bytes see FORMAT.md,
+// "Container".
 //
-// The bytes are untrusted and may change while they are read, so a number is loaded once, into a
-// local, and then checked and used.
+// The bytes are untrusted and may change during reading. So the code loads each number once, into a
+// local variable, and then checks and uses that.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +18,7 @@
 
 namespace slf::storage::internal {
 
-inline constexpr std::size_t kPageSize = 4096;  ///< LMDB's on most systems; others are refused
+inline constexpr std::size_t kPageSize = 4096;  ///< LMDB's on most systems; no other is accepted
 inline constexpr std::size_t kPageHeader = 16;
 inline constexpr std::size_t kNodeHeader = 8;
 inline constexpr std::size_t kMetaEnd = 152;  ///< bytes of a meta page in use
@@ -53,15 +54,15 @@ struct Meta {
   Tree main;
 };
 
-/// Reads both meta pages of an open file and chooses the current one.
-/// bad_file: either is damaged, or they do not belong together. unsupported: another version.
+/// Reads both meta pages of an open file and selects the current one.
+/// bad_file: one is damaged, or they do not match. unsupported: another version or page size.
 [[nodiscard]] Result<Meta> read_metas(int file, const std::string& path);
 
 /// One entry of a branch or leaf page.
 struct Node {
   ByteSpan key;
-  std::uint16_t flags = 0;  ///< leaf only
-  std::uint64_t child = 0;  ///< branch: the page below. leaf with kBigData: the first of the run
+  std::uint16_t flags = 0;      ///< leaf only
+  std::uint64_t child = 0;      ///< branch: the child. leaf with kBigData: the first overflow page
   std::uint64_t data_size = 0;  ///< leaf only
   ByteSpan data;                ///< leaf without kBigData
 };
@@ -78,13 +79,14 @@ class TreePage {
   [[nodiscard]] std::uint64_t number() const { return number_; }
   [[nodiscard]] ByteSpan bytes() const { return bytes_; }
 
-  /// Reads node `i` into `node`; false when it leaves the page.
+  /// Reads node `i` into `node`. False: it extends beyond the page.
   [[nodiscard]] bool node(std::uint32_t i, Node& node) const;
 
-  /// Leaf: the first entry with key >= `key`, or count(). False: entry `index` leaves the page.
+  /// Leaf: the first entry with key >= `key`, or count(). False: entry `index` extends beyond the
+  /// page.
   [[nodiscard]] bool lower_bound(ByteSpan key, std::uint32_t& index) const;
 
-  /// Branch: the last child whose keys begin at or before `key`. False: as above.
+  /// Branch: the last child whose first key is <= `key`, or child 0. False: as above.
   [[nodiscard]] bool child_for(ByteSpan key, std::uint32_t& index) const;
 
  private:
@@ -108,10 +110,10 @@ class Pages {
   [[nodiscard]] std::uint64_t count() const { return meta_.last_page + 1; }
   [[nodiscard]] ByteSpan file() const { return file_; }
 
-  /// A branch (leaf = false) or leaf page. bad_file: it is not one.
+  /// A branch (leaf = false) or leaf page. bad_file: the page is damaged or of another kind.
   [[nodiscard]] Result<TreePage> tree_page(std::uint64_t number, bool leaf) const;
 
-  /// The value of a leaf's node, wherever it lies. bad_file: its overflow pages are damaged.
+  /// The value of a leaf node, in the leaf or in overflow pages. bad_file: these are damaged.
   [[nodiscard]] Result<ByteSpan> value(const Node& node) const;
 
   /// How many pages an overflow value of `size` bytes needs.
@@ -131,7 +133,7 @@ class Pages {
   const std::string* path_ = nullptr;
 };
 
-/// LMDB's default key order: bytes as unsigned, then length.
+/// LMDB's default key order: unsigned bytes, then length.
 [[nodiscard]] int compare_keys(ByteSpan a, ByteSpan b);
 
 }  // namespace slf::storage::internal

@@ -1,7 +1,7 @@
-// Prefetch: asks the kernel for what will be read, together instead of page by page.
+// Prefetch: asks the kernel for pages in batches before they are read.
 //
-// The map is for random access, so each page that is touched before it is in memory costs a whole
-// trip to the disk. A disk serves many requests at once in little more time than one.
+// The map has no readahead, so each page that is not in memory costs one round trip to the disk. A
+// disk serves many requests at once in little more time than one.
 #pragma once
 
 #include <cstdint>
@@ -15,14 +15,14 @@
 
 namespace slf::storage::internal {
 
-/// Parts of the map, collected to be advised about together.
+/// Collects parts of the map for one batch of madvise() calls.
 class Advice {
  public:
-  /// Adds the pages that some bytes of the map lie in.
+  /// Adds the pages that contain some bytes of the map.
   void add(ByteSpan bytes);
 
-  /// Tells the kernel, with neighbouring pages merged, in the order of the file. `advice` is one of
-  /// MADV_WILLNEED and MADV_DONTNEED. Forgets the parts.
+  /// Advises the kernel, in file order and with neighbouring pages merged; then forgets the parts.
+  /// `advice` is MADV_WILLNEED or MADV_DONTNEED.
   void give(int advice);
 
  private:
@@ -33,18 +33,18 @@ class Advice {
   std::vector<Range> ranges_;
 };
 
-/// The pages of a record that hold its header and table, as far as the leaf tells; all of it where
-/// that is a single tile. Empty where the entry holds no record.
+/// The bytes of a record that hold its header and table, estimated from the leaf alone. The whole
+/// record if it has a single tile. Empty if the entry is no record.
 [[nodiscard]] ByteSpan head_of(const Pages& pages, const TreePage& leaf, std::uint32_t index);
 
-/// Fetches what finding some keys touches: the pages of the tree, one level after the other, and
-/// the heads of the records. Waits for the tree's pages, not for the heads.
-/// A hint only: damage is passed over, for whoever reads to find. Untrusted input is safe.
+/// Fetches the pages that a search for some keys reads: the tree level by level, then the heads of
+/// the records. Waits for the tree's pages but not for the heads.
+/// A hint only: skips damage, which the search itself reports. Untrusted input is safe.
 /// REQUIRES: the keys ascend.
 void prefetch_records(const Pages& pages, const Tree& tree, std::span<const RecordKey> keys);
 
-/// Fetches the heads of the records from a cursor's entry to the end of its leaf, but of no more
-/// than the first that ends at or above `to`.
+/// Fetches the heads of the records from a cursor's entry on: to the end of its leaf, or to the
+/// first record that ends at or above `to`.
 void prefetch_heads(const Pages& pages, const Cursor& at, TileKey to);
 
 }  // namespace slf::storage::internal

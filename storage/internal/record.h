@@ -1,9 +1,9 @@
-// Record: the value under which LMDB keeps a run of neighbouring tiles of one layer and level.
-// FORMAT.md, "Tile records", has the grid.
+// Record: a value in LMDB that holds consecutive tiles of one layer and level. For the bytes see
+// FORMAT.md, "Tile records".
 //
-// A record is found by the key of its last tile, and states the last key of the record before it:
-// so whoever finds a record for a key knows that no other record could hold it, and a lost entry
-// cannot pass for a tile that was never built.
+// A record's key is that of its last tile, and the record states the last key of the previous
+// record. So a search that finds a record knows that no other record can hold the tile, and a lost
+// record is never mistaken for tiles that were not built.
 #pragma once
 
 #include <array>
@@ -27,14 +27,15 @@ inline constexpr std::uint8_t kNoLevel = 255;
 
 [[nodiscard]] std::uint64_t checksum(ByteSpan bytes, std::uint64_t seed = 0);
 
-/// The checksum of a payload depends on where it belongs, so that one in the wrong place is found.
+/// The checksum of a payload. It covers layer and key, so a payload in the wrong place does not
+/// match.
 [[nodiscard]] std::uint64_t payload_checksum(LayerId layer, TileKey key, ByteSpan payload);
 
-/// A record's key in the layer's tree: the level, then the index with its most significant byte
-/// first, so that LMDB's byte order is the order of TileKey.
+/// A record's key in the layer's tree: the level, then the index, big-endian, so that LMDB's byte
+/// order is the order of TileKey.
 using RecordKey = std::array<std::byte, 9>;
 [[nodiscard]] RecordKey encode_key(TileKey last);
-/// Nothing when the bytes are no record key.
+/// Nothing if the bytes are no record key.
 [[nodiscard]] std::optional<TileKey> decode_key(ByteSpan bytes);
 
 /// One tile of a record.
@@ -47,8 +48,8 @@ struct Tile {
 /// A record whose header and table have been checked. Views the value.
 class Record {
  public:
-  /// bad_file: the value is not a whole record, or its table does not match its checksum. The
-  /// message says only what is wrong; the caller adds where.
+  /// bad_file: the value is no complete record, or its table does not match its checksum. The
+  /// message says what is wrong; the caller adds the place.
   [[nodiscard]] static Result<Record> parse(ByteSpan value);
 
   [[nodiscard]] LayerId layer() const { return layer_; }
@@ -62,7 +63,7 @@ class Record {
   class Walk {
    public:
     explicit Walk(const Record& record);
-    /// False behind the last tile.
+    /// Moves to the next tile. False: there is none.
     [[nodiscard]] bool next();
     [[nodiscard]] const Tile& tile() const { return tile_; }
     [[nodiscard]] std::uint32_t position() const { return position_ - 1; }
@@ -90,15 +91,15 @@ class Record {
   std::size_t payloads_ = 0;   ///< offset of the first payload
 };
 
-/// Encodes a record. REQUIRES: 1 to kMaxTiles tiles; a payload exactly where one is stored, of at
-/// most kMaxPayload bytes, with its checksum.
+/// Encodes a record. REQUIRES: 1 to kMaxTiles tiles. Stored tiles have a payload of at most
+/// kMaxPayload bytes and its checksum; the others have none.
 [[nodiscard]] Bytes encode_record(LayerId layer, std::optional<TileKey> previous, TileKey first,
                                   std::span<const Tile> tiles);
 
 /// Rounds up to the alignment of checksums and payloads.
 [[nodiscard]] constexpr std::size_t align8(std::size_t offset) { return (offset + 7) / 8 * 8; }
 
-/// The bytes of the table's code for a payload of `size` bytes; 0 means an empty or missing tile.
+/// How many bytes the code of a payload of `size` bytes takes. Size 0: an empty or missing tile.
 [[nodiscard]] std::size_t code_bytes(std::uint64_t size);
 
 }  // namespace slf::storage::internal

@@ -1,10 +1,10 @@
 // RecordBuilder: turns a layer's stream of tiles into records that fill whole pages.
 //
-// A value of LMDB takes whole pages after a header of 16 bytes, so a record pays for the page it
-// has just begun. Records are therefore cut where little is lost: from 64 KiB on, at the first tile
-// that leaves less than 1/256 of the record unused; if there is none before 256 KiB, at the best
-// tile there was. Where a record ends depends on its own tiles only, not on commits: a build that
-// was interrupted and resumed at a record's end writes the same records.
+// LMDB stores a large value in whole pages, after a header of 16 bytes, and the rest of the last
+// page is wasted. So a record ends where little is wasted: from 64 KiB on, after the first tile
+// that leaves less than 1/256 of the record unused; if there is none before 256 KiB, after the best
+// tile so far. The end of a record depends only on its own tiles, not on commits. So a build that
+// was interrupted, and resumed at the end of a record, writes the same records.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@
 
 namespace slf::storage::internal {
 
-/// A finished record, ready to be written.
+/// A complete record, ready to be written.
 struct CutRecord {
   LayerId layer = 0;
   TileKey last;
@@ -27,15 +27,15 @@ struct CutRecord {
 /// Thread-safety: none.
 class RecordBuilder {
  public:
-  /// `previous`: the last key already in the file.
+  /// `previous` is the last key of the layer in the file, if any.
   RecordBuilder(LayerId layer, std::optional<TileKey> previous)
       : layer_(layer), previous_(previous) {}
 
-  /// Adds a tile; an empty payload records an empty tile. Appends to `out` the records that this
-  /// completes. REQUIRES: key above the last one; at most kMaxPayload bytes.
+  /// Adds a tile; an empty payload means an empty tile. Appends the records that this completes to
+  /// `out`. REQUIRES: the key is above last(); the payload has at most kMaxPayload bytes.
   void append(TileKey key, ByteSpan payload, std::vector<CutRecord>& out);
 
-  /// Cuts what is left.
+  /// Completes the last record.
   void finish(std::vector<CutRecord>& out);
 
   /// The last key appended or in the file.

@@ -1,4 +1,4 @@
-// Snapshot: an open container at one transaction, ready to be read: file, lock, map, trees.
+// Snapshot: an open container at one transaction: file, lock, map and trees.
 #pragma once
 
 #include <memory>
@@ -17,14 +17,14 @@
 
 namespace slf::storage::internal {
 
-/// Not movable: its pages refer to it. Thread-safety: const members from any thread.
+/// Not movable, because its pages refer to it. Thread-safety: const members from any thread.
 class Snapshot {
  public:
-  /// The current snapshot, pinned against writers. Opens in a time independent of the number of
-  /// tiles. Errors as of TileStore::open().
+  /// Opens the current snapshot and pins it against writers. The time does not depend on the number
+  /// of tiles. Errors as of TileStore::open().
   [[nodiscard]] static Result<std::unique_ptr<Snapshot>> open(const std::string& path);
 
-  /// The current snapshot for the writer itself, which has the container locked.
+  /// Opens the current snapshot for the writer, which holds the container's lock.
   [[nodiscard]] static Result<std::unique_ptr<Snapshot>> open_locked(const std::string& path,
                                                                      const LockedFile& file);
 
@@ -39,25 +39,24 @@ class Snapshot {
   [[nodiscard]] const Tree& manifest() const { return manifest_; }
   [[nodiscard]] const Tree& tree(LayerId layer) const { return trees_[layer]; }
 
-  /// bad_file once the file has shrunk under the map; what was read before may have been zeros.
+  /// bad_file if the file has shrunk under the map: bytes read before may have been zeros.
   [[nodiscard]] Result<void> unchanged() const;
 
-  /// Reads a part of bytes() from the file, past the map. io: the system's reason. bad_file: the
-  /// file has shrunk. REQUIRES: not opened locked; `to` is as long as `part`.
+  /// Reads a part of bytes() from the file, bypassing the map. io: the read failed. bad_file: the
+  /// file has shrunk. REQUIRES: opened with open(); `to` is as long as `part`.
   [[nodiscard]] Result<void> read(ByteSpan part, std::span<std::byte> to) const;
 
-  /// A blob, checked. bad_file: absent or damaged.
+  /// A blob that matches its checksum. bad_file: it is missing or damaged.
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const;
 
-  /// The checked record at a cursor's entry. bad_file: it is damaged, or not the one that belongs
-  /// there.
+  /// The checked record at a cursor's entry. bad_file: it is damaged or belongs elsewhere.
   [[nodiscard]] Result<Record> record(LayerId layer, const Cursor& at) const;
 
-  /// The key of the record before the one at `key`, if any. bad_file: a page on the way is damaged.
+  /// The key of the last record before `key`, if any. bad_file: a page on the path is damaged.
   [[nodiscard]] Result<std::optional<TileKey>> last_before(LayerId layer, TileKey key) const;
 
-  /// The record that holds a key; nothing when none does, certainly.
-  /// bad_file: a page on the way or the record is damaged, or a record is lost.
+  /// The record that holds a key; nothing if certainly no record does.
+  /// bad_file: a page on the path or the record is damaged, or a record is lost.
   [[nodiscard]] Result<std::optional<Record>> find(LayerId layer, TileKey key) const;
 
  private:

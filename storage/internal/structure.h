@@ -1,4 +1,4 @@
-// The check of a container's every page.
+// Checks every page of a container.
 #pragma once
 
 #include <vector>
@@ -9,15 +9,15 @@
 namespace slf::storage::internal {
 
 enum class Depth {
-  /// All that LMDB relies on when it appends records and changes blobs: branch and leaf pages, the
-  /// free list, and blobs; of records their extents only.
+  /// What LMDB relies on to append records and change blobs: branch and leaf pages, the free list
+  /// and the blobs. Of records, only their extents.
   trees,
-  /// Also the head of every record's overflow pages, and that no page is lost.
+  /// Also the first overflow page of every record, and that no page is lost.
   everything,
 };
 
-/// Appends one error per finding, at most a few hundred; the last then says that it gave up.
-/// Takes time linear in the pages looked at and one bit of memory per page of the file.
+/// Appends one error per finding. After a few hundred it gives up, and the last error says so.
+/// Takes time linear in the number of pages checked, and one bit of memory per page of the file.
 void check_pages(const Pages& pages, Depth depth, std::vector<Error>& findings);
 
 }  // namespace slf::storage::internal
