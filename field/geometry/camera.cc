@@ -40,7 +40,7 @@ Result<RayGenerator> RayGenerator::make(const Camera& camera) {
   if (!(glm::length(right) > 1e-9 * glm::length(forward) * glm::length(up)))
     return fail(ErrorCode::usage, "up points along the view; choose another --up");
 
-  // The picture plane one unit ahead, with square pixels.
+  // The picture plane is one unit ahead and has square pixels.
   const double half_height = std::tan(fov * kDegree / 2);
   const double pixel = 2 * half_height / height;
   const glm::dvec3 ahead = glm::normalize(forward);
@@ -57,7 +57,7 @@ Result<RayGenerator> RayGenerator::make(const Camera& camera) {
 double fitted_fov(const Sphere& sphere, double distance, std::uint32_t width,
                   std::uint32_t height) {
   const double half = std::asin(std::min(sphere.radius / distance, 0.999));
-  // The narrower side must hold the sphere; the field of view is the vertical one.
+  // The sphere must fit the shorter side, but the field of view is vertical.
   const double widen = width < height ? static_cast<double>(height) / width : 1;
   return 2 * std::atan(std::tan(half) * widen) / kDegree;
 }
@@ -78,7 +78,7 @@ Camera orbit_camera(const Sphere& sphere, double azimuth, double elevation, doub
 
 std::vector<Camera> random_cameras(const Sphere& sphere, double distance, std::uint32_t count,
                                    std::uint64_t seed, std::uint32_t width, std::uint32_t height) {
-  // The generator is specified by the standard; distributions are not, so none is used.
+  // The C++ standard specifies the generator but not the distributions, so do not use these.
   std::mt19937_64 random(seed);
   const auto uniform = [&] { return static_cast<double>(random() >> 11) * 0x1p-53; };
   std::vector<Camera> cameras;

@@ -30,7 +30,7 @@ OctantPoint to_octant_point(const LatticeVertex& vertex) {
 }
 
 std::vector<LatticeVertex> neighbors(const LatticeVertex& vertex) {
-  // Along an edge one coordinate gives one to another, which from zero may go either way.
+  // An edge moves one unit from one coordinate to another; a coordinate of 0 may take either sign.
   const std::array<std::int32_t, 3> at{vertex.i, vertex.j, vertex.k};
   std::vector<LatticeVertex> found;
   for (std::size_t from = 0; from < 3; ++from)
@@ -57,7 +57,7 @@ Cell locate(const glm::dvec3& direction, std::int32_t resolution) {
   const double x = a.x * scale;
   const double y = a.y * scale;
 
-  // Points on the far edges belong to the last cell, not to one beyond the octsphere.
+  // A point on the far edge belongs to the last cell, not to one beyond the octsphere.
   Cell cell;
   cell.octant = octant_of(direction);
   cell.base.x = std::clamp(static_cast<std::int32_t>(x), 0, resolution - 1);

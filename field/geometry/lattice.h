@@ -1,12 +1,12 @@
-// Lattice: the sample points of the plenoptic sphere, and where a point lies among them.
+// Lattice: the sample points of the plenoptic sphere, and the cell that contains a direction.
 //
 // lattice(N) has a vertex at normalize(i,j,k) for all signed integers with |i|+|j|+|k| = N:
-// 4N²+2 of them. On each octsphere the barycentric coordinates of a direction (x,y,z) are
-// (u, v, w) = (|x|, |y|, |z|) / (|x|+|y|+|z|)  (paper eq. 1), in which great arcs are straight
-// lines, and the lattice is the regular triangular grid with N cells an edge.
+// 4N²+2 in all. On each octsphere the barycentric coordinates of a direction (x,y,z) are
+// (u, v, w) = (|x|, |y|, |z|) / (|x|+|y|+|z|)  (paper eq. 1). In these coordinates great arcs are
+// straight lines, and the lattice is a regular triangular grid with N cells along each edge.
 //
-// Octants are numbered by signs: bit 0 set where x < 0, bit 1 where y < 0, bit 2 where z < 0.
-// All functions are pure; directions need not have unit length.
+// The number of an octant has bit 0 set where x < 0, bit 1 where y < 0, and bit 2 where z < 0.
+// All functions are pure. Directions need not have unit length.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@
 
 namespace slf {
 
-/// A vertex by its signed coordinates; which lattice it is of follows from their sum.
+/// A vertex, by its signed coordinates. Their sum says which lattice it belongs to.
 struct LatticeVertex {
   std::int32_t i = 0;
   std::int32_t j = 0;
@@ -38,37 +38,37 @@ struct OctantPoint {
 /// Unit direction of a vertex.
 [[nodiscard]] glm::dvec3 direction(const LatticeVertex& vertex);
 
-/// Octant of a vertex; a zero coordinate counts as positive, so each vertex has exactly one.
+/// The octant of a vertex. A zero coordinate counts as positive, so each vertex has exactly one.
 [[nodiscard]] unsigned octant_of(const LatticeVertex& vertex);
 [[nodiscard]] unsigned octant_of(const glm::dvec3& direction);
 
 [[nodiscard]] LatticeVertex to_vertex(unsigned octant, OctantPoint point, std::int32_t resolution);
 [[nodiscard]] OctantPoint to_octant_point(const LatticeVertex& vertex);
 
-/// The vertices an edge away: six, or four at the six points where two coordinates are zero.
+/// The adjacent vertices: six, or four at the six points where two coordinates are 0.
 /// REQUIRES: the resolution is at least 1.
 [[nodiscard]] std::vector<LatticeVertex> neighbors(const LatticeVertex& vertex);
 
-/// Vertices of lattice(N): 4N²+2.
+/// The number of vertices of lattice(N): 4N²+2.
 [[nodiscard]] constexpr std::uint64_t vertex_count(std::uint64_t resolution) {
   return 4 * resolution * resolution + 2;
 }
 
-/// A triangle with `side` cells an edge has this many vertices, on the borders included.
+/// The number of vertices of a triangle with `side` cells along each edge, including its border.
 [[nodiscard]] constexpr std::uint32_t triangle_size(std::uint32_t side) {
   return (side + 1) * (side + 2) / 2;
 }
 
-/// Index of (p, q), p + q <= side, in a triangle stored by lines of constant q.
+/// The index of (p, q), p + q <= side, in a triangle stored by lines of constant q.
 [[nodiscard]] constexpr std::uint32_t triangle_index(std::uint32_t side, std::uint32_t p,
                                                      std::uint32_t q) {
   return q * (side + 1) - q * (q - 1) / 2 + p;
 }
 
-/// The cell of the lattice a point lies in, and its weights for triangle interpolation (eq. 2 and
-/// its mirror image for inverted cells).
-/// Upright cells have the corners (x,y), (x+1,y), (x,y+1); inverted ones (x+1,y+1), (x,y+1),
-/// (x+1,y), in this order, which is also that of the weights. Weights are in [0,1] and sum to 1.
+/// The lattice cell that contains a point, and the point's weights for triangle interpolation
+/// (eq. 2, and its mirror image for inverted cells).
+/// An upright cell has the corners (x,y), (x+1,y), (x,y+1), an inverted one (x+1,y+1), (x,y+1),
+/// (x+1,y). Weights have the same order, are in [0,1], and sum to 1.
 struct Cell {
   unsigned octant = 0;
   OctantPoint base;
@@ -78,8 +78,8 @@ struct Cell {
   [[nodiscard]] std::array<OctantPoint, 3> corners() const;
 };
 
-/// Locates a direction in lattice(resolution). REQUIRES: direction is finite and not zero.
-/// On a border between cells either may be returned: interpolation is continuous across it.
+/// Finds the cell of lattice(resolution) that contains a direction. On a border between cells,
+/// returns either: interpolation is continuous there. REQUIRES: direction is finite and not zero.
 [[nodiscard]] Cell locate(const glm::dvec3& direction, std::int32_t resolution);
 
 }  // namespace slf

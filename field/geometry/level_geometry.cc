@@ -13,7 +13,7 @@ LevelGeometry::LevelGeometry(const FieldShape& shape, unsigned level)
       exit_side_(shape.exit_side),
       entry_stride_(shape.entry_resolution(level) + 1),
       row_bits_(static_cast<unsigned>(std::bit_width(triangle_size(shape.entry_section_side())))) {
-  // Lattices of at most 2^12 cells an edge leave room for both in 32 bits.
+  // With lattices of at most 2^12 cells along an edge, section and row fit 32 bits.
   assert(3 + 2 * entry_level_ + row_bits_ <= 32);
   entry_rows_.resize(8ull * entry_stride_ * entry_stride_);
   row_begin_.push_back(0);
@@ -24,7 +24,7 @@ LevelGeometry::LevelGeometry(const FieldShape& shape, unsigned level)
       points_.push_back(local);
       const LatticeVertex v = vertex_at(entry_section(s), local, side);
       const OctantPoint at = to_octant_point(v);
-      // A zero coordinate has either sign: the vertex is found from every octant it touches.
+      // A zero coordinate may have either sign, so enter the vertex for every octant it touches.
       const unsigned free = (v.i == 0 ? 1u : 0u) | (v.j == 0 ? 2u : 0u) | (v.k == 0 ? 4u : 0u);
       for (unsigned octant = 0; octant < 8; ++octant)
         if ((octant & ~free) == octant_of(v))
@@ -63,8 +63,8 @@ LevelGeometry::ExitCell LevelGeometry::exit_cell(const Cell& cell) const {
   ExitCell exit;
   exit.section = (cell.octant << (2 * level_)) |
                  exit_paths_[((std::size_t{sy} << level_) + sx) * 2 + (inverted ? 1 : 0)];
-  // The corner opposite the hypotenuse, then its neighbours along x and y. In an inverted section
-  // local coordinates run backwards, so an upright cell is an inverted one there and vice versa.
+  // Take the corner opposite the hypotenuse, then its neighbours along x and y. In an inverted
+  // section local coordinates run backwards, so an upright cell is inverted there and vice versa.
   std::uint32_t p = rx, q = ry, step = 1;
   if (cell.inverted) p += 1, q += 1;
   if (inverted) p = n - p, q = n - q;

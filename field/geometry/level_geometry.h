@@ -1,4 +1,4 @@
-// LevelGeometry: the tables that take a ray to its tile, row and columns at one level.
+// LevelGeometry: tables that map a ray to its tile, row and columns at one level.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace slf {
 
-/// Where an entry vertex's samples are: the section that owns it, and its row in that section's
+/// The place of an entry vertex's samples: the section that owns it, and its row in that section's
 /// tiles.
 struct EntryRow {
   std::uint32_t section = 0;  ///< index at the entry section level
@@ -33,15 +33,15 @@ class LevelGeometry {
     return {static_cast<std::uint8_t>(level_), index};
   }
 
-  /// The rows of tiles entered through a section, as local coordinates. Lives as long as this.
+  /// The rows of the tiles of an entry section, as local coordinates. Valid as long as this object.
   [[nodiscard]] std::span<const LocalPoint> rows(std::uint32_t entry_section) const;
 
-  /// The shape of a layer of the tiles entered through a section.
+  /// The shape of the tiles of an entry section, in a layer of this format.
   [[nodiscard]] codec::Tile tile(std::uint32_t entry_section, codec::SampleFormat format) const {
     return {format, exit_side_, rows(entry_section)};
   }
 
-  /// Finds an entry vertex, seen from any octant it touches.
+  /// Finds an entry vertex, addressed from any octant that it touches.
   [[nodiscard]] EntryRow entry_row(unsigned octant, OctantPoint point) const {
     const std::uint32_t packed =
         entry_rows_[(octant * entry_stride_ + static_cast<std::uint32_t>(point.y)) * entry_stride_ +
@@ -49,14 +49,14 @@ class LevelGeometry {
     return {packed >> row_bits_, packed & ((1u << row_bits_) - 1)};
   }
 
-  /// All of them: [octant][y][x], with entry_resolution() + 1 of each y and x; as
-  /// section << row_bits() | row.
+  /// The table behind entry_row(): [octant][y][x], with entry_resolution() + 1 values of y and x.
+  /// An entry is section << row_bits() | row.
   [[nodiscard]] std::span<const std::uint32_t> entry_rows() const { return entry_rows_; }
   [[nodiscard]] unsigned row_bits() const { return row_bits_; }
-  /// Exit sections within an octant by place: [y][x][inverted], 2^level of each y and x.
+  /// Exit sections within an octant, by position: [y][x][inverted], with 2^level values of y and x.
   [[nodiscard]] std::span<const std::uint32_t> exit_paths() const { return exit_paths_; }
 
-  /// The exit section that holds a cell, and the columns of the cell's corners in its tiles.
+  /// The exit section that contains a cell, and the columns of the cell's corners in its tiles.
   struct ExitCell {
     std::uint32_t section = 0;
     std::array<std::uint32_t, 3> columns{};

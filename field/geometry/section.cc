@@ -5,12 +5,13 @@
 namespace slf {
 namespace {
 
-/// Barycentric coordinates whose sum does not change on the way down.
+/// Barycentric coordinates. Their sum is the same in all children.
 template <class T>
 struct Barycentric {
   T a, b, c;
 
-  /// Moves into the child that holds this point and returns which: the tie-break of the library.
+  /// Converts to the coordinates of the child that contains this point, and returns its number.
+  /// This is the only place that breaks ties.
   unsigned descend() {
     const T sum = a + b + c;
     if (2 * a >= sum) return *this = {2 * a - sum, 2 * b, 2 * c}, 0;
@@ -44,7 +45,7 @@ SectionPlace place_of(Section section) {
 }
 
 Section section_at(unsigned octant, SectionPlace place, unsigned level) {
-  // The centroid, in thirds of a grid cell, lies inside: no ties on the way down.
+  // The centroid, in thirds of a grid cell, is inside the section, so no ties occur.
   const std::int32_t shift = place.inverted ? 2 : 1;
   const std::int32_t a = 3 * place.x + shift;
   const std::int32_t b = 3 * place.y + shift;

@@ -1,10 +1,10 @@
-// PSNR, SSIM and the picture of a difference.
+// PSNR, SSIM and difference pictures.
 //
 // SSIM is Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to
 // structural similarity", IEEE Trans. Image Processing 13(4), 2004, equation 13 with the Gaussian
-// window of section III-C, averaged over the windows that lie wholly inside the picture. Luma is
-// Rec. 601 of the 8-bit picture, not rounded, and the picture is not scaled down first. A side
-// shorter than 11 cuts the window to that side, and its weights again sum to 1.
+// window of section III-C, averaged over the windows that are entirely inside the picture. Luma is
+// Rec. 601 of the 8-bit picture, not rounded. The picture is not scaled down first. If a side is
+// shorter than 11, the window has that side, and its weights again sum to 1.
 
 #include <algorithm>
 #include <cassert>
@@ -35,7 +35,7 @@ Plane luma(const Image& image, const std::vector<std::uint8_t>& rgb) {
   return plane;
 }
 
-/// A Gaussian of `side` samples about its middle, summing to 1.
+/// A Gaussian of `side` samples around its middle, with sum 1.
 std::vector<double> gaussian(std::size_t side) {
   std::vector<double> weights(side);
   const double middle = (static_cast<double>(side) - 1) / 2;
@@ -48,7 +48,7 @@ std::vector<double> gaussian(std::size_t side) {
   return weights;
 }
 
-/// The weighted means of all windows that lie inside; the window is separable.
+/// The weighted means of all windows inside the picture. The window is separable.
 Plane window_means(const Plane& in) {
   const std::vector<double> wx = gaussian(std::min(kWindow, in.width));
   const std::vector<double> wy = gaussian(std::min(kWindow, in.height));

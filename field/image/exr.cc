@@ -1,5 +1,5 @@
 // OpenEXR: float premultiplied RGBA and Z. Reads half, float or integer channels of single-part
-// scan-line and tiled files; the picture is the display window, clear where there is no data.
+// scan-line and tiled files. The picture is the display window, transparent where there is no data.
 
 #include <ImathBox.h>
 #include <ImfChannelList.h>
@@ -63,8 +63,8 @@ class MemoryInput : public Imf::IStream {
 
 constexpr std::size_t kMagicAndVersion = 8;
 
-/// Walks the header's attributes (name, type, 32-bit size, value; a name of no characters ends it).
-/// The library allocates what an attribute claims before it reads; this makes sure it is there.
+/// Walks the header's attributes (name, type, 32-bit size, value; an empty name ends the list). The
+/// library allocates the size that an attribute claims; this checks that the bytes exist.
 bool attributes_fit(ByteSpan bytes) {
   std::size_t at = kMagicAndVersion;
   const auto skip_text = [&]() -> std::optional<std::size_t> {
@@ -94,8 +94,8 @@ Result<void> check_window(const std::string& name, const Box2i& window) {
   return check_size(name, side(window.min.x, window.max.x), side(window.min.y, window.max.y));
 }
 
-/// Refuses what the library would allocate too much for: blocks of many rows, channels or a
-/// large tile, and tables of more blocks than the file has room for.
+/// Refuses files for which the library would allocate too much: blocks with many rows or channels,
+/// large tiles, and tables with more blocks than fit the file.
 Result<void> check_blocks(const std::string& name, const Imf::Header& header,
                           std::size_t file_bytes) {
   constexpr std::uint64_t kMaxRowsInBlock = 256, kMaxBlockBytes = std::uint64_t{1} << 30;
@@ -123,7 +123,7 @@ Result<void> check_blocks(const std::string& name, const Imf::Header& header,
   return {};
 }
 
-/// Everything that can be refused from the header alone.
+/// Refuses files whose header alone shows that they cannot be read.
 Result<void> check_header(const std::string& name, ByteSpan bytes) {
   if (bytes.size() < kMagicAndVersion || !attributes_fit(bytes))
     return fail(ErrorCode::bad_file, name, ": OpenEXR ends inside its header");
@@ -151,7 +151,8 @@ Result<void> check_header(const std::string& name, ByteSpan bytes) {
   return {};
 }
 
-/// The data window's pixels. Absent colours are 0, grey (Y) fills all three, absent alpha is 1.
+/// The pixels of the data window. Missing colours are 0, gray (Y) sets all three, missing alpha is
+/// 1.
 Image read_data_window(Imf::InputFile& file) {
   const Box2i window = file.header().dataWindow();
   const Imf::ChannelList& channels = file.header().channels();
@@ -184,7 +185,7 @@ Image read_data_window(Imf::InputFile& file) {
   return data;
 }
 
-/// What of the data lies in the display window.
+/// The part of the data that is inside the display window.
 Image crop(Image data, const Box2i& window, const Box2i& display) {
   if (window == display) return data;
   Image out;
@@ -216,7 +217,7 @@ Result<Bytes> encode_exr(const std::string& name, const Image& image) try {
   Imf::FrameBuffer buffer;
   const auto insert = [&](const char* channel, const float* first, std::size_t stride) {
     header.channels().insert(channel, Imf::Channel(Imf::FLOAT));
-    // The library takes a non-const base for reading and writing alike.
+    // The library's base pointer is non-const for both reading and writing.
     auto* base = reinterpret_cast<char*>(const_cast<float*>(first));
     buffer.insert(channel, Imf::Slice(Imf::FLOAT, base, stride, stride * image.width));
   };

@@ -1,9 +1,9 @@
-// The picture formats in memory: Image to bytes, bytes to Image. Internal to field: users call
-// write_image and read_image; tests and fuzzers come in here.
+// Picture formats in memory: Image to bytes and back. Internal: programs call write_image and
+// read_image; tests and fuzzers call these functions.
 //
-// Decoders take untrusted bytes: sizes are checked before anything is allocated for them, and the
-// libraries' longjmps and exceptions end here. `name` is what messages call the picture.
-// Errors of decoders: bad_file, damaged or truncated; unsupported, valid but not read here.
+// Decoders accept untrusted bytes. They check sizes before they allocate, and catch the libraries'
+// longjmps and exceptions. `name` is the name of the picture in messages.
+// Errors of decoders: bad_file: damaged or truncated. unsupported: valid, but not supported here.
 #pragma once
 
 #include <cmath>
@@ -16,22 +16,22 @@
 
 namespace slf::image_formats {
 
-/// The largest picture read: pixels on a side, and in all (1 GiB of RGBA).
+/// The largest picture that decoders accept: pixels on a side, and in all (1 GiB of RGBA).
 inline constexpr std::uint64_t kMaxSide = 32768;
 inline constexpr std::uint64_t kMaxPixels = std::uint64_t{1} << 26;
 
-/// unsupported when a picture that claims this size is too large to read; bad_file when empty.
+/// Checks the size that a picture claims. unsupported: too large. bad_file: no pixels.
 [[nodiscard]] Result<void> check_size(const std::string& name, std::uint64_t width,
                                       std::uint64_t height);
 
-/// A value in 0..1 as 8 bits, to the nearest; what is outside is clamped, NaN gives 0.
+/// Rounds a value in 0..1 to 8 bits. Values outside are clamped; NaN becomes 0.
 [[nodiscard]] inline std::uint8_t to_byte(float value) {
   if (!(value > 0)) return 0;
   return value >= 1 ? 255 : static_cast<std::uint8_t>(std::lround(value * 255.0F));
 }
 
-/// REQUIRES (all encoders): at least one pixel, and width × height of them.
-/// failed: the format or its library refuses, with its reason (a side too long, say).
+/// All encoders: REQUIRES: width × height pixels, at least one.
+/// failed: the format or its library refuses, for example because a side is too long.
 [[nodiscard]] Result<Bytes> encode_png(const std::string& name, const Image& image,
                                        const ImageFileOptions& options);
 [[nodiscard]] Result<Bytes> encode_jpeg(const std::string& name, const Image& image,
@@ -42,7 +42,7 @@ inline constexpr std::uint64_t kMaxPixels = std::uint64_t{1} << 26;
 [[nodiscard]] Result<Image> decode_jpeg(const std::string& name, ByteSpan bytes);
 [[nodiscard]] Result<Image> decode_exr(const std::string& name, ByteSpan bytes);
 
-/// Decodes what the first bytes say it is.
+/// Decodes a picture in the format that its first bytes indicate.
 [[nodiscard]] Result<Image> decode(const std::string& name, ByteSpan bytes);
 
 }  // namespace slf::image_formats

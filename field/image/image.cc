@@ -37,7 +37,7 @@ Result<Image> decode(const std::string& name, ByteSpan bytes) {
 
 namespace {
 
-/// No file of a picture of kMaxPixels is longer than its float RGBA and Z, and some metadata.
+/// A file of kMaxPixels pixels is no longer than their float RGBA and Z, plus some metadata.
 constexpr std::uint64_t kMaxFileBytes = image_formats::kMaxPixels * 20 + (std::uint64_t{1} << 24);
 
 std::string lower_extension(const std::string& path) {

@@ -1,7 +1,7 @@
 // JPEG through libjpeg-turbo.
 
 #include <cstdio>  // before jpeglib.h, which uses FILE
-// Keep apart: jpeglib.h needs the above.
+// A separate block of includes, because jpeglib.h needs the above.
 #include <jerror.h>
 #include <jpeglib.h>
 
@@ -15,10 +15,10 @@
 namespace slf::image_formats {
 namespace {
 
-/// A progressive file may repeat scans that cost time and hold nothing; real ones have about ten.
+/// A hostile progressive file may have many empty scans that cost time. Real ones have about ten.
 constexpr int kMaxScans = 500;
 
-/// Turns libjpeg's calls to exit into a message. Owned beside the jpeg struct that points to it.
+/// Turns libjpeg's fatal errors into a message. Must live as long as the jpeg struct that uses it.
 class JpegErrors {
  public:
   jpeg_error_mgr* install() {
@@ -30,8 +30,8 @@ class JpegErrors {
     return &manager_;
   }
 
-  /// Runs calls into libjpeg; false when one of them failed.
-  /// REQUIRES: `calls` owns nothing that needs a destructor: a longjmp leaves it.
+  /// Runs calls into libjpeg. False: one of them failed.
+  /// REQUIRES: `calls` has no objects with destructors, because a longjmp may leave it.
   template <class Calls>
   [[nodiscard]] bool run(const Calls& calls) {
     if (setjmp(back_) != 0) return false;
@@ -46,7 +46,7 @@ class JpegErrors {
     return *static_cast<JpegErrors*>(jpeg->client_data);
   }
 
-  /// Warnings other than these mean that pixels are missing or made up.
+  /// All other warnings mean that pixels are missing or invented.
   static bool harmless(int code) {
     return code == JWRN_JFIF_MAJOR || code == JWRN_ADOBE_XFORM || code == JWRN_BOGUS_ICC;
   }
@@ -84,12 +84,12 @@ struct Compressor {
     jpeg_mem_dest(&jpeg, &bytes, &size);
     jpeg_set_defaults(&jpeg);
     jpeg_set_quality(&jpeg, quality, TRUE);
-    // Full-resolution chroma: rendered surfaces have sharp coloured edges.
+    // Full-resolution chroma, because rendered surfaces have sharp coloured edges.
     for (int c = 0; c < 3; ++c)
       jpeg.comp_info[c].h_samp_factor = jpeg.comp_info[c].v_samp_factor = 1;
     jpeg_start_compress(&jpeg, TRUE);
     while (jpeg.next_scanline < height) {
-      // The library takes a non-const row and does not write to it.
+      // The library's row pointer is non-const, but it does not write to the row.
       auto* row = const_cast<std::uint8_t*>(rgb + std::size_t{jpeg.next_scanline} * width * 3);
       jpeg_write_scanlines(&jpeg, &row, 1);
     }

@@ -1,4 +1,4 @@
-// PNG through libpng's simplified interface, which keeps its longjmps to itself.
+// PNG through libpng's simplified interface, which handles its longjmps internally.
 
 #include <png.h>
 
@@ -10,7 +10,7 @@
 namespace slf::image_formats {
 namespace {
 
-/// png_image, freed whatever happens.
+/// A png_image with a destructor.
 struct PngImage : png_image {
   PngImage() : png_image{} { version = PNG_IMAGE_VERSION; }
   PngImage(const PngImage&) = delete;
@@ -18,7 +18,7 @@ struct PngImage : png_image {
   ~PngImage() { png_image_free(this); }
 };
 
-/// Colour as PNG wants it, not multiplied by alpha. Where alpha is 0 colour is lost.
+/// Straight colour, as PNG requires: not multiplied by alpha. Where alpha is 0, colour is lost.
 std::vector<std::uint8_t> to_straight_rgba8(const Image& image) {
   std::vector<std::uint8_t> rgba;
   rgba.reserve(image.rgba.size() * 4);
@@ -30,8 +30,8 @@ std::vector<std::uint8_t> to_straight_rgba8(const Image& image) {
   return rgba;
 }
 
-/// Whether every chunk up to the IEND is there. The library stops at the last row and would not
-/// notice a file cut behind it.
+/// Whether every chunk up to IEND exists. The library stops after the last row, so it would not
+/// notice that the file is truncated behind it.
 bool reaches_end(ByteSpan bytes) {
   constexpr std::size_t kSignature = 8, kLengthTypeCrc = 12;
   std::size_t at = kSignature;
@@ -70,7 +70,7 @@ Result<Image> decode_png(const std::string& name, ByteSpan bytes) {
     return fail(ErrorCode::bad_file, name, ": damaged PNG: ", png.message);
   if (auto ok = check_size(name, png.width, png.height); !ok) return tl::unexpected(ok.error());
 
-  // Sixteen bits without a stated gamma are taken as sRGB, like eight.
+  // Treat 16 bits without a stated gamma as sRGB, like 8 bits.
   png.flags |= PNG_IMAGE_FLAG_16BIT_sRGB;
   png.format = PNG_FORMAT_RGBA;
   std::vector<std::uint8_t> pixels(PNG_IMAGE_SIZE(png));

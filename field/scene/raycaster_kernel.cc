@@ -19,17 +19,18 @@ namespace slf {
 namespace HWY_NAMESPACE {
 namespace {
 
-// Rays advance together, kWave of them, one sample each per pass. A pass alternates short loops of
-// two kinds over the wave: arithmetic on vectors, and look-ups lane by lane, so that neither waits
-// for the other and all hands over in the first-level cache. No lane ever sees another: a ray's
-// sample does not depend on its company.
+// kWave rays advance together, by one sample per pass. A pass alternates two kinds of short loops
+// over the wave: arithmetic on vectors, and look-ups lane by lane. So neither waits for the other,
+// and their data stay in the first-level cache. Lanes do not mix: a ray's sample does not depend on
+// the other rays.
 constexpr std::size_t kWave = 64;
 static_assert(kWave % kLanes == 0 && kHits >= 2 * kWave);
 
-/// The rays under way: ray i of the wave is the i-th of each array. Positions are in voxel indices.
+/// The rays under way. Ray i of the wave is element i of each array. Positions are in voxel
+/// indices.
 struct Wave {
   std::size_t size = 0;
-  // The ray: sample k of `count` lies at start + k·delta.
+  // The ray: sample k of `count` is at start + k·delta.
   alignas(64) float start[3][kWave];
   alignas(64) float delta[3][kWave];
   alignas(64) float inverse[3][kWave];
@@ -38,7 +39,7 @@ struct Wave {
   double first[kWave];  // distance of sample 0 from the ray's beginning, in steps
   double steps[kWave];  // length of the ray in steps
   std::size_t ray[kWave];
-  // What it has seen, but for the colour.
+  // The result so far, except its colour.
   alignas(64) float alpha[kWave];
   alignas(64) float depth[kWave];
   // Its next sample.
@@ -49,7 +50,7 @@ struct Wave {
   alignas(64) std::int32_t entry[kWave];
 };
 
-/// Puts a ray into place i of the wave; false when it misses everything visible.
+/// Puts a ray into place i of the wave. False: it misses the visible box.
 bool enter(const RayGrid& grid, const Segment& segment, Wave& wave, std::size_t i) {
   // Find the range of steps inside the visible box.
   const double length = glm::distance(segment.from, segment.to);
@@ -63,7 +64,7 @@ bool enter(const RayGrid& grid, const Segment& segment, Wave& wave, std::size_t 
     const double from_high = grid.visible_high[axis] - a[axis];
     if (std::abs(delta[axis]) < 1e-12) {
       if (from_low > 0 || from_high < 0) return false;
-      wave.inverse[axis][i] = std::numeric_limits<float>::lowest();  // as leap() likes it
+      wave.inverse[axis][i] = std::numeric_limits<float>::lowest();  // as leap() requires
       continue;
     }
     const double inverse = 1 / delta[axis];
@@ -73,7 +74,7 @@ bool enter(const RayGrid& grid, const Segment& segment, Wave& wave, std::size_t 
     wave.inverse[axis][i] = static_cast<float>(inverse);
   }
   if (!(low < high)) return false;
-  // Sample k of the whole ray is at k + 0.5 steps: the box only chooses among them.
+  // Sample k of the whole ray is at k + 0.5 steps. The box only selects samples, it moves none.
   const double first = std::ceil(low - 0.5);
   const double count = std::floor(high - 0.5) + 1 - first;
   if (!(count > 0)) return false;
@@ -104,7 +105,7 @@ void move_ray(Wave& wave, std::size_t from, std::size_t to) {
   wave.depth[to] = wave.depth[from];
 }
 
-/// Finds each ray's next sample: its cell, where in it, and the brick.
+/// Finds each ray's next sample: its cell, the position in the cell, and the brick.
 HWY_INLINE void locate(const RayGrid& grid, Wave& wave) {
   const Ints zero = hn::Zero(kInts);
   for (std::size_t i = 0; i < wave.size; i += kLanes) {
@@ -113,7 +114,7 @@ HWY_INLINE void locate(const RayGrid& grid, Wave& wave) {
     for (int axis = 2; axis >= 0; --axis) {
       const Floats p = hn::MulAdd(k, hn::Load(kFloats, wave.delta[axis] + i),
                                   hn::Load(kFloats, wave.start[axis] + i));
-      // Rounding may leave the box by a hair; clamping keeps every access inside the volume.
+      // Rounding may move a sample out of the box; clamp, so that every access is in the volume.
       const Ints cell =
           hn::Min(hn::Max(hn::ConvertTo(kInts, p), zero), hn::Set(kInts, grid.dims[axis] - 2));
       hn::Store(cell, kInts, wave.cell[axis] + i);
@@ -124,8 +125,8 @@ HWY_INLINE void locate(const RayGrid& grid, Wave& wave) {
   }
 }
 
-/// Advances each ray: to its next sample or, where its brick is empty, by as many steps as stay
-/// inside the empty cube of bricks around it.
+/// Advances each ray to its next sample or, if its brick is empty, by as many steps as stay inside
+/// the empty cube of bricks around it.
 HWY_INLINE void advance(Wave& wave) {
   const Ints one = hn::Set(kInts, 1);
   for (std::size_t i = 0; i < wave.size; i += kLanes) {
@@ -147,7 +148,7 @@ HWY_INLINE void advance(Wave& wave) {
   }
 }
 
-/// The table's entry for each value, trilinear between the eight voxels of the cell.
+/// The table index of each value, which is trilinear between the eight voxels of the cell.
 template <class T>
 HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4][kWave],
                              Wave& wave) {
@@ -184,13 +185,13 @@ HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4]
 
 constexpr float kOpaque = 1 - 1.f / 256;
 
-/// Retires the rays that have ended, and replaces them by the next ones or by the wave's last.
+/// Removes the rays that have ended, and replaces them by new rays or by the wave's last ones.
 void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::size_t& next,
                       Wave& wave, std::span<RaySample> out) {
   const auto finished = [&](std::size_t i) {
     return wave.k[i] >= wave.count[i] || wave.alpha[i] > kOpaque;
   };
-  // Backwards: a ray that moves down was looked at before.
+  // Backwards, so that a ray that moves down was checked before.
   for (std::size_t group = (wave.size + kLanes - 1) / kLanes; group-- > 0;) {
     const std::size_t begin = group * kLanes;
     const auto going = hn::Load(kInts, wave.count + begin) > hn::Load(kInts, wave.k + begin);
@@ -240,7 +241,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
     }
     counts.steps += wave.size;
     counts.samples += samples;
-    // Look up what their values are made of.
+    // Load the voxels of their cells.
     for (std::size_t s = 0; s < samples; ++s) {
       const std::size_t i = sampling[s];
       const int x = wave.cell[0][i], y = wave.cell[1][i], z = wave.cell[2][i];
@@ -255,7 +256,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
       }
     }
     if constexpr (!kLabels) find_entries(grid.table, rows, wave);
-    // Composite opacity, front to back; the colour follows once it is shaded.
+    // Composite opacity front to back. Colour follows when the samples are shaded.
     for (std::size_t s = 0; s < samples; ++s) {
       const std::size_t i = sampling[s];
       const auto entry = static_cast<std::size_t>(wave.entry[i]);
@@ -285,7 +286,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
     replace_finished(grid, rays, next, wave, out);
   }
   shade(grid, hits, out);
-  // What early termination left out is within a step of 8 bits: count it as opaque.
+  // Early termination leaves out less than one step of 8 bits: count the ray as opaque.
   for (RaySample& sample : out)
     if (sample.rgba.a > kOpaque) sample.rgba /= sample.rgba.a;
   return counts;

@@ -1,4 +1,4 @@
-// The inner loop of the ray-caster, compiled for several instruction sets. Private to field/.
+// The inner loop of the ray-caster, compiled for several instruction sets. Private to this room.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@ namespace slf {
 inline constexpr int kBrickShift = 1;
 inline constexpr int kBrick = 1 << kBrickShift;
 
-/// Everything the loop reads. Positions are in voxel indices.
+/// The inputs of the loop. Positions are in voxel indices.
 struct RayGrid {
   const std::byte* voxels = nullptr;
   ScalarType type = ScalarType::u8;  ///< u8, i8, u16, i16 or f32
@@ -27,15 +27,16 @@ struct RayGrid {
 
   glm::dmat3 world_to_index{1.0};
   glm::dvec3 origin{0.0};
-  /// Columns of the matrix that takes gradients to the world, padded to four.
+  /// Columns of the matrix that transforms gradients to world coordinates, padded to four.
   std::array<glm::vec4, 3> gradient_to_world{};
   double step = 1;  ///< world units
 
   TransferTable table;
-  /// Per brick: Chebyshev distance, in bricks, to the nearest one with anything visible (0: this).
+  /// Per brick: Chebyshev distance, in bricks, to the nearest visible brick (0: this one is
+  /// visible).
   std::vector<std::uint8_t> distance;
   std::array<std::int32_t, 3> bricks{};
-  /// Cells outside this half-open box hold nothing visible.
+  /// Cells outside this half-open box are invisible.
   glm::dvec3 visible_low{0.0};
   glm::dvec3 visible_high{0.0};
   bool leap = true;
@@ -43,11 +44,11 @@ struct RayGrid {
   bool shade = true;
   glm::vec4 light{0};  ///< unit, towards the light; padded
   float ambient = 0.3f;
-  float inverse_gradient_floor = 0;  ///< 1 / length below which gradients fade to unshaded
+  float inverse_gradient_floor = 0;  ///< 1 / length; shading fades out for shorter gradients
 };
 
-/// Traces rays into as many samples; chooses the best instruction set at run time. A ray's sample
-/// does not depend on the rays it is traced with.
+/// Traces each ray to one sample. Selects the best instruction set at run time. A ray's sample does
+/// not depend on the other rays.
 RayCounts trace_rays(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out);
 
 }  // namespace slf

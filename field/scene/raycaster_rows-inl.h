@@ -1,5 +1,5 @@
-// The voxels around a sample: looked up row by row, then taken apart into vectors of one voxel of
-// each of several samples. Part of raycaster_kernel.cc.
+// Loads the voxels around several samples row by row, and transposes them to vectors that hold one
+// voxel of each sample. Part of raycaster_kernel.cc.
 
 // Included once per instruction set.
 #if defined(SLF_FIELD_RAYCASTER_ROWS_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -37,8 +37,8 @@ struct Row {
   T voxels[4];
 };
 
-/// The 4×4×4 voxels around a cell, of which the value needs the inner rows and central differences
-/// the outer ones. A view: of the volume itself or, at its border, of a clamped copy.
+/// The 4×4×4 voxels around a cell. The value needs the inner rows, central differences the outer
+/// ones. A view of the volume itself or, at its border, of a clamped copy.
 template <class T>
 struct Neighbourhood {
   const T* first;
@@ -72,7 +72,7 @@ HWY_INLINE Neighbourhood<T> neighbourhood(const RayGrid& grid, int x, int y, int
           nx, stride_z};
 }
 
-/// A row as it is looked up: of voxels or, of label volumes, 1 where the label is visible, else 0.
+/// A row as loaded: voxels or, in label volumes, 1 where the label is visible and 0 elsewhere.
 template <class T, bool kLabels>
 HWY_INLINE auto take_row(const RayGrid& grid, const T* from) {
   if constexpr (kLabels) {
@@ -100,7 +100,7 @@ HWY_INLINE Columns load_columns(const Row<T>* rows) {
   if constexpr (std::is_same_v<T, float>) {
     hn::LoadInterleaved4(kFloats, &rows->voxels[0], c.x0, c.x1, c.x2, c.x3);
   } else {
-    // The k-th voxel of a word, moved to its top and from there, with its sign, to its bottom.
+    // Move the k-th voxel of a word to its top, and from there, with its sign, to its bottom.
     constexpr int kDown = 32 - 8 * static_cast<int>(sizeof(T));
     const auto voxel = [&](auto word, auto up) {
       const auto top = hn::ShiftLeft<decltype(up)::value>(word);
@@ -131,7 +131,7 @@ HWY_INLINE Columns load_columns(const Row<T>* rows) {
 
 HWY_INLINE Floats lerp(Floats a, Floats b, Floats t) { return hn::MulAdd(t, b - a, a); }
 
-/// The rows of a neighbourhood in the order they are kept in: inner ones first.
+/// The rows of a neighbourhood in storage order: inner ones first.
 constexpr int kRowY[12] = {1, 2, 1, 2, 0, 0, 3, 3, 1, 2, 1, 2};
 constexpr int kRowZ[12] = {1, 1, 2, 2, 1, 2, 1, 2, 0, 0, 3, 3};
 

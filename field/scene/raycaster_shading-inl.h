@@ -1,4 +1,4 @@
-// Samples found visible, and their shading. Part of raycaster_kernel.cc.
+// Visible samples and their shading. Part of raycaster_kernel.cc.
 
 // Included once per instruction set.
 #if defined(SLF_FIELD_RAYCASTER_SHADING_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -21,7 +21,7 @@ namespace {
 
 constexpr std::size_t kHits = 128;
 
-/// Samples that are visible and wait to be shaded.
+/// Visible samples that are not shaded yet.
 template <class S>
 struct Hits {
   std::size_t size = 0;
@@ -32,8 +32,8 @@ struct Hits {
   std::size_t ray[kHits];
 };
 
-/// Ambient and Lambert's share of the light at kLanes hits, from central differences one voxel
-/// apart, interpolated trilinearly: a normal without facets.
+/// Ambient and Lambertian light at kLanes hits. The normal is the trilinear interpolation of
+/// central differences, so it has no facets.
 template <class S>
 HWY_INLINE Floats shading(const RayGrid& grid, const Hits<S>& hits, std::size_t i) {
   const Floats one = hn::Set(kFloats, 1.f);
@@ -54,14 +54,14 @@ HWY_INLINE Floats shading(const RayGrid& grid, const Hits<S>& hits, std::size_t 
   const auto face = [&](Floats Columns::*x) {
     return lerp(lerp(inner[0].*x, inner[1].*x, fy), lerp(inner[2].*x, inner[3].*x, fy), fz);
   };
-  // Difference along each axis, twice over.
+  // Compute twice the difference along each axis.
   const Floats dx =
       lerp(face(&Columns::x2) - face(&Columns::x0), face(&Columns::x3) - face(&Columns::x1), fx);
   const Floats dy = lerp(lerp(row[1] - row[4], row[6] - row[0], fy),
                          lerp(row[3] - row[5], row[7] - row[2], fy), fz);
   const Floats dz = lerp(lerp(row[2] - row[8], row[10] - row[0], fz),
                          lerp(row[3] - row[9], row[11] - row[1], fz), fy);
-  // Take the gradient to the world, where the light is.
+  // Transform the gradient to world coordinates.
   const auto& m = grid.gradient_to_world;
   Floats toward = hn::Zero(kFloats), length2 = hn::Set(kFloats, 1e-30f);
   for (int axis = 0; axis < 3; ++axis) {
@@ -71,7 +71,7 @@ HWY_INLINE Floats shading(const RayGrid& grid, const Hits<S>& hits, std::size_t 
     toward = hn::NegMulAdd(n, hn::Set(kFloats, grid.light[axis]), toward);
     length2 = hn::MulAdd(n, n, length2);
   }
-  // Gradients too small to be sure of fade to unshaded.
+  // Small gradients are unreliable: fade their shading out.
   const Floats length = hn::Sqrt(length2);
   const Floats lambert = hn::Max(hn::Zero(kFloats), toward) / length;
   const Floats sure = hn::Min(one, length * hn::Set(kFloats, grid.inverse_gradient_floor));
@@ -88,7 +88,7 @@ HWY_NOINLINE void shade(const RayGrid& grid, Hits<S>& hits, std::span<RaySample>
   for (std::size_t i = 0; i < hits.size; i += kLanes)
     hn::Store(hn::Load(kFloats, hits.weight + i) * shading(grid, hits, i), kFloats,
               hits.weight + i);
-  for (std::size_t i = 0; i < hits.size; ++i)  // in the order each ray met them
+  for (std::size_t i = 0; i < hits.size; ++i)  // in order along each ray
     add_color(grid, hits.entry[i], hits.weight[i], out[hits.ray[i]].rgba);
   hits.size = 0;
 }

@@ -8,7 +8,7 @@
 namespace slf {
 namespace {
 
-/// Answers which boxes of voxels can show something.
+/// Tells which boxes of voxels can be visible.
 template <class T>
 class Visibility {
  public:
@@ -19,7 +19,7 @@ class Visibility {
       visible_below_[k + 1] = visible_below_[k] + (opacities[k] > 0 ? 1 : 0);
   }
 
-  /// Whether a cell within these closed ranges of voxels can show something.
+  /// Whether a cell whose voxels are within these closed ranges can be visible.
   [[nodiscard]] bool operator()(glm::ivec3 first, glm::ivec3 last) const {
     T low = std::numeric_limits<T>::max(), high = std::numeric_limits<T>::lowest();
     bool labelled = false;
@@ -34,7 +34,7 @@ class Visibility {
         }
       }
     if (grid_.labels) return labelled;
-    // One entry wider on each side than rounding could ever reach.
+    // One more entry on each side than rounding can reach.
     const std::int64_t end = static_cast<std::int64_t>(grid_.table.opacities.size()) - 1;
     const auto from = std::clamp<std::int64_t>(entry(low) - 1, 0, end);
     const auto to = std::clamp<std::int64_t>(entry(high) + 1, 0, end);
@@ -72,7 +72,7 @@ glm::ivec3 last_voxel(const RayGrid& grid) {
   return {grid.dims[0] - 1, grid.dims[1] - 1, grid.dims[2] - 1};
 }
 
-/// 0 for each brick whose cells can show something, 255 elsewhere.
+/// 0 for each brick with a cell that can be visible, 255 for all others.
 template <class T>
 std::vector<std::uint8_t> find_visible_bricks(const RayGrid& grid, const Visibility<T>& visible) {
   std::vector<std::uint8_t> bricks(
@@ -84,8 +84,8 @@ std::vector<std::uint8_t> find_visible_bricks(const RayGrid& grid, const Visibil
   return bricks;
 }
 
-/// Chebyshev distance to the nearest brick that is 0, capped at 255: the separable maximum of
-/// distances, found by two sweeps of the 3×3×3 neighbourhood.
+/// Chebyshev distance to the nearest brick that is 0, at most 255. Computed by two sweeps of the
+/// 3×3×3 neighbourhood.
 void spread_distance(std::vector<std::uint8_t>& bricks, const std::array<std::int32_t, 3>& size) {
   const std::int32_t nx = size[0], ny = size[1], nz = size[2];  // clang 14 captures no bindings
   const auto at = [&](int x, int y, int z) -> std::uint8_t& {
@@ -109,7 +109,8 @@ void spread_distance(std::vector<std::uint8_t>& bricks, const std::array<std::in
       for (int x = nx; x-- > 0;) relax(x, y, z, -1);
 }
 
-/// The visible cells of a row, first and last: all that a box or a sphere around them depends on.
+/// The first and last visible cell of a row. A box or sphere around all cells depends only on
+/// these.
 struct CellRun {
   glm::ivec3 first, last;
 };
@@ -143,7 +144,7 @@ void find_visible_box(const std::vector<CellRun>& runs, RayGrid& grid) {
   }
 }
 
-/// The sphere around the centre of the visible box that reaches the farthest visible cell.
+/// The sphere around the centre of the visible box up to the farthest visible cell.
 Sphere find_bounds(const std::vector<CellRun>& runs, const RayGrid& grid, const Volume& volume) {
   const auto world = [&](const glm::dvec3& index) { return volume.origin + volume.axes * index; };
   Sphere sphere{world((grid.visible_low + grid.visible_high) / 2.0), 0};

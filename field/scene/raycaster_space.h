@@ -1,4 +1,4 @@
-// What of a volume can be seen: empty space to leap over, and the bounds. Private to field/.
+// The visible parts of a volume: empty space to skip, and the bounds. Private to this room.
 #pragma once
 
 #include <optional>
@@ -7,9 +7,9 @@
 
 namespace slf {
 
-/// Fills the grid's bricks, distances and visible box from its table and dims, and returns a sphere
-/// around all visible cells; nothing when there are none. The sphere depends on the volume and the
-/// table alone.
+/// Computes the grid's bricks, distances and visible box from its table and dims. Returns a sphere
+/// around all visible cells, or nothing if there are none. The sphere depends only on the volume
+/// and the table.
 [[nodiscard]] std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid);
 
 }  // namespace slf

@@ -16,7 +16,7 @@ void add_entry(TransferTable& table, const TransferFunction& transfer, double va
       static_cast<float>(1 - std::pow(1 - std::clamp(entry.a, 0.0, 1.0), steps_per_unit)));
 }
 
-/// The least gap between neighbouring points of the function: what a table has to resolve.
+/// The smallest distance between neighbouring points of the function. A table must resolve it.
 double least_gap(const TransferFunction& transfer) {
   double gap = std::numeric_limits<double>::max();
   const auto measure = [&](const auto& points) {
@@ -42,7 +42,7 @@ TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
   const auto [low, high] = range;
   table.low = low;
   const double width = std::max(double{high} - low, 1e-30);
-  // Sixteen entries for the narrowest ramp, and at least four for each integer value.
+  // Use 16 entries for the narrowest ramp, and at least 4 for each integer value.
   const double wanted = 16 * width * std::abs(volume.slope) / least_gap(transfer);
   const bool integers = volume.type != ScalarType::f32;
   const auto add = [&](double stored) {

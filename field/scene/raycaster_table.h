@@ -1,4 +1,4 @@
-// The ray-caster's transfer function, tabulated over the values of a volume. Private to field/.
+// The ray-caster's transfer function as a table over the values of a volume. Private to this room.
 #pragma once
 
 #include <array>
@@ -13,8 +13,8 @@ namespace slf {
 
 /// Colour and step-corrected opacity over the stored values of a volume.
 struct TransferTable {
-  /// How a value becomes an index: evenly over [low, high], or evenly over the bits of the float
-  /// (constant relative precision), for functions whose points span many orders of magnitude.
+  /// How values map to indices: evenly over [low, high], or evenly over the bits of the float. The
+  /// latter has constant relative precision, for functions that span many orders of magnitude.
   bool logarithmic = false;
   float low = 0;
   float scale = 1;           ///< entries per unit of value (even)
@@ -24,14 +24,14 @@ struct TransferTable {
   std::vector<float> opacities;   ///< of one step; as many
 };
 
-/// The bits of a float as an integer that orders as the floats do.
+/// Maps a float to an integer with the same order.
 [[nodiscard]] std::int32_t ordered_bits(float value);
 
-/// For stored values in `range`. An opacity o of the function becomes 1 - (1 - o)^steps_per_unit.
+/// A table for stored values in `range`. An opacity o becomes 1 - (1 - o)^steps_per_unit.
 [[nodiscard]] TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
                                        std::array<float, 2> range, double steps_per_unit);
 
-/// An entry for each of `labels`, in order.
+/// A table with one entry for each of `labels`, in order.
 [[nodiscard]] TransferTable make_label_table(const TransferFunction& transfer, const Volume& volume,
                                              const std::vector<double>& labels,
                                              double steps_per_unit);

@@ -1,4 +1,4 @@
-// A DICOM file's few fields of interest, as the slices they describe.
+// Converts the few relevant elements of a DICOM file to slices.
 #include "field/volume/dicom.h"
 
 #include <algorithm>
@@ -39,8 +39,8 @@ std::string text_of(const DicomValues& values, Tag tag) {
   return std::string(trim(found->second.substr(0, found->second.find('\0'))));
 }
 
-/// Whether a file without a picture is one that never has any: a directory, report, structure set,
-/// presentation state, document, waveform or raw data. Any other has lost it.
+/// Whether a file is of a kind that has no picture: a directory, report, structure set,
+/// presentation state, document, waveform or raw data. Any other file without a picture is damaged.
 bool is_pictureless(const DicomValues& values) {
   constexpr std::uint32_t kDirectoryRecords = 0x00041220;
   if (values.contains(kDirectoryRecords)) return true;
@@ -50,7 +50,7 @@ bool is_pictureless(const DicomValues& values) {
   return false;
 }
 
-/// Decimal strings, backslash between; empty where absent or not numbers.
+/// Parses decimal strings separated by backslashes. Empty if they are missing or no numbers.
 std::vector<double> numbers_of(const DicomValues& values, Tag tag) {
   std::vector<double> result;
   std::istringstream parts(text_of(values, tag));
@@ -152,8 +152,8 @@ void read_scale(const DicomValues& values, DicomSlice& slice) {
     slice.intercept = intercept[0];
 }
 
-/// One slice a frame: what the frame's own functional groups say, else the shared ones, else the
-/// outermost data set.
+/// Makes one slice per frame. Values come from the frame's own functional groups, else from the
+/// shared ones, else from the outermost data set.
 Result<std::vector<DicomSlice>> split(const DicomElements& elements, const DicomSlice& file) {
   std::vector<DicomSlice> slices;
   for (std::uint32_t frame = 0; frame < file.frames; ++frame) {

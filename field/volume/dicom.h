@@ -1,12 +1,12 @@
-// One DICOM file: its elements, where its slices lie, its pixels.
+// One DICOM file: its elements, the positions of its slices, its pixels.
 //
-// Two readers, by what is at stake. Elements, places and uncompressed pixels are read by our own
-// parser, in this process. Compressed pixels are decoded by GDCM, in a child process only
-// (volume_dicom_decode.h), after our parser has accepted the file.
+// Our own parser reads elements, positions and uncompressed pixels, in this process. GDCM decodes
+// compressed pixels, but only in a child process (dicom_decode.h), and only after our parser has
+// accepted the file.
 //
-// Why our own: Debian builds GDCM with its assertions, and on a damaged file gdcm::Reader aborts
-// the process, or allocates up to 4 GiB by a length that lies. ITK's reader is GDCM as well, and
-// rescales pixels as it reads, so that both the 16 bits and the slope are lost.
+// Why our own parser? Debian builds GDCM with its assertions. On a damaged file gdcm::Reader aborts
+// the process, or allocates up to 4 GiB because of a wrong length. ITK's reader is GDCM too, and it
+// rescales pixels, so that both the 16 bits and the slope are lost.
 #pragma once
 
 #include <cstdint>
@@ -26,36 +26,36 @@ namespace slf::volume_io {
 /// Elements by tag (group << 16 | element).
 using DicomValues = std::map<std::uint32_t, std::string_view>;
 
-/// What is read of a file's elements.
-/// REQUIRES: the bytes it was parsed from outlive it.
+/// The parsed elements of a file. Views the bytes of the file, which must outlive it.
 struct DicomElements {
   std::string syntax;         ///< transfer syntax UID
-  DicomValues values{};       ///< of the outermost data set
+  DicomValues values{};       ///< elements of the outermost data set
   bool encapsulated = false;  ///< pixel data are a sequence of encoded fragments
-  /// The functional groups of a multi-frame file, place and scale only: for all its frames, and
-  /// for each.
+  /// The functional groups of a multi-frame file, only those for position and scale: the shared
+  /// ones, and those of each frame.
   DicomValues shared{};
   std::vector<DicomValues> frames{};
 };
 
-/// The bytes of a file, its data set inflated where the transfer syntax is deflated.
-/// io: unreadable. bad_file: damaged deflated data. unsupported: they inflate beyond 1 GiB.
+/// The bytes of a file, with the data set inflated if the transfer syntax is deflated.
+/// io: the file cannot be read. bad_file: the deflated data are damaged. unsupported: they inflate
+/// to more than 1 GiB.
 [[nodiscard]] Result<std::string> read_dicom_bytes(const std::string& path);
 
-/// Walks every element, nested ones too, and holds its length against the bytes there are.
-/// `bytes` are what read_dicom_bytes gave.
-/// bad_file: a length that leaves its parent. unsupported: big endian transfer syntax.
+/// Walks every element, including nested ones, and checks its length against the file's. `bytes`
+/// are those of read_dicom_bytes. bad_file: an element extends beyond its parent. unsupported:
+/// big-endian transfer syntax.
 [[nodiscard]] Result<DicomElements> parse_dicom(const std::string& path, std::string_view bytes);
 
-/// Where a slice lies and how its pixels are stored and scaled.
+/// The position of a slice, and how its pixels are stored and scaled.
 struct DicomSlice {
   std::string path;
-  std::uint32_t frame = 0, frames = 1;  ///< which of the file's
+  std::uint32_t frame = 0, frames = 1;  ///< its frame, and how many the file has
   std::string series;
   std::string syntax;       ///< transfer syntax UID
   bool compressed = false;  ///< needs GDCM
   glm::dvec3 position{0.0};
-  glm::dvec3 row{0.0}, column{0.0};  ///< directions in which x and y of the picture grow
+  glm::dvec3 row{0.0}, column{0.0};  ///< world directions of the picture's x and y
   glm::dvec2 spacing{0.0};           ///< along row, along column
   double slope = 1, intercept = 0;
   std::uint32_t width = 0, height = 0;
@@ -68,19 +68,20 @@ struct DicomSlice {
   [[nodiscard]] std::string label() const;
 };
 
-/// "JPEG 2000 (transfer syntax 1.2.840.10008.1.2.4.91)"; empty for a syntax we cannot decode.
+/// The name of a compression, as "JPEG 2000 (transfer syntax 1.2.840.10008.1.2.4.91)"; empty for
+/// one that we cannot decode.
 [[nodiscard]] std::string name_of_compression(std::string_view syntax);
 
-/// The slices of a file, one a frame, in the file's order. None where it is DICOM but no picture
-/// (a DICOMDIR, a report), or of another series than `series`, where that is given.
-/// unsupported: colour, palettes, a compression or pixel size we do not know, frames without
-/// functional groups.
+/// The slices of a file, one per frame, in file order. None if the file is DICOM but no picture (a
+/// DICOMDIR, a report), or belongs to another series than `series`, if that is given.
+/// unsupported: colour, palettes, an unknown compression or pixel size, frames without functional
+/// groups.
 [[nodiscard]] Result<std::vector<DicomSlice>> read_dicom_slices(
     const std::string& path, const std::optional<std::string>& series = {});
 
 class DicomDecoder;
 
-/// The pixels of files, in the order they are given. Not thread-safe.
+/// Reads the pixels of files, in the given order. Not thread-safe.
 class DicomPixelReader {
  public:
   /// `files`: any slice of each.
@@ -89,11 +90,11 @@ class DicomPixelReader {
   DicomPixelReader& operator=(DicomPixelReader&&) noexcept;
   ~DicomPixelReader();
 
-  /// All frames of the next file, each slice.bytes() long, in native byte order and before slope
-  /// and intercept. Bits beside the stored ones are cleared, the sign extended. MONOCHROME1 (least
-  /// is white) stays the numbers it is.
+  /// All frames of the next file, each slice.bytes() long, in native byte order, before slope and
+  /// intercept. Bits beside the stored ones are cleared, and the sign is extended. The values of
+  /// MONOCHROME1 (least is white) do not change.
   /// bad_file: too few pixels, or compressed ones that cannot be decoded.
-  /// REQUIRES: a file is left.
+  /// REQUIRES: there is a next file.
   [[nodiscard]] Result<std::vector<std::byte>> next();
 
  private:

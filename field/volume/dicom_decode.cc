@@ -23,14 +23,14 @@ constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 30;
 
 std::uint64_t decoded_bytes(const DicomSlice& file) { return file.bytes() * file.frames; }
 
-/// Seconds a file may take: the slowest decoder gives tens of megabytes in one.
+/// Seconds that a file may take. The slowest decoder produces tens of megabytes per second.
 std::uint64_t patience(const DicomSlice& file) { return 60 + (decoded_bytes(file) >> 20); }
 
 // In the child.
 
-/// No more address space than it has now and GDCM's several copies of a file take, no more time
-/// than the files call for, and no file written or process started (GDCM would call pvrg-jpeg on
-/// what its own JPEG refuses).
+/// Limits the child: its address space to what it has now plus GDCM's several copies of a file, its
+/// time to what the files need; and it may neither write files nor start processes (GDCM would run
+/// pvrg-jpeg on pictures that its own JPEG refuses).
 bool set_limits(const std::vector<DicomSlice>& files) {
   std::uint64_t pages = 0, largest = 0, seconds = 0;
   if (!(std::ifstream("/proc/self/statm") >> pages)) return false;
@@ -50,7 +50,7 @@ bool set_limits(const std::vector<DicomSlice>& files) {
          limit(RLIMIT_CPU, seconds) && limit(RLIMIT_AS, pages * page + kSpare + 12 * largest);
 }
 
-/// What the process we were forked from does on signals is not for us.
+/// Resets the signal handlers that the parent installed.
 void forget_signal_handlers() {
   for (const int signal : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGINT, SIGTERM, SIGHUP,
                            SIGPIPE, SIGXCPU, SIGCHLD})
@@ -76,8 +76,8 @@ bool write_all(int to, const char* bytes, std::size_t size) {
   return true;
 }
 
-/// Whether the size that a JPEG 2000 stream states is the header's. GDCM does not ask, and leaves
-/// pixels of a smaller one unset.
+/// Whether the size in a JPEG 2000 stream is that of the header. GDCM does not check this, and
+/// leaves pixels unset if the stream's picture is smaller.
 bool is_of_stated_size(const DicomSlice& file, const gdcm::Image& image) {
   const auto* fragments = image.GetDataElement().GetSequenceOfFragments();
   if (!fragments) return false;
@@ -130,7 +130,8 @@ bool decode(const DicomSlice& file, int to) {
 
 enum class Wait { ready, late };
 
-/// Polls of a second each, so that a time in which both processes were stopped counts as one.
+/// Polls for one second at a time, so that a time in which both processes are stopped counts as one
+/// second.
 Wait wait_for_bytes(int from, std::uint64_t seconds) {
   pollfd entry{.fd = from, .events = POLLIN, .revents = 0};
   for (std::uint64_t i = 0; i < seconds; ++i)
@@ -174,7 +175,7 @@ DicomDecoder::~DicomDecoder() {
 }
 
 Result<std::vector<std::byte>> DicomDecoder::read(const DicomSlice& file) {
-  // Memory is taken as bytes arrive: that a header asks for it is no reason.
+  // Allocate memory as bytes arrive, not because a header asks for it.
   std::vector<std::byte> pixels;
   const std::uint64_t needed = decoded_bytes(file);
   while (pixels.size() < needed) {

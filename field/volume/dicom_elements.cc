@@ -1,4 +1,4 @@
-// Our own walk over a DICOM file's elements; volume_dicom.h says why.
+// Our own parser of DICOM elements; dicom.h says why.
 #include <zlib.h>
 
 #include <algorithm>
@@ -38,7 +38,7 @@ struct Walker {
   std::string_view bytes;
   std::size_t at = 0;
   DicomElements found{};
-  // Within the functional groups: where their elements go, and the sequence we are in.
+  // Within functional groups: where their elements are stored, and the current sequence.
   DicomValues* groups = nullptr;
   std::uint32_t parent = 0;
 
@@ -89,8 +89,8 @@ struct Walker {
     return e;
   }
 
-  /// Items up to `end`, or up to the delimiter where `open`. In encapsulated pixel data an item is
-  /// a run of bytes, else a data set.
+  /// Parses items up to `end` or, if `open`, up to the delimiter. In encapsulated pixel data an
+  /// item is a byte string; elsewhere it is a data set.
   Result<void> items(bool is_explicit, std::size_t end, bool open, bool of_bytes, int depth) {
     if (depth > kDeepest)
       return fail(ErrorCode::bad_file, path, ": DICOM sequences nested deeper than ", kDeepest);
@@ -112,7 +112,7 @@ struct Walker {
     return {};
   }
 
-  /// The items of a sequence, `parent` and `groups` being what they are within it.
+  /// Parses the items of a sequence, with `parent` and `groups` for their elements.
   Result<void> sequence(std::uint32_t tag, bool is_explicit, std::size_t end, bool open,
                         int depth) {
     const auto outer_groups = groups;
@@ -131,7 +131,7 @@ struct Walker {
       if (!e) return tl::unexpected(e.error());
       if (e->tag == kItemEnd && open) return {};
       const bool undefined = e->length == kUndefined;
-      // A private or unknown element of undefined length is implicit within.
+      // A private or unknown element of undefined length has implicit value representations.
       const bool inner_explicit = is_explicit && e->vr != "UN";
       if (depth == 0 && !undefined) found.values[e->tag] = bytes.substr(at, e->length);
       if (depth == 0 && e->tag == kPixelData) found.encapsulated = undefined;
@@ -148,7 +148,7 @@ struct Walker {
     return {};
   }
 
-  /// The file meta information, always explicit; returns the transfer syntax.
+  /// Parses the file meta information, which is always explicit. Returns the transfer syntax.
   Result<std::string> meta() {
     std::string syntax;
     while (at < bytes.size()) {
@@ -169,7 +169,7 @@ struct Walker {
   }
 };
 
-/// A data set as the deflated transfer syntax packs it: deflate without a header, up to its end.
+/// Inflates a data set of the deflated transfer syntax: deflate without a header.
 Result<std::string> inflated(const std::string& path, std::string_view packed) {
   constexpr std::size_t kMost = std::size_t{1} << 30, kStep = std::size_t{1} << 20;
   z_stream stream{};
@@ -178,7 +178,7 @@ Result<std::string> inflated(const std::string& path, std::string_view packed) {
   std::string data;
   stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data()));
   int status = Z_OK;
-  // Lengths of more than 32 bits are fed in parts.
+  // zlib's lengths have 32 bits, so feed longer data in parts.
   for (std::size_t left = packed.size(); status == Z_OK && data.size() < kMost;) {
     if (stream.avail_in == 0) {
       stream.avail_in = static_cast<uInt>(std::min(left, kStep));

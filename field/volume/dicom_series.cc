@@ -1,4 +1,4 @@
-// DICOM slices, of a folder or of one file, sorted in space and stacked.
+// Stacks the DICOM slices of a folder or a file to a volume, sorted by position.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -15,7 +15,7 @@ namespace slf::volume_io {
 
 namespace {
 
-/// The slices of all files in a folder, or of those of one series.
+/// The slices of all files in a folder, or only those of one series.
 Result<std::vector<DicomSlice>> read_headers(const std::string& folder,
                                              const std::optional<std::string>& series = {}) {
   std::vector<std::string> files;
@@ -75,8 +75,8 @@ Result<void> check_alike(const std::vector<DicomSlice>& slices) {
   return {};
 }
 
-/// Sorts along the normal and sets the axes. The third is the way from slice to slice, which a
-/// tilted gantry makes oblique.
+/// Sorts the slices along the normal and sets the axes. The third axis is the step from slice to
+/// slice; with a tilted gantry it is oblique.
 Result<void> place(std::vector<DicomSlice>& slices, Volume& volume) {
   const glm::dvec3 normal = glm::cross(slices[0].row, slices[0].column);
   const auto height = [&](const DicomSlice& s) { return glm::dot(normal, s.position); };
@@ -102,8 +102,8 @@ Result<void> place(std::vector<DicomSlice>& slices, Volume& volume) {
   return check_axes(volume);
 }
 
-/// A slice's pixels, behind those that are there: as they are, or as f32 with the scale applied
-/// where scales differ and have no one slope.
+/// Appends a slice's pixels: unchanged or, if the slices' scales differ, as f32 with the scale
+/// applied.
 void append(const DicomSlice& slice, std::span<const std::byte> pixels, Volume& volume) {
   if (volume.type == slice.type) {
     volume.voxels.insert(volume.voxels.end(), pixels.begin(), pixels.end());
@@ -122,7 +122,7 @@ void append(const DicomSlice& slice, std::span<const std::byte> pixels, Volume& 
   volume.voxels.insert(volume.voxels.end(), bytes.begin(), bytes.end());
 }
 
-/// Fills the voxels. Memory for all is asked for once the first file has shown its pixels.
+/// Fills the voxels. Allocates memory for all only after the first file has yielded its pixels.
 Result<void> stack(const std::vector<DicomSlice>& slices, Volume& volume) {
   const bool one_file = slices.front().frames > 1;
   DicomPixelReader reader(one_file ? std::vector(1, slices.front()) : slices);

@@ -1,7 +1,7 @@
 // MetaImage (.mha, or .mhd with its data file), https://itk.org/Wiki/MetaIO/Documentation.
 //
-// Read here and not through ITK, for the reason given in volume_nrrd.cc. World coordinates are
-// LPS, as ITK takes them; AnatomicalOrientation is, as in ITK, a remark and not a transform.
+// Not read through ITK, for the reason given in nrrd.cc. World coordinates are LPS, as in ITK. As
+// in ITK, AnatomicalOrientation does not transform them.
 #include <cmath>
 #include <map>
 
@@ -13,9 +13,9 @@ namespace {
 
 struct Header {
   std::map<std::string, std::string, std::less<>> fields;
-  std::size_t bytes = 0;  // up to and with the line ElementDataFile, which is the last
+  std::size_t bytes = 0;  // up to and including the last line, ElementDataFile
 
-  /// The first of several names of one field that is there.
+  /// The value of a field, under the first of several names that the header has.
   const std::string* find(const std::vector<std::string_view>& names) const {
     for (const auto name : names)
       if (const auto found = fields.find(name); found != fields.end()) return &found->second;
@@ -72,7 +72,7 @@ Result<ScalarType> scalar_type(const std::string& path, const Header& header) {
   if (text->ends_with("_ARRAY"))
     return fail(ErrorCode::unsupported, path, ": ElementType ", in_quotes(*text),
                 ", expected one number a voxel: extract one component");
-  // MET_LONG is 32 bits in MetaIO, whatever the machine.
+  // MET_LONG has 32 bits in MetaIO, on every machine.
   static const std::map<std::string_view, ScalarType> kTypes = {
       {"MET_UCHAR", ScalarType::u8},      {"MET_CHAR", ScalarType::i8},
       {"MET_ASCII_CHAR", ScalarType::i8}, {"MET_USHORT", ScalarType::u16},
@@ -186,7 +186,7 @@ Result<VoxelData> locate(const Header& header, const Volume& volume) {
                   ", expected a count of bytes, or -1");
     if (*skip >= 0)
       data.offset = static_cast<std::uint64_t>(*skip);
-    else if (*size >= voxel_bytes(volume))  // the voxels are the last bytes of the file
+    else if (*size >= voxel_bytes(volume))  // the voxels are at the end of the file
       data.offset = *size - voxel_bytes(volume);
   }
   return data;

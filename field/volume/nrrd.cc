@@ -1,7 +1,7 @@
 // NRRD (.nrrd, or .nhdr with its data file), https://teem.sourceforge.net/nrrd/format.html.
 //
-// Read here and not through ITK or teem: every size has to be held against the file before it is
-// allocated, which takes parsing the header; behind it are only voxels, raw or deflated.
+// Not read through ITK or teem, because every size must be checked against the file before it is
+// allocated. That requires parsing the header, and behind it are only voxels, raw or deflated.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -28,7 +28,7 @@ using FieldMap = std::map<std::string, std::string, std::less<>>;
 
 struct Header {
   FieldMap fields;
-  std::size_t bytes = 0;  // up to and with the blank line
+  std::size_t bytes = 0;  // up to and including the blank line
 };
 
 Result<Header> parse_lines(const std::string& path, std::string_view head) {
@@ -58,7 +58,7 @@ Result<std::string> required(const std::string& path, const FieldMap& fields,
   return found->second;
 }
 
-/// The words of a per-axis field, one an axis; empty where the field is absent.
+/// The words of a per-axis field, one per axis. Empty if the field is missing.
 Result<std::vector<std::string_view>> per_axis(const std::string& path, const FieldMap& fields,
                                                std::string_view field, std::size_t axes) {
   const auto found = fields.find(field);
@@ -70,7 +70,7 @@ Result<std::vector<std::string_view>> per_axis(const std::string& path, const Fi
   return result;
 }
 
-/// "(x,y,z)", perhaps with a fourth component of time, which is dropped.
+/// Parses "(x,y,z)". Drops a fourth component, which is time.
 std::optional<glm::dvec3> parse_vector(std::string_view text) {
   if (!text.starts_with('(') || !text.ends_with(')')) return std::nullopt;
   text = text.substr(1, text.size() - 2);
@@ -130,7 +130,7 @@ Result<void> parse_numbers(const std::string& path, const FieldMap& fields, std:
   return {};
 }
 
-/// What is not space: components, as teem's range kinds are.
+/// Whether an axis is no axis of space but one of components, like teem's range kinds.
 bool is_range(const Axis& axis) {
   const auto& k = axis.kind;
   return !(k.empty() || k == "none" || k == "???" || k == "domain" || k == "space" || k == "time");
@@ -172,7 +172,7 @@ Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fi
   return axes;
 }
 
-/// The three axes of space: extents of 1 beyond them are dropped, components first.
+/// The three axes of space. Drops other axes of extent 1, those of components first.
 Result<void> keep_space(const std::string& path, bool directed, std::vector<Axis>& axes) {
   const auto beyond = [&](const Axis& a) { return is_range(a) || (directed && !a.direction); };
   std::erase_if(axes, [&](const Axis& a) { return a.size == 1 && beyond(a); });
@@ -190,7 +190,7 @@ Result<void> keep_space(const std::string& path, bool directed, std::vector<Axis
               "`unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
 }
 
-/// LPS from the space the header names; other spaces, as ITK does, are taken as they are.
+/// Converts from the header's space to LPS. Other spaces do not change, as in ITK.
 glm::dvec3 to_lps(const FieldMap& fields) {
   const auto found = fields.find("space");
   std::string space = found == fields.end() ? "" : lower(found->second);
@@ -217,8 +217,8 @@ Result<void> place_directed(const FieldMap& fields, const std::vector<Axis>& axe
   return check_axes(volume);
 }
 
-// Without a space: the grid's own axes. Axis mins give the origin where all are known, a min being
-// the edge of the first voxel unless the samples are at nodes.
+// Without a space: the grid's own axes. The axis mins give the origin if all are known. A min is
+// the edge of the first voxel, unless the samples are at nodes.
 Result<void> place_by_spacing(const FieldMap& fields, const std::vector<Axis>& axes,
                               Volume& volume) {
   const bool has_spacing = fields.contains("spacings");
@@ -309,7 +309,7 @@ Result<VoxelData> locate(const std::string& path, const Header& header, const Vo
   const auto skip = parse_skip(path, fields, "byteskip", data.packed ? 0 : -1);
   if (!skip) return tl::unexpected(skip.error());
   data.skip = *skip;
-  if (static_cast<std::int64_t>(data.skip) == -1) {  // the voxels are the last bytes of the file
+  if (static_cast<std::int64_t>(data.skip) == -1) {  // the voxels are at the end of the file
     data.skip = 0;
     if (*size >= voxel_bytes(volume)) data.offset = *size - voxel_bytes(volume);
   }

@@ -1,4 +1,4 @@
-// Header text, as NRRD and MetaImage write it.
+// Parsing of header text, as in NRRD and MetaImage.
 #include <cctype>
 #include <charconv>
 #include <filesystem>

@@ -9,8 +9,8 @@ namespace slf {
 
 namespace {
 
-/// The first point at or above a value, as VTK looks it up: of two points at one value the first
-/// holds at the value itself, the second beyond it.
+/// The first point at or above a value, as in VTK. Of two points at one value, the first applies at
+/// the value itself and the second above it.
 template <class Point>
 auto at_or_above(const std::vector<Point>& points, double value) {
   return std::lower_bound(points.begin(), points.end(), value,

@@ -38,7 +38,7 @@ double angle_between(double a, double b) {
   return std::min(difference, 2 * std::numbers::pi - difference);
 }
 
-/// A hue for an unsaturated colour, so that the way to `saturated` looks even.
+/// A hue for an unsaturated colour, such that the path to `saturated` looks even.
 double adjust_hue(const Msh& saturated, double unsaturated_m) {
   if (saturated.m >= unsaturated_m - 0.1) return saturated.h;
   const double spin = saturated.s *
@@ -51,7 +51,7 @@ glm::dvec3 interpolate_diverging(const glm::dvec3& rgb_a, const glm::dvec3& rgb_
   Msh a = lab_to_msh(rgb_to_lab(rgb_a));
   Msh b = lab_to_msh(rgb_to_lab(rgb_b));
   constexpr double kSaturated = 0.05;
-  // Between two distinct saturated colours lies white.
+  // Between two distinct saturated colours, pass through white.
   if (a.s > kSaturated && b.s > kSaturated && angle_between(a.h, b.h) > 0.33 * std::numbers::pi) {
     const Msh white{std::max({a.m, b.m, 88.0}), 0, 0};
     if (s < 0.5) {
@@ -72,7 +72,7 @@ glm::dvec3 interpolate_diverging(const glm::dvec3& rgb_a, const glm::dvec3& rgb_
 
 glm::dvec3 interpolate_hsv(const glm::dvec3& rgb_a, const glm::dvec3& rgb_b, double s) {
   glm::dvec3 a = rgb_to_hsv(rgb_a), b = rgb_to_hsv(rgb_b);
-  // The short way round the hues.
+  // Take the shorter way around the circle of hues.
   if (a.x - b.x > 0.5)
     a.x -= 1;
   else if (b.x - a.x > 0.5)
@@ -124,7 +124,7 @@ glm::dvec3 lab_to_rgb(const glm::dvec3& lab) {
   glm::dvec3 rgb{to_srgb(3.2406 * xyz.x - 1.5372 * xyz.y - 0.4986 * xyz.z),
                  to_srgb(-0.9689 * xyz.x + 1.8758 * xyz.y + 0.0415 * xyz.z),
                  to_srgb(0.0557 * xyz.x - 0.2040 * xyz.y + 1.0570 * xyz.z)};
-  // Out of gamut: VTK scales down what is too bright and cuts what is negative.
+  // Out of gamut: like VTK, scale down colours that are too bright and clamp negative channels.
   const double most = std::max({rgb.x, rgb.y, rgb.z});
   if (most > 1) rgb /= most;
   return glm::max(rgb, glm::dvec3(0.0));

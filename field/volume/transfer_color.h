@@ -1,5 +1,5 @@
-// Colour interpolation as VTK's vtkColorTransferFunction does it, so that a preset looks here as
-// it does in ParaView.
+// Colour interpolation like VTK's vtkColorTransferFunction, so that a preset looks the same as in
+// ParaView.
 #pragma once
 
 #include <glm/glm.hpp>
@@ -16,7 +16,7 @@ namespace slf::transfer_color {
 [[nodiscard]] glm::dvec3 rgb_to_lab(const glm::dvec3& rgb);
 [[nodiscard]] glm::dvec3 lab_to_rgb(const glm::dvec3& lab);
 
-/// The colour at s in 0..1 on the way from a to b. Space::step is b all the way.
+/// The colour at s in 0..1 between a and b. In Space::step it is always b.
 [[nodiscard]] glm::dvec3 interpolate(TransferFunction::Space space, const glm::dvec3& a,
                                      const glm::dvec3& b, double s);
 

@@ -15,7 +15,7 @@ using nlohmann::json;
 using Space = TransferFunction::Space;
 using volume_io::in_quotes;
 
-// As ParaView writes them; the first name of a space is the one written back.
+// The names that ParaView writes. The first name of a space is the one we write.
 struct SpaceName {
   const char* name;
   Space space;
@@ -27,7 +27,7 @@ constexpr SpaceName kSpaces[] = {{"RGB", Space::rgb},
                                  {"Diverging", Space::diverging},
                                  {"Step", Space::step}};
 
-/// Where in the document, for messages: "brain.json: [0].Points[8]".
+/// A place in the document, for messages: "brain.json: [0].Points[8]".
 struct Place {
   std::string file;
   std::string path;

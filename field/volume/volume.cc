@@ -46,7 +46,7 @@ const std::array<TypeNames, 10>& type_names() {
   return kNames;
 }
 
-/// Whether every value is an integer, so that it can be an id.
+/// Whether every value is an integer and can be an id.
 bool all_integers(const Volume& volume) {
   const bool whole =
       std::trunc(volume.slope) == volume.slope && std::trunc(volume.intercept) == volume.intercept;
@@ -61,7 +61,7 @@ bool all_integers(const Volume& volume) {
 }
 
 Result<Volume> read_headerless(const std::string& path, std::string_view head) {
-  // A name that promises a format is a better lead than the way to load raw voxels.
+  // If the name suggests a format, name that in the message instead of how to load raw voxels.
   const std::string file = lower(path);
   struct Promise {
     std::string_view ending, expected;
