@@ -34,6 +34,7 @@
 #include "codec/alpha_coder.h"
 #include "codec/codec.h"
 #include "codec/mosaic.h"
+#include "field/field_file.h"
 #include "slf/field.h"
 #include "slf/render.h"
 
@@ -127,10 +128,10 @@ Row run(const Contender& contender, const std::vector<Sample>& samples) {
 // Leaks its codec into the closures, which live as long as the program needs them.
 Contender ours(const Field& field, const std::string& spec, const std::string& layer,
                const std::vector<Sample>& samples) {
-  const storage::LayerId id = *field.layer(layer);
+  const storage::LayerId id = *field.file().layer(layer);
   const bool color = layer == "color";
   const auto shape = [&field, id](const Sample& sample) {
-    return field.tile_shape(id, sample.key);
+    return field.file().tile_shape(id, sample.key);
   };
   const auto part = [color](const Sample& s) -> const Bytes& { return color ? s.color : s.depth; };
   std::vector<codec::TrainingTile> training;
@@ -173,13 +174,13 @@ struct Mosaics {
   storage::LayerId layer;
 
   codec::Mosaic of(const Sample& sample) const {
-    const codec::Tile tile = field.tile_shape(layer, sample.key);
+    const codec::Tile tile = field.file().tile_shape(layer, sample.key);
     return {tile.rows(), tile.side, 1};
   }
   // Calls use(sample index, pixel index).
   template <class Use>
   void walk(const Sample& sample, Use use) const {
-    const codec::Tile tile = field.tile_shape(layer, sample.key);
+    const codec::Tile tile = field.file().tile_shape(layer, sample.key);
     const codec::Mosaic mosaic(tile.rows(), tile.side, 1);
     std::size_t at = 0;
     for (std::size_t row = 0; row < tile.rows(); ++row)
@@ -353,13 +354,12 @@ Contender plain_zstd(const Mosaics& mosaics, int level) {
 
 std::vector<TileKey> stored_tiles(const Field& field, unsigned level) {
   std::vector<TileKey> keys;
-  expect(field.store().visit(*field.layer("color"), {static_cast<std::uint8_t>(level), 0},
-                             {static_cast<std::uint8_t>(level + 1), 0},
-                             [&](const storage::TileRef& tile) -> Result<void> {
-                               if (tile.state == storage::TileState::stored)
-                                 keys.push_back(tile.key);
-                               return {};
-                             }));
+  expect(field.file().store().visit(
+      *field.file().layer("color"), {static_cast<std::uint8_t>(level), 0},
+      {static_cast<std::uint8_t>(level + 1), 0}, [&](const storage::TileRef& tile) -> Result<void> {
+        if (tile.state == storage::TileState::stored) keys.push_back(tile.key);
+        return {};
+      }));
   return keys;
 }
 
@@ -370,7 +370,7 @@ std::vector<TileKey> touched_tiles(const Field& field, unsigned level, std::uint
     ViewStatistics statistics;
     expect(renderer.render(camera, {RenderMode::bitri, level, false}, &statistics));
     for (const TileKey& key : statistics.tiles)
-      if (expect(field.store().find(*field.layer("color"), key)).state ==
+      if (expect(field.file().store().find(*field.file().layer("color"), key)).state ==
           storage::TileState::stored)
         keys.push_back(key);
   }
@@ -381,13 +381,13 @@ std::vector<TileKey> touched_tiles(const Field& field, unsigned level, std::uint
 
 std::vector<Sample> read_samples(const Field& field, const std::vector<TileKey>& keys,
                                  std::size_t wanted) {
-  const storage::LayerId color = *field.layer("color"), depth = *field.layer("depth");
+  const storage::LayerId color = *field.file().layer("color"), depth = *field.file().layer("depth");
   std::vector<Sample> samples;
   for (std::size_t i = 0; i < std::min(wanted, keys.size()); ++i) {
     Sample sample{keys[i * keys.size() / std::min(wanted, keys.size())], {}, {}};
     for (const auto& [layer, to] : {std::pair{color, &sample.color}, {depth, &sample.depth}}) {
-      to->resize(field.tile_shape(layer, sample.key).bytes());
-      expect(field.decode(expect(field.store().find(layer, sample.key)), *to));
+      to->resize(field.file().tile_shape(layer, sample.key).bytes());
+      expect(field.file().decode(expect(field.file().store().find(layer, sample.key)), *to));
     }
     samples.push_back(std::move(sample));
   }
@@ -438,11 +438,12 @@ int main(int argc, char** argv) {
   app.add_flag("--json", as_json, "JSON instead of a table");
   CLI11_PARSE(app, argc, argv);
 
-  const std::unique_ptr<Field> field = expect(Field::open(path));
-  const auto color = field->layer("color");
-  if (!color || !field->layer("depth")) stop("the field needs a color and a depth layer");
-  if (!field->codec(*color).lossless()) stop("the field's colour has lost what is measured here");
-  if (field->manifest().layers[*color].format != codec::SampleFormat::rgba8)
+  const std::optional<Field> field = expect(Field::open(path));
+  const auto color = field->file().layer("color");
+  if (!color || !field->file().layer("depth")) stop("the field needs a color and a depth layer");
+  if (!field->file().codec(*color).lossless())
+    stop("the field's colour has lost what is measured here");
+  if (field->file().manifest().layers[*color].format != codec::SampleFormat::rgba8)
     stop("the field's colour is not rgba8");
   const unsigned at = level < 0 ? field->shape().levels : static_cast<unsigned>(level);
   const std::vector<Sample> samples = read_samples(

@@ -14,6 +14,7 @@
 #include <unordered_map>
 
 #include "benchmarks/storage/expect.h"
+#include "field/field_file.h"
 #include "slf/field.h"
 
 namespace {
@@ -50,9 +51,9 @@ class Reader {
   explicit Reader(const Field& field)
       : field_(field),
         level_(field.shape().levels),
-        geometry_(field.geometry(level_)),
-        color_(*field.layer("color")) {
-    if (field.manifest().layers[color_].format != codec::SampleFormat::rgba8)
+        geometry_(field.file().geometry(level_)),
+        color_(*field.file().layer("color")) {
+    if (field.file().manifest().layers[color_].format != codec::SampleFormat::rgba8)
       bench::stop("expected a field with 8-bit colour");
   }
 
@@ -76,11 +77,11 @@ class Reader {
   const Bytes& tile(TileKey key) {
     const auto [found, is_new] = tiles_.try_emplace(key.index);
     if (!is_new) return found->second;
-    const storage::TileRef ref = expect(field_.store().find(color_, key));
+    const storage::TileRef ref = expect(field_.file().store().find(color_, key));
     if (ref.state == storage::TileState::missing) bench::stop("the field is incomplete");
     if (ref.state == storage::TileState::stored) {
-      found->second.resize(field_.tile_shape(color_, key).bytes());
-      expect(field_.decode(ref, found->second));
+      found->second.resize(field_.file().tile_shape(color_, key).bytes());
+      expect(field_.file().decode(ref, found->second));
     }
     return found->second;
   }
@@ -103,7 +104,7 @@ int main(int argc, char** argv) {
 
   const auto field = expect(Field::open(path));
   Reader reader(*field);
-  const auto& geometry = field->geometry(field->shape().levels);
+  const auto& geometry = field->file().geometry(field->shape().levels);
   const std::int32_t n = geometry.exit_resolution();
   const auto edge = static_cast<std::size_t>(2 * n + 1);
   const auto entries = entry_path(geometry.entry_resolution());

@@ -22,9 +22,11 @@
 #include <string>
 #include <vector>
 
+#include "field/field_file.h"
 #include "field/geometry/level_geometry.h"
 #include "slf/camera.h"
 #include "slf/render.h"
+#include "field/render/tile_cache.h"
 
 namespace {
 
@@ -64,7 +66,7 @@ Time median_time(int repeats, const F& f) {
 class GatherList {
  public:
   GatherList(const Field& field, unsigned level, const Camera& camera)
-      : field_(field), geometry_(field.geometry(level)), cache_(field, kMemory) {
+      : field_(field), geometry_(field.file().geometry(level)), cache_(field.file(), kMemory) {
     const auto rays = *RayGenerator::make(camera);
     const std::uint32_t across = (camera.width + kBlock - 1) / kBlock;
     for (std::uint32_t block = 0; block < across * across; ++block)
@@ -157,16 +159,16 @@ int main(int argc, char** argv) {
   }
   const auto size = static_cast<std::uint32_t>(argc > 2 ? std::atoi(argv[2]) : 1024);
   const int repeats = argc > 3 ? std::max(1, std::atoi(argv[3])) : 9;
-  const unsigned level = (*field)->shape().levels;
-  const Camera camera = orbit_camera((*field)->shape().sphere, 30, 20, 3, size, size);
+  const unsigned level = field->shape().levels;
+  const Camera camera = orbit_camera(field->shape().sphere, 30, 20, 3, size, size);
 
   if (const char* targets = std::getenv("SLF_TARGETS"))
     hwy::SetSupportedTargetsForTest(std::strtoll(targets, nullptr, 0));
 
   Time gathers, bitri;
   std::uint64_t hit = 1;
-  if ((*field)->manifest().layers[0].format == codec::SampleFormat::rgba8) {
-    const GatherList list(**field, level, camera);
+  if (field->file().manifest().layers[0].format == codec::SampleFormat::rgba8) {
+    const GatherList list(*field, level, camera);
     std::uint32_t sum = 0;
     gathers = median_time(repeats, [&] { sum += list.gather(); });
     volatile std::uint32_t keep = sum;
@@ -177,9 +179,9 @@ int main(int argc, char** argv) {
               "speedup", "/gathers", "/bitri");
   for (const RenderMode mode : {RenderMode::bitri, RenderMode::nearest, RenderMode::uv,
                                 RenderMode::st, RenderMode::depth}) {
-    if (mode == RenderMode::depth && !(*field)->layer("depth")) continue;
-    const Time one = view_time(**field, camera, {mode, level, false}, 1, repeats, hit);
-    const Time two = view_time(**field, camera, {mode, level, false}, 2, repeats, hit);
+    if (mode == RenderMode::depth && !field->file().layer("depth")) continue;
+    const Time one = view_time(*field, camera, {mode, level, false}, 1, repeats, hit);
+    const Time two = view_time(*field, camera, {mode, level, false}, 2, repeats, hit);
     if (mode == RenderMode::bitri) bitri = one;
     const auto pixels = static_cast<double>(hit);
     std::printf("%-8s %9.2f %9.2f %9.2f %8.2f %9.2f %8.2f\n", name(mode), one.cpu / pixels,

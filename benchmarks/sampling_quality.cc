@@ -26,7 +26,7 @@
 #include "benchmarks/storage/expect.h"
 #include "cli/command.h"
 #include "field/geometry/lattice.h"
-#include "field/scene/view.h"
+#include "slf/scene.h"
 
 namespace {
 

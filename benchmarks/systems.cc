@@ -21,7 +21,8 @@
 #include "benchmarks/storage/expect.h"
 #include "benchmarks/timing.h"
 #include "cli/command.h"
-#include "field/scene/view.h"
+#include "field/field_file.h"
+#include "slf/scene.h"
 
 namespace {
 
@@ -84,7 +85,7 @@ nlohmann::json measure(const Arguments& a) {
                        [=](const Camera& c, Image& image) { plane->render(c, threads, image); }});
   }
   for (const RenderMode mode : {RenderMode::bitri, RenderMode::depth})
-    if (mode != RenderMode::depth || field->layer("depth"))
+    if (mode != RenderMode::depth || field->file().layer("depth"))
       systems.push_back(
           {name(mode), slabs, [&renderer, mode, level](const Camera& c, Image& image) {
              expect(renderer.render(c, {mode, level}, image));

@@ -10,7 +10,7 @@
 
 #include "benchmarks/storage/expect.h"
 #include "cli/command.h"
-#include "field/scene/view.h"
+#include "slf/scene.h"
 
 int main(int argc, char** argv) {
   using namespace slf;

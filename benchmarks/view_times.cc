@@ -14,6 +14,7 @@
 #include "benchmarks/storage/page_cache.h"
 #include "benchmarks/timing.h"
 #include "cli/command.h"
+#include "field/field_file.h"
 #include "slf/measure.h"
 
 int main(int argc, char** argv) {
@@ -44,18 +45,20 @@ int main(int argc, char** argv) {
   std::uint64_t stayed = 0;
   for (const Camera& camera : measuring.cameras) {
     stayed += bench::drop_from_cache(path);
-    std::unique_ptr<Field> field;
+    std::optional<Field> field;
     open_cold.run([&] { field = opened(); });
-    Renderer renderer(*field, options);
-    const ViewOptions view{measuring.mode, field->shape().levels};
-    view_cold.run([&] { expect(renderer.render(camera, view, image)); });
-    view_warm.run([&] { expect(renderer.render(camera, view, image)); });
+    {
+      Renderer renderer(*field, options);
+      const ViewOptions view{measuring.mode, field->shape().levels};
+      view_cold.run([&] { expect(renderer.render(camera, view, image)); });
+      view_warm.run([&] { expect(renderer.render(camera, view, image)); });
+    }
     field.reset();
     open_warm.run([&] { field = opened(); });
   }
   const auto field = opened();
   const LevelMeasure level = expect(measure_views(*field, measuring)).levels.front();
-  std::printf("%s\n", nlohmann::json{{"file_bytes", field->store().file_bytes()},
+  std::printf("%s\n", nlohmann::json{{"file_bytes", field->file_bytes()},
                                      {"open_cold_us", 1e6 * open_cold.median_wall()},
                                      {"open_warm_us", 1e6 * open_warm.median_wall()},
                                      {"view_cold_ms", 1e3 * view_cold.median_wall()},

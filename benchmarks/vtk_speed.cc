@@ -36,7 +36,7 @@
 #include "benchmarks/storage/expect.h"
 #include "benchmarks/timing.h"
 #include "cli/command.h"
-#include "field/scene/view.h"
+#include "slf/scene.h"
 
 namespace {
 

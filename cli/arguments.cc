@@ -3,7 +3,7 @@
 #include <filesystem>
 
 #include "cli/command.h"
-#include "slf/analytic.h"
+#include "slf/scene.h"
 #include "slf/transfer.h"
 
 namespace slf::cli {
@@ -157,15 +157,17 @@ Result<Volume> SourceArguments::volume() const {
   return read_volume(input, options);
 }
 
-Result<std::unique_ptr<Scene>> SourceArguments::scene(const nlohmann::json* provenance) const {
+Result<std::unique_ptr<Scene>> SourceArguments::scene(
+    const std::optional<std::string>& provenance) const {
   if (input.starts_with(kScenePrefix))
     return make_analytic_scene(std::string_view(input).substr(kScenePrefix.size()));
   RaycastOptions options = raycast;
   options.shade = !no_shade;
   std::optional<TransferFunction> function;
-  if (provenance && text_of(*provenance, "kind", "") == "volume") {
+  const auto built = provenance ? nlohmann::json::parse(*provenance) : nlohmann::json::object();
+  if (text_of(built, "kind", "") == "volume") {
     options = raycast_options(*provenance);
-    auto parsed = parse_transfer(provenance->value("transfer", nlohmann::json()).dump(),
+    auto parsed = parse_transfer(built.value("transfer", nlohmann::json()).dump(),
                                  "the field's transfer function");
     if (!parsed) return tl::unexpected(parsed.error());
     function = std::move(*parsed);

@@ -110,7 +110,7 @@ struct SourceArguments {
   [[nodiscard]] Result<Volume> volume() const;
   /// What is not given is taken from `provenance`, that of a field, or set to the defaults.
   [[nodiscard]] Result<std::unique_ptr<Scene>> scene(
-      const nlohmann::json* provenance = nullptr) const;
+      const std::optional<std::string>& provenance = {}) const;
 };
 
 /// Where to look from, and the size of the picture.

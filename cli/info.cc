@@ -17,8 +17,8 @@ nlohmann::json field_json(const Field& field, const FieldContent& content) {
   nlohmann::json levels = nlohmann::json::array();
   for (const LevelContent& level : content.levels) {
     nlohmann::json bytes;
-    for (std::size_t k = 0; k < field.manifest().layers.size(); ++k)
-      bytes[field.manifest().layers[k].name] = level.payload_bytes[k];
+    for (std::size_t k = 0; k < field.layers().size(); ++k)
+      bytes[field.layers()[k].name] = level.payload_bytes[k];
     levels.push_back({{"level", level.level},
                       {"entry_resolution", shape.entry_resolution(level.level)},
                       {"exit_resolution", shape.exit_resolution(level.level)},
@@ -28,7 +28,7 @@ nlohmann::json field_json(const Field& field, const FieldContent& content) {
                       {"slabs", level.slabs},
                       {"bytes", bytes}});
   }
-  nlohmann::json json = field.manifest().to_json();
+  nlohmann::json json = nlohmann::json::parse(field.manifest());
   json["file_bytes"] = content.file_bytes;
   json["payload_bytes"] = content.payload_bytes;
   json["entry_resolution"] = shape.entry_resolution(shape.levels);
@@ -49,13 +49,13 @@ void print_field(const Field& field, const FieldContent& content) {
              shape.sphere.radius);
   fmt::print("lattice {} entry, {} exit at the finest level\n",
              shape.entry_resolution(shape.levels), shape.exit_resolution(shape.levels));
-  for (const Layer& layer : field.manifest().layers)
+  for (const Layer& layer : field.layers())
     fmt::print("layer   {}: {} as {}\n", layer.name, name(layer.format), layer.codec);
-  const nlohmann::json& provenance = field.manifest().provenance;
+  const auto provenance = nlohmann::json::parse(field.provenance());
   fmt::print("source  {}\n", text_of(provenance, "source", text_of(provenance, "name", "unknown")));
   std::vector<std::vector<std::string>> rows{
       {"level", "lattice", "tiles", "stored", "empty", "slabs"}};
-  for (const Layer& layer : field.manifest().layers) rows[0].push_back(layer.name);
+  for (const Layer& layer : field.layers()) rows[0].push_back(layer.name);
   for (const LevelContent& level : content.levels) {
     rows.push_back({fmt::format("{}", level.level),
                     fmt::format("{}/{}", shape.entry_resolution(level.level),
@@ -111,12 +111,12 @@ Result<void> run_info(const Arguments& arguments) {
   }
   const auto field = Field::open(arguments.source.input);
   if (!field) return tl::unexpected(field.error());
-  const auto content = (*field)->content();
+  const auto content = field->content();
   if (!content) return tl::unexpected(content.error());
   if (arguments.json)
-    print_json(field_json(**field, *content));
+    print_json(field_json(*field, *content));
   else
-    print_field(**field, *content);
+    print_field(*field, *content);
   if (!content->complete)
     note(arguments.source.input + ": incomplete; the build command that made it resumes it");
   return {};

@@ -78,8 +78,7 @@ struct Setting {
 
 std::string codecs_of(const Field& field) {
   std::string text;
-  for (const Layer& layer : field.manifest().layers)
-    text += (text.empty() ? "" : "+") + layer.codec;
+  for (const Layer& layer : field.layers()) text += (text.empty() ? "" : "+") + layer.codec;
   return text;
 }
 
@@ -156,7 +155,7 @@ Result<void> run_measure(const MeasureArguments& a) {
   for (const std::string& path : a.fields) {
     const auto field = Field::open(path);
     if (!field) return tl::unexpected(field.error());
-    const FieldShape& shape = (*field)->shape();
+    const FieldShape& shape = field->shape();
     for (const std::string& mode : a.modes.empty() ? std::vector<std::string>{""} : a.modes)
       for (const double distance : a.distances)
         for (const std::string& size : a.sizes) {
@@ -166,14 +165,14 @@ Result<void> run_measure(const MeasureArguments& a) {
           draw.mode = mode;
           const bool all = draw.level == "all";
           if (all) draw.level = "finest";
-          const auto view = draw.view(**field, cameras->front());
+          const auto view = draw.view(*field, cameras->front());
           if (!view) return tl::unexpected(view.error());
           MeasureOptions options{*cameras, view->mode, {}, *renderer};
           if (!all) options.levels = {view->level};
-          const auto m = measure_views(**field, options);
+          const auto m = measure_views(*field, options);
           if (!m) return tl::unexpected(m.error());
 
-          const Setting setting{path, codecs_of(**field), size, distance, view->mode};
+          const Setting setting{path, codecs_of(*field), size, distance, view->mode};
           if (!a.json) print_measurement(setting, *m, a.views.views);
           runs.push_back(setting_json(setting, *m, a.views.views));
           Series touched{setting.name(a) + ", tiles touched", {}};
@@ -185,7 +184,7 @@ Result<void> run_measure(const MeasureArguments& a) {
           series.push_back(std::move(touched));
           if (runs.size() == 1) series.push_back(std::move(crossed));
           if (a.picture.empty() || runs.size() > 1) continue;
-          if (auto ok = write_picture(a, **field, cameras->front(), options, view->level); !ok)
+          if (auto ok = write_picture(a, *field, cameras->front(), options, view->level); !ok)
             return ok;
         }
   }
@@ -209,7 +208,8 @@ struct EvaluateArguments {
 
 /// Says so when the field was built from something else than it is compared with.
 void warn_of_other_source(const Field& field, const Scene& scene) {
-  nlohmann::json built = field.manifest().provenance, now = scene.provenance();
+  nlohmann::json built = nlohmann::json::parse(field.provenance()),
+                 now = nlohmann::json::parse(scene.provenance());
   for (auto* json : {&built, &now})
     if (json->is_object()) json->erase("source");
   const auto differences = nlohmann::json::diff(built, now);
@@ -223,18 +223,18 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   if (!renderer) return tl::unexpected(renderer.error());
   const auto field = Field::open(a.field);
   if (!field) return tl::unexpected(field.error());
-  const auto cameras = a.views.cameras((*field)->shape().sphere, a.distance, a.size);
+  const auto cameras = a.views.cameras(field->shape().sphere, a.distance, a.size);
   if (!cameras) return tl::unexpected(cameras.error());
-  const auto view = a.draw.view(**field, cameras->front());
+  const auto view = a.draw.view(*field, cameras->front());
   if (!view) return tl::unexpected(view.error());
-  const auto scene = a.source.scene(&(*field)->manifest().provenance);
+  const auto scene = a.source.scene(field->provenance());
   if (!scene) return tl::unexpected(scene.error());
-  warn_of_other_source(**field, **scene);
+  warn_of_other_source(*field, **scene);
   const auto evaluation =
-      evaluate_views(**field, **scene, *cameras, *view, *renderer, a.supersample);
+      evaluate_views(*field, **scene, *cameras, *view, *renderer, a.supersample);
   if (!evaluation) return tl::unexpected(evaluation.error());
 
-  const std::uint64_t bytes = (*field)->store().file_bytes();
+  const std::uint64_t bytes = field->file_bytes();
   const auto finite = [](double v) {
     return std::isfinite(v) ? nlohmann::json(v) : nlohmann::json();
   };

@@ -9,8 +9,7 @@
 #include <thread>
 
 #include "cli/command.h"
-#include "slf/animation.h"
-#include "slf/camera_path.h"
+#include "slf/camera.h"
 #include "slf/image.h"
 #include "slf/measure.h"
 #include "slf/player.h"
@@ -89,15 +88,15 @@ Result<Played> play(const PlayArguments& a, const PlayOptions& options, Pictures
     if (auto ok = drop_page_cache(a.field); !ok) return tl::unexpected(ok.error());
   const auto field = Field::open(a.field);
   if (!field) return tl::unexpected(field.error());
-  const auto path = a.camera_path((*field)->shape().sphere);
+  const auto path = a.camera_path(field->shape().sphere);
   if (!path) return tl::unexpected(path.error());
   const auto pixels = parse_size(a.size);
   if (!pixels) return tl::unexpected(pixels.error());
-  const auto view = a.draw.view(**field);
+  const auto view = a.draw.view(*field);
   if (!view) return tl::unexpected(view.error());
   PlayOptions play_options = options;
   play_options.view = *view;
-  const auto player = Player::make(**field, play_options);
+  auto player = Player::make(*field, play_options);
   if (!player) return tl::unexpected(player.error());
 
   Played played{options.loading, {}, {}};
@@ -110,7 +109,7 @@ Result<Played> play(const PlayArguments& a, const PlayOptions& options, Pictures
   for (std::size_t k = 0; k < frames && progress({k, frames, 0}); ++k) {
     std::this_thread::sleep_until(due);
     const Camera camera = path->at(static_cast<double>(k) / a.fps, pixels->first, pixels->second);
-    if (auto ok = (*player)->draw(camera, image, &played.frames.emplace_back()); !ok)
+    if (auto ok = player->draw(camera, image, &played.frames.emplace_back()); !ok)
       return tl::unexpected(ok.error());
     due += std::chrono::duration_cast<Clock::duration>(period);
     const ResidentMemory now = resident_memory();

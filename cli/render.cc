@@ -6,9 +6,9 @@
 #include <filesystem>
 
 #include "cli/command.h"
-#include "field/scene/view.h"
 #include "slf/image.h"
 #include "slf/measure.h"
+#include "slf/scene.h"
 
 namespace slf::cli {
 namespace {
@@ -69,19 +69,19 @@ Result<void> run_render(const RenderArguments& a) {
   if (!options) return tl::unexpected(options.error());
   const auto field = Field::open(a.field);
   if (!field) return tl::unexpected(field.error());
-  auto view = a.draw.view(**field);
+  auto view = a.draw.view(*field);
   if (!view) return tl::unexpected(view.error());
-  view->with_depth = a.picture.is_exr() && (*field)->layer("depth");
-  const auto camera = a.camera.camera((*field)->shape().sphere);
+  view->with_depth = a.picture.is_exr() && field->has_layer("depth");
+  const auto camera = a.camera.camera(field->shape().sphere);
   if (!camera) return tl::unexpected(camera.error());
 
-  Renderer renderer(**field, *options);
+  Renderer renderer(*field, *options);
   ViewStatistics statistics;
   const auto image = renderer.render(*camera, *view, &statistics);
   if (!image) return tl::unexpected(image.error());
   if (auto ok = a.picture.write(*image); !ok) return ok;
   if (statistics.fallback_pixels() > 0)
-    note((*field)->shape().subfields.empty()
+    note(field->shape().subfields.empty()
              ? fmt::format("{}: incomplete at level {}: {} pixels drawn from coarser levels; the "
                            "build command that made it resumes it",
                            a.field, statistics.level_pixels.size() - 1,
@@ -89,7 +89,7 @@ Result<void> run_render(const RenderArguments& a) {
              : fmt::format("{}: {} pixels need subfields that were left out of this field", a.field,
                            statistics.fallback_pixels()));
   if (!a.json && !a.stats) return {};
-  const auto file = footprint(**field, statistics.tiles, view->needs_depth());
+  const auto file = footprint(*field, statistics.tiles, view->needs_depth());
   if (!file) return tl::unexpected(file.error());
   const auto json = statistics_json(statistics, *file, *view);
   if (a.json) {

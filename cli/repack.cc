@@ -53,7 +53,7 @@ Result<void> run_repack(const RepackArguments& a) {
   options.replace = a.force;
   const auto field = Field::open(a.input);
   if (!field) return tl::unexpected(field.error());
-  const auto report = repack_field(**field, a.output, options, progress_bar("repack", "tiles"));
+  const auto report = repack_field(*field, a.output, options, progress_bar("repack", "tiles"));
   if (!report) return tl::unexpected(report.error());
   if (a.json)
     print_json({{"tiles", report->tiles},
@@ -62,11 +62,11 @@ Result<void> run_repack(const RepackArguments& a) {
                 {"missing", report->missing},
                 {"payload_bytes", report->payload_bytes},
                 {"file_bytes", report->file_bytes},
-                {"input_bytes", (*field)->store().file_bytes()}});
+                {"input_bytes", field->file_bytes()}});
   else
     fmt::print("{}: {} (was {}), {} tiles copied, {} recoded{}\n", a.output,
                human_bytes(static_cast<double>(report->file_bytes)),
-               human_bytes(static_cast<double>((*field)->store().file_bytes())), report->copied,
+               human_bytes(static_cast<double>(field->file_bytes())), report->copied,
                report->recoded,
                report->missing ? fmt::format(", {} missing as in the input", report->missing) : "");
   return {};

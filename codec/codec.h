@@ -19,19 +19,12 @@
 
 #include "base/bytes.h"
 #include "slf/error.h"
+#include "slf/tile.h"
 
 namespace slf::codec {
 
-/// What one sample holds, in memory and in order.
-enum class SampleFormat : std::uint8_t {
-  rgba8 = 0,    ///< 4 bytes: premultiplied R, G, B and A
-  depth8 = 1,   ///< 1 byte: depth along the chord, 0 at entry, 255 at exit
-  rgba16f = 2,  ///< 8 bytes: premultiplied R, G, B, A as little-endian IEEE half floats
-};
-
-[[nodiscard]] constexpr std::size_t sample_bytes(SampleFormat format) {
-  return format == SampleFormat::rgba8 ? 4 : format == SampleFormat::depth8 ? 1 : 8;
-}
+using slf::SampleFormat;
+using slf::sample_bytes;
 
 /// The position of a picture in the stack: integer coordinates on a triangular lattice. Pictures at
 /// adjacent positions, which differ by (±1, 0), (0, ±1) or (±1, ∓1), are similar.

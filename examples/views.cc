@@ -1,6 +1,6 @@
 // Opens a field, draws a view of it level by level, then flies around it:
 //   views FIELD.slf PICTURE.png
-#include "slf/camera_path.h"
+#include "slf/camera.h"
 #include "slf/field.h"
 #include "slf/image.h"
 #include "slf/player.h"
@@ -43,7 +43,7 @@ slf::Result<void> fly(const slf::Field& field) {
   slf::PlayOptions options;
   options.view.mode = slf::default_mode(field);
   options.view.level = field.shape().levels;
-  const auto player = slf::Player::make(field, options);
+  auto player = slf::Player::make(field, options);
   if (!player) return tl::unexpected(player.error());
   const auto path = slf::CameraPath::orbit(field.shape().sphere, 0, 20, 3, 0.1, 1);
   if (!path) return tl::unexpected(path.error());
@@ -52,10 +52,10 @@ slf::Result<void> fly(const slf::Field& field) {
   for (int frame = 0; frame < 10; ++frame) {
     slf::FrameReport report;
     const slf::Camera camera = path->at(frame / 10.0, 256, 256);
-    if (auto ok = (*player)->draw(camera, image, &report); !ok) return ok;
+    if (auto ok = player->draw(camera, image, &report); !ok) return ok;
     std::printf("frame %d: %.0f %% at full level, %llu tiles loaded\n", frame,
                 100 * report.full_share(), static_cast<unsigned long long>(report.loads));
-    (*player)->settle();  // a program on screen would wait for its next frame instead
+    player->settle();  // a program on screen would wait for its next frame instead
   }
   return {};
 }
@@ -69,7 +69,7 @@ int main(int argc, char** argv) {
   }
   const auto field = slf::Field::open(argv[1]);
   if (!field) return report(field.error());
-  if (const auto ok = draw_progressively(**field, argv[2]); !ok) return report(ok.error());
-  if (const auto ok = fly(**field); !ok) return report(ok.error());
+  if (const auto ok = draw_progressively(*field, argv[2]); !ok) return report(ok.error());
+  if (const auto ok = fly(*field); !ok) return report(ok.error());
   return 0;
 }

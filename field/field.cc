@@ -1,8 +1,8 @@
-#include "slf/field.h"
+#include "field/field_file.h"
 
 namespace slf {
 
-Result<std::unique_ptr<Field>> Field::open(const std::string& path) {
+Result<std::shared_ptr<const FieldFile>> FieldFile::open(const std::string& path) {
   auto store = storage::TileStore::open(path);
   if (!store) return tl::unexpected(store.error());
   const auto text = store->blob(kManifestBlob);
@@ -14,7 +14,7 @@ Result<std::unique_ptr<Field>> Field::open(const std::string& path) {
     return fail(ErrorCode::bad_file, path, ": the manifest names ", manifest->layers.size(),
                 " layers, the container holds ", store->layers().size());
 
-  std::unique_ptr<Field> field(new Field(std::move(*store), std::move(*manifest)));
+  std::shared_ptr<FieldFile> field(new FieldFile(std::move(*store), std::move(*manifest)));
   for (std::size_t k = 0; k < field->manifest_.layers.size(); ++k) {
     const Layer& layer = field->manifest_.layers[k];
     if (layer.name != field->store_.layers()[k])
@@ -30,25 +30,25 @@ Result<std::unique_ptr<Field>> Field::open(const std::string& path) {
   return field;
 }
 
-std::optional<storage::LayerId> Field::layer(std::string_view name) const {
+std::optional<storage::LayerId> FieldFile::layer(std::string_view name) const {
   for (std::size_t k = 0; k < manifest_.layers.size(); ++k)
     if (manifest_.layers[k].name == name) return static_cast<storage::LayerId>(k);
   return std::nullopt;
 }
 
-const LevelGeometry& Field::geometry(unsigned level) const {
+const LevelGeometry& FieldFile::geometry(unsigned level) const {
   std::call_once(geometry_once_[level], [&] {
     geometry_[level] = std::make_unique<LevelGeometry>(manifest_.shape, level);
   });
   return *geometry_[level];
 }
 
-codec::Tile Field::tile_shape(storage::LayerId layer, TileKey key) const {
+codec::Tile FieldFile::tile_shape(storage::LayerId layer, TileKey key) const {
   const TileSections sections = sections_of(key, manifest_.shape.entry_extra_levels);
   return geometry(key.level).tile(sections.entry.index, manifest_.layers[layer].format);
 }
 
-Result<void> Field::decode(const storage::TileRef& tile, std::span<std::byte> samples) const {
+Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<std::byte> samples) const {
   if (codecs_[tile.layer]->in_place() && tile.payload.size() == samples.size())
     return store_.copy(tile, samples);
   if (auto ok = store_.check(tile); !ok) return ok;
@@ -62,12 +62,12 @@ Result<void> Field::decode(const storage::TileRef& tile, std::span<std::byte> sa
   return {};
 }
 
-Result<void> Field::unchanged() const {
+Result<void> FieldFile::unchanged() const {
   if (!store_.changed()) return {};
   return fail(ErrorCode::bad_file, path(), ": changed while it was open; open it again");
 }
 
-Result<FieldContent> Field::content() const {
+Result<FieldContent> FieldFile::content() const {
   FieldContent content;
   content.file_bytes = store_.file_bytes();
   content.complete = true;
@@ -95,5 +95,20 @@ Result<FieldContent> Field::content() const {
   }
   return content;
 }
+
+Result<Field> Field::open(const std::string& path) {
+  auto file = FieldFile::open(path);
+  if (!file) return tl::unexpected(file.error());
+  return Field(std::move(*file));
+}
+
+const std::string& Field::path() const { return file_->path(); }
+const FieldShape& Field::shape() const { return file_->shape(); }
+const std::vector<Layer>& Field::layers() const { return file_->manifest().layers; }
+bool Field::has_layer(std::string_view name) const { return file_->layer(name).has_value(); }
+std::string Field::provenance() const { return file_->manifest().provenance.dump(); }
+std::string Field::manifest() const { return file_->manifest().to_json().dump(); }
+std::uint64_t Field::file_bytes() const { return file_->store().file_bytes(); }
+Result<FieldContent> Field::content() const { return file_->content(); }
 
 }  // namespace slf

@@ -9,8 +9,8 @@ namespace {
 
 constexpr int kDeepest = 64;
 
-constexpr codec::SampleFormat kFormats[] = {codec::SampleFormat::rgba8, codec::SampleFormat::depth8,
-                                            codec::SampleFormat::rgba16f};
+constexpr SampleFormat kFormats[] = {SampleFormat::rgba8, SampleFormat::depth8,
+                                     SampleFormat::rgba16f};
 
 /// Reads members of untrusted JSON; the first problem is kept with its place.
 class Reader {
@@ -54,18 +54,6 @@ class Reader {
 };
 
 }  // namespace
-
-const char* name(codec::SampleFormat format) {
-  switch (format) {
-    case codec::SampleFormat::rgba8:
-      return "rgba8";
-    case codec::SampleFormat::depth8:
-      return "depth8";
-    case codec::SampleFormat::rgba16f:
-      return "rgba16f";
-  }
-  return "unknown";
-}
 
 nlohmann::json Manifest::to_json() const {
   nlohmann::json layer_list = nlohmann::json::array();
@@ -137,7 +125,7 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
     else
       layer.format = *known;
     if (layer.name == "color" || layer.name == "depth")
-      if ((layer.name == "depth") != (layer.format == codec::SampleFormat::depth8))
+      if ((layer.name == "depth") != (layer.format == SampleFormat::depth8))
         in.problem(at + "/format", "does not suit the layer " + layer.name);
     manifest.layers.push_back(std::move(layer));
   }

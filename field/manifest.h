@@ -6,18 +6,11 @@
 #include <string>
 #include <vector>
 
-#include "codec/codec.h"
 #include "slf/error.h"
+#include "slf/field.h"
 #include "slf/shape.h"
 
 namespace slf {
-
-/// A stored channel group of every tile.
-struct Layer {
-  std::string name;  ///< "color" or "depth"
-  codec::SampleFormat format = codec::SampleFormat::rgba8;
-  std::string codec;  ///< specification, e.g. "jpeg:75"
-};
 
 struct Manifest {
   static constexpr int kMajor = 1;
@@ -33,7 +26,5 @@ struct Manifest {
   /// its place. unsupported: a newer major version or an unknown required feature.
   [[nodiscard]] static Result<Manifest> parse(std::string_view text, const std::string& file);
 };
-
-[[nodiscard]] const char* name(codec::SampleFormat format);
 
 }  // namespace slf

@@ -22,7 +22,7 @@
 
 #include "base/bytes.h"
 #include "slf/error.h"
-#include "slf/tile_key.h"
+#include "slf/tile.h"
 
 namespace slf::storage {
 

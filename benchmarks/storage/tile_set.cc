@@ -5,6 +5,7 @@
 #include <random>
 
 #include "benchmarks/storage/expect.h"
+#include "field/field_file.h"
 #include "slf/field.h"
 
 namespace slf::bench {
@@ -68,27 +69,28 @@ void TileSet::decode(std::size_t tile, ByteSpan payload, Bytes& samples) const {
 }
 
 TileSet tiles_of_field(const std::string& path, std::size_t most) {
-  const std::shared_ptr<const Field> field = expect(Field::open(path));
-  const auto layer = field->layer("color");
+  const auto field = std::make_shared<const Field>(expect(Field::open(path)));
+  const auto layer = field->file().layer("color");
   require(layer.has_value(), path + ": has no color layer");
   TileSet set;
   set.level = static_cast<std::uint8_t>(field->shape().levels);
   std::vector<storage::TileRef> stored;
-  expect(field->store().visit(*layer, {set.level, 0}, {static_cast<std::uint8_t>(set.level + 1), 0},
-                              [&](const storage::TileRef& tile) -> Result<void> {
-                                if (tile.state == storage::TileState::stored)
-                                  stored.push_back(tile);
-                                return {};
-                              }));
+  expect(field->file().store().visit(*layer, {set.level, 0},
+                                     {static_cast<std::uint8_t>(set.level + 1), 0},
+                                     [&](const storage::TileRef& tile) -> Result<void> {
+                                       if (tile.state == storage::TileState::stored)
+                                         stored.push_back(tile);
+                                       return {};
+                                     }));
   const std::size_t count = std::min(most, stored.size());
   require(count > 0, path + ": its finest level has no stored tiles");
   for (std::size_t i = 0; i < count; ++i) {
     const storage::TileRef& tile = stored[i * stored.size() / count];
     set.keys.push_back(tile.key.index);
     set.payloads.emplace_back(tile.payload.begin(), tile.payload.end());
-    set.shapes.push_back(field->tile_shape(*layer, tile.key));
+    set.shapes.push_back(field->file().tile_shape(*layer, tile.key));
   }
-  set.codec = std::shared_ptr<const codec::Codec>(field, &field->codec(*layer));
+  set.codec = std::shared_ptr<const codec::Codec>(field, &field->file().codec(*layer));
   set.owner = field;
   set.name = "field, " + std::to_string(set.bytes() / count) + " B";
   return set;

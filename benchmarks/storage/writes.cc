@@ -6,6 +6,7 @@
 #include "benchmarks/storage/expect.h"
 #include "benchmarks/storage/page_cache.h"
 #include "benchmarks/storage/scenarios.h"
+#include "field/field_file.h"
 #include "slf/field.h"
 #include "slf/repack.h"
 
@@ -77,19 +78,19 @@ void recode_alone(const Field& field, const std::vector<std::unique_ptr<codec::C
                   unsigned threads) {
   std::vector<storage::TileRef> tiles;
   for (storage::LayerId layer = 0; layer < codecs.size(); ++layer)
-    expect(field.store().visit(layer, {0, 0}, {255, 0},
-                               [&](const storage::TileRef& tile) -> Result<void> {
-                                 if (tile.state == storage::TileState::stored)
-                                   tiles.push_back(tile);
-                                 return {};
-                               }));
+    expect(field.file().store().visit(layer, {0, 0}, {255, 0},
+                                      [&](const storage::TileRef& tile) -> Result<void> {
+                                        if (tile.state == storage::TileState::stored)
+                                          tiles.push_back(tile);
+                                        return {};
+                                      }));
   std::atomic<std::uint64_t> next{0};
   on_threads(threads, [&] {
     Bytes samples, payload;
     for (std::uint64_t i; (i = next.fetch_add(1)) < tiles.size();) {
-      const codec::Tile shape = field.tile_shape(tiles[i].layer, tiles[i].key);
+      const codec::Tile shape = field.file().tile_shape(tiles[i].layer, tiles[i].key);
       samples.resize(shape.bytes());
-      expect(field.decode(tiles[i], samples));
+      expect(field.file().decode(tiles[i], samples));
       expect(codecs[tiles[i].layer]->encode(shape, samples, payload));
     }
   });
@@ -128,7 +129,7 @@ void measure_writes(const Settings& settings, Report& report) {
   options.depth_codec = "zstd:3";
   options.threads = threads;
   std::vector<std::unique_ptr<codec::Codec>> codecs;
-  for (const Layer& layer : field->manifest().layers)
+  for (const Layer& layer : field->file().manifest().layers)
     codecs.push_back(expect(codec::make_codec(
         layer.format == codec::SampleFormat::depth8 ? options.depth_codec : options.color_codec,
         layer.format)));

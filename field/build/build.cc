@@ -10,8 +10,8 @@
 
 #include "base/parallel.h"
 #include "field/build/tile_tracer.h"
+#include "field/field_file.h"
 #include "field/geometry/tile_order.h"
-#include "slf/field.h"
 #include "storage/tile_store.h"
 #include "storage/tile_writer.h"
 
@@ -90,7 +90,7 @@ std::string first_difference(const nlohmann::json& a, const nlohmann::json& b) {
 /// Checks that the field at `path` is this very one, unfinished; returns its codecs.
 Result<std::vector<std::unique_ptr<codec::Codec>>> codecs_to_resume(const std::string& path,
                                                                     Manifest& manifest) {
-  auto field = Field::open(path);
+  auto field = FieldFile::open(path);
   if (!field) return tl::unexpected(field.error());
   std::vector<std::unique_ptr<codec::Codec>> codecs;
   for (std::size_t k = 0; k < manifest.layers.size(); ++k) {
@@ -224,7 +224,7 @@ Result<std::vector<Hole>> find_holes(const std::string& path, const TileOrder& o
                                      std::size_t layers, std::uint64_t end) {
   std::map<std::uint64_t, std::vector<LayerId>> lacking;
   if (end == 0) return std::vector<Hole>();
-  const auto field = Field::open(path);
+  const auto field = FieldFile::open(path);
   if (!field) return tl::unexpected(field.error());
   for (LayerId layer = 0; layer < layers; ++layer) {
     std::uint64_t expected = 0;
@@ -277,7 +277,9 @@ Result<BuildReport> build_field(const Scene& scene, const std::string& path,
        options.color_codec});
   if (!options.depth_codec.empty())
     manifest.layers.push_back({"depth", codec::SampleFormat::depth8, options.depth_codec});
-  manifest.provenance = scene.provenance();
+  manifest.provenance = nlohmann::json::parse(scene.provenance(), nullptr, false);
+  if (!manifest.provenance.is_object())
+    return fail(ErrorCode::usage, "the scene's provenance is not a JSON object");
 
   const TileTracer tracer(scene, manifest);
   const bool exists = std::filesystem::exists(path);

@@ -8,6 +8,7 @@
 
 #include "base/parallel.h"
 #include "field/build/atomic_file.h"
+#include "field/field_file.h"
 #include "field/geometry/tile_order.h"
 #include "storage/tile_writer.h"
 
@@ -58,7 +59,7 @@ void convert(SampleFormat from, SampleFormat to, std::span<const std::byte> in, 
 }
 
 /// A tile's samples in the output's format. REQUIRES: tile is stored.
-Result<void> decode_converted(const Field& field, const storage::TileRef& tile, SampleFormat to,
+Result<void> decode_converted(const FieldFile& field, const storage::TileRef& tile, SampleFormat to,
                               Bytes& scratch, Bytes& samples) {
   const codec::Tile shape = field.tile_shape(tile.layer, tile.key);
   scratch.resize(shape.bytes());
@@ -68,7 +69,7 @@ Result<void> decode_converted(const Field& field, const storage::TileRef& tile, 
 }
 
 /// Fits shared tables to a few tiles spread over the finest level.
-Result<std::unique_ptr<codec::Codec>> train(const Field& field, const FieldShape& shape,
+Result<std::unique_ptr<codec::Codec>> train(const FieldFile& field, const FieldShape& shape,
                                             const OutputLayer& out) {
   const TileOrder order(shape);
   std::vector<Bytes> samples;
@@ -98,7 +99,7 @@ Result<std::unique_ptr<codec::Codec>> train(const Field& field, const FieldShape
   return codec::train_codec(out.layer.codec, out.layer.format, tiles);
 }
 
-Result<std::vector<OutputLayer>> plan_layers(const Field& field, const FieldShape& shape,
+Result<std::vector<OutputLayer>> plan_layers(const FieldFile& field, const FieldShape& shape,
                                              const RepackOptions& options) {
   std::vector<OutputLayer> outputs;
   for (const std::string& name : options.layers)
@@ -142,7 +143,7 @@ struct Recoded {
   std::optional<Error> error;
 };
 
-Recoded recode(const Field& field, const std::vector<OutputLayer>& outputs, TileKey key,
+Recoded recode(const FieldFile& field, const std::vector<OutputLayer>& outputs, TileKey key,
                Bytes& scratch, Bytes& samples) {
   Recoded tile;
   for (const OutputLayer& out : outputs) {
@@ -166,7 +167,7 @@ Recoded recode(const Field& field, const std::vector<OutputLayer>& outputs, Tile
 }
 
 /// Asks for the tiles with numbers in [begin, end), for an input that is not in memory.
-void advise(const Field& field, const std::vector<OutputLayer>& outputs, const TileOrder& order,
+void advise(const FieldFile& field, const std::vector<OutputLayer>& outputs, const TileOrder& order,
             std::uint64_t begin, std::uint64_t end) {
   std::vector<TileKey> keys;
   for (std::uint64_t n = begin; n < std::min(end, order.count()); ++n) keys.push_back(order.key(n));
@@ -179,7 +180,7 @@ void advise(const Field& field, const std::vector<OutputLayer>& outputs, const T
 }
 
 /// The shape of the output, checked.
-Result<FieldShape> plan_shape(const Field& field, const RepackOptions& options) {
+Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& options) {
   FieldShape shape = field.shape();
   if (options.levels && *options.levels > shape.levels)
     return fail(ErrorCode::usage, field.path(), ": has levels 0 to ", shape.levels, ", not ",
@@ -216,7 +217,7 @@ Error not_written(const std::string& path, const Error& error) {
 }
 
 /// Recodes every tile on all threads and appends them in order.
-Result<void> write_tiles(const Field& field, const FieldShape& shape,
+Result<void> write_tiles(const FieldFile& field, const FieldShape& shape,
                          const std::vector<OutputLayer>& outputs, const RepackOptions& options,
                          storage::TileWriter& writer, const ProgressCallback& progress,
                          RepackReport& report) {
@@ -266,8 +267,9 @@ Result<void> write_tiles(const Field& field, const FieldShape& shape,
 
 }  // namespace
 
-Result<RepackReport> repack_field(const Field& field, const std::string& path,
+Result<RepackReport> repack_field(const Field& handle, const std::string& path,
                                   const RepackOptions& options, const ProgressCallback& progress) {
+  const FieldFile& field = handle.file();
   std::error_code ignored;
   if (std::filesystem::equivalent(field.path(), path, ignored))
     return fail(ErrorCode::usage, path, ": is the input; repack writes another file");

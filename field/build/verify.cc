@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "base/parallel.h"
-#include "slf/field.h"
+#include "field/field_file.h"
 #include "storage/tile_store.h"
 #include "storage/tile_writer.h"
 
@@ -52,7 +52,7 @@ class Verifier {
 
   Result<void> check(const std::string& path) {
     if (auto ok = check_structure(path); !ok || !readable_) return ok;
-    const auto field = Field::open(path);
+    const auto field = FieldFile::open(path);
     if (!field) {
       if (field.error().code != ErrorCode::bad_file) return tl::unexpected(field.error());
       add(FindingKind::manifest, field.error().message);
@@ -75,7 +75,7 @@ class Verifier {
     return {};
   }
 
-  Result<void> check_tiles(const Field& field) {
+  Result<void> check_tiles(const FieldFile& field) {
     for (unsigned level = 0; level <= field.shape().levels; ++level)
       state_.total += field.shape().tiles(level) * field.manifest().layers.size();
     report_.complete = true;
@@ -84,7 +84,7 @@ class Verifier {
     return {};
   }
 
-  Result<void> check_layer(const Field& field, LayerId layer) {
+  Result<void> check_layer(const FieldFile& field, LayerId layer) {
     std::vector<std::uint64_t> found(field.shape().levels + 1);
     std::vector<TileRef> batch;
     bool stopped = false;
@@ -118,12 +118,12 @@ class Verifier {
     return {};
   }
 
-  static std::string place(const Field& field, const TileRef& tile) {
+  static std::string place(const FieldFile& field, const TileRef& tile) {
     return field.path() + ": layer '" + field.manifest().layers[tile.layer].name + "', tile " +
            std::to_string(tile.key.level) + "/" + std::to_string(tile.key.index);
   }
 
-  void compare_count(const Field& field, LayerId layer, unsigned level, std::uint64_t found) {
+  void compare_count(const FieldFile& field, LayerId layer, unsigned level, std::uint64_t found) {
     const std::uint64_t expected = field.shape().tiles(level);
     if (found == expected) return;
     report_.complete = false;
@@ -134,7 +134,7 @@ class Verifier {
   }
 
   /// Whichever layer is wrong, both tiles must be built again.
-  void compare_states(const Field& field, const TileRef& tile) {
+  void compare_states(const FieldFile& field, const TileRef& tile) {
     const auto first = field.store().find(0, tile.key);
     if (!first || first->state == TileState::missing || first->state == tile.state) return;
     add(FindingKind::mismatch,
@@ -144,7 +144,7 @@ class Verifier {
   }
 
   /// Checks and decodes tiles on all threads, and forgets them.
-  void check_payloads(const Field& field, std::vector<TileRef>& tiles) {
+  void check_payloads(const FieldFile& field, std::vector<TileRef>& tiles) {
     if (!options_.quick) {
       std::vector<std::optional<Finding>> found(tiles.size());
       field.store().advise(tiles);
@@ -158,7 +158,7 @@ class Verifier {
     tiles.clear();
   }
 
-  static std::optional<Finding> check_payload(const Field& field, const TileRef& tile) {
+  static std::optional<Finding> check_payload(const FieldFile& field, const TileRef& tile) {
     if (auto ok = field.store().check(tile); !ok)
       return Finding{FindingKind::checksum, ok.error().message};
     thread_local Bytes samples;

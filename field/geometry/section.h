@@ -15,7 +15,7 @@
 
 #include "codec/codec.h"
 #include "field/geometry/lattice.h"
-#include "slf/tile_key.h"
+#include "slf/tile.h"
 
 namespace slf {
 

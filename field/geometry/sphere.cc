@@ -1,4 +1,4 @@
-#include "slf/sphere.h"
+#include "slf/shape.h"
 
 #include <cmath>
 

@@ -1,4 +1,4 @@
-#include "slf/animation.h"
+#include "slf/image.h"
 
 #include <webp/encode.h>
 #include <webp/mux.h>

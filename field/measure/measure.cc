@@ -15,7 +15,8 @@
 #include <system_error>
 #include <thread>
 
-#include "field/scene/view.h"
+#include "field/field_file.h"
+#include "slf/scene.h"
 
 namespace slf {
 namespace {
@@ -62,7 +63,7 @@ struct ViewCost {
 /// What the kernel knows of a field's map.
 class KernelCount {
  public:
-  explicit KernelCount(const Field& field)
+  explicit KernelCount(const FieldFile& field)
       : map_(const_cast<std::byte*>(field.store().map())),
         bytes_(field.store().file_bytes()),
         path_(field.path()) {}
@@ -144,7 +145,8 @@ LevelMeasure summarize(unsigned level, std::uint64_t tiles, const std::vector<Vi
 
 }  // namespace
 
-Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles, bool with_depth) {
+Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles, bool with_depth) {
+  const FieldFile& field = handle.file();
   Footprint sum;
   for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
     const bool is_depth = field.manifest().layers[layer].name == "depth";
@@ -199,7 +201,7 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
   }
   Measurement result;
   ResidentWatch watch;
-  KernelCount kernel(field);
+  KernelCount kernel(field.file());
   std::vector<ViewCost> total(options.cameras.size());
   std::uint64_t total_tiles = 0;
   for (const unsigned level : levels) {

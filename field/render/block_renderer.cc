@@ -30,7 +30,7 @@ void copy_ray(const RayBlock& from, std::size_t k, RayBlock& to, std::size_t n) 
 
 }  // namespace
 
-BlockRenderer::BlockRenderer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
+BlockRenderer::BlockRenderer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
                              const ViewOptions& options, const glm::dvec3& eye, Image& image,
                              Kept earlier)
     : field_(field),

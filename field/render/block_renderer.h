@@ -25,7 +25,7 @@ class BlockRenderer {
   /// Borrows all; where it waits for tiles, pins at most `pin_bytes` of them. Pixels are written
   /// into `image`, whose depths are distances from `eye`, in world units. `earlier` is what the
   /// picture before kept.
-  BlockRenderer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
+  BlockRenderer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
                 const ViewOptions& options, const glm::dvec3& eye, Image& image, Kept earlier = {});
 
   /// The block to draw: fill it, then draw(). Sized for `most_rays`.
@@ -52,7 +52,7 @@ class BlockRenderer {
   [[nodiscard]] Result<void> look(const LevelGeometry& geometry, const Pass& pass);
   void finish();
 
-  const Field& field_;
+  const FieldFile& field_;
   const ViewOptions& options_;
   const glm::dvec3 eye_;
   Image& image_;

@@ -1,4 +1,4 @@
-#include "slf/camera_path.h"
+#include "slf/camera.h"
 
 #include <algorithm>
 #include <cmath>

@@ -12,8 +12,12 @@
 #include <thread>
 #include <utility>
 
+#include "field/render/renderer_state.h"
+
 namespace slf {
 namespace {
+
+using Clock = std::chrono::steady_clock;
 
 // Pixels along a preview's longer side. Edges take turns, so that views that follow each other are
 // looked at along other rays.
@@ -89,7 +93,7 @@ bool is_near(const Camera& camera, const Camera& expected, const Camera& before,
 class Player::Loader {
  public:
   Loader(const Renderer& renderer, const ViewOptions& view)
-      : cache_(renderer.cache()),
+      : cache_(*renderer.state_->cache),
         view_(view),
         previewer_(renderer, 1),
         thread_([this] { run(); }) {}
@@ -233,42 +237,61 @@ RendererOptions for_frames(RendererOptions options) {
 
 }  // namespace
 
-Player::Player(const Field& field, const PlayOptions& options)
-    : field_(field), options_(options), renderer_(field, for_frames(options.renderer)) {
-  options_.view.wait = options.loading == Loading::wait;
-}
+struct Player::State {
+  State(const Field& of_field, const PlayOptions& play_options)
+      : field(of_field), options(play_options), renderer(field, for_frames(options.renderer)) {
+    options.view.wait = options.loading == Loading::wait;
+  }
+  [[nodiscard]] TileCache& cache() const { return *renderer.state_->cache; }
+
+  Field field;
+  PlayOptions options;
+  Renderer renderer;
+  std::vector<TileCache::Pin> coarsest;
+  CacheStatistics seen;            // when the last frame was drawn
+  Clock::time_point began, ended;  // of that frame
+  std::optional<Camera> before;    // of that frame
+  std::optional<Camera> expected;  // where the next frame's was predicted
+  unsigned steady = 0;             // frames for which it was there
+  std::unique_ptr<Loader> loader;
+};
+
+Player::Player(std::unique_ptr<State> state) : state_(std::move(state)) {}
+Player::Player(Player&&) noexcept = default;
+Player& Player::operator=(Player&&) noexcept = default;
 Player::~Player() = default;
 
-Result<std::unique_ptr<Player>> Player::make(const Field& field, const PlayOptions& options) {
+Result<Player> Player::make(const Field& field, const PlayOptions& options) {
   if (auto ok = check_view(field, options.view); !ok) return tl::unexpected(ok.error());
-  std::unique_ptr<Player> player(new Player(field, options));
-  if (options.loading == Loading::wait) return player;
+  auto state = std::make_unique<State>(field, options);
+  if (options.loading == Loading::wait) return Player(std::move(state));
 
   // Something can be drawn from the first frame on, whatever comes next.
-  TileCache& cache = player->renderer_.cache();
+  TileCache& cache = state->cache();
   for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_extra_levels); ++index) {
     if (4 * cache.statistics().decoded_bytes > options.renderer.memory) break;
     auto tile = cache.get({{0, index}}, options.view.needs_depth());
     if (!tile) return tl::unexpected(tile.error());
-    player->coarsest_.push_back(std::move(*tile));
+    state->coarsest.push_back(std::move(*tile));
   }
-  player->seen_ = cache.statistics();
-  player->loader_ = std::make_unique<Loader>(player->renderer_, player->options_.view);
-  return player;
+  state->seen = cache.statistics();
+  state->loader = std::make_unique<Loader>(state->renderer, state->options.view);
+  return Player(std::move(state));
 }
 
 Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* report) {
+  State& s = *state_;
   const auto begin = Clock::now();
   // Frames that leave time between them get the cores for themselves while they are drawn.
-  const bool alone = loader_ && begin - ended_ > (ended_ - began_) / kGap;
-  if (alone) loader_->pause(true);
-  TileCache& cache = renderer_.cache();
+  const bool alone = s.loader && begin - s.ended > (s.ended - s.began) / kGap;
+  if (alone) s.loader->pause(true);
+  TileCache& cache = s.cache();
   ViewStatistics statistics;
-  auto ok = renderer_.render(camera, options_.view, image, &statistics);
-  if (alone) loader_->pause(false);
+  auto ok = s.renderer.render(camera, s.options.view, image, &statistics);
+  if (alone) s.loader->pause(false);
   if (!ok) return ok;
-  began_ = begin, ended_ = Clock::now();
-  const std::chrono::duration<double> took = ended_ - began_;
+  s.began = begin, s.ended = Clock::now();
+  const std::chrono::duration<double> took = s.ended - s.began;
 
   if (report) {
     const CacheStatistics now = cache.statistics();
@@ -277,36 +300,36 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
                statistics.level_pixels.back(),
                statistics.tiles.size(),
                statistics.wanted.size(),
-               now.decodes - seen_.decodes,
-               now.loaded_bytes - seen_.loaded_bytes};
-    seen_ = now;
+               now.decodes - s.seen.decodes,
+               now.loaded_bytes - s.seen.loaded_bytes};
+    s.seen = now;
   }
-  if (!loader_) return {};
-  if (auto error = loader_->take_error()) return tl::unexpected(*error);
+  if (!s.loader) return {};
+  if (auto error = s.loader->take_error()) return tl::unexpected(*error);
   std::vector<Camera> next;
-  if (options_.loading == Loading::ahead) {
-    const glm::dvec3& center = field_.shape().sphere.center;
+  if (s.options.loading == Loading::ahead) {
+    const glm::dvec3& center = s.field.shape().sphere.center;
     if (!statistics.wanted.empty()) next.push_back(camera);  // it may lead to more
-    steady_ = before_ && expected_ && is_near(camera, *expected_, *before_, options_.horizon)
-                  ? steady_ + 1
-                  : 0;
+    s.steady = s.before && s.expected && is_near(camera, *s.expected, *s.before, s.options.horizon)
+                   ? s.steady + 1
+                   : 0;
     // While the camera moves as predicted, what lies nearer was looked at from frames before.
     // Otherwise: tiles span several frames, so the further ahead, the fewer looks are needed.
-    const unsigned first = steady_ < options_.horizon ? 1 : std::max(options_.horizon, 1u);
-    for (unsigned k = first; before_ && k <= options_.horizon; k *= 2) {
-      const Camera ahead = predict(center, *before_, camera, k);
+    const unsigned first = s.steady < s.options.horizon ? 1 : std::max(s.options.horizon, 1u);
+    for (unsigned k = first; s.before && k <= s.options.horizon; k *= 2) {
+      const Camera ahead = predict(center, *s.before, camera, k);
       if (RayGenerator::make(ahead)) next.push_back(ahead);  // else it is no view at all
     }
-    if (before_) expected_ = predict(center, *before_, camera, 1);
+    if (s.before) s.expected = predict(center, *s.before, camera, 1);
   }
   const auto level = static_cast<unsigned>(statistics.level_pixels.size() - 1);
-  loader_->plan(std::move(statistics.wanted), std::move(next), level, cache.now());
-  before_ = camera;
+  s.loader->plan(std::move(statistics.wanted), std::move(next), level, cache.now());
+  s.before = camera;
   return {};
 }
 
 void Player::settle() {
-  if (loader_) loader_->settle();
+  if (state_->loader) state_->loader->settle();
 }
 
 }  // namespace slf

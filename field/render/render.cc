@@ -13,6 +13,7 @@
 #include "base/parallel.h"
 #include "field/render/block_renderer.h"
 #include "field/render/ray_kernel.h"
+#include "field/render/renderer_state.h"
 
 namespace slf {
 namespace {
@@ -22,15 +23,6 @@ constexpr std::size_t kRayScratch = 512;  // bytes of scratch per ray of a block
 
 }  // namespace
 
-struct Renderer::State {
-  const Field& field;
-  unsigned threads;
-  std::uint64_t pin_bytes;  // that each thread may pin
-  bool keep;
-  std::shared_ptr<TileCache> cache;
-  std::vector<BlockRenderer::Kept> kept{};  // by band of the picture
-};
-
 namespace {
 
 struct Plan {
@@ -39,7 +31,7 @@ struct Plan {
 };
 
 /// Divides a budget between scratch, one tile at a time per thread, and the cache.
-Plan plan_memory(const Field& field, const RendererOptions& options) {
+Plan plan_memory(const FieldFile& field, const RendererOptions& options) {
   std::uint64_t sample = 0;
   for (const Layer& layer : field.manifest().layers) sample += codec::sample_bytes(layer.format);
   const std::uint64_t tile = field.shape().largest_tile() * sample;
@@ -69,21 +61,20 @@ Result<RenderMode> parse_render_mode(std::string_view text) {
 }
 
 RenderMode default_mode(const Field& field) {
-  return field.layer("depth") ? RenderMode::depth : RenderMode::bitri;
+  return field.has_layer("depth") ? RenderMode::depth : RenderMode::bitri;
 }
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
-  const Plan plan = plan_memory(field, options);
-  state_ = std::unique_ptr<State>(new State{
-      field, plan.threads, plan.cache_bytes / (plan.threads + 1), options.keep,
-      std::make_shared<TileCache>(field, plan.cache_bytes, options.map_budget, options.in_place)});
+  const Plan plan = plan_memory(field.file(), options);
+  state_ = std::unique_ptr<State>(
+      new State{field, plan.threads, plan.cache_bytes / (plan.threads + 1), options.keep,
+                std::make_shared<TileCache>(field.file(), plan.cache_bytes, options.map_budget,
+                                            options.in_place)});
 }
 Renderer::Renderer(const Renderer& other, unsigned threads)
     : state_(new State{other.state_->field, threads, other.state_->pin_bytes, false,
                        other.state_->cache}) {}
 Renderer::~Renderer() = default;
-
-TileCache& Renderer::cache() const { return *state_->cache; }
 
 unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMode mode) {
   const double distance = glm::distance(camera.eye, shape.sphere.center);
@@ -103,7 +94,7 @@ Result<void> check_view(const Field& field, const ViewOptions& options) {
   if (options.level != kMatchingLevel && options.level > field.shape().levels)
     return fail(ErrorCode::usage, field.path(), ": level ", options.level,
                 ": the finest level of this field is ", field.shape().levels);
-  if (options.needs_depth() && !field.layer("depth"))
+  if (options.needs_depth() && !field.has_layer("depth"))
     return fail(ErrorCode::usage, field.path(),
                 ": has no depth layer, which mode depth needs; use --mode bitri");
   return {};
@@ -132,7 +123,7 @@ std::uint32_t block_count(const Camera& camera) {
 /// One picture under way: blocks are taken by any thread, each writes pixels of its own.
 class ViewJob {
  public:
-  ViewJob(const Field& field, TileCache& cache, unsigned threads, std::uint64_t pin_bytes,
+  ViewJob(const FieldFile& field, TileCache& cache, unsigned threads, std::uint64_t pin_bytes,
           const Camera& camera, const RayGenerator& rays, const ViewOptions& options,
           std::vector<BlockRenderer::Kept>* kept, Image& image)
       : field_(field),
@@ -244,7 +235,7 @@ class ViewJob {
     }
   }
 
-  const Field& field_;
+  const FieldFile& field_;
   TileCache& cache_;
   const std::uint64_t pin_bytes_;
   const Camera& camera_;
@@ -275,8 +266,8 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
                               ViewStatistics* statistics) {
   const auto rays = RayGenerator::make(camera);
   if (!rays) return tl::unexpected(rays.error());
-  const Field& field = state_->field;
-  if (auto ok = check_view(field, wanted); !ok) return ok;
+  const FieldFile& field = state_->field.file();
+  if (auto ok = check_view(state_->field, wanted); !ok) return ok;
   const ViewOptions options = resolved(wanted, field.shape(), camera);
 
   state_->cache->reset_peak();

@@ -18,7 +18,7 @@ void sort_unique(std::vector<TileKey>& keys) {
   keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
 }
 
-TapGatherer::TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes,
+TapGatherer::TapGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
                          bool with_depth, bool wait, KeptTiles earlier)
     : cache_(cache),
       format_(field.manifest().layers[field.layer("color").value()].format),

@@ -41,7 +41,7 @@ class TapGatherer {
   /// With depth, both layers of tiles are pinned. One that waits pins at most `pin_bytes` of
   /// decoded tiles, or one tile; for one that does not, tiles that are not in the cache count as
   /// missing, and those of `earlier` need not be looked for.
-  TapGatherer(const Field& field, TileCache& cache, std::uint64_t pin_bytes, bool with_depth,
+  TapGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes, bool with_depth,
               bool wait, KeptTiles earlier = {});
   TapGatherer(const TapGatherer&) = delete;
   TapGatherer& operator=(const TapGatherer&) = delete;

@@ -41,7 +41,7 @@ struct TileCache::Entry : Link {
   }
 };
 
-TileCache::TileCache(const Field& field, std::uint64_t budget, std::uint64_t map_budget,
+TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget,
                      bool in_place)
     : field_(field),
       color_(field.layer("color").value()),

@@ -19,8 +19,9 @@
 #include <utility>
 #include <vector>
 
+#include "field/field_file.h"
 #include "slf/error.h"
-#include "slf/field.h"
+#include "slf/render.h"
 
 namespace slf {
 
@@ -30,9 +31,6 @@ struct CacheStatistics {
   std::uint64_t decoded_peak_bytes = 0;  ///< the most kept at any time
   std::uint64_t loaded_bytes = 0;        ///< payloads that were read, from the start
 };
-
-/// No limit.
-inline constexpr std::uint64_t kUnlimited = ~std::uint64_t{0};
 
 class TileCache {
   struct Entry;
@@ -75,7 +73,7 @@ class TileCache {
   /// Borrows the field. `budget` bytes of decoded samples, `map_budget` resident bytes of the map;
   /// the latter can be exceeded by the pinned tiles of an in-place codec.
   /// Unless `in_place`, tiles of in-place codecs are copied out of the map too.
-  TileCache(const Field& field, std::uint64_t budget, std::uint64_t map_budget = kUnlimited,
+  TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget = kUnlimited,
             bool in_place = true);
   ~TileCache();
 
@@ -142,7 +140,7 @@ class TileCache {
     return wanted ? depth_ : std::nullopt;
   }
 
-  const Field& field_;
+  const FieldFile& field_;
   const storage::LayerId color_;
   const std::optional<storage::LayerId> depth_;
   const std::uint64_t budget_, map_budget_;

@@ -1,9 +1,10 @@
-#include "slf/analytic.h"
+#include "slf/scene.h"
 
 #include <algorithm>
 #include <array>
 #include <cassert>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <span>
 
 namespace slf {
@@ -82,7 +83,9 @@ class Balls final : public Scene {
             static_cast<float>(depth / alpha)};
   }
 
-  nlohmann::json provenance() const override { return {{"kind", "scene"}, {"name", name_}}; }
+  std::string provenance() const override {
+    return nlohmann::json{{"kind", "scene"}, {"name", name_}}.dump();
+  }
 
  private:
   /// Adds what the fog between two points emits and takes away.

@@ -4,6 +4,7 @@
 #include <cassert>
 #include <cmath>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <type_traits>
 #include <unordered_map>
@@ -19,7 +20,7 @@ struct Raycaster::State {
   Volume volume;
   RayGrid grid;
   Sphere bounds;
-  nlohmann::json provenance;
+  std::string provenance;
 };
 
 namespace {
@@ -110,7 +111,8 @@ nlohmann::json describe(const Volume& volume, const TransferFunction& transfer,
 
 }  // namespace
 
-RaycastOptions raycast_options(const nlohmann::json& provenance) {
+RaycastOptions raycast_options(std::string_view text) {
+  const auto provenance = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
   RaycastOptions options;
   const auto number = [](const nlohmann::json& value, auto& to) {
     if (value.is_number()) to = value.get<std::remove_reference_t<decltype(to)>>();
@@ -132,7 +134,7 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
                                                    const RaycastOptions& options) {
   if (auto ok = check_options(options); !ok) return tl::unexpected(ok.error());
   auto state = std::make_unique<State>();
-  state->provenance = describe(volume, transfer, options);
+  state->provenance = describe(volume, transfer, options).dump();
   state->volume = std::move(volume);
   Volume& v = state->volume;
   RayGrid& grid = state->grid;
@@ -210,6 +212,6 @@ RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RayS
   return trace_rays(state_->grid, rays, out);
 }
 
-nlohmann::json Raycaster::provenance() const { return state_->provenance; }
+std::string Raycaster::provenance() const { return state_->provenance; }
 
 }  // namespace slf

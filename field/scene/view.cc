@@ -1,4 +1,4 @@
-#include "field/scene/view.h"
+#include "slf/scene.h"
 
 #include <algorithm>
 #include <limits>

@@ -1,28 +1,30 @@
-// Field: an open sphere light field: its manifest, geometry, codecs and tiles.
+// Field: an open sphere light field.
 //
-//   auto field = Field::open("brain.slf");
+//   auto field = slf::Field::open("brain.slf");
 //   if (!field) return report(field.error());
-//   Renderer renderer(**field, {});
+//   slf::Renderer renderer(*field);
 #pragma once
 
-#include <array>
+#include <cstdint>
 #include <memory>
-#include <mutex>
-#include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
-#include "codec/codec.h"
-#include "field/geometry/level_geometry.h"
-#include "field/manifest.h"
 #include "slf/error.h"
-#include "storage/tile_store.h"
+#include "slf/shape.h"
+#include "slf/tile.h"
 
 namespace slf {
 
-/// Blob names in the container.
-inline constexpr const char* kManifestBlob = "field";
-inline constexpr const char* kTablesBlobPrefix = "tables/";
+class FieldFile;  // internal
+
+/// A stored channel group of every tile.
+struct Layer {
+  std::string name;  ///< "color" or "depth"
+  SampleFormat format = SampleFormat::rgba8;
+  std::string codec;  ///< specification, e.g. "jpeg:75"
+};
 
 /// How much of a level is there.
 struct LevelContent {
@@ -41,48 +43,34 @@ struct FieldContent {
   std::uint64_t payload_bytes = 0;
 };
 
-/// A read-only snapshot of a field. The file is untrusted.
-/// Thread-safety: all const members may be called from many threads.
+/// A read-only snapshot of a field: a handle, cheap to copy, whose copies share one open file. What
+/// is made from a field, such as a Renderer, keeps a copy. The file is untrusted.
+/// Thread-safety: immutable; any thread.
 class Field {
  public:
   /// io: missing or unreadable. bad_file: damaged, truncated, not a field. unsupported: a newer
   /// format. An incomplete field opens: what was never built is reported as missing.
-  [[nodiscard]] static Result<std::unique_ptr<Field>> open(const std::string& path);
+  [[nodiscard]] static Result<Field> open(const std::string& path);
 
-  [[nodiscard]] const std::string& path() const { return store_.path(); }
-  [[nodiscard]] const Manifest& manifest() const { return manifest_; }
-  [[nodiscard]] const FieldShape& shape() const { return manifest_.shape; }
-  [[nodiscard]] const storage::TileStore& store() const { return store_; }
-
-  /// The layer of that name, if the field has it.
-  [[nodiscard]] std::optional<storage::LayerId> layer(std::string_view name) const;
-  [[nodiscard]] const codec::Codec& codec(storage::LayerId layer) const { return *codecs_[layer]; }
-
-  /// Made on first use and kept. REQUIRES: level <= shape().levels.
-  [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
-
-  /// The shape of a tile. REQUIRES: a key of this field.
-  [[nodiscard]] codec::Tile tile_shape(storage::LayerId layer, TileKey key) const;
-
-  /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes.
-  [[nodiscard]] Result<void> decode(const storage::TileRef& tile,
-                                    std::span<std::byte> samples) const;
-
-  /// bad_file: the file shrank while it was open, and samples used in place may have been zeros.
-  [[nodiscard]] Result<void> unchanged() const;
+  [[nodiscard]] const std::string& path() const;
+  [[nodiscard]] const FieldShape& shape() const;
+  [[nodiscard]] const std::vector<Layer>& layers() const;
+  [[nodiscard]] bool has_layer(std::string_view name) const;
+  /// What the field was built from, and how: a JSON object, free form.
+  [[nodiscard]] std::string provenance() const;
+  /// The whole manifest, a JSON object (FORMAT.md).
+  [[nodiscard]] std::string manifest() const;
+  [[nodiscard]] std::uint64_t file_bytes() const;
 
   /// Counts what is there, from the records' tables alone. Linear in the number of records.
   [[nodiscard]] Result<FieldContent> content() const;
 
- private:
-  Field(storage::TileStore store, Manifest manifest)
-      : store_(std::move(store)), manifest_(std::move(manifest)) {}
+  /// For slf's own libraries; the type is not installed.
+  [[nodiscard]] const FieldFile& file() const { return *file_; }
 
-  storage::TileStore store_;
-  Manifest manifest_;
-  std::vector<std::unique_ptr<codec::Codec>> codecs_;
-  mutable std::array<std::once_flag, 16> geometry_once_;
-  mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometry_;
+ private:
+  explicit Field(std::shared_ptr<const FieldFile> file) : file_(std::move(file)) {}
+  std::shared_ptr<const FieldFile> file_;
 };
 
 }  // namespace slf

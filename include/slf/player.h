@@ -9,15 +9,12 @@
 //   options.view = {default_mode(field), field.shape().levels};
 //   auto player = Player::make(field, options);
 //   for (const Camera& camera : cameras)
-//     if (auto ok = (*player)->draw(camera, picture, &report); !ok) return ok;
+//     if (auto ok = player->draw(camera, picture, &report); !ok) return ok;
 #pragma once
 
-#include <chrono>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <string_view>
-#include <vector>
 
 #include "slf/error.h"
 #include "slf/render.h"
@@ -67,10 +64,11 @@ struct FrameReport {
 /// Thread-safety: one draw() at a time.
 class Player {
  public:
-  /// Borrows the field. Unless its frames wait, loads and keeps its coarsest level, as far as a
-  /// quarter of the memory goes. usage: as Renderer::render().
-  [[nodiscard]] static Result<std::unique_ptr<Player>> make(const Field& field,
-                                                            const PlayOptions& options);
+  /// Keeps a copy of the handle. Unless its frames wait, loads and keeps its coarsest level, as far
+  /// as a quarter of the memory goes. usage: as Renderer::render().
+  [[nodiscard]] static Result<Player> make(const Field& field, const PlayOptions& options);
+  Player(Player&&) noexcept;
+  Player& operator=(Player&&) noexcept;
   /// Stops the loading thread.
   ~Player();
 
@@ -83,20 +81,10 @@ class Player {
   void settle();
 
  private:
+  struct State;
   class Loader;
-  using Clock = std::chrono::steady_clock;
-  Player(const Field& field, const PlayOptions& options);
-
-  const Field& field_;
-  PlayOptions options_;
-  Renderer renderer_;
-  std::vector<TileCache::Pin> coarsest_;
-  CacheStatistics seen_;             // when the last frame was drawn
-  Clock::time_point began_, ended_;  // of that frame
-  std::optional<Camera> before_;     // of that frame
-  std::optional<Camera> expected_;   // where the next frame's was predicted
-  unsigned steady_ = 0;              // frames for which it was there
-  std::unique_ptr<Loader> loader_;
+  explicit Player(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
 };
 
 }  // namespace slf

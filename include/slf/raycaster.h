@@ -7,6 +7,8 @@
 
 #include <memory>
 #include <optional>
+#include <string>
+#include <string_view>
 
 #include "slf/error.h"
 #include "slf/scene.h"
@@ -31,8 +33,9 @@ struct RayCounts {
   std::uint64_t visible = 0;  ///< of those, with any opacity: shaded and composited
 };
 
-/// The options a field's provenance records; what is missing or of another type is the default.
-[[nodiscard]] RaycastOptions raycast_options(const nlohmann::json& provenance);
+/// The options that a field's provenance (a JSON object) records; the default for each that is
+/// missing or of another type.
+[[nodiscard]] RaycastOptions raycast_options(std::string_view provenance);
 
 /// Thread-safety: immutable; trace() and trace_many() from any thread. Many rays at a time fill the
 /// vector units; one leaves them mostly idle.
@@ -49,7 +52,7 @@ class Raycaster final : public Scene {
   [[nodiscard]] Sphere bounds() const override;
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
   void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const override;
-  [[nodiscard]] nlohmann::json provenance() const override;
+  [[nodiscard]] std::string provenance() const override;
 
   /// As trace_many(), and says what it took.
   RayCounts trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const;

@@ -12,13 +12,15 @@
 #include <string_view>
 #include <vector>
 
-#include "field/render/tile_cache.h"
 #include "slf/camera.h"
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/image.h"
 
 namespace slf {
+
+/// No limit on a number of bytes.
+inline constexpr std::uint64_t kUnlimited = ~std::uint64_t{0};
 
 /// How a ray between samples gets its colour. The first four are the paper's (section 3, Figure 8).
 enum class RenderMode {
@@ -78,7 +80,7 @@ struct ViewStatistics {
 /// Thread-safety: one render() at a time; it uses the threads of its options itself.
 class Renderer {
  public:
-  /// Borrows the field.
+  /// Keeps a copy of the handle.
   explicit Renderer(const Field& field, const RendererOptions& options = {});
   /// Draws with the cache of another, which must outlive it.
   Renderer(const Renderer& other, unsigned threads);
@@ -100,9 +102,8 @@ class Renderer {
   [[nodiscard]] Result<void> render_progressively(const Camera& camera, const ViewOptions& options,
                                                   Image& image, const Show& show);
 
-  [[nodiscard]] TileCache& cache() const;
-
  private:
+  friend class Player;
   struct State;
   std::unique_ptr<State> state_;
 };

@@ -1,13 +1,19 @@
 // Scene: what a field is built from and what it is compared with: the colour of any ray.
 //
-// Implementations: Raycaster (a volume, raycaster.h) and the analytic scenes (analytic.h).
+// Implementations: Raycaster (a volume, raycaster.h) and the analytic scenes below.
 #pragma once
 
 #include <glm/glm.hpp>
-#include <nlohmann/json.hpp>
+#include <memory>
 #include <span>
+#include <string>
+#include <string_view>
+#include <vector>
 
-#include "slf/sphere.h"
+#include "slf/camera.h"
+#include "slf/error.h"
+#include "slf/image.h"
+#include "slf/shape.h"
 
 namespace slf {
 
@@ -39,8 +45,23 @@ class Scene {
   virtual void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const;
 
   /// Where the scene came from and every setting that changes its pictures, for the manifest:
-  /// equal provenance means equal samples.
-  [[nodiscard]] virtual nlohmann::json provenance() const = 0;
+  /// equal provenance means equal samples. A JSON object.
+  [[nodiscard]] virtual std::string provenance() const = 0;
 };
+
+/// The scenes there are:
+///   balls    opaque, textured, shaded spheres of several sizes
+///   globe    one finely textured opaque sphere that fills most of the bounds
+///   fog      overlapping translucent balls: opacity 1 - exp(-density × path)
+[[nodiscard]] std::vector<std::string> analytic_scene_names();
+
+/// usage: unknown name; the message lists the known ones.
+[[nodiscard]] Result<std::unique_ptr<Scene>> make_analytic_scene(std::string_view name);
+
+/// Traces every pixel's ray through `sphere`, from the eye where that is inside it, on `threads`
+/// threads (0: all). Image::depth is filled. The result does not depend on the threads.
+/// usage: a bad camera.
+[[nodiscard]] Result<Image> trace_view(const Scene& scene, const Sphere& sphere,
+                                       const Camera& camera, unsigned threads = 0);
 
 }  // namespace slf

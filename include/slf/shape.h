@@ -1,14 +1,30 @@
-// FieldShape: how a field samples its sphere.
+// Sphere and FieldShape: the plenoptic sphere, and how a field samples it.
 #pragma once
 
 #include <cstdint>
+#include <glm/glm.hpp>
 #include <vector>
 
 #include "slf/error.h"
-#include "slf/sphere.h"
-#include "slf/tile_key.h"
+#include "slf/tile.h"
 
 namespace slf {
+
+/// The plenoptic sphere: centre and radius in world units.
+struct Sphere {
+  glm::dvec3 center{0.0};
+  double radius = 1;
+};
+
+/// Where a line meets a sphere, as parameters along origin + t·direction; `hit` is false when it
+/// misses or only touches. REQUIRES: direction is not zero.
+struct Chord {
+  bool hit = false;
+  double enter = 0;
+  double leave = 0;
+};
+[[nodiscard]] Chord intersect(const Sphere& sphere, const glm::dvec3& origin,
+                              const glm::dvec3& direction);
 
 /// How a field samples its sphere. Level l of the tile pyramid is a complete field on entry
 /// lattice(entry_side·2^l) and exit lattice(exit_side·2^l).

@@ -9,9 +9,10 @@
 #include <map>
 #include <optional>
 
-#include "slf/analytic.h"
+#include "field/field_file.h"
 #include "slf/image.h"
 #include "slf/repack.h"
+#include "slf/scene.h"
 #include "storage/tile_writer.h"
 #include "tests/cli/cli_testing.h"
 #include "tests/field/field_testing.h"
@@ -119,12 +120,12 @@ void write_bad() {
   write(golden("truncated.slf"), bytes.substr(0, bytes.size() - 4096 - 100));
   write(golden("not_a_container.slf"), "Sphere light field? No: text.\n");
   const auto field = Field::open(golden("example.slf"));
-  const auto tile = (*field)->store().find(0, {0, 28});
+  const auto tile = field->file().store().find(0, {0, 28});
   ASSERT_EQ(tile->state, storage::TileState::stored);
   std::string flipped = bytes;
-  flipped[(*field)->store().range(*tile).begin + 5] ^= 1;
+  flipped[field->file().store().range(*tile).begin + 5] ^= 1;
   write(golden("flipped_tile.slf"), flipped);
-  nlohmann::json json = (*field)->manifest().to_json();
+  nlohmann::json json = field->file().manifest().to_json();
   write_container(golden("incomplete.slf"), json);
   write_container(golden("not_a_field.slf"), nullptr);
   json["required"] = {"hologram"};

@@ -70,7 +70,7 @@ using Tiles = decltype(all_tiles(std::declval<const Field&>()));
 Tiles tiles_of(const std::string& path) {
   const auto field = Field::open(path);
   EXPECT_TRUE(field) << field.error().message;
-  return field ? all_tiles(**field) : Tiles();
+  return field ? all_tiles(*field) : Tiles();
 }
 
 Arguments build(const std::string& output) {

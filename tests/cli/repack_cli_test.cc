@@ -1,4 +1,5 @@
 // slf repack and slf verify as users meet them: exit codes, messages, and what is left on the disk.
+#include "field/field_file.h"
 #include "slf/image.h"
 #include "tests/cli/cli_testing.h"
 #include "tests/field/field_testing.h"
@@ -32,9 +33,9 @@ class RepackCli : public ::testing::Test {
   static void damage(const std::string& path, const std::string& layer, TileKey key) {
     std::string bytes = read_text(field());
     const auto open = Field::open(field());
-    const auto tile = (*open)->store().find(*(*open)->layer(layer), key);
+    const auto tile = open->file().store().find(*open->file().layer(layer), key);
     ASSERT_EQ(tile->state, storage::TileState::stored);
-    bytes[(*open)->store().range(*tile).begin] ^= 1;
+    bytes[open->file().store().range(*tile).begin] ^= 1;
     std::ofstream(path, std::ios::binary) << bytes;
   }
 
@@ -167,7 +168,7 @@ TEST_F(RepackCli, VerifyTellsDamageFromIncompleteness) {
 
   ASSERT_EQ(build(bad).exit_code, 0);
   EXPECT_EQ(slf({"verify", bad}).exit_code, 0);
-  EXPECT_EQ(testing::all_tiles(**Field::open(bad)), testing::all_tiles(**Field::open(field())));
+  EXPECT_EQ(testing::all_tiles(*Field::open(bad)), testing::all_tiles(*Field::open(field())));
 }
 
 TEST_F(RepackCli, VerifySaysWhatItCannotFix) {

@@ -56,11 +56,6 @@ std::string name(Content content) {
   return names[static_cast<int>(content)];
 }
 
-std::string name(SampleFormat format) {
-  constexpr const char* names[] = {"rgba8", "depth8", "rgba16f"};
-  return names[static_cast<int>(format)];
-}
-
 SampleTile make_tile(SampleFormat format, std::size_t rows, std::uint32_t side, Content content) {
   SampleTile result;
   std::size_t lattice_side = 0;

@@ -35,7 +35,6 @@ constexpr SampleFormat all_formats[] = {SampleFormat::rgba8, SampleFormat::depth
                                         SampleFormat::rgba16f};
 
 [[nodiscard]] std::string name(Content content);
-[[nodiscard]] std::string name(SampleFormat format);
 
 /// The first `rows` points of a triangular lattice in the order Tile asks for.
 [[nodiscard]] SampleTile make_tile(SampleFormat format, std::size_t rows, std::uint32_t side,

@@ -1,4 +1,4 @@
-#include "slf/analytic.h"
+#include "slf/scene.h"
 
 #include <gtest/gtest.h>
 

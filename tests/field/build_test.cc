@@ -7,9 +7,10 @@
 #include <fstream>
 
 #include "field/build/tile_tracer.h"
-#include "slf/analytic.h"
+#include "field/field_file.h"
 #include "slf/field.h"
 #include "slf/measure.h"
+#include "slf/scene.h"
 #include "tests/field/field_testing.h"
 
 namespace slf {
@@ -73,12 +74,12 @@ TEST(Build, SamplesAreTheScenesRays) {
   std::size_t checked = 0;
   for (std::uint64_t index = 0; index < tile_count(1, 0); index += 7) {
     const TileKey key{1, index};
-    const auto tile = field->store().find(0, key);
+    const auto tile = field->file().store().find(0, key);
     ASSERT_TRUE(tile);
-    const codec::Tile shape = field->tile_shape(0, key);
+    const codec::Tile shape = field->file().tile_shape(0, key);
     std::vector<std::byte> samples(shape.bytes());
     if (tile->state == storage::TileState::stored) {
-      ASSERT_TRUE(field->decode(*tile, samples));
+      ASSERT_TRUE(field->file().decode(*tile, samples));
     } else {
       ASSERT_EQ(tile->state, storage::TileState::empty);
     }
@@ -133,13 +134,13 @@ TEST(Build, CoarserLevelsAreMeansUnderAHat) {
   };
   std::size_t visible = 0;
   for (std::uint64_t index = 0; index < tile_count(0, 0); ++index) {
-    const auto color = field->store().find(0, {0, index}),
-               depth = field->store().find(1, {0, index});
+    const auto color = field->file().store().find(0, {0, index}),
+               depth = field->file().store().find(1, {0, index});
     ASSERT_TRUE(color && depth);
-    const codec::Tile shape = field->tile_shape(0, {0, index});
+    const codec::Tile shape = field->file().tile_shape(0, {0, index});
     std::vector<std::byte> colors(shape.bytes()), depths(shape.rows() * shape.columns());
     if (color->state == storage::TileState::stored) {
-      ASSERT_TRUE(field->decode(*color, colors) && field->decode(*depth, depths));
+      ASSERT_TRUE(field->file().decode(*color, colors) && field->file().decode(*depth, depths));
     }
     const TileSections sections = sections_of({0, index}, 0);
     std::size_t sample = 0;
@@ -207,12 +208,12 @@ TEST(Build, StoppedAnywhereItResumesToTheSameContent) {
     ++stops;
     const auto partial = Field::open(path);
     ASSERT_TRUE(partial) << partial.error().message;
-    EXPECT_FALSE((*partial)->content()->complete);
+    EXPECT_FALSE(partial->content()->complete);
   }
   EXPECT_GT(stops, 4);
   const auto parts = Field::open(path);
   ASSERT_TRUE(parts);
-  EXPECT_TRUE(all_tiles(*whole) == all_tiles(**parts));
+  EXPECT_TRUE(all_tiles(*whole) == all_tiles(*parts));
 }
 
 TEST(Build, RefusesWhatIsNotItsOwnUnfinishedField) {
@@ -280,13 +281,13 @@ TEST(Build, HalfFloatColourIsKeptBitForBit) {
   options.half = true;
   const auto field = build_and_open(bright, folder / "a.slf", options);
   ASSERT_TRUE(field);
-  Manifest manifest = field->manifest();
+  Manifest manifest = field->file().manifest();
   const TileTracer tracer(bright, manifest);
   for (std::uint64_t index = 0; index < tile_count(1, 0); index += 31) {
-    const auto tile = field->store().find(0, {1, index});
+    const auto tile = field->file().store().find(0, {1, index});
     ASSERT_TRUE(tile);
-    std::vector<std::byte> samples(field->tile_shape(0, {1, index}).bytes());
-    ASSERT_TRUE(field->decode(*tile, samples));
+    std::vector<std::byte> samples(field->file().tile_shape(0, {1, index}).bytes());
+    ASSERT_TRUE(field->file().decode(*tile, samples));
     TracedTile traced;
     tracer.trace({1, index}, traced);
     EXPECT_EQ(samples, traced.layers[0]);

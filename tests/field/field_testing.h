@@ -9,6 +9,7 @@
 #include <map>
 #include <string>
 
+#include "field/field_file.h"
 #include "slf/build.h"
 #include "slf/field.h"
 #include "slf/render.h"
@@ -57,7 +58,7 @@ class FunctionScene final : public Scene {
   RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override {
     return f_(from, to);
   }
-  nlohmann::json provenance() const override { return {{"kind", "function"}}; }
+  std::string provenance() const override { return R"({"kind": "function"})"; }
 
  private:
   Function f_;
@@ -75,23 +76,24 @@ inline BuildOptions lossless_options(std::uint32_t entry, std::uint32_t exit, un
   return options;
 }
 
-inline std::unique_ptr<Field> build_and_open(const Scene& scene, const std::string& path,
-                                             const BuildOptions& options) {
+inline std::optional<Field> build_and_open(const Scene& scene, const std::string& path,
+                                           const BuildOptions& options) {
   const auto report = build_field(scene, path, options);
   EXPECT_TRUE(report) << (report ? "" : report.error().message);
   auto field = Field::open(path);
   EXPECT_TRUE(field) << (field ? "" : field.error().message);
-  return field ? std::move(*field) : nullptr;
+  if (!field) return {};
+  return *field;
 }
 
 /// Every tile's payload, by layer and key: what two equal fields share byte for byte.
 inline std::map<std::pair<storage::LayerId, TileKey>, std::string> all_tiles(const Field& field) {
   std::map<std::pair<storage::LayerId, TileKey>, std::string> tiles;
-  for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
-    const auto ok = field.store().visit(
+  for (storage::LayerId layer = 0; layer < field.file().manifest().layers.size(); ++layer) {
+    const auto ok = field.file().store().visit(
         layer, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
           if (tile.state == storage::TileState::stored) {
-            if (auto checked = field.store().check(tile); !checked) return checked;
+            if (auto checked = field.file().store().check(tile); !checked) return checked;
           }
           tiles[{layer, tile.key}] = {reinterpret_cast<const char*>(tile.payload.data()),
                                       tile.payload.size()};

@@ -7,9 +7,10 @@
 #include <fstream>
 #include <map>
 
-#include "slf/analytic.h"
-#include "slf/animation.h"
-#include "slf/camera_path.h"
+#include "field/field_file.h"
+#include "slf/camera.h"
+#include "slf/image.h"
+#include "slf/scene.h"
 #include "tests/field/field_testing.h"
 
 namespace slf {
@@ -25,7 +26,8 @@ class Play : public ::testing::Test {
   static void SetUpTestSuite() {
     folder_ = new TemporaryFolder;
     scene_ = std::move(*make_analytic_scene("balls")).release();
-    field_ = build_and_open(*scene_, *folder_ / "balls.slf", lossless_options(4, 16, 2)).release();
+    field_ =
+        new Field(*build_and_open(*scene_, *folder_ / "balls.slf", lossless_options(4, 16, 2)));
   }
   static void TearDownTestSuite() {
     delete field_;
@@ -44,10 +46,11 @@ class Play : public ::testing::Test {
     options.renderer.threads = 2;
     return options;
   }
-  static std::unique_ptr<Player> player(const PlayOptions& options) {
+  static std::optional<Player> player(const PlayOptions& options) {
     auto player = Player::make(*field_, options);
     EXPECT_TRUE(player) << (player ? "" : player.error().message);
-    return player ? std::move(*player) : nullptr;
+    if (!player) return {};
+    return std::move(*player);
   }
   static FrameReport draw(Player& player, const Camera& camera, Image& image) {
     FrameReport report;
@@ -65,7 +68,7 @@ class Play : public ::testing::Test {
 };
 
 TEST_F(Play, TheFirstFrameIsTheCoarsestLevelAndTheNextWhatWasLoaded) {
-  const auto p = player(options(Loading::demand));
+  auto p = player(options(Loading::demand));
   ASSERT_TRUE(p);
   Image image;
   const FrameReport first = draw(*p, camera(0), image);
@@ -91,7 +94,7 @@ TEST_F(Play, LoadingAheadHasTheTilesOfFramesToCome) {
   // The lattice of this field is coarse: a few frames cross it all.
   std::map<Loading, std::uint64_t> lacking;
   for (const Loading loading : {Loading::demand, Loading::ahead}) {
-    const auto p = player(options(loading));
+    auto p = player(options(loading));
     ASSERT_TRUE(p);
     Image image;
     for (int k = 0; k < 12; ++k) {
@@ -105,7 +108,7 @@ TEST_F(Play, LoadingAheadHasTheTilesOfFramesToCome) {
 }
 
 TEST_F(Play, FramesThatWaitAreWhole) {
-  const auto p = player(options(Loading::wait));
+  auto p = player(options(Loading::wait));
   ASSERT_TRUE(p);
   Image image;
   for (const double azimuth : {0.0, 30.0, 60.0}) {
@@ -118,7 +121,7 @@ TEST_F(Play, FramesThatWaitAreWhole) {
 
 TEST_F(Play, ATightBudgetIsKeptAndStillDraws) {
   for (const std::uint64_t memory : {1ull << 20, 2ull << 20}) {
-    const auto p = player(options(Loading::ahead, memory));
+    auto p = player(options(Loading::ahead, memory));
     ASSERT_TRUE(p);
     Image image;
     for (int k = 0; k < 6; ++k) {
@@ -140,19 +143,19 @@ TEST_F(Play, LoadingEndsWhereTilesPushEachOtherOut) {
   for (const std::uint64_t memory : {116u << 10, 122u << 10, 128u << 10, 250u << 10}) {
     auto options = this->options(Loading::ahead, memory);
     options.view.level = 1;
-    const auto p = Player::make(*field, options);
+    auto p = Player::make(*field, options);
     ASSERT_TRUE(p);
     Image image;
     for (int k = 0; k < 4; ++k) {
-      draw(**p, camera(10.0 * k), image);
-      (*p)->settle();
+      draw(*p, camera(10.0 * k), image);
+      p->settle();
     }
   }
 }
 
 TEST_F(Play, WhatCannotBeAViewIsNotLookedAtAhead) {
   // Upright cameras on their way to the top: the next one would look along its up.
-  const auto p = player(options(Loading::ahead));
+  auto p = player(options(Loading::ahead));
   ASSERT_TRUE(p);
   Image image;
   for (const double elevation : {66.0, 74.0, 82.0, 82.0}) {
@@ -175,11 +178,11 @@ TEST_F(Play, WhatThePathLeftBehindMakesRoom) {
     return report;
   };
   constexpr std::uint64_t kMemory = 12 << 20;
-  const auto fresh = player(options(Loading::demand, kMemory));
+  auto fresh = player(options(Loading::demand, kMemory));
   ASSERT_TRUE(fresh);
   ASSERT_EQ(stay(*fresh, 180).lacking, 0u);
 
-  const auto moving = player(options(Loading::ahead, kMemory));
+  auto moving = player(options(Loading::ahead, kMemory));
   ASSERT_TRUE(moving);
   Image image;
   for (double azimuth = 0; azimuth <= 180; azimuth += 10) {
@@ -192,7 +195,7 @@ TEST_F(Play, WhatThePathLeftBehindMakesRoom) {
 TEST_F(Play, AheadByNothingIsOnDemand) {
   PlayOptions none = options(Loading::ahead);
   none.horizon = 0;
-  const auto p = player(none);
+  auto p = player(none);
   ASSERT_TRUE(p);
   Image image;
   for (int k = 0; k < 4; ++k) EXPECT_GT(draw(*p, camera(5.0 * k), image).pixels_hit, 0u);
@@ -201,7 +204,7 @@ TEST_F(Play, AheadByNothingIsOnDemand) {
 
 TEST_F(Play, EndsWhileLoading) {
   for (int k = 0; k < 20; ++k) {
-    const auto p = player(options(Loading::ahead));
+    auto p = player(options(Loading::ahead));
     ASSERT_TRUE(p);
     Image image;
     for (int frame = 0; frame < k % 4; ++frame) draw(*p, camera(10.0 * frame), image);
@@ -214,10 +217,10 @@ TEST_F(Play, ADamagedTileIsReported) {
   // Flip a byte of each payload at the finest level.
   {
     std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
-    const auto ok =
-        field_->store().visit(0, {2, 0}, {3, 0}, [&](const storage::TileRef& tile) -> Result<void> {
+    const auto ok = field_->file().store().visit(
+        0, {2, 0}, {3, 0}, [&](const storage::TileRef& tile) -> Result<void> {
           if (tile.state != storage::TileState::stored) return {};
-          const auto at = static_cast<std::streamoff>(field_->store().range(tile).begin);
+          const auto at = static_cast<std::streamoff>(field_->file().store().range(tile).begin);
           file.seekp(at);
           file.put(static_cast<char>(~std::to_integer<int>(tile.payload[0])));
           return {};
@@ -226,12 +229,12 @@ TEST_F(Play, ADamagedTileIsReported) {
   }
   const auto field = Field::open(path);
   ASSERT_TRUE(field) << field.error().message;
-  const auto p = Player::make(**field, options(Loading::ahead));
+  auto p = Player::make(*field, options(Loading::ahead));
   ASSERT_TRUE(p) << p.error().message;
   Image image;
-  ASSERT_TRUE((*p)->draw(camera(0), image));
-  (*p)->settle();
-  const auto second = (*p)->draw(camera(1), image);
+  ASSERT_TRUE(p->draw(camera(0), image));
+  p->settle();
+  const auto second = p->draw(camera(1), image);
   ASSERT_FALSE(second);
   EXPECT_EQ(second.error().code, ErrorCode::bad_file);
   EXPECT_THAT(second.error().message, ::testing::HasSubstr("damaged.slf"));

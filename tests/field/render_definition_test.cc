@@ -7,8 +7,10 @@
 #include <memory>
 #include <string>
 
-#include "slf/analytic.h"
+#include "field/field_file.h"
+#include "field/render/tile_cache.h"
 #include "slf/render.h"
+#include "slf/scene.h"
 #include "tests/field/field_testing.h"
 
 namespace slf {
@@ -27,7 +29,7 @@ struct Tap {
 class Definition {
  public:
   Definition(const Field& field, unsigned level, TileCache& cache, const PixelRay& ray)
-      : geometry_(field.geometry(level)), cache_(cache) {
+      : geometry_(field.file().geometry(level)), cache_(cache) {
     const Sphere& sphere = field.shape().sphere;
     const Chord chord = intersect(sphere, ray.origin, ray.direction);
     hit_ = chord.hit;
@@ -187,7 +189,7 @@ TEST_P(RenderDefinition, PicturesAreThoseOfFormatMd) {
   const auto field =
       testing::build_and_open(*scene, folder / "a.slf", testing::lossless_options(4, 16, 2));
   ASSERT_TRUE(field);
-  TileCache cache(*field, 1ull << 30);
+  TileCache cache(field->file(), 1ull << 30);
   Renderer renderer(*field);
   for (const double distance : {1.3, 3.0, 40.0}) {
     const Camera camera = orbit_camera(field->shape().sphere, 20, 50, distance, 101, 90);

@@ -5,8 +5,9 @@
 #include <filesystem>
 #include <limits>
 
-#include "slf/analytic.h"
+#include "field/field_file.h"
 #include "slf/render.h"
+#include "slf/scene.h"
 #include "storage/tile_writer.h"
 #include "tests/field/field_testing.h"
 
@@ -30,17 +31,17 @@ TEST(RenderIncomplete, MissingTilesAreDrawnFromCoarserLevelsAndCounted) {
   const auto field = Field::open(folder / "a.slf");
   ASSERT_TRUE(field);
   const auto whole = build_and_open(*scene, folder / "b.slf", options);
-  const Camera camera = orbit_camera((*field)->shape().sphere, 40, 25, 3, 128, 128);
+  const Camera camera = orbit_camera(field->shape().sphere, 40, 25, 3, 128, 128);
   ViewStatistics statistics;
-  const Image image = draw(**field, camera, {RenderMode::bitri, 2, false}, {}, &statistics);
+  const Image image = draw(*field, camera, {RenderMode::bitri, 2, false}, {}, &statistics);
   EXPECT_GT(statistics.fallback_pixels(), 0u);
   const Image fine = draw(*whole, camera, {RenderMode::bitri, 2, false});
   EXPECT_GT(compare(image, fine).psnr, 18);  // blurred in part, but the same picture
-  const Image deep = draw(**field, camera, {RenderMode::depth, 2, true});
+  const Image deep = draw(*field, camera, {RenderMode::depth, 2, true});
   EXPECT_GT(compare(deep, draw(*whole, camera, {RenderMode::depth, 2, false})).psnr, 18);
-  EXPECT_EQ(draw(**field, camera, {RenderMode::depth, 2, true}, {1, 1}).rgba, deep.rgba);
+  EXPECT_EQ(draw(*field, camera, {RenderMode::depth, 2, true}, {1, 1}).rgba, deep.rgba);
   Image used{1, 1, std::vector<glm::vec4>(128 * 128, glm::vec4(7)), {}};
-  ASSERT_TRUE(Renderer(**field, {}).render(camera, {RenderMode::depth, 2, false}, used));
+  ASSERT_TRUE(Renderer(*field, {}).render(camera, {RenderMode::depth, 2, false}, used));
   EXPECT_EQ(used.rgba, deep.rgba);
 }
 
@@ -80,7 +81,7 @@ TEST(RenderIncomplete, AMissingDepthIsAMissingTile) {
   std::vector<TileKey> keys;
   {
     const auto whole = build_and_open(*scene, path, lossless_options(4, 16, 1));
-    ASSERT_TRUE(whole->store().visit(1, {1, 0}, {2, 0}, [&](const storage::TileRef& tile) {
+    ASSERT_TRUE(whole->file().store().visit(1, {1, 0}, {2, 0}, [&](const storage::TileRef& tile) {
       if (tile.state == storage::TileState::stored) keys.push_back(tile.key);
       return Result<void>();
     }));
@@ -94,13 +95,13 @@ TEST(RenderIncomplete, AMissingDepthIsAMissingTile) {
   }
   const auto field = Field::open(path);
   ASSERT_TRUE(field) << field.error().message;
-  const Camera camera = orbit_camera((*field)->shape().sphere, 40, 25, 3, 128, 128);
+  const Camera camera = orbit_camera(field->shape().sphere, 40, 25, 3, 128, 128);
   ViewStatistics statistics;
-  const Image image = draw(**field, camera, {RenderMode::depth, 1}, {}, &statistics);
+  const Image image = draw(*field, camera, {RenderMode::depth, 1}, {}, &statistics);
   EXPECT_GT(2 * statistics.fallback_pixels(), statistics.pixels_hit);
-  EXPECT_EQ(image.rgba, draw(**field, camera, {RenderMode::depth, 0}).rgba);
+  EXPECT_EQ(image.rgba, draw(*field, camera, {RenderMode::depth, 0}).rgba);
   // Without depth nothing is missing, whatever was drawn before.
-  Renderer renderer(**field);
+  Renderer renderer(*field);
   for (const RenderMode mode : {RenderMode::depth, RenderMode::bitri})
     ASSERT_TRUE(renderer.render(camera, {mode, 1}, &statistics));
   EXPECT_EQ(statistics.fallback_pixels(), 0u);

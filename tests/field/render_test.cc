@@ -7,9 +7,9 @@
 #include <limits>
 #include <set>
 
-#include "field/scene/view.h"
-#include "slf/analytic.h"
+#include "field/field_file.h"
 #include "slf/measure.h"
+#include "slf/scene.h"
 #include "tests/field/field_testing.h"
 #include "tests/instruction_set.h"
 
@@ -31,7 +31,8 @@ class Render : public ::testing::Test {
   static void SetUpTestSuite() {
     folder_ = new TemporaryFolder;
     scene_ = std::move(*make_analytic_scene("balls")).release();
-    field_ = build_and_open(*scene_, *folder_ / "balls.slf", lossless_options(4, 16, 2)).release();
+    field_ =
+        new Field(*build_and_open(*scene_, *folder_ / "balls.slf", lossless_options(4, 16, 2)));
   }
   static void TearDownTestSuite() {
     delete field_;
@@ -179,7 +180,7 @@ TEST_F(Render, StatisticsCountWhatWasTouched) {
   for (const TileKey& key : *pairs) EXPECT_TRUE(exits.contains(sections_of(key, 0).exit));
   std::uint64_t bytes = 0, stored = 0;
   for (const TileKey& key : statistics.tiles) {
-    const auto tile = field_->store().find(0, key);
+    const auto tile = field_->file().store().find(0, key);
     bytes += tile->payload.size();
     stored += tile->state == storage::TileState::stored;
   }
@@ -258,9 +259,9 @@ TEST_F(Render, ThePagesTheEngineCountsAreThoseTheKernelReads) {
   const auto field = Field::open(path);
   ASSERT_TRUE(field) << field.error().message;
   MeasureOptions options;
-  options.cameras = random_cameras((*field)->shape().sphere, 3, 3, 1, 200, 200);
+  options.cameras = random_cameras(field->shape().sphere, 3, 3, 1, 200, 200);
   options.mode = RenderMode::depth;
-  const auto m = measure_views(**field, options);
+  const auto m = measure_views(*field, options);
   std::filesystem::remove(path);
   ASSERT_TRUE(m) << m.error().message;
   if (!m->kernel_counted) GTEST_SKIP() << "this file system does not forget";

@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "field/field_file.h"
 #include "slf/render.h"
 #include "slf/verify.h"
 #include "storage/tile_writer.h"
@@ -22,12 +23,12 @@ using testing::TemporaryFolder;
 using testing::write_text;
 
 /// Repacks, expects a sound and complete file, and opens it.
-std::unique_ptr<Field> repack(const Field& field, const std::string& path,
-                              const RepackOptions& options, RepackReport* report = nullptr) {
+std::optional<Field> repack(const Field& field, const std::string& path,
+                            const RepackOptions& options, RepackReport* report = nullptr) {
   const std::string before = file_text(field.path());
   const auto done = repack_field(field, path, options);
   EXPECT_TRUE(done) << (done ? "" : done.error().message);
-  if (!done) return nullptr;
+  if (!done) return {};
   if (report) *report = *done;
   EXPECT_EQ(done->file_bytes, std::filesystem::file_size(path));
   EXPECT_TRUE(file_text(field.path()) == before) << "the input was touched";
@@ -37,11 +38,12 @@ std::unique_ptr<Field> repack(const Field& field, const std::string& path,
   EXPECT_EQ(verified->payload_bytes, done->payload_bytes);
   auto opened = Field::open(path);
   EXPECT_TRUE(opened) << (opened ? "" : opened.error().message);
-  return opened ? std::move(*opened) : nullptr;
+  if (!opened) return {};
+  return *opened;
 }
 
-std::unique_ptr<Field> repack(const Field& field, const std::string& path, const std::string& color,
-                              const std::string& depth, std::optional<bool> half = {}) {
+std::optional<Field> repack(const Field& field, const std::string& path, const std::string& color,
+                            const std::string& depth, std::optional<bool> half = {}) {
   RepackOptions options;
   options.color_codec = color;
   options.depth_codec = depth;
@@ -77,7 +79,7 @@ class Repack : public ::testing::Test {
     ASSERT_TRUE(lossless_ && jpeg_);
   }
   TemporaryFolder folder_;
-  std::unique_ptr<Field> lossless_, jpeg_;
+  std::optional<Field> lossless_, jpeg_;
 };
 
 TEST_F(Repack, LosslessCodecsKeepEverySample) {
@@ -85,13 +87,13 @@ TEST_F(Repack, LosslessCodecsKeepEverySample) {
   for (const char* codec : {"raw", "zstd:3", "zstd:19"}) {
     const auto out = repack(*lossless_, folder_ / (std::to_string(++k) + ".slf"), codec, codec);
     ASSERT_TRUE(out);
-    EXPECT_EQ(out->manifest().layers[0].codec, codec);
+    EXPECT_EQ(out->file().manifest().layers[0].codec, codec);
     EXPECT_EQ(all_samples(*out, "color"), all_samples(*lossless_, "color"));
     EXPECT_EQ(all_samples(*out, "depth"), all_samples(*lossless_, "depth"));
     const auto back = repack(*out, folder_ / (std::to_string(++k) + ".slf"), "zstd:1", "zstd:1");
     ASSERT_TRUE(back);
     EXPECT_EQ(all_tiles(*back), all_tiles(*lossless_));
-    EXPECT_EQ(back->manifest().to_json(), lossless_->manifest().to_json());
+    EXPECT_EQ(back->file().manifest().to_json(), lossless_->file().manifest().to_json());
   }
 }
 
@@ -148,7 +150,7 @@ TEST_F(Repack, LayersLevelsAndSubfieldsCanBeLeftOut) {
   options.subfields = {3, 7, 63};
   const auto out = repack(*lossless_, folder_ / "out.slf", options);
   ASSERT_TRUE(out);
-  EXPECT_EQ(out->manifest().layers.size(), 1u);
+  EXPECT_EQ(out->file().manifest().layers.size(), 1u);
   EXPECT_EQ(out->shape().levels, 0u);
   EXPECT_EQ(out->shape().subfields, options.subfields);
   EXPECT_TRUE(out->content()->complete);
@@ -210,8 +212,8 @@ TEST_F(Repack, ASubfieldRendersAsInTheWholeAndTheRestIsTransparent) {
 TEST_F(Repack, EightBitsGoToHalfFloatsAndBackExactly) {
   const auto half = repack(*lossless_, folder_ / "half.slf", "zstd:1", "", true);
   ASSERT_TRUE(half);
-  EXPECT_EQ(half->manifest().layers[0].format, codec::SampleFormat::rgba16f);
-  EXPECT_EQ(half->manifest().layers[1].format, codec::SampleFormat::depth8);
+  EXPECT_EQ(half->file().manifest().layers[0].format, codec::SampleFormat::rgba16f);
+  EXPECT_EQ(half->file().manifest().layers[1].format, codec::SampleFormat::depth8);
   const auto back = repack(*half, folder_ / "back.slf", "zstd:1", "", false);
   ASSERT_TRUE(back);
   EXPECT_EQ(all_tiles(*back), all_tiles(*lossless_));
@@ -220,7 +222,7 @@ TEST_F(Repack, EightBitsGoToHalfFloatsAndBackExactly) {
 TEST_F(Repack, HalfFloatsOfAJpegFieldGoToZstdUnlessJpegIsAskedFor) {
   const auto half = repack(*jpeg_, folder_ / "half.slf", "", "", true);
   ASSERT_TRUE(half);
-  EXPECT_TRUE(half->manifest().layers[0].codec.starts_with("zstd"));
+  EXPECT_TRUE(half->file().manifest().layers[0].codec.starts_with("zstd"));
   RepackOptions options;
   options.half = true;
   options.color_codec = "jpeg:90";
@@ -263,7 +265,7 @@ TEST_F(Repack, TheFileIsTheSameForAnyNumberOfThreads) {
   options.memory = 1;  // one tile at a time
   ASSERT_TRUE(repack(*lossless_, folder_ / "n.slf", options));
   const auto a = Field::open(folder_ / "1.slf"), b = Field::open(folder_ / "n.slf");
-  EXPECT_EQ(all_tiles(**a), all_tiles(**b));
+  EXPECT_EQ(all_tiles(*a), all_tiles(*b));
 }
 
 TEST_F(Repack, WhatWasNeverBuiltStaysMissing) {
@@ -281,32 +283,32 @@ TEST_F(Repack, WhatWasNeverBuiltStaysMissing) {
   ASSERT_TRUE(partial);
   RepackOptions options;
   options.depth_codec = "raw";
-  const auto done = repack_field(**partial, folder_ / "out.slf", options);
+  const auto done = repack_field(*partial, folder_ / "out.slf", options);
   ASSERT_TRUE(done) << done.error().message;
   EXPECT_GT(done->missing, 1u);
   EXPECT_EQ(done->missing + done->tiles, 2u * (64 + 1024));
   const auto out = Field::open(folder_ / "out.slf");
   ASSERT_TRUE(out);
-  EXPECT_FALSE((*out)->content()->complete);
-  EXPECT_EQ(all_samples(**out, "color"), all_samples(**partial, "color"));
-  EXPECT_EQ(all_samples(**out, "depth"), all_samples(**partial, "depth"));
-  EXPECT_EQ((*out)->store().find(0, {0, 20})->state, storage::TileState::missing);
+  EXPECT_FALSE(out->content()->complete);
+  EXPECT_EQ(all_samples(*out, "color"), all_samples(*partial, "color"));
+  EXPECT_EQ(all_samples(*out, "depth"), all_samples(*partial, "depth"));
+  EXPECT_EQ(out->file().store().find(0, {0, 20})->state, storage::TileState::missing);
 }
 
 TEST_F(Repack, ADamagedTileIsNamedAndNothingIsLeft) {
   const TileKey key{1, 500};
   std::string bytes = file_text(lossless_->path());
-  const auto tile = lossless_->store().find(1, key);
+  const auto tile = lossless_->file().store().find(1, key);
   ASSERT_EQ(tile->state, storage::TileState::stored);
-  bytes[lossless_->store().range(*tile).begin] ^= 1;
+  bytes[lossless_->file().store().range(*tile).begin] ^= 1;
   write_text(folder_ / "damaged.slf", bytes);
   const auto damaged = Field::open(folder_ / "damaged.slf");
   ASSERT_TRUE(damaged);
   const auto before = files_in(folder_ / "");
   RepackOptions options;
-  EXPECT_EQ(refusal(**damaged, folder_ / "out.slf", options, "1/500"), ErrorCode::bad_file);
+  EXPECT_EQ(refusal(*damaged, folder_ / "out.slf", options, "1/500"), ErrorCode::bad_file);
   options.depth_codec = "raw";
-  EXPECT_EQ(refusal(**damaged, folder_ / "out.slf", options, "1/500"), ErrorCode::bad_file);
+  EXPECT_EQ(refusal(*damaged, folder_ / "out.slf", options, "1/500"), ErrorCode::bad_file);
   EXPECT_EQ(files_in(folder_ / ""), before);
 }
 

@@ -4,6 +4,7 @@
 #include <fstream>
 #include <iterator>
 
+#include "field/field_file.h"
 #include "tests/field/field_testing.h"
 
 namespace slf::testing {
@@ -20,15 +21,15 @@ inline void write_text(const std::string& path, const std::string& text) {
 /// The samples of every stored tile of a layer; an empty tile has none.
 inline std::map<TileKey, Bytes> all_samples(const Field& field, const std::string& layer) {
   std::map<TileKey, Bytes> tiles;
-  const auto id = field.layer(layer);
+  const auto id = field.file().layer(layer);
   EXPECT_TRUE(id) << layer;
   if (!id) return tiles;
-  const auto ok =
-      field.store().visit(*id, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
+  const auto ok = field.file().store().visit(
+      *id, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
         Bytes& samples = tiles[tile.key];
         if (tile.state != storage::TileState::stored) return {};
-        samples.resize(field.tile_shape(*id, tile.key).bytes());
-        return field.decode(tile, samples);
+        samples.resize(field.file().tile_shape(*id, tile.key).bytes());
+        return field.file().decode(tile, samples);
       });
   EXPECT_TRUE(ok) << (ok ? "" : ok.error().message);
   return tiles;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "field/field_file.h"
 #include "storage/tile_writer.h"
 #include "tests/field/rewriting_testing.h"
 
@@ -55,7 +56,7 @@ class Verify : public ::testing::Test {
     options_.color_codec = "jpeg:75";
     ASSERT_TRUE(build_and_open(stripes(), path_, options_));
     const auto field = Field::open(path_);
-    tiles_ = all_tiles(**field);
+    tiles_ = all_tiles(*field);
     for (const auto& [place, payload] : tiles_)
       if (place.first == 0 && place.second.level == 1 && !payload.empty())
         stored_.push_back(place.second);
@@ -67,9 +68,9 @@ class Verify : public ::testing::Test {
     std::uint64_t at = 0;
     {
       const auto field = Field::open(path_);
-      const auto tile = (*field)->store().find(layer, key);
+      const auto tile = field->file().store().find(layer, key);
       ASSERT_EQ(tile->state, TileState::stored);
-      at = (*field)->store().range(*tile).begin + tile->payload.size() / 2;
+      at = field->file().store().range(*tile).begin + tile->payload.size() / 2;
     }
     std::string bytes = file_text(path_);
     bytes[at] ^= 4;
@@ -80,9 +81,9 @@ class Verify : public ::testing::Test {
   void flip_record(storage::LayerId layer, TileKey key) const {
     std::string bytes = file_text(path_);
     const auto field = Field::open(path_);
-    const auto tile = (*field)->store().find(layer, key);
+    const auto tile = field->file().store().find(layer, key);
     const std::size_t at =
-        bytes.rfind("SLR1", (*field)->store().range(*tile).begin);  // a record's magic
+        bytes.rfind("SLR1", field->file().store().range(*tile).begin);  // a record's magic
     ASSERT_NE(at, std::string::npos);
     bytes[at + 20] ^= 1;
     write_text(path_, bytes);
@@ -98,7 +99,7 @@ class Verify : public ::testing::Test {
 
   /// Makes a container with this field's manifest, changed, and no tiles.
   void remake(const std::function<void(nlohmann::json&)>& change) {
-    auto json = Field::open(path_).value()->manifest().to_json();
+    auto json = Field::open(path_)->file().manifest().to_json();
     change(json);
     std::filesystem::remove(path_);
     const std::string text = json.dump();
@@ -128,7 +129,7 @@ class Verify : public ::testing::Test {
     ASSERT_TRUE(rebuilt) << rebuilt.error().message;
     EXPECT_GT(rebuilt->resumed, 0u);
     EXPECT_EQ(verify(path_).found, 0u);
-    EXPECT_EQ(all_tiles(**Field::open(path_)), tiles_);
+    EXPECT_EQ(all_tiles(*Field::open(path_)), tiles_);
   }
 
   /// With fix: nothing is done, and the report says that the damage is still there.
@@ -162,7 +163,7 @@ TEST_F(Verify, ASoundFieldHasNoFindings) {
     EXPECT_EQ(report.found + report.damaged + report.unfixed + report.dropped, 0u);
     EXPECT_TRUE(report.complete);
     EXPECT_EQ(report.tiles, 2u * (64 + 1024));
-    EXPECT_EQ(report.payload_bytes, (*Field::open(path_))->content()->payload_bytes);
+    EXPECT_EQ(report.payload_bytes, Field::open(path_)->content()->payload_bytes);
   }
   EXPECT_TRUE(file_text(path_) == before);
 }
@@ -231,7 +232,7 @@ TEST_F(Verify, C1TilesThatWereNeverBuilt) {
   EXPECT_NE(report.findings[0].message.find("1023 of 1024"), std::string::npos);
   EXPECT_EQ(ids(verify(path_, kQuick)), Ids{"C1"});
   ASSERT_TRUE(build_field(stripes(), path_, options_));
-  EXPECT_EQ(all_tiles(**Field::open(path_)), tiles_);
+  EXPECT_EQ(all_tiles(*Field::open(path_)), tiles_);
 }
 
 TEST_F(Verify, C2LayersThatDisagree) {
@@ -269,8 +270,8 @@ TEST_F(Verify, S1KeepsDamagedTilesFromBeingDropped) {
   flip_payload(0, stored_.back());
   std::string bytes = file_text(path_);
   const auto field = Field::open(path_);
-  const auto tile = (*field)->store().find(1, {0, 0});
-  const std::size_t page = (*field)->store().range(*tile).begin / 4096 * 4096;
+  const auto tile = field->file().store().find(1, {0, 0});
+  const std::size_t page = field->file().store().range(*tile).begin / 4096 * 4096;
   bytes[page] ^= 1;  // its number
   write_text(path_, bytes);
   const auto found = ids(verify(path_));
@@ -327,7 +328,7 @@ TEST_F(Verify, FillingHolesRewritesOnlyWhatLacksThemAndMayBeInterrupted) {
     std::vector<std::uint64_t> places;
     const auto field = Field::open(path_).value();
     for (const TileKey& key : stored_)
-      places.push_back(field->store().range(*field->store().find(1, key)).begin);
+      places.push_back(field.file().store().range(*field.file().store().find(1, key)).begin);
     return places;
   };
   const auto before = depth_places();
@@ -339,7 +340,7 @@ TEST_F(Verify, FillingHolesRewritesOnlyWhatLacksThemAndMayBeInterrupted) {
   ASSERT_TRUE(rebuilt) << rebuilt.error().message;
   EXPECT_EQ(rebuilt->tiles, holes.size() - 2);
   EXPECT_EQ(verify(path_).found, 0u);
-  EXPECT_EQ(all_tiles(**Field::open(path_)), tiles_);
+  EXPECT_EQ(all_tiles(*Field::open(path_)), tiles_);
   EXPECT_EQ(depth_places(), before);
 }
 
@@ -370,7 +371,7 @@ std::optional<std::map<std::pair<storage::LayerId, TileKey>, std::string>> visib
     const std::string& path) {
   const auto field = Field::open(path);
   if (!field) return std::nullopt;
-  return all_tiles(**field);
+  return all_tiles(*field);
 }
 
 // Every byte of a field of one subfield in turn. SLF_EVERY_BYTE=1 takes each; else every 17th.

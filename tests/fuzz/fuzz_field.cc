@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "field/field_file.h"
 #include "slf/field.h"
 #include "slf/render.h"
 #include "slf/verify.h"
@@ -32,16 +33,16 @@ constexpr std::uint64_t kMostTiles = 256;
 std::uint64_t decode_all(const Field& field) {
   std::uint64_t bad = 0, tiles = 0;
   Bytes samples;
-  for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer)
-    (void)field.store().visit(layer, {0, 0}, {255, 0},
-                              [&](const storage::TileRef& tile) -> Result<void> {
-                                if (++tiles > kMostTiles || !field.shape().has(tile.key) ||
-                                    tile.state != storage::TileState::stored)
-                                  return {};
-                                samples.resize(field.tile_shape(layer, tile.key).bytes());
-                                if (!field.decode(tile, samples)) ++bad;
-                                return {};
-                              });
+  for (storage::LayerId layer = 0; layer < field.file().manifest().layers.size(); ++layer)
+    (void)field.file().store().visit(
+        layer, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
+          if (++tiles > kMostTiles || !field.shape().has(tile.key) ||
+              tile.state != storage::TileState::stored)
+            return {};
+          samples.resize(field.file().tile_shape(layer, tile.key).bytes());
+          if (!field.file().decode(tile, samples)) ++bad;
+          return {};
+        });
   return bad;
 }
 
@@ -67,13 +68,13 @@ void use(const std::string& path) {
   {
     const auto field = Field::open(path);
     if (!field) return;
-    const FieldShape& shape = (*field)->shape();
+    const FieldShape& shape = field->shape();
     if (shape.largest_tile() > kMostSamples || shape.tiles(shape.levels) > 1u << 14 ||
         shape.entry_resolution(shape.levels) > 64 || shape.exit_resolution(shape.levels) > 256)
       return;
-    (void)(*field)->content();
-    const std::uint64_t bad = decode_all(**field);
-    draw(**field);
+    (void)field->content();
+    const std::uint64_t bad = decode_all(*field);
+    draw(*field);
     VerifyOptions options;
     options.threads = 1;
     const auto whole = verify_field(path, options);

@@ -1,0 +1,69 @@
+// FieldFile: the manifest, geometry, codecs and tiles behind a Field.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "codec/codec.h"
+#include "field/geometry/level_geometry.h"
+#include "field/manifest.h"
+#include "slf/error.h"
+#include "slf/field.h"
+#include "storage/tile_store.h"
+
+namespace slf {
+
+/// Blob names in the container.
+inline constexpr const char* kManifestBlob = "field";
+inline constexpr const char* kTablesBlobPrefix = "tables/";
+
+/// A field's container, opened: what Field is a handle of. The file is untrusted.
+/// Thread-safety: all const members may be called from many threads.
+class FieldFile {
+ public:
+  /// io: missing or unreadable. bad_file: damaged, truncated, not a field. unsupported: a newer
+  /// format. An incomplete field opens: what was never built is reported as missing.
+  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(const std::string& path);
+
+  [[nodiscard]] const std::string& path() const { return store_.path(); }
+  [[nodiscard]] const Manifest& manifest() const { return manifest_; }
+  [[nodiscard]] const FieldShape& shape() const { return manifest_.shape; }
+  [[nodiscard]] const storage::TileStore& store() const { return store_; }
+
+  /// The layer of that name, if the field has it.
+  [[nodiscard]] std::optional<storage::LayerId> layer(std::string_view name) const;
+  [[nodiscard]] const codec::Codec& codec(storage::LayerId layer) const { return *codecs_[layer]; }
+
+  /// Made on first use and kept. REQUIRES: level <= shape().levels.
+  [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
+
+  /// The shape of a tile. REQUIRES: a key of this field.
+  [[nodiscard]] codec::Tile tile_shape(storage::LayerId layer, TileKey key) const;
+
+  /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes.
+  [[nodiscard]] Result<void> decode(const storage::TileRef& tile,
+                                    std::span<std::byte> samples) const;
+
+  /// bad_file: the file shrank while it was open, and samples used in place may have been zeros.
+  [[nodiscard]] Result<void> unchanged() const;
+
+  /// Counts what is there, from the records' tables alone. Linear in the number of records.
+  [[nodiscard]] Result<FieldContent> content() const;
+
+ private:
+  FieldFile(storage::TileStore store, Manifest manifest)
+      : store_(std::move(store)), manifest_(std::move(manifest)) {}
+
+  storage::TileStore store_;
+  Manifest manifest_;
+  std::vector<std::unique_ptr<codec::Codec>> codecs_;
+  mutable std::array<std::once_flag, 16> geometry_once_;
+  mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometry_;
+};
+
+}  // namespace slf
