@@ -35,11 +35,11 @@ class FieldFile {
   [[nodiscard]] const FieldShape& shape() const { return manifest_.shape; }
   [[nodiscard]] const storage::TileStore& store() const { return store_; }
 
-  /// The layer of that name, if the field has it.
+  /// The layer with this name, if the field has one.
   [[nodiscard]] std::optional<storage::LayerId> layer(std::string_view name) const;
   [[nodiscard]] const codec::Codec& codec(storage::LayerId layer) const { return *codecs_[layer]; }
 
-  /// Made on first use and kept. REQUIRES: level <= shape().levels.
+  /// The geometry of a level, computed on first use. REQUIRES: level <= shape().levels.
   [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
 
   /// The shape of a tile. REQUIRES: a key of this field.
@@ -49,7 +49,7 @@ class FieldFile {
   [[nodiscard]] Result<void> decode(const storage::TileRef& tile,
                                     std::span<std::byte> samples) const;
 
-  /// bad_file: the file shrank while it was open, and samples used in place may have been zeros.
+  /// bad_file: the file has shrunk while it was open; samples used in place may have been zeros.
   [[nodiscard]] Result<void> unchanged() const;
 
   /// Counts what is there, from the records' tables alone. Linear in the number of records.

@@ -5,7 +5,7 @@
 namespace slf {
 
 Chord intersect(const Sphere& sphere, const glm::dvec3& origin, const glm::dvec3& direction) {
-  // Solved from the point nearest the centre, which stays accurate for distant origins.
+  // Start from the point nearest the centre: this stays accurate for distant origins.
   const double length2 = glm::dot(direction, direction);
   const glm::dvec3 to_center = sphere.center - origin;
   const double nearest = glm::dot(to_center, direction) / length2;

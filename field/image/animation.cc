@@ -10,7 +10,7 @@
 namespace slf {
 namespace {
 
-constexpr int kFastest = 2;  // of WebP's methods, 0 to 6: a preview is not worth a wait
+constexpr int kFastest = 2;  // one of WebP's fast methods (0 to 6), since this is only a preview
 
 struct EncoderDeleter {
   void operator()(WebPAnimEncoder* encoder) const { WebPAnimEncoderDelete(encoder); }
@@ -26,7 +26,7 @@ struct AnimationWriter::State {
   std::uint32_t width = 0, height = 0;
   std::uint64_t frames = 0;
 
-  /// When frame `k` begins, in milliseconds.
+  /// The start of frame `k`, in milliseconds.
   [[nodiscard]] int time(std::uint64_t k) const {
     return static_cast<int>(std::lround(1000 * frame_seconds * static_cast<double>(k)));
   }

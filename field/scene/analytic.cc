@@ -21,7 +21,7 @@ constexpr double kSolid = INFINITY;
 constexpr std::size_t kMostBalls = 6;
 const glm::dvec3 kLight = glm::normalize(glm::dvec3(-0.45, -0.65, 0.6));
 
-/// A smooth pattern in 0.35..1 over the surface, the same from every side.
+/// A smooth pattern in 0.35..1 over the surface.
 double pattern(const Ball& ball, const glm::dvec3& normal) {
   const glm::dvec3 p = normal * ball.texture;
   return 0.675 + 0.325 * std::sin(p.x + 1.3 * p.z) * std::cos(p.y - 0.7 * p.x);
@@ -47,7 +47,7 @@ class Balls final : public Scene {
     const double length = glm::length(direction);
     if (!(length > 0)) return {};
 
-    // Where density changes along the ray, and where it ends at something solid.
+    // The positions where density changes along the ray, up to the first opaque ball.
     double end = 1;
     const Ball* solid = nullptr;
     std::array<double, 2 * kMostBalls + 2> memory;
@@ -67,7 +67,7 @@ class Balls final : public Scene {
     const std::span cuts(memory.data(), count);
     std::sort(cuts.begin(), cuts.end());
 
-    // Between two cuts all is homogeneous: the integrals are exact.
+    // Between two cuts the density is constant, so the integrals are exact.
     glm::dvec3 color(0);
     double through = 1, depth = 0;
     for (std::size_t k = 0; k + 1 < cuts.size() && cuts[k + 1] <= end; ++k)
@@ -88,7 +88,7 @@ class Balls final : public Scene {
   }
 
  private:
-  /// Adds what the fog between two points emits and takes away.
+  /// Adds emission and absorption of the fog between two points.
   void absorb(const glm::dvec3& from, const glm::dvec3& direction, double length, double t0,
               double t1, glm::dvec3& color, double& through, double& depth) const {
     if (!(t1 > t0)) return;

@@ -23,20 +23,21 @@ struct Camera {
   std::uint32_t height = 512;
 };
 
-/// A pixel's ray: from the eye, through the pixel's centre; not of unit length.
+/// A pixel's ray, from the eye through the pixel's centre. The direction need not have unit length.
 struct PixelRay {
   glm::dvec3 origin;
   glm::dvec3 direction;
 };
 
-/// A checked camera, ready to give rays.
+/// A valid camera, and the rays of its pixels.
 class RayGenerator {
  public:
-  /// usage: not finite, looking nowhere, up along the view, field of view outside (0, 180), no
-  /// pixels or more than 2^28 of them; the message says which and what would do.
+  /// usage: a number is not finite, eye and look_at are equal, up is parallel to the view, the
+  /// field of view is outside (0, 180), or there are no pixels or more than 2^28. The message says
+  /// which, and what is valid.
   [[nodiscard]] static Result<RayGenerator> make(const Camera& camera);
 
-  /// x from the left, y from the top. REQUIRES: inside the picture.
+  /// The ray of a pixel, x from the left, y from the top. REQUIRES: it is inside the picture.
   [[nodiscard]] PixelRay ray(std::uint32_t x, std::uint32_t y) const {
     return {eye_, corner_ + (x + 0.5) * across_ + (y + 0.5) * down_};
   }
@@ -49,33 +50,33 @@ class RayGenerator {
   glm::dvec3 eye_, corner_, across_, down_;
 };
 
-/// A direction to be up in pictures that look along `forward`: +z, unless that is too close to it.
+/// An up direction for views along `forward`: +z, or +y if `forward` is nearly parallel to z.
 [[nodiscard]] glm::dvec3 any_up(const glm::dvec3& forward);
 
-/// Field of view, in degrees, that fits the whole sphere in a picture of this shape seen from
-/// `distance` (world units, above the radius) from its centre.
+/// The field of view, in degrees, in which the whole sphere fits a picture of this shape.
+/// `distance` is that of the eye from the centre, in world units, above the radius.
 [[nodiscard]] double fitted_fov(const Sphere& sphere, double distance, std::uint32_t width,
                                 std::uint32_t height);
 
-/// The camera that looks at the centre from azimuth and elevation in degrees and a distance in
-/// sphere radii. Azimuth 0 is the front (-y, anterior), 90 the patient's left (+x); elevation 90
-/// is above (+z). The sphere fits the picture when the distance is above 1.
+/// A camera that looks at the centre, from an azimuth and elevation in degrees and a distance in
+/// sphere radii. Azimuth 0 is the front (-y, anterior), 90 the patient's left (+x). Elevation 90 is
+/// above (+z). If the distance is above 1, the sphere fits the picture.
 [[nodiscard]] Camera orbit_camera(const Sphere& sphere, double azimuth, double elevation,
                                   double distance, std::uint32_t width, std::uint32_t height);
 
-/// `count` cameras in directions uniform on the sphere, the same for the same seed everywhere:
-/// eye at `distance` radii, the sphere fitted.
+/// `count` cameras at `distance` radii, in directions uniformly distributed over the sphere, such
+/// that the sphere fits the picture. The same seed gives the same cameras on every machine.
 [[nodiscard]] std::vector<Camera> random_cameras(const Sphere& sphere, double distance,
                                                  std::uint32_t count, std::uint64_t seed,
                                                  std::uint32_t width, std::uint32_t height);
 
-/// Passes through keys, smoothly (cubic Hermite, Catmull-Rom tangents); stands still before the
-/// first and behind the last. Thread-safety: immutable.
+/// A smooth path through keyframes (cubic Hermite with Catmull-Rom tangents). The camera does not
+/// move before the first and after the last. Thread-safety: immutable.
 class CameraPath {
  public:
-  /// Turns around the sphere's centre at a steady pace: `turns` times 360 degrees of azimuth,
-  /// starting from these angles in degrees, at this distance in sphere radii. usage: not finite, no
-  /// time, or a distance not above 0.
+  /// An orbit around the sphere's centre at constant speed: `turns` times 360 degrees of azimuth,
+  /// from these angles in degrees, at this distance in sphere radii. usage: a number is not finite,
+  /// or the time or the distance is not above 0.
   [[nodiscard]] static Result<CameraPath> orbit(const Sphere& sphere, double azimuth,
                                                 double elevation, double distance, double turns,
                                                 double seconds);
@@ -83,14 +84,14 @@ class CameraPath {
   /// Reads keyframes (untrusted):
   ///   {"keys": [{"at": 0, "orbit": [30, 20, 3]},
   ///             {"at": 4, "eye": [0, -300, 80], "look_at": [0, 0, 20], "fov": 30}, ...]}
-  /// At least two; `at` is in seconds, ascending, and the path begins at the first. A key has an
-  /// orbit (azimuth, elevation, distance as above; azimuths beyond 360 go round again) or an eye in
-  /// world units, and may have look_at (default: the sphere's centre) and fov (default: the sphere
-  /// fits). bad_file: anything else; the message says `name`, key and cure.
+  /// There are at least two. `at` is in seconds and ascends; the path begins at the first. A key
+  /// has an orbit (azimuth, elevation, distance as above; azimuths may exceed 360) or an eye in
+  /// world units. It may have look_at (default: the sphere's centre) and fov (default: the sphere
+  /// fits). bad_file: anything else; the message has `name`, the key and the cure.
   [[nodiscard]] static Result<CameraPath> parse(std::string_view json, const std::string& name,
                                                 const Sphere& sphere);
 
-  /// The same from a file. io: cannot read.
+  /// The same from a file. io: it cannot be read.
   [[nodiscard]] static Result<CameraPath> read(const std::string& path, const Sphere& sphere);
 
   [[nodiscard]] double seconds() const { return keys_.back().at; }

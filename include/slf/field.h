@@ -26,12 +26,12 @@ struct Layer {
   std::string codec;  ///< specification, e.g. "jpeg:75"
 };
 
-/// How much of a level is there.
+/// How much of a level exists.
 struct LevelContent {
   unsigned level = 0;
-  std::uint64_t tiles = 0;                   ///< that a complete level has
+  std::uint64_t tiles = 0;                   ///< tiles of the complete level
   std::uint64_t stored = 0;                  ///< with a payload in the first layer
-  std::uint64_t empty = 0;                   ///< built, nothing visible
+  std::uint64_t empty = 0;                   ///< built, with nothing visible
   std::uint64_t slabs = 0;                   ///< rays of the level
   std::vector<std::uint64_t> payload_bytes;  ///< per layer
 };
@@ -43,8 +43,8 @@ struct FieldContent {
   std::uint64_t payload_bytes = 0;
 };
 
-/// A read-only snapshot of a field: a handle, cheap to copy, whose copies share one open file. What
-/// is made from a field, such as a Renderer, keeps a copy. The file is untrusted.
+/// A read-only snapshot of a field. A handle: copies are cheap and share one open file. A Renderer
+/// and other users of a field keep a copy. The file is untrusted.
 /// Thread-safety: immutable; any thread.
 class Field {
  public:
@@ -56,7 +56,7 @@ class Field {
   [[nodiscard]] const FieldShape& shape() const;
   [[nodiscard]] const std::vector<Layer>& layers() const;
   [[nodiscard]] bool has_layer(std::string_view name) const;
-  /// What the field was built from, and how: a JSON object, free form.
+  /// The source and the settings of the build: a JSON object without a fixed schema.
   [[nodiscard]] std::string provenance() const;
   /// The whole manifest, a JSON object (FORMAT.md).
   [[nodiscard]] std::string manifest() const;

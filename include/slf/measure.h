@@ -1,4 +1,4 @@
-// Measuring: what views of a field cost in memory, and how close they come to the truth.
+// Measuring: how much memory views of a field need, and how close they are to ray-cast ones.
 #pragma once
 
 #include <cstdint>
@@ -14,20 +14,21 @@
 
 namespace slf {
 
-/// What tiles take in the file.
+/// The space of tiles in the file.
 struct Footprint {
   std::uint64_t stored_tiles = 0;      ///< not empty
   std::uint64_t compressed_bytes = 0;  ///< payloads, in the layers used
-  /// Numbers of the 4 KiB pages that finding and reading them touches, ascending: of the tree, of
-  /// the records' tables, of the payloads.
+  /// Numbers of the 4 KiB pages that a reader of the tiles needs, ascending: those of the tree, of
+  /// the records' tables and of the payloads.
   std::vector<std::uint64_t> pages;
 };
 
-/// Looks tiles up in the color layer, or with_depth in both. bad_file: the file is damaged.
+/// Finds the tiles in the color layer or, with_depth, in both layers. bad_file: the file is
+/// damaged.
 [[nodiscard]] Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles,
                                           bool with_depth);
 
-/// Mean and maximum over views.
+/// Mean and maximum over the views.
 struct MeanAndMax {
   double mean = 0;
   double max = 0;
@@ -35,8 +36,8 @@ struct MeanAndMax {
 
 struct LevelMeasure {
   unsigned level = 0;
-  std::uint64_t tiles = 0;      ///< of the level, with all subfields
-  MeanAndMax tiles_touched;     ///< neighbouring owners included
+  std::uint64_t tiles = 0;      ///< of the level, in all subfields
+  MeanAndMax tiles_touched;     ///< including those of neighbouring owners
   MeanAndMax pairs_crossed;     ///< (entry section, exit section) pairs that rays pass through
   MeanAndMax compressed_bytes;  ///< of the touched tiles, in the layers the mode uses
   MeanAndMax map_pages;         ///< distinct 4 KiB pages of the map, as the engine counts them
@@ -56,15 +57,15 @@ struct MeasureOptions {
 
 struct Measurement {
   std::vector<LevelMeasure> levels;
-  LevelMeasure total;  ///< each view's levels together, as when all are drawn
-  /// Whether the kernel forgot the file before each view, so that its counts mean these views:
-  /// not where others use the file, or it lives in memory.
+  LevelMeasure total;  ///< the sum over the levels of each view
+  /// Whether the kernel dropped the file from its cache before each view, so that its counts are
+  /// those of the view. It does not if others use the file or the file is in memory.
   bool kernel_counted = true;
   std::uint64_t rss_anon_peak = 0;  ///< bytes, of this process while it rendered
   std::uint64_t rss_file_peak = 0;  ///< bytes, mapped pages of files
 };
 
-/// Renders every camera at every level, from a cold cache and where possible from the disk, and
+/// Renders every camera at every level, with a cold cache and if possible from the disk, and
 /// counts.
 [[nodiscard]] Result<Measurement> measure_views(const Field& field, const MeasureOptions& options);
 
@@ -79,19 +80,19 @@ struct Evaluation {
   double ssim = 0;
 };
 
-/// Compares views of the field with views of the scene it was built from: RGB over black at
-/// 8 bits. Of the scene, a pixel is the mean of `supersample`² rays.
+/// Compares views of the field with ray-cast views of its scene: RGB over black, 8 bits. A pixel of
+/// the latter is the mean of `supersample`² rays.
 [[nodiscard]] Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
                                                 const std::vector<Camera>& cameras,
                                                 const ViewOptions& view,
                                                 const RendererOptions& renderer,
                                                 std::uint32_t supersample = 1);
 
-/// Asks the kernel to forget what it caches of a file, so that reads come from the disk. Pages that
-/// are mapped anywhere stay. io: cannot open or sync.
+/// Asks the kernel to drop a file from its cache, so that reads come from the disk. Pages that any
+/// process has mapped remain. io: cannot open or sync.
 [[nodiscard]] Result<void> drop_page_cache(const std::string& path);
 
-/// Resident memory of this process in bytes, from /proc/self/status.
+/// The resident memory of this process, in bytes, from /proc/self/status.
 struct ResidentMemory {
   std::uint64_t anonymous = 0;
   std::uint64_t file = 0;

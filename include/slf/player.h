@@ -1,9 +1,9 @@
-// Player: draws the frames of a camera's path on time, from a field of any size.
+// Player: draws the frames of a moving camera on time, from a field of any size.
 //
-// A frame takes what the cache holds: where a tile is not there yet, a coarser level is drawn. It
-// waits only for what did not fit of the coarsest level when playing began. Beside the frames runs
-// a loading thread (the paper's second process, section 5): it brings what frames lacked, then what
-// they will want if the motion goes on, and the cache drops what the path has left behind.
+// A frame uses the tiles that are in the cache. Where a tile is not loaded yet, it draws a coarser
+// level. It waits only for tiles of level 0 that did not fit the memory at the start. A loading
+// thread (the paper's second process, section 5) loads the tiles that frames lacked, and then those
+// that the predicted frames will need. The cache evicts tiles that were not used recently.
 //
 //   PlayOptions options;
 //   options.view = {default_mode(field), field.shape().levels};
@@ -21,31 +21,31 @@
 
 namespace slf {
 
-/// Who loads the tiles, and when.
+/// Which tiles are loaded, and by which thread.
 enum class Loading {
-  ahead,   ///< the loading thread: what frames lacked, then what the motion leads to
-  demand,  ///< the loading thread: what frames lacked
-  wait,    ///< the frames themselves: each waits for all its tiles
+  ahead,   ///< the loading thread: tiles that frames lacked, then those of predicted frames
+  demand,  ///< the loading thread: tiles that frames lacked
+  wait,    ///< no loading thread: each frame waits for all its tiles
 };
 
 [[nodiscard]] const char* name(Loading loading);
-/// usage: unknown; the message lists the ways.
+/// usage: an unknown name; the message lists the valid ones.
 [[nodiscard]] Result<Loading> parse_loading(std::string_view text);
 
 struct PlayOptions {
   RendererOptions renderer;
   ViewOptions view;  ///< `wait` follows from `loading`
   Loading loading = Loading::ahead;
-  unsigned horizon = 8;  ///< frames to load ahead, as far as memory goes
+  unsigned horizon = 8;  ///< frames to load ahead, if memory allows
 };
 
 struct FrameReport {
-  double seconds = 0;             ///< that drawing took, on the clock
+  double seconds = 0;             ///< wall-clock time of drawing
   std::uint64_t pixels_hit = 0;   ///< pixels whose ray crosses the sphere
-  std::uint64_t pixels_full = 0;  ///< of them, drawn at the level asked for
-  std::uint64_t tiles = 0;        ///< touched, of all levels drawn
-  std::uint64_t lacking = 0;      ///< of them, not there yet
-  std::uint64_t loads = 0;        ///< tiles loaded since the frame before, layers apart
+  std::uint64_t pixels_full = 0;  ///< those of them drawn at the requested level
+  std::uint64_t tiles = 0;        ///< tiles touched, in all levels drawn
+  std::uint64_t lacking = 0;      ///< those of them that were not loaded yet
+  std::uint64_t loads = 0;        ///< tiles loaded since the previous frame, per layer
   std::uint64_t load_bytes = 0;   ///< their payloads
 
   [[nodiscard]] double full_share() const {
@@ -56,28 +56,28 @@ struct FrameReport {
   }
 };
 
-/// Where a camera will be `frames` frames from `now`, if it keeps turning around and approaching
-/// `center` as it did in the frame since `before`. After a cut, `now`.
+/// Predicts the camera `frames` frames after `now`, if it continues to turn around and approach
+/// `center` as it did from `before` to `now`. After a cut, returns `now`.
 [[nodiscard]] Camera predict(const glm::dvec3& center, const Camera& before, const Camera& now,
                              double frames);
 
 /// Thread-safety: one draw() at a time.
 class Player {
  public:
-  /// Keeps a copy of the handle. Unless its frames wait, loads and keeps its coarsest level, as far
-  /// as a quarter of the memory goes. usage: as Renderer::render().
+  /// Keeps a copy of the handle. Unless frames wait, loads level 0 and keeps it pinned, up to a
+  /// quarter of the memory. usage: as Renderer::render().
   [[nodiscard]] static Result<Player> make(const Field& field, const PlayOptions& options);
   Player(Player&&) noexcept;
   Player& operator=(Player&&) noexcept;
   /// Stops the loading thread.
   ~Player();
 
-  /// Draws the next frame into `image`, whose memory is used again. usage: a bad camera. bad_file:
-  /// a damaged tile, in this frame or in what was loaded since the one before.
+  /// Draws the next frame into `image` and reuses its memory. usage: an invalid camera. bad_file: a
+  /// damaged tile, in this frame or among those loaded since the previous one.
   [[nodiscard]] Result<void> draw(const Camera& camera, Image& image,
                                   FrameReport* report = nullptr);
 
-  /// Waits until the loading thread has nothing left to do.
+  /// Waits until the loading thread is idle.
   void settle();
 
  private:

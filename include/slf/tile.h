@@ -7,15 +7,14 @@
 
 namespace slf {
 
-/// Level first, then the index within the level (FORMAT.md, "Tiles"). Records and iteration are
-/// in this order.
+/// Keys are ordered by level, then by the index within the level (FORMAT.md, "Tiles").
 struct TileKey {
   std::uint8_t level = 0;
   std::uint64_t index = 0;
   friend auto operator<=>(const TileKey&, const TileKey&) = default;
 };
 
-/// What one sample holds, in memory and in order.
+/// The content of a sample, in memory order.
 enum class SampleFormat : std::uint8_t {
   rgba8 = 0,    ///< 4 bytes: premultiplied R, G, B and A
   depth8 = 1,   ///< 1 byte: depth along the chord, 0 at entry, 255 at exit
