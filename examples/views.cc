@@ -1,10 +1,10 @@
 // Opens a field, draws a view of it level by level, then flies around it:
 //   views FIELD.slf PICTURE.png
-#include "slf/camera.h"
-#include "slf/field.h"
-#include "slf/image.h"
-#include "slf/player.h"
-#include "slf/render.h"
+#include <slf/camera.h>
+#include <slf/field.h>
+#include <slf/image.h>
+#include <slf/player.h>
+#include <slf/render.h>
 
 #include <cstdio>
 

@@ -95,10 +95,11 @@ class Renderer {
   [[nodiscard]] Result<void> render(const Camera& camera, const ViewOptions& options, Image& image,
                                     ViewStatistics* statistics = nullptr);
 
+  /// Called with each picture; false stops drawing.
+  using Show = std::function<bool(const Image& image, unsigned level)>;
   /// Draws level after level into `image`, the coarsest first, and shows each picture: something is
   /// seen at once, and the last is what render() draws. Stops early, without an error, when `show`
   /// returns false.
-  using Show = std::function<bool(const Image& image, unsigned level)>;
   [[nodiscard]] Result<void> render_progressively(const Camera& camera, const ViewOptions& options,
                                                   Image& image, const Show& show);
 

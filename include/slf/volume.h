@@ -83,14 +83,14 @@ struct VolumeOptions {
 /// differs from slice to slice (PET) cannot be said so: it becomes f32 with its scale applied.
 /// MONOCHROME1, which shows the least value white, is read as the numbers it stores.
 ///
-/// | error | when |
-/// |---|---|
-/// | io | missing, unreadable, its detached data file missing |
-/// | bad_file | not what it claims, truncated, absurd dims, spacing or axes, a slice missing |
-/// | unsupported | several components, more than 3 dimensions of extent above 1, one slice, several
-/// DICOM series, an encoding we do not read; the message names the choice | | usage | a headerless
-/// file without a layout, a layout that does not fit the file, labels that are not integers | |
-/// failed | not enough memory |
+/// Errors:
+///  - io: missing, unreadable, its detached data file missing
+///  - bad_file: not what it claims, truncated, absurd dims, spacing or axes, a slice missing
+///  - unsupported: several components, more than 3 dimensions of extent above 1, one slice, several
+///    DICOM series, an encoding we do not read; the message names the choice
+///  - usage: a headerless file without a layout, a layout that does not fit the file, labels that
+///    are not integers
+///  - failed: not enough memory
 [[nodiscard]] Result<Volume> read_volume(const std::string& path,
                                          const VolumeOptions& options = {});
 

@@ -1,9 +1,14 @@
-# Installs slf into a prefix of its own, builds the example against it and runs it:
+# Installs slf into a prefix of its own, builds the examples against it and runs them, once found by CMake
+# and once by pkg-config:
 #   cmake -D BUILD=slf's build folder -D SOURCE=slf's sources -D WORK=scratch folder
-#         -D COMPILER=c++ -P run.cmake
+#         -D COMPILER=c++ -D LIBDIR=lib -P run.cmake
 function(run)
-  execute_process(COMMAND ${ARGV} COMMAND_ERROR_IS_FATAL ANY OUTPUT_VARIABLE output)
+  execute_process(COMMAND ${ARGV} RESULT_VARIABLE status OUTPUT_VARIABLE output)
   message("${output}")
+  if(NOT status EQUAL 0)
+    list(JOIN ARGV " " line)
+    message(FATAL_ERROR "failed: ${line}")
+  endif()
   set(output "${output}" PARENT_SCOPE)
 endfunction()
 
@@ -41,3 +46,15 @@ foreach(header IN LISTS headers)
     message(FATAL_ERROR "${header}: ${CMAKE_MATCH_0}")
   endif()
 endforeach()
+
+execute_process(
+  COMMAND ${CMAKE_COMMAND} -E env PKG_CONFIG_PATH=${WORK}/prefix/${LIBDIR}/pkgconfig
+          pkg-config --cflags --libs slf
+  COMMAND_ERROR_IS_FATAL ANY OUTPUT_VARIABLE flags OUTPUT_STRIP_TRAILING_WHITESPACE)
+separate_arguments(flags UNIX_COMMAND "${FLAGS} ${flags}")
+run(${COMPILER} -std=c++20 ${SOURCE}/examples/picture.cc -o ${WORK}/picture ${flags}
+    -Wl,-rpath,${WORK}/prefix/${LIBDIR})
+run(${WORK}/picture ${WORK}/balls.slf ${WORK}/picture.png)
+if(NOT EXISTS ${WORK}/picture.png)
+  message(FATAL_ERROR "the program that pkg-config found the libraries for drew nothing")
+endif()
