@@ -194,7 +194,8 @@ TEST_F(Cli, WrongArgumentsAreUsageErrors) {
   const std::string out = place / "o.png";
   EXPECT_OUTCOME(slf({}), 1, "");
   EXPECT_OUTCOME(slf({"paint"}), 1, "");
-  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--mode", "sharp"}), 1, "--mode: sharp not in {nearest,");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--mode", "sharp"}), 1,
+                 "--mode: sharp not in {nearest,");
   EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--level", "3"}), 1,
                  "finest level of this field is 2");
   EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--size", "0x5"}), 1, "--size");
