@@ -24,9 +24,9 @@
 
 #include "field/field_file.h"
 #include "field/geometry/level_geometry.h"
+#include "field/render/tile_cache.h"
 #include "slf/camera.h"
 #include "slf/render.h"
-#include "field/render/tile_cache.h"
 
 namespace {
 

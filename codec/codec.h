@@ -23,8 +23,8 @@
 
 namespace slf::codec {
 
-using slf::SampleFormat;
 using slf::sample_bytes;
+using slf::SampleFormat;
 
 /// The position of a picture in the stack: integer coordinates on a triangular lattice. Pictures at
 /// adjacent positions, which differ by (±1, 0), (0, ±1) or (±1, ∓1), are similar.

@@ -18,9 +18,8 @@ int main(int argc, char** argv) {
     return static_cast<int>(field.error().code);
   }
   slf::Renderer renderer(*field);
-  const auto image =
-      renderer.render(slf::orbit_camera(field->shape().sphere, 30, 20, 3, 256, 256),
-                      {slf::default_mode(*field), field->shape().levels});
+  const auto image = renderer.render(slf::orbit_camera(field->shape().sphere, 30, 20, 3, 256, 256),
+                                     {slf::default_mode(*field), field->shape().levels});
   if (!image) {
     std::fprintf(stderr, "mean_color: %s\n", image.error().message.c_str());
     return static_cast<int>(image.error().code);
