@@ -1,5 +1,5 @@
 // Work on several threads: parallel_for if the order does not matter, OrderedPipeline if results
-// are needed in order.
+// are needed in order. An exception on any thread comes back as an error.
 #pragma once
 
 #include <algorithm>
@@ -10,8 +10,12 @@
 #include <mutex>
 #include <optional>
 #include <thread>
+#include <type_traits>
 #include <utility>
 #include <vector>
+
+#include "base/guarded.h"
+#include "slf/error.h"
 
 namespace slf {
 
@@ -20,25 +24,27 @@ namespace slf {
   return wanted ? wanted : std::max(1u, std::thread::hardware_concurrency());
 }
 
-/// Calls work() once on each of `threads` threads, including the calling thread, and waits.
-/// work must not throw.
-template <class Work>
-void on_threads(unsigned threads, const Work& work) {
-  std::vector<std::thread> others;
-  for (unsigned t = 1; t < threads; ++t) others.emplace_back([&] { work(); });
-  work();
-  for (auto& other : others) other.join();
-}
+/// Calls work() on the calling thread and meanwhile on up to `threads` - 1 others, once on each,
+/// and waits for all of them. The work is complete when one call returns: a thread that is not
+/// ready by then is not waited for. The others come from a pool that lives as long as the process;
+/// calls may nest and come from several threads at once.
+/// Returns the first exception of any call as an error (guarded.h).
+[[nodiscard]] Result<void> on_threads(unsigned threads, const std::function<void()>& work);
 
 /// Calls f(k) for each k in [0, count), in no particular order, on up to `threads` threads
-/// (0: all). f must not throw.
+/// (0: all). After an exception, which comes back as an error, no further k is begun.
 template <class F>
-void parallel_for(std::uint64_t count, unsigned threads, const F& f) {
+[[nodiscard]] Result<void> parallel_for(std::uint64_t count, unsigned threads, const F& f) {
   std::atomic<std::uint64_t> next{0};
   const auto most =
       static_cast<unsigned>(std::clamp<std::uint64_t>(count, 1, thread_count(threads)));
-  on_threads(most, [&] {
-    for (std::uint64_t k; (k = next.fetch_add(1)) < count;) f(k);
+  return on_threads(most, [&] {
+    try {
+      for (std::uint64_t k; (k = next.fetch_add(1)) < count;) f(k);
+    } catch (...) {
+      next = count;
+      throw;
+    }
   });
 }
 
@@ -47,15 +53,19 @@ void parallel_for(std::uint64_t count, unsigned threads, const F& f) {
 template <class T>
 class OrderedPipeline {
  public:
-  /// Makes one item. Each thread has its own maker, which may reuse scratch memory. Must not throw.
-  using Maker = std::function<T(std::uint64_t)>;
+  /// Makes one item. Each thread has its own maker, which may reuse scratch memory.
+  using Maker = std::function<Result<T>(std::uint64_t)>;
 
+  /// new_maker() returns a Maker; it is called once per thread, on the calling thread.
   template <class NewMaker>
   OrderedPipeline(std::uint64_t count, unsigned threads, std::size_t window,
                   const NewMaker& new_maker)
       : count_(count), slots_(std::max<std::size_t>(window, 1)) {
-    for (unsigned t = 0; t < threads; ++t)
-      workers_.emplace_back([this, make = Maker(new_maker())] { work(make); });
+    const auto started = guarded([&] {
+      for (unsigned t = 0; t < std::max(threads, 1u); ++t)
+        workers_.emplace_back([this, make = Maker(new_maker())] { work(make); });
+    });
+    if (!started && workers_.empty()) unstarted_ = started.error();  // fewer threads will do
   }
   ~OrderedPipeline() {
     {
@@ -68,12 +78,14 @@ class OrderedPipeline {
   OrderedPipeline(const OrderedPipeline&) = delete;
   OrderedPipeline& operator=(const OrderedPipeline&) = delete;
 
-  /// The next item. REQUIRES: called at most `count` times.
-  T take() {
+  /// The next item, or what its maker returned or threw instead. REQUIRES: called at most `count`
+  /// times.
+  [[nodiscard]] Result<T> take() {
+    if (unstarted_) return tl::unexpected(*unstarted_);
     std::unique_lock lock(mutex_);
-    std::optional<T>& slot = slots_[taken_ % slots_.size()];
+    std::optional<Result<T>>& slot = slots_[taken_ % slots_.size()];
     changed_.wait(lock, [&] { return slot.has_value(); });
-    T item = std::move(*slot);
+    Result<T> item = std::move(*slot);
     slot.reset();
     ++taken_;
     lock.unlock();
@@ -90,7 +102,7 @@ class OrderedPipeline {
       if (stop_ || next_ == count_) return;
       const std::uint64_t mine = next_++;
       lock.unlock();
-      T item = make(mine);
+      Result<T> item = guarded([&] { return make(mine); });
       lock.lock();
       slots_[mine % slots_.size()] = std::move(item);
       lock.unlock();
@@ -99,12 +111,13 @@ class OrderedPipeline {
   }
 
   const std::uint64_t count_;
-  std::vector<std::optional<T>> slots_;
+  std::vector<std::optional<Result<T>>> slots_;
   std::mutex mutex_;
   std::condition_variable changed_;
   std::uint64_t next_ = 0;
   std::uint64_t taken_ = 0;
   bool stop_ = false;
+  std::optional<Error> unstarted_;
   std::vector<std::thread> workers_;
 };
 

@@ -51,7 +51,7 @@ class Samples {
     const std::size_t begin = samples_.size();
     samples_.resize(lines_.size());
     constexpr std::size_t kChunk = 512;
-    parallel_for((lines_.size() - begin + kChunk - 1) / kChunk, 0, [&](std::uint64_t chunk) {
+    expect(parallel_for((lines_.size() - begin + kChunk - 1) / kChunk, 0, [&](std::uint64_t chunk) {
       const std::size_t first = begin + chunk * kChunk;
       std::vector<Segment> segments;
       std::vector<std::size_t> which;
@@ -66,7 +66,7 @@ class Samples {
       std::vector<RaySample> out(segments.size());
       scene_.trace_many(segments, out);
       for (std::size_t k = 0; k < which.size(); ++k) samples_[which[k]] = out[k];
-    });
+    }));
   }
 
   const RaySample& operator[](std::uint32_t number) const { return samples_[number]; }
@@ -203,7 +203,7 @@ std::vector<Image> draw_sphere(const Side& entry, const Side& exit, Samples& sam
       }
     }
     samples.trace();
-    parallel_for(rays.size(), 0, [&](std::uint64_t k) {
+    expect(parallel_for(rays.size(), 0, [&](std::uint64_t k) {
       const Ray& ray = rays[k];
       const glm::dvec3 along = ray.leave - ray.enter;
       const auto from = entry.locate(ray.enter);
@@ -222,7 +222,7 @@ std::vector<Image> draw_sphere(const Side& entry, const Side& exit, Samples& sam
       }
       if (opacity > 0) depth[k] = std::clamp(place / (opacity * glm::dot(along, along)), 0.0, 1.0);
       images[pass].rgba[ray.pixel] = glm::vec4(color);
-    });
+    }));
   }
   return images;
 }
@@ -274,11 +274,11 @@ Image draw_planes(const bench::PlaneShape& shape, Samples& samples, const std::v
   }
   samples.trace();
   Image image = blank;
-  parallel_for(rays.size(), 0, [&](std::uint64_t k) {
+  expect(parallel_for(rays.size(), 0, [&](std::uint64_t k) {
     glm::dvec4 color(0);
     for (const Tap& tap : taps[k]) color += tap.weight * glm::dvec4(samples[tap.sample].rgba);
     image.rgba[rays[k].pixel] = glm::vec4(color);
-  });
+  }));
   return image;
 }
 

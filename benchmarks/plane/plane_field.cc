@@ -22,11 +22,11 @@ template <class F>
 void for_blocks(const Camera& camera, unsigned threads, const F& f) {
   const std::uint32_t across = (camera.width + kBlockWidth - 1) / kBlockWidth;
   const std::uint32_t down = (camera.height + kBlockHeight - 1) / kBlockHeight;
-  parallel_for(across * down, threads, [&](std::uint64_t block) {
+  expect(parallel_for(across * down, threads, [&](std::uint64_t block) {
     const auto x = static_cast<std::uint32_t>(block % across) * kBlockWidth;
     const auto y = static_cast<std::uint32_t>(block / across) * kBlockHeight;
     f(x, std::min(x + kBlockWidth, camera.width), y, std::min(y + kBlockHeight, camera.height));
-  });
+  }));
 }
 
 }  // namespace
@@ -54,9 +54,9 @@ void PlaneField::prepare(const Camera& camera) {
   });
   const std::size_t begin = samples_.size();
   samples_.resize(begin + wanted.size() * kTileSamples);
-  parallel_for(wanted.size(), 0, [&](std::uint64_t k) {
+  expect(parallel_for(wanted.size(), 0, [&](std::uint64_t k) {
     trace(wanted[k], samples_.data() + begin + k * kTileSamples);
-  });
+  }));
 }
 
 /// Slabs that miss the sphere are clear.

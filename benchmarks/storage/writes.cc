@@ -25,8 +25,9 @@ struct Work {
 Work work_of(const Settings& settings) {
   Work work{tiles_of_field(settings.field, kTiles), {}};
   work.samples.resize(work.set.size());
-  parallel_for(work.set.size(), 0,
-               [&](std::uint64_t i) { work.set.decode(i, work.set.payloads[i], work.samples[i]); });
+  expect(parallel_for(work.set.size(), 0, [&](std::uint64_t i) {
+    work.set.decode(i, work.set.payloads[i], work.samples[i]);
+  }));
   return work;
 }
 
@@ -48,11 +49,11 @@ Cost least(const Cost& before, const Work& work) {
 
 void encode_alone(const Work& work, unsigned threads) {
   std::atomic<std::uint64_t> next{0};
-  on_threads(threads, [&] {
+  expect(on_threads(threads, [&] {
     Bytes payload;
     for (std::uint64_t i; (i = next.fetch_add(1)) < work.set.size();)
       expect(work.set.codec->encode(work.set.shapes[i], work.samples[i], payload));
-  });
+  }));
 }
 
 // As build_field does it: encoders on all threads, one writer, a commit every 32 MiB.
@@ -67,7 +68,7 @@ void encode_and_store(const Work& work, unsigned threads, const std::string& pat
     };
   });
   for (std::size_t i = 0; i < work.set.size(); ++i) {
-    expect(writer.append(0, {work.set.level, work.set.keys[i]}, pipeline.take()));
+    expect(writer.append(0, {work.set.level, work.set.keys[i]}, expect(pipeline.take())));
     if (writer.pending_bytes() >= kCommitBytes) expect(writer.commit());
   }
   expect(writer.close());
@@ -85,7 +86,7 @@ void recode_alone(const Field& field, const std::vector<std::unique_ptr<codec::C
                                         return {};
                                       }));
   std::atomic<std::uint64_t> next{0};
-  on_threads(threads, [&] {
+  expect(on_threads(threads, [&] {
     Bytes samples, payload;
     for (std::uint64_t i; (i = next.fetch_add(1)) < tiles.size();) {
       const codec::Tile shape = field.file().tile_shape(tiles[i].layer, tiles[i].key);
@@ -93,7 +94,7 @@ void recode_alone(const Field& field, const std::vector<std::unique_ptr<codec::C
       expect(field.file().decode(tiles[i], samples));
       expect(codecs[tiles[i].layer]->encode(shape, samples, payload));
     }
-  });
+  }));
 }
 
 Row row(const std::string& what, const Cost& alone, const Cost& whole) {

@@ -120,7 +120,6 @@ Result<std::vector<std::unique_ptr<codec::Codec>>> codecs_to_resume(const std::s
 struct Encoded {
   std::vector<Bytes> payloads;  // per layer; all empty for an empty tile
   std::uint64_t rays = 0;       // that it took, about
-  std::optional<Error> error;
 };
 
 /// What a build works with, once everything is checked.
@@ -131,15 +130,15 @@ struct Job {
   TileOrder order;
   unsigned threads;
 
-  Encoded make(TileKey key, TracedTile& traced) const {
+  Result<Encoded> make(TileKey key, TracedTile& traced) const {
     Encoded encoded;
     tracer.trace(key, traced);
     encoded.rays = tracer.rays(key);
     encoded.payloads.resize(codecs.size());
     for (std::size_t k = 0; k < codecs.size() && !traced.empty; ++k) {
-      const auto ok = codecs[k]->encode(tracer.shape(key, manifest.layers[k].format),
-                                        traced.layers[k], encoded.payloads[k]);
-      if (!ok) encoded.error = ok.error();
+      auto ok = codecs[k]->encode(tracer.shape(key, manifest.layers[k].format), traced.layers[k],
+                                  encoded.payloads[k]);
+      if (!ok) return tl::unexpected(std::move(ok.error()));
     }
     return encoded;
   }
@@ -200,15 +199,16 @@ Result<void> append_tiles(const Job& job, TileWriter& writer,
   auto pipeline =
       job.pipeline(job.order.count() - resumed, [resumed](std::uint64_t k) { return resumed + k; });
   for (std::uint64_t number = resumed; number < job.order.count(); ++number) {
-    const Encoded tile = pipeline.take();
-    if (tile.error) return tl::unexpected(*tile.error);
+    const Result<Encoded> tile = pipeline.take();
+    if (!tile) return tl::unexpected(tile.error());
     for (std::size_t k = 0; k < begin.size(); ++k) {
       if (number < begin[k]) continue;
-      if (auto ok = writer.append(static_cast<LayerId>(k), job.order.key(number), tile.payloads[k]);
+      if (auto ok =
+              writer.append(static_cast<LayerId>(k), job.order.key(number), tile->payloads[k]);
           !ok)
         return ok;
     }
-    if (auto ok = steps.after(tile); !ok) return ok;
+    if (auto ok = steps.after(*tile); !ok) return ok;
   }
   return {};
 }
@@ -250,16 +250,16 @@ Result<void> fill_holes(const Job& job, TileWriter& writer, const std::vector<Ho
                         Steps& steps) {
   auto pipeline = job.pipeline(holes.size(), [&holes](std::uint64_t k) { return holes[k].number; });
   for (const Hole& hole : holes) {
-    const Encoded tile = pipeline.take();
-    if (tile.error) return tl::unexpected(*tile.error);
+    const Result<Encoded> tile = pipeline.take();
+    if (!tile) return tl::unexpected(tile.error());
     for (const LayerId layer : hole.layers) {
-      const Bytes& payload = tile.payloads[layer];
+      const Bytes& payload = tile->payloads[layer];
       const auto tile_state =
           payload.empty() ? storage::TileState::empty : storage::TileState::stored;
       if (auto ok = writer.replace(layer, job.order.key(hole.number), tile_state, payload); !ok)
         return ok;
     }
-    if (auto ok = steps.after(tile); !ok) return ok;
+    if (auto ok = steps.after(*tile); !ok) return ok;
   }
   return {};
 }

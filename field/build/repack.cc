@@ -140,20 +140,19 @@ Result<std::vector<OutputLayer>> plan_layers(const FieldFile& field, const Field
 struct Recoded {
   std::vector<Bytes> payloads;
   std::vector<TileState> states;
-  std::optional<Error> error;
 };
 
-Recoded recode(const FieldFile& field, const std::vector<OutputLayer>& outputs, TileKey key,
-               Bytes& scratch, Bytes& samples) {
+Result<Recoded> recode(const FieldFile& field, const std::vector<OutputLayer>& outputs, TileKey key,
+                       Bytes& scratch, Bytes& samples) {
   Recoded tile;
   for (const OutputLayer& out : outputs) {
     Bytes& payload = tile.payloads.emplace_back();
     const auto found = field.store().find(out.from, key);
-    if (!found) return tile.error = found.error(), tile;
+    if (!found) return tl::unexpected(found.error());
     tile.states.push_back(found->state);
     if (found->state != TileState::stored) continue;
     if (out.copy) {
-      if (auto ok = field.store().check(*found); !ok) return tile.error = ok.error(), tile;
+      if (auto ok = field.store().check(*found); !ok) return tl::unexpected(ok.error());
       payload.assign(found->payload.begin(), found->payload.end());
       continue;
     }
@@ -161,7 +160,7 @@ Recoded recode(const FieldFile& field, const std::vector<OutputLayer>& outputs, 
     codec::Tile shape = field.tile_shape(out.from, key);
     shape.format = out.layer.format;
     if (ok) ok = out.codec->encode(shape, samples, payload);
-    if (!ok) return tile.error = ok.error(), tile;
+    if (!ok) return tl::unexpected(ok.error());
   }
   return tile;
 }
@@ -243,18 +242,18 @@ Result<void> write_tiles(const FieldFile& field, const FieldShape& shape,
       field.store().release_all();  // what was read; the kernel still has it for who needs it again
       advise(field, outputs, order, n + window + kAdvised, n + window + 2 * kAdvised);
     }
-    const Recoded tile = pipeline.take();
-    if (tile.error) return tl::unexpected(*tile.error);
-    for (std::size_t k = 0; k < tile.payloads.size(); ++k) {
-      if (tile.states[k] == TileState::missing) {
+    const Result<Recoded> tile = pipeline.take();
+    if (!tile) return tl::unexpected(tile.error());
+    for (std::size_t k = 0; k < tile->payloads.size(); ++k) {
+      if (tile->states[k] == TileState::missing) {
         ++report.missing;
         continue;
       }
-      if (auto ok = writer.append(static_cast<LayerId>(k), order.key(n), tile.payloads[k]); !ok)
+      if (auto ok = writer.append(static_cast<LayerId>(k), order.key(n), tile->payloads[k]); !ok)
         return ok;
       ++report.tiles;
       ++(outputs[k].copy ? report.copied : report.recoded);
-      report.payload_bytes += tile.payloads[k].size();
+      report.payload_bytes += tile->payloads[k].size();
     }
     if (writer.pending_bytes() >= std::min<std::uint64_t>(share, 32ull << 20))
       if (auto ok = writer.commit(); !ok) return ok;

@@ -101,7 +101,8 @@ class Verifier {
           ++found[tile.key.level];
           if (tile.state == TileState::stored) batch.push_back(tile);
           if (layer > 0) compare_states(field, tile);
-          if (batch.size() == kBatch) check_payloads(field, batch);
+          if (batch.size() == kBatch)
+            if (auto ok = check_payloads(field, batch); !ok) return stopped = true, ok;
           ++state_.done;
           if (!progress_ || progress_(state_)) return {};
           stopped = true;
@@ -112,7 +113,7 @@ class Verifier {
         });
     if (stopped) return visited;
     if (!visited) add(FindingKind::structure, visited.error().message);
-    check_payloads(field, batch);
+    if (auto ok = check_payloads(field, batch); !ok) return ok;
     for (unsigned level = 0; level < found.size(); ++level)
       compare_count(field, layer, level, found[level]);
     return {};
@@ -144,18 +145,21 @@ class Verifier {
   }
 
   /// Checks and decodes tiles on all threads, and forgets them.
-  void check_payloads(const FieldFile& field, std::vector<TileRef>& tiles) {
+  Result<void> check_payloads(const FieldFile& field, std::vector<TileRef>& tiles) {
     if (!options_.quick) {
       std::vector<std::optional<Finding>> found(tiles.size());
       field.store().advise(tiles);
-      parallel_for(tiles.size(), options_.threads,
-                   [&](std::uint64_t k) { found[k] = check_payload(field, tiles[k]); });
+      auto checked = parallel_for(tiles.size(), options_.threads, [&](std::uint64_t k) {
+        found[k] = check_payload(field, tiles[k]);
+      });
       field.store().release(tiles);
+      if (!checked) return checked;
       for (std::size_t k = 0; k < tiles.size(); ++k)
         if (found[k])
           add(found[k]->kind, std::move(found[k]->message), {{tiles[k].layer, tiles[k].key}});
     }
     tiles.clear();
+    return {};
   }
 
   static std::optional<Finding> check_payload(const FieldFile& field, const TileRef& tile) {

@@ -12,6 +12,7 @@
 #include <thread>
 #include <utility>
 
+#include "base/guarded.h"
 #include "field/render/renderer_state.h"
 
 namespace slf {
@@ -154,8 +155,12 @@ class Player::Loader {
       view_.level = level_;
       lock.unlock();
       current_ = plan;
-      auto ok = load(lacking, drawn);
-      for (std::size_t k = 0; ok && k < next.size() && *ok; ++k) ok = load_view(next[k], drawn);
+      auto ok = guarded([&] {
+        auto room = load(lacking, drawn);
+        for (std::size_t k = 0; room && k < next.size() && *room; ++k)
+          room = load_view(next[k], drawn);
+        return room;
+      });
       lock.lock();
       if (!ok && !error_) error_ = ok.error();
       done_ = plan;

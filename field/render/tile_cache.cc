@@ -4,6 +4,8 @@
 #include <optional>
 #include <utility>
 
+#include "base/guarded.h"
+
 namespace slf {
 
 namespace {
@@ -111,7 +113,7 @@ Result<void> TileCache::bring(std::unique_lock<std::mutex>& lock, Entry& entry, 
   if (part.stage == Part::Stage::absent) {
     part.stage = Part::Stage::loading;
     lock.unlock();
-    auto ok = load(entry, part, layer, located);
+    auto ok = guarded([&] { return load(entry, part, layer, located); });  // others wait for it
     lock.lock();
     part.stage = Part::Stage::ready;
     if (!ok) part.error = std::move(ok.error());  // it goes with the last who pin the entry

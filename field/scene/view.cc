@@ -17,7 +17,7 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
   image.height = camera.height;
   image.rgba.resize(std::size_t{camera.width} * camera.height);
   image.depth.assign(image.rgba.size(), std::numeric_limits<float>::infinity());
-  parallel_for(camera.height, threads, [&](std::uint64_t y) {
+  auto done = parallel_for(camera.height, threads, [&](std::uint64_t y) {
     std::vector<Segment> segments;
     std::vector<std::uint32_t> columns;
     for (std::uint32_t x = 0; x < camera.width; ++x) {
@@ -41,6 +41,7 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
                           from + double{sample.depth} * (to - from)));
     }
   });
+  if (!done) return tl::unexpected(std::move(done.error()));
   return image;
 }
 

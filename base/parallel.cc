@@ -1,0 +1,88 @@
+#include "base/parallel.h"
+
+#include <list>
+#include <new>
+#include <system_error>
+
+namespace slf {
+namespace {
+
+/// Threads that wait for work. Waking one costs a fraction of starting one.
+class ThreadPool {
+ public:
+  /// Never destroyed: after fork() its threads are missing in the child, which could not join them.
+  static ThreadPool& instance() {
+    static auto* const pool = new ThreadPool;
+    return *pool;
+  }
+
+  Result<void> run(unsigned others, const std::function<void()>& work) {
+    Job job{work, others, 0, {}};
+    std::list<Job*>::iterator place;
+    {
+      const std::lock_guard lock(mutex_);
+      place = jobs_.insert(jobs_.end(), &job);
+      wanted_ += others;
+      grow();
+    }
+    for (unsigned k = 0; k < others; ++k) wake_.notify_one();
+    auto ok = guarded(work);
+    std::unique_lock lock(mutex_);
+    if (job.wanted > 0) {  // a thread that did not wake in time is not needed any more
+      wanted_ -= job.wanted;
+      jobs_.erase(place);
+    }
+    done_.wait(lock, [&] { return job.running == 0; });
+    if (ok && job.error) return tl::unexpected(std::move(*job.error));
+    return ok;
+  }
+
+ private:
+  /// One call of on_threads(); it waits in jobs_ while it wants more threads.
+  struct Job {
+    const std::function<void()>& work;
+    unsigned wanted;
+    unsigned running;
+    std::optional<Error> error;
+  };
+
+  /// As many idle threads as are wanted, or as many as the system allows.
+  void grow() {
+    try {
+      for (; idle_ < wanted_; ++idle_) std::thread([this] { serve(); }).detach();
+    } catch (const std::system_error&) {
+    } catch (const std::bad_alloc&) {
+    }
+  }
+
+  [[noreturn]] void serve() {
+    std::unique_lock lock(mutex_);
+    for (;;) {
+      wake_.wait(lock, [&] { return !jobs_.empty(); });
+      Job& job = *jobs_.front();
+      if (--job.wanted == 0) jobs_.pop_front();
+      --wanted_, --idle_, ++job.running;
+      lock.unlock();
+      auto ok = guarded(job.work);
+      lock.lock();
+      if (!ok && !job.error) job.error = std::move(ok.error());
+      ++idle_;
+      if (--job.running == 0) done_.notify_all();
+    }
+  }
+
+  std::mutex mutex_;
+  std::condition_variable wake_, done_;
+  std::list<Job*> jobs_;
+  unsigned wanted_ = 0;  // threads that jobs_ want
+  unsigned idle_ = 0;
+};
+
+}  // namespace
+
+Result<void> on_threads(unsigned threads, const std::function<void()>& work) {
+  if (threads <= 1) return guarded(work);
+  return guarded([&] { return ThreadPool::instance().run(threads - 1, work); });
+}
+
+}  // namespace slf
