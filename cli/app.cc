@@ -1,3 +1,6 @@
+#include <algorithm>
+#include <numeric>
+
 #include "cli/command.h"
 
 namespace slf::cli {
@@ -9,7 +12,79 @@ A first field:
   slf render brain.slf -o brain.png --orbit 30,20,3
 
 Exit codes: 0 done, 1 wrong arguments, 2 input or output failed (missing, permission, disk full),
-3 a file is damaged or not what it claims, 4 failed at run time, 5 not supported, 7 differs.)";
+3 a file is damaged or not what it claims, 4 failed at run time, 5 not supported, 7 differs.
+Ctrl-C and SIGTERM end the program by that signal, after it has saved what is finished.
+In JSON, bytes of paths and texts that are not UTF-8 are U+FFFD; in other output they, and control
+characters, are \xNN.)";
+
+/// How many letters must be inserted, removed or replaced to make b of a.
+std::size_t edit_distance(const std::string& a, const std::string& b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), 0);
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i + 1;
+    for (std::size_t j = 0; j < b.size(); ++j)
+      diagonal = std::exchange(
+          row[j + 1], std::min({row[j] + 1, row[j + 1] + 1, diagonal + (a[i] == b[j] ? 0 : 1)}));
+  }
+  return row.back();
+}
+
+/// "; did you mean 'render'?", or nothing where no name is near.
+std::string suggestion(const std::string& word, const std::vector<std::string>& names) {
+  const auto near = [&](const std::string& name) { return edit_distance(word, name); };
+  const auto nearest = std::ranges::min_element(names, {}, near);
+  if (nearest == names.end() || 3 * near(*nearest) > std::max<std::size_t>(word.size(), 3))
+    return "";
+  return fmt::format("; did you mean '{}'?", *nearest);
+}
+
+std::string unknown_command(const CLI::App& app, const std::string& name) {
+  std::vector<std::string> names;
+  for (const CLI::App* command : app.get_subcommands({})) names.push_back(command->get_name());
+  return fmt::format("unknown command '{}'{}\n`slf --help` lists the commands", name,
+                     suggestion(name, names));
+}
+
+std::vector<std::string> option_names(const CLI::App& command) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : command.get_options())
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  return names;
+}
+
+/// The option that a message is about: that whose name it begins with or contains.
+const CLI::Option* option_of(const CLI::App& command, const std::string& message) {
+  const CLI::Option* found = nullptr;
+  std::size_t length = 0;
+  for (const CLI::Option* option : command.get_options()) {
+    const std::string name = option->get_name();
+    const std::size_t at = message.find(name);
+    const char after = at == std::string::npos ? 'x' : (message + " ")[at + name.size()];
+    if (std::isalnum(static_cast<unsigned char>(after)) || after == '-' || name.size() < length)
+      continue;
+    found = option, length = name.size();
+  }
+  return found;
+}
+
+void add_help(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand("help", "The help of a command, or of slf");
+  auto name = std::make_shared<std::string>();
+  command->add_option("COMMAND", *name, "Name of a command");
+  command->callback([&app, &run, name] {
+    run = [&app, name]() -> Result<void> {
+      const CLI::App* about = name->empty() ? &app : nullptr;
+      for (const CLI::App* named : app.get_subcommands({}))
+        if (named->get_name() == *name) about = named;
+      if (!about) return fail(ErrorCode::usage, unknown_command(app, *name));
+      const std::string prefix = name->empty() ? "slf" : "slf " + *name;
+      print_text(app.get_formatter()->make_help(about, prefix, CLI::AppFormatMode::Normal));
+      return {};
+    };
+  });
+}
 
 }  // namespace
 
@@ -21,6 +96,10 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   app->footer(kFooter);
   app->set_version_flag("--version", std::string("slf ") + SLF_VERSION);
   app->add_flag("-q,--quiet", quiet, "No progress and no notes");
+  app->add_option("--progress", progress_seconds,
+                  "Seconds between lines of progress where stderr is no terminal; 0: none")
+      ->check(kNotNegative)
+      ->capture_default_str();
   app->require_subcommand(1);
   app->fallthrough();
 
@@ -34,7 +113,34 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   add_compare(*app, run);
   add_repack(*app, run);
   add_verify(*app, run);
+  add_help(*app, run);
   return app;
+}
+
+std::string usage_message(const CLI::App& app, const CLI::ParseError& error) {
+  const std::vector<CLI::App*> parsed = app.get_subcommands();
+  const std::vector<std::string> extra = app.remaining(/*recurse=*/true);
+  if (parsed.empty()) {
+    for (const std::string& word : extra)
+      if (!word.starts_with('-')) return unknown_command(app, word);
+    if (extra.empty()) return "no command given\n`slf --help` lists the commands";
+  }
+  const CLI::App& command = parsed.empty() ? app : *parsed.front();
+  std::string text = error.what();
+  if (!extra.empty()) {
+    std::vector<std::string> names = option_names(command);
+    if (!parsed.empty()) std::ranges::copy(option_names(app), std::back_inserter(names));
+    const std::string& word = extra.front();
+    const bool option = word.starts_with('-');
+    text = fmt::format("{} '{}'{}", option ? "unknown option" : "unexpected argument", word,
+                       option ? suggestion(word.substr(0, word.find('=')), names) : "");
+  } else if (const CLI::Option* option = option_of(command, text)) {
+    std::string help = option->get_description();
+    std::ranges::replace(help, '\n', ' ');
+    text += fmt::format("\n{} {}: {}", option->get_name(), option->get_type_name(), help);
+  }
+  return fmt::format("{}\n`slf {}--help` explains the options", text,
+                     parsed.empty() ? "" : command.get_name() + " ");
 }
 
 }  // namespace slf::cli

@@ -1,4 +1,4 @@
-#include <charconv>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 
@@ -11,64 +11,75 @@ namespace {
 
 constexpr std::string_view kScenePrefix = "scene:";
 
-std::vector<std::string> split(const std::string& text, char at) {
-  std::vector<std::string> parts(1);
-  for (const char c : text) {
-    if (c == at)
-      parts.emplace_back();
-    else
-      parts.back() += c;
-  }
-  return parts;
-}
+const Choices<ScalarType> kScalarTypes{{"u8", ScalarType::u8},   {"i8", ScalarType::i8},
+                                       {"u16", ScalarType::u16}, {"i16", ScalarType::i16},
+                                       {"u32", ScalarType::u32}, {"i32", ScalarType::i32},
+                                       {"u64", ScalarType::u64}, {"i64", ScalarType::i64},
+                                       {"f32", ScalarType::f32}, {"f64", ScalarType::f64}};
 
-/// Numbers separated by `at`, exactly `count` of them.
-template <class T>
-std::optional<std::vector<T>> parse_numbers(const std::string& text, char at, std::size_t count) {
-  std::vector<T> numbers;
-  for (const std::string& part : split(text, at)) {
-    T value{};
-    const char* end = part.data() + part.size();
-    const char* begin = part.data() + (!part.empty() && part[0] == '+' ? 1 : 0);
-    const auto [stop, error] = std::from_chars(begin, end, value);
-    if (error != std::errc{} || stop != end) return std::nullopt;
-    numbers.push_back(value);
-  }
-  if (numbers.size() != count) return std::nullopt;
-  return numbers;
+/// A number of which `holds` is true. CLI11's own ranges let NaN pass, and print 309 digits.
+CLI::Validator number(bool (*holds)(double), const char* expected) {
+  return CLI::Validator(
+      [=](std::string& text) -> std::string {
+        double value = 0;
+        const bool good = CLI::detail::lexical_cast(text, value) && holds(value);
+        return good ? "" : text + ": expected " + expected;
+      },
+      "");
 }
 
 }  // namespace
 
-Result<std::uint64_t> parse_bytes(const std::string& text, const char* option) {
-  double value = 0;
-  const auto [stop, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  const std::string unit(stop, text.data() + text.size());
-  int shift = -1;
-  const std::pair<const char*, int> units[] = {{"", 0},   {"B", 0},    {"K", 10}, {"KiB", 10},
-                                               {"M", 20}, {"MiB", 20}, {"G", 30}, {"GiB", 30},
-                                               {"T", 40}, {"TiB", 40}};
-  for (const auto& [name, bits] : units)
-    if (unit == name) shift = bits;
-  const double bytes = shift < 0 ? -1 : std::ldexp(value, shift);
-  if (error != std::errc{} || !(bytes >= 0 && bytes < 0x1p62))
-    return fail(ErrorCode::usage, option, " ", text,
-                ": expected a size such as 65536, 64MiB or 1.5GiB");
-  return static_cast<std::uint64_t>(bytes);
+const CLI::Validator kNotNegative = number([](double v) { return v >= 0; }, "0 or more");
+const CLI::Validator kPositive = number([](double v) { return v > 0; }, "a number above 0");
+
+const Choices<RenderMode> kRenderModes{{"nearest", RenderMode::nearest},
+                                       {"uv", RenderMode::uv},
+                                       {"st", RenderMode::st},
+                                       {"bitri", RenderMode::bitri},
+                                       {"depth", RenderMode::depth}};
+
+CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t& bytes,
+                       const std::string& help) {
+  const std::uint64_t mebibytes = bytes >> 20;
+  return command.add_option(name, bytes, help + ", in bytes or as 64MiB, 2GiB")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false).description(""))
+      ->check(kNotNegative)
+      ->type_name("SIZE")
+      ->default_str(fmt::format("{}MiB", mebibytes));
 }
 
-Result<glm::dvec3> parse_vec3(const std::string& text, const char* option) {
-  const auto v = parse_numbers<double>(text, ',', 3);
-  if (!v) return fail(ErrorCode::usage, option, " ", text, ": expected three numbers, x,y,z");
-  return glm::dvec3((*v)[0], (*v)[1], (*v)[2]);
+CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<double>& vector,
+                        const std::string& help) {
+  return command.add_option(name, vector, help)
+      ->delimiter(',')
+      ->type_size(3)
+      ->expected(1)
+      ->type_name(kVector);
 }
 
-Result<std::pair<std::uint32_t, std::uint32_t>> parse_size(const std::string& text) {
-  const bool square = text.find('x') == std::string::npos;
-  const auto v = parse_numbers<std::uint32_t>(square ? text + "x" + text : text, 'x', 2);
-  if (!v || (*v)[0] == 0 || (*v)[1] == 0)
-    return fail(ErrorCode::usage, "--size ", text, ": expected WIDTHxHEIGHT in pixels, as 512x512");
-  return std::pair{(*v)[0], (*v)[1]};
+glm::dvec3 to_vector(const std::vector<double>& numbers) {
+  return {numbers[0], numbers[1], numbers[2]};
+}
+
+std::istream& operator>>(std::istream& in, PixelSize& size) {
+  std::int64_t width = 0, height = 0;
+  if (in >> width && !in.eof() && in.peek() == 'x')
+    in.ignore() >> height;
+  else
+    height = width;
+  const auto good = [](std::int64_t n) { return n > 0 && n <= UINT32_MAX; };
+  if (!good(width) || !good(height)) in.setstate(std::ios::failbit);
+  size = {static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height)};
+  return in;
+}
+
+std::string to_string(const PixelSize& size) {
+  return fmt::format("{}x{}", size.width, size.height);
+}
+
+tl::unexpected<Error> with_cure(const Error& error, const std::string& cure) {
+  return tl::unexpected<Error>(Error{error.code, error.message + "; " + cure});
 }
 
 Result<void> refuse_overwrite(const std::string& path, bool force) {
@@ -96,20 +107,36 @@ void SourceArguments::add_raw_to(CLI::App& command) {
   const char* group = kVolumeGroup;
   command.add_flag("--labels", labels, "Voxels are ids: nearest sampling, a colour per label")
       ->group(group);
-  command.add_option("--dims", dims, "Raw files: voxels along x, y, z, as 128x128x84")
-      ->group(group);
-  command.add_option("--type", type, "Raw files: u8 i8 u16 i16 u32 i32 u64 i64 f32 f64")
-      ->type_name(kVoxelType)
+  auto* raw = command.add_option("--dims", dims, "Raw files: voxels along x, y, z, as 128x128x84")
+                  ->delimiter('x')
+                  ->type_size(3)
+                  ->expected(1)
+                  ->check(kPositive)
+                  ->type_name("NXxNYxNZ")
+                  ->group(group);
+  choose(command.add_option("--type", type, "Raw files: type of a voxel"), kScalarTypes)
+      ->type_name("TYPE")
+      ->needs(raw)
       ->group(group)
-      ->capture_default_str();
+      ->default_str("u8");
   command.add_option("--spacing", spacing, "Raw files: distance between voxels, as 1x1x1.5")
+      ->delimiter('x')
+      ->type_size(3)
+      ->expected(1)
+      ->check(kPositive)
+      ->type_name("DXxDYxDZ")
+      ->needs(raw)
       ->group(group)
-      ->capture_default_str();
-  command.add_option("--endian", endian, "Raw files: little or big")
-      ->check(CLI::IsMember({"little", "big"}))
+      ->default_str("1x1x1");
+  choose(command.add_option("--endian", big_endian, "Raw files: order of a voxel's bytes"),
+         Choices<bool>{{"little", false}, {"big", true}})
+      ->type_name("TEXT")
+      ->needs(raw)
       ->group(group)
-      ->capture_default_str();
+      ->default_str("little");
   command.add_option("--offset", offset, "Raw files: bytes before the first voxel")
+      ->check(kNotNegative)
+      ->needs(raw)
       ->group(group)
       ->capture_default_str();
 }
@@ -120,10 +147,9 @@ void SourceArguments::add_light_to(CLI::App& command) {
       .add_option("--step", raycast.step, "Distance between samples, in smallest voxel spacings")
       ->group(group)
       ->capture_default_str();
-  command
-      .add_option("--light", light,
-                  "World direction towards the light, x,y,z (LPS); "
-                  "default: above, in front, to the patient's right")
+  add_vector(command, "--light", light,
+             "World direction towards the light (LPS); "
+             "default: above, in front, to the patient's right")
       ->group(group);
   command.add_option("--ambient", raycast.ambient, "Share of a colour that needs no light, 0 to 1")
       ->group(group)
@@ -137,24 +163,19 @@ Result<Volume> SourceArguments::volume() const {
   options.labels = labels;
   if (!dims.empty()) {
     RawLayout layout;
-    const auto n = parse_numbers<std::uint32_t>(dims, 'x', 3);
-    if (!n)
-      return fail(ErrorCode::usage, "--dims ", dims, ": expected three integers, as 128x128x84");
-    const auto s = parse_numbers<double>(spacing, 'x', 3);
-    if (!s)
-      return fail(ErrorCode::usage, "--spacing ", spacing, ": expected three numbers, as 1x1x1.5");
-    const auto scalar = parse_scalar_type(type);
-    if (!scalar) return tl::unexpected(scalar.error());
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      layout.dims[axis] = (*n)[axis];
-      layout.spacing[static_cast<int>(axis)] = (*s)[axis];
-    }
-    layout.type = *scalar;
-    layout.big_endian = endian == "big";
+    for (std::size_t axis = 0; axis < 3; ++axis) layout.dims[axis] = dims[axis];
+    layout.spacing = to_vector(spacing);
+    layout.type = type;
+    layout.big_endian = big_endian;
     layout.offset = offset;
     options.raw = layout;
   }
-  return read_volume(input, options);
+  auto volume = read_volume(input, options);
+  if (volume || volume.error().code != ErrorCode::usage || labels) return volume;
+  return dims.empty()
+             ? with_cure(volume.error(),
+                         "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`")
+             : with_cure(volume.error(), "see --dims, --type, --spacing and --offset");
 }
 
 Result<std::unique_ptr<Scene>> SourceArguments::scene(
@@ -173,9 +194,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
     function = std::move(*parsed);
   }
   if (!light.empty()) {
-    const auto direction = parse_vec3(light, "--light");
-    if (!direction) return tl::unexpected(direction.error());
-    options.light = *direction;
+    options.light = to_vector(light);
   }
   // The small file first: its mistakes are found before a large one is read.
   if (!transfer.empty()) {
@@ -187,113 +206,112 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   if (!volume) return tl::unexpected(volume.error());
   if (!function) function = default_transfer(*volume);
   auto made = Raycaster::make(std::move(*volume), *function, options);
-  if (!made) return tl::unexpected(made.error());
+  if (!made)
+    return made.error().code == ErrorCode::failed
+               ? with_cure(made.error(), "choose another --transfer")
+               : tl::unexpected(made.error());
   return std::unique_ptr<Scene>(std::move(*made));
+}
+
+CLI::Option* add_orbit(CLI::App& command, std::vector<double>& orbit, const std::string& help) {
+  CLI::Validator distance =
+      number([](double v) { return v > 0; }, "a distance above 0, in sphere radii");
+  distance.application_index(2);
+  return command.add_option("--orbit", orbit, help)
+      ->delimiter(',')
+      ->type_size(3)
+      ->expected(1)
+      ->check(distance)
+      ->type_name("AZ,EL,DIST")
+      ->default_str(fmt::format("{}", fmt::join(orbit, ",")));
 }
 
 void CameraArguments::add_to(CLI::App& command) {
   const char* group = "Camera";
-  command
-      .add_option("--orbit", orbit,
-                  "Azimuth and elevation in degrees, distance in sphere radii;\n"
-                  "0,0,3 is the front (anterior), 90,0,3 the patient's left")
-      ->group(group)
-      ->capture_default_str();
-  command.add_option("--eye", eye, "Eye in world coordinates, x,y,z, instead of --orbit")
+  auto* angles = add_orbit(command, orbit,
+                           "Azimuth and elevation in degrees, distance in sphere radii;\n"
+                           "0,0,3 is the front (anterior), 90,0,3 the patient's left");
+  angles->group(group);
+  add_vector(command, "--eye", eye, "Eye in world coordinates, instead of --orbit")
+      ->excludes(angles)
       ->group(group);
-  command.add_option("--look-at", look_at, "Point to look at; default: the sphere's centre")
+  add_vector(command, "--look-at", look_at, "Point to look at; default: the sphere's centre")
       ->group(group);
-  command.add_option("--up", up, "Direction that is up in the picture; default: 0,0,1")
+  add_vector(command, "--up", up, "Direction that is up in the picture; default: 0,0,1")
       ->group(group);
   command.add_option("--fov", fov, "Vertical field of view in degrees; default: fits the sphere")
+      ->check(number([](double v) { return v > 0 && v < 180; }, "degrees above 0 and below 180"))
       ->group(group);
-  command.add_option("--size", size, "Picture size in pixels, WIDTHxHEIGHT")
+  command.add_option("--size", size, "Picture size in pixels; one number for a square")
+      ->type_name(kPixels)
       ->group(group)
-      ->capture_default_str();
+      ->default_str(to_string(size));
 }
 
 Result<Camera> CameraArguments::camera(const Sphere& sphere) const {
-  const auto pixels = parse_size(size);
-  if (!pixels) return tl::unexpected(pixels.error());
-  const auto [width, height] = *pixels;
-  const auto angles = parse_vec3(orbit, "--orbit");
-  if (!angles) return tl::unexpected(angles.error());
-  Camera camera = orbit_camera(sphere, angles->x, angles->y, angles->z, width, height);
-  const auto override_with = [](const std::string& text, const char* option,
-                                glm::dvec3& value) -> Result<void> {
-    if (text.empty()) return {};
-    const auto parsed = parse_vec3(text, option);
-    if (!parsed) return tl::unexpected(parsed.error());
-    value = *parsed;
-    return {};
-  };
-  if (auto ok = override_with(eye, "--eye", camera.eye); !ok) return tl::unexpected(ok.error());
-  if (auto ok = override_with(look_at, "--look-at", camera.look_at); !ok)
-    return tl::unexpected(ok.error());
-  if (auto ok = override_with(up, "--up", camera.up); !ok) return tl::unexpected(ok.error());
-  if (fov != 0) {
+  Camera camera = orbit_camera(sphere, orbit[0], orbit[1], orbit[2], size.width, size.height);
+  if (!eye.empty()) camera.eye = to_vector(eye);
+  if (!look_at.empty()) camera.look_at = to_vector(look_at);
+  if (!up.empty()) camera.up = to_vector(up);
+  const double distance = glm::distance(camera.eye, sphere.center);
+  if (fov != 0)
     camera.fov = fov;
-  } else if (!eye.empty()) {
-    const double distance = glm::distance(camera.eye, sphere.center);
-    if (distance > sphere.radius) camera.fov = fitted_fov(sphere, distance, width, height);
-  }
+  else if (!eye.empty() && distance > sphere.radius)
+    camera.fov = fitted_fov(sphere, distance, size.width, size.height);
+  if (const auto rays = RayGenerator::make(camera); !rays)
+    return with_cure(rays.error(), "see --eye, --look-at, --up and --size");
   return camera;
 }
 
 void DrawArguments::add_to(CLI::App& command) {
   const char* group = "Drawing";
-  command
-      .add_option("--mode", mode,
-                  "How samples are interpolated; default: depth where the field has a depth\n"
-                  "layer, else bitri")
-      ->check(CLI::IsMember(kRenderModes))
+  choose(command.add_option("--mode", mode,
+                            "How samples are interpolated; default: depth where the field has a "
+                            "depth\nlayer, else bitri"),
+         kRenderModes)
       ->group(group);
   command
       .add_option("--level", level,
                   "Level of the tile pyramid, 0 the coarsest; finest; auto: what the pixels\n"
                   "of this camera can show")
+      ->transform(CLI::Transformer(std::map<std::string, unsigned>{{"finest", kFinest},
+                                                                   {"auto", kMatchingLevel}})
+                      .description(""))
+      ->type_name("LEVEL")
       ->group(group)
-      ->capture_default_str();
-  command.add_option("--memory", memory, "Budget for decoded tiles and scratch")
-      ->group(group)
-      ->capture_default_str();
+      ->default_str("finest");
+  add_resources_to(command);
+}
+
+void DrawArguments::add_resources_to(CLI::App& command) {
+  const char* group = "Drawing";
+  add_bytes(command, "--memory", memory, "Budget for decoded tiles and scratch")->group(group);
   command
       .add_option("--map-budget", map_budget,
                   "Resident bytes of the mapped file; default: as many as the kernel likes")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false).description(""))
+      ->check(kNotNegative)
+      ->type_name("SIZE")
       ->group(group);
   command.add_option("-j,--threads", threads, "0: all cores")->group(group)->capture_default_str();
 }
 
-Result<RendererOptions> DrawArguments::renderer() const {
-  const auto bytes = parse_bytes(memory, "--memory");
-  if (!bytes) return tl::unexpected(bytes.error());
+RendererOptions DrawArguments::renderer() const {
   RendererOptions options;
-  options.memory = *bytes;
+  options.memory = memory;
   options.threads = threads;
-  if (map_budget.empty()) return options;
-  const auto mapped = parse_bytes(map_budget, "--map-budget");
-  if (!mapped) return tl::unexpected(mapped.error());
-  options.map_budget = *mapped;
+  if (map_budget) options.map_budget = *map_budget;
   return options;
 }
 
 Result<ViewOptions> DrawArguments::view(const Field& field, std::optional<Camera> camera) const {
   ViewOptions view;
-  view.mode = default_mode(field);
-  view.level = field.shape().levels;
-  if (!mode.empty()) {
-    const auto parsed = parse_render_mode(mode);
-    if (!parsed) return tl::unexpected(parsed.error());
-    view.mode = *parsed;
-  }
-  if (level == "auto") {
-    view.level = camera ? matching_level(field.shape(), *camera, view.mode) : kMatchingLevel;
-  } else if (level != "finest") {
-    const auto parsed = parse_numbers<unsigned>(level, ',', 1);
-    if (!parsed)
-      return fail(ErrorCode::usage, "--level ", level, ": expected a number, 'finest' or 'auto'");
-    view.level = parsed->front();
-  }
+  view.mode = mode.value_or(default_mode(field));
+  view.level = level == kFinest ? field.shape().levels : level;
+  if (level == kMatchingLevel && camera)
+    view.level = matching_level(field.shape(), *camera, view.mode);
+  if (auto ok = check_view(field, view); !ok)
+    return with_cure(ok.error(), "see --mode and --level");
   return view;
 }
 

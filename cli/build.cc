@@ -1,7 +1,5 @@
 #include "slf/build.h"
 
-#include <fmt/format.h>
-
 #include <filesystem>
 
 #include "cli/command.h"
@@ -14,30 +12,29 @@ struct Arguments {
   std::string output;
   bool force = false;
   BuildOptions build;
-  std::string color_type = "u8";
   std::string depth_codec = "jpeg:75";
   double radius = 0;
-  std::string center;
+  std::vector<double> center;  // empty: around what is visible
 };
 
 Result<void> run_build(const Arguments& arguments) {
   BuildOptions options = arguments.build;
-  options.half = arguments.color_type == "half";
   options.depth_codec = arguments.depth_codec == "none" ? "" : arguments.depth_codec;
   if (options.half && options.color_codec.starts_with("jpeg")) options.color_codec = "zstd";
   const auto scene = arguments.source.scene();
   if (!scene) return tl::unexpected(scene.error());
-  options.shape.sphere = (*scene)->bounds();
-  if (!arguments.center.empty()) {
-    const auto center = parse_vec3(arguments.center, "--center");
-    if (!center) return tl::unexpected(center.error());
-    options.shape.sphere.center = *center;
-  }
-  if (arguments.radius != 0) {
-    if (!(arguments.radius > 0))
-      return fail(ErrorCode::usage, "--radius ", arguments.radius, ": expected a positive number");
-    options.shape.sphere.radius = arguments.radius;
-  }
+  const Sphere visible = (*scene)->bounds();
+  Sphere& sphere = options.shape.sphere;
+  sphere = visible;
+  if (!arguments.center.empty()) sphere.center = to_vector(arguments.center);
+  if (arguments.radius != 0) sphere.radius = arguments.radius;
+  if (!(glm::distance(sphere.center, visible.center) < sphere.radius + visible.radius))
+    return fail(ErrorCode::usage,
+                fmt::format("--center {:g},{:g},{:g}: a sphere of radius {:g} there misses all "
+                            "that is visible, which "
+                            "lies around {:g},{:g},{:g} within {:g}",
+                            sphere.center.x, sphere.center.y, sphere.center.z, sphere.radius,
+                            visible.center.x, visible.center.y, visible.center.z, visible.radius));
 
   if (arguments.force) {
     std::error_code failed;
@@ -82,11 +79,15 @@ void add_build(CLI::App& app, Run& run) {
                    "doubles both lattices")
       ->group(group)
       ->capture_default_str();
-  command
-      ->add_option("--entry-extra-levels", shape.entry_extra_levels,
-                   "How many levels further than the exit side the entry side is split into tiles")
-      ->group(group)
-      ->capture_default_str();
+  auto* extra =
+      command
+          ->add_option(
+              "--entry-extra-levels", shape.entry_extra_levels,
+              "How many levels further than the exit side the entry side is split into tiles")
+          ->group(group)
+          ->capture_default_str();
+  // The option's name up to version 0.1.
+  command->add_option("--entry-depth", shape.entry_extra_levels)->group("")->excludes(extra);
   command
       ->add_option("--color-codec", a->build.color_codec, "raw, zstd[:LEVEL] or jpeg:QUALITY[:444]")
       ->type_name(kCodec)
@@ -96,25 +97,27 @@ void add_build(CLI::App& app, Run& run) {
       ->type_name(kCodec)
       ->group(group)
       ->capture_default_str();
-  command->add_option("--color-type", a->color_type, "u8, or half: HDR colour, stored with zstd")
-      ->check(CLI::IsMember({"u8", "half"}))
+  choose(command->add_option("--color-type", a->build.half,
+                             "u8, or half: HDR colour, stored with zstd"),
+         Choices<bool>{{"u8", false}, {"half", true}})
+      ->type_name("TEXT")
       ->group(group)
-      ->capture_default_str();
-  command
-      ->add_option("--center", a->center,
-                   "Centre of the sphere in world coordinates, x,y,z;\n"
-                   "default: around what is visible")
+      ->default_str("u8");
+  add_vector(*command, "--center", a->center,
+             "Centre of the sphere in world coordinates;\n"
+             "default: around what is visible")
       ->group(group);
   command
       ->add_option("--radius", a->radius,
                    "Radius of the sphere in world units; default: around\n"
                    "what is visible")
+      ->check(kPositive)
       ->group(group);
   command->add_option("-j,--threads", a->build.threads, "0: all cores")->capture_default_str();
   command
       ->add_option("--commit-every", a->build.commit_seconds,
                    "Seconds between commits: what being killed can cost")
-      ->check(CLI::NonNegativeNumber)
+      ->check(kNotNegative)
       ->capture_default_str();
   command->callback([a, &run] { run = [a] { return run_build(*a); }; });
 }

@@ -1,8 +1,11 @@
-// What the commands of `slf` share: how they run, what they say, and options several of them take.
+// What the commands of `slf` share: how they run, what they print, and options several of them
+// have.
 //
 // Data goes to stdout, progress and messages to stderr. The exit code is the ErrorCode of the
 // failure, 0 on success.
 #pragma once
+
+#include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
 #include <cstdint>
@@ -11,6 +14,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "slf/build.h"
@@ -29,6 +33,9 @@ using Run = std::function<Result<void>()>;
 /// The command line of `slf` with all of its commands. Parsing sets `run`, which must outlive it.
 [[nodiscard]] std::unique_ptr<CLI::App> make_app(Run& run);
 
+/// What is wrong with a command line that `app` could not parse, and what it expects instead.
+[[nodiscard]] std::string usage_message(const CLI::App& app, const CLI::ParseError& error);
+
 void add_build(CLI::App& app, Run& run);
 void add_info(CLI::App& app, Run& run);
 void add_render(CLI::App& app, Run& run);
@@ -40,17 +47,34 @@ void add_evaluate(CLI::App& app, Run& run);
 void add_repack(CLI::App& app, Run& run);
 void add_verify(CLI::App& app, Run& run);
 
-/// --quiet: no progress, no notes; set from main.
+// ---- output ------------------------------------------------------------------------------------
+
+/// --quiet: no progress, no notes.
 extern bool quiet;
+/// Seconds between lines of progress where stderr is no terminal.
+extern double progress_seconds;
 
-/// Set by SIGINT and SIGTERM: finish what is under way, commit, and stop.
-[[nodiscard]] bool interrupted();
-void watch_signals();
+/// Standard streams that are closed become ones that fail, so that no file the program opens takes
+/// their place.
+void reserve_standard_streams();
 
-/// A line for people, on stderr, unless quiet.
+/// Text with everything that a terminal could take for a command, and what is not UTF-8, as \xNN.
+/// Line feeds and tabs stay.
+[[nodiscard]] std::string printable(std::string_view text);
+
+/// Printable text on stdout. main() checks at the end whether all of it was written.
+void print_text(std::string_view text);
+template <class... T>
+void print(fmt::format_string<T...> format, T&&... arguments) {
+  print_text(fmt::format(format, std::forward<T>(arguments)...));
+}
+
+/// A printable line on stderr. An unwritable stderr is no reason to stop.
+void message(const std::string& text);
+/// A message unless quiet.
 void note(const std::string& text);
 
-/// JSON on stdout.
+/// JSON on stdout. Bytes that are not UTF-8, as in paths, become U+FFFD.
 void print_json(const nlohmann::json& json);
 
 /// A text member of untrusted JSON, or `otherwise`.
@@ -64,26 +88,64 @@ void print_json(const nlohmann::json& json);
 /// Rows of cells, the first row the heading, columns aligned right but for the first.
 void print_table(const std::vector<std::vector<std::string>>& rows);
 
-/// A bar with rate and time left on stderr, when that is a terminal; counts `unit`s.
+// ---- progress and signals ----------------------------------------------------------------------
+
+/// Rate and time left on stderr: a bar on a terminal, elsewhere a line every progress_seconds;
+/// counts `unit`s. From then on SIGINT and SIGTERM do not end the process at once but make the
+/// callback return false; the second one ends it.
 [[nodiscard]] ProgressCallback progress_bar(const std::string& title, const std::string& unit);
 
-// ---- arguments -------------------------------------------------------------------------------
+/// The signal that asked the program to stop, or 0.
+[[nodiscard]] int stop_signal();
 
-/// "64MiB", "1.5G", "4096".
-[[nodiscard]] Result<std::uint64_t> parse_bytes(const std::string& text, const char* option);
-/// "x,y,z".
-[[nodiscard]] Result<glm::dvec3> parse_vec3(const std::string& text, const char* option);
-/// Refuses an existing output without -f: usage.
-[[nodiscard]] Result<void> refuse_overwrite(const std::string& path, bool force);
+// ---- arguments ---------------------------------------------------------------------------------
 
 /// What arguments hold: shown by --help, and what completion in a shell goes by.
 inline constexpr const char* kFieldFile = "FILE.slf";
 inline constexpr const char* kAnyFile = "FILE";
 inline constexpr const char* kFolder = "DIR";
 inline constexpr const char* kCodec = "CODEC";
-inline constexpr const char* kVoxelType = "TYPE";
-inline constexpr std::initializer_list<const char*> kRenderModes{"nearest", "uv", "st", "bitri",
-                                                                 "depth"};
+inline constexpr const char* kVector = "X,Y,Z";
+inline constexpr const char* kPixels = "WIDTHxHEIGHT";
+
+/// Names and the values they stand for.
+template <class T>
+using Choices = std::vector<std::pair<std::string, T>>;
+extern const Choices<RenderMode> kRenderModes;
+
+/// The option takes these names and no others.
+template <class T>
+CLI::Option* choose(CLI::Option* option, const Choices<T>& choices) {
+  std::vector<std::string> names;
+  std::map<std::string, T> values;
+  for (const auto& [name, value] : choices) names.push_back(name), values[name] = value;
+  // The last added runs first.
+  return option->transform(CLI::Transformer(std::move(values)).description(""))
+      ->transform(CLI::IsMember(std::move(names)));
+}
+
+extern const CLI::Validator kNotNegative, kPositive;
+
+/// "64MiB", "2G", "4096".
+CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t& bytes,
+                       const std::string& help);
+/// Three numbers, "x,y,z"; empty where it is not given.
+CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<double>& vector,
+                        const std::string& help);
+[[nodiscard]] glm::dvec3 to_vector(const std::vector<double>& numbers);
+
+/// "512x384", or "512" for a square.
+struct PixelSize {
+  std::uint32_t width = 0, height = 0;
+};
+std::istream& operator>>(std::istream& in, PixelSize& size);
+[[nodiscard]] std::string to_string(const PixelSize& size);
+
+/// The error with what can be done about it on the command line, which libraries do not know.
+[[nodiscard]] tl::unexpected<Error> with_cure(const Error& error, const std::string& cure);
+
+/// Refuses an existing output without -f: usage.
+[[nodiscard]] Result<void> refuse_overwrite(const std::string& path, bool force);
 
 /// The inputs that are volumes.
 inline constexpr const char* kVolumeHelp =
@@ -94,11 +156,14 @@ inline constexpr const char* kVolumeGroup = "Volume";
 struct SourceArguments {
   std::string input;
   std::string transfer;
-  std::string dims, type = "u8", spacing = "1x1x1", endian = "little";
+  std::vector<std::uint32_t> dims;  // empty: not a raw file
+  std::vector<double> spacing{1, 1, 1};
+  ScalarType type = ScalarType::u8;
+  bool big_endian = false;
   std::uint64_t offset = 0;
   bool labels = false;
   RaycastOptions raycast;
-  std::string light;
+  std::vector<double> light;  // empty: the default
   bool no_shade = false;
 
   /// The volume and its transfer function, as an option or positional of that name.
@@ -113,26 +178,33 @@ struct SourceArguments {
       const std::optional<std::string>& provenance = {}) const;
 };
 
-/// Where to look from, and the size of the picture.
+/// Where the eye is, and the size of the picture.
 struct CameraArguments {
-  std::string eye, look_at, up, orbit = "30,20,3", size = "512x512";
-  double fov = 0;
+  std::vector<double> eye, look_at, up;  // empty: not given
+  std::vector<double> orbit{30, 20, 3};
+  PixelSize size{512, 512};
+  double fov = 0;  // 0: the sphere fills the picture
 
   void add_to(CLI::App& command);
   [[nodiscard]] Result<Camera> camera(const Sphere& sphere) const;
 };
-[[nodiscard]] Result<std::pair<std::uint32_t, std::uint32_t>> parse_size(const std::string& text);
+/// --orbit, of CameraArguments and of play.
+CLI::Option* add_orbit(CLI::App& command, std::vector<double>& orbit, const std::string& help);
 
 /// How to draw from a field.
 struct DrawArguments {
-  std::string mode;  // empty: the field's default
-  std::string level = "finest";
-  std::string memory = "256MiB";
-  std::string map_budget;  // empty: no limit
+  static constexpr unsigned kFinest = kMatchingLevel - 1;
+
+  std::optional<RenderMode> mode;  // none: the field's default
+  unsigned level = kFinest;        // or kMatchingLevel
+  std::uint64_t memory = 256ull << 20;
+  std::optional<std::uint64_t> map_budget;  // none: no limit
   unsigned threads = 0;
 
+  /// All options but --mode and --level.
+  void add_resources_to(CLI::App& command);
   void add_to(CLI::App& command);
-  [[nodiscard]] Result<RendererOptions> renderer() const;
+  [[nodiscard]] RendererOptions renderer() const;
   /// `camera` resolves --level auto; without one it stays kMatchingLevel.
   [[nodiscard]] Result<ViewOptions> view(const Field& field,
                                          std::optional<Camera> camera = {}) const;

@@ -1,5 +1,3 @@
-#include <fmt/format.h>
-
 #include "cli/command.h"
 
 namespace slf::cli {
@@ -41,18 +39,16 @@ nlohmann::json field_json(const Field& field, const FieldContent& content) {
 void print_field(const Field& field, const FieldContent& content) {
   const FieldShape& shape = field.shape();
   const glm::dvec3& c = shape.sphere.center;
-  fmt::print("{}: {}sphere light field, {} on disk, {} of payload\n", field.path(),
-             content.complete ? "" : "INCOMPLETE ",
-             human_bytes(static_cast<double>(content.file_bytes)),
-             human_bytes(static_cast<double>(content.payload_bytes)));
-  fmt::print("sphere  centre {:.2f},{:.2f},{:.2f}  radius {:.2f}\n", c.x, c.y, c.z,
-             shape.sphere.radius);
-  fmt::print("lattice {} entry, {} exit at the finest level\n",
-             shape.entry_resolution(shape.levels), shape.exit_resolution(shape.levels));
+  print("{}: {}sphere light field, {} on disk, {} of payload\n", field.path(),
+        content.complete ? "" : "INCOMPLETE ", human_bytes(static_cast<double>(content.file_bytes)),
+        human_bytes(static_cast<double>(content.payload_bytes)));
+  print("sphere  centre {:.2f},{:.2f},{:.2f}  radius {:.2f}\n", c.x, c.y, c.z, shape.sphere.radius);
+  print("lattice {} entry, {} exit at the finest level\n", shape.entry_resolution(shape.levels),
+        shape.exit_resolution(shape.levels));
   for (const Layer& layer : field.layers())
-    fmt::print("layer   {}: {} as {}\n", layer.name, name(layer.format), layer.codec);
+    print("layer   {}: {} as {}\n", layer.name, name(layer.format), layer.codec);
   const auto provenance = nlohmann::json::parse(field.provenance());
-  fmt::print("source  {}\n", text_of(provenance, "source", text_of(provenance, "name", "unknown")));
+  print("source  {}\n", text_of(provenance, "source", text_of(provenance, "name", "unknown")));
   std::vector<std::vector<std::string>> rows{
       {"level", "lattice", "tiles", "stored", "empty", "slabs"}};
   for (const Layer& layer : field.layers()) rows[0].push_back(layer.name);
@@ -89,14 +85,14 @@ void print_volume(const Volume& volume) {
   const auto vec = [](const glm::dvec3& v) {
     return fmt::format("{:.6g},{:.6g},{:.6g}", v.x, v.y, v.z);
   };
-  fmt::print("{}: volume\n", volume.source);
-  fmt::print("dims    {}x{}x{} {}{}\n", volume.dims[0], volume.dims[1], volume.dims[2],
-             name(volume.type), volume.labels ? " labels" : "");
-  fmt::print("spacing {}\n", vec(volume.spacing()));
-  fmt::print("range   {:.6g} to {:.6g}\n", range[0], range[1]);
-  fmt::print("origin  {}  (world coordinates are LPS)\n", vec(volume.origin));
+  print("{}: volume\n", volume.source);
+  print("dims    {}x{}x{} {}{}\n", volume.dims[0], volume.dims[1], volume.dims[2],
+        name(volume.type), volume.labels ? " labels" : "");
+  print("spacing {}\n", vec(volume.spacing()));
+  print("range   {:.6g} to {:.6g}\n", range[0], range[1]);
+  print("origin  {}  (world coordinates are LPS)\n", vec(volume.origin));
   for (int axis = 0; axis < 3; ++axis)
-    fmt::print("axis {}  {}\n", "xyz"[axis], vec(volume.axes[axis] / volume.spacing()[axis]));
+    print("axis {}  {}\n", "xyz"[axis], vec(volume.axes[axis] / volume.spacing()[axis]));
 }
 
 Result<void> run_info(const Arguments& arguments) {

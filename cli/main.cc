@@ -1,44 +1,69 @@
 // slf: sphere light fields on the command line.
 
-#include <fmt/format.h>
-
+#include <csignal>
+#include <cstdio>
 #include <exception>
+#include <iostream>
 #include <new>
 
 #include "cli/command.h"
 
 namespace {
 
-int fail(const slf::Error& error) {
-  fmt::print(stderr, "slf: {}\n", error.message);
+using slf::Error;
+using slf::ErrorCode;
+using slf::Result;
+
+constexpr const char* kOutOfMemory = "out of memory";
+
+int fail(const Error& error) {
+  const bool memory = error.message.ends_with(kOutOfMemory);
+  slf::cli::message("slf: " + error.message +
+                    (memory ? "; a smaller --memory, --size or volume may do" : ""));
   return static_cast<int>(error.code);
+}
+
+/// Buffered output that cannot be written is an error of the program, not only of the stream.
+Result<void> flush_output() {
+  std::cout.flush();
+  if (std::cout && std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return {};
+  return slf::fail(ErrorCode::io, "stdout: cannot write");
 }
 
 int run_command(int argc, char** argv) {
   slf::cli::Run run;
   const auto app = slf::cli::make_app(run);
+  Result<void> done;
   try {
     app->parse(argc, argv);
+    done = run();
   } catch (const CLI::ParseError& error) {
-    return app->exit(error) == 0 ? 0 : static_cast<int>(slf::ErrorCode::usage);
+    if (error.get_exit_code() == 0)
+      (void)app->exit(error);  // --help, --version
+    else
+      done = slf::fail(ErrorCode::usage, slf::cli::usage_message(*app, error));
   }
-  slf::cli::watch_signals();
-  const auto done = run();
+  const auto written = flush_output();
   if (!done) return fail(done.error());
-  if (std::fflush(stdout) != 0 || std::ferror(stdout))
-    return fail({slf::ErrorCode::io, "stdout: cannot write"});
-  return 0;
+  return written ? 0 : fail(written.error());
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
+  slf::cli::reserve_standard_streams();
+  int code = 0;
   try {
-    return run_command(argc, argv);
+    code = run_command(argc, argv);
   } catch (const std::bad_alloc&) {
-    return fail(
-        {slf::ErrorCode::failed, "out of memory; a smaller --memory, --size or volume may do"});
+    code = fail({ErrorCode::failed, kOutOfMemory});
   } catch (const std::exception& error) {
-    return fail({slf::ErrorCode::failed, std::string("unexpected: ") + error.what()});
+    code = fail({ErrorCode::failed, std::string("unexpected: ") + error.what()});
   }
+  // A shell ends its loop over commands if one of them dies of the signal, whatever its exit code.
+  if (const int signal = slf::cli::stop_signal(); signal != 0) {
+    std::signal(signal, SIG_DFL);
+    std::raise(signal);
+  }
+  return code;
 }

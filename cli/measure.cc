@@ -1,12 +1,8 @@
 #include "slf/measure.h"
 
-#include <fmt/format.h>
-
 #include <cmath>
-#include <fstream>
 
 #include "cli/command.h"
-#include "cli/drawing.h"
 
 namespace slf::cli {
 namespace {
@@ -21,19 +17,18 @@ struct ViewsArguments {
     command.add_option("--seed", seed, "Which random views")->capture_default_str();
   }
   [[nodiscard]] Result<std::vector<Camera>> cameras(const Sphere& sphere, double distance,
-                                                    const std::string& size) const {
-    const auto pixels = parse_size(size);
-    if (!pixels) return tl::unexpected(pixels.error());
+                                                    const PixelSize& size) const {
     if (!(distance > 1))
       return fail(ErrorCode::usage, "--distance ", distance, ": expected above 1 sphere radius");
     if (views == 0 || views > 100000)
       return fail(ErrorCode::usage, "--views ", views, ": expected 1 to 100000");
-    return random_cameras(sphere, distance, views, seed, pixels->first, pixels->second);
+    return random_cameras(sphere, distance, views, seed, size.width, size.height);
   }
 };
 
+constexpr unsigned kAllLevels = DrawArguments::kFinest - 1;
 constexpr const char* kDistanceHelp = "Eye's distance from the centre, in sphere radii";
-constexpr const char* kSizeHelp = "Picture size in pixels, WIDTHxHEIGHT";
+constexpr const char* kSizeHelp = "Picture size in pixels; one number for a square";
 
 nlohmann::json mean_and_max_json(const MeanAndMax& s) { return {{"mean", s.mean}, {"max", s.max}}; }
 
@@ -53,11 +48,11 @@ nlohmann::json level_json(const LevelMeasure& m) {
 struct MeasureArguments {
   std::vector<std::string> fields;
   ViewsArguments views;
-  std::vector<std::string> modes, sizes{"512x512"};
+  std::vector<RenderMode> modes;  // empty: the field's default
+  std::vector<PixelSize> sizes{{512, 512}};
   std::vector<double> distances{3};
   DrawArguments draw;
-  std::string picture, plot;
-  bool force = false, json = false;
+  bool json = false;
 };
 
 /// What one line of the table is about.
@@ -65,15 +60,6 @@ struct Setting {
   std::string field, codec, size;
   double distance = 0;
   RenderMode mode{};
-
-  /// A setting's name, of what differs between settings.
-  [[nodiscard]] std::string name(const MeasureArguments& a) const {
-    std::string text = slf::name(mode);
-    if (a.distances.size() > 1) text += fmt::format(" {} R", distance);
-    if (a.sizes.size() > 1) text += " " + size;
-    if (a.fields.size() > 1) text += " " + field;
-    return text;
-  }
 };
 
 std::string codecs_of(const Field& field) {
@@ -102,8 +88,8 @@ nlohmann::json setting_json(const Setting& s, const Measurement& m, std::uint32_
 }
 
 void print_measurement(const Setting& s, const Measurement& m, std::uint32_t views) {
-  fmt::print("{} ({}): {} random views, {} pixels, eye at {} R, mode {}; mean (max)\n", s.field,
-             s.codec, views, s.size, s.distance, name(s.mode));
+  print("{} ({}): {} random views, {} pixels, eye at {} R, mode {}; mean (max)\n", s.field, s.codec,
+        views, s.size, s.distance, name(s.mode));
   std::vector<std::vector<std::string>> rows{{"level", "pairs crossed", "tiles touched", "of field",
                                               "compressed", "pages", "kernel", "mapped",
                                               "decoded peak"}};
@@ -124,103 +110,70 @@ void print_measurement(const Setting& s, const Measurement& m, std::uint32_t vie
   for (const LevelMeasure& level : m.levels) add(fmt::format("{}", level.level), level);
   if (m.levels.size() > 1) add("total", m.total);
   print_table(rows);
-  fmt::print("process peak: {} anonymous, {} mapped files\n",
-             human_bytes(static_cast<double>(m.rss_anon_peak)),
-             human_bytes(static_cast<double>(m.rss_file_peak)));
-}
-
-Result<void> write_text(const std::string& path, bool force, const std::string& text) {
-  if (auto ok = refuse_overwrite(path, force); !ok) return ok;
-  std::ofstream file(path, std::ios::binary);
-  if (file << text && file.flush()) return {};
-  return fail(ErrorCode::io, path, ": cannot write");
-}
-
-/// The sections that the first view touches at the finest level that was measured.
-Result<void> write_picture(const MeasureArguments& a, const Field& field, const Camera& camera,
-                           const MeasureOptions& options, unsigned level) {
-  Renderer renderer(field, options.renderer);
-  ViewStatistics statistics;
-  if (auto image = renderer.render(camera, {options.mode, level}, &statistics); !image)
-    return tl::unexpected(image.error());
-  return write_text(a.picture, a.force,
-                    draw_sections(field.shape(), camera, level, statistics.tiles));
+  print("process peak: {} anonymous, {} mapped files\n",
+        human_bytes(static_cast<double>(m.rss_anon_peak)),
+        human_bytes(static_cast<double>(m.rss_file_peak)));
 }
 
 Result<void> run_measure(const MeasureArguments& a) {
-  const auto renderer = a.draw.renderer();
-  if (!renderer) return tl::unexpected(renderer.error());
   nlohmann::json runs = nlohmann::json::array();
-  std::vector<Series> series;
   for (const std::string& path : a.fields) {
     const auto field = Field::open(path);
     if (!field) return tl::unexpected(field.error());
-    const FieldShape& shape = field->shape();
-    for (const std::string& mode : a.modes.empty() ? std::vector<std::string>{""} : a.modes)
+    const std::vector<RenderMode> modes =
+        a.modes.empty() ? std::vector{default_mode(*field)} : a.modes;
+    for (const RenderMode mode : modes)
       for (const double distance : a.distances)
-        for (const std::string& size : a.sizes) {
-          const auto cameras = a.views.cameras(shape.sphere, distance, size);
+        for (const PixelSize& size : a.sizes) {
+          const auto cameras = a.views.cameras(field->shape().sphere, distance, size);
           if (!cameras) return tl::unexpected(cameras.error());
           DrawArguments draw = a.draw;
           draw.mode = mode;
-          const bool all = draw.level == "all";
-          if (all) draw.level = "finest";
+          const bool all = draw.level == kAllLevels;
+          if (all) draw.level = DrawArguments::kFinest;
           const auto view = draw.view(*field, cameras->front());
           if (!view) return tl::unexpected(view.error());
-          MeasureOptions options{*cameras, view->mode, {}, *renderer};
+          MeasureOptions options{*cameras, view->mode, {}, draw.renderer()};
           if (!all) options.levels = {view->level};
           const auto m = measure_views(*field, options);
           if (!m) return tl::unexpected(m.error());
 
-          const Setting setting{path, codecs_of(*field), size, distance, view->mode};
+          const Setting setting{path, codecs_of(*field), to_string(size), distance, view->mode};
           if (!a.json) print_measurement(setting, *m, a.views.views);
           runs.push_back(setting_json(setting, *m, a.views.views));
-          Series touched{setting.name(a) + ", tiles touched", {}};
-          Series crossed{setting.name(a) + ", pairs crossed", {}};
-          for (const LevelMeasure& level : m->levels) {
-            touched.points.emplace_back(level.level, level.fraction.mean);
-            crossed.points.emplace_back(level.level, level.pair_fraction.mean);
-          }
-          series.push_back(std::move(touched));
-          if (runs.size() == 1) series.push_back(std::move(crossed));
-          if (a.picture.empty() || runs.size() > 1) continue;
-          if (auto ok = write_picture(a, *field, cameras->front(), options, view->level); !ok)
-            return ok;
         }
   }
   if (a.json) print_json({{"runs", runs}});
-  if (a.plot.empty()) return {};
-  return write_text(
-      a.plot, a.force,
-      draw_plot("Share of a level that a view touches", "level", "share of tiles", series));
+  return {};
 }
 
 struct EvaluateArguments {
   std::string field;
   SourceArguments source;
   ViewsArguments views;
-  std::string size = "256x256";
+  PixelSize size{256, 256};
   double distance = 3;
   std::uint32_t supersample = 1;
   DrawArguments draw;
   bool json = false;
 };
 
-/// Says so when the field was built from something else than it is compared with.
-void warn_of_other_source(const Field& field, const Scene& scene) {
+/// Whether the field was built from what it is compared with; a warning where it was not.
+bool check_source(const Field& field, const Scene& scene) {
   nlohmann::json built = nlohmann::json::parse(field.provenance()),
                  now = nlohmann::json::parse(scene.provenance());
   for (auto* json : {&built, &now})
     if (json->is_object()) json->erase("source");
   const auto differences = nlohmann::json::diff(built, now);
-  if (!differences.empty())
-    note(fmt::format("note: {} was built from another source ({}); the figures include that",
-                     field.path(), text_of(differences[0], "path", "/")));
+  if (differences.empty()) return true;
+  message(
+      fmt::format("slf: warning: {} was built from another source ({} differs): the figures "
+                  "compare two different objects",
+                  field.path(), text_of(differences[0], "path", "/")));
+  return false;
 }
 
 Result<void> run_evaluate(const EvaluateArguments& a) {
-  const auto renderer = a.draw.renderer();
-  if (!renderer) return tl::unexpected(renderer.error());
   const auto field = Field::open(a.field);
   if (!field) return tl::unexpected(field.error());
   const auto cameras = a.views.cameras(field->shape().sphere, a.distance, a.size);
@@ -229,9 +182,9 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   if (!view) return tl::unexpected(view.error());
   const auto scene = a.source.scene(field->provenance());
   if (!scene) return tl::unexpected(scene.error());
-  warn_of_other_source(*field, **scene);
+  const bool same_source = check_source(*field, **scene);
   const auto evaluation =
-      evaluate_views(*field, **scene, *cameras, *view, *renderer, a.supersample);
+      evaluate_views(*field, **scene, *cameras, *view, a.draw.renderer(), a.supersample);
   if (!evaluation) return tl::unexpected(evaluation.error());
 
   const std::uint64_t bytes = field->file_bytes();
@@ -245,17 +198,18 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
     print_json({{"views", a.views.views},
                 {"mode", name(view->mode)},
                 {"level", view->level},
-                {"size", a.size},
+                {"size", to_string(a.size)},
                 {"seed", a.views.seed},
                 {"supersample", a.supersample},
                 {"psnr", finite(evaluation->psnr)},
                 {"ssim", evaluation->ssim},
                 {"per_view", per_view},
+                {"same_source", same_source},
                 {"file_bytes", bytes}});
   } else {
-    fmt::print("{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f} (mean of {} views), {}\n",
-               a.field, name(view->mode), view->level, evaluation->psnr, evaluation->ssim,
-               a.views.views, human_bytes(static_cast<double>(bytes)));
+    print("{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f} (mean of {} views), {}\n", a.field,
+          name(view->mode), view->level, evaluation->psnr, evaluation->ssim, a.views.views,
+          human_bytes(static_cast<double>(bytes)));
   }
   return {};
 }
@@ -269,30 +223,32 @@ void add_measure(CLI::App& app, Run& run) {
   command->add_option("FIELD", a->fields, "Fields; several are measured one by one")
       ->type_name(kFieldFile)
       ->required();
-  a->draw.level = "all";
   a->views.add_to(*command);
   command->add_option("--distance", a->distances, std::string(kDistanceHelp) + "; or several")
       ->delimiter(',')
-      ->capture_default_str();
+      ->default_str("3");
   command->add_option("--size", a->sizes, std::string(kSizeHelp) + "; or several")
       ->delimiter(',')
-      ->capture_default_str();
-  a->draw.add_to(*command);
-  command->get_option("--level")->description(
-      "all; one of the tile pyramid, 0 the coarsest; finest; auto: what the pixels\n"
-      "of these cameras can show");
-  command->remove_option(command->get_option("--mode"));
-  command->add_option("--mode", a->modes, "As for render; or several")
-      ->check(CLI::IsMember(kRenderModes))
+      ->type_name(kPixels)
+      ->default_str("512x512");
+  const char* group = "Drawing";
+  choose(command->add_option("--mode", a->modes, "As for render; or several"), kRenderModes)
       ->delimiter(',')
-      ->group("Drawing");
+      ->group(group);
+  a->draw.level = kAllLevels;
   command
-      ->add_option("--picture", a->picture,
-                   "Write an SVG: the sections of the sphere that the first view touches")
-      ->type_name("FILE.svg");
-  command->add_option("--plot", a->plot, "Write an SVG: share of the tiles touched, by level")
-      ->type_name("FILE.svg");
-  command->add_flag("-f,--force", a->force, "Overwrite drawings");
+      ->add_option("--level", a->draw.level,
+                   "all; one of the tile pyramid, 0 the coarsest; finest; auto: what the pixels\n"
+                   "of these cameras can show")
+      ->transform(
+          CLI::Transformer(std::map<std::string, unsigned>{{"all", kAllLevels},
+                                                           {"finest", DrawArguments::kFinest},
+                                                           {"auto", kMatchingLevel}})
+              .description(""))
+      ->type_name("LEVEL")
+      ->group(group)
+      ->default_str("all");
+  a->draw.add_resources_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->footer(
       "Levels are drawn one by one, from a file that the kernel was asked to forget. pages: the\n"
@@ -314,7 +270,9 @@ void add_evaluate(CLI::App& app, Run& run) {
           "Transfer function, ParaView preset JSON; default: what the field was built with");
   a->views.add_to(*command);
   command->add_option("--distance", a->distance, kDistanceHelp)->capture_default_str();
-  command->add_option("--size", a->size, kSizeHelp)->capture_default_str();
+  command->add_option("--size", a->size, kSizeHelp)
+      ->type_name(kPixels)
+      ->default_str(to_string(a->size));
   command
       ->add_option(
           "--supersample", a->supersample,

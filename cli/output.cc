@@ -1,19 +1,15 @@
-#include <fmt/format.h>
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
-#include <chrono>
-#include <cmath>
-#include <csignal>
+#include <cerrno>
 #include <cstdio>
 
 #include "cli/command.h"
 
 namespace slf::cli {
 namespace {
-
-volatile std::sig_atomic_t signalled = 0;
 
 std::string scaled(double value, double base, const std::array<const char*, 5>& units,
                    const char* separator) {
@@ -27,28 +23,70 @@ std::string scaled(double value, double base, const std::array<const char*, 5>& 
                                  separator, units[unit]);
 }
 
-std::string human_time(double seconds) {
-  const long s = std::lround(seconds);
-  return s < 3600 ? fmt::format("{}:{:02}", s / 60, s % 60)
-                  : fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60);
+/// The length of the UTF-8 sequence that `text` begins with, 0 if it is none. Surrogates, overlong
+/// forms and code points above U+10FFFF are none.
+std::size_t utf8_length(std::string_view text) {
+  const auto byte = [&](std::size_t k) { return static_cast<unsigned char>(text[k]); };
+  const unsigned first = byte(0);
+  if (first < 0x80) return 1;
+  const std::size_t length = first >= 0xF0 ? 4 : first >= 0xE0 ? 3 : 2;
+  if (first < 0xC2 || first > 0xF4 || text.size() < length) return 0;
+  for (std::size_t k = 1; k < length; ++k)
+    if (byte(k) >> 6 != 2) return 0;
+  const unsigned two = first << 8 | byte(1);
+  const bool bad = (two >= 0xE080 && two < 0xE0A0) || (two >= 0xEDA0 && two < 0xEE80) ||
+                   (two >= 0xF080 && two < 0xF090) || two >= 0xF490;
+  return bad ? 0 : length;
+}
+
+/// C0 but for line feeds and tabs, DEL, and C1.
+bool is_control(std::string_view character) {
+  const auto first = static_cast<unsigned char>(character[0]);
+  if (character.size() == 1)
+    return (first < 0x20 && first != '\n' && first != '\t') || first == 0x7F;
+  return first == 0xC2 && static_cast<unsigned char>(character[1]) < 0xA0;
 }
 
 }  // namespace
 
 bool quiet = false;
 
-bool interrupted() { return signalled != 0; }
+void reserve_standard_streams() {
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
+    if (fcntl(stream, F_GETFD) < 0 && errno == EBADF) (void)open("/dev/null", O_RDONLY);
+}
 
-void watch_signals() {
-  for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { signalled = 1; });
+std::string printable(std::string_view text) {
+  std::string out;
+  while (!text.empty()) {
+    const std::size_t length = utf8_length(text);
+    const std::string_view character = text.substr(0, std::max<std::size_t>(length, 1));
+    if (length > 0 && !is_control(character))
+      out += character;
+    else
+      for (const char c : character) out += fmt::format("\\x{:02x}", static_cast<unsigned char>(c));
+    text.remove_prefix(character.size());
+  }
+  return out;
+}
+
+void print_text(std::string_view text) {
+  const std::string line = printable(text);
+  std::fwrite(line.data(), 1, line.size(), stdout);
+}
+
+void message(const std::string& text) {
+  const std::string line = printable(text) + "\n";
+  std::fflush(stdout);  // in the order of the program, should both go to one place
+  std::fwrite(line.data(), 1, line.size(), stderr);
 }
 
 void note(const std::string& text) {
-  if (!quiet) fmt::print(stderr, "{}\n", text);
+  if (!quiet) message(text);
 }
 
 void print_json(const nlohmann::json& json) {
-  fmt::print("{}\n", json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
+  print_text(json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
 }
 
 std::string text_of(const nlohmann::json& json, const char* key, const std::string& otherwise) {
@@ -74,38 +112,8 @@ void print_table(const std::vector<std::vector<std::string>>& rows) {
     for (std::size_t c = 0; c < row.size(); ++c)
       line += c == 0 ? fmt::format("{:<{}}", row[c], width[c])
                      : fmt::format("  {:>{}}", row[c], width[c]);
-    fmt::print("{}\n", line);
+    print("{}\n", line);
   }
-}
-
-ProgressCallback progress_bar(const std::string& title, const std::string& unit) {
-  using Clock = std::chrono::steady_clock;
-  const bool shown = !quiet && isatty(STDERR_FILENO) != 0;
-  const auto start = Clock::now();
-  return [=, last = start](const Progress& progress) mutable {
-    const auto now = Clock::now();
-    const bool finished = progress.done == progress.total;
-    if (shown && (finished || now - last > std::chrono::milliseconds(100))) {
-      last = now;
-      const double seconds = std::chrono::duration<double>(now - start).count();
-      const double rate =
-          static_cast<double>(progress.done - progress.skipped) / std::max(seconds, 1e-9);
-      const double share =
-          progress.total ? static_cast<double>(progress.done) / static_cast<double>(progress.total)
-                         : 1;
-      const auto filled = static_cast<std::size_t>(share * 30);
-      const double left =
-          static_cast<double>(progress.total - progress.done) / std::max(rate, 1e-9);
-      fmt::print(stderr, "\r{} [{}{}] {:3.0f} %  {}{}/s  {} left \x1b[K", title,
-                 std::string(filled, '#'), std::string(30 - filled, '.'), 100 * share,
-                 human_count(rate), unit, human_time(left));
-      if (finished)
-        fmt::print(stderr, "\r{}: {}{} in {}\x1b[K\n", title,
-                   human_count(static_cast<double>(progress.total)), unit, human_time(seconds));
-      std::fflush(stderr);
-    }
-    return !interrupted();
-  };
 }
 
 }  // namespace slf::cli

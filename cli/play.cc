@@ -1,5 +1,3 @@
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -21,9 +19,11 @@ using Clock = std::chrono::steady_clock;
 
 struct PlayArguments {
   std::string field;
-  std::string path, orbit = "0,20,3", size = "512x512";
+  std::string path;
+  std::vector<double> orbit{0, 20, 3};
+  PixelSize size{512, 512};
   double turns = 1, seconds = 12, fps = 30;
-  std::vector<std::string> loading{"ahead"};
+  std::vector<Loading> loading{Loading::ahead};
   unsigned horizon = PlayOptions{}.horizon;
   bool cold = false;
   std::string frames, preview;
@@ -31,11 +31,8 @@ struct PlayArguments {
   bool force = false, json = false;
 
   [[nodiscard]] Result<CameraPath> camera_path(const Sphere& sphere) const {
-    if (path.empty()) {
-      const auto start = parse_vec3(orbit, "--orbit");
-      if (!start) return tl::unexpected(start.error());
-      return CameraPath::orbit(sphere, start->x, start->y, start->z, turns, seconds);
-    }
+    if (path.empty())
+      return CameraPath::orbit(sphere, orbit[0], orbit[1], orbit[2], turns, seconds);
     return CameraPath::read(path, sphere);
   }
 };
@@ -90,8 +87,6 @@ Result<Played> play(const PlayArguments& a, const PlayOptions& options, Pictures
   if (!field) return tl::unexpected(field.error());
   const auto path = a.camera_path(field->shape().sphere);
   if (!path) return tl::unexpected(path.error());
-  const auto pixels = parse_size(a.size);
-  if (!pixels) return tl::unexpected(pixels.error());
   const auto view = a.draw.view(*field);
   if (!view) return tl::unexpected(view.error());
   PlayOptions play_options = options;
@@ -108,7 +103,7 @@ Result<Played> play(const PlayArguments& a, const PlayOptions& options, Pictures
   auto due = Clock::now();
   for (std::size_t k = 0; k < frames && progress({k, frames, 0}); ++k) {
     std::this_thread::sleep_until(due);
-    const Camera camera = path->at(static_cast<double>(k) / a.fps, pixels->first, pixels->second);
+    const Camera camera = path->at(static_cast<double>(k) / a.fps, a.size.width, a.size.height);
     if (auto ok = player->draw(camera, image, &played.frames.emplace_back()); !ok)
       return tl::unexpected(ok.error());
     due += std::chrono::duration_cast<Clock::duration>(period);
@@ -197,15 +192,9 @@ std::vector<std::string> played_row(const Played& played, const Summary& s) {
 Result<void> run_play(const PlayArguments& a) {
   if (!(a.fps > 0 && a.fps <= 1000))
     return fail(ErrorCode::usage, "--fps ", a.fps, ": expected above 0, at most 1000");
-  const auto renderer = a.draw.renderer();
-  if (!renderer) return tl::unexpected(renderer.error());
-  PlayOptions options{*renderer, {}, Loading::ahead, a.horizon};
-  std::vector<Loading> ways;
-  for (const std::string& text : a.loading) {
-    const auto way = parse_loading(text);
-    if (!way) return tl::unexpected(way.error());
-    ways.push_back(*way);
-  }
+  if (!a.preview.empty() && !a.preview.ends_with(".webp"))
+    return fail(ErrorCode::usage, "--preview ", a.preview, ": expected a name ending in .webp");
+  PlayOptions options{a.draw.renderer(), {}, Loading::ahead, a.horizon};
   auto pictures = Pictures::make(a);
   if (!pictures) return tl::unexpected(pictures.error());
 
@@ -213,7 +202,7 @@ Result<void> run_play(const PlayArguments& a) {
   std::vector<std::vector<std::string>> rows{{"loading", "frames", "late", "mean ms", "95 %",
                                               "worst", "full level", "least", "hits", "loads",
                                               "read", "anonymous", "mapped"}};
-  for (const Loading way : ways) {
+  for (const Loading way : a.loading) {
     options.loading = way;
     // Pictures show the first way only.
     const auto played = play(a, options, runs.empty() ? &*pictures : nullptr);
@@ -222,19 +211,19 @@ Result<void> run_play(const PlayArguments& a) {
     const Summary summary(played->frames, 1 / a.fps);
     runs.push_back(played_json(*played, summary));
     rows.push_back(played_row(*played, summary));
-    if (interrupted()) break;
+    if (stop_signal() != 0) break;
   }
   if (auto ok = pictures->close(); !ok) return ok;
   if (a.json) {
     print_json({{"field", a.field},
                 {"fps", a.fps},
-                {"size", a.size},
-                {"memory", renderer->memory},
+                {"size", to_string(a.size)},
+                {"memory", a.draw.memory},
                 {"runs", runs}});
     return {};
   }
-  fmt::print("{} at {} frames a second, {} pixels; late: drawn in more than {:.1f} ms\n", a.field,
-             a.fps, a.size, 1000 / a.fps);
+  print("{} at {} frames a second, {} pixels; late: drawn in more than {:.1f} ms\n", a.field, a.fps,
+        to_string(a.size), 1000 / a.fps);
   print_table(rows);
   return {};
 }
@@ -252,30 +241,29 @@ void add_play(CLI::App& app, Run& run) {
                           "Keyframes, JSON: {\"keys\": [{\"at\": 0, \"orbit\": [0,20,3]},\n"
                           "{\"at\": 4, \"eye\": [x,y,z], \"look_at\": [x,y,z], \"fov\": 30}]}");
   keys->group(path)->type_name("FILE.json");
-  command
-      ->add_option("--orbit", a->orbit, "Without --path: azimuth,elevation,distance to start from")
+  add_orbit(*command, a->orbit, "Without --path: azimuth, elevation and distance to start from")
       ->group(path)
-      ->excludes(keys)
-      ->capture_default_str();
+      ->excludes(keys);
   command->add_option("--turns", a->turns, "Times round")->group(path)->capture_default_str();
   command->add_option("--seconds", a->seconds, "Length of an orbit")
       ->group(path)
       ->capture_default_str();
   command->add_option("--fps", a->fps, "Frames a second")->group(path)->capture_default_str();
-  command->add_option("--size", a->size, "Picture size in pixels, WIDTHxHEIGHT")
+  command->add_option("--size", a->size, "Picture size in pixels; one number for a square")
+      ->type_name(kPixels)
       ->group(path)
-      ->capture_default_str();
+      ->default_str(to_string(a->size));
   const char* loading = "Loading";
-  command
-      ->add_option(
-          "--loading", a->loading,
-          "ahead: a loading thread follows the motion; demand: it brings only what a frame\n"
-          "lacked; wait: no thread, frames wait for their tiles. Several, with commas, are\n"
-          "played one after the other and compared")
-      ->check(CLI::IsMember({"ahead", "demand", "wait"}))
+  choose(command->add_option(
+             "--loading", a->loading,
+             "ahead: a loading thread follows the motion; demand: it brings only what a frame\n"
+             "lacked; wait: no thread, frames wait for their tiles. Several, with commas, are\n"
+             "played one after the other and compared"),
+         Choices<Loading>{
+             {"ahead", Loading::ahead}, {"demand", Loading::demand}, {"wait", Loading::wait}})
       ->delimiter(',')
       ->group(loading)
-      ->capture_default_str();
+      ->default_str("ahead");
   command->add_option("--horizon", a->horizon, "Frames to load ahead")
       ->check(CLI::Range(0, 1000))
       ->group(loading)

@@ -1,7 +1,5 @@
 #include "slf/render.h"
 
-#include <fmt/format.h>
-
 #include <cmath>
 #include <filesystem>
 
@@ -15,7 +13,7 @@ namespace {
 
 struct Picture {
   std::string output;
-  std::string background = "0,0,0";
+  std::vector<double> background{0, 0, 0};
   bool transparent = false;
   bool force = false;
 
@@ -25,17 +23,28 @@ struct Picture {
         ->type_name(kAnyFile)
         ->required();
     command.add_flag("-f,--force", force, "Overwrite the picture");
-    command.add_option("--background", background, "r,g,b from 0 to 1 behind the picture")
-        ->capture_default_str();
+    command.add_option("--background", background, "Colour from 0 to 1 behind the picture")
+        ->delimiter(',')
+        ->type_size(3)
+        ->expected(1)
+        ->check(CLI::Range(0.0, 1.0).description(""))
+        ->type_name("R,G,B")
+        ->default_str("0,0,0");
     command.add_flag("--transparent", transparent, "PNG with alpha instead of a background");
   }
   [[nodiscard]] bool is_exr() const { return output.ends_with(".exr"); }
 
-  Result<void> write(const Image& image) const {
+  /// Before any work: usage.
+  [[nodiscard]] Result<void> check() const {
+    if (transparent && (output.ends_with(".jpg") || output.ends_with(".jpeg")))
+      return fail(ErrorCode::usage, "--transparent: ", output,
+                  ": JPEG cannot hold transparency; use .png or .exr");
+    return refuse_overwrite(output, force);
+  }
+
+  [[nodiscard]] Result<void> write(const Image& image) const {
     ImageFileOptions options;
-    const auto color = parse_vec3(background, "--background");
-    if (!color) return tl::unexpected(color.error());
-    options.background = glm::vec3(*color);
+    options.background = glm::vec3(to_vector(background));
     options.transparent = transparent;
     return write_image(output, image, options);
   }
@@ -64,9 +73,7 @@ nlohmann::json statistics_json(const ViewStatistics& s, const Footprint& file,
 }
 
 Result<void> run_render(const RenderArguments& a) {
-  if (auto ok = refuse_overwrite(a.picture.output, a.picture.force); !ok) return ok;
-  const auto options = a.draw.renderer();
-  if (!options) return tl::unexpected(options.error());
+  if (auto ok = a.picture.check(); !ok) return ok;
   const auto field = Field::open(a.field);
   if (!field) return tl::unexpected(field.error());
   auto view = a.draw.view(*field);
@@ -75,7 +82,7 @@ Result<void> run_render(const RenderArguments& a) {
   const auto camera = a.camera.camera(field->shape().sphere);
   if (!camera) return tl::unexpected(camera.error());
 
-  Renderer renderer(*field, *options);
+  Renderer renderer(*field, a.draw.renderer());
   ViewStatistics statistics;
   const auto image = renderer.render(*camera, *view, &statistics);
   if (!image) return tl::unexpected(image.error());
@@ -111,7 +118,7 @@ struct RaycastArguments {
 };
 
 Result<void> run_raycast(const RaycastArguments& a) {
-  if (auto ok = refuse_overwrite(a.picture.output, a.picture.force); !ok) return ok;
+  if (auto ok = a.picture.check(); !ok) return ok;
   const auto scene = a.source.scene();
   if (!scene) return tl::unexpected(scene.error());
   const Sphere sphere = (*scene)->bounds();
@@ -147,7 +154,7 @@ Result<void> run_compare(const CompareArguments& arguments) {
                 {"ssim", d.ssim},
                 {"equal", !std::isfinite(d.psnr)}});
   else
-    fmt::print("PSNR {:.2f} dB  SSIM {:.4f}\n", d.psnr, d.ssim);
+    print("PSNR {:.2f} dB  SSIM {:.4f}\n", d.psnr, d.ssim);
   if (d.psnr < arguments.min_psnr)
     return fail(ErrorCode::differs, arguments.a, " and ", arguments.b, ": PSNR ", d.psnr,
                 " dB is below ", arguments.min_psnr);

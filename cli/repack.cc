@@ -1,7 +1,5 @@
 #include "slf/repack.h"
 
-#include <fmt/format.h>
-
 #include "cli/command.h"
 #include "slf/verify.h"
 
@@ -9,7 +7,8 @@ namespace slf::cli {
 namespace {
 
 struct RepackArguments {
-  std::string input, output, color_type, memory = "256MiB", subfields;
+  std::string input, output, subfields;
+  std::optional<bool> half;
   RepackOptions repack;
   int levels = -1;
   bool force = false, json = false;
@@ -40,11 +39,8 @@ Result<std::vector<std::uint8_t>> parse_subfields(const std::string& text) {
 
 Result<void> run_repack(const RepackArguments& a) {
   RepackOptions options = a.repack;
-  const auto memory = parse_bytes(a.memory, "--memory");
-  if (!memory) return tl::unexpected(memory.error());
-  options.memory = *memory;
   if (a.levels >= 0) options.levels = static_cast<unsigned>(a.levels);
-  if (!a.color_type.empty()) options.half = a.color_type == "half";
+  options.half = a.half;
   if (!a.subfields.empty()) {
     auto subfields = parse_subfields(a.subfields);
     if (!subfields) return tl::unexpected(subfields.error());
@@ -64,11 +60,10 @@ Result<void> run_repack(const RepackArguments& a) {
                 {"file_bytes", report->file_bytes},
                 {"input_bytes", field->file_bytes()}});
   else
-    fmt::print("{}: {} (was {}), {} tiles copied, {} recoded{}\n", a.output,
-               human_bytes(static_cast<double>(report->file_bytes)),
-               human_bytes(static_cast<double>(field->file_bytes())), report->copied,
-               report->recoded,
-               report->missing ? fmt::format(", {} missing as in the input", report->missing) : "");
+    print("{}: {} (was {}), {} tiles copied, {} recoded{}\n", a.output,
+          human_bytes(static_cast<double>(report->file_bytes)),
+          human_bytes(static_cast<double>(field->file_bytes())), report->copied, report->recoded,
+          report->missing ? fmt::format(", {} missing as in the input", report->missing) : "");
   return {};
 }
 
@@ -90,14 +85,14 @@ nlohmann::json report_json(const VerifyReport& report) {
 
 void print_report(const std::string& path, const VerifyReport& report) {
   for (const Finding& finding : report.findings)
-    fmt::print("{} {}\n", id(finding.kind), finding.message);
+    print("{} {}\n", id(finding.kind), finding.message);
   if (report.found > report.findings.size())
-    fmt::print("... and {} more\n", report.found - report.findings.size());
-  fmt::print("{}: {} tiles, {}: {}\n", path, report.tiles,
-             human_bytes(static_cast<double>(report.payload_bytes)),
-             report.found == 0     ? "all good"
-             : report.damaged == 0 ? "no damage, but incomplete"
-                                   : fmt::format("{} damaged", report.damaged));
+    print("... and {} more\n", report.found - report.findings.size());
+  print("{}: {} tiles, {}: {}\n", path, report.tiles,
+        human_bytes(static_cast<double>(report.payload_bytes)),
+        report.found == 0     ? "all good"
+        : report.damaged == 0 ? "no damage, but incomplete"
+                              : fmt::format("{} damaged", report.damaged));
 }
 
 Result<void> run_verify(const VerifyArguments& a) {
@@ -138,14 +133,12 @@ void add_repack(CLI::App& app, Run& run) {
       ->type_name(kCodec);
   command->add_option("--layers", a->repack.layers, "Layers to keep, as color or color,depth")
       ->delimiter(',');
-  command->add_option("--levels", a->levels, "The finest level to keep")
-      ->check(CLI::NonNegativeNumber);
+  command->add_option("--levels", a->levels, "The finest level to keep")->check(kNotNegative);
   command->add_option("--subfields", a->subfields,
                       "Level-0 subfields to keep, 8 x entry octant + exit octant, as 0-7,12");
-  command->add_option("--color-type", a->color_type, "u8 or half")
-      ->check(CLI::IsMember({"u8", "half"}));
-  command->add_option("--memory", a->memory, "Budget for tiles and records under way")
-      ->capture_default_str();
+  choose(command->add_option("--color-type", a->half, "u8 or half"),
+         Choices<bool>{{"u8", false}, {"half", true}});
+  add_bytes(*command, "--memory", a->repack.memory, "Budget for tiles and records under way");
   command->add_option("-j,--threads", a->repack.threads, "0: all cores")->capture_default_str();
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_repack(*a); }; });

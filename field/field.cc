@@ -58,7 +58,7 @@ Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<std::byte
   if (!decoded)
     return fail(decoded.error().code, path(), ": layer '", manifest_.layers[tile.layer].name,
                 "', tile ", int{tile.key.level}, "/", tile.key.index, ": ", decoded.error().message,
-                "; run slf verify --fix and build again");
+                "; drop the damaged tile and build it again");
   return {};
 }
 

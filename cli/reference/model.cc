@@ -38,8 +38,6 @@ void read_type(const std::string& type, Argument& argument) {
 /// Values worth offering where others are possible, too.
 std::vector<std::string> suggestions(const std::string& value) {
   if (value == kCodec) return {"raw", "zstd", "zstd:9", "jpeg:75", "jpeg:90"};
-  if (value == kVoxelType)
-    return {"u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64"};
   return {};
 }
 
@@ -50,8 +48,9 @@ Argument describe(const CLI::Option& option) {
   for (const auto& name : option.get_snames()) a.names.push_back("-" + name);
   for (const auto& name : option.get_lnames()) a.names.push_back("--" + name);
   a.required = option.get_required();
-  a.repeated = option.get_items_expected_max() > 1;
-  a.list = option.get_delimiter() != '\0';
+  // Of vectors such as X,Y,Z the type says how many numbers there are.
+  a.repeated = option.get_items_expected_max() > option.get_items_expected_min();
+  a.list = a.repeated && option.get_delimiter() == ',';
   if (option.get_items_expected_max() > 0) read_type(option.get_type_name(), a);
   a.initial = option.get_default_str();
   if (a.repeated && a.initial.starts_with('['))

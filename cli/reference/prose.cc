@@ -90,6 +90,9 @@ const std::vector<Prose>& all() {
         "damaged are dropped; the build command that made the field fills them again."},
        {{"Check after copying", "slf verify head.slf"},
         {"Repair", "slf verify --fix head.slf && slf build head.nii.gz -o head.slf"}}},
+      {"help",
+       {"Prints what --help of a command prints, or the list of commands."},
+       {{"The options of render", "slf help render"}}},
   };
   return texts;
 }

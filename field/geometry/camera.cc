@@ -38,7 +38,7 @@ Result<RayGenerator> RayGenerator::make(const Camera& camera) {
     return fail(ErrorCode::usage, "eye and look-at are the same point: there is no view direction");
   const glm::dvec3 right = glm::cross(forward, up);
   if (!(glm::length(right) > 1e-9 * glm::length(forward) * glm::length(up)))
-    return fail(ErrorCode::usage, "up points along the view; choose another --up");
+    return fail(ErrorCode::usage, "up points along the view: expected another direction");
 
   // The picture plane is one unit ahead and has square pixels.
   const double half_height = std::tan(fov * kDegree / 2);

@@ -96,7 +96,7 @@ Result<void> check_view(const Field& field, const ViewOptions& options) {
                 ": the finest level of this field is ", field.shape().levels);
   if (options.needs_depth() && !field.has_layer("depth"))
     return fail(ErrorCode::usage, field.path(),
-                ": has no depth layer, which mode depth needs; use --mode bitri");
+                ": has no depth layer, which mode depth needs; mode bitri needs none");
   return {};
 }
 
@@ -277,7 +277,7 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
   state_->kept.resize(keep ? threads : 0);
   ViewJob job(field, *state_->cache, threads, state_->pin_bytes, camera, *rays, options,
               keep ? &state_->kept : nullptr, image);
-  on_threads(threads, [&] { job.work(); });
+  if (auto ok = on_threads(threads, [&] { job.work(); }); !ok) return ok;
   if (job.error()) return tl::unexpected(*job.error());
   if (auto ok = field.unchanged(); !ok) return ok;
 

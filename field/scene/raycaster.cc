@@ -93,10 +93,16 @@ Result<void> check_options(const RaycastOptions& options) {
   return {};
 }
 
+/// JSON holds UTF-8 only, file names any bytes: what is not UTF-8 becomes U+FFFD.
+nlohmann::json valid_utf8(const std::string& text) {
+  const nlohmann::json any(text);
+  return nlohmann::json::parse(any.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+}
+
 nlohmann::json describe(const Volume& volume, const TransferFunction& transfer,
                         const RaycastOptions& options) {
   return {{"kind", "volume"},
-          {"source", volume.source},
+          {"source", valid_utf8(volume.source)},
           {"dims", volume.dims},
           {"type", name(volume.type)},
           {"labels", volume.labels},
@@ -189,7 +195,7 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   if (!bounds)
     return fail(ErrorCode::failed, v.source, ": the transfer function '", transfer.name,
                 "' leaves nothing visible: its opacity is zero over all values of the volume (",
-                v.value_range()[0], " to ", v.value_range()[1], "); try another --transfer");
+                v.value_range()[0], " to ", v.value_range()[1], ")");
   state->bounds = *bounds;
   return std::unique_ptr<Raycaster>(new Raycaster(std::move(state)));
 }

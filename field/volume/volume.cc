@@ -78,7 +78,7 @@ Result<Volume> read_headerless(const std::string& path, std::string_view head) {
                   in_quotes(head.substr(0, 16)), " at its start: it is damaged, or misnamed");
   return fail(ErrorCode::usage, path,
               ": neither NIfTI, NRRD, MetaImage nor DICOM; headerless voxels need their "
-              "layout, for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`");
+              "layout: dimensions, type, spacing and offset");
 }
 
 Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
@@ -164,7 +164,7 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout) {
   volume.dims = *dims;
   for (int i = 0; i < 3; ++i) {
     if (!(layout.spacing[i] > 0) || !std::isfinite(layout.spacing[i]))
-      return fail(ErrorCode::usage, path, ": --spacing ", i, " is ", layout.spacing[i],
+      return fail(ErrorCode::usage, path, ": spacing along axis ", i, " is ", layout.spacing[i],
                   ", expected a positive number");
     volume.axes[i][i] = layout.spacing[i];
   }
@@ -173,8 +173,8 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout) {
   if (!size) return tl::unexpected(size.error());
   const std::uint64_t needed = voxel_bytes(volume);
   if (layout.offset > *size || needed > *size - layout.offset)
-    return fail(ErrorCode::usage, path, ": --dims ", sizes[0], "x", sizes[1], "x", sizes[2],
-                " --type ", name(layout.type), " --offset ", layout.offset, " need ", needed,
+    return fail(ErrorCode::usage, path, ": dimensions ", sizes[0], "x", sizes[1], "x", sizes[2],
+                " of type ", name(layout.type), " at offset ", layout.offset, " need ", needed,
                 " bytes behind the offset, but the file has ", *size, " bytes in all");
   const VoxelData data{.path = path, .offset = layout.offset, .big_endian = layout.big_endian};
   if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());

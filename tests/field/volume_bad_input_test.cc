@@ -59,7 +59,7 @@ TEST_F(VolumeBadInput, MissingEmptyOrOfAnotherKind) {
   expect(gzip("A text.\n"), "b.nii.gz", ErrorCode::bad_file, {"NIfTI header in it", "'A text.?'"});
   expect("A text.\n", "a.mha", ErrorCode::bad_file, {"ObjectType"});
   expect("A text.\n", "brain.den", ErrorCode::usage,
-         {"--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62"});
+         {"dimensions, type, spacing and offset"});
 }
 
 TEST_F(VolumeBadInput, NameDoesNotDecideContentDoes) {
@@ -151,9 +151,9 @@ TEST_F(VolumeBadInput, RawLayoutThatDoesNotFit) {
   const std::string bytes(100, 'x');
   expect(bytes, "a.raw", ErrorCode::usage, {"need 120 bytes", "100 bytes in all"},
          {.raw = RawLayout{.dims = {5, 4, 3}, .type = ScalarType::u16}});
-  expect(bytes, "a.raw", ErrorCode::usage, {"--offset 62", "need 60", "100"},
+  expect(bytes, "a.raw", ErrorCode::usage, {"offset 62", "need 60", "100"},
          {.raw = RawLayout{.dims = {5, 4, 3}, .offset = 62}});
-  expect(bytes, "a.raw", ErrorCode::usage, {"--spacing 1 is -2"},
+  expect(bytes, "a.raw", ErrorCode::usage, {"spacing along axis 1 is -2"},
          {.raw = RawLayout{.dims = {5, 4, 3}, .spacing = {1, -2, 1}}});
   expect_at(folder_.path(), ErrorCode::usage, {"a folder"}, {.raw = RawLayout{.dims = {5, 4, 3}}});
 }

@@ -1,0 +1,100 @@
+// How far a long command is, and how it is stopped.
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+
+#include "cli/command.h"
+
+namespace slf::cli {
+namespace {
+
+volatile std::sig_atomic_t signalled = 0;
+
+/// The first signal is noted, so that what is under way can be committed; the second one ends the
+/// process. A signal that is ignored stays ignored.
+void watch_signals() {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    struct sigaction before {};
+    sigaction(signal, nullptr, &before);
+    if (before.sa_handler == SIG_IGN) continue;
+    struct sigaction action {};
+    action.sa_handler = [](int number) { signalled = number; };
+    action.sa_flags = static_cast<int>(SA_RESETHAND);
+    sigaction(signal, &action, nullptr);
+  }
+}
+
+std::string human_time(double seconds) {
+  if (!(seconds < 1e6)) return "days";
+  const long s = std::lround(seconds);
+  return s < 3600 ? fmt::format("{}:{:02}", s / 60, s % 60)
+                  : fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60);
+}
+
+class ProgressBar {
+ public:
+  ProgressBar(std::string title, std::string unit)
+      : title_(std::move(title)), unit_(std::move(unit)) {}
+
+  void show(const Progress& progress) {
+    const auto now = Clock::now();
+    const bool finished = progress.done == progress.total;
+    const auto interval = terminal_ ? 0.1 : progress_seconds;
+    if (quiet || (!terminal_ && interval <= 0)) return;
+    if (finished ? !terminal_ && last_ == start_ : seconds(now - last_) < interval) return;
+    last_ = now;
+    const double took = seconds(now - start_);
+    const auto done = static_cast<double>(progress.done),
+               total = static_cast<double>(progress.total);
+    if (finished) {
+      write(fmt::format("{}: {}{} in {}", title_, human_count(total), unit_, human_time(took)),
+            "\n");
+      return;
+    }
+    const double rate = (done - static_cast<double>(progress.skipped)) / std::max(took, 1e-9);
+    const double share = total > 0 ? done / total : 1;
+    const auto filled = static_cast<std::size_t>(share * 30);
+    const std::string bar =
+        terminal_ ? fmt::format(" [{}{}]", std::string(filled, '#'), std::string(30 - filled, '.'))
+                  : ":";
+    write(fmt::format("{}{} {:3.0f} %  {}{}/s  {} left", title_, bar, 100 * share,
+                      human_count(rate), unit_, human_time((total - done) / std::max(rate, 1e-9))),
+          terminal_ ? " " : "\n");
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  static double seconds(Clock::duration duration) {
+    return std::chrono::duration<double>(duration).count();
+  }
+  /// A terminal's line is written over.
+  void write(const std::string& text, const char* end) const {
+    const std::string line = (terminal_ ? "\r" + text + "\x1b[K" : text) + end;
+    std::fwrite(line.data(), 1, line.size(), stderr);
+  }
+
+  std::string title_, unit_;
+  bool terminal_ = isatty(STDERR_FILENO) != 0;
+  Clock::time_point start_ = Clock::now(), last_ = start_;
+};
+
+}  // namespace
+
+double progress_seconds = 30;
+
+int stop_signal() { return signalled; }
+
+ProgressCallback progress_bar(const std::string& title, const std::string& unit) {
+  watch_signals();
+  return [bar = ProgressBar(title, unit)](const Progress& progress) mutable {
+    bar.show(progress);
+    return stop_signal() == 0;
+  };
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,118 @@
+// Arguments that make no sense are refused, with the option, the value and what is accepted; and
+// what `slf help` and misspelt names say.
+#include "tests/cli/cli_testing.h"
+
+namespace slf {
+namespace {
+
+using testing::Outcome;
+using testing::read_text;
+using testing::slf;
+using testing::Workplace;
+
+using Arguments = std::vector<std::string>;
+
+const std::string kField = std::string(SLF_TEST_DATA) + "/golden/zstd.slf";
+
+/// A usage error that says all of this, and writes nothing.
+void expect_refused(Arguments arguments, const Arguments& parts) {
+  const Workplace place;
+  for (std::string& argument : arguments)
+    if (argument.starts_with("OUT")) argument = place / ("out" + argument.substr(3));
+  const Outcome outcome = slf(arguments);
+  EXPECT_EQ(outcome.signal, 0);
+  EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
+  for (const std::string& part : parts)
+    EXPECT_NE(outcome.err.find(part), std::string::npos) << part << " in " << outcome.err;
+  EXPECT_TRUE(place.files().empty());
+}
+
+Arguments render(const Arguments& more, const std::string& output = "OUT.png") {
+  Arguments all{"render", kField, "-o", output};
+  all.insert(all.end(), more.begin(), more.end());
+  return all;
+}
+
+TEST(Refused, CamerasThatSeeNothing) {
+  expect_refused(render({"--fov", "0"}), {"--fov", "0", "above 0 and below 180"});
+  expect_refused(render({"--fov", "180"}), {"--fov", "180", "below 180"});
+  expect_refused(render({"--fov", "nan"}), {"--fov", "nan", "below 180"});
+  expect_refused(render({"--orbit", "0,0,-3"}), {"--orbit", "-3", "a distance above 0"});
+  expect_refused(render({"--orbit", "0,0,0"}), {"--orbit", "a distance above 0"});
+  expect_refused({"play", kField, "--orbit", "0,0,-3"}, {"--orbit", "-3", "a distance above 0"});
+  expect_refused(render({"--eye", "500,0,0", "--orbit", "0,0,3"}), {"--eye", "--orbit"});
+  expect_refused(render({"--eye", "0,0,500", "--up", "0,0,1"}), {"up", "--up"});
+}
+
+TEST(Refused, ValuesOutOfRange) {
+  expect_refused(render({"--background", "2,0,0"}), {"--background", "2", "0 to 1"});
+  expect_refused(render({"--background", "0.5"}), {"--background", "R,G,B"});
+  expect_refused(render({"--memory", "-5"}), {"--memory", "-5", "64MiB"});
+  expect_refused(render({"--memory", "5 parsecs"}), {"--memory", "parsecs", "64MiB"});
+  expect_refused(render({"--size", "64x"}), {"--size", "64x", "WIDTHxHEIGHT"});
+  expect_refused(render({"--size", "64x64x64"}), {"--size", "64x64x64"});
+  expect_refused(render({"--size", "-64"}), {"--size", "-64"});
+  expect_refused(render({"--level", "-1"}), {"--level", "-1", "finest; auto"});
+  expect_refused({"info", "a.raw", "--dims", "2x2"}, {"--dims", "NXxNYxNZ"});
+  expect_refused({"info", "a.raw", "--dims", "2x0x2"}, {"--dims", "0"});
+  expect_refused({"info", "a.raw", "--dims", "2x2x2", "--type", "u7"}, {"--type", "u7", "u8"});
+  expect_refused({"info", "a.raw", "--type", "u8"}, {"--type", "--dims"});
+}
+
+TEST(Refused, OutputsThatCannotHoldWhatIsAskedFor) {
+  expect_refused(render({"--transparent"}, "OUT.jpg"), {"--transparent", ".jpg", ".png"});
+  expect_refused(render({"--transparent"}, "OUT.jpeg"), {"--transparent", ".jpeg", ".png"});
+  expect_refused({"play", kField, "--preview", "OUT.gif"}, {"--preview", "out.gif", ".webp"});
+}
+
+TEST(Refused, ASphereThatMissesEverything) {
+  expect_refused({"build", "scene:balls", "-o", "OUT.slf", "--center", "1000,0,0"},
+                 {"--center 1000,0,0", "misses"});
+  expect_refused({"build", "scene:balls", "-o", "OUT.slf", "--radius", "-1"}, {"--radius", "-1"});
+}
+
+TEST(EntryDepth, IsStillTakenForEntryExtraLevels) {
+  const Workplace place;
+  for (const std::string option : {"--entry-depth", "--entry-extra-levels"})
+    ASSERT_EQ(slf({"build", "scene:balls", "-o", place / (option + ".slf"), "--entry", "4",
+                   "--exit", "3", "--levels", "0", option, "1"})
+                  .exit_code,
+              0);
+  EXPECT_EQ(slf({"info", place / "--entry-depth.slf", "--json"}).out,
+            slf({"info", place / "--entry-extra-levels.slf", "--json"}).out);
+  EXPECT_EQ(slf({"info", place / "--entry-depth.slf", "--json"}).json()["entry_depth"], 1);
+  EXPECT_EQ(slf({"build", "--help"}).out.find("--entry-depth"), std::string::npos);
+}
+
+TEST(Help, IsACommandToo) {
+  EXPECT_EQ(slf({"help"}).out, slf({"--help"}).out);
+  EXPECT_EQ(slf({"help", "render"}).out, slf({"render", "--help"}).out);
+  EXPECT_FALSE(slf({"help", "render"}).out.empty());
+  EXPECT_OUTCOME(slf({"help", "rendr"}), 1, "did you mean 'render'?");
+}
+
+TEST(Help, SuggestsTheNearestName) {
+  EXPECT_OUTCOME(slf({"bogus"}), 1, "unknown command 'bogus'");
+  EXPECT_EQ(slf({"bogus"}).err.find("did you mean"), std::string::npos);
+  EXPECT_OUTCOME(slf({"rendr", "a.slf"}), 1, "did you mean 'render'?");
+  EXPECT_OUTCOME(slf({"verfy", "a.slf"}), 1, "did you mean 'verify'?");
+  EXPECT_OUTCOME(slf(render({"--colour"})), 1, "unknown option '--colour'");
+  EXPECT_OUTCOME(slf(render({"--backgroud=0,0,0"})), 1, "did you mean '--background'?");
+  EXPECT_OUTCOME(slf({}), 1, "no command given");
+}
+
+TEST(OtherVolumes, AreWarnedOf) {
+  const Outcome same = slf(
+      {"evaluate", kField, "--volume", "scene:balls", "--views", "1", "--size", "16", "--json"});
+  EXPECT_EQ(same.exit_code, 0) << same.err;
+  EXPECT_EQ(same.json()["same_source"], true);
+  EXPECT_EQ(same.err, "");
+  const Outcome other = slf({"-q", "evaluate", kField, "--volume", "scene:globe", "--views", "1",
+                             "--size", "16", "--json"});
+  EXPECT_EQ(other.exit_code, 0) << other.err;
+  EXPECT_EQ(other.json()["same_source"], false);
+  EXPECT_NE(other.err.find("warning: " + kField), std::string::npos) << other.err;
+}
+
+}  // namespace
+}  // namespace slf
