@@ -8,7 +8,7 @@
 #include <atomic>
 #include <cerrno>
 #include <climits>
-#include <cstdlib>
+#include <cstdio>
 #include <system_error>
 #include <utility>
 
@@ -36,7 +36,7 @@ class Descriptor {
   int fd_;
 };
 
-/// Writes all of `bytes`, to the disk. 0, or the cause.
+/// Writes all of `bytes`. 0, or the cause.
 int write_all(int fd, ByteSpan bytes) {
   while (!bytes.empty()) {
     const ssize_t written = ::write(fd, bytes.data(), bytes.size());
@@ -44,13 +44,29 @@ int write_all(int fd, ByteSpan bytes) {
     if (written < 0) return errno;
     bytes = bytes.subspan(static_cast<std::size_t>(written));
   }
-  return ::fsync(fd) == 0 ? 0 : errno;
+  return 0;
 }
 
-/// Where a symbolic link leads; `path` itself where there is nothing yet.
-std::string resolved(const std::string& path) {
-  char target[PATH_MAX];
-  return ::realpath(path.c_str(), target) != nullptr ? target : path;
+std::string folder_of(const std::string& path) {
+  const std::size_t slash = path.rfind('/');
+  return slash == std::string::npos ? "./" : path.substr(0, slash + 1);
+}
+
+/// 0, or the cause. File systems that cannot sync folders keep them in order by other means.
+int sync_folder(const std::string& folder) {
+  const Descriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (directory.get() < 0) return errno == EACCES ? 0 : errno;  // one may write but not list it
+  return ::fsync(directory.get()) == 0 || errno == EINVAL || errno == ENOTSUP ? 0 : errno;
+}
+
+int rename_to(const std::string& from, const std::string& to, Existing existing) {
+  const unsigned flags = existing == Existing::keep ? RENAME_NOREPLACE : 0;
+  if (renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), flags) == 0) return 0;
+  if (errno != EINVAL && errno != ENOSYS) return errno;
+  // Not every file system knows the flag.
+  struct stat status {};
+  if (existing == Existing::keep && ::lstat(to.c_str(), &status) == 0) return EEXIST;
+  return std::rename(from.c_str(), to.c_str()) == 0 ? 0 : errno;
 }
 
 /// A name beside `path` that no other thread or process uses.
@@ -61,8 +77,51 @@ std::string temporary_name(const std::string& path) {
 
 }  // namespace
 
+std::string follow_links(const std::string& path) {
+  std::string at = path;
+  for (int links = 0; links < 40; ++links) {  // as many as the kernel follows
+    char target[PATH_MAX];
+    const ssize_t length = ::readlink(at.c_str(), target, sizeof target);
+    if (length < 0) return at;
+    const std::string next(target, static_cast<std::size_t>(length));
+    at = next.starts_with('/') || at.find('/') == std::string::npos ? next : folder_of(at) + next;
+  }
+  return path;
+}
+
+bool is_same_file(const std::string& a, const std::string& b) {
+  struct stat x {
+  }, y{};
+  return ::stat(a.c_str(), &x) == 0 && ::stat(b.c_str(), &y) == 0 && x.st_dev == y.st_dev &&
+         x.st_ino == y.st_ino;
+}
+
+void copy_permissions(const std::string& from, const std::string& to, bool writable) {
+  struct stat status {};
+  if (::stat(from.c_str(), &status) != 0) return;
+  // The owner first: a change of owner may take permissions away. What the system refuses, stays.
+  if (::chown(to.c_str(), status.st_uid, status.st_gid) != 0)
+    (void)!::chown(to.c_str(), static_cast<uid_t>(-1), status.st_gid);
+  (void)::chmod(to.c_str(), (status.st_mode & 0777) | (writable ? S_IRUSR | S_IWUSR : 0));
+}
+
+Result<void> publish_file(const std::string& from, const std::string& to, Existing existing) {
+  {
+    const Descriptor file(::open(from.c_str(), O_RDONLY | O_CLOEXEC));
+    if (file.get() < 0 || ::fsync(file.get()) != 0) return io_error(to, "cannot write", errno);
+  }
+  if (existing == Existing::replace) copy_permissions(to, from, /*writable=*/false);
+  if (const int cause = rename_to(from, to, existing); cause == EEXIST)
+    return fail(ErrorCode::usage, to, ": exists already");
+  else if (cause != 0)
+    return io_error(to, "cannot write", cause);
+  if (const int cause = sync_folder(folder_of(to)); cause != 0)
+    return io_error(to, "is written, but its folder could not be synced", cause);
+  return {};
+}
+
 Result<void> write_file(const std::string& path, ByteSpan bytes) {
-  const std::string target = resolved(path);
+  const std::string target = follow_links(path);
   // A rename would put a plain file in the place of a device or pipe.
   struct stat status {};
   if (::stat(target.c_str(), &status) == 0 && !S_ISREG(status.st_mode))
@@ -72,12 +131,13 @@ Result<void> write_file(const std::string& path, ByteSpan bytes) {
   Descriptor file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
   if (file.get() < 0) return io_error(path, "cannot write", errno);
 
+  copy_permissions(target, temporary, /*writable=*/true);
   int cause = write_all(file.get(), bytes);
   if (const int late = file.close(); cause == 0) cause = late;
-  if (cause == 0 && ::rename(temporary.c_str(), target.c_str()) != 0) cause = errno;
-  if (cause == 0) return {};
-  ::unlink(temporary.c_str());
-  return io_error(path, "cannot write", cause);
+  const auto published = cause == 0 ? publish_file(temporary, target, Existing::replace)
+                                    : io_error(path, "cannot write", cause);
+  if (!published) ::unlink(temporary.c_str());
+  return published;
 }
 
 Result<Bytes> read_file(const std::string& path, std::uint64_t limit) {

@@ -36,15 +36,18 @@ Result<void> run_build(const Arguments& arguments) {
                             sphere.center.x, sphere.center.y, sphere.center.z, sphere.radius,
                             visible.center.x, visible.center.y, visible.center.z, visible.radius));
 
-  if (arguments.force) {
-    std::error_code failed;
-    std::filesystem::remove(arguments.output, failed);
-    std::filesystem::remove(arguments.output + "-lock", failed);
-  }
+  const std::string& transfer = arguments.source.transfer;
+  std::error_code ignored;
+  if (std::filesystem::equivalent(transfer, arguments.output, ignored))
+    return fail(ErrorCode::usage, arguments.output, ": is the transfer function (", transfer,
+                "), which would be lost; choose another output");
+  options.replace = arguments.force;
   const auto report =
       build_field(**scene, arguments.output, options, progress_bar("build", "rays"));
   if (!report) return tl::unexpected(report.error());
-  if (report->resumed > 0)
+  if (report->tiles == 0)
+    note(fmt::format("{}: nothing is left to build", arguments.output));
+  else if (report->resumed > 0)
     note(fmt::format("{}: resumed after {} tiles", arguments.output, report->resumed));
   note(fmt::format("{}: complete; look with: slf render {} -o view.png", arguments.output,
                    arguments.output));
@@ -62,7 +65,7 @@ void add_build(CLI::App& app, Run& run) {
   command->add_option("-o,--output", a->output, "The field to write")
       ->type_name(kFieldFile)
       ->required();
-  command->add_flag("-f,--force", a->force, "Start over: remove what is at the output");
+  command->add_flag("-f,--force", a->force, "Replace the output, once the new field is complete");
   const char* group = "Field";
   auto& shape = a->build.shape;
   command

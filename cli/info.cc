@@ -96,7 +96,8 @@ void print_volume(const Volume& volume) {
 }
 
 Result<void> run_info(const Arguments& arguments) {
-  if (!arguments.source.input.ends_with(".slf")) {
+  const std::string& input = arguments.source.input;
+  if (!input.ends_with(".slf") && !input.ends_with(".slf.unfinished")) {
     const auto volume = arguments.source.volume();
     if (!volume) return tl::unexpected(volume.error());
     if (arguments.json)

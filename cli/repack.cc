@@ -124,7 +124,7 @@ void add_repack(CLI::App& app, Run& run) {
   command->add_option("-o,--output", a->output, "The field to write")
       ->type_name(kFieldFile)
       ->required();
-  command->add_flag("-f,--force", a->force, "Replace the output, once the new one is whole");
+  command->add_flag("-f,--force", a->force, "Replace the output, once the new field is complete");
   command
       ->add_option("--color-codec", a->repack.color_codec,
                    "raw, zstd[:LEVEL] or jpeg:QUALITY[:444]; default: as it is")

@@ -61,7 +61,7 @@ nlohmann::json Manifest::to_json() const {
     layer_list.push_back(
         {{"name", layer.name}, {"format", name(layer.format)}, {"codec", layer.codec}});
   const glm::dvec3& c = shape.sphere.center;
-  nlohmann::json json = {{"slf", {{"major", kMajor}, {"minor", kMinor}}},
+  nlohmann::json json = {{"slf", {{"major", kMajor}, {"minor", filtered_levels ? 1 : 0}}},
                          {"required", nlohmann::json::array()},
                          {"sphere", {{"center", {c.x, c.y, c.z}}, {"radius", shape.sphere.radius}}},
                          {"entry_side", shape.entry_side},
@@ -71,6 +71,7 @@ nlohmann::json Manifest::to_json() const {
                          {"layers", layer_list},
                          {"provenance", provenance}};
   if (!shape.subfields.empty()) json["subfields"] = shape.subfields;
+  if (filtered_levels) json["filtered_levels"] = *filtered_levels;
   return json;
 }
 
@@ -104,6 +105,9 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   shape.exit_side = in.integer("/exit_side", FieldShape::kMostSide);
   shape.levels = in.integer("/levels", 10);
   shape.entry_extra_levels = in.integer("/entry_depth", 8);
+
+  if (json.contains("filtered_levels"))
+    manifest.filtered_levels = in.integer("/filtered_levels", 10);
 
   if (json.contains("subfields") &&
       (!json["subfields"].is_array() || json["subfields"].size() > 64))

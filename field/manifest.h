@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,11 +15,19 @@ namespace slf {
 
 struct Manifest {
   static constexpr int kMajor = 1;
-  static constexpr int kMinor = 0;
 
   FieldShape shape;
+  /// How many levels, from 0 on, hold means of rays instead of single rays. Absent in fields older
+  /// than minor version 1.
+  std::optional<unsigned> filtered_levels;
   std::vector<Layer> layers;
   nlohmann::json provenance;  ///< of the scene; free form
+
+  /// Whether the samples of a level are means of rays. Builds that did not record it took means
+  /// below their finest level.
+  [[nodiscard]] bool filtered(unsigned level) const {
+    return level < filtered_levels.value_or(shape.levels);
+  }
 
   [[nodiscard]] nlohmann::json to_json() const;
 

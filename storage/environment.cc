@@ -41,11 +41,10 @@ const char* cure(int code) {
     case ENOSPC:
     case EDQUOT:
     case EFBIG:
-    case EIO:  // LMDB returns this for a short write
-      return "; the disk may be full: free some space and run the same command again, it goes on "
-             "from the last commit";
+    case EIO:  // what LMDB makes of a short write
+      return "; the disk may be full: free some space and try again";
     case MDB_PANIC:
-      return "; close the field and run the same command again, it goes on from the last commit";
+      return "; close the field and open it again";
     default:
       return "";
   }

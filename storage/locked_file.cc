@@ -37,7 +37,7 @@ bool same_file(int a, int b) {
 bool is_file(int descriptor, const std::string& path) {
   struct stat x = {};
   struct stat y = {};
-  return fstat(descriptor, &x) == 0 && lstat(path.c_str(), &y) == 0 && same(x, y);
+  return fstat(descriptor, &x) == 0 && stat(path.c_str(), &y) == 0 && same(x, y);
 }
 
 Result<LockedFile> LockedFile::open(const std::string& path, Access access) {
@@ -88,6 +88,11 @@ Result<void> LockedFile::lock_writer(const std::string& path) const {
   if (errno == EAGAIN || errno == EACCES)
     return fail(ErrorCode::failed, path, ": another writer has it open");
   return fail(ErrorCode::io, path, ": cannot be locked for writing: ", std::strerror(errno));
+}
+
+bool LockedFile::has_writer() const {
+  struct flock lock = lock_of(F_WRLCK, kWriter, 1);
+  return fcntl(file_, F_OFD_GETLK, &lock) == 0 && lock.l_type != F_UNLCK;
 }
 
 bool LockedFile::pinned_before(std::uint64_t transaction) const {

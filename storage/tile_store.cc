@@ -138,6 +138,7 @@ const std::string& TileStore::path() const { return state_->snapshot->path(); }
 std::uint64_t TileStore::file_bytes() const { return state_->snapshot->bytes().size(); }
 const std::vector<std::string>& TileStore::layers() const { return state_->names; }
 const std::byte* TileStore::map() const { return state_->snapshot->bytes().data(); }
+std::uint64_t TileStore::transaction() const { return state_->snapshot->meta().transaction; }
 bool TileStore::changed() const { return !state_->snapshot->unchanged(); }
 
 Result<ByteSpan> TileStore::blob(std::string_view name) const {

@@ -95,6 +95,9 @@ class TileStore {
   [[nodiscard]] std::uint64_t file_bytes() const;
   [[nodiscard]] const std::vector<std::string>& layers() const;
 
+  /// The number of the commit that this snapshot shows.
+  [[nodiscard]] std::uint64_t transaction() const;
+
   /// Whether the file has shrunk and an access hit a missing page. Payloads read since then may
   /// have been zeros: call this after using bytes that were checked earlier.
   [[nodiscard]] bool changed() const;

@@ -4,11 +4,11 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdio>
 #include <cstring>
 #include <map>
 #include <utility>
 
+#include "base/file.h"
 #include "storage/internal/environment.h"
 #include "storage/internal/locked_file.h"
 #include "storage/internal/record_builder.h"
@@ -87,31 +87,19 @@ Result<void> check_ends(const Snapshot& snapshot) {
   return {};
 }
 
-// Renames a complete file to its final name, unless a file of that name exists.
-Result<void> publish(const std::string& from, const std::string& to) {
-  int failed = renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE);
-  if (failed != 0 && (errno == EINVAL || errno == ENOSYS))
-    failed = access(to.c_str(), F_OK) == 0 ? (errno = EEXIST, -1)
-                                           : std::rename(from.c_str(), to.c_str());
-  if (failed != 0)
-    return fail(errno == EEXIST ? ErrorCode::usage : ErrorCode::io, to,
-                ": cannot create: ", std::strerror(errno));
-  const std::size_t slash = to.rfind('/');
-  const std::string folder = slash == std::string::npos ? "." : to.substr(0, slash + 1);
-  const int directory = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (directory >= 0) {
-    (void)fsync(directory);
-    ::close(directory);
-  }
-  return {};
-}
-
 // A committed record, some of whose tiles are being replaced. The other tiles view the snapshot.
 struct Edit {
   std::optional<TileKey> previous;
   TileKey first;
   std::vector<internal::Tile> tiles;
-  std::map<std::size_t, Bytes> payloads;  // of the tiles replaced, by position
+  std::map<TileKey, Bytes> payloads;  // of the tiles replaced
+
+  // Lets the record begin earlier: tiles between two records belong to the second.
+  void begin_at(TileKey key) {
+    if (first <= key) return;
+    tiles.insert(tiles.begin(), first.index - key.index, internal::Tile());
+    first = key;
+  }
 };
 
 }  // namespace
@@ -155,9 +143,17 @@ struct TileWriter::State {
     return environment->allow_reuse();
   }
 
+  // Whether what was written can still be found under its name.
+  [[nodiscard]] Result<void> check_place() const {
+    if (internal::is_file(file.descriptor(), path)) return {};
+    return fail(ErrorCode::failed, path,
+                ": was removed, renamed or replaced while it was being written; what was written "
+                "is not there");
+  }
+
   [[nodiscard]] Result<void> commit() {
     if (!environment) return fail(ErrorCode::usage, path, ": was closed");
-    if (records.empty() && blobs.empty() && edits.empty()) return {};
+    if (records.empty() && blobs.empty() && edits.empty()) return check_place();
     std::vector<LayerInfo> committed = layers;
     for (const CutRecord& record : records) {
       ++committed[record.layer].records;
@@ -175,6 +171,7 @@ struct TileWriter::State {
     edits.clear();
     edited_bytes = 0;
     base.reset();
+    if (auto there = check_place(); !there) return there;
     return after_commit();
   }
 
@@ -222,7 +219,7 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
       if (!environment) return tl::unexpected(std::move(environment.error()));
       if (auto written = write_new(*environment, sealed, state->layers); !written) return written;
     }
-    return publish(unfinished, path);
+    return publish_file(unfinished, path, Existing::keep);
   };
   if (auto finished = finish(); !finished) {
     unlink(unfinished.c_str());
@@ -241,6 +238,7 @@ Result<TileWriter> TileWriter::resume(const std::string& path) {
   state->file = std::move(*file);
   if (auto locked = state->file.lock_writer(path); !locked)
     return tl::unexpected(std::move(locked.error()));
+  if (auto there = state->check_place(); !there) return tl::unexpected(std::move(there.error()));
   auto snapshot = Snapshot::open_locked(path, state->file);
   if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
   std::vector<Error> findings;
@@ -261,6 +259,10 @@ Result<TileWriter> TileWriter::resume(const std::string& path) {
     return fail(ErrorCode::bad_file, path, ": LMDB sees transaction ",
                 state->environment->transaction(), ", expected ", transaction);
   return TileWriter(std::move(state));
+}
+
+std::uint64_t TileWriter::transaction() const {
+  return state_->environment ? state_->environment->transaction() : 0;
 }
 
 Result<std::optional<TileKey>> TileWriter::last(LayerId layer) const {
@@ -296,12 +298,25 @@ Result<void> TileWriter::set_blob(std::string_view name, ByteSpan value) {
 
 Result<void> TileWriter::commit() { return state_->commit(); }
 
-Result<void> TileWriter::close() {
+void TileWriter::end_records() {
   for (RecordBuilder& builder : state_->builders) builder.finish(state_->records);
+}
+
+Result<void> TileWriter::close() {
+  end_records();
   if (auto committed = state_->commit(); !committed) return committed;
   state_->environment.reset();
   state_->file = {};
   return {};
+}
+
+Result<void> TileWriter::publish(const std::string& to, Existing existing) {
+  end_records();
+  if (auto committed = state_->commit(); !committed) return committed;
+  state_->environment.reset();
+  auto published = publish_file(state_->path, to, existing);
+  state_->file = {};  // only now: no other writer has had the file before it got its name
+  return published;
 }
 
 Result<void> TileWriter::replace(LayerId layer, TileKey key, TileState tile_state,
@@ -315,7 +330,7 @@ Result<void> TileWriter::replace(LayerId layer, TileKey key, TileState tile_stat
   auto edit = state_->edit(layer, key);
   if (!edit) return tl::unexpected(std::move(edit.error()));
   const std::size_t position = key.index - (*edit)->first.index;
-  Bytes& kept = (*edit)->payloads[position];
+  Bytes& kept = (*edit)->payloads[key];
   kept.assign(payload.begin(), payload.end());
   state_->edited_bytes += payload.size();
   internal::Tile& tile = (*edit)->tiles[position];
@@ -356,9 +371,16 @@ Result<Edit*> TileWriter::State::edit(LayerId layer, TileKey key) {
     edit.first.index -= std::min(room, internal::kMaxTiles - 1);
     edit.tiles.resize(last->index - edit.first.index + 1);
   }
-  if (key < edit.first) return no_record(key);
-  edited_bytes += old->size();
-  return &edits.emplace(Place{layer, *last}, std::move(edit)).first->second;
+  if (last->index - key.index >= internal::kMaxTiles) return no_record(key);
+  const auto [at_record, begun] = edits.try_emplace(Place{layer, *last}, std::move(edit));
+  if (begun) edited_bytes += old->size();
+  at_record->second.begin_at(key);
+  return &at_record->second;
+}
+
+bool is_being_written(const std::string& path) {
+  const auto file = LockedFile::open(path, LockedFile::Access::read);
+  return file && file->has_writer();
 }
 
 }  // namespace slf::storage

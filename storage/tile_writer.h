@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/bytes.h"
+#include "base/file.h"
 #include "slf/error.h"
 #include "storage/tile_store.h"
 
@@ -35,6 +36,9 @@ class TileWriter {
   /// Discards what was not committed; call close() to keep it.
   ~TileWriter();
 
+  /// The number of the last commit; equal to that of a TileStore that shows the same state.
+  [[nodiscard]] std::uint64_t transaction() const;
+
   /// The last committed key of a layer, if any. A build resumes after it.
   [[nodiscard]] Result<std::optional<TileKey>> last(LayerId layer) const;
 
@@ -50,26 +54,37 @@ class TileWriter {
   /// Replaces a damaged or missing tile of a committed record, in the next commit. A commit writes
   /// each record once, whatever the number of its replaced tiles; so replace many tiles in key
   /// order. If the record's table itself is damaged, its other tiles become missing.
-  /// usage: no committed record includes the tile. bad_file: the tree or the record's pages are
-  /// damaged.
+  /// usage: no committed record includes the tile or begins behind it, in the same level. bad_file:
+  /// the tree or the record's pages are damaged.
   [[nodiscard]] Result<void> replace(LayerId layer, TileKey key, TileState state, ByteSpan payload);
 
   /// Sets a named blob, in the next commit.
   [[nodiscard]] Result<void> set_blob(std::string_view name, ByteSpan value);
 
+  /// Ends the records that are being filled, so that the next commit() includes every tile. Call
+  /// it where all builds of a container do, as at the end of a level: records depend on it.
+  void end_records();
+
   /// Makes all complete records durable. Where records end does not depend on commits, so the tiles
-  /// of the last, incomplete record stay in memory until it is complete or close() is called. io:
-  /// the disk is full or a write failed; the file then holds the previous commit, and the message
-  /// says what to do.
+  /// of the last, incomplete record stay in memory until it is complete or close() is called.
+  /// io: the disk is full or a write failed; the file then holds the previous commit, and commit()
+  /// may be called again. failed: the file was removed, renamed or replaced meanwhile.
   [[nodiscard]] Result<void> commit();
 
-  /// Completes the last records, commits, syncs and closes.
+  /// Completes the last records, commits, syncs and closes. Errors as commit().
   [[nodiscard]] Result<void> close();
+
+  /// As close(), and renames the file durably to `to`, in the same folder. The file stays locked
+  /// until then. usage: `to` exists and is to be kept; the file is then closed under its old name.
+  [[nodiscard]] Result<void> publish(const std::string& to, Existing existing);
 
  private:
   struct State;
   explicit TileWriter(std::unique_ptr<State> state);
   std::unique_ptr<State> state_;
 };
+
+/// Whether any process has the container open to write. False for files that cannot be read.
+[[nodiscard]] bool is_being_written(const std::string& path);
 
 }  // namespace slf::storage

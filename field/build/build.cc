@@ -2,29 +2,27 @@
 
 #include <algorithm>
 #include <chrono>
+#include <exception>
 #include <filesystem>
-#include <functional>
-#include <map>
 #include <optional>
 #include <vector>
 
 #include "base/parallel.h"
+#include "field/build/field_writer.h"
+#include "field/build/missing_tiles.h"
 #include "field/build/tile_tracer.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
-#include "storage/tile_store.h"
-#include "storage/tile_writer.h"
 
 namespace slf {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+using Codecs = std::vector<std::unique_ptr<codec::Codec>>;
 using storage::LayerId;
-using storage::TileWriter;
 
 constexpr std::size_t kTrainingTiles = 16;
 constexpr std::size_t kTrainingTries = 256;
-constexpr std::uint64_t kCommitBytes = 32ull << 20;
 
 std::uint64_t mix(std::uint64_t x) {  // splitmix64
   x += 0x9E3779B97F4A7C15u;
@@ -34,26 +32,27 @@ std::uint64_t mix(std::uint64_t x) {  // splitmix64
 }
 
 /// Traces a few tiles of the finest level, spread over it, that are not empty.
-std::vector<TracedTile> training_sample(const TileTracer& tracer, const FieldShape& shape) {
+Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const FieldShape& shape) {
   std::vector<TracedTile> sample;
   const std::uint64_t count = tile_count(shape.levels, shape.entry_extra_levels);
   for (std::uint64_t t = 0; t < kTrainingTries && sample.size() < kTrainingTiles; ++t) {
     TracedTile tile;
-    tracer.trace({static_cast<std::uint8_t>(shape.levels), mix(t) % count}, tile);
+    const TileKey key{static_cast<std::uint8_t>(shape.levels), mix(t) % count};
+    if (auto ok = tracer.trace(key, tile); !ok) return tl::unexpected(ok.error());
     if (!tile.empty) sample.push_back(std::move(tile));
   }
   return sample;
 }
 
 /// The layers' codecs, with shared tables fitted to the scene.
-Result<std::vector<std::unique_ptr<codec::Codec>>> train_codecs(const TileTracer& tracer,
-                                                                Manifest& manifest) {
+Result<Codecs> train_codecs(const TileTracer& tracer, Manifest& manifest) {
   const auto sample = training_sample(tracer, manifest.shape);
-  std::vector<std::unique_ptr<codec::Codec>> codecs;
+  if (!sample) return tl::unexpected(sample.error());
+  Codecs codecs;
   for (std::size_t k = 0; k < manifest.layers.size(); ++k) {
     std::vector<codec::TrainingTile> tiles;
-    tiles.reserve(sample.size());
-    for (const TracedTile& tile : sample)
+    tiles.reserve(sample->size());
+    for (const TracedTile& tile : *sample)
       tiles.push_back({tracer.shape(tile.key, manifest.layers[k].format), tile.layers[k]});
     auto made = codec::train_codec(manifest.layers[k].codec, manifest.layers[k].format, tiles);
     if (!made) return tl::unexpected(made.error());
@@ -63,57 +62,84 @@ Result<std::vector<std::unique_ptr<codec::Codec>>> train_codecs(const TileTracer
   return codecs;
 }
 
-ByteSpan text_bytes(const std::string& text) { return as_bytes(std::span<const char>(text)); }
-
-Result<TileWriter> create(const std::string& path, const Manifest& manifest,
-                          const std::vector<std::unique_ptr<codec::Codec>>& codecs) {
-  std::vector<std::string> names;
-  std::vector<std::pair<std::string, Bytes>> blobs;
-  const std::string text = manifest.to_json().dump();
-  const ByteSpan bytes = text_bytes(text);
-  blobs.emplace_back(kManifestBlob, Bytes(bytes.begin(), bytes.end()));
-  for (std::size_t k = 0; k < codecs.size(); ++k) {
-    names.push_back(manifest.layers[k].name);
-    const ByteSpan tables = codecs[k]->tables();
-    blobs.emplace_back(kTablesBlobPrefix + manifest.layers[k].name,
-                       Bytes(tables.begin(), tables.end()));
-  }
-  return TileWriter::create(path, names, blobs);
-}
-
-/// Which member of the manifest differs first, for the message.
-std::string first_difference(const nlohmann::json& a, const nlohmann::json& b) {
-  const auto patch = nlohmann::json::diff(a, b);
-  return patch.empty() ? "" : patch[0].value("path", "");
-}
-
-/// Checks that the field at `path` is this very one, unfinished; returns its codecs.
-Result<std::vector<std::unique_ptr<codec::Codec>>> codecs_to_resume(const std::string& path,
-                                                                    Manifest& manifest) {
-  auto field = FieldFile::open(path);
-  if (!field) return tl::unexpected(field.error());
-  std::vector<std::unique_ptr<codec::Codec>> codecs;
-  for (std::size_t k = 0; k < manifest.layers.size(); ++k) {
-    auto plain = codec::make_codec(manifest.layers[k].codec, manifest.layers[k].format);
-    if (!plain) return tl::unexpected(plain.error());
-    manifest.layers[k].codec = (*plain)->spec();
-  }
-  const std::string differs = first_difference((*field)->manifest().to_json(), manifest.to_json());
-  if (!differs.empty())
-    return fail(ErrorCode::usage, path, ": exists and was built with other settings (", differs,
-                " differs); choose another output or remove it (-f)");
-  const auto content = (*field)->content();
-  if (!content) return tl::unexpected(content.error());
-  if (content->complete)
-    return fail(ErrorCode::usage, path, ": exists and is complete; choose another output or -f");
-  for (const Layer& layer : manifest.layers) {
-    const auto tables = (*field)->store().blob(kTablesBlobPrefix + layer.name);
+/// The codecs of a field that is there.
+Result<Codecs> open_codecs(const FieldFile& field) {
+  Codecs codecs;
+  for (const Layer& layer : field.manifest().layers) {
+    const auto tables = field.store().blob(kTablesBlobPrefix + layer.name);
     if (!tables) return tl::unexpected(tables.error());
     auto made = codec::make_codec(layer.codec, layer.format, *tables);
     if (!made) return tl::unexpected(made.error());
     codecs.push_back(std::move(*made));
   }
   return codecs;
+}
+
+/// The place of the first member in which two manifests differ; empty if none does. A source is its
+/// content: where that is recorded, its path may differ. How levels were filtered stays as it was.
+std::string first_difference(const Manifest& there, const Manifest& wanted) {
+  const bool by_content = there.provenance.contains("content");
+  const auto comparable = [&](const Manifest& manifest) {
+    nlohmann::json json = manifest.to_json();
+    json.erase("slf");
+    json.erase("filtered_levels");
+    json["provenance"].erase(by_content ? "source" : "content");
+    return json;
+  };
+  const auto patch = nlohmann::json::diff(comparable(there), comparable(wanted));
+  return patch.empty() ? "" : patch[0].value("path", "");
+}
+
+/// usage: the field at `file` is not the one that this build makes.
+Result<void> check_same(const std::string& file, const Manifest& there, const Manifest& wanted) {
+  const std::string differs = first_difference(there, wanted);
+  if (differs.empty()) return {};
+  if (differs == "/provenance/content")
+    return fail(ErrorCode::usage, file,
+                ": exists and was built from other data: the voxels of the input, or their "
+                "geometry, have changed; choose another output, or replace it");
+  return fail(ErrorCode::usage, file, ": exists and was built with other settings (", differs,
+              " differs); choose another output, or replace it");
+}
+
+/// What is there of the field that a build makes, and is to be continued.
+struct Begun {
+  MissingTiles missing;
+  std::uint64_t transaction = 0;  ///< that shows this state
+  Codecs codecs;
+  bool in_place = false;  ///< under its final name
+};
+
+/// Finds it: a field under the output's name, unless that is to be replaced, or an unfinished one.
+/// `manifest` takes over how the levels of that field are filtered.
+Result<std::optional<Begun>> find_begun(const FieldOutput& output, Manifest& manifest) {
+  const bool in_place = output.existing == Existing::keep && output.exists();
+  const std::string file = in_place ? output.path : output.unfinished();
+  std::error_code ignored;
+  if (!in_place && !std::filesystem::exists(file, ignored)) return std::nullopt;
+  const auto field = FieldFile::open(file);
+  if (!field && in_place) return tl::unexpected(field.error());
+  if (!field)
+    return fail(field.error().code, field.error().message,
+                "; it is in the way of a new file: remove it");
+  const Manifest& there = (*field)->manifest();
+  if (auto same = check_same(file, there, manifest); !same) {
+    if (output.existing == Existing::replace) return std::nullopt;  // and starts over
+    return tl::unexpected(same.error());
+  }
+  manifest.filtered_levels = there.filtered_levels;
+  auto missing = MissingTiles::of(**field, TileOrder(manifest.shape));
+  if (!missing) return tl::unexpected(missing.error());
+  auto codecs = open_codecs(**field);
+  if (!codecs) return tl::unexpected(codecs.error());
+  return Begun{std::move(*missing), (*field)->store().transaction(), std::move(*codecs), in_place};
+}
+
+Result<FieldWriter> create(const FieldOutput& output, const Manifest& manifest,
+                           const Codecs& codecs) {
+  std::vector<ByteSpan> tables;
+  for (const auto& codec : codecs) tables.push_back(codec->tables());
+  return FieldWriter::create(output, FieldWriter::Draft::keep, manifest, tables);
 }
 
 /// A tile on its way from a worker to the writer.
@@ -126,13 +152,14 @@ struct Encoded {
 struct Job {
   const TileTracer& tracer;
   const Manifest& manifest;
-  const std::vector<std::unique_ptr<codec::Codec>>& codecs;
+  const Codecs& codecs;
+  const MissingTiles& missing;
   TileOrder order;
   unsigned threads;
 
   Result<Encoded> make(TileKey key, TracedTile& traced) const {
     Encoded encoded;
-    tracer.trace(key, traced);
+    if (auto ok = tracer.trace(key, traced); !ok) return tl::unexpected(ok.error());
     encoded.rays = tracer.rays(key);
     encoded.payloads.resize(codecs.size());
     for (std::size_t k = 0; k < codecs.size() && !traced.empty; ++k) {
@@ -143,179 +170,123 @@ struct Job {
     return encoded;
   }
 
-  /// Makes the tiles of these numbers, in order, on all threads.
-  [[nodiscard]] OrderedPipeline<Encoded> pipeline(
-      std::uint64_t count, const std::function<std::uint64_t(std::uint64_t)>& number) const {
-    return {count, threads, 4 * threads, [this, number] {
-              return [this, number, traced = TracedTile()](std::uint64_t k) mutable {
-                return make(order.key(number(k)), traced);
+  /// Makes the missing tiles, in order, on all threads.
+  [[nodiscard]] OrderedPipeline<Encoded> pipeline() const {
+    return {missing.count(), threads, 4 * threads, [this] {
+              return [this, traced = TracedTile()](std::uint64_t k) mutable {
+                return make(order.key(missing.number(k)), traced);
               };
             }};
   }
 };
 
-/// What follows each tile handed to the writer: it is counted, and now and then all is committed.
-class Steps {
- public:
-  Steps(TileWriter& writer, const std::string& path, const BuildOptions& options,
-        const ProgressCallback& progress, Progress& state, BuildReport& report)
-      : writer_(writer),
-        path_(path),
-        interval_(options.commit_seconds),
-        progress_(progress),
-        state_(state),
-        report_(report) {}
-
-  /// failed: the progress callback stops the build.
-  [[nodiscard]] Result<void> after(const Encoded& tile) {
-    ++report_.tiles;
-    state_.done += tile.rays;
-    if (writer_.pending_bytes() >= kCommitBytes || Clock::now() - committed_at_ >= interval_)
-      if (auto ok = commit(); !ok) return ok;
-    if (!progress_ || progress_(state_)) return {};
-    if (auto ok = commit(); !ok) return ok;
-    return fail(ErrorCode::failed, path_, ": interrupted; the same command goes on from here");
-  }
-
- private:
-  [[nodiscard]] Result<void> commit() {
-    committed_at_ = Clock::now();
-    return writer_.commit();
-  }
-
-  TileWriter& writer_;
-  const std::string& path_;
-  std::chrono::duration<double> interval_;
-  const ProgressCallback& progress_;
-  Progress& state_;
-  BuildReport& report_;
-  Clock::time_point committed_at_ = Clock::now();
-};
-
-/// Appends every tile from number `resumed` on. `begin` says, per layer, where its tiles end.
-Result<void> append_tiles(const Job& job, TileWriter& writer,
-                          const std::vector<std::uint64_t>& begin, std::uint64_t resumed,
-                          Steps& steps) {
-  auto pipeline =
-      job.pipeline(job.order.count() - resumed, [resumed](std::uint64_t k) { return resumed + k; });
-  for (std::uint64_t number = resumed; number < job.order.count(); ++number) {
+/// Makes what is missing. Commits now and then; progress counts rays.
+Result<void> write_missing(const Job& job, FieldWriter& writer, const std::string& path,
+                           const BuildOptions& options, const ProgressCallback& progress,
+                           Progress& state) {
+  const std::chrono::duration<double> interval(options.commit_seconds);
+  auto committed_at = Clock::now();
+  auto pipeline = job.pipeline();
+  for (std::uint64_t k = 0; k < job.missing.count(); ++k) {
     const Result<Encoded> tile = pipeline.take();
-    if (!tile) return tl::unexpected(tile.error());
-    for (std::size_t k = 0; k < begin.size(); ++k) {
-      if (number < begin[k]) continue;
-      if (auto ok =
-              writer.append(static_cast<LayerId>(k), job.order.key(number), tile->payloads[k]);
+    if (!tile) return fail(tile.error().code, path, ": ", tile.error().message);
+    for (LayerId layer = 0; layer < tile->payloads.size(); ++layer) {
+      if (!job.missing.lacks(k, layer)) continue;
+      if (auto ok = writer.put(layer, job.order.key(job.missing.number(k)), tile->payloads[layer]);
           !ok)
         return ok;
     }
-    if (auto ok = steps.after(*tile); !ok) return ok;
-  }
-  return {};
-}
-
-/// A tile that some layers lack: dropped by verify --fix as damaged.
-struct Hole {
-  std::uint64_t number = 0;
-  std::vector<LayerId> layers;
-};
-
-/// The holes below number `end`, in order.
-Result<std::vector<Hole>> find_holes(const std::string& path, const TileOrder& order,
-                                     std::size_t layers, std::uint64_t end) {
-  std::map<std::uint64_t, std::vector<LayerId>> lacking;
-  if (end == 0) return std::vector<Hole>();
-  const auto field = FieldFile::open(path);
-  if (!field) return tl::unexpected(field.error());
-  for (LayerId layer = 0; layer < layers; ++layer) {
-    std::uint64_t expected = 0;
-    const auto missing_before = [&](std::uint64_t number) {
-      for (; expected < std::min(number, end); ++expected) lacking[expected].push_back(layer);
-    };
-    const auto ok = (*field)->store().visit(layer, {0, 0}, {255, 0},
-                                            [&](const storage::TileRef& tile) -> Result<void> {
-                                              const std::uint64_t number = order.number(tile.key);
-                                              missing_before(number);
-                                              expected = number + 1;
-                                              return {};
-                                            });
-    if (!ok) return tl::unexpected(ok.error());
-    missing_before(end);
-  }
-  std::vector<Hole> holes;
-  for (auto& [number, of] : lacking) holes.push_back({number, std::move(of)});
-  return holes;
-}
-
-Result<void> fill_holes(const Job& job, TileWriter& writer, const std::vector<Hole>& holes,
-                        Steps& steps) {
-  auto pipeline = job.pipeline(holes.size(), [&holes](std::uint64_t k) { return holes[k].number; });
-  for (const Hole& hole : holes) {
-    const Result<Encoded> tile = pipeline.take();
-    if (!tile) return tl::unexpected(tile.error());
-    for (const LayerId layer : hole.layers) {
-      const Bytes& payload = tile->payloads[layer];
-      const auto tile_state =
-          payload.empty() ? storage::TileState::empty : storage::TileState::stored;
-      if (auto ok = writer.replace(layer, job.order.key(hole.number), tile_state, payload); !ok)
-        return ok;
+    state.done += tile->rays;
+    const bool stop = progress && !progress(state);
+    if (stop || Clock::now() - committed_at >= interval) {
+      if (auto ok = writer.commit(); !ok) return ok;
+      committed_at = Clock::now();
     }
-    if (auto ok = steps.after(*tile); !ok) return ok;
+    if (stop)
+      return fail(ErrorCode::failed, path, ": interrupted; the same build goes on from here (",
+                  writer.file(), ")");
   }
   return {};
+}
+
+/// The manifest of a new field. usage: a setting or something that the scene says is wrong.
+Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
+  Manifest manifest;
+  manifest.shape = options.shape;
+  const bool scene_bounds = manifest.shape.sphere.radius == 0;
+  if (scene_bounds) manifest.shape.sphere = scene.bounds();
+  if (auto ok = manifest.shape.check(); !ok)
+    return fail(ok.error().code, scene_bounds ? "around the scene's bounds: " : "",
+                ok.error().message);
+  manifest.filtered_levels = manifest.shape.levels;
+  manifest.layers.push_back(
+      {"color", options.half ? codec::SampleFormat::rgba16f : codec::SampleFormat::rgba8,
+       options.color_codec});
+  if (!options.depth_codec.empty())
+    manifest.layers.push_back({"depth", codec::SampleFormat::depth8, options.depth_codec});
+  for (Layer& layer : manifest.layers) {
+    const auto plain = codec::make_codec(layer.codec, layer.format);
+    if (!plain) return tl::unexpected(plain.error());
+    layer.codec = (*plain)->spec();
+  }
+  manifest.provenance =
+      nlohmann::json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
+  if (!manifest.provenance.is_object())
+    return fail(ErrorCode::usage, "the scene's provenance is not a JSON object");
+  return manifest;
+}
+
+Result<BuildReport> build(const Scene& scene, const std::string& path, const BuildOptions& options,
+                          const ProgressCallback& progress) {
+  auto manifest = plan(scene, options);
+  if (!manifest) return tl::unexpected(manifest.error());
+  const auto output =
+      FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, scene.files());
+  if (!output) return tl::unexpected(output.error());
+  auto begun = find_begun(*output, *manifest);
+  if (!begun) return tl::unexpected(begun.error());
+
+  const TileTracer tracer(scene, *manifest);
+  const TileOrder order(manifest->shape);
+  BuildReport report;
+  if (*begun) {
+    report.resumed = order.count() - (*begun)->missing.count();
+    if ((*begun)->in_place && (*begun)->missing.count() == 0) return report;
+  }
+  auto codecs = *begun ? std::move((*begun)->codecs) : train_codecs(tracer, *manifest);
+  if (!codecs) return tl::unexpected(codecs.error());
+  auto writer = !*begun              ? create(*output, *manifest, *codecs)
+                : (*begun)->in_place ? FieldWriter::edit(path, (*begun)->transaction)
+                                     : FieldWriter::resume(*output, (*begun)->transaction);
+  if (!writer) return tl::unexpected(writer.error());
+
+  const MissingTiles missing = *begun ? std::move((*begun)->missing) : MissingTiles(order);
+  Progress state;
+  for (unsigned level = 0; level <= manifest->shape.levels; ++level)
+    state.total += tracer.rays(level);
+  state.skipped = state.total;
+  for (std::uint64_t k = 0; k < missing.count(); ++k)
+    state.skipped -= tracer.rays(order.key(missing.number(k)));
+  state.done = state.skipped;
+  const Job job{tracer, *manifest, *codecs, missing, order, thread_count(options.threads)};
+  if (auto ok = write_missing(job, *writer, path, options, progress, state); !ok)
+    return tl::unexpected(ok.error());
+  if (auto ok = writer->finish(); !ok) return tl::unexpected(ok.error());
+  report.tiles = missing.count();
+  return report;
 }
 
 }  // namespace
 
 Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                 const BuildOptions& options, const ProgressCallback& progress) {
-  Manifest manifest;
-  manifest.shape = options.shape;
-  if (!(manifest.shape.sphere.radius > 0)) manifest.shape.sphere = scene.bounds();
-  if (auto ok = manifest.shape.check(); !ok) return tl::unexpected(ok.error());
-  manifest.layers.push_back(
-      {"color", options.half ? codec::SampleFormat::rgba16f : codec::SampleFormat::rgba8,
-       options.color_codec});
-  if (!options.depth_codec.empty())
-    manifest.layers.push_back({"depth", codec::SampleFormat::depth8, options.depth_codec});
-  manifest.provenance = nlohmann::json::parse(scene.provenance(), nullptr, false);
-  if (!manifest.provenance.is_object())
-    return fail(ErrorCode::usage, "the scene's provenance is not a JSON object");
-
-  const TileTracer tracer(scene, manifest);
-  const bool exists = std::filesystem::exists(path);
-  auto codecs = exists ? codecs_to_resume(path, manifest) : train_codecs(tracer, manifest);
-  if (!codecs) return tl::unexpected(codecs.error());
-  auto writer = exists ? TileWriter::resume(path) : create(path, manifest, *codecs);
-  if (!writer) return tl::unexpected(writer.error());
-
-  // What is there already, per layer: building goes on after the least of them, and in holes.
-  const Job job{tracer, manifest, *codecs, TileOrder(manifest.shape),
-                thread_count(options.threads)};
-  std::vector<std::uint64_t> begin(codecs->size(), 0);
-  for (std::size_t k = 0; k < begin.size(); ++k) {
-    const auto last = writer->last(static_cast<LayerId>(k));
-    if (!last) return tl::unexpected(last.error());
-    if (*last) begin[k] = job.order.number(**last) + 1;
+  try {
+    return build(scene, path, options, progress);
+  } catch (const std::bad_alloc&) {
+    return fail(ErrorCode::failed, path, ": not enough memory to build it");
+  } catch (const std::exception& error) {  // the scene's
+    return fail(ErrorCode::failed, path, ": ", error.what());
   }
-  const std::uint64_t resumed = *std::min_element(begin.begin(), begin.end());
-  const auto holes = find_holes(path, job.order, begin.size(), resumed);
-  if (!holes) return tl::unexpected(holes.error());
-
-  BuildReport report;
-  report.resumed = resumed - holes->size();
-  Progress state;
-  for (unsigned level = 0; level <= manifest.shape.levels; ++level)
-    state.total += tracer.rays(level);
-  for (std::uint64_t n = 0; n < resumed; ++n) state.skipped += tracer.rays(job.order.key(n));
-  for (const Hole& hole : *holes) state.skipped -= tracer.rays(job.order.key(hole.number));
-  state.done = state.skipped;
-
-  Steps steps(*writer, path, options, progress, state, report);
-  if (auto ok = fill_holes(job, *writer, *holes, steps); !ok) return tl::unexpected(ok.error());
-  if (auto ok = append_tiles(job, *writer, begin, resumed, steps); !ok)
-    return tl::unexpected(ok.error());
-  if (auto ok = writer->close(); !ok) return tl::unexpected(ok.error());
-  return report;
 }
 
 }  // namespace slf

@@ -7,10 +7,9 @@
 #include <filesystem>
 
 #include "base/parallel.h"
-#include "field/build/atomic_file.h"
+#include "field/build/field_writer.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
-#include "storage/tile_writer.h"
 
 namespace slf {
 namespace {
@@ -193,37 +192,16 @@ Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& optio
   return shape;
 }
 
-Result<storage::TileWriter> create(const std::string& path, const Manifest& manifest,
-                                   const std::vector<OutputLayer>& outputs) {
-  std::vector<std::string> names;
-  std::vector<std::pair<std::string, Bytes>> blobs;
-  for (const OutputLayer& out : outputs) {
-    names.push_back(out.layer.name);
-    const ByteSpan tables = out.codec->tables();
-    blobs.emplace_back(kTablesBlobPrefix + out.layer.name, Bytes(tables.begin(), tables.end()));
-  }
-  const std::string text = manifest.to_json().dump();
-  const ByteSpan bytes = as_bytes(std::span<const char>(text));
-  blobs.emplace_back(kManifestBlob, Bytes(bytes.begin(), bytes.end()));
-  return storage::TileWriter::create(path, names, blobs);
-}
-
-/// Says that nothing is left. A writer's own advice, to go on from its last commit, is for builds.
-Error not_written(const std::string& path, const Error& error) {
-  if (error.code != ErrorCode::io) return error;
-  const std::string reason = error.message.substr(0, error.message.find("; the disk may be full"));
-  return {error.code, path + ": not written, the disk may be full: " + reason};
-}
-
 /// Recodes every tile on all threads and appends them in order.
 Result<void> write_tiles(const FieldFile& field, const FieldShape& shape,
                          const std::vector<OutputLayer>& outputs, const RepackOptions& options,
-                         storage::TileWriter& writer, const ProgressCallback& progress,
+                         FieldWriter& writer, const ProgressCallback& progress,
                          RepackReport& report) {
   // A third of the budget for tiles under way, each at most decoded twice and encoded once per
   // layer; a third for records waiting for their commit; a third for LMDB's copies of their pages.
   const TileOrder order(shape);
   const std::uint64_t share = options.memory / 3;
+  writer.set_pending_limit(share);
   const std::uint64_t tile_cost = shape.largest_tile() * 24 + 4096;
   const auto threads = static_cast<unsigned>(
       std::clamp<std::uint64_t>(share / tile_cost, 1, thread_count(options.threads)));
@@ -249,19 +227,17 @@ Result<void> write_tiles(const FieldFile& field, const FieldShape& shape,
         ++report.missing;
         continue;
       }
-      if (auto ok = writer.append(static_cast<LayerId>(k), order.key(n), tile->payloads[k]); !ok)
+      if (auto ok = writer.put(static_cast<LayerId>(k), order.key(n), tile->payloads[k]); !ok)
         return ok;
       ++report.tiles;
       ++(outputs[k].copy ? report.copied : report.recoded);
       report.payload_bytes += tile->payloads[k].size();
     }
-    if (writer.pending_bytes() >= std::min<std::uint64_t>(share, 32ull << 20))
-      if (auto ok = writer.commit(); !ok) return ok;
     ++state.done;
     if (progress && !progress(state))
       return fail(ErrorCode::failed, field.path(), ": repack interrupted; nothing was written");
   }
-  return writer.close();
+  return writer.finish();
 }
 
 }  // namespace
@@ -269,30 +245,32 @@ Result<void> write_tiles(const FieldFile& field, const FieldShape& shape,
 Result<RepackReport> repack_field(const Field& handle, const std::string& path,
                                   const RepackOptions& options, const ProgressCallback& progress) {
   const FieldFile& field = handle.file();
-  std::error_code ignored;
-  if (std::filesystem::equivalent(field.path(), path, ignored))
-    return fail(ErrorCode::usage, path, ": is the input; repack writes another file");
+  const auto output = FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep,
+                                      std::span(&field.path(), 1));
+  if (!output) return tl::unexpected(output.error());
   Manifest manifest = field.manifest();
   auto shape = plan_shape(field, options);
   if (!shape) return tl::unexpected(shape.error());
   manifest.shape = std::move(*shape);
-  auto unfinished = AtomicFile::at(path, options.replace);
-  if (!unfinished) return tl::unexpected(unfinished.error());
+  // What was the finest level may be left out: say what those below it hold.
+  manifest.filtered_levels = field.manifest().filtered_levels.value_or(field.shape().levels);
   const auto outputs = plan_layers(field, manifest.shape, options);
   if (!outputs) return tl::unexpected(outputs.error());
+  std::vector<ByteSpan> tables;
   manifest.layers.clear();
-  for (const OutputLayer& out : *outputs) manifest.layers.push_back(out.layer);
+  for (const OutputLayer& out : *outputs) {
+    manifest.layers.push_back(out.layer);
+    tables.push_back(out.codec->tables());
+  }
+  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, manifest, tables);
+  if (!writer) return tl::unexpected(writer.error());
 
   RepackReport report;
-  {
-    auto writer = create(unfinished->temporary(), manifest, *outputs);
-    if (!writer) return tl::unexpected(writer.error());
-    if (auto ok = write_tiles(field, manifest.shape, *outputs, options, *writer, progress, report);
-        !ok)
-      return tl::unexpected(not_written(path, ok.error()));
-  }
-  report.file_bytes = std::filesystem::file_size(unfinished->temporary(), ignored);
-  if (auto ok = unfinished->publish(); !ok) return tl::unexpected(ok.error());
+  if (auto ok = write_tiles(field, manifest.shape, *outputs, options, *writer, progress, report);
+      !ok)
+    return tl::unexpected(ok.error());
+  std::error_code ignored;
+  report.file_bytes = std::filesystem::file_size(output->target, ignored);
   return report;
 }
 

@@ -134,7 +134,10 @@ void fill_undefined_depth(std::byte* picture, const std::vector<bool>& defined,
 TileTracer::TileTracer(const Scene& scene, const Manifest& manifest)
     : scene_(scene), shape_(manifest.shape) {
   for (const Layer& layer : manifest.layers) formats_.push_back(layer.format);
-  for (unsigned level = 0; level <= shape_.levels; ++level) levels_.emplace_back(shape_, level);
+  for (unsigned level = 0; level <= shape_.levels; ++level) {
+    filtered_.push_back(manifest.filtered(level));
+    levels_.emplace_back(shape_, level);
+  }
 }
 
 codec::Tile TileTracer::shape(TileKey key, codec::SampleFormat format) const {
@@ -152,7 +155,23 @@ std::uint64_t TileTracer::rays(unsigned level) const {
          triangle_size(shape_.exit_side) * rays_per_slab(level);
 }
 
-void TileTracer::trace(TileKey key, TracedTile& tile) const {
+Result<void> TileTracer::trace(TileKey key, TracedTile& tile) const {
+  const auto failed = [&](const char* why) {
+    return fail(ErrorCode::failed, "tile ", int{key.level}, "/", key.index, ": ", why);
+  };
+  try {
+    trace_rays(key, tile);
+    return {};
+  } catch (const std::bad_alloc&) {
+    return failed("not enough memory to trace it");
+  } catch (const std::exception& error) {
+    return failed(error.what());
+  } catch (...) {
+    return failed("the scene failed without saying why");
+  }
+}
+
+void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
   const TileSections sections = sections_of(key, shape_.entry_extra_levels);
   const codec::Tile layout = shape(key, codec::SampleFormat::rgba8);
   const Sphere& sphere = shape_.sphere;
@@ -161,7 +180,7 @@ void TileTracer::trace(TileKey key, TracedTile& tile) const {
   const auto vertices =
       vertices_at(sections.exit, shape_.exit_side, triangle_points(shape_.exit_side));
   std::optional<TentFilter> filter;
-  if (key.level < shape_.levels) filter.emplace(vertices);
+  if (filtered_[key.level]) filter.emplace(vertices);
   const auto exits = world_points(sphere, filter ? filter->aims() : vertices);
 
   const std::size_t columns = layout.columns();

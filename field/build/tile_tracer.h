@@ -1,8 +1,8 @@
 // TileTracer: samples one tile's slabs from a scene, in the formats of a manifest's layers.
 //
-// At the finest level a slab is one ray. At the others, which serve small and distant views, it is
-// the mean of the rays to the exit vertices of the next finer level around its own, weighted by a
-// tent as wide as its cells: what such a view shows of it, without aliasing.
+// At the finest level of a build a slab is one ray. At the others, which serve small and distant
+// views, it is the mean of the rays to the exit vertices of the next finer level around its own,
+// weighted by a tent as wide as its cells: what such a view shows of it, without aliasing.
 #pragma once
 
 #include <memory>
@@ -26,7 +26,8 @@ class TileTracer {
  public:
   TileTracer(const Scene& scene, const Manifest& manifest);
 
-  void trace(TileKey key, TracedTile& tile) const;
+  /// failed: the scene threw an exception, or there is not enough memory; names the tile.
+  [[nodiscard]] Result<void> trace(TileKey key, TracedTile& tile) const;
 
   [[nodiscard]] codec::Tile shape(TileKey key, codec::SampleFormat format) const;
   /// Rays that a tile, or all tiles of a level, take, about.
@@ -34,13 +35,15 @@ class TileTracer {
   [[nodiscard]] std::uint64_t rays(unsigned level) const;
 
  private:
+  void trace_rays(TileKey key, TracedTile& tile) const;
   /// A tent's cells are half as wide as the level's own.
   [[nodiscard]] std::uint64_t rays_per_slab(unsigned level) const {
-    return level < shape_.levels ? 4 : 1;
+    return filtered_[level] ? 4 : 1;
   }
 
   const Scene& scene_;
   FieldShape shape_;
+  std::vector<bool> filtered_;  // per level
   std::vector<codec::SampleFormat> formats_;
   std::vector<LevelGeometry> levels_;
 };

@@ -4,9 +4,9 @@
 #include <optional>
 
 #include "base/parallel.h"
+#include "field/build/field_writer.h"
 #include "field/field_file.h"
 #include "storage/tile_store.h"
-#include "storage/tile_writer.h"
 
 namespace slf {
 namespace {
@@ -17,7 +17,6 @@ using storage::TileState;
 
 constexpr std::size_t kMostFindings = 1000;
 constexpr std::size_t kBatch = 256;
-constexpr std::uint64_t kCommitBytes = 32ull << 20;
 
 /// What must go to cure a finding: one tile, or the record that ends with it.
 struct Cure {
@@ -58,6 +57,7 @@ class Verifier {
       add(FindingKind::manifest, field.error().message);
       return {};
     }
+    transaction_ = (*field)->store().transaction();
     return check_tiles(**field);
   }
 
@@ -179,22 +179,21 @@ class Verifier {
         std::none_of(report_.findings.begin(), report_.findings.end(),
                      [](const Finding& finding) { return finding.kind == FindingKind::structure; });
     if (cures_.empty() || !sound) return {};
-    auto writer = storage::TileWriter::resume(path);
+    auto writer = FieldWriter::edit(path, transaction_);
     if (!writer) return tl::unexpected(writer.error());
     for (const std::vector<Cure>& cures : cures_) {
       bool cured = true;
       for (const Cure& cure : cures) {
-        auto ok = writer->replace(cure.layer, cure.key, TileState::missing, {});
-        if (!ok && ok.error().code == ErrorCode::io) return ok;
+        const auto ok = writer->drop(cure.layer, cure.key);
+        if (!ok && ok.error().code != ErrorCode::usage && ok.error().code != ErrorCode::bad_file)
+          return ok;  // not for this tile alone
         cured = cured && ok.has_value();
         if (ok) ++report_.dropped;
       }
       if (cured) ++fixed_;
-      if (writer->pending_bytes() < kCommitBytes) continue;
-      if (auto ok = writer->commit(); !ok) return ok;
     }
     report_.complete = false;
-    return writer->close();
+    return writer->finish();
   }
 
   const VerifyOptions& options_;
@@ -204,6 +203,7 @@ class Verifier {
   std::vector<std::vector<Cure>> cures_;  ///< one for each finding that has one
   std::uint64_t fixed_ = 0;
   bool readable_ = true;
+  std::uint64_t transaction_ = 0;  ///< that was checked
 };
 
 }  // namespace

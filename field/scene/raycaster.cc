@@ -12,6 +12,7 @@
 #include "field/scene/raycaster_kernel.h"
 #include "field/scene/raycaster_space.h"
 #include "field/scene/raycaster_table.h"
+#include "field/volume/content.h"
 #include "field/volume/voxels.h"
 
 namespace slf {
@@ -103,6 +104,7 @@ nlohmann::json describe(const Volume& volume, const TransferFunction& transfer,
                         const RaycastOptions& options) {
   return {{"kind", "volume"},
           {"source", valid_utf8(volume.source)},
+          {"content", content_hash(volume)},
           {"dims", volume.dims},
           {"type", name(volume.type)},
           {"labels", volume.labels},
@@ -219,5 +221,6 @@ RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RayS
 }
 
 std::string Raycaster::provenance() const { return state_->provenance; }
+std::vector<std::string> Raycaster::files() const { return state_->volume.files; }
 
 }  // namespace slf

@@ -142,6 +142,7 @@ Result<void> stack(const std::vector<DicomSlice>& slices, Volume& volume) {
 Result<Volume> read_series(const std::string& path, std::vector<DicomSlice> slices) {
   Volume volume;
   volume.source = path;
+  for (const DicomSlice& slice : slices) volume.files.push_back(slice.path);
   const auto& first = slices.front();
   volume.type = first.type;
   const std::array<std::uint64_t, 3> sizes{first.width, first.height, slices.size()};

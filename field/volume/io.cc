@@ -166,6 +166,7 @@ Result<void> read_voxels(const VoxelData& from, Volume& volume) {
     if (*got == 0) break;
     left -= *got;
   }
+  volume.files.push_back(from.path);
   volume.voxels.resize(needed);
   const auto got = reader->read(volume.voxels);
   if (!got) return tl::unexpected(got.error());

@@ -186,6 +186,7 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout) {
 Result<Volume> read_volume(const std::string& path, const VolumeOptions& options) {
   try {
     auto volume = read_any(path, options);
+    if (volume) volume->files.push_back(path);
     if (!volume || !options.labels) return volume;
     if (!all_integers(*volume))
       return fail(ErrorCode::usage, path, ": read as labels, but its values (", name(volume->type),

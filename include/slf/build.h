@@ -16,12 +16,13 @@
 namespace slf {
 
 struct BuildOptions {
-  FieldShape shape;  ///< sphere.radius <= 0: the scene's own bounds
+  FieldShape shape;  ///< a sphere of radius 0: the scene's own bounds
   std::string color_codec = "jpeg:90";
   std::string depth_codec = "jpeg:75";  ///< empty: no depth layer
   bool half = false;                    ///< colour as half floats, with zstd or raw
   unsigned threads = 0;                 ///< 0: all
   double commit_seconds = 1;            ///< how often tiles are made safe: what a kill can cost
+  bool replace = false;                 ///< what is at the output's path, when all is built
 };
 
 struct Progress {
@@ -35,14 +36,28 @@ using ProgressCallback = std::function<bool(const Progress&)>;
 
 struct BuildReport {
   std::uint64_t tiles = 0;    ///< built by this run
-  std::uint64_t resumed = 0;  ///< that were there already
+  std::uint64_t resumed = 0;  ///< that were there already; all of them if the field was complete
 };
 
 /// Builds, or resumes, the field at `path`. Progress counts rays, about.
-/// usage: a setting out of range; a complete field, or another one, is at `path`.
-/// unsupported: a codec that cannot hold the samples (JPEG and half floats). io: disk full or a
-/// write error: what was committed stays and the same call resumes. failed: stopped by the progress
-/// callback, or another process is writing the file.
+///
+/// The field grows in PATH.unfinished and takes its name when it is complete. Until then whatever
+/// is at `path` stays as it is. PATH.unfinished is a field too: it opens, and shows what was
+/// committed. A symbolic link at `path` is written through; a file that is replaced passes its
+/// permissions on. Depending on what is there:
+///
+/// | at `path` | without `replace` | with `replace` |
+/// |---|---|---|
+/// | nothing | builds, or resumes PATH.unfinished | the same, or starts over if it differs |
+/// | this field, complete | returns at once: nothing is left to do | as with nothing |
+/// | this field with tiles missing | fills them in place | as with nothing |
+/// | anything else | usage or bad_file | as with nothing |
+///
+/// usage: a setting, the scene's bounds or its provenance is wrong; another field is at `path` or
+/// unfinished beside it; `path` is one of the scene's files. unsupported: a codec that cannot hold
+/// the samples (JPEG and half floats). io: disk full or a write error: what was committed stays and
+/// the same call resumes. failed: stopped by the progress callback; the scene throws an exception;
+/// another process is writing the field, or has removed, renamed or replaced it meanwhile.
 [[nodiscard]] Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                               const BuildOptions& options,
                                               const ProgressCallback& progress = {});

@@ -53,6 +53,7 @@ class Raycaster final : public Scene {
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
   void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const override;
   [[nodiscard]] std::string provenance() const override;
+  [[nodiscard]] std::vector<std::string> files() const override;
 
   /// As trace_many(), and says what it took.
   RayCounts trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const;

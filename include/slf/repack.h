@@ -42,11 +42,13 @@ struct RepackReport {
 /// A layer whose codec and format stay the same has its payloads copied, byte for byte: JPEG to
 /// JPEG at the same quality loses nothing. Lossless to lossless is bit-exact. Colour outside of
 /// [0, alpha] is clamped when half floats become 8 bits; 8 bits to half floats and back is exact.
+/// A symbolic link at `path` is written through; a file that is replaced passes its permissions on.
 /// usage: a codec, layer, level or subfield that makes no sense; `path` exists, or is the input.
 /// unsupported: a codec that cannot hold the colour type. bad_file: a damaged tile, named.
-/// io: disk full or a write error. failed: stopped by the callback, or another process is writing
-/// `path`. In each case `path` is as it was, and nothing is left beside it; what is left when the
-/// process is killed, PATH.unfinished, goes with the next repack to `path`.
+/// io: disk full or a write error. failed: stopped by the callback; another process is writing
+/// `path`, or has removed the new file. In each case `path` is as it was, and nothing is left
+/// beside it; what is left when the process is killed, PATH.repacking, goes with the next repack to
+/// `path`.
 [[nodiscard]] Result<RepackReport> repack_field(const Field& field, const std::string& path,
                                                 const RepackOptions& options,
                                                 const ProgressCallback& progress = {});

@@ -45,8 +45,12 @@ class Scene {
   virtual void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const;
 
   /// Where the scene came from and every setting that changes its pictures, for the manifest:
-  /// equal provenance means equal samples. A JSON object.
+  /// equal provenance means equal samples. A JSON object. If it has a member `content`, a hash of
+  /// the data, the member `source` is for people only and may differ.
   [[nodiscard]] virtual std::string provenance() const = 0;
+
+  /// The files that it was read from. No build writes over them.
+  [[nodiscard]] virtual std::vector<std::string> files() const { return {}; }
 };
 
 /// The scenes there are:

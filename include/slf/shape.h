@@ -31,7 +31,7 @@ struct Chord {
 struct FieldShape {
   static constexpr std::uint32_t kMostSide = 1024;  ///< largest entry_side and exit_side
 
-  Sphere sphere;
+  Sphere sphere{.center = glm::dvec3(0), .radius = 0};  ///< a radius of 0: not chosen yet
   std::uint32_t entry_side = 8;     ///< cells along an octsphere's edge at level 0, entry side
   std::uint32_t exit_side = 32;     ///< the same, exit side; also the side of every tile's pictures
   unsigned levels = 2;              ///< the finest level: levels 0..levels are stored

@@ -49,7 +49,7 @@ struct VerifyReport {
 /// Progress counts tiles. A damaged file is not an error but a report with findings.
 /// io: the file cannot be read at all (or, with fix, written). unsupported: a newer format.
 /// failed: stopped by the callback; with fix, another process is using the file.
-/// With fix, every drop is committed by itself: whenever it is stopped, the file is a field.
+/// With fix, the file is a field whenever it is stopped.
 /// Nothing is dropped where the structure is damaged (S1), since no page can then be trusted.
 [[nodiscard]] Result<VerifyReport> verify_field(const std::string& path,
                                                 const VerifyOptions& options,

@@ -43,7 +43,8 @@ struct Volume {
   glm::dvec3 origin{0.0};
   /// Values are ids, not amounts: never interpolated.
   bool labels = false;
-  std::string source;  ///< the path it was read from, for messages and provenance
+  std::string source;              ///< the path it was read from, for messages and provenance
+  std::vector<std::string> files;  ///< all files it was read from, headers and data
 
   [[nodiscard]] glm::dvec3 spacing() const;
   [[nodiscard]] std::uint64_t voxel_count() const;

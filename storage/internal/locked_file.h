@@ -57,6 +57,9 @@ class LockedFile {
   /// Takes the writer's lock. failed: another writer has it. io: the file system has no locks.
   [[nodiscard]] Result<void> lock_writer(const std::string& path) const;
 
+  /// Whether another descriptor has become the writer.
+  [[nodiscard]] bool has_writer() const;
+
   /// Whether any reader pins a snapshot older than that of `transaction`.
   [[nodiscard]] bool pinned_before(std::uint64_t transaction) const;
 

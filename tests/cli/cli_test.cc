@@ -268,10 +268,11 @@ TEST_F(Cli, AFlippedByteInATileIsFoundWhenItIsDrawn) {
 TEST_F(Cli, BuildRefusesToOverwriteAndForceStartsOver) {
   Workplace place;
   ASSERT_EQ(build(place / "a.slf").exit_code, 0);
-  EXPECT_OUTCOME(build(place / "a.slf"), 1, "complete");
+  EXPECT_OUTCOME(build(place / "a.slf"), 0, "nothing is left to build");
   // Other settings than those of the field that is there.
-  EXPECT_OUTCOME(build(place / "a.slf", {"--radius", "0.9"}), 1, "differs");
-  EXPECT_OUTCOME(build(place / "a.slf", {"--entry-extra-levels", "1"}), 1, "differs");
+  EXPECT_OUTCOME(build(place / "a.slf", {"--radius", "0.9"}), 1, "other settings");
+  EXPECT_OUTCOME(build(place / "a.slf", {"--entry-extra-levels", "1"}), 1, "other settings");
+  EXPECT_OUTCOME(build(place / "a.slf", {"--depth-codec", "none"}), 1, "other settings");
   EXPECT_OUTCOME(build(place / "a.slf", {"--exit-depth"}), 1, "unknown option '--exit-depth'");
   EXPECT_EQ(build(place / "a.slf", {"-f"}).exit_code, 0);
 }
@@ -299,11 +300,11 @@ TEST_F(Cli, AnUnfinishedFieldDrawsWhatIsThereAndSaysSo) {
   slf({"build", "scene:balls", "-o", place / "part.slf", "--entry", "2", "--exit", "8", "--levels",
        "2", "--color-codec", "zstd:1"},
       "trap '' XFSZ; ulimit -f " + std::to_string(limit) + ";");
-  const Outcome info = slf({"info", place / "part.slf", "--json"});
+  const Outcome info = slf({"info", place / "part.slf.unfinished", "--json"});
   ASSERT_EQ(info.exit_code, 0) << info.err;
   EXPECT_EQ(info.json()["complete"], false);
   EXPECT_TRUE(contains(info.err, "incomplete"));
-  const Outcome drawn = slf({"render", place / "part.slf", "-o", place / "o.png", "--size", "64"});
+  const Outcome drawn = slf({"render", place / "part.slf.unfinished", "-o", place / "o.png", "--size", "64"});
   EXPECT_EQ(drawn.exit_code, 0) << drawn.err;
   EXPECT_TRUE(contains(drawn.err, "incomplete")) << drawn.err;
   EXPECT_TRUE(std::filesystem::exists(place / "o.png"));

@@ -90,11 +90,15 @@ TEST(Killed, ABuildKeepsWhatItCommittedAndEndsTheSame) {
   for (int runs = 0; kills < kKills && runs < 4 * kKills; ++runs) {
     const auto ended = run(build(path), moments.next());
     if (!ended) ++kills;
-    if (!ended && !std::filesystem::exists(path)) {
+    const std::string growing = path + ".unfinished";
+    const bool finished = std::filesystem::exists(path);
+    const bool begun = std::filesystem::exists(growing);
+    EXPECT_FALSE(finished && begun);
+    if (!finished && !begun) {
       EXPECT_EQ(kept, 0u);
       continue;
     }
-    const Tiles found = tiles_of(path);
+    const Tiles found = tiles_of(finished ? path : growing);
     EXPECT_GE(found.size(), kept);
     for (const auto& [place_of_tile, payload] : found) {
       const auto expected = whole.find(place_of_tile);
@@ -105,8 +109,10 @@ TEST(Killed, ABuildKeepsWhatItCommittedAndEndsTheSame) {
     partial += !found.empty() && found.size() < whole.size();
     kept = found.size();
     EXPECT_EQ(ended.value_or(0), 0);
-    if (kept < whole.size()) continue;
+    EXPECT_TRUE(!finished || kept == whole.size());
+    if (!finished) continue;
     EXPECT_TRUE(ended || run({"-q", "verify", path}) == 0);
+    EXPECT_EQ(place.files(), (std::vector<std::string>{"a.slf", "whole.slf"}));
     std::filesystem::remove(path);
     kept = 0;
   }

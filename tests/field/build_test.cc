@@ -5,6 +5,8 @@
 #include <atomic>
 #include <cmath>
 #include <fstream>
+#include <limits>
+#include <stdexcept>
 
 #include "field/build/tile_tracer.h"
 #include "field/field_file.h"
@@ -206,11 +208,13 @@ TEST(Build, StoppedAnywhereItResumesToTheSameContent) {
     }
     ASSERT_EQ(report.error().code, ErrorCode::failed) << report.error().message;
     ++stops;
-    const auto partial = Field::open(path);
+    EXPECT_FALSE(std::filesystem::exists(path));
+    const auto partial = Field::open(path + ".unfinished");
     ASSERT_TRUE(partial) << partial.error().message;
     EXPECT_FALSE(partial->content()->complete);
   }
   EXPECT_GT(stops, 4);
+  EXPECT_FALSE(std::filesystem::exists(path + ".unfinished"));
   const auto parts = Field::open(path);
   ASSERT_TRUE(parts);
   EXPECT_TRUE(all_tiles(*whole) == all_tiles(*parts));
@@ -221,11 +225,6 @@ TEST(Build, RefusesWhatIsNotItsOwnUnfinishedField) {
   const auto scene = balls();
   const auto options = lossless_options(2, 4, 0);
   ASSERT_TRUE(build_field(*scene, folder / "a.slf", options));
-  const auto again = build_field(*scene, folder / "a.slf", options);
-  ASSERT_FALSE(again);
-  EXPECT_EQ(again.error().code, ErrorCode::usage);
-  EXPECT_NE(again.error().message.find("complete"), std::string::npos);
-
   auto other = options;
   other.shape.exit_side = 5;
   const auto mixed = build_field(*scene, folder / "a.slf", other);
@@ -253,12 +252,103 @@ TEST(Build, AbsurdShapesAreRefused) {
     const auto built = build_field(*scene, folder / "a.slf", options);
     ASSERT_FALSE(built);
     EXPECT_EQ(built.error().code, ErrorCode::usage);
-    EXPECT_FALSE(std::filesystem::exists(folder / "a.slf"));
+    EXPECT_EQ(folder.files(), std::vector<std::string>{});
   }
   auto options = lossless_options(2, 4, 0);
   options.color_codec = "gif";
   EXPECT_EQ(build_field(*scene, folder / "a.slf", options).error().code, ErrorCode::usage);
+  EXPECT_EQ(folder.files(), std::vector<std::string>{});
+}
+
+TEST(Build, ACompleteFieldIsLeftAloneUnlessItIsToBeReplaced) {
+  TemporaryFolder folder;
+  const auto scene = balls();
+  auto options = lossless_options(2, 4, 1);
+  ASSERT_TRUE(build_and_open(*scene, folder / "a.slf", options));
+  const auto again = build_field(*scene, folder / "a.slf", options);
+  ASSERT_TRUE(again) << again.error().message;
+  EXPECT_EQ(again->tiles, 0u);
+  EXPECT_EQ(again->resumed, 64u + 1024u);
+  options.replace = true;
+  EXPECT_EQ(build_field(*scene, folder / "a.slf", options)->tiles, 64u + 1024u);
+  options.shape.exit_side = 5;
+  std::uint64_t calls = 0;
+  ASSERT_FALSE(build_field(*scene, folder / "a.slf", options,
+                           [&](const Progress&) { return ++calls < 500; }));
+  EXPECT_EQ(Field::open(folder / "a.slf")->shape().exit_side, 4u);
+  const auto resumed = build_field(*scene, folder / "a.slf", options);
+  ASSERT_TRUE(resumed) << resumed.error().message;
+  EXPECT_GE(resumed->resumed, 64u);
+  EXPECT_EQ(Field::open(folder / "a.slf")->shape().exit_side, 5u);
+  EXPECT_EQ(folder.files(), std::vector<std::string>{"a.slf"});
+}
+
+/// What a build says that cannot succeed, after which nothing is left.
+Error refusal(const Scene& scene, const BuildOptions& options = lossless_options(2, 4, 1)) {
+  TemporaryFolder folder;
+  const auto built = build_field(scene, folder / "a.slf", options);
+  EXPECT_FALSE(built);
   EXPECT_FALSE(std::filesystem::exists(folder / "a.slf"));
+  return built ? Error{} : built.error();
+}
+
+TEST(Build, AScenesExceptionIsAnErrorThatNamesTheTile) {
+  for (const unsigned threads : {1u, 3u}) {
+    std::atomic<int> rays = 0;
+    const FunctionScene late([&](const glm::dvec3&, const glm::dvec3&) {
+      if (++rays > 20000) throw std::runtime_error("the network is down");
+      return RaySample{glm::vec4(1), 0.5f};
+    });
+    auto options = lossless_options(2, 4, 1);
+    options.threads = threads;
+    const Error error = refusal(late, options);
+    EXPECT_EQ(error.code, ErrorCode::failed);
+    EXPECT_NE(error.message.find("the network is down"), std::string::npos) << error.message;
+    EXPECT_NE(error.message.find("tile "), std::string::npos) << error.message;
+  }
+  const FunctionScene full(
+      [](const glm::dvec3&, const glm::dvec3&) -> RaySample { throw std::bad_alloc(); });
+  EXPECT_NE(refusal(full).message.find("memory"), std::string::npos);
+}
+
+/// A scene that says wrong things about itself.
+class Odd final : public Scene {
+ public:
+  Sphere sphere{glm::dvec3(0), 1};
+  std::string origin = "{}";
+  Sphere bounds() const override { return sphere; }
+  RaySample trace(const glm::dvec3&, const glm::dvec3&) const override { return {}; }
+  std::string provenance() const override { return origin; }
+};
+
+TEST(Build, WrongBoundsAndProvenanceAreUsageErrors) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  for (const Sphere& wrong :
+       {Sphere{glm::dvec3(0), kNan}, Sphere{glm::dvec3(0), 0}, Sphere{glm::dvec3(0), -1},
+        Sphere{glm::dvec3(0, kNan, 0), 1}, Sphere{glm::dvec3(0), HUGE_VAL}}) {
+    Odd scene;
+    scene.sphere = wrong;
+    for (auto options : {lossless_options(2, 4, 1), BuildOptions{}}) {
+      const Error error = refusal(scene, options);
+      EXPECT_EQ(error.code, ErrorCode::usage);
+      EXPECT_NE(error.message.find("bounds"), std::string::npos) << error.message;
+    }
+    auto options = lossless_options(2, 4, 1);
+    options.shape.sphere = wrong;
+    if (wrong.radius != 0) {
+      EXPECT_EQ(refusal(Odd(), options).code, ErrorCode::usage);
+    }
+  }
+  for (const char* wrong : {"7", "\"text\"", "[]", "null", "", "{", "{} {}"}) {
+    Odd scene;
+    scene.origin = wrong;
+    const Error error = refusal(scene);
+    EXPECT_EQ(error.code, ErrorCode::usage);
+    EXPECT_NE(error.message.find("provenance"), std::string::npos) << error.message;
+  }
+  Odd deep;
+  for (int k = 0; k < 100; ++k) deep.origin = "{\"more\": " + deep.origin + "}";
+  EXPECT_EQ(refusal(deep).code, ErrorCode::usage);
 }
 
 TEST(Build, EmptyScenesBuildToEmptyTiles) {
@@ -289,7 +379,7 @@ TEST(Build, HalfFloatColourIsKeptBitForBit) {
     std::vector<std::byte> samples(field->file().tile_shape(0, {1, index}).bytes());
     ASSERT_TRUE(field->file().decode(*tile, samples));
     TracedTile traced;
-    tracer.trace({1, index}, traced);
+    ASSERT_TRUE(tracer.trace({1, index}, traced));
     EXPECT_EQ(samples, traced.layers[0]);
   }
 }

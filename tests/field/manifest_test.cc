@@ -92,6 +92,26 @@ TEST(Manifest, MembersThatOthersRelyOnHaveTheRightKind) {
   EXPECT_NE(parsed.error().message.find("nested"), std::string::npos) << parsed.error().message;
 }
 
+TEST(Manifest, SaysWhichLevelsAreFiltered) {
+  Manifest manifest = example();
+  EXPECT_EQ(manifest.to_json()["slf"]["minor"], 0);
+  EXPECT_FALSE(manifest.to_json().contains("filtered_levels"));
+  EXPECT_TRUE(manifest.filtered(2));  // as builds did that did not record it
+  EXPECT_FALSE(manifest.filtered(3));
+  manifest.filtered_levels = 1;
+  const auto parsed = Manifest::parse(manifest.to_json().dump(), "x.slf");
+  ASSERT_TRUE(parsed) << parsed.error().message;
+  EXPECT_EQ(parsed->to_json(), manifest.to_json());
+  EXPECT_EQ(manifest.to_json()["slf"]["minor"], 1);
+  EXPECT_TRUE(parsed->filtered(0));
+  EXPECT_FALSE(parsed->filtered(1));
+  for (const auto& wrong : std::vector<nlohmann::json>{nullptr, "?", -1, 11, 0.5}) {
+    nlohmann::json json = manifest.to_json();
+    json["filtered_levels"] = wrong;
+    EXPECT_EQ(parse_error(json), ErrorCode::bad_file) << wrong;
+  }
+}
+
 TEST(Manifest, NewerVersionsAndUnknownRequiredFeaturesAreRefused) {
   nlohmann::json json = example().to_json();
   json["slf"]["major"] = 2;

@@ -60,14 +60,6 @@ ErrorCode refusal(const Field& field, const std::string& path, const RepackOptio
   return done.error().code;
 }
 
-std::vector<std::string> files_in(const std::string& folder) {
-  std::vector<std::string> names;
-  for (const auto& entry : std::filesystem::directory_iterator(folder))
-    names.push_back(entry.path().filename());
-  std::sort(names.begin(), names.end());
-  return names;
-}
-
 class Repack : public ::testing::Test {
  protected:
   void SetUp() override {
@@ -274,12 +266,12 @@ TEST_F(Repack, WhatWasNeverBuiltStaysMissing) {
   ASSERT_FALSE(build_field(stripes(), path, lossless_options(2, 5, 1),
                            [&](const Progress&) { return ++calls < 500; }));
   {
-    auto writer = storage::TileWriter::resume(path);  // and a hole
+    auto writer = storage::TileWriter::resume(path + ".unfinished");  // and a hole
     ASSERT_TRUE(writer);
     ASSERT_TRUE(writer->replace(0, {0, 20}, storage::TileState::missing, {}));
     ASSERT_TRUE(writer->close());
   }
-  const auto partial = Field::open(path);
+  const auto partial = Field::open(path + ".unfinished");
   ASSERT_TRUE(partial);
   RepackOptions options;
   options.depth_codec = "raw";
@@ -304,16 +296,16 @@ TEST_F(Repack, ADamagedTileIsNamedAndNothingIsLeft) {
   write_text(folder_ / "damaged.slf", bytes);
   const auto damaged = Field::open(folder_ / "damaged.slf");
   ASSERT_TRUE(damaged);
-  const auto before = files_in(folder_ / "");
+  const auto before = folder_.files();
   RepackOptions options;
   EXPECT_EQ(refusal(*damaged, folder_ / "out.slf", options, "1/500"), ErrorCode::bad_file);
   options.depth_codec = "raw";
   EXPECT_EQ(refusal(*damaged, folder_ / "out.slf", options, "1/500"), ErrorCode::bad_file);
-  EXPECT_EQ(files_in(folder_ / ""), before);
+  EXPECT_EQ(folder_.files(), before);
 }
 
 TEST_F(Repack, NonsenseIsRefused) {
-  const auto before = files_in(folder_ / "");
+  const auto before = folder_.files();
   const std::string out = folder_ / "out.slf";
   RepackOptions options;
   options.levels = 2;
@@ -338,45 +330,45 @@ TEST_F(Repack, NonsenseIsRefused) {
   EXPECT_EQ(refusal(*lossless_, lossless_->path(), options, "is the input"), ErrorCode::usage);
   EXPECT_EQ(refusal(*lossless_, folder_ / "", options, "folder"), ErrorCode::usage);
   EXPECT_EQ(refusal(*lossless_, folder_ / "no/such.slf", {}, "no/such.slf"), ErrorCode::io);
-  EXPECT_EQ(files_in(folder_ / ""), before);
+  EXPECT_EQ(folder_.files(), before);
 }
 
 TEST_F(Repack, StoppedItLeavesWhatWasThereBefore) {
   write_text(folder_ / "out.slf", "precious");
   RepackOptions options;
   options.replace = true;
-  const auto before = files_in(folder_ / "");
+  const auto before = folder_.files();
   for (std::uint64_t limit = 1; limit < 1088; limit += 271) {
     std::uint64_t calls = 0;
     const auto stopped = repack_field(*lossless_, folder_ / "out.slf", options,
                                       [&](const Progress&) { return ++calls < limit; });
     ASSERT_FALSE(stopped);
     EXPECT_EQ(stopped.error().code, ErrorCode::failed);
-    EXPECT_EQ(files_in(folder_ / ""), before);
+    EXPECT_EQ(folder_.files(), before);
     EXPECT_EQ(file_text(folder_ / "out.slf"), "precious");
   }
   EXPECT_TRUE(repack(*lossless_, folder_ / "out.slf", options));
-  EXPECT_EQ(files_in(folder_ / ""), before);
+  EXPECT_EQ(folder_.files(), before);
 }
 
 TEST_F(Repack, WhatAKilledRunLeftGoesWithTheNext) {
   const std::string out = folder_ / "out.slf";
-  std::filesystem::copy(jpeg_->path(), out + ".unfinished");
-  write_text(out + ".unfinished-lock", "left over");
-  write_text(out + ".unfinished.new", "left over");
+  std::filesystem::copy(jpeg_->path(), out + ".repacking");
+  write_text(out + ".repacking-lock", "left over");
+  write_text(out + ".repacking.new", "left over");
   ASSERT_TRUE(repack(*lossless_, out, RepackOptions{}));
-  EXPECT_EQ(files_in(folder_ / ""), (std::vector<std::string>{"in.slf", "jpeg.slf", "out.slf"}));
+  EXPECT_EQ(folder_.files(), (std::vector<std::string>{"in.slf", "jpeg.slf", "out.slf"}));
   // But not what is no field, nor what somebody is writing right now.
   std::filesystem::remove(out);
-  write_text(out + ".unfinished", "a diary");
+  write_text(out + ".repacking", "a diary");
   EXPECT_EQ(refusal(*lossless_, out, {}, "remove it"), ErrorCode::bad_file);
-  EXPECT_EQ(file_text(out + ".unfinished"), "a diary");
-  std::filesystem::remove(out + ".unfinished");
-  std::filesystem::copy(jpeg_->path(), out + ".unfinished");
-  const auto other = storage::TileWriter::resume(out + ".unfinished");
+  EXPECT_EQ(file_text(out + ".repacking"), "a diary");
+  std::filesystem::remove(out + ".repacking");
+  std::filesystem::copy(jpeg_->path(), out + ".repacking");
+  const auto other = storage::TileWriter::resume(out + ".repacking");
   ASSERT_TRUE(other);
   EXPECT_EQ(refusal(*lossless_, out, {}, "another process"), ErrorCode::failed);
-  EXPECT_TRUE(std::filesystem::exists(out + ".unfinished"));
+  EXPECT_TRUE(std::filesystem::exists(out + ".repacking"));
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <cstdlib>
 
 #include "field/field_file.h"
+#include "slf/repack.h"
 #include "storage/tile_writer.h"
 #include "tests/field/rewriting_testing.h"
 
@@ -342,6 +343,65 @@ TEST_F(Verify, FillingHolesRewritesOnlyWhatLacksThemAndMayBeInterrupted) {
   EXPECT_EQ(verify(path_).found, 0u);
   EXPECT_EQ(all_tiles(*Field::open(path_)), tiles_);
   EXPECT_EQ(depth_places(), before);
+}
+
+// A copy without its finest level has means in all levels: holes are filled with means, too.
+TEST_F(Verify, HolesAreFilledAsTheirLevelWasSampled) {
+  auto options = options_;
+  options.color_codec = options.depth_codec = "zstd:1";
+  const std::string whole = folder_ / "whole.slf", cut = folder_ / "cut.slf";
+  ASSERT_TRUE(build_and_open(stripes(), whole, options));
+  RepackOptions repack;
+  repack.levels = 0;
+  ASSERT_TRUE(repack_field(*Field::open(whole), cut, repack));
+  const auto before = all_tiles(*Field::open(cut));
+  {
+    auto writer = TileWriter::resume(cut);
+    ASSERT_TRUE(writer);
+    for (const std::uint64_t index : {5u, 7u, 40u})
+      ASSERT_TRUE(writer->replace(0, {0, index}, TileState::missing, {}));
+    ASSERT_TRUE(writer->close());
+  }
+  options.shape.levels = 0;
+  const auto filled = build_field(stripes(), cut, options);
+  ASSERT_TRUE(filled) << filled.error().message;
+  EXPECT_EQ(filled->tiles, 3u);
+  EXPECT_EQ(all_tiles(*Field::open(cut)), before);
+  EXPECT_TRUE(Field::open(cut)->file().manifest().filtered(0));
+  EXPECT_FALSE(Field::open(whole)->file().manifest().filtered(1));
+}
+
+// One layer may end before another that has a hole: both are filled in one run.
+TEST_F(Verify, HolesBehindTheEndOfAnotherLayerAreFilled) {
+  std::uint64_t calls = 0;
+  const std::string path = folder_ / "part.slf";
+  auto options = lossless_options(4, 8, 1);
+  options.color_codec = "raw";  // its records are full sooner
+  const auto whole = build_and_open(stripes(), folder_ / "whole.slf", options);
+  ASSERT_TRUE(whole);
+  ASSERT_FALSE(
+      build_field(stripes(), path, options, [&](const Progress&) { return ++calls < 900; }));
+  const std::string growing = path + ".unfinished";
+  {
+    const auto field = Field::open(growing).value();
+    TileKey last[2];
+    for (const storage::LayerId layer : {0u, 1u})
+      ASSERT_TRUE(
+          field.file().store().visit(layer, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) {
+            last[layer] = tile.key;
+            return Result<void>();
+          }));
+    ASSERT_NE(last[0], last[1]);
+    auto writer = TileWriter::resume(growing);
+    ASSERT_TRUE(writer);
+    const storage::LayerId longer = last[0] < last[1] ? 1 : 0;
+    ASSERT_TRUE(writer->replace(longer, last[longer], TileState::missing, {}));
+    ASSERT_TRUE(writer->replace(0, {0, 3}, TileState::missing, {}));
+    ASSERT_TRUE(writer->commit());
+  }
+  ASSERT_TRUE(build_field(stripes(), path, options));
+  EXPECT_EQ(verify(path).found, 0u);
+  EXPECT_EQ(all_tiles(*Field::open(path)), all_tiles(*whole));
 }
 
 TEST_F(Verify, ItCanBeStopped) {

@@ -141,6 +141,45 @@ TEST(Crash, AnyOneFailingCallLosesNothing) { fail_each_call(ENOSPC, false); }
 TEST(Crash, AnyHalfWriteLosesNothing) { fail_each_call(EIO, false); }
 TEST(Crash, NothingIsLostWhenAllCallsFailFromSomePointOn) { fail_each_call(ENOSPC, true); }
 
+// What is replaced stays whole until the new file is in its place, and both are durable then.
+TEST(Crash, APublishThatFailsLeavesTheOldFileAndTheNewOne) {
+  bool failed = true;
+  int calls = 0, kept = 0;
+  for (; failed && !HasFailure(); ++calls) {
+    TemporaryFolder folder;
+    const std::string path = folder.file("a.slf"), draft = path + ".unfinished";
+    const Model before{{{0, 1}, tile_bytes(0, {0, 1}, 5000)}};
+    const Model after{{{0, 2}, tile_bytes(0, {0, 2}, 7000)}};
+    const auto add = [](TileWriter& writer, const Model& model) {
+      for (const auto& [key, bytes] : model) ASSERT_TRUE(ok(writer.append(0, key, bytes)));
+    };
+    TileWriter old = create(path, {"color"});
+    add(old, before);
+    ASSERT_TRUE(ok(old.close()));
+    TileWriter writer = create(draft, {"color"});
+    add(writer, after);
+    EXPECT_EQ(writer.publish(path, Existing::keep).error().code, ErrorCode::usage);
+    expect_holds(path, 0, before);
+    auto again = TileWriter::resume(draft);
+    ASSERT_TRUE(ok(again));
+    fail_after(calls, ENOSPC, false);
+    const auto published = again->publish(path, Existing::replace);
+    failed = has_failed();
+    fail_after(-1, 0, false);
+    const bool renamed = !std::filesystem::exists(draft);
+    EXPECT_TRUE(renamed || !published);
+    expect_holds(path, 0, renamed ? after : before);
+    if (!published) {
+      EXPECT_EQ(published.error().code, ErrorCode::io);
+      ++kept;
+    }
+    if (!renamed) {
+      expect_holds(draft, 0, after);
+    }
+  }
+  EXPECT_GE(kept, 2);  // syncs of the file and of its folder
+}
+
 TEST(Crash, ACommitThatFailedCanBeTriedAgain) {
   TemporaryFolder folder;
   const std::string path = folder.file("a.slf");

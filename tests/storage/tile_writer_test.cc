@@ -171,6 +171,34 @@ TEST(TileWriter, ReplacesTilesOfAllStates) {
   expect_holds(path, 0, model);
 }
 
+TEST(TileWriter, FillsHolesBeforeARecord) {
+  TemporaryFolder folder;
+  const std::string path = folder.file("a.slf");
+  Model model;
+  {
+    TileWriter writer = create(path, {"color"});
+    for (const TileKey key : {TileKey{0, 7}, TileKey{0, 9}, TileKey{1, 5}, TileKey{1, 20000000}}) {
+      model[key] = tile_bytes(0, key, 300);
+      ASSERT_TRUE(ok(writer.append(0, key, model[key])));
+      writer.end_records();
+    }
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  {
+    auto writer = TileWriter::resume(path);
+    ASSERT_TRUE(ok(writer));
+    for (const TileKey key : {TileKey{0, 8}, TileKey{0, 6}, TileKey{0, 2}, TileKey{0, 7},
+                              TileKey{1, 0}, TileKey{0, 3}, TileKey{1, 4}}) {
+      model[key] = tile_bytes(0, key, 400, 9);
+      ASSERT_TRUE(ok(writer->replace(0, key, TileState::stored, model[key])));
+    }
+    EXPECT_EQ(writer->replace(0, {1, 6}, TileState::empty, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace(0, {0, 10}, TileState::empty, {}).error().code, ErrorCode::usage);
+    ASSERT_TRUE(ok(writer->close()));
+  }
+  expect_holds(path, 0, model);
+}
+
 // The number of the last commit, from the meta pages.
 std::uint64_t transaction(const std::string& path) {
   const Bytes file = read_file(path);

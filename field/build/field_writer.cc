@@ -1,0 +1,205 @@
+#include "field/build/field_writer.h"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <utility>
+
+#include "field/field_file.h"
+
+namespace slf {
+namespace {
+
+using storage::LayerId;
+using storage::TileState;
+using storage::TileWriter;
+
+constexpr std::uint64_t kPendingLimit = 32ull << 20;
+constexpr const char* kAnotherProcess = ": another process is writing it";
+
+/// Removes an unfinished file. It must be a container that nobody else is writing.
+Result<void> clear_away(const std::string& file) {
+  struct stat status {};
+  if (::lstat(file.c_str(), &status) != 0) return {};
+  const auto writer = TileWriter::resume(file);  // and hold its lock
+  if (writer) {
+    unlink(file.c_str());
+    return {};
+  }
+  if (writer.error().code == ErrorCode::failed) return tl::unexpected(writer.error());
+  return fail(writer.error().code, writer.error().message,
+              "; it is in the way of a new file: remove it");
+}
+
+Bytes bytes_of(const std::string& text) {
+  const ByteSpan bytes = as_bytes(std::span<const char>(text));
+  return {bytes.begin(), bytes.end()};
+}
+
+/// A manifest as it is stored, if a reader will accept it.
+Result<Bytes> encode(const Manifest& manifest, const std::string& path) {
+  const std::string text =
+      manifest.to_json().dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  if (auto parsed = Manifest::parse(text, path); !parsed)
+    return fail(ErrorCode::usage, parsed.error().message);
+  return bytes_of(text);
+}
+
+}  // namespace
+
+Result<FieldOutput> FieldOutput::at(const std::string& path, Existing existing,
+                                    std::span<const std::string> inputs) {
+  FieldOutput output{path, follow_links(path), existing};
+  struct stat status {};
+  if (::stat(output.target.c_str(), &status) == 0) {
+    if (S_ISDIR(status.st_mode))
+      return fail(ErrorCode::usage, path, ": is a folder; name a file in it");
+    if (!S_ISREG(status.st_mode)) return fail(ErrorCode::usage, path, ": is not a regular file");
+  }
+  for (const std::string& input : inputs)
+    if (is_same_file(output.target, input))
+      return fail(ErrorCode::usage, path, ": is the input",
+                  input == path ? std::string() : " (" + input + ")",
+                  ", which would be lost; choose another output");
+  return output;
+}
+
+bool FieldOutput::exists() const {
+  struct stat status {};
+  return ::lstat(target.c_str(), &status) == 0;
+}
+
+FieldWriter::FieldWriter(TileWriter writer, std::string file, std::size_t layers)
+    : writer_(std::move(writer)),
+      file_(std::move(file)),
+      pending_limit_(kPendingLimit),
+      last_(layers) {}
+
+FieldWriter::FieldWriter(FieldWriter&& other) noexcept
+    : writer_(std::exchange(other.writer_, std::nullopt)),
+      file_(std::move(other.file_)),
+      output_(std::move(other.output_)),
+      discard_(std::exchange(other.discard_, false)),
+      pending_limit_(other.pending_limit_),
+      last_(std::move(other.last_)) {}
+
+FieldWriter::~FieldWriter() {
+  if (discard_) unlink(file_.c_str());  // while the writer holds the lock
+}
+
+Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
+                                        const Manifest& manifest,
+                                        std::span<const ByteSpan> tables) {
+  if (output.existing == Existing::keep && output.exists())
+    return fail(ErrorCode::usage, output.path,
+                ": exists; choose another output, or let it be replaced");
+  const auto text = encode(manifest, output.path);
+  if (!text) return tl::unexpected(text.error());
+  std::vector<std::string> names;
+  std::vector<std::pair<std::string, Bytes>> blobs{{kManifestBlob, *text}};
+  for (std::size_t k = 0; k < manifest.layers.size(); ++k) {
+    names.push_back(manifest.layers[k].name);
+    blobs.emplace_back(kTablesBlobPrefix + names[k], Bytes(tables[k].begin(), tables[k].end()));
+  }
+
+  const std::string file =
+      draft == Draft::keep ? output.unfinished() : output.target + ".repacking";
+  if (output.existing == Existing::replace && storage::is_being_written(output.target))
+    return fail(ErrorCode::failed, output.path, kAnotherProcess);
+  if (auto cleared = clear_away(file); !cleared) {
+    if (cleared.error().code != ErrorCode::failed) return tl::unexpected(cleared.error());
+    return fail(ErrorCode::failed, output.path, kAnotherProcess, " (", file, ")");
+  }
+  auto writer = TileWriter::create(file, names, blobs);
+  if (!writer) return tl::unexpected(writer.error());
+  // What replaces a private file is private from the beginning.
+  if (output.existing == Existing::replace)
+    copy_permissions(output.target, file, /*writable=*/true);
+  FieldWriter created(std::move(*writer), file, names.size());
+  created.output_ = output;
+  created.discard_ = draft == Draft::discard;
+  return created;
+}
+
+Result<FieldWriter> FieldWriter::open(const std::string& file, std::uint64_t transaction) {
+  auto writer = TileWriter::resume(file);
+  if (!writer) return tl::unexpected(writer.error());
+  if (writer->transaction() != transaction)
+    return fail(ErrorCode::failed, file, ": another process has just written to it; try again");
+  std::vector<std::optional<TileKey>> last;
+  for (LayerId layer = 0;; ++layer) {
+    const auto key = writer->last(layer);
+    if (!key) break;  // there are no more layers
+    last.push_back(*key);
+  }
+  FieldWriter opened(std::move(*writer), file, last.size());
+  opened.last_ = std::move(last);
+  return opened;
+}
+
+Result<FieldWriter> FieldWriter::resume(const FieldOutput& output, std::uint64_t transaction) {
+  if (output.existing == Existing::replace && storage::is_being_written(output.target))
+    return fail(ErrorCode::failed, output.path, kAnotherProcess);
+  auto opened = open(output.unfinished(), transaction);
+  if (opened) opened->output_ = output;
+  return opened;
+}
+
+Result<FieldWriter> FieldWriter::edit(const std::string& path, std::uint64_t transaction) {
+  return open(follow_links(path), transaction);
+}
+
+void FieldWriter::set_pending_limit(std::uint64_t bytes) {
+  pending_limit_ = std::clamp<std::uint64_t>(bytes, 1, kPendingLimit);
+}
+
+/// Says what an error leaves behind.
+Result<void> FieldWriter::explained(Result<void> written) const {
+  if (written || written.error().code != ErrorCode::io) return written;
+  return fail(ErrorCode::io, output_ ? output_->path + ": not written: " : "",
+              written.error().message,
+              discard_ ? "; nothing is left of it"
+                       : "; what was committed stays, and the same call goes on from there");
+}
+
+Result<void> FieldWriter::commit() { return explained(writer_->commit()); }
+
+Result<void> FieldWriter::commit_level() {
+  writer_->end_records();
+  return commit();
+}
+
+Result<void> FieldWriter::commit_when_due() {
+  if (writer_->pending_bytes() < pending_limit_) return {};
+  return commit();
+}
+
+Result<void> FieldWriter::put(LayerId layer, TileKey key, ByteSpan payload) {
+  const bool hole = layer < last_.size() && last_[layer] && key <= *last_[layer];
+  const TileState state = payload.empty() ? TileState::empty : TileState::stored;
+  auto done =
+      hole ? writer_->replace(layer, key, state, payload) : writer_->append(layer, key, payload);
+  if (!done) return done;
+  return commit_when_due();
+}
+
+Result<void> FieldWriter::drop(LayerId layer, TileKey key) {
+  if (auto dropped = writer_->replace(layer, key, TileState::missing, {}); !dropped) return dropped;
+  return commit_when_due();
+}
+
+Result<void> FieldWriter::finish() {
+  if (!output_) return explained(writer_->close());
+  if (output_->existing == Existing::replace && storage::is_being_written(output_->target))
+    return fail(ErrorCode::failed, output_->path, kAnotherProcess);
+  auto published = writer_->publish(output_->target, output_->existing);
+  if (published) discard_ = false;
+  if (!published && published.error().code == ErrorCode::usage)
+    return fail(ErrorCode::usage, output_->path, ": exists by now",
+                discard_ ? "" : "; the new field stays at " + file_);
+  return explained(std::move(published));
+}
+
+}  // namespace slf

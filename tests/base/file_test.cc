@@ -1,0 +1,112 @@
+// Files that get their final names: permissions, symbolic links, and what must not be lost.
+#include "base/file.h"
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+
+namespace slf {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Files : public ::testing::Test {
+ protected:
+  Files() {
+    std::string name = fs::temp_directory_path() / "slf-file-XXXXXX";
+    folder_ = mkdtemp(name.data());
+  }
+  ~Files() override { fs::remove_all(folder_); }
+
+  [[nodiscard]] std::string at(const std::string& name) const { return folder_ / name; }
+  void write(const std::string& name, const std::string& text) const {
+    std::ofstream(at(name)) << text;
+  }
+  [[nodiscard]] std::string text(const std::string& name) const {
+    std::ifstream in(at(name));
+    return {std::istreambuf_iterator<char>(in), {}};
+  }
+  [[nodiscard]] unsigned mode(const std::string& name) const {
+    struct stat status {};
+    return ::stat(at(name).c_str(), &status) == 0 ? status.st_mode & 07777 : 0;
+  }
+  [[nodiscard]] std::size_t count() const {
+    return static_cast<std::size_t>(
+        std::distance(fs::directory_iterator(folder_), fs::directory_iterator()));
+  }
+
+  fs::path folder_;
+};
+
+ByteSpan bytes(const std::string& text) { return as_bytes(std::span<const char>(text)); }
+
+TEST_F(Files, AReplacedFileKeepsItsPermissions) {
+  const std::string content = "new";
+  for (const unsigned wanted : {0600u, 0640u, 0444u, 0666u}) {
+    write("a", "old");
+    ASSERT_EQ(::chmod(at("a").c_str(), wanted), 0);
+    ASSERT_TRUE(write_file(at("a"), bytes(content)));
+    EXPECT_EQ(text("a"), "new");
+    EXPECT_EQ(mode("a"), wanted);
+    fs::remove(at("a"));
+  }
+  const unsigned mask = ::umask(027);
+  EXPECT_TRUE(write_file(at("b"), bytes(content)));
+  ::umask(mask);
+  EXPECT_EQ(mode("b"), 0640u);
+  EXPECT_EQ(count(), 1u);
+}
+
+TEST_F(Files, SymbolicLinksAreWrittenThrough) {
+  const std::string content = "new";
+  fs::create_directory(at("there"));
+  write("there/a", "old");
+  fs::create_symlink("there/a", at("relative"));
+  fs::create_symlink(at("relative"), at("twice"));
+  fs::create_symlink("there/new", at("dangling"));
+  for (const char* link : {"relative", "twice"}) {
+    write("there/a", "old");
+    EXPECT_EQ(follow_links(at(link)), at("there/a"));
+    ASSERT_TRUE(write_file(at(link), bytes(content)));
+    EXPECT_TRUE(fs::is_symlink(at(link)));
+    EXPECT_EQ(text("there/a"), "new");
+  }
+  ASSERT_TRUE(write_file(at("dangling"), bytes(content)));
+  EXPECT_TRUE(fs::is_symlink(at("dangling")));
+  EXPECT_EQ(text("there/new"), "new");
+  fs::create_symlink("loop", at("loop"));
+  EXPECT_EQ(write_file(at("loop"), bytes(content)).error().code, ErrorCode::io);
+}
+
+TEST_F(Files, OneFileByAnyName) {
+  write("a", "text");
+  write("b", "text");
+  fs::create_symlink("a", at("soft"));
+  fs::create_hard_link(at("a"), at("hard"));
+  EXPECT_TRUE(is_same_file(at("a"), at("./a")));
+  EXPECT_TRUE(is_same_file(at("a"), at("soft")));
+  EXPECT_TRUE(is_same_file(at("soft"), at("hard")));
+  EXPECT_FALSE(is_same_file(at("a"), at("b")));
+  EXPECT_FALSE(is_same_file(at("none"), at("none")));
+}
+
+TEST_F(Files, PublishingKeepsOrReplaces) {
+  write("from", "new");
+  write("to", "old");
+  const auto kept = publish_file(at("from"), at("to"), Existing::keep);
+  ASSERT_FALSE(kept);
+  EXPECT_EQ(kept.error().code, ErrorCode::usage);
+  EXPECT_EQ(text("from") + text("to"), "newold");
+  ASSERT_TRUE(publish_file(at("from"), at("to"), Existing::replace));
+  EXPECT_EQ(text("to"), "new");
+  EXPECT_EQ(publish_file(at("from"), at("to"), Existing::replace).error().code, ErrorCode::io);
+  EXPECT_EQ(text("to"), "new");
+  ASSERT_TRUE(publish_file(at("to"), at("again"), Existing::keep));
+  EXPECT_EQ(count(), 1u);
+}
+
+}  // namespace
+}  // namespace slf
