@@ -113,10 +113,10 @@ class GatherList {
     if (!is_new) return found->second;
     const codec::Tile shape = geometry_.tile(entry, codec::SampleFormat::rgba8);
     samples_.resize(samples_.size() + shape.bytes() / 4);
-    const auto pin = cache_.get(
+    const auto pin = cache_.load(
         {tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)})}, false);
-    if (pin && pin->color())
-      std::memcpy(samples_.data() + found->second, pin->color(), shape.bytes());
+    if (pin && pin->page().color)
+      std::memcpy(samples_.data() + found->second, pin->page().color, shape.bytes());
     return found->second;
   }
 

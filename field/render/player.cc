@@ -107,10 +107,10 @@ class Player::Loader {
     thread_.join();
   }
 
-  /// `lacking` are keys in order, `level` that of the frame; `drawn` is when it was done, on the
-  /// cache's clock. Its tiles are pinned: what was used since is for frames to come.
+  /// `lacking` are keys in order, `level` that of the frame; `drawn` is its TileCache frame, whose
+  /// tiles must stay.
   void plan(std::vector<TileKey> lacking, std::vector<Camera> next, unsigned level,
-            std::uint64_t drawn) {
+            std::uint32_t drawn) {
     {
       const std::lock_guard lock(mutex_);
       lacking_ = std::move(lacking);
@@ -151,7 +151,7 @@ class Player::Loader {
       const std::uint64_t plan = plan_;
       const std::vector<TileKey> lacking = std::move(lacking_);
       const std::vector<Camera> next = std::move(next_);
-      const std::uint64_t drawn = drawn_;
+      const std::uint32_t drawn = drawn_;
       view_.level = level_;
       lock.unlock();
       current_ = plan;
@@ -177,7 +177,7 @@ class Player::Loader {
 
   /// Loads tiles in batches that the disk can work on together. False: there is a newer plan, or no
   /// room but that of tiles the next frames use.
-  [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint64_t drawn) {
+  [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint32_t drawn) {
     const bool with_depth = view_.needs_depth();
     const auto locate = [&](std::size_t from) {
       from = std::min(from, keys.size());
@@ -188,7 +188,7 @@ class Player::Loader {
       const auto now = std::exchange(batch, locate(at + kBatch));
       for (const TileCache::Located& tile : now) {
         if (outdated() || !cache_.has_room(drawn)) return false;
-        if (auto here = cache_.get(tile, with_depth); !here) return tl::unexpected(here.error());
+        if (auto pin = cache_.load(tile, with_depth); !pin) return tl::unexpected(pin.error());
       }
     }
     return true;
@@ -196,7 +196,7 @@ class Player::Loader {
 
   /// Loads what a small picture of a view touches. What it sees leads to more as tiles come, so it
   /// is drawn until it lacks nothing. False: as load(); or what was loaded had to go again.
-  [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint64_t drawn) {
+  [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint32_t drawn) {
     std::set<TileKey> loaded;
     for (std::uint64_t turn = current_; !outdated(); ++turn) {
       ViewStatistics statistics;
@@ -223,7 +223,7 @@ class Player::Loader {
   std::vector<TileKey> lacking_;
   std::vector<Camera> next_;
   unsigned level_ = 0;
-  std::uint64_t drawn_ = 0;
+  std::uint32_t drawn_ = 0;
   std::uint64_t plan_ = 0, done_ = 0;
   std::optional<Error> error_;
   bool stop_ = false, paused_ = false;
@@ -232,11 +232,9 @@ class Player::Loader {
 
 namespace {
 
-/// Frames must not fault pages in, so tiles are copied out of the map; and most are those of the
-/// frame before.
+/// Frames must not fault pages in, so tiles are copied out of the map.
 RendererOptions for_frames(RendererOptions options) {
   options.in_place = false;
-  options.keep = true;
   return options;
 }
 
@@ -275,9 +273,9 @@ Result<Player> Player::make(const Field& field, const PlayOptions& options) {
   TileCache& cache = state->cache();
   for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_extra_levels); ++index) {
     if (4 * cache.statistics().decoded_bytes > options.renderer.memory) break;
-    auto tile = cache.get({{0, index}}, options.view.needs_depth());
-    if (!tile) return tl::unexpected(tile.error());
-    state->coarsest.push_back(std::move(*tile));
+    auto pin = cache.load({{0, index}}, options.view.needs_depth());
+    if (!pin) return tl::unexpected(pin.error());
+    state->coarsest.push_back(std::move(*pin));
   }
   state->seen = cache.statistics();
   state->loader = std::make_unique<Loader>(state->renderer, state->options.view);
@@ -291,6 +289,7 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
   const bool alone = s.loader && begin - s.ended > (s.ended - s.began) / kGap;
   if (alone) s.loader->pause(true);
   TileCache& cache = s.cache();
+  const std::uint32_t frame = cache.now() + 1;  // that this one is, or a later one
   ViewStatistics statistics;
   auto ok = s.renderer.render(camera, s.options.view, image, &statistics);
   if (alone) s.loader->pause(false);
@@ -328,7 +327,7 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
     if (s.before) s.expected = predict(center, *s.before, camera, 1);
   }
   const auto level = static_cast<unsigned>(statistics.level_pixels.size() - 1);
-  s.loader->plan(std::move(statistics.wanted), std::move(next), level, cache.now());
+  s.loader->plan(std::move(statistics.wanted), std::move(next), level, frame);
   s.before = camera;
   return {};
 }

@@ -1,8 +1,9 @@
-// RayBlock: the rays of a block of pixels on their way through the renderer. Private to field/.
+// RayBlock: the rays of a block of pixels, and what the renderer's stages compute for them. Private to
+// field/render.
 //
-// Everything is a structure of arrays, so that the kernel takes as many rays at a time as the
-// machine has lanes. Arrays are longer than the block by kRayPadding: the kernel works in whole
-// vectors, and what it leaves behind the last ray means nothing.
+// Everything is a structure of arrays, so that the kernels process as many rays at a time as the
+// machine has lanes. Arrays are longer than the block by kRayPadding: kernels work in whole vectors,
+// and values behind the last ray are unspecified.
 #pragma once
 
 #include <array>
@@ -12,11 +13,9 @@
 #include <new>
 #include <vector>
 
-#include "field/render/tile_numbers.h"
-
 namespace slf {
 
-/// Blocks of pixels. Larger ones leave the core's first cache, and each row is another page of
+/// Blocks of pixels. Larger ones do not fit the core's first cache, and each row is another page of
 /// memory.
 inline constexpr std::uint32_t kBlockWidth = 32, kBlockHeight = 4;
 inline constexpr std::size_t kBlockRays = kBlockWidth * kBlockHeight;
@@ -64,28 +63,25 @@ struct RayBlock {
   }
 };
 
-/// Each ray's entry vertices: three, or in slot 0 the nearest alone.
-struct EntryArrays {
+/// The cell of the entry lattice that each ray enters through: three vertices, or in slot 0 the
+/// nearest alone.
+struct EntryCells {
   std::array<RayArray<std::uint32_t>, 3> section;  ///< that owns the vertex
   std::array<RayArray<std::uint32_t>, 3> row;      ///< its first sample in the section's tiles
   std::array<RayArray<float>, 3> weight;
-  std::array<RayArray<float>, 3> t;  ///< depth along the ray that the vertex is to aim at
-  RayArray<float> step;              ///< how far the furthest of these aims moved; 0: not at all
-  std::array<PointArrays, 3> point;  ///< the vertices, where depth is wanted
+  std::array<PointArrays, 3> point;  ///< where the vertices are; only if asked for
 
   void resize(std::size_t size) {
     for (auto* arrays : {&section, &row})
       for (auto& array : *arrays) array.resize(size + kRayPadding);
     for (auto& array : weight) array.resize(size + kRayPadding);
-    for (auto& array : t) array.resize(size + kRayPadding);
-    step.resize(size + kRayPadding);
     for (auto& points : point) points.resize(size + kRayPadding);
   }
 };
 
-/// The three exit vertices around one exit point per ray. Two of them are neighbours in a row of
-/// samples: one load takes both.
-struct ExitArrays {
+/// The cell of the exit lattice around one exit point per ray. Two of its three vertices are
+/// neighbours in a row of samples: one load takes both.
+struct ExitCells {
   RayArray<std::uint32_t> section;
   RayArray<std::uint32_t> pair;           ///< column of the first; the second comes next
   RayArray<std::uint32_t> third;          ///< column of the third, never the row's first
@@ -97,11 +93,12 @@ struct ExitArrays {
   }
 };
 
-/// The samples of each ray, as stored. Only one of the two kinds of colour is used.
-struct SampleArrays {
-  std::array<RayArray<std::uint32_t>, 9> rgba8;    ///< [3 × entry slot + exit], r lowest
+/// The samples of each ray, as stored: for each entry vertex an entry sample, the values at the
+/// three vertices of its exit cell. Only one of the two kinds of colour is used.
+struct BlockSamples {
+  std::array<RayArray<std::uint32_t>, 9> rgba8;    ///< [3 × entry vertex + exit vertex], r lowest
   std::array<RayArray<std::uint64_t>, 9> rgba16f;  ///< the same
-  std::array<RayArray<std::uint32_t>, 3> depth;    ///< [entry slot]: a byte for each exit
+  std::array<RayArray<std::uint32_t>, 3> depth;    ///< [entry vertex]: a byte per exit vertex
 
   void resize(std::size_t size, bool half_floats) {
     for (auto& array : rgba8) array.resize(half_floats ? 0 : size + kRayPadding);
@@ -110,26 +107,28 @@ struct SampleArrays {
   }
 };
 
-/// Which tile, by number, each ray's entry slots sample: kNoTile where its weight is 0.
-using TileArrays = std::array<RayArray<std::uint32_t>, 3>;
+/// Depths along each ray, 0 where it enters the sphere and 1 where it leaves, as estimated from its
+/// samples.
+struct DepthEstimates {
+  RayArray<float> t;                   ///< opacity-weighted mean over all samples
+  std::array<RayArray<float>, 3> aim;  ///< what each entry vertex is to be aimed at next
+  RayArray<float> step;                ///< how far the aims moved, at most; 0: converged
 
-/// Where the pinned tiles are: bytes from `zeros`, amid zeros for whatever is loaded at once, to a
-/// tile's first sample. 0 where nothing is stored or pinned.
-struct TileOffsets {
-  const std::byte* zeros = nullptr;
-  std::vector<std::int64_t> color{0}, depth{0};  ///< [number + 1], so that kNoTile has the first
+  void resize(std::size_t size) {
+    for (auto* array : {&t, &step, &aim[0], &aim[1], &aim[2]}) array->resize(size + kRayPadding);
+  }
 };
 
-/// A pass over rays: every ray's entry vertices, each aimed at an exit point.
+/// One round of samples for a block of rays: at which exit points each entry vertex is aimed.
 struct Pass {
-  unsigned entries = 3;     ///< slots in use
-  bool with_depth = false;  ///< depth is wanted
-  bool preview = false;     ///< pixels that a further look will draw need not be drawn
-  /// Samples count by how well they agree with the depth that was aimed at: fully at the same
-  /// place, hardly from this far along the ray. 0: they all count.
-  float spread = 0;
-  std::array<const PointArrays*, 3> aim{};  ///< per entry slot
-  std::array<const ExitArrays*, 3> exit{};
+  unsigned entries = 3;     ///< entry vertices in use
+  bool with_depth = false;  ///< depths are sampled and estimated
+  bool first_of_more = false;  ///< pixels that a later pass will draw need not be drawn
+  /// How far, as a part of the ray, a sample's depth may be from the aim until it loses most of its
+  /// weight. 0: weights do not depend on depth.
+  float depth_tolerance = 0;
+  std::array<const PointArrays*, 3> aim{};  ///< exit points, per entry vertex
+  std::array<const ExitCells*, 3> exit{};   ///< their cells
 };
 
 }  // namespace slf

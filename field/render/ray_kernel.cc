@@ -20,7 +20,7 @@ struct Cells {
 };
 
 /// REQUIRES: points are finite.
-HWY_INLINE Cells locate(const Point& p, std::int32_t resolution, std::int32_t octant_step) {
+HWY_INLINE Cells locate_cells(const Point& p, std::int32_t resolution, std::int32_t octant_step) {
   const D d;
   const V one = hn::Set(d, 1.f), zero = hn::Zero(d);
   const V ax = hn::Abs(p.x), ay = hn::Abs(p.y), az = hn::Abs(p.z);
@@ -70,22 +70,9 @@ HWY_INLINE Point vertex(V x, V y, std::int32_t resolution, const Point& side) {
           hn::CopySign(hn::Mul(p.z, inverse), side.z)};
 }
 
-/// Stores the chosen lanes one after the other.
-template <class DT, class T>
-HWY_INLINE void store_chosen(hn::Vec<DT> v, bool all, hn::Mask<D> chosen, DT d, T* to) {
-  hn::StoreU(all ? v : hn::Compress(v, hn::RebindMask(d, chosen)), d, to);
-}
-
-HWY_INLINE void store_chosen(const Point& p, bool all, hn::Mask<D> chosen, PointArrays& to,
-                             std::size_t k) {
-  store_chosen(p.x, all, chosen, D(), to.x.data() + k);
-  store_chosen(p.y, all, chosen, D(), to.y.data() + k);
-  store_chosen(p.z, all, chosen, D(), to.z.data() + k);
-}
-
-/// Something of rays that is linear in the pixel's place: its value for a block's first pixel, and
-/// what a step to the right or down adds. From a start in double, because eyes may be far away, a
-/// block's few steps in float lose nothing.
+/// A vector that is linear in the pixel's place: its value at a block's first pixel, and what a step
+/// to the right or down adds. The start is computed in double, because eyes may be far away; a
+/// block's few steps lose nothing in float.
 struct Linear {
   Point start, across, down;
 
@@ -141,8 +128,8 @@ void cast_rays_any(const CameraBasis& basis, const PixelBlock& block, RayBlock& 
   rays.count = n;
 }
 
-void find_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
-                      bool with_points, EntryArrays& entries) {
+void locate_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
+                      bool with_points, EntryCells& entries) {
   const D d;
   const DI di;
   const std::int32_t resolution = geometry.entry_resolution(), across = resolution + 1;
@@ -159,7 +146,7 @@ void find_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool 
   };
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
     const Point enter = Point::load(rays.enter, k);
-    const Cells cell = locate(enter, resolution, across * across);
+    const Cells cell = locate_cells(enter, resolution, across * across);
     // The corners, as Cell::corners() has them.
     const VI base = hn::Add(mul_add(to_whole(cell.y), stride, to_whole(cell.x)), cell.octant);
     const VI corners[] = {hn::Add(base, flag(cell.inverted, across + 1)),
@@ -188,8 +175,8 @@ void find_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool 
   }
 }
 
-void find_exits_any(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
-                    bool nearest, ExitArrays& exits) {
+void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
+                    bool nearest, ExitCells& exits) {
   const D d;
   const DI di;
   const auto level = static_cast<int>(geometry.level());
@@ -199,7 +186,7 @@ void find_exits_any(const LevelGeometry& geometry, const PointArrays& points, st
   const V n = hn::Set(d, side), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
   const V inverse = hn::Set(d, 1 / side), across = hn::Set(d, static_cast<float>(2 << level));
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
-    const Cells cell = locate(Point::load(points, k), geometry.exit_resolution(), 1 << 2 * level);
+    const Cells cell = locate_cells(Point::load(points, k), geometry.exit_resolution(), 1 << 2 * level);
     // Divide by the side: half a cell keeps the quotients away from whole numbers.
     const V sx = hn::Floor(hn::Mul(hn::Add(cell.x, half), inverse));
     const V sy = hn::Floor(hn::Mul(hn::Add(cell.y, half), inverse));
@@ -236,41 +223,6 @@ void find_exits_any(const LevelGeometry& geometry, const PointArrays& points, st
   }
 }
 
-void keep_moving_any(float rest, RayBlock& rays, EntryArrays& entries, float* t) {
-  const D d;
-  std::size_t n = 0;
-  for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
-    const auto moving = hn::And(hn::Gt(hn::LoadU(d, &entries.step[k]), hn::Set(d, rest)),
-                                hn::FirstN(d, rays.count - k));
-    if (hn::AllFalse(d, moving)) continue;
-    const bool all = hn::AllTrue(d, moving);
-    store_chosen(Point::load(rays.enter, k), all, moving, rays.enter, n);
-    store_chosen(Point::load(rays.leave, k), all, moving, rays.leave, n);
-    store_chosen(hn::LoadU(DU(), &rays.pixel[k]), all, moving, DU(), &rays.pixel[n]);
-    for (auto& aim : entries.t) store_chosen(hn::LoadU(d, &aim[k]), all, moving, d, &aim[n]);
-    store_chosen(hn::LoadU(d, t + k), all, moving, d, t + n);
-    n += hn::CountTrue(d, moving);
-  }
-  rays.count = n;
-}
-
-void aim_at_depth_any(const RayBlock& rays, const EntryArrays& entries,
-                      std::array<PointArrays, 3>& aims) {
-  const D d;
-  for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
-    const Point enter = Point::load(rays.enter, k);
-    const Point ray = Point::load(rays.leave, k).minus(enter);
-    for (std::size_t c = 0; c < 3; ++c) {
-      const Point seen = enter.plus(hn::LoadU(d, &entries.t[c][k]), ray);
-      const Point from = Point::load(entries.point[c], k);
-      const Point along = seen.minus(from);
-      const V length2 = along.dot(along);
-      const V far = hn::Div(hn::Mul(hn::Set(d, -2.f), from.dot(along)), length2);
-      from.plus(hn::IfThenElseZero(hn::Gt(length2, hn::Zero(d)), far), along).store_to(aims[c], k);
-    }
-  }
-}
-
 }  // namespace
 }  // namespace HWY_NAMESPACE
 }  // namespace slf
@@ -280,32 +232,21 @@ HWY_AFTER_NAMESPACE();
 namespace slf {
 
 HWY_EXPORT(cast_rays_any);
-HWY_EXPORT(find_entries_any);
-HWY_EXPORT(find_exits_any);
-HWY_EXPORT(keep_moving_any);
-HWY_EXPORT(aim_at_depth_any);
+HWY_EXPORT(locate_entries_any);
+HWY_EXPORT(locate_exits_any);
 
 void cast_rays(const CameraBasis& basis, const PixelBlock& block, RayBlock& rays) {
   HWY_DYNAMIC_DISPATCH(cast_rays_any)(basis, block, rays);
 }
 
-void find_entries(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
-                  bool with_points, EntryArrays& entries) {
-  HWY_DYNAMIC_DISPATCH(find_entries_any)(geometry, rays, nearest, with_points, entries);
+void locate_entries(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
+                  bool with_points, EntryCells& entries) {
+  HWY_DYNAMIC_DISPATCH(locate_entries_any)(geometry, rays, nearest, with_points, entries);
 }
 
-void find_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
-                bool nearest, ExitArrays& exits) {
-  HWY_DYNAMIC_DISPATCH(find_exits_any)(geometry, points, count, nearest, exits);
-}
-
-void keep_moving(float rest, RayBlock& rays, EntryArrays& entries, float* t) {
-  HWY_DYNAMIC_DISPATCH(keep_moving_any)(rest, rays, entries, t);
-}
-
-void aim_at_depth(const RayBlock& rays, const EntryArrays& entries,
-                  std::array<PointArrays, 3>& aims) {
-  HWY_DYNAMIC_DISPATCH(aim_at_depth_any)(rays, entries, aims);
+void locate_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
+                bool nearest, ExitCells& exits) {
+  HWY_DYNAMIC_DISPATCH(locate_exits_any)(geometry, points, count, nearest, exits);
 }
 
 }  // namespace slf

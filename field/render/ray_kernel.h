@@ -1,10 +1,9 @@
-// Where rays go: from a pixel to the cells of both lattices, on blocks of rays, compiled for
-// several instruction sets. Private to field/.
+// Casting and locating: from the pixels of a block to rays, and to the cells of both lattices that
+// they cross. Compiled for several instruction sets. Private to field/render.
 //
 // A ray's result depends on the ray alone, never on its place in a block: lanes do not mix.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <glm/glm.hpp>
 
@@ -29,22 +28,14 @@ struct PixelBlock {
 /// REQUIRES: `rays` is sized for all of them.
 void cast_rays(const CameraBasis& basis, const PixelBlock& block, RayBlock& rays);
 
-/// Finds the cell of the entry lattice each ray enters through and its rows; `nearest` keeps one
-/// vertex.
-void find_entries(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
-                  bool with_points, EntryArrays& entries);
+/// Locates the cell of the entry lattice that each ray enters through: its vertices' sections, rows
+/// and weights, and with `with_points` where they are. `nearest` keeps the nearest vertex alone.
+void locate_entries(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
+                  bool with_points, EntryCells& entries);
 
-/// Finds the cell of the exit lattice, its section and columns, at each of `count` points.
-void find_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
-                bool nearest, ExitArrays& exits);
-
-/// Keeps the rays whose aims moved by more than `rest`, with the aims and `t`; find_entries() must
-/// then find what else `entries` holds.
-void keep_moving(float rest, RayBlock& rays, EntryArrays& entries, float* t);
-
-/// Aims each ray's three entry vertices at what the ray sees at their depths t: where the lines
-/// through it leave the sphere.
-void aim_at_depth(const RayBlock& rays, const EntryArrays& entries,
-                  std::array<PointArrays, 3>& aims);
+/// Locates the cell of the exit lattice at each of `count` points: its section, columns and weights.
+/// `nearest` gives the nearest vertex all of the weight.
+void locate_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
+                bool nearest, ExitCells& exits);
 
 }  // namespace slf

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <cstring>
-#include <limits>
 #include <mutex>
 #include <numbers>
 #include <optional>
@@ -12,14 +10,13 @@
 
 #include "base/parallel.h"
 #include "field/render/block_renderer.h"
-#include "field/render/ray_kernel.h"
 #include "field/render/renderer_state.h"
 
 namespace slf {
 namespace {
 
-constexpr std::uint32_t kTaken = 16;      // blocks that a thread takes at once
-constexpr std::size_t kRayScratch = 512;  // bytes of scratch per ray of a block, about
+constexpr std::uint32_t kTakenBlocks = 16;  // that a thread takes at once
+constexpr std::size_t kRayScratch = 512;    // bytes of scratch per ray of a block, about
 
 }  // namespace
 
@@ -66,13 +63,12 @@ RenderMode default_mode(const Field& field) {
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field.file(), options);
-  state_ = std::unique_ptr<State>(
-      new State{field, plan.threads, plan.cache_bytes / (plan.threads + 1), options.keep,
-                std::make_shared<TileCache>(field.file(), plan.cache_bytes, options.map_budget,
-                                            options.in_place)});
+  state_ = std::unique_ptr<State>(new State{
+      field, plan.threads, plan.cache_bytes / (plan.threads + 1),
+      std::make_shared<TileCache>(field.file(), plan.cache_bytes, options.map_budget, options.in_place)});
 }
 Renderer::Renderer(const Renderer& other, unsigned threads)
-    : state_(new State{other.state_->field, threads, other.state_->pin_bytes, false,
+    : state_(new State{other.state_->field, threads, other.state_->pin_bytes,
                        other.state_->cache}) {}
 Renderer::~Renderer() = default;
 
@@ -120,14 +116,14 @@ std::uint32_t block_count(const Camera& camera) {
   return blocks_across(camera) * ((camera.height + kBlockHeight - 1) / kBlockHeight);
 }
 
-/// One picture under way: blocks are taken by any thread, each writes pixels of its own.
+/// One view being drawn: any thread takes blocks, each of which writes pixels of its own.
 class ViewJob {
  public:
   ViewJob(const FieldFile& field, TileCache& cache, unsigned threads, std::uint64_t pin_bytes,
-          const Camera& camera, const RayGenerator& rays, const ViewOptions& options,
-          std::vector<BlockRenderer::Kept>* kept, Image& image)
+          const Camera& camera, const RayGenerator& rays, const ViewOptions& options, Image& image)
       : field_(field),
         cache_(cache),
+        frame_(cache.begin_frame()),
         pin_bytes_(pin_bytes),
         camera_(camera),
         basis_(make_basis(field.shape().sphere, rays, camera.width)),
@@ -135,7 +131,6 @@ class ViewJob {
         across_(blocks_across(camera)),
         blocks_(block_count(camera)),
         bands_(threads),
-        kept_(kept),
         image_(image),
         level_pixels_(options.level + 1) {
     image_.width = camera.width;
@@ -145,35 +140,31 @@ class ViewJob {
     for (std::uint32_t band = 0; band < threads; ++band) bands_[band].next = begin_of(band);
   }
 
-  /// Draws blocks until none are left. Called by each thread; each has a band of the picture of its
-  /// own, so that few tiles and cache lines are shared, and then helps with the others.
+  /// Draws blocks until none are left. Called by each thread. Each has a contiguous band of the
+  /// picture, so that threads share few tiles and cache lines, and then helps with the others.
   void work() {
-    std::vector<std::uint64_t> level_pixels(level_pixels_.size());
-    std::uint64_t hit = 0;
     std::optional<Error> error;
     const std::uint32_t own = workers_++;
-    BlockRenderer renderer(field_, cache_, pin_bytes_, options_, camera_.eye, image_,
-                           kept_ ? std::move((*kept_)[own]) : BlockRenderer::Kept());
+    BlockRenderer renderer(field_, cache_, frame_, pin_bytes_, options_, camera_.eye, image_);
     for (std::uint32_t k = 0; k < bands_.size(); ++k) {
       const auto band = (own + k) % static_cast<std::uint32_t>(bands_.size());
       const std::uint32_t end = begin_of(band + 1);
       // Taking waits until all pixels are written, so a few are taken at once.
-      for (std::uint32_t begin; !error && (begin = bands_[band].next.fetch_add(kTaken)) < end;)
-        for (std::uint32_t block = begin; !error && block < std::min(begin + kTaken, end); ++block)
-          if (auto ok = draw(block, renderer, level_pixels, hit); !ok) error = ok.error();
+      for (std::uint32_t begin;
+           !error && (begin = bands_[band].next.fetch_add(kTakenBlocks)) < end;)
+        for (std::uint32_t block = begin; !error && block < std::min(begin + kTakenBlocks, end);
+             ++block)
+          if (auto ok = renderer.draw(basis_, pixels(block)); !ok) error = ok.error();
     }
-    std::vector<TileKey> touched, wanted;
-    renderer.add_tiles_to(touched, wanted);
-    sort_unique(touched);
-    if (kept_) (*kept_)[own] = std::move(renderer).keep();
     const std::lock_guard lock(mutex_);
-    touched_.insert(touched_.end(), touched.begin(), touched.end());
-    wanted_.insert(wanted_.end(), wanted.begin(), wanted.end());
-    for (std::size_t level = 0; level < level_pixels.size(); ++level)
-      level_pixels_[level] += level_pixels[level];
-    hit_ += hit;
-    if (error && !error_) error_ = error;
+    const SampleGatherer& gatherer = renderer.gatherer();
+    touched_.insert(touched_.end(), gatherer.touched().begin(), gatherer.touched().end());
+    wanted_.insert(wanted_.end(), gatherer.wanted().begin(), gatherer.wanted().end());
+    for (std::size_t level = 0; level < level_pixels_.size(); ++level)
+      level_pixels_[level] += renderer.counts().level[level];
+    hit_ += renderer.counts().hit;
     if (!error) return;
+    if (!error_) error_ = error;
     for (Band& band : bands_) band.next = blocks_;
   }
 
@@ -181,8 +172,9 @@ class ViewJob {
 
   /// What the engine counted; footprint() looks up bytes and pages.
   void fill(ViewStatistics& statistics) {
-    sort_unique(touched_);
     sort_unique(wanted_);
+    touched_.insert(touched_.end(), wanted_.begin(), wanted_.end());
+    sort_unique(touched_);
     statistics.tiles = std::move(touched_);
     statistics.wanted = std::move(wanted_);
     statistics.pixels_hit = hit_;
@@ -205,48 +197,18 @@ class ViewJob {
             std::min(y0 + kBlockHeight, camera_.height)};
   }
 
-  Result<void> draw(std::uint32_t block, BlockRenderer& renderer,
-                    std::vector<std::uint64_t>& level_pixels, std::uint64_t& hit) {
-    RayBlock& rays = renderer.rays(kBlockRays);
-    const PixelBlock area = pixels(block);
-    fetch(area);
-    cast_rays(basis_, area, rays);
-    if (rays.count < std::size_t{area.x1 - area.x0} * (area.y1 - area.y0)) clear(area);
-    hit += rays.count;
-    return renderer.draw(level_pixels);
-  }
-
-  /// Has the lines of cache that the block will write brought in meanwhile: pictures are larger
-  /// than caches.
-  void fetch(const PixelBlock& block) {
-    constexpr std::uint32_t kLine = 64 / sizeof(glm::vec4);
-    for (std::uint32_t y = block.y0; y < block.y1; ++y)
-      for (std::uint32_t x = block.x0; x < block.x1; x += kLine)
-        __builtin_prefetch(&image_.rgba[std::size_t{y} * camera_.width + x], 1);
-  }
-
-  void clear(const PixelBlock& block) {
-    for (std::uint32_t y = block.y0; y < block.y1; ++y) {
-      const std::size_t row = std::size_t{y} * camera_.width;
-      std::memset(&image_.rgba[row + block.x0], 0, (block.x1 - block.x0) * sizeof(glm::vec4));
-      if (options_.with_depth)
-        std::fill(&image_.depth[row + block.x0], &image_.depth[row + block.x1 - 1] + 1,
-                  std::numeric_limits<float>::infinity());
-    }
-  }
-
   const FieldFile& field_;
   TileCache& cache_;
+  const std::uint32_t frame_;
   const std::uint64_t pin_bytes_;
   const Camera& camera_;
   const CameraBasis basis_;
   const ViewOptions& options_;
   const std::uint32_t across_, blocks_;
   std::vector<Band> bands_;
-  std::vector<BlockRenderer::Kept>* kept_;  // by band; null: none are
   Image& image_;
   std::atomic<std::uint32_t> workers_{0};
-  std::mutex mutex_;
+  std::mutex mutex_;  // guards what follows
   std::optional<Error> error_;
   std::vector<TileKey> touched_, wanted_;
   std::vector<std::uint64_t> level_pixels_;
@@ -273,10 +235,8 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
   state_->cache->reset_peak();
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
   const unsigned threads = std::min(state_->threads, block_count(camera));
-  const bool keep = state_->keep && !options.wait;
-  state_->kept.resize(keep ? threads : 0);
   ViewJob job(field, *state_->cache, threads, state_->pin_bytes, camera, *rays, options,
-              keep ? &state_->kept : nullptr, image);
+              image);
   if (auto ok = on_threads(threads, [&] { job.work(); }); !ok) return ok;
   if (job.error()) return tl::unexpected(*job.error());
   if (auto ok = field.unchanged(); !ok) return ok;

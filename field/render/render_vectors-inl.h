@@ -1,5 +1,5 @@
-// Vectors of floats and integers, and of points. Part of ray_kernel.cc and sample_kernel.cc, and of
-// the benchmarks' peer.
+// Vectors of floats and integers, and of points. Part of the kernels here, and of the benchmarks'
+// peer.
 
 // Included once per instruction set.
 #if defined(SLF_FIELD_RENDER_VECTORS_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -114,6 +114,19 @@ struct Point {
             hn::MulSub(x, p.y, hn::Mul(y, p.x))};
   }
 };
+
+/// Stores the chosen lanes one after the other.
+template <class DT, class T>
+HWY_INLINE void store_chosen(hn::Vec<DT> v, bool all, hn::Mask<D> chosen, DT d, T* to) {
+  hn::StoreU(all ? v : hn::Compress(v, hn::RebindMask(d, chosen)), d, to);
+}
+
+HWY_INLINE void store_chosen(const Point& p, bool all, hn::Mask<D> chosen, PointArrays& to,
+                             std::size_t k) {
+  store_chosen(p.x, all, chosen, D(), to.x.data() + k);
+  store_chosen(p.y, all, chosen, D(), to.y.data() + k);
+  store_chosen(p.z, all, chosen, D(), to.z.data() + k);
+}
 
 }  // namespace
 }  // namespace HWY_NAMESPACE

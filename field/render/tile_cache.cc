@@ -2,44 +2,46 @@
 
 #include <algorithm>
 #include <optional>
+#include <thread>
 #include <utility>
 
 #include "base/guarded.h"
+#include "field/geometry/section.h"
 
 namespace slf {
 
 namespace {
-constexpr std::uint64_t kEntryBytes = 512;     // bookkeeping of one entry, about
+constexpr std::uint64_t kTileBytes = 512;      // bookkeeping of one tile, about
 constexpr std::uint64_t kMapWindow = 1 << 16;  // what Linux maps around a page that is read
 constexpr std::uint64_t kTreeWindows = 3;      // on the way through the search tree, about
 }  // namespace
 
-/// What an entry has of one layer.
-struct TileCache::Part {
-  enum class Stage : std::uint8_t { absent, loading, ready };
+/// What a tile has of one layer.
+struct TileCache::LayerSamples {
+  enum class Stage : std::uint8_t { absent, loading, done };
 
-  storage::TileRef tile;
-  const std::byte* samples = nullptr;
-  std::unique_ptr<std::byte[]> owned;  // what `samples` points to, unless it is the map
+  storage::TileRef ref;
+  const std::byte* first = nullptr;
+  std::unique_ptr<std::byte[]> owned;  // what `first` points into, unless it is the map
   std::optional<Error> error;
   Stage stage = Stage::absent;
-  bool in_place = false;  // samples are in the map
+  bool in_place = false;  // the samples are in the map
   bool mapped = false;    // the payload is read there
 
-  [[nodiscard]] bool good() const { return stage == Stage::ready && !error; }
+  [[nodiscard]] bool loaded() const { return stage == Stage::done && !error; }
 };
 
-struct TileCache::Entry : Link {
-  TileKey key;
-  Part color, depth;
-  std::uint64_t cost = 0;  // what it counts for in the budget
-  std::uint64_t used = 0;  // when it was last unpinned
-  std::uint32_t pins = 0;  // 0: linked into idle_
+struct TileCache::Tile : Link {
+  TilePage page;
+  LayerSamples color, depth;
+  std::uint64_t cost = 0;    // what it counts for in the budget
+  std::uint32_t listed = 0;  // page.used when idle_ was last sorted
+  std::uint32_t pins = 0;    // 0: linked into idle_
 
-  /// REQUIRES: the colour is here.
-  [[nodiscard]] bool visible() const { return color.tile.state == storage::TileState::stored; }
+  /// REQUIRES: the colours are loaded.
+  [[nodiscard]] bool visible() const { return color.ref.state == storage::TileState::stored; }
   [[nodiscard]] bool lacks_depth() const {
-    return color.good() && visible() && depth.stage == Part::Stage::absent;
+    return color.loaded() && visible() && depth.stage == LayerSamples::Stage::absent;
   }
 };
 
@@ -50,15 +52,20 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t
       depth_(field.layer("depth")),
       budget_(budget),
       map_budget_(map_budget),
-      in_place_(in_place) {}
+      in_place_(in_place) {
+  const FieldShape& shape = field.shape();
+  for (unsigned level = 0; level <= shape.levels; ++level)
+    tables_.push_back(
+        PageTable::make(section_count(level + shape.entry_extra_levels), section_count(level)));
+}
 TileCache::~TileCache() = default;
 
-/// Has the cache to itself, and once it has let go does what nobody needs to wait for.
-class TileCache::Hold {
+/// Holds the lock; after it, does what needs none.
+class TileCache::ScopedLock {
  public:
-  explicit Hold(TileCache& cache) : cache_(cache), lock_(cache.mutex_) {}
-  ~Hold() {
-    const auto dropped = std::exchange(cache_.dropped_, {});
+  explicit ScopedLock(TileCache& cache) : cache_(cache), lock_(cache.mutex_) {}
+  ~ScopedLock() {
+    const auto garbage = std::exchange(cache_.garbage_, {});
     const bool release = std::exchange(cache_.release_due_, false);
     lock_.unlock();
     if (release) cache_.field_.store().release_all();
@@ -71,164 +78,325 @@ class TileCache::Hold {
   std::unique_lock<std::mutex> lock_;
 };
 
+// Links.
+
+void TileCache::Link::unlink() {
+  before->after = after;
+  after->before = before;
+}
+
+void TileCache::Link::link_before(Link& next) {
+  after = &next;
+  before = next.before;
+  before->after = next.before = this;
+}
+
+// Pins.
+
 TileCache::Pin& TileCache::Pin::operator=(Pin&& other) noexcept {
   if (this != &other) {
     release();
     cache_ = other.cache_;
-    entry_ = std::exchange(other.entry_, nullptr);
+    tile_ = std::exchange(other.tile_, nullptr);
   }
   return *this;
 }
 
 void TileCache::Pin::release() {
-  if (entry_) cache_->unpin(*std::exchange(entry_, nullptr));
+  if (tile_) cache_->unpin(*std::exchange(tile_, nullptr));
 }
 
-bool TileCache::Pin::missing(bool with_depth) const {
-  const auto never_built = [](const Part& part) {
-    return part.good() && part.tile.state == storage::TileState::missing;
-  };
-  return never_built(entry_->color) || (with_depth && never_built(entry_->depth));
-}
-const std::byte* TileCache::Pin::color() const { return entry_->color.samples; }
-const std::byte* TileCache::Pin::depth() const { return entry_->depth.samples; }
+const TilePage& TileCache::Pin::page() const { return tile_->page; }
 
-Result<TileCache::Pin> TileCache::get(const Located& tile, bool with_depth) {
-  Hold hold(*this);
-  const auto [place, added] = entries_.try_emplace(tile.key);
-  Entry& entry = place->second;
-  if (added) entry.key = tile.key;
-  pin_locked(entry);
-  auto here = bring(hold.lock(), entry, entry.color, color_, tile.color);
-  if (const auto depth = depth_of(with_depth); here && depth && entry.visible())
-    here = bring(hold.lock(), entry, entry.depth, *depth, tile.depth);
-  if (here) return Pin(this, &entry);
-  unpin_locked(entry);
-  return tl::unexpected(std::move(here.error()));
+void TileCache::pin_locked(Tile& tile) {
+  if (tile.pins++ > 0) return;
+  tile.unlink();
+  for (const LayerSamples* samples : {&tile.color, &tile.depth})
+    if (samples->in_place) count_mapped_locked(samples->ref, true);
 }
 
-Result<void> TileCache::bring(std::unique_lock<std::mutex>& lock, Entry& entry, Part& part,
-                              storage::LayerId layer,
-                              const std::optional<storage::TileRef>& located) {
-  if (part.stage == Part::Stage::absent) {
-    part.stage = Part::Stage::loading;
-    lock.unlock();
-    auto ok = guarded([&] { return load(entry, part, layer, located); });  // others wait for it
-    lock.lock();
-    part.stage = Part::Stage::ready;
-    if (!ok) part.error = std::move(ok.error());  // it goes with the last who pin the entry
-    loaded_.notify_all();
-  } else {
-    loaded_.wait(lock, [&] { return part.stage == Part::Stage::ready; });
+void TileCache::unpin(Tile& tile) {
+  const ScopedLock scoped(*this);
+  unpin_locked(tile);
+  remove_for_locked(0);
+  free_removed_locked();
+}
+
+void TileCache::unpin_locked(Tile& tile) {
+  if (--tile.pins > 0) return;
+  if (tile.color.error || tile.depth.error) {
+    remove_locked(tile);
+    return;
   }
-  if (part.error) return tl::unexpected(*part.error);
-  return {};
+  tile.listed = now();
+  tile.page.used.store(tile.listed, std::memory_order_relaxed);
+  tile.link_before(idle_);
 }
 
-std::vector<TileCache::Pin> TileCache::find(std::span<const TileKey> keys, bool with_depth) {
-  std::vector<Pin> pins(keys.size());
-  const bool depth = depth_of(with_depth).has_value();
-  const Hold hold(*this);
-  for (std::size_t k = 0; k < keys.size(); ++k) {
-    const auto found = entries_.find(keys[k]);
-    if (found == entries_.end()) continue;
-    Entry& entry = found->second;
-    if (!entry.color.good() || (depth && entry.visible() && !entry.depth.good())) continue;
-    pin_locked(entry);
-    pins[k] = Pin(this, &entry);
+// Readers.
+
+TileCache::Reader::Reader(TileCache& cache) : cache_(cache) {
+  const std::lock_guard lock(cache.mutex_);
+  for (Slot& slot : cache.readers_)
+    if (!slot.taken) {
+      slot_ = &slot;
+      slot.taken = true;
+      return;
+    }
+  slot_ = &cache.readers_.emplace_back();
+  slot_->taken = true;
+}
+
+TileCache::Reader::~Reader() {
+  const std::lock_guard lock(cache_.mutex_);
+  slot_->taken = false;
+}
+
+TileCache::ReadScope::ReadScope(Reader& reader) : reader_(reader) {
+  // A remover that does not see this epoch did its part before: the fence orders this store and
+  // the loads of pages that follow, as remove_locked()'s orders its store and loads of epochs.
+  reader.slot_->epoch.store(reader.cache_.epoch_.load(std::memory_order_acquire),
+                            std::memory_order_relaxed);
+  std::atomic_thread_fence(std::memory_order_seq_cst);
+}
+
+TileCache::ReadScope::~ReadScope() {
+  reader_.slot_->epoch.store(0, std::memory_order_release);
+}
+
+Result<const PageTable*> TileCache::page_table(unsigned level) const {
+  if (tables_[level]) return &tables_[level];
+  return fail(ErrorCode::unsupported, field_.path(), ": level ", level,
+              ": its table of tiles needs more address space than there is");
+}
+
+void TileCache::publish_page_locked(const Tile& tile, const TilePage* page) {
+  PageTable& table = tables_[tile.page.key.level];
+  if (!table) return;
+  const auto sections = sections_of(tile.page.key, field_.shape().entry_extra_levels);
+  table.set(sections.entry.index, sections.exit.index, page);
+}
+
+// Removal.
+
+TileCache::Tile* TileCache::least_recently_used_locked() {
+  const auto first = [&] {
+    return idle_.after == &idle_ ? nullptr : static_cast<Tile*>(idle_.after);
+  };
+  Tile* tile = first();
+  if (!tile || tile->page.used.load(std::memory_order_relaxed) == tile->listed) return tile;
+  sort_idle_locked();  // frames used some since
+  return first();
+}
+
+void TileCache::sort_idle_locked() {
+  std::vector<Tile*> tiles;
+  for (Link* link = idle_.after; link != &idle_; link = link->after) {
+    tiles.push_back(static_cast<Tile*>(link));
+    tiles.back()->listed = tiles.back()->page.used.load(std::memory_order_relaxed);
+  }
+  std::ranges::stable_sort(tiles, {}, &Tile::listed);
+  idle_.before = idle_.after = &idle_;
+  for (Tile* tile : tiles) tile->link_before(idle_);
+}
+
+void TileCache::remove_locked(Tile& tile) {
+  publish_page_locked(tile, nullptr);
+  const std::uint64_t epoch = 1 + epoch_.fetch_add(1, std::memory_order_seq_cst);
+  removed_bytes_ += tile.cost;
+  const auto place = tiles_.find(tile.page.key);
+  removed_.push_back({epoch, std::move(place->second)});
+  tiles_.erase(place);
+}
+
+void TileCache::free_removed_locked() {
+  if (removed_.empty()) return;
+  std::atomic_thread_fence(std::memory_order_seq_cst);
+  std::uint64_t oldest = kUnlimited;
+  for (const Reader::Slot& slot : readers_)
+    if (const std::uint64_t epoch = slot.epoch.load(std::memory_order_acquire))
+      oldest = std::min(oldest, epoch);
+  while (!removed_.empty() && removed_.front().epoch <= oldest) {
+    const std::uint64_t cost = removed_.front().tile->cost;
+    removed_bytes_ -= cost;
+    statistics_.decoded_bytes -= cost;
+    garbage_.push_back(std::move(removed_.front().tile));
+    removed_.pop_front();
+  }
+}
+
+void TileCache::remove_for_locked(std::uint64_t bytes) {
+  while (statistics_.decoded_bytes - removed_bytes_ + bytes > budget_) {
+    Tile* const tile = least_recently_used_locked();
+    if (!tile) return;  // the rest is pinned
+    tile->unlink();
+    remove_locked(*tile);
+  }
+}
+
+void TileCache::make_room(std::unique_lock<std::mutex>& lock, std::uint64_t bytes) {
+  remove_for_locked(bytes);
+  free_removed_locked();
+  while (!removed_.empty() && statistics_.decoded_bytes + bytes > budget_) {  // not for long
+    lock.unlock();
+    std::this_thread::yield();
+    lock.lock();
+    free_removed_locked();
+  }
+}
+
+bool TileCache::has_room(std::uint32_t frame) {
+  const ScopedLock scoped(*this);
+  if (statistics_.decoded_bytes < budget_ - budget_ / 8) return true;
+  const Tile* const tile = least_recently_used_locked();
+  return tile && tile->listed < frame;
+}
+
+// Loading.
+
+Result<std::vector<TileCache::Pin>> TileCache::load(std::span<const TileKey> keys,
+                                                    bool with_depth) {
+  std::vector<Pin> pins;
+  pins.reserve(keys.size());
+  for (const Located& tile : locate(keys, with_depth)) {
+    auto pin = load(tile, with_depth);
+    if (!pin) return tl::unexpected(std::move(pin.error()));
+    pins.push_back(std::move(*pin));
   }
   return pins;
 }
 
-void TileCache::release(std::span<Pin> pins) {
-  const Hold hold(*this);
-  for (Pin& pin : pins)
-    if (pin.entry_) unpin_locked(*std::exchange(pin.entry_, nullptr));
+Result<TileCache::Pin> TileCache::load(const Located& located, bool with_depth) {
+  ScopedLock scoped(*this);
+  std::unique_ptr<Tile>& place = tiles_[located.key];
+  if (!place) {
+    place = std::make_unique<Tile>();
+    place->page.key = located.key;
+  }
+  Tile& tile = *place;
+  pin_locked(tile);
+  auto ok = load_once(scoped.lock(), tile, tile.color, color_, located.color);
+  if (const auto depth = depth_layer(with_depth); ok && depth && tile.visible())
+    ok = load_once(scoped.lock(), tile, tile.depth, *depth, located.depth);
+  if (ok) return Pin(this, &tile);
+  unpin_locked(tile);
+  return tl::unexpected(std::move(ok.error()));
 }
 
-void TileCache::charge(Entry& entry, const Part& part, std::uint64_t bytes, bool located) {
-  const Hold hold(*this);
-  const std::uint64_t cost = bytes + (entry.cost == 0 ? kEntryBytes : 0);
-  evict_locked(budget_ > cost ? budget_ - cost : 0);
-  entry.cost += cost;
+Result<void> TileCache::load_once(std::unique_lock<std::mutex>& lock, Tile& tile,
+                                  LayerSamples& samples, storage::LayerId layer,
+                                  const std::optional<storage::TileRef>& located) {
+  using Stage = LayerSamples::Stage;
+  if (samples.stage == Stage::absent) {
+    samples.stage = Stage::loading;
+    lock.unlock();
+    auto ok = load_layer(tile, samples, layer, located);
+    lock.lock();
+    samples.stage = Stage::done;
+    if (ok)
+      publish_locked(tile);
+    else
+      samples.error = std::move(ok.error());  // removed with the tile's last pin
+    loaded_.notify_all();
+  } else {
+    loaded_.wait(lock, [&] { return samples.stage == Stage::done; });
+  }
+  if (samples.error) return tl::unexpected(*samples.error);
+  return {};
+}
+
+void TileCache::publish_locked(Tile& tile) {
+  TilePage& page = tile.page;
+  std::uint32_t layers = TilePage::kColor;
+  if (tile.color.ref.state == storage::TileState::missing) layers |= TilePage::kColorMissing;
+  if (!tile.visible() || tile.depth.loaded()) layers |= TilePage::kDepth;
+  if (tile.depth.loaded() && tile.depth.ref.state == storage::TileState::missing)
+    layers |= TilePage::kDepthMissing;
+  page.color = tile.color.first;
+  if (tile.depth.loaded()) page.depth = tile.depth.first;
+  page.used.store(now(), std::memory_order_relaxed);
+  page.layers.store(layers, std::memory_order_release);
+  // What is read in the map must be pinned to be counted, if the map has a budget.
+  const bool counted = map_budget_ != kUnlimited && (tile.color.in_place || tile.depth.in_place);
+  publish_page_locked(tile, counted ? nullptr : &page);
+}
+
+void TileCache::charge(Tile& tile, const LayerSamples& samples, std::uint64_t bytes, bool located) {
+  ScopedLock scoped(*this);
+  const std::uint64_t cost = bytes + (tile.cost == 0 ? kTileBytes : 0);
+  make_room(scoped.lock(), cost);
+  tile.cost += cost;
   statistics_.decodes += bytes > 0;
-  statistics_.loaded_bytes += part.tile.payload.size();
-  if (part.mapped || !located) map_locked(part.tile, part.mapped);
+  statistics_.loaded_bytes += samples.ref.payload.size();
+  if (samples.mapped || !located) count_mapped_locked(samples.ref, samples.mapped);
   statistics_.decoded_bytes += cost;
   statistics_.decoded_peak_bytes =
       std::max(statistics_.decoded_peak_bytes, statistics_.decoded_bytes);
 }
 
-Result<void> TileCache::load(Entry& entry, Part& part, storage::LayerId layer,
-                             const std::optional<storage::TileRef>& located) {
-  const auto tile = located ? *located : field_.store().find(layer, entry.key);
-  if (!tile) return tl::unexpected(tile.error());
-  part.tile = *tile;
-  const bool stored = tile->state == storage::TileState::stored;
-  const std::size_t bytes = stored ? field_.tile_shape(layer, entry.key).bytes() : 0;
-  const bool raw = stored && field_.codec(layer).in_place() && tile->payload.size() == bytes;
-  part.in_place = in_place_ && raw;
-  part.mapped = stored && (part.in_place || !raw);
-  charge(entry, part, part.in_place ? 0 : bytes, located.has_value());
-  if (part.in_place) {
-    part.samples = tile->payload.data();  // a record's table comes before any payload
-    return field_.store().check(*tile);
+Result<void> TileCache::load_layer(Tile& tile, LayerSamples& samples, storage::LayerId layer,
+                                   const std::optional<storage::TileRef>& located) {
+  const TileKey key = tile.page.key;
+  const auto ref = located ? *located : field_.store().find(layer, key);
+  if (!ref) return tl::unexpected(ref.error());
+  samples.ref = *ref;
+  const bool stored = ref->state == storage::TileState::stored;
+  const std::size_t bytes = stored ? field_.tile_shape(layer, key).bytes() : 0;
+  const bool raw = stored && field_.codec(layer).in_place() && ref->payload.size() == bytes;
+  samples.in_place = in_place_ && raw;
+  samples.mapped = stored && (samples.in_place || !raw);
+  charge(tile, samples, samples.in_place ? 0 : bytes, located.has_value());
+  if (samples.in_place) {
+    samples.first = ref->payload.data();  // a record's table comes before any payload
+    return field_.store().check(*ref);
   }
   if (!stored) return {};
-  part.owned = std::make_unique_for_overwrite<std::byte[]>(kBefore + bytes);
-  std::byte* samples = part.owned.get() + kBefore;
-  part.samples = samples;
-  return field_.decode(*tile, {samples, bytes});
+  samples.owned = std::make_unique_for_overwrite<std::byte[]>(kReadableBefore + bytes);
+  std::byte* const first = samples.owned.get() + kReadableBefore;
+  samples.first = first;
+  return field_.decode(*ref, {first, bytes});
 }
 
 std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys, bool with_depth) {
-  const auto depth = depth_of(with_depth);
+  const auto depth = depth_layer(with_depth);
   std::vector<Located> located(keys.size());
-  std::vector<TileKey> wanted;
-  std::vector<std::size_t> places;  // of the wanted ones among all
+  std::vector<TileKey> absent;
+  std::vector<std::size_t> places;  // of the absent ones among all
   {
     const std::lock_guard lock(mutex_);
     for (std::size_t k = 0; k < keys.size(); ++k) {
       located[k].key = keys[k];
-      const auto found = entries_.find(keys[k]);
-      if (found != entries_.end() && !(depth && found->second.lacks_depth())) continue;
-      wanted.push_back(keys[k]);
+      const auto found = tiles_.find(keys[k]);
+      if (found != tiles_.end() && !(depth && found->second->lacks_depth())) continue;
+      absent.push_back(keys[k]);
       places.push_back(k);
     }
   }
   // All together, unless the tables of so many records were too much of the map.
   const std::size_t most =
       std::max<std::uint64_t>(map_budget_ / (4 * kMapWindow * (depth ? 2 : 1)), 1);
-  for (std::size_t begin = 0; begin < wanted.size(); begin += most) {
-    const auto some = std::span(wanted).subspan(begin, std::min(most, wanted.size() - begin));
-    std::vector<storage::TileRef> tiles;
-    const auto look_up = [&](storage::LayerId layer, auto part) {
+  for (std::size_t begin = 0; begin < absent.size(); begin += most) {
+    const auto some = std::span(absent).subspan(begin, std::min(most, absent.size() - begin));
+    std::vector<storage::TileRef> refs;
+    const auto find_layer = [&](storage::LayerId layer, auto member) {
       const auto found = field_.store().find_all(layer, some);
       for (std::size_t k = 0; k < found.size(); ++k) {
-        if (!found[k]) continue;  // get() says why
-        located[places[begin + k]].*part = *found[k];
-        tiles.push_back(*found[k]);
+        if (!found[k]) continue;  // load() reports the error
+        located[places[begin + k]].*member = *found[k];
+        refs.push_back(*found[k]);
       }
     };
-    look_up(color_, &Located::color);
-    if (depth) look_up(*depth, &Located::depth);
-    field_.store().advise(tiles);
-    const Hold hold(*this);
-    for (const storage::TileRef& tile : tiles) map_locked(tile, false);
+    find_layer(color_, &Located::color);
+    if (depth) find_layer(*depth, &Located::depth);
+    field_.store().advise(refs);
+    const ScopedLock scoped(*this);
+    for (const storage::TileRef& ref : refs) count_mapped_locked(ref, false);
   }
   return located;
 }
 
-void TileCache::pin_locked(Entry& entry) {
-  if (entry.pins++ > 0) return;
-  entry.before->after = entry.after;
-  entry.after->before = entry.before;
-  for (const Part* part : {&entry.color, &entry.depth})
-    if (part->in_place) map_locked(part->tile, true);
-}
-
-void TileCache::map_locked(const storage::TileRef& tile, bool used) {
-  const auto [begin, end] = used ? field_.store().range(tile) : storage::FileRange{};
+void TileCache::count_mapped_locked(const storage::TileRef& tile, bool read) {
+  const auto [begin, end] = read ? field_.store().range(tile) : storage::FileRange{};
   // Neighbours are mostly read together; others take their record's table and a leaf of the tree,
   // and so do tiles that are empty.
   std::uint64_t windows = 2;
@@ -240,52 +408,11 @@ void TileCache::map_locked(const storage::TileRef& tile, bool used) {
   mapped_bytes_ += windows * kMapWindow;
   if (mapped_bytes_ <= map_budget_) return;
   release_due_ = true;
-  mapped_bytes_ = kTreeWindows * kMapWindow;  // these are soon back
+  mapped_bytes_ = kTreeWindows * kMapWindow;  // these are soon read again
   mapped_window_ = kUnlimited;
 }
 
-void TileCache::unpin(Entry& entry) {
-  const Hold hold(*this);
-  unpin_locked(entry);
-}
-
-void TileCache::unpin_locked(Entry& entry) {
-  if (--entry.pins > 0) return;
-  if (entry.color.error || entry.depth.error) {
-    drop_locked(entry);
-    return;
-  }
-  entry.used = ++clock_;
-  entry.after = &idle_;
-  entry.before = idle_.before;
-  entry.before->after = entry.after->before = &entry;
-  if (statistics_.decoded_bytes > budget_) evict_locked(budget_);
-}
-
-void TileCache::evict_locked(std::uint64_t budget) {
-  while (statistics_.decoded_bytes > budget && idle_.after != &idle_) {
-    auto& entry = static_cast<Entry&>(*idle_.after);
-    entry.after->before = &idle_;
-    idle_.after = entry.after;
-    drop_locked(entry);
-  }
-}
-
-void TileCache::drop_locked(Entry& entry) {
-  statistics_.decoded_bytes -= entry.cost;
-  dropped_.push_back(entries_.extract(entry.key));
-}
-
-std::uint64_t TileCache::now() const {
-  const std::lock_guard lock(mutex_);
-  return clock_;
-}
-
-bool TileCache::has_room(std::uint64_t since) const {
-  const std::lock_guard lock(mutex_);
-  if (statistics_.decoded_bytes < budget_ - budget_ / 8) return true;
-  return idle_.after != &idle_ && static_cast<const Entry&>(*idle_.after).used <= since;
-}
+// Statistics.
 
 CacheStatistics TileCache::statistics() const {
   const std::lock_guard lock(mutex_);

@@ -1,16 +1,20 @@
-// TileCache: decoded tiles of one field, within a byte budget.
+// TileCache: the loaded tiles of one field, within a byte budget.
 //
-// A tile is found, checked and decoded once, by whoever asks first; others wait for it. Pinned
-// tiles stay; of the rest, the least recently used are dropped when the budget is reached. Only
-// pinned tiles can exceed it: keep few pins at a time.
+// Renderers find tiles without a lock: page_table() takes a pair of sections to a TilePage inside a
+// ReadScope. What they lack they load(): each tile is found in the file, checked and decoded once,
+// and other threads that want it wait. Over budget, the tiles that no frame has used for longest
+// are removed; their memory is freed once no ReadScope can still see them. A Pin keeps a tile
+// loaded: only pinned tiles can exceed the budget, so keep few pins at a time.
 //
 // Tiles of an in-place codec (raw) are views of the map and cost nothing here. What the map keeps
 // resident has a budget of its own: when about that much was read through it, all of it is
-// released; what is still in use comes back page by page.
+// released; pages still in use fault back in.
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -20,62 +24,98 @@
 #include <vector>
 
 #include "field/field_file.h"
+#include "field/render/page_table.h"
 #include "slf/error.h"
 #include "slf/render.h"
 
 namespace slf {
 
 struct CacheStatistics {
-  std::uint64_t decodes = 0;
-  std::uint64_t decoded_bytes = 0;       ///< kept now
-  std::uint64_t decoded_peak_bytes = 0;  ///< the most kept at any time
-  std::uint64_t loaded_bytes = 0;        ///< payloads that were read, from the start
+  std::uint64_t decodes = 0;             ///< tiles decoded or copied, layers apart
+  std::uint64_t decoded_bytes = 0;       ///< held now
+  std::uint64_t decoded_peak_bytes = 0;  ///< the most held at any time
+  std::uint64_t loaded_bytes = 0;        ///< payloads read, from the start
 };
 
 class TileCache {
-  struct Entry;
-  struct Part;
-  class Hold;
+  struct Tile;
+  struct LayerSamples;
+  class ScopedLock;
 
  public:
-  /// Bytes before a tile's samples that can be read, whatever they are: loads of several bytes may
-  /// end with a sample instead of beginning with it.
-  static constexpr std::size_t kBefore = 8;
+  /// Readable bytes before a tile's first sample: a load of several bytes may end with a sample
+  /// instead of beginning with it. Their values are unspecified.
+  static constexpr std::size_t kReadableBefore = 8;
 
-  /// A tile that cannot be evicted while this lives. Move-only; must not outlive the cache.
+  /// A tile that stays loaded while this lives. Move-only; must not outlive the cache.
   class Pin {
    public:
     Pin() = default;
-    Pin(Pin&& other) noexcept
-        : cache_(other.cache_), entry_(std::exchange(other.entry_, nullptr)) {}
+    Pin(Pin&& other) noexcept : cache_(other.cache_), tile_(std::exchange(other.tile_, nullptr)) {}
     Pin& operator=(Pin&& other) noexcept;
     ~Pin() { release(); }
 
-    /// Whether there is a tile at all.
-    explicit operator bool() const { return entry_ != nullptr; }
-    /// Whether it was never built: its colours or, if they are wanted (and were asked for), its
-    /// depths. This and the rest REQUIRE a tile.
-    [[nodiscard]] bool missing(bool with_depth) const;
-    /// The samples of a stored tile, as codec::Tile lays them out; null when empty or missing.
-    [[nodiscard]] const std::byte* color() const;
-    /// The same of the depth layer. REQUIRES that it was asked for.
-    [[nodiscard]] const std::byte* depth() const;
+    /// REQUIRES: came from load() and was not moved from.
+    [[nodiscard]] const TilePage& page() const;
 
    private:
     friend class TileCache;
-    Pin(TileCache* cache, Entry* entry) : cache_(cache), entry_(entry) {}
+    Pin(TileCache* cache, Tile* tile) : cache_(cache), tile_(tile) {}
     void release();
 
     TileCache* cache_ = nullptr;
-    Entry* entry_ = nullptr;
+    Tile* tile_ = nullptr;
   };
 
-  /// Borrows the field. `budget` bytes of decoded samples, `map_budget` resident bytes of the map;
-  /// the latter can be exceeded by the pinned tiles of an in-place codec.
-  /// Unless `in_place`, tiles of in-place codecs are copied out of the map too.
+  /// A thread that reads pages. Made once, used for many ReadScopes. Must not outlive the cache.
+  class Reader {
+   public:
+    explicit Reader(TileCache& cache);
+    ~Reader();
+    Reader(const Reader&) = delete;
+    Reader& operator=(const Reader&) = delete;
+
+   private:
+    friend class TileCache;
+    struct alignas(64) Slot {
+      std::atomic<std::uint64_t> epoch{0};  // when its ReadScope began; 0: in none
+      bool taken = false;
+    };
+
+    TileCache& cache_;
+    Slot* slot_;
+  };
+
+  /// While it lives, every page found since it began is valid. Keep it short, and load() nothing
+  /// meanwhile: memory of removed tiles is freed only after it.
+  class ReadScope {
+   public:
+    explicit ReadScope(Reader& reader);
+    ~ReadScope();
+    ReadScope(const ReadScope&) = delete;
+    ReadScope& operator=(const ReadScope&) = delete;
+
+   private:
+    Reader& reader_;
+  };
+
+  /// `budget` bytes of decoded samples, `map_budget` resident bytes of the map; pinned tiles of an
+  /// in-place codec can exceed the latter. Unless `in_place`, tiles of in-place codecs are copied
+  /// out of the map too.
   TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget = kUnlimited,
             bool in_place = true);
   ~TileCache();
+
+  /// The table of a level. Thread-safe. unsupported: the level is too large for the address space.
+  [[nodiscard]] Result<const PageTable*> page_table(unsigned level) const;
+
+  /// Begins a frame: the stamp for TilePage::used of what it uses.
+  [[nodiscard]] std::uint32_t begin_frame() { return 1 + clock_.fetch_add(1); }
+
+  /// Loads tiles and pins them: colours, and depths if they are wanted and the field has any.
+  /// Thread-safe. REQUIRES: no ReadScope of the calling thread. Any error of finding, checking or
+  /// decoding; it is not remembered.
+  [[nodiscard]] Result<std::vector<Pin>> load(std::span<const TileKey> keys, bool with_depth);
 
   /// A tile, and where its payloads are in the file as far as that was looked up.
   struct Located {
@@ -83,26 +123,17 @@ class TileCache {
     std::optional<storage::TileRef> color{}, depth{};
   };
 
-  /// A tile's colour and, if it has any and they are wanted, depths. Thread-safe. Any error of
-  /// finding, checking or decoding; it is not remembered.
-  [[nodiscard]] Result<Pin> get(const Located& tile, bool with_depth);
-
-  /// The tiles that are loaded already; where one is not, an empty pin. Thread-safe; waits for
-  /// nobody.
-  [[nodiscard]] std::vector<Pin> find(std::span<const TileKey> keys, bool with_depth);
-
-  /// Lets go of many pins at once.
-  void release(std::span<Pin> pins);
-
-  /// Looks up the tiles that are not here yet and asks the kernel to read their payloads: call it
-  /// with all that will be wanted next, so that the disk works on many at a time, and get() what it
-  /// returns, in the order of the keys.
+  /// The first half of load(): finds the payloads of tiles that are not loaded and asks the kernel
+  /// to read them. With all that is wanted next, so that the disk works on many at a time.
   [[nodiscard]] std::vector<Located> locate(std::span<const TileKey> keys, bool with_depth);
+  /// The second half, for one tile.
+  [[nodiscard]] Result<Pin> load(const Located& tile, bool with_depth);
 
-  /// A clock that ticks as tiles are used.
-  [[nodiscard]] std::uint64_t now() const;
-  /// Whether more can be loaded without dropping what was used since then.
-  [[nodiscard]] bool has_room(std::uint64_t since) const;
+  /// The frame that began last.
+  [[nodiscard]] std::uint32_t now() const { return clock_.load(); }
+  /// Whether more can be loaded without removing what `frame` or a later one used, or what was
+  /// loaded since it began.
+  [[nodiscard]] bool has_room(std::uint32_t frame);
 
   [[nodiscard]] CacheStatistics statistics() const;
   void reset_peak();
@@ -114,29 +145,42 @@ class TileCache {
     }
   };
 
-  /// The entries that nobody pins, least recently used first, as a ring through `idle_`.
+  /// Tiles that nothing pins, about the least recently used first, as a ring through `idle_`.
   struct Link {
     Link* before = this;
     Link* after = this;
+
+    void unlink();
+    void link_before(Link& next);
   };
 
-  void pin_locked(Entry& entry);
-  void unpin(Entry& entry);
-  void unpin_locked(Entry& entry);
-  void evict_locked(std::uint64_t budget);
-  void drop_locked(Entry& entry);
-  /// Counts the pages that finding a tile brings into the map, or using it there, and has all of
-  /// them released when due.
-  void map_locked(const storage::TileRef& tile, bool used);
-  /// Makes room for a part of an entry and counts it.
-  void charge(Entry& entry, const Part& part, std::uint64_t bytes, bool located);
-  /// Loads a part, or waits for whoever does.
-  [[nodiscard]] Result<void> bring(std::unique_lock<std::mutex>& lock, Entry& entry, Part& part,
-                                   storage::LayerId layer,
-                                   const std::optional<storage::TileRef>& located);
-  [[nodiscard]] Result<void> load(Entry& entry, Part& part, storage::LayerId layer,
-                                  const std::optional<storage::TileRef>& located);
-  [[nodiscard]] std::optional<storage::LayerId> depth_of(bool wanted) const {
+  void pin_locked(Tile& tile);
+  void unpin(Tile& tile);
+  void unpin_locked(Tile& tile);
+  /// Shows readers the layers that are loaded.
+  void publish_locked(Tile& tile);
+  void publish_page_locked(const Tile& tile, const TilePage* page);
+  [[nodiscard]] Tile* least_recently_used_locked();
+  void sort_idle_locked();
+  /// Makes a tile unfindable; it is freed when no reader can see it any more.
+  void remove_locked(Tile& tile);
+  void free_removed_locked();
+  /// Removes tiles until so many more bytes fit or all else is pinned.
+  void remove_for_locked(std::uint64_t bytes);
+  /// The same, and waits for readers of what was removed until it is freed.
+  void make_room(std::unique_lock<std::mutex>& lock, std::uint64_t bytes);
+  /// Counts the pages of the map that finding a tile, or reading it there, makes resident; has the
+  /// map released when its budget is used up.
+  void count_mapped_locked(const storage::TileRef& tile, bool read);
+  /// Loads a layer of a tile, or waits for the thread that does.
+  [[nodiscard]] Result<void> load_once(std::unique_lock<std::mutex>& lock, Tile& tile,
+                                       LayerSamples& samples, storage::LayerId layer,
+                                       const std::optional<storage::TileRef>& located);
+  [[nodiscard]] Result<void> load_layer(Tile& tile, LayerSamples& samples, storage::LayerId layer,
+                                        const std::optional<storage::TileRef>& located);
+  /// Makes room for a layer of a tile and counts it.
+  void charge(Tile& tile, const LayerSamples& samples, std::uint64_t bytes, bool located);
+  [[nodiscard]] std::optional<storage::LayerId> depth_layer(bool wanted) const {
     return wanted ? depth_ : std::nullopt;
   }
 
@@ -145,16 +189,25 @@ class TileCache {
   const std::optional<storage::LayerId> depth_;
   const std::uint64_t budget_, map_budget_;
   const bool in_place_;
-  mutable std::mutex mutex_;
+  std::vector<PageTable> tables_;        // by level; changed under the lock
+  std::atomic<std::uint32_t> clock_{0};  // frames begun
+  std::atomic<std::uint64_t> epoch_{1};  // removals so far
+
+  mutable std::mutex mutex_;  // guards what follows
   std::condition_variable loaded_;
-  using Entries = std::unordered_map<TileKey, Entry, Hash>;
-  Entries entries_;
-  std::vector<Entries::node_type> dropped_;  // entries to be freed
-  bool release_due_ = false;                 // of the map
+  std::deque<Reader::Slot> readers_;
+  std::unordered_map<TileKey, std::unique_ptr<Tile>, Hash> tiles_;
+  struct Removed {
+    std::uint64_t epoch;
+    std::unique_ptr<Tile> tile;
+  };
+  std::deque<Removed> removed_;            // that a reader may still see
+  std::vector<std::unique_ptr<Tile>> garbage_;  // the others; freed outside the lock
+  std::uint64_t removed_bytes_ = 0;        // of removed_
+  bool release_due_ = false;               // of the map
   Link idle_;
   std::uint64_t mapped_bytes_ = 0;   // read through the map since it was last released, about
   std::uint64_t mapped_window_ = 0;  // the window that was read last
-  std::uint64_t clock_ = 0;
   CacheStatistics statistics_;
 };
 

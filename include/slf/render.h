@@ -46,8 +46,6 @@ struct RendererOptions {
   /// exceed it.
   std::uint64_t map_budget = kUnlimited;
   bool in_place = true;  ///< use raw tiles where they are mapped; else copy them, within `memory`
-  /// Keep the tiles of a view that does not wait pinned until the next view is drawn.
-  bool keep = false;
 };
 
 /// Stands for the level that matches the camera.

@@ -87,14 +87,15 @@ class Definition {
            cell.weights,
            {},
            {}};
-    const auto pin = cache_.get({key}, true);
-    if (!pin || !pin->color()) return;
+    const auto pin = cache_.load({key}, true);
+    if (!pin || !pin->page().color) return;
+    const TilePage& page = pin->page();
     for (std::size_t e = 0; e < 3; ++e) {
       const std::size_t sample =
           std::size_t{row.row} * triangle_size(geometry_.exit_side()) + exit.columns[e];
       for (int channel = 0; channel < 4; ++channel)
-        tap.rgba[e][channel] = std::to_integer<int>(pin->color()[4 * sample + channel]) / 255.0;
-      tap.depth[e] = std::to_integer<int>(pin->depth()[sample]) / 255.0;
+        tap.rgba[e][channel] = std::to_integer<int>(page.color[4 * sample + channel]) / 255.0;
+      tap.depth[e] = std::to_integer<int>(page.depth[sample]) / 255.0;
     }
   }
 

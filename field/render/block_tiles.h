@@ -1,0 +1,80 @@
+// BlockTiles: the tiles that a block's rays sample in one pass, numbered as they are met. Private to
+// field/render.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "field/render/page_table.h"
+#include "field/render/ray_block.h"
+
+namespace slf {
+
+/// Stands for no tile: an entry vertex of weight 0 takes no samples.
+inline constexpr std::uint32_t kNoTile = ~0u;
+
+/// Which tile, by number, each entry vertex of each ray samples, or kNoTile.
+using TileNumbers = std::array<RayArray<std::uint32_t>, 3>;
+
+/// Where the samples of tiles begin: bytes from `zeros`, by tile number + 1, so that kNoTile has the
+/// first. 0 stands for samples that are all 0; zeros surround `zeros` as far as one load reaches.
+struct TileOffsets {
+  const std::byte* zeros = nullptr;
+  std::vector<std::int64_t> color{0}, depth{0};
+};
+
+/// Thread-safety: one thread.
+class BlockTiles {
+ public:
+  /// How a tile was found.
+  enum class State : std::uint8_t {
+    available,  ///< its samples can be read, or are all 0
+    absent,     ///< not loaded
+    missing,    ///< never built
+  };
+  struct Tile {
+    std::uint32_t entry = 0, exit = 0;  ///< section indices
+    State state = State::absent;
+  };
+
+  BlockTiles();
+  BlockTiles(const BlockTiles&) = delete;
+  BlockTiles& operator=(const BlockTiles&) = delete;
+
+  /// Begins a pass. Tiles are looked up in `table`; the keys of those that `frame` has not used yet
+  /// are appended to `touched`. REQUIRES: a ReadScope until the samples are gathered.
+  void begin(const PageTable& table, std::uint32_t frame, bool with_depth,
+             std::vector<TileKey>& touched);
+
+  /// Looks up a tile: its number. The same tile may get several. Not inlined: the kernel's loop,
+  /// which calls it rarely, keeps its registers.
+  [[gnu::noinline]] std::uint32_t add(std::uint32_t entry, std::uint32_t exit);
+
+  /// Gives a tile a page that is loaded; with null, none yet.
+  void set_page(std::uint32_t number, const TilePage* page);
+  /// Takes a tile's samples for 0 from now on; its state stays.
+  void clear_offset(std::uint32_t number) {
+    offsets_.color[number + 1] = offsets_.depth[number + 1] = 0;
+  }
+
+  [[nodiscard]] const std::vector<Tile>& tiles() const { return tiles_; }
+  [[nodiscard]] const TileOffsets& offsets() const { return offsets_; }
+  /// Whether any tile was absent, or missing, when it was added.
+  [[nodiscard]] bool any_absent() const { return any_absent_; }
+  [[nodiscard]] bool any_missing() const { return any_missing_; }
+
+ private:
+  [[nodiscard]] std::int64_t offset_of(const std::byte* samples) const;
+
+  const PageTable* table_ = nullptr;
+  std::uint32_t frame_ = 0;
+  bool with_depth_ = false;
+  bool any_absent_ = false, any_missing_ = false;
+  std::vector<TileKey>* touched_ = nullptr;
+  std::vector<Tile> tiles_;
+  TileOffsets offsets_;
+  std::array<std::byte, 24> zeros_{};
+};
+
+}  // namespace slf

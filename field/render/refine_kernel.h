@@ -1,0 +1,22 @@
+// The arithmetic of depth refinement (depth_refinement.h), compiled for several instruction sets.
+// Private to field/render.
+//
+// A ray's result depends on the ray alone, never on its place in a block: lanes do not mix.
+#pragma once
+
+#include <array>
+
+#include "field/render/ray_block.h"
+
+namespace slf {
+
+/// Compacts `rays` and `estimates` to the rays whose step exceeds `threshold`. Their entry cells
+/// must then be located again.
+void compact_unconverged(float threshold, RayBlock& rays, DepthEstimates& estimates);
+
+/// Aims each entry vertex at the ray's point at the depth `estimates.aim`: `exits` is where the line
+/// from the vertex through that point leaves the sphere.
+void aim_at_depth(const RayBlock& rays, const EntryCells& entries, const DepthEstimates& estimates,
+                  std::array<PointArrays, 3>& exits);
+
+}  // namespace slf

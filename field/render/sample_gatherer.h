@@ -1,0 +1,72 @@
+// SampleGatherer: takes the samples of a block's rays out of tiles. Private to field/render.
+//
+// It looks the block's tiles up in the cache's page table, mostly finds all of them, and gathers the
+// samples. A view that waits loads the tiles it lacks, in batches that fit its share of the memory,
+// and gathers from each batch in turn. In one that does not wait these tiles are unavailable, as
+// tiles that were never built always are: rays that need one are drawn from a coarser level.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "field/geometry/level_geometry.h"
+#include "field/render/block_tiles.h"
+#include "field/render/ray_block.h"
+#include "field/render/tile_cache.h"
+#include "slf/error.h"
+
+namespace slf {
+
+/// Sorts keys and drops repetitions.
+void sort_unique(std::vector<TileKey>& keys);
+
+/// Reused from block to block. Thread-safety: one thread.
+class SampleGatherer {
+ public:
+  /// Borrows the cache. `frame` is of TileCache::begin_frame(). With depth, both layers are needed.
+  /// Where it waits, it pins at most `pin_bytes` of decoded tiles, or one tile.
+  SampleGatherer(const FieldFile& field, TileCache& cache, std::uint32_t frame,
+                 std::uint64_t pin_bytes, bool with_depth);
+
+  /// Makes room for blocks of so many rays.
+  void resize(std::size_t rays);
+
+  /// Gathers all samples of a pass over `count` rays from a level's tiles, and finds the rays that
+  /// need an unavailable one, whose samples are 0.
+  [[nodiscard]] Result<void> gather(const LevelGeometry& geometry, bool wait, std::size_t count,
+                                    const EntryCells& entries, const Pass& pass);
+
+  [[nodiscard]] const BlockSamples& samples() const { return samples_; }
+  [[nodiscard]] bool half_floats() const { return format_ == codec::SampleFormat::rgba16f; }
+  /// Whether any ray of the last pass needs an unavailable tile; whether one of them does.
+  [[nodiscard]] bool any_unavailable() const { return any_unavailable_; }
+  [[nodiscard]] bool unavailable(std::size_t ray) const {
+    return any_unavailable_ && unavailable_[ray] != 0;
+  }
+
+  /// The tiles used so far, with repetitions; of them, those that were absent and not waited for.
+  [[nodiscard]] const std::vector<TileKey>& touched() const { return touched_; }
+  [[nodiscard]] const std::vector<TileKey>& wanted() const { return wanted_; }
+
+ private:
+  [[nodiscard]] Result<void> gather_in_batches(const LevelGeometry& geometry, std::size_t count,
+                                               const EntryCells& entries, const Pass& pass);
+  void find_unavailable(const LevelGeometry& geometry, bool wait, std::size_t count,
+                        const Pass& pass);
+
+  TileCache& cache_;
+  TileCache::Reader reader_;
+  const std::uint32_t frame_;
+  const codec::SampleFormat format_;
+  const bool with_depth_;
+  const std::size_t most_pins_;
+  BlockTiles tiles_;
+  TileNumbers numbers_;
+  BlockSamples samples_;
+  std::vector<std::uint8_t> unavailable_;  // by ray
+  bool any_unavailable_ = false;           // some of them are set
+  std::vector<TileKey> touched_, wanted_;
+  std::size_t wanted_once_ = 0;  // of wanted_, without repetitions, when it was last sorted
+};
+
+}  // namespace slf
