@@ -79,14 +79,14 @@ class GatherList {
 
   [[nodiscard]] std::uint32_t gather() const {
     std::uint32_t sum = 0;
-    for (const Taps& t : taps_)
-      for (const std::uint32_t row : t.rows)
-        for (const std::uint32_t column : t.columns) sum += samples_[row + column];
+    for (const RaySamples& ray : rays_)
+      for (const std::uint32_t row : ray.rows)
+        for (const std::uint32_t column : ray.columns) sum += samples_[row + column];
     return sum;
   }
 
  private:
-  struct Taps {
+  struct RaySamples {
     std::array<std::uint32_t, 3> rows, columns;
   };
 
@@ -97,13 +97,13 @@ class GatherList {
     const auto at = [&](double t) { return pixel.origin + t * pixel.direction - sphere.center; };
     const Cell enter = locate(at(chord.enter), geometry_.entry_resolution());
     const auto exit = geometry_.exit_cell(locate(at(chord.leave), geometry_.exit_resolution()));
-    Taps taps{{}, exit.columns};
+    RaySamples ray{{}, exit.columns};
     for (std::size_t c = 0; c < 3; ++c) {
       const EntryRow row = geometry_.entry_row(enter.octant, enter.corners()[c]);
-      taps.rows[c] =
+      ray.rows[c] =
           tile(row.section, exit.section) + row.row * triangle_size(geometry_.exit_side());
     }
-    taps_.push_back(taps);
+    rays_.push_back(ray);
   }
 
   /// Where a tile's samples begin; appends them the first time. Empty tiles are zeros.
@@ -125,7 +125,7 @@ class GatherList {
   TileCache cache_;
   std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> tiles_;
   std::vector<std::uint32_t> samples_;
-  std::vector<Taps> taps_;
+  std::vector<RaySamples> rays_;
 };
 
 /// Of one view; exits where it cannot be drawn.

@@ -44,7 +44,7 @@ void PlaneField::prepare(const Camera& camera) {
   rays.resize(kBlockRays);
   std::vector<std::size_t> wanted;
   for_blocks(camera, 1, [&](auto x0, auto x1, auto y0, auto y1) {
-    find_taps(shape_, rays_basis, x0, x1, y0, y1, rays);
+    locate_samples(shape_, rays_basis, x0, x1, y0, y1, rays);
     for (const auto& tiles : rays.tile)
       for (std::size_t k = 0; k < rays.count; ++k)
         if (std::uint32_t& at = tiles_[tiles[k]]; at == kUnknown) {
@@ -104,7 +104,7 @@ void PlaneField::render(const Camera& camera, unsigned threads, Image& image) co
     thread_local std::vector<glm::vec4> colors;
     rays.resize(kBlockRays);
     colors.resize(kBlockRays + kPadding);
-    find_taps(shape_, rays_basis, x0, x1, y0, y1, rays);
+    locate_samples(shape_, rays_basis, x0, x1, y0, y1, rays);
     if (rays.count < std::size_t{x1 - x0} * (y1 - y0))
       for (std::uint32_t y = y0; y < y1; ++y) {
         glm::vec4* row = image.rgba.data() + std::size_t{y} * camera.width;

@@ -52,8 +52,8 @@ HWY_INLINE void store_chosen(VI v, M hit, std::vector<std::uint32_t>& to, std::s
   hn::StoreU(hn::BitCast(DU(), packed), DU(), to.data() + n);
 }
 
-void find_taps_any(const PlaneShape& shape, const PlaneBasis& basis, std::uint32_t x0,
-                   std::uint32_t x1, std::uint32_t y0, std::uint32_t y1, PlaneRays& rays) {
+void locate_samples_any(const PlaneShape& shape, const PlaneBasis& basis, std::uint32_t x0,
+                        std::uint32_t x1, std::uint32_t y0, std::uint32_t y1, PlaneRays& rays) {
   const D d;
   const DI di;
   const TileGrid grid(shape);
@@ -154,7 +154,7 @@ HWY_INLINE void add_sample(VI v, V weight, V sum[4]) {
 }
 
 /// The four samples of each lane's st cell, whose first is at `at`.
-HWY_INLINE void take_cell(const std::uint32_t* samples, VI at, VI cell[4]) {
+HWY_INLINE void gather_cell(const std::uint32_t* samples, VI at, VI cell[4]) {
   const DI di;
 #if HWY_TARGET == HWY_SCALAR
   const auto* base = reinterpret_cast<const std::int32_t*>(samples);
@@ -205,7 +205,7 @@ void blend_any(const PlaneRays& rays, const std::uint32_t* tiles, const std::uin
       const VI at =
           hn::Add(hn::Mul(tile, set_int(kTileSamples)), hn::Add(load(rays.row[c], k, in), column));
       VI cell[4];
-      take_cell(samples, at, cell);
+      gather_cell(samples, at, cell);
       for (std::size_t e = 0; e < 4; ++e) add_sample(cell[e], hn::Mul(entry, exit[e]), sum);
     }
     hn::StoreInterleaved4(hn::Mul(sum[0], unit), hn::Mul(sum[1], unit), hn::Mul(sum[2], unit),
@@ -221,7 +221,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace slf::bench {
 
-HWY_EXPORT(find_taps_any);
+HWY_EXPORT(locate_samples_any);
 HWY_EXPORT(blend_any);
 
 void PlaneRays::resize(std::size_t size) {
@@ -233,9 +233,9 @@ void PlaneRays::resize(std::size_t size) {
   for (auto& array : part) array.resize(padded);
 }
 
-void find_taps(const PlaneShape& shape, const PlaneBasis& basis, std::uint32_t x0, std::uint32_t x1,
-               std::uint32_t y0, std::uint32_t y1, PlaneRays& rays) {
-  HWY_DYNAMIC_DISPATCH(find_taps_any)(shape, basis, x0, x1, y0, y1, rays);
+void locate_samples(const PlaneShape& shape, const PlaneBasis& basis, std::uint32_t x0,
+                    std::uint32_t x1, std::uint32_t y0, std::uint32_t y1, PlaneRays& rays) {
+  HWY_DYNAMIC_DISPATCH(locate_samples_any)(shape, basis, x0, x1, y0, y1, rays);
 }
 
 void blend(const PlaneRays& rays, const std::uint32_t* tiles, const std::uint32_t* samples,

@@ -1,6 +1,6 @@
 // The arithmetic of the plane light field's rendering, compiled for several instruction sets.
 //
-// As field/render/ray_kernel.h and field/render/sample_kernel.h are for spheres: structures of
+// As field/render/ray_kernel.h and field/render/gather_kernel.h are for spheres: structures of
 // arrays, as many rays at a time as there are lanes, arrays longer than the block by kPadding.
 #pragma once
 
@@ -54,9 +54,9 @@ struct PlaneRays {
   void resize(std::size_t size);
 };
 
-/// Finds what the rays of these pixels take:  [x0, x1) × [y0, y1).
-void find_taps(const PlaneShape& shape, const PlaneBasis& basis, std::uint32_t x0, std::uint32_t x1,
-               std::uint32_t y0, std::uint32_t y1, PlaneRays& rays);
+/// Locates the samples of these pixels' rays:  [x0, x1) × [y0, y1).
+void locate_samples(const PlaneShape& shape, const PlaneBasis& basis, std::uint32_t x0,
+                    std::uint32_t x1, std::uint32_t y0, std::uint32_t y1, PlaneRays& rays);
 
 /// Takes the samples (rgba8) and interpolates them quadrilinearly. tiles[t] says which tile of
 /// `samples` tile t is. REQUIRES: fewer than 2^31 samples, and one more behind the last.

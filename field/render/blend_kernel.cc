@@ -66,7 +66,8 @@ HWY_INLINE void store_pixels(const Colors& colors, const RayBlock& rays, std::si
 
 /// Rays and samples below this opacity have no depth.
 constexpr float kFaintOpacity = 1.f / 255;
-/// The share of its weight that a sample at another depth keeps: where none agrees, all still count.
+/// The share of its weight that a sample at another depth keeps: where none agrees, all still
+/// count.
 constexpr float kLeastAgreement = 0.1f;
 /// From this opacity on, a sample loses its full share for a depth that disagrees; below, in
 /// proportion to its opacity.
@@ -115,16 +116,17 @@ HWY_INLINE Colors interpolate(const Pass& pass, const EntryCells& entries,
 
 template <bool kHalf>
 void blend_color(const Pass& pass, const RayBlock& rays, const EntryCells& entries,
-                const BlockSamples& samples, glm::vec4* picture) {
+                 const BlockSamples& samples, glm::vec4* picture) {
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(D()))
     store_pixels(interpolate<kHalf>(pass, entries, samples, k), rays, k, picture);
 }
 
 template <bool kHalf, bool kRefine>
 void blend_with_depth(const Pass& pass, const RayBlock& rays, const EntryCells& entries,
-                const BlockSamples& samples, glm::vec4* picture, DepthEstimates& estimates) {
+                      const BlockSamples& samples, glm::vec4* picture, DepthEstimates& estimates) {
   const D d;
-  const V zero = hn::Zero(d), one = hn::Set(d, 1.f), faint = hn::Set(d, kFaintOpacity * kFullScale<kHalf>);
+  const V zero = hn::Zero(d), one = hn::Set(d, 1.f),
+          faint = hn::Set(d, kFaintOpacity * kFullScale<kHalf>);
   const V most_lost = hn::Set(d, 1 - kLeastAgreement);
   const V by_opacity = hn::Set(d, (1 - kLeastAgreement) / (kReliableOpacity * kFullScale<kHalf>));
   const V sharpness = hn::Set(d, kRefine ? 1 / pass.depth_tolerance : 0.f);
@@ -221,8 +223,10 @@ void blend_typed(const Pass& pass, const RayBlock& rays, const EntryCells& entri
 }
 
 void blend_any(const Pass& pass, const RayBlock& rays, const EntryCells& entries,
-               const BlockSamples& samples, bool half_floats, glm::vec4* picture, DepthEstimates& estimates) {
-  (half_floats ? blend_typed<true> : blend_typed<false>)(pass, rays, entries, samples, picture, estimates);
+               const BlockSamples& samples, bool half_floats, glm::vec4* picture,
+               DepthEstimates& estimates) {
+  (half_floats ? blend_typed<true> : blend_typed<false>)(pass, rays, entries, samples, picture,
+                                                         estimates);
 }
 
 }  // namespace

@@ -117,7 +117,8 @@ void BlockRenderer::write_distances() {
   const RayArray<float>& t = refinement_.estimates().t;
   for (std::size_t k = 0; k < rays_.count; ++k) {
     const glm::dvec3 enter = point(rays_.enter, k), leave = point(rays_.leave, k);
-    const glm::dvec3 seen = sphere.center + sphere.radius * (enter + double{t[k]} * (leave - enter));
+    const glm::dvec3 seen =
+        sphere.center + sphere.radius * (enter + double{t[k]} * (leave - enter));
     const std::uint32_t pixel = rays_.pixel[k];
     image_.depth[pixel] =
         image_.rgba[pixel].a > 0 ? static_cast<float>(glm::distance(eye_, seen)) : kNoDistance;

@@ -3,8 +3,9 @@
 // A block passes through the stages
 //   cast (ray_kernel.h) -> locate (ray_kernel.h) -> gather (sample_gatherer.h)
 //        -> blend (blend_kernel.h) -> refine (depth_refinement.h)
-// Modes differ in the weights that locate gives; only mode depth refines, which locates, gathers and
-// blends again. Rays that need an unavailable tile pass through the stages of the next coarser level.
+// Modes differ in the weights that locate gives; only mode depth refines, which locates, gathers
+// and blends again. Rays that need an unavailable tile pass through the stages of the next coarser
+// level.
 #pragma once
 
 #include <cstdint>

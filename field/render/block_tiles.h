@@ -1,5 +1,5 @@
-// BlockTiles: the tiles that a block's rays sample in one pass, numbered as they are met. Private to
-// field/render.
+// BlockTiles: the tiles that a block's rays sample in one pass, numbered as they are met. Private
+// to field/render.
 #pragma once
 
 #include <array>
@@ -17,8 +17,9 @@ inline constexpr std::uint32_t kNoTile = ~0u;
 /// Which tile, by number, each entry vertex of each ray samples, or kNoTile.
 using TileNumbers = std::array<RayArray<std::uint32_t>, 3>;
 
-/// Where the samples of tiles begin: bytes from `zeros`, by tile number + 1, so that kNoTile has the
-/// first. 0 stands for samples that are all 0; zeros surround `zeros` as far as one load reaches.
+/// Where the samples of tiles begin: bytes from `zeros`, by tile number + 1, so that kNoTile has
+/// the first. 0 stands for samples that are all 0; zeros surround `zeros` as far as one load
+/// reaches.
 struct TileOffsets {
   const std::byte* zeros = nullptr;
   std::vector<std::int64_t> color{0}, depth{0};

@@ -26,8 +26,7 @@ class DepthRefinement {
 
   /// Prepares the next round: compacts the block to the rays that have not converged, aims their
   /// entry vertices and locates the cells there. False when no ray or round is left.
-  [[nodiscard]] bool next_round(const LevelGeometry& geometry, RayBlock& rays,
-                                EntryCells& entries);
+  [[nodiscard]] bool next_round(const LevelGeometry& geometry, RayBlock& rays, EntryCells& entries);
 
  private:
   int rounds_ = 0;

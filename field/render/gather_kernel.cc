@@ -41,7 +41,7 @@ void number_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t c
       if (k > 0 && !hn::AllFalse(d, left)) {
         const std::size_t before = k - hn::Lanes(d);
         assign(hn::And(hn::Eq(entry, entry_at(before)), hn::Eq(exit, exit_at(before))),
-             hn::LoadU(d, &numbers[c][before]));
+               hn::LoadU(d, &numbers[c][before]));
       }
       while (!hn::AllFalse(d, left)) {
         const auto lane = k + static_cast<std::size_t>(hn::FindFirstTrue(d, left));
@@ -134,7 +134,7 @@ class LaneTiles {
 
 template <bool kHalf, bool kDepth>
 void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells& entries,
-                const TileNumbers& numbers, std::size_t count, bool add, BlockSamples& samples) {
+                  const TileNumbers& numbers, std::size_t count, bool add, BlockSamples& samples) {
   const D64 d;
   const DU du;
   const hn::RebindToUnsigned<D64> du64;
@@ -189,11 +189,11 @@ void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells
 }
 
 void gather_samples_any(const TileOffsets& offsets, const Pass& pass, const EntryCells& entries,
-                      const TileNumbers& numbers, std::size_t count, bool half_floats, bool add,
-                      BlockSamples& samples) {
-  const auto typed = half_floats
-                         ? (pass.with_depth ? gather_typed<true, true> : gather_typed<true, false>)
-                         : (pass.with_depth ? gather_typed<false, true> : gather_typed<false, false>);
+                        const TileNumbers& numbers, std::size_t count, bool half_floats, bool add,
+                        BlockSamples& samples) {
+  const auto typed =
+      half_floats ? (pass.with_depth ? gather_typed<true, true> : gather_typed<true, false>)
+                  : (pass.with_depth ? gather_typed<false, true> : gather_typed<false, false>);
   typed(offsets, pass, entries, numbers, count, add, samples);
 }
 

@@ -11,15 +11,15 @@
 #include <memory>
 #include <vector>
 
-#include "slf/tile_key.h"
+#include "slf/tile.h"
 
 namespace slf {
 
 /// What readers see of a tile in the cache. `layers` is stored last, with release: whoever finds a
 /// layer's bit finds its samples.
 struct TilePage {
-  static constexpr std::uint32_t kColor = 1;         ///< the colours are loaded, or known to be empty
-  static constexpr std::uint32_t kDepth = 2;         ///< the same of depths
+  static constexpr std::uint32_t kColor = 1;  ///< the colours are loaded, or known to be empty
+  static constexpr std::uint32_t kDepth = 2;  ///< the same of depths
   static constexpr std::uint32_t kColorMissing = 4;  ///< never built
   static constexpr std::uint32_t kDepthMissing = 8;
 
@@ -34,7 +34,8 @@ struct TilePage {
   }
 
   TileKey key;
-  const std::byte* color = nullptr;  ///< the first sample, as codec::Tile lays them out; null: empty
+  const std::byte* color =
+      nullptr;  ///< the first sample, as codec::Tile lays them out; null: empty
   const std::byte* depth = nullptr;
   std::atomic<std::uint32_t> layers{0};
   mutable std::atomic<std::uint32_t> used{0};  ///< the frame that used it last

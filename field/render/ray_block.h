@@ -1,9 +1,9 @@
-// RayBlock: the rays of a block of pixels, and what the renderer's stages compute for them. Private to
-// field/render.
+// RayBlock: the rays of a block of pixels, and what the renderer's stages compute for them. Private
+// to field/render.
 //
 // Everything is a structure of arrays, so that the kernels process as many rays at a time as the
-// machine has lanes. Arrays are longer than the block by kRayPadding: kernels work in whole vectors,
-// and values behind the last ray are unspecified.
+// machine has lanes. Arrays are longer than the block by kRayPadding: kernels work in whole
+// vectors, and values behind the last ray are unspecified.
 #pragma once
 
 #include <array>
@@ -121,8 +121,8 @@ struct DepthEstimates {
 
 /// One round of samples for a block of rays: at which exit points each entry vertex is aimed.
 struct Pass {
-  unsigned entries = 3;     ///< entry vertices in use
-  bool with_depth = false;  ///< depths are sampled and estimated
+  unsigned entries = 3;        ///< entry vertices in use
+  bool with_depth = false;     ///< depths are sampled and estimated
   bool first_of_more = false;  ///< pixels that a later pass will draw need not be drawn
   /// How far, as a part of the ray, a sample's depth may be from the aim until it loses most of its
   /// weight. 0: weights do not depend on depth.

@@ -70,8 +70,8 @@ HWY_INLINE Point vertex(V x, V y, std::int32_t resolution, const Point& side) {
           hn::CopySign(hn::Mul(p.z, inverse), side.z)};
 }
 
-/// A vector that is linear in the pixel's place: its value at a block's first pixel, and what a step
-/// to the right or down adds. The start is computed in double, because eyes may be far away; a
+/// A vector that is linear in the pixel's place: its value at a block's first pixel, and what a
+/// step to the right or down adds. The start is computed in double, because eyes may be far away; a
 /// block's few steps lose nothing in float.
 struct Linear {
   Point start, across, down;
@@ -129,7 +129,7 @@ void cast_rays_any(const CameraBasis& basis, const PixelBlock& block, RayBlock& 
 }
 
 void locate_entries_any(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
-                      bool with_points, EntryCells& entries) {
+                        bool with_points, EntryCells& entries) {
   const D d;
   const DI di;
   const std::int32_t resolution = geometry.entry_resolution(), across = resolution + 1;
@@ -176,7 +176,7 @@ void locate_entries_any(const LevelGeometry& geometry, const RayBlock& rays, boo
 }
 
 void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
-                    bool nearest, ExitCells& exits) {
+                      bool nearest, ExitCells& exits) {
   const D d;
   const DI di;
   const auto level = static_cast<int>(geometry.level());
@@ -186,7 +186,8 @@ void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, 
   const V n = hn::Set(d, side), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
   const V inverse = hn::Set(d, 1 / side), across = hn::Set(d, static_cast<float>(2 << level));
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
-    const Cells cell = locate_cells(Point::load(points, k), geometry.exit_resolution(), 1 << 2 * level);
+    const Cells cell =
+        locate_cells(Point::load(points, k), geometry.exit_resolution(), 1 << 2 * level);
     // Divide by the side: half a cell keeps the quotients away from whole numbers.
     const V sx = hn::Floor(hn::Mul(hn::Add(cell.x, half), inverse));
     const V sy = hn::Floor(hn::Mul(hn::Add(cell.y, half), inverse));
@@ -240,12 +241,12 @@ void cast_rays(const CameraBasis& basis, const PixelBlock& block, RayBlock& rays
 }
 
 void locate_entries(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
-                  bool with_points, EntryCells& entries) {
+                    bool with_points, EntryCells& entries) {
   HWY_DYNAMIC_DISPATCH(locate_entries_any)(geometry, rays, nearest, with_points, entries);
 }
 
 void locate_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
-                bool nearest, ExitCells& exits) {
+                  bool nearest, ExitCells& exits) {
   HWY_DYNAMIC_DISPATCH(locate_exits_any)(geometry, points, count, nearest, exits);
 }
 

@@ -31,11 +31,11 @@ void cast_rays(const CameraBasis& basis, const PixelBlock& block, RayBlock& rays
 /// Locates the cell of the entry lattice that each ray enters through: its vertices' sections, rows
 /// and weights, and with `with_points` where they are. `nearest` keeps the nearest vertex alone.
 void locate_entries(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
-                  bool with_points, EntryCells& entries);
+                    bool with_points, EntryCells& entries);
 
-/// Locates the cell of the exit lattice at each of `count` points: its section, columns and weights.
-/// `nearest` gives the nearest vertex all of the weight.
+/// Locates the cell of the exit lattice at each of `count` points: its section, columns and
+/// weights. `nearest` gives the nearest vertex all of the weight.
 void locate_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
-                bool nearest, ExitCells& exits);
+                  bool nearest, ExitCells& exits);
 
 }  // namespace slf

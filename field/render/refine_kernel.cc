@@ -15,14 +15,16 @@ void compact_unconverged_any(float threshold, RayBlock& rays, DepthEstimates& es
   const D d;
   std::size_t n = 0;
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
-    const auto unconverged = hn::And(hn::Gt(hn::LoadU(d, &estimates.step[k]), hn::Set(d, threshold)),
-                                hn::FirstN(d, rays.count - k));
+    const auto unconverged =
+        hn::And(hn::Gt(hn::LoadU(d, &estimates.step[k]), hn::Set(d, threshold)),
+                hn::FirstN(d, rays.count - k));
     if (hn::AllFalse(d, unconverged)) continue;
     const bool all = hn::AllTrue(d, unconverged);
     store_chosen(Point::load(rays.enter, k), all, unconverged, rays.enter, n);
     store_chosen(Point::load(rays.leave, k), all, unconverged, rays.leave, n);
     store_chosen(hn::LoadU(DU(), &rays.pixel[k]), all, unconverged, DU(), &rays.pixel[n]);
-    for (auto& aim : estimates.aim) store_chosen(hn::LoadU(d, &aim[k]), all, unconverged, d, &aim[n]);
+    for (auto& aim : estimates.aim)
+      store_chosen(hn::LoadU(d, &aim[k]), all, unconverged, d, &aim[n]);
     store_chosen(hn::LoadU(d, &estimates.t[k]), all, unconverged, d, &estimates.t[n]);
     n += hn::CountTrue(d, unconverged);
   }

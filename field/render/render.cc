@@ -18,10 +18,6 @@ namespace {
 constexpr std::uint32_t kTakenBlocks = 16;  // that a thread takes at once
 constexpr std::size_t kRayScratch = 512;    // bytes of scratch per ray of a block, about
 
-}  // namespace
-
-namespace {
-
 struct Plan {
   unsigned threads;
   std::uint64_t cache_bytes;
@@ -63,13 +59,14 @@ RenderMode default_mode(const Field& field) {
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field.file(), options);
-  state_ = std::unique_ptr<State>(new State{
-      field, plan.threads, plan.cache_bytes / (plan.threads + 1),
-      std::make_shared<TileCache>(field.file(), plan.cache_bytes, options.map_budget, options.in_place)});
+  state_ = std::unique_ptr<State>(
+      new State{field, plan.threads, plan.cache_bytes / (plan.threads + 1),
+                std::make_shared<TileCache>(field.file(), plan.cache_bytes, options.map_budget,
+                                            options.in_place)});
 }
 Renderer::Renderer(const Renderer& other, unsigned threads)
-    : state_(new State{other.state_->field, threads, other.state_->pin_bytes,
-                       other.state_->cache}) {}
+    : state_(
+          new State{other.state_->field, threads, other.state_->pin_bytes, other.state_->cache}) {}
 Renderer::~Renderer() = default;
 
 unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMode mode) {
@@ -235,8 +232,7 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
   state_->cache->reset_peak();
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
   const unsigned threads = std::min(state_->threads, block_count(camera));
-  ViewJob job(field, *state_->cache, threads, state_->pin_bytes, camera, *rays, options,
-              image);
+  ViewJob job(field, *state_->cache, threads, state_->pin_bytes, camera, *rays, options, image);
   if (auto ok = on_threads(threads, [&] { job.work(); }); !ok) return ok;
   if (job.error()) return tl::unexpected(*job.error());
   if (auto ok = field.unchanged(); !ok) return ok;

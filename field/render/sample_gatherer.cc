@@ -80,8 +80,7 @@ Result<void> SampleGatherer::gather_in_batches(const LevelGeometry& geometry, st
 
   auto next = numbers.begin();
   for (std::size_t begin = 0; begin < keys.size(); begin += most_pins_) {
-    const auto batch =
-        std::span(keys).subspan(begin, std::min(most_pins_, keys.size() - begin));
+    const auto batch = std::span(keys).subspan(begin, std::min(most_pins_, keys.size() - begin));
     const auto pins = cache_.load(batch, with_depth_);
     if (!pins) return tl::unexpected(pins.error());
     const auto first = next;

@@ -1,9 +1,10 @@
 // SampleGatherer: takes the samples of a block's rays out of tiles. Private to field/render.
 //
-// It looks the block's tiles up in the cache's page table, mostly finds all of them, and gathers the
-// samples. A view that waits loads the tiles it lacks, in batches that fit its share of the memory,
-// and gathers from each batch in turn. In one that does not wait these tiles are unavailable, as
-// tiles that were never built always are: rays that need one are drawn from a coarser level.
+// It looks the block's tiles up in the cache's page table, mostly finds all of them, and gathers
+// the samples. A view that waits loads the tiles it lacks, in batches that fit its share of the
+// memory, and gathers from each batch in turn. In one that does not wait these tiles are
+// unavailable, as tiles that were never built always are: rays that need one are drawn from a
+// coarser level.
 #pragma once
 
 #include <cstdint>

@@ -160,9 +160,7 @@ TileCache::ReadScope::ReadScope(Reader& reader) : reader_(reader) {
   std::atomic_thread_fence(std::memory_order_seq_cst);
 }
 
-TileCache::ReadScope::~ReadScope() {
-  reader_.slot_->epoch.store(0, std::memory_order_release);
-}
+TileCache::ReadScope::~ReadScope() { reader_.slot_->epoch.store(0, std::memory_order_release); }
 
 Result<const PageTable*> TileCache::page_table(unsigned level) const {
   if (tables_[level]) return &tables_[level];
@@ -290,7 +288,7 @@ Result<void> TileCache::load_once(std::unique_lock<std::mutex>& lock, Tile& tile
   if (samples.stage == Stage::absent) {
     samples.stage = Stage::loading;
     lock.unlock();
-    auto ok = load_layer(tile, samples, layer, located);
+    auto ok = guarded([&] { return load_layer(tile, samples, layer, located); });
     lock.lock();
     samples.stage = Stage::done;
     if (ok)

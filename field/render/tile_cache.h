@@ -201,10 +201,10 @@ class TileCache {
     std::uint64_t epoch;
     std::unique_ptr<Tile> tile;
   };
-  std::deque<Removed> removed_;            // that a reader may still see
+  std::deque<Removed> removed_;                 // that a reader may still see
   std::vector<std::unique_ptr<Tile>> garbage_;  // the others; freed outside the lock
-  std::uint64_t removed_bytes_ = 0;        // of removed_
-  bool release_due_ = false;               // of the map
+  std::uint64_t removed_bytes_ = 0;             // of removed_
+  bool release_due_ = false;                    // of the map
   Link idle_;
   std::uint64_t mapped_bytes_ = 0;   // read through the map since it was last released, about
   std::uint64_t mapped_window_ = 0;  // the window that was read last
