@@ -124,7 +124,7 @@ Result<void> write_file(const std::string& path, ByteSpan bytes) {
   const std::string target = follow_links(path);
   // A rename would put a plain file in the place of a device or pipe.
   struct stat status {};
-  if (::stat(target.c_str(), &status) == 0 && !S_ISREG(status.st_mode))
+  if (::stat(target.c_str(), &status) == 0 ? !S_ISREG(status.st_mode) : errno == ELOOP)
     return fail(ErrorCode::io, path, ": cannot write: exists and is not a regular file");
 
   const std::string temporary = temporary_name(target);

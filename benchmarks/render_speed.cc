@@ -1,12 +1,12 @@
 // How fast views are drawn from decoded tiles, and how far that is from what the machine allows.
 //
-//   render_speed FIELD [SIZE [REPEATS]]
+//   render_speed FIELD [SIZE [REPEATS [MODE]]]
 //
 // Workload: one view of SIZE × SIZE pixels (1024) that the sphere fills, drawn REPEATS times (9)
-// into the same picture, after one that decoded all its tiles; every mode the field has, on one
-// thread and on two. Reported: the median over the repeats, in ns for each pixel whose ray meets
-// the sphere; processor time on one thread, of which the ratios are, and time on the wall on one
-// thread and on two.
+// into the same picture, after one that decoded all its tiles; every mode the field has, or MODE,
+// on one thread and on two. Reported: the median over the repeats, in ns for each pixel whose ray
+// meets the sphere; processor time on one thread, of which the ratios are, and time on the wall on
+// one thread and on two.
 //   gathers  the memory limit of mode bitri: a loop that only loads the same nine samples of the
 //            same rays in the same order, at addresses it reads from a list
 // SLF_TARGETS in the environment, a mask of Highway targets, measures lesser instruction sets.
@@ -149,7 +149,7 @@ Time view_time(const Field& field, const Camera& camera, const ViewOptions& view
 
 int main(int argc, char** argv) {
   if (argc < 2) {
-    std::fprintf(stderr, "usage: render_speed FIELD [SIZE [REPEATS]]\n");
+    std::fprintf(stderr, "usage: render_speed FIELD [SIZE [REPEATS [MODE]]]\n");
     return 1;
   }
   const auto field = Field::open(argv[1]);
@@ -179,6 +179,7 @@ int main(int argc, char** argv) {
               "speedup", "/gathers", "/bitri");
   for (const RenderMode mode : {RenderMode::bitri, RenderMode::nearest, RenderMode::uv,
                                 RenderMode::st, RenderMode::depth}) {
+    if (argc > 4 && std::string_view(argv[4]) != name(mode)) continue;
     if (mode == RenderMode::depth && !field->file().layer("depth")) continue;
     const Time one = view_time(*field, camera, {mode, level, false}, 1, repeats, hit);
     const Time two = view_time(*field, camera, {mode, level, false}, 2, repeats, hit);

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <optional>
 
+#include "base/guarded.h"
+
 namespace slf {
 namespace {
 
@@ -156,19 +158,10 @@ std::uint64_t TileTracer::rays(unsigned level) const {
 }
 
 Result<void> TileTracer::trace(TileKey key, TracedTile& tile) const {
-  const auto failed = [&](const char* why) {
-    return fail(ErrorCode::failed, "tile ", int{key.level}, "/", key.index, ": ", why);
-  };
-  try {
-    trace_rays(key, tile);
-    return {};
-  } catch (const std::bad_alloc&) {
-    return failed("not enough memory to trace it");
-  } catch (const std::exception& error) {
-    return failed(error.what());
-  } catch (...) {
-    return failed("the scene failed without saying why");
-  }
+  auto ok = guarded([&] { trace_rays(key, tile); });
+  if (!ok)
+    return fail(ok.error().code, "tile ", int{key.level}, "/", key.index, ": ", ok.error().message);
+  return {};
 }
 
 void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {

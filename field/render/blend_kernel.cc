@@ -143,8 +143,9 @@ void blend_with_depth(const Pass& pass, const RayBlock& rays, const EntryCells& 
       continue;
     }
     Colors sum = Colors::none();
-    V total = zero;                  // of the weights
-    V opacity = zero, place = zero;  // the latter times the former, as in the next line
+    V total = zero;  // of the weights
+    V opacity = zero,
+      place = zero;  // the latter times the former, as in the next line
     V opacities[3], places[3];
     const Point enter = Point::load(rays.enter, k);
     const Point ray = Point::load(rays.leave, k).minus(enter);
@@ -242,7 +243,8 @@ HWY_EXPORT(blend_any);
 void blend(const Pass& pass, const RayBlock& rays, const EntryCells& entries,
            const BlockSamples& samples, bool half_floats, glm::vec4* picture,
            DepthEstimates& estimates) {
-  HWY_DYNAMIC_DISPATCH(blend_any)(pass, rays, entries, samples, half_floats, picture, estimates);
+  HWY_DYNAMIC_DISPATCH(blend_any)
+  (pass, rays, entries, samples, half_floats, picture, estimates);
 }
 
 }  // namespace slf

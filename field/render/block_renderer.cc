@@ -25,21 +25,23 @@ void append_ray(const RayBlock& from, std::size_t k, RayBlock& to) {
 
 }  // namespace
 
-BlockRenderer::BlockRenderer(const FieldFile& field, TileCache& cache, std::uint32_t frame,
-                             std::uint64_t pin_bytes, const ViewOptions& options,
-                             const glm::dvec3& eye, Image& image)
-    : field_(field),
-      options_(options),
-      eye_(eye),
-      image_(image),
-      gatherer_(field, cache, frame, pin_bytes, options.needs_depth()) {
-  gatherer_.resize(kBlockRays);
+BlockRenderer::BlockRenderer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes)
+    : field_(field), gatherer_(field, cache, pin_bytes, kBlockRays) {
   rays_.resize(kBlockRays);
   unavailable_.resize(kBlockRays);
   entries_.resize(kBlockRays);
   exits_.resize(kBlockRays);
+}
+
+void BlockRenderer::begin(std::uint32_t frame, const ViewOptions& options, const glm::dvec3& eye,
+                          Image& image) {
+  options_ = options;
+  eye_ = eye;
+  image_ = &image;
+  gatherer_.begin(frame, options.needs_depth());
   if (options.needs_depth()) refinement_.resize(kBlockRays);
-  counts_.level.resize(options.level + 1);
+  counts_.hit = 0;
+  counts_.level.assign(options.level + 1, 0);
 }
 
 Result<void> BlockRenderer::draw(const CameraBasis& basis, const PixelBlock& block) {
@@ -55,8 +57,8 @@ Result<void> BlockRenderer::draw(const CameraBasis& basis, const PixelBlock& blo
     std::swap(rays_, unavailable_);
   }
   for (std::size_t k = 0; k < rays_.count; ++k) {  // not even level 0 has what they need
-    image_.rgba[rays_.pixel[k]] = glm::vec4(0);
-    if (options_.with_depth) image_.depth[rays_.pixel[k]] = kNoDistance;
+    image_->rgba[rays_.pixel[k]] = glm::vec4(0);
+    if (options_.with_depth) image_->depth[rays_.pixel[k]] = kNoDistance;
   }
   return {};
 }
@@ -66,15 +68,16 @@ void BlockRenderer::prefetch(const PixelBlock& block) {
   constexpr std::uint32_t kLine = 64 / sizeof(glm::vec4);
   for (std::uint32_t y = block.y0; y < block.y1; ++y)
     for (std::uint32_t x = block.x0; x < block.x1; x += kLine)
-      __builtin_prefetch(&image_.rgba[std::size_t{y} * image_.width + x], 1);
+      __builtin_prefetch(&image_->rgba[std::size_t{y} * image_->width + x], 1);
 }
 
 void BlockRenderer::clear(const PixelBlock& block) {
   for (std::uint32_t y = block.y0; y < block.y1; ++y) {
-    const std::size_t row = std::size_t{y} * image_.width;
-    std::memset(&image_.rgba[row + block.x0], 0, (block.x1 - block.x0) * sizeof(glm::vec4));
+    const std::size_t row = std::size_t{y} * image_->width;
+    std::memset(&image_->rgba[row + block.x0], 0, (block.x1 - block.x0) * sizeof(glm::vec4));
     if (options_.with_depth)
-      std::fill(&image_.depth[row + block.x0], &image_.depth[row + block.x1 - 1] + 1, kNoDistance);
+      std::fill(&image_->depth[row + block.x0], &image_->depth[row + block.x1 - 1] + 1,
+                kNoDistance);
   }
 }
 
@@ -100,7 +103,7 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
 Result<void> BlockRenderer::gather_and_blend(const LevelGeometry& geometry, const Pass& pass) {
   const bool wait = options_.wait || geometry.level() == 0;
   if (auto ok = gatherer_.gather(geometry, wait, rays_.count, entries_, pass); !ok) return ok;
-  blend(pass, rays_, entries_, gatherer_.samples(), gatherer_.half_floats(), image_.rgba.data(),
+  blend(pass, rays_, entries_, gatherer_.samples(), gatherer_.half_floats(), image_->rgba.data(),
         refinement_.estimates());
   if (options_.with_depth) write_distances();
   if (gatherer_.any_unavailable())
@@ -120,8 +123,8 @@ void BlockRenderer::write_distances() {
     const glm::dvec3 seen =
         sphere.center + sphere.radius * (enter + double{t[k]} * (leave - enter));
     const std::uint32_t pixel = rays_.pixel[k];
-    image_.depth[pixel] =
-        image_.rgba[pixel].a > 0 ? static_cast<float>(glm::distance(eye_, seen)) : kNoDistance;
+    image_->depth[pixel] =
+        image_->rgba[pixel].a > 0 ? static_cast<float>(glm::distance(eye_, seen)) : kNoDistance;
   }
 }
 

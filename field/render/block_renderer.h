@@ -26,14 +26,15 @@ struct PixelCounts {
   std::vector<std::uint64_t> level;  ///< of them, drawn from each level
 };
 
-/// Reused from block to block. Thread-safety: one thread.
+/// Reused from block to block and from view to view. Thread-safety: one thread.
 class BlockRenderer {
  public:
-  /// Borrows all. Pixels are written into `image`, whose depths are distances from `eye`, in world
-  /// units. `frame` and `pin_bytes` are for the SampleGatherer.
-  BlockRenderer(const FieldFile& field, TileCache& cache, std::uint32_t frame,
-                std::uint64_t pin_bytes, const ViewOptions& options, const glm::dvec3& eye,
-                Image& image);
+  /// Borrows all. `pin_bytes` are for the SampleGatherer.
+  BlockRenderer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes);
+
+  /// Begins a view: its blocks are drawn into `image`, which must outlive it and whose depths are
+  /// distances from `eye`, in world units. `frame` is of TileCache::begin_frame().
+  void begin(std::uint32_t frame, const ViewOptions& options, const glm::dvec3& eye, Image& image);
 
   /// Draws a block of at most kBlockRays pixels.
   [[nodiscard]] Result<void> draw(const CameraBasis& basis, const PixelBlock& block);
@@ -49,10 +50,10 @@ class BlockRenderer {
   void write_distances();
 
   const FieldFile& field_;
-  const ViewOptions& options_;
-  const glm::dvec3 eye_;
-  Image& image_;
   SampleGatherer gatherer_;
+  ViewOptions options_;
+  glm::dvec3 eye_{0.0};
+  Image* image_ = nullptr;
   RayBlock rays_, unavailable_;  // of this level; for the next coarser one
   EntryCells entries_;
   ExitCells exits_;

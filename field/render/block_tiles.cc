@@ -8,8 +8,9 @@ constexpr std::size_t kReach = 8;  // bytes before `zeros` that a load may begin
 
 BlockTiles::BlockTiles() { offsets_.zeros = zeros_.data() + kReach; }
 
-void BlockTiles::begin(const PageTable& table, std::uint32_t frame, bool with_depth,
-                       std::vector<TileKey>& touched) {
+void BlockTiles::begin(const LevelGeometry& geometry, const PageTable& table, std::uint32_t frame,
+                       bool with_depth, std::vector<TileKey>& touched) {
+  geometry_ = &geometry;
   table_ = &table;
   frame_ = frame;
   with_depth_ = with_depth;
@@ -22,33 +23,34 @@ void BlockTiles::begin(const PageTable& table, std::uint32_t frame, bool with_de
 
 std::uint32_t BlockTiles::add(std::uint32_t entry, std::uint32_t exit) {
   const auto number = static_cast<std::uint32_t>(tiles_.size());
-  const TilePage* const page = table_->find(entry, exit);
+  TilePage* const page = table_->find(entry, exit);
   const std::uint32_t layers = page ? page->layers.load(std::memory_order_acquire) : 0;
   tiles_.push_back({entry, exit, State::absent});
   offsets_.color.push_back(0);
   offsets_.depth.push_back(0);
-  if (!TilePage::loaded(layers, with_depth_)) {
+  if (!TilePage::readable(layers, with_depth_)) {
     any_absent_ = true;
     return number;
   }
-  set_page(number, page);
+  set_page(number, *page, layers);
   if (page->used.load(std::memory_order_relaxed) != frame_) {
     page->used.store(frame_, std::memory_order_relaxed);
-    touched_->push_back(page->key);
+    touched_->push_back(tile_key({geometry_->entry_section(entry), geometry_->exit_section(exit)}));
   }
   return number;
 }
 
-void BlockTiles::set_page(std::uint32_t number, const TilePage* page) {
-  clear_offset(number);
-  tiles_[number].state = State::absent;
-  if (!page) return;
-  const std::uint32_t layers = page->layers.load(std::memory_order_relaxed);
+void BlockTiles::set_page(std::uint32_t number, const TilePage& page) {
+  set_page(number, page, page.layers.load(std::memory_order_acquire));
+}
+
+void BlockTiles::set_page(std::uint32_t number, const TilePage& page, std::uint32_t layers) {
   const bool missing = TilePage::missing(layers, with_depth_);
   tiles_[number].state = missing ? State::missing : State::available;
   any_missing_ |= missing;
-  offsets_.color[number + 1] = offset_of(page->color);
-  if (with_depth_) offsets_.depth[number + 1] = offset_of(page->depth);
+  offsets_.color[number + 1] = offset_of(page.color.load(std::memory_order_acquire));
+  if (with_depth_)
+    offsets_.depth[number + 1] = offset_of(page.depth.load(std::memory_order_acquire));
 }
 
 std::int64_t BlockTiles::offset_of(const std::byte* samples) const {

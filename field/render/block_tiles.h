@@ -6,8 +6,10 @@
 #include <cstdint>
 #include <vector>
 
+#include "field/geometry/level_geometry.h"
 #include "field/render/page_table.h"
 #include "field/render/ray_block.h"
+#include "slf/tile.h"
 
 namespace slf {
 
@@ -43,17 +45,28 @@ class BlockTiles {
   BlockTiles(const BlockTiles&) = delete;
   BlockTiles& operator=(const BlockTiles&) = delete;
 
-  /// Begins a pass. Tiles are looked up in `table`; the keys of those that `frame` has not used yet
-  /// are appended to `touched`. REQUIRES: a ReadScope until the samples are gathered.
-  void begin(const PageTable& table, std::uint32_t frame, bool with_depth,
-             std::vector<TileKey>& touched);
+  /// Begins a pass at a level. Tiles are looked up in its `table`; the keys of those that `frame`
+  /// has not used yet are appended to `touched`. REQUIRES: a ReadScope until the samples are
+  /// gathered.
+  void begin(const LevelGeometry& geometry, const PageTable& table, std::uint32_t frame,
+             bool with_depth, std::vector<TileKey>& touched);
 
-  /// Looks up a tile: its number. The same tile may get several. Not inlined: the kernel's loop,
-  /// which calls it rarely, keeps its registers.
-  [[gnu::noinline]] std::uint32_t add(std::uint32_t entry, std::uint32_t exit);
+  /// The number of a tile, which is looked up when it is first met; now and then again, with
+  /// another number. Not inlined: the kernel's loop, which calls it rarely, keeps its registers.
+  [[gnu::noinline]] std::uint32_t number(std::uint32_t entry, std::uint32_t exit) {
+    std::uint32_t& recent = recent_[(5 * entry + exit) % kRecent];
+    if (recent < tiles_.size() && tiles_[recent].entry == entry && tiles_[recent].exit == exit)
+      return recent;
+    return recent = add(entry, exit);
+  }
 
-  /// Gives a tile a page that is loaded; with null, none yet.
-  void set_page(std::uint32_t number, const TilePage* page);
+  /// Gives a tile its page, which is loaded.
+  void set_page(std::uint32_t number, const TilePage& page);
+  /// Makes a tile absent.
+  void clear_page(std::uint32_t number) {
+    clear_offset(number);
+    tiles_[number].state = State::absent;
+  }
   /// Takes a tile's samples for 0 from now on; its state stays.
   void clear_offset(std::uint32_t number) {
     offsets_.color[number + 1] = offsets_.depth[number + 1] = 0;
@@ -66,14 +79,20 @@ class BlockTiles {
   [[nodiscard]] bool any_missing() const { return any_missing_; }
 
  private:
+  static constexpr std::uint32_t kRecent = 64;
+
+  std::uint32_t add(std::uint32_t entry, std::uint32_t exit);
+  void set_page(std::uint32_t number, const TilePage& page, std::uint32_t layers);
   [[nodiscard]] std::int64_t offset_of(const std::byte* samples) const;
 
+  const LevelGeometry* geometry_ = nullptr;
   const PageTable* table_ = nullptr;
   std::uint32_t frame_ = 0;
   bool with_depth_ = false;
   bool any_absent_ = false, any_missing_ = false;
   std::vector<TileKey>* touched_ = nullptr;
   std::vector<Tile> tiles_;
+  std::array<std::uint32_t, kRecent> recent_{};  // numbers, by hash of the sections
   TileOffsets offsets_;
   std::array<std::byte, 24> zeros_{};
 };

@@ -47,7 +47,7 @@ void number_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t c
         const auto lane = k + static_cast<std::size_t>(hn::FindFirstTrue(d, left));
         const std::uint32_t a = entries.section[c][lane], b = pass.exit[c]->section[lane];
         assign(hn::And(hn::Eq(entry, hn::Set(d, a)), hn::Eq(exit, hn::Set(d, b))),
-               hn::Set(d, tiles.add(a, b)));
+               hn::Set(d, tiles.number(a, b)));
       }
       hn::StoreU(tile, d, &numbers[c][k]);
     }

@@ -35,15 +35,14 @@ PageTable::~PageTable() {
   if (chunks_) munmap(chunks_, chunk_count_ * sizeof(*chunks_));
 }
 
-void PageTable::set(std::uint32_t entry, std::uint32_t exit, const TilePage* page) {
+TilePage& PageTable::make_page(std::uint32_t entry, std::uint32_t exit) {
   std::atomic<Chunk*>& place = chunks_[entry * chunks_across_ + exit / kChunk];
   Chunk* chunk = place.load(std::memory_order_relaxed);
   if (!chunk) {
-    if (!page) return;
     chunk = owned_.emplace_back(std::make_unique<Chunk>()).get();
     place.store(chunk, std::memory_order_release);
   }
-  chunk->pages[exit % kChunk].store(page, std::memory_order_release);
+  return chunk->pages[exit % kChunk];
 }
 
 }  // namespace slf

@@ -20,18 +20,18 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// Pixels along a preview's longer side. Edges take turns, so that views that follow each other are
-// looked at along other rays.
+// Pixels along a preview's longer side. They take turns, so that previews of successive views sample
+// other rays.
 constexpr std::array<std::uint32_t, 4> kPreviewEdges{41, 47, 43, 53};
-constexpr std::size_t kBatch = 64;  // tiles that are asked for together
-constexpr double kCut = 0.5;        // radians a frame; beyond it is another place
-// Frames that leave a kGap-th of their time between them, or more, get the cores for themselves.
-// So little is enough: a frame that took long once would share them next, and so take long again.
+constexpr std::size_t kBatch = 64;  // tiles that are requested from the disk together
+constexpr double kCut = 0.5;        // radians a frame; a faster turn is a cut to another place
+// The loader pauses during a frame if a kGap-th of the last frame's time or more passed between the
+// two. That is little: a slow frame that shared the cores with the loader would slow the next ones.
 constexpr int kGap = 8;
 
 Camera preview_of(Camera camera, std::uint64_t turn) {
   const auto [shorter, longer] = std::minmax(camera.width, camera.height);
-  // A picture keeps its shape, though it be a line.
+  // Keep the picture's shape, even if that is a line.
   const double scale =
       std::clamp(1.0 * kPreviewEdges[turn % kPreviewEdges.size()] / longer, 1.0 / shorter, 1.0);
   const auto scaled = [&](std::uint32_t edge) {
@@ -89,8 +89,8 @@ bool is_near(const Camera& camera, const Camera& expected, const Camera& before,
 
 }  // namespace
 
-/// The loading thread. It works on the latest plan only: what the last frame lacked, then the views
-/// to come, coarse levels first.
+/// The loading thread. It works on the latest plan only: the tiles that the last frame lacked, then
+/// those of the views to come, coarse levels first.
 class Player::Loader {
  public:
   Loader(const Renderer& renderer, const ViewOptions& view)
@@ -175,8 +175,8 @@ class Player::Loader {
     return stop_ || plan_ != current_;
   }
 
-  /// Loads tiles in batches that the disk can work on together. False: there is a newer plan, or no
-  /// room but that of tiles the next frames use.
+  /// Loads tiles in batches that the disk can work on together. False: there is a newer plan, or only
+  /// tiles that the next frames use could make room.
   [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint32_t drawn) {
     const bool with_depth = view_.needs_depth();
     const auto locate = [&](std::size_t from) {
@@ -194,8 +194,8 @@ class Player::Loader {
     return true;
   }
 
-  /// Loads what a small picture of a view touches. What it sees leads to more as tiles come, so it
-  /// is drawn until it lacks nothing. False: as load(); or what was loaded had to go again.
+  /// Renders a small preview of a view and loads the tiles that it lacks, until it lacks none: depths
+  /// in loaded tiles lead to other tiles. False: as load(); or what was loaded was removed again.
   [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint32_t drawn) {
     std::set<TileKey> loaded;
     for (std::uint64_t turn = current_; !outdated(); ++turn) {

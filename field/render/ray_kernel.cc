@@ -242,12 +242,14 @@ void cast_rays(const CameraBasis& basis, const PixelBlock& block, RayBlock& rays
 
 void locate_entries(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
                     bool with_points, EntryCells& entries) {
-  HWY_DYNAMIC_DISPATCH(locate_entries_any)(geometry, rays, nearest, with_points, entries);
+  HWY_DYNAMIC_DISPATCH(locate_entries_any)
+  (geometry, rays, nearest, with_points, entries);
 }
 
 void locate_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
                   bool nearest, ExitCells& exits) {
-  HWY_DYNAMIC_DISPATCH(locate_exits_any)(geometry, points, count, nearest, exits);
+  HWY_DYNAMIC_DISPATCH(locate_exits_any)
+  (geometry, points, count, nearest, exits);
 }
 
 }  // namespace slf

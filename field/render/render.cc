@@ -6,6 +6,7 @@
 #include <mutex>
 #include <numbers>
 #include <optional>
+#include <span>
 #include <utility>
 
 #include "base/parallel.h"
@@ -60,13 +61,17 @@ RenderMode default_mode(const Field& field) {
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field.file(), options);
   state_ = std::unique_ptr<State>(
-      new State{field, plan.threads, plan.cache_bytes / (plan.threads + 1),
+      new State{field,
+                plan.cache_bytes / (plan.threads + 1),
                 std::make_shared<TileCache>(field.file(), plan.cache_bytes, options.map_budget,
-                                            options.in_place)});
+                                            options.in_place),
+                {}});
+  state_->renderers.resize(plan.threads);
 }
 Renderer::Renderer(const Renderer& other, unsigned threads)
-    : state_(
-          new State{other.state_->field, threads, other.state_->pin_bytes, other.state_->cache}) {}
+    : state_(new State{other.state_->field, other.state_->pin_bytes, other.state_->cache, {}}) {
+  state_->renderers.resize(threads);
+}
 Renderer::~Renderer() = default;
 
 unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMode mode) {
@@ -116,25 +121,27 @@ std::uint32_t block_count(const Camera& camera) {
 /// One view being drawn: any thread takes blocks, each of which writes pixels of its own.
 class ViewJob {
  public:
-  ViewJob(const FieldFile& field, TileCache& cache, unsigned threads, std::uint64_t pin_bytes,
-          const Camera& camera, const RayGenerator& rays, const ViewOptions& options, Image& image)
+  ViewJob(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
+          std::span<std::unique_ptr<BlockRenderer>> renderers, const Camera& camera,
+          const RayGenerator& rays, const ViewOptions& options, Image& image)
       : field_(field),
         cache_(cache),
         frame_(cache.begin_frame()),
         pin_bytes_(pin_bytes),
+        renderers_(renderers),
         camera_(camera),
         basis_(make_basis(field.shape().sphere, rays, camera.width)),
         options_(options),
         across_(blocks_across(camera)),
         blocks_(block_count(camera)),
-        bands_(threads),
+        bands_(renderers.size()),
         image_(image),
         level_pixels_(options.level + 1) {
     image_.width = camera.width;
     image_.height = camera.height;
     image_.rgba.resize(std::size_t{camera.width} * camera.height);
     image_.depth.resize(options.with_depth ? image_.rgba.size() : 0);
-    for (std::uint32_t band = 0; band < threads; ++band) bands_[band].next = begin_of(band);
+    for (std::uint32_t band = 0; band < bands_.size(); ++band) bands_[band].next = begin_of(band);
   }
 
   /// Draws blocks until none are left. Called by each thread. Each has a contiguous band of the
@@ -142,7 +149,10 @@ class ViewJob {
   void work() {
     std::optional<Error> error;
     const std::uint32_t own = workers_++;
-    BlockRenderer renderer(field_, cache_, frame_, pin_bytes_, options_, camera_.eye, image_);
+    if (!renderers_[own])
+      renderers_[own] = std::make_unique<BlockRenderer>(field_, cache_, pin_bytes_);
+    BlockRenderer& renderer = *renderers_[own];
+    renderer.begin(frame_, options_, camera_.eye, image_);
     for (std::uint32_t k = 0; k < bands_.size(); ++k) {
       const auto band = (own + k) % static_cast<std::uint32_t>(bands_.size());
       const std::uint32_t end = begin_of(band + 1);
@@ -198,6 +208,7 @@ class ViewJob {
   TileCache& cache_;
   const std::uint32_t frame_;
   const std::uint64_t pin_bytes_;
+  const std::span<std::unique_ptr<BlockRenderer>> renderers_;  // by thread
   const Camera& camera_;
   const CameraBasis basis_;
   const ViewOptions& options_;
@@ -231,8 +242,10 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
 
   state_->cache->reset_peak();
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
-  const unsigned threads = std::min(state_->threads, block_count(camera));
-  ViewJob job(field, *state_->cache, threads, state_->pin_bytes, camera, *rays, options, image);
+  const auto threads =
+      static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), block_count(camera)));
+  ViewJob job(field, *state_->cache, state_->pin_bytes, std::span(state_->renderers).first(threads),
+              camera, *rays, options, image);
   if (auto ok = on_threads(threads, [&] { job.work(); }); !ok) return ok;
   if (job.error()) return tl::unexpected(*job.error());
   if (auto ok = field.unchanged(); !ok) return ok;

@@ -3,8 +3,10 @@
 
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "field/field_file.h"
+#include "field/render/block_renderer.h"
 #include "field/render/tile_cache.h"
 #include "slf/render.h"
 
@@ -12,9 +14,9 @@ namespace slf {
 
 struct Renderer::State {
   Field field;
-  unsigned threads;
   std::uint64_t pin_bytes;  // that each thread may pin
   std::shared_ptr<TileCache> cache;
+  std::vector<std::unique_ptr<BlockRenderer>> renderers;  // one for each thread, made on first use
 };
 
 }  // namespace slf

@@ -11,13 +11,6 @@ namespace {
 constexpr std::uint64_t kPinBytes = 512;  // bookkeeping of a pinned tile, about
 constexpr std::size_t kManyKeys = 4096;   // that a list may repeat
 
-std::size_t most_pins(const FieldFile& field, std::uint64_t pin_bytes, codec::SampleFormat format,
-                      bool with_depth) {
-  const std::uint64_t sample = codec::sample_bytes(format) + (with_depth ? 1 : 0);
-  return std::max<std::uint64_t>(pin_bytes / (field.shape().largest_tile() * sample + kPinBytes),
-                                 1);
-}
-
 TileKey key_of(const LevelGeometry& geometry, const BlockTiles::Tile& tile) {
   return tile_key({geometry.entry_section(tile.entry), geometry.exit_section(tile.exit)});
 }
@@ -29,29 +22,32 @@ void sort_unique(std::vector<TileKey>& keys) {
   keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
 }
 
-SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::uint32_t frame,
-                               std::uint64_t pin_bytes, bool with_depth)
+SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
+                               std::size_t most_rays)
     : cache_(cache),
       reader_(cache),
-      frame_(frame),
       format_(field.manifest().layers[field.layer("color").value()].format),
-      with_depth_(with_depth),
-      most_pins_(most_pins(field, pin_bytes, format_, with_depth)) {}
+      pin_bytes_(pin_bytes),
+      largest_tile_(field.shape().largest_tile()) {
+  for (auto& numbers : numbers_) numbers.resize(most_rays + kRayPadding);
+  samples_.resize(most_rays, half_floats());
+  unavailable_.resize(most_rays);
+}
 
-void SampleGatherer::resize(std::size_t rays) {
-  for (auto& numbers : numbers_) numbers.resize(rays + kRayPadding);
-  samples_.resize(rays, half_floats());
-  unavailable_.resize(rays);
+void SampleGatherer::begin(std::uint32_t frame, bool with_depth) {
+  frame_ = frame;
+  with_depth_ = with_depth;
+  touched_.clear();
+  wanted_.clear();
+  wanted_once_ = 0;
 }
 
 Result<void> SampleGatherer::gather(const LevelGeometry& geometry, bool wait, std::size_t count,
                                     const EntryCells& entries, const Pass& pass) {
-  const auto table = cache_.page_table(geometry.level());
-  if (!table) return tl::unexpected(table.error());
   bool load = false;
   {
     const TileCache::ReadScope scope(reader_);
-    tiles_.begin(**table, frame_, with_depth_, touched_);
+    tiles_.begin(geometry, cache_.page_table(geometry.level()), frame_, with_depth_, touched_);
     number_tiles(pass, entries, count, tiles_, numbers_);
     load = wait && tiles_.any_absent();
     if (!load)
@@ -70,7 +66,7 @@ Result<void> SampleGatherer::gather_in_batches(const LevelGeometry& geometry, st
   std::vector<std::pair<TileKey, std::uint32_t>> numbers;
   for (std::uint32_t n = 0; n < tiles_.tiles().size(); ++n) {
     numbers.emplace_back(key_of(geometry, tiles_.tiles()[n]), n);
-    tiles_.set_page(n, nullptr);
+    tiles_.clear_page(n);
   }
   std::sort(numbers.begin(), numbers.end());
   std::vector<TileKey> keys;
@@ -78,15 +74,18 @@ Result<void> SampleGatherer::gather_in_batches(const LevelGeometry& geometry, st
   keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
   touched_.insert(touched_.end(), keys.begin(), keys.end());
 
+  const std::uint64_t sample = codec::sample_bytes(format_) + (with_depth_ ? 1 : 0);
+  const std::size_t most =
+      std::max<std::uint64_t>(pin_bytes_ / (largest_tile_ * sample + kPinBytes), 1);
   auto next = numbers.begin();
-  for (std::size_t begin = 0; begin < keys.size(); begin += most_pins_) {
-    const auto batch = std::span(keys).subspan(begin, std::min(most_pins_, keys.size() - begin));
+  for (std::size_t begin = 0; begin < keys.size(); begin += most) {
+    const auto batch = std::span(keys).subspan(begin, std::min(most, keys.size() - begin));
     const auto pins = cache_.load(batch, with_depth_);
     if (!pins) return tl::unexpected(pins.error());
     const auto first = next;
     for (std::size_t k = 0; k < batch.size(); ++k)
       for (; next != numbers.end() && next->first == batch[k]; ++next)
-        tiles_.set_page(next->second, &(*pins)[k].page());
+        tiles_.set_page(next->second, (*pins)[k].page());
     gather_samples(tiles_.offsets(), pass, entries, numbers_, count, half_floats(), begin > 0,
                    samples_);
     for (auto at = first; at != next; ++at) tiles_.clear_offset(at->second);

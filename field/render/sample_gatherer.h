@@ -24,13 +24,13 @@ void sort_unique(std::vector<TileKey>& keys);
 /// Reused from block to block. Thread-safety: one thread.
 class SampleGatherer {
  public:
-  /// Borrows the cache. `frame` is of TileCache::begin_frame(). With depth, both layers are needed.
-  /// Where it waits, it pins at most `pin_bytes` of decoded tiles, or one tile.
-  SampleGatherer(const FieldFile& field, TileCache& cache, std::uint32_t frame,
-                 std::uint64_t pin_bytes, bool with_depth);
+  /// Borrows all. Where it waits, it pins at most `pin_bytes` of decoded tiles, or one tile. Blocks
+  /// have at most `most_rays`.
+  SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
+                 std::size_t most_rays);
 
-  /// Makes room for blocks of so many rays.
-  void resize(std::size_t rays);
+  /// Begins a view. `frame` is of TileCache::begin_frame(). With depth, both layers are needed.
+  void begin(std::uint32_t frame, bool with_depth);
 
   /// Gathers all samples of a pass over `count` rays from a level's tiles, and finds the rays that
   /// need an unavailable one, whose samples are 0.
@@ -45,7 +45,8 @@ class SampleGatherer {
     return any_unavailable_ && unavailable_[ray] != 0;
   }
 
-  /// The tiles used so far, with repetitions; of them, those that were absent and not waited for.
+  /// The tiles that the view used so far, with repetitions; of them, those that were absent and not
+  /// waited for.
   [[nodiscard]] const std::vector<TileKey>& touched() const { return touched_; }
   [[nodiscard]] const std::vector<TileKey>& wanted() const { return wanted_; }
 
@@ -57,10 +58,10 @@ class SampleGatherer {
 
   TileCache& cache_;
   TileCache::Reader reader_;
-  const std::uint32_t frame_;
   const codec::SampleFormat format_;
-  const bool with_depth_;
-  const std::size_t most_pins_;
+  const std::uint64_t pin_bytes_, largest_tile_;
+  std::uint32_t frame_ = 0;
+  bool with_depth_ = false;
   BlockTiles tiles_;
   TileNumbers numbers_;
   BlockSamples samples_;

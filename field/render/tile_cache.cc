@@ -22,7 +22,7 @@ struct TileCache::LayerSamples {
 
   storage::TileRef ref;
   const std::byte* first = nullptr;
-  std::unique_ptr<std::byte[]> owned;  // what `first` points into, unless it is the map
+  TileMemory::Block owned;  // what `first` points into, unless it is the map
   std::optional<Error> error;
   Stage stage = Stage::absent;
   bool in_place = false;  // the samples are in the map
@@ -32,7 +32,8 @@ struct TileCache::LayerSamples {
 };
 
 struct TileCache::Tile : Link {
-  TilePage page;
+  TileKey key;
+  TilePage* page = nullptr;  // where readers find it
   LayerSamples color, depth;
   std::uint64_t cost = 0;    // what it counts for in the budget
   std::uint32_t listed = 0;  // page.used when idle_ was last sorted
@@ -52,7 +53,8 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t
       depth_(field.layer("depth")),
       budget_(budget),
       map_budget_(map_budget),
-      in_place_(in_place) {
+      in_place_(in_place),
+      memory_(budget) {
   const FieldShape& shape = field.shape();
   for (unsigned level = 0; level <= shape.levels; ++level)
     tables_.push_back(
@@ -106,7 +108,7 @@ void TileCache::Pin::release() {
   if (tile_) cache_->unpin(*std::exchange(tile_, nullptr));
 }
 
-const TilePage& TileCache::Pin::page() const { return tile_->page; }
+TilePage& TileCache::Pin::page() const { return *tile_->page; }
 
 void TileCache::pin_locked(Tile& tile) {
   if (tile.pins++ > 0) return;
@@ -129,7 +131,7 @@ void TileCache::unpin_locked(Tile& tile) {
     return;
   }
   tile.listed = now();
-  tile.page.used.store(tile.listed, std::memory_order_relaxed);
+  tile.page->used.store(tile.listed, std::memory_order_relaxed);
   tile.link_before(idle_);
 }
 
@@ -162,19 +164,6 @@ TileCache::ReadScope::ReadScope(Reader& reader) : reader_(reader) {
 
 TileCache::ReadScope::~ReadScope() { reader_.slot_->epoch.store(0, std::memory_order_release); }
 
-Result<const PageTable*> TileCache::page_table(unsigned level) const {
-  if (tables_[level]) return &tables_[level];
-  return fail(ErrorCode::unsupported, field_.path(), ": level ", level,
-              ": its table of tiles needs more address space than there is");
-}
-
-void TileCache::publish_page_locked(const Tile& tile, const TilePage* page) {
-  PageTable& table = tables_[tile.page.key.level];
-  if (!table) return;
-  const auto sections = sections_of(tile.page.key, field_.shape().entry_extra_levels);
-  table.set(sections.entry.index, sections.exit.index, page);
-}
-
 // Removal.
 
 TileCache::Tile* TileCache::least_recently_used_locked() {
@@ -182,7 +171,7 @@ TileCache::Tile* TileCache::least_recently_used_locked() {
     return idle_.after == &idle_ ? nullptr : static_cast<Tile*>(idle_.after);
   };
   Tile* tile = first();
-  if (!tile || tile->page.used.load(std::memory_order_relaxed) == tile->listed) return tile;
+  if (!tile || tile->page->used.load(std::memory_order_relaxed) == tile->listed) return tile;
   sort_idle_locked();  // frames used some since
   return first();
 }
@@ -191,7 +180,7 @@ void TileCache::sort_idle_locked() {
   std::vector<Tile*> tiles;
   for (Link* link = idle_.after; link != &idle_; link = link->after) {
     tiles.push_back(static_cast<Tile*>(link));
-    tiles.back()->listed = tiles.back()->page.used.load(std::memory_order_relaxed);
+    tiles.back()->listed = tiles.back()->page->used.load(std::memory_order_relaxed);
   }
   std::ranges::stable_sort(tiles, {}, &Tile::listed);
   idle_.before = idle_.after = &idle_;
@@ -199,10 +188,10 @@ void TileCache::sort_idle_locked() {
 }
 
 void TileCache::remove_locked(Tile& tile) {
-  publish_page_locked(tile, nullptr);
+  tile.page->layers.store(0, std::memory_order_release);
   const std::uint64_t epoch = 1 + epoch_.fetch_add(1, std::memory_order_seq_cst);
   removed_bytes_ += tile.cost;
-  const auto place = tiles_.find(tile.page.key);
+  const auto place = tiles_.find(tile.key);
   removed_.push_back({epoch, std::move(place->second)});
   tiles_.erase(place);
 }
@@ -266,10 +255,15 @@ Result<std::vector<TileCache::Pin>> TileCache::load(std::span<const TileKey> key
 
 Result<TileCache::Pin> TileCache::load(const Located& located, bool with_depth) {
   ScopedLock scoped(*this);
+  if (!tables_[located.key.level])
+    return fail(ErrorCode::unsupported, field_.path(), ": level ", int{located.key.level},
+                ": its table of tiles needs more address space than there is");
   std::unique_ptr<Tile>& place = tiles_[located.key];
   if (!place) {
+    const auto sections = sections_of(located.key, field_.shape().entry_extra_levels);
     place = std::make_unique<Tile>();
-    place->page.key = located.key;
+    place->key = located.key;
+    place->page = &tables_[located.key.level].make_page(sections.entry.index, sections.exit.index);
   }
   Tile& tile = *place;
   pin_locked(tile);
@@ -304,19 +298,19 @@ Result<void> TileCache::load_once(std::unique_lock<std::mutex>& lock, Tile& tile
 }
 
 void TileCache::publish_locked(Tile& tile) {
-  TilePage& page = tile.page;
   std::uint32_t layers = TilePage::kColor;
   if (tile.color.ref.state == storage::TileState::missing) layers |= TilePage::kColorMissing;
   if (!tile.visible() || tile.depth.loaded()) layers |= TilePage::kDepth;
   if (tile.depth.loaded() && tile.depth.ref.state == storage::TileState::missing)
     layers |= TilePage::kDepthMissing;
-  page.color = tile.color.first;
-  if (tile.depth.loaded()) page.depth = tile.depth.first;
+  // What is read in the map counts there, if the map has a budget; pinning counts it.
+  if (map_budget_ != kUnlimited && (tile.color.in_place || tile.depth.in_place))
+    layers |= TilePage::kPinFirst;
+  TilePage& page = *tile.page;
+  page.color.store(tile.color.first, std::memory_order_release);
+  if (tile.depth.loaded()) page.depth.store(tile.depth.first, std::memory_order_release);
   page.used.store(now(), std::memory_order_relaxed);
   page.layers.store(layers, std::memory_order_release);
-  // What is read in the map must be pinned to be counted, if the map has a budget.
-  const bool counted = map_budget_ != kUnlimited && (tile.color.in_place || tile.depth.in_place);
-  publish_page_locked(tile, counted ? nullptr : &page);
 }
 
 void TileCache::charge(Tile& tile, const LayerSamples& samples, std::uint64_t bytes, bool located) {
@@ -334,7 +328,7 @@ void TileCache::charge(Tile& tile, const LayerSamples& samples, std::uint64_t by
 
 Result<void> TileCache::load_layer(Tile& tile, LayerSamples& samples, storage::LayerId layer,
                                    const std::optional<storage::TileRef>& located) {
-  const TileKey key = tile.page.key;
+  const TileKey key = tile.key;
   const auto ref = located ? *located : field_.store().find(layer, key);
   if (!ref) return tl::unexpected(ref.error());
   samples.ref = *ref;
@@ -349,7 +343,7 @@ Result<void> TileCache::load_layer(Tile& tile, LayerSamples& samples, storage::L
     return field_.store().check(*ref);
   }
   if (!stored) return {};
-  samples.owned = std::make_unique_for_overwrite<std::byte[]>(kReadableBefore + bytes);
+  samples.owned = memory_.allocate(kReadableBefore + bytes);
   std::byte* const first = samples.owned.get() + kReadableBefore;
   samples.first = first;
   return field_.decode(*ref, {first, bytes});

@@ -25,6 +25,7 @@
 
 #include "field/field_file.h"
 #include "field/render/page_table.h"
+#include "field/render/tile_memory.h"
 #include "slf/error.h"
 #include "slf/render.h"
 
@@ -56,7 +57,7 @@ class TileCache {
     ~Pin() { release(); }
 
     /// REQUIRES: came from load() and was not moved from.
-    [[nodiscard]] const TilePage& page() const;
+    [[nodiscard]] TilePage& page() const;
 
    private:
     friend class TileCache;
@@ -106,15 +107,15 @@ class TileCache {
             bool in_place = true);
   ~TileCache();
 
-  /// The table of a level. Thread-safe. unsupported: the level is too large for the address space.
-  [[nodiscard]] Result<const PageTable*> page_table(unsigned level) const;
+  /// The table of a level, to find pages inside ReadScopes. Thread-safe.
+  [[nodiscard]] const PageTable& page_table(unsigned level) const { return tables_[level]; }
 
   /// Begins a frame: the stamp for TilePage::used of what it uses.
   [[nodiscard]] std::uint32_t begin_frame() { return 1 + clock_.fetch_add(1); }
 
   /// Loads tiles and pins them: colours, and depths if they are wanted and the field has any.
   /// Thread-safe. REQUIRES: no ReadScope of the calling thread. Any error of finding, checking or
-  /// decoding; it is not remembered.
+  /// decoding; it is not remembered. unsupported: a level too large for the address space.
   [[nodiscard]] Result<std::vector<Pin>> load(std::span<const TileKey> keys, bool with_depth);
 
   /// A tile, and where its payloads are in the file as far as that was looked up.
@@ -159,7 +160,6 @@ class TileCache {
   void unpin_locked(Tile& tile);
   /// Shows readers the layers that are loaded.
   void publish_locked(Tile& tile);
-  void publish_page_locked(const Tile& tile, const TilePage* page);
   [[nodiscard]] Tile* least_recently_used_locked();
   void sort_idle_locked();
   /// Makes a tile unfindable; it is freed when no reader can see it any more.
@@ -192,6 +192,8 @@ class TileCache {
   std::vector<PageTable> tables_;        // by level; changed under the lock
   std::atomic<std::uint32_t> clock_{0};  // frames begun
   std::atomic<std::uint64_t> epoch_{1};  // removals so far
+
+  TileMemory memory_;
 
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable loaded_;

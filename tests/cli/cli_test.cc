@@ -304,7 +304,8 @@ TEST_F(Cli, AnUnfinishedFieldDrawsWhatIsThereAndSaysSo) {
   ASSERT_EQ(info.exit_code, 0) << info.err;
   EXPECT_EQ(info.json()["complete"], false);
   EXPECT_TRUE(contains(info.err, "incomplete"));
-  const Outcome drawn = slf({"render", place / "part.slf.unfinished", "-o", place / "o.png", "--size", "64"});
+  const Outcome drawn =
+      slf({"render", place / "part.slf.unfinished", "-o", place / "o.png", "--size", "64"});
   EXPECT_EQ(drawn.exit_code, 0) << drawn.err;
   EXPECT_TRUE(contains(drawn.err, "incomplete")) << drawn.err;
   EXPECT_TRUE(std::filesystem::exists(place / "o.png"));

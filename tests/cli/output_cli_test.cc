@@ -139,7 +139,8 @@ TEST(Outputs, NoInputIsWrittenOver) {
   Workplace place;
   write(place / "scan.nrrd", nrrd(5.5));
   write(place / "scan.nhdr", nrrd(5.5, "data file: scan.raw\n"));
-  write(place / "scan.raw", std::string(12 * 12 * 12, 'x'));
+  const std::string voxels = nrrd(5.5).substr(nrrd(5.5).find("\n\n") + 2);
+  write(place / "scan.raw", voxels);
   fs::create_symlink("scan.nrrd", place / "soft.nrrd");
   fs::create_hard_link(place / "scan.nrrd", place / "hard.nrrd");
   fs::copy(SLF_TEST_DATA "/../../scripts/data/brain.json", place / "transfer.json");
@@ -156,7 +157,7 @@ TEST(Outputs, NoInputIsWrittenOver) {
                  1, "is the transfer function");
   EXPECT_EQ(read_text(place / "transfer.json"), transfer);
   EXPECT_EQ(read_text(place / "scan.nrrd"), nrrd(5.5));
-  EXPECT_EQ(read_text(place / "scan.raw"), std::string(12 * 12 * 12, 'x'));
+  EXPECT_EQ(read_text(place / "scan.raw"), voxels);
   EXPECT_EQ(place.files(), names);
   EXPECT_TRUE(fs::is_symlink(place / "soft.nrrd"));
 

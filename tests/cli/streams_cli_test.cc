@@ -102,7 +102,7 @@ int status_after(int signal, const std::string& output) {
   line.push_back(nullptr);
   pid_t child = 0;
   if (posix_spawn(&child, SLF_COMMAND, nullptr, nullptr, line.data(), environ) != 0) return -1;
-  for (int k = 0; k < 1000 && !std::filesystem::exists(output); ++k)
+  for (int k = 0; k < 1000 && !std::filesystem::exists(output + ".unfinished"); ++k)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   std::this_thread::sleep_for(std::chrono::milliseconds(200));
   kill(child, signal);
@@ -117,7 +117,7 @@ TEST(Signals, EndTheCommandAfterItHasTidiedUp) {
     const int status = status_after(signal, place / "a.slf");
     ASSERT_TRUE(WIFSIGNALED(status)) << status;
     EXPECT_EQ(WTERMSIG(status), signal);
-    const Outcome verified = slf({"verify", place / "a.slf"});
+    const Outcome verified = slf({"verify", place / "a.slf.unfinished"});
     EXPECT_EQ(verified.exit_code, 0) << verified.err;
     EXPECT_NE(verified.out.find("C1"), std::string::npos) << "the signal came too late";
   }

@@ -2,7 +2,7 @@
 #include <new>
 #include <thread>
 
-#include "field/scene/view.h"
+#include "slf/scene.h"
 #include "tests/field/field_testing.h"
 
 namespace slf {

@@ -28,7 +28,7 @@ TEST(RenderIncomplete, MissingTilesAreDrawnFromCoarserLevelsAndCounted) {
     coarse = p.done;
     return p.done < p.total / 3;  // levels 0 and 1 and a part of level 2
   }));
-  const auto field = Field::open(folder / "a.slf");
+  const auto field = Field::open(folder / "a.slf.unfinished");
   ASSERT_TRUE(field);
   const auto whole = build_and_open(*scene, folder / "b.slf", options);
   const Camera camera = orbit_camera(field->shape().sphere, 40, 25, 3, 128, 128);

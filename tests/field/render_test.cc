@@ -407,6 +407,7 @@ TEST(RenderGeometry, ViewsCrossThePublishedShareOfPairs) {
   // 3R, mean of random views.
   const double expected[] = {0.27, 0.078, 0.019, 0.0046};
   FieldShape shape;
+  shape.sphere.radius = 1;
   const auto cameras = random_cameras(shape.sphere, 3, 12, 1, 512, 512);
   for (unsigned level = 0; level <= 3; ++level) {
     double share = 0;

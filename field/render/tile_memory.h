@@ -1,0 +1,48 @@
+// TileMemory: memory for decoded tiles, in one piece of address space.
+//
+// Tiles lie side by side in huge pages, where the system gives them, so that gathers from many
+// tiles miss the TLB rarely. Freed pieces merge with free neighbours and are used again.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <set>
+#include <utility>
+
+namespace slf {
+
+/// Thread-safety: any thread.
+class TileMemory {
+ public:
+  /// At most `capacity` bytes in that piece; tiles beyond come from the heap.
+  explicit TileMemory(std::uint64_t capacity);
+  ~TileMemory();
+  TileMemory(const TileMemory&) = delete;
+  TileMemory& operator=(const TileMemory&) = delete;
+
+  struct Free {
+    TileMemory* memory = nullptr;
+    std::size_t bytes = 0;
+    void operator()(std::byte* block) const { memory->free(block, bytes); }
+  };
+  /// Must not outlive its TileMemory.
+  using Block = std::unique_ptr<std::byte, Free>;
+
+  /// Uninitialised memory, aligned to cache lines. REQUIRES: bytes > 0.
+  [[nodiscard]] Block allocate(std::size_t bytes);
+
+ private:
+  void free(std::byte* block, std::size_t bytes);
+  void add_free(std::uint64_t begin, std::uint64_t size);
+
+  std::byte* base_ = nullptr;
+  std::uint64_t capacity_ = 0;
+  std::mutex mutex_;                                                // guards what follows
+  std::map<std::uint64_t, std::uint64_t> free_;                     // size by begin
+  std::set<std::pair<std::uint64_t, std::uint64_t>> free_by_size_;  // (size, begin)
+};
+
+}  // namespace slf

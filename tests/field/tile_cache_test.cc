@@ -1,0 +1,192 @@
+// TileCache on its own: what readers find without a lock, and what the budget removes.
+
+#include "field/render/tile_cache.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <random>
+#include <thread>
+
+#include "field/geometry/section.h"
+#include "slf/scene.h"
+#include "tests/field/field_testing.h"
+
+namespace slf {
+namespace {
+
+using testing::build_and_open;
+using testing::lossless_options;
+using testing::TemporaryFolder;
+
+constexpr unsigned kLevel = 1;
+constexpr std::uint64_t kRoomy = 64 << 20;
+
+class TileCacheTest : public ::testing::Test {
+protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    const auto scene = std::move(*make_analytic_scene("balls"));
+    field_ = new Field(*build_and_open(*scene, *folder_ / "balls.slf",
+                                       lossless_options(4, 8, 1)));
+  }
+  static void TearDownTestSuite() {
+    delete field_;
+    delete folder_;
+  }
+  static TileKey key(std::uint64_t index) { return {kLevel, index}; }
+  static std::uint64_t tiles() { return tile_count(kLevel, 0); }
+  /// A tile with something to see in it.
+  static TileKey stored(std::uint64_t from = 0) {
+    while (field_->file().store().find(0, key(from))->state !=
+           storage::TileState::stored)
+      ++from;
+    return key(from);
+  }
+  static TilePage *find(const TileCache &cache, TileKey at) {
+    const TileSections sections = sections_of(at, 0);
+    return [&] {
+      TilePage *page = cache.page_table(at.level).find(sections.entry.index,
+                                                       sections.exit.index);
+      return page && page->layers != 0 ? page : nullptr;
+    }();
+  }
+  static std::vector<std::byte> samples(TileKey at) {
+    const auto ref = field_->file().store().find(0, at);
+    if (ref->state != storage::TileState::stored)
+      return {};
+    std::vector<std::byte> bytes(field_->file().tile_shape(0, at).bytes());
+    EXPECT_TRUE(field_->file().decode(*ref, bytes));
+    return bytes;
+  }
+
+  static inline TemporaryFolder *folder_ = nullptr;
+  static inline Field *field_ = nullptr;
+};
+
+TEST_F(TileCacheTest, ReadersFindWhatWasLoadedWithTheLayersThatWereWanted) {
+  TileCache cache(field_->file(), kRoomy);
+  const TileKey at = stored();
+  EXPECT_EQ(find(cache, at), nullptr);
+  ASSERT_TRUE(cache.load(std::vector{at}, false));
+  TilePage *page = find(cache, at);
+  ASSERT_TRUE(page);
+  EXPECT_TRUE(TilePage::readable(page->layers, false));
+  EXPECT_FALSE(TilePage::readable(page->layers, true));
+  ASSERT_TRUE(cache.load(std::vector{at}, true));
+  EXPECT_EQ(find(cache, at), page);
+  EXPECT_TRUE(TilePage::readable(page->layers, true));
+  EXPECT_FALSE(TilePage::missing(page->layers, true));
+  const auto expected = samples(at);
+  EXPECT_TRUE(std::equal(expected.begin(), expected.end(), page->color.load()));
+}
+
+TEST_F(TileCacheTest, WhatWasUsedLongestAgoMakesRoom) {
+  TileCache cache(field_->file(), 64 << 10);
+  const TileKey first = stored(), second = stored(first.index + 1);
+  ASSERT_TRUE(cache.load(std::vector{first, second}, false));
+  const std::uint32_t frame = cache.begin_frame();
+  find(cache, first)->used = frame; // as a renderer does
+  for (std::uint64_t k = second.index + 1; find(cache, second); ++k) {
+    ASSERT_LT(k, tiles());
+    ASSERT_TRUE(cache.load(std::vector{key(k)}, false));
+    EXPECT_LE(cache.statistics().decoded_bytes, 64u << 10);
+    EXPECT_TRUE(find(cache, first));
+  }
+}
+
+TEST_F(TileCacheTest, PinnedTilesStayAndOnlyTheyExceedTheBudget) {
+  TileCache cache(field_->file(), 1);
+  const TileKey at = stored();
+  auto pins = cache.load(std::vector{at}, false);
+  ASSERT_TRUE(pins);
+  EXPECT_TRUE(find(cache, at));
+  EXPECT_GT(cache.statistics().decoded_bytes, 1u);
+  pins->clear();
+  EXPECT_FALSE(find(cache, at));
+  EXPECT_EQ(cache.statistics().decoded_bytes, 0u);
+}
+
+TEST_F(TileCacheTest, AReaderKeepsRemovedTilesAliveUntilItIsDone) {
+  TileCache cache(field_->file(), 1);
+  const TileKey at = stored();
+  const auto expected = samples(at);
+  TileCache::Reader reader(cache);
+  auto pins = cache.load(std::vector{at}, false);
+  ASSERT_TRUE(pins);
+  {
+    const TileCache::ReadScope scope(reader);
+    TilePage *page = find(cache, at);
+    ASSERT_TRUE(page);
+    pins->clear();
+    EXPECT_FALSE(find(cache, at));
+    EXPECT_GT(cache.statistics().decoded_bytes, 0u);
+    EXPECT_TRUE(
+        std::equal(expected.begin(), expected.end(), page->color.load()));
+  }
+  ASSERT_TRUE(cache.load(std::vector{at}, false));
+  EXPECT_EQ(cache.statistics().decoded_bytes, 0u);
+}
+
+TEST_F(TileCacheTest, ThereIsRoomWhileOlderFramesTilesCanGo) {
+  TileCache cache(field_->file(), 64 << 10);
+  const std::uint32_t frame = cache.begin_frame();
+  EXPECT_TRUE(cache.has_room(frame));
+  for (std::uint64_t k = 0; cache.has_room(frame); ++k) {
+    ASSERT_LT(k, tiles());
+    ASSERT_TRUE(cache.load(std::vector{key(k)}, false));
+  }
+  EXPECT_TRUE(cache.has_room(cache.begin_frame()));
+}
+
+TEST_F(TileCacheTest, ReadersSeeWholeTilesWhileOthersLoadAndRemove) {
+  std::vector<std::vector<std::byte>> expected;
+  for (std::uint64_t k = 0; k < tiles(); ++k)
+    expected.push_back(samples(key(k)));
+  TileCache cache(field_->file(), 96 << 10);
+  std::atomic<int> loading{2};
+  std::atomic<std::uint64_t> found{0};
+  const auto load = [&](unsigned seed) {
+    std::mt19937 random(seed);
+    for (int k = 0; k < 4000; ++k) {
+      const auto pins =
+          cache.load(std::vector{key(random() % tiles())}, k % 2 == 0);
+      EXPECT_TRUE(pins);
+    }
+    --loading;
+  };
+  const auto read = [&](unsigned seed) {
+    std::mt19937 random(seed);
+    TileCache::Reader reader(cache);
+    do {
+      const TileCache::ReadScope scope(reader);
+      for (int k = 0; k < 64; ++k) {
+        const std::uint64_t index = random() % tiles();
+        TilePage *page = find(cache, key(index));
+        if (!page || !TilePage::readable(
+                         page->layers.load(std::memory_order_acquire), false))
+          continue;
+        ++found;
+        const auto &bytes = expected[index];
+        if (page->color.load()) {
+          EXPECT_TRUE(
+              std::equal(bytes.begin(), bytes.end(), page->color.load()));
+        } else {
+          EXPECT_TRUE(bytes.empty());
+        }
+      }
+    } while (loading > 0);
+  };
+  std::vector<std::thread> threads;
+  for (unsigned k = 0; k < 2; ++k) {
+    threads.emplace_back(load, k);
+    threads.emplace_back(read, 10 + k);
+  }
+  for (std::thread &thread : threads)
+    thread.join();
+  EXPECT_GT(found, 0u);
+  EXPECT_LE(cache.statistics().decoded_peak_bytes, (96u << 10) + 2 * 16384);
+}
+
+} // namespace
+} // namespace slf
