@@ -125,6 +125,7 @@ struct Summary {
   double mean_ms = 0, p95_ms = 0, worst_ms = 0;
   double mean_full = 0, least_full = 1, hit_rate = 0;
   std::uint64_t loads = 0, load_bytes = 0;
+  std::vector<double> level_shares;  // of the pixels, by the level that they were drawn from
 
   Summary(const std::vector<FrameReport>& reports, double period) : frames(reports.size()) {
     std::vector<double> ms;
@@ -136,20 +137,26 @@ struct Summary {
       hit += r.pixels_hit, full += r.pixels_full;
       least_full = std::min(least_full, r.full_share());
       loads += r.loads, load_bytes += r.load_bytes;
+      level_shares.resize(std::max(level_shares.size(), r.level_pixels.size()));
+      for (std::size_t level = 0; level < r.level_pixels.size(); ++level)
+        level_shares[level] += static_cast<double>(r.level_pixels[level]);
     }
     std::sort(ms.begin(), ms.end());
     mean_ms = std::accumulate(ms.begin(), ms.end(), 0.0) / static_cast<double>(frames);
     p95_ms = ms[(frames - 1) * 95 / 100];
     worst_ms = ms.back();
+    for (double& share : level_shares)
+      share /= static_cast<double>(std::max<std::uint64_t>(hit, 1));
     mean_full = hit ? static_cast<double>(full) / static_cast<double>(hit) : 1;
     hit_rate = tiles ? 1 - static_cast<double>(lacking) / static_cast<double>(tiles) : 1;
   }
 };
 
 nlohmann::json frame_json(const FrameReport& r) {
-  return {{"ms", 1000 * r.seconds},    {"full_share", r.full_share()}, {"tiles", r.tiles},
-          {"lacking", r.lacking},      {"hit_rate", r.hit_rate()},     {"loads", r.loads},
-          {"load_bytes", r.load_bytes}};
+  return {
+      {"ms", 1000 * r.seconds},     {"full_share", r.full_share()},   {"tiles", r.tiles},
+      {"lacking", r.lacking},       {"hit_rate", r.hit_rate()},       {"loads", r.loads},
+      {"load_bytes", r.load_bytes}, {"level_pixels", r.level_pixels}, {"load_level", r.load_level}};
 }
 
 nlohmann::json played_json(const Played& played, const Summary& s) {
@@ -164,12 +171,21 @@ nlohmann::json played_json(const Played& played, const Summary& s) {
             {"worst_ms", s.worst_ms},
             {"full_share", s.mean_full},
             {"least_full_share", s.least_full},
+            {"level_shares", s.level_shares},
             {"hit_rate", s.hit_rate},
             {"loads", s.loads},
             {"load_bytes", s.load_bytes},
             {"rss_anon_peak", played.peak.anonymous},
             {"rss_file_peak", played.peak.file}}},
           {"frames", frames}};
+}
+
+/// The shares of all levels in percent, the finest first.
+std::string shares_text(const std::vector<double>& shares) {
+  std::vector<std::string> texts;
+  for (auto share = shares.rbegin(); share != shares.rend(); ++share)
+    texts.push_back(fmt::format("{:.0f}", 100 * *share));
+  return fmt::format("{}", fmt::join(texts, " "));
 }
 
 std::vector<std::string> played_row(const Played& played, const Summary& s) {
@@ -182,6 +198,7 @@ std::vector<std::string> played_row(const Played& played, const Summary& s) {
           fmt::format("{:.1f}", s.worst_ms),
           fmt::format("{:.2f} %", 100 * s.mean_full),
           fmt::format("{:.2f} %", 100 * s.least_full),
+          shares_text(s.level_shares),
           fmt::format("{:.2f} %", 100 * s.hit_rate),
           fmt::format("{}", s.loads),
           bytes(s.load_bytes),
@@ -200,8 +217,8 @@ Result<void> run_play(const PlayArguments& a) {
 
   nlohmann::json runs = nlohmann::json::array();
   std::vector<std::vector<std::string>> rows{{"loading", "frames", "late", "mean ms", "95 %",
-                                              "worst", "full level", "least", "hits", "loads",
-                                              "read", "anonymous", "mapped"}};
+                                              "worst", "full level", "least", "% by level", "hits",
+                                              "loads", "read", "anonymous", "mapped"}};
   for (const Loading way : a.loading) {
     options.loading = way;
     // Pictures show the first way only.

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "field/render/level_pacer.h"
 #include "field/render/renderer_state.h"
 
 namespace slf {
@@ -20,8 +21,8 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// Pixels along a preview's longer side. They take turns, so that previews of successive views sample
-// other rays.
+// Pixels along a preview's longer side. They take turns, so that previews of successive views
+// sample other rays.
 constexpr std::array<std::uint32_t, 4> kPreviewEdges{41, 47, 43, 53};
 constexpr std::size_t kBatch = 64;  // tiles that are requested from the disk together
 constexpr double kCut = 0.5;        // radians a frame; a faster turn is a cut to another place
@@ -136,6 +137,12 @@ class Player::Loader {
     if (!paused) changed_.notify_all();
   }
 
+  /// The finest level that it loads for a view that wants this one.
+  [[nodiscard]] unsigned level(unsigned wanted) {
+    const std::lock_guard lock(mutex_);
+    return pacer_.level(wanted);
+  }
+
   /// The first error since this was last called.
   [[nodiscard]] std::optional<Error> take_error() {
     const std::lock_guard lock(mutex_);
@@ -149,20 +156,30 @@ class Player::Loader {
       changed_.wait(lock, [&] { return stop_ || done_ != plan_; });
       if (stop_) return;
       const std::uint64_t plan = plan_;
-      const std::vector<TileKey> lacking = std::move(lacking_);
+      std::vector<TileKey> lacking = std::move(lacking_);
       const std::vector<Camera> next = std::move(next_);
       const std::uint32_t drawn = drawn_;
-      view_.level = level_;
+      const unsigned wanted = level_;
+      view_.level = pacer_.level(wanted);
       lock.unlock();
+
       current_ = plan;
+      std::erase_if(lacking, [&](TileKey key) { return key.level > view_.level; });
+      bool finished = true;
       auto ok = guarded([&] {
         auto room = load(lacking, drawn);
+        finished = !room || *room || !outdated();
         for (std::size_t k = 0; room && k < next.size() && *room; ++k)
           room = load_view(next[k], drawn);
         return room;
       });
+
       lock.lock();
       if (!ok && !error_) error_ = ok.error();
+      const std::chrono::duration<double> busy = std::exchange(busy_, {});
+      const std::chrono::duration<double> passed =
+          Clock::now() - std::exchange(paced_, Clock::now());
+      pacer_.add_plan(wanted, std::max(passed - busy, {}).count(), busy.count(), finished);
       done_ = plan;
       changed_.notify_all();
     }
@@ -175,8 +192,8 @@ class Player::Loader {
     return stop_ || plan_ != current_;
   }
 
-  /// Loads tiles in batches that the disk can work on together. False: there is a newer plan, or only
-  /// tiles that the next frames use could make room.
+  /// Loads tiles in batches that the disk can work on together. False: there is a newer plan, or
+  /// only tiles that the next frames use could make room.
   [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint32_t drawn) {
     const bool with_depth = view_.needs_depth();
     const auto locate = [&](std::size_t from) {
@@ -188,14 +205,17 @@ class Player::Loader {
       const auto now = std::exchange(batch, locate(at + kBatch));
       for (const TileCache::Located& tile : now) {
         if (outdated() || !cache_.has_room(drawn)) return false;
+        const auto began = Clock::now();
         if (auto pin = cache_.load(tile, with_depth); !pin) return tl::unexpected(pin.error());
+        busy_ += Clock::now() - began;
       }
     }
     return true;
   }
 
-  /// Renders a small preview of a view and loads the tiles that it lacks, until it lacks none: depths
-  /// in loaded tiles lead to other tiles. False: as load(); or what was loaded was removed again.
+  /// Renders a small preview of a view and loads the tiles that it lacks, until it lacks none:
+  /// depths in loaded tiles lead to other tiles. False: as load(); or what was loaded was removed
+  /// again.
   [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint32_t drawn) {
     std::set<TileKey> loaded;
     for (std::uint64_t turn = current_; !outdated(); ++turn) {
@@ -216,7 +236,9 @@ class Player::Loader {
   ViewOptions view_;
   Renderer previewer_;
   Image preview_;
-  std::uint64_t current_ = 0;  // the plan that is worked on
+  std::uint64_t current_ = 0;               // the plan that is worked on
+  Clock::duration busy_{};                  // loading tiles, since paced_
+  Clock::time_point paced_ = Clock::now();  // when pacer_ was told last
 
   std::mutex mutex_;
   std::condition_variable changed_;
@@ -225,6 +247,7 @@ class Player::Loader {
   unsigned level_ = 0;
   std::uint32_t drawn_ = 0;
   std::uint64_t plan_ = 0, done_ = 0;
+  LevelPacer pacer_;
   std::optional<Error> error_;
   bool stop_ = false, paused_ = false;
   std::thread thread_;
@@ -305,7 +328,11 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
                statistics.tiles.size(),
                statistics.wanted.size(),
                now.decodes - s.seen.decodes,
-               now.loaded_bytes - s.seen.loaded_bytes};
+               now.loaded_bytes - s.seen.loaded_bytes,
+               statistics.level_pixels,
+               0};
+    const auto wanted = static_cast<unsigned>(statistics.level_pixels.size() - 1);
+    report->load_level = s.loader ? s.loader->level(wanted) : wanted;
     s.seen = now;
   }
   if (!s.loader) return {};

@@ -1,0 +1,36 @@
+#include "field/render/level_pacer.h"
+
+#include <cmath>
+
+namespace slf {
+namespace {
+
+constexpr double kLate = 0.5;    // of unfinished plans, until a level is left out
+constexpr double kMemory = 0.5;  // over which busy and idle times fade
+// A view has about four times as many tiles in the next finer level. With them, the loader must not
+// be busy for more than this share of its time.
+constexpr double kGrowth = 5, kMostBusy = 0.8;
+constexpr double kMostPatience = 8;
+
+}  // namespace
+
+void LevelPacer::add_plan(unsigned wanted, double idle, double busy, bool finished) {
+  const double fade = std::exp(-(busy + idle) / kMemory);
+  busy_ = fade * busy_ + busy;
+  idle_ = fade * idle_ + idle;
+  since_change_ += busy + idle;
+  unfinished_ = finished ? 0 : unfinished_ + busy;
+  if (unfinished_ > kLate && left_out_ < wanted) {
+    // Tried again too early? Then wait for longer the next time.
+    patience_ = since_change_ < 4 * kLate ? std::min(2 * patience_, kMostPatience) : kFirstPatience;
+    ++left_out_;
+  } else if (finished && left_out_ > 0 && since_change_ > patience_ &&
+             kGrowth * busy_share() < kMostBusy) {
+    --left_out_;
+  } else {
+    return;
+  }
+  busy_ = idle_ = unfinished_ = since_change_ = 0;
+}
+
+}  // namespace slf

@@ -1,0 +1,69 @@
+// LevelPacer: the finest level that storage can deliver in time.
+
+#include "field/render/level_pacer.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+namespace slf {
+namespace {
+
+constexpr double kFrame = 1.0 / 30;
+constexpr unsigned kFinest = 3;
+
+/// Plays for some seconds from a storage that loads one frame's tiles of level 0 in `cost`, and of
+/// each finer level in four times as long. The level at the end.
+unsigned play(LevelPacer& pacer, double cost, double seconds) {
+  for (double t = 0; t < seconds; t += kFrame) {
+    double busy = cost;
+    for (unsigned level = 0; level < pacer.level(kFinest); ++level) busy *= 4;
+    const bool finished = busy < kFrame;
+    busy = std::min(busy, kFrame);
+    pacer.add_plan(kFinest, kFrame - busy, busy, finished);
+  }
+  return pacer.level(kFinest);
+}
+
+TEST(LevelPacer, LoadsEveryLevelWhereStorageKeepsUp) {
+  LevelPacer pacer;
+  for (int k = 0; k < 100; ++k) EXPECT_EQ(play(pacer, kFrame / 100, kFrame), kFinest);
+}
+
+TEST(LevelPacer, ASlowFrameNowAndThenChangesNothing) {
+  LevelPacer pacer;
+  for (int k = 0; k < 100; ++k) {
+    pacer.add_plan(kFinest, 0, 0.3, false);
+    EXPECT_EQ(play(pacer, 0, kFrame), kFinest);
+  }
+}
+
+TEST(LevelPacer, LeavesOutLevelsThatComeTooLate) {
+  LevelPacer pacer;
+  EXPECT_EQ(play(pacer, kFrame / 5, 3), 1u);  // level 1 takes 4/5 of a frame, level 2 more than 3
+  LevelPacer hopeless;
+  EXPECT_EQ(play(hopeless, 2 * kFrame, 10), 0u);
+  EXPECT_EQ(play(hopeless, 2 * kFrame, 60), 0u);
+}
+
+TEST(LevelPacer, AddsThemWhenTheCameraRests) {
+  LevelPacer pacer;
+  ASSERT_EQ(play(pacer, kFrame / 5, 3), 1u);
+  EXPECT_EQ(play(pacer, 0, 20), kFinest);
+}
+
+TEST(LevelPacer, ALevelJustTooFineIsTriedMoreAndMoreRarely) {
+  // Level 1 leaves time for what level 2 should take, which takes more.
+  LevelPacer pacer;
+  double fine = 0, seconds = 0;
+  for (; seconds < 60; seconds += kFrame) {
+    const bool too_fine = pacer.level(kFinest) >= 2;
+    fine += too_fine ? kFrame : 0;
+    pacer.add_plan(kFinest, too_fine ? 0 : 0.9 * kFrame, too_fine ? kFrame : 0.1 * kFrame,
+                   !too_fine);
+  }
+  EXPECT_LT(fine, 0.2 * seconds);
+}
+
+}  // namespace
+}  // namespace slf
