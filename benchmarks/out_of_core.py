@@ -3,12 +3,14 @@
 
 Builds a field of at least 8 GB from an analytic scene, unless it is there, then inside a memory
 control group draws views (which must equal those drawn without a limit) and plays an orbit with
-each way of loading. Also for how long the machine itself, with nothing else to do, keeps its cores
-from what runs there; the first frame from the disk; and the bytes read for a view.
+each way of loading. Then it plays the orbit with reads throttled to several rates, and compares
+some of the frames with those that wait for their tiles. Also measured: how long the machine itself
+keeps its idle cores from a process; the first frame from the disk; and the bytes read for a view.
 
   benchmarks/out_of_core.py --slf build/release/cli/slf --folder /var/tmp/slf [--jpeg brain.slf]
 
-Needs root, or a delegated group, for the limit; says so and goes on without it where there is none.
+Needs root, or delegated control groups, for the limits; says so and goes on without those that it
+cannot set.
 """
 
 import argparse
@@ -27,6 +29,8 @@ CODECS = ["--color-codec", "raw", "--depth-codec", "raw"]
 LEAST_BYTES = 8_000_000_000
 MIB = 1 << 20
 FRAME_MS = 1000 / 30
+EVERY = 10  # th frame is compared
+MOST_PSNR = 60  # that an equal frame counts for
 PAUSE = 0.005  # seconds
 
 
@@ -80,12 +84,52 @@ class MemoryLimit:
         return None
 
 
-def run(command, limit=None):
+class ReadLimit:
+    """A control group, of version 1 or 2, whose processes read a file's disk at most so fast."""
+
+    def __init__(self, file, megabytes):
+        device = os.stat(file).st_dev
+        number = f"{os.major(device)}:{os.minor(device)}"
+        disk = pathlib.Path("/sys/dev/block") / number
+        if (disk / "partition").exists():
+            number = (disk.resolve().parent / "dev").read_text().strip()
+        rate = round(1e6 * megabytes)
+        self.path = None
+        for base, name, text in (
+            ("/sys/fs/cgroup/blkio", "blkio.throttle.read_bps_device", f"{number} {rate}"),
+            ("/sys/fs/cgroup", "io.max", f"{number} rbps={rate}"),
+        ):
+            path = pathlib.Path(base) / f"slf-read-{os.getpid()}"
+            try:
+                path.mkdir()
+                (path / name).write_text(text)
+                self.path = path
+                break
+            except OSError:
+                with contextlib.suppress(OSError):
+                    path.rmdir()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.path:
+            self.path.rmdir()
+
+    def enter(self):
+        """As MemoryLimit.enter()."""
+        if self.path:
+            (self.path / "cgroup.procs").write_text(str(os.getpid()))
+
+
+def run(command, *limits):
+    def enter():
+        for limit in limits:
+            if limit:
+                limit.enter()
+
     done = subprocess.run(
-        [str(part) for part in command],
-        stdout=subprocess.PIPE,
-        text=True,
-        preexec_fn=limit.enter if limit else None,
+        [str(part) for part in command], stdout=subprocess.PIPE, text=True, preexec_fn=enter
     )
     if done.returncode != 0:
         sys.exit(f"failed with {done.returncode}: {' '.join(map(str, command))}")
@@ -124,13 +168,72 @@ def same_pictures(slf, field, size, limit, budgets):
         ), len(names)
 
 
-def play(slf, field, size, limit, budgets, loading, seconds):
+def play(slf, field, size, limits, budgets, loading, seconds, *options):
     text = run(
         [slf, "-q", "play", field, "--cold", "--loading", loading, "--seconds", seconds,
-         "--size", size, "--json", *budgets],
-        limit,
+         "--size", size, "--json", *budgets, *options],
+        *limits,
     )
     return json.loads(text)["runs"][0]
+
+
+READ_AT_RANDOM = """
+import os, random, sys, time
+file = os.open(sys.argv[1], os.O_RDONLY)
+os.posix_fadvise(file, 0, 0, os.POSIX_FADV_DONTNEED)
+os.posix_fadvise(file, 0, 0, os.POSIX_FADV_RANDOM)
+blocks = os.fstat(file).st_size >> 16
+begin, done = time.perf_counter(), 0
+while (passed := time.perf_counter() - begin) < 3:
+    done += len(os.pread(file, 1 << 16, random.randrange(blocks) << 16))
+print(done / passed / 1e6)
+"""
+
+
+def storage_rate(field, limit):
+    """MB/s of random reads of 64 KiB from the cold file, one after the other."""
+    return float(run([sys.executable, "-c", READ_AT_RANDOM, field], limit))
+
+
+def mean_psnr(slf, frames, references):
+    """Of every EVERYth frame, against the same frame in another folder."""
+    names = sorted(path.name for path in frames.iterdir())[::EVERY]
+    return sum(
+        min(json.loads(run([slf, "compare", frames / name, references / name, "--json"]))["psnr"]
+            or MOST_PSNR, MOST_PSNR)
+        for name in names
+    ) / len(names)
+
+
+def throttled(slf, field, size, memory_limit, budgets, seconds, rates):
+    """Plays with reads throttled to each rate: rows of numbers."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        whole = pathlib.Path(folder) / "whole"
+        play(slf, field, size, [], [], "wait", seconds, "--frames", whole)
+        for rate in rates:
+            with ReadLimit(field, rate) as limit:
+                if not limit.path:
+                    print("no control group can be made that throttles reads (it needs root)")
+                    break
+                frames = pathlib.Path(folder) / str(rate)
+                measured = storage_rate(field, limit)
+                played = play(slf, field, size, [memory_limit, limit], budgets, "ahead", seconds,
+                              "--frames", frames)["summary"]
+                rows.append({"rate": rate, "measured": measured, "summary": played,
+                             "psnr": mean_psnr(slf, frames, whole)})
+    return rows
+
+
+def print_throttled(rows):
+    if rows:
+        print(f"{'throttled to':>13} {'storage':>10} {'read':>8} {'late':>5} {'PSNR':>8}  "
+              "% of the pixels by level, the finest first")
+    for row in rows:
+        s = row["summary"]
+        shares = " ".join(f"{100 * share:.0f}" for share in reversed(s.get("level_shares", [])))
+        print(f"{row['rate']:8} MB/s {row['measured']:5.1f} MB/s {s['load_bytes'] / 1e6:5.0f} MB "
+              f"{s['late']:5} {row['psnr']:5.1f} dB  {shares}")
 
 
 def watch_clock(seconds, pauses):
@@ -188,6 +291,8 @@ def main():
     parser.add_argument("--map-budget", default="32MiB")
     parser.add_argument("--size", default="512x512")
     parser.add_argument("--seconds", default="24", help="length of an orbit")
+    parser.add_argument("--rates", type=float, nargs="*", default=[10, 50, 200],
+                        help="MB/s that reads are throttled to (10 50 200)")
     parser.add_argument("--json", help="also write the numbers here")
     a = parser.parse_args()
 
@@ -207,7 +312,7 @@ def main():
         print(f"{'loading':10} {'frames':>7} {'late':>6} {'mean ms':>8} {'worst':>8} "
               f"{'full level':>11} {'least':>8} {'anonymous':>10}")
         for loading in ("ahead", "demand", "wait"):
-            played = play(a.slf, field, a.size, limit, budgets, loading, a.seconds)
+            played = play(a.slf, field, a.size, [limit], budgets, loading, a.seconds)
             s = numbers["loading"][loading] = played["summary"]
             print(f"{loading:10} {s['frames']:7} {s['late']:6} {s['mean_ms']:8.1f} "
                   f"{s['worst_ms']:8.1f} {100 * s['full_share']:9.2f} % "
@@ -216,6 +321,8 @@ def main():
                     if f["ms"] > FRAME_MS]
             if 0 < len(late) <= 12:
                 print(f"{'':10} ms of the late: {', '.join(late)}")
+        numbers["throttled"] = throttled(a.slf, field, a.size, limit, budgets, a.seconds, a.rates)
+        print_throttled(numbers["throttled"])
         if limit:
             numbers["oom_kills"], numbers["limit_peak"] = limit.killed(), limit.peak()
             print(f"killed for want of memory: {numbers['oom_kills']}")

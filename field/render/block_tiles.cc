@@ -8,36 +8,31 @@ constexpr std::size_t kReach = 8;  // bytes before `zeros` that a load may begin
 
 BlockTiles::BlockTiles() { offsets_.zeros = zeros_.data() + kReach; }
 
-void BlockTiles::begin(const LevelGeometry& geometry, const PageTable& table, std::uint32_t frame,
-                       bool with_depth, std::vector<TileKey>& touched) {
-  geometry_ = &geometry;
-  table_ = &table;
-  frame_ = frame;
+void BlockTiles::look_up(const LevelGeometry& geometry, const PageTable& table, std::uint32_t frame,
+                         bool with_depth, std::vector<TileKey>& touched) {
   with_depth_ = with_depth;
-  touched_ = &touched;
   any_absent_ = any_missing_ = false;
-  tiles_.clear();
-  offsets_.color.resize(1);
-  offsets_.depth.resize(1);
-}
-
-std::uint32_t BlockTiles::add(std::uint32_t entry, std::uint32_t exit) {
-  const auto number = static_cast<std::uint32_t>(tiles_.size());
-  TilePage* const page = table_->find(entry, exit);
-  const std::uint32_t layers = page ? page->layers.load(std::memory_order_acquire) : 0;
-  tiles_.push_back({entry, exit, State::absent});
-  offsets_.color.push_back(0);
-  offsets_.depth.push_back(0);
-  if (!TilePage::readable(layers, with_depth_)) {
-    any_absent_ = true;
-    return number;
+  offsets_.color.resize(tiles_.size() + 1);
+  offsets_.depth.resize(tiles_.size() + 1);
+  // Pages are mostly in no cache of the core's: all are fetched before any is read.
+  for (Tile& tile : tiles_) {
+    tile.page = table.find(tile.entry, tile.exit);
+    __builtin_prefetch(tile.page);
   }
-  set_page(number, *page, layers);
-  if (page->used.load(std::memory_order_relaxed) != frame_) {
-    page->used.store(frame_, std::memory_order_relaxed);
-    touched_->push_back(tile_key({geometry_->entry_section(entry), geometry_->exit_section(exit)}));
+  for (std::uint32_t n = 0; n < tiles_.size(); ++n) {
+    const Tile& tile = tiles_[n];
+    const std::uint32_t layers = tile.page ? tile.page->layers.load(std::memory_order_acquire) : 0;
+    if (!TilePage::readable(layers, with_depth)) {
+      clear_page(n);
+      any_absent_ = true;
+      continue;
+    }
+    set_page(n, *tile.page, layers);
+    if (tile.page->used.load(std::memory_order_relaxed) == frame) continue;
+    tile.page->used.store(frame, std::memory_order_relaxed);
+    touched.push_back(
+        tile_key({geometry.entry_section(tile.entry), geometry.exit_section(tile.exit)}));
   }
-  return number;
 }
 
 void BlockTiles::set_page(std::uint32_t number, const TilePage& page) {

@@ -39,26 +39,30 @@ class BlockTiles {
   struct Tile {
     std::uint32_t entry = 0, exit = 0;  ///< section indices
     State state = State::absent;
+    TilePage* page = nullptr;  ///< as look_up() found it, loaded or not
   };
 
   BlockTiles();
   BlockTiles(const BlockTiles&) = delete;
   BlockTiles& operator=(const BlockTiles&) = delete;
 
-  /// Begins a pass at a level. Tiles are looked up in its `table`; the keys of those that `frame`
-  /// has not used yet are appended to `touched`. REQUIRES: a ReadScope until the samples are
-  /// gathered.
-  void begin(const LevelGeometry& geometry, const PageTable& table, std::uint32_t frame,
-             bool with_depth, std::vector<TileKey>& touched);
+  /// Begins a pass, without tiles.
+  void clear() { tiles_.clear(); }
 
-  /// The number of a tile, which is looked up when it is first met; now and then again, with
-  /// another number. Not inlined: the kernel's loop, which calls it rarely, keeps its registers.
+  /// The number of a tile. One that was met long ago may get another. Not inlined: the kernel's
+  /// loop, which calls it rarely, keeps its registers.
   [[gnu::noinline]] std::uint32_t number(std::uint32_t entry, std::uint32_t exit) {
     std::uint32_t& recent = recent_[(5 * entry + exit) % kRecent];
     if (recent < tiles_.size() && tiles_[recent].entry == entry && tiles_[recent].exit == exit)
       return recent;
-    return recent = add(entry, exit);
+    tiles_.push_back({entry, exit});
+    return recent = static_cast<std::uint32_t>(tiles_.size() - 1);
   }
+
+  /// Looks up all tiles in their level's table. The keys of those that `frame` has not used yet are
+  /// appended to `touched`. REQUIRES: a ReadScope until the samples are gathered.
+  void look_up(const LevelGeometry& geometry, const PageTable& table, std::uint32_t frame,
+               bool with_depth, std::vector<TileKey>& touched);
 
   /// Gives a tile its page, which is loaded.
   void set_page(std::uint32_t number, const TilePage& page);
@@ -74,23 +78,18 @@ class BlockTiles {
 
   [[nodiscard]] const std::vector<Tile>& tiles() const { return tiles_; }
   [[nodiscard]] const TileOffsets& offsets() const { return offsets_; }
-  /// Whether any tile was absent, or missing, when it was added.
+  /// Whether any tile was absent, or missing, when it was looked up.
   [[nodiscard]] bool any_absent() const { return any_absent_; }
   [[nodiscard]] bool any_missing() const { return any_missing_; }
 
  private:
   static constexpr std::uint32_t kRecent = 64;
 
-  std::uint32_t add(std::uint32_t entry, std::uint32_t exit);
   void set_page(std::uint32_t number, const TilePage& page, std::uint32_t layers);
   [[nodiscard]] std::int64_t offset_of(const std::byte* samples) const;
 
-  const LevelGeometry* geometry_ = nullptr;
-  const PageTable* table_ = nullptr;
-  std::uint32_t frame_ = 0;
   bool with_depth_ = false;
   bool any_absent_ = false, any_missing_ = false;
-  std::vector<TileKey>* touched_ = nullptr;
   std::vector<Tile> tiles_;
   std::array<std::uint32_t, kRecent> recent_{};  // numbers, by hash of the sections
   TileOffsets offsets_;

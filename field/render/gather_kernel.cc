@@ -108,21 +108,26 @@ class LaneTiles {
         first_(static_cast<std::int32_t>(numbers[0])),
         same_(hn::AllTrue(DU(), hn::Eq(numbers_, hn::Set(DU(), numbers[0])))) {}
 
-  /// Loads 8 bytes for each lane of a half, from `at - before` bytes into its tile; zeros where
-  /// there is none.
+  /// Where the tiles of half of the lanes begin in a layer.
   template <class Half>
-  HWY_INLINE V64 load(const std::vector<std::int64_t>& offsets, Half, VU at, int before) const {
+  HWY_INLINE V64 begin(const std::vector<std::int64_t>& offsets, Half) const {
     const D64 d;
     const hn::RebindToSigned<Narrow> narrow;
     const std::int64_t* from = offsets.data() + 1;
-    const V64 tile =
-        same_ ? hn::Set(d, from[first_])
-              : hn::GatherIndex(
-                    d, from, hn::PromoteTo(d, hn::BitCast(narrow, half_of<Half::value>(numbers_))));
+    if (same_) return hn::Set(d, from[first_]);
+    return hn::GatherIndex(d, from,
+                           hn::PromoteTo(d, hn::BitCast(narrow, half_of<Half::value>(numbers_))));
+  }
+
+  /// Loads 8 bytes for each lane of a half, from `at - before` bytes into its tile; zeros where
+  /// there is none.
+  template <class Half>
+  HWY_INLINE V64 load(V64 begin, Half, VU at, int before) const {
+    const D64 d;
     const V64 within =
-        hn::IfThenZeroElse(hn::Eq(tile, hn::Zero(d)), widen(half_of<Half::value>(at)));
+        hn::IfThenZeroElse(hn::Eq(begin, hn::Zero(d)), widen(half_of<Half::value>(at)));
     return hn::GatherOffset(d, reinterpret_cast<const std::int64_t*>(zeros_ - before),
-                            hn::Add(tile, within));
+                            hn::Add(begin, within));
   }
 
  private:
@@ -152,15 +157,16 @@ void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells
       const VU pair_at = hn::ShiftLeft<kShift>(pair), third_at = hn::ShiftLeft<kShift>(third);
       V64 two[kHalves], one[kHalves], seen = hn::Zero(d);
       for_halves([&](auto half) {
-        two[half] = tile.load(offsets.color, half, pair_at, 0);
-        one[half] = tile.load(offsets.color, half, third_at, kHalf ? 0 : 4);
+        const V64 begin = tile.begin(offsets.color, half);
+        two[half] = tile.load(begin, half, pair_at, 0);
+        one[half] = tile.load(begin, half, third_at, kHalf ? 0 : 4);
         seen = hn::Or3(seen, two[half], one[half]);
         if constexpr (kHalf) {
           const auto put = [&](std::size_t e, V64 v) {
             store_or(hn::BitCast(du64, v), du64,
                      &samples.rgba16f[3 * c + e][k + half * hn::Lanes(d)]);
           };
-          const V64 second = tile.load(offsets.color, half, pair_at, -8);
+          const V64 second = tile.load(begin, half, pair_at, -8);
           put(0, two[half]), put(1, second), put(2, one[half]);
           seen = hn::Or(seen, second);
         }
@@ -176,8 +182,9 @@ void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells
           continue;
         }
         for_halves([&](auto half) {  // the last two of 8 bytes, and the last one
-          const auto pairs = hn::BitCast(du64, tile.load(offsets.depth, half, pair, 6));
-          const auto thirds = hn::BitCast(du64, tile.load(offsets.depth, half, third, 7));
+          const V64 begin = tile.begin(offsets.depth, half);
+          const auto pairs = hn::BitCast(du64, tile.load(begin, half, pair, 6));
+          const auto thirds = hn::BitCast(du64, tile.load(begin, half, third, 7));
           two[half] =
               hn::BitCast(d, hn::Or(hn::ShiftRight<48>(pairs),
                                     hn::And(hn::ShiftRight<40>(thirds), hn::Set(du64, 0xFF0000))));

@@ -44,11 +44,12 @@ void SampleGatherer::begin(std::uint32_t frame, bool with_depth) {
 
 Result<void> SampleGatherer::gather(const LevelGeometry& geometry, bool wait, std::size_t count,
                                     const EntryCells& entries, const Pass& pass) {
+  tiles_.clear();
+  number_tiles(pass, entries, count, tiles_, numbers_);
   bool load = false;
   {
     const TileCache::ReadScope scope(reader_);
-    tiles_.begin(geometry, cache_.page_table(geometry.level()), frame_, with_depth_, touched_);
-    number_tiles(pass, entries, count, tiles_, numbers_);
+    tiles_.look_up(geometry, cache_.page_table(geometry.level()), frame_, with_depth_, touched_);
     load = wait && tiles_.any_absent();
     if (!load)
       gather_samples(tiles_.offsets(), pass, entries, numbers_, count, half_floats(), false,
