@@ -52,7 +52,7 @@ class Reader {
       : field_(field),
         level_(field.shape().levels),
         geometry_(field.file().geometry(level_)),
-        color_(*field.file().layer("color")) {
+        color_(field.file().layer("color")) {
     if (field.file().manifest().layers[color_].format != codec::SampleFormat::rgba8)
       bench::stop("expected a field with 8-bit colour");
   }
@@ -103,8 +103,8 @@ int main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
 
   const auto field = expect(Field::open(path));
-  Reader reader(*field);
-  const auto& geometry = field->file().geometry(field->shape().levels);
+  Reader reader(field);
+  const auto& geometry = field.file().geometry(field.shape().levels);
   const std::int32_t n = geometry.exit_resolution();
   const auto edge = static_cast<std::size_t>(2 * n + 1);
   const auto entries = entry_path(geometry.entry_resolution());

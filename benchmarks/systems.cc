@@ -64,12 +64,12 @@ struct System {
 nlohmann::json measure(const Arguments& a) {
   const auto field = expect(Field::open(a.field));
   const auto scene = expect(a.source.scene());
-  const Sphere& sphere = field->shape().sphere;
-  const unsigned threads = thread_count(a.threads), level = field->shape().levels;
-  const auto content = expect(field->content());
+  const Sphere& sphere = field.shape().sphere;
+  const unsigned threads = thread_count(a.threads), level = field.shape().levels;
+  const auto content = expect(field.content());
   const auto slabs = static_cast<double>(content.levels.back().slabs);
 
-  Renderer renderer(*field, {4ull << 30, threads});
+  Renderer renderer(field, {4ull << 30, threads});
   std::vector<System> systems{{"raycast", 0, [&](const Camera& c, Image& image) {
                                  image = expect(trace_view(*scene, sphere, c, threads));
                                }}};
@@ -85,7 +85,7 @@ nlohmann::json measure(const Arguments& a) {
                        [=](const Camera& c, Image& image) { plane->render(c, threads, image); }});
   }
   for (const RenderMode mode : {RenderMode::bitri, RenderMode::depth})
-    if (mode != RenderMode::depth || field->file().layer("depth"))
+    if (mode != RenderMode::depth || field.file().layer("depth"))
       systems.push_back(
           {name(mode), slabs, [&renderer, mode, level](const Camera& c, Image& image) {
              expect(renderer.render(c, {mode, level}, image));

@@ -29,9 +29,9 @@ int main(int argc, char** argv) {
 
   const auto scene = expect(source.scene());
   const auto field = expect(Field::open(field_path));
-  const Sphere& sphere = field->shape().sphere;
-  const ViewOptions view{default_mode(*field), field->shape().levels};
-  Renderer renderer(*field);
+  const Sphere& sphere = field.shape().sphere;
+  const ViewOptions view{default_mode(field), field.shape().levels};
+  Renderer renderer(field);
   nlohmann::json numbers = nlohmann::json::array();
   for (std::uint32_t k = 0; k < frames; ++k) {
     const Camera camera = orbit_camera(sphere, 360.0 * k / frames, 20, 3, size, size);

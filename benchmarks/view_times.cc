@@ -35,9 +35,9 @@ int main(int argc, char** argv) {
   MeasureOptions measuring;
   {
     const auto field = opened();
-    measuring.cameras = random_cameras(field->shape().sphere, 3, views, 1, size, size);
-    measuring.mode = mode.empty() ? default_mode(*field) : expect(parse_render_mode(mode));
-    measuring.levels = {field->shape().levels};
+    measuring.cameras = random_cameras(field.shape().sphere, 3, views, 1, size, size);
+    measuring.mode = mode.empty() ? default_mode(field) : expect(parse_render_mode(mode));
+    measuring.levels = {field.shape().levels};
     measuring.renderer = options;
   }
   bench::Times open_cold, open_warm, view_cold, view_warm;
@@ -57,8 +57,8 @@ int main(int argc, char** argv) {
     open_warm.run([&] { field = opened(); });
   }
   const auto field = opened();
-  const LevelMeasure level = expect(measure_views(*field, measuring)).levels.front();
-  std::printf("%s\n", nlohmann::json{{"file_bytes", field->file_bytes()},
+  const LevelMeasure level = expect(measure_views(field, measuring)).levels.front();
+  std::printf("%s\n", nlohmann::json{{"file_bytes", field.file_bytes()},
                                      {"open_cold_us", 1e6 * open_cold.median_wall()},
                                      {"open_warm_us", 1e6 * open_warm.median_wall()},
                                      {"view_cold_ms", 1e3 * view_cold.median_wall()},

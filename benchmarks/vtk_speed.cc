@@ -249,21 +249,21 @@ nlohmann::json measure(const Arguments& a) {
   const unsigned threads = thread_count(a.threads);
   VtkRaycaster vtk(volume, transfer, options, threads);
   const auto raycaster = expect(Raycaster::make(volume, transfer, options));
-  Renderer renderer(*field, {4ull << 30, threads});
-  const Contenders contenders{vtk, *raycaster, renderer, *field, threads};
+  Renderer renderer(field, {4ull << 30, threads});
+  const Contenders contenders{vtk, *raycaster, renderer, field, threads};
 
   nlohmann::json views = nlohmann::json::array();
   std::string pictures = a.pictures;  // of the first view
   for (const std::uint32_t size : a.sizes)
     for (const Camera& camera :
-         random_cameras(field->shape().sphere, 3, a.views, a.seed, size, size)) {
+         random_cameras(field.shape().sphere, 3, a.views, a.seed, size, size)) {
       views.push_back(measure_view(contenders, camera, a.repeats, pictures));
       pictures.clear();
     }
   return {{"vtk", vtkVersion::GetVTKVersion()},
           {"threads", threads},
           {"repeats", a.repeats},
-          {"mode", name(default_mode(*field))},
+          {"mode", name(default_mode(field))},
           {"views", views}};
 }
 
