@@ -52,7 +52,7 @@ class Reader {
       : field_(field),
         level_(field.shape().levels),
         geometry_(field.file().geometry(level_)),
-        color_(field.file().layer("color")) {
+        color_(*field.file().layer("color")) {
     if (field.file().manifest().layers[color_].format != codec::SampleFormat::rgba8)
       bench::stop("expected a field with 8-bit colour");
   }
