@@ -249,7 +249,8 @@ TEST(Outputs, AWriterNoticesThatItsFileIsGone) {
   const std::string growing = place / "a.slf.unfinished";
   for (const bool remove : {true, false}) {
     Running build(slow_build(place / "a.slf"));
-    ASSERT_TRUE(appears(growing));
+    ASSERT_TRUE(appears(growing) && appears(growing + "-lock"));
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));  // the writer has it open
     if (remove)
       fs::remove(growing);
     else
