@@ -14,15 +14,9 @@ constexpr std::uint32_t kMagic = 0xBEEFC0DE;
 constexpr std::uint32_t kVersion = 1;
 constexpr std::uint16_t kHarmlessFlags = 0x4000;  // MDB_NOSUBDIR: only says how the file was opened
 
-Result<Meta> read_meta(int file, const std::string& path, std::uint64_t number,
-                       std::uint64_t offset) {
-  std::array<std::byte, kMetaEnd> bytes;
-  const ssize_t got = pread(file, bytes.data(), bytes.size(), static_cast<off_t>(offset));
-  if (got < 0)
-    return fail(ErrorCode::io, path, ": cannot read meta page ", number, ": ",
-                std::strerror(errno));
+Result<Meta> parse_meta(ByteSpan bytes, const std::string& path, std::uint64_t number) {
   const std::byte* page = bytes.data();
-  if (static_cast<std::size_t>(got) < bytes.size() || load_le<std::uint32_t>(page + 16) != kMagic) {
+  if (bytes.size() < kMetaEnd || load_le<std::uint32_t>(page + 16) != kMagic) {
     if (number == 0)
       return fail(ErrorCode::bad_file, path, ": not a field: it is not an LMDB file");
     return fail(ErrorCode::bad_file, path, ": meta page 1 is damaged or missing");
@@ -64,9 +58,17 @@ Tree Tree::parse(const std::byte* from) {
 }
 
 Result<Meta> read_metas(int file, const std::string& path) {
-  auto first = read_meta(file, path, 0, 0);
+  std::array<std::byte, kPageSize + kMetaEnd> start;
+  const ssize_t got = pread(file, start.data(), start.size(), 0);
+  if (got < 0)
+    return fail(ErrorCode::io, path, ": cannot read the meta pages: ", std::strerror(errno));
+  return parse_metas(ByteSpan(start).first(static_cast<std::size_t>(got)), path);
+}
+
+Result<Meta> parse_metas(ByteSpan start, const std::string& path) {
+  auto first = parse_meta(start, path, 0);
   if (!first) return first;
-  auto second = read_meta(file, path, 1, first->page_size);
+  auto second = parse_meta(start.subspan(std::min(start.size(), kPageSize)), path, 1);
   if (!second) return second;
   // Transaction t writes meta page t mod 2, so the two are consecutive; a new file has two zeros.
   const std::uint64_t a = first->transaction;
@@ -143,7 +145,9 @@ Result<TreePage> Pages::tree_page(std::uint64_t number, bool leaf) const {
   if (number < 2 || number > meta_.last_page)
     return damaged(number, "outside the file's ", count(), " pages");
   const std::size_t size = meta_.page_size;
-  const std::byte* page = file_.data() + number * size;
+  const auto held = bytes(number * size, size);
+  if (!held) return tl::unexpected(held.error());
+  const std::byte* page = held->data();
   const auto own_number = load_le<std::uint64_t>(page);
   const auto flags = load_le<std::uint16_t>(page + 10);
   const std::size_t lower = load_le<std::uint16_t>(page + 12);
@@ -157,19 +161,22 @@ Result<TreePage> Pages::tree_page(std::uint64_t number, bool leaf) const {
                   static_cast<std::uint32_t>((lower - kPageHeader) / 2));
 }
 
-Result<ByteSpan> Pages::value(const Node& node) const {
+Result<ByteSpan> Pages::value(const Node& node, std::uint64_t most) const {
   if ((node.flags & kBigData) == 0) return node.data;
   const std::uint64_t needed = overflow_pages(node.data_size);
   if (node.child < 2 || node.child > meta_.last_page || needed > count() - node.child)
     return damaged(node.child, "a value of ", node.data_size, " bytes leaves the file");
-  const std::byte* page = file_.data() + node.child * meta_.page_size;
+  const auto held =
+      bytes(node.child * meta_.page_size, kPageHeader + std::min(node.data_size, most));
+  if (!held) return held;
+  const std::byte* page = held->data();
   const auto own_number = load_le<std::uint64_t>(page);
   const auto flags = load_le<std::uint16_t>(page + 10);
   const std::uint64_t run = load_le<std::uint32_t>(page + 12);
   if (own_number != node.child || flags != kOverflow || run < needed || run > count() - node.child)
     return damaged(node.child, "expected a run of ", needed, " overflow pages, found page ",
                    own_number, " with flags ", flags, " and ", run, " pages");
-  return ByteSpan(page + kPageHeader, static_cast<std::size_t>(node.data_size));
+  return held->subspan(kPageHeader);
 }
 
 int compare_keys(ByteSpan a, ByteSpan b) {

@@ -5,10 +5,10 @@
 
 #include <algorithm>
 
+#include "storage/internal/trees.h"
+
 namespace slf::storage::internal {
 namespace {
-
-constexpr std::size_t kUsualCode = 3;  ///< bytes per code of the table, for payloads below 2 MiB
 
 /// A page of the tree, and the keys whose path leads there: [begin, end).
 struct Stop {
@@ -22,19 +22,6 @@ ByteSpan bytes_of(const Pages& pages, std::uint64_t first, std::uint64_t bytes) 
   const std::uint64_t count = (bytes + size - 1) / size;
   if (first < 2 || first >= pages.count() || count > pages.count() - first) return {};
   return pages.file().subspan(first * size, count * size);
-}
-
-/// How many tiles the record of entry `index` has at most, judged from the leaf alone: the previous
-/// entry's key bounds where it begins.
-std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& node) {
-  Node before;
-  if (index == 0 || !leaf.node(index - 1, before)) return kMaxTiles;
-  const auto last = decode_key(node.key);
-  const auto previous = decode_key(before.key);
-  if (!last || !previous || *previous >= *last) return kMaxTiles;
-  const std::uint64_t span =
-      previous->level == last->level ? last->index - previous->index : last->index + 1;
-  return std::min(span, kMaxTiles);
 }
 
 /// Adds the children of a branch to which the stop's keys lead.
@@ -93,7 +80,7 @@ ByteSpan head_of(const Pages& pages, const TreePage& leaf, std::uint32_t index) 
   Node node;
   if (!leaf.node(index, node) || (node.flags & kBigData) == 0) return {};
   const std::uint64_t span = span_of(leaf, index, node);
-  const std::uint64_t table = kPageHeader + kRecordHeader + span * (kUsualCode + 8);
+  const std::uint64_t table = kPageHeader + usual_head(span);
   const std::uint64_t all = kPageHeader + node.data_size;
   return bytes_of(pages, node.child, span == 1 ? all : std::min(all, table));
 }

@@ -77,12 +77,18 @@ std::size_t code_bytes(std::uint64_t size) {
   return bytes;
 }
 
-Result<Record> Record::parse(ByteSpan value) {
+std::uint64_t Record::table_end(ByteSpan start) {
+  return align8(kRecordHeader + load_le<std::uint16_t>(start.data() + 38)) +
+         8 * std::uint64_t{load_le<std::uint16_t>(start.data() + 36)};
+}
+
+Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
   if (value.size() < kRecordHeader) return damaged("the record is shorter than its header");
   const std::byte* head = value.data();
   if (load_le<std::uint32_t>(head + 8) != kMagic) return damaged("no tile record");
   Record record;
   record.value_ = value;
+  record.size_ = size;
   record.layer_ = load_le<std::uint32_t>(head + 12);
   record.first_ = {static_cast<std::uint8_t>(head[32]), load_le<std::uint64_t>(head + 16)};
   record.count_ = load_le<std::uint16_t>(head + 34);
@@ -106,7 +112,7 @@ Result<Record> Record::parse(ByteSpan value) {
   const std::byte* code = head + kRecordHeader;
   const std::byte* end = code + codes;
   std::uint32_t stored = 0;
-  std::size_t payload = record.payloads_;
+  std::uint64_t payload = record.payloads_;
   for (std::uint32_t i = 0; i < record.count_; ++i) {
     std::uint64_t n = 0;
     code = read_code(code, end, n);
@@ -114,8 +120,7 @@ Result<Record> Record::parse(ByteSpan value) {
     if (n <= kMissing) continue;
     ++stored;
     payload = align8(payload);
-    if (payload > value.size() || n - 1 > value.size() - payload)
-      return damaged("a payload leaves the record");
+    if (payload > size || n - 1 > size - payload) return damaged("a payload leaves the record");
     payload += n - 1;
   }
   if (code != end || stored != record.stored_) return damaged("the record's table is damaged");
@@ -142,10 +147,12 @@ bool Record::Walk::next() {
     return true;
   }
   payload_ = align8(payload_);
-  if (stored_ == record_->stored_ || payload_ > value.size() || code - 1 > value.size() - payload_)
-    return true;
+  const std::uint64_t size = record_->size_;
+  if (stored_ == record_->stored_ || payload_ > size || code - 1 > size - payload_) return true;
   tile_.state = TileState::stored;
-  tile_.payload = value.subspan(payload_, code - 1);
+  tile_.offset = payload_;
+  tile_.size = code - 1;
+  if (value.size() == size) tile_.payload = value.subspan(payload_, code - 1);
   tile_.checksum = load_le<std::uint64_t>(value.data() + record_->checksums_ + 8 * stored_);
   payload_ += code - 1;
   ++stored_;

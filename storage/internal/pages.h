@@ -15,6 +15,7 @@
 
 #include "base/bytes.h"
 #include "slf/error.h"
+#include "storage/internal/byte_source.h"
 
 namespace slf::storage::internal {
 
@@ -58,6 +59,9 @@ struct Meta {
 /// bad_file: one is damaged, or they do not match. unsupported: another version or page size.
 [[nodiscard]] Result<Meta> read_metas(int file, const std::string& path);
 
+/// The same from bytes at the file's start: those of both pages, or fewer if the file is shorter.
+[[nodiscard]] Result<Meta> parse_metas(ByteSpan start, const std::string& path);
+
 /// One entry of a branch or leaf page.
 struct Node {
   ByteSpan key;
@@ -99,22 +103,33 @@ class TreePage {
   std::uint32_t count_ = 0;
 };
 
-/// The pages of one snapshot. Views the map; does not own it.
+/// The pages of one snapshot. Views the map or the source; does not own it.
 class Pages {
  public:
   Pages() = default;
   Pages(ByteSpan file, const Meta& meta, const std::string* path)
       : file_(file), meta_(meta), path_(path) {}
+  Pages(const ByteSource& source, const Meta& meta, const std::string* path)
+      : source_(&source), meta_(meta), path_(path) {}
 
   [[nodiscard]] const Meta& meta() const { return meta_; }
   [[nodiscard]] std::uint64_t count() const { return meta_.last_page + 1; }
+  /// The map; empty if the bytes come from a source.
   [[nodiscard]] ByteSpan file() const { return file_; }
+  [[nodiscard]] bool mapped() const { return source_ == nullptr; }
 
   /// A branch (leaf = false) or leaf page. bad_file: the page is damaged or of another kind.
   [[nodiscard]] Result<TreePage> tree_page(std::uint64_t number, bool leaf) const;
 
-  /// The value of a leaf node, in the leaf or in overflow pages. bad_file: these are damaged.
-  [[nodiscard]] Result<ByteSpan> value(const Node& node) const;
+  /// The value of a leaf node, in the leaf or in overflow pages; of one in overflow pages the first
+  /// `most` bytes. bad_file: these pages are damaged.
+  [[nodiscard]] Result<ByteSpan> value(const Node& node,
+                                       std::uint64_t most = ~std::uint64_t{0}) const;
+
+  /// Where the value of a leaf node in overflow pages begins in the file.
+  [[nodiscard]] std::uint64_t value_offset(const Node& node) const {
+    return node.child * meta_.page_size + kPageHeader;
+  }
 
   /// How many pages an overflow value of `size` bytes needs.
   [[nodiscard]] std::uint64_t overflow_pages(std::uint64_t size) const {
@@ -128,7 +143,14 @@ class Pages {
   }
 
  private:
+  /// REQUIRES: the range is inside the snapshot's pages.
+  [[nodiscard]] Result<ByteSpan> bytes(std::uint64_t offset, std::uint64_t size) const {
+    if (source_ != nullptr) return source_->bytes(offset, size);
+    return file_.subspan(offset, size);
+  }
+
   ByteSpan file_;
+  const ByteSource* source_ = nullptr;
   Meta meta_;
   const std::string* path_ = nullptr;
 };

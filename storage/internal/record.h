@@ -41,8 +41,10 @@ using RecordKey = std::array<std::byte, 9>;
 /// One tile of a record.
 struct Tile {
   TileState state = TileState::missing;
-  ByteSpan payload;
+  ByteSpan payload;  ///< empty if the record has only the start of the value
   std::uint64_t checksum = 0;
+  std::uint64_t offset = 0;  ///< of the payload in the value, when read
+  std::uint64_t size = 0;    ///< of the payload, when read
 };
 
 /// A record whose header and table have been checked. Views the value.
@@ -50,7 +52,13 @@ class Record {
  public:
   /// bad_file: the value is no complete record, or its table does not match its checksum. The
   /// message says what is wrong; the caller adds the place.
-  [[nodiscard]] static Result<Record> parse(ByteSpan value);
+  [[nodiscard]] static Result<Record> parse(ByteSpan value) { return parse(value, value.size()); }
+
+  /// The same from the start of a value of `size` bytes, which must hold the table.
+  [[nodiscard]] static Result<Record> parse(ByteSpan start, std::uint64_t size);
+
+  /// Where the table of a record ends. REQUIRES: kRecordHeader bytes.
+  [[nodiscard]] static std::uint64_t table_end(ByteSpan start);
 
   [[nodiscard]] LayerId layer() const { return layer_; }
   [[nodiscard]] const std::optional<TileKey>& previous() const { return previous_; }
@@ -81,7 +89,8 @@ class Record {
   [[nodiscard]] Tile tile(std::uint32_t position) const;
 
  private:
-  ByteSpan value_;
+  ByteSpan value_;          ///< or its start
+  std::uint64_t size_ = 0;  ///< of the value
   LayerId layer_ = 0;
   TileKey first_;
   std::optional<TileKey> previous_;

@@ -1,0 +1,75 @@
+// Trees: the trees, blobs and records of a snapshot, wherever its bytes come from.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "base/bytes.h"
+#include "slf/error.h"
+#include "storage/internal/container.h"
+#include "storage/internal/cursor.h"
+#include "storage/internal/pages.h"
+#include "storage/internal/record.h"
+
+namespace slf::storage::internal {
+
+/// How many tiles the record of entry `index` of a leaf has at most, judged from the leaf alone.
+/// REQUIRES: `node` is that entry.
+[[nodiscard]] std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& node);
+
+/// How many bytes of such a record hold its header and table, as a rule.
+[[nodiscard]] std::uint64_t usual_head(std::uint64_t span);
+
+/// Not movable, because its pages refer to it. Thread-safety: const members from any thread.
+class Trees {
+ public:
+  explicit Trees(std::string path) : path_(std::move(path)) {}
+  Trees(const Trees&) = delete;
+  Trees& operator=(const Trees&) = delete;
+  virtual ~Trees() = default;
+
+  [[nodiscard]] const std::string& path() const { return path_; }
+  [[nodiscard]] const Pages& pages() const { return pages_; }
+  [[nodiscard]] const Meta& meta() const { return pages_.meta(); }
+  [[nodiscard]] const std::vector<LayerInfo>& layers() const { return layers_; }
+  [[nodiscard]] const Tree& manifest() const { return manifest_; }
+  [[nodiscard]] const Tree& tree(LayerId layer) const { return trees_[layer]; }
+
+  /// Reads the names and the ends of the layers. bad_file: the container is damaged.
+  /// May be called again after an error. REQUIRES: Pages(source, meta, &path()) or of a map.
+  [[nodiscard]] Result<void> load(const Pages& pages);
+
+  /// bad_file if what was read before may not be the file's content.
+  [[nodiscard]] virtual Result<void> unchanged() const { return {}; }
+
+  /// A blob that matches its checksum. bad_file: it is missing or damaged.
+  [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const;
+
+  /// The checked record at a cursor's entry. bad_file: it is damaged or belongs elsewhere.
+  [[nodiscard]] Result<Record> record(LayerId layer, const Cursor& at) const;
+
+  /// The key of the last record before `key`, if any. bad_file: a page on the path is damaged.
+  [[nodiscard]] Result<std::optional<TileKey>> last_before(LayerId layer, TileKey key) const;
+
+  /// The record that holds a key; nothing if certainly no record does. `offset`, if not null, is
+  /// set to where it begins in the file. bad_file: a page on the path or the record is damaged, or
+  /// a record is lost.
+  [[nodiscard]] Result<std::optional<Record>> find(LayerId layer, TileKey key,
+                                                   std::uint64_t* offset = nullptr) const;
+
+ private:
+  [[nodiscard]] Result<Tree> named_tree(std::string_view name) const;
+  [[nodiscard]] Result<Record> parse(const Cursor& at) const;
+
+  std::string path_;
+  Pages pages_;
+  Tree manifest_;
+  std::vector<LayerInfo> layers_;
+  std::vector<Tree> trees_;
+};
+
+}  // namespace slf::storage::internal

@@ -1,0 +1,72 @@
+#include "storage/ranged_store.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace slf::storage {
+
+using internal::kPageSize;
+
+Result<ByteSpan> RangedStore::Source::bytes(std::uint64_t offset, std::uint64_t size) const {
+  auto block = blocks.upper_bound(offset);
+  if (block != blocks.begin()) {
+    --block;
+    const std::uint64_t within = offset - block->first;
+    if (within <= block->second.size() && size <= block->second.size() - within)
+      return ByteSpan(block->second).subspan(within, size);
+  }
+  const std::uint64_t begin = offset / kPageSize * kPageSize;
+  const std::uint64_t end = (offset + size + kPageSize - 1) / kPageSize * kPageSize;
+  wanted.push_back({begin, std::min(end, file_bytes)});
+  return fail(ErrorCode::io, "bytes ", begin, " to ", end, " are not there yet");
+}
+
+RangedStore::RangedStore(std::string name, std::uint64_t file_bytes) : trees_(std::move(name)) {
+  source_.file_bytes = file_bytes;
+}
+
+void RangedStore::add(std::uint64_t offset, Bytes bytes) {
+  Bytes& held = source_.blocks[offset];
+  if (held.size() < bytes.size()) held = std::move(bytes);
+}
+
+std::vector<FileRange> RangedStore::wanted() {
+  std::vector<FileRange> ranges = std::exchange(source_.wanted, {});
+  std::sort(ranges.begin(), ranges.end(),
+            [](const FileRange& a, const FileRange& b) { return a.begin < b.begin; });
+  std::vector<FileRange> merged;
+  for (const FileRange& range : ranges)
+    if (!merged.empty() && range.begin < merged.back().end)
+      merged.back().end = std::max(merged.back().end, range.end);
+    else
+      merged.push_back(range);
+  return merged;
+}
+
+Result<void> RangedStore::open() {
+  const std::uint64_t start = std::min<std::uint64_t>(source_.file_bytes, 2 * kPageSize);
+  const auto metas = source_.bytes(0, start);
+  if (!metas) return tl::unexpected(metas.error());
+  const auto meta = internal::parse_metas(*metas, trees_.path());
+  if (!meta) return tl::unexpected(meta.error());
+  if (meta->last_page < 1 || meta->last_page >= source_.file_bytes / kPageSize)
+    return fail(ErrorCode::bad_file, trees_.path(), ": truncated: ", source_.file_bytes,
+                " bytes, expected ", meta->last_page + 1, " pages of ", kPageSize);
+  return trees_.load(internal::Pages(source_, *meta, &trees_.path()));
+}
+
+Result<RangedTile> RangedStore::find(LayerId layer, TileKey key) const {
+  std::uint64_t value = 0;
+  const auto found = trees_.find(layer, key, &value);
+  if (!found) return tl::unexpected(found.error());
+  if (!*found) return RangedTile{};
+  const internal::Record& record = **found;
+  const internal::Tile tile =
+      record.tile(static_cast<std::uint32_t>(key.index - record.first().index));
+  RangedTile result{tile.state, {}, tile.checksum};
+  if (tile.state == TileState::stored)
+    result.payload = {value + tile.offset, value + tile.offset + tile.size};
+  return result;
+}
+
+}  // namespace slf::storage

@@ -1,0 +1,155 @@
+#include "storage/internal/trees.h"
+
+#include <algorithm>
+#include <span>
+
+namespace slf::storage::internal {
+namespace {
+
+constexpr std::size_t kUsualCode = 3;  ///< bytes per code of the table, for payloads below 2 MiB
+
+ByteSpan bytes_of(std::string_view text) {
+  return std::as_bytes(std::span(text.data(), text.size()));
+}
+
+}  // namespace
+
+// The previous entry's key bounds where the record begins.
+std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& node) {
+  Node before;
+  if (index == 0 || !leaf.node(index - 1, before)) return kMaxTiles;
+  const auto last = decode_key(node.key);
+  const auto previous = decode_key(before.key);
+  if (!last || !previous || *previous >= *last) return kMaxTiles;
+  const std::uint64_t span =
+      previous->level == last->level ? last->index - previous->index : last->index + 1;
+  return std::min(span, kMaxTiles);
+}
+
+std::uint64_t usual_head(std::uint64_t span) { return kRecordHeader + span * (kUsualCode + 8); }
+
+Result<void> Trees::load(const Pages& pages) {
+  pages_ = pages;
+  layers_.clear();
+  trees_.clear();
+  auto manifest = named_tree(kManifest);
+  if (!manifest) return tl::unexpected(std::move(manifest.error()));
+  manifest_ = *manifest;
+  auto sealed = blob(kContainer);
+  if (!sealed) return tl::unexpected(std::move(sealed.error()));
+  auto container = decode_container(*sealed);
+  if (!container)
+    return fail(container.error().code, path_, ": container: ", container.error().message);
+  if (container->transaction != meta().transaction)
+    return fail(ErrorCode::bad_file, path_, ": the meta page names transaction ",
+                meta().transaction, ", the container ", container->transaction,
+                ": damaged, or written to by another program");
+  layers_ = std::move(container->layers);
+  for (const LayerInfo& layer : layers_) {
+    auto tree = named_tree(layer.name);
+    if (!tree) return tl::unexpected(std::move(tree.error()));
+    if (tree->entries != layer.records)
+      return fail(ErrorCode::bad_file, path_, ": layer ", layer.name, " has ", tree->entries,
+                  " records, expected ", layer.records);
+    trees_.push_back(*tree);
+  }
+  return unchanged();
+}
+
+Result<Tree> Trees::named_tree(std::string_view name) const {
+  Cursor cursor(pages_, meta().main);
+  auto found = cursor.seek(bytes_of(name));
+  if (!found) return tl::unexpected(std::move(found.error()));
+  if (!*found || compare_keys(cursor.key(), bytes_of(name)) != 0)
+    return fail(ErrorCode::bad_file, path_, ": not a field, or damaged: it has no tree '", name,
+                "'");
+  if (cursor.node().flags != kSubTree || cursor.node().data.size() != kTreeBytes)
+    return fail(ErrorCode::bad_file, path_, ": the entry of tree '", name, "' is damaged");
+  const Tree tree = Tree::parse(cursor.node().data.data());
+  if (tree.flags != 0)
+    return fail(ErrorCode::bad_file, path_, ": tree '", name, "' has flags ", tree.flags,
+                ", expected none");
+  return tree;
+}
+
+Result<ByteSpan> Trees::blob(std::string_view name) const {
+  Cursor cursor(pages_, manifest_);
+  auto found = cursor.seek(bytes_of(name));
+  if (!found) return tl::unexpected(std::move(found.error()));
+  if (!*found || compare_keys(cursor.key(), bytes_of(name)) != 0)
+    return fail(ErrorCode::bad_file, path_, ": has no blob '", name, "'");
+  auto sealed = cursor.value();
+  if (!sealed) return sealed;
+  auto bytes = open_blob(name, *sealed);
+  if (auto same = unchanged(); !same) return tl::unexpected(std::move(same.error()));
+  if (!bytes)
+    return fail(bytes.error().code, path_, ": blob '", name, "': ", bytes.error().message);
+  return bytes;
+}
+
+// Of a record that is not mapped it reads the header and the table only.
+Result<Record> Trees::parse(const Cursor& at) const {
+  const Node& node = at.node();
+  if (pages_.mapped() || (node.flags & kBigData) == 0) {
+    auto value = at.value();
+    if (!value) return tl::unexpected(std::move(value.error()));
+    return Record::parse(*value);
+  }
+  auto start = pages_.value(node, usual_head(span_of(at.leaf(), at.index(), node)));
+  if (start && start->size() >= kRecordHeader)
+    if (const std::uint64_t end = Record::table_end(*start); end > start->size())
+      start = pages_.value(node, end);
+  if (!start) return tl::unexpected(std::move(start.error()));
+  return Record::parse(*start, node.data_size);
+}
+
+Result<Record> Trees::record(LayerId layer, const Cursor& at) const {
+  const auto key = decode_key(at.key());
+  if (!key)
+    return fail(ErrorCode::bad_file, path_, ": layer ", layers_[layer].name, ": a record's key of ",
+                at.key().size(), " bytes, expected 9");
+  auto record = parse(at);
+  if (record && (record->layer() != layer || record->last() != *key))
+    record = fail(ErrorCode::bad_file, "a record of layer ", record->layer(), " that ends at tile ",
+                  int{record->last().level}, "/", record->last().index, " lies in its place");
+  if (!record)
+    return fail(record.error().code, path_, ": layer ", layers_[layer].name,
+                ", record ending at tile ", int{key->level}, "/", key->index, ": ",
+                record.error().message);
+  return record;
+}
+
+Result<std::optional<TileKey>> Trees::last_before(LayerId layer, TileKey key) const {
+  Cursor cursor(pages_, trees_[layer]);
+  auto found = cursor.seek_before(encode_key(key));
+  if (!found) return tl::unexpected(std::move(found.error()));
+  if (!*found) return std::nullopt;
+  const auto before = decode_key(cursor.key());
+  if (!before || *before >= key)
+    return fail(ErrorCode::bad_file, path_, ": layer ", layers_[layer].name,
+                ": the records are out of order");
+  return *before;
+}
+
+Result<std::optional<Record>> Trees::find(LayerId layer, TileKey key, std::uint64_t* offset) const {
+  const LayerInfo& info = layers_[layer];
+  if (!info.last || key > *info.last) return std::nullopt;
+  Cursor cursor(pages_, trees_[layer]);
+  auto found = cursor.seek(encode_key(key));
+  if (!found) return tl::unexpected(std::move(found.error()));
+  auto held = *found ? record(layer, cursor)
+                     : fail(ErrorCode::bad_file, path_, ": layer ", info.name,
+                            " ends before its last tile");
+  if (auto same = unchanged(); !same) return tl::unexpected(std::move(same.error()));
+  if (!held) return tl::unexpected(std::move(held.error()));
+  if (key > held->last() || (held->previous() && key <= *held->previous()))
+    return fail(ErrorCode::bad_file, path_, ": layer ", info.name, ": the record of tile ",
+                int{key.level}, "/", key.index, " is lost");
+  if (key < held->first()) return std::nullopt;
+  if (offset != nullptr && (cursor.node().flags & kBigData) == 0)
+    return fail(ErrorCode::bad_file, path_, ": layer ", info.name, ": a record inside a tree page");
+  if (offset != nullptr) *offset = pages_.value_offset(cursor.node());
+  return *held;
+}
+
+}  // namespace slf::storage::internal

@@ -1,0 +1,133 @@
+// A container read by ranges: the same tiles as from the map, from few bytes, and no crash whatever
+// the bytes are.
+#include "storage/ranged_store.h"
+
+#include "tests/storage/storage_testing.h"
+
+namespace slf::storage::testing {
+namespace {
+
+class RangedStoreTest : public ::testing::Test {
+ protected:
+  static constexpr std::uint64_t kTiles = 3000;
+
+  void SetUp() override {
+    {
+      TileWriter writer = create(path_);
+      for (LayerId layer = 0; layer < 2; ++layer)
+        for (std::uint64_t i = 0; i < kTiles; ++i) {
+          if (i % 7 == 3) continue;  // missing
+          const std::size_t size = i % 5 == 0 ? 0 : 100 + i % 3000;
+          ASSERT_TRUE(ok(writer.append(layer, {static_cast<std::uint8_t>(i / 1000), i},
+                                       tile_bytes(layer, {0, i}, size))));
+        }
+      ASSERT_TRUE(ok(writer.close()));
+    }
+    file_ = read_file(path_);
+  }
+
+  // Gives a store what it wants until a call succeeds or fails for another reason.
+  template <class Call>
+  auto complete(RangedStore& store, const Bytes& file, const Call& call) {
+    for (int round = 0;; ++round) {
+      auto result = call();
+      const auto wanted = store.wanted();
+      if (result || wanted.empty() || round == 100) return result;
+      ++round_trips_;
+      for (const FileRange& range : wanted) {
+        EXPECT_LE(range.end, file.size());
+        fetched_ += range.end - range.begin;
+        store.add(range.begin, Bytes(file.begin() + static_cast<std::ptrdiff_t>(range.begin),
+                                     file.begin() + static_cast<std::ptrdiff_t>(range.end)));
+      }
+    }
+  }
+
+  TemporaryFolder folder_;
+  const std::string path_ = folder_.file("ranged.slf");
+  Bytes file_;
+  std::uint64_t fetched_ = 0;
+  int round_trips_ = 0;
+};
+
+TEST_F(RangedStoreTest, FindsWhatTheMapHas) {
+  const auto mapped = TileStore::open(path_);
+  ASSERT_TRUE(ok(mapped));
+  RangedStore store("ranged.slf", file_.size());
+  ASSERT_TRUE(ok(complete(store, file_, [&] { return store.open(); })));
+  ASSERT_EQ(store.layers().size(), 2u);
+  const auto note = complete(store, file_, [&] { return store.blob("manifest.json"); });
+  ASSERT_TRUE(ok(note));
+  EXPECT_EQ(Bytes(note->begin(), note->end()), bytes_of("{}"));
+  for (LayerId layer = 0; layer < 2; ++layer)
+    for (std::uint64_t i = 0; i < kTiles + 10; ++i) {
+      const TileKey key{static_cast<std::uint8_t>(i / 1000), i};
+      const auto expected = mapped->find(layer, key);
+      const auto found = complete(store, file_, [&] { return store.find(layer, key); });
+      ASSERT_TRUE(ok(expected));
+      ASSERT_TRUE(ok(found)) << i;
+      ASSERT_EQ(found->state, expected->state) << i;
+      if (found->state != TileState::stored) continue;
+      const FileRange range = mapped->range(*expected);
+      ASSERT_EQ(found->payload.begin, range.begin) << i;
+      ASSERT_EQ(found->payload.end, range.end) << i;
+      ASSERT_EQ(found->checksum, expected->checksum) << i;
+    }
+}
+
+TEST_F(RangedStoreTest, NeedsNoPayloadsToFindTiles) {
+  RangedStore store("ranged.slf", file_.size());
+  ASSERT_TRUE(ok(complete(store, file_, [&] { return store.open(); })));
+  for (std::uint64_t i = 0; i < kTiles; ++i)
+    ASSERT_TRUE(ok(complete(store, file_, [&] {
+      return store.find(0, {static_cast<std::uint8_t>(i / 1000), i});
+    })));
+  EXPECT_LT(fetched_, file_.size() / 4);
+}
+
+TEST_F(RangedStoreTest, FetchesForManyTilesTogether) {
+  RangedStore store("ranged.slf", file_.size());
+  ASSERT_TRUE(ok(complete(store, file_, [&] { return store.open(); })));
+  round_trips_ = 0;
+  (void)complete(store, file_, [&] {
+    Result<RangedTile> last;
+    for (std::uint64_t i = 0; i < kTiles; i += 50)
+      if (auto found = store.find(0, {static_cast<std::uint8_t>(i / 1000), i}); !found)
+        last = found;
+    return last;
+  });
+  EXPECT_LE(round_trips_, 4);  // branch, leaves, heads of records, and heads that are longer
+}
+
+TEST_F(RangedStoreTest, RefusesDamageOrFindsTheSame) {
+  std::mt19937_64 random(7);
+  for (int trial = 0; trial < 300; ++trial) {
+    Bytes damaged = file_;
+    for (int k = 0; k < 3; ++k)
+      damaged[random() % damaged.size()] ^= static_cast<std::byte>(1 << random() % 8);
+    if (trial % 10 == 0) damaged.resize(random() % damaged.size());
+    RangedStore store("damaged.slf", damaged.size());
+    if (!complete(store, damaged, [&] { return store.open(); })) continue;
+    for (std::uint64_t i = 0; i < kTiles; i += 101) {
+      const auto found = complete(store, damaged, [&] {
+        return store.find(0, {static_cast<std::uint8_t>(i / 1000), i});
+      });
+      if (found && found->state == TileState::stored) {
+        EXPECT_LE(found->payload.end, damaged.size());
+      }
+    }
+  }
+}
+
+TEST_F(RangedStoreTest, SaysWhatIsNoField) {
+  const Bytes text = bytes_of(std::string(9000, 'x'));
+  RangedStore store("text.slf", text.size());
+  const auto open = complete(store, text, [&] { return store.open(); });
+  ASSERT_FALSE(open);
+  EXPECT_EQ(open.error().code, ErrorCode::bad_file);
+  RangedStore empty("empty.slf", 0);
+  EXPECT_FALSE(empty.open());
+}
+
+}  // namespace
+}  // namespace slf::storage::testing
