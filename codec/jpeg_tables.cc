@@ -1,10 +1,5 @@
 #include "codec/jpeg_tables.h"
 
-// jpeglib.h needs FILE and size_t declared before it.
-#include <jpeglib.h>
-#include <cstddef>
-#include <cstdio>
-
 #include <algorithm>
 #include <bitset>
 
@@ -12,20 +7,6 @@ namespace slf::codec {
 namespace {
 
 constexpr std::uint8_t marker_soi = 0xD8, marker_eoi = 0xD9, marker_dqt = 0xDB, marker_dht = 0xC4;
-HuffmanTable from_libjpeg(const JHUFF_TBL& table) {
-  HuffmanTable result;
-  std::copy(table.bits + 1, table.bits + 17, result.counts.begin());
-  std::size_t total = 0;
-  for (const std::uint8_t count : result.counts) total += count;
-  result.symbols.assign(table.huffval, table.huffval + total);
-  return result;
-}
-
-// `base` is the step at quality 50. Other qualities scale it as libjpeg scales its tables.
-std::uint8_t quantisation_step(int quality, int base) {
-  const int percent = quality < 50 ? 5000 / quality : 200 - 2 * quality;
-  return static_cast<std::uint8_t>(std::clamp((base * percent + 50) / 100, 1, 255));
-}
 
 void append(Bytes& to, std::uint8_t value) { to.push_back(static_cast<std::byte>(value)); }
 
@@ -175,27 +156,10 @@ HuffmanTable optimal_huffman(const SymbolCounts& counts, bool (*can_occur)(int))
 }
 
 bool is_complete(const JpegTables& tables) {
-  return std::ranges::all_of(tables.dc, [](auto& t) { return covers(t, is_dc_symbol); }) &&
-         std::ranges::all_of(tables.ac, [](auto& t) { return covers(t, is_ac_symbol); });
-}
-
-JpegTables standard_tables(int quality) {
-  JpegTables tables;
-  tables.quantisation[0].fill(quantisation_step(quality, 28));
-  tables.quantisation[1].fill(quantisation_step(quality, 18));
-  jpeg_compress_struct compress;
-  jpeg_error_mgr errors;
-  compress.err = jpeg_std_error(&errors);
-  jpeg_create_compress(&compress);
-  compress.in_color_space = JCS_RGB;
-  compress.input_components = 3;
-  jpeg_set_defaults(&compress);
-  for (std::size_t i = 0; i < 2; ++i) {
-    tables.dc[i] = from_libjpeg(*compress.dc_huff_tbl_ptrs[i]);
-    tables.ac[i] = from_libjpeg(*compress.ac_huff_tbl_ptrs[i]);
-  }
-  jpeg_destroy_compress(&compress);
-  return tables;
+  const auto all_cover = [](const auto& of, bool (*can_occur)(int)) {
+    return std::all_of(of.begin(), of.end(), [&](auto& t) { return covers(t, can_occur); });
+  };
+  return all_cover(tables.dc, is_dc_symbol) && all_cover(tables.ac, is_ac_symbol);
 }
 
 Bytes to_bytes(const JpegTables& tables) {

@@ -14,7 +14,7 @@ class Scratch {
   /// Valid until the next take() of the same Scratch.
   [[nodiscard]] std::span<T> take(std::size_t count) {
     if (count > capacity_) {
-      values_ = std::make_unique_for_overwrite<T[]>(count);
+      values_.reset(new T[count]);  // uninitialised, unlike make_unique's
       capacity_ = count;
     }
     return {values_.get(), count};
