@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "codec/jpeg_codec.h"
+#include "codec/predictive_codec.h"
 #include "codec/raw_codec.h"
 #include "codec/zstd_codec.h"
 
@@ -14,6 +15,7 @@ namespace {
 
 constexpr int default_zstd_level = 9;
 constexpr int default_jpeg_quality = 75;
+constexpr int default_predictive_quality = 90;
 
 std::vector<std::string_view> split(std::string_view text, char separator) {
   std::vector<std::string_view> parts;
@@ -37,7 +39,7 @@ std::optional<int> parse_int(std::string_view text, int low, int high) {
 tl::unexpected<Error> bad_spec(std::string_view spec) {
   return fail(ErrorCode::usage, "codec \"", spec,
               "\": expected raw, zstd[:LEVEL] with a level of 1 to 22, or "
-              "jpeg[:QUALITY[:420|:444]] with a quality of 1 to 100");
+              "jpeg[:QUALITY[:420|:444]] or predictive[:QUALITY] with a quality of 1 to 100");
 }
 
 Result<std::unique_ptr<Codec>> make_zstd(std::string_view spec, SampleFormat format,
@@ -82,11 +84,34 @@ Result<std::unique_ptr<Codec>> make_jpeg(std::string_view spec, SampleFormat for
   return make_jpeg_codec(format, *options, *shared);
 }
 
+Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec,
+                                               const std::vector<std::string_view>& parts,
+                                               ByteSpan tables) {
+  int quality = default_predictive_quality;
+  if (parts.size() > 2) return bad_spec(spec);
+  if (parts.size() == 2) {
+    const std::optional<int> given = parse_int(parts[1], 1, 100);
+    if (!given) return bad_spec(spec);
+    quality = *given;
+  }
+  if (tables.empty())
+    return std::make_unique<PredictiveCodec>(quality, predictive_tables(quality, 0));
+  auto shared = parse_predictive_tables(tables);
+  if (!shared) return tl::unexpected(shared.error());
+  return std::make_unique<PredictiveCodec>(quality, std::move(*shared));
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat format,
                                           ByteSpan tables) {
   const std::vector<std::string_view> parts = split(spec, ':');
+  const bool predictive = parts[0] == "predictive";
+  if (predictive != (format == SampleFormat::rgba8_depth8))
+    return fail(ErrorCode::unsupported, "codec \"", spec,
+                predictive ? "\": holds colour of 8 bits together with depth, nothing else"
+                           : "\": cannot hold colour together with depth");
+  if (predictive) return make_predictive(spec, parts, tables);
   if (parts[0] == "jpeg") return make_jpeg(spec, format, parts, tables);
   if (!tables.empty())
     return fail(ErrorCode::bad_file, "codec \"", spec, "\": has no shared tables, but ",
@@ -97,8 +122,14 @@ Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat fo
 }
 
 Result<std::unique_ptr<Codec>> train_codec(std::string_view spec, SampleFormat format,
-                                           std::span<const TrainingTile> sample) {
+                                           std::span<const TrainingTile> sample, unsigned finest) {
   const std::vector<std::string_view> parts = split(spec, ':');
+  if (parts[0] == "predictive") {
+    const auto plain = make_codec(spec, format);
+    if (!plain) return tl::unexpected(plain.error());
+    const int quality = (*plain)->predictive()->quality();
+    return std::make_unique<PredictiveCodec>(quality, predictive_tables(quality, finest));
+  }
   if (parts[0] != "jpeg") return make_codec(spec, format);
   const Result<JpegOptions> options = jpeg_options(spec, format, parts);
   if (!options) return tl::unexpected(options.error());

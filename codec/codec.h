@@ -51,6 +51,8 @@ struct Tile {
   [[nodiscard]] std::size_t bytes() const { return rows() * columns() * sample_bytes(format); }
 };
 
+class PredictiveCodec;
+
 class Codec {
  public:
   virtual ~Codec() = default;
@@ -64,6 +66,10 @@ class Codec {
   /// Whether a payload is the samples themselves, so that a reader may use it in place instead of
   /// calling decode. A payload whose size is not tile.bytes() is damaged.
   [[nodiscard]] virtual bool in_place() const { return false; }
+
+  /// Itself, if its tiles are coded against predictions that only a field can make: encode and
+  /// decode then fail.
+  [[nodiscard]] virtual const PredictiveCodec* predictive() const { return nullptr; }
 
   /// Bytes that decoding any tile needs and that are stored once per field, such as shared JPEG
   /// tables. Empty for codecs without any.
@@ -81,11 +87,12 @@ class Codec {
 };
 
 /// Makes a codec from its specification: "raw", "zstd", "zstd:LEVEL", "jpeg:QUALITY",
-/// "jpeg:QUALITY:444".
+/// "jpeg:QUALITY:444", "predictive:QUALITY".
 /// `tables` are those of Codec::tables() of an equal codec, untrusted. Empty selects the defaults.
 /// usage: an unknown name, or a parameter out of range; the message lists what is valid.
 /// bad_file: `tables` are damaged, or not empty although the codec has none.
-/// unsupported: the codec cannot store this format (JPEG and half floats).
+/// unsupported: the codec cannot store this format: JPEG half floats, and colour together with
+/// depth any but predictive, which stores nothing else.
 [[nodiscard]] Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat format,
                                                         ByteSpan tables = {});
 
@@ -95,10 +102,11 @@ struct TrainingTile {
   ByteSpan samples;
 };
 
-/// Makes a codec and fits its shared tables to a sample of a field's tiles, by optimising Huffman
-/// codes over them. Deterministic. With an empty sample, or for a codec without tables, returns
-/// the same as make_codec(spec, format).
+/// Makes the codec whose shared tables fit a field best: its levels, 0 to `finest` (predictive),
+/// and a sample of its tiles (jpeg: Huffman codes optimised over them). Deterministic. For codecs
+/// without tables the same as make_codec(spec, format), and for jpeg with an empty sample.
 [[nodiscard]] Result<std::unique_ptr<Codec>> train_codec(std::string_view spec, SampleFormat format,
-                                                         std::span<const TrainingTile> sample);
+                                                         std::span<const TrainingTile> sample,
+                                                         unsigned finest = 0);
 
 }  // namespace slf::codec

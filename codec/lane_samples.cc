@@ -134,6 +134,8 @@ void load(const Tile& tile, const std::byte* samples, LaneValues* alpha, LaneVal
       case SampleFormat::rgba16f:
         load_rgba16f(group);
         break;
+      case SampleFormat::rgba8_depth8:  // no lossless codec holds it
+        break;
     }
   }
 }
@@ -151,6 +153,8 @@ void store(const Tile& tile, bool clear, const LaneValues* alpha, const LaneValu
         break;
       case SampleFormat::rgba16f:
         store_rgba16f(group, clear);
+        break;
+      case SampleFormat::rgba8_depth8:
         break;
     }
   }

@@ -16,20 +16,21 @@ struct TileKey {
 
 /// The content of a sample, in memory order.
 enum class SampleFormat : std::uint8_t {
-  rgba8 = 0,    ///< 4 bytes: premultiplied R, G, B and A
-  depth8 = 1,   ///< 1 byte: depth along the chord, 0 at entry, 255 at exit
-  rgba16f = 2,  ///< 8 bytes: premultiplied R, G, B, A as little-endian IEEE half floats
+  rgba8 = 0,         ///< 4 bytes: premultiplied R, G, B and A
+  depth8 = 1,        ///< 1 byte: depth along the chord, 0 at entry, 255 at exit
+  rgba16f = 2,       ///< 8 bytes: premultiplied R, G, B, A as little-endian IEEE half floats
+  rgba8_depth8 = 3,  ///< 5 bytes: a tile has the rgba8 of all samples, then the depth8 of all
 };
 
 [[nodiscard]] constexpr std::size_t sample_bytes(SampleFormat format) {
-  return format == SampleFormat::rgba8 ? 4 : format == SampleFormat::depth8 ? 1 : 8;
+  constexpr std::size_t kBytes[] = {4, 1, 8, 5};
+  return kBytes[static_cast<std::size_t>(format)];
 }
 
-/// "rgba8", "depth8" or "rgba16f".
+/// As manifests have it, such as "rgba8".
 [[nodiscard]] constexpr const char* name(SampleFormat format) {
-  return format == SampleFormat::rgba8    ? "rgba8"
-         : format == SampleFormat::depth8 ? "depth8"
-                                          : "rgba16f";
+  constexpr const char* kNames[] = {"rgba8", "depth8", "rgba16f", "rgba8_depth8"};
+  return kNames[static_cast<std::size_t>(format)];
 }
 
 }  // namespace slf

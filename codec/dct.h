@@ -1,0 +1,40 @@
+// The 8 × 8 transform of the predictive codec: the integer DCT of HEVC (ITU-T H.265, 8.6.4.2),
+// whose inverse is exact, so that all decoders agree.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+namespace slf::codec {
+
+/// Coefficients and pixels of a block, row by row; rows of coefficients have equal vertical
+/// frequency.
+using Block = std::array<std::int16_t, 64>;
+
+/// Coefficients are 16 times those of the orthonormal DCT.
+inline constexpr int kCoefficientScale = 16;
+
+/// The coefficients of a block of values.
+[[nodiscard]] std::array<float, 64> forward_dct(const std::array<float, 64>& values);
+
+/// Pixels from coefficients: exact for any input, in 32-bit integers. Pixel (x, y) goes to
+/// pixels[y * stride + x].
+void inverse_dct(const Block& coefficients, std::int16_t* pixels, std::size_t stride);
+
+namespace internal {
+constexpr std::array<std::uint8_t, 64> make_zigzag() {
+  std::array<std::uint8_t, 64> order{};
+  std::size_t n = 0;
+  for (int sum = 0; sum < 15; ++sum)
+    for (int k = 0; k <= sum; ++k) {
+      const int x = sum % 2 ? sum - k : k, y = sum - x;
+      if (x < 8 && y < 8) order[n++] = static_cast<std::uint8_t>(8 * y + x);
+    }
+  return order;
+}
+}  // namespace internal
+
+/// The zigzag order: its k-th entry is the place in a Block of the k-th coefficient.
+inline constexpr std::array<std::uint8_t, 64> kZigzag = internal::make_zigzag();
+
+}  // namespace slf::codec

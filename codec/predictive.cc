@@ -1,0 +1,289 @@
+#include "codec/predictive.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "codec/fill.h"
+#include "codec/jpeg_pictures.h"
+#include "codec/mosaic.h"
+
+namespace slf::codec {
+namespace {
+
+/// The squared error that is worth a bit of alpha, for a step of luma of 1.
+constexpr double kErrorPerBit = 0.15;
+
+/// Values this near to either end are the end: what is empty stays empty.
+std::uint8_t snapped(int alpha) {
+  return static_cast<std::uint8_t>(alpha <= 2 ? 0 : alpha >= 253 ? 255 : alpha);
+}
+
+/// A predicted colour, R lowest, plus a difference in YCbCr, times alpha.
+std::uint32_t compose(std::uint32_t predicted, int y, int cb, int cr, std::uint32_t alpha) {
+  const auto channel = [&](std::uint32_t shift, int difference) {
+    const int value = static_cast<int>(predicted >> shift & 255) + difference;
+    const std::uint32_t x = static_cast<std::uint32_t>(std::clamp(value, 0, 255)) * alpha + 128;
+    return (x + (x >> 8)) >> 8 << shift;
+  };
+  return channel(0, y + ((359 * cr + 128) >> 8)) |
+         channel(8, y - ((88 * cb + 183 * cr + 128) >> 8)) |
+         channel(16, y + ((454 * cb + 128) >> 8)) | alpha << 24;
+}
+
+}  // namespace
+
+TilePicture::TilePicture(const Tile& tile) {
+  const Mosaic mosaic(tile.rows(), tile.side, 8);
+  width_ = mosaic.width(), height_ = mosaic.height();
+  pixel_of_.resize(tile.rows() * tile.columns());
+  block_of_.resize(pixel_of_.size());
+  shows_.resize(pixels());
+  for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
+    pixel_of_[sample] = static_cast<std::uint32_t>(pixel);
+    block_of_[sample] =
+        static_cast<std::uint32_t>(pixel / width_ / 8 * (width_ / 8) + pixel % width_ / 8);
+    shows_[pixel] = 1;
+  });
+}
+
+template <class Coder>
+template <class Bytes>
+PredictiveTile<Coder>::PredictiveTile(const PredictiveLevel& level, const TilePicture& picture,
+                                      Bytes& payload)
+    : level_(level), picture_(picture), models_(level.models), coder_(payload) {}
+
+template <class Coder>
+BlockPlane PredictiveTile<Coder>::no_blocks() const {
+  BlockPlane plane;
+  plane.across = picture_.width() / 8;
+  plane.blocks.resize(picture_.pixels() / 64);
+  plane.counts.resize(plane.blocks.size());
+  return plane;
+}
+
+/// Per block, whether it shows a sample that is visible: others are not coded.
+template <class Coder>
+std::vector<std::uint8_t> PredictiveTile<Coder>::wanted(std::span<const std::uint8_t> alpha) const {
+  std::vector<std::uint8_t> blocks(picture_.pixels() / 64);
+  for (std::size_t s = 0; s < alpha.size(); ++s)
+    if (alpha[s] != 0) blocks[picture_.block_of()[s]] = 1;
+  return blocks;
+}
+
+template <class Coder>
+void PredictiveTile<Coder>::code_references(std::span<const std::uint8_t> kinds,
+                                            std::span<std::uint8_t> used) {
+  bool last = false;
+  for (std::size_t k = 0; k < used.size(); ++k) {
+    last = coder_.bit(models_.used[kinds[k]][last ? 1 : 0], used[k] != 0);
+    used[k] = last ? 1 : 0;
+  }
+}
+
+template <class Coder>
+void PredictiveTile<Coder>::code_plane(std::size_t plane, std::span<const std::uint8_t> wanted,
+                                       BlockPlane& blocks) {
+  const std::size_t kind = std::min<std::size_t>(plane, kChromaPlane);
+  const std::array<std::int32_t, 64> steps = level_.steps[kind].steps();
+  std::vector<std::int16_t>& added = added_[plane < kLumaPlane ? 0 : plane - kLumaPlane];
+  added.assign(picture_.pixels(), 0);
+  for (std::size_t b = 0; b < blocks.blocks.size(); ++b) {
+    if (!wanted[b]) continue;
+    code_block(coder_, models_.planes[kind], blocks, b);
+    if (blocks.counts[b] == 0) continue;
+    Block coefficients;
+    for (std::size_t k = 0; k < 64; ++k)
+      coefficients[k] =
+          static_cast<std::int16_t>(std::clamp(blocks.blocks[b][k] * steps[k], -32768, 32767));
+    const std::size_t x = b % blocks.across * 8, y = b / blocks.across * 8;
+    inverse_dct(coefficients, &added[y * picture_.width() + x], picture_.width());
+  }
+}
+
+template <class Coder>
+void PredictiveTile<Coder>::code_alpha(bool soft, std::span<std::uint8_t> levels,
+                                       BlockPlane& blocks, std::span<std::uint8_t> alpha) {
+  const auto pixel_of = picture_.pixel_of();
+  if (coder_.bit(models_.soft, soft)) {
+    code_plane(kAlphaPlane, std::vector<std::uint8_t>(blocks.blocks.size(), 1), blocks);
+    for (std::size_t s = 0; s < alpha.size(); ++s)
+      alpha[s] = snapped(alpha[s] + added_[0][pixel_of[s]]);
+    return;
+  }
+  std::vector<std::uint8_t> prediction(picture_.pixels());
+  for (std::size_t s = 0; s < alpha.size(); ++s) prediction[pixel_of[s]] = alpha[s];
+  slf::codec::code_alpha(
+      coder_, models_.alpha,
+      {picture_.width(), picture_.height(), picture_.shows(), prediction, levels});
+  for (std::size_t s = 0; s < alpha.size(); ++s) alpha[s] = alpha_value(levels[pixel_of[s]]);
+}
+
+template <class Coder>
+void PredictiveTile<Coder>::code_depth(BlockPlane& blocks, std::span<const std::uint8_t> alpha,
+                                       std::span<std::uint8_t> depth) {
+  code_plane(kDepthPlane, wanted(alpha), blocks);
+  for (std::size_t s = 0; s < alpha.size(); ++s) {
+    const int value = std::clamp(depth[s] + added_[0][picture_.pixel_of()[s]], 0, 255);
+    depth[s] = static_cast<std::uint8_t>(alpha[s] == 0 ? 0 : value);
+  }
+}
+
+template <class Coder>
+void PredictiveTile<Coder>::code_color(std::array<BlockPlane, 3>& blocks,
+                                       std::span<const std::uint8_t> alpha,
+                                       std::span<const std::uint32_t> predicted,
+                                       std::span<std::uint32_t> rgba) {
+  const auto coded = wanted(alpha);
+  for (std::size_t c = 0; c < 3; ++c) code_plane(kLumaPlane + c, coded, blocks[c]);
+  for (std::size_t s = 0; s < alpha.size(); ++s) {
+    const std::size_t at = picture_.pixel_of()[s];
+    rgba[s] = alpha[s] == 0
+                  ? 0
+                  : compose(predicted[s], added_[0][at], added_[1][at], added_[2][at], alpha[s]);
+  }
+}
+
+PredictiveEncoder::PredictiveEncoder(const PredictiveLevel& level, const TilePicture& picture,
+                                     Bytes& payload)
+    : PredictiveTile(level, picture, payload) {}
+
+void PredictiveEncoder::count(BitCounts* counts) { coder_.count(models_.begin(), counts); }
+
+void PredictiveEncoder::references(std::span<const std::uint8_t> kinds,
+                                   std::span<const std::uint8_t> used) {
+  std::vector<std::uint8_t> coded(used.begin(), used.end());
+  code_references(kinds, coded);
+}
+
+/// `difference` is what the decoder should add to each pixel; where `weight` is 0, anything.
+BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::uint8_t> wanted,
+                                       std::span<const float> weight,
+                                       std::vector<float>& difference) {
+  fill(picture_.width(), picture_.height(), weight, difference);
+  const auto steps = level_.steps[std::min<std::size_t>(plane, kChromaPlane)].steps();
+  BlockPlane blocks = no_blocks();
+  for (std::size_t b = 0; b < blocks.blocks.size(); ++b) {
+    if (!wanted[b]) continue;
+    const std::size_t x = b % blocks.across * 8, y = b / blocks.across * 8;
+    std::array<float, 64> values;
+    for (std::size_t k = 0; k < 64; ++k)
+      values[k] = difference[(y + k / 8) * picture_.width() + x + k % 8];
+    const std::array<float, 64> coefficients = forward_dct(values);
+    // To the nearest, not to what costs least: zeroed coefficients leave errors that are alike in
+    // neighbouring rows, while those of rounding cancel when views blend rows.
+    for (std::size_t place = 0; place < 64; ++place) {
+      const std::size_t k = kZigzag[place];
+      const float steps_away =
+          std::floor(std::abs(coefficients[k]) / static_cast<float>(steps[k]) + 0.5f);
+      const auto value = static_cast<std::int16_t>(std::min(steps_away, kMostCoefficient));
+      blocks.blocks[b][k] = coefficients[k] < 0 ? static_cast<std::int16_t>(-value) : value;
+      if (value != 0) blocks.counts[b] = static_cast<std::uint8_t>(place + 1);
+    }
+  }
+  return blocks;
+}
+
+/// What one of the two ways to code alpha costs: its error and its bits.
+double PredictiveEncoder::alpha_cost(bool soft, std::vector<std::uint8_t> levels, BlockPlane blocks,
+                                     std::span<const std::uint8_t> true_alpha,
+                                     std::span<const std::uint8_t> predicted) const {
+  Bytes scratch;
+  PredictiveEncoder trial(level_, picture_, scratch);
+  std::vector<std::uint8_t> alpha(predicted.begin(), predicted.end());
+  trial.code_alpha(soft, levels, blocks, alpha);
+  trial.finish();
+  double error = 0;
+  for (std::size_t s = 0; s < alpha.size(); ++s) {
+    const double off = static_cast<double>(alpha[s]) - static_cast<double>(true_alpha[s]);
+    error += off * off;
+  }
+  const double step = level_.steps[kLumaPlane].low / static_cast<double>(kCoefficientScale);
+  return error + kErrorPerBit * step * step * 8 * static_cast<double>(scratch.size());
+}
+
+void PredictiveEncoder::alpha_depth(std::span<const std::uint8_t> true_alpha,
+                                    std::span<const std::uint8_t> true_depth,
+                                    std::span<std::uint8_t> alpha, std::span<std::uint8_t> depth) {
+  const auto pixel_of = picture_.pixel_of();
+  std::vector<float> weight(picture_.pixels()), difference(picture_.pixels());
+  std::vector<std::uint8_t> levels(picture_.pixels());
+  for (std::size_t s = 0; s < alpha.size(); ++s) {
+    levels[pixel_of[s]] = static_cast<std::uint8_t>(alpha_level(true_alpha[s]));
+    weight[pixel_of[s]] = 1;
+    difference[pixel_of[s]] = static_cast<float>(true_alpha[s]) - static_cast<float>(alpha[s]);
+  }
+  BlockPlane blocks = no_blocks();
+  blocks =
+      quantise(kAlphaPlane, std::vector<std::uint8_t>(blocks.blocks.size(), 1), weight, difference);
+  const bool soft = alpha_cost(true, levels, blocks, true_alpha, alpha) <
+                    alpha_cost(false, levels, blocks, true_alpha, alpha);
+  code_alpha(soft, levels, blocks, alpha);
+
+  for (std::size_t s = 0; s < alpha.size(); ++s) {
+    weight[pixel_of[s]] = alpha[s] > 0 && true_alpha[s] > 0 ? 1.f : 0.f;
+    difference[pixel_of[s]] = static_cast<float>(true_depth[s]) - static_cast<float>(depth[s]);
+  }
+  blocks = quantise(kDepthPlane, wanted(alpha), weight, difference);
+  code_depth(blocks, alpha, depth);
+}
+
+void PredictiveEncoder::color(std::span<const std::uint8_t> alpha,
+                              std::span<const std::uint32_t> predicted,
+                              std::span<std::uint32_t> rgba) {
+  const auto pixel_of = picture_.pixel_of();
+  std::vector<float> weight(picture_.pixels());
+  std::array<std::vector<float>, 3> difference;
+  for (auto& plane : difference) plane.resize(picture_.pixels());
+  for (std::size_t s = 0; s < alpha.size(); ++s) {
+    const std::uint32_t opacity = rgba[s] >> 24;
+    if (alpha[s] == 0 || opacity == 0) continue;
+    const auto differs = [&](std::uint32_t shift) {
+      const auto full = static_cast<float>(rgba[s] >> shift & 255) * 255.f;
+      return full / static_cast<float>(opacity) - static_cast<float>(predicted[s] >> shift & 255);
+    };
+    const float r = differs(0), g = differs(8), b = differs(16);
+    const float y = 0.299f * r + 0.587f * g + 0.114f * b;
+    weight[pixel_of[s]] = static_cast<float>(alpha[s]) / 255.f;
+    difference[0][pixel_of[s]] = y;
+    difference[1][pixel_of[s]] = (b - y) / 1.772f;
+    difference[2][pixel_of[s]] = (r - y) / 1.402f;
+  }
+  const auto coded = wanted(alpha);
+  std::array<BlockPlane, 3> blocks;
+  for (std::size_t c = 0; c < 3; ++c)
+    blocks[c] = quantise(kLumaPlane + c, coded, weight, difference[c]);
+  code_color(blocks, alpha, predicted, rgba);
+}
+
+void PredictiveEncoder::finish() { coder_.finish(); }
+
+PredictiveDecoder::PredictiveDecoder(const PredictiveLevel& level, const TilePicture& picture,
+                                     ByteSpan payload)
+    : PredictiveTile(level, picture, payload) {}
+
+void PredictiveDecoder::references(std::span<const std::uint8_t> kinds,
+                                   std::span<std::uint8_t> used) {
+  code_references(kinds, used);
+}
+
+void PredictiveDecoder::alpha_depth(std::span<std::uint8_t> alpha, std::span<std::uint8_t> depth) {
+  std::vector<std::uint8_t> levels(picture_.pixels());
+  BlockPlane blocks = no_blocks();
+  code_alpha(false, levels, blocks, alpha);
+  blocks = no_blocks();
+  code_depth(blocks, alpha, depth);
+}
+
+void PredictiveDecoder::color(std::span<const std::uint8_t> alpha,
+                              std::span<const std::uint32_t> predicted,
+                              std::span<std::uint32_t> rgba) {
+  std::array<BlockPlane, 3> blocks{no_blocks(), no_blocks(), no_blocks()};
+  code_color(blocks, alpha, predicted, rgba);
+}
+
+Result<void> PredictiveDecoder::finish() const {
+  if (coder_.finished()) return {};
+  return fail(ErrorCode::bad_file, "the payload does not end where its content does");
+}
+
+}  // namespace slf::codec

@@ -1,0 +1,44 @@
+// PredictiveCodec: what a predictive layer's tiles share. Its tiles are coded against predictions,
+// which only a field can make: see codec/predictive.h, and field/predicted_tiles.h.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <mutex>
+
+#include "codec/codec.h"
+#include "codec/predictive.h"
+#include "codec/predictive_tables.h"
+
+namespace slf::codec {
+
+class PredictiveCodec final : public Codec {
+ public:
+  /// `quality` is 1..100.
+  PredictiveCodec(int quality, PredictiveTables tables);
+
+  [[nodiscard]] std::string spec() const override;
+  [[nodiscard]] bool lossless() const override { return false; }
+  [[nodiscard]] ByteSpan tables() const override { return bytes_; }
+  [[nodiscard]] const PredictiveCodec* predictive() const override { return this; }
+
+  [[nodiscard]] int quality() const { return quality_; }
+  [[nodiscard]] const PredictiveLevel& level(unsigned index) const { return tables_.level(index); }
+  /// Made on first use and kept. Thread-safe.
+  [[nodiscard]] const TilePicture& picture(const Tile& tile) const;
+
+  /// unsupported: without a prediction there is neither.
+  [[nodiscard]] Result<void> encode(const Tile& tile, ByteSpan samples,
+                                    Bytes& payload) const override;
+  [[nodiscard]] Result<void> decode(const Tile& tile, ByteSpan payload,
+                                    std::span<std::byte> samples) const override;
+
+ private:
+  int quality_;
+  PredictiveTables tables_;
+  Bytes bytes_;
+  mutable std::mutex mutex_;
+  mutable std::map<std::pair<std::size_t, std::uint32_t>, std::unique_ptr<TilePicture>> pictures_;
+};
+
+}  // namespace slf::codec

@@ -1,0 +1,73 @@
+// What the tiles of a predictive layer share: quantisation steps for each level, and the
+// probabilities that models begin with.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "base/bytes.h"
+#include "codec/alpha_levels.h"
+#include "codec/block_coder.h"
+#include "codec/range_coder.h"
+#include "slf/error.h"
+
+namespace slf::codec {
+
+enum PredictivePlane : std::size_t { kAlphaPlane, kDepthPlane, kLumaPlane, kChromaPlane };
+inline constexpr std::size_t kPredictivePlanes = 4;
+
+/// The step of a coefficient grows with its frequency, from `low` for the mean of a block to `high`
+/// for the finest detail; in 1/16 of a sample's unit, 1..65535.
+struct StepRange {
+  std::uint16_t low = 16, high = 16;
+
+  /// Of the coefficients of a Block.
+  [[nodiscard]] std::array<std::int32_t, 64> steps() const;
+  friend bool operator==(const StepRange&, const StepRange&) = default;
+};
+
+inline constexpr std::size_t kReferenceKinds = 4;
+
+/// The models of a tile. Nothing but BitModels, so that it is an array of them, too.
+struct PredictiveModels {
+  BitModel used[kReferenceKinds][2];
+  BitModel soft;
+  AlphaModels alpha;
+  BlockModels planes[kPredictivePlanes];
+
+  static const std::size_t kCount;
+  [[nodiscard]] BitModel* begin() { return reinterpret_cast<BitModel*>(this); }
+};
+inline const std::size_t PredictiveModels::kCount = sizeof(PredictiveModels) / sizeof(BitModel);
+
+/// The tiles of one level.
+struct PredictiveLevel {
+  std::array<StepRange, kPredictivePlanes> steps;
+  PredictiveModels models;
+};
+
+/// The tables of a layer. Levels beyond the last use the last.
+struct PredictiveTables {
+  std::vector<PredictiveLevel> levels;
+
+  [[nodiscard]] const PredictiveLevel& level(std::size_t index) const {
+    return levels[index < levels.size() ? index : levels.size() - 1];
+  }
+};
+
+/// Steps for a quality of 1..100 of fields with these levels, 0 to `finest`, and probabilities
+/// trained on several volumes.
+[[nodiscard]] PredictiveTables predictive_tables(int quality, unsigned finest);
+
+[[nodiscard]] Bytes to_bytes(const PredictiveTables& tables);
+
+/// Reads what to_bytes wrote; untrusted. bad_file: anything else.
+[[nodiscard]] Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes);
+
+/// The initial probability that a byte of the tables stands for, in 1/65536; and the byte nearest
+/// to a probability.
+[[nodiscard]] std::uint16_t probability_of(std::uint8_t byte);
+[[nodiscard]] std::uint8_t byte_of_probability(double probability);
+
+}  // namespace slf::codec

@@ -1,0 +1,153 @@
+// A binary adaptive range coder: the entropy coder of the predictive codec (FORMAT.md, "Range
+// coder").
+//
+// RangeEncoder and RangeDecoder have the same members, so that one function template describes a
+// syntax for both: bit(context, value) codes `value`, or ignores it and returns what was coded.
+// Decoding is safe on any input: behind the end of the bytes there are zeros.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "base/bytes.h"
+
+namespace slf::codec {
+
+/// The probability that a binary decision is 1, learnt at two rates: a fast one for where a tile
+/// changes, a slow one for what it is like on the whole. In 1/65536, never 0 or 1.
+class BitModel {
+ public:
+  BitModel() = default;
+  explicit BitModel(std::uint16_t probability) : fast_(probability), slow_(probability) {}
+
+  /// In 1/32768: 1..32767.
+  [[nodiscard]] std::uint32_t probability() const { return (std::uint32_t{fast_} + slow_) >> 2; }
+  void learn(bool bit) {
+    if (bit) {
+      fast_ = static_cast<std::uint16_t>(fast_ + ((65536u - fast_) >> kFast));
+      slow_ = static_cast<std::uint16_t>(slow_ + ((65536u - slow_) >> kSlow));
+    } else {
+      fast_ = static_cast<std::uint16_t>(fast_ - (fast_ >> kFast));
+      slow_ = static_cast<std::uint16_t>(slow_ - (slow_ >> kSlow));
+    }
+  }
+
+ private:
+  static constexpr int kFast = 4, kSlow = 7;
+  std::uint16_t fast_ = 32768, slow_ = 32768;
+};
+
+/// How often each of a row of models met 0 and 1.
+using BitCounts = std::vector<std::array<std::uint32_t, 2>>;
+
+class RangeEncoder {
+ public:
+  /// Appends to `to`, which must outlive this.
+  explicit RangeEncoder(Bytes& to) : to_(to) {}
+
+  /// Counts, from now on, the decisions of the models from `first` on, as many as `counts` has.
+  void count(const BitModel* first, BitCounts* counts) { first_ = first, counts_ = counts; }
+
+  bool bit(BitModel& model, bool value) {
+    if (counts_) ++(*counts_)[static_cast<std::size_t>(&model - first_)][value ? 1 : 0];
+    const std::uint32_t one = (range_ >> 15) * model.probability();
+    model.learn(value);
+    return narrow(one, value);
+  }
+  /// A decision that is as likely as not.
+  bool even_bit(bool value) { return narrow(range_ >> 1, value); }
+
+  /// Appends what is left: the number within the range that ends in most zeros, without those
+  /// zeros, which the decoder supplies.
+  void finish() {
+    low_ = (low_ + 0xFFFFFFu) & ~std::uint64_t{0xFFFFFF};
+    for (int k = 0; k < 5; ++k) shift();
+    for (int k = 0; k < 4 && to_.back() == std::byte{0}; ++k) to_.pop_back();
+  }
+
+ private:
+  bool narrow(std::uint32_t one, bool value) {
+    if (value) {
+      range_ = one;
+    } else {
+      low_ += one;
+      range_ -= one;
+    }
+    while (range_ < 1u << 24) {
+      range_ <<= 8;
+      shift();
+    }
+    return value;
+  }
+  /// Moves the top byte of `low_` out. A byte 0xFF may still become 0x00 by a carry into the byte
+  /// before it, so such bytes wait, counted.
+  void shift() {
+    if (low_ < 0xFF000000u || low_ > 0xFFFFFFFFu) {
+      const auto carry = static_cast<std::uint8_t>(low_ >> 32);
+      if (any_) to_.push_back(static_cast<std::byte>(held_ + carry));
+      for (; waiting_ > 0; --waiting_) to_.push_back(static_cast<std::byte>(0xFF + carry));
+      held_ = static_cast<std::uint8_t>(low_ >> 24);
+      any_ = true;
+    } else {
+      ++waiting_;
+    }
+    low_ = (low_ & 0x00FFFFFFu) << 8;
+  }
+
+  Bytes& to_;
+  std::uint64_t low_ = 0;  // 33 bits
+  std::uint32_t range_ = 0xFFFFFFFFu;
+  std::uint64_t waiting_ = 0;
+  std::uint8_t held_ = 0;
+  bool any_ = false;  // whether `held_` is a byte
+  const BitModel* first_ = nullptr;
+  BitCounts* counts_ = nullptr;
+};
+
+class RangeDecoder {
+ public:
+  /// Views `from`, untrusted.
+  explicit RangeDecoder(ByteSpan from) : from_(from) {
+    for (int k = 0; k < 4; ++k) code_ = code_ << 8 | next();
+  }
+
+  bool bit(BitModel& model, bool = false) {
+    const std::uint32_t one = (range_ >> 15) * model.probability();
+    const bool value = narrow(one);
+    model.learn(value);
+    return value;
+  }
+  bool even_bit(bool = false) { return narrow(range_ >> 1); }
+
+  /// Whether the bytes are as many as were needed: none is left over, and no more are missing than
+  /// an encoder leaves out.
+  [[nodiscard]] bool finished() const { return at_ >= from_.size() && at_ - from_.size() <= 4; }
+
+ private:
+  bool narrow(std::uint32_t one) {
+    const bool value = code_ < one;
+    if (value) {
+      range_ = one;
+    } else {
+      code_ -= one;
+      range_ -= one;
+    }
+    while (range_ < 1u << 24) {
+      range_ <<= 8;
+      code_ = code_ << 8 | next();
+    }
+    return value;
+  }
+  std::uint32_t next() {
+    const std::size_t at = at_++;
+    return at < from_.size() ? std::to_integer<std::uint32_t>(from_[at]) : 0;
+  }
+
+  ByteSpan from_;
+  std::size_t at_ = 0;
+  std::uint32_t code_ = 0;
+  std::uint32_t range_ = 0xFFFFFFFFu;
+};
+
+}  // namespace slf::codec

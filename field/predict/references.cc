@@ -1,0 +1,68 @@
+#include "field/predict/references.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace slf {
+namespace {
+
+/// The vertices of the coarser lattice at or around `v`: itself halved, or the two that it lies
+/// between. In a lattice of even resolution none or two coordinates are odd: one of these moves to
+/// its neighbours' even values away from 0, the other one towards it, and vice versa.
+std::vector<LatticeVertex> parents_of(const LatticeVertex& v) {
+  std::int32_t at[3] = {v.i, v.j, v.k};
+  std::size_t odd[2];
+  std::size_t count = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    if (at[axis] % 2 != 0) odd[count++] = axis;
+  if (count == 0) return {{v.i / 2, v.j / 2, v.k / 2}};
+  const auto moved = [&](std::int32_t by) {
+    std::int32_t to[3] = {at[0], at[1], at[2]};
+    to[odd[0]] += at[odd[0]] > 0 ? by : -by;
+    to[odd[1]] -= at[odd[1]] > 0 ? by : -by;
+    return LatticeVertex{to[0] / 2, to[1] / 2, to[2] / 2};
+  };
+  return {moved(1), moved(-1)};
+}
+
+}  // namespace
+
+glm::vec3 exact_direction(const LatticeVertex& v) {
+  const double i = v.i, j = v.j, k = v.k;
+  const double length = std::sqrt(i * i + j * j + k * k);
+  return {static_cast<float>(i / length), static_cast<float>(j / length),
+          static_cast<float>(k / length)};
+}
+
+References find_references(const LevelGeometry& coarser, const LevelGeometry& finer,
+                           std::uint32_t entry_section) {
+  References found;
+  const Section section = finer.entry_section(entry_section);
+  const auto side = static_cast<std::uint32_t>(finer.entry_resolution()) >> section.level;
+  std::vector<std::uint32_t> owners;  // of the references, row by row
+  for (const LocalPoint& local : finer.rows(entry_section)) {
+    const LatticeVertex vertex = vertex_at(section, local, side);
+    References::Row row;
+    row.direction = exact_direction(vertex);
+    row.count = 0;
+    for (const LatticeVertex& parent : parents_of(vertex)) {
+      const EntryRow at = coarser.entry_row(octant_of(parent), to_octant_point(parent));
+      owners.push_back(at.section);
+      row.vertex[row.count++] = {0, at.row, exact_direction(parent)};
+    }
+    found.rows.push_back(row);
+  }
+  found.sections = owners;
+  std::sort(found.sections.begin(), found.sections.end());
+  found.sections.erase(std::unique(found.sections.begin(), found.sections.end()),
+                       found.sections.end());
+  auto owner = owners.begin();
+  for (References::Row& row : found.rows)
+    for (std::size_t c = 0; c < row.count; ++c) {
+      const auto at = std::lower_bound(found.sections.begin(), found.sections.end(), *owner++);
+      row.vertex[c].slot = static_cast<std::uint8_t>(at - found.sections.begin());
+    }
+  return found;
+}
+
+}  // namespace slf

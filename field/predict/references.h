@@ -1,0 +1,38 @@
+// References: which vertices of the coarser entry lattice a tile's rows are predicted from, and
+// which tiles of the coarser level those are rows of (FORMAT.md, "Prediction").
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "field/geometry/level_geometry.h"
+
+namespace slf {
+
+/// The references of the tiles entered through one section: the same for all exit sections.
+struct References {
+  struct Vertex {
+    std::uint8_t slot = 0;  ///< of `sections`
+    std::uint32_t row = 0;  ///< in that section's tiles
+    glm::vec3 direction{0.f};
+  };
+  struct Row {
+    glm::vec3 direction{0.f};  ///< of the row's own vertex
+    std::uint8_t count = 1;    ///< 1: the vertex is one of the coarser lattice; 2: it lies between
+    Vertex vertex[2];
+  };
+  std::vector<Row> rows;
+  /// The entry sections of the coarser level that own the references, ascending.
+  std::vector<std::uint32_t> sections;
+};
+
+/// REQUIRES: finer.level() == coarser.level() + 1.
+[[nodiscard]] References find_references(const LevelGeometry& coarser, const LevelGeometry& finer,
+                                         std::uint32_t entry_section);
+
+/// The unit direction of a vertex, in floats that are the same on every machine: in doubles, one
+/// rounding per operation, then rounded to float.
+[[nodiscard]] glm::vec3 exact_direction(const LatticeVertex& vertex);
+
+}  // namespace slf

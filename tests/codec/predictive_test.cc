@@ -1,0 +1,274 @@
+#include "codec/predictive.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "tests/codec/sample_tiles.h"
+#include "tests/instruction_set.h"
+
+namespace slf::codec {
+namespace {
+
+/// A tile's true samples, and predictions that are near them.
+struct Scene {
+  std::vector<std::uint8_t> alpha, depth, predicted_alpha, predicted_depth;
+  std::vector<std::uint32_t> rgba, predicted;
+  std::vector<std::uint8_t> kinds, used;
+};
+
+std::uint32_t premultiplied(std::uint32_t r, std::uint32_t g, std::uint32_t b, std::uint32_t a) {
+  const auto times = [&](std::uint32_t c) { return (c * a + 127) / 255; };
+  return times(r) | times(g) << 8 | times(b) << 16 | a << 24;
+}
+
+Scene make_scene(const Tile& tile, bool soft, std::uint32_t seed, int noise) {
+  std::mt19937 random(seed);
+  const auto near = [&](double v) {
+    const int off = noise == 0 ? 0 : static_cast<int>(random() % (2u * noise + 1)) - noise;
+    return static_cast<std::uint8_t>(std::clamp(static_cast<int>(v) + off, 0, 255));
+  };
+  Scene scene;
+  for (std::size_t row = 0; row < tile.rows(); ++row)
+    for (std::uint32_t q = 0; q <= tile.side; ++q)
+      for (std::uint32_t p = 0; p + q <= tile.side; ++p) {
+        const double x = p + 0.3 * row, y = q - 0.2 * row, n = tile.side + 1;
+        const double inside = 0.4 * n - std::hypot(x - 0.4 * n, y - 0.3 * n);
+        const double a = std::clamp(soft ? 12 * inside : 400 * inside, 0., 255.);
+        const double wave = 100 + 80 * std::sin(0.4 * x) * std::cos(0.3 * y);
+        scene.alpha.push_back(static_cast<std::uint8_t>(a));
+        scene.depth.push_back(static_cast<std::uint8_t>(a > 0 ? 60 + 30 * std::sin(0.1 * x) : 0));
+        scene.predicted_alpha.push_back(a > 0 && a < 255 ? near(a) : static_cast<std::uint8_t>(a));
+        scene.predicted_depth.push_back(near(scene.depth.back()));
+        const auto r = static_cast<std::uint32_t>(wave), g = r / 2 + 40, b = 255 - r;
+        scene.rgba.push_back(premultiplied(r, g, b, scene.alpha.back()));
+        scene.predicted.push_back(near(r) | std::uint32_t{near(g)} << 8 |
+                                  std::uint32_t{near(b)} << 16 | 0xFF000000u);
+      }
+  for (std::size_t k = 0; k < 40; ++k) {
+    scene.kinds.push_back(static_cast<std::uint8_t>(k % kReferenceKinds));
+    scene.used.push_back(k % 7 == 0);
+  }
+  return scene;
+}
+
+struct Coded {
+  Bytes payload;
+  std::vector<std::uint8_t> alpha, depth;
+  std::vector<std::uint32_t> rgba;
+};
+
+Coded encode(const PredictiveLevel& level, const Tile& tile, const Scene& scene) {
+  Coded coded{{}, scene.predicted_alpha, scene.predicted_depth, scene.rgba};
+  const TilePicture picture(tile);
+  PredictiveEncoder encoder(level, picture, coded.payload);
+  encoder.references(scene.kinds, scene.used);
+  encoder.alpha_depth(scene.alpha, scene.depth, coded.alpha, coded.depth);
+  encoder.color(coded.alpha, scene.predicted, coded.rgba);
+  encoder.finish();
+  return coded;
+}
+
+/// Whether the payload is of the right length.
+bool decode(const PredictiveLevel& level, const Tile& tile, const Scene& scene, ByteSpan payload,
+            Coded& out, std::vector<std::uint8_t>* used = nullptr) {
+  out = {{},
+         scene.predicted_alpha,
+         scene.predicted_depth,
+         std::vector<std::uint32_t>(scene.rgba.size())};
+  const TilePicture picture(tile);
+  PredictiveDecoder decoder(level, picture, payload);
+  std::vector<std::uint8_t> flags(scene.kinds.size());
+  decoder.references(scene.kinds, flags);
+  if (used) *used = flags;
+  decoder.alpha_depth(out.alpha, out.depth);
+  decoder.color(out.alpha, scene.predicted, out.rgba);
+  return decoder.finish().has_value();
+}
+
+double psnr(const std::vector<std::uint32_t>& a, const std::vector<std::uint32_t>& b) {
+  double sum = 0;
+  for (std::size_t k = 0; k < a.size(); ++k)
+    for (int shift = 0; shift < 24; shift += 8) {
+      const double d = static_cast<double>(a[k] >> shift & 255) - (b[k] >> shift & 255);
+      sum += d * d;
+    }
+  return 10 * std::log10(255. * 255 * 3 * static_cast<double>(a.size()) / (sum + 1e-9));
+}
+
+SampleTile shape(std::size_t rows, std::uint32_t side) {
+  return make_tile(SampleFormat::rgba8, rows, side, Content::zero);
+}
+
+TEST(Predictive, DecodesWhatTheEncoderSaidItWould) {
+  for (const int quality : {1, 60, 90, 100})
+    for (const bool soft : {false, true})
+      for (const std::size_t rows : {1, 2, 7, 45})
+        for (const std::uint32_t side : {1, 4, 32}) {
+          const PredictiveTables tables = predictive_tables(quality, 1);
+          const SampleTile sample = shape(rows, side);
+          const Scene scene = make_scene(sample.tile, soft, 1, 9);
+          const Coded coded = encode(tables.level(1), sample.tile, scene);
+          Coded back;
+          std::vector<std::uint8_t> used;
+          ASSERT_TRUE(decode(tables.level(1), sample.tile, scene, coded.payload, back, &used))
+              << quality << ", soft " << soft << ", " << rows << " rows, side " << side;
+          EXPECT_EQ(used, scene.used);
+          EXPECT_EQ(back.alpha, coded.alpha);
+          EXPECT_EQ(back.depth, coded.depth);
+          EXPECT_EQ(back.rgba, coded.rgba);
+        }
+}
+
+TEST(Predictive, QualityIsBoughtWithBytes) {
+  const SampleTile sample = shape(36, 32);
+  Scene scene = make_scene(sample.tile, false, 2, 12);
+  for (std::size_t k = 0; k < scene.alpha.size(); ++k)  // its steps do not depend on quality
+    if (scene.alpha[k] < 255) scene.alpha[k] = 0, scene.rgba[k] = 0;
+  scene.predicted.assign(scene.predicted.size(), 0xFF808080u);
+  std::size_t bytes = 0;
+  double quality_before = 0;
+  for (const int quality : {20, 50, 75, 90, 100}) {
+    const PredictiveTables tables = predictive_tables(quality, 0);
+    const Coded coded = encode(tables.level(0), sample.tile, scene);
+    EXPECT_GT(coded.payload.size(), bytes) << quality;
+    EXPECT_GT(psnr(coded.rgba, scene.rgba), quality_before) << quality;
+    bytes = coded.payload.size();
+    quality_before = psnr(coded.rgba, scene.rgba);
+  }
+  EXPECT_GT(quality_before, 40);
+}
+
+TEST(Predictive, APerfectPredictionCostsAlmostNothing) {
+  const SampleTile sample = shape(36, 32);
+  const Scene scene = make_scene(sample.tile, false, 3, 0);
+  const PredictiveTables tables = predictive_tables(90, 1);
+  const std::size_t near = encode(tables.level(1), sample.tile, scene).payload.size();
+  const Scene off = make_scene(sample.tile, false, 3, 20);
+  EXPECT_LT(4 * near, encode(tables.level(1), sample.tile, off).payload.size());
+}
+
+TEST(Predictive, AnyPayloadDecodesWithoutHarm) {
+  const SampleTile sample = shape(5, 8);
+  const Scene scene = make_scene(sample.tile, false, 4, 9);
+  const PredictiveTables tables = predictive_tables(80, 1);
+  const Coded coded = encode(tables.level(1), sample.tile, scene);
+  Coded back;
+  for (std::size_t size = 0; size < coded.payload.size(); ++size)
+    (void)decode(tables.level(1), sample.tile, scene, ByteSpan(coded.payload).first(size), back);
+  for (std::size_t bit = 0; bit < 8 * coded.payload.size(); ++bit) {
+    Bytes flipped = coded.payload;
+    flipped[bit / 8] ^= static_cast<std::byte>(1 << bit % 8);
+    (void)decode(tables.level(1), sample.tile, scene, flipped, back);
+  }
+  std::mt19937 random(5);
+  for (int round = 0; round < 200; ++round) {
+    Bytes noise(random() % 300);
+    for (std::byte& byte : noise) byte = static_cast<std::byte>(random());
+    (void)decode(tables.level(0), sample.tile, scene, noise, back);
+  }
+}
+
+TEST(Predictive, PayloadsOfAnotherLengthAreRefused) {
+  const SampleTile sample = shape(9, 16);
+  const Scene scene = make_scene(sample.tile, false, 6, 9);
+  const PredictiveTables tables = predictive_tables(80, 1);
+  Coded coded = encode(tables.level(1), sample.tile, scene), back;
+  EXPECT_FALSE(decode(tables.level(1), sample.tile, scene,
+                      ByteSpan(coded.payload).first(coded.payload.size() / 2), back));
+  coded.payload.resize(coded.payload.size() + 20, std::byte{1});
+  EXPECT_FALSE(decode(tables.level(1), sample.tile, scene, coded.payload, back));
+}
+
+TEST(PredictiveTables, ComeBack) {
+  const PredictiveTables tables = predictive_tables(77, 3);
+  const auto back = parse_predictive_tables(to_bytes(tables));
+  ASSERT_TRUE(back);
+  ASSERT_EQ(back->levels.size(), 4u);
+  for (std::size_t l = 0; l < 4; ++l) EXPECT_EQ(back->level(l).steps, tables.level(l).steps);
+  EXPECT_EQ(to_bytes(*back), to_bytes(tables));
+}
+
+TEST(PredictiveTables, DamageIsRefused) {
+  Bytes bytes = to_bytes(predictive_tables(77, 3));
+  EXPECT_FALSE(parse_predictive_tables({}));
+  EXPECT_FALSE(parse_predictive_tables(ByteSpan(bytes).first(bytes.size() - 1)));
+  bytes[1] = bytes[2] = std::byte{0};
+  EXPECT_FALSE(parse_predictive_tables(bytes));
+}
+
+TEST(PredictiveTables, ProbabilitiesOfBytesRise) {
+  for (int byte = 1; byte < 256; ++byte)
+    EXPECT_LE(probability_of(static_cast<std::uint8_t>(byte - 1)),
+              probability_of(static_cast<std::uint8_t>(byte)));
+  for (const double p : {0.001, 0.1, 0.5, 0.93})
+    EXPECT_NEAR(probability_of(byte_of_probability(p)) / 65536., p, 0.005);
+}
+
+TEST(Dct, TheInverseUndoesTheTransform) {
+  std::mt19937 random(8);
+  for (int round = 0; round < 100; ++round) {
+    std::array<float, 64> values;
+    for (float& value : values) value = static_cast<float>(random() % 511) - 255;
+    const std::array<float, 64> coefficients = forward_dct(values);
+    Block rounded;
+    for (std::size_t k = 0; k < 64; ++k)
+      rounded[k] = static_cast<std::int16_t>(std::lround(coefficients[k]));
+    std::int16_t pixels[64];
+    inverse_dct(rounded, pixels, 8);
+    for (std::size_t k = 0; k < 64; ++k) EXPECT_NEAR(pixels[k], values[k], 1.5);
+  }
+}
+
+TEST(Dct, AllInstructionSetsAgreeWithTheDefinition) {
+  constexpr int kBasis[8][8] = {
+      {64, 64, 64, 64, 64, 64, 64, 64},     {89, 75, 50, 18, -18, -50, -75, -89},
+      {83, 36, -36, -83, -83, -36, 36, 83}, {75, -18, -89, -50, 50, 89, 18, -75},
+      {64, -64, -64, 64, 64, -64, -64, 64}, {50, -89, 18, 75, -75, -18, 89, -50},
+      {36, -83, 83, -36, -36, 83, -83, 36}, {18, -50, 75, -89, 89, -75, 50, -18}};
+  std::mt19937 random(9);
+  for (int round = 0; round < 300; ++round) {
+    Block block;
+    for (auto& value : block) value = static_cast<std::int16_t>(random() >> (round % 12));
+    int columns[64], expected[64];
+    for (int x = 0; x < 8; ++x)
+      for (int y = 0; y < 8; ++y) {
+        int sum = 64;
+        for (int k = 0; k < 8; ++k)
+          sum += kBasis[k][y] * block[static_cast<std::size_t>(8 * k + x)];
+        columns[8 * y + x] = std::clamp(sum >> 7, -32768, 32767);
+      }
+    for (int y = 0; y < 8; ++y)
+      for (int x = 0; x < 8; ++x) {
+        int sum = 2048;
+        for (int k = 0; k < 8; ++k) sum += kBasis[k][x] * columns[8 * y + k];
+        expected[8 * y + x] = static_cast<std::int16_t>(sum >> 12);
+      }
+    slf::testing::with_each_instruction_set([&](const char* set) {
+      std::int16_t pixels[64];
+      inverse_dct(block, pixels, 8);
+      for (std::size_t k = 0; k < 64; ++k) ASSERT_EQ(pixels[k], expected[k]) << set;
+    });
+  }
+}
+
+TEST(Dct, AMeanIsTheFirstCoefficient) {
+  Block block{};
+  block[0] = 8 * kCoefficientScale * 10;
+  std::int16_t pixels[64];
+  inverse_dct(block, pixels, 8);
+  for (const std::int16_t pixel : pixels) EXPECT_EQ(pixel, 10);
+}
+
+TEST(Dct, ExtremeCoefficientsStayWithinTheirIntegers) {
+  Block block;
+  std::int16_t pixels[64];
+  for (int k = 0; k < 64; ++k) block[static_cast<std::size_t>(k)] = k % 2 ? 32767 : -32768;
+  inverse_dct(block, pixels, 8);
+  block.fill(-32768);
+  inverse_dct(block, pixels, 8);
+}
+
+}  // namespace
+}  // namespace slf::codec

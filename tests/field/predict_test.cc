@@ -1,0 +1,251 @@
+// Prediction from the coarser level: the vector kernels against the definition in FORMAT.md, one
+// sample at a time, on every instruction set.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "field/predict/predictor.h"
+#include "tests/instruction_set.h"
+
+namespace slf {
+namespace {
+
+struct Vec {
+  float x, y, z;
+};
+Vec operator-(const Vec& a, const Vec& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+float dot(const Vec& a, const Vec& b) { return (a.x * b.x + a.y * b.y) + a.z * b.z; }
+float norm(const Vec& a) { return (std::abs(a.x) + std::abs(a.y)) + std::abs(a.z); }
+Vec vec(const glm::vec3& v) { return {v.x, v.y, v.z}; }
+
+/// Three weighted samples: what LevelGeometry finds, with weights in 1/256.
+struct Taps {
+  std::uint32_t section = 0;
+  std::array<std::uint32_t, 3> columns{};
+  std::array<int, 3> weights{};
+};
+
+Taps find_taps(const LevelGeometry& coarser, const Vec& q) {
+  const int n = coarser.exit_resolution();
+  const float scale = static_cast<float>(n) / norm(q);
+  const float x = std::abs(q.x) * scale, y = std::abs(q.y) * scale;
+  Cell cell;
+  cell.octant = (q.x < 0 ? 1u : 0u) | (q.y < 0 ? 2u : 0u) | (q.z < 0 ? 4u : 0u);
+  cell.base.x = std::min(static_cast<int>(x), n - 1);
+  cell.base.y = std::min(static_cast<int>(y), n - 1 - cell.base.x);
+  const auto steps = [](float of, int base) {
+    return static_cast<int>(std::min(of - static_cast<float>(base), 1.f) * 256.f + 0.5f);
+  };
+  const int f = steps(x, cell.base.x), g = steps(y, cell.base.y);
+  cell.inverted = f + g > 256 && cell.base.x + cell.base.y != n - 1;
+  const LevelGeometry::ExitCell exit = coarser.exit_cell(cell);
+  Taps taps{exit.section, exit.columns, {}};
+  if (cell.inverted) {
+    taps.weights = {f + g - 256, 256 - f, 256 - g};
+  } else {
+    const int v = std::min(g, 256 - f);
+    taps.weights = {256 - f - v, f, v};
+  }
+  return taps;
+}
+
+struct Aim {
+  float ev, vv;
+  Taps taps;
+};
+Aim aim(const LevelGeometry& coarser, const Vec& from, const Vec& w, const Vec& r, const Vec& leave,
+        float d) {
+  const Vec v{w.x + r.x * d, w.y + r.y * d, w.z + r.z * d};
+  const float vv = dot(v, v), ev = dot(from, v), two = ev + ev;
+  Vec q{from.x * vv - v.x * two, from.y * vv - v.y * two, from.z * vv - v.z * two};
+  if (!(norm(q) > 0x1p-40f)) q = leave;
+  return {ev, vv, find_taps(coarser, q)};
+}
+
+/// A coarser level with its samples, all of it made up.
+struct Level {
+  std::vector<Bytes> tiles;
+  std::vector<ReferenceTile> from;
+};
+
+Level random_level(const LevelGeometry& coarser, const TilePredictor& predictor,
+                   std::uint32_t seed) {
+  std::mt19937 random(seed);
+  Level level;
+  for (const TileSections& sections : predictor.candidates()) {
+    const codec::Tile shape = coarser.tile(sections.entry.index, codec::SampleFormat::rgba8);
+    const std::size_t samples = shape.rows() * shape.columns();
+    Bytes& bytes = level.tiles.emplace_back(8 + 5 * samples);
+    const int empty = static_cast<int>(random() % 4);
+    for (std::size_t s = 0; s < samples; ++s) {
+      // Patches of nothing, so that opacities vary.
+      const bool visible = s / 5 % 3 != 0;
+      for (std::size_t c = 0; c < 4; ++c)
+        bytes[8 + 4 * s + c] = visible ? static_cast<std::byte>(random()) : std::byte{0};
+      bytes[8 + 4 * samples + s] = static_cast<std::byte>(random() % 128);
+    }
+    level.from.push_back(empty == 0
+                             ? ReferenceTile{}
+                             : ReferenceTile{bytes.data() + 8, bytes.data() + 8 + 4 * samples});
+  }
+  return level;
+}
+
+int byte_at(const std::byte* from, std::size_t at) { return std::to_integer<int>(from[at]); }
+
+class PredictTest : public ::testing::TestWithParam<std::uint32_t> {
+ protected:
+  FieldShape shape{{}, 4, GetParam(), 2, 0, {}};
+  LevelGeometry coarser{shape, 1}, finer{shape, 2};
+  TileSections sections{finer.entry_section(37), finer.exit_section(100)};
+  TilePredictor predictor{coarser, finer, sections};
+  References references = find_references(coarser, finer, sections.entry.index);
+  std::size_t exits = section_count(1);
+  std::size_t columns = triangle_size(shape.exit_side);
+  std::size_t samples = references.rows.size() * columns;
+
+  Vec leave(LocalPoint local) const {
+    return vec(exact_direction(vertex_at(sections.exit, local, shape.exit_side)));
+  }
+};
+
+TEST_P(PredictTest, AlphaAndDepthAreAsDefinedOnEveryInstructionSet) {
+  const Level level = random_level(coarser, predictor, 1);
+  testing::with_each_instruction_set([&](const char* set) {
+    std::vector<std::uint8_t> alpha(samples), depth(samples);
+    predictor.alpha_depth(level.from, alpha, depth);
+    for (std::size_t k = 0; k < references.rows.size(); ++k) {
+      const References::Row& row = references.rows[k];
+      const Vec e = vec(row.direction);
+      std::size_t column = 0;
+      for (std::uint32_t q = 0; q <= shape.exit_side; ++q)
+        for (std::uint32_t p = 0; p + q <= shape.exit_side; ++p, ++column) {
+          if (shape.exit_side % 2 == 0 && (p % 2 != 0 || q % 2 != 0)) continue;
+          const Vec out = leave({static_cast<std::uint16_t>(p), static_cast<std::uint16_t>(q)});
+          const Vec r = out - e;
+          const float rr = dot(r, r), inverse = 1.f / (rr > 0x1p-40f ? rr : 1.f);
+          float t = 1, opacity = 0;
+          for (int round = 0; round < (row.count == 1 ? 1 : 3); ++round) {
+            float place = 0;
+            opacity = 0;
+            for (std::size_t c = 0; c < row.count; ++c) {
+              const References::Vertex& vertex = row.vertex[c];
+              const Vec w = e - vec(vertex.direction);
+              const Aim to = aim(coarser, vec(vertex.direction), w, r, out, t);
+              const ReferenceTile& tile = level.from[vertex.slot * exits + to.taps.section];
+              float a = 0, n = 0;
+              for (std::size_t tap = 0; tap < 3 && tile.color; ++tap) {
+                const std::size_t at = vertex.row * columns + to.taps.columns[tap];
+                const int share = to.taps.weights[tap] * byte_at(tile.color, 4 * at + 3);
+                a += static_cast<float>(share);
+                n += static_cast<float>(share * byte_at(tile.depth, at));
+              }
+              const float own = n / ((a > 0 ? a : 1.f) * 255.f);
+              const float reach = -(to.ev + to.ev) / (to.vv > 0x1p-40f ? to.vv : 1.f);
+              const float wr = dot(w, r);
+              const float along = ((own * reach) * (wr + t * rr) - wr) * inverse;
+              opacity += a;
+              place += a * along;
+            }
+            if (opacity > 0) t = std::min(std::max(place / opacity, 0.f), 1.f);
+          }
+          const float share = row.count == 1 ? 0x1p-8f : 0x1p-9f;
+          ASSERT_EQ(alpha[k * columns + column], static_cast<int>(opacity * share + 0.5f))
+              << set << ", row " << k << ", column " << column;
+          ASSERT_EQ(depth[k * columns + column], static_cast<int>(t * 255.f + 0.5f))
+              << set << ", row " << k << ", column " << column;
+        }
+    }
+  });
+}
+
+TEST_P(PredictTest, ColorIsAsDefinedOnEveryInstructionSet) {
+  const Level level = random_level(coarser, predictor, 2);
+  std::mt19937 random(3);
+  std::vector<std::uint8_t> alpha(samples), depth(samples);
+  for (std::size_t s = 0; s < samples; ++s) {
+    alpha[s] = s / 7 % 2 ? static_cast<std::uint8_t>(1 + random() % 255) : 0;
+    depth[s] = static_cast<std::uint8_t>(random() % 256);
+  }
+  testing::with_each_instruction_set([&](const char* set) {
+    std::vector<std::uint32_t> color(samples);
+    predictor.color(level.from, alpha, depth, color);
+    for (std::size_t k = 0; k < references.rows.size(); ++k) {
+      const References::Row& row = references.rows[k];
+      const Vec e = vec(row.direction);
+      std::uint32_t last = 0xFF808080u;
+      std::size_t column = 0;
+      for (const LocalPoint local : triangle_points(shape.exit_side)) {
+        const std::size_t s = k * columns + column++;
+        if (alpha[s] == 0) {
+          ASSERT_EQ(color[s], 0u) << set;
+          continue;
+        }
+        const Vec out = leave(local), r = out - e;
+        const float d = row.count == 1 ? 1.f : static_cast<float>(depth[s]) / 255.f;
+        int sum[4] = {};
+        for (std::size_t c = 0; c < row.count; ++c) {
+          const References::Vertex& vertex = row.vertex[c];
+          const Aim to = aim(coarser, vec(vertex.direction), e - vec(vertex.direction), r, out, d);
+          const ReferenceTile& tile = level.from[vertex.slot * exits + to.taps.section];
+          for (std::size_t tap = 0; tap < 3 && tile.color; ++tap)
+            for (std::size_t channel = 0; channel < 4; ++channel)
+              sum[channel] +=
+                  to.taps.weights[tap] *
+                  byte_at(tile.color, 4 * (vertex.row * columns + to.taps.columns[tap]) + channel);
+        }
+        if (sum[3] > 0) {
+          const float inverse = 255.f / static_cast<float>(sum[3]);
+          last = 0xFF000000u;
+          for (int channel = 0; channel < 3; ++channel)
+            last |= static_cast<std::uint32_t>(
+                        std::min(static_cast<float>(sum[channel]) * inverse, 255.f) + 0.5f)
+                    << 8 * channel;
+        }
+        ASSERT_EQ(color[s], last) << set << ", row " << k << ", column " << column - 1;
+      }
+    }
+  });
+}
+
+TEST_P(PredictTest, UsesCountTheLookUpsOfVisibleSamples) {
+  std::vector<std::uint8_t> alpha(samples, 255), depth(samples, 40);
+  const auto uses = predictor.uses(alpha, depth);
+  std::size_t expected = 0, counted = 0;
+  for (const References::Row& row : references.rows) expected += row.count * columns;
+  for (const std::uint32_t count : uses) counted += count;
+  EXPECT_EQ(counted, expected);
+  alpha.assign(samples, 0);
+  for (const std::uint32_t count : predictor.uses(alpha, depth)) EXPECT_EQ(count, 0u);
+}
+
+INSTANTIATE_TEST_SUITE_P(ExitSides, PredictTest, ::testing::Values(1u, 5u, 8u, 32u));
+
+TEST(References, AreTheVertexItselfOrItsTwoNeighbours) {
+  const FieldShape shape{{}, 4, 8, 2, 0, {}};
+  const LevelGeometry coarser(shape, 1), finer(shape, 2);
+  for (std::uint32_t section = 0; section < section_count(2); ++section) {
+    const References references = find_references(coarser, finer, section);
+    ASSERT_EQ(references.rows.size(), finer.rows(section).size());
+    for (std::size_t k = 0; k < references.rows.size(); ++k) {
+      const References::Row& row = references.rows[k];
+      const LatticeVertex v = vertex_at(finer.entry_section(section), finer.rows(section)[k], 4);
+      const bool even = v.i % 2 == 0 && v.j % 2 == 0 && v.k % 2 == 0;
+      EXPECT_EQ(row.count, even ? 1 : 2);
+      glm::dvec3 middle(0.0);
+      for (std::size_t c = 0; c < row.count; ++c) {
+        const std::uint32_t owner = references.sections[row.vertex[c].slot];
+        const LatticeVertex parent =
+            vertex_at(coarser.entry_section(owner), coarser.rows(owner)[row.vertex[c].row], 4);
+        EXPECT_EQ(row.vertex[c].direction, exact_direction(parent));
+        middle += glm::dvec3(parent.i, parent.j, parent.k);
+      }
+      EXPECT_EQ(middle * 2.0 / static_cast<double>(row.count), glm::dvec3(v.i, v.j, v.k));
+    }
+  }
+}
+
+}  // namespace
+}  // namespace slf
