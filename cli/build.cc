@@ -12,15 +12,20 @@ struct Arguments {
   std::string output;
   bool force = false;
   BuildOptions build;
-  std::string depth_codec = "jpeg:75";
+  std::string depth_codec;  // empty: what suits the codec of colour
   double radius = 0;
   std::vector<double> center;  // empty: around what is visible
 };
 
 Result<void> run_build(const Arguments& arguments) {
   BuildOptions options = arguments.build;
-  options.depth_codec = arguments.depth_codec == "none" ? "" : arguments.depth_codec;
-  if (options.half && options.color_codec.starts_with("jpeg")) options.color_codec = "zstd";
+  if (options.half &&
+      (options.color_codec.starts_with("jpeg") || options.color_codec.starts_with("predictive")))
+    options.color_codec = "zstd";
+  options.depth_codec = arguments.depth_codec;
+  if (options.depth_codec.empty() && !options.color_codec.starts_with("predictive"))
+    options.depth_codec = "jpeg:75";
+  if (options.depth_codec == "none") options.depth_codec = "";
   const auto scene = arguments.source.scene();
   if (!scene) return tl::unexpected(scene.error());
   const Sphere visible = (*scene)->bounds();
@@ -92,14 +97,18 @@ void add_build(CLI::App& app, Run& run) {
   // The option's name up to version 0.1.
   command->add_option("--entry-depth", shape.entry_extra_levels)->group("")->excludes(extra);
   command
-      ->add_option("--color-codec", a->build.color_codec, "raw, zstd[:LEVEL] or jpeg:QUALITY[:444]")
+      ->add_option("--codec,--color-codec", a->build.color_codec,
+                   "predictive:QUALITY, which codes depth together with colour; or, of colour\n"
+                   "alone, jpeg:QUALITY[:444], zstd[:LEVEL] or raw")
       ->type_name(kCodec)
       ->group(group)
       ->capture_default_str();
-  command->add_option("--depth-codec", a->depth_codec, "The same, or none: no depth layer")
+  command
+      ->add_option("--depth-codec", a->depth_codec,
+                   "Beside another codec than predictive: jpeg:QUALITY (default: jpeg:75),\n"
+                   "zstd[:LEVEL], raw, or none: no depth layer")
       ->type_name(kCodec)
-      ->group(group)
-      ->capture_default_str();
+      ->group(group);
   choose(command->add_option("--color-type", a->build.half,
                              "u8, or half: HDR colour, stored with zstd"),
          Choices<bool>{{"u8", false}, {"half", true}})

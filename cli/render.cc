@@ -78,7 +78,7 @@ Result<void> run_render(const RenderArguments& a) {
   if (!field) return tl::unexpected(field.error());
   auto view = a.draw.view(*field);
   if (!view) return tl::unexpected(view.error());
-  view->with_depth = a.picture.is_exr() && field->has_layer("depth");
+  view->with_depth = a.picture.is_exr() && field->has_depth();
   const auto camera = a.camera.camera(field->shape().sphere);
   if (!camera) return tl::unexpected(camera.error());
 

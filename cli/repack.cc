@@ -126,10 +126,11 @@ void add_repack(CLI::App& app, Run& run) {
       ->required();
   command->add_flag("-f,--force", a->force, "Replace the output, once the new field is complete");
   command
-      ->add_option("--color-codec", a->repack.color_codec,
-                   "raw, zstd[:LEVEL] or jpeg:QUALITY[:444]; default: as it is")
+      ->add_option("--codec,--color-codec", a->repack.color_codec,
+                   "predictive:QUALITY, which codes depth together with colour; or, of colour\n"
+                   "alone, jpeg:QUALITY[:444], zstd[:LEVEL] or raw; default: as it is")
       ->type_name(kCodec);
-  command->add_option("--depth-codec", a->repack.depth_codec, "The same for depth")
+  command->add_option("--depth-codec", a->repack.depth_codec, "The same for depth alone")
       ->type_name(kCodec);
   command->add_option("--layers", a->repack.layers, "Layers to keep, as color or color,depth")
       ->delimiter(',');
@@ -149,7 +150,8 @@ void add_verify(CLI::App& app, Run& run) {
       "verify", "Check structure, counts, every checksum, and that every tile decodes");
   command->footer(R"(
 Findings: S1 a page is damaged, M1 manifest or tables, R1 a record, K1 a tile that should not be,
-T1 a checksum, T2 a tile does not decode, C1 tiles are missing, C2 layers disagree.
+T1 a checksum, T2 a tile does not decode, T3 one that
+a tile is predicted from is lost, C1 tiles are missing, C2 layers disagree.
 Exit code 0 when all is good or only tiles are missing, 3 when something is damaged and, with
 --fix, could not be dropped (S1, M1).)");
   auto a = std::make_shared<VerifyArguments>();

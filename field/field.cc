@@ -1,5 +1,7 @@
 #include "field/field_file.h"
 
+#include <algorithm>
+
 namespace slf {
 
 Result<std::shared_ptr<const FieldFile>> FieldFile::open(const std::string& path) {
@@ -26,6 +28,7 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(const std::string& path
     if (!made)
       return fail(ErrorCode::bad_file, path, ": layer '", layer.name, "': ", made.error().message);
     field->codecs_.push_back(std::move(*made));
+    field->predict(static_cast<storage::LayerId>(k));
   }
   return field;
 }
@@ -34,6 +37,85 @@ std::optional<storage::LayerId> FieldFile::layer(std::string_view name) const {
   for (std::size_t k = 0; k < manifest_.layers.size(); ++k)
     if (manifest_.layers[k].name == name) return static_cast<storage::LayerId>(k);
   return std::nullopt;
+}
+
+bool FieldFile::has_depth() const {
+  return std::any_of(manifest_.layers.begin(), manifest_.layers.end(), [](const Layer& layer) {
+    return layer.name == "depth" || layer.format == SampleFormat::rgba8_depth8;
+  });
+}
+
+bool FieldFile::predicts() const {
+  return std::any_of(predictions_.begin(), predictions_.end(),
+                     [](const auto& prediction) { return prediction != nullptr; });
+}
+
+void FieldFile::predict(storage::LayerId layer) {
+  auto& prediction = predictions_.emplace_back();
+  const codec::PredictiveCodec* const codec = codecs_[layer]->predictive();
+  if (!codec) return;
+  const auto geometries = [this](unsigned level) -> const LevelGeometry& {
+    return geometry(level);
+  };
+  const auto load = [this, layer](TileKey key) { return reference(layer, key); };
+  prediction.reset(new Prediction{{manifest_.shape, *codec, geometries}, ReferenceCache(load)});
+}
+
+Result<TileSamples> FieldFile::reference(storage::LayerId layer, TileKey key) const {
+  const auto named = [&](ErrorCode code, const char* what) {
+    return fail(code, path(), ": layer '", manifest_.layers[layer].name, "', tile ", int{key.level},
+                "/", key.index, ", from which others are predicted, ", what);
+  };
+  if (!shape().has(key)) return named(ErrorCode::bad_file, "is not in the field");
+  const auto tile = store_.find(layer, key);
+  if (!tile) return tl::unexpected(tile.error());
+  if (tile->state == storage::TileState::missing)
+    return named(ErrorCode::failed, "is missing; build the field again");
+  if (tile->state == storage::TileState::empty) return TileSamples();
+  const auto samples = std::make_shared<Bytes>(tile_shape(layer, key).bytes());
+  if (auto ok = decode(*tile, *samples); !ok) return tl::unexpected(ok.error());
+  return TileSamples(samples);
+}
+
+std::vector<TileKey> FieldFile::references(const storage::TileRef& tile) const {
+  if (!predictions_[tile.layer]) return {};
+  return predictions_[tile.layer]->tiles.references(tile.key, tile.payload);
+}
+
+void FieldFile::advise(std::span<const storage::TileRef> tiles) const {
+  store_.advise(tiles);
+  for (storage::LayerId layer = 0; layer < predictions_.size(); ++layer) {
+    if (!predictions_[layer]) continue;
+    std::vector<storage::TileRef> dependants;
+    for (const storage::TileRef& tile : tiles)
+      if (tile.layer == layer && tile.state == storage::TileState::stored)
+        dependants.push_back(tile);
+    while (!dependants.empty()) {
+      std::vector<TileKey> keys;
+      for (const storage::TileRef& tile : dependants)
+        for (const TileKey key : references(tile))
+          if (shape().has(key) && !predictions_[layer]->references.has(key)) keys.push_back(key);
+      std::sort(keys.begin(), keys.end());
+      keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+      dependants.clear();
+      for (const auto& tile : store_.find_all(layer, keys))
+        if (tile && tile->state == storage::TileState::stored) dependants.push_back(*tile);
+      store_.advise(dependants);
+    }
+  }
+}
+
+Result<void> FieldFile::encode(storage::LayerId layer, TileKey key, ByteSpan samples,
+                               Bytes& payload) const {
+  Prediction& prediction = *predictions_[layer];
+  return prediction.tiles.encode(
+      key, samples, [&](TileKey reference) { return prediction.references.get(reference); },
+      payload);
+}
+
+void FieldFile::limit_references(std::uint64_t bytes) const {
+  for (const auto& prediction : predictions_)
+    if (prediction) prediction->references.set_budget(bytes);
 }
 
 const LevelGeometry& FieldFile::geometry(unsigned level) const {
@@ -52,8 +134,17 @@ Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<std::byte
   if (codecs_[tile.layer]->in_place() && tile.payload.size() == samples.size())
     return store_.copy(tile, samples);
   if (auto ok = store_.check(tile); !ok) return ok;
-  auto decoded =
-      codecs_[tile.layer]->decode(tile_shape(tile.layer, tile.key), tile.payload, samples);
+  Prediction* const prediction = predictions_[tile.layer].get();
+  std::optional<Error> of_reference;
+  const auto source = [&](TileKey key) {
+    auto found = prediction->references.get(key);
+    if (!found) of_reference = found.error();
+    return found;
+  };
+  auto decoded = prediction ? prediction->tiles.decode(tile.key, tile.payload, source, samples)
+                            : codecs_[tile.layer]->decode(tile_shape(tile.layer, tile.key),
+                                                          tile.payload, samples);
+  if (of_reference) return tl::unexpected(*of_reference);
   if (auto ok = unchanged(); !ok) return ok;  // not the codec's fault
   if (!decoded)
     return fail(decoded.error().code, path(), ": layer '", manifest_.layers[tile.layer].name,
@@ -106,6 +197,7 @@ const std::string& Field::path() const { return file_->path(); }
 const FieldShape& Field::shape() const { return file_->shape(); }
 const std::vector<Layer>& Field::layers() const { return file_->manifest().layers; }
 bool Field::has_layer(std::string_view name) const { return file_->layer(name).has_value(); }
+bool Field::has_depth() const { return file_->has_depth(); }
 std::string Field::provenance() const { return file_->manifest().provenance.dump(); }
 std::string Field::manifest() const { return file_->manifest().to_json().dump(); }
 std::uint64_t Field::file_bytes() const { return file_->store().file_bytes(); }

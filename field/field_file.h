@@ -12,6 +12,8 @@
 #include "codec/codec.h"
 #include "field/geometry/level_geometry.h"
 #include "field/manifest.h"
+#include "field/predicted_tiles.h"
+#include "field/reference_cache.h"
 #include "slf/error.h"
 #include "slf/field.h"
 #include "storage/tile_store.h"
@@ -38,6 +40,8 @@ class FieldFile {
   /// The layer with this name, if the field has one.
   [[nodiscard]] std::optional<storage::LayerId> layer(std::string_view name) const;
   [[nodiscard]] const codec::Codec& codec(storage::LayerId layer) const { return *codecs_[layer]; }
+  /// Whether samples have depths: in a layer of their own, or together with their colours.
+  [[nodiscard]] bool has_depth() const;
 
   /// The geometry of a level, computed on first use. REQUIRES: level <= shape().levels.
   [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
@@ -45,9 +49,30 @@ class FieldFile {
   /// The shape of a tile. REQUIRES: a key of this field.
   [[nodiscard]] codec::Tile tile_shape(storage::LayerId layer, TileKey key) const;
 
-  /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes.
+  /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes. Tiles that it is
+  /// predicted from are decoded first, and kept for others. bad_file: the tile, or one that it is
+  /// predicted from, is damaged. failed: one that it is predicted from is missing. The message
+  /// names it.
   [[nodiscard]] Result<void> decode(const storage::TileRef& tile,
                                     std::span<std::byte> samples) const;
+
+  /// Whether tiles of some layer are predicted from coarser ones.
+  [[nodiscard]] bool predicts() const;
+  /// The tiles that a stored one is predicted from; none in layers that predict nothing.
+  [[nodiscard]] std::vector<TileKey> references(const storage::TileRef& tile) const;
+
+  /// Asks the kernel to read the payloads of stored tiles, then, level by level, of those that they
+  /// are predicted from. Of a cold file, that takes as many trips to the disk as there are levels.
+  void advise(std::span<const storage::TileRef> tiles) const;
+
+  /// Codes a tile of the predictive layer `layer` against this field's tiles of the next coarser
+  /// level. Errors of decoding those.
+  [[nodiscard]] Result<void> encode(storage::LayerId layer, TileKey key, ByteSpan samples,
+                                    Bytes& payload) const;
+
+  /// How many bytes of decoded tiles, that others are predicted from, are kept: at first 32 MiB.
+  /// Those of the tiles under way count on top.
+  void limit_references(std::uint64_t bytes) const;
 
   /// bad_file: the file has shrunk while it was open; samples used in place may have been zeros.
   [[nodiscard]] Result<void> unchanged() const;
@@ -61,7 +86,16 @@ class FieldFile {
 
   storage::TileStore store_;
   Manifest manifest_;
+  /// What a predictive layer is coded with.
+  struct Prediction {
+    PredictedTiles tiles;
+    ReferenceCache references;
+  };
+  void predict(storage::LayerId layer);
+  [[nodiscard]] Result<TileSamples> reference(storage::LayerId layer, TileKey key) const;
+
   std::vector<std::unique_ptr<codec::Codec>> codecs_;
+  std::vector<std::unique_ptr<Prediction>> predictions_;  // per layer; null where nothing predicts
   mutable std::array<std::once_flag, 16> geometry_once_;
   mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometry_;
 };

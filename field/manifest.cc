@@ -10,7 +10,12 @@ namespace {
 constexpr int kDeepest = 64;
 
 constexpr SampleFormat kFormats[] = {SampleFormat::rgba8, SampleFormat::depth8,
-                                     SampleFormat::rgba16f};
+                                     SampleFormat::rgba16f, SampleFormat::rgba8_depth8};
+
+constexpr unsigned kMostPredictedLevels = 6;
+
+/// A feature that readers must know: layers whose tiles are predicted from coarser ones.
+constexpr const char* kPredictive = "predictive";
 
 /// Reads members of untrusted JSON; the first problem is kept with its place.
 class Reader {
@@ -57,12 +62,15 @@ class Reader {
 
 nlohmann::json Manifest::to_json() const {
   nlohmann::json layer_list = nlohmann::json::array();
-  for (const Layer& layer : layers)
+  nlohmann::json required = nlohmann::json::array();
+  for (const Layer& layer : layers) {
     layer_list.push_back(
         {{"name", layer.name}, {"format", name(layer.format)}, {"codec", layer.codec}});
+    if (layer.format == SampleFormat::rgba8_depth8) required = nlohmann::json::array({kPredictive});
+  }
   const glm::dvec3& c = shape.sphere.center;
   nlohmann::json json = {{"slf", {{"major", kMajor}, {"minor", filtered_levels ? 1 : 0}}},
-                         {"required", nlohmann::json::array()},
+                         {"required", required},
                          {"sphere", {{"center", {c.x, c.y, c.z}}, {"radius", shape.sphere.radius}}},
                          {"entry_side", shape.entry_side},
                          {"exit_side", shape.exit_side},
@@ -91,7 +99,9 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   if (in.error().empty() && major != kMajor)
     return fail(ErrorCode::unsupported, file, ": format version ", major,
                 ", this program reads version ", kMajor, "; update slf");
-  if (const auto* required = in.find("/required"); required && !required->empty())
+  const auto* required = in.find("/required");
+  const auto known_feature = [](const nlohmann::json& feature) { return feature == kPredictive; };
+  if (required && !std::all_of(required->begin(), required->end(), known_feature))
     return fail(ErrorCode::unsupported, file, ": needs features this program does not have: ",
                 required->dump(-1, ' ', false, nlohmann::json::error_handler_t::replace),
                 "; update slf");
@@ -138,6 +148,13 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   if (std::none_of(manifest.layers.begin(), manifest.layers.end(),
                    [](const Layer& layer) { return layer.name == "color"; }))
     in.problem("/layers", "names no layer color");
+  // A tile's payload says of every tile of the level above near it whether it is a reference.
+  const bool predictive =
+      std::any_of(manifest.layers.begin(), manifest.layers.end(),
+                  [](const Layer& layer) { return layer.format == SampleFormat::rgba8_depth8; });
+  if (predictive && shape.levels > kMostPredictedLevels)
+    in.problem("/levels", "is more than " + std::to_string(kMostPredictedLevels) +
+                              ", too many for a predictive codec");
   if (!in.error().empty()) return fail(ErrorCode::bad_file, in.error());
   if (auto ok = shape.check(); !ok)
     return fail(ErrorCode::bad_file, file, ": manifest: ", ok.error().message);

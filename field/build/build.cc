@@ -54,7 +54,8 @@ Result<Codecs> train_codecs(const TileTracer& tracer, Manifest& manifest) {
     tiles.reserve(sample->size());
     for (const TracedTile& tile : *sample)
       tiles.push_back({tracer.shape(tile.key, manifest.layers[k].format), tile.layers[k]});
-    auto made = codec::train_codec(manifest.layers[k].codec, manifest.layers[k].format, tiles);
+    auto made = codec::train_codec(manifest.layers[k].codec, manifest.layers[k].format, tiles,
+                                   manifest.shape.levels);
     if (!made) return tl::unexpected(made.error());
     manifest.layers[k].codec = (*made)->spec();
     codecs.push_back(std::move(*made));
@@ -156,6 +157,7 @@ struct Job {
   const MissingTiles& missing;
   TileOrder order;
   unsigned threads;
+  const FieldFile* coarser = nullptr;  // what is committed, where tiles are predicted from it
 
   Result<Encoded> make(TileKey key, TracedTile& traced) const {
     Encoded encoded;
@@ -163,31 +165,37 @@ struct Job {
     encoded.rays = tracer.rays(key);
     encoded.payloads.resize(codecs.size());
     for (std::size_t k = 0; k < codecs.size() && !traced.empty; ++k) {
-      auto ok = codecs[k]->encode(tracer.shape(key, manifest.layers[k].format), traced.layers[k],
+      auto ok =
+          codecs[k]->predictive()
+              ? coarser->encode(static_cast<LayerId>(k), key, traced.layers[k], encoded.payloads[k])
+              : codecs[k]->encode(tracer.shape(key, manifest.layers[k].format), traced.layers[k],
                                   encoded.payloads[k]);
       if (!ok) return tl::unexpected(std::move(ok.error()));
     }
     return encoded;
   }
 
-  /// Makes the missing tiles, in order, on all threads.
-  [[nodiscard]] OrderedPipeline<Encoded> pipeline() const {
-    return {missing.count(), threads, 4 * threads, [this] {
-              return [this, traced = TracedTile()](std::uint64_t k) mutable {
-                return make(order.key(missing.number(k)), traced);
+  [[nodiscard]] TileKey key(std::uint64_t k) const { return order.key(missing.number(k)); }
+
+  /// Makes the missing tiles from the k-th on, in order, on all threads.
+  [[nodiscard]] OrderedPipeline<Encoded> pipeline(std::uint64_t begin, std::uint64_t end) const {
+    return {end - begin, threads, 4 * threads, [this, begin] {
+              return [this, begin, traced = TracedTile()](std::uint64_t k) mutable {
+                return make(key(begin + k), traced);
               };
             }};
   }
 };
 
-/// Makes what is missing. Commits now and then; progress counts rays.
-Result<void> write_missing(const Job& job, FieldWriter& writer, const std::string& path,
+/// Makes the missing tiles [begin, end). Commits now and then; progress counts rays.
+Result<void> write_missing(const Job& job, std::uint64_t begin, std::uint64_t end,
+                           FieldWriter& writer, const std::string& path,
                            const BuildOptions& options, const ProgressCallback& progress,
                            Progress& state) {
   const std::chrono::duration<double> interval(options.commit_seconds);
   auto committed_at = Clock::now();
-  auto pipeline = job.pipeline();
-  for (std::uint64_t k = 0; k < job.missing.count(); ++k) {
+  auto pipeline = job.pipeline(begin, end);
+  for (std::uint64_t k = begin; k < end; ++k) {
     const Result<Encoded> tile = pipeline.take();
     if (!tile) return fail(tile.error().code, path, ": ", tile.error().message);
     for (LayerId layer = 0; layer < tile->payloads.size(); ++layer) {
@@ -209,6 +217,29 @@ Result<void> write_missing(const Job& job, FieldWriter& writer, const std::strin
   return {};
 }
 
+/// Makes what is missing, level by level where tiles are predicted: from what is committed.
+Result<void> write_levels(Job job, FieldWriter& writer, const std::string& path,
+                          const BuildOptions& options, const ProgressCallback& progress,
+                          Progress& state) {
+  const bool predicted = std::any_of(job.codecs.begin(), job.codecs.end(),
+                                     [](const auto& codec) { return codec->predictive(); });
+  for (std::uint64_t begin = 0, end = 0; begin < job.missing.count(); begin = end) {
+    end = predicted ? begin + 1 : job.missing.count();
+    while (end < job.missing.count() && job.key(end).level == job.key(begin).level) ++end;
+    std::shared_ptr<const FieldFile> committed;
+    if (predicted) {
+      if (auto ok = writer.commit_level(); !ok) return ok;
+      auto opened = FieldFile::open(writer.file());
+      if (!opened) return tl::unexpected(opened.error());
+      committed = std::move(*opened);
+      job.coarser = committed.get();
+    }
+    if (auto ok = write_missing(job, begin, end, writer, path, options, progress, state); !ok)
+      return ok;
+  }
+  return {};
+}
+
 /// The manifest of a new field. usage: a setting or something that the scene says is wrong.
 Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
   Manifest manifest;
@@ -219,11 +250,17 @@ Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
     return fail(ok.error().code, scene_bounds ? "around the scene's bounds: " : "",
                 ok.error().message);
   manifest.filtered_levels = manifest.shape.levels;
-  manifest.layers.push_back(
-      {"color", options.half ? codec::SampleFormat::rgba16f : codec::SampleFormat::rgba8,
-       options.color_codec});
+  const bool predictive = options.color_codec.starts_with("predictive");
+  if (predictive && !options.depth_codec.empty())
+    return fail(ErrorCode::usage, "codec \"", options.color_codec,
+                "\" codes depth together with colour: there is no codec of depth alone");
+  manifest.layers.push_back({"color",
+                             options.half ? SampleFormat::rgba16f
+                             : predictive ? SampleFormat::rgba8_depth8
+                                          : SampleFormat::rgba8,
+                             options.color_codec});
   if (!options.depth_codec.empty())
-    manifest.layers.push_back({"depth", codec::SampleFormat::depth8, options.depth_codec});
+    manifest.layers.push_back({"depth", SampleFormat::depth8, options.depth_codec});
   for (Layer& layer : manifest.layers) {
     const auto plain = codec::make_codec(layer.codec, layer.format);
     if (!plain) return tl::unexpected(plain.error());
@@ -269,7 +306,7 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
     state.skipped -= tracer.rays(order.key(missing.number(k)));
   state.done = state.skipped;
   const Job job{tracer, *manifest, *codecs, missing, order, thread_count(options.threads)};
-  if (auto ok = write_missing(job, *writer, path, options, progress, state); !ok)
+  if (auto ok = write_levels(job, *writer, path, options, progress, state); !ok)
     return tl::unexpected(ok.error());
   if (auto ok = writer->finish(); !ok) return tl::unexpected(ok.error());
   report.tiles = missing.count();

@@ -86,13 +86,18 @@ std::byte to_byte(float value) {
   return static_cast<std::byte>(std::clamp(value, 0.f, 1.f) * 255 + 0.5f);
 }
 
-void store_color(const glm::vec4& rgba, codec::SampleFormat format, std::byte* to) {
-  if (format == codec::SampleFormat::rgba16f) {
+void store_color(const glm::vec4& rgba, SampleFormat format, std::byte* to) {
+  if (format == SampleFormat::rgba16f) {
     for (int c = 0; c < 4; ++c) store_le<std::uint16_t>(to + 2 * c, Imath::half(rgba[c]).bits());
     return;
   }
   to[3] = to_byte(rgba.a);
   for (int c = 0; c < 3; ++c) to[c] = std::min(to_byte(rgba[c]), to[3]);
+}
+
+/// Of a sample's colour: in rgba8_depth8 depths come after all colours.
+std::size_t color_bytes(SampleFormat format) {
+  return format == SampleFormat::rgba8_depth8 ? 4 : codec::sample_bytes(format);
 }
 
 /// Depth means nothing where nothing is seen. What stands there should cost few bytes and blur
@@ -142,12 +147,12 @@ TileTracer::TileTracer(const Scene& scene, const Manifest& manifest)
   }
 }
 
-codec::Tile TileTracer::shape(TileKey key, codec::SampleFormat format) const {
+codec::Tile TileTracer::shape(TileKey key, SampleFormat format) const {
   return levels_[key.level].tile(sections_of(key, shape_.entry_extra_levels).entry.index, format);
 }
 
 std::uint64_t TileTracer::rays(TileKey key) const {
-  const codec::Tile tile = shape(key, codec::SampleFormat::rgba8);
+  const codec::Tile tile = shape(key, SampleFormat::rgba8);
   return tile.rows() * tile.columns() * rays_per_slab(key.level);
 }
 
@@ -166,7 +171,7 @@ Result<void> TileTracer::trace(TileKey key, TracedTile& tile) const {
 
 void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
   const TileSections sections = sections_of(key, shape_.entry_extra_levels);
-  const codec::Tile layout = shape(key, codec::SampleFormat::rgba8);
+  const codec::Tile layout = shape(key, SampleFormat::rgba8);
   const Sphere& sphere = shape_.sphere;
   const auto entries = world_points(
       sphere, vertices_at(sections.entry, shape_.entry_section_side(), layout.positions));
@@ -182,6 +187,13 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
   tile.layers.resize(formats_.size());
   for (std::size_t k = 0; k < formats_.size(); ++k)
     tile.layers[k].assign(layout.rows() * columns * codec::sample_bytes(formats_[k]), std::byte{0});
+
+  // Where a layer has depths, if it does.
+  const auto depths = [&](std::size_t k) -> std::byte* {
+    if (formats_[k] == SampleFormat::depth8) return tile.layers[k].data();
+    if (formats_[k] != SampleFormat::rgba8_depth8) return nullptr;
+    return tile.layers[k].data() + 4 * layout.rows() * columns;
+  };
 
   std::vector<bool> defined(columns);
   std::vector<Segment> rays(exits.size());
@@ -199,18 +211,17 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
       any = true;
       const std::size_t at = row * columns + column;
       for (std::size_t k = 0; k < formats_.size(); ++k) {
-        std::byte* to = tile.layers[k].data() + at * codec::sample_bytes(formats_[k]);
-        if (formats_[k] == codec::SampleFormat::depth8)
-          *to = to_byte(sample.depth);
-        else
-          store_color(sample.rgba, formats_[k], to);
+        if (std::byte* const depth = depths(k)) depth[at] = to_byte(sample.depth);
+        if (formats_[k] != SampleFormat::depth8)
+          store_color(sample.rgba, formats_[k],
+                      tile.layers[k].data() + at * color_bytes(formats_[k]));
       }
     }
     if (!any) continue;
     tile.empty = false;
     for (std::size_t k = 0; k < formats_.size(); ++k)
-      if (formats_[k] == codec::SampleFormat::depth8)
-        fill_undefined_depth(tile.layers[k].data() + row * columns, defined, shape_.exit_side);
+      if (std::byte* const depth = depths(k))
+        fill_undefined_depth(depth + row * columns, defined, shape_.exit_side);
   }
 }
 

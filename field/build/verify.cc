@@ -40,7 +40,8 @@ class Verifier {
  private:
   void add(FindingKind kind, std::string message) {
     ++report_.found;
-    if (kind != FindingKind::missing) ++report_.damaged;
+    if (kind == FindingKind::reference) report_.complete = false;  // it comes back with that tile
+    if (kind != FindingKind::missing && kind != FindingKind::reference) ++report_.damaged;
     if (report_.findings.size() < kMostFindings)
       report_.findings.push_back({kind, std::move(message)});
   }
@@ -148,14 +149,16 @@ class Verifier {
   Result<void> check_payloads(const FieldFile& field, std::vector<TileRef>& tiles) {
     if (!options_.quick) {
       std::vector<std::optional<Finding>> found(tiles.size());
-      field.store().advise(tiles);
+      field.advise(tiles);
       auto checked = parallel_for(tiles.size(), options_.threads, [&](std::uint64_t k) {
         found[k] = check_payload(field, tiles[k]);
       });
       field.store().release(tiles);
       if (!checked) return checked;
       for (std::size_t k = 0; k < tiles.size(); ++k)
-        if (found[k])
+        if (found[k] && found[k]->kind == FindingKind::reference)
+          add(found[k]->kind, std::move(found[k]->message));
+        else if (found[k])
           add(found[k]->kind, std::move(found[k]->message), {{tiles[k].layer, tiles[k].key}});
     }
     tiles.clear();
@@ -167,9 +170,25 @@ class Verifier {
       return Finding{FindingKind::checksum, ok.error().message};
     thread_local Bytes samples;
     samples.resize(field.tile_shape(tile.layer, tile.key).bytes());
-    if (auto ok = field.decode(tile, samples); !ok)
-      return Finding{FindingKind::decode, ok.error().message};
-    return std::nullopt;
+    auto ok = field.decode(tile, samples);
+    if (ok) return std::nullopt;
+    if (!references_decode(field, tile))
+      return Finding{FindingKind::reference, place(field, tile) + ": " + ok.error().message};
+    return Finding{FindingKind::decode, ok.error().message};
+  }
+
+  /// Whether the tiles that a tile is predicted from decode.
+  static bool references_decode(const FieldFile& field, const TileRef& tile) {
+    Bytes samples;
+    for (const TileKey key : field.references(tile)) {
+      if (!field.shape().has(key)) return true;  // then it is this tile that is wrong
+      const auto reference = field.store().find(tile.layer, key);
+      if (!reference || reference->state == TileState::missing) return false;
+      if (reference->state == TileState::empty) continue;
+      samples.resize(field.tile_shape(tile.layer, key).bytes());
+      if (!field.decode(*reference, samples)) return false;
+    }
+    return true;
   }
 
   /// Carries out the cures. Findings without one (S1, M1) stay, and so do all where a page may not
@@ -209,7 +228,7 @@ class Verifier {
 }  // namespace
 
 const char* id(FindingKind kind) {
-  constexpr const char* kIds[] = {"S1", "M1", "R1", "K1", "T1", "T2", "C1", "C2"};
+  constexpr const char* kIds[] = {"S1", "M1", "R1", "K1", "T1", "T2", "T3", "C1", "C2"};
   return kIds[static_cast<int>(kind)];
 }
 

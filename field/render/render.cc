@@ -22,6 +22,7 @@ constexpr std::size_t kRayScratch = 512;    // bytes of scratch per ray of a blo
 struct Plan {
   unsigned threads;
   std::uint64_t cache_bytes;
+  std::uint64_t reference_bytes = 0;  ///< for tiles that others are predicted from
 };
 
 /// Divides a budget between scratch, one tile at a time per thread, and the cache.
@@ -36,6 +37,10 @@ Plan plan_memory(const FieldFile& field, const RendererOptions& options) {
       static_cast<unsigned>(std::clamp<std::uint64_t>(fit, 1, thread_count(options.threads)));
   const std::uint64_t used = plan.threads * scratch;
   plan.cache_bytes = options.memory > used ? options.memory - used : 0;
+  if (field.predicts()) {
+    plan.reference_bytes = plan.cache_bytes / 4;
+    plan.cache_bytes -= plan.reference_bytes;
+  }
   return plan;
 }
 
@@ -55,11 +60,12 @@ Result<RenderMode> parse_render_mode(std::string_view text) {
 }
 
 RenderMode default_mode(const Field& field) {
-  return field.has_layer("depth") ? RenderMode::depth : RenderMode::bitri;
+  return field.has_depth() ? RenderMode::depth : RenderMode::bitri;
 }
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field.file(), options);
+  field.file().limit_references(plan.reference_bytes);
   state_ = std::unique_ptr<State>(
       new State{field,
                 plan.cache_bytes / (plan.threads + 1),
@@ -92,7 +98,7 @@ Result<void> check_view(const Field& field, const ViewOptions& options) {
   if (options.level != kMatchingLevel && options.level > field.shape().levels)
     return fail(ErrorCode::usage, field.path(), ": level ", options.level,
                 ": the finest level of this field is ", field.shape().levels);
-  if (options.needs_depth() && !field.has_layer("depth"))
+  if (options.needs_depth() && !field.has_depth())
     return fail(ErrorCode::usage, field.path(),
                 ": has no depth layer, which mode depth needs; mode bitri needs none");
   return {};

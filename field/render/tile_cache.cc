@@ -51,6 +51,7 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t
     : field_(field),
       color_(field.layer("color").value()),
       depth_(field.layer("depth")),
+      together_(field.manifest().layers[color_].format == SampleFormat::rgba8_depth8),
       budget_(budget),
       map_budget_(map_budget),
       in_place_(in_place),
@@ -300,7 +301,7 @@ Result<void> TileCache::load_once(std::unique_lock<std::mutex>& lock, Tile& tile
 void TileCache::publish_locked(Tile& tile) {
   std::uint32_t layers = TilePage::kColor;
   if (tile.color.ref.state == storage::TileState::missing) layers |= TilePage::kColorMissing;
-  if (!tile.visible() || tile.depth.loaded()) layers |= TilePage::kDepth;
+  if (!tile.visible() || tile.depth.loaded() || together_) layers |= TilePage::kDepth;
   if (tile.depth.loaded() && tile.depth.ref.state == storage::TileState::missing)
     layers |= TilePage::kDepthMissing;
   // What is read in the map counts there, if the map has a budget; pinning counts it.
@@ -309,6 +310,11 @@ void TileCache::publish_locked(Tile& tile) {
   TilePage& page = *tile.page;
   page.color.store(tile.color.first, std::memory_order_release);
   if (tile.depth.loaded()) page.depth.store(tile.depth.first, std::memory_order_release);
+  if (together_ && tile.color.first) {  // depths come after all colours
+    const codec::Tile shape = field_.tile_shape(color_, tile.key);
+    page.depth.store(tile.color.first + 4 * shape.rows() * shape.columns(),
+                     std::memory_order_release);
+  }
   page.used.store(now(), std::memory_order_relaxed);
   page.layers.store(layers, std::memory_order_release);
 }
@@ -346,7 +352,14 @@ Result<void> TileCache::load_layer(Tile& tile, LayerSamples& samples, storage::L
   samples.owned = memory_.allocate(kReadableBefore + bytes);
   std::byte* const first = samples.owned.get() + kReadableBefore;
   samples.first = first;
-  return field_.decode(*ref, {first, bytes});
+  auto decoded = field_.decode(*ref, {first, bytes});
+  if (!decoded && decoded.error().code == ErrorCode::failed) {
+    // A tile that it is predicted from is missing, and so is this one, for now.
+    samples.ref.state = storage::TileState::missing;
+    samples.first = nullptr;
+    return {};
+  }
+  return decoded;
 }
 
 std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys, bool with_depth) {
@@ -380,7 +393,7 @@ std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys,
     };
     find_layer(color_, &Located::color);
     if (depth) find_layer(*depth, &Located::depth);
-    field_.store().advise(refs);
+    field_.advise(refs);
     const ScopedLock scoped(*this);
     for (const storage::TileRef& ref : refs) count_mapped_locked(ref, false);
   }

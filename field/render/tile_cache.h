@@ -187,6 +187,7 @@ class TileCache {
   const FieldFile& field_;
   const storage::LayerId color_;
   const std::optional<storage::LayerId> depth_;
+  const bool together_;  // colour and depth are one layer
   const std::uint64_t budget_, map_budget_;
   const bool in_place_;
   std::vector<PageTable> tables_;        // by level; changed under the lock

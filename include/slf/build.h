@@ -17,8 +17,9 @@ namespace slf {
 
 struct BuildOptions {
   FieldShape shape;  ///< a sphere of radius 0: the scene's own bounds
-  std::string color_codec = "jpeg:90";
-  std::string depth_codec = "jpeg:75";  ///< empty: no depth layer
+  /// "predictive:QUALITY" codes colour together with depth; other codecs code colour alone.
+  std::string color_codec = "predictive:90";
+  std::string depth_codec;              ///< empty: none, or together with colour
   bool half = false;                    ///< colour as half floats, with zstd or raw
   unsigned threads = 0;                 ///< 0: all
   double commit_seconds = 1;            ///< how often tiles are made safe: what a kill can cost

@@ -56,6 +56,8 @@ class Field {
   [[nodiscard]] const FieldShape& shape() const;
   [[nodiscard]] const std::vector<Layer>& layers() const;
   [[nodiscard]] bool has_layer(std::string_view name) const;
+  /// Whether samples have depths: in a layer of their own, or together with their colours.
+  [[nodiscard]] bool has_depth() const;
   /// The source and the settings of the build: a JSON object without a fixed schema.
   [[nodiscard]] std::string provenance() const;
   /// The whole manifest, a JSON object (FORMAT.md).

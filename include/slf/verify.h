@@ -19,6 +19,7 @@ enum class FindingKind {
   key,        ///< K1: a tile that this field does not have
   checksum,   ///< T1: a tile's bytes are not what was written
   decode,     ///< T2: a tile's bytes are as written but do not decode
+  reference,  ///< T3: a tile is sound, but one that it is predicted from is damaged or missing
   missing,    ///< C1: tiles that the manifest promises were never built, or were dropped
   mismatch,   ///< C2: a tile is stored in one layer and empty in another
 };

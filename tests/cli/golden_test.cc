@@ -40,7 +40,8 @@ struct Good {
   double least_psnr;  ///< of the picture; JPEG decoders and float arithmetic may differ a little
 };
 constexpr Good kGood[] = {{"example", 50}, {"jpeg", 40}, {"zstd", 50},
-                          {"half", 50},    {"deep", 50}, {"subfields", 50}};
+                          {"half", 50},    {"deep", 50}, {"subfields", 50},
+                          {"predictive", 50}};
 
 struct Bad {
   const char* name;
@@ -83,6 +84,10 @@ BuildOptions options_for(const std::string& name) {
   if (name == "subfields" || name == "example")
     options.shape.entry_side = 4, options.shape.levels = 0;
   if (name == "example") options.shape.exit_side = 2;
+  if (name == "predictive") {
+    options.shape.entry_side = 2, options.shape.exit_side = 4;
+    options.color_codec = "predictive:80", options.depth_codec = "";
+  }
   return options;
 }
 
@@ -138,10 +143,12 @@ void write_bad() {
 class GoldenFields : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
-    if (!std::getenv("SLF_WRITE_GOLDEN")) return;
+    const char* const wanted = std::getenv("SLF_WRITE_GOLDEN");
+    if (!wanted) return;
     std::filesystem::create_directories(golden(""));
-    for (const Good& good : kGood) write_good(good.name);
-    write_bad();
+    for (const Good& good : kGood)
+      if (wanted == std::string("1") || std::string(wanted) == good.name) write_good(good.name);
+    if (wanted == std::string("1")) write_bad();
   }
 };
 

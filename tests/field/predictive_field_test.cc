@@ -1,0 +1,272 @@
+// Fields whose tiles are predicted from coarser ones: built, resumed, drawn, repacked, damaged and
+// repaired.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "field/field_file.h"
+#include "slf/repack.h"
+#include "slf/verify.h"
+#include "storage/tile_writer.h"
+#include "tests/field/rewriting_testing.h"
+#include "tests/instruction_set.h"
+
+namespace slf {
+namespace {
+
+using storage::TileState;
+using testing::all_samples;
+using testing::all_tiles;
+using testing::build_and_open;
+using testing::draw;
+using testing::lossless_options;
+using testing::TemporaryFolder;
+
+/// Of all decoded samples of the golden field, in key order.
+constexpr std::uint64_t kGoldenHash = 10832480490018631425u;
+
+BuildOptions predictive_options(unsigned levels = 2, const std::string& codec = "predictive:90") {
+  BuildOptions options = lossless_options(4, 8, levels);
+  options.color_codec = codec;
+  options.depth_codec = "";
+  return options;
+}
+
+double psnr(const Image& a, const Image& b) {
+  double sum = 0;
+  for (std::size_t k = 0; k < a.pixels(); ++k)
+    for (int c = 0; c < 3; ++c) sum += std::pow(a.rgba[k][c] - b.rgba[k][c], 2);
+  return -10 * std::log10(sum / (3. * static_cast<double>(a.pixels())) + 1e-12);
+}
+
+Camera camera_of(const Field& field) {
+  Camera camera;
+  const Sphere& sphere = field.shape().sphere;
+  camera.eye = sphere.center + sphere.radius * glm::dvec3(1.9, 1.3, 1.7);
+  camera.look_at = sphere.center;
+  camera.width = camera.height = 96;
+  return camera;
+}
+
+class PredictiveField : public ::testing::Test {
+ protected:
+  std::optional<Field> build(const std::string& name, const BuildOptions& options) {
+    return build_and_open(*scene, folder / name, options);
+  }
+  std::optional<Field> open(const std::string& name) {
+    auto field = Field::open(folder / name);
+    EXPECT_TRUE(field) << (field ? "" : field.error().message);
+    if (!field) return {};
+    return *field;
+  }
+  void drop(const std::string& name, TileKey key) {
+    auto writer = storage::TileWriter::resume(folder / name);
+    ASSERT_TRUE(writer) << writer.error().message;
+    ASSERT_TRUE(writer->replace(0, key, TileState::missing, {}));
+    ASSERT_TRUE(writer->close());
+  }
+  /// A tile of level 0 and one that is predicted from it.
+  std::pair<TileKey, TileKey> reference_and_dependant(const Field& field) {
+    for (std::uint64_t index = 0; index < tile_count(1, 0); ++index) {
+      const auto tile = field.file().store().find(0, {1, index});
+      if (!tile || tile->state != TileState::stored) continue;
+      const auto references = field.file().references(*tile);
+      if (!references.empty()) return {references[0], tile->key};
+    }
+    ADD_FAILURE() << "no tile has references";
+    return {};
+  }
+
+  TemporaryFolder folder;
+  std::unique_ptr<Scene> scene = std::move(*make_analytic_scene("balls"));
+};
+
+TEST_F(PredictiveField, LooksLikeTheScene) {
+  const auto exact = build("exact.slf", lossless_options(4, 8, 2));
+  const auto field = build("a.slf", predictive_options());
+  ASSERT_TRUE(exact && field);
+  EXPECT_TRUE(field->has_depth());
+  EXPECT_TRUE(field->content()->complete);
+  EXPECT_EQ(nlohmann::json::parse(field->manifest())["required"],
+            nlohmann::json::array({"predictive"}));
+  for (unsigned level = 0; level <= 2; ++level) {
+    ViewOptions view;
+    view.level = level;
+    EXPECT_GT(psnr(draw(*field, camera_of(*field), view), draw(*exact, camera_of(*field), view)),
+              30)
+        << level;
+  }
+}
+
+TEST_F(PredictiveField, TakesFewerBytesThanJpegAtTheSameQuality) {
+  auto jpeg = predictive_options();
+  jpeg.color_codec = "jpeg:90", jpeg.depth_codec = "jpeg:75";
+  const auto exact = build("exact.slf", lossless_options(4, 8, 2));
+  const auto one = build("jpeg.slf", jpeg), two = build("predictive.slf", predictive_options());
+  const auto error = [&](const Field& field) {
+    return psnr(draw(field, camera_of(field), {}), draw(*exact, camera_of(field), {}));
+  };
+  EXPECT_GT(error(*two), error(*one) - 1);
+  EXPECT_LT(two->content()->payload_bytes, 0.8 * one->content()->payload_bytes);
+}
+
+TEST_F(PredictiveField, BytesDoNotDependOnThreadsOrInterruptions) {
+  const auto whole = build("whole.slf", predictive_options());
+  auto options = predictive_options();
+  options.threads = 1;
+  const auto single = build("single.slf", options);
+  ASSERT_TRUE(whole && single);
+  EXPECT_EQ(all_tiles(*single), all_tiles(*whole));
+
+  options.threads = 2;
+  options.commit_seconds = 0;
+  int stops = 0;
+  for (std::uint64_t step = 50;; step = step * 3 / 2) {
+    std::uint64_t tiles = 0;
+    const auto report = build_field(*scene, folder / "parts.slf", options,
+                                    [&](const Progress&) { return ++tiles < step; });
+    if (report) break;
+    ASSERT_EQ(report.error().code, ErrorCode::failed) << report.error().message;
+    ++stops;
+  }
+  EXPECT_GT(stops, 3);
+  EXPECT_EQ(all_tiles(*open("parts.slf")), all_tiles(*whole));
+}
+
+TEST_F(PredictiveField, AViewIsTheSameInAnyMemory) {
+  const auto field = build("a.slf", predictive_options());
+  const Image expected = draw(*field, camera_of(*field), {});
+  for (const std::uint64_t memory : {1ull << 14, 1ull << 18, 1ull << 22}) {
+    RendererOptions options;
+    options.memory = memory;
+    EXPECT_EQ(draw(*open("a.slf"), camera_of(*field), {}, options).rgba, expected.rgba) << memory;
+  }
+}
+
+TEST_F(PredictiveField, WithoutAReferenceACoarserLevelIsDrawn) {
+  const auto [reference, dependant] =
+      reference_and_dependant(*build("a.slf", predictive_options(1)));
+  drop("a.slf", reference);
+  const auto field = open("a.slf");
+  const auto tile = field->file().store().find(0, dependant);
+  Bytes samples(field->file().tile_shape(0, dependant).bytes());
+  const auto decoded = field->file().decode(*tile, samples);
+  ASSERT_FALSE(decoded);
+  EXPECT_EQ(decoded.error().code, ErrorCode::failed);
+  EXPECT_NE(decoded.error().message.find("tile 0/" + std::to_string(reference.index)),
+            std::string::npos)
+      << decoded.error().message;
+  draw(*field, camera_of(*field), {});  // succeeds
+}
+
+TEST_F(PredictiveField, VerifyNamesWhatALostReferenceTakesAlongAndARebuildRestoresAll) {
+  const auto before = all_tiles(*build("a.slf", predictive_options(1)));
+  const auto reference = reference_and_dependant(*open("a.slf")).first;
+  drop("a.slf", reference);
+  VerifyOptions fix;
+  fix.fix = true;
+  const auto report = verify_field(folder / "a.slf", fix);
+  ASSERT_TRUE(report);
+  EXPECT_FALSE(report->complete);
+  EXPECT_EQ(report->damaged, 0u);
+  EXPECT_EQ(report->dropped, 0u);  // dependants are sound
+  std::size_t dependants = 0;
+  for (const Finding& finding : report->findings)
+    dependants += finding.kind == FindingKind::reference ? 1 : 0;
+  EXPECT_GT(dependants, 0u);
+  EXPECT_EQ(report->findings.size(), dependants + 1);  // and that a tile is missing
+
+  const auto again = build("a.slf", predictive_options(1));
+  EXPECT_EQ(all_tiles(*again), before);
+  EXPECT_TRUE(verify_field(folder / "a.slf", {})->complete);
+}
+
+TEST_F(PredictiveField, RepacksToOtherCodecsAndBack) {
+  const auto field = build("a.slf", predictive_options());
+  RepackOptions to_zstd;
+  to_zstd.color_codec = to_zstd.depth_codec = "zstd:1";
+  ASSERT_TRUE(repack_field(*field, folder / "zstd.slf", to_zstd));
+  const auto plain = open("zstd.slf");
+  EXPECT_EQ(nlohmann::json::parse(plain->manifest())["required"], nlohmann::json::array());
+  const auto color = all_samples(*plain, "color"), depth = all_samples(*plain, "depth");
+  for (const auto& [key, samples] : all_samples(*field, "color")) {
+    Bytes both = color.at(key);
+    both.insert(both.end(), depth.at(key).begin(), depth.at(key).end());
+    EXPECT_EQ(both, samples) << int{key.level} << "/" << key.index;
+  }
+
+  RepackOptions back;
+  back.color_codec = "predictive:90";
+  const auto report = repack_field(*plain, folder / "back.slf", back);
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_GT(
+      psnr(draw(*open("back.slf"), camera_of(*field), {}), draw(*field, camera_of(*field), {})),
+      34);
+  ASSERT_TRUE(repack_field(*plain, folder / "one.slf", [&] {
+    RepackOptions one = back;
+    one.threads = 1;
+    return one;
+  }()));
+  EXPECT_EQ(all_tiles(*open("one.slf")), all_tiles(*open("back.slf")));
+}
+
+TEST_F(PredictiveField, AnEqualRepackAndFewerLevelsCopy) {
+  const auto field = build("a.slf", predictive_options());
+  const auto tiles = all_tiles(*field);
+  const auto report = repack_field(*field, folder / "b.slf", {});
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->recoded, 0u);
+  EXPECT_EQ(all_tiles(*open("b.slf")), tiles);
+
+  RepackOptions fewer;
+  fewer.levels = 1;
+  EXPECT_EQ(repack_field(*field, folder / "c.slf", fewer)->recoded, 0u);
+  for (const auto& [place, payload] : all_tiles(*open("c.slf")))
+    EXPECT_EQ(payload, tiles.at(place));
+  EXPECT_EQ(all_samples(*open("c.slf"), "color").size(), 64u + 1024u);
+}
+
+TEST_F(PredictiveField, SubfieldsAreEncodedAnewAmongThemselves) {
+  const auto field = build("a.slf", predictive_options());
+  RepackOptions some;
+  some.subfields = {3, 4, 28};
+  const auto report = repack_field(*field, folder / "b.slf", some);
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_EQ(report->copied, 0u);
+  const auto part = open("b.slf");
+  const auto before = all_samples(*field, "color");
+  double sum = 0, count = 0;
+  for (const auto& [key, samples] : all_samples(*part, "color")) {
+    EXPECT_TRUE(part->shape().has(key));
+    for (std::size_t k = 0; k < samples.size() / 5 * 4; ++k, ++count) {
+      const double off = std::to_integer<int>(samples[k]) - std::to_integer<int>(before.at(key)[k]);
+      sum += off * off;
+    }
+  }
+  EXPECT_GT(10 * std::log10(255 * 255 * count / (sum + 1)), 32);
+  EXPECT_TRUE(verify_field(folder / "b.slf", {})->findings.empty());
+}
+
+TEST_F(PredictiveField, GoldenSamplesAreTheSameOnEveryInstructionSet) {
+  const auto field = Field::open(std::string(SLF_TEST_DATA) + "/golden/predictive.slf");
+  ASSERT_TRUE(field) << field.error().message;
+  testing::with_each_instruction_set([&](const char* set) {
+    const auto fresh = Field::open(field->path());  // nothing decoded yet
+    std::uint64_t hash = 0xCBF29CE484222325u;       // FNV-1a
+    for (const auto& [key, samples] : all_samples(*fresh, "color"))
+      for (const std::byte byte : samples)
+        hash = (hash ^ std::to_integer<std::uint64_t>(byte)) * 0x100000001B3u;
+    EXPECT_EQ(hash, kGoldenHash) << set;
+  });
+}
+
+TEST_F(PredictiveField, DepthHasNoCodecOfItsOwn) {
+  auto options = predictive_options();
+  options.depth_codec = "zstd";
+  const auto report = build_field(*scene, folder / "a.slf", options);
+  ASSERT_FALSE(report);
+  EXPECT_EQ(report.error().code, ErrorCode::usage);
+}
+
+}  // namespace
+}  // namespace slf
