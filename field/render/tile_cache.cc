@@ -310,9 +310,10 @@ void TileCache::publish_locked(Tile& tile) {
   TilePage& page = *tile.page;
   page.color.store(tile.color.first, std::memory_order_release);
   if (tile.depth.loaded()) page.depth.store(tile.depth.first, std::memory_order_release);
-  if (together_ && tile.color.first) {  // depths come after all colours
+  if (together_) {  // depths come after all colours
     const codec::Tile shape = field_.tile_shape(color_, tile.key);
-    page.depth.store(tile.color.first + 4 * shape.rows() * shape.columns(),
+    const std::byte* const first = tile.color.first;
+    page.depth.store(first ? first + 4 * shape.rows() * shape.columns() : nullptr,
                      std::memory_order_release);
   }
   page.used.store(now(), std::memory_order_relaxed);
