@@ -1,5 +1,5 @@
 // The surroundings of a command: streams that cannot be written, signals, paths and texts of any
-// bytes, folders one may not enter.
+// bytes, folders one may not enter, volumes that are not the ones they are taken for.
 #include <signal.h>
 
 #include <chrono>
@@ -33,7 +33,7 @@ Outcome shell(const std::string& line) {
 }
 
 /// A NIfTI of 8³ bytes with a bright middle.
-void write_volume(const std::string& path) {
+void write_volume(const std::string& path, char middle = '\x7f') {
   std::string bytes(352 + 512, '\0');
   const auto put = [&](std::size_t at, auto value) {
     std::memcpy(&bytes[at], &value, sizeof value);
@@ -46,6 +46,7 @@ void write_volume(const std::string& path) {
   std::memcpy(&bytes[344], "n+1", 4);
   for (std::size_t k = 0; k < 512; ++k)
     if (k % 8 > 1 && k % 8 < 6 && k / 64 > 1 && k / 64 < 6) bytes[352 + k] = '\x7f';
+  bytes[352 + 219] = middle;
   std::ofstream(path, std::ios::binary) << bytes;
 }
 
@@ -156,6 +157,26 @@ TEST(Bytes, TextFromFilesCannotCommandTheTerminal) {
     EXPECT_EQ(all.find("\xc2\x9b"), std::string::npos) << all;
     EXPECT_NE(all.find("a\\x1b[2J\\xc2\\x9b31m.nii"), std::string::npos) << all;
   }
+}
+
+TEST(OtherVolumes, OfTheSameShapeAreWarnedOf) {
+  const Workplace place;
+  write_volume(place / "a.nii");
+  write_volume(place / "copy.nii");
+  write_volume(place / "other.nii", '\x3c');
+  ASSERT_EQ(slf({"build", place / "a.nii", "-o", place / "a.slf", "--entry", "2", "--exit", "2",
+                 "--levels", "0"})
+                .exit_code,
+            0);
+  const auto evaluate = [&](const std::string& volume) {
+    return slf({"evaluate", place / "a.slf", "--volume", place / volume, "--views", "1", "--size",
+                "16", "--json"});
+  };
+  EXPECT_EQ(evaluate("copy.nii").json()["same_source"], true);
+  EXPECT_EQ(evaluate("copy.nii").err, "");
+  const Outcome other = evaluate("other.nii");
+  EXPECT_EQ(other.json()["same_source"], false);
+  EXPECT_NE(other.err.find("warning: "), std::string::npos) << other.err;
 }
 
 TEST(Permissions, OfFoldersAreNamed) {
