@@ -161,7 +161,7 @@ int main(int argc, char** argv) {
     return 1;
   }
   volume = std::move(*read);
-  auto made = Raycaster::make(volume, *transfer);
+  auto made = Raycaster::make(volume, transfer->fit(volume));
   if (!made) {
     std::fprintf(stderr, "%s\n", made.error().message.c_str());
     return 1;

@@ -243,7 +243,7 @@ nlohmann::json measure(const Arguments& a) {
   const Volume volume = expect(a.source.volume());
   const TransferFunction transfer = a.source.transfer.empty()
                                         ? default_transfer(volume)
-                                        : expect(read_transfer(a.source.transfer));
+                                        : expect(read_transfer(a.source.transfer)).fit(volume);
   RaycastOptions options = a.source.raycast;
   options.shade = !a.source.no_shade;
   const unsigned threads = thread_count(a.threads);

@@ -113,6 +113,7 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   add_compare(*app, run);
   add_repack(*app, run);
   add_verify(*app, run);
+  add_transfer(*app, run);
   add_help(*app, run);
   return app;
 }

@@ -97,8 +97,15 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
       ->required();
   command
       .add_option("--transfer", transfer,
-                  "Transfer function, ParaView preset JSON; without one, made from the histogram")
-      ->type_name("FILE.json")
+                  std::string(kTransferHelp) + "; default: made from the histogram")
+      ->type_name(kAnyFile)
+      ->group(kVolumeGroup);
+  command
+      .add_option("--range", range, "Stretch the transfer function to these values of the volume")
+      ->delimiter(',')
+      ->type_size(2)
+      ->expected(1)
+      ->type_name("LO,HI")
       ->group(kVolumeGroup);
   add_raw_to(command);
 }
@@ -119,15 +126,28 @@ void SourceArguments::add_raw_to(CLI::App& command) {
       ->needs(raw)
       ->group(group)
       ->default_str("u8");
-  command.add_option("--spacing", spacing, "Raw files: distance between voxels, as 1x1x1.5")
+  command
+      .add_option("--spacing", spacing,
+                  "Distance between voxels; default: what the file says, or 1")
       ->delimiter('x')
       ->type_size(3)
       ->expected(1)
       ->check(kPositive)
       ->type_name("DXxDYxDZ")
-      ->needs(raw)
-      ->group(group)
-      ->default_str("1x1x1");
+      ->group(group);
+  command
+      .add_option("--component", component,
+                  "Which of several numbers a voxel has (RGB, channels), from 0")
+      ->check(kNotNegative)
+      ->type_name("N")
+      ->group(group);
+  command.add_option("--time", time, "Which of several volumes in a file, from 0")
+      ->check(kNotNegative)
+      ->type_name("N")
+      ->group(group);
+  command.add_option("--crop", crop, "Keep these voxels only: half-open ranges, as 10:200,:,50:")
+      ->type_name("X:X,Y:Y,Z:Z")
+      ->group(group);
   choose(command.add_option("--endian", big_endian, "Raw files: order of a voxel's bytes"),
          Choices<bool>{{"little", false}, {"big", true}})
       ->type_name("TEXT")
@@ -158,20 +178,60 @@ void SourceArguments::add_light_to(CLI::App& command) {
       ->group(group);
 }
 
+namespace {
+
+/// "10:200,:,50:": half-open, an empty start or end being the volume's own.
+Result<VoxelBox> parse_crop(const std::string& text) {
+  VoxelBox box;
+  const auto parts = CLI::detail::split(text, ',');
+  bool ok = parts.size() == 3;
+  for (std::size_t i = 0; ok && i < 3; ++i) {
+    const auto colon = parts[i].find(':');
+    ok = colon != std::string::npos;
+    for (const bool first : {true, false}) {
+      if (!ok) break;
+      const std::string end = first ? parts[i].substr(0, colon) : parts[i].substr(colon + 1);
+      if (end.empty()) continue;
+      std::uint32_t& value = (first ? box.begin : box.end)[i];
+      ok = end.find_first_not_of("0123456789") == std::string::npos &&
+           CLI::detail::lexical_cast(end, value) && (first || value > 0);
+    }
+  }
+  if (!ok)
+    return fail(ErrorCode::usage, "--crop ", text, ": expected X0:X1,Y0:Y1,Z0:Z1, as 10:200,:,50:");
+  return box;
+}
+
+}  // namespace
+
 Result<Volume> SourceArguments::volume() const {
   VolumeOptions options;
   options.labels = labels;
+  options.component = component;
+  options.time = time;
+  if (!crop.empty()) {
+    const auto box = parse_crop(crop);
+    if (!box) return tl::unexpected(box.error());
+    options.crop = *box;
+  }
+  if (!spacing.empty()) options.spacing = to_vector(spacing);
   if (!dims.empty()) {
     RawLayout layout;
     for (std::size_t axis = 0; axis < 3; ++axis) layout.dims[axis] = dims[axis];
-    layout.spacing = to_vector(spacing);
+    layout.spacing = options.spacing.value_or(layout.spacing);
     layout.type = type;
     layout.big_endian = big_endian;
     layout.offset = offset;
     options.raw = layout;
   }
   auto volume = read_volume(input, options);
-  if (volume || volume.error().code != ErrorCode::usage || labels) return volume;
+  if (volume) return volume;
+  for (const auto& [choice, option] :
+       {std::pair{"choose component", "--component"}, std::pair{"choose time point", "--time"}})
+    if (volume.error().message.find(choice) != std::string::npos)
+      return with_cure(volume.error(), std::string("see ") + option);
+  if (volume.error().code != ErrorCode::usage || labels || component || time || !crop.empty())
+    return volume;
   return dims.empty()
              ? with_cure(volume.error(),
                          "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`")
@@ -184,14 +244,14 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
     return make_analytic_scene(std::string_view(input).substr(kScenePrefix.size()));
   RaycastOptions options = raycast;
   options.shade = !no_shade;
-  std::optional<TransferFunction> function;
+  std::optional<TransferPreset> preset;
   const auto built = provenance ? nlohmann::json::parse(*provenance) : nlohmann::json::object();
   if (text_of(built, "kind", "") == "volume") {
     options = raycast_options(*provenance);
     auto parsed = parse_transfer(built.value("transfer", nlohmann::json()).dump(),
                                  "the field's transfer function");
     if (!parsed) return tl::unexpected(parsed.error());
-    function = std::move(*parsed);
+    preset = TransferPreset{.function = std::move(*parsed)};
   }
   if (!light.empty()) {
     options.light = to_vector(light);
@@ -200,16 +260,33 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   if (!transfer.empty()) {
     auto read = read_transfer(transfer);
     if (!read) return tl::unexpected(read.error());
-    function = std::move(*read);
+    preset = std::move(*read);
+  }
+  std::optional<std::array<double, 2>> stretched;
+  if (!range.empty()) {
+    if (!(range[0] < range[1]) || !std::isfinite(range[1] - range[0]))
+      return fail(ErrorCode::usage, "--range ", range[0], ",", range[1],
+                  ": expected two ascending numbers, LO,HI");
+    stretched = {range[0], range[1]};
   }
   auto volume = this->volume();
   if (!volume) return tl::unexpected(volume.error());
-  if (!function) function = default_transfer(*volume);
-  auto made = Raycaster::make(std::move(*volume), *function, options);
-  if (!made)
-    return made.error().code == ErrorCode::failed
-               ? with_cure(made.error(), "choose another --transfer")
-               : tl::unexpected(made.error());
+  for (const std::string& remark : volume->notes) note(volume->source + ": " + remark);
+  if (!labels && looks_like_labels(*volume)) note(volume->source + ": " + kLabelsHint);
+  // A function from the histogram, or from a field, fits the volume already.
+  if (!preset) preset = TransferPreset{.function = default_transfer(*volume)};
+  const TransferFunction function =
+      transfer.empty() && !stretched ? preset->function : preset->fit(*volume, stretched);
+  const auto values = volume->value_range();
+  auto made = Raycaster::make(std::move(*volume), function, options);
+  if (!made && made.error().code == ErrorCode::failed)
+    return with_cure(
+        made.error(),
+        fmt::format("its values run from {:g} to {:g}, the transfer function from {:g} "
+                    "to {:g}: choose another --transfer, or stretch it by --range",
+                    values[0], values[1], function.colors.front().value,
+                    function.colors.back().value));
+  if (!made) return tl::unexpected(made.error());
   return std::unique_ptr<Scene>(std::move(*made));
 }
 

@@ -46,6 +46,7 @@ void add_measure(CLI::App& app, Run& run);
 void add_evaluate(CLI::App& app, Run& run);
 void add_repack(CLI::App& app, Run& run);
 void add_verify(CLI::App& app, Run& run);
+void add_transfer(CLI::App& app, Run& run);
 
 // ---- output ------------------------------------------------------------------------------------
 
@@ -149,17 +150,30 @@ std::istream& operator>>(std::istream& in, PixelSize& size);
 
 /// The inputs that are volumes.
 inline constexpr const char* kVolumeHelp =
-    "Volume: NIfTI, NRRD, MetaImage, a DICOM folder or one of its files,\nor raw with --dims";
+    "Volume: NIfTI, NRRD, MetaImage, TIFF, VTI, MRC, a DICOM folder or one of\n"
+    "its files, a folder of PNGs or TIFFs, or raw with --dims";
 inline constexpr const char* kVolumeGroup = "Volume";
+/// The transfer functions.
+inline constexpr const char* kTransferHelp =
+    "Transfer function: a built-in name (slf transfer --list), or a file of ParaView,\n"
+    "3D Slicer or MRIcroGL; FILE#NAME for one of several";
+
+/// What is said of integers that look like ids.
+inline constexpr const char* kLabelsHint =
+    "its values look like labels (ids), which are blurred when interpolated; --labels gives each "
+    "a colour of its own";
 
 /// INPUT: a volume with its transfer function, or scene:NAME; and how it is lit.
 struct SourceArguments {
   std::string input;
   std::string transfer;
+  std::vector<double> range;        // empty: as the function and the volume have it
   std::vector<std::uint32_t> dims;  // empty: not a raw file
-  std::vector<double> spacing{1, 1, 1};
+  std::vector<double> spacing;      // empty: what the file says
   ScalarType type = ScalarType::u8;
   bool big_endian = false;
+  std::string crop;
+  std::optional<std::uint32_t> component, time;
   std::uint64_t offset = 0;
   bool labels = false;
   RaycastOptions raycast;

@@ -77,7 +77,10 @@ nlohmann::json volume_json(const Volume& volume) {
       {"slope", volume.slope},
       {"intercept", volume.intercept},
       {"range", {range[0], range[1]}},
-      {"labels", volume.labels}};
+      {"labels", volume.labels},
+      {"looks_like_labels", !volume.labels && looks_like_labels(volume)},
+      {"placement", volume.placement},
+      {"notes", volume.notes}};
 }
 
 void print_volume(const Volume& volume) {
@@ -93,6 +96,9 @@ void print_volume(const Volume& volume) {
   print("origin  {}  (world coordinates are LPS)\n", vec(volume.origin));
   for (int axis = 0; axis < 3; ++axis)
     print("axis {}  {}\n", "xyz"[axis], vec(volume.axes[axis] / volume.spacing()[axis]));
+  if (!volume.placement.empty()) print("placed  by {}\n", volume.placement);
+  for (const std::string& remark : volume.notes) print("note    {}\n", remark);
+  if (!volume.labels && looks_like_labels(volume)) print("note    {}\n", kLabelsHint);
 }
 
 Result<void> run_info(const Arguments& arguments) {

@@ -31,8 +31,9 @@ const std::vector<Prose>& all() {
         "committed are not traced again.",
         "World coordinates are millimetres, LPS: x to the patient's left, y to the back, z up."},
        {{"A small field first", "slf build head.nii.gz -o head.slf --levels 1"},
-        {"With the colours of a ParaView preset",
-         "slf build head.nii.gz -o head.slf --transfer preset.json"},
+        {"With colours by name", "slf build head.nii.gz -o head.slf --transfer ct-bone"},
+        {"With a preset of ParaView",
+         "slf build head.nii.gz -o head.slf --transfer presets.json#Viridis"},
         {"Lossless", "slf build head.nii.gz -o head.slf --color-codec zstd --depth-codec zstd"},
         {"Headerless voxels",
          "slf build head.raw -o head.slf --dims 128x128x84 --type u8 --spacing 1x1x1.5"}}},
@@ -40,6 +41,13 @@ const std::vector<Prose>& all() {
        {"For a field, prints geometry, levels, layers, codecs, sizes and provenance; for a volume, "
         "dimensions, spacing, orientation and the range of its values."},
        {{"Is a field complete?", "slf info head.slf --json | grep complete"}}},
+      {"transfer",
+       {"Transfer functions give the values of a volume colours and opacities. Built-in ones have "
+        "names; those for CT are in Hounsfield units, the others relative to the range of the "
+        "volume's values. Files of ParaView, 3D Slicer and MRIcroGL are read as well."},
+       {{"The built-in functions", "slf transfer --list"},
+        {"A picture of one", "slf transfer ct-bone -o ct-bone.png"},
+        {"One to start from in ParaView", "slf transfer mr-brain -o brain.json"}}},
       {"render",
        {"Draws one view with as many tiles as it needs and no more memory than --memory allows. "
         "Pixels "

@@ -142,14 +142,38 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value) {
                  values.begin() + static_cast<std::ptrdiff_t>(at + bytes_per_value));
 }
 
+namespace {
+
+/// Reads `to`, whole: a voxel's `component` among its `components`, each of `width` bytes.
+Result<std::size_t> read_component(ByteReader& reader, const VoxelData& from, std::size_t width,
+                                   std::span<std::byte> to) {
+  if (from.components == 1) return reader.read(to);
+  const std::size_t stride = width * from.components;
+  std::vector<std::byte> chunk(std::max<std::size_t>(kChunk / stride, 1) * stride);
+  std::size_t done = 0;
+  while (done < to.size()) {
+    const std::size_t wanted = std::min(chunk.size(), (to.size() - done) / width * stride);
+    const auto got = reader.read(std::span(chunk).first(wanted));
+    if (!got) return got;
+    for (std::size_t at = 0; at + stride <= *got; at += stride, done += width)
+      std::memcpy(&to[done], &chunk[at + from.component * width], width);
+    if (*got < wanted) break;
+  }
+  return done;
+}
+
+}  // namespace
+
 Result<void> read_voxels(const VoxelData& from, Volume& volume) {
   const auto size = file_size(from.path);
   if (!size) return tl::unexpected(size.error());
-  const std::uint64_t needed = voxel_bytes(volume);
+  const std::uint64_t kept = voxel_bytes(volume);
   const std::uint64_t there = *size > from.offset ? *size - from.offset : 0;
   const std::uint64_t most = from.packed ? there * kMostExpansion : there;
   const auto& d = volume.dims;
-  if (from.skip > most || needed > most - from.skip)
+  std::uint64_t needed = 0;
+  if (__builtin_mul_overflow(kept, from.components, &needed) || from.skip > most ||
+      needed > most - from.skip)
     return fail(ErrorCode::bad_file, from.path, ": ", d[0], "x", d[1], "x", d[2], " voxels of ",
                 name(volume.type), " need ", needed, " bytes from byte ", from.offset + from.skip,
                 " on, but the file holds ", there, from.packed ? " packed" : "",
@@ -167,11 +191,11 @@ Result<void> read_voxels(const VoxelData& from, Volume& volume) {
     left -= *got;
   }
   volume.files.push_back(from.path);
-  volume.voxels.resize(needed);
-  const auto got = reader->read(volume.voxels);
+  volume.voxels.resize(kept);
+  const auto got = read_component(*reader, from, bytes_per_voxel(volume.type), volume.voxels);
   if (!got) return tl::unexpected(got.error());
-  if (*got != needed)
-    return fail(ErrorCode::bad_file, from.path, ": expected ", needed, " bytes of voxels, found ",
+  if (*got != kept)
+    return fail(ErrorCode::bad_file, from.path, ": expected ", kept, " bytes of voxels, found ",
                 *got, ": the file is truncated, or its header is wrong");
   // Reading past the voxels is what makes zlib compare its checksum.
   if (from.packed)
@@ -205,15 +229,60 @@ Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
   return dims;
 }
 
-Result<std::array<std::uint32_t, 3>> check_scalar_dims(const std::string& source,
-                                                       std::vector<std::uint64_t> sizes) {
+Result<std::uint32_t> choose(const std::string& source, const std::optional<std::uint32_t>& chosen,
+                             std::uint64_t count, std::string_view what) {
+  if (!chosen && count > 1)
+    return fail(ErrorCode::unsupported, source, ": ", count, " ", what, "s, expected one: choose ",
+                what, " 0 to ", count - 1);
+  if (chosen.value_or(0) >= count)
+    return fail(ErrorCode::usage, source, ": ", what, " ", *chosen, " was chosen, but it has ",
+                count, ", counted from 0");
+  return chosen.value_or(0);
+}
+
+Result<void> expect_one_number(const std::string& source, const VolumeOptions& options) {
+  for (const auto& [chosen, what] :
+       {std::pair{options.component, "component"}, std::pair{options.time, "time point"}})
+    if (const auto ok = choose(source, chosen, 1, what); !ok) return tl::unexpected(ok.error());
+  return {};
+}
+
+Result<ChosenVolume> choose_volume(const std::string& source, std::vector<std::uint64_t> sizes,
+                                   const VolumeOptions& options) {
   while (sizes.size() > 3 && sizes.back() == 1) sizes.pop_back();
-  if (sizes.size() <= 3) return check_dims(source, sizes);
-  std::string found;
-  for (const auto size : sizes) found.append(found.empty() ? "" : "x").append(std::to_string(size));
-  return fail(ErrorCode::unsupported, source, ": dims ", found,
-              ", expected 3 dimensions: the further ones are time points or components; extract "
-              "one of them into a file of its own");
+  if (sizes.size() > 5) {
+    std::string found;
+    for (const auto size : sizes)
+      found.append(found.empty() ? "" : "x").append(std::to_string(size));
+    return fail(ErrorCode::unsupported, source, ": dims ", found,
+                ", expected 3, then time, then components: extract one volume into a file of its "
+                "own");
+  }
+  const std::uint64_t times = sizes.size() > 3 ? sizes[3] : 1;
+  const std::uint64_t components = sizes.size() > 4 ? sizes[4] : 1;
+  const auto dims =
+      check_dims(source, std::span(sizes).first(std::min<std::size_t>(sizes.size(), 3)));
+  if (!dims) return tl::unexpected(dims.error());
+  const auto time = choose(source, options.time, times, "time point");
+  if (!time) return tl::unexpected(time.error());
+  std::uint64_t index = 0;
+  if (components > 1) {
+    const auto component = choose(source, options.component, components, "component");
+    if (!component) return tl::unexpected(component.error());
+    if (__builtin_mul_overflow(std::uint64_t{*component}, times, &index))
+      return fail(ErrorCode::bad_file, source, ": absurd dims: ", times, " time points");
+  }
+  return ChosenVolume{*dims, index + *time, components > 1};
+}
+
+Result<void> skip_volumes(std::uint64_t index, const Volume& volume, VoxelData& from) {
+  std::uint64_t bytes = 0;
+  if (__builtin_mul_overflow(voxel_bytes(volume), from.components, &bytes) ||
+      __builtin_mul_overflow(bytes, index, &bytes) ||
+      __builtin_add_overflow(bytes, from.skip, &from.skip))
+    return fail(ErrorCode::bad_file, from.path, ": absurd dims: volume ", index,
+                " begins beyond 2^64 bytes");
+  return {};
 }
 
 Result<void> check_axes(const Volume& volume) {

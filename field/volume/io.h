@@ -26,6 +26,8 @@ struct VoxelData {
   bool packed = false;       ///< gzip or zlib
   std::uint64_t skip = 0;    ///< bytes before the voxels, counted once unpacked
   bool big_endian = false;
+  /// Numbers a voxel has, side by side, and which of them is read.
+  std::uint32_t components = 1, component = 0;
 };
 
 /// Bytes of a file from an offset on, unpacked where they are gzip or zlib. Moves forward only.
@@ -59,10 +61,28 @@ class ByteReader {
 [[nodiscard]] Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
                                                               std::span<const std::uint64_t> sizes);
 
-/// Drops extents of 1 beyond the third axis, then check_dims.
-/// unsupported: more than 3 dimensions of extent above 1, named with `what` the fourth may be.
-[[nodiscard]] Result<std::array<std::uint32_t, 3>> check_scalar_dims(
-    const std::string& source, std::vector<std::uint64_t> sizes);
+/// The index that `chosen` names among `count`; 0 where there is one and none is chosen.
+/// unsupported: several, and none chosen. usage: beyond the end. `what`: "component", "time point".
+[[nodiscard]] Result<std::uint32_t> choose(const std::string& source,
+                                           const std::optional<std::uint32_t>& chosen,
+                                           std::uint64_t count, std::string_view what);
+
+/// usage: a component or time was chosen, for a format that has one.
+[[nodiscard]] Result<void> expect_one_number(const std::string& source,
+                                             const VolumeOptions& options);
+
+/// Three extents, and which of the volumes of that size that follow each other.
+struct ChosenVolume {
+  std::array<std::uint32_t, 3> dims{};
+  std::uint64_t index = 0;
+  bool by_component = false;  ///< the component is chosen with it: volumes of one each
+};
+
+/// check_dims of the first three; a fourth is time, a fifth components, as options choose. Further
+/// ones must be 1.
+[[nodiscard]] Result<ChosenVolume> choose_volume(const std::string& source,
+                                                 std::vector<std::uint64_t> sizes,
+                                                 const VolumeOptions& options);
 
 /// bad_file: axes or origin that are not finite, or axes that do not span space.
 [[nodiscard]] Result<void> check_axes(const Volume& volume);
@@ -70,6 +90,10 @@ class ByteReader {
 /// Fills `volume.voxels`, in native byte order, from `from`; dims and type are set.
 /// bad_file: fewer bytes than the dims need, or damaged packed data.
 [[nodiscard]] Result<void> read_voxels(const VoxelData& from, Volume& volume);
+
+/// Skips `index` volumes of this size and of the components in `from`.
+/// bad_file: more bytes than there can be.
+[[nodiscard]] Result<void> skip_volumes(std::uint64_t index, const Volume& volume, VoxelData& from);
 
 /// Bytes the voxels take. REQUIRES: dims that passed check_dims.
 [[nodiscard]] std::uint64_t voxel_bytes(const Volume& volume);
@@ -95,11 +119,25 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 [[nodiscard]] bool looks_like_nifti(std::string_view head);
 [[nodiscard]] bool looks_like_meta(std::string_view head);
 [[nodiscard]] bool looks_like_dicom(std::string_view head);
-[[nodiscard]] Result<Volume> read_nifti(const std::string& path, std::string_view head);
-[[nodiscard]] Result<Volume> read_nrrd(const std::string& path, std::string_view head);
-[[nodiscard]] Result<Volume> read_meta(const std::string& path, std::string_view head);
-[[nodiscard]] Result<Volume> read_raw(const std::string& path, const RawLayout& layout);
+[[nodiscard]] bool looks_like_mrc(std::string_view head);
+[[nodiscard]] bool looks_like_vti(std::string_view head);
+[[nodiscard]] bool looks_like_tiff(std::string_view head);
+[[nodiscard]] bool looks_like_png(std::string_view head);
+[[nodiscard]] Result<Volume> read_nifti(const std::string& path, std::string_view head,
+                                        const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_nrrd(const std::string& path, std::string_view head,
+                                       const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_meta(const std::string& path, std::string_view head,
+                                       const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_mrc(const std::string& path, std::string_view head,
+                                      const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_vti(const std::string& path, const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
+                                      const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_dicom_folder(const std::string& path);
 [[nodiscard]] Result<Volume> read_dicom_file(const std::string& path);
+/// DICOM where the folder has any, else its PNGs or TIFFs, one or more slices each.
+[[nodiscard]] Result<Volume> read_folder(const std::string& path, const VolumeOptions& options);
 
 }  // namespace slf::volume_io

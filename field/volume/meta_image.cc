@@ -156,7 +156,8 @@ Result<void> read_scale(const Header& header, Volume& volume) {
   return {};
 }
 
-Result<VoxelData> locate(const Header& header, const Volume& volume) {
+/// `copies`: how many times the volume's bytes the file holds, in components and time points.
+Result<VoxelData> locate(const Header& header, const Volume& volume, std::uint64_t copies) {
   const std::string& path = volume.source;
   const auto binary = flag(path, header, {"BinaryData"}, true);
   const auto packed = flag(path, header, {"CompressedData"}, false);
@@ -186,8 +187,9 @@ Result<VoxelData> locate(const Header& header, const Volume& volume) {
                   ", expected a count of bytes, or -1");
     if (*skip >= 0)
       data.offset = static_cast<std::uint64_t>(*skip);
-    else if (*size >= voxel_bytes(volume))  // the voxels are at the end of the file
-      data.offset = *size - voxel_bytes(volume);
+    else if (std::uint64_t bytes = 0;  // the voxels are the last bytes of the file
+             !__builtin_mul_overflow(voxel_bytes(volume), copies, &bytes) && *size >= bytes)
+      data.offset = *size - bytes;
   }
   return data;
 }
@@ -206,7 +208,8 @@ bool looks_like_meta(std::string_view head) {
   return false;
 }
 
-Result<Volume> read_meta(const std::string& path, std::string_view head) {
+Result<Volume> read_meta(const std::string& path, std::string_view head,
+                         const VolumeOptions& options) {
   const auto header = parse_lines(path, head);
   if (!header) return tl::unexpected(header.error());
   Volume volume;
@@ -214,23 +217,35 @@ Result<Volume> read_meta(const std::string& path, std::string_view head) {
   if (const auto* object = header->find({"ObjectType"}); object && lower(*object) != "image")
     return fail(ErrorCode::unsupported, path, ": a MetaIO ", in_quotes(*object),
                 ", expected ObjectType = Image");
-  if (const auto* channels = header->find({"ElementNumberOfChannels"});
-      channels && parse_integer(*channels) != 1)
-    return fail(ErrorCode::unsupported, path, ": ", in_quotes(*channels),
-                " components a voxel (ElementNumberOfChannels), expected 1: extract one of them");
+  const auto* channels = header->find({"ElementNumberOfChannels"});
+  const auto count = channels ? parse_integer(*channels) : 1;
+  if (!count || *count < 1 || *count > 4096)
+    return fail(ErrorCode::bad_file, path, ": 'ElementNumberOfChannels' is ", in_quotes(*channels),
+                ", expected 1 to 4096");
   const auto type = scalar_type(path, *header);
   if (!type) return tl::unexpected(type.error());
   volume.type = *type;
   const auto sizes = sizes_of(path, *header);
   if (!sizes) return tl::unexpected(sizes.error());
-  const auto dims = check_scalar_dims(path, *sizes);
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
+  const auto chosen = choose_volume(path, *sizes, options);
+  if (!chosen) return tl::unexpected(chosen.error());
+  volume.dims = chosen->dims;
   if (auto placed = place(*header, sizes->size(), volume); !placed)
     return tl::unexpected(placed.error());
   if (auto scaled = read_scale(*header, volume); !scaled) return tl::unexpected(scaled.error());
-  const auto data = locate(*header, volume);
+  std::uint64_t copies = static_cast<std::uint64_t>(*count);
+  for (std::size_t i = 3; i < sizes->size(); ++i)
+    if (__builtin_mul_overflow(copies, (*sizes)[i], &copies))
+      return fail(ErrorCode::bad_file, path, ": absurd 'DimSize'");
+  auto data = locate(*header, volume, copies);
   if (!data) return tl::unexpected(data.error());
+  data->components = static_cast<std::uint32_t>(*count);
+  if (*count > 1 || !chosen->by_component) {
+    const auto component = choose(path, options.component, data->components, "component");
+    if (!component) return tl::unexpected(component.error());
+    data->component = *component;
+  }
+  if (auto ok = skip_volumes(chosen->index, volume, *data); !ok) return tl::unexpected(ok.error());
   if (auto read = read_voxels(*data, volume); !read) return tl::unexpected(read.error());
   return volume;
 }

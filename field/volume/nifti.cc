@@ -4,10 +4,14 @@
 // four times the memory, where we keep them and their slope. libnifti trusts the dims it allocates
 // by, and reports on stderr. What is left of the format is a header of fixed offsets (nifti1.h,
 // nifti2.h) and the arithmetic of the two transforms, below.
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <iomanip>
+#include <numbers>
+#include <sstream>
 
 #include "base/bytes.h"
 #include "field/volume/io.h"
@@ -122,22 +126,35 @@ Result<ScalarType> scalar_type(const std::string& path, int datatype) {
       return ScalarType::i64;
     case 1280:
       return ScalarType::u64;
-    case 128:
-    case 2304:
-      return fail(ErrorCode::unsupported, path, ": voxels are colours (", datatype == 128 ? 3 : 4,
-                  " components), expected one number each: extract one component");
-    case 32:
+    case 128:   // RGB
+    case 2304:  // RGBA
+      return ScalarType::u8;
+    case 32:  // complex
+      return ScalarType::f32;
     case 1792:
-    case 2048:
-      return fail(ErrorCode::unsupported, path,
-                  ": voxels are complex numbers (2 components), "
-                  "expected one number each: extract the magnitude");
+      return ScalarType::f64;
     case 1:
     case 1536:
+    case 2048:
       return fail(ErrorCode::unsupported, path, ": datatype ", datatype,
                   " (bits or 128 bit floats): convert to 8, 16, 32 or 64 bits");
     default:
       return fail(ErrorCode::bad_file, path, ": unknown datatype code ", datatype);
+  }
+}
+
+/// Numbers a voxel has: colours and complex numbers have several.
+std::uint32_t components_of(int datatype) {
+  switch (datatype) {
+    case 128:
+      return 3;
+    case 2304:
+      return 4;
+    case 32:
+    case 1792:
+      return 2;
+    default:
+      return 1;
   }
 }
 
@@ -176,59 +193,98 @@ Transform qform_of(const Header& header) {
   return t;
 }
 
-bool is_orthogonal(const glm::dmat3& axes) {
+bool is_usable(const Transform& t) {
+  double scale = 1;
   for (int i = 0; i < 3; ++i) {
-    const glm::dvec3 u = axes[i], v = axes[(i + 1) % 3];
-    if (!(std::abs(glm::dot(u, v)) <= 1e-4 * glm::length(u) * glm::length(v))) return false;
-  }
-  return true;
-}
-
-bool is_similar(const Transform& a, const Transform& b) {
-  for (int i = 0; i < 3; ++i)
-    if (!(glm::length(a.axes[i] - b.axes[i]) <= 1e-4 * glm::length(a.axes[i])) ||
-        !(std::abs(a.origin[i] - b.origin[i]) <= 1e-4))
-      return false;
-  return true;
-}
-
-bool is_finite(const Transform& t) {
-  for (int i = 0; i < 3; ++i)
     if (!std::isfinite(t.origin[i]) || !(glm::length(t.axes[i]) < 1e30)) return false;
-  return std::abs(glm::determinant(t.axes)) > 0;
+    scale *= glm::length(t.axes[i]);
+  }
+  return std::abs(glm::determinant(t.axes)) > 1e-6 * scale;
 }
 
-// The choice ITK 5.2 makes: the sform, more precise, where the qform is absent, where both agree,
-// or where the sform is the scanner's; the qform where the sform is sheared or of another space.
-// Where there is only a sheared sform ITK refuses the file; we can read it.
-bool prefers_sform(const Header& header, const Transform& sform, const Transform& qform) {
-  if (header.sform_code <= 0) return false;
-  if (header.qform_code <= 0) return true;
-  if (!is_finite(sform) || !is_orthogonal(sform.axes)) return false;
-  constexpr int kScanner = 1;
-  return header.sform_code == kScanner || is_similar(sform, qform);
+/// The greatest distance between where two transforms place a voxel: that of a corner.
+double greatest_distance(const Transform& a, const Transform& b, const Volume& volume) {
+  double greatest = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    glm::dvec3 index;
+    for (int i = 0; i < 3; ++i)
+      index[i] = (corner >> i & 1) * double(volume.dims[static_cast<std::size_t>(i)] - 1);
+    const glm::dvec3 d = (a.axes - b.axes) * index + (a.origin - b.origin);
+    greatest = std::max(greatest, glm::length(d));
+  }
+  return greatest;
 }
 
+/// The angle furthest from a right one at which two axes meet, in degrees.
+double most_oblique_angle(const glm::dmat3& axes) {
+  double angle = 90;
+  for (int i = 0; i < 3; ++i) {
+    const glm::dvec3 u = glm::normalize(axes[i]), v = glm::normalize(axes[(i + 1) % 3]);
+    const double between =
+        std::acos(std::clamp(glm::dot(u, v), -1.0, 1.0)) * 180 / std::numbers::pi;
+    if (std::abs(between - 90) > std::abs(angle - 90)) angle = between;
+  }
+  return angle;
+}
+
+/// A number for people, in few digits.
+std::string brief(double value) {
+  std::ostringstream text;
+  text << std::setprecision(3) << value;
+  return std::move(text).str();
+}
+
+// The choice of nibabel, FSL and NiiVue: the sform where its code is set, else the qform, else the
+// grid alone, which nibabel and SPM take as LAS with the world's origin at its centre. ITK prefers
+// the qform in some cases, and refuses shear; a ray-caster has no reason to.
 Result<void> place(const Header& header, Volume& volume) {
   const Transform sform = sform_of(header), qform = qform_of(header);
+  const bool has_sform = header.sform_code > 0, has_qform = header.qform_code > 0;
+  const bool damaged_sform = has_sform && has_qform && !is_usable(sform);
+  const auto code = [](int value) { return " (code " + std::to_string(value) + ")"; };
   Transform t;
-  if (prefers_sform(header, sform, qform)) {
+  if (has_sform && !damaged_sform) {
     t = sform;
+    volume.placement = "sform" + code(header.sform_code);
+    if (const double angle = is_usable(t) ? most_oblique_angle(t.axes) : 90;
+        std::abs(angle - 90) > 0.1)
+      volume.notes.push_back("its sform is sheared: two of its axes meet at " + brief(angle) +
+                             " degrees; it is drawn so");
   } else {
     for (std::size_t i = 1; i <= 3; ++i)
       if (!(header.pixdim[i] > 0) || !std::isfinite(header.pixdim[i]))
         return fail(ErrorCode::bad_file, volume.source, ": spacing (pixdim[", i, "]) is ",
                     header.pixdim[i], ", expected a positive number");
-    if (header.qform_code > 0)
+    if (has_qform) {
       t = qform;
-    else  // neither: as ITK, the grid itself with the origin at its first voxel
-      for (int i = 0; i < 3; ++i) t.axes[i][i] = header.pixdim[static_cast<std::size_t>(i) + 1];
+      volume.placement = "qform" + code(header.qform_code);
+      if (damaged_sform)
+        volume.notes.push_back("its sform" + code(header.sform_code) +
+                               " is singular or not finite: placed by its qform" +
+                               code(header.qform_code));
+    } else {
+      for (int i = 0; i < 3; ++i) {
+        const auto axis = static_cast<std::size_t>(i);
+        t.axes[i][i] = header.pixdim[axis + 1] * (i == 0 ? -1 : 1);
+        t.origin[i] = t.axes[i][i] * -0.5 * (double(volume.dims[axis]) - 1);
+      }
+      volume.placement = "pixdim (neither sform nor qform)";
+      volume.notes.push_back(
+          "it names no orientation (sform_code and qform_code are 0): placed as nibabel and SPM "
+          "do, LAS and centred; left and right may be swapped");
+    }
   }
-  // From RAS to LPS; with neither transform the file says nothing of RAS, and ITK leaves it be.
-  if (header.sform_code > 0 || header.qform_code > 0) {
-    for (int i = 0; i < 3; ++i) t.axes[i] *= glm::dvec3(-1, -1, 1);
-    t.origin *= glm::dvec3(-1, -1, 1);
+  if (has_sform && has_qform && !damaged_sform && is_usable(sform) && is_usable(qform)) {
+    const double apart = greatest_distance(sform, qform, volume);
+    double least = HUGE_VAL;
+    for (int i = 0; i < 3; ++i) least = std::min(least, glm::length(sform.axes[i]));
+    if (apart > 0.1 * least)
+      volume.notes.push_back("placed by its sform" + code(header.sform_code) + "; its qform" +
+                             code(header.qform_code) + " differs by up to " + brief(apart) +
+                             " units");
   }
+  for (int i = 0; i < 3; ++i) t.axes[i] *= glm::dvec3(-1, -1, 1);  // from RAS to LPS
+  t.origin *= glm::dvec3(-1, -1, 1);
   constexpr int kMetre = 1, kMicron = 3;
   const int unit = header.units & 7;
   const double to_mm = unit == kMetre ? 1e3 : unit == kMicron ? 1e-3 : 1;
@@ -249,7 +305,8 @@ bool looks_like_nifti(std::string_view head) {
   return magic == std::string_view("n+2\0", 4) || magic == std::string_view("ni2\0", 4);
 }
 
-Result<Volume> read_nifti(const std::string& path, std::string_view head) {
+Result<Volume> read_nifti(const std::string& path, std::string_view head,
+                          const VolumeOptions& options) {
   const Header header = parse(head);
   Volume volume;
   volume.source = path;
@@ -266,9 +323,9 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head) {
   const auto type = scalar_type(path, header.datatype);
   if (!type) return tl::unexpected(type.error());
   volume.type = *type;
-  const auto dims = check_scalar_dims(path, sizes);
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
+  const auto chosen = choose_volume(path, sizes, options);
+  if (!chosen) return tl::unexpected(chosen.error());
+  volume.dims = chosen->dims;
   if (auto placed = place(header, volume); !placed) return tl::unexpected(placed.error());
 
   // A slope of 0 means that there is none.
@@ -281,6 +338,12 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head) {
                 ", expected the byte where the voxels begin");
   VoxelData data{.path = path, .big_endian = header.big_endian};
   data.skip = static_cast<std::uint64_t>(header.vox_offset);
+  data.components = components_of(header.datatype);
+  if (data.components > 1 || !chosen->by_component) {
+    const auto component = choose(path, options.component, data.components, "component");
+    if (!component) return tl::unexpected(component.error());
+    data.component = *component;
+  }
   const std::uint64_t header_bytes = big_endian_of(head, kHeader1) ? kHeader1 : kHeader2;
   if (!header.single_file)
     data.path = std::filesystem::path(path).replace_extension(".img").string();
@@ -288,8 +351,10 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head) {
     data.skip = header_bytes + 4;  // unset: behind the header and its extension flag
   std::ifstream file(data.path, std::ios::binary);
   if (!file)
-    return fail(ErrorCode::io, path, ": its voxels are in ", data.path, ", which cannot be opened");
+    return fail(ErrorCode::io, path, ": its voxels are in ", data.path,
+                ", which cannot be opened: ", std::strerror(errno));
   data.packed = file.get() == 0x1f && file.get() == 0x8b;
+  if (auto ok = skip_volumes(chosen->index, volume, data); !ok) return tl::unexpected(ok.error());
   if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
   return volume;
 }

@@ -172,22 +172,36 @@ Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fi
   return axes;
 }
 
-/// The three axes of space. Drops other axes of extent 1, those of components first.
-Result<void> keep_space(const std::string& path, bool directed, std::vector<Axis>& axes) {
+/// What is left beside the three axes of space: components in front, time points behind.
+struct Beside {
+  std::uint64_t components = 1, times = 1;
+};
+
+/// Keeps the three axes of space; extents of 1 beyond them are dropped, components first.
+Result<Beside> keep_space(const std::string& path, bool directed, std::vector<Axis>& axes) {
   const auto beyond = [&](const Axis& a) { return is_range(a) || (directed && !a.direction); };
   std::erase_if(axes, [&](const Axis& a) { return a.size == 1 && beyond(a); });
   for (std::size_t i = axes.size(); i-- > 0 && axes.size() > 3;)
     if (axes[i].size == 1) axes.erase(axes.begin() + static_cast<std::ptrdiff_t>(i));
-  const bool has_components = std::any_of(axes.begin(), axes.end(), beyond);
-  if (axes.size() <= 3 && !has_components) return {};
+  const std::vector<Axis> all = axes;
+  Beside beside;
+  if (axes.size() > 3 && beyond(axes.front())) {
+    beside.components = axes.front().size;
+    axes.erase(axes.begin());
+  }
+  if (axes.size() == 4 && (beyond(axes.back()) || std::none_of(axes.begin(), axes.end(), beyond))) {
+    beside.times = axes.back().size;
+    axes.pop_back();
+  }
+  if (axes.size() <= 3 && std::none_of(axes.begin(), axes.end(), beyond)) return beside;
   std::string found;
-  for (const Axis& axis : axes)
+  for (const Axis& axis : all)
     found.append(found.empty() ? "" : "x")
         .append(std::to_string(axis.size))
         .append(axis.kind.empty() ? "" : " (" + in_quotes(axis.kind) + ")");
   return fail(ErrorCode::unsupported, path, ": sizes ", found,
-              ", expected 3 axes of one number each: extract one component or time point, e.g. "
-              "`unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
+              ", expected 3 axes of space, components before and time behind: extract one volume, "
+              "e.g. `unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
 }
 
 /// Converts from the header's space to LPS. Other spaces do not change, as in ITK.
@@ -282,7 +296,9 @@ Result<bool> parse_big_endian(const std::string& path, const FieldMap& fields, S
               ", expected 'endian: little' or 'endian: big'");
 }
 
-Result<VoxelData> locate(const std::string& path, const Header& header, const Volume& volume) {
+/// `copies`: how many times the volume's bytes the file holds, in components and time points.
+Result<VoxelData> locate(const std::string& path, const Header& header, const Volume& volume,
+                         std::uint64_t copies) {
   const auto& fields = header.fields;
   VoxelData data{.path = path, .offset = header.bytes};
   if (const auto found = fields.find("datafile"); found != fields.end()) {
@@ -311,14 +327,17 @@ Result<VoxelData> locate(const std::string& path, const Header& header, const Vo
   data.skip = *skip;
   if (static_cast<std::int64_t>(data.skip) == -1) {  // the voxels are at the end of the file
     data.skip = 0;
-    if (*size >= voxel_bytes(volume)) data.offset = *size - voxel_bytes(volume);
+    std::uint64_t bytes = 0;
+    if (!__builtin_mul_overflow(voxel_bytes(volume), copies, &bytes) && *size >= bytes)
+      data.offset = *size - bytes;
   }
   return data;
 }
 
 }  // namespace
 
-Result<Volume> read_nrrd(const std::string& path, std::string_view head) {
+Result<Volume> read_nrrd(const std::string& path, std::string_view head,
+                         const VolumeOptions& options) {
   const auto header = parse_lines(path, head);
   if (!header) return tl::unexpected(header.error());
   const FieldMap& fields = header->fields;
@@ -336,7 +355,11 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head) {
   auto axes = parse_axes(path, fields);
   if (!axes) return tl::unexpected(axes.error());
   const bool directed = fields.contains("spacedirections");
-  if (auto kept = keep_space(path, directed, *axes); !kept) return tl::unexpected(kept.error());
+  const auto beside = keep_space(path, directed, *axes);
+  if (!beside) return tl::unexpected(beside.error());
+  if (beside->components > 4096)
+    return fail(ErrorCode::unsupported, path, ": ", beside->components,
+                " components a voxel, expected at most 4096");
   std::vector<std::uint64_t> sizes;
   for (const Axis& axis : *axes) sizes.push_back(axis.size);
   const auto dims = check_dims(path, sizes);
@@ -346,8 +369,15 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head) {
       directed ? place_directed(fields, *axes, volume) : place_by_spacing(fields, *axes, volume);
   if (!placed) return tl::unexpected(placed.error());
 
-  const auto data = locate(path, *header, volume);
+  const auto time = choose(path, options.time, beside->times, "time point");
+  if (!time) return tl::unexpected(time.error());
+  auto data = locate(path, *header, volume, beside->components * beside->times);
   if (!data) return tl::unexpected(data.error());
+  data->components = static_cast<std::uint32_t>(beside->components);
+  const auto component = choose(path, options.component, data->components, "component");
+  if (!component) return tl::unexpected(component.error());
+  data->component = *component;
+  if (auto ok = skip_volumes(*time, volume, *data); !ok) return tl::unexpected(ok.error());
   if (auto read = read_voxels(*data, volume); !read) return tl::unexpected(read.error());
   return volume;
 }

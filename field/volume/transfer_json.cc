@@ -1,11 +1,10 @@
-// ParaView's preset JSON: an array of presets, or one alone.
+// ParaView's preset JSON, an array of presets or one alone; and 3D Slicer's volume properties.
+#include <charconv>
 #include <cmath>
-#include <fstream>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "field/volume/io.h"
-#include "slf/transfer.h"
+#include "field/volume/transfer_formats.h"
 
 namespace slf {
 
@@ -82,64 +81,169 @@ Result<Space> read_space(const json& preset, const Place& place) {
               ", expected RGB, HSV, Lab, CIELAB, Diverging or Step");
 }
 
-Result<TransferFunction> read_preset(const json& preset, const Place& place) {
+/// Colours of categories, at their annotated values where those are numbers, else at 0, 1, 2, ...
+Result<std::vector<TransferFunction::ColorPoint>> read_indexed(const json& preset,
+                                                               const Place& place) {
+  const auto& found = preset["IndexedColors"];
+  if (!found.is_array() || found.empty() || found.size() % 3 != 0)
+    return bad(place("IndexedColors"), " is not an array of 3 numbers a colour: red, green, blue");
+  std::vector<TransferFunction::ColorPoint> points;
+  const auto annotations = preset.find("Annotations");
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    const auto where = place("IndexedColors[" + std::to_string(i) + "]");
+    if (!found[i].is_number())
+      return bad(where, " is ", found[i].type_name(), ", expected a number");
+    const double channel = found[i].get<double>();
+    if (!(channel >= 0 && channel <= 1)) return bad(where, " is ", channel, ", expected 0 to 1");
+    if (i % 3 == 0) points.push_back({static_cast<double>(i / 3), {}});
+    points.back().rgb[static_cast<int>(i % 3)] = channel;
+  }
+  // Pairs of value and text; of some files the values are text, too.
+  if (annotations == preset.end() || !annotations->is_array()) return points;
+  std::vector<double> values;
+  for (std::size_t i = 0; i < points.size() && 2 * i < annotations->size(); ++i) {
+    const json& item = (*annotations)[2 * i];
+    const auto number = item.is_number()   ? std::optional(item.get<double>())
+                        : item.is_string() ? volume_io::parse_number(item.get<std::string>())
+                                           : std::nullopt;
+    if (!number || !std::isfinite(*number) || (!values.empty() && *number <= values.back()))
+      return points;
+    values.push_back(*number);
+  }
+  if (values.size() == points.size())
+    for (std::size_t i = 0; i < points.size(); ++i) points[i].value = values[i];
+  return points;
+}
+
+Result<TransferPreset> read_preset(const json& preset, const Place& place) {
   if (!preset.is_object())
     return bad(place.file, ": ", place.path, place.path.empty() ? "" : " ", "is ",
                preset.type_name(),
                ", expected a ParaView preset, {\"RGBPoints\": [...], "
                "\"Points\": [...]}");
-  TransferFunction result;
+  TransferPreset result;
+  TransferFunction& function = result.function;
   if (const auto found = preset.find("Name"); found != preset.end()) {
     if (!found->is_string())
       return bad(place("Name"), " is ", found->type_name(), ", expected a string");
-    result.name = found->get<std::string>();
+    function.name = found->get<std::string>();
   }
-  const auto space = read_space(preset, place);
-  if (!space) return tl::unexpected(space.error());
-  result.space = *space;
-  const auto colors = read_points(preset, place, "RGBPoints", 4, "value, red, green, blue");
-  if (!colors) return tl::unexpected(colors.error());
-  for (auto p = colors->begin(); p != colors->end(); p += 4)
-    result.colors.push_back({p[0], {p[1], p[2], p[3]}});
-  const auto points =
-      read_points(preset, place, "Points", 4, "value, opacity, midpoint, sharpness");
-  if (!points) return tl::unexpected(points.error());
-  for (auto p = points->begin(); p != points->end(); p += 4)
-    result.opacities.push_back({p[0], p[1], p[2], p[3]});
+  if (preset.contains("IndexedColors") && !preset.contains("RGBPoints")) {
+    auto points = read_indexed(preset, place);
+    if (!points) return tl::unexpected(points.error());
+    function.colors = std::move(*points);
+    function.space = Space::step;
+    result.values = TransferPreset::Values::indexed;
+  } else {
+    const auto space = read_space(preset, place);
+    if (!space) return tl::unexpected(space.error());
+    function.space = *space;
+    const auto colors = read_points(preset, place, "RGBPoints", 4, "value, red, green, blue");
+    if (!colors) return tl::unexpected(colors.error());
+    for (auto p = colors->begin(); p != colors->end(); p += 4)
+      function.colors.push_back({p[0], {p[1], p[2], p[3]}});
+  }
+  result.has_opacity =
+      preset.contains("Points") && result.values != TransferPreset::Values::indexed;
+  if (result.has_opacity) {
+    const auto points =
+        read_points(preset, place, "Points", 4, "value, opacity, midpoint, sharpness");
+    if (!points) return tl::unexpected(points.error());
+    for (auto p = points->begin(); p != points->end(); p += 4)
+      function.opacities.push_back({p[0], p[1], p[2], p[3]});
+  } else {
+    function.opacities =
+        transfer_formats::opacity_ramp(function.colors.front().value, function.colors.back().value);
+  }
+  result.has_unit_distance = result.has_opacity;
   if (const auto found = preset.find("ScalarOpacityUnitDistance"); found != preset.end()) {
     const double distance = found->is_number() ? found->get<double>() : -1;
     if (!(distance > 0) || !std::isfinite(distance))
       return bad(place("ScalarOpacityUnitDistance"), " is ", in_quotes(found->dump().substr(0, 40)),
                  ", expected a positive number");
-    result.unit_distance = distance;
+    function.unit_distance = distance;
   }
   return result;
 }
 
+/// One function of 3D Slicer's JSON: {"points": [{"x": ..., KEY: ...}, ...]}, as the flat array of
+/// ParaView's, x and then its `stride` - 1 other numbers.
+json flat_points(const json& component, const char* name, const char* key, std::size_t stride) {
+  json flat = json::array();
+  const auto found = component.find(name);
+  if (found == component.end() || !found->is_object()) return flat;
+  for (const json& point : found->value("points", json::array())) {
+    if (!point.is_object()) return json("a point that is no object");
+    flat.push_back(point.value("x", json()));
+    const json value = point.value(key, json());
+    if (value.is_array())
+      for (const json& channel : value) flat.push_back(channel);
+    else
+      flat.push_back(value);
+    if (stride == 4 && !value.is_array()) {
+      flat.push_back(point.value("midpoint", 0.5));
+      flat.push_back(point.value("sharpness", 0.0));
+    }
+  }
+  return flat;
+}
+
+/// The first component of one of 3D Slicer's volume properties, as a ParaView preset.
+json as_preset(const json& property, const std::string& name) {
+  json preset{{"Name", name}};
+  const json components = property.is_object() ? property.value("components", json()) : json();
+  if (!components.is_array() || components.empty() || !components[0].is_object()) return preset;
+  preset["RGBPoints"] = flat_points(components[0], "rgbTransferFunction", "color", 4);
+  preset["Points"] = flat_points(components[0], "scalarOpacity", "y", 4);
+  if (const auto found = components[0].find("scalarOpacityUnitDistance");
+      found != components[0].end())
+    preset["ScalarOpacityUnitDistance"] = *found;
+  return preset;
+}
+
 }  // namespace
 
-Result<TransferFunction> parse_transfer(const std::string& text, const std::string& source) {
+transfer_formats::Presets transfer_formats::parse_json(const std::string& text,
+                                                       const std::string& source) {
   try {
-    const json document = json::parse(text);
-    if (!document.is_array()) return read_preset(document, {source, ""});
+    json document = json::parse(text);
+    if (document.is_object() && document.contains("volumeProperties")) {
+      json presets = json::array();
+      for (const json& property : document["volumeProperties"])
+        presets.push_back(as_preset(property, source));
+      document = std::move(presets);
+    }
+    const bool alone = !document.is_array();
+    if (alone) document = json::array({document});
     if (document.empty()) return bad(source, ": an empty array, expected at least one preset");
-    return read_preset(document[0], {source, "[0]"});
+    std::vector<TransferPreset> presets;
+    for (std::size_t i = 0; i < document.size(); ++i) {
+      auto preset = read_preset(document[i], {source, alone ? "" : "[" + std::to_string(i) + "]"});
+      if (!preset) return tl::unexpected(preset.error());
+      presets.push_back(std::move(*preset));
+    }
+    return presets;
   } catch (const std::exception& error) {  // its what() names line and column
     return bad(source, ": not JSON: ", error.what());
   }
 }
 
-Result<TransferFunction> read_transfer(const std::string& path) {
-  const auto size = volume_io::file_size(path);
-  if (!size) return tl::unexpected(size.error());
-  constexpr std::uint64_t kMost = std::uint64_t{64} << 20;
-  if (*size > kMost)
-    return bad(path, ": ", *size, " bytes, expected a ParaView preset of at most ", kMost);
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream text;
-  if (!file || (*size > 0 && !(text << file.rdbuf())))
-    return fail(ErrorCode::io, path, ": cannot be read");
-  return parse_transfer(std::move(text).str(), path);
+Result<TransferFunction> parse_transfer(const std::string& text, const std::string& source) {
+  try {
+    const json document = json::parse(text);
+    if (document.is_array() && document.empty())
+      return bad(source, ": an empty array, expected at least one preset");
+    const Place place{source, document.is_array() ? "[0]" : ""};
+    auto preset = read_preset(document.is_array() ? document[0] : document, place);
+    if (!preset) return tl::unexpected(preset.error());
+    if (!preset->has_opacity)
+      return bad(place("Points"),
+                 " is missing, expected an array of value, opacity, midpoint, "
+                 "sharpness a point");
+    return std::move(preset->function);
+  } catch (const std::exception& error) {
+    return bad(source, ": not JSON: ", error.what());
+  }
 }
 
 std::string to_json(const TransferFunction& transfer) {

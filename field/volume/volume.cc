@@ -72,13 +72,17 @@ Result<Volume> read_headerless(const std::string& path, std::string_view head) {
         Promise{".hdr", "a NIfTI header ('ni1' at byte 344)"}, Promise{".nrrd", "'NRRD000'"},
         Promise{".nhdr", "'NRRD000'"}, Promise{".mha", "'ObjectType = Image'"},
         Promise{".mhd", "'ObjectType = Image'"}, Promise{".dcm", "'DICM' at byte 128"},
+        Promise{".tif", "a TIFF header ('II*' or 'MM')"},
+        Promise{".tiff", "a TIFF header ('II*' or 'MM')"},
+        Promise{".vti", "'<VTKFile type=\"ImageData\"'"},
+        Promise{".mrc", "an MRC header ('MAP' at byte 208)"},
         Promise{".gz", "a NIfTI header within"}})
     if (file.ends_with(ending))
       return fail(ErrorCode::bad_file, path, ": expected ", expected, ", found ",
                   in_quotes(head.substr(0, 16)), " at its start: it is damaged, or misnamed");
   return fail(ErrorCode::usage, path,
-              ": neither NIfTI, NRRD, MetaImage nor DICOM; headerless voxels need their "
-              "layout: dimensions, type, spacing and offset");
+              ": of no known format (NIfTI, NRRD, MetaImage, DICOM, TIFF, VTI, MRC); headerless "
+              "voxels need their layout: dimensions, type, spacing and offset");
 }
 
 Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
@@ -86,9 +90,9 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
   if (std::filesystem::is_directory(path, code)) {
     if (options.raw)
       return fail(ErrorCode::usage, path, ": a raw layout was given, but this is a folder");
-    return read_dicom_folder(path);
+    return read_folder(path, options);
   }
-  if (options.raw) return read_raw(path, *options.raw);
+  if (options.raw) return read_raw(path, *options.raw, options);
   const auto size = file_size(path);
   if (!size) return tl::unexpected(size.error());
   if (*size == 0)
@@ -96,10 +100,19 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
   constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
   const auto head = read_head(path, std::min<std::uint64_t>(*size * 4 + 1024, kLongestHeader));
   if (!head) return tl::unexpected(head.error());
-  if (head->starts_with("NRRD000")) return read_nrrd(path, *head);
-  if (looks_like_nifti(*head)) return read_nifti(path, *head);
-  if (looks_like_meta(*head)) return read_meta(path, *head);
-  if (looks_like_dicom(*head)) return read_dicom_file(path);
+  if (head->starts_with("NRRD000")) return read_nrrd(path, *head, options);
+  if (looks_like_nifti(*head)) return read_nifti(path, *head, options);
+  if (looks_like_meta(*head)) return read_meta(path, *head, options);
+  if (looks_like_dicom(*head)) {
+    if (auto ok = expect_one_number(path, options); !ok) return tl::unexpected(ok.error());
+    return read_dicom_file(path);
+  }
+  if (looks_like_tiff(*head)) return read_tiff(path, options);
+  if (looks_like_mrc(*head)) return read_mrc(path, *head, options);
+  if (looks_like_vti(*head)) return read_vti(path, options);
+  if (looks_like_png(*head))
+    return fail(ErrorCode::unsupported, path,
+                ": one picture, expected a volume: give the folder that holds the whole stack");
   return read_headerless(path, *head);
 }
 
@@ -151,7 +164,8 @@ std::array<double, 2> Volume::value_range() const {
 
 namespace volume_io {
 
-Result<Volume> read_raw(const std::string& path, const RawLayout& layout) {
+Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
+                        const VolumeOptions& options) {
   Volume volume;
   volume.source = path;
   volume.type = layout.type;
@@ -176,18 +190,67 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout) {
     return fail(ErrorCode::usage, path, ": dimensions ", sizes[0], "x", sizes[1], "x", sizes[2],
                 " of type ", name(layout.type), " at offset ", layout.offset, " need ", needed,
                 " bytes behind the offset, but the file has ", *size, " bytes in all");
-  const VoxelData data{.path = path, .offset = layout.offset, .big_endian = layout.big_endian};
+  VoxelData data{.path = path, .offset = layout.offset, .big_endian = layout.big_endian};
+  // Its layout says nothing of how many there are: the voxels' bytes are the limit.
+  if (auto ok = skip_volumes(options.time.value_or(0), volume, data); !ok)
+    return as_usage(ok.error());
   if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
   return volume;
 }
 
 }  // namespace volume_io
 
+namespace {
+
+/// Scales the axes to these spacings, the first voxel staying in place.
+Result<void> respace(const glm::dvec3& spacing, Volume& volume) {
+  for (int i = 0; i < 3; ++i) {
+    if (!(spacing[i] > 0) || !std::isfinite(spacing[i]))
+      return fail(ErrorCode::usage, volume.source, ": spacing ", i, " is ", spacing[i],
+                  ", expected a positive number");
+    volume.axes[i] *= spacing[i] / glm::length(volume.axes[i]);
+  }
+  return check_axes(volume);
+}
+
+Result<void> crop(const VoxelBox& box, Volume& volume) {
+  const auto from = box.begin;
+  auto to = box.end;
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (to[i] == 0) to[i] = volume.dims[i];
+    if (to[i] > volume.dims[i] || from[i] >= to[i] || to[i] - from[i] < 2)
+      return fail(ErrorCode::usage, volume.source, ": a crop from ", from[i], " to ", to[i],
+                  " along ", "xyz"[i], ", expected at least 2 voxels within 0 to ", volume.dims[i]);
+  }
+  const std::size_t voxel = bytes_per_voxel(volume.type);
+  const std::size_t row = (to[0] - from[0]) * voxel;
+  std::vector<std::byte> kept;
+  kept.reserve(row * (to[1] - from[1]) * (to[2] - from[2]));
+  for (std::size_t z = from[2]; z < to[2]; ++z)
+    for (std::size_t y = from[1]; y < to[1]; ++y) {
+      const auto first = volume.voxels.begin() +
+                         static_cast<std::ptrdiff_t>(
+                             ((z * volume.dims[1] + y) * volume.dims[0] + from[0]) * voxel);
+      kept.insert(kept.end(), first, first + static_cast<std::ptrdiff_t>(row));
+    }
+  volume.voxels = std::move(kept);
+  volume.origin += volume.axes * glm::dvec3(from[0], from[1], from[2]);
+  for (std::size_t i = 0; i < 3; ++i) volume.dims[i] = to[i] - from[i];
+  return {};
+}
+
+}  // namespace
+
 Result<Volume> read_volume(const std::string& path, const VolumeOptions& options) {
   try {
     auto volume = read_any(path, options);
     if (volume) volume->files.push_back(path);
-    if (!volume || !options.labels) return volume;
+    if (!volume) return volume;
+    if (options.spacing)
+      if (auto ok = respace(*options.spacing, *volume); !ok) return tl::unexpected(ok.error());
+    if (options.crop)
+      if (auto ok = crop(*options.crop, *volume); !ok) return tl::unexpected(ok.error());
+    if (!options.labels) return volume;
     if (!all_integers(*volume))
       return fail(ErrorCode::usage, path, ": read as labels, but its values (", name(volume->type),
                   ", slope ", volume->slope, ") are not all integers: it holds amounts, not ids");

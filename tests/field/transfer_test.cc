@@ -136,9 +136,11 @@ TEST(Transfer, SaysWhereAPresetIsWrong) {
   expect(preset(kColors, kPoints, R"(, "ColorSpace": "XYZ")"),
          {"[0].ColorSpace is 'XYZ'", "Diverging"}, ErrorCode::unsupported);
   expect(std::string(100000, '['), {"not JSON"});
-  const auto missing = read_transfer("/none.json");
-  ASSERT_FALSE(missing);
-  EXPECT_EQ(missing.error().code, ErrorCode::io);
+  for (const auto* path : {"/none.json", "/none.json#Name"}) {
+    const auto missing = read_transfer(path);
+    ASSERT_FALSE(missing);
+    EXPECT_EQ(missing.error().code, ErrorCode::io);
+  }
 }
 
 RC_GTEST_PROP(Transfer, SurvivesTheRoundTripThroughJson, ()) {
@@ -177,10 +179,12 @@ TEST(Transfer, ReadsThePresetsOfTheDemo) {
   for (const auto& file : std::filesystem::directory_iterator(folder)) {
     if (file.path().extension() != ".json") continue;
     ++count;
-    const auto transfer = read_transfer(file.path().string());
-    ASSERT_TRUE(transfer) << transfer.error().message;
-    EXPECT_FALSE(transfer->name.empty());
-    EXPECT_EQ((*transfer)(transfer->opacities.front().value).w, 0);
+    const auto presets = read_transfers(file.path().string());
+    ASSERT_TRUE(presets) << presets.error().message;
+    for (const auto& preset : *presets) {
+      EXPECT_FALSE(preset.function.name.empty());
+      EXPECT_EQ(preset.function(preset.function.opacities.front().value).w, 0);
+    }
   }
   EXPECT_GE(count, 2);
 }

@@ -2,8 +2,10 @@
 // and a message that names file, place, what was expected and what was found.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cmath>
+#include <filesystem>
 #include <limits>
 
 #include "slf/volume.h"
@@ -60,6 +62,23 @@ TEST_F(VolumeBadInput, MissingEmptyOrOfAnotherKind) {
   expect("A text.\n", "a.mha", ErrorCode::bad_file, {"ObjectType"});
   expect("A text.\n", "brain.den", ErrorCode::usage,
          {"dimensions, type, spacing and offset"});
+}
+
+TEST_F(VolumeBadInput, FolderThatMayNotBeEnteredIsNamedSo) {
+  std::filesystem::create_directory(folder_.path("closed"));
+  const auto path = folder_.write("closed/a.nii", nifti({}));
+  std::filesystem::permissions(folder_.path("closed"), std::filesystem::perms::none);
+  // For root no folder is closed: be nobody for this call.
+  const bool root = ::geteuid() == 0;
+  if (root) {
+    ASSERT_EQ(::seteuid(65534), 0);
+  }
+  expect_at(path, ErrorCode::io, {"Permission denied"});
+  expect_at(folder_.path("closed"), ErrorCode::io, {"Permission denied"});
+  if (root) {
+    ASSERT_EQ(::seteuid(0), 0);
+  }
+  std::filesystem::permissions(folder_.path("closed"), std::filesystem::perms::owner_all);
 }
 
 TEST_F(VolumeBadInput, NameDoesNotDecideContentDoes) {
@@ -125,19 +144,44 @@ TEST_F(VolumeBadInput, SpacingAndAxes) {
 }
 
 TEST_F(VolumeBadInput, SeveralComponentsNameTheChoice) {
-  expect(nifti({.dim = {5, 4, 3, 7}}), "a.nii", ErrorCode::unsupported, {"5x4x3x7", "extract one"});
+  expect(nifti({.dim = {5, 4, 3, 7}}), "a.nii", ErrorCode::unsupported,
+         {"7 time points", "choose time point 0 to 6"});
+  expect(nifti({.dim = {5, 4, 3, 1, 7}}), "a.nii", ErrorCode::unsupported,
+         {"7 components", "choose component 0 to 6"});
+  expect(nifti({.dim = {5, 4, 3, 2, 2, 2}}), "a.nii", ErrorCode::unsupported,
+         {"5x4x3x2x2x2", "extract one"});
   expect(nifti({.datatype = 128}), "a.nii", ErrorCode::unsupported,
-         {"3 components", "extract one component"});
+         {"3 components", "choose component 0 to 2"});
+  expect(nifti({.datatype = 128}), "a.nii", ErrorCode::usage, {"component 3 was chosen", "has 3"},
+         {.component = 3});
+  expect(nifti({}), "a.nii", ErrorCode::usage, {"time point 1 was chosen", "has 1"}, {.time = 1});
+  expect(nifti({}), "a.nii", ErrorCode::usage, {"component 1 was chosen", "has 1"},
+         {.component = 1});
   expect(nrrd("type: uchar\ndimension: 4\nsizes: 3 5 4 3\nkinds: RGB-color domain domain domain\n"
               "encoding: raw\n",
               std::string(180, 'x')),
-         "a.nrrd", ErrorCode::unsupported, {"3 ('rgb-color')x5 ('domain')x4", "unu slice"});
+         "a.nrrd", ErrorCode::unsupported, {"3 components", "choose component 0 to 2"});
   expect(nrrd("type: uchar\ndimension: 3\nsizes: 3 5 4\nkinds: vector domain domain\n"
               "encoding: raw\n",
               std::string(60, 'x')),
          "a.nrrd", ErrorCode::unsupported, {"3 ('vector')x5 ('domain')"});
+  expect(nrrd("type: uchar\ndimension: 4\nsizes: 5 3 4 3\nkinds: domain vector domain domain\n"
+              "encoding: raw\n",
+              std::string(180, 'x')),
+         "a.nrrd", ErrorCode::unsupported, {"5 ('domain')x3 ('vector')", "unu slice"});
   expect(meta_with("ElementNumberOfChannels = 3\n"), "a.mha", ErrorCode::unsupported,
-         {"'3' components"});
+         {"3 components"});
+  expect(meta_with("ElementNumberOfChannels = 0\n"), "a.mha", ErrorCode::bad_file,
+         {"'ElementNumberOfChannels' is '0'"});
+}
+
+TEST_F(VolumeBadInput, CropsAndSpacingsThatDoNotFit) {
+  expect(nifti({}), "a.nii", ErrorCode::usage, {"crop from 1 to 9 along x", "within 0 to 5"},
+         {.crop = VoxelBox{{1, 0, 0}, {9, 0, 0}}});
+  expect(nifti({}), "a.nii", ErrorCode::usage, {"crop from 2 to 3 along y", "at least 2 voxels"},
+         {.crop = VoxelBox{{0, 2, 0}, {0, 3, 0}}});
+  expect(nifti({}), "a.nii", ErrorCode::usage, {"spacing 1 is 0", "positive"},
+         {.spacing = glm::dvec3(1, 0, 1)});
 }
 
 TEST_F(VolumeBadInput, OneSliceIsNoVolume) {

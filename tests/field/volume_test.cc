@@ -10,7 +10,10 @@ namespace slf {
 namespace {
 
 using namespace samples;
+using ::testing::AllOf;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 
 Volume expect_read(const std::string& path, const VolumeOptions& options = {}) {
   auto volume = read_volume(path, options);
@@ -198,23 +201,77 @@ TEST(Volume, NiftiUnitsBecomeMillimetres) {
   EXPECT_NEAR(volume.origin.z, 0.040, 1e-9);
 }
 
-TEST(Volume, NiftiChoosesItsTransformAsItkDoes) {
+// What nibabel's Nifti1Header.get_best_affine gives, worked out here from its rules: the sform
+// where its code is set, else the qform, else shape_zoom_affine: LAS, the world's origin at the
+// centre of the grid. In RAS, rows of [axes | origin].
+struct Affine {
+  glm::dmat3 axes;
+  glm::dvec3 origin;
+};
+
+Affine nibabel_affine(const Nifti& header) {
+  Affine a{glm::dmat3(0.0), glm::dvec3(0.0)};
+  for (int i = 0; i < 3; ++i) {
+    const auto axis = static_cast<std::size_t>(i);
+    const double zoom = header.pixdim[axis + 1];
+    if (header.sform > 0) {
+      for (std::size_t column = 0; column < 3; ++column)
+        a.axes[static_cast<int>(column)][i] = header.srow[4 * axis + column];
+      a.origin[i] = header.srow[4 * axis + 3];
+    } else if (header.qform > 0) {  // of the identity quaternion only
+      a.axes[i][i] = zoom * (i == 2 && header.pixdim[0] < 0 ? -1 : 1);
+      a.origin[i] = header.quaternion[axis + 3];
+    } else {
+      a.axes[i][i] = i == 0 ? -zoom : zoom;
+      a.origin[i] = -(header.dim[axis] - 1) / 2.0 * a.axes[i][i];
+    }
+  }
+  return a;
+}
+
+TEST(Volume, NiftiIsPlacedAsNibabelPlacesIt) {
   const Folder folder;
-  const auto origin_x = [&](int qform, int sform, bool sheared) {
-    Nifti header;
-    header.qform = qform;
-    header.sform = sform;
-    header.quaternion = {0, 0, 0, 10, 0, 0};
-    header.srow = {1, sheared ? 0.5 : 0, 0, 20, 0, 1, 0, 0, 0, 0, 1, 0};
-    return expect_read(folder.write("a.nii", nifti(header))).origin.x;
+  for (const int version : {1, 2})
+    for (const int qform : {0, 1, 2})
+      for (const int sform : {0, 1, 4})
+        for (const double shear : {0.0, 0.5}) {
+          Nifti header{.version = version, .qform = qform, .sform = sform};
+          header.pixdim = {-1, 1.5, 2, 2.5, 0, 0, 0, 0};
+          header.quaternion = {0, 0, 0, 10, -20, 30};
+          header.srow = {1.5, shear, 0, 20, 0, 2, 0.25, 5, 0, 0, -2.5, 7};
+          SCOPED_TRACE("version " + std::to_string(version) + " qform " + std::to_string(qform) +
+                       " sform " + std::to_string(sform) + " shear " + std::to_string(shear));
+          const auto volume = expect_read(folder.write("a.nii", nifti(header)));
+          const Affine expected = nibabel_affine(header);
+          for (const auto& at : {glm::dvec3(0.0), glm::dvec3(4, 0, 0), glm::dvec3(1, 3, 2)}) {
+            const glm::dvec3 ras = expected.axes * at + expected.origin;
+            const glm::dvec3 lps = volume.axes * at + volume.origin;
+            EXPECT_LT(glm::length(lps - glm::dvec3(-ras.x, -ras.y, ras.z)), 1e-5);
+          }
+          EXPECT_THAT(volume.placement, HasSubstr(sform   ? "sform (code " + std::to_string(sform)
+                                                  : qform ? "qform (code " + std::to_string(qform)
+                                                          : "neither"));
+        }
+}
+
+TEST(Volume, NiftiSaysWhatIsOddAboutItsPlace) {
+  const Folder folder;
+  const auto notes = [&](const Nifti& header) {
+    return expect_read(folder.write("a.nii", nifti(header))).notes;
   };
-  EXPECT_EQ(origin_x(0, 0, false), 0);
-  EXPECT_EQ(origin_x(1, 0, false), -10);
-  EXPECT_EQ(origin_x(0, 4, false), -20);
-  EXPECT_EQ(origin_x(1, 1, false), -20);  // the scanner's
-  EXPECT_EQ(origin_x(1, 4, false), -10);  // another space's, and they disagree
-  EXPECT_EQ(origin_x(1, 1, true), -10);
-  EXPECT_EQ(origin_x(0, 1, true), -20);
+  auto header = placed_nifti();
+  EXPECT_THAT(notes(header), IsEmpty());
+  EXPECT_THAT(notes({}), ElementsAre(HasSubstr("left and right may be swapped")));
+  header.qform = 1;
+  EXPECT_THAT(notes(header), ElementsAre(AllOf(HasSubstr("placed by its sform (code 1)"),
+                                               HasSubstr("qform (code 1) differs by up to"))));
+  header = placed_nifti();
+  header.srow = {1, 1, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  EXPECT_THAT(notes(header), ElementsAre(HasSubstr("sheared: two of its axes meet at 45 degrees")));
+  header.srow[0] = 0;
+  header.srow[5] = 0;
+  header.qform = 1;
+  EXPECT_THAT(notes(header), ElementsAre(HasSubstr("sform (code 1) is singular or not finite")));
 }
 
 TEST(Volume, DetachedNifti) {

@@ -23,6 +23,8 @@ enum Way : int {
   labels,  // a file read as labels
   raw_8,   // a raw file with a layout
   dicom,   // one DICOM file: header, then pixels
+  folder,  // a folder that holds the bytes twice, as slices
+  chosen,  // as is, with a component, a time and a crop chosen
   ways
 };
 
@@ -85,6 +87,14 @@ void check(const std::string& path, const slf::VolumeOptions& options) {
   require(slf::parse_transfer(slf::to_json(transfer), "default").has_value());
 }
 
+/// Two slices with these bytes: PNGs or TIFFs, say.
+std::string folder_of(std::string_view bytes) {
+  const std::string path = scratch() + "/stack";
+  std::filesystem::create_directory(path);
+  for (const auto* name : {"/1", "/2"}) std::ofstream(path + name, std::ios::binary) << bytes;
+  return path;
+}
+
 void check_dicom(const std::string& path) {
   const auto slices = slf::volume_io::read_dicom_slices(path);
   if (!slices || slices->empty()) return;
@@ -117,6 +127,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       check(write(bytes), {.raw = layout});
       break;
     }
+    case folder:
+      check(folder_of(bytes), {});
+      break;
+    case chosen:
+      check(write(bytes), {.component = 1, .time = 1, .crop = slf::VoxelBox{{0, 0, 1}, {}}});
+      break;
     default:
       check_dicom(write(bytes));
   }

@@ -53,7 +53,8 @@ expect "slf render -o p"
 expect "slf render -o s" scan.nii
 expect "slf build scan.nii -o " a.slf "b c.slf" folder
 expect "slf build sc" scan.nii
-expect "slf build --transfer " look.json folder
+expect "slf build --transfer " a.slf "b c.slf" look.json scan.nii folder
+expect "slf play --path " look.json folder
 expect "slf play --frames " folder
 
 # Every option that a command knows is offered, wherever it stands.

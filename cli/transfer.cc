@@ -1,0 +1,145 @@
+#include <fmt/format.h>
+
+#include <cmath>
+#include <fstream>
+
+#include "cli/command.h"
+#include "slf/image.h"
+#include "slf/transfer.h"
+
+namespace slf::cli {
+namespace {
+
+struct Arguments {
+  std::string reference;
+  std::string output;
+  bool list = false, json = false, force = false;
+};
+
+const char* name_of(TransferPreset::Values values) {
+  switch (values) {
+    case TransferPreset::Values::relative:
+      return "relative";
+    case TransferPreset::Values::indexed:
+      return "indexed";
+    case TransferPreset::Values::absolute:
+      break;
+  }
+  return "absolute";
+}
+
+std::array<double, 2> extent(const TransferFunction& f) {
+  return {std::min(f.colors.front().value, f.opacities.front().value),
+          std::max(f.colors.back().value, f.opacities.back().value)};
+}
+
+nlohmann::json as_json(const TransferPreset& preset) {
+  const auto [from, to] = extent(preset.function);
+  nlohmann::json json{{"name", preset.function.name},
+                      {"values", name_of(preset.values)},
+                      {"from", from},
+                      {"to", to},
+                      {"has_opacity", preset.has_opacity},
+                      {"description", preset.description}};
+  if (preset.has_unit_distance) json["unit_distance"] = preset.function.unit_distance;
+  return json;
+}
+
+void print_list(std::span<const TransferPreset> presets, bool as_table) {
+  if (!as_table) {
+    nlohmann::json all = nlohmann::json::array();
+    for (const auto& preset : presets) all.push_back(as_json(preset));
+    print_json(all);
+    return;
+  }
+  for (const auto& preset : presets) {
+    const auto [from, to] = extent(preset.function);
+    print("{:<14}  {:<16}  {}\n", preset.function.name,
+          preset.values == TransferPreset::Values::absolute ? fmt::format("{:g} to {:g}", from, to)
+                                                            : name_of(preset.values),
+          preset.has_opacity ? preset.description : "colours only");
+  }
+}
+
+/// A bar: above, the colours under the curve of opacity; below, a slab of ten unit distances over a
+/// checkerboard.
+Image picture_of(const TransferFunction& f) {
+  constexpr std::uint32_t kWidth = 768, kCurve = 160, kGap = 8, kSlab = 40, kSquare = 10;
+  constexpr double kDistances = 10;
+  Image image;
+  image.width = kWidth;
+  image.height = kCurve + kGap + kSlab;
+  image.rgba.assign(std::size_t{image.width} * image.height, glm::vec4(1));
+  const auto [from, to] = extent(f);
+  for (std::uint32_t x = 0; x < kWidth; ++x) {
+    const glm::dvec4 rgba = f(std::lerp(from, to, (x + 0.5) / kWidth));
+    const glm::vec3 color(rgba);
+    const double top = kCurve * (1 - rgba.w);
+    for (std::uint32_t y = 0; y < kCurve; ++y) {
+      const double inside = std::clamp(y + 1 - top, 0.0, 1.0);
+      image.rgba[std::size_t{y} * kWidth + x] =
+          glm::vec4(glm::mix(glm::vec3(0.93f), color, static_cast<float>(inside)), 1);
+    }
+    const auto opacity = static_cast<float>(1 - std::pow(1 - rgba.w, kDistances));
+    for (std::uint32_t y = 0; y < kSlab; ++y) {
+      const bool dark = (x / kSquare + y / kSquare) % 2 == 1;
+      image.rgba[std::size_t{kCurve + kGap + y} * kWidth + x] =
+          glm::vec4(glm::mix(glm::vec3(dark ? 0.55f : 0.85f), color, opacity), 1);
+    }
+  }
+  return image;
+}
+
+Result<void> write(const TransferPreset& preset, const std::string& path) {
+  if (!path.ends_with(".json")) return write_image(path, picture_of(preset.function));
+  std::ofstream file(path, std::ios::binary);
+  file << to_json(preset.function);
+  file.close();
+  if (!file) return fail(ErrorCode::io, path, ": cannot write");
+  return {};
+}
+
+Result<void> run_transfer(const Arguments& a) {
+  if (a.list) {
+    if (a.reference.empty()) {
+      print_list(built_in_transfers(), !a.json);
+      return {};
+    }
+    const auto presets = read_transfers(a.reference);
+    if (!presets) return tl::unexpected(presets.error());
+    print_list(*presets, !a.json);
+    return {};
+  }
+  if (a.reference.empty())
+    return fail(ErrorCode::usage, "a name or file is missing; --list lists the built-in names");
+  const auto preset = read_transfer(a.reference);
+  if (!preset) return tl::unexpected(preset.error());
+  if (a.output.empty()) {
+    if (a.json)
+      print_json(as_json(*preset));
+    else
+      print_list(std::span(&*preset, 1), true);
+    return {};
+  }
+  if (auto ok = refuse_overwrite(a.output, a.force); !ok) return ok;
+  return write(*preset, a.output);
+}
+
+}  // namespace
+
+void add_transfer(CLI::App& app, Run& run) {
+  auto* command =
+      app.add_subcommand("transfer", "Transfer functions: list them, draw one, convert");
+  auto a = std::make_shared<Arguments>();
+  command->add_option("NAME", a->reference, kTransferHelp);
+  command->add_flag("--list", a->list, "The built-in functions, or those of a file");
+  command
+      ->add_option("-o,--output", a->output,
+                   "A picture of it (.png, .jpg, .exr), or ParaView's preset JSON (.json)")
+      ->type_name(kAnyFile);
+  command->add_flag("-f,--force", a->force, "Overwrite the output");
+  command->add_flag("--json", a->json, "JSON on stdout");
+  command->callback([a, &run] { run = [a] { return run_transfer(*a); }; });
+}
+
+}  // namespace slf::cli

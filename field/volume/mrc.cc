@@ -1,0 +1,167 @@
+// MRC2014 and CCP4 maps (.mrc, .map), https://www.ccpem.ac.uk/mrc_format/mrc2014.php.
+//
+// Read here: the format is a header of 1024 bytes at fixed offsets with voxels behind it, and
+// Debian has no library for it that is made for damaged files. World coordinates are the file's, in
+// ångströms; nothing in them is left or right.
+#include <bit>
+#include <cmath>
+#include <numbers>
+
+#include "base/bytes.h"
+#include "field/volume/io.h"
+
+namespace slf::volume_io {
+
+namespace {
+
+constexpr std::size_t kHeader = 1024;
+
+/// The 4-byte words of the header, counted from 1 as the specification does.
+struct Words {
+  std::string_view head;
+  bool big_endian;
+
+  [[nodiscard]] std::int32_t integer(std::size_t word) const {
+    const auto* at = reinterpret_cast<const std::byte*>(head.data()) + 4 * (word - 1);
+    return std::bit_cast<std::int32_t>(big_endian ? load_be<std::uint32_t>(at)
+                                                  : load_le<std::uint32_t>(at));
+  }
+  [[nodiscard]] double real(std::size_t word) const { return std::bit_cast<float>(integer(word)); }
+};
+
+// The machine stamp is often wrong; columns, rows and sections map to axes 1, 2, 3 in some order.
+std::optional<bool> byte_order(std::string_view head) {
+  for (const bool big : {false, true}) {
+    const Words words{head, big};
+    int seen = 0;
+    for (const std::size_t word : {17, 18, 19}) {
+      const auto axis = words.integer(word);
+      if (axis >= 1 && axis <= 3) seen |= 1 << axis;
+    }
+    const bool unset = words.integer(17) == 0 && words.integer(18) == 0 && words.integer(19) == 0;
+    if ((seen == 0b1110 || unset) && words.integer(4) >= 0 && words.integer(4) < 1024 &&
+        words.integer(1) > 0 && words.integer(2) > 0 && words.integer(3) > 0)
+      return big;
+  }
+  return std::nullopt;
+}
+
+Result<ScalarType> scalar_type(const std::string& path, const Words& words) {
+  switch (const auto mode = words.integer(4)) {
+    case 0: {
+      // IMOD's stamp, with a flag for signed bytes; without it bytes are signed since 2014.
+      constexpr std::int32_t kImod = 1146047817;
+      const bool is_unsigned = words.integer(39) == kImod && (words.integer(40) & 1) == 0;
+      return is_unsigned ? ScalarType::u8 : ScalarType::i8;
+    }
+    case 1:
+      return ScalarType::i16;
+    case 2:
+      return ScalarType::f32;
+    case 6:
+      return ScalarType::u16;
+    case 3:
+    case 4:
+    case 12:
+    case 101:
+      return fail(ErrorCode::unsupported, path, ": mode ", mode,
+                  mode == 12    ? " (16-bit floats)"
+                  : mode == 101 ? " (4 bits)"
+                                : " (complex numbers)",
+                  ", expected 0, 1, 2 or 6: convert the map, e.g. to 32-bit floats");
+    default:
+      return fail(ErrorCode::bad_file, path, ": mode is ", mode, ", expected 0, 1, 2 or 6");
+  }
+}
+
+/// The edges of the unit cell, and a voxel's share of them: a along x, b in the plane of x and y.
+Result<void> place(const Words& words, const std::array<int, 3>& axis_of, Volume& volume) {
+  glm::dvec3 step, angle;
+  bool scaled = true;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto intervals = words.integer(8 + i);
+    const double length = words.real(11 + i);
+    scaled = scaled && intervals > 0 && length > 0 && std::isfinite(length);
+    step[static_cast<int>(i)] = length / intervals;
+    const double degrees = words.real(14 + i);
+    angle[static_cast<int>(i)] =
+        (degrees > 0 && degrees < 180 ? degrees : 90) * std::numbers::pi / 180;
+  }
+  if (!scaled) {
+    step = glm::dvec3(1);
+    volume.notes.emplace_back("it states no size of its cell: voxels are taken as 1x1x1");
+  }
+  const auto cosine = [&](int i) {
+    return std::abs(angle[i] - std::numbers::pi / 2) < 1e-6 ? 0.0 : std::cos(angle[i]);
+  };
+  const double sine = std::sin(angle[2]);
+  const double y = (cosine(0) - cosine(1) * cosine(2)) / sine;
+  const double zz = 1 - cosine(1) * cosine(1) - y * y;
+  const glm::dmat3 cell({step[0], 0, 0}, glm::dvec3(cosine(2), sine, 0) * step[1],
+                        glm::dvec3(cosine(1), y, std::sqrt(std::max(zz, 0.0))) * step[2]);
+  glm::dvec3 origin(0.0);
+  bool has_origin = false;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double value = words.real(50 + i);
+    origin[static_cast<int>(i)] = value;
+    has_origin = has_origin || value != 0;
+  }
+  for (int storage = 0; storage < 3; ++storage) {
+    const int axis = axis_of[static_cast<std::size_t>(storage)];
+    volume.axes[storage] = cell[axis];
+    if (!has_origin)
+      origin +=
+          cell[axis] * static_cast<double>(words.integer(5 + static_cast<std::size_t>(storage)));
+  }
+  volume.origin = origin;
+  volume.placement = "its cell, in angstroms";
+  return check_axes(volume);
+}
+
+}  // namespace
+
+bool looks_like_mrc(std::string_view head) {
+  return head.size() >= kHeader && head.substr(208, 3) == "MAP" && byte_order(head).has_value();
+}
+
+Result<Volume> read_mrc(const std::string& path, std::string_view head,
+                        const VolumeOptions& options) {
+  const Words words{head, byte_order(head).value_or(false)};
+  Volume volume;
+  volume.source = path;
+  const auto type = scalar_type(path, words);
+  if (!type) return tl::unexpected(type.error());
+  volume.type = *type;
+  std::vector<std::uint64_t> sizes;
+  for (const std::size_t word : {1, 2, 3})
+    sizes.push_back(static_cast<std::uint64_t>(words.integer(word)));
+  // Space group 401: a stack of volumes, of mz sections each.
+  const auto sections = static_cast<std::uint64_t>(std::max(words.integer(10), 1));
+  if (words.integer(23) >= 401 && sizes[2] % sections == 0 && sections > 1) {
+    sizes.push_back(sizes[2] / sections);
+    sizes[2] = sections;
+  }
+  const auto chosen = choose_volume(path, sizes, options);
+  if (!chosen) return tl::unexpected(chosen.error());
+  if (const auto ok = choose(path, options.component, 1, "component"); !ok)
+    return tl::unexpected(ok.error());
+  volume.dims = chosen->dims;
+  std::array<int, 3> axis_of{0, 1, 2};
+  if (words.integer(17) != 0)
+    for (std::size_t i = 0; i < 3; ++i) axis_of[i] = words.integer(17 + i) - 1;
+  if (auto placed = place(words, axis_of, volume); !placed) return tl::unexpected(placed.error());
+
+  const auto extended = words.integer(24);
+  if (extended < 0)
+    return fail(ErrorCode::bad_file, path, ": its extended header has ", extended,
+                " bytes, expected 0 or more");
+  VoxelData data{.path = path, .big_endian = words.big_endian};
+  data.skip = kHeader + static_cast<std::uint64_t>(extended);
+  std::ifstream file(path, std::ios::binary);
+  data.packed = file.get() == 0x1f && file.get() == 0x8b;
+  if (auto ok = skip_volumes(chosen->index, volume, data); !ok) return tl::unexpected(ok.error());
+  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  return volume;
+}
+
+}  // namespace slf::volume_io

@@ -1,0 +1,111 @@
+// PNG slices through libpng, all bits as they are stored.
+#include <png.h>
+
+#include <bit>
+#include <csetjmp>
+#include <cstring>
+#include <fstream>
+
+#include "field/volume/stack.h"
+
+namespace slf::volume_io {
+
+namespace {
+
+/// libpng leaves by longjmp: all that it must free or fill lives here, outside of the frames that
+/// it leaps over.
+struct Reader {
+  std::vector<std::byte> bytes;
+  std::size_t at = 0;
+  std::string message;
+  png_structp png = nullptr;
+  png_infop info = nullptr;
+  SliceKind kind;
+  std::vector<std::byte> samples;
+  std::vector<png_bytep> rows;
+
+  Reader() = default;
+  Reader(const Reader&) = delete;
+  Reader& operator=(const Reader&) = delete;
+  ~Reader() { png_destroy_read_struct(&png, &info, nullptr); }
+};
+
+void on_error(png_structp png, png_const_charp message) {
+  static_cast<Reader*>(png_get_error_ptr(png))->message = message;
+  png_longjmp(png, 1);
+}
+
+void on_warning(png_structp, png_const_charp) {}
+
+void on_read(png_structp png, png_bytep to, std::size_t count) {
+  auto& reader = *static_cast<Reader*>(png_get_io_ptr(png));
+  if (count > reader.bytes.size() - reader.at) png_error(png, "the file ends early");
+  std::memcpy(to, reader.bytes.data() + reader.at, count);
+  reader.at += count;
+}
+
+/// Header, and what the pixels are to become: 8 or 16 bits, 1 to 4 channels.
+bool read_header(Reader& reader) {
+  if (setjmp(png_jmpbuf(reader.png))) return false;
+  png_read_info(reader.png, reader.info);
+  png_set_expand(reader.png);  // palettes and few bits become 8 bits
+  if constexpr (std::endian::native == std::endian::little) png_set_swap(reader.png);
+  png_set_interlace_handling(reader.png);
+  png_read_update_info(reader.png, reader.info);
+  reader.kind = {
+      .width = png_get_image_width(reader.png, reader.info),
+      .height = png_get_image_height(reader.png, reader.info),
+      .components = png_get_channels(reader.png, reader.info),
+      .type = png_get_bit_depth(reader.png, reader.info) == 16 ? ScalarType::u16 : ScalarType::u8};
+  return true;
+}
+
+bool read_pixels(Reader& reader) {
+  if (setjmp(png_jmpbuf(reader.png))) return false;
+  png_read_image(reader.png, reader.rows.data());
+  png_read_end(reader.png, nullptr);
+  return true;
+}
+
+}  // namespace
+
+bool looks_like_png(std::string_view head) { return head.starts_with("\x89PNG\r\n\x1a\n"); }
+
+Result<void> append_png(const std::string& path, const VolumeOptions& options,
+                        std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
+  const auto size = file_size(path);
+  if (!size) return tl::unexpected(size.error());
+  auto file = ByteReader::open(path, 0, false);
+  if (!file) return tl::unexpected(file.error());
+  Reader reader;
+  reader.bytes.resize(*size);
+  if (const auto got = file->read(reader.bytes); !got) return tl::unexpected(got.error());
+  const auto damaged = [&] {
+    return fail(ErrorCode::bad_file, path, ": damaged PNG: ", reader.message);
+  };
+  reader.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &reader, on_error, on_warning);
+  if (reader.png) reader.info = png_create_info_struct(reader.png);
+  if (!reader.info) return fail(ErrorCode::failed, path, ": no memory to read it");
+  png_set_read_fn(reader.png, &reader, on_read);
+  if (!read_header(reader)) return damaged();
+  if (!kind) kind = reader.kind;
+  if (*kind != reader.kind)
+    return fail(ErrorCode::unsupported, path, ": ", describe(reader.kind),
+                ", unlike the slices before it (", describe(*kind), ")");
+  const auto taker = ComponentTaker::make(path, *kind, options);
+  if (!taker) return tl::unexpected(taker.error());
+
+  const std::size_t row = std::size_t{kind->width} * kind->components * bytes_per_voxel(kind->type);
+  // Deflate packs at most 1032:1, and few bits were expanded at most 8 times, palettes 4 times
+  // more.
+  if (row > *size * 1032 * 32 / kind->height + 1)
+    return fail(ErrorCode::bad_file, path, ": ", describe(*kind), " cannot be in ", *size,
+                " bytes");
+  reader.samples.resize(row * kind->height);
+  for (std::uint32_t y = 0; y < kind->height; ++y)
+    reader.rows.push_back(reinterpret_cast<png_bytep>(reader.samples.data() + y * row));
+  if (!read_pixels(reader)) return damaged();
+  return taker->append(reader.samples, voxels);
+}
+
+}  // namespace slf::volume_io

@@ -1,0 +1,55 @@
+// Volumes as stacks of pictures: TIFF pages, or the pictures of a folder.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "field/volume/io.h"
+
+namespace slf::volume_io {
+
+/// What the slices of one volume must have in common.
+struct SliceKind {
+  std::uint32_t width = 0, height = 0;
+  std::uint32_t components = 1;
+  ScalarType type = ScalarType::u8;
+  bool operator==(const SliceKind&) const = default;
+};
+
+/// "512x512 u8, 3 components".
+[[nodiscard]] std::string describe(const SliceKind& kind);
+
+/// Takes one number of each voxel from rows of several, and appends it to a volume.
+class ComponentTaker {
+ public:
+  /// Which component to take of `kind`: the chosen one; the first of grey with alpha; of colours
+  /// whose channels are equal, the first. Errors as choose().
+  [[nodiscard]] static Result<ComponentTaker> make(const std::string& source, const SliceKind& kind,
+                                                   const VolumeOptions& options);
+  [[nodiscard]] std::uint32_t component() const { return component_; }
+  /// `samples`: whole voxels, components side by side, native byte order.
+  /// unsupported: colours that differ, and none was chosen.
+  [[nodiscard]] Result<void> append(std::span<const std::byte> samples,
+                                    std::vector<std::byte>& voxels) const;
+
+ private:
+  std::string source_;
+  std::uint32_t components_ = 1, component_ = 0;
+  std::size_t width_ = 1;
+  bool must_be_grey_ = false;
+};
+
+/// One PNG, appended to `voxels`; `kind` is set by the first and must be that of all others.
+[[nodiscard]] Result<void> append_png(const std::string& path, const VolumeOptions& options,
+                                      std::optional<SliceKind>& kind,
+                                      std::vector<std::byte>& voxels);
+
+/// All pages of a TIFF file, the same way. Returns how many.
+[[nodiscard]] Result<std::uint32_t> append_tiff(const std::string& path,
+                                                const VolumeOptions& options,
+                                                std::optional<SliceKind>& kind,
+                                                std::vector<std::byte>& voxels);
+
+}  // namespace slf::volume_io

@@ -1,0 +1,454 @@
+// TIFF stacks through libtiff: plain pages, OME-TIFF and ImageJ's, BigTIFF too.
+//
+// What libtiff is given to decode is narrowed to the encodings that stacks have, and each buffer is
+// held against the size of the file before it is allocated.
+#include <tiffio.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <map>
+#include <memory>
+
+#include "field/volume/stack.h"
+#include "field/volume/xml.h"
+
+namespace slf::volume_io {
+
+namespace {
+
+// The most that an encoding we read can expand: zstd, in runs. It only bounds buffers.
+constexpr std::uint64_t kMostExpansion = 4096;
+constexpr std::uint32_t kMostPages = 1u << 20;
+
+struct Close {
+  void operator()(TIFF* tiff) const { TIFFClose(tiff); }
+};
+
+int on_error(TIFF*, void* user, const char* module, const char* format, va_list arguments) {
+  auto& text = *static_cast<std::string*>(user);
+  if (!text.empty()) return 1;  // the first says most
+  std::array<char, 256> line{};
+  std::vsnprintf(line.data(), line.size(), format, arguments);
+  text = std::string(module ? module : "") + ": " + line.data();
+  for (char& c : text)
+    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7e) c = '?';
+  return 1;
+}
+
+int on_warning(TIFF*, void*, const char*, const char*, va_list) { return 1; }
+
+class TiffFile {
+ public:
+  static Result<std::unique_ptr<TiffFile>> open(const std::string& path) {
+    const auto size = file_size(path);
+    if (!size) return tl::unexpected(size.error());
+    auto file = std::make_unique<TiffFile>();
+    file->path = path;
+    file->bytes = *size;
+    const std::unique_ptr<TIFFOpenOptions, decltype(&TIFFOpenOptionsFree)> options(
+        TIFFOpenOptionsAlloc(), &TIFFOpenOptionsFree);
+    if (!options) throw std::bad_alloc();
+    TIFFOpenOptionsSetErrorHandlerExtR(options.get(), on_error, &file->message);
+    TIFFOpenOptionsSetWarningHandlerExtR(options.get(), on_warning, nullptr);
+    TIFFOpenOptionsSetMaxSingleMemAlloc(
+        options.get(), static_cast<tmsize_t>(std::min<std::uint64_t>(
+                           *size * kMostExpansion + (1u << 20), std::uint64_t{1} << 40)));
+    file->tiff.reset(TIFFOpenExt(path.c_str(), "rm", options.get()));
+    if (!file->tiff) return file->damaged();
+    return file;
+  }
+
+  [[nodiscard]] tl::unexpected<Error> damaged() const {
+    return fail(ErrorCode::bad_file, path, ": page ", page,
+                ": damaged TIFF: ", message.empty() ? "cannot be decoded" : message);
+  }
+  template <class T>
+  T tag(std::uint32_t id, T otherwise) const {
+    T value{};
+    return TIFFGetFieldDefaulted(tiff.get(), id, &value) ? value : otherwise;
+  }
+  [[nodiscard]] std::string text(std::uint32_t id) const {
+    char* value = nullptr;
+    return TIFFGetField(tiff.get(), id, &value) && value ? value : "";
+  }
+  /// The next page; false at the end. bad_file: a page that cannot be read.
+  Result<bool> next() {
+    message.clear();
+    if (TIFFLastDirectory(tiff.get())) return false;
+    if (++page >= kMostPages)
+      return fail(ErrorCode::unsupported, path, ": more than ", kMostPages, " pages");
+    if (!TIFFReadDirectory(tiff.get())) return damaged();
+    return true;
+  }
+  /// A reduced copy of another page, which some writers add.
+  [[nodiscard]] bool is_thumbnail() const {
+    return (tag<std::uint32_t>(TIFFTAG_SUBFILETYPE, 0) & FILETYPE_REDUCEDIMAGE) != 0;
+  }
+
+  std::string path;
+  std::uint64_t bytes = 0;
+  std::uint32_t page = 0;
+  std::string message;
+  std::unique_ptr<TIFF, Close> tiff;
+};
+
+Result<SliceKind> kind_of(const TiffFile& file) {
+  SliceKind kind{.width = file.tag<std::uint32_t>(TIFFTAG_IMAGEWIDTH, 0),
+                 .height = file.tag<std::uint32_t>(TIFFTAG_IMAGELENGTH, 0),
+                 .components = file.tag<std::uint16_t>(TIFFTAG_SAMPLESPERPIXEL, 1)};
+  if (kind.width == 0 || kind.height == 0 || kind.components == 0)
+    return fail(ErrorCode::bad_file, file.path, ": page ", file.page, " has no pixels");
+  const auto bits = file.tag<std::uint16_t>(TIFFTAG_BITSPERSAMPLE, 1);
+  const auto format = file.tag<std::uint16_t>(TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_UINT);
+  struct Known {
+    int bits, format;
+    ScalarType type;
+  };
+  bool known = false;
+  for (const auto& k :
+       {Known{8, SAMPLEFORMAT_UINT, ScalarType::u8}, Known{8, SAMPLEFORMAT_INT, ScalarType::i8},
+        Known{16, SAMPLEFORMAT_UINT, ScalarType::u16}, Known{16, SAMPLEFORMAT_INT, ScalarType::i16},
+        Known{32, SAMPLEFORMAT_UINT, ScalarType::u32}, Known{32, SAMPLEFORMAT_INT, ScalarType::i32},
+        Known{64, SAMPLEFORMAT_UINT, ScalarType::u64}, Known{64, SAMPLEFORMAT_INT, ScalarType::i64},
+        Known{32, SAMPLEFORMAT_IEEEFP, ScalarType::f32},
+        Known{64, SAMPLEFORMAT_IEEEFP, ScalarType::f64}})
+    if (k.bits == bits &&
+        (k.format == format || (format == SAMPLEFORMAT_VOID && k.format == SAMPLEFORMAT_UINT))) {
+      kind.type = k.type;
+      known = true;
+    }
+  if (!known)
+    return fail(ErrorCode::unsupported, file.path, ": samples of ", bits, " bits, format ", format,
+                ", expected 8, 16, 32 or 64 bits");
+  const auto compression = file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE);
+  for (const int read :
+       {COMPRESSION_NONE, COMPRESSION_LZW, COMPRESSION_JPEG, COMPRESSION_ADOBE_DEFLATE,
+        COMPRESSION_DEFLATE, COMPRESSION_PACKBITS, COMPRESSION_LZMA, COMPRESSION_ZSTD})
+    if (compression == read) return kind;
+  return fail(ErrorCode::unsupported, file.path, ": compression ", compression,
+              ", expected none, LZW, deflate, PackBits, JPEG, LZMA or zstd");
+}
+
+/// A buffer for decoded rows; more than the file can hold is an error before it is allocated.
+Result<std::vector<std::byte>> buffer(const TiffFile& file, std::uint64_t size) {
+  if (size > file.bytes * kMostExpansion)
+    return fail(ErrorCode::bad_file, file.path, ": page ", file.page, " claims ", size,
+                " bytes in a strip or tile, more than its ", file.bytes, " bytes can hold");
+  return std::vector<std::byte>(size);
+}
+
+/// The pixels of this page, strip by strip or by rows of tiles, so that nothing large is allocated
+/// before something was decoded.
+Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentTaker& taker,
+                         std::vector<std::byte>& voxels) {
+  TIFF* tiff = file.tiff.get();
+  if (file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE) == COMPRESSION_JPEG)
+    TIFFSetField(tiff, TIFFTAG_JPEGCOLORMODE, JPEGCOLORMODE_RGB);
+  const bool apart = kind.components > 1 &&
+                     file.tag<std::uint16_t>(TIFFTAG_PLANARCONFIG, 1) == PLANARCONFIG_SEPARATE;
+  const std::uint64_t pixel =
+      (apart ? 1 : kind.components) * std::uint64_t{bytes_per_voxel(kind.type)};
+  const std::uint64_t row = pixel * kind.width;
+  const auto plane = static_cast<std::uint16_t>(apart ? taker.component() : 0);
+  const auto take = [&](std::span<const std::byte> samples) -> Result<void> {
+    if (!apart) return taker.append(samples, voxels);
+    voxels.insert(voxels.end(), samples.begin(), samples.end());
+    return {};
+  };
+  if (!TIFFIsTiled(tiff)) {
+    const std::uint32_t rows = std::clamp<std::uint32_t>(
+        file.tag<std::uint32_t>(TIFFTAG_ROWSPERSTRIP, kind.height), 1, kind.height);
+    for (std::uint32_t y = 0; y < kind.height; y += rows) {
+      const std::uint32_t count = std::min(rows, kind.height - y);
+      auto band = buffer(file, row * count);
+      if (!band) return tl::unexpected(band.error());
+      const auto got = TIFFReadEncodedStrip(tiff, TIFFComputeStrip(tiff, y, plane), band->data(),
+                                            static_cast<tmsize_t>(band->size()));
+      if (got != static_cast<tmsize_t>(band->size())) return file.damaged();
+      if (auto ok = take(*band); !ok) return ok;
+    }
+    return {};
+  }
+  const auto across = file.tag<std::uint32_t>(TIFFTAG_TILEWIDTH, 0);
+  const auto down = file.tag<std::uint32_t>(TIFFTAG_TILELENGTH, 0);
+  if (across == 0 || down == 0 || across > (1u << 20) || down > (1u << 20))
+    return fail(ErrorCode::bad_file, file.path, ": tiles of ", across, "x", down, " pixels");
+  auto tile = buffer(file, pixel * across * down);
+  if (!tile) return tl::unexpected(tile.error());
+  if (TIFFTileSize(tiff) != static_cast<tmsize_t>(tile->size())) return file.damaged();
+  for (std::uint32_t y = 0; y < kind.height; y += down) {
+    const std::uint32_t count = std::min(down, kind.height - y);
+    auto band = buffer(file, row * count);
+    if (!band) return tl::unexpected(band.error());
+    for (std::uint32_t x = 0; x < kind.width; x += across) {
+      if (TIFFReadEncodedTile(tiff, TIFFComputeTile(tiff, x, y, 0, plane), tile->data(),
+                              static_cast<tmsize_t>(tile->size())) < 0)
+        return file.damaged();
+      const std::size_t part = std::min(across, kind.width - x) * pixel;
+      for (std::uint32_t r = 0; r < count; ++r)
+        std::copy_n(tile->data() + r * across * pixel, part, band->data() + r * row + x * pixel);
+    }
+    if (auto ok = take(*band); !ok) return ok;
+  }
+  return {};
+}
+
+/// What a description says of the pages: how many along z, channels and times, in which order, and
+/// how far apart.
+struct Description {
+  std::uint64_t z = 0, channels = 1, times = 1;
+  std::string order = "ZCT";  ///< the fastest first
+  glm::dvec3 spacing{0.0};    ///< micrometres, or pixels where micrometres are unknown; 0: unknown
+  std::string origin;         ///< "OME" or "ImageJ"
+};
+
+double micrometres(std::string_view unit) {
+  const std::string text = lower(trim(unit));
+  if (text == "nm") return 1e-3;
+  if (text == "mm") return 1e3;
+  if (text == "cm") return 1e4;
+  if (text == "m") return 1e6;
+  if (text == "inch" || text == "in") return 25400;
+  if (text == "\xc3\x85" || text == "angstrom") return 1e-4;
+  return 1;  // µm in its many spellings, pixels
+}
+
+Result<Description> parse_ome(const std::string& text, const std::string& path) {
+  Description d{.origin = "OME"};
+  std::string problem;
+  const auto count = [&](const XmlAttributes& a, const char* key) -> std::uint64_t {
+    const auto found = a.find(key);
+    const auto value = found == a.end() ? std::nullopt : parse_integer(found->second);
+    if (!value || *value < 1 || *value > (1 << 24)) problem = key;
+    return static_cast<std::uint64_t>(value.value_or(1));
+  };
+  const auto end = parse_xml(
+      text, path + ": OME metadata", {.start = [&](std::string_view name, const XmlAttributes& a) {
+        if (name != "Pixels") return true;
+        d.z = count(a, "SizeZ");
+        d.channels = count(a, "SizeC");
+        d.times = count(a, "SizeT");
+        if (const auto order = a.find("DimensionOrder");
+            order != a.end() && order->second.size() == 5)
+          d.order = order->second.substr(2);
+        for (int i = 0; i < 3; ++i) {
+          const std::string key = std::string("PhysicalSize") + "XYZ"[i];
+          const auto size = a.find(key);
+          const auto unit = a.find(key + "Unit");
+          const auto value = size == a.end() ? std::nullopt : parse_number(size->second);
+          if (value && *value > 0 && std::isfinite(*value))
+            d.spacing[i] = *value * micrometres(unit == a.end() ? "" : unit->second);
+        }
+        return false;
+      }});
+  if (!end) return tl::unexpected(end.error());
+  std::string sorted = d.order;
+  std::sort(sorted.begin(), sorted.end());
+  if (sorted != "CTZ") problem = "DimensionOrder";
+  if (!problem.empty() || d.z == 0)
+    return fail(ErrorCode::bad_file, path, ": OME metadata: ",
+                problem.empty() ? "Pixels is missing" : problem + " is absurd or missing");
+  return d;
+}
+
+Description parse_imagej(const std::string& text, const TiffFile& file) {
+  Description d{.order = "CZT", .origin = "ImageJ"};
+  std::map<std::string, std::string, std::less<>> entries;
+  for (std::size_t at = 0; at < text.size();) {
+    const auto line = next_line(text, at);
+    const auto equals = line.find('=');
+    if (equals != std::string_view::npos)
+      entries[lower(trim(line.substr(0, equals)))] = trim(line.substr(equals + 1));
+  }
+  const auto count = [&](const char* key) -> std::uint64_t {
+    const auto found = entries.find(key);
+    const auto value = found == entries.end() ? std::nullopt : parse_integer(found->second);
+    return value && *value > 0 ? static_cast<std::uint64_t>(*value) : 1;
+  };
+  d.channels = count("channels");
+  d.times = count("frames");
+  d.z = entries.contains("slices") || d.channels > 1 || d.times > 1 ? count("slices")
+                                                                    : count("images");
+  const double unit = micrometres(entries.contains("unit") ? entries["unit"] : "");
+  const float across = file.tag<float>(TIFFTAG_XRESOLUTION, 0);
+  const float down = file.tag<float>(TIFFTAG_YRESOLUTION, 0);
+  const bool has_unit = entries.contains("unit");
+  d.spacing.x = has_unit && across > 0 ? unit / across : 0;
+  d.spacing.y = has_unit && down > 0 ? unit / down : 0;
+  if (const auto z = parse_number(entries.contains("spacing") ? entries["spacing"] : "");
+      z && *z != 0 && std::isfinite(*z))
+    d.spacing.z = std::abs(*z) * unit;
+  return d;
+}
+
+/// The place of a page among the others.
+std::uint64_t page_of(const Description& d, std::uint64_t z, std::uint64_t c, std::uint64_t t) {
+  std::uint64_t index = 0, stride = 1;
+  for (const char axis : d.order) {
+    index += stride * (axis == 'Z' ? z : axis == 'C' ? c : t);
+    stride *= axis == 'Z' ? d.z : axis == 'C' ? d.channels : d.times;
+  }
+  return index;
+}
+
+Result<Description> describe_pages(const TiffFile& file) {
+  const std::string text = file.text(TIFFTAG_IMAGEDESCRIPTION);
+  if (text.starts_with("ImageJ=")) return parse_imagej(text, file);
+  if (text.find("<OME") < 4096 || text.find(":OME") < 4096) return parse_ome(text, file.path);
+  return Description{};
+}
+
+Result<std::uint64_t> count_pages(TiffFile& file) {
+  std::uint64_t pages = 0;
+  while (true) {
+    pages += file.is_thumbnail() ? 0 : 1;
+    const auto more = file.next();
+    if (!more) return tl::unexpected(more.error());
+    if (!*more) return pages;
+  }
+}
+
+void set_spacing(const Description& d, const VolumeOptions& options, Volume& volume) {
+  for (int i = 0; i < 3; ++i) volume.axes[i][i] = d.spacing[i] > 0 ? d.spacing[i] : 1;
+  if (d.spacing.x > 0 && d.spacing.y > 0 && d.spacing.z > 0) {
+    volume.placement = d.origin + " metadata, in micrometres";
+    return;
+  }
+  if (options.spacing) return;
+  if (d.spacing == glm::dvec3(0.0))
+    volume.notes.emplace_back("it states no spacing: voxels are taken as 1x1x1");
+  else
+    volume.notes.emplace_back(
+        "its " + d.origin + " metadata state only some of the spacings: the others are taken as 1");
+}
+
+/// ImageJ's stacks beyond 4 GiB: one page, the others behind its pixels without any header.
+Result<Volume> read_raw_stack(const TiffFile& file, const SliceKind& kind, const Description& d,
+                              std::uint64_t z_step, std::uint64_t first, Volume volume) {
+  std::uint64_t* offsets = nullptr;
+  if (z_step != 1 || kind.components != 1 ||
+      file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE) != COMPRESSION_NONE ||
+      !TIFFGetField(file.tiff.get(), TIFFTAG_STRIPOFFSETS, &offsets) || !offsets)
+    return fail(ErrorCode::unsupported, file.path, ": one page for ", d.z * d.channels * d.times,
+                " pictures: save it as a TIFF with a page each");
+  const std::uint64_t slice = std::uint64_t{kind.width} * kind.height * bytes_per_voxel(kind.type);
+  VoxelData data{.path = file.path, .offset = offsets[0]};
+  data.big_endian = TIFFIsBigEndian(file.tiff.get()) != 0;
+  if (__builtin_mul_overflow(first, slice, &data.skip))
+    return fail(ErrorCode::bad_file, file.path, ": absurd counts of pictures");
+  if (auto ok = read_voxels(data, volume); !ok) return tl::unexpected(ok.error());
+  return volume;
+}
+
+}  // namespace
+
+bool looks_like_tiff(std::string_view head) {
+  for (const std::string_view magic : {std::string_view("II*\0", 4), std::string_view("MM\0*", 4),
+                                       std::string_view("II+\0", 4), std::string_view("MM\0+", 4)})
+    if (head.starts_with(magic)) return true;
+  return false;
+}
+
+Result<std::uint32_t> append_tiff(const std::string& path, const VolumeOptions& options,
+                                  std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
+  auto opened = TiffFile::open(path);
+  if (!opened) return tl::unexpected(opened.error());
+  TiffFile& file = **opened;
+  std::uint32_t pages = 0;
+  while (true) {
+    if (!file.is_thumbnail()) {
+      const auto here = kind_of(file);
+      if (!here) return tl::unexpected(here.error());
+      if (!kind) kind = *here;
+      if (*kind != *here)
+        return fail(ErrorCode::unsupported, path, ": page ", file.page, " is ", describe(*here),
+                    ", unlike the slices before it (", describe(*kind), ")");
+      const auto taker = ComponentTaker::make(path, *kind, options);
+      if (!taker) return tl::unexpected(taker.error());
+      if (auto ok = append_page(file, *kind, *taker, voxels); !ok)
+        return tl::unexpected(ok.error());
+      ++pages;
+    }
+    const auto more = file.next();
+    if (!more) return tl::unexpected(more.error());
+    if (!*more) return pages;
+  }
+}
+
+Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) {
+  auto opened = TiffFile::open(path);
+  if (!opened) return tl::unexpected(opened.error());
+  TiffFile& file = **opened;
+  Volume volume;
+  volume.source = path;
+  const auto kind = kind_of(file);
+  if (!kind) return tl::unexpected(kind.error());
+  volume.type = kind->type;
+  auto d = describe_pages(file);
+  if (!d) return tl::unexpected(d.error());
+  auto counting = TiffFile::open(path);
+  if (!counting) return tl::unexpected(counting.error());
+  const auto pages = count_pages(**counting);
+  if (!pages) return tl::unexpected(pages.error());
+
+  if (d->z == 0) d->z = *pages;
+  // OME counts the samples of a colour pixel as channels.
+  if (d->origin == "OME" && kind->components > 1 && d->channels % kind->components == 0)
+    d->channels /= kind->components;
+  // Stacks along z are often saved as times.
+  if (d->z == 1 && d->times > 1 && !options.time) {
+    std::swap(d->z, d->times);
+    for (char& axis : d->order) axis = axis == 'Z' ? 'T' : axis == 'T' ? 'Z' : axis;
+    volume.notes.emplace_back("its " + d->origin + " metadata call its slices time points");
+  }
+  const double all = double(d->z) * double(d->channels) * double(d->times);
+  const bool raw_stack = *pages == 1 && all > 1 && d->origin == "ImageJ";
+  if (!raw_stack && double(*pages) != all)
+    return fail(ErrorCode::bad_file, path, ": ", *pages, " pages, but its ", d->origin,
+                " metadata say ", d->z, " slices, ", d->channels, " channels, ", d->times,
+                " time points: it is truncated, or part of a set of files");
+  const auto dims = check_dims(path, std::array<std::uint64_t, 3>{kind->width, kind->height, d->z});
+  if (!dims) return tl::unexpected(dims.error());
+  volume.dims = *dims;
+  const auto time = choose(path, options.time, d->times, "time point");
+  if (!time) return tl::unexpected(time.error());
+  VolumeOptions of_page = options;
+  std::uint32_t channel = 0;
+  if (d->channels > 1) {
+    const auto chosen = choose(path, options.component, d->channels, "component");
+    if (!chosen) return tl::unexpected(chosen.error());
+    channel = *chosen;
+    of_page.component.reset();
+  }
+  set_spacing(*d, options, volume);
+  if (auto ok = check_axes(volume); !ok) return tl::unexpected(ok.error());
+  if (raw_stack)
+    return read_raw_stack(file, *kind, *d, page_of(*d, 1, 0, 0), page_of(*d, 0, channel, *time),
+                          std::move(volume));
+
+  const auto taker = ComponentTaker::make(path, *kind, of_page);
+  if (!taker) return tl::unexpected(taker.error());
+  for (std::uint64_t index = 0, z = 0; z < d->z;) {
+    if (!file.is_thumbnail()) {
+      if (index++ == page_of(*d, z, channel, *time)) {
+        const auto here = kind_of(file);
+        if (!here) return tl::unexpected(here.error());
+        if (*here != *kind)
+          return fail(ErrorCode::unsupported, path, ": page ", file.page, " is ", describe(*here),
+                      ", unlike the first (", describe(*kind), ")");
+        if (auto ok = append_page(file, *kind, *taker, volume.voxels); !ok)
+          return tl::unexpected(ok.error());
+        ++z;
+      }
+    }
+    const auto more = file.next();
+    if (!more) return tl::unexpected(more.error());
+    if (!*more && z < d->z) return file.damaged();
+  }
+  return volume;
+}
+
+}  // namespace slf::volume_io

@@ -1,0 +1,95 @@
+// Presets by reference: built in, in a file, or one of several in a file.
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "field/volume/io.h"
+#include "field/volume/transfer_formats.h"
+
+namespace slf {
+
+using namespace transfer_formats;
+using volume_io::in_quotes;
+using volume_io::lower;
+
+namespace {
+
+/// The built-in of a name, or null.
+const TransferPreset* find_built_in(const std::string& name) {
+  for (const auto& preset : built_in_transfers())
+    if (preset.function.name == lower(name)) return &preset;
+  return nullptr;
+}
+
+/// The first names of presets, those first that hold `like`.
+std::string some_names(std::span<const TransferPreset> presets, const std::string& like) {
+  std::vector<std::string> names;
+  for (const auto& preset : presets) names.push_back(preset.function.name);
+  std::stable_partition(names.begin(), names.end(), [&](const std::string& name) {
+    return !like.empty() && lower(name).find(lower(like)) != std::string::npos;
+  });
+  constexpr std::size_t kSome = 16;
+  std::string list;
+  for (std::size_t i = 0; i < std::min(kSome, names.size()); ++i)
+    list += (i ? ", " : "") + names[i];
+  if (names.size() > kSome) list += ", and " + std::to_string(names.size() - kSome) + " more";
+  return list;
+}
+
+}  // namespace
+
+Result<std::vector<TransferPreset>> parse_transfers(const std::string& bytes,
+                                                    const std::string& source) {
+  auto presets = looks_like_clut(bytes) ? parse_clut(bytes, source)
+                 : looks_like_vp(bytes) ? parse_vp(bytes, source)
+                                        : parse_json(bytes, source);
+  if (presets)
+    for (auto& preset : *presets)
+      if (preset.function.name.empty())
+        preset.function.name = std::filesystem::path(source).stem().string();
+  return presets;
+}
+
+Result<std::vector<TransferPreset>> read_transfers(const std::string& path) {
+  const auto size = volume_io::file_size(path);
+  if (!size) return tl::unexpected(size.error());
+  constexpr std::uint64_t kMost = std::uint64_t{64} << 20;
+  if (*size > kMost)
+    return fail(ErrorCode::bad_file, path, ": ", *size,
+                " bytes, expected a transfer function of at most ", kMost);
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  if (!file || (*size > 0 && !(text << file.rdbuf())))
+    return fail(ErrorCode::io, path, ": cannot be read");
+  return parse_transfers(std::move(text).str(), path);
+}
+
+Result<TransferPreset> read_transfer(const std::string& reference) {
+  if (const auto* found = find_built_in(reference)) return *found;
+  // A path may hold a '#' of its own: the longest that is a file counts.
+  std::string path = reference;
+  std::error_code ignored;
+  while (!std::filesystem::exists(path, ignored)) {
+    const auto hash = path.rfind('#');
+    if (hash == std::string::npos) break;
+    path.resize(hash);
+  }
+  if (!std::filesystem::exists(path, ignored) &&
+      reference.find_first_of("/.#") == std::string::npos)
+    return fail(ErrorCode::usage, in_quotes(reference),
+                ": no such file, and no built-in transfer function; there are ",
+                some_names(built_in_transfers(), reference));
+  auto presets = read_transfers(path);
+  if (!presets) return tl::unexpected(presets.error());
+  if (path.size() == reference.size()) return std::move(presets->front());
+  const std::string name = reference.substr(path.size() + 1);
+  for (const bool exact : {true, false})
+    for (auto& preset : *presets)
+      if (exact ? preset.function.name == name : lower(preset.function.name) == lower(name))
+        return std::move(preset);
+  return fail(ErrorCode::usage, path, ": no preset ", in_quotes(name), "; there are ",
+              some_names(*presets, name));
+}
+
+}  // namespace slf

@@ -1,0 +1,111 @@
+// Functions for labels, and whether a volume holds them.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <set>
+
+#include "field/volume/transfer_color.h"
+#include "field/volume/value_statistics.h"
+#include "field/volume/voxels.h"
+
+namespace slf {
+
+namespace {
+
+/// The ids there are, at most 65536 of them (more are amounts misread).
+std::set<double> ids_of(const Volume& volume) {
+  std::set<double> ids;
+  visit_voxels(volume, [&](auto stored) {
+    constexpr std::size_t kMost = 65536;
+    auto before = stored[0];
+    for (std::size_t i = 0; i < stored.size() && ids.size() < kMost; ++i) {
+      if (i > 0 && stored[i] == before) continue;  // runs are long
+      before = stored[i];
+      const double id = volume.slope * static_cast<double>(before) + volume.intercept;
+      if (std::isfinite(id)) ids.insert(id);
+    }
+  });
+  return ids;
+}
+
+glm::dvec3 hue_of(double id) {
+  constexpr double kGoldenRatio = 0.6180339887498949;
+  const double turn = id * kGoldenRatio;
+  const double rest = std::fmod(std::abs(id), 3);
+  return transfer_color::hsv_to_rgb(
+      {turn - std::floor(turn), 0.55 + 0.15 * rest, 0.95 - 0.1 * rest});
+}
+
+// In Space::step the stretch up to and with a point has the point's colour, so every id, being a
+// point, has its own. The opacity leaps half way from 0 to the ids beside it.
+template <class ColorOf>
+TransferFunction with_colors(const Volume& volume, const ColorOf& color_of) {
+  TransferFunction result;
+  result.name = "Default labels";
+  result.space = TransferFunction::Space::step;
+  result.unit_distance = voxel_size(volume);
+  std::set<double> ids = ids_of(volume);
+  ids.insert(0);
+  std::size_t rank = 0;
+  for (const double id : ids) {
+    const double share = ids.size() > 2 ? double(rank) / double(ids.size() - 2) : 0.5;
+    result.colors.push_back({id, id == 0 ? glm::dvec3(0.0) : color_of(id, share)});
+    if (id != 0) ++rank;
+  }
+  constexpr double kStep = 1;
+  if (*ids.begin() < 0) result.opacities.push_back({-1, 1, 0.5, kStep});
+  result.opacities.push_back({0, 0, 0.5, kStep});
+  if (*ids.rbegin() > 0) result.opacities.push_back({1, 1, 0.5, kStep});
+  return result;
+}
+
+}  // namespace
+
+TransferFunction label_transfer(const Volume& volume,
+                                const std::vector<TransferFunction::ColorPoint>& colors) {
+  return with_colors(volume, [&](double id, double) {
+    if (colors.empty()) return hue_of(id);
+    const auto found = std::find_if(colors.begin(), colors.end(),
+                                    [&](const auto& point) { return point.value == id; });
+    if (found != colors.end()) return found->rgb;
+    const auto count = static_cast<double>(colors.size());
+    const double rest = std::fmod(std::fmod(std::floor(id), count) + count, count);
+    return colors[static_cast<std::size_t>(rest)].rgb;
+  });
+}
+
+TransferFunction label_transfer(const Volume& volume, const TransferFunction& map) {
+  const double from = map.colors.front().value, to = map.colors.back().value;
+  return with_colors(
+      volume, [&](double, double share) { return glm::dvec3(map(std::lerp(from, to, share))); });
+}
+
+bool looks_like_labels(const Volume& volume) {
+  if (std::trunc(volume.slope) != volume.slope || std::trunc(volume.intercept) != volume.intercept)
+    return false;
+  return visit_voxels(volume, [&](auto stored) {
+    using T = typename decltype(stored)::value_type;
+    // Pairs of neighbours along x inside objects: 0 beside 0 is background, and tells nothing.
+    std::uint64_t equal = 0, near = 0, far = 0;
+    const std::size_t width = volume.dims[0];
+    const std::size_t rows = stored.size() / width;
+    const std::size_t stride = (rows / 65536) | 1;
+    for (std::size_t row = 0; row < rows; row += stride)
+      for (std::size_t i = row * width + 1; i < (row + 1) * width; ++i) {
+        const T a = stored[i - 1], b = stored[i];
+        if constexpr (std::is_floating_point_v<T>)
+          if (!(std::trunc(b) == b)) return false;
+        if (a == b)
+          equal += a != T{0};
+        else if (a != T{0} && b != T{0})
+          (std::abs(static_cast<double>(a) - static_cast<double>(b)) <= 1 ? near : far) += 1;
+        else
+          far += 1;
+      }
+    const auto inside = static_cast<double>(equal + near + far);
+    // Amounts change little from voxel to voxel and often; ids seldom, and by any number.
+    return inside > 0 && static_cast<double>(equal) > 0.7 * inside && near <= far;
+  });
+}
+
+}  // namespace slf

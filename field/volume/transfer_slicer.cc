@@ -1,0 +1,78 @@
+// 3D Slicer's volume property, .vp: nine lines, of which the seventh holds opacities, as a count
+// and then pairs, and the ninth colours, as a count and then fours. The others say how to light.
+#include <cctype>
+#include <cmath>
+
+#include "field/volume/io.h"
+#include "field/volume/transfer_formats.h"
+
+namespace slf::transfer_formats {
+
+namespace {
+
+std::vector<std::string_view> lines_of(std::string_view text) {
+  std::vector<std::string_view> lines;
+  for (std::size_t at = 0; at < text.size();) {
+    const auto line = volume_io::trim(volume_io::next_line(text, at));
+    if (!line.empty()) lines.push_back(line);
+  }
+  return lines;
+}
+
+/// A line of a count and so many numbers, `stride` a point, ascending in the first, the others
+/// 0..1.
+Result<std::vector<double>> read_points(std::string_view line, std::size_t number,
+                                        std::size_t stride, const std::string& source) {
+  const auto bad = [&](const auto&... parts) {
+    return fail(ErrorCode::bad_file, source, ": line ", number, ": ", parts...);
+  };
+  const auto words = volume_io::words(line);
+  const auto count = volume_io::parse_integer(words.front());
+  if (!count || *count < static_cast<std::int64_t>(stride) ||
+      *count % static_cast<std::int64_t>(stride) != 0)
+    return bad("begins with ", volume_io::in_quotes(words.front()),
+               ", expected a count of numbers, ", stride, " a point");
+  // A comment may follow ("=> ...").
+  if (words.size() - 1 < static_cast<std::size_t>(*count))
+    return bad("has ", words.size() - 1, " numbers, expected ", *count);
+  std::vector<double> numbers;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(*count); ++i) {
+    const auto value = volume_io::parse_number(words[i + 1]);
+    if (!value || !std::isfinite(*value))
+      return bad(volume_io::in_quotes(words[i + 1]), " is not a number");
+    if (i % stride == 0 ? i > 0 && *value < numbers[i - stride] : !(*value >= 0 && *value <= 1))
+      return bad("number ", i + 1, " is ", *value,
+                 i % stride == 0 ? ", below the point before it: points must ascend in value"
+                                 : ", expected 0 to 1");
+    numbers.push_back(*value);
+  }
+  return numbers;
+}
+
+}  // namespace
+
+bool looks_like_vp(std::string_view text) {
+  const auto lines = lines_of(text.substr(0, 65536));
+  return lines.size() >= 7 && std::isdigit(static_cast<unsigned char>(lines[0].front())) &&
+         volume_io::words(lines[6]).size() >= 3;
+}
+
+Presets parse_vp(std::string_view text, const std::string& source) {
+  const auto lines = lines_of(text);
+  if (lines.size() < 9)
+    return fail(ErrorCode::bad_file, source, ": ", lines.size(),
+                " lines, expected the 9 of a volume property: opacities in the 7th, colours in the "
+                "9th");
+  const auto opacities = read_points(lines[6], 7, 2, source);
+  if (!opacities) return tl::unexpected(opacities.error());
+  const auto colors = read_points(lines[8], 9, 4, source);
+  if (!colors) return tl::unexpected(colors.error());
+  TransferPreset preset;
+  for (auto p = opacities->begin(); p != opacities->end(); p += 2)
+    preset.function.opacities.push_back({p[0], p[1], 0.5, 0});
+  for (auto p = colors->begin(); p != colors->end(); p += 4)
+    preset.function.colors.push_back({p[0], {p[1], p[2], p[3]}});
+  return std::vector{std::move(preset)};
+}
+
+}  // namespace slf::transfer_formats

@@ -1,0 +1,241 @@
+#include "field/volume/value_statistics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <span>
+
+#include "field/volume/voxels.h"
+
+namespace slf {
+
+namespace {
+
+// Enough for a percentile, whatever the volume's size.
+constexpr std::size_t kSamples = std::size_t{1} << 20;
+constexpr std::size_t kBins = 256;
+
+/// Finite values after the scale, at most about kSamples of them, evenly strided; sorted.
+std::vector<double> sorted_sample(const Volume& volume) {
+  std::vector<double> values;
+  visit_voxels(volume, [&](auto stored) {
+    // An odd stride walks through all columns of a volume whose width is a power of two.
+    const std::size_t stride = (stored.size() / kSamples) | 1;
+    for (std::size_t i = 0; i < stored.size(); i += stride) {
+      const double value = volume.slope * static_cast<double>(stored[i]) + volume.intercept;
+      if (std::isfinite(value)) values.push_back(value);
+    }
+  });
+  std::sort(values.begin(), values.end());
+  return values;
+}
+
+/// REQUIRES: sorted, not empty, q in 0..1.
+double quantile(std::span<const double> sorted, double q) {
+  return sorted[static_cast<std::size_t>(std::llround(q * static_cast<double>(sorted.size() - 1)))];
+}
+
+/// Counts of values over equal bins; those outside go to the first and the last.
+/// REQUIRES: least < most.
+std::array<double, kBins> histogram(std::span<const double> values, double least, double most) {
+  std::array<double, kBins> count{};
+  for (const double value : values) {
+    // In halves, so that the range of the widest doubles does not overflow.
+    const double bin = (value / 2 - least / 2) / (most / 2 - least / 2) * kBins;
+    ++count[static_cast<std::size_t>(std::clamp(bin, 0.0, double{kBins - 1}))];
+  }
+  return count;
+}
+
+struct Cut {
+  double value;         ///< what best parts the values in two classes
+  double separability;  ///< the variance between the classes over all variance, 0..1
+};
+
+/// Otsu 1979, over bins between two values. REQUIRES: sorted, least < most.
+Cut otsu(std::span<const double> values, double least, double most) {
+  const auto count = histogram(values, least, most);
+  double total = 0, sum = 0, squares = 0;
+  for (std::size_t i = 0; i < kBins; ++i) {
+    const auto at = static_cast<double>(i);
+    total += count[i];
+    sum += count[i] * at;
+    squares += count[i] * at * at;
+  }
+  double below = 0, below_sum = 0, best = -1;
+  double first = 0, last = 0;  // the bins of the best cut: empty bins between classes all tie
+  for (std::size_t i = 0; i + 1 < kBins; ++i) {
+    below += count[i];
+    below_sum += count[i] * static_cast<double>(i);
+    if (below == 0 || below == total) continue;
+    const double gap = below_sum / below - (sum - below_sum) / (total - below);
+    const double score = below * (total - below) * gap * gap;
+    if (score > best) first = static_cast<double>(i);
+    if (score >= best) last = static_cast<double>(i);
+    best = std::max(best, score);
+  }
+  const double variance = squares / total - (sum / total) * (sum / total);
+  return {std::lerp(least, most, ((first + last) / 2 + 1) / kBins),
+          variance > 0 ? best / (total * total) / variance : 0};
+}
+
+/// Whether values run to both sides of a background of 0: the fullest bin is the one of 0, and
+/// neither side is a mere tail.
+bool is_around_zero(std::span<const double> sorted, double least, double most) {
+  if (!(least < 0 && most > 0) || std::min(-least, most) < 0.05 * std::max(-least, most))
+    return false;
+  const auto count = histogram(sorted, least, most);
+  const double zero = (0 - least / 2) / (most / 2 - least / 2) * kBins;
+  // Its own bin or one beside it, should 0 lie at an edge.
+  const auto fullest = std::max_element(count.begin() + 1, count.end() - 1) - count.begin();
+  return std::abs(static_cast<double>(fullest) + 0.5 - zero) <= 1.5;
+}
+
+double share_of_zero(std::span<const double> sorted) {
+  const auto [first, last] = std::equal_range(sorted.begin(), sorted.end(), 0.0);
+  return static_cast<double>(last - first) / static_cast<double>(sorted.size());
+}
+
+/// The value at which the background ends. A few very bright voxels (PET: bladder, heart) make
+/// Otsu's cut part them from all the rest; then the rest is cut once more.
+double background_end(std::span<const double> sorted, double least, double most) {
+  constexpr double kFew = 0.05, kParts = 0.7;
+  double end = otsu(sorted, least, most).value;
+  for (int again = 0; again < 2; ++again) {
+    const auto above = std::upper_bound(sorted.begin(), sorted.end(), end);
+    if (static_cast<double>(sorted.end() - above) > kFew * static_cast<double>(sorted.size()))
+      break;
+    const std::span<const double> rest(sorted.begin(), above);
+    if (rest.empty() || !(least < end)) break;
+    const Cut lower = otsu(rest, least, end);
+    if (lower.separability < kParts || !(lower.value > least)) break;
+    end = lower.value;
+  }
+  return end;
+}
+
+}  // namespace
+
+double ValueStatistics::to_value(double of_values) const {
+  return by_decades ? std::pow(10, of_values) : of_values;
+}
+
+std::array<double, 2> ValueStatistics::range() const {
+  return {both_signs ? -most : to_value(least), to_value(most)};
+}
+
+ValueStatistics value_statistics(const Volume& volume) {
+  ValueStatistics s;
+  s.values = sorted_sample(volume);
+  if (s.values.empty()) s.values.push_back(0);
+  s.least = quantile(s.values, 0.001);
+  s.most = quantile(s.values, 0.999);
+  if (s.is_flat()) s.least = s.values.front(), s.most = s.values.back();
+  if (s.is_flat()) return s;
+  s.both_signs = is_around_zero(s.values, s.least, s.most);
+  if (s.both_signs) {
+    // A mask leaves exact zeros, and all else is signal; without one, noise is background, too.
+    const bool masked = share_of_zero(s.values) > 0.1;
+    s.most = std::max(-s.least, s.most);
+    s.least = 0;
+    for (double& value : s.values) value = std::abs(value);
+    std::sort(s.values.begin(), s.values.end());
+    s.threshold = masked ? 0 : otsu(s.values, s.least, s.most).value;
+    return s;
+  }
+  s.by_decades = s.least > 0 && s.most / s.least > 1e4;
+  if (s.by_decades) {
+    s.values.erase(s.values.begin(), std::lower_bound(s.values.begin(), s.values.end(), s.least));
+    for (double& value : s.values) value = std::log10(value);
+    s.least = std::log10(s.least);
+    s.most = std::log10(s.most);
+  }
+  s.threshold = background_end(s.values, s.least, s.most);
+  return s;
+}
+
+namespace {
+
+struct Step {
+  double value;  ///< of statistics.values
+  double t;      ///< 0 at the threshold, 1 at the greatest
+};
+
+/// Where the default function has its points: half by value, half by rank, so even where values are
+/// even, and finer where there are many.
+std::vector<Step> steps_above_threshold(const ValueStatistics& s) {
+  const auto first = std::upper_bound(s.values.begin(), s.values.end() - 1, s.threshold);
+  const std::span<const double> object(first, s.values.end());
+  constexpr int kSteps = 16;
+  std::vector<Step> steps;
+  for (int i = 0; i <= kSteps; ++i) {
+    const double t = static_cast<double>(i) / kSteps;
+    const double by_value = std::lerp(s.threshold, s.most, t);
+    const double by_rank = std::clamp(quantile(object, t), s.threshold, s.most);
+    const double value = i == 0         ? s.threshold
+                         : s.both_signs ? by_value
+                                        : std::midpoint(by_value, by_rank);
+    if (steps.empty() || value > steps.back().value) steps.push_back({value, t});
+  }
+  return steps;
+}
+
+glm::dvec3 along(const std::array<glm::dvec3, 3>& colors, double t) {
+  return t < 0.5 ? glm::mix(colors[0], colors[1], 2 * t)
+                 : glm::mix(colors[1], colors[2], 2 * t - 1);
+}
+
+constexpr std::array<glm::dvec3, 3> kAmount{{{0.35, 0.14, 0.1}, {0.87, 0.6, 0.4}, {1, 0.97, 0.9}}};
+constexpr std::array<glm::dvec3, 3> kAbove{{{0.55, 0.1, 0.08}, {0.96, 0.4, 0.1}, {1, 0.95, 0.5}}};
+constexpr std::array<glm::dvec3, 3> kBelow{{{0.12, 0.18, 0.6}, {0.1, 0.5, 0.95}, {0.6, 0.97, 1}}};
+
+TransferFunction for_amounts(const Volume& volume) {
+  TransferFunction result;
+  result.name = "Default";
+  result.unit_distance = voxel_size(volume);
+  const ValueStatistics s = value_statistics(volume);
+  result.opacities = default_opacities(s);
+  if (s.is_flat()) {
+    result.colors = {{s.least, kAmount[0]}};
+    return result;
+  }
+  const auto steps = steps_above_threshold(s);
+  if (s.both_signs)
+    for (auto step = steps.rbegin(); step != steps.rend(); ++step)
+      result.colors.push_back({-step->value, along(kBelow, step->t)});
+  double before = -HUGE_VAL;
+  for (const Step& step : steps) {
+    const double value = s.to_value(step.value);
+    if (!(value > before)) continue;
+    before = value;
+    result.colors.push_back({value, along(s.both_signs ? kAbove : kAmount, step.t)});
+  }
+  return result;
+}
+
+}  // namespace
+
+std::vector<TransferFunction::OpacityPoint> default_opacities(const ValueStatistics& s) {
+  if (s.is_flat()) return {{s.least, 0, 0.5, 0}};  // one value everywhere: background
+  std::vector<TransferFunction::OpacityPoint> points;
+  const auto steps = steps_above_threshold(s);
+  if (s.both_signs)
+    for (auto step = steps.rbegin(); step != steps.rend(); ++step)
+      if (step->value > 0) points.push_back({-step->value, 0.95 * step->t * step->t, 0.5, 0});
+  for (const auto& [of_values, t] : steps) {
+    const double value = s.to_value(of_values);
+    if (points.empty() || value > points.back().value)
+      points.push_back({value, 0.95 * t * t, 0.5, 0});
+  }
+  return points;
+}
+
+double voxel_size(const Volume& volume) {
+  return std::cbrt(std::abs(glm::determinant(volume.axes)));
+}
+
+TransferFunction default_transfer(const Volume& volume) {
+  return volume.labels ? label_transfer(volume) : for_amounts(volume);
+}
+
+}  // namespace slf
