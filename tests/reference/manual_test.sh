@@ -25,7 +25,7 @@ for command in "${commands[@]}"; do
     [[ $text == *"$heading"* ]] || complain "$page has no section $heading"
   done
   for option in $("$slf" "$command" --help | sed '/^A first field/,$d' | options); do
-    [[ $text == *"$option"[\ ,.]* ]] || complain "$page does not name $option"
+    [[ $text == *"$option"[\ ,.\)]* ]] || complain "$page does not name $option"
   done
 done
 pages_there=("$pages"/slf-*.1)
