@@ -19,11 +19,11 @@ struct BuildOptions {
   FieldShape shape;  ///< a sphere of radius 0: the scene's own bounds
   /// "predictive:QUALITY" codes colour together with depth; other codecs code colour alone.
   std::string color_codec = "predictive:90";
-  std::string depth_codec;              ///< empty: none, or together with colour
-  bool half = false;                    ///< colour as half floats, with zstd or raw
-  unsigned threads = 0;                 ///< 0: all
-  double commit_seconds = 1;            ///< how often tiles are made safe: what a kill can cost
-  bool replace = false;                 ///< what is at the output's path, when all is built
+  std::string depth_codec;    ///< empty: none, or together with colour
+  bool half = false;          ///< colour as half floats, with zstd or raw
+  unsigned threads = 0;       ///< 0: all
+  double commit_seconds = 1;  ///< how often tiles are made safe: what a kill can cost
+  bool replace = false;       ///< what is at the output's path, when all is built
 };
 
 struct Progress {

@@ -39,9 +39,8 @@ struct Good {
   const char* name;
   double least_psnr;  ///< of the picture; JPEG decoders and float arithmetic may differ a little
 };
-constexpr Good kGood[] = {{"example", 50}, {"jpeg", 40}, {"zstd", 50},
-                          {"half", 50},    {"deep", 50}, {"subfields", 50},
-                          {"predictive", 50}};
+constexpr Good kGood[] = {{"example", 50}, {"jpeg", 40},      {"zstd", 50},      {"half", 50},
+                          {"deep", 50},    {"subfields", 50}, {"predictive", 50}};
 
 struct Bad {
   const char* name;

@@ -23,12 +23,11 @@ constexpr unsigned kLevel = 1;
 constexpr std::uint64_t kRoomy = 64 << 20;
 
 class TileCacheTest : public ::testing::Test {
-protected:
+ protected:
   static void SetUpTestSuite() {
     folder_ = new TemporaryFolder;
     const auto scene = std::move(*make_analytic_scene("balls"));
-    field_ = new Field(*build_and_open(*scene, *folder_ / "balls.slf",
-                                       lossless_options(4, 8, 1)));
+    field_ = new Field(*build_and_open(*scene, *folder_ / "balls.slf", lossless_options(4, 8, 1)));
   }
   static void TearDownTestSuite() {
     delete field_;
@@ -38,30 +37,26 @@ protected:
   static std::uint64_t tiles() { return tile_count(kLevel, 0); }
   /// A tile with something to see in it.
   static TileKey stored(std::uint64_t from = 0) {
-    while (field_->file().store().find(0, key(from))->state !=
-           storage::TileState::stored)
-      ++from;
+    while (field_->file().store().find(0, key(from))->state != storage::TileState::stored) ++from;
     return key(from);
   }
-  static TilePage *find(const TileCache &cache, TileKey at) {
+  static TilePage* find(const TileCache& cache, TileKey at) {
     const TileSections sections = sections_of(at, 0);
     return [&] {
-      TilePage *page = cache.page_table(at.level).find(sections.entry.index,
-                                                       sections.exit.index);
+      TilePage* page = cache.page_table(at.level).find(sections.entry.index, sections.exit.index);
       return page && page->layers != 0 ? page : nullptr;
     }();
   }
   static std::vector<std::byte> samples(TileKey at) {
     const auto ref = field_->file().store().find(0, at);
-    if (ref->state != storage::TileState::stored)
-      return {};
+    if (ref->state != storage::TileState::stored) return {};
     std::vector<std::byte> bytes(field_->file().tile_shape(0, at).bytes());
     EXPECT_TRUE(field_->file().decode(*ref, bytes));
     return bytes;
   }
 
-  static inline TemporaryFolder *folder_ = nullptr;
-  static inline Field *field_ = nullptr;
+  static inline TemporaryFolder* folder_ = nullptr;
+  static inline Field* field_ = nullptr;
 };
 
 TEST_F(TileCacheTest, ReadersFindWhatWasLoadedWithTheLayersThatWereWanted) {
@@ -69,7 +64,7 @@ TEST_F(TileCacheTest, ReadersFindWhatWasLoadedWithTheLayersThatWereWanted) {
   const TileKey at = stored();
   EXPECT_EQ(find(cache, at), nullptr);
   ASSERT_TRUE(cache.load(std::vector{at}, false));
-  TilePage *page = find(cache, at);
+  TilePage* page = find(cache, at);
   ASSERT_TRUE(page);
   EXPECT_TRUE(TilePage::readable(page->layers, false));
   EXPECT_FALSE(TilePage::readable(page->layers, true));
@@ -86,7 +81,7 @@ TEST_F(TileCacheTest, WhatWasUsedLongestAgoMakesRoom) {
   const TileKey first = stored(), second = stored(first.index + 1);
   ASSERT_TRUE(cache.load(std::vector{first, second}, false));
   const std::uint32_t frame = cache.begin_frame();
-  find(cache, first)->used = frame; // as a renderer does
+  find(cache, first)->used = frame;  // as a renderer does
   for (std::uint64_t k = second.index + 1; find(cache, second); ++k) {
     ASSERT_LT(k, tiles());
     ASSERT_TRUE(cache.load(std::vector{key(k)}, false));
@@ -116,13 +111,12 @@ TEST_F(TileCacheTest, AReaderKeepsRemovedTilesAliveUntilItIsDone) {
   ASSERT_TRUE(pins);
   {
     const TileCache::ReadScope scope(reader);
-    TilePage *page = find(cache, at);
+    TilePage* page = find(cache, at);
     ASSERT_TRUE(page);
     pins->clear();
     EXPECT_FALSE(find(cache, at));
     EXPECT_GT(cache.statistics().decoded_bytes, 0u);
-    EXPECT_TRUE(
-        std::equal(expected.begin(), expected.end(), page->color.load()));
+    EXPECT_TRUE(std::equal(expected.begin(), expected.end(), page->color.load()));
   }
   ASSERT_TRUE(cache.load(std::vector{at}, false));
   EXPECT_EQ(cache.statistics().decoded_bytes, 0u);
@@ -141,16 +135,14 @@ TEST_F(TileCacheTest, ThereIsRoomWhileOlderFramesTilesCanGo) {
 
 TEST_F(TileCacheTest, ReadersSeeWholeTilesWhileOthersLoadAndRemove) {
   std::vector<std::vector<std::byte>> expected;
-  for (std::uint64_t k = 0; k < tiles(); ++k)
-    expected.push_back(samples(key(k)));
+  for (std::uint64_t k = 0; k < tiles(); ++k) expected.push_back(samples(key(k)));
   TileCache cache(field_->file(), 96 << 10);
   std::atomic<int> loading{2};
   std::atomic<std::uint64_t> found{0};
   const auto load = [&](unsigned seed) {
     std::mt19937 random(seed);
     for (int k = 0; k < 4000; ++k) {
-      const auto pins =
-          cache.load(std::vector{key(random() % tiles())}, k % 2 == 0);
+      const auto pins = cache.load(std::vector{key(random() % tiles())}, k % 2 == 0);
       EXPECT_TRUE(pins);
     }
     --loading;
@@ -162,15 +154,13 @@ TEST_F(TileCacheTest, ReadersSeeWholeTilesWhileOthersLoadAndRemove) {
       const TileCache::ReadScope scope(reader);
       for (int k = 0; k < 64; ++k) {
         const std::uint64_t index = random() % tiles();
-        TilePage *page = find(cache, key(index));
-        if (!page || !TilePage::readable(
-                         page->layers.load(std::memory_order_acquire), false))
+        TilePage* page = find(cache, key(index));
+        if (!page || !TilePage::readable(page->layers.load(std::memory_order_acquire), false))
           continue;
         ++found;
-        const auto &bytes = expected[index];
+        const auto& bytes = expected[index];
         if (page->color.load()) {
-          EXPECT_TRUE(
-              std::equal(bytes.begin(), bytes.end(), page->color.load()));
+          EXPECT_TRUE(std::equal(bytes.begin(), bytes.end(), page->color.load()));
         } else {
           EXPECT_TRUE(bytes.empty());
         }
@@ -182,11 +172,10 @@ TEST_F(TileCacheTest, ReadersSeeWholeTilesWhileOthersLoadAndRemove) {
     threads.emplace_back(load, k);
     threads.emplace_back(read, 10 + k);
   }
-  for (std::thread &thread : threads)
-    thread.join();
+  for (std::thread& thread : threads) thread.join();
   EXPECT_GT(found, 0u);
   EXPECT_LE(cache.statistics().decoded_peak_bytes, (96u << 10) + 2 * 16384);
 }
 
-} // namespace
-} // namespace slf
+}  // namespace
+}  // namespace slf

@@ -60,8 +60,7 @@ TEST_F(VolumeBadInput, MissingEmptyOrOfAnotherKind) {
   expect("A text.\n", "a.nii.gz", ErrorCode::bad_file, {"NIfTI", "'A text.?'"});
   expect(gzip("A text.\n"), "b.nii.gz", ErrorCode::bad_file, {"NIfTI header in it", "'A text.?'"});
   expect("A text.\n", "a.mha", ErrorCode::bad_file, {"ObjectType"});
-  expect("A text.\n", "brain.den", ErrorCode::usage,
-         {"dimensions, type, spacing and offset"});
+  expect("A text.\n", "brain.den", ErrorCode::usage, {"dimensions, type, spacing and offset"});
 }
 
 TEST_F(VolumeBadInput, FolderThatMayNotBeEnteredIsNamedSo) {
