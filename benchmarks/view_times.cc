@@ -21,16 +21,16 @@ int main(int argc, char** argv) {
   using namespace slf;
   using bench::expect;
   CLI::App app{"What opening a field and drawing from it take"};
-  std::string path, memory = "256MiB", mode;
+  std::string path, mode;
+  RendererOptions options;
   std::uint32_t views = 8, size = 512;
   app.add_option("field", path)->required();
   app.add_option("--views", views)->capture_default_str();
   app.add_option("--size", size)->capture_default_str();
-  app.add_option("--memory", memory)->capture_default_str();
+  cli::add_bytes(app, "--memory", options.memory, "Bytes of decoded tiles and scratch");
   app.add_option("--mode", mode, "Default: the one the field is made for");
   CLI11_PARSE(app, argc, argv);
 
-  const RendererOptions options{expect(cli::parse_bytes(memory, "--memory")), 0};
   const auto opened = [&] { return expect(Field::open(path)); };
   MeasureOptions measuring;
   {
