@@ -277,15 +277,13 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   if (!preset) preset = TransferPreset{.function = default_transfer(*volume)};
   const TransferFunction function =
       transfer.empty() && !stretched ? preset->function : preset->fit(*volume, stretched);
-  const auto values = volume->value_range();
   auto made = Raycaster::make(std::move(*volume), function, options);
   if (!made && made.error().code == ErrorCode::failed)
     return with_cure(
         made.error(),
-        fmt::format("its values run from {:g} to {:g}, the transfer function from {:g} "
-                    "to {:g}: choose another --transfer, or stretch it by --range",
-                    values[0], values[1], function.colors.front().value,
-                    function.colors.back().value));
+        fmt::format("it runs from {:g} to {:g}: choose another --transfer, or stretch it "
+                    "by --range",
+                    function.colors.front().value, function.colors.back().value));
   if (!made) return tl::unexpected(made.error());
   return std::unique_ptr<Scene>(std::move(*made));
 }

@@ -155,7 +155,7 @@ inline constexpr const char* kVolumeHelp =
 inline constexpr const char* kVolumeGroup = "Volume";
 /// The transfer functions.
 inline constexpr const char* kTransferHelp =
-    "Transfer function: a built-in name (slf transfer --list), or a file of ParaView,\n"
+    "Transfer function: a built-in name (see `slf transfer`), or a file of ParaView,\n"
     "3D Slicer or MRIcroGL; FILE#NAME for one of several";
 
 /// What is said of integers that look like ids.

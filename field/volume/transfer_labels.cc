@@ -104,7 +104,7 @@ bool looks_like_labels(const Volume& volume) {
       }
     const auto inside = static_cast<double>(equal + near + far);
     // Amounts change little from voxel to voxel and often; ids seldom, and by any number.
-    return inside > 0 && static_cast<double>(equal) > 0.7 * inside && near <= far;
+    return far > 0 && static_cast<double>(equal) > 0.7 * inside && near <= far;
   });
 }
 
