@@ -316,7 +316,7 @@ def main():
             s = numbers["loading"][loading] = played["summary"]
             print(f"{loading:10} {s['frames']:7} {s['late']:6} {s['mean_ms']:8.1f} "
                   f"{s['worst_ms']:8.1f} {100 * s['full_share']:9.2f} % "
-                  f"{100 * s['least_full_share']:6.2f} % {s['rss_anon_peak'] / MIB:6.0f} MiB")
+                  f"{100 * s['least_full_share']:6.2f} % {s['rss_anon_peak_bytes'] / MIB:6.0f} MiB")
             late = [f"{k}: {f['ms']:.0f}" for k, f in enumerate(played["frames"])
                     if f["ms"] > FRAME_MS]
             if 0 < len(late) <= 12:

@@ -96,10 +96,11 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   app->footer(kFooter);
   app->set_version_flag("--version", std::string("slf ") + SLF_VERSION);
   app->add_flag("-q,--quiet", quiet, "No progress and no notes");
-  app->add_option("--progress", progress_seconds,
-                  "Seconds between lines of progress where stderr is no terminal; 0: none")
-      ->check(kNotNegative)
-      ->capture_default_str();
+  app->add_option("--progress", progress_style,
+                  "Seconds between lines of progress where stderr is no terminal, 0: none;\n"
+                  "or json, or json:SECONDS: lines of JSON on stderr, for programs")
+      ->type_name("SECONDS")
+      ->default_str(fmt::format("{}", progress_style.seconds));
   app->require_subcommand(1);
   app->fallthrough();
 
@@ -113,6 +114,9 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   add_compare(*app, run);
   add_repack(*app, run);
   add_verify(*app, run);
+  add_ls(*app, run);
+  add_tile(*app, run);
+  add_diff(*app, run);
   add_transfer(*app, run);
   add_help(*app, run);
   return app;

@@ -1,6 +1,9 @@
 #include <algorithm>
+#include <array>
+#include <cctype>
 #include <cmath>
 #include <filesystem>
+#include <sstream>
 
 #include "cli/command.h"
 #include "slf/scene.h"
@@ -28,6 +31,25 @@ CLI::Validator number(bool (*holds)(double), const char* expected) {
       "");
 }
 
+/// Replaces "64MiB" or "1.5g" by a number of bytes; returns what is wrong with it.
+std::string to_bytes(std::string& text) {
+  const std::string expected = text + ": expected a number of bytes, or one as 64MiB or 1.5GiB";
+  std::istringstream in(text);
+  double number = 0;
+  std::string unit, more;
+  if (!(in >> number)) return expected;
+  if (in >> unit; in >> more) return expected;
+  std::ranges::transform(unit, unit.begin(), [](unsigned char c) { return std::tolower(c); });
+  const std::size_t power = unit.empty() ? 0 : std::string_view("bkmgt").find(unit[0]);
+  if (power == std::string_view::npos) return expected;
+  const std::string rest = unit.empty() ? "" : unit.substr(1);
+  if (!rest.empty() && (power == 0 || (rest != "b" && rest != "ib"))) return expected;
+  const double bytes = std::ldexp(number, static_cast<int>(10 * power));
+  if (!(bytes >= 0 && bytes < 0x1p63)) return expected;
+  text = std::to_string(static_cast<std::uint64_t>(bytes));
+  return "";
+}
+
 }  // namespace
 
 const CLI::Validator kNotNegative = number([](double v) { return v >= 0; }, "0 or more");
@@ -43,8 +65,7 @@ CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t
                        const std::string& help) {
   const std::uint64_t mebibytes = bytes >> 20;
   return command.add_option(name, bytes, help + ", in bytes or as 64MiB, 2GiB")
-      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false).description(""))
-      ->check(kNotNegative)
+      ->transform(CLI::Validator(to_bytes, ""))
       ->type_name("SIZE")
       ->default_str(fmt::format("{}MiB", mebibytes));
 }
@@ -76,6 +97,48 @@ std::istream& operator>>(std::istream& in, PixelSize& size) {
 
 std::string to_string(const PixelSize& size) {
   return fmt::format("{}x{}", size.width, size.height);
+}
+
+std::istream& operator>>(std::istream& in, LevelRange& range) {
+  std::int64_t first = 0, last = 0;
+  if (in >> first && !in.eof() && in.peek() == '-')
+    in.ignore() >> last;
+  else
+    last = first;
+  if (first < 0 || last < first || last > UINT8_MAX) in.setstate(std::ios::failbit);
+  range = {static_cast<unsigned>(first), static_cast<unsigned>(last)};
+  return in;
+}
+
+CLI::Option* add_levels(CLI::App& command, const std::string& name,
+                        std::optional<LevelRange>& levels, const std::string& help) {
+  return command.add_option(name, levels, help + ", as 2 or 0-1")->type_name("LEVELS");
+}
+
+std::istream& operator>>(std::istream& in, Subfields& subfields) {
+  std::array<bool, 64> chosen{};
+  for (char comma = ','; comma == ',';) {
+    unsigned first = 0, last = 0;
+    if (!std::isdigit(in.peek()) || !(in >> first)) return in.setstate(std::ios::failbit), in;
+    last = first;
+    if (!in.eof() && in.peek() == '-')
+      if (in.ignore(); !std::isdigit(in.peek()) || !(in >> last))
+        return in.setstate(std::ios::failbit), in;
+    if (first > last || last >= chosen.size()) return in.setstate(std::ios::failbit), in;
+    for (unsigned k = first; k <= last; ++k) chosen[k] = true;
+    comma = in.eof() || in.peek() != ',' ? ' ' : static_cast<char>(in.get());
+  }
+  subfields.numbers.clear();
+  for (std::uint8_t k = 0; k < chosen.size(); ++k)
+    if (chosen[k]) subfields.numbers.push_back(k);
+  return in;
+}
+
+CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::string& help) {
+  return command
+      .add_option("--subfields", subfields,
+                  help + ": numbers from 0 to 63,\n8 x entry octant + exit octant, as 0-7,12")
+      ->type_name("NUMBERS");
 }
 
 tl::unexpected<Error> with_cure(const Error& error, const std::string& cure) {
@@ -364,8 +427,7 @@ void DrawArguments::add_resources_to(CLI::App& command) {
   command
       .add_option("--map-budget", map_budget,
                   "Resident bytes of the mapped file; default: as many as the kernel likes")
-      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false).description(""))
-      ->check(kNotNegative)
+      ->transform(CLI::Validator(to_bytes, ""))
       ->type_name("SIZE")
       ->group(group);
   command.add_option("-j,--threads", threads, "0: all cores")->group(group)->capture_default_str();

@@ -47,13 +47,22 @@ void add_evaluate(CLI::App& app, Run& run);
 void add_repack(CLI::App& app, Run& run);
 void add_verify(CLI::App& app, Run& run);
 void add_transfer(CLI::App& app, Run& run);
+void add_ls(CLI::App& app, Run& run);
+void add_tile(CLI::App& app, Run& run);
+void add_diff(CLI::App& app, Run& run);
 
 // ---- output ------------------------------------------------------------------------------------
 
 /// --quiet: no progress, no notes.
 extern bool quiet;
-/// Seconds between lines of progress where stderr is no terminal.
-extern double progress_seconds;
+/// --progress: how progress is reported, and how often where stderr is no terminal.
+struct ProgressStyle {
+  bool json = false;    ///< lines of JSON, for programs
+  double seconds = 30;  ///< between lines; 0: none
+};
+extern ProgressStyle progress_style;
+/// "30", "json", "json:5".
+std::istream& operator>>(std::istream& in, ProgressStyle& style);
 
 /// Standard streams that are closed become ones that fail, so that no file the program opens takes
 /// their place.
@@ -127,7 +136,7 @@ CLI::Option* choose(CLI::Option* option, const Choices<T>& choices) {
 
 extern const CLI::Validator kNotNegative, kPositive;
 
-/// "64MiB", "2G", "4096".
+/// "64MiB", "1.5G", "4096".
 CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t& bytes,
                        const std::string& help);
 /// Three numbers, "x,y,z"; empty where it is not given.
@@ -141,6 +150,21 @@ struct PixelSize {
 };
 std::istream& operator>>(std::istream& in, PixelSize& size);
 [[nodiscard]] std::string to_string(const PixelSize& size);
+
+/// Levels of the tile pyramid, both inclusive: "2", "0-1".
+struct LevelRange {
+  unsigned first = 0, last = 0;
+};
+std::istream& operator>>(std::istream& in, LevelRange& range);
+CLI::Option* add_levels(CLI::App& command, const std::string& name,
+                        std::optional<LevelRange>& levels, const std::string& help);
+
+/// Subfields of level 0, ascending: "0-7,12". Empty: not given.
+struct Subfields {
+  std::vector<std::uint8_t> numbers;
+};
+std::istream& operator>>(std::istream& in, Subfields& subfields);
+CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::string& help);
 
 /// The error with what can be done about it on the command line, which libraries do not know.
 [[nodiscard]] tl::unexpected<Error> with_cure(const Error& error, const std::string& cure);

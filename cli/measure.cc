@@ -83,8 +83,8 @@ nlohmann::json setting_json(const Setting& s, const Measurement& m, std::uint32_
           {"levels", levels},
           {"total", level_json(m.total)},
           {"kernel_counted", m.kernel_counted},
-          {"rss_anon_peak", m.rss_anon_peak},
-          {"rss_file_peak", m.rss_file_peak}};
+          {"rss_anon_peak_bytes", m.rss_anon_peak},
+          {"rss_file_peak_bytes", m.rss_file_peak}};
 }
 
 void print_measurement(const Setting& s, const Measurement& m, std::uint32_t views) {

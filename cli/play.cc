@@ -175,8 +175,8 @@ nlohmann::json played_json(const Played& played, const Summary& s) {
             {"hit_rate", s.hit_rate},
             {"loads", s.loads},
             {"load_bytes", s.load_bytes},
-            {"rss_anon_peak", played.peak.anonymous},
-            {"rss_file_peak", played.peak.file}}},
+            {"rss_anon_peak_bytes", played.peak.anonymous},
+            {"rss_file_peak_bytes", played.peak.file}}},
           {"frames", frames}};
 }
 
@@ -235,7 +235,7 @@ Result<void> run_play(const PlayArguments& a) {
     print_json({{"field", a.field},
                 {"fps", a.fps},
                 {"size", to_string(a.size)},
-                {"memory", a.draw.memory},
+                {"memory_bytes", a.draw.memory},
                 {"runs", runs}});
     return {};
   }

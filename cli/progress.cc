@@ -6,6 +6,7 @@
 #include <cmath>
 #include <csignal>
 #include <cstdio>
+#include <sstream>
 
 #include "cli/command.h"
 
@@ -43,13 +44,28 @@ class ProgressBar {
   void show(const Progress& progress) {
     const auto now = Clock::now();
     const bool finished = progress.done == progress.total;
-    const auto interval = terminal_ ? 0.1 : progress_seconds;
+    const auto interval = terminal_ ? 0.1 : progress_style.seconds;
     if (quiet || (!terminal_ && interval <= 0)) return;
-    if (finished ? !terminal_ && last_ == start_ : seconds(now - last_) < interval) return;
+    const bool short_work = !terminal_ && !progress_style.json && last_ == start_;
+    if (finished ? short_work : seconds(now - last_) < interval) return;
     last_ = now;
     const double took = seconds(now - start_);
     const auto done = static_cast<double>(progress.done),
                total = static_cast<double>(progress.total);
+    if (progress_style.json) {
+      const double fresh = done - static_cast<double>(progress.skipped);
+      const nlohmann::json left =
+          fresh > 0 ? nlohmann::json((total - done) * took / fresh) : nlohmann::json();
+      const nlohmann::json line{{"task", title_},
+                                {"unit", unit_},
+                                {"done", progress.done},
+                                {"total", progress.total},
+                                {"resumed", progress.skipped},
+                                {"elapsed_seconds", took},
+                                {"remaining_seconds", left}};
+      message(line.dump());
+      return;
+    }
     if (finished) {
       write(fmt::format("{}: {}{} in {}", title_, human_count(total), unit_, human_time(took)),
             "\n");
@@ -79,13 +95,30 @@ class ProgressBar {
   }
 
   std::string title_, unit_;
-  bool terminal_ = isatty(STDERR_FILENO) != 0;
+  bool terminal_ = !progress_style.json && isatty(STDERR_FILENO) != 0;
   Clock::time_point start_ = Clock::now(), last_ = start_;
 };
 
 }  // namespace
 
-double progress_seconds = 30;
+ProgressStyle progress_style;
+
+std::istream& operator>>(std::istream& in, ProgressStyle& style) {
+  constexpr double kJsonSeconds = 5;
+  constexpr std::string_view kJson = "json";
+  std::string text;
+  in >> text;
+  style.json = text.starts_with(kJson);
+  if (style.json) text.erase(0, kJson.size());
+  if (style.json && text.starts_with(':'))
+    text.erase(0, 1);
+  else if (style.json && text.empty())
+    text = fmt::format("{}", kJsonSeconds);
+  std::istringstream number(text);
+  if (!(number >> style.seconds) || !number.eof() || !(style.seconds >= 0))
+    in.setstate(std::ios::failbit);
+  return in;
+}
 
 int stop_signal() { return signalled; }
 

@@ -7,45 +7,19 @@ namespace slf::cli {
 namespace {
 
 struct RepackArguments {
-  std::string input, output, subfields;
+  std::string input, output;
+  Subfields subfields;
   std::optional<bool> half;
   RepackOptions repack;
   int levels = -1;
   bool force = false, json = false;
 };
 
-/// "0-7,12" as numbers from 0 to 63.
-Result<std::vector<std::uint8_t>> parse_subfields(const std::string& text) {
-  std::vector<bool> chosen(64, false);
-  for (std::size_t at = 0; at < text.size();) {
-    unsigned first = 0, last = 0;
-    int used = 0;
-    if (std::sscanf(text.c_str() + at, "%2u-%2u%n", &first, &last, &used) != 2) {
-      if (std::sscanf(text.c_str() + at, "%2u%n", &first, &used) != 1) used = 0;
-      last = first;
-    }
-    const std::size_t end = at + static_cast<std::size_t>(used);
-    if (used == 0 || first > last || last > 63 || (end < text.size() && text[end] != ','))
-      return fail(ErrorCode::usage, "--subfields ", text,
-                  ": expected numbers from 0 to 63, 8 x entry octant + exit octant, as 0-7,12");
-    for (unsigned k = first; k <= last; ++k) chosen[k] = true;
-    at = end + 1;
-  }
-  std::vector<std::uint8_t> numbers;
-  for (std::uint8_t k = 0; k < 64; ++k)
-    if (chosen[k]) numbers.push_back(k);
-  return numbers;
-}
-
 Result<void> run_repack(const RepackArguments& a) {
   RepackOptions options = a.repack;
   if (a.levels >= 0) options.levels = static_cast<unsigned>(a.levels);
   options.half = a.half;
-  if (!a.subfields.empty()) {
-    auto subfields = parse_subfields(a.subfields);
-    if (!subfields) return tl::unexpected(subfields.error());
-    options.subfields = std::move(*subfields);
-  }
+  options.subfields = a.subfields.numbers;
   options.replace = a.force;
   const auto field = Field::open(a.input);
   if (!field) return tl::unexpected(field.error());
@@ -135,8 +109,7 @@ void add_repack(CLI::App& app, Run& run) {
   command->add_option("--layers", a->repack.layers, "Layers to keep, as color or color,depth")
       ->delimiter(',');
   command->add_option("--levels", a->levels, "The finest level to keep")->check(kNotNegative);
-  command->add_option("--subfields", a->subfields,
-                      "Level-0 subfields to keep, 8 x entry octant + exit octant, as 0-7,12");
+  add_subfields(*command, a->subfields, "Level-0 subfields to keep");
   choose(command->add_option("--color-type", a->half, "u8 or half"),
          Choices<bool>{{"u8", false}, {"half", true}});
   add_bytes(*command, "--memory", a->repack.memory, "Budget for tiles and records under way");

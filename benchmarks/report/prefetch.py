@@ -61,7 +61,7 @@ def _show(part, runs, played, memory, size):
         rows.append([
             KINDS[name][0], f"{s['mean_ms']:.1f}", f"{s['p95_ms']:.1f}", f"{s['worst_ms']:.1f}",
             f"{s['late']} of {s['frames']}", f"{s['hit_rate']:.1%}", f"{s['full_share']:.1%}",
-            human_bytes(s["load_bytes"]), human_bytes(s["rss_anon_peak"]),
+            human_bytes(s["load_bytes"]), human_bytes(s["rss_anon_peak_bytes"]),
         ])  # fmt: skip
     part.add(
         page.text(

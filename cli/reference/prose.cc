@@ -98,6 +98,24 @@ const std::vector<Prose>& all() {
         "damaged are dropped; the build command that made the field fills them again."},
        {{"Check after copying", "slf verify head.slf"},
         {"Repair", "slf verify --fix head.slf && slf build head.nii.gz -o head.slf"}}},
+      {"ls",
+       {"Prints a line for each tile of each layer. Tools such as awk, sort and cut read it, and "
+        "slf-tile(1) takes its first column. Only the tables of the file's records are read, so "
+        "that large fields are listed quickly and in little memory."},
+       {{"The ten largest tiles", "slf ls head.slf | sort -t'\t' -k4 -n -r | head"},
+        {"How many tiles of level 2 are still missing?",
+         "slf ls head.slf.unfinished --level 2 --missing | grep -c missing"}}},
+      {"tile",
+       {"Decodes one tile and writes it as a picture, or as its plain samples."},
+       {{"A tile that slf-verify(1) named", "slf tile head.slf 2/4711 -o tile.png"},
+        {"Samples for another program", "slf tile head.slf 0/1/6 --layer depth -o - | od -t u1"}}},
+      {"diff",
+       {"Compares the manifests of two fields and all of their tiles. Tiles with other bytes are "
+        "decoded, and the PSNR of their samples is printed."},
+       {{"Did a copy, a merge or another machine give the same field?", "slf diff one.slf two.slf"},
+        {"Is a smaller field good enough?",
+         "slf repack fine.slf -o small.slf --codec predictive:70\nslf diff fine.slf small.slf "
+         "--min-psnr 30"}}},
       {"help",
        {"Prints what --help of a command prints, or the list of commands."},
        {{"The options of render", "slf help render"}}},

@@ -56,16 +56,6 @@ Result<void> check_pixels(const std::string& path, const Image& image) {
   return {};
 }
 
-Result<Bytes> encode(const std::string& path, const Image& image, const ImageFileOptions& options) {
-  const std::string extension = lower_extension(path);
-  if (extension == ".png") return image_formats::encode_png(path, image, options);
-  if (extension == ".jpg" || extension == ".jpeg")
-    return image_formats::encode_jpeg(path, image, options);
-  if (extension == ".exr") return image_formats::encode_exr(path, image);
-  return fail(ErrorCode::usage, path, ": unknown kind of picture '", extension,
-              "'; use .png, .jpg or .exr");
-}
-
 }  // namespace
 
 std::vector<std::uint8_t> to_rgb8(const Image& image, const glm::vec3& background) {
@@ -78,10 +68,21 @@ std::vector<std::uint8_t> to_rgb8(const Image& image, const glm::vec3& backgroun
   return rgb;
 }
 
+Result<Bytes> encode_image(const std::string& path, const Image& image,
+                           const ImageFileOptions& options) {
+  if (auto ok = check_pixels(path, image); !ok) return tl::unexpected(ok.error());
+  const std::string extension = lower_extension(path);
+  if (extension == ".png") return image_formats::encode_png(path, image, options);
+  if (extension == ".jpg" || extension == ".jpeg")
+    return image_formats::encode_jpeg(path, image, options);
+  if (extension == ".exr") return image_formats::encode_exr(path, image);
+  return fail(ErrorCode::usage, path, ": unknown kind of picture '", extension,
+              "'; use .png, .jpg or .exr");
+}
+
 Result<void> write_image(const std::string& path, const Image& image,
                          const ImageFileOptions& options) {
-  if (auto ok = check_pixels(path, image); !ok) return tl::unexpected(ok.error());
-  const Result<Bytes> bytes = encode(path, image, options);
+  const Result<Bytes> bytes = encode_image(path, image, options);
   if (!bytes) return tl::unexpected(bytes.error());
   return write_file(path, *bytes);
 }

@@ -1,6 +1,7 @@
 // Image: a rendered picture; reading, writing and comparing pictures.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <memory>
@@ -37,6 +38,11 @@ struct ImageFileOptions {
 /// usage: unknown extension, no pixels. io: cannot write; no temporary remains.
 [[nodiscard]] Result<void> write_image(const std::string& path, const Image& image,
                                        const ImageFileOptions& options = {});
+
+/// The bytes of such a file, in the format that `name` ends in. Errors as write_image().
+[[nodiscard]] Result<std::vector<std::byte>> encode_image(const std::string& name,
+                                                          const Image& image,
+                                                          const ImageFileOptions& options = {});
 
 /// Reads .png, .jpg or .exr. Input is untrusted. Values of PNG and JPEG are 0..1.
 [[nodiscard]] Result<Image> read_image(const std::string& path);

@@ -48,7 +48,8 @@ TEST(Refused, ValuesOutOfRange) {
   expect_refused(render({"--background", "2,0,0"}), {"--background", "2", "0 to 1"});
   expect_refused(render({"--background", "0.5"}), {"--background", "R,G,B"});
   expect_refused(render({"--memory", "-5"}), {"--memory", "-5", "64MiB"});
-  expect_refused(render({"--memory", "5 parsecs"}), {"--memory", "parsecs", "64MiB"});
+  for (const char* size : {"5 parsecs", "5mm", "5bb", "1e40", "nan", "G", ""})
+    expect_refused(render({"--memory", size}), {"--memory", size, "64MiB"});
   expect_refused(render({"--size", "64x"}), {"--size", "64x", "WIDTHxHEIGHT"});
   expect_refused(render({"--size", "64x64x64"}), {"--size", "64x64x64"});
   expect_refused(render({"--size", "-64"}), {"--size", "-64"});
@@ -57,6 +58,16 @@ TEST(Refused, ValuesOutOfRange) {
   expect_refused({"info", "a.raw", "--dims", "2x0x2"}, {"--dims", "0"});
   expect_refused({"info", "a.raw", "--dims", "2x2x2", "--type", "u7"}, {"--type", "u7", "u8"});
   expect_refused({"info", "a.raw", "--type", "u8"}, {"--type", "--dims"});
+}
+
+TEST(Sizes, HaveFractionsAndUnitsOfAnyCase) {
+  for (const char* size : {"1.5GiB", "1.5g", "0.25 gb", "5e8", "300000k"}) {
+    const Workplace place;
+    EXPECT_EQ(
+        slf({"render", kField, "-o", place / "o.png", "--size", "8", "--memory", size}).exit_code,
+        0)
+        << size;
+  }
 }
 
 TEST(Refused, OutputsThatCannotHoldWhatIsAskedFor) {

@@ -112,8 +112,8 @@ TEST_F(Cli, MeasureCountsPerLevel) {
     EXPECT_LT(level["fraction"]["mean"].get<double>(), last);
     last = level["fraction"]["mean"];
   }
-  EXPECT_GT(run["rss_anon_peak"].get<std::uint64_t>(), 0u);
-  EXPECT_GT(run["rss_file_peak"].get<std::uint64_t>(), 0u);
+  EXPECT_GT(run["rss_anon_peak_bytes"].get<std::uint64_t>(), 0u);
+  EXPECT_GT(run["rss_file_peak_bytes"].get<std::uint64_t>(), 0u);
   EXPECT_TRUE(run["total"].contains("tiles_touched"));
 }
 

@@ -1,0 +1,93 @@
+// slf diff: whether two fields are the same, and where they are not.
+#include <cmath>
+
+#include "cli/command.h"
+#include "slf/inspect.h"
+
+namespace slf::cli {
+namespace {
+
+struct Arguments {
+  std::string a, b;
+  std::optional<double> min_psnr;
+  DiffOptions diff;
+  bool json = false;
+};
+
+std::string tile_name(const Field& field, const std::optional<TileKey>& key) {
+  return key ? to_string(address_of(field, *key)) : "";
+}
+
+nlohmann::json finite(double value) {
+  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
+}
+
+nlohmann::json difference_json(const Field& field, const FieldDifference& difference) {
+  nlohmann::json channels = nlohmann::json::array();
+  for (const ChannelDifference& c : difference.channels)
+    channels.push_back(
+        {{"channel", c.channel},
+         {"tiles_compared", c.compared},
+         {"tiles_only_in_a", c.only_in_a},
+         {"tiles_only_in_b", c.only_in_b},
+         {"tiles_recoded", c.recoded},
+         {"tiles_differing", c.differing},
+         {"psnr", finite(c.psnr)},
+         {"worst_psnr", finite(c.worst_psnr)},
+         {"worst_tile", c.worst ? nlohmann::json(tile_name(field, c.worst)) : nlohmann::json()}});
+  return {{"equal", difference.equal()},
+          {"comparable", difference.comparable},
+          {"manifest", difference.manifest},
+          {"channels", channels}};
+}
+
+void print_difference(const Field& field, const FieldDifference& difference) {
+  for (const std::string& place : difference.manifest) print("manifest: {} differs\n", place);
+  if (!difference.comparable) print("tiles: not compared, because they sample other rays\n");
+  for (const ChannelDifference& c : difference.channels) {
+    print("{}: {} tiles compared, {} differ, {} have other bytes and the same samples\n", c.channel,
+          c.compared, c.differing, c.recoded);
+    if (c.only_in_a + c.only_in_b > 0)
+      print("{}: {} tiles only in the first, {} only in the second\n", c.channel, c.only_in_a,
+            c.only_in_b);
+    if (c.differing > 0)
+      print("{}: PSNR {:.2f} dB, {:.2f} dB in the worst tile, {}\n", c.channel, c.psnr,
+            c.worst_psnr, tile_name(field, c.worst));
+  }
+}
+
+Result<void> run_diff(const Arguments& arguments) {
+  const auto a = Field::open(arguments.a);
+  if (!a) return tl::unexpected(a.error());
+  const auto b = Field::open(arguments.b);
+  if (!b) return tl::unexpected(b.error());
+  const auto difference = diff_fields(*a, *b, arguments.diff, progress_bar("diff", "tiles"));
+  if (!difference) return tl::unexpected(difference.error());
+  if (arguments.json)
+    print_json(difference_json(*a, *difference));
+  else
+    print_difference(*a, *difference);
+  const bool passed =
+      arguments.min_psnr ? difference->alike(*arguments.min_psnr) : difference->equal();
+  if (passed) return {};
+  const std::string limit =
+      arguments.min_psnr ? fmt::format("; --min-psnr {:g} is not met", *arguments.min_psnr) : "";
+  return fail(ErrorCode::differs, arguments.a, " and ", arguments.b, ": differ", limit);
+}
+
+}  // namespace
+
+void add_diff(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand("diff", "Compare two fields: manifest, tiles, samples");
+  auto a = std::make_shared<Arguments>();
+  command->add_option("A", a->a, "Field")->type_name(kFieldFile)->required();
+  command->add_option("B", a->b, "Field")->type_name(kFieldFile)->required();
+  command->add_option("--min-psnr", a->min_psnr,
+                      "Exit with 0 if both have the same tiles, none below this PSNR, whatever\n"
+                      "their bytes and manifests; without it any difference ends with 7");
+  command->add_option("-j,--threads", a->diff.threads, "0: all cores")->capture_default_str();
+  command->add_flag("--json", a->json, "JSON on stdout");
+  command->callback([a, &run] { run = [a] { return run_diff(*a); }; });
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,72 @@
+// slf ls: the tiles of a field, one per line, for other tools to read.
+#include "cli/command.h"
+#include "slf/inspect.h"
+
+namespace slf::cli {
+namespace {
+
+struct Arguments {
+  std::string field;
+  std::optional<LevelRange> levels;
+  Subfields subfields;
+  TileFilter filter;
+  bool json = false;
+};
+
+nlohmann::json tile_json(const Field& field, const ListedTile& tile) {
+  return {{"tile", to_string(tile.address)},
+          {"level", tile.address.level},
+          {"index", tile.key.index},
+          {"entry", tile.address.entry},
+          {"exit", tile.address.exit},
+          {"subfield", tile.subfield},
+          {"layer", field.layers()[tile.layer].name},
+          {"state", name(tile.content)},
+          {"payload_bytes", tile.payload_bytes},
+          {"offset_bytes", tile.offset_bytes}};
+}
+
+Result<void> run_ls(const Arguments& a) {
+  const auto field = Field::open(a.field);
+  if (!field) return tl::unexpected(field.error());
+  TileFilter filter = a.filter;
+  filter.subfields = a.subfields.numbers;
+  if (a.levels) filter.first_level = a.levels->first, filter.last_level = a.levels->last;
+  // An array, printed while it is read: memory does not depend on its length.
+  const char* before = "[\n";
+  const auto listed = list_tiles(*field, filter, [&](const ListedTile& tile) -> Result<void> {
+    if (a.json) {
+      print("{}{}", before, tile_json(*field, tile).dump());
+      before = ",\n";
+    } else {
+      print("{}\t{}\t{}\t{}\t{}\t{}\t{}\n", to_string(tile.address),
+            field->layers()[tile.layer].name, name(tile.content), tile.payload_bytes,
+            tile.offset_bytes, tile.key.index, tile.subfield);
+    }
+    if (std::ferror(stdout) != 0) return fail(ErrorCode::io, "stdout: cannot write");
+    return {};
+  });
+  if (!listed) return listed;
+  if (a.json) print("{}]\n", before[0] == '[' ? "[" : "\n");
+  return {};
+}
+
+}  // namespace
+
+void add_ls(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand("ls", "List the tiles of a field, for other tools to read");
+  command->footer(R"(
+A line has seven columns, separated by tabs: LEVEL/ENTRY/EXIT, the layer, its state (stored, empty,
+or missing), the bytes of its payload, where they begin in the file, the tile's index within the
+level, and its subfield. Lines are in the order of layers, levels and indexes.)");
+  auto a = std::make_shared<Arguments>();
+  command->add_option("FIELD", a->field, "Field to list")->type_name(kFieldFile)->required();
+  add_levels(*command, "--level", a->levels, "Only tiles of these levels");
+  add_subfields(*command, a->subfields, "Only tiles of these level-0 subfields");
+  command->add_option("--layer", a->filter.layer, "Only this layer")->type_name("NAME");
+  command->add_flag("--missing", a->filter.missing, "Also tiles that the field lacks");
+  command->add_flag("--json", a->json, "JSON on stdout");
+  command->callback([a, &run] { run = [a] { return run_ls(*a); }; });
+}
+
+}  // namespace slf::cli

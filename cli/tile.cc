@@ -1,0 +1,100 @@
+// slf tile: one tile, as a picture to look at or as its samples.
+#include <unistd.h>
+
+#include "base/file.h"
+#include "cli/command.h"
+#include "slf/inspect.h"
+
+namespace slf::cli {
+namespace {
+
+constexpr const char* kStdout = "-";
+
+struct Arguments {
+  std::string field, tile, output, format;
+  std::string layer = "color";
+  bool force = false;
+};
+
+/// "LEVEL/ENTRY/EXIT", or "LEVEL/INDEX" as messages name tiles.
+Result<TileKey> parse_tile(const Field& field, const std::string& text) {
+  std::istringstream in(text);
+  TileAddress address;
+  char slash = 0, second = 0;
+  // Unsigned numbers would accept a sign.
+  if (text.find_first_not_of("0123456789/") == std::string::npos && in >> address.level >> slash &&
+      slash == '/' && in >> address.entry) {
+    if (in.peek() == std::istream::traits_type::eof())
+      return find_tile(field, address.level, address.entry);
+    if (in >> second >> address.exit && second == '/' && in.peek() == EOF)
+      return find_tile(field, address);
+  }
+  return fail(ErrorCode::usage, "TILE '", text,
+              "': expected LEVEL/ENTRY/EXIT as `slf ls` prints it, or LEVEL/INDEX as messages do");
+}
+
+Result<std::vector<std::byte>> encode(const Field& field, TileKey key, const Arguments& a) {
+  const std::string format = !a.format.empty()            ? a.format
+                             : a.output == kStdout        ? "raw"
+                             : a.output.ends_with(".raw") ? "raw"
+                                                          : "";
+  if (format == "raw") {
+    auto set = read_tile(field, key, a.layer);
+    if (!set) return tl::unexpected(set.error());
+    note(fmt::format("{}: {} pictures of {} samples, {}{}", a.tile, set->entries.size(),
+                     (set->side + 1) * (set->side + 2) / 2, name(set->format),
+                     set->empty ? "; empty: nothing is visible" : ""));
+    return std::move(set->samples);
+  }
+  const auto picture = tile_picture(field, key, a.layer);
+  if (!picture) return tl::unexpected(picture.error());
+  ImageFileOptions options;
+  options.transparent = true;
+  return encode_image(format.empty() ? a.output : a.output + "." + format, *picture, options);
+}
+
+Result<void> run_tile(const Arguments& a) {
+  const bool to_stdout = a.output == kStdout;
+  if (to_stdout && isatty(STDOUT_FILENO) != 0)
+    return fail(ErrorCode::usage, "-o -: is a terminal; redirect stdout to a file or a program");
+  if (!to_stdout)
+    if (auto ok = refuse_overwrite(a.output, a.force); !ok) return ok;
+  const auto field = Field::open(a.field);
+  if (!field) return tl::unexpected(field.error());
+  const auto key = parse_tile(*field, a.tile);
+  if (!key) return tl::unexpected(key.error());
+  const auto bytes = encode(*field, *key, a);
+  if (!bytes) return tl::unexpected(bytes.error());
+  if (!to_stdout) return write_file(a.output, *bytes);
+  std::fwrite(bytes->data(), 1, bytes->size(), stdout);  // main() checks stdout at the end
+  return {};
+}
+
+}  // namespace
+
+void add_tile(CLI::App& app, Run& run) {
+  auto* command =
+      app.add_subcommand("tile", "Write one tile: a picture to look at, or its samples");
+  command->footer(R"(
+The picture shows the exit triangle of each entry vertex where that vertex lies among the others of
+its section. .raw has the samples as FORMAT.md orders them: picture by picture, little-endian.)");
+  auto a = std::make_shared<Arguments>();
+  command->add_option("FIELD", a->field, "Field to read")->type_name(kFieldFile)->required();
+  command->add_option("TILE", a->tile, "LEVEL/ENTRY/EXIT as `slf ls` prints it, or LEVEL/INDEX")
+      ->type_name("TILE")
+      ->required();
+  command->add_option("--layer", a->layer, "color, or depth as gray, also where both share a layer")
+      ->check(CLI::IsMember({"color", "depth"}))
+      ->capture_default_str();
+  command
+      ->add_option("-o,--output", a->output,
+                   "File to write: .png, .exr or .raw; -: stdout, as --format says")
+      ->type_name(kAnyFile)
+      ->required();
+  command->add_option("--format", a->format, "Default: the ending of the output; raw on stdout")
+      ->check(CLI::IsMember({"png", "exr", "raw"}));
+  command->add_flag("-f,--force", a->force, "Overwrite the output");
+  command->callback([a, &run] { run = [a] { return run_tile(*a); }; });
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,53 @@
+#include "field/inspect/channel.h"
+
+#include <Imath/half.h>
+
+namespace slf {
+
+std::optional<Channel> find_channel(const FieldFile& field, const std::string& name) {
+  const std::vector<Layer>& layers = field.manifest().layers;
+  if (const auto layer = field.layer(name)) {
+    const SampleFormat format = layers[*layer].format;
+    return Channel{*layer, format == SampleFormat::rgba8_depth8 ? SampleFormat::rgba8 : format};
+  }
+  const auto color = field.layer("color");
+  if (name == "depth" && color && layers[*color].format == SampleFormat::rgba8_depth8)
+    return Channel{*color, SampleFormat::depth8};
+  return std::nullopt;
+}
+
+Result<ByteSpan> ChannelReader::read(const Channel& channel, const storage::TileRef& tile) {
+  const codec::Tile shape = field_.tile_shape(channel.layer, tile.key);
+  const std::size_t count = shape.rows() * shape.columns();
+  const std::size_t bytes = count * sample_bytes(channel.format);
+  if (tile.state != storage::TileState::stored) {
+    zeros_.assign(bytes, std::byte{0});
+    return ByteSpan(zeros_);
+  }
+  if (decoded_ != std::pair(channel.layer, tile.key)) {
+    decoded_.reset();
+    samples_.resize(shape.bytes());
+    if (auto ok = field_.decode(tile, samples_); !ok) return tl::unexpected(ok.error());
+    decoded_ = {channel.layer, tile.key};
+  }
+  const bool second =
+      channel.format == SampleFormat::depth8 && shape.format == SampleFormat::rgba8_depth8;
+  return ByteSpan(samples_).subspan(second ? 4 * count : 0, bytes);
+}
+
+void to_floats(SampleFormat format, ByteSpan samples, std::vector<float>& numbers) {
+  if (format == SampleFormat::rgba16f) {
+    numbers.resize(samples.size() / 2);
+    for (std::size_t k = 0; k < numbers.size(); ++k) {
+      Imath::half value;
+      value.setBits(load_le<std::uint16_t>(samples.data() + 2 * k));
+      numbers[k] = value;
+    }
+    return;
+  }
+  numbers.resize(samples.size());
+  for (std::size_t k = 0; k < numbers.size(); ++k)
+    numbers[k] = static_cast<float>(std::to_integer<int>(samples[k])) / 255.F;
+}
+
+}  // namespace slf

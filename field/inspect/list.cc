@@ -1,0 +1,171 @@
+#include <algorithm>
+
+#include "field/field_file.h"
+#include "slf/inspect.h"
+
+namespace slf {
+namespace {
+
+using storage::LayerId;
+using storage::TileRef;
+using storage::TileState;
+
+/// After so many tiles the pages of records that were read are given back.
+constexpr std::uint64_t kReleaseEvery = 1 << 14;
+
+/// Visits what one layer has of the filter.
+class Listing {
+ public:
+  using Visitor = std::function<Result<void>(const ListedTile&)>;
+
+  Listing(const Field& field, const TileFilter& filter, const Visitor& visitor)
+      : handle_(field), field_(field.file()), filter_(filter), visitor_(visitor) {}
+
+  Result<void> layer(LayerId layer) {
+    for (unsigned level = filter_.first_level; level <= last_level(); ++level) {
+      const unsigned bits = 4 * level + 2 * field_.shape().entry_extra_levels;
+      if (filter_.subfields.empty() && field_.shape().subfields.empty()) {
+        if (auto ok = range(layer, level, 0, std::uint64_t{64} << bits); !ok) return ok;
+        continue;
+      }
+      for (const std::uint8_t subfield :
+           filter_.subfields.empty() ? field_.shape().subfields : filter_.subfields) {
+        const std::uint64_t begin = std::uint64_t{subfield} << bits;
+        if (auto ok = range(layer, level, begin, begin + (std::uint64_t{1} << bits)); !ok)
+          return ok;
+      }
+    }
+    return {};
+  }
+
+ private:
+  [[nodiscard]] unsigned last_level() const {
+    return std::min(filter_.last_level, field_.shape().levels);
+  }
+
+  /// The tiles of a level with indexes in [begin, end).
+  Result<void> range(LayerId layer, unsigned level, std::uint64_t begin, std::uint64_t end) {
+    const auto l = static_cast<std::uint8_t>(level);
+    std::uint64_t due = begin;
+    auto visited =
+        field_.store().visit(layer, {l, begin}, {l, end}, [&](const TileRef& tile) -> Result<void> {
+          if (auto ok = missing(layer, l, due, tile.key.index); !ok) return ok;
+          due = tile.key.index + 1;
+          return visit(
+              {layer, tile.state, tile.key, tile.payload.size(), field_.store().range(tile).begin});
+        });
+    if (!visited) return visited;
+    return missing(layer, l, due, end);
+  }
+
+  Result<void> missing(LayerId layer, std::uint8_t level, std::uint64_t begin, std::uint64_t end) {
+    if (!filter_.missing) return {};
+    for (std::uint64_t index = begin; index < end; ++index)
+      if (auto ok = visit({layer, TileState::missing, {level, index}, 0, 0}); !ok) return ok;
+    return {};
+  }
+
+  struct Found {
+    LayerId layer;
+    TileState state;
+    TileKey key;
+    std::uint64_t bytes, offset;
+  };
+  Result<void> visit(const Found& tile) {
+    if (++visited_ % kReleaseEvery == 0) field_.store().release_all();
+    ListedTile listed;
+    listed.key = tile.key;
+    listed.address = address_of(handle_, tile.key);
+    listed.subfield = static_cast<std::uint8_t>(
+        tile.key.index >> (4 * tile.key.level + 2 * field_.shape().entry_extra_levels));
+    listed.layer = tile.layer;
+    listed.content = tile.state == TileState::stored  ? TileContent::stored
+                     : tile.state == TileState::empty ? TileContent::empty
+                                                      : TileContent::missing;
+    listed.payload_bytes = tile.bytes;
+    listed.offset_bytes = tile.offset;
+    return visitor_(listed);
+  }
+
+  const Field& handle_;
+  const FieldFile& field_;
+  const TileFilter& filter_;
+  const Visitor& visitor_;
+  std::uint64_t visited_ = 0;
+};
+
+Result<void> check(const FieldFile& field, const TileFilter& filter) {
+  if (filter.first_level > field.shape().levels || filter.last_level < filter.first_level)
+    return fail(ErrorCode::usage, field.path(), ": has levels 0 to ", field.shape().levels);
+  for (const std::uint8_t subfield : filter.subfields)
+    if (!field.shape().has({0, std::uint64_t{subfield} << (2 * field.shape().entry_extra_levels)}))
+      return fail(ErrorCode::usage, field.path(), ": has no subfield ", int{subfield});
+  if (!filter.layer.empty() && !field.layer(filter.layer))
+    return fail(ErrorCode::usage, field.path(), ": has no layer '", filter.layer, "'");
+  return {};
+}
+
+}  // namespace
+
+const char* name(TileContent content) {
+  constexpr const char* kNames[] = {"missing", "empty", "stored"};
+  return kNames[static_cast<int>(content)];
+}
+
+std::string to_string(const TileAddress& address) {
+  return std::to_string(address.level) + "/" + std::to_string(address.entry) + "/" +
+         std::to_string(address.exit);
+}
+
+TileAddress address_of(const Field& field, TileKey key) {
+  const TileSections sections = sections_of(key, field.shape().entry_extra_levels);
+  return {key.level, sections.entry.index, sections.exit.index};
+}
+
+Result<TileKey> find_tile(const Field& field, const TileAddress& address) {
+  const FieldShape& shape = field.shape();
+  const auto lacks = [&](const auto&... what) {
+    return fail(ErrorCode::usage, field.path(), ": tile ", address.level, "/", address.entry, "/",
+                address.exit, ": ", what...);
+  };
+  if (address.level > shape.levels) return lacks("the field has levels 0 to ", shape.levels);
+  const unsigned entry_level = address.level + shape.entry_extra_levels;
+  if (address.entry >= section_count(entry_level) || address.exit >= section_count(address.level))
+    return lacks("level ", address.level, " has entry sections 0 to ",
+                 section_count(entry_level) - 1, " and exit sections 0 to ",
+                 section_count(address.level) - 1);
+  const TileKey key = tile_key(
+      {{static_cast<std::uint8_t>(entry_level), static_cast<std::uint32_t>(address.entry)},
+       {static_cast<std::uint8_t>(address.level), static_cast<std::uint32_t>(address.exit)}});
+  if (!shape.has(key)) return lacks("is in a subfield that the field has not");
+  return key;
+}
+
+Result<TileKey> find_tile(const Field& field, unsigned level, std::uint64_t index) {
+  const FieldShape& shape = field.shape();
+  if (level > shape.levels)
+    return fail(ErrorCode::usage, field.path(), ": tile ", level, "/", index,
+                ": the field has levels 0 to ", shape.levels);
+  const TileKey key{static_cast<std::uint8_t>(level), index};
+  if (shape.has(key)) return key;
+  const std::uint64_t count = tile_count(level, shape.entry_extra_levels);
+  if (index < count)
+    return fail(ErrorCode::usage, field.path(), ": tile ", level, "/", index,
+                ": is in a subfield that the field has not");
+  return fail(ErrorCode::usage, field.path(), ": tile ", level, "/", index, ": level ", level,
+              " has tiles 0 to ", count - 1);
+}
+
+Result<void> list_tiles(const Field& field, const TileFilter& filter,
+                        const std::function<Result<void>(const ListedTile&)>& visitor) {
+  const FieldFile& file = field.file();
+  if (auto ok = check(file, filter); !ok) return ok;
+  Listing listing(field, filter, visitor);
+  for (LayerId layer = 0; layer < file.manifest().layers.size(); ++layer) {
+    if (!filter.layer.empty() && file.manifest().layers[layer].name != filter.layer) continue;
+    if (auto ok = listing.layer(layer); !ok) return ok;
+  }
+  return {};
+}
+
+}  // namespace slf

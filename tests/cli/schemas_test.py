@@ -1,0 +1,113 @@
+#!/usr/bin/env python3
+"""What `slf ... --json` prints is what schemas/COMMAND.json says, for every command that has it.
+
+  schemas_test.py --slf build/release/cli/slf [--schemas schemas]
+"""
+
+import argparse
+import json
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+
+import jsonschema
+
+HERE = pathlib.Path(__file__).resolve().parent
+DATA = HERE.parent / "data"
+
+# Commands that make what the others read, then some for each schema. A field is F.slf or G.slf, a
+# picture F.png. `diff` and `verify` may end with the codes 7 and 3.
+PREPARE = [
+    "build scene:balls -o F.slf --entry 2 --exit 4 --levels 1",
+    "repack F.slf -o G.slf --color-codec jpeg:60 --subfields 0-40",
+    "render F.slf -o F.png --size 32",
+    "render G.slf -o G.png --size 32",
+]
+CASES = {
+    "info": ["info F.slf --json", "info G.slf --json", f"info {DATA}/golden/example.slf --json",
+             "info v.raw --dims 2x2x2 --json", "info v.raw --dims 2x2x2 --labels --json"],
+    "render": ["render F.slf -o x.png -f --size 32 --json"],
+    "measure": ["measure F.slf G.slf --views 2 --size 32 --json"],
+    "evaluate": ["evaluate F.slf --volume scene:balls --views 2 --size 32 --json"],
+    "compare": ["compare F.png F.png --json", "compare F.png G.png --json"],
+    "repack": ["repack F.slf -o H.slf -f --json", "repack F.slf -o H.slf -f --levels 0 --json"],
+    "verify": ["verify F.slf --json", f"verify {DATA}/golden/flipped_tile.slf --json",
+               f"verify {DATA}/golden/incomplete.slf --json"],
+    "transfer": ["transfer --json --list", "transfer ct-bone --json"],
+    "ls": ["ls F.slf --json", "ls G.slf --json --missing --level 1 --subfields 3",
+           f"ls {DATA}/golden/incomplete.slf --json"],
+    "diff": ["diff F.slf F.slf --json", "diff F.slf G.slf --json",
+             f"diff F.slf {DATA}/golden/example.slf --json"],
+    "play": ["play F.slf --orbit 0,20,3 --seconds 0.2 --fps 10 --size 32 --json"],
+}
+
+
+class Checker:
+    def __init__(self, slf, schemas, folder):
+        self.slf, self.schemas, self.folder = slf, schemas, folder
+        self.failures = 0
+
+    def run(self, line):
+        return subprocess.run([self.slf, *line.split()], cwd=self.folder, text=True,
+                              capture_output=True, stdin=subprocess.DEVNULL, check=False)
+
+    def complain(self, text):
+        self.failures += 1
+        print(text)
+
+    def schema(self, name):
+        schema = json.loads((self.schemas / f"{name}.json").read_text())
+        jsonschema.Draft7Validator.check_schema(schema)
+        return jsonschema.Draft7Validator(schema)
+
+    def check(self, validator, line, text):
+        try:
+            document = json.loads(text)
+        except json.JSONDecodeError as error:
+            return self.complain(f"slf {line}: is no JSON: {error}\n{text[:500]}")
+        for error in validator.iter_errors(document):
+            detail = jsonschema.exceptions.best_match([error])
+            self.complain(f"slf {line}: {detail.json_path}: {detail.message[:500]}")
+        return None
+
+    def commands_with_json(self):
+        """Those whose help has the option."""
+        help_text = self.run("--help").stdout
+        names = re.findall(r"^  ([a-z]+) ", help_text.split("Subcommands:")[-1], re.M)
+        return {name for name in names
+                if re.search(r"^  (-\S+, )?--json\b", self.run(f"{name} --help").stdout, re.M)}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--slf", required=True, type=pathlib.Path)
+    parser.add_argument("--schemas", type=pathlib.Path, default=HERE.parent.parent / "schemas")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="slf-schemas-") as folder:
+        checker = Checker(arguments.slf.resolve(), arguments.schemas, folder)
+        pathlib.Path(folder, "v.raw").write_bytes(bytes(range(8)))
+        for line in PREPARE:
+            done = checker.run(line)
+            if done.returncode != 0:
+                sys.exit(f"slf {line}: {done.stderr}")
+        found = checker.commands_with_json()
+        if found != set(CASES):
+            checker.complain(f"commands with --json: {sorted(found)}; tested: {sorted(CASES)}")
+        for name, lines in CASES.items():
+            validator = checker.schema(name)
+            for line in lines:
+                checker.check(validator, line, checker.run(line).stdout)
+
+        line = "--progress json:0.0001 repack F.slf -o P.slf --codec predictive:50"
+        reports = checker.run(line).stderr.splitlines()
+        if not reports:
+            checker.complain(f"slf {line}: wrote no progress")
+        for report in reports:
+            checker.check(checker.schema("progress"), line, report)
+    sys.exit(1 if checker.failures else 0)
+
+
+if __name__ == "__main__":
+    main()
