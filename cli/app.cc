@@ -113,6 +113,7 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   add_evaluate(*app, run);
   add_compare(*app, run);
   add_repack(*app, run);
+  add_merge(*app, run);
   add_verify(*app, run);
   add_ls(*app, run);
   add_tile(*app, run);

@@ -9,6 +9,7 @@ namespace {
 
 struct Arguments {
   SourceArguments source;
+  ShardArguments shard;
   std::string output;
   bool force = false;
   BuildOptions build;
@@ -19,6 +20,10 @@ struct Arguments {
 
 Result<void> run_build(const Arguments& arguments) {
   BuildOptions options = arguments.build;
+  const auto shard = arguments.shard.options();
+  if (!shard) return tl::unexpected(shard.error());
+  options.shard = *shard;
+  const std::string output = name_of_part(arguments.output, *shard);
   if (options.half &&
       (options.color_codec.starts_with("jpeg") || options.color_codec.starts_with("predictive")))
     options.color_codec = "zstd";
@@ -43,19 +48,19 @@ Result<void> run_build(const Arguments& arguments) {
 
   const std::string& transfer = arguments.source.transfer;
   std::error_code ignored;
-  if (std::filesystem::equivalent(transfer, arguments.output, ignored))
-    return fail(ErrorCode::usage, arguments.output, ": is the transfer function (", transfer,
+  if (std::filesystem::equivalent(transfer, output, ignored))
+    return fail(ErrorCode::usage, output, ": is the transfer function (", transfer,
                 "), which would be lost; choose another output");
   options.replace = arguments.force;
-  const auto report =
-      build_field(**scene, arguments.output, options, progress_bar("build", "rays"));
+  const auto report = build_field(**scene, output, options, progress_bar("build", "rays"));
   if (!report) return tl::unexpected(report.error());
   if (report->tiles == 0)
-    note(fmt::format("{}: nothing is left to build", arguments.output));
+    note(fmt::format("{}: nothing is left to build", output));
   else if (report->resumed > 0)
-    note(fmt::format("{}: resumed after {} tiles", arguments.output, report->resumed));
-  note(fmt::format("{}: complete; look with: slf render {} -o view.png", arguments.output,
-                   arguments.output));
+    note(fmt::format("{}: resumed after {} tiles", output, report->resumed));
+  const bool part = shard->count > 1 || shard->first_level || !shard->coarser.empty();
+  note(part ? fmt::format("{}: complete; `slf merge` joins it with the other parts", output)
+            : fmt::format("{}: complete; look with: slf render {} -o view.png", output, output));
   return {};
 }
 
@@ -125,6 +130,7 @@ void add_build(CLI::App& app, Run& run) {
                    "what is visible")
       ->check(kPositive)
       ->group(group);
+  a->shard.add_to(*command);
   command->add_option("-j,--threads", a->build.threads, "0: all cores")->capture_default_str();
   command
       ->add_option("--commit-every", a->build.commit_seconds,

@@ -45,6 +45,7 @@ void add_play(CLI::App& app, Run& run);
 void add_measure(CLI::App& app, Run& run);
 void add_evaluate(CLI::App& app, Run& run);
 void add_repack(CLI::App& app, Run& run);
+void add_merge(CLI::App& app, Run& run);
 void add_verify(CLI::App& app, Run& run);
 void add_transfer(CLI::App& app, Run& run);
 void add_ls(CLI::App& app, Run& run);
@@ -215,6 +216,19 @@ struct SourceArguments {
   [[nodiscard]] Result<std::unique_ptr<Scene>> scene(
       const std::optional<std::string>& provenance = {}) const;
 };
+
+/// Which part of a field is built.
+struct ShardArguments {
+  std::string shard;  // "K/N" or "auto"; empty: not given
+  std::optional<LevelRange> levels;
+  std::string coarser;
+
+  void add_to(CLI::App& command);
+  /// usage: --shard makes no sense, or no engine is found. Says which engine is.
+  [[nodiscard]] Result<ShardOptions> options() const;
+};
+/// The path with the shard's numbers in the place of {K}, as wide as N, and {N}.
+[[nodiscard]] std::string name_of_part(std::string path, const ShardOptions& shard);
 
 /// Where the eye is, and the size of the picture.
 struct CameraArguments {

@@ -47,6 +47,9 @@ void print_field(const Field& field, const FieldContent& content) {
         shape.exit_resolution(shape.levels));
   for (const Layer& layer : field.layers())
     print("layer   {}: {} as {}\n", layer.name, name(layer.format), layer.codec);
+  if (const auto part = field.part())
+    print("part    tiles {}/{} up to {}/{}\n", part->begin.level, part->begin.index,
+          part->end.level, part->end.index);
   const auto provenance = nlohmann::json::parse(field.provenance());
   print("source  {}\n", text_of(provenance, "source", text_of(provenance, "name", "unknown")));
   std::vector<std::vector<std::string>> rows{

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <filesystem>
+#include <numeric>
 
 #include "cli/command.h"
 #include "slf/image.h"
@@ -72,6 +73,19 @@ nlohmann::json statistics_json(const ViewStatistics& s, const Footprint& file,
           {"pixels_from_coarser_levels", s.fallback_pixels()}};
 }
 
+/// failed: nothing was drawn, because the field has not a single tile.
+Result<void> check_drawn(const Field& field, const ViewStatistics& statistics) {
+  const auto& pixels = statistics.level_pixels;
+  if (std::accumulate(pixels.begin(), pixels.end(), 0ull) > 0) return {};
+  const auto content = field.content();
+  if (!content) return tl::unexpected(content.error());
+  for (const LevelContent& level : content->levels)
+    if (level.stored + level.empty > 0) return {};
+  return fail(
+      ErrorCode::failed, field.path(),
+      ": has no tiles yet: nothing can be drawn; the build command that made it resumes it");
+}
+
 Result<void> run_render(const RenderArguments& a) {
   if (auto ok = a.picture.check(); !ok) return ok;
   const auto field = Field::open(a.field);
@@ -86,6 +100,7 @@ Result<void> run_render(const RenderArguments& a) {
   ViewStatistics statistics;
   const auto image = renderer.render(*camera, *view, &statistics);
   if (!image) return tl::unexpected(image.error());
+  if (auto ok = check_drawn(*field, statistics); !ok) return ok;
   if (auto ok = a.picture.write(*image); !ok) return ok;
   if (statistics.fallback_pixels() > 0)
     note(field->shape().subfields.empty()

@@ -1,5 +1,7 @@
 #include "slf/repack.h"
 
+#include <algorithm>
+
 #include "cli/command.h"
 #include "slf/verify.h"
 
@@ -12,8 +14,28 @@ struct RepackArguments {
   std::optional<bool> half;
   RepackOptions repack;
   int levels = -1;
-  bool force = false, json = false;
+  bool force = false, dry_run = false, json = false;
 };
+
+/// --dry-run: what the repack would write.
+Result<void> estimate(const RepackArguments& a, const Field& field, const RepackOptions& options) {
+  const auto estimate = estimate_repack(field, options, progress_bar("estimate", "tiles"));
+  if (!estimate) return tl::unexpected(estimate.error());
+  if (a.json)
+    print_json({{"tiles", estimate->tiles},
+                {"tiles_sampled", estimate->sampled},
+                {"payload_bytes", estimate->payload_bytes},
+                {"payload_error_bytes", estimate->payload_error_bytes},
+                {"file_bytes", estimate->file_bytes},
+                {"file_error_bytes", estimate->file_error_bytes},
+                {"input_bytes", field.file_bytes()}});
+  else
+    print("would write {}, give or take {} (now {}); {} of {} tiles encoded to estimate it\n",
+          human_bytes(static_cast<double>(estimate->file_bytes)),
+          human_bytes(static_cast<double>(estimate->file_error_bytes)),
+          human_bytes(static_cast<double>(field.file_bytes())), estimate->sampled, estimate->tiles);
+  return {};
+}
 
 Result<void> run_repack(const RepackArguments& a) {
   RepackOptions options = a.repack;
@@ -23,6 +45,8 @@ Result<void> run_repack(const RepackArguments& a) {
   options.replace = a.force;
   const auto field = Field::open(a.input);
   if (!field) return tl::unexpected(field.error());
+  if (a.dry_run) return estimate(a, *field, options);
+  if (a.output.empty()) return fail(ErrorCode::usage, "--output is required, or --dry-run");
   const auto report = repack_field(*field, a.output, options, progress_bar("repack", "tiles"));
   if (!report) return tl::unexpected(report.error());
   if (a.json)
@@ -83,7 +107,12 @@ Result<void> run_verify(const VerifyArguments& a) {
   if (a.verify.fix)
     return fail(ErrorCode::bad_file, a.field, ": ", report->unfixed,
                 " findings cannot be fixed in place; build it anew, or restore a copy");
-  return fail(ErrorCode::bad_file, a.field, ": damaged; slf verify --fix drops damaged tiles");
+  const bool droppable = std::ranges::none_of(report->findings, [](const Finding& finding) {
+    return finding.kind == FindingKind::structure || finding.kind == FindingKind::manifest;
+  });
+  return fail(ErrorCode::bad_file, a.field, ": damaged; ",
+              droppable ? "slf verify --fix drops damaged tiles"
+                        : "it cannot be fixed in place: build it anew, or restore a copy");
 }
 
 }  // namespace
@@ -95,9 +124,9 @@ void add_repack(CLI::App& app, Run& run) {
   command->add_option("FIELD", a->input, "Field to read; not touched")
       ->type_name(kFieldFile)
       ->required();
-  command->add_option("-o,--output", a->output, "The field to write")
-      ->type_name(kFieldFile)
-      ->required();
+  command->add_option("-o,--output", a->output, "The field to write")->type_name(kFieldFile);
+  command->add_flag("--dry-run", a->dry_run,
+                    "Write nothing: estimate the output's size from a sample of the tiles");
   command->add_flag("-f,--force", a->force, "Replace the output, once the new field is complete");
   command
       ->add_option("--codec,--color-codec", a->repack.color_codec,

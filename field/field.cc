@@ -169,6 +169,11 @@ Result<FieldContent> FieldFile::content() const {
     at.slabs = shape().slabs(level);
     at.payload_bytes.resize(manifest_.layers.size());
   }
+  if (manifest_.part) {
+    const auto whole = part_is_there();
+    if (!whole) return tl::unexpected(whole.error());
+    content.complete = *whole;
+  }
   for (storage::LayerId layer = 0; layer < manifest_.layers.size(); ++layer) {
     const auto statistics = store_.statistics(layer);
     if (!statistics) return tl::unexpected(statistics.error());
@@ -182,9 +187,25 @@ Result<FieldContent> FieldFile::content() const {
       if (layer == 0) at.stored = s.stored, at.empty = s.empty;
     }
     for (std::size_t l = 0; l < built.size(); ++l)
-      if (built[l] != content.levels[l].tiles) content.complete = false;
+      if (!manifest_.part && built[l] != content.levels[l].tiles) content.complete = false;
   }
   return content;
+}
+
+Result<bool> FieldFile::part_is_there() const {
+  std::uint64_t expected = 0;
+  for (unsigned level = 0; level <= shape().levels; ++level) expected += manifest_.tiles(level);
+  for (storage::LayerId layer = 0; layer < manifest_.layers.size(); ++layer) {
+    std::uint64_t found = 0;
+    const auto visited = store_.visit(layer, manifest_.part->begin, manifest_.part->end,
+                                      [&](const storage::TileRef& tile) -> Result<void> {
+                                        found += shape().has(tile.key) ? 1 : 0;
+                                        return {};
+                                      });
+    if (!visited) return tl::unexpected(visited.error());
+    if (found != expected) return false;
+  }
+  return true;
 }
 
 Result<Field> Field::open(const std::string& path) {
@@ -198,6 +219,7 @@ const FieldShape& Field::shape() const { return file_->shape(); }
 const std::vector<Layer>& Field::layers() const { return file_->manifest().layers; }
 bool Field::has_layer(std::string_view name) const { return file_->layer(name).has_value(); }
 bool Field::has_depth() const { return file_->has_depth(); }
+std::optional<TileRange> Field::part() const { return file_->manifest().part; }
 std::string Field::provenance() const { return file_->manifest().provenance.dump(); }
 std::string Field::manifest() const { return file_->manifest().to_json().dump(); }
 std::uint64_t Field::file_bytes() const { return file_->store().file_bytes(); }

@@ -92,6 +92,8 @@ class FieldFile {
     ReferenceCache references;
   };
   void predict(storage::LayerId layer);
+  /// Whether every layer has all tiles of the part.
+  [[nodiscard]] Result<bool> part_is_there() const;
   [[nodiscard]] Result<TileSamples> reference(storage::LayerId layer, TileKey key) const;
 
   std::vector<std::unique_ptr<codec::Codec>> codecs_;

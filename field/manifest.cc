@@ -4,10 +4,13 @@
 #include <bit>
 #include <cmath>
 
+#include "field/geometry/tile_order.h"
+
 namespace slf {
 namespace {
 
 constexpr int kDeepest = 64;
+constexpr std::uint32_t kDeepestKeyLevel = 11;  // behind the last level
 
 constexpr SampleFormat kFormats[] = {SampleFormat::rgba8, SampleFormat::depth8,
                                      SampleFormat::rgba16f, SampleFormat::rgba8_depth8};
@@ -47,6 +50,14 @@ class Reader {
     if (!value->is_string()) return problem(pointer, "is not a string"), std::string{};
     return value->get<std::string>();
   }
+  /// A tile's key as [level, index].
+  TileKey key(const std::string& pointer) {
+    const std::uint32_t level = integer(pointer + "/0", kDeepestKeyLevel);
+    const auto* index = find(pointer + "/1");
+    if (index && !index->is_number_unsigned())
+      problem(pointer + "/1", "is not an index"), index = nullptr;
+    return {static_cast<std::uint8_t>(level), index ? index->get<std::uint64_t>() : 0};
+  }
   void problem(const std::string& pointer, const std::string& what) {
     if (error_.empty()) error_ = file_ + ": manifest: " + pointer + " " + what;
   }
@@ -80,7 +91,19 @@ nlohmann::json Manifest::to_json() const {
                          {"provenance", provenance}};
   if (!shape.subfields.empty()) json["subfields"] = shape.subfields;
   if (filtered_levels) json["filtered_levels"] = *filtered_levels;
+  if (part)
+    json["part"] = {{"begin", {part->begin.level, part->begin.index}},
+                    {"end", {part->end.level, part->end.index}}};
   return json;
+}
+
+std::uint64_t Manifest::tiles(unsigned level) const {
+  if (!part) return shape.tiles(level);
+  const TileOrder order(shape);
+  const auto l = static_cast<std::uint8_t>(level);
+  const TileKey first{l, 0}, behind{static_cast<std::uint8_t>(level + 1), 0};
+  const TileKey begin = std::max(first, part->begin), end = std::min(behind, part->end);
+  return begin < end ? order.number(end) - order.number(begin) : 0;
 }
 
 Result<Manifest> Manifest::parse(std::string_view text, const std::string& file) {
@@ -118,6 +141,11 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
 
   if (json.contains("filtered_levels"))
     manifest.filtered_levels = in.integer("/filtered_levels", 10);
+
+  if (json.contains("part")) {
+    manifest.part = {in.key("/part/begin"), in.key("/part/end")};
+    if (manifest.part->end < manifest.part->begin) in.problem("/part/end", "is before /part/begin");
+  }
 
   if (json.contains("subfields") &&
       (!json["subfields"].is_array() || json["subfields"].size() > 64))
@@ -160,6 +188,18 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
     return fail(ErrorCode::bad_file, file, ": manifest: ", ok.error().message);
   manifest.provenance = json.value("provenance", nlohmann::json::object());
   return manifest;
+}
+
+std::string first_difference(const Manifest& there, const Manifest& wanted) {
+  const bool by_content = there.provenance.contains("content");
+  const auto comparable = [&](const Manifest& manifest) {
+    nlohmann::json json = manifest.to_json();
+    for (const char* member : {"slf", "filtered_levels", "part"}) json.erase(member);
+    json["provenance"].erase(by_content ? "source" : "content");
+    return json;
+  };
+  const auto patch = nlohmann::json::diff(comparable(there), comparable(wanted));
+  return patch.empty() ? "" : patch[0].value("path", "");
 }
 
 }  // namespace slf

@@ -192,6 +192,14 @@ Result<void> Environment::extend() {
   return {};
 }
 
+void Environment::defer_sync() { (void)mdb_env_set_flags(environment_, MDB_NOSYNC, 1); }
+
+Result<void> Environment::sync() {
+  if (const int code = mdb_env_sync(environment_, /*force=*/1); code != 0)
+    return error(code, "write");
+  return {};
+}
+
 // LMDB forbids this while transactions are active, because their data would move with the map.
 // reader_ reads no data: it only occupies a slot.
 Result<void> Environment::grow() {

@@ -20,9 +20,10 @@ constexpr std::size_t unused(std::size_t bytes) {
 
 }  // namespace
 
-void RecordBuilder::append(TileKey key, ByteSpan payload, std::vector<CutRecord>& out) {
+void RecordBuilder::append(TileKey key, TileState state, ByteSpan payload,
+                           std::vector<CutRecord>& out) {
   assert(!last() || *last() < key);
-  add({key, Bytes(payload.begin(), payload.end()), 0}, out);
+  add({key, state, Bytes(payload.begin(), payload.end()), 0}, out);
 }
 
 void RecordBuilder::finish(std::vector<CutRecord>& out) {
@@ -73,7 +74,7 @@ void RecordBuilder::cut(std::size_t tiles, std::vector<CutRecord>& out) {
   for (std::size_t i = 0; i < tiles; ++i) {
     const Held& held = held_[i];
     Tile& tile = table[held.key.index - first.index];
-    tile.state = held.payload.empty() ? TileState::empty : TileState::stored;
+    tile.state = held.state;
     tile.payload = held.payload;
     if (!held.payload.empty()) tile.checksum = payload_checksum(layer_, held.key, held.payload);
   }

@@ -278,6 +278,15 @@ std::uint64_t TileWriter::pending_bytes() const {
 }
 
 Result<void> TileWriter::append(LayerId layer, TileKey key, ByteSpan payload) {
+  return append(layer, key, payload.empty() ? TileState::empty : TileState::stored, payload);
+}
+
+Result<void> TileWriter::append_missing(LayerId layer, TileKey key) {
+  return append(layer, key, TileState::missing, {});
+}
+
+Result<void> TileWriter::append(LayerId layer, TileKey key, TileState tile_state,
+                                ByteSpan payload) {
   if (auto known = state_->check_layer(layer); !known) return known;
   RecordBuilder& builder = state_->builders[layer];
   if (builder.last() && key <= *builder.last())
@@ -286,7 +295,7 @@ Result<void> TileWriter::append(LayerId layer, TileKey key, ByteSpan payload) {
   if (key.level == internal::kNoLevel || payload.size() > internal::kMaxPayload)
     return fail(ErrorCode::usage, state_->place(layer, key), ": levels go up to 254, payloads up ",
                 "to ", internal::kMaxPayload, " bytes; this one has ", payload.size());
-  builder.append(key, payload, state_->records);
+  builder.append(key, tile_state, payload, state_->records);
   return {};
 }
 
@@ -298,6 +307,10 @@ Result<void> TileWriter::set_blob(std::string_view name, ByteSpan value) {
 
 Result<void> TileWriter::commit() { return state_->commit(); }
 
+void TileWriter::defer_sync() {
+  if (state_->environment) state_->environment->defer_sync();
+}
+
 void TileWriter::end_records() {
   for (RecordBuilder& builder : state_->builders) builder.finish(state_->records);
 }
@@ -305,6 +318,7 @@ void TileWriter::end_records() {
 Result<void> TileWriter::close() {
   end_records();
   if (auto committed = state_->commit(); !committed) return committed;
+  if (auto synced = state_->environment->sync(); !synced) return synced;
   state_->environment.reset();
   state_->file = {};
   return {};

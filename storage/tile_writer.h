@@ -51,12 +51,19 @@ class TileWriter {
   /// payload is larger than 1 GiB.
   [[nodiscard]] Result<void> append(LayerId layer, TileKey key, ByteSpan payload);
 
+  /// Appends a tile that is missing, so that replace() can fill it. Errors as append().
+  [[nodiscard]] Result<void> append_missing(LayerId layer, TileKey key);
+
   /// Replaces a damaged or missing tile of a committed record, in the next commit. A commit writes
   /// each record once, whatever the number of its replaced tiles; so replace many tiles in key
   /// order. If the record's table itself is damaged, its other tiles become missing.
   /// usage: no committed record includes the tile or begins behind it, in the same level. bad_file:
   /// the tree or the record's pages are damaged.
   [[nodiscard]] Result<void> replace(LayerId layer, TileKey key, TileState state, ByteSpan payload);
+
+  /// From now on commit() does not wait for the disk: a crash of the machine can damage the file.
+  /// close() and publish() do wait. For files that are worth nothing until they are complete.
+  void defer_sync();
 
   /// Sets a named blob, in the next commit.
   [[nodiscard]] Result<void> set_blob(std::string_view name, ByteSpan value);
@@ -81,6 +88,7 @@ class TileWriter {
  private:
   struct State;
   explicit TileWriter(std::unique_ptr<State> state);
+  [[nodiscard]] Result<void> append(LayerId layer, TileKey key, TileState state, ByteSpan payload);
   std::unique_ptr<State> state_;
 };
 

@@ -4,7 +4,9 @@
 #include "benchmarks/storage/page_cache.h"
 #include "benchmarks/storage/scenarios.h"
 #include "benchmarks/storage/store_peer.h"
+#include "field/field_file.h"
 #include "slf/field.h"
+#include "storage/tile_writer.h"
 
 namespace slf::bench {
 namespace {

@@ -35,6 +35,12 @@ const std::vector<Prose>& all() {
         {"With a preset of ParaView",
          "slf build head.nii.gz -o head.slf --transfer presets.json#Viridis"},
         {"Lossless", "slf build head.nii.gz -o head.slf --color-codec zstd --depth-codec zstd"},
+        {"The third of eight shards, for slf-merge(1)",
+         "slf build head.nii.gz -o part-3.slf --shard 3/8"},
+        {"Without building coarse levels in every shard: first",
+         "slf build head.nii.gz -o coarse.slf --only-levels 0-1"},
+        {"and then, on every machine,",
+         "slf build head.nii.gz -o part-3.slf --coarser coarse.slf --shard 3/8"},
         {"Headerless voxels",
          "slf build head.raw -o head.slf --dims 128x128x84 --type u8 --spacing 1x1x1.5"}}},
       {"info",
@@ -91,7 +97,16 @@ const std::vector<Prose>& all() {
         "subfields. Tiles whose codec stays the same are copied without loss. The input is not "
         "changed."},
        {{"Smaller colours", "slf repack fine.slf -o small.slf --color-codec jpeg:60"},
+        {"How small would it be?", "slf repack fine.slf --codec predictive:70 --dry-run"},
         {"The first two levels", "slf repack fine.slf -o coarse.slf --levels 1"}}},
+      {"merge",
+       {"Joins parts of one field into the field that a single build makes, byte for byte as "
+        "slf-repack(1) lays it out: shards of slf-build(1) in any number, levels, or subfields "
+        "that slf-repack(1) kept. Nothing is decoded. Before it writes, it names parts that are "
+        "missing, overlap, were not finished, or were built with other settings."},
+       {{"Shards", "slf merge part-*.slf -o head.slf"},
+        {"Coarse levels, and shards of the finest one",
+         "slf merge coarse.slf part-*.slf -o head.slf"}}},
       {"verify",
        {"Reads the whole file: pages, records, checksums and every tile. With --fix, tiles that "
         "are "

@@ -10,6 +10,8 @@
 #include "base/parallel.h"
 #include "field/build/field_writer.h"
 #include "field/build/missing_tiles.h"
+#include "field/build/mix.h"
+#include "field/build/shard_plan.h"
 #include "field/build/tile_tracer.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
@@ -23,13 +25,6 @@ using storage::LayerId;
 
 constexpr std::size_t kTrainingTiles = 16;
 constexpr std::size_t kTrainingTries = 256;
-
-std::uint64_t mix(std::uint64_t x) {  // splitmix64
-  x += 0x9E3779B97F4A7C15u;
-  x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9u;
-  x = (x ^ (x >> 27)) * 0x94D049BB133111EBu;
-  return x ^ (x >> 31);
-}
 
 /// Traces a few tiles of the finest level, spread over it, that are not empty.
 Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const FieldShape& shape) {
@@ -76,25 +71,13 @@ Result<Codecs> open_codecs(const FieldFile& field) {
   return codecs;
 }
 
-/// The place of the first member in which two manifests differ; empty if none does. A source is its
-/// content: where that is recorded, its path may differ. How levels were filtered stays as it was.
-std::string first_difference(const Manifest& there, const Manifest& wanted) {
-  const bool by_content = there.provenance.contains("content");
-  const auto comparable = [&](const Manifest& manifest) {
-    nlohmann::json json = manifest.to_json();
-    json.erase("slf");
-    json.erase("filtered_levels");
-    json["provenance"].erase(by_content ? "source" : "content");
-    return json;
-  };
-  const auto patch = nlohmann::json::diff(comparable(there), comparable(wanted));
-  return patch.empty() ? "" : patch[0].value("path", "");
-}
-
 /// usage: the field at `file` is not the one that this build makes.
 Result<void> check_same(const std::string& file, const Manifest& there, const Manifest& wanted) {
   const std::string differs = first_difference(there, wanted);
-  if (differs.empty()) return {};
+  if (differs.empty() && there.part == wanted.part) return {};
+  if (differs.empty())
+    return fail(ErrorCode::usage, file,
+                ": exists and is another part of the field; choose another output, or replace it");
   if (differs == "/provenance/content")
     return fail(ErrorCode::usage, file,
                 ": exists and was built from other data: the voxels of the input, or their "
@@ -113,7 +96,8 @@ struct Begun {
 
 /// Finds it: a field under the output's name, unless that is to be replaced, or an unfinished one.
 /// `manifest` takes over how the levels of that field are filtered.
-Result<std::optional<Begun>> find_begun(const FieldOutput& output, Manifest& manifest) {
+Result<std::optional<Begun>> find_begun(const FieldOutput& output, const TileSelection& wanted,
+                                        Manifest& manifest) {
   const bool in_place = output.existing == Existing::keep && output.exists();
   const std::string file = in_place ? output.path : output.unfinished();
   std::error_code ignored;
@@ -129,7 +113,7 @@ Result<std::optional<Begun>> find_begun(const FieldOutput& output, Manifest& man
     return tl::unexpected(same.error());
   }
   manifest.filtered_levels = there.filtered_levels;
-  auto missing = MissingTiles::of(**field, TileOrder(manifest.shape));
+  auto missing = MissingTiles::of(**field, TileOrder(manifest.shape), wanted);
   if (!missing) return tl::unexpected(missing.error());
   auto codecs = open_codecs(**field);
   if (!codecs) return tl::unexpected(codecs.error());
@@ -141,6 +125,40 @@ Result<FieldWriter> create(const FieldOutput& output, const Manifest& manifest,
   std::vector<ByteSpan> tables;
   for (const auto& codec : codecs) tables.push_back(codec->tables());
   return FieldWriter::create(output, FieldWriter::Draft::keep, manifest, tables);
+}
+
+/// Whether tiles are predicted from coarser ones.
+bool predicts(const Manifest& manifest) {
+  return std::ranges::any_of(manifest.layers, [](const Layer& layer) {
+    return layer.format == SampleFormat::rgba8_depth8;
+  });
+}
+
+/// Opens the field that has the coarser levels, and limits the shard to the level that comes next.
+/// usage: it is another field, or it does not hold just some levels from 0 on.
+Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& wanted,
+                                                      ShardOptions& options) {
+  if (options.coarser.empty()) return std::shared_ptr<const FieldFile>();
+  const auto refuse = [&](const auto&... what) {
+    return fail(ErrorCode::usage, options.coarser, ": ", what...);
+  };
+  if (!predicts(wanted))
+    return refuse("is not needed: with this codec no tile is predicted from coarser ones");
+  auto field = FieldFile::open(options.coarser);
+  if (!field) return tl::unexpected(field.error());
+  if (const std::string differs = first_difference((*field)->manifest(), wanted); !differs.empty())
+    return refuse("has not the levels of this field (", differs, " differs)");
+  const std::optional<TileRange> part = (*field)->manifest().part;
+  if (!part || part->begin != TileKey{} || part->end.index != 0)
+    return refuse("does not hold just some levels from 0 on");
+  const auto content = (*field)->content();
+  if (!content) return tl::unexpected(content.error());
+  if (!content->complete) return refuse("is not finished");
+  const unsigned next = part->end.level;
+  if (options.first_level.value_or(next) != next || options.last_level.value_or(next) != next)
+    return refuse("serves to build level ", next, " and no other");
+  options.first_level = options.last_level = next;
+  return std::move(*field);
 }
 
 /// A tile on its way from a worker to the writer.
@@ -157,7 +175,7 @@ struct Job {
   const MissingTiles& missing;
   TileOrder order;
   unsigned threads;
-  const FieldFile* coarser = nullptr;  // what is committed, where tiles are predicted from it
+  const FieldFile* coarser = nullptr;  // has what tiles are predicted from
 
   Result<Encoded> make(TileKey key, TracedTile& traced) const {
     Encoded encoded;
@@ -217,12 +235,11 @@ Result<void> write_missing(const Job& job, std::uint64_t begin, std::uint64_t en
   return {};
 }
 
-/// Makes what is missing, level by level where tiles are predicted: from what is committed.
+/// Makes what is missing, level by level where tiles are predicted from what is committed.
 Result<void> write_levels(Job job, FieldWriter& writer, const std::string& path,
                           const BuildOptions& options, const ProgressCallback& progress,
                           Progress& state) {
-  const bool predicted = std::any_of(job.codecs.begin(), job.codecs.end(),
-                                     [](const auto& codec) { return codec->predictive(); });
+  const bool predicted = !job.coarser && predicts(job.manifest);
   for (std::uint64_t begin = 0, end = 0; begin < job.missing.count(); begin = end) {
     end = predicted ? begin + 1 : job.missing.count();
     while (end < job.missing.count() && job.key(end).level == job.key(begin).level) ++end;
@@ -280,32 +297,42 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
   const auto output =
       FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, scene.files());
   if (!output) return tl::unexpected(output.error());
-  auto begun = find_begun(*output, *manifest);
+  const TileOrder order(manifest->shape);
+  ShardOptions shard = options.shard;
+  const auto coarser = open_coarser(*manifest, shard);
+  if (!coarser) return tl::unexpected(coarser.error());
+  const auto plan = plan_shard(TileTracer(scene, *manifest), order, manifest->shape, shard,
+                               predicts(*manifest) && !*coarser);
+  if (!plan) return tl::unexpected(plan.error());
+  if (plan->part != whole(manifest->shape)) manifest->part = plan->part;
+  auto begun = find_begun(*output, plan->tiles, *manifest);
   if (!begun) return tl::unexpected(begun.error());
 
   const TileTracer tracer(scene, *manifest);
-  const TileOrder order(manifest->shape);
   BuildReport report;
   if (*begun) {
-    report.resumed = order.count() - (*begun)->missing.count();
+    report.resumed = plan->tiles.count() - (*begun)->missing.count();
     if ((*begun)->in_place && (*begun)->missing.count() == 0) return report;
   }
-  auto codecs = *begun ? std::move((*begun)->codecs) : train_codecs(tracer, *manifest);
+  auto codecs = *begun     ? std::move((*begun)->codecs)
+                : *coarser ? open_codecs(**coarser)
+                           : train_codecs(tracer, *manifest);
   if (!codecs) return tl::unexpected(codecs.error());
   auto writer = !*begun              ? create(*output, *manifest, *codecs)
                 : (*begun)->in_place ? FieldWriter::edit(path, (*begun)->transaction)
                                      : FieldWriter::resume(*output, (*begun)->transaction);
   if (!writer) return tl::unexpected(writer.error());
 
-  const MissingTiles missing = *begun ? std::move((*begun)->missing) : MissingTiles(order);
+  const MissingTiles missing = *begun ? std::move((*begun)->missing) : MissingTiles(plan->tiles);
   Progress state;
-  for (unsigned level = 0; level <= manifest->shape.levels; ++level)
-    state.total += tracer.rays(level);
+  for (std::uint64_t k = 0; k < plan->tiles.count(); ++k)
+    state.total += tracer.rays(order.key(plan->tiles.number(k)));
   state.skipped = state.total;
   for (std::uint64_t k = 0; k < missing.count(); ++k)
     state.skipped -= tracer.rays(order.key(missing.number(k)));
   state.done = state.skipped;
-  const Job job{tracer, *manifest, *codecs, missing, order, thread_count(options.threads)};
+  const Job job{tracer,        *manifest, *codecs, missing, order, thread_count(options.threads),
+                coarser->get()};
   if (auto ok = write_levels(job, *writer, path, options, progress, state); !ok)
     return tl::unexpected(ok.error());
   if (auto ok = writer->finish(); !ok) return tl::unexpected(ok.error());

@@ -33,6 +33,14 @@ Result<void> clear_away(const std::string& file) {
               "; it is in the way of a new file: remove it");
 }
 
+/// An error about a file that the user did not name, as one about the path that was named.
+Error under_name(Error error, const std::string& file, const std::string& path) {
+  if (!error.message.starts_with(file)) return error;
+  const std::size_t colon = error.message.find(": ", file.size());
+  if (colon != std::string::npos) error.message.replace(0, colon, path);
+  return error;
+}
+
 Bytes bytes_of(const std::string& text) {
   const ByteSpan bytes = as_bytes(std::span<const char>(text));
   return {bytes.begin(), bytes.end()};
@@ -113,13 +121,14 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
     return fail(ErrorCode::failed, output.path, kAnotherProcess, " (", file, ")");
   }
   auto writer = TileWriter::create(file, names, blobs);
-  if (!writer) return tl::unexpected(writer.error());
+  if (!writer) return tl::unexpected(under_name(writer.error(), file, output.path));
   // What replaces a private file is private from the beginning.
   if (output.existing == Existing::replace)
     copy_permissions(output.target, file, /*writable=*/true);
   FieldWriter created(std::move(*writer), file, names.size());
   created.output_ = output;
   created.discard_ = draft == Draft::discard;
+  if (created.discard_) created.writer_->defer_sync();
   return created;
 }
 
@@ -182,6 +191,11 @@ Result<void> FieldWriter::put(LayerId layer, TileKey key, ByteSpan payload) {
   auto done =
       hole ? writer_->replace(layer, key, state, payload) : writer_->append(layer, key, payload);
   if (!done) return done;
+  return commit_when_due();
+}
+
+Result<void> FieldWriter::put_missing(LayerId layer, TileKey key) {
+  if (auto done = writer_->append_missing(layer, key); !done) return done;
   return commit_when_due();
 }
 

@@ -5,8 +5,8 @@
 //
 //   PATH.unfinished   a build. It stays when the build stops, and the same build continues it.
 //                     It is a field that opens and that shows what was committed.
-//   PATH.repacking    a repack. It goes when the repack stops; the next one removes what a killed
-//                     repack has left.
+//   PATH.repacking    a repack or a merge. It goes when that stops; the next one removes what a
+//                     killed one has left.
 //
 // Holes of a field, and fields that older versions left unfinished under their final names, are
 // filled in place.
@@ -75,6 +75,9 @@ class FieldWriter {
   /// Writes a tile, in key order: behind the tiles of its layer, or into a hole among those that
   /// were there when the writer was opened. An empty payload means an empty tile.
   [[nodiscard]] Result<void> put(storage::LayerId layer, TileKey key, ByteSpan payload);
+
+  /// Leaves a hole for a tile, behind the tiles of its layer, which put() can fill later.
+  [[nodiscard]] Result<void> put_missing(storage::LayerId layer, TileKey key);
 
   /// Makes a tile a hole. Errors other than io concern this tile alone.
   [[nodiscard]] Result<void> drop(storage::LayerId layer, TileKey key);

@@ -33,6 +33,7 @@ class TileTracer {
   /// Rays that a tile, or all tiles of a level, take, about.
   [[nodiscard]] std::uint64_t rays(TileKey key) const;
   [[nodiscard]] std::uint64_t rays(unsigned level) const;
+  [[nodiscard]] const LevelGeometry& geometry(unsigned level) const { return levels_[level]; }
 
  private:
   void trace_rays(TileKey key, TracedTile& tile) const;

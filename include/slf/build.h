@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "slf/error.h"
@@ -14,6 +15,21 @@
 #include "slf/shape.h"
 
 namespace slf {
+
+/// Which part of a field a build makes. All parts have the same codec tables, and merge_fields()
+/// joins them to the field that one build makes.
+struct ShardOptions {
+  /// The index-th (from 1) of `count` ranges of tiles, in key order, of about equally many rays.
+  /// Ranges of any counts go together: 1/2 is 1/4 and 2/4.
+  std::uint32_t index = 1;
+  std::uint32_t count = 1;
+  /// Only tiles of these levels; none: all.
+  std::optional<unsigned> first_level, last_level;
+  /// A predictive codec predicts tiles from those of the next coarser level. This part of the same
+  /// field, levels 0 to some level, has them: the level behind it is built. Empty: the tiles that
+  /// are needed are built, too, and stored in the part's file.
+  std::string coarser;
+};
 
 struct BuildOptions {
   FieldShape shape;  ///< a sphere of radius 0: the scene's own bounds
@@ -24,6 +40,7 @@ struct BuildOptions {
   unsigned threads = 0;       ///< 0: all
   double commit_seconds = 1;  ///< how often tiles are made safe: what a kill can cost
   bool replace = false;       ///< what is at the output's path, when all is built
+  ShardOptions shard;         ///< by default, all tiles
 };
 
 struct Progress {

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -38,7 +39,7 @@ struct LevelContent {
 
 struct FieldContent {
   std::vector<LevelContent> levels;
-  bool complete = false;  ///< every tile of every level and layer is stored or empty
+  bool complete = false;  ///< every tile of every level and layer, or of its part, is there
   std::uint64_t file_bytes = 0;
   std::uint64_t payload_bytes = 0;
 };
@@ -58,6 +59,8 @@ class Field {
   [[nodiscard]] bool has_layer(std::string_view name) const;
   /// Whether samples have depths: in a layer of their own, or together with their colours.
   [[nodiscard]] bool has_depth() const;
+  /// The tiles that this file is to hold, where the field is built in several parts (build.h).
+  [[nodiscard]] std::optional<TileRange> part() const;
   /// The source and the settings of the build: a JSON object without a fixed schema.
   [[nodiscard]] std::string provenance() const;
   /// The whole manifest, a JSON object (FORMAT.md).

@@ -53,4 +53,22 @@ struct RepackReport {
                                                 const RepackOptions& options,
                                                 const ProgressCallback& progress = {});
 
+/// What a repack would write.
+struct RepackEstimate {
+  std::uint64_t tiles = 0;    ///< stored, empty or missing, of all layers
+  std::uint64_t sampled = 0;  ///< of tiles: encoded to estimate the others
+  std::uint64_t payload_bytes = 0;
+  std::uint64_t payload_error_bytes = 0;  ///< half of a 95 % confidence interval; 0: exact
+  std::uint64_t file_bytes = 0;
+  std::uint64_t file_error_bytes = 0;  ///< the same
+};
+
+/// Estimates it from a sample of a few hundred tiles of each level, chosen by their numbers alone.
+/// Layers that are copied are counted. A predictive codec is given the samples of the input to
+/// predict from, not those that it would decode itself, so its error is a little larger than
+/// stated. Progress counts sampled tiles. Errors as repack_field(), but for those of writing.
+[[nodiscard]] Result<RepackEstimate> estimate_repack(const Field& field,
+                                                     const RepackOptions& options,
+                                                     const ProgressCallback& progress = {});
+
 }  // namespace slf

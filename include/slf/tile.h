@@ -14,6 +14,13 @@ struct TileKey {
   friend auto operator<=>(const TileKey&, const TileKey&) = default;
 };
 
+/// The tiles with keys in [begin, end), in key order.
+struct TileRange {
+  TileKey begin;
+  TileKey end;
+  friend bool operator==(const TileRange&, const TileRange&) = default;
+};
+
 /// The content of a sample, in memory order.
 enum class SampleFormat : std::uint8_t {
   rgba8 = 0,         ///< 4 bytes: premultiplied R, G, B and A

@@ -39,6 +39,10 @@ class Environment {
   /// The last committed transaction.
   [[nodiscard]] std::uint64_t transaction() const;
 
+  /// From now on put() does not wait for the disk; sync() does.
+  void defer_sync();
+  [[nodiscard]] Result<void> sync();
+
   /// Writes all puts in one durable transaction. Creates missing trees and grows the map as needed.
   /// io: the disk is full or a write failed; the previous commit remains. failed, bad_file: an
   /// error of LMDB's. bad_file: another program has truncated the file.

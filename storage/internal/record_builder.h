@@ -31,9 +31,9 @@ class RecordBuilder {
   RecordBuilder(LayerId layer, std::optional<TileKey> previous)
       : layer_(layer), previous_(previous) {}
 
-  /// Adds a tile; an empty payload means an empty tile. Appends the records that this completes to
-  /// `out`. REQUIRES: the key is above last(); the payload has at most kMaxPayload bytes.
-  void append(TileKey key, ByteSpan payload, std::vector<CutRecord>& out);
+  /// Adds a tile. Appends the records that this completes to `out`. REQUIRES: the key is above
+  /// last(); the payload has at most kMaxPayload bytes, and none unless the tile is stored.
+  void append(TileKey key, TileState state, ByteSpan payload, std::vector<CutRecord>& out);
 
   /// Completes the last record.
   void finish(std::vector<CutRecord>& out);
@@ -46,6 +46,7 @@ class RecordBuilder {
  private:
   struct Held {
     TileKey key;
+    TileState state = TileState::empty;
     Bytes payload;
     std::size_t record_bytes = 0;  ///< of a record that ends with this tile
   };

@@ -10,8 +10,8 @@ FOLDERS = ["base", "benchmarks", "cli", "cmake", "codec", "examples", "field", "
            "tests", ".ci"]
 READS = [
     re.compile(r'getenv\("(\w+)"\)'),                  # C and C++
-    re.compile(r'kEnvironment\w*\[?\w*\]?\{?"(\w+)"'),  # tables of names in C++
-    re.compile(r'environ(?:\.get\(|\[)"(\w+)"'),       # Python
+    re.compile(r'number_in\("(\w+)"\)'),
+    re.compile(r'environ(?:\.get\(|\[)"(\w+)"(?!\] *\+?=)'),  # Python
     re.compile(r"\$\{?(SLF_\w+)"),                     # shell
     re.compile(r"\$ENV\{(\w+)\}"),                     # CMake
 ]

@@ -1,5 +1,6 @@
-// `slf build` and `slf repack`, killed at any moment of their lives: nothing committed is lost,
-// nothing half done can be taken for a field, and the same command ends as if nothing had happened.
+// `slf build`, `slf repack` and `slf merge`, killed at any moment of their lives: nothing committed
+// is lost, nothing half done can be taken for a field, and the same command ends as if nothing had
+// happened.
 #include <signal.h>
 
 #include <chrono>
@@ -156,6 +157,55 @@ TEST(Killed, ARepackLeavesNoFieldOrAWholeOne) {
   EXPECT_EQ(run(repack(path)), 0);  // goes over what the others left
   EXPECT_TRUE(tiles_of(path) == whole);
   EXPECT_EQ(place.files(), (std::vector<std::string>{"a.slf", "in.slf"}));
+}
+
+// Shards and merges, with the codec whose shards build coarser tiles, too.
+TEST(Killed, ShardsAndMergesEndInTheFieldOfOneBuild) {
+  Workplace place;
+  const auto shard = [&](const std::string& output, const std::string& number) -> Arguments {
+    return {"-q", "build",          "scene:balls", "-o",       output, "--entry",
+            "3",  "--exit",         "8",           "--levels", "1",    "-j",
+            "2",  "--commit-every", "0.002",       "--shard",  number};
+  };
+  const std::string merged = place / "merged.slf";
+  const Arguments merge{"-q", "merge", place / "1.slf", place / "2.slf", place / "3.slf",
+                        "-o", merged};
+  ASSERT_EQ(run(shard(place / "whole.slf", "1/1")), 0);
+  ASSERT_EQ(run({"-q", "repack", place / "whole.slf", "-o", place / "repacked.slf"}), 0);
+  const std::string whole = testing::read_text(place / "repacked.slf");
+
+  Moments moments_of_shards(shard(place / "x.slf", "2/3"));
+  std::filesystem::remove(place / "x.slf");
+  int kills = 0, rounds = 0;
+  for (; kills < kKills && rounds < kKills; ++rounds) {
+    for (const char* k : {"1", "2", "3"}) {
+      const std::string path = place / (std::string(k) + ".slf");
+      std::filesystem::remove(path);
+      for (bool done = false; !done;) {
+        const auto ended = run(shard(path, k + std::string("/3")), moments_of_shards.next());
+        EXPECT_EQ(ended.value_or(0), 0);
+        kills += !ended;
+        done = std::filesystem::exists(path);
+      }
+    }
+    Moments moments_of_merges([&] {
+      std::filesystem::remove(merged);
+      return merge;
+    }());
+    std::filesystem::remove(merged);
+    for (int k = 0; k < 8; ++k) {
+      const auto ended = run(merge, moments_of_merges.next());
+      kills += !ended;
+      if (!std::filesystem::exists(merged)) continue;
+      EXPECT_TRUE(testing::read_text(merged) == whole);
+      std::filesystem::remove(merged);
+    }
+    EXPECT_EQ(run(merge), 0);
+    EXPECT_TRUE(testing::read_text(merged) == whole) << "after " << kills << " kills";
+    EXPECT_EQ(place.files(), (std::vector<std::string>{"1.slf", "2.slf", "3.slf", "merged.slf",
+                                                       "repacked.slf", "whole.slf"}));
+  }
+  EXPECT_GE(kills, kKills);
 }
 
 }  // namespace

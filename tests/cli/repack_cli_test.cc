@@ -125,6 +125,25 @@ TEST_F(RepackCli, AFullDiskLeavesNothing) {
   EXPECT_TRUE(read_text(field()) == before);
 }
 
+TEST_F(RepackCli, AFullDiskStopsAMergeAndLeavesTheParts) {
+  Workplace place;
+  for (const char* range : {"0-31", "32-63"})
+    ASSERT_EQ(
+        slf({"repack", field(), "-o", place / (range + std::string(".slf")), "--subfields", range})
+            .exit_code,
+        0);
+  const std::vector<std::string> merge{"merge", place / "0-31.slf", place / "32-63.slf", "-o",
+                                       place / "out.slf"};
+  for (const char* blocks : {"4", "60", "400", "1500"}) {
+    const Outcome full = slf(merge, "trap '' XFSZ; ulimit -f " + std::string(blocks) + ";");
+    EXPECT_EQ(full.exit_code, 2) << blocks << full.err;
+    EXPECT_NE(full.err.find("out.slf"), std::string::npos) << full.err;
+    EXPECT_EQ(place.files(), (Names{"0-31.slf", "32-63.slf"})) << blocks;
+  }
+  EXPECT_EQ(slf(merge).exit_code, 0);
+  EXPECT_EQ(slf({"diff", field(), place / "out.slf"}).exit_code, 0);
+}
+
 TEST_F(RepackCli, ADamagedTileIsNamedAndNothingIsLeft) {
   Workplace place;
   damage(place / "bad.slf", "color", {0, 7});
@@ -171,8 +190,23 @@ TEST_F(RepackCli, VerifyTellsDamageFromIncompleteness) {
   EXPECT_EQ(testing::all_tiles(*Field::open(bad)), testing::all_tiles(*Field::open(field())));
 }
 
+TEST_F(RepackCli, MessagesNameTheFileThatTheUserNamed) {
+  Workplace place;
+  const std::string out = place / "no/such.slf";
+  for (const Outcome& outcome : {slf({"repack", field(), "-o", out}), build(out)}) {
+    EXPECT_EQ(outcome.exit_code, 2);
+    EXPECT_NE(outcome.err.find(out + ": cannot create"), std::string::npos) << outcome.err;
+  }
+}
+
 TEST_F(RepackCli, VerifySaysWhatItCannotFix) {
   Workplace place;
+  const std::string bytes = read_text(field());
+  std::ofstream(place / "short.slf") << bytes.substr(0, bytes.size() / 2);
+  const Outcome cut = slf({"verify", place / "short.slf"});
+  EXPECT_EQ(cut.exit_code, 3);
+  EXPECT_NE(cut.err.find("restore a copy"), std::string::npos) << cut.err;
+  EXPECT_EQ(cut.err.find("--fix"), std::string::npos) << cut.err;
   std::ofstream(place / "text.slf") << std::string(20000, 'x');
   EXPECT_OUTCOME(slf({"verify", place / "text.slf", "--fix"}), 3, "cannot be fixed");
   EXPECT_OUTCOME(slf({"verify", place / "text.slf"}), 3, "text.slf");

@@ -22,17 +22,21 @@ DATA = HERE.parent / "data"
 PREPARE = [
     "build scene:balls -o F.slf --entry 2 --exit 4 --levels 1",
     "repack F.slf -o G.slf --color-codec jpeg:60 --subfields 0-40",
+    "build scene:balls -o part-1.slf --entry 2 --exit 4 --levels 1 --shard 1/2",
+    "build scene:balls -o part-2.slf --entry 2 --exit 4 --levels 1 --shard 2/2",
     "render F.slf -o F.png --size 32",
     "render G.slf -o G.png --size 32",
 ]
 CASES = {
     "info": ["info F.slf --json", "info G.slf --json", f"info {DATA}/golden/example.slf --json",
-             "info v.raw --dims 2x2x2 --json", "info v.raw --dims 2x2x2 --labels --json"],
+             "info part-2.slf --json", "info v.raw --dims 2x2x2 --json", "info v.raw --dims 2x2x2 --labels --json"],
+    "merge": ["merge part-1.slf part-2.slf -o M.slf --json"],
     "render": ["render F.slf -o x.png -f --size 32 --json"],
     "measure": ["measure F.slf G.slf --views 2 --size 32 --json"],
     "evaluate": ["evaluate F.slf --volume scene:balls --views 2 --size 32 --json"],
     "compare": ["compare F.png F.png --json", "compare F.png G.png --json"],
-    "repack": ["repack F.slf -o H.slf -f --json", "repack F.slf -o H.slf -f --levels 0 --json"],
+    "repack": ["repack F.slf -o H.slf -f --json", "repack F.slf -o H.slf -f --levels 0 --json",
+               "repack F.slf --codec predictive:50 --dry-run --json"],
     "verify": ["verify F.slf --json", f"verify {DATA}/golden/flipped_tile.slf --json",
                f"verify {DATA}/golden/incomplete.slf --json"],
     "transfer": ["transfer --json --list", "transfer ct-bone --json"],

@@ -74,6 +74,57 @@ class Repack : public ::testing::Test {
   std::optional<Field> lossless_, jpeg_;
 };
 
+TEST_F(Repack, HolesOfAnIncompleteFieldCanBeFilledAfterwards) {
+  const auto options = lossless_options(2, 5, 1);
+  const auto whole = all_tiles(*lossless_);
+  {  // at the end of a level, in the middle of one, and at the end of the field
+    auto writer = storage::TileWriter::resume(folder_ / "in.slf");
+    ASSERT_TRUE(writer);
+    for (const TileKey key : {TileKey{0, 62}, {0, 63}, {1, 100}, {1, 1022}, {1, 1023}})
+      for (const storage::LayerId layer : {0u, 1u})
+        ASSERT_TRUE(writer->replace(layer, key, storage::TileState::missing, {}));
+    ASSERT_TRUE(writer->close());
+  }
+  const auto holed = Field::open(folder_ / "in.slf");
+  const auto done = repack_field(*holed, folder_ / "out.slf", {});
+  ASSERT_TRUE(done) << done.error().message;
+  EXPECT_EQ(done->missing, 10u);
+  EXPECT_FALSE(Field::open(folder_ / "out.slf")->content()->complete);
+  const auto filled = build_and_open(stripes(), folder_ / "out.slf", options);
+  ASSERT_TRUE(filled);
+  EXPECT_TRUE(filled->content()->complete);
+  EXPECT_EQ(all_tiles(*filled), whole);
+}
+
+TEST_F(Repack, ItsSizeIsEstimatedWithinTheStatedError) {
+  struct {
+    const char *color, *depth;
+  } codecs[] = {{"raw", "raw"},     {"zstd:3", "zstd:9"},  {"jpeg:60", ""},
+                {"jpeg:75", "raw"}, {"predictive:80", ""}, {"", ""}};
+  int k = 0;
+  for (const auto& [color, depth] : codecs) {
+    SCOPED_TRACE(color);
+    RepackOptions options;
+    options.color_codec = color, options.depth_codec = depth;
+    const auto estimate = estimate_repack(*lossless_, options);
+    ASSERT_TRUE(estimate) << estimate.error().message;
+    const auto done = repack_field(*lossless_, folder_ / (std::to_string(++k) + ".slf"), options);
+    ASSERT_TRUE(done);
+    const auto within = [](std::uint64_t found, std::uint64_t expected, std::uint64_t error) {
+      return std::max(found, expected) - std::min(found, expected) <= error;
+    };
+    EXPECT_TRUE(
+        within(done->payload_bytes, estimate->payload_bytes, estimate->payload_error_bytes * 3 / 2))
+        << done->payload_bytes << " is not " << estimate->payload_bytes << " +- "
+        << estimate->payload_error_bytes;
+    EXPECT_TRUE(within(done->file_bytes, estimate->file_bytes, estimate->file_error_bytes))
+        << done->file_bytes << " is not " << estimate->file_bytes << " +- "
+        << estimate->file_error_bytes;
+    EXPECT_EQ(estimate->payload_error_bytes == 0, std::string(color).empty());
+    EXPECT_LT(estimate->payload_error_bytes, estimate->payload_bytes / 5);
+  }
+}
+
 TEST_F(Repack, LosslessCodecsKeepEverySample) {
   int k = 0;
   for (const char* codec : {"raw", "zstd:3", "zstd:19"}) {

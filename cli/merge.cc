@@ -1,0 +1,53 @@
+// slf merge: joins parts of a field.
+#include "slf/merge.h"
+
+#include "cli/command.h"
+
+namespace slf::cli {
+namespace {
+
+struct Arguments {
+  std::vector<std::string> parts;
+  std::string output;
+  MergeOptions merge;
+  bool json = false;
+};
+
+Result<void> run_merge(const Arguments& a) {
+  const auto report = merge_fields(a.parts, a.output, a.merge, progress_bar("merge", "tiles"));
+  if (!report && report.error().message.starts_with("no part holds"))
+    return with_cure(report.error(), "build them, or let the output be a part with --part");
+  if (!report) return tl::unexpected(report.error());
+  if (a.json)
+    print_json({{"parts", a.parts.size()},
+                {"tiles", report->tiles},
+                {"payload_bytes", report->payload_bytes},
+                {"file_bytes", report->file_bytes}});
+  else
+    print("{}: {}, {} tiles of {} parts\n", a.output,
+          human_bytes(static_cast<double>(report->file_bytes)), report->tiles, a.parts.size());
+  return {};
+}
+
+}  // namespace
+
+void add_merge(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand("merge", "Join parts of a field: shards, levels, subfields");
+  auto a = std::make_shared<Arguments>();
+  command->add_option("PARTS", a->parts, "Parts of one field, in any order; not touched")
+      ->type_name(kFieldFile)
+      ->required();
+  command->add_option("-o,--output", a->output, "The field to write")
+      ->type_name(kFieldFile)
+      ->required();
+  command->add_flag("-f,--force", a->merge.replace,
+                    "Replace the output, once the new field is complete");
+  command->add_flag("--part", a->merge.part,
+                    "The parts need not be all: the output may be a part, too");
+  add_bytes(*command, "--memory", a->merge.memory, "Budget for tiles and records under way");
+  command->add_option("-j,--threads", a->merge.threads, "0: all cores")->capture_default_str();
+  command->add_flag("--json", a->json, "JSON on stdout");
+  command->callback([a, &run] { run = [a] { return run_merge(*a); }; });
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,131 @@
+// --shard and what belongs to it: which part of a field this process builds, said by the user or by
+// the engine that started the process.
+#include <algorithm>
+#include <charconv>
+#include <cstdlib>
+#include <sstream>
+
+#include "cli/command.h"
+
+namespace slf::cli {
+namespace {
+
+constexpr std::uint64_t kMostShards = 10'000'000;
+
+/// The variable's value as a number; none if it is not set or is no number.
+std::optional<std::uint64_t> number_in(const char* variable) {
+  const char* const text = std::getenv(variable);
+  if (!text) return std::nullopt;
+  std::uint64_t value = 0;
+  const std::string_view digits(text);
+  const auto [end, error] = std::from_chars(digits.begin(), digits.end(), value);
+  if (error != std::errc() || end != digits.end() || value > kMostShards) return std::nullopt;
+  return value;
+}
+
+/// What an engine says of the processes that it started together.
+struct Engine {
+  std::string name;
+  std::uint64_t index = 0;  ///< of this process, from 0
+  std::uint64_t count = 0;
+};
+
+/// The Slurm job array that this process is a task of. Ids may begin anywhere and have a step.
+std::optional<Engine> slurm_array() {
+  const auto id = number_in("SLURM_ARRAY_TASK_ID"), count = number_in("SLURM_ARRAY_TASK_COUNT"),
+             first = number_in("SLURM_ARRAY_TASK_MIN");
+  if (!id || !count || !first || *id < *first) return std::nullopt;
+  const std::uint64_t step =
+      std::max<std::uint64_t>(1, number_in("SLURM_ARRAY_TASK_STEP").value_or(1));
+  return Engine{"Slurm job array", (*id - *first) / step, *count};
+}
+
+std::optional<Engine> ranks(const char* name, std::optional<std::uint64_t> rank,
+                            std::optional<std::uint64_t> count) {
+  if (!rank || !count) return std::nullopt;
+  return Engine{name, *rank, *count};
+}
+
+/// Of engines that run inside each other, the inner one: mpirun within a Slurm job says more.
+std::optional<Engine> find_engine() {
+  if (auto engine = slurm_array()) return engine;
+  if (auto engine =
+          ranks("Open MPI", number_in("OMPI_COMM_WORLD_RANK"), number_in("OMPI_COMM_WORLD_SIZE")))
+    return engine;
+  if (auto engine = ranks("PMI", number_in("PMI_RANK"), number_in("PMI_SIZE"))) return engine;
+  if (auto engine = ranks("Slurm tasks", number_in("SLURM_PROCID"), number_in("SLURM_NTASKS")))
+    return engine;
+  return ranks("Kubernetes indexed job", number_in("JOB_COMPLETION_INDEX"),
+               number_in("JOB_COMPLETIONS"));
+}
+
+Result<ShardOptions> from_engine() {
+  const auto engine = find_engine();
+  if (!engine)
+    return fail(ErrorCode::usage,
+                "--shard auto: found no engine: neither a Slurm array or task, nor ranks of Open "
+                "MPI or PMI, nor an indexed job of Kubernetes with JOB_COMPLETIONS set; give K/N");
+  if (engine->index >= engine->count)
+    return fail(ErrorCode::usage, "--shard auto: ", engine->name, ": process ", engine->index + 1,
+                " of ", engine->count, ", as of an array with gaps; give K/N");
+  ShardOptions shard;
+  shard.index = static_cast<std::uint32_t>(engine->index + 1);
+  shard.count = static_cast<std::uint32_t>(engine->count);
+  note(fmt::format("shard {}/{}, from {}", shard.index, shard.count, engine->name));
+  return shard;
+}
+
+Result<ShardOptions> parse_shard(const std::string& text) {
+  ShardOptions shard;
+  char slash = 0;
+  std::istringstream in(text);
+  if (text.find_first_not_of("0123456789/") != std::string::npos ||
+      !(in >> shard.index >> slash >> shard.count) || slash != '/' || !in.eof() ||
+      shard.index < 1 || shard.index > shard.count || shard.count > kMostShards)
+    return fail(ErrorCode::usage, "--shard ", text, ": expected K/N with K from 1 to N, or auto");
+  return shard;
+}
+
+void replace_all(std::string& text, const std::string& what, const std::string& with) {
+  for (std::size_t at = 0; (at = text.find(what, at)) != std::string::npos; at += with.size())
+    text.replace(at, what.size(), with);
+}
+
+}  // namespace
+
+void ShardArguments::add_to(CLI::App& command) {
+  const char* group = "Several machines";
+  command
+      .add_option("--shard", shard,
+                  "Build the K-th of N parts of equal work; auto: as Slurm, MPI or Kubernetes\n"
+                  "says; {K} and {N} in the output's name stand for the numbers")
+      ->type_name("K/N")
+      ->group(group);
+  add_levels(command, "--only-levels", levels, "Build these levels only, as a part of the field")
+      ->group(group);
+  command
+      .add_option("--coarser", coarser,
+                  "Part of this field with all coarser levels, from which the next one is\n"
+                  "predicted; without it, a part builds the coarser tiles that it needs itself")
+      ->type_name(kFieldFile)
+      ->group(group);
+}
+
+Result<ShardOptions> ShardArguments::options() const {
+  auto options = shard == "auto"  ? from_engine()
+                 : !shard.empty() ? parse_shard(shard)
+                                  : Result<ShardOptions>(ShardOptions{});
+  if (!options) return options;
+  if (levels) options->first_level = levels->first, options->last_level = levels->last;
+  options->coarser = coarser;
+  return options;
+}
+
+std::string name_of_part(std::string path, const ShardOptions& shard) {
+  const std::string count = std::to_string(shard.count);
+  replace_all(path, "{K}", fmt::format("{:0{}}", shard.index, count.size()));
+  replace_all(path, "{N}", count);
+  return path;
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,185 @@
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel.h"
+#include "codec/predictive_codec.h"
+#include "field/build/mix.h"
+#include "field/build/repack_layers.h"
+#include "field/geometry/tile_order.h"
+#include "slf/repack.h"
+
+namespace slf {
+namespace {
+
+using storage::LayerId;
+using storage::TileState;
+
+constexpr std::uint64_t kSample = 400;  // tiles of a level
+constexpr double kDeviations = 1.96;    // of a 95 % confidence interval
+
+// What a file has besides payloads (FORMAT.md): of a tile its checksum, its place in the table and
+// what aligns it; of a record its header and what it leaves unused of its pages; the trees.
+constexpr double kTileBytes = 14;
+constexpr double kRecordShare = 0.004;
+constexpr double kTreeBytes = 48 << 10;
+constexpr double kFileUncertainty = 0.01;
+
+/// A number with the variance of its estimate.
+struct Estimate {
+  double bytes = 0, variance = 0, stored = 0;
+  std::uint64_t sampled = 0;
+  Estimate& operator+=(const Estimate& more) {
+    bytes += more.bytes, variance += more.variance, stored += more.stored;
+    sampled += more.sampled;
+    return *this;
+  }
+};
+
+/// Encodes tiles of one layer of the output.
+class SampleEncoder {
+ public:
+  SampleEncoder(const FieldFile& field, const FieldShape& shape, const OutputLayer& out)
+      : field_(field), out_(out) {
+    if (const auto* codec = out.codec->predictive())
+      predicted_.emplace(shape, *codec, [&field](unsigned level) -> const LevelGeometry& {
+        return field.geometry(level);
+      });
+  }
+
+  /// The bytes of a tile's payload; none if it is not stored.
+  [[nodiscard]] Result<std::optional<std::uint64_t>> encode(TileKey key) const {
+    const auto state = state_of(field_, out_, key);
+    if (!state) return tl::unexpected(state.error());
+    if (*state != TileState::stored) return std::nullopt;
+    const auto samples = read(key);
+    if (!samples && samples.error().code == ErrorCode::failed) return std::nullopt;
+    if (!samples) return tl::unexpected(samples.error());
+    Bytes payload;
+    codec::Tile shape = field_.tile_shape(out_.from[0], key);
+    shape.format = out_.layer.format;
+    const auto source = [this](TileKey reference) -> Result<TileSamples> {
+      const auto there = state_of(field_, out_, reference);
+      if (!there) return tl::unexpected(there.error());
+      if (*there == TileState::missing) return fail(ErrorCode::failed, "missing");
+      if (*there == TileState::empty) return TileSamples();
+      return read(reference);
+    };
+    auto ok = predicted_ ? predicted_->encode(key, **samples, source, payload)
+                         : out_.codec->encode(shape, **samples, payload);
+    if (!ok) return tl::unexpected(ok.error());
+    return payload.size();
+  }
+
+ private:
+  [[nodiscard]] Result<TileSamples> read(TileKey key) const {
+    InputTile input;
+    input.begin(key);
+    const auto samples = std::make_shared<Bytes>();
+    if (auto ok = input.samples(field_, out_, *samples); !ok) return tl::unexpected(ok.error());
+    return TileSamples(samples);
+  }
+
+  const FieldFile& field_;
+  const OutputLayer& out_;
+  std::optional<PredictedTiles> predicted_;
+};
+
+/// The exact size of what is copied, from the tables of the records.
+Result<Estimate> count(const FieldFile& field, const FieldShape& shape, LayerId layer) {
+  Estimate sum;
+  auto visited =
+      field.store().visit(layer, {0, 0}, {static_cast<std::uint8_t>(shape.levels + 1), 0},
+                          [&](const storage::TileRef& tile) -> Result<void> {
+                            if (!shape.has(tile.key)) return {};
+                            sum.bytes += static_cast<double>(tile.payload.size());
+                            sum.stored += tile.state == TileState::stored ? 1 : 0;
+                            return {};
+                          });
+  if (!visited) return tl::unexpected(visited.error());
+  return sum;
+}
+
+/// Tile numbers [begin, end), by a tile of each of equal ranges.
+Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, std::uint64_t begin,
+                        std::uint64_t end, unsigned threads, const std::function<bool()>& go_on) {
+  const std::uint64_t count = end - begin, taken = std::min(count, kSample);
+  OrderedPipeline<std::optional<std::uint64_t>> pipeline(taken, threads, 4 * threads, [&] {
+    return [&](std::uint64_t k) {
+      const std::uint64_t first = begin + count * k / taken,
+                          behind = begin + count * (k + 1) / taken;
+      return encoder.encode(order.key(first + mix(first) % (behind - first)));
+    };
+  });
+  double sum = 0, squares = 0, stored = 0;
+  for (std::uint64_t k = 0; k < taken; ++k) {
+    const auto bytes = pipeline.take();
+    if (!bytes) return tl::unexpected(bytes.error());
+    if (!go_on()) return fail(ErrorCode::failed, "estimate interrupted");
+    if (!*bytes) continue;
+    const auto size = static_cast<double>(**bytes);
+    sum += size, squares += size * size, stored += 1;
+  }
+  const auto n = static_cast<double>(taken), all = static_cast<double>(count);
+  Estimate estimate;
+  estimate.sampled = taken;
+  estimate.bytes = sum / n * all;
+  estimate.stored = stored / n * all;
+  if (taken < count && taken > 1)
+    estimate.variance = all * all * (1 - n / all) * (squares - sum * sum / n) / (n - 1) / n;
+  return estimate;
+}
+
+}  // namespace
+
+Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions& options,
+                                       const ProgressCallback& progress) {
+  const FieldFile& field = handle.file();
+  const auto shape = plan_shape(field, options);
+  if (!shape) return tl::unexpected(shape.error());
+  const auto outputs = plan_layers(field, *shape, options);
+  if (!outputs) return tl::unexpected(outputs.error());
+  const TileOrder order(*shape);
+  const auto first_of = [&](unsigned level) {
+    return order.number({static_cast<std::uint8_t>(level), 0});
+  };
+  Progress state;
+  for (const OutputLayer& out : *outputs)
+    for (unsigned level = 0; !out.copy && level <= shape->levels; ++level)
+      state.total += std::min(kSample, shape->tiles(level));
+  const auto go_on = [&] {
+    ++state.done;
+    return !progress || progress(state);
+  };
+
+  Estimate total;
+  for (const OutputLayer& out : *outputs) {
+    if (out.copy) {
+      const auto exact = count(field, *shape, out.from[0]);
+      if (!exact) return tl::unexpected(exact.error());
+      total += *exact;
+      continue;
+    }
+    const SampleEncoder encoder(field, *shape, out);
+    for (unsigned level = 0; level <= shape->levels; ++level) {
+      const auto estimate = sample(encoder, order, first_of(level), first_of(level + 1),
+                                   thread_count(options.threads), go_on);
+      if (!estimate)
+        return fail(estimate.error().code, field.path(), ": ", estimate.error().message);
+      total += *estimate;
+    }
+  }
+  const double error = kDeviations * std::sqrt(total.variance);
+  const double file = total.bytes * (1 + kRecordShare) + kTileBytes * total.stored +
+                      static_cast<double>(order.count() * outputs->size()) + kTreeBytes;
+  const auto whole = [](double bytes) { return static_cast<std::uint64_t>(std::llround(bytes)); };
+  RepackEstimate estimate;
+  estimate.tiles = order.count() * outputs->size();
+  estimate.sampled = total.sampled;
+  estimate.payload_bytes = whole(total.bytes);
+  estimate.payload_error_bytes = whole(error);
+  estimate.file_bytes = whole(file);
+  estimate.file_error_bytes = whole(error + kFileUncertainty * file + kTreeBytes / 2);
+  return estimate;
+}
+
+}  // namespace slf

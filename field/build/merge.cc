@@ -1,0 +1,150 @@
+#include "slf/merge.h"
+
+#include <filesystem>
+
+#include "base/parallel.h"
+#include "field/build/field_writer.h"
+#include "field/build/merge_plan.h"
+
+namespace slf {
+namespace {
+
+using storage::LayerId;
+using storage::TileRef;
+using storage::TileState;
+
+constexpr std::uint64_t kBatch = 128;  // tiles that a thread copies together
+
+/// Consecutive tiles on their way to the writer: [tile][layer].
+struct Copied {
+  std::vector<TileKey> keys;
+  std::vector<Bytes> payloads;
+};
+
+/// Copies the tiles of a plan to a writer.
+class Merging {
+ public:
+  Merging(const MergePlan& plan, const std::vector<std::string>& paths, const MergeOptions& options,
+          FieldWriter& writer, const ProgressCallback& progress)
+      : plan_(plan),
+        paths_(paths),
+        writer_(writer),
+        progress_(progress),
+        order_(plan.manifest.shape) {
+    // As for a repack: a third of the budget each for tiles under way, for records waiting for
+    // their commit, and for LMDB's copies of their pages.
+    const std::uint64_t share = options.memory / 3;
+    writer.set_pending_limit(share);
+    const std::uint64_t tile_cost = plan.manifest.shape.largest_tile() * 8 + 4096;
+    batch_ = std::clamp<std::uint64_t>(share / tile_cost / 4, 1, kBatch);
+    const std::uint64_t batches = std::max<std::uint64_t>(1, share / (batch_ * tile_cost));
+    threads_ =
+        static_cast<unsigned>(std::min<std::uint64_t>(batches, thread_count(options.threads)));
+    window_ = std::min<std::uint64_t>(batches, 4 * threads_);
+    for (const MergeSegment& segment : plan.segments) state_.total += segment.tiles.count();
+  }
+
+  Result<void> write() {
+    for (const MergeSegment& segment : plan_.segments)
+      if (auto ok = write(segment); !ok) return ok;
+    return writer_.finish();
+  }
+
+  [[nodiscard]] const MergeReport& report() const { return report_; }
+
+ private:
+  Result<void> write(const MergeSegment& segment) {
+    const std::string& path = paths_[segment.source];
+    const auto part = storage::TileStore::open(path);
+    if (!part) return tl::unexpected(part.error());
+    if (part->transaction() != plan_.commits[segment.source])
+      return fail(ErrorCode::failed, path, ": was changed while it was merged; merge again");
+    const NumberRange all = segment.tiles;
+    const std::uint64_t batches = (all.count() + batch_ - 1) / batch_;
+    OrderedPipeline<Copied> pipeline(batches, threads_, window_, [&] {
+      return [&](std::uint64_t k) {
+        const std::uint64_t begin = all.begin + k * batch_;
+        return copy(*part, {begin, std::min(begin + batch_, all.end)});
+      };
+    });
+    for (std::uint64_t k = 0; k < batches; ++k) {
+      const Result<Copied> tiles = pipeline.take();
+      if (!tiles) return tl::unexpected(tiles.error());
+      if (auto ok = put(*tiles); !ok) return ok;
+      state_.done += tiles->keys.size();
+      if (progress_ && !progress_(state_))
+        return fail(ErrorCode::failed, "merge interrupted; nothing was written");
+    }
+    return {};
+  }
+
+  /// Reads the tiles of a range and checks them.
+  [[nodiscard]] Result<Copied> copy(const storage::TileStore& part, NumberRange range) const {
+    Copied copied;
+    for (std::uint64_t n = range.begin; n < range.end; ++n) copied.keys.push_back(order_.key(n));
+    const std::size_t layers = plan_.manifest.layers.size();
+    copied.payloads.resize(copied.keys.size() * layers);
+    for (LayerId layer = 0; layer < layers; ++layer) {
+      std::vector<TileRef> tiles;
+      for (const auto& tile : part.find_all(layer, copied.keys)) {
+        if (!tile) return tl::unexpected(tile.error());
+        if (tile->state == TileState::missing)
+          return fail(ErrorCode::failed, part.path(), ": tile ", int{tile->key.level}, "/",
+                      tile->key.index, " is missing");
+        tiles.push_back(*tile);
+      }
+      part.advise(tiles);
+      for (std::size_t k = 0; k < tiles.size(); ++k) {
+        if (auto ok = part.check(tiles[k]); !ok) return tl::unexpected(ok.error());
+        copied.payloads[k * layers + layer].assign(tiles[k].payload.begin(),
+                                                   tiles[k].payload.end());
+      }
+      part.release(tiles);
+    }
+    return copied;
+  }
+
+  Result<void> put(const Copied& copied) {
+    auto payload = copied.payloads.begin();
+    for (const TileKey key : copied.keys)
+      for (LayerId layer = 0; layer < plan_.manifest.layers.size(); ++layer, ++payload) {
+        if (auto ok = writer_.put(layer, key, *payload); !ok) return ok;
+        ++report_.tiles;
+        report_.payload_bytes += payload->size();
+      }
+    return {};
+  }
+
+  const MergePlan& plan_;
+  const std::vector<std::string>& paths_;
+  FieldWriter& writer_;
+  const ProgressCallback& progress_;
+  TileOrder order_;
+  MergeReport report_;
+  Progress state_;
+  std::uint64_t batch_ = 1;
+  std::size_t window_ = 1;
+  unsigned threads_ = 1;
+};
+
+}  // namespace
+
+Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const std::string& path,
+                                 const MergeOptions& options, const ProgressCallback& progress) {
+  const auto output =
+      FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, parts);
+  if (!output) return tl::unexpected(output.error());
+  const auto plan = plan_merge(parts, options.part);
+  if (!plan) return tl::unexpected(plan.error());
+  const std::vector<ByteSpan> tables(plan->tables.begin(), plan->tables.end());
+  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, plan->manifest, tables);
+  if (!writer) return tl::unexpected(writer.error());
+  Merging merging(*plan, parts, options, *writer, progress);
+  if (auto ok = merging.write(); !ok) return tl::unexpected(ok.error());
+  MergeReport report = merging.report();
+  std::error_code ignored;
+  report.file_bytes = std::filesystem::file_size(output->target, ignored);
+  return report;
+}
+
+}  // namespace slf

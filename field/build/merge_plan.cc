@@ -1,0 +1,212 @@
+#include "field/build/merge_plan.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <optional>
+#include <tuple>
+
+namespace slf {
+namespace {
+
+constexpr std::size_t kMostNamed = 10;  // ranges or files in a message
+
+/// What is kept of a part while the others are opened.
+struct Source {
+  std::string path;
+  Manifest manifest;
+  std::vector<Bytes> tables;
+  std::uint64_t commit = 0;
+};
+
+/// The levels that a field's own manifest does not name as filtered are so by default.
+unsigned filtered_levels(const Manifest& manifest) {
+  return manifest.filtered_levels.value_or(manifest.shape.levels);
+}
+
+std::string name_of(TileKey key) {
+  return std::to_string(key.level) + "/" + std::to_string(key.index);
+}
+
+/// "tiles 1/0 to 1/1023".
+std::string name_of(const TileOrder& order, NumberRange tiles) {
+  return "tiles " + name_of(order.key(tiles.begin)) + " to " + name_of(order.key(tiles.end - 1));
+}
+
+tl::unexpected<Error> unfinished(const std::string& path, const std::string& what) {
+  return fail(ErrorCode::failed, path, ": ", what, "; run the command that builds it to its end");
+}
+
+/// The tiles that a field claims to hold, by their numbers in `order`, which may have more.
+TileSelection coverage(const Manifest& manifest, const TileOrder& order) {
+  const FieldShape& shape = manifest.shape;
+  std::vector<std::uint8_t> subfields = shape.subfields;
+  for (std::uint8_t k = 0; shape.subfields.empty() && k < 64; ++k) subfields.push_back(k);
+  const TileRange part =
+      manifest.part.value_or(TileRange{{0, 0}, {static_cast<std::uint8_t>(shape.levels + 1), 0}});
+  TileSelection tiles;
+  for (unsigned level = 0; level <= shape.levels; ++level) {
+    const unsigned bits = 4 * level + 2 * shape.entry_extra_levels;
+    for (const std::uint64_t subfield : subfields) {
+      const auto l = static_cast<std::uint8_t>(level);
+      const TileKey first{l, subfield << bits}, behind{l, (subfield + 1) << bits};
+      const TileKey begin = std::max(first, part.begin), end = std::min(behind, part.end);
+      if (begin < end) tiles.add({order.number(begin), order.number(end)});
+    }
+  }
+  return tiles;
+}
+
+/// failed: tiles that a field claims to hold are missing. Reads the tables of its records.
+Result<void> check_complete(const FieldFile& field) {
+  const auto content = field.content();
+  if (!content) return tl::unexpected(content.error());
+  if (content->complete) return {};
+  return unfinished(field.path(), "some of its tiles were not built, or were dropped");
+}
+
+Result<Source> read_source(const std::string& path) {
+  auto field = FieldFile::open(path);
+  std::error_code ignored;
+  if (!field && field.error().code == ErrorCode::io &&
+      std::filesystem::exists(path + ".unfinished", ignored))
+    return unfinished(path, "is not finished (" + path + ".unfinished)");
+  if (!field) return tl::unexpected(field.error());
+  if (auto complete = check_complete(**field); !complete) return tl::unexpected(complete.error());
+  Source source{path, (*field)->manifest(), {}, (*field)->store().transaction()};
+  for (storage::LayerId layer = 0; layer < source.manifest.layers.size(); ++layer) {
+    const ByteSpan tables = (*field)->codec(layer).tables();
+    source.tables.emplace_back(tables.begin(), tables.end());
+  }
+  return source;
+}
+
+/// usage: `other` is not of the same field as `first`.
+Result<void> check_same(const Source& first, const Source& other) {
+  const auto differ = [&](const std::string& what) {
+    return fail(ErrorCode::usage, other.path, ": is not of the same field as ", first.path, ": ",
+                what);
+  };
+  Manifest a = first.manifest, b = other.manifest;
+  a.shape.levels = b.shape.levels = std::max(a.shape.levels, b.shape.levels);
+  a.shape.subfields = b.shape.subfields = {};
+  a.part = b.part = std::nullopt;
+  if (filtered_levels(first.manifest) != filtered_levels(other.manifest))
+    return differ("/filtered_levels differs");
+  if (const std::string place = first_difference(a, b); !place.empty())
+    return differ(place == "/provenance/content" ? "it was built from other data"
+                                                 : place + " differs");
+  for (std::size_t layer = 0; layer < first.tables.size(); ++layer)
+    if (first.tables[layer] != other.tables[layer])
+      return differ("the codec's tables of layer '" + a.layers[layer].name + "' differ");
+  return {};
+}
+
+/// The shape of what the parts make up together.
+FieldShape joined_shape(const std::vector<Source>& sources) {
+  FieldShape shape = sources.front().manifest.shape;
+  std::vector<bool> kept(64, false);
+  bool all = false;
+  for (const Source& source : sources) {
+    shape.levels = std::max(shape.levels, source.manifest.shape.levels);
+    all = all || source.manifest.shape.subfields.empty();
+    for (const std::uint8_t subfield : source.manifest.shape.subfields) kept[subfield] = true;
+  }
+  shape.subfields.clear();
+  if (all || std::ranges::find(kept, false) == kept.end()) return shape;
+  for (std::uint8_t k = 0; k < kept.size(); ++k)
+    if (kept[k]) shape.subfields.push_back(k);
+  return shape;
+}
+
+/// The segments of all parts in key order. usage: two overlap.
+Result<std::vector<MergeSegment>> join(const std::vector<Source>& sources, const TileOrder& order) {
+  std::vector<MergeSegment> segments;
+  for (std::size_t k = 0; k < sources.size(); ++k) {
+    const TileSelection covered = coverage(sources[k].manifest, order);
+    for (const NumberRange& range : covered.ranges()) segments.push_back({range, k});
+  }
+  std::sort(segments.begin(), segments.end(), [](const MergeSegment& a, const MergeSegment& b) {
+    return std::tie(a.tiles.begin, a.tiles.end, a.source) <
+           std::tie(b.tiles.begin, b.tiles.end, b.source);
+  });
+  std::size_t furthest = 0;
+  for (std::size_t k = 1; k < segments.size(); ++k) {
+    const MergeSegment &before = segments[furthest], &now = segments[k];
+    if (now.tiles.begin < before.tiles.end &&
+        sources[before.source].path == sources[now.source].path)
+      return fail(ErrorCode::usage, sources[now.source].path, ": is given twice");
+    if (now.tiles.begin < before.tiles.end)
+      return fail(ErrorCode::usage, sources[before.source].path, " and ", sources[now.source].path,
+                  ": both hold ",
+                  name_of(order, {now.tiles.begin, std::min(now.tiles.end, before.tiles.end)}),
+                  "; leave one of them out");
+    if (now.tiles.end > before.tiles.end) furthest = k;
+  }
+  return segments;
+}
+
+/// The ranges between and around the segments.
+std::vector<NumberRange> gaps(const std::vector<MergeSegment>& segments, const TileOrder& order) {
+  std::vector<NumberRange> missing;
+  std::uint64_t due = 0;
+  for (const MergeSegment& segment : segments) {
+    if (segment.tiles.begin > due) missing.push_back({due, segment.tiles.begin});
+    due = segment.tiles.end;
+  }
+  if (due < order.count()) missing.push_back({due, order.count()});
+  return missing;
+}
+
+tl::unexpected<Error> missing(const std::vector<NumberRange>& ranges, const TileOrder& order) {
+  std::string names;
+  for (std::size_t k = 0; k < std::min(ranges.size(), kMostNamed); ++k)
+    names += (k == 0 ? "" : ", ") + name_of(order, ranges[k]);
+  if (ranges.size() > kMostNamed)
+    names += ", and " + std::to_string(ranges.size() - kMostNamed) + " more ranges";
+  return fail(ErrorCode::usage, "no part holds ", names);
+}
+
+}  // namespace
+
+Result<MergePlan> plan_merge(const std::vector<std::string>& paths, bool part) {
+  if (paths.empty()) return fail(ErrorCode::usage, "no parts to merge");
+  std::vector<Source> sources;
+  for (const std::string& path : paths) {
+    auto source = read_source(path);
+    if (!source) return tl::unexpected(source.error());
+    sources.push_back(std::move(*source));
+    if (auto same = check_same(sources.front(), sources.back()); !same)
+      return tl::unexpected(same.error());
+  }
+  MergePlan plan;
+  const FieldShape shape = joined_shape(sources);
+  const TileOrder order(shape);
+  auto segments = join(sources, order);
+  if (!segments) return tl::unexpected(segments.error());
+  plan.segments = std::move(*segments);
+  if (plan.segments.empty()) return fail(ErrorCode::usage, "the parts hold no tiles");
+
+  // What stands in the output must not depend on the order of the parts.
+  Source& first = sources[plan.segments.front().source];
+  plan.manifest = first.manifest;
+  plan.manifest.shape = shape;
+  plan.manifest.filtered_levels = filtered_levels(first.manifest);
+  plan.manifest.part.reset();
+  plan.tables = std::move(first.tables);
+  for (const Source& source : sources) plan.commits.push_back(source.commit);
+
+  const std::vector<NumberRange> left_out = gaps(plan.segments, order);
+  if (left_out.empty()) return plan;
+  const std::uint64_t begin = plan.segments.front().tiles.begin;
+  const std::uint64_t end = plan.segments.back().tiles.end;
+  const bool inside = std::ranges::any_of(
+      left_out, [&](const NumberRange& gap) { return gap.begin > begin && gap.end < end; });
+  if (!part || inside) return missing(left_out, order);
+  plan.manifest.part = {order.key(begin),
+                        end < order.count()
+                            ? order.key(end)
+                            : TileKey{static_cast<std::uint8_t>(shape.levels + 1), 0}};
+  return plan;
+}
+
+}  // namespace slf

@@ -1,0 +1,32 @@
+// MergePlan: which tiles of a field that is merged come from which part.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "field/build/tile_selection.h"
+#include "field/field_file.h"
+#include "field/geometry/tile_order.h"
+#include "slf/error.h"
+
+namespace slf {
+
+/// Consecutive tiles of the merged field that come from one part.
+struct MergeSegment {
+  NumberRange tiles;       ///< by their numbers in the merged field
+  std::size_t source = 0;  ///< index of the part
+};
+
+struct MergePlan {
+  Manifest manifest;                   ///< of the merged field
+  std::vector<Bytes> tables;           ///< of its layers
+  std::vector<std::uint64_t> commits;  ///< of each part: the number of the commit that was read
+  std::vector<MergeSegment> segments;  ///< in key order, without gaps
+};
+
+/// Opens the parts one after the other, and compares them. `part`: the merged field may be a part.
+/// Errors as merge_fields().
+[[nodiscard]] Result<MergePlan> plan_merge(const std::vector<std::string>& paths, bool part);
+
+}  // namespace slf

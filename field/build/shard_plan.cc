@@ -1,0 +1,127 @@
+#include "field/build/shard_plan.h"
+
+#include <numeric>
+
+#include "field/predict/references.h"
+
+namespace slf {
+namespace {
+
+/// Wide enough for the rays of all tiles times a number of shards.
+__extension__ using Wide = unsigned __int128;
+
+TileKey key_at(const TileOrder& order, std::uint64_t number, const FieldShape& shape) {
+  if (number < order.count()) return order.key(number);
+  return {static_cast<std::uint8_t>(shape.levels + 1), 0};
+}
+
+/// Finds where the shard begins and ends: at the first tiles before which there are at least
+/// (index - 1) / count and index / count of the rays.
+NumberRange cut(const TileTracer& tracer, const TileOrder& order, NumberRange all,
+                const ShardOptions& options) {
+  if (options.count == 1) return all;
+  Wide total = 0;
+  for (std::uint64_t n = all.begin; n < all.end; ++n) total += tracer.rays(order.key(n));
+  NumberRange shard{all.end, all.end};
+  Wide before = 0;
+  for (std::uint64_t n = all.begin; n < all.end; ++n) {
+    if (shard.begin == all.end && before * options.count >= total * (options.index - 1))
+      shard.begin = n;
+    if (options.index < options.count && before * options.count >= total * options.index) {
+      shard.end = n;
+      break;
+    }
+    before += tracer.rays(order.key(n));
+  }
+  return shard;
+}
+
+/// The tiles from which those of a part may be predicted: of each level, those that are entered
+/// through some sections, by whichever section they exit.
+class NeededTiles {
+ public:
+  NeededTiles(const TileTracer& tracer, const TileOrder& order, const FieldShape& shape,
+              NumberRange part)
+      : order_(order), shape_(shape), part_(part), entered_(shape.levels + 1) {
+    for (unsigned level = shape.levels; level > 0; --level) {
+      const std::vector<bool> dependent = entries(level);
+      std::vector<bool>& needed = entered_[level - 1];
+      needed.resize(section_count(level - 1 + shape.entry_extra_levels));
+      for (std::uint32_t entry = 0; entry < dependent.size(); ++entry)
+        if (dependent[entry])
+          for (const std::uint32_t section :
+               find_references(tracer.geometry(level - 1), tracer.geometry(level), entry).sections)
+            needed[section] = true;
+    }
+  }
+
+  /// They and the part.
+  [[nodiscard]] TileSelection with_part() const {
+    TileSelection tiles;
+    for (unsigned level = 0; level <= shape_.levels; ++level) {
+      const NumberRange all = level_range(level);
+      const bool some = std::ranges::find(entered_[level], true) != entered_[level].end();
+      for (std::uint64_t n = all.begin; some && n < all.end; ++n)
+        if (in_part(n) || entered_[level][entry_of(n)]) tiles.add({n, n + 1});
+      const NumberRange own{std::clamp(part_.begin, all.begin, all.end),
+                            std::clamp(part_.end, all.begin, all.end)};
+      if (!some) tiles.add(own);
+    }
+    return tiles;
+  }
+
+ private:
+  [[nodiscard]] NumberRange level_range(unsigned level) const {
+    return {order_.number({static_cast<std::uint8_t>(level), 0}),
+            order_.number({static_cast<std::uint8_t>(level + 1), 0})};
+  }
+  [[nodiscard]] bool in_part(std::uint64_t n) const { return n >= part_.begin && n < part_.end; }
+  [[nodiscard]] std::uint32_t entry_of(std::uint64_t n) const {
+    return sections_of(order_.key(n), shape_.entry_extra_levels).entry.index;
+  }
+
+  /// Through which sections the tiles of a level that are built are entered.
+  [[nodiscard]] std::vector<bool> entries(unsigned level) const {
+    std::vector<bool> found = entered_[level];
+    found.resize(section_count(level + shape_.entry_extra_levels));
+    const NumberRange all = level_range(level);
+    for (std::uint64_t n = std::max(all.begin, part_.begin); n < std::min(all.end, part_.end); ++n)
+      found[entry_of(n)] = true;
+    return found;
+  }
+
+  const TileOrder& order_;
+  const FieldShape& shape_;
+  NumberRange part_;
+  std::vector<std::vector<bool>> entered_;  ///< per level: the entry sections
+};
+
+}  // namespace
+
+TileRange whole(const FieldShape& shape) {
+  return {{0, 0}, {static_cast<std::uint8_t>(shape.levels + 1), 0}};
+}
+
+Result<ShardPlan> plan_shard(const TileTracer& tracer, const TileOrder& order,
+                             const FieldShape& shape, const ShardOptions& options, bool predicted) {
+  if (options.count == 0 || options.index == 0 || options.index > options.count)
+    return fail(ErrorCode::usage, "shard ", options.index, "/", options.count,
+                ": expected K/N with K from 1 to N");
+  const unsigned first = options.first_level.value_or(0);
+  const unsigned last = options.last_level.value_or(shape.levels);
+  if (first > last || last > shape.levels)
+    return fail(ErrorCode::usage, "levels ", first, " to ", last, ": the field has levels 0 to ",
+                shape.levels);
+  const NumberRange levels{order.number({static_cast<std::uint8_t>(first), 0}),
+                           order.number({static_cast<std::uint8_t>(last + 1), 0})};
+  const NumberRange part = cut(tracer, order, levels, options);
+  ShardPlan plan;
+  plan.part = {key_at(order, part.begin, shape), key_at(order, part.end, shape)};
+  if (predicted)
+    plan.tiles = NeededTiles(tracer, order, shape, part).with_part();
+  else
+    plan.tiles.add(part);
+  return plan;
+}
+
+}  // namespace slf
