@@ -119,6 +119,8 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   add_tile(*app, run);
   add_diff(*app, run);
   add_transfer(*app, run);
+  add_view(*app, run);
+  add_export(*app, run);
   add_help(*app, run);
   return app;
 }

@@ -51,6 +51,8 @@ void add_transfer(CLI::App& app, Run& run);
 void add_ls(CLI::App& app, Run& run);
 void add_tile(CLI::App& app, Run& run);
 void add_diff(CLI::App& app, Run& run);
+void add_view(CLI::App& app, Run& run);
+void add_export(CLI::App& app, Run& run);
 
 // ---- output ------------------------------------------------------------------------------------
 
@@ -105,6 +107,9 @@ void print_table(const std::vector<std::vector<std::string>>& rows);
 /// counts `unit`s. From then on SIGINT and SIGTERM do not end the process at once but make the
 /// callback return false; the second one ends it.
 [[nodiscard]] ProgressCallback progress_bar(const std::string& title, const std::string& unit);
+
+/// From now on the first SIGINT or SIGTERM only sets stop_signal().
+void watch_signals();
 
 /// The signal that asked the program to stop, or 0.
 [[nodiscard]] int stop_signal();

@@ -15,20 +15,6 @@ namespace {
 
 volatile std::sig_atomic_t signalled = 0;
 
-/// The first signal is noted, so that what is under way can be committed; the second one ends the
-/// process. A signal that is ignored stays ignored.
-void watch_signals() {
-  for (const int signal : {SIGINT, SIGTERM}) {
-    struct sigaction before {};
-    sigaction(signal, nullptr, &before);
-    if (before.sa_handler == SIG_IGN) continue;
-    struct sigaction action {};
-    action.sa_handler = [](int number) { signalled = number; };
-    action.sa_flags = static_cast<int>(SA_RESETHAND);
-    sigaction(signal, &action, nullptr);
-  }
-}
-
 std::string human_time(double seconds) {
   if (!(seconds < 1e6)) return "days";
   const long s = std::lround(seconds);
@@ -118,6 +104,20 @@ std::istream& operator>>(std::istream& in, ProgressStyle& style) {
   if (!(number >> style.seconds) || !number.eof() || !(style.seconds >= 0))
     in.setstate(std::ios::failbit);
   return in;
+}
+
+// The first signal is noted, so that what is under way can be committed; the second one ends the
+// process. A signal that is ignored stays ignored.
+void watch_signals() {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    struct sigaction before {};
+    sigaction(signal, nullptr, &before);
+    if (before.sa_handler == SIG_IGN) continue;
+    struct sigaction action {};
+    action.sa_handler = [](int number) { signalled = number; };
+    action.sa_flags = static_cast<int>(SA_RESETHAND);
+    sigaction(signal, &action, nullptr);
+  }
 }
 
 int stop_signal() { return signalled; }

@@ -134,6 +134,21 @@ const std::vector<Prose>& all() {
       {"help",
        {"Prints what --help of a command prints, or the list of commands."},
        {{"The options of render", "slf help render"}}},
+      {"view",
+       {"Shows fields in a browser: turn, zoom and move them with mouse, touch and keys. Prints "
+        "the address of the page and serves it until Ctrl-C.",
+        "Only this machine reaches the page, unless --bind names another address. The server sends "
+        "the named fields and the page, and nothing else."},
+       {{"Look around in a field", "slf view head.slf --open"},
+        {"For other machines too", "slf view head.slf --bind 0.0.0.0 --port 8000"}}},
+      {"export",
+       {"Writes a page that shows a field, for people who do not have slf. One file, NAME.html, "
+        "opens from disk and needs no network. A folder goes to any host of static files that "
+        "serves parts of files (HTTP ranges); then only the parts that views need are loaded.",
+        "With --max-size, slf tries qualities 90, 75, 60 and 45 of all levels, then of one level "
+        "less, and so on, and writes the first that fits. --codec or --levels fix one of these."},
+       {{"One file to send", "slf export head.slf -o head.html --max-size 20MiB"},
+        {"A folder for a web host", "slf export head.slf -o site/"}}},
   };
   return texts;
 }

@@ -1,0 +1,141 @@
+#include "view/server.h"
+
+#include <unistd.h>
+
+#include <cstdio>
+#include <filesystem>
+#include <optional>
+
+#include "cli/command.h"
+#include "slf/repack.h"
+#include "view/fit.h"
+#include "view/page.h"
+#include "view/site.h"
+
+namespace slf::cli {
+namespace {
+
+struct ViewArguments {
+  std::vector<std::string> fields;
+  std::uint16_t port = 0;
+  std::string bind;
+  bool open = false;
+};
+
+/// Starts the desktop's browser. The address has no character that a shell treats specially, and no
+/// shell is involved.
+void open_browser(const std::string& url) {
+  const pid_t child = fork();
+  if (child != 0) return;
+  execlp("xdg-open", "xdg-open", url.c_str(), static_cast<char*>(nullptr));
+  _exit(127);
+}
+
+Result<void> run_view(const ViewArguments& arguments) {
+  if (view::page_files().empty()) return fail(ErrorCode::unsupported, view::no_page());
+  view::ServerOptions options;
+  options.port = arguments.port;
+  if (!arguments.bind.empty()) {
+    options.address = arguments.bind;
+    options.any_host = true;
+  }
+  auto server = view::Server::make(arguments.fields, options);
+  if (!server) return tl::unexpected(server.error());
+  print("{}\n", server->url());
+  std::fflush(stdout);
+  note("Ctrl-C ends it");
+  watch_signals();
+  if (arguments.open) open_browser(server->url());
+  return server->run([] { return stop_signal() != 0; });
+}
+
+struct ExportArguments {
+  std::string field, output;
+  RepackOptions repack;
+  std::optional<unsigned> levels;
+  std::uint64_t max_size = 0;  // 0: any
+  bool force = false;
+
+  [[nodiscard]] bool one_file() const { return output.ends_with(".html"); }
+};
+
+/// Writes the smaller field that the options ask for. False: the field is as it should be.
+Result<bool> make_smaller(const ExportArguments& a, const Field& field, const std::string& path) {
+  RepackOptions options = a.repack;
+  options.levels = a.levels;
+  options.replace = true;
+  const std::uint64_t most =
+      a.max_size > 0 ? view::room_for_field(a.max_size, a.one_file()) : UINT64_MAX;
+  if (most == 0)
+    return fail(ErrorCode::usage, "--max-size: the page alone is larger; allow 2MiB or more");
+  const bool as_it_is = !a.levels && options.color_codec.empty() && options.depth_codec.empty();
+  if (as_it_is && field.file_bytes() <= most) return false;
+  const auto bar = progress_bar("export", "tiles");
+  const auto report = most == UINT64_MAX ? repack_field(field, path, options, bar)
+                                         : view::repack_to_fit(field, path, options, most, bar);
+  if (!report) return tl::unexpected(report.error());
+  return true;
+}
+
+Result<void> run_export(const ExportArguments& a) {
+  if (view::page_files().empty()) return fail(ErrorCode::unsupported, view::no_page());
+  if (a.one_file())
+    if (auto ok = refuse_overwrite(a.output, a.force); !ok) return ok;
+  std::string base = a.output;
+  while (base.size() > 1 && base.back() == '/') base.pop_back();
+  const std::string smaller = base + ".part.slf";
+
+  auto field = Field::open(a.field);
+  if (!field) return tl::unexpected(field.error());
+  const auto made = make_smaller(a, *field, smaller);
+  const auto written = !made ? Result<void>(tl::unexpected(made.error()))
+                       : a.one_file()
+                           ? view::export_page(*made ? smaller : a.field, a.output)
+                           : view::export_site(*made ? smaller : a.field, a.output, a.force);
+  if (written && *made) field = Field::open(smaller);
+  std::error_code ignored;
+  std::filesystem::remove(smaller, ignored);
+  if (!written || !field) return written;
+  print("{}: a field of {}, finest level {}\n", a.output,
+        human_bytes(static_cast<double>(field->file_bytes())), field->shape().levels);
+  return {};
+}
+
+}  // namespace
+
+void add_view(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand("view", "Look at fields in a browser");
+  auto a = std::make_shared<ViewArguments>();
+  command->add_option("FIELD", a->fields, "Fields to look at")->type_name(kFieldFile)->required();
+  command->add_option("--port", a->port, "Port to listen on; 0: any free one")
+      ->capture_default_str();
+  command->add_option(
+      "--bind", a->bind,
+      "Listen on this address, for other machines too, and answer to any host name\n"
+      "(default: 127.0.0.1, for this machine only)");
+  command->add_flag("--open", a->open, "Open the page in the desktop's browser");
+  command->callback([a, &run] { run = [a] { return run_view(*a); }; });
+}
+
+void add_export(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand("export", "Write a page that shows a field");
+  auto a = std::make_shared<ExportArguments>();
+  command->add_option("FIELD", a->field, "Field to show")->type_name(kFieldFile)->required();
+  command
+      ->add_option("-o,--output", a->output,
+                   "NAME.html: one file, which opens offline;\n"
+                   "otherwise a folder for any host of static files")
+      ->type_name(kAnyFile)
+      ->required();
+  command->add_option("--levels", a->levels, "The finest level to keep");
+  command->add_option("--codec,--color-codec", a->repack.color_codec, "As of slf repack")
+      ->type_name(kCodec);
+  command->add_option("--depth-codec", a->repack.depth_codec, "As of slf repack")
+      ->type_name(kCodec);
+  add_bytes(*command, "--max-size", a->max_size,
+            "Choose quality and levels that fit into so much; 0: any size");
+  command->add_flag("-f,--force", a->force, "Overwrite the output");
+  command->callback([a, &run] { run = [a] { return run_export(*a); }; });
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,54 @@
+# slf_wasm_module(OUTPUT SOURCES...): a WebAssembly module of sources of this project, made by clang
+# without Emscripten. SLF_WASM says whether the tools are there: on Debian 12 these are lld,
+# wasi-libc, libc++-14-dev-wasm32, libc++abi-14-dev-wasm32 and libclang-rt-14-dev-wasm32.
+
+find_program(SLF_WASM_COMPILER NAMES clang++-14 clang++)
+set(wasm_flags --target=wasm32-wasi -O2 -std=c++20 -fno-exceptions -msimd128 -DNDEBUG
+  -DXXH_INLINE_ALL -DJSON_HAS_FILESYSTEM=0 -DJSON_HAS_EXPERIMENTAL_FILESYSTEM=0
+  -ffp-contract=off -Wall -Wextra -Wno-unused-command-line-argument)
+set(wasm_link_flags -mexec-model=reactor -Wl,--gc-sections,--strip-all)
+
+set(SLF_WASM OFF CACHE INTERNAL "Whether WebAssembly can be made")
+if(SLF_WASM_COMPILER)
+  file(WRITE ${CMAKE_BINARY_DIR}/wasm/probe.cc
+    "#include <sstream>\nextern \"C\" int probe() { std::ostringstream s; s << 1; return (int)s.str().size(); }\n")
+  execute_process(
+    COMMAND ${SLF_WASM_COMPILER} ${wasm_flags} ${wasm_link_flags} -Wl,--export=probe
+      ${CMAKE_BINARY_DIR}/wasm/probe.cc -o ${CMAKE_BINARY_DIR}/wasm/probe.wasm
+    RESULT_VARIABLE probe_failed OUTPUT_QUIET ERROR_VARIABLE probe_said)
+  if(NOT probe_failed)
+    set(SLF_WASM ON CACHE INTERNAL "Whether WebAssembly can be made")
+  endif()
+endif()
+if(NOT SLF_WASM)
+  message(STATUS "slf view and slf export are built without their page: clang cannot make "
+    "WebAssembly here. scripts/install-packages installs what it needs.")
+endif()
+
+function(slf_wasm_module output)
+  # The headers of libraries that need no compiled part; /usr/include has those of another C library.
+  set(include ${CMAKE_BINARY_DIR}/wasm/include)
+  file(MAKE_DIRECTORY ${include})
+  foreach(header tl/expected.hpp glm/glm.hpp nlohmann/json.hpp hwy/highway.h xxhash.h)
+    find_path(place ${header} NO_CACHE REQUIRED)
+    string(REGEX REPLACE "/.*" "" top ${header})
+    file(CREATE_LINK ${place}/${top} ${include}/${top} SYMBOLIC)
+    unset(place)
+  endforeach()
+  set(objects)
+  foreach(source ${ARGN})
+    string(REPLACE "/" "_" object ${source})
+    set(object ${CMAKE_BINARY_DIR}/wasm/${object}.o)
+    add_custom_command(OUTPUT ${object}
+      COMMAND ${CMAKE_CXX_COMPILER_LAUNCHER} ${SLF_WASM_COMPILER} ${wasm_flags}
+        -I${PROJECT_SOURCE_DIR}/view/wasm/include
+        -I${PROJECT_SOURCE_DIR} -I${PROJECT_SOURCE_DIR}/include -isystem ${include}
+        -MD -MF ${object}.d -c ${PROJECT_SOURCE_DIR}/${source} -o ${object}
+      DEPENDS ${PROJECT_SOURCE_DIR}/${source} DEPFILE ${object}.d
+      COMMENT "Building ${source} for WebAssembly" VERBATIM)
+    list(APPEND objects ${object})
+  endforeach()
+  add_custom_command(OUTPUT ${output}
+    COMMAND ${SLF_WASM_COMPILER} --target=wasm32-wasi ${wasm_link_flags} ${objects} -o ${output}
+    DEPENDS ${objects} COMMENT "Linking ${output}" VERBATIM)
+endfunction()

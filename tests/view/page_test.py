@@ -1,0 +1,294 @@
+"""The page in a headless Chromium: its pictures beside those of slf render.
+
+    page_test.py SLF DECODED WORK_FOLDER [FIELD.slf …]
+
+Exits with 77, which CTest takes for skipped, where there is no browser or no page.
+"""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import unittest
+
+sys.dont_write_bytecode = True
+
+from browser import Browser, BrowserError, shutil
+
+SLF, DECODED, WORK = sys.argv[1:4]
+VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 2.2), (300, 5, 1.4), (75, 0, 6)]
+LEAST = {"bitri": 45.0, "depth": 42.0}  # dB
+SIZE = 512
+
+
+def slf(*arguments):
+    return subprocess.run([SLF, "-q", *map(str, arguments)], check=True, capture_output=True,
+                          text=True).stdout
+
+
+def path(name):
+    return os.path.join(WORK, name)
+
+
+class Server:
+    """slf view of some fields."""
+
+    def __init__(self, *fields):
+        self.process = subprocess.Popen([SLF, "-q", "view", *fields], stdout=subprocess.PIPE,
+                                        text=True)
+        self.url = self.process.stdout.readline().strip()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.send_signal(signal.SIGINT)
+        self.status = self.process.wait(20)
+        self.process.stdout.close()
+
+
+class PageTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        os.makedirs(WORK, exist_ok=True)
+        cls.fields = sys.argv[4:] or cls.build_fields()
+        cls.browser = Browser()
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.browser.__exit__()
+
+    @classmethod
+    def build_fields(cls):
+        """An opaque and a translucent field, and one with missing tiles, of several codecs."""
+        lattice = ["--entry", 4, "--exit", 16]
+        recipes = {
+            "opaque": ["scene:balls", "--levels", 2],  # predictive
+            "translucent": ["scene:fog", "--color-codec", "zstd", "--depth-codec", "raw",
+                            "--levels", 1],
+        }
+        fields = []
+        for name, recipe in recipes.items():
+            fields.append(path(name + ".slf"))
+            if not os.path.exists(fields[-1]):
+                slf("build", *recipe, "-o", fields[-1], *lattice)
+        fields.append(path("partial.slf"))
+        slf("repack", fields[0], "-o", fields[-1], "-f", "--subfields", "0-40", "--color-codec",
+            "jpeg:90", "--depth-codec", "zstd")
+        return fields
+
+    def psnr(self, page, field, view, mode, level):
+        """Of the page's canvas beside slf render."""
+        name = f"{os.path.basename(field)}-{mode}-{'_'.join(map(str, view))}"
+        fragment = f"view={','.join(map(str, view))}&mode={mode}&level={level}"
+        page.run(f"""new Promise((done) => {{
+          addEventListener('hashchange', done, {{once: true}});
+          location.hash = '{fragment}';
+        }}).then(() => 0)""")
+        page.settle()
+        shown, drawn = path(name + "-page.png"), path(name + "-slf.png")
+        page.canvas(shown)
+        # The page keeps the angle that fits the sphere at distance 3.
+        slf("render", field, "-o", drawn, "-f", "--mode", mode, "--level", level, "--orbit",
+            ",".join(map(str, view)), "--size", f"{SIZE}x{SIZE}", "--fov", FOV, "--background",
+            "0,0,0")
+        return json.loads(slf("compare", shown, drawn, "--json"))["psnr"] or 99.0
+
+    def test_pictures_are_those_of_slf_render(self):
+        for field in self.fields:
+            info = json.loads(slf("info", field, "--json"))
+            with Server(field) as server:
+                page = self.browser.open(server.url, SIZE, SIZE)
+                page.settle()
+                for mode in ["depth", "bitri"]:
+                    for view in VIEWS:
+                        found = self.psnr(page, field, view, mode, info["levels"][-1]["level"])
+                        print(f"{os.path.basename(field):20} {mode:6} {view}: {found:.1f} dB",
+                              flush=True)
+                        with self.subTest(field=field, mode=mode, view=view):
+                            self.assertGreaterEqual(found, LEAST[mode])
+                self.assertEqual(page.run("slf.statistics().damaged"), 0)
+                page.close()
+            self.assertEqual(server.status, -signal.SIGINT)  # as a shell expects of Ctrl-C
+
+    def test_decodes_the_same_samples(self):
+        for field in self.fields:
+            stride = 13
+            native = subprocess.run([DECODED, field, str(stride)], check=True, capture_output=True)
+            with self.subTest(field=field), Server(field) as server:
+                page = self.browser.open(server.url, 64, 64)
+                page.settle()
+                text = page.run(f"""(async () => {{
+                  const pages = [];
+                  for (let p = 0; p < slf.pages(); p += {stride}) pages.push(p);
+                  const parts = [];
+                  for (const tile of await Promise.all(slf.read(pages)))
+                    for (const part of [tile.color, tile.depth]) if (part) parts.push(part);
+                  const all = await new Blob(parts).arrayBuffer();
+                  const digest = new Uint8Array(await crypto.subtle.digest('SHA-256', all));
+                  return Array.from(digest, (b) => b.toString(16).padStart(2, '0')).join('');
+                }})()""", 120)
+                self.assertEqual(text, hashlib.sha256(native.stdout).hexdigest())
+                page.close()
+
+    def test_one_file_shows_the_same_offline(self):
+        field, html = self.fields[0], path("one.html")
+        slf("export", field, "-o", html, "-f")
+        page = self.browser.open("file://" + os.path.abspath(html), SIZE, SIZE)
+        page.settle()
+        self.assertGreaterEqual(self.psnr(page, field, VIEWS[0], "bitri", 1), LEAST["bitri"])
+        page.close()
+
+    def test_a_site_works_below_a_path_and_in_a_frame(self):
+        folder = path("host/below/site")
+        slf("export", self.fields[0], "-o", folder, "-f")
+        with open(path("host/frame.html"), "w") as file:
+            file.write('<iframe src="below/site/index.html" width="400" height="300"></iframe>')
+        with RangeHost(path("host")) as url:
+            page = self.browser.open(url + "/frame.html", SIZE, SIZE)
+            page.wait("frames[0]?.slf?.state === 'settled'")
+            page.close()
+
+    def test_says_what_is_wrong(self):
+        folder = path("wrong")
+        slf("export", self.fields[0], "-o", folder, "-f")
+        with RangeHost(folder) as url, RangeHost(folder, ranges=False) as plain:
+            def message(address):
+                page = self.browser.open(address + "/index.html", SIZE, SIZE)
+                page.wait("globalThis.slf?.state === 'failed'", 60)
+                text = page.run("document.getElementById('status').textContent")
+                page.close()
+                return text
+
+            self.assertIn("ranges", message(plain))
+            with open(os.path.join(folder, "field.slf"), "r+b") as file:
+                file.truncate(100000)
+            self.assertIn("truncated", message(url))
+            with open(os.path.join(folder, "field.slf"), "wb") as file:
+                file.write(b"x" * 20000)
+            self.assertIn("not a field", message(url))
+            os.remove(os.path.join(folder, "field.slf"))
+            self.assertIn("404", message(url))
+
+    def test_an_orbit_has_no_blank_frame(self):
+        with Server(self.fields[0]) as server:
+            page = self.browser.open(server.url, 160, 160)
+            page.settle()
+            blank = page.run("""(async () => {
+              const canvas = document.getElementById('picture');
+              const gl = canvas.getContext('webgl2');
+              const pixels = new Uint8Array(canvas.width * canvas.height * 4);
+              let blank = 0;
+              for (let i = 0; i < 360; ++i) {
+                slf.camera.turn(1, 0);
+                slf.changed();
+                await new Promise((done) => requestAnimationFrame(done));
+                gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+                gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+                let lit = 0;
+                for (let k = 0; k < pixels.length; k += 4) lit += pixels[k] > 0;
+                if (lit < 100) ++blank;
+              }
+              return blank;
+            })()""", 300)
+            self.assertEqual(blank, 0)
+            state = page.run("slf.statistics()")
+            self.assertLessEqual(state["tiles"], state["slots"])
+            page.close()
+
+    def test_survives_a_lost_context(self):
+        with Server(self.fields[0]) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            page.canvas(path("before.png"))
+            page.run("""globalThis.lose = document.getElementById('picture').getContext('webgl2')
+                          .getExtension('WEBGL_lose_context'); lose.loseContext()""")
+            page.run("new Promise((done) => setTimeout(() => { lose.restoreContext(); done(); }, 300))")
+            page.run("new Promise((done) => setTimeout(done, 500))")
+            page.settle()
+            page.canvas(path("after.png"))
+            found = json.loads(slf("compare", path("before.png"), path("after.png"), "--json"))
+            self.assertTrue(found["equal"], found)
+            page.close()
+
+    def test_mouse_and_keys_move_the_camera(self):
+        with Server(self.fields[0]) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            before = page.run("[slf.camera.azimuth, slf.camera.elevation, slf.camera.distance]")
+            for kind, x in [("mousePressed", 300), ("mouseMoved", 350), ("mouseReleased", 350)]:
+                page.call("Input.dispatchMouseEvent", type=kind, x=x, y=300, button="left",
+                          buttons=0 if kind == "mouseReleased" else 1, clickCount=1)
+            page.call("Input.dispatchMouseEvent", type="mouseWheel", x=300, y=300, deltaX=0,
+                      deltaY=200)
+            after = page.run("[slf.camera.azimuth, slf.camera.elevation, slf.camera.distance]")
+            self.assertNotEqual(after[0], before[0])
+            self.assertGreater(after[2], before[2])
+            for key in ["r"]:
+                page.call("Input.dispatchKeyEvent", type="keyDown", key=key, text=key)
+            self.assertEqual(page.run("slf.camera.distance"), 3)
+            page.close()
+
+
+class RangeHost:
+    """A host of static files with or without ranges, on a port of its own."""
+
+    def __init__(self, folder, ranges=True):
+        import functools
+        import http.server
+        import re
+        import threading
+
+        class Handler(http.server.SimpleHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def log_message(self, *_):
+                pass
+
+            def do_GET(self):
+                wanted = re.fullmatch(r"bytes=(\d+)-(\d+)", self.headers.get("Range") or "")
+                name = self.translate_path(self.path)
+                if not (ranges and wanted and os.path.isfile(name)):
+                    return super().do_GET()
+                size = os.path.getsize(name)
+                begin, end = int(wanted[1]), min(int(wanted[2]) + 1, size)
+                with open(name, "rb") as file:
+                    file.seek(begin)
+                    data = file.read(end - begin)
+                self.send_response(206)
+                self.send_header("Content-Range", f"bytes {begin}-{end - 1}/{size}")
+                self.send_header("Content-Length", str(len(data)))
+                self.end_headers()
+                self.wfile.write(data)
+
+        class Quiet(http.server.ThreadingHTTPServer):
+            def handle_error(self, *_):
+                pass  # a page that is closed drops its connections
+
+        handler = functools.partial(Handler, directory=folder)
+        self.server = Quiet(("127.0.0.1", 0), handler)
+        self.thread = threading.Thread(target=self.server.serve_forever, daemon=True)
+
+    def __enter__(self):
+        self.thread.start()
+        return f"http://127.0.0.1:{self.server.server_port}"
+
+    def __exit__(self, *_):
+        self.server.shutdown()
+        self.server.server_close()
+
+
+FOV = 2 * 19.471220634490695  # degrees: asin(1/3), twice
+
+if __name__ == "__main__":
+    if not shutil.which("chromium"):
+        print("skipped: no chromium")
+        sys.exit(77)
+    probe = subprocess.run([SLF, "export", "-o", "/dev/null/x.html", "/nonexistent.slf"],
+                           capture_output=True)
+    if probe.returncode == 5:
+        print("skipped: slf was built without the page")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1] + os.environ.get("SLF_TESTS", "").split(), verbosity=2)

@@ -1,0 +1,313 @@
+// The server that shows fields: what it sends, and what it refuses. Requests go over real sockets,
+// byte for byte, so that wrong ones can be sent.
+
+#include "view/server.h"
+
+#include <arpa/inet.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <array>
+#include <atomic>
+#include <fstream>
+#include <iterator>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "view/page.h"
+
+namespace slf::view {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+using testing::StartsWith;
+
+const std::string kField = SLF_TEST_DATA "/golden/example.slf";
+
+std::string content(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+class RunningServer {
+ public:
+  explicit RunningServer(std::vector<std::string> fields = {kField}, ServerOptions options = {}) {
+    auto server = Server::make(fields, options);
+    EXPECT_TRUE(server) << (server ? "" : server.error().message);
+    url = server->url();
+    port = static_cast<std::uint16_t>(std::stoi(url.substr(url.find(':', 5) + 1)));
+    thread_ = std::thread([this, s = std::move(*server)]() mutable {
+      const auto done = s.run([this] { return stop_.load(); });
+      EXPECT_TRUE(done) << done.error().message;
+    });
+  }
+  ~RunningServer() {
+    stop_ = true;
+    thread_.join();
+  }
+
+  [[nodiscard]] int connect() const {
+    const int peer = socket(AF_INET, SOCK_STREAM, 0);
+    sockaddr_in address = {};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(port);
+    inet_pton(AF_INET, "127.0.0.1", &address.sin_addr);
+    EXPECT_EQ(::connect(peer, reinterpret_cast<sockaddr*>(&address), sizeof address), 0);
+    const timeval patience = {10, 0};
+    setsockopt(peer, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    return peer;
+  }
+
+  /// Sends bytes and returns all that comes until the server closes. `ends`: nothing more follows,
+  /// and the server need not wait for it.
+  [[nodiscard]] std::string send(const std::string& bytes, bool ends = false) const {
+    const int peer = connect();
+    (void)::send(peer, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+    if (ends) shutdown(peer, SHUT_WR);
+    std::string answer;
+    std::array<char, 65536> piece;
+    for (ssize_t got; (got = recv(peer, piece.data(), piece.size(), 0)) > 0;)
+      answer.append(piece.data(), static_cast<std::size_t>(got));
+    close(peer);
+    return answer;
+  }
+
+  [[nodiscard]] std::string host() const { return "127.0.0.1:" + std::to_string(port); }
+
+  [[nodiscard]] std::string get(const std::string& path, const std::string& headers = "",
+                                const std::string& method = "GET") const {
+    return send(method + " " + path + " HTTP/1.1\r\nHost: " + host() + "\r\nConnection: close\r\n" +
+                headers + "\r\n");
+  }
+
+  std::string url;
+  std::uint16_t port = 0;
+
+ private:
+  std::atomic<bool> stop_ = false;
+  std::thread thread_;
+};
+
+std::string body(const std::string& answer) { return answer.substr(answer.find("\r\n\r\n") + 4); }
+
+std::string header(const std::string& answer, const std::string& name) {
+  const std::size_t at = answer.find("\r\n" + name + ": ");
+  if (at == std::string::npos || at > answer.find("\r\n\r\n")) return "";
+  const std::size_t begin = at + name.size() + 4;
+  return answer.substr(begin, answer.find("\r\n", begin) - begin);
+}
+
+TEST(ViewServer, SendsTheWholeField) {
+  const RunningServer server;
+  const std::string answer = server.get("/example/field.slf");
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 200"));
+  EXPECT_EQ(header(answer, "Accept-Ranges"), "bytes");
+  EXPECT_NE(header(answer, "ETag"), "");
+  EXPECT_EQ(header(answer, "Cache-Control"), "no-cache");
+  EXPECT_EQ(body(answer), content(kField));
+}
+
+TEST(ViewServer, SendsRanges) {
+  const RunningServer server;
+  const std::string all = content(kField), size = std::to_string(all.size());
+  const auto expect = [&](const std::string& range, std::size_t begin, std::size_t end) {
+    const std::string answer = server.get("/example/field.slf", "Range: " + range + "\r\n");
+    EXPECT_THAT(answer, StartsWith("HTTP/1.1 206")) << range;
+    EXPECT_EQ(header(answer, "Content-Range"),
+              "bytes " + std::to_string(begin) + "-" + std::to_string(end - 1) + "/" + size)
+        << range;
+    EXPECT_EQ(header(answer, "Content-Length"), std::to_string(end - begin)) << range;
+    EXPECT_EQ(body(answer), all.substr(begin, end - begin)) << range;
+  };
+  expect("bytes=0-0", 0, 1);
+  expect("bytes=4096-8191", 4096, 8192);
+  expect("bytes=100-", 100, all.size());
+  expect("bytes=-100", all.size() - 100, all.size());
+  expect("bytes=-999999999", 0, all.size());
+  expect("bytes=5-9223372036854775807", 5, all.size());
+  expect("bytes=" + std::to_string(all.size() - 1) + "-", all.size() - 1, all.size());
+}
+
+TEST(ViewServer, RefusesRangesBehindTheEnd) {
+  const RunningServer server;
+  const std::string size = std::to_string(content(kField).size());
+  for (const std::string& range :
+       {"bytes=" + size + "-", std::string("bytes=99999999-999999999"), std::string("bytes=-0")}) {
+    const std::string answer = server.get("/example/field.slf", "Range: " + range + "\r\n");
+    EXPECT_THAT(answer, StartsWith("HTTP/1.1 416")) << range;
+    EXPECT_EQ(header(answer, "Content-Range"), "bytes */" + size) << range;
+  }
+}
+
+TEST(ViewServer, AnswersHeadWithoutABody) {
+  const RunningServer server;
+  const std::string whole = server.get("/example/field.slf", "", "HEAD");
+  EXPECT_THAT(whole, StartsWith("HTTP/1.1 200"));
+  EXPECT_EQ(header(whole, "Content-Length"), std::to_string(content(kField).size()));
+  EXPECT_EQ(body(whole), "");
+  const std::string part = server.get("/example/field.slf", "Range: bytes=0-9\r\n", "HEAD");
+  EXPECT_EQ(header(part, "Content-Length"), "10");
+  EXPECT_EQ(body(part), "");
+}
+
+TEST(ViewServer, KnowsWhatThePeerHas) {
+  const RunningServer server;
+  const std::string tag = header(server.get("/example/field.slf"), "ETag");
+  const std::string same = server.get("/example/field.slf", "If-None-Match: " + tag + "\r\n");
+  EXPECT_THAT(same, StartsWith("HTTP/1.1 304"));
+  EXPECT_EQ(body(same), "");
+  EXPECT_THAT(server.get("/example/field.slf", "If-Match: \"other\"\r\n"),
+              StartsWith("HTTP/1.1 412"));
+  const std::string range = "Range: bytes=0-9\r\n";
+  EXPECT_THAT(server.get("/example/field.slf", range + "If-Range: " + tag + "\r\n"),
+              StartsWith("HTTP/1.1 206"));
+  EXPECT_THAT(server.get("/example/field.slf", range + "If-Range: \"other\"\r\n"),
+              StartsWith("HTTP/1.1 200"));
+}
+
+TEST(ViewServer, ATagChangesWithTheFile) {
+  const std::string path = testing::TempDir() + "changing.slf";
+  std::ofstream(path, std::ios::binary) << content(kField);
+  const RunningServer server({path});
+  const std::string before = header(server.get("/changing/field.slf"), "ETag");
+  std::ofstream(path, std::ios::binary | std::ios::app) << "more";
+  EXPECT_NE(header(server.get("/changing/field.slf"), "ETag"), before);
+}
+
+TEST(ViewServer, AnswersToItsOwnNamesOnly) {
+  const RunningServer server;
+  const auto status = [&](const std::string& host) {
+    return server.send("GET /example/field.slf HTTP/1.1\r\nConnection: close\r\n" + host + "\r\n")
+        .substr(0, 12);
+  };
+  const std::string port = ":" + std::to_string(server.port);
+  EXPECT_EQ(status("Host: 127.0.0.1" + port + "\r\n"), "HTTP/1.1 200");
+  EXPECT_EQ(status("Host: localhost" + port + "\r\n"), "HTTP/1.1 200");
+  EXPECT_EQ(status("Host: attacker.example" + port + "\r\n"), "HTTP/1.1 403");
+  EXPECT_EQ(status("Host: 127.0.0.1\r\n"), "HTTP/1.1 403");
+  EXPECT_EQ(status("Host: 127.0.0.1" + port + "\r\nHost: attacker.example\r\n"), "HTTP/1.1 403");
+  EXPECT_EQ(status(""), "HTTP/1.1 403");
+  ServerOptions open;
+  open.any_host = true;
+  const RunningServer other({kField}, open);
+  EXPECT_THAT(other.send("GET /example/field.slf HTTP/1.1\r\nHost: any.example\r\n"
+                         "Connection: close\r\n\r\n"),
+              StartsWith("HTTP/1.1 200"));
+}
+
+TEST(ViewServer, SendsNothingElse) {
+  const RunningServer server;
+  for (const char* path :
+       {"/../../etc/passwd", "/example/../../etc/passwd", "/example/%2e%2e/example.slf",
+        "/example/example.slf", "/example/field.slf/", "//example/field.slf", "/example//field.slf",
+        "/Example/field.slf", "/example/.", "/etc/passwd", "/example/field.slf%00"})
+    EXPECT_THAT(server.get(path), StartsWith("HTTP/1.1 404")) << path;
+  for (const char* method : {"POST", "PUT", "DELETE", "OPTIONS", "PATCH"}) {
+    const std::string answer = server.get("/example/field.slf", "", method);
+    EXPECT_THAT(answer, StartsWith("HTTP/1.1 405")) << method;
+    EXPECT_EQ(header(answer, "Allow"), "GET, HEAD");
+  }
+}
+
+TEST(ViewServer, ForbidsWhatThePageDoesNotNeed) {
+  const RunningServer server;
+  for (const char* path : {"/", "/example/", "/example/field.slf", "/nothing"}) {
+    const std::string answer = server.get(path);
+    EXPECT_THAT(header(answer, "Content-Security-Policy"), StartsWith("default-src 'none';"));
+    EXPECT_THAT(header(answer, "Content-Security-Policy"), Not(HasSubstr("unsafe-inline")));
+    EXPECT_EQ(header(answer, "X-Content-Type-Options"), "nosniff");
+  }
+}
+
+TEST(ViewServer, SendsThePage) {
+  const RunningServer server;
+  EXPECT_EQ(header(server.get("/"), "Location"), "example/");
+  EXPECT_EQ(header(server.get("/example"), "Location"), "example/");
+  if (page_files().empty()) GTEST_SKIP() << no_page();
+  EXPECT_EQ(body(server.get("/example/")), page_files()[0].bytes);
+  for (const PageFile& file : page_files()) {
+    const std::string answer = server.get("/example/" + std::string(file.name));
+    EXPECT_EQ(header(answer, "Content-Type"), file.type);
+    EXPECT_EQ(body(answer), file.bytes) << file.name;
+  }
+}
+
+TEST(ViewServer, ListsSeveralFields) {
+  const RunningServer server({kField, kField});
+  EXPECT_THAT(server.get("/"), HasSubstr("<a href=\"example-2/\">"));
+  EXPECT_EQ(body(server.get("/example-2/field.slf")), content(kField));
+}
+
+TEST(ViewServer, RefusesWhatIsNoField) {
+  EXPECT_EQ(Server::make(std::vector<std::string>{"/nonexistent.slf"}, {}).error().code,
+            ErrorCode::io);
+  EXPECT_EQ(Server::make(std::vector<std::string>{"/etc/passwd"}, {}).error().code,
+            ErrorCode::bad_file);
+  EXPECT_EQ(Server::make({}, {}).error().code, ErrorCode::usage);
+}
+
+TEST(ViewServer, SaysThatAPortIsTaken) {
+  const RunningServer server;
+  ServerOptions options;
+  options.port = server.port;
+  const auto second = Server::make(std::vector<std::string>{kField}, options);
+  ASSERT_FALSE(second);
+  EXPECT_EQ(second.error().code, ErrorCode::io);
+  EXPECT_THAT(second.error().message, HasSubstr(std::to_string(server.port)));
+}
+
+TEST(ViewServer, SurvivesMalformedRequests) {
+  const RunningServer server;
+  const std::string good =
+      "GET /example/field.slf HTTP/1.1\r\nHost: " + server.host() + "\r\nRange: bytes=1-5\r\n\r\n";
+  std::vector<std::string> bad = {
+      "",
+      "\r\n\r\n",
+      "GET",
+      "GET / HTTP/9.9\r\n\r\n",
+      std::string(100, '\0'),
+      "GET " + std::string(20000, 'a') + " HTTP/1.1\r\n\r\n",
+      "GET / HTTP/1.1\r\nHost: " + server.host() + "\r\nA: " + std::string(20000, 'b') + "\r\n\r\n",
+      "GET / HTTP/1.1\r\nHost: " + server.host() + "\r\nRange: bytes=" + std::string(5000, '9') +
+          "-\r\n\r\n",
+      "GET / HTTP/1.1\r\nHost: " + server.host() + "\r\nRange: bytes=" +
+          [] {
+            std::string many = "0-0";
+            for (int i = 0; i < 1500; ++i) many += ",0-0";
+            return many;
+          }() +
+          "\r\n\r\n",
+      "POST / HTTP/1.1\r\nHost: " + server.host() + "\r\nContent-Length: 99999999999\r\n\r\nabc",
+      "POST / HTTP/1.1\r\nHost: " + server.host() + "\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n"};
+  std::mt19937 random(1);
+  for (int i = 0; i < 2000; ++i) {
+    std::string request = good;
+    const int changes = 1 + static_cast<int>(random() % 4);
+    for (int k = 0; k < changes; ++k)
+      request[random() % request.size()] = static_cast<char>(random());
+    if (i % 3 == 0) request.resize(random() % request.size());
+    bad.push_back(request);
+  }
+  for (const std::string& request : bad) (void)server.send(request, true);
+  EXPECT_EQ(body(server.get("/example/field.slf")), content(kField));
+}
+
+TEST(ViewServer, ServesOthersWhileSomeStall) {
+  const RunningServer server;
+  std::vector<int> idle;
+  for (int i = 0; i < 16; ++i) {
+    idle.push_back(server.connect());
+    (void)::send(idle.back(), "GET /", 5, MSG_NOSIGNAL);
+  }
+  EXPECT_EQ(body(server.get("/example/field.slf")), content(kField));
+  for (const int peer : idle) close(peer);
+}
+
+}  // namespace
+}  // namespace slf::view

@@ -1,0 +1,76 @@
+// The camera: turns around a point, at a distance. Lengths are in radii of the plenoptic sphere,
+// angles in degrees, as slf's --orbit azimuth,elevation,distance.
+
+const kRadians = Math.PI / 180;
+export const kFirst = {azimuth: 30, elevation: 20, distance: 3, target: [0, 0, 0]};
+const kNearest = 1.02, kFarthest = 20;
+
+const add = (a, b, t = 1) => a.map((v, i) => v + t * b[i]);
+const clamp = (v, low, high) => Math.min(Math.max(v, low), high);
+
+export class Camera {
+  constructor() { this.reset(); }
+
+  reset() {
+    Object.assign(this, structuredClone(kFirst));
+    this.speed = [0, 0];  // degrees a second
+    this.spins = false;
+  }
+
+  turn(azimuth, elevation) {
+    this.azimuth = ((this.azimuth + azimuth) % 360 + 360) % 360;
+    this.elevation = clamp(this.elevation + elevation, -90, 90);
+  }
+  zoom(factor) { this.distance = clamp(this.distance * factor, kNearest, kFarthest); }
+  // By parts of the picture's height.
+  pan(x, y) {
+    const {right, down, half} = this.axes(1, 1);
+    const scale = 2 * half * this.distance;
+    this.target = add(add(this.target, right, -x * scale), down, -y * scale)
+      .map((v) => clamp(v, -1, 1));
+  }
+
+  // Goes on turning after a drag, and ever slower. Returns whether the camera moved.
+  advance(seconds) {
+    const before = [this.azimuth, this.elevation];
+    if (this.spins) this.turn(20 * seconds, 0);
+    this.turn(this.speed[0] * seconds, this.speed[1] * seconds);
+    this.speed = this.speed.map((v) => Math.abs(v) < 1 ? 0 : v * Math.exp(-4 * seconds));
+    return before[0] !== this.azimuth || before[1] !== this.elevation;
+  }
+
+  // The eye and the picture's axes, all as FORMAT.md, 5.1, has them. `half` is tan(φ/2): at the first
+  // distance the sphere fits the picture.
+  axes(width, height) {
+    const az = this.azimuth * kRadians, el = this.elevation * kRadians;
+    const out = [Math.sin(az) * Math.cos(el), -Math.cos(az) * Math.cos(el), Math.sin(el)];
+    const right = [Math.cos(az), Math.sin(az), 0];
+    const forward = out.map((v) => -v);
+    const up = [-Math.sin(az) * Math.sin(el), Math.cos(az) * Math.sin(el), Math.cos(el)];
+    const half = Math.tan(Math.asin(1 / kFirst.distance)) * Math.max(1, height / width);
+    return {eye: add(this.target, out, this.distance), forward, right, down: up.map((v) => -v), half};
+  }
+
+  // Where a point is in the picture: [x, y] in -1..1, y up, and how far it is in front of the eye.
+  project(point, width, height) {
+    const {eye, forward, right, down, half} = this.axes(width, height);
+    const to = add(point, eye, -1), dot = (a) => a.reduce((s, v, i) => s + v * to[i], 0);
+    const depth = dot(forward);
+    return [dot(right) / depth / half * height / width, -dot(down) / depth / half, depth];
+  }
+
+  toText() {
+    const n = (v) => String(Math.round(v * 1e4) / 1e4);
+    const parts = [this.azimuth, this.elevation, this.distance];
+    return [...parts, ...(this.target.some((v) => v !== 0) ? this.target : [])].map(n).join(',');
+  }
+  fromText(text) {
+    const v = text.split(',').map(Number);
+    if (![3, 6].includes(v.length) || !v.every(Number.isFinite)) return;
+    this.reset();
+    this.azimuth = (v[0] % 360 + 360) % 360;
+    this.elevation = clamp(v[1], -90, 90);
+    this.distance = clamp(v[2], kNearest, kFarthest);
+    if (v.length === 6) this.target = v.slice(3).map((t) => clamp(t, -1, 1));
+  }
+}

@@ -1,0 +1,89 @@
+// What moves the camera: mouse, touch, pen and keys.
+
+const kTurn = 180;   // degrees for a drag across the smaller side of the picture
+const kStep = 6;     // degrees for a key
+const kDoubleTap = 300, kTapMoves = 6;  // milliseconds, pixels
+
+const calm = matchMedia('(prefers-reduced-motion: reduce)');
+
+// Calls `moved` after each change. `keys` has what other keys do: {r: function, …}.
+export function attach(canvas, camera, moved, keys) {
+  const pointers = new Map();
+  let last = 0, lastTap = 0, travelled = 0;
+
+  const middle = () => {
+    const all = [...pointers.values()], n = all.length;
+    const x = all.reduce((s, p) => s + p.x, 0) / n, y = all.reduce((s, p) => s + p.y, 0) / n;
+    return {x, y, spread: n > 1 ? Math.hypot(all[0].x - all[1].x, all[0].y - all[1].y) : 0};
+  };
+  const drag = (dx, dy, pans) => {
+    if (pans) return camera.pan(dx / canvas.clientHeight, dy / canvas.clientHeight);
+    // Near the sphere the same drag turns less.
+    const scale = kTurn / Math.min(canvas.clientWidth, canvas.clientHeight) *
+                  Math.min(1, (camera.distance - 0.9) / 2);
+    const now = performance.now(), seconds = Math.max(now - last, 4) / 1000;
+    last = now;
+    const turn = [-dx * scale, dy * scale];
+    camera.turn(...turn);
+    camera.speed = calm.matches ? [0, 0]
+      : camera.speed.map((v, i) => 0.6 * v + 0.4 * turn[i] / seconds);
+  };
+
+  canvas.addEventListener('pointerdown', (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    pointers.set(event.pointerId, {x: event.clientX, y: event.clientY});
+    camera.speed = [0, 0];
+    last = performance.now();
+    travelled = 0;
+  });
+  canvas.addEventListener('pointermove', (event) => {
+    if (!pointers.has(event.pointerId)) return;
+    const before = middle();
+    pointers.set(event.pointerId, {x: event.clientX, y: event.clientY});
+    const after = middle();
+    travelled += Math.abs(after.x - before.x) + Math.abs(after.y - before.y);
+    const two = pointers.size > 1;
+    drag(after.x - before.x, after.y - before.y, two || event.shiftKey || (event.buttons & 6) !== 0);
+    if (two && before.spread > 0 && after.spread > 0) camera.zoom(before.spread / after.spread);
+    moved();
+  });
+  const end = (event) => {
+    if (!pointers.delete(event.pointerId)) return;
+    const now = performance.now();
+    if (now - last > 60) camera.speed = [0, 0];  // held still before it was let go
+    if (travelled < kTapMoves) {
+      camera.speed = [0, 0];
+      if (now - lastTap < kDoubleTap) {
+        camera.zoom(0.6);
+        lastTap = 0;
+      } else {
+        lastTap = now;
+      }
+    }
+    moved();
+  };
+  canvas.addEventListener('pointerup', end);
+  canvas.addEventListener('pointercancel', end);
+  canvas.addEventListener('contextmenu', (event) => event.preventDefault());
+  canvas.addEventListener('wheel', (event) => {
+    event.preventDefault();
+    const pixels = event.deltaY * (event.deltaMode === 1 ? 33 : event.deltaMode === 2 ? 400 : 1);
+    camera.zoom(Math.exp(Math.min(Math.max(pixels, -300), 300) * 0.0015));
+    moved();
+  }, {passive: false});
+
+  const arrows = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]};
+  addEventListener('keydown', (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.target.closest?.('button, select, input, dialog')) return;
+    const arrow = arrows[event.key];
+    if (arrow && event.shiftKey) camera.pan(-arrow[0] * 0.04, arrow[1] * 0.04);
+    else if (arrow) camera.turn(arrow[0] * kStep, arrow[1] * kStep);
+    else if (event.key === '+' || event.key === '=') camera.zoom(0.9);
+    else if (event.key === '-') camera.zoom(1 / 0.9);
+    else if (keys[event.key.toLowerCase()]) keys[event.key.toLowerCase()]();
+    else return;
+    event.preventDefault();
+    moved();
+  });
+}

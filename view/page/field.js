@@ -1,0 +1,127 @@
+// A field: its manifest, its shape in numbers for the GPU, and where its tiles are.
+
+import {kDone, kWants, Native} from './module.js';
+import {merged} from './source.js';
+
+export const kMissing = 0, kEmpty = 1, kStored = 2, kDamaged = 4;  // states of tiles in a layer
+
+const kMostTables = 1 << 24;  // numbers in the tables and the page table, each
+
+export class Field {
+  constructor(source, module) {
+    this.source = source;
+    this.native = new Native(module);
+    this.module = module;
+  }
+
+  add(offset, bytes) {
+    this.native.fill(bytes);
+    this.native.calls.slf_add(offset);
+  }
+  async fetchAll(ranges) {
+    await Promise.all(merged(ranges).map(async ([begin, end]) =>
+      this.add(begin, await this.source.read(begin, Math.min(end, this.source.size)))));
+  }
+  // Repeats a call until it has the bytes that it needs.
+  async complete(call) {
+    for (let round = 0; round < 64; ++round) {
+      const status = call(this.native.calls);
+      if (status === kDone) return;
+      if (status !== kWants) this.native.check(status);
+      await this.fetchAll(this.native.ranges());
+    }
+    throw new Error('The field is damaged: its trees have no end.');
+  }
+
+  async open() {
+    const start = await this.source.open(), {calls} = this.native;
+    this.native.fill(new TextEncoder().encode('field.slf'));
+    calls.slf_begin(this.source.size);
+    this.add(0, start);
+    await this.complete((c) => c.slf_open());
+    this.manifestBytes = this.native.textBytes();
+    this.manifest = JSON.parse(new TextDecoder().decode(this.manifestBytes));
+    const {layers} = this.manifest;
+    this.color = layers.findIndex((layer) => layer.name === 'color');
+    this.depth = layers.findIndex((layer) => layer.name === 'depth');
+    this.together = layers[this.color].format === 'rgba8_depth8';  // colours and depths in one layer
+    this.layers = [this.color, this.together ? -1 : this.depth].filter((layer) => layer >= 0);
+    this.predicts = layers[this.color].codec.startsWith('predictive');
+    this.tables = layers.map(() => null);
+    for (const layer of this.layers) {
+      await this.complete((c) => c.slf_tables(layer));
+      this.tables[layer] = this.native.textBytes();
+    }
+    this.shape = this.makeShape();
+  }
+
+  // Numbers for the GPU. Levels whose tables would be too large are left out.
+  makeShape() {
+    const m = this.manifest, {calls} = this.native, deeper = m.entry_depth;
+    const side = m.entry_side >> deeper;
+    const shape = {
+      entrySide: m.entry_side, exitSide: m.exit_side, hasDepth: this.together || this.depth >= 0, levels: -1,
+      half: m.layers[this.color].format === 'rgba16f', rowBits: 0, pages: 0,
+      columns: (m.exit_side + 1) * (m.exit_side + 2) / 2, mostRows: (side + 1) * (side + 2) / 2,
+      rowBase: new Int32Array(11), pathBase: new Int32Array(11), pageBase: new Int32Array(11)};
+    const parts = [];
+    let size = 0;
+    for (let level = 0; level <= m.levels; ++level) {
+      const pages = 64 * 16 ** level * 4 ** deeper, rows = 8 * ((m.entry_side << level) + 1) ** 2;
+      if (shape.pages + pages > kMostTables || size + rows > kMostTables) break;
+      const take = (at, count) =>
+        new Uint32Array(calls.memory.buffer, at, count).slice();
+      for (const [base, at, count] of [
+        [shape.rowBase, calls.slf_entry_rows(level), calls.slf_entry_row_count(level)],
+        [shape.pathBase, calls.slf_exit_paths(level), calls.slf_exit_path_count(level)]]) {
+        base[level] = size;
+        parts.push(take(at, count));
+        size += count;
+      }
+      shape.rowBits = calls.slf_row_bits(level);
+      shape.pageBase[level] = shape.pages;
+      shape.pages += pages;
+      shape.levels = level;
+    }
+    if (shape.levels < 0) throw new Error('Level 0 of this field is too fine for the page.');
+    shape.tables = new Uint32Array(size);
+    size = 0;
+    for (const part of parts) {
+      shape.tables.set(part, size);
+      size += part.length;
+    }
+    return shape;
+  }
+
+  page(level, entry, exit) {
+    return this.shape.pageBase[level] + entry * (8 << (2 * level)) + exit;
+  }
+  // The tile of a page of the page table.
+  tile(page) {
+    const {pageBase, levels} = this.shape;
+    let level = levels;
+    while (pageBase[level] > page) --level;
+    const exits = 8 << (2 * level), at = page - pageBase[level];
+    return {page, level, entry: Math.floor(at / exits), exit: at % exits};
+  }
+
+  // Where the tiles are in a layer: {state, begin, end, checksum} each.
+  async find(tiles, layer) {
+    const keys = new Uint32Array(tiles.flatMap((t) => [t.level, t.entry, t.exit]));
+    for (let round = 0; round < 64; ++round) {
+      this.native.fill(new Uint8Array(keys.buffer));
+      const at = this.native.calls.slf_find(layer), wants = this.native.ranges();
+      if (wants.length > 0) {
+        await this.fetchAll(wants);
+        continue;
+      }
+      const view = new DataView(this.native.calls.memory.buffer, at, 32 * tiles.length);
+      return tiles.map((_, i) => {
+        const number = (k) => view.getFloat64(32 * i + 8 * k, true);
+        return {state: number(0), begin: number(1), end: number(2),
+                checksum: [view.getUint32(32 * i + 24, true), view.getUint32(32 * i + 28, true)]};
+      });
+    }
+    throw new Error('The field is damaged: its trees have no end.');
+  }
+}

@@ -1,0 +1,105 @@
+// Which tiles are on the GPU: loads what a view needs, and makes room for it.
+
+import {kDamaged, kEmpty as kEmptyTile, kStored} from './field.js';
+import {Reader} from './reader.js';
+import {kEmpty, kFirstSlot, kMissing, kNoDepth, kNotLoaded} from './shader.js';
+
+const kBatch = 96;    // tiles looked for together
+const kBatches = 2;   // at once: one is fetched while another is decoded
+
+// Loads the tiles that want() names, the first ones first, into the slots of the renderer.
+export class Loader {
+  constructor(field, renderer, decoders, onChange, onError) {
+    Object.assign(this, {field, renderer, onChange, onError});
+    this.reader = new Reader(field, decoders);
+    this.pages = new Uint16Array(field.shape.pages);  // as the GPU's page table
+    this.loading = new Set();
+    this.plan = [];
+    this.used = new Map();  // page with a slot → when it was last needed; the oldest first
+    this.free = Array.from({length: renderer.slots}, (_, i) => renderer.slots - 1 - i);
+    this.now = 0;
+    this.damaged = 0;
+    this.full = false;  // whether a view needed more tiles than there are slots
+    this.batches = 0;   // under way
+  }
+
+  get tiles() { return this.used.size; }
+
+  // After a lost context: the page table and the slots are empty again.
+  restart(renderer) {
+    this.renderer = renderer;
+    this.pages.fill(kNotLoaded);
+    this.used.clear();
+    this.free = Array.from({length: renderer.slots}, (_, i) => renderer.slots - 1 - i);
+  }
+
+  // Replaces the plan. Returns how many of the pages are not there yet.
+  want(pages) {
+    ++this.now;
+    const absent = [];
+    for (const page of pages) {
+      const held = this.pages[page];
+      if (held === kNotLoaded) absent.push(page);
+      else if (this.used.delete(page)) this.used.set(page, this.now);
+    }
+    this.plan = absent.filter((page) => !this.loading.has(page));
+    while (this.batches < kBatches && this.plan.length > 0) this.run();
+    return absent.length;
+  }
+
+  // Loads the plan, batch by batch.
+  async run() {
+    ++this.batches;
+    try {
+      while (this.plan.length > 0) {
+        const pages = this.plan.splice(0, kBatch);
+        for (const page of pages) this.loading.add(page);
+        await Promise.all(
+          this.reader.read(pages).map(async (ready) => this.place(await ready)));
+        for (const page of pages) this.loading.delete(page);
+      }
+    } catch (error) {
+      this.plan = [];
+      this.onError(error);
+    }
+    --this.batches;
+    this.onChange();
+  }
+
+  place({page, state, color, depth, depthState}) {
+    if (this.pages[page] !== kNotLoaded) return;
+    this.damaged += (state === kDamaged) + (depthState === kDamaged);
+    let value = state === kEmptyTile ? kEmpty : kMissing;
+    if (state === kStored) {
+      const slot = this.free.pop() ?? this.evict();
+      if (slot === undefined) {  // all tiles are needed: coarser ones stand in
+        this.full = true;
+        return;
+      }
+      if (depthState === kEmptyTile)
+        depth = new Uint8Array(this.field.shape.columns * this.field.shape.mostRows);
+      this.renderer.setTile(slot, color, depth);
+      value = slot + kFirstSlot;
+      if (depthState !== undefined && !depth) value |= kNoDepth;
+      this.used.set(page, this.now);
+    }
+    this.pages[page] = value;
+    this.renderer.setPage(page, value);
+    this.onChange();
+  }
+
+  // The slot of the tile that was not needed for longest. Level 0 stays.
+  evict() {
+    const first = this.field.shape.pageBase[1] || this.field.shape.pages;
+    for (const [page, when] of this.used) {
+      if (page < first) continue;
+      if (when === this.now) return undefined;
+      const slot = (this.pages[page] & (kNoDepth - 1)) - kFirstSlot;
+      this.used.delete(page);
+      this.pages[page] = kNotLoaded;
+      this.renderer.setPage(page, kNotLoaded);
+      return slot;
+    }
+    return undefined;
+  }
+}

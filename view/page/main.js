@@ -1,0 +1,382 @@
+// The page: puts field, renderer, loader and controls together.
+//
+// Two loops run: drawing, which never waits for tiles, and following, which asks the GPU for the
+// tiles of the view and has them loaded.
+
+import {Camera} from './camera.js';
+import {attach} from './controls.js';
+import {Renderer} from './renderer.js';
+import {Decoders} from './decoders.js';
+import {Field} from './field.js';
+import {Loader} from './loader.js';
+import {EmbeddedSource, HttpSource} from './source.js';
+
+const kTileBytes = 192 << 20;  // of textures
+const kFast = 22, kSlow = 45;  // milliseconds a frame
+const kAhead = 0.4;            // seconds that loading looks ahead of a moving camera
+
+// A page in one file has all this inside and says so (view/site.cc).
+const inside = globalThis.slfInside;
+const makeWorker = () => inside ? new Worker(inside.worker)
+                                : new Worker(new URL('worker.js', import.meta.url), {type: 'module'});
+const loadWasm = async () => WebAssembly.compile(
+  inside ? await inside.wasm() : await (await fetch('slf.wasm')).arrayBuffer());
+const source = inside ? new EmbeddedSource(inside.pieces, inside.pieceBytes, inside.size)
+                      : new HttpSource('field.slf');
+
+const byId = (id) => document.getElementById(id);
+const canvas = byId('picture');
+const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
+const human = (n) => n < 1 << 20 ? `${(n / 1024).toFixed(0)} KiB` : `${(n / (1 << 20)).toFixed(1)} MiB`;
+
+const camera = new Camera();
+const settings = {mode: 'depth', level: 'auto', background: '#000000'};
+let field, renderer, loader;
+let version = 0;       // counts changes of the view
+let dirty = true;      // the picture is not what the canvas shows
+let movedAt = -1e9, scale = 1, lost = false, failed = false, ceiling = 99;
+
+// What tests and scripts may ask and do.
+const page = globalThis.slf = {
+  state: 'opening',  // then 'loading', 'settled', or 'failed'
+  statistics: () => ({bytes: source.bytes, requests: source.requests, tiles: loader?.tiles ?? 0,
+                      slots: renderer?.slots ?? 0, tileBytes: renderer?.tileBytes ?? 0,
+                      damaged: loader?.damaged ?? 0}),
+  camera,
+  settings,
+  changed,
+  pages: () => field.shape.pages,
+  read: (pages) => loader.reader.read(pages),
+};
+
+function say(text, wrong = false) {
+  byId('status').textContent = text;
+  byId('status').classList.toggle('wrong', wrong);
+}
+function fail(error) {
+  failed = true;
+  page.state = 'failed';
+  page.message = String(error?.message ?? error);
+  say(page.message, true);
+}
+
+// ---- the view -----------------------------------------------------------------------------------
+
+// The coarsest level that is as fine as the pixels (slf render --level auto).
+function matchingLevel() {
+  const {entrySide, exitSide, levels} = field.shape;
+  const pixel = 2 * camera.axes(canvas.width, canvas.height).half / canvas.height * camera.distance;
+  let spacing = Math.PI / 4 / Math.min(exitSide, (settings.mode === 'depth' ? 2 : 1) * entrySide);
+  let level = 0;
+  for (; level < levels && spacing > pixel; ++level) spacing /= 2;
+  return level;
+}
+
+function currentView() {
+  const chosen = settings.level === 'auto' ? matchingLevel() : Number(settings.level);
+  const background = [1, 3, 5].map((i) => parseInt(settings.background.slice(i, i + 2), 16) / 255);
+  return {camera, mode: settings.mode, background,
+          level: Math.min(chosen, ceiling, field.shape.levels)};
+}
+
+function changed() {
+  ++version;
+  dirty = true;
+  ceiling = 99;
+  if (page.state === 'settled') page.state = 'loading';
+}
+function moved() {
+  movedAt = performance.now();
+  changed();
+}
+
+let linkTimer;
+function keepLink() {
+  clearTimeout(linkTimer);
+  linkTimer = setTimeout(() => history.replaceState(null, '', fragment()), 400);
+}
+function fragment() {
+  return `#view=${camera.toText()}&mode=${settings.mode}&level=${settings.level}` +
+         `&background=${settings.background.slice(1)}`;
+}
+function readFragment() {
+  const given = new URLSearchParams(location.hash.slice(1));
+  if (given.has('view')) camera.fromText(given.get('view'));
+  if (['depth', 'bitri'].includes(given.get('mode'))) settings.mode = given.get('mode');
+  if (/^(auto|\d{1,2})$/.test(given.get('level') ?? '')) settings.level = given.get('level');
+  if (/^[0-9a-f]{6}$/i.test(given.get('background') ?? ''))
+    settings.background = '#' + given.get('background').toLowerCase();
+}
+
+function resize() {
+  const ratio = globalThis.devicePixelRatio || 1;
+  const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
+  const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+  if (canvas.width === width && canvas.height === height) return;
+  canvas.width = width;
+  canvas.height = height;
+  changed();
+}
+
+// ---- drawing ------------------------------------------------------------------------------------
+
+let before = 0, shown = 0, rateFrom = 0;
+function frame(now) {
+  requestAnimationFrame(frame);
+  const elapsed = Math.min(now - before, 200);
+  before = now;
+  if (!renderer || lost || failed) return;
+  if (camera.advance(elapsed / 1000)) moved();
+  const moving = now - movedAt < 200, changing = moving || page.state === 'loading';
+  // While the picture changes, slow graphics draw fewer pixels.
+  if (!changing && scale < 1) {
+    scale = 1;
+    dirty = true;
+  }
+  if (!dirty) return;
+  if (changing && shown > 0)
+    scale = elapsed > kSlow ? Math.max(0.2, scale * 0.8) : elapsed < kFast ? Math.min(1, scale * 1.05)
+                                                                         : scale;
+  dirty = false;
+  renderer.draw(currentView(), scale);
+  drawMarks();
+  ++shown;
+  if (now - rateFrom > 500) {
+    byId('rate').textContent = moving ? (shown * 1000 / (now - rateFrom)).toFixed(0) : '–';
+    shown = 1;
+    rateFrom = now;
+  }
+}
+
+// Letters where the axes of LPS leave the sphere.
+const kMarks = {L: [1, 0, 0], R: [-1, 0, 0], P: [0, 1, 0], A: [0, -1, 0], S: [0, 0, 1], I: [0, 0, -1]};
+function drawMarks() {
+  const box = byId('labels');
+  box.hidden = !byId('marks').checked;
+  if (box.hidden) return;
+  for (const [letter, axis] of Object.entries(kMarks)) {
+    let mark = box.querySelector(`[data-axis=${letter}]`);
+    if (!mark) {
+      mark = document.createElement('span');
+      mark.dataset.axis = mark.textContent = letter;
+      box.append(mark);
+    }
+    const [x, y, depth] = camera.project(axis.map((v) => 0.92 * v), canvas.width,
+                                        canvas.height);
+    const toEye = depth - camera.distance;  // below 0: on the near side
+    mark.style.left = `${(x + 1) / 2 * 100}%`;
+    mark.style.top = `${(1 - y) / 2 * 100}%`;
+    mark.style.opacity = depth > 0 ? (toEye < 0.2 ? 1 : 0.35) : 0;
+  }
+}
+
+// ---- following ----------------------------------------------------------------------------------
+
+async function follow() {
+  let seen = -1, quiet = 0, needed = new Set();
+  let start = 0;  // the first view begins with each of the coarser levels
+  while (!failed) {
+    if (lost) {
+      await sleep(50);
+      continue;
+    }
+    const view = currentView(), asked = version;
+    if (asked !== seen) {
+      seen = asked;
+      quiet = 0;
+      needed = new Set();
+    }
+    const starting = start < view.level;
+    const pages = await renderer.ask(starting ? {...view, level: start} : view);
+    if (failed || lost) continue;
+    for (const at of pages) needed.add(at);
+    const absent = loader.want(needed);
+    if (loader.full) {  // not all tiles of this level fit: draw a coarser one
+      loader.full = false;
+      ceiling = Math.max(0, view.level - 1);
+      seen = -1;
+      continue;
+    }
+    if (starting) {
+      if (start > 0 || absent === 0) ++start;  // level 0 is soon there
+      else await sleep(15);
+      continue;
+    }
+    quiet = absent === 0 && version === asked ? quiet + 1 : 0;
+    const passes = renderer.passes();
+    const moving = performance.now() - movedAt < 200;
+    if (moving && absent === 0) await lookAhead(view, needed);
+    if (quiet >= passes && !moving) {
+      page.state = 'settled';
+      restOfLevel0();
+      keepLink();
+      while (version === asked && !lost && !failed) await sleep(20);
+    } else {
+      page.state = 'loading';
+      await sleep(absent > 0 ? 15 : 0);
+    }
+  }
+}
+
+// Loads what the view will need soon.
+async function lookAhead(view, needed) {
+  const ahead = new Camera();
+  Object.assign(ahead, structuredClone({...camera}));
+  ahead.advance(kAhead);
+  const pages = await renderer.ask({...view, camera: ahead});
+  if (!failed && !lost) loader.want([...needed, ...pages]);
+}
+
+function restOfLevel0() {
+  const count = field.shape.pageBase[1] || field.shape.pages;
+  if (count <= renderer.slots / 2)
+    loader.want([...Array(count).keys()]);
+}
+
+// ---- the panel ----------------------------------------------------------------------------------
+
+function showCounts() {
+  byId('bytes').textContent =
+    inside ? human(source.size) : `${human(source.bytes)} of ${human(source.size)}`;
+  byId('tiles').textContent = String(loader.tiles);
+  if (loader.damaged > 0)
+    say(`${loader.damaged} damaged tiles: coarser ones stand in. slf verify says more.`);
+}
+
+function showFacts() {
+  const m = field.manifest, p = m.provenance ?? {}, list = byId('facts-list');
+  const fine = m.levels, name = (path) => String(path).split('/').pop();
+  const facts = {
+    Source: p.source ? name(p.source) : p.name,
+    Kind: p.kind,
+    Voxels: p.dims?.join(' × '),
+    Colours: p.transfer?.[0]?.Name,
+    Lattice: `${m.entry_side << fine} entry, ${m.exit_side << fine} exit`,
+    Levels: m.levels + 1,
+    Layers: m.layers.map((l) => `${l.name} (${l.codec})`).join(', '),
+    Sphere: `radius ${Number(m.sphere.radius.toPrecision(4))}`,
+    File: human(source.size),
+  };
+  list.replaceChildren(...Object.entries(facts).filter(([, v]) => v !== undefined)
+    .flatMap(([k, v]) => {
+      const term = document.createElement('dt'), fact = document.createElement('dd');
+      term.textContent = k;
+      fact.textContent = String(v);
+      return [term, fact];
+    }));
+  byId('facts').showModal();
+}
+
+function actions() {
+  const fold = () => {
+    const hidden = byId('settings').hidden = !byId('settings').hidden;
+    byId('fold').textContent = hidden ? '+' : '–';
+    byId('fold').setAttribute('aria-expanded', String(!hidden));
+  };
+  const spin = () => {
+    camera.spins = byId('spin').checked;
+    moved();
+  };
+  const toggleSpin = () => {
+    byId('spin').checked = !byId('spin').checked;
+    spin();
+  };
+  const reset = () => {
+    camera.reset();
+    byId('spin').checked = false;
+    moved();
+  };
+  const fill = () => document.fullscreenElement ? document.exitFullscreen()
+                                                : document.documentElement.requestFullscreen?.();
+  const choose = (id, name) => byId(id).addEventListener('input', ({target}) => {
+    settings[name] = target.value;
+    changed();
+    keepLink();
+  });
+  ['mode', 'level', 'background'].forEach((name) => choose(name, name));
+  byId('fold').onclick = fold;
+  byId('spin').onchange = spin;
+  byId('marks').onchange = () => { dirty = true; byId('labels').hidden = true; };
+  byId('reset').onclick = reset;
+  byId('full').onclick = fill;
+  byId('about').onclick = showFacts;
+  byId('save').onclick = () => canvas.toBlob((blob) => {
+    const link = document.createElement('a');
+    link.href = URL.createObjectURL(blob);
+    link.download = 'view.png';
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  });
+  byId('link').onclick = async () => {
+    history.replaceState(null, '', fragment());
+    try {
+      await navigator.clipboard.writeText(location.href);
+      say('The link is on the clipboard.');
+    } catch {
+      say('The address of this page is the link.');
+    }
+    setTimeout(() => say(''), 2500);
+  };
+  attach(canvas, camera, moved, {r: reset, f: fill, h: fold, ' ': toggleSpin});
+  if (matchMedia('(max-width: 520px)').matches) fold();
+}
+
+function fillPanel() {
+  const {manifest: m, shape} = field, p = m.provenance ?? {};
+  const name = String(p.source ?? p.name ?? 'Sphere light field').split('/').pop();
+  byId('name').textContent = document.title = name;
+  for (let level = 0; level <= shape.levels; ++level)
+    byId('level').append(new Option(`${level}: ${m.entry_side << level}/${m.exit_side << level}`, level));
+  if (!shape.hasDepth) {
+    settings.mode = 'bitri';
+    byId('mode').querySelector('[value=depth]').remove();
+  }
+  if (Number(settings.level) > shape.levels) settings.level = 'auto';
+  byId('mode').value = settings.mode;
+  byId('level').value = settings.level;
+  byId('background').value = settings.background;
+  byId('marks').checked = p.kind === 'volume';
+  if (shape.levels < m.levels)
+    say(`Levels above ${shape.levels} of this field are too fine for the page.`);
+}
+
+// ---- start --------------------------------------------------------------------------------------
+
+async function start() {
+  readFragment();
+  field = new Field(source, await loadWasm());
+  await field.open();
+  resize();
+  renderer = new Renderer(canvas, field.shape, kTileBytes);
+  fillPanel();
+  loader = new Loader(field, renderer, new Decoders(field, makeWorker), () => {
+    dirty = true;
+    showCounts();
+  }, fail);
+  canvas.addEventListener('webglcontextlost', (event) => {
+    event.preventDefault();
+    lost = true;
+    say('The graphics card was reset; waiting for it.');
+  });
+  canvas.addEventListener('webglcontextrestored', () => {
+    renderer = new Renderer(canvas, field.shape, kTileBytes);
+    loader.restart(renderer);
+    lost = false;
+    say('');
+    changed();
+  });
+  new ResizeObserver(resize).observe(canvas);
+  addEventListener('hashchange', () => {
+    readFragment();
+    byId('mode').value = settings.mode;
+    byId('level').value = settings.level;
+    byId('background').value = settings.background;
+    changed();
+  });
+  actions();
+  page.state = 'loading';
+  requestAnimationFrame(frame);
+  follow().catch(fail);
+}
+
+start().catch(fail);

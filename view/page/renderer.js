@@ -1,0 +1,248 @@
+// The GPU's side: textures of decoded tiles, the page table, drawing, and the passes that find out
+// which tiles a view needs. Everything in here can be made again after a lost context.
+
+import {kDraw, kFeedback, kTableBits, kVertex} from './shader.js';
+
+const kTableWidth = 1 << kTableBits;
+const kFeedbackSize = 128;  // rays across one pass that asks for tiles
+
+function program(gl, fragment) {
+  const result = gl.createProgram();
+  for (const [type, text] of [[gl.VERTEX_SHADER, kVertex], [gl.FRAGMENT_SHADER, fragment]]) {
+    const shader = gl.createShader(type);
+    gl.shaderSource(shader, text);
+    gl.compileShader(shader);
+    gl.attachShader(result, shader);
+  }
+  gl.linkProgram(result);
+  if (!gl.getProgramParameter(result, gl.LINK_STATUS) && !gl.isContextLost())
+    throw new Error('WebGL: ' + gl.getAttachedShaders(result).map((s) => gl.getShaderInfoLog(s))
+      .join(' ') + gl.getProgramInfoLog(result));
+  const places = {};
+  return {result, at: (name) => places[name] ??= gl.getUniformLocation(result, name)};
+}
+
+export class Renderer {
+  // `shape`: of the field, as Field.shape; `budget`: bytes of textures for tiles.
+  constructor(canvas, shape, budget) {
+    const gl = canvas.getContext('webgl2', {alpha: false, antialias: false, depth: false,
+                                            preserveDrawingBuffer: true,
+                                            powerPreference: 'high-performance'});
+    if (!gl) throw new Error('This browser has no WebGL 2. A current Chrome, Edge, Firefox or ' +
+                             'Safari has; it may be switched off in the settings.');
+    this.gl = gl;
+    this.canvas = canvas;
+    this.shape = shape;
+    this.draws = program(gl, kDraw);
+    this.asks = program(gl, kFeedback);
+    this.makeTiles(budget);
+    this.makeTables();
+    this.makeTargets();
+    this.pass = 0;
+  }
+
+  texture(unit, target, format, width, height, layers) {
+    const gl = this.gl, texture = gl.createTexture();
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(target, texture);
+    if (layers) gl.texStorage3D(target, 1, format, width, height, layers);
+    else gl.texStorage2D(target, 1, format, width, height);
+    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
+      gl.texParameteri(target, name, gl.NEAREST);
+    return texture;
+  }
+
+  // A tile takes 2^bits × height texels of a layer; a layer holds one tile or more.
+  makeTiles(budget) {
+    const gl = this.gl, {columns, mostRows, half, hasDepth} = this.shape;
+    const samples = columns * mostRows;
+    this.bits = Math.ceil(Math.log2(Math.sqrt(samples)));
+    const width = 1 << this.bits, height = Math.ceil(samples / width);
+    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+    if (width > most || height > most)
+      throw new Error('The tiles of this field are too large for this graphics card.');
+    const bytes = width * height * ((half ? 8 : 4) + (hasDepth ? 1 : 0));
+    const layers = gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS);
+    const wanted = Math.min(Math.max(64, Math.floor(budget / bytes)), 0x7000);
+    this.perLayer = Math.max(1, Math.min(Math.ceil(wanted / layers), Math.floor(most / height)));
+    this.slots = Math.min(wanted, layers * this.perLayer);
+    this.tileWidth = width;
+    this.tileHeight = height;
+    this.tileBytes = bytes;
+    const deep = Math.ceil(this.slots / this.perLayer);
+    this.texture(2, gl.TEXTURE_2D_ARRAY, half ? gl.RGBA16F : gl.RGBA8, width,
+                 height * this.perLayer, deep);
+    this.texture(3, gl.TEXTURE_2D_ARRAY, gl.R8, hasDepth ? width : 1,
+                 hasDepth ? height * this.perLayer : 1, hasDepth ? deep : 1);
+  }
+
+  // Rows and sections from the geometry, and the page table, empty.
+  makeTables() {
+    const gl = this.gl, {tables, pages} = this.shape;
+    const upload = (unit, format, type, data, storage) => {
+      const height = Math.max(1, Math.ceil(data.length / kTableWidth));
+      const padded = new data.constructor(kTableWidth * height);
+      padded.set(data);
+      this.texture(unit, gl.TEXTURE_2D, storage, kTableWidth, height);
+      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, kTableWidth, height, format, type, padded);
+    };
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    upload(0, gl.RED_INTEGER, gl.UNSIGNED_INT, tables, gl.R32UI);
+    upload(1, gl.RED_INTEGER, gl.UNSIGNED_SHORT, new Uint16Array(pages), gl.R16UI);
+  }
+
+  makeTargets() {
+    const gl = this.gl;
+    this.low = null;  // where pictures of less than full resolution are drawn
+    this.needs = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.needs);
+    for (const i of [0, 1]) {
+      const target = this.texture(4, gl.TEXTURE_2D, gl.RGBA32UI, kFeedbackSize, kFeedbackSize);
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + i, gl.TEXTURE_2D, target, 0);
+    }
+    gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
+    gl.bindTexture(gl.TEXTURE_2D, null);
+    this.packs = [0, 1].map(() => {
+      const buffer = gl.createBuffer();
+      gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
+      gl.bufferData(gl.PIXEL_PACK_BUFFER, kFeedbackSize * kFeedbackSize * 16, gl.STREAM_COPY);
+      return buffer;
+    });
+    gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
+  }
+
+  // Puts the samples of a tile into a slot. `depth` may be null.
+  setTile(slot, color, depth) {
+    const gl = this.gl, {half} = this.shape;
+    const layer = Math.floor(slot / this.perLayer), y = slot % this.perLayer * this.tileHeight;
+    const put = (unit, samples, texelBytes, format, type, view) => {
+      const texels = samples.byteLength / texelBytes;
+      const rows = Math.ceil(texels / this.tileWidth);
+      const padded = new Uint8Array(rows * this.tileWidth * texelBytes);
+      padded.set(samples);
+      gl.activeTexture(gl.TEXTURE0 + unit);
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, y, layer, this.tileWidth, rows, 1, format, type,
+                       view(padded));
+    };
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    if (half) put(2, color, 8, gl.RGBA, gl.HALF_FLOAT, (b) => new Uint16Array(b.buffer));
+    else put(2, color, 4, gl.RGBA, gl.UNSIGNED_BYTE, (b) => b);
+    if (depth) put(3, depth, 1, gl.RED, gl.UNSIGNED_BYTE, (b) => b);
+  }
+
+  setPage(page, value) {
+    const gl = this.gl;
+    gl.activeTexture(gl.TEXTURE1);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, page % kTableWidth, Math.floor(page / kTableWidth), 1, 1,
+                     gl.RED_INTEGER, gl.UNSIGNED_SHORT, new Uint16Array([value]));
+  }
+
+  use(program_, view, width, height) {
+    const gl = this.gl, {shape} = this, {at} = program_;
+    const {eye, forward, right, down, half} = view.camera.axes(width, height);
+    const pixel = 2 * half / height;
+    gl.useProgram(program_.result);
+    gl.uniform3fv(at('uEye'), eye);
+    gl.uniform3fv(at('uForward'), forward);
+    gl.uniform3fv(at('uRight'), right.map((v) => v * pixel));
+    gl.uniform3fv(at('uDown'), down.map((v) => v * pixel));
+    gl.uniform2f(at('uSize'), width, height);
+    gl.uniform1i(at('uLevel'), view.level);
+    gl.uniform1i(at('uMode'), view.mode === 'depth' ? 1 : 0);
+    gl.uniform1i(at('uEntrySide'), shape.entrySide);
+    gl.uniform1i(at('uExitSide'), shape.exitSide);
+    gl.uniform1i(at('uRowBits'), shape.rowBits);
+    gl.uniform1iv(at('uRowBase'), shape.rowBase);
+    gl.uniform1iv(at('uPathBase'), shape.pathBase);
+    gl.uniform1iv(at('uPageBase'), shape.pageBase);
+    ['uTables', 'uPages', 'uColor', 'uDepth'].forEach((name, i) => gl.uniform1i(at(name), i));
+    gl.uniform1i(at('uTileBits'), this.bits);
+    gl.uniform1i(at('uTileHeight'), this.tileHeight);
+    gl.uniform1i(at('uTilesPerLayer'), this.perLayer);
+  }
+
+  // Draws onto the canvas. `scale` <= 1: with so many pixels along each edge, then enlarged.
+  draw(view, scale) {
+    const gl = this.gl, {width, height} = this.canvas;
+    const w = Math.max(1, Math.round(width * scale)), h = Math.max(1, Math.round(height * scale));
+    const whole = w === width && h === height;
+    if (!whole) this.bindLow();
+    else gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.viewport(0, 0, w, h);
+    this.use(this.draws, view, width, height);
+    gl.uniform3fv(this.draws.at('uBackground'), view.background);
+    gl.uniform2f(this.draws.at('uScale'), width / w, height / h);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    if (whole) return;
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.low.framebuffer);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    gl.blitFramebuffer(0, 0, w, h, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.LINEAR);
+  }
+
+  // Binds a framebuffer of the canvas' size, for pictures that take a part of it.
+  bindLow() {
+    const gl = this.gl, {width, height} = this.canvas;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    if (this.low?.width !== width || this.low?.height !== height) {
+      if (this.low) gl.deleteTexture(this.low.texture);
+      const framebuffer = this.low?.framebuffer ?? gl.createFramebuffer();
+      const texture = this.texture(4, gl.TEXTURE_2D, gl.RGBA8, width, height);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
+      gl.bindTexture(gl.TEXTURE_2D, null);
+      this.low = {width, height, texture, framebuffer};
+    }
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.low.framebuffer);
+  }
+
+  // How many passes ask for all rays of a picture.
+  passes() {
+    const across = Math.ceil(this.canvas.width / kFeedbackSize);
+    return across * Math.ceil(this.canvas.height / kFeedbackSize);
+  }
+
+  // Asks for the pages that some rays of a view need; another choice of rays each time. Resolves to
+  // a Set of pages, once the GPU is done.
+  async ask(view) {
+    const gl = this.gl, {width, height} = this.canvas;
+    const across = Math.ceil(width / kFeedbackSize), down = Math.ceil(height / kFeedbackSize);
+    // Steps of 5 among the choices: near rays need the same tiles. It visits all where 5 is coprime.
+    const count = across * down, stride = count % 5 === 0 ? 1 : 5;
+    const choice = this.pass++ * stride % count;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.needs);
+    gl.viewport(0, 0, kFeedbackSize, kFeedbackSize);
+    this.use(this.asks, view, width, height);
+    gl.uniform2f(this.asks.at('uStep'), across, down);
+    gl.uniform2f(this.asks.at('uShift'), choice % across, Math.floor(choice / across));
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    this.packs.forEach((pack, i) => {
+      gl.readBuffer(gl.COLOR_ATTACHMENT0 + i);
+      gl.bindBuffer(gl.PIXEL_PACK_BUFFER, pack);
+      gl.readPixels(0, 0, kFeedbackSize, kFeedbackSize, gl.RGBA_INTEGER, gl.UNSIGNED_INT, 0);
+    });
+    gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
+    const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    for (;;) {
+      await new Promise((done) => setTimeout(done, 4));
+      if (gl.isContextLost()) return new Set();
+      const state = gl.clientWaitSync(fence, 0, 0);
+      if (state === gl.ALREADY_SIGNALED || state === gl.CONDITION_SATISFIED) break;
+    }
+    gl.deleteSync(fence);
+    const pages = new Set();
+    const words = new Uint32Array(kFeedbackSize * kFeedbackSize * 4);
+    this.packs.forEach((pack) => {
+      gl.bindBuffer(gl.PIXEL_PACK_BUFFER, pack);
+      gl.getBufferSubData(gl.PIXEL_PACK_BUFFER, 0, words);
+      let last = 0;
+      for (let i = 0; i < words.length; ++i) {
+        if (words[i] === last || words[i] === 0 || i % 4 === 3) continue;
+        pages.add((last = words[i]) - 1);
+      }
+    });
+    gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
+    return pages;
+  }
+}

@@ -1,0 +1,245 @@
+// The shader: draws a view as FORMAT.md, section 5, defines it. Decoded tiles are in texture arrays,
+// and a page table says where the tile of a pair of sections is.
+
+export const kMostLevels = 11;
+export const kTableBits = 12;  // log2 of the width of the textures that hold tables
+
+// Values of the page table. From kFirstSlot on: the tile's slot, plus kFirstSlot.
+export const kNotLoaded = 0, kEmpty = 1, kMissing = 2, kFirstSlot = 3;
+export const kNoDepth = 0x8000;  // flag: the tile's depth is missing
+
+export const kVertex = `#version 300 es
+void main() {  // one triangle that covers the picture
+  gl_Position = vec4(float(gl_VertexID & 1) * 4.0 - 1.0, float(gl_VertexID >> 1) * 4.0 - 1.0, 0, 1);
+}`;
+
+const kCommon = `#version 300 es
+precision highp float;
+precision highp int;
+precision highp usampler2D;
+precision highp sampler2DArray;
+
+uniform vec3 uEye, uForward, uRight, uDown;  // in radii, from the sphere's centre
+uniform vec2 uSize;                          // of the picture, in pixels
+uniform int uLevel, uMode;                   // mode: 0 bitri, 1 depth
+uniform int uEntrySide, uExitSide, uRowBits;
+uniform int uRowBase[${kMostLevels}], uPathBase[${kMostLevels}], uPageBase[${kMostLevels}];
+uniform usampler2D uTables, uPages;
+uniform sampler2DArray uColor, uDepth;
+uniform int uTileBits, uTileHeight, uTilesPerLayer;  // a tile is 2^uTileBits texels wide
+
+int columns;  // of a tile
+
+uint table(int at) {
+  return texelFetch(uTables, ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits}), 0).r;
+}
+
+struct Cell {
+  int octant;
+  ivec2 base;
+  bool inverted;
+  vec3 weights;
+};
+
+Cell locate(vec3 d, int n) {
+  vec3 a = abs(d);
+  vec2 at = float(n) * a.xy / (a.x + a.y + a.z);
+  Cell cell;
+  cell.octant = (d.x < 0.0 ? 1 : 0) | (d.y < 0.0 ? 2 : 0) | (d.z < 0.0 ? 4 : 0);
+  cell.base.x = min(int(at.x), n - 1);
+  cell.base.y = min(int(at.y), n - 1 - cell.base.x);
+  vec2 f = at - vec2(cell.base);
+  cell.inverted = f.x + f.y > 1.0 && cell.base.x + cell.base.y < n - 1;
+  cell.weights = cell.inverted ? vec3(f.x + f.y - 1.0, 1.0 - f) : vec3(1.0 - f.x - f.y, f);
+  cell.weights = clamp(cell.weights, 0.0, 1.0);
+  return cell;
+}
+
+ivec2 corner(Cell cell, int k) {
+  ivec2 offset = k == 0 ? ivec2(0) : k == 1 ? ivec2(1, 0) : ivec2(0, 1);
+  return cell.base + (cell.inverted ? ivec2(1) - offset : offset);
+}
+
+vec3 vertex(Cell cell, ivec2 p, int n) {
+  vec3 v = vec3(p, n - p.x - p.y);
+  if ((cell.octant & 1) != 0) v.x = -v.x;
+  if ((cell.octant & 2) != 0) v.y = -v.y;
+  if ((cell.octant & 4) != 0) v.z = -v.z;
+  return normalize(v);
+}
+
+int triangle(int p, int q) { return q * (uExitSide + 1) - q * (q - 1) / 2 + p; }
+
+// The exit section of a cell, and the columns of its corners.
+void exitCell(Cell cell, int level, out int section, out ivec3 column) {
+  int n = uExitSide;
+  ivec2 s = cell.base / n, r = cell.base - s * n;
+  bool inverted = r.x + r.y + (cell.inverted ? 1 : 0) >= n;
+  section = (cell.octant << (2 * level)) |
+            int(table(uPathBase[level] + ((s.y << level) + s.x) * 2 + (inverted ? 1 : 0)));
+  int shift = 1;
+  if (cell.inverted) r += 1;
+  if (inverted) r = n - r;
+  if (cell.inverted != inverted) shift = -1;
+  column = ivec3(triangle(r.x, r.y), triangle(r.x + shift, r.y), triangle(r.x, r.y + shift));
+}
+
+int page(int level, int entry, int exit) {
+  return uPageBase[level] + entry * (8 << (2 * level)) + exit;
+}
+
+ivec3 texel(int slot, int sample_) {
+  int layer = slot / uTilesPerLayer;
+  return ivec3(sample_ & ((1 << uTileBits) - 1),
+               (sample_ >> uTileBits) + (slot - layer * uTilesPerLayer) * uTileHeight, layer);
+}
+
+const int kDone = 0, kWaits = 1, kLacks = 2;  // lacks: a tile is missing for good
+
+// Draws the chord from P to Q at a level. needs: the pages of the first round and of the last one.
+int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 last) {
+  int entryN = uEntrySide << level, exitN = uExitSide << level;
+  pixel = vec4(0);
+  first = last = ivec3(0);
+  Cell cell = locate(P, entryN);
+  vec3 chord = Q - P, aim = vec3(0);
+  float chord2 = dot(chord, chord), t = 0.0;
+  float sharp = float(exitN) / 6.4;
+
+  vec3 entry[3];
+  ivec3 section, row;
+  for (int e = 0; e < 3; ++e) {
+    ivec2 p = corner(cell, e);
+    entry[e] = vertex(cell, p, entryN);
+    int place = int(table(uRowBase[level] + (cell.octant * (entryN + 1) + p.y) * (entryN + 1) + p.x));
+    section[e] = place >> uRowBits;
+    row[e] = place & ((1 << uRowBits) - 1);
+  }
+
+  for (int round_ = 0; round_ < 4; ++round_) {
+    vec4 sum = vec4(0);
+    float total = 0.0, opacity = 0.0, position = 0.0;
+    vec3 opacities = vec3(0), positions = vec3(0);
+    int state = kDone;
+    for (int e = 0; e < 3; ++e) {
+      float we = cell.weights[e];
+      if (we <= 0.0) continue;
+      vec3 q = Q;
+      if (round_ > 0) {
+        vec3 v = P + aim[e] * chord - entry[e];
+        float v2 = dot(v, v);
+        q = v2 > 0.0 ? entry[e] - 2.0 * dot(entry[e], v) / v2 * v : entry[e];
+      }
+      Cell leave = locate(q, exitN);
+      int exit;
+      ivec3 column;
+      exitCell(leave, level, exit, column);
+      int at = page(level, section[e], exit);
+      if (round_ == 0) first[e] = at + 1; else last[e] = at + 1;
+      uint held = texelFetch(uPages, ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits}), 0).r;
+      if (held == ${kNotLoaded}u) state = max(state, kWaits);
+      bool lacksDepth = (held & ${kNoDepth}u) != 0u;
+      if (held == ${kMissing}u || (uMode == 1 && lacksDepth)) state = kLacks;
+      if (state != kDone) continue;
+      int slot = int(held & ${kNoDepth - 1}u) - ${kFirstSlot};
+      vec3 along = vec3(dot(entry[e] - P, chord), dot(q - entry[e], chord), 0) / chord2;
+      for (int x = 0; x < 3; ++x) {
+        float wx = leave.weights[x];
+        vec4 color = vec4(0);
+        float depth = 0.0;
+        if (slot >= 0) {
+          ivec3 from = texel(slot, row[e] * columns + column[x]);
+          color = texelFetch(uColor, from, 0);
+          if (uMode == 1) depth = texelFetch(uDepth, from, 0).r;
+        }
+        float tx = along.x + depth * along.y;
+        opacities[e] += wx * color.a;
+        positions[e] += wx * color.a * tx;
+        float g = we * wx;
+        if (round_ > 0) {
+          float off = (tx - aim[e]) * sharp;
+          g *= 1.0 - 0.9 * min(4.0 * color.a, 1.0) * min(off * off, 1.0);
+        }
+        sum += g * color;
+        total += g;
+      }
+      opacity += we * opacities[e];
+      position += we * positions[e];
+    }
+    if (state != kDone) return state;
+    pixel = round_ == 0 ? sum : sum / total;
+    if (uMode == 0) return kDone;
+    const float kFaint = 1.0 / 255.0;
+    if (round_ == 0) {
+      if (opacity <= kFaint) return kDone;
+      t = clamp(position / opacity, 0.0, 1.0);
+      aim = vec3(t);
+      continue;
+    }
+    if (opacity > kFaint) t = clamp(position / opacity, 0.0, 1.0);
+    float moved = 0.0;
+    for (int e = 0; e < 3; ++e) {
+      float own = opacities[e] > kFaint ? clamp(positions[e] / opacities[e], 0.0, 1.0) : t;
+      float next = 0.5 * (t + own);
+      if (cell.weights[e] > 0.0) moved = max(moved, abs(next - aim[e]));
+      aim[e] = next;
+    }
+    if (moved <= float(entryN) / 2048.0) return kDone;
+  }
+  return kDone;
+}
+
+// Where the pixel's line meets the sphere. False: it misses, or the sphere is behind the eye.
+bool meet(vec2 at, out vec3 P, out vec3 Q) {
+  vec3 d = uForward + (at.x - 0.5 * uSize.x) * uRight + (0.5 * uSize.y - at.y) * uDown;
+  float d2 = dot(d, d), nearest = -dot(uEye, d) / d2;
+  vec3 offset = uEye + nearest * d;
+  float rest = 1.0 - dot(offset, offset);
+  if (!(rest > 0.0)) return false;
+  float half_ = sqrt(rest / d2);
+  P = offset - half_ * d;
+  Q = offset + half_ * d;
+  return nearest + half_ > 0.0;
+}
+`;
+
+export const kDraw = kCommon + `
+uniform vec3 uBackground;
+uniform vec2 uScale;  // of the drawn part to the picture
+out vec4 result;
+
+void main() {
+  columns = (uExitSide + 1) * (uExitSide + 2) / 2;
+  vec3 P, Q;
+  vec4 pixel = vec4(0);
+  if (meet(gl_FragCoord.xy * uScale, P, Q)) {
+    ivec3 first, last;
+    for (int level = uLevel; level >= 0; --level)
+      if (draw(level, P, Q, pixel, first, last) == kDone) break;
+      else pixel = vec4(0);
+  }
+  result = vec4(pixel.rgb + (1.0 - pixel.a) * uBackground, 1);
+}`;
+
+// Which tiles the picture needs: some of its rays, another choice in each pass. A level that lacks a
+// tile for good is replaced by the next coarser one, as when drawing.
+export const kFeedback = kCommon + `
+uniform vec2 uStep, uShift;
+layout(location = 0) out uvec4 needed0;
+layout(location = 1) out uvec4 needed1;
+
+void main() {
+  columns = (uExitSide + 1) * (uExitSide + 2) / 2;
+  needed0 = needed1 = uvec4(0);
+  vec3 P, Q;
+  vec2 at = (floor(gl_FragCoord.xy) * uStep + uShift) + 0.5;
+  if (at.x >= uSize.x || at.y >= uSize.y || !meet(at, P, Q)) return;
+  for (int level = uLevel; level >= 0; --level) {
+    vec4 pixel;
+    ivec3 first, last;
+    int state = draw(level, P, Q, pixel, first, last);
+    needed0 = uvec4(first, state);
+    needed1 = uvec4(last, 0);
+    if (state != kLacks) return;
+  }
+}`;

@@ -1,0 +1,361 @@
+#include "view/server.h"
+
+#include <fcntl.h>
+#include <httplib.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <charconv>
+#include <chrono>
+#include <condition_variable>
+#include <cstring>
+#include <filesystem>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <utility>
+
+#include "slf/field.h"
+#include "view/page.h"
+
+namespace slf::view {
+namespace {
+
+constexpr int kPatience = 5;  // seconds that a peer may stall
+constexpr int kIdle = 2;      // seconds that an idle connection stays; ending waits for it
+constexpr std::size_t kRequests = 1000;    // on one connection
+constexpr std::size_t kPiece = 256 << 10;  // bytes read from a field at once
+constexpr const char* kPolicy =
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
+    "img-src 'self' blob: data:; connect-src 'self'; worker-src 'self'; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'self'";
+
+/// httplib's own queue accepts without limit; this one makes the accepting thread wait.
+class BoundedPool final : public httplib::TaskQueue {
+ public:
+  BoundedPool() : pool_(Server::kConnections) {}
+
+  void enqueue(std::function<void()> task) override {
+    {
+      std::unique_lock lock(mutex_);
+      finished_.wait(lock, [&] { return running_ < Server::kConnections; });
+      ++running_;
+    }
+    pool_.enqueue([this, task = std::move(task)] {
+      task();
+      const std::lock_guard lock(mutex_);
+      --running_;
+      finished_.notify_one();
+    });
+  }
+  void shutdown() override { pool_.shutdown(); }
+
+ private:
+  httplib::ThreadPool pool_;
+  std::mutex mutex_;
+  std::condition_variable finished_;
+  unsigned running_ = 0;
+};
+
+/// An open field, served as it is on the disk at each request.
+class Served {
+ public:
+  static Result<Served> open(const std::string& path) {
+    if (auto field = Field::open(path); !field) return tl::unexpected(field.error());
+    Served result;
+    result.path_ = path;
+    result.file_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (result.file_ < 0) return fail(ErrorCode::io, path, ": cannot open: ", std::strerror(errno));
+    return result;
+  }
+  Served() = default;
+  Served(Served&& other) noexcept
+      : name(std::move(other.name)),
+        path_(std::move(other.path_)),
+        file_(std::exchange(other.file_, -1)) {}
+  Served& operator=(Served&&) = delete;
+  ~Served() {
+    if (file_ >= 0) ::close(file_);
+  }
+
+  std::string name;  ///< its folder
+
+  [[nodiscard]] const std::string& path() const { return path_; }
+  [[nodiscard]] bool state(std::uint64_t& size, std::string& tag) const {
+    struct stat status = {};
+    if (fstat(file_, &status) != 0) return false;
+    size = static_cast<std::uint64_t>(status.st_size);
+    std::array<char, 80> text;
+    std::snprintf(text.data(), text.size(), "\"%llx-%llx-%lx\"",
+                  static_cast<unsigned long long>(status.st_size),
+                  static_cast<unsigned long long>(status.st_mtim.tv_sec), status.st_mtim.tv_nsec);
+    tag = text.data();
+    return true;
+  }
+
+  /// Sends a part of the file. False: the peer is gone, or the file has shrunk.
+  bool send(std::uint64_t offset, std::uint64_t size, httplib::DataSink& sink) const {
+    std::vector<char> piece(std::min<std::uint64_t>(size, kPiece));
+    while (size > 0) {
+      const ssize_t got = pread(file_, piece.data(), std::min<std::uint64_t>(size, piece.size()),
+                                static_cast<off_t>(offset));
+      if (got <= 0 || !sink.write(piece.data(), static_cast<std::size_t>(got))) return false;
+      offset += static_cast<std::uint64_t>(got);
+      size -= static_cast<std::uint64_t>(got);
+    }
+    return true;
+  }
+
+ private:
+  std::string path_;
+  int file_ = -1;
+};
+
+/// A field's name as part of an address: letters, digits, '.', '-' and '_'.
+std::string folder_name(const std::string& path) {
+  std::string name = std::filesystem::path(path).stem().string();
+  for (char& c : name)
+    if (!std::isalnum(static_cast<unsigned char>(c)) && c != '.' && c != '-') c = '_';
+  if (name.empty() || name[0] == '.') name.insert(0, "_");
+  return name;
+}
+
+bool parse_number(std::string_view text, std::uint64_t& value) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc() && end == text.data() + text.size();
+}
+
+/// The bytes a Range header selects.
+struct Selection {
+  enum class Kind { whole, part, unsatisfiable } kind = Kind::whole;
+  std::uint64_t first = 0;
+  std::uint64_t size = 0;
+};
+
+/// A header with several ranges, or one that is not understood, selects the whole (RFC 9110, 14.2).
+Selection select(std::string_view header, std::uint64_t size) {
+  const Selection whole{Selection::Kind::whole, 0, size};
+  constexpr std::string_view kUnit = "bytes=";
+  if (!header.starts_with(kUnit) || header.find(',') != std::string_view::npos) return whole;
+  header.remove_prefix(kUnit.size());
+  const std::size_t dash = header.find('-');
+  if (dash == std::string_view::npos) return whole;
+  const std::string_view first = header.substr(0, dash), last = header.substr(dash + 1);
+  std::uint64_t begin = 0, end = size;
+  if (first.empty()) {
+    std::uint64_t count = 0;
+    if (!parse_number(last, count)) return whole;
+    begin = size - std::min(size, count);
+  } else {
+    if (!parse_number(first, begin)) return whole;
+    if (!last.empty()) {
+      std::uint64_t inclusive = 0;
+      if (!parse_number(last, inclusive) || inclusive < begin) return whole;
+      end = inclusive < size ? inclusive + 1 : size;
+    }
+  }
+  if (begin >= end) return {Selection::Kind::unsatisfiable, 0, 0};
+  return {Selection::Kind::part, begin, end - begin};
+}
+
+/// Whether a list of entity tags holds `tag`; weak ones count.
+bool lists(std::string_view header, std::string_view tag) {
+  return header == "*" || header.find(tag) != std::string_view::npos;
+}
+
+void explain(httplib::Response& response, int status, const std::string& text) {
+  response.status = status;
+  response.set_content(text + "\n", "text/plain; charset=utf-8");
+}
+
+}  // namespace
+
+struct Server::State {
+  httplib::Server http;
+  std::vector<Served> fields;
+  std::string url, tag;            // tag: of the page's files
+  std::vector<std::string> hosts;  // empty: any
+
+  void answer(httplib::Request& request, httplib::Response& response) const;
+  void answer_file(const httplib::Request& request, httplib::Response& response,
+                   const std::string& range, const Served& field) const;
+  void answer_list(httplib::Response& response) const;
+};
+
+void Server::State::answer(httplib::Request& request, httplib::Response& response) const {
+  response.set_header("Content-Security-Policy", kPolicy);
+  response.set_header("X-Content-Type-Options", "nosniff");
+  response.set_header("Referrer-Policy", "no-referrer");
+  response.set_header("Cross-Origin-Resource-Policy", "same-origin");
+  response.set_header("Cache-Control", "no-cache");
+  // httplib applies ranges without comparing them with the size, so select() does it instead.
+  const std::string range = request.get_header_value("Range");
+  request.ranges.clear();
+
+  if (!hosts.empty() &&
+      (request.get_header_value_count("Host") != 1 ||
+       std::find(hosts.begin(), hosts.end(), request.get_header_value("Host")) == hosts.end()))
+    return explain(response, 403,
+                   "This server answers to " + hosts[0] + " only; slf view --bind changes that.");
+  if (request.method != "GET" && request.method != "HEAD") {
+    response.set_header("Allow", "GET, HEAD");
+    return explain(response, 405, "Only GET and HEAD work here.");
+  }
+  if (request.path == "/") {
+    if (fields.size() > 1) return answer_list(response);
+    response.status = 302;
+    response.set_header("Location", fields[0].name + "/");
+    return;
+  }
+  for (const Served& field : fields) {
+    const std::string folder = "/" + field.name;
+    if (request.path == folder) {
+      response.status = 302;
+      response.set_header("Location", field.name + "/");
+      return;
+    }
+    if (!request.path.starts_with(folder + "/")) continue;
+    const std::string_view name = std::string_view(request.path).substr(folder.size() + 1);
+    if (name == "field.slf") return answer_file(request, response, range, field);
+    for (const PageFile& file : page_files()) {
+      if (name != file.name && !(name.empty() && file.name == "index.html")) continue;
+      response.set_header("ETag", tag);
+      response.status = 200;
+      if (lists(request.get_header_value("If-None-Match"), tag)) {
+        response.status = 304;
+        return;
+      }
+      response.set_content(file.bytes.data(), file.bytes.size(), std::string(file.type));
+      return;
+    }
+  }
+  explain(response, 404, "Not here. The fields are listed at /.");
+}
+
+void Server::State::answer_file(const httplib::Request& request, httplib::Response& response,
+                                const std::string& range, const Served& field) const {
+  std::uint64_t size = 0;
+  std::string now;
+  if (!field.state(size, now) || size == 0)
+    return explain(response, 500, "The field cannot be read.");
+  response.set_header("ETag", now);
+  response.set_header("Accept-Ranges", "bytes");
+  if (request.has_header("If-Match") && !lists(request.get_header_value("If-Match"), now))
+    return explain(response, 412, "The field has changed.");
+  if (lists(request.get_header_value("If-None-Match"), now)) {
+    response.status = 304;
+    return;
+  }
+  const bool same = !request.has_header("If-Range") || request.get_header_value("If-Range") == now;
+  const Selection part = select(same ? range : "", size);
+  if (part.kind == Selection::Kind::unsatisfiable) {
+    response.set_header("Content-Range", "bytes */" + std::to_string(size));
+    return explain(response, 416, "The field has " + std::to_string(size) + " bytes.");
+  }
+  response.status = 200;
+  if (part.kind == Selection::Kind::part) {
+    response.status = 206;
+    response.set_header("Content-Range", "bytes " + std::to_string(part.first) + "-" +
+                                             std::to_string(part.first + part.size - 1) + "/" +
+                                             std::to_string(size));
+  }
+  response.set_content_provider(
+      part.size, "application/octet-stream",
+      [&field, first = part.first](std::size_t offset, std::size_t count, httplib::DataSink& sink) {
+        return field.send(first + offset, std::min(count, kPiece), sink);
+      });
+}
+
+void Server::State::answer_list(httplib::Response& response) const {
+  std::string html =
+      "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Fields</title>"
+      "<h1>Fields</h1><ul>";
+  for (const Served& field : fields)  // names have no character that HTML would need escaped
+    html += "<li><a href=\"" + field.name + "/\">" + field.name + "</a></li>";
+  response.status = 200;
+  response.set_content(html + "</ul></html>", "text/html; charset=utf-8");
+}
+
+Server::Server(std::unique_ptr<State> state) : state_(std::move(state)) {}
+Server::Server(Server&&) noexcept = default;
+Server& Server::operator=(Server&&) noexcept = default;
+Server::~Server() = default;
+
+const std::string& Server::url() const { return state_->url; }
+
+Result<Server> Server::make(std::span<const std::string> fields, const ServerOptions& options) {
+  if (fields.empty()) return fail(ErrorCode::usage, "view: name at least one field");
+  auto state = std::make_unique<State>();
+  for (const std::string& path : fields) {
+    auto field = Served::open(path);
+    if (!field) return tl::unexpected(field.error());
+    const std::string name = folder_name(path);
+    field->name = name;
+    for (int copy = 2; std::any_of(state->fields.begin(), state->fields.end(),
+                                   [&](const Served& other) { return other.name == field->name; });
+         ++copy)
+      field->name = name + "-" + std::to_string(copy);
+    state->fields.push_back(std::move(*field));
+  }
+  std::size_t hash = 0;
+  for (const PageFile& file : page_files())
+    hash = hash * 31 + std::hash<std::string_view>()(file.bytes);
+  state->tag = "\"" + std::to_string(hash) + "\"";
+
+  httplib::Server& http = state->http;
+  http.new_task_queue = [] { return new BoundedPool; };  // httplib deletes it
+  http.set_read_timeout(kPatience);
+  http.set_write_timeout(kPatience);
+  http.set_keep_alive_timeout(kIdle);
+  http.set_keep_alive_max_count(kRequests);
+  http.set_payload_max_length(0);
+  // Without SO_REUSEPORT, which httplib would set: two programs must not share a port.
+  http.set_socket_options([](socket_t socket) {
+    const int yes = 1;
+    setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+  });
+  http.set_pre_routing_handler(
+      [s = state.get()](const httplib::Request& request, httplib::Response& response) {
+        s->answer(const_cast<httplib::Request&>(request), response);  // httplib's own, not const
+        return httplib::Server::HandlerResponse::Handled;
+      });
+
+  int port = options.port;
+  errno = 0;
+  if (port == 0)
+    port = http.bind_to_any_port(options.address);
+  else if (!http.bind_to_port(options.address, port))
+    port = -1;
+  if (port <= 0)
+    return fail(ErrorCode::io, "cannot listen on ", options.address, ":", options.port, ": ",
+                errno != 0 ? std::strerror(errno) : "no such address",
+                "; another --port or --bind may do");
+  const std::string suffix = ":" + std::to_string(port);
+  if (!options.any_host)
+    state->hosts = {"127.0.0.1" + suffix, "localhost" + suffix, "[::1]" + suffix};
+  const bool ipv6 = options.address.find(':') != std::string::npos;
+  state->url = "http://" + (ipv6 ? "[" + options.address + "]" : options.address) + suffix + "/" +
+               (fields.size() == 1 ? state->fields[0].name + "/" : "");
+  return Server(std::move(state));
+}
+
+Result<void> Server::run(const std::function<bool()>& stop) {
+  std::atomic<bool> ended = false;
+  bool fine = true;
+  std::thread listener([&] {
+    fine = state_->http.listen_after_bind();
+    ended = true;
+  });
+  while (!ended && !(state_->http.is_running() && stop()))
+    std::this_thread::sleep_for(std::chrono::milliseconds(state_->http.is_running() ? 100 : 1));
+  if (!ended) state_->http.stop();
+  listener.join();
+  if (!fine) return fail(ErrorCode::failed, state_->url, ": the server ended unexpectedly");
+  return {};
+}
+
+}  // namespace slf::view

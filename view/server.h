@@ -1,0 +1,55 @@
+// Server: shows fields in a browser, over HTTP on this machine.
+//
+// Each field has a folder of its own, /NAME/, which holds the page and the field, as an exported
+// site does (view/site.h). The server sends these files and nothing else.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "slf/error.h"
+
+namespace slf::view {
+
+struct ServerOptions {
+  /// A numeric address or host name of this machine. Other machines reach only addresses that are
+  /// not the loopback's.
+  std::string address = "127.0.0.1";
+  std::uint16_t port = 0;  ///< 0: any free port
+  /// Answer requests for any host name. Without it the server answers only to 127.0.0.1, localhost
+  /// and [::1], so that a web site whose name resolves to this machine cannot read fields.
+  bool any_host = false;
+};
+
+/// Answers GET and HEAD, with ranges, entity tags and conditional requests. Requests are untrusted.
+/// At most kConnections are served at once; others wait in the kernel's short queue.
+class Server {
+ public:
+  static constexpr unsigned kConnections = 32;
+
+  /// Opens the fields and binds the address. io: a field cannot be read, or the address is taken.
+  /// bad_file, unsupported: a file is no field. usage: no field is given.
+  [[nodiscard]] static Result<Server> make(std::span<const std::string> fields,
+                                           const ServerOptions& options);
+  Server(Server&&) noexcept;
+  Server& operator=(Server&&) noexcept;
+  ~Server();
+
+  /// Where the first page is: "http://127.0.0.1:PORT/NAME/", or the list of several.
+  [[nodiscard]] const std::string& url() const;
+
+  /// Serves until `stop` returns true; asks it ten times a second.
+  /// failed: the server could not go on.
+  [[nodiscard]] Result<void> run(const std::function<bool()>& stop);
+
+ private:
+  struct State;
+  explicit Server(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace slf::view

@@ -1,0 +1,288 @@
+// The project's code in the page: what reads a container from ranges of bytes, and what decodes
+// tiles. view/page/module.js calls it. One instance of the module reads, on the page's thread; each
+// worker has another that decodes.
+//
+// Numbers that need more than 32 bits are doubles. A call that fails leaves a message; a call that
+// needs more bytes leaves the ranges. Memory that JavaScript fills comes from slf_buffer().
+
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <cstring>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "codec/codec.h"
+#include "field/geometry/level_geometry.h"
+#include "field/manifest.h"
+#include "field/predicted_tiles.h"
+#include "storage/internal/record.h"
+#include "storage/ranged_store.h"
+
+#define SLF_EXPORT(name) extern "C" __attribute__((export_name(#name)))
+
+namespace {
+
+using namespace slf;
+
+enum Status : int { kDone = 0, kWants = 1, kFailed = 2 };
+
+struct Found {
+  double state;  ///< 0 missing, 1 empty, 2 stored, 3 wants bytes, 4 damaged
+  double begin, end;
+  std::uint64_t checksum;
+};
+
+/// The codec of a layer.
+struct Decoder {
+  std::unique_ptr<codec::Codec> codec;
+  std::unique_ptr<PredictedTiles> predicted;  ///< if its tiles are predicted from others
+};
+
+struct Module {
+  std::string text;  // a message or a description
+  std::string name;  // of the file
+  Bytes buffer;      // from JavaScript
+  std::unique_ptr<storage::RangedStore> store;
+  std::vector<double> ranges;  // begin, end, begin, end, …
+  std::vector<Found> found;
+  std::optional<Manifest> manifest;
+  std::vector<std::unique_ptr<LevelGeometry>> geometry;  // by level, made when needed
+  std::vector<Decoder> decoders;                         // by layer
+  std::map<TileKey, TileSamples> references;             // for the next tile to decode
+  std::vector<std::uint32_t> sections;                   // (entry, exit) of each reference
+  Bytes samples;
+};
+
+Module& module() {
+  static Module instance;
+  return instance;
+}
+
+int failed(const Error& error) {
+  module().text = error.message;
+  return kFailed;
+}
+
+/// An error of the store: it may only need more bytes.
+int refused(const Error& error) {
+  Module& m = module();
+  m.ranges.clear();
+  for (const storage::FileRange& range : m.store->wanted()) {
+    m.ranges.push_back(static_cast<double>(range.begin));
+    m.ranges.push_back(static_cast<double>(range.end));
+  }
+  return m.ranges.empty() ? failed(error) : kWants;
+}
+
+std::string_view text_of(ByteSpan bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+const LevelGeometry& geometry(unsigned level) {
+  Module& m = module();
+  if (m.geometry.size() <= level) m.geometry.resize(level + 1);
+  if (!m.geometry[level])
+    m.geometry[level] = std::make_unique<LevelGeometry>(m.manifest->shape, level);
+  return *m.geometry[level];
+}
+
+TileKey key_of(unsigned level, std::uint32_t entry, std::uint32_t exit) {
+  const unsigned deeper = level + module().manifest->shape.entry_extra_levels;
+  return tile_key(
+      {{static_cast<std::uint8_t>(deeper), entry}, {static_cast<std::uint8_t>(level), exit}});
+}
+
+Result<void> take_manifest(ByteSpan bytes, const std::string& name) {
+  auto manifest = Manifest::parse(text_of(bytes), name);
+  if (!manifest) return tl::unexpected(manifest.error());
+  module().manifest = std::move(*manifest);
+  return {};
+}
+
+}  // namespace
+
+SLF_EXPORT(slf_buffer) std::byte* slf_buffer(std::size_t size) {
+  module().buffer.resize(size);
+  return module().buffer.data();
+}
+SLF_EXPORT(slf_text) const char* slf_text() { return module().text.data(); }
+SLF_EXPORT(slf_text_size) std::size_t slf_text_size() { return module().text.size(); }
+
+/// What threads destroy when they end. The only thread here does not end.
+extern "C" int __cxa_thread_atexit(void (*)(void*), void*, void*) { return 0; }
+
+// ---- reading ------------------------------------------------------------------------------------
+
+/// Begins with a file of so many bytes; the buffer holds its name.
+SLF_EXPORT(slf_begin) void slf_begin(double file_bytes) {
+  Module& m = module();
+  m.name = text_of(m.buffer);
+  m.store = std::make_unique<storage::RangedStore>(m.name, static_cast<std::uint64_t>(file_bytes));
+}
+
+/// Takes the buffer as the bytes at an offset of the file.
+SLF_EXPORT(slf_add) void slf_add(double offset) {
+  Module& m = module();
+  m.store->add(static_cast<std::uint64_t>(offset), std::move(m.buffer));
+  m.buffer = {};
+}
+
+/// Opens the field. When done, the text is the manifest.
+SLF_EXPORT(slf_open) int slf_open() {
+  Module& m = module();
+  if (auto open = m.store->open(); !open) return refused(open.error());
+  const auto blob = m.store->blob("field");
+  if (!blob) return refused(blob.error());
+  if (auto taken = take_manifest(*blob, m.name); !taken) return failed(taken.error());
+  bool same = m.store->layers().size() == m.manifest->layers.size();
+  for (std::size_t i = 0; same && i < m.manifest->layers.size(); ++i)
+    same = m.store->layers()[i].name == m.manifest->layers[i].name;
+  if (!same)
+    return failed({ErrorCode::bad_file, "the manifest and the container name different layers"});
+  m.text = text_of(*blob);
+  return kDone;
+}
+
+/// The shared tables of a layer's codec, as the text.
+SLF_EXPORT(slf_tables) int slf_tables(std::uint32_t layer) {
+  Module& m = module();
+  const auto blob = m.store->blob("tables/" + m.manifest->layers[layer].name);
+  if (!blob) return refused(blob.error());
+  m.text = text_of(*blob);
+  return kDone;
+}
+
+SLF_EXPORT(slf_ranges) const double* slf_ranges() { return module().ranges.data(); }
+SLF_EXPORT(slf_range_count) std::size_t slf_range_count() { return module().ranges.size() / 2; }
+
+/// Finds tiles of a layer. The buffer holds (level, entry section, exit section), u32 each. Returns
+/// one Found per tile; the ranges are what all of them want.
+SLF_EXPORT(slf_find) const Found* slf_find(std::uint32_t layer) {
+  Module& m = module();
+  m.found.clear();
+  std::string damage;
+  for (std::size_t at = 0; at + 12 <= m.buffer.size(); at += 12) {
+    const auto word = [&](std::size_t i) {
+      return load_le<std::uint32_t>(m.buffer.data() + at + 4 * i);
+    };
+    const auto tile = m.store->find(layer, key_of(word(0), word(1), word(2)));
+    if (!tile) {
+      m.found.push_back({tile.error().code == ErrorCode::io ? 3.0 : 4.0, 0, 0, 0});
+      if (tile.error().code != ErrorCode::io) damage = tile.error().message;
+      continue;
+    }
+    m.found.push_back({static_cast<double>(tile->state), static_cast<double>(tile->payload.begin),
+                       static_cast<double>(tile->payload.end), tile->checksum});
+  }
+  (void)refused({ErrorCode::bad_file, damage});
+  return m.found.data();
+}
+
+// ---- geometry, for the GPU ----------------------------------------------------------------------
+
+/// LevelGeometry's tables of a level, as u32.
+SLF_EXPORT(slf_entry_rows) const std::uint32_t* slf_entry_rows(unsigned level) {
+  return geometry(level).entry_rows().data();
+}
+SLF_EXPORT(slf_entry_row_count) std::size_t slf_entry_row_count(unsigned level) {
+  return geometry(level).entry_rows().size();
+}
+SLF_EXPORT(slf_row_bits) unsigned slf_row_bits(unsigned level) {
+  return geometry(level).row_bits();
+}
+SLF_EXPORT(slf_exit_paths) const std::uint32_t* slf_exit_paths(unsigned level) {
+  return geometry(level).exit_paths().data();
+}
+SLF_EXPORT(slf_exit_path_count) std::size_t slf_exit_path_count(unsigned level) {
+  return geometry(level).exit_paths().size();
+}
+
+// ---- decoding -----------------------------------------------------------------------------------
+
+/// Takes the manifest from the buffer. Enough for a module that only decodes.
+SLF_EXPORT(slf_manifest) int slf_manifest() {
+  const auto taken = take_manifest(module().buffer, "field");
+  return taken ? kDone : failed(taken.error());
+}
+
+/// Makes the codec of a layer, with the tables in the buffer.
+SLF_EXPORT(slf_codec) int slf_codec(std::uint32_t layer) {
+  Module& m = module();
+  const Layer& of = m.manifest->layers[layer];
+  auto made = codec::make_codec(of.codec, of.format, m.buffer);
+  if (!made) return failed(made.error());
+  m.decoders.resize(m.manifest->layers.size());
+  Decoder& decoder = m.decoders[layer];
+  decoder.codec = std::move(*made);
+  if (const auto* predictive = decoder.codec->predictive())
+    decoder.predicted = std::make_unique<PredictedTiles>(m.manifest->shape, *predictive, geometry);
+  return kDone;
+}
+
+/// Verifies the payload in the buffer.
+SLF_EXPORT(slf_check)
+int slf_check(std::uint32_t layer, std::uint32_t level, std::uint32_t entry, std::uint32_t exit,
+              std::uint32_t checksum_low, std::uint32_t checksum_high) {
+  const std::uint64_t checksum = std::uint64_t{checksum_high} << 32 | checksum_low;
+  const TileKey key = key_of(level, entry, exit);
+  if (storage::internal::payload_checksum(layer, key, module().buffer) == checksum) return kDone;
+  return failed({ErrorCode::bad_file, "the payload does not match its checksum"});
+}
+
+/// What the payload in the buffer is predicted from: slf_reference_count() pairs of an entry and an
+/// exit section of the level below. Such a tile may be none of the field's.
+SLF_EXPORT(slf_references)
+const std::uint32_t* slf_references(std::uint32_t layer, std::uint32_t level, std::uint32_t entry,
+                                    std::uint32_t exit) {
+  Module& m = module();
+  m.sections.clear();
+  if (const auto& predicted = m.decoders[layer].predicted)
+    for (const TileKey key : predicted->references(key_of(level, entry, exit), m.buffer)) {
+      const TileSections of = sections_of(key, m.manifest->shape.entry_extra_levels);
+      m.sections.insert(m.sections.end(), {of.entry.index, of.exit.index});
+    }
+  return m.sections.data();
+}
+SLF_EXPORT(slf_reference_count) std::size_t slf_reference_count() {
+  return module().sections.size() / 2;
+}
+
+/// Takes the buffer as the samples of a tile that the next one to decode is predicted from; no
+/// bytes: nothing is visible in it.
+SLF_EXPORT(slf_add_reference)
+int slf_add_reference(std::uint32_t layer, std::uint32_t level, std::uint32_t entry,
+                      std::uint32_t exit) {
+  Module& m = module();
+  const codec::Tile shape = geometry(level).tile(entry, m.manifest->layers[layer].format);
+  if (!m.buffer.empty() && m.buffer.size() != shape.bytes())
+    return failed({ErrorCode::usage, "a reference has another size"});
+  m.references[key_of(level, entry, exit)] =
+      m.buffer.empty() ? nullptr : std::make_shared<const Bytes>(std::move(m.buffer));
+  m.buffer = {};
+  return kDone;
+}
+
+/// Decodes the payload in the buffer, which slf_check() found sound. Forgets the references.
+SLF_EXPORT(slf_decode)
+int slf_decode(std::uint32_t layer, std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
+  Module& m = module();
+  const TileKey key = key_of(level, entry, exit);
+  const codec::Tile tile = geometry(level).tile(entry, m.manifest->layers[layer].format);
+  m.samples.resize(tile.bytes());
+  const Decoder& decoder = m.decoders[layer];
+  const auto references = std::exchange(m.references, {});
+  const auto source = [&](TileKey of) -> Result<TileSamples> {
+    if (const auto found = references.find(of); found != references.end()) return found->second;
+    return fail(ErrorCode::failed, "a tile that this one is predicted from is missing");
+  };
+  const auto decoded = decoder.predicted
+                           ? decoder.predicted->decode(key, m.buffer, source, m.samples)
+                           : decoder.codec->decode(tile, m.buffer, m.samples);
+  return decoded ? kDone : failed(decoded.error());
+}
+SLF_EXPORT(slf_samples) const std::byte* slf_samples() { return module().samples.data(); }
+SLF_EXPORT(slf_sample_bytes) std::size_t slf_sample_bytes() { return module().samples.size(); }
