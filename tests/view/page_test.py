@@ -291,4 +291,4 @@ if __name__ == "__main__":
     if probe.returncode == 5:
         print("skipped: slf was built without the page")
         sys.exit(77)
-    unittest.main(argv=sys.argv[:1] + os.environ.get("SLF_TESTS", "").split(), verbosity=2)
+    unittest.main(argv=sys.argv[:1], verbosity=2)
