@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "cli/command.h"
+#include "slf/image.h"
 #include "slf/scene.h"
 #include "slf/transfer.h"
 
@@ -239,6 +240,111 @@ void SourceArguments::add_light_to(CLI::App& command) {
       ->capture_default_str();
   command.add_flag("--no-shade", no_shade, "Colours as in the transfer function, unlit")
       ->group(group);
+  LightOptions& lighting = raycast.lighting;
+  choose(command.add_option("--lighting", lighting.mode,
+                            "direct: one light without shadows; shadowed: a rig of lights and its\n"
+                            "surroundings, with shadows; global: scattered light as well"),
+         Choices<Lighting>{{"direct", Lighting::direct},
+                           {"shadowed", Lighting::shadowed},
+                           {"global", Lighting::global}})
+      ->type_name("TEXT")
+      ->group(group)
+      ->default_str("direct");
+  std::string names;
+  for (const LightRig& rig : built_in_rigs()) names += (names.empty() ? "" : ", ") + rig.name;
+  command
+      .add_option("--light-rig", light_rig,
+                  "Lights and sky of shadowed and global light: " + names + ",\nor a JSON file")
+      ->type_name(kAnyFile)
+      ->group(group)
+      ->default_str(built_in_rigs().front().name);
+  add_environment_to(command);
+  command
+      .add_option("--environment-gain", lighting.environment_gain,
+                  "Factor of the environment picture's radiance")
+      ->check(kNotNegative)
+      ->group(group)
+      ->capture_default_str();
+  command
+      .add_option("--light-samples", lighting.samples,
+                  "Paths of light per node of the light volume: twice as many take twice\n"
+                  "the time for 0.7 times the noise")
+      ->check(CLI::Range(1, 65536))
+      ->group(group)
+      ->capture_default_str();
+  command
+      .add_option("--light-bounces", lighting.bounces, "How often light scatters at most (global)")
+      ->check(CLI::Range(0, 1000))
+      ->group(group)
+      ->capture_default_str();
+  command
+      .add_option("--light-spacing", lighting.spacing,
+                  "Distance between nodes of the light volume, in voxels")
+      ->group(group)
+      ->capture_default_str();
+  add_bytes(command, "--light-memory", lighting.memory,
+            "Most memory for computing the light volume; its nodes stand further\n"
+            "apart where it does not suffice")
+      ->group(group);
+  command.add_option("--light-seed", lighting.seed, "Another one gives other noise")
+      ->group(group)
+      ->capture_default_str();
+  add_tone(command, lighting.tone, group);
+}
+
+void SourceArguments::add_environment_to(CLI::App& command) {
+  command
+      .add_option("--environment", environment,
+                  "Picture that surrounds the volume instead of the rig's sky: latitude-longitude\n"
+                  "OpenEXR of linear radiance, up being +z and the middle the front")
+      ->type_name(kAnyFile)
+      ->group("Light");
+}
+
+void SourceArguments::add_reference_to(CLI::App& command) {
+  auto* flag = command.add_flag("--reference", reference,
+                                "Path tracing instead of the light volume: unbiased, slow");
+  command.add_option("--samples", paths.samples, "Paths per ray")
+      ->check(CLI::Range(1, 1 << 24))
+      ->needs(flag)
+      ->capture_default_str();
+}
+
+void add_tone(CLI::App& command, ToneMapping& tone, const char* group) {
+  command
+      .add_option("--exposure", tone.exposure,
+                  "Photographic stops by which shadowed or global light is brighter")
+      ->check(CLI::Range(-20.0, 20.0))
+      ->group(group)
+      ->capture_default_str();
+  choose(command.add_option("--tonemap", tone.curve,
+                            "From radiance to colours: neutral compresses what is bright, srgb cuts "
+                            "it off,\nnone leaves radiance as it is"),
+         Choices<ToneCurve>{{"neutral", ToneCurve::neutral},
+                            {"srgb", ToneCurve::srgb},
+                            {"none", ToneCurve::none}})
+      ->type_name("TEXT")
+      ->group(group)
+      ->default_str("neutral");
+}
+
+Result<void> SourceArguments::set_light(RaycastOptions& options) const {
+  if (!light_rig.empty()) {
+    auto rig = read_rig(light_rig);
+    if (!rig) return tl::unexpected(rig.error());
+    options.lighting.rig = std::move(*rig);
+  }
+  if (!light.empty()) {
+    options.light = to_vector(light);
+    if (auto& lights = options.lighting.rig.lights; !lights.empty())
+      lights.front().direction = options.light;
+  }
+  if (!environment.empty()) {
+    auto picture = read_image(environment);
+    if (!picture) return tl::unexpected(picture.error());
+    options.lighting.environment = std::make_shared<const Image>(std::move(*picture));
+  }
+  return {};
 }
 
 namespace {
@@ -302,7 +408,7 @@ Result<Volume> SourceArguments::volume() const {
 }
 
 Result<std::unique_ptr<Scene>> SourceArguments::scene(
-    const std::optional<std::string>& provenance) const {
+    const LightWork& work, const std::optional<std::string>& provenance) const {
   if (input.starts_with(kScenePrefix))
     return make_analytic_scene(std::string_view(input).substr(kScenePrefix.size()));
   RaycastOptions options = raycast;
@@ -315,10 +421,12 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
                                  "the field's transfer function");
     if (!parsed) return tl::unexpected(parsed.error());
     preset = TransferPreset{.function = std::move(*parsed)};
+    if (built.contains("lighting") && built["lighting"].contains("environment") &&
+        environment.empty())
+      return fail(ErrorCode::usage, "the field was lit by an environment picture; name it by "
+                                    "--environment");
   }
-  if (!light.empty()) {
-    options.light = to_vector(light);
-  }
+  if (auto ok = set_light(options); !ok) return tl::unexpected(ok.error());
   // The small file first: its mistakes are found before a large one is read.
   if (!transfer.empty()) {
     auto read = read_transfer(transfer);
@@ -340,15 +448,18 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   if (!preset) preset = TransferPreset{.function = default_transfer(*volume)};
   const TransferFunction function =
       transfer.empty() && !stretched ? preset->function : preset->fit(*volume, stretched);
-  auto made = Raycaster::make(std::move(*volume), function, options);
-  if (!made && made.error().code == ErrorCode::failed)
+  Result<std::unique_ptr<Scene>> made = fail(ErrorCode::failed, "");
+  if (reference)
+    made = PathTracer::make(std::move(*volume), function, options, paths);
+  else
+    made = Raycaster::make(std::move(*volume), function, options, work);
+  if (!made && made.error().code == ErrorCode::failed && stop_signal() == 0)
     return with_cure(
         made.error(),
         fmt::format("it runs from {:g} to {:g}: choose another --transfer, or stretch it "
                     "by --range",
                     function.colors.front().value, function.colors.back().value));
-  if (!made) return tl::unexpected(made.error());
-  return std::unique_ptr<Scene>(std::move(*made));
+  return made;
 }
 
 CLI::Option* add_orbit(CLI::App& command, std::vector<double>& orbit, const std::string& help) {

@@ -31,7 +31,12 @@ Result<void> run_build(const Arguments& arguments) {
   if (options.depth_codec.empty() && !options.color_codec.starts_with("predictive"))
     options.depth_codec = "jpeg:75";
   if (options.depth_codec == "none") options.depth_codec = "";
-  const auto scene = arguments.source.scene();
+  SourceArguments source = arguments.source;
+  source.raycast.lighting.linear = options.half;
+  // Kept until the field is complete, so that a resumed build need not compute it again.
+  const std::string light_file = arguments.output + ".light";
+  const auto scene =
+      source.scene({options.threads, light_progress(), light_file});
   if (!scene) return tl::unexpected(scene.error());
   const Sphere visible = (*scene)->bounds();
   Sphere& sphere = options.shape.sphere;
@@ -54,6 +59,7 @@ Result<void> run_build(const Arguments& arguments) {
   options.replace = arguments.force;
   const auto report = build_field(**scene, output, options, progress_bar("build", "rays"));
   if (!report) return tl::unexpected(report.error());
+  std::filesystem::remove(light_file, ignored);
   if (report->tiles == 0)
     note(fmt::format("{}: nothing is left to build", output));
   else if (report->resumed > 0)

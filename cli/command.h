@@ -21,6 +21,7 @@
 #include "slf/camera.h"
 #include "slf/error.h"
 #include "slf/field.h"
+#include "slf/path_tracer.h"
 #include "slf/raycaster.h"
 #include "slf/render.h"
 #include "slf/scene.h"
@@ -110,6 +111,10 @@ void print_table(const std::vector<std::vector<std::string>>& rows);
 
 /// From now on the first SIGINT or SIGTERM only sets stop_signal().
 void watch_signals();
+
+/// The progress of a light volume, if one is computed. Signals end the process at once again when it
+/// is complete.
+[[nodiscard]] ProgressCallback light_progress();
 
 /// The signal that asked the program to stop, or 0.
 [[nodiscard]] int stop_signal();
@@ -209,6 +214,10 @@ struct SourceArguments {
   RaycastOptions raycast;
   std::vector<double> light;  // empty: the default
   bool no_shade = false;
+  std::string light_rig;    // empty: the default
+  std::string environment;  // empty: the rig's sky
+  bool reference = false;   // path tracing instead of a light volume
+  PathTraceOptions paths;
 
   /// The volume and its transfer function, as an option or positional of that name.
   void add_volume_to(CLI::App& command, const char* name);
@@ -216,10 +225,15 @@ struct SourceArguments {
   void add_raw_to(CLI::App& command);
   /// Step, light and shading.
   void add_light_to(CLI::App& command);
+  void add_environment_to(CLI::App& command);
+  void add_reference_to(CLI::App& command);
   [[nodiscard]] Result<Volume> volume() const;
   /// What is not given is taken from `provenance`, that of a field, or set to the defaults.
   [[nodiscard]] Result<std::unique_ptr<Scene>> scene(
-      const std::optional<std::string>& provenance = {}) const;
+      const LightWork& work, const std::optional<std::string>& provenance = {}) const;
+
+ private:
+  [[nodiscard]] Result<void> set_light(RaycastOptions& options) const;
 };
 
 /// Which part of a field is built.
@@ -234,6 +248,9 @@ struct ShardArguments {
 };
 /// The path with the shard's numbers in the place of {K}, as wide as N, and {N}.
 [[nodiscard]] std::string name_of_part(std::string path, const ShardOptions& shard);
+
+/// --exposure and --tonemap.
+void add_tone(CLI::App& command, ToneMapping& tone, const char* group);
 
 /// Where the eye is, and the size of the picture.
 struct CameraArguments {

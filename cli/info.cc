@@ -52,6 +52,12 @@ void print_field(const Field& field, const FieldContent& content) {
           part->end.level, part->end.index);
   const auto provenance = nlohmann::json::parse(field.provenance());
   print("source  {}\n", text_of(provenance, "source", text_of(provenance, "name", "unknown")));
+  if (const auto light = provenance.find("lighting"); light != provenance.end()) {
+    const LightOptions lighting = raycast_options(field.provenance()).lighting;
+    print("light   {}, {}{}, {} paths per node\n", text_of(*light, "mode", "?"),
+          light->contains("environment") ? "an environment picture and the lights of " : "rig ",
+          lighting.rig.name, lighting.samples);
+  }
   std::vector<std::vector<std::string>> rows{
       {"level", "lattice", "tiles", "stored", "empty", "slabs"}};
   for (const Layer& layer : field.layers()) rows[0].push_back(layer.name);

@@ -173,6 +173,13 @@ bool check_source(const Field& field, const Scene& scene) {
   return false;
 }
 
+/// How pictures of a field are tone-mapped before they are compared; nothing if they are not.
+std::optional<ToneMapping> view_tone(const Field& field) {
+  const LightOptions lighting = raycast_options(field.provenance()).lighting;
+  if (lighting.mode == Lighting::direct || !lighting.linear) return std::nullopt;
+  return lighting.tone;
+}
+
 Result<void> run_evaluate(const EvaluateArguments& a) {
   const auto field = Field::open(a.field);
   if (!field) return tl::unexpected(field.error());
@@ -180,11 +187,13 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   if (!cameras) return tl::unexpected(cameras.error());
   const auto view = a.draw.view(*field, cameras->front());
   if (!view) return tl::unexpected(view.error());
-  const auto scene = a.source.scene(field->provenance());
+  const auto scene = a.source.scene({a.draw.threads, light_progress(), {}},
+                                    field->provenance());
   if (!scene) return tl::unexpected(scene.error());
   const bool same_source = check_source(*field, **scene);
   const auto evaluation =
-      evaluate_views(*field, **scene, *cameras, *view, a.draw.renderer(), a.supersample);
+      evaluate_views(*field, **scene, *cameras, *view, a.draw.renderer(), a.supersample,
+                     view_tone(*field));
   if (!evaluation) return tl::unexpected(evaluation.error());
 
   const std::uint64_t bytes = field->file_bytes();
@@ -268,6 +277,8 @@ void add_evaluate(CLI::App& app, Run& run) {
   command->get_option("--transfer")
       ->description(
           "Transfer function, ParaView preset JSON; default: what the field was built with");
+  a->source.add_environment_to(*command);
+  a->source.add_reference_to(*command);
   a->views.add_to(*command);
   command->add_option("--distance", a->distance, kDistanceHelp)->capture_default_str();
   command->add_option("--size", a->size, kSizeHelp)

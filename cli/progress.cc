@@ -15,6 +15,15 @@ namespace {
 
 volatile std::sig_atomic_t signalled = 0;
 
+/// Signals end the process again.
+void stop_watching_signals() {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    struct sigaction now {};
+    sigaction(signal, nullptr, &now);
+    if (now.sa_handler != SIG_IGN) std::signal(signal, SIG_DFL);
+  }
+}
+
 std::string human_time(double seconds) {
   if (!(seconds < 1e6)) return "days";
   const long s = std::lround(seconds);
@@ -127,6 +136,15 @@ ProgressCallback progress_bar(const std::string& title, const std::string& unit)
   return [bar = ProgressBar(title, unit)](const Progress& progress) mutable {
     bar.show(progress);
     return stop_signal() == 0;
+  };
+}
+
+ProgressCallback light_progress() {
+  return [bar = ProgressCallback()](const Progress& progress) mutable {
+    if (!bar) bar = progress_bar("light", "paths");
+    const bool go_on = bar(progress);
+    if (progress.done == progress.total) stop_watching_signals();
+    return go_on;
   };
 }
 

@@ -56,8 +56,24 @@ struct RenderArguments {
   Picture picture;
   CameraArguments camera;
   DrawArguments draw;
+  ToneMapping tone;
+  bool tone_given = false;
   bool stats = false, json = false;
 };
+
+/// Pictures of fields that hold linear radiance are tone-mapped, unless they are written as such.
+Result<void> map_tones(const RenderArguments& a, const Field& field, Image& image) {
+  const LightOptions lighting = raycast_options(field.provenance()).lighting;
+  const bool linear = lighting.mode != Lighting::direct && lighting.linear;
+  if (a.tone_given && !linear)
+    return fail(ErrorCode::usage, field.path(),
+                ": --exposure and --tonemap need a field that holds linear radiance: one built "
+                "with --color-type half and shadowed or global --lighting");
+  if (!linear || (a.picture.is_exr() && !a.tone_given)) return {};
+  const ToneMapper map(a.tone);
+  for (glm::vec4& pixel : image.rgba) pixel = map(pixel);
+  return {};
+}
 
 nlohmann::json statistics_json(const ViewStatistics& s, const Footprint& file,
                                const ViewOptions& view) {
@@ -98,9 +114,10 @@ Result<void> run_render(const RenderArguments& a) {
 
   Renderer renderer(*field, a.draw.renderer());
   ViewStatistics statistics;
-  const auto image = renderer.render(*camera, *view, &statistics);
+  auto image = renderer.render(*camera, *view, &statistics);
   if (!image) return tl::unexpected(image.error());
   if (auto ok = check_drawn(*field, statistics); !ok) return ok;
+  if (auto ok = map_tones(a, *field, *image); !ok) return ok;
   if (auto ok = a.picture.write(*image); !ok) return ok;
   if (statistics.fallback_pixels() > 0)
     note(field->shape().subfields.empty()
@@ -134,7 +151,9 @@ struct RaycastArguments {
 
 Result<void> run_raycast(const RaycastArguments& a) {
   if (auto ok = a.picture.check(); !ok) return ok;
-  const auto scene = a.source.scene();
+  SourceArguments source = a.source;
+  source.raycast.lighting.linear = a.picture.is_exr();
+  const auto scene = source.scene({a.threads, light_progress(), {}});
   if (!scene) return tl::unexpected(scene.error());
   const Sphere sphere = (*scene)->bounds();
   const auto camera = a.camera.camera(sphere);
@@ -187,7 +206,11 @@ void add_render(CLI::App& app, Run& run) {
   a->draw.add_to(*command);
   command->add_flag("--stats", a->stats, "Say what the view cost: tiles, bytes, pages, memory");
   command->add_flag("--json", a->json, "The same as JSON");
-  command->callback([a, &run] { run = [a] { return run_render(*a); }; });
+  add_tone(*command, a->tone, "Drawing");
+  command->callback([a, command, &run] {
+    a->tone_given = command->count("--exposure") + command->count("--tonemap") > 0;
+    run = [a] { return run_render(*a); };
+  });
 }
 
 void add_raycast(CLI::App& app, Run& run) {
@@ -196,6 +219,7 @@ void add_raycast(CLI::App& app, Run& run) {
   auto a = std::make_shared<RaycastArguments>();
   a->source.add_volume_to(*command, "INPUT");
   a->source.add_light_to(*command);
+  a->source.add_reference_to(*command);
   a->picture.add_to(*command);
   a->camera.add_to(*command);
   command->add_option("-j,--threads", a->threads, "0: all cores")->capture_default_str();

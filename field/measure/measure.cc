@@ -248,7 +248,8 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
 
 Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
                                   const std::vector<Camera>& cameras, const ViewOptions& view,
-                                  const RendererOptions& options, std::uint32_t supersample) {
+                                  const RendererOptions& options, std::uint32_t supersample,
+                                  const std::optional<ToneMapping>& tone) {
   if (cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
   Renderer renderer(field, options);
   Evaluation result;
@@ -257,9 +258,15 @@ Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
     finer.width *= supersample, finer.height *= supersample;
     const auto truth = trace_view(scene, field.shape().sphere, finer, options.threads);
     if (!truth) return tl::unexpected(truth.error());
-    const auto image = renderer.render(camera, view);
+    auto image = renderer.render(camera, view);
     if (!image) return tl::unexpected(image.error());
-    const ImageDifference difference = compare(shrink(*truth, supersample), *image);
+    Image expected = shrink(*truth, supersample);
+    if (tone) {
+      const ToneMapper map(*tone);
+      for (Image* picture : {&expected, &*image})
+        for (glm::vec4& pixel : picture->rgba) pixel = map(pixel);
+    }
+    const ImageDifference difference = compare(expected, *image);
     result.views.push_back({difference.psnr, difference.ssim});
     result.psnr += difference.psnr / static_cast<double>(cameras.size());
     result.ssim += difference.ssim / static_cast<double>(cameras.size());

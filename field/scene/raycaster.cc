@@ -1,213 +1,60 @@
 #include "slf/raycaster.h"
 
-#include <algorithm>
 #include <cassert>
-#include <cmath>
-#include <limits>
-#include <nlohmann/json.hpp>
-#include <string>
-#include <type_traits>
-#include <unordered_map>
 
-#include "field/scene/raycaster_kernel.h"
-#include "field/scene/raycaster_space.h"
-#include "field/scene/raycaster_table.h"
-#include "field/volume/content.h"
-#include "field/volume/voxels.h"
+#include "field/scene/light_volume.h"
+#include "field/scene/volume_scene.h"
 
 namespace slf {
 
 struct Raycaster::State {
-  Volume volume;
-  RayGrid grid;
-  Sphere bounds;
-  std::string provenance;
+  std::unique_ptr<VolumeScene> scene;
+  ToneMapper tone;
+  bool mapped;  // whether samples are tone-mapped
 };
 
 namespace {
 
-void convert_to_float(Volume& volume) {
-  visit_voxels(volume, [&](auto from) {
-    std::vector<std::byte> converted(from.size() * sizeof(float));
-    auto* to = reinterpret_cast<float*>(converted.data());
-    for (std::size_t k = 0; k < from.size(); ++k) to[k] = static_cast<float>(from[k]);
-    volume.voxels = std::move(converted);
-  });
-  volume.type = ScalarType::f32;
-}
-
-/// Gives each label of a volume of another type a 16-bit number; returns label by number.
-Result<std::vector<double>> renumber_labels(Volume& volume) {
-  std::vector<double> labels;
-  const bool fits = visit_voxels(volume, [&](auto from) {
-    std::unordered_map<double, std::uint16_t> numbers;
-    std::vector<std::byte> converted(from.size() * sizeof(std::uint16_t));
-    auto* to = reinterpret_cast<std::uint16_t*>(converted.data());
-    for (std::size_t k = 0; k < from.size(); ++k) {
-      const auto label = static_cast<double>(from[k]);
-      const auto [it, added] =
-          numbers.try_emplace(label, static_cast<std::uint16_t>(numbers.size()));
-      if (added && labels.size() == 65536) return false;
-      if (added) labels.push_back(label);
-      to[k] = it->second;
-    }
-    volume.voxels = std::move(converted);
-    return true;
-  });
-  if (!fits)
-    return fail(ErrorCode::unsupported, volume.source,
-                ": more than 65536 different labels; is this a label volume?");
-  volume.type = ScalarType::u16;
-  return labels;
-}
-
-std::array<float, 2> stored_range(const Volume& volume) {
-  return visit_voxels(volume, [](auto voxels) {
-    float low = std::numeric_limits<float>::max();
-    float high = std::numeric_limits<float>::lowest();
-    for (const auto voxel : voxels) {
-      const auto value = static_cast<float>(voxel);
-      if (!std::isfinite(value)) continue;
-      low = std::min(low, value);
-      high = std::max(high, value);
-    }
-    return low <= high ? std::array{low, high} : std::array{0.f, 0.f};
-  });
-}
-
-/// Not-a-number and infinities have no place in interpolation: they become the least value.
-void replace_nonfinite(Volume& volume, float with) {
-  if (volume.type != ScalarType::f32) return;
-  auto* voxels = reinterpret_cast<float*>(volume.voxels.data());
-  std::replace_if(
-      voxels, voxels + volume.voxel_count(), [](float v) { return !std::isfinite(v); }, with);
-}
-
-Result<void> check_options(const RaycastOptions& options) {
-  if (!(options.step > 0.01 && options.step <= 100))
-    return fail(ErrorCode::usage, "step ", options.step, ": expected 0.01 to 100 voxels");
-  const double light = glm::length(options.light);
-  if (!(light > 0) || !std::isfinite(light))
-    return fail(ErrorCode::usage, "light: expected a direction, not zero and finite");
-  if (!(options.ambient >= 0 && options.ambient <= 1))
-    return fail(ErrorCode::usage, "ambient ", options.ambient, ": expected 0 to 1");
-  return {};
-}
-
-/// JSON holds UTF-8 only, file names any bytes: what is not UTF-8 becomes U+FFFD.
-nlohmann::json valid_utf8(const std::string& text) {
-  const nlohmann::json any(text);
-  return nlohmann::json::parse(any.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
-}
-
-nlohmann::json describe(const Volume& volume, const TransferFunction& transfer,
-                        const RaycastOptions& options) {
-  return {{"kind", "volume"},
-          {"source", valid_utf8(volume.source)},
-          {"content", content_hash(volume)},
-          {"dims", volume.dims},
-          {"type", name(volume.type)},
-          {"labels", volume.labels},
-          {"origin", {volume.origin.x, volume.origin.y, volume.origin.z}},
-          {"spacing", {volume.spacing().x, volume.spacing().y, volume.spacing().z}},
-          {"transfer", nlohmann::json::parse(to_json(transfer))},
-          {"step", options.step},
-          {"shade", options.shade},
-          {"light", {options.light.x, options.light.y, options.light.z}},
-          {"ambient", options.ambient}};
+/// The light volume of a scene, from a file if one is kept there.
+Result<LightGrid> light_of(const VolumeScene& scene, const LightWork& work) {
+  if (!work.file.empty())
+    if (auto kept = load_light(work.file, scene.provenance)) return std::move(*kept);
+  const Medium medium(scene.grid);
+  auto light = compute_light(medium, illuminate(scene.lighting, scene.bounds), scene.lighting,
+                             work.threads, work.progress);
+  if (light && !work.file.empty())
+    if (auto ok = save_light(work.file, scene.provenance, *light); !ok)
+      return tl::unexpected(ok.error());
+  return light;
 }
 
 }  // namespace
-
-RaycastOptions raycast_options(std::string_view text) {
-  const auto provenance = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
-  RaycastOptions options;
-  const auto number = [](const nlohmann::json& value, auto& to) {
-    if (value.is_number()) to = value.get<std::remove_reference_t<decltype(to)>>();
-  };
-  number(provenance.value("step", nlohmann::json()), options.step);
-  number(provenance.value("ambient", nlohmann::json()), options.ambient);
-  const nlohmann::json shade = provenance.value("shade", nlohmann::json());
-  if (shade.is_boolean()) options.shade = shade.get<bool>();
-  const nlohmann::json light = provenance.value("light", nlohmann::json());
-  for (int axis = 0; light.is_array() && light.size() == 3 && axis < 3; ++axis)
-    number(light[static_cast<std::size_t>(axis)], options.light[axis]);
-  return options;
-}
 
 Raycaster::Raycaster(std::unique_ptr<State> state) : state_(std::move(state)) {}
 Raycaster::~Raycaster() = default;
 
 Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const TransferFunction& transfer,
-                                                   const RaycastOptions& options) {
-  if (auto ok = check_options(options); !ok) return tl::unexpected(ok.error());
-  auto state = std::make_unique<State>();
-  state->provenance = describe(volume, transfer, options).dump();
-  state->volume = std::move(volume);
-  Volume& v = state->volume;
-  RayGrid& grid = state->grid;
-
-  const glm::dvec3 spacing = v.spacing();
-  const double least_spacing = std::min({spacing.x, spacing.y, spacing.z});
-  grid.step = options.step * least_spacing;
-  const double steps_per_unit = grid.step / transfer.unit_distance;
-
-  grid.labels = v.labels;
-  float contrast = 1;  // what counts as a full-size change of value
-  if (v.labels) {
-    std::vector<double> labels;
-    if (v.type == ScalarType::u8 || v.type == ScalarType::u16) {
-      for (int id = 0; id < (v.type == ScalarType::u8 ? 256 : 65536); ++id) labels.push_back(id);
-    } else {
-      auto renumbered = renumber_labels(v);
-      if (!renumbered) return tl::unexpected(renumbered.error());
-      labels = std::move(*renumbered);
-    }
-    grid.table = make_label_table(transfer, v, labels, steps_per_unit);
-  } else {
-    if (bytes_per_voxel(v.type) > 2 && v.type != ScalarType::f32) convert_to_float(v);
-    const auto range = stored_range(v);
-    replace_nonfinite(v, range[0]);
-    grid.table = make_table(transfer, v, range, steps_per_unit);
-    contrast = std::max(range[1] - range[0], 1e-30f);
+                                                   const RaycastOptions& options,
+                                                   const LightWork& work) {
+  auto scene = make_volume_scene(std::move(volume), transfer, options);
+  if (!scene) return tl::unexpected(scene.error());
+  const LightOptions& lighting = options.lighting;
+  const bool lit = lighting.mode != Lighting::direct;
+  if (lit) {
+    auto light = light_of(**scene, work);
+    if (!light) return tl::unexpected(light.error());
+    (*scene)->grid.light_volume = std::move(*light);
   }
-
-  grid.voxels = v.voxels.data();
-  grid.type = v.type;
-  for (int axis = 0; axis < 3; ++axis) {
-    grid.dims[axis] = static_cast<std::int32_t>(v.dims[axis]);
-    if (grid.dims[axis] < 2)
-      return fail(ErrorCode::unsupported, v.source, ": a volume needs at least 2 voxels along ",
-                  "xyz"[axis], ", found ", v.dims[axis]);
-  }
-  grid.world_to_index = glm::inverse(v.axes);
-  grid.origin = v.origin;
-  // Values rise where the stored ones do only under a positive slope.
-  const double sign = v.slope < 0 && !v.labels ? -1 : 1;
-  const glm::mat3 gradient_to_world(sign * least_spacing * glm::transpose(grid.world_to_index));
-  for (int axis = 0; axis < 3; ++axis)
-    grid.gradient_to_world[static_cast<std::size_t>(axis)] = {gradient_to_world[axis], 0};
-  grid.inverse_gradient_floor = 1 / (0.02f * contrast);
-  grid.leap = options.leap;
-  grid.shade = options.shade;
-  grid.light = {glm::vec3(glm::normalize(options.light)), 0};
-  grid.ambient = options.ambient;
-
-  const std::optional<Sphere> bounds = find_visible_space(v, grid);
-  if (!bounds)
-    return fail(ErrorCode::failed, v.source, ": the transfer function '", transfer.name,
-                "' leaves nothing visible: its opacity is zero over all values of the volume (",
-                v.value_range()[0], " to ", v.value_range()[1], ")");
-  state->bounds = *bounds;
-  return std::unique_ptr<Raycaster>(new Raycaster(std::move(state)));
+  return std::unique_ptr<Raycaster>(new Raycaster(std::make_unique<State>(
+      State{std::move(*scene), ToneMapper(lighting.tone), lit && !lighting.linear})));
 }
 
-Sphere Raycaster::bounds() const { return state_->bounds; }
+Sphere Raycaster::bounds() const { return state_->scene->bounds; }
 
 RaySample Raycaster::trace(const glm::dvec3& from, const glm::dvec3& to) const {
   const Segment ray{from, to};
   RaySample sample;
-  trace_rays(state_->grid, {&ray, 1}, {&sample, 1});
+  trace_counted({&ray, 1}, {&sample, 1});
   return sample;
 }
 
@@ -217,10 +64,13 @@ void Raycaster::trace_many(std::span<const Segment> rays, std::span<RaySample> o
 
 RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const {
   assert(rays.size() == out.size());
-  return trace_rays(state_->grid, rays, out);
+  const RayCounts counts = trace_rays(state_->scene->grid, rays, out);
+  if (state_->mapped)
+    for (RaySample& sample : out) sample.rgba = state_->tone(sample.rgba);
+  return counts;
 }
 
-std::string Raycaster::provenance() const { return state_->provenance; }
-std::vector<std::string> Raycaster::files() const { return state_->volume.files; }
+std::string Raycaster::provenance() const { return state_->scene->provenance; }
+std::vector<std::string> Raycaster::files() const { return state_->scene->volume.files; }
 
 }  // namespace slf

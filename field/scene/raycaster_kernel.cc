@@ -223,6 +223,17 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
   T border[64];
   std::fill(out.begin(), out.end(), RaySample{});
 
+  const LightGrid& volume = grid.light_volume;
+  const bool lit = !volume.nodes.empty();
+  const glm::vec3 node_scale(1 / volume.spacing);
+  const glm::vec3 node_offset(-volume.low / volume.spacing);
+  const auto finish = [&] {
+    if (lit)
+      light(grid, hits, out);
+    else
+      shade(grid, hits, out);
+  };
+
   RayCounts counts;
   std::size_t next = 0;
   for (; next < rays.size() && wave.size < kWave; ++next)
@@ -267,25 +278,32 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
       ++counts.visible;
       wave.alpha[i] += weight;
       wave.depth[i] += weight * static_cast<float>(wave.k[i]);
-      if (!grid.shade) {
+      if (!grid.shade && !lit) {
         add_color(grid, wave.entry[i], weight, out[wave.ray[i]].rgba);
         continue;
       }
       const std::size_t h = hits.size++;
+      hits.weight[h] = weight;
+      hits.entry[h] = wave.entry[i];
+      hits.ray[h] = wave.ray[i];
+      if (lit) {
+        for (int axis = 0; axis < 3; ++axis)
+          hits.at[axis][h] = (static_cast<float>(wave.cell[axis][i]) + wave.within[axis][i]) *
+                                 node_scale[axis] +
+                             node_offset[axis];
+        continue;
+      }
       const Neighbourhood<T> voxels =
           neighbourhood(grid, wave.cell[0][i], wave.cell[1][i], wave.cell[2][i], border);
       for (int r = 0; r < 12; ++r)
         hits.rows[r][h] = take_row<T, kLabels>(grid, voxels.at(kRowY[r], kRowZ[r]));
       for (int axis = 0; axis < 3; ++axis) hits.within[axis][h] = wave.within[axis][i];
-      hits.weight[h] = weight;
-      hits.entry[h] = wave.entry[i];
-      hits.ray[h] = wave.ray[i];
     }
-    if (hits.size > kHits - kWave) shade(grid, hits, out);
+    if (hits.size > kHits - kWave) finish();
     advance(wave);
     replace_finished(grid, rays, next, wave, out);
   }
-  shade(grid, hits, out);
+  finish();
   // Early termination leaves out less than one step of 8 bits: count the ray as opaque.
   for (RaySample& sample : out)
     if (sample.rgba.a > kOpaque) sample.rgba /= sample.rgba.a;

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "field/scene/light_grid.h"
 #include "field/scene/raycaster_table.h"
 #include "slf/raycaster.h"
 #include "slf/scene.h"
@@ -41,6 +42,8 @@ struct RayGrid {
   glm::dvec3 visible_high{0.0};
   bool leap = true;
 
+  /// If there is a light volume, it alone lights the samples, and table.colors is linear.
+  LightGrid light_volume;
   bool shade = true;
   glm::vec4 light{0};  ///< unit, towards the light; padded
   float ambient = 0.3f;

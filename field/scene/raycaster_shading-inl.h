@@ -27,6 +27,7 @@ struct Hits {
   std::size_t size = 0;
   alignas(64) Row<S> rows[12][kHits];
   alignas(64) float within[3][kHits];
+  alignas(64) float at[3][kHits];  // with a light volume: the position in its nodes
   alignas(64) float weight[kHits];
   std::int32_t entry[kHits];
   std::size_t ray[kHits];
@@ -78,9 +79,70 @@ HWY_INLINE Floats shading(const RayGrid& grid, const Hits<S>& hits, std::size_t 
   return hn::NegMulAdd(hn::Set(kFloats, 1 - grid.ambient) * (one - lambert), sure, one);
 }
 
+/// RGB light at kLanes hits, trilinear between the nodes of the light volume.
+struct Light {
+  Floats rgb[3];
+};
+template <class S>
+HWY_INLINE Light look_up(const LightGrid& grid, const Hits<S>& hits, std::size_t i) {
+  const Ints zero = hn::Zero(kInts), one = hn::Set(kInts, 1);
+  Floats share[3][2];
+  Ints first = zero, step[3];
+  for (int axis = 2; axis >= 0; --axis) {
+    const Ints last = hn::Set(kInts, grid.dims[axis] - 1);
+    const Floats p = hn::Max(hn::Zero(kFloats), hn::Load(kFloats, hits.at[axis] + i));
+    // Lanes behind the last hit hold anything: clamp, so that every access is in the grid.
+    const Ints cell = hn::Max(zero, hn::Min(hn::ConvertTo(kInts, p), last));
+    share[axis][1] = hn::Min(p - hn::ConvertTo(kFloats, cell), hn::Set(kFloats, 1.f));
+    share[axis][0] = hn::Set(kFloats, 1.f) - share[axis][1];
+    step[axis] = hn::Min(one, last - cell);  // 0 in the last node of an axis
+    first = first * hn::Set(kInts, grid.dims[axis]) + cell;
+  }
+  step[1] = step[1] * hn::Set(kInts, grid.dims[0]);
+  step[2] = step[2] * hn::Set(kInts, grid.dims[0] * grid.dims[1]);
+  Light light{{hn::Zero(kFloats), hn::Zero(kFloats), hn::Zero(kFloats)}};
+  for (int corner = 0; corner < 8; ++corner) {
+    const int x = corner & 1, y = corner >> 1 & 1, z = corner >> 2;
+    Ints node = first;
+    if (x) node = node + step[0];
+    if (y) node = node + step[1];
+    if (z) node = node + step[2];
+    // pack_light() says what is in a word. Scale by 2^(e - 24).
+    const auto word = hn::GatherIndex(kWords, grid.nodes.data(), node);
+    const auto exponent = hn::ShiftRight<27>(word) + hn::Set(kWords, 127 - 24);
+    const Floats scale = hn::BitCast(kFloats, hn::ShiftLeft<23>(exponent)) *
+                         (share[0][x] * share[1][y] * share[2][z]);
+    const auto add = [&](Floats& to, auto shifted) {
+      const auto mantissa = hn::And(shifted, hn::Set(kWords, 511));
+      to = hn::MulAdd(hn::ConvertTo(kFloats, hn::BitCast(kInts, mantissa)), scale, to);
+    };
+    add(light.rgb[0], word);
+    add(light.rgb[1], hn::ShiftRight<9>(word));
+    add(light.rgb[2], hn::ShiftRight<18>(word));
+  }
+  return light;
+}
+
 HWY_INLINE void add_color(const RayGrid& grid, std::int32_t entry, float weight, glm::vec4& to) {
   const glm::vec4& color = grid.table.colors[static_cast<std::size_t>(entry)];
   for (int c = 0; c < 3; ++c) to[c] += weight * color[c];
+}
+
+/// As shade(), with a light volume.
+template <class S>
+HWY_NOINLINE void light(const RayGrid& grid, Hits<S>& hits, std::span<RaySample> out) {
+  alignas(64) float rgb[3][kHits];
+  for (std::size_t i = 0; i < hits.size; i += kLanes) {
+    const Light found = look_up(grid.light_volume, hits, i);
+    const Floats weight = hn::Load(kFloats, hits.weight + i);
+    for (int c = 0; c < 3; ++c) hn::Store(weight * found.rgb[c], kFloats, rgb[c] + i);
+  }
+  for (std::size_t i = 0; i < hits.size; ++i) {  // in order along each ray
+    const glm::vec4& color = grid.table.colors[static_cast<std::size_t>(hits.entry[i])];
+    glm::vec4& to = out[hits.ray[i]].rgba;
+    for (int c = 0; c < 3; ++c) to[c] += rgb[c][i] * color[c];
+  }
+  hits.size = 0;
 }
 
 template <class S>

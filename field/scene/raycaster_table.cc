@@ -35,6 +35,16 @@ std::int32_t ordered_bits(float value) {
   return bits >= 0 ? bits : std::numeric_limits<std::int32_t>::min() - bits;
 }
 
+std::size_t entry_of(const TransferTable& table, float value) {
+  const auto last = static_cast<float>(table.opacities.size() - 1);
+  if (!table.logarithmic)
+    return static_cast<std::size_t>(
+        std::clamp((value - table.low) * table.scale + 0.5f, 0.f, last));
+  const std::int64_t key = std::int64_t{ordered_bits(value)} - table.low_key;
+  return std::min(static_cast<std::size_t>(std::max<std::int64_t>(key, 0) >> table.shift),
+                  table.opacities.size() - 1);
+}
+
 TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
                          std::array<float, 2> range, double steps_per_unit) {
   constexpr int kMost = 1 << 16;

@@ -27,6 +27,9 @@ struct TransferTable {
 /// Maps a float to an integer with the same order.
 [[nodiscard]] std::int32_t ordered_bits(float value);
 
+/// The entry of a stored value, as the ray-caster's loop finds it.
+[[nodiscard]] std::size_t entry_of(const TransferTable& table, float value);
+
 /// A table for stored values in `range`. An opacity o becomes 1 - (1 - o)^steps_per_unit.
 [[nodiscard]] TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
                                        std::array<float, 2> range, double steps_per_unit);

@@ -6,11 +6,11 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <optional>
 #include <string>
 
 #include "slf/error.h"
+#include "slf/progress.h"
 #include "slf/scene.h"
 #include "slf/shape.h"
 
@@ -42,15 +42,6 @@ struct BuildOptions {
   bool replace = false;       ///< what is at the output's path, when all is built
   ShardOptions shard;         ///< by default, all tiles
 };
-
-struct Progress {
-  std::uint64_t done = 0;  ///< work finished; of what, each function says
-  std::uint64_t total = 0;
-  std::uint64_t skipped = 0;  ///< of done: already there when this run began
-};
-/// Called from the calling thread now and then, and at the end. Returning false stops the work
-/// after what is under way; what was committed stays.
-using ProgressCallback = std::function<bool(const Progress&)>;
 
 struct BuildReport {
   std::uint64_t tiles = 0;    ///< built by this run

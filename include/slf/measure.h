@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "slf/image.h"
 #include "slf/render.h"
 #include "slf/scene.h"
+#include "slf/tone.h"
 
 namespace slf {
 
@@ -81,12 +83,13 @@ struct Evaluation {
 };
 
 /// Compares views of the field with ray-cast views of its scene: RGB over black, 8 bits. A pixel of
-/// the latter is the mean of `supersample`² rays.
+/// the latter is the mean of `supersample`² rays. Both are tone-mapped if `tone` is given.
 [[nodiscard]] Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
                                                 const std::vector<Camera>& cameras,
                                                 const ViewOptions& view,
                                                 const RendererOptions& renderer,
-                                                std::uint32_t supersample = 1);
+                                                std::uint32_t supersample = 1,
+                                                const std::optional<ToneMapping>& tone = {});
 
 /// Asks the kernel to drop a file from its cache, so that reads come from the disk. Pages that any
 /// process has mapped remain. io: cannot open or sync.

@@ -11,6 +11,8 @@
 #include <string_view>
 
 #include "slf/error.h"
+#include "slf/light.h"
+#include "slf/progress.h"
 #include "slf/scene.h"
 #include "slf/transfer.h"
 #include "slf/volume.h"
@@ -24,6 +26,17 @@ struct RaycastOptions {
   glm::dvec3 light{-0.45, -0.65, 0.6};
   float ambient = 0.3f;  ///< share of a colour that needs no light; the rest is Lambert's
   bool leap = true;      ///< off only to test that leaping changes nothing
+  /// Unless its mode is Lighting::direct, it replaces `shade`, `light` and `ambient`.
+  LightOptions lighting{};
+};
+
+/// How a light volume is computed, without any influence on what it holds.
+struct LightWork {
+  unsigned threads = 0;         ///< 0: all
+  ProgressCallback progress{};  ///< counts paths of light
+  /// Where the light volume is kept: read from there if it was computed from the same scene and
+  /// options, else computed and written. Empty: nowhere.
+  std::string file{};
 };
 
 /// What tracing took.
@@ -43,10 +56,13 @@ class Raycaster final : public Scene {
  public:
   /// Takes the volume's voxels as they are; types other than 8 and 16 bit integers and f32 are
   /// converted to f32. Label ids beyond 16 bits are renumbered.
-  /// usage: an option out of range. failed: nothing in the volume is visible.
+  /// Computes the light volume if the options ask for one.
+  /// usage: an option out of range. failed: nothing in the volume is visible; stopped by the
+  /// progress callback. io: the file of the light volume cannot be written.
   [[nodiscard]] static Result<std::unique_ptr<Raycaster>> make(Volume volume,
                                                                const TransferFunction& transfer,
-                                                               const RaycastOptions& options = {});
+                                                               const RaycastOptions& options = {},
+                                                               const LightWork& work = {});
   ~Raycaster() override;
 
   [[nodiscard]] Sphere bounds() const override;

@@ -1,0 +1,191 @@
+// How good a light volume is, and what it takes: beside path tracing, and beside itself.
+//
+//   light_quality VOLUME TRANSFER [--rig NAME] [--size N] [--views N] [--reference N]
+//                 [--spacing S,...] [--samples N,...] [--difference OUT.png]
+//
+// Prints JSON. For each spacing and number of samples: seconds and bytes of the light volume; its
+// noise, which is the standard deviation over two seeds divided by the mean of radiance, over the
+// pixels that show something; PSNR of views (neutral tone mapping, 8 bits) against the reference;
+// and slabs per second with it and with direct light.
+//
+// The reference is noisy, too. It is rendered twice, as A and B, and the mean squared error of a
+// picture P is estimated as that of (P - A)(P - B), in which the noise of A and B cancels.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <random>
+#include <span>
+
+#include "benchmarks/storage/expect.h"
+#include "slf/camera.h"
+#include "slf/path_tracer.h"
+#include "slf/raycaster.h"
+
+namespace {
+
+using namespace slf;
+using bench::expect;
+
+double seconds_of(const auto& work) {
+  const auto start = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// RGB over black from 0 to 255, not rounded.
+std::vector<double> shown(const Image& image) {
+  const ToneMapper map(ToneMapping{});
+  std::vector<double> values;
+  for (const glm::vec4& pixel : image.rgba) {
+    const glm::vec4 color = map(pixel);
+    for (int c = 0; c < 3; ++c) values.push_back(255.0 * std::clamp(color[c], 0.f, 1.f));
+  }
+  return values;
+}
+
+double squared_error(const Image& picture, const Image& a, const Image& b) {
+  const auto p = shown(picture), x = shown(a), y = shown(b);
+  double sum = 0;
+  for (std::size_t k = 0; k < p.size(); ++k) sum += (p[k] - x[k]) * (p[k] - y[k]);
+  return sum / static_cast<double>(p.size());
+}
+
+double psnr(double squared) { return 10 * std::log10(255.0 * 255.0 / std::max(squared, 1e-9)); }
+
+struct Noise {
+  double squares = 0, sum = 0;
+  std::size_t count = 0;
+
+  void add(const Image& a, const Image& b) {
+    for (std::size_t k = 0; k < a.rgba.size(); ++k) {
+      if (a.rgba[k].a < 0.5f) continue;
+      const double d = a.rgba[k].g - b.rgba[k].g;
+      squares += d * d / 2;
+      sum += a.rgba[k].g;
+      ++count;
+    }
+  }
+  [[nodiscard]] double relative() const {
+    const auto n = static_cast<double>(count);
+    return std::sqrt(squares / n) / (sum / n);
+  }
+};
+
+/// Slabs per second on one thread: rays from points on the sphere to patches of it.
+double slab_rate(const Raycaster& caster) {
+  constexpr std::size_t kRow = 561;
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> normal;
+  const Sphere s = caster.bounds();
+  const auto point = [&] {
+    return glm::normalize(glm::dvec3(normal(random), normal(random), normal(random)));
+  };
+  std::vector<Segment> rays;
+  for (int tile = 0; tile < 100; ++tile) {
+    const glm::dvec3 entry = point(), exit = point();
+    for (std::size_t k = 0; k < kRow; ++k)
+      rays.push_back({s.center + s.radius * entry,
+                      s.center + s.radius * glm::normalize(exit + 0.2 * point())});
+  }
+  std::vector<RaySample> samples(kRow);
+  double best = 1e30;
+  for (int turn = 0; turn < 5; ++turn)
+    best = std::min(best, seconds_of([&] {
+                      for (std::size_t begin = 0; begin < rays.size(); begin += kRow)
+                        caster.trace_many(std::span(rays).subspan(begin, kRow), samples);
+                    }));
+  return static_cast<double>(rays.size()) / best;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{"How good a light volume is, and what it takes"};
+  std::string volume_path, transfer_path, rig = "studio", difference_path;
+  std::uint32_t size = 192, views = 2, reference = 256;
+  std::vector<double> spacings{1};
+  std::vector<std::uint32_t> samples{LightOptions{}.samples};
+  double step = RaycastOptions{}.step;
+  app.add_option("volume", volume_path)->required();
+  app.add_option("transfer", transfer_path)->required();
+  app.add_option("--rig", rig)->capture_default_str();
+  app.add_option("--size", size)->capture_default_str();
+  app.add_option("--views", views)->capture_default_str();
+  app.add_option("--reference", reference, "Paths per pixel, 0: no reference")
+      ->capture_default_str();
+  app.add_option("--spacing", spacings)->delimiter(',');
+  app.add_option("--samples", samples)->delimiter(',');
+  app.add_option("--step", step)->capture_default_str();
+  app.add_option("--difference", difference_path, "Picture of 8 times the error of the first view");
+  CLI11_PARSE(app, argc, argv);
+
+  const Volume volume = expect(read_volume(volume_path));
+  const TransferFunction transfer = expect(read_transfer(transfer_path)).fit(volume);
+  RaycastOptions options;
+  options.step = step;
+  const auto direct = expect(Raycaster::make(volume, transfer, options));
+  options.lighting.mode = Lighting::global;
+  options.lighting.linear = true;
+  options.lighting.rig = expect(read_rig(rig));
+  const Sphere sphere = direct->bounds();
+  const auto cameras = random_cameras(sphere, 3, views, 1, size, size);
+
+  std::vector<Image> a, b;
+  double reference_seconds = 0;
+  for (std::uint64_t seed = 1; seed <= 2 && reference > 0; ++seed) {
+    const auto tracer =
+        expect(PathTracer::make(volume, transfer, options, {reference / 2, seed}));
+    for (const Camera& camera : cameras)
+      reference_seconds += seconds_of(
+          [&] { (seed == 1 ? a : b).push_back(expect(trace_view(*tracer, sphere, camera))); });
+  }
+  nlohmann::json rows = nlohmann::json::array();
+  for (const double spacing : spacings)
+    for (const std::uint32_t count : samples) {
+      options.lighting.spacing = spacing;
+      options.lighting.samples = count;
+      std::vector<std::unique_ptr<Raycaster>> seeds;
+      double seconds = 0;
+      for (options.lighting.seed = 1; options.lighting.seed <= 2; ++options.lighting.seed)
+        seconds +=
+            seconds_of([&] { seeds.push_back(expect(Raycaster::make(volume, transfer, options))); });
+      Noise noise;
+      double error = 0;
+      for (std::size_t v = 0; v < cameras.size(); ++v) {
+        const Image one = expect(trace_view(*seeds[0], sphere, cameras[v]));
+        noise.add(one, expect(trace_view(*seeds[1], sphere, cameras[v])));
+        if (reference == 0) continue;
+        error += squared_error(one, a[v], b[v]) / static_cast<double>(views);
+        if (v > 0 || difference_path.empty()) continue;
+        Image shown_difference = one;
+        const auto p = shown(one), x = shown(a[v]), y = shown(b[v]);
+        for (std::size_t k = 0; k < p.size(); ++k)
+          shown_difference.rgba[k / 3][static_cast<int>(k % 3)] =
+              static_cast<float>(8 * std::abs(p[k] - (x[k] + y[k]) / 2) / 255);
+        for (glm::vec4& pixel : shown_difference.rgba) pixel.a = 1;
+        expect(write_image(difference_path, shown_difference));
+      }
+      nlohmann::json row{{"spacing", spacing},
+                         {"samples", count},
+                         {"seconds", seconds / 2},
+                         {"noise", noise.relative()},
+                         {"slabs_per_second", slab_rate(*seeds[0])},
+                         {"slabs_per_second_direct", slab_rate(*direct)}};
+      if (reference > 0) row["psnr"] = psnr(error);
+      rows.push_back(row);
+      std::fprintf(stderr, "%s\n", row.dump().c_str());
+    }
+  std::printf("%s\n", nlohmann::json{{"volume", volume_path},
+                                     {"transfer", transfer_path},
+                                     {"rig", rig},
+                                     {"views", views},
+                                     {"size", size},
+                                     {"reference_paths", reference},
+                                     {"reference_seconds_per_view", reference_seconds / views},
+                                     {"light", rows}}
+                          .dump(1)
+                          .c_str());
+}

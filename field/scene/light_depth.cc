@@ -1,0 +1,98 @@
+#include "field/scene/light_depth.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace slf {
+namespace {
+
+/// The 13 neighbours that a raster scan meets before a node, and their distances in world units.
+struct Neighbourhood {
+  std::array<glm::ivec3, 13> offset;
+  std::array<float, 13> length;
+};
+
+Neighbourhood neighbours(const Medium& medium, const LightGrid& light) {
+  const glm::dmat3 axes = glm::inverse(medium.grid().world_to_index);
+  Neighbourhood n;
+  for (int k = 0; k < 13; ++k) {
+    const glm::ivec3 offset(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
+    n.offset[k] = offset;
+    n.length[k] = static_cast<float>(light.spacing * glm::length(axes * glm::dvec3(offset)));
+  }
+  return n;
+}
+
+}  // namespace
+
+std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& light) {
+  const glm::ivec3 dims(light.dims[0], light.dims[1], light.dims[2]);
+  const Neighbourhood near = neighbours(medium, light);
+  const auto number = [&](const glm::ivec3& at) {
+    return (static_cast<std::size_t>(at.z) * dims.y + at.y) * dims.x + at.x;
+  };
+  std::vector<float> extinction(light.size()), depth(light.size(), 1e30f);
+  std::size_t k = 0;
+  for (int z = 0; z < dims.z; ++z)
+    for (int y = 0; y < dims.y; ++y)
+      for (int x = 0; x < dims.x; ++x, ++k)
+        extinction[k] =
+            medium.extinction(light.low + light.spacing * glm::dvec3(x, y, z));
+  const auto relax = [&](const glm::ivec3& at, int sign) {
+    const std::size_t here = number(at);
+    float best = depth[here];
+    for (int n = 0; n < 13; ++n) {
+      const glm::ivec3 from = at + sign * near.offset[n];
+      const bool inside = !glm::any(glm::lessThan(from, glm::ivec3(0))) &&
+                          !glm::any(glm::greaterThanEqual(from, dims));
+      const float before = inside ? depth[number(from)] : 0;
+      const float between = 0.5f * (extinction[here] + (inside ? extinction[number(from)] : 0));
+      best = std::min(best, before + between * near.length[n]);
+    }
+    depth[here] = best;
+  };
+  for (int round = 0; round < 2; ++round) {  // a second time for paths that turn back
+    for (int z = 0; z < dims.z; ++z)
+      for (int y = 0; y < dims.y; ++y)
+        for (int x = 0; x < dims.x; ++x) relax({x, y, z}, 1);
+    for (int z = dims.z; z-- > 0;)
+      for (int y = dims.y; y-- > 0;)
+        for (int x = dims.x; x-- > 0;) relax({x, y, z}, -1);
+  }
+  return depth;
+}
+
+bool near_matter(const RayGrid& grid, const LightGrid& light, const glm::ivec3& node) {
+  const glm::dvec3 at = light.low + light.spacing * glm::dvec3(node);
+  const glm::ivec3 last(grid.bricks[0] - 1, grid.bricks[1] - 1, grid.bricks[2] - 1);
+  const auto brick = [&](const glm::dvec3& p) {
+    return glm::clamp(glm::ivec3(glm::floor(p / double{kBrick})), glm::ivec3(0), last);
+  };
+  const glm::ivec3 from = brick(at - light.spacing), to = brick(at + light.spacing);
+  for (int z = from.z; z <= to.z; ++z)
+    for (int y = from.y; y <= to.y; ++y)
+      for (int x = from.x; x <= to.x; ++x)
+        if (grid.distance[(static_cast<std::size_t>(z) * grid.bricks[1] + y) * grid.bricks[0] +
+                          x] == 0)
+          return true;
+  return false;
+}
+
+double interpolate(const LightGrid& light, const std::vector<float>& values,
+                   const glm::dvec3& at) {
+  const glm::dvec3 last(light.dims[0] - 1, light.dims[1] - 1, light.dims[2] - 1);
+  const glm::dvec3 inside = glm::clamp(at, glm::dvec3(0), last);
+  const glm::ivec3 first = glm::min(glm::ivec3(inside), glm::max(glm::ivec3(last) - 1, 0));
+  const glm::dvec3 w = inside - glm::dvec3(first);
+  const auto value = [&](int x, int y, int z) {
+    const glm::ivec3 n = glm::min(first + glm::ivec3(x, y, z), glm::ivec3(last));
+    return double{values[(static_cast<std::size_t>(n.z) * light.dims[1] + n.y) * light.dims[0] +
+                         n.x]};
+  };
+  const auto along = [&](int y, int z) { return glm::mix(value(0, y, z), value(1, y, z), w.x); };
+  return glm::mix(glm::mix(along(0, 0), along(1, 0), w.y), glm::mix(along(0, 1), along(1, 1), w.y),
+                  w.z);
+}
+
+}  // namespace slf

@@ -1,0 +1,45 @@
+// Computes the light volume of a scene, once, before its rays are traced. Private to this room.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "field/scene/illumination.h"
+#include "field/scene/light_grid.h"
+#include "field/scene/medium.h"
+#include "slf/error.h"
+#include "slf/light.h"
+#include "slf/progress.h"
+
+namespace slf {
+
+/// Computes the light at the nodes around all that a view can show.
+///
+/// A node stands for the matter around it: 16 points within one spacing, weighted by their
+/// extinction and by how much of them can be seen from outside. Lights: their transmittance to each
+/// point is marched, so it has no noise beyond that of the points. Surroundings and scattered
+/// light: `samples` paths that start at the points, with next-event estimation towards one light
+/// per vertex and, if the environment is peaked, towards the environment (multiple importance
+/// sampling, Veach 1995). First directions follow the low-discrepancy sequence R3 (Roberts 2018),
+/// shifted at random per node. Then a joint bilateral filter over 3×3×3 nodes removes noise from
+/// the second part: it averages along surfaces, not through them, because neighbours count less
+/// the more their normal and their depth below the surface differ.
+///
+/// Deep nodes, which views hardly show, get fewer points and paths: in proportion to exp(-d/2) at an
+/// optical depth d. Matter deeper than 7 is left dark.
+///
+/// The result depends on the scene and the options, not on `threads` (0: all). Progress counts
+/// paths. failed: stopped by `progress`.
+[[nodiscard]] Result<LightGrid> compute_light(const Medium& medium,
+                                              const Illumination& illumination,
+                                              const LightOptions& options, unsigned threads,
+                                              const ProgressCallback& progress);
+
+/// Keeps a light volume in a file, under a key that says what it was computed from. io.
+[[nodiscard]] Result<void> save_light(const std::string& path, const std::string& key,
+                                      const LightGrid& light);
+/// The light volume in a file; nothing if there is no such file, if it has another key, or if it is
+/// damaged. Input is untrusted.
+[[nodiscard]] std::optional<LightGrid> load_light(const std::string& path, const std::string& key);
+
+}  // namespace slf

@@ -1,0 +1,274 @@
+#include "field/scene/medium.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "slf/tone.h"
+
+namespace slf {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+/// Calls f with a null pointer to the type of the grid's voxels.
+template <class F>
+auto visit_type(ScalarType type, const F& f) {
+  switch (type) {
+    case ScalarType::u8:
+      return f(static_cast<const std::uint8_t*>(nullptr));
+    case ScalarType::i8:
+      return f(static_cast<const std::int8_t*>(nullptr));
+    case ScalarType::u16:
+      return f(static_cast<const std::uint16_t*>(nullptr));
+    case ScalarType::i16:
+      return f(static_cast<const std::int16_t*>(nullptr));
+    default:
+      return f(static_cast<const float*>(nullptr));
+  }
+}
+
+struct Cell {
+  glm::ivec3 first;
+  glm::vec3 within;
+};
+
+Cell cell_of(const RayGrid& grid, const glm::dvec3& at) {
+  const glm::ivec3 last(grid.dims[0] - 2, grid.dims[1] - 2, grid.dims[2] - 2);
+  const glm::ivec3 first = glm::clamp(glm::ivec3(at), glm::ivec3(0), last);
+  return {first, glm::clamp(glm::vec3(at - glm::dvec3(first)), 0.f, 1.f)};
+}
+
+/// The `N`³ voxels from `first` on, clamped at the border of the volume; x fastest. Of labels,
+/// whether they are visible if `visible`, else the ids.
+template <int N>
+void load(const RayGrid& grid, const glm::ivec3& first, bool visible, float* to) {
+  const glm::ivec3 dims(grid.dims[0], grid.dims[1], grid.dims[2]);
+  const bool inside = glm::all(glm::greaterThanEqual(first, glm::ivec3(0))) &&
+                      glm::all(glm::lessThanEqual(first + N, dims));
+  visit_type(grid.type, [&](auto null) {
+    const auto* voxels = reinterpret_cast<decltype(null)>(grid.voxels);
+    if (inside && !visible) {
+      const auto* row = voxels + (std::ptrdiff_t{first.z} * dims.y + first.y) * dims.x + first.x;
+      for (int z = 0; z < N; ++z, row += std::ptrdiff_t{dims.y - N} * dims.x)
+        for (int y = 0; y < N; ++y, row += dims.x)
+          for (int x = 0; x < N; ++x) *to++ = static_cast<float>(row[x]);
+      return;
+    }
+    for (int z = 0; z < N; ++z)
+      for (int y = 0; y < N; ++y) {
+        const std::ptrdiff_t row =
+            (std::ptrdiff_t{std::clamp(first.z + z, 0, dims.z - 1)} * dims.y +
+             std::clamp(first.y + y, 0, dims.y - 1)) *
+            dims.x;
+        for (int x = 0; x < N; ++x) {
+          const auto voxel = voxels[row + std::clamp(first.x + x, 0, dims.x - 1)];
+          if (visible) {
+            const auto label = static_cast<std::size_t>(voxel);
+            *to++ = label < grid.table.opacities.size() && grid.table.opacities[label] > 0;
+          } else {
+            *to++ = static_cast<float>(voxel);
+          }
+        }
+      }
+  });
+}
+
+/// Trilinear interpolation of f(corner) over the corners of a cell.
+template <class F>
+auto trilinear(const glm::vec3& w, const F& f) {
+  const auto along = [&](int y, int z) { return glm::mix(f(0, y, z), f(1, y, z), w.x); };
+  return glm::mix(glm::mix(along(0, 0), along(1, 0), w.y),
+                  glm::mix(along(0, 1), along(1, 1), w.y), w.z);
+}
+
+}  // namespace
+
+glm::dvec3 uniform_direction(double u, double v) {
+  const double z = 1 - 2 * u, r = std::sqrt(std::max(0.0, 1 - z * z));
+  return {r * std::cos(2 * kPi * v), r * std::sin(2 * kPi * v), z};
+}
+
+glm::dvec3 cosine_direction(const glm::dvec3& normal, double u, double v) {
+  // A uniform point on the unit sphere around the tip of the normal.
+  const glm::dvec3 sum = normal + uniform_direction(u, v);
+  const double length = glm::length(sum);
+  return length > 1e-9 ? sum / length : normal;
+}
+
+double Matter::kernel(const glm::dvec3& direction) const {
+  return surface * std::max(0.0, glm::dot(normal, direction)) / kPi + (1 - surface) / (4 * kPi);
+}
+
+glm::dvec3 Matter::sample(double choice, double u, double v) const {
+  return choice < surface ? cosine_direction(normal, u, v) : uniform_direction(u, v);
+}
+
+Medium::Medium(const RayGrid& grid)
+    : grid_(grid), index_to_world_(glm::inverse(grid.world_to_index)) {
+  for (int axis = 0; axis < 3; ++axis)
+    smallest_spacing_ = std::min(smallest_spacing_, glm::length(index_to_world_[axis]));
+  constexpr float kMostOpaque = 1 - 1.f / 4096;  // of a step: what is finite and yet opaque
+  for (const float opacity : grid.table.opacities) {
+    const double extinction = -std::log1p(-std::min(opacity, kMostOpaque)) / grid.step;
+    extinctions_.push_back(static_cast<float>(extinction));
+    surfaces_.push_back(static_cast<float>(-std::expm1(-2 * smallest_spacing_ * extinction)));
+  }
+  find_majorants();
+}
+
+/// The largest extinction over the values of each brick.
+void Medium::find_majorants() {
+  // levels[k][i]: the largest of the 2^k entries from i on.
+  std::vector<std::vector<float>> levels{extinctions_};
+  for (std::size_t width = 2; width <= extinctions_.size() && !grid_.labels; width *= 2) {
+    const std::vector<float>& half = levels.back();
+    std::vector<float> level(extinctions_.size() - width + 1);
+    for (std::size_t i = 0; i < level.size(); ++i) level[i] = std::max(half[i], half[i + width / 2]);
+    levels.push_back(std::move(level));
+  }
+  const std::size_t last = extinctions_.size() - 1;
+  const auto most_between = [&](std::size_t from, std::size_t to) {
+    from = from > 0 ? from - 1 : 0;  // one entry more than rounding can reach
+    to = std::min(to + 1, last);
+    const auto level = static_cast<std::size_t>(std::bit_width(to - from + 1) - 1);
+    return std::max(levels[level][from], levels[level][to + 1 - (std::size_t{1} << level)]);
+  };
+  majorants_.assign(grid_.distance.size(), 0);
+  std::size_t number = 0;
+  for (int z = 0; z < grid_.bricks[2]; ++z)
+    for (int y = 0; y < grid_.bricks[1]; ++y)
+      for (int x = 0; x < grid_.bricks[0]; ++x, ++number) {
+        if (grid_.distance[number] > 0) continue;
+        float voxels[27];
+        static_assert(kBrick + 1 == 3);
+        load<3>(grid_, glm::ivec3(x, y, z) * kBrick, false, voxels);
+        const auto [low, high] = std::minmax_element(voxels, voxels + 27);
+        if (!grid_.labels) {
+          majorants_[number] =
+              most_between(entry_of(grid_.table, *low), entry_of(grid_.table, *high));
+          continue;
+        }
+        for (const float voxel : voxels)
+          if (const auto label = static_cast<std::size_t>(voxel); label <= last)
+            majorants_[number] = std::max(majorants_[number], extinctions_[label]);
+      }
+}
+
+std::size_t Medium::entry(const glm::dvec3& at) const {
+  const Cell cell = cell_of(grid_, at);
+  if (grid_.labels) {
+    float label = 0;
+    load<1>(grid_, cell.first + glm::ivec3(glm::step(0.5f, cell.within)), false, &label);
+    return std::min(static_cast<std::size_t>(label), extinctions_.size() - 1);
+  }
+  float v[8];
+  load<2>(grid_, cell.first, false, v);
+  return entry_of(grid_.table, trilinear(cell.within, [&](int x, int y, int z) {
+                    return v[z * 4 + y * 2 + x];
+                  }));
+}
+
+float Medium::extinction(const glm::dvec3& at) const { return extinctions_[entry(at)]; }
+
+Matter Medium::matter(const glm::dvec3& at) const {
+  Matter matter;
+  matter.at = at;
+  const std::size_t index = entry(at);
+  matter.extinction = extinctions_[index];
+  if (!(matter.extinction > 0)) return matter;
+  matter.albedo = glm::vec3(grid_.table.colors[index]);
+  const Cell cell = cell_of(grid_, at);
+  float v[64];
+  load<4>(grid_, cell.first - 1, grid_.labels, v);
+  const glm::vec3 gradient = trilinear(cell.within, [&](int x, int y, int z) {
+    const float* c = v + (z + 1) * 16 + (y + 1) * 4 + x + 1;
+    return 0.5f * glm::vec3(c[1] - c[-1], c[4] - c[-4], c[16] - c[-16]);
+  });
+  const auto& m = grid_.gradient_to_world;
+  const glm::vec3 world(gradient.x * m[0] + gradient.y * m[1] + gradient.z * m[2]);
+  const float length = glm::length(world);
+  if (!(length > 1e-15f)) return matter;
+  matter.normal = glm::normalize(glm::dvec3(-world));
+  matter.surface = surfaces_[index] * -std::expm1(-length * grid_.inverse_gradient_floor);
+  return matter;
+}
+
+bool Medium::clip(const glm::dvec3& from, const glm::dvec3& direction, double& begin,
+                  double& end) const {
+  for (int axis = 0; axis < 3; ++axis) {
+    const double low = grid_.visible_low[axis] - from[axis];
+    const double high = grid_.visible_high[axis] - from[axis];
+    if (direction[axis] == 0) {
+      if (low > 0 || high < 0) return false;
+      continue;
+    }
+    const double a = low / direction[axis], b = high / direction[axis];
+    begin = std::max(begin, std::min(a, b));
+    end = std::min(end, std::max(a, b));
+  }
+  return begin < end;
+}
+
+Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3& direction, double t) const {
+  glm::ivec3 at;
+  for (int axis = 0; axis < 3; ++axis)
+    at[axis] = std::clamp(static_cast<int>(from[axis] + t * direction[axis]) >> kBrickShift, 0,
+                          grid_.bricks[static_cast<std::size_t>(axis)] - 1);
+  const std::size_t number =
+      (static_cast<std::size_t>(at.z) * grid_.bricks[1] + at.y) * grid_.bricks[0] + at.x;
+  const int distance = grid_.distance[number];
+  double end = std::numeric_limits<double>::max();
+  for (int axis = 0; axis < 3; ++axis) {
+    if (direction[axis] == 0) continue;
+    const int edge = direction[axis] > 0 ? at[axis] + std::max(distance, 1)
+                                         : at[axis] + 1 - std::max(distance, 1);
+    end = std::min(end, (edge * kBrick - from[axis]) / direction[axis]);
+  }
+  // Rounding may put the edge behind t: move on by what no voxel can notice.
+  constexpr double kNudge = 1e-7;
+  return {number, std::max(end, t) + kNudge * smallest_spacing_, distance > 0};
+}
+
+std::optional<double> Medium::fly(const glm::dvec3& from, const glm::dvec3& direction,
+                                  double length, Random& random) const {
+  double t = 0;
+  if (!clip(from, direction, t, length)) return std::nullopt;
+  double optical = -std::log1p(-random());  // depth to the next candidate
+  while (t < length) {
+    const Brick b = brick(from, direction, t);
+    const double majorant = b.empty ? 0 : majorants_[b.number];
+    const double end = std::min(b.end, length);
+    if (majorant * (end - t) <= optical) {
+      optical -= majorant * (end - t);
+      t = b.end;
+      continue;
+    }
+    t += optical / majorant;
+    if (random() * majorant < extinction(from + t * direction)) return t;
+    optical = -std::log1p(-random());
+  }
+  return std::nullopt;
+}
+
+double Medium::optical_depth(const glm::dvec3& from, const glm::dvec3& direction, double length,
+                             double shift) const {
+  double begin = 0;
+  if (!clip(from, direction, begin, length)) return 0;
+  const double step = 0.7 * smallest_spacing_;
+  double depth = 0;
+  for (double t = begin + shift * step; t < length && depth < kDark;) {
+    const Brick b = brick(from, direction, t);
+    if (b.empty) {  // stay on the same positions
+      t += step * std::max(1.0, std::ceil((b.end - t) / step));
+      continue;
+    }
+    for (const double end = std::min(b.end, length); t < end; t += step)
+      depth += step * extinction(from + t * direction);
+  }
+  return depth;
+}
+
+}  // namespace slf

@@ -1,0 +1,103 @@
+// The volume as a medium for light: extinction, albedo and the scattering kernel at any point, and
+// free flight through it. Private to this room.
+//
+// Positions are in voxel indices; directions are in voxel indices per world unit, so that lengths
+// along a ray are in world units. The medium ends at the box around the visible cells.
+#pragma once
+
+#include <cstdint>
+#include <glm/glm.hpp>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "field/scene/raycaster_kernel.h"
+
+namespace slf {
+
+/// Pseudorandom numbers in [0, 1) from a seed: splitmix64 (Steele, Lea, Flood 2014).
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : state_(seed) {}
+  double operator()() {
+    state_ += 0x9E3779B97F4A7C15u;
+    return static_cast<double>(mix(state_) >> 11) * 0x1p-53;
+  }
+  static std::uint64_t mix(std::uint64_t x) {
+    x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9u;
+    x = (x ^ (x >> 27)) * 0x94D049BB133111EBu;
+    return x ^ (x >> 31);
+  }
+
+ private:
+  std::uint64_t state_;
+};
+
+/// What is at a point. See slf/light.h for the model.
+struct Matter {
+  glm::dvec3 at{0.0};
+  float extinction = 0;  ///< per world unit
+  glm::vec3 albedo{0};   ///< linear
+  glm::dvec3 normal{0.0};  ///< unit, world; 0 where there is no gradient
+  float surface = 0;       ///< share of the surface in the scattering kernel
+
+  /// K(ω), per steradian; ω is a unit world direction.
+  [[nodiscard]] double kernel(const glm::dvec3& direction) const;
+  /// A direction with the density K/∫K; REQUIRES u, v in [0, 1), `choice` too.
+  [[nodiscard]] glm::dvec3 sample(double choice, double u, double v) const;
+};
+
+/// A uniform direction, and one with the density max(0, n·ω)/π.
+[[nodiscard]] glm::dvec3 uniform_direction(double u, double v);
+[[nodiscard]] glm::dvec3 cosine_direction(const glm::dvec3& normal, double u, double v);
+
+/// Thread-safety: immutable. The grid must outlive it.
+class Medium {
+ public:
+  explicit Medium(const RayGrid& grid);
+
+  [[nodiscard]] float extinction(const glm::dvec3& at) const;
+  [[nodiscard]] Matter matter(const glm::dvec3& at) const;
+  /// A unit world direction as voxel indices per world unit.
+  [[nodiscard]] glm::dvec3 per_world(const glm::dvec3& direction) const {
+    return grid_.world_to_index * direction;
+  }
+  [[nodiscard]] glm::dvec3 world(const glm::dvec3& at) const {
+    return grid_.origin + index_to_world_ * at;
+  }
+  [[nodiscard]] const RayGrid& grid() const { return grid_; }
+
+  /// Where light that flies from `from` first interacts with matter, if it does before `length`
+  /// world units. Delta tracking (Woodcock et al. 1965) with a majorant per brick, which leaps over
+  /// empty bricks: unbiased.
+  [[nodiscard]] std::optional<double> fly(const glm::dvec3& from, const glm::dvec3& direction,
+                                          double length, Random& random) const;
+
+  /// The optical depth along `length` world units, by the midpoint rule with steps of
+  /// 0.7 of the smallest voxel spacing; the samples are shifted by `shift`, 0 to 1, of that. Stops at kDark.
+  [[nodiscard]] double optical_depth(const glm::dvec3& from, const glm::dvec3& direction,
+                                     double length, double shift) const;
+  /// An optical depth through which no visible light passes: e^-7 is less than 0.1 %.
+  static constexpr double kDark = 7;
+
+ private:
+  struct Brick {
+    std::size_t number;
+    double end;  // where the ray leaves the brick, or the empty cube around it
+    bool empty;
+  };
+  [[nodiscard]] bool clip(const glm::dvec3& from, const glm::dvec3& direction, double& begin,
+                          double& end) const;
+  [[nodiscard]] Brick brick(const glm::dvec3& from, const glm::dvec3& direction, double t) const;
+  [[nodiscard]] std::size_t entry(const glm::dvec3& at) const;
+  void find_majorants();
+
+  const RayGrid& grid_;
+  glm::dmat3 index_to_world_;
+  double smallest_spacing_ = std::numeric_limits<double>::max();
+  std::vector<float> extinctions_;  // per table entry and world unit
+  std::vector<float> surfaces_;     // per table entry: opacity across two voxels
+  std::vector<float> majorants_;    // per brick
+};
+
+}  // namespace slf

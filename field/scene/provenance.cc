@@ -1,0 +1,129 @@
+#include "field/scene/provenance.h"
+
+#include <xxhash.h>
+
+#include <iomanip>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "field/scene/light_rig.h"
+#include "field/volume/content.h"
+
+namespace slf {
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* kModes[] = {"direct", "shadowed", "global"};
+constexpr const char* kCurves[] = {"neutral", "srgb", "none"};
+
+/// JSON holds UTF-8 only, file names any bytes: what is not UTF-8 becomes U+FFFD.
+json valid_utf8(const std::string& text) {
+  return json::parse(json(text).dump(-1, ' ', false, json::error_handler_t::replace));
+}
+
+std::string hash(const Image& picture) {
+  const XXH64_hash_t seed = std::uint64_t{picture.width} << 32 | picture.height;
+  std::ostringstream text;
+  text << "xxh3-64:" << std::hex << std::setw(16) << std::setfill('0')
+       << XXH3_64bits_withSeed(picture.rgba.data(), picture.rgba.size() * sizeof(glm::vec4), seed);
+  return text.str();
+}
+
+json describe(const LightOptions& options) {
+  json out{{"mode", kModes[static_cast<int>(options.mode)]},
+           {"rig", json::parse(to_json(options.rig))},
+           {"samples", options.samples},
+           {"bounces", options.bounces},
+           {"spacing", options.spacing},
+           {"memory", options.memory},
+           {"seed", options.seed},
+           {"linear", options.linear}};
+  out["rig"]["name"] = valid_utf8(options.rig.name);
+  if (options.environment) {
+    out["environment"] = hash(*options.environment);
+    out["environment_gain"] = options.environment_gain;
+  }
+  if (!options.linear)
+    out["tone"] = {{"exposure", options.tone.exposure},
+                   {"curve", kCurves[static_cast<int>(options.tone.curve)]}};
+  return out;
+}
+
+template <class T>
+void number(const json& object, const char* name, T& to) {
+  const auto found = object.find(name);
+  if (found != object.end() && found->is_number()) to = found->get<T>();
+}
+
+/// The value whose name is found, or `otherwise`.
+template <class T, std::size_t N>
+T choice(const json& object, const char* member, const char* const (&names)[N], T otherwise) {
+  const auto found = object.find(member);
+  for (std::size_t k = 0; found != object.end() && k < N; ++k)
+    if (*found == names[k]) return static_cast<T>(k);
+  return otherwise;
+}
+
+LightOptions light_options(const json& from) {
+  LightOptions options;
+  options.mode = choice(from, "mode", kModes, options.mode);
+  if (const auto rig = from.find("rig"); rig != from.end())
+    if (auto parsed = parse_rig(rig->dump(), "provenance")) options.rig = std::move(*parsed);
+  number(from, "samples", options.samples);
+  number(from, "bounces", options.bounces);
+  number(from, "spacing", options.spacing);
+  number(from, "memory", options.memory);
+  number(from, "seed", options.seed);
+  number(from, "environment_gain", options.environment_gain);
+  if (const auto linear = from.find("linear"); linear != from.end() && linear->is_boolean())
+    options.linear = linear->get<bool>();
+  if (const auto tone = from.find("tone"); tone != from.end() && tone->is_object()) {
+    number(*tone, "exposure", options.tone.exposure);
+    options.tone.curve = choice(*tone, "curve", kCurves, options.tone.curve);
+  }
+  return options;
+}
+
+}  // namespace
+
+std::string describe(const Volume& volume, const TransferFunction& transfer,
+                     const RaycastOptions& options) {
+  json out{{"kind", "volume"},
+           {"source", valid_utf8(volume.source)},
+           {"content", content_hash(volume)},
+           {"dims", volume.dims},
+           {"type", name(volume.type)},
+           {"labels", volume.labels},
+           {"origin", {volume.origin.x, volume.origin.y, volume.origin.z}},
+           {"spacing", {volume.spacing().x, volume.spacing().y, volume.spacing().z}},
+           {"transfer", json::parse(to_json(transfer))},
+           {"step", options.step}};
+  if (options.lighting.mode != Lighting::direct) {
+    out["lighting"] = describe(options.lighting);
+  } else {
+    out["shade"] = options.shade;
+    out["light"] = {options.light.x, options.light.y, options.light.z};
+    out["ambient"] = options.ambient;
+  }
+  return out.dump();
+}
+
+RaycastOptions raycast_options(std::string_view text) {
+  const auto provenance = json::parse(text, nullptr, /*allow_exceptions=*/false);
+  RaycastOptions options;
+  if (!provenance.is_object()) return options;
+  number(provenance, "step", options.step);
+  number(provenance, "ambient", options.ambient);
+  const json shade = provenance.value("shade", json());
+  if (shade.is_boolean()) options.shade = shade.get<bool>();
+  const json light = provenance.value("light", json());
+  for (int axis = 0; light.is_array() && light.size() == 3 && axis < 3; ++axis)
+    if (const json& v = light[static_cast<std::size_t>(axis)]; v.is_number())
+      options.light[axis] = v.get<double>();
+  const json lighting = provenance.value("lighting", json());
+  if (lighting.is_object()) options.lighting = light_options(lighting);
+  return options;
+}
+
+}  // namespace slf

@@ -1,0 +1,158 @@
+#include "field/scene/volume_scene.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <unordered_map>
+
+#include "field/scene/illumination.h"
+#include "field/scene/provenance.h"
+#include "field/scene/raycaster_space.h"
+#include "field/scene/raycaster_table.h"
+#include "field/volume/voxels.h"
+
+namespace slf {
+namespace {
+
+void convert_to_float(Volume& volume) {
+  visit_voxels(volume, [&](auto from) {
+    std::vector<std::byte> converted(from.size() * sizeof(float));
+    auto* to = reinterpret_cast<float*>(converted.data());
+    for (std::size_t k = 0; k < from.size(); ++k) to[k] = static_cast<float>(from[k]);
+    volume.voxels = std::move(converted);
+  });
+  volume.type = ScalarType::f32;
+}
+
+/// Gives each label of a volume of another type a 16-bit number; returns label by number.
+Result<std::vector<double>> renumber_labels(Volume& volume) {
+  std::vector<double> labels;
+  const bool fits = visit_voxels(volume, [&](auto from) {
+    std::unordered_map<double, std::uint16_t> numbers;
+    std::vector<std::byte> converted(from.size() * sizeof(std::uint16_t));
+    auto* to = reinterpret_cast<std::uint16_t*>(converted.data());
+    for (std::size_t k = 0; k < from.size(); ++k) {
+      const auto label = static_cast<double>(from[k]);
+      const auto [it, added] =
+          numbers.try_emplace(label, static_cast<std::uint16_t>(numbers.size()));
+      if (added && labels.size() == 65536) return false;
+      if (added) labels.push_back(label);
+      to[k] = it->second;
+    }
+    volume.voxels = std::move(converted);
+    return true;
+  });
+  if (!fits)
+    return fail(ErrorCode::unsupported, volume.source,
+                ": more than 65536 different labels; is this a label volume?");
+  volume.type = ScalarType::u16;
+  return labels;
+}
+
+std::array<float, 2> stored_range(const Volume& volume) {
+  return visit_voxels(volume, [](auto voxels) {
+    float low = std::numeric_limits<float>::max();
+    float high = std::numeric_limits<float>::lowest();
+    for (const auto voxel : voxels) {
+      const auto value = static_cast<float>(voxel);
+      if (!std::isfinite(value)) continue;
+      low = std::min(low, value);
+      high = std::max(high, value);
+    }
+    return low <= high ? std::array{low, high} : std::array{0.f, 0.f};
+  });
+}
+
+/// Not-a-number and infinities have no place in interpolation: they become the least value.
+void replace_nonfinite(Volume& volume, float with) {
+  if (volume.type != ScalarType::f32) return;
+  auto* voxels = reinterpret_cast<float*>(volume.voxels.data());
+  std::replace_if(
+      voxels, voxels + volume.voxel_count(), [](float v) { return !std::isfinite(v); }, with);
+}
+
+Result<void> check_options(const RaycastOptions& options) {
+  if (!(options.step > 0.01 && options.step <= 100))
+    return fail(ErrorCode::usage, "step ", options.step, ": expected 0.01 to 100 voxels");
+  const double light = glm::length(options.light);
+  if (!(light > 0) || !std::isfinite(light))
+    return fail(ErrorCode::usage, "light: expected a direction, not zero and finite");
+  if (!(options.ambient >= 0 && options.ambient <= 1))
+    return fail(ErrorCode::usage, "ambient ", options.ambient, ": expected 0 to 1");
+  return options.lighting.mode == Lighting::direct ? Result<void>() : check_light(options.lighting);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
+                                                       const TransferFunction& transfer,
+                                                       const RaycastOptions& options) {
+  if (auto ok = check_options(options); !ok) return tl::unexpected(ok.error());
+  auto scene = std::make_unique<VolumeScene>();
+  scene->lighting = options.lighting;
+  scene->provenance = describe(volume, transfer, options);
+  scene->volume = std::move(volume);
+  Volume& v = scene->volume;
+  RayGrid& grid = scene->grid;
+
+  const glm::dvec3 spacing = v.spacing();
+  const double least_spacing = std::min({spacing.x, spacing.y, spacing.z});
+  grid.step = options.step * least_spacing;
+  const double steps_per_unit = grid.step / transfer.unit_distance;
+
+  grid.labels = v.labels;
+  float contrast = 1;  // what counts as a full-size change of value
+  if (v.labels) {
+    std::vector<double> labels;
+    if (v.type == ScalarType::u8 || v.type == ScalarType::u16) {
+      for (int id = 0; id < (v.type == ScalarType::u8 ? 256 : 65536); ++id) labels.push_back(id);
+    } else {
+      auto renumbered = renumber_labels(v);
+      if (!renumbered) return tl::unexpected(renumbered.error());
+      labels = std::move(*renumbered);
+    }
+    grid.table = make_label_table(transfer, v, labels, steps_per_unit);
+  } else {
+    if (bytes_per_voxel(v.type) > 2 && v.type != ScalarType::f32) convert_to_float(v);
+    const auto range = stored_range(v);
+    replace_nonfinite(v, range[0]);
+    grid.table = make_table(transfer, v, range, steps_per_unit);
+    contrast = std::max(range[1] - range[0], 1e-30f);
+  }
+
+  if (options.lighting.mode != Lighting::direct)
+    for (glm::vec4& color : grid.table.colors)
+      for (int c = 0; c < 3; ++c) color[c] = linear_from_srgb(color[c]);
+
+  grid.voxels = v.voxels.data();
+  grid.type = v.type;
+  for (int axis = 0; axis < 3; ++axis) {
+    grid.dims[axis] = static_cast<std::int32_t>(v.dims[axis]);
+    if (grid.dims[axis] < 2)
+      return fail(ErrorCode::unsupported, v.source, ": a volume needs at least 2 voxels along ",
+                  "xyz"[axis], ", found ", v.dims[axis]);
+  }
+  grid.world_to_index = glm::inverse(v.axes);
+  grid.origin = v.origin;
+  // Values rise where the stored ones do only under a positive slope.
+  const double sign = v.slope < 0 && !v.labels ? -1 : 1;
+  const glm::mat3 gradient_to_world(sign * least_spacing * glm::transpose(grid.world_to_index));
+  for (int axis = 0; axis < 3; ++axis)
+    grid.gradient_to_world[static_cast<std::size_t>(axis)] = {gradient_to_world[axis], 0};
+  grid.inverse_gradient_floor = 1 / (0.02f * contrast);
+  grid.leap = options.leap;
+  grid.shade = options.shade;
+  grid.light = {glm::vec3(glm::normalize(options.light)), 0};
+  grid.ambient = options.ambient;
+
+  const std::optional<Sphere> bounds = find_visible_space(v, grid);
+  if (!bounds)
+    return fail(ErrorCode::failed, v.source, ": the transfer function '", transfer.name,
+                "' leaves nothing visible: its opacity is zero over all values of the volume (",
+                v.value_range()[0], " to ", v.value_range()[1], ")");
+  scene->bounds = *bounds;
+  return scene;
+}
+
+}  // namespace slf

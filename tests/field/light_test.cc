@@ -1,0 +1,463 @@
+// The physics of light transport: what must hold whatever the noise.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <numbers>
+#include <random>
+#include <vector>
+
+#include "field/scene/illumination.h"
+#include "field/scene/light_grid.h"
+#include "field/scene/light_rig.h"
+#include "field/scene/light_volume.h"
+#include "field/scene/medium.h"
+#include "field/scene/volume_scene.h"
+#include "slf/path_tracer.h"
+#include "slf/raycaster.h"
+
+namespace slf {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+constexpr double kForever = std::numeric_limits<double>::infinity();
+
+/// A volume of bytes; one voxel is one world unit.
+Volume volume_of(glm::uvec3 dims, const std::function<double(glm::ivec3)>& f) {
+  Volume v;
+  v.dims = {dims.x, dims.y, dims.z};
+  v.source = "test";
+  for (std::uint32_t z = 0; z < dims.z; ++z)
+    for (std::uint32_t y = 0; y < dims.y; ++y)
+      for (std::uint32_t x = 0; x < dims.x; ++x)
+        v.voxels.push_back(static_cast<std::byte>(f(glm::ivec3(x, y, z))));
+  return v;
+}
+
+Volume ball(int side) {
+  return volume_of(glm::uvec3(side), [&](glm::ivec3 at) {
+    const double r = glm::distance(glm::dvec3(at), glm::dvec3((side - 1) / 2.0));
+    return std::clamp(128 + 40 * (0.35 * side - r), 0.0, 255.0);
+  });
+}
+
+/// Opacity per world unit from `opacity`(value), one colour.
+TransferFunction material(const glm::dvec3& srgb, std::vector<std::array<double, 2>> opacity) {
+  TransferFunction t;
+  t.colors = {{0, srgb}};
+  for (const auto& [value, o] : opacity) t.opacities.push_back({value, o, 0.5, 0});
+  return t;
+}
+
+/// No gradient anywhere: the same opacity at every value.
+TransferFunction fog(const glm::dvec3& srgb, double opacity) {
+  return material(srgb, {{0, opacity}});
+}
+
+RaycastOptions lit(const LightRig& rig, Lighting mode = Lighting::global) {
+  RaycastOptions options;
+  options.lighting.mode = mode;
+  options.lighting.rig = rig;
+  options.lighting.linear = true;
+  options.lighting.bounces = 1000;
+  return options;
+}
+
+const LightRig kWhiteSky{"white sky", "", {}, {glm::vec3(1), glm::vec3(1), glm::vec3(1)}};
+
+LightRig sun(const glm::dvec3& direction) { return {"sun", "", {{direction}}, {}}; }
+
+glm::dvec3 random_point(std::mt19937& random, double radius) {
+  std::normal_distribution<double> normal;
+  return radius * glm::normalize(glm::dvec3(normal(random), normal(random), normal(random)));
+}
+
+/// Straight colours of random rays that see something.
+std::vector<glm::vec3> colors(const Scene& scene, int rays) {
+  std::mt19937 random(1);
+  const Sphere s = scene.bounds();
+  std::vector<glm::vec3> seen;
+  for (int k = 0; k < rays; ++k) {
+    const RaySample sample = scene.trace(s.center + random_point(random, s.radius),
+                                         s.center + random_point(random, s.radius));
+    if (sample.rgba.a > 0.2f) seen.push_back(glm::vec3(sample.rgba) / sample.rgba.a);
+  }
+  EXPECT_GT(seen.size(), 20u);
+  return seen;
+}
+
+TEST(Light, FurnaceIsInvisible) {
+  // White matter under an even sky has the radiance of the sky everywhere: surfaces (a ball with
+  // an edge) and fog alike.
+  for (const TransferFunction& t :
+       {material(glm::dvec3(1), {{100, 0}, {160, 0.9}}), fog(glm::dvec3(1), 0.1)}) {
+    const auto light = Raycaster::make(ball(20), t, lit(kWhiteSky));
+    ASSERT_TRUE(light) << light.error().message;
+    for (const glm::vec3& c : colors(**light, 200))
+      for (int k = 0; k < 3; ++k) EXPECT_NEAR(c[k], 1, 0.01);
+    const auto reference = PathTracer::make(ball(20), t, lit(kWhiteSky), {16, 1});
+    ASSERT_TRUE(reference) << reference.error().message;
+    for (const glm::vec3& c : colors(**reference, 200))
+      for (int k = 0; k < 3; ++k) EXPECT_NEAR(c[k], 1, 1e-4);
+  }
+}
+
+TEST(Light, NothingGetsBrighterThanItsSky) {
+  const LightRig half{"half", "", {}, {glm::vec3(1), glm::vec3(0.5f), glm::vec3(0)}};
+  for (const double srgb : {0.5, 0.9, 1.0}) {
+    const auto light = Raycaster::make(
+        ball(20), material(glm::dvec3(srgb), {{100, 0}, {160, 0.9}}), lit(half));
+    ASSERT_TRUE(light) << light.error().message;
+    const auto albedo = linear_from_srgb(static_cast<float>(srgb));
+    for (const glm::vec3& c : colors(**light, 200)) EXPECT_LE(c.r, albedo * 1.02f);
+  }
+}
+
+TEST(Light, FogReturnsNoMorePowerThanItGets) {
+  // The power that leaves a ball of white fog is the mean of its radiance over all lines, times
+  // their measure, and must equal what the sun puts in: its irradiance on the ball's shadow.
+  constexpr int kSide = 20;
+  const Volume round = volume_of(glm::uvec3(kSide), [](glm::ivec3 at) {
+    return glm::distance(glm::dvec3(at), glm::dvec3((kSide - 1) / 2.0)) < 7 ? 200 : 0;
+  });
+  TransferFunction t = material(glm::dvec3(1), {{0, 0}, {199, 0}, {200, 0.3}});
+  t.opacities.insert(t.opacities.begin() + 2, {199.5, 0, 0.5, 0});
+  const auto scene = make_volume_scene(round, t, lit(sun({0, 0, 1})));
+  ASSERT_TRUE(scene) << scene.error().message;
+  const Medium medium((*scene)->grid);
+  const Sphere s = (*scene)->bounds;
+  // In: parallel rays that interact. Irradiance π.
+  Random random(1);
+  std::mt19937 points(1);
+  constexpr int kRays = 60000;
+  int caught = 0;
+  for (int k = 0; k < kRays; ++k) {
+    const double r = s.radius * std::sqrt(random()), a = 2 * kPi * random();
+    const glm::dvec3 at = s.center + glm::dvec3(r * std::cos(a), r * std::sin(a), s.radius);
+    const glm::dvec3 index = (*scene)->grid.world_to_index * (at - (*scene)->grid.origin);
+    caught += medium.fly(index, medium.per_world({0, 0, -1}), kForever, random).has_value();
+  }
+  const double in = kPi * (kPi * s.radius * s.radius) * caught / kRays;
+  // Out: lines through the sphere, uniform in direction and in the plane across it.
+  const auto tracer = PathTracer::make(round, t, lit(sun({0, 0, 1})), {4, 1});
+  ASSERT_TRUE(tracer) << tracer.error().message;
+  double radiance = 0;
+  for (int k = 0; k < kRays; ++k) {
+    const glm::dvec3 d = uniform_direction(random(), random());
+    const glm::dvec3 across = glm::normalize(glm::cross(d, random_point(points, 1)));
+    const glm::dvec3 at = s.center + s.radius * std::sqrt(random()) * across;
+    radiance += (*tracer)->trace(at - 2 * s.radius * d, at + 2 * s.radius * d).rgba.r;
+  }
+  const double out = radiance / kRays * (4 * kPi) * (kPi * s.radius * s.radius);
+  EXPECT_NEAR(out / in, 1, 0.04);
+}
+
+TEST(Light, TransmittanceFollowsBeerAndLambert) {
+  // Through 10 world units of fog of opacity o per unit, (1 - o)^10 passes.
+  for (const double opacity : {0.02, 0.1, 0.4}) {
+    const auto scene = make_volume_scene(volume_of({11, 11, 11}, [](glm::ivec3) { return 100; }),
+                                         fog(glm::dvec3(1), opacity), lit(kWhiteSky));
+    ASSERT_TRUE(scene) << scene.error().message;
+    const Medium medium((*scene)->grid);
+    const double expected = std::pow(1 - opacity, 10);
+    const glm::dvec3 from(5.2, 4.7, -3), along = medium.per_world({0, 0, 1});
+    const double depth = medium.optical_depth(from, along, kForever, 0.5);
+    EXPECT_NEAR(depth, std::min(-std::log(expected), Medium::kDark), 0.06 * -std::log(expected));
+    Random random(1);
+    constexpr int kFlights = 100000;
+    int passed = 0;
+    for (int k = 0; k < kFlights; ++k)
+      passed += !medium.fly(from, along, kForever, random).has_value();
+    const double noise = std::sqrt(expected * (1 - expected) / kFlights);
+    EXPECT_NEAR(static_cast<double>(passed) / kFlights, expected, 4 * noise + 1e-6);
+  }
+}
+
+TEST(Light, SingleScatteringInASlabHasAClosedForm) {
+  // A slab of fog of optical thickness T, lit along the eye's line of sight by irradiance π: what is
+  // scattered once at optical depth t was attenuated by e^-t on both ways, so the radiance is
+  // albedo/4π · π · ∫ e^-2t dt = albedo/8 · (1 - e^-2T).
+  constexpr int kSide = 15;
+  const double opacity = 0.1, albedo = 0.5;
+  const double thickness = -(kSide - 1) * std::log(1 - opacity);
+  const double expected = albedo / 8 * (1 - std::exp(-2 * thickness));
+  const Volume slab = volume_of({61, 61, kSide}, [](glm::ivec3) { return 100; });
+  const double srgb = srgb_from_linear(static_cast<float>(albedo));
+  RaycastOptions options = lit(sun({0, 0, 1}), Lighting::shadowed);
+  options.step = 0.1;
+  const glm::dvec3 from(30, 30, 40), to(30, 30, -40);
+  const auto reference = PathTracer::make(slab, fog(glm::dvec3(srgb), opacity), options, {40000, 1});
+  ASSERT_TRUE(reference) << reference.error().message;
+  EXPECT_NEAR((*reference)->trace(from, to).rgba.r / expected, 1, 0.02);
+  const auto light = Raycaster::make(slab, fog(glm::dvec3(srgb), opacity), options);
+  ASSERT_TRUE(light) << light.error().message;
+  EXPECT_NEAR((*light)->trace(from, to).rgba.r / expected, 1, 0.04);
+}
+
+TEST(Light, ASurfaceThatFacesTheLightIsWhite) {
+  // That is what an intensity of 1 means; one that faces away is black without other light.
+  const Volume block = volume_of({30, 30, 30}, [](glm::ivec3 at) { return at.z < 15 ? 200 : 0; });
+  const TransferFunction t = material(glm::dvec3(1), {{90, 0}, {91, 1}});
+  for (const double z : {1.0, -1.0}) {
+    const auto scene = PathTracer::make(block, t, lit(sun({0, 0, z}), Lighting::shadowed), {64, 1});
+    ASSERT_TRUE(scene) << scene.error().message;
+    const RaySample s = (*scene)->trace({14, 14, 60}, {14, 14, -30});
+    EXPECT_NEAR(s.rgba.a, 1, 1e-4);
+    EXPECT_NEAR(s.rgba.r, z > 0 ? 1 : 0, 0.08);
+  }
+}
+
+TEST(Light, VolumeAndReferenceAgreeUnderEveryRig) {
+  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
+  for (const LightRig& rig : built_in_rigs()) {
+    RaycastOptions options = lit(rig);
+    options.step = 0.3;
+    const auto light = Raycaster::make(ball(24), t, options);
+    ASSERT_TRUE(light) << light.error().message;
+    const auto reference = PathTracer::make(ball(24), t, options, {256, 1});
+    ASSERT_TRUE(reference) << reference.error().message;
+    const auto a = colors(**light, 150), b = colors(**reference, 150);
+    ASSERT_EQ(a.size(), b.size()) << rig.name;
+    double difference = 0, sum = 0, bias = 0;
+    for (std::size_t k = 0; k < a.size(); ++k) {
+      difference += std::abs(a[k].g - b[k].g);
+      bias += a[k].g - b[k].g;
+      sum += b[k].g;
+    }
+    EXPECT_LT(difference / sum, 0.08) << rig.name;
+    EXPECT_LT(std::abs(bias) / sum, 0.03) << rig.name;
+  }
+}
+
+TEST(Light, DoesNotDependOnTheThreads) {
+  RaycastOptions options = lit(built_in_rigs().front());
+  options.lighting.samples = 8;
+  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
+  const auto scene = make_volume_scene(ball(20), t, options);
+  ASSERT_TRUE(scene) << scene.error().message;
+  const Medium medium((*scene)->grid);
+  const Illumination shine = illuminate(options.lighting, (*scene)->bounds);
+  const auto one = compute_light(medium, shine, options.lighting, 1, {});
+  const auto three = compute_light(medium, shine, options.lighting, 3, {});
+  ASSERT_TRUE(one && three);
+  EXPECT_EQ(one->nodes, three->nodes);
+  options.lighting.seed = 2;
+  EXPECT_NE(compute_light(medium, shine, options.lighting, 3, {})->nodes, one->nodes);
+}
+
+TEST(Light, MemoryBoundsTheGrid) {
+  RaycastOptions options = lit(kWhiteSky);
+  options.lighting.memory = 1 << 20;
+  options.lighting.samples = 1;
+  const auto scene = make_volume_scene(volume_of(glm::uvec3(60), [](glm::ivec3) { return 100; }),
+                                       fog(glm::dvec3(1), 0.01), options);
+  ASSERT_TRUE(scene) << scene.error().message;
+  const auto light = compute_light(Medium((*scene)->grid),
+                                   illuminate(options.lighting, (*scene)->bounds),
+                                   options.lighting, 0, {});
+  ASSERT_TRUE(light);
+  EXPECT_GT(light->spacing, 1);
+  EXPECT_LE(light->size() * 40, options.lighting.memory);
+}
+
+TEST(Light, StopsWhenAsked) {
+  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
+  const auto made = Raycaster::make(ball(24), t, lit(kWhiteSky),
+                                    {1, [](const Progress&) { return false; }, {}});
+  ASSERT_FALSE(made);
+  EXPECT_EQ(made.error().code, ErrorCode::failed);
+}
+
+TEST(Light, IsKeptInAFile) {
+  const std::string path = testing::TempDir() + "kept.light";
+  std::filesystem::remove(path);
+  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
+  RaycastOptions options = lit(kWhiteSky);
+  options.lighting.samples = 2;
+  const auto make = [&] {
+    bool computed = false;
+    const auto made = Raycaster::make(ball(20), t, options, {1, [&](const Progress&) {
+                                        return computed = true;
+                                      }, path});
+    EXPECT_TRUE(made) << made.error().message;
+    return std::pair(computed, (*made)->trace({-30, 9, 9}, {50, 9, 9}).rgba);
+  };
+  const auto first = make();
+  EXPECT_TRUE(first.first);
+  const auto second = make();
+  EXPECT_FALSE(second.first);
+  EXPECT_EQ(second.second, first.second);
+  options.lighting.seed = 7;  // other light
+  EXPECT_TRUE(make().first);
+  // Damage is found.
+  const auto size = std::filesystem::file_size(path);
+  for (const std::uintmax_t keep : {size - 1, size / 2, std::uintmax_t{20}, std::uintmax_t{0}}) {
+    std::filesystem::resize_file(path, keep);
+    EXPECT_TRUE(make().first) << keep;
+  }
+  std::filesystem::remove(path);
+}
+
+TEST(Light, ProvenanceHoldsEverySetting) {
+  RaycastOptions options = lit(built_in_rigs()[1], Lighting::shadowed);
+  options.lighting.samples = 3;
+  options.lighting.bounces = 5;
+  options.lighting.spacing = 2;
+  options.lighting.seed = 9;
+  options.lighting.linear = false;
+  options.lighting.tone = {1.5f, ToneCurve::srgb};
+  const auto scene = make_volume_scene(ball(12), fog(glm::dvec3(1), 0.1), options);
+  ASSERT_TRUE(scene) << scene.error().message;
+  const RaycastOptions back = raycast_options((*scene)->provenance);
+  EXPECT_EQ(back.lighting.mode, options.lighting.mode);
+  EXPECT_EQ(to_json(back.lighting.rig), to_json(options.lighting.rig));
+  EXPECT_EQ(back.lighting.samples, 3u);
+  EXPECT_EQ(back.lighting.bounces, 5u);
+  EXPECT_EQ(back.lighting.spacing, 2);
+  EXPECT_EQ(back.lighting.seed, 9u);
+  EXPECT_EQ(back.lighting.linear, false);
+  EXPECT_EQ(back.lighting.tone, options.lighting.tone);
+}
+
+TEST(Light, PackedColoursAreCloseToTheirOwn) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<float> exponent(-20, 15);
+  for (int k = 0; k < 10000; ++k) {
+    const glm::vec3 light(std::exp2(exponent(random)), std::exp2(exponent(random)), 0);
+    const std::uint32_t word = pack_light(light);
+    const float scale = std::exp2(static_cast<float>(word >> 27) - 24);
+    const glm::vec3 back =
+        scale * glm::vec3(word & 511, word >> 9 & 511, word >> 18 & 511);
+    const float most = std::max(light.r, light.g);
+    for (int c = 0; c < 3; ++c) EXPECT_NEAR(back[c], light[c], most / 500 + 0x1p-24f);
+  }
+}
+
+TEST(Light, EnvironmentSamplesFollowTheirDensity) {
+  Image picture;
+  picture.width = 8, picture.height = 4;
+  for (int k = 0; k < 32; ++k) picture.rgba.emplace_back(k % 5, k % 3, k == 13 ? 40 : 1, 1);
+  const Environment sky(picture, 1);
+  EXPECT_TRUE(sky.peaked());
+  Random random(1);
+  // The mean of radiance/density estimates the integral of radiance, which uniform directions
+  // give as well; where a sample comes from, the look-up finds it again.
+  double sampled = 0, uniform = 0;
+  constexpr int kSamples = 200000;
+  for (int k = 0; k < kSamples; ++k) {
+    const double choice = random(), u = random(), v = random();
+    const auto s = sky.sample(choice, u, v);
+    EXPECT_NEAR(sky.density(s.direction), s.density, 1e-9);
+    sampled += s.radiance.b / s.density / kSamples;
+    uniform += 4 * kPi * sky.radiance(uniform_direction(random(), random())).b / kSamples;
+  }
+  EXPECT_NEAR(sampled / uniform, 1, 0.02);
+}
+
+TEST(Light, EnvironmentFacesThePatient) {
+  Image picture;  // red in the middle, green right of it, blue on top
+  picture.width = 4, picture.height = 3;
+  picture.rgba.assign(12, glm::vec4(0, 0, 0, 1));
+  for (int x = 0; x < 4; ++x) picture.rgba[x].b = 1;
+  picture.rgba[4 + 2].r = 1;
+  picture.rgba[4 + 3].g = 1;
+  const Environment sky(picture, 2);
+  EXPECT_EQ(sky.radiance({0.1, -1, 0}), glm::vec3(2, 0, 0));
+  EXPECT_EQ(sky.radiance({1, 0.1, 0}), glm::vec3(0, 2, 0));
+  EXPECT_EQ(sky.radiance({0, 0, 1}), glm::vec3(0, 0, 2));
+}
+
+TEST(Light, NearLightsFallOffWithDistance) {
+  const Sphere bounds{glm::dvec3(1, 2, 3), 10};
+  Light lamp{{0, 0, 1}};
+  lamp.distance = 2;
+  const PlacedLight light(lamp, bounds);
+  const Arrival at_center = light.arrival({1, 2, 3}, 0, 0), nearer = light.arrival({1, 2, 13}, 0, 0);
+  EXPECT_NEAR(at_center.irradiance.r, kPi, 1e-5);
+  EXPECT_NEAR(at_center.distance, 20, 1e-9);
+  EXPECT_NEAR(nearer.irradiance.r, 4 * kPi, 1e-4);
+}
+
+TEST(Light, BadSettingsAreRefused) {
+  const auto error = [](const std::function<void(LightOptions&)>& change) {
+    RaycastOptions options = lit(built_in_rigs().front());
+    change(options.lighting);
+    const auto made = Raycaster::make(ball(12), fog(glm::dvec3(1), 0.1), options);
+    EXPECT_FALSE(made);
+    EXPECT_EQ(made.error().code, ErrorCode::usage);
+    return made.error().message;
+  };
+  const auto picture = [](float value) {
+    Image image;
+    image.width = 2, image.height = 1;
+    image.rgba = {glm::vec4(1), glm::vec4(value, 0, 0, 1)};
+    return std::make_shared<const Image>(image);
+  };
+  EXPECT_NE(error([](auto& o) { o.rig.lights[1].intensity = -1; }).find("light 1: intensity"),
+            std::string::npos);
+  EXPECT_NE(error([](auto& o) { o.rig.lights[0].direction = glm::dvec3(0); }).find("direction"),
+            std::string::npos);
+  EXPECT_NE(error([](auto& o) { o.rig.sky.up.g = NAN; }).find("sky"), std::string::npos);
+  EXPECT_NE(error([](auto& o) { o.samples = 0; }).find("samples 0"), std::string::npos);
+  EXPECT_NE(error([](auto& o) { o.spacing = NAN; }).find("spacing"), std::string::npos);
+  EXPECT_NE(error([&](auto& o) { o.environment = picture(NAN); }).find("pixel 1,0"),
+            std::string::npos);
+  EXPECT_NE(error([&](auto& o) { o.environment = picture(-1); }).find("pixel 1,0"),
+            std::string::npos);
+}
+
+TEST(LightRig, EveryBuiltInOneReadsBack) {
+  for (const LightRig& rig : built_in_rigs()) {
+    const auto named = read_rig(rig.name);
+    ASSERT_TRUE(named) << named.error().message;
+    EXPECT_EQ(to_json(*named), to_json(rig));
+    const auto parsed = parse_rig(to_json(rig), "a.json");
+    ASSERT_TRUE(parsed) << parsed.error().message;
+    EXPECT_EQ(to_json(*parsed), to_json(rig));
+    EXPECT_FALSE(rig.description.empty());
+  }
+}
+
+TEST(LightRig, MistakesAreNamed) {
+  const auto unknown = read_rig("moonlight");
+  ASSERT_FALSE(unknown);
+  EXPECT_EQ(unknown.error().code, ErrorCode::usage);
+  EXPECT_NE(unknown.error().message.find("studio"), std::string::npos);
+  for (const auto& [text, place] : std::vector<std::pair<std::string, std::string>>{
+           {"", "JSON object"},
+           {"[]", "JSON object"},
+           {R"({"lights": 3})", "lights: expected an array"},
+           {R"({"lights": [{}]})", "lights[0].direction"},
+           {R"({"lights": [{"direction": [0, 0]}]})", "lights[0].direction"},
+           {R"({"lights": [{"direction": [0, 0, 1], "size": "big"}]})", "lights[0].size"},
+           {R"({"sky": {"up": 1}})", "sky.up"}}) {
+    const auto rig = parse_rig(text, "a.json");
+    ASSERT_FALSE(rig) << text;
+    EXPECT_EQ(rig.error().code, ErrorCode::bad_file);
+    EXPECT_NE(rig.error().message.find(place), std::string::npos) << rig.error().message;
+  }
+}
+
+TEST(ToneMapper, KeepsDarkColoursAndCompressesBrightOnes) {
+  const ToneMapper neutral({}), srgb({0, ToneCurve::srgb}), none({3, ToneCurve::none});
+  EXPECT_EQ(none({0.2f, 3, 0, 1}), glm::vec4(0.2f, 3, 0, 1));
+  EXPECT_NEAR(srgb({0.5f, 0, 0, 1}).r, srgb_from_linear(0.5f), 1e-3);
+  EXPECT_EQ(srgb({9, 9, 9, 1}).r, 1);
+  float before = 0;
+  for (float v = 0; v < 100; v += 0.05f) {  // monotonous, and never white
+    const float mapped = neutral(glm::vec4(v, v, v, 1)).r;
+    EXPECT_GE(mapped, before);
+    EXPECT_LE(mapped, 1);
+    before = mapped;
+  }
+  const glm::vec4 half = srgb({0.25f, 0.25f, 0.25f, 0.5f});  // premultiplied
+  EXPECT_NEAR(half.r, 0.5f * srgb_from_linear(0.5f), 1e-3);
+  EXPECT_EQ(half.a, 0.5f);
+}
+
+}  // namespace
+}  // namespace slf
