@@ -136,8 +136,7 @@ int main(int argc, char** argv) {
   std::vector<Image> a, b;
   double reference_seconds = 0;
   for (std::uint64_t seed = 1; seed <= 2 && reference > 0; ++seed) {
-    const auto tracer =
-        expect(PathTracer::make(volume, transfer, options, {reference / 2, seed}));
+    const auto tracer = expect(PathTracer::make(volume, transfer, options, {reference / 2, seed}));
     for (const Camera& camera : cameras)
       reference_seconds += seconds_of(
           [&] { (seed == 1 ? a : b).push_back(expect(trace_view(*tracer, sphere, camera))); });
@@ -150,8 +149,8 @@ int main(int argc, char** argv) {
       std::vector<std::unique_ptr<Raycaster>> seeds;
       double seconds = 0;
       for (options.lighting.seed = 1; options.lighting.seed <= 2; ++options.lighting.seed)
-        seconds +=
-            seconds_of([&] { seeds.push_back(expect(Raycaster::make(volume, transfer, options))); });
+        seconds += seconds_of(
+            [&] { seeds.push_back(expect(Raycaster::make(volume, transfer, options))); });
       Noise noise;
       double error = 0;
       for (std::size_t v = 0; v < cameras.size(); ++v) {

@@ -269,12 +269,12 @@ void SourceArguments::add_light_to(CLI::App& command) {
       .add_option("--light-samples", lighting.samples,
                   "Paths of light per node of the light volume: twice as many take twice\n"
                   "the time for 0.7 times the noise")
-      ->check(CLI::Range(1, 65536))
+      ->check(CLI::Range(1, 65536).description(""))
       ->group(group)
       ->capture_default_str();
   command
       .add_option("--light-bounces", lighting.bounces, "How often light scatters at most (global)")
-      ->check(CLI::Range(0, 1000))
+      ->check(CLI::Range(0, 1000).description(""))
       ->group(group)
       ->capture_default_str();
   command
@@ -305,7 +305,7 @@ void SourceArguments::add_reference_to(CLI::App& command) {
   auto* flag = command.add_flag("--reference", reference,
                                 "Path tracing instead of the light volume: unbiased, slow");
   command.add_option("--samples", paths.samples, "Paths per ray")
-      ->check(CLI::Range(1, 1 << 24))
+      ->check(CLI::Range(1, 1 << 24).description(""))
       ->needs(flag)
       ->capture_default_str();
 }
@@ -314,15 +314,15 @@ void add_tone(CLI::App& command, ToneMapping& tone, const char* group) {
   command
       .add_option("--exposure", tone.exposure,
                   "Photographic stops by which shadowed or global light is brighter")
-      ->check(CLI::Range(-20.0, 20.0))
+      ->check(CLI::Range(-20.0, 20.0).description(""))
       ->group(group)
       ->capture_default_str();
-  choose(command.add_option("--tonemap", tone.curve,
-                            "From radiance to colours: neutral compresses what is bright, srgb cuts "
-                            "it off,\nnone leaves radiance as it is"),
-         Choices<ToneCurve>{{"neutral", ToneCurve::neutral},
-                            {"srgb", ToneCurve::srgb},
-                            {"none", ToneCurve::none}})
+  choose(
+      command.add_option("--tonemap", tone.curve,
+                         "From radiance to colours: neutral compresses what is bright, srgb cuts "
+                         "it off,\nnone leaves radiance as it is"),
+      Choices<ToneCurve>{
+          {"neutral", ToneCurve::neutral}, {"srgb", ToneCurve::srgb}, {"none", ToneCurve::none}})
       ->type_name("TEXT")
       ->group(group)
       ->default_str("neutral");
@@ -423,8 +423,9 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
     preset = TransferPreset{.function = std::move(*parsed)};
     if (built.contains("lighting") && built["lighting"].contains("environment") &&
         environment.empty())
-      return fail(ErrorCode::usage, "the field was lit by an environment picture; name it by "
-                                    "--environment");
+      return fail(ErrorCode::usage,
+                  "the field was lit by an environment picture; name it by "
+                  "--environment");
   }
   if (auto ok = set_light(options); !ok) return tl::unexpected(ok.error());
   // The small file first: its mistakes are found before a large one is read.

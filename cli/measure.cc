@@ -187,13 +187,11 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   if (!cameras) return tl::unexpected(cameras.error());
   const auto view = a.draw.view(*field, cameras->front());
   if (!view) return tl::unexpected(view.error());
-  const auto scene = a.source.scene({a.draw.threads, light_progress(), {}},
-                                    field->provenance());
+  const auto scene = a.source.scene({a.draw.threads, light_progress(), {}}, field->provenance());
   if (!scene) return tl::unexpected(scene.error());
   const bool same_source = check_source(*field, **scene);
-  const auto evaluation =
-      evaluate_views(*field, **scene, *cameras, *view, a.draw.renderer(), a.supersample,
-                     view_tone(*field));
+  const auto evaluation = evaluate_views(*field, **scene, *cameras, *view, a.draw.renderer(),
+                                         a.supersample, view_tone(*field));
   if (!evaluation) return tl::unexpected(evaluation.error());
 
   const std::uint64_t bytes = field->file_bytes();

@@ -84,7 +84,8 @@ double Environment::density(const glm::dvec3& direction) const {
 Environment::Sample Environment::sample(double choice, double u, double v) const {
   const auto found =
       std::upper_bound(cumulative_.begin(), cumulative_.end(), choice * cumulative_.back());
-  const auto k = std::min(static_cast<std::size_t>(found - cumulative_.begin()), texels_.size() - 1);
+  const auto k =
+      std::min(static_cast<std::size_t>(found - cumulative_.begin()), texels_.size() - 1);
   const auto row = static_cast<double>(k / width_), column = static_cast<double>(k % width_);
   const auto height = static_cast<double>(height_);
   const double z = glm::mix(std::cos(kPi * row / height), std::cos(kPi * (row + 1) / height), u);
@@ -163,13 +164,12 @@ Result<void> check_light(const LightOptions& options) {
                     k / picture.width, " is negative or not finite");
     if (picture.rgba.empty()) return fail(ErrorCode::usage, "environment: no pixels");
   }
-  for (const auto& ok :
-       {range("environment gain", options.environment_gain, 0, 1e6),
-        range("light samples", options.samples, 1, 65536),
-        range("light bounces", options.bounces, 0, 1000),
-        range("light spacing", options.spacing, 0.5, 16),
-        range("light memory", static_cast<double>(options.memory), 1 << 20, 1e15),
-        range("exposure", options.tone.exposure, -20, 20)})
+  for (const auto& ok : {range("environment gain", options.environment_gain, 0, 1e6),
+                         range("light samples", options.samples, 1, 65536),
+                         range("light bounces", options.bounces, 0, 1000),
+                         range("light spacing", options.spacing, 0.5, 16),
+                         range("light memory", static_cast<double>(options.memory), 1 << 20, 1e15),
+                         range("exposure", options.tone.exposure, -20, 20)})
     if (!ok) return ok;
   return {};
 }

@@ -10,8 +10,8 @@
 
 namespace slf {
 
-/// The light at node (i, j, k), x fastest, is that at the voxel index low + spacing·(i, j, k):
-/// ∫ K L dω of slf/light.h, which times the albedo is radiance. Between nodes it is trilinear.
+/// The light at node (i, j, k), x fastest, is that at the voxel index low + spacing·(i, j, k): what
+/// the transfer function's colour is multiplied by to get radiance. Between nodes it is trilinear.
 struct LightGrid {
   std::array<std::int32_t, 3> dims{};
   glm::dvec3 low{0.0};

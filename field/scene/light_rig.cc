@@ -37,11 +37,11 @@ std::vector<LightRig> make_rigs() {
                   "no lights but a wide bright sky: depth shows by ambient occlusion alone",
                   {},
                   {glm::vec3(1.25f), glm::vec3(0.8f), glm::vec3(0.3f)}});
-  rigs.push_back({"sun",
-                  "one small light with sharp shadows and a blue sky",
-                  {{from(0.5, 0.6, 0.75), glm::vec3(1, 0.95f, 0.86f), 1.3f, 0.5f}},
-                  {glm::vec3(0.16f, 0.22f, 0.34f), glm::vec3(0.18f, 0.2f, 0.24f),
-                   glm::vec3(0.08f)}});
+  rigs.push_back(
+      {"sun",
+       "one small light with sharp shadows and a blue sky",
+       {{from(0.5, 0.6, 0.75), glm::vec3(1, 0.95f, 0.86f), 1.3f, 0.5f}},
+       {glm::vec3(0.16f, 0.22f, 0.34f), glm::vec3(0.18f, 0.2f, 0.24f), glm::vec3(0.08f)}});
   rigs.push_back({"headlamp",
                   "a light from the front, near the default camera, and even surroundings",
                   {{from(-0.45, 0.85, 0.4), white, 0.85f, 12}},
@@ -147,7 +147,8 @@ Result<LightRig> read_rig(const std::string& reference) {
   }
   constexpr std::uint64_t kMostBytes = 1 << 20;
   const auto bytes = read_file(reference, kMostBytes);
-  if (!bytes && bytes.error().code == ErrorCode::io && reference.find_first_of("./") == std::string::npos)
+  if (!bytes && bytes.error().code == ErrorCode::io &&
+      reference.find_first_of("./") == std::string::npos)
     return fail(ErrorCode::usage, "light rig '", reference, "': neither a file nor one of ", names);
   if (!bytes) return tl::unexpected(bytes.error());
   return parse_rig({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, reference);

@@ -52,7 +52,8 @@ LightGrid plan_grid(const RayGrid& grid, const LightOptions& options) {
 }
 
 glm::ivec3 node_at(const LightGrid& light, std::size_t number) {
-  const auto nx = static_cast<std::size_t>(light.dims[0]), ny = static_cast<std::size_t>(light.dims[1]);
+  const auto nx = static_cast<std::size_t>(light.dims[0]),
+             ny = static_cast<std::size_t>(light.dims[1]);
   return {number % nx, number / nx % ny, number / (nx * ny)};
 }
 
@@ -65,8 +66,7 @@ void for_each_neighbour(const LightGrid& light, std::size_t number, const F& f) 
     for (int y = -1; y <= 1; ++y)
       for (int x = -1; x <= 1; ++x) {
         const glm::ivec3 offset(x, y, z), to = at + offset;
-        if (glm::any(glm::lessThan(to, glm::ivec3(0))) ||
-            glm::any(glm::greaterThanEqual(to, dims)))
+        if (glm::any(glm::lessThan(to, glm::ivec3(0))) || glm::any(glm::greaterThanEqual(to, dims)))
           continue;
         f((static_cast<std::size_t>(to.z) * dims.y + to.y) * dims.x + to.x, offset);
       }
@@ -84,7 +84,8 @@ class LightSolver {
     NodeLight node;
     node.depth = depth_[number];
     const double effort = std::exp(-0.5 * node.depth);
-    const Points points = find_points(number, static_cast<int>(std::ceil(kPoints * effort)), random);
+    const Points points =
+        find_points(number, static_cast<int>(std::ceil(kPoints * effort)), random);
     if (!(points.total > 0)) return node;
     node.lit = true;
     for (int k = 0; k < points.count; ++k) {
@@ -92,7 +93,7 @@ class LightSolver {
       if (share < 1e-3f) continue;
       const Matter& matter = points.matter[k];
       node.normal += share * matter.surface * glm::vec3(matter.normal);
-      node.direct += share * direct(matter, k, random);
+      node.direct += share * tint(matter) * direct(matter, k, random);
     }
     node.indirect =
         indirect(points, static_cast<int>(std::ceil(options_.samples * effort)), random);
@@ -130,16 +131,21 @@ class LightSolver {
     return points;
   }
 
+  /// Rays multiply light by the colour; this makes it the albedo.
+  static glm::vec3 tint(const Matter& matter) {
+    return matter.albedo / glm::max(matter.color, glm::vec3(1e-4f));
+  }
+
   /// What all lights send to a point.
   [[nodiscard]] glm::vec3 direct(const Matter& matter, int k, Random& random) const {
     glm::vec3 sum(0);
-    const glm::dvec3 here = medium_.world(matter.at);
+    const glm::dvec3 here = medium_.world(matter.start);
     for (std::size_t l = 0; l < shine_.lights.size(); ++l) {
       const auto i = static_cast<std::uint64_t>(k) + kPoints * l;  // other points for each light
       const Arrival arrival = shine_.lights[l].arrival(here, r3(i, 0), r3(i, 1));
       const double kernel = matter.kernel(arrival.direction);
       if (!(kernel > 0)) continue;
-      const double depth = medium_.optical_depth(matter.at, medium_.per_world(arrival.direction),
+      const double depth = medium_.optical_depth(matter.start, medium_.per_world(arrival.direction),
                                                  arrival.distance, random());
       if (depth < Medium::kDark)
         sum += static_cast<float>(kernel * std::exp(-depth)) * arrival.irradiance;
@@ -158,7 +164,8 @@ class LightSolver {
       while (passed < (i + first) / paths * points.total && k + 1 < points.count)
         passed += points.weight[++k];
       const auto at = static_cast<std::uint64_t>(i);
-      sum += path(points.matter[k],
+      sum += tint(points.matter[k]) *
+             path(points.matter[k],
                   {fraction(r3(at, 0) + shift[0]), fraction(r3(at, 1) + shift[1]),
                    fraction(r3(at, 2) + shift[2])},
                   random);
@@ -178,24 +185,23 @@ class LightSolver {
       const glm::dvec3 direction = matter.sample(u[0], u[1], u[2]);
       const glm::dvec3 along = medium_.per_world(direction);
       const auto t =
-          medium_.fly(matter.at, along, std::numeric_limits<double>::infinity(), random);
+          medium_.fly(matter.start, along, std::numeric_limits<double>::infinity(), random);
       if (!t) {
         if (shine_.environment.dark()) return sum;
         const double kernel = matter.kernel(direction);
         const double weight =
             find_sky ? kernel / (kernel + shine_.environment.density(direction)) : 1;
-        return sum + static_cast<float>(weight) * throughput *
-                         shine_.environment.radiance(direction);
+        return sum +
+               static_cast<float>(weight) * throughput * shine_.environment.radiance(direction);
       }
       if (bounce >= bounces) return sum;
-      matter = medium_.matter(matter.at + *t * along);
+      matter = medium_.matter(matter.start + *t * along);
       throughput *= matter.albedo;
-      if (bounce >= 2) {  // Russian roulette
-        const double survival =
-            std::min(0.95, double{std::max({throughput.r, throughput.g, throughput.b})});
-        if (random() >= survival) return sum;
-        throughput /= static_cast<float>(survival);
-      }
+      // Russian roulette, once less than half of the light is left.
+      const double survival =
+          std::min(1.0, 2.0 * std::max({throughput.r, throughput.g, throughput.b}));
+      if (random() >= survival) return sum;
+      throughput /= static_cast<float>(survival);
       u = {random(), random(), random()};
     }
   }
@@ -205,7 +211,8 @@ class LightSolver {
     const double choice = random(), u = random(), v = random();
     const Environment::Sample s = shine_.environment.sample(choice, u, v);
     const double kernel = matter.kernel(s.direction);
-    if (!(kernel > 0) || !reaches(matter, s.direction, std::numeric_limits<double>::infinity(), random))
+    if (!(kernel > 0) ||
+        !reaches(matter, s.direction, std::numeric_limits<double>::infinity(), random))
       return glm::vec3(0);
     return static_cast<float>(kernel / (kernel + s.density)) * s.radiance;
   }
@@ -216,7 +223,7 @@ class LightSolver {
     if (count == 0) return glm::vec3(0);
     const auto l = static_cast<std::size_t>(random() * static_cast<double>(count));
     const double u = random(), v = random();
-    const Arrival arrival = shine_.lights[l].arrival(medium_.world(matter.at), u, v);
+    const Arrival arrival = shine_.lights[l].arrival(medium_.world(matter.start), u, v);
     const double kernel = matter.kernel(arrival.direction);
     if (!(kernel > 0) || !reaches(matter, arrival.direction, arrival.distance, random))
       return glm::vec3(0);
@@ -225,7 +232,7 @@ class LightSolver {
 
   [[nodiscard]] bool reaches(const Matter& matter, const glm::dvec3& direction, double distance,
                              Random& random) const {
-    return !medium_.fly(matter.at, medium_.per_world(direction), distance, random);
+    return !medium_.fly(matter.start, medium_.per_world(direction), distance, random);
   }
 
   static constexpr double kReach = 1;
@@ -281,9 +288,8 @@ glm::vec3 filtered(const LightGrid& light, const std::vector<std::uint32_t>& ind
     const int steps = std::abs(offset.x) + std::abs(offset.y) + std::abs(offset.z);
     const glm::vec3 turn = node.normal - center.normal;
     const float deeper = node.depth - center.depth;
-    const float weight =
-        std::exp2(static_cast<float>(-steps)) *
-        std::exp(-4 * glm::dot(turn, turn) - 2 * deeper * deeper);
+    const float weight = std::exp2(static_cast<float>(-steps)) *
+                         std::exp(-4 * glm::dot(turn, turn) - 2 * deeper * deeper);
     sum += weight * node.indirect;
     total += weight;
   });
@@ -297,8 +303,7 @@ glm::vec3 mean_around(const LightGrid& light, const std::vector<std::uint32_t>& 
                       std::size_t number) {
   glm::vec4 sum(0);
   for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3) {
-    if (index[other] != kNone && nodes[index[other]].lit)
-      sum += glm::vec4(values[index[other]], 1);
+    if (index[other] != kNone && nodes[index[other]].lit) sum += glm::vec4(values[index[other]], 1);
   });
   return sum.w > 0 ? glm::vec3(sum) / sum.w : glm::vec3(0);
 }

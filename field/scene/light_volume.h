@@ -25,8 +25,8 @@ namespace slf {
 /// the second part: it averages along surfaces, not through them, because neighbours count less
 /// the more their normal and their depth below the surface differ.
 ///
-/// Deep nodes, which views hardly show, get fewer points and paths: in proportion to exp(-d/2) at an
-/// optical depth d. Matter deeper than 7 is left dark.
+/// Deep nodes, which views hardly show, get fewer points and paths: in proportion to exp(-d/2) at
+/// an optical depth d. Matter deeper than 7 is left dark.
 ///
 /// The result depends on the scene and the options, not on `threads` (0: all). Progress counts
 /// paths. failed: stopped by `progress`.

@@ -80,8 +80,8 @@ void load(const RayGrid& grid, const glm::ivec3& first, bool visible, float* to)
 template <class F>
 auto trilinear(const glm::vec3& w, const F& f) {
   const auto along = [&](int y, int z) { return glm::mix(f(0, y, z), f(1, y, z), w.x); };
-  return glm::mix(glm::mix(along(0, 0), along(1, 0), w.y),
-                  glm::mix(along(0, 1), along(1, 1), w.y), w.z);
+  return glm::mix(glm::mix(along(0, 0), along(1, 0), w.y), glm::mix(along(0, 1), along(1, 1), w.y),
+                  w.z);
 }
 
 }  // namespace
@@ -96,6 +96,13 @@ glm::dvec3 cosine_direction(const glm::dvec3& normal, double u, double v) {
   const glm::dvec3 sum = normal + uniform_direction(u, v);
   const double length = glm::length(sum);
   return length > 1e-9 ? sum / length : normal;
+}
+
+glm::vec3 albedo_of(const glm::vec3& color) {
+  const auto albedo = [](float a) {
+    return -std::expm1(a * (-5.09406f + a * (2.61188f - a * 4.31805f)));
+  };
+  return glm::vec3(albedo(color.r), albedo(color.g), albedo(color.b)) / albedo(1);
 }
 
 double Matter::kernel(const glm::dvec3& direction) const {
@@ -126,7 +133,8 @@ void Medium::find_majorants() {
   for (std::size_t width = 2; width <= extinctions_.size() && !grid_.labels; width *= 2) {
     const std::vector<float>& half = levels.back();
     std::vector<float> level(extinctions_.size() - width + 1);
-    for (std::size_t i = 0; i < level.size(); ++i) level[i] = std::max(half[i], half[i + width / 2]);
+    for (std::size_t i = 0; i < level.size(); ++i)
+      level[i] = std::max(half[i], half[i + width / 2]);
     levels.push_back(std::move(level));
   }
   const std::size_t last = extinctions_.size() - 1;
@@ -175,11 +183,12 @@ float Medium::extinction(const glm::dvec3& at) const { return extinctions_[entry
 
 Matter Medium::matter(const glm::dvec3& at) const {
   Matter matter;
-  matter.at = at;
+  matter.at = matter.start = at;
   const std::size_t index = entry(at);
   matter.extinction = extinctions_[index];
   if (!(matter.extinction > 0)) return matter;
-  matter.albedo = glm::vec3(grid_.table.colors[index]);
+  matter.color = glm::vec3(grid_.table.colors[index]);
+  matter.albedo = albedo_of(matter.color);
   const Cell cell = cell_of(grid_, at);
   float v[64];
   load<4>(grid_, cell.first - 1, grid_.labels, v);
@@ -193,6 +202,10 @@ Matter Medium::matter(const glm::dvec3& at) const {
   if (!(length > 1e-15f)) return matter;
   matter.normal = glm::normalize(glm::dvec3(-world));
   matter.surface = surfaces_[index] * -std::expm1(-length * grid_.inverse_gradient_floor);
+  matter.albedo = glm::mix(matter.albedo, matter.color, matter.surface);
+  // The layer that a gradient spreads a surface over does not shadow the surface.
+  constexpr double kLayer = 1.5;  // voxels
+  matter.start = at + per_world(kLayer * smallest_spacing_ * matter.surface * matter.normal);
   return matter;
 }
 

@@ -36,8 +36,10 @@ class Random {
 /// What is at a point. See slf/light.h for the model.
 struct Matter {
   glm::dvec3 at{0.0};
-  float extinction = 0;  ///< per world unit
-  glm::vec3 albedo{0};   ///< linear
+  glm::dvec3 start{0.0};   ///< where light that is scattered here comes from
+  float extinction = 0;    ///< per world unit
+  glm::vec3 color{0};      ///< linear, of the transfer function
+  glm::vec3 albedo{0};     ///< share of light that is scattered
   glm::dvec3 normal{0.0};  ///< unit, world; 0 where there is no gradient
   float surface = 0;       ///< share of the surface in the scattering kernel
 
@@ -46,6 +48,11 @@ struct Matter {
   /// A direction with the density K/∫K; REQUIRES u, v in [0, 1), `choice` too.
   [[nodiscard]] glm::dvec3 sample(double choice, double u, double v) const;
 };
+
+/// The single-scattering albedo of isotropic matter of which a thick piece has the colour `color`:
+/// Chiang, Kutz, Burley, "Practical and controllable subsurface scattering for production path
+/// tracing", SIGGRAPH Talks 2016; scaled so that white stays white.
+[[nodiscard]] glm::vec3 albedo_of(const glm::vec3& color);
 
 /// A uniform direction, and one with the density max(0, n·ω)/π.
 [[nodiscard]] glm::dvec3 uniform_direction(double u, double v);
@@ -74,7 +81,8 @@ class Medium {
                                           double length, Random& random) const;
 
   /// The optical depth along `length` world units, by the midpoint rule with steps of
-  /// 0.7 of the smallest voxel spacing; the samples are shifted by `shift`, 0 to 1, of that. Stops at kDark.
+  /// 0.7 of the smallest voxel spacing; the samples are shifted by `shift`, 0 to 1, of that. Stops
+  /// at kDark.
   [[nodiscard]] double optical_depth(const glm::dvec3& from, const glm::dvec3& direction,
                                      double length, double shift) const;
   /// An optical depth through which no visible light passes: e^-7 is less than 0.1 %.

@@ -37,10 +37,10 @@ glm::vec3 PathTracer::State::lights(const Matter& matter, Random& random) const 
   glm::vec3 sum(0);
   for (const PlacedLight& light : shine.lights) {
     const double u = random(), v = random();
-    const Arrival arrival = light.arrival(medium.world(matter.at), u, v);
+    const Arrival arrival = light.arrival(medium.world(matter.start), u, v);
     const double kernel = matter.kernel(arrival.direction);
-    if (kernel > 0 && !medium.fly(matter.at, medium.per_world(arrival.direction),
-                                  arrival.distance, random))
+    if (kernel > 0 &&
+        !medium.fly(matter.start, medium.per_world(arrival.direction), arrival.distance, random))
       sum += static_cast<float>(kernel) * arrival.irradiance;
   }
   return sum;
@@ -59,10 +59,10 @@ glm::vec3 PathTracer::State::scattered(glm::dvec3 at, Random& random) const {
     const glm::dvec3 direction = matter.sample(choice, u, v);
     const glm::dvec3 along = medium.per_world(direction);
     // Woodcock tracking to the next vertex ("Volume sampling").
-    const auto t = medium.fly(at, along, std::numeric_limits<double>::infinity(), random);
+    const auto t = medium.fly(matter.start, along, std::numeric_limits<double>::infinity(), random);
     if (!t) return sum + throughput * shine.environment.radiance(direction);
     if (bounce == bounces) return sum;
-    at += *t * along;
+    at = matter.start + *t * along;
     const double survival =
         std::min(1.0, 2.0 * std::max({throughput.r, throughput.g, throughput.b}));
     if (random() >= survival) return sum;  // Russian roulette
@@ -78,8 +78,9 @@ Result<std::unique_ptr<PathTracer>> PathTracer::make(Volume volume,
                                                      const RaycastOptions& options,
                                                      const PathTraceOptions& paths) {
   if (options.lighting.mode == Lighting::direct)
-    return fail(ErrorCode::usage, "path tracing: direct light has no model of light transport; "
-                                  "choose shadowed or global");
+    return fail(ErrorCode::usage,
+                "path tracing: direct light has no model of light transport; "
+                "choose shadowed or global");
   if (paths.samples == 0) return fail(ErrorCode::usage, "path tracing: 0 samples: expected 1");
   auto scene = make_volume_scene(std::move(volume), transfer, options);
   if (!scene) return tl::unexpected(scene.error());

@@ -288,9 +288,9 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
       hits.ray[h] = wave.ray[i];
       if (lit) {
         for (int axis = 0; axis < 3; ++axis)
-          hits.at[axis][h] = (static_cast<float>(wave.cell[axis][i]) + wave.within[axis][i]) *
-                                 node_scale[axis] +
-                             node_offset[axis];
+          hits.at[axis][h] =
+              (static_cast<float>(wave.cell[axis][i]) + wave.within[axis][i]) * node_scale[axis] +
+              node_offset[axis];
         continue;
       }
       const Neighbourhood<T> voxels =

@@ -3,17 +3,23 @@
 // Light that reaches a point does not depend on the view as long as the material scatters equally
 // towards all views. So it is computed once, into a light volume, and each ray only looks it up.
 //
-// Model. Extinction comes from the transfer function's opacity, the albedo is its colour (decoded
-// from sRGB). A point x with albedo c shows the radiance
+// Model. Extinction comes from the transfer function's opacity. A point x with albedo c shows the
+// radiance
 //
-//   c ∫ K(ω) L(x, ω) dω,    K(ω) = s max(0, n·ω)/π + (1 - s)/4π
+//   c ∫ K(ω) L(x + h, ω) dω,    K(ω) = s max(0, n·ω)/π + (1 - s)/4π
 //
 // of the light L that arrives from all directions ω: a mixture of a Lambertian surface with the
 // normal n = -∇v/|∇v| and an isotropic phase function. As in Kroes, Post, Botha, "Exposure Render:
 // an interactive photo-realistic volume rendering framework", PLoS ONE 7(7), 2012, the share of the
 // surface is s = a (1 - exp(-|∇v| / g)): a is the opacity over the two voxels across which the
-// gradient is measured, and g is 2 % of the value range per voxel. ∫ K dω ≤ 1, so nothing becomes
-// brighter than the brightest direction it is lit from.
+// gradient is measured, and g is 2 % of the value range per voxel. A gradient spreads a surface
+// over about two voxels, which must not shadow it: h = 1.5 s n voxels. ∫ K dω ≤ 1 and c ≤ 1, so
+// nothing becomes brighter than the brightest direction it is lit from.
+//
+// The transfer function's colour C (decoded from sRGB) is what a thick, evenly lit piece shows. So
+// c = s C + (1 - s) a(C), where a is the single-scattering albedo that gives the colour C (Chiang,
+// Kutz, Burley, "Practical and controllable subsurface scattering for production path tracing",
+// SIGGRAPH Talks 2016).
 #pragma once
 
 #include <cstdint>

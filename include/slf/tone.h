@@ -3,8 +3,8 @@
 //   const slf::ToneMapper show({.exposure = 1});
 //   glm::vec4 pixel = show(radiance);
 //
-// Radiance is linear Rec. 709 RGB; a white surface that faces a light of intensity 1 has radiance 1.
-// The result has the transfer curve of sRGB, as picture files and screens expect.
+// Radiance is linear Rec. 709 RGB; a white surface that faces a light of intensity 1 has
+// radiance 1. The result has the transfer curve of sRGB, as picture files and screens expect.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +17,8 @@
 namespace slf {
 
 enum class ToneCurve : std::uint8_t {
-  neutral,  ///< colours as they are up to 0.76, brighter ones compressed: Khronos PBR Neutral (2024)
+  neutral,  ///< colours as they are up to 0.76, brighter ones compressed: Khronos PBR Neutral
+            ///< (2024)
   srgb,     ///< colours as they are up to 1, brighter ones cut off
   none,     ///< no change at all: neither exposure nor the transfer curve of sRGB
 };
