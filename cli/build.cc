@@ -34,7 +34,7 @@ Result<void> run_build(const Arguments& arguments) {
   SourceArguments source = arguments.source;
   source.raycast.lighting.linear = options.half;
   // Kept until the field is complete, so that a resumed build need not compute it again.
-  const std::string light_file = arguments.output + ".light";
+  const std::string light_file = output + ".light";
   const auto scene = source.scene({options.threads, light_progress(), light_file});
   if (!scene) return tl::unexpected(scene.error());
   const Sphere visible = (*scene)->bounds();
