@@ -1,12 +1,13 @@
 // How good a light volume is, and what it takes: beside path tracing, and beside itself.
 //
 //   light_quality VOLUME TRANSFER [--rig NAME] [--size N] [--views N] [--reference N]
-//                 [--spacing S,...] [--samples N,...] [--difference OUT.png]
+//                 [--spacing S,...] [--samples N,...] [--difference OUT.png] [--field F.slf]
 //
 // Prints JSON. For each spacing and number of samples: seconds and bytes of the light volume; its
 // noise, which is the standard deviation over two seeds divided by the mean of radiance, over the
 // pixels that show something; PSNR of views (neutral tone mapping, 8 bits) against the reference;
-// and slabs per second with it and with direct light.
+// and slabs per second with it and with direct light. With a field of the same volume and light:
+// its PSNR, the time of a view from it, and how long path tracing takes to the same PSNR.
 //
 // The reference is noisy, too. It is rendered twice, as A and B, and the mean squared error of a
 // picture P is estimated as that of (P - A)(P - B), in which the noise of A and B cancels.
@@ -23,6 +24,7 @@
 #include "slf/camera.h"
 #include "slf/path_tracer.h"
 #include "slf/raycaster.h"
+#include "slf/render.h"
 
 namespace {
 
@@ -36,8 +38,7 @@ double seconds_of(const auto& work) {
 }
 
 /// RGB over black from 0 to 255, not rounded.
-std::vector<double> shown(const Image& image) {
-  const ToneMapper map(ToneMapping{});
+std::vector<double> shown(const Image& image, const ToneMapper& map = ToneMapper(ToneMapping{})) {
   std::vector<double> values;
   for (const glm::vec4& pixel : image.rgba) {
     const glm::vec4 color = map(pixel);
@@ -51,6 +52,14 @@ double squared_error(const Image& picture, const Image& a, const Image& b) {
   double sum = 0;
   for (std::size_t k = 0; k < p.size(); ++k) sum += (p[k] - x[k]) * (p[k] - y[k]);
   return sum / static_cast<double>(p.size());
+}
+
+/// The part of one picture's mean squared error that is its noise; both have equally many paths.
+double noise_error(const Image& a, const Image& b) {
+  const auto x = shown(a), y = shown(b);
+  double sum = 0;
+  for (std::size_t k = 0; k < x.size(); ++k) sum += (x[k] - y[k]) * (x[k] - y[k]) / 2;
+  return sum / static_cast<double>(x.size());
 }
 
 double psnr(double squared) { return 10 * std::log10(255.0 * 255.0 / std::max(squared, 1e-9)); }
@@ -100,11 +109,37 @@ double slab_rate(const Raycaster& caster) {
   return static_cast<double>(rays.size()) / best;
 }
 
+/// Views of a field beside the reference: what it takes each to show the same error.
+nlohmann::json compare_field(const std::string& path, const std::vector<Camera>& cameras,
+                             const std::vector<Image>& a, const std::vector<Image>& b,
+                             double seconds_of_one_reference) {
+  const auto field = expect(Field::open(path));
+  const LightOptions lighting = raycast_options(field.provenance()).lighting;
+  const ToneMapper map(lighting.linear ? ToneMapping{} : ToneMapping{0, ToneCurve::none});
+  Renderer renderer(field, {});
+  const ViewOptions options{default_mode(field), field.shape().levels};
+  double error = 0, noise = 0, seconds = 0;
+  const auto share = 1 / static_cast<double>(cameras.size());
+  for (std::size_t v = 0; v < cameras.size(); ++v) {
+    const Image image = expect(renderer.render(cameras[v], options));  // and the tiles are loaded
+    seconds += share * seconds_of([&] { expect(renderer.render(cameras[v], options)); });
+    const auto p = shown(image, map), x = shown(a[v]), y = shown(b[v]);
+    for (std::size_t k = 0; k < p.size(); ++k)
+      error += share * (p[k] - x[k]) * (p[k] - y[k]) / static_cast<double>(p.size());
+    noise += share * noise_error(a[v], b[v]);
+  }
+  const double path_seconds = seconds_of_one_reference * noise / error;
+  return {{"psnr", psnr(error)},
+          {"view_seconds", seconds},
+          {"path_tracing_seconds", path_seconds},
+          {"ratio", path_seconds / seconds}};
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   CLI::App app{"How good a light volume is, and what it takes"};
-  std::string volume_path, transfer_path, rig = "studio", difference_path;
+  std::string volume_path, transfer_path, rig = "studio", difference_path, field_path;
   std::uint32_t size = 192, views = 2, reference = 256;
   std::vector<double> spacings{1};
   std::vector<std::uint32_t> samples{LightOptions{}.samples};
@@ -120,6 +155,7 @@ int main(int argc, char** argv) {
   app.add_option("--samples", samples)->delimiter(',');
   app.add_option("--step", step)->capture_default_str();
   app.add_option("--difference", difference_path, "Picture of 8 times the error of the first view");
+  app.add_option("--field", field_path);
   CLI11_PARSE(app, argc, argv);
 
   const Volume volume = expect(read_volume(volume_path));
@@ -177,6 +213,9 @@ int main(int argc, char** argv) {
       rows.push_back(row);
       std::fprintf(stderr, "%s\n", row.dump().c_str());
     }
+  nlohmann::json from_field;
+  if (!field_path.empty() && reference > 0)
+    from_field = compare_field(field_path, cameras, a, b, reference_seconds / (2 * views));
   std::printf("%s\n", nlohmann::json{{"volume", volume_path},
                                      {"transfer", transfer_path},
                                      {"rig", rig},
@@ -184,7 +223,8 @@ int main(int argc, char** argv) {
                                      {"size", size},
                                      {"reference_paths", reference},
                                      {"reference_seconds_per_view", reference_seconds / views},
-                                     {"light", rows}}
+                                     {"light", rows},
+                                     {"field", from_field}}
                           .dump(1)
                           .c_str());
 }

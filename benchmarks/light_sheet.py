@@ -13,6 +13,7 @@ import pathlib
 import subprocess
 
 DATA = pathlib.Path(__file__).resolve().parents[2] / "shared/data"
+FONT = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf"
 VOLUMES = [
     "/usr/share/mricron/templates/ch2bet.nii.gz:scripts/data/brain.json",
     "/usr/share/mricron/templates/ch2bet.nii.gz:scripts/data/brain_translucent.json",
@@ -63,7 +64,7 @@ def main():
                 + (["--transfer", transfer] if transfer else [])
                 + options.split() + light,
                 check=True)
-    subprocess.run(["montage", *tiles, "-tile", f"{len(rigs)}x", "-geometry", "+4+4",
+    subprocess.run(["montage", "-font", FONT, *tiles, "-tile", f"{len(rigs)}x", "-geometry", "+4+4",
                     "-background", "black", "-fill", "white", "-quality", "90", a.output],
                    check=True)
 

@@ -289,7 +289,16 @@ void SourceArguments::add_light_to(CLI::App& command) {
   command.add_option("--light-seed", lighting.seed, "Another one gives other noise")
       ->group(group)
       ->capture_default_str();
+  add_light_file_to(command);
   add_tone(command, lighting.tone, group);
+}
+
+void SourceArguments::add_light_file_to(CLI::App& command) {
+  command
+      .add_option("--light-file", light_file,
+                  "Keep the light volume in this file, and read it from there if it is the same")
+      ->type_name(kAnyFile)
+      ->group("Light");
 }
 
 void SourceArguments::add_environment_to(CLI::App& command) {

@@ -34,7 +34,8 @@ Result<void> run_build(const Arguments& arguments) {
   SourceArguments source = arguments.source;
   source.raycast.lighting.linear = options.half;
   // Kept until the field is complete, so that a resumed build need not compute it again.
-  const std::string light_file = output + ".light";
+  const bool keep = !source.light_file.empty();
+  const std::string light_file = keep ? source.light_file : output + ".light";
   const auto scene = source.scene({options.threads, light_progress(), light_file});
   if (!scene) return tl::unexpected(scene.error());
   const Sphere visible = (*scene)->bounds();
@@ -58,7 +59,7 @@ Result<void> run_build(const Arguments& arguments) {
   options.replace = arguments.force;
   const auto report = build_field(**scene, output, options, progress_bar("build", "rays"));
   if (!report) return tl::unexpected(report.error());
-  std::filesystem::remove(light_file, ignored);
+  if (!keep) std::filesystem::remove(light_file, ignored);
   if (report->tiles == 0)
     note(fmt::format("{}: nothing is left to build", output));
   else if (report->resumed > 0)

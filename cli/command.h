@@ -216,6 +216,7 @@ struct SourceArguments {
   bool no_shade = false;
   std::string light_rig;    // empty: the default
   std::string environment;  // empty: the rig's sky
+  std::string light_file;   // empty: none
   bool reference = false;   // path tracing instead of a light volume
   PathTraceOptions paths;
 
@@ -226,6 +227,7 @@ struct SourceArguments {
   /// Step, light and shading.
   void add_light_to(CLI::App& command);
   void add_environment_to(CLI::App& command);
+  void add_light_file_to(CLI::App& command);
   void add_reference_to(CLI::App& command);
   [[nodiscard]] Result<Volume> volume() const;
   /// What is not given is taken from `provenance`, that of a field, or set to the defaults.

@@ -187,7 +187,7 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   if (!cameras) return tl::unexpected(cameras.error());
   const auto view = a.draw.view(*field, cameras->front());
   if (!view) return tl::unexpected(view.error());
-  const auto scene = a.source.scene({a.draw.threads, light_progress(), {}}, field->provenance());
+  const auto scene = a.source.scene({a.draw.threads, light_progress(), a.source.light_file}, field->provenance());
   if (!scene) return tl::unexpected(scene.error());
   const bool same_source = check_source(*field, **scene);
   const auto evaluation = evaluate_views(*field, **scene, *cameras, *view, a.draw.renderer(),
@@ -276,6 +276,7 @@ void add_evaluate(CLI::App& app, Run& run) {
       ->description(
           "Transfer function, ParaView preset JSON; default: what the field was built with");
   a->source.add_environment_to(*command);
+  a->source.add_light_file_to(*command);
   a->source.add_reference_to(*command);
   a->views.add_to(*command);
   command->add_option("--distance", a->distance, kDistanceHelp)->capture_default_str();

@@ -153,7 +153,7 @@ Result<void> run_raycast(const RaycastArguments& a) {
   if (auto ok = a.picture.check(); !ok) return ok;
   SourceArguments source = a.source;
   source.raycast.lighting.linear = a.picture.is_exr();
-  const auto scene = source.scene({a.threads, light_progress(), {}});
+  const auto scene = source.scene({a.threads, light_progress(), a.source.light_file});
   if (!scene) return tl::unexpected(scene.error());
   const Sphere sphere = (*scene)->bounds();
   const auto camera = a.camera.camera(sphere);

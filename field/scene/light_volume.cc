@@ -72,6 +72,14 @@ void for_each_neighbour(const LightGrid& light, std::size_t number, const F& f) 
       }
 }
 
+/// Whether a view can show matter between a node and its neighbours.
+bool shows(const LightGrid& light, const std::vector<float>& depth, std::size_t number) {
+  bool any = false;
+  for_each_neighbour(light, number,
+                     [&](std::size_t other, glm::ivec3) { any |= depth[other] < kHidden; });
+  return any;
+}
+
 /// Solves single nodes. Thread-safety: immutable.
 class LightSolver {
  public:
@@ -81,22 +89,18 @@ class LightSolver {
 
   [[nodiscard]] NodeLight solve(std::size_t number) const {
     Random random(Random::mix(options_.seed * 0x9E3779B97F4A7C15u + number));
+    const Points points = find_points(number, random);
     NodeLight node;
-    node.depth = depth_[number];
-    const double effort = std::exp(-0.5 * node.depth);
-    const Points points =
-        find_points(number, static_cast<int>(std::ceil(kPoints * effort)), random);
-    if (!(points.total > 0)) return node;
+    if (points.count == 0) return node;
     node.lit = true;
     for (int k = 0; k < points.count; ++k) {
       const auto share = static_cast<float>(points.weight[k] / points.total);
-      if (share < 1e-3f) continue;
       const Matter& matter = points.matter[k];
       node.normal += share * matter.surface * glm::vec3(matter.normal);
-      node.direct += share * tint(matter) * direct(matter, k, random);
+      node.depth += share * static_cast<float>(points.depth[k]);
+      if (share > 1e-3f) node.direct += share * tint(matter) * direct(matter, k, random);
     }
-    node.indirect =
-        indirect(points, static_cast<int>(std::ceil(options_.samples * effort)), random);
+    node.indirect = indirect(points, random);
     return node;
   }
 
@@ -104,29 +108,40 @@ class LightSolver {
   struct Points {
     int count = 0;
     std::array<Matter, kPoints> matter;
-    std::array<double, kPoints> weight{};
-    double total = 0;
+    std::array<double, kPoints> weight{}, depth{};
+    double total = 0;   // of the weights
+    double effort = 0;  // share of all points and paths that the node deserves
   };
 
   /// Points in the cube of one spacing to each side of a node, weighted as trilinear interpolation
   /// will weight the node there, by extinction, and by how visible they are from outside.
-  [[nodiscard]] Points find_points(std::size_t number, int count, Random& random) const {
-    Points points;
-    points.count = count;
+  [[nodiscard]] Points find_points(std::size_t number, Random& random) const {
     const glm::dvec3 node(node_at(light_, number));
     const glm::dvec3 shift(random(), random(), random());
-    for (int k = 0; k < count; ++k) {
-      glm::dvec3 offset;
+    std::array<glm::dvec3, kPoints> at;
+    std::array<double, kPoints> depth{}, weight{};
+    double least_depth = kHidden;
+    for (int k = 0; k < kPoints; ++k) {
       for (int d = 0; d < 3; ++d) {  // a tent over ±1
         const double u = 2 * fraction(r3(static_cast<std::uint64_t>(k), d) + shift[d]) - 1;
-        offset[d] = u < 0 ? std::sqrt(1 + u) - 1 : 1 - std::sqrt(1 - u);
+        at[k][d] = node[d] + (u < 0 ? std::sqrt(1 + u) - 1 : 1 - std::sqrt(1 - u));
       }
-      const glm::dvec3 at = node + kReach * offset;
-      Matter& matter = points.matter[k];
-      matter = medium_.matter(light_.low + light_.spacing * at);
-      if (!(matter.extinction > 0)) continue;
-      points.weight[k] = matter.extinction * std::exp(-interpolate(light_, depth_, at));
-      points.total += points.weight[k];
+      const double extinction = medium_.extinction(light_.low + light_.spacing * at[k]);
+      if (!(extinction > 0)) continue;
+      depth[k] = interpolate(light_, depth_, at[k]);
+      weight[k] = extinction * std::exp(-depth[k]);
+      least_depth = std::min(least_depth, depth[k]);
+    }
+    Points points;
+    points.effort = std::exp(-0.5 * least_depth);
+    const int most = static_cast<int>(std::ceil(kPoints * points.effort));
+    for (int k = 0; k < kPoints && points.count < most; ++k) {
+      if (!(weight[k] > 0)) continue;
+      points.matter[points.count] = medium_.matter(light_.low + light_.spacing * at[k]);
+      points.depth[points.count] = depth[k];
+      points.weight[points.count] = weight[k];
+      points.total += weight[k];
+      ++points.count;
     }
     return points;
   }
@@ -154,7 +169,8 @@ class LightSolver {
   }
 
   /// What comes from the surroundings, and from matter that is lit.
-  [[nodiscard]] glm::vec3 indirect(const Points& points, int paths, Random& random) const {
+  [[nodiscard]] glm::vec3 indirect(const Points& points, Random& random) const {
+    const int paths = static_cast<int>(std::ceil(options_.samples * points.effort));
     glm::vec3 sum(0);
     const glm::dvec3 shift(random(), random(), random());
     const double first = random();
@@ -234,8 +250,6 @@ class LightSolver {
                              Random& random) const {
     return !medium_.fly(matter.start, medium_.per_world(direction), distance, random);
   }
-
-  static constexpr double kReach = 1;
 
   const Medium& medium_;
   const Illumination& shine_;
@@ -318,7 +332,7 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
   std::vector<std::size_t> numbers;
   std::vector<std::uint32_t> index(light.size(), kNone);
   for (std::size_t number = 0; number < light.size(); ++number)
-    if (depth[number] < kHidden && near_matter(medium.grid(), light, node_at(light, number))) {
+    if (shows(light, depth, number) && near_matter(medium.grid(), light, node_at(light, number))) {
       index[number] = static_cast<std::uint32_t>(numbers.size());
       numbers.push_back(number);
     }

@@ -109,6 +109,13 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
   return out.dump();
 }
 
+std::string light_key(const std::string& provenance) {
+  json key = json::parse(provenance);
+  key.erase("source");
+  for (const char* shown : {"linear", "tone"}) key["lighting"].erase(shown);
+  return key.dump();
+}
+
 RaycastOptions raycast_options(std::string_view text) {
   const auto provenance = json::parse(text, nullptr, /*allow_exceptions=*/false);
   RaycastOptions options;

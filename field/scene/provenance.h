@@ -12,4 +12,7 @@ namespace slf {
 [[nodiscard]] std::string describe(const Volume& volume, const TransferFunction& transfer,
                                    const RaycastOptions& options);
 
+/// Of such an object, what a light volume depends on: not its path, nor how colours are shown.
+[[nodiscard]] std::string light_key(const std::string& provenance);
+
 }  // namespace slf

@@ -3,6 +3,7 @@
 #include <cassert>
 
 #include "field/scene/light_volume.h"
+#include "field/scene/provenance.h"
 #include "field/scene/volume_scene.h"
 
 namespace slf {
@@ -18,12 +19,12 @@ namespace {
 /// The light volume of a scene, from a file if one is kept there.
 Result<LightGrid> light_of(const VolumeScene& scene, const LightWork& work) {
   if (!work.file.empty())
-    if (auto kept = load_light(work.file, scene.provenance)) return std::move(*kept);
+    if (auto kept = load_light(work.file, light_key(scene.provenance))) return std::move(*kept);
   const Medium medium(scene.grid);
   auto light = compute_light(medium, illuminate(scene.lighting, scene.bounds), scene.lighting,
                              work.threads, work.progress);
   if (light && !work.file.empty())
-    if (auto ok = save_light(work.file, scene.provenance, *light); !ok)
+    if (auto ok = save_light(work.file, light_key(scene.provenance), *light); !ok)
       return tl::unexpected(ok.error());
   return light;
 }
