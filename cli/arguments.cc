@@ -8,6 +8,7 @@
 #include "cli/command.h"
 #include "slf/image.h"
 #include "slf/scene.h"
+#include "slf/structures.h"
 #include "slf/transfer.h"
 
 namespace slf::cli {
@@ -170,6 +171,22 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
       ->type_size(2)
       ->expected(1)
       ->type_name("LO,HI")
+      ->group(kVolumeGroup);
+  auto* parts = command
+                    .add_option("--labels-volume", labels_volume,
+                                "Structures: ids on the same grid, each of which gets a colour")
+                    ->type_name(kAnyFile)
+                    ->group(kVolumeGroup);
+  command
+      .add_option("--label-table", label_table,
+                  "Colour and opacity by id: a label description of ITK-SNAP, a colour table of\n"
+                  "3D Slicer (.ctbl), or JSON")
+      ->type_name(kAnyFile)
+      ->needs(parts)
+      ->group(kVolumeGroup);
+  command
+      .add_option("--mask", mask, "Show the volume only where this one, of the same grid, is not 0")
+      ->type_name(kAnyFile)
       ->group(kVolumeGroup);
   add_raw_to(command);
 }
@@ -382,9 +399,11 @@ Result<VoxelBox> parse_crop(const std::string& text) {
 
 }  // namespace
 
-Result<Volume> SourceArguments::volume() const {
+Result<Volume> SourceArguments::volume() const { return read(input, labels); }
+
+Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
   VolumeOptions options;
-  options.labels = labels;
+  options.labels = ids;
   options.component = component;
   options.time = time;
   if (!crop.empty()) {
@@ -402,7 +421,7 @@ Result<Volume> SourceArguments::volume() const {
     layout.offset = offset;
     options.raw = layout;
   }
-  auto volume = read_volume(input, options);
+  auto volume = read_volume(path, options);
   if (volume) return volume;
   for (const auto& [choice, option] :
        {std::pair{"choose component", "--component"}, std::pair{"choose time point", "--time"}})
@@ -414,6 +433,24 @@ Result<Volume> SourceArguments::volume() const {
              ? with_cure(volume.error(),
                          "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`")
              : with_cure(volume.error(), "see --dims, --type, --spacing and --offset");
+}
+
+Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
+  Structures& parts = options.structures;
+  if (!label_table.empty()) {
+    auto table = read_label_table(label_table);
+    if (!table) return tl::unexpected(table.error());
+    parts.styles = std::move(*table);
+  }
+  const auto set = [&](const std::string& path, std::shared_ptr<const Volume>& to) -> Result<void> {
+    if (path.empty()) return {};
+    auto volume = read(path, true);
+    if (!volume) return tl::unexpected(volume.error());
+    to = std::make_shared<const Volume>(std::move(*volume));
+    return {};
+  };
+  if (auto ok = set(labels_volume, parts.labels); !ok) return ok;
+  return set(mask, parts.mask);
 }
 
 Result<std::unique_ptr<Scene>> SourceArguments::scene(
@@ -435,6 +472,11 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
       return fail(ErrorCode::usage,
                   "the field was lit by an environment picture; name it by "
                   "--environment");
+    const auto parts = built.value("structures", nlohmann::json::object());
+    for (const auto& [member, path, option] :
+         {std::tuple{"labels", &labels_volume, "--labels-volume"}, {"mask", &mask, "--mask"}})
+      if (parts.contains(member) && path->empty())
+        return fail(ErrorCode::usage, "the field was built with ", option, "; name it again");
   }
   if (auto ok = set_light(options); !ok) return tl::unexpected(ok.error());
   // The small file first: its mistakes are found before a large one is read.
@@ -450,6 +492,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
                   ": expected two ascending numbers, LO,HI");
     stretched = {range[0], range[1]};
   }
+  if (auto ok = set_structures(options); !ok) return tl::unexpected(ok.error());
   auto volume = this->volume();
   if (!volume) return tl::unexpected(volume.error());
   for (const std::string& remark : volume->notes) note(volume->source + ": " + remark);

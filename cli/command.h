@@ -211,6 +211,7 @@ struct SourceArguments {
   std::optional<std::uint32_t> component, time;
   std::uint64_t offset = 0;
   bool labels = false;
+  std::string labels_volume, label_table, mask;  // empty: none
   RaycastOptions raycast;
   std::vector<double> light;  // empty: the default
   bool no_shade = false;
@@ -235,6 +236,8 @@ struct SourceArguments {
       const LightWork& work, const std::optional<std::string>& provenance = {}) const;
 
  private:
+  [[nodiscard]] Result<Volume> read(const std::string& path, bool ids) const;
+  [[nodiscard]] Result<void> set_structures(RaycastOptions& options) const;
   [[nodiscard]] Result<void> set_light(RaycastOptions& options) const;
 };
 

@@ -129,15 +129,18 @@ Medium::Medium(const RayGrid& grid)
 /// The largest extinction over the values of each brick.
 void Medium::find_majorants() {
   // levels[k][i]: the largest of the 2^k entries from i on.
-  std::vector<std::vector<float>> levels{extinctions_};
-  for (std::size_t width = 2; width <= extinctions_.size() && !grid_.labels; width *= 2) {
+  // No structure is denser than the first row of the table.
+  const std::size_t entries = grid_.table.entries;
+  std::vector<std::vector<float>> levels{
+      {extinctions_.begin(), extinctions_.begin() + static_cast<std::ptrdiff_t>(entries)}};
+  for (std::size_t width = 2; width <= entries && !grid_.labels; width *= 2) {
     const std::vector<float>& half = levels.back();
-    std::vector<float> level(extinctions_.size() - width + 1);
+    std::vector<float> level(entries - width + 1);
     for (std::size_t i = 0; i < level.size(); ++i)
       level[i] = std::max(half[i], half[i + width / 2]);
     levels.push_back(std::move(level));
   }
-  const std::size_t last = extinctions_.size() - 1;
+  const std::size_t last = entries - 1;
   const auto most_between = [&](std::size_t from, std::size_t to) {
     from = from > 0 ? from - 1 : 0;  // one entry more than rounding can reach
     to = std::min(to + 1, last);
@@ -174,7 +177,14 @@ std::size_t Medium::entry(const glm::dvec3& at) const {
   }
   float v[8];
   load<2>(grid_, cell.first, false, v);
-  return entry_of(grid_.table, trilinear(cell.within, [&](int x, int y, int z) {
+  std::size_t row = 0;
+  if (!grid_.rows.empty()) {
+    const glm::ivec3 voxel = cell.first + glm::ivec3(glm::step(0.5f, cell.within));
+    row = grid_.rows[(static_cast<std::size_t>(voxel.z) * grid_.dims[1] + voxel.y) * grid_.dims[0] +
+                     voxel.x];
+  }
+  return row * grid_.table.entries +
+         entry_of(grid_.table, trilinear(cell.within, [&](int x, int y, int z) {
                     return v[z * 4 + y * 2 + x];
                   }));
 }

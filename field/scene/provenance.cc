@@ -106,6 +106,16 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
     out["light"] = {options.light.x, options.light.y, options.light.z};
     out["ambient"] = options.ambient;
   }
+  if (const Structures& parts = options.structures; parts.labels || parts.mask) {
+    json& recorded = out["structures"] = json::object();
+    if (parts.labels) recorded["labels"] = content_hash(*parts.labels);
+    if (parts.mask) recorded["mask"] = content_hash(*parts.mask);
+    for (const auto& [id, style] : parts.styles) {
+      json one{{"id", id}, {"name", valid_utf8(style.name)}, {"opacity", style.opacity}};
+      if (style.color) one["color"] = {style.color->r, style.color->g, style.color->b};
+      recorded["styles"].push_back(one);
+    }
+  }
   return out.dump();
 }
 

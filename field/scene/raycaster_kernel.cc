@@ -152,7 +152,7 @@ HWY_INLINE void advance(Wave& wave) {
 template <class T>
 HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4][kWave],
                              Wave& wave) {
-  const auto last = static_cast<std::int32_t>(table.opacities.size()) - 1;
+  const auto last = static_cast<std::int32_t>(table.entries) - 1;
   for (std::size_t i = 0; i < wave.size; i += kLanes) {
     const Floats fx = hn::Load(kFloats, wave.within[0] + i);
     const Floats fy = hn::Load(kFloats, wave.within[1] + i);
@@ -181,6 +181,15 @@ HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4]
     }
     hn::Store(entry, kInts, wave.entry + i);
   }
+}
+
+/// Moves the entry of ray i's sample to the row of its structure.
+HWY_INLINE void find_row(const RayGrid& grid, Wave& wave, std::size_t i) {
+  std::size_t voxel = 0;
+  for (int axis = 2; axis >= 0; --axis)
+    voxel = voxel * static_cast<std::size_t>(grid.dims[axis]) +
+            static_cast<std::size_t>(wave.cell[axis][i] + (wave.within[axis][i] >= 0.5f));
+  wave.entry[i] += grid.rows[voxel] * static_cast<std::int32_t>(grid.table.entries);
 }
 
 constexpr float kOpaque = 1 - 1.f / 256;
@@ -267,6 +276,8 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
       }
     }
     if constexpr (!kLabels) find_entries(grid.table, rows, wave);
+    if (!grid.rows.empty())
+      for (std::size_t s = 0; s < samples; ++s) find_row(grid, wave, sampling[s]);
     // Composite opacity front to back. Colour follows when the samples are shaded.
     for (std::size_t s = 0; s < samples; ++s) {
       const std::size_t i = sampling[s];

@@ -33,6 +33,10 @@ struct RayGrid {
   double step = 1;  ///< world units
 
   TransferTable table;
+  /// Of volumes with structures: the row of the table that each voxel uses, and which rows show
+  /// anything. A sample uses the row of the nearest voxel.
+  std::vector<std::uint8_t> rows;
+  std::vector<std::uint8_t> visible_rows;
   /// Per brick: Chebyshev distance, in bricks, to the nearest visible brick (0: this one is
   /// visible).
   std::vector<std::uint8_t> distance;

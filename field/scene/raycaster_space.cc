@@ -14,15 +14,16 @@ class Visibility {
  public:
   Visibility(const RayGrid& grid, std::span<const T> voxels) : grid_(grid), voxels_(voxels) {
     const std::vector<float>& opacities = grid.table.opacities;
-    visible_below_.assign(opacities.size() + 1, 0);
-    for (std::size_t k = 0; k < opacities.size(); ++k)
+    // No structure is more opaque than the first row of the table.
+    visible_below_.assign(grid.table.entries + 1, 0);
+    for (std::size_t k = 0; k < grid.table.entries; ++k)
       visible_below_[k + 1] = visible_below_[k] + (opacities[k] > 0 ? 1 : 0);
   }
 
   /// Whether a cell whose voxels are within these closed ranges can be visible.
   [[nodiscard]] bool operator()(glm::ivec3 first, glm::ivec3 last) const {
     T low = std::numeric_limits<T>::max(), high = std::numeric_limits<T>::lowest();
-    bool labelled = false;
+    bool labelled = false, shown = grid_.rows.empty();
     for (int z = first.z; z <= last.z; ++z)
       for (int y = first.y; y <= last.y; ++y) {
         const T* row =
@@ -30,12 +31,14 @@ class Visibility {
         for (int x = first.x; x <= last.x; ++x) {
           low = std::min(low, row[x]);
           high = std::max(high, row[x]);
+          if (!shown) shown = grid_.visible_rows[grid_.rows[row - voxels_.data() + x]] != 0;
           if (grid_.labels) labelled |= shows(static_cast<std::size_t>(row[x]));
         }
       }
+    if (!shown) return false;
     if (grid_.labels) return labelled;
     // One more entry on each side than rounding can reach.
-    const std::int64_t end = static_cast<std::int64_t>(grid_.table.opacities.size()) - 1;
+    const std::int64_t end = static_cast<std::int64_t>(grid_.table.entries) - 1;
     const auto from = std::clamp<std::int64_t>(entry(low) - 1, 0, end);
     const auto to = std::clamp<std::int64_t>(entry(high) + 1, 0, end);
     return visible_below_[static_cast<std::size_t>(to) + 1] >

@@ -12,6 +12,7 @@ void add_entry(TransferTable& table, const TransferFunction& transfer, double va
                double steps_per_unit) {
   const glm::dvec4 entry = transfer(value);
   table.colors.push_back(glm::vec4(entry));
+  ++table.entries;
   table.opacities.push_back(
       static_cast<float>(1 - std::pow(1 - std::clamp(entry.a, 0.0, 1.0), steps_per_unit)));
 }
@@ -36,13 +37,13 @@ std::int32_t ordered_bits(float value) {
 }
 
 std::size_t entry_of(const TransferTable& table, float value) {
-  const auto last = static_cast<float>(table.opacities.size() - 1);
+  const auto last = static_cast<float>(table.entries - 1);
   if (!table.logarithmic)
     return static_cast<std::size_t>(
         std::clamp((value - table.low) * table.scale + 0.5f, 0.f, last));
   const std::int64_t key = std::int64_t{ordered_bits(value)} - table.low_key;
   return std::min(static_cast<std::size_t>(std::max<std::int64_t>(key, 0) >> table.shift),
-                  table.opacities.size() - 1);
+                  table.entries - 1);
 }
 
 TransferTable make_table(const TransferFunction& transfer, const Volume& volume,

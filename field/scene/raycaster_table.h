@@ -20,7 +20,10 @@ struct TransferTable {
   float scale = 1;           ///< entries per unit of value (even)
   std::int32_t low_key = 0;  ///< ordered bits of `low` (logarithmic)
   int shift = 0;
-  std::vector<glm::vec4> colors;  ///< straight RGB, padded
+  /// Entries of a row. There is one row, or one for each structure; the first is the function's
+  /// own.
+  std::size_t entries = 0;
+  std::vector<glm::vec4> colors;  ///< straight RGB, padded, row by row
   std::vector<float> opacities;   ///< of one step; as many
 };
 

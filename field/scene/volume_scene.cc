@@ -10,6 +10,7 @@
 #include "field/scene/provenance.h"
 #include "field/scene/raycaster_space.h"
 #include "field/scene/raycaster_table.h"
+#include "field/scene/structures.h"
 #include "field/volume/voxels.h"
 
 namespace slf {
@@ -121,6 +122,13 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     contrast = std::max(range[1] - range[0], 1e-30f);
   }
 
+  if (options.structures.labels || options.structures.mask) {
+    if (v.labels)
+      return fail(ErrorCode::usage, v.source,
+                  ": structures are parts of a volume of amounts, but this one holds labels");
+    if (auto ok = add_structures(options.structures, v, steps_per_unit, grid); !ok)
+      return tl::unexpected(ok.error());
+  }
   if (options.lighting.mode != Lighting::direct)
     for (glm::vec4& color : grid.table.colors)
       for (int c = 0; c < 3; ++c) color[c] = linear_from_srgb(color[c]);

@@ -28,13 +28,17 @@ std::set<double> ids_of(const Volume& volume) {
   return ids;
 }
 
-glm::dvec3 hue_of(double id) {
+}  // namespace
+
+glm::dvec3 transfer_color::of_label(double id) {
   constexpr double kGoldenRatio = 0.6180339887498949;
   const double turn = id * kGoldenRatio;
   const double rest = std::fmod(std::abs(id), 3);
   return transfer_color::hsv_to_rgb(
       {turn - std::floor(turn), 0.55 + 0.15 * rest, 0.95 - 0.1 * rest});
 }
+
+namespace {
 
 // In Space::step the stretch up to and with a point has the point's colour, so every id, being a
 // point, has its own. The opacity leaps half way from 0 to the ids beside it.
@@ -64,7 +68,7 @@ TransferFunction with_colors(const Volume& volume, const ColorOf& color_of) {
 TransferFunction label_transfer(const Volume& volume,
                                 const std::vector<TransferFunction::ColorPoint>& colors) {
   return with_colors(volume, [&](double id, double) {
-    if (colors.empty()) return hue_of(id);
+    if (colors.empty()) return transfer_color::of_label(id);
     const auto found = std::find_if(colors.begin(), colors.end(),
                                     [&](const auto& point) { return point.value == id; });
     if (found != colors.end()) return found->rgb;

@@ -14,6 +14,7 @@
 #include "slf/light.h"
 #include "slf/progress.h"
 #include "slf/scene.h"
+#include "slf/structures.h"
 #include "slf/transfer.h"
 #include "slf/volume.h"
 
@@ -28,6 +29,7 @@ struct RaycastOptions {
   bool leap = true;      ///< off only to test that leaping changes nothing
   /// Unless its mode is Lighting::direct, it replaces `shade`, `light` and `ambient`.
   LightOptions lighting{};
+  Structures structures{};  ///< parts of the volume in colours of their own
 };
 
 /// How a light volume is computed, without any influence on what it holds.

@@ -1,0 +1,48 @@
+// Structures: the parts of a volume, by labels on the same grid, in colours of their own.
+#pragma once
+
+#include <cstdint>
+#include <glm/glm.hpp>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "slf/error.h"
+#include "slf/volume.h"
+
+namespace slf {
+
+/// How one structure is shown.
+struct LabelStyle {
+  std::string name{};
+  std::optional<glm::dvec3> color;  ///< sRGB, 0 to 1; none: as the transfer function has it
+  double opacity = 1;               ///< factor of the transfer function's opacity, 0 to 1
+
+  bool operator==(const LabelStyle&) const = default;
+};
+
+/// Styles by id.
+using LabelTable = std::map<std::int64_t, LabelStyle>;
+
+/// Reads a table of styles, told apart by content: ITK-SNAP's label description (`IDX R G B A VIS
+/// MESH "NAME"`, colours 0 to 255, A and VIS 0 to 1), 3D Slicer's colour table (`ID NAME R G B A`,
+/// all 0 to 255), or JSON: {"labels": [{"id": 1, "name": "liver", "color": [0.8, 0.3, 0.2],
+/// "opacity": 1}, …]}. Lines that begin with # are comments. Input is untrusted.
+/// io: unreadable. bad_file: none of these, a number out of range, an id twice; the message names
+/// the line or member.
+[[nodiscard]] Result<LabelTable> read_label_table(const std::string& path);
+
+/// The table in the bytes of a file; `source` is its name for messages.
+[[nodiscard]] Result<LabelTable> parse_label_table(const std::string& bytes,
+                                                   const std::string& source);
+
+/// Parts of a grey volume. Voxels belong to the structure of their id, nearest to each sample.
+struct Structures {
+  std::shared_ptr<const Volume> labels;  ///< ids, of the volume's dimensions; or none
+  /// Ids without a style get a colour by id, 0 that of the transfer function.
+  LabelTable styles{};
+  std::shared_ptr<const Volume> mask;  ///< where it is 0 nothing is visible; or none
+};
+
+}  // namespace slf
