@@ -74,6 +74,9 @@ const std::vector<Prose>& all() {
         "It is "
         "the truth that slf-evaluate(1) compares with."},
        {{"The default view", "slf raycast head.nii.gz -o truth.png"},
+        {"Organs in their own colours",
+         "slf raycast ct.nii.gz -o organs.png --labels-volume organs.nii.gz --label-table "
+         "organs.ctbl"},
         {"Under an overcast sky",
          "slf raycast head.nii.gz -o sky.png --lighting global --light-rig overcast"},
         {"By path tracing, as linear radiance",
