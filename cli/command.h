@@ -112,8 +112,8 @@ void print_table(const std::vector<std::vector<std::string>>& rows);
 /// From now on the first SIGINT or SIGTERM only sets stop_signal().
 void watch_signals();
 
-/// The progress of a light volume, if one is computed. Signals end the process at once again when it
-/// is complete.
+/// The progress of a light volume, if one is computed. Signals end the process at once again when
+/// it is complete.
 [[nodiscard]] ProgressCallback light_progress();
 
 /// The signal that asked the program to stop, or 0.
