@@ -38,7 +38,7 @@ endif()
 # Everything installed stands under slf/, and no header needs a library that is not in the API.
 file(GLOB_RECURSE headers RELATIVE ${WORK}/prefix/include ${WORK}/prefix/include/*)
 foreach(header IN LISTS headers)
-  if(NOT header MATCHES "^slf/[a-z]+\\.h$")
+  if(NOT header MATCHES "^slf/[a-z_]+\\.h$")
     message(FATAL_ERROR "${header} is installed, and no public header")
   endif()
   file(READ ${WORK}/prefix/include/${header} text)
