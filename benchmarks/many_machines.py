@@ -15,7 +15,7 @@ INPUT and what follows go to `slf build` (default: scene:balls --levels 2). Prin
 """
 
 import argparse
-import os
+import contextlib
 import pathlib
 import shutil
 import statistics
@@ -28,17 +28,23 @@ LEVELS_OF_TILES = {"65,535": (3, 15), "262,140": (3, 60), "1,048,575": (4, 15)}
 
 
 def run(command, **options):
-    """Seconds and peak anonymous-and-file memory, in MiB, of a command."""
+    """Seconds of a command and the most memory that it had, in MiB: anonymous, and mapped files."""
     begin = time.monotonic()
     process = subprocess.Popen([str(word) for word in command], **options)
-    _, status, usage = os.wait4(process.pid, 0)
-    seconds = time.monotonic() - begin
-    if status not in (0,):
-        sys.exit(f"{command}: ended with {os.waitstatus_to_exitcode(status)}")
-    return seconds, usage.ru_maxrss / 1024
+    most = {"RssAnon": 0, "RssFile": 0}
+    while process.poll() is None:
+        with contextlib.suppress(OSError):
+            for line in pathlib.Path(f"/proc/{process.pid}/status").read_text().splitlines():
+                name, value = line.split(":")
+                if name in most:
+                    most[name] = max(most[name], int(value.split()[0]) / 1024)
+        time.sleep(0.01)
+    if process.returncode != 0:
+        sys.exit(f"{command}: ended with {process.returncode}")
+    return time.monotonic() - begin, f"{most['RssAnon']:.0f} + {most['RssFile']:.0f} MiB"
 
 
-def build_in_parts(slf, folder, build):
+def build_in_parts(slf, folder, build, with_alone):
     """Whole, in shards after the coarse levels, and in shards alone."""
     levels = 2
     if "--levels" in build:
@@ -55,15 +61,17 @@ def build_in_parts(slf, folder, build):
     coarse = timed("coarse.slf", "--only-levels", f"0-{levels - 1}")
     after = [timed(f"after-{k}.slf", "--coarser", folder / "coarse.slf", "--shard", f"{k}/{SHARDS}")
              for k in range(1, SHARDS + 1)]
-    alone = [timed(f"alone-{k}.slf", "--shard", f"{k}/{SHARDS}") for k in range(1, SHARDS + 1)]
-    merged = folder / "merged.slf"
-    for parts in ([folder / "coarse.slf", *folder.glob("after-*.slf")], folder.glob("alone-*.slf")):
-        run([slf, "-q", "merge", *parts, "-o", merged, "-f"], stdout=subprocess.DEVNULL)
-        run([slf, "-q", "diff", folder / "whole.slf", merged], stdout=subprocess.DEVNULL)
     print(f"whole build: {whole:.1f} s")
     print(f"coarse levels first: {coarse:.1f} s, then {SHARDS} shards: {sum(after):.1f} s; together "
           f"{(coarse + sum(after)) / whole:.3f} of the whole build; the longest shard is "
           f"{max(after) / statistics.mean(after):.2f} of the mean")
+    merged = folder / "merged.slf"
+    parts = [folder / "coarse.slf", *folder.glob("after-*.slf")]
+    run([slf, "-q", "merge", *parts, "-o", merged, "-f"], stdout=subprocess.DEVNULL)
+    run([slf, "-q", "diff", folder / "whole.slf", merged], stdout=subprocess.DEVNULL)
+    if not with_alone:
+        return
+    alone = [timed(f"alone-{k}.slf", "--shard", f"{k}/{SHARDS}") for k in range(1, SHARDS + 1)]
     print(f"{SHARDS} shards alone: {sum(alone):.1f} s, {sum(alone) / whole:.3f} of the whole build; "
           f"the longest is {max(alone) / statistics.mean(alone):.2f} of the mean")
 
@@ -73,8 +81,18 @@ def merge_beside_cp(slf, large, folder, repeats):
     parts = sorted(folder.glob("big-*.slf"))
     size = sum(part.stat().st_size for part in parts)
     times = {"merge": [], "cp": []}
-    memory = 0
+    memories = []
+
+    def warm():
+        """Writes and removes a file of that size: the host of a virtual machine takes long to give
+        it memory that it has not used yet."""
+        with open(folder / "scratch", "wb") as scratch:
+            for _ in range(size >> 20):
+                scratch.write(bytes(1 << 20))
+        (folder / "scratch").unlink()
+
     for _ in range(repeats):
+        warm()
         shutil.rmtree(folder / "copy", ignore_errors=True)
         (folder / "copy").mkdir()
         begin = time.monotonic()
@@ -82,17 +100,18 @@ def merge_beside_cp(slf, large, folder, repeats):
         subprocess.run(["sync", "-f", folder / "copy"], check=True)
         times["cp"].append(time.monotonic() - begin)
         shutil.rmtree(folder / "copy")
-        seconds, mebibytes = run([slf, "-q", "merge", *parts, "-o", folder / "copy.slf", "-f"],
+        warm()
+        seconds, memory = run([slf, "-q", "merge", *parts, "-o", folder / "copy.slf", "-f"],
                                  stdout=subprocess.DEVNULL)
         times["merge"].append(seconds)
-        memory = max(memory, mebibytes)
+        memories.append(memory)
         (folder / "copy.slf").unlink()
     median = {name: statistics.median(values) for name, values in times.items()}
     print(f"merge of {size / 1e9:.2f} GB in {SHARDS} parts: {median['merge']:.2f} s "
           f"({min(times['merge']):.2f} to {max(times['merge']):.2f}); cp and sync: "
           f"{median['cp']:.2f} s ({min(times['cp']):.2f} to {max(times['cp']):.2f}); "
-          f"{median['cp'] / median['merge']:.2f} of its speed; at most {memory:.0f} MiB resident, "
-          "mapped pages of the parts included")
+          f"{median['cp'] / median['merge']:.2f} of its speed; anonymous and mapped memory: "
+          + ", ".join(memories))
     for part in parts:
         part.unlink()
 
@@ -108,8 +127,8 @@ def tools_at_scale(slf, large, folder):
             "info": ["info", field], "ls": ["ls", field], "ls --json": ["ls", field, "--json"],
             "diff": ["diff", field, folder / "other.slf"],
         }.items():
-            seconds, mebibytes = run([slf, "-q", *command], stdout=subprocess.DEVNULL)
-            texts.append(f"{title} {seconds:.2f} s, {mebibytes:.0f} MiB")
+            seconds, memory = run([slf, "-q", *command], stdout=subprocess.DEVNULL)
+            texts.append(f"{title} {seconds:.2f} s, {memory}")
         print(f"{name} tiles: " + "; ".join(texts))
 
 
@@ -120,11 +139,14 @@ def main():
     parser.add_argument("--folder", required=True, type=pathlib.Path)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--only", choices=["build", "merge", "tools"])
+    parser.add_argument("--without-alone", action="store_true",
+                        help="leave out shards that build their coarser tiles themselves")
     arguments, build = parser.parse_known_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
     slf = arguments.slf.resolve()
     if arguments.only in (None, "build"):
-        build_in_parts(slf, arguments.folder, build or ["scene:balls", "--levels", "2"])
+        build_in_parts(slf, arguments.folder, build or ["scene:balls", "--levels", "2"],
+                       not arguments.without_alone)
     if arguments.large and arguments.only in (None, "merge"):
         merge_beside_cp(slf, arguments.large.resolve(), arguments.folder, arguments.repeats)
     if arguments.large and arguments.only in (None, "tools"):

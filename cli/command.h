@@ -102,6 +102,10 @@ void print_json(const nlohmann::json& json);
 /// Rows of cells, the first row the heading, columns aligned right but for the first.
 void print_table(const std::vector<std::vector<std::string>>& rows);
 
+/// Lets malloc keep what is freed. For commands that copy: records of some 100 KiB would otherwise
+/// come from the system and return to it one by one, which takes longer than to copy them.
+void keep_freed_memory();
+
 // ---- progress and signals ----------------------------------------------------------------------
 
 /// Rate and time left on stderr: a bar on a terminal, elsewhere a line every progress_seconds;

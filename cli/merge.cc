@@ -14,6 +14,7 @@ struct Arguments {
 };
 
 Result<void> run_merge(const Arguments& a) {
+  keep_freed_memory();
   const auto report = merge_fields(a.parts, a.output, a.merge, progress_bar("merge", "tiles"));
   if (!report && report.error().message.starts_with("no part holds"))
     return with_cure(report.error(), "build them, or let the output be a part with --part");

@@ -38,6 +38,7 @@ Result<void> estimate(const RepackArguments& a, const Field& field, const Repack
 }
 
 Result<void> run_repack(const RepackArguments& a) {
+  keep_freed_memory();
   RepackOptions options = a.repack;
   if (a.levels >= 0) options.levels = static_cast<unsigned>(a.levels);
   options.half = a.half;

@@ -41,7 +41,8 @@ Bytes encode_container(std::uint64_t transaction, std::span<const LayerInfo> lay
 Result<Container> decode_container(ByteSpan blob) {
   if (blob.size() < kHeader) return damaged("too short");
   const auto magic = load_le<std::uint32_t>(blob.data());
-  if ((magic & 0xFFFFFF) != kMagic) return damaged("the list of its layers is damaged, or from another program");
+  if ((magic & 0xFFFFFF) != kMagic)
+    return damaged("the list of its layers is damaged, or from another program");
   if (magic >> 24 != kVersion)
     return fail(ErrorCode::unsupported, "container version ", magic >> 24, ", expected ",
                 int{kVersion});

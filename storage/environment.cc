@@ -60,6 +60,7 @@ Environment& Environment::operator=(Environment&& other) noexcept {
   std::swap(environment_, other.environment_);
   std::swap(map_, other.map_);
   std::swap(reader_, other.reader_);
+  std::swap(deferred_, other.deferred_);
   return *this;
 }
 
@@ -145,7 +146,10 @@ Result<void> Environment::put(std::span<const Put> puts) {
     if (auto whole = check_length(); !whole) return whole;
     const int code = try_put(puts);
     if (map_.changed()) return check_length();
-    if (code == 0) return extend();
+    if (code == 0) {
+      begin_to_write();
+      return extend();
+    }
     if (code != MDB_MAP_FULL) return error(code, "write");
     if (auto grown = grow(); !grown) return grown;
   }
@@ -192,7 +196,14 @@ Result<void> Environment::extend() {
   return {};
 }
 
-void Environment::defer_sync() { (void)mdb_env_set_flags(environment_, MDB_NOSYNC, 1); }
+void Environment::defer_sync() { deferred_ = mdb_env_set_flags(environment_, MDB_NOSYNC, 1) == 0; }
+
+// The disk works while the next records are made, not only in the end.
+void Environment::begin_to_write() const {
+  mdb_filehandle_t file = -1;
+  if (deferred_ && mdb_env_get_fd(environment_, &file) == 0)
+    (void)sync_file_range(file, 0, 0, SYNC_FILE_RANGE_WRITE);
+}
 
 Result<void> Environment::sync() {
   if (const int code = mdb_env_sync(environment_, /*force=*/1); code != 0)

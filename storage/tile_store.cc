@@ -31,6 +31,10 @@ struct TileStore::State {
 
 namespace {
 
+// While a layer is walked: after so many records the mapped pages are given back. Around the head
+// of each the kernel maps 64 KiB, so that all of the file would be resident in the end.
+constexpr std::uint64_t kReleaseEvery = 256;
+
 // The smallest key above `key`.
 TileKey after(TileKey key) {
   if (++key.index == 0) ++key.level;
@@ -265,7 +269,9 @@ Result<void> TileStore::visit(LayerId layer, TileKey from, TileKey to, const Vis
                               const DamageVisitor& damaged) const {
   if (auto known = state_->check_layer(layer); !known) return known;
   Result<void> result;
+  std::uint64_t records = 0;
   const auto visit_record = [&](const Record& record) {
+    if (++records % kReleaseEvery == 0) release_all();
     for (Record::Walk walk(record); result && walk.next();) {
       const TileRef tile = tile_ref(record, walk.position(), walk.tile());
       if (tile.state == TileState::missing || tile.key < from || tile.key >= to) continue;
@@ -291,7 +297,9 @@ Result<std::vector<LevelStatistics>> TileStore::statistics(LayerId layer) const 
     return tl::unexpected(std::move(known.error()));
   Result<void> result;
   std::vector<LevelStatistics> levels;
+  std::uint64_t records = 0;
   const auto count = [&](const Record& record) {
+    if (++records % kReleaseEvery == 0) release_all();
     if (levels.empty() || levels.back().level != record.first().level)
       levels.push_back({record.first().level});
     LevelStatistics& level = levels.back();

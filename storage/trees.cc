@@ -77,7 +77,8 @@ Result<ByteSpan> Trees::blob(std::string_view name) const {
   auto found = cursor.seek(bytes_of(name));
   if (!found) return tl::unexpected(std::move(found.error()));
   if (!*found || compare_keys(cursor.key(), bytes_of(name)) != 0)
-    return fail(ErrorCode::bad_file, path_, ": not a field, or damaged: it has no entry '", name, "'");
+    return fail(ErrorCode::bad_file, path_, ": not a field, or damaged: it has no entry '", name,
+                "'");
   auto sealed = cursor.value();
   if (!sealed) return sealed;
   auto bytes = open_blob(name, *sealed);

@@ -13,7 +13,8 @@ using storage::LayerId;
 using storage::TileRef;
 using storage::TileState;
 
-constexpr std::uint64_t kBatch = 128;  // tiles that a thread copies together
+constexpr std::uint64_t kBatch = 128;        // tiles that a thread copies together
+constexpr std::uint64_t kReleaseEvery = 16;  // batches
 
 /// Consecutive tiles on their way to the writer: [tile][layer].
 struct Copied {
@@ -68,6 +69,7 @@ class Merging {
       };
     });
     for (std::uint64_t k = 0; k < batches; ++k) {
+      if (k % kReleaseEvery == 0) part->release_all();  // the kernel still has what was read
       const Result<Copied> tiles = pipeline.take();
       if (!tiles) return tl::unexpected(tiles.error());
       if (auto ok = put(*tiles); !ok) return ok;
@@ -99,7 +101,6 @@ class Merging {
         copied.payloads[k * layers + layer].assign(tiles[k].payload.begin(),
                                                    tiles[k].payload.end());
       }
-      part.release(tiles);
     }
     return copied;
   }

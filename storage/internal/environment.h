@@ -39,7 +39,7 @@ class Environment {
   /// The last committed transaction.
   [[nodiscard]] std::uint64_t transaction() const;
 
-  /// From now on put() does not wait for the disk; sync() does.
+  /// From now on put() only begins to write to the disk; sync() waits until all is written.
   void defer_sync();
   [[nodiscard]] Result<void> sync();
 
@@ -61,6 +61,7 @@ class Environment {
   [[nodiscard]] int try_put(std::span<const Put> puts);
   [[nodiscard]] Result<void> grow();
   [[nodiscard]] Result<void> extend();
+  void begin_to_write() const;
   [[nodiscard]] tl::unexpected<Error> error(int code, const char* doing) const;
 
   std::string path_;
@@ -68,6 +69,7 @@ class Environment {
   MDB_env* environment_ = nullptr;
   GuardedRange map_;           ///< LMDB's map; LMDB reads it without checking the file's length
   MDB_txn* reader_ = nullptr;  ///< LMDB does not reuse pages freed after this transaction
+  bool deferred_ = false;      ///< commits do not wait for the disk
 };
 
 }  // namespace slf::storage::internal
