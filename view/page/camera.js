@@ -51,14 +51,6 @@ export class Camera {
     return {eye: add(this.target, out, this.distance), forward, right, down: up.map((v) => -v), half};
   }
 
-  // Where a point is in the picture: [x, y] in -1..1, y up, and how far it is in front of the eye.
-  project(point, width, height) {
-    const {eye, forward, right, down, half} = this.axes(width, height);
-    const to = add(point, eye, -1), dot = (a) => a.reduce((s, v, i) => s + v * to[i], 0);
-    const depth = dot(forward);
-    return [dot(right) / depth / half * height / width, -dot(down) / depth / half, depth];
-  }
-
   toText() {
     const n = (v) => String(Math.round(v * 1e4) / 1e4);
     const parts = [this.azimuth, this.elevation, this.distance];

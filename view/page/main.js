@@ -148,12 +148,14 @@ function frame(now) {
   }
 }
 
-// Letters where the axes of LPS leave the sphere.
+// A compass of the axes of LPS; letters on the far side are dim.
 const kMarks = {L: [1, 0, 0], R: [-1, 0, 0], P: [0, 1, 0], A: [0, -1, 0], S: [0, 0, 1], I: [0, 0, -1]};
 function drawMarks() {
-  const box = byId('labels');
+  const box = byId('compass');
   box.hidden = !byId('marks').checked;
   if (box.hidden) return;
+  const {forward, right, down} = camera.axes(1, 1);
+  const dot = (a, b) => a.reduce((sum, v, i) => sum + v * b[i], 0);
   for (const [letter, axis] of Object.entries(kMarks)) {
     let mark = box.querySelector(`[data-axis=${letter}]`);
     if (!mark) {
@@ -161,12 +163,11 @@ function drawMarks() {
       mark.dataset.axis = mark.textContent = letter;
       box.append(mark);
     }
-    const [x, y, depth] = camera.project(axis.map((v) => 0.92 * v), canvas.width,
-                                        canvas.height);
-    const toEye = depth - camera.distance;  // below 0: on the near side
-    mark.style.left = `${(x + 1) / 2 * 100}%`;
-    mark.style.top = `${(1 - y) / 2 * 100}%`;
-    mark.style.opacity = depth > 0 ? (toEye < 0.2 ? 1 : 0.35) : 0;
+    const near = -dot(axis, forward);
+    mark.style.left = `${50 + 40 * dot(axis, right)}%`;
+    mark.style.top = `${50 + 40 * dot(axis, down)}%`;
+    mark.style.opacity = String(0.65 + 0.35 * near);
+    mark.style.zIndex = String(Math.round(10 * near) + 10);
   }
 }
 
@@ -237,7 +238,8 @@ function restOfLevel0() {
 
 function showCounts() {
   byId('bytes').textContent =
-    inside ? human(source.size) : `${human(source.bytes)} of ${human(source.size)}`;
+    inside ? human(source.size)
+           : `${human(source.bytes)} (${(100 * source.bytes / source.size).toFixed(0)} %)`;
   byId('tiles').textContent = String(loader.tiles);
   if (loader.damaged > 0)
     say(`${loader.damaged} damaged tiles: coarser ones stand in. slf verify says more.`);
@@ -296,7 +298,7 @@ function actions() {
   ['mode', 'level', 'background'].forEach((name) => choose(name, name));
   byId('fold').onclick = fold;
   byId('spin').onchange = spin;
-  byId('marks').onchange = () => { dirty = true; byId('labels').hidden = true; };
+  byId('marks').onchange = () => { dirty = true; };
   byId('reset').onclick = reset;
   byId('full').onclick = fill;
   byId('about').onclick = showFacts;
