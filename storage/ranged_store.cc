@@ -44,7 +44,7 @@ std::vector<FileRange> RangedStore::wanted() {
 }
 
 Result<void> RangedStore::open() {
-  const std::uint64_t start = std::min<std::uint64_t>(source_.file_bytes, 2 * kPageSize);
+  const std::uint64_t start = std::min(source_.file_bytes, kFileStart);
   const auto metas = source_.bytes(0, start);
   if (!metas) return tl::unexpected(metas.error());
   const auto meta = internal::parse_metas(*metas, trees_.path());
@@ -52,10 +52,46 @@ Result<void> RangedStore::open() {
   if (meta->last_page < 1 || meta->last_page >= source_.file_bytes / kPageSize)
     return fail(ErrorCode::bad_file, trees_.path(), ": truncated: ", source_.file_bytes,
                 " bytes, expected ", meta->last_page + 1, " pages of ", kPageSize);
+  if (auto ok = open_index(meta->transaction); !ok) return ok;
+  if (auto ok = take_section(internal::kCore); !ok) return ok;
   return trees_.load(internal::Pages(source_, *meta, &trees_.path()));
 }
 
-Result<RangedTile> RangedStore::find(LayerId layer, TileKey key) const {
+// What is wrong with an index is no error: the pages have all that it has.
+Result<void> RangedStore::open_index(std::uint64_t transaction) {
+  sections_.clear();
+  const std::uint64_t file = source_.file_bytes;
+  if (file < kFileStart + internal::kIndexFooter) return {};
+  const auto footer = source_.bytes(file - internal::kIndexFooter, internal::kIndexFooter);
+  if (!footer) return tl::unexpected(footer.error());
+  const std::uint64_t size = internal::FileIndex::size(*footer);
+  if (size == 0 || size > file - kFileStart) return {};
+  const auto end = source_.bytes(file - size, size);
+  if (!end) return tl::unexpected(end.error());
+  auto index = internal::FileIndex::parse(*end, file);
+  if (index && index->transaction == transaction) sections_ = std::move(index->sections);
+  return {};
+}
+
+Result<void> RangedStore::take_section(std::uint32_t what) {
+  const auto section = std::find_if(sections_.begin(), sections_.end(),
+                                    [&](const auto& s) { return s.what == what; });
+  if (section == sections_.end()) return {};
+  const std::uint64_t size = section->range.end - section->range.begin;
+  if (size <= kMostSection) {
+    const auto bytes = source_.bytes(section->range.begin, size);
+    if (!bytes) return tl::unexpected(bytes.error());
+    const Bytes held(bytes->begin(), bytes->end());  // add() may replace what `bytes` views
+    (void)internal::open_section(
+        *section, held, source_.file_bytes,
+        [&](std::uint64_t offset, ByteSpan part) { add(offset, Bytes(part.begin(), part.end())); });
+  }
+  sections_.erase(section);
+  return {};
+}
+
+Result<RangedTile> RangedStore::find(LayerId layer, TileKey key) {
+  if (auto ok = take_section(key.level); !ok) return tl::unexpected(ok.error());
   std::uint64_t value = 0;
   const auto found = trees_.find(layer, key, &value);
   if (!found) return tl::unexpected(found.error());

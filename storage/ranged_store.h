@@ -2,7 +2,9 @@
 //
 // It does no input and output itself. A call that needs bytes which are not there yet fails with
 // ErrorCode::io, and wanted() says which: fetch these, add() them, and repeat the call. So a reader
-// collects what many calls want and fetches it together.
+// collects what many calls want and fetches it together. It begins with the start and the end of
+// the file: add() kFileStart bytes and as many as are cheap to open() with one round trip. If the
+// file has an index, that gives most of what finding tiles needs.
 #pragma once
 
 #include <cstdint>
@@ -14,6 +16,7 @@
 #include "base/bytes.h"
 #include "slf/error.h"
 #include "storage/internal/byte_source.h"
+#include "storage/internal/file_index.h"
 #include "storage/internal/trees.h"
 #include "storage/tile_store.h"
 
@@ -29,6 +32,10 @@ struct RangedTile {
 /// The file is untrusted, as for TileStore. Belongs to one thread.
 class RangedStore {
  public:
+  static constexpr std::uint64_t kFileStart = 2 * internal::kPageSize;
+  /// Sections of an index that are larger are left out: reading pages takes fewer bytes.
+  static constexpr std::uint64_t kMostSection = 1 << 20;
+
   /// `name` is for messages; `file_bytes` is the length of the file.
   RangedStore(std::string name, std::uint64_t file_bytes);
   RangedStore(const RangedStore&) = delete;
@@ -49,7 +56,7 @@ class RangedStore {
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const { return trees_.blob(name); }
 
   /// As TileStore::find(). REQUIRES: `layer` < layers().size().
-  [[nodiscard]] Result<RangedTile> find(LayerId layer, TileKey key) const;
+  [[nodiscard]] Result<RangedTile> find(LayerId layer, TileKey key);
 
  private:
   class Source final : public internal::ByteSource {
@@ -60,8 +67,12 @@ class RangedStore {
     mutable std::vector<FileRange> wanted;
   };
 
+  [[nodiscard]] Result<void> open_index(std::uint64_t transaction);
+  [[nodiscard]] Result<void> take_section(std::uint32_t what);
+
   Source source_;
   internal::Trees trees_;
+  std::vector<internal::IndexSection> sections_;  // of the index, not taken yet
 };
 
 }  // namespace slf::storage

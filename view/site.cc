@@ -8,6 +8,7 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "slf/field.h"
+#include "storage/internal/file_index.h"
 #include "view/page.h"
 
 namespace slf::view {
@@ -135,6 +136,8 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
   const fs::path target = fs::path(folder) / "field.slf", temporary = target.string() + ".part";
   if (fs::equivalent(field, target, error)) return {};
   fs::copy_file(field, temporary, fs::copy_options::overwrite_existing, error);
+  if (!error)
+    if (auto indexed = storage::internal::write_index(temporary); !indexed) return indexed;
   if (!error) fs::rename(temporary, target, error);
   if (error) {
     std::error_code ignored;

@@ -2,6 +2,8 @@
 // the bytes are.
 #include "storage/ranged_store.h"
 
+#include "storage/internal/file_index.h"
+
 #include "tests/storage/storage_testing.h"
 
 namespace slf::storage::testing {
@@ -115,6 +117,76 @@ TEST_F(RangedStoreTest, RefusesDamageOrFindsTheSame) {
       if (found && found->state == TileState::stored) {
         EXPECT_LE(found->payload.end, damaged.size());
       }
+    }
+  }
+}
+
+TEST_F(RangedStoreTest, AnIndexSavesRoundTrips) {
+  ASSERT_TRUE(ok(internal::write_index(path_)));
+  const Bytes indexed = read_file(path_);
+  ASSERT_GT(indexed.size(), file_.size());
+  EXPECT_TRUE(std::equal(file_.begin(), file_.end(), indexed.begin()));
+  const auto mapped = TileStore::open(path_);
+  ASSERT_TRUE(ok(mapped));
+  std::vector<Error> findings;
+  mapped->check_structure(findings);
+  EXPECT_TRUE(findings.empty());
+
+  RangedStore store("ranged.slf", indexed.size());
+  ASSERT_TRUE(ok(complete(store, indexed, [&] { return store.open(); })));
+  EXPECT_LE(round_trips_, 4);  // the start, the footer, the directory, the core
+  for (std::uint64_t i = 0; i < kTiles; ++i) {
+    const TileKey key{static_cast<std::uint8_t>(i / 1000), i};
+    const auto found = complete(store, indexed, [&] { return store.find(0, key); });
+    const auto expected = mapped->find(0, key);
+    ASSERT_TRUE(ok(found)) << i;
+    ASSERT_EQ(found->state, expected->state) << i;
+    ASSERT_EQ(found->checksum, expected->checksum) << i;
+  }
+  EXPECT_LE(round_trips_, 4 + 3);  // one for each level
+}
+
+TEST_F(RangedStoreTest, AnIndexIsTheSameForTheSameFile) {
+  ASSERT_TRUE(ok(internal::write_index(path_)));
+  const Bytes once = read_file(path_);
+  ASSERT_TRUE(ok(internal::write_index(path_)));
+  EXPECT_EQ(read_file(path_), once);
+}
+
+TEST_F(RangedStoreTest, AnIndexOfAnEarlierStateIsIgnored) {
+  ASSERT_TRUE(ok(internal::write_index(path_)));
+  {
+    auto writer = TileWriter::resume(path_);
+    ASSERT_TRUE(ok(writer));
+    const TileKey key{2, kTiles + 5};
+    ASSERT_TRUE(ok(writer->append(0, key, tile_bytes(0, key, 500))));
+    ASSERT_TRUE(ok(writer->close()));
+  }
+  const Bytes resumed = read_file(path_);
+  RangedStore store("ranged.slf", resumed.size());
+  ASSERT_TRUE(ok(complete(store, resumed, [&] { return store.open(); })));
+  const auto found = complete(store, resumed, [&] { return store.find(0, {2, kTiles + 5}); });
+  ASSERT_TRUE(ok(found));
+  EXPECT_EQ(found->state, TileState::stored);
+}
+
+TEST_F(RangedStoreTest, ADamagedIndexIsIgnored) {
+  ASSERT_TRUE(ok(internal::write_index(path_)));
+  const Bytes indexed = read_file(path_);
+  const auto mapped = TileStore::open(path_);
+  std::mt19937_64 random(11);
+  for (int trial = 0; trial < 200; ++trial) {
+    Bytes damaged = indexed;
+    damaged[file_.size() + random() % (damaged.size() - file_.size())] ^=
+        static_cast<std::byte>(1 << random() % 8);
+    if (trial % 10 == 0) damaged.resize(file_.size() + random() % (damaged.size() - file_.size()));
+    RangedStore store("damaged.slf", damaged.size());
+    ASSERT_TRUE(ok(complete(store, damaged, [&] { return store.open(); })));
+    for (std::uint64_t i = 0; i < kTiles; i += 97) {
+      const TileKey key{static_cast<std::uint8_t>(i / 1000), i};
+      const auto found = complete(store, damaged, [&] { return store.find(0, key); });
+      ASSERT_TRUE(ok(found));
+      ASSERT_EQ(found->checksum, mapped->find(0, key)->checksum);
     }
   }
 }

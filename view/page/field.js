@@ -1,7 +1,7 @@
 // A field: its manifest, its shape in numbers for the GPU, and where its tiles are.
 
 import {kDone, kWants, Native} from './module.js';
-import {merged} from './source.js';
+import {kEnd, merged} from './source.js';
 
 export const kMissing = 0, kEmpty = 1, kStored = 2, kDamaged = 4;  // states of tiles in a layer
 
@@ -38,6 +38,8 @@ export class Field {
     this.native.fill(new TextEncoder().encode('field.slf'));
     calls.slf_begin(this.source.size);
     this.add(0, start);
+    const end = Math.max(0, this.source.size - kEnd);
+    this.add(end, await this.source.read(end, this.source.size));
     await this.complete((c) => c.slf_open());
     this.manifestBytes = this.native.textBytes();
     this.manifest = JSON.parse(new TextDecoder().decode(this.manifestBytes));

@@ -1,6 +1,7 @@
 // Where the bytes of a field come from: a host of static files, or the page itself.
 
-const kStart = 64 << 10;      // bytes that the first request asks for
+const kStart = 8 << 10;       // bytes of the file's start that a reader needs
+export const kEnd = 64 << 10; // and of its end, where an index may be
 const kGap = 64 << 10;        // ranges nearer than this are one request
 const kMostRequest = 2 << 20; // bytes
 const kRetries = 4;

@@ -1,0 +1,56 @@
+// The index at the end of a finished container: copies of the parts that a reader needs before it
+// reads payloads, so that a reader of a distant file gets them in one or two requests (FORMAT.md,
+// "Index"). Other readers ignore it.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "base/bytes.h"
+#include "slf/error.h"
+#include "storage/tile_store.h"
+
+namespace slf::storage::internal {
+
+inline constexpr std::uint64_t kIndexMagic = 0x5845444E49464C53;  ///< "SLFINDEX"
+inline constexpr std::uint32_t kIndexVersion = 1;
+inline constexpr std::size_t kIndexFooter = 48;
+inline constexpr std::size_t kIndexEntry = 32;
+inline constexpr std::uint32_t kMostSections = 256;
+inline constexpr std::uint32_t kCore = 0xFFFFFFFF;  ///< the section of trees and blobs
+
+/// A part of the index that is read as a whole: the trees and blobs, or the tables of the records
+/// of one level.
+struct IndexSection {
+  std::uint32_t what = kCore;  ///< or a level
+  FileRange range;
+  std::uint64_t checksum = 0;
+};
+
+/// What the end of a file says about its index.
+struct FileIndex {
+  std::uint64_t transaction = 0;  ///< the index is of this state of the file, and of no other
+  std::vector<IndexSection> sections;
+
+  /// How many bytes before the end of the file parse() needs. `footer`: the last kIndexFooter
+  /// bytes. 0: the file has no index.
+  [[nodiscard]] static std::uint64_t size(ByteSpan footer);
+
+  /// `end`: the last size() bytes of a file of `file_bytes`. bad_file: they are damaged.
+  [[nodiscard]] static Result<FileIndex> parse(ByteSpan end, std::uint64_t file_bytes);
+};
+
+/// Calls `add` for each part of a section: where it is in the file, and its bytes.
+/// bad_file: the section does not match its checksum, or a part is outside the file.
+using AddPart = std::function<void(std::uint64_t offset, ByteSpan bytes)>;
+[[nodiscard]] Result<void> open_section(const IndexSection& section, ByteSpan bytes,
+                                        std::uint64_t file_bytes, const AddPart& add);
+
+/// Writes an index behind the last page of a container that is complete and closed, in place of
+/// what follows there, and syncs. The same file gives the same index. Errors as TileStore::open(),
+/// or io.
+[[nodiscard]] Result<void> write_index(const std::string& path);
+
+}  // namespace slf::storage::internal
