@@ -86,7 +86,9 @@ std::uint64_t room_for_field(std::uint64_t most, bool one_file) {
                                                         : file.bytes.size();
   if (one_file) page += kStart.size() + 65536;  // and the elements around scripts and pieces
   if (most <= page) return 0;
-  return one_file ? (most - page) / 4 * 3 : most - page;
+  if (one_file) return (most - page) / 4 * 3;   // base64
+  constexpr std::uint64_t kSmallIndex = 65536;  // the index of a larger field is under a sixteenth
+  return most - page > kSmallIndex ? (most - page - kSmallIndex) / 16 * 15 : 0;
 }
 
 Result<void> export_page(const std::string& field, const std::string& output) {
@@ -135,16 +137,16 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
   // The field comes last, and under its name only when it is whole.
   const fs::path target = fs::path(folder) / "field.slf", temporary = target.string() + ".part";
   if (fs::equivalent(field, target, error)) return {};
+  Result<void> indexed;
   fs::copy_file(field, temporary, fs::copy_options::overwrite_existing, error);
-  if (!error)
-    if (auto indexed = storage::internal::write_index(temporary); !indexed) return indexed;
-  if (!error) fs::rename(temporary, target, error);
-  if (error) {
-    std::error_code ignored;
-    fs::remove(temporary, ignored);
-    return fail(ErrorCode::io, target.string(), ": cannot write: ", error.message());
-  }
-  return {};
+  if (!error) fs::permissions(temporary, fs::perms::owner_write, fs::perm_options::add, error);
+  if (!error) indexed = storage::internal::write_index(temporary);
+  if (!error && indexed) fs::rename(temporary, target, error);
+  if (!error && indexed) return {};
+  std::error_code ignored;
+  fs::remove(temporary, ignored);
+  if (!indexed) return indexed;
+  return fail(ErrorCode::io, target.string(), ": cannot write: ", error.message());
 }
 
 }  // namespace slf::view

@@ -19,9 +19,9 @@ inline constexpr std::uint64_t kMostInside = std::uint64_t{1} << 30;
 /// unsupported: the field is larger than kMostInside. REQUIRES: page_files() is not empty.
 [[nodiscard]] Result<void> export_page(const std::string& field, const std::string& output);
 
-/// Writes a folder with the page and the field, for any host of static files that serves ranges. The
-/// field gets an index (FORMAT.md, "Index").
-/// usage: the folder has files in it and `force` is false. Others as export_page().
+/// Writes a folder with the page and the field, for any host of static files that serves ranges.
+/// The field gets an index (FORMAT.md, "Index"). usage: the folder has files in it and `force` is
+/// false. Others as export_page().
 [[nodiscard]] Result<void> export_site(const std::string& field, const std::string& folder,
                                        bool force);
 
