@@ -3,6 +3,7 @@
 #include <filesystem>
 
 #include "cli/command.h"
+#include "codec/codec.h"
 
 namespace slf::cli {
 namespace {
@@ -24,11 +25,11 @@ Result<void> run_build(const Arguments& arguments) {
   if (!shard) return tl::unexpected(shard.error());
   options.shard = *shard;
   const std::string output = name_of_part(arguments.output, *shard);
-  if (options.half &&
-      (options.color_codec.starts_with("jpeg") || options.color_codec.starts_with("predictive")))
+  const bool predictive = codec::is_predictive(options.color_codec);
+  if (options.half && (predictive || options.color_codec.starts_with("jpeg")))
     options.color_codec = "zstd";
   options.depth_codec = arguments.depth_codec;
-  if (options.depth_codec.empty() && !options.color_codec.starts_with("predictive"))
+  if (options.depth_codec.empty() && !codec::is_predictive(options.color_codec))
     options.depth_codec = "jpeg:75";
   if (options.depth_codec == "none") options.depth_codec = "";
   SourceArguments source = arguments.source;

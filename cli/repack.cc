@@ -153,8 +153,8 @@ void add_verify(CLI::App& app, Run& run) {
       "verify", "Check structure, counts, every checksum, and that every tile decodes");
   command->footer(R"(
 Findings: S1 a page is damaged, M1 manifest or tables, R1 a record, K1 a tile that should not be,
-T1 a checksum, T2 a tile does not decode, T3 one that
-a tile is predicted from is lost, C1 tiles are missing, C2 layers disagree.
+T1 a checksum, T2 a tile does not decode, T3 a tile that it is predicted from is lost, C1 tiles are
+missing, C2 layers disagree.
 Exit code 0 when all is good or only tiles are missing, 3 when something is damaged and, with
 --fix, could not be dropped (S1, M1).)");
   auto a = std::make_shared<VerifyArguments>();

@@ -103,10 +103,12 @@ Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec,
 
 }  // namespace
 
+bool is_predictive(std::string_view spec) { return split(spec, ':')[0] == "predictive"; }
+
 Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat format,
                                           ByteSpan tables) {
   const std::vector<std::string_view> parts = split(spec, ':');
-  const bool predictive = parts[0] == "predictive";
+  const bool predictive = is_predictive(spec);
   if (predictive != (format == SampleFormat::rgba8_depth8))
     return fail(ErrorCode::unsupported, "codec \"", spec,
                 predictive ? "\": holds colour of 8 bits together with depth, nothing else"
@@ -124,7 +126,7 @@ Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat fo
 Result<std::unique_ptr<Codec>> train_codec(std::string_view spec, SampleFormat format,
                                            std::span<const TrainingTile> sample, unsigned finest) {
   const std::vector<std::string_view> parts = split(spec, ':');
-  if (parts[0] == "predictive") {
+  if (is_predictive(spec)) {
     const auto plain = make_codec(spec, format);
     if (!plain) return tl::unexpected(plain.error());
     const int quality = (*plain)->predictive()->quality();

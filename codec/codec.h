@@ -86,6 +86,10 @@ class Codec {
                                             std::span<std::byte> samples) const = 0;
 };
 
+/// Whether a codec specification is that of a predictive codec, which codes colour and depth
+/// together.
+[[nodiscard]] bool is_predictive(std::string_view spec);
+
 /// Makes a codec from its specification: "raw", "zstd", "zstd:LEVEL", "jpeg:QUALITY",
 /// "jpeg:QUALITY:444", "predictive:QUALITY".
 /// `tables` are those of Codec::tables() of an equal codec, untrusted. Empty selects the defaults.

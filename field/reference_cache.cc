@@ -1,5 +1,7 @@
 #include "field/reference_cache.h"
 
+#include "base/guarded.h"
+
 namespace slf {
 
 namespace {
@@ -24,7 +26,7 @@ Result<TileSamples> ReferenceCache::get(TileKey key) {
   const auto entry = entries_.insert(entries_.end(), {key, nullptr, true});
   places_[key] = entry;
   lock.unlock();
-  auto samples = load_(key);
+  auto samples = guarded([&] { return load_(key); });  // whatever happens, waiters wake up
   lock.lock();
   loaded_.notify_all();
   if (!samples) {  // not remembered: the next one who asks tries again

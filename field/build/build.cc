@@ -267,7 +267,7 @@ Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
     return fail(ok.error().code, scene_bounds ? "around the scene's bounds: " : "",
                 ok.error().message);
   manifest.filtered_levels = manifest.shape.levels;
-  const bool predictive = options.color_codec.starts_with("predictive");
+  const bool predictive = codec::is_predictive(options.color_codec);
   if (predictive && !options.depth_codec.empty())
     return fail(ErrorCode::usage, "codec \"", options.color_codec,
                 "\" codes depth together with colour: there is no codec of depth alone");
@@ -346,10 +346,9 @@ Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                 const BuildOptions& options, const ProgressCallback& progress) {
   try {
     return build(scene, path, options, progress);
-  } catch (const std::bad_alloc&) {
-    return fail(ErrorCode::failed, path, ": not enough memory to build it");
-  } catch (const std::exception& error) {  // the scene's
-    return fail(ErrorCode::failed, path, ": ", error.what());
+  } catch (...) {  // the scene's, or of memory
+    const Error error = error_of_exception();
+    return fail(error.code, path, ": ", error.message);
   }
 }
 

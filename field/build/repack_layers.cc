@@ -120,8 +120,6 @@ Result<std::unique_ptr<codec::Codec>> train(const FieldFile& field, const FieldS
   return codec::train_codec(out.layer.codec, out.layer.format, tiles, shape.levels);
 }
 
-bool is_predictive(const std::string& codec) { return codec.starts_with("predictive"); }
-
 /// The layers that the output is to have, their codecs as specified; empty: any that holds them.
 Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
                                                const RepackOptions& options) {
@@ -143,7 +141,7 @@ Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
   const std::string color_codec =
       options.color_codec.empty() && !half ? layers[color].codec : options.color_codec;
   std::vector<OutputLayer> outputs;
-  if (is_predictive(color_codec)) {
+  if (codec::is_predictive(color_codec)) {
     if (half)
       return fail(ErrorCode::unsupported, "codec \"", color_codec,
                   "\": holds colour of 8 bits; use zstd for half floats");
@@ -169,7 +167,7 @@ Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
       if (options.half)
         out.layer.format = *options.half ? SampleFormat::rgba16f : SampleFormat::rgba8;
       if (!options.color_codec.empty()) out.layer.codec = options.color_codec;
-      if (is_predictive(out.layer.codec)) out.layer.codec = "zstd";  // half floats
+      if (codec::is_predictive(out.layer.codec)) out.layer.codec = "zstd";  // half floats
     } else if (layers[id].format == SampleFormat::depth8 && !options.depth_codec.empty()) {
       out.layer.codec = options.depth_codec;
     }

@@ -6,37 +6,12 @@
 
 #include <hwy/highway.h>
 
+#include "field/geometry/vectors-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace slf {
 namespace HWY_NAMESPACE {
 namespace {
-
-namespace hn = hwy::HWY_NAMESPACE;
-
-using D = hn::ScalableTag<float>;
-using DI = hn::RebindToSigned<D>;
-using DU = hn::RebindToUnsigned<D>;
-using V = hn::Vec<D>;
-using VI = hn::Vec<DI>;
-using VU = hn::Vec<DU>;
-
-/// Of whole numbers from 0 to 2^23: less work than hn::ConvertTo, which saturates.
-HWY_INLINE VI to_whole(V v) {
-  const V shift = hn::Set(D(), 8388608.f);  // from here on floats are whole
-  return hn::Sub(hn::BitCast(DI(), hn::Add(v, shift)), hn::BitCast(DI(), shift));
-}
-HWY_INLINE V to_float(VI v) { return hn::ConvertTo(D(), v); }
-
-/// Byte `k` of each lane, 0 the lowest.
-template <int k>
-HWY_INLINE V byte_of(VU v) {
-  const VU shifted = hn::ShiftRight<8 * k>(v);
-  return to_float(hn::BitCast(DI(), k == 3 ? shifted : hn::And(shifted, hn::Set(DU(), 255))));
-}
-
-HWY_INLINE VI flag(hn::Mask<D> mask, std::int32_t value) {
-  return hn::IfThenElseZero(hn::RebindMask(DI(), mask), hn::Set(DI(), value));
-}
 
 /// Points and vectors whose arithmetic rounds after each operation, in the order written.
 struct Exact {
@@ -61,13 +36,13 @@ struct Exact {
 };
 
 /// Three exit vertices of the coarser level, and their weights in 1/256.
-struct Taps {
+struct ExitCorners {
   VI section;
   VI column[3];
   V weight[3];
 };
 
-HWY_INLINE Taps find_taps(const LevelGeometry& geometry, const Exact& p, V scale) {
+HWY_INLINE ExitCorners find_corners(const LevelGeometry& geometry, const Exact& p, V scale) {
   const D d;
   const auto level = static_cast<int>(geometry.level());
   const auto side = static_cast<float>(geometry.exit_side());
@@ -90,10 +65,10 @@ HWY_INLINE Taps find_taps(const LevelGeometry& geometry, const Exact& p, V scale
   const auto inverted_cell = hn::AndNot(diagonal, hn::Gt(sum, all));
   const V v = hn::Min(g, rest);  // on the last diagonal it gives way
 
-  Taps taps;
-  taps.weight[0] = hn::IfThenElse(inverted_cell, hn::Sub(sum, all), hn::Sub(rest, v));
-  taps.weight[1] = hn::IfThenElse(inverted_cell, rest, f);
-  taps.weight[2] = hn::IfThenElse(inverted_cell, hn::Sub(all, g), v);
+  ExitCorners corners;
+  corners.weight[0] = hn::IfThenElse(inverted_cell, hn::Sub(sum, all), hn::Sub(rest, v));
+  corners.weight[1] = hn::IfThenElse(inverted_cell, rest, f);
+  corners.weight[2] = hn::IfThenElse(inverted_cell, hn::Sub(all, g), v);
 
   // The section, and the columns in it: whole numbers that floats hold, as LevelGeometry has them.
   const VI octant = hn::Add(
@@ -109,7 +84,7 @@ HWY_INLINE Taps find_taps(const LevelGeometry& geometry, const Exact& p, V scale
   const V path =
       hn::Add(hn::Add(hn::Mul(sy, hn::Set(d, static_cast<float>(2 << level))), hn::Add(sx, sx)),
               hn::IfThenElseZero(inverted, one));
-  taps.section = hn::Add(octant, hn::GatherIndex(DI(), paths, to_whole(path)));
+  corners.section = hn::Add(octant, hn::GatherIndex(DI(), paths, to_whole(path)));
 
   column = hn::IfThenElse(inverted, hn::Sub(n, column), column);
   line = hn::IfThenElse(inverted, hn::Sub(n, line), line);
@@ -118,16 +93,17 @@ HWY_INLINE Taps find_taps(const LevelGeometry& geometry, const Exact& p, V scale
   const V length = hn::Sub(hn::Add(hn::Add(n, one), before), line);
   const V start = hn::Mul(line, hn::Sub(hn::Set(d, side + 1.5f), hn::Mul(line, half)));
   const V first = hn::Add(start, column);
-  taps.column[0] = to_whole(first);
-  taps.column[1] = to_whole(hn::Add(first, hn::Sub(one, hn::Add(before, before))));
-  taps.column[2] = to_whole(hn::IfThenElse(back, hn::Sub(first, length), hn::Add(first, length)));
-  return taps;
+  corners.column[0] = to_whole(first);
+  corners.column[1] = to_whole(hn::Add(first, hn::Sub(one, hn::Add(before, before))));
+  corners.column[2] =
+      to_whole(hn::IfThenElse(back, hn::Sub(first, length), hn::Add(first, length)));
+  return corners;
 }
 
 /// Where the ray from a reference goes that sees what `row` sees at depth d along r = Q - e.
 struct Aim {
   V ev, vv;  ///< with v the direction to that point: the dot products e'·v and v·v
-  Taps taps;
+  ExitCorners corners;
 };
 
 /// `w` is e - e', `leave` is Q, where the ray goes if there is no direction.
@@ -145,7 +121,7 @@ HWY_INLINE Aim aim(const LevelGeometry& coarser, const Exact& from, const Exact&
   const auto some = hn::Gt(norm(q), hn::Set(tag, 0x1p-40f));
   q = q.or_else(some, leave);
   const V resolution = hn::Set(tag, static_cast<float>(coarser.exit_resolution()));
-  to.taps = find_taps(coarser, q, hn::Div(resolution, norm(q)));
+  to.corners = find_corners(coarser, q, hn::Div(resolution, norm(q)));
   return to;
 }
 
@@ -197,20 +173,24 @@ void predict_alpha_depth_any(const LevelGeometry& coarser, const PredictedRow& r
         VI rgba[3] = {hn::Zero(di), hn::Zero(di), hn::Zero(di)};
         VI deep[3] = {hn::Zero(di), hn::Zero(di), hn::Zero(di)};
         for_each_tile(
-            from, to.taps.section, hn::Eq(zero, zero), [&](const ReferenceTile& tile, auto here) {
+            from, to.corners.section, hn::Eq(zero, zero),
+            [&](const ReferenceTile& tile, auto here) {
               const auto* colors = reinterpret_cast<const std::int32_t*>(tile.color) + from.row;
               const auto* depths = reinterpret_cast<const std::int32_t*>(tile.depth + from.row - 3);
-              for (int tap = 0; tap < 3; ++tap) {
-                const VI column = hn::IfThenElseZero(here, to.taps.column[tap]);
-                rgba[tap] = hn::IfThenElse(here, hn::GatherIndex(di, colors, column), rgba[tap]);
-                deep[tap] = hn::IfThenElse(here, hn::GatherOffset(di, depths, column), deep[tap]);
+              for (int corner = 0; corner < 3; ++corner) {
+                const VI column = hn::IfThenElseZero(here, to.corners.column[corner]);
+                rgba[corner] =
+                    hn::IfThenElse(here, hn::GatherIndex(di, colors, column), rgba[corner]);
+                deep[corner] =
+                    hn::IfThenElse(here, hn::GatherOffset(di, depths, column), deep[corner]);
               }
             });
         V a = zero, n = zero;
-        for (int tap = 0; tap < 3; ++tap) {
-          const V share = hn::Mul(to.taps.weight[tap], byte_of<3>(hn::BitCast(du, rgba[tap])));
+        for (int corner = 0; corner < 3; ++corner) {
+          const V share =
+              hn::Mul(to.corners.weight[corner], byte_of<3>(hn::BitCast(du, rgba[corner])));
           a = hn::Add(a, share);
-          n = hn::Add(n, hn::Mul(share, byte_of<3>(hn::BitCast(du, deep[tap]))));
+          n = hn::Add(n, hn::Mul(share, byte_of<3>(hn::BitCast(du, deep[corner]))));
         }
         const auto seen = hn::Gt(a, zero);
         const V own = hn::Div(n, hn::Mul(hn::IfThenElse(seen, a, one), full));
@@ -264,16 +244,16 @@ void predict_color_any(const LevelGeometry& coarser, const PredictedRow& row, co
       const Exact start = Exact::set(from.x, from.y, from.z);
       const Aim to = aim(coarser, start, e.minus(start), r, leave, t);
       VI rgba[3] = {hn::Zero(di), hn::Zero(di), hn::Zero(di)};
-      for_each_tile(from, to.taps.section, visible, [&](const ReferenceTile& tile, auto here) {
+      for_each_tile(from, to.corners.section, visible, [&](const ReferenceTile& tile, auto here) {
         const auto* colors = reinterpret_cast<const std::int32_t*>(tile.color) + from.row;
-        for (int tap = 0; tap < 3; ++tap) {
-          const VI column = hn::IfThenElseZero(here, to.taps.column[tap]);
-          rgba[tap] = hn::IfThenElse(here, hn::GatherIndex(di, colors, column), rgba[tap]);
+        for (int corner = 0; corner < 3; ++corner) {
+          const VI column = hn::IfThenElseZero(here, to.corners.column[corner]);
+          rgba[corner] = hn::IfThenElse(here, hn::GatherIndex(di, colors, column), rgba[corner]);
         }
       });
-      for (int tap = 0; tap < 3; ++tap) {
-        const VU v = hn::BitCast(du, rgba[tap]);
-        const V weight = to.taps.weight[tap];
+      for (int corner = 0; corner < 3; ++corner) {
+        const VU v = hn::BitCast(du, rgba[corner]);
+        const V weight = to.corners.weight[corner];
         sum[0] = hn::Add(sum[0], hn::Mul(weight, byte_of<0>(v)));
         sum[1] = hn::Add(sum[1], hn::Mul(weight, byte_of<1>(v)));
         sum[2] = hn::Add(sum[2], hn::Mul(weight, byte_of<2>(v)));

@@ -1,4 +1,4 @@
-// Vectors of floats and integers, and of points. Part of the kernels here, and of the benchmarks'
+// Vectors of pixels and of points. Part of the kernels here, and of the benchmarks'
 // peer.
 
 // Included once per instruction set.
@@ -11,6 +11,7 @@
 
 #include <hwy/highway.h>
 
+#include "field/geometry/vectors-inl.h"
 #include "field/render/ray_block.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -18,42 +19,6 @@ namespace slf {
 namespace HWY_NAMESPACE {
 namespace {
 
-namespace hn = hwy::HWY_NAMESPACE;
-
-using D = hn::ScalableTag<float>;
-using DI = hn::RebindToSigned<D>;
-using DU = hn::RebindToUnsigned<D>;
-using V = hn::Vec<D>;
-using VI = hn::Vec<DI>;
-using VU = hn::Vec<DU>;
-
-/// Of whole numbers from 0 to 2^23: less work than hn::ConvertTo, which saturates.
-HWY_INLINE VI to_whole(V v) {
-  const V shift = hn::Set(D(), 8388608.f);  // from here on floats are whole
-  return hn::Sub(hn::BitCast(DI(), hn::Add(v, shift)), hn::BitCast(DI(), shift));
-}
-HWY_INLINE V to_float(VI v) { return hn::ConvertTo(D(), v); }
-
-/// Byte `k` of each lane, 0 the lowest.
-template <int k>
-HWY_INLINE V byte_of(VU v) {
-  const DU d;
-#if HWY_TARGET != HWY_SCALAR
-  if constexpr (k == 1 || k == 2) {  // one step instead of a shift and a mask
-    const hn::Repartition<std::uint8_t, DU> bytes;
-    const VU lane = hn::And(hn::Iota(d, 0), hn::Set(d, 3));  // look-ups stay among four lanes
-    const VU from = hn::Add(hn::ShiftLeft<2>(lane), hn::Set(d, 0x80808000u + k));
-    const auto byte = hn::TableLookupBytesOr0(hn::BitCast(bytes, v), hn::BitCast(bytes, from));
-    return to_float(hn::BitCast(DI(), byte));
-  }
-#endif
-  const VU shifted = hn::ShiftRight<8 * k>(v);
-  return to_float(hn::BitCast(DI(), k == 3 ? shifted : hn::And(shifted, hn::Set(d, 255))));
-}
-
-HWY_INLINE VI flag(hn::Mask<D> mask, std::int32_t value) {
-  return hn::IfThenElseZero(hn::RebindMask(DI(), mask), hn::Set(DI(), value));
-}
 HWY_INLINE VI mul_add(VI a, VI b, VI c) { return hn::Add(hn::Mul(a, b), c); }
 HWY_INLINE VI choose(hn::Mask<D> mask, VI yes, VI no) {
   return hn::IfThenElse(hn::RebindMask(DI(), mask), yes, no);
