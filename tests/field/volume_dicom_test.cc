@@ -79,12 +79,6 @@ void write_series(const Folder& folder, double slope_step = 0) {
     folder.write(std::to_string(k), slice({.k = k, .slope = 1 + slope_step * k}));
 }
 
-Volume expect_read(const std::string& path) {
-  auto volume = read_volume(path);
-  EXPECT_TRUE(volume) << volume.error().message;
-  return volume ? std::move(*volume) : Volume{};
-}
-
 void expect_same(const Volume& a, const Volume& b) {
   EXPECT_EQ(a.dims, b.dims);
   EXPECT_EQ(a.type, b.type);

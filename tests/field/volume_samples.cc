@@ -1,5 +1,7 @@
 #include "volume_samples.h"
 
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 #include <unistd.h>
 #include <zlib.h>
 
@@ -290,6 +292,37 @@ std::string dicom(const Dicom& d) {
          element(0x0002, 0x0000, "UL", encode(static_cast<std::uint32_t>(meta.size()), false),
                  true) +
          meta + body;
+}
+
+std::string integer_bytes(std::uint64_t value, bool wide, bool big) {
+  std::string bytes;
+  const int width = wide ? 8 : 4;
+  for (int i = 0; i < width; ++i)
+    bytes += static_cast<char>(value >> 8 * (big ? width - 1 - i : i));
+  return bytes;
+}
+
+Volume expect_read(const std::string& path, const VolumeOptions& options) {
+  auto volume = read_volume(path, options);
+  EXPECT_TRUE(volume) << (volume ? "" : volume.error().message);
+  return volume ? *volume : Volume{};
+}
+
+void expect_error(const std::string& path, ErrorCode code, const std::string& part,
+                  const VolumeOptions& options) {
+  const auto volume = read_volume(path, options);
+  ASSERT_FALSE(volume) << part;
+  EXPECT_EQ(volume.error().code, code) << volume.error().message;
+  EXPECT_THAT(volume.error().message, ::testing::HasSubstr(part));
+}
+
+void expect_phantom(const Volume& volume, ScalarType type) {
+  ASSERT_EQ(volume.dims, kDims);
+  EXPECT_EQ(volume.type, type);
+  for (std::uint32_t k = 0; k < kDims[2]; ++k)
+    for (std::uint32_t j = 0; j < kDims[1]; ++j)
+      for (std::uint32_t i = 0; i < kDims[0]; ++i)
+        ASSERT_EQ(value_at(volume, i, j, k), phantom_value(i, j, k)) << i << j << k;
 }
 
 }  // namespace slf::samples

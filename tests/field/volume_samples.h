@@ -42,6 +42,17 @@ std::string phantom_bytes(ScalarType type, bool big_endian);
 double value_at(const Volume& volume, std::uint32_t i, std::uint32_t j, std::uint32_t k);
 glm::dvec3 world_of(const Volume& volume, std::uint32_t i, std::uint32_t j, std::uint32_t k);
 
+/// An integer of 8 bytes if `wide`, else 4.
+std::string integer_bytes(std::uint64_t value, bool wide, bool big_endian);
+
+/// Reads a volume; a failure fails the test.
+Volume expect_read(const std::string& path, const VolumeOptions& options = {});
+/// Expects an error of this kind whose message contains `part`.
+void expect_error(const std::string& path, ErrorCode code, const std::string& part,
+                  const VolumeOptions& options = {});
+/// Expects the phantom's voxels.
+void expect_phantom(const Volume& volume, ScalarType type);
+
 /// Where the phantom lies, in LPS: an oblique, left-handed grid with three different spacings.
 glm::dmat3 phantom_axes();
 glm::dvec3 phantom_origin();

@@ -15,21 +15,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-Volume expect_read(const std::string& path, const VolumeOptions& options = {}) {
-  auto volume = read_volume(path, options);
-  EXPECT_TRUE(volume) << (volume ? "" : volume.error().message);
-  return volume ? *volume : Volume{};
-}
-
-void expect_phantom(const Volume& volume, ScalarType type) {
-  ASSERT_EQ(volume.dims, kDims);
-  EXPECT_EQ(volume.type, type);
-  for (std::uint32_t k = 0; k < kDims[2]; ++k)
-    for (std::uint32_t j = 0; j < kDims[1]; ++j)
-      for (std::uint32_t i = 0; i < kDims[0]; ++i)
-        ASSERT_EQ(value_at(volume, i, j, k), phantom_value(i, j, k)) << i << j << k;
-}
-
 // The place within a rounding of the header's numbers: float in NIfTI-1, decimal in the others.
 void expect_in_place(const Volume& volume) {
   ASSERT_EQ(volume.dims, kDims);
