@@ -14,8 +14,8 @@
 
 namespace slf::codec {
 
-/// Level t means opaque.
-inline constexpr int kAlphaTop = 15;
+/// The level that means opaque. Views of opaque fields are as good with 7 as with 15 or 255.
+inline constexpr int kAlphaTop = 7;
 
 [[nodiscard]] constexpr int alpha_level(std::uint8_t alpha) {
   return (alpha * kAlphaTop + 127) / 255;
@@ -86,7 +86,7 @@ void code_alpha(Coder& coder, AlphaModels& models, const AlphaPicture& picture) 
             // A soft edge: the difference to what is expected of it.
             const int middle = std::clamp((2 * expected + w + n + 2) / 4, 1, kAlphaTop - 1);
             const int spread = std::abs(w - n) + std::abs(expected - w);
-            const int c = spread < 4 ? 0 : spread < 12 ? 1 : 2;
+            const int c = spread < 2 ? 0 : spread < 6 ? 1 : 2;
             coded = middle;
             if (!coder.bit(models.equal[c], level == middle)) {
               const bool below = middle > 1 && (middle + 1 == kAlphaTop ||

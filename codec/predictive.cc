@@ -10,7 +10,7 @@
 namespace slf::codec {
 namespace {
 
-/// The squared error that is worth a bit of alpha, for a step of luma of 1.
+/// The squared error that is worth a bit of alpha, for a step of alpha of 1.
 constexpr double kErrorPerBit = 0.15;
 
 /// Values this near to either end are the end: what is empty stays empty.
@@ -197,7 +197,7 @@ double PredictiveEncoder::alpha_cost(bool soft, std::vector<std::uint8_t> levels
     const double off = static_cast<double>(alpha[s]) - static_cast<double>(true_alpha[s]);
     error += off * off;
   }
-  const double step = level_.steps[kLumaPlane].low / static_cast<double>(kCoefficientScale);
+  const double step = level_.steps[kAlphaPlane].low / static_cast<double>(kCoefficientScale);
   return error + kErrorPerBit * step * step * 8 * static_cast<double>(scratch.size());
 }
 

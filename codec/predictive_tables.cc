@@ -47,11 +47,12 @@ std::uint8_t byte_of_probability(double probability) {
 }
 
 PredictiveTables predictive_tables(int quality, unsigned finest) {
-  // At the finest level, twice the step for 16 less of quality, and half of it for 5 beyond 90:
-  // views then are about as good as with JPEG of that quality. What is coarser is seen through all
-  // finer levels: there steps are smaller, by rendered PSNR for the bytes of the whole pyramid.
-  const double luma = 7.6 * std::exp2((90 - quality) / (quality > 90 ? 5. : 16.));
-  const double deep = 14 * std::exp2((90 - quality) / (quality > 90 ? 5. : 60.));
+  // At the finest level, colour's steps follow libjpeg's scale of quality, so that views are about
+  // as good as with JPEG of that quality. What is coarser is seen through all finer levels: there
+  // steps are smaller, by rendered PSNR for the bytes of the whole pyramid.
+  const double scale = quality < 50 ? 50. / quality : std::max(0.02 * (100 - quality), 0.02);
+  const double finest_color = quality > 90 ? 50 * scale : 2 + 40 * scale;
+  const double finest_depth = quality > 90 ? 80 * scale : 8 + 40 * scale;
   PredictiveTables tables;
   for (unsigned level = 0; level <= finest; ++level) {
     const double finer = finest - level;
@@ -60,8 +61,10 @@ PredictiveTables predictive_tables(int quality, unsigned finest) {
       return StepRange{static_cast<std::uint16_t>(low), static_cast<std::uint16_t>(low * growth)};
     };
     PredictiveLevel& made = tables.levels.emplace_back();
-    const double color = luma * std::pow(0.3, finer), depth = deep * std::pow(0.7, finer);
-    made.steps = {range(color, 2), range(depth, 2), range(color, 2), range(1.5 * color, 2)};
+    const double color = finest_color * std::pow(0.35, finer);
+    const double depth = finest_depth * std::pow(0.5, finer);
+    const double alpha = finest_color * std::pow(0.6, finer);
+    made.steps = {range(alpha, 2), range(depth, 2), range(color, 1.5), range(0.8 * color, 2)};
     const std::size_t set = level == 0 ? 0 : 1;
     set_models(as_bytes(std::span(kTrained)).subspan(set * PredictiveModels::kCount), made.models);
   }

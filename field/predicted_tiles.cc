@@ -17,15 +17,36 @@ constexpr std::uint32_t kGray = 0xFF808080u;
 
 }  // namespace
 
+/// The tiles that a tile may refer to: none at level 0.
+struct Candidates {
+  References references;
+  std::vector<TileSections> sections;
+  std::vector<TileKey> keys;
+  std::vector<std::uint8_t> kinds;
+
+  Candidates(const PredictedTiles::Geometries& geometries, unsigned level,
+             const TileSections& tile) {
+    if (level == 0) return;
+    const LevelGeometry& coarser = geometries(level - 1);
+    references = find_references(coarser, geometries(level), tile.entry.index);
+    sections = candidates_of(coarser, references);
+    for (const TileSections& candidate : sections) {
+      keys.push_back(tile_key(candidate));
+      const bool far_entry = candidate.entry != tile.entry.parent();
+      const bool far_exit = candidate.exit.octant() != tile.exit.octant();
+      kinds.push_back(static_cast<std::uint8_t>((far_entry ? 2 : 0) + (far_exit ? 1 : 0)));
+    }
+  }
+};
+
 /// What both directions begin with.
 struct PredictedTiles::Work {
   codec::Tile tile;
   const codec::TilePicture& picture;
   const codec::PredictiveLevel& level;
   std::size_t samples;
+  Candidates candidates;
   std::optional<TilePredictor> predictor;  // none at level 0
-  std::vector<TileKey> candidates;
-  std::vector<std::uint8_t> kinds;
   std::vector<std::uint8_t> alpha, depth;  // predicted, then decoded
   std::vector<std::uint32_t> color;        // predicted
   std::vector<TileSamples> kept;
@@ -38,26 +59,22 @@ struct PredictedTiles::Work {
         picture(tiles.codec_.picture(tile)),
         level(tiles.codec_.level(key.level)),
         samples(tile.rows() * tile.columns()),
+        candidates(tiles.geometries_, key.level, sections),
         alpha(samples, 0),
         depth(samples, kMiddle),
         color(samples, kGray) {
     if (key.level == 0) return;
-    predictor.emplace(tiles.geometries_(key.level - 1u), tiles.geometries_(key.level), sections);
-    for (const TileSections& candidate : predictor->candidates()) {
-      candidates.push_back(tile_key(candidate));
-      const bool far_entry = candidate.entry != sections.entry.parent();
-      const bool far_exit = candidate.exit.octant() != sections.exit.octant();
-      kinds.push_back(static_cast<std::uint8_t>((far_entry ? 2 : 0) + (far_exit ? 1 : 0)));
-    }
-    from.resize(candidates.size());
+    predictor.emplace(tiles.geometries_(key.level - 1u), tiles.geometries_(key.level), sections,
+                      std::move(candidates.references));
+    from.resize(candidates.keys.size());
   }
 
   /// Makes candidate `k` a reference; of a tile where nothing is visible there is nothing to use.
   Result<bool> use(std::size_t k, const LevelGeometry& coarser, const ReferenceSource& source) {
-    auto found = source(candidates[k]);
+    auto found = source(candidates.keys[k]);
     if (!found) return tl::unexpected(found.error());
     if (!*found) return false;
-    const std::uint32_t entry = predictor->candidates()[k].entry.index;
+    const std::uint32_t entry = candidates.sections[k].entry.index;
     const codec::Tile shape = coarser.tile(entry, SampleFormat::rgba8_depth8);
     const std::byte* const color_of = (*found)->data();
     from[k] = {color_of, color_of + 4 * shape.rows() * shape.columns()};
@@ -69,12 +86,15 @@ struct PredictedTiles::Work {
 std::vector<TileKey> PredictedTiles::references(TileKey key, ByteSpan payload) const {
   std::vector<TileKey> keys;
   if (key.level == 0) return keys;
-  Work work(*this, key);
-  codec::PredictiveDecoder decoder(work.level, work.picture, payload);
-  std::vector<std::uint8_t> used(work.candidates.size());
-  decoder.references(work.kinds, used);
+  const TileSections sections = sections_of(key, shape_.entry_extra_levels);
+  const Candidates candidates(geometries_, key.level, sections);
+  const codec::Tile tile =
+      geometries_(key.level).tile(sections.entry.index, SampleFormat::rgba8_depth8);
+  codec::PredictiveDecoder decoder(codec_.level(key.level), codec_.picture(tile), payload);
+  std::vector<std::uint8_t> used(candidates.keys.size());
+  decoder.references(candidates.kinds, used);
   for (std::size_t k = 0; k < used.size(); ++k)
-    if (used[k]) keys.push_back(work.candidates[k]);
+    if (used[k]) keys.push_back(candidates.keys[k]);
   return keys;
 }
 
@@ -82,8 +102,8 @@ Result<void> PredictedTiles::decode(TileKey key, ByteSpan payload, const Referen
                                     std::span<std::byte> samples) const {
   Work work(*this, key);
   codec::PredictiveDecoder decoder(work.level, work.picture, payload);
-  std::vector<std::uint8_t> used(work.candidates.size());
-  decoder.references(work.kinds, used);
+  std::vector<std::uint8_t> used(work.candidates.keys.size());
+  decoder.references(work.candidates.kinds, used);
   for (std::size_t k = 0; k < used.size(); ++k)
     if (used[k])
       if (auto ok = work.use(k, geometries_(key.level - 1u), source); !ok)
@@ -115,12 +135,12 @@ Result<void> PredictedTiles::encode(TileKey key, ByteSpan samples, const Referen
     const auto uses = work.predictor->uses(true_alpha, true_depth);
     std::vector<std::uint8_t> used(uses.size());
     for (std::size_t k = 0; k < uses.size(); ++k) {
-      if (uses[k] < kFewestUses || !shape_.has(work.candidates[k])) continue;
+      if (uses[k] < kFewestUses || !shape_.has(work.candidates.keys[k])) continue;
       const auto has = work.use(k, geometries_(key.level - 1u), source);
       if (!has && has.error().code != ErrorCode::failed) return tl::unexpected(has.error());
       used[k] = has && *has ? 1 : 0;
     }
-    encoder.references(work.kinds, used);
+    encoder.references(work.candidates.kinds, used);
     work.predictor->alpha_depth(work.from, work.alpha, work.depth);
   } else {
     encoder.references({}, {});

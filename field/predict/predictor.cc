@@ -21,9 +21,9 @@ void push(Points& points, const glm::vec3& p) {
 }  // namespace
 
 TilePredictor::TilePredictor(const LevelGeometry& coarser, const LevelGeometry& finer,
-                             const TileSections& sections)
+                             const TileSections& sections, References references)
     : coarser_(coarser),
-      references_(find_references(coarser, finer, sections.entry.index)),
+      references_(std::move(references)),
       side_(finer.exit_side()),
       columns_(triangle_size(side_)) {
   for (std::uint32_t q = 0; q <= side_; ++q)
@@ -36,9 +36,6 @@ TilePredictor::TilePredictor(const LevelGeometry& coarser, const LevelGeometry& 
         even_columns_.push_back(triangle_index(side_, p, q));
       }
     }
-  for (const std::uint32_t slot : references_.sections)
-    for (std::uint32_t exit = 0; exit < section_count(coarser.level()); ++exit)
-      candidates_.push_back({coarser.entry_section(slot), coarser.exit_section(exit)});
   fill_padding(points_, columns_);
   fill_padding(even_points_, even_columns_.size());
 }
@@ -62,8 +59,8 @@ PredictedRow TilePredictor::row(std::size_t index, std::span<const ReferenceTile
 std::vector<std::uint32_t> TilePredictor::uses(std::span<const std::uint8_t> alpha,
                                                std::span<const std::uint8_t> depth) const {
   const std::size_t exits = section_count(coarser_.level());
-  const std::vector<ReferenceTile> none(candidates_.size());
-  std::vector<std::uint32_t> uses(candidates_.size());
+  const std::vector<ReferenceTile> none(references_.sections.size() * exits);
+  std::vector<std::uint32_t> uses(none.size());
   std::vector<std::uint8_t> a(columns_ + kPadding), z(columns_ + kPadding);
   std::vector<std::uint32_t> rgb(columns_ + kPadding);
   for (std::size_t k = 0; k < references_.rows.size(); ++k) {

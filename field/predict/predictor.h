@@ -19,20 +19,17 @@ namespace slf {
 
 class TilePredictor {
  public:
-  /// Of the tiles with these sections. Borrows the coarser geometry, which is that of the level
-  /// before finer's.
+  /// Of the tiles with these sections, whose references are given. Borrows the coarser geometry,
+  /// which is that of the level before finer's.
   TilePredictor(const LevelGeometry& coarser, const LevelGeometry& finer,
-                const TileSections& sections);
-
-  /// The tiles of the coarser level that may be referred to, [slot][exit section]: a slot for each
-  /// entry section that owns references.
-  [[nodiscard]] std::span<const TileSections> candidates() const { return candidates_; }
+                const TileSections& sections, References references);
 
   /// How many look-ups would go to each candidate if these were a tile's samples.
   [[nodiscard]] std::vector<std::uint32_t> uses(std::span<const std::uint8_t> alpha,
                                                 std::span<const std::uint8_t> depth) const;
 
-  /// Predicts a tile's opacities and depths. `from` are the candidates' samples.
+  /// Predicts a tile's opacities and depths. `from` are the candidates' samples, in the order of
+  /// candidates_of.
   void alpha_depth(std::span<const ReferenceTile> from, std::span<std::uint8_t> alpha,
                    std::span<std::uint8_t> depth) const;
 
@@ -46,7 +43,6 @@ class TilePredictor {
 
   const LevelGeometry& coarser_;
   References references_;
-  std::vector<TileSections> candidates_;
   std::uint32_t side_;
   std::size_t columns_;
   Points points_;       // of all columns

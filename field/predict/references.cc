@@ -65,4 +65,13 @@ References find_references(const LevelGeometry& coarser, const LevelGeometry& fi
   return found;
 }
 
+std::vector<TileSections> candidates_of(const LevelGeometry& coarser,
+                                        const References& references) {
+  std::vector<TileSections> candidates;
+  for (const std::uint32_t slot : references.sections)
+    for (std::uint32_t exit = 0; exit < section_count(coarser.level()); ++exit)
+      candidates.push_back({coarser.entry_section(slot), coarser.exit_section(exit)});
+  return candidates;
+}
+
 }  // namespace slf

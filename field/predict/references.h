@@ -31,6 +31,11 @@ struct References {
 [[nodiscard]] References find_references(const LevelGeometry& coarser, const LevelGeometry& finer,
                                          std::uint32_t entry_section);
 
+/// The tiles of the coarser level that may be referred to, [slot][exit section]: a slot for each
+/// entry section that owns references.
+[[nodiscard]] std::vector<TileSections> candidates_of(const LevelGeometry& coarser,
+                                                      const References& references);
+
 /// The unit direction of a vertex, in floats that are the same on every machine: in doubles, one
 /// rounding per operation, then rounded to float.
 [[nodiscard]] glm::vec3 exact_direction(const LatticeVertex& vertex);

@@ -70,11 +70,10 @@ struct Level {
   std::vector<ReferenceTile> from;
 };
 
-Level random_level(const LevelGeometry& coarser, const TilePredictor& predictor,
-                   std::uint32_t seed) {
+Level random_level(const LevelGeometry& coarser, const References& references, std::uint32_t seed) {
   std::mt19937 random(seed);
   Level level;
-  for (const TileSections& sections : predictor.candidates()) {
+  for (const TileSections& sections : candidates_of(coarser, references)) {
     const codec::Tile shape = coarser.tile(sections.entry.index, codec::SampleFormat::rgba8);
     const std::size_t samples = shape.rows() * shape.columns();
     Bytes& bytes = level.tiles.emplace_back(8 + 5 * samples);
@@ -100,8 +99,8 @@ class PredictTest : public ::testing::TestWithParam<std::uint32_t> {
   FieldShape shape{{}, 4, GetParam(), 2, 0, {}};
   LevelGeometry coarser{shape, 1}, finer{shape, 2};
   TileSections sections{finer.entry_section(37), finer.exit_section(100)};
-  TilePredictor predictor{coarser, finer, sections};
   References references = find_references(coarser, finer, sections.entry.index);
+  TilePredictor predictor{coarser, finer, sections, references};
   std::size_t exits = section_count(1);
   std::size_t columns = triangle_size(shape.exit_side);
   std::size_t samples = references.rows.size() * columns;
@@ -112,7 +111,7 @@ class PredictTest : public ::testing::TestWithParam<std::uint32_t> {
 };
 
 TEST_P(PredictTest, AlphaAndDepthAreAsDefinedOnEveryInstructionSet) {
-  const Level level = random_level(coarser, predictor, 1);
+  const Level level = random_level(coarser, references, 1);
   testing::with_each_instruction_set([&](const char* set) {
     std::vector<std::uint8_t> alpha(samples), depth(samples);
     predictor.alpha_depth(level.from, alpha, depth);
@@ -162,7 +161,7 @@ TEST_P(PredictTest, AlphaAndDepthAreAsDefinedOnEveryInstructionSet) {
 }
 
 TEST_P(PredictTest, ColorIsAsDefinedOnEveryInstructionSet) {
-  const Level level = random_level(coarser, predictor, 2);
+  const Level level = random_level(coarser, references, 2);
   std::mt19937 random(3);
   std::vector<std::uint8_t> alpha(samples), depth(samples);
   for (std::size_t s = 0; s < samples; ++s) {

@@ -57,7 +57,7 @@ TEST(VolumeFolder, ColorsAndOddOnesOut) {
   expect_phantom(expect_read(colored.path(), {.component = 0}), ScalarType::u8);
   expect_error(mixed.path(), ErrorCode::unsupported, "1.png: 5x4 u8, 3 components, unlike");
   write_png(both, "a.png", 0, PNG_FORMAT_GRAY);
-  both.write("a.tif", "II*");
+  both.write("a.tif", std::string("II*\0\x08\0\0\0", 8));
   expect_error(both.path(), ErrorCode::unsupported, "1 PNGs and 1 TIFFs");
   colored.write("3.png", "\x89PNG\r\n\x1a\nxxxx");
   expect_error(colored.path(), ErrorCode::bad_file, "3.png: damaged PNG", {.component = 0});
