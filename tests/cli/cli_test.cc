@@ -294,7 +294,7 @@ TEST_F(Cli, AFullDiskIsSaidAndTheBuildResumesWhenThereIsRoom) {
 TEST_F(Cli, AnUnfinishedFieldDrawsWhatIsThereAndSaysSo) {
   Workplace place;
   // A file size limit ends the build in the middle of level 2.
-  const Outcome full = build(place / "whole.slf", {});
+  const Outcome full = build(place / "whole.slf", {"--color-codec", "zstd:1"});
   ASSERT_EQ(full.exit_code, 0);
   const auto limit = std::filesystem::file_size(place / "whole.slf") / 1024 / 2;
   slf({"build", "scene:balls", "-o", place / "part.slf", "--entry", "2", "--exit", "8", "--levels",
