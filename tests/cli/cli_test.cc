@@ -294,11 +294,11 @@ TEST_F(Cli, AFullDiskIsSaidAndTheBuildResumesWhenThereIsRoom) {
 TEST_F(Cli, AnUnfinishedFieldDrawsWhatIsThereAndSaysSo) {
   Workplace place;
   // A file size limit ends the build in the middle of level 2.
-  const Outcome full = build(place / "whole.slf", {"--color-codec", "zstd:1"});
+  const Outcome full = build(place / "whole.slf");
   ASSERT_EQ(full.exit_code, 0);
   const auto limit = std::filesystem::file_size(place / "whole.slf") / 1024 / 2;
   slf({"build", "scene:balls", "-o", place / "part.slf", "--entry", "2", "--exit", "8", "--levels",
-       "2", "--color-codec", "zstd:1"},
+       "2", "--color-codec", "zstd:1", "--commit-every", "0"},
       "trap '' XFSZ; ulimit -f " + std::to_string(limit) + ";");
   const Outcome info = slf({"info", place / "part.slf.unfinished", "--json"});
   ASSERT_EQ(info.exit_code, 0) << info.err;
