@@ -124,7 +124,8 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
                 ", this program reads version ", kMajor, "; update slf");
   const auto* required = in.find("/required");
   const auto known_feature = [](const nlohmann::json& feature) { return feature == kPredictive; };
-  if (required && !required->is_array()) in.problem("/required", "is not an array");
+  if (required && !required->is_array())
+    in.problem("/required", "is not an array");
   else if (required && !std::all_of(required->begin(), required->end(), known_feature))
     return fail(ErrorCode::unsupported, file, ": needs features this program does not have: ",
                 required->dump(-1, ' ', false, nlohmann::json::error_handler_t::replace),

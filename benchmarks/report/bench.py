@@ -141,6 +141,15 @@ class Bench:
             self.run("slf", "repack", field, "-o", path, "-f", "--color-codec", color, *layers)
         return path
 
+    def recoded(self, field, codec, depth=None):
+        """The path of a copy with another codec; `depth` is that of depths where they are apart."""
+        path = self.fields / f"{field.stem}-in-{codec.replace(':', '')}.slf"
+        if not self.is_complete(path):
+            self.say(f"encoding {field.stem}: {codec}")
+            apart = ["--depth-codec", depth] if depth else []
+            self.run("slf", "repack", field, "-o", path, "-f", "--codec", codec, *apart)
+        return path
+
     def is_complete(self, path):
         if not path.exists():
             return False
