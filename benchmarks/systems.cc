@@ -63,7 +63,7 @@ struct System {
 
 nlohmann::json measure(const Arguments& a) {
   const auto field = expect(Field::open(a.field));
-  const auto scene = expect(a.source.scene());
+  const auto scene = expect(a.source.scene({}));
   const Sphere& sphere = field.shape().sphere;
   const unsigned threads = thread_count(a.threads), level = field.shape().levels;
   const auto content = expect(field.content());

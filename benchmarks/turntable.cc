@@ -27,7 +27,7 @@ int main(int argc, char** argv) {
   app.add_option("--out", out, "Prefix of the pictures")->required();
   CLI11_PARSE(app, argc, argv);
 
-  const auto scene = expect(source.scene());
+  const auto scene = expect(source.scene({}));
   const auto field = expect(Field::open(field_path));
   const Sphere& sphere = field.shape().sphere;
   const ViewOptions view{default_mode(field), field.shape().levels};

@@ -9,6 +9,7 @@
 #include "field/field_file.h"
 #include "slf/field.h"
 #include "slf/repack.h"
+#include "storage/tile_writer.h"
 
 namespace slf::bench {
 namespace {
@@ -130,15 +131,15 @@ void measure_writes(const Settings& settings, Report& report) {
   options.depth_codec = "zstd:3";
   options.threads = threads;
   std::vector<std::unique_ptr<codec::Codec>> codecs;
-  for (const Layer& layer : field->file().manifest().layers)
+  for (const Layer& layer : field.file().manifest().layers)
     codecs.push_back(expect(codec::make_codec(
         layer.format == codec::SampleFormat::depth8 ? options.depth_codec : options.color_codec,
         layer.format)));
   Cost recode, repack;
   for (int round = 0; round < std::min(settings.rounds, 3); ++round) {
-    recode = least(recode, [&] { recode_alone(*field, codecs, threads); });
+    recode = least(recode, [&] { recode_alone(field, codecs, threads); });
     fresh();
-    repack = least(repack, [&] { (void)expect(repack_field(*field, path, options)); });
+    repack = least(repack, [&] { (void)expect(repack_field(field, path, options)); });
   }
   fresh();
   report.table(
