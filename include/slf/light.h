@@ -93,8 +93,8 @@ struct LightOptions {
   std::uint32_t samples = 64;  ///< paths of light per node of the light volume, 1 to 65536
   std::uint32_t bounces = 32;  ///< how often light may scatter (global), 0 to 1000
   double spacing = 1;          ///< between nodes, in voxels, 0.5 to 16
-  /// Most bytes that computing the light volume may take. Where the spacing would need more, it is
-  /// enlarged.
+  /// About the most bytes that computing the light volume may take: an estimate by its nodes. Where
+  /// the spacing would need more, it is enlarged.
   std::uint64_t memory = std::uint64_t{1} << 30;
   std::uint64_t seed = 1;  ///< another seed gives other noise
 
