@@ -34,27 +34,23 @@ MOST_PSNR = 60  # that an equal frame counts for
 PAUSE = 0.005  # seconds
 
 
-class MemoryLimit:
-    """A memory control group of version 1 or 2, made for one run and removed with it."""
+class ControlGroup:
+    """A control group of version 1 or 2, made for one run and removed with it."""
 
-    def __init__(self, limit):
-        self.limit = limit
+    def __init__(self, name, settings):
+        """`settings` are the ways to set its limit, one for each version: folder, file, text. If
+        none works, `path` is None and there is no limit."""
         self.path = None
-        for base, file in (
-            ("/sys/fs/cgroup/memory", "memory.limit_in_bytes"),
-            ("/sys/fs/cgroup", "memory.max"),
-        ):
-            path = pathlib.Path(base) / f"slf-{os.getpid()}"
+        for base, file, text in settings:
+            path = pathlib.Path(base) / f"{name}-{os.getpid()}"
             try:
                 path.mkdir()
-                (path / file).write_text(str(limit))
+                (path / file).write_text(text)
                 self.path = path
                 break
             except OSError:
                 with contextlib.suppress(OSError):
                     path.rmdir()
-        if self.path and (self.path / "memory.swap.max").exists():
-            (self.path / "memory.swap.max").write_text("0")
 
     def __enter__(self):
         return self
@@ -67,6 +63,18 @@ class MemoryLimit:
         """Moves the calling process into the group: for a child, before it runs."""
         if self.path:
             (self.path / "cgroup.procs").write_text(str(os.getpid()))
+
+
+class MemoryLimit(ControlGroup):
+    def __init__(self, limit):
+        self.limit = limit
+        settings = (
+            ("/sys/fs/cgroup/memory", "memory.limit_in_bytes", str(limit)),
+            ("/sys/fs/cgroup", "memory.max", str(limit)),
+        )
+        super().__init__("slf", settings)
+        if self.path and (self.path / "memory.swap.max").exists():
+            (self.path / "memory.swap.max").write_text("0")
 
     def killed(self):
         """How often the kernel killed for want of memory."""
@@ -84,8 +92,8 @@ class MemoryLimit:
         return None
 
 
-class ReadLimit:
-    """A control group, of version 1 or 2, whose processes read a file's disk at most so fast."""
+class ReadLimit(ControlGroup):
+    """Its processes read a file's disk at most so fast."""
 
     def __init__(self, file, megabytes):
         device = os.stat(file).st_dev
@@ -94,32 +102,11 @@ class ReadLimit:
         if (disk / "partition").exists():
             number = (disk.resolve().parent / "dev").read_text().strip()
         rate = round(1e6 * megabytes)
-        self.path = None
-        for base, name, text in (
+        settings = (
             ("/sys/fs/cgroup/blkio", "blkio.throttle.read_bps_device", f"{number} {rate}"),
             ("/sys/fs/cgroup", "io.max", f"{number} rbps={rate}"),
-        ):
-            path = pathlib.Path(base) / f"slf-read-{os.getpid()}"
-            try:
-                path.mkdir()
-                (path / name).write_text(text)
-                self.path = path
-                break
-            except OSError:
-                with contextlib.suppress(OSError):
-                    path.rmdir()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        if self.path:
-            self.path.rmdir()
-
-    def enter(self):
-        """As MemoryLimit.enter()."""
-        if self.path:
-            (self.path / "cgroup.procs").write_text(str(os.getpid()))
+        )
+        super().__init__("slf-read", settings)
 
 
 def run(command, *limits):

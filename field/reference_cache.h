@@ -35,18 +35,13 @@ class ReferenceCache {
     TileSamples samples;
     bool loading = true;
   };
-  struct Hash {
-    std::size_t operator()(TileKey key) const {
-      return (key.index * 0x9E3779B97F4A7C15u) ^ (std::size_t{key.level} << 56);
-    }
-  };
   void evict_locked();
 
   ReferenceSource load_;
   std::mutex mutex_;
   std::condition_variable loaded_;
   std::list<Entry> entries_;  // least recently used first
-  std::unordered_map<TileKey, std::list<Entry>::iterator, Hash> places_;
+  std::unordered_map<TileKey, std::list<Entry>::iterator, TileKeyHash> places_;
   std::uint64_t budget_ = 32ull << 20;
   std::uint64_t bytes_ = 0;
 };

@@ -7,10 +7,10 @@
 #include <optional>
 #include <vector>
 
+#include "base/mix.h"
 #include "base/parallel.h"
 #include "field/build/field_writer.h"
 #include "field/build/missing_tiles.h"
-#include "field/build/mix.h"
 #include "field/build/shard_plan.h"
 #include "field/build/tile_tracer.h"
 #include "field/field_file.h"

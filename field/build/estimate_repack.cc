@@ -1,9 +1,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/mix.h"
 #include "base/parallel.h"
 #include "codec/predictive_codec.h"
-#include "field/build/mix.h"
 #include "field/build/repack_layers.h"
 #include "field/geometry/tile_order.h"
 #include "slf/repack.h"

@@ -140,12 +140,6 @@ class TileCache {
   void reset_peak();
 
  private:
-  struct Hash {
-    std::size_t operator()(TileKey key) const {
-      return (key.index * 0x9E3779B97F4A7C15u) ^ (std::size_t{key.level} << 56);
-    }
-  };
-
   /// Tiles that nothing pins, about the least recently used first, as a ring through `idle_`.
   struct Link {
     Link* before = this;
@@ -199,7 +193,7 @@ class TileCache {
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable loaded_;
   std::deque<Reader::Slot> readers_;
-  std::unordered_map<TileKey, std::unique_ptr<Tile>, Hash> tiles_;
+  std::unordered_map<TileKey, std::unique_ptr<Tile>, TileKeyHash> tiles_;
   struct Removed {
     std::uint64_t epoch;
     std::unique_ptr<Tile> tile;

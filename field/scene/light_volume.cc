@@ -88,7 +88,7 @@ class LightSolver {
       : medium_(medium), shine_(illumination), options_(options), light_(light), depth_(depth) {}
 
   [[nodiscard]] NodeLight solve(std::size_t number) const {
-    Random random(Random::mix(options_.seed * 0x9E3779B97F4A7C15u + number));
+    Random random(mix((options_.seed - 1) * kMixStep + number));
     const Points points = find_points(number, random);
     NodeLight node;
     if (points.count == 0) return node;

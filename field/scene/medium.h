@@ -11,6 +11,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/mix.h"
 #include "field/scene/raycaster_kernel.h"
 
 namespace slf {
@@ -20,13 +21,9 @@ class Random {
  public:
   explicit Random(std::uint64_t seed) : state_(seed) {}
   double operator()() {
-    state_ += 0x9E3779B97F4A7C15u;
-    return static_cast<double>(mix(state_) >> 11) * 0x1p-53;
-  }
-  static std::uint64_t mix(std::uint64_t x) {
-    x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9u;
-    x = (x ^ (x >> 27)) * 0x94D049BB133111EBu;
-    return x ^ (x >> 31);
+    const std::uint64_t bits = mix(state_);
+    state_ += kMixStep;
+    return static_cast<double>(bits >> 11) * 0x1p-53;
   }
 
  private:

@@ -96,7 +96,7 @@ RaySample PathTracer::trace(const glm::dvec3& from, const glm::dvec3& to) const 
   std::uint64_t seed = s.paths.seed;
   for (const glm::dvec3& point : {from, to})
     for (int axis = 0; axis < 3; ++axis)
-      seed = Random::mix(seed + 0x9E3779B97F4A7C15u + std::bit_cast<std::uint64_t>(point[axis]));
+      seed = mix(seed + std::bit_cast<std::uint64_t>(point[axis]));
   Random random(seed);
   const RayGrid& grid = s.scene->grid;
   const glm::dvec3 start = grid.world_to_index * (from - grid.origin);

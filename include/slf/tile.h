@@ -14,6 +14,13 @@ struct TileKey {
   friend auto operator<=>(const TileKey&, const TileKey&) = default;
 };
 
+/// For hash tables of tiles.
+struct TileKeyHash {
+  std::size_t operator()(TileKey key) const {
+    return (key.index * 0x9E3779B97F4A7C15u) ^ (std::size_t{key.level} << 56);
+  }
+};
+
 /// The tiles with keys in [begin, end), in key order.
 struct TileRange {
   TileKey begin;

@@ -1,0 +1,364 @@
+// The source of rays: a volume, its transfer function, structures and light, or an analytic scene.
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+
+#include "cli/command.h"
+#include "slf/path_tracer.h"
+#include "slf/scene.h"
+#include "slf/structures.h"
+#include "slf/transfer.h"
+
+namespace slf::cli {
+namespace {
+
+constexpr std::string_view kScenePrefix = "scene:";
+
+const Choices<ScalarType> kScalarTypes{{"u8", ScalarType::u8},   {"i8", ScalarType::i8},
+                                       {"u16", ScalarType::u16}, {"i16", ScalarType::i16},
+                                       {"u32", ScalarType::u32}, {"i32", ScalarType::i32},
+                                       {"u64", ScalarType::u64}, {"i64", ScalarType::i64},
+                                       {"f32", ScalarType::f32}, {"f64", ScalarType::f64}};
+
+/// "10:200,:,50:": half-open, an empty start or end being the volume's own.
+Result<VoxelBox> parse_crop(const std::string& text) {
+  VoxelBox box;
+  const auto parts = CLI::detail::split(text, ',');
+  bool ok = parts.size() == 3;
+  for (std::size_t i = 0; ok && i < 3; ++i) {
+    const auto colon = parts[i].find(':');
+    ok = colon != std::string::npos;
+    for (const bool first : {true, false}) {
+      if (!ok) break;
+      const std::string end = first ? parts[i].substr(0, colon) : parts[i].substr(colon + 1);
+      if (end.empty()) continue;
+      std::uint32_t& value = (first ? box.begin : box.end)[i];
+      ok = end.find_first_not_of("0123456789") == std::string::npos &&
+           CLI::detail::lexical_cast(end, value) && (first || value > 0);
+    }
+  }
+  if (!ok)
+    return fail(ErrorCode::usage, "--crop ", text, ": expected X0:X1,Y0:Y1,Z0:Z1, as 10:200,:,50:");
+  return box;
+}
+
+}  // namespace
+
+void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
+  command
+      .add_option(name, input,
+                  std::string(kVolumeHelp) + ", or\nscene:balls, scene:globe, scene:fog")
+      ->type_name(kAnyFile)
+      ->required();
+  command
+      .add_option("--transfer", transfer,
+                  std::string(kTransferHelp) + "; default: made from the histogram")
+      ->type_name(kAnyFile)
+      ->group(kVolumeGroup);
+  command
+      .add_option("--range", range, "Stretch the transfer function to these values of the volume")
+      ->delimiter(',')
+      ->type_size(2)
+      ->expected(1)
+      ->type_name("LO,HI")
+      ->group(kVolumeGroup);
+  auto* parts = command
+                    .add_option("--labels-volume", labels_volume,
+                                "Structures: ids on the same grid, each of which gets a colour")
+                    ->type_name(kAnyFile)
+                    ->group(kVolumeGroup);
+  command
+      .add_option("--label-table", label_table,
+                  "Colour and opacity by id: a label description of ITK-SNAP, a colour table of\n"
+                  "3D Slicer (.ctbl), or JSON")
+      ->type_name(kAnyFile)
+      ->needs(parts)
+      ->group(kVolumeGroup);
+  command
+      .add_option("--mask", mask, "Show the volume only where this one, of the same grid, is not 0")
+      ->type_name(kAnyFile)
+      ->group(kVolumeGroup);
+  add_raw_to(command);
+}
+
+void SourceArguments::add_raw_to(CLI::App& command) {
+  const char* group = kVolumeGroup;
+  command.add_flag("--labels", labels, "Voxels are ids: nearest sampling, a colour per label")
+      ->group(group);
+  auto* raw = command.add_option("--dims", dims, "Raw files: voxels along x, y, z, as 128x128x84")
+                  ->delimiter('x')
+                  ->type_size(3)
+                  ->expected(1)
+                  ->check(kPositive)
+                  ->type_name("NXxNYxNZ")
+                  ->group(group);
+  choose(command.add_option("--type", type, "Raw files: type of a voxel"), kScalarTypes)
+      ->type_name("TYPE")
+      ->needs(raw)
+      ->group(group)
+      ->default_str("u8");
+  command
+      .add_option("--spacing", spacing,
+                  "Distance between voxels; default: what the file says, or 1")
+      ->delimiter('x')
+      ->type_size(3)
+      ->expected(1)
+      ->check(kPositive)
+      ->type_name("DXxDYxDZ")
+      ->group(group);
+  command
+      .add_option("--component", component,
+                  "Which of several numbers a voxel has (RGB, channels), from 0")
+      ->check(kNotNegative)
+      ->type_name("N")
+      ->group(group);
+  command.add_option("--time", time, "Which of several volumes in a file, from 0")
+      ->check(kNotNegative)
+      ->type_name("N")
+      ->group(group);
+  command.add_option("--crop", crop, "Keep these voxels only: half-open ranges, as 10:200,:,50:")
+      ->type_name("X:X,Y:Y,Z:Z")
+      ->group(group);
+  choose(command.add_option("--endian", big_endian, "Raw files: order of a voxel's bytes"),
+         Choices<bool>{{"little", false}, {"big", true}})
+      ->type_name("TEXT")
+      ->needs(raw)
+      ->group(group)
+      ->default_str("little");
+  command.add_option("--offset", offset, "Raw files: bytes before the first voxel")
+      ->check(kNotNegative)
+      ->needs(raw)
+      ->group(group)
+      ->capture_default_str();
+}
+
+void SourceArguments::add_light_to(CLI::App& command) {
+  const char* group = "Light";
+  command
+      .add_option("--step", raycast.step, "Distance between samples, in smallest voxel spacings")
+      ->group(group)
+      ->capture_default_str();
+  add_vector(command, "--light", light,
+             "World direction towards the light (LPS); "
+             "default: above, in front, to the patient's right")
+      ->group(group);
+  command.add_option("--ambient", raycast.ambient, "Share of a colour that needs no light, 0 to 1")
+      ->group(group)
+      ->capture_default_str();
+  command.add_flag("--no-shade", no_shade, "Colours as in the transfer function, unlit")
+      ->group(group);
+  LightOptions& lighting = raycast.lighting;
+  choose(command.add_option("--lighting", lighting.mode,
+                            "direct: one light without shadows; shadowed: a rig of lights and its\n"
+                            "surroundings, with shadows; global: scattered light as well"),
+         Choices<Lighting>{{"direct", Lighting::direct},
+                           {"shadowed", Lighting::shadowed},
+                           {"global", Lighting::global}})
+      ->type_name("TEXT")
+      ->group(group)
+      ->default_str("direct");
+  std::string names;
+  for (const LightRig& rig : built_in_rigs()) names += (names.empty() ? "" : ", ") + rig.name;
+  command
+      .add_option("--light-rig", light_rig,
+                  "Lights and sky of shadowed and global light: " + names + ",\nor a JSON file")
+      ->type_name(kAnyFile)
+      ->group(group)
+      ->default_str(built_in_rigs().front().name);
+  add_environment_to(command);
+  command
+      .add_option("--environment-gain", lighting.environment_gain,
+                  "Factor of the environment picture's radiance")
+      ->check(kNotNegative)
+      ->group(group)
+      ->capture_default_str();
+  command
+      .add_option("--light-samples", lighting.samples,
+                  "Paths of light per node of the light volume: twice as many take twice\n"
+                  "the time for 0.7 times the noise")
+      ->check(CLI::Range(1, 65536).description(""))
+      ->group(group)
+      ->capture_default_str();
+  command
+      .add_option("--light-bounces", lighting.bounces, "How often light scatters at most (global)")
+      ->check(CLI::Range(0, 1000).description(""))
+      ->group(group)
+      ->capture_default_str();
+  command
+      .add_option("--light-spacing", lighting.spacing,
+                  "Distance between nodes of the light volume, in voxels")
+      ->group(group)
+      ->capture_default_str();
+  add_bytes(command, "--light-memory", lighting.memory,
+            "Most memory for computing the light volume; its nodes stand further\n"
+            "apart where it does not suffice")
+      ->group(group);
+  command.add_option("--light-seed", lighting.seed, "Another one gives other noise")
+      ->group(group)
+      ->capture_default_str();
+  add_light_file_to(command);
+  add_tone(command, lighting.tone, group);
+}
+
+void SourceArguments::add_light_file_to(CLI::App& command) {
+  command
+      .add_option("--light-file", light_file,
+                  "Keep the light volume in this file, and read it from there if it is the same")
+      ->type_name(kAnyFile)
+      ->group("Light");
+}
+
+void SourceArguments::add_environment_to(CLI::App& command) {
+  command
+      .add_option("--environment", environment,
+                  "Picture that surrounds the volume instead of the rig's sky: latitude-longitude\n"
+                  "OpenEXR of linear radiance, up being +z and the middle the front")
+      ->type_name(kAnyFile)
+      ->group("Light");
+}
+
+void SourceArguments::add_reference_to(CLI::App& command) {
+  auto* flag = command.add_flag("--reference", reference,
+                                "Path tracing instead of the light volume: unbiased, slow");
+  command.add_option("--samples", paths.samples, "Paths per ray")
+      ->check(CLI::Range(1, 1 << 24).description(""))
+      ->needs(flag)
+      ->capture_default_str();
+}
+
+Result<void> SourceArguments::set_light(RaycastOptions& options) const {
+  if (!light_rig.empty()) {
+    auto rig = read_rig(light_rig);
+    if (!rig) return tl::unexpected(rig.error());
+    options.lighting.rig = std::move(*rig);
+  }
+  if (!light.empty()) {
+    options.light = to_vector(light);
+    if (auto& lights = options.lighting.rig.lights; !lights.empty())
+      lights.front().direction = options.light;
+  }
+  if (!environment.empty()) {
+    auto picture = read_image(environment);
+    if (!picture) return tl::unexpected(picture.error());
+    options.lighting.environment = std::make_shared<const Image>(std::move(*picture));
+  }
+  return {};
+}
+
+Result<Volume> SourceArguments::volume() const { return read(input, labels); }
+
+Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
+  VolumeOptions options;
+  options.labels = ids;
+  options.component = component;
+  options.time = time;
+  if (!crop.empty()) {
+    const auto box = parse_crop(crop);
+    if (!box) return tl::unexpected(box.error());
+    options.crop = *box;
+  }
+  if (!spacing.empty()) options.spacing = to_vector(spacing);
+  if (!dims.empty()) {
+    RawLayout layout;
+    for (std::size_t axis = 0; axis < 3; ++axis) layout.dims[axis] = dims[axis];
+    layout.spacing = options.spacing.value_or(layout.spacing);
+    layout.type = type;
+    layout.big_endian = big_endian;
+    layout.offset = offset;
+    options.raw = layout;
+  }
+  auto volume = read_volume(path, options);
+  if (volume) return volume;
+  for (const auto& [choice, option] :
+       {std::pair{"choose component", "--component"}, std::pair{"choose time point", "--time"}})
+    if (volume.error().message.find(choice) != std::string::npos)
+      return with_cure(volume.error(), std::string("see ") + option);
+  if (volume.error().code != ErrorCode::usage || labels || component || time || !crop.empty())
+    return volume;
+  return dims.empty()
+             ? with_cure(volume.error(),
+                         "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`")
+             : with_cure(volume.error(), "see --dims, --type, --spacing and --offset");
+}
+
+Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
+  Structures& parts = options.structures;
+  if (!label_table.empty()) {
+    auto table = read_label_table(label_table);
+    if (!table) return tl::unexpected(table.error());
+    parts.styles = std::move(*table);
+  }
+  const auto set = [&](const std::string& path, std::shared_ptr<const Volume>& to) -> Result<void> {
+    if (path.empty()) return {};
+    auto volume = read(path, true);
+    if (!volume) return tl::unexpected(volume.error());
+    to = std::make_shared<const Volume>(std::move(*volume));
+    return {};
+  };
+  if (auto ok = set(labels_volume, parts.labels); !ok) return ok;
+  return set(mask, parts.mask);
+}
+
+Result<std::unique_ptr<Scene>> SourceArguments::scene(
+    const LightWork& work, const std::optional<std::string>& provenance) const {
+  if (input.starts_with(kScenePrefix))
+    return make_analytic_scene(std::string_view(input).substr(kScenePrefix.size()));
+  RaycastOptions options = raycast;
+  options.shade = !no_shade;
+  std::optional<TransferPreset> preset;
+  const auto built = provenance ? nlohmann::json::parse(*provenance) : nlohmann::json::object();
+  if (text_of(built, "kind", "") == "volume") {
+    options = raycast_options(*provenance);
+    auto parsed = parse_transfer(built.value("transfer", nlohmann::json()).dump(),
+                                 "the field's transfer function");
+    if (!parsed) return tl::unexpected(parsed.error());
+    preset = TransferPreset{.function = std::move(*parsed)};
+    if (built.contains("lighting") && built["lighting"].contains("environment") &&
+        environment.empty())
+      return fail(ErrorCode::usage,
+                  "the field was lit by an environment picture; name it by "
+                  "--environment");
+    const auto parts = built.value("structures", nlohmann::json::object());
+    for (const auto& [member, path, option] :
+         {std::tuple{"labels", &labels_volume, "--labels-volume"}, {"mask", &mask, "--mask"}})
+      if (parts.contains(member) && path->empty())
+        return fail(ErrorCode::usage, "the field was built with ", option, "; name it again");
+  }
+  if (auto ok = set_light(options); !ok) return tl::unexpected(ok.error());
+  // The small file first: its mistakes are found before a large one is read.
+  if (!transfer.empty()) {
+    auto read = read_transfer(transfer);
+    if (!read) return tl::unexpected(read.error());
+    preset = std::move(*read);
+  }
+  std::optional<std::array<double, 2>> stretched;
+  if (!range.empty()) {
+    if (!(range[0] < range[1]) || !std::isfinite(range[1] - range[0]))
+      return fail(ErrorCode::usage, "--range ", range[0], ",", range[1],
+                  ": expected two ascending numbers, LO,HI");
+    stretched = {range[0], range[1]};
+  }
+  if (auto ok = set_structures(options); !ok) return tl::unexpected(ok.error());
+  auto volume = this->volume();
+  if (!volume) return tl::unexpected(volume.error());
+  for (const std::string& remark : volume->notes) note(volume->source + ": " + remark);
+  if (!labels && looks_like_labels(*volume)) note(volume->source + ": " + kLabelsHint);
+  // A function from the histogram, or from a field, fits the volume already.
+  if (!preset) preset = TransferPreset{.function = default_transfer(*volume)};
+  const TransferFunction function =
+      transfer.empty() && !stretched ? preset->function : preset->fit(*volume, stretched);
+  Result<std::unique_ptr<Scene>> made = fail(ErrorCode::failed, "");
+  if (reference)
+    made = PathTracer::make(std::move(*volume), function, options, paths);
+  else
+    made = Raycaster::make(std::move(*volume), function, options, work);
+  if (!made && made.error().code == ErrorCode::failed && stop_signal() == 0)
+    return with_cure(
+        made.error(),
+        fmt::format("it runs from {:g} to {:g}: choose another --transfer, or stretch it "
+                    "by --range",
+                    function.colors.front().value, function.colors.back().value));
+  return made;
+}
+
+}  // namespace slf::cli
