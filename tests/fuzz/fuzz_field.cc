@@ -99,6 +99,13 @@ constexpr std::string_view kManifest =
 {"name":"color","format":"rgba8","codec":"jpeg:75"},
 {"name":"depth","format":"depth8","codec":"zstd:1"}]})";
 
+/// The same of a field whose tiles are predicted.
+constexpr std::string_view kPredictiveManifest =
+    R"({"slf":{"major":1,"minor":1},"required":["predictive"],"sphere":{"center":[0,0,0],
+"radius":1},"entry_side":1,"exit_side":2,"levels":1,"entry_depth":0,"filtered_levels":1,
+"subfields":[7],"provenance":{},"layers":[
+{"name":"color","format":"rgba8_depth8","codec":"predictive:80"}]})";
+
 Bytes bytes_of(std::string_view text) {
   const ByteSpan bytes = as_bytes(std::span<const char>(text));
   return {bytes.begin(), bytes.end()};
@@ -107,20 +114,27 @@ Bytes bytes_of(std::string_view text) {
 /// A field of one tile, with one of its parts replaced.
 void use_part(unsigned part, ByteSpan bytes) {
   const Bytes given(bytes.begin(), bytes.end());
+  const bool predictive = part >= 4;
   const std::string path =
       (std::filesystem::exists("/dev/shm") ? "/dev/shm/slf-fuzz-" : "/tmp/slf-fuzz-") +
       std::to_string(getpid());
   std::filesystem::remove(path);
-  const std::vector<std::string> layers{"color", "depth"};
-  const std::vector<std::pair<std::string, Bytes>> blobs{
-      {kManifestBlob, part == 0 ? given : bytes_of(kManifest)},
-      {"tables/color", part == 1 ? given : Bytes{}},
-      {"tables/depth", {}}};
+  std::vector<std::string> layers{"color"};
+  std::vector<std::pair<std::string, Bytes>> blobs{
+      {kManifestBlob, part == 0 ? given : bytes_of(predictive ? kPredictiveManifest : kManifest)},
+      {"tables/color", part == 1 || part == 4 ? given : Bytes{}}};
+  if (!predictive) {
+    layers.emplace_back("depth");
+    blobs.push_back({"tables/depth", {}});
+  }
   {
     auto writer = storage::TileWriter::create(path, layers, blobs);
     require(writer.has_value());
-    require(writer->append(0, {0, 7}, part <= 2 ? ByteSpan(given) : ByteSpan()).has_value());
-    require(writer->append(1, {0, 7}, part == 3 ? ByteSpan(given) : ByteSpan()).has_value());
+    require(writer->append(0, {0, 7}, part == 3 ? ByteSpan() : ByteSpan(given)).has_value());
+    if (predictive)
+      require(writer->append(0, {1, 7 << 4}, given).has_value());
+    else
+      require(writer->append(1, {0, 7}, part == 3 ? ByteSpan(given) : ByteSpan()).has_value());
     require(writer->close().has_value());
   }
   use(path);
@@ -132,7 +146,7 @@ void use_part(unsigned part, ByteSpan bytes) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
   const ByteSpan bytes = std::as_bytes(std::span(data, size));
-  if (data[0] >= '0' && data[0] <= '3')
+  if (data[0] >= '0' && data[0] <= '5')
     use_part(data[0] - '0', bytes.subspan(1));
   else
     use_bytes(bytes);

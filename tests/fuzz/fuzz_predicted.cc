@@ -1,0 +1,104 @@
+// Tiles that are predicted from others: any payload decodes against any references, references()
+// names those that decode() reads, and what is encoded decodes.
+//
+// Input: byte 0 the shape, byte 1 what to do, byte 2 the quality, bytes 3 and 4 the tile; the rest
+// is the payload or the samples, and the samples of all references.
+#include <algorithm>
+#include <cstdint>
+#include <cstdlib>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "field/predicted_tiles.h"
+#include "slf/shape.h"
+
+namespace {
+
+using namespace slf;
+
+void require(bool promise) {
+  if (!promise) std::abort();
+}
+
+/// A shape with its levels, which are costly to make.
+struct Lattices {
+  FieldShape shape;
+  std::vector<std::unique_ptr<LevelGeometry>> levels;
+};
+
+Lattices make(unsigned choice) {
+  Lattices made;
+  made.shape.sphere = {.center = glm::dvec3(0), .radius = 1};
+  made.shape.entry_side = 1u << choice % 3;
+  made.shape.exit_side = 2u << choice / 3 % 3;
+  made.shape.entry_extra_levels = choice / 9 % 2 && choice % 3 ? 1 : 0;
+  made.shape.levels = 2;
+  require(made.shape.check().has_value());
+  for (unsigned level = 0; level <= made.shape.levels; ++level)
+    made.levels.push_back(std::make_unique<LevelGeometry>(made.shape, level));
+  return made;
+}
+
+const Lattices& lattices(unsigned choice) {
+  constexpr unsigned kChoices = 18;
+  static std::vector<std::optional<Lattices>> all(kChoices);
+  auto& found = all[choice % kChoices];
+  if (!found) found = make(choice % kChoices);
+  return *found;
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  if (size < 5) return 0;
+  const Lattices& made = lattices(data[0]);
+  const auto geometry = [&](unsigned level) -> const LevelGeometry& { return *made.levels[level]; };
+  const auto bytes_of = [&](TileKey key) {
+    const auto sections = sections_of(key, made.shape.entry_extra_levels);
+    return geometry(key.level).tile(sections.entry.index, SampleFormat::rgba8_depth8).bytes();
+  };
+  const int quality = 1 + data[2] % 100;
+  const codec::PredictiveCodec codec(quality, codec::predictive_tables(quality, made.shape.levels));
+  const PredictedTiles tiles(made.shape, codec, geometry);
+  TileKey key{static_cast<std::uint8_t>(data[1] / 2 % 3), 0};
+  key.index = (data[3] | data[4] << 8) % made.shape.tiles(key.level);
+  const ByteSpan rest = std::as_bytes(std::span(data + 5, size - 5));
+  const auto repeated = [&](std::size_t count, std::size_t from) {
+    Bytes bytes(count);
+    for (std::size_t k = 0; k < count && !rest.empty(); ++k)
+      bytes[k] = rest[(from + k) % rest.size()];
+    return bytes;
+  };
+
+  std::vector<TileKey> read;
+  const ReferenceSource source = [&](TileKey of) -> Result<TileSamples> {
+    require(of.level + 1 == key.level && of.index < made.shape.tiles(of.level));
+    read.push_back(of);
+    if (of.index % 5 == 4) return TileSamples();  // nothing is visible there
+    return std::make_shared<Bytes>(repeated(bytes_of(of), of.index));
+  };
+  const std::size_t count = bytes_of(key);
+  const auto decode = [&](ByteSpan payload) {
+    // Exactly as large as they must be, so that the sanitizer reports every overrun.
+    const auto exact = std::make_unique<std::byte[]>(payload.size());
+    std::copy(payload.begin(), payload.end(), exact.get());
+    const auto samples = std::make_unique<std::byte[]>(count);
+    read.clear();
+    const bool good =
+        tiles.decode(key, {exact.get(), payload.size()}, source, {samples.get(), count})
+            .has_value();
+    require(read == tiles.references(key, {exact.get(), payload.size()}));
+    return good;
+  };
+  if (data[1] % 2 == 0) {
+    (void)decode(rest);
+    return 0;
+  }
+  Bytes samples = repeated(count, rest.size() / 2), payload;
+  // Premultiplied: no channel exceeds alpha.
+  for (std::size_t s = 0; s < count / 5 * 4; s += 4)
+    for (std::size_t c = 0; c < 3; ++c) samples[s + c] = std::min(samples[s + c], samples[s + 3]);
+  require(tiles.encode(key, samples, source, payload).has_value() && decode(payload));
+  return 0;
+}
