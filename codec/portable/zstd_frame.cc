@@ -11,221 +11,12 @@
 #include <memory>
 #include <vector>
 
+#include "codec/portable/zstd_entropy.h"
+
 namespace slf::codec {
 namespace {
 
 constexpr std::size_t kMaxBlock = 128 << 10;
-constexpr int kMaxHuffmanBits = 11;
-constexpr int kMaxFseBits = 9;
-
-/// Reads fields of bits from the end of some bytes to their start. Bits before the start are zeros.
-class BackwardBits {
- public:
-  BackwardBits() = default;
-  /// The highest bit that is set marks the end. False: there is none.
-  bool open(ByteSpan bytes) {
-    bytes_ = bytes;
-    if (bytes.empty() || bytes.back() == std::byte{0}) return false;
-    left_ = static_cast<std::ptrdiff_t>(bytes.size() * 8) -
-            std::countl_zero(std::to_integer<std::uint8_t>(bytes.back())) - 1;
-    return true;
-  }
-  /// How many bits are left; below 0 after reading too many.
-  [[nodiscard]] std::ptrdiff_t left() const { return left_; }
-  /// REQUIRES: n <= 32.
-  [[nodiscard]] std::uint64_t peek(int n) const {
-    const std::uint64_t mask = (std::uint64_t{1} << n) - 1;
-    if (left_ >= n) return word(static_cast<std::size_t>(left_ - n)) & mask;
-    if (left_ <= 0) return 0;
-    return word(0) << (n - left_) & mask;
-  }
-  void skip(int n) { left_ -= n; }
-  std::uint64_t read(int n) {
-    const std::uint64_t value = peek(n);
-    left_ -= n;
-    return value;
-  }
-
- private:
-  /// At least 57 bits from a position on; zeros behind the end.
-  [[nodiscard]] std::uint64_t word(std::size_t bit) const {
-    const std::size_t at = bit / 8;
-    if (at + 8 <= bytes_.size()) return load_le<std::uint64_t>(&bytes_[at]) >> (bit % 8);
-    std::uint64_t value = 0;
-    for (std::size_t i = at; i < bytes_.size(); ++i)
-      value |= std::uint64_t{std::to_integer<std::uint8_t>(bytes_[i])} << (8 * (i - at));
-    return value >> (bit % 8);
-  }
-
-  ByteSpan bytes_;
-  std::ptrdiff_t left_ = 0;
-};
-
-/// A table of finite-state entropy codes.
-struct FseTable {
-  struct Entry {
-    std::uint8_t symbol = 0;
-    std::uint8_t bits = 0;
-    std::uint16_t base = 0;
-  };
-  std::array<Entry, 1 << kMaxFseBits> entries;
-  int log = -1;  ///< -1: none
-
-  void set_single(std::uint8_t symbol) {
-    log = 0;
-    entries[0] = {symbol, 0, 0};
-  }
-
-  /// `counts` are those of 4.1.1; -1 means less than one.
-  void build(std::span<const int> counts, int accuracy) {
-    log = accuracy;
-    const int size = 1 << log;
-    int high = size - 1;
-    std::array<std::uint16_t, 256> next{};
-    for (std::size_t s = 0; s < counts.size(); ++s)
-      if (counts[s] == -1) {
-        entries[static_cast<std::size_t>(high--)].symbol = static_cast<std::uint8_t>(s);
-        next[s] = 1;
-      } else {
-        next[s] = static_cast<std::uint16_t>(counts[s]);
-      }
-    const int step = (size >> 1) + (size >> 3) + 3;
-    int at = 0;
-    for (std::size_t s = 0; s < counts.size(); ++s)
-      for (int i = 0; i < counts[s]; ++i) {
-        entries[static_cast<std::size_t>(at)].symbol = static_cast<std::uint8_t>(s);
-        do at = (at + step) & (size - 1);
-        while (at > high);
-      }
-    for (int i = 0; i < size; ++i) {
-      Entry& entry = entries[static_cast<std::size_t>(i)];
-      const unsigned state = next[entry.symbol]++;
-      entry.bits = static_cast<std::uint8_t>(log - (std::bit_width(state) - 1));
-      entry.base = static_cast<std::uint16_t>((state << entry.bits) - static_cast<unsigned>(size));
-    }
-  }
-
-  /// Reads a description and removes it from `bytes`. False: it is damaged.
-  bool read(ByteSpan& bytes, int most_log, std::size_t most_symbols) {
-    std::size_t bit = 0;
-    const auto take = [&](int n) {
-      unsigned value = 0;
-      for (int i = 0; i < n; ++i, ++bit)
-        if (bit / 8 < bytes.size())
-          value |= (std::to_integer<unsigned>(bytes[bit / 8]) >> (bit % 8) & 1u) << i;
-      return static_cast<int>(value);
-    };
-    const int accuracy = take(4) + 5;
-    if (accuracy > most_log) return false;
-    std::array<int, 256> counts{};
-    std::size_t symbols = 0;
-    int left = (1 << accuracy) + 1;
-    while (left > 1) {
-      if (symbols >= most_symbols || bit > bytes.size() * 8) return false;
-      const int bits = std::bit_width(static_cast<unsigned>(left));
-      const int few = (1 << bits) - 1 - left;  // values that need one bit less
-      int value = take(bits - 1);
-      if (value >= few) {
-        value |= take(1) << (bits - 1);
-        if (value >= 1 << (bits - 1)) value -= few;
-      }
-      const int count = value - 1;
-      counts[symbols++] = count;
-      left -= count < 0 ? 1 : count;
-      if (left < 1) return false;
-      if (count != 0) continue;
-      for (int repeat = 3; repeat == 3;) {
-        repeat = take(2);
-        symbols += static_cast<std::size_t>(repeat);
-        if (symbols > most_symbols || bit > bytes.size() * 8) return false;
-      }
-    }
-    const std::size_t used = (bit + 7) / 8;
-    if (used > bytes.size()) return false;
-    bytes = bytes.subspan(used);
-    build(std::span(counts).first(symbols), accuracy);
-    return true;
-  }
-};
-
-struct HuffmanTable {
-  struct Entry {
-    std::uint8_t symbol = 0;
-    std::uint8_t bits = 0;
-  };
-  std::array<Entry, 1 << kMaxHuffmanBits> entries;
-  int log = 0;  ///< 0: none
-
-  bool read(ByteSpan& bytes) {
-    if (bytes.empty()) return false;
-    const auto head = std::to_integer<std::size_t>(bytes[0]);
-    bytes = bytes.subspan(1);
-    std::array<std::uint8_t, 256> weights{};
-    std::size_t count = 0;
-    if (head >= 128) {
-      count = head - 127;
-      if (bytes.size() < (count + 1) / 2) return false;
-      for (std::size_t i = 0; i < count; ++i) {
-        const auto two = std::to_integer<unsigned>(bytes[i / 2]);
-        weights[i] = static_cast<std::uint8_t>(i % 2 == 0 ? two >> 4 : two & 15);
-      }
-      bytes = bytes.subspan((count + 1) / 2);
-    } else {
-      if (head > bytes.size()) return false;
-      ByteSpan coded = bytes.first(head);
-      bytes = bytes.subspan(head);
-      if (!read_weights(coded, weights, count)) return false;
-    }
-    return build(weights, count);
-  }
-
- private:
-  /// Two states take turns until the bits are used up.
-  static bool read_weights(ByteSpan coded, std::array<std::uint8_t, 256>& weights,
-                           std::size_t& count) {
-    FseTable table;
-    BackwardBits bits;
-    if (!table.read(coded, 6, 256) || !bits.open(coded)) return false;
-    std::uint64_t state[2];
-    for (std::uint64_t& value : state) value = bits.read(table.log);
-    if (bits.left() < 0) return false;
-    for (int turn = 0;; turn ^= 1) {
-      if (count >= 254) return false;
-      const FseTable::Entry entry = table.entries[state[turn]];
-      weights[count++] = entry.symbol;
-      state[turn] = entry.base + bits.read(entry.bits);
-      if (bits.left() >= 0) continue;
-      weights[count++] = table.entries[state[turn ^ 1]].symbol;
-      return true;
-    }
-  }
-
-  /// The weight of the last symbol makes the sum a power of two.
-  bool build(std::array<std::uint8_t, 256>& weights, std::size_t count) {
-    std::uint32_t sum = 0;
-    for (std::size_t i = 0; i < count; ++i) {
-      if (weights[i] > kMaxHuffmanBits) return false;
-      if (weights[i] > 0) sum += 1u << (weights[i] - 1);
-    }
-    if (sum == 0 || count > 255) return false;
-    const int bits = std::bit_width(sum);
-    const std::uint32_t rest = (1u << bits) - sum;
-    if (bits > kMaxHuffmanBits || !std::has_single_bit(rest)) return false;
-    weights[count++] = static_cast<std::uint8_t>(std::bit_width(rest));
-    log = bits;
-    std::size_t at = 0;
-    for (int weight = 1; weight <= bits; ++weight)
-      for (std::size_t s = 0; s < count; ++s) {
-        if (weights[s] != weight) continue;
-        const std::size_t run = std::size_t{1} << (weight - 1);
-        std::fill_n(
-            &entries[at], run,
-            Entry{static_cast<std::uint8_t>(s), static_cast<std::uint8_t>(bits + 1 - weight)});
-        at += run;
-      }
-    return true;
-  }
-};
 
 // ---- sequences: the codes of lengths and offsets (3.1.1.3.2.1) ----------------------------------
 
@@ -273,7 +64,7 @@ class FrameDecoder {
   bool huffman(ByteSpan bytes, std::span<std::byte> to) const;
   bool sequences(ByteSpan bytes);
   bool table(int mode, ByteSpan& bytes, std::span<const int> usual, int usual_log, int most_log,
-             std::size_t symbols, FseTable& table) const;
+             std::size_t symbols, zstd::FseTable& table) const;
   bool put(ByteSpan bytes) {
     if (bytes.size() > to_.size() - at_) return false;
     std::copy(bytes.begin(), bytes.end(), to_.begin() + static_cast<std::ptrdiff_t>(at_));
@@ -285,8 +76,8 @@ class FrameDecoder {
   std::size_t at_ = 0;
   ByteSpan literals_;
   std::vector<std::byte> literal_bytes_;
-  HuffmanTable huffman_;
-  FseTable literal_lengths_, offsets_, match_lengths_;
+  zstd::HuffmanTable huffman_;
+  zstd::FseTable literal_lengths_, offsets_, match_lengths_;
   std::array<std::size_t, 3> recent_ = {1, 4, 8};
 };
 
@@ -398,10 +189,10 @@ bool FrameDecoder::literals(ByteSpan& bytes) {
 }
 
 bool FrameDecoder::huffman(ByteSpan bytes, std::span<std::byte> to) const {
-  BackwardBits bits;
+  zstd::BackwardBits bits;
   if (!bits.open(bytes)) return false;
   for (std::byte& value : to) {
-    const HuffmanTable::Entry entry = huffman_.entries[bits.peek(huffman_.log)];
+    const zstd::HuffmanTable::Entry entry = huffman_.entries[bits.peek(huffman_.log)];
     bits.skip(entry.bits);
     value = static_cast<std::byte>(entry.symbol);
   }
@@ -409,7 +200,7 @@ bool FrameDecoder::huffman(ByteSpan bytes, std::span<std::byte> to) const {
 }
 
 bool FrameDecoder::table(int mode, ByteSpan& bytes, std::span<const int> usual, int usual_log,
-                         int most_log, std::size_t symbols, FseTable& table) const {
+                         int most_log, std::size_t symbols, zstd::FseTable& table) const {
   switch (mode) {
     case 0:
       table.build(usual, usual_log);
@@ -445,7 +236,7 @@ bool FrameDecoder::sequences(ByteSpan bytes) {
       !table(modes >> 4 & 3, bytes, kUsualOffsets, 5, 8, kMaxOffsetCode + 1, offsets_) ||
       !table(modes >> 2 & 3, bytes, kUsualMatchLengths, 6, 9, kMatchLengths.size(), match_lengths_))
     return false;
-  BackwardBits bits;
+  zstd::BackwardBits bits;
   if (!bits.open(bytes)) return false;
   std::uint64_t literal_state = bits.read(literal_lengths_.log);
   std::uint64_t offset_state = bits.read(offsets_.log);

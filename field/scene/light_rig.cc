@@ -2,6 +2,7 @@
 
 #include <array>
 #include <charconv>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
@@ -67,10 +68,8 @@ class Members {
   void number(const char* name, T& to) {
     const auto found = object_.find(name);
     if (found == object_.end()) return;
-    if (found->is_number())
-      to = found->get<T>();
-    else
-      complain(name, "a number");
+    if (found->is_number()) to = found->get<T>();
+    if (!found->is_number() || !std::isfinite(to)) complain(name, "a number");
   }
   template <class Vector>
   bool vector(const char* name, Vector& to) {
@@ -82,8 +81,10 @@ class Members {
       complain(name, "three numbers");
       return false;
     }
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; ++k) {
       to[k] = (*found)[static_cast<std::size_t>(k)].get<typename Vector::value_type>();
+      if (!std::isfinite(to[k])) complain(name, "three numbers");
+    }
     return true;
   }
   void complain(const char* name, const char* expected) {
@@ -167,8 +168,8 @@ std::string to_json(const LightRig& rig) {
               {"sky",
                {{"up", to_json(rig.sky.up)},
                 {"horizon", to_json(rig.sky.horizon)},
-                {"down", to_json(rig.sky.down)}}}}
-      .dump();
+                {"down", to_json(rig.sky.down)}}}}  // The name may be a path of any bytes.
+      .dump(-1, ' ', false, json::error_handler_t::replace);
 }
 
 }  // namespace slf

@@ -423,6 +423,12 @@ TEST(LightRig, EveryBuiltInOneReadsBack) {
   }
 }
 
+TEST(LightRig, ANameOfAnyBytesIsNoReasonToFail) {
+  const auto rig = parse_rig("{}", "\xff.json");
+  ASSERT_TRUE(rig);
+  EXPECT_TRUE(parse_rig(to_json(*rig), "a.json"));
+}
+
 TEST(LightRig, MistakesAreNamed) {
   const auto unknown = read_rig("moonlight");
   ASSERT_FALSE(unknown);
@@ -435,6 +441,8 @@ TEST(LightRig, MistakesAreNamed) {
            {R"({"lights": [{}]})", "lights[0].direction"},
            {R"({"lights": [{"direction": [0, 0]}]})", "lights[0].direction"},
            {R"({"lights": [{"direction": [0, 0, 1], "size": "big"}]})", "lights[0].size"},
+           {R"({"lights": [{"direction": [0, 0, 1], "intensity": 1e39}]})", "lights[0].intensity"},
+           {R"({"sky": {"up": [0, 1e39, 0]}})", "sky.up"},
            {R"({"sky": {"up": 1}})", "sky.up"}}) {
     const auto rig = parse_rig(text, "a.json");
     ASSERT_FALSE(rig) << text;
