@@ -62,7 +62,7 @@ extern bool quiet;
 /// --progress: how progress is reported, and how often where stderr is no terminal.
 struct ProgressStyle {
   bool json = false;    ///< lines of JSON, for programs
-  double seconds = 30;  ///< between lines; 0: none
+  double seconds = 30;  ///< between lines; 0: no lines
 };
 extern ProgressStyle progress_style;
 /// "30", "json", "json:5".
@@ -197,7 +197,7 @@ inline constexpr const char* kTransferHelp =
     "Transfer function: a built-in name (see `slf transfer`), or a file of ParaView,\n"
     "3D Slicer or MRIcroGL; FILE#NAME for one of several";
 
-/// What is said of integers that look like ids.
+/// The hint for volumes of integers that look like ids.
 inline constexpr const char* kLabelsHint =
     "its values look like labels (ids), which are blurred when interpolated; --labels gives each "
     "a colour of its own";

@@ -28,7 +28,7 @@ void for_each_sample(const Tile& tile, const Mosaic& mosaic, Use use) {
 
 [[nodiscard]] JpegShape shape_of(const Mosaic& mosaic, JpegColor color);
 
-/// Depth as gray. A depth of 0 means that the ray sees nothing; it does not matter.
+/// Depth as gray. Pixels with a depth of 0, where nothing is visible, get no weight.
 [[nodiscard]] JpegPicture depth_picture(const Tile& tile, const Mosaic& mosaic,
                                         std::span<const std::uint8_t> depth);
 

@@ -33,7 +33,7 @@ using LayerId = std::uint32_t;
 
 enum class TileState : std::uint8_t {
   missing,  ///< never built, or dropped because it was damaged
-  empty,    ///< built; no ray in it sees anything
+  empty,    ///< built; nothing is visible along any of its rays
   stored,   ///< has a payload
 };
 

@@ -19,7 +19,8 @@ using storage::TileWriter;
 constexpr std::uint64_t kPendingLimit = 32ull << 20;
 constexpr const char* kAnotherProcess = ": another process is writing it";
 
-/// Removes an unfinished file. It must be a container that nobody else is writing.
+/// Removes an unfinished file. It must be a container that no other process is
+/// writing.
 Result<void> clear_away(const std::string& file) {
   struct stat status {};
   if (::lstat(file.c_str(), &status) != 0) return {};

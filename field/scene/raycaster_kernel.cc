@@ -19,59 +19,59 @@ namespace slf {
 namespace HWY_NAMESPACE {
 namespace {
 
-// kWave rays advance together, by one sample per pass. A pass alternates two kinds of short loops
-// over the wave: arithmetic on vectors, and look-ups lane by lane. So neither waits for the other,
+// kBatch rays advance together, by one sample per pass. A pass alternates two kinds of short loops
+// over the batch: arithmetic on vectors, and look-ups lane by lane. So neither waits for the other,
 // and their data stay in the first-level cache. Lanes do not mix: a ray's sample does not depend on
 // the other rays.
-constexpr std::size_t kWave = 64;
-static_assert(kWave % kLanes == 0 && kHits >= 2 * kWave);
+constexpr std::size_t kBatch = 64;
+static_assert(kBatch % kLanes == 0 && kHits >= 2 * kBatch);
 
-/// The rays under way. Ray i of the wave is element i of each array. Positions are in voxel
+/// The rays under way. Ray i of the batch is element i of each array. Positions are in voxel
 /// indices.
-struct Wave {
+struct RayBatch {
   std::size_t size = 0;
   // The ray: sample k of `count` is at start + k·delta.
-  alignas(64) float start[3][kWave];
-  alignas(64) float delta[3][kWave];
-  alignas(64) float inverse[3][kWave];
-  alignas(64) std::int32_t k[kWave];
-  alignas(64) std::int32_t count[kWave];
-  double first[kWave];  // distance of sample 0 from the ray's beginning, in steps
-  double steps[kWave];  // length of the ray in steps
-  std::size_t ray[kWave];
+  alignas(64) float start[3][kBatch];
+  alignas(64) float delta[3][kBatch];
+  alignas(64) float inverse[3][kBatch];
+  alignas(64) std::int32_t k[kBatch];
+  alignas(64) std::int32_t count[kBatch];
+  double first[kBatch];  // distance of sample 0 from the ray's beginning, in steps
+  double steps[kBatch];  // length of the ray in steps
+  std::size_t ray[kBatch];
   // The result so far, except its colour.
-  alignas(64) float alpha[kWave];
-  alignas(64) float depth[kWave];
+  alignas(64) float alpha[kBatch];
+  alignas(64) float depth[kBatch];
   // Its next sample.
-  alignas(64) std::int32_t cell[3][kWave];
-  alignas(64) float within[3][kWave];
-  alignas(64) std::int32_t brick[kWave];
-  alignas(64) std::int32_t distance[kWave];
-  alignas(64) std::int32_t entry[kWave];
+  alignas(64) std::int32_t cell[3][kBatch];
+  alignas(64) float within[3][kBatch];
+  alignas(64) std::int32_t brick[kBatch];
+  alignas(64) std::int32_t distance[kBatch];
+  alignas(64) std::int32_t entry[kBatch];
 };
 
-/// Puts a ray into place i of the wave. False: it misses the visible box.
-bool enter(const RayGrid& grid, const Segment& segment, Wave& wave, std::size_t i) {
+/// Puts a ray into place i of the batch. False: it misses the visible box.
+bool enter(const RayGrid& grid, const Segment& segment, RayBatch& batch, std::size_t i) {
   // Find the range of steps inside the visible box.
   const double length = glm::distance(segment.from, segment.to);
   if (!(length > 0)) return false;
   const glm::dvec3 a = grid.world_to_index * (segment.from - grid.origin);
   const glm::dvec3 delta = grid.world_to_index * (segment.to - segment.from) * (grid.step / length);
   double low = 0, high = length / grid.step;
-  wave.steps[i] = high;
+  batch.steps[i] = high;
   for (int axis = 0; axis < 3; ++axis) {
     const double from_low = grid.visible_low[axis] - a[axis];
     const double from_high = grid.visible_high[axis] - a[axis];
     if (std::abs(delta[axis]) < 1e-12) {
       if (from_low > 0 || from_high < 0) return false;
-      wave.inverse[axis][i] = std::numeric_limits<float>::lowest();  // as leap() requires
+      batch.inverse[axis][i] = std::numeric_limits<float>::lowest();  // as leap() requires
       continue;
     }
     const double inverse = 1 / delta[axis];
     const double t0 = from_low * inverse, t1 = from_high * inverse;
     low = std::max(low, std::min(t0, t1));
     high = std::min(high, std::max(t0, t1));
-    wave.inverse[axis][i] = static_cast<float>(inverse);
+    batch.inverse[axis][i] = static_cast<float>(inverse);
   }
   if (!(low < high)) return false;
   // Sample k of the whole ray is at k + 0.5 steps. The box only selects samples, it moves none.
@@ -80,62 +80,62 @@ bool enter(const RayGrid& grid, const Segment& segment, Wave& wave, std::size_t 
   if (!(count > 0)) return false;
   const glm::dvec3 start = a + delta * (first + 0.5);
   for (int axis = 0; axis < 3; ++axis) {
-    wave.start[axis][i] = static_cast<float>(start[axis]);
-    wave.delta[axis][i] = static_cast<float>(delta[axis]);
+    batch.start[axis][i] = static_cast<float>(start[axis]);
+    batch.delta[axis][i] = static_cast<float>(delta[axis]);
   }
-  wave.k[i] = 0;
-  wave.count[i] = static_cast<std::int32_t>(std::min(count, 1e9));
-  wave.first[i] = first + 0.5;
-  wave.alpha[i] = wave.depth[i] = 0;
+  batch.k[i] = 0;
+  batch.count[i] = static_cast<std::int32_t>(std::min(count, 1e9));
+  batch.first[i] = first + 0.5;
+  batch.alpha[i] = batch.depth[i] = 0;
   return true;
 }
 
-void move_ray(Wave& wave, std::size_t from, std::size_t to) {
+void move_ray(RayBatch& batch, std::size_t from, std::size_t to) {
   for (int axis = 0; axis < 3; ++axis) {
-    wave.start[axis][to] = wave.start[axis][from];
-    wave.delta[axis][to] = wave.delta[axis][from];
-    wave.inverse[axis][to] = wave.inverse[axis][from];
+    batch.start[axis][to] = batch.start[axis][from];
+    batch.delta[axis][to] = batch.delta[axis][from];
+    batch.inverse[axis][to] = batch.inverse[axis][from];
   }
-  wave.k[to] = wave.k[from];
-  wave.count[to] = wave.count[from];
-  wave.first[to] = wave.first[from];
-  wave.steps[to] = wave.steps[from];
-  wave.ray[to] = wave.ray[from];
-  wave.alpha[to] = wave.alpha[from];
-  wave.depth[to] = wave.depth[from];
+  batch.k[to] = batch.k[from];
+  batch.count[to] = batch.count[from];
+  batch.first[to] = batch.first[from];
+  batch.steps[to] = batch.steps[from];
+  batch.ray[to] = batch.ray[from];
+  batch.alpha[to] = batch.alpha[from];
+  batch.depth[to] = batch.depth[from];
 }
 
 /// Finds each ray's next sample: its cell, the position in the cell, and the brick.
-HWY_INLINE void locate(const RayGrid& grid, Wave& wave) {
+HWY_INLINE void locate(const RayGrid& grid, RayBatch& batch) {
   const Ints zero = hn::Zero(kInts);
-  for (std::size_t i = 0; i < wave.size; i += kLanes) {
-    const Floats k = hn::ConvertTo(kFloats, hn::Load(kInts, wave.k + i));
+  for (std::size_t i = 0; i < batch.size; i += kLanes) {
+    const Floats k = hn::ConvertTo(kFloats, hn::Load(kInts, batch.k + i));
     Ints brick = zero;
     for (int axis = 2; axis >= 0; --axis) {
-      const Floats p = hn::MulAdd(k, hn::Load(kFloats, wave.delta[axis] + i),
-                                  hn::Load(kFloats, wave.start[axis] + i));
+      const Floats p = hn::MulAdd(k, hn::Load(kFloats, batch.delta[axis] + i),
+                                  hn::Load(kFloats, batch.start[axis] + i));
       // Rounding may move a sample out of the box; clamp, so that every access is in the volume.
       const Ints cell =
           hn::Min(hn::Max(hn::ConvertTo(kInts, p), zero), hn::Set(kInts, grid.dims[axis] - 2));
-      hn::Store(cell, kInts, wave.cell[axis] + i);
-      hn::Store(p - hn::ConvertTo(kFloats, cell), kFloats, wave.within[axis] + i);
+      hn::Store(cell, kInts, batch.cell[axis] + i);
+      hn::Store(p - hn::ConvertTo(kFloats, cell), kFloats, batch.within[axis] + i);
       brick = brick * hn::Set(kInts, grid.bricks[axis]) + hn::ShiftRight<kBrickShift>(cell);
     }
-    hn::Store(brick, kInts, wave.brick + i);
+    hn::Store(brick, kInts, batch.brick + i);
   }
 }
 
 /// Advances each ray to its next sample or, if its brick is empty, by as many steps as stay inside
 /// the empty cube of bricks around it.
-HWY_INLINE void advance(Wave& wave) {
+HWY_INLINE void advance(RayBatch& batch) {
   const Ints one = hn::Set(kInts, 1);
-  for (std::size_t i = 0; i < wave.size; i += kLanes) {
-    const Ints distance = hn::Load(kInts, wave.distance + i);
+  for (std::size_t i = 0; i < batch.size; i += kLanes) {
+    const Ints distance = hn::Load(kInts, batch.distance + i);
     Floats steps = hn::Set(kFloats, 1e9f);
     for (int axis = 0; axis < 3; ++axis) {
-      const Ints cell = hn::Load(kInts, wave.cell[axis] + i);
-      const Floats within = hn::Load(kFloats, wave.within[axis] + i);
-      const Floats inverse = hn::Load(kFloats, wave.inverse[axis] + i);
+      const Ints cell = hn::Load(kInts, batch.cell[axis] + i);
+      const Floats within = hn::Load(kFloats, batch.within[axis] + i);
+      const Floats inverse = hn::Load(kFloats, batch.inverse[axis] + i);
       const Ints brick = hn::ShiftRight<kBrickShift>(cell);
       const auto up = hn::RebindMask(kInts, inverse > hn::Zero(kFloats));
       const Ints edge = hn::IfThenElse(up, brick + distance, brick - distance + one);
@@ -144,19 +144,19 @@ HWY_INLINE void advance(Wave& wave) {
     }
     const auto leaps = distance > hn::Zero(kInts);
     const Ints by = hn::IfThenElse(leaps, hn::Max(one, hn::ConvertTo(kInts, steps)), one);
-    hn::Store(hn::Load(kInts, wave.k + i) + by, kInts, wave.k + i);
+    hn::Store(hn::Load(kInts, batch.k + i) + by, kInts, batch.k + i);
   }
 }
 
 /// The table index of each value, which is trilinear between the eight voxels of the cell.
 template <class T>
-HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4][kWave],
-                             Wave& wave) {
+HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4][kBatch],
+                             RayBatch& batch) {
   const auto last = static_cast<std::int32_t>(table.entries) - 1;
-  for (std::size_t i = 0; i < wave.size; i += kLanes) {
-    const Floats fx = hn::Load(kFloats, wave.within[0] + i);
-    const Floats fy = hn::Load(kFloats, wave.within[1] + i);
-    const Floats fz = hn::Load(kFloats, wave.within[2] + i);
+  for (std::size_t i = 0; i < batch.size; i += kLanes) {
+    const Floats fx = hn::Load(kFloats, batch.within[0] + i);
+    const Floats fy = hn::Load(kFloats, batch.within[1] + i);
+    const Floats fz = hn::Load(kFloats, batch.within[2] + i);
     Floats along_x[4];
     for (int r = 0; r < 4; ++r) {
       const Columns c = load_columns(rows[r] + i);
@@ -179,45 +179,45 @@ HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4]
       const Floats most = hn::Set(kFloats, static_cast<float>(last));
       entry = hn::ConvertTo(kInts, hn::Min(hn::Max(at, hn::Zero(kFloats)), most));
     }
-    hn::Store(entry, kInts, wave.entry + i);
+    hn::Store(entry, kInts, batch.entry + i);
   }
 }
 
 /// Moves the entry of ray i's sample to the row of its structure.
-HWY_INLINE void find_row(const RayGrid& grid, Wave& wave, std::size_t i) {
+HWY_INLINE void find_row(const RayGrid& grid, RayBatch& batch, std::size_t i) {
   std::size_t voxel = 0;
   for (int axis = 2; axis >= 0; --axis)
     voxel = voxel * static_cast<std::size_t>(grid.dims[axis]) +
-            static_cast<std::size_t>(wave.cell[axis][i] + (wave.within[axis][i] >= 0.5f));
-  wave.entry[i] += grid.rows[voxel] * static_cast<std::int32_t>(grid.table.entries);
+            static_cast<std::size_t>(batch.cell[axis][i] + (batch.within[axis][i] >= 0.5f));
+  batch.entry[i] += grid.rows[voxel] * static_cast<std::int32_t>(grid.table.entries);
 }
 
 constexpr float kOpaque = 1 - 1.f / 256;
 
-/// Removes the rays that have ended, and replaces them by new rays or by the wave's last ones.
+/// Removes the rays that have ended, and replaces them by new rays or by the batch's last ones.
 void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::size_t& next,
-                      Wave& wave, std::span<RaySample> out) {
+                      RayBatch& batch, std::span<RaySample> out) {
   const auto finished = [&](std::size_t i) {
-    return wave.k[i] >= wave.count[i] || wave.alpha[i] > kOpaque;
+    return batch.k[i] >= batch.count[i] || batch.alpha[i] > kOpaque;
   };
   // Backwards, so that a ray that moves down was checked before.
-  for (std::size_t group = (wave.size + kLanes - 1) / kLanes; group-- > 0;) {
+  for (std::size_t group = (batch.size + kLanes - 1) / kLanes; group-- > 0;) {
     const std::size_t begin = group * kLanes;
-    const auto going = hn::Load(kInts, wave.count + begin) > hn::Load(kInts, wave.k + begin);
-    const auto opaque = hn::Load(kFloats, wave.alpha + begin) > hn::Set(kFloats, kOpaque);
+    const auto going = hn::Load(kInts, batch.count + begin) > hn::Load(kInts, batch.k + begin);
+    const auto opaque = hn::Load(kFloats, batch.alpha + begin) > hn::Set(kFloats, kOpaque);
     if (hn::AllTrue(kInts, hn::AndNot(hn::RebindMask(kInts, opaque), going))) continue;
-    for (std::size_t i = std::min(begin + kLanes, wave.size); i-- > begin;) {
+    for (std::size_t i = std::min(begin + kLanes, batch.size); i-- > begin;) {
       if (!finished(i)) continue;
-      RaySample& sample = out[wave.ray[i]];
-      sample.rgba.a = wave.alpha[i];
+      RaySample& sample = out[batch.ray[i]];
+      sample.rgba.a = batch.alpha[i];
       if (sample.rgba.a > 0)
-        sample.depth = static_cast<float>(
-            std::clamp((wave.first[i] + wave.depth[i] / wave.alpha[i]) / wave.steps[i], 0.0, 1.0));
-      while (next < rays.size() && !enter(grid, rays[next], wave, i)) ++next;
+        sample.depth = static_cast<float>(std::clamp(
+            (batch.first[i] + batch.depth[i] / batch.alpha[i]) / batch.steps[i], 0.0, 1.0));
+      while (next < rays.size() && !enter(grid, rays[next], batch, i)) ++next;
       if (next < rays.size())
-        wave.ray[i] = next++;
+        batch.ray[i] = next++;
       else
-        move_ray(wave, --wave.size, i);
+        move_ray(batch, --batch.size, i);
     }
   }
 }
@@ -226,9 +226,9 @@ template <class T, bool kLabels>
 RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
                       std::span<RaySample> out) {
   using S = std::conditional_t<kLabels, std::uint8_t, T>;
-  Wave wave{};
+  RayBatch batch{};
   Hits<S> hits;
-  alignas(64) Row<T> rows[4][kWave];
+  alignas(64) Row<T> rows[4][kBatch];
   T border[64];
   std::fill(out.begin(), out.end(), RaySample{});
 
@@ -245,74 +245,74 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
 
   RayCounts counts;
   std::size_t next = 0;
-  for (; next < rays.size() && wave.size < kWave; ++next)
-    if (enter(grid, rays[next], wave, wave.size)) wave.ray[wave.size++] = next;
-  while (wave.size > 0) {
+  for (; next < rays.size() && batch.size < kBatch; ++next)
+    if (enter(grid, rays[next], batch, batch.size)) batch.ray[batch.size++] = next;
+  while (batch.size > 0) {
     // Find the rays whose next sample is not in empty space.
-    locate(grid, wave);
-    std::uint8_t sampling[kWave];
+    locate(grid, batch);
+    std::uint8_t sampling[kBatch];
     std::size_t samples = 0;
-    for (std::size_t i = 0; i < wave.size; ++i) {
-      const int distance = grid.distance[static_cast<std::size_t>(wave.brick[i])];
+    for (std::size_t i = 0; i < batch.size; ++i) {
+      const int distance = grid.distance[static_cast<std::size_t>(batch.brick[i])];
       const bool empty = distance > 0 && grid.leap;
-      wave.distance[i] = empty ? distance : 0;
+      batch.distance[i] = empty ? distance : 0;
       sampling[samples] = static_cast<std::uint8_t>(i);
       samples += !empty;
     }
-    counts.steps += wave.size;
+    counts.steps += batch.size;
     counts.samples += samples;
     // Load the voxels of their cells.
     for (std::size_t s = 0; s < samples; ++s) {
       const std::size_t i = sampling[s];
-      const int x = wave.cell[0][i], y = wave.cell[1][i], z = wave.cell[2][i];
+      const int x = batch.cell[0][i], y = batch.cell[1][i], z = batch.cell[2][i];
       const Neighbourhood<T> voxels = neighbourhood(grid, x, y, z, border);
       if constexpr (kLabels) {
-        const int up[3] = {wave.within[0][i] >= 0.5f, wave.within[1][i] >= 0.5f,
-                           wave.within[2][i] >= 0.5f};
-        wave.entry[i] = voxels.at(1 + up[1], 1 + up[2])[1 + up[0]];
+        const int up[3] = {batch.within[0][i] >= 0.5f, batch.within[1][i] >= 0.5f,
+                           batch.within[2][i] >= 0.5f};
+        batch.entry[i] = voxels.at(1 + up[1], 1 + up[2])[1 + up[0]];
       } else {
         for (int r = 0; r < 4; ++r)
           std::memcpy(&rows[r][i], voxels.at(kRowY[r], kRowZ[r]), sizeof rows[r][i]);
       }
     }
-    if constexpr (!kLabels) find_entries(grid.table, rows, wave);
+    if constexpr (!kLabels) find_entries(grid.table, rows, batch);
     if (!grid.rows.empty())
-      for (std::size_t s = 0; s < samples; ++s) find_row(grid, wave, sampling[s]);
+      for (std::size_t s = 0; s < samples; ++s) find_row(grid, batch, sampling[s]);
     // Composite opacity front to back. Colour follows when the samples are shaded.
     for (std::size_t s = 0; s < samples; ++s) {
       const std::size_t i = sampling[s];
-      const auto entry = static_cast<std::size_t>(wave.entry[i]);
+      const auto entry = static_cast<std::size_t>(batch.entry[i]);
       if (kLabels && entry >= grid.table.opacities.size()) continue;
       const float opacity = grid.table.opacities[entry];
       if (opacity <= 0) continue;
-      const float weight = (1 - wave.alpha[i]) * opacity;
+      const float weight = (1 - batch.alpha[i]) * opacity;
       ++counts.visible;
-      wave.alpha[i] += weight;
-      wave.depth[i] += weight * static_cast<float>(wave.k[i]);
+      batch.alpha[i] += weight;
+      batch.depth[i] += weight * static_cast<float>(batch.k[i]);
       if (!grid.shade && !lit) {
-        add_color(grid, wave.entry[i], weight, out[wave.ray[i]].rgba);
+        add_color(grid, batch.entry[i], weight, out[batch.ray[i]].rgba);
         continue;
       }
       const std::size_t h = hits.size++;
       hits.weight[h] = weight;
-      hits.entry[h] = wave.entry[i];
-      hits.ray[h] = wave.ray[i];
+      hits.entry[h] = batch.entry[i];
+      hits.ray[h] = batch.ray[i];
       if (lit) {
         for (int axis = 0; axis < 3; ++axis)
           hits.at[axis][h] =
-              (static_cast<float>(wave.cell[axis][i]) + wave.within[axis][i]) * node_scale[axis] +
+              (static_cast<float>(batch.cell[axis][i]) + batch.within[axis][i]) * node_scale[axis] +
               node_offset[axis];
         continue;
       }
       const Neighbourhood<T> voxels =
-          neighbourhood(grid, wave.cell[0][i], wave.cell[1][i], wave.cell[2][i], border);
+          neighbourhood(grid, batch.cell[0][i], batch.cell[1][i], batch.cell[2][i], border);
       for (int r = 0; r < 12; ++r)
         hits.rows[r][h] = take_row<T, kLabels>(grid, voxels.at(kRowY[r], kRowZ[r]));
-      for (int axis = 0; axis < 3; ++axis) hits.within[axis][h] = wave.within[axis][i];
+      for (int axis = 0; axis < 3; ++axis) hits.within[axis][h] = batch.within[axis][i];
     }
-    if (hits.size > kHits - kWave) finish();
-    advance(wave);
-    replace_finished(grid, rays, next, wave, out);
+    if (hits.size > kHits - kBatch) finish();
+    advance(batch);
+    replace_finished(grid, rays, next, batch, out);
   }
   finish();
   // Early termination leaves out less than one step of 8 bits: count the ray as opaque.

@@ -43,7 +43,7 @@ struct LightWork {
 
 /// What tracing took.
 struct RayCounts {
-  std::uint64_t steps = 0;    ///< positions looked at: samples, and leaps over empty space
+  std::uint64_t steps = 0;    ///< positions visited: samples, and leaps over empty space
   std::uint64_t samples = 0;  ///< values interpolated
   std::uint64_t visible = 0;  ///< of those, with any opacity: shaded and composited
 };

@@ -23,18 +23,18 @@ struct Segment {
   glm::dvec3 to{0.0};
 };
 
-/// What a ray sees between two points.
+/// Colour and depth along a ray between two points.
 struct RaySample {
   glm::vec4 rgba{0};  ///< premultiplied by opacity; black is the absence of anything
   float depth = 0;    ///< opacity-weighted mean position, 0 at the first point, 1 at the second;
-                      ///< 0 where nothing is seen
+                      ///< 0 where nothing is visible
 };
 
 class Scene {
  public:
   virtual ~Scene() = default;
 
-  /// A sphere around all that can be seen.
+  /// A sphere around everything visible.
   [[nodiscard]] virtual Sphere bounds() const = 0;
 
   /// The ray from one world point to another, front to back. Deterministic; any thread.

@@ -121,7 +121,7 @@ RaySample mean_under_tent(const Scene& scene, const World& world, const LatticeV
   return {glm::vec4(rgba / weights), rgba.a > 0 ? static_cast<float>(place / rgba.a) : 0};
 }
 
-TEST(Build, CoarserLevelsAreMeansUnderAHat) {
+TEST(Build, CoarserLevelsAreMeansUnderATent) {
   TemporaryFolder folder;
   const FunctionScene scene([](const glm::dvec3& a, const glm::dvec3& b) {
     const auto wave = [](double x) { return static_cast<float>(0.5 + 0.5 * std::sin(7 * x)); };

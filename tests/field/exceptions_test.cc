@@ -1,4 +1,4 @@
-// A scene of the user's that throws, or runs out of memory, on any thread: an error, not an end.
+// A scene that throws, or runs out of memory, on any thread: the call returns an error.
 #include <new>
 #include <thread>
 
