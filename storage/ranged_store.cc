@@ -8,6 +8,7 @@ namespace slf::storage {
 using internal::kPageSize;
 
 Result<ByteSpan> RangedStore::Source::bytes(std::uint64_t offset, std::uint64_t size) const {
+  if (size == 0) return ByteSpan();
   auto block = blocks.upper_bound(offset);
   if (block != blocks.begin()) {
     --block;
@@ -15,6 +16,9 @@ Result<ByteSpan> RangedStore::Source::bytes(std::uint64_t offset, std::uint64_t 
     if (within <= block->second.size() && size <= block->second.size() - within)
       return ByteSpan(block->second).subspan(within, size);
   }
+  if (offset > file_bytes || size > file_bytes - offset)  // asking for it again would not end
+    return fail(ErrorCode::bad_file, "bytes ", offset, " to ", offset + size,
+                " are beyond the end of the file");
   const std::uint64_t begin = offset / kPageSize * kPageSize;
   const std::uint64_t end = (offset + size + kPageSize - 1) / kPageSize * kPageSize;
   wanted.push_back({begin, std::min(end, file_bytes)});

@@ -121,6 +121,14 @@ TEST_F(RangedStoreTest, RefusesDamageOrFindsTheSame) {
   }
 }
 
+TEST_F(RangedStoreTest, AnEmptyFileIsRefusedAndNothingIsWanted) {
+  RangedStore store("empty.slf", 0);
+  const auto opened = store.open();
+  ASSERT_FALSE(opened);
+  EXPECT_EQ(opened.error().code, ErrorCode::bad_file) << opened.error().message;
+  EXPECT_TRUE(store.wanted().empty());
+}
+
 TEST_F(RangedStoreTest, AnIndexSavesRoundTrips) {
   ASSERT_TRUE(ok(internal::write_index(path_)));
   const Bytes indexed = read_file(path_);
