@@ -37,9 +37,9 @@ class Mosaic {
 
  private:
   std::size_t side_;
-  std::size_t across_;  // squares in a row of squares
-  std::size_t width_;
-  std::size_t height_;
+  std::size_t across_ = 1;  // squares in a row of squares
+  std::size_t width_ = 0;   // 0 of no pictures
+  std::size_t height_ = 0;
 };
 
 }  // namespace slf::codec

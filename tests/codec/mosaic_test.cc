@@ -63,6 +63,12 @@ TEST(Mosaic, PutsThePairFaceToFaceAcrossTheDiagonal) {
   }
 }
 
+TEST(Mosaic, OfNoPicturesHasNoPixels) {
+  const Mosaic mosaic(0, 4, 8);
+  EXPECT_EQ(mosaic.width(), 0u);
+  EXPECT_EQ(mosaic.pixels(), 0u);
+}
+
 TEST(Mosaic, WastesLittleOnTheUsualTile) {
   const Mosaic mosaic(45, 32, 16);
   EXPECT_LT(static_cast<double>(mosaic.pixels()), 1.2 * 45 * 561);
