@@ -142,7 +142,7 @@ TEST_F(TileCacheTest, ReadersSeeWholeTilesWhileOthersLoadAndRemove) {
   std::atomic<std::uint64_t> found{0};
   const auto load = [&](unsigned seed) {
     std::mt19937 random(seed);
-    for (int k = 0; k < testing::repetitions(2000); ++k) {
+    for (int k = 0; k < testing::repetitions(1000); ++k) {
       const auto pins = cache.load(std::vector{key(random() % tiles())}, k % 2 == 0);
       EXPECT_TRUE(pins);
     }
