@@ -164,9 +164,12 @@ int Environment::try_put(std::span<const Put> puts) {
     auto [tree, unknown] = trees.try_emplace(put.tree, 0);
     if (unknown) code = mdb_dbi_open(transaction, put.tree.c_str(), MDB_CREATE, &tree->second);
     MDB_val key = value_of(put.key);
-    MDB_val value = value_of(put.value);
-    if (code == 0 && !put.key.empty())
-      code = mdb_put(transaction, tree->second, &key, &value, put.append ? MDB_APPEND : 0);
+    MDB_val value{put.bytes, nullptr};
+    const unsigned append = put.append ? MDB_APPEND : 0;
+    if (code == 0 && !put.key.empty()) {
+      code = mdb_put(transaction, tree->second, &key, &value, MDB_RESERVE | append);
+      if (code == 0) put.write({static_cast<std::byte*>(value.mv_data), put.bytes});
+    }
     if (code != 0) {
       mdb_txn_abort(transaction);
       return code;

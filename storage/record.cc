@@ -166,36 +166,38 @@ Tile Record::tile(std::uint32_t position) const {
   return walk.tile();
 }
 
-Bytes encode_record(LayerId layer, std::optional<TileKey> previous, TileKey first,
-                    std::span<const Tile> tiles) {
+Bytes encode_record_head(LayerId layer, std::optional<TileKey> previous, TileKey first,
+                         std::span<const Tile> tiles) {
   assert(!tiles.empty() && tiles.size() <= kMaxTiles);
-  std::size_t expected = kRecordHeader + kMinRecordBytes;
-  for (const Tile& tile : tiles) expected += kMaxCode + 8 + align8(tile.payload.size());
-  Bytes record(kRecordHeader);
-  record.reserve(expected);
+  Bytes head(kRecordHeader);
+  head.reserve(kRecordHeader + (kMaxCode + 8) * tiles.size());
   std::size_t stored = 0;
   for (const Tile& tile : tiles) {
-    append_code(record, code_of(tile));
+    append_code(head, code_of(tile));
     if (tile.state == TileState::stored) ++stored;
   }
-  const std::size_t codes = record.size() - kRecordHeader;
-  record.resize(align8(record.size()));
+  const std::size_t codes = head.size() - kRecordHeader;
+  head.resize(align8(head.size()));
   for (const Tile& tile : tiles)
-    if (tile.state == TileState::stored) append_le<std::uint64_t>(record, tile.checksum);
-  const std::size_t payloads = record.size();
+    if (tile.state == TileState::stored) append_le<std::uint64_t>(head, tile.checksum);
 
-  std::byte* head = record.data();
-  store_le<std::uint32_t>(head + 8, kMagic);
-  store_le<std::uint32_t>(head + 12, layer);
-  store_le<std::uint64_t>(head + 16, first.index);
-  store_le<std::uint64_t>(head + 24, previous ? previous->index : 0);
-  head[32] = static_cast<std::byte>(first.level);
-  head[33] = static_cast<std::byte>(previous ? previous->level : kNoLevel);
-  store_le<std::uint16_t>(head + 34, static_cast<std::uint16_t>(tiles.size()));
-  store_le<std::uint16_t>(head + 36, static_cast<std::uint16_t>(stored));
-  store_le<std::uint16_t>(head + 38, static_cast<std::uint16_t>(codes));
-  store_le<std::uint64_t>(head, checksum(ByteSpan(record).subspan(8, payloads - 8)));
+  std::byte* at = head.data();
+  store_le<std::uint32_t>(at + 8, kMagic);
+  store_le<std::uint32_t>(at + 12, layer);
+  store_le<std::uint64_t>(at + 16, first.index);
+  store_le<std::uint64_t>(at + 24, previous ? previous->index : 0);
+  at[32] = static_cast<std::byte>(first.level);
+  at[33] = static_cast<std::byte>(previous ? previous->level : kNoLevel);
+  store_le<std::uint16_t>(at + 34, static_cast<std::uint16_t>(tiles.size()));
+  store_le<std::uint16_t>(at + 36, static_cast<std::uint16_t>(stored));
+  store_le<std::uint16_t>(at + 38, static_cast<std::uint16_t>(codes));
+  store_le<std::uint64_t>(at, checksum(ByteSpan(head).subspan(8)));
+  return head;
+}
 
+Bytes encode_record(LayerId layer, std::optional<TileKey> previous, TileKey first,
+                    std::span<const Tile> tiles) {
+  Bytes record = encode_record_head(layer, previous, first, tiles);
   for (const Tile& tile : tiles) {
     if (tile.state != TileState::stored) continue;
     record.resize(align8(record.size()));

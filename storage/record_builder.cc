@@ -1,5 +1,6 @@
 #include "storage/internal/record_builder.h"
 
+#include <algorithm>
 #include <cassert>
 #include <iterator>
 #include <utility>
@@ -20,10 +21,26 @@ constexpr std::size_t unused(std::size_t bytes) {
 
 }  // namespace
 
-void RecordBuilder::append(TileKey key, TileState state, ByteSpan payload,
-                           std::vector<CutRecord>& out) {
-  assert(!last() || *last() < key);
-  add({key, state, Bytes(payload.begin(), payload.end()), 0}, out);
+void CutRecord::write(std::span<std::byte> to) const {
+  std::size_t end = 0;
+  const auto put = [&](ByteSpan part) {
+    std::ranges::fill(to.subspan(end, align8(end) - end), std::byte{0});
+    end = align8(end);
+    std::ranges::copy(part, to.subspan(end).begin());
+    end += part.size();
+  };
+  put(head);
+  for (const Payload& payload : payloads) put(payload.bytes());
+  std::ranges::fill(to.subspan(end, bytes - end), std::byte{0});
+}
+
+void RecordBuilder::append(NewTile tile, std::vector<CutRecord>& out) {
+  assert(!last() || *last() < tile.key);
+  add({std::move(tile), 0}, out);
+}
+
+void RecordBuilder::keep_payloads() {
+  for (Held& tile : held_) tile.payload.keep();
 }
 
 void RecordBuilder::finish(std::vector<CutRecord>& out) {
@@ -35,16 +52,16 @@ void RecordBuilder::add(Held tile, std::vector<CutRecord>& out) {
     const TileKey first = held_.front().key;
     if (tile.key.level != first.level || tile.key.index - first.index >= kMaxTiles) {
       cut(held_.size(), out);
-    } else if (held_.back().record_bytes + tile.payload.size() > kLarge) {
+    } else if (held_.back().record_bytes + tile.payload.bytes().size() > kLarge) {
       cut(best_cut(), out);
     } else {
       break;
     }
   }
   const std::uint64_t skipped = held_.empty() ? 0 : tile.key.index - held_.back().key.index - 1;
-  code_bytes_ += skipped + code_bytes(tile.payload.size());
-  stored_ += tile.payload.empty() ? 0 : 1;
-  payload_bytes_ += align8(tile.payload.size());
+  code_bytes_ += skipped + code_bytes(tile.payload.bytes().size());
+  stored_ += tile.payload.bytes().empty() ? 0 : 1;
+  payload_bytes_ += align8(tile.payload.bytes().size());
   tile.record_bytes = align8(kRecordHeader + code_bytes_) + 8 * stored_ + payload_bytes_;
   held_.push_back(std::move(tile));
 
@@ -71,14 +88,22 @@ void RecordBuilder::cut(std::size_t tiles, std::vector<CutRecord>& out) {
   const TileKey first = held_.front().key;
   const TileKey last = held_[tiles - 1].key;
   std::vector<Tile> table(last.index - first.index + 1);
+  CutRecord record{layer_, last, {}, {}, 0};
+  std::size_t payload_bytes = 0;
   for (std::size_t i = 0; i < tiles; ++i) {
-    const Held& held = held_[i];
+    Held& held = held_[i];
     Tile& tile = table[held.key.index - first.index];
     tile.state = held.state;
-    tile.payload = held.payload;
-    if (!held.payload.empty()) tile.checksum = payload_checksum(layer_, held.key, held.payload);
+    tile.payload = held.payload.bytes();
+    if (tile.payload.empty()) continue;
+    tile.checksum =
+        held.checksum ? *held.checksum : payload_checksum(layer_, held.key, tile.payload);
+    payload_bytes = align8(payload_bytes) + tile.payload.size();
+    record.payloads.push_back(std::move(held.payload));
   }
-  out.push_back({layer_, last, encode_record(layer_, previous_, first, table)});
+  record.head = encode_record_head(layer_, previous_, first, table);
+  record.bytes = std::max(record.head.size() + payload_bytes, kMinRecordBytes);
+  out.push_back(std::move(record));
   previous_ = last;
 
   // The remaining tiles begin the next record, as if they were appended now.

@@ -187,18 +187,29 @@ std::vector<Result<TileRef>> TileStore::find_all(LayerId layer,
   for (const std::size_t k : order) sorted.push_back(internal::encode_key(keys[k]));
   internal::prefetch_records(snapshot.pages(), snapshot.tree(layer), sorted);
 
-  std::optional<Record> held;  // of the previous tile; mostly the next tile's too
+  std::optional<Record> held;        // of the previous tile; mostly the next tile's too
+  std::optional<Record::Walk> walk;  // of `held`, at the previous tile or behind it
   for (const std::size_t k : order) {
-    if (!held || keys[k] < held->first() || keys[k] > held->last()) {
-      auto record = snapshot.find(layer, keys[k]);
+    const TileKey key = keys[k];
+    if (!held || key < held->first() || key > held->last()) {
+      auto record = snapshot.find(layer, key);
       held.reset();
       if (!record) {
         tiles[k] = tl::unexpected(std::move(record.error()));
         continue;
       }
       held = std::move(*record);
+      walk.reset();
+      if (held) walk.emplace(*held);
+      if (held) (void)walk->next();
     }
-    tiles[k] = tile_of(held, layer, keys[k]);
+    if (!held) {
+      tiles[k] = TileRef{TileState::missing, layer, key, {}, 0};
+      continue;
+    }
+    const auto position = static_cast<std::uint32_t>(key.index - held->first().index);
+    while (walk->position() < position) (void)walk->next();
+    tiles[k] = tile_ref(*held, position, walk->tile());
   }
   if (auto same = snapshot.unchanged(); !same)
     for (auto& tile : tiles) tile = tl::unexpected(same.error());

@@ -23,6 +23,7 @@ using internal::CutRecord;
 using internal::Environment;
 using internal::LayerInfo;
 using internal::LockedFile;
+using internal::Payload;
 using internal::Put;
 using internal::RecordBuilder;
 using internal::RecordKey;
@@ -52,16 +53,20 @@ Result<void> write(Environment& environment, std::span<const CutRecord> edited,
   std::vector<Put> puts;
   const auto add = [&](const CutRecord& record, bool append) {
     keys.push_back(internal::encode_key(record.last));
-    puts.push_back({layers[record.layer].name, keys.back(), record.value, append});
+    puts.push_back({layers[record.layer].name, keys.back(), record.bytes,
+                    [&record](std::span<std::byte> to) { record.write(to); }, append});
   };
   for (const CutRecord& record : edited) add(record, false);
   for (const CutRecord& record : appended) add(record, true);
-  const std::string manifest(internal::kManifest);
-  for (const auto& [name, sealed] : blobs)
-    puts.push_back({manifest, bytes_of(name), sealed, false});
+  const auto add_blob = [&](std::string_view name, const Bytes& sealed) {
+    puts.push_back({std::string(internal::kManifest), bytes_of(name), sealed.size(),
+                    [&sealed](std::span<std::byte> to) { std::ranges::copy(sealed, to.begin()); },
+                    false});
+  };
+  for (const auto& [name, sealed] : blobs) add_blob(name, sealed);
   const Bytes container = internal::seal_blob(
       internal::kContainer, internal::encode_container(environment.transaction() + 1, layers));
-  puts.push_back({manifest, bytes_of(internal::kContainer), container, false});
+  add_blob(internal::kContainer, container);
   return environment.put(puts);
 }
 
@@ -69,7 +74,7 @@ Result<void> write(Environment& environment, std::span<const CutRecord> edited,
 Result<void> write_new(Environment& environment, const SealedBlobs& blobs,
                        std::span<const LayerInfo> layers) {
   std::vector<Put> trees;
-  for (const LayerInfo& layer : layers) trees.push_back({layer.name, {}, {}, false});
+  for (const LayerInfo& layer : layers) trees.push_back({layer.name, {}, 0, {}, false});
   if (auto made = environment.put(trees); !made) return made;
   return write(environment, {}, {}, blobs, layers);
 }
@@ -113,6 +118,7 @@ struct TileWriter::State {
   std::vector<LayerInfo> layers;  // as committed
   std::vector<RecordBuilder> builders;
   std::vector<CutRecord> records;  // cut, not committed
+  std::uint64_t record_bytes = 0;  // of them
   SealedBlobs blobs;               // set, not committed
   std::map<Place, Edit> edits;     // not committed
   std::uint64_t edited_bytes = 0;  // of the records they make, about
@@ -160,13 +166,16 @@ struct TileWriter::State {
       committed[record.layer].last = record.last;
     }
     std::vector<CutRecord> edited;
-    for (const auto& [at, edit] : edits)
-      edited.push_back({at.first, at.second,
-                        internal::encode_record(at.first, edit.previous, edit.first, edit.tiles)});
+    for (const auto& [at, edit] : edits) {
+      Bytes record = internal::encode_record(at.first, edit.previous, edit.first, edit.tiles);
+      const std::size_t bytes = record.size();
+      edited.push_back({at.first, at.second, std::move(record), {}, bytes});
+    }
     if (auto written = write(*environment, edited, records, blobs, committed); !written)
       return written;
     layers = std::move(committed);
     records.clear();
+    record_bytes = 0;
     blobs.clear();
     edits.clear();
     edited_bytes = 0;
@@ -180,6 +189,7 @@ struct TileWriter::State {
   }
 
   [[nodiscard]] Result<Edit*> edit(LayerId layer, TileKey key);
+  [[nodiscard]] Result<void> append(LayerId layer, internal::NewTile tile);
 };
 
 TileWriter::TileWriter(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -272,30 +282,42 @@ Result<std::optional<TileKey>> TileWriter::last(LayerId layer) const {
 }
 
 std::uint64_t TileWriter::pending_bytes() const {
-  std::uint64_t bytes = state_->edited_bytes;
-  for (const CutRecord& record : state_->records) bytes += record.value.size();
-  return bytes;
+  return state_->record_bytes + state_->edited_bytes;
 }
 
-Result<void> TileWriter::append(LayerId layer, TileKey key, ByteSpan payload) {
-  return append(layer, key, payload.empty() ? TileState::empty : TileState::stored, payload);
+Result<void> TileWriter::append(LayerId layer, TileKey key, Bytes payload) {
+  const TileState state = payload.empty() ? TileState::empty : TileState::stored;
+  return state_->append(layer, {key, state, Payload(std::move(payload)), std::nullopt});
 }
 
 Result<void> TileWriter::append_missing(LayerId layer, TileKey key) {
-  return append(layer, key, TileState::missing, {});
+  return state_->append(layer, {key, TileState::missing, {}, std::nullopt});
 }
 
-Result<void> TileWriter::append(LayerId layer, TileKey key, TileState tile_state,
-                                ByteSpan payload) {
-  if (auto known = state_->check_layer(layer); !known) return known;
-  RecordBuilder& builder = state_->builders[layer];
-  if (builder.last() && key <= *builder.last())
-    return fail(ErrorCode::usage, state_->place(layer, key), ": tiles are appended in key order; ",
-                "the last one was ", int{builder.last()->level}, "/", builder.last()->index);
-  if (key.level == internal::kNoLevel || payload.size() > internal::kMaxPayload)
-    return fail(ErrorCode::usage, state_->place(layer, key), ": levels go up to 254, payloads up ",
-                "to ", internal::kMaxPayload, " bytes; this one has ", payload.size());
-  builder.append(key, tile_state, payload, state_->records);
+Result<void> TileWriter::append_view(const TileRef& tile) {
+  return state_->append(tile.layer, {tile.key, tile.state, Payload(tile.payload), tile.checksum});
+}
+
+void TileWriter::keep_payloads() {
+  for (CutRecord& record : state_->records)
+    for (Payload& payload : record.payloads) payload.keep();
+  for (RecordBuilder& builder : state_->builders) builder.keep_payloads();
+}
+
+Result<void> TileWriter::State::append(LayerId layer, internal::NewTile tile) {
+  if (auto known = check_layer(layer); !known) return known;
+  const TileKey key = tile.key;
+  const std::size_t bytes = tile.payload.bytes().size();
+  const auto last = builders[layer].last();
+  if (last && key <= *last)
+    return fail(ErrorCode::usage, place(layer, key), ": tiles are appended in key order; ",
+                "the last one was ", int{last->level}, "/", last->index);
+  if (key.level == internal::kNoLevel || bytes > internal::kMaxPayload)
+    return fail(ErrorCode::usage, place(layer, key), ": levels go up to 254, payloads up to ",
+                internal::kMaxPayload, " bytes; this one has ", bytes);
+  const std::size_t before = records.size();
+  builders[layer].append(std::move(tile), records);
+  for (std::size_t k = before; k < records.size(); ++k) record_bytes += records[k].bytes;
   return {};
 }
 
@@ -313,6 +335,8 @@ void TileWriter::defer_sync() {
 
 void TileWriter::end_records() {
   for (RecordBuilder& builder : state_->builders) builder.finish(state_->records);
+  state_->record_bytes = 0;
+  for (const CutRecord& record : state_->records) state_->record_bytes += record.bytes;
 }
 
 Result<void> TileWriter::close() {

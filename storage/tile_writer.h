@@ -49,7 +49,15 @@ class TileWriter {
   /// Appends a tile; an empty payload means an empty tile.
   /// usage: the key is not above all earlier keys of the layer, the level is above 254, or the
   /// payload is larger than 1 GiB.
-  [[nodiscard]] Result<void> append(LayerId layer, TileKey key, ByteSpan payload);
+  [[nodiscard]] Result<void> append(LayerId layer, TileKey key, Bytes payload);
+
+  /// Appends a tile of another container, under its own layer and key, without copying its payload.
+  /// The store that it comes from must live, and have checked it, until commit() has written the
+  /// tile or keep_payloads() is called. Errors as append().
+  [[nodiscard]] Result<void> append_view(const TileRef& tile);
+
+  /// Copies the payloads given to append_view() that are not committed.
+  void keep_payloads();
 
   /// Appends a tile that is missing, so that replace() can fill it. Errors as append().
   [[nodiscard]] Result<void> append_missing(LayerId layer, TileKey key);
@@ -88,7 +96,6 @@ class TileWriter {
  private:
   struct State;
   explicit TileWriter(std::unique_ptr<State> state);
-  [[nodiscard]] Result<void> append(LayerId layer, TileKey key, TileState state, ByteSpan payload);
   std::unique_ptr<State> state_;
 };
 

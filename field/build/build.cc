@@ -214,11 +214,12 @@ Result<void> write_missing(const Job& job, std::uint64_t begin, std::uint64_t en
   auto committed_at = Clock::now();
   auto pipeline = job.pipeline(begin, end);
   for (std::uint64_t k = begin; k < end; ++k) {
-    const Result<Encoded> tile = pipeline.take();
+    Result<Encoded> tile = pipeline.take();
     if (!tile) return fail(tile.error().code, path, ": ", tile.error().message);
     for (LayerId layer = 0; layer < tile->payloads.size(); ++layer) {
       if (!job.missing.lacks(k, layer)) continue;
-      if (auto ok = writer.put(layer, job.order.key(job.missing.number(k)), tile->payloads[layer]);
+      if (auto ok = writer.put(layer, job.order.key(job.missing.number(k)),
+                               std::move(tile->payloads[layer]));
           !ok)
         return ok;
     }

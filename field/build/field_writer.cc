@@ -186,12 +186,17 @@ Result<void> FieldWriter::commit_when_due() {
   return commit();
 }
 
-Result<void> FieldWriter::put(LayerId layer, TileKey key, ByteSpan payload) {
+Result<void> FieldWriter::put(LayerId layer, TileKey key, Bytes payload) {
   const bool hole = layer < last_.size() && last_[layer] && key <= *last_[layer];
   const TileState state = payload.empty() ? TileState::empty : TileState::stored;
-  auto done =
-      hole ? writer_->replace(layer, key, state, payload) : writer_->append(layer, key, payload);
+  auto done = hole ? writer_->replace(layer, key, state, payload)
+                   : writer_->append(layer, key, std::move(payload));
   if (!done) return done;
+  return commit_when_due();
+}
+
+Result<void> FieldWriter::put_view(const storage::TileRef& tile) {
+  if (auto done = writer_->append_view(tile); !done) return done;
   return commit_when_due();
 }
 

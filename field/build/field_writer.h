@@ -74,7 +74,14 @@ class FieldWriter {
 
   /// Writes a tile, in key order: behind the tiles of its layer, or into a hole among those that
   /// were there when the writer was opened. An empty payload means an empty tile.
-  [[nodiscard]] Result<void> put(storage::LayerId layer, TileKey key, ByteSpan payload);
+  [[nodiscard]] Result<void> put(storage::LayerId layer, TileKey key, Bytes payload);
+
+  /// Writes a tile of another field behind the tiles of its layer, without copying its payload. The
+  /// store that it comes from must live, and have checked it, until keep_payloads().
+  [[nodiscard]] Result<void> put_view(const storage::TileRef& tile);
+
+  /// Copies the payloads given to put_view() that are not committed.
+  void keep_payloads() { writer_->keep_payloads(); }
 
   /// Leaves a hole for a tile, behind the tiles of its layer, which put() can fill later.
   [[nodiscard]] Result<void> put_missing(storage::LayerId layer, TileKey key);

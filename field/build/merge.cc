@@ -13,16 +13,10 @@ using storage::LayerId;
 using storage::TileRef;
 using storage::TileState;
 
-constexpr std::uint64_t kBatch = 128;        // tiles that a thread copies together
-constexpr std::uint64_t kReleaseEvery = 16;  // batches
+constexpr std::uint64_t kBatch = 128;  // tiles that a thread checks together
 
-/// Consecutive tiles on their way to the writer: [tile][layer].
-struct Copied {
-  std::vector<TileKey> keys;
-  std::vector<Bytes> payloads;
-};
-
-/// Copies the tiles of a plan to a writer.
+/// Copies the tiles of a plan to a writer: threads read and check them in the map, and the writer
+/// copies them from there into the pages that it writes.
 class Merging {
  public:
   Merging(const MergePlan& plan, const std::vector<std::string>& paths, const MergeOptions& options,
@@ -32,10 +26,11 @@ class Merging {
         writer_(writer),
         progress_(progress),
         order_(plan.manifest.shape) {
-    // As for a repack: a third of the budget each for tiles under way, for records waiting for
-    // their commit, and for LMDB's copies of their pages.
+    // A third of the budget each for what is mapped and under way, for records waiting for their
+    // commit, which are mapped, too, and for LMDB's copies of their pages.
     const std::uint64_t share = options.memory / 3;
     writer.set_pending_limit(share);
+    mapped_limit_ = share / 2;
     const std::uint64_t tile_cost = plan.manifest.shape.largest_tile() * 8 + 4096;
     batch_ = std::clamp<std::uint64_t>(share / tile_cost / 4, 1, kBatch);
     const std::uint64_t batches = std::max<std::uint64_t>(1, share / (batch_ * tile_cost));
@@ -62,58 +57,57 @@ class Merging {
       return fail(ErrorCode::failed, path, ": was changed while it was merged; merge again");
     const NumberRange all = segment.tiles;
     const std::uint64_t batches = (all.count() + batch_ - 1) / batch_;
-    OrderedPipeline<Copied> pipeline(batches, threads_, window_, [&] {
+    OrderedPipeline<std::vector<TileRef>> pipeline(batches, threads_, window_, [&] {
       return [&](std::uint64_t k) {
         const std::uint64_t begin = all.begin + k * batch_;
-        return copy(*part, {begin, std::min(begin + batch_, all.end)});
+        return checked(*part, {begin, std::min(begin + batch_, all.end)});
       };
     });
+    std::uint64_t mapped = 0;
     for (std::uint64_t k = 0; k < batches; ++k) {
-      if (k % kReleaseEvery == 0) part->release_all();  // the kernel still has what was read
-      const Result<Copied> tiles = pipeline.take();
+      const Result<std::vector<TileRef>> tiles = pipeline.take();
       if (!tiles) return tl::unexpected(tiles.error());
-      if (auto ok = put(*tiles); !ok) return ok;
-      state_.done += tiles->keys.size();
+      for (const TileRef& tile : *tiles) {
+        if (auto ok = writer_.put_view(tile); !ok) return ok;
+        ++report_.tiles;
+        report_.payload_bytes += tile.payload.size();
+        mapped += tile.payload.size();
+      }
+      if (mapped > mapped_limit_) {
+        part->release_all();  // the kernel still has what was read
+        mapped = 0;
+      }
+      state_.done += tiles->size() / plan_.manifest.layers.size();
       if (progress_ && !progress_(state_))
         return fail(ErrorCode::failed, "merge interrupted; nothing was written");
     }
+    writer_.keep_payloads();  // `part` goes
+    if (part->changed())
+      return fail(ErrorCode::failed, path, ": was truncated while it was merged");
     return {};
   }
 
-  /// Reads the tiles of a range and checks them.
-  [[nodiscard]] Result<Copied> copy(const storage::TileStore& part, NumberRange range) const {
-    Copied copied;
-    for (std::uint64_t n = range.begin; n < range.end; ++n) copied.keys.push_back(order_.key(n));
+  /// The tiles of a range, checked: [tile][layer].
+  [[nodiscard]] Result<std::vector<TileRef>> checked(const storage::TileStore& part,
+                                                     NumberRange range) const {
+    std::vector<TileKey> keys;
+    for (std::uint64_t n = range.begin; n < range.end; ++n) keys.push_back(order_.key(n));
     const std::size_t layers = plan_.manifest.layers.size();
-    copied.payloads.resize(copied.keys.size() * layers);
+    std::vector<TileRef> tiles(keys.size() * layers);
     for (LayerId layer = 0; layer < layers; ++layer) {
-      std::vector<TileRef> tiles;
-      for (const auto& tile : part.find_all(layer, copied.keys)) {
-        if (!tile) return tl::unexpected(tile.error());
-        if (tile->state == TileState::missing)
-          return fail(ErrorCode::failed, part.path(), ": tile ", int{tile->key.level}, "/",
-                      tile->key.index, " is missing");
-        tiles.push_back(*tile);
-      }
-      part.advise(tiles);
-      for (std::size_t k = 0; k < tiles.size(); ++k) {
-        if (auto ok = part.check(tiles[k]); !ok) return tl::unexpected(ok.error());
-        copied.payloads[k * layers + layer].assign(tiles[k].payload.begin(),
-                                                   tiles[k].payload.end());
+      const auto found = part.find_all(layer, keys);
+      for (std::size_t k = 0; k < found.size(); ++k) {
+        if (!found[k]) return tl::unexpected(found[k].error());
+        if (found[k]->state == TileState::missing)
+          return fail(ErrorCode::failed, part.path(), ": tile ", int{keys[k].level}, "/",
+                      keys[k].index, " is missing");
+        tiles[k * layers + layer] = *found[k];
       }
     }
-    return copied;
-  }
-
-  Result<void> put(const Copied& copied) {
-    auto payload = copied.payloads.begin();
-    for (const TileKey key : copied.keys)
-      for (LayerId layer = 0; layer < plan_.manifest.layers.size(); ++layer, ++payload) {
-        if (auto ok = writer_.put(layer, key, *payload); !ok) return ok;
-        ++report_.tiles;
-        report_.payload_bytes += payload->size();
-      }
-    return {};
+    part.advise(tiles);
+    for (const TileRef& tile : tiles)
+      if (auto ok = part.check(tile); !ok) return tl::unexpected(ok.error());
+    return tiles;
   }
 
   const MergePlan& plan_;
@@ -123,6 +117,7 @@ class Merging {
   TileOrder order_;
   MergeReport report_;
   Progress state_;
+  std::uint64_t mapped_limit_ = 0;
   std::uint64_t batch_ = 1;
   std::size_t window_ = 1;
   unsigned threads_ = 1;

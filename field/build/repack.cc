@@ -138,9 +138,9 @@ class Repacking {
         field_.store().release_all();  // what was read; the kernel still has it
         advise(field_, outputs_, order_, n + window_ + kAdvised, n + window_ + 2 * kAdvised);
       }
-      const Result<Recoded> tile = pipeline.take();
+      Result<Recoded> tile = pipeline.take();
       if (!tile) return tl::unexpected(tile.error());
-      if (auto ok = put(order_.key(n), *tile); !ok) return ok;
+      if (auto ok = put(order_.key(n), std::move(*tile)); !ok) return ok;
       ++state_.done;
       if (progress_ && !progress_(state_))
         return fail(ErrorCode::failed, field_.path(), ": repack interrupted; nothing was written");
@@ -148,7 +148,7 @@ class Repacking {
     return {};
   }
 
-  Result<void> put(TileKey key, const Recoded& tile) {
+  Result<void> put(TileKey key, Recoded tile) {
     for (std::size_t k = 0; k < tile.payloads.size(); ++k) {
       if (tile.states[k] == TileState::missing) {
         ++report_.missing;
@@ -156,10 +156,11 @@ class Repacking {
           if (auto ok = writer_.put_missing(static_cast<LayerId>(k), key); !ok) return ok;
         continue;
       }
-      if (auto ok = writer_.put(static_cast<LayerId>(k), key, tile.payloads[k]); !ok) return ok;
       ++report_.tiles;
       ++(outputs_[k].copy ? report_.copied : report_.recoded);
       report_.payload_bytes += tile.payloads[k].size();
+      if (auto ok = writer_.put(static_cast<LayerId>(k), key, std::move(tile.payloads[k])); !ok)
+        return ok;
     }
     return {};
   }

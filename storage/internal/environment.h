@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -18,8 +19,10 @@ namespace slf::storage::internal {
 /// A key and a value to write to a named tree. Views the caller's bytes.
 struct Put {
   std::string tree;
-  ByteSpan key;
-  ByteSpan value;
+  ByteSpan key;           ///< empty: only creates the tree
+  std::size_t bytes = 0;  ///< of the value
+  /// Writes the value into its place in the transaction, which has `bytes` bytes.
+  std::function<void(std::span<std::byte>)> write;
   bool append = false;  ///< fail unless the key is above all others of the tree
 };
 

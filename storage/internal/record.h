@@ -105,6 +105,11 @@ class Record {
 [[nodiscard]] Bytes encode_record(LayerId layer, std::optional<TileKey> previous, TileKey first,
                                   std::span<const Tile> tiles);
 
+/// The same up to the first payload: header, codes and checksums. The payloads follow, each at a
+/// multiple of 8 bytes, and zeros up to kMinRecordBytes.
+[[nodiscard]] Bytes encode_record_head(LayerId layer, std::optional<TileKey> previous,
+                                       TileKey first, std::span<const Tile> tiles);
+
 /// Rounds up to the alignment of checksums and payloads.
 [[nodiscard]] constexpr std::size_t align8(std::size_t offset) { return (offset + 7) / 8 * 8; }
 

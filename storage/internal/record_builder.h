@@ -9,6 +9,8 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
+#include <utility>
 #include <vector>
 
 #include "base/bytes.h"
@@ -17,11 +19,45 @@
 
 namespace slf::storage::internal {
 
+/// The bytes of a payload: its own, or a view of the caller's.
+class Payload {
+ public:
+  Payload() = default;
+  explicit Payload(Bytes own) : own_(std::move(own)), bytes_(own_) {}
+  explicit Payload(ByteSpan view) : bytes_(view) {}
+  Payload(Payload&&) = default;
+  Payload& operator=(Payload&&) = default;
+
+  [[nodiscard]] ByteSpan bytes() const { return bytes_; }
+  /// Copies bytes that are not its own.
+  void keep() {
+    if (own_.empty()) own_.assign(bytes_.begin(), bytes_.end());
+    bytes_ = own_;
+  }
+
+ private:
+  Bytes own_;
+  ByteSpan bytes_;
+};
+
 /// A complete record, ready to be written.
 struct CutRecord {
   LayerId layer = 0;
   TileKey last;
-  Bytes value;
+  Bytes head;  ///< what comes before the payloads
+  std::vector<Payload> payloads;
+  std::size_t bytes = 0;  ///< of the record
+
+  /// REQUIRES: room for `bytes`.
+  void write(std::span<std::byte> to) const;
+};
+
+/// A tile to append.
+struct NewTile {
+  TileKey key;
+  TileState state = TileState::empty;
+  Payload payload;
+  std::optional<std::uint64_t> checksum;  ///< of the payload, if known
 };
 
 /// Thread-safety: none.
@@ -33,7 +69,10 @@ class RecordBuilder {
 
   /// Adds a tile. Appends the records that this completes to `out`. REQUIRES: the key is above
   /// last(); the payload has at most kMaxPayload bytes, and none unless the tile is stored.
-  void append(TileKey key, TileState state, ByteSpan payload, std::vector<CutRecord>& out);
+  void append(NewTile tile, std::vector<CutRecord>& out);
+
+  /// Copies the payloads of tiles in the record that is being filled, if they are views.
+  void keep_payloads();
 
   /// Completes the last record.
   void finish(std::vector<CutRecord>& out);
@@ -44,10 +83,7 @@ class RecordBuilder {
   }
 
  private:
-  struct Held {
-    TileKey key;
-    TileState state = TileState::empty;
-    Bytes payload;
+  struct Held : NewTile {
     std::size_t record_bytes = 0;  ///< of a record that ends with this tile
   };
 

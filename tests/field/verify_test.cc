@@ -209,7 +209,7 @@ TEST_F(Verify, K1ATileThatShouldNotBe) {
     auto writer = TileWriter::resume(path_);
     ASSERT_TRUE(writer);
     for (const storage::LayerId layer : {0u, 1u})
-      ASSERT_TRUE(writer->append(layer, {2, 99}, as_bytes(std::span("tile"))));
+      ASSERT_TRUE(writer->append(layer, {2, 99}, Bytes(5)));
     ASSERT_TRUE(writer->close());
   }
   const auto report = verify(path_);

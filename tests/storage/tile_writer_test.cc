@@ -1,6 +1,9 @@
 // What a writer promises: commits, resuming, replacing, exclusion, and what it refuses.
 #include <gmock/gmock.h>
 
+#include <fstream>
+#include <iterator>
+
 #include "tests/storage/storage_testing.h"
 
 namespace slf::storage::testing {
@@ -36,6 +39,45 @@ TEST(TileWriter, RefusesWhatItShould) {
   EXPECT_EQ(TileWriter::create(folder.file("no/b"), kTwoLayers, {}).error().code, ErrorCode::io);
   EXPECT_EQ(TileWriter::resume(folder.file("c")).error().code, ErrorCode::io);
   EXPECT_FALSE(std::filesystem::exists(folder.file("b.new")));
+}
+
+std::string bytes_of_file(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+TEST(TileWriter, TilesOfAnotherContainerAreWrittenAsIfTheyWereAppended) {
+  TemporaryFolder folder;
+  const std::string from = folder.file("from.slf");
+  const auto size = [](std::uint64_t i) { return i % 5 == 0 ? 0 : i * 7919 % 3000; };
+  {
+    TileWriter writer = create(from, {"color"});
+    for (std::uint64_t i = 0; i < 500; ++i)
+      ASSERT_TRUE(ok(writer.append(0, {0, i}, tile_bytes(0, {0, i}, size(i)))));
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  TileWriter writer = create(folder.file("to.slf"), {"color"});
+  {
+    const auto store = TileStore::open(from);
+    ASSERT_TRUE(store);
+    for (std::uint64_t i = 0; i < 500; ++i) {
+      const auto tile = store->find(0, {0, i});
+      ASSERT_TRUE(tile);
+      ASSERT_TRUE(ok(store->check(*tile)));
+      ASSERT_TRUE(ok(writer.append_view(*tile)));
+    }
+    EXPECT_EQ(writer.append_view({TileState::empty, 0, {0, 4}, {}, 0}).error().code,
+              ErrorCode::usage);
+    writer.keep_payloads();
+  }
+  std::filesystem::resize_file(from, 0);  // nothing is read from it any more
+  ASSERT_TRUE(ok(writer.close()));
+
+  TileWriter again = create(folder.file("again.slf"), {"color"});
+  for (std::uint64_t i = 0; i < 500; ++i)
+    ASSERT_TRUE(ok(again.append(0, {0, i}, tile_bytes(0, {0, i}, size(i)))));
+  ASSERT_TRUE(ok(again.close()));
+  EXPECT_EQ(bytes_of_file(folder.file("to.slf")), bytes_of_file(folder.file("again.slf")));
 }
 
 TEST(TileWriter, ASecondWriterIsRefusedAtOnce) {
