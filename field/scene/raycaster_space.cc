@@ -54,6 +54,7 @@ class Visibility {
     const auto value = static_cast<float>(voxel);
     if (table.logarithmic)
       return (std::int64_t{ordered_bits(value)} - table.low_key) >> table.shift;
+    // Truncated, as the kernel does. NOLINTNEXTLINE(bugprone-incorrect-roundings)
     return static_cast<std::int64_t>((value - table.low) * table.scale + 0.5f);
   }
 
