@@ -14,6 +14,7 @@ import {EmbeddedSource, HttpSource} from './source.js';
 const kTileBytes = 192 << 20;  // of textures
 const kFast = 22, kSlow = 45;  // milliseconds a frame
 const kAhead = 0.4;            // seconds that loading looks ahead of a moving camera
+const kLevel0 = 2 << 20;       // bytes: a level 0 so small is loaded whole
 
 // A page in one file has all this inside and says so (view/site.cc).
 const inside = globalThis.slfInside;
@@ -35,11 +36,12 @@ let field, renderer, loader;
 let version = 0;       // counts changes of the view
 let dirty = true;      // the picture is not what the canvas shows
 let movedAt = -1e9, scale = 1, lost = false, failed = false, ceiling = 99;
+let begun = false, first;  // first: what the first picture took
 
 // What tests and scripts may ask and do.
 const page = globalThis.slf = {
   state: 'opening',  // then 'loading', 'settled', or 'failed'
-  statistics: () => ({bytes: source.bytes, requests: source.requests, tiles: loader?.tiles ?? 0,
+  statistics: () => ({...traffic(), first, tiles: loader?.tiles ?? 0,
                       slots: renderer?.slots ?? 0, tileBytes: renderer?.tileBytes ?? 0,
                       damaged: loader?.damaged ?? 0}),
   camera,
@@ -49,6 +51,11 @@ const page = globalThis.slf = {
   read: (pages) => loader.reader.read(pages),
 };
 
+// What came from the host since the page began, and the milliseconds since then.
+function traffic() {
+  const {bytes, requests, roundTrips} = source;
+  return {bytes, requests, roundTrips, milliseconds: performance.now()};
+}
 function say(text, wrong = false) {
   byId('status').textContent = text;
   byId('status').classList.toggle('wrong', wrong);
@@ -139,6 +146,7 @@ function frame(now) {
                                                                          : scale;
   dirty = false;
   renderer.draw(currentView(), scale);
+  if (begun) first ??= traffic();
   drawMarks();
   ++shown;
   if (now - rateFrom > 500) {
@@ -174,49 +182,56 @@ function drawMarks() {
 // ---- following ----------------------------------------------------------------------------------
 
 async function follow() {
-  let seen = -1, quiet = 0, needed = new Set();
-  let start = 0;  // the first view begins with each of the coarser levels
+  let seen = -1, needed = new Set(), thorough = false;
+  const level0 = await begin();
   while (!failed) {
     if (lost) {
       await sleep(50);
       continue;
     }
-    const view = currentView(), asked = version;
+    const view = currentView(), asked = version, moving = performance.now() - movedAt < 200;
     if (asked !== seen) {
       seen = asked;
-      quiet = 0;
       needed = new Set();
+      thorough = false;
     }
-    const starting = start < view.level;
-    const pages = await renderer.ask(starting ? {...view, level: start} : view);
+    // A few rays find nearly all tiles. Once these are there, all rays find the last ones.
+    const pages = await (thorough ? renderer.askAll(view) : renderer.ask(view));
     if (failed || lost) continue;
     for (const at of pages) needed.add(at);
-    const absent = loader.want(needed);
+    const absent = loader.want([...needed, ...(moving ? [] : level0)], !moving);
     if (loader.full) {  // not all tiles of this level fit: draw a coarser one
       loader.full = false;
       ceiling = Math.max(0, view.level - 1);
       seen = -1;
-      continue;
-    }
-    if (starting) {
-      if (start > 0 || absent === 0) ++start;  // level 0 is soon there
-      else await sleep(15);
-      continue;
-    }
-    quiet = absent === 0 && version === asked ? quiet + 1 : 0;
-    const passes = renderer.passes();
-    const moving = performance.now() - movedAt < 200;
-    if (moving && absent === 0) await lookAhead(view, needed);
-    if (quiet >= passes && !moving) {
+    } else if (moving) {
+      page.state = 'loading';
+      if (absent === 0) await lookAhead(view, needed);
+      await sleep(absent > 0 ? 15 : 0);
+    } else if (absent > 0 || version !== asked || !thorough) {
+      page.state = 'loading';
+      thorough = true;
+      await arrived(asked);
+    } else {
       page.state = 'settled';
-      restOfLevel0();
       keepLink();
       while (version === asked && !lost && !failed) await sleep(20);
-    } else {
-      page.state = 'loading';
-      await sleep(absent > 0 ? 15 : 0);
     }
   }
+}
+
+// Level 0 first, without its corrected rays: something is seen at once.
+async function begin() {
+  loader.want(await renderer.ask({...currentView(), level: 0, mode: 'bitri'}), true);
+  for (let level = 1; level <= currentView().level; ++level) field.prepare(level).catch(fail);
+  await arrived(version);
+  begun = dirty = true;
+  return allOfLevel0();
+}
+
+// Waits until what is on its way has come, or the view is another.
+async function arrived(asked) {
+  while (loader.busy && version === asked && !lost && !failed) await sleep(5);
 }
 
 // Loads what the view will need soon.
@@ -228,10 +243,13 @@ async function lookAhead(view, needed) {
   if (!failed && !lost) loader.want([...needed, ...pages]);
 }
 
-function restOfLevel0() {
+// All of level 0, where it is small: a camera that turns always has something to draw, and much is
+// predicted from it.
+async function allOfLevel0() {
   const count = field.shape.pageBase[1] || field.shape.pages;
-  if (count <= renderer.slots / 2)
-    loader.want([...Array(count).keys()]);
+  if (count > renderer.slots / 2) return [];
+  const pages = [...Array(count).keys()];
+  return await field.payloadBytes(pages) <= kLevel0 ? pages : [];
 }
 
 // ---- the panel ----------------------------------------------------------------------------------
@@ -346,6 +364,7 @@ function fillPanel() {
 
 async function start() {
   readFragment();
+  source.open().catch(() => {});  // beside the module; opening the field reports it
   field = new Field(source, await loadWasm());
   await field.open();
   resize();
