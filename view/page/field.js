@@ -52,6 +52,9 @@ export class Field {
     this.together = layers[this.color].format === 'rgba8_depth8';  // colours and depths in one layer
     this.layers = [this.color, this.together ? -1 : this.depth].filter((layer) => layer >= 0);
     this.predicts = layers[this.color].codec.startsWith('predictive');
+    // Linear radiance, not colours: pictures need tone mapping.
+    const light = this.manifest.provenance?.lighting;
+    this.radiance = light?.linear === true && light.mode !== 'direct';
     this.tables = layers.map(() => null);
     for (const layer of this.layers) {
       await this.complete((c) => c.slf_tables(layer));

@@ -31,7 +31,7 @@ const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 const human = (n) => n < 1 << 20 ? `${(n / 1024).toFixed(0)} KiB` : `${(n / (1 << 20)).toFixed(1)} MiB`;
 
 const camera = new Camera();
-const settings = {mode: 'depth', level: 'auto', background: '#000000'};
+const settings = {mode: 'depth', level: 'auto', background: '#000000', curve: 'neutral', exposure: 0};
 let field, renderer, loader;
 let version = 0;       // counts changes of the view
 let dirty = true;      // the picture is not what the canvas shows
@@ -82,7 +82,8 @@ function matchingLevel() {
 function currentView() {
   const chosen = settings.level === 'auto' ? matchingLevel() : Number(settings.level);
   const background = [1, 3, 5].map((i) => parseInt(settings.background.slice(i, i + 2), 16) / 255);
-  return {camera, mode: settings.mode, background,
+  return {camera, mode: settings.mode, background, exposure: Number(settings.exposure),
+          curve: field.radiance ? settings.curve : 'none',
           level: Math.min(chosen, ceiling, field.shape.levels)};
 }
 
@@ -104,7 +105,8 @@ function keepLink() {
 }
 function fragment() {
   return `#view=${camera.toText()}&mode=${settings.mode}&level=${settings.level}` +
-         `&background=${settings.background.slice(1)}`;
+         `&background=${settings.background.slice(1)}` +
+         (field.radiance ? `&curve=${settings.curve}&exposure=${settings.exposure}` : '');
 }
 function readFragment() {
   const given = new URLSearchParams(location.hash.slice(1));
@@ -113,6 +115,9 @@ function readFragment() {
   if (/^(auto|\d{1,2})$/.test(given.get('level') ?? '')) settings.level = given.get('level');
   if (/^[0-9a-f]{6}$/i.test(given.get('background') ?? ''))
     settings.background = '#' + given.get('background').toLowerCase();
+  if (['neutral', 'srgb', 'none'].includes(given.get('curve'))) settings.curve = given.get('curve');
+  const exposure = parseFloat(given.get('exposure'));
+  if (Math.abs(exposure) <= 6) settings.exposure = exposure;
 }
 
 function resize() {
@@ -313,7 +318,7 @@ function actions() {
     changed();
     keepLink();
   });
-  ['mode', 'level', 'background'].forEach((name) => choose(name, name));
+  kChoices.forEach((name) => choose(name, name));
   byId('fold').onclick = fold;
   byId('spin').onchange = spin;
   byId('marks').onchange = () => { dirty = true; };
@@ -341,6 +346,11 @@ function actions() {
   if (matchMedia('(max-width: 520px)').matches) fold();
 }
 
+const kChoices = ['mode', 'level', 'background', 'curve', 'exposure'];
+function showChoices() {
+  for (const name of kChoices) byId(name).value = settings[name];
+}
+
 function fillPanel() {
   const {manifest: m, shape} = field, p = m.provenance ?? {};
   const name = String(p.source ?? p.name ?? 'Sphere light field').split('/').pop();
@@ -352,9 +362,8 @@ function fillPanel() {
     byId('mode').querySelector('[value=depth]').remove();
   }
   if (Number(settings.level) > shape.levels) settings.level = 'auto';
-  byId('mode').value = settings.mode;
-  byId('level').value = settings.level;
-  byId('background').value = settings.background;
+  showChoices();
+  byId('tones').hidden = !field.radiance;
   byId('marks').checked = p.kind === 'volume';
   if (shape.levels < m.levels)
     say(`Levels above ${shape.levels} of this field are too fine for the page.`);
@@ -389,9 +398,7 @@ async function start() {
   new ResizeObserver(resize).observe(canvas);
   addEventListener('hashchange', () => {
     readFragment();
-    byId('mode').value = settings.mode;
-    byId('level').value = settings.level;
-    byId('background').value = settings.background;
+    showChoices();
     changed();
   });
   actions();

@@ -1,7 +1,7 @@
 // The GPU's side: textures of decoded tiles, the page table, drawing, and the passes that find out
 // which tiles a view needs. Everything in here can be made again after a lost context.
 
-import {kDraw, kFeedback, kTableBits, kVertex} from './shader.js';
+import {kCurves, kDraw, kFeedback, kTableBits, kVertex} from './shader.js';
 
 const kTableWidth = 1 << kTableBits;
 const kFeedbackSize = 512;  // most rays across a pass that asks for tiles
@@ -174,6 +174,8 @@ export class Renderer {
     this.use(this.draws, view, width, height);
     gl.uniform3fv(this.draws.at('uBackground'), view.background);
     gl.uniform2f(this.draws.at('uScale'), width / w, height / h);
+    gl.uniform1i(this.draws.at('uCurve'), kCurves.indexOf(view.curve));
+    gl.uniform1f(this.draws.at('uGain'), 2 ** view.exposure);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     if (whole) return;
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.low.framebuffer);

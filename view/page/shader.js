@@ -212,10 +212,34 @@ bool meet(vec2 at, out vec3 P, out vec3 Q) {
 }
 `;
 
+export const kCurves = ['none', 'neutral', 'srgb'];
+
 export const kDraw = kCommon + `
 uniform vec3 uBackground;
 uniform vec2 uScale;  // of the drawn part to the picture
+uniform int uCurve;   // of kCurves
+uniform float uGain;
 out vec4 result;
+
+// Tone mapping of premultiplied linear radiance, as slf/tone.h has it.
+vec4 mapped(vec4 radiance) {
+  if (uCurve == 0 || !(radiance.a > 0.0)) return radiance;
+  vec3 color = max(radiance.rgb * (uGain / radiance.a), 0.0);
+  if (uCurve == 1) {
+    const float kStart = 0.8 - 0.04, kDesaturation = 0.15, kRoom = 1.0 - kStart;
+    float least = min(color.r, min(color.g, color.b));
+    color -= least < 0.08 ? least - 6.25 * least * least : 0.04;
+    float peak = max(color.r, max(color.g, color.b));
+    if (peak >= kStart) {
+      float compressed = 1.0 - kRoom * kRoom / (peak + kRoom - kStart);
+      float white = 1.0 - 1.0 / (kDesaturation * (peak - compressed) + 1.0);
+      color = mix(color * (compressed / peak), vec3(compressed), white);
+    }
+  }
+  color = min(color, 1.0);
+  vec3 low = 12.92 * color, high = 1.055 * pow(color, vec3(1.0 / 2.4)) - 0.055;
+  return vec4(radiance.a * mix(high, low, vec3(lessThanEqual(color, vec3(0.0031308)))), radiance.a);
+}
 
 void main() {
   columns = (uExitSide + 1) * (uExitSide + 2) / 2;
@@ -230,6 +254,7 @@ void main() {
       pixel = vec4(0);
     }
   }
+  pixel = mapped(pixel);
   result = vec4(pixel.rgb + (1.0 - pixel.a) * uBackground, 1);
 }`;
 
