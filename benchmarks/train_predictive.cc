@@ -41,7 +41,7 @@ Bytes samples_of(const FieldFile& field, TileKey key) {
 
 void count(const FieldFile& field, int quality, std::array<codec::BitCounts, 2>& counts) {
   const FieldShape& shape = field.shape();
-  const codec::PredictiveCodec codec(quality, codec::predictive_tables(quality, shape.levels));
+  const codec::PredictiveCodec codec({quality}, codec::predictive_tables({quality}, shape.levels));
   const PredictedTiles tiles(
       shape, codec, [&](unsigned level) -> const LevelGeometry& { return field.geometry(level); });
   std::map<TileKey, TileSamples> decoded;

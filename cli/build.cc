@@ -25,9 +25,7 @@ Result<void> run_build(const Arguments& arguments) {
   if (!shard) return tl::unexpected(shard.error());
   options.shard = *shard;
   const std::string output = name_of_part(arguments.output, *shard);
-  const bool predictive = codec::is_predictive(options.color_codec);
-  if (options.half && (predictive || options.color_codec.starts_with("jpeg")))
-    options.color_codec = "zstd";
+  if (options.half && options.color_codec.starts_with("jpeg")) options.color_codec = "zstd";
   options.depth_codec = arguments.depth_codec;
   if (options.depth_codec.empty() && !codec::is_predictive(options.color_codec))
     options.depth_codec = "jpeg:75";
@@ -110,8 +108,8 @@ void add_build(CLI::App& app, Run& run) {
   command->add_option("--entry-depth", shape.entry_extra_levels)->group("")->excludes(extra);
   command
       ->add_option("--codec,--color-codec", a->build.color_codec,
-                   "predictive:QUALITY, which codes depth together with colour; or, of colour\n"
-                   "alone, jpeg:QUALITY[:444], zstd[:LEVEL] or raw")
+                   "predictive:QUALITY or predictive:lossless, which code depth together with\n"
+                   "colour; or, of colour alone, jpeg:QUALITY[:444], zstd[:LEVEL] or raw")
       ->type_name(kCodec)
       ->group(group)
       ->capture_default_str();
@@ -122,7 +120,7 @@ void add_build(CLI::App& app, Run& run) {
       ->type_name(kCodec)
       ->group(group);
   choose(command->add_option("--color-type", a->build.half,
-                             "u8, or half: HDR colour, stored with zstd"),
+                             "u8, or half: HDR colour, which JPEG cannot store"),
          Choices<bool>{{"u8", false}, {"half", true}})
       ->type_name("TEXT")
       ->group(group)

@@ -44,7 +44,7 @@ Result<void> run_repack(const RepackArguments& a) {
   options.half = a.half;
   options.subfields = a.subfields.numbers;
   options.replace = a.force;
-  const auto field = open_field(a.input);
+  const auto field = Field::open(a.input);
   if (!field) return tl::unexpected(field.error());
   if (a.dry_run) return estimate(a, *field, options);
   if (a.output.empty()) return fail(ErrorCode::usage, "--output is required, or --dry-run");
@@ -95,13 +95,7 @@ void print_report(const std::string& path, const VerifyReport& report) {
 }
 
 Result<void> run_verify(const VerifyArguments& a) {
-  const auto bar = progress_bar("verify", "tiles");
-  const auto report = [&]() -> Result<VerifyReport> {
-    if (!is_address(a.field)) return verify_field(a.field, a.verify, bar);
-    const auto field = open_field(a.field);
-    if (!field) return tl::unexpected(field.error());
-    return verify_field(*field, a.verify, bar);
-  }();
+  const auto report = verify_field(a.field, a.verify, progress_bar("verify", "tiles"));
   if (!report) return tl::unexpected(report.error());
   if (a.json)
     print_json(report_json(*report));
@@ -137,8 +131,9 @@ void add_repack(CLI::App& app, Run& run) {
   command->add_flag("-f,--force", a->force, "Replace the output, once the new field is complete");
   command
       ->add_option("--codec,--color-codec", a->repack.color_codec,
-                   "predictive:QUALITY, which codes depth together with colour; or, of colour\n"
-                   "alone, jpeg:QUALITY[:444], zstd[:LEVEL] or raw; default: as it is")
+                   "predictive:QUALITY or predictive:lossless, which code depth together with\n"
+                   "colour; or, of colour alone, jpeg:QUALITY[:444], zstd[:LEVEL] or raw;\n"
+                   "default: as it is")
       ->type_name(kCodec);
   command->add_option("--depth-codec", a->repack.depth_codec, "The same for depth alone")
       ->type_name(kCodec);

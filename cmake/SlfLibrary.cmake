@@ -10,6 +10,10 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # GCC 12 sees overlaps in std::string that are not there (GCC bug 105651).
   target_compile_options(slf_options INTERFACE -Wno-restrict)
 endif()
+if(CMAKE_SYSTEM_PROCESSOR STREQUAL "aarch64")
+  # Highway's NEON vectors take them for granted.
+  target_compile_options(slf_options INTERFACE -march=armv8-a+crypto)
+endif()
 if(SLF_SANITIZE)
   target_compile_options(slf_options INTERFACE -fsanitize=${SLF_SANITIZE}
     -fno-omit-frame-pointer -fno-sanitize-recover=undefined)

@@ -39,7 +39,8 @@ std::optional<int> parse_int(std::string_view text, int low, int high) {
 tl::unexpected<Error> bad_spec(std::string_view spec) {
   return fail(ErrorCode::usage, "codec \"", spec,
               "\": expected raw, zstd[:LEVEL] with a level of 1 to 22, or "
-              "jpeg[:QUALITY[:420|:444]] or predictive[:QUALITY] with a quality of 1 to 100");
+              "jpeg[:QUALITY[:420|:444]] or predictive[:QUALITY] with a quality of 1 to 100, or "
+              "predictive:lossless");
 }
 
 Result<std::unique_ptr<Codec>> make_zstd(std::string_view spec, SampleFormat format,
@@ -84,21 +85,22 @@ Result<std::unique_ptr<Codec>> make_jpeg(std::string_view spec, SampleFormat for
   return make_jpeg_codec(format, *options, *shared);
 }
 
-Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec,
+Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec, SampleFormat format,
                                                const std::vector<std::string_view>& parts,
                                                ByteSpan tables) {
-  int quality = default_predictive_quality;
+  PredictiveSettings settings{default_predictive_quality, format};
   if (parts.size() > 2) return bad_spec(spec);
   if (parts.size() == 2) {
-    const std::optional<int> given = parse_int(parts[1], 1, 100);
+    const std::optional<int> given =
+        parts[1] == "lossless" ? kLosslessQuality : parse_int(parts[1], 1, 100);
     if (!given) return bad_spec(spec);
-    quality = *given;
+    settings.quality = *given;
   }
   if (tables.empty())
-    return std::make_unique<PredictiveCodec>(quality, predictive_tables(quality, 0));
+    return std::make_unique<PredictiveCodec>(settings, predictive_tables(settings, 0));
   auto shared = parse_predictive_tables(tables);
   if (!shared) return tl::unexpected(shared.error());
-  return std::make_unique<PredictiveCodec>(quality, std::move(*shared));
+  return std::make_unique<PredictiveCodec>(settings, std::move(*shared));
 }
 
 }  // namespace
@@ -109,11 +111,11 @@ Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat fo
                                           ByteSpan tables) {
   const std::vector<std::string_view> parts = split(spec, ':');
   const bool predictive = is_predictive(spec);
-  if (predictive != (format == SampleFormat::rgba8_depth8))
+  if (predictive != has_both(format))
     return fail(ErrorCode::unsupported, "codec \"", spec,
-                predictive ? "\": holds colour of 8 bits together with depth, nothing else"
+                predictive ? "\": holds colour together with depth, nothing else"
                            : "\": cannot hold colour together with depth");
-  if (predictive) return make_predictive(spec, parts, tables);
+  if (predictive) return make_predictive(spec, format, parts, tables);
   if (parts[0] == "jpeg") return make_jpeg(spec, format, parts, tables);
   if (!tables.empty())
     return fail(ErrorCode::bad_file, "codec \"", spec, "\": has no shared tables, but ",
@@ -129,8 +131,8 @@ Result<std::unique_ptr<Codec>> train_codec(std::string_view spec, SampleFormat f
   if (is_predictive(spec)) {
     const auto plain = make_codec(spec, format);
     if (!plain) return tl::unexpected(plain.error());
-    const int quality = (*plain)->predictive()->quality();
-    return std::make_unique<PredictiveCodec>(quality, predictive_tables(quality, finest));
+    const PredictiveSettings& settings = (*plain)->predictive()->settings();
+    return std::make_unique<PredictiveCodec>(settings, predictive_tables(settings, finest));
   }
   if (parts[0] != "jpeg") return make_codec(spec, format);
   const Result<JpegOptions> options = jpeg_options(spec, format, parts);

@@ -91,7 +91,7 @@ class Codec {
 [[nodiscard]] bool is_predictive(std::string_view spec);
 
 /// Makes a codec from its specification: "raw", "zstd", "zstd:LEVEL", "jpeg:QUALITY",
-/// "jpeg:QUALITY:444", "predictive:QUALITY".
+/// "jpeg:QUALITY:444", "predictive:QUALITY", "predictive:lossless".
 /// `tables` are those of Codec::tables() of an equal codec, untrusted. Empty selects the defaults.
 /// usage: an unknown name, or a parameter out of range; the message lists what is valid.
 /// bad_file: `tables` are damaged, or not empty although the codec has none.

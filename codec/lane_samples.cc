@@ -134,7 +134,8 @@ void load(const Tile& tile, const std::byte* samples, LaneValues* alpha, LaneVal
       case SampleFormat::rgba16f:
         load_rgba16f(group);
         break;
-      case SampleFormat::rgba8_depth8:  // no lossless codec holds it
+      case SampleFormat::rgba8_depth8:  // only the predictive codec holds these
+      case SampleFormat::rgba16f_depth8:
         break;
     }
   }
@@ -155,6 +156,7 @@ void store(const Tile& tile, bool clear, const LaneValues* alpha, const LaneValu
         store_rgba16f(group, clear);
         break;
       case SampleFormat::rgba8_depth8:
+      case SampleFormat::rgba16f_depth8:
         break;
     }
   }

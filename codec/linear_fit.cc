@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "codec/linear_system.h"
+
 namespace slf::codec {
 namespace {
 
@@ -17,20 +19,6 @@ std::array<std::size_t, own_taps> neighbours(std::uint32_t side, std::uint32_t p
   const std::size_t ww = p > 1 ? column - 2 : w;
   const std::size_t nn = q > 1 ? above - (side + 3 - q) : n;
   return {w, n, nw, ne, ww, nn};
-}
-
-// Solves the symmetric, positive definite system a·x = b in place. b is the last column.
-template <class Matrix>
-void solve_system(Matrix& a, std::size_t size) {
-  for (std::size_t i = 0; i < size; ++i) {
-    const double pivot = a[i][i];
-    for (std::size_t j = i; j <= size; ++j) a[i][j] /= pivot;
-    for (std::size_t k = 0; k < size; ++k) {
-      if (k == i) continue;
-      const double factor = a[k][i];
-      for (std::size_t j = i; j <= size; ++j) a[k][j] -= factor * a[i][j];
-    }
-  }
 }
 
 }  // namespace

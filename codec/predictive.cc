@@ -6,6 +6,7 @@
 #include "codec/fill.h"
 #include "codec/jpeg_pictures.h"
 #include "codec/mosaic.h"
+#include "codec/reference_coder.h"
 
 namespace slf::codec {
 namespace {
@@ -68,16 +69,6 @@ std::vector<std::uint8_t> PredictiveTile<Coder>::wanted(std::span<const std::uin
   for (std::size_t s = 0; s < alpha.size(); ++s)
     if (alpha[s] != 0) blocks[picture_.block_of()[s]] = 1;
   return blocks;
-}
-
-template <class Coder>
-void PredictiveTile<Coder>::code_references(std::span<const std::uint8_t> kinds,
-                                            std::span<std::uint8_t> used) {
-  bool last = false;
-  for (std::size_t k = 0; k < used.size(); ++k) {
-    last = coder_.bit(models_.used[kinds[k]][last ? 1 : 0], used[k] != 0);
-    used[k] = last ? 1 : 0;
-  }
 }
 
 template <class Coder>
@@ -152,7 +143,7 @@ void PredictiveEncoder::count(BitCounts* counts) { coder_.count(models_.begin(),
 void PredictiveEncoder::references(std::span<const std::uint8_t> kinds,
                                    std::span<const std::uint8_t> used) {
   std::vector<std::uint8_t> coded(used.begin(), used.end());
-  code_references(kinds, coded);
+  code_references(coder_, models_.used, kinds, coded);
 }
 
 /// `difference` is what the decoder should add to each pixel; where `weight` is 0, anything.
@@ -263,7 +254,7 @@ PredictiveDecoder::PredictiveDecoder(const PredictiveLevel& level, const TilePic
 
 void PredictiveDecoder::references(std::span<const std::uint8_t> kinds,
                                    std::span<std::uint8_t> used) {
-  code_references(kinds, used);
+  code_references(coder_, models_.used, kinds, used);
 }
 
 void PredictiveDecoder::alpha_depth(std::span<std::uint8_t> alpha, std::span<std::uint8_t> depth) {

@@ -59,7 +59,6 @@ class PredictiveTile {
   template <class Bytes>
   PredictiveTile(const PredictiveLevel& level, const TilePicture& picture, Bytes& payload);
 
-  void code_references(std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used);
   /// Codes `blocks` where a sample is to be seen, and leaves what they add to predictions in
   /// added(plane).
   void code_plane(std::size_t plane, std::span<const std::uint8_t> wanted, BlockPlane& blocks);

@@ -9,10 +9,12 @@ tl::unexpected<Error> needs_prediction() {
 
 }  // namespace
 
-PredictiveCodec::PredictiveCodec(int quality, PredictiveTables tables)
-    : quality_(quality), tables_(std::move(tables)), bytes_(to_bytes(tables_)) {}
+PredictiveCodec::PredictiveCodec(PredictiveSettings settings, PredictiveTables tables)
+    : settings_(settings), tables_(std::move(tables)), bytes_(to_bytes(tables_)) {}
 
-std::string PredictiveCodec::spec() const { return "predictive:" + std::to_string(quality_); }
+std::string PredictiveCodec::spec() const {
+  return "predictive:" + (lossless() ? "lossless" : std::to_string(settings_.quality));
+}
 
 const TilePicture& PredictiveCodec::picture(const Tile& tile) const {
   const std::lock_guard lock(mutex_);

@@ -14,15 +14,14 @@ namespace slf::codec {
 
 class PredictiveCodec final : public Codec {
  public:
-  /// `quality` is 1..100.
-  PredictiveCodec(int quality, PredictiveTables tables);
+  PredictiveCodec(PredictiveSettings settings, PredictiveTables tables);
 
   [[nodiscard]] std::string spec() const override;
-  [[nodiscard]] bool lossless() const override { return false; }
+  [[nodiscard]] bool lossless() const override { return settings_.quality == kLosslessQuality; }
   [[nodiscard]] ByteSpan tables() const override { return bytes_; }
   [[nodiscard]] const PredictiveCodec* predictive() const override { return this; }
 
-  [[nodiscard]] int quality() const { return quality_; }
+  [[nodiscard]] const PredictiveSettings& settings() const { return settings_; }
   [[nodiscard]] const PredictiveLevel& level(unsigned index) const { return tables_.level(index); }
   /// Made on first use and kept. Thread-safe.
   [[nodiscard]] const TilePicture& picture(const Tile& tile) const;
@@ -34,7 +33,7 @@ class PredictiveCodec final : public Codec {
                                     std::span<std::byte> samples) const override;
 
  private:
-  int quality_;
+  PredictiveSettings settings_;
   PredictiveTables tables_;
   Bytes bytes_;
   mutable std::mutex mutex_;

@@ -46,25 +46,57 @@ std::uint8_t byte_of_probability(double probability) {
   return static_cast<std::uint8_t>(best);
 }
 
-PredictiveTables predictive_tables(int quality, unsigned finest) {
-  // At the finest level, colour's steps follow libjpeg's scale of quality, so that views are about
-  // as good as with JPEG of that quality. What is coarser is seen through all finer levels: there
-  // steps are smaller, by rendered PSNR for the bytes of the whole pyramid.
-  const double scale = quality < 50 ? 50. / quality : std::max(0.02 * (100 - quality), 0.02);
-  const double finest_color = quality > 90 ? 50 * scale : 2 + 40 * scale;
-  const double finest_depth = quality > 90 ? 80 * scale : 8 + 40 * scale;
+namespace {
+
+/// Steps of the finest level, in units of 8-bit samples. Colour's follow libjpeg's scale of
+/// quality, so that views are about as good as with JPEG of that quality.
+struct FinestSteps {
+  double color, depth;
+
+  explicit FinestSteps(int quality) {
+    const double scale = quality < 50 ? 50. / quality : std::max(0.02 * (100 - quality), 0.02);
+    color = quality > 90 ? 50 * scale : 1.85 + 40 * scale;
+    depth = quality > 90 ? 80 * scale : 8 + 40 * scale;
+  }
+};
+
+/// What is coarser is seen through all finer levels: there steps are smaller, by rendered PSNR for
+/// the bytes of the whole pyramid and those of a single view. `next` is the factor from the finest
+/// level to the one above it, `further` that from each to the one above.
+double shrunk(double step, double next, double further, unsigned levels_above) {
+  return levels_above == 0 ? step : step * next * std::pow(further, levels_above - 1);
+}
+
+StepRange step_range(double step, double growth) {
+  const double low = std::clamp(std::round(16 * step), 8., 16000.);
+  return {static_cast<std::uint16_t>(low), static_cast<std::uint16_t>(low * growth)};
+}
+
+}  // namespace
+
+PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned finest) {
+  const FinestSteps finest_steps(settings.quality);
+  // The larger the finest steps, the more the coarser levels have to tell.
+  const double fine = std::min(1., 10 / finest_steps.color);
   PredictiveTables tables;
   for (unsigned level = 0; level <= finest; ++level) {
-    const double finer = finest - level;
-    const auto range = [](double step, double growth) {
-      const double low = std::clamp(std::round(16 * step), 8., 16000.);
-      return StepRange{static_cast<std::uint16_t>(low), static_cast<std::uint16_t>(low * growth)};
-    };
+    const unsigned above = finest - level;
+    const double color =
+        shrunk(finest_steps.color, 0.55 * std::pow(fine, 0.45), 0.8 * std::pow(fine, 0.7), above);
+    const double depth =
+        shrunk(finest_steps.depth, 0.65 * std::pow(fine, 0.2), 0.8 * std::pow(fine, 0.4), above);
+    const double alpha =
+        shrunk(finest_steps.color, 0.65 * std::pow(fine, 0.2), 0.9 * std::pow(fine, 0.4), above);
     PredictiveLevel& made = tables.levels.emplace_back();
-    const double color = finest_color * std::pow(0.35, finer);
-    const double depth = finest_depth * std::pow(0.5, finer);
-    const double alpha = finest_color * std::pow(0.6, finer);
-    made.steps = {range(alpha, 2), range(depth, 2), range(color, 1.5), range(0.8 * color, 2)};
+    if (settings.quality == kLosslessQuality)
+      made.steps.fill(step_range(1, 1));
+    else if (settings.by_sample())
+      // In 1/1024 of an octave; without a transform a third of the step loses about as much.
+      made.steps = {step_range(1, 1), step_range(depth / 3, 1), step_range(6 * color, 1),
+                    step_range(6 * color, 1)};
+    else
+      made.steps = {step_range(alpha, 2), step_range(depth, 2), step_range(color, 1.5),
+                    step_range(0.8 * color, 2)};
     const std::size_t set = level == 0 ? 0 : 1;
     set_models(as_bytes(std::span(kTrained)).subspan(set * PredictiveModels::kCount), made.models);
   }

@@ -11,6 +11,7 @@
 #include "codec/block_coder.h"
 #include "codec/range_coder.h"
 #include "slf/error.h"
+#include "slf/tile.h"
 
 namespace slf::codec {
 
@@ -18,7 +19,8 @@ enum PredictivePlane : std::size_t { kAlphaPlane, kDepthPlane, kLumaPlane, kChro
 inline constexpr std::size_t kPredictivePlanes = 4;
 
 /// The step of a coefficient grows with its frequency, from `low` for the mean of a block to `high`
-/// for the finest detail; in 1/16 of a sample's unit, 1..65535.
+/// for the finest detail; in 1/16 of a sample's unit, 1..65535. Samples that are coded one by one
+/// have the step `low`.
 struct StepRange {
   std::uint16_t low = 16, high = 16;
 
@@ -56,9 +58,23 @@ struct PredictiveTables {
   }
 };
 
-/// Steps for a quality of 1..100 of fields with these levels, 0 to `finest`, and probabilities
-/// trained on several volumes.
-[[nodiscard]] PredictiveTables predictive_tables(int quality, unsigned finest);
+/// A quality that no number 1..100 is.
+inline constexpr int kLosslessQuality = 101;
+
+/// What a predictive layer is to be like.
+struct PredictiveSettings {
+  int quality = 90;  ///< 1..100, or kLosslessQuality
+  SampleFormat format = SampleFormat::rgba8_depth8;
+
+  /// Whether tiles are coded sample by sample (codec/predictive_channels.h), not with a transform.
+  [[nodiscard]] bool by_sample() const {
+    return quality == kLosslessQuality || format == SampleFormat::rgba16f_depth8;
+  }
+};
+
+/// Steps for the levels 0 to `finest` of a field, and probabilities trained on several volumes.
+[[nodiscard]] PredictiveTables predictive_tables(const PredictiveSettings& settings,
+                                                 unsigned finest);
 
 [[nodiscard]] Bytes to_bytes(const PredictiveTables& tables);
 

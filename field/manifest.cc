@@ -13,7 +13,8 @@ constexpr int kDeepest = 64;
 constexpr std::uint32_t kDeepestKeyLevel = 11;  // behind the last level
 
 constexpr SampleFormat kFormats[] = {SampleFormat::rgba8, SampleFormat::depth8,
-                                     SampleFormat::rgba16f, SampleFormat::rgba8_depth8};
+                                     SampleFormat::rgba16f, SampleFormat::rgba8_depth8,
+                                     SampleFormat::rgba16f_depth8};
 
 constexpr unsigned kMostPredictedLevels = 6;
 
@@ -77,7 +78,7 @@ nlohmann::json Manifest::to_json() const {
   for (const Layer& layer : layers) {
     layer_list.push_back(
         {{"name", layer.name}, {"format", name(layer.format)}, {"codec", layer.codec}});
-    if (layer.format == SampleFormat::rgba8_depth8) required = nlohmann::json::array({kPredictive});
+    if (has_both(layer.format)) required = nlohmann::json::array({kPredictive});
   }
   const glm::dvec3& c = shape.sphere.center;
   nlohmann::json json = {{"slf", {{"major", kMajor}, {"minor", filtered_levels ? 1 : 0}}},
@@ -179,9 +180,8 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
                    [](const Layer& layer) { return layer.name == "color"; }))
     in.problem("/layers", "names no layer color");
   // A tile's payload says of every tile of the level above near it whether it is a reference.
-  const bool predictive =
-      std::any_of(manifest.layers.begin(), manifest.layers.end(),
-                  [](const Layer& layer) { return layer.format == SampleFormat::rgba8_depth8; });
+  const bool predictive = std::any_of(manifest.layers.begin(), manifest.layers.end(),
+                                      [](const Layer& layer) { return has_both(layer.format); });
   if (predictive && shape.levels > kMostPredictedLevels)
     in.problem("/levels", "is more than " + std::to_string(kMostPredictedLevels) +
                               ", too many for a predictive codec");

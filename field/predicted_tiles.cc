@@ -3,10 +3,15 @@
 #include <cstring>
 #include <optional>
 
+#include "codec/predictive_channels.h"
+#include "codec/reference_coder.h"
 #include "field/predict/predictor.h"
+#include "field/predict/seen_colors.h"
 
 namespace slf {
 namespace {
+
+using codec::ChannelValues;
 
 /// Look-ups that make a tile worth its while: reading one for fewer costs more than it saves.
 constexpr std::uint32_t kFewestUses = 24;
@@ -14,6 +19,10 @@ constexpr std::uint32_t kFewestUses = 24;
 /// What a sample is predicted as where there is nothing to predict it from.
 constexpr std::uint8_t kMiddle = 128;
 constexpr std::uint32_t kGray = 0xFF808080u;
+
+/// The channels of colour, and where rgba has them.
+constexpr std::pair<codec::TileChannel, std::size_t> kColors[] = {
+    {codec::kRedChannel, 0}, {codec::kGreenChannel, 1}, {codec::kBlueChannel, 2}};
 
 }  // namespace
 
@@ -39,10 +48,10 @@ struct Candidates {
   }
 };
 
-/// What both directions begin with.
+/// A tile under way, in either direction.
 struct PredictedTiles::Work {
+  const codec::PredictiveCodec& codec;
   codec::Tile tile;
-  const codec::TilePicture& picture;
   const codec::PredictiveLevel& level;
   std::size_t samples;
   Candidates candidates;
@@ -55,9 +64,9 @@ struct PredictedTiles::Work {
   Work(const PredictedTiles& tiles, TileKey key)
       : Work(tiles, key, sections_of(key, tiles.shape_.entry_extra_levels)) {}
   Work(const PredictedTiles& tiles, TileKey key, const TileSections& sections)
-      : tile(tiles.geometries_(key.level).tile(sections.entry.index, SampleFormat::rgba8_depth8)),
-        picture(tiles.codec_.picture(tile)),
-        level(tiles.codec_.level(key.level)),
+      : codec(tiles.codec_),
+        tile(tiles.geometries_(key.level).tile(sections.entry.index, codec.settings().format)),
+        level(codec.level(key.level)),
         samples(tile.rows() * tile.columns()),
         candidates(tiles.geometries_, key.level, sections),
         alpha(samples, 0),
@@ -69,30 +78,175 @@ struct PredictedTiles::Work {
     from.resize(candidates.keys.size());
   }
 
+  [[nodiscard]] bool half() const {
+    return color_format(tile.format) == codec::SampleFormat::rgba16f;
+  }
+  [[nodiscard]] std::size_t color_bytes() const { return sample_bytes(color_format(tile.format)); }
+
   /// Makes candidate `k` a reference; of a tile where nothing is visible there is nothing to use.
-  Result<bool> use(std::size_t k, const LevelGeometry& coarser, const ReferenceSource& source) {
+  Result<bool> use(std::size_t k, const ReferenceSource& source) {
     auto found = source(candidates.keys[k]);
     if (!found) return tl::unexpected(found.error());
     if (!*found) return false;
-    const std::uint32_t entry = candidates.sections[k].entry.index;
-    const codec::Tile shape = coarser.tile(entry, SampleFormat::rgba8_depth8);
+    if (half()) *found = std::make_shared<const Bytes>(seen_samples(**found));
     const std::byte* const color_of = (*found)->data();
-    from[k] = {color_of, color_of + 4 * shape.rows() * shape.columns()};
+    from[k] = {color_of, color_of + (*found)->size() / 5 * 4};
     kept.push_back(std::move(*found));
     return true;
   }
+
+  template <class Decoder>
+  Result<void> read_references(Decoder& decoder, const ReferenceSource& source) {
+    std::vector<std::uint8_t> used(candidates.keys.size());
+    decoder.references(candidates.kinds, used);
+    for (std::size_t k = 0; k < used.size(); ++k)
+      if (used[k])
+        if (auto ok = use(k, source); !ok) return tl::unexpected(ok.error());
+    return {};
+  }
+
+  /// Refers to those of the field's tiles that serve enough of the samples.
+  template <class Encoder>
+  Result<void> choose_references(Encoder& encoder, const FieldShape& shape,
+                                 std::span<const std::uint8_t> true_alpha,
+                                 std::span<const std::uint8_t> true_depth,
+                                 const ReferenceSource& source) {
+    std::vector<std::uint8_t> used(candidates.keys.size());
+    if (predictor) {
+      const auto uses = predictor->uses(true_alpha, true_depth);
+      for (std::size_t k = 0; k < uses.size(); ++k) {
+        if (uses[k] < kFewestUses || !shape.has(candidates.keys[k])) continue;
+        const auto has = use(k, source);
+        if (!has && has.error().code != ErrorCode::failed) return tl::unexpected(has.error());
+        used[k] = has && *has ? 1 : 0;
+      }
+    }
+    encoder.references(candidates.kinds, used);
+    return {};
+  }
+
+  void predict_alpha_depth() {
+    if (predictor) predictor->alpha_depth(from, alpha, depth);
+  }
+  void predict_color() {
+    if (predictor) predictor->color(from, alpha, depth, color);
+  }
+
+  /// With a transform.
+  Result<void> decode(codec::PredictiveDecoder decoder, const ReferenceSource& source,
+                      std::span<std::byte> to);
+  Result<void> encode(codec::PredictiveEncoder encoder, const FieldShape& shape, ByteSpan from,
+                      const ReferenceSource& source);
+
+  /// Sample by sample.
+  template <class Coder>
+  void code_channels(Coder& coder, ChannelValues& values);
+  [[nodiscard]] ChannelValues channels_of(ByteSpan from) const;
+  void store(const ChannelValues& values, std::span<std::byte> to) const;
 };
+
+Result<void> PredictedTiles::Work::decode(codec::PredictiveDecoder decoder,
+                                          const ReferenceSource& source, std::span<std::byte> to) {
+  if (auto ok = read_references(decoder, source); !ok) return ok;
+  predict_alpha_depth();
+  decoder.alpha_depth(alpha, depth);
+  predict_color();
+  std::vector<std::uint32_t> rgba(samples);
+  decoder.color(alpha, color, rgba);
+  for (std::size_t s = 0; s < samples; ++s) store_le(to.data() + 4 * s, rgba[s]);
+  std::memcpy(to.data() + 4 * samples, depth.data(), samples);
+  return decoder.finish();
+}
+
+Result<void> PredictedTiles::Work::encode(codec::PredictiveEncoder encoder, const FieldShape& shape,
+                                          ByteSpan of, const ReferenceSource& source) {
+  std::vector<std::uint32_t> rgba(samples);
+  std::vector<std::uint8_t> true_alpha(samples), true_depth(samples);
+  for (std::size_t s = 0; s < samples; ++s) {
+    rgba[s] = load_le<std::uint32_t>(of.data() + 4 * s);
+    true_alpha[s] = static_cast<std::uint8_t>(rgba[s] >> 24);
+    true_depth[s] = std::to_integer<std::uint8_t>(of[4 * samples + s]);
+  }
+  if (auto ok = choose_references(encoder, shape, true_alpha, true_depth, source); !ok) return ok;
+  predict_alpha_depth();
+  encoder.alpha_depth(true_alpha, true_depth, alpha, depth);
+  predict_color();
+  encoder.color(alpha, color, rgba);
+  encoder.finish();
+  return {};
+}
+
+ChannelValues PredictedTiles::Work::channels_of(ByteSpan of) const {
+  ChannelValues values;
+  for (auto& channel : values) channel.resize(samples);
+  const auto value = [&](std::size_t s, std::size_t c) -> std::int32_t {
+    const std::byte* const at = of.data() + s * color_bytes();
+    return half() ? codec::ordered_half(load_le<std::uint16_t>(at + 2 * c))
+                  : std::to_integer<std::int32_t>(at[c]);
+  };
+  for (std::size_t s = 0; s < samples; ++s) {
+    for (const auto& [channel, place] : kColors) values[channel][s] = value(s, place);
+    values[codec::kAlphaChannel][s] = value(s, 3);
+    values[codec::kDepthChannel][s] =
+        std::to_integer<std::int32_t>(of[color_bytes() * samples + s]);
+  }
+  return values;
+}
+
+void PredictedTiles::Work::store(const ChannelValues& values, std::span<std::byte> to) const {
+  const auto put = [&](std::size_t s, std::size_t c, std::int32_t value) {
+    std::byte* const at = to.data() + s * color_bytes();
+    if (half())
+      store_le(at + 2 * c, codec::half_of_ordered(value));
+    else
+      at[c] = static_cast<std::byte>(value);
+  };
+  for (std::size_t s = 0; s < samples; ++s) {
+    for (const auto& [channel, place] : kColors) put(s, place, values[channel][s]);
+    put(s, 3, values[codec::kAlphaChannel][s]);
+    to[color_bytes() * samples + s] = static_cast<std::byte>(values[codec::kDepthChannel][s]);
+  }
+}
+
+template <class Coder>
+void PredictedTiles::Work::code_channels(Coder& coder, ChannelValues& values) {
+  ChannelValues predicted;
+  for (auto& channel : predicted) channel.resize(samples);
+  auto& coded_alpha = values[codec::kAlphaChannel];
+  predict_alpha_depth();
+  for (std::size_t s = 0; s < samples; ++s) {
+    predicted[codec::kAlphaChannel][s] =
+        half() ? codec::ordered_half(half_of_seen_alpha(alpha[s])) : alpha[s];
+    predicted[codec::kDepthChannel][s] = depth[s];
+  }
+  coder.code(codec::kAlphaChannel, predicted, values);
+  coder.code(codec::kDepthChannel, predicted, values);
+  for (std::size_t s = 0; s < samples; ++s) {
+    alpha[s] = half() ? seen_alpha(codec::half_of_ordered(coded_alpha[s]))
+                      : static_cast<std::uint8_t>(coded_alpha[s]);
+    depth[s] = static_cast<std::uint8_t>(values[codec::kDepthChannel][s]);
+  }
+  predict_color();
+  for (std::size_t s = 0; s < samples; ++s)
+    for (const auto& [channel, place] : kColors) {
+      const auto full = static_cast<std::uint8_t>(color[s] >> (8 * place));
+      const std::uint32_t x = std::uint32_t{full} * alpha[s] + 128;
+      predicted[channel][s] = half() ? codec::ordered_half(half_of_seen_color(
+                                           full, codec::half_of_ordered(coded_alpha[s])))
+                                     : static_cast<std::int32_t>((x + (x >> 8)) >> 8);
+    }
+  coder.code(codec::kGreenChannel, predicted, values);
+  coder.code(codec::kRedChannel, predicted, values);
+  coder.code(codec::kBlueChannel, predicted, values);
+}
 
 std::vector<TileKey> PredictedTiles::references(TileKey key, ByteSpan payload) const {
   std::vector<TileKey> keys;
   if (key.level == 0) return keys;
   const TileSections sections = sections_of(key, shape_.entry_extra_levels);
   const Candidates candidates(geometries_, key.level, sections);
-  const codec::Tile tile =
-      geometries_(key.level).tile(sections.entry.index, SampleFormat::rgba8_depth8);
-  codec::PredictiveDecoder decoder(codec_.level(key.level), codec_.picture(tile), payload);
   std::vector<std::uint8_t> used(candidates.keys.size());
-  decoder.references(candidates.kinds, used);
+  codec::decode_references(codec_.level(key.level), payload, candidates.kinds, used);
   for (std::size_t k = 0; k < used.size(); ++k)
     if (used[k]) keys.push_back(candidates.keys[k]);
   return keys;
@@ -101,20 +255,14 @@ std::vector<TileKey> PredictedTiles::references(TileKey key, ByteSpan payload) c
 Result<void> PredictedTiles::decode(TileKey key, ByteSpan payload, const ReferenceSource& source,
                                     std::span<std::byte> samples) const {
   Work work(*this, key);
-  codec::PredictiveDecoder decoder(work.level, work.picture, payload);
-  std::vector<std::uint8_t> used(work.candidates.keys.size());
-  decoder.references(work.candidates.kinds, used);
-  for (std::size_t k = 0; k < used.size(); ++k)
-    if (used[k])
-      if (auto ok = work.use(k, geometries_(key.level - 1u), source); !ok)
-        return tl::unexpected(ok.error());
-  if (work.predictor) work.predictor->alpha_depth(work.from, work.alpha, work.depth);
-  decoder.alpha_depth(work.alpha, work.depth);
-  if (work.predictor) work.predictor->color(work.from, work.alpha, work.depth, work.color);
-  std::vector<std::uint32_t> rgba(work.samples);
-  decoder.color(work.alpha, work.color, rgba);
-  for (std::size_t s = 0; s < work.samples; ++s) store_le(samples.data() + 4 * s, rgba[s]);
-  std::memcpy(samples.data() + 4 * work.samples, work.depth.data(), work.samples);
+  if (!codec_.settings().by_sample())
+    return work.decode({work.level, codec_.picture(work.tile), payload}, source, samples);
+  codec::ChannelDecoder decoder(work.level, work.tile, payload);
+  if (auto ok = work.read_references(decoder, source); !ok) return ok;
+  ChannelValues values;
+  for (auto& channel : values) channel.resize(work.samples);
+  work.code_channels(decoder, values);
+  work.store(values, samples);
   return decoder.finish();
 }
 
@@ -122,33 +270,24 @@ Result<void> PredictedTiles::encode(TileKey key, ByteSpan samples, const Referen
                                     Bytes& payload, codec::BitCounts* counts) const {
   payload.clear();
   Work work(*this, key);
-  std::vector<std::uint32_t> rgba(work.samples);
-  std::vector<std::uint8_t> true_alpha(work.samples), true_depth(work.samples);
-  for (std::size_t s = 0; s < work.samples; ++s) {
-    rgba[s] = load_le<std::uint32_t>(samples.data() + 4 * s);
-    true_alpha[s] = static_cast<std::uint8_t>(rgba[s] >> 24);
-    true_depth[s] = std::to_integer<std::uint8_t>(samples[4 * work.samples + s]);
-  }
-  codec::PredictiveEncoder encoder(work.level, work.picture, payload);
-  encoder.count(counts);
-  if (work.predictor) {
-    const auto uses = work.predictor->uses(true_alpha, true_depth);
-    std::vector<std::uint8_t> used(uses.size());
-    for (std::size_t k = 0; k < uses.size(); ++k) {
-      if (uses[k] < kFewestUses || !shape_.has(work.candidates.keys[k])) continue;
-      const auto has = work.use(k, geometries_(key.level - 1u), source);
-      if (!has && has.error().code != ErrorCode::failed) return tl::unexpected(has.error());
-      used[k] = has && *has ? 1 : 0;
+  if (codec_.settings().by_sample()) {
+    codec::ChannelEncoder encoder(work.level, work.tile, payload);
+    ChannelValues values = work.channels_of(samples);
+    std::vector<std::uint8_t> alpha(work.samples), depth(work.samples);
+    for (std::size_t s = 0; s < work.samples; ++s) {
+      const std::int32_t value = values[codec::kAlphaChannel][s];
+      alpha[s] = work.half() ? seen_alpha(codec::half_of_ordered(value))
+                             : static_cast<std::uint8_t>(value);
+      depth[s] = static_cast<std::uint8_t>(values[codec::kDepthChannel][s]);
     }
-    encoder.references(work.candidates.kinds, used);
-    work.predictor->alpha_depth(work.from, work.alpha, work.depth);
+    if (auto ok = work.choose_references(encoder, shape_, alpha, depth, source); !ok) return ok;
+    work.code_channels(encoder, values);
+    encoder.finish();
   } else {
-    encoder.references({}, {});
+    codec::PredictiveEncoder encoder(work.level, codec_.picture(work.tile), payload);
+    encoder.count(counts);
+    if (auto ok = work.encode(std::move(encoder), shape_, samples, source); !ok) return ok;
   }
-  encoder.alpha_depth(true_alpha, true_depth, work.alpha, work.depth);
-  if (work.predictor) work.predictor->color(work.from, work.alpha, work.depth, work.color);
-  encoder.color(work.alpha, work.color, rgba);
-  encoder.finish();
   // A payload of no bytes would mean an empty tile.
   if (payload.empty()) payload.push_back(std::byte{0});
   return {};

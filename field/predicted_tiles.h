@@ -17,7 +17,7 @@
 
 namespace slf {
 
-/// The decoded samples of a tile, rgba8_depth8; null where nothing is visible.
+/// The decoded samples of a tile; null where nothing is visible.
 using TileSamples = std::shared_ptr<const Bytes>;
 
 /// Gives a reference's samples. Called on the thread that codes.

@@ -38,7 +38,8 @@ void read_type(const std::string& type, Argument& argument) {
 /// Values worth offering where others are possible, too.
 std::vector<std::string> suggestions(const std::string& value) {
   if (value == kCodec)
-    return {"predictive:75", "predictive:90", "raw", "zstd", "zstd:9", "jpeg:75", "jpeg:90"};
+    return {"predictive:75", "predictive:90", "predictive:lossless", "raw", "zstd", "zstd:9",
+            "jpeg:75",       "jpeg:90"};
   return {};
 }
 

@@ -17,16 +17,10 @@ const std::vector<Prose>& all() {
         "them "
         "in one file of small compressed tiles, and draws views within a given amount of memory, "
         "however large the file is.",
-        "Commands that only read a field take the address of one on a web server, too: "
-        "https://HOST/F.slf. The server must serve parts of files (HTTP ranges). What is read "
-        "stays "
-        "in a temporary file (in TMPDIR) until the command ends; --json says how many requests and "
-        "bytes it took.",
         "Results go to standard output, progress and messages to standard error."},
        {{"Build a field and draw a view of it",
          "slf build head.nii.gz -o head.slf && slf render head.slf -o view.png"},
-        {"Without a volume at hand", "slf build scene:balls -o balls.slf"},
-        {"From a web server", "slf render https://example.org/head.slf -o view.png --stats"}}},
+        {"Without a volume at hand", "slf build scene:balls -o balls.slf"}}},
       {"build",
        {"Traces every ray of the field through the volume and stores the result. The size of a "
         "field "

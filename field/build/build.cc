@@ -130,7 +130,7 @@ Result<FieldWriter> create(const FieldOutput& output, const Manifest& manifest,
 /// Whether tiles are predicted from coarser ones.
 bool predicts(const Manifest& manifest) {
   return std::ranges::any_of(manifest.layers, [](const Layer& layer) {
-    return layer.format == SampleFormat::rgba8_depth8;
+    return has_both(layer.format);
   });
 }
 
@@ -273,9 +273,10 @@ Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
     return fail(ErrorCode::usage, "codec \"", options.color_codec,
                 "\" codes depth together with colour: there is no codec of depth alone");
   manifest.layers.push_back({"color",
-                             options.half ? SampleFormat::rgba16f
-                             : predictive ? SampleFormat::rgba8_depth8
-                                          : SampleFormat::rgba8,
+                             predictive     ? options.half ? SampleFormat::rgba16f_depth8
+                                                           : SampleFormat::rgba8_depth8
+                             : options.half ? SampleFormat::rgba16f
+                                            : SampleFormat::rgba8,
                              options.color_codec});
   if (!options.depth_codec.empty())
     manifest.layers.push_back({"depth", SampleFormat::depth8, options.depth_codec});

@@ -52,18 +52,16 @@ Result<void> InputTile::samples(const FieldFile& field, const OutputLayer& out, 
   for (const LayerId from : out.from) {
     const auto decoded = layer(field, from);
     if (!decoded) return tl::unexpected(decoded.error());
+    const ByteSpan in = **decoded;
     const SampleFormat has = field.manifest().layers[from].format, wants = out.layer.format;
-    ByteSpan in = **decoded;
-    SampleFormat in_format = has, out_format = wants;
-    if (has != wants && has == SampleFormat::rgba8_depth8) {
-      const std::size_t color = in.size() / 5 * 4;
-      in = wants == SampleFormat::depth8 ? in.subspan(color) : in.first(color);
-      in_format = wants == SampleFormat::depth8 ? wants : SampleFormat::rgba8;
+    const std::size_t count = in.size() / sample_bytes(has);
+    if (has != SampleFormat::depth8 && wants != SampleFormat::depth8) {
+      convert(color_format(has), color_format(wants),
+              in.first(count * sample_bytes(color_format(has))), part);
+      samples.insert(samples.end(), part.begin(), part.end());
     }
-    if (has != wants && wants == SampleFormat::rgba8_depth8)
-      out_format = has == SampleFormat::depth8 ? has : SampleFormat::rgba8;
-    convert(in_format, out_format, in, part);
-    samples.insert(samples.end(), part.begin(), part.end());
+    const auto depths = [](SampleFormat of) { return of == SampleFormat::depth8 || has_both(of); };
+    if (depths(has) && depths(wants)) samples.insert(samples.end(), in.end() - count, in.end());
   }
   return {};
 }
@@ -125,7 +123,7 @@ Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
                                                const RepackOptions& options) {
   const auto& layers = field.manifest().layers;
   const LayerId color = field.layer("color").value();
-  const bool together = layers[color].format == SampleFormat::rgba8_depth8;
+  const bool together = has_both(layers[color].format);
   const std::optional<LayerId> depth = together ? color : field.layer("depth");
   const auto wanted = [&](const std::string& name) {
     return options.layers.empty() ||
@@ -137,14 +135,12 @@ Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
   if (!wanted("color"))
     return fail(ErrorCode::usage, field.path(), ": a field needs its color layer");
 
-  const bool half = options.half.value_or(false);
-  const std::string color_codec =
-      options.color_codec.empty() && !half ? layers[color].codec : options.color_codec;
+  const bool half =
+      options.half.value_or(color_format(layers[color].format) == SampleFormat::rgba16f);
+  const std::string& color_codec =
+      options.color_codec.empty() ? layers[color].codec : options.color_codec;
   std::vector<OutputLayer> outputs;
   if (codec::is_predictive(color_codec)) {
-    if (half)
-      return fail(ErrorCode::unsupported, "codec \"", color_codec,
-                  "\": holds colour of 8 bits; use zstd for half floats");
     if (!depth || !wanted("depth"))
       return fail(ErrorCode::usage, field.path(), ": codec \"", color_codec,
                   "\" needs depths, too; choose another codec of colour");
@@ -154,7 +150,8 @@ Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
                   "out that of depth");
     OutputLayer& out = outputs.emplace_back();
     out.from = together ? std::vector<LayerId>{color} : std::vector<LayerId>{color, *depth};
-    out.layer = {"color", SampleFormat::rgba8_depth8, color_codec};
+    out.layer = {"color", half ? SampleFormat::rgba16f_depth8 : SampleFormat::rgba8_depth8,
+                 color_codec};
     return outputs;
   }
   for (LayerId id = 0; id < layers.size(); ++id) {
@@ -163,11 +160,8 @@ Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
     out.from = {id};
     out.layer = layers[id];
     if (id == color) {
-      if (together) out.layer.format = SampleFormat::rgba8;
-      if (options.half)
-        out.layer.format = *options.half ? SampleFormat::rgba16f : SampleFormat::rgba8;
-      if (!options.color_codec.empty()) out.layer.codec = options.color_codec;
-      if (codec::is_predictive(out.layer.codec)) out.layer.codec = "zstd";  // half floats
+      out.layer.format = half ? SampleFormat::rgba16f : SampleFormat::rgba8;
+      out.layer.codec = color_codec;
     } else if (layers[id].format == SampleFormat::depth8 && !options.depth_codec.empty()) {
       out.layer.codec = options.depth_codec;
     }

@@ -87,7 +87,7 @@ std::byte to_byte(float value) {
 }
 
 void store_color(const glm::vec4& rgba, SampleFormat format, std::byte* to) {
-  if (format == SampleFormat::rgba16f) {
+  if (color_format(format) == SampleFormat::rgba16f) {
     for (int c = 0; c < 4; ++c) store_le<std::uint16_t>(to + 2 * c, Imath::half(rgba[c]).bits());
     return;
   }
@@ -95,10 +95,8 @@ void store_color(const glm::vec4& rgba, SampleFormat format, std::byte* to) {
   for (int c = 0; c < 3; ++c) to[c] = std::min(to_byte(rgba[c]), to[3]);
 }
 
-/// Of a sample's colour: in rgba8_depth8 depths come after all colours.
-std::size_t color_bytes(SampleFormat format) {
-  return format == SampleFormat::rgba8_depth8 ? 4 : codec::sample_bytes(format);
-}
+/// Of a sample's colour: depths in the same layer come after all colours.
+std::size_t color_bytes(SampleFormat format) { return sample_bytes(color_format(format)); }
 
 /// Depth means nothing where nothing is seen. What stands there should cost few bytes and blur
 /// well: along each line, a ramp between what is defined; other lines repeat their neighbour.
@@ -191,8 +189,8 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
   // Where a layer has depths, if it does.
   const auto depths = [&](std::size_t k) -> std::byte* {
     if (formats_[k] == SampleFormat::depth8) return tile.layers[k].data();
-    if (formats_[k] != SampleFormat::rgba8_depth8) return nullptr;
-    return tile.layers[k].data() + 4 * layout.rows() * columns;
+    if (!has_both(formats_[k])) return nullptr;
+    return tile.layers[k].data() + color_bytes(formats_[k]) * layout.rows() * columns;
   };
 
   std::vector<bool> defined(columns);

@@ -8,10 +8,10 @@ std::optional<Channel> find_channel(const FieldFile& field, const std::string& n
   const std::vector<Layer>& layers = field.manifest().layers;
   if (const auto layer = field.layer(name)) {
     const SampleFormat format = layers[*layer].format;
-    return Channel{*layer, format == SampleFormat::rgba8_depth8 ? SampleFormat::rgba8 : format};
+    return Channel{*layer, color_format(format)};
   }
   const auto color = field.layer("color");
-  if (name == "depth" && color && layers[*color].format == SampleFormat::rgba8_depth8)
+  if (name == "depth" && color && has_both(layers[*color].format))
     return Channel{*color, SampleFormat::depth8};
   return std::nullopt;
 }
@@ -30,9 +30,8 @@ Result<ByteSpan> ChannelReader::read(const Channel& channel, const storage::Tile
     if (auto ok = field_.decode(tile, samples_); !ok) return tl::unexpected(ok.error());
     decoded_ = {channel.layer, tile.key};
   }
-  const bool second =
-      channel.format == SampleFormat::depth8 && shape.format == SampleFormat::rgba8_depth8;
-  return ByteSpan(samples_).subspan(second ? 4 * count : 0, bytes);
+  const bool second = channel.format == SampleFormat::depth8 && has_both(shape.format);
+  return ByteSpan(samples_).subspan(second ? shape.bytes() - count : 0, bytes);
 }
 
 void to_floats(SampleFormat format, ByteSpan samples, std::vector<float>& numbers) {

@@ -51,7 +51,7 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t
     : field_(field),
       color_(field.layer("color").value()),
       depth_(field.layer("depth")),
-      together_(field.manifest().layers[color_].format == SampleFormat::rgba8_depth8),
+      together_(has_both(field.manifest().layers[color_].format)),
       budget_(budget),
       map_budget_(map_budget),
       in_place_(in_place),
@@ -264,7 +264,7 @@ Result<TileCache::Pin> TileCache::load(const Located& located, bool with_depth) 
     const auto sections = sections_of(located.key, field_.shape().entry_extra_levels);
     place = std::make_unique<Tile>();
     place->key = located.key;
-    place->page = tables_[located.key.level].find(sections.entry.index, sections.exit.index);
+    place->page = &tables_[located.key.level].make_page(sections.entry.index, sections.exit.index);
   }
   Tile& tile = *place;
   pin_locked(tile);
@@ -313,7 +313,7 @@ void TileCache::publish_locked(Tile& tile) {
   if (together_) {  // depths come after all colours
     const codec::Tile shape = field_.tile_shape(color_, tile.key);
     const std::byte* const first = tile.color.first;
-    page.depth.store(first ? first + 4 * shape.rows() * shape.columns() : nullptr,
+    page.depth.store(first ? first + shape.bytes() - shape.rows() * shape.columns() : nullptr,
                      std::memory_order_release);
   }
   page.used.store(now(), std::memory_order_relaxed);

@@ -39,8 +39,9 @@ struct Good {
   const char* name;
   double least_psnr;  ///< of the picture; JPEG decoders and float arithmetic may differ a little
 };
-constexpr Good kGood[] = {{"example", 50}, {"jpeg", 40},      {"zstd", 50},      {"half", 50},
-                          {"deep", 50},    {"subfields", 50}, {"predictive", 50}};
+constexpr Good kGood[] = {{"example", 50},    {"jpeg", 40},     {"zstd", 50},
+                          {"half", 50},       {"deep", 50},     {"subfields", 50},
+                          {"predictive", 50}, {"lossless", 50}, {"predicted_half", 50}};
 
 struct Bad {
   const char* name;
@@ -75,7 +76,7 @@ BuildOptions options_for(const std::string& name) {
   auto options = testing::lossless_options(1, 3, 1);
   options.color_codec = name == "jpeg" ? "jpeg:80" : name == "example" ? "raw" : "zstd:9";
   options.depth_codec = name == "jpeg" ? "jpeg:60" : name == "example" ? "" : "zstd:9";
-  options.half = name == "half";
+  options.half = name == "half" || name == "predicted_half";
   if (name == "deep") {
     options.shape.entry_side = 2, options.shape.entry_extra_levels = 1;
     options.shape.levels = 0;
@@ -83,9 +84,10 @@ BuildOptions options_for(const std::string& name) {
   if (name == "subfields" || name == "example")
     options.shape.entry_side = 4, options.shape.levels = 0;
   if (name == "example") options.shape.exit_side = 2;
-  if (name == "predictive") {
+  if (name == "predictive" || name == "lossless" || name == "predicted_half") {
     options.shape.entry_side = 2, options.shape.exit_side = 4;
-    options.color_codec = "predictive:80", options.depth_codec = "";
+    options.color_codec = name == "lossless" ? "predictive:lossless" : "predictive:80";
+    options.depth_codec = "";
   }
   return options;
 }

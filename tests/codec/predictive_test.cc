@@ -106,7 +106,7 @@ TEST(Predictive, DecodesWhatTheEncoderSaidItWould) {
     for (const bool soft : {false, true})
       for (const std::size_t rows : {1, 2, 7, 45})
         for (const std::uint32_t side : {1, 4, 32}) {
-          const PredictiveTables tables = predictive_tables(quality, 1);
+          const PredictiveTables tables = predictive_tables({quality}, 1);
           const SampleTile sample = shape(rows, side);
           const Scene scene = make_scene(sample.tile, soft, 1, 9);
           const Coded coded = encode(tables.level(1), sample.tile, scene);
@@ -130,7 +130,7 @@ TEST(Predictive, QualityIsBoughtWithBytes) {
   std::size_t bytes = 0;
   double quality_before = 0;
   for (const int quality : {20, 50, 75, 90, 100}) {
-    const PredictiveTables tables = predictive_tables(quality, 0);
+    const PredictiveTables tables = predictive_tables({quality}, 0);
     const Coded coded = encode(tables.level(0), sample.tile, scene);
     EXPECT_GT(coded.payload.size(), bytes) << quality;
     EXPECT_GT(psnr(coded.rgba, scene.rgba), quality_before) << quality;
@@ -143,7 +143,7 @@ TEST(Predictive, QualityIsBoughtWithBytes) {
 TEST(Predictive, APerfectPredictionCostsAlmostNothing) {
   const SampleTile sample = shape(36, 32);
   const Scene scene = make_scene(sample.tile, false, 3, 0);
-  const PredictiveTables tables = predictive_tables(90, 1);
+  const PredictiveTables tables = predictive_tables({90}, 1);
   const std::size_t near = encode(tables.level(1), sample.tile, scene).payload.size();
   const Scene off = make_scene(sample.tile, false, 3, 20);
   EXPECT_LT(4 * near, encode(tables.level(1), sample.tile, off).payload.size());
@@ -152,7 +152,7 @@ TEST(Predictive, APerfectPredictionCostsAlmostNothing) {
 TEST(Predictive, AnyPayloadDecodesWithoutHarm) {
   const SampleTile sample = shape(5, 8);
   const Scene scene = make_scene(sample.tile, false, 4, 9);
-  const PredictiveTables tables = predictive_tables(80, 1);
+  const PredictiveTables tables = predictive_tables({80}, 1);
   const Coded coded = encode(tables.level(1), sample.tile, scene);
   Coded back;
   for (std::size_t size = 0; size < coded.payload.size(); ++size)
@@ -173,7 +173,7 @@ TEST(Predictive, AnyPayloadDecodesWithoutHarm) {
 TEST(Predictive, PayloadsOfAnotherLengthAreRefused) {
   const SampleTile sample = shape(9, 16);
   const Scene scene = make_scene(sample.tile, false, 6, 9);
-  const PredictiveTables tables = predictive_tables(80, 1);
+  const PredictiveTables tables = predictive_tables({80}, 1);
   Coded coded = encode(tables.level(1), sample.tile, scene), back;
   EXPECT_FALSE(decode(tables.level(1), sample.tile, scene,
                       ByteSpan(coded.payload).first(coded.payload.size() / 2), back));
@@ -182,7 +182,7 @@ TEST(Predictive, PayloadsOfAnotherLengthAreRefused) {
 }
 
 TEST(PredictiveTables, ComeBack) {
-  const PredictiveTables tables = predictive_tables(77, 3);
+  const PredictiveTables tables = predictive_tables({77}, 3);
   const auto back = parse_predictive_tables(to_bytes(tables));
   ASSERT_TRUE(back);
   ASSERT_EQ(back->levels.size(), 4u);
@@ -191,7 +191,7 @@ TEST(PredictiveTables, ComeBack) {
 }
 
 TEST(PredictiveTables, DamageIsRefused) {
-  Bytes bytes = to_bytes(predictive_tables(77, 3));
+  Bytes bytes = to_bytes(predictive_tables({77}, 3));
   EXPECT_FALSE(parse_predictive_tables({}));
   EXPECT_FALSE(parse_predictive_tables(ByteSpan(bytes).first(bytes.size() - 1)));
   bytes[1] = bytes[2] = std::byte{0};

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
 
 #include "field/field_file.h"
 #include "slf/repack.h"
@@ -258,6 +259,70 @@ TEST_F(PredictiveField, GoldenSamplesAreTheSameOnEveryInstructionSet) {
         hash = (hash ^ std::to_integer<std::uint64_t>(byte)) * 0x100000001B3u;
     EXPECT_EQ(hash, kGoldenHash) << set;
   });
+}
+
+/// A tile's samples with the depths of what is not visible, which mean nothing, set to 0.
+Bytes meaningful(const Bytes& color, Bytes depth, std::size_t color_bytes) {
+  Bytes both = color;
+  for (std::size_t s = 0; s < depth.size(); ++s) {
+    const std::byte* const alpha = color.data() + (s + 1) * color_bytes - color_bytes / 4;
+    if (std::all_of(alpha, alpha + color_bytes / 4, [](std::byte b) { return b == std::byte{0}; }))
+      depth[s] = std::byte{0};
+  }
+  both.insert(both.end(), depth.begin(), depth.end());
+  return both;
+}
+
+TEST_F(PredictiveField, LosslessHoldsWhatZstdHoldsInFewerBytes) {
+  for (const bool half : {false, true}) {
+    auto zstd = lossless_options(4, 8, 2);
+    zstd.half = half;
+    zstd.color_codec = zstd.depth_codec = "zstd";
+    auto predicted = predictive_options(2, "predictive:lossless");
+    predicted.half = half;
+    const auto one = build("zstd.slf", zstd), two = build("lossless.slf", predicted);
+    ASSERT_TRUE(one && two);
+    const auto color = all_samples(*one, "color"), depth = all_samples(*one, "depth");
+    for (const auto& [key, samples] : all_samples(*two, "color"))
+      EXPECT_EQ(samples, meaningful(color.at(key), depth.at(key), half ? 8 : 4))
+          << int{key.level} << "/" << key.index;
+    // The last bits of half floats are noise, which nothing compresses.
+    EXPECT_LT(two->content()->payload_bytes, (half ? 1 : 0.9) * one->content()->payload_bytes);
+    EXPECT_EQ(draw(*one, camera_of(*one), {}).rgba, draw(*two, camera_of(*two), {}).rgba);
+
+    RepackOptions back;
+    back.color_codec = "predictive:lossless";
+    ASSERT_TRUE(repack_field(*one, folder / "back.slf", back));
+    EXPECT_EQ(all_tiles(*open("back.slf")), all_tiles(*two));
+    for (const char* name : {"zstd.slf", "lossless.slf", "back.slf"})
+      std::filesystem::remove(folder / name);
+  }
+}
+
+TEST_F(PredictiveField, HoldsHalfFloats) {
+  auto options = predictive_options();
+  options.half = true;
+  const auto field = build("half.slf", options);
+  ASSERT_TRUE(field);
+  auto exact = options;
+  exact.color_codec = "predictive:lossless";
+  const auto lossless = build("exact.slf", exact);
+  ASSERT_TRUE(lossless);
+  EXPECT_LT(field->content()->payload_bytes, 0.6 * lossless->content()->payload_bytes);
+  EXPECT_GT(psnr(draw(*field, camera_of(*field), {}), draw(*lossless, camera_of(*field), {})), 36);
+
+  // From half floats to bytes, and back.
+  RepackOptions bytes;
+  bytes.half = false;
+  ASSERT_TRUE(repack_field(*field, folder / "bytes.slf", bytes));
+  EXPECT_GT(
+      psnr(draw(*open("bytes.slf"), camera_of(*field), {}), draw(*lossless, camera_of(*field), {})),
+      32);
+  RepackOptions halves;
+  halves.half = true;
+  ASSERT_TRUE(repack_field(*open("bytes.slf"), folder / "again.slf", halves));
+  EXPECT_EQ(nlohmann::json::parse(open("again.slf")->manifest())["layers"][0]["format"],
+            "rgba16f_depth8");
 }
 
 TEST_F(PredictiveField, DepthHasNoCodecOfItsOwn) {

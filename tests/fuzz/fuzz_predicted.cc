@@ -53,13 +53,16 @@ const Lattices& lattices(unsigned choice) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size < 5) return 0;
   const Lattices& made = lattices(data[0]);
+  const codec::PredictiveSettings settings{
+      1 + data[2] % codec::kLosslessQuality,
+      data[1] < 128 ? SampleFormat::rgba8_depth8 : SampleFormat::rgba16f_depth8};
   const auto geometry = [&](unsigned level) -> const LevelGeometry& { return *made.levels[level]; };
   const auto bytes_of = [&](TileKey key) {
     const auto sections = sections_of(key, made.shape.entry_extra_levels);
-    return geometry(key.level).tile(sections.entry.index, SampleFormat::rgba8_depth8).bytes();
+    return geometry(key.level).tile(sections.entry.index, settings.format).bytes();
   };
-  const int quality = 1 + data[2] % 100;
-  const codec::PredictiveCodec codec(quality, codec::predictive_tables(quality, made.shape.levels));
+  const codec::PredictiveCodec codec(settings,
+                                     codec::predictive_tables(settings, made.shape.levels));
   const PredictedTiles tiles(made.shape, codec, geometry);
   TileKey key{static_cast<std::uint8_t>(data[1] / 2 % 3), 0};
   key.index = (data[3] | data[4] << 8) % made.shape.tiles(key.level);

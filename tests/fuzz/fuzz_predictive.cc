@@ -77,7 +77,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   std::vector<LocalPoint> positions(1 + data[0] % 46);
   const Tile tile{SampleFormat::rgba8_depth8, 1 + data[1] % 33u, positions};
   const ByteSpan rest = std::as_bytes(std::span(data + 4, size - 4));
-  const PredictiveTables tables = predictive_tables(1 + data[2] % 100, 1);
+  const PredictiveTables tables = predictive_tables({1 + data[2] % 100}, 1);
   Work work(tile, rest);
   switch (data[3] % 3) {
     case 0:

@@ -2,7 +2,9 @@
 // from. Such a tile is decoded once, and kept for others within a budget.
 
 import {kDamaged, kEmpty, kStored} from './field.js';
+import {merged} from './source.js';
 
+const kParallel = 6;          // requests
 const kKept = 48 << 20;       // bytes of samples
 const kNothing = new Uint8Array(0);
 
@@ -17,9 +19,8 @@ class Tile {
 }
 
 export class Reader {
-  // Calls `onReference` with tiles that were read because others are predicted from them.
-  constructor(field, decoders, onReference) {
-    Object.assign(this, {field, decoders, onReference});
+  constructor(field, decoders) {
+    Object.assign(this, {field, decoders});
     this.tiles = new Map();  // by page; the least recently used first
     this.bytes = 0;          // of those that are ready
   }
@@ -53,45 +54,49 @@ export class Reader {
     }
     // Colours decide: a tile without them has no use for depths.
     const wanted = parts.filter(({tile}) => tile.state === kStored);
-    field.source.readAll(wanted.map(({begin, end}) => [begin, end]))
-      .forEach((payload, i) => { wanted[i].payload = payload; });
-    const references = this.findReferences(wanted);
-    references.catch(() => {});  // the parts report it
+    await this.fetch(wanted);
+    await this.findReferences(wanted);
     await Promise.all(tiles.map(async (tile) => {
-      await Promise.all(wanted.filter((part) => part.tile === tile)
-        .map((part) => this.decode(part, references)));
+      await Promise.all(wanted.filter((part) => part.tile === tile).map((p) => this.decode(p)));
       this.finish(tile);
     }));
   }
 
-  // Lists what the parts are predicted from. What nobody reads yet is read all together, once all
-  // lists are known; until then a part may be decoded whose references are all on their way.
-  async findReferences(parts) {
-    const {field} = this;
-    if (!field.predicts) return;
-    const fresh = new Set();
-    await Promise.all(parts.map((part) => part.listed = (async () => {
-      const {level} = part.tile;
-      part.payload = await part.payload;
-      const found = level > 0 ? await this.ask('references', part) : [];
-      part.references = (found ?? []).map(([entry, exit]) => {
-        const page = field.page(level - 1, entry, exit), ready = this.tiles.get(page)?.ready;
-        if (!ready) fresh.add(page);
-        return {page, ready};
-      });
-    })()));
-    if (fresh.size === 0) return;
-    const pages = [...fresh];
-    this.read(pages).forEach((ready) => ready.then((tile) => this.onReference(tile), () => {}));
+  async fetch(parts) {
+    const requests = merged(parts.map(({begin, end}) => [begin, end]));
+    const fetchNext = async () => {
+      for (let request; (request = requests.shift());) {
+        const [begin, end] = request, bytes = await this.field.source.read(begin, end);
+        for (const part of parts)
+          if (part.begin >= begin && part.end <= end)
+            part.payload = bytes.slice(part.begin - begin, part.end - begin);
+      }
+    };
+    await Promise.all(Array.from({length: kParallel}, fetchNext));
   }
 
-  async decode(part, findReferences) {
+  // Starts to read what the parts are predicted from, all of it together.
+  async findReferences(parts) {
+    const {field} = this, needed = new Map();
+    await Promise.all(parts.map(async (part) => {
+      part.references = [];
+      const {level} = part.tile;
+      if (!field.predicts || level === 0) return;
+      const found = await this.ask('references', part);
+      for (const [entry, exit] of found ?? []) {
+        const page = field.page(level - 1, entry, exit);
+        part.references.push(page);
+        needed.set(page, undefined);
+      }
+    }));
+    const pages = [...needed.keys()];
+    this.read(pages).forEach((ready, i) => needed.set(pages[i], ready));
+    for (const part of parts) part.references = part.references.map((page) => needed.get(page));
+  }
+
+  async decode(part) {
     const {field} = this, references = [];
-    part.payload = await part.payload;
-    await part.listed;
-    const ready = () => (part.references ?? []).map((r) => r.ready ?? this.read([r.page])[0]);
-    if (part.references?.some((r) => !r.ready)) await findReferences;
-    for (const tile of await Promise.all(ready())) {
+    for (const tile of await Promise.all(part.references)) {
       if (tile.state !== kStored && tile.state !== kEmpty)
         return this.spoil(part);  // it cannot be predicted
       references.push({entry: tile.entry, exit: tile.exit, samples: tile.samples ?? kNothing});
@@ -102,7 +107,7 @@ export class Reader {
     if (layer !== field.color) {
       tile.depth = samples;
     } else if (field.together) {
-      const colors = samples.byteLength / 5 * 4;
+      const colors = field.shape.half ? samples.byteLength / 9 * 8 : samples.byteLength / 5 * 4;
       tile.samples = samples;
       tile.color = samples.subarray(0, colors);
       tile.depth = samples.subarray(colors);

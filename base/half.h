@@ -1,0 +1,35 @@
+// IEEE 754 binary16 numbers, as bits.
+#pragma once
+
+#include <bit>
+#include <cstdint>
+
+namespace slf {
+
+/// Exact.
+[[nodiscard]] inline float half_to_float(std::uint16_t bits) {
+  const std::uint32_t sign = (bits & 0x8000u) << 16, rest = bits & 0x7FFFu;
+  if (rest >= 0x7C00) return std::bit_cast<float>(sign | 0x7F800000u | (rest & 0x3FFu) << 13);
+  // The exponent is moved by a product, which serves subnormal numbers, too.
+  return std::bit_cast<float>(
+      sign | std::bit_cast<std::uint32_t>(std::bit_cast<float>(rest << 13) * 0x1p112f));
+}
+
+/// To the nearest, ties to even.
+[[nodiscard]] inline std::uint16_t half_from_float(float value) {
+  const std::uint32_t bits = std::bit_cast<std::uint32_t>(value), sign = bits >> 16 & 0x8000u;
+  const std::uint32_t rest = bits & 0x7FFFFFFFu;
+  std::uint32_t half;
+  if (rest > 0x7F800000u)
+    half = 0x7E00;  // not a number
+  else if (rest >= 0x477FF000u)
+    half = 0x7C00;  // 65520 and above
+  else if (rest < 0x38800000u)
+    // A subnormal half: the sum has the bits that count at its end, rounded.
+    half = std::bit_cast<std::uint32_t>(std::bit_cast<float>(rest) + 0.5f) - 0x3F000000u;
+  else
+    half = (rest - 0x38000000u + 0xFFFu + (rest >> 13 & 1)) >> 13;
+  return static_cast<std::uint16_t>(sign | half);
+}
+
+}  // namespace slf

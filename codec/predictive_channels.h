@@ -1,0 +1,137 @@
+// The predictive codec without a transform (FORMAT.md, "Channels"): codes what differs from a
+// prediction sample by sample, exactly or within a step. For fields that must not lose anything,
+// and for half floats.
+//
+// In stages, as in codec/predictive.h:
+//
+//   ChannelDecoder decoder(level, tile, payload);
+//   decoder.references(kinds, used);
+//   decoder.code(kAlphaChannel, predicted, values);   // then kDepthChannel
+//   ... predict colours ...
+//   decoder.code(kGreenChannel, predicted, values);   // then red, then blue
+//   decoder.finish();
+//
+// Payloads are untrusted; everything is in integers.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/bytes.h"
+#include "codec/codec.h"
+#include "codec/predictive_tables.h"
+#include "codec/range_coder.h"
+#include "codec/residual_coder.h"
+
+namespace slf::codec {
+
+/// In the order in which they are coded.
+enum TileChannel : std::size_t {
+  kAlphaChannel,
+  kDepthChannel,
+  kGreenChannel,
+  kRedChannel,
+  kBlueChannel
+};
+inline constexpr std::size_t kTileChannels = 5;
+
+/// Of each channel, a number for each sample of a tile. Depth is 0..255; the others are as well in
+/// rgba8, and in rgba16f what ordered_half makes of them.
+using ChannelValues = std::array<std::vector<std::int32_t>, kTileChannels>;
+
+/// A half float as an integer that grows with it, -32768..32767; and back.
+[[nodiscard]] constexpr std::int32_t ordered_half(std::uint16_t bits) {
+  return bits < 0x8000 ? bits : 0x7FFF - static_cast<std::int32_t>(bits);
+}
+[[nodiscard]] constexpr std::uint16_t half_of_ordered(std::int32_t ordered) {
+  return static_cast<std::uint16_t>(ordered >= 0 ? ordered : 0x7FFF - ordered);
+}
+
+/// The columns next to one in a triangular picture; -1 where there is none.
+struct ColumnNeighbours {
+  enum { W, N, NW, NE, WW, NN, E, S, kCount };
+  std::array<std::int16_t, kCount> at;
+};
+
+/// What encoder and decoder have in common. Borrows all that it is given.
+template <class Coder>
+class ChannelCoder {
+ protected:
+  /// Most terms of a prediction: 12 of the channel itself, 5 of each channel of colour before it.
+  static constexpr std::size_t kMostTerms = 22;
+  using Weights = std::array<std::int32_t, kMostTerms>;
+
+  template <class Bytes>
+  ChannelCoder(const PredictiveLevel& level, const Tile& tile, Bytes& payload);
+
+  /// Codes the residuals and leaves what the decoder has in `values`.
+  void code_channel(TileChannel channel, Weights weights, const ChannelValues& predicted,
+                    ChannelValues& values);
+  /// Whether colours are coded where alpha is 0, too: once alpha is.
+  void code_hidden(bool hidden) { hidden_ = coder_.even_bit(hidden); }
+
+  /// Whether a sample of the channel is coded: others are 0.
+  [[nodiscard]] bool coded(TileChannel channel, const ChannelValues& values,
+                           std::size_t sample) const {
+    return channel == kAlphaChannel || values[kAlphaChannel][sample] != 0 ||
+           (hidden_ && channel >= kGreenChannel);
+  }
+  [[nodiscard]] std::size_t term_count(TileChannel channel) const {
+    return 12 + (channel > kGreenChannel ? 5 * (channel - kGreenChannel) : 0);
+  }
+  /// What a sample is predicted from, as differences to what is predicted for it.
+  void find_terms(TileChannel channel, const ChannelValues& predicted, const ChannelValues& values,
+                  std::size_t row, std::size_t column, std::int32_t* terms) const;
+  [[nodiscard]] std::int32_t step(TileChannel channel) const;
+  /// In alpha where all neighbours are 0 or all are opaque: the context, and what they are.
+  struct Flat {
+    bool is = false;
+    std::int32_t value = 0;
+    std::size_t context = 0;
+  };
+  [[nodiscard]] Flat find_flat(const ChannelValues& predicted, const ChannelValues& values,
+                               std::size_t row, std::size_t column) const;
+  /// How large the residuals around a sample are, of this channel and of those of colour before it.
+  [[nodiscard]] std::size_t activity(TileChannel channel, std::size_t row,
+                                     std::size_t column) const;
+
+  const PredictiveLevel& level_;
+  const std::size_t rows_, columns_;
+  const std::int32_t least_, most_, opaque_;  // of a value; and what alpha is where opaque
+  bool hidden_ = false;
+  std::vector<ColumnNeighbours> neighbours_;  // per column
+  std::vector<std::int32_t> errors_;          // per sample: the residual's magnitude
+  std::vector<std::int32_t> color_errors_;    // the same, of the channels of colour before
+  BitModel used_[kReferenceKinds][2];
+  Coder coder_;
+};
+
+class ChannelEncoder : ChannelCoder<RangeEncoder> {
+ public:
+  /// Appends to `payload`.
+  ChannelEncoder(const PredictiveLevel& level, const Tile& tile, Bytes& payload);
+
+  void references(std::span<const std::uint8_t> kinds, std::span<const std::uint8_t> used);
+  /// The values of `channel` become what the decoder will have.
+  void code(TileChannel channel, const ChannelValues& predicted, ChannelValues& values);
+  void finish() { coder_.finish(); }
+
+ private:
+  [[nodiscard]] Weights fit(TileChannel channel, const ChannelValues& predicted,
+                            const ChannelValues& values) const;
+};
+
+class ChannelDecoder : ChannelCoder<RangeDecoder> {
+ public:
+  ChannelDecoder(const PredictiveLevel& level, const Tile& tile, ByteSpan payload);
+
+  void references(std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used);
+  /// Replaces the values of `channel`.
+  void code(TileChannel channel, const ChannelValues& predicted, ChannelValues& values);
+  /// bad_file: the payload has another length than what it codes.
+  [[nodiscard]] Result<void> finish() const;
+};
+
+}  // namespace slf::codec

@@ -1,0 +1,56 @@
+#include "field/predict/seen_colors.h"
+
+#include <algorithm>
+#include <cstring>
+
+#include "base/half.h"
+
+namespace slf {
+namespace {
+
+// A colour is seen as the logarithm of what it is before multiplication by alpha, which the bits of
+// a half float are nearly: 32 steps to an octave, from 1/64 to 4.
+constexpr int kDarkest = 0x2400, kShift = 5;
+
+std::uint32_t seen_color(std::uint16_t color, float alpha) {
+  const std::uint16_t bits = half_from_float(half_to_float(color) / alpha);
+  if (bits >= 0x8000) return 0;
+  return static_cast<std::uint32_t>(std::clamp((bits - kDarkest) >> kShift, 0, 255));
+}
+
+}  // namespace
+
+std::uint8_t seen_alpha(std::uint16_t alpha) {
+  const float value = half_to_float(alpha);
+  return static_cast<std::uint8_t>(!(value > 0) ? 0.f : std::min(value, 1.f) * 255 + 0.5f);
+}
+
+std::uint16_t half_of_seen_alpha(std::uint8_t alpha) {
+  return half_from_float(static_cast<float>(alpha) / 255);
+}
+
+std::uint16_t half_of_seen_color(std::uint8_t color, std::uint16_t alpha) {
+  const auto bits = static_cast<std::uint16_t>(kDarkest + (color << kShift) + (1 << kShift) / 2);
+  return half_from_float(half_to_float(bits) * half_to_float(alpha));
+}
+
+Bytes seen_samples(ByteSpan half) {
+  const std::size_t count = half.size() / 9;
+  Bytes seen(5 * count);
+  for (std::size_t s = 0; s < count; ++s) {
+    std::uint16_t rgba[4];
+    for (std::size_t c = 0; c < 4; ++c)
+      rgba[c] = load_le<std::uint16_t>(half.data() + 8 * s + 2 * c);
+    const std::uint32_t alpha = seen_alpha(rgba[3]);
+    std::uint32_t pixel = alpha << 24;
+    for (std::uint32_t c = 0; alpha != 0 && c < 3; ++c) {
+      const std::uint32_t x = seen_color(rgba[c], half_to_float(rgba[3])) * alpha + 128;
+      pixel |= (x + (x >> 8)) >> 8 << (8 * c);
+    }
+    store_le(seen.data() + 4 * s, pixel);
+  }
+  std::memcpy(seen.data() + 4 * count, half.data() + 8 * count, count);
+  return seen;
+}
+
+}  // namespace slf

@@ -1,0 +1,111 @@
+// Prints two hashes (FNV-1a) for each field FILE.slf...: of the decoded samples of all tiles, and,
+// where tiles are predicted, of what their samples are encoded to again. They must be the same for
+// every compiler, instruction set and processor.
+#include <cinttypes>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "codec/codec.h"
+#include "codec/predictive_codec.h"
+#include "field/geometry/level_geometry.h"
+#include "field/geometry/section.h"
+#include "field/manifest.h"
+#include "field/predicted_tiles.h"
+#include "storage/ranged_store.h"
+
+namespace {
+
+using namespace slf;
+
+template <class T>
+T expect(Result<T> result) {
+  if (result) return std::move(*result);
+  std::fprintf(stderr, "hash_samples: %s\n", result.error().message.c_str());
+  std::exit(4);
+}
+void expect(const Result<void>& result) {
+  if (!result) expect(Result<int>(tl::unexpected(result.error())));
+}
+
+class Hash {
+ public:
+  void add(ByteSpan bytes) {
+    for (const std::byte byte : bytes)
+      hash_ = (hash_ ^ std::to_integer<std::uint64_t>(byte)) * 0x100000001B3u;
+  }
+  [[nodiscard]] std::uint64_t value() const { return hash_; }
+
+ private:
+  std::uint64_t hash_ = 0xCBF29CE484222325u;
+};
+
+Bytes read_file(const char* path) {
+  std::ifstream file(path, std::ios::binary);
+  const std::vector<char> chars{std::istreambuf_iterator<char>(file), {}};
+  const ByteSpan bytes = std::as_bytes(std::span(chars));
+  return {bytes.begin(), bytes.end()};
+}
+
+void hash_field(const char* path) {
+  const Bytes bytes = read_file(path);
+  storage::RangedStore store(path, bytes.size());
+  store.add(0, bytes);
+  expect(store.open());
+  const ByteSpan text = expect(store.blob("field"));
+  const Manifest manifest =
+      expect(Manifest::parse({reinterpret_cast<const char*>(text.data()), text.size()}, path));
+  std::vector<std::unique_ptr<LevelGeometry>> levels;
+  for (unsigned level = 0; level <= manifest.shape.levels; ++level)
+    levels.push_back(std::make_unique<LevelGeometry>(manifest.shape, level));
+  const auto geometry = [&](unsigned level) -> const LevelGeometry& { return *levels[level]; };
+
+  Hash samples_hash, payload_hash;
+  for (storage::LayerId layer = 0; layer < manifest.layers.size(); ++layer) {
+    const auto& [name, format, spec] = manifest.layers[layer];
+    const auto tables = store.blob("tables/" + name);
+    const auto codec = expect(codec::make_codec(spec, format, tables ? *tables : ByteSpan()));
+    std::unique_ptr<PredictedTiles> predicted;
+    if (const auto* predictive = codec->predictive())
+      predicted = std::make_unique<PredictedTiles>(manifest.shape, *predictive, geometry);
+    std::map<TileKey, TileSamples> decoded;
+    const ReferenceSource source = [&](TileKey key) -> Result<TileSamples> {
+      return decoded.at(key);
+    };
+    for (unsigned level = 0; level <= manifest.shape.levels; ++level)
+      for (std::uint64_t index = 0; index < manifest.shape.tiles(level); ++index) {
+        const TileKey key{static_cast<std::uint8_t>(level), index};
+        const auto tile = expect(store.find(layer, key));
+        decoded[key] = nullptr;
+        if (tile.state != storage::TileState::stored) continue;
+        const ByteSpan payload =
+            ByteSpan(bytes).subspan(tile.payload.begin, tile.payload.end - tile.payload.begin);
+        const auto sections = sections_of(key, manifest.shape.entry_extra_levels);
+        const codec::Tile shape = geometry(level).tile(sections.entry.index, format);
+        auto samples = std::make_shared<Bytes>(shape.bytes());
+        expect(predicted ? predicted->decode(key, payload, source, *samples)
+                         : codec->decode(shape, payload, *samples));
+        samples_hash.add(*samples);
+        if (predicted) {
+          Bytes again;
+          expect(predicted->encode(key, *samples, source, again));
+          payload_hash.add(again);
+        }
+        decoded[key] = std::move(samples);
+      }
+  }
+  const char* const slash = std::strrchr(path, '/');
+  std::printf("%-24s %016" PRIx64 " %016" PRIx64 "\n", slash ? slash + 1 : path,
+              samples_hash.value(), payload_hash.value());
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  for (int k = 1; k < argc; ++k) hash_field(argv[k]);
+}
