@@ -1,12 +1,12 @@
 // How fast views are drawn from decoded tiles, and how far that is from what the machine allows.
 //
-//   render_speed FIELD [SIZE [REPEATS [MODE]]]
+//   render_speed FIELD [SIZE [REPEATS [MODE [STEP]]]]
 //
-// Workload: one view of SIZE × SIZE pixels (1024) that the sphere fills, drawn REPEATS times (9)
-// into the same picture, after one that decoded all its tiles; every mode the field has, or MODE,
-// on one thread and on two. Reported: the median over the repeats, in ns for each pixel whose ray
-// meets the sphere; processor time on one thread, of which the ratios are, and time on the wall on
-// one thread and on two.
+// Workload: REPEATS views (9) of SIZE × SIZE pixels (1024) that the sphere fills, drawn into the
+// same picture, after others that decoded all their tiles; every mode the field has, or MODE, on
+// one thread and on two. The camera turns by STEP degrees (0) from a view to the next. Reported:
+// the median over the repeats, in ns for each pixel whose ray meets the sphere; processor time on
+// one thread, of which the ratios are, and time on the wall on one thread and on two.
 //   gathers  the memory limit of mode bitri: a loop that only loads the same nine samples of the
 //            same rays in the same order, at addresses it reads from a list
 // SLF_TARGETS in the environment, a mask of Highway targets, measures lesser instruction sets.
@@ -19,6 +19,7 @@
 #include <cstring>
 #include <ctime>
 #include <map>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -128,28 +129,29 @@ class GatherList {
   std::vector<RaySamples> rays_;
 };
 
-/// Of one view; exits where it cannot be drawn.
-Time view_time(const Field& field, const Camera& camera, const ViewOptions& view, unsigned threads,
-               int repeats, std::uint64_t& hit) {
+/// Of a view; exits where one cannot be drawn.
+Time view_time(const Field& field, std::span<const Camera> cameras, const ViewOptions& view,
+               unsigned threads, std::uint64_t& hit) {
   Renderer renderer(field, {kMemory, threads});
   ViewStatistics statistics;
   Image image;
-  const auto draw = [&](ViewStatistics* wanted) {
-    if (const auto ok = renderer.render(camera, view, image, wanted); !ok) {
+  const auto draw = [&](const Camera& camera) {
+    if (const auto ok = renderer.render(camera, view, image, &statistics); !ok) {
       std::fprintf(stderr, "%s\n", ok.error().message.c_str());
       std::exit(1);
     }
   };
-  draw(&statistics);
+  for (const Camera& camera : cameras) draw(camera);
   hit = statistics.pixels_hit;
-  return median_time(repeats, [&] { draw(nullptr); });
+  auto next = cameras.begin();
+  return median_time(static_cast<int>(cameras.size()), [&] { draw(*next++); });
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
   if (argc < 2) {
-    std::fprintf(stderr, "usage: render_speed FIELD [SIZE [REPEATS [MODE]]]\n");
+    std::fprintf(stderr, "usage: render_speed FIELD [SIZE [REPEATS [MODE [STEP]]]]\n");
     return 1;
   }
   const auto field = Field::open(argv[1]);
@@ -160,7 +162,10 @@ int main(int argc, char** argv) {
   const auto size = static_cast<std::uint32_t>(argc > 2 ? std::atoi(argv[2]) : 1024);
   const int repeats = argc > 3 ? std::max(1, std::atoi(argv[3])) : 9;
   const unsigned level = field->shape().levels;
-  const Camera camera = orbit_camera(field->shape().sphere, 30, 20, 3, size, size);
+  const double step = argc > 5 ? std::atof(argv[5]) : 0;
+  std::vector<Camera> cameras;
+  for (int k = 0; k < repeats; ++k)
+    cameras.push_back(orbit_camera(field->shape().sphere, 30 + step * k, 20, 3, size, size));
 
   if (const char* targets = std::getenv("SLF_TARGETS"))
     hwy::SetSupportedTargetsForTest(std::strtoll(targets, nullptr, 0));
@@ -168,7 +173,7 @@ int main(int argc, char** argv) {
   Time gathers, bitri;
   std::uint64_t hit = 1;
   if (field->file().manifest().layers[0].format == codec::SampleFormat::rgba8) {
-    const GatherList list(*field, level, camera);
+    const GatherList list(*field, level, cameras.front());
     std::uint32_t sum = 0;
     gathers = median_time(repeats, [&] { sum += list.gather(); });
     volatile std::uint32_t keep = sum;
@@ -181,8 +186,8 @@ int main(int argc, char** argv) {
                                 RenderMode::st, RenderMode::depth}) {
     if (argc > 4 && std::string_view(argv[4]) != name(mode)) continue;
     if (mode == RenderMode::depth && !field->file().layer("depth")) continue;
-    const Time one = view_time(*field, camera, {mode, level, false}, 1, repeats, hit);
-    const Time two = view_time(*field, camera, {mode, level, false}, 2, repeats, hit);
+    const Time one = view_time(*field, cameras, {mode, level, false}, 1, hit);
+    const Time two = view_time(*field, cameras, {mode, level, false}, 2, hit);
     if (mode == RenderMode::bitri) bitri = one;
     const auto pixels = static_cast<double>(hit);
     std::printf("%-8s %9.2f %9.2f %9.2f %8.2f %9.2f %8.2f\n", name(mode), one.cpu / pixels,

@@ -1,57 +1,72 @@
 #include "field/render/block_tiles.h"
 
+#include <algorithm>
+
 namespace slf {
 
-namespace {
-constexpr std::size_t kReach = 8;  // bytes before `zeros` that a load may begin
-}
-
-BlockTiles::BlockTiles() { offsets_.zeros = zeros_.data() + kReach; }
-
-void BlockTiles::look_up(const LevelGeometry& geometry, const PageTable& table, std::uint32_t frame,
-                         bool with_depth, std::vector<TileKey>& touched) {
+void BlockTiles::begin_frame(std::uint32_t frame, bool with_depth, std::vector<TileKey>& touched) {
+  frame_ = frame;
   with_depth_ = with_depth;
-  any_absent_ = any_missing_ = false;
-  offsets_.color.resize(tiles_.size() + 1);
-  offsets_.depth.resize(tiles_.size() + 1);
-  // Pages are mostly in no cache of the core's: all are fetched before any is read.
-  for (Tile& tile : tiles_) {
-    tile.page = table.find(tile.entry, tile.exit);
-    __builtin_prefetch(tile.page);
-  }
-  for (std::uint32_t n = 0; n < tiles_.size(); ++n) {
-    const Tile& tile = tiles_[n];
-    const std::uint32_t layers = tile.page ? tile.page->layers.load(std::memory_order_acquire) : 0;
-    if (!TilePage::readable(layers, with_depth)) {
-      clear_page(n);
-      any_absent_ = true;
-      continue;
-    }
-    set_page(n, *tile.page, layers);
-    if (tile.page->used.load(std::memory_order_relaxed) == frame) continue;
-    tile.page->used.store(frame, std::memory_order_relaxed);
-    touched.push_back(
-        tile_key({geometry.entry_section(tile.entry), geometry.exit_section(tile.exit)}));
-  }
+  touched_ = &touched;
 }
 
-void BlockTiles::set_page(std::uint32_t number, const TilePage& page) {
-  set_page(number, page, page.layers.load(std::memory_order_acquire));
+void BlockTiles::begin_pass(const LevelGeometry& geometry, const PageTable& table, bool wait) {
+  geometry_ = &geometry;
+  table_ = &table;
+  wait_ = wait;
+  any_unavailable_ = false;
+  pinned_ = {};
+  absent_.clear();
 }
 
-void BlockTiles::set_page(std::uint32_t number, const TilePage& page, std::uint32_t layers) {
-  const bool missing = TilePage::missing(layers, with_depth_);
-  tiles_[number].state = missing ? State::missing : State::available;
-  any_missing_ |= missing;
-  offsets_.color[number + 1] = offset_of(page.color.load(std::memory_order_acquire));
-  if (with_depth_)
-    offsets_.depth[number + 1] = offset_of(page.depth.load(std::memory_order_acquire));
+std::uint64_t BlockTiles::found_mask() const {
+  return std::uint64_t{0xFFFFFFFF} << 32 | TilePage::needed(with_depth_) |
+         TilePage::missing_bits(with_depth_) | TilePage::kPinFirst;
+}
+
+std::uint64_t BlockTiles::found_value() const {
+  return std::uint64_t{frame_} << 32 | TilePage::needed(with_depth_);
+}
+
+BlockTiles::Found BlockTiles::find(std::uint32_t entry, std::uint32_t exit) {
+  TilePage* const page = table_->find(entry, exit);
+  const std::uint32_t layers = page ? page->layers.load(std::memory_order_acquire) : 0;
+  const bool before = page && page->used.load(std::memory_order_relaxed) == frame_;
+  if (!(before && TilePage::readable(layers, with_depth_)) && !meet(entry, exit, page, layers)) {
+    any_unavailable_ |= !wait_;
+    return {0, 0, !wait_};
+  }
+  Found found;
+  found.unavailable = TilePage::missing(layers, with_depth_);
+  any_unavailable_ |= found.unavailable;
+  found.color = offset_of(page->color.load(std::memory_order_acquire));
+  if (with_depth_) found.depth = offset_of(page->depth.load(std::memory_order_acquire));
+  return found;
+}
+
+bool BlockTiles::meet(std::uint32_t entry, std::uint32_t exit, TilePage* page,
+                      std::uint32_t layers) {
+  const TileKey key = tile_key({geometry_->entry_section(entry), geometry_->exit_section(exit)});
+  if ((layers & TilePage::kPinFirst) && std::ranges::binary_search(pinned_, key))
+    layers &= ~TilePage::kPinFirst;
+  if (!TilePage::readable(layers, with_depth_)) {
+    std::uint32_t& recent = recent_[(5 * entry + exit) % kRecent];
+    if (recent < absent_.size() && absent_[recent] == key) return false;
+    recent = static_cast<std::uint32_t>(absent_.size());
+    absent_.push_back(key);
+    return false;
+  }
+  if (page->used.load(std::memory_order_relaxed) != frame_) {
+    page->used.store(frame_, std::memory_order_relaxed);
+    touched_->push_back(key);
+  }
+  return true;
 }
 
 std::int64_t BlockTiles::offset_of(const std::byte* samples) const {
   if (!samples) return 0;
   return static_cast<std::int64_t>(reinterpret_cast<std::uintptr_t>(samples) -
-                                   reinterpret_cast<std::uintptr_t>(offsets_.zeros));
+                                   reinterpret_cast<std::uintptr_t>(zeros()));
 }
 
 }  // namespace slf

@@ -1,9 +1,13 @@
-// BlockTiles: the tiles that a block's rays sample in one pass, numbered as they are met. Private
-// to field/render.
+// BlockTiles: the tiles that a block's rays sample in one pass. Private to field/render.
+//
+// The kernel (gather_kernel.h) finds tiles that the frame used before by itself, a vector of them
+// at a time. It asks here for the others: tiles that the frame meets the first time, and those that
+// are not loaded.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "field/geometry/level_geometry.h"
@@ -13,86 +17,78 @@
 
 namespace slf {
 
-/// Stands for no tile: an entry vertex of weight 0 takes no samples.
-inline constexpr std::uint32_t kNoTile = ~0u;
-
-/// Which tile, by number, each entry vertex of each ray samples, or kNoTile.
-using TileNumbers = std::array<RayArray<std::uint32_t>, 3>;
-
-/// Where the samples of tiles begin: bytes from `zeros`, by tile number + 1, so that kNoTile has
-/// the first. 0 stands for samples that are all 0; zeros surround `zeros` as far as one load
-/// reaches.
-struct TileOffsets {
+/// Where the samples of each ray's tiles begin, by entry vertex: bytes from `zeros`. 0 stands for
+/// samples that are all 0: of an empty tile, of none, or of a vertex of weight 0. Zeros surround
+/// `zeros` as far as one load reaches.
+struct TileBegins {
   const std::byte* zeros = nullptr;
-  std::vector<std::int64_t> color{0}, depth{0};
+  std::array<RayArray<std::int64_t>, 3> color, depth;
+  RayArray<std::uint32_t> unavailable;  ///< not 0: the ray needs a tile that is unavailable
+
+  void resize(std::size_t size) {
+    for (auto* arrays : {&color, &depth})
+      for (auto& array : *arrays) array.resize(size + kRayPadding);
+    unavailable.resize(size + kRayPadding);
+  }
 };
 
 /// Thread-safety: one thread.
 class BlockTiles {
  public:
-  /// How a tile was found.
-  enum class State : std::uint8_t {
-    available,  ///< its samples can be read, or are all 0
-    absent,     ///< not loaded
-    missing,    ///< never built
-  };
-  struct Tile {
-    std::uint32_t entry = 0, exit = 0;  ///< section indices
-    State state = State::absent;
-    TilePage* page = nullptr;  ///< as look_up() found it, loaded or not
+  /// A tile, as it was found.
+  struct Found {
+    std::int64_t color = 0, depth = 0;  ///< as in TileBegins
+    bool unavailable = false;
   };
 
-  BlockTiles();
+  BlockTiles() = default;
   BlockTiles(const BlockTiles&) = delete;
   BlockTiles& operator=(const BlockTiles&) = delete;
 
-  /// Begins a pass, without tiles.
-  void clear() { tiles_.clear(); }
+  /// Begins a frame that needs colours or, with depth, both layers. The keys of tiles that it uses
+  /// are appended to `touched`, which must outlive it.
+  void begin_frame(std::uint32_t frame, bool with_depth, std::vector<TileKey>& touched);
 
-  /// The number of a tile. One that was met long ago may get another. Not inlined: the kernel's
-  /// loop, which calls it rarely, keeps its registers.
-  [[gnu::noinline]] std::uint32_t number(std::uint32_t entry, std::uint32_t exit) {
-    std::uint32_t& recent = recent_[(5 * entry + exit) % kRecent];
-    if (recent < tiles_.size() && tiles_[recent].entry == entry && tiles_[recent].exit == exit)
-      return recent;
-    tiles_.push_back({entry, exit});
-    return recent = static_cast<std::uint32_t>(tiles_.size() - 1);
-  }
+  /// Begins a pass over a level, which loads what is absent or else takes it for unavailable.
+  void begin_pass(const LevelGeometry& geometry, const PageTable& table, bool wait);
 
-  /// Looks up all tiles in their level's table. The keys of those that `frame` has not used yet are
-  /// appended to `touched`. REQUIRES: a ReadScope until the samples are gathered.
-  void look_up(const LevelGeometry& geometry, const PageTable& table, std::uint32_t frame,
-               bool with_depth, std::vector<TileKey>& touched);
+  /// From here on these tiles, sorted, are found even if they are not to be read without a pin.
+  void set_pinned(std::span<const TileKey> keys) { pinned_ = keys; }
 
-  /// Gives a tile its page, which is loaded.
-  void set_page(std::uint32_t number, const TilePage& page);
-  /// Makes a tile absent.
-  void clear_page(std::uint32_t number) {
-    clear_offset(number);
-    tiles_[number].state = State::absent;
-  }
-  /// Takes a tile's samples for 0 from now on; its state stays.
-  void clear_offset(std::uint32_t number) {
-    offsets_.color[number + 1] = offsets_.depth[number + 1] = 0;
-  }
+  /// Finds a tile and stamps it as used by the frame. Not inlined: the kernel's loop, which calls
+  /// it rarely, keeps its registers. REQUIRES: a ReadScope until the samples are gathered.
+  [[gnu::noinline]] Found find(std::uint32_t entry, std::uint32_t exit);
 
-  [[nodiscard]] const std::vector<Tile>& tiles() const { return tiles_; }
-  [[nodiscard]] const TileOffsets& offsets() const { return offsets_; }
-  /// Whether any tile was absent, or missing, when it was looked up.
-  [[nodiscard]] bool any_absent() const { return any_absent_; }
-  [[nodiscard]] bool any_missing() const { return any_missing_; }
+  /// A page whose `used` and `layers`, as one number under this mask, are this value belongs to a
+  /// tile that the frame found before, and that can be read.
+  [[nodiscard]] std::uint64_t found_mask() const;
+  [[nodiscard]] std::uint64_t found_value() const;
+  [[nodiscard]] const PageTable& table() const { return *table_; }
+  [[nodiscard]] bool with_depth() const { return with_depth_; }
+  [[nodiscard]] const std::byte* zeros() const { return zeros_.data() + kReach; }
+
+  /// The tiles that were not loaded, with some repetitions.
+  [[nodiscard]] const std::vector<TileKey>& absent() const { return absent_; }
+  /// Whether any ray needs a tile that is unavailable.
+  [[nodiscard]] bool any_unavailable() const { return any_unavailable_; }
 
  private:
+  static constexpr std::size_t kReach = 8;  // bytes before `zeros` that a load may begin
   static constexpr std::uint32_t kRecent = 64;
 
-  void set_page(std::uint32_t number, const TilePage& page, std::uint32_t layers);
   [[nodiscard]] std::int64_t offset_of(const std::byte* samples) const;
+  /// Stamps a tile that the frame did not use before, or adds it to absent(): false.
+  [[nodiscard]] bool meet(std::uint32_t entry, std::uint32_t exit, TilePage* page,
+                          std::uint32_t layers);
 
-  bool with_depth_ = false;
-  bool any_absent_ = false, any_missing_ = false;
-  std::vector<Tile> tiles_;
-  std::array<std::uint32_t, kRecent> recent_{};  // numbers, by hash of the sections
-  TileOffsets offsets_;
+  std::uint32_t frame_ = 0;
+  bool with_depth_ = false, wait_ = false, any_unavailable_ = false;
+  const LevelGeometry* geometry_ = nullptr;
+  const PageTable* table_ = nullptr;
+  std::vector<TileKey>* touched_ = nullptr;
+  std::span<const TileKey> pinned_;
+  std::vector<TileKey> absent_;
+  std::array<std::uint32_t, kRecent> recent_{};  // places in absent_, by hash
   std::array<std::byte, 24> zeros_{};
 };
 

@@ -9,15 +9,16 @@
 
 namespace slf {
 
-/// Adds the tiles that a pass over `count` rays samples to `tiles`, and numbers them for each ray.
-void number_tiles(const Pass& pass, const EntryCells& entries, std::size_t count, BlockTiles& tiles,
-                  TileNumbers& numbers);
+/// Finds the tiles that a pass over `count` rays samples: in the table, or with tiles.find().
+/// Marks rays that need an unavailable one, and prefetches colours.
+/// REQUIRES: a ReadScope until the samples are gathered.
+void find_tiles(const Pass& pass, const EntryCells& entries, std::size_t count, bool half_floats,
+                BlockTiles& tiles, TileBegins& begins);
 
-/// Gathers a pass's samples from the tiles that have an offset; those of others are 0. `add`
-/// combines them with what an earlier call gathered from other tiles.
-/// REQUIRES: the 8 bytes before a tile's first sample can be read.
-void gather_samples(const TileOffsets& offsets, const Pass& pass, const EntryCells& entries,
-                    const TileNumbers& numbers, std::size_t count, bool half_floats, bool add,
-                    BlockSamples& samples);
+/// Gathers a pass's samples from the tiles that were found. `add` combines them with what an
+/// earlier call gathered from other tiles, or the same ones. REQUIRES: the 8 bytes before a tile's
+/// first sample can be read.
+void gather_samples(const TileBegins& begins, const Pass& pass, const EntryCells& entries,
+                    std::size_t count, bool half_floats, bool add, BlockSamples& samples);
 
 }  // namespace slf

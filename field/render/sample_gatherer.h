@@ -40,10 +40,8 @@ class SampleGatherer {
   [[nodiscard]] const BlockSamples& samples() const { return samples_; }
   [[nodiscard]] bool half_floats() const { return format_ == codec::SampleFormat::rgba16f; }
   /// Whether any ray of the last pass needs an unavailable tile; whether one of them does.
-  [[nodiscard]] bool any_unavailable() const { return any_unavailable_; }
-  [[nodiscard]] bool unavailable(std::size_t ray) const {
-    return any_unavailable_ && unavailable_[ray] != 0;
-  }
+  [[nodiscard]] bool any_unavailable() const { return tiles_.any_unavailable(); }
+  [[nodiscard]] bool unavailable(std::size_t ray) const { return begins_.unavailable[ray] != 0; }
 
   /// The tiles that the view used so far, with repetitions; of them, those that were absent and not
   /// waited for.
@@ -51,22 +49,20 @@ class SampleGatherer {
   [[nodiscard]] const std::vector<TileKey>& wanted() const { return wanted_; }
 
  private:
-  [[nodiscard]] Result<void> gather_in_batches(const LevelGeometry& geometry, std::size_t count,
-                                               const EntryCells& entries, const Pass& pass);
-  void find_unavailable(const LevelGeometry& geometry, bool wait, std::size_t count,
-                        const Pass& pass);
+  [[nodiscard]] Result<void> gather_in_batches(std::size_t count, const EntryCells& entries,
+                                               const Pass& pass);
+  /// Gathers from the tiles that are loaded; `add` to what earlier calls of the pass gathered.
+  void gather_loaded(std::size_t count, const EntryCells& entries, const Pass& pass, bool add);
+  void add_wanted();
 
   TileCache& cache_;
   TileCache::Reader reader_;
   const codec::SampleFormat format_;
   const std::uint64_t pin_bytes_, largest_tile_;
-  std::uint32_t frame_ = 0;
   bool with_depth_ = false;
   BlockTiles tiles_;
-  TileNumbers numbers_;
+  TileBegins begins_;
   BlockSamples samples_;
-  std::vector<std::uint8_t> unavailable_;  // by ray
-  bool any_unavailable_ = false;           // some of them are set
   std::vector<TileKey> touched_, wanted_;
   std::size_t wanted_once_ = 0;  // of wanted_, without repetitions, when it was last sorted
 };

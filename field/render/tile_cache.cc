@@ -264,7 +264,7 @@ Result<TileCache::Pin> TileCache::load(const Located& located, bool with_depth) 
     const auto sections = sections_of(located.key, field_.shape().entry_extra_levels);
     place = std::make_unique<Tile>();
     place->key = located.key;
-    place->page = &tables_[located.key.level].make_page(sections.entry.index, sections.exit.index);
+    place->page = tables_[located.key.level].find(sections.entry.index, sections.exit.index);
   }
   Tile& tile = *place;
   pin_locked(tile);
