@@ -88,8 +88,9 @@ void message(const std::string& text);
 /// A message unless quiet.
 void note(const std::string& text);
 
-/// JSON on stdout. Bytes that are not UTF-8, as in paths, become U+FFFD.
-void print_json(const nlohmann::json& json);
+/// JSON on stdout. Bytes that are not UTF-8, as in paths, become U+FFFD. An object gets the member
+/// "http", traffic_json(), if a distant field was read.
+void print_json(nlohmann::json json);
 
 /// A text member of untrusted JSON, or `otherwise`.
 [[nodiscard]] std::string text_of(const nlohmann::json& json, const char* key,
@@ -105,6 +106,17 @@ void print_table(const std::vector<std::vector<std::string>>& rows);
 /// Lets malloc keep what is freed. For commands that copy: records of some 100 KiB would otherwise
 /// come from the system and return to it one by one, which takes longer than to copy them.
 void keep_freed_memory();
+
+// ---- fields ------------------------------------------------------------------------------------
+
+/// Whether a field is named by its address on a web server.
+[[nodiscard]] bool is_address(std::string_view path);
+
+/// Opens a field: a local file, or one on a web server. Errors as of Field and RemoteField.
+[[nodiscard]] Result<Field> open_field(const std::string& path);
+
+/// The requests and bytes that distant fields took so far; null if there are none.
+[[nodiscard]] nlohmann::json traffic_json();
 
 // ---- progress and signals ----------------------------------------------------------------------
 

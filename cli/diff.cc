@@ -57,9 +57,9 @@ void print_difference(const Field& field, const FieldDifference& difference) {
 }
 
 Result<void> run_diff(const Arguments& arguments) {
-  const auto a = Field::open(arguments.a);
+  const auto a = open_field(arguments.a);
   if (!a) return tl::unexpected(a.error());
-  const auto b = Field::open(arguments.b);
+  const auto b = open_field(arguments.b);
   if (!b) return tl::unexpected(b.error());
   const auto difference = diff_fields(*a, *b, arguments.diff, progress_bar("diff", "tiles"));
   if (!difference) return tl::unexpected(difference.error());

@@ -112,7 +112,7 @@ void print_volume(const Volume& volume) {
 
 Result<void> run_info(const Arguments& arguments) {
   const std::string& input = arguments.source.input;
-  if (!input.ends_with(".slf") && !input.ends_with(".slf.unfinished")) {
+  if (!is_address(input) && !input.ends_with(".slf") && !input.ends_with(".slf.unfinished")) {
     const auto volume = arguments.source.volume();
     if (!volume) return tl::unexpected(volume.error());
     if (arguments.json)
@@ -121,7 +121,7 @@ Result<void> run_info(const Arguments& arguments) {
       print_volume(*volume);
     return {};
   }
-  const auto field = Field::open(arguments.source.input);
+  const auto field = open_field(arguments.source.input);
   if (!field) return tl::unexpected(field.error());
   const auto content = field->content();
   if (!content) return tl::unexpected(content.error());

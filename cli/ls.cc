@@ -25,7 +25,7 @@ std::string tile_json(const ListedTile& tile, const std::string& layer) {
 }
 
 Result<void> run_ls(const Arguments& a) {
-  const auto field = Field::open(a.field);
+  const auto field = open_field(a.field);
   if (!field) return tl::unexpected(field.error());
   TileFilter filter = a.filter;
   filter.subfields = a.subfields.numbers;

@@ -118,7 +118,7 @@ void print_measurement(const Setting& s, const Measurement& m, std::uint32_t vie
 Result<void> run_measure(const MeasureArguments& a) {
   nlohmann::json runs = nlohmann::json::array();
   for (const std::string& path : a.fields) {
-    const auto field = Field::open(path);
+    const auto field = open_field(path);
     if (!field) return tl::unexpected(field.error());
     const std::vector<RenderMode> modes =
         a.modes.empty() ? std::vector{default_mode(*field)} : a.modes;
@@ -181,7 +181,7 @@ std::optional<ToneMapping> view_tone(const Field& field) {
 }
 
 Result<void> run_evaluate(const EvaluateArguments& a) {
-  const auto field = Field::open(a.field);
+  const auto field = open_field(a.field);
   if (!field) return tl::unexpected(field.error());
   const auto cameras = a.views.cameras(field->shape().sphere, a.distance, a.size);
   if (!cameras) return tl::unexpected(cameras.error());

@@ -86,7 +86,9 @@ void note(const std::string& text) {
   if (!quiet) message(text);
 }
 
-void print_json(const nlohmann::json& json) {
+void print_json(nlohmann::json json) {
+  if (nlohmann::json traffic = traffic_json(); !traffic.is_null() && json.is_object())
+    json["http"] = std::move(traffic);
   print_text(json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
 }
 

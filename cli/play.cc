@@ -81,9 +81,9 @@ struct Played {
 /// Plays the path on the clock. Where pictures are written, the clock stands still meanwhile; the
 /// loading thread does not.
 Result<Played> play(const PlayArguments& a, const PlayOptions& options, Pictures* pictures) {
-  if (a.cold)
+  if (a.cold && !is_address(a.field))
     if (auto ok = drop_page_cache(a.field); !ok) return tl::unexpected(ok.error());
-  const auto field = Field::open(a.field);
+  const auto field = open_field(a.field);
   if (!field) return tl::unexpected(field.error());
   const auto path = a.camera_path(field->shape().sphere);
   if (!path) return tl::unexpected(path.error());

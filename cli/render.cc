@@ -104,7 +104,7 @@ Result<void> check_drawn(const Field& field, const ViewStatistics& statistics) {
 
 Result<void> run_render(const RenderArguments& a) {
   if (auto ok = a.picture.check(); !ok) return ok;
-  const auto field = Field::open(a.field);
+  const auto field = open_field(a.field);
   if (!field) return tl::unexpected(field.error());
   auto view = a.draw.view(*field);
   if (!view) return tl::unexpected(view.error());
@@ -130,10 +130,12 @@ Result<void> run_render(const RenderArguments& a) {
   if (!a.json && !a.stats) return {};
   const auto file = footprint(*field, statistics.tiles, view->needs_depth());
   if (!file) return tl::unexpected(file.error());
-  const auto json = statistics_json(statistics, *file, *view);
+  auto json = statistics_json(statistics, *file, *view);
   if (a.json) {
     print_json(json);
   } else {
+    const nlohmann::json traffic = traffic_json();
+    for (const auto& [key, value] : traffic.items()) json["http_" + key] = value;
     std::vector<std::vector<std::string>> rows;
     for (const auto& [key, value] : json.items())
       rows.push_back({key, value.is_string() ? value.get<std::string>() : value.dump()});

@@ -44,7 +44,7 @@ Result<void> run_repack(const RepackArguments& a) {
   options.half = a.half;
   options.subfields = a.subfields.numbers;
   options.replace = a.force;
-  const auto field = Field::open(a.input);
+  const auto field = open_field(a.input);
   if (!field) return tl::unexpected(field.error());
   if (a.dry_run) return estimate(a, *field, options);
   if (a.output.empty()) return fail(ErrorCode::usage, "--output is required, or --dry-run");
@@ -95,7 +95,13 @@ void print_report(const std::string& path, const VerifyReport& report) {
 }
 
 Result<void> run_verify(const VerifyArguments& a) {
-  const auto report = verify_field(a.field, a.verify, progress_bar("verify", "tiles"));
+  const auto bar = progress_bar("verify", "tiles");
+  const auto report = [&]() -> Result<VerifyReport> {
+    if (!is_address(a.field)) return verify_field(a.field, a.verify, bar);
+    const auto field = open_field(a.field);
+    if (!field) return tl::unexpected(field.error());
+    return verify_field(*field, a.verify, bar);
+  }();
   if (!report) return tl::unexpected(report.error());
   if (a.json)
     print_json(report_json(*report));

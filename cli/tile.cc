@@ -59,7 +59,7 @@ Result<void> run_tile(const Arguments& a) {
     return fail(ErrorCode::usage, "-o -: is a terminal; redirect stdout to a file or a program");
   if (!to_stdout)
     if (auto ok = refuse_overwrite(a.output, a.force); !ok) return ok;
-  const auto field = Field::open(a.field);
+  const auto field = open_field(a.field);
   if (!field) return tl::unexpected(field.error());
   const auto key = parse_tile(*field, a.tile);
   if (!key) return tl::unexpected(key.error());

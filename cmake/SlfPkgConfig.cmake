@@ -2,7 +2,7 @@
 # target links. A library that this file does not know stops the configuration.
 set(slf_pc_requires
   PkgConfig::LMDB=lmdb PkgConfig::XXHASH=libxxhash PkgConfig::ZSTD=libzstd PkgConfig::JPEG=libjpeg
-  PkgConfig::HWY=libhwy PkgConfig::WEBP=libwebpmux PNG::PNG=libpng ZLIB::ZLIB=zlib
+  PkgConfig::HWY=libhwy PkgConfig::WEBP=libwebpmux PkgConfig::CURL=libcurl PNG::PNG=libpng ZLIB::ZLIB=zlib
   OpenEXR::OpenEXR=OpenEXR EXPAT::EXPAT=expat TIFF::TIFF=libtiff-4)
 set(slf_pc_libs
   Threads::Threads=-pthread

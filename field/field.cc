@@ -7,16 +7,21 @@ namespace slf {
 Result<std::shared_ptr<const FieldFile>> FieldFile::open(const std::string& path) {
   auto store = storage::TileStore::open(path);
   if (!store) return tl::unexpected(store.error());
-  const auto text = store->blob(kManifestBlob);
+  return open(std::move(*store));
+}
+
+Result<std::shared_ptr<const FieldFile>> FieldFile::open(storage::TileStore store) {
+  const std::string path = store.path();
+  const auto text = store.blob(kManifestBlob);
   if (!text) return tl::unexpected(text.error());
   auto manifest =
       Manifest::parse({reinterpret_cast<const char*>(text->data()), text->size()}, path);
   if (!manifest) return tl::unexpected(manifest.error());
-  if (manifest->layers.size() != store->layers().size())
+  if (manifest->layers.size() != store.layers().size())
     return fail(ErrorCode::bad_file, path, ": the manifest names ", manifest->layers.size(),
-                " layers, the container holds ", store->layers().size());
+                " layers, the container holds ", store.layers().size());
 
-  std::shared_ptr<FieldFile> field(new FieldFile(std::move(*store), std::move(*manifest)));
+  std::shared_ptr<FieldFile> field(new FieldFile(std::move(store), std::move(*manifest)));
   for (std::size_t k = 0; k < field->manifest_.layers.size(); ++k) {
     const Layer& layer = field->manifest_.layers[k];
     if (layer.name != field->store_.layers()[k])

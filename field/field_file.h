@@ -31,6 +31,8 @@ class FieldFile {
   /// io: missing or unreadable. bad_file: damaged, truncated, not a field. unsupported: a newer
   /// format. An incomplete field opens: what was never built is reported as missing.
   [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(const std::string& path);
+  /// The same with a container that is open.
+  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(storage::TileStore store);
 
   [[nodiscard]] const std::string& path() const { return store_.path(); }
   [[nodiscard]] const Manifest& manifest() const { return manifest_; }

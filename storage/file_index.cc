@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "storage/internal/pages.h"
 #include "storage/internal/record.h"
 
 namespace slf::storage::internal {
@@ -38,6 +39,20 @@ Result<FileIndex> FileIndex::parse(ByteSpan end, std::uint64_t file_bytes) {
         {load_le<std::uint32_t>(at), {begin, begin + size}, load_le<std::uint64_t>(at + 24)});
   }
   return index;
+}
+
+Result<std::vector<IndexSection>> find_sections(const ByteSource& source, std::uint64_t file_bytes,
+                                                std::uint64_t transaction) {
+  if (file_bytes < 2 * kPageSize + kIndexFooter) return {};
+  const auto footer = source.bytes(file_bytes - kIndexFooter, kIndexFooter);
+  if (!footer) return tl::unexpected(footer.error());
+  const std::uint64_t size = FileIndex::size(*footer);
+  if (size == 0 || size > file_bytes - 2 * kPageSize) return {};
+  const auto end = source.bytes(file_bytes - size, size);
+  if (!end) return tl::unexpected(end.error());
+  auto index = FileIndex::parse(*end, file_bytes);
+  if (!index || index->transaction != transaction) return {};
+  return std::move(index->sections);
 }
 
 Result<void> open_section(const IndexSection& section, ByteSpan bytes, std::uint64_t file_bytes,

@@ -58,13 +58,22 @@ void add_heads(const Pages& pages, std::span<const RecordKey> keys, const Stop& 
 }  // namespace
 
 void Advice::add(ByteSpan bytes) {
-  static const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
-  if (bytes.empty()) return;
   const auto begin = reinterpret_cast<std::uintptr_t>(bytes.data());
-  ranges_.push_back({begin / page * page, (begin + bytes.size() + page - 1) / page * page});
+  if (!bytes.empty()) ranges_.push_back({begin, begin + bytes.size()});
+}
+
+void Advice::expect() {
+  const auto file = reinterpret_cast<std::uintptr_t>(pages_.file().data());
+  std::vector<FileRange> ranges;
+  for (const Range& range : ranges_) ranges.push_back({range.begin - file, range.end - file});
+  pages_.source()->expect(ranges);
 }
 
 void Advice::give(int advice) {
+  if (pages_.source() != nullptr && advice == MADV_WILLNEED) expect();
+  static const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
+  for (Range& range : ranges_)
+    range = {range.begin / page * page, (range.end + page - 1) / page * page};
   std::sort(ranges_.begin(), ranges_.end(),
             [](const Range& a, const Range& b) { return a.begin < b.begin; });
   for (std::size_t i = 0; i < ranges_.size();) {
@@ -88,7 +97,7 @@ ByteSpan head_of(const Pages& pages, const TreePage& leaf, std::uint32_t index) 
 void prefetch_records(const Pages& pages, const Tree& tree, std::span<const RecordKey> keys) {
   if (keys.empty() || tree.root == kNoPage || tree.depth == 0 || tree.depth > kMaxDepth) return;
   std::vector<Stop> stops{{tree.root, 0, keys.size()}};
-  Advice advice;
+  Advice advice(pages);
   for (std::size_t depth = 1; depth < tree.depth; ++depth) {
     std::vector<Stop> below;
     for (const Stop& stop : stops) add_children(pages, keys, stop, below);
@@ -101,7 +110,7 @@ void prefetch_records(const Pages& pages, const Tree& tree, std::span<const Reco
 }
 
 void prefetch_heads(const Pages& pages, const Cursor& at, TileKey to) {
-  Advice advice;
+  Advice advice(pages);
   const TreePage& leaf = at.leaf();
   for (std::uint32_t i = at.index(); i < leaf.count(); ++i) {
     advice.add(head_of(pages, leaf, i));

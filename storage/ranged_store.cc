@@ -56,25 +56,11 @@ Result<void> RangedStore::open() {
   if (meta->last_page < 1 || meta->last_page >= source_.file_bytes / kPageSize)
     return fail(ErrorCode::bad_file, trees_.path(), ": truncated: ", source_.file_bytes,
                 " bytes, expected ", meta->last_page + 1, " pages of ", kPageSize);
-  if (auto ok = open_index(meta->transaction); !ok) return ok;
+  auto sections = internal::find_sections(source_, source_.file_bytes, meta->transaction);
+  if (!sections) return tl::unexpected(sections.error());
+  sections_ = std::move(*sections);
   if (auto ok = take_section(internal::kCore); !ok) return ok;
   return trees_.load(internal::Pages(source_, *meta, &trees_.path()));
-}
-
-// What is wrong with an index is no error: the pages have all that it has.
-Result<void> RangedStore::open_index(std::uint64_t transaction) {
-  sections_.clear();
-  const std::uint64_t file = source_.file_bytes;
-  if (file < kFileStart + internal::kIndexFooter) return {};
-  const auto footer = source_.bytes(file - internal::kIndexFooter, internal::kIndexFooter);
-  if (!footer) return tl::unexpected(footer.error());
-  const std::uint64_t size = internal::FileIndex::size(*footer);
-  if (size == 0 || size > file - kFileStart) return {};
-  const auto end = source_.bytes(file - size, size);
-  if (!end) return tl::unexpected(end.error());
-  auto index = internal::FileIndex::parse(*end, file);
-  if (index && index->transaction == transaction) sections_ = std::move(index->sections);
-  return {};
 }
 
 Result<void> RangedStore::take_section(std::uint32_t what) {
@@ -82,7 +68,7 @@ Result<void> RangedStore::take_section(std::uint32_t what) {
                                     [&](const auto& s) { return s.what == what; });
   if (section == sections_.end()) return {};
   const std::uint64_t size = section->range.end - section->range.begin;
-  if (size <= kMostSection) {
+  if (size <= internal::kMostSectionBytes) {
     const auto bytes = source_.bytes(section->range.begin, size);
     if (!bytes) return tl::unexpected(bytes.error());
     const Bytes held(bytes->begin(), bytes->end());  // add() may replace what `bytes` views

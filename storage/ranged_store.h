@@ -33,8 +33,6 @@ struct RangedTile {
 class RangedStore {
  public:
   static constexpr std::uint64_t kFileStart = 2 * internal::kPageSize;
-  /// Sections of an index that are larger are left out: reading pages takes fewer bytes.
-  static constexpr std::uint64_t kMostSection = 1 << 20;
 
   /// `name` is for messages; `file_bytes` is the length of the file.
   RangedStore(std::string name, std::uint64_t file_bytes);
@@ -67,7 +65,6 @@ class RangedStore {
     mutable std::vector<FileRange> wanted;
   };
 
-  [[nodiscard]] Result<void> open_index(std::uint64_t transaction);
   [[nodiscard]] Result<void> take_section(std::uint32_t what);
 
   Source source_;

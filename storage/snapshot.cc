@@ -2,15 +2,27 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <cstring>
 #include <thread>
+#include <utility>
+#include <vector>
+
+#include "storage/internal/file_index.h"
 
 namespace slf::storage::internal {
 namespace {
 
 constexpr int kAttempts = 100;
+constexpr std::uint64_t kEnd = 64 << 10;  // bytes of a distant file's end that are read first
+
+Result<void> check_length(const Meta& meta, std::uint64_t size, const std::string& path) {
+  if (meta.last_page >= 1 && meta.last_page < size / meta.page_size) return {};
+  return fail(ErrorCode::bad_file, path, ": truncated: ", size, " bytes, expected ",
+              meta.last_page + 1, " pages of ", meta.page_size);
+}
 
 }  // namespace
 
@@ -34,6 +46,50 @@ Result<std::unique_ptr<Snapshot>> Snapshot::open_locked(const std::string& path,
   if (auto loaded = snapshot->load(*meta, file); !loaded)
     return tl::unexpected(std::move(loaded.error()));
   return snapshot;
+}
+
+Result<std::unique_ptr<Snapshot>> Snapshot::open(std::shared_ptr<RangeSource> source) {
+  std::unique_ptr<Snapshot> snapshot(new Snapshot(source->name()));
+  const std::uint64_t size = source->size();
+  if (size < 2 * kPageSize)
+    return fail(ErrorCode::bad_file, snapshot->path(), ": not a field, or truncated: ", size,
+                " bytes");
+  auto copy = SparseCopy::make(std::move(source));
+  if (!copy) return tl::unexpected(std::move(copy.error()));
+  snapshot->copy_ = std::move(*copy);
+  const FileRange ends[] = {{0, 2 * kPageSize}, {size - std::min(size, kEnd), size}};
+  if (auto ok = snapshot->copy_->fetch(ends); !ok) return tl::unexpected(std::move(ok.error()));
+  const auto meta = parse_metas(snapshot->bytes().first(2 * kPageSize), snapshot->path());
+  if (!meta) return tl::unexpected(meta.error());
+  if (auto ok = check_length(*meta, size, snapshot->path()); !ok)
+    return tl::unexpected(std::move(ok.error()));
+  if (auto ok = snapshot->read_index(*meta); !ok) return tl::unexpected(std::move(ok.error()));
+  const Pages pages(*snapshot->copy_, *meta, &snapshot->path());
+  if (auto loaded = snapshot->Trees::load(pages); !loaded)
+    return tl::unexpected(std::move(loaded.error()));
+  return snapshot;
+}
+
+// Takes all of an index that is not too large. What is wrong with one is no error.
+Result<void> Snapshot::read_index(const Meta& meta) const {
+  const std::uint64_t size = bytes().size();
+  const auto sections = find_sections(*copy_, size, meta.transaction);
+  if (!sections) return tl::unexpected(sections.error());
+  std::vector<FileRange> ranges;
+  for (const IndexSection& section : *sections)
+    if (section.range.end - section.range.begin <= kMostSectionBytes)
+      ranges.push_back(section.range);
+  if (auto ok = copy_->fetch(ranges); !ok) return ok;
+  Result<void> kept;
+  for (const IndexSection& section : *sections) {
+    const std::uint64_t length = section.range.end - section.range.begin;
+    if (length > kMostSectionBytes) continue;
+    const ByteSpan part = bytes().subspan(section.range.begin, length);
+    (void)open_section(section, part, size, [&](std::uint64_t offset, ByteSpan piece) {
+      if (kept) kept = copy_->put(offset, piece);
+    });
+  }
+  return kept;
 }
 
 // A pin is valid if its transaction is still the current one after the lock was taken: no writer
@@ -60,9 +116,7 @@ Result<Meta> Snapshot::pin_current() {
 Result<void> Snapshot::load(const Meta& meta, const LockedFile& file) {
   auto size = file.size(path());
   if (!size) return tl::unexpected(std::move(size.error()));
-  if (meta.last_page < 1 || meta.last_page >= *size / meta.page_size)
-    return fail(ErrorCode::bad_file, path(), ": truncated: ", *size, " bytes, expected ",
-                meta.last_page + 1, " pages of ", meta.page_size);
+  if (auto ok = check_length(meta, *size, path()); !ok) return ok;
   auto map = MappedFile::map(file.descriptor(), static_cast<std::size_t>(*size), path());
   if (!map) return tl::unexpected(std::move(map.error()));
   map_ = std::move(*map);
@@ -79,6 +133,11 @@ Result<void> Snapshot::shrunk() const {
 }
 
 Result<void> Snapshot::read(ByteSpan part, std::span<std::byte> to) const {
+  if (copy_) {
+    if (auto ok = fetch(part); !ok) return ok;
+    std::copy(part.begin(), part.end(), to.begin());
+    return {};
+  }
   auto offset = static_cast<off_t>(part.data() - map_.bytes().data());
   while (!to.empty()) {
     const ssize_t got = pread(file_.descriptor(), to.data(), to.size(), offset);

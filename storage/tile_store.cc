@@ -22,6 +22,14 @@ struct TileStore::State {
   std::unique_ptr<Snapshot> snapshot;
   std::vector<std::string> names;
 
+  static Result<TileStore> make(Result<std::unique_ptr<Snapshot>> snapshot) {
+    if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
+    auto state = std::make_unique<State>();
+    state->snapshot = std::move(*snapshot);
+    for (const auto& layer : state->snapshot->layers()) state->names.push_back(layer.name);
+    return TileStore(std::move(state));
+  }
+
   [[nodiscard]] Result<void> check_layer(LayerId layer) const {
     if (layer < names.size()) return {};
     return fail(ErrorCode::usage, snapshot->path(), ": no layer ", layer, "; there are ",
@@ -116,8 +124,8 @@ class RecordWalk {
   std::optional<Error> cause_;
 };
 
-void advise_all(std::span<const TileRef> tiles, int advice) {
-  internal::Advice parts;
+void advise_all(const Snapshot& snapshot, std::span<const TileRef> tiles, int advice) {
+  internal::Advice parts(snapshot.pages());
   for (const TileRef& tile : tiles) parts.add(tile.payload);
   parts.give(advice);
 }
@@ -130,12 +138,10 @@ TileStore& TileStore::operator=(TileStore&&) noexcept = default;
 TileStore::~TileStore() = default;
 
 Result<TileStore> TileStore::open(const std::string& path) {
-  auto snapshot = Snapshot::open(path);
-  if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
-  auto state = std::make_unique<State>();
-  state->snapshot = std::move(*snapshot);
-  for (const auto& layer : state->snapshot->layers()) state->names.push_back(layer.name);
-  return TileStore(std::move(state));
+  return State::make(Snapshot::open(path));
+}
+Result<TileStore> TileStore::open(std::shared_ptr<RangeSource> source) {
+  return State::make(Snapshot::open(std::move(source)));
 }
 
 const std::string& TileStore::path() const { return state_->snapshot->path(); }
@@ -216,7 +222,16 @@ std::vector<Result<TileRef>> TileStore::find_all(LayerId layer,
   return tiles;
 }
 
+Result<void> TileStore::fetch(const TileRef& tile) const {
+  return state_->snapshot->fetch(tile.payload);
+}
+
 Result<void> TileStore::check(const TileRef& tile) const {
+  if (auto ok = fetch(tile); !ok) return ok;
+  return verify(tile);
+}
+
+Result<void> TileStore::verify(const TileRef& tile) const {
   if (tile.state != TileState::stored) return {};
   const bool good = internal::payload_checksum(tile.layer, tile.key, tile.payload) == tile.checksum;
   if (auto same = state_->snapshot->unchanged(); !same) return same;
@@ -232,11 +247,15 @@ Result<void> TileStore::copy(const TileRef& tile, std::span<std::byte> to) const
   if (auto done = state_->snapshot->read(tile.payload, to); !done) return done;
   TileRef copied = tile;
   copied.payload = to;
-  return check(copied);
+  return verify(copied);
 }
 
-void TileStore::advise(std::span<const TileRef> tiles) const { advise_all(tiles, MADV_WILLNEED); }
-void TileStore::release(std::span<const TileRef> tiles) const { advise_all(tiles, MADV_DONTNEED); }
+void TileStore::advise(std::span<const TileRef> tiles) const {
+  advise_all(*state_->snapshot, tiles, MADV_WILLNEED);
+}
+void TileStore::release(std::span<const TileRef> tiles) const {
+  advise_all(*state_->snapshot, tiles, MADV_DONTNEED);
+}
 void TileStore::release_all() const {
   (void)madvise(const_cast<std::byte*>(map()), file_bytes(), MADV_DONTNEED);
 }

@@ -28,6 +28,8 @@ namespace slf::storage {
 
 using slf::TileKey;
 
+class RangeSource;
+
 /// A layer: its position in the list given at creation.
 using LayerId = std::uint32_t;
 
@@ -87,6 +89,11 @@ class TileStore {
   /// handler.
   [[nodiscard]] static Result<TileStore> open(const std::string& path);
 
+  /// Opens a distant container, whose bytes come when they are needed and stay in a temporary file.
+  /// map() and what views it are of that file: a payload is there after check(), fetch() or copy().
+  /// Any call that reads may then fail as RangeSource::fetch() does. Other errors as above.
+  [[nodiscard]] static Result<TileStore> open(std::shared_ptr<RangeSource> source);
+
   TileStore(TileStore&&) noexcept;
   TileStore& operator=(TileStore&&) noexcept;
   ~TileStore();
@@ -118,6 +125,9 @@ class TileStore {
 
   /// Verifies a stored tile's checksum, which reads the payload. bad_file names layer and key.
   [[nodiscard]] Result<void> check(const TileRef& tile) const;
+
+  /// Waits until the payload is there, which it always is in a local file. Errors of the source.
+  [[nodiscard]] Result<void> fetch(const TileRef& tile) const;
 
   /// Copies a stored tile's payload from the file and verifies its checksum. Bypasses the map: no
   /// page of the payload becomes resident there. Errors as check(), or io.
@@ -163,6 +173,7 @@ class TileStore {
  private:
   struct State;
   explicit TileStore(std::unique_ptr<State> state);
+  [[nodiscard]] Result<void> verify(const TileRef& tile) const;
   std::unique_ptr<State> state_;
 };
 

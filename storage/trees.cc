@@ -88,7 +88,7 @@ Result<ByteSpan> Trees::blob(std::string_view name) const {
   return bytes;
 }
 
-// Of a record that is not mapped it reads the header and the table only.
+// Of a record that comes from a source it reads the header and the table only.
 Result<Record> Trees::parse(const Cursor& at) const {
   const Node& node = at.node();
   if (pages_.mapped() || (node.flags & kBigData) == 0) {
@@ -101,6 +101,8 @@ Result<Record> Trees::parse(const Cursor& at) const {
     if (const std::uint64_t end = Record::table_end(*start); end > start->size())
       start = pages_.value(node, end);
   if (!start) return tl::unexpected(std::move(start.error()));
+  if (const ByteSpan file = pages_.file(); !file.empty())
+    return Record::parse(file.subspan(pages_.value_offset(node), node.data_size));
   return Record::parse(*start, node.data_size);
 }
 

@@ -29,6 +29,7 @@ constexpr int kPatience = 5;  // seconds that a peer may stall
 constexpr int kIdle = 2;      // seconds that an idle connection stays; ending waits for it
 constexpr std::size_t kRequests = 1000;    // on one connection
 constexpr std::size_t kPiece = 256 << 10;  // bytes read from a field at once
+constexpr std::size_t kRanges = 200;       // of one request
 constexpr const char* kPolicy =
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; worker-src 'self'; base-uri 'none'; "
@@ -129,38 +130,101 @@ bool parse_number(std::string_view text, std::uint64_t& value) {
   return error == std::errc() && end == text.data() + text.size();
 }
 
-/// The bytes a Range header selects.
-struct Selection {
-  enum class Kind { whole, part, unsatisfiable } kind = Kind::whole;
+/// A part of a file.
+struct Part {
   std::uint64_t first = 0;
   std::uint64_t size = 0;
+
+  [[nodiscard]] std::string content_range(std::uint64_t file) const {
+    return "bytes " + std::to_string(first) + "-" + std::to_string(first + size - 1) + "/" +
+           std::to_string(file);
+  }
 };
 
-/// A header with several ranges, or one that is not understood, selects the whole (RFC 9110, 14.2).
-Selection select(std::string_view header, std::uint64_t size) {
-  const Selection whole{Selection::Kind::whole, 0, size};
-  constexpr std::string_view kUnit = "bytes=";
-  if (!header.starts_with(kUnit) || header.find(',') != std::string_view::npos) return whole;
-  header.remove_prefix(kUnit.size());
-  const std::size_t dash = header.find('-');
-  if (dash == std::string_view::npos) return whole;
-  const std::string_view first = header.substr(0, dash), last = header.substr(dash + 1);
+/// One range of a Range header, without those behind the end of the file. False: not understood.
+bool add_range(std::string_view text, std::uint64_t size, std::vector<Part>& parts) {
+  while (text.starts_with(' ')) text.remove_prefix(1);
+  const std::size_t dash = text.find('-');
+  if (dash == std::string_view::npos) return false;
+  const std::string_view first = text.substr(0, dash), last = text.substr(dash + 1);
   std::uint64_t begin = 0, end = size;
   if (first.empty()) {
     std::uint64_t count = 0;
-    if (!parse_number(last, count)) return whole;
+    if (!parse_number(last, count)) return false;
     begin = size - std::min(size, count);
   } else {
-    if (!parse_number(first, begin)) return whole;
+    if (!parse_number(first, begin)) return false;
     if (!last.empty()) {
       std::uint64_t inclusive = 0;
-      if (!parse_number(last, inclusive) || inclusive < begin) return whole;
+      if (!parse_number(last, inclusive) || inclusive < begin) return false;
       end = inclusive < size ? inclusive + 1 : size;
     }
   }
-  if (begin >= end) return {Selection::Kind::unsatisfiable, 0, 0};
-  return {Selection::Kind::part, begin, end - begin};
+  if (begin < end) parts.push_back({begin, end - begin});
+  return true;
 }
+
+/// The bytes a Range header selects (RFC 9110, 14.2). Nothing: the whole file, as for a header that
+/// is not understood, or names too many ranges, or more bytes than there are. No parts: all ranges
+/// are behind the end.
+std::optional<std::vector<Part>> select(std::string_view header, std::uint64_t size) {
+  constexpr std::string_view kUnit = "bytes=";
+  if (!header.starts_with(kUnit)) return std::nullopt;
+  header.remove_prefix(kUnit.size());
+  std::vector<Part> parts;
+  std::uint64_t bytes = 0;
+  for (std::size_t count = 1;; ++count) {
+    const std::size_t comma = header.find(',');
+    if (count > kRanges || !add_range(header.substr(0, comma), size, parts)) return std::nullopt;
+    if (comma == std::string_view::npos) break;
+    header.remove_prefix(comma + 1);
+  }
+  for (const Part& part : parts) bytes += part.size;
+  if (bytes > size) return std::nullopt;
+  return parts;
+}
+
+/// The body of an answer with several parts: text, then a part of the file, and so on.
+class Multipart {
+ public:
+  static constexpr std::string_view kType = "multipart/byteranges; boundary=slf-part";
+
+  Multipart(const std::vector<Part>& parts, std::uint64_t file) {
+    for (const Part& part : parts)
+      add("\r\n--slf-part\r\nContent-Type: application/octet-stream\r\nContent-Range: " +
+              part.content_range(file) + "\r\n\r\n",
+          part);
+    add("\r\n--slf-part--\r\n", {});
+  }
+  [[nodiscard]] std::uint64_t size() const { return size_; }
+
+  /// Sends what begins at an offset of the body, at least a byte of it.
+  bool send(const Served& field, std::uint64_t offset, httplib::DataSink& sink) const {
+    const auto next =
+        std::upper_bound(pieces_.begin(), pieces_.end(), offset,
+                         [](std::uint64_t at, const Piece& piece) { return at < piece.offset; });
+    const Piece& piece = *std::prev(next);
+    const std::uint64_t within = offset - piece.offset;
+    if (within < piece.text.size())
+      return sink.write(piece.text.data() + within, piece.text.size() - within);
+    const std::uint64_t sent = within - piece.text.size();
+    return field.send(piece.part.first + sent,
+                      std::min<std::uint64_t>(piece.part.size - sent, kPiece), sink);
+  }
+
+ private:
+  struct Piece {
+    std::uint64_t offset;  ///< in the body
+    std::string text;
+    Part part;
+  };
+  void add(std::string text, Part part) {
+    pieces_.push_back({size_, std::move(text), part});
+    size_ += pieces_.back().text.size() + part.size;
+  }
+  std::vector<Piece> pieces_;
+  std::uint64_t size_ = 0;
+};
 
 /// Whether a list of entity tags holds `tag`; weak ones count.
 bool lists(std::string_view header, std::string_view tag) {
@@ -251,18 +315,23 @@ void Server::State::answer_file(const httplib::Request& request, httplib::Respon
     return;
   }
   const bool same = !request.has_header("If-Range") || request.get_header_value("If-Range") == now;
-  const Selection part = select(same ? range : "", size);
-  if (part.kind == Selection::Kind::unsatisfiable) {
+  const auto parts = select(same ? range : "", size);
+  if (parts && parts->empty()) {
     response.set_header("Content-Range", "bytes */" + std::to_string(size));
     return explain(response, 416, "The field has " + std::to_string(size) + " bytes.");
   }
-  response.status = 200;
-  if (part.kind == Selection::Kind::part) {
-    response.status = 206;
-    response.set_header("Content-Range", "bytes " + std::to_string(part.first) + "-" +
-                                             std::to_string(part.first + part.size - 1) + "/" +
-                                             std::to_string(size));
+  response.status = parts ? 206 : 200;
+  if (parts && parts->size() > 1) {
+    const Multipart body(*parts, size);
+    response.set_content_provider(
+        body.size(), std::string(Multipart::kType),
+        [&field, body](std::size_t offset, std::size_t, httplib::DataSink& sink) {
+          return body.send(field, offset, sink);
+        });
+    return;
   }
+  const Part part = parts ? parts->front() : Part{0, size};
+  if (parts) response.set_header("Content-Range", part.content_range(size));
   response.set_content_provider(
       part.size, "application/octet-stream",
       [&field, first = part.first](std::size_t offset, std::size_t count, httplib::DataSink& sink) {

@@ -17,10 +17,16 @@ const std::vector<Prose>& all() {
         "them "
         "in one file of small compressed tiles, and draws views within a given amount of memory, "
         "however large the file is.",
+        "Commands that only read a field take the address of one on a web server, too: "
+        "https://HOST/F.slf. The server must serve parts of files (HTTP ranges). What is read "
+        "stays "
+        "in a temporary file (in TMPDIR) until the command ends; --json says how many requests and "
+        "bytes it took.",
         "Results go to standard output, progress and messages to standard error."},
        {{"Build a field and draw a view of it",
          "slf build head.nii.gz -o head.slf && slf render head.slf -o view.png"},
-        {"Without a volume at hand", "slf build scene:balls -o balls.slf"}}},
+        {"Without a volume at hand", "slf build scene:balls -o balls.slf"},
+        {"From a web server", "slf render https://example.org/head.slf -o view.png --stats"}}},
       {"build",
        {"Traces every ray of the field through the volume and stores the result. The size of a "
         "field "
@@ -117,9 +123,7 @@ const std::vector<Prose>& all() {
        {"Joins parts of one field into the field that a single build makes, byte for byte as "
         "slf-repack(1) lays it out: shards of slf-build(1) in any number, levels, or subfields "
         "that slf-repack(1) kept. Nothing is decoded. Before it writes, it names parts that are "
-        "missing, overlap, were not finished, or were built with other settings. slf-repack(1) "
-        "encodes subfields of a predictive field anew; merged, they make a field of their own, "
-        "without the loss of another encoding."},
+        "missing, overlap, were not finished, or were built with other settings."},
        {{"Shards", "slf merge part-*.slf -o head.slf"},
         {"Coarse levels, and shards of the finest one",
          "slf merge coarse.slf part-*.slf -o head.slf"}}},

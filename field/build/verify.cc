@@ -37,6 +37,13 @@ class Verifier {
     return std::move(report_);
   }
 
+  Result<VerifyReport> run(const Field& field) {
+    if (auto ok = check_structure(field.file().store()); !ok) return tl::unexpected(ok.error());
+    if (auto ok = check_tiles(field.file()); !ok) return tl::unexpected(ok.error());
+    report_.unfixed = report_.damaged;
+    return std::move(report_);
+  }
+
  private:
   void add(FindingKind kind, std::string message) {
     ++report_.found;
@@ -51,7 +58,13 @@ class Verifier {
   }
 
   Result<void> check(const std::string& path) {
-    if (auto ok = check_structure(path); !ok || !readable_) return ok;
+    const auto store = storage::TileStore::open(path);
+    if (!store) {
+      if (store.error().code != ErrorCode::bad_file) return tl::unexpected(store.error());
+      add(FindingKind::structure, store.error().message);
+      return {};
+    }
+    if (auto ok = check_structure(*store); !ok) return ok;
     const auto field = FieldFile::open(path);
     if (!field) {
       if (field.error().code != ErrorCode::bad_file) return tl::unexpected(field.error());
@@ -62,17 +75,13 @@ class Verifier {
     return check_tiles(**field);
   }
 
-  Result<void> check_structure(const std::string& path) {
-    const auto store = storage::TileStore::open(path);
-    if (!store) {
-      if (store.error().code != ErrorCode::bad_file) return tl::unexpected(store.error());
-      add(FindingKind::structure, store.error().message);
-      readable_ = false;
-      return {};
-    }
+  Result<void> check_structure(const storage::TileStore& store) {
     std::vector<Error> structural;
-    store->check_structure(structural);
-    for (const Error& error : structural) add(FindingKind::structure, error.message);
+    store.check_structure(structural);
+    for (const Error& error : structural) {
+      if (error.code == ErrorCode::io) return tl::unexpected(error);
+      add(FindingKind::structure, error.message);
+    }
     return {};
   }
 
@@ -89,6 +98,7 @@ class Verifier {
     std::vector<std::uint64_t> found(field.shape().levels + 1);
     std::vector<TileRef> batch;
     bool stopped = false;
+    std::optional<Error> unreadable;
     auto visited = field.store().visit(
         layer, {0, 0}, {255, 0},
         [&](const TileRef& tile) -> Result<void> {
@@ -110,9 +120,11 @@ class Verifier {
           return fail(ErrorCode::failed, field.path(), ": verify interrupted");
         },
         [&](const storage::Damage& damage) {
+          if (damage.code == ErrorCode::io) unreadable = damage;
           add(FindingKind::record, damage.message, {{layer, damage.last}});
         });
     if (stopped) return visited;
+    if (unreadable) return tl::unexpected(*unreadable);
     if (!visited) add(FindingKind::structure, visited.error().message);
     if (auto ok = check_payloads(field, batch); !ok) return ok;
     for (unsigned level = 0; level < found.size(); ++level)
@@ -148,30 +160,37 @@ class Verifier {
   /// Checks and decodes tiles on all threads, and forgets them.
   Result<void> check_payloads(const FieldFile& field, std::vector<TileRef>& tiles) {
     if (!options_.quick) {
-      std::vector<std::optional<Finding>> found(tiles.size());
+      std::vector<Result<std::optional<Finding>>> found(tiles.size());
       field.advise(tiles);
       auto checked = parallel_for(tiles.size(), options_.threads, [&](std::uint64_t k) {
         found[k] = check_payload(field, tiles[k]);
       });
       field.store().release(tiles);
       if (!checked) return checked;
-      for (std::size_t k = 0; k < tiles.size(); ++k)
-        if (found[k] && found[k]->kind == FindingKind::reference)
-          add(found[k]->kind, std::move(found[k]->message));
-        else if (found[k])
-          add(found[k]->kind, std::move(found[k]->message), {{tiles[k].layer, tiles[k].key}});
+      for (std::size_t k = 0; k < tiles.size(); ++k) {
+        if (!found[k]) return tl::unexpected(found[k].error());
+        std::optional<Finding>& finding = *found[k];
+        if (finding && finding->kind == FindingKind::reference)
+          add(finding->kind, std::move(finding->message));
+        else if (finding)
+          add(finding->kind, std::move(finding->message), {{tiles[k].layer, tiles[k].key}});
+      }
     }
     tiles.clear();
     return {};
   }
 
-  static std::optional<Finding> check_payload(const FieldFile& field, const TileRef& tile) {
-    if (auto ok = field.store().check(tile); !ok)
+  /// io: bytes of the file cannot be read.
+  static Result<std::optional<Finding>> check_payload(const FieldFile& field, const TileRef& tile) {
+    if (auto ok = field.store().check(tile); !ok) {
+      if (ok.error().code == ErrorCode::io) return tl::unexpected(ok.error());
       return Finding{FindingKind::checksum, ok.error().message};
+    }
     thread_local Bytes samples;
     samples.resize(field.tile_shape(tile.layer, tile.key).bytes());
     auto ok = field.decode(tile, samples);
     if (ok) return std::nullopt;
+    if (ok.error().code == ErrorCode::io) return tl::unexpected(ok.error());
     // In a part, what a tile is predicted from may be in another file: its checksum must do.
     if (field.manifest().part && ok.error().code == ErrorCode::failed) return std::nullopt;
     if (!references_decode(field, tile))
@@ -223,7 +242,6 @@ class Verifier {
   Progress state_;
   std::vector<std::vector<Cure>> cures_;  ///< one for each finding that has one
   std::uint64_t fixed_ = 0;
-  bool readable_ = true;
   std::uint64_t transaction_ = 0;  ///< that was checked
 };
 
@@ -237,6 +255,13 @@ const char* id(FindingKind kind) {
 Result<VerifyReport> verify_field(const std::string& path, const VerifyOptions& options,
                                   const ProgressCallback& progress) {
   return Verifier(options, progress).run(path);
+}
+
+Result<VerifyReport> verify_field(const Field& field, const VerifyOptions& options,
+                                  const ProgressCallback& progress) {
+  if (options.fix)
+    return fail(ErrorCode::usage, field.path(), ": only a file that is named can be fixed");
+  return Verifier(options, progress).run(field);
 }
 
 }  // namespace slf

@@ -80,6 +80,8 @@ class Comparer {
     const bool depth = pair.a.format == SampleFormat::depth8;
     const std::uint64_t numbers = shape.rows() * shape.columns() * (depth ? 1 : 4);
     sum.numbers += numbers;
+    if (auto ok = a_.store().fetch(a); !ok) return ok;
+    if (auto ok = b_.store().fetch(b); !ok) return ok;
     const bool same_bytes = a.state == b.state && std::equal(a.payload.begin(), a.payload.end(),
                                                              b.payload.begin(), b.payload.end());
     if (same_bytes && (pair.same_codec || a.state == TileState::empty)) return {};

@@ -10,6 +10,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "slf/error.h"
@@ -72,6 +73,9 @@ class Field {
 
   /// For slf's own libraries; the type is not installed.
   [[nodiscard]] const FieldFile& file() const { return *file_; }
+  [[nodiscard]] static Field of(std::shared_ptr<const FieldFile> file) {
+    return Field(std::move(file));
+  }
 
  private:
   explicit Field(std::shared_ptr<const FieldFile> file) : file_(std::move(file)) {}

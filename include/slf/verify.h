@@ -8,6 +8,7 @@
 
 #include "slf/build.h"
 #include "slf/error.h"
+#include "slf/field.h"
 
 namespace slf {
 
@@ -54,6 +55,10 @@ struct VerifyReport {
 /// Nothing is dropped where the structure is damaged (S1), since no page can then be trusted.
 [[nodiscard]] Result<VerifyReport> verify_field(const std::string& path,
                                                 const VerifyOptions& options,
+                                                const ProgressCallback& progress = {});
+/// The same of an open field, such as a distant one; it opened, so its manifest is sound. usage:
+/// options.fix.
+[[nodiscard]] Result<VerifyReport> verify_field(const Field& field, const VerifyOptions& options,
                                                 const ProgressCallback& progress = {});
 
 }  // namespace slf

@@ -10,6 +10,7 @@
 
 #include "base/bytes.h"
 #include "slf/error.h"
+#include "storage/internal/byte_source.h"
 #include "storage/tile_store.h"
 
 namespace slf::storage::internal {
@@ -19,6 +20,8 @@ inline constexpr std::uint32_t kIndexVersion = 1;
 inline constexpr std::size_t kIndexFooter = 48;
 inline constexpr std::size_t kIndexEntry = 32;
 inline constexpr std::uint32_t kMostSections = 256;
+/// Larger sections are left out: reading pages takes fewer bytes.
+inline constexpr std::uint64_t kMostSectionBytes = 1 << 20;
 inline constexpr std::uint32_t kCore = 0xFFFFFFFF;  ///< the section of trees and blobs
 
 /// A part of the index that is read as a whole: the trees and blobs, or the tables of the records
@@ -41,6 +44,12 @@ struct FileIndex {
   /// `end`: the last size() bytes of a file of `file_bytes`. bad_file: they are damaged.
   [[nodiscard]] static Result<FileIndex> parse(ByteSpan end, std::uint64_t file_bytes);
 };
+
+/// The sections of the index of a file of `file_bytes`. None, if it has no sound index of this
+/// transaction: the pages have all that an index has. Errors of the source.
+[[nodiscard]] Result<std::vector<IndexSection>> find_sections(const ByteSource& source,
+                                                              std::uint64_t file_bytes,
+                                                              std::uint64_t transaction);
 
 /// Calls `add` for each part of a section: where it is in the file, and its bytes.
 /// bad_file: the section does not match its checksum, or a part is outside the file.

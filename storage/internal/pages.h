@@ -114,8 +114,10 @@ class Pages {
 
   [[nodiscard]] const Meta& meta() const { return meta_; }
   [[nodiscard]] std::uint64_t count() const { return meta_.last_page + 1; }
-  /// The map; empty if the bytes come from a source.
-  [[nodiscard]] ByteSpan file() const { return file_; }
+  /// All of the file, mapped; empty if there is a source without that (ByteSource::file()).
+  [[nodiscard]] ByteSpan file() const { return source_ != nullptr ? source_->file() : file_; }
+  /// Where the bytes come from; null if they are all there.
+  [[nodiscard]] const ByteSource* source() const { return source_; }
   [[nodiscard]] bool mapped() const { return source_ == nullptr; }
 
   /// A branch (leaf = false) or leaf page. bad_file: the page is damaged or of another kind.

@@ -15,14 +15,16 @@
 
 namespace slf::storage::internal {
 
-/// Collects parts of the map for one batch of madvise() calls.
+/// Collects parts of the file for one batch of madvise() calls, or of requests to its source.
 class Advice {
  public:
-  /// Adds the pages that contain some bytes of the map.
+  explicit Advice(const Pages& pages) : pages_(pages) {}
+
+  /// Adds some bytes of pages.file().
   void add(ByteSpan bytes);
 
-  /// Advises the kernel, in file order and with neighbouring pages merged; then forgets the parts.
-  /// `advice` is MADV_WILLNEED or MADV_DONTNEED.
+  /// Advises the kernel about the pages, in file order and with neighbouring pages merged; then
+  /// forgets the parts. `advice` is MADV_WILLNEED or MADV_DONTNEED.
   void give(int advice);
 
  private:
@@ -30,6 +32,9 @@ class Advice {
     std::uintptr_t begin = 0;
     std::uintptr_t end = 0;
   };
+  void expect();
+
+  const Pages& pages_;
   std::vector<Range> ranges_;
 };
 

@@ -8,6 +8,7 @@
 #include "slf/error.h"
 #include "storage/internal/locked_file.h"
 #include "storage/internal/mapped_file.h"
+#include "storage/internal/sparse_copy.h"
 #include "storage/internal/trees.h"
 
 namespace slf::storage::internal {
@@ -23,24 +24,35 @@ class Snapshot final : public Trees {
   [[nodiscard]] static Result<std::unique_ptr<Snapshot>> open_locked(const std::string& path,
                                                                      const LockedFile& file);
 
-  [[nodiscard]] ByteSpan bytes() const { return map_.bytes(); }
+  /// Opens the snapshot of a distant file, which nothing pins.
+  [[nodiscard]] static Result<std::unique_ptr<Snapshot>> open(std::shared_ptr<RangeSource> source);
+
+  [[nodiscard]] ByteSpan bytes() const { return copy_ ? copy_->file() : map_.bytes(); }
+
+  /// Makes a part of bytes() ready to be read, if the file is distant. Errors as RangeSource.
+  [[nodiscard]] Result<void> fetch(ByteSpan part) const {
+    return copy_ && !part.empty() ? copy_->fetch(part) : Result<void>();
+  }
 
   /// bad_file if the file has shrunk under the map: bytes read before may have been zeros.
   [[nodiscard]] Result<void> unchanged() const override;
 
-  /// Reads a part of bytes() from the file, bypassing the map. io: the read failed. bad_file: the
-  /// file has shrunk. REQUIRES: opened with open(); `to` is as long as `part`.
+  /// Reads a part of bytes() from the file, bypassing the map if it is a local one. io: the read
+  /// failed. bad_file: the file has shrunk. REQUIRES: opened with open(); `to` is as long as
+  /// `part`.
   [[nodiscard]] Result<void> read(ByteSpan part, std::span<std::byte> to) const;
 
  private:
   explicit Snapshot(std::string path) : Trees(std::move(path)) {}
 
   [[nodiscard]] Result<void> shrunk() const;
+  [[nodiscard]] Result<void> read_index(const Meta& meta) const;
   [[nodiscard]] Result<Meta> pin_current();
   [[nodiscard]] Result<void> load(const Meta& meta, const LockedFile& file);
 
   LockedFile file_;
   MappedFile map_;
+  std::unique_ptr<SparseCopy> copy_;  // of a distant file
 };
 
 }  // namespace slf::storage::internal

@@ -15,6 +15,11 @@ import tempfile
 import jsonschema
 
 HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "view"))
+sys.dont_write_bytecode = True
+
+import host
+
 DATA = HERE.parent / "data"
 
 # Commands that make what the others read, then some for each schema. A field is F.slf or G.slf, a
@@ -76,6 +81,23 @@ class Checker:
             self.complain(f"slf {line}: {detail.json_path}: {detail.message[:500]}")
         return None
 
+    def check_distant(self, folder):
+        """Over HTTP the same is printed, and the traffic."""
+        with host.Host(folder) as server:
+            probe = self.run(f"info {server.url}/F.slf")
+            if probe.returncode == 5:
+                return print("not tested over HTTP: slf was built without libcurl")
+            for name in ["info", "render", "measure", "evaluate", "repack", "verify", "diff", "play"]:
+                near = CASES[name][0]
+                far = near.replace("F.slf", f"{server.url}/F.slf")
+                text = self.run(far).stdout
+                self.check(self.schema(name), far, text)
+                if text and json.loads(text).get("http", {}).get("requests", 0) < 3:
+                    self.complain(f"slf {far}: does not count its requests")
+            near, far = [self.run(f"ls {at}F.slf").stdout for at in ["", server.url + "/"]]
+            if near != far:
+                self.complain("slf ls lists another field over HTTP")
+
     def commands_with_json(self):
         """Those whose help has the option."""
         help_text = self.run("--help").stdout
@@ -103,6 +125,7 @@ def main():
             validator = checker.schema(name)
             for line in lines:
                 checker.check(validator, line, checker.run(line).stdout)
+        checker.check_distant(folder)
 
         line = "--progress json:0.0001 repack F.slf -o P.slf --codec predictive:50"
         reports = checker.run(line).stderr.splitlines()

@@ -130,11 +130,11 @@ void use_part(unsigned part, ByteSpan bytes) {
   {
     auto writer = storage::TileWriter::create(path, layers, blobs);
     require(writer.has_value());
-    require(writer->append(0, {0, 7}, part == 3 ? Bytes() : given).has_value());
+    require(writer->append(0, {0, 7}, part == 3 ? Bytes{} : given).has_value());
     if (predictive)
       require(writer->append(0, {1, 7 << 4}, given).has_value());
     else
-      require(writer->append(1, {0, 7}, part == 3 ? given : Bytes()).has_value());
+      require(writer->append(1, {0, 7}, part == 3 ? given : Bytes{}).has_value());
     require(writer->close().has_value());
   }
   use(path);

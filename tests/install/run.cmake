@@ -28,7 +28,7 @@ endif()
 # A program that only renders loads nothing for volumes, picture files or writing.
 run(${WORK}/build/mean_color ${WORK}/balls.slf)
 run(ldd ${WORK}/build/mean_color)
-if(output MATCHES "(lib(gdcm|OpenEXR|webp|lmdb|png)[^]]*)")
+if(output MATCHES "(lib(gdcm|OpenEXR|webp|lmdb|png|curl)[^]]*)")
   message(FATAL_ERROR "mean_color links slf::render alone and yet loads ${CMAKE_MATCH_1}")
 endif()
 if(NOT output MATCHES "libzstd")

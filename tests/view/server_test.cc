@@ -134,6 +134,34 @@ TEST(ViewServer, SendsRanges) {
   expect("bytes=" + std::to_string(all.size() - 1) + "-", all.size() - 1, all.size());
 }
 
+TEST(ViewServer, SendsSeveralRangesInOneAnswer) {
+  const RunningServer server;
+  const std::string all = content(kField), size = std::to_string(all.size());
+  const std::string answer =
+      server.get("/example/field.slf", "Range: bytes=0-9,4000-4999, 999999999-,-5\r\n");
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 206"));
+  EXPECT_EQ(header(answer, "Content-Type"), "multipart/byteranges; boundary=slf-part");
+  std::string expected;
+  for (const auto& [begin, end] :
+       {std::pair<std::size_t, std::size_t>{0, 10}, {4000, 5000}, {all.size() - 5, all.size()}})
+    expected +=
+        "\r\n--slf-part\r\nContent-Type: application/octet-stream\r\nContent-Range: bytes " +
+        std::to_string(begin) + "-" + std::to_string(end - 1) + "/" + size + "\r\n\r\n" +
+        all.substr(begin, end - begin);
+  EXPECT_EQ(body(answer), expected + "\r\n--slf-part--\r\n");
+  EXPECT_EQ(header(answer, "Content-Length"), std::to_string(body(answer).size()));
+}
+
+// More work than the file is worth: the whole file instead.
+TEST(ViewServer, DoesNotSendAFileManyTimesOver) {
+  const RunningServer server;
+  std::string many = "bytes=0-0";
+  for (int i = 1; i <= 200; ++i) many += "," + std::to_string(2 * i) + "-" + std::to_string(2 * i);
+  for (const std::string& range : {std::string("bytes=0-,0-"), many})
+    EXPECT_THAT(server.get("/example/field.slf", "Range: " + range + "\r\n"),
+                StartsWith("HTTP/1.1 200"));
+}
+
 TEST(ViewServer, RefusesRangesBehindTheEnd) {
   const RunningServer server;
   const std::string size = std::to_string(content(kField).size());

@@ -1,7 +1,6 @@
 // A field: its manifest, its shape in numbers for the GPU, and where its tiles are.
 
 import {kDone, kWants, Native} from './module.js';
-import {kEnd, merged} from './source.js';
 
 export const kMissing = 0, kEmpty = 1, kStored = 2, kDamaged = 4;  // states of tiles in a layer
 
@@ -12,6 +11,7 @@ export class Field {
     this.source = source;
     this.native = new Native(module);
     this.module = module;
+    this.coming = new Map();  // ranges that were asked for → promises
   }
 
   add(offset, bytes) {
@@ -19,8 +19,13 @@ export class Field {
     this.native.calls.slf_add(offset);
   }
   async fetchAll(ranges) {
-    await Promise.all(merged(ranges).map(async ([begin, end]) =>
-      this.add(begin, await this.source.read(begin, Math.min(end, this.source.size)))));
+    const within = ranges.map(([begin, end]) => [begin, Math.min(end, this.source.size)]);
+    const fresh = within.filter((range) => !this.coming.has(String(range)));
+    this.source.readAll(fresh).forEach((load, i) => this.coming.set(String(fresh[i]), (async () => {
+      this.add(fresh[i][0], await load);
+      this.coming.delete(String(fresh[i]));
+    })()));
+    await Promise.all(within.map((range) => this.coming.get(String(range))));
   }
   // Repeats a call until it has the bytes that it needs.
   async complete(call) {
@@ -34,12 +39,10 @@ export class Field {
   }
 
   async open() {
-    const start = await this.source.open(), {calls} = this.native;
+    const parts = await this.source.open(), {calls} = this.native;
     this.native.fill(new TextEncoder().encode('field.slf'));
     calls.slf_begin(this.source.size);
-    this.add(0, start);
-    const end = Math.max(0, this.source.size - kEnd);
-    this.add(end, await this.source.read(end, this.source.size));
+    for (const {begin, bytes} of parts) this.add(begin, bytes);
     await this.complete((c) => c.slf_open());
     this.manifestBytes = this.native.textBytes();
     this.manifest = JSON.parse(new TextDecoder().decode(this.manifestBytes));
@@ -49,6 +52,9 @@ export class Field {
     this.together = layers[this.color].format.endsWith('_depth8');  // colours and depths in one layer
     this.layers = [this.color, this.together ? -1 : this.depth].filter((layer) => layer >= 0);
     this.predicts = layers[this.color].codec.startsWith('predictive');
+    // Linear radiance, not colours: pictures need tone mapping.
+    const light = this.manifest.provenance?.lighting;
+    this.radiance = light?.linear === true && light.mode !== 'direct';
     this.tables = layers.map(() => null);
     for (const layer of this.layers) {
       await this.complete((c) => c.slf_tables(layer));
@@ -105,6 +111,19 @@ export class Field {
     while (pageBase[level] > page) --level;
     const exits = 8 << (2 * level), at = page - pageBase[level];
     return {page, level, entry: Math.floor(at / exits), exit: at % exits};
+  }
+
+  // The size of the payloads of pages.
+  async payloadBytes(pages) {
+    const tiles = pages.map((page) => this.tile(page));
+    const found = await Promise.all(this.layers.map((layer) => this.find(tiles, layer)));
+    return found.flat().reduce((sum, {begin, end}) => sum + end - begin, 0);
+  }
+
+  // Starts to read what finding tiles of a level takes.
+  prepare(level) {
+    const first = [this.tile(this.shape.pageBase[level])];
+    return Promise.all(this.layers.map((layer) => this.find(first, layer)));
   }
 
   // Where the tiles are in a layer: {state, begin, end, checksum} each.

@@ -4,14 +4,14 @@ import {kDamaged, kEmpty as kEmptyTile, kStored} from './field.js';
 import {Reader} from './reader.js';
 import {kEmpty, kFirstSlot, kMissing, kNoDepth, kNotLoaded} from './shader.js';
 
-const kBatch = 96;    // tiles looked for together
+const kBatch = 96;    // tiles looked for together, while the view moves
 const kBatches = 2;   // at once: one is fetched while another is decoded
 
 // Loads the tiles that want() names, the first ones first, into the slots of the renderer.
 export class Loader {
   constructor(field, renderer, decoders, onChange, onError) {
     Object.assign(this, {field, renderer, onChange, onError});
-    this.reader = new Reader(field, decoders);
+    this.reader = new Reader(field, decoders, (tile) => this.place(tile, false));
     this.pages = new Uint16Array(field.shape.pages);  // as the GPU's page table
     this.loading = new Set();
     this.plan = [];
@@ -33,8 +33,9 @@ export class Loader {
     this.free = Array.from({length: renderer.slots}, (_, i) => renderer.slots - 1 - i);
   }
 
-  // Replaces the plan. Returns how many of the pages are not there yet.
-  want(pages) {
+  // Replaces the plan; `whole`: it is all that a view needs. Returns how many of the pages are not
+  // there yet.
+  want(pages, whole = false) {
     ++this.now;
     const absent = [];
     for (const page of pages) {
@@ -43,16 +44,20 @@ export class Loader {
       else if (this.used.delete(page)) this.used.set(page, this.now);
     }
     this.plan = absent.filter((page) => !this.loading.has(page));
-    while (this.batches < kBatches && this.plan.length > 0) this.run();
+    while (this.batches < kBatches && this.plan.length > 0)
+      this.run(whole ? Infinity : kBatch);
     return absent.length;
   }
 
+  // Whether something is on its way.
+  get busy() { return this.batches > 0; }
+
   // Loads the plan, batch by batch.
-  async run() {
+  async run(batch) {
     ++this.batches;
     try {
       while (this.plan.length > 0) {
-        const pages = this.plan.splice(0, kBatch);
+        const pages = this.plan.splice(0, batch);
         for (const page of pages) this.loading.add(page);
         await Promise.all(
           this.reader.read(pages).map(async (ready) => this.place(await ready)));
@@ -66,14 +71,15 @@ export class Loader {
     this.onChange();
   }
 
-  place({page, state, color, depth, depthState}) {
+  // `needed`: by the view, not only by others that are predicted from it.
+  place({page, state, color, depth, depthState}, needed = true) {
     if (this.pages[page] !== kNotLoaded) return;
     this.damaged += (state === kDamaged) + (depthState === kDamaged);
     let value = state === kEmptyTile ? kEmpty : kMissing;
     if (state === kStored) {
-      const slot = this.free.pop() ?? this.evict();
+      const slot = this.free.pop() ?? (needed ? this.evict() : undefined);
       if (slot === undefined) {  // all tiles are needed: coarser ones stand in
-        this.full = true;
+        this.full ||= needed;
         return;
       }
       if (depthState === kEmptyTile)

@@ -14,6 +14,7 @@ import {EmbeddedSource, HttpSource} from './source.js';
 const kTileBytes = 192 << 20;  // of textures
 const kFast = 22, kSlow = 45;  // milliseconds a frame
 const kAhead = 0.4;            // seconds that loading looks ahead of a moving camera
+const kLevel0 = 2 << 20;       // bytes: a level 0 so small is loaded whole
 
 // A page in one file has all this inside and says so (view/site.cc).
 const inside = globalThis.slfInside;
@@ -30,16 +31,17 @@ const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 const human = (n) => n < 1 << 20 ? `${(n / 1024).toFixed(0)} KiB` : `${(n / (1 << 20)).toFixed(1)} MiB`;
 
 const camera = new Camera();
-const settings = {mode: 'depth', level: 'auto', background: '#000000'};
+const settings = {mode: 'depth', level: 'auto', background: '#000000', curve: 'neutral', exposure: 0};
 let field, renderer, loader;
 let version = 0;       // counts changes of the view
 let dirty = true;      // the picture is not what the canvas shows
 let movedAt = -1e9, scale = 1, lost = false, failed = false, ceiling = 99;
+let begun = false, first;  // first: what the first picture took
 
 // What tests and scripts may ask and do.
 const page = globalThis.slf = {
   state: 'opening',  // then 'loading', 'settled', or 'failed'
-  statistics: () => ({bytes: source.bytes, requests: source.requests, tiles: loader?.tiles ?? 0,
+  statistics: () => ({...traffic(), first, tiles: loader?.tiles ?? 0,
                       slots: renderer?.slots ?? 0, tileBytes: renderer?.tileBytes ?? 0,
                       damaged: loader?.damaged ?? 0}),
   camera,
@@ -49,6 +51,11 @@ const page = globalThis.slf = {
   read: (pages) => loader.reader.read(pages),
 };
 
+// What came from the host since the page began, and the milliseconds since then.
+function traffic() {
+  const {bytes, requests, roundTrips} = source;
+  return {bytes, requests, roundTrips, milliseconds: performance.now()};
+}
 function say(text, wrong = false) {
   byId('status').textContent = text;
   byId('status').classList.toggle('wrong', wrong);
@@ -75,7 +82,8 @@ function matchingLevel() {
 function currentView() {
   const chosen = settings.level === 'auto' ? matchingLevel() : Number(settings.level);
   const background = [1, 3, 5].map((i) => parseInt(settings.background.slice(i, i + 2), 16) / 255);
-  return {camera, mode: settings.mode, background,
+  return {camera, mode: settings.mode, background, exposure: Number(settings.exposure),
+          curve: field.radiance ? settings.curve : 'none',
           level: Math.min(chosen, ceiling, field.shape.levels)};
 }
 
@@ -97,7 +105,8 @@ function keepLink() {
 }
 function fragment() {
   return `#view=${camera.toText()}&mode=${settings.mode}&level=${settings.level}` +
-         `&background=${settings.background.slice(1)}`;
+         `&background=${settings.background.slice(1)}` +
+         (field.radiance ? `&curve=${settings.curve}&exposure=${settings.exposure}` : '');
 }
 function readFragment() {
   const given = new URLSearchParams(location.hash.slice(1));
@@ -106,6 +115,9 @@ function readFragment() {
   if (/^(auto|\d{1,2})$/.test(given.get('level') ?? '')) settings.level = given.get('level');
   if (/^[0-9a-f]{6}$/i.test(given.get('background') ?? ''))
     settings.background = '#' + given.get('background').toLowerCase();
+  if (['neutral', 'srgb', 'none'].includes(given.get('curve'))) settings.curve = given.get('curve');
+  const exposure = parseFloat(given.get('exposure'));
+  if (Math.abs(exposure) <= 6) settings.exposure = exposure;
 }
 
 function resize() {
@@ -139,6 +151,7 @@ function frame(now) {
                                                                          : scale;
   dirty = false;
   renderer.draw(currentView(), scale);
+  if (begun) first ??= traffic();
   drawMarks();
   ++shown;
   if (now - rateFrom > 500) {
@@ -174,49 +187,56 @@ function drawMarks() {
 // ---- following ----------------------------------------------------------------------------------
 
 async function follow() {
-  let seen = -1, quiet = 0, needed = new Set();
-  let start = 0;  // the first view begins with each of the coarser levels
+  let seen = -1, needed = new Set(), thorough = false;
+  const level0 = await begin();
   while (!failed) {
     if (lost) {
       await sleep(50);
       continue;
     }
-    const view = currentView(), asked = version;
+    const view = currentView(), asked = version, moving = performance.now() - movedAt < 200;
     if (asked !== seen) {
       seen = asked;
-      quiet = 0;
       needed = new Set();
+      thorough = false;
     }
-    const starting = start < view.level;
-    const pages = await renderer.ask(starting ? {...view, level: start} : view);
+    // A few rays find nearly all tiles. Once these are there, all rays find the last ones.
+    const pages = await (thorough ? renderer.askAll(view) : renderer.ask(view));
     if (failed || lost) continue;
     for (const at of pages) needed.add(at);
-    const absent = loader.want(needed);
+    const absent = loader.want([...needed, ...(moving ? [] : level0)], !moving);
     if (loader.full) {  // not all tiles of this level fit: draw a coarser one
       loader.full = false;
       ceiling = Math.max(0, view.level - 1);
       seen = -1;
-      continue;
-    }
-    if (starting) {
-      if (start > 0 || absent === 0) ++start;  // level 0 is soon there
-      else await sleep(15);
-      continue;
-    }
-    quiet = absent === 0 && version === asked ? quiet + 1 : 0;
-    const passes = renderer.passes();
-    const moving = performance.now() - movedAt < 200;
-    if (moving && absent === 0) await lookAhead(view, needed);
-    if (quiet >= passes && !moving) {
+    } else if (moving) {
+      page.state = 'loading';
+      if (absent === 0) await lookAhead(view, needed);
+      await sleep(absent > 0 ? 15 : 0);
+    } else if (absent > 0 || version !== asked || !thorough) {
+      page.state = 'loading';
+      thorough = true;
+      await arrived(asked);
+    } else {
       page.state = 'settled';
-      restOfLevel0();
       keepLink();
       while (version === asked && !lost && !failed) await sleep(20);
-    } else {
-      page.state = 'loading';
-      await sleep(absent > 0 ? 15 : 0);
     }
   }
+}
+
+// Level 0 first, without its corrected rays: something is seen at once.
+async function begin() {
+  loader.want(await renderer.ask({...currentView(), level: 0, mode: 'bitri'}), true);
+  for (let level = 1; level <= currentView().level; ++level) field.prepare(level).catch(fail);
+  await arrived(version);
+  begun = dirty = true;
+  return allOfLevel0();
+}
+
+// Waits until what is on its way has come, or the view is another.
+async function arrived(asked) {
+  while (loader.busy && version === asked && !lost && !failed) await sleep(5);
 }
 
 // Loads what the view will need soon.
@@ -228,10 +248,13 @@ async function lookAhead(view, needed) {
   if (!failed && !lost) loader.want([...needed, ...pages]);
 }
 
-function restOfLevel0() {
+// All of level 0, where it is small: a camera that turns always has something to draw, and much is
+// predicted from it.
+async function allOfLevel0() {
   const count = field.shape.pageBase[1] || field.shape.pages;
-  if (count <= renderer.slots / 2)
-    loader.want([...Array(count).keys()]);
+  if (count > renderer.slots / 2) return [];
+  const pages = [...Array(count).keys()];
+  return await field.payloadBytes(pages) <= kLevel0 ? pages : [];
 }
 
 // ---- the panel ----------------------------------------------------------------------------------
@@ -295,7 +318,7 @@ function actions() {
     changed();
     keepLink();
   });
-  ['mode', 'level', 'background'].forEach((name) => choose(name, name));
+  kChoices.forEach((name) => choose(name, name));
   byId('fold').onclick = fold;
   byId('spin').onchange = spin;
   byId('marks').onchange = () => { dirty = true; };
@@ -323,6 +346,11 @@ function actions() {
   if (matchMedia('(max-width: 520px)').matches) fold();
 }
 
+const kChoices = ['mode', 'level', 'background', 'curve', 'exposure'];
+function showChoices() {
+  for (const name of kChoices) byId(name).value = settings[name];
+}
+
 function fillPanel() {
   const {manifest: m, shape} = field, p = m.provenance ?? {};
   const name = String(p.source ?? p.name ?? 'Sphere light field').split('/').pop();
@@ -334,9 +362,8 @@ function fillPanel() {
     byId('mode').querySelector('[value=depth]').remove();
   }
   if (Number(settings.level) > shape.levels) settings.level = 'auto';
-  byId('mode').value = settings.mode;
-  byId('level').value = settings.level;
-  byId('background').value = settings.background;
+  showChoices();
+  byId('tones').hidden = !field.radiance;
   byId('marks').checked = p.kind === 'volume';
   if (shape.levels < m.levels)
     say(`Levels above ${shape.levels} of this field are too fine for the page.`);
@@ -346,6 +373,7 @@ function fillPanel() {
 
 async function start() {
   readFragment();
+  source.open().catch(() => {});  // beside the module; opening the field reports it
   field = new Field(source, await loadWasm());
   await field.open();
   resize();
@@ -370,9 +398,7 @@ async function start() {
   new ResizeObserver(resize).observe(canvas);
   addEventListener('hashchange', () => {
     readFragment();
-    byId('mode').value = settings.mode;
-    byId('level').value = settings.level;
-    byId('background').value = settings.background;
+    showChoices();
     changed();
   });
   actions();

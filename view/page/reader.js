@@ -2,9 +2,7 @@
 // from. Such a tile is decoded once, and kept for others within a budget.
 
 import {kDamaged, kEmpty, kStored} from './field.js';
-import {merged} from './source.js';
 
-const kParallel = 6;          // requests
 const kKept = 48 << 20;       // bytes of samples
 const kNothing = new Uint8Array(0);
 
@@ -19,8 +17,9 @@ class Tile {
 }
 
 export class Reader {
-  constructor(field, decoders) {
-    Object.assign(this, {field, decoders});
+  // Calls `onReference` with tiles that were read because others are predicted from them.
+  constructor(field, decoders, onReference) {
+    Object.assign(this, {field, decoders, onReference});
     this.tiles = new Map();  // by page; the least recently used first
     this.bytes = 0;          // of those that are ready
   }
@@ -54,49 +53,45 @@ export class Reader {
     }
     // Colours decide: a tile without them has no use for depths.
     const wanted = parts.filter(({tile}) => tile.state === kStored);
-    await this.fetch(wanted);
-    await this.findReferences(wanted);
+    field.source.readAll(wanted.map(({begin, end}) => [begin, end]))
+      .forEach((payload, i) => { wanted[i].payload = payload; });
+    const references = this.findReferences(wanted);
+    references.catch(() => {});  // the parts report it
     await Promise.all(tiles.map(async (tile) => {
-      await Promise.all(wanted.filter((part) => part.tile === tile).map((p) => this.decode(p)));
+      await Promise.all(wanted.filter((part) => part.tile === tile)
+        .map((part) => this.decode(part, references)));
       this.finish(tile);
     }));
   }
 
-  async fetch(parts) {
-    const requests = merged(parts.map(({begin, end}) => [begin, end]));
-    const fetchNext = async () => {
-      for (let request; (request = requests.shift());) {
-        const [begin, end] = request, bytes = await this.field.source.read(begin, end);
-        for (const part of parts)
-          if (part.begin >= begin && part.end <= end)
-            part.payload = bytes.slice(part.begin - begin, part.end - begin);
-      }
-    };
-    await Promise.all(Array.from({length: kParallel}, fetchNext));
-  }
-
-  // Starts to read what the parts are predicted from, all of it together.
+  // Lists what the parts are predicted from. What nobody reads yet is read all together, once all
+  // lists are known; until then a part may be decoded whose references are all on their way.
   async findReferences(parts) {
-    const {field} = this, needed = new Map();
-    await Promise.all(parts.map(async (part) => {
-      part.references = [];
+    const {field} = this;
+    if (!field.predicts) return;
+    const fresh = new Set();
+    await Promise.all(parts.map((part) => part.listed = (async () => {
       const {level} = part.tile;
-      if (!field.predicts || level === 0) return;
-      const found = await this.ask('references', part);
-      for (const [entry, exit] of found ?? []) {
-        const page = field.page(level - 1, entry, exit);
-        part.references.push(page);
-        needed.set(page, undefined);
-      }
-    }));
-    const pages = [...needed.keys()];
-    this.read(pages).forEach((ready, i) => needed.set(pages[i], ready));
-    for (const part of parts) part.references = part.references.map((page) => needed.get(page));
+      part.payload = await part.payload;
+      const found = level > 0 ? await this.ask('references', part) : [];
+      part.references = (found ?? []).map(([entry, exit]) => {
+        const page = field.page(level - 1, entry, exit), ready = this.tiles.get(page)?.ready;
+        if (!ready) fresh.add(page);
+        return {page, ready};
+      });
+    })()));
+    if (fresh.size === 0) return;
+    const pages = [...fresh];
+    this.read(pages).forEach((ready) => ready.then((tile) => this.onReference(tile), () => {}));
   }
 
-  async decode(part) {
+  async decode(part, findReferences) {
     const {field} = this, references = [];
-    for (const tile of await Promise.all(part.references)) {
+    part.payload = await part.payload;
+    await part.listed;
+    const ready = () => (part.references ?? []).map((r) => r.ready ?? this.read([r.page])[0]);
+    if (part.references?.some((r) => !r.ready)) await findReferences;
+    for (const tile of await Promise.all(ready())) {
       if (tile.state !== kStored && tile.state !== kEmpty)
         return this.spoil(part);  // it cannot be predicted
       references.push({entry: tile.entry, exit: tile.exit, samples: tile.samples ?? kNothing});

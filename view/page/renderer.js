@@ -1,10 +1,11 @@
 // The GPU's side: textures of decoded tiles, the page table, drawing, and the passes that find out
 // which tiles a view needs. Everything in here can be made again after a lost context.
 
-import {kDraw, kFeedback, kTableBits, kVertex} from './shader.js';
+import {kCurves, kDraw, kFeedback, kTableBits, kVertex} from './shader.js';
 
 const kTableWidth = 1 << kTableBits;
-const kFeedbackSize = 128;  // rays across one pass that asks for tiles
+const kFeedbackSize = 512;  // most rays across a pass that asks for tiles
+const kFewRays = 128;       // rays across a pass while the camera moves
 
 function program(gl, fragment) {
   const result = gl.createProgram();
@@ -173,6 +174,8 @@ export class Renderer {
     this.use(this.draws, view, width, height);
     gl.uniform3fv(this.draws.at('uBackground'), view.background);
     gl.uniform2f(this.draws.at('uScale'), width / w, height / h);
+    gl.uniform1i(this.draws.at('uCurve'), kCurves.indexOf(view.curve));
+    gl.uniform1f(this.draws.at('uGain'), 2 ** view.exposure);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     if (whole) return;
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.low.framebuffer);
@@ -196,22 +199,30 @@ export class Renderer {
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.low.framebuffer);
   }
 
-  // How many passes ask for all rays of a picture.
-  passes() {
-    const across = Math.ceil(this.canvas.width / kFeedbackSize);
-    return across * Math.ceil(this.canvas.height / kFeedbackSize);
+  // Asks for the pages that a view needs. Resolves to a Set of pages, once the GPU is done.
+  async askAll(view) {
+    const pages = new Set();
+    const count = this.grid(kFeedbackSize).reduce((a, b) => a * b);
+    for (let choice = 0; choice < count && !this.gl.isContextLost(); ++choice)
+      for (const page of await this.askRays(view, kFeedbackSize, choice)) pages.add(page);
+    return pages;
   }
 
-  // Asks for the pages that some rays of a view need; another choice of rays each time. Resolves to
-  // a Set of pages, once the GPU is done.
-  async ask(view) {
-    const gl = this.gl, {width, height} = this.canvas;
-    const across = Math.ceil(width / kFeedbackSize), down = Math.ceil(height / kFeedbackSize);
+  // The same for a few rays, others each time.
+  ask(view) {
     // Steps of 5 among the choices: near rays need the same tiles. It visits all where 5 is coprime.
-    const count = across * down, stride = count % 5 === 0 ? 1 : 5;
-    const choice = this.pass++ * stride % count;
+    const count = this.grid(kFewRays).reduce((a, b) => a * b), stride = count % 5 === 0 ? 1 : 5;
+    return this.askRays(view, kFewRays, this.pass++ * stride % count);
+  }
+
+  // How many pixels across and down share one of `size` × `size` rays.
+  grid(size) { return [this.canvas.width, this.canvas.height].map((n) => Math.ceil(n / size)); }
+
+  async askRays(view, size, choice) {
+    const gl = this.gl, {width, height} = this.canvas, [across, down] = this.grid(size);
+    const w = Math.ceil(width / across), h = Math.ceil(height / down);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.needs);
-    gl.viewport(0, 0, kFeedbackSize, kFeedbackSize);
+    gl.viewport(0, 0, w, h);
     this.use(this.asks, view, width, height);
     gl.uniform2f(this.asks.at('uStep'), across, down);
     gl.uniform2f(this.asks.at('uShift'), choice % across, Math.floor(choice / across));
@@ -219,7 +230,7 @@ export class Renderer {
     this.packs.forEach((pack, i) => {
       gl.readBuffer(gl.COLOR_ATTACHMENT0 + i);
       gl.bindBuffer(gl.PIXEL_PACK_BUFFER, pack);
-      gl.readPixels(0, 0, kFeedbackSize, kFeedbackSize, gl.RGBA_INTEGER, gl.UNSIGNED_INT, 0);
+      gl.readPixels(0, 0, w, h, gl.RGBA_INTEGER, gl.UNSIGNED_INT, 0);
     });
     gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
     const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
@@ -232,7 +243,7 @@ export class Renderer {
     }
     gl.deleteSync(fence);
     const pages = new Set();
-    const words = new Uint32Array(kFeedbackSize * kFeedbackSize * 4);
+    const words = new Uint32Array(w * h * 4);
     this.packs.forEach((pack) => {
       gl.bindBuffer(gl.PIXEL_PACK_BUFFER, pack);
       gl.getBufferSubData(gl.PIXEL_PACK_BUFFER, 0, words);

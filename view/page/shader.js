@@ -84,6 +84,12 @@ void exitCell(Cell cell, int level, out int section, out ivec3 column) {
   column = ivec3(triangle(r.x, r.y), triangle(r.x + shift, r.y), triangle(r.x, r.y + shift));
 }
 
+// The section that owns an entry vertex, above uRowBits bits with its row there.
+int entryPlace(int level, Cell cell, ivec2 p) {
+  int side = (uEntrySide << level) + 1;
+  return int(table(uRowBase[level] + (cell.octant * side + p.y) * side + p.x));
+}
+
 int page(int level, int entry, int exit) {
   return uPageBase[level] + entry * (8 << (2 * level)) + exit;
 }
@@ -96,14 +102,17 @@ ivec3 texel(int slot, int sample_) {
 
 const int kDone = 0, kWaits = 1, kLacks = 2;  // lacks: a tile is missing for good
 
-// Draws the chord from P to Q at a level. needs: the pages of the first round and of the last one.
-int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 last) {
+// Draws the chord from P to Q at a level. first, last: one more than the pages of the first round
+// and of the last one. t: where the chord meets something; below 0 if nothing, or not known.
+// Returns early, with the picture and t of the last complete round, if tiles are not there.
+int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 last, out float t) {
   int entryN = uEntrySide << level, exitN = uExitSide << level;
   pixel = vec4(0);
   first = last = ivec3(0);
   Cell cell = locate(P, entryN);
   vec3 chord = Q - P, aim = vec3(0);
-  float chord2 = dot(chord, chord), t = 0.0;
+  float chord2 = dot(chord, chord);
+  t = -1.0;
   float sharp = float(exitN) / 6.4;
 
   vec3 entry[3];
@@ -111,7 +120,7 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
   for (int e = 0; e < 3; ++e) {
     ivec2 p = corner(cell, e);
     entry[e] = vertex(cell, p, entryN);
-    int place = int(table(uRowBase[level] + (cell.octant * (entryN + 1) + p.y) * (entryN + 1) + p.x));
+    int place = entryPlace(level, cell, p);
     section[e] = place >> uRowBits;
     row[e] = place & ((1 << uRowBits) - 1);
   }
@@ -203,10 +212,34 @@ bool meet(vec2 at, out vec3 P, out vec3 Q) {
 }
 `;
 
+export const kCurves = ['none', 'neutral', 'srgb'];
+
 export const kDraw = kCommon + `
 uniform vec3 uBackground;
 uniform vec2 uScale;  // of the drawn part to the picture
+uniform int uCurve;   // of kCurves
+uniform float uGain;
 out vec4 result;
+
+// Tone mapping of premultiplied linear radiance, as slf/tone.h has it.
+vec4 mapped(vec4 radiance) {
+  if (uCurve == 0 || !(radiance.a > 0.0)) return radiance;
+  vec3 color = max(radiance.rgb * (uGain / radiance.a), 0.0);
+  if (uCurve == 1) {
+    const float kStart = 0.8 - 0.04, kDesaturation = 0.15, kRoom = 1.0 - kStart;
+    float least = min(color.r, min(color.g, color.b));
+    color -= least < 0.08 ? least - 6.25 * least * least : 0.04;
+    float peak = max(color.r, max(color.g, color.b));
+    if (peak >= kStart) {
+      float compressed = 1.0 - kRoom * kRoom / (peak + kRoom - kStart);
+      float white = 1.0 - 1.0 / (kDesaturation * (peak - compressed) + 1.0);
+      color = mix(color * (compressed / peak), vec3(compressed), white);
+    }
+  }
+  color = min(color, 1.0);
+  vec3 low = 12.92 * color, high = 1.055 * pow(color, vec3(1.0 / 2.4)) - 0.055;
+  return vec4(radiance.a * mix(high, low, vec3(lessThanEqual(color, vec3(0.0031308)))), radiance.a);
+}
 
 void main() {
   columns = (uExitSide + 1) * (uExitSide + 2) / 2;
@@ -214,19 +247,41 @@ void main() {
   vec4 pixel = vec4(0);
   if (meet(gl_FragCoord.xy * uScale, P, Q)) {
     ivec3 first, last;
-    for (int level = uLevel; level >= 0; --level)
-      if (draw(level, P, Q, pixel, first, last) == kDone) break;
-      else pixel = vec4(0);
+    float t;
+    for (int level = uLevel; level >= 0; --level) {
+      int state = draw(level, P, Q, pixel, first, last, t);
+      if (state == kDone || (state == kWaits && level == 0)) break;  // rather a picture than none
+      pixel = vec4(0);
+    }
   }
+  pixel = mapped(pixel);
   result = vec4(pixel.rgb + (1.0 - pixel.a) * uBackground, 1);
 }`;
 
 // Which tiles the picture needs: some of its rays, another choice in each pass. A level that lacks a
-// tile for good is replaced by the next coarser one, as when drawing.
+// tile for good is replaced by the next coarser one, as when drawing. While tiles of a level are not
+// there, a coarser level says about where the chord meets something, and so what will be needed.
 export const kFeedback = kCommon + `
 uniform vec2 uStep, uShift;
 layout(location = 0) out uvec4 needed0;
 layout(location = 1) out uvec4 needed1;
+
+ivec3 guess(int level, vec3 P, vec3 Q, float t) {
+  int n = uEntrySide << level;
+  Cell cell = locate(P, n);
+  ivec3 pages = ivec3(0);
+  for (int e = 0; e < 3; ++e) {
+    ivec2 p = corner(cell, e);
+    vec3 from = vertex(cell, p, n), v = P + t * (Q - P) - from;
+    float v2 = dot(v, v);
+    if (cell.weights[e] <= 0.0 || v2 <= 0.0) continue;
+    int exit;
+    ivec3 column;
+    exitCell(locate(from - 2.0 * dot(from, v) / v2 * v, uExitSide << level), level, exit, column);
+    pages[e] = page(level, entryPlace(level, cell, p) >> uRowBits, exit) + 1;
+  }
+  return pages;
+}
 
 void main() {
   columns = (uExitSide + 1) * (uExitSide + 2) / 2;
@@ -234,12 +289,21 @@ void main() {
   vec3 P, Q;
   vec2 at = (floor(gl_FragCoord.xy) * uStep + uShift) + 0.5;
   if (at.x >= uSize.x || at.y >= uSize.y || !meet(at, P, Q)) return;
-  for (int level = uLevel; level >= 0; --level) {
-    vec4 pixel;
-    ivec3 first, last;
-    int state = draw(level, P, Q, pixel, first, last);
-    needed0 = uvec4(first, state);
-    needed1 = uvec4(last, 0);
-    if (state != kLacks) return;
+  vec4 pixel;
+  ivec3 first, last;
+  float t;
+  int level = uLevel, state;
+  for (;; --level) {
+    state = draw(level, P, Q, pixel, first, last, t);
+    if (state != kLacks || level == 0) break;
+  }
+  needed0 = uvec4(first, state);
+  needed1 = uvec4(last, 0);
+  if (uMode == 0 || state != kWaits || last != ivec3(0)) return;
+  for (int coarser = level - 1; coarser >= 0; --coarser) {
+    state = draw(coarser, P, Q, pixel, first, last, t);
+    if (state == kLacks || (t < 0.0 && state == kWaits)) continue;
+    if (t >= 0.0) needed1 = uvec4(guess(level, P, Q, t), 0);
+    return;
   }
 }`;

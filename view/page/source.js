@@ -1,58 +1,125 @@
 // Where the bytes of a field come from: a host of static files, or the page itself.
 
-const kStart = 8 << 10;       // bytes of the file's start that a reader needs
-export const kEnd = 64 << 10; // and of its end, where an index may be
-const kGap = 64 << 10;        // ranges nearer than this are one request
-const kMostRequest = 2 << 20; // bytes
+const kStart = 8 << 10;         // bytes of the file's start that a reader needs
+const kEnd = 64 << 10;          // and of its end, where an index may be
+const kMostRequests = 12;       // for the ranges of one call, if each request has one range
+const kCheapGap = 1 << 10;      // bytes that a request is not worth
+const kPartHead = 160;          // bytes that a range costs in an answer with several
+const kMostParts = 80;          // ranges of one request; hosts refuse more than 200
+const kMostAnswer = 512 << 10;  // bytes of an answer with several ranges, about
+const kKept = 16 << 20;         // bytes of answers to single ranges
 const kRetries = 4;
 
 const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
+
+const kNoRanges = 'The host of this field does not serve parts of files (HTTP ranges). ' +
+                  'Use another host, slf view, or an export to one .html file.';
 
 // A file on a host of static files, read by ranges.
 export class HttpSource {
   constructor(url) {
     this.url = url;
     this.bytes = this.requests = 0;
+    this.roundTrips = 0;   // the longest chain of answers, each before the next request
+    this.kept = [];       // answers with more than was asked for, the oldest first
+    this.several = undefined;  // whether the host serves several ranges in one answer
   }
 
-  async open() {
-    const response = await this.request(0, kStart);
-    const total = /\/(\d+)$/.exec(response.headers.get('Content-Range') ?? '')?.[1];
-    if (response.status === 206 && !total)
-      throw new Error('The host hides the header Content-Range; it must allow it (CORS).');
-    if (response.status !== 206)
-      throw new Error('The host of this field does not serve parts of files (HTTP ranges). ' +
-                      'Use another host, slf view, or an export to one .html file.');
-    this.tag = response.headers.get('ETag');
-    this.size = Number(total);
-    return (this.start = new Uint8Array(await this.body(response)));
+  // Resolves to the start and the end of the file: [{begin, bytes}, …].
+  open() {
+    return this.opened ??= (async () => {
+      const parts = await Promise.all([`0-${kStart - 1}`, `-${kEnd}`].map((range) => this.ask(range)));
+      const [start, end] = parts.map(([part]) => part);
+      this.size = start.total;
+      return end.begin > start.begin ? [start, end] : [start];
+    })();
   }
 
-  async read(begin, end) {
-    if (end <= this.start.length) return this.start.slice(begin, end);
-    const response = await this.request(begin, end);
-    if (response.status !== 206) throw new Error('The host ended to serve parts of the field.');
+  // Starts to read ranges [begin, end] in any order, in few requests. A promise of the bytes each.
+  readAll(ranges) {
+    const loaded = this.load([...ranges].sort((a, b) => a[0] - b[0]));
+    return ranges.map(async (range) => (await loaded)(...range));
+  }
+
+  // These resolve to a function that takes a range to its bytes.
+  async load(ranges) {
+    const groups = grouped(ranges);
+    let first;
+    if (this.several === undefined && merged(groups[0] ?? [], kPartHead).length > 1) {
+      if (!this.probe) first = this.probe = this.trySeveral(groups[0]);
+      await this.probe;
+    }
+    if (!this.several) return this.readSingly(ranges);
+    const loads = groups.map((group, i) => i === 0 && first ? first : this.readSeveral(group));
+    return async (begin, end) => {
+      const load = await loads[groups.findIndex((group) => group.at(-1)[1] >= end)];
+      return load(begin, end);
+    };
+  }
+  async readSeveral(ranges) { return await this.trySeveral(ranges) ?? this.readSingly(ranges); }
+  async trySeveral(ranges) {
+    const asked = merged(ranges, kPartHead).map(([begin, end]) => `${begin}-${end - 1}`).join(',');
+    const parts = await this.ask(asked);
+    this.several = ranges.every(([begin, end]) => slice(parts, begin, end));
+    return this.several ? (begin, end) => slice(parts, begin, end) : undefined;
+  }
+  async readSingly(ranges) {
+    const absent = ranges.filter(([begin, end]) => !slice(this.kept, begin, end));
+    const loads = inFewRequests(absent).map(([begin, end]) => ({
+      begin, end, parts: this.ask(`${begin}-${end - 1}`)}));
+    for (const {parts} of loads)
+      parts.then(([part]) => this.keep(part), () => {});  // each range reports what fails
+    return async (begin, end) => {
+      const load = loads.find((l) => begin >= l.begin && end <= l.end);
+      const bytes = slice(load ? await load.parts : this.kept, begin, end);
+      if (!bytes) throw new Error('The host cut an answer short.');
+      return bytes;
+    };
+  }
+  // What fills gaps may soon be asked for.
+  keep(part) {
+    this.kept.push(part);
+    let bytes = this.kept.reduce((sum, p) => sum + p.bytes.length, 0);
+    for (; bytes > kKept; bytes -= this.kept.shift().bytes.length) continue;
+  }
+
+  // Asks for ranges as a header names them, and resolves to the parts that came: {begin, bytes,
+  // total} each. None: the host refused several ranges.
+  async ask(ranges) {
+    const several = ranges.includes(','), {response, body} = await this.request(ranges);
+    if (!body) {
+      if (several) return [];
+      throw new Error(kNoRanges);
+    }
     const tag = response.headers.get('ETag');
-    if (tag !== this.tag) throw new Error('The field has changed on its host. Reload the page.');
-    const body = await this.body(response);
-    if (body.byteLength !== end - begin) throw new Error('The host cut an answer short.');
-    return new Uint8Array(body);
+    if ((this.tag ??= tag) !== tag)
+      throw new Error('The field has changed on its host. Reload the page.');
+    const mixed = /^multipart\/byteranges/i.test(response.headers.get('Content-Type') ?? '');
+    const parts = mixed ? partsOf(body) : [place(response.headers.get('Content-Range') ?? '', body)];
+    if (parts.every((part) => part)) return parts;
+    if (several) return [];
+    throw new Error('The host hides the header Content-Range; it must allow it (CORS).');
   }
 
-  async body(response) {
-    const body = await response.arrayBuffer();
-    this.bytes += body.byteLength;
-    return body;
-  }
-
-  // Tries again what may succeed later.
-  async request(begin, end) {
+  // Tries again what may succeed later. No body: the host serves no such ranges.
+  async request(ranges) {
+    const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
+      const stop = new AbortController();
       let wrong;
       try {
         ++this.requests;
-        const response = await fetch(this.url, {headers: {Range: `bytes=${begin}-${end - 1}`}});
-        if (response.ok) return response;
+        // A browser's cache would split a range around the parts of it that it has.
+        const response = await fetch(this.url, {headers: {Range: 'bytes=' + ranges},
+                                                cache: 'no-store', signal: stop.signal});
+        if (response.status === 206) {
+          const body = new Uint8Array(await response.arrayBuffer());
+          this.bytes += body.length;
+          this.roundTrips = Math.max(this.roundTrips, trip);
+          return {response, body};
+        }
+        stop.abort();  // else the whole file may come
+        if (response.ok || response.status === 416) return {response};
         wrong = response.status === 404 ? 'The field is not there (404).'
                                         : `The host answered ${response.status}.`;
         if (response.status < 500 && response.status !== 429) throw new Error(wrong);
@@ -66,13 +133,82 @@ export class HttpSource {
   }
 }
 
+// Where a part belongs, after its Content-Range.
+function place(header, body) {
+  const found = /bytes (\d+)-(\d+)\/(\d+)/i.exec(header)?.slice(1).map(Number);
+  const bytes = found && body.subarray(0, found[1] + 1 - found[0]);
+  return bytes?.length === found?.[1] + 1 - found?.[0] ? {begin: found[0], bytes, total: found[2]}
+                                                       : undefined;
+}
+
+// The parts of a body of type multipart/byteranges: each follows a blank line.
+function partsOf(body) {
+  const parts = [], text = new TextDecoder('latin1');
+  for (let at = 0;;) {
+    let blank = body.indexOf(13, at);
+    while (blank >= 0 && !(body[blank + 1] === 10 && body[blank + 2] === 13 && body[blank + 3] === 10))
+      blank = body.indexOf(13, blank + 1);
+    if (blank < 0) return parts;
+    const part = place(text.decode(body.subarray(at, blank)), body.subarray(blank + 4));
+    parts.push(part);
+    if (!part) return parts;
+    at = blank + 4 + part.bytes.length;
+  }
+}
+
+function slice(parts, begin, end) {
+  const part = parts.find((p) => begin >= p.begin && end <= p.begin + p.bytes.length);
+  return part?.bytes.slice(begin - part.begin, end - part.begin);
+}
+
+// Ascending ranges with gaps up to `gap` filled.
+function merged(ranges, gap) {
+  const result = [];
+  for (const [begin, end] of ranges) {
+    const last = result.at(-1);
+    if (last && begin - last[1] <= gap) last[1] = Math.max(last[1], end);
+    else result.push([begin, end]);
+  }
+  return result;
+}
+
+// Ascending ranges with the smallest gaps filled, until there are few.
+function inFewRequests(ranges) {
+  const all = merged(ranges, kCheapGap);
+  const gaps = all.slice(1).map(([begin], i) => begin - all[i][1]).sort((a, b) => b - a);
+  return gaps.length < kMostRequests ? all : merged(all, gaps[kMostRequests - 1]);
+}
+
+// Ascending ranges, divided among requests for several.
+function grouped(ranges) {
+  const groups = [];
+  let bytes = 0, parts = 0, end = -1;
+  for (const range of ranges) {
+    if (range[0] - end > kPartHead) ++parts;
+    if (groups.length === 0 || parts > kMostParts || bytes > kMostAnswer) {
+      groups.push([]);
+      bytes = 0;
+      parts = 1;
+    }
+    groups.at(-1).push(range);
+    bytes += range[1] - range[0];
+    end = range[1];
+  }
+  return groups;
+}
+
 // A file inside the page, as pieces of base64. Each piece but the last has a multiple of 3 bytes.
 export class EmbeddedSource {
   constructor(pieces, pieceBytes, size) {
-    Object.assign(this, {pieces, pieceBytes, size, bytes: 0, requests: 0});
+    Object.assign(this, {pieces, pieceBytes, size, bytes: 0, requests: 0, roundTrips: 0});
   }
-  async open() { return this.read(0, Math.min(kStart, this.size)); }
-  async read(begin, end) {
+  async open() {
+    const at = Math.max(0, this.size - kEnd);
+    return [[0, Math.min(kStart, this.size)], [at, this.size]].map(
+      ([begin, end]) => ({begin, bytes: this.read(begin, end)}));
+  }
+  readAll(ranges) { return ranges.map(async ([begin, end]) => this.read(begin, end)); }
+  read(begin, end) {
     const bytes = new Uint8Array(end - begin);
     for (let at = begin; at < end;) {
       const piece = Math.floor(at / this.pieceBytes), from = at - piece * this.pieceBytes;
@@ -84,16 +220,4 @@ export class EmbeddedSource {
     this.bytes += bytes.length;
     return bytes;
   }
-}
-
-// Ranges in ascending order, with small gaps filled.
-export function merged(ranges) {
-  const result = [];
-  for (const [begin, end] of [...ranges].sort((a, b) => a[0] - b[0])) {
-    const last = result.at(-1);
-    if (last && begin - last[1] <= kGap && end - last[0] <= kMostRequest)
-      last[1] = Math.max(last[1], end);
-    else result.push([begin, end]);
-  }
-  return result;
 }

@@ -1,0 +1,51 @@
+#include "cli/command.h"
+#ifdef SLF_REMOTE
+#include "slf/remote.h"
+#endif
+
+namespace slf::cli {
+
+#ifdef SLF_REMOTE
+namespace {
+
+/// The distant fields that were opened, for their traffic.
+std::vector<RemoteField> distant;
+
+}  // namespace
+
+bool is_address(std::string_view path) { return slf::is_address(path); }
+
+Result<Field> open_field(const std::string& path) {
+  if (!is_address(path)) return Field::open(path);
+  auto remote = RemoteField::open(path);
+  if (!remote) return tl::unexpected(remote.error());
+  distant.push_back(*remote);
+  return remote->field();
+}
+
+nlohmann::json traffic_json() {
+  if (distant.empty()) return {};
+  RemoteTraffic sum;
+  for (const RemoteField& field : distant) {
+    const RemoteTraffic traffic = field.traffic();
+    sum.requests += traffic.requests;
+    sum.repeated += traffic.repeated;
+    sum.bytes += traffic.bytes;
+  }
+  return {{"requests", sum.requests}, {"repeated", sum.repeated}, {"bytes", sum.bytes}};
+}
+#else
+bool is_address(std::string_view path) {
+  return path.starts_with("http://") || path.starts_with("https://");
+}
+
+Result<Field> open_field(const std::string& path) {
+  if (!is_address(path)) return Field::open(path);
+  return fail(ErrorCode::unsupported, path,
+              ": this slf was built without libcurl and does not read fields over HTTP");
+}
+
+nlohmann::json traffic_json() { return {}; }
+#endif
+
+}  // namespace slf::cli

@@ -1,0 +1,335 @@
+#include "field/remote/http_source.h"
+
+#include <curl/curl.h>
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cstring>
+#include <deque>
+#include <optional>
+#include <thread>
+#include <utility>
+
+namespace slf {
+namespace {
+
+using storage::FileRange;
+using Clock = std::chrono::steady_clock;
+
+constexpr std::uint64_t kUnknown = ~std::uint64_t{0};
+constexpr long kSlowest = 256;       // bytes a second; less, for as long as we wait, is a stall
+constexpr double kLongestPause = 8;  // seconds
+constexpr long kRedirects = 5;
+constexpr std::uint64_t kPiece = 4 << 20;  // bytes of one request: more are several requests
+
+std::string_view trimmed(std::string_view text) {
+  while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
+  while (!text.empty() && std::strchr(" \t\r\n", text.back()) != nullptr) text.remove_suffix(1);
+  return text;
+}
+
+bool same_letters(std::string_view a, std::string_view b) {
+  return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](char x, char y) {
+           return std::tolower(static_cast<unsigned char>(x)) ==
+                  std::tolower(static_cast<unsigned char>(y));
+         });
+}
+
+bool take_number(std::string_view& text, std::uint64_t& value) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  text.remove_prefix(static_cast<std::size_t>(end - text.data()));
+  return error == std::errc();
+}
+
+bool take(std::string_view& text, char c) {
+  if (!text.starts_with(c)) return false;
+  text.remove_prefix(1);
+  return true;
+}
+
+/// "bytes 0-99/1234".
+struct ContentRange {
+  FileRange range;
+  std::uint64_t total = 0;
+};
+std::optional<ContentRange> parse_content_range(std::string_view text) {
+  ContentRange found;
+  std::uint64_t last = 0;
+  if (!text.starts_with("bytes ")) return std::nullopt;
+  text.remove_prefix(6);
+  if (!take_number(text, found.range.begin) || !take(text, '-') || !take_number(text, last) ||
+      !take(text, '/') || !take_number(text, found.total) || !text.empty() ||
+      last < found.range.begin || last >= found.total)
+    return std::nullopt;
+  found.range.end = last + 1;
+  return found;
+}
+
+}  // namespace
+
+/// Handles that keep their connections from one use to the next. One thread at a time.
+class HttpSource::Connections {
+ public:
+  Connections() : multi(curl_multi_init()) {}
+  Connections(const Connections&) = delete;
+  Connections& operator=(const Connections&) = delete;
+  ~Connections() {
+    for (CURL* easy : free) curl_easy_cleanup(easy);
+    curl_multi_cleanup(multi);
+  }
+
+  CURLM* multi;
+  std::vector<CURL*> free;
+};
+
+/// Connections, borrowed.
+class HttpSource::Lease {
+ public:
+  explicit Lease(HttpSource& source) : source_(source) {
+    const std::lock_guard lock(source_.mutex_);
+    if (source_.idle_.empty()) {
+      held_ = std::make_unique<Connections>();
+    } else {
+      held_ = std::move(source_.idle_.back());
+      source_.idle_.pop_back();
+    }
+  }
+  Lease(const Lease&) = delete;
+  Lease& operator=(const Lease&) = delete;
+  ~Lease() {
+    const std::lock_guard lock(source_.mutex_);
+    source_.idle_.push_back(std::move(held_));
+  }
+  [[nodiscard]] Connections& connections() { return *held_; }
+
+ private:
+  HttpSource& source_;
+  std::unique_ptr<Connections> held_;
+};
+
+/// One range on its way.
+struct HttpSource::Transfer {
+  FileRange range;
+  unsigned attempts = 0;  ///< begun
+  Clock::time_point due;  ///< not before
+  // Of the current attempt:
+  CURL* easy = nullptr;
+  curl_slist* headers = nullptr;
+  Bytes body;
+  std::string tag, date, content_range;
+  double retry_after = 0;  ///< seconds
+  bool too_much = false;   ///< more came than was asked for
+};
+
+HttpSource::HttpSource(std::string url, const RemoteOptions& options)
+    : url_(std::move(url)), options_(options), size_(kUnknown) {}
+HttpSource::~HttpSource() = default;
+
+Result<std::shared_ptr<HttpSource>> HttpSource::open(const std::string& url,
+                                                     const RemoteOptions& options) {
+  static const CURLcode ready = curl_global_init(CURL_GLOBAL_DEFAULT);
+  if (ready != CURLE_OK) return fail(ErrorCode::failed, url, ": ", curl_easy_strerror(ready));
+  std::shared_ptr<HttpSource> source(new HttpSource(url, options));
+  std::vector<Transfer> first(1);
+  first[0].range = {0, 1};
+  if (auto ok = source->run(first, [](std::uint64_t, ByteSpan) { return Result<void>(); }); !ok)
+    return tl::unexpected(std::move(ok.error()));
+  return source;
+}
+
+Result<void> HttpSource::fetch(std::span<const FileRange> ranges, const Take& take) {
+  std::vector<Transfer> transfers;
+  for (const FileRange& range : ranges)
+    for (std::uint64_t at = range.begin; at < range.end; at += kPiece)
+      transfers.emplace_back().range = {at, std::min(at + kPiece, range.end)};
+  return run(transfers, take);
+}
+
+// Runs transfers until all are complete, or one has failed for good.
+Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Take& take) {
+  Lease lease(*this);
+  Connections& connections = lease.connections();
+  std::deque<Transfer*> waiting;
+  for (Transfer& transfer : transfers) waiting.push_back(&transfer);
+  std::vector<Transfer*> running;
+  const auto stop = [&](Transfer* transfer) {
+    curl_multi_remove_handle(connections.multi, transfer->easy);
+    connections.free.push_back(std::exchange(transfer->easy, nullptr));
+    curl_slist_free_all(std::exchange(transfer->headers, nullptr));
+    std::erase(running, transfer);
+  };
+  Result<void> result;
+  while (result && !(waiting.empty() && running.empty())) {
+    const auto now = Clock::now();
+    auto next_due = now + std::chrono::seconds(1);
+    for (std::size_t k = waiting.size(); k > 0 && running.size() < std::max(1u, options_.parallel);
+         --k) {
+      Transfer* const transfer = waiting.front();
+      waiting.pop_front();
+      if (transfer->due > now) {
+        next_due = std::min(next_due, transfer->due);
+        waiting.push_back(transfer);
+        continue;
+      }
+      start(*transfer, connections);
+      running.push_back(transfer);
+    }
+    int active = 0;
+    curl_multi_perform(connections.multi, &active);
+    int left = 0;
+    while (const CURLMsg* message = curl_multi_info_read(connections.multi, &left)) {
+      if (message->msg != CURLMSG_DONE || !result) continue;
+      char* owner = nullptr;
+      curl_easy_getinfo(message->easy_handle, CURLINFO_PRIVATE, &owner);
+      auto* const transfer = reinterpret_cast<Transfer*>(owner);
+      const auto done = judge(*transfer, message->data.result);
+      stop(transfer);
+      if (!done) {
+        result = tl::unexpected(done.error());
+      } else if (*done) {
+        result = take(transfer->range.begin, transfer->body);
+        transfer->body = {};
+      } else {
+        ++repeated_;
+        waiting.push_back(transfer);
+      }
+    }
+    if (!result || (waiting.empty() && running.empty())) break;
+    const auto pause = std::chrono::duration_cast<std::chrono::milliseconds>(next_due - now);
+    curl_multi_poll(connections.multi, nullptr, 0,
+                    static_cast<int>(std::max<long long>(1, pause.count())), nullptr);
+  }
+  while (!running.empty()) stop(running.back());
+  return result;
+}
+
+void HttpSource::start(Transfer& transfer, Connections& connections) {
+  ++transfer.attempts;
+  ++requests_;
+  transfer.body.clear();
+  transfer.tag.clear(), transfer.date.clear(), transfer.content_range.clear();
+  transfer.retry_after = 0;
+  transfer.too_much = false;
+  CURL* easy = nullptr;
+  if (connections.free.empty()) {
+    easy = curl_easy_init();
+  } else {
+    easy = connections.free.back();
+    connections.free.pop_back();
+    curl_easy_reset(easy);
+  }
+  transfer.easy = easy;
+  const std::string range =
+      std::to_string(transfer.range.begin) + "-" + std::to_string(transfer.range.end - 1);
+  const long patience = std::max(1L, static_cast<long>(options_.patience * 1000));
+  curl_easy_setopt(easy, CURLOPT_URL, url_.c_str());
+  curl_easy_setopt(easy, CURLOPT_RANGE, range.c_str());
+  curl_easy_setopt(easy, CURLOPT_PRIVATE, &transfer);
+  curl_easy_setopt(easy, CURLOPT_NOSIGNAL, 1L);
+  curl_easy_setopt(easy, CURLOPT_USERAGENT, "slf");
+  curl_easy_setopt(easy, CURLOPT_FOLLOWLOCATION, 1L);
+  curl_easy_setopt(easy, CURLOPT_MAXREDIRS, kRedirects);
+  curl_easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
+  curl_easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https");
+  curl_easy_setopt(easy, CURLOPT_CONNECTTIMEOUT_MS, patience);
+  // A stall is noticed in whole seconds; what is slower than kSlowest for as long is one. The last
+  // bound is for a server that sends headers for ever.
+  curl_easy_setopt(easy, CURLOPT_LOW_SPEED_LIMIT, kSlowest);
+  curl_easy_setopt(easy, CURLOPT_LOW_SPEED_TIME, std::max(1L, patience / 1000));
+  const auto bytes = static_cast<long>(transfer.range.end - transfer.range.begin);
+  curl_easy_setopt(easy, CURLOPT_TIMEOUT_MS, 2 * patience + 1000 * (bytes / kSlowest));
+  if (validator_.starts_with('"')) {  // a strong ETag
+    transfer.headers = curl_slist_append(nullptr, ("If-Match: " + validator_).c_str());
+    curl_easy_setopt(easy, CURLOPT_HTTPHEADER, transfer.headers);
+  }
+  using Write = std::size_t (*)(char*, std::size_t, std::size_t, void*);
+  const Write write = [](char* data, std::size_t, std::size_t count, void* to) -> std::size_t {
+    auto& t = *static_cast<Transfer*>(to);
+    long status = 0;
+    curl_easy_getinfo(t.easy, CURLINFO_RESPONSE_CODE, &status);
+    if (status != 206) return status == 200 ? 0 : count;  // the text of an error is of no use
+    t.too_much = count > t.range.end - t.range.begin - t.body.size();
+    if (t.too_much) return 0;
+    const auto* bytes_of = reinterpret_cast<const std::byte*>(data);
+    t.body.insert(t.body.end(), bytes_of, bytes_of + count);
+    return count;
+  };
+  curl_easy_setopt(easy, CURLOPT_WRITEFUNCTION, write);
+  curl_easy_setopt(easy, CURLOPT_WRITEDATA, &transfer);
+  const Write header = [](char* data, std::size_t, std::size_t count, void* to) -> std::size_t {
+    auto& t = *static_cast<Transfer*>(to);
+    const std::string_view line(data, count);
+    if (line.starts_with("HTTP/")) {  // another answer of a chain of redirections
+      t.tag.clear(), t.date.clear(), t.content_range.clear();
+      return count;
+    }
+    const std::size_t colon = line.find(':');
+    if (colon == std::string_view::npos) return count;
+    const std::string_view name = line.substr(0, colon), value = trimmed(line.substr(colon + 1));
+    if (same_letters(name, "etag")) t.tag = value;
+    if (same_letters(name, "last-modified")) t.date = value;
+    if (same_letters(name, "content-range")) t.content_range = value;
+    if (std::uint64_t seconds = 0; same_letters(name, "retry-after"))
+      if (std::string_view rest = value; take_number(rest, seconds) && rest.empty())
+        t.retry_after = static_cast<double>(seconds);
+    return count;
+  };
+  curl_easy_setopt(easy, CURLOPT_HEADERFUNCTION, header);
+  curl_easy_setopt(easy, CURLOPT_HEADERDATA, &transfer);
+  curl_multi_add_handle(connections.multi, easy);
+}
+
+Result<bool> HttpSource::judge(Transfer& t, int code) {
+  const auto failed = [&](ErrorCode kind, const auto&... parts) -> Result<bool> {
+    return fail(kind, url_, ": ", parts...);
+  };
+  const auto again = [&](const std::string& what) -> Result<bool> {
+    if (t.attempts >= std::max(1u, options_.attempts))
+      return failed(ErrorCode::io, what, ", after ", t.attempts, " attempts");
+    const double doubled = options_.first_pause * static_cast<double>(1u << (t.attempts - 1));
+    const double pause = std::min(std::max(doubled, t.retry_after), kLongestPause);
+    t.due = Clock::now() +
+            std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(pause));
+    return false;
+  };
+  const auto changed = [&] {
+    return failed(ErrorCode::bad_file, "the file has changed on the server since it was opened");
+  };
+
+  long status = 0;
+  curl_easy_getinfo(t.easy, CURLINFO_RESPONSE_CODE, &status);
+  bytes_ += t.body.size();
+  if (t.too_much) return failed(ErrorCode::io, "the server sends more than it was asked for");
+  if (status == 200 && (code == CURLE_OK || code == CURLE_WRITE_ERROR))
+    return failed(ErrorCode::unsupported,
+                  "the server does not serve parts of files (HTTP ranges); download the field, or "
+                  "ask for another server");
+  if (code == CURLE_TOO_MANY_REDIRECTS)
+    return failed(ErrorCode::io, "the server redirects more than ", kRedirects, " times");
+  if (code == CURLE_URL_MALFORMAT || code == CURLE_PEER_FAILED_VERIFICATION ||
+      code == CURLE_SSL_CACERT_BADFILE)
+    return failed(ErrorCode::io, curl_easy_strerror(static_cast<CURLcode>(code)));
+  if (code != CURLE_OK) return again(curl_easy_strerror(static_cast<CURLcode>(code)));
+  if (status == 408 || status == 429 || status >= 500)
+    return again("the server answers " + std::to_string(status));
+  if (status == 412 || (status == 416 && size_ != kUnknown)) return changed();
+  if (status == 416) return failed(ErrorCode::bad_file, "not a field: the file is empty");
+  if (status != 206) return failed(ErrorCode::io, "the server answers ", status);
+
+  const auto answered = parse_content_range(t.content_range);
+  if (!answered)
+    return failed(ErrorCode::io, "the server does not say which part of the file it sends");
+  const std::string& validator = t.tag.empty() ? t.date : t.tag;
+  if (size_ == kUnknown) {
+    size_ = answered->total;
+    validator_ = validator;
+  }
+  if (answered->total != size_ || validator != validator_) return changed();
+  if (answered->range.begin != t.range.begin || answered->range.end != t.range.end)
+    return failed(ErrorCode::io, "the server sends another part of the file than it was asked for");
+  if (t.body.size() != t.range.end - t.range.begin) return again("the server cut its answer short");
+  return true;
+}
+
+}  // namespace slf

@@ -1,0 +1,49 @@
+// HttpSource: a file on a web server, as ranges of bytes (libcurl).
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "slf/remote.h"
+#include "storage/range_source.h"
+
+namespace slf {
+
+/// Thread-safety: any thread; each fetch() uses connections of its own, which later ones reuse.
+class HttpSource final : public storage::RangeSource {
+ public:
+  /// Asks for the first byte. Errors as of RemoteField::open().
+  [[nodiscard]] static Result<std::shared_ptr<HttpSource>> open(const std::string& url,
+                                                                const RemoteOptions& options);
+  ~HttpSource() override;
+
+  [[nodiscard]] const std::string& name() const override { return url_; }
+  [[nodiscard]] std::uint64_t size() const override { return size_; }
+  [[nodiscard]] Result<void> fetch(std::span<const storage::FileRange> ranges,
+                                   const Take& take) override;
+  [[nodiscard]] RemoteTraffic traffic() const { return {requests_, repeated_, bytes_}; }
+
+ private:
+  class Connections;
+  class Lease;
+  struct Transfer;
+
+  HttpSource(std::string url, const RemoteOptions& options);
+  [[nodiscard]] Result<void> run(std::vector<Transfer>& transfers, const Take& take);
+  void start(Transfer& transfer, Connections& connections);
+  /// What an answer means: done, to be repeated, or an error.
+  [[nodiscard]] Result<bool> judge(Transfer& transfer, int code);
+
+  const std::string url_;
+  const RemoteOptions options_;
+  std::uint64_t size_ = 0;
+  std::string validator_;  ///< the ETag or, without one, the date
+  std::atomic<std::uint64_t> requests_{0}, repeated_{0}, bytes_{0};
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<Connections>> idle_;
+};
+
+}  // namespace slf

@@ -1,0 +1,28 @@
+#include "slf/remote.h"
+
+#include "field/field_file.h"
+#include "field/remote/http_source.h"
+
+namespace slf {
+
+struct RemoteField::State {
+  std::shared_ptr<HttpSource> source;
+};
+
+bool is_address(std::string_view path) {
+  return path.starts_with("http://") || path.starts_with("https://");
+}
+
+Result<RemoteField> RemoteField::open(const std::string& url, const RemoteOptions& options) {
+  auto source = HttpSource::open(url, options);
+  if (!source) return tl::unexpected(std::move(source.error()));
+  auto store = storage::TileStore::open(*source);
+  if (!store) return tl::unexpected(std::move(store.error()));
+  auto file = FieldFile::open(std::move(*store));
+  if (!file) return tl::unexpected(std::move(file.error()));
+  return RemoteField(std::make_shared<State>(State{*source}), Field::of(std::move(*file)));
+}
+
+RemoteTraffic RemoteField::traffic() const { return state_->source->traffic(); }
+
+}  // namespace slf

@@ -1,0 +1,34 @@
+// RangeSource: a file whose bytes are fetched in ranges, such as one on a web server.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string>
+
+#include "base/bytes.h"
+#include "slf/error.h"
+#include "storage/tile_store.h"
+
+namespace slf::storage {
+
+/// Thread-safety: any thread.
+class RangeSource {
+ public:
+  virtual ~RangeSource() = default;
+
+  /// For messages: its address.
+  [[nodiscard]] virtual const std::string& name() const = 0;
+  /// The length of the file in bytes.
+  [[nodiscard]] virtual std::uint64_t size() const = 0;
+
+  /// Called with bytes of the file, on the thread that fetches. An error ends the fetching.
+  using Take = std::function<Result<void>(std::uint64_t offset, ByteSpan bytes)>;
+
+  /// Fetches ranges inside the file, at once if it can, and passes each to `take` when it is
+  /// complete, in any order. Returns when all have come, or with the first error.
+  /// io: the bytes do not come. bad_file: the file is no longer the one that was opened.
+  [[nodiscard]] virtual Result<void> fetch(std::span<const FileRange> ranges, const Take& take) = 0;
+};
+
+}  // namespace slf::storage

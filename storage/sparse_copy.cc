@@ -1,0 +1,116 @@
+#include "storage/internal/sparse_copy.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <string>
+
+namespace slf::storage::internal {
+namespace {
+
+constexpr std::uint64_t kGap = 8 << 10;           // bytes that a request is not worth
+constexpr std::size_t kMostRequests = 64;         // for the ranges of one call
+constexpr std::uint64_t kSurrounding = 64 << 10;  // bytes fetched for a single part
+
+/// A file without a name. -1: errno says why.
+int open_temporary() {
+  const char* const given = std::getenv("TMPDIR");
+  const std::string folder = given != nullptr && *given != '\0' ? given : "/tmp";
+  const int file = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+  if (file >= 0 || (errno != EOPNOTSUPP && errno != EISDIR)) return file;
+  std::string name = folder + "/slf-XXXXXX";  // where the file system has no O_TMPFILE
+  const int named = mkostemp(name.data(), O_CLOEXEC);
+  if (named >= 0) unlink(name.c_str());
+  return named;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<SparseCopy>> SparseCopy::make(std::shared_ptr<RangeSource> source) {
+  std::unique_ptr<SparseCopy> copy(new SparseCopy(std::move(source)));
+  const std::string& name = copy->source_->name();
+  copy->file_ = open_temporary();
+  if (copy->file_ < 0 || ftruncate(copy->file_, static_cast<off_t>(copy->source_->size())) != 0)
+    return fail(ErrorCode::io, name, ": cannot make a temporary file of ", copy->source_->size(),
+                " bytes: ", std::strerror(errno), "; TMPDIR says where");
+  auto map = MappedFile::map(copy->file_, copy->source_->size(), name);
+  if (!map) return tl::unexpected(std::move(map.error()));
+  copy->map_ = std::move(*map);
+  return copy;
+}
+
+SparseCopy::~SparseCopy() {
+  if (file_ >= 0) ::close(file_);
+}
+
+Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {
+  const FileRange range{offset, offset + bytes.size()};
+  while (!bytes.empty()) {
+    const ssize_t put = pwrite(file_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+    if (put < 0 && errno == EINTR) continue;
+    if (put <= 0)
+      return fail(ErrorCode::io, source_->name(),
+                  ": cannot keep what was fetched: ", std::strerror(errno),
+                  "; TMPDIR says where it is kept");
+    bytes = bytes.subspan(static_cast<std::size_t>(put));
+    offset += static_cast<std::uint64_t>(put);
+  }
+  const std::lock_guard lock(mutex_);
+  held_.add(range);
+  return {};
+}
+
+Result<void> SparseCopy::fetch(std::span<const FileRange> ranges) const {
+  while (true) {
+    std::vector<FileRange> ours;
+    {
+      std::unique_lock lock(mutex_);
+      std::vector<FileRange> absent;
+      for (const FileRange& range : ranges) held_.lacks(range, absent);
+      if (absent.empty()) return {};
+      for (const FileRange& range : absent) coming_.lacks(range, ours);
+      if (ours.empty()) {
+        arrived_.wait(lock, [&] {
+          return std::none_of(absent.begin(), absent.end(),
+                              [&](const FileRange& range) { return coming_.touches(range); });
+        });
+        continue;  // another thread may have failed
+      }
+      ours = merged(std::move(ours), kGap, kMostRequests);
+      for (const FileRange& range : ours) coming_.add(range);
+    }
+    const auto fetched = source_->fetch(
+        ours, [&](std::uint64_t offset, ByteSpan bytes) { return put(offset, bytes); });
+    {
+      const std::lock_guard lock(mutex_);
+      for (const FileRange& range : ours) coming_.remove(range);
+    }
+    arrived_.notify_all();
+    if (!fetched) return fetched;
+  }
+}
+
+Result<void> SparseCopy::fetch(ByteSpan part) const {
+  const auto begin = static_cast<std::uint64_t>(part.data() - file().data());
+  const FileRange range{begin, begin + part.size()};
+  {
+    const std::lock_guard lock(mutex_);
+    if (held_.has(range)) return {};
+  }
+  const FileRange more{range.begin / kSurrounding * kSurrounding,
+                       std::min((range.end + kSurrounding - 1) / kSurrounding * kSurrounding,
+                                static_cast<std::uint64_t>(file().size()))};
+  return fetch(std::span(&more, 1));
+}
+
+Result<ByteSpan> SparseCopy::bytes(std::uint64_t offset, std::uint64_t size) const {
+  const ByteSpan part = file().subspan(offset, size);
+  if (auto ok = fetch(part); !ok) return tl::unexpected(std::move(ok.error()));
+  return part;
+}
+
+}  // namespace slf::storage::internal

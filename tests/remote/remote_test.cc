@@ -1,0 +1,252 @@
+// Fields over HTTP: the same pictures as from the file, and servers that misbehave.
+#include "slf/remote.h"
+
+#include <gmock/gmock.h>
+
+#include <chrono>
+#include <fstream>
+#include <iterator>
+#include <memory>
+
+#include "slf/repack.h"
+#include "slf/verify.h"
+#include "storage/internal/file_index.h"
+#include "tests/field/field_testing.h"
+#include "tests/remote/http_host.h"
+
+namespace slf {
+namespace {
+
+using ::testing::HasSubstr;
+using testing::HttpHost;
+using Exchange = HttpHost::Exchange;
+
+constexpr RemoteOptions kImpatient{
+    .parallel = 4, .attempts = 3, .patience = 1, .first_pause = 0.01};
+
+std::string content(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+/// A field, built once: its tiles are predicted, and it ends with an index.
+class RemoteTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = std::make_unique<testing::TemporaryFolder>();
+    const auto scene = make_analytic_scene("balls");
+    BuildOptions options = testing::lossless_options(4, 16, 1);
+    options.color_codec = "predictive:90";
+    options.depth_codec.clear();
+    const auto built = build_field(**scene, path(), options);
+    ASSERT_TRUE(built) << built.error().message;
+    ASSERT_TRUE(storage::internal::write_index(path()));
+    content_ = content(path());
+  }
+  static void TearDownTestSuite() { folder_.reset(); }
+
+  static std::string path() { return *folder_ / "field.slf"; }
+  static Camera camera() {
+    return orbit_camera(Field::open(path())->shape().sphere, 30, 20, 3, 96, 96);
+  }
+  /// Opens a field and draws it.
+  static Result<Image> draw(const HttpHost& host, const RemoteOptions& options = kImpatient) {
+    const auto remote = RemoteField::open(host.url(), options);
+    if (!remote) return tl::unexpected(remote.error());
+    Renderer renderer(remote->field(), {.threads = 2});
+    return renderer.render(camera(), {RenderMode::depth, 1});
+  }
+  static void expect_picture(const Result<Image>& image) {
+    ASSERT_TRUE(image) << image.error().message;
+    EXPECT_EQ(image->rgba,
+              testing::draw(*Field::open(path()), camera(), {RenderMode::depth, 1}).rgba);
+  }
+  static void expect_error(const HttpHost& host, ErrorCode code, const std::string& text) {
+    const auto begin = std::chrono::steady_clock::now();
+    const auto image = draw(host);
+    ASSERT_FALSE(image);
+    EXPECT_EQ(image.error().code, code) << image.error().message;
+    EXPECT_THAT(image.error().message, HasSubstr(host.url()));
+    EXPECT_THAT(image.error().message, HasSubstr(text));
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(20));
+  }
+
+  static std::unique_ptr<testing::TemporaryFolder> folder_;
+  static std::string content_;
+};
+std::unique_ptr<testing::TemporaryFolder> RemoteTest::folder_;
+std::string RemoteTest::content_;
+
+TEST_F(RemoteTest, DrawsTheSamePictures) {
+  const HttpHost host(content_);
+  const auto remote = RemoteField::open(host.url());
+  ASSERT_TRUE(remote) << remote.error().message;
+  const auto local = Field::open(path());
+  EXPECT_EQ(remote->field().manifest(), local->manifest());
+  EXPECT_EQ(remote->field().file_bytes(), local->file_bytes());
+  Renderer renderer(remote->field());
+  for (const unsigned level : {0u, 1u})
+    for (const RenderMode mode : {RenderMode::nearest, RenderMode::bitri, RenderMode::depth}) {
+      const auto image = renderer.render(camera(), {mode, level});
+      ASSERT_TRUE(image) << image.error().message;
+      EXPECT_EQ(image->rgba, testing::draw(*local, camera(), {mode, level}).rgba);
+    }
+  const RemoteTraffic traffic = remote->traffic();
+  EXPECT_EQ(traffic.requests, host.requests());
+  EXPECT_EQ(traffic.repeated, 0u);
+  EXPECT_LT(traffic.bytes, content_.size());
+}
+
+TEST_F(RemoteTest, ReadsFieldsOfAllCodecs) {
+  const auto field = Field::open(path());
+  for (const char* const codec : {"raw", "jpeg:90"}) {
+    const std::string recoded = *folder_ / "recoded.slf";
+    RepackOptions options;
+    options.color_codec = codec;
+    options.depth_codec = "raw";
+    options.replace = true;
+    ASSERT_TRUE(repack_field(*field, recoded, options));
+    const HttpHost host(content(recoded));
+    const auto remote = RemoteField::open(host.url());
+    ASSERT_TRUE(remote) << remote.error().message;
+    Renderer renderer(remote->field(), {.memory = 8 << 20});
+    const auto image = renderer.render(camera(), {RenderMode::depth, 1});
+    ASSERT_TRUE(image) << image.error().message;
+    EXPECT_EQ(image->rgba,
+              testing::draw(*Field::open(recoded), camera(), {RenderMode::depth, 1}).rgba)
+        << codec;
+  }
+}
+
+TEST_F(RemoteTest, FetchesNothingTwice) {
+  const HttpHost host(content_);
+  const auto remote = RemoteField::open(host.url());
+  ASSERT_TRUE(remote);
+  const auto drawn = [&] {
+    Renderer renderer(remote->field());
+    return renderer.render(camera(), {RenderMode::depth, 1}).has_value();
+  };
+  ASSERT_TRUE(drawn());
+  const unsigned requests = host.requests();
+  ASSERT_TRUE(drawn());
+  EXPECT_EQ(host.requests(), requests);
+}
+
+TEST_F(RemoteTest, RepacksAndVerifies) {
+  const HttpHost host(content_);
+  const auto remote = RemoteField::open(host.url());
+  ASSERT_TRUE(remote);
+  const auto report = verify_field(remote->field(), {});
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_EQ(report->found, 0u);
+  EXPECT_TRUE(report->complete);
+  const std::string copy = *folder_ / "copy.slf";
+  const auto repacked = repack_field(remote->field(), copy, RepackOptions());
+  ASSERT_TRUE(repacked) << repacked.error().message;
+  EXPECT_EQ(testing::all_tiles(*Field::open(copy)), testing::all_tiles(*Field::open(path())));
+  EXPECT_LT(host.requests(), 60u);
+}
+
+TEST_F(RemoteTest, RepeatsWhatFails) {
+  const auto twice = [](const Exchange& e) { return e.number == 1 || e.number == 5; };
+  const HttpHost::Twist twists[] = {
+      [&](Exchange& e) { e.stalls = twice(e); }, [&](Exchange& e) { e.hangs_up = twice(e); },
+      [&](Exchange& e) {
+        e.claimed = twice(e) ? static_cast<std::int64_t>(e.body.size() / 2) : -1;
+      },
+      [&](Exchange& e) {
+        if (twice(e)) e.status = "503 Busy";
+      },
+      [&](Exchange& e) {
+        if (twice(e)) e.status = "429 Slower", e.headers += "Retry-After: 1\r\n";
+      }};
+  for (const auto& twist : twists) {
+    const HttpHost host(content_, twist);
+    const auto remote = RemoteField::open(host.url(), kImpatient);
+    ASSERT_TRUE(remote) << remote.error().message;
+    Renderer renderer(remote->field());
+    expect_picture(renderer.render(camera(), {RenderMode::depth, 1}));
+    EXPECT_GT(remote->traffic().repeated, 0u) << &twist - twists;
+  }
+}
+
+TEST_F(RemoteTest, GivesUp) {
+  expect_error(HttpHost(content_, [](Exchange& e) { e.stalls = true; }), ErrorCode::io,
+               "after 3 attempts");
+  expect_error(HttpHost(content_, [](Exchange& e) { e.hangs_up = true; }), ErrorCode::io,
+               "after 3 attempts");
+  expect_error(HttpHost(content_, [](Exchange& e) { e.status = "503 Busy"; }), ErrorCode::io,
+               "the server answers 503, after 3 attempts");
+  // From the middle of a picture on.
+  expect_error(HttpHost(content_, [](Exchange& e) { e.hangs_up = e.number > 4; }), ErrorCode::io,
+               "after 3 attempts");
+}
+
+TEST_F(RemoteTest, RefusesWhatIsNoPartOfTheFile) {
+  expect_error(HttpHost(content_, [&](Exchange& e) { e.status = "200 OK"; }),
+               ErrorCode::unsupported, "does not serve parts of files");
+  expect_error(HttpHost(content_, [](Exchange& e) { e.headers = ""; }), ErrorCode::io,
+               "does not say which part");
+  expect_error(HttpHost(content_,
+                        [](Exchange& e) {
+                          e.headers = "ETag: \"1\"\r\nContent-Range: bytes 0-1/99999999\r\n";
+                        }),
+               ErrorCode::io, "another part of the file");
+  expect_error(HttpHost(content_, [](Exchange& e) { e.body += "more"; }), ErrorCode::io,
+               "more than it was asked for");
+  expect_error(HttpHost(content_, [](Exchange& e) { e.status = "404 Not Found"; }), ErrorCode::io,
+               "answers 404");
+  expect_error(HttpHost(std::string(20000, 'x')), ErrorCode::bad_file, "not a field");
+  expect_error(HttpHost("x"), ErrorCode::bad_file, "not a field");
+  expect_error(HttpHost(content_.substr(0, content_.size() / 2)), ErrorCode::bad_file, "truncated");
+}
+
+TEST_F(RemoteTest, NoticesThatTheFileChanges) {
+  const auto other = [](Exchange& e) {
+    if (e.number > 4) e.headers.replace(e.headers.find("\"1\""), 3, "\"2\"");
+  };
+  expect_error(HttpHost(content_, other), ErrorCode::bad_file, "has changed on the server");
+  const auto fails = [](Exchange& e) {
+    if (e.number > 4) {
+      EXPECT_EQ(e.if_match, "\"1\"");
+      e.status = "412 Precondition Failed";
+    }
+  };
+  expect_error(HttpHost(content_, fails), ErrorCode::bad_file, "has changed on the server");
+}
+
+TEST_F(RemoteTest, NoticesDamage) {
+  // Beyond what the index has: payloads only.
+  const HttpHost host(content_, [&](Exchange& e) {
+    if (e.number > 3)
+      for (char& c : e.body) c = static_cast<char>(c ^ 1);
+  });
+  const auto image = draw(host);
+  ASSERT_FALSE(image);
+  EXPECT_EQ(image.error().code, ErrorCode::bad_file);
+}
+
+TEST_F(RemoteTest, FollowsRedirectsButNotForEver) {
+  const HttpHost good(content_);
+  const HttpHost moved("", [&](Exchange& e) {
+    e.status = "302 Found", e.headers = "Location: " + good.url() + "\r\n", e.body = "";
+  });
+  expect_picture(draw(moved));
+  const HttpHost loop("", [](Exchange& e) {
+    e.status = "302 Found", e.headers = "Location: /again\r\n", e.body = "";
+  });
+  expect_error(loop, ErrorCode::io, "redirects more than");
+  const HttpHost local("", [](Exchange& e) {
+    e.status = "302 Found", e.headers = "Location: file:///etc/passwd\r\n", e.body = "";
+  });
+  EXPECT_FALSE(draw(local));
+}
+
+TEST(RemoteField, SaysThatNothingAnswers) {
+  const auto remote = RemoteField::open("http://127.0.0.1:1/field.slf", kImpatient);
+  ASSERT_FALSE(remote);
+  EXPECT_EQ(remote.error().code, ErrorCode::io);
+}
+
+}  // namespace
+}  // namespace slf
