@@ -6,62 +6,82 @@
 
 INPUT and what follows go to `slf build` (default: scene:balls --levels 2). Prints:
 
-  - the time of a whole build; of the coarse levels alone and of each of 8 shards of the finest
+  - the processor time of a whole build; of the coarse levels alone and of each of 8 shards of the finest
     level, one after the other; of 8 shards that build the coarser tiles that they need themselves;
   - the time of `slf merge` of a field of 4 GB and more in 8 parts, and its memory, beside that of
     `cp` and a sync of the parts' bytes, alternating;
-  - the times and the memory of `ls`, `info` and `diff` of fields of 65,535, 262,140 and 1,048,575
-    tiles.
+  - the processor seconds and the memory of `ls`, `info` and `diff` of fields of 65,535, 262,140 and
+    1,048,575 tiles. Memory is the most that is resident at a time, mapped pages of files included.
 """
 
 import argparse
 import contextlib
+import os
 import pathlib
+import re
 import shutil
 import statistics
 import subprocess
 import sys
 import time
+import typing
 
 SHARDS = 8
 LEVELS_OF_TILES = {"65,535": (3, 15), "262,140": (3, 60), "1,048,575": (4, 15)}
 
 
-def run(command, **options):
-    """Seconds of a command and the most memory that it had, in MiB: anonymous, and mapped files."""
+class Cost(typing.NamedTuple):
+    seconds: float
+    processor: float  # seconds, of all threads
+    memory: float     # MiB at most, anonymous and of mapped files together
+
+
+def run(*commands, **options):
+    """What commands cost, one after the other."""
     begin = time.monotonic()
-    process = subprocess.Popen([str(word) for word in command], **options)
-    most = {"RssAnon": 0, "RssFile": 0}
-    while process.poll() is None:
-        with contextlib.suppress(OSError):
-            for line in pathlib.Path(f"/proc/{process.pid}/status").read_text().splitlines():
-                name, value = line.split(":")
-                if name in most:
-                    most[name] = max(most[name], int(value.split()[0]) / 1024)
-        time.sleep(0.01)
-    if process.returncode != 0:
-        sys.exit(f"{command}: ended with {process.returncode}")
-    return time.monotonic() - begin, f"{most['RssAnon']:.0f} + {most['RssFile']:.0f} MiB"
+    processor = memory = 0.0
+    for command in commands:
+        process = subprocess.Popen([str(word) for word in command], **options)
+        while True:
+            with contextlib.suppress(OSError):
+                status = pathlib.Path(f"/proc/{process.pid}/status").read_text()
+                resident = re.search(r"VmRSS:\s+(\d+)", status)
+                memory = max(memory, int(resident[1]) / 1024 if resident else 0)
+            done, status, usage = os.wait4(process.pid, os.WNOHANG)
+            if done:
+                break
+            time.sleep(0.01)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode != 0:
+            sys.exit(f"{command}: ended with {process.returncode}")
+        processor += usage.ru_utime + usage.ru_stime
+    return Cost(time.monotonic() - begin, processor, memory)
 
 
 def build_in_parts(slf, folder, build, with_alone):
-    """Whole, in shards after the coarse levels, and in shards alone."""
+    """Whole, in shards after the coarse levels, and in shards alone. In processor seconds: other
+    work on the machine changes them little."""
     levels = 2
     if "--levels" in build:
         levels = int(build[build.index("--levels") + 1])
     else:
         build = [*build, "--levels", str(levels)]
 
-    def timed(name, *options):
+    def cost(name, *options):
         path = folder / name
         path.unlink(missing_ok=True)
-        return run([slf, "-q", "build", *build, "-o", path, *options])[0]
+        return run([slf, "-q", "build", *build, "-o", path, *options]).processor
 
-    whole = timed("whole.slf")
-    coarse = timed("coarse.slf", "--only-levels", f"0-{levels - 1}")
-    after = [timed(f"after-{k}.slf", "--coarser", folder / "coarse.slf", "--shard", f"{k}/{SHARDS}")
-             for k in range(1, SHARDS + 1)]
-    print(f"whole build: {whole:.1f} s")
+    def shards(name, *options):
+        return [cost(f"{name}-{k}.slf", *options, "--shard", f"{k}/{SHARDS}")
+                for k in range(1, SHARDS + 1)]
+
+    wholes = [cost("whole.slf")]
+    coarse = cost("coarse.slf", "--only-levels", f"0-{levels - 1}")
+    after = shards("after", "--coarser", folder / "coarse.slf")
+    wholes.append(cost("whole.slf"))
+    whole = statistics.mean(wholes)
+    print(f"processor seconds of a whole build: {wholes[0]:.1f} before, {wholes[1]:.1f} after")
     print(f"coarse levels first: {coarse:.1f} s, then {SHARDS} shards: {sum(after):.1f} s; together "
           f"{(coarse + sum(after)) / whole:.3f} of the whole build; the longest shard is "
           f"{max(after) / statistics.mean(after):.2f} of the mean")
@@ -71,7 +91,7 @@ def build_in_parts(slf, folder, build, with_alone):
     run([slf, "-q", "diff", folder / "whole.slf", merged], stdout=subprocess.DEVNULL)
     if not with_alone:
         return
-    alone = [timed(f"alone-{k}.slf", "--shard", f"{k}/{SHARDS}") for k in range(1, SHARDS + 1)]
+    alone = shards("alone")
     print(f"{SHARDS} shards alone: {sum(alone):.1f} s, {sum(alone) / whole:.3f} of the whole build; "
           f"the longest is {max(alone) / statistics.mean(alone):.2f} of the mean")
 
@@ -80,8 +100,7 @@ def merge_beside_cp(slf, large, folder, repeats):
     run([large, folder / "big-{K}.slf", "--parts", SHARDS], stdout=subprocess.DEVNULL)
     parts = sorted(folder.glob("big-*.slf"))
     size = sum(part.stat().st_size for part in parts)
-    times = {"merge": [], "cp": []}
-    memories = []
+    costs = {"cp": [], "merge": []}
 
     def warm():
         """Writes and removes a file of that size: the host of a virtual machine takes long to give
@@ -91,27 +110,27 @@ def merge_beside_cp(slf, large, folder, repeats):
                 scratch.write(bytes(1 << 20))
         (folder / "scratch").unlink()
 
+    copies, merged = folder / "copy", folder / "copy.slf"
     for _ in range(repeats):
+        shutil.rmtree(copies, ignore_errors=True)
+        copies.mkdir()
         warm()
-        shutil.rmtree(folder / "copy", ignore_errors=True)
-        (folder / "copy").mkdir()
-        begin = time.monotonic()
-        subprocess.run(["cp", *parts, folder / "copy"], check=True)
-        subprocess.run(["sync", "-f", folder / "copy"], check=True)
-        times["cp"].append(time.monotonic() - begin)
-        shutil.rmtree(folder / "copy")
+        costs["cp"].append(run(["cp", *parts, copies], ["sync", "-f", copies]))
+        shutil.rmtree(copies)
         warm()
-        seconds, memory = run([slf, "-q", "merge", *parts, "-o", folder / "copy.slf", "-f"],
-                                 stdout=subprocess.DEVNULL)
-        times["merge"].append(seconds)
-        memories.append(memory)
-        (folder / "copy.slf").unlink()
-    median = {name: statistics.median(values) for name, values in times.items()}
-    print(f"merge of {size / 1e9:.2f} GB in {SHARDS} parts: {median['merge']:.2f} s "
-          f"({min(times['merge']):.2f} to {max(times['merge']):.2f}); cp and sync: "
-          f"{median['cp']:.2f} s ({min(times['cp']):.2f} to {max(times['cp']):.2f}); "
-          f"{median['cp'] / median['merge']:.2f} of its speed; anonymous and mapped memory: "
-          + ", ".join(memories))
+        costs["merge"].append(run([slf, "-q", "merge", *parts, "-o", merged, "-f"],
+                                  stdout=subprocess.DEVNULL))
+        merged.unlink()
+    medians = {}
+    for name, values in costs.items():
+        seconds = [cost.seconds for cost in values]
+        processor = [cost.processor for cost in values]
+        medians[name] = statistics.median(seconds)
+        print(f"{name} of {size / 1e9:.2f} GB in {SHARDS} parts, and its sync: "
+              f"{medians[name]:.2f} s ({min(seconds):.2f} to {max(seconds):.2f}), processor "
+              f"{statistics.median(processor):.2f} s ({min(processor):.2f} to {max(processor):.2f})")
+    print(f"merge has {medians['cp'] / medians['merge']:.2f} of the speed of cp; memory with mapped "
+          f"files {max(cost.memory for cost in costs['merge']):.0f} MiB")
     for part in parts:
         part.unlink()
 
@@ -127,8 +146,8 @@ def tools_at_scale(slf, large, folder):
             "info": ["info", field], "ls": ["ls", field], "ls --json": ["ls", field, "--json"],
             "diff": ["diff", field, folder / "other.slf"],
         }.items():
-            seconds, memory = run([slf, "-q", *command], stdout=subprocess.DEVNULL)
-            texts.append(f"{title} {seconds:.2f} s, {memory}")
+            cost = run([slf, "-q", *command], stdout=subprocess.DEVNULL)
+            texts.append(f"{title} {cost.processor:.2f} s, {cost.memory:.0f} MiB")
         print(f"{name} tiles: " + "; ".join(texts))
 
 

@@ -123,7 +123,9 @@ const std::vector<Prose>& all() {
        {"Joins parts of one field into the field that a single build makes, byte for byte as "
         "slf-repack(1) lays it out: shards of slf-build(1) in any number, levels, or subfields "
         "that slf-repack(1) kept. Nothing is decoded. Before it writes, it names parts that are "
-        "missing, overlap, were not finished, or were built with other settings."},
+        "missing, overlap, were not finished, or were built with other settings. slf-repack(1) "
+        "encodes subfields of a predictive field anew; merged, they make a field of their own, "
+        "without the loss of another encoding."},
        {{"Shards", "slf merge part-*.slf -o head.slf"},
         {"Coarse levels, and shards of the finest one",
          "slf merge coarse.slf part-*.slf -o head.slf"}}},

@@ -5,6 +5,8 @@
 #include <optional>
 #include <tuple>
 
+#include "codec/codec.h"
+
 namespace slf {
 namespace {
 
@@ -98,6 +100,15 @@ Result<void> check_same(const Source& first, const Source& other) {
   for (std::size_t layer = 0; layer < first.tables.size(); ++layer)
     if (first.tables[layer] != other.tables[layer])
       return differ("the codec's tables of layer '" + a.layers[layer].name + "' differ");
+  // A repack encodes predicted tiles anew when it leaves out subfields. What a shard's tiles were
+  // predicted from, and what the merged field would hold in its place, then differ.
+  const bool anew = first.manifest.shape.subfields != other.manifest.shape.subfields;
+  const bool predicted = std::ranges::any_of(
+      first.manifest.layers, [](const Layer& layer) { return codec::is_predictive(layer.codec); });
+  if (predicted && anew && (first.manifest.part || other.manifest.part))
+    return differ(
+        "one is a shard, the other has subfields that a repack encoded anew; merge the "
+        "shards first");
   return {};
 }
 

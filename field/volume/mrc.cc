@@ -5,6 +5,8 @@
 // ångströms; nothing in them is left or right.
 #include <bit>
 #include <cmath>
+#include <cstring>
+#include <limits>
 #include <numbers>
 
 #include "base/bytes.h"
@@ -15,6 +17,8 @@ namespace slf::volume_io {
 namespace {
 
 constexpr std::size_t kHeader = 1024;
+constexpr std::int32_t kHalfFloats = 12;
+constexpr std::int32_t kFourBits = 101;
 
 /// The 4-byte words of the header, counted from 1 as the specification does.
 struct Words {
@@ -59,18 +63,17 @@ Result<ScalarType> scalar_type(const std::string& path, const Words& words) {
     case 2:
       return ScalarType::f32;
     case 6:
-      return ScalarType::u16;
+    case kHalfFloats:
+      return ScalarType::u16;  // half floats: as they are stored
+    case kFourBits:
+      return ScalarType::u8;
     case 3:
     case 4:
-    case 12:
-    case 101:
-      return fail(ErrorCode::unsupported, path, ": mode ", mode,
-                  mode == 12    ? " (16-bit floats)"
-                  : mode == 101 ? " (4 bits)"
-                                : " (complex numbers)",
-                  ", expected 0, 1, 2 or 6: convert the map, e.g. to 32-bit floats");
+      return fail(ErrorCode::unsupported, path, ": mode ", mode, " (complex numbers), expected 0, ",
+                  "1, 2, 6, 12 or 101: it is a transform; convert it to a map in real space");
     default:
-      return fail(ErrorCode::bad_file, path, ": mode is ", mode, ", expected 0, 1, 2 or 6");
+      return fail(ErrorCode::bad_file, path, ": mode is ", mode,
+                  ", expected 0, 1, 2, 6, 12 or 101");
   }
 }
 
@@ -118,6 +121,52 @@ Result<void> place(const Words& words, const std::array<int, 3>& axis_of, Volume
   return check_axes(volume);
 }
 
+/// The value of an IEEE 754 binary16.
+float half_value(std::uint16_t bits) {
+  const int exponent = bits >> 10 & 31, mantissa = bits & 1023;
+  const auto part = static_cast<float>(mantissa);
+  const float size = exponent == 0   ? std::ldexp(part, -24)
+                     : exponent < 31 ? std::ldexp(part + 1024, exponent - 25)
+                     : mantissa == 0 ? std::numeric_limits<float>::infinity()
+                                     : std::numeric_limits<float>::quiet_NaN();
+  return bits >> 15 ? -size : size;
+}
+
+void widen_half_floats(Volume& volume) {
+  std::vector<std::byte> floats(volume.voxels.size() * 2);
+  for (std::size_t k = 0; 4 * k < floats.size(); ++k) {
+    std::uint16_t bits = 0;
+    std::memcpy(&bits, &volume.voxels[2 * k], sizeof bits);
+    const float value = half_value(bits);
+    std::memcpy(&floats[4 * k], &value, sizeof value);
+  }
+  volume.voxels = std::move(floats);
+  volume.type = ScalarType::f32;
+}
+
+/// Two voxels a byte, the first in the low half; each row begins with a byte of its own.
+Result<void> read_four_bits(VoxelData data, std::uint64_t skipped_rows, Volume& volume) {
+  const auto width = volume.dims[0];
+  const std::size_t row = (std::size_t{width} + 1) / 2;
+  Volume packed;
+  packed.source = volume.source;
+  packed.type = ScalarType::u8;
+  packed.dims = {static_cast<std::uint32_t>(row), volume.dims[1], volume.dims[2]};
+  std::uint64_t skipped = 0;
+  if (__builtin_mul_overflow(skipped_rows, row, &skipped) ||
+      __builtin_add_overflow(data.skip, skipped, &data.skip))
+    return fail(ErrorCode::bad_file, data.path, ": absurd dims");
+  if (auto read = read_voxels(data, packed); !read) return read;
+  volume.files = std::move(packed.files);
+  volume.voxels.resize(voxel_bytes(volume));
+  for (std::size_t k = 0; k < volume.voxels.size(); ++k) {
+    const std::size_t x = k % width;
+    const std::byte two = packed.voxels[k / width * row + x / 2];
+    volume.voxels[k] = x % 2 == 0 ? two & std::byte{15} : two >> 4;
+  }
+  return {};
+}
+
 }  // namespace
 
 bool looks_like_mrc(std::string_view head) {
@@ -159,8 +208,18 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
   data.skip = kHeader + static_cast<std::uint64_t>(extended);
   std::ifstream file(path, std::ios::binary);
   data.packed = file.get() == 0x1f && file.get() == 0x8b;
+  if (words.integer(4) == kFourBits) {
+    const std::uint64_t rows = std::uint64_t{volume.dims[1]} * volume.dims[2];
+    std::uint64_t skipped = 0;
+    if (__builtin_mul_overflow(rows, chosen->index, &skipped))
+      return fail(ErrorCode::bad_file, path, ": absurd dims");
+    if (auto read = read_four_bits(data, skipped, volume); !read)
+      return tl::unexpected(read.error());
+    return volume;
+  }
   if (auto ok = skip_volumes(chosen->index, volume, data); !ok) return tl::unexpected(ok.error());
   if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  if (words.integer(4) == kHalfFloats) widen_half_floats(volume);
   return volume;
 }
 

@@ -407,9 +407,11 @@ Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) 
   const double all = double(d->z) * double(d->channels) * double(d->times);
   const bool raw_stack = *pages == 1 && all > 1 && d->origin == "ImageJ";
   if (!raw_stack && double(*pages) != all)
-    return fail(ErrorCode::bad_file, path, ": ", *pages, " pages, but its ", d->origin,
-                " metadata say ", d->z, " slices, ", d->channels, " channels, ", d->times,
-                " time points: it is truncated, or part of a set of files");
+    return fail(
+        ErrorCode::bad_file, path, ": ", *pages, " pages, but its ", d->origin, " metadata say ",
+        d->z, " slices, ", d->channels, " channels, ", d->times,
+        " time points: it is truncated, or one of a set of files; save the set as one file, e.g. "
+        "with bfconvert or ImageJ");
   const auto dims = check_dims(path, std::array<std::uint64_t, 3>{kind->width, kind->height, d->z});
   if (!dims) return tl::unexpected(dims.error());
   volume.dims = *dims;

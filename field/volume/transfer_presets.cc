@@ -21,7 +21,11 @@ TransferPreset make(const char* name, TransferPreset::Values values, const char*
   preset.description = description;
   preset.values = values;
   preset.has_unit_distance = values == TransferPreset::Values::absolute;
-  for (const auto& [value, color, opacity] : points) {
+  // fit() stretches from the first point to the last, so that one must stand at 0.
+  std::vector<Point> all = points;
+  if (values == TransferPreset::Values::relative && points.front().value > 0)
+    all.insert(all.begin(), {0, points.front().color, 0});
+  for (const auto& [value, color, opacity] : all) {
     const auto channel = [c = color](int shift) { return (c >> shift & 0xff) / 255.0; };
     preset.function.colors.push_back({value, {channel(16), channel(8), channel(0)}});
     preset.function.opacities.push_back({value, opacity, 0.5, 0});
@@ -92,12 +96,12 @@ std::vector<TransferPreset> make_all() {
             {0.7, 0xf4d4b0, 0.85},
             {1, 0xfff6e4, 0.9}}),
       make("mr-head", kRelative, "MR: the head, skin translucent over brighter tissue",
-           {{0.1, 0x4a2c24, 0},
-            {0.18, 0xa06c58, 0.05},
-            {0.3, 0xcc947a, 0.1},
-            {0.45, 0xe0b094, 0.2},
-            {0.65, 0xf0d0b4, 0.45},
-            {1, 0xfff4e4, 0.7}}),
+           {{0.19, 0x6a4030, 0},
+            {0.25, 0xb07c64, 0.05},
+            {0.34, 0xcc947a, 0.14},
+            {0.46, 0xe0b094, 0.3},
+            {0.65, 0xf0d0b4, 0.5},
+            {1, 0xfff4e4, 0.75}}),
       make("mr-angio", kRelative, "MR angiography: vessels in the brightest values",
            {{0.35, 0x3c0808, 0},
             {0.5, 0x8c1410, 0.05},
@@ -120,11 +124,11 @@ std::vector<TransferPreset> make_all() {
             {1, 0xfff8e8, 0.95}}),
       make("micro-ct", kRelative,
            "Industrial and micro-CT: material translucent, dense parts opaque",
-           {{0.2, 0x3c4450, 0},
-            {0.32, 0x687888, 0.02},
-            {0.5, 0x98a8b4, 0.05},
-            {0.62, 0xc4a070, 0.12},
-            {0.78, 0xe8a848, 0.6},
+           {{0.4, 0x5c6c7c, 0},
+            {0.48, 0x7c90a0, 0.02},
+            {0.6, 0x9cb0bc, 0.04},
+            {0.68, 0xc4a878, 0.08},
+            {0.78, 0xe8a848, 0.5},
             {1, 0xffe8b0, 0.9}}),
       make("fluorescence", kRelative, "Fluorescence microscopy: bright structures glow green",
            {{0.08, 0x001c10, 0},

@@ -458,7 +458,8 @@ Result<Volume> read_vti(const std::string& path, const VolumeOptions& options) {
                 " pieces, expected one: save it in one piece");
   if (!d.compressor.empty() && d.compressor != "vtkZLibDataCompressor")
     return fail(ErrorCode::unsupported, path, ": packed by ", in_quotes(d.compressor),
-                ", expected vtkZLibDataCompressor or none");
+                ", expected vtkZLibDataCompressor or none: save it with ZLib or without "
+                "compression");
   if (!d.array.found) return fail(ErrorCode::bad_file, path, ": it holds no array of data");
   const auto type = parse_scalar_type(d.array.type);
   if (!type)

@@ -29,7 +29,9 @@ struct MergeReport {
 /// Writes to `path` the field that `parts`, in any order, make up together. Parts have the
 /// settings, the source and the tables of one field; each is a part of it (Field::part()), some of
 /// its levels from 0 on, or some of its subfields. Tiles that a shard stores besides its part are
-/// left out. Progress counts tiles. The bytes do not depend on the order of the parts, nor on the
+/// left out. Subfields of a predictive field were encoded anew by repack_field(), among
+/// themselves: the merged field has their tiles, not those of the field from which they were cut,
+/// and they do not go together with shards. Progress counts tiles. The bytes do not depend on the order of the parts, nor on the
 /// threads.
 ///
 /// Before anything is written, all parts are opened and compared.

@@ -192,6 +192,50 @@ TEST_F(Merge, SubfieldsAndLevelsThatRepackKeptGoTogether) {
   }
 }
 
+TEST_F(Merge, SubfieldsEncodedAnewAreMergedAsTheyAre) {
+  const BuildOptions options = options_for("predictive:80");
+  (void)whole(options);
+  const auto field = Field::open(folder_ / "whole.slf");
+  Paths parts;
+  for (const int first : {0, 24}) {
+    RepackOptions repack;
+    for (int k = first; k < (first == 0 ? 24 : 64); ++k)
+      repack.subfields.push_back(static_cast<std::uint8_t>(k));
+    parts.push_back(folder_ / ("from-" + std::to_string(first) + ".slf"));
+    ASSERT_TRUE(repack_field(*field, parts.back(), repack));
+  }
+  ASSERT_TRUE(merge_fields(parts, folder_ / "merged.slf", {}));
+  const auto verified = verify_field(folder_ / "merged.slf", {});
+  EXPECT_TRUE(verified && verified->found == 0 && verified->complete);
+
+  // Each tile has the samples that it has in its part: it refers to no other part.
+  const auto merged = FieldFile::open(folder_ / "merged.slf");
+  ASSERT_TRUE(merged);
+  std::uint64_t compared = 0;
+  for (const std::string& path : parts) {
+    const auto part = FieldFile::open(path);
+    ASSERT_TRUE(part);
+    const auto visited =
+        (*part)->store().visit(0, {}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
+          if (tile.state != TileState::stored) return {};
+          const auto there = (*merged)->store().find(0, tile.key);
+          if (!there) return tl::unexpected(there.error());
+          EXPECT_EQ(there->state, TileState::stored);
+          Bytes of_part((*part)->tile_shape(0, tile.key).bytes()), of_merged(of_part.size());
+          if (auto ok = (*part)->decode(tile, of_part); !ok) return ok;
+          if (auto ok = (*merged)->decode(*there, of_merged); !ok) return ok;
+          EXPECT_TRUE(of_part == of_merged) << int{tile.key.level} << "/" << tile.key.index;
+          ++compared;
+          return {};
+        });
+    EXPECT_TRUE(visited);
+  }
+  EXPECT_GT(compared, 100u);
+
+  expect_refused({levels(options, 0, 0, "zero.slf"), parts[0], parts[1]}, ErrorCode::usage,
+                 {"from-0.slf", "encoded anew"});
+}
+
 TEST_F(Merge, LevelsThatRepackKeptServeAsThoseOfABuild) {
   const BuildOptions options = options_for("predictive:80");
   const std::string expected = whole(options);

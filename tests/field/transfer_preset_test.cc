@@ -6,6 +6,7 @@
 #include <cstring>
 #include <random>
 
+#include "field/volume/transfer_formats.h"
 #include "slf/transfer.h"
 #include "slf/volume.h"
 #include "volume_samples.h"
@@ -167,7 +168,13 @@ TEST(TransferPreset, BuiltInsByName) {
     EXPECT_EQ(least, 0);
     EXPECT_GT(most, 0.1);
     EXPECT_TRUE(parse_transfer(to_json(found->fit(ramp_volume())), "again"));
+    // 0 and 1 are the ends of the volume's range, wherever the function begins to show something.
+    const auto ends = transfer_formats::extent(*found);
+    const bool normal = (ends[0] == 0 || ends[0] == -1) && ends[1] == 1;
+    EXPECT_EQ(normal, found->values == Values::relative) << ends[0] << " " << ends[1];
   }
+  EXPECT_EQ(read_transfer("micro-ct")->fit(ramp_volume())(390).w, 0);
+  EXPECT_GT(read_transfer("micro-ct")->fit(ramp_volume())(480).w, 0);
   EXPECT_TRUE(read_transfer("CT-Bone"));
   const auto none = read_transfer("ct-boone");
   ASSERT_FALSE(none);

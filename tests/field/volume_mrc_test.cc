@@ -61,6 +61,35 @@ TEST(VolumeMrc, ReadsModesAndByteOrders) {
     }
 }
 
+TEST(VolumeMrc, HalfFloatsAndFourBits) {
+  const Folder folder;
+  for (const bool big : {false, true}) {
+    std::string halves = mrc({.mode = 12, .big = big}).substr(0, 1024);
+    // 0, 1, -2, the largest, the smallest above 0; the others 0.5.
+    for (const unsigned bits : {0x0000u, 0x3c00u, 0xc000u, 0x7bffu, 0x0001u})
+      halves += integer_bytes(bits, false, big).substr(big ? 2 : 0, 2);
+    while (halves.size() < 1024 + 2 * 60)
+      halves += integer_bytes(0x3800, false, big).substr(big ? 2 : 0, 2);
+    const auto volume = expect_read(folder.write("a.mrc", halves));
+    ASSERT_EQ(volume.type, ScalarType::f32);
+    std::array<float, 6> values{};
+    std::memcpy(values.data(), volume.voxels.data(), sizeof values);
+    EXPECT_THAT(values, ElementsAre(0.F, 1.F, -2.F, 65504.F, 0x1p-24F, 0.5F));
+    expect_error(folder.write("a.mrc", halves.substr(0, halves.size() - 1)), ErrorCode::bad_file,
+                 "truncated");
+  }
+  // Rows of five take three bytes.
+  std::string nibbles = mrc({.mode = 101}).substr(0, 1024);
+  for (int row = 0; row < 12; ++row) nibbles += std::string("\x21\x43\xf5", 3);
+  const auto volume = expect_read(folder.write("b.mrc", nibbles));
+  ASSERT_EQ(volume.type, ScalarType::u8);
+  ASSERT_EQ(volume.voxels.size(), 60u);
+  for (std::size_t k = 0; k < 60; ++k)
+    EXPECT_EQ(std::to_integer<std::size_t>(volume.voxels[k]), k % 5 + 1);
+  expect_error(folder.write("b.mrc", nibbles.substr(0, nibbles.size() - 1)), ErrorCode::bad_file,
+               "truncated");
+}
+
 TEST(VolumeMrc, CellAxesAndOrigin) {
   const Folder folder;
   // Columns along z, rows along x, sections along y: by the sizes of the cell.
