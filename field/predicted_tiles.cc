@@ -1,6 +1,6 @@
 #include "field/predicted_tiles.h"
 
-#include <cstring>
+#include <algorithm>
 #include <optional>
 
 #include "codec/predictive_channels.h"
@@ -154,7 +154,8 @@ Result<void> PredictedTiles::Work::decode(codec::PredictiveDecoder decoder,
   std::vector<std::uint32_t> rgba(samples);
   decoder.color(alpha, color, rgba);
   for (std::size_t s = 0; s < samples; ++s) store_le(to.data() + 4 * s, rgba[s]);
-  std::memcpy(to.data() + 4 * samples, depth.data(), samples);
+  const ByteSpan depths = std::as_bytes(std::span(depth));
+  std::copy(depths.begin(), depths.end(), to.begin() + static_cast<std::ptrdiff_t>(4 * samples));
   return decoder.finish();
 }
 

@@ -1,7 +1,6 @@
 #include "field/predict/seen_colors.h"
 
 #include <algorithm>
-#include <cstring>
 
 #include "base/half.h"
 
@@ -49,7 +48,8 @@ Bytes seen_samples(ByteSpan half) {
     }
     store_le(seen.data() + 4 * s, pixel);
   }
-  std::memcpy(seen.data() + 4 * count, half.data() + 8 * count, count);
+  std::copy(half.end() - static_cast<std::ptrdiff_t>(count), half.end(),
+            seen.begin() + static_cast<std::ptrdiff_t>(4 * count));
   return seen;
 }
 
