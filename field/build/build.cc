@@ -129,9 +129,8 @@ Result<FieldWriter> create(const FieldOutput& output, const Manifest& manifest,
 
 /// Whether tiles are predicted from coarser ones.
 bool predicts(const Manifest& manifest) {
-  return std::ranges::any_of(manifest.layers, [](const Layer& layer) {
-    return has_both(layer.format);
-  });
+  return std::ranges::any_of(manifest.layers,
+                             [](const Layer& layer) { return has_both(layer.format); });
 }
 
 /// Opens the field that has the coarser levels, and limits the shard to the level that comes next.
@@ -272,12 +271,12 @@ Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
   if (predictive && !options.depth_codec.empty())
     return fail(ErrorCode::usage, "codec \"", options.color_codec,
                 "\" codes depth together with colour: there is no codec of depth alone");
-  manifest.layers.push_back({"color",
-                             predictive     ? options.half ? SampleFormat::rgba16f_depth8
-                                                           : SampleFormat::rgba8_depth8
-                             : options.half ? SampleFormat::rgba16f
-                                            : SampleFormat::rgba8,
-                             options.color_codec});
+  manifest.layers.push_back(
+      {"color",
+       predictive     ? options.half ? SampleFormat::rgba16f_depth8 : SampleFormat::rgba8_depth8
+       : options.half ? SampleFormat::rgba16f
+                      : SampleFormat::rgba8,
+       options.color_codec});
   if (!options.depth_codec.empty())
     manifest.layers.push_back({"depth", SampleFormat::depth8, options.depth_codec});
   for (Layer& layer : manifest.layers) {

@@ -31,8 +31,8 @@ struct MergeReport {
 /// its levels from 0 on, or some of its subfields. Tiles that a shard stores besides its part are
 /// left out. Subfields of a predictive field were encoded anew by repack_field(), among
 /// themselves: the merged field has their tiles, not those of the field from which they were cut,
-/// and they do not go together with shards. Progress counts tiles. The bytes do not depend on the order of the parts, nor on the
-/// threads.
+/// and they do not go together with shards. Progress counts tiles. The bytes do not depend on the
+/// order of the parts, nor on the threads.
 ///
 /// Before anything is written, all parts are opened and compared.
 /// usage: no parts; two hold the same tiles, one differs in settings or tables from the others, or
