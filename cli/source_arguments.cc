@@ -174,8 +174,8 @@ void SourceArguments::add_light_to(CLI::App& command) {
       ->capture_default_str();
   command
       .add_option("--light-samples", lighting.samples,
-                  "Paths of light per node of the light volume: twice as many take twice\n"
-                  "the time for 0.7 times the noise")
+                  "Paths of light per node of the light volume: more take longer and leave\n"
+                  "less noise")
       ->check(CLI::Range(1, 65536).description(""))
       ->group(group)
       ->capture_default_str();
@@ -212,7 +212,7 @@ void SourceArguments::add_environment_to(CLI::App& command) {
   command
       .add_option("--environment", environment,
                   "Picture that surrounds the volume instead of the rig's sky: latitude-longitude\n"
-                  "OpenEXR of linear radiance, up being +z and the middle the front")
+                  "OpenEXR or Radiance HDR, up being +z and the middle the front")
       ->type_name(kAnyFile)
       ->group("Light");
 }

@@ -41,6 +41,7 @@ inline constexpr std::uint64_t kMaxPixels = std::uint64_t{1} << 26;
 [[nodiscard]] Result<Image> decode_png(const std::string& name, ByteSpan bytes);
 [[nodiscard]] Result<Image> decode_jpeg(const std::string& name, ByteSpan bytes);
 [[nodiscard]] Result<Image> decode_exr(const std::string& name, ByteSpan bytes);
+[[nodiscard]] Result<Image> decode_hdr(const std::string& name, ByteSpan bytes);
 
 /// Decodes a picture in the format that its first bytes indicate.
 [[nodiscard]] Result<Image> decode(const std::string& name, ByteSpan bytes);

@@ -30,7 +30,8 @@ Result<Image> decode(const std::string& name, ByteSpan bytes) {
   if (begins("\x89PNG")) return decode_png(name, bytes);
   if (begins("\xff\xd8\xff")) return decode_jpeg(name, bytes);
   if (begins("\x76\x2f\x31\x01")) return decode_exr(name, bytes);
-  return fail(ErrorCode::bad_file, name, ": not a PNG, JPEG or OpenEXR picture");
+  if (begins("#?RADIANCE\n") || begins("#?RGBE\n")) return decode_hdr(name, bytes);
+  return fail(ErrorCode::bad_file, name, ": not a PNG, JPEG, OpenEXR or Radiance HDR picture");
 }
 
 }  // namespace image_formats

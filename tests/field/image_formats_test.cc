@@ -149,6 +149,52 @@ TEST(DecodeExr, AttributesThatClaimMoreThanTheFileAreRefused) {
   EXPECT_THAT(image.error().message, HasSubstr("ends inside its header"));
 }
 
+Bytes bytes_of(std::string_view text) {
+  const auto* begin = reinterpret_cast<const std::byte*>(text.data());
+  return {begin, begin + text.size()};
+}
+
+std::string hdr(const std::string& size, const std::string& pixels) {
+  return "#?RADIANCE\n# made by hand\nFORMAT=32-bit_rle_rgbe\n\n" + size + "\n" + pixels;
+}
+
+/// Eight pixels (128, 64, 0) with exponents that double, in runs and literally.
+const std::string kCodedRow = std::string("\2\2\0\10", 4) + "\x88\x80" + "\x88\x40" +
+                              std::string("\x88\0", 2) + "\10\x80\x81\x82\x83\x84\x85\x86\x87";
+
+TEST(DecodeHdr, RunsAndLiteralsAreRadiance) {
+  const auto image = decode_hdr("sky", bytes_of(hdr("-Y 2 +X 8", kCodedRow + kCodedRow)));
+  ASSERT_TRUE(image) << image.error().message;
+  EXPECT_EQ(image->height, 2u);
+  for (std::size_t k = 0; k < 16; ++k)
+    EXPECT_EQ(image->rgba[k],
+              std::ldexp(1.f, static_cast<int>(k % 8)) * glm::vec4(0.5f, 0.25f, 0, 0) +
+                  glm::vec4(0, 0, 0, 1));
+}
+
+TEST(DecodeHdr, OldRunsRepeatThePixelBefore) {
+  const auto image =
+      decode_hdr("sky", bytes_of(hdr("-Y 1 +X 4", std::string("\x80\x40\0\x81\1\1\1\3", 8))));
+  ASSERT_TRUE(image) << image.error().message;
+  for (const glm::vec4& pixel : image->rgba) EXPECT_EQ(pixel, glm::vec4(1, 0.5f, 0, 1));
+}
+
+TEST(DecodeHdr, DamageIsNamed) {
+  const std::string whole = hdr("-Y 2 +X 8", kCodedRow + kCodedRow);
+  for (std::size_t size = 0; size < whole.size(); ++size)
+    EXPECT_FALSE(decode_hdr("sky", bytes_of(whole.substr(0, size)))) << size;
+  const auto message = [](const std::string& size, const std::string& pixels) {
+    const auto image = decode_hdr("sky", bytes_of(hdr(size, pixels)));
+    return image ? std::string() : image.error().message;
+  };
+  EXPECT_THAT(message("-Y 2 +X 8", kCodedRow), HasSubstr("row 1 of 2"));
+  EXPECT_THAT(message("-Y 1 +X 8", std::string("\2\2\0\10\x89\1", 6)), HasSubstr("row 0"));
+  EXPECT_THAT(message("-Y 1 +X 4", std::string("\1\1\1\4", 4)), HasSubstr("row 0"));
+  EXPECT_THAT(message("+Y 1 +X 4", ""), HasSubstr("expected \"-Y HEIGHT +X WIDTH\""));
+  EXPECT_THAT(message("-Y 0 +X 4", ""), HasSubstr("no pixels"));
+  EXPECT_THAT(message("-Y 30000 +X 30000", ""), HasSubstr("claims 30000x30000"));
+}
+
 TEST(DecodePng, HugeSizesAreRefused) {
   Bytes bytes = encode_png("x", noise(4, 4), {}).value();
   store_be<std::uint32_t>(&bytes[16], 900000);
