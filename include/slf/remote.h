@@ -40,7 +40,7 @@ struct RemoteTraffic {
 /// Thread-safety: any thread.
 class RemoteField {
  public:
-  /// Opens the field with two or three requests. unsupported: the server does not serve parts of
+  /// Opens the field with a few small requests. unsupported: the server does not serve parts of
   /// files (HTTP ranges). io: it does not answer, or with an error, and kept doing so. bad_file: as
   /// Field::open().
   ///
