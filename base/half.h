@@ -1,6 +1,8 @@
-// IEEE 754 binary16 numbers, as bits.
+// IEEE 754 binary16 numbers, as bits. Decoders need them in the page, too, whose WebAssembly has no
+// Imath.
 #pragma once
 
+#include <algorithm>
 #include <bit>
 #include <cstdint>
 
@@ -30,6 +32,16 @@ namespace slf {
   else
     half = (rest - 0x38000000u + 0xFFFu + (rest >> 13 & 1)) >> 13;
   return static_cast<std::uint16_t>(sign | half);
+}
+
+/// What of 0..1 is nearest in 0..255; 0 of what is below or not a number.
+[[nodiscard]] inline std::uint8_t byte_from_half(std::uint16_t bits) {
+  const float value = half_to_float(bits);
+  return static_cast<std::uint8_t>(value > 0 ? std::min(value, 1.f) * 255 + 0.5f : 0.f);
+}
+/// The nearest to byte / 255.
+[[nodiscard]] inline std::uint16_t half_from_byte(std::uint8_t byte) {
+  return half_from_float(static_cast<float>(byte) / 255);
 }
 
 }  // namespace slf

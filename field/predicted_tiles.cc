@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "base/half.h"
 #include "codec/predictive_channels.h"
 #include "codec/reference_coder.h"
 #include "field/predict/predictor.h"
@@ -80,6 +81,10 @@ struct PredictedTiles::Work {
 
   [[nodiscard]] bool half() const {
     return color_format(tile.format) == codec::SampleFormat::rgba16f;
+  }
+  [[nodiscard]] std::uint8_t alpha_byte(std::int32_t value) const {
+    return half() ? byte_from_half(codec::half_of_ordered(value))
+                  : static_cast<std::uint8_t>(value);
   }
   [[nodiscard]] std::size_t color_bytes() const { return sample_bytes(color_format(tile.format)); }
 
@@ -217,14 +222,13 @@ void PredictedTiles::Work::code_channels(Coder& coder, ChannelValues& values) {
   predict_alpha_depth();
   for (std::size_t s = 0; s < samples; ++s) {
     predicted[codec::kAlphaChannel][s] =
-        half() ? codec::ordered_half(half_of_seen_alpha(alpha[s])) : alpha[s];
+        half() ? codec::ordered_half(half_from_byte(alpha[s])) : alpha[s];
     predicted[codec::kDepthChannel][s] = depth[s];
   }
   coder.code(codec::kAlphaChannel, predicted, values);
   coder.code(codec::kDepthChannel, predicted, values);
   for (std::size_t s = 0; s < samples; ++s) {
-    alpha[s] = half() ? seen_alpha(codec::half_of_ordered(coded_alpha[s]))
-                      : static_cast<std::uint8_t>(coded_alpha[s]);
+    alpha[s] = alpha_byte(coded_alpha[s]);
     depth[s] = static_cast<std::uint8_t>(values[codec::kDepthChannel][s]);
   }
   predict_color();
@@ -276,9 +280,7 @@ Result<void> PredictedTiles::encode(TileKey key, ByteSpan samples, const Referen
     ChannelValues values = work.channels_of(samples);
     std::vector<std::uint8_t> alpha(work.samples), depth(work.samples);
     for (std::size_t s = 0; s < work.samples; ++s) {
-      const std::int32_t value = values[codec::kAlphaChannel][s];
-      alpha[s] = work.half() ? seen_alpha(codec::half_of_ordered(value))
-                             : static_cast<std::uint8_t>(value);
+      alpha[s] = work.alpha_byte(values[codec::kAlphaChannel][s]);
       depth[s] = static_cast<std::uint8_t>(values[codec::kDepthChannel][s]);
     }
     if (auto ok = work.choose_references(encoder, shape_, alpha, depth, source); !ok) return ok;

@@ -1,10 +1,8 @@
 #include "field/build/repack_layers.h"
 
-#include <Imath/half.h>
-
 #include <algorithm>
-#include <cmath>
 
+#include "base/half.h"
 #include "field/geometry/tile_order.h"
 
 namespace slf {
@@ -16,17 +14,6 @@ using storage::TileState;
 
 constexpr std::size_t kTrainingTiles = 16;
 
-std::byte eight_bits(std::uint16_t bits) {
-  Imath::half value;
-  value.setBits(bits);
-  const float v = value;
-  return static_cast<std::byte>(std::lround(v > 0 ? std::min(v, 1.f) * 255 : 0.f));  // NaN: 0
-}
-
-std::uint16_t half_bits(std::byte value) {
-  return Imath::half(static_cast<float>(std::to_integer<int>(value)) / 255).bits();
-}
-
 /// Copies samples, colour from one format to the other. Eight bits of premultiplied colour are at
 /// most those of alpha.
 void convert(SampleFormat from, SampleFormat to, std::span<const std::byte> in, Bytes& out) {
@@ -34,11 +21,12 @@ void convert(SampleFormat from, SampleFormat to, std::span<const std::byte> in, 
     out.assign(in.begin(), in.end());
   } else if (to == SampleFormat::rgba16f) {
     out.resize(in.size() * 2);
-    for (std::size_t k = 0; k < in.size(); ++k) store_le(&out[2 * k], half_bits(in[k]));
+    for (std::size_t k = 0; k < in.size(); ++k)
+      store_le(&out[2 * k], half_from_byte(std::to_integer<std::uint8_t>(in[k])));
   } else {
     out.resize(in.size() / 2);
     for (std::size_t k = 0; k < out.size(); ++k)
-      out[k] = eight_bits(load_le<std::uint16_t>(&in[2 * k]));
+      out[k] = std::byte{byte_from_half(load_le<std::uint16_t>(&in[2 * k]))};
     for (std::size_t k = 0; k < out.size(); k += 4)
       for (std::size_t c = k; c < k + 3; ++c) out[c] = std::min(out[c], out[k + 3]);
   }

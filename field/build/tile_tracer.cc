@@ -1,11 +1,10 @@
 #include "field/build/tile_tracer.h"
 
-#include <Imath/half.h>
-
 #include <algorithm>
 #include <optional>
 
 #include "base/guarded.h"
+#include "base/half.h"
 
 namespace slf {
 namespace {
@@ -88,7 +87,7 @@ std::byte to_byte(float value) {
 
 void store_color(const glm::vec4& rgba, SampleFormat format, std::byte* to) {
   if (color_format(format) == SampleFormat::rgba16f) {
-    for (int c = 0; c < 4; ++c) store_le<std::uint16_t>(to + 2 * c, Imath::half(rgba[c]).bits());
+    for (int c = 0; c < 4; ++c) store_le<std::uint16_t>(to + 2 * c, half_from_float(rgba[c]));
     return;
   }
   to[3] = to_byte(rgba.a);

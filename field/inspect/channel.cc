@@ -1,6 +1,6 @@
 #include "field/inspect/channel.h"
 
-#include <Imath/half.h>
+#include "base/half.h"
 
 namespace slf {
 
@@ -37,11 +37,8 @@ Result<ByteSpan> ChannelReader::read(const Channel& channel, const storage::Tile
 void to_floats(SampleFormat format, ByteSpan samples, std::vector<float>& numbers) {
   if (format == SampleFormat::rgba16f) {
     numbers.resize(samples.size() / 2);
-    for (std::size_t k = 0; k < numbers.size(); ++k) {
-      Imath::half value;
-      value.setBits(load_le<std::uint16_t>(samples.data() + 2 * k));
-      numbers[k] = value;
-    }
+    for (std::size_t k = 0; k < numbers.size(); ++k)
+      numbers[k] = half_to_float(load_le<std::uint16_t>(samples.data() + 2 * k));
     return;
   }
   numbers.resize(samples.size());

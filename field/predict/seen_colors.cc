@@ -19,15 +19,6 @@ std::uint32_t seen_color(std::uint16_t color, float alpha) {
 
 }  // namespace
 
-std::uint8_t seen_alpha(std::uint16_t alpha) {
-  const float value = half_to_float(alpha);
-  return static_cast<std::uint8_t>(!(value > 0) ? 0.f : std::min(value, 1.f) * 255 + 0.5f);
-}
-
-std::uint16_t half_of_seen_alpha(std::uint8_t alpha) {
-  return half_from_float(static_cast<float>(alpha) / 255);
-}
-
 std::uint16_t half_of_seen_color(std::uint8_t color, std::uint16_t alpha) {
   const auto bits = static_cast<std::uint16_t>(kDarkest + (color << kShift) + (1 << kShift) / 2);
   return half_from_float(half_to_float(bits) * half_to_float(alpha));
@@ -40,7 +31,7 @@ Bytes seen_samples(ByteSpan half) {
     std::uint16_t rgba[4];
     for (std::size_t c = 0; c < 4; ++c)
       rgba[c] = load_le<std::uint16_t>(half.data() + 8 * s + 2 * c);
-    const std::uint32_t alpha = seen_alpha(rgba[3]);
+    const std::uint32_t alpha = byte_from_half(rgba[3]);
     std::uint32_t pixel = alpha << 24;
     for (std::uint32_t c = 0; alpha != 0 && c < 3; ++c) {
       const std::uint32_t x = seen_color(rgba[c], half_to_float(rgba[3])) * alpha + 128;
