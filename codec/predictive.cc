@@ -6,6 +6,7 @@
 #include "codec/fill.h"
 #include "codec/jpeg_pictures.h"
 #include "codec/mosaic.h"
+#include "codec/premultiply.h"
 #include "codec/reference_coder.h"
 
 namespace slf::codec {
@@ -23,8 +24,7 @@ std::uint8_t snapped(int alpha) {
 std::uint32_t compose(std::uint32_t predicted, int y, int cb, int cr, std::uint32_t alpha) {
   const auto channel = [&](std::uint32_t shift, int difference) {
     const int value = static_cast<int>(predicted >> shift & 255) + difference;
-    const std::uint32_t x = static_cast<std::uint32_t>(std::clamp(value, 0, 255)) * alpha + 128;
-    return (x + (x >> 8)) >> 8 << shift;
+    return premultiplied(static_cast<std::uint32_t>(std::clamp(value, 0, 255)), alpha) << shift;
   };
   return channel(0, y + ((359 * cr + 128) >> 8)) |
          channel(8, y - ((88 * cb + 183 * cr + 128) >> 8)) |

@@ -5,6 +5,7 @@
 
 #include "base/half.h"
 #include "codec/predictive_channels.h"
+#include "codec/premultiply.h"
 #include "codec/reference_coder.h"
 #include "field/predict/predictor.h"
 #include "field/predict/seen_colors.h"
@@ -144,6 +145,10 @@ struct PredictedTiles::Work {
                       const ReferenceSource& source);
 
   /// Sample by sample.
+  Result<void> decode(codec::ChannelDecoder decoder, const ReferenceSource& source,
+                      std::span<std::byte> to);
+  Result<void> encode(codec::ChannelEncoder encoder, const FieldShape& shape, ByteSpan from,
+                      const ReferenceSource& source);
   template <class Coder>
   void code_channels(Coder& coder, ChannelValues& values);
   [[nodiscard]] ChannelValues channels_of(ByteSpan from) const;
@@ -178,6 +183,30 @@ Result<void> PredictedTiles::Work::encode(codec::PredictiveEncoder encoder, cons
   encoder.alpha_depth(true_alpha, true_depth, alpha, depth);
   predict_color();
   encoder.color(alpha, color, rgba);
+  encoder.finish();
+  return {};
+}
+
+Result<void> PredictedTiles::Work::decode(codec::ChannelDecoder decoder,
+                                          const ReferenceSource& source, std::span<std::byte> to) {
+  if (auto ok = read_references(decoder, source); !ok) return ok;
+  ChannelValues values;
+  for (auto& channel : values) channel.resize(samples);
+  code_channels(decoder, values);
+  store(values, to);
+  return decoder.finish();
+}
+
+Result<void> PredictedTiles::Work::encode(codec::ChannelEncoder encoder, const FieldShape& shape,
+                                          ByteSpan of, const ReferenceSource& source) {
+  ChannelValues values = channels_of(of);
+  std::vector<std::uint8_t> true_alpha(samples), true_depth(samples);
+  for (std::size_t s = 0; s < samples; ++s) {
+    true_alpha[s] = alpha_byte(values[codec::kAlphaChannel][s]);
+    true_depth[s] = static_cast<std::uint8_t>(values[codec::kDepthChannel][s]);
+  }
+  if (auto ok = choose_references(encoder, shape, true_alpha, true_depth, source); !ok) return ok;
+  code_channels(encoder, values);
   encoder.finish();
   return {};
 }
@@ -235,10 +264,10 @@ void PredictedTiles::Work::code_channels(Coder& coder, ChannelValues& values) {
   for (std::size_t s = 0; s < samples; ++s)
     for (const auto& [channel, place] : kColors) {
       const auto full = static_cast<std::uint8_t>(color[s] >> (8 * place));
-      const std::uint32_t x = std::uint32_t{full} * alpha[s] + 128;
-      predicted[channel][s] = half() ? codec::ordered_half(half_of_seen_color(
-                                           full, codec::half_of_ordered(coded_alpha[s])))
-                                     : static_cast<std::int32_t>((x + (x >> 8)) >> 8);
+      predicted[channel][s] = half()
+                                  ? codec::ordered_half(half_of_seen_color(
+                                        full, codec::half_of_ordered(coded_alpha[s])))
+                                  : static_cast<std::int32_t>(codec::premultiplied(full, alpha[s]));
     }
   coder.code(codec::kGreenChannel, predicted, values);
   coder.code(codec::kRedChannel, predicted, values);
@@ -260,15 +289,9 @@ std::vector<TileKey> PredictedTiles::references(TileKey key, ByteSpan payload) c
 Result<void> PredictedTiles::decode(TileKey key, ByteSpan payload, const ReferenceSource& source,
                                     std::span<std::byte> samples) const {
   Work work(*this, key);
-  if (!codec_.settings().by_sample())
-    return work.decode({work.level, codec_.picture(work.tile), payload}, source, samples);
-  codec::ChannelDecoder decoder(work.level, work.tile, payload);
-  if (auto ok = work.read_references(decoder, source); !ok) return ok;
-  ChannelValues values;
-  for (auto& channel : values) channel.resize(work.samples);
-  work.code_channels(decoder, values);
-  work.store(values, samples);
-  return decoder.finish();
+  if (codec_.settings().by_sample())
+    return work.decode(codec::ChannelDecoder(work.level, work.tile, payload), source, samples);
+  return work.decode({work.level, codec_.picture(work.tile), payload}, source, samples);
 }
 
 Result<void> PredictedTiles::encode(TileKey key, ByteSpan samples, const ReferenceSource& source,
@@ -277,15 +300,7 @@ Result<void> PredictedTiles::encode(TileKey key, ByteSpan samples, const Referen
   Work work(*this, key);
   if (codec_.settings().by_sample()) {
     codec::ChannelEncoder encoder(work.level, work.tile, payload);
-    ChannelValues values = work.channels_of(samples);
-    std::vector<std::uint8_t> alpha(work.samples), depth(work.samples);
-    for (std::size_t s = 0; s < work.samples; ++s) {
-      alpha[s] = work.alpha_byte(values[codec::kAlphaChannel][s]);
-      depth[s] = static_cast<std::uint8_t>(values[codec::kDepthChannel][s]);
-    }
-    if (auto ok = work.choose_references(encoder, shape_, alpha, depth, source); !ok) return ok;
-    work.code_channels(encoder, values);
-    encoder.finish();
+    if (auto ok = work.encode(std::move(encoder), shape_, samples, source); !ok) return ok;
   } else {
     codec::PredictiveEncoder encoder(work.level, codec_.picture(work.tile), payload);
     encoder.count(counts);

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "base/half.h"
+#include "codec/premultiply.h"
 
 namespace slf {
 namespace {
@@ -33,10 +34,8 @@ Bytes seen_samples(ByteSpan half) {
       rgba[c] = load_le<std::uint16_t>(half.data() + 8 * s + 2 * c);
     const std::uint32_t alpha = byte_from_half(rgba[3]);
     std::uint32_t pixel = alpha << 24;
-    for (std::uint32_t c = 0; alpha != 0 && c < 3; ++c) {
-      const std::uint32_t x = seen_color(rgba[c], half_to_float(rgba[3])) * alpha + 128;
-      pixel |= (x + (x >> 8)) >> 8 << (8 * c);
-    }
+    for (std::uint32_t c = 0; alpha != 0 && c < 3; ++c)
+      pixel |= codec::premultiplied(seen_color(rgba[c], half_to_float(rgba[3])), alpha) << (8 * c);
     store_le(seen.data() + 4 * s, pixel);
   }
   std::copy(half.end() - static_cast<std::ptrdiff_t>(count), half.end(),
