@@ -1,6 +1,10 @@
-// A field's samples as pictures, one for each entry vertex: what other codecs are given.
+// A field's samples as pictures, one for each entry vertex, which other codecs are given; and back.
 //
 //   entry_pictures FIELD.slf -o FRAMES.rgb
+//   entry_pictures FIELD.slf --colors FRAMES.rgb -o OTHER.slf
+//
+// The second writes the field again with the colours that such pictures have, so that views can be
+// rendered from what another codec makes of them. Opacity and depth stay.
 //
 // A picture holds what enters at one vertex, by where it leaves: the octahedron of exit vertices
 // unfolded into a square of 2 N + 1 pixels an edge, upper half in the middle, without gaps.
@@ -14,7 +18,9 @@
 #include <unordered_map>
 
 #include "benchmarks/storage/expect.h"
+#include "field/build/field_writer.h"
 #include "field/field_file.h"
+#include "field/geometry/tile_order.h"
 #include "slf/field.h"
 
 namespace {
@@ -30,6 +36,24 @@ LatticeVertex unfolded(std::int32_t x, std::int32_t y, std::int32_t n) {
   return {x < 0 ? -i : i, y < 0 ? -j : j, i + j - n};
 }
 
+/// The pixel of a vertex, x and y from 0 to 2 n: the one that unfolded() takes to it, or on the
+/// edge of the square one of the two.
+std::size_t folded(const LatticeVertex& v, std::int32_t n) {
+  std::int32_t x = v.i, y = v.j;
+  if (v.k < 0) {
+    x = v.i < 0 ? std::abs(v.j) - n : n - std::abs(v.j);
+    y = v.j < 0 ? std::abs(v.i) - n : n - std::abs(v.i);
+  }
+  return static_cast<std::size_t>(y + n) * static_cast<std::size_t>(2 * n + 1) +
+         static_cast<std::size_t>(x + n);
+}
+
+/// A vertex as a number.
+std::uint64_t packed(const LatticeVertex& v, std::int32_t n) {
+  return static_cast<std::uint64_t>(v.i + n) << 40 | static_cast<std::uint64_t>(v.j + n) << 20 |
+         static_cast<std::uint64_t>(v.k + n);
+}
+
 /// Entry vertices, each once, line by line and back.
 std::vector<LatticeVertex> entry_path(std::int32_t n) {
   std::vector<LatticeVertex> path;
@@ -37,10 +61,7 @@ std::vector<LatticeVertex> entry_path(std::int32_t n) {
   for (std::int32_t y = -n; y <= n; ++y)
     for (std::int32_t k = -n; k <= n; ++k) {
       const LatticeVertex v = unfolded(y % 2 ? -k : k, y, n);
-      const auto key = static_cast<std::uint64_t>(v.i + n) << 40 |
-                       static_cast<std::uint64_t>(v.j + n) << 20 |
-                       static_cast<std::uint64_t>(v.k + n);
-      if (seen.emplace(key, true).second) path.push_back(v);
+      if (seen.emplace(packed(v, n), true).second) path.push_back(v);
     }
   return path;
 }
@@ -93,16 +114,101 @@ class Reader {
   std::unordered_map<std::uint64_t, Bytes> tiles_;
 };
 
+/// The colours of pictures, by vertex.
+class Pictures {
+ public:
+  Pictures(const std::string& path, const LevelGeometry& geometry)
+      : entry_resolution_(geometry.entry_resolution()),
+        exit_resolution_(geometry.exit_resolution()),
+        edge_(static_cast<std::size_t>(2 * geometry.exit_resolution() + 1)) {
+    const auto entries = entry_path(entry_resolution_);
+    for (std::size_t k = 0; k < entries.size(); ++k)
+      number_[packed(entries[k], entry_resolution_)] = k;
+    rgb_.resize(entries.size() * edge_ * edge_ * 3);
+    std::ifstream file(path, std::ios::binary);
+    file.read(reinterpret_cast<char*>(rgb_.data()), static_cast<std::streamsize>(rgb_.size()));
+    bench::require(file.good() && file.peek() == EOF,
+                   path + ": expected " + std::to_string(rgb_.size()) + " bytes");
+  }
+
+  [[nodiscard]] const std::uint8_t* at(const LatticeVertex& entry,
+                                       const LatticeVertex& exit) const {
+    const std::size_t picture = number_.at(packed(entry, entry_resolution_));
+    return &rgb_[(picture * edge_ * edge_ + folded(exit, exit_resolution_)) * 3];
+  }
+
+ private:
+  std::int32_t entry_resolution_, exit_resolution_;
+  std::size_t edge_;
+  std::unordered_map<std::uint64_t, std::size_t> number_;
+  std::vector<std::uint8_t> rgb_;
+};
+
+/// Gives the samples of a tile of the finest level the colours of pictures.
+void recolor(const FieldFile& field, TileKey key, const Pictures& pictures, Bytes& samples) {
+  const FieldShape& shape = field.shape();
+  const LevelGeometry& geometry = field.geometry(key.level);
+  const TileSections sections = sections_of(key, shape.entry_extra_levels);
+  const std::uint32_t entry_side = shape.entry_section_side(), exit_side = geometry.exit_side();
+  std::byte* to = samples.data();
+  for (const LocalPoint& row : geometry.rows(sections.entry.index)) {
+    const LatticeVertex entry = vertex_at(sections.entry, row, entry_side);
+    for (const LocalPoint& column : triangle_points(exit_side)) {
+      const std::uint8_t* const rgb =
+          pictures.at(entry, vertex_at(sections.exit, column, exit_side));
+      const auto alpha = std::to_integer<std::uint8_t>(to[3]);
+      for (std::size_t c = 0; c < 3; ++c) to[c] = std::byte{std::min(rgb[c], alpha)};
+      to += 4;
+    }
+  }
+}
+
+/// Writes the field again, with the colours of pictures at the finest level.
+void write_recolored(const Field& field, const std::string& pictures_path,
+                     const std::string& path) {
+  const FieldFile& file = field.file();
+  const unsigned finest = file.shape().levels;
+  const Pictures pictures(pictures_path, file.geometry(finest));
+  const auto layers = static_cast<storage::LayerId>(file.manifest().layers.size());
+  std::vector<ByteSpan> tables;
+  for (storage::LayerId layer = 0; layer < layers; ++layer)
+    tables.push_back(file.codec(layer).tables());
+  auto writer = expect(FieldWriter::create(expect(FieldOutput::at(path, Existing::replace, {})),
+                                           FieldWriter::Draft::discard, file.manifest(), tables));
+  const TileOrder order(file.shape());
+  Bytes samples, payload;
+  for (std::uint64_t n = 0; n < order.count(); ++n)
+    for (storage::LayerId layer = 0; layer < layers; ++layer) {
+      const storage::TileRef ref = expect(file.store().find(layer, order.key(n)));
+      payload.assign(ref.payload.begin(), ref.payload.end());
+      const bool colors = file.manifest().layers[layer].format == codec::SampleFormat::rgba8;
+      if (colors && ref.state == storage::TileState::stored && order.key(n).level == finest) {
+        const codec::Tile tile = file.tile_shape(layer, order.key(n));
+        samples.resize(tile.bytes());
+        expect(file.decode(ref, samples));
+        recolor(file, order.key(n), pictures, samples);
+        expect(file.codec(layer).encode(tile, samples, payload));
+      }
+      expect(writer.put(layer, order.key(n), payload));
+    }
+  expect(writer.finish());
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   CLI::App app{"A field's samples as pictures, one for each entry vertex"};
-  std::string path, output;
+  std::string path, colors, output;
   app.add_option("field", path)->required();
-  app.add_option("-o,--output", output, "Raw RGB, picture after picture")->required();
+  app.add_option("--colors", colors, "Pictures whose colours the field gets");
+  app.add_option("-o,--output", output, "Raw RGB, picture after picture; or a field")->required();
   CLI11_PARSE(app, argc, argv);
 
   const auto field = expect(Field::open(path));
+  if (!colors.empty()) {
+    write_recolored(field, colors, output);
+    return 0;
+  }
   Reader reader(field);
   const auto& geometry = field.file().geometry(field.shape().levels);
   const std::int32_t n = geometry.exit_resolution();

@@ -1,11 +1,9 @@
 """Compression: bytes of a field against how good its pictures are, and against other codecs."""
 
-import io
-import shutil
-
 import numpy as np
 
-from . import page, plots
+from . import page, peers, plots
+from .bench import Failed
 from .outcome import NOT_RUN, PARTLY, Claim, human_bytes
 
 TITLE = "Compression"
@@ -156,16 +154,6 @@ def _claim_paper(part, rows):
 # ---- other codecs on the same samples ------------------------------------------------------
 
 
-class Pictures:
-    """The colour samples of a field as pictures, one per entry vertex."""
-
-    def __init__(self, bench, field, name):
-        self.path = bench.work / f"{name}.rgb"
-        facts = bench.json("entry_pictures", field, "-o", self.path)
-        self.count, self.edge = facts["pictures"], facts["edge"]
-        self.data = np.fromfile(self.path, np.uint8).reshape(self.count, self.edge, self.edge, 3)
-
-
 def _psnr(truth, decoded):
     error = np.mean((truth.astype(np.float32) - decoded) ** 2, dtype=np.float64)
     return float(10 * np.log10(255**2 / error)) if error > 0 else float("inf")
@@ -175,20 +163,17 @@ def _compare_codecs(bench, part, volume, shape):
     """Bits per slab and PSNR of the samples themselves, colour only."""
     lossless = bench.field(volume, *shape, "zstd", "zstd")
     bench.say("laying samples out as pictures for other codecs")
-    truth = Pictures(bench, lossless, "truth")
+    truth = peers.Pictures(bench, lossless, "truth")
     slabs = bench.json("slf", "info", lossless, "--json")["levels"][-1]["slabs"]
     rows = _ours(bench, lossless, truth, slabs)
     step = 16 if bench.quick else 8
     rows += _picture_codecs(truth, truth.data[::step], slabs)
     rows += _exr(bench, truth, step, slabs)
-    if shutil.which("cjxl"):
+    if peers.has_ffmpeg():
         rows += _jpeg_xl(bench, truth, 4 * step, slabs)
-    else:
-        part.left_out.append("JPEG XL: cjxl was not found (libjxl-tools)")
-    if shutil.which("ffmpeg"):
         rows += _films(bench, truth, slabs)
     else:
-        part.left_out.append("H.264 and AV1: ffmpeg was not found")
+        part.left_out.append("JPEG XL, H.264, HEVC and AV1: ffmpeg was not found")
     part.numbers["codecs"] = rows
 
     fig, axis = plots.figure(width=10.5, height=4.6)
@@ -238,7 +223,7 @@ def _ours(bench, lossless, truth, slabs):
     for chroma in ("", ":444"):
         for quality in (50, 75, 90) if bench.quick else (30, 50, 75, 85, 90, 95):
             field = bench.repacked(lossless, f"jpeg:{quality}{chroma}", None)
-            decoded = Pictures(bench, field, "ours")
+            decoded = peers.Pictures(bench, field, "ours")
             rows.append(
                 _row(f"slf jpeg{' 4:4:4' if chroma else ''}", quality, payload(field), slabs,
                      _psnr(truth.data, decoded.data))
@@ -249,25 +234,16 @@ def _ours(bench, lossless, truth, slabs):
 
 def _picture_codecs(truth, some, slabs):
     """JPEG by libjpeg and WebP, through Pillow, on evenly chosen pictures."""
-    from PIL import Image, features
-
     share = slabs * len(some) / truth.count
     jobs = [("JPEG (libjpeg)", "JPEG", q, {"quality": q}) for q in (30, 50, 75, 90, 95)]
-    if features.check("webp"):
+    if peers.has_webp():
         jobs += [("WebP", "WEBP", q, {"quality": q, "method": 6}) for q in (30, 50, 75, 90, 95)]
         jobs += [("WebP lossless", "WEBP", "", {"lossless": True, "method": 6})]
     jobs += [("PNG", "PNG", "", {"optimize": True})]
     rows = []
     for name, kind, setting, options in jobs:
-        size, error = 0, 0.0
-        for picture in some:
-            buffer = io.BytesIO()
-            Image.fromarray(picture).save(buffer, kind, **options)
-            size += buffer.tell()
-            back = np.asarray(Image.open(buffer).convert("RGB"), np.float64)
-            error += np.mean((back - picture) ** 2) / len(some)
-        psnr = 10 * np.log10(255**2 / error) if error > 0 else float("inf")
-        rows.append(_row(name, setting, size, share, float(psnr)))
+        size, decoded = peers.pillow(some, kind, **options)
+        rows.append(_row(name, setting, size, share, _psnr(some, decoded)))
     return rows
 
 
@@ -287,58 +263,33 @@ def _exr(bench, truth, step, slabs):
 
 
 def _jpeg_xl(bench, truth, step, slabs):
-    from PIL import Image
-
     some = truth.data[::step]
     share = slabs * len(some) / truth.count
-    png, jxl, back = (bench.work / f"peer.{end}" for end in ("png", "jxl", "back.png"))
-    settings = (0, 1, 2, 4) if bench.quick else (0, 0.5, 1, 2, 4, 8)
-    size, error = dict.fromkeys(settings, 0), dict.fromkeys(settings, 0.0)
-    bench.say(f"JPEG XL: {len(some)} pictures, {len(settings)} settings")
-    kept = len(bench.commands)
-    for picture in some:
-        Image.fromarray(picture).save(png)
-        for distance in settings:
-            bench.run("cjxl", png, jxl, "-d", distance, "-e", 7, "--quiet")
-            size[distance] += jxl.stat().st_size
-            if distance:
-                bench.run("djxl", jxl, back, "--quiet")
-                decoded = np.asarray(Image.open(back).convert("RGB"), np.float64)
-                error[distance] += np.mean((decoded - picture) ** 2) / len(some)
-    del bench.commands[kept + 2 * len(settings) :]  # the others differ only in the picture
-    return [
-        _row("JPEG XL" if d else "JPEG XL lossless", d, size[d], share,
-             float(10 * np.log10(255**2 / error[d])) if d else float("inf"))
-        for d in settings
-    ]  # fmt: skip
+    rows = []
+    for distance in (0, 1, 2, 4) if bench.quick else (0, 0.5, 1, 2, 4, 8):
+        try:
+            size, decoded = peers.jpeg_xl(bench, some, distance)
+        except Failed as error:  # this ffmpeg lacks the encoder
+            bench.say(f"JPEG XL left out: {error}")
+            break
+        name = "JPEG XL" if distance else "JPEG XL lossless"
+        rows.append(_row(name, distance, size, share, _psnr(some, decoded)))
+    return rows
 
 
 def _films(bench, truth, slabs):
-    """H.264 and AV1 over the sequence of pictures."""
-    edge = truth.edge
-    even = edge + edge % 2
-    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24"]
-    say = ["-hide_banner", "-loglevel", "error", "-y"]
-    pad = f"pad={even}:{even}:0:0"
-    jobs = [("film, H.264", "h264", crf,
-             ["-c:v", "libx264", "-preset", "medium", "-g", "32", "-pix_fmt", "yuv420p", "-crf", crf])
-            for crf in ((20, 28, 34) if bench.quick else (16, 20, 24, 28, 32, 36))]  # fmt: skip
-    jobs += [("film, AV1", "ivf", crf,
-              ["-c:v", "libsvtav1", "-preset", "8", "-g", "32", "-pix_fmt", "yuv420p", "-crf", crf])
-             for crf in ((20, 35, 50) if bench.quick else (12, 20, 28, 36, 44, 52))]  # fmt: skip
+    """Films of the sequence of pictures."""
+    crf = (20, 28, 34) if bench.quick else (16, 20, 24, 28, 32, 36)
+    av1 = (20, 35, 50) if bench.quick else (12, 20, 28, 36, 44, 52)
     rows = []
-    for name, end, setting, codec in jobs:
-        film, back = bench.work / f"film.{end}", bench.work / "film.rgb"
-        bench.say(f"{name}, crf {setting}")
-        try:
-            bench.run("ffmpeg", *say, *raw, "-s", f"{edge}x{edge}", "-r", 30, "-i", truth.path,
-                      "-vf", pad, *codec, film)  # fmt: skip
-            bench.run("ffmpeg", *say, "-i", film, *raw, back)
-        except Exception as error:  # an encoder that this ffmpeg lacks
-            bench.say(f"{name} left out: {error}")
-            continue
-        decoded = np.fromfile(back, np.uint8).reshape(truth.count, even, even, 3)[:, :edge, :edge]
-        rows.append(_row(name, setting, film.stat().st_size, slabs, _psnr(truth.data, decoded)))
+    for name, settings in {"H.264": crf, "HEVC": crf, "AV1": av1}.items():
+        for setting in settings:
+            try:
+                size, decoded = peers.film(bench, truth, name, setting)
+            except Failed as error:  # this ffmpeg lacks the encoder
+                bench.say(f"{name} left out: {error}")
+                break
+            rows.append(_row(f"film, {name}", setting, size, slabs, _psnr(truth.data, decoded)))
     return rows
 
 

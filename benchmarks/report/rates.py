@@ -2,13 +2,22 @@
 
 import numpy as np
 
-from . import page, plots
+from . import page, peers, plots
+from .bench import Failed
 from .outcome import PARTLY, human_bytes
 
 TITLE = "Bytes of a field at equal pictures"
 # Opaque, translucent, CT, simulation, labels.
 VOLUMES = ["brain", "glass", "head", "bonsai", "engine", "heptane", "atlas", "regions"]
 QUALITIES = [45, 60, 75, 90, 97]
+# Other codecs, on the colours of the first volume: name -> settings, best quality last.
+PEERS = {
+    "WebP": [50, 75, 90],
+    "JPEG XL": [4, 2, 1],
+    "film, H.264": [34, 28, 22],
+    "film, HEVC": [34, 28, 22],
+    "film, AV1": [50, 38, 26],
+}
 AT_MOST = 0.45  # of the bytes of jpeg:90, at its PSNR
 
 
@@ -20,16 +29,25 @@ def run(bench, part):
         curves[name] = _measure(bench, bench.volume(name))
         bench.say(f"{name} done")
     part.numbers["rates"] = curves
+    of_peers = _measure_peers(bench, part, bench.volume(names[0]))
+    part.numbers["peers"] = of_peers
     _show(bench, part, curves)
+    _show_peers(bench, part, names[0], curves[names[0]], of_peers)
     _claim(bench, part, curves)
+
+
+def _lossless(bench, volume):
+    return bench.field(volume, *((4, 16, 1) if bench.quick else (8, 32, 2)), "zstd", "zstd")
+
+
+def _views(bench):
+    return {"views": 4 if bench.quick else 8, "size": 256}
 
 
 def _measure(bench, volume):
     """{codec: [{quality, bytes, psnr, ssim}]}, best quality last."""
-    shape = (4, 16, 1) if bench.quick else (8, 32, 2)
-    lossless = bench.field(volume, *shape, "zstd", "zstd")
+    lossless, views = _lossless(bench, volume), _views(bench)
     qualities = QUALITIES[2:] if bench.quick else QUALITIES
-    views = {"views": 4 if bench.quick else 8, "size": 256}
     curves = {"zstd": [_point(bench, lossless, volume, None, views)]}
     for codec, depth in (("jpeg", "jpeg:75"), ("predictive", None)):
         for quality in qualities:
@@ -37,6 +55,41 @@ def _measure(bench, volume):
             curves.setdefault(codec, []).append(_point(bench, path, volume, quality, views))
             path.unlink()
     return curves
+
+
+def _measure_peers(bench, part, volume):
+    """The same of other codecs, which get only the colours of the finest level. Their bytes are
+    those of these colours and of depth as jpeg:75; opacity is for nothing."""
+    if not peers.has_ffmpeg():
+        part.left_out.append("JPEG XL, H.264, HEVC and AV1: ffmpeg was not found")
+    lossless = _lossless(bench, volume)
+    jpeg = bench.recoded(lossless, "jpeg:75", "jpeg:75")
+    depth = bench.json("slf", "info", jpeg, "--json")["levels"][-1]["bytes"]["depth"]
+    jpeg.unlink()
+    truth = peers.Pictures(bench, lossless, "truth")
+    curves = {}
+    for name, settings in PEERS.items():
+        for setting in settings[1:2] if bench.quick else settings:
+            try:
+                size, decoded = _peer(bench, name, truth, setting)
+            except Failed as error:  # not installed, or without this encoder
+                bench.say(f"{name} left out: {error}")
+                break
+            path = peers.recolored(bench, lossless, decoded, "recolored")
+            result = bench.evaluate(path, volume, "depth", **_views(bench))
+            path.unlink()
+            curves.setdefault(name, []).append(
+                {"quality": setting, "bytes": size + depth, "psnr": result["psnr"], "ssim": result["ssim"]}
+            )
+    return curves
+
+
+def _peer(bench, name, truth, setting):
+    if name == "WebP":
+        return peers.pillow(truth.data, "WEBP", quality=setting, method=4)
+    if name == "JPEG XL":
+        return peers.jpeg_xl(bench, truth.data, setting)
+    return peers.film(bench, truth, name.removeprefix("film, "), setting)
 
 
 def _point(bench, field, volume, quality, views):
@@ -96,6 +149,42 @@ def _show(bench, part, curves):
             ],
         ),
     )  # fmt: skip
+
+
+def _show_peers(bench, part, name, ours, others):
+    if not others:
+        return
+    fig, axis = plots.figure(width=10.5, height=4.6)
+    lines = {"slf predictive": ours["predictive"], "slf jpeg": ours["jpeg"], **others}
+    for k, (codec, curve) in enumerate(lines.items()):
+        own = codec.startswith("slf")
+        axis.plot(
+            [point["bytes"] / 2**20 for point in curve], [point["psnr"] for point in curve], "o",
+            ls="--" if codec.startswith("film") else "-", ms=4, lw=2.4 if own else 1.2, label=codec,
+            color=plots.OURS if k == 0 else plots.PAPER if k == 1 else plots.plt.cm.Dark2(k),
+        )  # fmt: skip
+    axis.set(xscale="log", xlabel="MiB", ylabel="rendered PSNR, dB")
+    axis.legend(fontsize=8.5, loc="center left", bbox_to_anchor=(1, 0.5))
+    part.add(
+        page.heading(f"{bench.volume(name).title}: other codecs, by rendered views"),
+        page.text(
+            "The others get the colours of the finest level as one picture for each entry vertex, and "
+            "views are rendered from what they give back. They are counted in their favour: these "
+            "colours and depth as jpeg:75, no opacity, no coarser levels, no container. Of films "
+            f"(dashed), up to {peers.FILM_GROUP} pictures must be decoded to see one slab."
+        ),
+        page.plot(plots.svg(fig)),
+        page.table(
+            ["codec", "setting", "bytes", "PSNR, dB", "SSIM", "slf predictive at this PSNR"],
+            [[codec, p["quality"], human_bytes(p["bytes"]), f"{p['psnr']:.2f}", f"{p['ssim']:.4f}",
+              _against(bytes_at(ours["predictive"], p["psnr"]), p["bytes"])]
+             for codec, curve in others.items() for p in curve],
+        ),
+    )  # fmt: skip
+
+
+def _against(ours, theirs):
+    return f"{ours / theirs:.0%} of the bytes" if ours else "beyond its curve"
 
 
 def _claim(bench, part, curves):
