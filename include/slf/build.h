@@ -38,7 +38,7 @@ struct BuildOptions {
   std::string depth_codec;    ///< empty: none, or together with colour
   bool half = false;          ///< colour as half floats, with zstd or raw
   unsigned threads = 0;       ///< 0: all
-  double commit_seconds = 1;  ///< how often tiles are made safe: what a kill can cost
+  double commit_seconds = 5;  ///< how often tiles are made safe: what a kill can cost
   bool replace = false;       ///< what is at the output's path, when all is built
   ShardOptions shard;         ///< by default, all tiles
 };
