@@ -16,18 +16,18 @@
 
 namespace slf {
 
-/// Which part of a field a build makes. All parts have the same codec tables, and merge_fields()
-/// joins them to the field that one build makes.
+/// Which part of a field a build makes. All parts have the same codec tables. merge_fields() joins
+/// them to one field, with the same bytes as if one build had made it.
 struct ShardOptions {
-  /// The index-th (from 1) of `count` ranges of tiles, in key order, of about equally many rays.
-  /// Ranges of any counts go together: 1/2 is 1/4 and 2/4.
+  /// The tiles in key order are cut into `count` ranges with about equally many rays; the build
+  /// makes range `index`, from 1. Counts can be mixed: 1/2 has the tiles of 1/4 and 2/4.
   std::uint32_t index = 1;
   std::uint32_t count = 1;
   /// Only tiles of these levels; none: all.
   std::optional<unsigned> first_level, last_level;
-  /// A predictive codec predicts tiles from those of the next coarser level. This part of the same
-  /// field, levels 0 to some level, has them: the level behind it is built. Empty: the tiles that
-  /// are needed are built, too, and stored in the part's file.
+  /// Path of a finished part of the same field, with all tiles of levels 0 to L. The build then
+  /// makes tiles of level L + 1, which a predictive codec predicts from those of level L. Empty:
+  /// the build also makes the coarser tiles that it needs, and stores them in its own file.
   std::string coarser;
 };
 
@@ -38,35 +38,36 @@ struct BuildOptions {
   std::string depth_codec;    ///< empty: none, or together with colour
   bool half = false;          ///< colour as half floats, with zstd or raw
   unsigned threads = 0;       ///< 0: all
-  double commit_seconds = 5;  ///< how often tiles are made safe: what a kill can cost
-  bool replace = false;       ///< what is at the output's path, when all is built
+  double commit_seconds = 5;  ///< between commits: the most work that a kill can lose
+  bool replace = false;       ///< replace a file at the output's path, once all is built
   ShardOptions shard;         ///< by default, all tiles
 };
 
 struct BuildReport {
-  std::uint64_t tiles = 0;    ///< built by this run
-  std::uint64_t resumed = 0;  ///< that were there already; all of them if the field was complete
+  std::uint64_t tiles = 0;    ///< built by this call
+  std::uint64_t resumed = 0;  ///< built by earlier calls
 };
 
-/// Builds, or resumes, the field at `path`. Progress counts rays, about.
+/// Builds, or resumes, the field at `path`. Progress counts rays, approximately.
 ///
-/// The field grows in PATH.unfinished and takes its name when it is complete. Until then whatever
-/// is at `path` stays as it is. PATH.unfinished is a field too: it opens, and shows what was
-/// committed. A symbolic link at `path` is written through; a file that is replaced passes its
-/// permissions on. Depending on what is there:
+/// The field grows in PATH.unfinished and is renamed to PATH when it is complete. Until then a file
+/// at `path` does not change. PATH.unfinished opens as a field, with the tiles that were committed.
+/// If `path` is a symbolic link, the file it points to is written. A new file that replaces another
+/// gets its permissions. What happens depends on what exists:
 ///
 /// | at `path` | without `replace` | with `replace` |
 /// |---|---|---|
-/// | nothing | builds, or resumes PATH.unfinished | the same, or starts over if it differs |
-/// | this field, complete | returns at once: nothing is left to do | as with nothing |
-/// | this field with tiles missing | fills them in place | as with nothing |
-/// | anything else | usage or bad_file | as with nothing |
+/// | no file | builds, or resumes PATH.unfinished | the same; starts over if that is another field
+/// |
+/// | this field, complete | returns at once: nothing is left to do | as if there were no file |
+/// | this field with tiles missing | builds them in place | as if there were no file |
+/// | any other file | usage or bad_file | as if there were no file |
 ///
 /// usage: a setting, the scene's bounds or its provenance is wrong; another field is at `path` or
 /// unfinished beside it; `path` is one of the scene's files. unsupported: a codec that cannot hold
-/// the samples (JPEG and half floats). io: disk full or a write error: what was committed stays and
-/// the same call resumes. failed: stopped by the progress callback; the scene throws an exception;
-/// another process is writing the field, or has removed, renamed or replaced it meanwhile.
+/// the samples (JPEG and half floats). io: disk full or a write error; committed tiles stay, and
+/// the same call resumes. failed: the progress callback stopped the build; the scene threw an
+/// exception; another process is writing the field, or has removed, renamed or replaced it.
 [[nodiscard]] Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                               const BuildOptions& options,
                                               const ProgressCallback& progress = {});

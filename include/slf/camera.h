@@ -14,11 +14,13 @@
 
 namespace slf {
 
+/// A pinhole camera with square pixels.
 struct Camera {
   glm::dvec3 eye{0.0};      ///< world
   glm::dvec3 look_at{0.0};  ///< world
   glm::dvec3 up{0, 0, 1};   ///< world direction; need not be perpendicular to the view
-  double fov = 40;          ///< vertical field of view in degrees
+  double fov = 40;          ///< vertical field of view in degrees, above 0 and below 180
+  /// Size of the picture in pixels; width × height is at most 2^28.
   std::uint32_t width = 512;
   std::uint32_t height = 512;
 };
@@ -42,7 +44,9 @@ class RayGenerator {
     return {eye_, corner_ + (x + 0.5) * across_ + (y + 0.5) * down_};
   }
   [[nodiscard]] const glm::dvec3& eye() const { return eye_; }
+  /// Direction of the ray through the picture's upper left corner.
   [[nodiscard]] const glm::dvec3& corner() const { return corner_; }
+  /// Differences of direction from one pixel to the next, to the right and down.
   [[nodiscard]] const glm::dvec3& across() const { return across_; }
   [[nodiscard]] const glm::dvec3& down() const { return down_; }
 
@@ -53,14 +57,15 @@ class RayGenerator {
 /// An up direction for views along `forward`: +z, or +y if `forward` is nearly parallel to z.
 [[nodiscard]] glm::dvec3 any_up(const glm::dvec3& forward);
 
-/// The field of view, in degrees, in which the whole sphere fits a picture of this shape.
-/// `distance` is that of the eye from the centre, in world units, above the radius.
+/// The vertical field of view, in degrees, at which the whole sphere fits a picture of these
+/// proportions. `distance` is from the eye to the centre, in world units.
+/// REQUIRES: it is above the radius.
 [[nodiscard]] double fitted_fov(const Sphere& sphere, double distance, std::uint32_t width,
                                 std::uint32_t height);
 
 /// A camera that looks at the centre, from an azimuth and elevation in degrees and a distance in
 /// sphere radii. Azimuth 0 is the front (-y, anterior), 90 the patient's left (+x). Elevation 90 is
-/// above (+z). If the distance is above 1, the sphere fits the picture.
+/// above (+z). If the distance is above 1, the field of view is fitted_fov().
 [[nodiscard]] Camera orbit_camera(const Sphere& sphere, double azimuth, double elevation,
                                   double distance, std::uint32_t width, std::uint32_t height);
 
@@ -70,13 +75,13 @@ class RayGenerator {
                                                  std::uint32_t count, std::uint64_t seed,
                                                  std::uint32_t width, std::uint32_t height);
 
-/// A smooth path through keyframes (cubic Hermite with Catmull-Rom tangents). The camera does not
-/// move before the first and after the last. Thread-safety: immutable.
+/// A smooth path through keyframes (cubic Hermite with Catmull-Rom tangents). The camera stands
+/// still before the first keyframe and after the last. Thread-safety: immutable.
 class CameraPath {
  public:
-  /// An orbit around the sphere's centre at constant speed: `turns` times 360 degrees of azimuth,
-  /// from these angles in degrees, at this distance in sphere radii. usage: a number is not finite,
-  /// or the time or the distance is not above 0.
+  /// An orbit around the sphere's centre at constant speed: from `azimuth`, `turns` times 360
+  /// degrees, at a constant elevation in degrees and distance in sphere radii. usage: a number is
+  /// not finite, the distance is not above 0, or the time is not above 0 and at most a day.
   [[nodiscard]] static Result<CameraPath> orbit(const Sphere& sphere, double azimuth,
                                                 double elevation, double distance, double turns,
                                                 double seconds);
@@ -84,18 +89,20 @@ class CameraPath {
   /// Reads keyframes (untrusted):
   ///   {"keys": [{"at": 0, "orbit": [30, 20, 3]},
   ///             {"at": 4, "eye": [0, -300, 80], "look_at": [0, 0, 20], "fov": 30}, ...]}
-  /// There are at least two. `at` is in seconds and ascends; the path begins at the first. A key
+  /// There are 2 to 10,000 keys. `at` is in seconds, 0 to a day, and ascends; the path begins at
+  /// the first. A key
   /// has an orbit (azimuth, elevation, distance as above; azimuths may exceed 360) or an eye in
   /// world units. It may have look_at (default: the sphere's centre) and fov (default: the sphere
-  /// fits). bad_file: anything else; the message has `name`, the key and the cure.
+  /// fits). bad_file: anything else; the message names `name`, the key and what was expected.
   [[nodiscard]] static Result<CameraPath> parse(std::string_view json, const std::string& name,
                                                 const Sphere& sphere);
 
-  /// The same from a file. io: it cannot be read.
+  /// The same from a file of at most 16 MiB. io: it cannot be read. unsupported: it is longer.
   [[nodiscard]] static Result<CameraPath> read(const std::string& path, const Sphere& sphere);
 
+  /// Duration of the path.
   [[nodiscard]] double seconds() const { return keys_.back().at; }
-  /// up is any_up() of the view.
+  /// The camera `seconds` after the path's begin. Its `up` is any_up() of the view direction.
   [[nodiscard]] Camera at(double seconds, std::uint32_t width, std::uint32_t height) const;
 
  private:

@@ -1,4 +1,4 @@
-// Error: the reason of a failure: a code for the caller and a message for people.
+// Error: why a call failed, as a code for the program and a message for people.
 //
 // Every function of slf that can fail returns Result<T>. Libraries never print and never exit. A
 // message names the file, the place in it, what was expected, what was found and, if there is one,
@@ -27,6 +27,7 @@ struct Error {
   std::string message;
 };
 
+/// The value of a call that succeeded, or the Error of one that failed.
 template <class T>
 using Result = tl::expected<T, Error>;
 

@@ -32,26 +32,26 @@ struct Layer {
 struct LevelContent {
   unsigned level = 0;
   std::uint64_t tiles = 0;                   ///< tiles of the complete level
-  std::uint64_t stored = 0;                  ///< with a payload in the first layer
-  std::uint64_t empty = 0;                   ///< built, with nothing visible
+  std::uint64_t stored = 0;                  ///< tiles with a payload in the first layer
+  std::uint64_t empty = 0;                   ///< tiles that were built and show nothing
   std::uint64_t slabs = 0;                   ///< rays of the level
   std::vector<std::uint64_t> payload_bytes;  ///< per layer
 };
 
 struct FieldContent {
   std::vector<LevelContent> levels;
-  bool complete = false;  ///< every tile of every level and layer, or of its part, is there
+  bool complete = false;  ///< no tile of the field, or of its part(), is missing in any layer
   std::uint64_t file_bytes = 0;
-  std::uint64_t payload_bytes = 0;
+  std::uint64_t payload_bytes = 0;  ///< of all levels and layers
 };
 
-/// A read-only snapshot of a field. A handle: copies are cheap and share one open file. A Renderer
-/// and other users of a field keep a copy. The file is untrusted.
-/// Thread-safety: immutable; any thread.
+/// A read-only snapshot of a field: the last commit before it was opened. A handle: copies are
+/// cheap and share one open file. A Renderer keeps a copy, so the Field need not outlive it. The
+/// file is untrusted. Thread-safety: immutable; any thread.
 class Field {
  public:
-  /// io: missing or unreadable. bad_file: damaged, truncated, not a field. unsupported: a newer
-  /// format. An incomplete field opens: what was never built is reported as missing.
+  /// Opens a field, complete or not. io: missing or unreadable. bad_file: damaged, truncated, not a
+  /// field. unsupported: a newer format.
   [[nodiscard]] static Result<Field> open(const std::string& path);
 
   [[nodiscard]] const std::string& path() const;
@@ -60,7 +60,8 @@ class Field {
   [[nodiscard]] bool has_layer(std::string_view name) const;
   /// Whether samples have depths: in a layer of their own, or together with their colours.
   [[nodiscard]] bool has_depth() const;
-  /// The tiles that this file is to hold, where the field is built in several parts (build.h).
+  /// If this file is one part of a field that is built in several (build.h): the tiles of that
+  /// part.
   [[nodiscard]] std::optional<TileRange> part() const;
   /// The source and the settings of the build: a JSON object without a fixed schema.
   [[nodiscard]] std::string provenance() const;
@@ -68,7 +69,8 @@ class Field {
   [[nodiscard]] std::string manifest() const;
   [[nodiscard]] std::uint64_t file_bytes() const;
 
-  /// Counts what is there, from the records' tables alone. Linear in the number of records.
+  /// Counts the tiles and bytes of each level. Reads the records' tables and no payload; the time
+  /// is linear in the number of records. bad_file: a page or a record's table is damaged.
   [[nodiscard]] Result<FieldContent> content() const;
 
   /// For slf's own libraries; the type is not installed.

@@ -44,7 +44,10 @@ struct ImageFileOptions {
                                                           const Image& image,
                                                           const ImageFileOptions& options = {});
 
-/// Reads .png, .jpg or .exr. Input is untrusted. Values of PNG and JPEG are 0..1.
+/// Reads a PNG, JPEG, OpenEXR or Radiance HDR picture, recognised by content, not by name. Input is
+/// untrusted. Values of PNG and JPEG are 0..1. io: cannot be read. bad_file: damaged, or another
+/// kind of file. unsupported: more than 2^26 pixels or 32,768 on a side, or an encoding that is not
+/// read.
 [[nodiscard]] Result<Image> read_image(const std::string& path);
 
 struct ImageDifference {
@@ -55,15 +58,15 @@ struct ImageDifference {
 /// REQUIRES: equal sizes.
 [[nodiscard]] ImageDifference compare(const Image& a, const Image& b);
 
-/// A smaller picture, of the means of factor × factor pixels. Without distances.
+/// A smaller picture, whose pixels are the means of factor × factor pixels. Its depth is empty.
 /// REQUIRES: width and height are multiples of `factor`.
 [[nodiscard]] Image shrink(const Image& image, std::uint32_t factor);
 
-/// |a - b| × gain over black, opaque. It shows where two pictures differ.
+/// The opaque picture |a - b| × gain of two pictures over black.
 /// REQUIRES: equal sizes.
 [[nodiscard]] Image difference(const Image& a, const Image& b, float gain);
 
-/// Pictures one after the other as an animated WebP, which browsers show.
+/// Writes a sequence of pictures as an animated WebP, which browsers show.
 /// Thread-safety: none; one thread.
 class AnimationWriter {
  public:
@@ -74,10 +77,12 @@ class AnimationWriter {
   AnimationWriter& operator=(AnimationWriter&&) noexcept;
   ~AnimationWriter();
 
-  /// usage: the size differs from the first picture's, or a side has more than 16383 pixels.
+  /// Appends a picture. usage: its size differs from that of the first one, or a side has more than
+  /// 16383 pixels. failed: libwebp cannot encode it.
   [[nodiscard]] Result<void> add(const Image& image, const glm::vec3& background = glm::vec3(0));
 
   /// Writes a temporary file and renames it to `path`. io: cannot write; no temporary remains.
+  /// failed: no picture was added, or libwebp cannot encode them.
   [[nodiscard]] Result<void> close();
 
  private:

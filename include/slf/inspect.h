@@ -1,6 +1,6 @@
-// Looking into fields by hand: lists of tiles, single tiles, and what differs between two fields.
+// Inspecting fields: lists of tiles, single tiles, and the differences between two fields.
 //
-// All of it streams: memory does not depend on the number of tiles.
+// All functions stream: memory does not depend on the number of tiles.
 #pragma once
 
 #include <cstddef>
@@ -29,9 +29,10 @@ struct TileAddress {
 /// "2/3/17".
 [[nodiscard]] std::string to_string(const TileAddress& address);
 [[nodiscard]] TileAddress address_of(const Field& field, TileKey key);
-/// usage: the field has no such tile; the message says what it has.
+/// The key of a tile, built or not. usage: the field has no such tile; the message states the valid
+/// range.
 [[nodiscard]] Result<TileKey> find_tile(const Field& field, const TileAddress& address);
-/// The same by its index within the level, as messages name tiles.
+/// The same by the index within the level, which is how error messages name tiles.
 [[nodiscard]] Result<TileKey> find_tile(const Field& field, unsigned level, std::uint64_t index);
 
 // ---- lists -------------------------------------------------------------------------------------
@@ -48,7 +49,7 @@ struct ListedTile {
   std::size_t layer = 0;      ///< of Field::layers()
   TileContent content = TileContent::missing;
   std::uint64_t payload_bytes = 0;
-  std::uint64_t offset_bytes = 0;  ///< of the payload in the file; 0 where nothing is stored
+  std::uint64_t offset_bytes = 0;  ///< of the payload in the file; 0 without a payload
 };
 
 /// Which tiles to list.
@@ -57,11 +58,11 @@ struct TileFilter {
   unsigned last_level = std::numeric_limits<unsigned>::max();
   std::vector<std::uint8_t> subfields = {};  ///< ascending; empty: all
   std::string layer = {};                    ///< empty: all
-  bool missing = false;                      ///< also tiles that the field is to have and has not
+  bool missing = false;                      ///< also list tiles that are missing
 };
 
 /// Visits the tiles layer by layer, in key order. Reads the tables of records and no payload.
-/// An error of the visitor ends the list and is returned.
+/// If the visitor returns an error, the list ends with that error.
 /// usage: no such level, layer or subfield. bad_file: a record is damaged.
 [[nodiscard]] Result<void> list_tiles(
     const Field& field, const TileFilter& filter,
@@ -69,14 +70,15 @@ struct TileFilter {
 
 // ---- single tiles ------------------------------------------------------------------------------
 
-/// The samples of a tile: a picture, a triangle of exit vertices, for each entry vertex.
+/// The samples of a tile: for each entry vertex a triangular picture, one sample per exit vertex.
 struct TileSampleSet {
   SampleFormat format = SampleFormat::rgba8;  ///< rgba8, rgba16f or depth8
   std::uint32_t side = 0;                     ///< cells along the edge of a picture
+  /// Position on the triangular lattice of entry vertices.
   struct Place {
     std::uint32_t p = 0, q = 0;
   };
-  std::vector<Place> entries;      ///< of each picture, on the triangular lattice of entry vertices
+  std::vector<Place> entries;      ///< the entry vertex of each picture
   bool empty = false;              ///< nothing is visible: the samples are zeros
   std::vector<std::byte> samples;  ///< picture by picture, in the order of FORMAT.md
 };
@@ -88,22 +90,22 @@ struct TileSampleSet {
                                               const std::string& channel);
 
 /// The pictures of a tile side by side, each where its entry vertex lies among the others.
-/// Premultiplied colour, or depth as gray; transparent between the pictures. Errors of read_tile().
+/// Premultiplied colour, or depth as grey; transparent between the pictures. Errors as read_tile().
 [[nodiscard]] Result<Image> tile_picture(const Field& field, TileKey key,
                                          const std::string& channel);
 
 // ---- differences -------------------------------------------------------------------------------
 
-/// How the tiles of two fields differ in one channel, "color" or "depth". Depths count where a's
-/// colours are visible.
+/// How the tiles of two fields differ in one channel, "color" or "depth". Depths are compared only
+/// for samples whose colour in `a` is not fully transparent.
 struct ChannelDifference {
   std::string channel;
   std::uint64_t compared = 0;   ///< tiles that both fields have
   std::uint64_t only_in_a = 0;  ///< tiles that b lacks
   std::uint64_t only_in_b = 0;
-  std::uint64_t recoded = 0;    ///< of compared: other bytes that decode to the same samples
-  std::uint64_t differing = 0;  ///< of compared: other samples
-  double psnr = std::numeric_limits<double>::infinity();        ///< in dB, over all compared
+  std::uint64_t recoded = 0;    ///< of `compared`: other bytes that decode to the same samples
+  std::uint64_t differing = 0;  ///< of `compared`: other samples
+  double psnr = std::numeric_limits<double>::infinity();        ///< in dB, over all compared tiles
   double worst_psnr = std::numeric_limits<double>::infinity();  ///< of the tile that differs most
   std::optional<TileKey> worst;                                 ///< that tile
 };
@@ -125,10 +127,10 @@ struct DiffOptions {
   unsigned threads = 0;  ///< 0: all
 };
 
-/// Compares two fields tile by tile. Tiles whose bytes are the same are not decoded, and count as
-/// the same even if one that they are predicted from differs, which is then counted itself.
-/// Progress counts tiles. bad_file: a tile that differs is damaged. failed: stopped by the
-/// callback.
+/// Compares two fields tile by tile. Two tiles with the same bytes count as equal and are not
+/// decoded. If a tile that they are predicted from differs, that tile itself is counted. Progress
+/// counts tiles. bad_file: one of two tiles with different bytes is damaged. failed: the callback
+/// stopped the comparison.
 [[nodiscard]] Result<FieldDifference> diff_fields(const Field& a, const Field& b,
                                                   const DiffOptions& options = {},
                                                   const ProgressCallback& progress = {});

@@ -1,7 +1,7 @@
 // Light: what illuminates a volume, and how far its transport is computed.
 //
-// Light that reaches a point does not depend on the view as long as the material scatters equally
-// towards all views. So it is computed once, into a light volume, and each ray only looks it up.
+// If the material scatters equally in all directions, the light that arrives at a point does not
+// depend on the view. So it is computed once, into a light volume, which rays sample.
 //
 // Model. Extinction comes from the transfer function's opacity. A point x with albedo c shows the
 // radiance
@@ -93,12 +93,12 @@ struct LightOptions {
   std::uint32_t samples = 64;  ///< paths of light per node of the light volume, 1 to 65536
   std::uint32_t bounces = 32;  ///< how often light may scatter (global), 0 to 1000
   double spacing = 1;          ///< between nodes, in voxels, 0.5 to 16
-  /// About the most bytes that computing the light volume may take: an estimate by its nodes. Where
-  /// the spacing would need more, it is enlarged.
+  /// Approximate limit, in bytes, of the memory for computing the light volume, estimated from its
+  /// number of nodes. If `spacing` would need more, a larger spacing is used.
   std::uint64_t memory = std::uint64_t{1} << 30;
-  std::uint64_t seed = 1;  ///< another seed gives other noise
+  std::uint64_t seed = 1;  ///< of the random numbers: another seed gives other noise
 
-  ToneMapping tone{};   ///< of the colours that rays get
+  ToneMapping tone{};   ///< of the rays' colours
   bool linear = false;  ///< rays get linear radiance instead, to be tone-mapped later
 };
 

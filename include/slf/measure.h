@@ -16,17 +16,17 @@
 
 namespace slf {
 
-/// The space of tiles in the file.
+/// The bytes and pages of a file that a set of tiles occupies.
 struct Footprint {
-  std::uint64_t stored_tiles = 0;      ///< not empty
+  std::uint64_t stored_tiles = 0;      ///< tiles with a payload
   std::uint64_t compressed_bytes = 0;  ///< payloads, in the layers used
   /// Numbers of the 4 KiB pages that a reader of the tiles needs, ascending: those of the tree, of
   /// the records' tables and of the payloads.
   std::vector<std::uint64_t> pages;
 };
 
-/// Finds the tiles in the color layer or, with_depth, in both layers. bad_file: the file is
-/// damaged.
+/// The footprint of tiles in the color layer or, if with_depth, in both layers. bad_file: the file
+/// is damaged.
 [[nodiscard]] Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles,
                                           bool with_depth);
 
@@ -44,7 +44,7 @@ struct LevelMeasure {
   MeanAndMax compressed_bytes;  ///< of the touched tiles, in the layers the mode uses
   MeanAndMax map_pages;         ///< distinct 4 KiB pages of the map, as the engine counts them
   MeanAndMax cached_pages;      ///< the kernel's count: pages that came from the disk (mincore)
-  MeanAndMax mapped_pages;      ///< and those that this process has mapped (smaps)
+  MeanAndMax mapped_pages;      ///< the kernel's count: pages that this process has mapped (smaps)
   MeanAndMax decoded_peak_bytes;
   MeanAndMax fraction;       ///< tiles_touched / tiles
   MeanAndMax pair_fraction;  ///< pairs_crossed / tiles
@@ -60,30 +60,32 @@ struct MeasureOptions {
 struct Measurement {
   std::vector<LevelMeasure> levels;
   LevelMeasure total;  ///< the sum over the levels of each view
-  /// Whether the kernel dropped the file from its cache before each view, so that its counts are
-  /// those of the view. It does not if others use the file or the file is in memory.
+  /// Whether cached_pages and mapped_pages hold for the views alone: the kernel dropped the file
+  /// from its cache before each. It does not if another process maps the file, or on tmpfs.
   bool kernel_counted = true;
   std::uint64_t rss_anon_peak = 0;  ///< bytes, of this process while it rendered
   std::uint64_t rss_file_peak = 0;  ///< bytes, mapped pages of files
 };
 
-/// Renders every camera at every level, with a cold cache and if possible from the disk, and
-/// counts.
+/// Renders every camera at every level and measures the memory that each view needs. Each view
+/// starts with an empty tile cache and, where the kernel permits, with the file not in memory.
+/// usage: no cameras; else errors as Renderer::render().
 [[nodiscard]] Result<Measurement> measure_views(const Field& field, const MeasureOptions& options);
 
 struct ViewQuality {
-  double psnr = 0;
+  double psnr = 0;  ///< in dB
   double ssim = 0;
 };
 
 struct Evaluation {
   std::vector<ViewQuality> views;
-  double psnr = 0;  ///< mean of the views' PSNR
-  double ssim = 0;
+  double psnr = 0;  ///< mean of the views' PSNR, in dB
+  double ssim = 0;  ///< mean of the views' SSIM
 };
 
 /// Compares views of the field with ray-cast views of its scene: RGB over black, 8 bits. A pixel of
-/// the latter is the mean of `supersample`² rays. Both are tone-mapped if `tone` is given.
+/// a ray-cast view is the mean of `supersample`² rays, supersample at least 1. Both are tone-mapped
+/// if `tone` is given. usage: no cameras; else errors as Renderer::render() and trace_view().
 [[nodiscard]] Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
                                                 const std::vector<Camera>& cameras,
                                                 const ViewOptions& view,
@@ -91,8 +93,8 @@ struct Evaluation {
                                                 std::uint32_t supersample = 1,
                                                 const std::optional<ToneMapping>& tone = {});
 
-/// Asks the kernel to drop a file from its cache, so that reads come from the disk. Pages that any
-/// process has mapped remain. io: cannot open or sync.
+/// Asks the kernel to drop a file from its cache, so that later reads come from the disk. Pages
+/// that a process has mapped remain. io: the file cannot be opened or synced.
 [[nodiscard]] Result<void> drop_page_cache(const std::string& path);
 
 /// The resident memory of this process, in bytes, from /proc/self/status.

@@ -1,7 +1,7 @@
-// Joins fields that were built or repacked apart into one: shards of a build, levels, subfields.
+// Joins parts of a field into one: shards of a build, levels, or subfields.
 //
-// Streaming, in key order: nothing is decoded, and memory stays within a budget whatever the size
-// and the number of the parts. The output is laid out as repack_field() lays it out.
+// Streaming, in key order: no tile is decoded, and memory stays within a budget whatever the size
+// and the number of the parts. The output has the same layout as that of repack_field().
 #pragma once
 
 #include <cstdint>
@@ -14,33 +14,35 @@
 namespace slf {
 
 struct MergeOptions {
-  std::uint64_t memory = 256ull << 20;  ///< bytes of tiles under way and records not yet written
+  std::uint64_t memory = 256ull << 20;  ///< bytes of tiles in work and records not yet written
   unsigned threads = 0;                 ///< 0: all
-  bool part = false;  ///< tiles may be left out at the beginning or the end: the output is a part
-  bool replace = false;  ///< what is at the output's path, in the last moment
+  bool part = false;  ///< the first or last tiles may be missing: the output is then a part itself
+  bool replace = false;  ///< replace a file at the output's path, once the new one is complete
 };
 
 struct MergeReport {
-  std::uint64_t tiles = 0;  ///< written, stored or empty, of all layers
+  std::uint64_t tiles = 0;  ///< tiles written, stored or empty, in all layers
   std::uint64_t payload_bytes = 0;
   std::uint64_t file_bytes = 0;
 };
 
-/// Writes to `path` the field that `parts`, in any order, make up together. Parts have the
-/// settings, the source and the tables of one field; each is a part of it (Field::part()), some of
-/// its levels from 0 on, or some of its subfields. Tiles that a shard stores besides its part are
-/// left out. Subfields of a predictive field were encoded anew by repack_field(), among
-/// themselves: the merged field has their tiles, not those of the field from which they were cut,
-/// and they do not go together with shards. Progress counts tiles. The bytes do not depend on the
-/// order of the parts, nor on the threads.
+/// Writes to `path` the field that `parts`, in any order, make up together. All parts have the same
+/// settings, source and codec tables. Each is a shard (Field::part()), has levels 0 to some level,
+/// or has some of the subfields. A shard may also store tiles outside its part; they are not
+/// merged. Progress counts tiles. The bytes depend neither on the order of the parts nor on the
+/// threads.
 ///
-/// Before anything is written, all parts are opened and compared.
-/// usage: no parts; two hold the same tiles, one differs in settings or tables from the others, or
-/// together they leave tiles out; the message names them. `path` exists, or is one of the parts.
-/// failed: a part was not finished; stopped by the callback; a part was changed meanwhile.
-/// bad_file: a damaged tile, named. io: disk full, or another error of reading or writing.
-/// In each case `path` is as it was, and nothing is left beside it; what is left when the process
-/// is killed, PATH.repacking, goes with the next merge to `path`.
+/// Subfields that repack_field() cut out of a predictive field were encoded again, each for itself.
+/// The merged field has these tiles, not those of the original field. Such subfields cannot be
+/// merged with shards.
+///
+/// All parts are opened and compared before the output is created.
+/// usage: no parts; two parts hold the same tiles, a part has other settings or tables than the
+/// rest, or tiles are in no part; the message names the parts or tiles. `path` exists, or is one of
+/// the parts. failed: a part is not finished; the callback stopped the merge; a part changed during
+/// the merge. bad_file: a damaged tile; the message names it. io: disk full, or another error of
+/// reading or writing. After an error `path` is unchanged and no other file remains. A killed
+/// process leaves PATH.repacking, which the next merge to `path` removes.
 [[nodiscard]] Result<MergeReport> merge_fields(const std::vector<std::string>& parts,
                                                const std::string& path, const MergeOptions& options,
                                                const ProgressCallback& progress = {});

@@ -17,9 +17,8 @@ struct PathTraceOptions {
   std::uint64_t seed = 1;
 };
 
-/// Thread-safety: immutable; trace() from any thread. Its results depend on the ray and the seed
-/// only. It can stand wherever a Scene can: trace_view() draws with it, evaluate_views() compares
-/// with it.
+/// A Scene, so trace_view() draws with it and evaluate_views() compares with it. Results depend on
+/// the ray and the seed only. Thread-safety: immutable; any thread.
 class PathTracer final : public Scene {
  public:
   /// usage: an option out of range; Lighting::direct, which has no model of light transport.
@@ -32,7 +31,7 @@ class PathTracer final : public Scene {
 
   [[nodiscard]] Sphere bounds() const override;
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
-  /// That of a Raycaster with the same options.
+  /// The provenance of a Raycaster with the same options.
   [[nodiscard]] std::string provenance() const override;
   [[nodiscard]] std::vector<std::string> files() const override;
 

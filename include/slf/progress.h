@@ -7,12 +7,12 @@
 namespace slf {
 
 struct Progress {
-  std::uint64_t done = 0;  ///< work finished; of what, each function says
+  std::uint64_t done = 0;  ///< work finished, in the unit that the function's comment names
   std::uint64_t total = 0;
-  std::uint64_t skipped = 0;  ///< of done: already there when this run began
+  std::uint64_t skipped = 0;  ///< of `done`: finished before this call
 };
-/// Called from the calling thread now and then, and at the end. Returning false stops the work
-/// after what is under way; what was committed stays.
+/// Called on the calling thread, repeatedly and at the end. If it returns false, the function
+/// finishes the items that are in work and returns an error.
 using ProgressCallback = std::function<bool(const Progress&)>;
 
 }  // namespace slf

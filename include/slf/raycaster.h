@@ -32,33 +32,32 @@ struct RaycastOptions {
   Structures structures{};  ///< parts of the volume in colours of their own
 };
 
-/// How a light volume is computed, without any influence on what it holds.
+/// How to compute a light volume. Nothing here changes its content.
 struct LightWork {
   unsigned threads = 0;         ///< 0: all
   ProgressCallback progress{};  ///< counts paths of light
-  /// Where the light volume is kept: read from there if it was computed from the same scene and
-  /// options, else computed and written. Empty: nowhere.
+  /// Path of a file for the light volume. It is read if it was computed from the same scene and
+  /// options; otherwise the light volume is computed and written there. Empty: no file.
   std::string file{};
 };
 
-/// What tracing took.
+/// The work of tracing rays.
 struct RayCounts {
   std::uint64_t steps = 0;    ///< positions visited: samples, and leaps over empty space
   std::uint64_t samples = 0;  ///< values interpolated
-  std::uint64_t visible = 0;  ///< of those, with any opacity: shaded and composited
+  std::uint64_t visible = 0;  ///< of `samples`: not fully transparent, so shaded and composited
 };
 
-/// The options that a field's provenance (a JSON object) records; the default for each that is
-/// missing or of another type.
+/// The options recorded in a field's provenance (a JSON object). An option that is missing there,
+/// or of another type, has its default.
 [[nodiscard]] RaycastOptions raycast_options(std::string_view provenance);
 
-/// Thread-safety: immutable; trace() and trace_many() from any thread. Many rays at a time fill the
-/// vector units; one leaves them mostly idle.
+/// trace_many() fills the CPU's vector units; trace(), with one ray, leaves them mostly idle.
+/// Thread-safety: immutable; any thread.
 class Raycaster final : public Scene {
  public:
-  /// Takes the volume's voxels as they are; types other than 8 and 16 bit integers and f32 are
-  /// converted to f32. Label ids beyond 16 bits are renumbered.
-  /// Computes the light volume if the options ask for one.
+  /// Keeps voxels in their type if that is an 8 or 16 bit integer or f32, and converts others to
+  /// f32. Renumbers label ids beyond 16 bits. Computes the light volume if the options ask for one.
   /// usage: an option out of range. failed: nothing in the volume is visible; stopped by the
   /// progress callback. io: the file of the light volume cannot be written.
   [[nodiscard]] static Result<std::unique_ptr<Raycaster>> make(Volume volume,
@@ -73,7 +72,7 @@ class Raycaster final : public Scene {
   [[nodiscard]] std::string provenance() const override;
   [[nodiscard]] std::vector<std::string> files() const override;
 
-  /// As trace_many(), and says what it took.
+  /// As trace_many(); also counts the work.
   RayCounts trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const;
 
  private:

@@ -1,11 +1,11 @@
-// Fields on a web server: read in ranges over HTTP, without downloading them.
+// RemoteField: a field on a web server, read in ranges over HTTP without downloading the whole.
 //
 //   auto remote = slf::RemoteField::open("https://example.org/head.slf");
 //   if (!remote) return report(remote.error());
 //   slf::Renderer renderer(remote->field());
 //
-// The bytes that come are kept in a temporary file without a name (in TMPDIR, or /tmp), at most as
-// long as the field. So nothing is fetched twice, and memory is bounded as for a local field.
+// Fetched bytes are cached in an unnamed temporary file (in TMPDIR, or /tmp), at most as long as
+// the field. So no byte is fetched twice, and memory is bounded as for a local field.
 #pragma once
 
 #include <cstdint>
@@ -21,15 +21,16 @@ namespace slf {
 struct RemoteOptions {
   unsigned parallel = 6;      ///< requests at once, at least 1
   unsigned attempts = 5;      ///< for each request, at least 1; the pauses between them double
-  double patience = 20;       ///< seconds that a connection may take, or a transfer may stall
+  double patience = 20;       ///< seconds to wait for a connection, or for a stalled transfer
   double first_pause = 0.25;  ///< seconds before the second attempt
 };
 
-/// What came from the server so far.
+/// Traffic with the server since RemoteField::open().
 struct RemoteTraffic {
-  std::uint64_t requests = 0;  ///< sent, including those that were repeated
-  std::uint64_t repeated = 0;  ///< because an answer was late, short, or 408, 429 or 5xx
-  std::uint64_t bytes = 0;     ///< of answers, without their headers
+  std::uint64_t requests = 0;  ///< requests sent, with repeated ones
+  std::uint64_t repeated =
+      0;                    ///< of `requests`: sent because an answer was late, short or an error
+  std::uint64_t bytes = 0;  ///< of the answers, without their headers
 };
 
 /// Whether a path is an address: it begins with http:// or https://.
@@ -41,11 +42,11 @@ struct RemoteTraffic {
 class RemoteField {
  public:
   /// Opens the field with a few small requests. unsupported: the server does not serve parts of
-  /// files (HTTP ranges). io: it does not answer, or with an error, and kept doing so. bad_file: as
-  /// Field::open().
+  /// files (HTTP ranges). io: at every attempt the server did not answer, or answered with an
+  /// error. bad_file: as Field::open().
   ///
-  /// Any use of the field may then fail in the same ways. bad_file: the file has changed on the
-  /// server since it was opened (by its ETag, date or length).
+  /// Any later use of the field may fail with these errors. It also fails with bad_file if the file
+  /// has changed on the server (in its ETag, date or length) since it was opened.
   [[nodiscard]] static Result<RemoteField> open(const std::string& url,
                                                 const RemoteOptions& options = {});
 

@@ -1,9 +1,10 @@
 // Renderer: draws views of a field, within a memory budget.
 //
-// A picture is drawn in blocks of pixels. Within a block rays are grouped by tile: the tiles are
-// pinned, as many at a time as the budget allows, each found, checked and decoded once (or taken
-// from the cache), and all their samples taken. Pictures depend on the field, camera, mode and
-// level only, never on threads or budget; those that do not wait, on what the cache holds, too.
+// A picture is drawn in blocks of pixels. The renderer pins the tiles that a block's rays need, as
+// many at a time as the budget allows; a tile that is not in the cache is found, checked and
+// decoded once. Then it reads all samples of the pinned tiles. Pictures depend on the field,
+// camera, mode and level only, never on threads or budget. Views that do not wait for tiles also
+// depend on the content of the cache.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +23,8 @@ namespace slf {
 /// No limit on a number of bytes.
 inline constexpr std::uint64_t kUnlimited = ~std::uint64_t{0};
 
-/// How a ray between samples gets its colour. The first four are the paper's (section 3, Figure 8).
+/// How the colour of a ray is interpolated from stored ones. The first four modes are the paper's
+/// (section 3, Figure 8).
 enum class RenderMode {
   nearest,  ///< the closest slab
   uv,       ///< interpolated between entry vertices, nearest exit
@@ -34,18 +36,18 @@ enum class RenderMode {
 [[nodiscard]] const char* name(RenderMode mode);
 /// usage: unknown; the message lists the modes.
 [[nodiscard]] Result<RenderMode> parse_render_mode(std::string_view text);
-/// depth where the field has a depth layer, bitri otherwise.
+/// RenderMode::depth if the field has depths, bitri otherwise.
 [[nodiscard]] RenderMode default_mode(const Field& field);
 
 struct RendererOptions {
-  /// Bytes of decoded tiles and scratch. Beside it come pictures and the field's tables of each
-  /// level: about 32 N² bytes for an entry lattice of N cells.
+  /// Bytes of decoded tiles and scratch memory. Not included: pictures, and a table for each level
+  /// of the field, about 32 N² bytes for an entry lattice of N cells.
   std::uint64_t memory = 256ull << 20;
   unsigned threads = 0;  ///< 0: all
-  /// Resident bytes of the map, from 512 KiB. Tiles of an in-place codec (raw) that are in use may
-  /// exceed it.
+  /// Resident bytes of the mapped file, at least 512 KiB. Tiles of an in-place codec (raw) that are
+  /// in use may exceed it.
   std::uint64_t map_budget = kUnlimited;
-  bool in_place = true;  ///< use raw tiles where they are mapped; else copy them, within `memory`
+  bool in_place = true;  ///< read raw tiles from the map; false: copy them, within `memory`
 };
 
 /// Stands for the level that matches the camera.
@@ -55,21 +57,21 @@ struct ViewOptions {
   RenderMode mode = RenderMode::bitri;
   unsigned level = 0;       ///< of the tile pyramid, or kMatchingLevel
   bool with_depth = false;  ///< also fill Image::depth (needs a depth layer)
-  bool wait = true;         ///< for tiles to load; else the cache and level 0 must do
+  bool wait = true;         ///< wait for tiles; false: use only cached ones and those of level 0
 
   [[nodiscard]] bool needs_depth() const { return mode == RenderMode::depth || with_depth; }
 };
 
-/// What drawing one view took (see measure.h for what its tiles take in the file).
+/// The work of drawing one view. footprint() in measure.h gives its tiles' bytes in the file.
 struct ViewStatistics {
-  std::vector<TileKey> tiles;               ///< touched: sorted, stored or empty, any layer
-  std::vector<TileKey> wanted;              ///< of tiles: not waited for, sorted
-  std::vector<std::uint64_t> level_pixels;  ///< pixels for which a level had all tiles, by level
+  std::vector<TileKey> tiles;   ///< tiles needed, stored or empty, any layer; sorted
+  std::vector<TileKey> wanted;  ///< of `tiles`: not in the cache, not waited for; sorted
+  std::vector<std::uint64_t> level_pixels;  ///< by level: pixels for which it had all tiles
   std::uint64_t decodes = 0;                ///< tiles decoded for this view
   std::uint64_t decoded_peak_bytes = 0;     ///< most bytes of decoded tiles at any time
   std::uint64_t pixels_hit = 0;             ///< pixels whose ray crosses the sphere
 
-  /// Pixels for which the level asked for lacked a tile: never built, or not waited for.
+  /// Pixels for which a tile of the requested level was missing in the field or not waited for.
   [[nodiscard]] std::uint64_t fallback_pixels() const {
     return level_pixels.empty() ? 0 : pixels_hit - level_pixels.back();
   }
@@ -80,24 +82,24 @@ class Renderer {
  public:
   /// Keeps a copy of the handle.
   explicit Renderer(const Field& field, const RendererOptions& options = {});
-  /// Draws with the cache of another, which must outlive it.
+  /// Shares the cache of another renderer, which must outlive this one.
   Renderer(const Renderer& other, unsigned threads);
   ~Renderer();
 
-  /// usage: a bad camera or level, or a mode the field has no layer for. bad_file: a damaged tile.
-  /// Rays are whole chords of the sphere: from an eye inside it, what lies between the sphere and
-  /// the eye is drawn as well, so the eye may come as close as the object.
+  /// Draws a view. Rays are whole chords of the sphere, so from an eye inside the sphere, objects
+  /// behind the eye show, too. usage: an invalid camera or level, or a mode whose layer the field
+  /// lacks. bad_file: a damaged tile.
   [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& options,
                                      ViewStatistics* statistics = nullptr);
-  /// The same into a picture whose memory is used again; after an error it is part drawn.
+  /// The same into `image`, whose memory is reused. After an error it is partly drawn.
   [[nodiscard]] Result<void> render(const Camera& camera, const ViewOptions& options, Image& image,
                                     ViewStatistics* statistics = nullptr);
 
-  /// Called with each picture; false stops drawing.
+  /// Called with the picture of each level. Returning false stops drawing.
   using Show = std::function<bool(const Image& image, unsigned level)>;
-  /// Draws level after level into `image`, the coarsest first, and shows each picture: something is
-  /// seen at once, and the last is what render() draws. Stops early, without an error, when `show`
-  /// returns false.
+  /// Draws level after level into `image`, from the coarsest to the requested one, and calls `show`
+  /// after each. The last picture is that of render(). Returns without an error when `show` returns
+  /// false.
   [[nodiscard]] Result<void> render_progressively(const Camera& camera, const ViewOptions& options,
                                                   Image& image, const Show& show);
 
@@ -107,18 +109,20 @@ class Renderer {
   std::unique_ptr<State> state_;
 };
 
-/// The coarsest level whose samples lie as close as the camera's pixels: where the ray through the
-/// centre of the sphere passes it, lines between an entry vertex and neighbouring exit vertices, or
-/// an exit vertex and neighbouring entry vertices, are no further apart than the rays of
-/// neighbouring pixels; the latter twice as far in mode depth. The finest where none is.
+/// The coarsest level whose samples are at least as dense as the camera's pixels, or the finest
+/// level if none is. Densities are compared at the centre of the sphere: there, the lines from a
+/// vertex to two neighbouring vertices on the other side must be no further apart than the rays of
+/// two neighbouring pixels. In mode depth, lines to entry vertices may be twice as far apart.
 [[nodiscard]] unsigned matching_level(const FieldShape& shape, const Camera& camera,
                                       RenderMode mode);
 
-/// What Renderer::render() checks. usage: a level or mode the field does not have.
+/// The checks of Renderer::render() on `options`. usage: the field does not have the level, or the
+/// depths that the mode needs.
 [[nodiscard]] Result<void> check_view(const Field& field, const ViewOptions& options);
 
-/// The (entry section, exit section) pairs that a view's rays pass through, neighbouring owners
-/// not counted: the paper's measure of how much of a field a view needs. Sorted keys.
+/// The (entry section, exit section) pairs that a view's rays pass through, as sorted keys: the
+/// paper's measure of how much of a field a view needs. The tiles of neighbouring sections, which
+/// interpolation reads as well, are not counted. usage: an invalid camera.
 [[nodiscard]] Result<std::vector<TileKey>> crossed_pairs(const FieldShape& shape,
                                                          const Camera& camera, unsigned level);
 

@@ -1,4 +1,5 @@
-// Scene: what a field is built from and what it is compared with: the colour of any ray.
+// Scene: gives the colour and depth of any ray. Fields are built from scenes and compared with
+// them.
 //
 // Implementations: Raycaster (a volume, raycaster.h) and the analytic scenes below.
 #pragma once
@@ -25,7 +26,7 @@ struct Segment {
 
 /// Colour and depth along a ray between two points.
 struct RaySample {
-  glm::vec4 rgba{0};  ///< premultiplied by opacity; black is the absence of anything
+  glm::vec4 rgba{0};  ///< premultiplied by opacity; 0 where nothing is visible
   float depth = 0;    ///< opacity-weighted mean position, 0 at the first point, 1 at the second;
                       ///< 0 where nothing is visible
 };
@@ -40,20 +41,20 @@ class Scene {
   /// The ray from one world point to another, front to back. Deterministic; any thread.
   [[nodiscard]] virtual RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const = 0;
 
-  /// Traces many rays at once, neighbours best together: out[k] is, to the bit, what trace() says
-  /// of rays[k]. REQUIRES: equal sizes.
+  /// Traces many rays at once; fastest if neighbouring rays follow each other. out[k] has the same
+  /// bits as the result of trace() for rays[k]. REQUIRES: equal sizes.
   virtual void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const;
 
-  /// Where the scene came from and every setting that changes its pictures, for the manifest:
-  /// equal provenance means equal samples. A JSON object. If it has a member `content`, a hash of
-  /// the data, the member `source` is for people only and may differ.
+  /// A JSON object for the manifest: the scene's source and every setting that changes its
+  /// pictures, so equal provenance means equal samples. If it has a member `content`, a hash of the
+  /// data, the member `source` is for people only and may differ.
   [[nodiscard]] virtual std::string provenance() const = 0;
 
-  /// The files that it was read from. No build writes over them.
+  /// The files that the scene was read from. build_field() refuses to replace them.
   [[nodiscard]] virtual std::vector<std::string> files() const { return {}; }
 };
 
-/// The scenes there are:
+/// The names of the analytic scenes:
 ///   balls    opaque, textured, shaded spheres of several sizes
 ///   globe    one finely textured opaque sphere that fills most of the bounds
 ///   fog      overlapping translucent balls: opacity 1 - exp(-density × path)

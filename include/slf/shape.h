@@ -16,8 +16,9 @@ struct Sphere {
   double radius = 1;
 };
 
-/// Where a line meets a sphere, as parameters along origin + t·direction; `hit` is false when it
-/// misses or only touches. REQUIRES: direction is not zero.
+/// Where a line crosses a sphere: the parameters t of origin + t·direction, enter < leave. They are
+/// negative behind the origin. `hit` is false if the line misses or only touches the sphere.
+/// REQUIRES: direction is not zero.
 struct Chord {
   bool hit = false;
   double enter = 0;
@@ -31,13 +32,14 @@ struct Chord {
 struct FieldShape {
   static constexpr std::uint32_t kMostSide = 1024;  ///< largest entry_side and exit_side
 
-  Sphere sphere{.center = glm::dvec3(0), .radius = 0};  ///< a radius of 0: not chosen yet
-  std::uint32_t entry_side = 8;     ///< cells along an octsphere's edge at level 0, entry side
-  std::uint32_t exit_side = 32;     ///< the same, exit side; also the side of every tile's pictures
-  unsigned levels = 2;              ///< the finest level: levels 0..levels are stored
-  unsigned entry_extra_levels = 0;  ///< how much deeper the entry side is split than the exit side
-  /// The level-0 subfields that are kept, ascending: 8 × entry octant + exit octant. Empty: all 64.
-  /// At entry_extra_levels > 0 these are still octant pairs.
+  Sphere sphere{.center = glm::dvec3(0), .radius = 0};  ///< radius 0: not chosen yet
+  std::uint32_t entry_side = 8;  ///< cells along an octsphere's edge at level 0, entry side
+  std::uint32_t exit_side = 32;  ///< the same, exit side; also the side of every tile's pictures
+  unsigned levels = 2;           ///< the finest level, 0 to 10: levels 0..levels are stored
+  unsigned entry_extra_levels =
+      0;  ///< levels by which entry sections are split more than exit ones
+  /// The level-0 subfields of the field, ascending: 8 × entry octant + exit octant. Empty: all 64.
+  /// With entry_extra_levels > 0 they are still pairs of octants.
   std::vector<std::uint8_t> subfields;
 
   [[nodiscard]] std::uint32_t entry_resolution(unsigned level) const { return entry_side << level; }
@@ -46,16 +48,17 @@ struct FieldShape {
   [[nodiscard]] std::uint32_t entry_section_side() const {
     return entry_side >> entry_extra_levels;
   }
-  /// Rays of one level: entry vertices × exit vertices.
+  /// Rays of one level with all subfields: entry vertices × exit vertices.
   [[nodiscard]] std::uint64_t slabs(unsigned level) const;
-  /// Tiles of one level that the field is to have.
+  /// Tiles of one level in the complete field.
   [[nodiscard]] std::uint64_t tiles(unsigned level) const;
-  /// Whether the field is to have a tile.
+  /// Whether the complete field has a tile with this key.
   [[nodiscard]] bool has(TileKey key) const;
-  /// The most samples a tile can have.
+  /// The largest number of samples in a tile.
   [[nodiscard]] std::uint64_t largest_tile() const;
 
-  /// usage: a side or level out of range, or tiles too large to decode whole; says what would do.
+  /// usage: a side, level, subfield or the sphere is out of range, or tiles would have more than
+  /// 2^24 samples. The message states what is valid.
   [[nodiscard]] Result<void> check() const;
 };
 

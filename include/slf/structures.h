@@ -37,12 +37,13 @@ using LabelTable = std::map<std::int64_t, LabelStyle>;
 [[nodiscard]] Result<LabelTable> parse_label_table(const std::string& bytes,
                                                    const std::string& source);
 
-/// Parts of a grey volume. Voxels belong to the structure of their id, nearest to each sample.
+/// Parts of a grey volume. A sample belongs to the structure whose id its nearest voxel has.
 struct Structures {
-  std::shared_ptr<const Volume> labels;  ///< ids, of the volume's dimensions; or none
-  /// Ids without a style get a colour by id, 0 that of the transfer function.
+  std::shared_ptr<const Volume> labels;  ///< ids, on the grid of the grey volume; or null
+  /// An id without a style gets a colour derived from the id; id 0 then keeps the transfer
+  /// function's colours.
   LabelTable styles{};
-  std::shared_ptr<const Volume> mask;  ///< where it is 0 nothing is visible; or none
+  std::shared_ptr<const Volume> mask;  ///< voxels that are 0 are invisible; or null
 };
 
 }  // namespace slf

@@ -7,7 +7,8 @@
 
 namespace slf {
 
-/// Keys are ordered by level, then by the index within the level (FORMAT.md, "Tiles").
+/// Names a tile of a field. Keys are ordered by level, then by the index within the level
+/// (FORMAT.md, "Tiles").
 struct TileKey {
   std::uint8_t level = 0;
   std::uint64_t index = 0;
@@ -43,19 +44,19 @@ enum class SampleFormat : std::uint8_t {
   return kBytes[static_cast<std::size_t>(format)];
 }
 
-/// Whether a tile has its colours, then its depths.
+/// Whether samples have both a colour and a depth.
 [[nodiscard]] constexpr bool has_both(SampleFormat format) {
   return format == SampleFormat::rgba8_depth8 || format == SampleFormat::rgba16f_depth8;
 }
 
-/// What the colours of a format with colour are.
+/// The format of the colours alone. Formats that are not combined are returned as they are.
 [[nodiscard]] constexpr SampleFormat color_format(SampleFormat format) {
   return format == SampleFormat::rgba8_depth8     ? SampleFormat::rgba8
          : format == SampleFormat::rgba16f_depth8 ? SampleFormat::rgba16f
                                                   : format;
 }
 
-/// As manifests have it, such as "rgba8".
+/// The name of the format in manifests, such as "rgba8".
 [[nodiscard]] constexpr const char* name(SampleFormat format) {
   constexpr const char* kNames[] = {"rgba8", "depth8", "rgba16f", "rgba8_depth8", "rgba16f_depth8"};
   return kNames[static_cast<std::size_t>(format)];

@@ -49,8 +49,8 @@ class ToneMapper {
     }
   }
 
-  /// Premultiplied linear radiance to a premultiplied colour. Opacity stays; the straight colour is
-  /// what is mapped, so that a picture can still be laid over a background.
+  /// Maps premultiplied linear radiance to a premultiplied colour. Opacity does not change. The
+  /// curve applies to the straight colour, so the result can still be composited.
   [[nodiscard]] glm::vec4 operator()(const glm::vec4& radiance) const {
     if (curve_ == ToneCurve::none || !(radiance.a > 0)) return radiance;
     glm::vec3 color = glm::max(glm::vec3(radiance) * (gain_ / radiance.a), glm::vec3(0));
@@ -73,8 +73,8 @@ class ToneMapper {
     return glm::mix(color * (compressed / peak), glm::vec3(compressed), white);
   }
 
-  /// srgb_from_linear of a value cut off at 1, from a table over square roots, which is nearly
-  /// linear.
+  /// srgb_from_linear() of min(v, 1), interpolated in a table. The table is indexed by the square
+  /// root, over which the curve is nearly linear.
   [[nodiscard]] float encode(float v) const {
     const float at = std::sqrt(std::min(v, 1.f)) * kLast;
     const auto k = std::min(static_cast<std::size_t>(at), encoded_.size() - 2);

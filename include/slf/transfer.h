@@ -1,7 +1,7 @@
 // TransferFunction: from a volume's value to colour and opacity.
 //
-// Values are in the volume's own units; opacity is per `unit_distance` world units and must be
-// corrected for the step actually taken: 1 - (1 - opacity)^(step / unit_distance).
+// Values are in the volume's own units. Opacity is per `unit_distance` world units; over a distance
+// d it is 1 - (1 - opacity)^(d / unit_distance).
 //
 //   auto preset = slf::read_transfer("ct-bone");  // or "maps.json#Viridis", "a.vp", "b.clut"
 //   auto transfer = preset->fit(volume);
@@ -23,12 +23,13 @@ struct Volume;
 
 class TransferFunction {
  public:
-  /// Colour at a value; between two points interpolated in the preset's colour space.
+  /// Colour at a value. Between two points it is interpolated in `space`.
   struct ColorPoint {
     double value;
     glm::dvec3 rgb;
   };
-  /// Opacity at a value, with ParaView's midpoint and sharpness for the way to the next point.
+  /// Opacity at a value, 0 to 1; midpoint and sharpness (ParaView) shape the curve to the next
+  /// point.
   struct OpacityPoint {
     double value, opacity, midpoint, sharpness;
   };
@@ -47,32 +48,33 @@ class TransferFunction {
   [[nodiscard]] glm::dvec4 operator()(double value) const;
 };
 
-/// A transfer function before it meets a volume: a file or a name gives colours and perhaps
-/// opacities, over values that may be relative.
+/// A transfer function that is not fitted to a volume yet, as read from a file or built in. It has
+/// colours and perhaps opacities, and its values may be relative.
 struct TransferPreset {
   enum class Values : std::uint8_t {
     absolute,  ///< the volume's own units
-    relative,  ///< the extent of the points stands for a range of the volume's
+    relative,  ///< the range from first to last point stands for a range of the volume's values
     indexed,   ///< categories: the ids of labels, else equal steps over a range
   };
 
-  /// Complete in itself: where has_opacity is false, its opacities are a ramp over its extent.
+  /// Usable on its own: if has_opacity is false, its opacities are a ramp over the range of points.
   TransferFunction function;
   Values values = Values::absolute;
   bool has_opacity = true;        ///< false: a colour map
   bool has_unit_distance = true;  ///< false: opacity is per voxel, whatever its size
-  std::string description{};      ///< of built-in presets: what they show
+  std::string description{};      ///< built-in presets: what they show
 
   /// The function for a volume.
   ///
-  /// Values that are relative, and those that run exactly from 0 to 1 or from −1 to 1, are
-  /// stretched to the volume's: from its 0.1 % to its 99.9 % quantile, symmetrically to 0 where its
-  /// background is 0 amid both signs, by logarithm where it spans more than four decades. (A
-  /// function with opacities keeps its 0 to 1 where the volume reaches at most twice as far.) A
-  /// colour map gets the opacities of default_transfer(). Labels get a colour per id.
+  /// Relative points are stretched to the volume's values: from the 0.1 % to the 99.9 % quantile;
+  /// symmetrically around 0 if values of both signs surround a background of 0; evenly in the
+  /// logarithm if positive values span more than four decades. Absolute points that run exactly
+  /// from 0 to 1, or from −1 to 1, count as relative, except if the function has opacities and the
+  /// volume's values exceed this range by no more than its length. A colour map gets the opacities
+  /// of default_transfer(). For labels, a colour map gives one colour per id.
   ///
-  /// `range`, in the volume's units and ascending, overrules all of this: the points are stretched
-  /// to it, and a colour map's opacity rises from 0 at its start to 0.95 at its end.
+  /// If `range` is given, in the volume's units and ascending, points are stretched to it instead,
+  /// and a colour map's opacity rises from 0 at its start to 0.95 at its end. Labels ignore it.
   [[nodiscard]] TransferFunction fit(const Volume& volume,
                                      const std::optional<std::array<double, 2>>& range = {}) const;
 };
@@ -81,45 +83,46 @@ struct TransferPreset {
 /// relative. Static lifetime.
 [[nodiscard]] std::span<const TransferPreset> built_in_transfers();
 
-/// Reads a preset by reference: a built-in name as "ct-bone", a path, or "PATH#NAME" for one of
-/// several in a file, in any case of letters. Without NAME it is the first. "./ct-bone" is a path.
+/// Reads a preset by reference: a built-in name such as "ct-bone", a path, or "PATH#NAME" for one
+/// of several in a file. Names ignore case. Without NAME it is the first. "./ct-bone" is a path.
 ///
 /// Files, told apart by content: ParaView's preset JSON, an array of presets or one alone, with
 /// RGBPoints or IndexedColors, with or without Points; 3D Slicer's volume properties (.vp and
 /// .vp.json), whose gradient opacity and lighting are ignored; MRIcroGL's .clut, relative where its
 /// min is its max. Input is untrusted.
-/// io: missing. usage: no built-in and no file, no preset of that name; the message lists some.
-/// bad_file: not such a file, missing or unsorted points, a count that is not 4 a point, channels
-/// or opacities outside 0..1, each with its place, as `[0].Points[8]`.
-/// unsupported: a colour space that is not known.
+/// io: the file cannot be read. usage: neither a built-in name nor a file, or the file has no
+/// preset of that name; the message lists some. bad_file: another kind of file, missing or unsorted
+/// points, a count of numbers that is not 4 per point, channels or opacities outside 0..1; the
+/// message names the place, as in `[0].Points[8]`. unsupported: an unknown colour space.
 [[nodiscard]] Result<TransferPreset> read_transfer(const std::string& reference);
 
 /// All presets of a file. Errors as read_transfer.
 [[nodiscard]] Result<std::vector<TransferPreset>> read_transfers(const std::string& path);
 
-/// The presets in the bytes of a file; `source` is its name for messages, and theirs where they
-/// have none. Errors as read_transfer.
+/// The presets in the bytes of a file. `source` is the file's path, for messages and as a name of
+/// presets that have none. Errors as read_transfer.
 [[nodiscard]] Result<std::vector<TransferPreset>> parse_transfers(const std::string& bytes,
                                                                   const std::string& source);
 
-/// The first preset of ParaView's JSON, which must be complete: what to_json() gives. RGBPoints and
-/// Points are required; Name, ColorSpace (RGB) and ScalarOpacityUnitDistance (1) have defaults.
-/// Errors as read_transfer.
+/// The first preset of ParaView's JSON, in the form that to_json() writes. RGBPoints and Points are
+/// required; Name, ColorSpace (RGB) and ScalarOpacityUnitDistance (1) have defaults. Errors as
+/// read_transfer.
 [[nodiscard]] Result<TransferFunction> parse_transfer(const std::string& json,
                                                       const std::string& source);
 
 /// A sensible function for a volume that comes without one. unit_distance is the size of a voxel.
 ///
-/// From the histogram: the background (below Otsu's threshold) is clear, the rest rises to opaque
-/// from dark to bright, with more points where there are more values. Where the brightest few
-/// would hide that the rest parts again (PET), the lower threshold counts. Positive values that
-/// span more than four decades are taken by their logarithms. Values of both signs around a
-/// background of 0 (statistics, field maps) rise both ways, from blue to cyan and from red to
-/// yellow, on one scale.
+/// It is fitted to the histogram. The background, below Otsu's threshold, is clear. Above it,
+/// opacity and brightness rise, with more points where values are frequent. If at most 5 % of the
+/// values lie above the threshold and those below it fall into two clear classes (PET), the lower
+/// threshold between these is used. Positive values that span more than four decades are treated
+/// by their logarithms. For values of both signs around a background of 0 (statistics, field maps),
+/// opacity rises with the magnitude: negative values from blue to cyan, positive ones from red to
+/// yellow.
 ///
-/// For labels: Space::step with a colour for each id there is, hues apart by the golden ratio of
-/// the id, so that an id has one colour in every volume; 0 is clear and the others opaque. Only
-/// look it up at ids: sample label volumes at the nearest voxel.
+/// For labels: Space::step with a colour for each id in the volume. Hues are multiples of the
+/// golden ratio, so an id has the same colour in every volume; 0 is clear and the others opaque.
+/// Evaluate it at ids only: sample label volumes at the nearest voxel.
 [[nodiscard]] TransferFunction default_transfer(const Volume& volume);
 
 /// The preset JSON of a function: parse_transfer gives the same function back.

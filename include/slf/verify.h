@@ -1,4 +1,4 @@
-// Checks a field from end to end, and drops what is damaged so that a build can refill it.
+// Checks a whole field, and drops damaged tiles so that a build can make them again.
 #pragma once
 
 #include <cstdint>
@@ -12,16 +12,17 @@
 
 namespace slf {
 
-/// What can be wrong. The ids are stable: scripts may rely on them.
+/// The kinds of faults. Their ids (S1 …) are stable: scripts may rely on them.
 enum class FindingKind {
-  structure,  ///< S1: a page of the file is damaged, lost or used twice; or it is no container
+  structure,  ///< S1: a page of the file is damaged, lost or used twice, or the file is no
+              ///< container
   manifest,   ///< M1: the manifest or a codec's tables are damaged
   record,     ///< R1: a record of tiles cannot be read
-  key,        ///< K1: a tile that this field does not have
-  checksum,   ///< T1: a tile's bytes are not what was written
-  decode,     ///< T2: a tile's bytes are as written but do not decode
-  reference,  ///< T3: a tile is sound, but one that it is predicted from is damaged or missing
-  missing,    ///< C1: tiles that the manifest promises were never built, or were dropped
+  key,        ///< K1: a tile whose key does not belong to this field
+  checksum,   ///< T1: a tile's bytes do not match their checksum
+  decode,     ///< T2: a tile's bytes match their checksum but do not decode
+  reference,  ///< T3: a tile that this one is predicted from is damaged or missing
+  missing,    ///< C1: tiles of the field, or of its part, were never built, or were dropped
   mismatch,   ///< C2: a tile is stored in one layer and empty in another
 };
 [[nodiscard]] const char* id(FindingKind kind);
@@ -32,32 +33,32 @@ struct Finding {
 };
 
 struct VerifyOptions {
-  bool quick = false;    ///< structure and counts only: no payload is read
-  bool fix = false;      ///< drop tiles and records with R1, K1, T1, T2; and C2, in all layers
+  bool quick = false;    ///< check structure and counts only: no payload is read
+  bool fix = false;      ///< drop records with R1, tiles with K1, T1, T2, and both tiles of a C2
   unsigned threads = 0;  ///< 0: all
 };
 
 struct VerifyReport {
-  std::vector<Finding> findings;    ///< the first thousand, in the same order whatever the threads
-  std::uint64_t found = 0;          ///< all
-  std::uint64_t damaged = 0;        ///< of found: all but C1
-  std::uint64_t unfixed = 0;        ///< of damaged: still in the file. Without fix, all
-  std::uint64_t tiles = 0;          ///< visited, all layers
-  std::uint64_t payload_bytes = 0;  ///< of them
-  std::uint64_t dropped = 0;        ///< tiles, and records as a whole, by fix
-  bool complete = false;            ///< every tile is there, now
+  std::vector<Finding> findings;    ///< the first 1000; the order does not depend on the threads
+  std::uint64_t found = 0;          ///< all findings
+  std::uint64_t damaged = 0;        ///< of `found`: all but C1 and T3
+  std::uint64_t unfixed = 0;        ///< of `damaged`: still in the file; all without `fix`
+  std::uint64_t tiles = 0;          ///< tiles visited, in all layers
+  std::uint64_t payload_bytes = 0;  ///< of those tiles
+  std::uint64_t dropped = 0;        ///< tiles, and whole records, that `fix` dropped
+  bool complete = false;            ///< no tile is missing, after dropping
 };
 
-/// Progress counts tiles. A damaged file is not an error but a report with findings.
-/// io: the file cannot be read at all (or, with fix, written). unsupported: a newer format.
-/// failed: stopped by the callback; with fix, another process is using the file.
-/// With fix, the file is a field whenever it is stopped.
-/// Nothing is dropped where the structure is damaged (S1), since no page can then be trusted.
+/// Checks every page, record and tile. Progress counts tiles. Damage is not an error but a finding
+/// in the report. io: the file cannot be read (or, with fix, written). unsupported: a newer format.
+/// failed: the callback stopped the check; with fix, another process is writing the file.
+///
+/// With fix, the file stays a valid field even if the process is killed. If the structure is
+/// damaged (S1), nothing is dropped, because no page can be trusted.
 [[nodiscard]] Result<VerifyReport> verify_field(const std::string& path,
                                                 const VerifyOptions& options,
                                                 const ProgressCallback& progress = {});
-/// The same of an open field, such as a distant one; it opened, so its manifest is sound. usage:
-/// options.fix.
+/// Checks an open field, such as a remote one. usage: options.fix is set.
 [[nodiscard]] Result<VerifyReport> verify_field(const Field& field, const VerifyOptions& options,
                                                 const ProgressCallback& progress = {});
 

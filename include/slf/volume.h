@@ -41,13 +41,14 @@ struct Volume {
   /// `axes` are the unit axis directions times the spacing. Never singular.
   glm::dmat3 axes{1.0};
   glm::dvec3 origin{0.0};
-  /// Values are ids, not amounts: never interpolated.
+  /// Whether values are ids, which must not be interpolated, rather than amounts.
   bool labels = false;
   std::string source;              ///< the path it was read from, for messages and provenance
   std::vector<std::string> files;  ///< all files it was read from, headers and data
-  /// What placed it in the world where the format leaves a choice, as "sform (code 4)"; else empty.
+  /// If the format has several ways to state the position: the one that was used, such as
+  /// "sform (code 4)"; else empty.
   std::string placement;
-  /// What the reader decided and a person may want to check, a line each.
+  /// Decisions of the reader that a person may want to check, one line each.
   std::vector<std::string> notes;
 
   [[nodiscard]] glm::dvec3 spacing() const;
@@ -56,8 +57,8 @@ struct Volume {
   [[nodiscard]] std::array<double, 2> value_range() const;
 };
 
-/// Whether a volume that was not read as labels may hold them: its values are integers, and
-/// neighbouring voxels are mostly equal or else unrelated. A guess, for a hint to a person.
+/// Guesses whether a volume that was not read as labels holds labels: its values are integers, and
+/// neighbouring voxels are mostly equal or else unrelated. Good enough for a hint to a person.
 [[nodiscard]] bool looks_like_labels(const Volume& volume);
 
 /// How to read a headerless file.
@@ -76,26 +77,26 @@ struct VoxelBox {
 };
 
 struct VolumeOptions {
-  std::optional<RawLayout> raw{};  ///< set for raw files, which name no layout themselves
-  bool labels = false;
-  /// Which of several numbers a voxel has (RGB, vectors, channels), from 0.
+  std::optional<RawLayout> raw{};  ///< the layout of a raw file, which does not state it itself
+  bool labels = false;             ///< read values as ids
+  /// Which number of each voxel to read (RGB, vectors, channels), from 0.
   std::optional<std::uint32_t> component{};
-  std::optional<std::uint32_t> time{};  ///< which of several volumes in a file, from 0
-  std::optional<VoxelBox> crop{};       ///< keeps these voxels, where they are in the world
-  /// Distances between voxels, for files that state none or wrong ones: along x, y, z.
+  std::optional<std::uint32_t> time{};  ///< which of several volumes in a file to read, from 0
+  std::optional<VoxelBox> crop{};       ///< keep only these voxels; their position does not change
+  /// Distances between voxels along x, y and z, for files that state none or wrong ones.
   std::optional<glm::dvec3> spacing{};
 };
 
 /// Reads NIfTI-1/2 (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), DICOM, TIFF stacks
 /// (OME-TIFF and ImageJ's among them), VTK ImageData (.vti), MRC/CCP4 (.mrc, .map), a folder of
-/// PNGs or TIFFs, or raw. The format is found from the content, not from the name. Input is
-/// untrusted: no memory is touched before the file was found large enough to fill it, or has been
-/// decoded.
+/// PNGs or TIFFs, or raw data. The format is recognised by content, not by name. Input is
+/// untrusted: memory for voxels is used only once the file is known to be long enough, or as data
+/// is decoded.
 ///
-/// DICOM is a folder that holds one series (what is not DICOM in it is ignored), or one file: a
-/// multi-frame file is the volume, any other stands for its series, which is all files of its
-/// folder with its SeriesInstanceUID. Pixels may be plain, deflated, JPEG, JPEG-LS, JPEG 2000 or
-/// RLE; compressed ones are decoded in a child process: call this before starting threads.
+/// DICOM is a folder with one series, where other files are ignored, or one file. A multi-frame
+/// file is the whole volume; any other file stands for its series: all files of its folder with the
+/// same SeriesInstanceUID. Pixels may be plain, deflated, JPEG, JPEG-LS, JPEG 2000 or RLE.
+/// Compressed ones are decoded in a child process, so call this before starting threads.
 ///
 /// Position. NIfTI: the sform where its code is above 0, shear included; else the qform; with
 /// neither, the grid centred and LAS, as nibabel and SPM take it; in mm. NRRD: spaces RAS and LAS
@@ -105,12 +106,12 @@ struct VolumeOptions {
 /// metadata say, else 1; MRC: ångströms. A folder of pictures is stacked in the order of their
 /// names, numbers by value.
 ///
-/// Where voxels have several numbers or the file has several volumes, `component` and `time`
-/// choose; colour pictures whose channels are equal are grey.
+/// If voxels have several numbers or the file has several volumes, `component` and `time` choose.
+/// Colour pictures whose channels are equal are read as grey.
 ///
-/// Values. A scale uniform over the file stays in slope and intercept. A DICOM series whose scale
-/// differs from slice to slice (PET) cannot be said so: it becomes f32 with its scale applied.
-/// MONOCHROME1, which shows the least value white, is read as the numbers it stores.
+/// Values. A scale that holds for the whole file is returned as slope and intercept. A DICOM series
+/// whose scale differs from slice to slice (PET) becomes f32 with the scales applied. MONOCHROME1,
+/// which displays the least value as white, is not inverted.
 ///
 /// Errors:
 ///  - io: missing, unreadable, no permission, its detached data file missing
