@@ -1,4 +1,4 @@
-// Little- and big-endian integers in byte buffers, encoded explicitly. Nothing casts structs.
+// Little- and big-endian integers in byte buffers, encoded byte by byte, never by a struct cast.
 #pragma once
 
 #include <bit>
@@ -31,7 +31,8 @@ void store_le(std::byte* to, T value) {
   for (std::size_t i = 0; i < sizeof(T); ++i) to[i] = static_cast<std::byte>(value >> (8 * i));
 }
 
-/// Reads an unsigned integer stored most significant byte first (keys, which sort as bytes).
+/// Reads an unsigned integer stored most significant byte first (as in keys, so that they sort as
+/// bytes). REQUIRES: as load_le().
 template <std::unsigned_integral T>
 [[nodiscard]] T load_be(const std::byte* from) {
   T value = 0;
@@ -40,7 +41,7 @@ template <std::unsigned_integral T>
   return value;
 }
 
-/// Writes an unsigned integer most significant byte first.
+/// Writes an unsigned integer most significant byte first. REQUIRES: as store_le().
 template <std::unsigned_integral T>
 void store_be(std::byte* to, T value) {
   for (std::size_t i = 0; i < sizeof(T); ++i)

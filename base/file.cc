@@ -29,14 +29,14 @@ class Descriptor {
     if (fd_ >= 0) ::close(fd_);
   }
   [[nodiscard]] int get() const { return fd_; }
-  /// Late write errors appear here. 0, or the cause.
+  /// Late write errors appear here. Returns 0 or an errno value.
   [[nodiscard]] int close() { return ::close(std::exchange(fd_, -1)) == 0 ? 0 : errno; }
 
  private:
   int fd_;
 };
 
-/// Writes all of `bytes`. 0, or the cause.
+/// Writes all of `bytes`. Returns 0 or an errno value.
 int write_all(int fd, ByteSpan bytes) {
   while (!bytes.empty()) {
     const ssize_t written = ::write(fd, bytes.data(), bytes.size());
@@ -52,7 +52,8 @@ std::string folder_of(const std::string& path) {
   return slash == std::string::npos ? "./" : path.substr(0, slash + 1);
 }
 
-/// 0, or the cause. File systems that cannot sync folders keep them in order by other means.
+/// Returns 0 or an errno value. A file system that cannot sync folders (EINVAL, ENOTSUP) is not an
+/// error: it orders its own updates.
 int sync_folder(const std::string& folder) {
   const Descriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (directory.get() < 0) return errno == EACCES ? 0 : errno;  // one may write but not list it
@@ -63,7 +64,7 @@ int rename_to(const std::string& from, const std::string& to, Existing existing)
   const unsigned flags = existing == Existing::keep ? RENAME_NOREPLACE : 0;
   if (renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), flags) == 0) return 0;
   if (errno != EINVAL && errno != ENOSYS) return errno;
-  // Not every file system knows the flag.
+  // Not every file system supports the flag.
   struct stat status {};
   if (existing == Existing::keep && ::lstat(to.c_str(), &status) == 0) return EEXIST;
   return std::rename(from.c_str(), to.c_str()) == 0 ? 0 : errno;
@@ -99,7 +100,7 @@ bool is_same_file(const std::string& a, const std::string& b) {
 void copy_permissions(const std::string& from, const std::string& to, bool writable) {
   struct stat status {};
   if (::stat(from.c_str(), &status) != 0) return;
-  // The owner first: a change of owner may take permissions away. What the system refuses, stays.
+  // The owner first, because a change of owner may clear permission bits. Failures are ignored.
   if (::chown(to.c_str(), status.st_uid, status.st_gid) != 0)
     (void)!::chown(to.c_str(), static_cast<uid_t>(-1), status.st_gid);
   (void)::chmod(to.c_str(), (status.st_mode & 0777) | (writable ? S_IRUSR | S_IWUSR : 0));
@@ -144,7 +145,7 @@ Result<Bytes> read_file(const std::string& path, std::uint64_t limit) {
   const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (file.get() < 0) return io_error(path, "cannot open", errno);
 
-  // Reads to the end rather than a size asked for beforehand, so that pipes work too.
+  // Reads to the end instead of asking for the size first, so that pipes work too.
   constexpr std::size_t kChunk = std::size_t{1} << 20;
   Bytes bytes;
   for (;;) {

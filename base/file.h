@@ -1,4 +1,4 @@
-// Files as a whole: read, replaced, and given their final names. Internal.
+// Reading and replacing whole files, and renaming complete ones to their final names. Internal.
 #pragma once
 
 #include <cstdint>
@@ -18,20 +18,21 @@ enum class Existing { keep, replace };
 /// Whether both paths lead to one existing file, through symbolic or hard links.
 [[nodiscard]] bool is_same_file(const std::string& a, const std::string& b);
 
-/// Gives `to` the permissions of `from`, and its owner where the system permits that. With
-/// `writable`, its owner may read and write it in any case. Nothing happens without a `from`.
+/// Gives `to` the permissions of `from`, and its owner if the system permits that. If `writable`,
+/// the owner may also read and write it. Does nothing if `from` does not exist.
 void copy_permissions(const std::string& from, const std::string& to, bool writable);
 
-/// Renames a complete file to `to`, in the same folder, in one step. Both the file and its new name
-/// are durable on return. A file that is replaced passes its permissions on.
-/// usage: `to` exists and is to be kept. io: names `to` and the cause; `from` then keeps its name,
-/// unless only the folder could not be synced.
+/// Atomically renames a complete file to `to`, in the same folder. The file and its new name are
+/// durable on return. If `to` is replaced, the file gets its permissions.
+/// usage: `to` exists and `existing` is keep. io: names `to` and the cause; `from` then still has
+/// its name, unless only the sync of the folder failed.
 [[nodiscard]] Result<void> publish_file(const std::string& from, const std::string& to,
                                         Existing existing);
 
-/// Replaces `path` by `bytes`, or leaves it as it was: writes a temporary in the same folder,
-/// syncs, and renames. A symbolic link is written through. A file that is replaced passes its
-/// permissions on. io: names the path and the cause; the temporary is gone.
+/// Replaces `path` by a file with `bytes`, or leaves it as it was: writes a temporary file in the
+/// same folder, syncs, and renames. If `path` is a symbolic link, replaces the file it points to.
+/// The new file has the permissions of the old one. io: names the path and the cause; no temporary
+/// file remains.
 [[nodiscard]] Result<void> write_file(const std::string& path, ByteSpan bytes);
 
 /// The whole file. io: missing, unreadable, a folder. unsupported: longer than `limit` bytes.

@@ -1,5 +1,5 @@
-// Exceptions become errors here, once: on the way out of code that allocates or calls a user's
-// code, where slf promises a Result.
+// Converts exceptions to errors where a function that promises a Result allocates memory or calls
+// code of the user.
 #pragma once
 
 #include <type_traits>
@@ -9,11 +9,11 @@
 
 namespace slf {
 
-/// The exception being handled as an error: failed, "out of memory" for std::bad_alloc, otherwise
-/// what it says. REQUIRES: called in a catch block.
+/// The exception being handled, as an error `failed`: "out of memory" for std::bad_alloc, otherwise
+/// with the text of what(). REQUIRES: called in a catch block.
 [[nodiscard]] Error error_of_exception() noexcept;
 
-/// Calls f, which returns a Result or nothing; an exception comes back as an error.
+/// Calls f, which returns a Result or void. Returns its result, or its exception as an error.
 template <class F>
 [[nodiscard]] auto guarded(F&& f) noexcept {
   using Value = std::invoke_result_t<F>;

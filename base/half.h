@@ -1,5 +1,5 @@
-// IEEE 754 binary16 numbers, as bits. Decoders need them in the page, too, whose WebAssembly has no
-// Imath.
+// Conversions of IEEE 754 binary16 numbers ("half floats"), held as bits. Our own, because decoders
+// are also compiled to WebAssembly, where Imath is not available.
 #pragma once
 
 #include <algorithm>
@@ -8,16 +8,16 @@
 
 namespace slf {
 
-/// Exact.
+/// The value of a half float, exactly.
 [[nodiscard]] inline float half_to_float(std::uint16_t bits) {
   const std::uint32_t sign = (bits & 0x8000u) << 16, rest = bits & 0x7FFFu;
   if (rest >= 0x7C00) return std::bit_cast<float>(sign | 0x7F800000u | (rest & 0x3FFu) << 13);
-  // The exponent is moved by a product, which serves subnormal numbers, too.
+  // A product adjusts the exponent; unlike an addition to its bits it handles subnormals, too.
   return std::bit_cast<float>(
       sign | std::bit_cast<std::uint32_t>(std::bit_cast<float>(rest << 13) * 0x1p112f));
 }
 
-/// To the nearest, ties to even.
+/// The nearest half float, ties to even.
 [[nodiscard]] inline std::uint16_t half_from_float(float value) {
   const std::uint32_t bits = std::bit_cast<std::uint32_t>(value), sign = bits >> 16 & 0x8000u;
   const std::uint32_t rest = bits & 0x7FFFFFFFu;
@@ -34,12 +34,12 @@ namespace slf {
   return static_cast<std::uint16_t>(sign | half);
 }
 
-/// What of 0..1 is nearest in 0..255; 0 of what is below or not a number.
+/// The value, clamped to 0..1, as the nearest of 0..255. NaN becomes 0.
 [[nodiscard]] inline std::uint8_t byte_from_half(std::uint16_t bits) {
   const float value = half_to_float(bits);
   return static_cast<std::uint8_t>(value > 0 ? std::min(value, 1.f) * 255 + 0.5f : 0.f);
 }
-/// The nearest to byte / 255.
+/// The half float nearest to byte / 255.
 [[nodiscard]] inline std::uint16_t half_from_byte(std::uint8_t byte) {
   return half_from_float(static_cast<float>(byte) / 255);
 }

@@ -46,7 +46,7 @@ class ThreadPool {
     std::optional<Error> error;
   };
 
-  /// As many idle threads as are wanted, or as many as the system allows.
+  /// Starts threads until there are as many idle ones as jobs want, or the system refuses.
   void grow() {
     try {
       for (; idle_ < wanted_; ++idle_) std::thread([this] { serve(); }).detach();
@@ -74,7 +74,7 @@ class ThreadPool {
   std::mutex mutex_;
   std::condition_variable wake_, done_;
   std::list<Job*> jobs_;
-  unsigned wanted_ = 0;  // threads that jobs_ want
+  unsigned wanted_ = 0;  // sum over jobs_
   unsigned idle_ = 0;
 };
 

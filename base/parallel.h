@@ -1,5 +1,5 @@
 // Work on several threads: parallel_for if the order does not matter, OrderedPipeline if results
-// are needed in order. An exception on any thread comes back as an error.
+// are needed in order. An exception on any thread is returned as an error.
 #pragma once
 
 #include <algorithm>
@@ -19,20 +19,21 @@
 
 namespace slf {
 
-/// 0 means all cores.
+/// The number of threads for an option `wanted`: 0 means one per core.
 [[nodiscard]] inline unsigned thread_count(unsigned wanted) {
   return wanted ? wanted : std::max(1u, std::thread::hardware_concurrency());
 }
 
-/// Calls work() on the calling thread and meanwhile on up to `threads` - 1 others, once on each,
-/// and waits for all of them. The work is complete when one call returns: a thread that is not
-/// ready by then is not waited for. The others come from a pool that lives as long as the process;
-/// calls may nest and come from several threads at once.
+/// Calls work() once on the calling thread and, concurrently, once on up to `threads` - 1 others,
+/// and returns when all calls that began have returned. Each call must therefore be able to do all
+/// of the work, as a loop over a shared counter is: a thread that has not begun when the calling
+/// thread is done is left out. The other threads come from a pool that lives as long as the
+/// process. on_threads() may be nested and called from several threads at once.
 /// Returns the first exception of any call as an error (guarded.h).
 [[nodiscard]] Result<void> on_threads(unsigned threads, const std::function<void()>& work);
 
 /// Calls f(k) for each k in [0, count), in no particular order, on up to `threads` threads
-/// (0: all). After an exception, which comes back as an error, no further k is begun.
+/// (0: all). After an exception, which is returned as an error, no further call begins.
 template <class F>
 [[nodiscard]] Result<void> parallel_for(std::uint64_t count, unsigned threads, const F& f) {
   std::atomic<std::uint64_t> next{0};
@@ -48,8 +49,9 @@ template <class F>
   });
 }
 
-/// Makes items 0, 1, 2, ... on several threads and returns them in that order. Makers are never
-/// more than `window` items ahead of take(), which bounds memory.
+/// Makes items 0 to `count` - 1 on several threads and returns them in that order. Makers are never
+/// more than `window` items ahead of take(), which bounds memory. The destructor stops after the
+/// items in work. Thread-safety: one thread calls take().
 template <class T>
 class OrderedPipeline {
  public:
@@ -78,8 +80,8 @@ class OrderedPipeline {
   OrderedPipeline(const OrderedPipeline&) = delete;
   OrderedPipeline& operator=(const OrderedPipeline&) = delete;
 
-  /// The next item, or what its maker returned or threw instead. REQUIRES: called at most `count`
-  /// times.
+  /// Waits for the next item and returns it, or the error that its maker returned or threw.
+  /// REQUIRES: called at most `count` times.
   [[nodiscard]] Result<T> take() {
     if (unstarted_) return tl::unexpected(*unstarted_);
     std::unique_lock lock(mutex_);

@@ -11,8 +11,9 @@
 namespace slf::codec {
 namespace {
 
-// The streams. gaps: how many samples agree with their flat neighbourhood before one that does not.
-// breaks: by how much that one differs. edges: residuals along edges, by which of N and W are soft.
+// The streams. gaps: how many samples equal their flat neighbourhood before one that differs.
+// breaks: the residuals of those that differ. edges: residuals along edges, in four streams by
+// which of N and W are neither transparent nor opaque.
 enum Stream : std::size_t { gaps, breaks, edges, stream_count = edges + 4 };
 
 // A gap of 255 or more takes several bytes; all but the last are 255.

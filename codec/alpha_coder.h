@@ -1,8 +1,8 @@
 // Lossless coder for alpha, which has large flat areas and thin, soft edges.
 //
-// Where the four neighbours of a sample agree, the sample hardly ever differs from them. So the
-// coder stores only the distances between samples that do. It predicts the samples along edges, and
-// groups their residuals by the neighbours (FORMAT.md, "Alpha").
+// Where the four neighbours of a sample are equal, the sample nearly always equals them, too. There
+// the coder stores only the distances between the exceptions. Elsewhere, along edges, it predicts
+// each sample and groups the residuals by the neighbours (FORMAT.md, "Alpha").
 #pragma once
 
 #include <cstdint>

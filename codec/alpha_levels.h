@@ -1,5 +1,5 @@
-// The syntax of alpha in few levels, predicted (FORMAT.md, "Levels of alpha"): written once for
-// encoder and decoder, which is a RangeEncoder or RangeDecoder.
+// The syntax of alpha in few levels, coded against a prediction (FORMAT.md, "Levels of alpha"). One
+// template serves encoder and decoder: Coder is RangeEncoder or RangeDecoder.
 #pragma once
 
 #include <algorithm>
@@ -30,7 +30,7 @@ struct AlphaModels {
   BitModel equal[3], below[3], further[3][kAlphaTop];
 };
 
-/// A picture of pixels some of which hold samples.
+/// A picture in which only some pixels hold a sample.
 struct AlphaPicture {
   std::size_t width = 0, height = 0;         ///< width is a multiple of 8
   std::span<const std::uint8_t> holds;       ///< 0 where a pixel holds no sample
@@ -51,7 +51,7 @@ void code_alpha(Coder& coder, AlphaModels& models, const AlphaPicture& picture) 
     std::memcpy(&pixels, from, 8);
     return pixels;
   };
-  // Per column of runs, whether its last one was as predicted.
+  // For each column of 8-pixel runs: whether the run above was as predicted.
   std::vector<std::uint8_t> told(width / 8, 1);
   for (std::size_t y = 0; y < picture.height; ++y)
     for (std::size_t x0 = 0; x0 < width; x0 += 8) {
@@ -83,7 +83,7 @@ void code_alpha(Coder& coder, AlphaModels& models, const AlphaPicture& picture) 
         if (!coder.bit(models.clear[likely][around], level == 0)) {
           coded = kAlphaTop;
           if (!coder.bit(models.opaque[likely][around], level == kAlphaTop)) {
-            // A soft edge: the difference to what is expected of it.
+            // A soft edge: the difference from an expected level.
             const int middle = std::clamp((2 * expected + w + n + 2) / 4, 1, kAlphaTop - 1);
             const int spread = std::abs(w - n) + std::abs(expected - w);
             const int c = spread < 2 ? 0 : spread < 6 ? 1 : 2;

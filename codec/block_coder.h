@@ -1,5 +1,5 @@
-// The syntax of quantised 8 × 8 blocks (FORMAT.md, "Coefficients"): written once for encoder and
-// decoder, which is a RangeEncoder or RangeDecoder.
+// The syntax of quantised 8 × 8 blocks (FORMAT.md, "Coefficients"). One template serves encoder and
+// decoder: Coder is RangeEncoder or RangeDecoder.
 #pragma once
 
 #include <algorithm>
@@ -13,13 +13,13 @@
 
 namespace slf::codec {
 
-/// The models of one kind of plane.
+/// The models of one kind of plane. The constants count their contexts.
 struct BlockModels {
-  static constexpr std::size_t kSizes = 7;       ///< classes of counts above 0
-  static constexpr std::size_t kAround = 11;     ///< what blocks to the left and above have
+  static constexpr std::size_t kSizes = 7;       ///< classes of a block's count, if above 0
+  static constexpr std::size_t kAround = 11;     ///< classes of the left and upper blocks' counts
   static constexpr std::size_t kDiagonals = 15;  ///< x + y of a coefficient
-  static constexpr std::size_t kNear = 6;        ///< classes of magnitudes around it
-  static constexpr std::size_t kAlike = 3;       ///< of the same coefficient to the left and above
+  static constexpr std::size_t kNear = 6;        ///< classes of magnitudes around a coefficient
+  static constexpr std::size_t kAlike = 3;       ///< the same coefficient to the left and above
   static constexpr std::size_t kBands = 5;
   static constexpr std::size_t kPrefix = 14;
 
@@ -35,9 +35,9 @@ struct BlockModels {
 /// The largest quantised magnitude that can be coded.
 inline constexpr float kMostCoefficient = 16383;
 
-/// The quantised blocks of a plane, row by row, zero where none is coded.
+/// The quantised blocks of a plane, row by row. Blocks that are not coded are zero.
 struct BlockPlane {
-  std::size_t across = 0;
+  std::size_t across = 0;  ///< blocks in a row
   std::vector<Block> blocks;
   std::vector<std::uint8_t> counts;  ///< per block: coefficients in zigzag order up to the last
 };
@@ -51,7 +51,8 @@ std::uint32_t code_tree(Coder& coder, BitModel* models, int bits, std::uint32_t 
   return node - (1u << bits);
 }
 
-/// Codes how many coefficients a block has: class 0 is 0, 1 is 1, 2 is 2, then (2^(k-2), 2^(k-1)].
+/// Codes the count of a block's coefficients: a class k, then the position in it. Classes 0, 1 and
+/// 2 are these counts; class k > 2 has the counts in (2^(k-2), 2^(k-1)].
 template <class Coder>
 std::uint32_t code_count(Coder& coder, BlockModels& models, std::size_t around,
                          std::uint32_t count) {
@@ -66,7 +67,7 @@ std::uint32_t code_count(Coder& coder, BlockModels& models, std::size_t around,
   return first + code_tree(coder, models.count + (1u << bits) - 2, bits, count - first);
 }
 
-/// Codes block `index` of a plane whose blocks before it are there.
+/// Codes block `index` of a plane. REQUIRES: all blocks before it are coded.
 template <class Coder>
 void code_block(Coder& coder, BlockModels& models, BlockPlane& plane, std::size_t index) {
   static constexpr Block kNothing{};

@@ -60,15 +60,15 @@ class Codec {
   /// The full, normalised specification, e.g. "jpeg:75"; make_codec accepts it.
   [[nodiscard]] virtual std::string spec() const = 0;
 
-  /// Whether decode returns exactly what encode was given.
+  /// Whether decode restores exactly the samples given to encode.
   [[nodiscard]] virtual bool lossless() const = 0;
 
-  /// Whether a payload is the samples themselves, so that a reader may use it in place instead of
-  /// calling decode. A payload whose size is not tile.bytes() is damaged.
+  /// Whether a payload consists of the samples themselves, so that a reader may use it in place
+  /// instead of calling decode. A payload whose size is not tile.bytes() is damaged.
   [[nodiscard]] virtual bool in_place() const { return false; }
 
-  /// Itself, if its tiles are coded against predictions that only a field can make: encode and
-  /// decode then fail.
+  /// This codec if it is predictive, else null. Tiles of a predictive codec are coded against
+  /// predictions that only a field can make, so its encode and decode fail.
   [[nodiscard]] virtual const PredictiveCodec* predictive() const { return nullptr; }
 
   /// Bytes that decoding any tile needs and that are stored once per field, such as shared JPEG
@@ -92,11 +92,11 @@ class Codec {
 
 /// Makes a codec from its specification: "raw", "zstd", "zstd:LEVEL", "jpeg:QUALITY",
 /// "jpeg:QUALITY:444", "predictive:QUALITY", "predictive:lossless".
-/// `tables` are those of Codec::tables() of an equal codec, untrusted. Empty selects the defaults.
-/// usage: an unknown name, or a parameter out of range; the message lists what is valid.
-/// bad_file: `tables` are damaged, or not empty although the codec has none.
-/// unsupported: the codec cannot store this format: JPEG half floats, and colour together with
-/// depth any but predictive, which stores nothing else.
+/// `tables` are Codec::tables() of a codec with the same specification, untrusted. Empty selects
+/// the defaults. usage: an unknown name, or a parameter out of range; the message lists what is
+/// valid. bad_file: `tables` are damaged, or not empty although the codec has none. unsupported:
+/// the codec cannot store this format. JPEG stores no half floats. Predictive codecs store the
+/// formats with both colour and depth, and no other codec does.
 [[nodiscard]] Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat format,
                                                         ByteSpan tables = {});
 
@@ -106,9 +106,9 @@ struct TrainingTile {
   ByteSpan samples;
 };
 
-/// Makes the codec whose shared tables fit a field best: its levels, 0 to `finest` (predictive),
-/// and a sample of its tiles (jpeg: Huffman codes optimised over them). Deterministic. For codecs
-/// without tables the same as make_codec(spec, format), and for jpeg with an empty sample.
+/// Makes a codec with shared tables for a field. A predictive codec gets tables for levels 0 to
+/// `finest`. A JPEG codec gets Huffman codes optimised for `sample`, tiles of the field, or the
+/// standard ones if it is empty. Other codecs are those of make_codec(spec, format). Deterministic.
 [[nodiscard]] Result<std::unique_ptr<Codec>> train_codec(std::string_view spec, SampleFormat format,
                                                          std::span<const TrainingTile> sample,
                                                          unsigned finest = 0);

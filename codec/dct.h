@@ -1,5 +1,5 @@
-// The 8 × 8 transform of the predictive codec: the integer DCT of HEVC (ITU-T H.265, 8.6.4.2),
-// whose inverse is exact, so that all decoders agree.
+// The 8 × 8 transform of the predictive codec: the integer DCT of HEVC (ITU-T H.265, 8.6.4.2). Its
+// inverse uses integers only, so all decoders give the same pixels.
 #pragma once
 
 #include <array>
@@ -17,8 +17,8 @@ inline constexpr int kCoefficientScale = 16;
 /// The coefficients of a block of values.
 [[nodiscard]] std::array<float, 64> forward_dct(const std::array<float, 64>& values);
 
-/// Pixels from coefficients: exact for any input, in 32-bit integers. Pixel (x, y) goes to
-/// pixels[y * stride + x].
+/// Computes pixels from coefficients, in 32-bit integers that no input overflows. Pixel (x, y) goes
+/// to pixels[y * stride + x].
 void inverse_dct(const Block& coefficients, std::int16_t* pixels, std::size_t stride);
 
 namespace internal {
@@ -34,7 +34,7 @@ constexpr std::array<std::uint8_t, 64> make_zigzag() {
 }
 }  // namespace internal
 
-/// The zigzag order: its k-th entry is the place in a Block of the k-th coefficient.
+/// The zigzag order: entry k is the index in a Block of the k-th coefficient.
 inline constexpr std::array<std::uint8_t, 64> kZigzag = internal::make_zigzag();
 
 }  // namespace slf::codec

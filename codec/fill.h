@@ -1,4 +1,4 @@
-// Fill: finds smooth values for the pixels of a picture whose content does not matter.
+// Fill: replaces pixels whose content does not matter by smooth values, which cost few bits.
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,4 @@
-// Alpha of a JPEG tile: exact, in steps, or as a gray JPEG, whichever costs least.
+// Alpha of a JPEG tile: exact, in steps, or as a grey JPEG, whichever costs least.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 namespace slf::codec {
 
 /// Encodes the alpha of a tile, one byte per sample, and appends it to `payload`. Replaces `alpha`
-/// by what read_jpeg_alpha will decode. With `exact` the coding is lossless.
+/// by the values that read_jpeg_alpha will decode. With `exact` the coding is lossless.
 [[nodiscard]] Result<void> append_jpeg_alpha(const Tile& tile, const Mosaic& mosaic,
                                              const JpegTables& tables, bool exact,
                                              std::span<std::uint8_t> alpha, Bytes& payload);

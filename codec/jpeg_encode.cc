@@ -150,7 +150,7 @@ class Quantiser {
 
   void quantise(const JpegCoefficients::Block& block, Quantised& levels) {
     const std::array<float, 64>& values = block.values;
-    // The less the pixels of a block matter, the less an error in it is worth.
+    // The less the pixels of a block matter, the larger an error one bit may cause.
     worth_ = full_worth_ / block.coverage;
     levels.fill(0);
     levels[0] = static_cast<std::int16_t>(

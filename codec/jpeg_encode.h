@@ -16,7 +16,7 @@ namespace slf::codec {
 /// A picture to encode: planes of floats, 0..255, in row order.
 struct JpegPicture {
   JpegShape shape;
-  /// Gray, or R, G and B: width × height values each.
+  /// Grey, or R, G and B: width × height values each.
   std::array<std::vector<float>, 3> planes;
   /// Per pixel, how much its value matters: 0 (not at all) to 1.
   std::vector<float> weight;
@@ -26,7 +26,7 @@ struct JpegPicture {
 /// tables.
 class JpegCoefficients {
  public:
-  /// Fills in the pixels that do not matter, converts to YCbCr and transforms.
+  /// Replaces pixels that do not matter (fill.h), converts to YCbCr and transforms.
   explicit JpegCoefficients(JpegPicture picture);
 
   struct Block {

@@ -28,16 +28,16 @@ void for_each_sample(const Tile& tile, const Mosaic& mosaic, Use use) {
 
 [[nodiscard]] JpegShape shape_of(const Mosaic& mosaic, JpegColor color);
 
-/// Depth as gray. Pixels with a depth of 0, where nothing is visible, get no weight.
+/// Depth as grey. Pixels with a depth of 0, where nothing is visible, get weight 0.
 [[nodiscard]] JpegPicture depth_picture(const Tile& tile, const Mosaic& mosaic,
                                         std::span<const std::uint8_t> depth);
 
-/// Alpha as gray. All pixels matter.
+/// Alpha as grey. All pixels have weight 1.
 [[nodiscard]] JpegPicture alpha_picture(const Tile& tile, const Mosaic& mosaic,
                                         std::span<const std::uint8_t> alpha);
 
-/// Colour before multiplication by alpha, so that a silhouette is no edge in the picture. A pixel
-/// matters in proportion to its alpha, and not at all where the decoder's alpha, `shown`, is 0.
+/// Straight colour, so that a silhouette is no edge in the picture. The weight of a pixel is its
+/// alpha, or 0 where `shown`, the alpha that the decoder will have, is 0.
 [[nodiscard]] JpegPicture color_picture(const Tile& tile, const Mosaic& mosaic, JpegColor color,
                                         std::span<const std::uint8_t> rgba,
                                         std::span<const std::uint8_t> shown);

@@ -2,8 +2,8 @@
 //
 // Restoring a sample needs its neighbours in the same picture, so the samples of one picture cannot
 // be restored in parallel. But pictures do not depend on each other: sixteen are restored together,
-// each in one vector lane. Every value is an integer that a float represents exactly, in any order
-// of operations, so all machines give the same result.
+// each in one vector lane. All values and sums are integers that floats represent exactly, so the
+// order of operations does not matter and all machines give the same result.
 #pragma once
 
 #include <array>
@@ -49,8 +49,9 @@ struct LaneGroup {
   std::span<const ChannelPredictor> channels;
 };
 
-/// residuals = values - prediction, modulo 2^bits. Where `coverage` [column][lane], if given, is 0,
-/// the value does not matter: its residual is 0, and the prediction replaces it as a neighbour.
+/// Computes residuals = values - prediction, modulo 2^bits. `coverage` is [column][lane] or null.
+/// Where it is 0 the value does not matter: its residual is 0, and as a neighbour of others it is
+/// replaced by its prediction.
 void predict(const LaneGroup& group, const LaneValues* values, const LaneValues* coverage,
              LaneValues* residuals);
 

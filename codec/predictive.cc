@@ -12,10 +12,10 @@
 namespace slf::codec {
 namespace {
 
-/// The squared error that is worth a bit of alpha, for a step of alpha of 1.
+/// The squared error of alpha that is worth one bit, at a quantisation step of 1.
 constexpr double kErrorPerBit = 0.15;
 
-/// Values this near to either end are the end: what is empty stays empty.
+/// Rounds values near 0 or 255 to these, so that errors of the transform leave no haze.
 std::uint8_t snapped(int alpha) {
   return static_cast<std::uint8_t>(alpha <= 2 ? 0 : alpha >= 253 ? 255 : alpha);
 }
@@ -62,7 +62,7 @@ BlockPlane PredictiveTile<Coder>::no_blocks() const {
   return plane;
 }
 
-/// Per block, whether it shows a sample that is visible: others are not coded.
+/// For each block, 1 if it has a visible sample. Other blocks are not coded.
 template <class Coder>
 std::vector<std::uint8_t> PredictiveTile<Coder>::wanted(std::span<const std::uint8_t> alpha) const {
   std::vector<std::uint8_t> blocks(picture_.pixels() / 64);
@@ -146,7 +146,8 @@ void PredictiveEncoder::references(std::span<const std::uint8_t> kinds,
   code_references(coder_, models_.used, kinds, coded);
 }
 
-/// `difference` is what the decoder should add to each pixel; where `weight` is 0, anything.
+/// Quantises `difference`, the wanted correction of each pixel's prediction. Pixels of weight 0 may
+/// get any correction.
 BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::uint8_t> wanted,
                                        std::span<const float> weight,
                                        std::vector<float>& difference) {
@@ -160,8 +161,8 @@ BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::u
     for (std::size_t k = 0; k < 64; ++k)
       values[k] = difference[(y + k / 8) * picture_.width() + x + k % 8];
     const std::array<float, 64> coefficients = forward_dct(values);
-    // To the nearest, not to what costs least: zeroed coefficients leave errors that are alike in
-    // neighbouring rows, while those of rounding cancel when views blend rows.
+    // Plain rounding, no rate-distortion optimisation: a zeroed coefficient leaves similar errors
+    // in neighbouring rows, while rounding errors cancel when views blend rows.
     for (std::size_t place = 0; place < 64; ++place) {
       const std::size_t k = kZigzag[place];
       const float steps_away =
@@ -174,7 +175,7 @@ BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::u
   return blocks;
 }
 
-/// What one of the two ways to code alpha costs: its error and its bits.
+/// The cost of one of the two ways to code alpha: squared error plus bits, weighted.
 double PredictiveEncoder::alpha_cost(bool soft, std::vector<std::uint8_t> levels, BlockPlane blocks,
                                      std::span<const std::uint8_t> true_alpha,
                                      std::span<const std::uint8_t> predicted) const {

@@ -1,18 +1,18 @@
-// The predictive codec: a tile's opacity, depth and colour together, coded as what differs from a
-// prediction that the caller makes (FORMAT.md, "The predictive codec").
+// The predictive codec: codes opacity, depth and colour of a tile as differences from a prediction
+// that the caller makes (FORMAT.md, "The predictive codec").
 //
-// In stages, as the prediction of colour takes the tile's own decoded depth:
+// It works in stages, because the prediction of colour needs the tile's own decoded depth:
 //
 //   PredictiveDecoder decoder(level, picture, payload);
-//   decoder.references(kinds, used);       // which of the caller's candidates it predicts from
+//   decoder.references(kinds, used);       // which of the caller's candidates to predict from
 //   ... predict alpha and depth ...
 //   decoder.alpha_depth(alpha, depth);     // from predictions to samples, in place
 //   ... predict colours, not multiplied by alpha ...
 //   decoder.color(alpha, predicted, rgba);
 //   decoder.finish();
 //
-// It knows no spheres: what predictions are made of is the caller's business. Payloads are
-// untrusted, and samples follow from them in integers alone, the same on every machine.
+// The codec does not depend on spheres: the caller makes the predictions (field/predict). Payloads
+// are untrusted. Decoding uses integers only, so samples are the same on every machine.
 #pragma once
 
 #include <array>
@@ -30,7 +30,8 @@
 
 namespace slf::codec {
 
-/// How a tile's samples lie in the picture that blocks divide. A function of its rows and side.
+/// The arrangement of a tile's samples in one picture, which is divided into 8 × 8 blocks. It
+/// depends on the tile's rows and side only.
 class TilePicture {
  public:
   explicit TilePicture(const Tile& tile);
@@ -39,10 +40,10 @@ class TilePicture {
   [[nodiscard]] std::size_t height() const { return height_; }  ///< the same
   [[nodiscard]] std::size_t pixels() const { return width_ * height_; }
   [[nodiscard]] std::size_t samples() const { return pixel_of_.size(); }
-  /// Per sample, its pixel, and the block that has it.
+  /// For each sample, the index of its pixel, and of its block.
   [[nodiscard]] std::span<const std::uint32_t> pixel_of() const { return pixel_of_; }
   [[nodiscard]] std::span<const std::uint32_t> block_of() const { return block_of_; }
-  /// Per pixel, 1 where it shows a sample.
+  /// For each pixel, 1 if it holds a sample, else 0.
   [[nodiscard]] std::span<const std::uint8_t> shows() const { return shows_; }
 
  private:
@@ -51,18 +52,18 @@ class TilePicture {
   std::vector<std::uint8_t> shows_;
 };
 
-/// What encoder and decoder have in common: the state of a tile between the stages. Borrows all
-/// that it is given.
+/// The common part of encoder and decoder: the state of a tile between the stages. Keeps references
+/// to its arguments, which must outlive it.
 template <class Coder>
 class PredictiveTile {
  protected:
   template <class Bytes>
   PredictiveTile(const PredictiveLevel& level, const TilePicture& picture, Bytes& payload);
 
-  /// Codes `blocks` where a sample is to be seen, and leaves what they add to predictions in
-  /// added(plane).
+  /// Codes those of `blocks` that are `wanted`, and stores the decoded differences from the
+  /// prediction in added_: in [0] for alpha and depth, in [0] to [2] for colour.
   void code_plane(std::size_t plane, std::span<const std::uint8_t> wanted, BlockPlane& blocks);
-  /// From predictions to samples; `levels` or `blocks` are coded, whichever `soft` says.
+  /// These turn predictions into samples. Alpha is coded by `blocks` if `soft`, else by `levels`.
   void code_alpha(bool soft, std::span<std::uint8_t> levels, BlockPlane& blocks,
                   std::span<std::uint8_t> alpha);
   void code_depth(BlockPlane& blocks, std::span<const std::uint8_t> alpha,
@@ -84,17 +85,19 @@ class PredictiveEncoder : PredictiveTile<RangeEncoder> {
   /// Appends to `payload`.
   PredictiveEncoder(const PredictiveLevel& level, const TilePicture& picture, Bytes& payload);
 
-  /// Counts decisions for training: `counts` has one for each model of a PredictiveModels.
+  /// Counts decisions for training: `counts` has an entry for each model in PredictiveModels.
   void count(BitCounts* counts);
 
-  /// Which candidates are used; `kinds` [0, kReferenceKinds) tells apart those that are used more
-  /// or less often.
+  /// Codes which candidates are used. `kinds`, in [0, kReferenceKinds), selects a model: candidates
+  /// of one kind are used about equally often.
   void references(std::span<const std::uint8_t> kinds, std::span<const std::uint8_t> used);
-  /// `alpha` and `depth` are predictions and become what the decoder will have.
+  /// `alpha` and `depth` are predictions; they are replaced by the values that the decoder will
+  /// have.
   void alpha_depth(std::span<const std::uint8_t> true_alpha,
                    std::span<const std::uint8_t> true_depth, std::span<std::uint8_t> alpha,
                    std::span<std::uint8_t> depth);
-  /// `rgba`, premultiplied, R lowest, becomes what the decoder will have. `alpha` is decoded.
+  /// `alpha` is the decoder's. `rgba`, premultiplied with R in the lowest byte, is replaced by the
+  /// colours that the decoder will have.
   void color(std::span<const std::uint8_t> alpha, std::span<const std::uint32_t> predicted,
              std::span<std::uint32_t> rgba);
   void finish();
@@ -115,7 +118,7 @@ class PredictiveDecoder : PredictiveTile<RangeDecoder> {
   void alpha_depth(std::span<std::uint8_t> alpha, std::span<std::uint8_t> depth);
   void color(std::span<const std::uint8_t> alpha, std::span<const std::uint32_t> predicted,
              std::span<std::uint32_t> rgba);
-  /// bad_file: the payload has another length than what it codes.
+  /// bad_file: the payload is longer or shorter than the coded data.
   [[nodiscard]] Result<void> finish() const;
 };
 

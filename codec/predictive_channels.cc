@@ -197,7 +197,7 @@ ChannelEncoder::Weights ChannelEncoder::fit(TileChannel channel, const ChannelVa
   std::array<std::int32_t, kMostTerms> term;
   std::array<double, kMostTerms + 1> x{};
   for (std::size_t row = 0; row < rows_; ++row)
-    // A third of the samples says enough.
+    // A third of the samples suffices.
     for (std::size_t column = row % 3; column < columns_; column += 3) {
       const std::size_t sample = row * columns_ + column;
       if (!coded(channel, values, sample)) continue;
@@ -208,7 +208,7 @@ ChannelEncoder::Weights ChannelEncoder::fit(TileChannel channel, const ChannelVa
       for (std::size_t i = 0; i < terms; ++i)
         for (std::size_t j = i; j <= terms; ++j) system[i][j] += x[i] * x[j];
     }
-  // What stands in the way of a solution, or hardly matters, gets small weights.
+  // Regularisation: keeps the system definite, and the weights of unimportant terms small.
   for (std::size_t i = 0; i < terms; ++i) {
     for (std::size_t j = 0; j < i; ++j) system[i][j] = system[j][i];
     system[i][i] += 4 + system[i][i] / 1024;

@@ -1,8 +1,8 @@
-// The predictive codec without a transform (FORMAT.md, "Channels"): codes what differs from a
-// prediction sample by sample, exactly or within a step. For fields that must not lose anything,
-// and for half floats.
+// The predictive codec without a transform (FORMAT.md, "Channels"): codes the difference from a
+// prediction sample by sample, exactly or within a quantisation step. It serves lossless fields and
+// half floats.
 //
-// In stages, as in codec/predictive.h:
+// It works in stages, as in codec/predictive.h:
 //
 //   ChannelDecoder decoder(level, tile, payload);
 //   decoder.references(kinds, used);
@@ -37,8 +37,8 @@ enum TileChannel : std::size_t {
 };
 inline constexpr std::size_t kTileChannels = 5;
 
-/// Of each channel, a number for each sample of a tile. Depth is 0..255; the others are as well in
-/// rgba8, and in rgba16f what ordered_half makes of them.
+/// For each channel, the value of each sample of a tile. Depth is 0..255. The others are 0..255 in
+/// rgba8, and ordered_half() of the half float in rgba16f.
 using ChannelValues = std::array<std::vector<std::int32_t>, kTileChannels>;
 
 /// A half float as an integer that grows with it, -32768..32767; and back.
@@ -55,7 +55,8 @@ struct ColumnNeighbours {
   std::array<std::int16_t, kCount> at;
 };
 
-/// What encoder and decoder have in common. Borrows all that it is given.
+/// The common part of encoder and decoder. Keeps references to its arguments, which must outlive
+/// it.
 template <class Coder>
 class ChannelCoder {
  protected:
@@ -66,13 +67,13 @@ class ChannelCoder {
   template <class Bytes>
   ChannelCoder(const PredictiveLevel& level, const Tile& tile, Bytes& payload);
 
-  /// Codes the residuals and leaves what the decoder has in `values`.
+  /// Codes the residuals and replaces `values` by those that the decoder has.
   void code_channel(TileChannel channel, Weights weights, const ChannelValues& predicted,
                     ChannelValues& values);
-  /// Whether colours are coded where alpha is 0, too: once alpha is.
+  /// Codes whether colours are coded where alpha is 0, too. Called once alpha is coded.
   void code_hidden(bool hidden) { hidden_ = coder_.even_bit(hidden); }
 
-  /// Whether a sample of the channel is coded: others are 0.
+  /// Whether a sample of the channel is coded; if not, it is 0.
   [[nodiscard]] bool coded(TileChannel channel, const ChannelValues& values,
                            std::size_t sample) const {
     return channel == kAlphaChannel || values[kAlphaChannel][sample] != 0 ||
@@ -81,25 +82,27 @@ class ChannelCoder {
   [[nodiscard]] std::size_t term_count(TileChannel channel) const {
     return 12 + (channel > kGreenChannel ? 5 * (channel - kGreenChannel) : 0);
   }
-  /// What a sample is predicted from, as differences to what is predicted for it.
+  /// The terms of a sample's linear prediction: neighbours and predictions around it, as
+  /// differences from the value predicted for it.
   void find_terms(TileChannel channel, const ChannelValues& predicted, const ChannelValues& values,
                   std::size_t row, std::size_t column, std::int32_t* terms) const;
   [[nodiscard]] std::int32_t step(TileChannel channel) const;
-  /// In alpha where all neighbours are 0 or all are opaque: the context, and what they are.
+  /// The neighbourhood of a sample of alpha, if it is flat: all neighbours are 0 or all are opaque.
   struct Flat {
     bool is = false;
-    std::int32_t value = 0;
-    std::size_t context = 0;
+    std::int32_t value = 0;   ///< of the neighbours
+    std::size_t context = 0;  ///< of the residual
   };
   [[nodiscard]] Flat find_flat(const ChannelValues& predicted, const ChannelValues& values,
                                std::size_t row, std::size_t column) const;
-  /// How large the residuals around a sample are, of this channel and of those of colour before it.
+  /// A class of the magnitudes of the residuals around a sample, in this channel and in the colour
+  /// channels coded before.
   [[nodiscard]] std::size_t activity(TileChannel channel, std::size_t row,
                                      std::size_t column) const;
 
   const PredictiveLevel& level_;
   const std::size_t rows_, columns_;
-  const std::int32_t least_, most_, opaque_;  // of a value; and what alpha is where opaque
+  const std::int32_t least_, most_, opaque_;  // range of values, and the alpha that means opaque
   bool hidden_ = false;
   std::vector<ColumnNeighbours> neighbours_;  // per column
   std::vector<std::int32_t> errors_;          // per sample: the residual's magnitude
@@ -114,7 +117,7 @@ class ChannelEncoder : ChannelCoder<RangeEncoder> {
   ChannelEncoder(const PredictiveLevel& level, const Tile& tile, Bytes& payload);
 
   void references(std::span<const std::uint8_t> kinds, std::span<const std::uint8_t> used);
-  /// The values of `channel` become what the decoder will have.
+  /// Replaces the values of `channel` by those that the decoder will have.
   void code(TileChannel channel, const ChannelValues& predicted, ChannelValues& values);
   void finish() { coder_.finish(); }
 
@@ -130,7 +133,7 @@ class ChannelDecoder : ChannelCoder<RangeDecoder> {
   void references(std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used);
   /// Replaces the values of `channel`.
   void code(TileChannel channel, const ChannelValues& predicted, ChannelValues& values);
-  /// bad_file: the payload has another length than what it codes.
+  /// bad_file: the payload is longer or shorter than the coded data.
   [[nodiscard]] Result<void> finish() const;
 };
 

@@ -1,5 +1,5 @@
-// PredictiveCodec: what a predictive layer's tiles share. Its tiles are coded against predictions,
-// which only a field can make: see codec/predictive.h, and field/predicted_tiles.h.
+// PredictiveCodec: the state that all tiles of a predictive layer share. Tiles are coded against
+// predictions, which only a field can make: see codec/predictive.h and field/predicted_tiles.h.
 #pragma once
 
 #include <map>
@@ -26,7 +26,7 @@ class PredictiveCodec final : public Codec {
   /// Made on first use and kept. Thread-safe.
   [[nodiscard]] const TilePicture& picture(const Tile& tile) const;
 
-  /// unsupported: without a prediction there is neither.
+  /// unsupported: always, because both need a prediction.
   [[nodiscard]] Result<void> encode(const Tile& tile, ByteSpan samples,
                                     Bytes& payload) const override;
   [[nodiscard]] Result<void> decode(const Tile& tile, ByteSpan payload,

@@ -48,8 +48,8 @@ std::uint8_t byte_of_probability(double probability) {
 
 namespace {
 
-/// Steps of the finest level, in units of 8-bit samples. Colour's follow libjpeg's scale of
-/// quality, so that views are about as good as with JPEG of that quality.
+/// Steps of the finest level, in units of 8-bit samples. Those of colour follow libjpeg's scale of
+/// quality, so views are about as good as with JPEG of that quality.
 struct FinestSteps {
   double color, depth;
 
@@ -60,9 +60,9 @@ struct FinestSteps {
   }
 };
 
-/// What is coarser is seen through all finer levels: there steps are smaller, by rendered PSNR for
-/// the bytes of the whole pyramid and those of a single view. `next` is the factor from the finest
-/// level to the one above it, `further` that from each to the one above.
+/// Coarser levels have smaller steps, because all finer levels are predicted from them. The factors
+/// were chosen by rendered PSNR, for the bytes of the whole pyramid and of a single view: `next`
+/// leads from the finest level to the next coarser one, `further` from there to each coarser one.
 double shrunk(double step, double next, double further, unsigned levels_above) {
   return levels_above == 0 ? step : step * next * std::pow(further, levels_above - 1);
 }
@@ -76,7 +76,7 @@ StepRange step_range(double step, double growth) {
 
 PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned finest) {
   const FinestSteps finest_steps(settings.quality);
-  // The larger the finest steps, the more the coarser levels have to tell.
+  // The larger the finest steps, the more detail must come from the coarser levels.
   const double fine = std::min(1., 10 / finest_steps.color);
   PredictiveTables tables;
   for (unsigned level = 0; level <= finest; ++level) {
@@ -91,7 +91,8 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
     if (settings.quality == kLosslessQuality)
       made.steps.fill(step_range(1, 1));
     else if (settings.by_sample())
-      // In 1/1024 of an octave; without a transform a third of the step loses about as much.
+      // Half floats are in 1/1024 of an octave. Without a transform, a third of the step gives
+      // about the same error.
       made.steps = {step_range(1, 1), step_range(depth / 3, 1), step_range(6 * color, 1),
                     step_range(6 * color, 1)};
     else

@@ -1,5 +1,5 @@
-// What the tiles of a predictive layer share: quantisation steps for each level, and the
-// probabilities that models begin with.
+// The tables that all tiles of a predictive layer share: quantisation steps for each level, and the
+// initial probabilities of the models.
 #pragma once
 
 #include <array>
@@ -31,7 +31,7 @@ struct StepRange {
 
 inline constexpr std::size_t kReferenceKinds = 4;
 
-/// The models of a tile. Nothing but BitModels, so that it is an array of them, too.
+/// The models of a tile. It has no members but BitModels, so it can be used as an array of them.
 struct PredictiveModels {
   BitModel used[kReferenceKinds][2];
   BitModel soft;
@@ -49,7 +49,7 @@ struct PredictiveLevel {
   PredictiveModels models;
 };
 
-/// The tables of a layer. Levels beyond the last use the last.
+/// The tables of a layer. Levels beyond the last entry use the last entry.
 struct PredictiveTables {
   std::vector<PredictiveLevel> levels;
 
@@ -58,10 +58,10 @@ struct PredictiveTables {
   }
 };
 
-/// A quality that no number 1..100 is.
+/// Stands for lossless coding; above every other quality.
 inline constexpr int kLosslessQuality = 101;
 
-/// What a predictive layer is to be like.
+/// The parameters of a predictive layer.
 struct PredictiveSettings {
   int quality = 90;  ///< 1..100, or kLosslessQuality
   SampleFormat format = SampleFormat::rgba8_depth8;
@@ -78,7 +78,7 @@ struct PredictiveSettings {
 
 [[nodiscard]] Bytes to_bytes(const PredictiveTables& tables);
 
-/// Reads what to_bytes wrote; untrusted. bad_file: anything else.
+/// Parses the output of to_bytes(); untrusted. bad_file: anything else.
 [[nodiscard]] Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes);
 
 /// The initial probability that a byte of the tables stands for, in 1/65536; and the byte nearest

@@ -1,9 +1,9 @@
 // A binary adaptive range coder: the entropy coder of the predictive codec (FORMAT.md, "Range
 // coder").
 //
-// RangeEncoder and RangeDecoder have the same members, so that one function template describes a
-// syntax for both: bit(context, value) codes `value`, or ignores it and returns what was coded.
-// Decoding is safe on any input: behind the end of the bytes there are zeros.
+// RangeEncoder and RangeDecoder have the same members, so one function template describes a syntax
+// for both: bit(model, value) of the encoder codes `value`; that of the decoder ignores `value` and
+// returns the decoded one. Decoding is safe on any input: bytes beyond the end read as zeros.
 #pragma once
 
 #include <array>
@@ -14,8 +14,8 @@
 
 namespace slf::codec {
 
-/// The probability that a binary decision is 1, learnt at two rates: a fast one for where a tile
-/// changes, a slow one for what it is like on the whole. In 1/65536, never 0 or 1.
+/// The probability that a binary decision is 1: the mean of two estimates, of which one adapts fast
+/// to changes within a tile and one slowly to its average. In 1/65536, never 0 or 1.
 class BitModel {
  public:
   BitModel() = default;
@@ -38,7 +38,7 @@ class BitModel {
   std::uint16_t fast_ = 32768, slow_ = 32768;
 };
 
-/// How often each of a row of models met 0 and 1.
+/// For each model of an array, how often its decision was 0 and 1.
 using BitCounts = std::vector<std::array<std::uint32_t, 2>>;
 
 class RangeEncoder {
@@ -46,7 +46,7 @@ class RangeEncoder {
   /// Appends to `to`, which must outlive this.
   explicit RangeEncoder(Bytes& to) : to_(to) {}
 
-  /// Counts, from now on, the decisions of the models from `first` on, as many as `counts` has.
+  /// From now on, counts the decisions of counts->size() models from `first` on.
   void count(const BitModel* first, BitCounts* counts) { first_ = first, counts_ = counts; }
 
   bool bit(BitModel& model, bool value) {
@@ -58,8 +58,8 @@ class RangeEncoder {
   /// A decision that is as likely as not.
   bool even_bit(bool value) { return narrow(range_ >> 1, value); }
 
-  /// Appends what is left: the number within the range that ends in most zeros, without those
-  /// zeros, which the decoder supplies.
+  /// Appends the last bytes: a number in the final range that ends in as many zeros as possible,
+  /// without these zeros, which the decoder supplies.
   void finish() {
     low_ = (low_ + 0xFFFFFFu) & ~std::uint64_t{0xFFFFFF};
     for (int k = 0; k < 5; ++k) shift();
@@ -100,7 +100,7 @@ class RangeEncoder {
   std::uint32_t range_ = 0xFFFFFFFFu;
   std::uint64_t waiting_ = 0;
   std::uint8_t held_ = 0;
-  bool any_ = false;  // whether `held_` is a byte
+  bool any_ = false;  // whether `held_` holds a byte
   const BitModel* first_ = nullptr;
   BitCounts* counts_ = nullptr;
 };

@@ -9,8 +9,8 @@
 
 namespace slf::codec {
 
-/// Codes which candidates are used. `kinds`, below kReferenceKinds, tell apart those that are used
-/// more or less often.
+/// Codes which candidates are used. `kinds`, below kReferenceKinds, select the model: candidates of
+/// one kind are used about equally often.
 template <class Coder>
 void code_references(Coder& coder, BitModel (&models)[kReferenceKinds][2],
                      std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used) {
@@ -21,7 +21,7 @@ void code_references(Coder& coder, BitModel (&models)[kReferenceKinds][2],
   }
 }
 
-/// What a payload begins with; untrusted.
+/// Decodes the references, with which a payload begins; untrusted.
 inline void decode_references(const PredictiveLevel& level, ByteSpan payload,
                               std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used) {
   BitModel models[kReferenceKinds][2];

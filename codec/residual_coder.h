@@ -1,5 +1,5 @@
-// The syntax of residuals that are coded one by one (FORMAT.md, "Channels"): written once for
-// encoder and decoder, which is a RangeEncoder or RangeDecoder.
+// The syntax of residuals that are coded one by one (FORMAT.md, "Channels"). One template serves
+// encoder and decoder: Coder is RangeEncoder or RangeDecoder.
 #pragma once
 
 #include <algorithm>
@@ -11,16 +11,16 @@
 
 namespace slf::codec {
 
-/// The models of the residuals of one channel. All start at one half: a tile has samples enough to
-/// learn from.
+/// The models of the residuals of one channel. All start at one half; a tile has enough samples to
+/// adapt them.
 struct ResidualModels {
-  static constexpr std::size_t kActivities = 20;  ///< how large the residuals around one are
-  static constexpr std::size_t kFlat = 16;        ///< in flat alpha: what is predicted around
+  static constexpr std::size_t kActivities = 20;  ///< classes of the residuals around a sample
+  static constexpr std::size_t kFlat = 16;        ///< flat alpha: classes of predictions around
   static constexpr std::size_t kContexts = kActivities + kFlat;
   static constexpr std::size_t kSizes = 17;
 
   BitModel some[kContexts];
-  BitModel size[kContexts][kSizes];  ///< more binary digits than the index plus one
+  BitModel size[kContexts][kSizes];  ///< whether there are more binary digits than index + 1
   BitModel second[kSizes];           ///< the second digit
   BitModel third[kSizes][2];
 };

@@ -7,7 +7,7 @@
 
 namespace slf::codec {
 
-/// A buffer that grows and is never cleared: the content of what take() returns is undefined.
+/// A buffer that grows and is never cleared: take() returns memory with undefined content.
 template <class T>
 class Scratch {
  public:

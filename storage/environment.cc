@@ -41,7 +41,7 @@ const char* cure(int code) {
     case ENOSPC:
     case EDQUOT:
     case EFBIG:
-    case EIO:  // what LMDB makes of a short write
+    case EIO:  // LMDB's code for a short write
       return "; the disk may be full: free some space and try again";
     case MDB_PANIC:
       return "; close the field and open it again";
@@ -201,7 +201,7 @@ Result<void> Environment::extend() {
 
 void Environment::defer_sync() { deferred_ = mdb_env_set_flags(environment_, MDB_NOSYNC, 1) == 0; }
 
-// The disk works while the next records are made, not only in the end.
+// Starts writing early, so that the disk works while the next records are encoded.
 void Environment::begin_to_write() const {
   mdb_filehandle_t file = -1;
   if (deferred_ && mdb_env_get_fd(environment_, &file) == 0)

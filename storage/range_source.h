@@ -17,17 +17,17 @@ class RangeSource {
  public:
   virtual ~RangeSource() = default;
 
-  /// For messages: its address.
+  /// Its address, for messages.
   [[nodiscard]] virtual const std::string& name() const = 0;
   /// The length of the file in bytes.
   [[nodiscard]] virtual std::uint64_t size() const = 0;
 
-  /// Called with bytes of the file, on the thread that fetches. An error ends the fetching.
+  /// Called with fetched bytes, on the thread that called fetch(). An error ends the fetching.
   using Take = std::function<Result<void>(std::uint64_t offset, ByteSpan bytes)>;
 
-  /// Fetches ranges inside the file, at once if it can, and passes each to `take` when it is
-  /// complete, in any order. Returns when all have come, or with the first error.
-  /// io: the bytes do not come. bad_file: the file is no longer the one that was opened.
+  /// Fetches ranges inside the file, concurrently if it can, and passes each to `take` when it is
+  /// complete, in any order. Returns when all are complete, or with the first error.
+  /// io: the bytes cannot be fetched. bad_file: the file has changed since it was opened.
   [[nodiscard]] virtual Result<void> fetch(std::span<const FileRange> ranges, const Take& take) = 0;
 };
 

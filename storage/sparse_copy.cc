@@ -12,8 +12,8 @@
 namespace slf::storage::internal {
 namespace {
 
-constexpr std::uint64_t kGap = 8 << 10;           // bytes that a request is not worth
-constexpr std::size_t kMostRequests = 64;         // for the ranges of one call
+constexpr std::uint64_t kGap = 8 << 10;           // a larger gap is worth a request of its own
+constexpr std::size_t kMostRequests = 64;         // per call of fetch()
 constexpr std::uint64_t kSurrounding = 64 << 10;  // bytes fetched for a single part
 
 /// A file without a name. -1: errno says why.
@@ -22,7 +22,7 @@ int open_temporary() {
   const std::string folder = given != nullptr && *given != '\0' ? given : "/tmp";
   const int file = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
   if (file >= 0 || (errno != EOPNOTSUPP && errno != EISDIR)) return file;
-  std::string name = folder + "/slf-XXXXXX";  // where the file system has no O_TMPFILE
+  std::string name = folder + "/slf-XXXXXX";  // the file system has no O_TMPFILE
   const int named = mkostemp(name.data(), O_CLOEXEC);
   if (named >= 0) unlink(name.c_str());
   return named;

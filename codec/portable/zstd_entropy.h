@@ -1,5 +1,5 @@
 // The entropy codes of zstd (RFC 8878): finite-state entropy and Huffman codes, read backwards.
-// Everything here is untrusted: functions return false for what is damaged.
+// All input is untrusted: functions return false if it is damaged.
 #pragma once
 
 #include <algorithm>

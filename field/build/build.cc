@@ -58,7 +58,7 @@ Result<Codecs> train_codecs(const TileTracer& tracer, Manifest& manifest) {
   return codecs;
 }
 
-/// The codecs of a field that is there.
+/// The codecs of an existing field.
 Result<Codecs> open_codecs(const FieldFile& field) {
   Codecs codecs;
   for (const Layer& layer : field.manifest().layers) {
@@ -86,16 +86,16 @@ Result<void> check_same(const std::string& file, const Manifest& there, const Ma
               " differs); choose another output, or replace it");
 }
 
-/// What is there of the field that a build makes, and is to be continued.
+/// An earlier, incomplete or complete build of the same field.
 struct Begun {
   MissingTiles missing;
-  std::uint64_t transaction = 0;  ///< that shows this state
+  std::uint64_t transaction = 0;  ///< the commit that was read
   Codecs codecs;
-  bool in_place = false;  ///< under its final name
+  bool in_place = false;  ///< it has the output's name, not that of a draft
 };
 
-/// Finds it: a field under the output's name, unless that is to be replaced, or an unfinished one.
-/// `manifest` takes over how the levels of that field are filtered.
+/// Finds an earlier build: under the output's name, unless that is to be replaced, or unfinished.
+/// Sets manifest.filtered_levels to that of the build found.
 Result<std::optional<Begun>> find_begun(const FieldOutput& output, const TileSelection& wanted,
                                         Manifest& manifest) {
   const bool in_place = output.existing == Existing::keep && output.exists();
@@ -127,14 +127,14 @@ Result<FieldWriter> create(const FieldOutput& output, const Manifest& manifest,
   return FieldWriter::create(output, FieldWriter::Draft::keep, manifest, tables);
 }
 
-/// Whether tiles are predicted from coarser ones.
+/// Whether tiles are predicted from those of coarser levels.
 bool predicts(const Manifest& manifest) {
   return std::ranges::any_of(manifest.layers,
                              [](const Layer& layer) { return has_both(layer.format); });
 }
 
-/// Opens the field that has the coarser levels, and limits the shard to the level that comes next.
-/// usage: it is another field, or it does not hold just some levels from 0 on.
+/// Opens the part that has the coarser levels, if `options` name one, and limits the shard to the
+/// next level. usage: it is another field, or its part is not levels 0 to some level.
 Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& wanted,
                                                       ShardOptions& options) {
   if (options.coarser.empty()) return std::shared_ptr<const FieldFile>();
@@ -163,10 +163,10 @@ Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& wanted,
 /// A tile on its way from a worker to the writer.
 struct Encoded {
   std::vector<Bytes> payloads;  // per layer; all empty for an empty tile
-  std::uint64_t rays = 0;       // that it took, about
+  std::uint64_t rays = 0;       // traced for it, approximately
 };
 
-/// What a build works with, once everything is checked.
+/// The checked inputs of a build.
 struct Job {
   const TileTracer& tracer;
   const Manifest& manifest;
@@ -174,7 +174,7 @@ struct Job {
   const MissingTiles& missing;
   TileOrder order;
   unsigned threads;
-  const FieldFile* coarser = nullptr;  // has what tiles are predicted from
+  const FieldFile* coarser = nullptr;  // has the tiles that others are predicted from
 
   Result<Encoded> make(TileKey key, TracedTile& traced) const {
     Encoded encoded;
@@ -194,7 +194,7 @@ struct Job {
 
   [[nodiscard]] TileKey key(std::uint64_t k) const { return order.key(missing.number(k)); }
 
-  /// Makes the missing tiles from the k-th on, in order, on all threads.
+  /// Makes the missing tiles [begin, end), in order, on all threads.
   [[nodiscard]] OrderedPipeline<Encoded> pipeline(std::uint64_t begin, std::uint64_t end) const {
     return {end - begin, threads, 4 * threads, [this, begin] {
               return [this, begin, traced = TracedTile()](std::uint64_t k) mutable {
@@ -204,7 +204,8 @@ struct Job {
   }
 };
 
-/// Makes the missing tiles [begin, end). Commits now and then; progress counts rays.
+/// Makes and writes the missing tiles [begin, end). Commits every options.commit_seconds. Progress
+/// counts rays.
 Result<void> write_missing(const Job& job, std::uint64_t begin, std::uint64_t end,
                            FieldWriter& writer, const std::string& path,
                            const BuildOptions& options, const ProgressCallback& progress,
@@ -235,7 +236,8 @@ Result<void> write_missing(const Job& job, std::uint64_t begin, std::uint64_t en
   return {};
 }
 
-/// Makes what is missing, level by level where tiles are predicted from what is committed.
+/// Makes all missing tiles. If tiles are predicted, goes level by level, because a level is
+/// predicted from the committed file.
 Result<void> write_levels(Job job, FieldWriter& writer, const std::string& path,
                           const BuildOptions& options, const ProgressCallback& progress,
                           Progress& state) {
@@ -257,7 +259,7 @@ Result<void> write_levels(Job job, FieldWriter& writer, const std::string& path,
   return {};
 }
 
-/// The manifest of a new field. usage: a setting or something that the scene says is wrong.
+/// The manifest of a new field. usage: a setting, or the scene's bounds or provenance, is invalid.
 Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
   Manifest manifest;
   manifest.shape = options.shape;
@@ -347,7 +349,7 @@ Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                 const BuildOptions& options, const ProgressCallback& progress) {
   try {
     return build(scene, path, options, progress);
-  } catch (...) {  // the scene's, or of memory
+  } catch (...) {  // from the scene, or std::bad_alloc
     const Error error = error_of_exception();
     return fail(error.code, path, ": ", error.message);
   }

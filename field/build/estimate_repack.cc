@@ -17,14 +17,14 @@ using storage::TileState;
 constexpr std::uint64_t kSample = 400;  // tiles of a level
 constexpr double kDeviations = 1.96;    // of a 95 % confidence interval
 
-// What a file has besides payloads (FORMAT.md): of a tile its checksum, its place in the table and
-// what aligns it; of a record its header and what it leaves unused of its pages; the trees.
+// The bytes of a file besides payloads (FORMAT.md). For each tile: checksum, entry in the table,
+// alignment. For records: headers, unused ends of pages, trees.
 constexpr double kTileBytes = 14;
 constexpr double kRecordShare = 0.004;
 constexpr double kTreeBytes = 48 << 10;
 constexpr double kFileUncertainty = 0.01;
 
-/// A number with the variance of its estimate.
+/// An estimated size and its variance.
 struct Estimate {
   double bytes = 0, variance = 0, stored = 0;
   std::uint64_t sampled = 0;
@@ -84,7 +84,7 @@ class SampleEncoder {
   std::optional<PredictedTiles> predicted_;
 };
 
-/// The exact size of what is copied, from the tables of the records.
+/// The exact size of a copied layer, from the tables of the records.
 Result<Estimate> count(const FieldFile& field, const FieldShape& shape, LayerId layer) {
   Estimate sum;
   auto visited =
@@ -99,7 +99,7 @@ Result<Estimate> count(const FieldFile& field, const FieldShape& shape, LayerId 
   return sum;
 }
 
-/// Tile numbers [begin, end), by a tile of each of equal ranges.
+/// Estimates the tiles [begin, end) by encoding one tile of each of equal ranges.
 Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, std::uint64_t begin,
                         std::uint64_t end, unsigned threads, const std::function<bool()>& go_on) {
   const std::uint64_t count = end - begin, taken = std::min(count, kSample);

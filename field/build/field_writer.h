@@ -1,15 +1,15 @@
-// FieldWriter: the one way in which fields are written: built, repacked and repaired.
+// FieldWriter: writes fields, for builds, repacks, merges and repairs.
 //
-// A new field grows in a file beside its output and takes the output's name when it is complete.
-// Until then whatever has that name stays as it is:
+// A new field, the draft, grows in a file beside its output and is renamed to the output's name
+// when it is complete. Until then a file of that name does not change. There are two kinds:
 //
-//   PATH.unfinished   a build. It stays when the build stops, and the same build continues it.
-//                     It is a field that opens and that shows what was committed.
-//   PATH.repacking    a repack or a merge. It goes when that stops; the next one removes what a
-//                     killed one has left.
+//   PATH.unfinished   the draft of a build. It stays when the build stops, and the same build
+//                     continues it. It opens as a field, with the tiles that were committed.
+//   PATH.repacking    the draft of a repack or merge. It is removed when that stops. If the process
+//                     is killed, the next repack or merge to PATH removes it.
 //
-// Holes of a field, and fields that older versions left unfinished under their final names, are
-// filled in place.
+// Missing tiles of a field, and fields that older versions left unfinished under their final names,
+// are filled in place.
 #pragma once
 
 #include <cstdint>
@@ -25,10 +25,10 @@
 
 namespace slf {
 
-/// Where a field goes.
+/// The destination of a new field.
 struct FieldOutput {
   std::string path;    ///< as the caller named it
-  std::string target;  ///< the file it leads to through symbolic links
+  std::string target;  ///< `path` with symbolic links resolved
   Existing existing = Existing::keep;
 
   /// usage: `path` leads to a folder or a device, or to one of `inputs`, which would be lost.
@@ -42,19 +42,19 @@ struct FieldOutput {
 /// Thread-safety: none; one thread.
 class FieldWriter {
  public:
-  /// What becomes of a new field that is not finished.
+  /// Whether the destructor keeps or removes an unfinished draft.
   enum class Draft { keep, discard };
 
-  /// Begins a new field; its layers' tables are in the order of the manifest. Nothing is left
-  /// behind on errors. usage: the output exists and is to be kept, or a reader would refuse the
-  /// manifest. failed: another process is writing the field. bad_file: the file in which the field
-  /// is to grow exists and is no container, so no draft of ours. io: the system refuses.
+  /// Begins a new field. `tables` has the codec tables of its layers, in the order of the manifest.
+  /// After an error no file remains. usage: the output exists and is to be kept, or readers would
+  /// refuse the manifest. failed: another process is writing the field. bad_file: a file with the
+  /// draft's name exists and is no container, so it is not a draft. io: the system refuses.
   [[nodiscard]] static Result<FieldWriter> create(const FieldOutput& output, Draft draft,
                                                   const Manifest& manifest,
                                                   std::span<const ByteSpan> tables);
 
-  /// Continues the unfinished field of an output. `transaction` is the state that the caller has
-  /// read. failed: another process is writing it, or has written to it since.
+  /// Continues the unfinished field of an output. `transaction` is the commit that the caller has
+  /// read. failed: another process is writing the field, or has written to it since.
   [[nodiscard]] static Result<FieldWriter> resume(const FieldOutput& output,
                                                   std::uint64_t transaction);
 
@@ -63,42 +63,44 @@ class FieldWriter {
 
   FieldWriter(FieldWriter&& other) noexcept;
   FieldWriter& operator=(FieldWriter&&) = delete;
-  /// What was not committed is lost; a draft is kept or discarded.
+  /// Discards tiles that were not committed; keeps or removes the draft.
   ~FieldWriter();
 
   /// The file that is being written. Once committed, it opens as a field.
   [[nodiscard]] const std::string& file() const { return file_; }
 
-  /// How many bytes of records wait before a commit, about. Between 1 and 32 MiB.
+  /// Sets about how many bytes of records may wait before a commit, at most 32 MiB (the default).
   void set_pending_limit(std::uint64_t bytes);
 
-  /// Writes a tile, in key order: behind the tiles of its layer, or into a hole among those that
-  /// were there when the writer was opened. An empty payload means an empty tile.
+  /// Writes a tile. Tiles of a layer come in key order. A tile above the last one is appended; a
+  /// lower one replaces a missing tile of the file that was opened. An empty payload means an empty
+  /// tile.
   [[nodiscard]] Result<void> put(storage::LayerId layer, TileKey key, Bytes payload);
 
-  /// Writes a tile of another field behind the tiles of its layer, without copying its payload. The
-  /// store that it comes from must live, and have checked it, until keep_payloads().
+  /// Appends a tile of another field without copying its payload. REQUIRES: the tile's store has
+  /// checked it, and lives until keep_payloads() or until a commit has written the tile.
   [[nodiscard]] Result<void> put_view(const storage::TileRef& tile);
 
   /// Copies the payloads given to put_view() that are not committed.
   void keep_payloads() { writer_->keep_payloads(); }
 
-  /// Leaves a hole for a tile, behind the tiles of its layer, which put() can fill later.
+  /// Appends a missing tile, which put() can fill later.
   [[nodiscard]] Result<void> put_missing(storage::LayerId layer, TileKey key);
 
-  /// Makes a tile a hole. Errors other than io concern this tile alone.
+  /// Makes a tile missing. Errors other than io concern this tile alone.
   [[nodiscard]] Result<void> drop(storage::LayerId layer, TileKey key);
 
-  /// Makes what was put durable, but for the record that is being filled.
-  /// io: the disk is full, or the system refuses; says whether the work can be continued.
-  /// failed: the file was removed, renamed or replaced.
+  /// Makes the tiles of all complete records durable. io: the disk is full, or the system refuses;
+  /// the message says whether the work can be continued. failed: the file was removed, renamed or
+  /// replaced.
   [[nodiscard]] Result<void> commit();
 
-  /// The same with every tile that was put. Only between levels, where records end anyway.
+  /// Ends the incomplete records, then commits, so every tile is durable. Call it between levels
+  /// only, where records end anyway.
   [[nodiscard]] Result<void> commit_level();
 
-  /// Commits all, closes, and gives a new field its name. Errors as commit(); usage: the output
-  /// exists by now and is to be kept. failed: another process is writing the output.
+  /// Commits every tile, closes, and renames a draft to its output. Errors as commit(); usage: the
+  /// output exists by now and is to be kept. failed: another process is writing the output.
   [[nodiscard]] Result<void> finish();
 
  private:
@@ -110,7 +112,7 @@ class FieldWriter {
   std::optional<storage::TileWriter> writer_;
   std::string file_;
   std::optional<FieldOutput> output_;  ///< of a new field
-  bool discard_ = false;               ///< the file goes unless it is finished
+  bool discard_ = false;               ///< remove the file unless it is finished
   std::uint64_t pending_limit_;
   std::vector<std::optional<TileKey>> last_;  ///< of each layer, when the writer was opened
 };

@@ -13,10 +13,10 @@ using storage::LayerId;
 using storage::TileRef;
 using storage::TileState;
 
-constexpr std::uint64_t kBatch = 128;  // tiles that a thread checks together
+constexpr std::uint64_t kBatch = 128;  // tiles in one piece of a thread's work
 
-/// Copies the tiles of a plan to a writer: threads read and check them in the map, and the writer
-/// copies them from there into the pages that it writes.
+/// Copies the tiles of a plan to a writer. Threads check the tiles in the map; the writer then
+/// copies them from the map into the pages that it writes.
 class Merging {
  public:
   Merging(const MergePlan& plan, const std::vector<std::string>& paths, const MergeOptions& options,
@@ -26,8 +26,8 @@ class Merging {
         writer_(writer),
         progress_(progress),
         order_(plan.manifest.shape) {
-    // A third of the budget each for what is mapped and under way, for records waiting for their
-    // commit, which are mapped, too, and for LMDB's copies of their pages.
+    // A third of the budget each: mapped tiles in work; records waiting for their commit, which are
+    // mapped as well; LMDB's copies of their pages.
     const std::uint64_t share = options.memory / 3;
     writer.set_pending_limit(share);
     mapped_limit_ = share / 2;
@@ -74,14 +74,14 @@ class Merging {
         mapped += tile.payload.size();
       }
       if (mapped > mapped_limit_) {
-        part->release_all();  // the kernel still has what was read
+        part->release_all();  // pages that were read stay in the kernel's cache
         mapped = 0;
       }
       state_.done += tiles->size() / plan_.manifest.layers.size();
       if (progress_ && !progress_(state_))
         return fail(ErrorCode::failed, "merge interrupted; nothing was written");
     }
-    writer_.keep_payloads();  // `part` goes
+    writer_.keep_payloads();  // `part` is closed on return
     if (part->changed())
       return fail(ErrorCode::failed, path, ": was truncated while it was merged");
     return {};

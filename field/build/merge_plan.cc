@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t kMostNamed = 10;  // ranges or files in a message
 
-/// What is kept of a part while the others are opened.
+/// The data of a part that remain after it is closed.
 struct Source {
   std::string path;
   Manifest manifest;
@@ -20,7 +20,7 @@ struct Source {
   std::uint64_t commit = 0;
 };
 
-/// The levels that a field's own manifest does not name as filtered are so by default.
+/// The levels below this one are filtered; if the manifest does not state it, all but the finest.
 unsigned filtered_levels(const Manifest& manifest) {
   return manifest.filtered_levels.value_or(manifest.shape.levels);
 }
@@ -38,7 +38,8 @@ tl::unexpected<Error> unfinished(const std::string& path, const std::string& wha
   return fail(ErrorCode::failed, path, ": ", what, "; run the command that builds it to its end");
 }
 
-/// The tiles that a field claims to hold, by their numbers in `order`, which may have more.
+/// The tiles that a field claims to hold, by their numbers in `order`, the order of the merged
+/// field.
 TileSelection coverage(const Manifest& manifest, const TileOrder& order) {
   const FieldShape& shape = manifest.shape;
   std::vector<std::uint8_t> subfields = shape.subfields;
@@ -100,8 +101,8 @@ Result<void> check_same(const Source& first, const Source& other) {
   for (std::size_t layer = 0; layer < first.tables.size(); ++layer)
     if (first.tables[layer] != other.tables[layer])
       return differ("the codec's tables of layer '" + a.layers[layer].name + "' differ");
-  // A repack encodes predicted tiles anew when it leaves out subfields. What a shard's tiles were
-  // predicted from, and what the merged field would hold in its place, then differ.
+  // A repack that leaves out subfields encodes predicted tiles again. A shard's tiles were
+  // predicted from the original ones, not from those.
   const bool anew = first.manifest.shape.subfields != other.manifest.shape.subfields;
   const bool predicted = std::ranges::any_of(
       first.manifest.layers, [](const Layer& layer) { return codec::is_predictive(layer.codec); });
@@ -112,7 +113,7 @@ Result<void> check_same(const Source& first, const Source& other) {
   return {};
 }
 
-/// The shape of what the parts make up together.
+/// The shape of the merged field.
 FieldShape joined_shape(const std::vector<Source>& sources) {
   FieldShape shape = sources.front().manifest.shape;
   std::vector<bool> kept(64, false);
@@ -156,7 +157,7 @@ Result<std::vector<MergeSegment>> join(const std::vector<Source>& sources, const
   return segments;
 }
 
-/// The ranges between and around the segments.
+/// The ranges of tiles between and around the segments.
 std::vector<NumberRange> gaps(const std::vector<MergeSegment>& segments, const TileOrder& order) {
   std::vector<NumberRange> missing;
   std::uint64_t due = 0;
@@ -197,7 +198,7 @@ Result<MergePlan> plan_merge(const std::vector<std::string>& paths, bool part) {
   plan.segments = std::move(*segments);
   if (plan.segments.empty()) return fail(ErrorCode::usage, "the parts hold no tiles");
 
-  // What stands in the output must not depend on the order of the parts.
+  // The output must not depend on the order in which the parts are given.
   Source& first = sources[plan.segments.front().source];
   plan.manifest = first.manifest;
   plan.manifest.shape = shape;

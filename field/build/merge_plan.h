@@ -1,4 +1,4 @@
-// MergePlan: which tiles of a field that is merged come from which part.
+// MergePlan: which tiles of a merged field come from which part.
 #pragma once
 
 #include <cstdint>

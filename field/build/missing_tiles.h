@@ -1,4 +1,4 @@
-// MissingTiles: what is left to build of a field.
+// MissingTiles: the tiles of a field that remain to be built.
 #pragma once
 
 #include <cstdint>
@@ -11,35 +11,35 @@
 
 namespace slf {
 
-/// The tiles that some layer lacks of those that are to be built, by their numbers in key order:
-/// holes, and all tiles from some number on.
+/// The wanted tiles that are missing in at least one layer, by their numbers in key order: holes
+/// among stored tiles, and all wanted tiles behind the last stored one.
 class MissingTiles {
  public:
-  /// All of a selection, in all layers.
+  /// All wanted tiles, in all layers.
   explicit MissingTiles(TileSelection wanted) : wanted_(std::move(wanted)) {}
 
-  /// Those that a field lacks. bad_file: a record cannot be read.
+  /// The wanted tiles that a field lacks. bad_file: a record cannot be read.
   [[nodiscard]] static Result<MissingTiles> of(const FieldFile& field, const TileOrder& order,
                                                TileSelection wanted);
 
   [[nodiscard]] std::uint64_t count() const { return holes_.size() + (wanted_.count() - end_); }
-  /// The number of the k-th of them. REQUIRES: k < count().
+  /// The number of the k-th missing tile. REQUIRES: k < count().
   [[nodiscard]] std::uint64_t number(std::uint64_t k) const {
     return wanted_.number(k < holes_.size() ? holes_[k].rank : end_ + (k - holes_.size()));
   }
-  /// Whether a layer lacks the k-th. REQUIRES: k < count(), and one of the first 64 layers.
+  /// Whether the k-th missing tile is missing in this layer. REQUIRES: k < count(), layer < 64.
   [[nodiscard]] bool lacks(std::uint64_t k, storage::LayerId layer) const {
     return k >= holes_.size() || (holes_[k].layers >> layer & 1) != 0;
   }
 
  private:
   struct Hole {
-    std::uint64_t rank = 0;    ///< among those wanted
-    std::uint64_t layers = 0;  ///< a bit for each that lacks it
+    std::uint64_t rank = 0;    ///< among the wanted tiles
+    std::uint64_t layers = 0;  ///< a bit for each layer in which it is missing
   };
 
   TileSelection wanted_;
-  std::uint64_t end_ = 0;  ///< no layer has any of those wanted from this rank on
+  std::uint64_t end_ = 0;  ///< wanted tiles from this rank on are missing in all layers
   std::vector<Hole> holes_;
 };
 

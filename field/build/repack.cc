@@ -15,7 +15,7 @@ namespace {
 using storage::LayerId;
 using storage::TileState;
 
-constexpr std::uint64_t kAdvised = 64;  // tiles that are asked for together
+constexpr std::uint64_t kAdvised = 64;  // tiles per call of advise()
 
 /// A tile on its way to the writer.
 struct Recoded {
@@ -23,7 +23,7 @@ struct Recoded {
   std::vector<TileState> states;
 };
 
-/// `coarser` has what was written of the levels before, where tiles are predicted from it.
+/// Makes a tile of the output. If tiles are predicted, `coarser` has the levels written before.
 Result<Recoded> recode(const FieldFile& field, const FieldFile* coarser,
                        const std::vector<OutputLayer>& outputs, TileKey key, InputTile& input,
                        Bytes& samples) {
@@ -44,7 +44,7 @@ Result<Recoded> recode(const FieldFile& field, const FieldFile* coarser,
       continue;
     }
     auto ok = input.samples(field, out, samples);
-    if (!ok && ok.error().code == ErrorCode::failed) {  // what it is predicted from is missing
+    if (!ok && ok.error().code == ErrorCode::failed) {  // it is predicted from a missing tile
       tile.states.back() = TileState::missing;
       continue;
     }
@@ -59,7 +59,7 @@ Result<Recoded> recode(const FieldFile& field, const FieldFile* coarser,
   return tile;
 }
 
-/// Asks for the tiles with numbers in [begin, end), for an input that is not in memory.
+/// Prefetches the tiles with numbers in [begin, end), for an input that is not in memory.
 void advise(const FieldFile& field, const std::vector<OutputLayer>& outputs, const TileOrder& order,
             std::uint64_t begin, std::uint64_t end) {
   std::vector<TileKey> keys;
@@ -89,9 +89,10 @@ class Repacking {
         progress_(progress),
         report_(report),
         order_(shape) {
-    // A third of the budget for tiles under way, each at most decoded twice and encoded once per
+    // A third of the budget is for tiles in work, each at most decoded twice and encoded once per
     // layer; a third for records waiting for their commit; a third for LMDB's copies of their
-    // pages. Tiles that others are predicted from take half of the first, in and out.
+    // pages. With predicted tiles, half of the first third caches the tiles that others are
+    // predicted from, of the input and of the output.
     predicts_ = std::any_of(outputs.begin(), outputs.end(), [](const OutputLayer& out) {
       return out.codec->predictive() && !out.copy;
     });
@@ -111,7 +112,7 @@ class Repacking {
     for (std::uint64_t begin = 0, end = 0; begin < order_.count(); begin = end) {
       end = order_.count();
       std::shared_ptr<const FieldFile> written;
-      if (predicts_) {  // level by level: from what is written
+      if (predicts_) {  // level by level: each is predicted from the one written before
         end = order_.number({static_cast<std::uint8_t>(order_.key(begin).level + 1), 0});
         if (auto ok = writer_.commit_level(); !ok) return ok;
         auto opened = FieldFile::open(writer_.file());
@@ -135,7 +136,7 @@ class Repacking {
     advise(field_, outputs_, order_, begin, begin + window_ + kAdvised);
     for (std::uint64_t n = begin; n < end; ++n) {
       if ((n - begin) % kAdvised == 0) {
-        field_.store().release_all();  // what was read; the kernel still has it
+        field_.store().release_all();  // pages that were read stay in the kernel's cache
         advise(field_, outputs_, order_, n + window_ + kAdvised, n + window_ + 2 * kAdvised);
       }
       Result<Recoded> tile = pipeline.take();
@@ -190,7 +191,7 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
   auto shape = plan_shape(field, options);
   if (!shape) return tl::unexpected(shape.error());
   manifest.shape = std::move(*shape);
-  // What was the finest level may be left out: say what those below it hold.
+  // If the finest level is left out, the next one becomes the finest: record that it is filtered.
   manifest.filtered_levels = field.manifest().filtered_levels.value_or(field.shape().levels);
   const auto outputs = plan_layers(field, manifest.shape, options);
   if (!outputs) return tl::unexpected(outputs.error());

@@ -14,8 +14,8 @@ using storage::TileState;
 
 constexpr std::size_t kTrainingTiles = 16;
 
-/// Copies samples, colour from one format to the other. Eight bits of premultiplied colour are at
-/// most those of alpha.
+/// Copies samples and converts colour between formats. Premultiplied colours of 8 bits are clamped
+/// to alpha.
 void convert(SampleFormat from, SampleFormat to, std::span<const std::byte> in, Bytes& out) {
   if (from == to) {
     out.assign(in.begin(), in.end());
@@ -106,7 +106,7 @@ Result<std::unique_ptr<codec::Codec>> train(const FieldFile& field, const FieldS
   return codec::train_codec(out.layer.codec, out.layer.format, tiles, shape.levels);
 }
 
-/// The layers that the output is to have, their codecs as specified; empty: any that holds them.
+/// The layers of the output, with the codecs of the options, or none yet where these are empty.
 Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
                                                const RepackOptions& options) {
   const auto& layers = field.manifest().layers;
@@ -173,7 +173,7 @@ Result<std::vector<OutputLayer>> plan_layers(const FieldFile& field, const Field
     const Layer& in = field.manifest().layers[out.from[0]];
     auto plain = codec::make_codec(out.layer.codec, out.layer.format);
     if (!plain && out.layer.codec == in.codec && plain.error().code == ErrorCode::unsupported) {
-      out.layer.codec = "zstd";  // what JPEG cannot hold
+      out.layer.codec = "zstd";  // JPEG stores no half floats
       plain = codec::make_codec(out.layer.codec, out.layer.format);
     }
     if (!plain) return tl::unexpected(plain.error());

@@ -1,5 +1,4 @@
-// What a repack makes of a field: the layers of its output, where they come from, and their
-// samples.
+// The layers of a repack's output: which input layers they come from, and their samples.
 #pragma once
 
 #include <map>
@@ -12,25 +11,25 @@
 
 namespace slf {
 
-/// One layer of the output and where it comes from.
+/// One layer of the output.
 struct OutputLayer {
-  std::vector<storage::LayerId> from;  ///< of colour, of depth or, for both together, of both
+  std::vector<storage::LayerId> from;  ///< the input layers that have its colour and its depth
   Layer layer;
   std::unique_ptr<codec::Codec> codec;
-  bool copy = false;  ///< payloads need no recoding
+  bool copy = false;  ///< payloads are copied, not recoded
 };
 
 /// A tile of the input, each layer of which is decoded at most once.
 class InputTile {
  public:
-  /// From here on it is another tile.
+  /// Begins another tile: forgets the decoded layers.
   void begin(TileKey key) {
     key_ = key;
     decoded_.clear();
   }
 
-  /// Its samples in the format of an output. REQUIRES: all layers that it comes from are stored.
-  /// failed: a tile that it is predicted from is missing. bad_file: it is damaged.
+  /// The tile's samples in the format of `out`. REQUIRES: the tile is stored in all of out.from.
+  /// failed: a tile that it is predicted from is missing. bad_file: the tile is damaged.
   [[nodiscard]] Result<void> samples(const FieldFile& field, const OutputLayer& out,
                                      Bytes& samples);
 
@@ -41,11 +40,11 @@ class InputTile {
   std::map<storage::LayerId, Bytes> decoded_;
 };
 
-/// Whether an output's tile is stored, empty, or missing as long as one is that it comes from.
+/// The state of an output's tile: missing if it is missing in any of out.from.
 [[nodiscard]] Result<storage::TileState> state_of(const FieldFile& field, const OutputLayer& out,
                                                   TileKey key);
 
-/// The shape of the output. usage: a level or subfield that the field has not.
+/// The shape of the output. usage: the field does not have a level or subfield.
 [[nodiscard]] Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& options);
 
 /// Chooses the layers and makes their codecs, with tables fitted to a sample of the field. Errors

@@ -15,8 +15,8 @@ TileKey key_at(const TileOrder& order, std::uint64_t number, const FieldShape& s
   return {static_cast<std::uint8_t>(shape.levels + 1), 0};
 }
 
-/// Finds where the shard begins and ends: at the first tiles before which there are at least
-/// (index - 1) / count and index / count of the rays.
+/// The tiles of a shard. It begins and ends at the first tiles that have at least the shares
+/// (index - 1) / count and index / count of all rays before them.
 NumberRange cut(const TileTracer& tracer, const TileOrder& order, NumberRange all,
                 const ShardOptions& options) {
   if (options.count == 1) return all;
@@ -36,8 +36,8 @@ NumberRange cut(const TileTracer& tracer, const TileOrder& order, NumberRange al
   return shard;
 }
 
-/// The tiles from which those of a part may be predicted: of each level, those that are entered
-/// through some sections, by whichever section they exit.
+/// The tiles from which those of a part may be predicted: on each level, all tiles of certain entry
+/// sections.
 class NeededTiles {
  public:
   NeededTiles(const TileTracer& tracer, const TileOrder& order, const FieldShape& shape,
@@ -55,7 +55,7 @@ class NeededTiles {
     }
   }
 
-  /// They and the part.
+  /// These tiles and those of the part.
   [[nodiscard]] TileSelection with_part() const {
     TileSelection tiles;
     for (unsigned level = 0; level <= shape_.levels; ++level) {
@@ -80,7 +80,7 @@ class NeededTiles {
     return sections_of(order_.key(n), shape_.entry_extra_levels).entry.index;
   }
 
-  /// Through which sections the tiles of a level that are built are entered.
+  /// The entry sections of the tiles of a level that are built.
   [[nodiscard]] std::vector<bool> entries(unsigned level) const {
     std::vector<bool> found = entered_[level];
     found.resize(section_count(level + shape_.entry_extra_levels));

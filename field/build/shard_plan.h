@@ -1,12 +1,12 @@
-// ShardPlan: which tiles one of several builds of a field makes.
+// ShardPlan: the tiles that one of several builds of a field makes.
 //
 // A field's tiles in key order are cut into ranges of equal work, counted in rays. The cuts depend
 // on the settings alone, so builds on different machines agree on them, and the cuts of N ranges
 // are among those of 2N: a range can be built as two halves.
 //
-// A tile of a predictive layer is predicted from tiles of the next coarser level. A build that
-// cannot read these elsewhere makes those that it may need itself. They are stored in its file, but
-// are not of its part (ARCHITECTURE.md, "Many machines").
+// A tile of a predictive layer is predicted from tiles of the next coarser level. A build that has
+// no other file to read these from also makes all that its tiles may need. It stores them in its
+// file, but they do not belong to its part (ARCHITECTURE.md, "Many machines").
 #pragma once
 
 #include "field/build/tile_selection.h"
@@ -18,15 +18,16 @@
 namespace slf {
 
 struct ShardPlan {
-  TileRange part;       ///< what the build is to make
-  TileSelection tiles;  ///< the part, and the tiles from which it is predicted
+  TileRange part;  ///< the part of the field that the build is for
+  TileSelection
+      tiles;  ///< all tiles that the build makes: the part, and those it is predicted from
 };
 
 /// All tiles of a field.
 [[nodiscard]] TileRange whole(const FieldShape& shape);
 
-/// `predicted`: tiles are predicted from tiles that the same build
-/// makes. usage: no such shard or level.
+/// `predicted`: tiles are predicted from tiles that the same build makes. usage: no such shard or
+/// level.
 [[nodiscard]] Result<ShardPlan> plan_shard(const TileTracer& tracer, const TileOrder& order,
                                            const FieldShape& shape, const ShardOptions& options,
                                            bool predicted);

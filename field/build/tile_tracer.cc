@@ -26,7 +26,7 @@ std::vector<glm::dvec3> world_points(const Sphere& sphere,
   return points;
 }
 
-/// Means of rays from one entry vertex, under filter around vertices of an exit lattice.
+/// Tent-filtered means of rays from one entry vertex, around vertices of an exit lattice.
 class TentFilter {
  public:
   explicit TentFilter(std::span<const LatticeVertex> centers) {
@@ -46,7 +46,7 @@ class TentFilter {
     };
     for (const LatticeVertex& center : centers) {
       const auto around = neighbors(in_finer(center));
-      // A tent is half as high halfway to the next vertex.
+      // Halfway to the next vertex, a tent has half its height.
       const float side = 1 / static_cast<float>(around.size() + 2);
       for (const LatticeVertex& v : around) add(v, side);
       add(in_finer(center), 2 * side);
@@ -54,10 +54,11 @@ class TentFilter {
     }
   }
 
-  /// Where the rays are to go: vertices of the lattice twice as fine.
+  /// The exit points of the rays: vertices of the lattice twice as fine.
   [[nodiscard]] const std::vector<LatticeVertex>& aims() const { return aims_; }
 
-  /// `rays` are those to the aims; REQUIRES: a place in `out` for each center.
+  /// Computes the mean for each center. REQUIRES: `rays` are those to aims(); out.size() is the
+  /// number of centers.
   void mean(std::span<const RaySample> rays, std::span<RaySample> out) const {
     for (std::size_t k = 0, share = 0; k < out.size(); ++k) {
       RaySample sum;
@@ -94,11 +95,12 @@ void store_color(const glm::vec4& rgba, SampleFormat format, std::byte* to) {
   for (int c = 0; c < 3; ++c) to[c] = std::min(to_byte(rgba[c]), to[3]);
 }
 
-/// Of a sample's colour: depths in the same layer come after all colours.
+/// Bytes of a sample's colour. Depths in the same layer come after all colours.
 std::size_t color_bytes(SampleFormat format) { return sample_bytes(color_format(format)); }
 
-/// Depth means nothing where nothing is seen. What stands there should cost few bytes and blur
-/// well: along each line, a ramp between what is defined; other lines repeat their neighbour.
+/// Depth is undefined where nothing is visible. This fills such samples so that they cost few bytes
+/// and are smooth: along each line, with a ramp between defined samples; a line without any repeats
+/// its neighbour.
 void fill_undefined_depth(std::byte* picture, const std::vector<bool>& defined,
                           std::uint32_t side) {
   const auto line = [&](std::uint32_t q) { return triangle_index(side, 0, q); };
@@ -154,7 +156,7 @@ std::uint64_t TileTracer::rays(TileKey key) const {
 }
 
 std::uint64_t TileTracer::rays(unsigned level) const {
-  // Every entry vertex is owned once; every exit section holds a whole triangle.
+  // Every entry vertex has one owner; every exit section has a whole triangle of vertices.
   return vertex_count(shape_.entry_resolution(level)) * section_count(level) *
          triangle_size(shape_.exit_side) * rays_per_slab(level);
 }
@@ -185,7 +187,7 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
   for (std::size_t k = 0; k < formats_.size(); ++k)
     tile.layers[k].assign(layout.rows() * columns * codec::sample_bytes(formats_[k]), std::byte{0});
 
-  // Where a layer has depths, if it does.
+  // The depths of a layer, or null.
   const auto depths = [&](std::size_t k) -> std::byte* {
     if (formats_[k] == SampleFormat::depth8) return tile.layers[k].data();
     if (!has_both(formats_[k])) return nullptr;

@@ -1,8 +1,8 @@
 // TileTracer: samples one tile's slabs from a scene, in the formats of a manifest's layers.
 //
-// At the finest level of a build a slab is one ray. At the others, which serve small and distant
-// views, it is the mean of the rays to the exit vertices of the next finer level around its own,
-// weighted by a tent as wide as its cells: what such a view shows of it, without aliasing.
+// At the finest level of a build, a slab is one ray. Coarser levels serve small and distant views,
+// where single rays would alias. So there a slab is a mean of rays from its entry vertex to exit
+// vertices of the next finer lattice, weighted by a tent filter as wide as the level's cells.
 #pragma once
 
 #include <memory>
@@ -17,27 +17,28 @@ namespace slf {
 /// A tile's samples before encoding; reused from tile to tile.
 struct TracedTile {
   TileKey key;
-  bool empty = true;          ///< nothing visible anywhere; `layers` is then meaningless
-  std::vector<Bytes> layers;  ///< in the manifest's order, each laid out as codec::Tile says
+  bool empty = true;          ///< nothing is visible; `layers` is then undefined
+  std::vector<Bytes> layers;  ///< in the manifest's order, each with the layout of codec::Tile
 };
 
-/// Thread-safety: const members from many threads. Borrows the scene.
+/// The scene must outlive the tracer. Thread-safety: const members from any thread.
 class TileTracer {
  public:
   TileTracer(const Scene& scene, const Manifest& manifest);
 
-  /// failed: the scene threw an exception, or there is not enough memory; names the tile.
+  /// Samples a tile. failed: the scene threw an exception, or there is not enough memory; the
+  /// message names the tile.
   [[nodiscard]] Result<void> trace(TileKey key, TracedTile& tile) const;
 
   [[nodiscard]] codec::Tile shape(TileKey key, codec::SampleFormat format) const;
-  /// Rays that a tile, or all tiles of a level, take, about.
+  /// Approximate number of rays for a tile, or for all tiles of a level.
   [[nodiscard]] std::uint64_t rays(TileKey key) const;
   [[nodiscard]] std::uint64_t rays(unsigned level) const;
   [[nodiscard]] const LevelGeometry& geometry(unsigned level) const { return levels_[level]; }
 
  private:
   void trace_rays(TileKey key, TracedTile& tile) const;
-  /// A tent's cells are half as wide as the level's own.
+  /// A filtered level traces the exit lattice of the next finer one, with four times the vertices.
   [[nodiscard]] std::uint64_t rays_per_slab(unsigned level) const {
     return filtered_[level] ? 4 : 1;
   }

@@ -18,7 +18,7 @@ using storage::TileState;
 constexpr std::size_t kMostFindings = 1000;
 constexpr std::size_t kBatch = 256;
 
-/// What must go to cure a finding: one tile, or the record that ends with it.
+/// What to drop for a finding: one tile, or the record that ends with it.
 struct Cure {
   LayerId layer;
   TileKey key;
@@ -47,7 +47,8 @@ class Verifier {
  private:
   void add(FindingKind kind, std::string message) {
     ++report_.found;
-    if (kind == FindingKind::reference) report_.complete = false;  // it comes back with that tile
+    // Not damaged itself: it decodes again once the tile it is predicted from is built again.
+    if (kind == FindingKind::reference) report_.complete = false;
     if (kind != FindingKind::missing && kind != FindingKind::reference) ++report_.damaged;
     if (report_.findings.size() < kMostFindings)
       report_.findings.push_back({kind, std::move(message)});
@@ -147,7 +148,7 @@ class Verifier {
                                   " tiles; the build command that made it fills it");
   }
 
-  /// Whichever layer is wrong, both tiles must be built again.
+  /// It is unknown which layer is wrong, so both tiles must be built again.
   void compare_states(const FieldFile& field, const TileRef& tile) {
     const auto first = field.store().find(0, tile.key);
     if (!first || first->state == TileState::missing || first->state == tile.state) return;
@@ -157,7 +158,7 @@ class Verifier {
         {{0, tile.key}, {tile.layer, tile.key}});
   }
 
-  /// Checks and decodes tiles on all threads, and forgets them.
+  /// Checks and decodes tiles on all threads, and clears `tiles`.
   Result<void> check_payloads(const FieldFile& field, std::vector<TileRef>& tiles) {
     if (!options_.quick) {
       std::vector<Result<std::optional<Finding>>> found(tiles.size());
@@ -191,7 +192,8 @@ class Verifier {
     auto ok = field.decode(tile, samples);
     if (ok) return std::nullopt;
     if (ok.error().code == ErrorCode::io) return tl::unexpected(ok.error());
-    // In a part, what a tile is predicted from may be in another file: its checksum must do.
+    // In a part, the tiles that this one is predicted from may be in another file. Then only its
+    // checksum can be checked.
     if (field.manifest().part && ok.error().code == ErrorCode::failed) return std::nullopt;
     if (!references_decode(field, tile))
       return Finding{FindingKind::reference, place(field, tile) + ": " + ok.error().message};
@@ -202,7 +204,7 @@ class Verifier {
   static bool references_decode(const FieldFile& field, const TileRef& tile) {
     Bytes samples;
     for (const TileKey key : field.references(tile)) {
-      if (!field.shape().has(key)) return true;  // then it is this tile that is wrong
+      if (!field.shape().has(key)) return true;  // then the tile itself is wrong
       const auto reference = field.store().find(tile.layer, key);
       if (!reference || reference->state == TileState::missing) return false;
       if (reference->state == TileState::empty) continue;
@@ -212,8 +214,8 @@ class Verifier {
     return true;
   }
 
-  /// Carries out the cures. Findings without one (S1, M1) stay, and so do all where a page may not
-  /// be what it seems.
+  /// Drops what the cures name. Findings without a cure (S1, M1) remain. If there is one of the
+  /// structure (S1), nothing is dropped.
   Result<void> drop(const std::string& path) {
     const bool sound =
         std::none_of(report_.findings.begin(), report_.findings.end(),
@@ -226,7 +228,7 @@ class Verifier {
       for (const Cure& cure : cures) {
         const auto ok = writer->drop(cure.layer, cure.key);
         if (!ok && ok.error().code != ErrorCode::usage && ok.error().code != ErrorCode::bad_file)
-          return ok;  // not for this tile alone
+          return ok;  // an error that concerns more than this tile
         cured = cured && ok.has_value();
         if (ok) ++report_.dropped;
       }
@@ -242,7 +244,7 @@ class Verifier {
   Progress state_;
   std::vector<std::vector<Cure>> cures_;  ///< one for each finding that has one
   std::uint64_t fixed_ = 0;
-  std::uint64_t transaction_ = 0;  ///< that was checked
+  std::uint64_t transaction_ = 0;  ///< the commit that was checked
 };
 
 }  // namespace

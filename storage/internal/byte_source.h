@@ -10,19 +10,20 @@
 
 namespace slf::storage::internal {
 
-/// Thread-safety: as of the implementation.
+/// Thread-safety: the implementation states it.
 class ByteSource {
  public:
   virtual ~ByteSource() = default;
 
-  /// `size` bytes at `offset`, valid as long as the source. io: they are not there, or not yet.
+  /// `size` bytes at `offset`, valid as long as the source. io: they cannot be read, or not yet.
   /// REQUIRES: the range is inside the snapshot's pages.
   [[nodiscard]] virtual Result<ByteSpan> bytes(std::uint64_t offset, std::uint64_t size) const = 0;
 
-  /// All of the file, if it is contiguous in memory; what bytes() has not returned is undefined.
+  /// The whole file, if it is contiguous in memory; empty otherwise. Only ranges that bytes() has
+  /// returned have defined content.
   [[nodiscard]] virtual ByteSpan file() const { return {}; }
 
-  /// Says that bytes() will be called for these ranges, so that they come together. A hint.
+  /// A hint that bytes() will be called for these ranges, so that they can be fetched together.
   virtual void expect(std::span<const FileRange> /*ranges*/) const {}
 };
 

@@ -1,4 +1,4 @@
-// Environment: what the writer needs of LMDB. It writes batches; each is durable or has no effect.
+// Environment: wraps LMDB for the writer. It writes batches; each is durable or has no effect.
 #pragma once
 
 #include <cstdint>
@@ -42,13 +42,14 @@ class Environment {
   /// The last committed transaction.
   [[nodiscard]] std::uint64_t transaction() const;
 
-  /// From now on put() only begins to write to the disk; sync() waits until all is written.
+  /// From now on put() starts writing to the disk and does not wait for it.
   void defer_sync();
+  /// Waits until everything is on the disk. io: a write failed.
   [[nodiscard]] Result<void> sync();
 
   /// Writes all puts in one durable transaction. Creates missing trees and grows the map as needed.
-  /// io: the disk is full or a write failed; the previous commit remains. failed, bad_file: an
-  /// error of LMDB's. bad_file: another program has truncated the file.
+  /// io: the disk is full or a write failed; the previous commit remains. bad_file: LMDB reports
+  /// damage, or another program has truncated the file. failed: another error of LMDB.
   [[nodiscard]] Result<void> put(std::span<const Put> puts);
 
   /// Allows LMDB to reuse the pages freed until now. Without this call no page freed since open()

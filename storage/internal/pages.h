@@ -114,17 +114,17 @@ class Pages {
 
   [[nodiscard]] const Meta& meta() const { return meta_; }
   [[nodiscard]] std::uint64_t count() const { return meta_.last_page + 1; }
-  /// All of the file, mapped; empty if there is a source without that (ByteSource::file()).
+  /// The whole file in memory; empty if the source does not have it there (ByteSource::file()).
   [[nodiscard]] ByteSpan file() const { return source_ != nullptr ? source_->file() : file_; }
-  /// Where the bytes come from; null if they are all there.
+  /// The source of the bytes; null if the file is mapped.
   [[nodiscard]] const ByteSource* source() const { return source_; }
   [[nodiscard]] bool mapped() const { return source_ == nullptr; }
 
   /// A branch (leaf = false) or leaf page. bad_file: the page is damaged or of another kind.
   [[nodiscard]] Result<TreePage> tree_page(std::uint64_t number, bool leaf) const;
 
-  /// The value of a leaf node, in the leaf or in overflow pages; of one in overflow pages the first
-  /// `most` bytes. bad_file: these pages are damaged.
+  /// The value of a leaf node, in the leaf or in overflow pages. Of a value in overflow pages, at
+  /// most the first `most` bytes. bad_file: these pages are damaged.
   [[nodiscard]] Result<ByteSpan> value(const Node& node,
                                        std::uint64_t most = ~std::uint64_t{0}) const;
 

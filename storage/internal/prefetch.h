@@ -23,8 +23,8 @@ class Advice {
   /// Adds some bytes of pages.file().
   void add(ByteSpan bytes);
 
-  /// Advises the kernel about the pages, in file order and with neighbouring pages merged; then
-  /// forgets the parts. `advice` is MADV_WILLNEED or MADV_DONTNEED.
+  /// Advises the kernel about the collected pages, in file order and with neighbouring pages
+  /// merged, and clears the collection. `advice` is MADV_WILLNEED or MADV_DONTNEED.
   void give(int advice);
 
  private:

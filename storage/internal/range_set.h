@@ -15,8 +15,9 @@ class RangeSet {
   void add(FileRange range);
   void remove(FileRange range);
 
-  /// Appends the parts of `range` that the set does not have, ascending.
+  /// Appends the parts of `range` that are not in the set, ascending.
   void lacks(FileRange range, std::vector<FileRange>& to) const;
+  /// Whether all of `range` is in the set, or any byte of it.
   [[nodiscard]] bool has(FileRange range) const;
   [[nodiscard]] bool touches(FileRange range) const;
 
@@ -24,8 +25,8 @@ class RangeSet {
   std::map<std::uint64_t, std::uint64_t> ranges_;  // begin → end; no two meet
 };
 
-/// The fewest ranges, ascending, that hold all of `ranges` when gaps of up to `gap` bytes are
-/// filled; and when more than `most` are left, the smallest of the other gaps.
+/// Ascending ranges that cover all of `ranges`: gaps of up to `gap` bytes are filled and, if more
+/// than `most` ranges are left, the smallest of the other gaps, too.
 [[nodiscard]] std::vector<FileRange> merged(std::vector<FileRange> ranges, std::uint64_t gap,
                                             std::size_t most);
 

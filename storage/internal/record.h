@@ -21,7 +21,7 @@ namespace slf::storage::internal {
 
 inline constexpr std::size_t kRecordHeader = 40;
 inline constexpr std::uint64_t kMaxTiles = 1024;      ///< indexes one record spans at most
-inline constexpr std::size_t kMinRecordBytes = 2048;  ///< LMDB keeps smaller ones inside tree pages
+inline constexpr std::size_t kMinRecordBytes = 2048;  ///< LMDB stores smaller values in tree pages
 inline constexpr std::uint64_t kMaxPayload = std::uint64_t{1} << 30;
 inline constexpr std::uint8_t kNoLevel = 255;
 
@@ -41,7 +41,7 @@ using RecordKey = std::array<std::byte, 9>;
 /// One tile of a record.
 struct Tile {
   TileState state = TileState::missing;
-  ByteSpan payload;  ///< empty if the record has only the start of the value
+  ByteSpan payload;  ///< empty if the Record views only the start of the value
   std::uint64_t checksum = 0;
   std::uint64_t offset = 0;  ///< of the payload in the value, when read
   std::uint64_t size = 0;    ///< of the payload, when read
@@ -54,7 +54,7 @@ class Record {
   /// message says what is wrong; the caller adds the place.
   [[nodiscard]] static Result<Record> parse(ByteSpan value) { return parse(value, value.size()); }
 
-  /// The same from the start of a value of `size` bytes, which must hold the table.
+  /// The same from the start of a value of `size` bytes. REQUIRES: `start` includes the table.
   [[nodiscard]] static Result<Record> parse(ByteSpan start, std::uint64_t size);
 
   /// Where the table of a record ends. REQUIRES: kRecordHeader bytes.

@@ -2,9 +2,10 @@
 //
 // LMDB stores a large value in whole pages, after a header of 16 bytes, and the rest of the last
 // page is wasted. So a record ends where little is wasted: from 64 KiB on, after the first tile
-// that leaves less than 1/256 of the record unused; if there is none before 256 KiB, after the best
-// tile so far. The end of a record depends only on its own tiles, not on commits. So a build that
-// was interrupted, and resumed at the end of a record, writes the same records.
+// that leaves less than 1/256 of the record unused. If there is no such tile before 256 KiB, it
+// ends after the tile that wastes least. The end of a record depends on its own tiles only, not on
+// commits. So a build that is interrupted and resumes at the end of a record writes the same
+// records.
 #pragma once
 
 #include <cstdint>
@@ -29,7 +30,7 @@ class Payload {
   Payload& operator=(Payload&&) = default;
 
   [[nodiscard]] ByteSpan bytes() const { return bytes_; }
-  /// Copies bytes that are not its own.
+  /// Copies the bytes if this is a view.
   void keep() {
     if (own_.empty()) own_.assign(bytes_.begin(), bytes_.end());
     bytes_ = own_;
@@ -44,11 +45,11 @@ class Payload {
 struct CutRecord {
   LayerId layer = 0;
   TileKey last;
-  Bytes head;  ///< what comes before the payloads
+  Bytes head;  ///< the bytes before the payloads
   std::vector<Payload> payloads;
-  std::size_t bytes = 0;  ///< of the record
+  std::size_t bytes = 0;  ///< size of the whole record
 
-  /// REQUIRES: room for `bytes`.
+  /// Writes the record. REQUIRES: `to` has `bytes` bytes.
   void write(std::span<std::byte> to) const;
 };
 
@@ -71,7 +72,7 @@ class RecordBuilder {
   /// last(); the payload has at most kMaxPayload bytes, and none unless the tile is stored.
   void append(NewTile tile, std::vector<CutRecord>& out);
 
-  /// Copies the payloads of tiles in the record that is being filled, if they are views.
+  /// Copies those payloads of the incomplete record that are views.
   void keep_payloads();
 
   /// Completes the last record.

@@ -1,8 +1,8 @@
-// SparseCopy: a local copy of a distant file that fills as it is read.
+// SparseCopy: a local copy of a remote file that fills as it is read.
 //
-// The copy is a temporary file without a name, as long as the distant one, and mapped. Bytes that
-// came stay there, so none is fetched twice; the kernel moves them out of memory as it does those
-// of other files. Readers say which bytes they need before they touch them.
+// The copy is an unnamed temporary file, as long as the remote one, and mapped. Fetched bytes stay
+// in it, so none is fetched twice, and the kernel can evict them from memory like those of any
+// file. Readers call fetch() for bytes before they access them.
 #pragma once
 
 #include <condition_variable>
@@ -21,27 +21,27 @@ namespace slf::storage::internal {
 /// Thread-safety: const members from any thread.
 class SparseCopy final : public ByteSource {
  public:
-  /// io: no temporary file.
+  /// io: the temporary file cannot be created.
   [[nodiscard]] static Result<std::unique_ptr<SparseCopy>> make(
       std::shared_ptr<RangeSource> source);
   ~SparseCopy() override;
 
-  /// The map; what was not fetched reads as zeros.
+  /// The map; bytes that were not fetched read as zeros.
   [[nodiscard]] ByteSpan file() const override { return map_.bytes(); }
 
-  /// Fetches what is not there yet of some ranges, and waits for what other threads fetch. Errors
-  /// as RangeSource::fetch().
+  /// Fetches those bytes of some ranges that are missing, and waits for those that other threads
+  /// are fetching. Errors as RangeSource::fetch().
   [[nodiscard]] Result<void> fetch(std::span<const FileRange> ranges) const;
 
-  /// Fetches a part of file(), with some more of what surrounds it: who reads single parts mostly
-  /// reads on.
+  /// Fetches a part of file() and some bytes around it, because readers mostly go on to
+  /// neighbouring parts.
   [[nodiscard]] Result<void> fetch(ByteSpan part) const;
 
-  /// These as ByteSource; bytes() returns a part of file().
+  /// As in ByteSource; bytes() returns a part of file().
   [[nodiscard]] Result<ByteSpan> bytes(std::uint64_t offset, std::uint64_t size) const override;
   void expect(std::span<const FileRange> ranges) const override { (void)fetch(ranges); }
 
-  /// Puts bytes that came in another way. io: the disk is full.
+  /// Stores bytes that were fetched in another way. io: the disk is full.
   [[nodiscard]] Result<void> put(std::uint64_t offset, ByteSpan bytes) const;
 
  private:

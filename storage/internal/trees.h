@@ -17,11 +17,11 @@
 
 namespace slf::storage::internal {
 
-/// How many tiles the record of entry `index` of a leaf has at most, judged from the leaf alone.
+/// An upper bound for the number of tiles in the record of entry `index`, from the leaf alone.
 /// REQUIRES: `node` is that entry.
 [[nodiscard]] std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& node);
 
-/// How many bytes of such a record hold its header and table, as a rule.
+/// The bytes that header and table of a record with `span` tiles usually need.
 [[nodiscard]] std::uint64_t usual_head(std::uint64_t span);
 
 /// Not movable, because its pages refer to it. Thread-safety: const members from any thread.
@@ -43,7 +43,7 @@ class Trees {
   /// May be called again after an error. REQUIRES: Pages(source, meta, &path()) or of a map.
   [[nodiscard]] Result<void> load(const Pages& pages);
 
-  /// bad_file if what was read before may not be the file's content.
+  /// bad_file: the file has changed, so bytes read before may be wrong.
   [[nodiscard]] virtual Result<void> unchanged() const { return {}; }
 
   /// A blob that matches its checksum. bad_file: it is missing or damaged.
@@ -55,9 +55,9 @@ class Trees {
   /// The key of the last record before `key`, if any. bad_file: a page on the path is damaged.
   [[nodiscard]] Result<std::optional<TileKey>> last_before(LayerId layer, TileKey key) const;
 
-  /// The record that holds a key; nothing if certainly no record does. `offset`, if not null, is
-  /// set to where it begins in the file. bad_file: a page on the path or the record is damaged, or
-  /// a record is lost.
+  /// The record that holds a key, or none if no record does. Sets `offset`, if not null, to the
+  /// record's start in the file. bad_file: a page on the path or the record is damaged, or a record
+  /// is lost, so the answer is unknown.
   [[nodiscard]] Result<std::optional<Record>> find(LayerId layer, TileKey key,
                                                    std::uint64_t* offset = nullptr) const;
 
