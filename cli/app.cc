@@ -17,7 +17,7 @@ Ctrl-C and SIGTERM end the program by that signal, after it has saved what is fi
 In JSON, bytes of paths and texts that are not UTF-8 are U+FFFD; in other output they, and control
 characters, are \xNN.)";
 
-/// How many letters must be inserted, removed or replaced to make b of a.
+/// The number of letters to insert, remove or replace to turn a into b.
 std::size_t edit_distance(const std::string& a, const std::string& b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), 0);
@@ -31,7 +31,7 @@ std::size_t edit_distance(const std::string& a, const std::string& b) {
   return row.back();
 }
 
-/// "; did you mean 'render'?", or nothing where no name is near.
+/// "; did you mean 'render'?", or nothing if no name is similar.
 std::string suggestion(const std::string& word, const std::vector<std::string>& names) {
   const auto near = [&](const std::string& name) { return edit_distance(word, name); };
   const auto nearest = std::ranges::min_element(names, {}, near);
@@ -54,7 +54,7 @@ std::vector<std::string> option_names(const CLI::App& command) {
   return names;
 }
 
-/// The option that a message is about: that whose name it begins with or contains.
+/// The option that a message of CLI11 is about: its name begins the message or is in it.
 const CLI::Option* option_of(const CLI::App& command, const std::string& message) {
   const CLI::Option* found = nullptr;
   std::size_t length = 0;

@@ -10,7 +10,7 @@
 namespace slf::cli {
 namespace {
 
-/// A number of which `holds` is true. CLI11's own ranges let NaN pass, and print 309 digits.
+/// Accepts numbers for which `holds` is true. CLI11's own ranges accept NaN and print 309 digits.
 CLI::Validator number(bool (*holds)(double), const char* expected) {
   return CLI::Validator(
       [=](std::string& text) -> std::string {
@@ -21,7 +21,7 @@ CLI::Validator number(bool (*holds)(double), const char* expected) {
       "");
 }
 
-/// Replaces "64MiB" or "1.5g" by a number of bytes; returns what is wrong with it.
+/// Replaces "64MiB" or "1.5g" by a number of bytes. Returns an error message, or nothing.
 std::string to_bytes(std::string& text) {
   const std::string expected = text + ": expected a number of bytes, or one as 64MiB or 1.5GiB";
   std::istringstream in(text);

@@ -14,7 +14,7 @@ struct Arguments {
   std::string output;
   bool force = false;
   BuildOptions build;
-  std::string depth_codec;  // empty: what suits the codec of colour
+  std::string depth_codec;  // empty: chosen by the codec of colour
   double radius = 0;
   std::vector<double> center;  // empty: around what is visible
 };

@@ -1,4 +1,4 @@
-// What the commands of `slf` share: how they run, what they print, and options several of them
+// Shared by the commands of `slf`: how they run and print, and the options that several of them
 // have.
 //
 // Data goes to stdout, progress and messages to stderr. The exit code is the ErrorCode of the
@@ -28,13 +28,14 @@
 
 namespace slf::cli {
 
-/// What is to be done once the command line is parsed. A subcommand's callback sets it.
+/// The work of a command, to be done once the command line is parsed. The subcommand's callback
+/// sets it.
 using Run = std::function<Result<void>()>;
 
 /// The command line of `slf` with all of its commands. Parsing sets `run`, which must outlive it.
 [[nodiscard]] std::unique_ptr<CLI::App> make_app(Run& run);
 
-/// What is wrong with a command line that `app` could not parse, and what it expects instead.
+/// The message for a command line that `app` could not parse: the error, and what was expected.
 [[nodiscard]] std::string usage_message(const CLI::App& app, const CLI::ParseError& error);
 
 void add_build(CLI::App& app, Run& run);
@@ -59,37 +60,37 @@ void add_export(CLI::App& app, Run& run);
 
 /// --quiet: no progress, no notes.
 extern bool quiet;
-/// --progress: how progress is reported, and how often where stderr is no terminal.
+/// --progress: how progress is reported, and how often if stderr is not a terminal.
 struct ProgressStyle {
   bool json = false;    ///< lines of JSON, for programs
   double seconds = 30;  ///< between lines; 0: no lines
 };
 extern ProgressStyle progress_style;
-/// "30", "json", "json:5".
+/// Parses "30", "json" or "json:5".
 std::istream& operator>>(std::istream& in, ProgressStyle& style);
 
-/// Standard streams that are closed become ones that fail, so that no file the program opens takes
-/// their place.
+/// Opens descriptors 0 to 2 that are closed, so that no file of the program gets their numbers.
+/// Output to them still fails.
 void reserve_standard_streams();
 
-/// Text with everything that a terminal could take for a command, and what is not UTF-8, as \xNN.
-/// Line feeds and tabs stay.
+/// The text with control characters and bytes that are not UTF-8 written as \xNN, so that untrusted
+/// text cannot control a terminal. Line feeds and tabs stay.
 [[nodiscard]] std::string printable(std::string_view text);
 
-/// Printable text on stdout. main() checks at the end whether all of it was written.
+/// Prints printable(text) on stdout. main() checks at the end whether all output was written.
 void print_text(std::string_view text);
 template <class... T>
 void print(fmt::format_string<T...> format, T&&... arguments) {
   print_text(fmt::format(format, std::forward<T>(arguments)...));
 }
 
-/// A printable line on stderr. An unwritable stderr is no reason to stop.
+/// Prints printable(text) as a line on stderr. Ignores errors of stderr.
 void message(const std::string& text);
-/// A message unless quiet.
+/// As message(), unless quiet.
 void note(const std::string& text);
 
-/// JSON on stdout. Bytes that are not UTF-8, as in paths, become U+FFFD. An object gets the member
-/// "http", traffic_json(), if a distant field was read.
+/// Prints JSON on stdout. Bytes that are not UTF-8, as in paths, become U+FFFD. If a remote field
+/// was read, an object gets the member "http" with traffic_json().
 void print_json(nlohmann::json json);
 
 /// A text member of untrusted JSON, or `otherwise`.
@@ -100,11 +101,11 @@ void print_json(nlohmann::json json);
 [[nodiscard]] std::string human_bytes(double bytes);
 [[nodiscard]] std::string human_count(double count);
 
-/// Rows of cells, the first row the heading, columns aligned right but for the first.
+/// Prints rows of cells. The first row is the heading; all columns but the first are right-aligned.
 void print_table(const std::vector<std::vector<std::string>>& rows);
 
-/// Lets malloc keep what is freed. For commands that copy: records of some 100 KiB would otherwise
-/// come from the system and return to it one by one, which takes longer than to copy them.
+/// Lets malloc keep freed memory. Commands that copy tiles allocate records of some 100 KiB;
+/// mapping and unmapping these one by one would take longer than copying them.
 void keep_freed_memory();
 
 // ---- fields ------------------------------------------------------------------------------------
@@ -112,24 +113,24 @@ void keep_freed_memory();
 /// Whether a field is named by its address on a web server.
 [[nodiscard]] bool is_address(std::string_view path);
 
-/// Opens a field: a local file, or one on a web server. Errors as of Field and RemoteField.
+/// Opens a local field or one on a web server. Errors as Field::open() and RemoteField::open().
 [[nodiscard]] Result<Field> open_field(const std::string& path);
 
-/// The requests and bytes that distant fields took so far; null if there are none.
+/// The requests and bytes of all remote fields so far; null if none was opened.
 [[nodiscard]] nlohmann::json traffic_json();
 
 // ---- progress and signals ----------------------------------------------------------------------
 
-/// Rate and time left on stderr: a bar on a terminal, elsewhere a line every progress_seconds;
-/// counts `unit`s. From then on SIGINT and SIGTERM do not end the process at once but make the
-/// callback return false; the second one ends it.
+/// Shows rate and time left on stderr, in `unit`s: as a bar on a terminal, otherwise as lines in
+/// progress_style. Calls watch_signals(); after a signal the callback returns false.
 [[nodiscard]] ProgressCallback progress_bar(const std::string& title, const std::string& unit);
 
-/// From now on the first SIGINT or SIGTERM only sets stop_signal().
+/// From now on the first SIGINT or SIGTERM only sets stop_signal(); the second one ends the
+/// process.
 void watch_signals();
 
-/// The progress of a light volume, if one is computed. Signals end the process at once again when
-/// it is complete.
+/// The progress bar of a light volume, for commands that stop at once on a signal: when the light
+/// volume is complete, signals end the process again.
 [[nodiscard]] ProgressCallback light_progress();
 
 /// The signal that asked the program to stop, or 0.
@@ -137,7 +138,7 @@ void watch_signals();
 
 // ---- arguments ---------------------------------------------------------------------------------
 
-/// What arguments hold: shown by --help, and what completion in a shell goes by.
+/// Kinds of values: --help shows them, and shell completion is chosen by them.
 inline constexpr const char* kFieldFile = "FILE.slf";
 inline constexpr const char* kAnyFile = "FILE";
 inline constexpr const char* kFolder = "DIR";
@@ -150,23 +151,23 @@ template <class T>
 using Choices = std::vector<std::pair<std::string, T>>;
 extern const Choices<RenderMode> kRenderModes;
 
-/// The option takes these names and no others.
+/// Makes an option accept these names only.
 template <class T>
 CLI::Option* choose(CLI::Option* option, const Choices<T>& choices) {
   std::vector<std::string> names;
   std::map<std::string, T> values;
   for (const auto& [name, value] : choices) names.push_back(name), values[name] = value;
-  // The last added runs first.
+  // CLI11 runs the check that was added last first.
   return option->transform(CLI::Transformer(std::move(values)).description(""))
       ->transform(CLI::IsMember(std::move(names)));
 }
 
 extern const CLI::Validator kNotNegative, kPositive;
 
-/// "64MiB", "1.5G", "4096".
+/// Adds an option for a number of bytes: "64MiB", "1.5G", "4096".
 CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t& bytes,
                        const std::string& help);
-/// Three numbers, "x,y,z"; empty where it is not given.
+/// Adds an option for three numbers, "x,y,z". `vector` stays empty if it is not given.
 CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<double>& vector,
                         const std::string& help);
 [[nodiscard]] glm::dvec3 to_vector(const std::vector<double>& numbers);
@@ -193,7 +194,7 @@ struct Subfields {
 std::istream& operator>>(std::istream& in, Subfields& subfields);
 CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::string& help);
 
-/// The error with what can be done about it on the command line, which libraries do not know.
+/// Adds to an error the option that cures it. Libraries do not name options of the command line.
 [[nodiscard]] tl::unexpected<Error> with_cure(const Error& error, const std::string& cure);
 
 /// Refuses an existing output without -f: usage.
@@ -218,9 +219,9 @@ inline constexpr const char* kLabelsHint =
 struct SourceArguments {
   std::string input;
   std::string transfer;
-  std::vector<double> range;        // empty: as the function and the volume have it
+  std::vector<double> range;        // empty: TransferPreset::fit() chooses it
   std::vector<std::uint32_t> dims;  // empty: not a raw file
-  std::vector<double> spacing;      // empty: what the file says
+  std::vector<double> spacing;      // empty: the file's
   ScalarType type = ScalarType::u8;
   bool big_endian = false;
   std::string crop;
@@ -237,17 +238,18 @@ struct SourceArguments {
   bool reference = false;   // path tracing instead of a light volume
   PathTraceOptions paths;
 
-  /// The volume and its transfer function, as an option or positional of that name.
+  /// Adds the volume, as an option or positional `name`, and the options of its transfer function
+  /// and voxels.
   void add_volume_to(CLI::App& command, const char* name);
-  /// Of them, what says how voxels are to be read.
+  /// Adds only the options that state how to read voxels.
   void add_raw_to(CLI::App& command);
-  /// Step, light and shading.
+  /// Adds the options of step, light and shading.
   void add_light_to(CLI::App& command);
   void add_environment_to(CLI::App& command);
   void add_light_file_to(CLI::App& command);
   void add_reference_to(CLI::App& command);
   [[nodiscard]] Result<Volume> volume() const;
-  /// What is not given is taken from `provenance`, that of a field, or set to the defaults.
+  /// Options that are not given come from `provenance`, that of a field, or have their defaults.
   [[nodiscard]] Result<std::unique_ptr<Scene>> scene(
       const LightWork& work, const std::optional<std::string>& provenance = {}) const;
 
@@ -257,23 +259,24 @@ struct SourceArguments {
   [[nodiscard]] Result<void> set_light(RaycastOptions& options) const;
 };
 
-/// Which part of a field is built.
+/// The options that choose the part of a field to build.
 struct ShardArguments {
   std::string shard;  // "K/N" or "auto"; empty: not given
   std::optional<LevelRange> levels;
   std::string coarser;
 
   void add_to(CLI::App& command);
-  /// usage: --shard makes no sense, or no engine is found. Says which engine is.
+  /// Prints a note that names the engine of "auto". usage: --shard is invalid, or no engine is
+  /// found.
   [[nodiscard]] Result<ShardOptions> options() const;
 };
-/// The path with the shard's numbers in the place of {K}, as wide as N, and {N}.
+/// The path with {K} and {N} replaced by the shard's numbers; K has as many digits as N.
 [[nodiscard]] std::string name_of_part(std::string path, const ShardOptions& shard);
 
 /// --exposure and --tonemap.
 void add_tone(CLI::App& command, ToneMapping& tone, const char* group);
 
-/// Where the eye is, and the size of the picture.
+/// The options of the camera and the size of the picture.
 struct CameraArguments {
   std::vector<double> eye, look_at, up;  // empty: not given
   std::vector<double> orbit{30, 20, 3};
@@ -286,7 +289,7 @@ struct CameraArguments {
 /// --orbit, of CameraArguments and of play.
 CLI::Option* add_orbit(CLI::App& command, std::vector<double>& orbit, const std::string& help);
 
-/// How to draw from a field.
+/// The options of drawing from a field.
 struct DrawArguments {
   static constexpr unsigned kFinest = kMatchingLevel - 1;
 
@@ -296,11 +299,11 @@ struct DrawArguments {
   std::optional<std::uint64_t> map_budget;  // none: no limit
   unsigned threads = 0;
 
-  /// All options but --mode and --level.
+  /// Adds all options but --mode and --level.
   void add_resources_to(CLI::App& command);
   void add_to(CLI::App& command);
   [[nodiscard]] RendererOptions renderer() const;
-  /// `camera` resolves --level auto; without one it stays kMatchingLevel.
+  /// Resolves --level auto for `camera`. Without a camera it stays kMatchingLevel.
   [[nodiscard]] Result<ViewOptions> view(const Field& field,
                                          std::optional<Camera> camera = {}) const;
 };

@@ -13,8 +13,8 @@ struct Arguments {
   bool json = false;
 };
 
-/// As text, since a JSON object for each of a million tiles takes ten times as long. `layer` is
-/// JSON.
+/// A tile as JSON, formatted as text: nlohmann's objects would take ten times as long for a million
+/// tiles. `layer` is JSON.
 std::string tile_json(const ListedTile& tile, const std::string& layer) {
   return fmt::format(
       R"({{"tile": "{}", "level": {}, "index": {}, "entry": {}, "exit": {}, "subfield": {}, )"
@@ -34,7 +34,7 @@ Result<void> run_ls(const Arguments& a) {
   for (const Layer& layer : field->layers())
     layers.push_back(
         nlohmann::json(layer.name).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
-  // An array, printed while it is read: memory does not depend on its length.
+  // Prints the array while tiles are read, so memory does not depend on its length.
   const char* before = "[\n";
   const auto listed = list_tiles(*field, filter, [&](const ListedTile& tile) -> Result<void> {
     if (a.json) {

@@ -23,7 +23,7 @@ int fail(const Error& error) {
   return static_cast<int>(error.code);
 }
 
-/// Buffered output that cannot be written is an error of the program, not only of the stream.
+/// Flushes stdout. io: output could not be written, so the command has failed.
 Result<void> flush_output() {
   std::cout.flush();
   if (std::cout && std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return {};
@@ -60,7 +60,7 @@ int main(int argc, char** argv) {
   } catch (const std::exception& error) {
     code = fail({ErrorCode::failed, std::string("unexpected: ") + error.what()});
   }
-  // A shell ends its loop over commands if one of them dies of the signal, whatever its exit code.
+  // Die of the signal: then a shell also ends a loop around the command. No exit code does that.
   if (const int signal = slf::cli::stop_signal(); signal != 0) {
     std::signal(signal, SIG_DFL);
     std::raise(signal);

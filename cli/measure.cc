@@ -7,7 +7,7 @@
 namespace slf::cli {
 namespace {
 
-/// The random views that measure and evaluate share.
+/// The options of random views, which measure and evaluate share.
 struct ViewsArguments {
   std::uint32_t views = 8;
   std::uint64_t seed = 1;
@@ -55,7 +55,7 @@ struct MeasureArguments {
   bool json = false;
 };
 
-/// What one line of the table is about.
+/// The setting that one line of the table shows.
 struct Setting {
   std::string field, codec, size;
   double distance = 0;
@@ -158,7 +158,7 @@ struct EvaluateArguments {
   bool json = false;
 };
 
-/// Whether the field was built from what it is compared with; a warning where it was not.
+/// Whether the field was built from the scene that it is compared with. Prints a warning if not.
 bool check_source(const Field& field, const Scene& scene) {
   nlohmann::json built = nlohmann::json::parse(field.provenance()),
                  now = nlohmann::json::parse(scene.provenance());
@@ -173,7 +173,7 @@ bool check_source(const Field& field, const Scene& scene) {
   return false;
 }
 
-/// How pictures of a field are tone-mapped before they are compared; nothing if they are not.
+/// The tone mapping of pictures before they are compared; none for fields that hold colours.
 std::optional<ToneMapping> view_tone(const Field& field) {
   const LightOptions lighting = raycast_options(field.provenance()).lighting;
   if (lighting.mode == Lighting::direct || !lighting.linear) return std::nullopt;

@@ -8,7 +8,7 @@ namespace slf::cli {
 #ifdef SLF_REMOTE
 namespace {
 
-/// The distant fields that were opened, for their traffic.
+/// The remote fields that were opened, for their traffic.
 std::vector<RemoteField> distant;
 
 }  // namespace

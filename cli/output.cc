@@ -24,8 +24,8 @@ std::string scaled(double value, double base, const std::array<const char*, 5>& 
                                  separator, units[unit]);
 }
 
-/// The length of the UTF-8 sequence that `text` begins with, 0 if it is none. Surrogates, overlong
-/// forms and code points above U+10FFFF are none.
+/// The length of the UTF-8 sequence at the start of `text`; 0 if there is no valid one. Surrogates,
+/// overlong forms and code points above U+10FFFF are invalid.
 std::size_t utf8_length(std::string_view text) {
   const auto byte = [&](std::size_t k) { return static_cast<unsigned char>(text[k]); };
   const unsigned first = byte(0);
@@ -40,7 +40,7 @@ std::size_t utf8_length(std::string_view text) {
   return bad ? 0 : length;
 }
 
-/// C0 but for line feeds and tabs, DEL, and C1.
+/// Control characters: C0 except line feeds and tabs, DEL, and C1.
 bool is_control(std::string_view character) {
   const auto first = static_cast<unsigned char>(character[0]);
   if (character.size() == 1)
@@ -78,7 +78,7 @@ void print_text(std::string_view text) {
 
 void message(const std::string& text) {
   const std::string line = printable(text) + "\n";
-  std::fflush(stdout);  // in the order of the program, should both go to one place
+  std::fflush(stdout);  // keeps the order if both streams go to one place
   std::fwrite(line.data(), 1, line.size(), stderr);
 }
 

@@ -37,7 +37,7 @@ struct PlayArguments {
   }
 };
 
-/// Where the pictures go that were asked for.
+/// Writes the frames to a folder of PNGs, an animation, or both.
 class Pictures {
  public:
   static Result<Pictures> make(const PlayArguments& a) {
@@ -71,15 +71,15 @@ class Pictures {
   std::filesystem::path folder_;
 };
 
-/// One way of loading, played.
+/// The result of playing with one way of loading.
 struct Played {
   Loading loading;
   std::vector<FrameReport> frames;
   ResidentMemory peak;
 };
 
-/// Plays the path on the clock. Where pictures are written, the clock stands still meanwhile; the
-/// loading thread does not.
+/// Plays the path in real time. While a picture is written the clock stops, but the loading thread
+/// goes on.
 Result<Played> play(const PlayArguments& a, const PlayOptions& options, Pictures* pictures) {
   if (a.cold && !is_address(a.field))
     if (auto ok = drop_page_cache(a.field); !ok) return tl::unexpected(ok.error());
@@ -119,7 +119,7 @@ Result<Played> play(const PlayArguments& a, const PlayOptions& options, Pictures
   return played;
 }
 
-/// What there is to say about all frames.
+/// A summary of all frames.
 struct Summary {
   std::size_t frames = 0, late = 0;
   double mean_ms = 0, p95_ms = 0, worst_ms = 0;
@@ -221,7 +221,7 @@ Result<void> run_play(const PlayArguments& a) {
                                               "loads", "read", "anonymous", "mapped"}};
   for (const Loading way : a.loading) {
     options.loading = way;
-    // Pictures show the first way only.
+    // Pictures are written for the first way of loading only.
     const auto played = play(a, options, runs.empty() ? &*pictures : nullptr);
     if (!played) return tl::unexpected(played.error());
     if (played->frames.empty()) break;

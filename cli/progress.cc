@@ -1,4 +1,4 @@
-// How far a long command is, and how it is stopped.
+// Progress of long commands, and stopping them by signals.
 #include <unistd.h>
 
 #include <algorithm>
@@ -15,7 +15,7 @@ namespace {
 
 volatile std::sig_atomic_t signalled = 0;
 
-/// Signals end the process again.
+/// From now on signals end the process again.
 void stop_watching_signals() {
   for (const int signal : {SIGINT, SIGTERM}) {
     struct sigaction now {};
@@ -83,7 +83,7 @@ class ProgressBar {
   static double seconds(Clock::duration duration) {
     return std::chrono::duration<double>(duration).count();
   }
-  /// A terminal's line is written over.
+  /// On a terminal, overwrites the line.
   void write(const std::string& text, const char* end) const {
     const std::string line = (terminal_ ? "\r" + text + "\x1b[K" : text) + end;
     std::fwrite(line.data(), 1, line.size(), stderr);
@@ -115,8 +115,8 @@ std::istream& operator>>(std::istream& in, ProgressStyle& style) {
   return in;
 }
 
-// The first signal is noted, so that what is under way can be committed; the second one ends the
-// process. A signal that is ignored stays ignored.
+// The first signal is only recorded, so that the command can commit its work; the second one ends
+// the process. Signals that the process ignores stay ignored.
 void watch_signals() {
   for (const int signal : {SIGINT, SIGTERM}) {
     struct sigaction before {};

@@ -35,7 +35,7 @@ struct Picture {
   }
   [[nodiscard]] bool is_exr() const { return output.ends_with(".exr"); }
 
-  /// Before any work: usage.
+  /// Checks the options before any work. usage: one is invalid.
   [[nodiscard]] Result<void> check() const {
     if (transparent && (output.ends_with(".jpg") || output.ends_with(".jpeg")))
       return fail(ErrorCode::usage, "--transparent: ", output,
@@ -61,7 +61,8 @@ struct RenderArguments {
   bool stats = false, json = false;
 };
 
-/// Pictures of fields that hold linear radiance are tone-mapped, unless they are written as such.
+/// Tone-maps a picture of a field that holds linear radiance. One that is written as .exr keeps the
+/// radiance, unless an option asks for tone mapping.
 Result<void> map_tones(const RenderArguments& a, const Field& field, Image& image) {
   const LightOptions lighting = raycast_options(field.provenance()).lighting;
   const bool linear = lighting.mode != Lighting::direct && lighting.linear;
@@ -89,7 +90,7 @@ nlohmann::json statistics_json(const ViewStatistics& s, const Footprint& file,
           {"pixels_from_coarser_levels", s.fallback_pixels()}};
 }
 
-/// failed: nothing was drawn, because the field has not a single tile.
+/// failed: nothing was drawn, because the field has no tiles.
 Result<void> check_drawn(const Field& field, const ViewStatistics& statistics) {
   const auto& pixels = statistics.level_pixels;
   if (std::accumulate(pixels.begin(), pixels.end(), 0ull) > 0) return {};

@@ -17,7 +17,7 @@ struct RepackArguments {
   bool force = false, dry_run = false, json = false;
 };
 
-/// --dry-run: what the repack would write.
+/// --dry-run: prints the estimated size of the output.
 Result<void> estimate(const RepackArguments& a, const Field& field, const RepackOptions& options) {
   const auto estimate = estimate_repack(field, options, progress_bar("estimate", "tiles"));
   if (!estimate) return tl::unexpected(estimate.error());

@@ -1,5 +1,5 @@
-// --shard and what belongs to it: which part of a field this process builds, said by the user or by
-// the engine that started the process.
+// --shard and related options: the part of a field that this process builds, chosen by the user or
+// by the engine that started the process.
 #include <algorithm>
 #include <charconv>
 #include <cstdlib>
@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::uint64_t kMostShards = 10'000'000;
 
-/// The variable's value as a number; none if it is not set or is no number.
+/// The value of an environment variable as a number; none if it is not set or not a number.
 std::optional<std::uint64_t> number_in(const char* variable) {
   const char* const text = std::getenv(variable);
   if (!text) return std::nullopt;
@@ -23,14 +23,14 @@ std::optional<std::uint64_t> number_in(const char* variable) {
   return value;
 }
 
-/// What an engine says of the processes that it started together.
+/// An engine that starts several processes together, as seen in their environment.
 struct Engine {
   std::string name;
   std::uint64_t index = 0;  ///< of this process, from 0
   std::uint64_t count = 0;
 };
 
-/// The Slurm job array that this process is a task of. Ids may begin anywhere and have a step.
+/// The Slurm job array to which this process belongs. Its ids may begin anywhere and have a step.
 std::optional<Engine> slurm_array() {
   const auto id = number_in("SLURM_ARRAY_TASK_ID"), count = number_in("SLURM_ARRAY_TASK_COUNT"),
              first = number_in("SLURM_ARRAY_TASK_MIN");
@@ -46,7 +46,8 @@ std::optional<Engine> ranks(const char* name, std::optional<std::uint64_t> rank,
   return Engine{name, *rank, *count};
 }
 
-/// Of engines that run inside each other, the inner one: mpirun within a Slurm job says more.
+/// The engine that started this process. Inside a Slurm job that is no array, mpirun comes before
+/// Slurm's own tasks, because it numbers the processes.
 std::optional<Engine> find_engine() {
   if (auto engine = slurm_array()) return engine;
   if (auto engine =

@@ -20,7 +20,7 @@ const Choices<ScalarType> kScalarTypes{{"u8", ScalarType::u8},   {"i8", ScalarTy
                                        {"u64", ScalarType::u64}, {"i64", ScalarType::i64},
                                        {"f32", ScalarType::f32}, {"f64", ScalarType::f64}};
 
-/// "10:200,:,50:": half-open, an empty start or end being the volume's own.
+/// Parses "10:200,:,50:", half-open ranges. An empty start or end is that of the volume.
 Result<VoxelBox> parse_crop(const std::string& text) {
   VoxelBox box;
   const auto parts = CLI::detail::split(text, ',');
@@ -325,7 +325,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
         return fail(ErrorCode::usage, "the field was built with ", option, "; name it again");
   }
   if (auto ok = set_light(options); !ok) return tl::unexpected(ok.error());
-  // The small file first: its mistakes are found before a large one is read.
+  // The small file first, so that an error in it shows before a large volume is read.
   if (!transfer.empty()) {
     auto read = read_transfer(transfer);
     if (!read) return tl::unexpected(read.error());
@@ -343,7 +343,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   if (!volume) return tl::unexpected(volume.error());
   for (const std::string& remark : volume->notes) note(volume->source + ": " + remark);
   if (!labels && looks_like_labels(*volume)) note(volume->source + ": " + kLabelsHint);
-  // A function from the histogram, or from a field, fits the volume already.
+  // A function from the histogram, or from a field, is already fitted to the volume.
   if (!preset) preset = TransferPreset{.function = default_transfer(*volume)};
   const TransferFunction function =
       transfer.empty() && !stretched ? preset->function : preset->fit(*volume, stretched);

@@ -1,4 +1,4 @@
-// slf tile: one tile, as a picture to look at or as its samples.
+// slf tile: writes one tile, as a picture or as its samples.
 #include <unistd.h>
 
 #include "base/file.h"
@@ -16,7 +16,7 @@ struct Arguments {
   bool force = false;
 };
 
-/// "LEVEL/ENTRY/EXIT", or "LEVEL/INDEX" as messages name tiles.
+/// Parses "LEVEL/ENTRY/EXIT", or "LEVEL/INDEX", which is how messages name tiles.
 Result<TileKey> parse_tile(const Field& field, const std::string& text) {
   std::istringstream in(text);
   TileAddress address;

@@ -59,7 +59,8 @@ struct ExportArguments {
   [[nodiscard]] bool one_file() const { return output.ends_with(".html"); }
 };
 
-/// Writes the smaller field that the options ask for. False: the field is as it should be.
+/// Writes a smaller field if the options ask for one. False: they do not, so the field serves as it
+/// is.
 Result<bool> make_smaller(const ExportArguments& a, const Field& field, const std::string& path) {
   RepackOptions options = a.repack;
   options.levels = a.levels;

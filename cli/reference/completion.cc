@@ -10,7 +10,7 @@ namespace {
 
 constexpr const char* kNotice = "Generated from the command line of slf. Do not edit.";
 
-/// In single quotes, as all three shells read them.
+/// Quotes text with single quotes, in a form that all three shells read.
 std::string quoted(const std::string& text) {
   std::string out = "'";
   for (const char c : text) out += c == '\'' ? "'\\''" : std::string(1, c);
@@ -23,7 +23,7 @@ std::string replaced(std::string text, const std::string& from, const std::strin
   return text;
 }
 
-/// Completion has room for a few words.
+/// The first words of a description: completion has little room.
 std::string brief(const Argument& a) {
   constexpr std::size_t kMost = 60;
   const std::string text = a.description.substr(0, a.description.find(';'));
@@ -35,7 +35,7 @@ const Argument* first_positional(const Command& command) {
   return at == command.arguments.end() ? nullptr : &*at;
 }
 
-/// Every option that may follow the name of a command.
+/// All options that may follow the name of a command.
 std::vector<Argument> options_of(const Program& program, const Command& command) {
   std::vector<Argument> options;
   for (const Argument& a : command.arguments)
@@ -61,7 +61,7 @@ std::vector<std::string> command_names(const Program& program) {
 // ---- bash
 // ----------------------------------------------------------------------------------------
 
-/// What completes the value of an argument: a call of one of the functions below.
+/// The call that completes the value of an argument: of one of the functions below.
 std::string bash_action(const Argument& a) {
   if (a.takes_folder()) return "_slf_folders";
   if (a.takes_file()) return "_slf_files " + quoted(a.extension());

@@ -21,7 +21,7 @@ void write(const std::filesystem::path& path, const std::string& text) {
 void write_all(const std::filesystem::path& folder) {
   slf::cli::Run run;
   const auto program = reference::describe(*slf::cli::make_app(run));
-  std::filesystem::remove_all(folder / "man");  // a command that is gone leaves no page
+  std::filesystem::remove_all(folder / "man");  // no page of a removed command remains
   std::filesystem::create_directories(folder / "man");
   std::filesystem::create_directories(folder / "completion");
   write(folder / "man/slf.1", reference::program_manual(program));

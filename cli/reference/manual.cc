@@ -19,7 +19,7 @@ constexpr std::pair<int, const char*> kExitCodes[] = {
     {7, "A comparison found a difference."},
 };
 
-/// Text as troff prints it literally.
+/// Escapes text so that troff prints it literally.
 std::string literal(const std::string& text) {
   std::string out;
   for (const char c : text) switch (c) {
@@ -48,7 +48,7 @@ std::string literal(const std::string& text) {
 std::string bold(const std::string& text) { return "\\fB" + literal(text) + "\\fR"; }
 std::string italic(const std::string& text) { return "\\fI" + literal(text) + "\\fR"; }
 
-/// Bold where it names an option or another page, as readers of manual pages expect.
+/// Sets names of options and of other pages in bold.
 std::string marked(const std::string& text) {
   std::string out, word;
   const auto flush = [&] {
@@ -85,7 +85,7 @@ std::string header(const std::string& page) {
 
 std::string section(const char* title) { return fmt::format(".SH {}\n", title); }
 
-/// "Build a field" as it stands after the name of a command.
+/// A description in the form that follows "slf-build - ": "build a field".
 std::string after_dash(std::string text) {
   if (text.size() > 1 && std::islower(static_cast<unsigned char>(text[1])))
     text[0] = static_cast<char>(std::tolower(static_cast<unsigned char>(text[0])));
@@ -98,7 +98,7 @@ std::string value_of(const Argument& a) {
   return value;
 }
 
-/// An argument and what it means, as one paragraph.
+/// The paragraph of an argument: its names and description.
 std::string entry(const Argument& a) {
   std::string names;
   for (const auto& name : a.names) {

@@ -7,7 +7,7 @@
 namespace slf::cli::reference {
 namespace {
 
-/// Text that --help breaks into lines, as one line.
+/// Joins the lines of a description in --help.
 std::string one_line(const std::string& text) {
   std::string line;
   for (const char c : text)
@@ -18,8 +18,8 @@ std::string one_line(const std::string& text) {
   return line;
 }
 
-/// CLI11 describes a value as "TEXT:{u8,half}", "UINT:INT in [0 - 1000]" or, where names stand for
-/// values, "TEXT:value in {a->0,b->1} OR {0,1}".
+/// Parses CLI11's description of a value: "TEXT:{u8,half}", "UINT:INT in [0 - 1000]" or, if names
+/// stand for values, "TEXT:value in {a->0,b->1} OR {0,1}".
 void read_type(const std::string& type, Argument& argument) {
   const std::size_t colon = type.find(':');
   argument.value = type.substr(0, colon);
@@ -35,7 +35,7 @@ void read_type(const std::string& type, Argument& argument) {
     argument.choices.push_back(choice.substr(0, choice.find("->")));
 }
 
-/// Values worth offering where others are possible, too.
+/// Values to offer by completion for arguments that accept others, too.
 std::vector<std::string> suggestions(const std::string& value) {
   if (value == kCodec)
     return {"predictive:75", "predictive:90", "predictive:lossless", "raw", "zstd", "zstd:9",
@@ -50,7 +50,7 @@ Argument describe(const CLI::Option& option) {
   for (const auto& name : option.get_snames()) a.names.push_back("-" + name);
   for (const auto& name : option.get_lnames()) a.names.push_back("--" + name);
   a.required = option.get_required();
-  // Of vectors such as X,Y,Z the type says how many numbers there are.
+  // CLI11 also counts the numbers of a vector such as X,Y,Z; these are not repeated values.
   a.repeated = option.get_items_expected_max() > option.get_items_expected_min();
   a.list = a.repeated && option.get_delimiter() == ',';
   if (option.get_items_expected_max() > 0) read_type(option.get_type_name(), a);

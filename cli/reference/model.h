@@ -1,5 +1,5 @@
-// What the command line of `slf` consists of, as plain data: read from CLI11's own description of
-// the commands, written out as manual pages and as completion for three shells.
+// The command line of `slf` as plain data. It is read from CLI11's description of the commands, and
+// written as manual pages and as completion for three shells.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -10,18 +10,18 @@ namespace slf::cli::reference {
 
 /// An option, a flag or a positional argument.
 struct Argument {
-  std::vector<std::string> names;  ///< "-o", "--output"; of a positional its name alone
+  std::vector<std::string> names;  ///< "-o", "--output"; for a positional its name alone
   bool positional = false;
   bool required = false;
   bool repeated = false;    ///< takes several values
   bool list = false;        ///< several values may be written as one word, separated by commas
-  std::string value;        ///< what its value is, "FILE.slf"; empty: a flag
+  std::string value;        ///< kind of its value, such as "FILE.slf"; empty: a flag
   std::string range;        ///< "INT in [0 - 1000]", or empty
-  std::string initial;      ///< the value where it is not given, or empty
+  std::string initial;      ///< the default value, or empty
   std::string description;  ///< one line
   std::string group;        ///< heading in --help
   std::vector<std::string> choices;  ///< values to offer
-  bool closed = false;               ///< it takes no other values than those
+  bool closed = false;               ///< only `choices` are valid
 
   [[nodiscard]] bool takes_file() const;  ///< any file or one with extension()
   [[nodiscard]] bool takes_folder() const;
@@ -31,7 +31,7 @@ struct Argument {
 struct Command {
   std::string name;
   std::string description;  ///< one line
-  std::string notes;        ///< what --help says below the options, where it is this command's own
+  std::string notes;        ///< text of --help below the options, if the command has its own
   std::vector<Argument> arguments;
 
   /// The headings of its options, in the order of --help.
@@ -48,7 +48,7 @@ struct Program {
 
 // ---- output ------------------------------------------------------------------------------------
 
-/// The manual page slf(1), in troff's language.
+/// The manual page slf(1), as troff source.
 [[nodiscard]] std::string program_manual(const Program& program);
 /// slf-NAME(1).
 [[nodiscard]] std::string command_manual(const Program& program, const Command& command);

@@ -1,4 +1,5 @@
-// The parts of the manual pages that no option says: what a command is for, and examples.
+// The parts of the manual pages that --help does not have: the purpose of each command, and
+// examples.
 #pragma once
 
 #include <string>
@@ -17,7 +18,7 @@ struct Prose {
   std::vector<Example> examples;
 };
 
-/// Throws std::runtime_error for a command that has none: a new command needs its paragraph.
+/// The text of a command. Throws std::runtime_error if it has none, since every command needs one.
 [[nodiscard]] const Prose& prose(const std::string& command);
 
 }  // namespace slf::cli::reference
