@@ -18,10 +18,10 @@ constexpr SampleFormat kFormats[] = {SampleFormat::rgba8, SampleFormat::depth8,
 
 constexpr unsigned kMostPredictedLevels = 6;
 
-/// A feature that readers must know: layers whose tiles are predicted from coarser ones.
+/// A required feature: layers whose tiles are predicted from coarser ones.
 constexpr const char* kPredictive = "predictive";
 
-/// Reads members of untrusted JSON; the first problem is kept with its place.
+/// Reads members of untrusted JSON. Records the first error and its place.
 class Reader {
  public:
   Reader(const nlohmann::json& root, std::string file) : root_(root), file_(std::move(file)) {}
@@ -108,7 +108,7 @@ std::uint64_t Manifest::tiles(unsigned level) const {
 }
 
 Result<Manifest> Manifest::parse(std::string_view text, const std::string& file) {
-  // Copying and printing JSON recurses: its depth is bounded by the stack.
+  // Copying and printing JSON is recursive: limit its depth to protect the stack.
   bool too_deep = false;
   const auto limit_depth = [&](int depth, nlohmann::json::parse_event_t, nlohmann::json&) {
     too_deep |= depth > kDeepest;
@@ -179,7 +179,7 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   if (std::none_of(manifest.layers.begin(), manifest.layers.end(),
                    [](const Layer& layer) { return layer.name == "color"; }))
     in.problem("/layers", "names no layer color");
-  // A tile's payload says of every tile of the level above near it whether it is a reference.
+  // A tile's payload has a decision for each candidate reference in the next coarser level.
   const bool predictive = std::any_of(manifest.layers.begin(), manifest.layers.end(),
                                       [](const Layer& layer) { return has_both(layer.format); });
   if (predictive && shape.levels > kMostPredictedLevels)

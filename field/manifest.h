@@ -22,31 +22,31 @@ struct Manifest {
   std::optional<unsigned> filtered_levels;
   std::vector<Layer> layers;
   nlohmann::json provenance;      ///< of the scene; free form
-  std::optional<TileRange> part;  ///< the tiles that the file is to hold; none: all
+  std::optional<TileRange> part;  ///< the tiles of this file, if it is a part of a field
 
-  /// Whether the samples of a level are means of rays. Builds that did not record it took means
-  /// below their finest level.
+  /// Whether the samples of a level are means of rays. If filtered_levels is absent, all levels but
+  /// the finest are.
   [[nodiscard]] bool filtered(unsigned level) const {
     return level < filtered_levels.value_or(shape.levels);
   }
 
   [[nodiscard]] nlohmann::json to_json() const;
 
-  /// Whether the file is to hold a tile of the field.
+  /// Whether a tile belongs to the field, and to its part if this is one.
   [[nodiscard]] bool holds(TileKey key) const {
     return shape.has(key) && (!part || (key >= part->begin && key < part->end));
   }
-  /// How many tiles of a level the file is to hold.
+  /// The number of tiles of a level for which holds() is true.
   [[nodiscard]] std::uint64_t tiles(unsigned level) const;
 
-  /// Parses untrusted text. bad_file: not a manifest, a value missing or out of range, named by
-  /// its place. unsupported: a newer major version or an unknown required feature.
+  /// Parses untrusted text. bad_file: not a manifest, or a value is missing or out of range; the
+  /// message names its place. unsupported: a newer major version or an unknown required feature.
   [[nodiscard]] static Result<Manifest> parse(std::string_view text, const std::string& file);
 };
 
-/// The place of the first member in which two manifests of builds differ; empty if none does. A
-/// source is its content: where that is recorded, its path may differ. How levels are filtered, and
-/// which part of the field a file holds, are not compared.
+/// The JSON pointer of the first member in which two manifests of builds differ; empty if none
+/// does. If the provenance records a hash of the source's content, the source's path may differ.
+/// filtered_levels and part are not compared.
 [[nodiscard]] std::string first_difference(const Manifest& there, const Manifest& wanted);
 
 }  // namespace slf

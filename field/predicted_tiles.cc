@@ -15,14 +15,15 @@ namespace {
 
 using codec::ChannelValues;
 
-/// Look-ups that make a tile worth its while: reading one for fewer costs more than it saves.
+/// The fewest look-ups for which a tile becomes a reference. For fewer, reading it costs more than
+/// it saves.
 constexpr std::uint32_t kFewestUses = 24;
 
-/// What a sample is predicted as where there is nothing to predict it from.
+/// The prediction of a sample without references.
 constexpr std::uint8_t kMiddle = 128;
 constexpr std::uint32_t kGray = 0xFF808080u;
 
-/// The channels of colour, and where rgba has them.
+/// The channels of colour, and their positions in RGBA.
 constexpr std::pair<codec::TileChannel, std::size_t> kColors[] = {
     {codec::kRedChannel, 0}, {codec::kGreenChannel, 1}, {codec::kBlueChannel, 2}};
 
@@ -50,7 +51,7 @@ struct Candidates {
   }
 };
 
-/// A tile under way, in either direction.
+/// The state of a tile that is being encoded or decoded.
 struct PredictedTiles::Work {
   const codec::PredictiveCodec& codec;
   codec::Tile tile;
@@ -89,7 +90,7 @@ struct PredictedTiles::Work {
   }
   [[nodiscard]] std::size_t color_bytes() const { return sample_bytes(color_format(tile.format)); }
 
-  /// Makes candidate `k` a reference; of a tile where nothing is visible there is nothing to use.
+  /// Makes candidate `k` a reference. An empty tile adds nothing to the prediction.
   Result<bool> use(std::size_t k, const ReferenceSource& source) {
     auto found = source(candidates.keys[k]);
     if (!found) return tl::unexpected(found.error());
@@ -111,7 +112,7 @@ struct PredictedTiles::Work {
     return {};
   }
 
-  /// Refers to those of the field's tiles that serve enough of the samples.
+  /// Chooses the candidates that predict enough of the samples, and codes the choice.
   template <class Encoder>
   Result<void> choose_references(Encoder& encoder, const FieldShape& shape,
                                  std::span<const std::uint8_t> true_alpha,
@@ -138,13 +139,13 @@ struct PredictedTiles::Work {
     if (predictor) predictor->color(from, alpha, depth, color);
   }
 
-  /// With a transform.
+  /// Decodes a tile that is coded with a transform.
   Result<void> decode(codec::PredictiveDecoder decoder, const ReferenceSource& source,
                       std::span<std::byte> to);
   Result<void> encode(codec::PredictiveEncoder encoder, const FieldShape& shape, ByteSpan from,
                       const ReferenceSource& source);
 
-  /// Sample by sample.
+  /// Decodes a tile that is coded sample by sample.
   Result<void> decode(codec::ChannelDecoder decoder, const ReferenceSource& source,
                       std::span<std::byte> to);
   Result<void> encode(codec::ChannelEncoder encoder, const FieldShape& shape, ByteSpan from,

@@ -1,6 +1,6 @@
-// PredictedTiles: codes the tiles of a predictive layer. A tile of level l > 0 is coded as what
-// differs from a prediction, which its references give: decoded tiles of level l - 1, which its
-// payload names (FORMAT.md, "The predictive codec").
+// PredictedTiles: codes the tiles of a predictive layer. A tile of level l > 0 is coded as the
+// difference from a prediction. The prediction is made from its references, decoded tiles of level
+// l - 1 that its payload names (FORMAT.md, "The predictive codec").
 //
 // Thread-safety: immutable.
 #pragma once
@@ -17,32 +17,33 @@
 
 namespace slf {
 
-/// The decoded samples of a tile; null where nothing is visible.
+/// The decoded samples of a tile; null if the tile is empty.
 using TileSamples = std::shared_ptr<const Bytes>;
 
-/// Gives a reference's samples. Called on the thread that codes.
+/// Returns a reference's samples. Called on the thread that codes.
 using ReferenceSource = std::function<Result<TileSamples>(TileKey)>;
 
 class PredictedTiles {
  public:
   using Geometries = std::function<const LevelGeometry&(unsigned level)>;
 
-  /// Borrows the codec. `geometries` may be called from many threads.
+  /// The codec must outlive this. `geometries` may be called from many threads.
   PredictedTiles(const FieldShape& shape, const codec::PredictiveCodec& codec,
                  Geometries geometries)
       : shape_(shape), codec_(codec), geometries_(std::move(geometries)) {}
 
-  /// The tiles that an untrusted payload refers to, in the order in which they are asked for. Such
-  /// a tile may be none of the field's.
+  /// The tiles that an untrusted payload refers to, in the order in which decode() requests them.
+  /// The field may not have such a tile.
   [[nodiscard]] std::vector<TileKey> references(TileKey key, ByteSpan payload) const;
 
-  /// Fills `samples`, exactly the tile's, from an untrusted payload. bad_file: it is damaged.
+  /// Decodes an untrusted payload into `samples`, which has exactly the tile's size. bad_file: the
+  /// payload is damaged. Errors of the source.
   [[nodiscard]] Result<void> decode(TileKey key, ByteSpan payload, const ReferenceSource& source,
                                     std::span<std::byte> samples) const;
 
-  /// Replaces `payload`. Refers to those tiles of the field that serve enough of the samples, and
-  /// that the source has: its errors of the kind failed mean that it lacks one. `counts`, if given,
-  /// counts the decisions of all models, for training.
+  /// Encodes samples and replaces `payload`. Refers to the tiles that predict enough of the samples
+  /// and that `source` has; an error `failed` of the source means that it lacks a tile. `counts`,
+  /// if not null, counts the decisions of all models, for training.
   [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples, const ReferenceSource& source,
                                     Bytes& payload, codec::BitCounts* counts = nullptr) const;
 

@@ -26,10 +26,10 @@ Result<TileSamples> ReferenceCache::get(TileKey key) {
   const auto entry = entries_.insert(entries_.end(), {key, nullptr, true});
   places_[key] = entry;
   lock.unlock();
-  auto samples = guarded([&] { return load_(key); });  // whatever happens, waiters wake up
+  auto samples = guarded([&] { return load_(key); });  // must not throw: others wait for the tile
   lock.lock();
   loaded_.notify_all();
-  if (!samples) {  // not remembered: the next one who asks tries again
+  if (!samples) {  // errors are not cached: the next request tries again
     places_.erase(key);
     entries_.erase(entry);
     return samples;

@@ -1,9 +1,9 @@
-// ReferenceCache: decoded tiles that others are predicted from, the least recently used dropped
-// when they are too many. What is in use stays alive, dropped or not.
+// ReferenceCache: a cache of decoded tiles that others are predicted from. It evicts the least
+// recently used ones; samples in use stay alive after that.
 //
-// Thread-safety: all members may be called from many threads. A tile is decoded once, by the
-// thread that asks first; others wait for it. A tile's references are of a coarser level, so
-// waiting ends.
+// Thread-safety: all members may be called from many threads. The first thread that requests a tile
+// decodes it, and others wait for it. Decoding may request tiles of coarser levels only, so there
+// is no deadlock.
 #pragma once
 
 #include <condition_variable>
@@ -21,12 +21,13 @@ class ReferenceCache {
   /// `load` decodes a tile.
   explicit ReferenceCache(ReferenceSource load) : load_(std::move(load)) {}
 
+  /// The samples of a tile, decoded if necessary. Errors of `load`, which are not cached.
   [[nodiscard]] Result<TileSamples> get(TileKey key);
 
-  /// Whether it is here, or on its way.
+  /// Whether a tile is cached or being decoded.
   [[nodiscard]] bool has(TileKey key);
 
-  /// Bytes of decoded samples that are kept.
+  /// Limits the bytes of cached samples.
   void set_budget(std::uint64_t bytes);
 
  private:

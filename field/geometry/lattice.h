@@ -16,7 +16,7 @@
 
 namespace slf {
 
-/// A vertex, by its signed coordinates. Their sum says which lattice it belongs to.
+/// A vertex, by its signed coordinates. The sum of their magnitudes is the lattice's resolution.
 struct LatticeVertex {
   std::int32_t i = 0;
   std::int32_t j = 0;

@@ -10,8 +10,8 @@
 
 namespace slf {
 
-/// The place of an entry vertex's samples: the section that owns it, and its row in that section's
-/// tiles.
+/// The location of an entry vertex's samples: the section that owns the vertex, and the row of its
+/// samples in that section's tiles.
 struct EntryRow {
   std::uint32_t section = 0;  ///< index at the entry section level
   std::uint32_t row = 0;

@@ -1,4 +1,4 @@
-// Section: a spherical triangle of the hierarchical subdivision; and the tiles that pair two.
+// Section: a spherical triangle of the hierarchical subdivision. A tile pairs two of them.
 //
 // The 8 octspheres are the sections of level 0. A section is split into four by three great arcs
 // through its edge midpoints (paper Figure 9): child 0, 1, 2 at the corner of its first, second,
@@ -54,19 +54,22 @@ struct SectionPlace {
 [[nodiscard]] SectionPlace place_of(Section section);
 [[nodiscard]] Section section_at(unsigned octant, SectionPlace place, unsigned level);
 
-/// The section of `level` that holds a cell of the lattice with `side`·2^level cells an edge.
+/// The section of `level` that contains a cell of the lattice with `side`·2^level cells along an
+/// edge.
 [[nodiscard]] Section section_of(const Cell& cell, std::uint32_t side, unsigned level);
 
-/// The section of `level` that holds a direction. Ties, on shared arcs, go as for owner_of.
+/// The section of `level` that contains a direction. On shared arcs, the tie rule of owner_of()
+/// applies.
 [[nodiscard]] Section locate_section(const glm::dvec3& direction, unsigned level);
 
-/// The one section of `level` that owns a vertex (of a lattice whose resolution is a multiple of
-/// 2^level), by integer arithmetic alone. A zero
-/// coordinate counts as positive; on an arc between children, the corner child of the first
-/// coordinate wins over the second's, that over the third's, and every corner over the middle.
+/// The one section of `level` that owns a vertex, in integer arithmetic. Tie rule: a zero
+/// coordinate counts as positive. On an arc between children, the owner is the child with the
+/// lowest number: the corner of the first coordinate, then the second, the third, and last the
+/// middle. REQUIRES: the lattice's resolution is a multiple of 2^level.
 [[nodiscard]] Section owner_of(const LatticeVertex& vertex, unsigned level);
 
-/// Local coordinates of a grid point in a section (which must touch it), and back.
+/// Local coordinates of a grid point in a section, and back. REQUIRES: the point is in the section
+/// or on its border.
 [[nodiscard]] LocalPoint to_local(OctantPoint point, Section section, std::uint32_t side);
 [[nodiscard]] OctantPoint from_local(LocalPoint local, Section section, std::uint32_t side);
 
@@ -81,20 +84,21 @@ struct SectionPlace {
 /// tile entered through it.
 [[nodiscard]] std::vector<LocalPoint> owned_vertices(Section section, std::uint32_t side);
 
-/// A tile's two sections. At level l the exit section has level l, the entry section l + depth,
-/// where depth is the field's entry depth (0 in the paper).
+/// A tile's two sections. At level l the exit section has level l, and the entry section has level
+/// l + entry_extra_levels (FieldShape; 0 in the paper).
 struct TileSections {
   Section entry;
   Section exit;
   friend bool operator==(const TileSections&, const TileSections&) = default;
 };
 
-/// Key: octant pair (3+3 bits), then (entry child, exit child), 2+2 bits, per level, then the
-/// entry's extra children. One subfield's tiles are one contiguous range of keys at every depth.
+/// Converts sections to a key and back. The index has, from the highest bit: entry and exit octant
+/// (3+3 bits), entry and exit child of each level (2+2 bits), and the children of the extra entry
+/// levels (2 bits each). So the tiles of a subfield are a contiguous range of keys.
 [[nodiscard]] TileKey tile_key(const TileSections& sections);
 [[nodiscard]] TileSections sections_of(TileKey key, unsigned entry_extra_levels);
 
-/// Tiles of one level: 64·16^level·4^depth.
+/// Tiles of one level: 64·16^level·4^entry_extra_levels.
 [[nodiscard]] constexpr std::uint64_t tile_count(unsigned level, unsigned entry_extra_levels) {
   return 64ull << (4 * level + 2 * entry_extra_levels);
 }

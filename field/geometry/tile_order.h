@@ -1,4 +1,4 @@
-// TileOrder: all tiles of a field in key order, numbered through its levels and subfields.
+// TileOrder: numbers all tiles of a field from 0 on, in key order.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ class TileOrder {
 
   [[nodiscard]] std::uint64_t count() const { return count_; }
 
-  /// REQUIRES: number < count().
+  /// The key of a tile by its number. REQUIRES: number < count().
   [[nodiscard]] TileKey key(std::uint64_t number) const {
     std::size_t level = first_.size() - 1;
     while (first_[level] > number) --level;
@@ -34,7 +34,7 @@ class TileOrder {
     return {static_cast<std::uint8_t>(l), index};
   }
 
-  /// The first number whose key is not below `key`.
+  /// The number of the first tile whose key is not below `key`; count() if there is none.
   [[nodiscard]] std::uint64_t number(TileKey key) const {
     std::uint64_t low = 0, high = count_;
     while (low < high) {

@@ -1,5 +1,5 @@
-// Vectors of floats and integers, as wide as the instruction set has them. Part of all kernels of
-// field/.
+// Vectors of floats and integers, as wide as those of the instruction set. All kernels in field/
+// include this.
 
 // Included once per instruction set.
 #if defined(SLF_FIELD_GEOMETRY_VECTORS_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -27,7 +27,7 @@ using V = hn::Vec<D>;
 using VI = hn::Vec<DI>;
 using VU = hn::Vec<DU>;
 
-/// Of whole numbers from 0 to 2^23: less work than hn::ConvertTo, which saturates.
+/// Converts whole numbers from 0 to 2^23. Cheaper than hn::ConvertTo, which saturates.
 HWY_INLINE VI to_whole(V v) {
   const V shift = hn::Set(D(), 8388608.f);  // from here on floats are whole
   return hn::Sub(hn::BitCast(DI(), hn::Add(v, shift)), hn::BitCast(DI(), shift));

@@ -1,5 +1,5 @@
-// Radiance HDR (RGBE), as environments of light come: reads flat and run-length coded pictures of
-// the format 32-bit_rle_rgbe. Ward, "Real pixels", Graphics Gems II, 1991.
+// Radiance HDR (RGBE), a usual format of environment pictures. Reads flat and run-length coded
+// pictures of the format 32-bit_rle_rgbe. Ward, "Real pixels", Graphics Gems II, 1991.
 
 #include <array>
 #include <charconv>
@@ -28,7 +28,7 @@ class Reader {
     return found;
   }
 
-  /// One row; false where the picture ends early or a run is longer than the row.
+  /// Reads one row. False: the picture ends early, or a run is longer than the row.
   bool row(Row& row) {
     const bool coded = row.size() >= 8 && row.size() < 32768 && text_.size() >= 4 && at(0) == 2 &&
                        at(1) == 2 && (at(2) << 8 | at(3)) == static_cast<int>(row.size());
@@ -51,7 +51,8 @@ class Reader {
  private:
   [[nodiscard]] int at(std::size_t k) const { return static_cast<unsigned char>(text_[k]); }
 
-  /// Pixels one by one; 1, 1, 1, n repeats the last one n times (n << 8, n << 16 … in sequence).
+  /// Reads a row of single pixels. A pixel 1, 1, 1, n repeats the last one n times; the next such
+  /// pixel in sequence, n << 8 times, and so on.
   bool flat_row(Row& row) {
     int shift = 0;
     for (std::size_t x = 0; x < row.size();) {
@@ -75,7 +76,7 @@ class Reader {
   std::string_view text_;
 };
 
-/// "-Y 512 +X 1024", the only order of pixels that files in use have.
+/// Parses "-Y 512 +X 1024", the only order of pixels that is in use.
 std::optional<std::array<std::uint64_t, 2>> parse_size(std::string_view line) {
   std::array<std::uint64_t, 2> sides{};
   for (std::size_t k = 0; k < 2; ++k) {
@@ -114,7 +115,7 @@ Result<Image> decode_hdr(const std::string& name, ByteSpan bytes) {
   image.height = static_cast<std::uint32_t>(height);
   Row row(image.width);
   for (std::uint32_t y = 0; y < image.height; ++y) {
-    // Pixels are added as they are read, so a file that claims too many takes no memory for them.
+    // Memory grows with the pixels that were read, whatever size the file claims.
     if (!in.row(row))
       return fail(ErrorCode::bad_file, name, ": row ", y, " of ", image.height,
                   " of the HDR picture is damaged or missing");

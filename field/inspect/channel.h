@@ -1,4 +1,4 @@
-// ChannelReader: a field's colours or depths, tile by tile, whatever layer holds them.
+// ChannelReader: reads colours or depths of tiles, from a layer of their own or a combined one.
 #pragma once
 
 #include <optional>
@@ -9,13 +9,13 @@
 
 namespace slf {
 
-/// Where a field keeps a channel.
+/// The layer and format of a channel in a field.
 struct Channel {
   storage::LayerId layer = 0;
   SampleFormat format = SampleFormat::rgba8;  ///< rgba8, rgba16f or depth8: of the channel alone
 };
 
-/// None if the field has no such channel; "color" and "depth" exist.
+/// Finds the channel "color" or "depth". None if the field does not have it.
 [[nodiscard]] std::optional<Channel> find_channel(const FieldFile& field, const std::string& name);
 
 /// Reads samples of one field on one thread. A tile that holds several channels is decoded once.
@@ -33,7 +33,7 @@ class ChannelReader {
   Bytes samples_, zeros_;
 };
 
-/// Samples as numbers from 0 to 1; colours of HDR fields may be larger.
+/// Converts samples to numbers from 0 to 1. Colours of HDR fields may be larger.
 void to_floats(SampleFormat format, ByteSpan samples, std::vector<float>& numbers);
 
 }  // namespace slf

@@ -12,18 +12,18 @@ namespace {
 using storage::TileRef;
 using storage::TileState;
 
-constexpr std::uint64_t kBatch = 256;        // tiles that a thread compares together
+constexpr std::uint64_t kBatch = 256;        // tiles in one piece of a thread's work
 constexpr std::uint64_t kReleaseEvery = 64;  // batches
 
 /// A channel of both fields.
 struct Pair {
   std::string name;
   Channel a, b;
-  Channel color;            ///< of a
-  bool same_codec = false;  ///< equal bytes mean equal samples
+  Channel color;            ///< colour of field a
+  bool same_codec = false;  ///< so equal bytes mean equal samples
 };
 
-/// What a batch of tiles adds to a ChannelDifference.
+/// The contribution of a batch of tiles to a ChannelDifference.
 struct Sum {
   ChannelDifference counts;
   double squares = 0;         ///< of all differences
@@ -46,7 +46,7 @@ double psnr(double mean_square) {
   return mean_square > 0 ? -10 * std::log10(mean_square) : std::numeric_limits<double>::infinity();
 }
 
-/// Compares tiles of one batch after the other, on one thread.
+/// Compares batches of tiles on one thread.
 class Comparer {
  public:
   Comparer(const FieldFile& a, const FieldFile& b, const std::vector<Pair>& pairs)
@@ -110,7 +110,7 @@ class Comparer {
     return {};
   }
 
-  /// A depth means nothing where nothing is visible: there b's becomes a's.
+  /// Depth is undefined where nothing is visible: there, sets b's depth to a's.
   Result<void> ignore_invisible(const Pair& pair, const TileRef& a) {
     const auto color = a_.store().find(pair.color.layer, a.key);
     if (!color) return tl::unexpected(color.error());
@@ -143,7 +143,7 @@ bool same_rays(const FieldShape& a, const FieldShape& b) {
          a.entry_extra_levels == b.entry_extra_levels;
 }
 
-/// All tiles that one of the two fields is to have.
+/// The shape with all levels and subfields of both fields.
 FieldShape both(const FieldShape& a, const FieldShape& b) {
   FieldShape shape = a;
   shape.levels = std::max(a.levels, b.levels);

@@ -10,10 +10,10 @@ using storage::LayerId;
 using storage::TileRef;
 using storage::TileState;
 
-/// After so many tiles the pages of records that were read are given back.
+/// After this many tiles, pages that were read are released.
 constexpr std::uint64_t kReleaseEvery = 1 << 14;
 
-/// Visits what one layer has of the filter.
+/// Visits the tiles of a layer that pass the filter.
 class Listing {
  public:
   using Visitor = std::function<Result<void>(const ListedTile&)>;

@@ -35,7 +35,7 @@ Result<Image> tile_picture(const Field& field, TileKey key, const std::string& c
   std::vector<float> numbers;
   to_floats(set->format, set->samples, numbers);
 
-  // A line between pictures keeps them apart.
+  // A transparent line separates the pictures.
   const std::uint32_t cell = set->side + 2;
   Image image;
   for (const TileSampleSet::Place& entry : set->entries) {

@@ -21,7 +21,7 @@
 namespace slf {
 namespace {
 
-/// Watches the process's resident memory while it lives.
+/// Records the peak of the process's resident memory during its lifetime.
 class ResidentWatch {
  public:
   ResidentWatch() : thread_([this] { watch(); }) {}
@@ -55,12 +55,12 @@ class ResidentWatch {
   std::thread thread_;
 };
 
-/// What one view at one level cost, in the order of LevelMeasure's members.
+/// The cost of one view at one level, in the order of LevelMeasure's members.
 struct ViewCost {
   double tiles = 0, pairs = 0, bytes = 0, pages = 0, cached = 0, mapped = 0, peak = 0;
 };
 
-/// What the kernel knows of a field's map.
+/// The kernel's counts of a field's pages.
 class KernelCount {
  public:
   explicit KernelCount(const FieldFile& field)
@@ -68,19 +68,19 @@ class KernelCount {
         bytes_(field.store().file_bytes()),
         path_(field.path()) {}
 
-  /// Forgets all pages and notes which stay in memory all the same.
+  /// Drops all pages from memory, and records which of them stay there.
   void begin() {
     (void)madvise(map_, bytes_, MADV_DONTNEED);
     dropped_ = drop_page_cache(path_).has_value();
     before_ = cached();
   }
-  /// Whether the pages that were needed came into memory since begin(), and no other way.
+  /// Whether the needed pages were read into memory since begin(): then the counts are right.
   [[nodiscard]] bool counts(std::span<const std::uint64_t> needed) const {
     return dropped_ && !before_.empty() &&
            std::none_of(needed.begin(), needed.end(),
                         [&](std::uint64_t page) { return before_[page] & 1; });
   }
-  /// Pages that came into the page cache since begin().
+  /// Pages that were read into the page cache since begin().
   [[nodiscard]] std::uint64_t came() const {
     const std::vector<unsigned char> now = cached();
     std::uint64_t count = 0;
@@ -105,7 +105,7 @@ class KernelCount {
   }
 
  private:
-  /// One byte a page, empty where the kernel does not say.
+  /// One byte per page, nonzero if it is in the page cache; empty if the kernel does not report it.
   [[nodiscard]] std::vector<unsigned char> cached() const {
     std::vector<unsigned char> pages((bytes_ + 4095) / 4096);
     if (mincore(map_, bytes_, pages.data()) != 0) pages.clear();
@@ -151,7 +151,7 @@ Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles,
   for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
     const bool is_depth = field.manifest().layers[layer].name == "depth";
     if (is_depth && !with_depth) continue;
-    std::vector<TileKey> stored;  // the renderer does not look for the depth of nothing
+    std::vector<TileKey> stored;  // the renderer reads no depth of tiles with empty colour
     for (const TileKey& key : tiles) {
       const auto tile = field.store().find(layer, key);
       if (!tile) return tl::unexpected(tile.error());

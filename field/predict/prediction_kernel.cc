@@ -63,7 +63,7 @@ HWY_INLINE ExitCorners find_corners(const LevelGeometry& geometry, const Exact& 
   const auto diagonal = hn::Eq(hn::Add(cell_x, cell_y), last);
   const V sum = hn::Add(f, g), rest = hn::Sub(all, f);
   const auto inverted_cell = hn::AndNot(diagonal, hn::Gt(sum, all));
-  const V v = hn::Min(g, rest);  // on the last diagonal it gives way
+  const V v = hn::Min(g, rest);  // on the last diagonal, rounding may make f + g too large
 
   ExitCorners corners;
   corners.weight[0] = hn::IfThenElse(inverted_cell, hn::Sub(sum, all), hn::Sub(rest, v));
@@ -100,13 +100,14 @@ HWY_INLINE ExitCorners find_corners(const LevelGeometry& geometry, const Exact& 
   return corners;
 }
 
-/// Where the ray from a reference goes that sees what `row` sees at depth d along r = Q - e.
+/// The ray from a reference's vertex e' through the point at depth d on the ray from e along r.
 struct Aim {
   V ev, vv;  ///< with v the direction to that point: the dot products e'·v and v·v
   ExitCorners corners;
 };
 
-/// `w` is e - e', `leave` is Q, where the ray goes if there is no direction.
+/// Aims from e' (`from`) at the point e + d·r; `w` is e - e'. If the point is e' itself, the ray
+/// goes to `leave`, the end Q of the ray from e.
 HWY_INLINE Aim aim(const LevelGeometry& coarser, const Exact& from, const Exact& w, const Exact& r,
                    const Exact& leave, V d) {
   const D tag;
@@ -125,7 +126,7 @@ HWY_INLINE Aim aim(const LevelGeometry& coarser, const Exact& from, const Exact&
   return to;
 }
 
-/// Calls use(tile, lanes) for each tile there that some lanes are in, mostly one.
+/// Calls use(tile, lanes) for each tile that some lanes need, mostly a single one.
 template <class Use>
 HWY_INLINE void for_each_tile(const ReferenceVertex& from, VI section, hn::Mask<D> wanted,
                               Use use) {
@@ -152,7 +153,7 @@ void predict_alpha_depth_any(const LevelGeometry& coarser, const PredictedRow& r
   const V zero = hn::Zero(d), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
   const V full = hn::Set(d, 255.f);
   const Exact e = Exact::set(row.x, row.y, row.z);
-  // Aimed at the same vertex's ray there is nothing to correct.
+  // A ray from the same vertex needs no correction by depth.
   const int rounds = row.references == 1 ? 1 : 3;
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
     const Exact leave{hn::LoadU(d, &points.x[k]), hn::LoadU(d, &points.y[k]),

@@ -1,9 +1,9 @@
-// What a tile looks like from the level above: the arithmetic of FORMAT.md, "Prediction", compiled
-// for several instruction sets. Private to field/.
+// The arithmetic of predicting a tile from the next coarser level (FORMAT.md, "Prediction"),
+// compiled for several instruction sets. Internal.
 //
-// Encoder and decoder must predict the same bytes on every machine. So this is IEEE binary32 with
-// one rounding per operation in a fixed order, never a fused multiply-add, up to where weights
-// become integers; sums of integers are below 2^24 and exact in any order.
+// Encoder and decoder must predict the same bytes on every machine. So weights are computed in IEEE
+// binary32 with one rounding per operation, in a fixed order and without fused multiply-add, and
+// then rounded to integers. Sums of integers stay below 2^24, so they are exact in any order.
 #pragma once
 
 #include <cstddef>
@@ -17,13 +17,13 @@ namespace slf {
 /// Kernels work in whole vectors: they read and write up to this much beyond the last point.
 inline constexpr std::size_t kPadding = 64;
 
-/// Points of the unit sphere, a structure of arrays; kPadding valid points follow the last.
+/// Points on the unit sphere, as a structure of arrays. kPadding valid points follow the last.
 struct Points {
   std::vector<float> x, y, z;
 };
 
-/// The decoded samples of a tile of the coarser level; null where nothing is visible or the tile
-/// is not used. The 8 bytes before either are readable.
+/// The decoded samples of a tile of the coarser level; null if the tile is empty or not used. The 8
+/// bytes before each array are readable.
 struct ReferenceTile {
   const std::byte* color = nullptr;  ///< rgba8
   const std::byte* depth = nullptr;
@@ -34,7 +34,7 @@ struct ReferenceVertex {
   float x = 0, y = 0, z = 0;             ///< its unit direction
   std::uint32_t row = 0;                 ///< its first sample in its section's tiles
   const ReferenceTile* tiles = nullptr;  ///< [exit section of the coarser level]
-  std::uint32_t* uses = nullptr;  ///< if any, [exit section]: look-ups are added, stored or not
+  std::uint32_t* uses = nullptr;  ///< [exit section]: counts look-ups, also in null tiles; or null
 };
 
 /// One row of a tile: the rays from a vertex of the finer entry lattice.
@@ -44,15 +44,15 @@ struct PredictedRow {
   ReferenceVertex reference[2];
 };
 
-/// Predicts the opacity and depth, a byte each, of the rays of `row` to `count` points.
-/// `alpha` and `depth` are written up to the next whole vector: kPadding more than `count`.
+/// Predicts the opacity and depth, a byte each, of the rays of `row` to `count` points. Writes up
+/// to the next whole vector: `alpha` and `depth` have room for `count` + kPadding bytes.
 void predict_alpha_depth(const LevelGeometry& coarser, const PredictedRow& row,
                          const Points& points, std::size_t count, std::uint8_t* alpha,
                          std::uint8_t* depth);
 
-/// Predicts the colour, not multiplied by opacity, of rays whose depths are known: R, G and B from
-/// the lowest byte on, then 255, or 0 where the references see nothing. Rays of zero `alpha` are
-/// left out: all 0. The arrays are read and written up to kPadding beyond `count`.
+/// Predicts the straight colour of rays whose depths are known: R, G and B from the lowest byte on,
+/// then 255. The result is 0 where `alpha` is 0 or where nothing is visible in the references. The
+/// arrays are read and written up to kPadding beyond `count`.
 void predict_color(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
                    std::size_t count, const std::uint8_t* alpha, const std::uint8_t* depth,
                    std::uint32_t* color);

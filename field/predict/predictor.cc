@@ -5,7 +5,7 @@
 namespace slf {
 namespace {
 
-/// Kernels work in whole vectors: what follows the last point is that point again.
+/// Repeats the last point, because kernels work in whole vectors.
 void fill_padding(Points& points, std::size_t count) {
   for (auto* axis : {&points.x, &points.y, &points.z}) {
     const float last = (*axis)[count - 1];
@@ -88,7 +88,8 @@ void TilePredictor::alpha_depth(std::span<const ReferenceTile> from, std::span<s
       z[even_columns_[c]] = coarse_depth[c];
     }
     if (side_ % 2 != 0) continue;
-    // The others lie halfway between two of these: the mean, of the depths among what is visible.
+    // Other columns lie halfway between two of these. They get the mean alpha, and the mean depth
+    // of those that are visible.
     const auto between = [&](std::uint32_t at, std::uint32_t one, std::uint32_t other) {
       a[at] = static_cast<std::uint8_t>((a[one] + a[other] + 1) / 2);
       z[at] = a[other] == 0 ? z[one]
@@ -114,7 +115,7 @@ void TilePredictor::color(std::span<const ReferenceTile> from, std::span<const s
     std::copy_n(alpha.data() + k * columns_, columns_, a.data());
     std::copy_n(depth.data() + k * columns_, columns_, z.data());
     predict_color(coarser_, row(k, from), points_, columns_, a.data(), z.data(), rgb.data());
-    // Where the references see nothing, the sample before stands in.
+    // Where the references show nothing, repeat the colour of the previous sample.
     std::uint32_t last = 0xFF808080u;
     for (std::size_t c = 0; c < columns_; ++c) {
       if (rgb[c] != 0)

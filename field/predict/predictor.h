@@ -1,9 +1,9 @@
-// TilePredictor: predicts the tiles of one level from the decoded tiles of the level above it.
+// TilePredictor: predicts the tiles of one level from decoded tiles of the next coarser level.
 //
-// In two steps, since a colour's prediction takes the tile's own depth:
-//   predictor.alpha_depth(from, alpha, depth);     // to decode alpha and depth with
-//   predictor.color(from, alpha, depth, color);    // to decode colour with
-// Everything is exact: all machines and instruction sets predict the same bytes.
+// It works in two steps, because the prediction of colour needs the tile's own decoded depth:
+//   predictor.alpha_depth(from, alpha, depth);     // then decode alpha and depth
+//   predictor.color(from, alpha, depth, color);    // then decode colour
+// All machines and instruction sets predict the same bytes.
 //
 // Thread-safety: a TilePredictor is immutable.
 #pragma once
@@ -19,12 +19,12 @@ namespace slf {
 
 class TilePredictor {
  public:
-  /// Of the tiles with these sections, whose references are given. Borrows the coarser geometry,
-  /// which is that of the level before finer's.
+  /// A predictor for the tile with these sections. `references` are those of its entry section.
+  /// `coarser` must outlive the predictor. REQUIRES: finer.level() == coarser.level() + 1.
   TilePredictor(const LevelGeometry& coarser, const LevelGeometry& finer,
                 const TileSections& sections, References references);
 
-  /// How many look-ups would go to each candidate if these were a tile's samples.
+  /// How often predicting a tile with these samples would read each candidate.
   [[nodiscard]] std::vector<std::uint32_t> uses(std::span<const std::uint8_t> alpha,
                                                 std::span<const std::uint8_t> depth) const;
 
@@ -33,8 +33,8 @@ class TilePredictor {
   void alpha_depth(std::span<const ReferenceTile> from, std::span<std::uint8_t> alpha,
                    std::span<std::uint8_t> depth) const;
 
-  /// Predicts its colours, not multiplied by alpha: R, G, B from the lowest byte on. Samples of
-  /// zero alpha become 0.
+  /// Predicts a tile's straight colours: R, G, B from the lowest byte on. Samples of zero alpha
+  /// become 0.
   void color(std::span<const ReferenceTile> from, std::span<const std::uint8_t> alpha,
              std::span<const std::uint8_t> depth, std::span<std::uint32_t> color) const;
 

@@ -1,5 +1,5 @@
-// References: which vertices of the coarser entry lattice a tile's rows are predicted from, and
-// which tiles of the coarser level those are rows of (FORMAT.md, "Prediction").
+// References: the vertices of the coarser entry lattice that a tile's rows are predicted from, and
+// the tiles of the coarser level that have these vertices as rows (FORMAT.md, "Prediction").
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@ namespace slf {
 /// The references of the tiles entered through one section: the same for all exit sections.
 struct References {
   struct Vertex {
-    std::uint8_t slot = 0;  ///< of `sections`
+    std::uint8_t slot = 0;  ///< index in `sections` of its owner
     std::uint32_t row = 0;  ///< in that section's tiles
     glm::vec3 direction{0.f};
   };
@@ -31,8 +31,8 @@ struct References {
 [[nodiscard]] References find_references(const LevelGeometry& coarser, const LevelGeometry& finer,
                                          std::uint32_t entry_section);
 
-/// The tiles of the coarser level that may be referred to, [slot][exit section]: a slot for each
-/// entry section that owns references.
+/// The tiles of the coarser level that a tile may refer to, as [slot][exit section]. There is a
+/// slot for each of references.sections.
 [[nodiscard]] std::vector<TileSections> candidates_of(const LevelGeometry& coarser,
                                                       const References& references);
 

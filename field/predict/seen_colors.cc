@@ -8,8 +8,8 @@
 namespace slf {
 namespace {
 
-// A colour is seen as the logarithm of what it is before multiplication by alpha, which the bits of
-// a half float are nearly: 32 steps to an octave, from 1/64 to 4.
+// The 8-bit colour is about the logarithm of the straight colour, taken from the bits of its half
+// float: 32 steps per octave, from 1/64 to 4.
 constexpr int kDarkest = 0x2400, kShift = 5;
 
 std::uint32_t seen_color(std::uint16_t color, float alpha) {

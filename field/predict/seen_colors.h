@@ -1,5 +1,4 @@
-// What predictions are made from in tiles of half floats: their colours in 8 bits (FORMAT.md,
-// "Half floats").
+// Tiles of half floats are predicted from their colours in 8 bits (FORMAT.md, "Half floats").
 #pragma once
 
 #include <cstdint>
@@ -8,10 +7,11 @@
 
 namespace slf {
 
-/// The rgba8_depth8 samples that stand for rgba16f_depth8 ones.
+/// Converts rgba16f_depth8 samples to the rgba8_depth8 samples from which others are predicted.
 [[nodiscard]] Bytes seen_samples(ByteSpan half);
 
-/// A predicted colour times an opacity, as the bits of half floats.
+/// Converts a predicted 8-bit colour back, times an opacity. Returns the bits of a half float;
+/// `alpha` are such bits, too.
 [[nodiscard]] std::uint16_t half_of_seen_color(std::uint8_t color, std::uint16_t alpha);
 
 }  // namespace slf

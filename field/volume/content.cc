@@ -9,7 +9,7 @@
 namespace slf {
 namespace {
 
-/// What the voxels mean. Numbers are written so that each value has one text.
+/// Dimensions, geometry, scale and type as text. Each number has exactly one representation.
 std::string meaning(const Volume& v) {
   std::ostringstream text;
   text.imbue(std::locale::classic());

@@ -1,4 +1,4 @@
-// The content of a volume, as one short text.
+// A hash of a volume's content.
 #pragma once
 
 #include <string>
@@ -7,8 +7,8 @@
 
 namespace slf {
 
-/// "xxh3-128:" and 32 hexadecimal digits: a hash of the voxels and of all that says where they lie
-/// and what they mean. Equal for equal volumes, wherever they were read from.
+/// "xxh3-128:" and 32 hexadecimal digits: a hash of the voxels, their geometry, scale and type.
+/// Equal volumes have equal hashes, whatever file they were read from.
 [[nodiscard]] std::string content_hash(const Volume& volume);
 
 }  // namespace slf

@@ -64,7 +64,7 @@ struct DicomSlice {
 
   /// Bytes of its pixels, decoded. At most 2^34.
   [[nodiscard]] std::uint64_t bytes() const;
-  /// Path and, where the file has several, frame, for messages.
+  /// The path and, if the file has several frames, the frame, for messages.
   [[nodiscard]] std::string label() const;
 };
 

@@ -23,14 +23,14 @@ constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 30;
 
 std::uint64_t decoded_bytes(const DicomSlice& file) { return file.bytes() * file.frames; }
 
-/// Seconds that a file may take. The slowest decoder produces tens of megabytes per second.
+/// Seconds that decoding a file may take. The slowest decoder makes tens of megabytes per second.
 std::uint64_t patience(const DicomSlice& file) { return 60 + (decoded_bytes(file) >> 20); }
 
 // In the child.
 
-/// Limits the child: its address space to what it has now plus GDCM's several copies of a file, its
-/// time to what the files need; and it may neither write files nor start processes (GDCM would run
-/// pvrg-jpeg on pictures that its own JPEG refuses).
+/// Limits the child. Its address space may grow by GDCM's several copies of a file; its CPU time is
+/// what the files need. It may neither write files nor start processes: GDCM would run pvrg-jpeg on
+/// pictures that its own JPEG decoder refuses.
 bool set_limits(const std::vector<DicomSlice>& files) {
   std::uint64_t pages = 0, largest = 0, seconds = 0;
   if (!(std::ifstream("/proc/self/statm") >> pages)) return false;

@@ -144,7 +144,8 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value) {
 
 namespace {
 
-/// Reads `to`, whole: a voxel's `component` among its `components`, each of `width` bytes.
+/// Fills `to` with one component of each voxel, from.component of from.components, each of `width`
+/// bytes.
 Result<std::size_t> read_component(ByteReader& reader, const VoxelData& from, std::size_t width,
                                    std::span<std::byte> to) {
   if (from.components == 1) return reader.read(to);
@@ -197,7 +198,7 @@ Result<void> read_voxels(const VoxelData& from, Volume& volume) {
   if (*got != kept)
     return fail(ErrorCode::bad_file, from.path, ": expected ", kept, " bytes of voxels, found ",
                 *got, ": the file is truncated, or its header is wrong");
-  // Reading past the voxels is what makes zlib compare its checksum.
+  // zlib compares its checksum only when it reads past the voxels.
   if (from.packed)
     if (const auto rest = reader->read(std::span(scratch).first(1)); !rest)
       return tl::unexpected(rest.error());

@@ -1,7 +1,7 @@
-// What the volume readers share: bytes read with bounds, checked dims and axes, header text.
+// Shared by the volume readers: bounded reading, checks of dims and axes, header text.
 //
-// Nothing here trusts a header. A size is believed only after the file was found large enough to
-// hold it; deflate expands at most 1032:1, so that holds for packed voxels too.
+// Headers are untrusted. Memory for a stated size is allocated only if the file is long enough to
+// hold it. Deflate expands at most 1032:1, so the same check works for packed voxels.
 #pragma once
 
 #include <cstddef>
@@ -19,18 +19,18 @@
 
 namespace slf::volume_io {
 
-/// Where the voxels of a volume lie.
+/// The location of a volume's voxels in a file.
 struct VoxelData {
   std::string path;
   std::uint64_t offset = 0;  ///< first byte in the file, of the voxels or of their packed stream
   bool packed = false;       ///< gzip or zlib
   std::uint64_t skip = 0;    ///< bytes before the voxels, counted once unpacked
   bool big_endian = false;
-  /// Numbers a voxel has, side by side, and which of them is read.
+  /// The number of components of a voxel, stored side by side, and the one to read.
   std::uint32_t components = 1, component = 0;
 };
 
-/// Bytes of a file from an offset on, unpacked where they are gzip or zlib. Moves forward only.
+/// Reads a file from an offset on, forward only. Unpacks gzip and zlib.
 class ByteReader {
  public:
   /// io: missing, a folder or device, unreadable.
@@ -53,7 +53,7 @@ class ByteReader {
 /// io: missing or not a regular file.
 [[nodiscard]] Result<std::uint64_t> file_size(const std::string& path);
 
-/// The first bytes, at most `limit`, unpacked when they begin as gzip does.
+/// The first bytes of a file, at most `limit`, unpacked if they are gzip.
 [[nodiscard]] Result<std::string> read_head(const std::string& path, std::size_t limit);
 
 /// Exactly three extents of at least 2 whose product is a size the machine can count.
@@ -61,7 +61,7 @@ class ByteReader {
 [[nodiscard]] Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
                                                               std::span<const std::uint64_t> sizes);
 
-/// The index that `chosen` names among `count`; 0 where there is one and none is chosen.
+/// The chosen index among `count`; 0 if there is only one and none is chosen.
 /// unsupported: several, and none chosen. usage: beyond the end. `what`: "component", "time point".
 [[nodiscard]] Result<std::uint32_t> choose(const std::string& source,
                                            const std::optional<std::uint32_t>& chosen,
@@ -71,15 +71,16 @@ class ByteReader {
 [[nodiscard]] Result<void> expect_one_number(const std::string& source,
                                              const VolumeOptions& options);
 
-/// Three extents, and which of the volumes of that size that follow each other.
+/// Three extents, and the index of the chosen volume if several of this size follow each other.
 struct ChosenVolume {
   std::array<std::uint32_t, 3> dims{};
   std::uint64_t index = 0;
-  bool by_component = false;  ///< the component is chosen with it: volumes of one each
+  bool by_component =
+      false;  ///< each component is a volume of its own, so the index chooses it, too
 };
 
-/// check_dims of the first three; a fourth is time, a fifth components, as options choose. Further
-/// ones must be 1.
+/// Checks the first three extents with check_dims(). A fourth is time and a fifth components, from
+/// which the options choose. Further ones must be 1.
 [[nodiscard]] Result<ChosenVolume> choose_volume(const std::string& source,
                                                  std::vector<std::uint64_t> sizes,
                                                  const VolumeOptions& options);
@@ -98,7 +99,7 @@ struct ChosenVolume {
 /// Bytes the voxels take. REQUIRES: dims that passed check_dims.
 [[nodiscard]] std::uint64_t voxel_bytes(const Volume& volume);
 
-/// Least significant first to most significant first, or back, in place.
+/// Reverses the byte order of values in place.
 void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 
 // Header text.
@@ -109,13 +110,13 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 [[nodiscard]] std::optional<std::int64_t> parse_integer(std::string_view text);
 /// At most 40 printable characters of untrusted text, quoted, for a message.
 [[nodiscard]] std::string in_quotes(std::string_view text);
-/// A data file named in a header, relative to the header's folder.
+/// The path of a data file that a header names relative to its own folder.
 [[nodiscard]] std::string beside(const std::string& header, std::string_view name);
 
 /// The next line of `text` from `at` on, without its end; `at` moves behind it.
 [[nodiscard]] std::string_view next_line(std::string_view text, std::size_t& at);
 
-// The readers, one a format. `head` is what read_head gave, enough to hold the header.
+// The readers, one per format. `head` is from read_head() and includes the whole header.
 [[nodiscard]] bool looks_like_nifti(std::string_view head);
 [[nodiscard]] bool looks_like_meta(std::string_view head);
 [[nodiscard]] bool looks_like_dicom(std::string_view head);
@@ -137,7 +138,7 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
                                       const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_dicom_folder(const std::string& path);
 [[nodiscard]] Result<Volume> read_dicom_file(const std::string& path);
-/// DICOM where the folder has any, else its PNGs or TIFFs, one or more slices each.
+/// Reads a folder: DICOM if it has any, else its PNGs or TIFFs, one or more slices each.
 [[nodiscard]] Result<Volume> read_folder(const std::string& path, const VolumeOptions& options);
 
 }  // namespace slf::volume_io

@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 
-/// The words of a line; what stands in quotes is one word.
+/// The words of a line. Text in quotes is one word.
 std::vector<std::string_view> words_of(std::string_view line) {
   std::vector<std::string_view> words;
   for (std::size_t at = 0;;) {

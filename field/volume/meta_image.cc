@@ -156,7 +156,7 @@ Result<void> read_scale(const Header& header, Volume& volume) {
   return {};
 }
 
-/// `copies`: how many times the volume's bytes the file holds, in components and time points.
+/// Finds the voxels. The file holds `copies` times the volume's bytes: components × time points.
 Result<VoxelData> locate(const Header& header, const Volume& volume, std::uint64_t copies) {
   const std::string& path = volume.source;
   const auto binary = flag(path, header, {"BinaryData"}, true);

@@ -1,8 +1,8 @@
 // MRC2014 and CCP4 maps (.mrc, .map), https://www.ccpem.ac.uk/mrc_format/mrc2014.php.
 //
-// Read here: the format is a header of 1024 bytes at fixed offsets with voxels behind it, and
+// Why our own reader? The format is a header of 1024 bytes with fixed offsets, then voxels, and
 // Debian has no library for it that is made for damaged files. World coordinates are the file's, in
-// ångströms; nothing in them is left or right.
+// ångströms; they have no anatomical directions.
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -77,7 +77,7 @@ Result<ScalarType> scalar_type(const std::string& path, const Words& words) {
   }
 }
 
-/// The edges of the unit cell, and a voxel's share of them: a along x, b in the plane of x and y.
+/// Computes the axes from the unit cell, whose edge a is along x and edge b in the xy plane.
 Result<void> place(const Words& words, const std::array<int, 3>& axis_of, Volume& volume) {
   glm::dvec3 step, angle;
   bool scaled = true;
@@ -144,7 +144,7 @@ void widen_half_floats(Volume& volume) {
   volume.type = ScalarType::f32;
 }
 
-/// Two voxels a byte, the first in the low half; each row begins with a byte of its own.
+/// Reads 4-bit voxels: two per byte, the first in the low half. Each row begins on a new byte.
 Result<void> read_four_bits(VoxelData data, std::uint64_t skipped_rows, Volume& volume) {
   const auto width = volume.dims[0];
   const std::size_t row = (std::size_t{width} + 1) / 2;

@@ -1,9 +1,9 @@
 // NIfTI-1 and NIfTI-2, one file (.nii, .nii.gz) or a .hdr with its .img.
 //
-// Read here and not through libnifti or ITK. ITK turns scaled 8 and 16 bit voxels into floats,
-// four times the memory, where we keep them and their slope. libnifti trusts the dims it allocates
-// by, and reports on stderr. What is left of the format is a header of fixed offsets (nifti1.h,
-// nifti2.h) and the arithmetic of the two transforms, below.
+// Why our own reader? ITK converts scaled 8 and 16 bit voxels to floats, which takes up to four
+// times the memory; we keep the voxels and their slope. libnifti allocates by dims that it does not
+// check, and reports on stderr. The format is a header with fixed offsets (nifti1.h, nifti2.h) and
+// the arithmetic of two transforms, below.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -62,7 +62,7 @@ std::optional<bool> big_endian_of(std::string_view head, std::uint32_t size) {
   return std::nullopt;
 }
 
-// Real is the header's floating type, Extent that of its dims: all else that differs are offsets.
+// Reads the header of either version: Real is its floating type, Extent that of its dims.
 template <class Real, class Extent, class Code>
 void fill(const Fields& from, std::size_t dim, std::size_t pixdim, std::size_t scale,
           std::size_t codes, Header& to) {
@@ -143,7 +143,7 @@ Result<ScalarType> scalar_type(const std::string& path, int datatype) {
   }
 }
 
-/// Numbers a voxel has: colours and complex numbers have several.
+/// The number of components of a voxel. Colours and complex numbers have several.
 std::uint32_t components_of(int datatype) {
   switch (datatype) {
     case 128:
@@ -173,7 +173,8 @@ Transform sform_of(const Header& header) {
   return t;
 }
 
-// nifti1.h, method 2: the quaternion (a,b,c,d), a from the others; pixdim[0] is the handedness.
+// nifti1.h, method 2: the quaternion (a,b,c,d), where a follows from the others. pixdim[0] is the
+// handedness.
 Transform qform_of(const Header& header) {
   double b = header.quaternion.x, c = header.quaternion.y, d = header.quaternion.z;
   double a = 1 - (b * b + c * c + d * d);
@@ -202,7 +203,7 @@ bool is_usable(const Transform& t) {
   return std::abs(glm::determinant(t.axes)) > 1e-6 * scale;
 }
 
-/// The greatest distance between where two transforms place a voxel: that of a corner.
+/// The greatest distance between the positions that two transforms give a voxel. It is at a corner.
 double greatest_distance(const Transform& a, const Transform& b, const Volume& volume) {
   double greatest = 0;
   for (int corner = 0; corner < 8; ++corner) {
@@ -215,7 +216,7 @@ double greatest_distance(const Transform& a, const Transform& b, const Volume& v
   return greatest;
 }
 
-/// The angle furthest from a right one at which two axes meet, in degrees.
+/// The angle between two axes that differs most from 90 degrees, in degrees.
 double most_oblique_angle(const glm::dmat3& axes) {
   double angle = 90;
   for (int i = 0; i < 3; ++i) {
@@ -234,9 +235,9 @@ std::string brief(double value) {
   return std::move(text).str();
 }
 
-// The choice of nibabel, FSL and NiiVue: the sform where its code is set, else the qform, else the
-// grid alone, which nibabel and SPM take as LAS with the world's origin at its centre. ITK prefers
-// the qform in some cases, and refuses shear; a ray-caster has no reason to.
+// Chooses as nibabel, FSL and NiiVue do: the sform if its code is set, else the qform. With
+// neither, nibabel and SPM treat the grid as LAS with the world's origin at its centre. ITK prefers
+// the qform in some cases, and refuses shear, which our ray-caster supports.
 Result<void> place(const Header& header, Volume& volume) {
   const Transform sform = sform_of(header), qform = qform_of(header);
   const bool has_sform = header.sform_code > 0, has_qform = header.qform_code > 0;

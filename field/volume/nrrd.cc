@@ -1,7 +1,7 @@
 // NRRD (.nrrd, or .nhdr with its data file), https://teem.sourceforge.net/nrrd/format.html.
 //
-// Not read through ITK or teem, because every size must be checked against the file before it is
-// allocated. That requires parsing the header, and behind it are only voxels, raw or deflated.
+// Why our own reader, not ITK or teem? Every size must be checked against the file before memory is
+// allocated. That requires parsing the header, and the rest is only voxels, raw or deflated.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -130,7 +130,7 @@ Result<void> parse_numbers(const std::string& path, const FieldMap& fields, std:
   return {};
 }
 
-/// Whether an axis is no axis of space but one of components, like teem's range kinds.
+/// Whether an axis is one of components, not of space (teem's range kinds).
 bool is_range(const Axis& axis) {
   const auto& k = axis.kind;
   return !(k.empty() || k == "none" || k == "???" || k == "domain" || k == "space" || k == "time");
@@ -172,12 +172,12 @@ Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fi
   return axes;
 }
 
-/// What is left beside the three axes of space: components in front, time points behind.
+/// The extents of the axes that are not of space: components before these, time points after.
 struct Beside {
   std::uint64_t components = 1, times = 1;
 };
 
-/// Keeps the three axes of space; extents of 1 beyond them are dropped, components first.
+/// Keeps the three axes of space. Drops axes of extent 1 beyond three, those of components first.
 Result<Beside> keep_space(const std::string& path, bool directed, std::vector<Axis>& axes) {
   const auto beyond = [&](const Axis& a) { return is_range(a) || (directed && !a.direction); };
   std::erase_if(axes, [&](const Axis& a) { return a.size == 1 && beyond(a); });
@@ -231,8 +231,8 @@ Result<void> place_directed(const FieldMap& fields, const std::vector<Axis>& axe
   return check_axes(volume);
 }
 
-// Without a space: the grid's own axes. The axis mins give the origin if all are known. A min is
-// the edge of the first voxel, unless the samples are at nodes.
+// Without a space, uses the grid's own axes. The axis mins give the origin if all are known. A min
+// is the edge of the first voxel, unless the samples are at nodes.
 Result<void> place_by_spacing(const FieldMap& fields, const std::vector<Axis>& axes,
                               Volume& volume) {
   const bool has_spacing = fields.contains("spacings");
@@ -296,7 +296,7 @@ Result<bool> parse_big_endian(const std::string& path, const FieldMap& fields, S
               ", expected 'endian: little' or 'endian: big'");
 }
 
-/// `copies`: how many times the volume's bytes the file holds, in components and time points.
+/// Finds the voxels. The file holds `copies` times the volume's bytes: components × time points.
 Result<VoxelData> locate(const std::string& path, const Header& header, const Volume& volume,
                          std::uint64_t copies) {
   const auto& fields = header.fields;

@@ -12,8 +12,8 @@ namespace slf::volume_io {
 
 namespace {
 
-/// libpng leaves by longjmp: all that it must free or fill lives here, outside of the frames that
-/// it leaps over.
+/// libpng reports errors by longjmp. All objects that must be freed or filled are in this struct,
+/// outside of the frames that a longjmp skips.
 struct Reader {
   std::vector<std::byte> bytes;
   std::size_t at = 0;
@@ -44,7 +44,7 @@ void on_read(png_structp png, png_bytep to, std::size_t count) {
   reader.at += count;
 }
 
-/// Header, and what the pixels are to become: 8 or 16 bits, 1 to 4 channels.
+/// Reads the header, and requests pixels of 8 or 16 bits with 1 to 4 channels.
 bool read_header(Reader& reader) {
   if (setjmp(png_jmpbuf(reader.png))) return false;
   png_read_info(reader.png, reader.info);

@@ -10,7 +10,7 @@
 
 namespace slf::volume_io {
 
-/// What the slices of one volume must have in common.
+/// The properties that all slices of a volume share.
 struct SliceKind {
   std::uint32_t width = 0, height = 0;
   std::uint32_t components = 1;
@@ -21,11 +21,11 @@ struct SliceKind {
 /// "512x512 u8, 3 components".
 [[nodiscard]] std::string describe(const SliceKind& kind);
 
-/// Takes one number of each voxel from rows of several, and appends it to a volume.
+/// Appends one component of each voxel to a volume.
 class ComponentTaker {
  public:
-  /// Which component to take of `kind`: the chosen one; the first of grey with alpha; of colours
-  /// whose channels are equal, the first. Errors as choose().
+  /// Chooses the component: that of the options, or the first of grey with alpha and of colours
+  /// whose channels are equal. Errors as choose().
   [[nodiscard]] static Result<ComponentTaker> make(const std::string& source, const SliceKind& kind,
                                                    const VolumeOptions& options);
   [[nodiscard]] std::uint32_t component() const { return component_; }
@@ -41,12 +41,12 @@ class ComponentTaker {
   bool must_be_grey_ = false;
 };
 
-/// One PNG, appended to `voxels`; `kind` is set by the first and must be that of all others.
+/// Appends a PNG to `voxels`. The first one sets `kind`, which all others must have.
 [[nodiscard]] Result<void> append_png(const std::string& path, const VolumeOptions& options,
                                       std::optional<SliceKind>& kind,
                                       std::vector<std::byte>& voxels);
 
-/// All pages of a TIFF file, the same way. Returns how many.
+/// Appends all pages of a TIFF file in the same way. Returns their number.
 [[nodiscard]] Result<std::uint32_t> append_tiff(const std::string& path,
                                                 const VolumeOptions& options,
                                                 std::optional<SliceKind>& kind,

@@ -1,7 +1,7 @@
 // TIFF stacks through libtiff: plain pages, OME-TIFF and ImageJ's, BigTIFF too.
 //
-// What libtiff is given to decode is narrowed to the encodings that stacks have, and each buffer is
-// held against the size of the file before it is allocated.
+// Only the encodings that are usual in stacks reach libtiff's decoders. The size of each buffer is
+// checked against the size of the file before it is allocated.
 #include <tiffio.h>
 
 #include <algorithm>
@@ -29,7 +29,7 @@ struct Close {
 
 int on_error(TIFF*, void* user, const char* module, const char* format, va_list arguments) {
   auto& text = *static_cast<std::string*>(user);
-  if (!text.empty()) return 1;  // the first says most
+  if (!text.empty()) return 1;  // keep the first message, which is the most specific
   std::array<char, 256> line{};
   std::vsnprintf(line.data(), line.size(), format, arguments);
   text = std::string(module ? module : "") + ": " + line.data();
@@ -132,7 +132,7 @@ Result<SliceKind> kind_of(const TiffFile& file) {
               ", expected none, LZW, deflate, PackBits, JPEG, LZMA or zstd");
 }
 
-/// A buffer for decoded rows; more than the file can hold is an error before it is allocated.
+/// A buffer for decoded rows. bad_file: the file is too short to expand to this size.
 Result<std::vector<std::byte>> buffer(const TiffFile& file, std::uint64_t size) {
   if (size > file.bytes * kMostExpansion)
     return fail(ErrorCode::bad_file, file.path, ": page ", file.page, " claims ", size,
@@ -140,8 +140,8 @@ Result<std::vector<std::byte>> buffer(const TiffFile& file, std::uint64_t size) 
   return std::vector<std::byte>(size);
 }
 
-/// The pixels of this page, strip by strip or by rows of tiles, so that nothing large is allocated
-/// before something was decoded.
+/// Appends the pixels of this page, by strips or by rows of tiles, so that memory grows with the
+/// data that were decoded.
 Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentTaker& taker,
                          std::vector<std::byte>& voxels) {
   TIFF* tiff = file.tiff.get();
@@ -196,8 +196,8 @@ Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentT
   return {};
 }
 
-/// What a description says of the pages: how many along z, channels and times, in which order, and
-/// how far apart.
+/// The meaning of the pages, from an OME or ImageJ description: counts of slices, channels and
+/// times, their order, and the spacing.
 struct Description {
   std::uint64_t z = 0, channels = 1, times = 1;
   std::string order = "ZCT";  ///< the fastest first
@@ -284,7 +284,7 @@ Description parse_imagej(const std::string& text, const TiffFile& file) {
   return d;
 }
 
-/// The place of a page among the others.
+/// The index of the page of slice z, channel c and time t.
 std::uint64_t page_of(const Description& d, std::uint64_t z, std::uint64_t c, std::uint64_t t) {
   std::uint64_t index = 0, stride = 1;
   for (const char axis : d.order) {
@@ -325,7 +325,8 @@ void set_spacing(const Description& d, const VolumeOptions& options, Volume& vol
         "its " + d.origin + " metadata state only some of the spacings: the others are taken as 1");
 }
 
-/// ImageJ's stacks beyond 4 GiB: one page, the others behind its pixels without any header.
+/// Reads ImageJ's stacks beyond 4 GiB: one page, whose pixels are followed by those of the other
+/// slices, without headers.
 Result<Volume> read_raw_stack(const TiffFile& file, const SliceKind& kind, const Description& d,
                               std::uint64_t z_step, std::uint64_t first, Volume volume) {
   std::uint64_t* offsets = nullptr;
@@ -398,7 +399,7 @@ Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) 
   // OME counts the samples of a colour pixel as channels.
   if (d->origin == "OME" && kind->components > 1 && d->channels % kind->components == 0)
     d->channels /= kind->components;
-  // Stacks along z are often saved as times.
+  // Many stacks along z are saved as times.
   if (d->z == 1 && d->times > 1 && !options.time) {
     std::swap(d->z, d->times);
     for (char& axis : d->order) axis = axis == 'Z' ? 'T' : axis == 'T' ? 'Z' : axis;

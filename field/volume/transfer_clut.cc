@@ -47,7 +47,7 @@ Presets parse_clut(std::string_view text, const std::string& source) {
   TransferPreset preset;
   preset.values = from < to ? TransferPreset::Values::absolute : TransferPreset::Values::relative;
   if (!(from < to)) from = 0, to = 1;
-  preset.has_unit_distance = false;  // opacity is what a picture shows, not per millimetre
+  preset.has_unit_distance = false;  // the file's opacity is per sample, not per millimetre
   bool any_opacity = false;
   double before = -1;
   for (int i = 0; i < static_cast<int>(*count); ++i) {

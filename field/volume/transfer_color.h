@@ -20,7 +20,7 @@ namespace slf::transfer_color {
 [[nodiscard]] glm::dvec3 interpolate(TransferFunction::Space space, const glm::dvec3& a,
                                      const glm::dvec3& b, double s);
 
-/// The colour of a label that has none of its own: hues apart by the golden ratio of the id.
+/// The default colour of a label. Hues are multiples of the golden ratio.
 [[nodiscard]] glm::dvec3 of_label(double id);
 
 }  // namespace slf::transfer_color

@@ -15,14 +15,14 @@ using volume_io::lower;
 
 namespace {
 
-/// The built-in of a name, or null.
+/// The built-in preset of this name, or null.
 const TransferPreset* find_built_in(const std::string& name) {
   for (const auto& preset : built_in_transfers())
     if (preset.function.name == lower(name)) return &preset;
   return nullptr;
 }
 
-/// The first names of presets, those first that hold `like`.
+/// Some names of presets, for a message. Names that contain `like` come first.
 std::string some_names(std::span<const TransferPreset> presets, const std::string& like) {
   std::vector<std::string> names;
   for (const auto& preset : presets) names.push_back(preset.function.name);
@@ -67,7 +67,7 @@ Result<std::vector<TransferPreset>> read_transfers(const std::string& path) {
 
 Result<TransferPreset> read_transfer(const std::string& reference) {
   if (const auto* found = find_built_in(reference)) return *found;
-  // A path may hold a '#' of its own: the longest that is a file counts.
+  // A path may itself contain '#': use the longest prefix that is a file.
   std::string path = reference;
   std::error_code ignored;
   while (!std::filesystem::exists(path, ignored)) {

@@ -1,4 +1,4 @@
-// TransferPreset::fit: a preset meets its volume.
+// TransferPreset::fit: fits a preset to a volume.
 #include <algorithm>
 #include <cmath>
 
@@ -41,7 +41,7 @@ using Extent = std::array<double, 2>;
 /// Moves the points of an extent to another, linearly.
 template <class Point>
 void stretch(std::vector<Point>& points, const Extent& from, const Extent& to) {
-  // In halves, so that the widest of ranges does not overflow.
+  // Computed in halves, so that a range of huge values does not overflow.
   const double scale = (to[1] / 2 - to[0] / 2) / (from[1] / 2 - from[0] / 2);
   for (auto& point : points) {
     const double moved = to[0] + (point.value - from[0]) * scale;
@@ -49,7 +49,8 @@ void stretch(std::vector<Point>& points, const Extent& from, const Extent& to) {
   }
 }
 
-/// A function over an extent, as points that are even in the logarithm of a range.
+/// Maps a function from an extent to a range, at points that are even in the logarithm of the
+/// range.
 TransferFunction by_decades(const TransferFunction& function, const Extent& from,
                             const Extent& to) {
   TransferFunction result = function;
@@ -68,8 +69,8 @@ TransferFunction by_decades(const TransferFunction& function, const Extent& from
   return result;
 }
 
-/// Colours of categories as equal steps over an extent: in Space::step a point's colour holds up to
-/// the point.
+/// Spreads the colours of categories over an extent in equal steps. In Space::step a point's colour
+/// is that of all values up to the point.
 void spread_evenly(std::vector<TransferFunction::ColorPoint>& colors, const Extent& to) {
   const auto count = static_cast<double>(colors.size());
   for (std::size_t i = 0; i < colors.size(); ++i)
@@ -80,7 +81,8 @@ bool is_normalized(const Extent& extent) {
   return (extent[0] == 0 || extent[0] == -1) && extent[1] == 1;
 }
 
-/// Whether the volume's values reach beyond twice the extent, so that it cannot be meant in them.
+/// Whether the volume's values exceed the extent by more than its length. Then the extent cannot be
+/// in the volume's units.
 bool is_far_beyond(const ValueStatistics& statistics, const Extent& extent) {
   const Extent range = statistics.range();
   const double length = extent[1] - extent[0];

@@ -1,4 +1,4 @@
-// The formats of transfer functions, one a file. `source` names the file in messages.
+// The formats of transfer functions, one per source file. `source` names the file in messages.
 #pragma once
 
 #include <string>
@@ -22,10 +22,10 @@ using Presets = Result<std::vector<TransferPreset>>;
 [[nodiscard]] bool looks_like_clut(std::string_view text);
 [[nodiscard]] Presets parse_clut(std::string_view text, const std::string& source);
 
-/// A rise from 0 to 0.95, as the square of the way: faint low, firm high.
+/// Opacities that rise from 0 to 0.95, quadratically, so that low values stay faint.
 [[nodiscard]] std::vector<TransferFunction::OpacityPoint> opacity_ramp(double from, double to);
 
-/// Least and greatest value among the points, colours and, where they are its own, opacities.
+/// The least and greatest value of the points of colour and, if has_opacity, of opacity.
 [[nodiscard]] std::array<double, 2> extent(const TransferPreset& preset);
 
 }  // namespace slf::transfer_formats

@@ -40,7 +40,7 @@ tl::unexpected<Error> bad(const Parts&... parts) {
   return fail(ErrorCode::bad_file, parts...);
 }
 
-/// The numbers of an array of points of `stride` numbers, ascending in their first.
+/// Reads an array of points of `stride` numbers each. The first numbers must ascend.
 Result<std::vector<double>> read_points(const json& preset, const Place& place, const char* key,
                                         std::size_t stride, const char* meaning) {
   const auto found = preset.find(key);
@@ -81,7 +81,8 @@ Result<Space> read_space(const json& preset, const Place& place) {
               ", expected RGB, HSV, Lab, CIELAB, Diverging or Step");
 }
 
-/// Colours of categories, at their annotated values where those are numbers, else at 0, 1, 2, ...
+/// Reads the colours of categories. Their values are the annotations if these are numbers, else 0,
+/// 1, 2, ...
 Result<std::vector<TransferFunction::ColorPoint>> read_indexed(const json& preset,
                                                                const Place& place) {
   const auto& found = preset["IndexedColors"];
@@ -98,7 +99,7 @@ Result<std::vector<TransferFunction::ColorPoint>> read_indexed(const json& prese
     if (i % 3 == 0) points.push_back({static_cast<double>(i / 3), {}});
     points.back().rgb[static_cast<int>(i % 3)] = channel;
   }
-  // Pairs of value and text; of some files the values are text, too.
+  // Pairs of value and text. In some files the values are strings.
   if (annotations == preset.end() || !annotations->is_array()) return points;
   std::vector<double> values;
   for (std::size_t i = 0; i < points.size() && 2 * i < annotations->size(); ++i) {
@@ -166,8 +167,8 @@ Result<TransferPreset> read_preset(const json& preset, const Place& place) {
   return result;
 }
 
-/// One function of 3D Slicer's JSON: {"points": [{"x": ..., KEY: ...}, ...]}, as the flat array of
-/// ParaView's, x and then its `stride` - 1 other numbers.
+/// Converts a function of 3D Slicer's JSON, {"points": [{"x": ..., KEY: ...}, ...]}, to ParaView's
+/// flat array: for each point x, then its `stride` - 1 other numbers.
 json flat_points(const json& component, const char* name, const char* key, std::size_t stride) {
   json flat = json::array();
   const auto found = component.find(name);

@@ -1,4 +1,4 @@
-// Functions for labels, and whether a volume holds them.
+// Transfer functions for labels, and the guess whether a volume holds labels.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -12,7 +12,7 @@ namespace slf {
 
 namespace {
 
-/// The ids there are, at most 65536 of them (more are amounts misread).
+/// The ids in a volume, at most 65536. (A volume with more holds amounts, not ids.)
 std::set<double> ids_of(const Volume& volume) {
   std::set<double> ids;
   visit_voxels(volume, [&](auto stored) {
@@ -40,8 +40,8 @@ glm::dvec3 transfer_color::of_label(double id) {
 
 namespace {
 
-// In Space::step the stretch up to and with a point has the point's colour, so every id, being a
-// point, has its own. The opacity leaps half way from 0 to the ids beside it.
+// Each id is a point, and in Space::step values up to a point have its colour. The opacity steps
+// from 0 to 1 halfway between id 0 and the ids beside it.
 template <class ColorOf>
 TransferFunction with_colors(const Volume& volume, const ColorOf& color_of) {
   TransferFunction result;
@@ -89,7 +89,7 @@ bool looks_like_labels(const Volume& volume) {
     return false;
   return visit_voxels(volume, [&](auto stored) {
     using T = typename decltype(stored)::value_type;
-    // Pairs of neighbours along x inside objects: 0 beside 0 is background, and tells nothing.
+    // Counts pairs of neighbours along x inside objects. Pairs of zeros are background: ignored.
     std::uint64_t equal = 0, near = 0, far = 0;
     const std::size_t width = volume.dims[0];
     const std::size_t rows = stored.size() / width;
@@ -107,7 +107,7 @@ bool looks_like_labels(const Volume& volume) {
           far += 1;
       }
     const auto inside = static_cast<double>(equal + near + far);
-    // Amounts change little from voxel to voxel and often; ids seldom, and by any number.
+    // Amounts often differ a little between neighbours; ids seldom differ, but then by any number.
     return far > 0 && static_cast<double>(equal) > 0.7 * inside && near <= far;
   });
 }

@@ -21,7 +21,7 @@ TransferPreset make(const char* name, TransferPreset::Values values, const char*
   preset.description = description;
   preset.values = values;
   preset.has_unit_distance = values == TransferPreset::Values::absolute;
-  // fit() stretches from the first point to the last, so that one must stand at 0.
+  // fit() stretches from the first point to the last, so there must be a point at 0.
   std::vector<Point> all = points;
   if (values == TransferPreset::Values::relative && points.front().value > 0)
     all.insert(all.begin(), {0, points.front().color, 0});

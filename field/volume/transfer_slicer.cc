@@ -1,5 +1,5 @@
-// 3D Slicer's volume property, .vp: nine lines, of which the seventh holds opacities, as a count
-// and then pairs, and the ninth colours, as a count and then fours. The others say how to light.
+// 3D Slicer's volume property, .vp: nine lines. The seventh has opacities, a count and then pairs;
+// the ninth has colours, a count and then groups of four. The others are about lighting.
 #include <cctype>
 #include <cmath>
 
@@ -19,8 +19,8 @@ std::vector<std::string_view> lines_of(std::string_view text) {
   return lines;
 }
 
-/// A line of a count and so many numbers, `stride` a point, ascending in the first, the others
-/// 0..1.
+/// Reads a line: a count of numbers, then the numbers, `stride` per point. The first number of each
+/// point ascends; the others are in 0..1.
 Result<std::vector<double>> read_points(std::string_view line, std::size_t number,
                                         std::size_t stride, const std::string& source) {
   const auto bad = [&](const auto&... parts) {

@@ -11,7 +11,7 @@ namespace slf {
 
 namespace {
 
-// Enough for a percentile, whatever the volume's size.
+// Enough for quantiles of a volume of any size.
 constexpr std::size_t kSamples = std::size_t{1} << 20;
 constexpr std::size_t kBins = 256;
 
@@ -19,7 +19,7 @@ constexpr std::size_t kBins = 256;
 std::vector<double> sorted_sample(const Volume& volume) {
   std::vector<double> values;
   visit_voxels(volume, [&](auto stored) {
-    // An odd stride walks through all columns of a volume whose width is a power of two.
+    // An odd stride visits all columns of a volume whose width is a power of two.
     const std::size_t stride = (stored.size() / kSamples) | 1;
     for (std::size_t i = 0; i < stored.size(); i += stride) {
       const double value = volume.slope * static_cast<double>(stored[i]) + volume.intercept;
@@ -48,7 +48,7 @@ std::array<double, kBins> histogram(std::span<const double> values, double least
 }
 
 struct Cut {
-  double value;         ///< what best parts the values in two classes
+  double value;         ///< threshold that separates the values best into two classes
   double separability;  ///< the variance between the classes over all variance, 0..1
 };
 
@@ -79,14 +79,14 @@ Cut otsu(std::span<const double> values, double least, double most) {
           variance > 0 ? best / (total * total) / variance : 0};
 }
 
-/// Whether values run to both sides of a background of 0: the fullest bin is the one of 0, and
-/// neither side is a mere tail.
+/// Whether values of both signs surround a background of 0: 0 is in the fullest bin, and each side
+/// has at least 5 % of the other's extent.
 bool is_around_zero(std::span<const double> sorted, double least, double most) {
   if (!(least < 0 && most > 0) || std::min(-least, most) < 0.05 * std::max(-least, most))
     return false;
   const auto count = histogram(sorted, least, most);
   const double zero = (0 - least / 2) / (most / 2 - least / 2) * kBins;
-  // Its own bin or one beside it, should 0 lie at an edge.
+  // The bin of 0 or a neighbour, in case 0 is at the edge of its bin.
   const auto fullest = std::max_element(count.begin() + 1, count.end() - 1) - count.begin();
   return std::abs(static_cast<double>(fullest) + 0.5 - zero) <= 1.5;
 }
@@ -96,8 +96,8 @@ double share_of_zero(std::span<const double> sorted) {
   return static_cast<double>(last - first) / static_cast<double>(sorted.size());
 }
 
-/// The value at which the background ends. A few very bright voxels (PET: bladder, heart) make
-/// Otsu's cut part them from all the rest; then the rest is cut once more.
+/// The value at which the background ends: Otsu's threshold. If that only separates a few very
+/// bright voxels (PET: bladder, heart) from the rest, the rest is split again, at most twice.
 double background_end(std::span<const double> sorted, double least, double most) {
   constexpr double kFew = 0.05, kParts = 0.7;
   double end = otsu(sorted, least, most).value;
@@ -134,7 +134,8 @@ ValueStatistics value_statistics(const Volume& volume) {
   if (s.is_flat()) return s;
   s.both_signs = is_around_zero(s.values, s.least, s.most);
   if (s.both_signs) {
-    // A mask leaves exact zeros, and all else is signal; without one, noise is background, too.
+    // In a masked volume exact zeros are background and all else is signal. Otherwise noise is
+    // background, too.
     const bool masked = share_of_zero(s.values) > 0.1;
     s.most = std::max(-s.least, s.most);
     s.least = 0;
@@ -161,8 +162,8 @@ struct Step {
   double t;      ///< 0 at the threshold, 1 at the greatest
 };
 
-/// Where the default function has its points: half by value, half by rank, so even where values are
-/// even, and finer where there are many.
+/// The points of the default function: means of equal steps in value and equal steps in rank, so
+/// they are denser where values are frequent.
 std::vector<Step> steps_above_threshold(const ValueStatistics& s) {
   const auto first = std::upper_bound(s.values.begin(), s.values.end() - 1, s.threshold);
   const std::span<const double> object(first, s.values.end());

@@ -1,4 +1,4 @@
-// ValueStatistics: what a volume's values say about how to show it.
+// ValueStatistics: statistics of a volume's values, from which transfer functions are fitted.
 #pragma once
 
 #include <array>
@@ -10,19 +10,19 @@
 namespace slf {
 
 struct ValueStatistics {
-  /// Finite values, at most about a million of them, sorted; their logarithms (base 10), and only
-  /// the positive ones, where by_decades; their magnitudes where both_signs. At least one.
+  /// A sorted sample of the finite values, 1 to about a million. If by_decades, logarithms (base
+  /// 10) of the positive ones; if both_signs, magnitudes.
   std::vector<double> values;
-  double least = 0, most = 0;  ///< of `values`, outliers left out
-  double threshold = 0;        ///< of `values`: what is at most this is background
+  double least = 0, most = 0;  ///< range of `values` without outliers
+  double threshold = 0;        ///< `values` up to this are background
   bool by_decades = false;     ///< positive values over more than four decades
   bool both_signs = false;     ///< of both signs, around a background of 0
 
-  /// No two values to tell apart.
+  /// Whether all values are equal.
   [[nodiscard]] bool is_flat() const { return !(least < most); }
-  /// From one of `values` to the volume's.
+  /// Converts from the scale of `values` to the volume's.
   [[nodiscard]] double to_value(double of_values) const;
-  /// The volume's values that a relative function is stretched to.
+  /// The range of the volume's values to which a relative function is stretched.
   [[nodiscard]] std::array<double, 2> range() const;
 };
 
@@ -32,15 +32,16 @@ struct ValueStatistics {
 [[nodiscard]] std::vector<TransferFunction::OpacityPoint> default_opacities(
     const ValueStatistics& statistics);
 
-/// A function for labels: the colours of `colors` by id (id modulo their count where an id has no
-/// point), or where there are none the default hues. 0 is clear, the others opaque.
+/// A function for labels. An id has the colour of its point in `colors`; without such a point, that
+/// of the point number id modulo their count; without `colors`, its default hue. 0 is clear, the
+/// others opaque.
 [[nodiscard]] TransferFunction label_transfer(
     const Volume& volume, const std::vector<TransferFunction::ColorPoint>& colors = {});
 
-/// A colour map's colours, spread over the ids there are.
+/// A function for labels with the colours of a colour map, spread over the ids in the volume.
 [[nodiscard]] TransferFunction label_transfer(const Volume& volume, const TransferFunction& map);
 
-/// Edge of a cube with the content of a voxel.
+/// The edge of a cube with the volume of a voxel, in world units.
 [[nodiscard]] double voxel_size(const Volume& volume);
 
 }  // namespace slf

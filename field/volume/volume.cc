@@ -191,7 +191,7 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
                 " of type ", name(layout.type), " at offset ", layout.offset, " need ", needed,
                 " bytes behind the offset, but the file has ", *size, " bytes in all");
   VoxelData data{.path = path, .offset = layout.offset, .big_endian = layout.big_endian};
-  // Its layout says nothing of how many there are: the voxels' bytes are the limit.
+  // The layout does not state the number of time points: the length of the file is the limit.
   if (auto ok = skip_volumes(options.time.value_or(0), volume, data); !ok)
     return as_usage(ok.error());
   if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
@@ -202,7 +202,7 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
 
 namespace {
 
-/// Scales the axes to these spacings, the first voxel staying in place.
+/// Scales the axes to these spacings. The first voxel keeps its position.
 Result<void> respace(const glm::dvec3& spacing, Volume& volume) {
   for (int i = 0; i < 3; ++i) {
     if (!(spacing[i] > 0) || !std::isfinite(spacing[i]))

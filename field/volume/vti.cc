@@ -1,7 +1,7 @@
 // VTK ImageData (.vti), https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html.
 //
-// The XML is expat's; what it holds is read here. VTK's own reader is made for files of its own
-// writer: it allocates by the extents it is told, and reports on stderr.
+// Expat parses the XML; this file interprets it. Why not VTK's own reader? It allocates by extents
+// that it does not check, and reports on stderr.
 #include <zlib.h>
 
 #include <algorithm>
@@ -23,7 +23,7 @@ struct Array {
   std::string name, type, format;
   std::uint32_t components = 1;
   std::uint64_t offset = 0;
-  std::string text{};  ///< what stands in the element: numbers, or base64
+  std::string text{};  ///< content of the element: numbers, or base64
 };
 
 struct Document {
@@ -134,7 +134,7 @@ Result<std::vector<double>> numbers(const std::string& path, const char* what,
   return result;
 }
 
-/// Dims and place, from the extent of the one piece.
+/// Sets dims and position from the extent of the one piece.
 Result<void> place(const Document& d, Volume& volume) {
   const std::string& path = volume.source;
   const auto extent =
@@ -174,13 +174,13 @@ Result<void> place(const Document& d, Volume& volume) {
   return check_axes(volume);
 }
 
-/// Bytes in their order, from a file or from base64 text.
+/// A stream of bytes, from a file or from base64 text.
 class Source {
  public:
   virtual ~Source() = default;
   /// Fills `to`, or returns how many bytes there were.
   [[nodiscard]] virtual Result<std::size_t> read(std::span<std::byte> to) = 0;
-  /// What follows is encoded apart from what was read.
+  /// Call where a new base64 sequence begins.
   virtual void begin_anew() {}
 };
 
@@ -242,7 +242,7 @@ class Base64Source final : public Source {
   std::size_t used_ = 0;
 };
 
-/// One of the integers before the data.
+/// Reads one of the integers before the data.
 Result<std::uint64_t> read_count(const Document& d, Source& source, const std::string& path) {
   std::array<std::byte, 8> bytes{};
   const std::size_t width = d.wide_header ? 8 : 4;
@@ -256,7 +256,7 @@ Result<std::uint64_t> read_count(const Document& d, Source& source, const std::s
   return d.big_endian ? load_be<std::uint32_t>(bytes.data()) : load_le<std::uint32_t>(bytes.data());
 }
 
-/// Fills `to`, which grows as it is decoded, with blocks of zlib.
+/// Decodes blocks of zlib into `to`, which grows with the decoded data.
 Result<void> read_blocks(const Document& d, Source& source, const std::string& path,
                          std::uint64_t needed, std::vector<std::byte>& to) {
   std::array<std::uint64_t, 3> head{};  // blocks, bytes of a block, bytes of the last
@@ -303,7 +303,7 @@ Result<void> read_blocks(const Document& d, Source& source, const std::string& p
   return {};
 }
 
-/// All numbers of the array as bytes, in native order, components side by side.
+/// Reads all numbers of the array as bytes, in native order, components side by side.
 Result<std::vector<std::byte>> read_packed(const Document& d, Source& source, const Volume& volume,
                                            std::uint64_t needed) {
   const std::string& path = volume.source;
@@ -394,7 +394,7 @@ Result<std::vector<std::byte>> read_ascii(const Document& d, const Volume& volum
   return bytes;
 }
 
-/// Where the appended data begin: behind an underscore that may have blanks before it.
+/// The offset of the appended data, behind an underscore that blanks may precede.
 Result<std::uint64_t> find_appended(const std::string& path, std::uint64_t from) {
   auto reader = ByteReader::open(path, from, false);
   if (!reader) return tl::unexpected(reader.error());

@@ -43,7 +43,7 @@ class Parser {
   [[nodiscard]] std::uint64_t end_of_element() const { return end_; }
 
  private:
-  // Nothing may be thrown through expat, which is C.
+  // No exception may pass through expat, which is C.
   template <class Body>
   void guarded(const Body& body) {
     if (failure_ || ended_ || refused_) return;

@@ -1,4 +1,4 @@
-// XML as elements and text, by expat. Entities are refused, so that no text grows as it is read.
+// Reads XML as elements and text, with expat. Entities are refused, so that text cannot expand.
 #pragma once
 
 #include <cstdint>
@@ -20,13 +20,13 @@ struct XmlHandler {
   std::function<void(std::string_view)> text = [](std::string_view) {};
 };
 
-/// Text of at most this depth.
+/// The largest depth of nested elements.
 inline constexpr int kDeepestXml = 64;
 
-/// The file from its start. Returns the byte behind the element at which `start` ended it, or the
-/// size of the file. bad_file: not well formed, entities, too deep; with line.
+/// Parses a file. Returns the offset behind the tag at which `start` ended the reading, or the size
+/// of the file. bad_file: not well formed, entities, or too deep; the message has the line.
 [[nodiscard]] Result<std::uint64_t> read_xml(const std::string& path, const XmlHandler& handler);
-/// The same of text; `source` is its name for messages.
+/// Parses text in the same way. `source` is its name for messages.
 [[nodiscard]] Result<std::uint64_t> parse_xml(std::string_view text, const std::string& source,
                                               const XmlHandler& handler);
 
