@@ -15,7 +15,7 @@ int report(const slf::Error& error) {
   return static_cast<int>(error.code);
 }
 
-/// A picture that gets sharper, for whoever cannot wait: each level is shown as it is ready.
+/// Draws a view level by level, from coarse to fine, and shows each level when it is ready.
 slf::Result<void> draw_progressively(const slf::Field& field, const char* path) {
   slf::RendererOptions options;
   options.memory = 64 << 20;  // bytes, however large the field is
@@ -38,7 +38,8 @@ slf::Result<void> draw_progressively(const slf::Field& field, const char* path) 
   return slf::write_image(path, image);
 }
 
-/// Frames on time: a loading thread brings the tiles, coarser ones stand in meanwhile.
+/// Draws frames that do not wait for tiles: a loading thread loads them, and coarser levels replace
+/// those that are missing.
 slf::Result<void> fly(const slf::Field& field) {
   slf::PlayOptions options;
   options.view.mode = slf::default_mode(field);
