@@ -9,7 +9,7 @@ namespace {
 
 constexpr std::array kQualities = {90, 75, 60, 45};
 
-/// The codecs to try, the best first; an empty one leaves the field's.
+/// The codecs to try, the best first. An empty one stands for the field's own.
 std::vector<std::string> codecs(const Field& field, const RepackOptions& options) {
   const auto& layers = field.layers();
   const bool half = std::any_of(layers.begin(), layers.end(), [](const Layer& layer) {
@@ -42,7 +42,7 @@ Result<RepackReport> repack_to_fit(const Field& field, const std::string& path,
       if (last)
         return fail(ErrorCode::usage, field.path(), ": does not get smaller than ",
                     report->file_bytes, " bytes; there is room for ", most);
-      // Far above the limit only the last quality is worth the time.
+      // If the size is far above the limit, try only the lowest quality next.
       const std::size_t next = k + 1;
       k = report->file_bytes > 2 * most && next < specs.size() ? specs.size() - 1 : next;
     }

@@ -1,4 +1,4 @@
-// A field made small enough for its host.
+// Repacks a field to a given size, for hosts and files with a limit.
 #pragma once
 
 #include <cstdint>
@@ -9,10 +9,10 @@
 
 namespace slf::view {
 
-/// Repacks a field into at most `most` bytes, and as little worse as that needs: the first that
-/// fits of the qualities 90, 75, 60 and 45 of all levels, then of one level less, and so on.
-/// `options` may fix codecs or levels; then only the rest is chosen. Errors as repack_field().
-/// usage: not even the last of them fits; the message says how large it is.
+/// Repacks a field into at most `most` bytes, with the least loss of quality. Tries qualities 90,
+/// 75, 60 and 45 with all levels, then with one level less, and so on, and keeps the first that
+/// fits. Codecs or levels that `options` sets are not changed. Errors as repack_field(). usage: not
+/// even the last attempt fits; the message states its size.
 [[nodiscard]] Result<RepackReport> repack_to_fit(const Field& field, const std::string& path,
                                                  RepackOptions options, std::uint64_t most,
                                                  const ProgressCallback& progress);

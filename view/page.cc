@@ -38,7 +38,7 @@ std::span<const PageFile> page_files() {
                        const char* end) {
     return PageFile{name, type, {begin, static_cast<std::size_t>(end - begin)}};
   };
-  // Scripts follow those that they import.
+  // Each script comes after those that it imports.
   static const std::array files = {
       file("index.html", "text/html; charset=utf-8", slf_page_index_begin, slf_page_index_end),
       file("style.css", "text/css; charset=utf-8", slf_page_style_begin, slf_page_style_end),

@@ -1,4 +1,4 @@
-// The files of the page that shows a field. The program has them inside; the build puts them there.
+// The files of the page that shows a field. The build embeds them in the program.
 #pragma once
 
 #include <span>
@@ -17,7 +17,7 @@ struct PageFile {
 /// page, and the list is empty.
 [[nodiscard]] std::span<const PageFile> page_files();
 
-/// Why there is no page, as a sentence with the cure.
+/// An error message for programs without a page: the reason and the cure.
 [[nodiscard]] std::string no_page();
 
 }  // namespace slf::view

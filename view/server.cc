@@ -26,7 +26,7 @@ namespace slf::view {
 namespace {
 
 constexpr int kPatience = 5;  // seconds that a peer may stall
-constexpr int kIdle = 2;      // seconds that an idle connection stays; ending waits for it
+constexpr int kIdle = 2;      // seconds that an idle connection stays open, also when ending
 constexpr std::size_t kRequests = 1000;    // on one connection
 constexpr std::size_t kPiece = 256 << 10;  // bytes read from a field at once
 constexpr std::size_t kRanges = 200;       // of one request
@@ -35,7 +35,7 @@ constexpr const char* kPolicy =
     "img-src 'self' blob: data:; connect-src 'self'; worker-src 'self'; base-uri 'none'; "
     "form-action 'none'; frame-ancestors 'self'";
 
-/// httplib's own queue accepts without limit; this one makes the accepting thread wait.
+/// A bounded queue: it blocks the accepting thread, while httplib's own accepts without limit.
 class BoundedPool final : public httplib::TaskQueue {
  public:
   BoundedPool() : pool_(Server::kConnections) {}
@@ -62,7 +62,7 @@ class BoundedPool final : public httplib::TaskQueue {
   unsigned running_ = 0;
 };
 
-/// An open field, served as it is on the disk at each request.
+/// A field that is served from its file. Each request reads the file's current state.
 class Served {
  public:
   static Result<Served> open(const std::string& path) {
@@ -141,7 +141,8 @@ struct Part {
   }
 };
 
-/// One range of a Range header, without those behind the end of the file. False: not understood.
+/// Parses one range of a Range header and appends it to `parts`, unless it is behind the end of the
+/// file. False: the range is malformed.
 bool add_range(std::string_view text, std::uint64_t size, std::vector<Part>& parts) {
   while (text.starts_with(' ')) text.remove_prefix(1);
   const std::size_t dash = text.find('-');
@@ -164,9 +165,9 @@ bool add_range(std::string_view text, std::uint64_t size, std::vector<Part>& par
   return true;
 }
 
-/// The bytes a Range header selects (RFC 9110, 14.2). Nothing: the whole file, as for a header that
-/// is not understood, or names too many ranges, or more bytes than there are. No parts: all ranges
-/// are behind the end.
+/// The parts of a file that a Range header selects (RFC 9110, 14.2). Returns nothing for the whole
+/// file: if there is no header, if it is malformed or names too many ranges, or if the ranges have
+/// more bytes than the file. Returns no parts if all ranges are behind the end.
 std::optional<std::vector<Part>> select(std::string_view header, std::uint64_t size) {
   constexpr std::string_view kUnit = "bytes=";
   if (!header.starts_with(kUnit)) return std::nullopt;
@@ -198,7 +199,7 @@ class Multipart {
   }
   [[nodiscard]] std::uint64_t size() const { return size_; }
 
-  /// Sends what begins at an offset of the body, at least a byte of it.
+  /// Sends some bytes of the body from an offset on, at least one.
   bool send(const Served& field, std::uint64_t offset, httplib::DataSink& sink) const {
     const auto next =
         std::upper_bound(pieces_.begin(), pieces_.end(), offset,
@@ -226,7 +227,7 @@ class Multipart {
   std::uint64_t size_ = 0;
 };
 
-/// Whether a list of entity tags holds `tag`; weak ones count.
+/// Whether a list of entity tags contains `tag`, also as a weak tag.
 bool lists(std::string_view header, std::string_view tag) {
   return header == "*" || header.find(tag) != std::string_view::npos;
 }
@@ -343,7 +344,7 @@ void Server::State::answer_list(httplib::Response& response) const {
   std::string html =
       "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Fields</title>"
       "<h1>Fields</h1><ul>";
-  for (const Served& field : fields)  // names have no character that HTML would need escaped
+  for (const Served& field : fields)  // names need no escaping in HTML
     html += "<li><a href=\"" + field.name + "/\">" + field.name + "</a></li>";
   response.status = 200;
   response.set_content(html + "</ul></html>", "text/html; charset=utf-8");

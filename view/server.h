@@ -16,8 +16,8 @@
 namespace slf::view {
 
 struct ServerOptions {
-  /// A numeric address or host name of this machine. Other machines reach only addresses that are
-  /// not the loopback's.
+  /// A numeric address or host name of this machine. Other machines cannot reach a loopback
+  /// address.
   std::string address = "127.0.0.1";
   std::uint16_t port = 0;  ///< 0: any free port
   /// Answer requests for any host name. Without it the server answers only to 127.0.0.1, localhost
@@ -39,11 +39,12 @@ class Server {
   Server& operator=(Server&&) noexcept;
   ~Server();
 
-  /// Where the first page is: "http://127.0.0.1:PORT/NAME/", or the list of several.
+  /// The address of the page, "http://127.0.0.1:PORT/NAME/", or of a list if there are several
+  /// fields.
   [[nodiscard]] const std::string& url() const;
 
-  /// Serves until `stop` returns true; asks it ten times a second.
-  /// failed: the server could not go on.
+  /// Serves until `stop`, which is called ten times a second, returns true. failed: the server had
+  /// to end.
   [[nodiscard]] Result<void> run(const std::function<bool()>& stop);
 
  private:

@@ -1,4 +1,4 @@
-// Site: a field and the page that shows it, as files for others.
+// Site: exports a field together with the page that shows it, as one file or a folder.
 #pragma once
 
 #include <cstdint>
@@ -8,15 +8,17 @@
 
 namespace slf::view {
 
-/// Fields above this size do not fit into one page: browsers would not load it.
+/// The largest field in bytes for export_page(). Browsers would not load larger pages.
 inline constexpr std::uint64_t kMostInside = std::uint64_t{1} << 30;
 
-/// How large a field may be in a result of `most` bytes: one HTML file, or a folder.
+/// The largest size of a field for which the export, one HTML file or a folder, has at most `most`
+/// bytes; 0 if the page alone is larger.
 [[nodiscard]] std::uint64_t room_for_field(std::uint64_t most, bool one_file);
 
-/// Writes one HTML file that holds the page and the field, and opens from disk. Replaces `output`,
-/// or leaves it as it was. io: a file cannot be read or written. bad_file: `field` is no field.
-/// unsupported: the field is larger than kMostInside. REQUIRES: page_files() is not empty.
+/// Writes one HTML file with the page and the field, which opens from disk. Replaces `output`;
+/// after an error, `output` is unchanged. io: a file cannot be read or written. bad_file: `field`
+/// is no field. unsupported: the field is larger than kMostInside. REQUIRES: page_files() is not
+/// empty.
 [[nodiscard]] Result<void> export_page(const std::string& field, const std::string& output);
 
 /// Writes a folder with the page and the field, for any host of static files that serves ranges.

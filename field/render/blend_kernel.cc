@@ -66,14 +66,14 @@ HWY_INLINE void store_pixels(const Colors& colors, const RayBlock& rays, std::si
 
 /// Rays and samples below this opacity have no depth.
 constexpr float kFaintOpacity = 1.f / 255;
-/// The share of its weight that a sample at another depth keeps: where none agrees, all still
-/// count.
+/// The share of its weight that a sample at another depth keeps, so that the sum of weights is
+/// never 0.
 constexpr float kLeastAgreement = 0.1f;
-/// From this opacity on, a sample loses its full share for a depth that disagrees; below, in
-/// proportion to its opacity.
+/// From this opacity on, a sample at another depth loses the full share of its weight; below, a
+/// part proportional to its opacity.
 constexpr float kReliableOpacity = 0.25f;
 
-/// Opacities and colours are stored as so much when full.
+/// The stored value that stands for 1.
 template <bool kHalf>
 constexpr float kFullScale = kHalf ? 1.f : 255.f;
 
@@ -85,7 +85,7 @@ HWY_INLINE const auto& colors_of(const BlockSamples& samples) {
     return samples.rgba8;
 }
 
-/// Whether all samples of the rays from `k` on, as many as there are lanes, are 0: many are.
+/// Whether all samples of a vector of rays, from `k` on, are 0. This is frequent.
 template <bool kHalf>
 HWY_INLINE bool all_zero(const Pass& pass, const BlockSamples& samples, std::size_t k) {
   const DU d;

@@ -1,6 +1,5 @@
-// Blending: from the samples of a block's rays to the pixels, and in mode depth to an estimate of
-// where along each ray something is seen. Compiled for several instruction sets. Private to
-// field/render.
+// Blending: computes the pixels of a block's rays from their samples and, in mode depth, estimates
+// the depth along each ray. Compiled for several instruction sets. Private to field/render.
 //
 // A ray's result depends on the ray alone, never on its place in a block: lanes do not mix.
 #pragma once
@@ -13,11 +12,13 @@ namespace slf {
 
 /// Blends each ray's samples (eq. 2) into its pixel of a picture: premultiplied colours.
 ///
-/// A pass with depth also estimates the depth along each ray. Without a depth tolerance, the first
-/// time, all three vertices are to be aimed at the ray's depth, or not at all where it is too
-/// transparent. With one, samples whose depth differs from the aim lose weight, and each vertex is
-/// to be aimed halfway between the depth of the ray and that of the vertex's own samples; where
-/// they are too transparent the ray's depth stays as it was.
+/// A pass with depth also estimates the depth along each ray, and the next aim of each entry vertex
+/// (FORMAT.md, "Mode depth"):
+///  - Without a depth tolerance, in the first pass, all three vertices aim at the ray's depth. Rays
+///    that are too transparent get no further pass.
+///  - With a tolerance, samples whose depth differs from the aim lose weight. Each vertex aims
+///    halfway between the ray's depth and the depth of its own samples. If the ray, or the vertex's
+///    samples, are too transparent to have a depth, the ray's last depth is used.
 void blend(const Pass& pass, const RayBlock& rays, const EntryCells& entries,
            const BlockSamples& samples, bool half_floats, glm::vec4* picture,
            DepthEstimates& estimates);

@@ -56,7 +56,7 @@ Result<void> BlockRenderer::draw(const CameraBasis& basis, const PixelBlock& blo
     counts_.level[level] += rays - unavailable_.count;
     std::swap(rays_, unavailable_);
   }
-  for (std::size_t k = 0; k < rays_.count; ++k) {  // not even level 0 has what they need
+  for (std::size_t k = 0; k < rays_.count; ++k) {  // rays that lack a tile even at level 0
     image_->rgba[rays_.pixel[k]] = glm::vec4(0);
     if (options_.with_depth) image_->depth[rays_.pixel[k]] = kNoDistance;
   }

@@ -3,7 +3,7 @@
 // A block passes through the stages
 //   cast (ray_kernel.h) -> locate (ray_kernel.h) -> gather (sample_gatherer.h)
 //        -> blend (blend_kernel.h) -> refine (depth_refinement.h)
-// Modes differ in the weights that locate gives; only mode depth refines, which locates, gathers
+// Modes differ in the weights that locate computes. Only mode depth refines: it locates, gathers
 // and blends again. Rays that need an unavailable tile pass through the stages of the next coarser
 // level.
 #pragma once
@@ -20,20 +20,20 @@
 
 namespace slf {
 
-/// What a thread counts of the pixels it draws.
+/// Counts of the pixels that a thread draws.
 struct PixelCounts {
   std::uint64_t hit = 0;             ///< pixels whose ray crosses the sphere
-  std::vector<std::uint64_t> level;  ///< of them, drawn from each level
+  std::vector<std::uint64_t> level;  ///< of `hit`, the pixels drawn from each level
 };
 
 /// Reused from block to block and from view to view. Thread-safety: one thread.
 class BlockRenderer {
  public:
-  /// Borrows all. `pin_bytes` are for the SampleGatherer.
+  /// Field and cache must outlive this. `pin_bytes` is passed to the SampleGatherer.
   BlockRenderer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes);
 
-  /// Begins a view: its blocks are drawn into `image`, which must outlive it and whose depths are
-  /// distances from `eye`, in world units. `frame` is of TileCache::begin_frame().
+  /// Begins a view. Its blocks are drawn into `image`, which must stay alive; depths are distances
+  /// from `eye`, in world units. `frame` comes from TileCache::begin_frame().
   void begin(std::uint32_t frame, const ViewOptions& options, const glm::dvec3& eye, Image& image);
 
   /// Draws a block of at most kBlockRays pixels.
@@ -54,7 +54,7 @@ class BlockRenderer {
   ViewOptions options_;
   glm::dvec3 eye_{0.0};
   Image* image_ = nullptr;
-  RayBlock rays_, unavailable_;  // of this level; for the next coarser one
+  RayBlock rays_, unavailable_;  // the level's rays; those left to the next coarser level
   EntryCells entries_;
   ExitCells exits_;
   DepthRefinement refinement_;

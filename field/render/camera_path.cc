@@ -29,13 +29,13 @@ std::optional<std::array<double, kCount>> numbers_of(const nlohmann::json& json)
   return numbers;
 }
 
-/// A member that is a number; else none, NaN.
+/// A member that is a number; NaN if it is missing or another type.
 double number_of(const nlohmann::json& json, const char* key) {
   return json.contains(key) && json[key].is_number() ? json[key].get<double>()
                                                      : std::numeric_limits<double>::quiet_NaN();
 }
 
-/// Azimuth, elevation and distance of an eye as orbit_camera() takes them.
+/// Azimuth, elevation and distance of an eye, in the units of orbit_camera().
 std::array<double, 3> orbit_of(const Sphere& sphere, const glm::dvec3& eye) {
   const glm::dvec3 d = eye - sphere.center;
   const double far = glm::length(d);
@@ -97,7 +97,7 @@ Result<CameraPath> CameraPath::parse(std::string_view json, const std::string& n
       const glm::dvec3 eye((*place)[0], (*place)[1], (*place)[2]);
       if (eye == sphere.center) return bad("\"eye\" is at the centre; move it outside");
       place = orbit_of(sphere, eye);
-      // The short way round from the key before.
+      // Choose the turn of the azimuth that is closest to the previous key's.
       if (!path.empty())
         (*place)[0] += 360 * std::round((path.back().place[0] - (*place)[0]) / 360);
     }
@@ -145,8 +145,7 @@ Camera CameraPath::at(double seconds, std::uint32_t width, std::uint32_t height)
   place[1] = std::clamp(place[1], -90.0, 90.0);
   place[2] = std::max(place[2], 1e-3);
   Camera camera = orbit_camera(sphere_, place[0], place[1], place[2], width, height);
-  // Where both fit the sphere, so does the camera; else the field of view goes from one to the
-  // other.
+  // If neither key has a field of view, the sphere fits the picture. Otherwise interpolate.
   const auto fov = [&](const Key& key) {
     if (key.place[6] > 0) return key.place[6];
     return orbit_camera(sphere_, key.place[0], key.place[1], key.place[2], width, height).fov;

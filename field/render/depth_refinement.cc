@@ -7,7 +7,7 @@ namespace slf {
 namespace {
 
 /// A ray has converged when its aims move, along the chord, by no more than this times the entry
-/// lattice's resolution: the closer the vertices, the less an aim changes what they show.
+/// lattice's resolution. The closer the vertices, the less an aim moves the exit points.
 constexpr float kConvergence = 1.f / 2048;
 constexpr int kMostRounds = 3;
 

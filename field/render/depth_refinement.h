@@ -1,9 +1,9 @@
 // DepthRefinement: the further passes of mode depth (FORMAT.md, "Mode depth"). Private to
 // field/render.
 //
-// The first pass samples where each ray itself leaves the sphere and estimates how deep along the
-// ray something is. Each round then aims the ray's entry vertices at that point and samples again,
-// which refines the estimate; rays drop out as their estimates converge.
+// The first pass samples all entry vertices at the ray's own exit point, and estimates the depth
+// along the ray. Each round then aims the entry vertices at the point at this depth and samples
+// again, which improves the estimate. Rays whose aims have converged are removed from the block.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@ class DepthRefinement {
  public:
   void resize(std::size_t rays);
 
-  /// What blend() of each pass writes.
+  /// The estimates that blend() writes in each pass.
   [[nodiscard]] DepthEstimates& estimates() { return estimates_; }
 
   /// Begins with the estimates of a first pass, and makes it the pass of every round.

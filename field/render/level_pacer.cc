@@ -5,8 +5,8 @@
 namespace slf {
 namespace {
 
-constexpr double kLate = 0.5;    // of unfinished plans, until a level is left out
-constexpr double kMemory = 0.5;  // over which busy and idle times fade
+constexpr double kLate = 0.5;    // time without a finished plan after which a level is left out
+constexpr double kMemory = 0.5;  // time constant of the decaying sums
 // A view has about four times as many tiles in the next finer level. With them, the loader must not
 // be busy for more than this share of its time.
 constexpr double kGrowth = 5, kMostBusy = 0.8;
@@ -21,7 +21,7 @@ void LevelPacer::add_plan(unsigned wanted, double idle, double busy, bool finish
   since_change_ += busy + idle;
   unfinished_ = finished ? 0 : unfinished_ + busy;
   if (unfinished_ > kLate && left_out_ < wanted) {
-    // Tried again too early? Then wait for longer the next time.
+    // The level was added again too early: wait longer next time.
     patience_ = since_change_ < 4 * kLate ? std::min(2 * patience_, kMostPatience) : kFirstPatience;
     ++left_out_;
   } else if (finished && left_out_ > 0 && since_change_ > patience_ &&

@@ -1,10 +1,9 @@
-// LevelPacer: which levels the loading thread should load, so that storage keeps up with the
-// camera.
+// LevelPacer: chooses the finest level that the loading thread loads, so that storage keeps up with
+// the camera.
 //
-// As in adaptive streaming, it measures how busy loading keeps the loader. If frames do not get
-// what they lack for a while, storage is too slow for the whole picture, and the finest level is
-// left out. If there is time to spare for several times the work, as when the camera rests, a level
-// is added.
+// As in adaptive streaming, it measures the share of time that the loader is busy. If frames lack
+// tiles for a while, storage is too slow, and the finest level is left out. If the loader has time
+// for several times the work, as when the camera stands still, a level is added.
 #pragma once
 
 #include <algorithm>
@@ -14,17 +13,18 @@ namespace slf {
 /// Times are in seconds. Thread-safety: one thread.
 class LevelPacer {
  public:
-  /// The finest level to load, of a view that wants this one.
+  /// The finest level to load for a view that requests `wanted`.
   [[nodiscard]] unsigned level(unsigned wanted) const {
     return wanted - std::min(wanted, left_out_);
   }
 
-  /// A plan ended, for a view that wants a level: since the one before, the loader waited for
-  /// storage and decoded for `busy`, and did not for `idle`. `finished`: it loaded what the frame
-  /// lacked before the next frame, or there is no memory for more.
+  /// Records the end of a plan for a view that requests level `wanted`. Since the end of the
+  /// previous plan, the loader loaded and decoded for `busy` seconds and was idle for `idle`.
+  /// `finished`: it loaded all tiles that the frame lacked before the next frame, or there is no
+  /// memory for more.
   void add_plan(unsigned wanted, double idle, double busy, bool finished);
 
-  /// The share of its time that the loader is busy, lately.
+  /// The recent share of its time that the loader is busy.
   [[nodiscard]] double busy_share() const {
     return busy_ + idle_ > 0 ? busy_ / (busy_ + idle_) : 0;
   }
@@ -33,10 +33,10 @@ class LevelPacer {
   static constexpr double kFirstPatience = 0.5;
 
   unsigned left_out_ = 0;       // levels
-  double busy_ = 0, idle_ = 0;  // lately: they fade
-  double unfinished_ = 0;       // since a plan was finished last
+  double busy_ = 0, idle_ = 0;  // exponentially decaying sums
+  double unfinished_ = 0;       // time since the last finished plan
   double since_change_ = 0;
-  double patience_ = kFirstPatience;  // until a level is tried again
+  double patience_ = kFirstPatience;  // time until a level is added again
 };
 
 }  // namespace slf

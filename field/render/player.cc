@@ -21,13 +21,14 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// Pixels along a preview's longer side. They take turns, so that previews of successive views
-// sample other rays.
+// Pixels along a preview's longer side. Successive previews use different ones, so that they sample
+// different rays.
 constexpr std::array<std::uint32_t, 4> kPreviewEdges{41, 47, 43, 53};
 constexpr std::size_t kBatch = 64;  // tiles that are requested from the disk together
 constexpr double kCut = 0.5;        // radians a frame; a faster turn is a cut to another place
-// The loader pauses during a frame if a kGap-th of the last frame's time or more passed between the
-// two. That is little: a slow frame that shared the cores with the loader would slow the next ones.
+// The loader pauses during a frame if the pause before it was at least 1/kGap of the last frame's
+// time. The threshold is low, because a slow frame that competes with the loader for the CPU would
+// slow down the following ones.
 constexpr int kGap = 8;
 
 Camera preview_of(Camera camera, std::uint64_t turn) {
@@ -70,7 +71,7 @@ Camera predict(const glm::dvec3& center, const Camera& before, const Camera& now
       sine > 0 ? glm::angleAxis(angle * frames, glm::normalize(axis)) : glm::dquat(1, 0, 0, 0);
   camera.eye = center + turn * to * std::pow(near / far, frames);
   camera.look_at = now.look_at + (now.look_at - before.look_at) * frames;
-  // An up that stood still goes on standing still.
+  // If `up` did not change before, it does not turn now.
   if (before.up != now.up) camera.up = turn * now.up;
   camera.fov = std::clamp(now.fov * std::pow(now.fov / before.fov, frames), now.fov / 2,
                           std::min(2 * now.fov, 170.0));
@@ -79,8 +80,7 @@ Camera predict(const glm::dvec3& center, const Camera& before, const Camera& now
 
 namespace {
 
-/// Whether a camera is where it was expected: off by so little of its last step that it takes
-/// `frames` more to be off by all of it.
+/// Whether a camera is where it was expected: the error is at most 1/frames of its last step.
 bool is_near(const Camera& camera, const Camera& expected, const Camera& before, double frames) {
   const auto apart = [](const Camera& a, const Camera& b) {
     return glm::distance(a.eye, b.eye) + glm::distance(a.look_at, b.look_at);
@@ -108,8 +108,8 @@ class Player::Loader {
     thread_.join();
   }
 
-  /// `lacking` are keys in order, `level` that of the frame; `drawn` is its TileCache frame, whose
-  /// tiles must stay.
+  /// Replaces the plan. `lacking`: sorted keys of the tiles that the frame lacked; `level`: that of
+  /// the frame; `drawn`: its TileCache frame, whose tiles must stay loaded.
   void plan(std::vector<TileKey> lacking, std::vector<Camera> next, unsigned level,
             std::uint32_t drawn) {
     {
@@ -128,7 +128,7 @@ class Player::Loader {
     changed_.wait(lock, [&] { return done_ == plan_; });
   }
 
-  /// While a frame is drawn, the thread can leave the cores to it.
+  /// Pauses or resumes loading, to leave the CPU to a frame.
   void pause(bool paused) {
     {
       const std::lock_guard lock(mutex_);
@@ -137,13 +137,13 @@ class Player::Loader {
     if (!paused) changed_.notify_all();
   }
 
-  /// The finest level that it loads for a view that wants this one.
+  /// The finest level to load for a view that requests `wanted`.
   [[nodiscard]] unsigned level(unsigned wanted) {
     const std::lock_guard lock(mutex_);
     return pacer_.level(wanted);
   }
 
-  /// The first error since this was last called.
+  /// The first error since the last call.
   [[nodiscard]] std::optional<Error> take_error() {
     const std::lock_guard lock(mutex_);
     return std::exchange(error_, std::nullopt);
@@ -185,15 +185,15 @@ class Player::Loader {
     }
   }
 
-  /// Whether there is a newer plan; waits out a pause.
+  /// Whether there is a newer plan. Waits while loading is paused.
   [[nodiscard]] bool outdated() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return stop_ || !paused_; });
     return stop_ || plan_ != current_;
   }
 
-  /// Loads tiles in batches that the disk can work on together. False: there is a newer plan, or
-  /// only tiles that the next frames use could make room.
+  /// Loads tiles in batches, which the disk reads concurrently. False: there is a newer plan, or no
+  /// room without evicting tiles that the next frames use.
   [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint32_t drawn) {
     const bool with_depth = view_.needs_depth();
     const auto locate = [&](std::size_t from) {
@@ -213,9 +213,9 @@ class Player::Loader {
     return true;
   }
 
-  /// Renders a small preview of a view and loads the tiles that it lacks, until it lacks none:
-  /// depths in loaded tiles lead to other tiles. False: as load(); or what was loaded was removed
-  /// again.
+  /// Renders a small preview of a view and loads the tiles that it lacks, until it lacks none. That
+  /// takes several previews, because depths in loaded tiles lead to further tiles. False: as
+  /// load(), or a tile that was loaded was evicted again.
   [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint32_t drawn) {
     std::set<TileKey> loaded;
     for (std::uint64_t turn = current_; !outdated(); ++turn) {
@@ -255,7 +255,7 @@ class Player::Loader {
 
 namespace {
 
-/// Frames must not fault pages in, so tiles are copied out of the map.
+/// Frames must not wait for page faults, so tiles are copied out of the map.
 RendererOptions for_frames(RendererOptions options) {
   options.in_place = false;
   return options;
@@ -277,8 +277,8 @@ struct Player::State {
   CacheStatistics seen;            // when the last frame was drawn
   Clock::time_point began, ended;  // of that frame
   std::optional<Camera> before;    // of that frame
-  std::optional<Camera> expected;  // where the next frame's was predicted
-  unsigned steady = 0;             // frames for which it was there
+  std::optional<Camera> expected;  // the prediction for the next frame
+  unsigned steady = 0;             // successive frames for which the prediction was right
   std::unique_ptr<Loader> loader;
 };
 
@@ -292,7 +292,7 @@ Result<Player> Player::make(const Field& field, const PlayOptions& options) {
   auto state = std::make_unique<State>(field, options);
   if (options.loading == Loading::wait) return Player(std::move(state));
 
-  // Something can be drawn from the first frame on, whatever comes next.
+  // Load level 0, so that frames always have a picture to fall back to.
   TileCache& cache = state->cache();
   for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_extra_levels); ++index) {
     if (4 * cache.statistics().decoded_bytes > options.renderer.memory) break;
@@ -308,11 +308,11 @@ Result<Player> Player::make(const Field& field, const PlayOptions& options) {
 Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* report) {
   State& s = *state_;
   const auto begin = Clock::now();
-  // Frames that leave time between them get the cores for themselves while they are drawn.
+  // If there is time between frames, the loader pauses while a frame is drawn.
   const bool alone = s.loader && begin - s.ended > (s.ended - s.began) / kGap;
   if (alone) s.loader->pause(true);
   TileCache& cache = s.cache();
-  const std::uint32_t frame = cache.now() + 1;  // that this one is, or a later one
+  const std::uint32_t frame = cache.now() + 1;  // this frame's number, or a lower one
   ViewStatistics statistics;
   auto ok = s.renderer.render(camera, s.options.view, image, &statistics);
   if (alone) s.loader->pause(false);
@@ -340,16 +340,16 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
   std::vector<Camera> next;
   if (s.options.loading == Loading::ahead) {
     const glm::dvec3& center = s.field.shape().sphere.center;
-    if (!statistics.wanted.empty()) next.push_back(camera);  // it may lead to more
+    if (!statistics.wanted.empty()) next.push_back(camera);  // these may lead to further tiles
     s.steady = s.before && s.expected && is_near(camera, *s.expected, *s.before, s.options.horizon)
                    ? s.steady + 1
                    : 0;
-    // While the camera moves as predicted, what lies nearer was looked at from frames before.
-    // Otherwise: tiles span several frames, so the further ahead, the fewer looks are needed.
+    // While the camera moves as predicted, earlier plans have covered the nearer views. Otherwise
+    // plan views 1, 2, 4, … frames ahead: tiles serve several frames, so a few views suffice.
     const unsigned first = s.steady < s.options.horizon ? 1 : std::max(s.options.horizon, 1u);
     for (unsigned k = first; s.before && k <= s.options.horizon; k *= 2) {
       const Camera ahead = predict(center, *s.before, camera, k);
-      if (RayGenerator::make(ahead)) next.push_back(ahead);  // else it is no view at all
+      if (RayGenerator::make(ahead)) next.push_back(ahead);  // else it is no valid camera
     }
     if (s.before) s.expected = predict(center, *s.before, camera, 1);
   }

@@ -1,5 +1,5 @@
-// RayBlock: the rays of a block of pixels, and what the renderer's stages compute for them. Private
-// to field/render.
+// RayBlock: the rays of a block of pixels, and the data that the renderer's stages compute for
+// them. Private to field/render.
 //
 // Everything is a structure of arrays, so that the kernels process as many rays at a time as the
 // machine has lanes. Arrays are longer than the block by kRayPadding: kernels work in whole
@@ -15,15 +15,15 @@
 
 namespace slf {
 
-/// Blocks of pixels. Larger ones do not fit the core's first cache, and each row is another page of
-/// memory.
+/// Size of a block in pixels. The data of larger blocks would not fit the core's first-level cache.
+/// Blocks are flat because each row of a picture is in another page of memory.
 inline constexpr std::uint32_t kBlockWidth = 32, kBlockHeight = 4;
 inline constexpr std::size_t kBlockRays = kBlockWidth * kBlockHeight;
 
 /// At least the lanes of any target.
 inline constexpr std::size_t kRayPadding = 64;
 
-/// Whole vectors lie in one cache line each.
+/// Aligns arrays to cache lines, so that a vector never spans two.
 template <class T>
 struct LineAllocator {
   using value_type = T;
@@ -69,7 +69,7 @@ struct EntryCells {
   std::array<RayArray<std::uint32_t>, 3> section;  ///< that owns the vertex
   std::array<RayArray<std::uint32_t>, 3> row;      ///< its first sample in the section's tiles
   std::array<RayArray<float>, 3> weight;
-  std::array<PointArrays, 3> point;  ///< where the vertices are; only if asked for
+  std::array<PointArrays, 3> point;  ///< the vertices' positions; only if requested
 
   void resize(std::size_t size) {
     for (auto* arrays : {&section, &row})
@@ -85,7 +85,7 @@ struct ExitCells {
   RayArray<std::uint32_t> section;
   RayArray<std::uint32_t> pair;           ///< column of the first; the second comes next
   RayArray<std::uint32_t> third;          ///< column of the third, never the row's first
-  std::array<RayArray<float>, 3> weight;  ///< 1 for the nearest, where it alone is wanted
+  std::array<RayArray<float>, 3> weight;  ///< 1, 0, 0 in some order if only the nearest counts
 
   void resize(std::size_t size) {
     for (auto* array : {&section, &pair, &third}) array->resize(size + kRayPadding);
@@ -111,21 +111,21 @@ struct BlockSamples {
 /// samples.
 struct DepthEstimates {
   RayArray<float> t;                   ///< opacity-weighted mean over all samples
-  std::array<RayArray<float>, 3> aim;  ///< what each entry vertex is to be aimed at next
-  RayArray<float> step;                ///< how far the aims moved, at most; 0: converged
+  std::array<RayArray<float>, 3> aim;  ///< the depth at which each entry vertex aims next
+  RayArray<float> step;                ///< the largest move of an aim; 0: converged
 
   void resize(std::size_t size) {
     for (auto* array : {&t, &step, &aim[0], &aim[1], &aim[2]}) array->resize(size + kRayPadding);
   }
 };
 
-/// One round of samples for a block of rays: at which exit points each entry vertex is aimed.
+/// One round of samples for a block of rays: the exit points at which each entry vertex aims.
 struct Pass {
   unsigned entries = 3;        ///< entry vertices in use
   bool with_depth = false;     ///< depths are sampled and estimated
   bool first_of_more = false;  ///< pixels that a later pass will draw need not be drawn
-  /// How far, as a part of the ray, a sample's depth may be from the aim until it loses most of its
-  /// weight. 0: weights do not depend on depth.
+  /// Difference of depth, as a fraction of the ray, at which a sample's weight reaches its minimum.
+  /// 0: weights do not depend on depth.
   float depth_tolerance = 0;
   std::array<const PointArrays*, 3> aim{};  ///< exit points, per entry vertex
   std::array<const ExitCells*, 3> exit{};   ///< their cells

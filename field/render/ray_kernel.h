@@ -1,4 +1,4 @@
-// Casting and locating: from the pixels of a block to rays, and to the cells of both lattices that
+// Casting and locating: computes the rays of a block's pixels, and the cells of both lattices that
 // they cross. Compiled for several instruction sets. Private to field/render.
 //
 // A ray's result depends on the ray alone, never on its place in a block: lanes do not mix.
@@ -29,12 +29,12 @@ struct PixelBlock {
 void cast_rays(const CameraBasis& basis, const PixelBlock& block, RayBlock& rays);
 
 /// Locates the cell of the entry lattice that each ray enters through: its vertices' sections, rows
-/// and weights, and with `with_points` where they are. `nearest` keeps the nearest vertex alone.
+/// and weights and, if `with_points`, their positions. If `nearest`, keeps only the nearest vertex.
 void locate_entries(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
                     bool with_points, EntryCells& entries);
 
 /// Locates the cell of the exit lattice at each of `count` points: its section, columns and
-/// weights. `nearest` gives the nearest vertex all of the weight.
+/// weights. If `nearest`, the nearest vertex gets all of the weight.
 void locate_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
                   bool nearest, ExitCells& exits);
 

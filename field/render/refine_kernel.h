@@ -14,8 +14,8 @@ namespace slf {
 /// must then be located again.
 void compact_unconverged(float threshold, RayBlock& rays, DepthEstimates& estimates);
 
-/// Aims each entry vertex at the ray's point at the depth `estimates.aim`: `exits` is where the
-/// line from the vertex through that point leaves the sphere.
+/// Aims each entry vertex at the ray's point at the depth `estimates.aim`. Sets `exits` to the
+/// points where the lines from the vertices through these points leave the sphere.
 void aim_at_depth(const RayBlock& rays, const EntryCells& entries, const DepthEstimates& estimates,
                   std::array<PointArrays, 3>& exits);
 

@@ -16,7 +16,7 @@
 namespace slf {
 namespace {
 
-constexpr std::uint32_t kTakenBlocks = 16;  // that a thread takes at once
+constexpr std::uint32_t kTakenBlocks = 16;  // blocks that a thread reserves at a time
 constexpr std::size_t kRayScratch = 512;    // bytes of scratch per ray of a block, about
 
 struct Plan {
@@ -83,10 +83,10 @@ Renderer::~Renderer() = default;
 unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMode mode) {
   const double distance = glm::distance(camera.eye, shape.sphere.center);
   const double pixel = 2 * std::tan(glm::radians(camera.fov) / 2) / camera.height * distance;
-  // Where rays are aimed anew, entry vertices may be further apart.
+  // Mode depth corrects rays by depth, so entry vertices may be further apart.
   const double entry_side = (mode == RenderMode::depth ? 2.0 : 1.0) * shape.entry_side;
-  // A quarter of the sphere has as many vertices, times 2^level; halfway to the other side, lines
-  // to them are half as far apart.
+  // This many cells, times 2^level, span an arc of R·π/2. Lines from one vertex to two neighbours
+  // on the other side are half as far apart at the sphere's centre.
   double spacing =
       shape.sphere.radius * std::numbers::pi / 4 / std::min<double>(shape.exit_side, entry_side);
   unsigned level = 0;
@@ -150,8 +150,8 @@ class ViewJob {
     for (std::uint32_t band = 0; band < bands_.size(); ++band) bands_[band].next = begin_of(band);
   }
 
-  /// Draws blocks until none are left. Called by each thread. Each has a contiguous band of the
-  /// picture, so that threads share few tiles and cache lines, and then helps with the others.
+  /// Draws blocks until none are left. Each thread calls it. A thread first draws a contiguous band
+  /// of the picture, so that threads share few tiles and cache lines, then helps with other bands.
   void work() {
     std::optional<Error> error;
     const std::uint32_t own = workers_++;
@@ -162,7 +162,7 @@ class ViewJob {
     for (std::uint32_t k = 0; k < bands_.size(); ++k) {
       const auto band = (own + k) % static_cast<std::uint32_t>(bands_.size());
       const std::uint32_t end = begin_of(band + 1);
-      // Taking waits until all pixels are written, so a few are taken at once.
+      // The atomic counter waits for pending writes of pixels, so reserve several blocks at a time.
       for (std::uint32_t begin;
            !error && (begin = bands_[band].next.fetch_add(kTakenBlocks)) < end;)
         for (std::uint32_t block = begin; !error && block < std::min(begin + kTakenBlocks, end);
@@ -183,7 +183,7 @@ class ViewJob {
 
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
 
-  /// What the engine counted; footprint() looks up bytes and pages.
+  /// Fills in the engine's counts.
   void fill(ViewStatistics& statistics) {
     sort_unique(wanted_);
     touched_.insert(touched_.end(), wanted_.begin(), wanted_.end());

@@ -1,5 +1,5 @@
-// Vectors of pixels and of points. Part of the kernels here, and of the benchmarks'
-// peer.
+// Vectors of pixels and of points. The kernels of field/render and those of benchmarks/plane
+// include this.
 
 // Included once per instruction set.
 #if defined(SLF_FIELD_RENDER_VECTORS_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -31,7 +31,8 @@ HWY_INLINE void store(V v, RayArray<float>& to, std::size_t k) {
   hn::StoreU(v, D(), to.data() + k);
 }
 
-/// As many pixels as there are lanes, in a square if they can be: their rays mostly meet one tile.
+/// As many pixels as there are lanes, in a square if possible, because their rays then mostly need
+/// the same tiles.
 struct PixelSquare {
   static constexpr std::uint32_t kAcross = hn::MaxLanes(D()) < 4 ? 1 : 4;
   static constexpr std::uint32_t kDown = hn::MaxLanes(D()) / kAcross;

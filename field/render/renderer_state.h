@@ -1,4 +1,4 @@
-// What a Renderer holds; a Player shares its cache.
+// The state of a Renderer. A Player shares its cache.
 #pragma once
 
 #include <cstdint>

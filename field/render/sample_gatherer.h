@@ -1,10 +1,9 @@
-// SampleGatherer: takes the samples of a block's rays out of tiles. Private to field/render.
+// SampleGatherer: copies the samples of a block's rays from tiles. Private to field/render.
 //
-// It looks the block's tiles up in the cache's page table, mostly finds all of them, and gathers
-// the samples. A view that waits loads the tiles it lacks, in batches that fit its share of the
-// memory, and gathers from each batch in turn. In one that does not wait these tiles are
-// unavailable, as tiles that were never built always are: rays that need one are drawn from a
-// coarser level.
+// It finds the block's tiles in the cache's page table, mostly all of them, and gathers the
+// samples. If the view waits, tiles that are not loaded are loaded in batches that fit its share of
+// the memory, and samples are gathered from each batch in turn. Otherwise these tiles are
+// unavailable, like tiles that were never built: rays that need one are drawn from a coarser level.
 #pragma once
 
 #include <cstdint>
@@ -24,12 +23,13 @@ void sort_unique(std::vector<TileKey>& keys);
 /// Reused from block to block. Thread-safety: one thread.
 class SampleGatherer {
  public:
-  /// Borrows all. Where it waits, it pins at most `pin_bytes` of decoded tiles, or one tile. Blocks
-  /// have at most `most_rays`.
+  /// Field and cache must outlive this. If a view waits, at most `pin_bytes` of decoded tiles are
+  /// pinned at a time, but always one tile. Blocks have at most `most_rays` rays.
   SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
                  std::size_t most_rays);
 
-  /// Begins a view. `frame` is of TileCache::begin_frame(). With depth, both layers are needed.
+  /// Begins a view. `frame` comes from TileCache::begin_frame(). If `with_depth`, tiles need both
+  /// layers.
   void begin(std::uint32_t frame, bool with_depth);
 
   /// Gathers all samples of a pass over `count` rays from a level's tiles, and finds the rays that
@@ -39,19 +39,20 @@ class SampleGatherer {
 
   [[nodiscard]] const BlockSamples& samples() const { return samples_; }
   [[nodiscard]] bool half_floats() const { return format_ == codec::SampleFormat::rgba16f; }
-  /// Whether any ray of the last pass needs an unavailable tile; whether one of them does.
+  /// Whether any ray of the last pass needs an unavailable tile, or a certain ray does.
   [[nodiscard]] bool any_unavailable() const { return tiles_.any_unavailable(); }
   [[nodiscard]] bool unavailable(std::size_t ray) const { return begins_.unavailable[ray] != 0; }
 
-  /// The tiles that the view used so far, with repetitions; of them, those that were absent and not
-  /// waited for.
+  /// The tiles that the view used so far, with repetitions, and those of them that were neither
+  /// loaded nor waited for.
   [[nodiscard]] const std::vector<TileKey>& touched() const { return touched_; }
   [[nodiscard]] const std::vector<TileKey>& wanted() const { return wanted_; }
 
  private:
   [[nodiscard]] Result<void> gather_in_batches(std::size_t count, const EntryCells& entries,
                                                const Pass& pass);
-  /// Gathers from the tiles that are loaded; `add` to what earlier calls of the pass gathered.
+  /// Gathers from the tiles that are loaded. If `add`, keeps the samples of earlier calls of the
+  /// pass.
   void gather_loaded(std::size_t count, const EntryCells& entries, const Pass& pass, bool add);
   void add_wanted();
 

@@ -1,7 +1,7 @@
 // TileMemory: memory for decoded tiles, in one piece of address space.
 //
-// Tiles lie side by side in huge pages, where the system gives them, so that gathers from many
-// tiles miss the TLB rarely. Freed pieces merge with free neighbours and are used again.
+// Tiles are contiguous, in huge pages if the system provides them, so that gathers from many tiles
+// rarely miss the TLB. Freed pieces merge with free neighbours and are reused.
 #pragma once
 
 #include <cstddef>
@@ -17,7 +17,7 @@ namespace slf {
 /// Thread-safety: any thread.
 class TileMemory {
  public:
-  /// At most `capacity` bytes in that piece; tiles beyond come from the heap.
+  /// Reserves `capacity` bytes of address space. Tiles that do not fit come from the heap.
   explicit TileMemory(std::uint64_t capacity);
   ~TileMemory();
   TileMemory(const TileMemory&) = delete;

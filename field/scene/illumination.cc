@@ -102,7 +102,7 @@ PlacedLight::PlacedLight(const Light& light, const Sphere& bounds)
       tangent_(std::tan(glm::radians(double{light.size}) / 2)),
       distance_(light.distance > 0 ? light.distance * bounds.radius
                                    : std::numeric_limits<double>::infinity()),
-      // A white surface that faces it shows the radiance irradiance/π.
+      // A white surface that faces the light has the radiance irradiance/π.
       irradiance_(static_cast<float>(kPi) * light.intensity * light.color) {
   const glm::dvec3 other = std::abs(direction_.z) < 0.9 ? glm::dvec3(0, 0, 1) : glm::dvec3(1, 0, 0);
   across_ = glm::normalize(glm::cross(direction_, other));

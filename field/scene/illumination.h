@@ -1,5 +1,5 @@
-// What shines on a scene, in the form that light transport needs: samples of lights and of the
-// surroundings. Private to this room.
+// The lights and the surroundings of a scene, in the form that light transport needs: as samples.
+// Private to field/scene.
 #pragma once
 
 #include <glm/glm.hpp>
@@ -31,9 +31,9 @@ class Environment {
   [[nodiscard]] Sample sample(double choice, double u, double v) const;
   [[nodiscard]] double density(const glm::dvec3& direction) const;
 
-  /// No light at all.
+  /// Whether there is no light at all.
   [[nodiscard]] bool dark() const { return !(cumulative_.back() > 0); }
-  /// Most light comes from few directions: sample() is needed to find them.
+  /// Whether most light comes from few directions, so that sample() is needed to find them.
   [[nodiscard]] bool peaked() const { return peaked_; }
 
  private:
@@ -43,11 +43,11 @@ class Environment {
 
   std::size_t width_ = 1, height_ = 1;
   std::vector<glm::vec3> texels_;
-  std::vector<double> cumulative_;  // of luminance × solid angle, up to and with each texel
+  std::vector<double> cumulative_;  // sums of luminance × solid angle, with each texel included
   bool peaked_ = false;
 };
 
-/// Light that one of the lights sends to a point.
+/// The light that one of the lights sends to a point.
 struct Arrival {
   glm::dvec3 direction;  // unit, world, towards the light
   double distance;       // world units; infinity: a distant light

@@ -7,7 +7,7 @@
 namespace slf {
 namespace {
 
-/// The 13 neighbours that a raster scan meets before a node, and their distances in world units.
+/// The 13 neighbours that a raster scan visits before a node, and their distances in world units.
 struct Neighbourhood {
   std::array<glm::ivec3, 13> offset;
   std::array<float, 13> length;
@@ -51,7 +51,7 @@ std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& lig
     }
     depth[here] = best;
   };
-  for (int round = 0; round < 2; ++round) {  // a second time for paths that turn back
+  for (int round = 0; round < 2; ++round) {  // the second round finds paths that turn back
     for (int z = 0; z < dims.z; ++z)
       for (int y = 0; y < dims.y; ++y)
         for (int x = 0; x < dims.x; ++x) relax({x, y, z}, 1);

@@ -1,4 +1,4 @@
-// How deep below the surface the nodes of a light volume lie. Private to this room.
+// The depths below the surface of a light volume's nodes. Private to field/scene.
 #pragma once
 
 #include <vector>
@@ -11,8 +11,8 @@ namespace slf {
 /// Optical depth from which matter cannot be seen: less than 0.1 % of its light leaves.
 inline constexpr float kHidden = 7;
 
-/// Per node, the least optical depth of the paths along the grid to the outside: an estimate of
-/// that of straight lines. Where it exceeds kHidden, no view shows the node.
+/// For each node, the smallest optical depth of a path along the grid to the outside. It estimates
+/// that of straight lines. If it exceeds kHidden, no view shows the node.
 [[nodiscard]] std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& light);
 
 /// Whether anything within one spacing of a node can be visible.

@@ -1,4 +1,4 @@
-// The JSON of light rigs. Private to this room.
+// The JSON of light rigs. Private to field/scene.
 #pragma once
 
 #include <string>
@@ -7,7 +7,8 @@
 
 namespace slf {
 
-/// Reads what to_json() writes. Input is untrusted. bad_file: names `source` and the member.
+/// Parses the output of to_json(). Input is untrusted. bad_file: anything else; the message names
+/// `source` and the member.
 [[nodiscard]] Result<LightRig> parse_rig(const std::string& text, const std::string& source);
 
 }  // namespace slf

@@ -1,4 +1,4 @@
-// Computes the light volume of a scene, once, before its rays are traced. Private to this room.
+// Computes the light volume of a scene, once, before its rays are traced. Private to field/scene.
 #pragma once
 
 #include <optional>

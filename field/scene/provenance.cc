@@ -17,7 +17,8 @@ using nlohmann::json;
 constexpr const char* kModes[] = {"direct", "shadowed", "global"};
 constexpr const char* kCurves[] = {"neutral", "srgb", "none"};
 
-/// JSON holds UTF-8 only, file names any bytes: what is not UTF-8 becomes U+FFFD.
+/// Replaces bytes that are not UTF-8 by U+FFFD, because JSON holds UTF-8 only. (File names may have
+/// any bytes.)
 json valid_utf8(const std::string& text) {
   return json::parse(json(text).dump(-1, ' ', false, json::error_handler_t::replace));
 }
@@ -56,7 +57,7 @@ void number(const json& object, const char* name, T& to) {
   if (found != object.end() && found->is_number()) to = found->get<T>();
 }
 
-/// The value whose name is found, or `otherwise`.
+/// The value with this name, or `otherwise`.
 template <class T, std::size_t N>
 T choice(const json& object, const char* member, const char* const (&names)[N], T otherwise) {
   const auto found = object.find(member);

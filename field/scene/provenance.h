@@ -1,4 +1,4 @@
-// What a field's manifest records of a scene. Private to this room.
+// The record of a scene in a field's manifest. Private to field/scene.
 #pragma once
 
 #include <string>
@@ -12,7 +12,8 @@ namespace slf {
 [[nodiscard]] std::string describe(const Volume& volume, const TransferFunction& transfer,
                                    const RaycastOptions& options);
 
-/// Of such an object, what a light volume depends on: not its path, nor how colours are shown.
+/// The members of such an object on which a light volume depends: not the source's path, nor tone
+/// mapping.
 [[nodiscard]] std::string light_key(const std::string& provenance);
 
 }  // namespace slf

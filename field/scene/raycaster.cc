@@ -16,7 +16,7 @@ struct Raycaster::State {
 
 namespace {
 
-/// The light volume of a scene, from a file if one is kept there.
+/// The light volume of a scene, read from work.file if that has it, else computed.
 Result<LightGrid> light_of(const VolumeScene& scene, const LightWork& work) {
   if (!work.file.empty())
     if (auto kept = load_light(work.file, light_key(scene.provenance))) return std::move(*kept);

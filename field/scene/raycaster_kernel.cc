@@ -19,15 +19,15 @@ namespace slf {
 namespace HWY_NAMESPACE {
 namespace {
 
-// kBatch rays advance together, by one sample per pass. A pass alternates two kinds of short loops
-// over the batch: arithmetic on vectors, and look-ups lane by lane. So neither waits for the other,
-// and their data stay in the first-level cache. Lanes do not mix: a ray's sample does not depend on
-// the other rays.
+// kBatch rays advance together, by one sample per pass. A pass alternates between two kinds of
+// short loops over the batch: vector arithmetic, and look-ups lane by lane. So neither waits for
+// the other, and their data stay in the first-level cache. Lanes do not mix: a ray's sample does
+// not depend on the other rays.
 constexpr std::size_t kBatch = 64;
 static_assert(kBatch % kLanes == 0 && kHits >= 2 * kBatch);
 
-/// The rays under way. Ray i of the batch is element i of each array. Positions are in voxel
-/// indices.
+/// The rays that are being traced. Ray i of the batch is element i of each array. Positions are in
+/// voxel indices.
 struct RayBatch {
   std::size_t size = 0;
   // The ray: sample k of `count` is at start + k·delta.
@@ -315,7 +315,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
     replace_finished(grid, rays, next, batch, out);
   }
   finish();
-  // Early termination leaves out less than one step of 8 bits: count the ray as opaque.
+  // Early termination skips less opacity than one step of 8 bits: set it to opaque.
   for (RaySample& sample : out)
     if (sample.rgba.a > kOpaque) sample.rgba /= sample.rgba.a;
   return counts;

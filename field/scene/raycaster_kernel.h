@@ -1,4 +1,4 @@
-// The inner loop of the ray-caster, compiled for several instruction sets. Private to this room.
+// The inner loop of the ray-caster, compiled for several instruction sets. Private to field/scene.
 #pragma once
 
 #include <array>
@@ -33,8 +33,8 @@ struct RayGrid {
   double step = 1;  ///< world units
 
   TransferTable table;
-  /// Of volumes with structures: the row of the table that each voxel uses, and which rows show
-  /// anything. A sample uses the row of the nearest voxel.
+  /// For volumes with structures: the row of the table that each voxel uses, and whether each row
+  /// has any opacity. A sample uses the row of the nearest voxel.
   std::vector<std::uint8_t> rows;
   std::vector<std::uint8_t> visible_rows;
   /// Per brick: Chebyshev distance, in bricks, to the nearest visible brick (0: this one is

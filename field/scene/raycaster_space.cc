@@ -8,7 +8,7 @@
 namespace slf {
 namespace {
 
-/// Tells which boxes of voxels can be visible.
+/// Decides which boxes of voxels can be visible.
 template <class T>
 class Visibility {
  public:
@@ -37,7 +37,7 @@ class Visibility {
       }
     if (!shown) return false;
     if (grid_.labels) return labelled;
-    // One more entry on each side than rounding can reach.
+    // One entry more on each side, for rounding.
     const std::int64_t end = static_cast<std::int64_t>(grid_.table.entries) - 1;
     const auto from = std::clamp<std::int64_t>(entry(low) - 1, 0, end);
     const auto to = std::clamp<std::int64_t>(entry(high) + 1, 0, end);

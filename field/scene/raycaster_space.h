@@ -1,4 +1,4 @@
-// The visible parts of a volume: empty space to skip, and the bounds. Private to this room.
+// The visible parts of a volume: empty space to skip, and the bounds. Private to field/scene.
 #pragma once
 
 #include <optional>

@@ -1,4 +1,5 @@
-// The ray-caster's transfer function as a table over the values of a volume. Private to this room.
+// The ray-caster's transfer function as a table over the values of a volume. Private to
+// field/scene.
 #pragma once
 
 #include <array>
@@ -24,7 +25,7 @@ struct TransferTable {
   /// own.
   std::size_t entries = 0;
   std::vector<glm::vec4> colors;  ///< straight RGB, padded, row by row
-  std::vector<float> opacities;   ///< of one step; as many
+  std::vector<float> opacities;   ///< of one step; one for each of `colors`
 };
 
 /// Maps a float to an integer with the same order.

@@ -1,4 +1,4 @@
-// The structures of a volume as rows of its table. Private to this room.
+// The structures of a volume as rows of its table. Private to field/scene.
 #pragma once
 
 #include "field/scene/raycaster_kernel.h"
@@ -6,9 +6,9 @@
 
 namespace slf {
 
-/// Adds a row for each structure to the grid's table, and says which voxel uses which.
-/// `steps_per_unit` is that of the table. usage: labels or mask of other dimensions or at another
-/// place than the volume. unsupported: labels that differ in more than 254 ways.
+/// Adds a row for each structure to the grid's table, and sets the row of each voxel.
+/// `steps_per_unit` is that of make_table(). usage: labels or mask have other dimensions or another
+/// position than the volume. unsupported: more than 254 different labels.
 [[nodiscard]] Result<void> add_structures(const Structures& structures, const Volume& volume,
                                           double steps_per_unit, RayGrid& grid);
 

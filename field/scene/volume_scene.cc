@@ -65,7 +65,7 @@ std::array<float, 2> stored_range(const Volume& volume) {
   });
 }
 
-/// Not-a-number and infinities have no place in interpolation: they become the least value.
+/// Replaces NaN and infinities, which cannot be interpolated.
 void replace_nonfinite(Volume& volume, float with) {
   if (volume.type != ScalarType::f32) return;
   auto* voxels = reinterpret_cast<float*>(volume.voxels.data());
@@ -103,7 +103,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   const double steps_per_unit = grid.step / transfer.unit_distance;
 
   grid.labels = v.labels;
-  float contrast = 1;  // what counts as a full-size change of value
+  float contrast = 1;  // the value range, to which gradients are compared
   if (v.labels) {
     std::vector<double> labels;
     if (v.type == ScalarType::u8 || v.type == ScalarType::u16) {

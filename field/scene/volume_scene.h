@@ -1,4 +1,5 @@
-// VolumeScene: a volume, its transfer function and its light, ready for rays. Private to this room.
+// VolumeScene: a volume, its transfer function and its light, ready for rays. Private to
+// field/scene.
 #pragma once
 
 #include <memory>
@@ -9,7 +10,7 @@
 
 namespace slf {
 
-/// What the ray-caster and the path tracer share. The grid points into the volume.
+/// The data that ray-caster and path tracer share. The grid points into the volume.
 struct VolumeScene {
   Volume volume;
   RayGrid grid;

@@ -1,4 +1,4 @@
-// What moves the camera: mouse, touch, pen and keys.
+// Moves the camera by mouse, touch, pen and keys.
 
 const kTurn = 180;   // degrees for a drag across the smaller side of the picture
 const kStep = 6;     // degrees for a key
@@ -6,7 +6,7 @@ const kDoubleTap = 300, kTapMoves = 6;  // milliseconds, pixels
 
 const calm = matchMedia('(prefers-reduced-motion: reduce)');
 
-// Calls `moved` after each change. `keys` has what other keys do: {r: function, …}.
+// Calls `moved` after each change. `keys` maps further keys to functions: {r: function, …}.
 export function attach(canvas, camera, moved, keys) {
   const pointers = new Map();
   let last = 0, lastTap = 0, travelled = 0;
@@ -18,7 +18,7 @@ export function attach(canvas, camera, moved, keys) {
   };
   const drag = (dx, dy, pans) => {
     if (pans) return camera.pan(dx / canvas.clientHeight, dy / canvas.clientHeight);
-    // Near the sphere the same drag turns less.
+    // Close to the sphere, the same drag turns the camera less.
     const scale = kTurn / Math.min(canvas.clientWidth, canvas.clientHeight) *
                   Math.min(1, (camera.distance - 0.9) / 2);
     const now = performance.now(), seconds = Math.max(now - last, 4) / 1000;
@@ -50,7 +50,7 @@ export function attach(canvas, camera, moved, keys) {
   const end = (event) => {
     if (!pointers.delete(event.pointerId)) return;
     const now = performance.now();
-    if (now - last > 60) camera.speed = [0, 0];  // held still before it was let go
+    if (now - last > 60) camera.speed = [0, 0];  // the pointer stood still before its release
     if (travelled < kTapMoves) {
       camera.speed = [0, 0];
       if (now - lastTap < kDoubleTap) {

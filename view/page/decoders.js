@@ -39,9 +39,12 @@ export class Decoders {
     return this.send(this.busy.indexOf(Math.min(...this.busy)), message);
   }
 
-  // Both take {layer, level, entry, exit, checksum, payload}, and fail if the payload is damaged.
-  // The tiles of the level below that it is predicted from: [[entry, exit], …].
+  // The parameter `part` is {layer, level, entry, exit, checksum, payload}. Both calls fail if the
+  // payload is damaged.
+  // Resolves to the tiles of the next coarser level that the part is predicted from:
+  // [[entry, exit], …].
   references(part) { return this.ask({...part, action: 'references'}); }
-  // Its samples. `references`: {entry, exit, samples} each; no samples: nothing is visible there.
+  // Resolves to the part's samples. `references` are {entry, exit, samples} each; an empty tile has
+  // samples of length 0.
   decode(part, references) { return this.ask({...part, references, action: 'decode'}); }
 }

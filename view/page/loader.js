@@ -1,13 +1,13 @@
-// Which tiles are on the GPU: loads what a view needs, and makes room for it.
+// Decides which tiles are on the GPU: loads those that a view needs, and evicts others.
 
 import {kDamaged, kEmpty as kEmptyTile, kStored} from './field.js';
 import {Reader} from './reader.js';
 import {kEmpty, kFirstSlot, kMissing, kNoDepth, kNotLoaded} from './shader.js';
 
-const kBatch = 96;    // tiles looked for together, while the view moves
+const kBatch = 96;    // tiles found together, while the view moves
 const kBatches = 2;   // at once: one is fetched while another is decoded
 
-// Loads the tiles that want() names, the first ones first, into the slots of the renderer.
+// Loads the tiles that want() names, in their order, into the slots of the renderer.
 export class Loader {
   constructor(field, renderer, decoders, onChange, onError) {
     Object.assign(this, {field, renderer, onChange, onError});
@@ -20,7 +20,7 @@ export class Loader {
     this.now = 0;
     this.damaged = 0;
     this.full = false;  // whether a view needed more tiles than there are slots
-    this.batches = 0;   // under way
+    this.batches = 0;   // that are being loaded
   }
 
   get tiles() { return this.used.size; }
@@ -33,8 +33,8 @@ export class Loader {
     this.free = Array.from({length: renderer.slots}, (_, i) => renderer.slots - 1 - i);
   }
 
-  // Replaces the plan; `whole`: it is all that a view needs. Returns how many of the pages are not
-  // there yet.
+  // Replaces the plan. `whole`: the pages are all that a view needs, so they are loaded as one
+  // batch. Returns how many of the pages are not loaded yet.
   want(pages, whole = false) {
     ++this.now;
     const absent = [];
@@ -49,7 +49,7 @@ export class Loader {
     return absent.length;
   }
 
-  // Whether something is on its way.
+  // Whether tiles are being loaded.
   get busy() { return this.batches > 0; }
 
   // Loads the plan, batch by batch.
@@ -71,14 +71,15 @@ export class Loader {
     this.onChange();
   }
 
-  // `needed`: by the view, not only by others that are predicted from it.
+  // Puts a tile into a slot. `needed`: the view needs it, not only tiles that are predicted from
+  // it.
   place({page, state, color, depth, depthState}, needed = true) {
     if (this.pages[page] !== kNotLoaded) return;
     this.damaged += (state === kDamaged) + (depthState === kDamaged);
     let value = state === kEmptyTile ? kEmpty : kMissing;
     if (state === kStored) {
       const slot = this.free.pop() ?? (needed ? this.evict() : undefined);
-      if (slot === undefined) {  // all tiles are needed: coarser ones stand in
+      if (slot === undefined) {  // all tiles are needed: coarser ones are drawn instead
         this.full ||= needed;
         return;
       }
@@ -94,7 +95,7 @@ export class Loader {
     this.onChange();
   }
 
-  // The slot of the tile that was not needed for longest. Level 0 stays.
+  // Frees the slot of the least recently needed tile and returns it. Level 0 stays.
   evict() {
     const first = this.field.shape.pageBase[1] || this.field.shape.pages;
     for (const [page, when] of this.used) {

@@ -3,7 +3,8 @@
 export const kDone = 0, kWants = 1;
 
 export class Native {
-  // `module`: a WebAssembly.Module. It asks nothing of its host but to end when it fails.
+  // `module`: a WebAssembly.Module. Of its imports only proc_exit is implemented, which it calls
+  // when it is out of memory.
   constructor(module) {
     const imports = {};
     for (const {module: from, name} of WebAssembly.Module.imports(module)) {
@@ -21,14 +22,14 @@ export class Native {
     new Uint8Array(this.calls.memory.buffer, at, bytes.byteLength).set(bytes);
   }
   bytes(at, size) { return new Uint8Array(this.calls.memory.buffer, at, size); }
-  // What the last call left: a message, or a description.
+  // The text result of the last call: a message, or a description.
   textBytes() { return this.bytes(this.calls.slf_text(), this.calls.slf_text_size()).slice(); }
   text() { return new TextDecoder().decode(this.textBytes()); }
   // Throws the message of a call that failed.
   check(status) {
     if (status !== kDone) throw new Error(this.text());
   }
-  // The ranges of bytes that the last call wants: [[begin, end], …].
+  // The ranges of bytes that the last call lacked: [[begin, end], …].
   ranges() {
     const all = new Float64Array(this.calls.memory.buffer, this.calls.slf_ranges(),
                                  2 * this.calls.slf_range_count());

@@ -14,13 +14,13 @@ function open({module, manifest, tables}) {
   });
 }
 
-// A payload that is in the buffer from here on, and sound.
+// Copies a payload into the module's buffer and verifies it.
 function take({layer, level, entry, exit, checksum, payload}) {
   native.fill(payload);
   native.check(native.calls.slf_check(layer, level, entry, exit, ...checksum));
 }
 
-// The tiles of the level below that a payload is predicted from: [[entry, exit], …].
+// The tiles of the next coarser level that a payload is predicted from: [[entry, exit], …].
 function references(message) {
   const {layer, level, entry, exit} = message;
   take(message);
