@@ -57,8 +57,7 @@ struct BuildReport {
 ///
 /// | at `path` | without `replace` | with `replace` |
 /// |---|---|---|
-/// | no file | builds, or resumes PATH.unfinished | the same; starts over if that is another field
-/// |
+/// | no file | builds, or resumes PATH.unfinished | the same, or starts over if that differs |
 /// | this field, complete | returns at once: nothing is left to do | as if there were no file |
 /// | this field with tiles missing | builds them in place | as if there were no file |
 /// | any other file | usage or bad_file | as if there were no file |

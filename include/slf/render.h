@@ -34,7 +34,7 @@ enum class RenderMode {
 };
 
 [[nodiscard]] const char* name(RenderMode mode);
-/// usage: unknown; the message lists the modes.
+/// The mode with a name. usage: unknown; the message lists the modes.
 [[nodiscard]] Result<RenderMode> parse_render_mode(std::string_view text);
 /// RenderMode::depth if the field has depths, bitri otherwise.
 [[nodiscard]] RenderMode default_mode(const Field& field);
@@ -77,7 +77,8 @@ struct ViewStatistics {
   }
 };
 
-/// Thread-safety: one render() at a time; it uses the threads of its options itself.
+/// Draws views of one field. Thread-safety: one render() at a time; it uses threads of its own, as
+/// many as its options say.
 class Renderer {
  public:
   /// Keeps a copy of the handle.

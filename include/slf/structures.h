@@ -25,7 +25,7 @@ struct LabelStyle {
 /// Styles by id.
 using LabelTable = std::map<std::int64_t, LabelStyle>;
 
-/// Reads a table of styles, told apart by content: ITK-SNAP's label description (`IDX R G B A VIS
+/// Reads a table of styles, recognised by content: ITK-SNAP's label description (`IDX R G B A VIS
 /// MESH "NAME"`, colours 0 to 255, A and VIS 0 to 1), 3D Slicer's colour table (`ID NAME R G B A`,
 /// all 0 to 255), or JSON: {"labels": [{"id": 1, "name": "liver", "color": [0.8, 0.3, 0.2],
 /// "opacity": 1}, …]}. Lines that begin with # are comments. Input is untrusted.

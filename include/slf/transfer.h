@@ -41,10 +41,10 @@ class TransferFunction {
   std::vector<OpacityPoint> opacities;  ///< ascending in value, at least one
   double unit_distance = 1;             ///< world units; positive
 
-  /// Straight (not premultiplied) RGB and opacity per unit_distance, each in 0..1, at a value;
-  /// constant beyond the first and last points, all 0 for NaN. As VTK evaluates it: in Space::step
-  /// the stretch up to and with a point has that point's colour; of two points at one value the
-  /// first holds at the value itself and the second beyond it, a jump.
+  /// Straight (not premultiplied) RGB and opacity per unit_distance, each in 0..1, at a value.
+  /// Constant beyond the first and last points; all 0 for NaN. Evaluates as VTK does: in
+  /// Space::step, values up to and including a point have that point's colour. Of two points at
+  /// one value, the first holds at the value itself and the second above it.
   [[nodiscard]] glm::dvec4 operator()(double value) const;
 };
 
@@ -86,10 +86,13 @@ struct TransferPreset {
 /// Reads a preset by reference: a built-in name such as "ct-bone", a path, or "PATH#NAME" for one
 /// of several in a file. Names ignore case. Without NAME it is the first. "./ct-bone" is a path.
 ///
-/// Files, told apart by content: ParaView's preset JSON, an array of presets or one alone, with
-/// RGBPoints or IndexedColors, with or without Points; 3D Slicer's volume properties (.vp and
-/// .vp.json), whose gradient opacity and lighting are ignored; MRIcroGL's .clut, relative where its
-/// min is its max. Input is untrusted.
+/// Files are recognised by content:
+///  - ParaView's preset JSON, an array of presets or one alone, with RGBPoints or IndexedColors,
+///    with or without Points;
+///  - 3D Slicer's volume properties (.vp and .vp.json); gradient opacity and lighting are ignored;
+///  - MRIcroGL's .clut; relative if its min equals its max.
+///
+/// Input is untrusted.
 /// io: the file cannot be read. usage: neither a built-in name nor a file, or the file has no
 /// preset of that name; the message lists some. bad_file: another kind of file, missing or unsorted
 /// points, a count of numbers that is not 4 per point, channels or opacities outside 0..1; the
