@@ -160,7 +160,7 @@ Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& wanted,
   return std::move(*field);
 }
 
-/// A tile on its way from a worker to the writer.
+/// An encoded tile, which a worker passes to the writer.
 struct Encoded {
   std::vector<Bytes> payloads;  // per layer; all empty for an empty tile
   std::uint64_t rays = 0;       // traced for it, approximately

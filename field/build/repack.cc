@@ -17,7 +17,7 @@ using storage::TileState;
 
 constexpr std::uint64_t kAdvised = 64;  // tiles per call of advise()
 
-/// A tile on its way to the writer.
+/// An encoded tile, for the writer.
 struct Recoded {
   std::vector<Bytes> payloads;
   std::vector<TileState> states;

@@ -18,7 +18,7 @@ using storage::FileRange;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::uint64_t kUnknown = ~std::uint64_t{0};
-constexpr long kSlowest = 256;       // bytes a second; less, for as long as we wait, is a stall
+constexpr long kSlowest = 256;       // bytes per second; a transfer that is slower has stalled
 constexpr double kLongestPause = 8;  // seconds
 constexpr long kRedirects = 5;
 constexpr std::uint64_t kPiece = 4 << 20;  // bytes of one request: more are several requests
@@ -48,7 +48,7 @@ bool take(std::string_view& text, char c) {
   return true;
 }
 
-/// "bytes 0-99/1234".
+/// The header Content-Range: "bytes 0-99/1234".
 struct ContentRange {
   FileRange range;
   std::uint64_t total = 0;
@@ -68,7 +68,7 @@ std::optional<ContentRange> parse_content_range(std::string_view text) {
 
 }  // namespace
 
-/// Handles that keep their connections from one use to the next. One thread at a time.
+/// curl handles that keep their connections between uses. Thread-safety: one thread at a time.
 class HttpSource::Connections {
  public:
   Connections() : multi(curl_multi_init()) {}
@@ -83,7 +83,7 @@ class HttpSource::Connections {
   std::vector<CURL*> free;
 };
 
-/// Connections, borrowed.
+/// Exclusive use of Connections, which the destructor returns.
 class HttpSource::Lease {
  public:
   explicit Lease(HttpSource& source) : source_(source) {
@@ -108,18 +108,18 @@ class HttpSource::Lease {
   std::unique_ptr<Connections> held_;
 };
 
-/// One range on its way.
+/// One range that is being fetched.
 struct HttpSource::Transfer {
   FileRange range;
-  unsigned attempts = 0;  ///< begun
-  Clock::time_point due;  ///< not before
+  unsigned attempts = 0;  ///< begun so far
+  Clock::time_point due;  ///< earliest begin of the next attempt
   // Of the current attempt:
   CURL* easy = nullptr;
   curl_slist* headers = nullptr;
   Bytes body;
   std::string tag, date, content_range;
   double retry_after = 0;  ///< seconds
-  bool too_much = false;   ///< more came than was asked for
+  bool too_much = false;   ///< the answer has more bytes than requested
 };
 
 HttpSource::HttpSource(std::string url, const RemoteOptions& options)
@@ -146,7 +146,7 @@ Result<void> HttpSource::fetch(std::span<const FileRange> ranges, const Take& ta
   return run(transfers, take);
 }
 
-// Runs transfers until all are complete, or one has failed for good.
+// Runs transfers until all are complete, or one has failed at its last attempt.
 Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Take& take) {
   Lease lease(*this);
   Connections& connections = lease.connections();
@@ -233,8 +233,8 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   curl_easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
   curl_easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https");
   curl_easy_setopt(easy, CURLOPT_CONNECTTIMEOUT_MS, patience);
-  // A stall is noticed in whole seconds; what is slower than kSlowest for as long is one. The last
-  // bound is for a server that sends headers for ever.
+  // A transfer that is slower than kSlowest for `patience` (in whole seconds) has stalled. The last
+  // limit is for a server that sends headers forever.
   curl_easy_setopt(easy, CURLOPT_LOW_SPEED_LIMIT, kSlowest);
   curl_easy_setopt(easy, CURLOPT_LOW_SPEED_TIME, std::max(1L, patience / 1000));
   const auto bytes = static_cast<long>(transfer.range.end - transfer.range.begin);
@@ -248,7 +248,7 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
     auto& t = *static_cast<Transfer*>(to);
     long status = 0;
     curl_easy_getinfo(t.easy, CURLINFO_RESPONSE_CODE, &status);
-    if (status != 206) return status == 200 ? 0 : count;  // the text of an error is of no use
+    if (status != 206) return status == 200 ? 0 : count;  // ignore the text of an error
     t.too_much = count > t.range.end - t.range.begin - t.body.size();
     if (t.too_much) return 0;
     const auto* bytes_of = reinterpret_cast<const std::byte*>(data);
@@ -260,7 +260,7 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   const Write header = [](char* data, std::size_t, std::size_t count, void* to) -> std::size_t {
     auto& t = *static_cast<Transfer*>(to);
     const std::string_view line(data, count);
-    if (line.starts_with("HTTP/")) {  // another answer of a chain of redirections
+    if (line.starts_with("HTTP/")) {  // the next answer in a chain of redirections
       t.tag.clear(), t.date.clear(), t.content_range.clear();
       return count;
     }

@@ -12,10 +12,11 @@
 
 namespace slf {
 
-/// Thread-safety: any thread; each fetch() uses connections of its own, which later ones reuse.
+/// Thread-safety: any thread. Each fetch() uses connections of its own; later calls reuse them.
 class HttpSource final : public storage::RangeSource {
  public:
-  /// Asks for the first byte. Errors as of RemoteField::open().
+  /// Requests the first byte, to learn the length and version of the file. Errors as
+  /// RemoteField::open().
   [[nodiscard]] static Result<std::shared_ptr<HttpSource>> open(const std::string& url,
                                                                 const RemoteOptions& options);
   ~HttpSource() override;
@@ -34,7 +35,7 @@ class HttpSource final : public storage::RangeSource {
   HttpSource(std::string url, const RemoteOptions& options);
   [[nodiscard]] Result<void> run(std::vector<Transfer>& transfers, const Take& take);
   void start(Transfer& transfer, Connections& connections);
-  /// What an answer means: done, to be repeated, or an error.
+  /// Judges an answer: true if the transfer is complete, false if it must be repeated, or an error.
   [[nodiscard]] Result<bool> judge(Transfer& transfer, int code);
 
   const std::string url_;

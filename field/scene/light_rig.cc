@@ -59,7 +59,7 @@ json number(float v) {
 }
 json to_json(const glm::vec3& v) { return {number(v.x), number(v.y), number(v.z)}; }
 
-/// Reads members of a JSON object, and names what is wrong with them.
+/// Reads members of a JSON object. Errors name the member.
 class Members {
  public:
   Members(const json& object, std::string place) : object_(object), place_(std::move(place)) {}
