@@ -35,7 +35,7 @@ Result<void> run_build(const Arguments& arguments) {
   // Kept until the field is complete, so that a resumed build need not compute it again.
   const bool keep = !source.light_file.empty();
   const std::string light_file = keep ? source.light_file : output + ".light";
-  const auto scene = source.scene({options.threads, light_progress(), light_file});
+  const auto scene = source.scene({options.threads, light_progress(), light_file, true});
   if (!scene) return tl::unexpected(scene.error());
   const Sphere visible = (*scene)->bounds();
   Sphere& sphere = options.shape.sphere;

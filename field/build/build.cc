@@ -317,6 +317,7 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
     report.resumed = plan->tiles.count() - (*begun)->missing.count();
     if ((*begun)->in_place && (*begun)->missing.count() == 0) return report;
   }
+  if (auto ok = scene.prepare(); !ok) return tl::unexpected(ok.error());
   auto codecs = *begun     ? std::move((*begun)->codecs)
                 : *coarser ? open_codecs(**coarser)
                            : train_codecs(tracer, *manifest);

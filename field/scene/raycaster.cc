@@ -1,6 +1,7 @@
 #include "slf/raycaster.h"
 
 #include <cassert>
+#include <optional>
 
 #include "field/scene/light_volume.h"
 #include "field/scene/provenance.h"
@@ -11,7 +12,8 @@ namespace slf {
 struct Raycaster::State {
   std::unique_ptr<VolumeScene> scene;
   ToneMapper tone;
-  bool mapped;  // whether samples are tone-mapped
+  bool mapped;                    // whether samples are tone-mapped
+  std::optional<LightWork> work;  // of the light volume, until it is there
 };
 
 namespace {
@@ -41,13 +43,21 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   if (!scene) return tl::unexpected(scene.error());
   const LightOptions& lighting = options.lighting;
   const bool lit = lighting.mode != Lighting::direct;
-  if (lit) {
-    auto light = light_of(**scene, work);
-    if (!light) return tl::unexpected(light.error());
-    (*scene)->grid.light_volume = std::move(*light);
-  }
-  return std::unique_ptr<Raycaster>(new Raycaster(std::make_unique<State>(
-      State{std::move(*scene), ToneMapper(lighting.tone), lit && !lighting.linear})));
+  auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::make_unique<State>(
+      State{std::move(*scene), ToneMapper(lighting.tone), lit && !lighting.linear,
+            lit ? std::optional(work) : std::nullopt})));
+  if (!work.later)
+    if (auto ok = caster->prepare(); !ok) return tl::unexpected(ok.error());
+  return caster;
+}
+
+Result<void> Raycaster::prepare() const {
+  if (!state_->work) return {};
+  auto light = light_of(*state_->scene, *state_->work);
+  if (!light) return tl::unexpected(light.error());
+  state_->scene->grid.light_volume = std::move(*light);
+  state_->work.reset();
+  return {};
 }
 
 Sphere Raycaster::bounds() const { return state_->scene->bounds; }

@@ -39,6 +39,7 @@ struct LightWork {
   /// Path of a file for the light volume. It is read if it was computed from the same scene and
   /// options; otherwise the light volume is computed and written there. Empty: no file.
   std::string file{};
+  bool later = false;  ///< prepare(), called before the first ray, computes the light volume
 };
 
 /// The work of tracing rays.
@@ -57,7 +58,8 @@ struct RayCounts {
 class Raycaster final : public Scene {
  public:
   /// Keeps voxels in their type if that is an 8 or 16 bit integer or f32, and converts others to
-  /// f32. Renumbers label ids beyond 16 bits. Computes the light volume if the options ask for one.
+  /// f32. Renumbers label ids beyond 16 bits. Computes the light volume if the options ask for one,
+  /// unless it is left for `work.later`.
   /// usage: an option out of range. failed: nothing in the volume is visible; stopped by the
   /// progress callback. io: the file of the light volume cannot be written.
   [[nodiscard]] static Result<std::unique_ptr<Raycaster>> make(Volume volume,
@@ -66,6 +68,8 @@ class Raycaster final : public Scene {
                                                                const LightWork& work = {});
   ~Raycaster() override;
 
+  /// Computes the light volume if make() left it for later; errors as there.
+  [[nodiscard]] Result<void> prepare() const override;
   [[nodiscard]] Sphere bounds() const override;
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
   void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const override;

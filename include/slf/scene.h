@@ -35,6 +35,11 @@ class Scene {
  public:
   virtual ~Scene() = default;
 
+  /// Work that rays need and that a build can do without if it has no ray to trace. build_field()
+  /// calls it before the first one; other programs only where a scene asks for it. Not
+  /// thread-safe; a second call does nothing.
+  [[nodiscard]] virtual Result<void> prepare() const { return {}; }
+
   /// A sphere around everything visible.
   [[nodiscard]] virtual Sphere bounds() const = 0;
 

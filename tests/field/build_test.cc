@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <limits>
 #include <stdexcept>
@@ -309,6 +310,43 @@ TEST(Build, AScenesExceptionIsAnErrorThatNamesTheTile) {
   const FunctionScene full(
       [](const glm::dvec3&, const glm::dvec3&) -> RaySample { throw std::bad_alloc(); });
   EXPECT_NE(refusal(full).message.find("memory"), std::string::npos);
+}
+
+/// Counts what a build asks of it.
+class Prepared final : public Scene {
+ public:
+  mutable int prepared = 0;
+  mutable std::atomic<bool> ready = false;
+  Result<void> prepare() const override {
+    ++prepared;
+    ready = true;
+    return {};
+  }
+  Sphere bounds() const override { return {glm::dvec3(0), 1}; }
+  RaySample trace(const glm::dvec3&, const glm::dvec3&) const override {
+    EXPECT_TRUE(ready);
+    return {glm::vec4(1), 0.5f};
+  }
+  std::string provenance() const override { return "{}"; }
+};
+
+TEST(Build, PreparesTheSceneOnlyIfRaysAreLeft) {
+  const std::string path = testing::TempDir() + "prepared.slf";
+  std::filesystem::remove(path);
+  for (const BuildOptions& options : {lossless_options(2, 4, 1), BuildOptions{}}) {
+    const Prepared scene;
+    auto small = options;
+    small.shape = lossless_options(2, 4, 1).shape;
+    small.replace = true;
+    ASSERT_TRUE(build_field(scene, path, small));
+    EXPECT_EQ(scene.prepared, 1);
+    small.replace = false;
+    const auto again = build_field(scene, path, small);
+    ASSERT_TRUE(again) << again.error().message;
+    EXPECT_EQ(again->tiles, 0u);
+    EXPECT_EQ(scene.prepared, 1);
+  }
+  std::filesystem::remove(path);
 }
 
 /// A scene that says wrong things about itself.
