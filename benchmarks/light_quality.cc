@@ -2,25 +2,29 @@
 //
 //   light_quality VOLUME TRANSFER [--rig NAME] [--size N] [--views N] [--reference N]
 //                 [--spacing S,...] [--samples N,...] [--difference OUT.png] [--field F.slf]
+//                 [--keep PREFIX]
 //
-// Prints JSON. For each spacing and number of samples: seconds and bytes of the light volume; its
+// Prints JSON. For each spacing and number of samples: seconds that the light volume takes; its
 // noise, which is the standard deviation over two seeds divided by the mean of radiance, over the
 // pixels that show something; PSNR of views (neutral tone mapping, 8 bits) against the reference;
 // and slabs per second with it and with direct light. With a field of the same volume and light:
-// its PSNR, the time of a view from it, and how long path tracing takes to the same PSNR.
+// its PSNR, the time of a view from it, and how long path tracing takes to the same PSNR. All
+// seconds are of the processor, on all threads: N cores take an Nth of them.
 //
 // The reference is noisy, too. It is rendered twice, as A and B, and the mean squared error of a
 // picture P is estimated as that of (P - A)(P - B), in which the noise of A and B cancels.
+// --keep writes these pictures to PREFIX-*.exr; the next run reads them instead of tracing paths.
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <random>
 #include <span>
 
 #include "benchmarks/storage/expect.h"
+#include "benchmarks/timing.h"
 #include "slf/camera.h"
 #include "slf/path_tracer.h"
 #include "slf/raycaster.h"
@@ -31,10 +35,11 @@ namespace {
 using namespace slf;
 using bench::expect;
 
+/// Of the processor, on all threads.
 double seconds_of(const auto& work) {
-  const auto start = std::chrono::steady_clock::now();
+  const double start = bench::seconds_of(CLOCK_PROCESS_CPUTIME_ID);
   work();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return bench::seconds_of(CLOCK_PROCESS_CPUTIME_ID) - start;
 }
 
 /// RGB over black from 0 to 255, not rounded.
@@ -139,11 +144,12 @@ nlohmann::json compare_field(const std::string& path, const std::vector<Camera>&
 
 int main(int argc, char** argv) {
   CLI::App app{"How good a light volume is, and what it takes"};
-  std::string volume_path, transfer_path, rig = "studio", difference_path, field_path;
+  std::string volume_path, transfer_path, rig = "studio", difference_path, field_path, keep;
   std::uint32_t size = 192, views = 2, reference = 256;
   std::vector<double> spacings{1};
   std::vector<std::uint32_t> samples{LightOptions{}.samples};
   double step = RaycastOptions{}.step;
+  std::uint32_t bounces = LightOptions{}.bounces;
   app.add_option("volume", volume_path)->required();
   app.add_option("transfer", transfer_path)->required();
   app.add_option("--rig", rig)->capture_default_str();
@@ -154,8 +160,10 @@ int main(int argc, char** argv) {
   app.add_option("--spacing", spacings)->delimiter(',');
   app.add_option("--samples", samples)->delimiter(',');
   app.add_option("--step", step)->capture_default_str();
+  app.add_option("--bounces", bounces)->capture_default_str();
   app.add_option("--difference", difference_path, "Picture of 8 times the error of the first view");
   app.add_option("--field", field_path);
+  app.add_option("--keep", keep, "Where the reference's pictures are kept");
   CLI11_PARSE(app, argc, argv);
 
   const Volume volume = expect(read_volume(volume_path));
@@ -165,6 +173,7 @@ int main(int argc, char** argv) {
   const auto direct = expect(Raycaster::make(volume, transfer, options));
   options.lighting.mode = Lighting::global;
   options.lighting.linear = true;
+  options.lighting.bounces = bounces;
   options.lighting.rig = expect(read_rig(rig));
   const Sphere sphere = direct->bounds();
   const auto cameras = random_cameras(sphere, 3, views, 1, size, size);
@@ -173,9 +182,16 @@ int main(int argc, char** argv) {
   double reference_seconds = 0;
   for (std::uint64_t seed = 1; seed <= 2 && reference > 0; ++seed) {
     const auto tracer = expect(PathTracer::make(volume, transfer, options, {reference / 2, seed}));
-    for (const Camera& camera : cameras)
-      reference_seconds += seconds_of(
-          [&] { (seed == 1 ? a : b).push_back(expect(trace_view(*tracer, sphere, camera))); });
+    for (std::size_t v = 0; v < cameras.size(); ++v) {
+      const std::string file = keep + "-" + std::to_string(v) + "-" + std::to_string(seed) + ".exr";
+      const bool kept = !keep.empty() && std::filesystem::exists(file);
+      Image image;
+      reference_seconds += seconds_of([&] {
+        image = expect(kept ? read_image(file) : trace_view(*tracer, sphere, cameras[v]));
+      });
+      if (!keep.empty() && !kept) expect(write_image(file, image));
+      (seed == 1 ? a : b).push_back(std::move(image));
+    }
   }
   nlohmann::json rows = nlohmann::json::array();
   for (const double spacing : spacings)

@@ -14,11 +14,13 @@ import subprocess
 
 DATA = pathlib.Path(__file__).resolve().parents[2] / "shared/data"
 FONT = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf"
+# The patient's face, without the head rest: these voxels run from front to back.
+FACE = "--crop 35:220,45:256,: --orbit 205,12,2.6"
 VOLUMES = [
     "/usr/share/mricron/templates/ch2bet.nii.gz:scripts/data/brain.json",
     "/usr/share/mricron/templates/ch2bet.nii.gz:scripts/data/brain_translucent.json",
-    f"{DATA}/cranium_ct/cranium_ct_256x256x108_int16.nrrd:ct-bone",
-    f"{DATA}/cranium_ct/cranium_ct_256x256x108_int16.nrrd:ct-skin",
+    f"{DATA}/cranium_ct/cranium_ct_256x256x108_int16.nrrd:ct-bone:{FACE}",
+    f"{DATA}/cranium_ct/cranium_ct_256x256x108_int16.nrrd:ct-skin:{FACE}",
     f"{DATA}/bonsai_ct/bonsai.nii.gz:{DATA}/transfer/bonsai.json",
     f"{DATA}/engine_ct/engine.nii.gz:{DATA}/transfer/engine.json",
     f"{DATA}/boston_teapot_ct/boston_teapot_256x256x178_uint8.nrrd:micro-ct",
@@ -44,7 +46,7 @@ def main():
     rigs = a.rigs.split(",")
     tiles = []
     for item in a.volumes:
-        volume, transfer, options = (item.split(":") + ["", ""])[:3]
+        volume, transfer, options = (item.split(":", 2) + ["", ""])[:3]
         if not pathlib.Path(volume).exists():
             print(f"{volume}: not there, left out")
             continue
@@ -60,7 +62,8 @@ def main():
                 light = ["--lighting", "global", "--light-rig", rig, "--light-samples", a.samples,
                          "--light-spacing", a.spacing]
             subprocess.run(
-                [a.slf, "raycast", volume, "-o", str(picture), "--size", a.size, "--orbit", a.orbit]
+                [a.slf, "-q", "raycast", volume, "-o", str(picture), "--size", a.size]
+                + ([] if "--orbit" in options else ["--orbit", a.orbit])
                 + (["--transfer", transfer] if transfer else [])
                 + options.split() + light,
                 check=True)

@@ -10,6 +10,9 @@ target_link_libraries(bench_arguments PUBLIC slf::slf CLI11::CLI11 PRIVATE fmt::
 add_executable(entry_pictures entry_pictures.cc)
 target_link_libraries(entry_pictures PRIVATE slf::slf CLI11::CLI11 slf_options)
 find_package(OpenEXR REQUIRED)
+add_executable(light_quality light_quality.cc)
+target_link_libraries(light_quality PRIVATE
+  slf::slf CLI11::CLI11 nlohmann_json::nlohmann_json slf_options)
 add_executable(exr_peer exr_peer.cc)
 target_link_libraries(exr_peer PRIVATE
   OpenEXR::OpenEXR CLI11::CLI11 nlohmann_json::nlohmann_json slf_options)
@@ -41,7 +44,7 @@ target_link_libraries(sampling_quality PRIVATE bench_arguments Threads::Threads 
 
 add_custom_target(report_programs)
 find_package(nlohmann_json REQUIRED)
-foreach(program codec_peers entry_pictures exr_peer sampling_quality systems turntable view_times vtk_speed)
+foreach(program codec_peers entry_pictures exr_peer light_quality sampling_quality systems turntable view_times vtk_speed)
   if(TARGET ${program})
     add_dependencies(report_programs ${program})
   endif()

@@ -15,7 +15,7 @@ from .bench import Bench, Failed
 from .outcome import NOT_RUN, Claim, Part
 
 PARTS = ["table1", "figure6", "figure8", "figure9", "figure10", "prefetch", "compression", "rates",
-         "growth"]
+         "light", "growth"]
 ROOT = Path(__file__).resolve().parents[2]
 
 
