@@ -191,8 +191,9 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
       a.source.scene({a.draw.threads, light_progress(), a.source.light_file}, field->provenance());
   if (!scene) return tl::unexpected(scene.error());
   const bool same_source = check_source(*field, **scene);
-  const auto evaluation = evaluate_views(*field, **scene, *cameras, *view, a.draw.renderer(),
-                                         a.supersample, view_tone(*field));
+  const auto evaluation =
+      evaluate_views(*field, **scene, *cameras, *view, a.draw.renderer(), a.supersample,
+                     view_tone(*field), progress_bar("evaluate", "rows"));
   if (!evaluation) return tl::unexpected(evaluation.error());
 
   const std::uint64_t bytes = field->file_bytes();

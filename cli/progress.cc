@@ -15,15 +15,6 @@ namespace {
 
 volatile std::sig_atomic_t signalled = 0;
 
-/// From now on signals end the process again.
-void stop_watching_signals() {
-  for (const int signal : {SIGINT, SIGTERM}) {
-    struct sigaction now {};
-    sigaction(signal, nullptr, &now);
-    if (now.sa_handler != SIG_IGN) std::signal(signal, SIG_DFL);
-  }
-}
-
 std::string human_time(double seconds) {
   if (!(seconds < 1e6)) return "days";
   const long s = std::lround(seconds);
@@ -142,9 +133,7 @@ ProgressCallback progress_bar(const std::string& title, const std::string& unit)
 ProgressCallback light_progress() {
   return [bar = ProgressCallback()](const Progress& progress) mutable {
     if (!bar) bar = progress_bar("light", "paths");
-    const bool go_on = bar(progress);
-    if (progress.done == progress.total) stop_watching_signals();
-    return go_on;
+    return bar(progress);
   };
 }
 

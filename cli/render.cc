@@ -161,7 +161,8 @@ Result<void> run_raycast(const RaycastArguments& a) {
   const Sphere sphere = (*scene)->bounds();
   const auto camera = a.camera.camera(sphere);
   if (!camera) return tl::unexpected(camera.error());
-  const auto image = trace_view(**scene, sphere, *camera, a.threads);
+  const auto image =
+      trace_view(**scene, sphere, *camera, a.threads, progress_bar("raycast", "rows"));
   if (!image) return tl::unexpected(image.error());
   return a.picture.write(*image);
 }

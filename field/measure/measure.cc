@@ -249,15 +249,22 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
 Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
                                   const std::vector<Camera>& cameras, const ViewOptions& view,
                                   const RendererOptions& options, std::uint32_t supersample,
-                                  const std::optional<ToneMapping>& tone) {
+                                  const std::optional<ToneMapping>& tone,
+                                  const ProgressCallback& progress) {
   if (cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
   Renderer renderer(field, options);
   Evaluation result;
+  Progress all;
+  for (const Camera& camera : cameras) all.total += std::uint64_t{supersample} * camera.height;
+  const auto report = [&](const Progress& rows) {
+    return !progress || progress({all.done + rows.done, all.total, 0});
+  };
   for (const Camera& camera : cameras) {
     Camera finer = camera;
     finer.width *= supersample, finer.height *= supersample;
-    const auto truth = trace_view(scene, field.shape().sphere, finer, options.threads);
+    const auto truth = trace_view(scene, field.shape().sphere, finer, options.threads, report);
     if (!truth) return tl::unexpected(truth.error());
+    all.done += finer.height;
     auto image = renderer.render(camera, view);
     if (!image) return tl::unexpected(image.error());
     Image expected = shrink(*truth, supersample);

@@ -1,7 +1,9 @@
 #include "slf/scene.h"
 
 #include <algorithm>
+#include <atomic>
 #include <limits>
+#include <thread>
 #include <vector>
 
 #include "base/parallel.h"
@@ -9,7 +11,7 @@
 namespace slf {
 
 Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera& camera,
-                         unsigned threads) {
+                         unsigned threads, const ProgressCallback& progress) {
   const auto rays = RayGenerator::make(camera);
   if (!rays) return tl::unexpected(rays.error());
   Image image;
@@ -17,7 +19,12 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
   image.height = camera.height;
   image.rgba.resize(std::size_t{camera.width} * camera.height);
   image.depth.assign(image.rgba.size(), std::numeric_limits<float>::infinity());
-  auto done = parallel_for(camera.height, threads, [&](std::uint64_t y) {
+  const std::uint64_t rows = camera.height;
+  std::atomic<std::uint64_t> traced{0};
+  std::atomic<bool> stopped{false};
+  const auto caller = std::this_thread::get_id();
+  auto done = parallel_for(rows, threads, [&](std::uint64_t y) {
+    if (stopped) return;
     std::vector<Segment> segments;
     std::vector<std::uint32_t> columns;
     for (std::uint32_t x = 0; x < camera.width; ++x) {
@@ -40,8 +47,13 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
             glm::distance(rays->ray(columns[k], static_cast<std::uint32_t>(y)).origin,
                           from + double{sample.depth} * (to - from)));
     }
+    const std::uint64_t so_far = ++traced;
+    if (progress && so_far < rows && std::this_thread::get_id() == caller)
+      stopped = stopped || !progress({so_far, rows, 0});
   });
   if (!done) return tl::unexpected(std::move(done.error()));
+  if (stopped || (progress && !progress({rows, rows, 0})))
+    return fail(ErrorCode::failed, "stopped while a view was traced");
   return image;
 }
 

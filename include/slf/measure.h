@@ -10,6 +10,7 @@
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/image.h"
+#include "slf/progress.h"
 #include "slf/render.h"
 #include "slf/scene.h"
 #include "slf/tone.h"
@@ -85,13 +86,12 @@ struct Evaluation {
 
 /// Compares views of the field with ray-cast views of its scene: RGB over black, 8 bits. A pixel of
 /// a ray-cast view is the mean of `supersample`² rays, supersample at least 1. Both are tone-mapped
-/// if `tone` is given. usage: no cameras; else errors as Renderer::render() and trace_view().
-[[nodiscard]] Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
-                                                const std::vector<Camera>& cameras,
-                                                const ViewOptions& view,
-                                                const RendererOptions& renderer,
-                                                std::uint32_t supersample = 1,
-                                                const std::optional<ToneMapping>& tone = {});
+/// if `tone` is given. Progress counts rows of ray-cast pictures. usage: no cameras. failed: stopped
+/// by `progress`. Else errors as Renderer::render() and trace_view().
+[[nodiscard]] Result<Evaluation> evaluate_views(
+    const Field& field, const Scene& scene, const std::vector<Camera>& cameras,
+    const ViewOptions& view, const RendererOptions& renderer, std::uint32_t supersample = 1,
+    const std::optional<ToneMapping>& tone = {}, const ProgressCallback& progress = {});
 
 /// Asks the kernel to drop a file from its cache, so that later reads come from the disk. Pages
 /// that a process has mapped remain. io: the file cannot be opened or synced.

@@ -14,6 +14,7 @@
 #include "slf/camera.h"
 #include "slf/error.h"
 #include "slf/image.h"
+#include "slf/progress.h"
 #include "slf/shape.h"
 
 namespace slf {
@@ -69,9 +70,10 @@ class Scene {
 [[nodiscard]] Result<std::unique_ptr<Scene>> make_analytic_scene(std::string_view name);
 
 /// Traces every pixel's ray through `sphere`, from the eye where that is inside it, on `threads`
-/// threads (0: all). Image::depth is filled. The result does not depend on the threads.
-/// usage: a bad camera.
+/// threads (0: all). Image::depth is filled. The result does not depend on the threads. Progress
+/// counts rows. usage: a bad camera. failed: stopped by `progress`.
 [[nodiscard]] Result<Image> trace_view(const Scene& scene, const Sphere& sphere,
-                                       const Camera& camera, unsigned threads = 0);
+                                       const Camera& camera, unsigned threads = 0,
+                                       const ProgressCallback& progress = {});
 
 }  // namespace slf

@@ -331,7 +331,7 @@ class Prepared final : public Scene {
 };
 
 TEST(Build, PreparesTheSceneOnlyIfRaysAreLeft) {
-  const std::string path = testing::TempDir() + "prepared.slf";
+  const std::string path = ::testing::TempDir() + "prepared.slf";
   std::filesystem::remove(path);
   for (const BuildOptions& options : {lossless_options(2, 4, 1), BuildOptions{}}) {
     const Prepared scene;

@@ -88,10 +88,10 @@ class PageTest(unittest.TestCase):
             "--color-codec", "jpeg:90", "--depth-codec", "zstd")
         return fields
 
-    def psnr(self, page, field, view, mode, level):
-        """Of the page's canvas beside slf render."""
+    def psnr(self, page, field, view, mode, level, fragment="", options=()):
+        """Of the page's canvas beside slf render; `fragment` says to the page what `options` do."""
         name = f"{os.path.basename(field)}-{mode}-{'_'.join(map(str, view))}"
-        fragment = f"view={','.join(map(str, view))}&mode={mode}&level={level}"
+        fragment = f"view={','.join(map(str, view))}&mode={mode}&level={level}" + fragment
         page.run(f"""new Promise((done) => {{
           addEventListener('hashchange', done, {{once: true}});
           location.hash = '{fragment}';
@@ -102,7 +102,7 @@ class PageTest(unittest.TestCase):
         # The page keeps the angle that fits the sphere at distance 3.
         slf("render", field, "-o", drawn, "-f", "--mode", mode, "--level", level, "--orbit",
             ",".join(map(str, view)), "--size", f"{SIZE}x{SIZE}", "--fov", FOV, "--background",
-            "0,0,0")
+            "0,0,0", *options)
         return json.loads(slf("compare", shown, drawn, "--json"))["psnr"] or 99.0
 
     def test_pictures_are_those_of_slf_render(self):
@@ -121,6 +121,21 @@ class PageTest(unittest.TestCase):
                 self.assertEqual(page.run("slf.statistics().damaged"), 0)
                 page.close()
             self.assertEqual(server.status, -signal.SIGINT)  # as a shell expects of Ctrl-C
+
+    def test_exposure_and_tone_mapping_are_those_of_slf_render(self):
+        field = path("lit.slf")
+        if field not in self.fields:
+            self.skipTest("other fields are given")
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            for curve, exposure in [("srgb", 1.5), ("neutral", -1)]:
+                found = self.psnr(page, field, VIEWS[0], "depth", 1,
+                                  f"&curve={curve}&exposure={exposure}",
+                                  ("--tonemap", curve, "--exposure", exposure))
+                with self.subTest(curve=curve, exposure=exposure):
+                    self.assertGreaterEqual(found, LEAST["depth"])
+            page.close()
 
     def test_decodes_the_same_samples(self):
         for field in self.fields:

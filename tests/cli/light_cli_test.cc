@@ -1,0 +1,137 @@
+// Light that takes long: stopped, resumed, and shared by the parts of a field.
+#include <signal.h>
+
+#include <cmath>
+
+#include "tests/cli/cli_testing.h"
+
+extern char** environ;
+
+namespace slf {
+namespace {
+
+using testing::slf;
+using testing::Workplace;
+using Arguments = std::vector<std::string>;
+
+/// A ball of 24³ voxels, and a transfer function that shows it.
+class LightCli : public ::testing::Test {
+ protected:
+  LightCli() {
+    std::ofstream volume(place / "ball.raw", std::ios::binary);
+    for (int k = 0; k < 24 * 24 * 24; ++k) {
+      const double r = std::hypot(k % 24 - 11.5, k / 24 % 24 - 11.5, k / 576 - 11.5);
+      volume.put(static_cast<char>(std::clamp(128 + 40 * (8 - r), 0.0, 255.0)));
+    }
+    std::ofstream(place / "t.json") << R"([{"Name": "t", "RGBPoints": [0, 1, 0.8, 0.6],
+        "Points": [100, 0, 0.5, 0, 160, 0.6, 0.5, 0]}])";
+  }
+
+  [[nodiscard]] Arguments command(const std::string& name, const std::string& output,
+                                  const std::string& samples, const Arguments& more) const {
+    Arguments all{"--progress",      "json:0.01",      name,         place / "ball.raw",
+                  "--dims",          "24x24x24",       "-o",         place / output,
+                  "--transfer",      place / "t.json", "--lighting", "global",
+                  "--light-samples", samples};
+    all.insert(all.end(), more.begin(), more.end());
+    return all;
+  }
+  [[nodiscard]] Arguments build(const std::string& output, const Arguments& more = {},
+                                const std::string& samples = "4") const {
+    Arguments all{"--entry", "3", "--exit", "8", "--levels", "1", "--commit-every", "0.001"};
+    all.insert(all.end(), more.begin(), more.end());
+    return command("build", output, samples, all);
+  }
+
+  /// Runs the command and sends it SIGINT once it reports progress of `task`. The signal that ended
+  /// it, 0 if none did.
+  [[nodiscard]] static int interrupt(const Arguments& arguments, const std::string& task) {
+    std::vector<char*> line{const_cast<char*>(SLF_COMMAND)};
+    for (const auto& argument : arguments) line.push_back(const_cast<char*>(argument.c_str()));
+    line.push_back(nullptr);
+    int ends[2];
+    EXPECT_EQ(pipe2(ends, O_CLOEXEC), 0);
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_adddup2(&actions, ends[1], STDERR_FILENO);
+    pid_t child = 0;
+    EXPECT_EQ(posix_spawn(&child, line[0], &actions, nullptr, line.data(), environ), 0);
+    posix_spawn_file_actions_destroy(&actions);
+    close(ends[1]);
+    std::string text;
+    char byte = 0;
+    bool sent = false;
+    while (read(ends[0], &byte, 1) == 1) {
+      text += byte;
+      if (sent || text.find("\"task\":\"" + task + '"') == std::string::npos) continue;
+      kill(child, SIGINT);
+      sent = true;
+    }
+    close(ends[0]);
+    EXPECT_TRUE(sent) << text;
+    int status = 0;
+    waitpid(child, &status, 0);
+    return WIFSIGNALED(status) ? WTERMSIG(status) : 0;
+  }
+
+  Workplace place;
+  const std::vector<std::string> inputs{"ball.raw", "t.json"};
+};
+
+TEST_F(LightCli, AnInterruptedLightVolumeLeavesNothing) {
+  // 65,536 paths a node take minutes. A stop must not wait for many of them.
+  EXPECT_EQ(interrupt(build("a.slf", {}, "65536"), "light"), SIGINT);
+  EXPECT_EQ(place.files(), inputs);
+  EXPECT_EQ(interrupt(command("raycast", "a.png", "65536", {}), "light"), SIGINT);
+  EXPECT_EQ(place.files(), inputs);
+}
+
+TEST_F(LightCli, AnInterruptedReferenceLeavesNothing) {
+  EXPECT_EQ(interrupt(command("raycast", "a.png", "1",
+                              {"--reference", "--samples", "4096", "--size", "64"}),
+                      "raycast"),
+            SIGINT);
+  EXPECT_EQ(place.files(), inputs);
+}
+
+TEST_F(LightCli, AResumedBuildKeepsItsLight) {
+  ASSERT_EQ(slf(build("whole.slf")).exit_code, 0);
+  ASSERT_EQ(interrupt(build("a.slf"), "build"), SIGINT);
+  EXPECT_TRUE(std::filesystem::exists(place / "a.slf.light"));
+  const auto resumed = slf(build("a.slf"));
+  EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
+  EXPECT_EQ(resumed.err.find("\"light\""), std::string::npos);
+  EXPECT_FALSE(std::filesystem::exists(place / "a.slf.light"));
+  EXPECT_EQ(slf({"diff", place / "a.slf", place / "whole.slf"}).exit_code, 0);
+}
+
+TEST_F(LightCli, ACompleteFieldNeedsNoLight) {
+  const auto built = slf(build("a.slf"));
+  ASSERT_EQ(built.exit_code, 0) << built.err;
+  EXPECT_NE(built.err.find("\"light\""), std::string::npos);
+  const auto again = slf(build("a.slf"));
+  EXPECT_OUTCOME(again, 0, "nothing is left to build");
+  EXPECT_EQ(again.err.find("\"light\""), std::string::npos);
+}
+
+TEST_F(LightCli, ShardsShareALightVolume) {
+  const Arguments share{"--light-file", place / "shared.light"};
+  for (const std::string k : {"1", "2", "3"}) {
+    Arguments shard{"--shard", k + "/3"};
+    shard.insert(shard.end(), share.begin(), share.end());
+    const auto built = slf(build(k + ".slf", shard));
+    ASSERT_EQ(built.exit_code, 0) << built.err;
+    EXPECT_EQ(built.err.find("\"light\"") != std::string::npos, k == "1");
+  }
+  ASSERT_EQ(slf(build("alone.slf", {"--shard", "2/3"})).exit_code, 0);
+  ASSERT_EQ(slf(build("whole.slf")).exit_code, 0);
+  ASSERT_EQ(
+      slf({"merge", place / "1.slf", place / "2.slf", place / "3.slf", "-o", place / "merged.slf"})
+          .exit_code,
+      0);
+  EXPECT_EQ(slf({"diff", place / "merged.slf", place / "whole.slf"}).exit_code, 0);
+  EXPECT_EQ(testing::read_text(place / "alone.slf"), testing::read_text(place / "2.slf"));
+}
+
+}  // namespace
+}  // namespace slf
