@@ -3,9 +3,11 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <optional>
 #include <vector>
 
 namespace slf {
@@ -37,6 +39,32 @@ struct LightGrid {
   };
   return mantissa(light.r) | mantissa(light.g) << 9 | mantissa(light.b) << 18 |
          static_cast<std::uint32_t>(shared) << 27;
+}
+
+[[nodiscard]] inline glm::vec3 unpack_light(std::uint32_t packed) {
+  const float unit = std::bit_cast<float>(((packed >> 27) + 127 - 24) << 23);  // 2^(e - 24)
+  return unit * glm::vec3(packed & 511, packed >> 9 & 511, packed >> 18 & 511);
+}
+
+/// The light at a position in nodes, clamped to the grid; nothing beside nodes that are dark, among
+/// which are those that were not computed.
+[[nodiscard]] inline std::optional<glm::vec3> look_up(const LightGrid& light,
+                                                      const glm::dvec3& at) {
+  const glm::ivec3 last(light.dims[0] - 1, light.dims[1] - 1, light.dims[2] - 1);
+  const glm::vec3 inside(glm::clamp(at, glm::dvec3(0), glm::dvec3(last)));
+  const glm::ivec3 a(inside), b = glm::min(a + 1, last);
+  const glm::vec3 w = inside - glm::vec3(a);
+  bool dark = false;
+  const auto node = [&](int x, int y, int z) {
+    const std::uint32_t packed =
+        light.nodes[(static_cast<std::size_t>(z) * light.dims[1] + y) * light.dims[0] + x];
+    dark = dark || packed == 0;
+    return unpack_light(packed);
+  };
+  const auto along = [&](int y, int z) { return glm::mix(node(a.x, y, z), node(b.x, y, z), w.x); };
+  const glm::vec3 sum = glm::mix(glm::mix(along(a.y, a.z), along(b.y, a.z), w.y),
+                                 glm::mix(along(a.y, b.z), along(b.y, b.z), w.y), w.z);
+  return dark ? std::nullopt : std::optional(sum);
 }
 
 }  // namespace slf

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "base/parallel.h"
 #include "field/scene/light_depth.h"
@@ -11,10 +12,11 @@
 namespace slf {
 namespace {
 
-constexpr int kPoints = 16;
-/// Bytes per node that computing takes: depth, index, and the result; about half of the nodes of a
-/// grid are near a surface at most, with a NodeLight each.
-constexpr std::uint64_t kBytesPerNode = 4 + 4 + 4 + 28;
+constexpr int kPoints = 64;   // around a node
+constexpr int kMarched = 16;  // of these, towards each light
+/// Bytes per node that computing takes: its depth, index and result, and, at most for half of the
+/// nodes, those near a surface, its number, a NodeLight and twice a colour.
+constexpr std::uint64_t kBytesPerNode = 4 + 4 + 4 + (8 + 56 + 24) / 2;
 
 double fraction(double v) { return v - std::floor(v); }
 
@@ -26,12 +28,14 @@ double r3(std::uint64_t i, int d) {
 
 /// The light at one node, and what the filter needs to know of it.
 struct NodeLight {
-  glm::vec3 direct{0};    // from lights
-  glm::vec3 indirect{0};  // from the surroundings, and scattered
-  glm::vec3 normal{0};    // mean, times the share of the surface
-  float depth = 0;        // optical, below what can be seen from outside
-  bool lit = false;       // there is matter
+  glm::vec3 direct{0};      // from lights
+  glm::vec3 unshadowed{0};  // as direct, without shadows
+  glm::vec3 indirect{0};    // from the surroundings, and scattered
+  glm::vec3 normal{0};      // mean, times the share of the surface
+  float depth = 0;          // optical, below what can be seen from outside
+  bool lit = false;         // there is matter
 };
+static_assert(sizeof(NodeLight) == 56);
 
 /// The grid that covers the visible box within the options' memory.
 LightGrid plan_grid(const RayGrid& grid, const LightOptions& options) {
@@ -80,27 +84,40 @@ bool shows(const LightGrid& light, const std::vector<float>& depth, std::size_t 
   return any;
 }
 
+/// How light that is not direct is computed.
+struct Pass {
+  std::uint32_t paths;        // per node
+  std::uint32_t bounces;      // at most
+  const LightGrid* estimate;  // if not null, ends paths that are far from their node
+};
+
 /// Solves single nodes. Thread-safety: immutable.
 class LightSolver {
  public:
   LightSolver(const Medium& medium, const Illumination& illumination, const LightOptions& options,
               const LightGrid& light, const std::vector<float>& depth)
-      : medium_(medium), shine_(illumination), options_(options), light_(light), depth_(depth) {}
+      : medium_(medium),
+        shine_(illumination),
+        options_(options),
+        light_(light),
+        depth_(depth),
+        far_(kFar * light.spacing * medium.smallest_spacing()) {}
 
-  [[nodiscard]] NodeLight solve(std::size_t number) const {
-    Random random(mix((options_.seed - 1) * kMixStep + number));
+  /// The light at a node; with an estimate, only its indirect part.
+  [[nodiscard]] NodeLight solve(std::size_t number, const Pass& pass) const {
+    Random random(mix((2 * options_.seed + (pass.estimate ? 1 : 0)) * kMixStep + number));
     const Points points = find_points(number, random);
     NodeLight node;
     if (points.count == 0) return node;
     node.lit = true;
+    node.indirect = indirect(points, pass, random);
+    if (pass.estimate) return node;
     for (int k = 0; k < points.count; ++k) {
       const auto share = static_cast<float>(points.weight[k] / points.total);
-      const Matter& matter = points.matter[k];
-      node.normal += share * matter.surface * glm::vec3(matter.normal);
+      node.normal += share * points.matter[k].surface * glm::vec3(points.matter[k].normal);
       node.depth += share * static_cast<float>(points.depth[k]);
-      if (share > 1e-3f) node.direct += share * tint(matter) * direct(matter, k, random);
     }
-    node.indirect = indirect(points, random);
+    for (std::size_t l = 0; l < shine_.lights.size(); ++l) add_direct(points, l, random, node);
     return node;
   }
 
@@ -110,17 +127,17 @@ class LightSolver {
     std::array<Matter, kPoints> matter;
     std::array<double, kPoints> weight{}, depth{};
     double total = 0;   // of the weights
-    double effort = 0;  // share of all points and paths that the node deserves
+    double effort = 0;  // share of all paths that the node deserves
   };
 
   /// Points in the cube of one spacing to each side of a node, weighted as trilinear interpolation
   /// will weight the node there, by extinction, and by how visible they are from outside.
   [[nodiscard]] Points find_points(std::size_t number, Random& random) const {
-    const glm::dvec3 node(node_at(light_, number));
+    const glm::ivec3 node = node_at(light_, number);
     const glm::dvec3 shift(random(), random(), random());
     std::array<glm::dvec3, kPoints> at;
     std::array<double, kPoints> depth{}, weight{};
-    double least_depth = kHidden;
+    double least_depth = kHidden, total = 0;
     for (int k = 0; k < kPoints; ++k) {
       for (int d = 0; d < 3; ++d) {  // a tent over ±1
         const double u = 2 * fraction(r3(static_cast<std::uint64_t>(k), d) + shift[d]) - 1;
@@ -130,17 +147,22 @@ class LightSolver {
       if (!(extinction > 0)) continue;
       depth[k] = interpolate(light_, depth_, at[k]);
       weight[k] = extinction * std::exp(-depth[k]);
+      total += weight[k];
       least_depth = std::min(least_depth, depth[k]);
     }
     Points points;
     points.effort = std::exp(-0.5 * least_depth);
-    const int most = static_cast<int>(std::ceil(kPoints * points.effort));
-    for (int k = 0; k < kPoints && points.count < most; ++k) {
-      if (!(weight[k] > 0)) continue;
+    // Russian roulette among those that weigh little.
+    const double least = total / (kPoints * (1 + 3 * points.effort));
+    std::array<int, kPoints> order{};
+    std::iota(order.begin(), order.end(), 0);
+    std::sort(order.begin(), order.end(), [&](int a, int b) { return depth[a] < depth[b]; });
+    for (const int k : order) {
+      if (!(weight[k] > 0) || (weight[k] < least && random() * least >= weight[k])) continue;
       points.matter[points.count] = medium_.matter(light_.low + light_.spacing * at[k]);
       points.depth[points.count] = depth[k];
-      points.weight[points.count] = weight[k];
-      points.total += weight[k];
+      points.weight[points.count] = std::max(weight[k], least);
+      points.total += points.weight[points.count];
       ++points.count;
     }
     return points;
@@ -151,26 +173,45 @@ class LightSolver {
     return matter.albedo / glm::max(matter.color, glm::vec3(1e-4f));
   }
 
-  /// What all lights send to a point.
-  [[nodiscard]] glm::vec3 direct(const Matter& matter, int k, Random& random) const {
-    glm::vec3 sum(0);
-    const glm::dvec3 here = medium_.world(matter.start);
-    for (std::size_t l = 0; l < shine_.lights.size(); ++l) {
-      const auto i = static_cast<std::uint64_t>(k) + kPoints * l;  // other points for each light
-      const Arrival arrival = shine_.lights[l].arrival(here, r3(i, 0), r3(i, 1));
-      const double kernel = matter.kernel(arrival.direction);
-      if (!(kernel > 0)) continue;
-      const double depth = medium_.optical_depth(matter.start, medium_.per_world(arrival.direction),
-                                                 arrival.distance, random());
-      if (depth < Medium::kDark)
-        sum += static_cast<float>(kernel * std::exp(-depth)) * arrival.irradiance;
+  /// What a light sends to the points: all of them without shadows, times the transmittance to a
+  /// few, which are chosen in proportion to what they get.
+  void add_direct(const Points& points, std::size_t light, Random& random, NodeLight& node) const {
+    std::array<Arrival, kPoints> arrivals;
+    std::array<glm::vec3, kPoints> bright;
+    double total = 0;
+    const double shift[2] = {random(), random()};
+    for (int k = 0; k < points.count; ++k) {
+      const Matter& matter = points.matter[k];
+      const auto i = static_cast<std::uint64_t>(k);
+      arrivals[k] =
+          shine_.lights[light].arrival(medium_.world(matter.start), fraction(r3(i, 0) + shift[0]),
+                                       fraction(r3(i, 1) + shift[1]));
+      const auto share = static_cast<float>(points.weight[k] / points.total *
+                                            matter.kernel(arrivals[k].direction));
+      bright[k] = share * tint(matter) * arrivals[k].irradiance;
+      node.unshadowed += bright[k];
+      total += bright[k].r + bright[k].g + bright[k].b;
     }
-    return sum;
+    if (!(total > 0)) return;
+    const int marched = static_cast<int>(std::ceil(kMarched * points.effort));
+    const double first = random();
+    double passed = 0;
+    for (int k = 0, taken = 0; k < points.count; ++k) {
+      const double own = bright[k].r + bright[k].g + bright[k].b;
+      passed += own;
+      for (; taken < marched && (taken + first) * total < passed * marched; ++taken) {
+        const double depth =
+            medium_.optical_depth(points.matter[k].start, medium_.per_world(arrivals[k].direction),
+                                  arrivals[k].distance, random());
+        if (depth < Medium::kDark)
+          node.direct += static_cast<float>(std::exp(-depth) * total / (own * marched)) * bright[k];
+      }
+    }
   }
 
   /// What comes from the surroundings, and from matter that is lit.
-  [[nodiscard]] glm::vec3 indirect(const Points& points, Random& random) const {
-    const int paths = static_cast<int>(std::ceil(options_.samples * points.effort));
+  [[nodiscard]] glm::vec3 indirect(const Points& points, const Pass& pass, Random& random) const {
+    const int paths = static_cast<int>(std::ceil(pass.paths * points.effort));
     glm::vec3 sum(0);
     const glm::dvec3 shift(random(), random(), random());
     const double first = random();
@@ -184,15 +225,15 @@ class LightSolver {
              path(points.matter[k],
                   {fraction(r3(at, 0) + shift[0]), fraction(r3(at, 1) + shift[1]),
                    fraction(r3(at, 2) + shift[2])},
-                  random);
+                  pass, random);
     }
     return sum / static_cast<float>(paths);
   }
 
   /// One path of light, traced backwards from a point, whose first direction comes from `u`.
-  [[nodiscard]] glm::vec3 path(Matter matter, glm::dvec3 u, Random& random) const {
-    const bool global = options_.mode == Lighting::global;
-    const std::uint32_t bounces = global ? options_.bounces : 0;
+  [[nodiscard]] glm::vec3 path(Matter matter, glm::dvec3 u, const Pass& pass,
+                               Random& random) const {
+    double way = 0;
     const bool find_sky = shine_.environment.peaked();
     glm::vec3 throughput(1), sum(0);
     for (std::uint32_t bounce = 0;; ++bounce) {
@@ -210,8 +251,13 @@ class LightSolver {
         return sum +
                static_cast<float>(weight) * throughput * shine_.environment.radiance(direction);
       }
-      if (bounce >= bounces) return sum;
-      matter = medium_.matter(matter.start + *t * along);
+      if (bounce >= pass.bounces) return sum;
+      way += *t;
+      const glm::dvec3 at = matter.start + *t * along;
+      if (pass.estimate && way > far_)
+        if (const auto known = look_up(*pass.estimate, (at - light_.low) / light_.spacing))
+          return sum + throughput * medium_.color(at) * *known;
+      matter = medium_.matter(at);
       throughput *= matter.albedo;
       // Russian roulette, once less than half of the light is left.
       const double survival =
@@ -256,44 +302,49 @@ class LightSolver {
   const LightOptions& options_;
   const LightGrid& light_;
   const std::vector<float>& depth_;
+  /// Nodes between which an estimate differs too much to stand for what is around.
+  static constexpr double kFar = 2;
+  double far_;  // world units
 };
 
-/// The nodes of `numbers`, in that order.
-Result<std::vector<NodeLight>> solve_all(const LightSolver& solver,
-                                         const std::vector<std::size_t>& numbers,
-                                         std::uint32_t samples, unsigned threads,
-                                         const ProgressCallback& progress) {
-  constexpr std::size_t kBatch = 512;
+/// Solves the nodes of `numbers`, in that order, and gives each with its place there to `keep`.
+template <class F>
+Result<void> solve_all(const LightSolver& solver, const std::vector<std::size_t>& numbers,
+                       const Pass& pass, unsigned threads, const ProgressCallback& progress,
+                       const F& keep) {
+  // Between two calls of `progress`.
+  const std::size_t batch_size = std::clamp<std::size_t>(32768 / pass.paths, 1, 512);
   using Batch = std::vector<NodeLight>;
-  const std::size_t batches = (numbers.size() + kBatch - 1) / kBatch;
+  const std::size_t batches = (numbers.size() + batch_size - 1) / batch_size;
   const unsigned workers = thread_count(threads);
   OrderedPipeline<Batch> pipeline(batches, workers, 4 * workers, [&] {
     return [&](std::uint64_t batch) -> Result<Batch> {
       Batch nodes;
-      const std::size_t begin = batch * kBatch, end = std::min(begin + kBatch, numbers.size());
-      for (std::size_t k = begin; k < end; ++k) nodes.push_back(solver.solve(numbers[k]));
+      const std::size_t begin = batch * batch_size,
+                        end = std::min(begin + batch_size, numbers.size());
+      for (std::size_t k = begin; k < end; ++k) nodes.push_back(solver.solve(numbers[k], pass));
       return nodes;
     };
   });
-  std::vector<NodeLight> all;
-  all.reserve(numbers.size());
-  for (std::size_t batch = 0; batch < batches; ++batch) {
-    auto nodes = pipeline.take();
+  for (std::size_t done = 0; done < numbers.size();) {
+    const auto nodes = pipeline.take();
     if (!nodes) return tl::unexpected(nodes.error());
-    all.insert(all.end(), nodes->begin(), nodes->end());
-    if (progress && !progress({all.size() * samples, numbers.size() * samples, 0}))
+    for (const NodeLight& node : *nodes) keep(done++, node);
+    if (!progress({done, numbers.size(), 0}))
       return fail(ErrorCode::failed, "stopped while the light volume was computed");
   }
-  return all;
+  return {};
 }
 
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
 
-/// The indirect light of a node, averaged with that of its neighbours.
-glm::vec3 filtered(const LightGrid& light, const std::vector<std::uint32_t>& index,
-                   const std::vector<NodeLight>& nodes, std::size_t number) {
+/// The mean of value(place in `nodes`) over a node and its neighbours, which count less the more
+/// they differ.
+template <class F>
+auto filtered(const LightGrid& light, const std::vector<std::uint32_t>& index,
+              const std::vector<NodeLight>& nodes, std::size_t number, const F& value) {
   const NodeLight& center = nodes[index[number]];
-  glm::vec3 sum(0);
+  decltype(value(0)) sum(0);
   float total = 0;
   for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3 offset) {
     if (index[other] == kNone || !nodes[index[other]].lit) return;
@@ -303,8 +354,8 @@ glm::vec3 filtered(const LightGrid& light, const std::vector<std::uint32_t>& ind
     const glm::vec3 turn = node.normal - center.normal;
     const float deeper = node.depth - center.depth;
     const float weight = std::exp2(static_cast<float>(-steps)) *
-                         std::exp(-4 * glm::dot(turn, turn) - 2 * deeper * deeper);
-    sum += weight * node.indirect;
+                         std::exp(-4 * glm::dot(turn, turn) - 0.5f * deeper * deeper);
+    sum += weight * value(index[other]);
     total += weight;
   });
   return sum / total;
@@ -322,6 +373,45 @@ glm::vec3 mean_around(const LightGrid& light, const std::vector<std::uint32_t>& 
   return sum.w > 0 ? glm::vec3(sum) / sum.w : glm::vec3(0);
 }
 
+/// Sets the light of all nodes, filtered.
+Result<void> assemble(LightGrid& light, const std::vector<std::uint32_t>& index,
+                      const std::vector<std::size_t>& numbers, const std::vector<NodeLight>& nodes,
+                      unsigned threads) {
+  std::vector<glm::vec3> values(numbers.size()), next(numbers.size());
+  const auto for_lit = [&](const auto& work) {
+    return parallel_for(numbers.size(), threads, [&](std::uint64_t k) {
+      if (nodes[k].lit) work(k);
+    });
+  };
+  for (std::size_t k = 0; k < numbers.size(); ++k) values[k] = nodes[k].indirect;
+  for (int round = 0; round < 2; ++round) {
+    if (auto ok = for_lit([&](std::uint64_t k) {
+          next[k] = filtered(light, index, nodes, numbers[k],
+                             [&](std::size_t other) { return values[other]; });
+        });
+        !ok)
+      return ok;
+    std::swap(values, next);
+  }
+  // Shadows are filtered as a share of the light that would arrive without them, so that shading by
+  // normals stays sharp.
+  if (auto ok = for_lit([&](std::uint64_t k) {
+        const auto mean = filtered(light, index, nodes, numbers[k], [&](std::size_t other) {
+          return glm::mat2x3(nodes[other].direct, nodes[other].unshadowed);
+        });
+        values[k] += nodes[k].unshadowed * mean[0] / glm::max(mean[1], glm::vec3(1e-30f));
+      });
+      !ok)
+    return ok;
+  light.nodes.assign(light.size(), 0);
+  for (std::size_t k = 0; k < numbers.size(); ++k) {
+    const glm::vec3 value =
+        nodes[k].lit ? values[k] : mean_around(light, index, nodes, values, numbers[k]);
+    if (value != glm::vec3(0)) light.nodes[numbers[k]] = pack_light(value);
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumination,
@@ -337,19 +427,28 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
       numbers.push_back(number);
     }
   const LightSolver solver(medium, illumination, options, light, depth);
-  const auto nodes = solve_all(solver, numbers, options.samples, threads, progress);
-  if (!nodes) return tl::unexpected(nodes.error());
-
-  std::vector<glm::vec3> values(numbers.size());
-  auto done = parallel_for(numbers.size(), threads, [&](std::uint64_t k) {
-    const NodeLight& node = (*nodes)[k];
-    if (node.lit) values[k] = node.direct + filtered(light, index, *nodes, numbers[k]);
-  });
-  if (!done) return tl::unexpected(done.error());
-  light.nodes.assign(light.size(), 0);
-  for (std::size_t k = 0; k < numbers.size(); ++k)
-    light.nodes[numbers[k]] = pack_light(
-        (*nodes)[k].lit ? values[k] : mean_around(light, index, *nodes, values, numbers[k]));
+  std::vector<Pass> passes{{options.samples, 0, nullptr}};
+  if (options.mode == Lighting::global && options.bounces > 0)
+    passes = {{(options.samples + 7) / 8, options.bounces - 1, nullptr},
+              {options.samples, options.bounces, &light}};
+  std::vector<NodeLight> nodes(numbers.size());
+  Progress all;
+  for (const Pass& pass : passes) all.total += numbers.size() * pass.paths;
+  for (const Pass& pass : passes) {
+    const auto report = [&](const Progress& solved) {
+      return !progress || progress({all.done + solved.done * pass.paths, all.total, 0});
+    };
+    auto ok = solve_all(solver, numbers, pass, threads, report,
+                        [&](std::size_t k, const NodeLight& node) {
+                          if (!pass.estimate)
+                            nodes[k] = node;
+                          else if (node.lit)  // other points, which may all lie beside the matter
+                            nodes[k].indirect = node.indirect;
+                        });
+    if (ok) ok = assemble(light, index, numbers, nodes, threads);
+    if (!ok) return tl::unexpected(ok.error());
+    all.done += numbers.size() * pass.paths;
+  }
   return light;
 }
 

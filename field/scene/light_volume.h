@@ -15,17 +15,27 @@ namespace slf {
 
 /// Computes the light at the nodes around all that a view can show.
 ///
-/// A node stands for the matter around it: 16 points within one spacing, weighted by their
-/// extinction and by how much of them can be seen from outside. Lights: their transmittance to each
-/// point is marched, so it has no noise beyond that of the points. Surroundings and scattered
-/// light: `samples` paths that start at the points, with next-event estimation towards one light
-/// per vertex and, if the environment is peaked, towards the environment (multiple importance
-/// sampling, Veach 1995). First directions follow the low-discrepancy sequence R3 (Roberts 2018),
-/// shifted at random per node. Then a joint bilateral filter over 3×3×3 nodes removes noise from
-/// the second part: it averages along surfaces, not through them, because neighbours count less
-/// the more their normal and their depth below the surface differ.
+/// A node stands for the matter around it: 64 points within one spacing, weighted by their
+/// extinction and by how much of them can be seen from outside. Points that weigh little are thinned
+/// out at random.
 ///
-/// Deep nodes, which views hardly show, get fewer points and paths: in proportion to exp(-d/2) at
+/// Lights: every point is shaded as if nothing were in the way. Transmittance is marched to 16 of
+/// the points, chosen in proportion to what they get. Only the share of light that arrives is
+/// filtered, so shading by normals stays sharp.
+///
+/// Surroundings and scattered light: `samples` paths that start at the points, with next-event
+/// estimation towards one light per vertex and, if the environment is peaked, towards the
+/// environment (multiple importance sampling, Veach 1995). First directions follow the
+/// low-discrepancy sequence R3 (Roberts 2018), shifted at random per node. A first pass with an
+/// eighth of the paths gives an estimate of all light. In the second pass, a path that scatters more
+/// than two nodes' spacing away ends with the estimate of that place, as in final gathering (Reichert
+/// 1992). So light that scatters often may do so a few times more than `bounces` says.
+///
+/// Filter: a joint bilateral one over 3×3×3 nodes, twice for scattered light. It averages along
+/// surfaces, not through them, because neighbours count less the more their normal and their depth
+/// below the surface differ.
+///
+/// Deep nodes, which views hardly show, get fewer paths and marches: in proportion to exp(-d/2) at
 /// an optical depth d. Matter deeper than 7 is left dark.
 ///
 /// The result depends on the scene and the options, not on `threads` (0: all). Progress counts

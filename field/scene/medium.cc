@@ -235,7 +235,8 @@ bool Medium::clip(const glm::dvec3& from, const glm::dvec3& direction, double& b
   return begin < end;
 }
 
-Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3& direction, double t) const {
+Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3& direction,
+                            const glm::dvec3& inverse, double t) const {
   glm::ivec3 at;
   for (int axis = 0; axis < 3; ++axis)
     at[axis] = std::clamp(static_cast<int>(from[axis] + t * direction[axis]) >> kBrickShift, 0,
@@ -243,12 +244,12 @@ Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3& direction,
   const std::size_t number =
       (static_cast<std::size_t>(at.z) * grid_.bricks[1] + at.y) * grid_.bricks[0] + at.x;
   const int distance = grid_.distance[number];
+  const int reach = std::max(distance, 1);
   double end = std::numeric_limits<double>::max();
   for (int axis = 0; axis < 3; ++axis) {
-    if (direction[axis] == 0) continue;
-    const int edge = direction[axis] > 0 ? at[axis] + std::max(distance, 1)
-                                         : at[axis] + 1 - std::max(distance, 1);
-    end = std::min(end, (edge * kBrick - from[axis]) / direction[axis]);
+    const int edge = direction[axis] > 0 ? at[axis] + reach : at[axis] + 1 - reach;
+    const double leaves = (edge * kBrick - from[axis]) * inverse[axis];
+    if (direction[axis] != 0) end = std::min(end, leaves);
   }
   // Rounding may put the edge behind t: move on by what no voxel can notice.
   constexpr double kNudge = 1e-7;
@@ -260,8 +261,9 @@ std::optional<double> Medium::fly(const glm::dvec3& from, const glm::dvec3& dire
   double t = 0;
   if (!clip(from, direction, t, length)) return std::nullopt;
   double optical = -std::log1p(-random());  // depth to the next candidate
+  const glm::dvec3 inverse = 1.0 / direction;
   while (t < length) {
-    const Brick b = brick(from, direction, t);
+    const Brick b = brick(from, direction, inverse, t);
     const double majorant = b.empty ? 0 : majorants_[b.number];
     const double end = std::min(b.end, length);
     if (majorant * (end - t) <= optical) {
@@ -282,8 +284,9 @@ double Medium::optical_depth(const glm::dvec3& from, const glm::dvec3& direction
   if (!clip(from, direction, begin, length)) return 0;
   const double step = 0.7 * smallest_spacing_;
   double depth = 0;
+  const glm::dvec3 inverse = 1.0 / direction;
   for (double t = begin + shift * step; t < length && depth < kDark;) {
-    const Brick b = brick(from, direction, t);
+    const Brick b = brick(from, direction, inverse, t);
     if (b.empty) {  // stay on the same positions
       t += step * std::max(1.0, std::ceil((b.end - t) / step));
       continue;

@@ -62,6 +62,10 @@ class Medium {
 
   [[nodiscard]] float extinction(const glm::dvec3& at) const;
   [[nodiscard]] Matter matter(const glm::dvec3& at) const;
+  /// As in Matter.
+  [[nodiscard]] glm::vec3 color(const glm::dvec3& at) const {
+    return glm::vec3(grid_.table.colors[entry(at)]);
+  }
   /// A unit world direction as voxel indices per world unit.
   [[nodiscard]] glm::dvec3 per_world(const glm::dvec3& direction) const {
     return grid_.world_to_index * direction;
@@ -69,6 +73,8 @@ class Medium {
   [[nodiscard]] glm::dvec3 world(const glm::dvec3& at) const {
     return grid_.origin + index_to_world_ * at;
   }
+  /// Between voxels, along the axis where they are closest; world units.
+  [[nodiscard]] double smallest_spacing() const { return smallest_spacing_; }
   [[nodiscard]] const RayGrid& grid() const { return grid_; }
 
   /// Where light that flies from `from` first interacts with matter, if it does before `length`
@@ -93,7 +99,8 @@ class Medium {
   };
   [[nodiscard]] bool clip(const glm::dvec3& from, const glm::dvec3& direction, double& begin,
                           double& end) const;
-  [[nodiscard]] Brick brick(const glm::dvec3& from, const glm::dvec3& direction, double t) const;
+  [[nodiscard]] Brick brick(const glm::dvec3& from, const glm::dvec3& direction,
+                            const glm::dvec3& inverse, double t) const;
   [[nodiscard]] std::size_t entry(const glm::dvec3& at) const;
   void find_majorants();
 

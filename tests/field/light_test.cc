@@ -263,7 +263,7 @@ TEST(Light, MemoryBoundsTheGrid) {
                     options.lighting, 0, {});
   ASSERT_TRUE(light);
   EXPECT_GT(light->spacing, 1);
-  EXPECT_LE(light->size() * 40, options.lighting.memory);
+  EXPECT_LE(light->size() * 56, options.lighting.memory);
 }
 
 TEST(Light, StopsWhenAsked) {
@@ -272,6 +272,22 @@ TEST(Light, StopsWhenAsked) {
       Raycaster::make(ball(24), t, lit(kWhiteSky), {1, [](const Progress&) { return false; }, {}});
   ASSERT_FALSE(made);
   EXPECT_EQ(made.error().code, ErrorCode::failed);
+}
+
+TEST(Light, WaitsUntilItIsNeeded) {
+  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
+  RaycastOptions options = lit(kWhiteSky);
+  options.lighting.samples = 2;
+  int reports = 0;
+  const auto count = [&](const Progress&) { return ++reports > 0; };
+  const auto made = Raycaster::make(ball(20), t, options, {1, count, {}, true});
+  ASSERT_TRUE(made) << made.error().message;
+  EXPECT_EQ(reports, 0);
+  ASSERT_TRUE((*made)->prepare());
+  const int computed = reports;
+  EXPECT_GT(computed, 0);
+  ASSERT_TRUE((*made)->prepare());
+  EXPECT_EQ(reports, computed);
 }
 
 TEST(Light, IsKeptInAFile) {
