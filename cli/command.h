@@ -129,8 +129,8 @@ void keep_freed_memory();
 /// process.
 void watch_signals();
 
-/// The progress bar of a light volume. It begins with the first call, because none is computed where
-/// a file has it.
+/// The progress bar of a light volume. It begins with the first call, because none is computed
+/// where a file has it.
 [[nodiscard]] ProgressCallback light_progress();
 
 /// The signal that asked the program to stop, or 0.

@@ -86,8 +86,8 @@ struct Evaluation {
 
 /// Compares views of the field with ray-cast views of its scene: RGB over black, 8 bits. A pixel of
 /// a ray-cast view is the mean of `supersample`² rays, supersample at least 1. Both are tone-mapped
-/// if `tone` is given. Progress counts rows of ray-cast pictures. usage: no cameras. failed: stopped
-/// by `progress`. Else errors as Renderer::render() and trace_view().
+/// if `tone` is given. Progress counts rows of ray-cast pictures. usage: no cameras. failed:
+/// stopped by `progress`. Else errors as Renderer::render() and trace_view().
 [[nodiscard]] Result<Evaluation> evaluate_views(
     const Field& field, const Scene& scene, const std::vector<Camera>& cameras,
     const ViewOptions& view, const RendererOptions& renderer, std::uint32_t supersample = 1,
