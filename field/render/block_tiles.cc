@@ -6,6 +6,7 @@ namespace slf {
 
 void BlockTiles::begin_frame(std::uint32_t frame, bool with_depth, std::vector<TileKey>& touched) {
   frame_ = frame;
+  stamp_ = TilePage::stamp(frame, with_depth);
   with_depth_ = with_depth;
   touched_ = &touched;
 }
@@ -19,17 +20,9 @@ void BlockTiles::begin_pass(const LevelGeometry& geometry, const PageTable& tabl
   absent_.clear();
 }
 
-std::uint64_t BlockTiles::found_mask() const {
-  return std::uint64_t{0xFFFFFFFF} << 32 | TilePage::needed(with_depth_) |
-         TilePage::missing_bits(with_depth_) | TilePage::kPinFirst;
-}
-
-std::uint64_t BlockTiles::found_value() const {
-  return std::uint64_t{frame_} << 32 | TilePage::needed(with_depth_);
-}
-
 BlockTiles::Found BlockTiles::find(std::uint32_t entry, std::uint32_t exit) {
   TilePage* const page = table_->find(entry, exit);
+  std::uint64_t word = page ? page->found.load(std::memory_order_acquire) : TilePage::kRemoved;
   const std::uint32_t layers = page ? page->layers.load(std::memory_order_acquire) : 0;
   const bool before = page && page->used.load(std::memory_order_relaxed) == frame_;
   if (!(before && TilePage::readable(layers, with_depth_)) && !meet(entry, exit, page, layers)) {
@@ -39,8 +32,13 @@ BlockTiles::Found BlockTiles::find(std::uint32_t entry, std::uint32_t exit) {
   Found found;
   found.unavailable = TilePage::missing(layers, with_depth_);
   any_unavailable_ |= found.unavailable;
-  found.color = offset_of(page->color.load(std::memory_order_acquire));
-  if (with_depth_) found.depth = offset_of(page->depth.load(std::memory_order_acquire));
+  found.color = sample_offset(page->color.load(std::memory_order_acquire));
+  if (with_depth_) found.depth = sample_offset(page->depth.load(std::memory_order_acquire));
+  // From here on kernels find it, unless they may not or it was removed.
+  if (!found.unavailable && TilePage::readable(layers, with_depth_) &&
+      (word & TilePage::kStampMask) != TilePage::kRemoved)
+    page->found.compare_exchange_strong(word, (word & ~TilePage::kStampMask) | stamp_,
+                                        std::memory_order_acq_rel);
   return found;
 }
 
@@ -61,12 +59,6 @@ bool BlockTiles::meet(std::uint32_t entry, std::uint32_t exit, TilePage* page,
     touched_->push_back(key);
   }
   return true;
-}
-
-std::int64_t BlockTiles::offset_of(const std::byte* samples) const {
-  if (!samples) return 0;
-  return static_cast<std::int64_t>(reinterpret_cast<std::uintptr_t>(samples) -
-                                   reinterpret_cast<std::uintptr_t>(zeros()));
 }
 
 }  // namespace slf

@@ -17,11 +17,9 @@
 
 namespace slf {
 
-/// Where the samples of each ray's tiles begin, by entry vertex: bytes from `zeros`. 0 stands for
-/// samples that are all 0: of an empty tile, of none, or of a vertex of weight 0. Zeros surround
-/// `zeros` as far as one load reaches.
+/// Where the samples of each ray's tiles begin, by entry vertex, as sample_offset(). 0 stands for
+/// samples that are all 0: of an empty tile, of none, or of a vertex of weight 0.
 struct TileBegins {
-  const std::byte* zeros = nullptr;
   std::array<RayArray<std::int64_t>, 3> color, depth;
   RayArray<std::uint32_t> unavailable;  ///< not 0: the ray needs a tile that is unavailable
 
@@ -59,13 +57,10 @@ class BlockTiles {
   /// it rarely, keeps its registers. REQUIRES: a ReadScope until the samples are gathered.
   [[gnu::noinline]] Found find(std::uint32_t entry, std::uint32_t exit);
 
-  /// A page whose `used` and `layers`, as one number under this mask, are this value belongs to a
-  /// tile that the frame found before, and that can be read.
-  [[nodiscard]] std::uint64_t found_mask() const;
-  [[nodiscard]] std::uint64_t found_value() const;
+  /// In TilePage::found of the tiles that the frame found before, and that can be read.
+  [[nodiscard]] std::uint64_t stamp() const { return stamp_; }
   [[nodiscard]] const PageTable& table() const { return *table_; }
   [[nodiscard]] bool with_depth() const { return with_depth_; }
-  [[nodiscard]] const std::byte* zeros() const { return zeros_.data() + kReach; }
 
   /// The tiles that were not loaded, with some repetitions.
   [[nodiscard]] const std::vector<TileKey>& absent() const { return absent_; }
@@ -73,15 +68,14 @@ class BlockTiles {
   [[nodiscard]] bool any_unavailable() const { return any_unavailable_; }
 
  private:
-  static constexpr std::size_t kReach = 8;  // bytes before `zeros` that a load may begin
   static constexpr std::uint32_t kRecent = 64;
 
-  [[nodiscard]] std::int64_t offset_of(const std::byte* samples) const;
   /// Stamps a tile that the frame did not use before, or adds it to absent(): false.
   [[nodiscard]] bool meet(std::uint32_t entry, std::uint32_t exit, TilePage* page,
                           std::uint32_t layers);
 
   std::uint32_t frame_ = 0;
+  std::uint64_t stamp_ = 0;
   bool with_depth_ = false, wait_ = false, any_unavailable_ = false;
   const LevelGeometry* geometry_ = nullptr;
   const PageTable* table_ = nullptr;
@@ -89,7 +83,6 @@ class BlockTiles {
   std::span<const TileKey> pinned_;
   std::vector<TileKey> absent_;
   std::array<std::uint32_t, kRecent> recent_{};  // places in absent_, by hash
-  std::array<std::byte, 24> zeros_{};
 };
 
 }  // namespace slf

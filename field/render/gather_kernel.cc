@@ -1,6 +1,7 @@
 #include "field/render/gather_kernel.h"
 
 #include <atomic>
+#include <cstddef>
 #include <type_traits>
 
 #undef HWY_TARGET_INCLUDE
@@ -62,33 +63,66 @@ HWY_INLINE void for_halves(const F& f) {
   if constexpr (kHalves == 2) f(std::integral_constant<std::size_t, kHalves - 1>());
 }
 
+/// The pages of tiles that the frame found before, as kernels load them.
+struct FoundPages {
+  const std::byte* first;  // page; null in an empty table
+  int exit_bits;
+  std::uint32_t stamp;
+  bool with_depth;
+
+  explicit FoundPages(const BlockTiles& tiles)
+      : first(reinterpret_cast<const std::byte*>(tiles.table().pages())),
+        exit_bits(tiles.table().exit_bits()),
+        stamp(static_cast<std::uint32_t>(tiles.stamp())),
+        with_depth(tiles.with_depth()) {}
+
+  /// A member of the pages so many bytes from the first.
+  template <std::size_t member>
+  [[nodiscard]] HWY_INLINE V64 load(V64 at) const {
+    return hn::GatherOffset(D64(), reinterpret_cast<const std::int64_t*>(first + member), at);
+  }
+};
+
 /// Where the tiles of one entry vertex of each lane's ray begin, as in TileBegins.
 struct LaneBegins {
   V64 color[kHalves], depth[kHalves];
 
-  /// Finds those that the frame found before, in the table: returns these lanes.
-  HWY_INLINE hn::Mask<DU> find(const BlockTiles& tiles, VU entry, VU exit) {
+  LaneBegins() { set({}); }
+
+  /// Finds those that the frame found before: returns these lanes.
+  HWY_INLINE hn::Mask<DU> find(const FoundPages& pages, VU entry, VU exit) {
     const D64 d;
-    const auto set = [](auto v) { return hn::Set(D64(), static_cast<std::int64_t>(v)); };
-    const V64 zeros = set(reinterpret_cast<std::uintptr_t>(tiles.zeros()));
-    const auto from_zeros = [&](V64 samples) {
-      return hn::IfThenZeroElse(hn::Eq(samples, hn::Zero(d)), hn::Sub(samples, zeros));
-    };
-    const auto* pages = reinterpret_cast<const std::int64_t*>(tiles.table().pages());
-    V64 found[kHalves];
+    const DU du;
+    V64 at[kHalves], words[kHalves];
     for_halves([&](auto half) {
-      const V64 row =
-          hn::ShiftLeftSame(widen(half_of<half.value>(entry)), tiles.table().exit_bits());
+      const V64 row = hn::ShiftLeftSame(widen(half_of<half.value>(entry)), pages.exit_bits);
       const V64 page = hn::Add(row, widen(half_of<half.value>(exit)));
-      const V64 at = hn::ShiftLeft<hwy::CeilLog2(sizeof(TilePage))>(page);
-      const V64 state = hn::And(hn::GatherOffset(d, pages + 2, at), set(tiles.found_mask()));
-      found[half] = hn::VecFromMask(d, hn::Eq(state, set(tiles.found_value())));
-      std::atomic_thread_fence(std::memory_order_acquire);
-      color[half] = from_zeros(hn::GatherOffset(d, pages, at));
-      depth[half] =
-          tiles.with_depth() ? from_zeros(hn::GatherOffset(d, pages + 1, at)) : hn::Zero(d);
+      at[half] = hn::ShiftLeft<hwy::CeilLog2(sizeof(TilePage))>(page);
+      words[half] = pages.load<offsetof(TilePage, found)>(at[half]);
+      color[half] = hn::ShiftRight<TilePage::kStampBits>(words[half]);
     });
-    return hn::MaskFromVec(lower_bits(found));
+    std::atomic_thread_fence(std::memory_order_acquire);
+    for_halves([&](auto half) {
+      depth[half] = hn::Zero(d);
+      if (!pages.with_depth) return;
+      const V64 first = pages.load<offsetof(TilePage, depth)>(at[half]);
+      const V64 zeros =
+          hn::Set(d, static_cast<std::int64_t>(reinterpret_cast<std::uintptr_t>(zero_samples())));
+      depth[half] = hn::IfThenZeroElse(hn::Eq(first, hn::Zero(d)), hn::Sub(first, zeros));
+    });
+    const VU stamps = hn::And(lower_bits(words), hn::Set(du, TilePage::kStampMask));
+    return hn::Eq(stamps, hn::Set(du, pages.stamp));
+  }
+
+  /// Finds one tile for all lanes, if the frame found it before.
+  HWY_INLINE bool find(const FoundPages& pages, const TilePage& page) {
+    const std::uint64_t word = page.found.load(std::memory_order_acquire);
+    if ((word & TilePage::kStampMask) != pages.stamp) return false;
+    BlockTiles::Found tile;
+    tile.color = static_cast<std::int64_t>(word) >> TilePage::kStampBits;
+    if (pages.with_depth) tile.depth = sample_offset(page.depth.load(std::memory_order_acquire));
+    set(tile);
+    return true;
   }
 
   /// Gives all lanes one tile.
@@ -117,15 +151,23 @@ struct LaneBegins {
   }
 
   /// Prefetches the colours so many bytes into the tiles. So the gathers, which begin when all
-  /// tiles of a block are found, wait less.
-  HWY_INLINE void prefetch_colors(const std::byte* zeros, VU within) const {
+  /// tiles of a block are found, wait less. In one tile, the rays on a diagonal of the square of
+  /// pixels share nearly all lines with the others.
+  HWY_INLINE void prefetch_colors(VU within, bool same_tile) const {
     const D64 d;
     HWY_ALIGN std::int64_t at[kHalves * hn::MaxLanes(D64())];
     for_halves([&](auto half) {
       hn::Store(hn::Add(color[half], widen(half_of<half.value>(within))), d,
                 at + half * hn::Lanes(d));
     });
-    for (std::size_t k = 0; k < hn::Lanes(DU()); ++k) __builtin_prefetch(zeros + at[k]);
+    const auto prefetch = [&](std::size_t step) {
+      for (std::size_t k = 0; k < hn::Lanes(DU()); k += step)
+        __builtin_prefetch(zero_samples() + at[k]);
+    };
+    if (same_tile)
+      prefetch(PixelSquare::kAcross + 1);
+    else
+      prefetch(1);
   }
 
   HWY_INLINE void store(bool with_depth, std::int64_t* colors, std::int64_t* depths) const {
@@ -146,10 +188,12 @@ struct LaneBegins {
 void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t count,
                     bool half_floats, BlockTiles& tiles, TileBegins& begins) {
   const DU d;
+  const FoundPages pages(tiles);
   LaneBegins lanes;
   VU last_entry = hn::Zero(d), last_exit = last_entry;
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
     bool again = false;  // `lanes` has the tiles of all these rays' last entry vertex
+    bool same_tile = false;
     for (std::size_t c = 0; c < pass.entries; ++c) {
       const std::uint32_t *entry_at = &entries.section[c][k], *exit_at = &pass.exit[c]->section[k];
       const auto used =
@@ -165,13 +209,12 @@ void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t cou
         again = hn::AllTrue(d, used);
         last_entry = entry, last_exit = exit;
         auto found = hn::FirstN(d, 0);
-        if (again && all(hn::Set(d, *entry_at), hn::Set(d, *exit_at))) {
-          const auto tile = tiles.find(*entry_at, *exit_at);
-          lanes.set(tile);
-          found = used;
-          if (tile.unavailable) hn::StoreU(hn::Set(d, 1), d, &begins.unavailable[k]);
-        } else if (tiles.table()) {
-          found = hn::And(lanes.find(tiles, entry, exit), used);
+        same_tile = again && all(hn::Set(d, *entry_at), hn::Set(d, *exit_at));
+        if (pages.first) {
+          if (same_tile)
+            found = lanes.find(pages, *tiles.table().find(*entry_at, *exit_at)) ? used : found;
+          else
+            found = hn::And(lanes.find(pages, entry, exit), used);
         }
         if (!hn::AllTrue(d, found)) {
           lanes.keep(found);
@@ -189,18 +232,18 @@ void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t cou
         }
       }
       lanes.store(pass.with_depth, &begins.color[c][k], &begins.depth[c][k]);
-      const VU pair =
-          hn::Add(hn::LoadU(d, &entries.row[c][k]), hn::LoadU(d, &pass.exit[c]->pair[k]));
-      lanes.prefetch_colors(begins.zeros, hn::ShiftLeftSame(pair, half_floats ? 3 : 2));
+      const VU row = hn::LoadU(d, &entries.row[c][k]);
+      const VU pair = hn::Add(row, hn::LoadU(d, &pass.exit[c]->pair[k]));
+      lanes.prefetch_colors(hn::ShiftLeftSame(pair, half_floats ? 3 : 2), same_tile);
     }
   }
 }
 
 /// Loads 8 bytes for each lane, from `at - before` bytes into its tile; zeros where there is none.
-HWY_INLINE V64 load(const std::byte* zeros, V64 begin, V64 at, int before) {
+HWY_INLINE V64 load(V64 begin, V64 at, int before) {
   const D64 d;
   const V64 within = hn::IfThenZeroElse(hn::Eq(begin, hn::Zero(d)), at);
-  return hn::GatherOffset(d, reinterpret_cast<const std::int64_t*>(zeros - before),
+  return hn::GatherOffset(d, reinterpret_cast<const std::int64_t*>(zero_samples() - before),
                           hn::Add(begin, within));
 }
 
@@ -225,15 +268,15 @@ void gather_typed(const TileBegins& begins, const Pass& pass, const EntryCells& 
         const V64 begin = hn::LoadU(d, &begins.color[c][k + half * hn::Lanes(d)]);
         const V64 pair_at = hn::ShiftLeft<kShift>(widen(half_of<half.value>(pair)));
         const V64 third_at = hn::ShiftLeft<kShift>(widen(half_of<half.value>(third)));
-        two[half] = load(begins.zeros, begin, pair_at, 0);
-        one[half] = load(begins.zeros, begin, third_at, kHalf ? 0 : 4);
+        two[half] = load(begin, pair_at, 0);
+        one[half] = load(begin, third_at, kHalf ? 0 : 4);
         seen = hn::Or3(seen, two[half], one[half]);
         if constexpr (kHalf) {
           const auto put = [&](std::size_t e, V64 v) {
             store_or(hn::BitCast(du64, v), du64,
                      &samples.rgba16f[3 * c + e][k + half * hn::Lanes(d)]);
           };
-          const V64 second = load(begins.zeros, begin, pair_at, -8);
+          const V64 second = load(begin, pair_at, -8);
           put(0, two[half]), put(1, second), put(2, one[half]);
           seen = hn::Or(seen, second);
         }
@@ -251,8 +294,7 @@ void gather_typed(const TileBegins& begins, const Pass& pass, const EntryCells& 
         for_halves([&](auto half) {  // the last two of 8 bytes, and the last one
           const V64 begin = hn::LoadU(d, &begins.depth[c][k + half * hn::Lanes(d)]);
           const auto load_at = [&](VU at, int before) {
-            return hn::BitCast(du64,
-                               load(begins.zeros, begin, widen(half_of<half.value>(at)), before));
+            return hn::BitCast(du64, load(begin, widen(half_of<half.value>(at)), before));
           };
           two[half] = hn::BitCast(
               d, hn::Or(hn::ShiftRight<48>(load_at(pair, 6)),

@@ -6,11 +6,24 @@
 // (tile_cache.h).
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
 
 namespace slf {
+
+/// Samples that are all 0, as far as one load reaches: what stands for those of an empty tile. The
+/// samples of all tiles are addressed from here.
+inline constexpr std::size_t kZeroReach = 16;  // bytes that are 0 before and after
+alignas(64) inline constexpr std::array<std::byte, 2 * kZeroReach> kZeroSamples{};
+[[nodiscard]] inline const std::byte* zero_samples() { return kZeroSamples.data() + kZeroReach; }
+/// Bytes from there to the first sample of a tile; 0 for null.
+[[nodiscard]] inline std::int64_t sample_offset(const std::byte* first) {
+  if (!first) return 0;
+  return static_cast<std::int64_t>(reinterpret_cast<std::uintptr_t>(first) -
+                                   reinterpret_cast<std::uintptr_t>(zero_samples()));
+}
 
 /// A tile, as readers find it. The cache writes `layers` last, so whoever finds a layer's bit finds
 /// its samples. A page of no layers is not loaded.
@@ -20,6 +33,20 @@ struct alignas(32) TilePage {
   static constexpr std::uint32_t kColorMissing = 4;  ///< never built
   static constexpr std::uint32_t kDepthMissing = 8;
   static constexpr std::uint32_t kPinFirst = 16;  ///< not to be read without a pin
+
+  static constexpr int kStampBits = 16;  // offsets between user addresses take 48 bits
+  static constexpr std::uint64_t kStampMask = (1 << kStampBits) - 1;
+  static constexpr std::uint64_t kNotFound = 0, kRemoved = kStampMask;  ///< instead of stamps
+  static constexpr std::uint32_t kStamps = 0x7FFE;  ///< frames until stamps come again
+
+  /// The stamp of a frame. Tiles whose depths were not loaded never have one of a frame with depth.
+  [[nodiscard]] static constexpr std::uint64_t stamp(std::uint32_t frame, bool with_depth) {
+    return 2 * (1 + std::uint64_t{frame % kStamps}) + (with_depth ? 1 : 0);
+  }
+  [[nodiscard]] static constexpr std::uint64_t found_word(std::int64_t offset,
+                                                          std::uint64_t stamp) {
+    return static_cast<std::uint64_t>(offset) << kStampBits | stamp;
+  }
 
   /// The bits of the layers that a view needs, and of those which say that one was never built.
   [[nodiscard]] static constexpr std::uint32_t needed(bool with_depth) {
@@ -39,7 +66,10 @@ struct alignas(32) TilePage {
 
   /// The first sample, as codec::Tile lays them out; null where nothing is stored.
   std::atomic<const std::byte*> color{nullptr}, depth{nullptr};
-  /// Kernels load both as one number, `used` above `layers`.
+  /// What kernels load: where the colours begin, as sample_offset(), above the stamp of a frame
+  /// that found the tile readable and complete; or kNotFound, or kRemoved. The next frame's stamp
+  /// replaces it only in a word that did not change meanwhile, so never in that of another tile.
+  std::atomic<std::uint64_t> found{0};
   std::atomic<std::uint32_t> layers{0};
   std::atomic<std::uint32_t> used{0};  ///< the frame that used it last
 };

@@ -26,7 +26,6 @@ SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::ui
       pin_bytes_(pin_bytes),
       largest_tile_(field.shape().largest_tile()) {
   begins_.resize(most_rays);
-  begins_.zeros = tiles_.zeros();
   samples_.resize(most_rays, half_floats());
 }
 

@@ -165,6 +165,15 @@ TileCache::ReadScope::ReadScope(Reader& reader) : reader_(reader) {
 
 TileCache::ReadScope::~ReadScope() { reader_.slot_->epoch.store(0, std::memory_order_release); }
 
+std::uint32_t TileCache::begin_frame() {
+  const std::uint32_t frame = 1 + clock_.fetch_add(1);
+  if (frame % TilePage::kStamps == 0) {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [key, tile] : tiles_) tile->page->found.fetch_and(~TilePage::kStampMask);
+  }
+  return frame;
+}
+
 // Removal.
 
 TileCache::Tile* TileCache::least_recently_used_locked() {
@@ -189,6 +198,7 @@ void TileCache::sort_idle_locked() {
 }
 
 void TileCache::remove_locked(Tile& tile) {
+  tile.page->found.fetch_or(TilePage::kRemoved);
   tile.page->layers.store(0, std::memory_order_release);
   const std::uint64_t epoch = 1 + epoch_.fetch_add(1, std::memory_order_seq_cst);
   removed_bytes_ += tile.cost;
@@ -316,6 +326,8 @@ void TileCache::publish_locked(Tile& tile) {
     page.depth.store(first ? first + shape.bytes() - shape.rows() * shape.columns() : nullptr,
                      std::memory_order_release);
   }
+  page.found.store(TilePage::found_word(sample_offset(tile.color.first), TilePage::kNotFound),
+                   std::memory_order_release);
   page.used.store(now(), std::memory_order_relaxed);
   page.layers.store(layers, std::memory_order_release);
 }

@@ -110,8 +110,8 @@ class TileCache {
   /// The table of a level, to find pages inside ReadScopes. Thread-safe.
   [[nodiscard]] const PageTable& page_table(unsigned level) const { return tables_[level]; }
 
-  /// Begins a frame: the stamp for TilePage::used of what it uses.
-  [[nodiscard]] std::uint32_t begin_frame() { return 1 + clock_.fetch_add(1); }
+  /// Begins a frame: what it uses gets this number in TilePage::used. Thread-safe.
+  [[nodiscard]] std::uint32_t begin_frame();
 
   /// Loads tiles and pins them: colours, and depths if they are wanted and the field has any.
   /// Thread-safe. REQUIRES: no ReadScope of the calling thread. Any error of finding, checking or

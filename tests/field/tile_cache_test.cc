@@ -77,6 +77,36 @@ TEST_F(TileCacheTest, ReadersFindWhatWasLoadedWithTheLayersThatWereWanted) {
   EXPECT_TRUE(std::equal(expected.begin(), expected.end(), page->color.load()));
 }
 
+TEST_F(TileCacheTest, StampsOfAFrameAreNotThoseOfOthersOrOfRemovedTiles) {
+  for (const std::uint32_t frame : {0u, 1u, TilePage::kStamps - 1, TilePage::kStamps, 0xFFFFFFFFu})
+    for (const bool with_depth : {false, true}) {
+      const std::uint64_t stamp = TilePage::stamp(frame, with_depth);
+      EXPECT_LT(stamp, TilePage::kRemoved);
+      EXPECT_NE(stamp, TilePage::kNotFound);
+      EXPECT_NE(stamp, TilePage::stamp(frame, !with_depth));
+      EXPECT_NE(stamp, TilePage::stamp(frame + 1, with_depth));
+    }
+}
+
+TEST_F(TileCacheTest, StampsAreTakenFromTilesBeforeTheyComeAgainAndFromTilesThatAreRemoved) {
+  TileCache cache(field_->file(), 1);
+  const TileKey at = stored();
+  auto pins = cache.load(std::vector{at}, false);
+  ASSERT_TRUE(pins);
+  TilePage* page = find(cache, at);
+  ASSERT_TRUE(page);
+  const std::uint64_t word = page->found;
+  EXPECT_EQ(word, TilePage::found_word(sample_offset(page->color), TilePage::kNotFound));
+  const std::uint64_t stamp = TilePage::stamp(cache.begin_frame(), false);
+  page->found = word | stamp;  // as a renderer does
+  std::uint32_t frame = cache.begin_frame();
+  EXPECT_EQ(page->found, word | stamp);
+  while (TilePage::stamp(frame, false) != stamp) frame = cache.begin_frame();
+  EXPECT_EQ(page->found, word);
+  pins->clear();
+  EXPECT_EQ(page->found, word | TilePage::kRemoved);
+}
+
 TEST_F(TileCacheTest, WhatWasUsedLongestAgoMakesRoom) {
   TileCache cache(field_->file(), 64 << 10);
   const TileKey first = stored(), second = stored(first.index + 1);
