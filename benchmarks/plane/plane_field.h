@@ -9,7 +9,11 @@
 // measured by a few views; drawing touches no others.
 #pragma once
 
+#include <sys/mman.h>
+
 #include <cstdint>
+#include <cstdlib>
+#include <new>
 #include <vector>
 
 #include "benchmarks/plane/plane_kernel.h"
@@ -19,6 +23,26 @@
 #include "slf/scene.h"
 
 namespace slf::bench {
+
+/// Memory in huge pages, where the system gives them, as slf's decoded tiles have it.
+template <class T>
+struct HugePageAllocator {
+  using value_type = T;
+
+  HugePageAllocator() = default;
+  template <class U>
+  explicit HugePageAllocator(const HugePageAllocator<U>&) {}
+  T* allocate(std::size_t n) {
+    constexpr std::size_t kHugePage = 2 << 20;
+    const std::size_t bytes = (n * sizeof(T) + kHugePage - 1) / kHugePage * kHugePage;
+    void* const at = std::aligned_alloc(kHugePage, bytes);
+    if (!at) throw std::bad_alloc();
+    madvise(at, bytes, MADV_HUGEPAGE);
+    return static_cast<T*>(at);
+  }
+  void deallocate(T* from, std::size_t) { std::free(from); }
+  friend bool operator==(const HugePageAllocator&, const HugePageAllocator&) { return true; }
+};
 
 /// Thread-safety: one call at a time; render() uses threads itself.
 class PlaneField {
@@ -53,7 +77,7 @@ class PlaneField {
   PlaneShape shape_;
   TileGrid grid_;
   std::vector<std::uint32_t> tiles_;  ///< where each tile is in samples_, in tiles
-  std::vector<std::uint32_t> samples_;
+  std::vector<std::uint32_t, HugePageAllocator<std::uint32_t>> samples_;
 };
 
 }  // namespace slf::bench
