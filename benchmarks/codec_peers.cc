@@ -1,16 +1,16 @@
-// Codecs against their peers, on the tiles of a field: ratio, error and speed, all in one run.
+// Compares our codecs with others on the tiles of a field: ratio, error and speed, in one run.
 //
 //   codec_peers FIELD.slf [--tiles N] [--level L] [--views V] [--codec SPEC]... [--json]
 //
-// Tiles are taken evenly from one level (the finest by default), all of it or what V random views
-// of 512² from 3 radii touch, of a field whose layers are
-// lossless: what a lossy field holds has lost what a codec would have to keep. Ratios are against
-// 3 bytes a sample for colour and 1 for depth. Our colour payloads hold alpha too, and what
-// lossless alpha takes is shown apart; the peers, which get the RGB planes as mirrored mosaics
-// (codec/mosaic.h), do not. Speeds are those bytes over the processor time of one thread, warm,
-// decoding the best of 5 rounds. PSNR is over RGB, or over depth where the colour is not clear.
-// libjpeg stands for a field's first version: every tile a whole file, with its own standard
-// tables. What jpeg:75 saves against it is read off its sizes at several qualities, at equal PSNR.
+// The tiles are an even sample of one level (the finest by default), or of those tiles of the level
+// that V random views of 512² from 3 radii need. The field must be lossless, since a lossy one
+// lacks the detail that codecs are compared on. Ratios are against 3 bytes per sample for colour
+// and 1 for depth. Our colour payloads include alpha; the bytes of lossless alpha are also shown
+// separately. The peers encode only the RGB planes, as mirrored mosaics (codec/mosaic.h). Speeds
+// are these bytes over the processor time of one thread, warm; for decoding, of the best of 5
+// rounds. PSNR is over RGB, or over depth where the colour is not transparent. libjpeg writes every
+// tile as a whole file with its own standard tables. The saving of jpeg:75 against it is at equal
+// PSNR, interpolated between libjpeg's sizes at several qualities.
 #include <cstdio>  // before jpeglib.h, which needs FILE
 
 #include <jpeglib.h>

@@ -1,14 +1,14 @@
-// A field's samples as pictures, one for each entry vertex, which other codecs are given; and back.
+// Converts a field's samples to pictures for other codecs, one for each entry vertex, and back.
 //
 //   entry_pictures FIELD.slf -o FRAMES.rgb
 //   entry_pictures FIELD.slf --colors FRAMES.rgb -o OTHER.slf
 //
-// The second writes the field again with the colours that such pictures have, so that views can be
-// rendered from what another codec makes of them. Opacity and depth stay.
+// The second form writes a copy of the field with the colours of such pictures, so that views can
+// be rendered from the output of another codec. Opacity and depth do not change.
 //
-// A picture holds what enters at one vertex, by where it leaves: the octahedron of exit vertices
-// unfolded into a square of 2 N + 1 pixels an edge, upper half in the middle, without gaps.
-// Neighbours among pictures are neighbours among entry vertices, so that they make a smooth film.
+// A picture has the rays from one entry vertex, arranged by exit vertex: the octahedron of exit
+// vertices is unfolded into a square of 2 N + 1 pixels along an edge, upper half in the middle,
+// without gaps. Successive pictures belong to neighbouring entry vertices, as in a smooth film.
 // RGB, 8 bits (premultiplied), of the finest level. Prints the number of pictures and their edge as
 // JSON.
 #include <CLI/CLI.hpp>

@@ -1,4 +1,4 @@
-// OpenEXR's lossy codec on pictures: bytes and what comes back.
+// Encodes pictures with OpenEXR's lossy codec: measures the bytes, and writes the decoded pictures.
 //
 //   exr_peer FRAMES.rgb OUT.rgb --edge N --level L
 //

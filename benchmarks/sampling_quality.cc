@@ -1,5 +1,5 @@
-// What a parameterisation of rays alone is worth: PSNR of views interpolated straight from traced
-// samples, nothing stored, nothing compressed.
+// Compares parameterisations of rays by themselves: PSNR of views that are interpolated directly
+// from traced samples, without storage or compression.
 //
 //   sampling_quality VOLUME [--transfer TF.json] --system SPEC... [--views N] [--size N] [--json]
 //
@@ -9,9 +9,9 @@
 //   equal-area:NE:NX    cells of equal area (Clarberg 2008, on each octsphere)
 //   planes:A:B:NA:NB    six pairs of planes at heights A and B (radii; the sphere is 1), NA × NA
 //                       and NB × NB nodes
-// Every view takes the samples it needs, each traced once by the same ray-caster that draws the
-// truth. Spheres are interpolated bi-triangularly and then corrected by depth, twice, more simply
-// than slf does and in the same way for all; planes quadrilinearly. Samples are floats.
+// The samples that a view needs are traced once each, by the ray-caster that also draws the truth.
+// Spheres are interpolated bi-triangularly and then corrected by depth, twice, in a simpler way
+// than in slf that is the same for all; planes are interpolated quadrilinearly. Samples are floats.
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <cstdio>

@@ -1,9 +1,9 @@
-// What opening a field and drawing from it take, cold and warm: for fields of growing size.
+// Measures the time to open a field and to draw a view from it, cold and warm.
 //
 //   view_times FIELD.slf [--views N] [--size N] [--memory SIZE] [--mode MODE]
 //
-// Cold: before each turn the kernel forgets the file and a new process state is made of it (opened,
-// an empty cache of tiles); then one random view from 3 radii. Warm: the same view once more.
+// Cold: each time, the kernel drops the file from its cache, the field is opened anew with an empty
+// cache of tiles, and one random view from 3 radii is drawn. Warm: the same view again.
 // Prints JSON: medians over N views of opening cold and warm (µs), of the view cold and warm (ms),
 // and the mean bytes of payload and pages of the file that a view needs.
 #include <CLI/CLI.hpp>

@@ -1,5 +1,5 @@
-# The target `doc`: the public headers as HTML, in doc/html of the build folder. What Doxygen warns
-# about is an error, so that headers and their documentation cannot part.
+# The target `doc`: the public headers as HTML, in doc/html of the build folder. Doxygen's warnings
+# are errors, so that headers and documentation stay consistent.
 find_package(Doxygen QUIET)
 if(NOT DOXYGEN_FOUND)
   return()

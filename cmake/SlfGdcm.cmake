@@ -1,5 +1,5 @@
-# Gdcm::gdcm, the libraries of GDCM that read pictures. Their own package file is of no use: in
-# Debian it asks for the tools, which live in another package.
+# Gdcm::gdcm, the libraries of GDCM that read pictures. GDCM's own package file cannot be used: in
+# Debian it requires the tools, which are in another package.
 find_path(GDCM_INCLUDE gdcmImageReader.h PATH_SUFFIXES gdcm-3.0)
 set(GDCM_FOUND_LIBRARIES)
 foreach(part MSFF DSED DICT IOD Common)

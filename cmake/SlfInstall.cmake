@@ -1,5 +1,5 @@
-# Where what is installed belongs: the program with its manual is one component, the libraries, their
-# headers and package files are the other. Included before any target is made.
+# The install components: `program` is the program with its manual; `development` is the libraries
+# with their headers and package files. Include this before any target is defined.
 set(CMAKE_INSTALL_DEFAULT_COMPONENT_NAME development)
 
 option(BUILD_SHARED_LIBS "Build shared libraries" OFF)

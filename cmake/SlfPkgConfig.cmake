@@ -1,5 +1,5 @@
-# slf_pkg_config(TARGET): slf.pc, for programs that are not built with CMake, made from what the
-# target links. A library that this file does not know stops the configuration.
+# slf_pkg_config(TARGET): slf.pc, for programs that are not built with CMake, made from the
+# libraries that the target links. A library that this file does not list stops the configuration.
 set(slf_pc_requires
   PkgConfig::LMDB=lmdb PkgConfig::XXHASH=libxxhash PkgConfig::ZSTD=libzstd PkgConfig::JPEG=libjpeg
   PkgConfig::HWY=libhwy PkgConfig::WEBP=libwebpmux PkgConfig::CURL=libcurl PNG::PNG=libpng ZLIB::ZLIB=zlib

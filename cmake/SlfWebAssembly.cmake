@@ -1,5 +1,5 @@
-# slf_wasm_module(OUTPUT SOURCES...): a WebAssembly module of sources of this project, made by clang
-# without Emscripten. SLF_WASM says whether the tools are there: on Debian 12 these are lld,
+# slf_wasm_module(OUTPUT SOURCES...): a WebAssembly module of sources of this project, compiled by
+# clang without Emscripten. SLF_WASM is set if the tools are installed: on Debian 12 these are lld,
 # wasi-libc, libc++-14-dev-wasm32, libc++abi-14-dev-wasm32 and libclang-rt-14-dev-wasm32.
 
 find_program(SLF_WASM_COMPILER NAMES clang++-14 clang++)
@@ -26,7 +26,8 @@ if(NOT SLF_WASM)
 endif()
 
 function(slf_wasm_module output)
-  # The headers of libraries that need no compiled part; /usr/include has those of another C library.
+  # The headers of libraries that need no compiled part; /usr/include has those of another C
+  # library.
   set(include ${CMAKE_BINARY_DIR}/wasm/include)
   file(MAKE_DIRECTORY ${include})
   foreach(header tl/expected.hpp glm/glm.hpp nlohmann/json.hpp hwy/highway.h xxhash.h)

@@ -1,4 +1,5 @@
-// Stores of tiles against their peers, all in one run: ratios, not figures, are what to look at.
+// Compares stores of tiles in one run. The ratios are meaningful; absolute numbers depend on the
+// machine.
 //
 //   storage_peers FIELD.slf --slf SLF [--folder DIR] [--only reads|writes|opens|memory]...
 //
@@ -12,9 +13,9 @@
 // Cold: after fsync and POSIX_FADV_DONTNEED mincore finds no page of the files ("pages not cold"
 // says if it does), tiles are read once, at random, and stores that take hints get them 16 tiles
 // ahead; speeds are of the wall clock. A virtual machine's host may still have the disk cached.
-// Stores take turns every 128 tiles (512 with 8 threads), when cold on a file dropped anew;
-// "ours/it" is the median over the turns of the ratio of the speeds. "read KiB/tile" is what the
-// kernel fetched, readahead included.
+// Stores alternate every 128 tiles (512 with 8 threads); when cold, after the file was dropped
+// again. "ours/it" is the median over the turns of the ratio of the speeds. "read KiB/tile" is what
+// the kernel fetched, with readahead.
 #include <CLI/CLI.hpp>
 #include <filesystem>
 
