@@ -16,10 +16,10 @@
 // over about two voxels, which must not shadow it: h = 1.5 s n voxels. ∫ K dω ≤ 1 and c ≤ 1, so
 // nothing becomes brighter than the brightest direction it is lit from.
 //
-// The transfer function's colour C (decoded from sRGB) is what a thick, evenly lit piece shows. So
-// c = s C + (1 - s) a(C), where a is the single-scattering albedo that gives the colour C (Chiang,
-// Kutz, Burley, "Practical and controllable subsurface scattering for production path tracing",
-// SIGGRAPH Talks 2016).
+// The transfer function's colour C (decoded from sRGB) is the colour of a thick, evenly lit piece
+// of the material. So c = s C + (1 - s) a(C), where a is the single-scattering albedo that gives
+// the colour C (Chiang, Kutz, Burley, "Practical and controllable subsurface scattering for
+// production path tracing", SIGGRAPH Talks 2016).
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,4 @@
-// Tile: the stored unit of a field; its key, and what its samples hold.
+// Tiles, the stored units of a field: their keys, and the formats of their samples.
 #pragma once
 
 #include <compare>

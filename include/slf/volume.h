@@ -98,13 +98,16 @@ struct VolumeOptions {
 /// same SeriesInstanceUID. Pixels may be plain, deflated, JPEG, JPEG-LS, JPEG 2000 or RLE.
 /// Compressed ones are decoded in a child process, so call this before starting threads.
 ///
-/// Position. NIfTI: the sform where its code is above 0, shear included; else the qform; with
-/// neither, the grid centred and LAS, as nibabel and SPM take it; in mm. NRRD: spaces RAS and LAS
-/// become LPS, others are taken as they are; without a space, the spacings (1 where there are none)
-/// and axis mins. DICOM: slices in order of their position along the normal, never of their names.
-/// Files that only state spacings start at the origin. TIFF: micrometres where OME's or ImageJ's
-/// metadata say, else 1; MRC: ångströms. A folder of pictures is stacked in the order of their
-/// names, numbers by value.
+/// Position:
+///  - NIfTI, in mm: the sform if its code is above 0, with shear; else the qform. With neither, the
+///    grid is LAS and centred at the origin, as in nibabel and SPM.
+///  - NRRD: spaces RAS and LAS are converted to LPS, others are used as they are. Without a space,
+///    the spacings (default 1) and axis mins.
+///  - DICOM: slices are ordered by their position along the normal, never by name.
+///  - TIFF: spacing in micrometres if OME's or ImageJ's metadata state it, else 1.
+///  - MRC: ångströms.
+///  - A folder of pictures is stacked in the order of names, numbers by value.
+///  - Files that only state spacings start at the origin.
 ///
 /// If voxels have several numbers or the file has several volumes, `component` and `time` choose.
 /// Colour pictures whose channels are equal are read as grey.
