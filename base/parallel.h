@@ -51,7 +51,7 @@ template <class F>
 
 /// Makes items 0 to `count` - 1 on several threads and returns them in that order. Makers are never
 /// more than `window` items ahead of take(), which bounds memory. The destructor stops after the
-/// items in work. Thread-safety: one thread calls take().
+/// items in progress. Thread-safety: one thread calls take().
 template <class T>
 class OrderedPipeline {
  public:

@@ -26,8 +26,8 @@ class Merging {
         writer_(writer),
         progress_(progress),
         order_(plan.manifest.shape) {
-    // A third of the budget each: mapped tiles in work; records waiting for their commit, which are
-    // mapped as well; LMDB's copies of their pages.
+    // A third of the budget each: mapped tiles in progress; records waiting for their commit, which
+    // are mapped as well; LMDB's copies of their pages.
     const std::uint64_t share = options.memory / 3;
     writer.set_pending_limit(share);
     mapped_limit_ = share / 2;

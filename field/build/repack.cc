@@ -89,8 +89,8 @@ class Repacking {
         progress_(progress),
         report_(report),
         order_(shape) {
-    // A third of the budget is for tiles in work, each at most decoded twice and encoded once per
-    // layer; a third for records waiting for their commit; a third for LMDB's copies of their
+    // A third of the budget is for tiles in progress, each at most decoded twice and encoded once
+    // per layer; a third for records waiting for their commit; a third for LMDB's copies of their
     // pages. With predicted tiles, half of the first third caches the tiles that others are
     // predicted from, of the input and of the output.
     predicts_ = std::any_of(outputs.begin(), outputs.end(), [](const OutputLayer& out) {

@@ -18,9 +18,8 @@
 namespace slf {
 
 struct ShardPlan {
-  TileRange part;  ///< the part of the field that the build is for
-  TileSelection
-      tiles;  ///< all tiles that the build makes: the part, and those it is predicted from
+  TileRange part;       ///< the part of the field that the build is for
+  TileSelection tiles;  ///< all tiles to build: the part, and those it is predicted from
 };
 
 /// All tiles of a field.

@@ -75,8 +75,7 @@ class ByteReader {
 struct ChosenVolume {
   std::array<std::uint32_t, 3> dims{};
   std::uint64_t index = 0;
-  bool by_component =
-      false;  ///< each component is a volume of its own, so the index chooses it, too
+  bool by_component = false;  ///< components are volumes of their own: the index chooses one
 };
 
 /// Checks the first three extents with check_dims(). A fourth is time and a fifth components, from

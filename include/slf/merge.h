@@ -14,7 +14,7 @@
 namespace slf {
 
 struct MergeOptions {
-  std::uint64_t memory = 256ull << 20;  ///< bytes of tiles in work and records not yet written
+  std::uint64_t memory = 256ull << 20;  ///< bytes of tiles in progress and records not yet written
   unsigned threads = 0;                 ///< 0: all
   bool part = false;  ///< the first or last tiles may be missing: the output is then a part itself
   bool replace = false;  ///< replace a file at the output's path, once the new one is complete

@@ -28,9 +28,8 @@ struct RemoteOptions {
 /// Traffic with the server since RemoteField::open().
 struct RemoteTraffic {
   std::uint64_t requests = 0;  ///< requests sent, with repeated ones
-  std::uint64_t repeated =
-      0;                    ///< of `requests`: sent because an answer was late, short or an error
-  std::uint64_t bytes = 0;  ///< of the answers, without their headers
+  std::uint64_t repeated = 0;  ///< of `requests`: after a late, short or failed answer
+  std::uint64_t bytes = 0;     ///< of the answers, without their headers
 };
 
 /// Whether a path is an address: it begins with http:// or https://.
