@@ -23,7 +23,7 @@ void append(Bytes& bytes, const T* from, std::size_t count) {
   bytes.insert(bytes.end(), begin, begin + count * sizeof(T));
 }
 
-/// Takes parts off the front of bytes; false where they are too few.
+/// Reads parts of bytes in sequence. False: too few bytes are left.
 class Reader {
  public:
   explicit Reader(ByteSpan bytes) : bytes_(bytes) {}

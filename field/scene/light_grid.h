@@ -1,4 +1,4 @@
-// The light volume as rays look it up: a grid of colours in 32 bits each. Private to this room.
+// The light volume that rays sample: a grid of colours in 32 bits each. Private to field/scene.
 #pragma once
 
 #include <algorithm>
@@ -12,8 +12,9 @@
 
 namespace slf {
 
-/// The light at node (i, j, k), x fastest, is that at the voxel index low + spacing·(i, j, k): what
-/// the transfer function's colour is multiplied by to get radiance. Between nodes it is trilinear.
+/// Node (i, j, k), x fastest, is at the voxel index low + spacing·(i, j, k). Its light is the
+/// factor from the transfer function's colour to radiance. Between nodes it is interpolated
+/// trilinearly.
 struct LightGrid {
   std::array<std::int32_t, 3> dims{};
   glm::dvec3 low{0.0};

@@ -26,13 +26,13 @@ double r3(std::uint64_t i, int d) {
   return fraction(static_cast<double>(i) * kAlpha[d]);
 }
 
-/// The light at one node, and what the filter needs to know of it.
+/// The light at one node, and the properties that the filter compares.
 struct NodeLight {
   glm::vec3 direct{0};      // from lights
   glm::vec3 unshadowed{0};  // as direct, without shadows
   glm::vec3 indirect{0};    // from the surroundings, and scattered
   glm::vec3 normal{0};      // mean, times the share of the surface
-  float depth = 0;          // optical, below what can be seen from outside
+  float depth = 0;          // optical, below the visible surface
   bool lit = false;         // there is matter
 };
 static_assert(sizeof(NodeLight) == 56);
@@ -173,8 +173,8 @@ class LightSolver {
     return matter.albedo / glm::max(matter.color, glm::vec3(1e-4f));
   }
 
-  /// What a light sends to the points: all of them without shadows, times the transmittance to a
-  /// few, which are chosen in proportion to what they get.
+  /// The light that one light sends to the points: at all of them without shadows, times the mean
+  /// transmittance to a few, chosen in proportion to their light.
   void add_direct(const Points& points, std::size_t light, Random& random, NodeLight& node) const {
     std::array<Arrival, kPoints> arrivals;
     std::array<glm::vec3, kPoints> bright;
@@ -209,7 +209,7 @@ class LightSolver {
     }
   }
 
-  /// What comes from the surroundings, and from matter that is lit.
+  /// The light from the surroundings and from lit matter.
   [[nodiscard]] glm::vec3 indirect(const Points& points, const Pass& pass, Random& random) const {
     const int paths = static_cast<int>(std::ceil(pass.paths * points.effort));
     glm::vec3 sum(0);

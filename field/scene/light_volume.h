@@ -45,7 +45,8 @@ namespace slf {
                                               const LightOptions& options, unsigned threads,
                                               const ProgressCallback& progress);
 
-/// Keeps a light volume in a file, under a key that says what it was computed from. io.
+/// Writes a light volume to a file, with a key that identifies its inputs. io: it cannot be
+/// written.
 [[nodiscard]] Result<void> save_light(const std::string& path, const std::string& key,
                                       const LightGrid& light);
 /// The light volume in a file; nothing if there is no such file, if it has another key, or if it is

@@ -117,7 +117,8 @@ Medium::Medium(const RayGrid& grid)
     : grid_(grid), index_to_world_(glm::inverse(grid.world_to_index)) {
   for (int axis = 0; axis < 3; ++axis)
     smallest_spacing_ = std::min(smallest_spacing_, glm::length(index_to_world_[axis]));
-  constexpr float kMostOpaque = 1 - 1.f / 4096;  // of a step: what is finite and yet opaque
+  constexpr float kMostOpaque =
+      1 - 1.f / 4096;  // opacity of a step that still gives a finite depth
   for (const float opacity : grid.table.opacities) {
     const double extinction = -std::log1p(-std::min(opacity, kMostOpaque)) / grid.step;
     extinctions_.push_back(static_cast<float>(extinction));
@@ -142,7 +143,7 @@ void Medium::find_majorants() {
   }
   const std::size_t last = entries - 1;
   const auto most_between = [&](std::size_t from, std::size_t to) {
-    from = from > 0 ? from - 1 : 0;  // one entry more than rounding can reach
+    from = from > 0 ? from - 1 : 0;  // one entry more on each side, for rounding
     to = std::min(to + 1, last);
     const auto level = static_cast<std::size_t>(std::bit_width(to - from + 1) - 1);
     return std::max(levels[level][from], levels[level][to + 1 - (std::size_t{1} << level)]);
@@ -251,7 +252,7 @@ Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3& direction,
     const double leaves = (edge * kBrick - from[axis]) * inverse[axis];
     if (direction[axis] != 0) end = std::min(end, leaves);
   }
-  // Rounding may put the edge behind t: move on by what no voxel can notice.
+  // Rounding may put the edge behind t: advance by a negligible distance.
   constexpr double kNudge = 1e-7;
   return {number, std::max(end, t) + kNudge * smallest_spacing_, distance > 0};
 }

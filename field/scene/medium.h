@@ -1,5 +1,5 @@
 // The volume as a medium for light: extinction, albedo and the scattering kernel at any point, and
-// free flight through it. Private to this room.
+// free flight through it. Private to field/scene.
 //
 // Positions are in voxel indices; directions are in voxel indices per world unit, so that lengths
 // along a ray are in world units. The medium ends at the box around the visible cells.
@@ -30,10 +30,10 @@ class Random {
   std::uint64_t state_;
 };
 
-/// What is at a point. See slf/light.h for the model.
+/// The matter at a point. See slf/light.h for the model.
 struct Matter {
   glm::dvec3 at{0.0};
-  glm::dvec3 start{0.0};   ///< where light that is scattered here comes from
+  glm::dvec3 start{0.0};   ///< start of the paths of light that is scattered here
   float extinction = 0;    ///< per world unit
   glm::vec3 color{0};      ///< linear, of the transfer function
   glm::vec3 albedo{0};     ///< share of light that is scattered
@@ -42,7 +42,7 @@ struct Matter {
 
   /// K(ω), per steradian; ω is a unit world direction.
   [[nodiscard]] double kernel(const glm::dvec3& direction) const;
-  /// A direction with the density K/∫K; REQUIRES u, v in [0, 1), `choice` too.
+  /// A direction with the density K/∫K. REQUIRES: choice, u and v are in [0, 1).
   [[nodiscard]] glm::dvec3 sample(double choice, double u, double v) const;
 };
 
@@ -77,9 +77,9 @@ class Medium {
   [[nodiscard]] double smallest_spacing() const { return smallest_spacing_; }
   [[nodiscard]] const RayGrid& grid() const { return grid_; }
 
-  /// Where light that flies from `from` first interacts with matter, if it does before `length`
-  /// world units. Delta tracking (Woodcock et al. 1965) with a majorant per brick, which leaps over
-  /// empty bricks: unbiased.
+  /// The distance at which light from `from` first interacts with matter, if it is below `length`
+  /// world units. Unbiased: delta tracking (Woodcock et al. 1965) with a majorant per brick, which
+  /// leaps over empty bricks.
   [[nodiscard]] std::optional<double> fly(const glm::dvec3& from, const glm::dvec3& direction,
                                           double length, Random& random) const;
 
