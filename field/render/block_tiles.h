@@ -1,8 +1,8 @@
 // BlockTiles: the tiles that a block's rays sample in one pass. Private to field/render.
 //
-// The kernel (gather_kernel.h) finds tiles that the frame used before by itself, a vector of them
-// at a time. It asks here for the others: tiles that the frame meets the first time, and those that
-// are not loaded.
+// The kernel (gather_kernel.h) itself finds tiles that the frame has used before, a vector of them
+// at a time. It calls find() for the others: tiles that the frame uses for the first time, and
+// tiles that are not loaded.
 #pragma once
 
 #include <array>
@@ -43,14 +43,15 @@ class BlockTiles {
   BlockTiles(const BlockTiles&) = delete;
   BlockTiles& operator=(const BlockTiles&) = delete;
 
-  /// Begins a frame that needs colours or, with depth, both layers. The keys of tiles that it uses
-  /// are appended to `touched`, which must outlive it.
+  /// Begins a frame that needs colours or, with depth, both layers. Appends the keys of the tiles
+  /// that it uses to `touched`, which must outlive the frame.
   void begin_frame(std::uint32_t frame, bool with_depth, std::vector<TileKey>& touched);
 
-  /// Begins a pass over a level, which loads what is absent or else takes it for unavailable.
+  /// Begins a pass over a level. `wait`: absent tiles will be loaded; otherwise they are
+  /// unavailable.
   void begin_pass(const LevelGeometry& geometry, const PageTable& table, bool wait);
 
-  /// From here on these tiles, sorted, are found even if they are not to be read without a pin.
+  /// From now on, find() also returns these tiles, sorted, if they must be pinned to be read.
   void set_pinned(std::span<const TileKey> keys) { pinned_ = keys; }
 
   /// Finds a tile and stamps it as used by the frame. Not inlined: the kernel's loop, which calls

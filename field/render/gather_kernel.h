@@ -1,5 +1,5 @@
-// Gathering: from the cells of a block's rays to the samples at their corners. Compiled for several
-// instruction sets. Private to field/render.
+// Gathering: reads the samples at the corners of a block's cells. Compiled for several instruction
+// sets. Private to field/render.
 //
 // A ray's result depends on the ray alone, never on its place in a block: lanes do not mix.
 #pragma once
@@ -15,9 +15,8 @@ namespace slf {
 void find_tiles(const Pass& pass, const EntryCells& entries, std::size_t count, bool half_floats,
                 BlockTiles& tiles, TileBegins& begins);
 
-/// Gathers a pass's samples from the tiles that were found. `add` combines them with what an
-/// earlier call gathered from other tiles, or the same ones. REQUIRES: the 8 bytes before a tile's
-/// first sample can be read.
+/// Gathers a pass's samples from the tiles that were found. If `add`, keeps the samples that
+/// earlier calls gathered. REQUIRES: the 8 bytes before a tile's first sample can be read.
 void gather_samples(const TileBegins& begins, const Pass& pass, const EntryCells& entries,
                     std::size_t count, bool half_floats, bool add, BlockSamples& samples);
 

@@ -13,33 +13,33 @@
 
 namespace slf {
 
-/// Samples that are all 0, as far as one load reaches: what stands for those of an empty tile. The
-/// samples of all tiles are addressed from here.
+/// Samples that are all 0, as far as one load reaches, in place of those of an empty tile. The
+/// addresses of all tiles' samples are stored relative to these.
 inline constexpr std::size_t kZeroReach = 16;  // bytes that are 0 before and after
 alignas(64) inline constexpr std::array<std::byte, 2 * kZeroReach> kZeroSamples{};
 [[nodiscard]] inline const std::byte* zero_samples() { return kZeroSamples.data() + kZeroReach; }
-/// Bytes from there to the first sample of a tile; 0 for null.
+/// The offset in bytes from zero_samples() to the first sample of a tile; 0 for null.
 [[nodiscard]] inline std::int64_t sample_offset(const std::byte* first) {
   if (!first) return 0;
   return static_cast<std::int64_t>(reinterpret_cast<std::uintptr_t>(first) -
                                    reinterpret_cast<std::uintptr_t>(zero_samples()));
 }
 
-/// A tile, as readers find it. The cache writes `layers` last, so whoever finds a layer's bit finds
-/// its samples. A page of no layers is not loaded.
+/// An entry of the table: a tile, as readers find it. The cache writes `layers` last, so a reader
+/// that finds a layer's bit finds its samples. Without any bit, the tile is not loaded.
 struct alignas(32) TilePage {
   static constexpr std::uint32_t kColor = 1;         ///< colours are loaded, or known to be empty
-  static constexpr std::uint32_t kDepth = 2;         ///< the same of depths
+  static constexpr std::uint32_t kDepth = 2;         ///< the same for depths
   static constexpr std::uint32_t kColorMissing = 4;  ///< never built
   static constexpr std::uint32_t kDepthMissing = 8;
-  static constexpr std::uint32_t kPinFirst = 16;  ///< not to be read without a pin
+  static constexpr std::uint32_t kPinFirst = 16;  ///< must be pinned before it is read
 
   static constexpr int kStampBits = 16;  // offsets between user addresses take 48 bits
   static constexpr std::uint64_t kStampMask = (1 << kStampBits) - 1;
   static constexpr std::uint64_t kNotFound = 0, kRemoved = kStampMask;  ///< instead of stamps
-  static constexpr std::uint32_t kStamps = 0x7FFE;  ///< frames until stamps come again
+  static constexpr std::uint32_t kStamps = 0x7FFE;  ///< frames until a stamp is reused
 
-  /// The stamp of a frame. Tiles whose depths were not loaded never have one of a frame with depth.
+  /// The stamp of a frame. Tiles without loaded depths never have the stamp of a frame with depth.
   [[nodiscard]] static constexpr std::uint64_t stamp(std::uint32_t frame, bool with_depth) {
     return 2 * (1 + std::uint64_t{frame % kStamps}) + (with_depth ? 1 : 0);
   }
@@ -48,27 +48,27 @@ struct alignas(32) TilePage {
     return static_cast<std::uint64_t>(offset) << kStampBits | stamp;
   }
 
-  /// The bits of the layers that a view needs, and of those which say that one was never built.
+  /// The bits of the layers that a view needs, and the bits that mark these layers as never built.
   [[nodiscard]] static constexpr std::uint32_t needed(bool with_depth) {
     return with_depth ? kColor | kDepth : kColor;
   }
   [[nodiscard]] static constexpr std::uint32_t missing_bits(bool with_depth) {
     return with_depth ? kColorMissing | kDepthMissing : kColorMissing;
   }
-  /// Whether a reader that finds the page can read all that a view needs of it.
+  /// Whether all layers that a view needs can be read without a pin.
   [[nodiscard]] static bool readable(std::uint32_t layers, bool with_depth) {
     return (layers & (needed(with_depth) | kPinFirst)) == needed(with_depth);
   }
-  /// Whether anything that a view needs of the tile was never built.
+  /// Whether a layer that a view needs was never built.
   [[nodiscard]] static bool missing(std::uint32_t layers, bool with_depth) {
     return (layers & missing_bits(with_depth)) != 0;
   }
 
-  /// The first sample, as codec::Tile lays them out; null where nothing is stored.
+  /// The first sample, in the layout of codec::Tile; null if the tile is empty.
   std::atomic<const std::byte*> color{nullptr}, depth{nullptr};
-  /// What kernels load: where the colours begin, as sample_offset(), above the stamp of a frame
-  /// that found the tile readable and complete; or kNotFound, or kRemoved. The next frame's stamp
-  /// replaces it only in a word that did not change meanwhile, so never in that of another tile.
+  /// The word that kernels load: the sample_offset() of the colours, above the stamp of a frame
+  /// that found the tile readable and complete; or kNotFound or kRemoved. A new stamp is stored
+  /// only if the word has not changed meanwhile, so never into the word of another tile.
   std::atomic<std::uint64_t> found{0};
   std::atomic<std::uint32_t> layers{0};
   std::atomic<std::uint32_t> used{0};  ///< the frame that used it last
@@ -78,14 +78,15 @@ static_assert(sizeof(TilePage) == 32);
 /// Thread-safety: any thread.
 class PageTable {
  public:
-  /// For a level with so many entry and exit sections; the latter are a power of two. Takes no
-  /// memory where no page was written. Empty where there is not even address space for it.
+  /// A table for a level with these numbers of sections. Memory is used only for pages that are
+  /// written. The table is empty if there is not enough address space. REQUIRES: exit_sections is a
+  /// power of two.
   [[nodiscard]] static PageTable make(std::uint64_t entry_sections, std::uint64_t exit_sections);
   PageTable(PageTable&& other) noexcept;
   PageTable& operator=(PageTable&& other) noexcept;
   ~PageTable();
 
-  /// Whether it is not empty.
+  /// Whether the table is not empty.
   explicit operator bool() const { return pages_ != nullptr; }
 
   /// The page of a tile; null in an empty table. Lives as long as the table.

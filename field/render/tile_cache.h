@@ -1,14 +1,14 @@
 // TileCache: the loaded tiles of one field, within a byte budget.
 //
-// Renderers find tiles without a lock: page_table() takes a pair of sections to a TilePage inside a
-// ReadScope. What they lack they load(): each tile is found in the file, checked and decoded once,
-// and other threads that want it wait. Over budget, the tiles that no frame has used for longest
-// are removed; their memory is freed once no ReadScope can still see them. A Pin keeps a tile
-// loaded: only pinned tiles can exceed the budget, so keep few pins at a time.
+// Renderers find tiles without a lock: inside a ReadScope, page_table() maps a pair of sections to
+// a TilePage. Tiles that are absent they load(): each is found in the file, checked and decoded
+// once; other threads that need it wait. Over budget, the least recently used tiles are removed,
+// and their memory is freed when no ReadScope can have found them. A Pin keeps a tile loaded. Only
+// pinned tiles can exceed the budget, so keep few pins at a time.
 //
-// Tiles of an in-place codec (raw) are views of the map and cost nothing here. What the map keeps
-// resident has a budget of its own: when about that much was read through it, all of it is
-// released; pages still in use fault back in.
+// Tiles of an in-place codec (raw) are views of the map and do not count. The resident pages of the
+// map have a budget of their own: when about that much was read through the map, all of it is
+// released, and pages still in use fault back in.
 #pragma once
 
 #include <atomic>
@@ -32,9 +32,9 @@
 namespace slf {
 
 struct CacheStatistics {
-  std::uint64_t decodes = 0;             ///< tiles decoded or copied, layers apart
-  std::uint64_t decoded_bytes = 0;       ///< held now
-  std::uint64_t decoded_peak_bytes = 0;  ///< the most held at any time
+  std::uint64_t decodes = 0;             ///< tiles decoded or copied, counted per layer
+  std::uint64_t decoded_bytes = 0;       ///< in the cache now
+  std::uint64_t decoded_peak_bytes = 0;  ///< most bytes in the cache at any time
   std::uint64_t loaded_bytes = 0;        ///< payloads read, from the start
 };
 
@@ -44,8 +44,8 @@ class TileCache {
   class ScopedLock;
 
  public:
-  /// Readable bytes before a tile's first sample: a load of several bytes may end with a sample
-  /// instead of beginning with it. Their values are unspecified.
+  /// Readable bytes before a tile's first sample, for loads of several bytes that end with a
+  /// sample. Their values are unspecified.
   static constexpr std::size_t kReadableBefore = 8;
 
   /// A tile that stays loaded while this lives. Move-only; must not outlive the cache.
@@ -56,7 +56,7 @@ class TileCache {
     Pin& operator=(Pin&& other) noexcept;
     ~Pin() { release(); }
 
-    /// REQUIRES: came from load() and was not moved from.
+    /// REQUIRES: the pin came from load() and was not moved from.
     [[nodiscard]] TilePage& page() const;
 
    private:
@@ -87,8 +87,8 @@ class TileCache {
     Slot* slot_;
   };
 
-  /// While it lives, every page found since it began is valid. Keep it short, and load() nothing
-  /// meanwhile: memory of removed tiles is freed only after it.
+  /// During its lifetime every page found in it stays valid. Keep it short, and do not call load()
+  /// in it: memory of removed tiles is freed only after it ends.
   class ReadScope {
    public:
     explicit ReadScope(Reader& reader);
@@ -113,27 +113,28 @@ class TileCache {
   /// Begins a frame: what it uses gets this number in TilePage::used. Thread-safe.
   [[nodiscard]] std::uint32_t begin_frame();
 
-  /// Loads tiles and pins them: colours, and depths if they are wanted and the field has any.
-  /// Thread-safe. REQUIRES: no ReadScope of the calling thread. Any error of finding, checking or
-  /// decoding; it is not remembered. unsupported: a level too large for the address space.
+  /// Loads tiles and pins them: colours, and depths if `with_depth` and the field has any.
+  /// Thread-safe. REQUIRES: no ReadScope of the calling thread. Errors of finding, checking and
+  /// decoding, which are not cached. unsupported: a level too large for the address space.
   [[nodiscard]] Result<std::vector<Pin>> load(std::span<const TileKey> keys, bool with_depth);
 
-  /// A tile, and where its payloads are in the file as far as that was looked up.
+  /// A tile, and its payloads in the file if they were looked up.
   struct Located {
     TileKey key;
     std::optional<storage::TileRef> color{}, depth{};
   };
 
-  /// The first half of load(): finds the payloads of tiles that are not loaded and asks the kernel
-  /// to read them. With all that is wanted next, so that the disk works on many at a time.
+  /// The first half of load(): finds the payloads of tiles that are not loaded, and asks the kernel
+  /// to read them. Call it with all tiles that are needed next, so that the disk reads many at a
+  /// time.
   [[nodiscard]] std::vector<Located> locate(std::span<const TileKey> keys, bool with_depth);
   /// The second half, for one tile.
   [[nodiscard]] Result<Pin> load(const Located& tile, bool with_depth);
 
   /// The frame that began last.
   [[nodiscard]] std::uint32_t now() const { return clock_.load(); }
-  /// Whether more can be loaded without removing what `frame` or a later one used, or what was
-  /// loaded since it began.
+  /// Whether more tiles can be loaded without removing tiles that `frame` or a later one used, or
+  /// that were loaded since `frame` began.
   [[nodiscard]] bool has_room(std::uint32_t frame);
 
   [[nodiscard]] CacheStatistics statistics() const;
@@ -156,12 +157,12 @@ class TileCache {
   void publish_locked(Tile& tile);
   [[nodiscard]] Tile* least_recently_used_locked();
   void sort_idle_locked();
-  /// Makes a tile unfindable; it is freed when no reader can see it any more.
+  /// Removes a tile from the table. It is freed when no reader can have found it.
   void remove_locked(Tile& tile);
   void free_removed_locked();
-  /// Removes tiles until so many more bytes fit or all else is pinned.
+  /// Removes tiles until `bytes` more fit or all others are pinned.
   void remove_for_locked(std::uint64_t bytes);
-  /// The same, and waits for readers of what was removed until it is freed.
+  /// The same, and waits until the removed tiles are freed.
   void make_room(std::unique_lock<std::mutex>& lock, std::uint64_t bytes);
   /// Counts the pages of the map that finding a tile, or reading it there, makes resident; has the
   /// map released when its budget is used up.
