@@ -146,7 +146,7 @@ Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& wanted,
   auto field = FieldFile::open(options.coarser);
   if (!field) return tl::unexpected(field.error());
   if (const std::string differs = first_difference((*field)->manifest(), wanted); !differs.empty())
-    return refuse("has not the levels of this field (", differs, " differs)");
+    return refuse("was built with other settings (", differs, " differs)");
   const std::optional<TileRange> part = (*field)->manifest().part;
   if (!part || part->begin != TileKey{} || part->end.index != 0)
     return refuse("does not hold just some levels from 0 on");
@@ -155,7 +155,7 @@ Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& wanted,
   if (!content->complete) return refuse("is not finished");
   const unsigned next = part->end.level;
   if (options.first_level.value_or(next) != next || options.last_level.value_or(next) != next)
-    return refuse("serves to build level ", next, " and no other");
+    return refuse("can only be used to build level ", next);
   options.first_level = options.last_level = next;
   return std::move(*field);
 }

@@ -137,7 +137,7 @@ Result<TileKey> find_tile(const Field& field, const TileAddress& address) {
   const TileKey key = tile_key(
       {{static_cast<std::uint8_t>(entry_level), static_cast<std::uint32_t>(address.entry)},
        {static_cast<std::uint8_t>(address.level), static_cast<std::uint32_t>(address.exit)}});
-  if (!shape.has(key)) return lacks("is in a subfield that the field has not");
+  if (!shape.has(key)) return lacks("is in a subfield that the field does not have");
   return key;
 }
 
@@ -151,7 +151,7 @@ Result<TileKey> find_tile(const Field& field, unsigned level, std::uint64_t inde
   const std::uint64_t count = tile_count(level, shape.entry_extra_levels);
   if (index < count)
     return fail(ErrorCode::usage, field.path(), ": tile ", level, "/", index,
-                ": is in a subfield that the field has not");
+                ": is in a subfield that the field does not have");
   return fail(ErrorCode::usage, field.path(), ": tile ", level, "/", index, ": level ", level,
               " has tiles 0 to ", count - 1);
 }

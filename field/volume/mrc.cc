@@ -6,10 +6,10 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <numbers>
 
 #include "base/bytes.h"
+#include "base/half.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -121,23 +121,12 @@ Result<void> place(const Words& words, const std::array<int, 3>& axis_of, Volume
   return check_axes(volume);
 }
 
-/// The value of an IEEE 754 binary16.
-float half_value(std::uint16_t bits) {
-  const int exponent = bits >> 10 & 31, mantissa = bits & 1023;
-  const auto part = static_cast<float>(mantissa);
-  const float size = exponent == 0   ? std::ldexp(part, -24)
-                     : exponent < 31 ? std::ldexp(part + 1024, exponent - 25)
-                     : mantissa == 0 ? std::numeric_limits<float>::infinity()
-                                     : std::numeric_limits<float>::quiet_NaN();
-  return bits >> 15 ? -size : size;
-}
-
 void widen_half_floats(Volume& volume) {
   std::vector<std::byte> floats(volume.voxels.size() * 2);
   for (std::size_t k = 0; 4 * k < floats.size(); ++k) {
     std::uint16_t bits = 0;
     std::memcpy(&bits, &volume.voxels[2 * k], sizeof bits);
-    const float value = half_value(bits);
+    const float value = half_to_float(bits);
     std::memcpy(&floats[4 * k], &value, sizeof value);
   }
   volume.voxels = std::move(floats);
