@@ -19,7 +19,7 @@ struct ViewArguments {
   std::vector<std::string> fields;
   std::uint16_t port = 0;
   std::string bind;
-  bool open = false;
+  bool open = false, json = false;
 };
 
 /// Starts the desktop's browser. The address has no character that a shell treats specially, and no
@@ -41,7 +41,10 @@ Result<void> run_view(const ViewArguments& arguments) {
   }
   auto server = view::Server::make(arguments.fields, options);
   if (!server) return tl::unexpected(server.error());
-  print("{}\n", server->url());
+  if (arguments.json)
+    print_json({{"url", server->url()}});
+  else
+    print("{}\n", server->url());
   std::fflush(stdout);
   note("Ctrl-C ends it");
   watch_signals();
@@ -54,7 +57,7 @@ struct ExportArguments {
   RepackOptions repack;
   std::optional<unsigned> levels;
   std::uint64_t max_size = 0;  // 0: any
-  bool force = false;
+  bool force = false, json = false;
 
   [[nodiscard]] bool one_file() const { return output.ends_with(".html"); }
 };
@@ -68,7 +71,7 @@ Result<bool> make_smaller(const ExportArguments& a, const Field& field, const st
   const std::uint64_t most =
       a.max_size > 0 ? view::room_for_field(a.max_size, a.one_file()) : UINT64_MAX;
   if (most == 0)
-    return fail(ErrorCode::usage, "--max-size: the page alone is larger; allow 2MiB or more");
+    return fail(ErrorCode::usage, "--max-size: the page alone is larger; allow 1MiB or more");
   const bool as_it_is = !a.levels && options.color_codec.empty() && options.depth_codec.empty();
   if (as_it_is && field.file_bytes() <= most) return false;
   const auto bar = progress_bar("export", "tiles");
@@ -97,8 +100,12 @@ Result<void> run_export(const ExportArguments& a) {
   std::error_code ignored;
   std::filesystem::remove(smaller, ignored);
   if (!written || !field) return written;
-  print("{}: a field of {}, finest level {}\n", a.output,
-        human_bytes(static_cast<double>(field->file_bytes())), field->shape().levels);
+  const std::uint64_t bytes = field->file_bytes();
+  if (a.json)
+    print_json({{"output", a.output}, {"field_bytes", bytes}, {"level", field->shape().levels}});
+  else
+    print("{}: a field of {}, finest level {}\n", a.output, human_bytes(static_cast<double>(bytes)),
+          field->shape().levels);
   return {};
 }
 
@@ -115,6 +122,7 @@ void add_view(CLI::App& app, Run& run) {
       "Listen on this address, for other machines too, and answer to any host name\n"
       "(default: 127.0.0.1, for this machine only)");
   command->add_flag("--open", a->open, "Open the page in the desktop's browser");
+  command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_view(*a); }; });
 }
 
@@ -136,6 +144,7 @@ void add_export(CLI::App& app, Run& run) {
   add_bytes(*command, "--max-size", a->max_size,
             "Choose quality and levels that fit into so much; 0: any size");
   command->add_flag("-f,--force", a->force, "Overwrite the output");
+  command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_export(*a); }; });
 }
 

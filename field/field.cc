@@ -63,7 +63,13 @@ void FieldFile::predict(storage::LayerId layer) {
     return geometry(level);
   };
   const auto load = [this, layer](TileKey key) { return reference(layer, key); };
-  prediction.reset(new Prediction{{manifest_.shape, *codec, geometries}, ReferenceCache(load)});
+  prediction.reset(new Prediction{{manifest_.shape, *codec, geometries}, ReferenceCache(load), {}});
+  for (unsigned level = 1; level <= shape().levels; ++level) {
+    const Bytes section = store_.section(reference_section(layer, level));
+    auto index = ReferenceIndex::parse(section, level);
+    if (section.empty() || !index) return;
+    prediction->index.push_back(std::move(*index));
+  }
 }
 
 Result<TileSamples> FieldFile::reference(storage::LayerId layer, TileKey key) const {
@@ -87,8 +93,27 @@ std::vector<TileKey> FieldFile::references(const storage::TileRef& tile) const {
   return predictions_[tile.layer]->tiles.references(tile.key, tile.payload);
 }
 
+void FieldFile::advise_together(std::span<const storage::TileRef> tiles) const {
+  std::vector<storage::TileRef> all(tiles.begin(), tiles.end());
+  for (storage::LayerId layer = 0; layer < predictions_.size(); ++layer) {
+    if (!predictions_[layer]) continue;
+    std::vector<TileKey> keys;
+    for (const storage::TileRef& tile : tiles)
+      if (tile.layer == layer && tile.state == storage::TileState::stored) keys.push_back(tile.key);
+    append_ancestors(predictions_[layer]->index, keys);
+    std::erase_if(keys, [&](TileKey key) { return !shape().has(key); });
+    for (const auto& tile : store_.find_all(layer, keys))
+      if (tile && tile->state == storage::TileState::stored) all.push_back(*tile);
+  }
+  store_.advise(all);
+}
+
 void FieldFile::advise(std::span<const storage::TileRef> tiles) const {
-  store_.advise(tiles);
+  if (std::any_of(predictions_.begin(), predictions_.end(),
+                  [](const auto& prediction) { return prediction && !prediction->index.empty(); }))
+    advise_together(tiles);
+  else
+    store_.advise(tiles);
   for (storage::LayerId layer = 0; layer < predictions_.size(); ++layer) {
     if (!predictions_[layer]) continue;
     std::vector<storage::TileRef> dependants;

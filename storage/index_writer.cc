@@ -5,14 +5,15 @@
 #include <cerrno>
 #include <cstring>
 #include <map>
-#include <set>
 #include <span>
 
 #include "storage/internal/file_index.h"
 #include "storage/internal/record.h"
 #include "storage/internal/snapshot.h"
+#include "storage/tile_writer.h"
 
-namespace slf::storage::internal {
+namespace slf::storage {
+namespace internal {
 namespace {
 
 /// Collects the parts of a snapshot, each section in the order of the file.
@@ -35,35 +36,31 @@ class IndexBuilder {
   }
 
   /// The index, for a file whose pages end at `begin`.
-  [[nodiscard]] Bytes encode(std::uint64_t begin) const {
+  [[nodiscard]] Bytes encode(std::uint64_t begin, std::span<const IndexExtra> extras) const {
     Bytes bytes, directory;
     std::uint32_t count = 0;
-    // The finest level first and the core last: the end of the file is what is read first.
-    const auto put = [&](std::uint32_t what, const Parts& parts) {
-      const std::size_t start = bytes.size();
-      for (const auto& [offset, size] : parts) {
-        append(bytes, offset);
-        append(bytes, size);
-        const ByteSpan part = snapshot_.bytes().subspan(offset, size);
-        bytes.insert(bytes.end(), part.begin(), part.end());
-      }
-      append(directory, std::uint64_t{what});
-      append(directory, begin + start);
-      append(directory, std::uint64_t{bytes.size() - start});
-      append(directory, checksum(ByteSpan(bytes).subspan(start)));
+    const auto put = [&](std::uint32_t what, const Bytes& section) {
+      if (section.empty() || section.size() > kMostSectionBytes) return;
+      append_le(directory, std::uint64_t{what});
+      append_le(directory, begin + bytes.size());
+      append_le(directory, std::uint64_t{section.size()});
+      append_le(directory, checksum(section));
+      bytes.insert(bytes.end(), section.begin(), section.end());
       ++count;
     };
+    // The finest level first and the core last: the end of the file is what is read first.
+    for (const IndexExtra& extra : extras) put(extra.what, extra.bytes);
     for (auto level = levels_.rbegin(); level != levels_.rend(); ++level)
-      put(level->first, level->second);
-    put(kCore, core_);
+      put(level->first, joined(level->second));
+    put(kCore, joined(core_));
 
     Bytes footer;
-    append(footer, std::uint64_t{0});  // the checksum
-    append(footer, kIndexMagic);
-    append(footer, snapshot_.meta().transaction);
-    append(footer, begin);
-    append(footer, std::uint64_t{kIndexVersion} << 32 | count);
-    append(footer, std::uint64_t{0});
+    append_le(footer, std::uint64_t{0});  // the checksum
+    append_le(footer, kIndexMagic);
+    append_le(footer, snapshot_.meta().transaction);
+    append_le(footer, begin);
+    append_le(footer, std::uint64_t{kIndexVersion} << 32 | count);
+    append_le(footer, std::uint64_t{0});
     directory.insert(directory.end(), footer.begin(), footer.end());
     store_le(directory.data() + directory.size() - kIndexFooter, checksum(directory));
     bytes.insert(bytes.end(), directory.begin(), directory.end());
@@ -73,9 +70,17 @@ class IndexBuilder {
  private:
   using Parts = std::map<std::uint64_t, std::uint64_t>;  // offset → size
 
-  static void append(Bytes& to, std::uint64_t value) {
-    to.resize(to.size() + 8);
-    store_le(to.data() + to.size() - 8, value);
+  /// The parts as a section has them; none, if it gets too large.
+  [[nodiscard]] Bytes joined(const Parts& parts) const {
+    Bytes section;
+    for (const auto& [offset, size] : parts) {
+      append_le(section, offset);
+      append_le(section, size);
+      const ByteSpan part = snapshot_.bytes().subspan(offset, size);
+      section.insert(section.end(), part.begin(), part.end());
+      if (section.size() > kMostSectionBytes) return {};
+    }
+    return section;
   }
 
   /// Adds the pages of a tree, and visits its entries.
@@ -133,24 +138,25 @@ Result<void> write_end(int file, const std::string& path, std::uint64_t begin, B
 }
 
 }  // namespace
+}  // namespace internal
 
-Result<void> write_index(const std::string& path) {
+Result<void> write_index(const std::string& path, std::span<const IndexExtra> extras) {
   Bytes index;
   std::uint64_t begin = 0;
   {
-    const auto snapshot = Snapshot::open(path);
+    const auto snapshot = internal::Snapshot::open(path);
     if (!snapshot) return tl::unexpected(snapshot.error());
-    IndexBuilder builder(**snapshot);
+    internal::IndexBuilder builder(**snapshot);
     if (auto ok = builder.collect(); !ok) return ok;
-    begin = (*snapshot)->pages().count() * kPageSize;
-    index = builder.encode(begin);
+    begin = (*snapshot)->pages().count() * internal::kPageSize;
+    index = builder.encode(begin, extras);
     if (auto same = (*snapshot)->unchanged(); !same) return same;
   }
   const int file = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
   if (file < 0) return fail(ErrorCode::io, path, ": cannot open: ", std::strerror(errno));
-  auto written = write_end(file, path, begin, index);
+  auto written = internal::write_end(file, path, begin, index);
   ::close(file);
   return written;
 }
 
-}  // namespace slf::storage::internal
+}  // namespace slf::storage

@@ -61,7 +61,8 @@ bool RangeSet::touches(FileRange range) const {
   return range.begin < range.end && at != ranges_.begin() && std::prev(at)->second > range.begin;
 }
 
-std::vector<FileRange> merged(std::vector<FileRange> ranges, std::uint64_t gap, std::size_t most) {
+std::vector<FileRange> merged(std::vector<FileRange> ranges, std::uint64_t gap, std::size_t most,
+                              std::uint64_t widest) {
   std::sort(ranges.begin(), ranges.end(),
             [](const FileRange& a, const FileRange& b) { return a.begin < b.begin; });
   std::vector<FileRange> result = filled(ranges, gap);
@@ -71,7 +72,7 @@ std::vector<FileRange> merged(std::vector<FileRange> ranges, std::uint64_t gap, 
     gaps.push_back(result[i].begin - result[i - 1].end);
   std::nth_element(gaps.begin(), gaps.begin() + static_cast<std::ptrdiff_t>(most) - 1, gaps.end(),
                    std::greater<>());
-  return filled(result, gaps[most - 1]);
+  return filled(result, std::min(gaps[most - 1], widest));
 }
 
 }  // namespace slf::storage::internal

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "storage/internal/record.h"
+
 namespace slf::storage {
 
 using internal::kPageSize;
@@ -63,10 +65,15 @@ Result<void> RangedStore::open() {
   return trees_.load(internal::Pages(source_, *meta, &trees_.path()));
 }
 
-Result<void> RangedStore::take_section(std::uint32_t what) {
+const internal::IndexSection* RangedStore::section_of(std::uint32_t what) const {
   const auto section = std::find_if(sections_.begin(), sections_.end(),
                                     [&](const auto& s) { return s.what == what; });
-  if (section == sections_.end()) return {};
+  return section == sections_.end() ? nullptr : &*section;
+}
+
+Result<void> RangedStore::take_section(std::uint32_t what) {
+  const internal::IndexSection* const section = section_of(what);
+  if (section == nullptr) return {};
   const std::uint64_t size = section->range.end - section->range.begin;
   if (size <= internal::kMostSectionBytes) {
     const auto bytes = source_.bytes(section->range.begin, size);
@@ -76,8 +83,18 @@ Result<void> RangedStore::take_section(std::uint32_t what) {
         *section, held, source_.file_bytes,
         [&](std::uint64_t offset, ByteSpan part) { add(offset, Bytes(part.begin(), part.end())); });
   }
-  sections_.erase(section);
+  std::erase_if(sections_, [&](const auto& s) { return s.what == what; });
   return {};
+}
+
+Result<Bytes> RangedStore::section(std::uint32_t what) const {
+  const internal::IndexSection* const section = section_of(what);
+  const std::uint64_t size = section ? section->range.end - section->range.begin : 0;
+  if (size == 0 || size > internal::kMostSectionBytes) return Bytes();
+  const auto bytes = source_.bytes(section->range.begin, size);
+  if (!bytes) return tl::unexpected(bytes.error());
+  if (internal::checksum(*bytes) != section->checksum) return Bytes();
+  return Bytes(bytes->begin(), bytes->end());
 }
 
 Result<RangedTile> RangedStore::find(LayerId layer, TileKey key) {

@@ -53,6 +53,9 @@ class RangedStore {
   /// As TileStore::blob().
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const { return trees_.blob(name); }
 
+  /// A section of the index that the container does not know, checked; no bytes if there is none.
+  [[nodiscard]] Result<Bytes> section(std::uint32_t what) const;
+
   /// As TileStore::find(). REQUIRES: `layer` < layers().size().
   [[nodiscard]] Result<RangedTile> find(LayerId layer, TileKey key);
 
@@ -66,6 +69,7 @@ class RangedStore {
   };
 
   [[nodiscard]] Result<void> take_section(std::uint32_t what);
+  [[nodiscard]] const internal::IndexSection* section_of(std::uint32_t what) const;
 
   Source source_;
   internal::Trees trees_;

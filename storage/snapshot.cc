@@ -71,7 +71,7 @@ Result<std::unique_ptr<Snapshot>> Snapshot::open(std::shared_ptr<RangeSource> so
 }
 
 // Takes all of an index that is not too large. What is wrong with one is no error.
-Result<void> Snapshot::read_index(const Meta& meta) const {
+Result<void> Snapshot::read_index(const Meta& meta) {
   const std::uint64_t size = bytes().size();
   const auto sections = find_sections(*copy_, size, meta.transaction);
   if (!sections) return tl::unexpected(sections.error());
@@ -84,12 +84,26 @@ Result<void> Snapshot::read_index(const Meta& meta) const {
   for (const IndexSection& section : *sections) {
     const std::uint64_t length = section.range.end - section.range.begin;
     if (length > kMostSectionBytes) continue;
+    if (section.what >= kFirstExtra && section.what != kCore) {
+      extras_.push_back(section);
+      continue;
+    }
     const ByteSpan part = bytes().subspan(section.range.begin, length);
     (void)open_section(section, part, size, [&](std::uint64_t offset, ByteSpan piece) {
       if (kept) kept = copy_->put(offset, piece);
     });
   }
   return kept;
+}
+
+Bytes Snapshot::section(std::uint32_t what) const {
+  for (const IndexSection& section : extras_) {
+    if (section.what != what) continue;
+    const ByteSpan part =
+        bytes().subspan(section.range.begin, section.range.end - section.range.begin);
+    if (checksum(part) == section.checksum) return {part.begin(), part.end()};
+  }
+  return {};
 }
 
 // A pin is valid if its transaction is still the current one after the lock was taken: no writer

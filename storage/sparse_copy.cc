@@ -12,8 +12,10 @@
 namespace slf::storage::internal {
 namespace {
 
-constexpr std::uint64_t kGap = 8 << 10;           // a larger gap is worth a request of its own
-constexpr std::size_t kMostRequests = 64;         // per call of fetch()
+constexpr std::uint64_t kGap = 16 << 10;          // a larger gap is worth a request of its own
+constexpr std::uint64_t kWidestGap = 128 << 10;   // no gap that is larger is ever filled
+constexpr std::size_t kFewRequests = 4;           // per call of fetch(),
+constexpr std::size_t kRangesEach = 24;           // plus one for each so many ranges
 constexpr std::uint64_t kSurrounding = 64 << 10;  // bytes fetched for a single part
 
 /// A file without a name. -1: errno says why.
@@ -80,7 +82,8 @@ Result<void> SparseCopy::fetch(std::span<const FileRange> ranges) const {
         });
         continue;  // another thread may have failed
       }
-      ours = merged(std::move(ours), kGap, kMostRequests);
+      const std::size_t most = kFewRequests + ours.size() / kRangesEach;
+      ours = merged(std::move(ours), kGap, most, kWidestGap);
       for (const FileRange& range : ours) coming_.add(range);
     }
     const auto fetched = source_->fetch(

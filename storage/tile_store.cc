@@ -155,6 +155,9 @@ Result<ByteSpan> TileStore::blob(std::string_view name) const {
   return state_->snapshot->blob(name);
 }
 
+bool TileStore::distant() const { return state_->snapshot->distant(); }
+Bytes TileStore::section(std::uint32_t what) const { return state_->snapshot->section(what); }
+
 namespace {
 
 TileRef tile_of(const std::optional<Record>& record, LayerId layer, TileKey key) {

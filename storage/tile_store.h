@@ -112,6 +112,13 @@ class TileStore {
   /// A named blob that matches its checksum. bad_file: it is missing or damaged.
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const;
 
+  /// Whether the bytes come from a RangeSource.
+  [[nodiscard]] bool distant() const;
+
+  /// A section of a distant file's index that the container does not know, checked; no bytes if
+  /// there is none, or the file is a local one.
+  [[nodiscard]] Bytes section(std::uint32_t what) const;
+
   /// Finds a tile by a B-tree descent and the record's table. Does not touch the payload.
   /// bad_file: a page on the path, or the record's table, is damaged.
   [[nodiscard]] Result<TileRef> find(LayerId layer, TileKey key) const;

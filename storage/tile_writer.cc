@@ -348,10 +348,12 @@ Result<void> TileWriter::close() {
   return {};
 }
 
-Result<void> TileWriter::publish(const std::string& to, Existing existing) {
+Result<void> TileWriter::publish(const std::string& to, Existing existing, const Finish& finish) {
   end_records();
   if (auto committed = state_->commit(); !committed) return committed;
   state_->environment.reset();
+  if (finish)
+    if (auto finished = finish(state_->path); !finished) return finished;
   auto published = publish_file(state_->path, to, existing);
   state_->file = {};  // only now: no other writer has had the file before it got its name
   return published;

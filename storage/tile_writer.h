@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -91,13 +92,28 @@ class TileWriter {
 
   /// As close(), and renames the file durably to `to`, in the same folder. The file stays locked
   /// until then. usage: `to` exists and is to be kept; the file is then closed under its old name.
-  [[nodiscard]] Result<void> publish(const std::string& to, Existing existing);
+  /// `finish`, if given, is called with the path of the closed file before; its errors.
+  using Finish = std::function<Result<void>(const std::string& path)>;
+  [[nodiscard]] Result<void> publish(const std::string& to, Existing existing,
+                                     const Finish& finish = {});
 
  private:
   struct State;
   explicit TileWriter(std::unique_ptr<State> state);
   std::unique_ptr<State> state_;
 };
+
+/// A section of an index that the container does not know.
+struct IndexExtra {
+  std::uint32_t what = 0;  ///< 256 <= what < 2^32 - 1
+  Bytes bytes;
+};
+
+/// Writes an index behind the last page of a container that is complete and closed, in place of
+/// what follows there, and syncs (FORMAT.md, "Index"). The same pages and extras give the same
+/// index. Sections of more than 1 MiB are left out. Errors as TileStore::open(), or io.
+[[nodiscard]] Result<void> write_index(const std::string& path,
+                                       std::span<const IndexExtra> extras = {});
 
 /// Whether any process has the container open to write. False for files that cannot be read.
 [[nodiscard]] bool is_being_written(const std::string& path);

@@ -54,7 +54,7 @@ std::span<const PageFile> page_files() {
       file("loader.js", kScript, slf_page_loader_begin, slf_page_loader_end),
       file("main.js", kScript, slf_page_main_begin, slf_page_main_end),
       file("worker.js", kScript, slf_page_worker_begin, slf_page_worker_end),
-      file("slf.wasm", "application/wasm", slf_page_wasm_begin, slf_page_wasm_end)};
+      file("module.bin", "application/octet-stream", slf_page_wasm_begin, slf_page_wasm_end)};
   return files;
 #else
   return {};

@@ -7,8 +7,8 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "field/build/field_index.h"
 #include "slf/field.h"
-#include "storage/internal/file_index.h"
 #include "view/page.h"
 
 namespace slf::view {
@@ -16,6 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr std::string_view kModule = "module.bin";
 constexpr std::size_t kPiece = std::size_t{3} << 20;  // bytes; a multiple of 3, as base64 wants
 
 /// Scripts cannot import each other by name inside one file. This gives each module an address of
@@ -35,7 +36,7 @@ constexpr std::string_view kStart = R"(<script>
   const pieces = [...document.querySelectorAll('script.piece')].map((s) => s.textContent);
   globalThis.slfInside = {
     worker: url(plain + texts['worker.js'].replace(/^import .*$/gm, '')),
-    wasm: async () => bytes(text('slf.wasm')),
+    wasm: bytes(text('module.bin')),
     pieces, pieceBytes: PIECE, size: SIZE,
   };
   import(urls['main.js']);
@@ -82,7 +83,7 @@ Result<std::uint64_t> check(const std::string& path) {
 std::uint64_t room_for_field(std::uint64_t most, bool one_file) {
   std::uint64_t page = 0;
   for (const PageFile& file : page_files())
-    page += one_file && file.type == "application/wasm" ? file.bytes.size() / 3 * 4 + 4
+    page += one_file && file.name == kModule ? file.bytes.size() / 3 * 4 + 4
                                                         : file.bytes.size();
   if (one_file) page += kStart.size() + 65536;  // and the elements around scripts and pieces
   if (most <= page) return 0;
@@ -107,7 +108,7 @@ Result<void> export_page(const std::string& field, const std::string& output) {
       scripts += "<script type=\"text/x-module\" id=\"" + std::string(file.name) + "\">\n";
       scripts.append(file.bytes).append("</script>\n");
     }
-  scripts += "<script type=\"text/plain\" id=\"slf.wasm\">" + base64(file_named("slf.wasm")) +
+  scripts += "<script type=\"text/plain\" id=\"module.bin\">" + base64(file_named(kModule)) +
              "</script>\n";
   for (std::size_t at = 0; at < content.size(); at += kPiece)
     scripts += "<script type=\"text/plain\" class=\"piece\">" + base64(content.substr(at, kPiece)) +
@@ -117,6 +118,8 @@ Result<void> export_page(const std::string& field, const std::string& output) {
   replace(start, "SIZE", std::to_string(content.size()));
 
   std::string html(file_named("index.html"));
+  const std::size_t preloads = html.find("<link rel=\"modulepreload\"");
+  html.erase(preloads, html.find("</head>") - preloads);
   replace(html, "<link rel=\"stylesheet\" href=\"style.css\">",
           "<style>\n" + std::string(file_named("style.css")) + "</style>");
   replace(html, "<script type=\"module\" src=\"main.js\"></script>\n", scripts + start);
@@ -140,7 +143,7 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
   Result<void> indexed;
   fs::copy_file(field, temporary, fs::copy_options::overwrite_existing, error);
   if (!error) fs::permissions(temporary, fs::perms::owner_write, fs::perm_options::add, error);
-  if (!error) indexed = storage::internal::write_index(temporary);
+  if (!error) indexed = index_field(temporary);
   if (!error && indexed) fs::rename(temporary, target, error);
   if (!error && indexed) return {};
   std::error_code ignored;

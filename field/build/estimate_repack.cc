@@ -6,6 +6,7 @@
 #include "codec/predictive_codec.h"
 #include "field/build/repack_layers.h"
 #include "field/geometry/tile_order.h"
+#include "field/reference_index.h"
 #include "slf/repack.h"
 
 namespace slf {
@@ -23,6 +24,9 @@ constexpr double kTileBytes = 14;
 constexpr double kRecordShare = 0.004;
 constexpr double kTreeBytes = 48 << 10;
 constexpr double kFileUncertainty = 0.01;
+// Those of its index: tables of records, references, and the pages of the trees.
+constexpr double kIndexedTileBytes = 15;
+constexpr double kIndexBytes = 24 << 10;
 
 /// An estimated size and its variance.
 struct Estimate {
@@ -168,9 +172,14 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
       total += *estimate;
     }
   }
+  std::uint64_t indexed = 0;
+  for (unsigned level = 0; level <= shape->levels; ++level)
+    if (shape->tiles(level) <= kMostIndexedTiles) indexed += shape->tiles(level);
   const double error = kDeviations * std::sqrt(total.variance);
   const double file = total.bytes * (1 + kRecordShare) + kTileBytes * total.stored +
-                      static_cast<double>(order.count() * outputs->size()) + kTreeBytes;
+                      static_cast<double>(order.count() * outputs->size()) + kTreeBytes +
+                      kIndexedTileBytes * static_cast<double>(indexed * outputs->size()) +
+                      kIndexBytes;
   const auto whole = [](double bytes) { return static_cast<std::uint64_t>(std::llround(bytes)); };
   RepackEstimate estimate;
   estimate.tiles = order.count() * outputs->size();

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <utility>
 
+#include "field/build/field_index.h"
 #include "field/field_file.h"
 
 namespace slf {
@@ -214,7 +215,7 @@ Result<void> FieldWriter::finish() {
   if (!output_) return explained(writer_->close());
   if (output_->existing == Existing::replace && storage::is_being_written(output_->target))
     return fail(ErrorCode::failed, output_->path, kAnotherProcess);
-  auto published = writer_->publish(output_->target, output_->existing);
+  auto published = writer_->publish(output_->target, output_->existing, index_field);
   if (published) discard_ = false;
   if (!published && published.error().code == ErrorCode::usage)
     return fail(ErrorCode::usage, output_->path, ": exists by now",

@@ -6,6 +6,7 @@
 #include <mutex>
 #include <numbers>
 #include <optional>
+#include <set>
 #include <span>
 #include <utility>
 
@@ -246,8 +247,10 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
   if (auto ok = check_view(state_->field, wanted); !ok) return ok;
   const ViewOptions options = resolved(wanted, field.shape(), camera);
 
-  state_->cache->reset_peak();
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
+  if (field.store().distant() && options.wait)
+    if (auto ok = fetch(camera, options); !ok) return ok;
+  state_->cache->reset_peak();
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), block_count(camera)));
   ViewJob job(field, *state_->cache, state_->pin_bytes, std::span(state_->renderers).first(threads),
@@ -262,6 +265,51 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
     const CacheStatistics cache = state_->cache->statistics();
     statistics->decodes = cache.decodes - decodes_before;
     statistics->decoded_peak_bytes = cache.decoded_peak_bytes;
+  }
+  return {};
+}
+
+namespace {
+
+/// The stored tiles of level 0, which aim all rays, unless they are large.
+std::vector<TileKey> level0_if_small(const FieldFile& field) {
+  constexpr std::uint64_t kSmall = 2 << 20;  // bytes
+  std::vector<TileKey> keys;
+  std::uint64_t bytes = 0;
+  const std::uint64_t all = std::uint64_t{64} << 2 * field.shape().entry_extra_levels;
+  for (std::uint64_t index = 0; index < all; ++index)
+    if (const TileKey key{0, index}; field.shape().has(key)) keys.push_back(key);
+  for (storage::LayerId layer = 0; layer < field.store().layers().size(); ++layer)
+    for (const auto& tile : field.store().find_all(layer, keys))
+      bytes += tile ? tile->payload.size() : 0;
+  if (bytes > kSmall) keys.clear();
+  return keys;
+}
+
+}  // namespace
+
+// A view finds its tiles as it is drawn, a few at a time: over a network each few would take a
+// round trip. So pictures that do not wait say before what is wanted, with coarser tiles to aim
+// rays by. Depths of what they wanted lead to other tiles, so some more pictures want the rest.
+Result<void> Renderer::fetch(const Camera& camera, ViewOptions options) {
+  constexpr int kRounds = 4;
+  TileCache& cache = *state_->cache;
+  const auto load = [&](std::span<const TileKey> keys) -> Result<void> {
+    for (const TileCache::Located& tile : cache.locate(keys, options.needs_depth()))
+      if (auto pin = cache.load(tile, options.needs_depth()); !pin)
+        return tl::unexpected(pin.error());
+    return {};
+  };
+  options.wait = false;
+  if (auto ok = load(level0_if_small(state_->field.file())); !ok) return ok;
+  Image picture;
+  ViewStatistics statistics;
+  std::set<TileKey> loaded;
+  for (int round = 0; round < kRounds; ++round) {
+    if (auto ok = render(camera, options, picture, &statistics); !ok) return ok;
+    if (statistics.wanted.empty() || loaded.contains(statistics.wanted.front())) return {};
+    if (auto ok = load(statistics.wanted); !ok) return ok;
+    loaded.insert(statistics.wanted.begin(), statistics.wanted.end());
   }
   return {};
 }

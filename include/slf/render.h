@@ -107,6 +107,7 @@ class Renderer {
  private:
   friend class Player;
   struct State;
+  [[nodiscard]] Result<void> fetch(const Camera& camera, ViewOptions options);
   std::unique_ptr<State> state_;
 };
 

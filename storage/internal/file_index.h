@@ -5,7 +5,6 @@
 
 #include <cstdint>
 #include <functional>
-#include <string>
 #include <vector>
 
 #include "base/bytes.h"
@@ -20,14 +19,15 @@ inline constexpr std::uint32_t kIndexVersion = 1;
 inline constexpr std::size_t kIndexFooter = 48;
 inline constexpr std::size_t kIndexEntry = 32;
 inline constexpr std::uint32_t kMostSections = 256;
-/// Larger sections are left out: reading pages takes fewer bytes.
+/// Larger sections are not written, and not read: reading pages takes fewer bytes.
 inline constexpr std::uint64_t kMostSectionBytes = 1 << 20;
 inline constexpr std::uint32_t kCore = 0xFFFFFFFF;  ///< the section of trees and blobs
+inline constexpr std::uint32_t kFirstExtra = 256;   ///< sections that the container does not know
 
-/// A part of the index that is read as a whole: the trees and blobs, or the tables of the records
-/// of one level.
+/// A part of the index that is read as a whole: the trees and blobs, the tables of the records of
+/// one level, or what the container does not know.
 struct IndexSection {
-  std::uint32_t what = kCore;  ///< or a level
+  std::uint32_t what = kCore;  ///< or a level, or from kFirstExtra on
   FileRange range;
   std::uint64_t checksum = 0;
 };
@@ -56,10 +56,5 @@ struct FileIndex {
 using AddPart = std::function<void(std::uint64_t offset, ByteSpan bytes)>;
 [[nodiscard]] Result<void> open_section(const IndexSection& section, ByteSpan bytes,
                                         std::uint64_t file_bytes, const AddPart& add);
-
-/// Writes an index behind the last page of a container that is complete and closed, in place of
-/// what follows there, and syncs. The same file gives the same index. Errors as TileStore::open(),
-/// or io.
-[[nodiscard]] Result<void> write_index(const std::string& path);
 
 }  // namespace slf::storage::internal

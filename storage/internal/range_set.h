@@ -26,8 +26,9 @@ class RangeSet {
 };
 
 /// Ascending ranges that cover all of `ranges`: gaps of up to `gap` bytes are filled and, if more
-/// than `most` ranges are left, the smallest of the other gaps, too.
+/// than `most` ranges are left, the smallest of the other gaps of up to `widest` bytes, too.
 [[nodiscard]] std::vector<FileRange> merged(std::vector<FileRange> ranges, std::uint64_t gap,
-                                            std::size_t most);
+                                            std::size_t most,
+                                            std::uint64_t widest = ~std::uint64_t{0});
 
 }  // namespace slf::storage::internal

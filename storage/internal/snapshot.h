@@ -3,9 +3,11 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "base/bytes.h"
 #include "slf/error.h"
+#include "storage/internal/file_index.h"
 #include "storage/internal/locked_file.h"
 #include "storage/internal/mapped_file.h"
 #include "storage/internal/sparse_copy.h"
@@ -34,6 +36,11 @@ class Snapshot final : public Trees {
     return copy_ && !part.empty() ? copy_->fetch(part) : Result<void>();
   }
 
+  [[nodiscard]] bool distant() const { return copy_ != nullptr; }
+
+  /// As TileStore::section().
+  [[nodiscard]] Bytes section(std::uint32_t what) const;
+
   /// bad_file if the file has shrunk under the map: bytes read before may have been zeros.
   [[nodiscard]] Result<void> unchanged() const override;
 
@@ -46,13 +53,14 @@ class Snapshot final : public Trees {
   explicit Snapshot(std::string path) : Trees(std::move(path)) {}
 
   [[nodiscard]] Result<void> shrunk() const;
-  [[nodiscard]] Result<void> read_index(const Meta& meta) const;
+  [[nodiscard]] Result<void> read_index(const Meta& meta);
   [[nodiscard]] Result<Meta> pin_current();
   [[nodiscard]] Result<void> load(const Meta& meta, const LockedFile& file);
 
   LockedFile file_;
   MappedFile map_;
   std::unique_ptr<SparseCopy> copy_;  // of a distant file
+  std::vector<IndexSection> extras_;  // of its index: what the container does not know
 };
 
 }  // namespace slf::storage::internal

@@ -49,6 +49,8 @@ CASES = {
            f"ls {DATA}/golden/incomplete.slf --json"],
     "diff": ["diff F.slf F.slf --json", "diff F.slf G.slf --json",
              f"diff F.slf {DATA}/golden/example.slf --json"],
+    "export": ["export F.slf -o F.html -f --json", "export F.slf -o site -f --levels 0 --json"],
+    "view": [],  # below: it ends when it is told to
     "play": ["play F.slf --orbit 0,20,3 --seconds 0.2 --fps 10 --size 32 --json"],
 }
 
@@ -80,6 +82,20 @@ class Checker:
             detail = jsonschema.exceptions.best_match([error])
             self.complain(f"slf {line}: {detail.json_path}: {detail.message[:500]}")
         return None
+
+    def has_page(self):
+        return self.run("export F.slf -o F.html -f").returncode != 5
+
+    def check_view(self):
+        """The server prints its address, then serves until it is stopped."""
+        if not self.has_page():
+            return
+        line = "view F.slf --json"
+        with subprocess.Popen([self.slf, "-q", *line.split()], cwd=self.folder, text=True,
+                              stdout=subprocess.PIPE) as process:
+            text = "".join(iter(process.stdout.readline, "}\n")) + "}"
+            process.terminate()
+        self.check(self.schema("view"), line, text)
 
     def check_distant(self, folder):
         """Over HTTP the same is printed, and the traffic."""
@@ -121,10 +137,14 @@ def main():
         found = checker.commands_with_json()
         if found != set(CASES):
             checker.complain(f"commands with --json: {sorted(found)}; tested: {sorted(CASES)}")
+        if not checker.has_page():
+            print("not tested: export and view; slf was built without the page")
+            CASES["export"] = []
         for name, lines in CASES.items():
             validator = checker.schema(name)
             for line in lines:
                 checker.check(validator, line, checker.run(line).stdout)
+        checker.check_view()
         checker.check_distant(folder)
 
         line = "--progress json:0.0001 repack F.slf -o P.slf --codec predictive:50"

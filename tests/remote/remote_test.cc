@@ -10,7 +10,7 @@
 
 #include "slf/repack.h"
 #include "slf/verify.h"
-#include "storage/internal/file_index.h"
+#include "field/build/field_index.h"
 #include "tests/field/field_testing.h"
 #include "tests/remote/http_host.h"
 
@@ -40,7 +40,7 @@ class RemoteTest : public ::testing::Test {
     options.depth_codec.clear();
     const auto built = build_field(**scene, path(), options);
     ASSERT_TRUE(built) << built.error().message;
-    ASSERT_TRUE(storage::internal::write_index(path()));
+    ASSERT_TRUE(index_field(path()));
     content_ = content(path());
   }
   static void TearDownTestSuite() { folder_.reset(); }
@@ -116,6 +116,16 @@ TEST_F(RemoteTest, ReadsFieldsOfAllCodecs) {
               testing::draw(*Field::open(recoded), camera(), {RenderMode::depth, 1}).rgba)
         << codec;
   }
+}
+
+TEST_F(RemoteTest, FetchesAViewTogether) {
+  const HttpHost host(content_);
+  const auto remote = RemoteField::open(host.url());
+  ASSERT_TRUE(remote);
+  EXPECT_LE(host.requests(), 4u);  // its length, its start, its end, the rest of the index
+  Renderer renderer(remote->field());
+  expect_picture(renderer.render(camera(), {RenderMode::depth, 1}));
+  EXPECT_LE(host.requests(), 20u);
 }
 
 TEST_F(RemoteTest, FetchesNothingTwice) {

@@ -58,6 +58,7 @@ TEST(RangeSet, MergesUntilThereAreFewRanges) {
   EXPECT_TRUE(equal(merged(ranges, 2, 9), {{0, 20}, {30, 35}, {50, 60}, {70, 71}}));
   EXPECT_TRUE(equal(merged(ranges, 0, 2), {{0, 35}, {50, 71}}));
   EXPECT_TRUE(equal(merged(ranges, 0, 1), {{0, 71}}));
+  EXPECT_TRUE(equal(merged(ranges, 0, 1, 9), {{0, 20}, {30, 35}, {50, 60}, {70, 71}}));
   EXPECT_TRUE(merged({}, 5, 1).empty());
 }
 

@@ -130,7 +130,7 @@ TEST_F(RangedStoreTest, AnEmptyFileIsRefusedAndNothingIsWanted) {
 }
 
 TEST_F(RangedStoreTest, AnIndexSavesRoundTrips) {
-  ASSERT_TRUE(ok(internal::write_index(path_)));
+  ASSERT_TRUE(ok(write_index(path_)));
   const Bytes indexed = read_file(path_);
   ASSERT_GT(indexed.size(), file_.size());
   EXPECT_TRUE(std::equal(file_.begin(), file_.end(), indexed.begin()));
@@ -155,14 +155,14 @@ TEST_F(RangedStoreTest, AnIndexSavesRoundTrips) {
 }
 
 TEST_F(RangedStoreTest, AnIndexIsTheSameForTheSameFile) {
-  ASSERT_TRUE(ok(internal::write_index(path_)));
+  ASSERT_TRUE(ok(write_index(path_)));
   const Bytes once = read_file(path_);
-  ASSERT_TRUE(ok(internal::write_index(path_)));
+  ASSERT_TRUE(ok(write_index(path_)));
   EXPECT_EQ(read_file(path_), once);
 }
 
 TEST_F(RangedStoreTest, AnIndexOfAnEarlierStateIsIgnored) {
-  ASSERT_TRUE(ok(internal::write_index(path_)));
+  ASSERT_TRUE(ok(write_index(path_)));
   {
     auto writer = TileWriter::resume(path_);
     ASSERT_TRUE(ok(writer));
@@ -179,7 +179,7 @@ TEST_F(RangedStoreTest, AnIndexOfAnEarlierStateIsIgnored) {
 }
 
 TEST_F(RangedStoreTest, ADamagedIndexIsIgnored) {
-  ASSERT_TRUE(ok(internal::write_index(path_)));
+  ASSERT_TRUE(ok(write_index(path_)));
   const Bytes indexed = read_file(path_);
   const auto mapped = TileStore::open(path_);
   std::mt19937_64 random(11);

@@ -48,7 +48,8 @@ export class Camera {
     const forward = out.map((v) => -v);
     const up = [-Math.sin(az) * Math.sin(el), Math.cos(az) * Math.sin(el), Math.cos(el)];
     const half = Math.tan(Math.asin(1 / kFirst.distance)) * Math.max(1, height / width);
-    return {eye: add(this.target, out, this.distance), forward, right, down: up.map((v) => -v), half};
+    const eye = add(this.target, out, this.distance);
+    return {eye, forward, right, down: up.map((v) => -v), half};
   }
 
   toText() {

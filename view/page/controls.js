@@ -43,7 +43,8 @@ export function attach(canvas, camera, moved, keys) {
     const after = middle();
     travelled += Math.abs(after.x - before.x) + Math.abs(after.y - before.y);
     const two = pointers.size > 1;
-    drag(after.x - before.x, after.y - before.y, two || event.shiftKey || (event.buttons & 6) !== 0);
+    const moves = two || event.shiftKey || (event.buttons & 6) !== 0;
+    drag(after.x - before.x, after.y - before.y, moves);
     if (two && before.spread > 0 && after.spread > 0) camera.zoom(before.spread / after.spread);
     moved();
   });

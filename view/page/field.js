@@ -6,12 +6,17 @@ export const kMissing = 0, kEmpty = 1, kStored = 2, kDamaged = 4;  // states of 
 
 const kMostTables = 1 << 24;  // numbers in the tables and the page table, each
 
+// As the module takes tiles.
+const keysOf = (tiles) =>
+  new Uint8Array(new Uint32Array(tiles.flatMap((t) => [t.level, t.entry, t.exit])).buffer);
+
 export class Field {
   constructor(source, module) {
     this.source = source;
     this.native = new Native(module);
     this.module = module;
     this.coming = new Map();  // ranges that were asked for → promises
+    this.prepared = [];       // promises, by level
   }
 
   add(offset, bytes) {
@@ -49,7 +54,8 @@ export class Field {
     const {layers} = this.manifest;
     this.color = layers.findIndex((layer) => layer.name === 'color');
     this.depth = layers.findIndex((layer) => layer.name === 'depth');
-    this.together = layers[this.color].format.endsWith('_depth8');  // colours and depths in one layer
+    // Colours and depths in one layer.
+    this.together = layers[this.color].format.endsWith('_depth8');
     this.layers = [this.color, this.together ? -1 : this.depth].filter((layer) => layer >= 0);
     this.predicts = layers[this.color].codec.startsWith('predictive');
     // Linear radiance, not colours: pictures need tone mapping.
@@ -68,7 +74,8 @@ export class Field {
     const m = this.manifest, {calls} = this.native, deeper = m.entry_depth;
     const side = m.entry_side >> deeper;
     const shape = {
-      entrySide: m.entry_side, exitSide: m.exit_side, hasDepth: this.together || this.depth >= 0, levels: -1,
+      entrySide: m.entry_side, exitSide: m.exit_side, hasDepth: this.together || this.depth >= 0,
+      levels: -1,
       half: m.layers[this.color].format.startsWith('rgba16f'), rowBits: 0, pages: 0,
       columns: (m.exit_side + 1) * (m.exit_side + 2) / 2, mostRows: (side + 1) * (side + 2) / 2,
       rowBase: new Int32Array(11), pathBase: new Int32Array(11), pageBase: new Int32Array(11)};
@@ -120,17 +127,28 @@ export class Field {
     return found.flat().reduce((sum, {begin, end}) => sum + end - begin, 0);
   }
 
-  // Starts to read what finding tiles of a level takes.
+  // Reads what finding tiles of levels up to this one takes, and what those are predicted from.
   prepare(level) {
-    const first = [this.tile(this.shape.pageBase[level])];
-    return Promise.all(this.layers.map((layer) => this.find(first, layer)));
+    return this.prepared[level] ??= Promise.all(
+      this.layers.map((layer) => this.complete((c) => c.slf_prepare(layer, level))));
+  }
+
+  // The pages of tiles and of all that they are predicted from, as far as the field has been
+  // prepared and lists that.
+  withAncestors(tiles) {
+    if (!this.predicts) return tiles.map(({page}) => page);
+    const {calls} = this.native;
+    this.native.fill(keysOf(tiles));
+    const at = calls.slf_with_ancestors(this.color), count = calls.slf_tile_count();
+    const found = new Uint32Array(calls.memory.buffer, at, 3 * count);
+    return Array.from({length: count}, (_, i) => this.page(...found.subarray(3 * i, 3 * i + 3)));
   }
 
   // Where the tiles are in a layer: {state, begin, end, checksum} each.
   async find(tiles, layer) {
-    const keys = new Uint32Array(tiles.flatMap((t) => [t.level, t.entry, t.exit]));
+    const keys = keysOf(tiles);
     for (let round = 0; round < 64; ++round) {
-      this.native.fill(new Uint8Array(keys.buffer));
+      this.native.fill(keys);
       const at = this.native.calls.slf_find(layer), wants = this.native.ranges();
       if (wants.length > 0) {
         await this.fetchAll(wants);

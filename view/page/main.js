@@ -18,20 +18,26 @@ const kLevel0 = 2 << 20;       // bytes: a level 0 so small is loaded whole
 
 // A page in one file has all this inside and says so (view/site.cc).
 const inside = globalThis.slfInside;
-const makeWorker = () => inside ? new Worker(inside.worker)
-                                : new Worker(new URL('worker.js', import.meta.url), {type: 'module'});
-const loadWasm = async () => WebAssembly.compile(
-  inside ? await inside.wasm() : await (await fetch('slf.wasm')).arrayBuffer());
+const makeWorker = () =>
+  inside ? new Worker(inside.worker)
+         : new Worker(new URL('worker.js', import.meta.url), {type: 'module'});
+async function loadModule() {
+  const packed = inside ? new Response(inside.wasm) : await fetch('module.bin');
+  const bytes = packed.body.pipeThrough(new DecompressionStream('gzip'));
+  return WebAssembly.compile(await new Response(bytes).arrayBuffer());
+}
 const source = inside ? new EmbeddedSource(inside.pieces, inside.pieceBytes, inside.size)
                       : new HttpSource('field.slf');
 
 const byId = (id) => document.getElementById(id);
 const canvas = byId('picture');
 const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
-const human = (n) => n < 1 << 20 ? `${(n / 1024).toFixed(0)} KiB` : `${(n / (1 << 20)).toFixed(1)} MiB`;
+const human = (n) =>
+  n < 1 << 20 ? `${(n / 1024).toFixed(0)} KiB` : `${(n / (1 << 20)).toFixed(1)} MiB`;
 
 const camera = new Camera();
-const settings = {mode: 'depth', level: 'auto', background: '#000000', curve: 'neutral', exposure: 0};
+const settings = {
+  mode: 'depth', level: 'auto', background: '#000000', curve: 'neutral', exposure: 0};
 let field, renderer, loader;
 let version = 0;       // counts changes of the view
 let dirty = true;      // the picture is not what the canvas shows
@@ -147,8 +153,8 @@ function frame(now) {
   }
   if (!dirty) return;
   if (changing && shown > 0)
-    scale = elapsed > kSlow ? Math.max(0.2, scale * 0.8) : elapsed < kFast ? Math.min(1, scale * 1.05)
-                                                                         : scale;
+    scale *= elapsed > kSlow ? Math.max(0.2 / scale, 0.8)
+                             : elapsed < kFast ? Math.min(1 / scale, 1.05) : 1;
   dirty = false;
   renderer.draw(currentView(), scale);
   if (begun) first ??= traffic();
@@ -162,7 +168,8 @@ function frame(now) {
 }
 
 // A compass of the axes of LPS; letters on the far side are dim.
-const kMarks = {L: [1, 0, 0], R: [-1, 0, 0], P: [0, 1, 0], A: [0, -1, 0], S: [0, 0, 1], I: [0, 0, -1]};
+const kMarks = {
+  L: [1, 0, 0], R: [-1, 0, 0], P: [0, 1, 0], A: [0, -1, 0], S: [0, 0, 1], I: [0, 0, -1]};
 function drawMarks() {
   const box = byId('compass');
   box.hidden = !byId('marks').checked;
@@ -189,6 +196,7 @@ function drawMarks() {
 async function follow() {
   let seen = -1, needed = new Set(), thorough = false;
   const level0 = await begin();
+  let fresh = true;  // all that is there was read for the first picture
   while (!failed) {
     if (lost) {
       await sleep(50);
@@ -198,10 +206,12 @@ async function follow() {
     if (asked !== seen) {
       seen = asked;
       needed = new Set();
-      thorough = false;
+      thorough = fresh;
+      fresh = false;
     }
     // A few rays find nearly all tiles. Once these are there, all rays find the last ones.
-    const pages = await (thorough ? renderer.askAll(view) : renderer.ask(view));
+    const [pages] = await Promise.all([thorough ? renderer.askAll(view) : renderer.ask(view),
+                                       field.prepare(view.level)]);
     if (failed || lost) continue;
     for (const at of pages) needed.add(at);
     const absent = loader.want([...needed, ...(moving ? [] : level0)], !moving);
@@ -225,10 +235,11 @@ async function follow() {
   }
 }
 
-// Level 0 first, without its corrected rays: something is seen at once.
+// Level 0 first, of each ray the tile that matters most: something is seen at once.
 async function begin() {
-  loader.want(await renderer.ask({...currentView(), level: 0, mode: 'bitri'}), true);
-  for (let level = 1; level <= currentView().level; ++level) field.prepare(level).catch(fail);
+  const pages = await renderer.ask({...currentView(), level: 0, mode: 'bitri', sparse: true});
+  loader.want(pages, true);
+  field.prepare(currentView().level).catch(fail);
   await arrived(version);
   begun = dirty = true;
   return allOfLevel0();
@@ -356,7 +367,8 @@ function fillPanel() {
   const name = String(p.source ?? p.name ?? 'Sphere light field').split('/').pop();
   byId('name').textContent = document.title = name;
   for (let level = 0; level <= shape.levels; ++level)
-    byId('level').append(new Option(`${level}: ${m.entry_side << level}/${m.exit_side << level}`, level));
+    byId('level').append(
+      new Option(`${level}: ${m.entry_side << level}/${m.exit_side << level}`, level));
   if (!shape.hasDepth) {
     settings.mode = 'bitri';
     byId('mode').querySelector('[value=depth]').remove();
@@ -374,7 +386,7 @@ function fillPanel() {
 async function start() {
   readFragment();
   source.open().catch(() => {});  // beside the module; opening the field reports it
-  field = new Field(source, await loadWasm());
+  field = new Field(source, await loadModule());
   await field.open();
   resize();
   renderer = new Renderer(canvas, field.shape, kTileBytes);

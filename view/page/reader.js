@@ -6,8 +6,8 @@ import {kDamaged, kEmpty, kStored} from './field.js';
 const kKept = 48 << 20;       // bytes of samples
 const kNothing = new Uint8Array(0);
 
-// A tile that was read: `state` of its colours, `depthState` of its depths if the field has any, and
-// `color` and `depth`, the samples of what is stored.
+// A tile that was read: `state` of its colours, `depthState` of its depths if the field has any,
+// and `color` and `depth`, the samples of what is stored.
 class Tile {
   constructor(place) {
     Object.assign(this, place);  // page, level, entry, exit
@@ -27,13 +27,17 @@ export class Reader {
   // Reads pages, and fetches together what it can. One promise of a Tile each.
   read(pages) {
     const fresh = [];
-    const tiles = pages.map((page) => {
+    const tileOf = (page) => {
       let tile = this.tiles.get(page);
       if (!tile) fresh.push(tile = new Tile(this.field.tile(page)));
       this.tiles.delete(page);
       this.tiles.set(page, tile);
       return tile;
-    });
+    };
+    const tiles = pages.map(tileOf);
+    const asked = new Set(pages);
+    for (const page of this.field.withAncestors(fresh))
+      if (!asked.has(page)) tileOf(page).ready.then(this.onReference, () => {});
     if (fresh.length > 0)
       this.load(fresh).catch((error) => fresh.forEach((tile) => {
         this.tiles.delete(tile.page);

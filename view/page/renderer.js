@@ -210,7 +210,8 @@ export class Renderer {
 
   // The same for a few rays, others each time.
   ask(view) {
-    // Steps of 5 among the choices: near rays need the same tiles. It visits all where 5 is coprime.
+    // Steps of 5 among the choices, because near rays need the same tiles. They visit all choices
+    // where 5 is coprime.
     const count = this.grid(kFewRays).reduce((a, b) => a * b), stride = count % 5 === 0 ? 1 : 5;
     return this.askRays(view, kFewRays, this.pass++ * stride % count);
   }
@@ -225,6 +226,7 @@ export class Renderer {
     gl.viewport(0, 0, w, h);
     this.use(this.asks, view, width, height);
     gl.uniform2f(this.asks.at('uStep'), across, down);
+    gl.uniform1i(this.asks.at('uSparse'), view.sparse ? 1 : 0);
     gl.uniform2f(this.asks.at('uShift'), choice % across, Math.floor(choice / across));
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     this.packs.forEach((pack, i) => {

@@ -1,5 +1,5 @@
-// The shader: draws a view as FORMAT.md, section 5, defines it. Decoded tiles are in texture arrays,
-// and a page table says where the tile of a pair of sections is.
+// The shader: draws a view as FORMAT.md, section 5, defines it. Decoded tiles are in texture
+// arrays, and a page table says where the tile of a pair of sections is.
 
 export const kMostLevels = 11;
 export const kTableBits = 12;  // log2 of the width of the textures that hold tables
@@ -100,11 +100,13 @@ ivec3 texel(int slot, int sample_) {
                (sample_ >> uTileBits) + (slot - layer * uTilesPerLayer) * uTileHeight, layer);
 }
 
+const float kFaint = 1.0 / 255.0;
 const int kDone = 0, kWaits = 1, kLacks = 2;  // lacks: a tile is missing for good
 
 // Draws the chord from P to Q at a level. first, last: one more than the pages of the first round
 // and of the last one. t: where the chord meets something; below 0 if nothing, or not known.
-// Returns early, with the picture and t of the last complete round, if tiles are not there.
+// Returns early, with the picture and t of the last complete round, if tiles are not there; in the
+// first round, with those of the tiles that are.
 int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 last, out float t) {
   int entryN = uEntrySide << level, exitN = uExitSide << level;
   pixel = vec4(0);
@@ -145,11 +147,12 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       exitCell(leave, level, exit, column);
       int at = page(level, section[e], exit);
       if (round_ == 0) first[e] = at + 1; else last[e] = at + 1;
-      uint held = texelFetch(uPages, ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits}), 0).r;
+      ivec2 place = ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits});
+      uint held = texelFetch(uPages, place, 0).r;
       if (held == ${kNotLoaded}u) state = max(state, kWaits);
       bool lacksDepth = (held & ${kNoDepth}u) != 0u;
       if (held == ${kMissing}u || (uMode == 1 && lacksDepth)) state = kLacks;
-      if (state != kDone) continue;
+      if (held <= ${kNotLoaded}u || (state != kDone && round_ > 0)) continue;
       int slot = int(held & ${kNoDepth - 1}u) - ${kFirstSlot};
       vec3 along = vec3(dot(entry[e] - P, chord), dot(q - entry[e], chord), 0) / chord2;
       for (int x = 0; x < 3; ++x) {
@@ -175,10 +178,13 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       opacity += we * opacities[e];
       position += we * positions[e];
     }
-    if (state != kDone) return state;
+    if (state != kDone) {
+      if (round_ == 0 && total > 0.0) pixel = sum / total;
+      if (round_ == 0 && opacity > kFaint) t = clamp(position / opacity, 0.0, 1.0);
+      return state;
+    }
     pixel = round_ == 0 ? sum : sum / total;
     if (uMode == 0) return kDone;
-    const float kFaint = 1.0 / 255.0;
     if (round_ == 0) {
       if (opacity <= kFaint) return kDone;
       t = clamp(position / opacity, 0.0, 1.0);
@@ -258,11 +264,14 @@ void main() {
   result = vec4(pixel.rgb + (1.0 - pixel.a) * uBackground, 1);
 }`;
 
-// Which tiles the picture needs: some of its rays, another choice in each pass. A level that lacks a
-// tile for good is replaced by the next coarser one, as when drawing. While tiles of a level are not
-// there, a coarser level says about where the chord meets something, and so what will be needed.
+// Which tiles the picture needs: some of its rays, another choice in each pass. A level that lacks
+// a tile for good is replaced by the next coarser one, as when drawing. While tiles of a level are
+// not there, a coarser level says about where the chord meets something, and so what will be
+// needed.
 export const kFeedback = kCommon + `
+const float kUnsure = 10.0;  // pixels
 uniform vec2 uStep, uShift;
+uniform int uSparse;  // of the first round only the tile with the greatest weight
 layout(location = 0) out uvec4 needed0;
 layout(location = 1) out uvec4 needed1;
 
@@ -297,11 +306,21 @@ void main() {
     state = draw(level, P, Q, pixel, first, last, t);
     if (state != kLacks || level == 0) break;
   }
+  if (uSparse != 0) {
+    vec3 w = locate(P, uEntrySide << level).weights;
+    first *= ivec3(w.x >= max(w.y, w.z), w.y > w.x && w.y >= w.z, w.z > max(w.x, w.y));
+  }
   needed0 = uvec4(first, state);
   needed1 = uvec4(last, 0);
   if (uMode == 0 || state != kWaits || last != ivec3(0)) return;
+  // The finer level has edges elsewhere: a ray nearby says where this one may meet something.
+  vec3 P2 = P, Q2 = Q;
+  int side = (int(gl_FragCoord.x) + 2 * int(gl_FragCoord.y)) % 5;
+  float angle = 1.57 * float(side);
+  vec2 aside = side == 0 ? vec2(0) : kUnsure * vec2(cos(angle), sin(angle));
+  if (!meet(at + aside, P2, Q2)) P2 = P, Q2 = Q;
   for (int coarser = level - 1; coarser >= 0; --coarser) {
-    state = draw(coarser, P, Q, pixel, first, last, t);
+    state = draw(coarser, P2, Q2, pixel, first, last, t);
     if (state == kLacks || (t < 0.0 && state == kWaits)) continue;
     if (t >= 0.0) needed1 = uvec4(guess(level, P, Q, t), 0);
     return;

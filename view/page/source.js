@@ -1,9 +1,11 @@
 // Where the bytes of a field come from: a host of static files, or the page itself.
 
-const kStart = 8 << 10;         // bytes of the file's start that a reader needs
+const kStart = 8 << 10;         // bytes of the file's start that a reader needs: two pages,
+const kMetaBytes = 152;         // of each of which so many are in use
 const kEnd = 64 << 10;          // and of its end, where an index may be
-const kMostRequests = 12;       // for the ranges of one call, if each request has one range
-const kCheapGap = 1 << 10;      // bytes that a request is not worth
+const kCheapGap = 4 << 10;      // bytes that a request is not worth
+const kWidestGap = 256 << 10;   // bytes that no request saved is worth
+const kLeastRanges = 40;        // of one call, that another request is worth
 const kPartHead = 160;          // bytes that a range costs in an answer with several
 const kMostParts = 80;          // ranges of one request; hosts refuse more than 200
 const kMostAnswer = 512 << 10;  // bytes of an answer with several ranges, about
@@ -22,17 +24,32 @@ export class HttpSource {
     this.bytes = this.requests = 0;
     this.roundTrips = 0;   // the longest chain of answers, each before the next request
     this.kept = [];       // answers with more than was asked for, the oldest first
-    this.several = undefined;  // whether the host serves several ranges in one answer
+    this.several = false;  // whether the host serves several ranges in one answer
   }
 
   // Resolves to the start and the end of the file: [{begin, bytes}, …].
   open() {
     return this.opened ??= (async () => {
-      const parts = await Promise.all([`0-${kStart - 1}`, `-${kEnd}`].map((range) => this.ask(range)));
-      const [start, end] = parts.map(([part]) => part);
-      this.size = start.total;
-      return end.begin > start.begin ? [start, end] : [start];
+      const [start, [end]] = await Promise.all([this.openStart(), this.ask(`-${kEnd}`)]);
+      this.size = end.total;
+      return end.begin > 0 ? [start, end] : [end];
     })();
+  }
+  // Asks for two ranges of the start. A host that does not serve several sends the whole file,
+  // which begins with them, so finding out costs no request.
+  async openStart() {
+    const second = kStart / 2, ranges = [[0, kMetaBytes], [second, second + kMetaBytes]];
+    const {response, body} = await this.request(asText(ranges), kStart);
+    const parts = response.status === 206 ? await this.partsOf(response, body, true) : [];
+    const found = ranges.map(([begin, end]) => slice(parts, begin, end));
+    if (found.every((bytes) => bytes)) {
+      this.several = parts.length > 1;
+      const bytes = new Uint8Array(kStart);
+      found.forEach((part, i) => bytes.set(part, ranges[i][0]));
+      return {begin: 0, bytes};
+    }
+    if (response.status === 200 && body) return {begin: 0, bytes: body};
+    return (await this.ask(`0-${kStart - 1}`))[0];
   }
 
   // Starts to read ranges [begin, end] in any order, in few requests. A promise of the bytes each.
@@ -43,30 +60,22 @@ export class HttpSource {
 
   // These resolve to a function that takes a range to its bytes.
   async load(ranges) {
-    const groups = grouped(ranges);
-    let first;
-    if (this.several === undefined && merged(groups[0] ?? [], kPartHead).length > 1) {
-      if (!this.probe) first = this.probe = this.trySeveral(groups[0]);
-      await this.probe;
-    }
     if (!this.several) return this.readSingly(ranges);
-    const loads = groups.map((group, i) => i === 0 && first ? first : this.readSeveral(group));
+    const groups = grouped(ranges), loads = groups.map((group) => this.readSeveral(group));
     return async (begin, end) => {
       const load = await loads[groups.findIndex((group) => group.at(-1)[1] >= end)];
       return load(begin, end);
     };
   }
-  async readSeveral(ranges) { return await this.trySeveral(ranges) ?? this.readSingly(ranges); }
-  async trySeveral(ranges) {
-    const asked = merged(ranges, kPartHead).map(([begin, end]) => `${begin}-${end - 1}`).join(',');
-    const parts = await this.ask(asked);
+  async readSeveral(ranges) {
+    const parts = await this.ask(asText(merged(ranges, kPartHead)));
     this.several = ranges.every(([begin, end]) => slice(parts, begin, end));
-    return this.several ? (begin, end) => slice(parts, begin, end) : undefined;
+    return this.several ? (begin, end) => slice(parts, begin, end) : this.readSingly(ranges);
   }
   async readSingly(ranges) {
     const absent = ranges.filter(([begin, end]) => !slice(this.kept, begin, end));
     const loads = inFewRequests(absent).map(([begin, end]) => ({
-      begin, end, parts: this.ask(`${begin}-${end - 1}`)}));
+      begin, end, parts: this.ask(asText([[begin, end]]))}));
     for (const {parts} of loads)
       parts.then(([part]) => this.keep(part), () => {});  // each range reports what fails
     return async (begin, end) => {
@@ -87,22 +96,25 @@ export class HttpSource {
   // total} each. None: the host refused several ranges.
   async ask(ranges) {
     const several = ranges.includes(','), {response, body} = await this.request(ranges);
-    if (!body) {
-      if (several) return [];
-      throw new Error(kNoRanges);
-    }
+    if (response.status === 206) return this.partsOf(response, body, several);
+    if (several) return [];
+    throw new Error(kNoRanges);
+  }
+  async partsOf(response, body, several) {
     const tag = response.headers.get('ETag');
     if ((this.tag ??= tag) !== tag)
       throw new Error('The field has changed on its host. Reload the page.');
     const mixed = /^multipart\/byteranges/i.test(response.headers.get('Content-Type') ?? '');
-    const parts = mixed ? partsOf(body) : [place(response.headers.get('Content-Range') ?? '', body)];
+    const range = response.headers.get('Content-Range') ?? '';
+    const parts = mixed ? divided(body) : [place(range, body)];
     if (parts.every((part) => part)) return parts;
     if (several) return [];
     throw new Error('The host hides the header Content-Range; it must allow it (CORS).');
   }
 
-  // Tries again what may succeed later. No body: the host serves no such ranges.
-  async request(ranges) {
+  // Tries again what may succeed later. Of an answer with the whole file, the body has the first
+  // `wanted` bytes only; the rest is refused.
+  async request(ranges, wanted = 0) {
     const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
       const stop = new AbortController();
@@ -118,8 +130,12 @@ export class HttpSource {
           this.roundTrips = Math.max(this.roundTrips, trip);
           return {response, body};
         }
+        const whole = response.status === 200 && wanted > 0;
+        const body = whole ? await firstBytes(response, wanted) : undefined;
         stop.abort();  // else the whole file may come
-        if (response.ok || response.status === 416) return {response};
+        this.bytes += body?.length ?? 0;
+        if (whole) this.roundTrips = Math.max(this.roundTrips, trip);
+        if (response.ok || response.status === 416) return {response, body};
         wrong = response.status === 404 ? 'The field is not there (404).'
                                         : `The host answered ${response.status}.`;
         if (response.status < 500 && response.status !== 429) throw new Error(wrong);
@@ -141,12 +157,25 @@ function place(header, body) {
                                                        : undefined;
 }
 
+// The first bytes of a body, or all, if it has fewer.
+async function firstBytes(response, count) {
+  const bytes = new Uint8Array(count), reader = response.body.getReader();
+  let have = 0;
+  for (let piece; have < count && !(piece = await reader.read()).done;) {
+    const some = piece.value.subarray(0, count - have);
+    bytes.set(some, have);
+    have += some.length;
+  }
+  return bytes.subarray(0, have);
+}
+
 // The parts of a body of type multipart/byteranges: each follows a blank line.
-function partsOf(body) {
+function divided(body) {
   const parts = [], text = new TextDecoder('latin1');
   for (let at = 0;;) {
     let blank = body.indexOf(13, at);
-    while (blank >= 0 && !(body[blank + 1] === 10 && body[blank + 2] === 13 && body[blank + 3] === 10))
+    const ends = (b) => body[b + 1] === 10 && body[b + 2] === 13 && body[b + 3] === 10;
+    while (blank >= 0 && !ends(blank))
       blank = body.indexOf(13, blank + 1);
     if (blank < 0) return parts;
     const part = place(text.decode(body.subarray(at, blank)), body.subarray(blank + 4));
@@ -161,6 +190,9 @@ function slice(parts, begin, end) {
   return part?.bytes.slice(begin - part.begin, end - part.begin);
 }
 
+// As a header names ranges.
+const asText = (ranges) => ranges.map(([begin, end]) => `${begin}-${end - 1}`).join(',');
+
 // Ascending ranges with gaps up to `gap` filled.
 function merged(ranges, gap) {
   const result = [];
@@ -172,11 +204,12 @@ function merged(ranges, gap) {
   return result;
 }
 
-// Ascending ranges with the smallest gaps filled, until there are few.
+// Ascending ranges with the smallest gaps filled, until the requests are few enough or far apart.
 function inFewRequests(ranges) {
+  const most = Math.ceil(ranges.length / kLeastRanges);
   const all = merged(ranges, kCheapGap);
   const gaps = all.slice(1).map(([begin], i) => begin - all[i][1]).sort((a, b) => b - a);
-  return gaps.length < kMostRequests ? all : merged(all, gaps[kMostRequests - 1]);
+  return gaps.length < most ? all : merged(all, Math.min(gaps[most - 1], kWidestGap));
 }
 
 // Ascending ranges, divided among requests for several.

@@ -19,6 +19,7 @@
 #include "field/geometry/level_geometry.h"
 #include "field/manifest.h"
 #include "field/predicted_tiles.h"
+#include "field/reference_index.h"
 #include "storage/internal/record.h"
 #include "storage/ranged_store.h"
 
@@ -42,6 +43,9 @@ struct Decoder {
   std::unique_ptr<PredictedTiles> predicted;  ///< if its tiles are predicted from others
 };
 
+/// What tiles of a layer are predicted from, as far as the index says: [level - 1].
+using References = std::vector<ReferenceIndex>;
+
 struct Module {
   std::string text;  // a message or a description
   std::string name;  // of the file
@@ -49,6 +53,8 @@ struct Module {
   std::unique_ptr<storage::RangedStore> store;
   std::vector<double> ranges;  // begin, end, begin, end, …
   std::vector<Found> found;
+  std::map<std::uint32_t, References> listed;  // by layer
+  std::vector<std::uint32_t> tiles;            // (level, entry section, exit section) of each
   std::optional<Manifest> manifest;
   std::vector<std::unique_ptr<LevelGeometry>> geometry;  // by level, made when needed
   std::vector<Decoder> decoders;                         // by layer
@@ -181,6 +187,47 @@ SLF_EXPORT(slf_find) const Found* slf_find(std::uint32_t layer) {
   (void)refused({ErrorCode::bad_file, damage});
   return m.found.data();
 }
+
+/// Reads what finding tiles of a layer up to a level takes.
+SLF_EXPORT(slf_prepare) int slf_prepare(std::uint32_t layer, std::uint32_t levels) {
+  Module& m = module();
+  References references;
+  std::optional<Error> error;
+  for (std::uint32_t level = 1; level <= levels; ++level) {
+    if (auto found = m.store->find(layer, key_of(level, 0, 0)); !found) error = found.error();
+    auto section = m.store->section(reference_section(layer, level));
+    if (!section) error = section.error();
+    if (error || section->empty() || references.size() + 1 != level) continue;
+    if (auto index = ReferenceIndex::parse(*section, level))
+      references.push_back(std::move(*index));
+  }
+  if (error) return refused(*error);
+  m.listed[layer] = std::move(references);
+  return kDone;
+}
+
+/// The tiles of a layer that those in the buffer are predicted from, directly or not, and these
+/// themselves, as far as slf_prepare() has read an index: slf_tile_count() of them. The buffer
+/// holds (level, entry section, exit section), u32 each, and so does the result.
+SLF_EXPORT(slf_with_ancestors) const std::uint32_t* slf_with_ancestors(std::uint32_t layer) {
+  Module& m = module();
+  std::vector<TileKey> keys;
+  for (std::size_t at = 0; at + 12 <= m.buffer.size(); at += 12) {
+    const auto word = [&](std::size_t i) {
+      return load_le<std::uint32_t>(m.buffer.data() + at + 4 * i);
+    };
+    keys.push_back(key_of(word(0), word(1), word(2)));
+  }
+  append_ancestors(m.listed[layer], keys);
+  m.tiles.clear();
+  for (const TileKey key : keys) {
+    if (!m.manifest->shape.has(key)) continue;
+    const TileSections of = sections_of(key, m.manifest->shape.entry_extra_levels);
+    m.tiles.insert(m.tiles.end(), {key.level, of.entry.index, of.exit.index});
+  }
+  return m.tiles.data();
+}
+SLF_EXPORT(slf_tile_count) std::size_t slf_tile_count() { return module().tiles.size() / 3; }
 
 // ---- geometry, for the GPU ----------------------------------------------------------------------
 

@@ -1,0 +1,49 @@
+#include "field/build/field_index.h"
+
+#include <vector>
+
+#include "field/field_file.h"
+#include "field/reference_index.h"
+#include "storage/tile_writer.h"
+
+namespace slf {
+namespace {
+
+/// What the tiles of a level are predicted from.
+Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field,
+                                                        storage::LayerId layer,
+                                                        std::uint8_t level) {
+  std::vector<ReferenceIndex::Tile> tiles;
+  const auto visit = [&](const storage::TileRef& tile) -> Result<void> {
+    if (tile.state == storage::TileState::stored && field.shape().has(tile.key))
+      tiles.push_back({tile.key, field.references(tile)});
+    return {};
+  };
+  const std::uint8_t next = static_cast<std::uint8_t>(level + 1);
+  if (auto ok = field.store().visit(layer, {level, 0}, {next, 0}, visit); !ok)
+    return tl::unexpected(ok.error());
+  return tiles;
+}
+
+}  // namespace
+
+Result<void> index_field(const std::string& path) {
+  std::vector<storage::IndexExtra> extras;
+  {
+    const auto field = FieldFile::open(path);
+    if (!field) return tl::unexpected(field.error());
+    const FieldFile& file = **field;
+    for (storage::LayerId layer = 0; layer < file.store().layers().size(); ++layer) {
+      if (file.codec(layer).predictive() == nullptr) continue;
+      for (unsigned level = 1; level <= file.shape().levels; ++level) {
+        if (file.shape().tiles(level) > kMostIndexedTiles) break;
+        const auto tiles = references_of(file, layer, static_cast<std::uint8_t>(level));
+        if (!tiles) return tl::unexpected(tiles.error());
+        extras.push_back({reference_section(layer, level), ReferenceIndex::encode(*tiles)});
+      }
+    }
+  }
+  return storage::write_index(path, extras);
+}
+
+}  // namespace slf

@@ -1,0 +1,58 @@
+// ReferenceIndex: which tiles those of a level are predicted from, as a section of a file's index
+// (FORMAT.md, "Index"). A reader of a distant file asks for a view's tiles and all that they are
+// predicted from at once; payloads also name their references, but only once they are there.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/bytes.h"
+#include "slf/error.h"
+#include "slf/tile.h"
+
+namespace slf {
+
+/// The number of the section for tiles of a layer at a level.
+[[nodiscard]] constexpr std::uint32_t reference_section(std::uint32_t layer, unsigned level) {
+  return 256 * (layer + 1) + level;
+}
+
+/// Levels of more tiles have no such section: the tables of their records have none either.
+inline constexpr std::uint64_t kMostIndexedTiles = 1 << 16;
+
+/// Thread-safety: immutable.
+class ReferenceIndex {
+ public:
+  struct Tile {
+    TileKey key;
+    std::vector<TileKey> references;  ///< of the next coarser level
+  };
+
+  /// The section for tiles of one level above 0, in key order.
+  [[nodiscard]] static Bytes encode(std::span<const Tile> tiles);
+
+  /// Reads an untrusted section of a level above 0, and takes memory of about its size.
+  /// bad_file: it is damaged.
+  [[nodiscard]] static Result<ReferenceIndex> parse(ByteSpan section, unsigned level);
+
+  /// Appends what a tile of the level is predicted from. The field may not have such tiles.
+  void append_references(TileKey key, std::vector<TileKey>& to) const;
+
+ private:
+  /// The tiles that divide one tile of the next coarser level.
+  struct Family {
+    std::uint64_t parent = 0;
+    std::vector<std::uint64_t> references;  ///< of any of them
+    Bytes uses;                             ///< bit r · kChildren + c: child c refers to r
+  };
+
+  unsigned level_ = 0;
+  std::vector<Family> families_;  // by parent, ascending
+};
+
+/// Adds all tiles that some of a layer are predicted from, directly or not. `indices` [level - 1]:
+/// those of the levels above 0. `tiles` comes back in key order, each tile once.
+void append_ancestors(std::span<const ReferenceIndex> indices, std::vector<TileKey>& tiles);
+
+}  // namespace slf
