@@ -83,8 +83,7 @@ Result<std::uint64_t> check(const std::string& path) {
 std::uint64_t room_for_field(std::uint64_t most, bool one_file) {
   std::uint64_t page = 0;
   for (const PageFile& file : page_files())
-    page += one_file && file.name == kModule ? file.bytes.size() / 3 * 4 + 4
-                                                        : file.bytes.size();
+    page += one_file && file.name == kModule ? file.bytes.size() / 3 * 4 + 4 : file.bytes.size();
   if (one_file) page += kStart.size() + 65536;  // and the elements around scripts and pieces
   if (most <= page) return 0;
   if (one_file) return (most - page) / 4 * 3;   // base64

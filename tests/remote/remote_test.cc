@@ -8,9 +8,9 @@
 #include <iterator>
 #include <memory>
 
+#include "field/build/field_index.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
-#include "field/build/field_index.h"
 #include "tests/field/field_testing.h"
 #include "tests/remote/http_host.h"
 
