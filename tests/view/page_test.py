@@ -197,8 +197,9 @@ class PageTest(unittest.TestCase):
                 self.assertLessEqual(found["first"]["roundTrips"], 3)
                 self.assertLessEqual(found["roundTrips"], 4)
                 if ranges == "many":
-                    # Tiles are small here: the headers of parts take 140 bytes each.
-                    self.assertLessEqual(host.bytes("field.slf"), 1.5 * touched + index + 65536)
+                    # Tiles are small here: the headers of parts take 140 bytes each. Which tiles
+                    # the page requests before it knows the depths depends on timing.
+                    self.assertLessEqual(host.bytes("field.slf"), 1.5 * touched + index + 131072)
                 page.close()
 
     def test_says_what_is_wrong(self):
