@@ -67,13 +67,14 @@ HWY_INLINE void for_halves(const F& f) {
 struct FoundPages {
   const std::byte* first;  // page; null in an empty table
   int exit_bits;
-  std::uint32_t stamp;
+  std::uint32_t stamp, stamp_bits;
   bool with_depth;
 
   explicit FoundPages(const BlockTiles& tiles)
       : first(reinterpret_cast<const std::byte*>(tiles.table().pages())),
         exit_bits(tiles.table().exit_bits()),
         stamp(static_cast<std::uint32_t>(tiles.stamp())),
+        stamp_bits(static_cast<std::uint32_t>(TilePage::stamp_bits(tiles.with_depth()))),
         with_depth(tiles.with_depth()) {}
 
   /// A member of the pages so many bytes from the first.
@@ -110,14 +111,14 @@ struct LaneBegins {
           hn::Set(d, static_cast<std::int64_t>(reinterpret_cast<std::uintptr_t>(zero_samples())));
       depth[half] = hn::IfThenZeroElse(hn::Eq(first, hn::Zero(d)), hn::Sub(first, zeros));
     });
-    const VU stamps = hn::And(lower_bits(words), hn::Set(du, TilePage::kStampMask));
+    const VU stamps = hn::And(lower_bits(words), hn::Set(du, pages.stamp_bits));
     return hn::Eq(stamps, hn::Set(du, pages.stamp));
   }
 
   /// Finds one tile for all lanes, if the frame found it before.
   HWY_INLINE bool find(const FoundPages& pages, const TilePage& page) {
     const std::uint64_t word = page.found.load(std::memory_order_acquire);
-    if ((word & TilePage::kStampMask) != pages.stamp) return false;
+    if ((word & pages.stamp_bits) != pages.stamp) return false;
     BlockTiles::Found tile;
     tile.color = static_cast<std::int64_t>(word) >> TilePage::kStampBits;
     if (pages.with_depth) tile.depth = sample_offset(page.depth.load(std::memory_order_acquire));

@@ -39,9 +39,13 @@ struct alignas(32) TilePage {
   static constexpr std::uint64_t kNotFound = 0, kRemoved = kStampMask;  ///< instead of stamps
   static constexpr std::uint32_t kStamps = 0x7FFE;  ///< frames until a stamp is reused
 
-  /// The stamp of a frame. Tiles without loaded depths never have the stamp of a frame with depth.
+  /// The stamp of a frame. Tiles without loaded depths never have the stamp of a frame with depth,
+  /// which also serves a frame of the same number without depth: it compares `stamp_bits` only.
   [[nodiscard]] static constexpr std::uint64_t stamp(std::uint32_t frame, bool with_depth) {
     return 2 * (1 + std::uint64_t{frame % kStamps}) + (with_depth ? 1 : 0);
+  }
+  [[nodiscard]] static constexpr std::uint64_t stamp_bits(bool with_depth) {
+    return with_depth ? kStampMask : kStampMask - 1;
   }
   [[nodiscard]] static constexpr std::uint64_t found_word(std::int64_t offset,
                                                           std::uint64_t stamp) {

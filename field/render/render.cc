@@ -130,10 +130,10 @@ class ViewJob {
  public:
   ViewJob(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
           std::span<std::unique_ptr<BlockRenderer>> renderers, const Camera& camera,
-          const RayGenerator& rays, const ViewOptions& options, Image& image)
+          const RayGenerator& rays, const ViewOptions& options, bool lists_tiles, Image& image)
       : field_(field),
         cache_(cache),
-        frame_(cache.begin_frame()),
+        frame_(cache.begin_frame(lists_tiles)),
         pin_bytes_(pin_bytes),
         renderers_(renderers),
         camera_(camera),
@@ -254,7 +254,7 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), block_count(camera)));
   ViewJob job(field, *state_->cache, state_->pin_bytes, std::span(state_->renderers).first(threads),
-              camera, *rays, options, image);
+              camera, *rays, options, statistics != nullptr, image);
   if (auto ok = on_threads(threads, [&] { job.work(); }); !ok) return ok;
   if (job.error()) return tl::unexpected(*job.error());
   if (auto ok = field.unchanged(); !ok) return ok;

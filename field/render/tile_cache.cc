@@ -165,12 +165,14 @@ TileCache::ReadScope::ReadScope(Reader& reader) : reader_(reader) {
 
 TileCache::ReadScope::~ReadScope() { reader_.slot_->epoch.store(0, std::memory_order_release); }
 
-std::uint32_t TileCache::begin_frame() {
-  const std::uint32_t frame = 1 + clock_.fetch_add(1);
-  if (frame % TilePage::kStamps == 0) {
-    const std::lock_guard lock(mutex_);
+std::uint32_t TileCache::begin_frame(bool lists_tiles) {
+  const std::lock_guard lock(mutex_);
+  const bool shares = !lists_tiles && ample_locked();
+  if (shares && shared_) return now();
+  shared_ = shares;
+  const std::uint32_t frame = ++clock_;
+  if (frame % TilePage::kStamps == 0)
     for (const auto& [key, tile] : tiles_) tile->page->found.fetch_and(~TilePage::kStampMask);
-  }
   return frame;
 }
 
@@ -243,9 +245,11 @@ void TileCache::make_room(std::unique_lock<std::mutex>& lock, std::uint64_t byte
   }
 }
 
+bool TileCache::ample_locked() const { return statistics_.decoded_bytes < budget_ - budget_ / 8; }
+
 bool TileCache::has_room(std::uint32_t frame) {
   const ScopedLock scoped(*this);
-  if (statistics_.decoded_bytes < budget_ - budget_ / 8) return true;
+  if (ample_locked()) return true;
   const Tile* const tile = least_recently_used_locked();
   return tile && tile->listed < frame;
 }

@@ -110,8 +110,11 @@ class TileCache {
   /// The table of a level, to find pages inside ReadScopes. Thread-safe.
   [[nodiscard]] const PageTable& page_table(unsigned level) const { return tables_[level]; }
 
-  /// Begins a frame: what it uses gets this number in TilePage::used. Thread-safe.
-  [[nodiscard]] std::uint32_t begin_frame();
+  /// Begins a frame: tiles that it uses get its number in TilePage::used. Unless it `lists_tiles`,
+  /// a frame shares its number with such frames right before it while the cache has room: they find
+  /// each other's tiles as fast as their own, and no removal needs to know which is the older.
+  /// Thread-safe.
+  [[nodiscard]] std::uint32_t begin_frame(bool lists_tiles = true);
 
   /// Loads tiles and pins them: colours, and depths if `with_depth` and the field has any.
   /// Thread-safe. REQUIRES: no ReadScope of the calling thread. Errors of finding, checking and
@@ -131,7 +134,7 @@ class TileCache {
   /// The second half, for one tile.
   [[nodiscard]] Result<Pin> load(const Located& tile, bool with_depth);
 
-  /// The frame that began last.
+  /// The number of the frame that began last.
   [[nodiscard]] std::uint32_t now() const { return clock_.load(); }
   /// Whether more tiles can be loaded without removing tiles that `frame` or a later one used, or
   /// that were loaded since `frame` began.
@@ -155,6 +158,8 @@ class TileCache {
   void unpin_locked(Tile& tile);
   /// Shows readers the layers that are loaded.
   void publish_locked(Tile& tile);
+  /// Whether nothing needs to be removed soon.
+  [[nodiscard]] bool ample_locked() const;
   [[nodiscard]] Tile* least_recently_used_locked();
   void sort_idle_locked();
   /// Removes a tile from the table. It is freed when no reader can have found it.
@@ -186,7 +191,7 @@ class TileCache {
   const std::uint64_t budget_, map_budget_;
   const bool in_place_;
   std::vector<PageTable> tables_;        // by level; changed under the lock
-  std::atomic<std::uint32_t> clock_{0};  // frames begun
+  std::atomic<std::uint32_t> clock_{0};  // number of the frame that began last
   std::atomic<std::uint64_t> epoch_{1};  // removals so far
 
   TileMemory memory_;
@@ -202,6 +207,7 @@ class TileCache {
   std::deque<Removed> removed_;                 // that a reader may still see
   std::vector<std::unique_ptr<Tile>> garbage_;  // the others; freed outside the lock
   std::uint64_t removed_bytes_ = 0;             // of removed_
+  bool shared_ = false;                         // whether frames may share the last number
   bool release_due_ = false;                    // of the map
   Link idle_;
   std::uint64_t mapped_bytes_ = 0;   // read through the map since it was last released, about

@@ -84,6 +84,8 @@ TEST_F(TileCacheTest, StampsOfAFrameAreNotThoseOfOthersOrOfRemovedTiles) {
       EXPECT_LT(stamp, TilePage::kRemoved);
       EXPECT_NE(stamp, TilePage::kNotFound);
       EXPECT_NE(stamp, TilePage::stamp(frame, !with_depth));
+      EXPECT_EQ(stamp & TilePage::stamp_bits(false), TilePage::stamp(frame, false));
+      EXPECT_NE(TilePage::kRemoved & TilePage::stamp_bits(with_depth), stamp);
       EXPECT_NE(stamp, TilePage::stamp(frame + 1, with_depth));
     }
 }
@@ -105,6 +107,23 @@ TEST_F(TileCacheTest, StampsAreTakenFromTilesBeforeTheyComeAgainAndFromTilesThat
   EXPECT_EQ(page->found, word);
   pins->clear();
   EXPECT_EQ(page->found, word | TilePage::kRemoved);
+}
+
+TEST_F(TileCacheTest, FramesShareANumberWhileThereIsAmpleRoomAndNoneOfThemListsTiles) {
+  TileCache cache(field_->file(), 64 << 10);
+  const std::uint32_t first = cache.begin_frame(false);
+  EXPECT_EQ(cache.begin_frame(false), first);
+  const std::uint32_t listing = cache.begin_frame(true);
+  EXPECT_NE(listing, first);
+  EXPECT_NE(cache.begin_frame(true), listing);
+  const std::uint32_t later = cache.begin_frame(false);
+  EXPECT_EQ(cache.begin_frame(false), later);
+  for (std::uint64_t k = 0; cache.statistics().decoded_bytes < 60 << 10; ++k) {
+    ASSERT_LT(k, tiles());
+    ASSERT_TRUE(cache.load(std::vector{key(k)}, false));
+  }
+  EXPECT_NE(cache.begin_frame(false), later);
+  EXPECT_NE(cache.begin_frame(false), later + 1);
 }
 
 TEST_F(TileCacheTest, WhatWasUsedLongestAgoMakesRoom) {
