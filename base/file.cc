@@ -85,7 +85,10 @@ std::string follow_links(const std::string& path) {
     const ssize_t length = ::readlink(at.c_str(), target, sizeof target);
     if (length < 0) return at;
     const std::string next(target, static_cast<std::size_t>(length));
-    at = next.starts_with('/') || at.find('/') == std::string::npos ? next : folder_of(at) + next;
+    if (next.starts_with('/'))
+      at = next;
+    else
+      at.replace(at.rfind('/') + 1, std::string::npos, next);
   }
   return path;
 }
@@ -135,8 +138,8 @@ Result<void> write_file(const std::string& path, ByteSpan bytes) {
   copy_permissions(target, temporary, /*writable=*/true);
   int cause = write_all(file.get(), bytes);
   if (const int late = file.close(); cause == 0) cause = late;
-  const auto published = cause == 0 ? publish_file(temporary, target, Existing::replace)
-                                    : io_error(path, "cannot write", cause);
+  auto published = cause == 0 ? publish_file(temporary, target, Existing::replace)
+                              : io_error(path, "cannot write", cause);
   if (!published) ::unlink(temporary.c_str());
   return published;
 }
