@@ -23,7 +23,7 @@ CLI::Validator number(bool (*holds)(double), const char* expected) {
 
 /// Replaces "64MiB" or "1.5g" by a number of bytes. Returns an error message, or nothing.
 std::string to_bytes(std::string& text) {
-  const std::string expected = text + ": expected a number of bytes, or one as 64MiB or 1.5GiB";
+  std::string expected = text + ": expected a number of bytes, or one as 64MiB or 1.5GiB";
   std::istringstream in(text);
   double number = 0;
   std::string unit, more;
@@ -119,8 +119,8 @@ std::istream& operator>>(std::istream& in, Subfields& subfields) {
     comma = in.eof() || in.peek() != ',' ? ' ' : static_cast<char>(in.get());
   }
   subfields.numbers.clear();
-  for (std::uint8_t k = 0; k < chosen.size(); ++k)
-    if (chosen[k]) subfields.numbers.push_back(k);
+  for (unsigned k = 0; k < chosen.size(); ++k)
+    if (chosen[k]) subfields.numbers.push_back(static_cast<std::uint8_t>(k));
   return in;
 }
 

@@ -36,7 +36,7 @@ Result<void> run_ls(const Arguments& a) {
         nlohmann::json(layer.name).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
   // Prints the array while tiles are read, so memory does not depend on its length.
   const char* before = "[\n";
-  const auto listed = list_tiles(*field, filter, [&](const ListedTile& tile) -> Result<void> {
+  auto listed = list_tiles(*field, filter, [&](const ListedTile& tile) -> Result<void> {
     if (a.json) {
       print("{}{}", before, tile_json(tile, layers[tile.layer]));
       before = ",\n";

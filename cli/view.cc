@@ -92,10 +92,9 @@ Result<void> run_export(const ExportArguments& a) {
   auto field = Field::open(a.field);
   if (!field) return tl::unexpected(field.error());
   const auto made = make_smaller(a, *field, smaller);
-  const auto written = !made ? Result<void>(tl::unexpected(made.error()))
-                       : a.one_file()
-                           ? view::export_page(*made ? smaller : a.field, a.output)
-                           : view::export_site(*made ? smaller : a.field, a.output, a.force);
+  auto written = !made          ? Result<void>(tl::unexpected(made.error()))
+                 : a.one_file() ? view::export_page(*made ? smaller : a.field, a.output)
+                                : view::export_site(*made ? smaller : a.field, a.output, a.force);
   if (written && *made) field = Field::open(smaller);
   std::error_code ignored;
   std::filesystem::remove(smaller, ignored);

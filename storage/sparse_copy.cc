@@ -86,7 +86,7 @@ Result<void> SparseCopy::fetch(std::span<const FileRange> ranges) const {
       ours = merged(std::move(ours), kGap, most, kWidestGap);
       for (const FileRange& range : ours) coming_.add(range);
     }
-    const auto fetched = source_->fetch(
+    auto fetched = source_->fetch(
         ours, [&](std::uint64_t offset, ByteSpan bytes) { return put(offset, bytes); });
     {
       const std::lock_guard lock(mutex_);

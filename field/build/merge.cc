@@ -65,7 +65,7 @@ class Merging {
     });
     std::uint64_t mapped = 0;
     for (std::uint64_t k = 0; k < batches; ++k) {
-      const Result<std::vector<TileRef>> tiles = pipeline.take();
+      Result<std::vector<TileRef>> tiles = pipeline.take();
       if (!tiles) return tl::unexpected(tiles.error());
       for (const TileRef& tile : *tiles) {
         if (auto ok = writer_.put_view(tile); !ok) return ok;

@@ -226,7 +226,7 @@ class Verifier {
     for (const std::vector<Cure>& cures : cures_) {
       bool cured = true;
       for (const Cure& cure : cures) {
-        const auto ok = writer->drop(cure.layer, cure.key);
+        auto ok = writer->drop(cure.layer, cure.key);
         if (!ok && ok.error().code != ErrorCode::usage && ok.error().code != ErrorCode::bad_file)
           return ok;  // an error that concerns more than this tile
         cured = cured && ok.has_value();

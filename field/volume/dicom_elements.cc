@@ -228,7 +228,7 @@ Result<std::string> read_dicom_bytes(const std::string& path) {
   const auto syntax = walker.meta();
   if (!syntax) return tl::unexpected(syntax.error());
   if (*syntax != kDeflated) return bytes;
-  const auto data = inflated(path, std::string_view(*bytes).substr(walker.at));
+  auto data = inflated(path, std::string_view(*bytes).substr(walker.at));
   if (!data) return data;
   return bytes->substr(0, walker.at) + *data;
 }

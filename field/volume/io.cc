@@ -154,7 +154,7 @@ Result<std::size_t> read_component(ByteReader& reader, const VoxelData& from, st
   std::size_t done = 0;
   while (done < to.size()) {
     const std::size_t wanted = std::min(chunk.size(), (to.size() - done) / width * stride);
-    const auto got = reader.read(std::span(chunk).first(wanted));
+    auto got = reader.read(std::span(chunk).first(wanted));
     if (!got) return got;
     for (std::size_t at = 0; at + stride <= *got; at += stride, done += width)
       std::memcpy(&to[done], &chunk[at + from.component * width], width);
