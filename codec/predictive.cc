@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "codec/color_difference.h"
 #include "codec/fill.h"
 #include "codec/jpeg_pictures.h"
 #include "codec/mosaic.h"
@@ -18,17 +19,6 @@ constexpr double kErrorPerBit = 0.15;
 /// Rounds values near 0 or 255 to these, so that errors of the transform leave no haze.
 std::uint8_t snapped(int alpha) {
   return static_cast<std::uint8_t>(alpha <= 2 ? 0 : alpha >= 253 ? 255 : alpha);
-}
-
-/// A predicted colour, R lowest, plus a difference in YCbCr, times alpha.
-std::uint32_t compose(std::uint32_t predicted, int y, int cb, int cr, std::uint32_t alpha) {
-  const auto channel = [&](std::uint32_t shift, int difference) {
-    const int value = static_cast<int>(predicted >> shift & 255) + difference;
-    return premultiplied(static_cast<std::uint32_t>(std::clamp(value, 0, 255)), alpha) << shift;
-  };
-  return channel(0, y + ((359 * cr + 128) >> 8)) |
-         channel(8, y - ((88 * cb + 183 * cr + 128) >> 8)) |
-         channel(16, y + ((454 * cb + 128) >> 8)) | alpha << 24;
 }
 
 }  // namespace
@@ -72,12 +62,12 @@ std::vector<std::uint8_t> PredictiveTile<Coder>::wanted(std::span<const std::uin
 }
 
 template <class Coder>
-void PredictiveTile<Coder>::code_plane(std::size_t plane, std::span<const std::uint8_t> wanted,
-                                       BlockPlane& blocks) {
+std::vector<std::int16_t> PredictiveTile<Coder>::code_plane(std::size_t plane,
+                                                            std::span<const std::uint8_t> wanted,
+                                                            BlockPlane& blocks) {
   const std::size_t kind = std::min<std::size_t>(plane, kChromaPlane);
   const std::array<std::int32_t, 64> steps = level_.steps[kind].steps();
-  std::vector<std::int16_t>& added = added_[plane < kLumaPlane ? 0 : plane - kLumaPlane];
-  added.assign(picture_.pixels(), 0);
+  std::vector<std::int16_t> pixels(picture_.pixels());
   for (std::size_t b = 0; b < blocks.blocks.size(); ++b) {
     if (!wanted[b]) continue;
     code_block(coder_, models_.planes[kind], blocks, b);
@@ -87,8 +77,12 @@ void PredictiveTile<Coder>::code_plane(std::size_t plane, std::span<const std::u
       coefficients[k] =
           static_cast<std::int16_t>(std::clamp(blocks.blocks[b][k] * steps[k], -32768, 32767));
     const std::size_t x = b % blocks.across * 8, y = b / blocks.across * 8;
-    inverse_dct(coefficients, &added[y * picture_.width() + x], picture_.width());
+    inverse_dct(coefficients, &pixels[y * picture_.width() + x], picture_.width());
   }
+  std::vector<std::int16_t> differences(picture_.samples());
+  for (std::size_t s = 0; s < differences.size(); ++s)
+    differences[s] = pixels[picture_.pixel_of()[s]];
+  return differences;
 }
 
 template <class Coder>
@@ -96,9 +90,9 @@ void PredictiveTile<Coder>::code_alpha(bool soft, std::span<std::uint8_t> levels
                                        BlockPlane& blocks, std::span<std::uint8_t> alpha) {
   const auto pixel_of = picture_.pixel_of();
   if (coder_.bit(models_.soft, soft)) {
-    code_plane(kAlphaPlane, std::vector<std::uint8_t>(blocks.blocks.size(), 1), blocks);
-    for (std::size_t s = 0; s < alpha.size(); ++s)
-      alpha[s] = snapped(alpha[s] + added_[0][pixel_of[s]]);
+    const auto differences =
+        code_plane(kAlphaPlane, std::vector<std::uint8_t>(blocks.blocks.size(), 1), blocks);
+    for (std::size_t s = 0; s < alpha.size(); ++s) alpha[s] = snapped(alpha[s] + differences[s]);
     return;
   }
   std::vector<std::uint8_t> prediction(picture_.pixels());
@@ -112,9 +106,9 @@ void PredictiveTile<Coder>::code_alpha(bool soft, std::span<std::uint8_t> levels
 template <class Coder>
 void PredictiveTile<Coder>::code_depth(BlockPlane& blocks, std::span<const std::uint8_t> alpha,
                                        std::span<std::uint8_t> depth) {
-  code_plane(kDepthPlane, wanted(alpha), blocks);
+  const auto differences = code_plane(kDepthPlane, wanted(alpha), blocks);
   for (std::size_t s = 0; s < alpha.size(); ++s) {
-    const int value = std::clamp(depth[s] + added_[0][picture_.pixel_of()[s]], 0, 255);
+    const int value = std::clamp(depth[s] + differences[s], 0, 255);
     depth[s] = static_cast<std::uint8_t>(alpha[s] == 0 ? 0 : value);
   }
 }
@@ -125,13 +119,10 @@ void PredictiveTile<Coder>::code_color(std::array<BlockPlane, 3>& blocks,
                                        std::span<const std::uint32_t> predicted,
                                        std::span<std::uint32_t> rgba) {
   const auto coded = wanted(alpha);
-  for (std::size_t c = 0; c < 3; ++c) code_plane(kLumaPlane + c, coded, blocks[c]);
-  for (std::size_t s = 0; s < alpha.size(); ++s) {
-    const std::size_t at = picture_.pixel_of()[s];
-    rgba[s] = alpha[s] == 0
-                  ? 0
-                  : compose(predicted[s], added_[0][at], added_[1][at], added_[2][at], alpha[s]);
-  }
+  std::array<std::vector<std::int16_t>, 3> differences;
+  for (std::size_t c = 0; c < 3; ++c) differences[c] = code_plane(kLumaPlane + c, coded, blocks[c]);
+  add_differences(predicted, {differences[0], differences[1], differences[2]}, rgba);
+  premultiply(rgba, alpha);
 }
 
 PredictiveEncoder::PredictiveEncoder(const PredictiveLevel& level, const TilePicture& picture,

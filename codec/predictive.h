@@ -60,9 +60,11 @@ class PredictiveTile {
   template <class Bytes>
   PredictiveTile(const PredictiveLevel& level, const TilePicture& picture, Bytes& payload);
 
-  /// Codes those of `blocks` that are `wanted`, and stores the decoded differences from the
-  /// prediction in added_: in [0] for alpha and depth, in [0] to [2] for colour.
-  void code_plane(std::size_t plane, std::span<const std::uint8_t> wanted, BlockPlane& blocks);
+  /// Codes those of `blocks` that are `wanted`. Returns each sample's difference from the
+  /// prediction, as the decoder has it.
+  [[nodiscard]] std::vector<std::int16_t> code_plane(std::size_t plane,
+                                                     std::span<const std::uint8_t> wanted,
+                                                     BlockPlane& blocks);
   /// These turn predictions into samples. Alpha is coded by `blocks` if `soft`, else by `levels`.
   void code_alpha(bool soft, std::span<std::uint8_t> levels, BlockPlane& blocks,
                   std::span<std::uint8_t> alpha);
@@ -77,7 +79,6 @@ class PredictiveTile {
   const TilePicture& picture_;
   PredictiveModels models_;
   Coder coder_;
-  std::array<std::vector<std::int16_t>, 3> added_;  // per pixel; scratch
 };
 
 class PredictiveEncoder : PredictiveTile<RangeEncoder> {
