@@ -9,7 +9,7 @@ namespace {
 
 constexpr std::array kQualities = {90, 75, 60, 45};
 
-/// The codecs to try, the best first. An empty one stands for the field's own.
+/// The codecs to try, the best first. An empty name stands for the field's own codec.
 std::vector<std::string> codecs(const Field& field, const RepackOptions& options) {
   const auto& layers = field.layers();
   const bool half = std::any_of(layers.begin(), layers.end(), [](const Layer& layer) {

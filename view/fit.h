@@ -10,9 +10,9 @@
 namespace slf::view {
 
 /// Repacks a field into at most `most` bytes, with the least loss of quality. Tries qualities 90,
-/// 75, 60 and 45 with all levels, then with one level less, and so on, and keeps the first that
-/// fits. Codecs or levels that `options` sets are not changed. Errors as repack_field(). usage: not
-/// even the last attempt fits; the message states its size.
+/// 75, 60 and 45 with all levels, then with one level less, and so on, and keeps the first result
+/// that fits. Codecs or levels that `options` sets are not changed. Errors as repack_field().
+/// usage: even the last result is too large; the message states its size.
 [[nodiscard]] Result<RepackReport> repack_to_fit(const Field& field, const std::string& path,
                                                  RepackOptions options, std::uint64_t most,
                                                  const ProgressCallback& progress);

@@ -2,7 +2,7 @@
 
 #include <array>
 
-// The assembler includes the files as they are. SLF_WASM_FILE is defined if there is a page.
+// The assembler includes the files unchanged. SLF_WASM_FILE is defined if there is a page.
 #ifdef SLF_WASM_FILE
 #define SLF_EMBED(symbol, file)                                              \
   asm(".section .rodata\n" #symbol "_begin:\n.incbin \"" file "\"\n" #symbol \

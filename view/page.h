@@ -13,11 +13,11 @@ struct PageFile {
   std::string_view bytes;
 };
 
-/// All files; index.html is the first. Without tools for WebAssembly, slf is built without the
-/// page, and the list is empty.
+/// All files of the page, index.html first. The list is empty if slf was built without the page,
+/// for lack of tools for WebAssembly.
 [[nodiscard]] std::span<const PageFile> page_files();
 
-/// An error message for programs without a page: the reason and the cure.
+/// The error message of a program without a page: the reason, and what to do.
 [[nodiscard]] std::string no_page();
 
 }  // namespace slf::view

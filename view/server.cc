@@ -35,7 +35,8 @@ constexpr const char* kPolicy =
     "img-src 'self' blob: data:; connect-src 'self'; worker-src 'self'; base-uri 'none'; "
     "form-action 'none'; frame-ancestors 'self'";
 
-/// A bounded queue: it blocks the accepting thread, while httplib's own accepts without limit.
+/// Serves at most kConnections connections at once, and blocks the accepting thread meanwhile.
+/// httplib's own pool queues connections without limit.
 class BoundedPool final : public httplib::TaskQueue {
  public:
   BoundedPool() : pool_(Server::kConnections) {}
@@ -98,7 +99,7 @@ class Served {
     return true;
   }
 
-  /// Sends a part of the file. False: the peer is gone, or the file has shrunk.
+  /// Sends a part of the file. Returns false if the peer is gone or the file has shrunk.
   bool send(std::uint64_t offset, std::uint64_t size, httplib::DataSink& sink) const {
     std::vector<char> piece(std::min<std::uint64_t>(size, kPiece));
     while (size > 0) {
@@ -141,8 +142,8 @@ struct Part {
   }
 };
 
-/// Parses one range of a Range header and appends it to `parts`, unless it is behind the end of the
-/// file. False: the range is malformed.
+/// Parses one range of a Range header and appends it to `parts`, unless it is beyond the end of the
+/// file. Returns false if the range is malformed.
 bool add_range(std::string_view text, std::uint64_t size, std::vector<Part>& parts) {
   while (text.starts_with(' ')) text.remove_prefix(1);
   const std::size_t dash = text.find('-');
@@ -165,9 +166,9 @@ bool add_range(std::string_view text, std::uint64_t size, std::vector<Part>& par
   return true;
 }
 
-/// The parts of a file that a Range header selects (RFC 9110, 14.2). Returns nothing for the whole
-/// file: if there is no header, if it is malformed or names too many ranges, or if the ranges have
-/// more bytes than the file. Returns no parts if all ranges are behind the end.
+/// The parts of a file that a Range header selects (RFC 9110, 14.2). Returns nullopt, for the whole
+/// file, if there is no header, if it is malformed or names too many ranges, or if the ranges have
+/// more bytes than the file. Returns no parts if all ranges are beyond the end.
 std::optional<std::vector<Part>> select(std::string_view header, std::uint64_t size) {
   constexpr std::string_view kUnit = "bytes=";
   if (!header.starts_with(kUnit)) return std::nullopt;
@@ -199,7 +200,7 @@ class Multipart {
   }
   [[nodiscard]] std::uint64_t size() const { return size_; }
 
-  /// Sends some bytes of the body from an offset on, at least one.
+  /// Sends one or more bytes of the body, from an offset on.
   bool send(const Served& field, std::uint64_t offset, httplib::DataSink& sink) const {
     const auto next =
         std::upper_bound(pieces_.begin(), pieces_.end(), offset,
@@ -227,7 +228,7 @@ class Multipart {
   std::uint64_t size_ = 0;
 };
 
-/// Whether a list of entity tags contains `tag`, also as a weak tag.
+/// Whether a list of entity tags contains `tag`, even as a weak tag.
 bool lists(std::string_view header, std::string_view tag) {
   return header == "*" || header.find(tag) != std::string_view::npos;
 }
@@ -242,7 +243,7 @@ void explain(httplib::Response& response, int status, const std::string& text) {
 struct Server::State {
   httplib::Server http;
   std::vector<Served> fields;
-  std::string url, tag;            // tag: of the page's files
+  std::string url, tag;            // tag: the entity tag of the page's files
   std::vector<std::string> hosts;  // empty: any
 
   void answer(httplib::Request& request, httplib::Response& response) const;
@@ -383,7 +384,7 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   http.set_keep_alive_timeout(kIdle);
   http.set_keep_alive_max_count(kRequests);
   http.set_payload_max_length(0);
-  // Without SO_REUSEPORT, which httplib would set: two programs must not share a port.
+  // httplib would set SO_REUSEPORT, but two programs must not share a port.
   http.set_socket_options([](socket_t socket) {
     const int yes = 1;
     setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);

@@ -20,13 +20,13 @@ struct ServerOptions {
   /// address.
   std::string address = "127.0.0.1";
   std::uint16_t port = 0;  ///< 0: any free port
-  /// Answer requests for any host name. Without it the server answers only to 127.0.0.1, localhost
+  /// Answer requests for any host name. Otherwise the server answers only to 127.0.0.1, localhost
   /// and [::1], so that a web site whose name resolves to this machine cannot read fields.
   bool any_host = false;
 };
 
 /// Answers GET and HEAD, with ranges, entity tags and conditional requests. Requests are untrusted.
-/// At most kConnections are served at once; others wait in the kernel's short queue.
+/// At most kConnections connections are served at once; others wait in the kernel's short queue.
 class Server {
  public:
   static constexpr unsigned kConnections = 32;
@@ -43,8 +43,8 @@ class Server {
   /// fields.
   [[nodiscard]] const std::string& url() const;
 
-  /// Serves until `stop`, which is called ten times a second, returns true. failed: the server had
-  /// to end.
+  /// Serves until `stop` returns true; it is called about ten times a second. failed: the server
+  /// ended unexpectedly.
   [[nodiscard]] Result<void> run(const std::function<bool()>& stop);
 
  private:

@@ -19,8 +19,9 @@ namespace fs = std::filesystem;
 constexpr std::string_view kModule = "module.bin";
 constexpr std::size_t kPiece = std::size_t{3} << 20;  // bytes; a multiple of 3, as base64 wants
 
-/// Scripts cannot import each other by name inside one file. This gives each module an address of
-/// its own, in the order of the imports, and the worker the text of the module that it imports.
+/// Inside one file, scripts cannot import each other by name. So this script gives each module an
+/// address of its own, in the order of the imports. The worker gets the text of the module that it
+/// imports instead.
 constexpr std::string_view kStart = R"(<script>
 {
   const texts = {}, urls = {};
@@ -71,7 +72,7 @@ void replace(std::string& text, std::string_view what, std::string_view by) {
     text.replace(at, what.size(), by);
 }
 
-/// Opens the field, so that only fields are exported. Its size.
+/// Checks that the file is a field, and returns its size.
 Result<std::uint64_t> check(const std::string& path) {
   const auto field = Field::open(path);
   if (!field) return tl::unexpected(field.error());
@@ -84,7 +85,7 @@ std::uint64_t room_for_field(std::uint64_t most, bool one_file) {
   std::uint64_t page = 0;
   for (const PageFile& file : page_files())
     page += one_file && file.name == kModule ? file.bytes.size() / 3 * 4 + 4 : file.bytes.size();
-  if (one_file) page += kStart.size() + 65536;  // and the elements around scripts and pieces
+  if (one_file) page += kStart.size() + 65536;  // 65536: the elements around scripts and pieces
   if (most <= page) return 0;
   if (one_file) return (most - page) / 4 * 3;   // base64
   constexpr std::uint64_t kSmallIndex = 65536;  // the index of a larger field is under a sixteenth
@@ -136,7 +137,7 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
     const auto bytes = std::as_bytes(std::span(file.bytes.data(), file.bytes.size()));
     if (auto ok = write_file((fs::path(folder) / file.name).string(), bytes); !ok) return ok;
   }
-  // The field comes last, and under its name only when it is whole.
+  // The field is written last, and gets its name only when it is complete.
   const fs::path target = fs::path(folder) / "field.slf", temporary = target.string() + ".part";
   if (fs::equivalent(field, target, error)) return {};
   Result<void> indexed;

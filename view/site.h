@@ -11,7 +11,7 @@ namespace slf::view {
 /// The largest field in bytes for export_page(). Browsers would not load larger pages.
 inline constexpr std::uint64_t kMostInside = std::uint64_t{1} << 30;
 
-/// The largest size of a field for which the export, one HTML file or a folder, has at most `most`
+/// The size of the largest field whose export, as one HTML file or as a folder, has at most `most`
 /// bytes; 0 if the page alone is larger.
 [[nodiscard]] std::uint64_t room_for_field(std::uint64_t most, bool one_file);
 

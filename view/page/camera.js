@@ -1,5 +1,5 @@
-// The camera: turns around a point, at a distance. Lengths are in radii of the plenoptic sphere,
-// angles in degrees, as in slf's --orbit azimuth,elevation,distance.
+// The camera orbits a point at a distance. Lengths are in radii of the plenoptic sphere, angles in
+// degrees, as in slf's --orbit azimuth,elevation,distance.
 
 const kRadians = Math.PI / 180;
 export const kFirst = {azimuth: 30, elevation: 20, distance: 3, target: [0, 0, 0]};
@@ -22,7 +22,7 @@ export class Camera {
     this.elevation = clamp(this.elevation + elevation, -90, 90);
   }
   zoom(factor) { this.distance = clamp(this.distance * factor, kNearest, kFarthest); }
-  // Moves the point by fractions of the picture's height.
+  // Moves the point that the camera orbits, by fractions of the picture's height.
   pan(x, y) {
     const {right, down, half} = this.axes(1, 1);
     const scale = 2 * half * this.distance;
@@ -30,7 +30,7 @@ export class Camera {
       .map((v) => clamp(v, -1, 1));
   }
 
-  // Continues to turn after a drag, more and more slowly. Returns whether the camera moved.
+  // Turns the camera further after a drag, more and more slowly. Returns whether it moved.
   advance(seconds) {
     const before = [this.azimuth, this.elevation];
     if (this.spins) this.turn(20 * seconds, 0);
@@ -39,8 +39,8 @@ export class Camera {
     return before[0] !== this.azimuth || before[1] !== this.elevation;
   }
 
-  // The eye and the picture's axes, as in FORMAT.md, 5.1. `half` is tan(φ/2), such that the sphere
-  // fits the picture at the initial distance.
+  // The eye and the picture's axes, as in FORMAT.md, 5.1. `half` is tan(φ/2), chosen so that the
+  // sphere fits the picture at the initial distance.
   axes(width, height) {
     const az = this.azimuth * kRadians, el = this.elevation * kRadians;
     const out = [Math.sin(az) * Math.cos(el), -Math.cos(az) * Math.cos(el), Math.sin(el)];

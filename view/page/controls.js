@@ -1,7 +1,7 @@
-// Moves the camera by mouse, touch, pen and keys.
+// Lets mouse, touch, pen and keys move the camera.
 
 const kTurn = 180;   // degrees for a drag across the smaller side of the picture
-const kStep = 6;     // degrees for a key
+const kStep = 6;     // degrees for one press of a key
 const kDoubleTap = 300, kTapMoves = 6;  // milliseconds, pixels
 
 const calm = matchMedia('(prefers-reduced-motion: reduce)');
@@ -51,7 +51,7 @@ export function attach(canvas, camera, moved, keys) {
   const end = (event) => {
     if (!pointers.delete(event.pointerId)) return;
     const now = performance.now();
-    if (now - last > 60) camera.speed = [0, 0];  // the pointer stood still before its release
+    if (now - last > 60) camera.speed = [0, 0];  // the pointer rested before its release
     if (travelled < kTapMoves) {
       camera.speed = [0, 0];
       if (now - lastTap < kDoubleTap) {

@@ -1,4 +1,4 @@
-// The workers that decode tiles.
+// Decoders: decodes tiles in a few workers.
 
 export class Decoders {
   constructor(field, makeWorker) {
@@ -39,12 +39,13 @@ export class Decoders {
     return this.send(this.busy.indexOf(Math.min(...this.busy)), message);
   }
 
-  // The parameter `part` is {layer, level, entry, exit, checksum, payload}. Both calls fail if the
+  // In both calls, `part` is {layer, level, entry, exit, checksum, payload}. The calls fail if the
   // payload is damaged.
+
   // Resolves to the tiles of the next coarser level that the part is predicted from:
   // [[entry, exit], …].
   references(part) { return this.ask({...part, action: 'references'}); }
-  // Resolves to the part's samples. `references` are {entry, exit, samples} each; an empty tile has
-  // samples of length 0.
+  // Resolves to the part's samples. Each of `references` is {entry, exit, samples}; an empty tile
+  // has samples of length 0.
   decode(part, references) { return this.ask({...part, references, action: 'decode'}); }
 }

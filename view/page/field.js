@@ -1,12 +1,12 @@
-// A field: its manifest, its shape in numbers for the GPU, and where its tiles are.
+// Field: reads a field's manifest, describes its shape in numbers for the GPU, and finds its tiles.
 
 import {kDone, kWants, Native} from './module.js';
 
 export const kMissing = 0, kEmpty = 1, kStored = 2, kDamaged = 4;  // states of tiles in a layer
 
-const kMostTables = 1 << 24;  // numbers in the tables and the page table, each
+const kMostTables = 1 << 24;  // numbers in the tables, and in the page table
 
-// As the module takes tiles.
+// Tiles in the form that the module reads.
 const keysOf = (tiles) =>
   new Uint8Array(new Uint32Array(tiles.flatMap((t) => [t.level, t.entry, t.exit])).buffer);
 
@@ -15,8 +15,8 @@ export class Field {
     this.source = source;
     this.native = new Native(module);
     this.module = module;
-    this.coming = new Map();  // ranges that were asked for → promises
-    this.prepared = [];       // promises, by level
+    this.coming = new Map();  // ranges that are being fetched → promises
+    this.prepared = [];       // promises of prepare(), by level
   }
 
   add(offset, bytes) {
@@ -54,11 +54,11 @@ export class Field {
     const {layers} = this.manifest;
     this.color = layers.findIndex((layer) => layer.name === 'color');
     this.depth = layers.findIndex((layer) => layer.name === 'depth');
-    // Colours and depths in one layer.
+    // Whether one layer has both colours and depths.
     this.together = layers[this.color].format.endsWith('_depth8');
     this.layers = [this.color, this.together ? -1 : this.depth].filter((layer) => layer >= 0);
     this.predicts = layers[this.color].codec.startsWith('predictive');
-    // Linear radiance, not colours: pictures need tone mapping.
+    // Whether colours are linear radiance, so that pictures need tone mapping.
     const light = this.manifest.provenance?.lighting;
     this.radiance = light?.linear === true && light.mode !== 'direct';
     this.tables = layers.map(() => null);
@@ -69,7 +69,7 @@ export class Field {
     this.shape = this.makeShape();
   }
 
-  // Numbers for the GPU. Levels whose tables would be too large are left out.
+  // The shape in numbers for the GPU. Leaves out levels whose tables would be too large.
   makeShape() {
     const m = this.manifest, {calls} = this.native, deeper = m.entry_depth;
     const side = m.entry_side >> deeper;
@@ -111,7 +111,7 @@ export class Field {
   page(level, entry, exit) {
     return this.shape.pageBase[level] + entry * (8 << (2 * level)) + exit;
   }
-  // The tile of a page of the page table.
+  // The tile to which an entry of the page table belongs.
   tile(page) {
     const {pageBase, levels} = this.shape;
     let level = levels;
@@ -120,21 +120,22 @@ export class Field {
     return {page, level, entry: Math.floor(at / exits), exit: at % exits};
   }
 
-  // The size of the payloads of pages.
+  // Resolves to the total size of the pages' payloads.
   async payloadBytes(pages) {
     const tiles = pages.map((page) => this.tile(page));
     const found = await Promise.all(this.layers.map((layer) => this.find(tiles, layer)));
     return found.flat().reduce((sum, {begin, end}) => sum + end - begin, 0);
   }
 
-  // Reads what finding tiles of levels up to this one takes, and what those are predicted from.
+  // Reads the parts of the file that finding tiles of levels up to this one needs, and the lists of
+  // the tiles that these are predicted from.
   prepare(level) {
     return this.prepared[level] ??= Promise.all(
       this.layers.map((layer) => this.complete((c) => c.slf_prepare(layer, level))));
   }
 
-  // The pages of tiles and of all that they are predicted from, as far as the field has been
-  // prepared and lists that.
+  // The pages of tiles, and of all tiles that these are predicted from, as far as the field lists
+  // them and prepare() has read the lists.
   withAncestors(tiles) {
     if (!this.predicts) return tiles.map(({page}) => page);
     const {calls} = this.native;
@@ -144,7 +145,7 @@ export class Field {
     return Array.from({length: count}, (_, i) => this.page(...found.subarray(3 * i, 3 * i + 3)));
   }
 
-  // Where the tiles are in a layer: {state, begin, end, checksum} each.
+  // Finds tiles in a layer. Resolves to {state, begin, end, checksum} for each.
   async find(tiles, layer) {
     const keys = keysOf(tiles);
     for (let round = 0; round < 64; ++round) {

@@ -1,10 +1,10 @@
-// The WebAssembly module (view/wasm/module.cc): calls, and the memory behind them.
+// Native: an instance of the WebAssembly module (view/wasm/module.cc), its calls and its memory.
 
 export const kDone = 0, kWants = 1;
 
 export class Native {
-  // `module`: a WebAssembly.Module. Of its imports only proc_exit is implemented, which it calls
-  // when it is out of memory.
+  // `module` is a WebAssembly.Module. The only import implemented here is proc_exit, which the
+  // module calls when it runs out of memory.
   constructor(module) {
     const imports = {};
     for (const {module: from, name} of WebAssembly.Module.imports(module)) {
@@ -22,14 +22,14 @@ export class Native {
     new Uint8Array(this.calls.memory.buffer, at, bytes.byteLength).set(bytes);
   }
   bytes(at, size) { return new Uint8Array(this.calls.memory.buffer, at, size); }
-  // The text result of the last call: a message, or a description.
+  // The text that the last call stored: a message or a result.
   textBytes() { return this.bytes(this.calls.slf_text(), this.calls.slf_text_size()).slice(); }
   text() { return new TextDecoder().decode(this.textBytes()); }
-  // Throws the message of a call that failed.
+  // Throws the stored message if a call has failed.
   check(status) {
     if (status !== kDone) throw new Error(this.text());
   }
-  // The ranges of bytes that the last call lacked: [[begin, end], …].
+  // The ranges of bytes that the last call still needs: [[begin, end], …].
   ranges() {
     const all = new Float64Array(this.calls.memory.buffer, this.calls.slf_ranges(),
                                  2 * this.calls.slf_range_count());

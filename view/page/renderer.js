@@ -1,11 +1,12 @@
-// The GPU's side: textures of decoded tiles, the page table, drawing, and the passes that find out
-// which tiles a view needs. Everything in here can be made again after a lost context.
+// Renderer: the state on the GPU. It has the textures of decoded tiles and the page table, draws
+// views, and runs the passes that find out which tiles a view needs. After the graphics context is
+// lost, a new Renderer can replace it.
 
 import {kCurves, kDraw, kFeedback, kTableBits, kVertex} from './shader.js';
 
 const kTableWidth = 1 << kTableBits;
-const kFeedbackSize = 512;  // most rays across a pass that asks for tiles
-const kFewRays = 128;       // rays across a pass while the camera moves
+const kFeedbackSize = 512;  // most rays in a row of a pass that finds the tiles of a view
+const kFewRays = 128;       // the same for a quick pass, which finds nearly all of them
 
 function program(gl, fragment) {
   const result = gl.createProgram();
@@ -24,7 +25,7 @@ function program(gl, fragment) {
 }
 
 export class Renderer {
-  // `shape`: of the field, as Field.shape; `budget`: bytes of textures for tiles.
+  // `shape` is Field.shape. `budget` limits the bytes of the textures for tiles.
   constructor(canvas, shape, budget) {
     const gl = canvas.getContext('webgl2', {alpha: false, antialias: false, depth: false,
                                             preserveDrawingBuffer: true,
@@ -53,7 +54,7 @@ export class Renderer {
     return texture;
   }
 
-  // A tile takes 2^bits × height texels of a layer; a layer holds one tile or more.
+  // A tile takes 2^bits × height texels of a texture layer. A layer holds one or more tiles.
   makeTiles(budget) {
     const gl = this.gl, {columns, mostRows, half, hasDepth} = this.shape;
     const samples = columns * mostRows;
@@ -77,7 +78,7 @@ export class Renderer {
                  hasDepth ? height * this.perLayer : 1, hasDepth ? deep : 1);
   }
 
-  // Rows and sections from the geometry, and the page table, empty.
+  // Uploads the tables of the geometry, rows and sections, and an empty page table.
   makeTables() {
     const gl = this.gl, {tables, pages} = this.shape;
     const upload = (unit, format, type, data, storage) => {
@@ -94,7 +95,7 @@ export class Renderer {
 
   makeTargets() {
     const gl = this.gl;
-    this.low = null;  // where pictures of less than full resolution are drawn
+    this.low = null;  // the target for pictures of less than full resolution
     this.needs = gl.createFramebuffer();
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.needs);
     for (const i of [0, 1]) {
@@ -112,7 +113,7 @@ export class Renderer {
     gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
   }
 
-  // Puts the samples of a tile into a slot. `depth` may be null.
+  // Uploads the samples of a tile to a slot. `depth` may be null.
   setTile(slot, color, depth) {
     const gl = this.gl, {half} = this.shape;
     const layer = Math.floor(slot / this.perLayer), y = slot % this.perLayer * this.tileHeight;
@@ -163,7 +164,8 @@ export class Renderer {
     gl.uniform1i(at('uTilesPerLayer'), this.perLayer);
   }
 
-  // Draws onto the canvas. `scale` <= 1: with so many pixels along each edge, then enlarged.
+  // Draws onto the canvas. If `scale` < 1, draws that fraction of the pixels along each edge, and
+  // enlarges the picture.
   draw(view, scale) {
     const gl = this.gl, {width, height} = this.canvas;
     const w = Math.max(1, Math.round(width * scale)), h = Math.max(1, Math.round(height * scale));
@@ -183,7 +185,8 @@ export class Renderer {
     gl.blitFramebuffer(0, 0, w, h, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.LINEAR);
   }
 
-  // Binds a framebuffer of the canvas' size, for pictures that take a part of it.
+  // Binds a framebuffer as large as the canvas. Pictures of less than full resolution use a part of
+  // it.
   bindLow() {
     const gl = this.gl, {width, height} = this.canvas;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
@@ -199,7 +202,7 @@ export class Renderer {
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.low.framebuffer);
   }
 
-  // Asks for the pages that a view needs. Resolves to a Set of pages, once the GPU is done.
+  // Finds the pages that a view needs, with a ray for every pixel. Resolves to a Set of pages.
   async askAll(view) {
     const pages = new Set();
     const count = this.grid(kFeedbackSize).reduce((a, b) => a * b);
@@ -208,17 +211,18 @@ export class Renderer {
     return pages;
   }
 
-  // The same for a few rays, others each time.
+  // The same with few rays, other ones at each call.
   ask(view) {
-    // Steps of 5 among the choices, because near rays need the same tiles. They visit all choices
-    // where 5 is coprime.
+    // Successive calls are 5 choices apart, because neighbouring rays need the same tiles. Where 5
+    // does not divide the number of choices, the calls use all of them in turn.
     const count = this.grid(kFewRays).reduce((a, b) => a * b), stride = count % 5 === 0 ? 1 : 5;
     return this.askRays(view, kFewRays, this.pass++ * stride % count);
   }
 
-  // How many pixels across and down share one of `size` × `size` rays.
+  // How many pixels across and down share one of at most `size` × `size` rays.
   grid(size) { return [this.canvas.width, this.canvas.height].map((n) => Math.ceil(n / size)); }
 
+  // Finds the pages for one pixel of each cell of the grid: pixel number `choice`.
   async askRays(view, size, choice) {
     const gl = this.gl, {width, height} = this.canvas, [across, down] = this.grid(size);
     const w = Math.ceil(width / across), h = Math.ceil(height / down);

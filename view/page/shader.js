@@ -1,12 +1,12 @@
-// The shader: draws a view as FORMAT.md, section 5, defines it. Decoded tiles are in texture
-// arrays, and a page table says where the tile of a pair of sections is.
+// The shaders, which draw a view as FORMAT.md, section 5, defines it. Decoded tiles are in texture
+// arrays. A page table gives the place of the tile of each pair of sections.
 
 export const kMostLevels = 11;
 export const kTableBits = 12;  // log2 of the width of the textures that hold tables
 
-// Values of the page table. From kFirstSlot on: the tile's slot, plus kFirstSlot.
+// Values of the page table. Values from kFirstSlot on are kFirstSlot plus the tile's slot.
 export const kNotLoaded = 0, kEmpty = 1, kMissing = 2, kFirstSlot = 3;
-export const kNoDepth = 0x8000;  // flag: the tile's depth is missing
+export const kNoDepth = 0x8000;  // flag of a loaded tile whose depth is missing
 
 export const kVertex = `#version 300 es
 void main() {  // one triangle that covers the picture
@@ -84,7 +84,8 @@ void exitCell(Cell cell, int level, out int section, out ivec3 column) {
   column = ivec3(triangle(r.x, r.y), triangle(r.x + shift, r.y), triangle(r.x, r.y + shift));
 }
 
-// The section that owns an entry vertex, above uRowBits bits with its row there.
+// The section that owns an entry vertex, and in the lowest uRowBits bits the vertex's row in its
+// tiles.
 int entryPlace(int level, Cell cell, ivec2 p) {
   int side = (uEntrySide << level) + 1;
   return int(table(uRowBase[level] + (cell.octant * side + p.y) * side + p.x));
@@ -101,12 +102,13 @@ ivec3 texel(int slot, int sample_) {
 }
 
 const float kFaint = 1.0 / 255.0;
-const int kDone = 0, kWaits = 1, kLacks = 2;  // lacks: a tile is missing for good
+// The picture is complete; a tile is not loaded; a tile is missing from the field.
+const int kDone = 0, kWaits = 1, kLacks = 2;
 
-// Draws the chord from P to Q at a level. first, last: one more than the pages of the first round
-// and of the last one. t: where the chord meets something; below 0 if nothing, or not known.
-// Returns early, with the picture and t of the last complete round, if tiles are not there; in the
-// first round, with those of the tiles that are.
+// Draws the chord from P to Q at a level. first and last are the pages of the first and of the last
+// round, plus 1. t is where the chord meets something; it is below 0 if it meets nothing, or if
+// that is not known. If tiles are not loaded, draw() returns early, with the picture and t of the
+// last complete round. In the first round it then uses the tiles that are loaded.
 int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 last, out float t) {
   int entryN = uEntrySide << level, exitN = uExitSide << level;
   pixel = vec4(0);
@@ -204,7 +206,8 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
   return kDone;
 }
 
-// Where the pixel's line meets the sphere. False: it misses, or the sphere is behind the eye.
+// Where the pixel's line meets the sphere. Returns false if it misses, or if the sphere is behind
+// the eye.
 bool meet(vec2 at, out vec3 P, out vec3 Q) {
   vec3 d = uForward + (at.x - 0.5 * uSize.x) * uRight + (0.5 * uSize.y - at.y) * uDown;
   float d2 = dot(d, d), nearest = -dot(uEye, d) / d2;
@@ -227,7 +230,7 @@ uniform int uCurve;   // of kCurves
 uniform float uGain;
 out vec4 result;
 
-// Tone mapping of premultiplied linear radiance, as slf/tone.h has it.
+// Tone mapping of premultiplied linear radiance, as in slf/tone.h.
 vec4 mapped(vec4 radiance) {
   if (uCurve == 0 || !(radiance.a > 0.0)) return radiance;
   vec3 color = max(radiance.rgb * (uGain / radiance.a), 0.0);
@@ -256,7 +259,7 @@ void main() {
     float t;
     for (int level = uLevel; level >= 0; --level) {
       int state = draw(level, P, Q, pixel, first, last, t);
-      if (state == kDone || (state == kWaits && level == 0)) break;  // rather a picture than none
+      if (state == kDone || (state == kWaits && level == 0)) break;  // show what is loaded
       pixel = vec4(0);
     }
   }
@@ -264,17 +267,18 @@ void main() {
   result = vec4(pixel.rgb + (1.0 - pixel.a) * uBackground, 1);
 }`;
 
-// Which tiles the picture needs: some of its rays, another choice in each pass. A level that lacks
-// a tile for good is replaced by the next coarser one, as when drawing. While tiles of a level are
-// not there, a coarser level says about where the chord meets something, and so what will be
-// needed.
+// Records the tiles that some of the picture's rays need. Each pass chooses other rays. If a tile
+// is missing from the field, the next coarser level is used, as when drawing. While tiles of a
+// level are not loaded, a coarser level gives an estimate of where the chord meets something, and
+// so of the tiles that the ray will need.
 export const kFeedback = kCommon + `
 const float kUnsure = 10.0;  // pixels
 uniform vec2 uStep, uShift;
-uniform int uSparse;  // of the first round only the tile with the greatest weight
+uniform int uSparse;  // 1: record only the first round's tile of greatest weight
 layout(location = 0) out uvec4 needed0;
 layout(location = 1) out uvec4 needed1;
 
+// The pages, plus 1, of the tiles that the ray needs if the chord meets something at t.
 ivec3 guess(int level, vec3 P, vec3 Q, float t) {
   int n = uEntrySide << level;
   Cell cell = locate(P, n);
@@ -313,7 +317,7 @@ void main() {
   needed0 = uvec4(first, state);
   needed1 = uvec4(last, 0);
   if (uMode == 0 || state != kWaits || last != ivec3(0)) return;
-  // The finer level has edges elsewhere: a ray nearby says where this one may meet something.
+  // Edges lie elsewhere in the finer level, so the estimate comes from a nearby ray.
   vec3 P2 = P, Q2 = Q;
   int side = (int(gl_FragCoord.x) + 2 * int(gl_FragCoord.y)) % 5;
   float angle = 1.57 * float(side);

@@ -1,4 +1,4 @@
-// A worker: verifies and decodes tiles.
+// The script of a worker, which verifies and decodes tiles.
 import {Native} from './module.js';
 
 let native;

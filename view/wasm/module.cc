@@ -1,9 +1,10 @@
-// The project's code in the page: what reads a container from ranges of bytes, and what decodes
-// tiles. view/page/module.js calls it. One instance of the module reads, on the page's thread; each
-// worker has another that decodes.
+// The project's C++ code in the page. It reads a container from ranges of bytes, and decodes tiles.
+// view/page/module.js calls it. The page's thread has one instance of the module, which reads; each
+// worker has another, which decodes.
 //
-// Numbers that need more than 32 bits are doubles. A call that fails leaves a message; a call that
-// needs more bytes leaves the ranges. Memory that JavaScript fills comes from slf_buffer().
+// Numbers that need more than 32 bits are doubles. A call that fails stores a message, for
+// slf_text(). A call that needs more bytes stores their ranges, for slf_ranges(). JavaScript writes
+// bytes for the module to the memory that slf_buffer() returns.
 
 #include <array>
 #include <bit>
@@ -32,7 +33,7 @@ using namespace slf;
 enum Status : int { kDone = 0, kWants = 1, kFailed = 2 };
 
 struct Found {
-  double state;  ///< 0 missing, 1 empty, 2 stored, 3 wants bytes, 4 damaged
+  double state;  ///< 0 missing, 1 empty, 2 stored, 3 needs more bytes, 4 damaged
   double begin, end;
   std::uint64_t checksum;
 };
@@ -43,7 +44,7 @@ struct Decoder {
   std::unique_ptr<PredictedTiles> predicted;  ///< if its tiles are predicted from others
 };
 
-/// What tiles of a layer are predicted from, as far as the index says: [level - 1].
+/// The references of a layer's tiles, from those levels that the index lists: [level - 1].
 using References = std::vector<ReferenceIndex>;
 
 struct Module {
@@ -73,7 +74,7 @@ int failed(const Error& error) {
   return kFailed;
 }
 
-/// An error of the store: it may only need more bytes.
+/// The status for an error of the store: kWants if it only needs more bytes.
 int refused(const Error& error) {
   Module& m = module();
   m.ranges.clear();
@@ -118,26 +119,26 @@ SLF_EXPORT(slf_buffer) std::byte* slf_buffer(std::size_t size) {
 SLF_EXPORT(slf_text) const char* slf_text() { return module().text.data(); }
 SLF_EXPORT(slf_text_size) std::size_t slf_text_size() { return module().text.size(); }
 
-/// What threads destroy when they end. The only thread here does not end.
+/// Registers what a thread destroys when it ends. The only thread here does not end.
 extern "C" int __cxa_thread_atexit(void (*)(void*), void*, void*) { return 0; }
 
 // ---- reading ------------------------------------------------------------------------------------
 
-/// Begins with a file of so many bytes; the buffer holds its name.
+/// Begins to read a file of `file_bytes` bytes; the buffer holds its name.
 SLF_EXPORT(slf_begin) void slf_begin(double file_bytes) {
   Module& m = module();
   m.name = text_of(m.buffer);
   m.store = std::make_unique<storage::RangedStore>(m.name, static_cast<std::uint64_t>(file_bytes));
 }
 
-/// Takes the buffer as the bytes at an offset of the file.
+/// Adds the content of the buffer, which are the file's bytes at `offset`.
 SLF_EXPORT(slf_add) void slf_add(double offset) {
   Module& m = module();
   m.store->add(static_cast<std::uint64_t>(offset), std::move(m.buffer));
   m.buffer = {};
 }
 
-/// Opens the field. When done, the text is the manifest.
+/// Opens the field. When that is done, the text is the manifest.
 SLF_EXPORT(slf_open) int slf_open() {
   Module& m = module();
   if (auto open = m.store->open(); !open) return refused(open.error());
@@ -153,7 +154,7 @@ SLF_EXPORT(slf_open) int slf_open() {
   return kDone;
 }
 
-/// The shared tables of a layer's codec, as the text.
+/// Reads the shared tables of a layer's codec. When that is done, the text holds them.
 SLF_EXPORT(slf_tables) int slf_tables(std::uint32_t layer) {
   Module& m = module();
   const auto blob = m.store->blob("tables/" + m.manifest->layers[layer].name);
@@ -166,7 +167,7 @@ SLF_EXPORT(slf_ranges) const double* slf_ranges() { return module().ranges.data(
 SLF_EXPORT(slf_range_count) std::size_t slf_range_count() { return module().ranges.size() / 2; }
 
 /// Finds tiles of a layer. The buffer holds (level, entry section, exit section), u32 each. Returns
-/// one Found per tile; the ranges are what all of them want.
+/// one Found per tile, and stores the ranges of the bytes that any of them still need.
 SLF_EXPORT(slf_find) const Found* slf_find(std::uint32_t layer) {
   Module& m = module();
   m.found.clear();
@@ -188,7 +189,7 @@ SLF_EXPORT(slf_find) const Found* slf_find(std::uint32_t layer) {
   return m.found.data();
 }
 
-/// Reads what finding tiles of a layer up to a level takes.
+/// Reads the tables and indexes that finding tiles of a layer needs, up to a level.
 SLF_EXPORT(slf_prepare) int slf_prepare(std::uint32_t layer, std::uint32_t levels) {
   Module& m = module();
   References references;
@@ -206,9 +207,9 @@ SLF_EXPORT(slf_prepare) int slf_prepare(std::uint32_t layer, std::uint32_t level
   return kDone;
 }
 
-/// The tiles of a layer that those in the buffer are predicted from, directly or not, and these
-/// themselves, as far as slf_prepare() has read an index: slf_tile_count() of them. The buffer
-/// holds (level, entry section, exit section), u32 each, and so does the result.
+/// Returns the tiles of a layer in the buffer, and all tiles that they are predicted from, directly
+/// or indirectly, as far as slf_prepare() has read an index: slf_tile_count() tiles. The buffer and
+/// the result hold (level, entry section, exit section), u32 each.
 SLF_EXPORT(slf_with_ancestors) const std::uint32_t* slf_with_ancestors(std::uint32_t layer) {
   Module& m = module();
   std::vector<TileKey> keys;
@@ -250,7 +251,7 @@ SLF_EXPORT(slf_exit_path_count) std::size_t slf_exit_path_count(unsigned level) 
 
 // ---- decoding -----------------------------------------------------------------------------------
 
-/// Takes the manifest from the buffer. Enough for a module that only decodes.
+/// Parses the manifest in the buffer. A module that only decodes calls this instead of slf_open().
 SLF_EXPORT(slf_manifest) int slf_manifest() {
   const auto taken = take_manifest(module().buffer, "field");
   return taken ? kDone : failed(taken.error());
@@ -280,8 +281,8 @@ int slf_check(std::uint32_t layer, std::uint32_t level, std::uint32_t entry, std
   return failed({ErrorCode::bad_file, "the payload does not match its checksum"});
 }
 
-/// What the payload in the buffer is predicted from: slf_reference_count() pairs of an entry and an
-/// exit section of the level below. Such a tile may be none of the field's.
+/// Returns the tiles that the payload in the buffer is predicted from: slf_reference_count() pairs
+/// of an entry and an exit section of the next coarser level. The field may not have such a tile.
 SLF_EXPORT(slf_references)
 const std::uint32_t* slf_references(std::uint32_t layer, std::uint32_t level, std::uint32_t entry,
                                     std::uint32_t exit) {
@@ -298,8 +299,8 @@ SLF_EXPORT(slf_reference_count) std::size_t slf_reference_count() {
   return module().sections.size() / 2;
 }
 
-/// Takes the buffer as the samples of a tile that the next one to decode is predicted from; no
-/// bytes: nothing is visible in it.
+/// Adds a tile that the next tile to decode is predicted from. The buffer holds its samples, or no
+/// bytes if nothing is visible in it.
 SLF_EXPORT(slf_add_reference)
 int slf_add_reference(std::uint32_t layer, std::uint32_t level, std::uint32_t entry,
                       std::uint32_t exit) {
@@ -313,7 +314,7 @@ int slf_add_reference(std::uint32_t layer, std::uint32_t level, std::uint32_t en
   return kDone;
 }
 
-/// Decodes the payload in the buffer, which slf_check() found sound. Forgets the references.
+/// Decodes the payload in the buffer, which slf_check() has verified. Drops the references.
 SLF_EXPORT(slf_decode)
 int slf_decode(std::uint32_t layer, std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
   Module& m = module();
