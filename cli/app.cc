@@ -54,7 +54,7 @@ std::vector<std::string> option_names(const CLI::App& command) {
   return names;
 }
 
-/// The option that a message of CLI11 is about: its name begins the message or is in it.
+/// The option that a message of CLI11 is about: the message begins with its name or contains it.
 const CLI::Option* option_of(const CLI::App& command, const std::string& message) {
   const CLI::Option* found = nullptr;
   std::size_t length = 0;

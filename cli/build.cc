@@ -32,7 +32,8 @@ Result<void> run_build(const Arguments& arguments) {
   if (options.depth_codec == "none") options.depth_codec = "";
   SourceArguments source = arguments.source;
   source.raycast.lighting.linear = options.half;
-  // Kept until the field is complete, so that a resumed build need not compute it again.
+  // The light volume is kept until the field is complete, so that a resumed build need not compute
+  // it again.
   const bool keep = !source.light_file.empty();
   const std::string light_file = keep ? source.light_file : output + ".light";
   const auto scene = source.scene({options.threads, light_progress(), light_file, true});

@@ -1,5 +1,4 @@
-// Shared by the commands of `slf`: how they run and print, and the options that several of them
-// have.
+// Shared by the commands of `slf`: running, printing, and options that several commands have.
 //
 // Data goes to stdout, progress and messages to stderr. The exit code is the ErrorCode of the
 // failure, 0 on success.
@@ -58,7 +57,7 @@ void add_export(CLI::App& app, Run& run);
 
 // ---- output ------------------------------------------------------------------------------------
 
-/// --quiet: no progress, no notes.
+/// --quiet: suppresses progress and notes.
 extern bool quiet;
 /// --progress: how progress is reported, and how often if stderr is not a terminal.
 struct ProgressStyle {
@@ -69,8 +68,8 @@ extern ProgressStyle progress_style;
 /// Parses "30", "json" or "json:5".
 std::istream& operator>>(std::istream& in, ProgressStyle& style);
 
-/// Opens descriptors 0 to 2 that are closed, so that no file of the program gets their numbers.
-/// Output to them still fails.
+/// Opens those of descriptors 0 to 2 that are closed, so that no file that the program opens gets
+/// their numbers. Output to them still fails.
 void reserve_standard_streams();
 
 /// The text with control characters and bytes that are not UTF-8 written as \xNN, so that untrusted
@@ -90,22 +89,22 @@ void message(const std::string& text);
 void note(const std::string& text);
 
 /// Prints JSON on stdout. Bytes that are not UTF-8, as in paths, become U+FFFD. If a remote field
-/// was read, an object gets the member "http" with traffic_json().
+/// was read, adds the member "http", traffic_json(), to an object.
 void print_json(nlohmann::json json);
 
-/// A text member of untrusted JSON, or `otherwise`.
+/// The text member `key` of untrusted JSON, or `otherwise` if there is none.
 [[nodiscard]] std::string text_of(const nlohmann::json& json, const char* key,
                                   const std::string& otherwise);
 
-/// "1.5 GiB", "12.3 M".
+/// Formats numbers as "1.5 GiB" and "12.3 M".
 [[nodiscard]] std::string human_bytes(double bytes);
 [[nodiscard]] std::string human_count(double count);
 
 /// Prints rows of cells. The first row is the heading; all columns but the first are right-aligned.
 void print_table(const std::vector<std::vector<std::string>>& rows);
 
-/// Lets malloc keep freed memory. Commands that copy tiles allocate records of some 100 KiB;
-/// mapping and unmapping these one by one would take longer than copying them.
+/// Makes malloc keep freed memory. Commands that copy tiles allocate records of about 100 KiB;
+/// mapping and unmapping each of these would take longer than copying it.
 void keep_freed_memory();
 
 // ---- fields ------------------------------------------------------------------------------------
@@ -129,8 +128,8 @@ void keep_freed_memory();
 /// process.
 void watch_signals();
 
-/// The progress bar of a light volume. It begins with the first call, because none is computed
-/// where a file has it.
+/// The progress bar of a light volume. It appears with the first call: if the light volume is read
+/// from a file, there is no call.
 [[nodiscard]] ProgressCallback light_progress();
 
 /// The signal that asked the program to stop, or 0.
@@ -138,7 +137,7 @@ void watch_signals();
 
 // ---- arguments ---------------------------------------------------------------------------------
 
-/// Kinds of values: --help shows them, and shell completion is chosen by them.
+/// Kinds of values. --help shows them, and they determine shell completion.
 inline constexpr const char* kFieldFile = "FILE.slf";
 inline constexpr const char* kAnyFile = "FILE";
 inline constexpr const char* kFolder = "DIR";
@@ -146,7 +145,7 @@ inline constexpr const char* kCodec = "CODEC";
 inline constexpr const char* kVector = "X,Y,Z";
 inline constexpr const char* kPixels = "WIDTHxHEIGHT";
 
-/// Names and the values they stand for.
+/// Names, and the values that they stand for.
 template <class T>
 using Choices = std::vector<std::pair<std::string, T>>;
 extern const Choices<RenderMode> kRenderModes;
@@ -179,7 +178,7 @@ struct PixelSize {
 std::istream& operator>>(std::istream& in, PixelSize& size);
 [[nodiscard]] std::string to_string(const PixelSize& size);
 
-/// Levels of the tile pyramid, both inclusive: "2", "0-1".
+/// A range of levels of the tile pyramid, both ends inclusive: "2", "0-1".
 struct LevelRange {
   unsigned first = 0, last = 0;
 };
@@ -194,7 +193,8 @@ struct Subfields {
 std::istream& operator>>(std::istream& in, Subfields& subfields);
 CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::string& help);
 
-/// Adds to an error the option that cures it. Libraries do not name options of the command line.
+/// Adds a hint to an error, such as the option to use. Libraries do not name options of the command
+/// line.
 [[nodiscard]] tl::unexpected<Error> with_cure(const Error& error, const std::string& cure);
 
 /// Refuses an existing output without -f: usage.
@@ -215,7 +215,7 @@ inline constexpr const char* kLabelsHint =
     "its values look like labels (ids), which are blurred when interpolated; --labels gives each "
     "a colour of its own";
 
-/// INPUT: a volume with its transfer function, or scene:NAME; and how it is lit.
+/// The options of an input: a volume and its transfer function, or scene:NAME, and its lighting.
 struct SourceArguments {
   std::string input;
   std::string transfer;
@@ -249,7 +249,8 @@ struct SourceArguments {
   void add_light_file_to(CLI::App& command);
   void add_reference_to(CLI::App& command);
   [[nodiscard]] Result<Volume> volume() const;
-  /// Options that are not given come from `provenance`, that of a field, or have their defaults.
+  /// Makes the scene. Options that are not given come from `provenance`, that of a field, or have
+  /// their defaults.
   [[nodiscard]] Result<std::unique_ptr<Scene>> scene(
       const LightWork& work, const std::optional<std::string>& provenance = {}) const;
 

@@ -1,4 +1,4 @@
-// slf diff: whether two fields are the same, and where they differ.
+// slf diff: compares two fields, and prints where they differ.
 #include <cmath>
 
 #include "cli/command.h"

@@ -1,4 +1,4 @@
-// slf ls: the tiles of a field, one per line, for other tools to read.
+// slf ls: lists the tiles of a field, one per line, for other tools to read.
 #include "cli/command.h"
 #include "slf/inspect.h"
 

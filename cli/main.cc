@@ -60,7 +60,7 @@ int main(int argc, char** argv) {
   } catch (const std::exception& error) {
     code = fail({ErrorCode::failed, std::string("unexpected: ") + error.what()});
   }
-  // Die of the signal: then a shell also ends a loop around the command. No exit code does that.
+  // Die of the signal, so that a shell also ends a loop around the command. No exit code does that.
   if (const int signal = slf::cli::stop_signal(); signal != 0) {
     std::signal(signal, SIG_DFL);
     std::raise(signal);

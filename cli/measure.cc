@@ -158,7 +158,7 @@ struct EvaluateArguments {
   bool json = false;
 };
 
-/// Whether the field was built from the scene that it is compared with. Prints a warning if not.
+/// Returns whether the field was built from the scene that it is compared with, and warns if not.
 bool check_source(const Field& field, const Scene& scene) {
   nlohmann::json built = nlohmann::json::parse(field.provenance()),
                  now = nlohmann::json::parse(scene.provenance());
@@ -173,7 +173,7 @@ bool check_source(const Field& field, const Scene& scene) {
   return false;
 }
 
-/// The tone mapping of pictures before they are compared; none for fields that hold colours.
+/// The tone mapping to apply before pictures are compared; none for fields that hold colours.
 std::optional<ToneMapping> view_tone(const Field& field) {
   const LightOptions lighting = raycast_options(field.provenance()).lighting;
   if (lighting.mode == Lighting::direct || !lighting.linear) return std::nullopt;

@@ -1,4 +1,4 @@
-// Progress of long commands, and stopping them by signals.
+// Shows the progress of long commands, and lets signals stop them.
 #include <unistd.h>
 
 #include <algorithm>
@@ -74,7 +74,7 @@ class ProgressBar {
   static double seconds(Clock::duration duration) {
     return std::chrono::duration<double>(duration).count();
   }
-  /// On a terminal, overwrites the line.
+  /// Writes a line; on a terminal, overwrites the previous one.
   void write(const std::string& text, const char* end) const {
     const std::string line = (terminal_ ? "\r" + text + "\x1b[K" : text) + end;
     std::fwrite(line.data(), 1, line.size(), stderr);

@@ -61,8 +61,8 @@ struct RenderArguments {
   bool stats = false, json = false;
 };
 
-/// Tone-maps a picture of a field that holds linear radiance. One that is written as .exr keeps the
-/// radiance, unless an option asks for tone mapping.
+/// Tone-maps a picture of a field that holds linear radiance. A picture to be written as .exr keeps
+/// the radiance, unless an option requests tone mapping.
 Result<void> map_tones(const RenderArguments& a, const Field& field, Image& image) {
   const LightOptions lighting = raycast_options(field.provenance()).lighting;
   const bool linear = lighting.mode != Lighting::direct && lighting.linear;

@@ -1,5 +1,5 @@
-// --shard and related options: the part of a field that this process builds, chosen by the user or
-// by the engine that started the process.
+// --shard and related options, which choose the part of a field that this process builds. The user
+// chooses it, or the engine that started the process does.
 #include <algorithm>
 #include <charconv>
 #include <cstdlib>
@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::uint64_t kMostShards = 10'000'000;
 
-/// The value of an environment variable as a number; none if it is not set or not a number.
+/// The value of an environment variable as a number; nullopt if it is not set or not a number.
 std::optional<std::uint64_t> number_in(const char* variable) {
   const char* const text = std::getenv(variable);
   if (!text) return std::nullopt;

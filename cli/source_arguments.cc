@@ -1,4 +1,5 @@
-// The source of rays: a volume, its transfer function, structures and light, or an analytic scene.
+// Options of the source of rays: a volume with its transfer function, structures and light, or an
+// analytic scene.
 #include <algorithm>
 #include <cmath>
 #include <tuple>
@@ -325,7 +326,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
         return fail(ErrorCode::usage, "the field was built with ", option, "; name it again");
   }
   if (auto ok = set_light(options); !ok) return tl::unexpected(ok.error());
-  // The small file first, so that an error in it shows before a large volume is read.
+  // Read the small file first, so that an error in it is found before a large volume is read.
   if (!transfer.empty()) {
     auto read = read_transfer(transfer);
     if (!read) return tl::unexpected(read.error());
@@ -343,7 +344,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   if (!volume) return tl::unexpected(volume.error());
   for (const std::string& remark : volume->notes) note(volume->source + ": " + remark);
   if (!labels && looks_like_labels(*volume)) note(volume->source + ": " + kLabelsHint);
-  // A function from the histogram, or from a field, is already fitted to the volume.
+  // A transfer function from the histogram or from a field is already fitted to the volume.
   if (!preset) preset = TransferPreset{.function = default_transfer(*volume)};
   const TransferFunction function =
       transfer.empty() && !stretched ? preset->function : preset->fit(*volume, stretched);

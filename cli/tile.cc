@@ -16,12 +16,12 @@ struct Arguments {
   bool force = false;
 };
 
-/// Parses "LEVEL/ENTRY/EXIT", or "LEVEL/INDEX", which is how messages name tiles.
+/// Parses "LEVEL/ENTRY/EXIT", or "LEVEL/INDEX", the form in which messages name tiles.
 Result<TileKey> parse_tile(const Field& field, const std::string& text) {
   std::istringstream in(text);
   TileAddress address;
   char slash = 0, second = 0;
-  // Unsigned numbers would accept a sign.
+  // Only digits and slashes, because operator>> accepts a sign before unsigned numbers.
   if (text.find_first_not_of("0123456789/") == std::string::npos && in >> address.level >> slash &&
       slash == '/' && in >> address.entry) {
     if (in.peek() == std::istream::traits_type::eof())

@@ -61,8 +61,8 @@ void print_list(std::span<const TransferPreset> presets, bool as_table) {
   }
 }
 
-/// A picture of a transfer function. Above, the colours under the curve of opacity; below, a layer
-/// ten unit distances thick over a checkerboard.
+/// Draws a transfer function: above, its colours under the curve of opacity; below, a layer that is
+/// ten unit distances thick, over a checkerboard.
 Image picture_of(const TransferFunction& f) {
   constexpr std::uint32_t kWidth = 768, kCurve = 160, kGap = 8, kSlab = 40, kSquare = 10;
   constexpr double kDistances = 10;

@@ -22,8 +22,8 @@ struct ViewArguments {
   bool open = false, json = false;
 };
 
-/// Starts the desktop's browser. The address has no character that a shell treats specially, and no
-/// shell is involved.
+/// Starts the desktop's browser without a shell. The address has no character that a shell would
+/// treat specially.
 void open_browser(const std::string& url) {
   const pid_t child = fork();
   if (child != 0) return;
@@ -62,8 +62,8 @@ struct ExportArguments {
   [[nodiscard]] bool one_file() const { return output.ends_with(".html"); }
 };
 
-/// Writes a smaller field if the options ask for one. False: they do not, so the field serves as it
-/// is.
+/// Writes a smaller field if the options request one. Returns false if they do not; the field is
+/// then exported unchanged.
 Result<bool> make_smaller(const ExportArguments& a, const Field& field, const std::string& path) {
   RepackOptions options = a.repack;
   options.levels = a.levels;

@@ -23,7 +23,7 @@ std::string replaced(std::string text, const std::string& from, const std::strin
   return text;
 }
 
-/// The first words of a description: completion has little room.
+/// The first words of a description, because completion has little room.
 std::string brief(const Argument& a) {
   constexpr std::size_t kMost = 60;
   const std::string text = a.description.substr(0, a.description.find(';'));
@@ -61,7 +61,7 @@ std::vector<std::string> command_names(const Program& program) {
 // ---- bash
 // ----------------------------------------------------------------------------------------
 
-/// The call that completes the value of an argument: of one of the functions below.
+/// The code that completes the value of an argument: a call of one of the functions below.
 std::string bash_action(const Argument& a) {
   if (a.takes_folder()) return "_slf_folders";
   if (a.takes_file()) return "_slf_files " + quoted(a.extension());

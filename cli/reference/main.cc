@@ -1,4 +1,4 @@
-// Writes the manual pages and the completion of `slf`:
+// Writes the manual pages and the completion of `slf` to a folder:
 //   slf_reference FOLDER      man/slf.1, man/slf-build.1, ...; completion/slf.bash, .zsh, .fish
 #include <cstdio>
 #include <filesystem>
@@ -21,7 +21,7 @@ void write(const std::filesystem::path& path, const std::string& text) {
 void write_all(const std::filesystem::path& folder) {
   slf::cli::Run run;
   const auto program = reference::describe(*slf::cli::make_app(run));
-  std::filesystem::remove_all(folder / "man");  // no page of a removed command remains
+  std::filesystem::remove_all(folder / "man");  // remove the pages of commands that no longer exist
   std::filesystem::create_directories(folder / "man");
   std::filesystem::create_directories(folder / "completion");
   write(folder / "man/slf.1", reference::program_manual(program));

@@ -41,7 +41,7 @@ std::string literal(const std::string& text) {
       default:
         out += c;
     }
-  // A dot at the start of a line would be a request.
+  // troff would read a dot at the start of a line as a request.
   return out.starts_with('.') ? "\\&" + out : out;
 }
 
@@ -85,7 +85,7 @@ std::string header(const std::string& page) {
 
 std::string section(const char* title) { return fmt::format(".SH {}\n", title); }
 
-/// A description in the form that follows "slf-build - ": "build a field".
+/// A description in the form that follows "slf-build - ", such as "build a field".
 std::string after_dash(std::string text) {
   if (text.size() > 1 && std::islower(static_cast<unsigned char>(text[1])))
     text[0] = static_cast<char>(std::tolower(static_cast<unsigned char>(text[0])));

@@ -35,7 +35,7 @@ void read_type(const std::string& type, Argument& argument) {
     argument.choices.push_back(choice.substr(0, choice.find("->")));
 }
 
-/// Values to offer by completion for arguments that accept others, too.
+/// Values that completion offers for arguments that also accept others.
 std::vector<std::string> suggestions(const std::string& value) {
   if (value == kCodec)
     return {"predictive:75", "predictive:90", "predictive:lossless", "raw", "zstd", "zstd:9",

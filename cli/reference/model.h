@@ -31,7 +31,7 @@ struct Argument {
 struct Command {
   std::string name;
   std::string description;  ///< one line
-  std::string notes;        ///< text of --help below the options, if the command has its own
+  std::string notes;        ///< text of --help below the options, if the command has any
   std::vector<Argument> arguments;
 
   /// The headings of its options, in the order of --help.

@@ -1,5 +1,4 @@
-// The parts of the manual pages that --help does not have: the purpose of each command, and
-// examples.
+// The parts of the manual pages that --help lacks: the purpose of each command, and examples.
 #pragma once
 
 #include <string>
@@ -13,12 +12,12 @@ struct Example {
 };
 
 struct Prose {
-  const char* command;  ///< "build"; "" is slf(1)
+  const char* command;  ///< such as "build"; "" for slf(1)
   std::vector<const char*> paragraphs;
   std::vector<Example> examples;
 };
 
-/// The text of a command. Throws std::runtime_error if it has none, since every command needs one.
+/// The text of a command. Throws std::runtime_error if there is none: every command needs one.
 [[nodiscard]] const Prose& prose(const std::string& command);
 
 }  // namespace slf::cli::reference
