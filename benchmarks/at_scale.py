@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""Fields that no machine of ours can hold, on paper: a simulation of building one with many workers
-that fail, and of many viewers of one on a static host.
+"""Simulates fields that are too large for our machines: building one with many workers that fail,
+and many viewers of one on a static host.
 
   benchmarks/at_scale.py [--help]
 
-What a worker or a view costs is measured elsewhere and given as options; their defaults say where
-they come from. Everything is drawn from a seeded random generator, so a run prints the same numbers
-again. Prints, for 10^12 slabs and 1,000 workers: by the number of shards, how long the build takes
-beside what it takes without failures, and what share of the work is wasted; and how long a merge
-takes. For 100,000 viewers: requests, bytes, and the hit rate of a cache between them and the host.
+Options give the cost of a worker and of a view; their help names the programs that measured the
+defaults. Failures and views come from a seeded random generator, so a run prints the same numbers
+again. For 10^12 slabs and 1,000 workers it prints, by the number of shards, the time of the build
+with and without failures, and the share of the work that is wasted; and the time of a merge. For
+100,000 viewers it prints requests, bytes, and the hit rate of a cache between them and the host.
 """
 
 import argparse
@@ -40,7 +40,7 @@ def build(options, shards):
             wasted += options.start_seconds
             heapq.heappush(events, (now + needed, worker))
             continue
-        # What was committed stays; the task goes on from there, on another worker.
+        # Committed tiles stay, and another worker continues the task from there.
         computed = max(0.0, life - options.start_seconds)
         kept = computed // options.commit_seconds * options.commit_seconds
         waiting.append(left - kept)
@@ -72,7 +72,7 @@ def print_build(options):
 
 
 class Cache:
-    """Least recently used ranges first out, of all viewers of a region."""
+    """A cache for all viewers of a region. It evicts the least recently used ranges."""
 
     def __init__(self, limit):
         self.limit, self.bytes, self.ranges = limit, 0, collections.OrderedDict()
@@ -94,8 +94,9 @@ def ranges_of(options, level):
 
 
 def view(options, place, level):
-    """The ranges that a view needs of the level that matches its pixels: as many at every level, since
-    pictures have as many pixels, near each other, at a place from 0 to 1 that the eye selects."""
+    """The ranges that a view needs of the level that matches its pixels. Each level needs the same
+    number, because pictures have the same number of pixels. They are neighbours, at a place from 0
+    to 1 that depends on the eye."""
     count = ranges_of(options, level)
     begin = int(place * count)
     return [(level, (begin + k) % count) for k in range(options.view_ranges)]
@@ -110,7 +111,7 @@ def print_views(options):
         cache = Cache(gigabytes * 1e9)
         requests = hits = 0
         for _ in range(sample):
-            # All begin with the default view, with the coarse levels that every page shows first.
+            # Every viewer begins with the default view and the coarse levels, which come first.
             names = [(level, k) for level in range(options.view_level)
                      for k in range(min(options.view_ranges, ranges_of(options, level)))]
             seen = set()

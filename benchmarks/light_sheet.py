@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""A contact sheet of volumes under rigs of lights: one row for each volume, one column for each rig.
+"""Makes a contact sheet of volumes under rigs of lights: a row for each volume, a column per rig.
 
   benchmarks/light_sheet.py --slf build/release/cli/slf -o sheet.jpg [--samples 32] [--size 384]
       VOLUME[:TRANSFER[:OPTIONS]] ...
 
-Without volumes it draws those of ../shared/data that are there. The first column is direct light.
-Pictures that are in the folder already are not drawn again. Needs ImageMagick's montage.
+Without volumes it draws those in ../shared/data. The first column shows direct light. Pictures that
+exist in the folder are not drawn again. Needs ImageMagick's montage.
 """
 
 import argparse

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What building in parts costs, and how fast parts are joined.
+"""Measures the cost of building a field in parts, and the speed of joining the parts.
 
   benchmarks/many_machines.py --slf build/release/cli/slf --large build/bench/benchmarks/large_field \\
     --folder /var/tmp/slf [INPUT --transfer ... --levels 2 ...]
@@ -37,7 +37,7 @@ class Cost(typing.NamedTuple):
 
 
 def run(*commands, **options):
-    """What commands cost, one after the other."""
+    """Runs commands one after the other, and returns what they cost together."""
     begin = time.monotonic()
     processor = memory = 0.0
     for command in commands:
@@ -59,8 +59,8 @@ def run(*commands, **options):
 
 
 def build_in_parts(slf, folder, build, with_alone):
-    """Whole, in shards after the coarse levels, and in shards alone. In processor seconds: other
-    work on the machine changes them little."""
+    """Builds a field whole, in shards after the coarse levels, and in shards alone. Prints
+    processor seconds, because other work on the machine changes these little."""
     levels = 2
     if "--levels" in build:
         levels = int(build[build.index("--levels") + 1])

@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
-"""Fields larger than memory: pictures and frame times under a memory limit of the kernel's.
+"""Measures fields larger than memory: pictures and frame times under the kernel's memory limit.
 
-Builds a field of at least 8 GB from an analytic scene, unless it is there, then inside a memory
-control group draws views (which must equal those drawn without a limit) and plays an orbit with
-each way of loading. Then it plays the orbit with reads throttled to several rates, and compares
-some of the frames with those that wait for their tiles. Also measured: how long the machine itself
-keeps its idle cores from a process; the first frame from the disk; and the bytes read for a view.
+Builds a field of at least 8 GB from an analytic scene, unless it exists. Then it draws views inside
+a memory control group, which must equal those drawn without a limit, and plays an orbit with each
+way of loading. After that it plays the orbit with reads throttled to several rates, and compares
+some of the frames with frames that wait for their tiles. It also measures how long the machine
+itself keeps idle cores from a process, the first frame from the disk, and the bytes that a view
+reads.
 
   benchmarks/out_of_core.py --slf build/release/cli/slf --folder /var/tmp/slf [--jpeg brain.slf]
 
-Needs root, or delegated control groups, for the limits; says so and goes on without those that it
-cannot set.
+The limits need root or delegated control groups. The program reports limits that it cannot set, and
+goes on without them.
 """
 
 import argparse
@@ -29,8 +30,8 @@ CODECS = ["--color-codec", "raw", "--depth-codec", "raw"]
 LEAST_BYTES = 8_000_000_000
 MIB = 1 << 20
 FRAME_MS = 1000 / 30
-EVERY = 10  # th frame is compared
-MOST_PSNR = 60  # that an equal frame counts for
+EVERY = 10  # one frame in so many is compared
+MOST_PSNR = 60  # in dB, for frames that are equal
 PAUSE = 0.005  # seconds
 
 
@@ -77,7 +78,7 @@ class MemoryLimit(ControlGroup):
             (self.path / "memory.swap.max").write_text("0")
 
     def killed(self):
-        """How often the kernel killed for want of memory."""
+        """How often the kernel killed a process of the group for lack of memory."""
         for name in ("memory.oom_control", "memory.events"):
             file = self.path / name
             if file.exists():
@@ -93,7 +94,7 @@ class MemoryLimit(ControlGroup):
 
 
 class ReadLimit(ControlGroup):
-    """Its processes read a file's disk at most so fast."""
+    """A control group that limits the rate at which its processes read from a file's disk."""
 
     def __init__(self, file, megabytes):
         device = os.stat(file).st_dev
@@ -134,7 +135,7 @@ def build(slf, field):
 
 
 def draw(slf, field, size, limit, budgets, folder):
-    """Pictures from around the field."""
+    """Draws pictures from around the field."""
     for azimuth in range(0, 360, 60):
         run(
             [slf, "render", field, "-f", "-o", folder / f"{azimuth}.png",
@@ -183,7 +184,7 @@ def storage_rate(field, limit):
 
 
 def mean_psnr(slf, frames, references):
-    """Of every EVERYth frame, against the same frame in another folder."""
+    """The mean PSNR of every EVERYth frame to the same frame in another folder."""
     names = sorted(path.name for path in frames.iterdir())[::EVERY]
     return sum(
         min(json.loads(run([slf, "compare", frames / name, references / name, "--json"]))["psnr"]
@@ -235,8 +236,8 @@ def watch_clock(seconds, pauses):
 
 
 def machine_pauses(seconds):
-    """Milliseconds for which a core that only looked at the clock was kept from it, all cores
-    looking: frames that meet one of these come later by so much, whatever draws them."""
+    """Milliseconds for which the machine kept a process from its core, while one process per core
+    only read the clock. A frame that meets such a pause is late by it, whatever draws the frame."""
     pauses = multiprocessing.Queue()
     watchers = [multiprocessing.Process(target=watch_clock, args=(seconds, pauses))
                 for _ in os.sched_getaffinity(0)]
@@ -246,7 +247,7 @@ def machine_pauses(seconds):
 
 
 def first_frame(slf, field, size, views=5):
-    """Milliseconds of first frames from a cold file, each from elsewhere."""
+    """Milliseconds of first frames from a cold file, each from another direction."""
     times = []
     for k in range(views):
         text = run(
@@ -258,7 +259,7 @@ def first_frame(slf, field, size, views=5):
 
 
 def disk_bytes(slf, field, size):
-    """Bytes that came from the disk for a view, over the payloads of the tiles it touched."""
+    """Bytes read from the disk for a view, over the payloads of the tiles that it touched."""
     runs = json.loads(
         run([slf, "measure", field, "--level", "finest", "--size", size, "--json"])
     )["runs"]

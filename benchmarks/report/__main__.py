@@ -39,7 +39,7 @@ def arguments():
 
 
 def run_part(bench, name, quick):
-    """The part's outcome; a failed one says so and does not stop the others."""
+    """Runs a part and returns its outcome. A failure is noted there, and the others go on."""
     bench.part, bench.commands = name, []
     command = f"scripts/report --only {name}" + (" --quick" if quick else "")
     begin = time.monotonic()
@@ -48,7 +48,7 @@ def run_part(bench, name, quick):
     bench.say("begins")
     try:
         module.run(bench, part)
-    except Exception as error:  # a report with a hole is better than none
+    except Exception as error:  # an incomplete report is better than none
         if not isinstance(error, Failed):
             traceback.print_exc()
         bench.say(f"FAILED: {error}")
@@ -91,7 +91,7 @@ def main():
     try:
         for name in chosen.parts:
             parts.append((name, run_part(bench, name, chosen.quick)))
-            write(chosen.out, parts, facts, chosen.quick)  # what is done is kept, come what may
+            write(chosen.out, parts, facts, chosen.quick)  # in case a later part aborts
     finally:
         bench.close()
     failed = [name for name, part in parts if part.failed]

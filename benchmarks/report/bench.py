@@ -1,4 +1,4 @@
-"""What the parts share: the programs, the volumes, and fields that are built once."""
+"""What all parts of the report use: programs, volumes, and fields that are built once."""
 
 import json
 import os
@@ -14,7 +14,7 @@ from . import volumes
 
 
 class Failed(Exception):
-    """A command failed or something needed is missing; the message says which and why."""
+    """A command failed, or something is missing; the message names it and the reason."""
 
 
 class Bench:
@@ -39,7 +39,7 @@ class Bench:
         if not self.keep_fields:
             shutil.rmtree(self.fields, ignore_errors=True)
 
-    # ---- what is going on ------------------------------------------------------------------
+    # ---- messages --------------------------------------------------------------------------
 
     def seconds(self):
         return time.monotonic() - self._begin
@@ -55,7 +55,7 @@ class Bench:
         return path if path.exists() else None
 
     def run(self, name, *arguments, quiet=True, check=True, memory=None):
-        """Runs slf, a benchmark program, or one from the system; returns what it printed.
+        """Runs slf, a benchmark program or a system program; returns its output.
         `memory` limits its address space, as ulimit -v."""
         program = self.program(name) or shutil.which(name)
         if not program:
@@ -96,7 +96,7 @@ class Bench:
     # ---- volumes and fields ----------------------------------------------------------------
 
     def volume(self, *names):
-        """The first of these volumes that is there."""
+        """The first of these volumes that is available."""
         for name in names:
             if name in self.volumes:
                 return self.volumes[name]
@@ -132,7 +132,7 @@ class Bench:
         return path
 
     def repacked(self, field, color, depth):
-        """The path of a copy of a field with other codecs; `depth` None leaves depth out."""
+        """The path of a copy of a field with other codecs; without depth if `depth` is None."""
         codecs = f"{color}-{depth or 'none'}".replace(":", "")
         path = self.fields / f"{field.stem}-as-{codecs}.slf"
         if not self.is_complete(path):
@@ -142,7 +142,7 @@ class Bench:
         return path
 
     def recoded(self, field, codec, depth=None):
-        """The path of a copy with another codec; `depth` is that of depths where they are apart."""
+        """The path of a copy with another codec; `depth` is that of a separate depth layer."""
         path = self.fields / f"{field.stem}-in-{codec.replace(':', '')}.slf"
         if not self.is_complete(path):
             self.say(f"encoding {field.stem}: {codec}")

@@ -1,4 +1,4 @@
-"""Compression: bytes of a field against how good its pictures are, and against other codecs."""
+"""Compression: a field's bytes against the quality of its pictures, and other codecs."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from .outcome import NOT_RUN, PARTLY, Claim, human_bytes
 
 TITLE = "Compression"
 PAPER_CODEC = "jpeg:75"
-# What others report, as ratio and PSNR; quoted, not measured.
+# Ratios and PSNR that others report; quoted, not measured here.
 PUBLISHED = [
     ("Levoy & Hanrahan 1996: vector quantisation and gzip", "118 : 1", "not given"),
     ("random-access light field codecs", "20–200 : 1", "50–40 dB"),
@@ -55,7 +55,7 @@ def _measure_settings(bench, volume, shapes):
             without = bench.repacked(field, color, None)
             for path, mode in ((field, "depth"), (without, "bitri")):
                 if mode == "bitri" and depth not in (color, "jpeg:50"):
-                    continue  # the same colours once more
+                    continue  # these colours have been measured
                 quality = bench.evaluate(path, volume, mode, **views)
                 rows.append({
                     "cells": cells, "color": color, "depth": depth if mode == "depth" else None,
@@ -278,7 +278,7 @@ def _jpeg_xl(bench, truth, step, slabs):
 
 
 def _films(bench, truth, slabs):
-    """Films of the sequence of pictures."""
+    """Video codecs, applied to the sequence of pictures."""
     crf = (20, 28, 34) if bench.quick else (16, 20, 24, 28, 32, 36)
     av1 = (20, 35, 50) if bench.quick else (12, 20, 28, 36, 44, 52)
     rows = []
@@ -294,7 +294,7 @@ def _films(bench, truth, slabs):
 
 
 def _bits_at(rows, codec, psnr):
-    """Bits per slab of a codec at a PSNR, between its settings; None beyond them."""
+    """Bits per slab of a codec at a PSNR, interpolated between its settings; None beyond them."""
     line = sorted((r["psnr"], r["bits"]) for r in rows if r["codec"] == codec)
     if len(line) < 2 or not line[0][0] <= psnr <= line[-1][0]:
         return None

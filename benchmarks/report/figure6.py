@@ -1,4 +1,4 @@
-"""Figure 6: how evenly slabs cover the lines, in the plane and in space, and what it is worth."""
+"""Figure 6: how evenly slabs cover the lines, in the plane and in space, and its effect."""
 
 import numpy as np
 
@@ -29,7 +29,7 @@ def run(bench, part):
 
 def _in_the_plane(part, random):
     """Chords of a circle, lines between one pair of segments, and between two pairs."""
-    extent = np.sqrt(2) + 1  # what rays of up to 45° that cross the circle need
+    extent = np.sqrt(2) + 1  # needed by rays of up to 45° that cross the circle
     few = {
         "circle": lines.circle_lines(24),
         "one pair of lines": lines.pair_lines(17, extent),
@@ -186,7 +186,7 @@ def _lattice_pictures():
     return plots.svg(fig)
 
 
-# ---- what it is worth ----------------------------------------------------------------------
+# ---- the effect on pictures ----------------------------------------------------------------
 
 
 def _worth(bench, part):

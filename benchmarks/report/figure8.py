@@ -1,4 +1,4 @@
-"""Figure 8: one view by each kind of interpolation, and how far each is from the truth."""
+"""Figure 8: one view by each kind of interpolation, and the error of each."""
 
 from . import page
 
@@ -15,7 +15,7 @@ GAIN = 4
 
 def run(bench, part):
     volume = bench.volume("brain")
-    # The paper's layout: as fine where rays enter as where they leave.
+    # The paper's layout: the lattices of entry and exit are equally fine.
     levels = 2 if bench.quick else 3
     field = bench.field(volume, 8, 8, levels, "zstd", "zstd")
     cells = 8 << levels

@@ -37,7 +37,7 @@ def _draw_subdivision(part):
                 ]) * signs @ view.T  # fmt: skip
                 ahead = outline[:, 2] > 0
                 if ahead.any():
-                    # What is behind the horizon is drawn on it.
+                    # Points behind the horizon are drawn on the horizon.
                     flat = outline[:, :2]
                     flat[~ahead] /= np.linalg.norm(flat[~ahead], axis=1)[:, None]
                     shown.append(flat)
@@ -54,7 +54,7 @@ def _draw_subdivision(part):
 
 
 def _count_subfields(bench, part):
-    # What a view crosses is geometry alone: the smallest field will do.
+    # Which subfields a view crosses depends on geometry alone, so the smallest field suffices.
     field = bench.field(bench.scene("globe"), 1, 1, LEVELS[-1], "raw", "none")
     rows = {}
     for distance in DISTANCES:
@@ -118,7 +118,7 @@ def _count_subfields(bench, part):
     )
 
 
-# ---- what that is in bytes -----------------------------------------------------------------
+# ---- the same in bytes ---------------------------------------------------------------------
 
 
 def _measure_memory(bench, part):

@@ -1,4 +1,4 @@
-"""Growth: what stays the same when the field grows, and when the volume does."""
+"""Growth: costs that stay the same when the field grows, or when the volume does."""
 
 import shutil
 
@@ -11,8 +11,8 @@ TITLE = "Growth"
 # Fields of an analytic scene, entry and exit alike: (cells an edge at level 0, levels).
 QUICK_FIELDS = [(8, 0), (16, 0), (16, 1)]
 FULL_FIELDS = [(16, 0), (16, 1), (16, 2), (24, 2), (20, 3)]
-CODEC = "zstd:1"  # what builds fastest without filling the disk
-BYTES_PER_SLAB = 0.6  # of large fields, from above: to know beforehand whether one fits
+CODEC = "zstd:1"  # builds fastest without filling the disk
+BYTES_PER_SLAB = 0.6  # an upper bound for large fields, to predict whether one fits
 LONGEST_BUILD = 1200  # seconds
 VOLUMES = [64, 128, 256, 512]
 
@@ -91,7 +91,7 @@ def _grow_field(bench, part):
 
 
 def _why_not(bench, rows, slabs):
-    """A reason to leave a field of that size out, or None."""
+    """The reason to leave out a field of that size, or None."""
     room = shutil.disk_usage(bench.fields).free
     if room < 2 * BYTES_PER_SLAB * slabs:
         return f"it may need {human_bytes(BYTES_PER_SLAB * slabs)}, and {human_bytes(room)} are free"

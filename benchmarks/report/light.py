@@ -1,4 +1,4 @@
-"""Light: what a light volume costs, and what a field of it saves beside path tracing."""
+"""Light: the cost of a light volume, and what a field with one saves over path tracing."""
 
 import resource
 
@@ -7,7 +7,7 @@ from .outcome import PARTLY, human_bytes
 from .rates import bytes_at
 
 TITLE = "Light that is computed once"
-RATIO = 10_000  # our goal: a view from a field beside path tracing it
+RATIO = 10_000  # our goal: the speed of a view from a field over path tracing it
 VOLUMES = ["brain", "glass", "head"]  # opaque, translucent, CT
 LEAST_PSNR, MOST_NOISE, MOST_SECONDS, LEAST_RATE = 36, 0.01, 90, 0.9
 
@@ -42,7 +42,7 @@ def _build(bench, volume, light):
 
 
 def _quality(bench, volume, *arguments):
-    """What light_quality says of a volume."""
+    """What light_quality prints for a volume."""
     bench.say(f"comparing {volume.name} with path tracing")
     views, size, paths = (1, 96, 32) if bench.quick else (2, 256, 256)
     said = bench.json(

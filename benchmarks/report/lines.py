@@ -99,7 +99,7 @@ def sphere_slabs(spread, cells, count, random):
 
 
 def plane_slabs(first, second, first_nodes, second_nodes, count, random):
-    """Random slabs of six pairs of planes, and which of them are of any use: they cross the sphere
+    """Random slabs of six pairs of planes, and which of them are useful: those cross the sphere
     in a direction that no other pair has."""
     extent = lambda height: np.sqrt(2) + abs(height)  # noqa: E731
     node = lambda nodes: random.integers(nodes, size=(count, 2)) * 2 / (nodes - 1) - 1  # noqa: E731

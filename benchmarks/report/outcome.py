@@ -1,4 +1,4 @@
-"""What a part of the report hands back: claims, sections to look at, and its numbers."""
+"""The outcome of a part of the report: claims, sections of the page, and numbers."""
 
 import math
 from dataclasses import dataclass, field
@@ -8,26 +8,26 @@ CONFIRMED, PARTLY, REFUTED, NOT_RUN = "confirmed", "partly", "not confirmed", "n
 
 @dataclass
 class Claim:
-    """One sentence somebody made, and what the measurement says of it."""
+    """A claim from the paper or from us, and whether the measurement confirms it."""
 
     source: str  # "paper, section 3", or "slf"
     text: str
     measured: str
     verdict: str
-    command: str = ""  # what shows it; filled in with the part's own command where empty
+    command: str = ""  # reproduces the measurement; empty: the command of the whole part
 
 
 @dataclass
 class Part:
-    """One experiment, filled in as it goes, so that what was done before a failure is kept. `html` is
-    what to look at, `numbers` goes into the JSON."""
+    """One experiment. The part fills it in step by step, so results before a failure are kept.
+    `html` goes into the page, `numbers` into the JSON."""
 
     title: str
     claims: list = field(default_factory=list)
     html: list = field(default_factory=list)
     numbers: dict = field(default_factory=dict)
     left_out: list = field(default_factory=list)  # sentences: what could not be done, and why
-    failed: bool = False  # set, like what follows, by whoever runs the part
+    failed: bool = False  # this and the following are set by the caller of the part
     seconds: float = 0
     commands: list = field(default_factory=list)
 

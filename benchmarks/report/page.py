@@ -16,12 +16,12 @@ _SCRIPT = (Path(__file__).parent / "turn.js").read_text()
 _MARKS = {CONFIRMED: "yes", PARTLY: "partly", REFUTED: "no", NOT_RUN: "unknown"}
 
 
-# ---- pieces that parts are made of ---------------------------------------------------------
+# ---- pieces of a part ----------------------------------------------------------------------
 
 
 @dataclass
 class Cell:
-    """A picture with its words; no path leaves the place empty."""
+    """A picture with its caption; without a path, its place stays empty."""
 
     path: object = None
     label: str = ""
@@ -41,7 +41,7 @@ def heading(words):
 
 
 def picture_data(path, quality=90):
-    """A picture as a data URI, as JPEG: the report is to be looked at, not measured."""
+    """A picture as a data URI. JPEG is good enough for looking at the report."""
     buffer = io.BytesIO()
     Image.open(path).convert("RGB").save(buffer, "JPEG", quality=quality, subsampling=0)
     return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()
@@ -61,7 +61,7 @@ def _figure(cell):
 
 
 def turning(title, strips):
-    """A slider that turns pictures around: strips are (label, [paths]), all as long."""
+    """A slider that turns pictures around. `strips` are (label, [paths]), all equally long."""
     shown = "".join(
         f'<figure><img data-frames="{escape(json.dumps([picture_data(p, 80) for p in paths]))}">'
         f"<figcaption>{escape(label)}</figcaption></figure>"
@@ -81,7 +81,7 @@ def plot(svg, caption=""):
 
 
 def table(head, rows, note=""):
-    """The first column names, the others are numbers."""
+    """A table. The first column holds names, the others numbers."""
     line = lambda tag, cells: "".join(f"<{tag}>{escape(c)}</{tag}>" for c in cells)  # noqa: E731
     body = "".join(f"<tr>{line('td', row)}</tr>" for row in rows)
     below = f'<p class="note">{escape(note)}</p>' if note else ""
@@ -95,7 +95,7 @@ def folded(words, inside):
     return f"<details><summary>{escape(words)}</summary>{inside}</details>"
 
 
-# ---- the whole -----------------------------------------------------------------------------
+# ---- the page ------------------------------------------------------------------------------
 
 
 def claims_table(parts):

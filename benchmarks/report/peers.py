@@ -19,7 +19,7 @@ class Pictures:
 
 
 def recolored(bench, field, decoded, name):
-    """The path of a field with the colours of pictures that a codec gave back."""
+    """The path of a field whose colours are pictures that a codec has decoded."""
     frames, path = bench.work / f"{name}.rgb", bench.work / f"{name}.slf"
     decoded.tofile(frames)
     bench.run("entry_pictures", field, "--colors", frames, "-o", path)
@@ -65,7 +65,7 @@ _RAW = ["-f", "rawvideo", "-pix_fmt", "rgb24"]
 
 
 def jpeg_xl(bench, pictures, distance):
-    """Each picture by itself; losslessly at distance 0. bench.Failed: this ffmpeg lacks it."""
+    """Codes each picture by itself; lossless at distance 0. Raises bench.Failed without libjxl."""
     folder, source, out = bench.work / "jxl", bench.work / "some.rgb", bench.work / "back.rgb"
     folder.mkdir(exist_ok=True)
     pictures.tofile(source)
@@ -82,7 +82,7 @@ def jpeg_xl(bench, pictures, distance):
 
 
 def film(bench, truth, name, crf):
-    """The sequence of all pictures as a film. bench.Failed: this ffmpeg lacks the encoder."""
+    """Codes all pictures as a film. Raises bench.Failed if this ffmpeg lacks the encoder."""
     end, codec = FILMS[name]
     edge = truth.edge
     even = edge + edge % 2

@@ -15,7 +15,7 @@ KINDS = {
 
 def run(bench, part):
     volume = bench.volume("brain")
-    # Large enough that a turn around does not fit into the memory allowed.
+    # So large that the tiles of a full turn do not fit into the memory limit.
     shape = (8, 8, 2) if bench.quick else (8, 8, 3)
     field = bench.field(volume, *shape, "zstd", "zstd")
     path = bench.work / "path.json"
@@ -35,7 +35,7 @@ def run(bench, part):
 
 
 def _path():
-    """Around once, speeding up and turning back: what a guess of the next frame can get wrong."""
+    """A path around the object that speeds up and turns back, which makes it hard to predict."""
     orbits = [(0, 0, 20, 3), (2, 50, 25, 2.5), (4, 140, 35, 2), (6, 230, 0, 2.2), (7, 200, -20, 2.5),
               (8, 150, -10, 3)]  # fmt: skip
     return {"keys": [{"at": at, "orbit": orbit} for at, *orbit in orbits]}

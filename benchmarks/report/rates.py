@@ -59,7 +59,7 @@ def _measure(bench, volume):
 
 def _measure_peers(bench, part, volume):
     """The same of other codecs, which get only the colours of the finest level. Their bytes are
-    those of these colours and of depth as jpeg:75; opacity is for nothing."""
+    those of these colours and of depth as jpeg:75; opacity costs them nothing."""
     if not peers.has_ffmpeg():
         part.left_out.append("JPEG XL, H.264, HEVC and AV1: ffmpeg was not found")
     lossless = _lossless(bench, volume)

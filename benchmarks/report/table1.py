@@ -73,7 +73,7 @@ def _measure_vtk(bench, volumes, sizes, part):
 
 
 def _pick(rows, size, start):
-    """The rows of a size whose system begins so."""
+    """The rows of a picture size whose system begins with `start`."""
     return [r for r in rows if r["size"] == size and r["system"].startswith(start)]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Volume:
-    """Something to build fields of: a file, or scene:NAME, and how it is to look."""
+    """The source of a field: a file or scene:NAME, and how to render it."""
 
     name: str
     title: str
@@ -36,8 +36,8 @@ def _template_folder():
 
 
 def find_volumes(root, data):
-    """All volumes that are there, by name, in the order a reader should meet them. `data` is a
-    folder laid out as the development volumes are; without it the packaged ones serve."""
+    """All available volumes, by name, in the order in which the report shows them. `data` is a
+    folder with the layout of the development volumes; without it, packaged ones are used."""
     brain, presets = root / "scripts/data", data / "transfer"
     templates = _template_folder()
     wanted = []
@@ -75,7 +75,7 @@ def find_volumes(root, data):
 
 def resample_nifti(source, info, side, target):
     """Writes an 8-bit NIfTI volume as NRRD with side³ voxels that fill the same box of the world.
-    `info` is what `slf info --json` says of it."""
+    `info` is what `slf info --json` prints for it."""
     data = gzip.open(source).read()
     offset = int(np.frombuffer(data, "<f4", 1, 108)[0])
     dims = np.frombuffer(data, "<i2", 3, 42).astype(int)
