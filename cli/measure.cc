@@ -57,7 +57,8 @@ struct MeasureArguments {
 
 /// The setting that one line of the table shows.
 struct Setting {
-  std::string field, codec, size;
+  std::string field, codec;
+  PixelSize size;
   double distance = 0;
   RenderMode mode{};
 };
@@ -78,8 +79,9 @@ nlohmann::json setting_json(const Setting& s, const Measurement& m, std::uint32_
           {"codec", s.codec},
           {"views", views},
           {"mode", name(s.mode)},
-          {"size", s.size},
-          {"distance", s.distance},
+          {"width_pixels", s.size.width},
+          {"height_pixels", s.size.height},
+          {"distance_radii", s.distance},
           {"levels", levels},
           {"total", level_json(m.total)},
           {"kernel_counted", m.kernel_counted},
@@ -89,7 +91,7 @@ nlohmann::json setting_json(const Setting& s, const Measurement& m, std::uint32_
 
 void print_measurement(const Setting& s, const Measurement& m, std::uint32_t views) {
   print("{} ({}): {} random views, {} pixels, eye at {} R, mode {}; mean (max)\n", s.field, s.codec,
-        views, s.size, s.distance, name(s.mode));
+        views, to_string(s.size), s.distance, name(s.mode));
   std::vector<std::vector<std::string>> rows{{"level", "pairs crossed", "tiles touched", "of field",
                                               "compressed", "pages", "kernel", "mapped",
                                               "decoded peak"}};
@@ -135,10 +137,10 @@ Result<void> run_measure(const MeasureArguments& a) {
           if (!view) return tl::unexpected(view.error());
           MeasureOptions options{*cameras, view->mode, {}, draw.renderer()};
           if (!all) options.levels = {view->level};
-          const auto m = measure_views(*field, options);
+          const auto m = measure_views(*field, options, progress_bar("measure", "views"));
           if (!m) return tl::unexpected(m.error());
 
-          const Setting setting{path, codecs_of(*field), to_string(size), distance, view->mode};
+          const Setting setting{path, codecs_of(*field), size, distance, view->mode};
           if (!a.json) print_measurement(setting, *m, a.views.views);
           runs.push_back(setting_json(setting, *m, a.views.views));
         }
@@ -207,7 +209,8 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
     print_json({{"views", a.views.views},
                 {"mode", name(view->mode)},
                 {"level", view->level},
-                {"size", to_string(a.size)},
+                {"width_pixels", a.size.width},
+                {"height_pixels", a.size.height},
                 {"seed", a.views.seed},
                 {"supersample", a.supersample},
                 {"psnr", finite(evaluation->psnr)},

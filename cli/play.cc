@@ -234,7 +234,8 @@ Result<void> run_play(const PlayArguments& a) {
   if (a.json) {
     print_json({{"field", a.field},
                 {"fps", a.fps},
-                {"size", to_string(a.size)},
+                {"width_pixels", a.size.width},
+                {"height_pixels", a.size.height},
                 {"memory_bytes", a.draw.memory},
                 {"runs", runs}});
     return {};

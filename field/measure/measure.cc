@@ -192,7 +192,8 @@ ResidentMemory resident_memory() {
   return memory;
 }
 
-Result<Measurement> measure_views(const Field& field, const MeasureOptions& options) {
+Result<Measurement> measure_views(const Field& field, const MeasureOptions& options,
+                                  const ProgressCallback& progress) {
   if (options.cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
   std::vector<unsigned> levels = options.levels;
   if (levels.empty()) {
@@ -200,6 +201,8 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
     std::iota(levels.begin(), levels.end(), 0u);
   }
   Measurement result;
+  Progress state;
+  state.total = levels.size() * options.cameras.size();
   ResidentWatch watch;
   KernelCount kernel(field.file());
   std::vector<ViewCost> total(options.cameras.size());
@@ -234,6 +237,8 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
       total[v].cached += cost.cached;
       total[v].mapped += cost.mapped;
       total[v].peak = std::max(total[v].peak, cost.peak);
+      ++state.done;
+      if (progress && !progress(state)) return fail(ErrorCode::failed, "measure interrupted");
     }
     const std::uint64_t tiles = tile_count(level, field.shape().entry_extra_levels);
     total_tiles += tiles;

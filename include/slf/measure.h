@@ -70,8 +70,10 @@ struct Measurement {
 
 /// Renders every camera at every level and measures the memory that each view needs. Each view
 /// starts with an empty tile cache and, where the kernel permits, with the file not in memory.
-/// usage: no cameras; else errors as Renderer::render().
-[[nodiscard]] Result<Measurement> measure_views(const Field& field, const MeasureOptions& options);
+/// Progress counts views, at each level. usage: no cameras. failed: stopped by `progress`. Else
+/// errors as Renderer::render().
+[[nodiscard]] Result<Measurement> measure_views(const Field& field, const MeasureOptions& options,
+                                                const ProgressCallback& progress = {});
 
 struct ViewQuality {
   double psnr = 0;  ///< in dB

@@ -124,8 +124,9 @@ TEST_F(Cli, MeasureComparesSettings) {
   ASSERT_EQ(json["runs"].size(), 8u);
   EXPECT_EQ(json["runs"][0]["mode"], "bitri");
   EXPECT_EQ(json["runs"][7]["mode"], "depth");
-  EXPECT_EQ(json["runs"][7]["distance"], 4);
-  EXPECT_EQ(json["runs"][7]["size"], "64x64");
+  EXPECT_EQ(json["runs"][7]["distance_radii"], 4);
+  EXPECT_EQ(json["runs"][7]["width_pixels"], 64);
+  EXPECT_EQ(json["runs"][7]["height_pixels"], 64);
 }
 
 TEST_F(Cli, PlayReportsEveryFrame) {

@@ -54,6 +54,35 @@ CASES = {
     "play": ["play F.slf --orbit 0,20,3 --seconds 0.2 --fps 10 --size 32 --json"],
 }
 
+# Commands that take long with large fields.
+LONG = [
+    "build scene:balls -o P.slf --entry 2 --exit 4 --levels 1",
+    "build scene:balls -o part.slf --entry 2 --exit 4 --levels 1 --shard 2/3",
+    "merge part-1.slf part-2.slf -o Q.slf",
+    "repack F.slf -o R.slf --codec predictive:50",
+    "repack F.slf --codec predictive:50 --dry-run",
+    "verify F.slf",
+    "diff F.slf G.slf",
+    "measure F.slf --views 2 --size 32",
+    "evaluate F.slf --volume scene:balls --views 2 --size 32",
+    "play F.slf --orbit 0,20,3 --seconds 0.2 --fps 10 --size 32",
+    "raycast scene:balls -o r.png --size 32",
+    "export F.slf -o E.html --levels 0",
+]
+
+# Texts that are numbers, sizes, or numbers with a unit.
+MEASURED = re.compile(r"[0-9.]+(x[0-9.]+)*( ?([kKMGT]i?)?(B|bytes|px|pixels|m?s|mm|dB|%))?")
+
+
+def texts(document, path="$"):
+    """The texts in a JSON document, with their places."""
+    if isinstance(document, str):
+        yield path, document
+    if isinstance(document, (dict, list)):
+        pairs = document.items() if isinstance(document, dict) else enumerate(document)
+        for key, value in pairs:
+            yield from texts(value, f"{path}/{key}")
+
 
 class Checker:
     def __init__(self, slf, schemas, folder):
@@ -78,10 +107,23 @@ class Checker:
             document = json.loads(text)
         except json.JSONDecodeError as error:
             return self.complain(f"slf {line}: is no JSON: {error}\n{text[:500]}")
+        for path, value in texts(document):
+            if MEASURED.fullmatch(value):
+                self.complain(f"slf {line}: {path} is the text {value!r}, expected a number")
         for error in validator.iter_errors(document):
             detail = jsonschema.exceptions.best_match([error])
             self.complain(f"slf {line}: {detail.json_path}: {detail.message[:500]}")
         return None
+
+    def check_progress(self, line):
+        line = f"--progress json:0.0001 {line}"
+        done = self.run(line)
+        reports = [report for report in done.stderr.splitlines() if report.startswith("{")]
+        for report in reports:
+            self.check(self.schema("progress"), line, report)
+        last = json.loads(reports[-1]) if reports else {}
+        if done.returncode not in (0, 7) or not reports or last["done"] != last["total"]:
+            self.complain(f"slf {line}: does not report progress to its end\n{done.stderr[-500:]}")
 
     def has_page(self):
         return self.run("export F.slf -o F.html -f").returncode != 5
@@ -140,6 +182,7 @@ def main():
         if not checker.has_page():
             print("not tested: export and view; slf was built without the page")
             CASES["export"] = []
+            LONG.pop()
         for name, lines in CASES.items():
             validator = checker.schema(name)
             for line in lines:
@@ -147,12 +190,8 @@ def main():
         checker.check_view()
         checker.check_distant(folder)
 
-        line = "--progress json:0.0001 repack F.slf -o P.slf --codec predictive:50"
-        reports = checker.run(line).stderr.splitlines()
-        if not reports:
-            checker.complain(f"slf {line}: wrote no progress")
-        for report in reports:
-            checker.check(checker.schema("progress"), line, report)
+        for line in LONG:
+            checker.check_progress(line)
     sys.exit(1 if checker.failures else 0)
 
 

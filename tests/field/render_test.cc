@@ -271,6 +271,25 @@ TEST_F(Render, ThePagesTheEngineCountsAreThoseTheKernelReads) {
   }
 }
 
+TEST_F(Render, MeasuringCountsViewsAndStopsWhenAsked) {
+  MeasureOptions options;
+  options.cameras = random_cameras(field_->shape().sphere, 3, 3, 1, 20, 20);
+  const std::uint64_t all = 3 * (field_->shape().levels + 1);
+  std::vector<std::uint64_t> seen;
+  const auto whole = measure_views(*field_, options, [&](const Progress& progress) {
+    EXPECT_EQ(progress.total, all);
+    seen.push_back(progress.done);
+    return true;
+  });
+  EXPECT_TRUE(whole);
+  EXPECT_EQ(seen.size(), all);
+  EXPECT_EQ(seen.back(), all);
+  const auto stopped =
+      measure_views(*field_, options, [](const Progress& progress) { return progress.done < 2; });
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+}
+
 TEST_F(Render, TheMapBudgetBoundsResidentPages) {
   const Camera camera = orbit_camera(field_->shape().sphere, 10, 20, 3, 200, 200);
   const auto resident = [&](std::uint64_t budget) {
