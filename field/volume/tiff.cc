@@ -6,14 +6,13 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
 #include <cstdarg>
 #include <cstdio>
-#include <map>
 #include <memory>
+#include <set>
 
 #include "field/volume/stack.h"
-#include "field/volume/xml.h"
+#include "field/volume/tiff_description.h"
 
 namespace slf::volume_io {
 
@@ -196,109 +195,13 @@ Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentT
   return {};
 }
 
-/// The meaning of the pages, from an OME or ImageJ description: counts of slices, channels and
-/// times, their order, and the spacing.
-struct Description {
-  std::uint64_t z = 0, channels = 1, times = 1;
-  std::string order = "ZCT";  ///< the fastest first
-  glm::dvec3 spacing{0.0};    ///< micrometres, or pixels where micrometres are unknown; 0: unknown
-  std::string origin;         ///< "OME" or "ImageJ"
-};
-
-double micrometres(std::string_view unit) {
-  const std::string text = lower(trim(unit));
-  if (text == "nm") return 1e-3;
-  if (text == "mm") return 1e3;
-  if (text == "cm") return 1e4;
-  if (text == "m") return 1e6;
-  if (text == "inch" || text == "in") return 25400;
-  if (text == "\xc3\x85" || text == "angstrom") return 1e-4;
-  return 1;  // µm in its many spellings, pixels
-}
-
-Result<Description> parse_ome(const std::string& text, const std::string& path) {
-  Description d{.origin = "OME"};
-  std::string problem;
-  const auto count = [&](const XmlAttributes& a, const char* key) -> std::uint64_t {
-    const auto found = a.find(key);
-    const auto value = found == a.end() ? std::nullopt : parse_integer(found->second);
-    if (!value || *value < 1 || *value > (1 << 24)) problem = key;
-    return static_cast<std::uint64_t>(value.value_or(1));
-  };
-  const auto end = parse_xml(
-      text, path + ": OME metadata", {.start = [&](std::string_view name, const XmlAttributes& a) {
-        if (name != "Pixels") return true;
-        d.z = count(a, "SizeZ");
-        d.channels = count(a, "SizeC");
-        d.times = count(a, "SizeT");
-        if (const auto order = a.find("DimensionOrder");
-            order != a.end() && order->second.size() == 5)
-          d.order = order->second.substr(2);
-        for (int i = 0; i < 3; ++i) {
-          const std::string key = std::string("PhysicalSize") + "XYZ"[i];
-          const auto size = a.find(key);
-          const auto unit = a.find(key + "Unit");
-          const auto value = size == a.end() ? std::nullopt : parse_number(size->second);
-          if (value && *value > 0 && std::isfinite(*value))
-            d.spacing[i] = *value * micrometres(unit == a.end() ? "" : unit->second);
-        }
-        return false;
-      }});
-  if (!end) return tl::unexpected(end.error());
-  std::string sorted = d.order;
-  std::sort(sorted.begin(), sorted.end());
-  if (sorted != "CTZ") problem = "DimensionOrder";
-  if (!problem.empty() || d.z == 0)
-    return fail(ErrorCode::bad_file, path, ": OME metadata: ",
-                problem.empty() ? "Pixels is missing" : problem + " is absurd or missing");
-  return d;
-}
-
-Description parse_imagej(const std::string& text, const TiffFile& file) {
-  Description d{.order = "CZT", .origin = "ImageJ"};
-  std::map<std::string, std::string, std::less<>> entries;
-  for (std::size_t at = 0; at < text.size();) {
-    const auto line = next_line(text, at);
-    const auto equals = line.find('=');
-    if (equals != std::string_view::npos)
-      entries[lower(trim(line.substr(0, equals)))] = trim(line.substr(equals + 1));
-  }
-  const auto count = [&](const char* key) -> std::uint64_t {
-    const auto found = entries.find(key);
-    const auto value = found == entries.end() ? std::nullopt : parse_integer(found->second);
-    return value && *value > 0 ? static_cast<std::uint64_t>(*value) : 1;
-  };
-  d.channels = count("channels");
-  d.times = count("frames");
-  d.z = entries.contains("slices") || d.channels > 1 || d.times > 1 ? count("slices")
-                                                                    : count("images");
-  const double unit = micrometres(entries.contains("unit") ? entries["unit"] : "");
-  const float across = file.tag<float>(TIFFTAG_XRESOLUTION, 0);
-  const float down = file.tag<float>(TIFFTAG_YRESOLUTION, 0);
-  const bool has_unit = entries.contains("unit");
-  d.spacing.x = has_unit && across > 0 ? unit / across : 0;
-  d.spacing.y = has_unit && down > 0 ? unit / down : 0;
-  if (const auto z = parse_number(entries.contains("spacing") ? entries["spacing"] : "");
-      z && *z != 0 && std::isfinite(*z))
-    d.spacing.z = std::abs(*z) * unit;
-  return d;
-}
-
-/// The index of the page of slice z, channel c and time t.
-std::uint64_t page_of(const Description& d, std::uint64_t z, std::uint64_t c, std::uint64_t t) {
-  std::uint64_t index = 0, stride = 1;
-  for (const char axis : d.order) {
-    index += stride * (axis == 'Z' ? z : axis == 'C' ? c : t);
-    stride *= axis == 'Z' ? d.z : axis == 'C' ? d.channels : d.times;
-  }
-  return index;
-}
-
-Result<Description> describe_pages(const TiffFile& file) {
+Result<TiffDescription> describe_pages(const TiffFile& file, const SliceKind& kind) {
   const std::string text = file.text(TIFFTAG_IMAGEDESCRIPTION);
-  if (text.starts_with("ImageJ=")) return parse_imagej(text, file);
-  if (text.find("<OME") < 4096 || text.find(":OME") < 4096) return parse_ome(text, file.path);
-  return Description{};
+  if (looks_like_imagej(text))
+    return parse_imagej(
+        text, {file.tag<float>(TIFFTAG_XRESOLUTION, 0), file.tag<float>(TIFFTAG_YRESOLUTION, 0)});
+  if (looks_like_ome(text)) return parse_ome(text, file.path, kind.components);
+  return TiffDescription{};
 }
 
 Result<std::uint64_t> count_pages(TiffFile& file) {
@@ -311,7 +214,44 @@ Result<std::uint64_t> count_pages(TiffFile& file) {
   }
 }
 
-void set_spacing(const Description& d, const VolumeOptions& options, Volume& volume) {
+/// The pages of one or more files, in order: no file twice, and no page after a later one. So the
+/// work grows with the files, whatever a description says of them.
+class PageReader {
+ public:
+  /// The file at that page. Valid until the next call. bad_file: it has no such page. unsupported:
+  /// another order.
+  Result<TiffFile*> at(const TiffPlace& place) {
+    const bool other = !file_ || file_->path != place.path;
+    if (other ? !opened_.insert(place.path).second : place.page < next_)
+      return fail(ErrorCode::unsupported, place.path, ": page ", place.page,
+                  " comes after a later one in its description; save the stack in order");
+    if (other) {
+      auto opened = TiffFile::open(place.path);
+      if (!opened) return tl::unexpected(opened.error());
+      file_ = std::move(*opened);
+      passed_ = 0;
+    }
+    next_ = place.page + 1;
+    while (true) {
+      const bool counts = !file_->is_thumbnail();
+      if (counts && passed_ == place.page) return file_.get();
+      passed_ += counts ? 1 : 0;
+      const auto more = file_->next();
+      if (!more) return tl::unexpected(more.error());
+      if (!*more)
+        return fail(ErrorCode::bad_file, place.path, ": has ", passed_, " pages, but page ",
+                    place.page, " is part of the volume");
+    }
+  }
+
+ private:
+  std::unique_ptr<TiffFile> file_;
+  std::set<std::string> opened_;
+  std::uint64_t next_ = 0;    ///< the first page that may be requested
+  std::uint64_t passed_ = 0;  ///< pages before the one that the file is at, without thumbnails
+};
+
+void set_spacing(const TiffDescription& d, const VolumeOptions& options, Volume& volume) {
   for (int i = 0; i < 3; ++i) volume.axes[i][i] = d.spacing[i] > 0 ? d.spacing[i] : 1;
   if (d.spacing.x > 0 && d.spacing.y > 0 && d.spacing.z > 0) {
     volume.placement = d.origin + " metadata, in micrometres";
@@ -327,7 +267,7 @@ void set_spacing(const Description& d, const VolumeOptions& options, Volume& vol
 
 /// Reads ImageJ's stacks beyond 4 GiB: one page, whose pixels are followed by those of the other
 /// slices, without headers.
-Result<Volume> read_raw_stack(const TiffFile& file, const SliceKind& kind, const Description& d,
+Result<Volume> read_raw_stack(const TiffFile& file, const SliceKind& kind, const TiffDescription& d,
                               std::uint64_t z_step, std::uint64_t first, Volume volume) {
   std::uint64_t* offsets = nullptr;
   if (z_step != 1 || kind.components != 1 ||
@@ -388,7 +328,7 @@ Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) 
   const auto kind = kind_of(file);
   if (!kind) return tl::unexpected(kind.error());
   volume.type = kind->type;
-  auto d = describe_pages(file);
+  auto d = describe_pages(file, *kind);
   if (!d) return tl::unexpected(d.error());
   auto counting = TiffFile::open(path);
   if (!counting) return tl::unexpected(counting.error());
@@ -396,9 +336,6 @@ Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) 
   if (!pages) return tl::unexpected(pages.error());
 
   if (d->z == 0) d->z = *pages;
-  // OME counts the samples of a colour pixel as channels.
-  if (d->origin == "OME" && kind->components > 1 && d->channels % kind->components == 0)
-    d->channels /= kind->components;
   // Many stacks along z are saved as times.
   if (d->z == 1 && d->times > 1 && !options.time) {
     std::swap(d->z, d->times);
@@ -407,12 +344,12 @@ Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) 
   }
   const double all = double(d->z) * double(d->channels) * double(d->times);
   const bool raw_stack = *pages == 1 && all > 1 && d->origin == "ImageJ";
-  if (!raw_stack && double(*pages) != all)
-    return fail(
-        ErrorCode::bad_file, path, ": ", *pages, " pages, but its ", d->origin, " metadata say ",
-        d->z, " slices, ", d->channels, " channels, ", d->times,
-        " time points: it is truncated, or one of a set of files; save the set as one file, e.g. "
-        "with bfconvert or ImageJ");
+  const bool in_set = double(*pages) != all && d->names_files();
+  if (!raw_stack && !in_set && double(*pages) != all)
+    return fail(ErrorCode::bad_file, path, ": ", *pages, " pages, but its ", d->origin,
+                " metadata say ", d->z, " slices, ", d->channels, " channels, ", d->times,
+                " time points: it is truncated, or one of a set of files that it does not name; "
+                "save the set as one file, e.g. with bfconvert or ImageJ");
   const auto dims = check_dims(path, std::array<std::uint64_t, 3>{kind->width, kind->height, d->z});
   if (!dims) return tl::unexpected(dims.error());
   volume.dims = *dims;
@@ -434,22 +371,25 @@ Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) 
 
   const auto taker = ComponentTaker::make(path, *kind, of_page);
   if (!taker) return tl::unexpected(taker.error());
-  for (std::uint64_t index = 0, z = 0; z < d->z;) {
-    if (!file.is_thumbnail()) {
-      if (index++ == page_of(*d, z, channel, *time)) {
-        const auto here = kind_of(file);
-        if (!here) return tl::unexpected(here.error());
-        if (*here != *kind)
-          return fail(ErrorCode::unsupported, path, ": page ", file.page, " is ", describe(*here),
-                      ", unlike the first (", describe(*kind), ")");
-        if (auto ok = append_page(file, *kind, *taker, volume.voxels); !ok)
-          return tl::unexpected(ok.error());
-        ++z;
-      }
+  PageReader reader;
+  for (std::uint64_t z = 0; z < d->z; ++z) {
+    TiffPlace place{path, page_of(*d, z, channel, *time)};
+    if (in_set) {
+      auto named = d->place_of(place.page, path);
+      if (!named) return tl::unexpected(named.error());
+      place = std::move(*named);
+      if (volume.files.empty() || volume.files.back() != place.path)
+        volume.files.push_back(place.path);
     }
-    const auto more = file.next();
-    if (!more) return tl::unexpected(more.error());
-    if (!*more && z < d->z) return file.damaged();
+    const auto page = reader.at(place);
+    if (!page) return tl::unexpected(page.error());
+    const auto here = kind_of(**page);
+    if (!here) return tl::unexpected(here.error());
+    if (*here != *kind)
+      return fail(ErrorCode::unsupported, place.path, ": page ", place.page, " is ",
+                  describe(*here), ", unlike the first (", describe(*kind), ")");
+    if (auto ok = append_page(**page, *kind, *taker, volume.voxels); !ok)
+      return tl::unexpected(ok.error());
   }
   return volume;
 }

@@ -214,6 +214,50 @@ TEST(VolumeTiff, OmeSaysSpacingAndOrder) {
                ErrorCode::bad_file, "entities");
 }
 
+// Slices 0 and 1 in one file, slice 2 in another, as OME's metadata say.
+TEST(VolumeTiff, OmeMayBeASetOfFiles) {
+  const Folder folder;
+  const auto ome = [](const std::string& places, const std::string& size = "3") {
+    return "<OME><Image><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"" + size +
+           "\" SizeC=\"1\" SizeT=\"1\">" + places + "</Pixels></Image></OME>";
+  };
+  const auto place = [](const std::string& attributes, const std::string& file) {
+    return "<TiffData " + attributes + "><UUID FileName=\"" + file + "\">urn:1</UUID></TiffData>";
+  };
+  const auto write = [&](const std::string& name, const std::string& description,
+                         const std::vector<std::uint32_t>& pages) {
+    return write_tiff(folder, name, {.description = description, .pages = pages});
+  };
+  const std::string first = place("FirstZ=\"0\" IFD=\"0\" PlaneCount=\"2\"", "a.ome.tif");
+  const std::string set = ome(first + place("FirstZ=\"2\" IFD=\"0\"", "b.ome.tif"));
+  const auto a = write("a.ome.tif", set, {0, 1});
+  expect_error(a, ErrorCode::io, "b.ome.tif");
+  const auto b = write("b.ome.tif", set, {2});
+  for (const auto& path : {a, b}) {
+    const auto volume = expect_read(path);
+    expect_phantom(volume, ScalarType::u8);
+    EXPECT_THAT(volume.files, ::testing::IsSupersetOf({a, b}));
+  }
+
+  folder.write("set.companion.ome", set);
+  expect_phantom(
+      expect_read(
+          write("c.ome.tif", "<OME><BinaryOnly MetadataFile=\"set.companion.ome\"/></OME>", {2})),
+      ScalarType::u8);
+
+  expect_error(write("d.ome.tif", ome(first), {0, 1}), ErrorCode::bad_file,
+               "do not say where picture 2 is");
+  expect_error(write("d.ome.tif", ome(place("", "d.ome.tif")), {0, 1}), ErrorCode::bad_file,
+               "has 2 pages, but page 2 is part of the volume");
+  for (const char* file : {"a.ome.tif", "b.ome.tif"})
+    expect_error(write("d.ome.tif",
+                       ome(first + place("FirstZ=\"2\"", "b.ome.tif") +
+                               place("FirstZ=\"3\" IFD=\"0\"", file),
+                           "4"),
+                       {0, 1}),
+                 ErrorCode::unsupported, "comes after a later one");
+}
+
 TEST(VolumeTiff, SaysWhatItDoesNotRead) {
   const Folder folder;
   expect_error(folder.write("a.tif", std::string("II*\0\x08\0\0\0", 8) + "xx"), ErrorCode::bad_file,
