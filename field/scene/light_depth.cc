@@ -45,9 +45,12 @@ std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& lig
       const glm::ivec3 from = at + sign * near.offset[n];
       const bool inside = !glm::any(glm::lessThan(from, glm::ivec3(0))) &&
                           !glm::any(glm::greaterThanEqual(from, dims));
-      const float before = inside ? depth[number(from)] : 0;
-      const float between = 0.5f * (extinction[here] + (inside ? extinction[number(from)] : 0));
-      best = std::min(best, before + between * near.length[n]);
+      if (!inside) {  // the box around the matter ends here
+        best = 0;
+        break;
+      }
+      const float between = 0.5f * (extinction[here] + extinction[number(from)]);
+      best = std::min(best, depth[number(from)] + between * near.length[n]);
     }
     depth[here] = best;
   };

@@ -12,8 +12,9 @@
 namespace slf {
 namespace {
 
-constexpr int kPoints = 64;   // around a node
-constexpr int kMarched = 16;  // of these, towards each light
+constexpr int kPoints = 64;     // around a node
+constexpr double kReach = 0.5;  // how far from it, in spacings
+constexpr int kMarched = 16;    // of these, towards each light
 /// Bytes per node that computing takes: its depth, index and result, and, at most for half of the
 /// nodes, those near a surface, its number, a NodeLight and twice a colour.
 constexpr std::uint64_t kBytesPerNode = 4 + 4 + 4 + (8 + 56 + 24) / 2;
@@ -130,18 +131,22 @@ class LightSolver {
     double effort = 0;  // share of all paths that the node deserves
   };
 
-  /// Points in the cube of one spacing to each side of a node, weighted as trilinear interpolation
-  /// will weight the node there, by extinction, and by how visible they are from outside.
+  /// Points around a node, close ones more often, weighted by extinction and by how visible they
+  /// are from outside.
   [[nodiscard]] Points find_points(std::size_t number, Random& random) const {
     const glm::ivec3 node = node_at(light_, number);
     const glm::dvec3 shift(random(), random(), random());
+    const RayGrid& grid = medium_.grid();
+    const glm::dvec3 box = (grid.visible_high - grid.visible_low) / light_.spacing;
     std::array<glm::dvec3, kPoints> at;
     std::array<double, kPoints> depth{}, weight{};
     double least_depth = kHidden, total = 0;
     for (int k = 0; k < kPoints; ++k) {
-      for (int d = 0; d < 3; ++d) {  // a tent over ±1
+      for (int d = 0; d < 3; ++d) {
         const double u = 2 * fraction(r3(static_cast<std::uint64_t>(k), d) + shift[d]) - 1;
-        at[k][d] = node[d] + (u < 0 ? std::sqrt(1 + u) - 1 : 1 - std::sqrt(1 - u));
+        const double tent = u < 0 ? std::sqrt(1 + u) - 1 : 1 - std::sqrt(1 - u);  // over ±1
+        // There is no matter beyond the box. Where it cuts matter, the face is what is visible.
+        at[k][d] = std::clamp(node[d] + kReach * tent, 0.0, box[d]);
       }
       const double extinction = medium_.extinction(light_.low + light_.spacing * at[k]);
       if (!(extinction > 0)) continue;
@@ -429,7 +434,7 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
   const LightSolver solver(medium, illumination, options, light, depth);
   std::vector<Pass> passes{{options.samples, 0, nullptr}};
   if (options.mode == Lighting::global && options.bounces > 0)
-    passes = {{(options.samples + 7) / 8, options.bounces - 1, nullptr},
+    passes = {{(options.samples + 15) / 16, options.bounces - 1, nullptr},
               {options.samples, options.bounces, &light}};
   std::vector<NodeLight> nodes(numbers.size());
   Progress all;

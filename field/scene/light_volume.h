@@ -15,9 +15,11 @@ namespace slf {
 
 /// Computes the light at the nodes around all that a view can show.
 ///
-/// A node stands for the matter around it: 64 points within one spacing, weighted by their
+/// A node stands for the matter around it: 64 points within half a spacing, weighted by their
 /// extinction and by how much of them can be seen from outside. Points that weigh little are
-/// thinned out at random.
+/// thinned out at random. Nodes without matter get the mean of their neighbours.
+///
+/// The light is that which is scattered towards the eye, divided by Medium::ray_colors().
 ///
 /// Lights: every point is shaded as if nothing were in the way. Transmittance is marched to 16 of
 /// the points, chosen in proportion to what they get. Only the share of light that arrives is
@@ -26,8 +28,8 @@ namespace slf {
 /// Surroundings and scattered light: `samples` paths that start at the points, with next-event
 /// estimation towards one light per vertex and, if the environment is peaked, towards the
 /// environment (multiple importance sampling, Veach 1995). First directions follow the
-/// low-discrepancy sequence R3 (Roberts 2018), shifted at random per node. A first pass with an
-/// eighth of the paths gives an estimate of all light. In the second pass, a path that scatters
+/// low-discrepancy sequence R3 (Roberts 2018), shifted at random per node. A first pass with a
+/// sixteenth of the paths gives an estimate of all light. In the second pass, a path that scatters
 /// more than two nodes' spacing away ends with the estimate of that place, as in final gathering
 /// (Reichert 1992). So light that scatters often may do so a few times more than `bounces` says.
 ///

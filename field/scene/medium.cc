@@ -123,6 +123,8 @@ Medium::Medium(const RayGrid& grid)
     const double extinction = -std::log1p(-std::min(opacity, kMostOpaque)) / grid.step;
     extinctions_.push_back(static_cast<float>(extinction));
     surfaces_.push_back(static_cast<float>(-std::expm1(-2 * smallest_spacing_ * extinction)));
+    const glm::vec3 color(grid.table.colors[ray_colors_.size()]);
+    ray_colors_.emplace_back(glm::mix(albedo_of(color), color, surfaces_.back()), 0);
   }
   find_majorants();
 }
@@ -198,8 +200,9 @@ Matter Medium::matter(const glm::dvec3& at) const {
   const std::size_t index = entry(at);
   matter.extinction = extinctions_[index];
   if (!(matter.extinction > 0)) return matter;
-  matter.color = glm::vec3(grid_.table.colors[index]);
-  matter.albedo = albedo_of(matter.color);
+  matter.color = glm::vec3(ray_colors_[index]);
+  const glm::vec3 color(grid_.table.colors[index]);
+  matter.albedo = albedo_of(color);
   const Cell cell = cell_of(grid_, at);
   float v[64];
   load<4>(grid_, cell.first - 1, grid_.labels, v);
@@ -213,7 +216,7 @@ Matter Medium::matter(const glm::dvec3& at) const {
   if (!(length > 1e-15f)) return matter;
   matter.normal = glm::normalize(glm::dvec3(-world));
   matter.surface = surfaces_[index] * -std::expm1(-length * grid_.inverse_gradient_floor);
-  matter.albedo = glm::mix(matter.albedo, matter.color, matter.surface);
+  matter.albedo = glm::mix(matter.albedo, color, matter.surface);
   // The layer that a gradient spreads a surface over does not shadow the surface.
   constexpr double kLayer = 1.5;  // voxels
   matter.start = at + per_world(kLayer * smallest_spacing_ * matter.surface * matter.normal);

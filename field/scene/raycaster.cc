@@ -19,10 +19,9 @@ struct Raycaster::State {
 namespace {
 
 /// The light volume of a scene, read from work.file if that has it, else computed.
-Result<LightGrid> light_of(const VolumeScene& scene, const LightWork& work) {
+Result<LightGrid> light_of(const VolumeScene& scene, const Medium& medium, const LightWork& work) {
   if (!work.file.empty())
     if (auto kept = load_light(work.file, light_key(scene.provenance))) return std::move(*kept);
-  const Medium medium(scene.grid);
   auto light = compute_light(medium, illuminate(scene.lighting, scene.bounds), scene.lighting,
                              work.threads, work.progress);
   if (light && !work.file.empty())
@@ -53,9 +52,12 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
 
 Result<void> Raycaster::prepare() const {
   if (!state_->work) return {};
-  auto light = light_of(*state_->scene, *state_->work);
+  RayGrid& grid = state_->scene->grid;
+  const Medium medium(grid);
+  auto light = light_of(*state_->scene, medium, *state_->work);
   if (!light) return tl::unexpected(light.error());
-  state_->scene->grid.light_volume = std::move(*light);
+  grid.light_volume = std::move(*light);
+  grid.table.colors = medium.ray_colors();
   state_->work.reset();
   return {};
 }

@@ -46,7 +46,7 @@ struct RayGrid {
   glm::dvec3 visible_high{0.0};
   bool leap = true;
 
-  /// If there is a light volume, it alone lights the samples, and table.colors is linear.
+  /// If there is a light volume, it alone lights the samples, and table.colors are albedos.
   LightGrid light_volume;
   bool shade = true;
   glm::vec4 light{0};  ///< unit, towards the light; padded
