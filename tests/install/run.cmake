@@ -25,6 +25,14 @@ if(NOT output MATCHES "frame 9: 100 % at full level" OR NOT EXISTS ${WORK}/view.
   message(FATAL_ERROR "the example did not draw what it should")
 endif()
 
+# A volume of 8³ voxels; its content does not matter.
+string(REPEAT "0123456789abcdef" 32 voxels)
+file(WRITE ${WORK}/block.nrrd "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 8 8 8\nencoding: raw\n\n${voxels}")
+run(${WORK}/build/lit ${WORK}/block.nrrd micro-ct overcast ${WORK}/lit.exr)
+if(NOT EXISTS ${WORK}/lit.exr)
+  message(FATAL_ERROR "the example of light drew nothing")
+endif()
+
 # A program that only renders loads nothing for volumes, picture files or writing.
 run(${WORK}/build/mean_color ${WORK}/balls.slf)
 run(ldd ${WORK}/build/mean_color)
