@@ -2,7 +2,9 @@
 #include <signal.h>
 
 #include <cmath>
+#include <limits>
 
+#include "slf/image.h"
 #include "tests/cli/cli_testing.h"
 
 extern char** environ;
@@ -92,6 +94,38 @@ TEST_F(LightCli, AnInterruptedReferenceLeavesNothing) {
                       "raycast"),
             SIGINT);
   EXPECT_EQ(place.files(), inputs);
+}
+
+TEST_F(LightCli, EvaluateComparesWithTheReference) {
+  ASSERT_EQ(slf(build("a.slf", {"--codec", "zstd"}, "16")).exit_code, 0);
+  const auto psnr = [&](const Arguments& more) {
+    Arguments all{"evaluate", place / "a.slf", "--volume", place / "ball.raw", "--dims",
+                  "24x24x24", "--views",       "2",        "--size",           "32",
+                  "--json"};
+    all.insert(all.end(), more.begin(), more.end());
+    const auto said = slf(all);
+    EXPECT_EQ(said.exit_code, 0) << said.err;
+    return said.json().value("psnr", 0.0);
+  };
+  // The more paths, the closer is the reference to the light volume.
+  const double few = psnr({"--reference", "--samples", "1"});
+  const double many = psnr({"--reference", "--samples", "64"});
+  EXPECT_GT(few, 10);
+  EXPECT_GT(many, few + 1);
+  EXPECT_LE(many, psnr({}) + 0.5);
+}
+
+TEST_F(LightCli, ASkyThatIsNoLightIsRefused) {
+  Image sky;
+  sky.width = 4, sky.height = 2;
+  sky.rgba.assign(8, glm::vec4(1));
+  for (const float wrong :
+       {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(), -1.f}) {
+    sky.rgba[6].g = wrong;
+    ASSERT_TRUE(write_image(place / "sky.exr", sky));
+    EXPECT_OUTCOME(slf(command("raycast", "a.png", "4", {"--environment", place / "sky.exr"})), 1,
+                   "the radiance at pixel 2,1 is negative or not finite");
+  }
 }
 
 TEST_F(LightCli, AResumedBuildKeepsItsLight) {
