@@ -53,9 +53,12 @@ def _quality(bench, volume, *arguments):
 
 
 def _compare_with_paths(bench, part, volume, field, build_seconds):
-    table = ["--samples", "8,64"] if bench.quick else ["--samples", "16,64,256", "--spacing", "1,2"]
-    said = _quality(bench, volume, *table, "--field", field)
+    kept = ["--keep", bench.work / "reference"]
+    spacings = "1,2" if bench.quick else "1,1.5,2,3"
+    said = _quality(bench, volume, "--spacing", spacings, "--field", field, *kept)
     of_field = said["field"]
+    samples = "8" if bench.quick else "16,256"
+    said["light"] += _quality(bench, volume, "--spacing", 2, "--samples", samples, *kept)["light"]
     pays = build_seconds / max(of_field["path_tracing_seconds"] - of_field["view_seconds"], 1e-9)
     part.numbers["view"] = {**of_field, "build_seconds": build_seconds, "views_to_pay": pays}
     part.add(
