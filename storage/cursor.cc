@@ -52,7 +52,7 @@ Result<bool> Cursor::descend(std::uint64_t number, ByteSpan key) {
   while (true) {
     const bool leaf = depth_ + 1 == tree_.depth;
     if (++visited_ > pages_->count()) {
-      depth_ = 0;  // the tree has a cycle, so do not continue behind it
+      depth_ = 0;  // the tree has a cycle, so do not go on
       return pages_->damaged(number, "reached more than once");
     }
     auto page = pages_->tree_page(number, leaf);
@@ -68,7 +68,7 @@ Result<bool> Cursor::descend(std::uint64_t number, ByteSpan key) {
   }
 }
 
-// Moves to the entry at the path or, if the path is behind the last entry of its page, to the next.
+// Moves to the entry at the path or, if the path is past the last entry of its page, to the next.
 Result<bool> Cursor::settle() {
   while (depth_ > 0) {
     Step& step = path_[depth_ - 1];

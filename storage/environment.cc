@@ -22,7 +22,7 @@ constexpr std::uint64_t kSpare = std::uint64_t{16} << 20;
 MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(bytes.data())}; }
 
 // Only the writer needs LMDB's lock file, and we hold the writer's lock. So a lock file that exists
-// is left over from a killed writer, and its mutexes and reader slots are invalid; unless another
+// was left by a killed writer, and its mutexes and reader slots are invalid, unless another
 // program that uses LMDB (such as mdb_copy) has it open.
 void remove_lock_file(const std::string& path) {
   const std::string name = path + "-lock";
@@ -234,7 +234,7 @@ Result<void> Environment::allow_reuse() {
 
 tl::unexpected<Error> Environment::error(int code, const char* doing) const {
   ErrorCode kind = code > 0 ? ErrorCode::io : ErrorCode::failed;
-  // MDB_KEYEXIST: the tree has records behind the layer's last one.
+  // MDB_KEYEXIST: the tree has records after the layer's last one.
   if (code == MDB_CORRUPTED || code == MDB_PAGE_NOTFOUND || code == MDB_INVALID ||
       code == MDB_KEYEXIST)
     kind = ErrorCode::bad_file;

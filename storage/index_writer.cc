@@ -35,7 +35,7 @@ class IndexBuilder {
     return {};
   }
 
-  /// The index, for a file whose pages end at `begin`.
+  /// Encodes the index of a file whose pages end at `begin`.
   [[nodiscard]] Bytes encode(std::uint64_t begin, std::span<const IndexExtra> extras) const {
     Bytes bytes, directory;
     std::uint32_t count = 0;
@@ -48,7 +48,7 @@ class IndexBuilder {
       bytes.insert(bytes.end(), section.begin(), section.end());
       ++count;
     };
-    // The finest level first and the core last: the end of the file is what is read first.
+    // Readers begin at the end of the file: so the finest level comes first, and the core last.
     for (const IndexExtra& extra : extras) put(extra.what, extra.bytes);
     for (auto level = levels_.rbegin(); level != levels_.rend(); ++level)
       put(level->first, joined(level->second));
@@ -70,7 +70,7 @@ class IndexBuilder {
  private:
   using Parts = std::map<std::uint64_t, std::uint64_t>;  // offset → size
 
-  /// The parts as a section has them; none, if it gets too large.
+  /// The parts, encoded as a section; no bytes if it would be too large.
   [[nodiscard]] Bytes joined(const Parts& parts) const {
     Bytes section;
     for (const auto& [offset, size] : parts) {
@@ -103,14 +103,14 @@ class IndexBuilder {
     const auto record = snapshot_.record(layer, at);
     if (!record) return tl::unexpected(record.error());
     if ((at.node().flags & kBigData) == 0) return {};
-    // As much as Trees reads of a record before it knows how long the table is.
+    // Trees reads this much of a record before it knows how long the table is.
     const std::uint64_t usual = usual_head(span_of(at.leaf(), at.index(), at.node()));
     add_value(record->first().level, at.node(),
               std::max(usual, Record::table_end(record->bytes())));
     return {};
   }
 
-  /// The first `most` bytes of a value in overflow pages.
+  /// Adds the first `most` bytes of a value in overflow pages.
   void add_value(std::uint32_t what, const Node& node, std::uint64_t most) {
     Parts& parts = what == kCore ? core_ : levels_[what];
     parts[node.child * kPageSize] = kPageHeader + std::min(node.data_size, most);

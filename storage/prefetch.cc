@@ -10,7 +10,7 @@
 namespace slf::storage::internal {
 namespace {
 
-/// A page of the tree, and the keys whose path leads there: [begin, end).
+/// A page of the tree, and the keys whose path leads to it: [begin, end).
 struct Stop {
   std::uint64_t page = 0;
   std::size_t begin = 0;
@@ -24,7 +24,7 @@ ByteSpan bytes_of(const Pages& pages, std::uint64_t first, std::uint64_t bytes) 
   return pages.file().subspan(first * size, count * size);
 }
 
-/// Adds the children of a branch to which the stop's keys lead.
+/// Adds those children of a branch to which the stop's keys lead.
 void add_children(const Pages& pages, std::span<const RecordKey> keys, const Stop& stop,
                   std::vector<Stop>& below) {
   const auto branch = pages.tree_page(stop.page, false);
@@ -46,7 +46,7 @@ void add_heads(const Pages& pages, std::span<const RecordKey> keys, const Stop& 
                Advice& advice) {
   const auto leaf = pages.tree_page(stop.page, true);
   if (!leaf) return;
-  std::uint32_t next = 0;  // behind the last entry added
+  std::uint32_t next = 0;  // the entry after the last one added
   for (std::size_t k = stop.begin; k < stop.end; ++k) {
     std::uint32_t index = 0;
     if (!leaf->lower_bound(keys[k], index) || index >= leaf->count() || index < next) continue;

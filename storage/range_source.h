@@ -1,4 +1,4 @@
-// RangeSource: a file whose bytes are fetched in ranges, such as one on a web server.
+// RangeSource: the interface to a file that is read in ranges, such as one on a web server.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@
 
 namespace slf::storage {
 
-/// Thread-safety: any thread.
+/// A file whose bytes are fetched in ranges. Thread-safety: any thread.
 class RangeSource {
  public:
   virtual ~RangeSource() = default;
@@ -22,11 +22,12 @@ class RangeSource {
   /// The length of the file in bytes.
   [[nodiscard]] virtual std::uint64_t size() const = 0;
 
-  /// Called with fetched bytes, on the thread that called fetch(). An error ends the fetching.
+  /// Receives fetched bytes, on the thread that called fetch(). An error that it returns ends the
+  /// fetch.
   using Take = std::function<Result<void>(std::uint64_t offset, ByteSpan bytes)>;
 
-  /// Fetches ranges inside the file, concurrently if it can, and passes each to `take` when it is
-  /// complete, in any order. Returns when all are complete, or with the first error.
+  /// Fetches ranges of the file, concurrently if possible, and passes each to `take` as soon as it
+  /// is complete, in any order. Returns when all are complete, or with the first error.
   /// io: the bytes cannot be fetched. bad_file: the file has changed since it was opened.
   [[nodiscard]] virtual Result<void> fetch(std::span<const FileRange> ranges, const Take& take) = 0;
 };

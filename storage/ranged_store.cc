@@ -18,7 +18,7 @@ Result<ByteSpan> RangedStore::Source::bytes(std::uint64_t offset, std::uint64_t 
     if (within <= block->second.size() && size <= block->second.size() - within)
       return ByteSpan(block->second).subspan(within, size);
   }
-  if (offset > file_bytes || size > file_bytes - offset)  // asking for it again would not end
+  if (offset > file_bytes || size > file_bytes - offset)  // fetching cannot help
     return fail(ErrorCode::bad_file, "bytes ", offset, " to ", offset + size,
                 " are beyond the end of the file");
   const std::uint64_t begin = offset / kPageSize * kPageSize;

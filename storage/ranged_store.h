@@ -1,10 +1,13 @@
-// RangedStore: reads a container from ranges of its bytes, as they come over HTTP.
+// RangedStore: reads a container from ranges of its bytes, such as those fetched over HTTP.
 //
-// It does no input and output itself. A call that needs bytes which are not there yet fails with
-// ErrorCode::io, and wanted() says which: fetch these, add() them, and repeat the call. So a reader
-// collects what many calls want and fetches it together. It begins with the start and the end of
-// the file: add() kFileStart bytes and as many as are cheap to open() with one round trip. If the
-// file has an index, that gives most of what finding tiles needs.
+// It does no input or output itself. A call that needs bytes which are not present fails with
+// ErrorCode::io, and wanted() returns their ranges. The caller fetches these ranges, passes them to
+// add(), and repeats the call. So a reader can collect the ranges that many calls need, and fetch
+// them together.
+//
+// To open() with one round trip, first add the start of the file, kFileStart bytes, and as much of
+// its end as is cheap to fetch. If the file has an index, its end holds most of the bytes that a
+// search for tiles reads.
 #pragma once
 
 #include <cstdint>
@@ -29,7 +32,7 @@ struct RangedTile {
   std::uint64_t checksum = 0;
 };
 
-/// The file is untrusted, as for TileStore. Belongs to one thread.
+/// The file is untrusted, as for TileStore. Thread-safety: none; one thread.
 class RangedStore {
  public:
   static constexpr std::uint64_t kFileStart = 2 * internal::kPageSize;
@@ -39,13 +42,15 @@ class RangedStore {
   RangedStore(const RangedStore&) = delete;
   RangedStore& operator=(const RangedStore&) = delete;
 
-  /// Adds bytes of the file. Ends the validity of what blob() returned.
+  /// Adds bytes of the file. Invalidates the views that blob() returned.
   void add(std::uint64_t offset, Bytes bytes);
 
-  /// What the calls since the last wanted() lacked; ascending, whole pages, not overlapping.
+  /// The ranges that calls since the last wanted() needed and that were not present: whole pages,
+  /// ascending, without overlap.
   [[nodiscard]] std::vector<FileRange> wanted();
 
-  /// Must succeed before the calls below. io: more bytes are needed. Others as TileStore::open().
+  /// Opens the container. The calls below require that this has succeeded.
+  /// io: more bytes are needed. Other errors as TileStore::open().
   [[nodiscard]] Result<void> open();
 
   [[nodiscard]] const std::vector<internal::LayerInfo>& layers() const { return trees_.layers(); }
@@ -53,7 +58,8 @@ class RangedStore {
   /// As TileStore::blob().
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const { return trees_.blob(name); }
 
-  /// A section of the index that the container does not know, checked; no bytes if there is none.
+  /// The verified bytes of a section of the index that storage itself does not use; empty if there
+  /// is none.
   [[nodiscard]] Result<Bytes> section(std::uint32_t what) const;
 
   /// As TileStore::find(). REQUIRES: `layer` < layers().size().
@@ -73,7 +79,7 @@ class RangedStore {
 
   Source source_;
   internal::Trees trees_;
-  std::vector<internal::IndexSection> sections_;  // of the index, not taken yet
+  std::vector<internal::IndexSection> sections_;  // of the index, not yet read
 };
 
 }  // namespace slf::storage

@@ -16,7 +16,7 @@ namespace slf::storage::internal {
 namespace {
 
 constexpr int kAttempts = 100;
-constexpr std::uint64_t kEnd = 64 << 10;  // bytes of a distant file's end that are read first
+constexpr std::uint64_t kEnd = 64 << 10;  // of a remote file: its last bytes, fetched first
 
 Result<void> check_length(const Meta& meta, std::uint64_t size, const std::string& path) {
   if (meta.last_page >= 1 && meta.last_page < size / meta.page_size) return {};
@@ -70,7 +70,8 @@ Result<std::unique_ptr<Snapshot>> Snapshot::open(std::shared_ptr<RangeSource> so
   return snapshot;
 }
 
-// Takes all of an index that is not too large. What is wrong with one is no error.
+// Uses those sections of the index that are not too large. A damaged index is not an error, because
+// the pages hold everything that it does.
 Result<void> Snapshot::read_index(const Meta& meta) {
   const std::uint64_t size = bytes().size();
   const auto sections = find_sections(*copy_, size, meta.transaction);

@@ -12,13 +12,13 @@
 namespace slf::storage::internal {
 namespace {
 
-constexpr std::uint64_t kGap = 16 << 10;          // a larger gap is worth a request of its own
-constexpr std::uint64_t kWidestGap = 128 << 10;   // no gap that is larger is ever filled
-constexpr std::size_t kFewRequests = 4;           // per call of fetch(),
-constexpr std::size_t kRangesEach = 24;           // plus one for each so many ranges
-constexpr std::uint64_t kSurrounding = 64 << 10;  // bytes fetched for a single part
+constexpr std::uint64_t kGap = 16 << 10;          // smaller gaps cost less than a request
+constexpr std::uint64_t kWidestGap = 128 << 10;   // larger gaps are never fetched
+constexpr std::size_t kFewRequests = 4;           // that fetch() may always make
+constexpr std::size_t kRangesEach = 24;           // it may make one more for each so many ranges
+constexpr std::uint64_t kSurrounding = 64 << 10;  // bytes fetched for a single part, aligned
 
-/// A file without a name. -1: errno says why.
+/// Opens a file without a name. Returns -1 if that fails; errno says why.
 int open_temporary() {
   const char* const given = std::getenv("TMPDIR");
   const std::string folder = given != nullptr && *given != '\0' ? given : "/tmp";

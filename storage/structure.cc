@@ -101,7 +101,7 @@ class Checker {
   }
 
   // Checks that every node is complete, that keys are in order and within the page's bounds, and
-  // that each byte behind `upper` belongs to exactly one node.
+  // that each byte from `upper` on belongs to exactly one node.
   bool check_nodes(const TreePage& page, const Visit& visit, Content content) {
     const auto size = static_cast<std::uint64_t>(page.bytes().size());
     const std::uint64_t upper = load_le<std::uint16_t>(page.bytes().data() + 14);

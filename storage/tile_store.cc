@@ -39,8 +39,8 @@ struct TileStore::State {
 
 namespace {
 
-// While a layer is walked: after so many records the mapped pages are given back. Around the head
-// of each the kernel maps 64 KiB, so that all of the file would be resident in the end.
+// A walk over a layer releases the mapped pages each time it has passed this many records. The
+// kernel maps 64 KiB around the head of each, so otherwise the whole file would become resident.
 constexpr std::uint64_t kReleaseEvery = 256;
 
 // The smallest key above `key`.
@@ -196,8 +196,8 @@ std::vector<Result<TileRef>> TileStore::find_all(LayerId layer,
   for (const std::size_t k : order) sorted.push_back(internal::encode_key(keys[k]));
   internal::prefetch_records(snapshot.pages(), snapshot.tree(layer), sorted);
 
-  std::optional<Record> held;        // of the previous tile; mostly the next tile's too
-  std::optional<Record::Walk> walk;  // of `held`, at the previous tile or behind it
+  std::optional<Record> held;        // that of the previous tile, and mostly of the next one
+  std::optional<Record::Walk> walk;  // of `held`, at the previous tile or after it
   for (const std::size_t k : order) {
     const TileKey key = keys[k];
     if (!held || key < held->first() || key > held->last()) {

@@ -30,7 +30,7 @@ using slf::TileKey;
 
 class RangeSource;
 
-/// A layer: its position in the list given at creation.
+/// Identifies a layer: its position in the list given at creation.
 using LayerId = std::uint32_t;
 
 enum class TileState : std::uint8_t {
@@ -40,7 +40,7 @@ enum class TileState : std::uint8_t {
 };
 
 /// A tile's state and payload. `payload` views the map and is valid as long as the TileStore lives.
-/// Its bytes are untrusted until check().
+/// Its bytes are untrusted until check() has succeeded.
 struct TileRef {
   TileState state = TileState::missing;
   LayerId layer = 0;
@@ -65,9 +65,9 @@ struct LevelStatistics {
   std::uint64_t record_bytes = 0;   ///< of the records, with tables and padding
 };
 
-/// A part of a layer that cannot be read, and the keys it should hold, both inclusive. Usually this
-/// is one record; then TileWriter::replace() of `last` makes all its tiles missing, so that they
-/// can be built again. If a page of the tree is lost, it may be any number of records.
+/// A part of a layer that cannot be read, and the keys that it should hold, both inclusive. Usually
+/// it is one record; then TileWriter::replace() of `last` makes all tiles of the record missing, so
+/// that they can be built again. If a page of the tree is lost, it may be any number of records.
 struct Damage : Error {
   TileKey first;
   TileKey last;
@@ -82,16 +82,16 @@ class TileStore {
   /// pages are damaged. unsupported: written by LMDB of another version or page size.
   /// Needs read permission only, and leaves no lock file. A lock on the container itself protects
   /// the snapshot from a concurrent writer in any process, except on file systems without locks.
-  /// The time does not depend on the number of tiles.
+  /// The time that this takes does not depend on the number of tiles.
   ///
   /// The first open() installs a handler for SIGBUS. If a file shrinks while it is open, the calls
   /// below return bad_file and the process goes on. Faults in other memory go to the previous
   /// handler.
   [[nodiscard]] static Result<TileStore> open(const std::string& path);
 
-  /// Opens a distant container, whose bytes come when they are needed and stay in a temporary file.
-  /// map() and what views it are of that file: a payload is there after check(), fetch() or copy().
-  /// Any call that reads may then fail as RangeSource::fetch() does. Other errors as above.
+  /// Opens a remote container. Its bytes are fetched when they are needed, and stay in a temporary
+  /// file, which map() maps. A payload is present after check(), fetch() or copy(). Any call that
+  /// reads may fail with the errors of RangeSource::fetch(). Other errors as above.
   [[nodiscard]] static Result<TileStore> open(std::shared_ptr<RangeSource> source);
 
   TileStore(TileStore&&) noexcept;
@@ -115,8 +115,8 @@ class TileStore {
   /// Whether the bytes come from a RangeSource.
   [[nodiscard]] bool distant() const;
 
-  /// A section of a distant file's index that the container does not know, checked; no bytes if
-  /// there is none, or the file is a local one.
+  /// The verified bytes of a section of a remote file's index that storage itself does not use;
+  /// empty if there is none, or if the file is local.
   [[nodiscard]] Bytes section(std::uint32_t what) const;
 
   /// Finds a tile by a B-tree descent and the record's table. Does not touch the payload.
@@ -133,11 +133,12 @@ class TileStore {
   /// Verifies a stored tile's checksum, which reads the payload. bad_file names layer and key.
   [[nodiscard]] Result<void> check(const TileRef& tile) const;
 
-  /// Waits until the payload is there, which it always is in a local file. Errors of the source.
+  /// Fetches the payload unless it is present. In a local file it always is. Errors as
+  /// RangeSource::fetch().
   [[nodiscard]] Result<void> fetch(const TileRef& tile) const;
 
-  /// Copies a stored tile's payload from the file and verifies its checksum. Bypasses the map: no
-  /// page of the payload becomes resident there. Errors as check(), or io.
+  /// Copies a stored tile's payload from the file and verifies its checksum. Bypasses the map, so
+  /// no page of the payload becomes resident there. Errors as check(), or io.
   /// REQUIRES: `to` is as long as the payload.
   [[nodiscard]] Result<void> copy(const TileRef& tile, std::span<std::byte> to) const;
 

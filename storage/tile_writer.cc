@@ -79,8 +79,8 @@ Result<void> write_new(Environment& environment, const SealedBlobs& blobs,
   return write(environment, {}, {}, blobs, layers);
 }
 
-// Checks that every layer's tree ends with the record that the container names as the last. Only
-// then does a new record go behind all others.
+// Checks that every layer's tree ends with the record that the container names as its last. Only
+// then may new records be appended to the tree.
 Result<void> check_ends(const Snapshot& snapshot) {
   for (LayerId layer = 0; layer < snapshot.layers().size(); ++layer) {
     auto last = snapshot.last_before(layer, {internal::kNoLevel, ~std::uint64_t{0}});
@@ -99,7 +99,8 @@ struct Edit {
   std::vector<internal::Tile> tiles;
   std::map<TileKey, Bytes> payloads;  // of the tiles replaced
 
-  // Lets the record begin earlier: tiles between two records belong to the second.
+  // Makes the record include `key`, if it begins later. Tiles between two records belong to the
+  // second one.
   void begin_at(TileKey key) {
     if (first <= key) return;
     tiles.insert(tiles.begin(), first.index - key.index, internal::Tile());
@@ -117,12 +118,12 @@ struct TileWriter::State {
   std::optional<Environment> environment;
   std::vector<LayerInfo> layers;  // as committed
   std::vector<RecordBuilder> builders;
-  std::vector<CutRecord> records;  // cut, not committed
-  std::uint64_t record_bytes = 0;  // of them
+  std::vector<CutRecord> records;  // complete, not committed
+  std::uint64_t record_bytes = 0;  // of `records`
   SealedBlobs blobs;               // set, not committed
   std::map<Place, Edit> edits;     // not committed
-  std::uint64_t edited_bytes = 0;  // of the records they make, about
-  std::unique_ptr<Snapshot> base;  // of what is committed, while there are edits
+  std::uint64_t edited_bytes = 0;  // of the records that `edits` make, approximately
+  std::unique_ptr<Snapshot> base;  // the last commit, while there are edits
 
   // Opens LMDB on a locked, checked file.
   [[nodiscard]] Result<void> attach() {
@@ -149,7 +150,7 @@ struct TileWriter::State {
     return environment->allow_reuse();
   }
 
-  // Whether what was written can still be found under its name.
+  // failed: `path` no longer names the file that was written.
   [[nodiscard]] Result<void> check_place() const {
     if (internal::is_file(file.descriptor(), path)) return {};
     return fail(ErrorCode::failed, path,
@@ -355,7 +356,7 @@ Result<void> TileWriter::publish(const std::string& to, Existing existing, const
   if (finish)
     if (auto finished = finish(state_->path); !finished) return finished;
   auto published = publish_file(state_->path, to, existing);
-  state_->file = {};  // only now: no other writer has had the file before it got its name
+  state_->file = {};  // only now, so no other writer can open the file before it has its name
   return published;
 }
 

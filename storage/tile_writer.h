@@ -53,36 +53,37 @@ class TileWriter {
   [[nodiscard]] Result<void> append(LayerId layer, TileKey key, Bytes payload);
 
   /// Appends a tile of another container, under its own layer and key, without copying its payload.
-  /// The store that it comes from must live, and have checked it, until commit() has written the
-  /// tile or keep_payloads() is called. Errors as append().
+  /// REQUIRES: its store has checked the tile, and lives until commit() has written it or
+  /// keep_payloads() is called. Errors as append().
   [[nodiscard]] Result<void> append_view(const TileRef& tile);
 
-  /// Copies the payloads given to append_view() that are not committed.
+  /// Copies those payloads given to append_view() that are not committed.
   void keep_payloads();
 
   /// Appends a tile that is missing, so that replace() can fill it. Errors as append().
   [[nodiscard]] Result<void> append_missing(LayerId layer, TileKey key);
 
   /// Replaces a damaged or missing tile of a committed record, in the next commit. A commit writes
-  /// each record once, whatever the number of its replaced tiles; so replace many tiles in key
-  /// order. If the record's table itself is damaged, its other tiles become missing.
-  /// usage: no committed record includes the tile or begins behind it, in the same level. bad_file:
-  /// the tree or the record's pages are damaged.
+  /// each record once, however many of its tiles are replaced; so replace many tiles in key order.
+  /// If the record's table itself is damaged, its other tiles become missing.
+  /// usage: in the tile's level, no committed record includes the tile or begins after it.
+  /// bad_file: the tree or the record's pages are damaged.
   [[nodiscard]] Result<void> replace(LayerId layer, TileKey key, TileState state, ByteSpan payload);
 
-  /// From now on commit() does not wait for the disk: a crash of the machine can damage the file.
-  /// close() and publish() do wait. For files that are worth nothing until they are complete.
+  /// From now on commit() does not wait for the disk, so a crash of the machine can damage the
+  /// file. close() and publish() still wait. This is for files that are useless until complete.
   void defer_sync();
 
   /// Sets a named blob, in the next commit.
   [[nodiscard]] Result<void> set_blob(std::string_view name, ByteSpan value);
 
-  /// Ends the records that are being filled, so that the next commit() includes every tile. Call
-  /// it where all builds of a container do, as at the end of a level: records depend on it.
+  /// Ends the incomplete records, so that the next commit() includes every tile. The records of a
+  /// container depend on where this is called. So every build of it must call this at the same
+  /// places, such as the ends of levels.
   void end_records();
 
-  /// Makes all complete records durable. Where records end does not depend on commits, so the tiles
-  /// of the last, incomplete record stay in memory until it is complete or close() is called.
+  /// Makes all complete records durable. A commit does not end a record: the tiles of the last,
+  /// incomplete one stay in memory until it is complete or close() is called.
   /// io: the disk is full or a write failed; the file then holds the previous commit, and commit()
   /// may be called again. failed: the file was removed, renamed or replaced meanwhile.
   [[nodiscard]] Result<void> commit();
@@ -90,9 +91,10 @@ class TileWriter {
   /// Completes the last records, commits, syncs and closes. Errors as commit().
   [[nodiscard]] Result<void> close();
 
-  /// As close(), and renames the file durably to `to`, in the same folder. The file stays locked
-  /// until then. usage: `to` exists and is to be kept; the file is then closed under its old name.
-  /// `finish`, if given, is called with the path of the closed file before; its errors.
+  /// Closes as close() does, and durably renames the file to `to`, in the same folder. The file
+  /// stays locked until then. `finish`, if given, is called before the rename, with the path of the
+  /// closed file; its errors are returned.
+  /// usage: `to` exists and must be kept; the file is then closed under its old name.
   using Finish = std::function<Result<void>(const std::string& path)>;
   [[nodiscard]] Result<void> publish(const std::string& to, Existing existing,
                                      const Finish& finish = {});
@@ -103,15 +105,15 @@ class TileWriter {
   std::unique_ptr<State> state_;
 };
 
-/// A section of an index that the container does not know.
+/// A section of an index that storage itself does not use.
 struct IndexExtra {
   std::uint32_t what = 0;  ///< 256 <= what < 2^32 - 1
   Bytes bytes;
 };
 
-/// Writes an index behind the last page of a container that is complete and closed, in place of
-/// what follows there, and syncs (FORMAT.md, "Index"). The same pages and extras give the same
-/// index. Sections of more than 1 MiB are left out. Errors as TileStore::open(), or io.
+/// Writes an index after the last page of a complete, closed container, and syncs (FORMAT.md,
+/// "Index"). It replaces whatever follows that page. The same pages and extras give the same index.
+/// Sections of more than 1 MiB are left out. Errors as TileStore::open(), or io.
 [[nodiscard]] Result<void> write_index(const std::string& path,
                                        std::span<const IndexExtra> extras = {});
 

@@ -88,7 +88,7 @@ Result<ByteSpan> Trees::blob(std::string_view name) const {
   return bytes;
 }
 
-// Of a record that comes from a source it reads the header and the table only.
+// If the record comes from a source, this reads its header and table only.
 Result<Record> Trees::parse(const Cursor& at) const {
   const Node& node = at.node();
   if (pages_.mapped() || (node.flags & kBigData) == 0) {

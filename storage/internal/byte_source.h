@@ -1,4 +1,4 @@
-// ByteSource: a container whose bytes are not mapped, such as ranges that come over HTTP.
+// ByteSource: the bytes of a container that is not mapped, such as ranges fetched over HTTP.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,8 @@ class ByteSource {
  public:
   virtual ~ByteSource() = default;
 
-  /// `size` bytes at `offset`, valid as long as the source. io: they cannot be read, or not yet.
+  /// `size` bytes at `offset`, valid as long as the source. io: they cannot be read, or are not
+  /// present yet.
   /// REQUIRES: the range is inside the snapshot's pages.
   [[nodiscard]] virtual Result<ByteSpan> bytes(std::uint64_t offset, std::uint64_t size) const = 0;
 

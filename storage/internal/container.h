@@ -32,7 +32,7 @@ struct LayerInfo {
 };
 
 struct Container {
-  std::uint64_t transaction = 0;  ///< that wrote the blob; the meta page must have the same
+  std::uint64_t transaction = 0;  ///< that wrote the blob; the meta page must name it, too
   std::vector<LayerInfo> layers;
 };
 

@@ -17,7 +17,7 @@ namespace slf::storage::internal {
 /// seek() and next() return
 ///   true    the cursor is at an entry: key(), value()
 ///   false   there are no more entries
-///   error   the entries below one page are lost; next() continues behind them
+///   error   the entries below one page are lost; next() continues after them
 class Cursor {
  public:
   /// `pages` must outlive the cursor.

@@ -1,6 +1,6 @@
-// The index at the end of a finished container: copies of the parts that a reader needs before it
-// reads payloads, so that a reader of a distant file gets them in one or two requests (FORMAT.md,
-// "Index"). Other readers ignore it.
+// The index at the end of a finished container (FORMAT.md, "Index"): copies of the parts that a
+// reader needs before it reads payloads. A reader of a remote file gets them with one or two
+// requests; other readers ignore them.
 #pragma once
 
 #include <cstdint>
@@ -19,39 +19,40 @@ inline constexpr std::uint32_t kIndexVersion = 1;
 inline constexpr std::size_t kIndexFooter = 48;
 inline constexpr std::size_t kIndexEntry = 32;
 inline constexpr std::uint32_t kMostSections = 256;
-/// Larger sections are not written, and not read: reading pages takes fewer bytes.
+/// Larger sections are neither written nor read, because reading the pages takes fewer bytes.
 inline constexpr std::uint64_t kMostSectionBytes = 1 << 20;
 inline constexpr std::uint32_t kCore = 0xFFFFFFFF;  ///< the section of trees and blobs
-inline constexpr std::uint32_t kFirstExtra = 256;   ///< sections that the container does not know
+inline constexpr std::uint32_t kFirstExtra = 256;   ///< sections that storage does not use
 
 /// A part of the index that is read as a whole: the trees and blobs, the tables of the records of
-/// one level, or what the container does not know.
+/// one level, or data that storage does not use.
 struct IndexSection {
-  std::uint32_t what = kCore;  ///< or a level, or from kFirstExtra on
+  std::uint32_t what = kCore;  ///< or a level, or kFirstExtra and above
   FileRange range;
   std::uint64_t checksum = 0;
 };
 
-/// What the end of a file says about its index.
+/// The directory of an index, at the end of its file.
 struct FileIndex {
-  std::uint64_t transaction = 0;  ///< the index is of this state of the file, and of no other
+  std::uint64_t transaction = 0;  ///< the only state of the file that it describes
   std::vector<IndexSection> sections;
 
-  /// How many bytes before the end of the file parse() needs. `footer`: the last kIndexFooter
-  /// bytes. 0: the file has no index.
+  /// The number of bytes at the end of the file that parse() needs; 0 if the file has no index.
+  /// `footer` is the last kIndexFooter bytes of the file.
   [[nodiscard]] static std::uint64_t size(ByteSpan footer);
 
-  /// `end`: the last size() bytes of a file of `file_bytes`. bad_file: they are damaged.
+  /// Parses `end`, the last size() bytes of a file of `file_bytes` bytes. bad_file: it is damaged.
   [[nodiscard]] static Result<FileIndex> parse(ByteSpan end, std::uint64_t file_bytes);
 };
 
-/// The sections of the index of a file of `file_bytes`. None, if it has no sound index of this
-/// transaction: the pages have all that an index has. Errors of the source.
+/// Finds the sections of the index of a file of `file_bytes` bytes. Returns none if there is no
+/// intact index of this transaction: the pages hold everything that an index does. Errors as
+/// ByteSource::bytes().
 [[nodiscard]] Result<std::vector<IndexSection>> find_sections(const ByteSource& source,
                                                               std::uint64_t file_bytes,
                                                               std::uint64_t transaction);
 
-/// Calls `add` for each part of a section: where it is in the file, and its bytes.
+/// Calls `add` for each part of a section, with the part's offset in the file and its bytes.
 /// bad_file: the section does not match its checksum, or a part is outside the file.
 using AddPart = std::function<void(std::uint64_t offset, ByteSpan bytes)>;
 [[nodiscard]] Result<void> open_section(const IndexSection& section, ByteSpan bytes,

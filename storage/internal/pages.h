@@ -59,7 +59,7 @@ struct Meta {
 /// bad_file: one is damaged, or they do not match. unsupported: another version or page size.
 [[nodiscard]] Result<Meta> read_metas(int file, const std::string& path);
 
-/// The same from bytes at the file's start: those of both pages, or fewer if the file is shorter.
+/// The same from the start of a file: the bytes of both pages, or fewer if the file is shorter.
 [[nodiscard]] Result<Meta> parse_metas(ByteSpan start, const std::string& path);
 
 /// One entry of a branch or leaf page.
@@ -123,8 +123,8 @@ class Pages {
   /// A branch (leaf = false) or leaf page. bad_file: the page is damaged or of another kind.
   [[nodiscard]] Result<TreePage> tree_page(std::uint64_t number, bool leaf) const;
 
-  /// The value of a leaf node, in the leaf or in overflow pages. Of a value in overflow pages, at
-  /// most the first `most` bytes. bad_file: these pages are damaged.
+  /// The value of a leaf node, which is in the leaf or in overflow pages; of a value in overflow
+  /// pages, only the first `most` bytes. bad_file: these pages are damaged.
   [[nodiscard]] Result<ByteSpan> value(const Node& node,
                                        std::uint64_t most = ~std::uint64_t{0}) const;
 

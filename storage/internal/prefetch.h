@@ -38,8 +38,8 @@ class Advice {
   std::vector<Range> ranges_;
 };
 
-/// The bytes of a record that hold its header and table, estimated from the leaf alone. The whole
-/// record if it has a single tile. Empty if the entry is no record.
+/// The bytes of a record that hold its header and table, estimated from the leaf alone; the whole
+/// record if it has a single tile; empty if the entry is not a record.
 [[nodiscard]] ByteSpan head_of(const Pages& pages, const TreePage& leaf, std::uint32_t index);
 
 /// Fetches the pages that a search for some keys reads: the tree level by level, then the heads of

@@ -1,4 +1,4 @@
-// RangeSet: a set of bytes, as disjoint ranges.
+// RangeSet: a set of byte positions, stored as disjoint ranges.
 #pragma once
 
 #include <cstdint>
@@ -25,8 +25,9 @@ class RangeSet {
   std::map<std::uint64_t, std::uint64_t> ranges_;  // begin → end; no two meet
 };
 
-/// Ascending ranges that cover all of `ranges`: gaps of up to `gap` bytes are filled and, if more
-/// than `most` ranges are left, the smallest of the other gaps of up to `widest` bytes, too.
+/// Ascending ranges that cover all of `ranges`. Gaps of up to `gap` bytes are filled. If more than
+/// `most` ranges remain, the smallest other gaps are filled, too, but none of more than `widest`
+/// bytes.
 [[nodiscard]] std::vector<FileRange> merged(std::vector<FileRange> ranges, std::uint64_t gap,
                                             std::size_t most,
                                             std::uint64_t widest = ~std::uint64_t{0});

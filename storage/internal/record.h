@@ -35,7 +35,7 @@ inline constexpr std::uint8_t kNoLevel = 255;
 /// order is the order of TileKey.
 using RecordKey = std::array<std::byte, 9>;
 [[nodiscard]] RecordKey encode_key(TileKey last);
-/// Nothing if the bytes are no record key.
+/// No key if the bytes are not a record key.
 [[nodiscard]] std::optional<TileKey> decode_key(ByteSpan bytes);
 
 /// One tile of a record.
@@ -54,7 +54,7 @@ class Record {
   /// message says what is wrong; the caller adds the place.
   [[nodiscard]] static Result<Record> parse(ByteSpan value) { return parse(value, value.size()); }
 
-  /// The same from the start of a value of `size` bytes. REQUIRES: `start` includes the table.
+  /// The same for the start of a value of `size` bytes. REQUIRES: `start` includes the table.
   [[nodiscard]] static Result<Record> parse(ByteSpan start, std::uint64_t size);
 
   /// Where the table of a record ends. REQUIRES: kRecordHeader bytes.
@@ -105,8 +105,8 @@ class Record {
 [[nodiscard]] Bytes encode_record(LayerId layer, std::optional<TileKey> previous, TileKey first,
                                   std::span<const Tile> tiles);
 
-/// The same up to the first payload: header, codes and checksums. The payloads follow, each at a
-/// multiple of 8 bytes, and zeros up to kMinRecordBytes.
+/// Encodes the part before the first payload: header, codes and checksums. The payloads follow,
+/// each at a multiple of 8 bytes, and then zeros up to kMinRecordBytes.
 [[nodiscard]] Bytes encode_record_head(LayerId layer, std::optional<TileKey> previous,
                                        TileKey first, std::span<const Tile> tiles);
 

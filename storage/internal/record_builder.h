@@ -20,7 +20,7 @@
 
 namespace slf::storage::internal {
 
-/// The bytes of a payload: its own, or a view of the caller's.
+/// The bytes of a payload, which are owned or a view of the caller's.
 class Payload {
  public:
   Payload() = default;

@@ -26,12 +26,12 @@ class Snapshot final : public Trees {
   [[nodiscard]] static Result<std::unique_ptr<Snapshot>> open_locked(const std::string& path,
                                                                      const LockedFile& file);
 
-  /// Opens the snapshot of a distant file, which nothing pins.
+  /// Opens the snapshot of a remote file. Nothing pins it.
   [[nodiscard]] static Result<std::unique_ptr<Snapshot>> open(std::shared_ptr<RangeSource> source);
 
   [[nodiscard]] ByteSpan bytes() const { return copy_ ? copy_->file() : map_.bytes(); }
 
-  /// Makes a part of bytes() ready to be read, if the file is distant. Errors as RangeSource.
+  /// Makes a part of bytes() ready to be read, if the file is remote. Errors as RangeSource.
   [[nodiscard]] Result<void> fetch(ByteSpan part) const {
     return copy_ && !part.empty() ? copy_->fetch(part) : Result<void>();
   }
@@ -59,8 +59,8 @@ class Snapshot final : public Trees {
 
   LockedFile file_;
   MappedFile map_;
-  std::unique_ptr<SparseCopy> copy_;  // of a distant file
-  std::vector<IndexSection> extras_;  // of its index: what the container does not know
+  std::unique_ptr<SparseCopy> copy_;  // of a remote file
+  std::vector<IndexSection> extras_;  // of its index: those that storage does not use
 };
 
 }  // namespace slf::storage::internal

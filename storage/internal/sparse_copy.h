@@ -29,11 +29,11 @@ class SparseCopy final : public ByteSource {
   /// The map; bytes that were not fetched read as zeros.
   [[nodiscard]] ByteSpan file() const override { return map_.bytes(); }
 
-  /// Fetches those bytes of some ranges that are missing, and waits for those that other threads
-  /// are fetching. Errors as RangeSource::fetch().
+  /// Fetches the missing bytes of some ranges, and waits for those that other threads are fetching.
+  /// Errors as RangeSource::fetch().
   [[nodiscard]] Result<void> fetch(std::span<const FileRange> ranges) const;
 
-  /// Fetches a part of file() and some bytes around it, because readers mostly go on to
+  /// Fetches a part of file() and some bytes around it, because most readers continue with
   /// neighbouring parts.
   [[nodiscard]] Result<void> fetch(ByteSpan part) const;
 
@@ -41,7 +41,7 @@ class SparseCopy final : public ByteSource {
   [[nodiscard]] Result<ByteSpan> bytes(std::uint64_t offset, std::uint64_t size) const override;
   void expect(std::span<const FileRange> ranges) const override { (void)fetch(ranges); }
 
-  /// Stores bytes that were fetched in another way. io: the disk is full.
+  /// Stores bytes that the caller got in another way. io: the disk is full.
   [[nodiscard]] Result<void> put(std::uint64_t offset, ByteSpan bytes) const;
 
  private:

@@ -16,8 +16,9 @@ enum class Depth {
   everything,
 };
 
-/// Appends one error per finding. After a few hundred it gives up, and the last error says so.
-/// Takes time linear in the number of pages checked, and one bit of memory per page of the file.
+/// Checks the pages, and appends one error per finding. After a few hundred it gives up, and the
+/// last error says so. Takes time linear in the number of pages checked, and one bit of memory per
+/// page of the file.
 void check_pages(const Pages& pages, Depth depth, std::vector<Error>& findings);
 
 }  // namespace slf::storage::internal

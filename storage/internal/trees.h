@@ -1,4 +1,4 @@
-// Trees: the trees, blobs and records of a snapshot, wherever its bytes come from.
+// Trees: the trees, blobs and records of a snapshot, mapped or from a ByteSource.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@
 
 namespace slf::storage::internal {
 
-/// An upper bound for the number of tiles in the record of entry `index`, from the leaf alone.
+/// An upper bound for the number of tiles in the record of entry `index`. Reads the leaf only.
 /// REQUIRES: `node` is that entry.
 [[nodiscard]] std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& node);
 
@@ -40,7 +40,7 @@ class Trees {
   [[nodiscard]] const Tree& tree(LayerId layer) const { return trees_[layer]; }
 
   /// Reads the names and the ends of the layers. bad_file: the container is damaged.
-  /// May be called again after an error. REQUIRES: Pages(source, meta, &path()) or of a map.
+  /// May be called again after an error. REQUIRES: `pages` was made with &path().
   [[nodiscard]] Result<void> load(const Pages& pages);
 
   /// bad_file: the file has changed, so bytes read before may be wrong.
