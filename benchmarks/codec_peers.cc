@@ -80,7 +80,7 @@ struct Contender {
   bool lossless = false;
 };
 
-constexpr int rounds = 5;
+constexpr int kRounds = 5;
 
 Row run(const Contender& contender, const std::vector<Sample>& samples) {
   const bool color = contender.layer == "color";
@@ -95,7 +95,7 @@ Row run(const Contender& contender, const std::vector<Sample>& samples) {
   const double encode_seconds = cpu_seconds() - begin;
   double decode_seconds = 1e9;
   Bytes decoded;
-  for (int round = 0; round < rounds; ++round) {
+  for (int round = 0; round < kRounds; ++round) {
     begin = cpu_seconds();
     for (std::size_t i = 0; i < samples.size(); ++i)
       contender.decode(samples[i], payloads[i], decoded);

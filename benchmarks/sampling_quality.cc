@@ -108,8 +108,8 @@ MeanAndMax gnomonic() {
 }
 
 MeanAndMax equal_angle() {
-  constexpr double quarter = std::numbers::pi / 2;
-  return {[](const glm::dvec3& b) { return glm::normalize(glm::sin(b * quarter)); },
+  constexpr double kQuarter = std::numbers::pi / 2;
+  return {[](const glm::dvec3& b) { return glm::normalize(glm::sin(b * kQuarter)); },
           [](const glm::dvec3& d) {
             // Find the scale at which the arcs of the three sines add up to a right angle.
             const glm::dvec3 a = glm::abs(glm::normalize(d));
@@ -117,24 +117,24 @@ MeanAndMax equal_angle() {
             for (int k = 0; k < 48; ++k) {
               const double middle = (low + high) / 2;
               const glm::dvec3 arcs = glm::asin(glm::min(a * middle, glm::dvec3(1)));
-              (arcs.x + arcs.y + arcs.z < quarter ? low : high) = middle;
+              (arcs.x + arcs.y + arcs.z < kQuarter ? low : high) = middle;
             }
-            return with_signs(glm::asin(glm::min(a * low, glm::dvec3(1))) / quarter, d);
+            return with_signs(glm::asin(glm::min(a * low, glm::dvec3(1))) / kQuarter, d);
           }};
 }
 
 MeanAndMax equal_area() {
-  constexpr double quarter = std::numbers::pi / 2;
+  constexpr double kQuarter = std::numbers::pi / 2;
   return {[](const glm::dvec3& b) {
             const glm::dvec3 a = glm::abs(b);
-            const double r = a.x + a.y, angle = r > 0 ? quarter * a.y / r : 0;
+            const double r = a.x + a.y, angle = r > 0 ? kQuarter * a.y / r : 0;
             const double side = r * std::sqrt(std::max(0.0, 2 - r * r));
             return with_signs({side * std::cos(angle), side * std::sin(angle), 1 - r * r}, b);
           },
           [](const glm::dvec3& d) {
             const glm::dvec3 a = glm::abs(glm::normalize(d));
             const double r = std::sqrt(std::max(0.0, 1 - a.z));
-            const double share = std::atan2(a.y, a.x) / quarter;
+            const double share = std::atan2(a.y, a.x) / kQuarter;
             return with_signs({r * (1 - share), r * share, 1 - r}, d);
           }};
 }

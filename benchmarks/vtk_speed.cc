@@ -137,11 +137,11 @@ class VtkRaycaster {
   void set_look(const Volume& volume, const TransferFunction& transfer,
                 const RaycastOptions& options) {
     // At every stored integer, or evenly where those are many or there are none.
-    constexpr int kMostPoints = 4096;
+    constexpr int kMaxPoints = 4096;
     const auto [low, high] = volume.value_range();
     const double stored = (high - low) / volume.slope;
-    const int last = volume.type == ScalarType::f32 || stored > kMostPoints
-                         ? kMostPoints
+    const int last = volume.type == ScalarType::f32 || stored > kMaxPoints
+                         ? kMaxPoints
                          : std::max(1, static_cast<int>(std::lround(stored)));
     vtkNew<vtkColorTransferFunction> colors;
     vtkNew<vtkPiecewiseFunction> opacities;

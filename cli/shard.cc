@@ -10,7 +10,7 @@
 namespace slf::cli {
 namespace {
 
-constexpr std::uint64_t kMostShards = 10'000'000;
+constexpr std::uint64_t kMaxShards = 10'000'000;
 
 /// The value of an environment variable as a number; nullopt if it is not set or not a number.
 std::optional<std::uint64_t> number_in(const char* variable) {
@@ -19,7 +19,7 @@ std::optional<std::uint64_t> number_in(const char* variable) {
   std::uint64_t value = 0;
   const std::string_view digits(text);
   const auto [end, error] = std::from_chars(digits.begin(), digits.end(), value);
-  if (error != std::errc() || end != digits.end() || value > kMostShards) return std::nullopt;
+  if (error != std::errc() || end != digits.end() || value > kMaxShards) return std::nullopt;
   return value;
 }
 
@@ -82,7 +82,7 @@ Result<ShardOptions> parse_shard(const std::string& text) {
   std::istringstream in(text);
   if (text.find_first_not_of("0123456789/") != std::string::npos ||
       !(in >> shard.index >> slash >> shard.count) || slash != '/' || !in.eof() ||
-      shard.index < 1 || shard.index > shard.count || shard.count > kMostShards)
+      shard.index < 1 || shard.index > shard.count || shard.count > kMaxShards)
     return fail(ErrorCode::usage, "--shard ", text, ": expected K/N with K from 1 to N, or auto");
   return shard;
 }

@@ -17,7 +17,7 @@ namespace {
 enum Stream : std::size_t { gaps, breaks, edges, stream_count = edges + 4 };
 
 // A gap of 255 or more takes several bytes; all but the last are 255.
-constexpr std::size_t long_gap = 255;
+constexpr std::size_t kLongGap = 255;
 
 struct Around {
   std::uint8_t w, n, nw, ne;
@@ -54,7 +54,7 @@ class Encoder {
     } else if (value == near.w) {
       ++gap_;
     } else {
-      for (; gap_ >= long_gap; gap_ -= long_gap) put(gaps, long_gap);
+      for (; gap_ >= kLongGap; gap_ -= kLongGap) put(gaps, kLongGap);
       put(gaps, static_cast<std::uint8_t>(gap_));
       put(breaks, static_cast<std::uint8_t>(value - near.w));
       gap_ = 0;
@@ -128,7 +128,7 @@ class Decoder {
       }
       const std::uint8_t byte = *next_[gaps]++;
       gap_ += byte;
-      if (byte != long_gap) return;
+      if (byte != kLongGap) return;
     }
   }
 

@@ -33,7 +33,7 @@ struct BlockModels {
 };
 
 /// The largest quantised magnitude that can be coded.
-inline constexpr float kMostCoefficient = 16383;
+inline constexpr float kMaxCoefficient = 16383;
 
 /// The quantised blocks of a plane, row by row. Blocks that are not coded are zero.
 struct BlockPlane {

@@ -10,30 +10,30 @@
 namespace slf::codec {
 namespace {
 
-// Each pair of residuals from -pair_reach to pair_reach has a symbol. All other pairs share the
+// Each pair of residuals from -kPairReach to kPairReach has a symbol. All other pairs share the
 // next symbol, and their residuals follow in a stream of their own.
-constexpr int pair_reach = 7;
-constexpr int pair_side = 2 * pair_reach + 1;
-constexpr std::uint8_t pair_escape = pair_side * pair_side;
+constexpr int kPairReach = 7;
+constexpr int kPairSide = 2 * kPairReach + 1;
+constexpr std::uint8_t kPairEscape = kPairSide * kPairSide;
 
 using Pair = std::array<std::uint8_t, 2>;
 
 // The pair of every symbol; zeros for the escape and for invalid symbols.
 constexpr std::array<Pair, 256> make_pairs() {
   std::array<Pair, 256> pairs{};
-  for (int symbol = 0; symbol < pair_escape; ++symbol)
+  for (int symbol = 0; symbol < kPairEscape; ++symbol)
     pairs[static_cast<std::size_t>(symbol)] = {
-        static_cast<std::uint8_t>(symbol / pair_side - pair_reach),
-        static_cast<std::uint8_t>(symbol % pair_side - pair_reach)};
+        static_cast<std::uint8_t>(symbol / kPairSide - kPairReach),
+        static_cast<std::uint8_t>(symbol % kPairSide - kPairReach)};
   return pairs;
 }
-constexpr std::array<Pair, 256> pairs = make_pairs();
+constexpr std::array<Pair, 256> kPairs = make_pairs();
 
 std::uint8_t pair_symbol(std::uint16_t first, std::uint16_t second) {
-  const int a = static_cast<std::int8_t>(first) + pair_reach;
-  const int b = static_cast<std::int8_t>(second) + pair_reach;
-  if (a < 0 || a >= pair_side || b < 0 || b >= pair_side) return pair_escape;
-  return static_cast<std::uint8_t>(a * pair_side + b);
+  const int a = static_cast<std::int8_t>(first) + kPairReach;
+  const int b = static_cast<std::int8_t>(second) + kPairReach;
+  if (a < 0 || a >= kPairSide || b < 0 || b >= kPairSide) return kPairEscape;
+  return static_cast<std::uint8_t>(a * kPairSide + b);
 }
 
 // Calls use(group, column, lane) for every stored sample, in stream order.
@@ -65,7 +65,7 @@ void for_each_stored(const LaneStack& stack, TakeAll take_all, Take take) {
     const std::size_t lanes = lanes_of(stack.tile, group);
     const LaneValues* coverage = stack.coverage_of(group);
     for (std::size_t column = 0; column < columns; ++column) {
-      if (lanes == lane_count && (!coverage || uncovered(coverage[column]) == 0)) {
+      if (lanes == kLaneCount && (!coverage || uncovered(coverage[column]) == 0)) {
         take_all(group, column);
         continue;
       }
@@ -83,7 +83,7 @@ LaneStack::LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneV
   stored = 0;
   // Lanes without a picture have no coverage.
   for (std::size_t i = 0; i < group_count(tile) * tile.columns(); ++i)
-    stored += lane_count - uncovered(coverage[i]);
+    stored += kLaneCount - uncovered(coverage[i]);
 }
 
 Result<void> append_channel(const LaneStack& stack, std::size_t channel,
@@ -118,9 +118,9 @@ Result<void> read_channel(const LaneStack& stack, std::size_t channel, ByteSpan&
         stack,
         [&](std::size_t group, std::size_t column) {
           LaneValues& to = at(group, column);
-          for (std::size_t i = 0; i < lane_count; ++i)
+          for (std::size_t i = 0; i < kLaneCount; ++i)
             to[i] = static_cast<std::uint16_t>(to[i] | from[i] << shift);
-          from += lane_count;
+          from += kLaneCount;
         },
         [&](std::size_t group, std::size_t column, std::size_t lane) {
           std::uint16_t& to = at(group, column)[lane];
@@ -142,7 +142,7 @@ Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals, in
     const LaneValues* channel = residuals + stack.offset(group) + columns + column;
     const std::uint16_t first = channel[0][lane], second = channel[columns][lane];
     *to = pair_symbol(first, second);
-    if (*to++ != pair_escape) return;
+    if (*to++ != kPairEscape) return;
     escapes[escaped++] = static_cast<std::uint8_t>(first);
     escapes[escaped++] = static_cast<std::uint8_t>(second);
   });
@@ -155,10 +155,10 @@ Result<void> read_pair(const LaneStack& stack, ByteSpan& payload, LaneValues* re
   const std::span<std::uint8_t> symbols = symbol_scratch.take(stack.stored);
   if (auto done = read_stream(payload, std::as_writable_bytes(symbols)); !done) return done;
   const auto escaped =
-      static_cast<std::size_t>(std::count(symbols.begin(), symbols.end(), pair_escape));
+      static_cast<std::size_t>(std::count(symbols.begin(), symbols.end(), kPairEscape));
   const std::span<std::uint8_t> escapes = escape_scratch.take(2 * escaped);
   if (auto done = read_stream(payload, std::as_writable_bytes(escapes)); !done) return done;
-  if (std::any_of(symbols.begin(), symbols.end(), [](auto s) { return s > pair_escape; }))
+  if (std::any_of(symbols.begin(), symbols.end(), [](auto s) { return s > kPairEscape; }))
     return fail(ErrorCode::bad_file, "zstd: a symbol that does not exist");
 
   const std::size_t columns = stack.tile.columns();
@@ -166,8 +166,8 @@ Result<void> read_pair(const LaneStack& stack, ByteSpan& payload, LaneValues* re
   const std::uint8_t* escape = escapes.data();
   const auto take = [&](LaneValues* channel, std::size_t lane) {
     const std::uint8_t symbol = *from++;
-    const Pair pair = symbol == pair_escape ? Pair{escape[0], escape[1]} : pairs[symbol];
-    if (symbol == pair_escape) escape += 2;
+    const Pair pair = symbol == kPairEscape ? Pair{escape[0], escape[1]} : kPairs[symbol];
+    if (symbol == kPairEscape) escape += 2;
     channel[0][lane] = pair[0];
     channel[columns][lane] = pair[1];
   };
@@ -180,7 +180,7 @@ Result<void> read_pair(const LaneStack& stack, ByteSpan& payload, LaneValues* re
       stack,
       [&](std::size_t group, std::size_t column) {
         LaneValues* channel = at(group, column);
-        for (std::size_t lane = 0; lane < lane_count; ++lane) take(channel, lane);
+        for (std::size_t lane = 0; lane < kLaneCount; ++lane) take(channel, lane);
       },
       [&](std::size_t group, std::size_t column, std::size_t lane) {
         take(at(group, column), lane);

@@ -15,13 +15,13 @@
 namespace slf::codec {
 
 [[nodiscard]] inline std::size_t group_count(const Tile& tile) {
-  return (tile.rows() + lane_count - 1) / lane_count;
+  return (tile.rows() + kLaneCount - 1) / kLaneCount;
 }
 
-/// How many pictures a group has, 1..lane_count.
+/// How many pictures a group has, 1..kLaneCount.
 [[nodiscard]] inline std::size_t lanes_of(const Tile& tile, std::size_t group) {
-  const std::size_t left = tile.rows() - group * lane_count;
-  return left < lane_count ? left : lane_count;
+  const std::size_t left = tile.rows() - group * kLaneCount;
+  return left < kLaneCount ? left : kLaneCount;
 }
 
 /// The channels of a tile that are predicted together. Values and residuals are

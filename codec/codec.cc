@@ -13,9 +13,9 @@
 namespace slf::codec {
 namespace {
 
-constexpr int default_zstd_level = 9;
-constexpr int default_jpeg_quality = 75;
-constexpr int default_predictive_quality = 90;
+constexpr int kDefaultZstdLevel = 9;
+constexpr int kDefaultJpegQuality = 75;
+constexpr int kDefaultPredictiveQuality = 90;
 
 std::vector<std::string_view> split(std::string_view text, char separator) {
   std::vector<std::string_view> parts;
@@ -45,7 +45,7 @@ tl::unexpected<Error> bad_spec(std::string_view spec) {
 
 Result<std::unique_ptr<Codec>> make_zstd(std::string_view spec, SampleFormat format,
                                          const std::vector<std::string_view>& parts) {
-  int level = default_zstd_level;
+  int level = kDefaultZstdLevel;
   if (parts.size() > 2) return bad_spec(spec);
   if (parts.size() == 2) {
     const std::optional<int> given = parse_int(parts[1], 1, 22);
@@ -57,7 +57,7 @@ Result<std::unique_ptr<Codec>> make_zstd(std::string_view spec, SampleFormat for
 
 Result<JpegOptions> jpeg_options(std::string_view spec, SampleFormat format,
                                  const std::vector<std::string_view>& parts) {
-  JpegOptions options{default_jpeg_quality, ChromaSampling::half};
+  JpegOptions options{kDefaultJpegQuality, ChromaSampling::half};
   if (parts.size() > 3) return bad_spec(spec);
   if (parts.size() >= 2) {
     const std::optional<int> given = parse_int(parts[1], 1, 100);
@@ -88,7 +88,7 @@ Result<std::unique_ptr<Codec>> make_jpeg(std::string_view spec, SampleFormat for
 Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec, SampleFormat format,
                                                const std::vector<std::string_view>& parts,
                                                ByteSpan tables) {
-  PredictiveSettings settings{default_predictive_quality, format};
+  PredictiveSettings settings{kDefaultPredictiveQuality, format};
   if (parts.size() > 2) return bad_spec(spec);
   if (parts.size() == 2) {
     const std::optional<int> given =

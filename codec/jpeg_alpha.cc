@@ -13,10 +13,10 @@ namespace slf::codec {
 namespace {
 
 // The value of the first byte that means a gray JPEG. 1..255 is the number of steps.
-constexpr std::uint8_t in_jpeg = 0;
+constexpr std::uint8_t kInJpeg = 0;
 
 // JPEG adds noise where alpha is 0 or 255. Values this close to either are rounded to it.
-constexpr std::uint8_t noise = 2;
+constexpr std::uint8_t kNoise = 2;
 
 // Steps 0..top are evenly spaced from transparent to opaque.
 std::uint8_t to_steps(std::uint8_t alpha, int top) {
@@ -45,7 +45,7 @@ Result<Candidate> in_steps(const Tile& tile, int top, std::span<const std::uint8
 Result<Candidate> as_jpeg(const Tile& tile, const Mosaic& mosaic, const JpegTables& tables,
                           std::span<const std::uint8_t> alpha) {
   Candidate result;
-  result.payload.assign(5, static_cast<std::byte>(in_jpeg));
+  result.payload.assign(5, static_cast<std::byte>(kInJpeg));
   encode_scan(tables, JpegCoefficients(alpha_picture(tile, mosaic, alpha)), &result.payload,
               nullptr);
   store_le(&result.payload[1], static_cast<std::uint32_t>(result.payload.size() - 5));
@@ -100,7 +100,7 @@ Result<void> read_jpeg_alpha(const Tile& tile, const Mosaic& mosaic, const JpegT
   if (payload.empty()) return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
   const auto top = std::to_integer<std::uint8_t>(payload[0]);
   payload = payload.subspan(1);
-  if (top != in_jpeg) {
+  if (top != kInJpeg) {
     if (auto done = read_alpha(payload, tile.side, top, alpha); !done) return done;
     if (top == 255) return {};
     std::uint8_t opacity[256];
@@ -120,7 +120,7 @@ Result<void> read_jpeg_alpha(const Tile& tile, const Mosaic& mosaic, const JpegT
   payload = payload.subspan(4 + size);
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
     const std::uint8_t value = pixels[pixel];
-    alpha[sample] = value <= noise ? 0 : value >= 255 - noise ? 255 : value;
+    alpha[sample] = value <= kNoise ? 0 : value >= 255 - kNoise ? 255 : value;
   });
   return {};
 }

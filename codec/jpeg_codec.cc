@@ -16,7 +16,7 @@ namespace slf::codec {
 namespace {
 
 // From this quality on, alpha is exact.
-constexpr int exact_alpha_quality = 95;
+constexpr int kExactAlphaQuality = 95;
 
 std::span<const std::uint8_t> bytes_of(ByteSpan span) {
   return {reinterpret_cast<const std::uint8_t*>(span.data()), span.size()};
@@ -73,7 +73,7 @@ Result<void> JpegCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payloa
     return {};
   }
   std::vector<std::uint8_t> alpha = alpha_of(from);
-  const bool exact = options_.quality >= exact_alpha_quality;
+  const bool exact = options_.quality >= kExactAlphaQuality;
   if (auto done = append_jpeg_alpha(tile, mosaic, tables_, exact, alpha, payload); !done)
     return done;
   if (std::all_of(alpha.begin(), alpha.end(), [](auto a) { return a == 0; })) return {};

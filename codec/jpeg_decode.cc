@@ -71,7 +71,7 @@ struct ChunkSource {
   int next = 0;
 };
 
-constexpr std::byte end_of_image[2] = {std::byte{0xFF}, std::byte{0xD9}};
+constexpr std::byte kEndOfImage[2] = {std::byte{0xFF}, std::byte{0xD9}};
 
 void start_source(j_decompress_ptr) {}
 void end_source(j_decompress_ptr) {}
@@ -118,7 +118,7 @@ class Decompressor {
                     end_source};
     source_.chunks[0] = header;
     source_.chunks[1] = scan;
-    source_.chunks[2] = end_of_image;
+    source_.chunks[2] = kEndOfImage;
     source_.next = 0;
     info_.src = &source_.base;
     if (setjmp(errors_.jump)) {

@@ -10,46 +10,46 @@
 namespace slf::codec {
 namespace {
 
-constexpr std::size_t side = 8;
+constexpr std::size_t kSide = 8;
 
 // The squared error that is worth one bit, relative to the squared quantisation step. On tiles of a
 // brain this value gave the fewest bytes at equal error.
-constexpr float bit_worth = 0.09f;
+constexpr float kErrorPerBit = 0.09f;
 
-constexpr std::uint8_t zigzag[64] = {
+constexpr std::uint8_t kZigzag[64] = {
     0,  1,  8,  16, 9,  2,  3,  10, 17, 24, 32, 25, 18, 11, 4,  5,  12, 19, 26, 33, 40, 48,
     41, 34, 27, 20, 13, 6,  7,  14, 21, 28, 35, 42, 49, 56, 57, 50, 43, 36, 29, 22, 15, 23,
     30, 37, 44, 51, 58, 59, 52, 45, 38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63};
 
 // Row k is the k-th orthonormal cosine, sampled at 8 points. The values are written out because
 // libraries compute cosines that differ in the last bit.
-constexpr float c0 = 0.353553391f, c1 = 0.490392640f, c2 = 0.461939766f, c3 = 0.415734806f,
-                c5 = 0.277785117f, c6 = 0.191341716f, c7 = 0.097545161f;
-constexpr float cosines[side][side] = {
-    {c0, c0, c0, c0, c0, c0, c0, c0},     {c1, c3, c5, c7, -c7, -c5, -c3, -c1},
-    {c2, c6, -c6, -c2, -c2, -c6, c6, c2}, {c3, -c7, -c1, -c5, c5, c1, c7, -c3},
-    {c0, -c0, -c0, c0, c0, -c0, -c0, c0}, {c5, -c1, c7, c3, -c3, -c7, c1, -c5},
-    {c6, -c2, c2, -c6, -c6, c2, -c2, c6}, {c7, -c5, c3, -c1, c1, -c3, c5, -c7}};
+constexpr float kC0 = 0.353553391f, kC1 = 0.490392640f, kC2 = 0.461939766f, kC3 = 0.415734806f,
+                kC5 = 0.277785117f, kC6 = 0.191341716f, kC7 = 0.097545161f;
+constexpr float kCosines[kSide][kSide] = {
+    {kC0, kC0, kC0, kC0, kC0, kC0, kC0, kC0},     {kC1, kC3, kC5, kC7, -kC7, -kC5, -kC3, -kC1},
+    {kC2, kC6, -kC6, -kC2, -kC2, -kC6, kC6, kC2}, {kC3, -kC7, -kC1, -kC5, kC5, kC1, kC7, -kC3},
+    {kC0, -kC0, -kC0, kC0, kC0, -kC0, -kC0, kC0}, {kC5, -kC1, kC7, kC3, -kC3, -kC7, kC1, -kC5},
+    {kC6, -kC2, kC2, -kC6, -kC6, kC2, -kC2, kC6}, {kC7, -kC5, kC3, -kC1, kC1, -kC3, kC5, -kC7}};
 
-constexpr auto transposed = [] {
-  std::array<std::array<float, side>, side> result{};
-  for (std::size_t k = 0; k < side; ++k)
-    for (std::size_t x = 0; x < side; ++x) result[x][k] = cosines[k][x];
+constexpr auto kTransposedCosines = [] {
+  std::array<std::array<float, kSide>, kSide> result{};
+  for (std::size_t k = 0; k < kSide; ++k)
+    for (std::size_t x = 0; x < kSide; ++x) result[x][k] = kCosines[k][x];
   return result;
 }();
 
 // Transforms the 8 × 8 values at `from`. Sums are over vectors, in the order of the samples.
 std::array<float, 64> transform(const float* from, std::size_t stride) {
-  float lines[side][side]{};
-  for (std::size_t y = 0; y < side; ++y)
-    for (std::size_t k = 0; k < side; ++k)
-      for (std::size_t x = 0; x < side; ++x) lines[k][x] += cosines[k][y] * from[y * stride + x];
-  float both[side][side]{};
-  for (std::size_t k = 0; k < side; ++k)
-    for (std::size_t x = 0; x < side; ++x)
-      for (std::size_t j = 0; j < side; ++j) both[k][j] += lines[k][x] * transposed[x][j];
+  float lines[kSide][kSide]{};
+  for (std::size_t y = 0; y < kSide; ++y)
+    for (std::size_t k = 0; k < kSide; ++k)
+      for (std::size_t x = 0; x < kSide; ++x) lines[k][x] += kCosines[k][y] * from[y * stride + x];
+  float both[kSide][kSide]{};
+  for (std::size_t k = 0; k < kSide; ++k)
+    for (std::size_t x = 0; x < kSide; ++x)
+      for (std::size_t j = 0; j < kSide; ++j) both[k][j] += lines[k][x] * kTransposedCosines[x][j];
   std::array<float, 64> block;
-  for (std::size_t i = 0; i < 64; ++i) block[i] = both[zigzag[i] / side][zigzag[i] % side];
+  for (std::size_t i = 0; i < 64; ++i) block[i] = both[kZigzag[i] / kSide][kZigzag[i] % kSide];
   return block;
 }
 
@@ -77,20 +77,20 @@ JpegCoefficients::Component split(const JpegPicture& picture, std::size_t plane,
                                   std::size_t scale) {
   JpegCoefficients::Component component;
   const std::size_t width = picture.shape.width, stride = width / scale;
-  component.across = static_cast<std::uint32_t>(stride / side);
-  component.down = static_cast<std::uint32_t>(picture.shape.height / scale / side);
+  component.across = static_cast<std::uint32_t>(stride / kSide);
+  component.down = static_cast<std::uint32_t>(picture.shape.height / scale / kSide);
   component.blocks.resize(std::size_t{component.across} * component.down);
   auto block = component.blocks.begin();
   for (std::size_t y = 0; y < component.down; ++y)
     for (std::size_t x = 0; x < component.across; ++x, ++block) {
-      const std::size_t pixels = side * scale;
+      const std::size_t pixels = kSide * scale;
       float sum = 0;
       for (std::size_t v = 0; v < pixels; ++v)
         for (std::size_t u = 0; u < pixels; ++u)
           sum += picture.weight[(y * pixels + v) * width + x * pixels + u];
       block->coverage = sum / static_cast<float>(pixels * pixels);
       if (block->coverage > 0)
-        block->values = transform(&picture.planes[plane][y * side * stride + x * side], stride);
+        block->values = transform(&picture.planes[plane][y * kSide * stride + x * kSide], stride);
     }
   return component;
 }
@@ -269,7 +269,7 @@ float error_per_bit(const std::array<std::uint8_t, 64>& steps) {
   float sum = 0;
   for (const std::uint8_t step : steps) sum += step;
   const float mean = sum / 64;
-  return bit_worth * mean * mean;
+  return kErrorPerBit * mean * mean;
 }
 
 JpegCoefficients::JpegCoefficients(JpegPicture picture) : color_(picture.shape.color) {

@@ -5,7 +5,7 @@
 namespace slf::codec {
 namespace {
 
-constexpr std::size_t max_extent = 65500;  // libjpeg's JPEG_MAX_DIMENSION
+constexpr std::size_t kMaxExtent = 65500;  // libjpeg's JPEG_MAX_DIMENSION
 
 JpegPicture empty_picture(const Mosaic& mosaic, JpegColor color) {
   JpegPicture picture;
@@ -19,7 +19,7 @@ JpegPicture empty_picture(const Mosaic& mosaic, JpegColor color) {
 }  // namespace
 
 bool fits_jpeg(const Mosaic& mosaic) {
-  return mosaic.width() <= max_extent && mosaic.height() <= max_extent;
+  return mosaic.width() <= kMaxExtent && mosaic.height() <= kMaxExtent;
 }
 
 JpegShape shape_of(const Mosaic& mosaic, JpegColor color) {

@@ -6,7 +6,7 @@
 namespace slf::codec {
 namespace {
 
-constexpr std::uint8_t marker_soi = 0xD8, marker_eoi = 0xD9, marker_dqt = 0xDB, marker_dht = 0xC4;
+constexpr std::uint8_t kMarkerSoi = 0xD8, kMarkerEoi = 0xD9, kMarkerDqt = 0xDB, kMarkerDht = 0xC4;
 
 void append(Bytes& to, std::uint8_t value) { to.push_back(static_cast<std::byte>(value)); }
 
@@ -18,7 +18,7 @@ void append_segment(Bytes& to, std::uint8_t marker, std::size_t length) {
 }
 
 void append_huffman(Bytes& to, std::uint8_t id, const HuffmanTable& table) {
-  append_segment(to, marker_dht, 17 + table.symbols.size());
+  append_segment(to, kMarkerDht, 17 + table.symbols.size());
   append(to, id);
   for (const std::uint8_t count : table.counts) append(to, count);
   for (const std::uint8_t symbol : table.symbols) append(to, symbol);
@@ -67,7 +67,7 @@ bool is_code(const HuffmanTable& table) {
 
 bool read_huffman(Reader& reader, std::uint8_t id, HuffmanTable& table) {
   std::size_t length = 0;
-  if (!reader.segment(marker_dht, length) || !reader.expect(id)) return false;
+  if (!reader.segment(kMarkerDht, length) || !reader.expect(id)) return false;
   std::size_t total = 0;
   for (std::uint8_t& count : table.counts) total += count = reader.next();
   if (total > 256 || length != 17 + total) return false;
@@ -165,9 +165,9 @@ bool is_complete(const JpegTables& tables) {
 Bytes to_bytes(const JpegTables& tables) {
   Bytes bytes;
   append(bytes, 0xFF);
-  append(bytes, marker_soi);
+  append(bytes, kMarkerSoi);
   for (std::uint8_t i = 0; i < 2; ++i) {
-    append_segment(bytes, marker_dqt, 65);
+    append_segment(bytes, kMarkerDqt, 65);
     append(bytes, i);
     for (const std::uint8_t step : tables.quantisation[i]) append(bytes, step);
   }
@@ -176,23 +176,23 @@ Bytes to_bytes(const JpegTables& tables) {
     append_huffman(bytes, static_cast<std::uint8_t>(0x10 | i), tables.ac[i]);
   }
   append(bytes, 0xFF);
-  append(bytes, marker_eoi);
+  append(bytes, kMarkerEoi);
   return bytes;
 }
 
 Result<JpegTables> parse_tables(ByteSpan bytes) {
   JpegTables tables;
   Reader reader(bytes);
-  bool good = reader.expect(0xFF) && reader.expect(marker_soi);
+  bool good = reader.expect(0xFF) && reader.expect(kMarkerSoi);
   for (std::uint8_t i = 0; i < 2 && good; ++i) {
     std::size_t length = 0;
-    good = reader.segment(marker_dqt, length) && length == 65 && reader.expect(i);
+    good = reader.segment(kMarkerDqt, length) && length == 65 && reader.expect(i);
     for (std::uint8_t& step : tables.quantisation[i]) good = (step = reader.next()) != 0 && good;
   }
   for (std::uint8_t i = 0; i < 2 && good; ++i)
     good = read_huffman(reader, i, tables.dc[i]) &&
            read_huffman(reader, static_cast<std::uint8_t>(0x10 | i), tables.ac[i]);
-  good = good && reader.expect(0xFF) && reader.expect(marker_eoi) && reader.at_end();
+  good = good && reader.expect(0xFF) && reader.expect(kMarkerEoi) && reader.at_end();
   if (!good) return fail(ErrorCode::bad_file, "shared JPEG tables are damaged");
   return tables;
 }

@@ -7,16 +7,16 @@
 namespace slf::codec {
 namespace {
 
-constexpr std::uint16_t half_sign = 0x8000;
+constexpr std::uint16_t kHalfSign = 0x8000;
 // Differences of halves are centred on this value, so that small ones of either sign do not wrap.
-constexpr std::uint16_t difference_origin = 0x8000;
+constexpr std::uint16_t kDifferenceOrigin = 0x8000;
 
 std::uint16_t to_ordered(std::uint16_t half) {
-  return half < half_sign ? half : static_cast<std::uint16_t>(~(half - half_sign));
+  return half < kHalfSign ? half : static_cast<std::uint16_t>(~(half - kHalfSign));
 }
 
 std::uint16_t from_ordered(std::uint16_t value) {
-  return value < half_sign ? value : static_cast<std::uint16_t>(half_sign | ~value);
+  return value < kHalfSign ? value : static_cast<std::uint16_t>(kHalfSign | ~value);
 }
 
 // One group of a tile: its lanes, and the samples of its first picture.
@@ -40,7 +40,7 @@ To group_of(const Tile& tile, std::size_t index, Values* alpha, Values* color, B
   const std::size_t columns = tile.columns();
   return {columns, lanes_of(tile, index), alpha ? alpha + index * columns : nullptr,
           color + index * columns * color_channels(tile.format),
-          samples + index * lane_count * columns * sample_bytes(tile.format)};
+          samples + index * kLaneCount * columns * sample_bytes(tile.format)};
 }
 
 void load_rgba8(const Loading& group) {
@@ -63,8 +63,8 @@ void load_rgba16f(const Loading& group) {
       };
       const int green = at(1);
       group.channel(0, i)[lane] = static_cast<std::uint16_t>(green);
-      group.channel(1, i)[lane] = static_cast<std::uint16_t>(at(0) - green + difference_origin);
-      group.channel(2, i)[lane] = static_cast<std::uint16_t>(at(2) - green + difference_origin);
+      group.channel(1, i)[lane] = static_cast<std::uint16_t>(at(0) - green + kDifferenceOrigin);
+      group.channel(2, i)[lane] = static_cast<std::uint16_t>(at(2) - green + kDifferenceOrigin);
       group.alpha[i][lane] = at(3);
     }
 }
@@ -78,8 +78,8 @@ void load_depth8(const Loading& group) {
 
 void store_rgba8(const Storing& group, bool clear) {
   for (std::size_t i = 0; i < group.columns; ++i) {
-    std::uint32_t pixels[lane_count];
-    for (std::size_t lane = 0; lane < lane_count; ++lane) {
+    std::uint32_t pixels[kLaneCount];
+    for (std::size_t lane = 0; lane < kLaneCount; ++lane) {
       const std::uint32_t g = group.channel(0, i)[lane], r = group.channel(1, i)[lane],
                           b = group.channel(2, i)[lane], a = group.alpha[i][lane];
       pixels[lane] = clear && a == 0 ? 0 : r | g << 8 | b << 16 | a << 24;
@@ -95,7 +95,7 @@ void store_rgba16f(const Storing& group, bool clear) {
     for (std::size_t lane = 0; lane < group.lanes; ++lane) {
       const int green = group.channel(0, i)[lane];
       const auto plus_green = [&](std::size_t c) {
-        return static_cast<std::uint16_t>(group.channel(c, i)[lane] + green - difference_origin);
+        return static_cast<std::uint16_t>(group.channel(c, i)[lane] + green - kDifferenceOrigin);
       };
       const bool empty = clear && group.alpha[i][lane] == 0;
       const std::uint64_t r = empty ? 0 : from_ordered(plus_green(1));
@@ -117,7 +117,7 @@ void store_depth8(const Storing& group) {
 
 void load(const Tile& tile, const std::byte* samples, LaneValues* alpha, LaneValues* color) {
   const std::size_t groups = group_count(tile), columns = tile.columns();
-  if (tile.rows() % lane_count != 0) {
+  if (tile.rows() % kLaneCount != 0) {
     const std::size_t channels = color_channels(tile.format);
     std::fill_n(color + (groups - 1) * channels * columns, channels * columns, LaneValues{});
     if (alpha) std::fill_n(alpha + (groups - 1) * columns, columns, LaneValues{});

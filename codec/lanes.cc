@@ -15,13 +15,13 @@ namespace {
 namespace hn = hwy::HWY_NAMESPACE;
 
 // As many lanes at a time as the processor's vectors hold.
-using Floats = hn::CappedTag<float, lane_count>;
+using Floats = hn::CappedTag<float, kLaneCount>;
 using Ints = hn::RebindToSigned<Floats>;
 using Shorts = hn::Rebind<std::uint16_t, Floats>;
 using Vector = hn::Vec<Floats>;
 
-struct alignas(lane_count * sizeof(float)) Lanes {
-  float of[lane_count];
+struct alignas(kLaneCount * sizeof(float)) Lanes {
+  float of[kLaneCount];
 };
 
 // Offsets of a sample and its neighbours in the memory of a channel, with replacements at the
@@ -35,8 +35,8 @@ class Lines {
  public:
   explicit Lines(std::uint32_t side) : length_(side + 1), size_(3 * length_ + 1) {
     thread_local Scratch<Lanes> scratch;
-    memory_ = scratch.take(max_channels * size_).data();
-    for (std::size_t channel = 0; channel < max_channels; ++channel)
+    memory_ = scratch.take(kMaxChannels * size_).data();
+    for (std::size_t channel = 0; channel < kMaxChannels; ++channel)
       memory_[channel * size_ + nothing()] = {};
   }
 
@@ -93,7 +93,7 @@ HWY_INLINE Vector weighted(const float* weights, std::size_t channel, const Taps
   add(2, channel, at.nw);
   add(3, channel, at.ne);
   add(5, channel, at.nn);
-  const auto cross = [](std::size_t earlier) { return own_taps + earlier * cross_taps; };
+  const auto cross = [](std::size_t earlier) { return kOwnTaps + earlier * kCrossTaps; };
   for (std::size_t earlier = 0; earlier < channel; ++earlier) {
     add(cross(earlier) + 2, earlier, at.n);
     add(cross(earlier) + 3, earlier, at.nw);
@@ -119,9 +119,9 @@ void walk(const LaneGroup& group, const LaneValues* from, const LaneValues* cove
   const auto load = [&](const LaneValues& values, std::size_t first) {
     return hn::PromoteTo(ints, hn::LoadU(shorts, values.data() + first));
   };
-  float weights[max_channels][max_taps];
+  float weights[kMaxChannels][kMaxTaps];
   for (std::size_t channel = 0; channel < group.channels.size(); ++channel)
-    for (std::size_t i = 0; i < max_taps; ++i)
+    for (std::size_t i = 0; i < kMaxTaps; ++i)
       weights[channel][i] = group.channels[channel].weights[i];
   Lines lines(group.side);
   const std::size_t columns = std::size_t{group.side + 1} * (group.side + 2) / 2;
@@ -133,7 +133,7 @@ void walk(const LaneGroup& group, const LaneValues* from, const LaneValues* cove
       Taps tap{&lines, lines.around(p, q), 0};
       for (std::size_t channel = 0; channel < group.channels.size(); ++channel) {
         const std::size_t i = channel * columns + column;
-        for (tap.first = 0; tap.first < lane_count; tap.first += hn::Lanes(ints)) {
+        for (tap.first = 0; tap.first < kLaneCount; tap.first += hn::Lanes(ints)) {
           const auto predicted = hn::ConvertTo(ints, group.channels[channel].linear
                                                          ? weighted(weights[channel], channel, tap)
                                                          : median_edge(channel, tap));

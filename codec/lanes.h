@@ -15,30 +15,30 @@
 
 namespace slf::codec {
 
-inline constexpr std::size_t lane_count = 16;
+inline constexpr std::size_t kLaneCount = 16;
 
 /// One sample, or residual, of each picture of a group.
-using LaneValues = std::array<std::uint16_t, lane_count>;
+using LaneValues = std::array<std::uint16_t, kLaneCount>;
 
 /// Taps in the channel itself: W, N, NW, NE, WW, NN (FORMAT.md, "Neighbours").
-inline constexpr std::size_t own_taps = 6;
+inline constexpr std::size_t kOwnTaps = 6;
 /// Taps in each channel restored earlier: the sample itself, and its W, N, NW, NE.
-inline constexpr std::size_t cross_taps = 5;
-inline constexpr std::size_t max_channels = 4;
-inline constexpr std::size_t max_taps = own_taps + cross_taps * 2;
+inline constexpr std::size_t kCrossTaps = 5;
+inline constexpr std::size_t kMaxChannels = 4;
+inline constexpr std::size_t kMaxTaps = kOwnTaps + kCrossTaps * 2;
 
-/// The largest weight. It keeps a weighted sum of max_taps bytes below 2^24, so a float is exact.
-inline constexpr int max_weight = 2047;
+/// The largest weight. It keeps a weighted sum of kMaxTaps bytes below 2^24, so a float is exact.
+inline constexpr int kMaxTapWeight = 2047;
 
 /// How one channel of a tile is predicted.
 struct ChannelPredictor {
   bool linear = false;  ///< a weighted sum, for bytes only; otherwise the median edge detector
-  std::array<std::int16_t, max_taps> weights{};  ///< in 1/256; the first taps() count
+  std::array<std::int16_t, kMaxTaps> weights{};  ///< in 1/256; the first taps() count
 };
 
 /// The number of weights of channel `channel` in linear prediction. Channel 0 is restored first.
 [[nodiscard]] constexpr std::size_t taps(std::size_t channel) {
-  return own_taps + cross_taps * channel;
+  return kOwnTaps + kCrossTaps * channel;
 }
 
 /// The channels of a group: values and residuals are [channel][column][lane], each channel

@@ -9,7 +9,7 @@ namespace slf::codec {
 namespace {
 
 // The columns of a sample's neighbours, replaced as in lanes.cc. REQUIRES: p > 0 or q > 0.
-std::array<std::size_t, own_taps> neighbours(std::uint32_t side, std::uint32_t p, std::uint32_t q,
+std::array<std::size_t, kOwnTaps> neighbours(std::uint32_t side, std::uint32_t p, std::uint32_t q,
                                              std::size_t column) {
   const std::size_t above = column - (side + 2 - q);  // line q - 1 holds side + 2 - q samples
   const std::size_t w = p > 0 ? column - 1 : above;
@@ -26,8 +26,8 @@ std::array<std::size_t, own_taps> neighbours(std::uint32_t side, std::uint32_t p
 void LinearFit::add(std::uint32_t side, std::size_t lanes, const LaneValues* values,
                     const LaneValues* coverage) {
   const std::size_t columns = std::size_t{side + 1} * (side + 2) / 2;
-  const std::size_t terms = terms_per_channel * channels_;
-  std::array<double, max_terms> term{};
+  const std::size_t terms = kTermsPerChannel * channels_;
+  std::array<double, kMaxTerms> term{};
   std::size_t column = 1;  // the first sample has no neighbours
   for (std::uint32_t q = 0; q <= side; ++q)
     for (std::uint32_t p = q == 0 ? 1 : 0; p <= side - q; ++p, ++column) {
@@ -48,16 +48,16 @@ void LinearFit::add(std::uint32_t side, std::size_t lanes, const LaneValues* val
 
 ChannelPredictor LinearFit::solve(std::size_t channel) const {
   // Select the terms that are taps of this channel, in the order of its weights.
-  std::array<std::size_t, max_taps> tap{};
+  std::array<std::size_t, kMaxTaps> tap{};
   std::size_t count = 0;
-  for (std::size_t i = 0; i < own_taps; ++i) tap[count++] = channel * terms_per_channel + i;
+  for (std::size_t i = 0; i < kOwnTaps; ++i) tap[count++] = channel * kTermsPerChannel + i;
   for (std::size_t earlier = 0; earlier < channel; ++earlier) {
-    tap[count++] = earlier * terms_per_channel + own_taps;
-    for (std::size_t i = 0; i + 1 < cross_taps; ++i) tap[count++] = earlier * terms_per_channel + i;
+    tap[count++] = earlier * kTermsPerChannel + kOwnTaps;
+    for (std::size_t i = 0; i + 1 < kCrossTaps; ++i) tap[count++] = earlier * kTermsPerChannel + i;
   }
-  const std::size_t target = channel * terms_per_channel + own_taps;
+  const std::size_t target = channel * kTermsPerChannel + kOwnTaps;
 
-  std::array<std::array<double, max_taps + 1>, max_taps> system{};
+  std::array<std::array<double, kMaxTaps + 1>, kMaxTaps> system{};
   for (std::size_t i = 0; i < count; ++i) {
     for (std::size_t j = 0; j < count; ++j) system[i][j] = products_[tap[i]][tap[j]];
     system[i][i] += 1;  // keeps the system definite if all samples are equal
@@ -67,8 +67,8 @@ ChannelPredictor LinearFit::solve(std::size_t channel) const {
 
   ChannelPredictor predictor{true, {}};
   for (std::size_t i = 0; i < count; ++i) {
-    const double weight =
-        std::nearbyint(std::clamp(system[i][count] * 256, -double{max_weight}, double{max_weight}));
+    const double weight = std::nearbyint(
+        std::clamp(system[i][count] * 256, -double{kMaxTapWeight}, double{kMaxTapWeight}));
     predictor.weights[i] = static_cast<std::int16_t>(weight);
   }
   return predictor;

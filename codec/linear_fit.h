@@ -24,11 +24,11 @@ class LinearFit {
 
  private:
   // Per channel: W, N, NW, NE, WW, NN and the sample itself.
-  static constexpr std::size_t terms_per_channel = own_taps + 1;
-  static constexpr std::size_t max_terms = terms_per_channel * 3;
+  static constexpr std::size_t kTermsPerChannel = kOwnTaps + 1;
+  static constexpr std::size_t kMaxTerms = kTermsPerChannel * 3;
 
   std::size_t channels_;
-  std::array<std::array<double, max_terms>, max_terms> products_{};
+  std::array<std::array<double, kMaxTerms>, kMaxTerms> products_{};
 };
 
 }  // namespace slf::codec

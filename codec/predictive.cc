@@ -158,7 +158,7 @@ BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::u
       const std::size_t k = kZigzag[place];
       const float steps_away =
           std::floor(std::abs(coefficients[k]) / static_cast<float>(steps[k]) + 0.5f);
-      const auto value = static_cast<std::int16_t>(std::min(steps_away, kMostCoefficient));
+      const auto value = static_cast<std::int16_t>(std::min(steps_away, kMaxCoefficient));
       blocks.blocks[b][k] = coefficients[k] < 0 ? static_cast<std::int16_t>(-value) : value;
       if (value != 0) blocks.counts[b] = static_cast<std::uint8_t>(place + 1);
     }

@@ -10,8 +10,8 @@
 namespace slf::codec {
 namespace {
 
-constexpr std::int32_t kMostWeight = 2047;  // in 1/256
-constexpr int kWeightBits = 12;             // of a weight plus kMostWeight + 1
+constexpr std::int32_t kMaxWeight = 2047;  // in 1/256
+constexpr int kWeightBits = 12;            // of a weight plus kMaxWeight + 1
 
 bool is_half(const Tile& tile) { return color_format(tile.format) == SampleFormat::rgba16f; }
 
@@ -142,14 +142,14 @@ void ChannelCoder<Coder>::code_channel(TileChannel channel, Weights weights,
   for (std::size_t k = 0; k < terms; ++k) {
     std::int32_t coded = 0;
     for (int bit = kWeightBits - 1; bit >= 0; --bit)
-      coded = 2 * coded + (coder_.even_bit((weights[k] + kMostWeight + 1) >> bit & 1) ? 1 : 0);
-    weights[k] = coded - kMostWeight - 1;
+      coded = 2 * coded + (coder_.even_bit((weights[k] + kMaxWeight + 1) >> bit & 1) ? 1 : 0);
+    weights[k] = coded - kMaxWeight - 1;
   }
   ResidualModels models;
   const std::int32_t by = step(channel);
   const std::int32_t least = channel == kDepthChannel ? 0 : least_;
   const std::int32_t most = channel == kDepthChannel ? 255 : most_;
-  std::array<std::int32_t, kMostTerms> term;
+  std::array<std::int32_t, kMaxTerms> term;
   std::fill(errors_.begin(), errors_.end(), 0);
   for (std::size_t row = 0; row < rows_; ++row)
     for (std::size_t column = 0; column < columns_; ++column) {
@@ -193,9 +193,9 @@ void ChannelEncoder::references(std::span<const std::uint8_t> kinds,
 ChannelEncoder::Weights ChannelEncoder::fit(TileChannel channel, const ChannelValues& predicted,
                                             const ChannelValues& values) const {
   const std::size_t terms = term_count(channel);
-  std::array<std::array<double, kMostTerms + 1>, kMostTerms> system{};
-  std::array<std::int32_t, kMostTerms> term;
-  std::array<double, kMostTerms + 1> x{};
+  std::array<std::array<double, kMaxTerms + 1>, kMaxTerms> system{};
+  std::array<std::int32_t, kMaxTerms> term;
+  std::array<double, kMaxTerms + 1> x{};
   for (std::size_t row = 0; row < rows_; ++row)
     // A third of the samples suffices.
     for (std::size_t column = row % 3; column < columns_; column += 3) {
@@ -217,7 +217,7 @@ ChannelEncoder::Weights ChannelEncoder::fit(TileChannel channel, const ChannelVa
   Weights weights{};
   for (std::size_t i = 0; i < terms; ++i)
     weights[i] = static_cast<std::int32_t>(std::nearbyint(
-        std::clamp(system[i][terms] * 256, -double{kMostWeight}, double{kMostWeight})));
+        std::clamp(system[i][terms] * 256, -double{kMaxWeight}, double{kMaxWeight})));
   return weights;
 }
 

@@ -61,8 +61,8 @@ template <class Coder>
 class ChannelCoder {
  protected:
   /// Most terms of a prediction: 12 of the channel itself, 5 of each channel of colour before it.
-  static constexpr std::size_t kMostTerms = 22;
-  using Weights = std::array<std::int32_t, kMostTerms>;
+  static constexpr std::size_t kMaxTerms = 22;
+  using Weights = std::array<std::int32_t, kMaxTerms>;
 
   template <class Bytes>
   ChannelCoder(const PredictiveLevel& level, const Tile& tile, Bytes& payload);

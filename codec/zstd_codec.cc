@@ -14,8 +14,8 @@ namespace slf::codec {
 namespace {
 
 // The first byte of a payload.
-constexpr std::uint8_t flag_keeps_clear = 1;  // colour is stored where alpha is 0, too
-constexpr std::uint8_t flag_linear = 2;       // weights follow
+constexpr std::uint8_t kFlagKeepsClear = 1;  // colour is stored where alpha is 0, too
+constexpr std::uint8_t kFlagLinear = 2;      // weights follow
 
 // R and B of rgba8 share a stream; every other channel has its own.
 bool pairs_up(SampleFormat format) { return format == SampleFormat::rgba8; }
@@ -63,7 +63,7 @@ Result<void> append_alpha_of(const Tile& tile, Workspace& work, int level, Bytes
   for (std::size_t row = 0; row < tile.rows(); ++row)
     for (std::size_t i = 0; i < columns; ++i)
       rows[row * columns + i] =
-          static_cast<std::uint8_t>(work.alpha[row / lane_count * columns + i][row % lane_count]);
+          static_cast<std::uint8_t>(work.alpha[row / kLaneCount * columns + i][row % kLaneCount]);
   return append_alpha(rows, tile.side, 255, payload);
 }
 
@@ -76,7 +76,7 @@ Result<void> read_alpha_of(const Tile& tile, Workspace& work, ByteSpan& payload)
   std::fill_n(work.alpha + (group_count(tile) - 1) * columns, columns, LaneValues{});
   for (std::size_t row = 0; row < tile.rows(); ++row)
     for (std::size_t i = 0; i < columns; ++i)
-      work.alpha[row / lane_count * columns + i][row % lane_count] = rows[row * columns + i];
+      work.alpha[row / kLaneCount * columns + i][row % kLaneCount] = rows[row * columns + i];
   return {};
 }
 
@@ -85,7 +85,7 @@ bool clear_is_zero(const LaneValues* alpha, const Tile& tile, ByteSpan samples) 
   const std::size_t bytes = sample_bytes(tile.format), columns = tile.columns();
   for (std::size_t row = 0; row < tile.rows(); ++row)
     for (std::size_t i = 0; i < columns; ++i) {
-      if (alpha[row / lane_count * columns + i][row % lane_count] != 0) continue;
+      if (alpha[row / kLaneCount * columns + i][row % kLaneCount] != 0) continue;
       const ByteSpan sample = samples.subspan((row * columns + i) * bytes, bytes);
       if (std::any_of(sample.begin(), sample.end(), [](auto b) { return b != std::byte{0}; }))
         return false;
@@ -115,7 +115,7 @@ bool read_weights(ByteSpan& payload, std::span<ChannelPredictor> predictors) {
     predictors[channel].linear = true;
     for (std::size_t i = 0; i < taps(channel); ++i) {
       const auto weight = static_cast<std::int16_t>(load_le<std::uint16_t>(payload.data()));
-      if (weight < -max_weight || weight > max_weight) return false;
+      if (weight < -kMaxTapWeight || weight > kMaxTapWeight) return false;
       predictors[channel].weights[i] = weight;
       payload = payload.subspan(2);
     }
@@ -139,7 +139,7 @@ Result<void> ZstdCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payloa
   if (linear) fit_predictors(stack, work.color, used);
 
   payload.push_back(
-      static_cast<std::byte>((keeps_clear ? flag_keeps_clear : 0) | (linear ? flag_linear : 0)));
+      static_cast<std::byte>((keeps_clear ? kFlagKeepsClear : 0) | (linear ? kFlagLinear : 0)));
   if (linear) append_weights(used, payload);
   if (work.alpha) {
     if (auto done = append_alpha_of(tile, work, level_, payload); !done) return done;
@@ -154,11 +154,11 @@ Result<void> ZstdCodec::decode(const Tile& tile, ByteSpan payload,
   if (tile.bytes() == 0) return fail(ErrorCode::bad_file, "zstd: bytes for a tile without rows");
   if (payload.empty()) return fail(ErrorCode::bad_file, "zstd: the tile is cut short");
   const auto flags = std::to_integer<std::uint8_t>(payload[0]);
-  const bool keeps_clear = flags & flag_keeps_clear, linear = flags & flag_linear;
+  const bool keeps_clear = flags & kFlagKeepsClear, linear = flags & kFlagLinear;
   payload = payload.subspan(1);
   ChannelPredictor predictors[3];
   const std::span used(predictors, color_channels(format_));
-  if (flags > (flag_keeps_clear | flag_linear) || (keeps_clear && !has_alpha(format_)) ||
+  if (flags > (kFlagKeepsClear | kFlagLinear) || (keeps_clear && !has_alpha(format_)) ||
       (linear && value_bits(format_) != 8) || (linear && !read_weights(payload, used)))
     return fail(ErrorCode::bad_file, "zstd: the tile's header is damaged");
 

@@ -17,7 +17,7 @@ using Parameters = std::initializer_list<std::pair<ZSTD_cParameter, int>>;
 
 // Accidental matches in residuals cost more than they save. With a hash table too small to find
 // many, zstd mostly uses its Huffman coder, which is also the fastest.
-constexpr Parameters entropy_only = {{ZSTD_c_strategy, ZSTD_fast},
+constexpr Parameters kEntropyOnly = {{ZSTD_c_strategy, ZSTD_fast},
                                      {ZSTD_c_hashLog, 6},
                                      {ZSTD_c_minMatch, 7},
                                      {ZSTD_c_targetLength, 0}};
@@ -58,7 +58,7 @@ Result<void> append_frame(std::span<const ByteSpan> parts, Parameters parameters
 Result<void> append_stream(ByteSpan stream, int level, Bytes& to) {
   if (stream.empty()) return {};
   const std::size_t begin = to.size();
-  if (auto done = append_frame({&stream, 1}, entropy_only, to); !done) return done;
+  if (auto done = append_frame({&stream, 1}, kEntropyOnly, to); !done) return done;
   // Above 3 bits a byte there is nothing to match.
   const std::size_t entropy_size = to.size() - begin;
   if (entropy_size > stream.size() * 3 / 8) return {};
@@ -73,7 +73,7 @@ Result<void> append_stream(ByteSpan stream, int level, Bytes& to) {
 
 Result<void> append_parts(std::span<const ByteSpan> parts, Bytes& to) {
   for (const ByteSpan part : parts)
-    if (!part.empty()) return append_frame(parts, entropy_only, to);
+    if (!part.empty()) return append_frame(parts, kEntropyOnly, to);
   return {};
 }
 

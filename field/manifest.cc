@@ -9,14 +9,14 @@
 namespace slf {
 namespace {
 
-constexpr int kDeepest = 64;
-constexpr std::uint32_t kDeepestKeyLevel = 11;  // behind the last level
+constexpr int kMaxNesting = 64;
+constexpr std::uint32_t kMaxKeyLevel = 11;  // behind the last level
 
 constexpr SampleFormat kFormats[] = {SampleFormat::rgba8, SampleFormat::depth8,
                                      SampleFormat::rgba16f, SampleFormat::rgba8_depth8,
                                      SampleFormat::rgba16f_depth8};
 
-constexpr unsigned kMostPredictedLevels = 6;
+constexpr unsigned kMaxPredictedLevels = 6;
 
 /// A required feature: layers whose tiles are predicted from coarser ones.
 constexpr const char* kPredictive = "predictive";
@@ -53,7 +53,7 @@ class Reader {
   }
   /// A tile's key as [level, index].
   TileKey key(const std::string& pointer) {
-    const std::uint32_t level = integer(pointer + "/0", kDeepestKeyLevel);
+    const std::uint32_t level = integer(pointer + "/0", kMaxKeyLevel);
     const auto* index = find(pointer + "/1");
     if (index && !index->is_number_unsigned())
       problem(pointer + "/1", "is not an index"), index = nullptr;
@@ -111,12 +111,12 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   // Copying and printing JSON is recursive: limit its depth to protect the stack.
   bool too_deep = false;
   const auto limit_depth = [&](int depth, nlohmann::json::parse_event_t, nlohmann::json&) {
-    too_deep |= depth > kDeepest;
+    too_deep |= depth > kMaxNesting;
     return !too_deep;
   };
   const auto json = nlohmann::json::parse(text, limit_depth, /*allow_exceptions=*/false);
   if (too_deep)
-    return fail(ErrorCode::bad_file, file, ": the manifest is nested deeper than ", kDeepest);
+    return fail(ErrorCode::bad_file, file, ": the manifest is nested deeper than ", kMaxNesting);
   if (!json.is_object()) return fail(ErrorCode::bad_file, file, ": the manifest is not JSON");
   Reader in(json, file);
   const std::uint32_t major = in.integer("/slf/major", 1u << 20);
@@ -137,8 +137,8 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   for (int axis = 0; axis < 3; ++axis)
     shape.sphere.center[axis] = in.number("/sphere/center/" + std::to_string(axis));
   shape.sphere.radius = in.number("/sphere/radius");
-  shape.entry_side = in.integer("/entry_side", FieldShape::kMostSide);
-  shape.exit_side = in.integer("/exit_side", FieldShape::kMostSide);
+  shape.entry_side = in.integer("/entry_side", FieldShape::kMaxSide);
+  shape.exit_side = in.integer("/exit_side", FieldShape::kMaxSide);
   shape.levels = in.integer("/levels", 10);
   shape.entry_extra_levels = in.integer("/entry_depth", 8);
 
@@ -182,8 +182,8 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   // A tile's payload has a decision for each candidate reference in the next coarser level.
   const bool predictive = std::any_of(manifest.layers.begin(), manifest.layers.end(),
                                       [](const Layer& layer) { return has_both(layer.format); });
-  if (predictive && shape.levels > kMostPredictedLevels)
-    in.problem("/levels", "is more than " + std::to_string(kMostPredictedLevels) +
+  if (predictive && shape.levels > kMaxPredictedLevels)
+    in.problem("/levels", "is more than " + std::to_string(kMaxPredictedLevels) +
                               ", too many for a predictive codec");
   if (!in.error().empty()) return fail(ErrorCode::bad_file, in.error());
   if (auto ok = shape.check(); !ok)

@@ -17,7 +17,7 @@ using codec::ChannelValues;
 
 /// The fewest look-ups for which a tile becomes a reference. For fewer, reading it costs more than
 /// it saves.
-constexpr std::uint32_t kFewestUses = 24;
+constexpr std::uint32_t kMinUses = 24;
 
 /// The prediction of a sample without references.
 constexpr std::uint8_t kMiddle = 128;
@@ -122,7 +122,7 @@ struct PredictedTiles::Work {
     if (predictor) {
       const auto uses = predictor->uses(true_alpha, true_depth);
       for (std::size_t k = 0; k < uses.size(); ++k) {
-        if (uses[k] < kFewestUses || !shape.has(candidates.keys[k])) continue;
+        if (uses[k] < kMinUses || !shape.has(candidates.keys[k])) continue;
         const auto has = use(k, source);
         if (!has && has.error().code != ErrorCode::failed) return tl::unexpected(has.error());
         used[k] = has && *has ? 1 : 0;

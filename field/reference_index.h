@@ -19,7 +19,7 @@ namespace slf {
 }
 
 /// Levels of more tiles have no such section: the tables of their records have none either.
-inline constexpr std::uint64_t kMostIndexedTiles = 1 << 16;
+inline constexpr std::uint64_t kMaxIndexedTiles = 1 << 16;
 
 /// Thread-safety: immutable.
 class ReferenceIndex {

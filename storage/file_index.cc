@@ -17,7 +17,7 @@ std::uint64_t FileIndex::size(ByteSpan footer) {
       load_le<std::uint32_t>(footer.data() + 36) != kIndexVersion)
     return 0;
   const auto count = load_le<std::uint32_t>(footer.data() + 32);
-  return count <= kMostSections ? count * kIndexEntry + kIndexFooter : 0;
+  return count <= kMaxSections ? count * kIndexEntry + kIndexFooter : 0;
 }
 
 Result<FileIndex> FileIndex::parse(ByteSpan end, std::uint64_t file_bytes) {

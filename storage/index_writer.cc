@@ -40,7 +40,7 @@ class IndexBuilder {
     Bytes bytes, directory;
     std::uint32_t count = 0;
     const auto put = [&](std::uint32_t what, const Bytes& section) {
-      if (section.empty() || section.size() > kMostSectionBytes) return;
+      if (section.empty() || section.size() > kMaxSectionBytes) return;
       append_le(directory, std::uint64_t{what});
       append_le(directory, begin + bytes.size());
       append_le(directory, std::uint64_t{section.size()});
@@ -78,7 +78,7 @@ class IndexBuilder {
       append_le(section, size);
       const ByteSpan part = snapshot_.bytes().subspan(offset, size);
       section.insert(section.end(), part.begin(), part.end());
-      if (section.size() > kMostSectionBytes) return {};
+      if (section.size() > kMaxSectionBytes) return {};
     }
     return section;
   }

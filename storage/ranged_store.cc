@@ -75,7 +75,7 @@ Result<void> RangedStore::take_section(std::uint32_t what) {
   const internal::IndexSection* const section = section_of(what);
   if (section == nullptr) return {};
   const std::uint64_t size = section->range.end - section->range.begin;
-  if (size <= internal::kMostSectionBytes) {
+  if (size <= internal::kMaxSectionBytes) {
     const auto bytes = source_.bytes(section->range.begin, size);
     if (!bytes) return tl::unexpected(bytes.error());
     const Bytes held(bytes->begin(), bytes->end());  // add() may replace what `bytes` views
@@ -90,7 +90,7 @@ Result<void> RangedStore::take_section(std::uint32_t what) {
 Result<Bytes> RangedStore::section(std::uint32_t what) const {
   const internal::IndexSection* const section = section_of(what);
   const std::uint64_t size = section ? section->range.end - section->range.begin : 0;
-  if (size == 0 || size > internal::kMostSectionBytes) return Bytes();
+  if (size == 0 || size > internal::kMaxSectionBytes) return Bytes();
   const auto bytes = source_.bytes(section->range.begin, size);
   if (!bytes) return tl::unexpected(bytes.error());
   if (internal::checksum(*bytes) != section->checksum) return Bytes();

@@ -78,13 +78,13 @@ Result<void> Snapshot::read_index(const Meta& meta) {
   if (!sections) return tl::unexpected(sections.error());
   std::vector<FileRange> ranges;
   for (const IndexSection& section : *sections)
-    if (section.range.end - section.range.begin <= kMostSectionBytes)
+    if (section.range.end - section.range.begin <= kMaxSectionBytes)
       ranges.push_back(section.range);
   if (auto ok = copy_->fetch(ranges); !ok) return ok;
   Result<void> kept;
   for (const IndexSection& section : *sections) {
     const std::uint64_t length = section.range.end - section.range.begin;
-    if (length > kMostSectionBytes) continue;
+    if (length > kMaxSectionBytes) continue;
     if (section.what >= kFirstExtra && section.what != kCore) {
       extras_.push_back(section);
       continue;

@@ -13,7 +13,7 @@ namespace slf::storage::internal {
 namespace {
 
 constexpr std::uint64_t kGap = 16 << 10;          // smaller gaps cost less than a request
-constexpr std::uint64_t kWidestGap = 128 << 10;   // larger gaps are never fetched
+constexpr std::uint64_t kMaxGap = 128 << 10;      // larger gaps are never fetched
 constexpr std::size_t kFewRequests = 4;           // that fetch() may always make
 constexpr std::size_t kRangesEach = 24;           // it may make one more for each so many ranges
 constexpr std::uint64_t kSurrounding = 64 << 10;  // bytes fetched for a single part, aligned
@@ -83,7 +83,7 @@ Result<void> SparseCopy::fetch(std::span<const FileRange> ranges) const {
         continue;  // another thread may have failed
       }
       const std::size_t most = kFewRequests + ours.size() / kRangesEach;
-      ours = merged(std::move(ours), kGap, most, kWidestGap);
+      ours = merged(std::move(ours), kGap, most, kMaxGap);
       for (const FileRange& range : ours) coming_.add(range);
     }
     auto fetched = source_->fetch(

@@ -27,24 +27,24 @@ namespace {
 
 constexpr int kPatience = 5;  // seconds that a peer may stall
 constexpr int kIdle = 2;      // seconds that an idle connection stays open, also when ending
-constexpr std::size_t kRequests = 1000;    // on one connection
-constexpr std::size_t kPiece = 256 << 10;  // bytes read from a field at once
-constexpr std::size_t kRanges = 200;       // of one request
+constexpr std::size_t kMaxRequests = 1000;  // on one connection
+constexpr std::size_t kPiece = 256 << 10;   // bytes read from a field at once
+constexpr std::size_t kMaxRanges = 200;     // of one request
 constexpr const char* kPolicy =
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; worker-src 'self'; base-uri 'none'; "
     "form-action 'none'; frame-ancestors 'self'";
 
-/// Serves at most kConnections connections at once, and blocks the accepting thread meanwhile.
+/// Serves at most kMaxConnections connections at once, and blocks the accepting thread meanwhile.
 /// httplib's own pool queues connections without limit.
 class BoundedPool final : public httplib::TaskQueue {
  public:
-  BoundedPool() : pool_(Server::kConnections) {}
+  BoundedPool() : pool_(Server::kMaxConnections) {}
 
   void enqueue(std::function<void()> task) override {
     {
       std::unique_lock lock(mutex_);
-      finished_.wait(lock, [&] { return running_ < Server::kConnections; });
+      finished_.wait(lock, [&] { return running_ < Server::kMaxConnections; });
       ++running_;
     }
     pool_.enqueue([this, task = std::move(task)] {
@@ -177,7 +177,7 @@ std::optional<std::vector<Part>> select(std::string_view header, std::uint64_t s
   std::uint64_t bytes = 0;
   for (std::size_t count = 1;; ++count) {
     const std::size_t comma = header.find(',');
-    if (count > kRanges || !add_range(header.substr(0, comma), size, parts)) return std::nullopt;
+    if (count > kMaxRanges || !add_range(header.substr(0, comma), size, parts)) return std::nullopt;
     if (comma == std::string_view::npos) break;
     header.remove_prefix(comma + 1);
   }
@@ -382,7 +382,7 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   http.set_read_timeout(kPatience);
   http.set_write_timeout(kPatience);
   http.set_keep_alive_timeout(kIdle);
-  http.set_keep_alive_max_count(kRequests);
+  http.set_keep_alive_max_count(kMaxRequests);
   http.set_payload_max_length(0);
   // httplib would set SO_REUSEPORT, but two programs must not share a port.
   http.set_socket_options([](socket_t socket) {

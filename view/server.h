@@ -26,10 +26,10 @@ struct ServerOptions {
 };
 
 /// Answers GET and HEAD, with ranges, entity tags and conditional requests. Requests are untrusted.
-/// At most kConnections connections are served at once; others wait in the kernel's short queue.
+/// At most kMaxConnections connections are served at once; others wait in the kernel's short queue.
 class Server {
  public:
-  static constexpr unsigned kConnections = 32;
+  static constexpr unsigned kMaxConnections = 32;
 
   /// Opens the fields and binds the address. io: a field cannot be read, or the address is taken.
   /// bad_file, unsupported: a file is no field. usage: no field is given.

@@ -95,10 +95,10 @@ std::uint64_t room_for_field(std::uint64_t most, bool one_file) {
 Result<void> export_page(const std::string& field, const std::string& output) {
   const auto size = check(field);
   if (!size) return tl::unexpected(size.error());
-  if (*size > kMostInside)
+  if (*size > kMaxEmbeddedBytes)
     return fail(ErrorCode::unsupported, field, ": ", *size, " bytes are too many for one page; ",
                 "export to a folder, or make it smaller with slf repack");
-  const auto bytes = read_file(field, kMostInside);
+  const auto bytes = read_file(field, kMaxEmbeddedBytes);
   if (!bytes) return tl::unexpected(bytes.error());
   const std::string_view content(reinterpret_cast<const char*>(bytes->data()), bytes->size());
 

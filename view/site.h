@@ -9,7 +9,7 @@
 namespace slf::view {
 
 /// The largest field in bytes for export_page(). Browsers would not load larger pages.
-inline constexpr std::uint64_t kMostInside = std::uint64_t{1} << 30;
+inline constexpr std::uint64_t kMaxEmbeddedBytes = std::uint64_t{1} << 30;
 
 /// The size of the largest field whose export, as one HTML file or as a folder, has at most `most`
 /// bytes; 0 if the page alone is larger.
@@ -17,8 +17,8 @@ inline constexpr std::uint64_t kMostInside = std::uint64_t{1} << 30;
 
 /// Writes one HTML file with the page and the field, which opens from disk. Replaces `output`;
 /// after an error, `output` is unchanged. io: a file cannot be read or written. bad_file: `field`
-/// is no field. unsupported: the field is larger than kMostInside. REQUIRES: page_files() is not
-/// empty.
+/// is no field. unsupported: the field is larger than kMaxEmbeddedBytes. REQUIRES: page_files() is
+/// not empty.
 [[nodiscard]] Result<void> export_page(const std::string& field, const std::string& output);
 
 /// Writes a folder with the page and the field, for any host of static files that serves ranges.

@@ -80,10 +80,10 @@ class Hdf5 final : public StorePeer {
     const hid_t data =
         H5Dcreate2(file, "tiles", H5T_STD_U8LE, space, H5P_DEFAULT, layout, H5P_DEFAULT);
     require(data >= 0, path + ": HDF5 cannot create");
-    constexpr std::uint32_t without_filter = 1;
+    constexpr std::uint32_t kWithoutFilter = 1;
     for (std::size_t i = 0; i < set.size(); ++i) {
       const hsize_t place[2] = {i, 0};
-      require(H5Dwrite_chunk(data, H5P_DEFAULT, without_filter, place, set.payloads[i].size(),
+      require(H5Dwrite_chunk(data, H5P_DEFAULT, kWithoutFilter, place, set.payloads[i].size(),
                              set.payloads[i].data()) >= 0,
               "HDF5: cannot write a chunk");
     }

@@ -115,11 +115,11 @@ TileSet synthetic_tiles(std::size_t payload_bytes, std::size_t count) {
   set.name = "synthetic, " + std::to_string(payload_bytes >> 10) + " KiB";
   set.codec = expect(codec::make_codec("jpeg:75", codec::SampleFormat::rgba8));
   // One payload tells how many pictures make one of the size that is wanted.
-  constexpr std::size_t trial = 64;
-  const auto few = positions(trial);
+  constexpr std::size_t kTrial = 64;
+  const auto few = positions(kTrial);
   const std::size_t bytes =
       encode(*set.codec, {codec::SampleFormat::rgba8, kSide, few->points}, 0).size();
-  const auto rows = positions(std::max<std::size_t>(1, payload_bytes * trial / bytes));
+  const auto rows = positions(std::max<std::size_t>(1, payload_bytes * kTrial / bytes));
   const codec::Tile shape{codec::SampleFormat::rgba8, kSide, rows->points};
   std::vector<Bytes> distinct;
   for (std::size_t i = 0; i < std::min(kPictures, count); ++i)

@@ -25,9 +25,9 @@ std::string replaced(std::string text, const std::string& from, const std::strin
 
 /// The first words of a description, because completion has little room.
 std::string brief(const Argument& a) {
-  constexpr std::size_t kMost = 60;
+  constexpr std::size_t kMaxLength = 60;
   const std::string text = a.description.substr(0, a.description.find(';'));
-  return text.size() <= kMost ? text : text.substr(0, text.rfind(' ', kMost)) + " ...";
+  return text.size() <= kMaxLength ? text : text.substr(0, text.rfind(' ', kMaxLength)) + " ...";
 }
 
 const Argument* first_positional(const Command& command) {

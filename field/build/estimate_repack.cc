@@ -174,7 +174,7 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   }
   std::uint64_t indexed = 0;
   for (unsigned level = 0; level <= shape->levels; ++level)
-    if (shape->tiles(level) <= kMostIndexedTiles) indexed += shape->tiles(level);
+    if (shape->tiles(level) <= kMaxIndexedTiles) indexed += shape->tiles(level);
   const double error = kDeviations * std::sqrt(total.variance);
   const double file = total.bytes * (1 + kRecordShare) + kTileBytes * total.stored +
                       static_cast<double>(order.count() * outputs->size()) + kTreeBytes +

@@ -36,7 +36,7 @@ Result<void> index_field(const std::string& path) {
     for (storage::LayerId layer = 0; layer < file.store().layers().size(); ++layer) {
       if (file.codec(layer).predictive() == nullptr) continue;
       for (unsigned level = 1; level <= file.shape().levels; ++level) {
-        if (file.shape().tiles(level) > kMostIndexedTiles) break;
+        if (file.shape().tiles(level) > kMaxIndexedTiles) break;
         const auto tiles = references_of(file, layer, static_cast<std::uint8_t>(level));
         if (!tiles) return tl::unexpected(tiles.error());
         extras.push_back({reference_section(layer, level), ReferenceIndex::encode(*tiles)});

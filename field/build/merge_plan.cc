@@ -10,7 +10,7 @@
 namespace slf {
 namespace {
 
-constexpr std::size_t kMostNamed = 10;  // ranges or files in a message
+constexpr std::size_t kMaxNamed = 10;  // ranges or files in a message
 
 /// The data of a part that remain after it is closed.
 struct Source {
@@ -171,10 +171,10 @@ std::vector<NumberRange> gaps(const std::vector<MergeSegment>& segments, const T
 
 tl::unexpected<Error> missing(const std::vector<NumberRange>& ranges, const TileOrder& order) {
   std::string names;
-  for (std::size_t k = 0; k < std::min(ranges.size(), kMostNamed); ++k)
+  for (std::size_t k = 0; k < std::min(ranges.size(), kMaxNamed); ++k)
     names += (k == 0 ? "" : ", ") + name_of(order, ranges[k]);
-  if (ranges.size() > kMostNamed)
-    names += ", and " + std::to_string(ranges.size() - kMostNamed) + " more ranges";
+  if (ranges.size() > kMaxNamed)
+    names += ", and " + std::to_string(ranges.size() - kMaxNamed) + " more ranges";
   return fail(ErrorCode::usage, "no part holds ", names);
 }
 

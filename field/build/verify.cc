@@ -15,7 +15,7 @@ using storage::LayerId;
 using storage::TileRef;
 using storage::TileState;
 
-constexpr std::size_t kMostFindings = 1000;
+constexpr std::size_t kMaxFindings = 1000;
 constexpr std::size_t kBatch = 256;
 
 /// What to drop for a finding: one tile, or the record that ends with it.
@@ -50,7 +50,7 @@ class Verifier {
     // Not damaged itself: it decodes again once the tile it is predicted from is built again.
     if (kind == FindingKind::reference) report_.complete = false;
     if (kind != FindingKind::missing && kind != FindingKind::reference) ++report_.damaged;
-    if (report_.findings.size() < kMostFindings)
+    if (report_.findings.size() < kMaxFindings)
       report_.findings.push_back({kind, std::move(message)});
   }
   void add(FindingKind kind, std::string message, std::vector<Cure> cures) {

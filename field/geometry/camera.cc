@@ -9,7 +9,7 @@ namespace slf {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
-constexpr std::uint64_t kMostPixels = 1ull << 28;
+constexpr std::uint64_t kMaxPixels = 1ull << 28;
 
 bool finite(const glm::dvec3& v) {
   return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
@@ -26,7 +26,7 @@ Result<RayGenerator> RayGenerator::make(const Camera& camera) {
   const auto [eye, look_at, up, fov, width, height] = camera;
   if (width == 0 || height == 0)
     return fail(ErrorCode::usage, "size ", width, "x", height, ": a picture needs pixels");
-  if (std::uint64_t{width} * height > kMostPixels)
+  if (std::uint64_t{width} * height > kMaxPixels)
     return fail(ErrorCode::usage, "size ", width, "x", height,
                 ": at most 2^28 pixels in a picture");
   if (!finite(eye) || !finite(look_at) || !finite(up))

@@ -8,8 +8,8 @@
 namespace slf {
 namespace {
 
-constexpr std::uint64_t kMostTileSamples = 1ull << 24;  // 64 MiB of RGBA
-constexpr std::uint32_t kMostResolution = 4096;
+constexpr std::uint64_t kMaxTileSamples = 1ull << 24;  // 64 MiB of RGBA
+constexpr std::uint32_t kMaxResolution = 4096;
 
 }  // namespace
 
@@ -34,20 +34,20 @@ bool FieldShape::has(TileKey key) const {
 }
 
 Result<void> FieldShape::check() const {
-  if (entry_side < 1 || entry_side > kMostSide || exit_side < 1 || exit_side > kMostSide)
+  if (entry_side < 1 || entry_side > kMaxSide || exit_side < 1 || exit_side > kMaxSide)
     return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side, ": expected 1 to ",
-                kMostSide, " cells along an octsphere's edge");
+                kMaxSide, " cells along an octsphere's edge");
   if (levels + entry_extra_levels > kMaxSectionLevel || levels > 10)
     return fail(ErrorCode::usage, "levels ", levels, ": expected at most 10");
-  if (entry_resolution(levels) > kMostResolution || exit_resolution(levels) > kMostResolution)
+  if (entry_resolution(levels) > kMaxResolution || exit_resolution(levels) > kMaxResolution)
     return fail(ErrorCode::usage, "lattice ", entry_resolution(levels), "/",
-                exit_resolution(levels), ": expected at most ", kMostResolution);
+                exit_resolution(levels), ": expected at most ", kMaxResolution);
   if (entry_section_side() << entry_extra_levels != entry_side)
     return fail(ErrorCode::usage, "entry ", entry_side, " cannot be split ", entry_extra_levels,
                 " levels deeper: expected a multiple of ", 1u << entry_extra_levels);
-  if (largest_tile() > kMostTileSamples)
+  if (largest_tile() > kMaxTileSamples)
     return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side,
-                ": a tile would have ", largest_tile(), " samples, at most ", kMostTileSamples,
+                ": a tile would have ", largest_tile(), " samples, at most ", kMaxTileSamples,
                 " are allowed; halve both sides and add a level");
   for (std::size_t k = 0; k < subfields.size(); ++k)
     if (subfields[k] > 63 || (k > 0 && subfields[k] <= subfields[k - 1]))

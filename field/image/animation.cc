@@ -10,7 +10,7 @@
 namespace slf {
 namespace {
 
-constexpr int kFastest = 2;  // one of WebP's fast methods (0 to 6), since this is only a preview
+constexpr int kFastMethod = 2;  // one of WebP's fast methods (0 to 6), since this is only a preview
 
 struct EncoderDeleter {
   void operator()(WebPAnimEncoder* encoder) const { WebPAnimEncoderDelete(encoder); }
@@ -35,7 +35,7 @@ struct AnimationWriter::State {
 AnimationWriter::AnimationWriter(const std::string& path, double frame_seconds, float quality)
     : state_(new State{path, frame_seconds, {}, nullptr}) {
   WebPConfigPreset(&state_->config, WEBP_PRESET_PICTURE, quality);
-  state_->config.method = kFastest;
+  state_->config.method = kFastMethod;
 }
 AnimationWriter::AnimationWriter(AnimationWriter&&) noexcept = default;
 AnimationWriter& AnimationWriter::operator=(AnimationWriter&&) noexcept = default;

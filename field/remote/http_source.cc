@@ -18,8 +18,8 @@ using storage::FileRange;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::uint64_t kUnknown = ~std::uint64_t{0};
-constexpr long kSlowest = 256;       // bytes per second; a transfer that is slower has stalled
-constexpr double kLongestPause = 8;  // seconds
+constexpr long kMinBytesPerSecond = 256;  // bytes per second; a transfer that is slower has stalled
+constexpr double kMaxPause = 8;           // seconds
 constexpr long kRedirects = 5;
 constexpr std::uint64_t kPiece = 4 << 20;  // bytes of one request: more are several requests
 
@@ -233,12 +233,12 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   curl_easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
   curl_easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https");
   curl_easy_setopt(easy, CURLOPT_CONNECTTIMEOUT_MS, patience);
-  // A transfer that is slower than kSlowest for `patience` (in whole seconds) has stalled. The last
-  // limit is for a server that sends headers forever.
-  curl_easy_setopt(easy, CURLOPT_LOW_SPEED_LIMIT, kSlowest);
+  // A transfer that is slower than kMinBytesPerSecond for `patience` (in whole seconds) has
+  // stalled. The last limit is for a server that sends headers forever.
+  curl_easy_setopt(easy, CURLOPT_LOW_SPEED_LIMIT, kMinBytesPerSecond);
   curl_easy_setopt(easy, CURLOPT_LOW_SPEED_TIME, std::max(1L, patience / 1000));
   const auto bytes = static_cast<long>(transfer.range.end - transfer.range.begin);
-  curl_easy_setopt(easy, CURLOPT_TIMEOUT_MS, 2 * patience + 1000 * (bytes / kSlowest));
+  curl_easy_setopt(easy, CURLOPT_TIMEOUT_MS, 2 * patience + 1000 * (bytes / kMinBytesPerSecond));
   if (validator_.starts_with('"')) {  // a strong ETag
     transfer.headers = curl_slist_append(nullptr, ("If-Match: " + validator_).c_str());
     curl_easy_setopt(easy, CURLOPT_HTTPHEADER, transfer.headers);
@@ -288,7 +288,7 @@ Result<bool> HttpSource::judge(Transfer& t, int code) {
     if (t.attempts >= std::max(1u, options_.attempts))
       return failed(ErrorCode::io, what, ", after ", t.attempts, " attempts");
     const double doubled = options_.first_pause * static_cast<double>(1u << (t.attempts - 1));
-    const double pause = std::min(std::max(doubled, t.retry_after), kLongestPause);
+    const double pause = std::min(std::max(doubled, t.retry_after), kMaxPause);
     t.due = Clock::now() +
             std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(pause));
     return false;

@@ -18,7 +18,7 @@ struct Ball {
 };
 
 constexpr double kSolid = INFINITY;
-constexpr std::size_t kMostBalls = 6;
+constexpr std::size_t kMaxBalls = 6;
 const glm::dvec3 kLight = glm::normalize(glm::dvec3(-0.45, -0.65, 0.6));
 
 /// A smooth pattern in 0.35..1 over the surface.
@@ -37,7 +37,7 @@ class Balls final : public Scene {
  public:
   Balls(std::string name, std::vector<Ball> balls)
       : name_(std::move(name)), balls_(std::move(balls)) {
-    assert(balls_.size() <= kMostBalls);
+    assert(balls_.size() <= kMaxBalls);
   }
 
   Sphere bounds() const override { return {glm::dvec3(0), 1}; }
@@ -50,7 +50,7 @@ class Balls final : public Scene {
     // The positions where density changes along the ray, up to the first opaque ball.
     double end = 1;
     const Ball* solid = nullptr;
-    std::array<double, 2 * kMostBalls + 2> memory;
+    std::array<double, 2 * kMaxBalls + 2> memory;
     std::size_t count = 0;
     memory[count++] = 0;
     for (const Ball& ball : balls_) {

@@ -31,8 +31,8 @@ Environment::Environment(const Sky& sky) : height_(64) {
 }
 
 Environment::Environment(const Image& picture, float gain) {
-  constexpr std::size_t kMostWidth = 1024;
-  const std::size_t factor = (picture.width + kMostWidth - 1) / kMostWidth;
+  constexpr std::size_t kMaxWidth = 1024;
+  const std::size_t factor = (picture.width + kMaxWidth - 1) / kMaxWidth;
   width_ = (picture.width + factor - 1) / factor;
   height_ = (picture.height + factor - 1) / factor;
   texels_.assign(width_ * height_, glm::vec3(0));

@@ -58,8 +58,8 @@ Result<void> save_light(const std::string& path, const std::string& key, const L
 }
 
 std::optional<LightGrid> load_light(const std::string& path, const std::string& key) {
-  constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 40;
-  const auto bytes = read_file(path, kMostBytes);
+  constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 40;
+  const auto bytes = read_file(path, kMaxBytes);
   if (!bytes || bytes->size() < sizeof(XXH64_hash_t)) return std::nullopt;
   XXH64_hash_t hash = 0;
   const ByteSpan body = ByteSpan(*bytes).first(bytes->size() - sizeof hash);

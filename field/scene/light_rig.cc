@@ -146,8 +146,8 @@ Result<LightRig> read_rig(const std::string& reference) {
     if (rig.name == reference) return rig;
     names += (names.empty() ? "" : ", ") + rig.name;
   }
-  constexpr std::uint64_t kMostBytes = 1 << 20;
-  const auto bytes = read_file(reference, kMostBytes);
+  constexpr std::uint64_t kMaxBytes = 1 << 20;
+  const auto bytes = read_file(reference, kMaxBytes);
   if (!bytes && bytes.error().code == ErrorCode::io &&
       reference.find_first_of("./") == std::string::npos)
     return fail(ErrorCode::usage, "light rig '", reference, "': neither a file nor one of ", names);

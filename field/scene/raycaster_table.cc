@@ -48,7 +48,7 @@ std::size_t entry_of(const TransferTable& table, float value) {
 
 TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
                          std::array<float, 2> range, double steps_per_unit) {
-  constexpr int kMost = 1 << 16;
+  constexpr int kMaxEntries = 1 << 16;
   TransferTable table;
   const auto [low, high] = range;
   table.low = low;
@@ -59,9 +59,9 @@ TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
   const auto add = [&](double stored) {
     add_entry(table, transfer, volume.slope * stored + volume.intercept, steps_per_unit);
   };
-  if (integers || wanted <= kMost) {
+  if (integers || wanted <= kMaxEntries) {
     const int size = static_cast<int>(
-        std::clamp(std::max(wanted, integers ? 4 * width : 0.0), 1024.0, double{kMost}));
+        std::clamp(std::max(wanted, integers ? 4 * width : 0.0), 1024.0, double{kMaxEntries}));
     table.scale = static_cast<float>((size - 1) / width);
     for (int k = 0; k < size; ++k) add(low + width * k / (size - 1));
     return table;
@@ -69,7 +69,7 @@ TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
   table.logarithmic = true;
   table.low_key = ordered_bits(low);
   const std::int64_t keys = std::int64_t{ordered_bits(high)} - table.low_key;
-  while ((keys >> table.shift) >= kMost) ++table.shift;
+  while ((keys >> table.shift) >= kMaxEntries) ++table.shift;
   for (std::int64_t k = 0; k <= keys >> table.shift; ++k) {
     const std::int64_t key =
         table.low_key +

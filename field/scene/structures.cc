@@ -10,7 +10,7 @@
 namespace slf {
 namespace {
 
-constexpr std::size_t kMostRows = 256;
+constexpr std::size_t kMaxRows = 256;
 
 /// usage: `other` does not lie on the grid of `volume`.
 Result<void> check_grid(const char* what, const Volume& other, const Volume& volume) {
@@ -63,7 +63,7 @@ Result<void> add_structures(const Structures& structures, const Volume& volume,
         const double id = labels->slope * static_cast<double>(ids[k]) + labels->intercept;
         auto found = row_of.find(id);
         if (found == row_of.end()) {
-          if (grid.visible_rows.size() + 1 >= kMostRows) return false;
+          if (grid.visible_rows.size() + 1 >= kMaxRows) return false;
           const auto style = structures.styles.find(static_cast<std::int64_t>(std::llround(id)));
           std::uint8_t row = 0;
           if (style != structures.styles.end())
@@ -77,7 +77,7 @@ Result<void> add_structures(const Structures& structures, const Volume& volume,
       return true;
     });
     if (!fits)
-      return fail(ErrorCode::unsupported, labels->source, ": more than ", kMostRows - 2,
+      return fail(ErrorCode::unsupported, labels->source, ": more than ", kMaxRows - 2,
                   " different labels");
   }
   if (const Volume* mask = structures.mask.get()) {

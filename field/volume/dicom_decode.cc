@@ -19,7 +19,7 @@ namespace slf::volume_io {
 
 namespace {
 
-constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 30;
+constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 30;
 
 std::uint64_t decoded_bytes(const DicomSlice& file) { return file.bytes() * file.frames; }
 
@@ -143,7 +143,7 @@ Wait wait_for_bytes(int from, std::uint64_t seconds) {
 
 Result<std::unique_ptr<DicomDecoder>> DicomDecoder::start(const std::vector<DicomSlice>& files) {
   for (const auto& file : files)
-    if (decoded_bytes(file) > kMostBytes)
+    if (decoded_bytes(file) > kMaxBytes)
       return fail(ErrorCode::unsupported, file.path, ": ", file.frames, " frames of ", file.height,
                   "x", file.width, " decode to ", decoded_bytes(file),
                   " bytes, expected at most 2^30: decompress it first, `gdcmconv --raw IN OUT`");

@@ -18,7 +18,7 @@ constexpr std::uint32_t kItem = 0xfffee000, kItemEnd = 0xfffee00d, kSequenceEnd 
 constexpr std::uint32_t kPixelData = 0x7fe00010;
 constexpr std::uint32_t kSharedGroups = 0x52009229, kFrameGroups = 0x52009230;
 constexpr std::string_view kDeflated = "1.2.840.10008.1.2.1.99", kBigEndian = "1.2.840.10008.1.2.2";
-constexpr int kDeepest = 32;
+constexpr int kMaxNesting = 32;
 
 /// Whether `parent` is the sequence of the functional groups that holds `tag`: plane position,
 /// plane orientation, pixel measures, pixel value transformation.
@@ -92,8 +92,8 @@ struct Walker {
   /// Parses items up to `end` or, if `open`, up to the delimiter. In encapsulated pixel data an
   /// item is a byte string; elsewhere it is a data set.
   Result<void> items(bool is_explicit, std::size_t end, bool open, bool of_bytes, int depth) {
-    if (depth > kDeepest)
-      return fail(ErrorCode::bad_file, path, ": DICOM sequences nested deeper than ", kDeepest);
+    if (depth > kMaxNesting)
+      return fail(ErrorCode::bad_file, path, ": DICOM sequences nested deeper than ", kMaxNesting);
     while (open || at < end) {
       const auto item = next(is_explicit, end);
       if (!item) return tl::unexpected(item.error());
@@ -171,7 +171,7 @@ struct Walker {
 
 /// Inflates a data set of the deflated transfer syntax: deflate without a header.
 Result<std::string> inflated(const std::string& path, std::string_view packed) {
-  constexpr std::size_t kMost = std::size_t{1} << 30, kStep = std::size_t{1} << 20;
+  constexpr std::size_t kMaxBytes = std::size_t{1} << 30, kStep = std::size_t{1} << 20;
   z_stream stream{};
   if (inflateInit2(&stream, -15) != Z_OK)
     return fail(ErrorCode::failed, path, ": no memory to inflate it");
@@ -179,7 +179,7 @@ Result<std::string> inflated(const std::string& path, std::string_view packed) {
   stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data()));
   int status = Z_OK;
   // zlib's lengths have 32 bits, so feed longer data in parts.
-  for (std::size_t left = packed.size(); status == Z_OK && data.size() < kMost;) {
+  for (std::size_t left = packed.size(); status == Z_OK && data.size() < kMaxBytes;) {
     if (stream.avail_in == 0) {
       stream.avail_in = static_cast<uInt>(std::min(left, kStep));
       left -= stream.avail_in;

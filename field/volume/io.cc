@@ -15,7 +15,7 @@ namespace slf::volume_io {
 namespace {
 
 // The most that deflate can expand, from its format: 258 bytes for two one-bit codes.
-constexpr std::uint64_t kMostExpansion = 1032;
+constexpr std::uint64_t kMaxExpansion = 1032;
 constexpr std::size_t kChunk = std::size_t{1} << 18;
 
 }  // namespace
@@ -170,7 +170,7 @@ Result<void> read_voxels(const VoxelData& from, Volume& volume) {
   if (!size) return tl::unexpected(size.error());
   const std::uint64_t kept = voxel_bytes(volume);
   const std::uint64_t there = *size > from.offset ? *size - from.offset : 0;
-  const std::uint64_t most = from.packed ? there * kMostExpansion : there;
+  const std::uint64_t most = from.packed ? there * kMaxExpansion : there;
   const auto& d = volume.dims;
   std::uint64_t needed = 0;
   if (__builtin_mul_overflow(kept, from.components, &needed) || from.skip > most ||

@@ -135,8 +135,8 @@ Result<LabelTable> parse_label_table(const std::string& bytes, const std::string
 }
 
 Result<LabelTable> read_label_table(const std::string& path) {
-  constexpr std::uint64_t kMostBytes = 16 << 20;
-  const auto bytes = read_file(path, kMostBytes);
+  constexpr std::uint64_t kMaxBytes = 16 << 20;
+  const auto bytes = read_file(path, kMaxBytes);
   if (!bytes) return tl::unexpected(bytes.error());
   return parse_label_table({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, path);
 }

@@ -19,8 +19,8 @@ namespace slf::volume_io {
 namespace {
 
 // The most that an encoding we read can expand: zstd, in runs. It only bounds buffers.
-constexpr std::uint64_t kMostExpansion = 4096;
-constexpr std::uint32_t kMostPages = 1u << 20;
+constexpr std::uint64_t kMaxExpansion = 4096;
+constexpr std::uint32_t kMaxPages = 1u << 20;
 
 struct Close {
   void operator()(TIFF* tiff) const { TIFFClose(tiff); }
@@ -54,7 +54,7 @@ class TiffFile {
     TIFFOpenOptionsSetWarningHandlerExtR(options.get(), on_warning, nullptr);
     TIFFOpenOptionsSetMaxSingleMemAlloc(
         options.get(), static_cast<tmsize_t>(std::min<std::uint64_t>(
-                           *size * kMostExpansion + (1u << 20), std::uint64_t{1} << 40)));
+                           *size * kMaxExpansion + (1u << 20), std::uint64_t{1} << 40)));
     file->tiff.reset(TIFFOpenExt(path.c_str(), "rm", options.get()));
     if (!file->tiff) return file->damaged();
     return file;
@@ -77,8 +77,8 @@ class TiffFile {
   Result<bool> next() {
     message.clear();
     if (TIFFLastDirectory(tiff.get())) return false;
-    if (++page >= kMostPages)
-      return fail(ErrorCode::unsupported, path, ": more than ", kMostPages, " pages");
+    if (++page >= kMaxPages)
+      return fail(ErrorCode::unsupported, path, ": more than ", kMaxPages, " pages");
     if (!TIFFReadDirectory(tiff.get())) return damaged();
     return true;
   }
@@ -133,7 +133,7 @@ Result<SliceKind> kind_of(const TiffFile& file) {
 
 /// A buffer for decoded rows. bad_file: the file is too short to expand to this size.
 Result<std::vector<std::byte>> buffer(const TiffFile& file, std::uint64_t size) {
-  if (size > file.bytes * kMostExpansion)
+  if (size > file.bytes * kMaxExpansion)
     return fail(ErrorCode::bad_file, file.path, ": page ", file.page, " claims ", size,
                 " bytes in a strip or tile, more than its ", file.bytes, " bytes can hold");
   return std::vector<std::byte>(size);

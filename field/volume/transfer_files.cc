@@ -54,10 +54,10 @@ Result<std::vector<TransferPreset>> parse_transfers(const std::string& bytes,
 Result<std::vector<TransferPreset>> read_transfers(const std::string& path) {
   const auto size = volume_io::file_size(path);
   if (!size) return tl::unexpected(size.error());
-  constexpr std::uint64_t kMost = std::uint64_t{64} << 20;
-  if (*size > kMost)
+  constexpr std::uint64_t kMaxBytes = std::uint64_t{64} << 20;
+  if (*size > kMaxBytes)
     return fail(ErrorCode::bad_file, path, ": ", *size,
-                " bytes, expected a transfer function of at most ", kMost);
+                " bytes, expected a transfer function of at most ", kMaxBytes);
   std::ifstream file(path, std::ios::binary);
   std::ostringstream text;
   if (!file || (*size > 0 && !(text << file.rdbuf())))

@@ -16,9 +16,9 @@ namespace {
 std::set<double> ids_of(const Volume& volume) {
   std::set<double> ids;
   visit_voxels(volume, [&](auto stored) {
-    constexpr std::size_t kMost = 65536;
+    constexpr std::size_t kMaxLabels = 65536;
     auto before = stored[0];
-    for (std::size_t i = 0; i < stored.size() && ids.size() < kMost; ++i) {
+    for (std::size_t i = 0; i < stored.size() && ids.size() < kMaxLabels; ++i) {
       if (i > 0 && stored[i] == before) continue;  // runs are long
       before = stored[i];
       const double id = volume.slope * static_cast<double>(before) + volume.intercept;

@@ -97,8 +97,8 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
   if (!size) return tl::unexpected(size.error());
   if (*size == 0)
     return fail(ErrorCode::bad_file, path, ": the file is empty; copy or download it again");
-  constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
-  const auto head = read_head(path, std::min<std::uint64_t>(*size * 4 + 1024, kLongestHeader));
+  constexpr std::size_t kMaxHeaderBytes = std::size_t{1} << 20;
+  const auto head = read_head(path, std::min<std::uint64_t>(*size * 4 + 1024, kMaxHeaderBytes));
   if (!head) return tl::unexpected(head.error());
   if (head->starts_with("NRRD000")) return read_nrrd(path, *head, options);
   if (looks_like_nifti(*head)) return read_nifti(path, *head, options);

@@ -266,9 +266,9 @@ Result<void> read_blocks(const Document& d, Source& source, const std::string& p
     count = *read;
   }
   const auto [blocks, block, last] = head;
-  constexpr std::uint64_t kMost = std::uint64_t{1} << 30;
-  if (blocks == 0 || block == 0 || block > kMost || last > block || blocks > needed / block + 1 ||
-      (blocks - (last ? 1 : 0)) * block + last != needed)
+  constexpr std::uint64_t kMaxBlockBytes = std::uint64_t{1} << 30;
+  if (blocks == 0 || block == 0 || block > kMaxBlockBytes || last > block ||
+      blocks > needed / block + 1 || (blocks - (last ? 1 : 0)) * block + last != needed)
     return fail(ErrorCode::bad_file, path, ": ", blocks, " packed blocks of ", block,
                 " bytes (the "
                 "last of ",
@@ -283,7 +283,7 @@ Result<void> read_blocks(const Document& d, Source& source, const std::string& p
   std::vector<std::byte> in, out;
   for (std::uint64_t i = 0; i < blocks; ++i) {
     const std::uint64_t size = i + 1 == blocks && last ? last : block;
-    if (packed[i] > kMost || size > packed[i] * 1032 + 1032)
+    if (packed[i] > kMaxBlockBytes || size > packed[i] * 1032 + 1032)
       return fail(ErrorCode::bad_file, path, ": packed block ", i, " of ", packed[i],
                   " bytes cannot hold ", size);
     in.resize(packed[i]);

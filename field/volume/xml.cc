@@ -63,7 +63,7 @@ class Parser {
   static void on_start(void* user, const XML_Char* name, const XML_Char** attributes) {
     Parser& p = self(user);
     p.guarded([&] {
-      if (++p.depth_ > kDeepestXml) return p.refuse("elements are nested too deeply");
+      if (++p.depth_ > kMaxXmlDepth) return p.refuse("elements are nested too deeply");
       XmlAttributes all;
       for (; *attributes; attributes += 2)
         all[std::string(without_prefix(attributes[0]))] = attributes[1];
@@ -126,8 +126,8 @@ Result<std::uint64_t> read_xml(const std::string& path, const XmlHandler& handle
 Result<std::uint64_t> parse_xml(std::string_view text, const std::string& source,
                                 const XmlHandler& handler) {
   Parser parser(source, handler);
-  constexpr std::size_t kMost = std::size_t{1} << 30;
-  const auto more = parser.feed(text.substr(0, kMost), true);
+  constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
+  const auto more = parser.feed(text.substr(0, kMaxBytes), true);
   if (!more) return tl::unexpected(more.error());
   return *more ? text.size() : parser.end_of_element();
 }

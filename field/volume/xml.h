@@ -21,7 +21,7 @@ struct XmlHandler {
 };
 
 /// The largest depth of nested elements.
-inline constexpr int kDeepestXml = 64;
+inline constexpr int kMaxXmlDepth = 64;
 
 /// Parses a file. Returns the offset behind the tag at which `start` ended the reading, or the size
 /// of the file. bad_file: not well formed, entities, or too deep; the message has the line.

@@ -30,7 +30,7 @@ struct Chord {
 /// How a field samples its sphere. Level l of the tile pyramid is a complete field on entry
 /// lattice(entry_side·2^l) and exit lattice(exit_side·2^l).
 struct FieldShape {
-  static constexpr std::uint32_t kMostSide = 1024;  ///< largest entry_side and exit_side
+  static constexpr std::uint32_t kMaxSide = 1024;  ///< largest entry_side and exit_side
 
   Sphere sphere{.center = glm::dvec3(0), .radius = 0};  ///< radius 0: not chosen yet
   std::uint32_t entry_side = 8;     ///< cells along an octsphere's edge at level 0, entry side

@@ -18,9 +18,9 @@ inline constexpr std::uint64_t kIndexMagic = 0x5845444E49464C53;  ///< "SLFINDEX
 inline constexpr std::uint32_t kIndexVersion = 1;
 inline constexpr std::size_t kIndexFooter = 48;
 inline constexpr std::size_t kIndexEntry = 32;
-inline constexpr std::uint32_t kMostSections = 256;
+inline constexpr std::uint32_t kMaxSections = 256;
 /// Larger sections are neither written nor read, because reading the pages takes fewer bytes.
-inline constexpr std::uint64_t kMostSectionBytes = 1 << 20;
+inline constexpr std::uint64_t kMaxSectionBytes = 1 << 20;
 inline constexpr std::uint32_t kCore = 0xFFFFFFFF;  ///< the section of trees and blobs
 inline constexpr std::uint32_t kFirstExtra = 256;   ///< sections that storage does not use
 

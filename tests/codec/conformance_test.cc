@@ -19,8 +19,8 @@ struct Shape {
   std::uint32_t side;
 };
 
-constexpr Shape shapes[] = {{0, 5},  {1, 0},  {1, 1},   {2, 0},   {3, 2},  {45, 1},
-                            {45, 7}, {7, 16}, {13, 31}, {45, 32}, {2, 64}, {6, 63}};
+constexpr Shape kShapes[] = {{0, 5},  {1, 0},  {1, 1},   {2, 0},   {3, 2},  {45, 1},
+                             {45, 7}, {7, 16}, {13, 31}, {45, 32}, {2, 64}, {6, 63}};
 
 using Parameter = std::tuple<std::string, SampleFormat>;
 
@@ -56,8 +56,8 @@ class Conformance : public testing::TestWithParam<Parameter> {
 };
 
 TEST_P(Conformance, RoundTripsEveryShapeAndContent) {
-  for (const Shape& shape : shapes)
-    for (const Content content : all_contents) {
+  for (const Shape& shape : kShapes)
+    for (const Content content : kAllContents) {
       SCOPED_TRACE(testing::Message()
                    << shape.rows << " rows of side " << shape.side << ", " << name(content));
       const SampleTile sample = make_tile(format(), shape.rows, shape.side, content);
@@ -143,7 +143,7 @@ TEST_P(Conformance, TrainedCodecRoundTripsWhatItNeverSaw) {
   ASSERT_TRUE(trained) << trained.error().message;
   const auto opened = make_codec((*trained)->spec(), format(), (*trained)->tables());
   ASSERT_TRUE(opened) << opened.error().message;
-  for (const Content content : all_contents) {
+  for (const Content content : kAllContents) {
     const SampleTile sample = make_tile(format(), 7, 21, content);
     Bytes payload;
     ASSERT_TRUE((*trained)->encode(sample.tile, sample.samples, payload));
@@ -272,7 +272,7 @@ std::string test_name(const testing::TestParamInfo<Parameter>& info) {
 
 INSTANTIATE_TEST_SUITE_P(Lossless, Conformance,
                          testing::Combine(testing::Values("raw", "zstd", "zstd:1", "zstd:19"),
-                                          testing::ValuesIn(all_formats)),
+                                          testing::ValuesIn(kAllFormats)),
                          test_name);
 INSTANTIATE_TEST_SUITE_P(Lossy, Conformance,
                          testing::Combine(testing::Values("jpeg:75", "jpeg:95:444", "jpeg:100"),

@@ -16,7 +16,7 @@
 namespace slf::codec {
 namespace {
 
-constexpr unsigned golden_zstd = 10504;
+constexpr unsigned kGoldenZstd = 10504;
 
 struct Case {
   const char* spec;
@@ -24,15 +24,15 @@ struct Case {
   Content content;
 };
 
-constexpr Case cases[] = {{"raw", SampleFormat::depth8, Content::smooth},
-                          {"zstd:9", SampleFormat::rgba8, Content::disc},
-                          {"zstd:9", SampleFormat::rgba8, Content::noise},
-                          {"zstd:9", SampleFormat::depth8, Content::disc},
-                          {"zstd:9", SampleFormat::rgba16f, Content::disc},
-                          {"jpeg:75", SampleFormat::rgba8, Content::disc},
-                          {"jpeg:75", SampleFormat::rgba8, Content::veil},
-                          {"jpeg:90:444", SampleFormat::rgba8, Content::disc},
-                          {"jpeg:50", SampleFormat::depth8, Content::disc}};
+constexpr Case kCases[] = {{"raw", SampleFormat::depth8, Content::smooth},
+                           {"zstd:9", SampleFormat::rgba8, Content::disc},
+                           {"zstd:9", SampleFormat::rgba8, Content::noise},
+                           {"zstd:9", SampleFormat::depth8, Content::disc},
+                           {"zstd:9", SampleFormat::rgba16f, Content::disc},
+                           {"jpeg:75", SampleFormat::rgba8, Content::disc},
+                           {"jpeg:75", SampleFormat::rgba8, Content::veil},
+                           {"jpeg:90:444", SampleFormat::rgba8, Content::disc},
+                           {"jpeg:50", SampleFormat::depth8, Content::disc}};
 
 class Golden : public testing::TestWithParam<Case> {};
 
@@ -71,7 +71,7 @@ TEST_P(Golden, TilesEncodeAndDecodeAsEver) {
   }
   const Bytes golden = read(base + ".payload");
   // Another zstd may find other matches; all must read what any of them wrote.
-  if (ZSTD_versionNumber() == golden_zstd) {
+  if (ZSTD_versionNumber() == kGoldenZstd) {
     EXPECT_EQ(payload, golden);
   }
   Bytes from_golden(sample.tile.bytes());
@@ -79,7 +79,7 @@ TEST_P(Golden, TilesEncodeAndDecodeAsEver) {
   EXPECT_EQ(from_golden, read(base + ".samples"));
 }
 
-INSTANTIATE_TEST_SUITE_P(AllCodecs, Golden, testing::ValuesIn(cases), test_name);
+INSTANTIATE_TEST_SUITE_P(AllCodecs, Golden, testing::ValuesIn(kCases), test_name);
 
 }  // namespace
 }  // namespace slf::codec

@@ -56,7 +56,7 @@ RC_GTEST_PROP(Lanes, RestoreUndoesPredictOnEveryMachine, ()) {
   for (ChannelPredictor& predictor : predictors) {
     predictor.linear = !wide;
     for (std::int16_t& weight : predictor.weights)
-      weight = *rc::gen::inRange<std::int16_t>(-max_weight, max_weight + 1);
+      weight = *rc::gen::inRange<std::int16_t>(-kMaxTapWeight, kMaxTapWeight + 1);
   }
   const LaneGroup group{side, wide ? 16u : 8u, predictors};
   std::vector<LaneValues> values(channels * columns), residuals(values.size()), back(values.size());
@@ -85,7 +85,7 @@ RC_GTEST_PROP(Lanes, RestoreUndoesPredictOnEveryMachine, ()) {
   predict(group, values.data(), coverage.data(), residuals.data());
   restore(group, residuals.data(), back.data());
   for (std::size_t i = 0; i < values.size(); ++i)
-    for (std::size_t lane = 0; lane < lane_count; ++lane)
+    for (std::size_t lane = 0; lane < kLaneCount; ++lane)
       if (coverage[i % columns][lane] != 0)
         RC_ASSERT(back[i][lane] == values[i][lane]);
       else

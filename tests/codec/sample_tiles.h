@@ -29,9 +29,9 @@ enum class Content {
   noise,     ///< all bytes random, also colour above alpha and NaN halves
 };
 
-constexpr Content all_contents[] = {Content::zero, Content::constant, Content::smooth,
+constexpr Content kAllContents[] = {Content::zero, Content::constant, Content::smooth,
                                     Content::disc, Content::veil,     Content::noise};
-constexpr SampleFormat all_formats[] = {SampleFormat::rgba8, SampleFormat::depth8,
+constexpr SampleFormat kAllFormats[] = {SampleFormat::rgba8, SampleFormat::depth8,
                                         SampleFormat::rgba16f};
 
 [[nodiscard]] std::string name(Content content);

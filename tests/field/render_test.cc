@@ -300,9 +300,9 @@ TEST_F(Render, TheMapBudgetBoundsResidentPages) {
     return measure_views(*field_, options)->total.mapped_pages.max;
   };
   // Beside the budget, what each of two threads is reading just now.
-  constexpr double kMost = (512 + 2 * 64) / 4;
-  EXPECT_LE(resident(512 << 10), kMost);
-  EXPECT_GT(resident(kUnlimited), kMost);
+  constexpr double kMaxPages = (512 + 2 * 64) / 4;
+  EXPECT_LE(resident(512 << 10), kMaxPages);
+  EXPECT_GT(resident(kUnlimited), kMaxPages);
   RendererOptions tight;
   tight.map_budget = 64 << 10;
   EXPECT_EQ(draw(*field_, camera, {RenderMode::depth, 2}, tight).rgba,

@@ -26,8 +26,8 @@ void require(bool promise) {
   if (!promise) std::abort();
 }
 
-constexpr std::uint64_t kMostSamples = 1u << 16;  // larger tiles only cost time
-constexpr std::uint64_t kMostTiles = 256;
+constexpr std::uint64_t kMaxSamples = 1u << 16;  // larger tiles only cost time
+constexpr std::uint64_t kMaxTiles = 256;
 
 /// Decodes every tile that is stored; the number of those that do not.
 std::uint64_t decode_all(const Field& field) {
@@ -36,7 +36,7 @@ std::uint64_t decode_all(const Field& field) {
   for (storage::LayerId layer = 0; layer < field.file().manifest().layers.size(); ++layer)
     (void)field.file().store().visit(
         layer, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
-          if (++tiles > kMostTiles || !field.shape().has(tile.key) ||
+          if (++tiles > kMaxTiles || !field.shape().has(tile.key) ||
               tile.state != storage::TileState::stored)
             return {};
           samples.resize(field.file().tile_shape(layer, tile.key).bytes());
@@ -69,7 +69,7 @@ void use(const std::string& path) {
     const auto field = Field::open(path);
     if (!field) return;
     const FieldShape& shape = field->shape();
-    if (shape.largest_tile() > kMostSamples || shape.tiles(shape.levels) > 1u << 14 ||
+    if (shape.largest_tile() > kMaxSamples || shape.tiles(shape.levels) > 1u << 14 ||
         shape.entry_resolution(shape.levels) > 64 || shape.exit_resolution(shape.levels) > 256)
       return;
     (void)field->content();

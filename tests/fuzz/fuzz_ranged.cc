@@ -20,12 +20,12 @@ void require(bool promise) {
 /// Gives a store what it wants until a call succeeds or fails for another reason.
 template <class Call>
 auto complete(RangedStore& store, ByteSpan file, const Call& call) {
-  constexpr int kMostRounds = 200;
+  constexpr int kMaxRounds = 200;
   for (int round = 0;; ++round) {
     auto result = call();
     const auto wanted = store.wanted();
     if (result || wanted.empty()) return result;
-    require(round < kMostRounds);
+    require(round < kMaxRounds);
     std::uint64_t last = 0;
     for (const FileRange& range : wanted) {
       require(last <= range.begin && range.begin < range.end && range.end <= file.size());

@@ -3,7 +3,7 @@
 
 const kRadians = Math.PI / 180;
 export const kFirst = {azimuth: 30, elevation: 20, distance: 3, target: [0, 0, 0]};
-const kNearest = 1.02, kFarthest = 20;
+const kMinDistance = 1.02, kMaxDistance = 20;
 
 const add = (a, b, t = 1) => a.map((v, i) => v + t * b[i]);
 const clamp = (v, low, high) => Math.min(Math.max(v, low), high);
@@ -21,7 +21,7 @@ export class Camera {
     this.azimuth = ((this.azimuth + azimuth) % 360 + 360) % 360;
     this.elevation = clamp(this.elevation + elevation, -90, 90);
   }
-  zoom(factor) { this.distance = clamp(this.distance * factor, kNearest, kFarthest); }
+  zoom(factor) { this.distance = clamp(this.distance * factor, kMinDistance, kMaxDistance); }
   // Moves the point that the camera orbits, by fractions of the picture's height.
   pan(x, y) {
     const {right, down, half} = this.axes(1, 1);
@@ -63,7 +63,7 @@ export class Camera {
     this.reset();
     this.azimuth = (v[0] % 360 + 360) % 360;
     this.elevation = clamp(v[1], -90, 90);
-    this.distance = clamp(v[2], kNearest, kFarthest);
+    this.distance = clamp(v[2], kMinDistance, kMaxDistance);
     if (v.length === 6) this.target = v.slice(3).map((t) => clamp(t, -1, 1));
   }
 }

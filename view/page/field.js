@@ -4,7 +4,7 @@ import {kDone, kWants, Native} from './module.js';
 
 export const kMissing = 0, kEmpty = 1, kStored = 2, kDamaged = 4;  // states of tiles in a layer
 
-const kMostTables = 1 << 24;  // numbers in the tables, and in the page table
+const kMaxTableEntries = 1 << 24;  // numbers in the tables, and in the page table
 
 // Tiles in the form that the module reads.
 const keysOf = (tiles) =>
@@ -83,7 +83,7 @@ export class Field {
     let size = 0;
     for (let level = 0; level <= m.levels; ++level) {
       const pages = 64 * 16 ** level * 4 ** deeper, rows = 8 * ((m.entry_side << level) + 1) ** 2;
-      if (shape.pages + pages > kMostTables || size + rows > kMostTables) break;
+      if (shape.pages + pages > kMaxTableEntries || size + rows > kMaxTableEntries) break;
       const take = (at, count) =>
         new Uint32Array(calls.memory.buffer, at, count).slice();
       for (const [base, at, count] of [

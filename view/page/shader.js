@@ -1,7 +1,7 @@
 // The shaders, which draw a view as FORMAT.md, section 5, defines it. Decoded tiles are in texture
 // arrays. A page table gives the place of the tile of each pair of sections.
 
-export const kMostLevels = 11;
+export const kMaxLevels = 11;
 export const kTableBits = 12;  // log2 of the width of the textures that hold tables
 
 // Values of the page table. Values from kFirstSlot on are kFirstSlot plus the tile's slot.
@@ -23,7 +23,7 @@ uniform vec3 uEye, uForward, uRight, uDown;  // in radii, from the sphere's cent
 uniform vec2 uSize;                          // of the picture, in pixels
 uniform int uLevel, uMode;                   // mode: 0 bitri, 1 depth
 uniform int uEntrySide, uExitSide, uRowBits;
-uniform int uRowBase[${kMostLevels}], uPathBase[${kMostLevels}], uPageBase[${kMostLevels}];
+uniform int uRowBase[${kMaxLevels}], uPathBase[${kMaxLevels}], uPageBase[${kMaxLevels}];
 uniform usampler2D uTables, uPages;
 uniform sampler2DArray uColor, uDepth;
 uniform int uTileBits, uTileHeight, uTilesPerLayer;  // a tile is 2^uTileBits texels wide
