@@ -78,7 +78,7 @@ std::string temporary_name(const std::string& path) {
 
 }  // namespace
 
-std::string follow_links(const std::string& path) {
+std::string resolve_links(const std::string& path) {
   std::string at = path;
   for (int links = 0; links < 40; ++links) {  // as many as the kernel follows
     char target[PATH_MAX];
@@ -125,7 +125,7 @@ Result<void> publish_file(const std::string& from, const std::string& to, Existi
 }
 
 Result<void> write_file(const std::string& path, ByteSpan bytes) {
-  const std::string target = follow_links(path);
+  const std::string target = resolve_links(path);
   // A rename would put a plain file in the place of a device or pipe.
   struct stat status {};
   if (::stat(target.c_str(), &status) == 0 ? !S_ISREG(status.st_mode) : errno == ELOOP)

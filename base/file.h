@@ -13,7 +13,7 @@ namespace slf {
 enum class Existing { keep, replace };
 
 /// The file that `path` leads to through symbolic links. It need not exist.
-[[nodiscard]] std::string follow_links(const std::string& path);
+[[nodiscard]] std::string resolve_links(const std::string& path);
 
 /// Whether both paths lead to one existing file, through symbolic or hard links.
 [[nodiscard]] bool is_same_file(const std::string& a, const std::string& b);

@@ -22,14 +22,14 @@ class ThreadPool {
     {
       const std::lock_guard lock(mutex_);
       place = jobs_.insert(jobs_.end(), &job);
-      wanted_ += others;
+      threads_needed_ += others;
       grow();
     }
     for (unsigned k = 0; k < others; ++k) wake_.notify_one();
     auto ok = guarded(work);
     std::unique_lock lock(mutex_);
-    if (job.wanted > 0) {  // a thread that did not wake in time is not needed any more
-      wanted_ -= job.wanted;
+    if (job.threads_needed > 0) {  // a thread that did not wake in time is not needed any more
+      threads_needed_ -= job.threads_needed;
       jobs_.erase(place);
     }
     done_.wait(lock, [&] { return job.running == 0; });
@@ -41,7 +41,7 @@ class ThreadPool {
   /// One call of on_threads(); it waits in jobs_ while it wants more threads.
   struct Job {
     const std::function<void()>& work;
-    unsigned wanted;
+    unsigned threads_needed;
     unsigned running;
     std::optional<Error> error;
   };
@@ -49,7 +49,7 @@ class ThreadPool {
   /// Starts threads until there are as many idle ones as jobs want, or the system refuses.
   void grow() {
     try {
-      for (; idle_ < wanted_; ++idle_) std::thread([this] { serve(); }).detach();
+      for (; idle_ < threads_needed_; ++idle_) std::thread([this] { serve(); }).detach();
     } catch (const std::system_error&) {
     } catch (const std::bad_alloc&) {
     }
@@ -60,8 +60,8 @@ class ThreadPool {
     for (;;) {
       wake_.wait(lock, [&] { return !jobs_.empty(); });
       Job& job = *jobs_.front();
-      if (--job.wanted == 0) jobs_.pop_front();
-      --wanted_, --idle_, ++job.running;
+      if (--job.threads_needed == 0) jobs_.pop_front();
+      --threads_needed_, --idle_, ++job.running;
       lock.unlock();
       auto ok = guarded(job.work);
       lock.lock();
@@ -74,7 +74,7 @@ class ThreadPool {
   std::mutex mutex_;
   std::condition_variable wake_, done_;
   std::list<Job*> jobs_;
-  unsigned wanted_ = 0;  // sum over jobs_
+  unsigned threads_needed_ = 0;  // sum over jobs_
   unsigned idle_ = 0;
 };
 

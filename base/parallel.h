@@ -19,9 +19,9 @@
 
 namespace slf {
 
-/// The number of threads for an option `wanted`: 0 means one per core.
-[[nodiscard]] inline unsigned thread_count(unsigned wanted) {
-  return wanted ? wanted : std::max(1u, std::thread::hardware_concurrency());
+/// The number of threads for an option `requested`: 0 means one per core.
+[[nodiscard]] inline unsigned thread_count(unsigned requested) {
+  return requested ? requested : std::max(1u, std::thread::hardware_concurrency());
 }
 
 /// Calls work() once on the calling thread and, concurrently, once on up to `threads` - 1 others,
@@ -67,7 +67,7 @@ class OrderedPipeline {
       for (unsigned t = 0; t < std::max(threads, 1u); ++t)
         workers_.emplace_back([this, make = Maker(new_maker())] { work(make); });
     });
-    if (!started && workers_.empty()) unstarted_ = started.error();  // fewer threads will do
+    if (!started && workers_.empty()) start_error_ = started.error();  // fewer threads will do
   }
   ~OrderedPipeline() {
     {
@@ -83,7 +83,7 @@ class OrderedPipeline {
   /// Waits for the next item and returns it, or the error that its maker returned or threw.
   /// REQUIRES: called at most `count` times.
   [[nodiscard]] Result<T> take() {
-    if (unstarted_) return tl::unexpected(*unstarted_);
+    if (start_error_) return tl::unexpected(*start_error_);
     std::unique_lock lock(mutex_);
     std::optional<Result<T>>& slot = slots_[taken_ % slots_.size()];
     changed_.wait(lock, [&] { return slot.has_value(); });
@@ -119,7 +119,7 @@ class OrderedPipeline {
   std::uint64_t next_ = 0;
   std::uint64_t taken_ = 0;
   bool stop_ = false;
-  std::optional<Error> unstarted_;
+  std::optional<Error> start_error_;
   std::vector<std::thread> workers_;
 };
 

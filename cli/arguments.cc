@@ -131,8 +131,8 @@ CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::s
       ->type_name("NUMBERS");
 }
 
-tl::unexpected<Error> with_cure(const Error& error, const std::string& cure) {
-  return tl::unexpected<Error>(Error{error.code, error.message + "; " + cure});
+tl::unexpected<Error> with_hint(const Error& error, const std::string& hint) {
+  return tl::unexpected<Error>(Error{error.code, error.message + "; " + hint});
 }
 
 Result<void> refuse_overwrite(const std::string& path, bool force) {
@@ -206,7 +206,7 @@ Result<Camera> CameraArguments::camera(const Sphere& sphere) const {
   else if (!eye.empty() && distance > sphere.radius)
     camera.fov = fitted_fov(sphere, distance, size.width, size.height);
   if (const auto rays = RayGenerator::make(camera); !rays)
-    return with_cure(rays.error(), "see --eye, --look-at, --up and --size");
+    return with_hint(rays.error(), "see --eye, --look-at, --up and --size");
   return camera;
 }
 
@@ -257,7 +257,7 @@ Result<ViewOptions> DrawArguments::view(const Field& field, std::optional<Camera
   if (level == kMatchingLevel && camera)
     view.level = matching_level(field.shape(), *camera, view.mode);
   if (auto ok = check_view(field, view); !ok)
-    return with_cure(ok.error(), "see --mode and --level");
+    return with_hint(ok.error(), "see --mode and --level");
   return view;
 }
 

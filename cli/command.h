@@ -195,7 +195,7 @@ CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::s
 
 /// Adds a hint to an error, such as the option to use. Libraries do not name options of the command
 /// line.
-[[nodiscard]] tl::unexpected<Error> with_cure(const Error& error, const std::string& cure);
+[[nodiscard]] tl::unexpected<Error> with_hint(const Error& error, const std::string& hint);
 
 /// Refuses an existing output without -f: usage.
 [[nodiscard]] Result<void> refuse_overwrite(const std::string& path, bool force);
@@ -252,7 +252,8 @@ struct SourceArguments {
   /// Makes the scene. Options that are not given come from `provenance`, that of a field, or have
   /// their defaults.
   [[nodiscard]] Result<std::unique_ptr<Scene>> scene(
-      const LightWork& work, const std::optional<std::string>& provenance = {}) const;
+      const LightVolumeOptions& light_volume,
+      const std::optional<std::string>& provenance = {}) const;
 
  private:
   [[nodiscard]] Result<Volume> read(const std::string& path, bool ids) const;

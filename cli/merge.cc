@@ -17,7 +17,7 @@ Result<void> run_merge(const Arguments& a) {
   keep_freed_memory();
   const auto report = merge_fields(a.parts, a.output, a.merge, progress_bar("merge", "tiles"));
   if (!report && report.error().message.starts_with("no part holds"))
-    return with_cure(report.error(), "build them, or let the output be a part with --part");
+    return with_hint(report.error(), "build them, or let the output be a part with --part");
   if (!report) return tl::unexpected(report.error());
   if (a.json)
     print_json({{"parts", a.parts.size()},

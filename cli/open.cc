@@ -9,7 +9,7 @@ namespace slf::cli {
 namespace {
 
 /// The remote fields that were opened, for their traffic.
-std::vector<RemoteField> distant;
+std::vector<RemoteField> remote_fields;
 
 }  // namespace
 
@@ -19,14 +19,14 @@ Result<Field> open_field(const std::string& path) {
   if (!is_address(path)) return Field::open(path);
   auto remote = RemoteField::open(path);
   if (!remote) return tl::unexpected(remote.error());
-  distant.push_back(*remote);
+  remote_fields.push_back(*remote);
   return remote->field();
 }
 
 nlohmann::json traffic_json() {
-  if (distant.empty()) return {};
+  if (remote_fields.empty()) return {};
   RemoteTraffic sum;
-  for (const RemoteField& field : distant) {
+  for (const RemoteField& field : remote_fields) {
     const RemoteTraffic traffic = field.traffic();
     sum.requests += traffic.requests;
     sum.repeated += traffic.repeated;

@@ -38,10 +38,10 @@ struct PlayArguments {
 };
 
 /// Writes the frames to a folder of PNGs, an animation, or both.
-class Pictures {
+class FrameFiles {
  public:
-  static Result<Pictures> make(const PlayArguments& a) {
-    Pictures pictures;
+  static Result<FrameFiles> make(const PlayArguments& a) {
+    FrameFiles pictures;
     if (!a.preview.empty()) {
       if (auto ok = refuse_overwrite(a.preview, a.force); !ok) return tl::unexpected(ok.error());
       pictures.animation_.emplace(a.preview, 1 / a.fps);
@@ -64,7 +64,7 @@ class Pictures {
     return write_image((folder_ / fmt::format("{:05}.png", frame)).string(), image);
   }
   [[nodiscard]] Result<void> close() { return animation_ ? animation_->close() : Result<void>(); }
-  [[nodiscard]] bool wanted() const { return animation_ || !folder_.empty(); }
+  [[nodiscard]] bool enabled() const { return animation_ || !folder_.empty(); }
 
  private:
   std::optional<AnimationWriter> animation_;
@@ -72,7 +72,7 @@ class Pictures {
 };
 
 /// The result of playing with one way of loading.
-struct Played {
+struct PlayResult {
   Loading loading;
   std::vector<FrameReport> frames;
   ResidentMemory peak;
@@ -80,7 +80,7 @@ struct Played {
 
 /// Plays the path in real time. While a picture is written the clock stops, but the loading thread
 /// goes on.
-Result<Played> play(const PlayArguments& a, const PlayOptions& options, Pictures* pictures) {
+Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, FrameFiles* pictures) {
   if (a.cold && !is_address(a.field))
     if (auto ok = drop_page_cache(a.field); !ok) return tl::unexpected(ok.error());
   const auto field = open_field(a.field);
@@ -94,7 +94,7 @@ Result<Played> play(const PlayArguments& a, const PlayOptions& options, Pictures
   auto player = Player::make(*field, play_options);
   if (!player) return tl::unexpected(player.error());
 
-  Played played{options.loading, {}, {}};
+  PlayResult played{options.loading, {}, {}};
   const auto frames = static_cast<std::size_t>(std::max(1.0, std::round(path->seconds() * a.fps)));
   const auto progress =
       progress_bar(fmt::format("Playing, loading {}", name(options.loading)), "frames");
@@ -110,7 +110,7 @@ Result<Played> play(const PlayArguments& a, const PlayOptions& options, Pictures
     const ResidentMemory now = resident_memory();
     played.peak.anonymous = std::max(played.peak.anonymous, now.anonymous);
     played.peak.file = std::max(played.peak.file, now.file);
-    if (!pictures || !pictures->wanted()) continue;
+    if (!pictures || !pictures->enabled()) continue;
     const auto begin = Clock::now();
     if (auto ok = pictures->add(k, image); !ok) return tl::unexpected(ok.error());
     due += Clock::now() - begin;
@@ -159,7 +159,7 @@ nlohmann::json frame_json(const FrameReport& r) {
       {"load_bytes", r.load_bytes}, {"level_pixels", r.level_pixels}, {"load_level", r.load_level}};
 }
 
-nlohmann::json played_json(const Played& played, const Summary& s) {
+nlohmann::json played_json(const PlayResult& played, const Summary& s) {
   nlohmann::json frames = nlohmann::json::array();
   for (const FrameReport& report : played.frames) frames.push_back(frame_json(report));
   return {{"loading", name(played.loading)},
@@ -188,7 +188,7 @@ std::string shares_text(const std::vector<double>& shares) {
   return fmt::format("{}", fmt::join(texts, " "));
 }
 
-std::vector<std::string> played_row(const Played& played, const Summary& s) {
+std::vector<std::string> played_row(const PlayResult& played, const Summary& s) {
   const auto bytes = [](std::uint64_t b) { return human_bytes(static_cast<double>(b)); };
   return {name(played.loading),
           fmt::format("{}", s.frames),
@@ -212,7 +212,7 @@ Result<void> run_play(const PlayArguments& a) {
   if (!a.preview.empty() && !a.preview.ends_with(".webp"))
     return fail(ErrorCode::usage, "--preview ", a.preview, ": expected a name ending in .webp");
   PlayOptions options{a.draw.renderer(), {}, Loading::ahead, a.horizon};
-  auto pictures = Pictures::make(a);
+  auto pictures = FrameFiles::make(a);
   if (!pictures) return tl::unexpected(pictures.error());
 
   nlohmann::json runs = nlohmann::json::array();

@@ -273,13 +273,13 @@ Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
   for (const auto& [choice, option] :
        {std::pair{"choose component", "--component"}, std::pair{"choose time point", "--time"}})
     if (volume.error().message.find(choice) != std::string::npos)
-      return with_cure(volume.error(), std::string("see ") + option);
+      return with_hint(volume.error(), std::string("see ") + option);
   if (volume.error().code != ErrorCode::usage || labels || component || time || !crop.empty())
     return volume;
   return dims.empty()
-             ? with_cure(volume.error(),
+             ? with_hint(volume.error(),
                          "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`")
-             : with_cure(volume.error(), "see --dims, --type, --spacing and --offset");
+             : with_hint(volume.error(), "see --dims, --type, --spacing and --offset");
 }
 
 Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
@@ -301,7 +301,7 @@ Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
 }
 
 Result<std::unique_ptr<Scene>> SourceArguments::scene(
-    const LightWork& work, const std::optional<std::string>& provenance) const {
+    const LightVolumeOptions& light_volume, const std::optional<std::string>& provenance) const {
   if (input.starts_with(kScenePrefix))
     return make_analytic_scene(std::string_view(input).substr(kScenePrefix.size()));
   RaycastOptions options = raycast;
@@ -352,9 +352,9 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   if (reference)
     made = PathTracer::make(std::move(*volume), function, options, paths);
   else
-    made = Raycaster::make(std::move(*volume), function, options, work);
+    made = Raycaster::make(std::move(*volume), function, options, light_volume);
   if (!made && made.error().code == ErrorCode::failed && stop_signal() == 0)
-    return with_cure(
+    return with_hint(
         made.error(),
         fmt::format("it runs from {:g} to {:g}: choose another --transfer, or stretch it "
                     "by --range",

@@ -64,7 +64,8 @@ struct ExportArguments {
 
 /// Writes a smaller field if the options request one. Returns false if they do not; the field is
 /// then exported unchanged.
-Result<bool> make_smaller(const ExportArguments& a, const Field& field, const std::string& path) {
+Result<bool> repack_if_requested(const ExportArguments& a, const Field& field,
+                                 const std::string& path) {
   RepackOptions options = a.repack;
   options.levels = a.levels;
   options.replace = true;
@@ -91,7 +92,7 @@ Result<void> run_export(const ExportArguments& a) {
 
   auto field = Field::open(a.field);
   if (!field) return tl::unexpected(field.error());
-  const auto made = make_smaller(a, *field, smaller);
+  const auto made = repack_if_requested(a, *field, smaller);
   auto written = !made          ? Result<void>(tl::unexpected(made.error()))
                  : a.one_file() ? view::export_page(*made ? smaller : a.field, a.output)
                                 : view::export_site(*made ? smaller : a.field, a.output, a.force);

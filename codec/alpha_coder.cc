@@ -19,7 +19,7 @@ enum Stream : std::size_t { gaps, breaks, edges, stream_count = edges + 4 };
 // A gap of 255 or more takes several bytes; all but the last are 255.
 constexpr std::size_t kLongGap = 255;
 
-struct Around {
+struct Neighbours {
   std::uint8_t w, n, nw, ne;
   bool flat() const { return w == n && n == nw && nw == ne; }
   std::uint8_t median_edge() const {
@@ -34,8 +34,8 @@ struct Around {
 
 // The neighbours of sample p of a line. `above` is the line above, which is one sample longer; null
 // for the first line of a picture.
-Around around(const std::uint8_t* line, const std::uint8_t* above, std::size_t p,
-              std::uint8_t before_picture) {
+Neighbours neighbours_of(const std::uint8_t* line, const std::uint8_t* above, std::size_t p,
+                         std::uint8_t before_picture) {
   if (!above) {
     const std::uint8_t w = p > 0 ? line[p - 1] : before_picture;
     return {w, w, w, w};
@@ -48,7 +48,7 @@ class Encoder {
  public:
   explicit Encoder(std::uint8_t top) : top_(top) {}
 
-  void add(std::uint8_t value, const Around& near) {
+  void add(std::uint8_t value, const Neighbours& near) {
     if (!near.flat()) {
       put(near.stream(top_), static_cast<std::uint8_t>(value - near.median_edge()));
     } else if (value == near.w) {
@@ -88,7 +88,7 @@ class Decoder {
   void decode_line(std::uint8_t* line, const std::uint8_t* above, std::size_t length,
                    std::uint8_t before_picture) {
     for (std::size_t p = 0; p < length;) {
-      const Around near = around(line, above, p, before_picture);
+      const Neighbours near = neighbours_of(line, above, p, before_picture);
       if (!near.flat()) {
         line[p++] = static_cast<std::uint8_t>(near.median_edge() + take(near.stream(top_)));
       } else if (gap_ == 0) {
@@ -180,7 +180,8 @@ Result<void> append_alpha(std::span<const std::uint8_t> alpha, std::uint32_t sid
                           Bytes& payload) {
   Encoder encoder(top);
   for_each_line(alpha, side, [&](auto* line, auto* above, std::size_t length, auto before) {
-    for (std::size_t p = 0; p < length; ++p) encoder.add(line[p], around(line, above, p, before));
+    for (std::size_t p = 0; p < length; ++p)
+      encoder.add(line[p], neighbours_of(line, above, p, before));
   });
   for (const Bytes& stream : encoder.streams()) append_varint(payload, stream.size());
   std::array<ByteSpan, stream_count> parts;

@@ -52,7 +52,7 @@ void code_alpha(Coder& coder, AlphaModels& models, const AlphaPicture& picture) 
     return pixels;
   };
   // For each column of 8-pixel runs: whether the run above was as predicted.
-  std::vector<std::uint8_t> told(width / 8, 1);
+  std::vector<std::uint8_t> matched(width / 8, 1);
   for (std::size_t y = 0; y < picture.height; ++y)
     for (std::size_t x0 = 0; x0 < width; x0 += 8) {
       const std::size_t begin = y * width + x0;
@@ -61,10 +61,10 @@ void code_alpha(Coder& coder, AlphaModels& models, const AlphaPicture& picture) 
       const std::uint64_t run = eight(&predicted[begin]);
       const bool flat = run == std::rotl(run, 8);
       const bool as_above = y > 0 && run == eight(levels - width);
-      const bool left = x0 == 0 || told[x0 / 8 - 1];
-      BitModel& model = models.as_predicted[flat][as_above][left][told[x0 / 8]];
-      told[x0 / 8] = coder.bit(model, run == eight(levels)) ? 1 : 0;
-      if (told[x0 / 8]) {
+      const bool left = x0 == 0 || matched[x0 / 8 - 1];
+      BitModel& model = models.as_predicted[flat][as_above][left][matched[x0 / 8]];
+      matched[x0 / 8] = coder.bit(model, run == eight(levels)) ? 1 : 0;
+      if (matched[x0 / 8]) {
         std::memcpy(levels, &predicted[begin], 8);
         continue;
       }

@@ -111,7 +111,7 @@ Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat fo
                                           ByteSpan tables) {
   const std::vector<std::string_view> parts = split(spec, ':');
   const bool predictive = is_predictive(spec);
-  if (predictive != has_both(format))
+  if (predictive != has_color_and_depth(format))
     return fail(ErrorCode::unsupported, "codec \"", spec,
                 predictive ? "\": holds colour together with depth, nothing else"
                            : "\": cannot hold colour together with depth");

@@ -22,7 +22,7 @@ struct ErrorManager {
   char message[JMSG_LENGTH_MAX];
 };
 
-[[noreturn]] void jump_out(j_common_ptr info) {
+[[noreturn]] void raise_error(j_common_ptr info) {
   auto* manager = reinterpret_cast<ErrorManager*>(info->err);
   manager->base.format_message(info, manager->message);
   std::longjmp(manager->jump, 1);
@@ -30,14 +30,14 @@ struct ErrorManager {
 
 // Warnings (level < 0) mean damage; the other levels are traces.
 void refuse_warning(j_common_ptr info, int level) {
-  if (level < 0) jump_out(info);
+  if (level < 0) raise_error(info);
 }
 
 void ignore_message(j_common_ptr) {}
 
 jpeg_error_mgr* init(ErrorManager& manager) {
   jpeg_std_error(&manager.base);
-  manager.base.error_exit = jump_out;
+  manager.base.error_exit = raise_error;
   manager.base.emit_message = refuse_warning;
   manager.base.output_message = ignore_message;
   return &manager.base;

@@ -141,17 +141,17 @@ unsigned bits_of(int value) { return static_cast<unsigned>(value < 0 ? value - 1
 
 using Quantised = std::array<std::int16_t, 64>;
 
-// Chooses the AC levels of a block that minimise squared error + worth × bits, by dynamic
+// Chooses the AC levels of a block that minimise squared error + error per bit × bits, by dynamic
 // programming over the position of the last level that is not 0.
 class Quantiser {
  public:
   Quantiser(const std::array<std::uint8_t, 64>& steps, const Codes& codes)
-      : steps_(steps), codes_(codes), full_worth_(error_per_bit(steps)) {}
+      : steps_(steps), codes_(codes), error_per_bit_(error_per_bit(steps)) {}
 
   void quantise(const JpegCoefficients::Block& block, Quantised& levels) {
     const std::array<float, 64>& values = block.values;
     // The less the pixels of a block matter, the larger an error one bit may cause.
-    worth_ = full_worth_ / block.coverage;
+    block_error_per_bit_ = error_per_bit_ / block.coverage;
     levels.fill(0);
     levels[0] = static_cast<std::int16_t>(
         std::clamp(std::nearbyint(values[0] / float(steps_[0])), -1024.0f, 1016.0f));
@@ -169,7 +169,7 @@ class Quantiser {
     for (std::size_t n = 0; n < count_; ++n) {
       const bool at_end = node_[n].position == 63;
       const float cost = node_[n].cost + (zeroed[63] - zeroed[node_[n].position]) +
-                         (at_end ? 0 : worth_ * float(codes_.length[0x00]));
+                         (at_end ? 0 : block_error_per_bit_ * float(codes_.length[0x00]));
       if (cost < best) {
         best = cost;
         last = n;
@@ -201,8 +201,8 @@ class Quantiser {
         const unsigned symbol = static_cast<unsigned>(run % 16 * 16) | size;
         const float bits = float(codes_.length[symbol]) + float(size) +
                            float(run / 16) * float(codes_.length[0xF0]);
-        const float cost =
-            node_[n].cost + (zeroed[position - 1] - zeroed[node_[n].position]) + worth_ * bits;
+        const float cost = node_[n].cost + (zeroed[position - 1] - zeroed[node_[n].position]) +
+                           block_error_per_bit_ * bits;
         if (cost >= node.cost) continue;
         node.cost = cost;
         node.before = n;
@@ -214,8 +214,8 @@ class Quantiser {
 
   const std::array<std::uint8_t, 64>& steps_;
   const Codes& codes_;
-  float full_worth_;
-  float worth_ = 0;
+  float error_per_bit_;
+  float block_error_per_bit_ = 0;
   std::array<Node, 127> node_;
   std::size_t count_ = 0;
 };

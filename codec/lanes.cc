@@ -108,10 +108,10 @@ HWY_INLINE Vector weighted(const float* weights, std::size_t channel, const Taps
   return hn::Min(hn::Max(hn::Mul(sum, hn::Set(d, 1.0f / 256)), hn::Zero(d)), hn::Set(d, 255));
 }
 
-enum class Way { predict, predict_covered, restore };
+enum class Operation { predict, predict_covered, restore };
 
 // Visits a group's samples in the order in which they can be restored.
-template <Way way>
+template <Operation operation>
 void walk(const LaneGroup& group, const LaneValues* from, const LaneValues* coverage,
           LaneValues* to) {
   const Ints ints;
@@ -139,10 +139,10 @@ void walk(const LaneGroup& group, const LaneValues* from, const LaneValues* cove
                                                          : median_edge(channel, tap));
           auto value = load(from[i], tap.first);
           auto result = value;
-          if constexpr (way == Way::restore) {
+          if constexpr (operation == Operation::restore) {
             result = value = hn::And(hn::Add(value, predicted), mask);
           } else {
-            if constexpr (way == Way::predict_covered) {
+            if constexpr (operation == Operation::predict_covered) {
               const auto covered = load(coverage[column], tap.first);
               value = hn::IfThenElse(hn::Eq(covered, hn::Zero(ints)), predicted, value);
             }
@@ -159,13 +159,13 @@ void walk(const LaneGroup& group, const LaneValues* from, const LaneValues* cove
 void predict_any(const LaneGroup& group, const LaneValues* values, const LaneValues* coverage,
                  LaneValues* residuals) {
   if (coverage)
-    walk<Way::predict_covered>(group, values, coverage, residuals);
+    walk<Operation::predict_covered>(group, values, coverage, residuals);
   else
-    walk<Way::predict>(group, values, nullptr, residuals);
+    walk<Operation::predict>(group, values, nullptr, residuals);
 }
 
 void restore_any(const LaneGroup& group, const LaneValues* residuals, LaneValues* values) {
-  walk<Way::restore>(group, residuals, nullptr, values);
+  walk<Operation::restore>(group, residuals, nullptr, values);
 }
 
 }  // namespace

@@ -28,12 +28,12 @@ TilePicture::TilePicture(const Tile& tile) {
   width_ = mosaic.width(), height_ = mosaic.height();
   pixel_of_.resize(tile.rows() * tile.columns());
   block_of_.resize(pixel_of_.size());
-  shows_.resize(pixels());
+  covered_.resize(pixels());
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
     pixel_of_[sample] = static_cast<std::uint32_t>(pixel);
     block_of_[sample] =
         static_cast<std::uint32_t>(pixel / width_ / 8 * (width_ / 8) + pixel % width_ / 8);
-    shows_[pixel] = 1;
+    covered_[pixel] = 1;
   });
 }
 
@@ -44,7 +44,7 @@ PredictiveTile<Coder>::PredictiveTile(const PredictiveLevel& level, const TilePi
     : level_(level), picture_(picture), models_(level.models), coder_(payload) {}
 
 template <class Coder>
-BlockPlane PredictiveTile<Coder>::no_blocks() const {
+BlockPlane PredictiveTile<Coder>::empty_plane() const {
   BlockPlane plane;
   plane.across = picture_.width() / 8;
   plane.blocks.resize(picture_.pixels() / 64);
@@ -54,7 +54,8 @@ BlockPlane PredictiveTile<Coder>::no_blocks() const {
 
 /// For each block, 1 if it has a visible sample. Other blocks are not coded.
 template <class Coder>
-std::vector<std::uint8_t> PredictiveTile<Coder>::wanted(std::span<const std::uint8_t> alpha) const {
+std::vector<std::uint8_t> PredictiveTile<Coder>::coded_blocks(
+    std::span<const std::uint8_t> alpha) const {
   std::vector<std::uint8_t> blocks(picture_.pixels() / 64);
   for (std::size_t s = 0; s < alpha.size(); ++s)
     if (alpha[s] != 0) blocks[picture_.block_of()[s]] = 1;
@@ -63,13 +64,13 @@ std::vector<std::uint8_t> PredictiveTile<Coder>::wanted(std::span<const std::uin
 
 template <class Coder>
 std::vector<std::int16_t> PredictiveTile<Coder>::code_plane(std::size_t plane,
-                                                            std::span<const std::uint8_t> wanted,
+                                                            std::span<const std::uint8_t> coded,
                                                             BlockPlane& blocks) {
   const std::size_t kind = std::min<std::size_t>(plane, kChromaPlane);
   const std::array<std::int32_t, 64> steps = level_.steps[kind].steps();
   std::vector<std::int16_t> pixels(picture_.pixels());
   for (std::size_t b = 0; b < blocks.blocks.size(); ++b) {
-    if (!wanted[b]) continue;
+    if (!coded[b]) continue;
     code_block(coder_, models_.planes[kind], blocks, b);
     if (blocks.counts[b] == 0) continue;
     Block coefficients;
@@ -99,14 +100,14 @@ void PredictiveTile<Coder>::code_alpha(bool soft, std::span<std::uint8_t> levels
   for (std::size_t s = 0; s < alpha.size(); ++s) prediction[pixel_of[s]] = alpha[s];
   slf::codec::code_alpha(
       coder_, models_.alpha,
-      {picture_.width(), picture_.height(), picture_.shows(), prediction, levels});
+      {picture_.width(), picture_.height(), picture_.covered(), prediction, levels});
   for (std::size_t s = 0; s < alpha.size(); ++s) alpha[s] = alpha_value(levels[pixel_of[s]]);
 }
 
 template <class Coder>
 void PredictiveTile<Coder>::code_depth(BlockPlane& blocks, std::span<const std::uint8_t> alpha,
                                        std::span<std::uint8_t> depth) {
-  const auto differences = code_plane(kDepthPlane, wanted(alpha), blocks);
+  const auto differences = code_plane(kDepthPlane, coded_blocks(alpha), blocks);
   for (std::size_t s = 0; s < alpha.size(); ++s) {
     const int value = std::clamp(depth[s] + differences[s], 0, 255);
     depth[s] = static_cast<std::uint8_t>(alpha[s] == 0 ? 0 : value);
@@ -118,7 +119,7 @@ void PredictiveTile<Coder>::code_color(std::array<BlockPlane, 3>& blocks,
                                        std::span<const std::uint8_t> alpha,
                                        std::span<const std::uint32_t> predicted,
                                        std::span<std::uint32_t> rgba) {
-  const auto coded = wanted(alpha);
+  const auto coded = coded_blocks(alpha);
   std::array<std::vector<std::int16_t>, 3> differences;
   for (std::size_t c = 0; c < 3; ++c) differences[c] = code_plane(kLumaPlane + c, coded, blocks[c]);
   add_differences(predicted, {differences[0], differences[1], differences[2]}, rgba);
@@ -139,14 +140,14 @@ void PredictiveEncoder::references(std::span<const std::uint8_t> kinds,
 
 /// Quantises `difference`, the wanted correction of each pixel's prediction. Pixels of weight 0 may
 /// get any correction.
-BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::uint8_t> wanted,
+BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::uint8_t> coded,
                                        std::span<const float> weight,
                                        std::vector<float>& difference) {
   fill(picture_.width(), picture_.height(), weight, difference);
   const auto steps = level_.steps[std::min<std::size_t>(plane, kChromaPlane)].steps();
-  BlockPlane blocks = no_blocks();
+  BlockPlane blocks = empty_plane();
   for (std::size_t b = 0; b < blocks.blocks.size(); ++b) {
-    if (!wanted[b]) continue;
+    if (!coded[b]) continue;
     const std::size_t x = b % blocks.across * 8, y = b / blocks.across * 8;
     std::array<float, 64> values;
     for (std::size_t k = 0; k < 64; ++k)
@@ -195,7 +196,7 @@ void PredictiveEncoder::alpha_depth(std::span<const std::uint8_t> true_alpha,
     weight[pixel_of[s]] = 1;
     difference[pixel_of[s]] = static_cast<float>(true_alpha[s]) - static_cast<float>(alpha[s]);
   }
-  BlockPlane blocks = no_blocks();
+  BlockPlane blocks = empty_plane();
   blocks =
       quantise(kAlphaPlane, std::vector<std::uint8_t>(blocks.blocks.size(), 1), weight, difference);
   const bool soft = alpha_cost(true, levels, blocks, true_alpha, alpha) <
@@ -206,7 +207,7 @@ void PredictiveEncoder::alpha_depth(std::span<const std::uint8_t> true_alpha,
     weight[pixel_of[s]] = alpha[s] > 0 && true_alpha[s] > 0 ? 1.f : 0.f;
     difference[pixel_of[s]] = static_cast<float>(true_depth[s]) - static_cast<float>(depth[s]);
   }
-  blocks = quantise(kDepthPlane, wanted(alpha), weight, difference);
+  blocks = quantise(kDepthPlane, coded_blocks(alpha), weight, difference);
   code_depth(blocks, alpha, depth);
 }
 
@@ -231,7 +232,7 @@ void PredictiveEncoder::color(std::span<const std::uint8_t> alpha,
     difference[1][pixel_of[s]] = (b - y) / 1.772f;
     difference[2][pixel_of[s]] = (r - y) / 1.402f;
   }
-  const auto coded = wanted(alpha);
+  const auto coded = coded_blocks(alpha);
   std::array<BlockPlane, 3> blocks;
   for (std::size_t c = 0; c < 3; ++c)
     blocks[c] = quantise(kLumaPlane + c, coded, weight, difference[c]);
@@ -251,16 +252,16 @@ void PredictiveDecoder::references(std::span<const std::uint8_t> kinds,
 
 void PredictiveDecoder::alpha_depth(std::span<std::uint8_t> alpha, std::span<std::uint8_t> depth) {
   std::vector<std::uint8_t> levels(picture_.pixels());
-  BlockPlane blocks = no_blocks();
+  BlockPlane blocks = empty_plane();
   code_alpha(false, levels, blocks, alpha);
-  blocks = no_blocks();
+  blocks = empty_plane();
   code_depth(blocks, alpha, depth);
 }
 
 void PredictiveDecoder::color(std::span<const std::uint8_t> alpha,
                               std::span<const std::uint32_t> predicted,
                               std::span<std::uint32_t> rgba) {
-  std::array<BlockPlane, 3> blocks{no_blocks(), no_blocks(), no_blocks()};
+  std::array<BlockPlane, 3> blocks{empty_plane(), empty_plane(), empty_plane()};
   code_color(blocks, alpha, predicted, rgba);
 }
 

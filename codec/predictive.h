@@ -44,12 +44,12 @@ class TilePicture {
   [[nodiscard]] std::span<const std::uint32_t> pixel_of() const { return pixel_of_; }
   [[nodiscard]] std::span<const std::uint32_t> block_of() const { return block_of_; }
   /// For each pixel, 1 if it holds a sample, else 0.
-  [[nodiscard]] std::span<const std::uint8_t> shows() const { return shows_; }
+  [[nodiscard]] std::span<const std::uint8_t> covered() const { return covered_; }
 
  private:
   std::size_t width_, height_;
   std::vector<std::uint32_t> pixel_of_, block_of_;
-  std::vector<std::uint8_t> shows_;
+  std::vector<std::uint8_t> covered_;
 };
 
 /// The common part of encoder and decoder: the state of a tile between the stages. Keeps references
@@ -60,10 +60,10 @@ class PredictiveTile {
   template <class Bytes>
   PredictiveTile(const PredictiveLevel& level, const TilePicture& picture, Bytes& payload);
 
-  /// Codes those of `blocks` that are `wanted`. Returns each sample's difference from the
+  /// Codes those of `blocks` that are `coded`. Returns each sample's difference from the
   /// prediction, as the decoder has it.
   [[nodiscard]] std::vector<std::int16_t> code_plane(std::size_t plane,
-                                                     std::span<const std::uint8_t> wanted,
+                                                     std::span<const std::uint8_t> coded,
                                                      BlockPlane& blocks);
   /// These turn predictions into samples. Alpha is coded by `blocks` if `soft`, else by `levels`.
   void code_alpha(bool soft, std::span<std::uint8_t> levels, BlockPlane& blocks,
@@ -72,8 +72,8 @@ class PredictiveTile {
                   std::span<std::uint8_t> depth);
   void code_color(std::array<BlockPlane, 3>& blocks, std::span<const std::uint8_t> alpha,
                   std::span<const std::uint32_t> predicted, std::span<std::uint32_t> rgba);
-  [[nodiscard]] BlockPlane no_blocks() const;
-  [[nodiscard]] std::vector<std::uint8_t> wanted(std::span<const std::uint8_t> alpha) const;
+  [[nodiscard]] BlockPlane empty_plane() const;
+  [[nodiscard]] std::vector<std::uint8_t> coded_blocks(std::span<const std::uint8_t> alpha) const;
 
   const PredictiveLevel& level_;
   const TilePicture& picture_;
@@ -104,7 +104,7 @@ class PredictiveEncoder : PredictiveTile<RangeEncoder> {
   void finish();
 
  private:
-  [[nodiscard]] BlockPlane quantise(std::size_t plane, std::span<const std::uint8_t> wanted,
+  [[nodiscard]] BlockPlane quantise(std::size_t plane, std::span<const std::uint8_t> coded,
                                     std::span<const float> weight, std::vector<float>& difference);
   [[nodiscard]] double alpha_cost(bool soft, std::vector<std::uint8_t> levels, BlockPlane blocks,
                                   std::span<const std::uint8_t> true_alpha,

@@ -91,10 +91,9 @@ void ChannelCoder<Coder>::find_terms(TileChannel channel, const ChannelValues& p
 }
 
 template <class Coder>
-typename ChannelCoder<Coder>::Flat ChannelCoder<Coder>::find_flat(const ChannelValues& predicted,
-                                                                  const ChannelValues& values,
-                                                                  std::size_t row,
-                                                                  std::size_t column) const {
+typename ChannelCoder<Coder>::FlatNeighbourhood ChannelCoder<Coder>::find_flat(
+    const ChannelValues& predicted, const ChannelValues& values, std::size_t row,
+    std::size_t column) const {
   using Next = ColumnNeighbours;
   const std::size_t first = row * columns_;
   const auto& next = neighbours_[column].at;
@@ -159,10 +158,11 @@ void ChannelCoder<Coder>::code_channel(TileChannel channel, Weights weights,
         value = 0;
         continue;
       }
-      const Flat flat =
-          channel == kAlphaChannel ? find_flat(predicted, values, row, column) : Flat{};
+      const FlatNeighbourhood flat = channel == kAlphaChannel
+                                         ? find_flat(predicted, values, row, column)
+                                         : FlatNeighbourhood{};
       std::int32_t expected = flat.value;
-      if (!flat.is) {
+      if (!flat.flat) {
         find_terms(channel, predicted, values, row, column, term.data());
         expected = std::clamp(
             predict(predicted[channel][sample], weights.data(), term.data(), terms), least, most);
@@ -170,7 +170,7 @@ void ChannelCoder<Coder>::code_channel(TileChannel channel, Weights weights,
       const std::int32_t off = value - expected;
       const std::int32_t steps = (std::abs(off) + by / 2) / by;
       const std::int32_t coded =
-          code_residual(coder_, models, flat.is ? flat.context : activity(channel, row, column),
+          code_residual(coder_, models, flat.flat ? flat.context : activity(channel, row, column),
                         off < 0 ? -steps : steps);
       errors_[sample] = std::abs(coded);
       value = static_cast<std::int32_t>(
@@ -201,7 +201,7 @@ ChannelEncoder::Weights ChannelEncoder::fit(TileChannel channel, const ChannelVa
     for (std::size_t column = row % 3; column < columns_; column += 3) {
       const std::size_t sample = row * columns_ + column;
       if (!coded(channel, values, sample)) continue;
-      if (channel == kAlphaChannel && find_flat(predicted, values, row, column).is) continue;
+      if (channel == kAlphaChannel && find_flat(predicted, values, row, column).flat) continue;
       find_terms(channel, predicted, values, row, column, term.data());
       for (std::size_t k = 0; k < terms; ++k) x[k] = term[k];
       x[terms] = values[channel][sample] - predicted[channel][sample];

@@ -88,13 +88,14 @@ class ChannelCoder {
                   std::size_t row, std::size_t column, std::int32_t* terms) const;
   [[nodiscard]] std::int32_t step(TileChannel channel) const;
   /// The neighbourhood of a sample of alpha, if it is flat: all neighbours are 0 or all are opaque.
-  struct Flat {
-    bool is = false;
+  struct FlatNeighbourhood {
+    bool flat = false;
     std::int32_t value = 0;   ///< of the neighbours
     std::size_t context = 0;  ///< of the residual
   };
-  [[nodiscard]] Flat find_flat(const ChannelValues& predicted, const ChannelValues& values,
-                               std::size_t row, std::size_t column) const;
+  [[nodiscard]] FlatNeighbourhood find_flat(const ChannelValues& predicted,
+                                            const ChannelValues& values, std::size_t row,
+                                            std::size_t column) const;
   /// A class of the magnitudes of the residuals around a sample, in this channel and in the colour
   /// channels coded before.
   [[nodiscard]] std::size_t activity(TileChannel channel, std::size_t row,

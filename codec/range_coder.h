@@ -85,12 +85,12 @@ class RangeEncoder {
   void shift() {
     if (low_ < 0xFF000000u || low_ > 0xFFFFFFFFu) {
       const auto carry = static_cast<std::uint8_t>(low_ >> 32);
-      if (any_) to_.push_back(static_cast<std::byte>(held_ + carry));
-      for (; waiting_ > 0; --waiting_) to_.push_back(static_cast<std::byte>(0xFF + carry));
-      held_ = static_cast<std::uint8_t>(low_ >> 24);
-      any_ = true;
+      if (has_pending_) to_.push_back(static_cast<std::byte>(pending_byte_ + carry));
+      for (; pending_ff_ > 0; --pending_ff_) to_.push_back(static_cast<std::byte>(0xFF + carry));
+      pending_byte_ = static_cast<std::uint8_t>(low_ >> 24);
+      has_pending_ = true;
     } else {
-      ++waiting_;
+      ++pending_ff_;
     }
     low_ = (low_ & 0x00FFFFFFu) << 8;
   }
@@ -98,9 +98,9 @@ class RangeEncoder {
   Bytes& to_;
   std::uint64_t low_ = 0;  // 33 bits
   std::uint32_t range_ = 0xFFFFFFFFu;
-  std::uint64_t waiting_ = 0;
-  std::uint8_t held_ = 0;
-  bool any_ = false;  // whether `held_` holds a byte
+  std::uint64_t pending_ff_ = 0;
+  std::uint8_t pending_byte_ = 0;
+  bool has_pending_ = false;  // whether `pending_byte_` holds a byte
   const BitModel* first_ = nullptr;
   BitCounts* counts_ = nullptr;
 };

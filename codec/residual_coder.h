@@ -19,7 +19,7 @@ struct ResidualModels {
   static constexpr std::size_t kContexts = kActivities + kFlat;
   static constexpr std::size_t kSizes = 17;
 
-  BitModel some[kContexts];
+  BitModel nonzero[kContexts];
   BitModel size[kContexts][kSizes];  ///< whether there are more binary digits than index + 1
   BitModel second[kSizes];           ///< the second digit
   BitModel third[kSizes][2];
@@ -30,7 +30,7 @@ template <class Coder>
 std::int32_t code_residual(Coder& coder, ResidualModels& models, std::size_t context,
                            std::int32_t residual) {
   const auto known = static_cast<std::uint32_t>(std::abs(residual));
-  if (!coder.bit(models.some[context], known != 0)) return 0;
+  if (!coder.bit(models.nonzero[context], known != 0)) return 0;
   const bool negative = coder.even_bit(residual < 0);
   std::uint32_t more = 0;  // digits behind the first
   while (more + 1 < ResidualModels::kSizes &&

@@ -18,7 +18,7 @@ constexpr std::uint8_t kFlagKeepsClear = 1;  // colour is stored where alpha is 
 constexpr std::uint8_t kFlagLinear = 2;      // weights follow
 
 // R and B of rgba8 share a stream; every other channel has its own.
-bool pairs_up(SampleFormat format) { return format == SampleFormat::rgba8; }
+bool codes_pairs(SampleFormat format) { return format == SampleFormat::rgba8; }
 
 class ZstdCodec final : public Codec {
  public:
@@ -144,7 +144,7 @@ Result<void> ZstdCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payloa
   if (work.alpha) {
     if (auto done = append_alpha_of(tile, work, level_, payload); !done) return done;
   }
-  return append_stack(stack, work.color, work.residuals, pairs_up(format_), level_, payload);
+  return append_stack(stack, work.color, work.residuals, codes_pairs(format_), level_, payload);
 }
 
 Result<void> ZstdCodec::decode(const Tile& tile, ByteSpan payload,
@@ -169,7 +169,8 @@ Result<void> ZstdCodec::decode(const Tile& tile, ByteSpan payload,
   }
   const LaneStack stack{
       tile, {tile.side, value_bits(format_), used}, keeps_clear ? nullptr : work.alpha};
-  if (auto done = read_stack(stack, pairs_up(format_), payload, work.residuals, work.color); !done)
+  if (auto done = read_stack(stack, codes_pairs(format_), payload, work.residuals, work.color);
+      !done)
     return done;
   if (!payload.empty())
     return fail(ErrorCode::bad_file, "zstd: ", payload.size(), " bytes too many");

@@ -20,7 +20,7 @@ slf::Result<void> draw(const char* path, const char* transfer_name, const char* 
   options.lighting.mode = slf::Lighting::global;
   options.lighting.rig = *rig;
   options.lighting.linear = true;  // radiance; false: colours for a screen
-  slf::LightWork work;             // the light volume, computed before the first ray
+  slf::LightVolumeOptions work;    // the light volume, computed before the first ray
   work.progress = [](const slf::Progress& p) {
     std::fprintf(stderr, "\rlight %3.0f %%",
                  100.0 * static_cast<double>(p.done) / static_cast<double>(p.total));

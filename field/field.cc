@@ -46,7 +46,7 @@ std::optional<storage::LayerId> FieldFile::layer(std::string_view name) const {
 
 bool FieldFile::has_depth() const {
   return std::any_of(manifest_.layers.begin(), manifest_.layers.end(), [](const Layer& layer) {
-    return layer.name == "depth" || has_both(layer.format);
+    return layer.name == "depth" || has_color_and_depth(layer.format);
   });
 }
 
@@ -200,7 +200,7 @@ Result<FieldContent> FieldFile::content() const {
     at.payload_bytes.resize(manifest_.layers.size());
   }
   if (manifest_.part) {
-    const auto whole = part_is_there();
+    const auto whole = part_is_complete();
     if (!whole) return tl::unexpected(whole.error());
     content.complete = *whole;
   }
@@ -222,7 +222,7 @@ Result<FieldContent> FieldFile::content() const {
   return content;
 }
 
-Result<bool> FieldFile::part_is_there() const {
+Result<bool> FieldFile::part_is_complete() const {
   std::uint64_t expected = 0;
   for (unsigned level = 0; level <= shape().levels; ++level) expected += manifest_.tiles(level);
   for (storage::LayerId layer = 0; layer < manifest_.layers.size(); ++layer) {

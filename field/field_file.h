@@ -66,7 +66,7 @@ class FieldFile {
 
   /// Asks the kernel to read the payloads of stored tiles, then, level by level, of those that they
   /// are predicted from. Of a cold file, that takes as many trips to the disk as there are levels.
-  /// Of a distant file with an index, all of them are fetched together.
+  /// Of a remote file with an index, all of them are fetched together.
   void advise(std::span<const storage::TileRef> tiles) const;
 
   /// Codes a tile of the predictive layer `layer` against this field's tiles of the next coarser
@@ -94,12 +94,12 @@ class FieldFile {
   struct Prediction {
     PredictedTiles tiles;
     ReferenceCache references;
-    std::vector<ReferenceIndex> index;  ///< of a distant file: [level - 1], as far as it has one
+    std::vector<ReferenceIndex> index;  ///< of a remote file: [level - 1], as far as it has one
   };
   void predict(storage::LayerId layer);
   void advise_together(std::span<const storage::TileRef> tiles) const;
   /// Whether every layer has all tiles of the part.
-  [[nodiscard]] Result<bool> part_is_there() const;
+  [[nodiscard]] Result<bool> part_is_complete() const;
   [[nodiscard]] Result<TileSamples> reference(storage::LayerId layer, TileKey key) const;
 
   std::vector<std::unique_ptr<codec::Codec>> codecs_;

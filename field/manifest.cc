@@ -78,7 +78,7 @@ nlohmann::json Manifest::to_json() const {
   for (const Layer& layer : layers) {
     layer_list.push_back(
         {{"name", layer.name}, {"format", name(layer.format)}, {"codec", layer.codec}});
-    if (has_both(layer.format)) required = nlohmann::json::array({kPredictive});
+    if (has_color_and_depth(layer.format)) required = nlohmann::json::array({kPredictive});
   }
   const glm::dvec3& c = shape.sphere.center;
   nlohmann::json json = {{"slf", {{"major", kMajor}, {"minor", filtered_levels ? 1 : 0}}},
@@ -180,8 +180,9 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
                    [](const Layer& layer) { return layer.name == "color"; }))
     in.problem("/layers", "names no layer color");
   // A tile's payload has a decision for each candidate reference in the next coarser level.
-  const bool predictive = std::any_of(manifest.layers.begin(), manifest.layers.end(),
-                                      [](const Layer& layer) { return has_both(layer.format); });
+  const bool predictive =
+      std::any_of(manifest.layers.begin(), manifest.layers.end(),
+                  [](const Layer& layer) { return has_color_and_depth(layer.format); });
   if (predictive && shape.levels > kMaxPredictedLevels)
     in.problem("/levels", "is more than " + std::to_string(kMaxPredictedLevels) +
                               ", too many for a predictive codec");
@@ -192,15 +193,15 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   return manifest;
 }
 
-std::string first_difference(const Manifest& there, const Manifest& wanted) {
-  const bool by_content = there.provenance.contains("content");
+std::string first_difference(const Manifest& existing, const Manifest& expected) {
+  const bool by_content = existing.provenance.contains("content");
   const auto comparable = [&](const Manifest& manifest) {
     nlohmann::json json = manifest.to_json();
     for (const char* member : {"slf", "filtered_levels", "part"}) json.erase(member);
     json["provenance"].erase(by_content ? "source" : "content");
     return json;
   };
-  const auto patch = nlohmann::json::diff(comparable(there), comparable(wanted));
+  const auto patch = nlohmann::json::diff(comparable(existing), comparable(expected));
   return patch.empty() ? "" : patch[0].value("path", "");
 }
 

@@ -47,6 +47,6 @@ struct Manifest {
 /// The JSON pointer of the first member in which two manifests of builds differ; empty if none
 /// does. If the provenance records a hash of the source's content, the source's path may differ.
 /// filtered_levels and part are not compared.
-[[nodiscard]] std::string first_difference(const Manifest& there, const Manifest& wanted);
+[[nodiscard]] std::string first_difference(const Manifest& existing, const Manifest& expected);
 
 }  // namespace slf

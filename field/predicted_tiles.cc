@@ -61,7 +61,7 @@ struct PredictedTiles::Work {
   std::optional<TilePredictor> predictor;  // none at level 0
   std::vector<std::uint8_t> alpha, depth;  // predicted, then decoded
   std::vector<std::uint32_t> color;        // predicted
-  std::vector<TileSamples> kept;
+  std::vector<TileSamples> keep_alive;     // that `from` views
   std::vector<ReferenceTile> from;
 
   Work(const PredictedTiles& tiles, TileKey key)
@@ -98,7 +98,7 @@ struct PredictedTiles::Work {
     if (half()) *found = std::make_shared<const Bytes>(seen_samples(**found));
     const std::byte* const color_of = (*found)->data();
     from[k] = {color_of, color_of + (*found)->size() / 5 * 4};
-    kept.push_back(std::move(*found));
+    keep_alive.push_back(std::move(*found));
     return true;
   }
 

@@ -1,5 +1,5 @@
 // ReferenceIndex: which tiles those of a level are predicted from, as a section of a file's index
-// (FORMAT.md, "Index"). A reader of a distant file asks for a view's tiles and all that they are
+// (FORMAT.md, "Index"). A reader of a remote file asks for a view's tiles and all that they are
 // predicted from at once; payloads also name their references, but only once they are there.
 #pragma once
 

@@ -15,20 +15,20 @@ Result<bool> Cursor::seek(ByteSpan key) {
 // left, step left, and descend along the last entries.
 Result<bool> Cursor::seek_before(ByteSpan key) {
   if (auto found = seek(key); !found) return found;
-  if (depth_ == 0) return last_below(tree_.root);
+  if (depth_ == 0) return descend_to_last(tree_.root);
   while (depth_ > 0 && path_[depth_ - 1].index == 0) --depth_;
   if (depth_ == 0) return false;
   Step& step = path_[depth_ - 1];
   --step.index;
   Node node;
   if (!step.page.node(step.index, node)) return bad_node(step.page, step.index);
-  if (!step.page.leaf()) return last_below(node.child);
+  if (!step.page.leaf()) return descend_to_last(node.child);
   node_ = node;
   return true;
 }
 
 // Descends to the last entry below page `number`, which becomes path_[depth_].
-Result<bool> Cursor::last_below(std::uint64_t number) {
+Result<bool> Cursor::descend_to_last(std::uint64_t number) {
   if (number == kNoPage) return false;
   while (depth_ < tree_.depth) {
     auto page = pages_->tree_page(number, depth_ + 1 == tree_.depth);
@@ -44,7 +44,7 @@ Result<bool> Cursor::last_below(std::uint64_t number) {
 Result<bool> Cursor::next() {
   if (depth_ == 0) return false;
   ++path_[depth_ - 1].index;
-  return settle();
+  return move_to_entry();
 }
 
 // Descends towards `key` from page `number`, which becomes path_[depth_].
@@ -61,7 +61,7 @@ Result<bool> Cursor::descend(std::uint64_t number, ByteSpan key) {
     if (!(leaf ? page->lower_bound(key, index) : page->child_for(key, index)))
       return bad_node(*page, index);
     path_[depth_++] = {*page, index};
-    if (leaf) return settle();
+    if (leaf) return move_to_entry();
     Node child;
     if (!page->node(index, child)) return bad_node(*page, index);
     number = child.child;
@@ -69,7 +69,7 @@ Result<bool> Cursor::descend(std::uint64_t number, ByteSpan key) {
 }
 
 // Moves to the entry at the path or, if the path is past the last entry of its page, to the next.
-Result<bool> Cursor::settle() {
+Result<bool> Cursor::move_to_entry() {
   while (depth_ > 0) {
     Step& step = path_[depth_ - 1];
     if (step.index >= step.page.count()) {

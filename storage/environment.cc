@@ -17,7 +17,7 @@
 namespace slf::storage::internal {
 namespace {
 
-constexpr std::uint64_t kSpare = std::uint64_t{16} << 20;
+constexpr std::uint64_t kMapIncrement = std::uint64_t{16} << 20;
 
 MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(bytes.data())}; }
 
@@ -36,7 +36,7 @@ void remove_lock_file(const std::string& path) {
   if (unused) unlink(name.c_str());
 }
 
-const char* cure(int code) {
+const char* remedy(int code) {
   switch (code) {
     case ENOSPC:
     case EDQUOT:
@@ -77,7 +77,8 @@ Result<Environment> Environment::open(const std::string& path, int descriptor) {
   result.path_ = path;
   struct stat status = {};
   if (fstat(descriptor, &status) != 0) return result.error(errno, "read its size");
-  result.map_bytes_ = (static_cast<std::uint64_t>(status.st_size) / kSpare + 1) * kSpare;
+  result.map_bytes_ =
+      (static_cast<std::uint64_t>(status.st_size) / kMapIncrement + 1) * kMapIncrement;
   if (const int code = mdb_env_create(&result.environment_); code != 0)
     return result.error(code, "open");
   MDB_env* environment = result.environment_;
@@ -147,7 +148,7 @@ Result<void> Environment::put(std::span<const Put> puts) {
     const int code = try_put(puts);
     if (map_.changed()) return check_length();
     if (code == 0) {
-      begin_to_write();
+      start_writeback();
       return extend();
     }
     if (code != MDB_MAP_FULL) return error(code, "write");
@@ -202,7 +203,7 @@ Result<void> Environment::extend() {
 void Environment::defer_sync() { deferred_ = mdb_env_set_flags(environment_, MDB_NOSYNC, 1) == 0; }
 
 // Starts writing early, so that the disk works while the next records are encoded.
-void Environment::begin_to_write() const {
+void Environment::start_writeback() const {
   mdb_filehandle_t file = -1;
   if (deferred_ && mdb_env_get_fd(environment_, &file) == 0)
     (void)sync_file_range(file, 0, 0, SYNC_FILE_RANGE_WRITE);
@@ -217,7 +218,7 @@ Result<void> Environment::sync() {
 // LMDB forbids this while transactions are active, because their data would move with the map.
 // reader_ reads no data: it only occupies a slot.
 Result<void> Environment::grow() {
-  map_bytes_ += std::max(map_bytes_, kSpare);
+  map_bytes_ += std::max(map_bytes_, kMapIncrement);
   map_ = {};
   const int code = mdb_env_set_mapsize(environment_, map_bytes_);
   guard();
@@ -238,7 +239,7 @@ tl::unexpected<Error> Environment::error(int code, const char* doing) const {
   if (code == MDB_CORRUPTED || code == MDB_PAGE_NOTFOUND || code == MDB_INVALID ||
       code == MDB_KEYEXIST)
     kind = ErrorCode::bad_file;
-  return fail(kind, path_, ": cannot ", doing, ": ", mdb_strerror(code), cure(code));
+  return fail(kind, path_, ": cannot ", doing, ": ", mdb_strerror(code), remedy(code));
 }
 
 }  // namespace slf::storage::internal

@@ -24,7 +24,8 @@ class IndexBuilder {
   Result<void> collect() {
     if (auto ok = walk(snapshot_.meta().main, nullptr); !ok) return ok;
     const auto blob = [&](const Cursor& at) -> Result<void> {
-      if ((at.node().flags & kBigData) != 0) add_value(kCore, at.node(), at.node().data_size);
+      if ((at.node().flags & kBigData) != 0)
+        add_value(kCoreSection, at.node(), at.node().data_size);
       return {};
     };
     if (auto ok = walk(snapshot_.manifest(), blob); !ok) return ok;
@@ -39,9 +40,9 @@ class IndexBuilder {
   [[nodiscard]] Bytes encode(std::uint64_t begin, std::span<const IndexExtra> extras) const {
     Bytes bytes, directory;
     std::uint32_t count = 0;
-    const auto put = [&](std::uint32_t what, const Bytes& section) {
+    const auto put = [&](std::uint32_t id, const Bytes& section) {
       if (section.empty() || section.size() > kMaxSectionBytes) return;
-      append_le(directory, std::uint64_t{what});
+      append_le(directory, std::uint64_t{id});
       append_le(directory, begin + bytes.size());
       append_le(directory, std::uint64_t{section.size()});
       append_le(directory, checksum(section));
@@ -49,10 +50,10 @@ class IndexBuilder {
       ++count;
     };
     // Readers begin at the end of the file: so the finest level comes first, and the core last.
-    for (const IndexExtra& extra : extras) put(extra.what, extra.bytes);
+    for (const IndexExtra& extra : extras) put(extra.id, extra.bytes);
     for (auto level = levels_.rbegin(); level != levels_.rend(); ++level)
       put(level->first, joined(level->second));
-    put(kCore, joined(core_));
+    put(kCoreSection, joined(core_));
 
     Bytes footer;
     append_le(footer, std::uint64_t{0});  // the checksum
@@ -104,15 +105,16 @@ class IndexBuilder {
     if (!record) return tl::unexpected(record.error());
     if ((at.node().flags & kBigData) == 0) return {};
     // Trees reads this much of a record before it knows how long the table is.
-    const std::uint64_t usual = usual_head(span_of(at.leaf(), at.index(), at.node()));
+    const std::uint64_t usual =
+        usual_head_bytes(max_tiles_in_record(at.leaf(), at.index(), at.node()));
     add_value(record->first().level, at.node(),
               std::max(usual, Record::table_end(record->bytes())));
     return {};
   }
 
   /// Adds the first `most` bytes of a value in overflow pages.
-  void add_value(std::uint32_t what, const Node& node, std::uint64_t most) {
-    Parts& parts = what == kCore ? core_ : levels_[what];
+  void add_value(std::uint32_t id, const Node& node, std::uint64_t most) {
+    Parts& parts = id == kCoreSection ? core_ : levels_[id];
     parts[node.child * kPageSize] = kPageHeader + std::min(node.data_size, most);
   }
 

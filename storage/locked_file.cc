@@ -10,8 +10,8 @@
 namespace slf::storage::internal {
 namespace {
 
-constexpr std::uint64_t kPins = std::uint64_t{1} << 62;
-constexpr std::uint64_t kWriter = kPins - 1;
+constexpr std::uint64_t kFirstPin = std::uint64_t{1} << 62;
+constexpr std::uint64_t kWriterByte = kFirstPin - 1;
 
 struct flock lock_of(short type, std::uint64_t byte, std::uint64_t length) {
   struct flock lock = {};
@@ -71,19 +71,19 @@ Result<std::uint64_t> LockedFile::size(const std::string& path) const {
 }
 
 void LockedFile::pin(std::uint64_t transaction) const {
-  if (transaction >= kPins) return;
-  struct flock lock = lock_of(F_RDLCK, kPins + transaction, 1);
+  if (transaction >= kFirstPin) return;
+  struct flock lock = lock_of(F_RDLCK, kFirstPin + transaction, 1);
   (void)fcntl(file_, F_OFD_SETLK, &lock);
 }
 
 void LockedFile::unpin(std::uint64_t transaction) const {
-  if (transaction >= kPins) return;
-  struct flock lock = lock_of(F_UNLCK, kPins + transaction, 1);
+  if (transaction >= kFirstPin) return;
+  struct flock lock = lock_of(F_UNLCK, kFirstPin + transaction, 1);
   (void)fcntl(file_, F_OFD_SETLK, &lock);
 }
 
 Result<void> LockedFile::lock_writer(const std::string& path) const {
-  struct flock lock = lock_of(F_WRLCK, kWriter, 1);
+  struct flock lock = lock_of(F_WRLCK, kWriterByte, 1);
   if (fcntl(file_, F_OFD_SETLK, &lock) == 0) return {};
   if (errno == EAGAIN || errno == EACCES)
     return fail(ErrorCode::failed, path, ": another writer has it open");
@@ -91,13 +91,13 @@ Result<void> LockedFile::lock_writer(const std::string& path) const {
 }
 
 bool LockedFile::has_writer() const {
-  struct flock lock = lock_of(F_WRLCK, kWriter, 1);
+  struct flock lock = lock_of(F_WRLCK, kWriterByte, 1);
   return fcntl(file_, F_OFD_GETLK, &lock) == 0 && lock.l_type != F_UNLCK;
 }
 
 bool LockedFile::pinned_before(std::uint64_t transaction) const {
   if (transaction == 0) return false;
-  struct flock lock = lock_of(F_WRLCK, kPins, transaction);
+  struct flock lock = lock_of(F_WRLCK, kFirstPin, transaction);
   // If the query fails, assume a pin: that wastes space, but never harms a reader.
   return fcntl(file_, F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
 }

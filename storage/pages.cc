@@ -145,9 +145,9 @@ Result<TreePage> Pages::tree_page(std::uint64_t number, bool leaf) const {
   if (number < 2 || number > meta_.last_page)
     return damaged(number, "outside the file's ", count(), " pages");
   const std::size_t size = meta_.page_size;
-  const auto held = bytes(number * size, size);
-  if (!held) return tl::unexpected(held.error());
-  const std::byte* page = held->data();
+  const auto loaded = bytes(number * size, size);
+  if (!loaded) return tl::unexpected(loaded.error());
+  const std::byte* page = loaded->data();
   const auto own_number = load_le<std::uint64_t>(page);
   const auto flags = load_le<std::uint16_t>(page + 10);
   const std::size_t lower = load_le<std::uint16_t>(page + 12);
@@ -166,17 +166,17 @@ Result<ByteSpan> Pages::value(const Node& node, std::uint64_t most) const {
   const std::uint64_t needed = overflow_pages(node.data_size);
   if (node.child < 2 || node.child > meta_.last_page || needed > count() - node.child)
     return damaged(node.child, "a value of ", node.data_size, " bytes leaves the file");
-  const auto held =
+  const auto loaded =
       bytes(node.child * meta_.page_size, kPageHeader + std::min(node.data_size, most));
-  if (!held) return held;
-  const std::byte* page = held->data();
+  if (!loaded) return loaded;
+  const std::byte* page = loaded->data();
   const auto own_number = load_le<std::uint64_t>(page);
   const auto flags = load_le<std::uint16_t>(page + 10);
   const std::uint64_t run = load_le<std::uint32_t>(page + 12);
   if (own_number != node.child || flags != kOverflow || run < needed || run > count() - node.child)
     return damaged(node.child, "expected a run of ", needed, " overflow pages, found page ",
                    own_number, " with flags ", flags, " and ", run, " pages");
-  return held->subspan(kPageHeader);
+  return loaded->subspan(kPageHeader);
 }
 
 int compare_keys(ByteSpan a, ByteSpan b) {

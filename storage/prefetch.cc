@@ -11,7 +11,7 @@ namespace slf::storage::internal {
 namespace {
 
 /// A page of the tree, and the keys whose path leads to it: [begin, end).
-struct Stop {
+struct PageVisit {
   std::uint64_t page = 0;
   std::size_t begin = 0;
   std::size_t end = 0;
@@ -24,13 +24,13 @@ ByteSpan bytes_of(const Pages& pages, std::uint64_t first, std::uint64_t bytes) 
   return pages.file().subspan(first * size, count * size);
 }
 
-/// Adds those children of a branch to which the stop's keys lead.
-void add_children(const Pages& pages, std::span<const RecordKey> keys, const Stop& stop,
-                  std::vector<Stop>& below) {
-  const auto branch = pages.tree_page(stop.page, false);
+/// Adds those children of a branch to which the visit's keys lead.
+void add_children(const Pages& pages, std::span<const RecordKey> keys, const PageVisit& visit,
+                  std::vector<PageVisit>& below) {
+  const auto branch = pages.tree_page(visit.page, false);
   if (!branch) return;
   const std::size_t first = below.size();
-  for (std::size_t k = stop.begin; k < stop.end; ++k) {
+  for (std::size_t k = visit.begin; k < visit.end; ++k) {
     std::uint32_t index = 0;
     Node node;
     if (!branch->child_for(keys[k], index) || !branch->node(index, node)) continue;
@@ -40,17 +40,17 @@ void add_children(const Pages& pages, std::span<const RecordKey> keys, const Sto
   }
 }
 
-/// Adds the heads of the records that hold the stop's keys, but not the first record of the next
+/// Adds the heads of the records that hold the visit's keys, but not the first record of the next
 /// leaf.
-void add_heads(const Pages& pages, std::span<const RecordKey> keys, const Stop& stop,
+void add_heads(const Pages& pages, std::span<const RecordKey> keys, const PageVisit& visit,
                Advice& advice) {
-  const auto leaf = pages.tree_page(stop.page, true);
+  const auto leaf = pages.tree_page(visit.page, true);
   if (!leaf) return;
   std::uint32_t next = 0;  // the entry after the last one added
-  for (std::size_t k = stop.begin; k < stop.end; ++k) {
+  for (std::size_t k = visit.begin; k < visit.end; ++k) {
     std::uint32_t index = 0;
     if (!leaf->lower_bound(keys[k], index) || index >= leaf->count() || index < next) continue;
-    advice.add(head_of(pages, *leaf, index));
+    advice.add(record_head(pages, *leaf, index));
     next = index + 1;
   }
 }
@@ -69,7 +69,7 @@ void Advice::expect() {
   pages_.source()->expect(ranges);
 }
 
-void Advice::give(int advice) {
+void Advice::apply(int advice) {
   if (pages_.source() != nullptr && advice == MADV_WILLNEED) expect();
   static const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
   for (Range& range : ranges_)
@@ -85,40 +85,41 @@ void Advice::give(int advice) {
   ranges_.clear();
 }
 
-ByteSpan head_of(const Pages& pages, const TreePage& leaf, std::uint32_t index) {
+ByteSpan record_head(const Pages& pages, const TreePage& leaf, std::uint32_t index) {
   Node node;
   if (!leaf.node(index, node) || (node.flags & kBigData) == 0) return {};
-  const std::uint64_t span = span_of(leaf, index, node);
-  const std::uint64_t table = kPageHeader + usual_head(span);
+  const std::uint64_t span = max_tiles_in_record(leaf, index, node);
+  const std::uint64_t table = kPageHeader + usual_head_bytes(span);
   const std::uint64_t all = kPageHeader + node.data_size;
   return bytes_of(pages, node.child, span == 1 ? all : std::min(all, table));
 }
 
 void prefetch_records(const Pages& pages, const Tree& tree, std::span<const RecordKey> keys) {
   if (keys.empty() || tree.root == kNoPage || tree.depth == 0 || tree.depth > kMaxDepth) return;
-  std::vector<Stop> stops{{tree.root, 0, keys.size()}};
+  std::vector<PageVisit> visits{{tree.root, 0, keys.size()}};
   Advice advice(pages);
   for (std::size_t depth = 1; depth < tree.depth; ++depth) {
-    std::vector<Stop> below;
-    for (const Stop& stop : stops) add_children(pages, keys, stop, below);
-    stops = std::move(below);
-    for (const Stop& stop : stops) advice.add(bytes_of(pages, stop.page, pages.meta().page_size));
-    advice.give(MADV_WILLNEED);
+    std::vector<PageVisit> below;
+    for (const PageVisit& visit : visits) add_children(pages, keys, visit, below);
+    visits = std::move(below);
+    for (const PageVisit& visit : visits)
+      advice.add(bytes_of(pages, visit.page, pages.meta().page_size));
+    advice.apply(MADV_WILLNEED);
   }
-  for (const Stop& stop : stops) add_heads(pages, keys, stop, advice);
-  advice.give(MADV_WILLNEED);
+  for (const PageVisit& visit : visits) add_heads(pages, keys, visit, advice);
+  advice.apply(MADV_WILLNEED);
 }
 
 void prefetch_heads(const Pages& pages, const Cursor& at, TileKey to) {
   Advice advice(pages);
   const TreePage& leaf = at.leaf();
   for (std::uint32_t i = at.index(); i < leaf.count(); ++i) {
-    advice.add(head_of(pages, leaf, i));
+    advice.add(record_head(pages, leaf, i));
     Node node;
     if (!leaf.node(i, node)) continue;
     if (const auto last = decode_key(node.key); last && *last >= to) break;
   }
-  advice.give(MADV_WILLNEED);
+  advice.apply(MADV_WILLNEED);
 }
 
 }  // namespace slf::storage::internal

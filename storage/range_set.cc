@@ -40,7 +40,7 @@ void RangeSet::remove(FileRange range) {
   }
 }
 
-void RangeSet::lacks(FileRange range, std::vector<FileRange>& to) const {
+void RangeSet::append_missing(FileRange range, std::vector<FileRange>& to) const {
   auto at = ranges_.upper_bound(range.begin);
   if (at != ranges_.begin() && std::prev(at)->second > range.begin) --at;
   for (; at != ranges_.end() && at->first < range.end; ++at) {
@@ -50,13 +50,13 @@ void RangeSet::lacks(FileRange range, std::vector<FileRange>& to) const {
   if (range.begin < range.end) to.push_back(range);
 }
 
-bool RangeSet::has(FileRange range) const {
+bool RangeSet::contains(FileRange range) const {
   std::vector<FileRange> missing;
-  lacks(range, missing);
+  append_missing(range, missing);
   return missing.empty();
 }
 
-bool RangeSet::touches(FileRange range) const {
+bool RangeSet::intersects(FileRange range) const {
   const auto at = ranges_.lower_bound(range.end);
   return range.begin < range.end && at != ranges_.begin() && std::prev(at)->second > range.begin;
 }

@@ -24,12 +24,12 @@ class RangeSource {
 
   /// Receives fetched bytes, on the thread that called fetch(). An error that it returns ends the
   /// fetch.
-  using Take = std::function<Result<void>(std::uint64_t offset, ByteSpan bytes)>;
+  using Sink = std::function<Result<void>(std::uint64_t offset, ByteSpan bytes)>;
 
-  /// Fetches ranges of the file, concurrently if possible, and passes each to `take` as soon as it
+  /// Fetches ranges of the file, concurrently if possible, and passes each to `sink` as soon as it
   /// is complete, in any order. Returns when all are complete, or with the first error.
   /// io: the bytes cannot be fetched. bad_file: the file has changed since it was opened.
-  [[nodiscard]] virtual Result<void> fetch(std::span<const FileRange> ranges, const Take& take) = 0;
+  [[nodiscard]] virtual Result<void> fetch(std::span<const FileRange> ranges, const Sink& sink) = 0;
 };
 
 }  // namespace slf::storage

@@ -23,7 +23,7 @@ Result<ByteSpan> RangedStore::Source::bytes(std::uint64_t offset, std::uint64_t 
                 " are beyond the end of the file");
   const std::uint64_t begin = offset / kPageSize * kPageSize;
   const std::uint64_t end = (offset + size + kPageSize - 1) / kPageSize * kPageSize;
-  wanted.push_back({begin, std::min(end, file_bytes)});
+  needed.push_back({begin, std::min(end, file_bytes)});
   return fail(ErrorCode::io, "bytes ", begin, " to ", end, " are not there yet");
 }
 
@@ -32,12 +32,12 @@ RangedStore::RangedStore(std::string name, std::uint64_t file_bytes) : trees_(st
 }
 
 void RangedStore::add(std::uint64_t offset, Bytes bytes) {
-  Bytes& held = source_.blocks[offset];
-  if (held.size() < bytes.size()) held = std::move(bytes);
+  Bytes& block = source_.blocks[offset];
+  if (block.size() < bytes.size()) block = std::move(bytes);
 }
 
-std::vector<FileRange> RangedStore::wanted() {
-  std::vector<FileRange> ranges = std::exchange(source_.wanted, {});
+std::vector<FileRange> RangedStore::take_needed_ranges() {
+  std::vector<FileRange> ranges = std::exchange(source_.needed, {});
   std::sort(ranges.begin(), ranges.end(),
             [](const FileRange& a, const FileRange& b) { return a.begin < b.begin; });
   std::vector<FileRange> merged;
@@ -61,34 +61,34 @@ Result<void> RangedStore::open() {
   auto sections = internal::find_sections(source_, source_.file_bytes, meta->transaction);
   if (!sections) return tl::unexpected(sections.error());
   sections_ = std::move(*sections);
-  if (auto ok = take_section(internal::kCore); !ok) return ok;
+  if (auto ok = load_section(internal::kCoreSection); !ok) return ok;
   return trees_.load(internal::Pages(source_, *meta, &trees_.path()));
 }
 
-const internal::IndexSection* RangedStore::section_of(std::uint32_t what) const {
-  const auto section = std::find_if(sections_.begin(), sections_.end(),
-                                    [&](const auto& s) { return s.what == what; });
+const internal::IndexSection* RangedStore::find_section(std::uint32_t id) const {
+  const auto section =
+      std::find_if(sections_.begin(), sections_.end(), [&](const auto& s) { return s.id == id; });
   return section == sections_.end() ? nullptr : &*section;
 }
 
-Result<void> RangedStore::take_section(std::uint32_t what) {
-  const internal::IndexSection* const section = section_of(what);
+Result<void> RangedStore::load_section(std::uint32_t id) {
+  const internal::IndexSection* const section = find_section(id);
   if (section == nullptr) return {};
   const std::uint64_t size = section->range.end - section->range.begin;
   if (size <= internal::kMaxSectionBytes) {
     const auto bytes = source_.bytes(section->range.begin, size);
     if (!bytes) return tl::unexpected(bytes.error());
-    const Bytes held(bytes->begin(), bytes->end());  // add() may replace what `bytes` views
+    const Bytes block(bytes->begin(), bytes->end());  // add() may replace what `bytes` views
     (void)internal::open_section(
-        *section, held, source_.file_bytes,
+        *section, block, source_.file_bytes,
         [&](std::uint64_t offset, ByteSpan part) { add(offset, Bytes(part.begin(), part.end())); });
   }
-  std::erase_if(sections_, [&](const auto& s) { return s.what == what; });
+  std::erase_if(sections_, [&](const auto& s) { return s.id == id; });
   return {};
 }
 
-Result<Bytes> RangedStore::section(std::uint32_t what) const {
-  const internal::IndexSection* const section = section_of(what);
+Result<Bytes> RangedStore::section(std::uint32_t id) const {
+  const internal::IndexSection* const section = find_section(id);
   const std::uint64_t size = section ? section->range.end - section->range.begin : 0;
   if (size == 0 || size > internal::kMaxSectionBytes) return Bytes();
   const auto bytes = source_.bytes(section->range.begin, size);
@@ -98,7 +98,7 @@ Result<Bytes> RangedStore::section(std::uint32_t what) const {
 }
 
 Result<RangedTile> RangedStore::find(LayerId layer, TileKey key) {
-  if (auto ok = take_section(key.level); !ok) return tl::unexpected(ok.error());
+  if (auto ok = load_section(key.level); !ok) return tl::unexpected(ok.error());
   std::uint64_t value = 0;
   const auto found = trees_.find(layer, key, &value);
   if (!found) return tl::unexpected(found.error());

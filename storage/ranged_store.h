@@ -1,9 +1,9 @@
 // RangedStore: reads a container from ranges of its bytes, such as those fetched over HTTP.
 //
 // It does no input or output itself. A call that needs bytes which are not present fails with
-// ErrorCode::io, and wanted() returns their ranges. The caller fetches these ranges, passes them to
-// add(), and repeats the call. So a reader can collect the ranges that many calls need, and fetch
-// them together.
+// ErrorCode::io, and take_needed_ranges() returns their ranges. The caller fetches these ranges,
+// passes them to add(), and repeats the call. So a reader can collect the ranges that many calls
+// need, and fetch them together.
 //
 // To open() with one round trip, first add the start of the file, kFileStart bytes, and as much of
 // its end as is cheap to fetch. If the file has an index, its end holds most of the bytes that a
@@ -45,9 +45,9 @@ class RangedStore {
   /// Adds bytes of the file. Invalidates the views that blob() returned.
   void add(std::uint64_t offset, Bytes bytes);
 
-  /// The ranges that calls since the last wanted() needed and that were not present: whole pages,
-  /// ascending, without overlap.
-  [[nodiscard]] std::vector<FileRange> wanted();
+  /// The ranges that calls since the last take_needed_ranges() needed and that were not present:
+  /// whole pages, ascending, without overlap.
+  [[nodiscard]] std::vector<FileRange> take_needed_ranges();
 
   /// Opens the container. The calls below require that this has succeeded.
   /// io: more bytes are needed. Other errors as TileStore::open().
@@ -60,7 +60,7 @@ class RangedStore {
 
   /// The verified bytes of a section of the index that storage itself does not use; empty if there
   /// is none.
-  [[nodiscard]] Result<Bytes> section(std::uint32_t what) const;
+  [[nodiscard]] Result<Bytes> section(std::uint32_t id) const;
 
   /// As TileStore::find(). REQUIRES: `layer` < layers().size().
   [[nodiscard]] Result<RangedTile> find(LayerId layer, TileKey key);
@@ -71,11 +71,11 @@ class RangedStore {
     [[nodiscard]] Result<ByteSpan> bytes(std::uint64_t offset, std::uint64_t size) const override;
     std::map<std::uint64_t, Bytes> blocks;  ///< by offset
     std::uint64_t file_bytes = 0;
-    mutable std::vector<FileRange> wanted;
+    mutable std::vector<FileRange> needed;
   };
 
-  [[nodiscard]] Result<void> take_section(std::uint32_t what);
-  [[nodiscard]] const internal::IndexSection* section_of(std::uint32_t what) const;
+  [[nodiscard]] Result<void> load_section(std::uint32_t id);
+  [[nodiscard]] const internal::IndexSection* find_section(std::uint32_t id) const;
 
   Source source_;
   internal::Trees trees_;

@@ -16,7 +16,7 @@ namespace slf::storage::internal {
 namespace {
 
 constexpr int kAttempts = 100;
-constexpr std::uint64_t kEnd = 64 << 10;  // of a remote file: its last bytes, fetched first
+constexpr std::uint64_t kTailBytes = 64 << 10;  // of a remote file: its last bytes, fetched first
 
 Result<void> check_length(const Meta& meta, std::uint64_t size, const std::string& path) {
   if (meta.last_page >= 1 && meta.last_page < size / meta.page_size) return {};
@@ -57,7 +57,7 @@ Result<std::unique_ptr<Snapshot>> Snapshot::open(std::shared_ptr<RangeSource> so
   auto copy = SparseCopy::make(std::move(source));
   if (!copy) return tl::unexpected(std::move(copy.error()));
   snapshot->copy_ = std::move(*copy);
-  const FileRange ends[] = {{0, 2 * kPageSize}, {size - std::min(size, kEnd), size}};
+  const FileRange ends[] = {{0, 2 * kPageSize}, {size - std::min(size, kTailBytes), size}};
   if (auto ok = snapshot->copy_->fetch(ends); !ok) return tl::unexpected(std::move(ok.error()));
   const auto meta = parse_metas(snapshot->bytes().first(2 * kPageSize), snapshot->path());
   if (!meta) return tl::unexpected(meta.error());
@@ -81,25 +81,25 @@ Result<void> Snapshot::read_index(const Meta& meta) {
     if (section.range.end - section.range.begin <= kMaxSectionBytes)
       ranges.push_back(section.range);
   if (auto ok = copy_->fetch(ranges); !ok) return ok;
-  Result<void> kept;
+  Result<void> stored;
   for (const IndexSection& section : *sections) {
     const std::uint64_t length = section.range.end - section.range.begin;
     if (length > kMaxSectionBytes) continue;
-    if (section.what >= kFirstExtra && section.what != kCore) {
+    if (section.id >= kFirstExtraSection && section.id != kCoreSection) {
       extras_.push_back(section);
       continue;
     }
     const ByteSpan part = bytes().subspan(section.range.begin, length);
     (void)open_section(section, part, size, [&](std::uint64_t offset, ByteSpan piece) {
-      if (kept) kept = copy_->put(offset, piece);
+      if (stored) stored = copy_->put(offset, piece);
     });
   }
-  return kept;
+  return stored;
 }
 
-Bytes Snapshot::section(std::uint32_t what) const {
+Bytes Snapshot::section(std::uint32_t id) const {
   for (const IndexSection& section : extras_) {
-    if (section.what != what) continue;
+    if (section.id != id) continue;
     const ByteSpan part =
         bytes().subspan(section.range.begin, section.range.end - section.range.begin);
     if (checksum(part) == section.checksum) return {part.begin(), part.end()};

@@ -12,11 +12,11 @@
 namespace slf::storage::internal {
 namespace {
 
-constexpr std::uint64_t kGap = 16 << 10;          // smaller gaps cost less than a request
-constexpr std::uint64_t kMaxGap = 128 << 10;      // larger gaps are never fetched
-constexpr std::size_t kFewRequests = 4;           // that fetch() may always make
-constexpr std::size_t kRangesEach = 24;           // it may make one more for each so many ranges
-constexpr std::uint64_t kSurrounding = 64 << 10;  // bytes fetched for a single part, aligned
+constexpr std::uint64_t kGap = 16 << 10;         // smaller gaps cost less than a request
+constexpr std::uint64_t kMaxGap = 128 << 10;     // larger gaps are never fetched
+constexpr std::size_t kBaseRequests = 4;         // that fetch() may always make
+constexpr std::size_t kRangesPerRequest = 24;    // it may make one more for each so many ranges
+constexpr std::uint64_t kReadAround = 64 << 10;  // bytes fetched for a single part, aligned
 
 /// Opens a file without a name. Returns -1 if that fails; errno says why.
 int open_temporary() {
@@ -62,7 +62,7 @@ Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {
     offset += static_cast<std::uint64_t>(put);
   }
   const std::lock_guard lock(mutex_);
-  held_.add(range);
+  present_.add(range);
   return {};
 }
 
@@ -72,27 +72,27 @@ Result<void> SparseCopy::fetch(std::span<const FileRange> ranges) const {
     {
       std::unique_lock lock(mutex_);
       std::vector<FileRange> absent;
-      for (const FileRange& range : ranges) held_.lacks(range, absent);
+      for (const FileRange& range : ranges) present_.append_missing(range, absent);
       if (absent.empty()) return {};
-      for (const FileRange& range : absent) coming_.lacks(range, ours);
+      for (const FileRange& range : absent) fetching_.append_missing(range, ours);
       if (ours.empty()) {
-        arrived_.wait(lock, [&] {
+        fetched_.wait(lock, [&] {
           return std::none_of(absent.begin(), absent.end(),
-                              [&](const FileRange& range) { return coming_.touches(range); });
+                              [&](const FileRange& range) { return fetching_.intersects(range); });
         });
         continue;  // another thread may have failed
       }
-      const std::size_t most = kFewRequests + ours.size() / kRangesEach;
+      const std::size_t most = kBaseRequests + ours.size() / kRangesPerRequest;
       ours = merged(std::move(ours), kGap, most, kMaxGap);
-      for (const FileRange& range : ours) coming_.add(range);
+      for (const FileRange& range : ours) fetching_.add(range);
     }
     auto fetched = source_->fetch(
         ours, [&](std::uint64_t offset, ByteSpan bytes) { return put(offset, bytes); });
     {
       const std::lock_guard lock(mutex_);
-      for (const FileRange& range : ours) coming_.remove(range);
+      for (const FileRange& range : ours) fetching_.remove(range);
     }
-    arrived_.notify_all();
+    fetched_.notify_all();
     if (!fetched) return fetched;
   }
 }
@@ -102,10 +102,10 @@ Result<void> SparseCopy::fetch(ByteSpan part) const {
   const FileRange range{begin, begin + part.size()};
   {
     const std::lock_guard lock(mutex_);
-    if (held_.has(range)) return {};
+    if (present_.contains(range)) return {};
   }
-  const FileRange more{range.begin / kSurrounding * kSurrounding,
-                       std::min((range.end + kSurrounding - 1) / kSurrounding * kSurrounding,
+  const FileRange more{range.begin / kReadAround * kReadAround,
+                       std::min((range.end + kReadAround - 1) / kReadAround * kReadAround,
                                 static_cast<std::uint64_t>(file().size()))};
   return fetch(std::span(&more, 1));
 }

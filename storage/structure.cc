@@ -13,9 +13,9 @@ constexpr std::size_t kMaxFindings = 300;
 
 class Checker {
  public:
-  Checker(const Pages& pages, Depth depth, std::vector<Error>& findings)
+  Checker(const Pages& pages, CheckScope scope, std::vector<Error>& findings)
       : pages_(pages),
-        depth_(depth),
+        scope_(scope),
         findings_(findings),
         limit_(findings.size() + kMaxFindings),
         used_(pages.count(), false) {}
@@ -26,7 +26,7 @@ class Checker {
     walk(pages_.meta().main, "the root", Content::trees);
     for (const auto& [name, tree] : named_)
       walk(tree, "tree '" + name + "'", name == kManifest ? Content::blobs : Content::records);
-    if (depth_ == Depth::everything) report_lost();
+    if (scope_ == CheckScope::everything) report_lost();
   }
 
  private:
@@ -93,7 +93,7 @@ class Checker {
       ++(leaf ? counted.leaf_pages : counted.branch_pages);
       if (!check_nodes(*page, visit, content)) continue;
       if (leaf)
-        take_leaf(*page, name, content, counted);
+        check_leaf(*page, name, content, counted);
       else
         push_children(*page, visit, visits);
     }
@@ -164,7 +164,7 @@ class Checker {
     visits.push_back(*child);
   }
 
-  void take_leaf(const TreePage& page, const std::string& name, Content content, Tree& counted) {
+  void check_leaf(const TreePage& page, const std::string& name, Content content, Tree& counted) {
     for (std::uint32_t i = 0; i < page.count(); ++i) {
       Node node;
       if (!page.node(i, node)) return;
@@ -174,15 +174,17 @@ class Checker {
         report(page.number(), "entry ", i, " of ", name, " has flags ", node.flags);
         continue;
       }
-      if ((node.flags & kBigData) != 0 && !take_run(node, name, content, counted)) continue;
-      if (content == Content::trees) take_tree(page, i, node);
-      if (content == Content::free_list) take_free_pages(page, i, node);
+      if ((node.flags & kBigData) != 0 && !check_overflow_pages(node, name, content, counted))
+        continue;
+      if (content == Content::trees) add_tree(page, i, node);
+      if (content == Content::free_list) check_free_list_entry(page, i, node);
     }
   }
 
-  bool take_run(const Node& node, const std::string& name, Content content, Tree& counted) {
+  bool check_overflow_pages(const Node& node, const std::string& name, Content content,
+                            Tree& counted) {
     std::uint64_t run = pages_.overflow_pages(node.data_size);
-    if (depth_ == Depth::everything || content != Content::records) {
+    if (scope_ == CheckScope::everything || content != Content::records) {
       auto value = pages_.value(node);
       if (!value) {
         report(std::move(value.error()));
@@ -194,7 +196,7 @@ class Checker {
     return claim(node.child, run, name);
   }
 
-  void take_tree(const TreePage& page, std::uint32_t i, const Node& node) {
+  void add_tree(const TreePage& page, std::uint32_t i, const Node& node) {
     const std::string name(reinterpret_cast<const char*>(node.key.data()), node.key.size());
     if (node.data.size() != kTreeBytes) {
       report(page.number(), "entry ", i, " describes no tree");
@@ -209,7 +211,7 @@ class Checker {
 
   // Checks an entry of the free list. Its key is the transaction that freed the pages, its value a
   // count and that many page numbers in descending order.
-  void take_free_pages(const TreePage& page, std::uint32_t i, const Node& node) {
+  void check_free_list_entry(const TreePage& page, std::uint32_t i, const Node& node) {
     auto value = pages_.value(node);
     if (!value) return report(std::move(value.error()));
     const std::uint64_t count = value->size() < 8 ? 0 : load_le<std::uint64_t>(value->data());
@@ -239,7 +241,7 @@ class Checker {
     differ("branch pages", tree.branch_pages, counted.branch_pages);
     differ("leaf pages", tree.leaf_pages, counted.leaf_pages);
     differ("entries", tree.entries, counted.entries);
-    if (depth_ == Depth::everything)
+    if (scope_ == CheckScope::everything)
       differ("overflow pages", tree.overflow_pages, counted.overflow_pages);
   }
 
@@ -253,7 +255,7 @@ class Checker {
   }
 
   const Pages& pages_;
-  Depth depth_;
+  CheckScope scope_;
   std::vector<Error>& findings_;
   std::size_t limit_;
   std::vector<bool> used_;
@@ -262,8 +264,8 @@ class Checker {
 
 }  // namespace
 
-void check_pages(const Pages& pages, Depth depth, std::vector<Error>& findings) {
-  Checker(pages, depth, findings).run();
+void check_pages(const Pages& pages, CheckScope scope, std::vector<Error>& findings) {
+  Checker(pages, scope, findings).run();
 }
 
 }  // namespace slf::storage::internal

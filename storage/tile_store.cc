@@ -62,13 +62,13 @@ class RecordWalk {
       : snapshot_(snapshot),
         layer_(layer),
         cursor_(snapshot.pages(), snapshot.tree(layer)),
-        due_(from),
+        next_(from),
         to_(to) {}
 
   // `visit` and `damaged` return whether to continue.
   template <class Visit, class Damaged>
   void run(const Visit& visit, const Damaged& damaged) {
-    auto at = cursor_.seek(internal::encode_key(due_));
+    auto at = cursor_.seek(internal::encode_key(next_));
     for (; !at || *at; at = cursor_.next()) {
       if (!at) {
         if (!cause_) cause_ = std::move(at.error());
@@ -82,22 +82,22 @@ class RecordWalk {
       if (!record) {
         const auto last = internal::decode_key(cursor_.key());
         if (!cause_) cause_ = std::move(record.error());
-        if (!last || *last < due_) continue;
-        if (!report(*last, damaged) || due_ >= to_) return;
+        if (!last || *last < next_) continue;
+        if (!report(*last, damaged) || next_ >= to_) return;
         continue;
       }
-      if (record->previous() && *record->previous() >= due_ &&
+      if (record->previous() && *record->previous() >= next_ &&
           !report(*record->previous(), damaged))
         return;
       cause_.reset();
       if (record->first() >= to_) return;
-      if (record->last() < due_) continue;
+      if (record->last() < next_) continue;
       if (!visit(*record)) return;
-      due_ = after(record->last());
-      if (due_ >= to_) return;
+      next_ = after(record->last());
+      if (next_ >= to_) return;
     }
     const auto& last = snapshot_.layers()[layer_].last;
-    if (last && due_ <= *last) (void)report(*last, damaged);
+    if (last && next_ <= *last) (void)report(*last, damaged);
   }
 
  private:
@@ -107,18 +107,18 @@ class RecordWalk {
       cause_ =
           Error{ErrorCode::bad_file, snapshot_.path() + ": layer " +
                                          snapshot_.layers()[layer_].name + ": records are lost"};
-    Damage damage{std::move(*cause_), due_, last};
-    damage.message += "; tiles " + std::to_string(due_.level) + "/" + std::to_string(due_.index) +
+    Damage damage{std::move(*cause_), next_, last};
+    damage.message += "; tiles " + std::to_string(next_.level) + "/" + std::to_string(next_.index) +
                       " to " + std::to_string(last.level) + "/" + std::to_string(last.index);
     cause_.reset();
-    due_ = after(last);
+    next_ = after(last);
     return damaged(damage);
   }
 
   const Snapshot& snapshot_;
   LayerId layer_;
   Cursor cursor_;
-  TileKey due_;  ///< the first key not accounted for
+  TileKey next_;  ///< the first key not accounted for
   TileKey to_;
   std::uint64_t leaf_ = internal::kNoPage;  ///< the leaf whose records were prefetched
   std::optional<Error> cause_;
@@ -127,7 +127,7 @@ class RecordWalk {
 void advise_all(const Snapshot& snapshot, std::span<const TileRef> tiles, int advice) {
   internal::Advice parts(snapshot.pages());
   for (const TileRef& tile : tiles) parts.add(tile.payload);
-  parts.give(advice);
+  parts.apply(advice);
 }
 
 }  // namespace
@@ -156,7 +156,7 @@ Result<ByteSpan> TileStore::blob(std::string_view name) const {
 }
 
 bool TileStore::distant() const { return state_->snapshot->distant(); }
-Bytes TileStore::section(std::uint32_t what) const { return state_->snapshot->section(what); }
+Bytes TileStore::section(std::uint32_t id) const { return state_->snapshot->section(id); }
 
 namespace {
 
@@ -196,29 +196,29 @@ std::vector<Result<TileRef>> TileStore::find_all(LayerId layer,
   for (const std::size_t k : order) sorted.push_back(internal::encode_key(keys[k]));
   internal::prefetch_records(snapshot.pages(), snapshot.tree(layer), sorted);
 
-  std::optional<Record> held;        // that of the previous tile, and mostly of the next one
-  std::optional<Record::Walk> walk;  // of `held`, at the previous tile or after it
+  std::optional<Record> record;      // that of the previous tile, and mostly of the next one
+  std::optional<Record::Walk> walk;  // of `record`, at the previous tile or after it
   for (const std::size_t k : order) {
     const TileKey key = keys[k];
-    if (!held || key < held->first() || key > held->last()) {
-      auto record = snapshot.find(layer, key);
-      held.reset();
-      if (!record) {
-        tiles[k] = tl::unexpected(std::move(record.error()));
+    if (!record || key < record->first() || key > record->last()) {
+      auto found = snapshot.find(layer, key);
+      record.reset();
+      if (!found) {
+        tiles[k] = tl::unexpected(std::move(found.error()));
         continue;
       }
-      held = std::move(*record);
+      record = std::move(*found);
       walk.reset();
-      if (held) walk.emplace(*held);
-      if (held) (void)walk->next();
+      if (record) walk.emplace(*record);
+      if (record) (void)walk->next();
     }
-    if (!held) {
+    if (!record) {
       tiles[k] = TileRef{TileState::missing, layer, key, {}, 0};
       continue;
     }
-    const auto position = static_cast<std::uint32_t>(key.index - held->first().index);
+    const auto position = static_cast<std::uint32_t>(key.index - record->first().index);
     while (walk->position() < position) (void)walk->next();
-    tiles[k] = tile_ref(*held, position, walk->tile());
+    tiles[k] = tile_ref(*record, position, walk->tile());
   }
   if (auto same = snapshot.unchanged(); !same)
     for (auto& tile : tiles) tile = tl::unexpected(same.error());
@@ -286,7 +286,7 @@ Result<std::vector<std::uint64_t>> TileStore::pages(LayerId layer,
     Cursor cursor(snapshot.pages(), snapshot.tree(layer));
     if (const auto found = cursor.seek(internal::encode_key(key)); found && *found) {
       cursor.path(pages);
-      add(internal::head_of(snapshot.pages(), cursor.leaf(), cursor.index()));
+      add(internal::record_head(snapshot.pages(), cursor.leaf(), cursor.index()));
     }
     const auto record = snapshot.find(layer, key);
     if (!record) return tl::unexpected(record.error());
@@ -312,7 +312,7 @@ Result<void> TileStore::visit(LayerId layer, TileKey from, TileKey to, const Vis
     }
     return result.has_value();
   };
-  const auto take_damage = [&](const Damage& damage) {
+  const auto on_damage = [&](const Damage& damage) {
     if (result = state_->snapshot->unchanged(); !result) return false;
     if (damaged)
       damaged(damage);
@@ -320,7 +320,7 @@ Result<void> TileStore::visit(LayerId layer, TileKey from, TileKey to, const Vis
       result = tl::unexpected(static_cast<const Error&>(damage));
     return result.has_value();
   };
-  if (from < to) RecordWalk(*state_->snapshot, layer, from, to).run(visit_record, take_damage);
+  if (from < to) RecordWalk(*state_->snapshot, layer, from, to).run(visit_record, on_damage);
   if (result) result = state_->snapshot->unchanged();
   return result;
 }
@@ -356,7 +356,7 @@ Result<std::vector<LevelStatistics>> TileStore::statistics(LayerId layer) const 
 }
 
 void TileStore::check_structure(std::vector<Error>& findings) const {
-  internal::check_pages(state_->snapshot->pages(), internal::Depth::everything, findings);
+  internal::check_pages(state_->snapshot->pages(), internal::CheckScope::everything, findings);
   if (auto same = state_->snapshot->unchanged(); !same) findings.push_back(std::move(same.error()));
 }
 

@@ -117,7 +117,7 @@ class TileStore {
 
   /// The verified bytes of a section of a remote file's index that storage itself does not use;
   /// empty if there is none, or if the file is local.
-  [[nodiscard]] Bytes section(std::uint32_t what) const;
+  [[nodiscard]] Bytes section(std::uint32_t id) const;
 
   /// Finds a tile by a B-tree descent and the record's table. Does not touch the payload.
   /// bad_file: a page on the path, or the record's table, is damaged.

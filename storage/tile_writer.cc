@@ -19,7 +19,7 @@
 
 namespace slf::storage {
 
-using internal::CutRecord;
+using internal::CompleteRecord;
 using internal::Environment;
 using internal::LayerInfo;
 using internal::LockedFile;
@@ -45,19 +45,19 @@ Result<void> check_blob_name(std::string_view name) {
 }
 
 // Writes one commit: replaced records, new records, blobs, and the container's own blob.
-Result<void> write(Environment& environment, std::span<const CutRecord> edited,
-                   std::span<const CutRecord> appended, const SealedBlobs& blobs,
+Result<void> write(Environment& environment, std::span<const CompleteRecord> edited,
+                   std::span<const CompleteRecord> appended, const SealedBlobs& blobs,
                    std::span<const LayerInfo> layers) {
   std::vector<RecordKey> keys;
   keys.reserve(edited.size() + appended.size());
   std::vector<Put> puts;
-  const auto add = [&](const CutRecord& record, bool append) {
+  const auto add = [&](const CompleteRecord& record, bool append) {
     keys.push_back(internal::encode_key(record.last));
     puts.push_back({layers[record.layer].name, keys.back(), record.bytes,
                     [&record](std::span<std::byte> to) { record.write(to); }, append});
   };
-  for (const CutRecord& record : edited) add(record, false);
-  for (const CutRecord& record : appended) add(record, true);
+  for (const CompleteRecord& record : edited) add(record, false);
+  for (const CompleteRecord& record : appended) add(record, true);
   const auto add_blob = [&](std::string_view name, const Bytes& sealed) {
     puts.push_back({std::string(internal::kManifest), bytes_of(name), sealed.size(),
                     [&sealed](std::span<std::byte> to) { std::ranges::copy(sealed, to.begin()); },
@@ -118,12 +118,12 @@ struct TileWriter::State {
   std::optional<Environment> environment;
   std::vector<LayerInfo> layers;  // as committed
   std::vector<RecordBuilder> builders;
-  std::vector<CutRecord> records;  // complete, not committed
-  std::uint64_t record_bytes = 0;  // of `records`
-  SealedBlobs blobs;               // set, not committed
-  std::map<Place, Edit> edits;     // not committed
-  std::uint64_t edited_bytes = 0;  // of the records that `edits` make, approximately
-  std::unique_ptr<Snapshot> base;  // the last commit, while there are edits
+  std::vector<CompleteRecord> records;  // complete, not committed
+  std::uint64_t record_bytes = 0;       // of `records`
+  SealedBlobs blobs;                    // set, not committed
+  std::map<Place, Edit> edits;          // not committed
+  std::uint64_t edited_bytes = 0;       // of the records that `edits` make, approximately
+  std::unique_ptr<Snapshot> base;       // the last commit, while there are edits
 
   // Opens LMDB on a locked, checked file.
   [[nodiscard]] Result<void> attach() {
@@ -162,11 +162,11 @@ struct TileWriter::State {
     if (!environment) return fail(ErrorCode::usage, path, ": was closed");
     if (records.empty() && blobs.empty() && edits.empty()) return check_place();
     std::vector<LayerInfo> committed = layers;
-    for (const CutRecord& record : records) {
+    for (const CompleteRecord& record : records) {
       ++committed[record.layer].records;
       committed[record.layer].last = record.last;
     }
-    std::vector<CutRecord> edited;
+    std::vector<CompleteRecord> edited;
     for (const auto& [at, edit] : edits) {
       Bytes record = internal::encode_record(at.first, edit.previous, edit.first, edit.tiles);
       const std::size_t bytes = record.size();
@@ -253,7 +253,7 @@ Result<TileWriter> TileWriter::resume(const std::string& path) {
   auto snapshot = Snapshot::open_locked(path, state->file);
   if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
   std::vector<Error> findings;
-  internal::check_pages((*snapshot)->pages(), internal::Depth::trees, findings);
+  internal::check_pages((*snapshot)->pages(), internal::CheckScope::trees, findings);
   if (!findings.empty()) return tl::unexpected(std::move(findings.front()));
   if (auto ends = check_ends(**snapshot); !ends) return tl::unexpected(std::move(ends.error()));
   if (auto same = (*snapshot)->unchanged(); !same) return tl::unexpected(std::move(same.error()));
@@ -299,10 +299,10 @@ Result<void> TileWriter::append_view(const TileRef& tile) {
   return state_->append(tile.layer, {tile.key, tile.state, Payload(tile.payload), tile.checksum});
 }
 
-void TileWriter::keep_payloads() {
-  for (CutRecord& record : state_->records)
-    for (Payload& payload : record.payloads) payload.keep();
-  for (RecordBuilder& builder : state_->builders) builder.keep_payloads();
+void TileWriter::copy_viewed_payloads() {
+  for (CompleteRecord& record : state_->records)
+    for (Payload& payload : record.payloads) payload.copy_if_view();
+  for (RecordBuilder& builder : state_->builders) builder.copy_viewed_payloads();
 }
 
 Result<void> TileWriter::State::append(LayerId layer, internal::NewTile tile) {
@@ -337,7 +337,7 @@ void TileWriter::defer_sync() {
 void TileWriter::end_records() {
   for (RecordBuilder& builder : state_->builders) builder.finish(state_->records);
   state_->record_bytes = 0;
-  for (const CutRecord& record : state_->records) state_->record_bytes += record.bytes;
+  for (const CompleteRecord& record : state_->records) state_->record_bytes += record.bytes;
 }
 
 Result<void> TileWriter::close() {
@@ -371,12 +371,12 @@ Result<void> TileWriter::replace(LayerId layer, TileKey key, TileState tile_stat
   auto edit = state_->edit(layer, key);
   if (!edit) return tl::unexpected(std::move(edit.error()));
   const std::size_t position = key.index - (*edit)->first.index;
-  Bytes& kept = (*edit)->payloads[key];
-  kept.assign(payload.begin(), payload.end());
+  Bytes& copy = (*edit)->payloads[key];
+  copy.assign(payload.begin(), payload.end());
   state_->edited_bytes += payload.size();
   internal::Tile& tile = (*edit)->tiles[position];
-  tile = {tile_state, kept, 0};
-  if (tile_state == TileState::stored) tile.checksum = internal::payload_checksum(layer, key, kept);
+  tile = {tile_state, copy, 0};
+  if (tile_state == TileState::stored) tile.checksum = internal::payload_checksum(layer, key, copy);
   return {};
 }
 

@@ -54,11 +54,11 @@ class TileWriter {
 
   /// Appends a tile of another container, under its own layer and key, without copying its payload.
   /// REQUIRES: its store has checked the tile, and lives until commit() has written it or
-  /// keep_payloads() is called. Errors as append().
+  /// copy_viewed_payloads() is called. Errors as append().
   [[nodiscard]] Result<void> append_view(const TileRef& tile);
 
   /// Copies those payloads given to append_view() that are not committed.
-  void keep_payloads();
+  void copy_viewed_payloads();
 
   /// Appends a tile that is missing, so that replace() can fill it. Errors as append().
   [[nodiscard]] Result<void> append_missing(LayerId layer, TileKey key);
@@ -107,7 +107,7 @@ class TileWriter {
 
 /// A section of an index that storage itself does not use.
 struct IndexExtra {
-  std::uint32_t what = 0;  ///< 256 <= what < 2^32 - 1
+  std::uint32_t id = 0;  ///< 256 <= id < 2^32 - 1
   Bytes bytes;
 };
 

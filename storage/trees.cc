@@ -15,7 +15,7 @@ ByteSpan bytes_of(std::string_view text) {
 }  // namespace
 
 // The previous entry's key bounds where the record begins.
-std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& node) {
+std::uint64_t max_tiles_in_record(const TreePage& leaf, std::uint32_t index, const Node& node) {
   Node before;
   if (index == 0 || !leaf.node(index - 1, before)) return kMaxTiles;
   const auto last = decode_key(node.key);
@@ -26,7 +26,9 @@ std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& nod
   return std::min(span, kMaxTiles);
 }
 
-std::uint64_t usual_head(std::uint64_t span) { return kRecordHeader + span * (kUsualCode + 8); }
+std::uint64_t usual_head_bytes(std::uint64_t span) {
+  return kRecordHeader + span * (kUsualCode + 8);
+}
 
 Result<void> Trees::load(const Pages& pages) {
   pages_ = pages;
@@ -96,7 +98,8 @@ Result<Record> Trees::parse(const Cursor& at) const {
     if (!value) return tl::unexpected(std::move(value.error()));
     return Record::parse(*value);
   }
-  auto start = pages_.value(node, usual_head(span_of(at.leaf(), at.index(), node)));
+  auto start =
+      pages_.value(node, usual_head_bytes(max_tiles_in_record(at.leaf(), at.index(), node)));
   if (start && start->size() >= kRecordHeader)
     if (const std::uint64_t end = Record::table_end(*start); end > start->size())
       start = pages_.value(node, end);
@@ -140,19 +143,19 @@ Result<std::optional<Record>> Trees::find(LayerId layer, TileKey key, std::uint6
   Cursor cursor(pages_, trees_[layer]);
   auto found = cursor.seek(encode_key(key));
   if (!found) return tl::unexpected(std::move(found.error()));
-  auto held = *found ? record(layer, cursor)
-                     : fail(ErrorCode::bad_file, path_, ": layer ", info.name,
-                            " ends before its last tile");
+  auto found_record = *found ? record(layer, cursor)
+                             : fail(ErrorCode::bad_file, path_, ": layer ", info.name,
+                                    " ends before its last tile");
   if (auto same = unchanged(); !same) return tl::unexpected(std::move(same.error()));
-  if (!held) return tl::unexpected(std::move(held.error()));
-  if (key > held->last() || (held->previous() && key <= *held->previous()))
+  if (!found_record) return tl::unexpected(std::move(found_record.error()));
+  if (key > found_record->last() || (found_record->previous() && key <= *found_record->previous()))
     return fail(ErrorCode::bad_file, path_, ": layer ", info.name, ": the record of tile ",
                 int{key.level}, "/", key.index, " is lost");
-  if (key < held->first()) return std::nullopt;
+  if (key < found_record->first()) return std::nullopt;
   if (offset != nullptr && (cursor.node().flags & kBigData) == 0)
     return fail(ErrorCode::bad_file, path_, ": layer ", info.name, ": a record inside a tree page");
   if (offset != nullptr) *offset = pages_.value_offset(cursor.node());
-  return *held;
+  return *found_record;
 }
 
 }  // namespace slf::storage::internal

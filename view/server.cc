@@ -25,11 +25,11 @@
 namespace slf::view {
 namespace {
 
-constexpr int kPatience = 5;  // seconds that a peer may stall
-constexpr int kIdle = 2;      // seconds that an idle connection stays open, also when ending
-constexpr std::size_t kMaxRequests = 1000;  // on one connection
-constexpr std::size_t kPiece = 256 << 10;   // bytes read from a field at once
-constexpr std::size_t kMaxRanges = 200;     // of one request
+constexpr int kTimeoutSeconds = 5;  // seconds that a peer may stall
+constexpr int kIdleSeconds = 2;     // seconds that an idle connection stays open, also when ending
+constexpr std::size_t kMaxRequests = 1000;      // on one connection
+constexpr std::size_t kChunkBytes = 256 << 10;  // bytes read from a field at once
+constexpr std::size_t kMaxRanges = 200;         // of one request
 constexpr const char* kPolicy =
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; worker-src 'self'; base-uri 'none'; "
@@ -37,9 +37,9 @@ constexpr const char* kPolicy =
 
 /// Serves at most kMaxConnections connections at once, and blocks the accepting thread meanwhile.
 /// httplib's own pool queues connections without limit.
-class BoundedPool final : public httplib::TaskQueue {
+class BoundedTaskQueue final : public httplib::TaskQueue {
  public:
-  BoundedPool() : pool_(Server::kMaxConnections) {}
+  BoundedTaskQueue() : pool_(Server::kMaxConnections) {}
 
   void enqueue(std::function<void()> task) override {
     {
@@ -64,23 +64,23 @@ class BoundedPool final : public httplib::TaskQueue {
 };
 
 /// A field that is served from its file. Each request reads the file's current state.
-class Served {
+class ServedField {
  public:
-  static Result<Served> open(const std::string& path) {
+  static Result<ServedField> open(const std::string& path) {
     if (auto field = Field::open(path); !field) return tl::unexpected(field.error());
-    Served result;
+    ServedField result;
     result.path_ = path;
     result.file_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
     if (result.file_ < 0) return fail(ErrorCode::io, path, ": cannot open: ", std::strerror(errno));
     return result;
   }
-  Served() = default;
-  Served(Served&& other) noexcept
+  ServedField() = default;
+  ServedField(ServedField&& other) noexcept
       : name(std::move(other.name)),
         path_(std::move(other.path_)),
         file_(std::exchange(other.file_, -1)) {}
-  Served& operator=(Served&&) = delete;
-  ~Served() {
+  ServedField& operator=(ServedField&&) = delete;
+  ~ServedField() {
     if (file_ >= 0) ::close(file_);
   }
 
@@ -101,7 +101,7 @@ class Served {
 
   /// Sends a part of the file. Returns false if the peer is gone or the file has shrunk.
   bool send(std::uint64_t offset, std::uint64_t size, httplib::DataSink& sink) const {
-    std::vector<char> piece(std::min<std::uint64_t>(size, kPiece));
+    std::vector<char> piece(std::min<std::uint64_t>(size, kChunkBytes));
     while (size > 0) {
       const ssize_t got = pread(file_, piece.data(), std::min<std::uint64_t>(size, piece.size()),
                                 static_cast<off_t>(offset));
@@ -201,7 +201,7 @@ class Multipart {
   [[nodiscard]] std::uint64_t size() const { return size_; }
 
   /// Sends one or more bytes of the body, from an offset on.
-  bool send(const Served& field, std::uint64_t offset, httplib::DataSink& sink) const {
+  bool send(const ServedField& field, std::uint64_t offset, httplib::DataSink& sink) const {
     const auto next =
         std::upper_bound(pieces_.begin(), pieces_.end(), offset,
                          [](std::uint64_t at, const Piece& piece) { return at < piece.offset; });
@@ -211,7 +211,7 @@ class Multipart {
       return sink.write(piece.text.data() + within, piece.text.size() - within);
     const std::uint64_t sent = within - piece.text.size();
     return field.send(piece.part.first + sent,
-                      std::min<std::uint64_t>(piece.part.size - sent, kPiece), sink);
+                      std::min<std::uint64_t>(piece.part.size - sent, kChunkBytes), sink);
   }
 
  private:
@@ -229,11 +229,11 @@ class Multipart {
 };
 
 /// Whether a list of entity tags contains `tag`, even as a weak tag.
-bool lists(std::string_view header, std::string_view tag) {
+bool contains_tag(std::string_view header, std::string_view tag) {
   return header == "*" || header.find(tag) != std::string_view::npos;
 }
 
-void explain(httplib::Response& response, int status, const std::string& text) {
+void answer_text(httplib::Response& response, int status, const std::string& text) {
   response.status = status;
   response.set_content(text + "\n", "text/plain; charset=utf-8");
 }
@@ -242,13 +242,13 @@ void explain(httplib::Response& response, int status, const std::string& text) {
 
 struct Server::State {
   httplib::Server http;
-  std::vector<Served> fields;
+  std::vector<ServedField> fields;
   std::string url, tag;            // tag: the entity tag of the page's files
   std::vector<std::string> hosts;  // empty: any
 
   void answer(httplib::Request& request, httplib::Response& response) const;
   void answer_file(const httplib::Request& request, httplib::Response& response,
-                   const std::string& range, const Served& field) const;
+                   const std::string& range, const ServedField& field) const;
   void answer_list(httplib::Response& response) const;
 };
 
@@ -265,11 +265,12 @@ void Server::State::answer(httplib::Request& request, httplib::Response& respons
   if (!hosts.empty() &&
       (request.get_header_value_count("Host") != 1 ||
        std::find(hosts.begin(), hosts.end(), request.get_header_value("Host")) == hosts.end()))
-    return explain(response, 403,
-                   "This server answers to " + hosts[0] + " only; slf view --bind changes that.");
+    return answer_text(
+        response, 403,
+        "This server answers to " + hosts[0] + " only; slf view --bind changes that.");
   if (request.method != "GET" && request.method != "HEAD") {
     response.set_header("Allow", "GET, HEAD");
-    return explain(response, 405, "Only GET and HEAD work here.");
+    return answer_text(response, 405, "Only GET and HEAD work here.");
   }
   if (request.path == "/") {
     if (fields.size() > 1) return answer_list(response);
@@ -277,7 +278,7 @@ void Server::State::answer(httplib::Request& request, httplib::Response& respons
     response.set_header("Location", fields[0].name + "/");
     return;
   }
-  for (const Served& field : fields) {
+  for (const ServedField& field : fields) {
     const std::string folder = "/" + field.name;
     if (request.path == folder) {
       response.status = 302;
@@ -291,7 +292,7 @@ void Server::State::answer(httplib::Request& request, httplib::Response& respons
       if (name != file.name && !(name.empty() && file.name == "index.html")) continue;
       response.set_header("ETag", tag);
       response.status = 200;
-      if (lists(request.get_header_value("If-None-Match"), tag)) {
+      if (contains_tag(request.get_header_value("If-None-Match"), tag)) {
         response.status = 304;
         return;
       }
@@ -299,20 +300,20 @@ void Server::State::answer(httplib::Request& request, httplib::Response& respons
       return;
     }
   }
-  explain(response, 404, "Not here. The fields are listed at /.");
+  answer_text(response, 404, "Not here. The fields are listed at /.");
 }
 
 void Server::State::answer_file(const httplib::Request& request, httplib::Response& response,
-                                const std::string& range, const Served& field) const {
+                                const std::string& range, const ServedField& field) const {
   std::uint64_t size = 0;
   std::string now;
   if (!field.state(size, now) || size == 0)
-    return explain(response, 500, "The field cannot be read.");
+    return answer_text(response, 500, "The field cannot be read.");
   response.set_header("ETag", now);
   response.set_header("Accept-Ranges", "bytes");
-  if (request.has_header("If-Match") && !lists(request.get_header_value("If-Match"), now))
-    return explain(response, 412, "The field has changed.");
-  if (lists(request.get_header_value("If-None-Match"), now)) {
+  if (request.has_header("If-Match") && !contains_tag(request.get_header_value("If-Match"), now))
+    return answer_text(response, 412, "The field has changed.");
+  if (contains_tag(request.get_header_value("If-None-Match"), now)) {
     response.status = 304;
     return;
   }
@@ -320,7 +321,7 @@ void Server::State::answer_file(const httplib::Request& request, httplib::Respon
   const auto parts = select(same ? range : "", size);
   if (parts && parts->empty()) {
     response.set_header("Content-Range", "bytes */" + std::to_string(size));
-    return explain(response, 416, "The field has " + std::to_string(size) + " bytes.");
+    return answer_text(response, 416, "The field has " + std::to_string(size) + " bytes.");
   }
   response.status = parts ? 206 : 200;
   if (parts && parts->size() > 1) {
@@ -337,7 +338,7 @@ void Server::State::answer_file(const httplib::Request& request, httplib::Respon
   response.set_content_provider(
       part.size, "application/octet-stream",
       [&field, first = part.first](std::size_t offset, std::size_t count, httplib::DataSink& sink) {
-        return field.send(first + offset, std::min(count, kPiece), sink);
+        return field.send(first + offset, std::min(count, kChunkBytes), sink);
       });
 }
 
@@ -345,7 +346,7 @@ void Server::State::answer_list(httplib::Response& response) const {
   std::string html =
       "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Fields</title>"
       "<h1>Fields</h1><ul>";
-  for (const Served& field : fields)  // names need no escaping in HTML
+  for (const ServedField& field : fields)  // names need no escaping in HTML
     html += "<li><a href=\"" + field.name + "/\">" + field.name + "</a></li>";
   response.status = 200;
   response.set_content(html + "</ul></html>", "text/html; charset=utf-8");
@@ -362,12 +363,13 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   if (fields.empty()) return fail(ErrorCode::usage, "view: name at least one field");
   auto state = std::make_unique<State>();
   for (const std::string& path : fields) {
-    auto field = Served::open(path);
+    auto field = ServedField::open(path);
     if (!field) return tl::unexpected(field.error());
     const std::string name = folder_name(path);
     field->name = name;
-    for (int copy = 2; std::any_of(state->fields.begin(), state->fields.end(),
-                                   [&](const Served& other) { return other.name == field->name; });
+    for (int copy = 2;
+         std::any_of(state->fields.begin(), state->fields.end(),
+                     [&](const ServedField& other) { return other.name == field->name; });
          ++copy)
       field->name = name + "-" + std::to_string(copy);
     state->fields.push_back(std::move(*field));
@@ -378,10 +380,10 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   state->tag = "\"" + std::to_string(hash) + "\"";
 
   httplib::Server& http = state->http;
-  http.new_task_queue = [] { return new BoundedPool; };  // httplib deletes it
-  http.set_read_timeout(kPatience);
-  http.set_write_timeout(kPatience);
-  http.set_keep_alive_timeout(kIdle);
+  http.new_task_queue = [] { return new BoundedTaskQueue; };  // httplib deletes it
+  http.set_read_timeout(kTimeoutSeconds);
+  http.set_write_timeout(kTimeoutSeconds);
+  http.set_keep_alive_timeout(kIdleSeconds);
   http.set_keep_alive_max_count(kMaxRequests);
   http.set_payload_max_length(0);
   // httplib would set SO_REUSEPORT, but two programs must not share a port.

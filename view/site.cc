@@ -16,13 +16,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kModule = "module.bin";
-constexpr std::size_t kPiece = std::size_t{3} << 20;  // bytes; a multiple of 3, as base64 wants
+constexpr std::string_view kModuleFile = "module.bin";
+constexpr std::size_t kPieceBytes = std::size_t{3} << 20;  // a multiple of 3, for base64
 
 /// Inside one file, scripts cannot import each other by name. So this script gives each module an
 /// address of its own, in the order of the imports. The worker gets the text of the module that it
 /// imports instead.
-constexpr std::string_view kStart = R"(<script>
+constexpr std::string_view kStartScript = R"(<script>
 {
   const texts = {}, urls = {};
   const url = (text) => URL.createObjectURL(new Blob([text], {type: 'text/javascript'}));
@@ -84,8 +84,10 @@ Result<std::uint64_t> check(const std::string& path) {
 std::uint64_t room_for_field(std::uint64_t most, bool one_file) {
   std::uint64_t page = 0;
   for (const PageFile& file : page_files())
-    page += one_file && file.name == kModule ? file.bytes.size() / 3 * 4 + 4 : file.bytes.size();
-  if (one_file) page += kStart.size() + 65536;  // 65536: the elements around scripts and pieces
+    page +=
+        one_file && file.name == kModuleFile ? file.bytes.size() / 3 * 4 + 4 : file.bytes.size();
+  if (one_file)
+    page += kStartScript.size() + 65536;  // 65536: the elements around scripts and pieces
   if (most <= page) return 0;
   if (one_file) return (most - page) / 4 * 3;   // base64
   constexpr std::uint64_t kSmallIndex = 65536;  // the index of a larger field is under a sixteenth
@@ -108,13 +110,13 @@ Result<void> export_page(const std::string& field, const std::string& output) {
       scripts += "<script type=\"text/x-module\" id=\"" + std::string(file.name) + "\">\n";
       scripts.append(file.bytes).append("</script>\n");
     }
-  scripts += "<script type=\"text/plain\" id=\"module.bin\">" + base64(file_named(kModule)) +
+  scripts += "<script type=\"text/plain\" id=\"module.bin\">" + base64(file_named(kModuleFile)) +
              "</script>\n";
-  for (std::size_t at = 0; at < content.size(); at += kPiece)
-    scripts += "<script type=\"text/plain\" class=\"piece\">" + base64(content.substr(at, kPiece)) +
-               "</script>\n";
-  std::string start(kStart);
-  replace(start, "PIECE", std::to_string(kPiece));
+  for (std::size_t at = 0; at < content.size(); at += kPieceBytes)
+    scripts += "<script type=\"text/plain\" class=\"piece\">" +
+               base64(content.substr(at, kPieceBytes)) + "</script>\n";
+  std::string start(kStartScript);
+  replace(start, "PIECE", std::to_string(kPieceBytes));
   replace(start, "SIZE", std::to_string(content.size()));
 
   std::string html(file_named("index.html"));

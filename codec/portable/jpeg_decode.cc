@@ -83,7 +83,7 @@ class Decoder {
       count_[static_cast<std::size_t>(length)] = count;
       for (int i = 0; i < count && length <= 8; ++i)
         for (int low = 0; low < 1 << (8 - length); ++low)
-          quick_[static_cast<std::size_t>((code + i) << (8 - length) | low) & 255] = {
+          short_codes_[static_cast<std::size_t>((code + i) << (8 - length) | low) & 255] = {
               static_cast<std::uint8_t>(length), symbols_[static_cast<std::size_t>(index + i)]};
       code = (code + count) << 1;
       index += count;
@@ -91,10 +91,10 @@ class Decoder {
   }
   /// Below 0: there is no such code.
   [[nodiscard]] int next(ScanBits& bits) const {
-    const Quick quick = quick_[bits.peek(8)];
-    if (quick.length > 0) {
-      bits.skip(quick.length);
-      return quick.symbol;
+    const ShortCode code = short_codes_[bits.peek(8)];
+    if (code.length > 0) {
+      bits.skip(code.length);
+      return code.symbol;
     }
     for (std::size_t length = 9; length <= 16; ++length) {
       const int offset = static_cast<int>(bits.peek(static_cast<int>(length))) - first_[length];
@@ -106,12 +106,12 @@ class Decoder {
   }
 
  private:
-  struct Quick {
+  struct ShortCode {
     std::uint8_t length = 0;
     std::uint8_t symbol = 0;
   };
   const std::vector<std::uint8_t>& symbols_;
-  std::array<Quick, 256> quick_{};
+  std::array<ShortCode, 256> short_codes_{};
   std::array<int, 17> first_{}, index_{}, count_{};
 };
 

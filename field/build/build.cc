@@ -72,9 +72,10 @@ Result<Codecs> open_codecs(const FieldFile& field) {
 }
 
 /// usage: the field at `file` is not the one that this build makes.
-Result<void> check_same(const std::string& file, const Manifest& there, const Manifest& wanted) {
-  const std::string differs = first_difference(there, wanted);
-  if (differs.empty() && there.part == wanted.part) return {};
+Result<void> check_same(const std::string& file, const Manifest& existing,
+                        const Manifest& expected) {
+  const std::string differs = first_difference(existing, expected);
+  if (differs.empty() && existing.part == expected.part) return {};
   if (differs.empty())
     return fail(ErrorCode::usage, file,
                 ": exists and is another part of the field; choose another output, or replace it");
@@ -87,7 +88,7 @@ Result<void> check_same(const std::string& file, const Manifest& there, const Ma
 }
 
 /// An earlier, incomplete or complete build of the same field.
-struct Begun {
+struct EarlierBuild {
   MissingTiles missing;
   std::uint64_t transaction = 0;  ///< the commit that was read
   Codecs codecs;
@@ -96,8 +97,9 @@ struct Begun {
 
 /// Finds an earlier build: under the output's name, unless that is to be replaced, or unfinished.
 /// Sets manifest.filtered_levels to that of the build found.
-Result<std::optional<Begun>> find_begun(const FieldOutput& output, const TileSelection& wanted,
-                                        Manifest& manifest) {
+Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output,
+                                                       const TileSelection& selection,
+                                                       Manifest& manifest) {
   const bool in_place = output.existing == Existing::keep && output.exists();
   const std::string file = in_place ? output.path : output.unfinished();
   std::error_code ignored;
@@ -107,17 +109,18 @@ Result<std::optional<Begun>> find_begun(const FieldOutput& output, const TileSel
   if (!field)
     return fail(field.error().code, field.error().message,
                 "; it is in the way of a new file: remove it");
-  const Manifest& there = (*field)->manifest();
-  if (auto same = check_same(file, there, manifest); !same) {
+  const Manifest& existing = (*field)->manifest();
+  if (auto same = check_same(file, existing, manifest); !same) {
     if (output.existing == Existing::replace) return std::nullopt;  // and starts over
     return tl::unexpected(same.error());
   }
-  manifest.filtered_levels = there.filtered_levels;
-  auto missing = MissingTiles::of(**field, TileOrder(manifest.shape), wanted);
+  manifest.filtered_levels = existing.filtered_levels;
+  auto missing = MissingTiles::of(**field, TileOrder(manifest.shape), selection);
   if (!missing) return tl::unexpected(missing.error());
   auto codecs = open_codecs(**field);
   if (!codecs) return tl::unexpected(codecs.error());
-  return Begun{std::move(*missing), (*field)->store().transaction(), std::move(*codecs), in_place};
+  return EarlierBuild{std::move(*missing), (*field)->store().transaction(), std::move(*codecs),
+                      in_place};
 }
 
 Result<FieldWriter> create(const FieldOutput& output, const Manifest& manifest,
@@ -130,22 +133,23 @@ Result<FieldWriter> create(const FieldOutput& output, const Manifest& manifest,
 /// Whether tiles are predicted from those of coarser levels.
 bool predicts(const Manifest& manifest) {
   return std::ranges::any_of(manifest.layers,
-                             [](const Layer& layer) { return has_both(layer.format); });
+                             [](const Layer& layer) { return has_color_and_depth(layer.format); });
 }
 
 /// Opens the part that has the coarser levels, if `options` name one, and limits the shard to the
 /// next level. usage: it is another field, or its part is not levels 0 to some level.
-Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& wanted,
+Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& expected,
                                                       ShardOptions& options) {
   if (options.coarser.empty()) return std::shared_ptr<const FieldFile>();
   const auto refuse = [&](const auto&... what) {
     return fail(ErrorCode::usage, options.coarser, ": ", what...);
   };
-  if (!predicts(wanted))
+  if (!predicts(expected))
     return refuse("is not needed: with this codec no tile is predicted from coarser ones");
   auto field = FieldFile::open(options.coarser);
   if (!field) return tl::unexpected(field.error());
-  if (const std::string differs = first_difference((*field)->manifest(), wanted); !differs.empty())
+  if (const std::string differs = first_difference((*field)->manifest(), expected);
+      !differs.empty())
     return refuse("was built with other settings (", differs, " differs)");
   const std::optional<TileRange> part = (*field)->manifest().part;
   if (!part || part->begin != TileKey{} || part->end.index != 0)
@@ -161,13 +165,13 @@ Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& wanted,
 }
 
 /// An encoded tile, which a worker passes to the writer.
-struct Encoded {
+struct EncodedTile {
   std::vector<Bytes> payloads;  // per layer; all empty for an empty tile
   std::uint64_t rays = 0;       // traced for it, approximately
 };
 
 /// The checked inputs of a build.
-struct Job {
+struct BuildJob {
   const TileTracer& tracer;
   const Manifest& manifest;
   const Codecs& codecs;
@@ -176,8 +180,8 @@ struct Job {
   unsigned threads;
   const FieldFile* coarser = nullptr;  // has the tiles that others are predicted from
 
-  Result<Encoded> make(TileKey key, TracedTile& traced) const {
-    Encoded encoded;
+  Result<EncodedTile> make(TileKey key, TracedTile& traced) const {
+    EncodedTile encoded;
     if (auto ok = tracer.trace(key, traced); !ok) return tl::unexpected(ok.error());
     encoded.rays = tracer.rays(key);
     encoded.payloads.resize(codecs.size());
@@ -195,7 +199,8 @@ struct Job {
   [[nodiscard]] TileKey key(std::uint64_t k) const { return order.key(missing.number(k)); }
 
   /// Makes the missing tiles [begin, end), in order, on all threads.
-  [[nodiscard]] OrderedPipeline<Encoded> pipeline(std::uint64_t begin, std::uint64_t end) const {
+  [[nodiscard]] OrderedPipeline<EncodedTile> pipeline(std::uint64_t begin,
+                                                      std::uint64_t end) const {
     return {end - begin, threads, 4 * threads, [this, begin] {
               return [this, begin, traced = TracedTile()](std::uint64_t k) mutable {
                 return make(key(begin + k), traced);
@@ -206,7 +211,7 @@ struct Job {
 
 /// Makes and writes the missing tiles [begin, end). Commits every options.commit_seconds. Progress
 /// counts rays.
-Result<void> write_missing(const Job& job, std::uint64_t begin, std::uint64_t end,
+Result<void> write_missing(const BuildJob& job, std::uint64_t begin, std::uint64_t end,
                            FieldWriter& writer, const std::string& path,
                            const BuildOptions& options, const ProgressCallback& progress,
                            Progress& state) {
@@ -214,10 +219,10 @@ Result<void> write_missing(const Job& job, std::uint64_t begin, std::uint64_t en
   auto committed_at = Clock::now();
   auto pipeline = job.pipeline(begin, end);
   for (std::uint64_t k = begin; k < end; ++k) {
-    Result<Encoded> tile = pipeline.take();
+    Result<EncodedTile> tile = pipeline.take();
     if (!tile) return fail(tile.error().code, path, ": ", tile.error().message);
     for (LayerId layer = 0; layer < tile->payloads.size(); ++layer) {
-      if (!job.missing.lacks(k, layer)) continue;
+      if (!job.missing.is_missing_in(k, layer)) continue;
       if (auto ok = writer.put(layer, job.order.key(job.missing.number(k)),
                                std::move(tile->payloads[layer]));
           !ok)
@@ -238,7 +243,7 @@ Result<void> write_missing(const Job& job, std::uint64_t begin, std::uint64_t en
 
 /// Makes all missing tiles. If tiles are predicted, goes level by level, because a level is
 /// predicted from the committed file.
-Result<void> write_levels(Job job, FieldWriter& writer, const std::string& path,
+Result<void> write_levels(BuildJob job, FieldWriter& writer, const std::string& path,
                           const BuildOptions& options, const ProgressCallback& progress,
                           Progress& state) {
   const bool predicted = !job.coarser && predicts(job.manifest);
@@ -308,26 +313,27 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
                                predicts(*manifest) && !*coarser);
   if (!plan) return tl::unexpected(plan.error());
   if (plan->part != whole(manifest->shape)) manifest->part = plan->part;
-  auto begun = find_begun(*output, plan->tiles, *manifest);
-  if (!begun) return tl::unexpected(begun.error());
+  auto earlier = find_earlier_build(*output, plan->tiles, *manifest);
+  if (!earlier) return tl::unexpected(earlier.error());
 
   const TileTracer tracer(scene, *manifest);
   BuildReport report;
-  if (*begun) {
-    report.resumed = plan->tiles.count() - (*begun)->missing.count();
-    if ((*begun)->in_place && (*begun)->missing.count() == 0) return report;
+  if (*earlier) {
+    report.resumed = plan->tiles.count() - (*earlier)->missing.count();
+    if ((*earlier)->in_place && (*earlier)->missing.count() == 0) return report;
   }
   if (auto ok = scene.prepare(); !ok) return tl::unexpected(ok.error());
-  auto codecs = *begun     ? std::move((*begun)->codecs)
+  auto codecs = *earlier   ? std::move((*earlier)->codecs)
                 : *coarser ? open_codecs(**coarser)
                            : train_codecs(tracer, *manifest);
   if (!codecs) return tl::unexpected(codecs.error());
-  auto writer = !*begun              ? create(*output, *manifest, *codecs)
-                : (*begun)->in_place ? FieldWriter::edit(path, (*begun)->transaction)
-                                     : FieldWriter::resume(*output, (*begun)->transaction);
+  auto writer = !*earlier              ? create(*output, *manifest, *codecs)
+                : (*earlier)->in_place ? FieldWriter::edit(path, (*earlier)->transaction)
+                                       : FieldWriter::resume(*output, (*earlier)->transaction);
   if (!writer) return tl::unexpected(writer.error());
 
-  const MissingTiles missing = *begun ? std::move((*begun)->missing) : MissingTiles(plan->tiles);
+  const MissingTiles missing =
+      *earlier ? std::move((*earlier)->missing) : MissingTiles(plan->tiles);
   Progress state;
   for (std::uint64_t k = 0; k < plan->tiles.count(); ++k)
     state.total += tracer.rays(order.key(plan->tiles.number(k)));
@@ -335,8 +341,8 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
   for (std::uint64_t k = 0; k < missing.count(); ++k)
     state.skipped -= tracer.rays(order.key(missing.number(k)));
   state.done = state.skipped;
-  const Job job{tracer,        *manifest, *codecs, missing, order, thread_count(options.threads),
-                coarser->get()};
+  const BuildJob job{
+      tracer, *manifest, *codecs, missing, order, thread_count(options.threads), coarser->get()};
   if (auto ok = write_levels(job, *writer, path, options, progress, state); !ok)
     return tl::unexpected(ok.error());
   if (auto ok = writer->finish(); !ok) return tl::unexpected(ok.error());

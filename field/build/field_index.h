@@ -1,4 +1,4 @@
-// The index of a complete field, for readers of distant files (FORMAT.md, "Index").
+// The index of a complete field, for readers of remote files (FORMAT.md, "Index").
 #pragma once
 
 #include <string>

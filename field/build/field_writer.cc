@@ -22,7 +22,7 @@ constexpr const char* kAnotherProcess = ": another process is writing it";
 
 /// Removes an unfinished file. It must be a container that no other process is
 /// writing.
-Result<void> clear_away(const std::string& file) {
+Result<void> remove_leftover(const std::string& file) {
   struct stat status {};
   if (::lstat(file.c_str(), &status) != 0) return {};
   const auto writer = TileWriter::resume(file);  // and hold its lock
@@ -36,7 +36,7 @@ Result<void> clear_away(const std::string& file) {
 }
 
 /// An error about a file that the user did not name, as one about the path that was named.
-Error under_name(Error error, const std::string& file, const std::string& path) {
+Error name_as_output(Error error, const std::string& file, const std::string& path) {
   if (!error.message.starts_with(file)) return error;
   const std::size_t colon = error.message.find(": ", file.size());
   if (colon != std::string::npos) error.message.replace(0, colon, path);
@@ -61,7 +61,7 @@ Result<Bytes> encode(const Manifest& manifest, const std::string& path) {
 
 Result<FieldOutput> FieldOutput::at(const std::string& path, Existing existing,
                                     std::span<const std::string> inputs) {
-  FieldOutput output{path, follow_links(path), existing};
+  FieldOutput output{path, resolve_links(path), existing};
   struct stat status {};
   if (::stat(output.target.c_str(), &status) == 0) {
     if (S_ISDIR(status.st_mode))
@@ -118,12 +118,12 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
       draft == Draft::keep ? output.unfinished() : output.target + ".repacking";
   if (output.existing == Existing::replace && storage::is_being_written(output.target))
     return fail(ErrorCode::failed, output.path, kAnotherProcess);
-  if (auto cleared = clear_away(file); !cleared) {
+  if (auto cleared = remove_leftover(file); !cleared) {
     if (cleared.error().code != ErrorCode::failed) return tl::unexpected(cleared.error());
     return fail(ErrorCode::failed, output.path, kAnotherProcess, " (", file, ")");
   }
   auto writer = TileWriter::create(file, names, blobs);
-  if (!writer) return tl::unexpected(under_name(writer.error(), file, output.path));
+  if (!writer) return tl::unexpected(name_as_output(writer.error(), file, output.path));
   // What replaces a private file is private from the beginning.
   if (output.existing == Existing::replace)
     copy_permissions(output.target, file, /*writable=*/true);
@@ -159,7 +159,7 @@ Result<FieldWriter> FieldWriter::resume(const FieldOutput& output, std::uint64_t
 }
 
 Result<FieldWriter> FieldWriter::edit(const std::string& path, std::uint64_t transaction) {
-  return open(follow_links(path), transaction);
+  return open(resolve_links(path), transaction);
 }
 
 void FieldWriter::set_pending_limit(std::uint64_t bytes) {

@@ -78,11 +78,11 @@ class FieldWriter {
   [[nodiscard]] Result<void> put(storage::LayerId layer, TileKey key, Bytes payload);
 
   /// Appends a tile of another field without copying its payload. REQUIRES: the tile's store has
-  /// checked it, and lives until keep_payloads() or until a commit has written the tile.
+  /// checked it, and lives until copy_viewed_payloads() or until a commit has written the tile.
   [[nodiscard]] Result<void> put_view(const storage::TileRef& tile);
 
   /// Copies the payloads given to put_view() that are not committed.
-  void keep_payloads() { writer_->keep_payloads(); }
+  void copy_viewed_payloads() { writer_->copy_viewed_payloads(); }
 
   /// Appends a missing tile, which put() can fill later.
   [[nodiscard]] Result<void> put_missing(storage::LayerId layer, TileKey key);

@@ -17,10 +17,10 @@ constexpr std::uint64_t kBatch = 128;  // tiles in one piece of a thread's work
 
 /// Copies the tiles of a plan to a writer. Threads check the tiles in the map; the writer then
 /// copies them from the map into the pages that it writes.
-class Merging {
+class Merger {
  public:
-  Merging(const MergePlan& plan, const std::vector<std::string>& paths, const MergeOptions& options,
-          FieldWriter& writer, const ProgressCallback& progress)
+  Merger(const MergePlan& plan, const std::vector<std::string>& paths, const MergeOptions& options,
+         FieldWriter& writer, const ProgressCallback& progress)
       : plan_(plan),
         paths_(paths),
         writer_(writer),
@@ -31,7 +31,7 @@ class Merging {
     const std::uint64_t share = options.memory / 3;
     writer.set_pending_limit(share);
     mapped_limit_ = share / 2;
-    const std::uint64_t tile_cost = plan.manifest.shape.largest_tile() * 8 + 4096;
+    const std::uint64_t tile_cost = plan.manifest.shape.max_tile_samples() * 8 + 4096;
     batch_ = std::clamp<std::uint64_t>(share / tile_cost / 4, 1, kBatch);
     const std::uint64_t batches = std::max<std::uint64_t>(1, share / (batch_ * tile_cost));
     threads_ =
@@ -81,7 +81,7 @@ class Merging {
       if (progress_ && !progress_(state_))
         return fail(ErrorCode::failed, "merge interrupted; nothing was written");
     }
-    writer_.keep_payloads();  // `part` is closed on return
+    writer_.copy_viewed_payloads();  // `part` is closed on return
     if (part->changed())
       return fail(ErrorCode::failed, path, ": was truncated while it was merged");
     return {};
@@ -135,9 +135,9 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   const std::vector<ByteSpan> tables(plan->tables.begin(), plan->tables.end());
   auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, plan->manifest, tables);
   if (!writer) return tl::unexpected(writer.error());
-  Merging merging(*plan, parts, options, *writer, progress);
-  if (auto ok = merging.write(); !ok) return tl::unexpected(ok.error());
-  MergeReport report = merging.report();
+  Merger merger(*plan, parts, options, *writer, progress);
+  if (auto ok = merger.write(); !ok) return tl::unexpected(ok.error());
+  MergeReport report = merger.report();
   std::error_code ignored;
   report.file_bytes = std::filesystem::file_size(output->target, ignored);
   return report;

@@ -116,17 +116,17 @@ Result<void> check_same(const Source& first, const Source& other) {
 /// The shape of the merged field.
 FieldShape joined_shape(const std::vector<Source>& sources) {
   FieldShape shape = sources.front().manifest.shape;
-  std::vector<bool> kept(64, false);
+  std::vector<bool> selected(64, false);
   bool all = false;
   for (const Source& source : sources) {
     shape.levels = std::max(shape.levels, source.manifest.shape.levels);
     all = all || source.manifest.shape.subfields.empty();
-    for (const std::uint8_t subfield : source.manifest.shape.subfields) kept[subfield] = true;
+    for (const std::uint8_t subfield : source.manifest.shape.subfields) selected[subfield] = true;
   }
   shape.subfields.clear();
-  if (all || std::ranges::find(kept, false) == kept.end()) return shape;
-  for (std::uint8_t k = 0; k < kept.size(); ++k)
-    if (kept[k]) shape.subfields.push_back(k);
+  if (all || std::ranges::find(selected, false) == selected.end()) return shape;
+  for (std::uint8_t k = 0; k < selected.size(); ++k)
+    if (selected[k]) shape.subfields.push_back(k);
   return shape;
 }
 

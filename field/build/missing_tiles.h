@@ -11,35 +11,35 @@
 
 namespace slf {
 
-/// The wanted tiles that are missing in at least one layer, by their numbers in key order: holes
-/// among stored tiles, and all wanted tiles behind the last stored one.
+/// The selected tiles that are missing in at least one layer, by their numbers in key order: holes
+/// among stored tiles, and all selected tiles behind the last stored one.
 class MissingTiles {
  public:
-  /// All wanted tiles, in all layers.
-  explicit MissingTiles(TileSelection wanted) : wanted_(std::move(wanted)) {}
+  /// All selected tiles, in all layers.
+  explicit MissingTiles(TileSelection selection) : selection_(std::move(selection)) {}
 
-  /// The wanted tiles that a field lacks. bad_file: a record cannot be read.
+  /// The selected tiles that are missing in a field. bad_file: a record cannot be read.
   [[nodiscard]] static Result<MissingTiles> of(const FieldFile& field, const TileOrder& order,
-                                               TileSelection wanted);
+                                               TileSelection selection);
 
-  [[nodiscard]] std::uint64_t count() const { return holes_.size() + (wanted_.count() - end_); }
+  [[nodiscard]] std::uint64_t count() const { return holes_.size() + (selection_.count() - end_); }
   /// The number of the k-th missing tile. REQUIRES: k < count().
   [[nodiscard]] std::uint64_t number(std::uint64_t k) const {
-    return wanted_.number(k < holes_.size() ? holes_[k].rank : end_ + (k - holes_.size()));
+    return selection_.number(k < holes_.size() ? holes_[k].rank : end_ + (k - holes_.size()));
   }
   /// Whether the k-th missing tile is missing in this layer. REQUIRES: k < count(), layer < 64.
-  [[nodiscard]] bool lacks(std::uint64_t k, storage::LayerId layer) const {
+  [[nodiscard]] bool is_missing_in(std::uint64_t k, storage::LayerId layer) const {
     return k >= holes_.size() || (holes_[k].layers >> layer & 1) != 0;
   }
 
  private:
   struct Hole {
-    std::uint64_t rank = 0;    ///< among the wanted tiles
+    std::uint64_t rank = 0;    ///< among the selected tiles
     std::uint64_t layers = 0;  ///< a bit for each layer in which it is missing
   };
 
-  TileSelection wanted_;
-  std::uint64_t end_ = 0;  ///< wanted tiles from this rank on are missing in all layers
+  TileSelection selection_;
+  std::uint64_t end_ = 0;  ///< selected tiles from this rank on are missing in all layers
   std::vector<Hole> holes_;
 };
 

@@ -18,16 +18,16 @@ using storage::TileState;
 constexpr std::uint64_t kAdvised = 64;  // tiles per call of advise()
 
 /// An encoded tile, for the writer.
-struct Recoded {
+struct RecodedTile {
   std::vector<Bytes> payloads;
   std::vector<TileState> states;
 };
 
 /// Makes a tile of the output. If tiles are predicted, `coarser` has the levels written before.
-Result<Recoded> recode(const FieldFile& field, const FieldFile* coarser,
-                       const std::vector<OutputLayer>& outputs, TileKey key, InputTile& input,
-                       Bytes& samples) {
-  Recoded tile;
+Result<RecodedTile> recode(const FieldFile& field, const FieldFile* coarser,
+                           const std::vector<OutputLayer>& outputs, TileKey key, InputTile& input,
+                           Bytes& samples) {
+  RecodedTile tile;
   input.begin(key);
   for (std::size_t k = 0; k < outputs.size(); ++k) {
     const OutputLayer& out = outputs[k];
@@ -78,11 +78,11 @@ void advise(const FieldFile& field, const std::vector<OutputLayer>& outputs, con
 }
 
 /// Writes the tiles of an output.
-class Repacking {
+class Repacker {
  public:
-  Repacking(const FieldFile& field, const FieldShape& shape,
-            const std::vector<OutputLayer>& outputs, const RepackOptions& options,
-            FieldWriter& writer, const ProgressCallback& progress, RepackReport& report)
+  Repacker(const FieldFile& field, const FieldShape& shape, const std::vector<OutputLayer>& outputs,
+           const RepackOptions& options, FieldWriter& writer, const ProgressCallback& progress,
+           RepackReport& report)
       : field_(field),
         outputs_(outputs),
         writer_(writer),
@@ -101,7 +101,7 @@ class Repacking {
     field.limit_references(references_);
     writer.set_pending_limit(share);
     const std::uint64_t under_way = field.predicts() || predicts_ ? share / 2 : share;
-    const std::uint64_t tile_cost = shape.largest_tile() * 24 + 4096;
+    const std::uint64_t tile_cost = shape.max_tile_samples() * 24 + 4096;
     threads_ = static_cast<unsigned>(
         std::clamp<std::uint64_t>(under_way / tile_cost, 1, thread_count(options.threads)));
     window_ = std::clamp<std::uint64_t>(under_way / tile_cost, 1, 8 * threads_);
@@ -128,7 +128,7 @@ class Repacking {
  private:
   /// Recodes the tiles with numbers in [begin, end) on all threads and appends them in order.
   Result<void> write(std::uint64_t begin, std::uint64_t end, const FieldFile* coarser) {
-    OrderedPipeline<Recoded> pipeline(end - begin, threads_, window_, [&] {
+    OrderedPipeline<RecodedTile> pipeline(end - begin, threads_, window_, [&] {
       return [&, input = InputTile(), samples = Bytes()](std::uint64_t n) mutable {
         return recode(field_, coarser, outputs_, order_.key(begin + n), input, samples);
       };
@@ -139,7 +139,7 @@ class Repacking {
         field_.store().release_all();  // pages that were read stay in the kernel's cache
         advise(field_, outputs_, order_, n + window_ + kAdvised, n + window_ + 2 * kAdvised);
       }
-      Result<Recoded> tile = pipeline.take();
+      Result<RecodedTile> tile = pipeline.take();
       if (!tile) return tl::unexpected(tile.error());
       if (auto ok = put(order_.key(n), std::move(*tile)); !ok) return ok;
       ++state_.done;
@@ -149,7 +149,7 @@ class Repacking {
     return {};
   }
 
-  Result<void> put(TileKey key, Recoded tile) {
+  Result<void> put(TileKey key, RecodedTile tile) {
     for (std::size_t k = 0; k < tile.payloads.size(); ++k) {
       if (tile.states[k] == TileState::missing) {
         ++report_.missing;
@@ -205,8 +205,8 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
   if (!writer) return tl::unexpected(writer.error());
 
   RepackReport report;
-  Repacking repacking(field, manifest.shape, *outputs, options, *writer, progress, report);
-  if (auto ok = repacking.write(); !ok) return tl::unexpected(ok.error());
+  Repacker repacker(field, manifest.shape, *outputs, options, *writer, progress, report);
+  if (auto ok = repacker.write(); !ok) return tl::unexpected(ok.error());
   std::error_code ignored;
   report.file_bytes = std::filesystem::file_size(output->target, ignored);
   return report;

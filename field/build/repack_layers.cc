@@ -41,15 +41,17 @@ Result<void> InputTile::samples(const FieldFile& field, const OutputLayer& out, 
     const auto decoded = layer(field, from);
     if (!decoded) return tl::unexpected(decoded.error());
     const ByteSpan in = **decoded;
-    const SampleFormat has = field.manifest().layers[from].format, wants = out.layer.format;
-    const std::size_t count = in.size() / sample_bytes(has);
-    if (has != SampleFormat::depth8 && wants != SampleFormat::depth8) {
-      convert(color_format(has), color_format(wants),
-              in.first(count * sample_bytes(color_format(has))), part);
+    const SampleFormat input = field.manifest().layers[from].format, output = out.layer.format;
+    const std::size_t count = in.size() / sample_bytes(input);
+    if (input != SampleFormat::depth8 && output != SampleFormat::depth8) {
+      convert(color_format(input), color_format(output),
+              in.first(count * sample_bytes(color_format(input))), part);
       samples.insert(samples.end(), part.begin(), part.end());
     }
-    const auto depths = [](SampleFormat of) { return of == SampleFormat::depth8 || has_both(of); };
-    if (depths(has) && depths(wants)) samples.insert(samples.end(), in.end() - count, in.end());
+    const auto depths = [](SampleFormat of) {
+      return of == SampleFormat::depth8 || has_color_and_depth(of);
+    };
+    if (depths(input) && depths(output)) samples.insert(samples.end(), in.end() - count, in.end());
   }
   return {};
 }
@@ -111,16 +113,16 @@ Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
                                                const RepackOptions& options) {
   const auto& layers = field.manifest().layers;
   const LayerId color = field.layer("color").value();
-  const bool together = has_both(layers[color].format);
+  const bool together = has_color_and_depth(layers[color].format);
   const std::optional<LayerId> depth = together ? color : field.layer("depth");
-  const auto wanted = [&](const std::string& name) {
+  const auto selected = [&](const std::string& name) {
     return options.layers.empty() ||
            std::find(options.layers.begin(), options.layers.end(), name) != options.layers.end();
   };
   for (const std::string& name : options.layers)
     if (!(field.layer(name) || (name == "depth" && depth)))
       return fail(ErrorCode::usage, field.path(), ": has no layer '", name, "'");
-  if (!wanted("color"))
+  if (!selected("color"))
     return fail(ErrorCode::usage, field.path(), ": a field needs its color layer");
 
   const bool half =
@@ -129,7 +131,7 @@ Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
       options.color_codec.empty() ? layers[color].codec : options.color_codec;
   std::vector<OutputLayer> outputs;
   if (codec::is_predictive(color_codec)) {
-    if (!depth || !wanted("depth"))
+    if (!depth || !selected("depth"))
       return fail(ErrorCode::usage, field.path(), ": codec \"", color_codec,
                   "\" needs depths, too; choose another codec of colour");
     if (!options.depth_codec.empty())
@@ -143,7 +145,7 @@ Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
     return outputs;
   }
   for (LayerId id = 0; id < layers.size(); ++id) {
-    if (!wanted(layers[id].name)) continue;
+    if (!selected(layers[id].name)) continue;
     OutputLayer& out = outputs.emplace_back();
     out.from = {id};
     out.layer = layers[id];
@@ -154,7 +156,7 @@ Result<std::vector<OutputLayer>> choose_layers(const FieldFile& field,
       out.layer.codec = options.depth_codec;
     }
   }
-  if (together && wanted("depth")) {
+  if (together && selected("depth")) {
     OutputLayer& out = outputs.emplace_back();
     out.from = {color};
     out.layer = {"depth", SampleFormat::depth8,

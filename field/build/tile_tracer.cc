@@ -35,13 +35,15 @@ class TentFilter {
     };
     for (const LatticeVertex& center : centers) {
       const auto around = neighbors(in_finer(center));
-      aims_.insert(aims_.end(), around.begin(), around.end());
-      aims_.push_back(in_finer(center));
+      exit_vertices_.insert(exit_vertices_.end(), around.begin(), around.end());
+      exit_vertices_.push_back(in_finer(center));
     }
-    std::sort(aims_.begin(), aims_.end());
-    aims_.erase(std::unique(aims_.begin(), aims_.end()), aims_.end());
+    std::sort(exit_vertices_.begin(), exit_vertices_.end());
+    exit_vertices_.erase(std::unique(exit_vertices_.begin(), exit_vertices_.end()),
+                         exit_vertices_.end());
     const auto add = [&](const LatticeVertex& v, float weight) {
-      const auto at = std::lower_bound(aims_.begin(), aims_.end(), v) - aims_.begin();
+      const auto at = std::lower_bound(exit_vertices_.begin(), exit_vertices_.end(), v) -
+                      exit_vertices_.begin();
       shares_.push_back({static_cast<std::uint32_t>(at), weight});
     };
     for (const LatticeVertex& center : centers) {
@@ -55,10 +57,10 @@ class TentFilter {
   }
 
   /// The exit points of the rays: vertices of the lattice twice as fine.
-  [[nodiscard]] const std::vector<LatticeVertex>& aims() const { return aims_; }
+  [[nodiscard]] const std::vector<LatticeVertex>& exit_vertices() const { return exit_vertices_; }
 
-  /// Computes the mean for each center. REQUIRES: `rays` are those to aims(); out.size() is the
-  /// number of centers.
+  /// Computes the mean for each center. REQUIRES: `rays` are those to exit_vertices(); out.size()
+  /// is the number of centers.
   void mean(std::span<const RaySample> rays, std::span<RaySample> out) const {
     for (std::size_t k = 0, share = 0; k < out.size(); ++k) {
       RaySample sum;
@@ -77,7 +79,7 @@ class TentFilter {
     std::uint32_t ray;
     float weight;
   };
-  std::vector<LatticeVertex> aims_;
+  std::vector<LatticeVertex> exit_vertices_;
   std::vector<Share> shares_;
   std::vector<std::size_t> end_;  // per mean, into shares_
 };
@@ -178,7 +180,7 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
       vertices_at(sections.exit, shape_.exit_side, triangle_points(shape_.exit_side));
   std::optional<TentFilter> filter;
   if (filtered_[key.level]) filter.emplace(vertices);
-  const auto exits = world_points(sphere, filter ? filter->aims() : vertices);
+  const auto exits = world_points(sphere, filter ? filter->exit_vertices() : vertices);
 
   const std::size_t columns = layout.columns();
   tile.key = key;
@@ -190,7 +192,7 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
   // The depths of a layer, or null.
   const auto depths = [&](std::size_t k) -> std::byte* {
     if (formats_[k] == SampleFormat::depth8) return tile.layers[k].data();
-    if (!has_both(formats_[k])) return nullptr;
+    if (!has_color_and_depth(formats_[k])) return nullptr;
     return tile.layers[k].data() + color_bytes(formats_[k]) * layout.rows() * columns;
   };
 

@@ -19,7 +19,7 @@ constexpr std::size_t kMaxFindings = 1000;
 constexpr std::size_t kBatch = 256;
 
 /// What to drop for a finding: one tile, or the record that ends with it.
-struct Cure {
+struct Repair {
   LayerId layer;
   TileKey key;
 };
@@ -53,9 +53,9 @@ class Verifier {
     if (report_.findings.size() < kMaxFindings)
       report_.findings.push_back({kind, std::move(message)});
   }
-  void add(FindingKind kind, std::string message, std::vector<Cure> cures) {
+  void add(FindingKind kind, std::string message, std::vector<Repair> repairs) {
     add(kind, std::move(message));
-    if (options_.fix) cures_.push_back(std::move(cures));
+    if (options_.fix) repairs_.push_back(std::move(repairs));
   }
 
   Result<void> check(const std::string& path) {
@@ -214,19 +214,19 @@ class Verifier {
     return true;
   }
 
-  /// Drops what the cures name. Findings without a cure (S1, M1) remain. If there is one of the
+  /// Drops what the repairs name. Findings without a repair (S1, M1) remain. If there is one of the
   /// structure (S1), nothing is dropped.
   Result<void> drop(const std::string& path) {
     const bool sound =
         std::none_of(report_.findings.begin(), report_.findings.end(),
                      [](const Finding& finding) { return finding.kind == FindingKind::structure; });
-    if (cures_.empty() || !sound) return {};
+    if (repairs_.empty() || !sound) return {};
     auto writer = FieldWriter::edit(path, transaction_);
     if (!writer) return tl::unexpected(writer.error());
-    for (const std::vector<Cure>& cures : cures_) {
+    for (const std::vector<Repair>& repairs : repairs_) {
       bool cured = true;
-      for (const Cure& cure : cures) {
-        auto ok = writer->drop(cure.layer, cure.key);
+      for (const Repair& repair : repairs) {
+        auto ok = writer->drop(repair.layer, repair.key);
         if (!ok && ok.error().code != ErrorCode::usage && ok.error().code != ErrorCode::bad_file)
           return ok;  // an error that concerns more than this tile
         cured = cured && ok.has_value();
@@ -242,7 +242,7 @@ class Verifier {
   const ProgressCallback& progress_;
   VerifyReport report_;
   Progress state_;
-  std::vector<std::vector<Cure>> cures_;  ///< one for each finding that has one
+  std::vector<std::vector<Repair>> repairs_;  ///< one for each finding that has one
   std::uint64_t fixed_ = 0;
   std::uint64_t transaction_ = 0;  ///< the commit that was checked
 };

@@ -22,7 +22,7 @@ std::uint64_t FieldShape::tiles(unsigned level) const {
   return subfields.empty() ? all : all / 64 * subfields.size();
 }
 
-std::uint64_t FieldShape::largest_tile() const {
+std::uint64_t FieldShape::max_tile_samples() const {
   return std::uint64_t{triangle_size(entry_section_side())} * triangle_size(exit_side);
 }
 
@@ -45,9 +45,9 @@ Result<void> FieldShape::check() const {
   if (entry_section_side() << entry_extra_levels != entry_side)
     return fail(ErrorCode::usage, "entry ", entry_side, " cannot be split ", entry_extra_levels,
                 " levels deeper: expected a multiple of ", 1u << entry_extra_levels);
-  if (largest_tile() > kMaxTileSamples)
+  if (max_tile_samples() > kMaxTileSamples)
     return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side,
-                ": a tile would have ", largest_tile(), " samples, at most ", kMaxTileSamples,
+                ": a tile would have ", max_tile_samples(), " samples, at most ", kMaxTileSamples,
                 " are allowed; halve both sides and add a level");
   for (std::size_t k = 0; k < subfields.size(); ++k)
     if (subfields[k] > 63 || (k > 0 && subfields[k] <= subfields[k - 1]))

@@ -11,7 +11,7 @@ std::optional<Channel> find_channel(const FieldFile& field, const std::string& n
     return Channel{*layer, color_format(format)};
   }
   const auto color = field.layer("color");
-  if (name == "depth" && color && has_both(layers[*color].format))
+  if (name == "depth" && color && has_color_and_depth(layers[*color].format))
     return Channel{*color, SampleFormat::depth8};
   return std::nullopt;
 }
@@ -30,7 +30,7 @@ Result<ByteSpan> ChannelReader::read(const Channel& channel, const storage::Tile
     if (auto ok = field_.decode(tile, samples_); !ok) return tl::unexpected(ok.error());
     decoded_ = {channel.layer, tile.key};
   }
-  const bool second = channel.format == SampleFormat::depth8 && has_both(shape.format);
+  const bool second = channel.format == SampleFormat::depth8 && has_color_and_depth(shape.format);
   return ByteSpan(samples_).subspan(second ? shape.bytes() - count : 0, bytes);
 }
 

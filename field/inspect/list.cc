@@ -65,13 +65,13 @@ class Listing {
     return {};
   }
 
-  struct Found {
+  struct FoundTile {
     LayerId layer;
     TileState state;
     TileKey key;
     std::uint64_t bytes, offset;
   };
-  Result<void> visit(const Found& tile) {
+  Result<void> visit(const FoundTile& tile) {
     if (++visited_ % kReleaseEvery == 0) field_.store().release_all();
     ListedTile listed;
     listed.key = tile.key;
@@ -124,20 +124,20 @@ TileAddress address_of(const Field& field, TileKey key) {
 
 Result<TileKey> find_tile(const Field& field, const TileAddress& address) {
   const FieldShape& shape = field.shape();
-  const auto lacks = [&](const auto&... what) {
+  const auto refuse = [&](const auto&... what) {
     return fail(ErrorCode::usage, field.path(), ": tile ", address.level, "/", address.entry, "/",
                 address.exit, ": ", what...);
   };
-  if (address.level > shape.levels) return lacks("the field has levels 0 to ", shape.levels);
+  if (address.level > shape.levels) return refuse("the field has levels 0 to ", shape.levels);
   const unsigned entry_level = address.level + shape.entry_extra_levels;
   if (address.entry >= section_count(entry_level) || address.exit >= section_count(address.level))
-    return lacks("level ", address.level, " has entry sections 0 to ",
-                 section_count(entry_level) - 1, " and exit sections 0 to ",
-                 section_count(address.level) - 1);
+    return refuse("level ", address.level, " has entry sections 0 to ",
+                  section_count(entry_level) - 1, " and exit sections 0 to ",
+                  section_count(address.level) - 1);
   const TileKey key = tile_key(
       {{static_cast<std::uint8_t>(entry_level), static_cast<std::uint32_t>(address.entry)},
        {static_cast<std::uint8_t>(address.level), static_cast<std::uint32_t>(address.exit)}});
-  if (!shape.has(key)) return lacks("is in a subfield that the field does not have");
+  if (!shape.has(key)) return refuse("is in a subfield that the field does not have");
   return key;
 }
 

@@ -22,26 +22,26 @@ namespace slf {
 namespace {
 
 /// Records the peak of the process's resident memory during its lifetime.
-class ResidentWatch {
+class PeakMemoryMonitor {
  public:
-  ResidentWatch() : thread_([this] { watch(); }) {}
-  ~ResidentWatch() {
+  PeakMemoryMonitor() : thread_([this] { watch(); }) {}
+  ~PeakMemoryMonitor() {
     stop_ = true;
     thread_.join();
   }
   [[nodiscard]] ResidentMemory peak() {
-    look();
+    update();
     return {anonymous_, file_};
   }
 
  private:
   void watch() {
     while (!stop_) {
-      look();
+      update();
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }
   }
-  void look() {
+  void update() {
     const ResidentMemory now = resident_memory();
     raise(anonymous_, now.anonymous);
     raise(file_, now.file);
@@ -61,9 +61,9 @@ struct ViewCost {
 };
 
 /// The kernel's counts of a field's pages.
-class KernelCount {
+class PageCacheCounter {
  public:
-  explicit KernelCount(const FieldFile& field)
+  explicit PageCacheCounter(const FieldFile& field)
       : map_(const_cast<std::byte*>(field.store().map())),
         bytes_(field.store().file_bytes()),
         path_(field.path()) {}
@@ -81,7 +81,7 @@ class KernelCount {
                         [&](std::uint64_t page) { return before_[page] & 1; });
   }
   /// Pages that were read into the page cache since begin().
-  [[nodiscard]] std::uint64_t came() const {
+  [[nodiscard]] std::uint64_t pages_read() const {
     const std::vector<unsigned char> now = cached();
     std::uint64_t count = 0;
     for (std::size_t page = 0; page < now.size(); ++page) count += now[page] & ~before_[page] & 1;
@@ -203,8 +203,8 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
   Measurement result;
   Progress state;
   state.total = levels.size() * options.cameras.size();
-  ResidentWatch watch;
-  KernelCount kernel(field.file());
+  PeakMemoryMonitor watch;
+  PageCacheCounter kernel(field.file());
   std::vector<ViewCost> total(options.cameras.size());
   std::uint64_t total_tiles = 0;
   for (const unsigned level : levels) {
@@ -216,7 +216,7 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
       const auto image =
           renderer.render(options.cameras[v], {options.mode, level, false}, &statistics);
       if (!image) return tl::unexpected(image.error());
-      const std::uint64_t came = kernel.came(), mapped = kernel.mapped();
+      const std::uint64_t read = kernel.pages_read(), mapped = kernel.mapped();
       const auto pairs = crossed_pairs(field.shape(), options.cameras[v], level);
       if (!pairs) return tl::unexpected(pairs.error());
       const auto file = footprint(field, statistics.tiles, options.mode == RenderMode::depth);
@@ -225,7 +225,7 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
                           static_cast<double>(pairs->size()),
                           static_cast<double>(file->compressed_bytes),
                           static_cast<double>(file->pages.size()),
-                          static_cast<double>(came),
+                          static_cast<double>(read),
                           static_cast<double>(mapped),
                           static_cast<double>(statistics.decoded_peak_bytes)};
       views.push_back(cost);

@@ -18,7 +18,7 @@ using storage::FileRange;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::uint64_t kUnknown = ~std::uint64_t{0};
-constexpr long kMinBytesPerSecond = 256;  // bytes per second; a transfer that is slower has stalled
+constexpr long kMinBytesPerSecond = 256;  // a transfer that is slower has stalled
 constexpr double kMaxPause = 8;           // seconds
 constexpr long kRedirects = 5;
 constexpr std::uint64_t kPiece = 4 << 20;  // bytes of one request: more are several requests
@@ -84,28 +84,28 @@ class HttpSource::Connections {
 };
 
 /// Exclusive use of Connections, which the destructor returns.
-class HttpSource::Lease {
+class HttpSource::ConnectionLease {
  public:
-  explicit Lease(HttpSource& source) : source_(source) {
+  explicit ConnectionLease(HttpSource& source) : source_(source) {
     const std::lock_guard lock(source_.mutex_);
     if (source_.idle_.empty()) {
-      held_ = std::make_unique<Connections>();
+      connections_ = std::make_unique<Connections>();
     } else {
-      held_ = std::move(source_.idle_.back());
+      connections_ = std::move(source_.idle_.back());
       source_.idle_.pop_back();
     }
   }
-  Lease(const Lease&) = delete;
-  Lease& operator=(const Lease&) = delete;
-  ~Lease() {
+  ConnectionLease(const ConnectionLease&) = delete;
+  ConnectionLease& operator=(const ConnectionLease&) = delete;
+  ~ConnectionLease() {
     const std::lock_guard lock(source_.mutex_);
-    source_.idle_.push_back(std::move(held_));
+    source_.idle_.push_back(std::move(connections_));
   }
-  [[nodiscard]] Connections& connections() { return *held_; }
+  [[nodiscard]] Connections& connections() { return *connections_; }
 
  private:
   HttpSource& source_;
-  std::unique_ptr<Connections> held_;
+  std::unique_ptr<Connections> connections_;
 };
 
 /// One range that is being fetched.
@@ -119,7 +119,7 @@ struct HttpSource::Transfer {
   Bytes body;
   std::string tag, date, content_range;
   double retry_after = 0;  ///< seconds
-  bool too_much = false;   ///< the answer has more bytes than requested
+  bool oversized = false;  ///< the answer has more bytes than requested
 };
 
 HttpSource::HttpSource(std::string url, const RemoteOptions& options)
@@ -138,17 +138,17 @@ Result<std::shared_ptr<HttpSource>> HttpSource::open(const std::string& url,
   return source;
 }
 
-Result<void> HttpSource::fetch(std::span<const FileRange> ranges, const Take& take) {
+Result<void> HttpSource::fetch(std::span<const FileRange> ranges, const Sink& sink) {
   std::vector<Transfer> transfers;
   for (const FileRange& range : ranges)
     for (std::uint64_t at = range.begin; at < range.end; at += kPiece)
       transfers.emplace_back().range = {at, std::min(at + kPiece, range.end)};
-  return run(transfers, take);
+  return run(transfers, sink);
 }
 
 // Runs transfers until all are complete, or one has failed at its last attempt.
-Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Take& take) {
-  Lease lease(*this);
+Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Sink& sink) {
+  ConnectionLease lease(*this);
   Connections& connections = lease.connections();
   std::deque<Transfer*> waiting;
   for (Transfer& transfer : transfers) waiting.push_back(&transfer);
@@ -183,12 +183,12 @@ Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Take& take)
       char* owner = nullptr;
       curl_easy_getinfo(message->easy_handle, CURLINFO_PRIVATE, &owner);
       auto* const transfer = reinterpret_cast<Transfer*>(owner);
-      const auto done = judge(*transfer, message->data.result);
+      const auto done = evaluate(*transfer, message->data.result);
       stop(transfer);
       if (!done) {
         result = tl::unexpected(done.error());
       } else if (*done) {
-        result = take(transfer->range.begin, transfer->body);
+        result = sink(transfer->range.begin, transfer->body);
         transfer->body = {};
       } else {
         ++repeated_;
@@ -210,7 +210,7 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   transfer.body.clear();
   transfer.tag.clear(), transfer.date.clear(), transfer.content_range.clear();
   transfer.retry_after = 0;
-  transfer.too_much = false;
+  transfer.oversized = false;
   CURL* easy = nullptr;
   if (connections.free.empty()) {
     easy = curl_easy_init();
@@ -222,7 +222,7 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   transfer.easy = easy;
   const std::string range =
       std::to_string(transfer.range.begin) + "-" + std::to_string(transfer.range.end - 1);
-  const long patience = std::max(1L, static_cast<long>(options_.patience * 1000));
+  const long stall_timeout = std::max(1L, static_cast<long>(options_.stall_timeout * 1000));
   curl_easy_setopt(easy, CURLOPT_URL, url_.c_str());
   curl_easy_setopt(easy, CURLOPT_RANGE, range.c_str());
   curl_easy_setopt(easy, CURLOPT_PRIVATE, &transfer);
@@ -232,13 +232,14 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   curl_easy_setopt(easy, CURLOPT_MAXREDIRS, kRedirects);
   curl_easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
   curl_easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https");
-  curl_easy_setopt(easy, CURLOPT_CONNECTTIMEOUT_MS, patience);
-  // A transfer that is slower than kMinBytesPerSecond for `patience` (in whole seconds) has
+  curl_easy_setopt(easy, CURLOPT_CONNECTTIMEOUT_MS, stall_timeout);
+  // A transfer that is slower than kMinBytesPerSecond for `stall_timeout` (in whole seconds) has
   // stalled. The last limit is for a server that sends headers forever.
   curl_easy_setopt(easy, CURLOPT_LOW_SPEED_LIMIT, kMinBytesPerSecond);
-  curl_easy_setopt(easy, CURLOPT_LOW_SPEED_TIME, std::max(1L, patience / 1000));
+  curl_easy_setopt(easy, CURLOPT_LOW_SPEED_TIME, std::max(1L, stall_timeout / 1000));
   const auto bytes = static_cast<long>(transfer.range.end - transfer.range.begin);
-  curl_easy_setopt(easy, CURLOPT_TIMEOUT_MS, 2 * patience + 1000 * (bytes / kMinBytesPerSecond));
+  curl_easy_setopt(easy, CURLOPT_TIMEOUT_MS,
+                   2 * stall_timeout + 1000 * (bytes / kMinBytesPerSecond));
   if (validator_.starts_with('"')) {  // a strong ETag
     transfer.headers = curl_slist_append(nullptr, ("If-Match: " + validator_).c_str());
     curl_easy_setopt(easy, CURLOPT_HTTPHEADER, transfer.headers);
@@ -249,8 +250,8 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
     long status = 0;
     curl_easy_getinfo(t.easy, CURLINFO_RESPONSE_CODE, &status);
     if (status != 206) return status == 200 ? 0 : count;  // ignore the text of an error
-    t.too_much = count > t.range.end - t.range.begin - t.body.size();
-    if (t.too_much) return 0;
+    t.oversized = count > t.range.end - t.range.begin - t.body.size();
+    if (t.oversized) return 0;
     const auto* bytes_of = reinterpret_cast<const std::byte*>(data);
     t.body.insert(t.body.end(), bytes_of, bytes_of + count);
     return count;
@@ -280,14 +281,14 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   curl_multi_add_handle(connections.multi, easy);
 }
 
-Result<bool> HttpSource::judge(Transfer& t, int code) {
+Result<bool> HttpSource::evaluate(Transfer& t, int code) {
   const auto failed = [&](ErrorCode kind, const auto&... parts) -> Result<bool> {
     return fail(kind, url_, ": ", parts...);
   };
   const auto again = [&](const std::string& what) -> Result<bool> {
     if (t.attempts >= std::max(1u, options_.attempts))
       return failed(ErrorCode::io, what, ", after ", t.attempts, " attempts");
-    const double doubled = options_.first_pause * static_cast<double>(1u << (t.attempts - 1));
+    const double doubled = options_.first_retry_delay * static_cast<double>(1u << (t.attempts - 1));
     const double pause = std::min(std::max(doubled, t.retry_after), kMaxPause);
     t.due = Clock::now() +
             std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(pause));
@@ -300,7 +301,7 @@ Result<bool> HttpSource::judge(Transfer& t, int code) {
   long status = 0;
   curl_easy_getinfo(t.easy, CURLINFO_RESPONSE_CODE, &status);
   bytes_ += t.body.size();
-  if (t.too_much) return failed(ErrorCode::io, "the server sends more than it was asked for");
+  if (t.oversized) return failed(ErrorCode::io, "the server sends more than it was asked for");
   if (status == 200 && (code == CURLE_OK || code == CURLE_WRITE_ERROR))
     return failed(ErrorCode::unsupported,
                   "the server does not serve parts of files (HTTP ranges); download the field, or "

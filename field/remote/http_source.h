@@ -24,19 +24,19 @@ class HttpSource final : public storage::RangeSource {
   [[nodiscard]] const std::string& name() const override { return url_; }
   [[nodiscard]] std::uint64_t size() const override { return size_; }
   [[nodiscard]] Result<void> fetch(std::span<const storage::FileRange> ranges,
-                                   const Take& take) override;
+                                   const Sink& sink) override;
   [[nodiscard]] RemoteTraffic traffic() const { return {requests_, repeated_, bytes_}; }
 
  private:
   class Connections;
-  class Lease;
+  class ConnectionLease;
   struct Transfer;
 
   HttpSource(std::string url, const RemoteOptions& options);
-  [[nodiscard]] Result<void> run(std::vector<Transfer>& transfers, const Take& take);
+  [[nodiscard]] Result<void> run(std::vector<Transfer>& transfers, const Sink& sink);
   void start(Transfer& transfer, Connections& connections);
   /// Judges an answer: true if the transfer is complete, false if it must be repeated, or an error.
-  [[nodiscard]] Result<bool> judge(Transfer& transfer, int code);
+  [[nodiscard]] Result<bool> evaluate(Transfer& transfer, int code);
 
   const std::string url_;
   const RemoteOptions options_;

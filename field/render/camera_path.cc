@@ -13,9 +13,9 @@ namespace slf {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
-constexpr double kMostSeconds = 86400;
-constexpr std::size_t kMostKeys = 10000;
-constexpr std::uint64_t kMostBytes = 16 << 20;
+constexpr double kMaxSeconds = 86400;
+constexpr std::size_t kMaxKeys = 10000;
+constexpr std::uint64_t kMaxBytes = 16 << 20;
 
 /// An array of `count` finite numbers.
 template <std::size_t kCount>
@@ -58,7 +58,7 @@ Result<CameraPath> CameraPath::orbit(const Sphere& sphere, double azimuth, doubl
     if (!std::isfinite(value)) return fail(ErrorCode::usage, "orbit: expected finite numbers");
   if (!(distance > 0))
     return fail(ErrorCode::usage, "orbit: distance ", distance, ": expected > 0");
-  if (!(seconds > 0 && seconds <= kMostSeconds))
+  if (!(seconds > 0 && seconds <= kMaxSeconds))
     return fail(ErrorCode::usage, "orbit of ", seconds, " s: expected above 0, at most a day");
   const glm::dvec3& c = sphere.center;
   return CameraPath(sphere,
@@ -72,8 +72,8 @@ Result<CameraPath> CameraPath::parse(std::string_view json, const std::string& n
   if (!root.is_object() || !root.contains("keys") || !root["keys"].is_array())
     return fail(ErrorCode::bad_file, name, ": expected JSON with an array \"keys\"");
   const nlohmann::json& keys = root["keys"];
-  if (keys.size() < 2 || keys.size() > kMostKeys)
-    return fail(ErrorCode::bad_file, name, ": ", keys.size(), " keys; expected 2 to ", kMostKeys);
+  if (keys.size() < 2 || keys.size() > kMaxKeys)
+    return fail(ErrorCode::bad_file, name, ": ", keys.size(), " keys; expected 2 to ", kMaxKeys);
 
   std::vector<Key> path;
   for (std::size_t k = 0; k < keys.size(); ++k) {
@@ -84,7 +84,7 @@ Result<CameraPath> CameraPath::parse(std::string_view json, const std::string& n
     if (!from.is_object()) return bad("expected an object");
     Key key;
     const double at = number_of(from, "at");
-    if (!(at >= 0 && at <= kMostSeconds)) return bad("expected \"at\", seconds from 0 to a day");
+    if (!(at >= 0 && at <= kMaxSeconds)) return bad("expected \"at\", seconds from 0 to a day");
     key.at = at;
     if (!path.empty() && !(key.at > path.back().at))
       return bad("\"at\" must be later than that of the key before");
@@ -122,7 +122,7 @@ Result<CameraPath> CameraPath::parse(std::string_view json, const std::string& n
 }
 
 Result<CameraPath> CameraPath::read(const std::string& path, const Sphere& sphere) {
-  const auto bytes = read_file(path, kMostBytes);
+  const auto bytes = read_file(path, kMaxBytes);
   if (!bytes) return tl::unexpected(bytes.error());
   return parse({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, path, sphere);
 }

@@ -9,7 +9,7 @@ namespace {
 /// A ray has converged when its aims move, along the chord, by no more than this times the entry
 /// lattice's resolution. The closer the vertices, the less an aim moves the exit points.
 constexpr float kConvergence = 1.f / 2048;
-constexpr int kMostRounds = 3;
+constexpr int kMaxRounds = 3;
 
 /// Pass::depth_tolerance in steps of the exit lattice: on slanted surfaces neighbouring samples
 /// differ in depth, too.
@@ -34,7 +34,7 @@ void DepthRefinement::begin(const LevelGeometry& geometry, Pass& pass) {
 
 bool DepthRefinement::next_round(const LevelGeometry& geometry, RayBlock& rays,
                                  EntryCells& entries) {
-  if (rounds_++ == kMostRounds) return false;
+  if (rounds_++ == kMaxRounds) return false;
   const std::size_t before = rays.count;
   compact_unconverged(kConvergence * static_cast<float>(geometry.entry_resolution()), rays,
                       estimates_);

@@ -9,8 +9,8 @@ constexpr double kLate = 0.5;    // time without a finished plan after which a l
 constexpr double kMemory = 0.5;  // time constant of the decaying sums
 // A view has about four times as many tiles in the next finer level. With them, the loader must not
 // be busy for more than this share of its time.
-constexpr double kGrowth = 5, kMostBusy = 0.8;
-constexpr double kMostPatience = 8;
+constexpr double kGrowth = 5, kMaxBusy = 0.8;
+constexpr double kMaxPatience = 8;
 
 }  // namespace
 
@@ -22,10 +22,10 @@ void LevelPacer::add_plan(unsigned wanted, double idle, double busy, bool finish
   unfinished_ = finished ? 0 : unfinished_ + busy;
   if (unfinished_ > kLate && left_out_ < wanted) {
     // The level was added again too early: wait longer next time.
-    patience_ = since_change_ < 4 * kLate ? std::min(2 * patience_, kMostPatience) : kFirstPatience;
+    patience_ = since_change_ < 4 * kLate ? std::min(2 * patience_, kMaxPatience) : kFirstPatience;
     ++left_out_;
   } else if (finished && left_out_ > 0 && since_change_ > patience_ &&
-             kGrowth * busy_share() < kMostBusy) {
+             kGrowth * busy_share() < kMaxBusy) {
     --left_out_;
   } else {
     return;

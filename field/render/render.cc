@@ -30,7 +30,7 @@ struct Plan {
 Plan plan_memory(const FieldFile& field, const RendererOptions& options) {
   std::uint64_t sample = 0;
   for (const Layer& layer : field.manifest().layers) sample += codec::sample_bytes(layer.format);
-  const std::uint64_t tile = field.shape().largest_tile() * sample;
+  const std::uint64_t tile = field.shape().max_tile_samples() * sample;
   Plan plan;
   const std::uint64_t scratch = kBlockRays * kRayScratch;
   const std::uint64_t fit = options.memory / (tile + scratch);

@@ -24,7 +24,7 @@ SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::ui
       reader_(cache),
       format_(color_format(field.manifest().layers[field.layer("color").value()].format)),
       pin_bytes_(pin_bytes),
-      largest_tile_(field.shape().largest_tile()) {
+      max_tile_samples_(field.shape().max_tile_samples()) {
   begins_.resize(most_rays);
   samples_.resize(most_rays, half_floats());
 }
@@ -62,7 +62,7 @@ Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCel
   touched_.insert(touched_.end(), keys.begin(), keys.end());
   const std::uint64_t sample = codec::sample_bytes(format_) + (with_depth_ ? 1 : 0);
   const std::size_t most =
-      std::max<std::uint64_t>(pin_bytes_ / (largest_tile_ * sample + kPinBytes), 1);
+      std::max<std::uint64_t>(pin_bytes_ / (max_tile_samples_ * sample + kPinBytes), 1);
   for (std::size_t begin = 0; begin < keys.size(); begin += most) {
     const auto batch = std::span(keys).subspan(begin, std::min(most, keys.size() - begin));
     const auto pins = cache_.load(batch, with_depth_);

@@ -59,7 +59,7 @@ class SampleGatherer {
   TileCache& cache_;
   TileCache::Reader reader_;
   const codec::SampleFormat format_;
-  const std::uint64_t pin_bytes_, largest_tile_;
+  const std::uint64_t pin_bytes_, max_tile_samples_;
   bool with_depth_ = false;
   BlockTiles tiles_;
   TileBegins begins_;

@@ -51,7 +51,7 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t
     : field_(field),
       color_(field.layer("color").value()),
       depth_(field.layer("depth")),
-      together_(has_both(field.manifest().layers[color_].format)),
+      together_(has_color_and_depth(field.manifest().layers[color_].format)),
       budget_(budget),
       map_budget_(map_budget),
       in_place_(in_place),

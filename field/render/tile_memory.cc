@@ -10,7 +10,7 @@ namespace slf {
 namespace {
 constexpr std::uint64_t kLine = 64, kHugePage = 2 << 20;
 // More than any cache: what is never written takes no memory.
-constexpr std::uint64_t kMostReserved = 1ull << 40;
+constexpr std::uint64_t kMaxReserved = 1ull << 40;
 
 constexpr std::uint64_t whole_lines(std::uint64_t bytes) {
   return (bytes + kLine - 1) / kLine * kLine;
@@ -18,7 +18,7 @@ constexpr std::uint64_t whole_lines(std::uint64_t bytes) {
 }  // namespace
 
 TileMemory::TileMemory(std::uint64_t capacity)
-    : capacity_(std::min(capacity, kMostReserved) / kHugePage * kHugePage) {
+    : capacity_(std::min(capacity, kMaxReserved) / kHugePage * kHugePage) {
   if (capacity_ == 0) return;
   void* const at = mmap(nullptr, capacity_ + kHugePage, PROT_READ | PROT_WRITE,
                         MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);

@@ -109,7 +109,7 @@ PlacedLight::PlacedLight(const Light& light, const Sphere& bounds)
   up_ = glm::cross(across_, direction_);
 }
 
-Arrival PlacedLight::arrival(const glm::dvec3& world, double u, double v) const {
+IncidentLight PlacedLight::incident_light(const glm::dvec3& world, double u, double v) const {
   const double r = tangent_ * std::sqrt(u);
   const glm::dvec3 at =
       direction_ + r * (std::cos(2 * kPi * v) * across_ + std::sin(2 * kPi * v) * up_);

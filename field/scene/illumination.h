@@ -48,7 +48,7 @@ class Environment {
 };
 
 /// The light that one of the lights sends to a point.
-struct Arrival {
+struct IncidentLight {
   glm::dvec3 direction;  // unit, world, towards the light
   double distance;       // world units; infinity: a distant light
   glm::vec3 irradiance;  // on a surface that faces the direction, if nothing is in between
@@ -59,7 +59,7 @@ class PlacedLight {
  public:
   PlacedLight(const Light& light, const Sphere& bounds);
   /// The light from a uniform point of the disc; u, v in [0, 1).
-  [[nodiscard]] Arrival arrival(const glm::dvec3& world, double u, double v) const;
+  [[nodiscard]] IncidentLight incident_light(const glm::dvec3& world, double u, double v) const;
   [[nodiscard]] bool dark() const { return !(irradiance_.r + irradiance_.g + irradiance_.b > 0); }
 
  private:

@@ -69,7 +69,7 @@ class Members {
     const auto found = object_.find(name);
     if (found == object_.end()) return;
     if (found->is_number()) to = found->get<T>();
-    if (!found->is_number() || !std::isfinite(to)) complain(name, "a number");
+    if (!found->is_number() || !std::isfinite(to)) note_error(name, "a number");
   }
   template <class Vector>
   bool vector(const char* name, Vector& to) {
@@ -78,23 +78,23 @@ class Members {
     bool good = found->is_array() && found->size() == 3;
     for (std::size_t k = 0; good && k < 3; ++k) good = (*found)[k].is_number();
     if (!good) {
-      complain(name, "three numbers");
+      note_error(name, "three numbers");
       return false;
     }
     for (int k = 0; k < 3; ++k) {
       to[k] = (*found)[static_cast<std::size_t>(k)].get<typename Vector::value_type>();
-      if (!std::isfinite(to[k])) complain(name, "three numbers");
+      if (!std::isfinite(to[k])) note_error(name, "three numbers");
     }
     return true;
   }
-  void complain(const char* name, const char* expected) {
-    if (wrong_.empty()) wrong_ = place_ + name + ": expected " + expected;
+  void note_error(const char* name, const char* expected) {
+    if (error_.empty()) error_ = place_ + name + ": expected " + expected;
   }
-  [[nodiscard]] const std::string& wrong() const { return wrong_; }
+  [[nodiscard]] const std::string& error() const { return error_; }
 
  private:
   const json& object_;
-  std::string place_, wrong_;
+  std::string place_, error_;
 };
 
 }  // namespace
@@ -117,12 +117,12 @@ Result<LightRig> parse_rig(const std::string& text, const std::string& source) {
     Light light;
     Members members(lights[k], place + ".");
     if (!members.vector("direction", light.direction))
-      members.complain("direction", "three numbers");
+      members.note_error("direction", "three numbers");
     members.vector("color", light.color);
     members.number("intensity", light.intensity);
     members.number("size", light.size);
     members.number("distance", light.distance);
-    if (!members.wrong().empty()) return bad(members.wrong());
+    if (!members.error().empty()) return bad(members.error());
     out.lights.push_back(light);
   }
   const json sky = rig.value("sky", json::object());
@@ -131,7 +131,7 @@ Result<LightRig> parse_rig(const std::string& text, const std::string& source) {
   members.vector("up", out.sky.up);
   members.vector("horizon", out.sky.horizon);
   members.vector("down", out.sky.down);
-  if (!members.wrong().empty()) return bad(members.wrong());
+  if (!members.error().empty()) return bad(members.error());
   return out;
 }
 

@@ -98,7 +98,7 @@ class LightSolver {
   LightSolver(const Medium& medium, const Illumination& illumination, const LightOptions& options,
               const LightGrid& light, const std::vector<float>& depth)
       : medium_(medium),
-        shine_(illumination),
+        illumination_(illumination),
         options_(options),
         light_(light),
         depth_(depth),
@@ -118,7 +118,8 @@ class LightSolver {
       node.normal += share * points.matter[k].surface * glm::vec3(points.matter[k].normal);
       node.depth += share * static_cast<float>(points.depth[k]);
     }
-    for (std::size_t l = 0; l < shine_.lights.size(); ++l) add_direct(points, l, random, node);
+    for (std::size_t l = 0; l < illumination_.lights.size(); ++l)
+      add_direct(points, l, random, node);
     return node;
   }
 
@@ -181,16 +182,16 @@ class LightSolver {
   /// The light that one light sends to the points: at all of them without shadows, times the mean
   /// transmittance to a few, chosen in proportion to their light.
   void add_direct(const Points& points, std::size_t light, Random& random, NodeLight& node) const {
-    std::array<Arrival, kPoints> arrivals;
+    std::array<IncidentLight, kPoints> arrivals;
     std::array<glm::vec3, kPoints> bright;
     double total = 0;
     const double shift[2] = {random(), random()};
     for (int k = 0; k < points.count; ++k) {
       const Matter& matter = points.matter[k];
       const auto i = static_cast<std::uint64_t>(k);
-      arrivals[k] =
-          shine_.lights[light].arrival(medium_.world(matter.start), fraction(r3(i, 0) + shift[0]),
-                                       fraction(r3(i, 1) + shift[1]));
+      arrivals[k] = illumination_.lights[light].incident_light(medium_.world(matter.start),
+                                                               fraction(r3(i, 0) + shift[0]),
+                                                               fraction(r3(i, 1) + shift[1]));
       const auto share = static_cast<float>(points.weight[k] / points.total *
                                             matter.kernel(arrivals[k].direction));
       bright[k] = share * tint(matter) * arrivals[k].irradiance;
@@ -239,7 +240,7 @@ class LightSolver {
   [[nodiscard]] glm::vec3 path(Matter matter, glm::dvec3 u, const Pass& pass,
                                Random& random) const {
     double way = 0;
-    const bool find_sky = shine_.environment.peaked();
+    const bool find_sky = illumination_.environment.peaked();
     glm::vec3 throughput(1), sum(0);
     for (std::uint32_t bounce = 0;; ++bounce) {
       if (find_sky) sum += throughput * sky(matter, random);
@@ -249,12 +250,12 @@ class LightSolver {
       const auto t =
           medium_.fly(matter.start, along, std::numeric_limits<double>::infinity(), random);
       if (!t) {
-        if (shine_.environment.dark()) return sum;
+        if (illumination_.environment.dark()) return sum;
         const double kernel = matter.kernel(direction);
         const double weight =
-            find_sky ? kernel / (kernel + shine_.environment.density(direction)) : 1;
-        return sum +
-               static_cast<float>(weight) * throughput * shine_.environment.radiance(direction);
+            find_sky ? kernel / (kernel + illumination_.environment.density(direction)) : 1;
+        return sum + static_cast<float>(weight) * throughput *
+                         illumination_.environment.radiance(direction);
       }
       if (bounce >= pass.bounces) return sum;
       way += *t;
@@ -276,7 +277,7 @@ class LightSolver {
   /// Next-event estimation towards the environment; its share by the balance heuristic.
   [[nodiscard]] glm::vec3 sky(const Matter& matter, Random& random) const {
     const double choice = random(), u = random(), v = random();
-    const Environment::Sample s = shine_.environment.sample(choice, u, v);
+    const Environment::Sample s = illumination_.environment.sample(choice, u, v);
     const double kernel = matter.kernel(s.direction);
     if (!(kernel > 0) ||
         !reaches(matter, s.direction, std::numeric_limits<double>::infinity(), random))
@@ -286,11 +287,12 @@ class LightSolver {
 
   /// Next-event estimation towards one of the lights.
   [[nodiscard]] glm::vec3 one_light(const Matter& matter, Random& random) const {
-    const std::size_t count = shine_.lights.size();
+    const std::size_t count = illumination_.lights.size();
     if (count == 0) return glm::vec3(0);
     const auto l = static_cast<std::size_t>(random() * static_cast<double>(count));
     const double u = random(), v = random();
-    const Arrival arrival = shine_.lights[l].arrival(medium_.world(matter.start), u, v);
+    const IncidentLight arrival =
+        illumination_.lights[l].incident_light(medium_.world(matter.start), u, v);
     const double kernel = matter.kernel(arrival.direction);
     if (!(kernel > 0) || !reaches(matter, arrival.direction, arrival.distance, random))
       return glm::vec3(0);
@@ -303,7 +305,7 @@ class LightSolver {
   }
 
   const Medium& medium_;
-  const Illumination& shine_;
+  const Illumination& illumination_;
   const LightOptions& options_;
   const LightGrid& light_;
   const std::vector<float>& depth_;

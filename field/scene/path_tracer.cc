@@ -17,13 +17,13 @@ struct PathTracer::State {
   explicit State(std::unique_ptr<VolumeScene> s, const PathTraceOptions& p)
       : scene(std::move(s)),
         medium(scene->grid),
-        shine(illuminate(scene->lighting, scene->bounds)),
+        illumination(illuminate(scene->lighting, scene->bounds)),
         tone(scene->lighting.tone),
         paths(p) {}
 
   std::unique_ptr<VolumeScene> scene;
   Medium medium;
-  Illumination shine;
+  Illumination illumination;
   ToneMapper tone;
   PathTraceOptions paths;
 
@@ -35,9 +35,9 @@ struct PathTracer::State {
 
 glm::vec3 PathTracer::State::lights(const Matter& matter, Random& random) const {
   glm::vec3 sum(0);
-  for (const PlacedLight& light : shine.lights) {
+  for (const PlacedLight& light : illumination.lights) {
     const double u = random(), v = random();
-    const Arrival arrival = light.arrival(medium.world(matter.start), u, v);
+    const IncidentLight arrival = light.incident_light(medium.world(matter.start), u, v);
     const double kernel = matter.kernel(arrival.direction);
     if (kernel > 0 &&
         !medium.fly(matter.start, medium.per_world(arrival.direction), arrival.distance, random))
@@ -60,7 +60,7 @@ glm::vec3 PathTracer::State::scattered(glm::dvec3 at, Random& random) const {
     const glm::dvec3 along = medium.per_world(direction);
     // Woodcock tracking to the next vertex ("Volume sampling").
     const auto t = medium.fly(matter.start, along, std::numeric_limits<double>::infinity(), random);
-    if (!t) return sum + throughput * shine.environment.radiance(direction);
+    if (!t) return sum + throughput * illumination.environment.radiance(direction);
     if (bounce == bounces) return sum;
     at = matter.start + *t * along;
     const double survival =

@@ -12,20 +12,22 @@ namespace slf {
 struct Raycaster::State {
   std::unique_ptr<VolumeScene> scene;
   ToneMapper tone;
-  bool mapped;                    // whether samples are tone-mapped
-  std::optional<LightWork> work;  // of the light volume, until it is there
+  bool mapped;                                      // whether samples are tone-mapped
+  std::optional<LightVolumeOptions> pending_light;  // until the light volume is computed
 };
 
 namespace {
 
-/// The light volume of a scene, read from work.file if that has it, else computed.
-Result<LightGrid> light_of(const VolumeScene& scene, const Medium& medium, const LightWork& work) {
-  if (!work.file.empty())
-    if (auto kept = load_light(work.file, light_key(scene.provenance))) return std::move(*kept);
+/// The light volume of a scene, read from options.file if that has it, else computed.
+Result<LightGrid> light_of(const VolumeScene& scene, const Medium& medium,
+                           const LightVolumeOptions& options) {
+  if (!options.file.empty())
+    if (auto saved = load_light(options.file, light_key(scene.provenance)))
+      return std::move(*saved);
   auto light = compute_light(medium, illuminate(scene.lighting, scene.bounds), scene.lighting,
-                             work.threads, work.progress);
-  if (light && !work.file.empty())
-    if (auto ok = save_light(work.file, light_key(scene.provenance), *light); !ok)
+                             options.threads, options.progress);
+  if (light && !options.file.empty())
+    if (auto ok = save_light(options.file, light_key(scene.provenance), *light); !ok)
       return tl::unexpected(ok.error());
   return light;
 }
@@ -37,28 +39,28 @@ Raycaster::~Raycaster() = default;
 
 Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const TransferFunction& transfer,
                                                    const RaycastOptions& options,
-                                                   const LightWork& work) {
+                                                   const LightVolumeOptions& light_volume) {
   auto scene = make_volume_scene(std::move(volume), transfer, options);
   if (!scene) return tl::unexpected(scene.error());
   const LightOptions& lighting = options.lighting;
   const bool lit = lighting.mode != Lighting::direct;
   auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::make_unique<State>(
       State{std::move(*scene), ToneMapper(lighting.tone), lit && !lighting.linear,
-            lit ? std::optional(work) : std::nullopt})));
-  if (!work.later)
+            lit ? std::optional(light_volume) : std::nullopt})));
+  if (!light_volume.deferred)
     if (auto ok = caster->prepare(); !ok) return tl::unexpected(ok.error());
   return caster;
 }
 
 Result<void> Raycaster::prepare() const {
-  if (!state_->work) return {};
+  if (!state_->pending_light) return {};
   RayGrid& grid = state_->scene->grid;
   const Medium medium(grid);
-  auto light = light_of(*state_->scene, medium, *state_->work);
+  auto light = light_of(*state_->scene, medium, *state_->pending_light);
   if (!light) return tl::unexpected(light.error());
   grid.light_volume = std::move(*light);
   grid.table.colors = medium.ray_colors();
-  state_->work.reset();
+  state_->pending_light.reset();
   return {};
 }
 

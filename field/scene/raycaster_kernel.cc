@@ -51,7 +51,7 @@ struct RayBatch {
 };
 
 /// Puts a ray into place i of the batch. False: it misses the visible box.
-bool enter(const RayGrid& grid, const Segment& segment, RayBatch& batch, std::size_t i) {
+bool start_ray(const RayGrid& grid, const Segment& segment, RayBatch& batch, std::size_t i) {
   // Find the range of steps inside the visible box.
   const double length = glm::distance(segment.from, segment.to);
   if (!(length > 0)) return false;
@@ -213,7 +213,7 @@ void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::s
       if (sample.rgba.a > 0)
         sample.depth = static_cast<float>(std::clamp(
             (batch.first[i] + batch.depth[i] / batch.alpha[i]) / batch.steps[i], 0.0, 1.0));
-      while (next < rays.size() && !enter(grid, rays[next], batch, i)) ++next;
+      while (next < rays.size() && !start_ray(grid, rays[next], batch, i)) ++next;
       if (next < rays.size())
         batch.ray[i] = next++;
       else
@@ -246,7 +246,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
   RayCounts counts;
   std::size_t next = 0;
   for (; next < rays.size() && batch.size < kBatch; ++next)
-    if (enter(grid, rays[next], batch, batch.size)) batch.ray[batch.size++] = next;
+    if (start_ray(grid, rays[next], batch, batch.size)) batch.ray[batch.size++] = next;
   while (batch.size > 0) {
     // Find the rays whose next sample is not in empty space.
     locate(grid, batch);

@@ -41,7 +41,7 @@ std::string text_of(const DicomValues& values, Tag tag) {
 
 /// Whether a file is of a kind that has no picture: a directory, report, structure set,
 /// presentation state, document, waveform or raw data. Any other file without a picture is damaged.
-bool is_pictureless(const DicomValues& values) {
+bool has_no_picture(const DicomValues& values) {
   constexpr std::uint32_t kDirectoryRecords = 0x00041220;
   if (values.contains(kDirectoryRecords)) return true;
   const std::string sop_class = text_of(values, kSopClass);
@@ -214,7 +214,7 @@ Result<std::vector<DicomSlice>> read_dicom_slices(const std::string& path,
   if (file.series.empty()) file.series = "(no SeriesInstanceUID)";
   if (series && file.series != *series) return std::vector<DicomSlice>{};
   if (!values.contains(kRows)) {
-    if (is_pictureless(values)) return std::vector<DicomSlice>{};
+    if (has_no_picture(values)) return std::vector<DicomSlice>{};
     return fail(ErrorCode::bad_file, path,
                 ": a DICOM file without Rows: it is truncated, or its "
                 "kind (SOP class ",

@@ -24,7 +24,7 @@ constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 30;
 std::uint64_t decoded_bytes(const DicomSlice& file) { return file.bytes() * file.frames; }
 
 /// Seconds that decoding a file may take. The slowest decoder makes tens of megabytes per second.
-std::uint64_t patience(const DicomSlice& file) { return 60 + (decoded_bytes(file) >> 20); }
+std::uint64_t time_limit(const DicomSlice& file) { return 60 + (decoded_bytes(file) >> 20); }
 
 // In the child.
 
@@ -36,10 +36,10 @@ bool set_limits(const std::vector<DicomSlice>& files) {
   if (!(std::ifstream("/proc/self/statm") >> pages)) return false;
   for (const auto& file : files) {
     largest = std::max(largest, decoded_bytes(file));
-    seconds += patience(file);
+    seconds += time_limit(file);
   }
   const auto page = static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
-  constexpr std::uint64_t kSpare = std::uint64_t{1} << 30;
+  constexpr std::uint64_t kSpareBytes = std::uint64_t{1} << 30;
   const auto limit = [](auto resource, std::uint64_t most) {
     rlimit now{};
     if (::getrlimit(resource, &now) != 0) return false;
@@ -47,11 +47,11 @@ bool set_limits(const std::vector<DicomSlice>& files) {
     return ::setrlimit(resource, &now) == 0;
   };
   return limit(RLIMIT_CORE, 0) && limit(RLIMIT_FSIZE, 0) && limit(RLIMIT_NPROC, 0) &&
-         limit(RLIMIT_CPU, seconds) && limit(RLIMIT_AS, pages * page + kSpare + 12 * largest);
+         limit(RLIMIT_CPU, seconds) && limit(RLIMIT_AS, pages * page + kSpareBytes + 12 * largest);
 }
 
 /// Resets the signal handlers that the parent installed.
-void forget_signal_handlers() {
+void reset_signal_handlers() {
   for (const int signal : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGINT, SIGTERM, SIGHUP,
                            SIGPIPE, SIGXCPU, SIGCHLD})
     ::signal(signal, SIG_DFL);
@@ -116,7 +116,7 @@ bool decode(const DicomSlice& file, int to) {
 }
 
 [[noreturn]] void be_child(const std::vector<DicomSlice>& files, int to) noexcept {
-  forget_signal_handlers();
+  reset_signal_handlers();
   try {
     bool good = silence() && set_limits(files);
     for (std::size_t i = 0; good && i < files.size(); ++i) good = decode(files[i], to);
@@ -179,23 +179,23 @@ Result<std::vector<std::byte>> DicomDecoder::read(const DicomSlice& file) {
   std::vector<std::byte> pixels;
   const std::uint64_t needed = decoded_bytes(file);
   while (pixels.size() < needed) {
-    if (wait_for_bytes(pipe_, patience(file)) == Wait::late) return why_not(file, true);
+    if (wait_for_bytes(pipe_, time_limit(file)) == Wait::late) return decoding_error(file, true);
     const std::size_t from = pixels.size();
     if (from == 0) pixels.reserve(needed);
     constexpr std::uint64_t kStep = std::uint64_t{1} << 18;
     pixels.resize(from + std::min(needed - from, kStep));
     const ssize_t got = ::read(pipe_, pixels.data() + from, pixels.size() - from);
     pixels.resize(from + static_cast<std::size_t>(std::max<ssize_t>(got, 0)));
-    if (got == 0 || (got < 0 && errno != EINTR)) return why_not(file, false);
+    if (got == 0 || (got < 0 && errno != EINTR)) return decoding_error(file, false);
   }
   return pixels;
 }
 
-tl::unexpected<Error> DicomDecoder::why_not(const DicomSlice& file, bool late) {
+tl::unexpected<Error> DicomDecoder::decoding_error(const DicomSlice& file, bool late) {
   const std::string what = name_of_compression(file.syntax);
   if (late)
     return fail(ErrorCode::bad_file, file.path, ": its pixels, ", what,
-                ", were not decoded within ", patience(file), " s: they are damaged");
+                ", were not decoded within ", time_limit(file), " s: they are damaged");
   int status = 0;
   pid_t ended = 0;
   while ((ended = ::waitpid(child_, &status, 0)) < 0 && errno == EINTR) {

@@ -41,7 +41,7 @@ class DicomDecoder {
 
  private:
   DicomDecoder(pid_t child, int pipe) : child_(child), pipe_(pipe) {}
-  [[nodiscard]] tl::unexpected<Error> why_not(const DicomSlice& file, bool late);
+  [[nodiscard]] tl::unexpected<Error> decoding_error(const DicomSlice& file, bool late);
 
   pid_t child_;
   int pipe_;

@@ -71,23 +71,23 @@ std::string describe(const SliceKind& kind) {
          (kind.components > 1 ? ", " + std::to_string(kind.components) + " components" : "");
 }
 
-Result<ComponentTaker> ComponentTaker::make(const std::string& source, const SliceKind& kind,
-                                            const VolumeOptions& options) {
-  ComponentTaker taker;
-  taker.source_ = source;
-  taker.components_ = kind.components;
-  taker.width_ = bytes_per_voxel(kind.type);
+Result<ComponentSelector> ComponentSelector::make(const std::string& source, const SliceKind& kind,
+                                                  const VolumeOptions& options) {
+  ComponentSelector selector;
+  selector.source_ = source;
+  selector.components_ = kind.components;
+  selector.width_ = bytes_per_voxel(kind.type);
   const bool implicit = !options.component && kind.components >= 2 && kind.components <= 4;
-  taker.must_be_grey_ = implicit && kind.components >= 3;
-  if (implicit) return taker;
+  selector.require_grey_ = implicit && kind.components >= 3;
+  if (implicit) return selector;
   const auto component = choose(source, options.component, kind.components, "component");
   if (!component) return tl::unexpected(component.error());
-  taker.component_ = *component;
-  return taker;
+  selector.component_ = *component;
+  return selector;
 }
 
-Result<void> ComponentTaker::append(std::span<const std::byte> samples,
-                                    std::vector<std::byte>& voxels) const {
+Result<void> ComponentSelector::append(std::span<const std::byte> samples,
+                                       std::vector<std::byte>& voxels) const {
   if (components_ == 1) {
     voxels.insert(voxels.end(), samples.begin(), samples.end());
     return {};
@@ -95,7 +95,7 @@ Result<void> ComponentTaker::append(std::span<const std::byte> samples,
   const std::size_t stride = width_ * components_;
   for (std::size_t at = 0; at + stride <= samples.size(); at += stride) {
     const auto* voxel = &samples[at];
-    if (must_be_grey_ && (std::memcmp(voxel, voxel + width_, width_) != 0 ||
+    if (require_grey_ && (std::memcmp(voxel, voxel + width_, width_) != 0 ||
                           std::memcmp(voxel, voxel + 2 * width_, width_) != 0)) {
       const auto error = choose(source_, {}, components_, "component");
       return tl::unexpected(error.error());

@@ -173,27 +173,27 @@ Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fi
 }
 
 /// The extents of the axes that are not of space: components before these, time points after.
-struct Beside {
+struct OtherExtents {
   std::uint64_t components = 1, times = 1;
 };
 
 /// Keeps the three axes of space. Drops axes of extent 1 beyond three, those of components first.
-Result<Beside> keep_space(const std::string& path, bool directed, std::vector<Axis>& axes) {
+Result<OtherExtents> keep_space(const std::string& path, bool directed, std::vector<Axis>& axes) {
   const auto beyond = [&](const Axis& a) { return is_range(a) || (directed && !a.direction); };
   std::erase_if(axes, [&](const Axis& a) { return a.size == 1 && beyond(a); });
   for (std::size_t i = axes.size(); i-- > 0 && axes.size() > 3;)
     if (axes[i].size == 1) axes.erase(axes.begin() + static_cast<std::ptrdiff_t>(i));
   const std::vector<Axis> all = axes;
-  Beside beside;
+  OtherExtents others;
   if (axes.size() > 3 && beyond(axes.front())) {
-    beside.components = axes.front().size;
+    others.components = axes.front().size;
     axes.erase(axes.begin());
   }
   if (axes.size() == 4 && (beyond(axes.back()) || std::none_of(axes.begin(), axes.end(), beyond))) {
-    beside.times = axes.back().size;
+    others.times = axes.back().size;
     axes.pop_back();
   }
-  if (axes.size() <= 3 && std::none_of(axes.begin(), axes.end(), beyond)) return beside;
+  if (axes.size() <= 3 && std::none_of(axes.begin(), axes.end(), beyond)) return others;
   std::string found;
   for (const Axis& axis : all)
     found.append(found.empty() ? "" : "x")
@@ -262,8 +262,8 @@ Result<std::uint64_t> parse_skip(const std::string& path, const FieldMap& fields
   return static_cast<std::uint64_t>(*value);  // -1, the end of the file, becomes the largest
 }
 
-Result<std::uint64_t> behind_lines(const std::string& path, std::uint64_t from,
-                                   std::uint64_t lines) {
+Result<std::uint64_t> offset_after_lines(const std::string& path, std::uint64_t from,
+                                         std::uint64_t lines) {
   std::ifstream file(path, std::ios::binary);
   file.seekg(static_cast<std::streamoff>(from));
   for (std::uint64_t line = 0; line < lines; ++line) {
@@ -319,7 +319,7 @@ Result<VoxelData> locate(const std::string& path, const Header& header, const Vo
     return fail(size.error().code, path, ": its data file cannot be read: ", size.error().message);
   const auto lines = parse_skip(path, fields, "lineskip", 0);
   if (!lines) return tl::unexpected(lines.error());
-  const auto behind = behind_lines(data.path, data.offset, *lines);
+  const auto behind = offset_after_lines(data.path, data.offset, *lines);
   if (!behind) return tl::unexpected(behind.error());
   data.offset = *behind;
   const auto skip = parse_skip(path, fields, "byteskip", data.packed ? 0 : -1);
@@ -355,10 +355,10 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
   auto axes = parse_axes(path, fields);
   if (!axes) return tl::unexpected(axes.error());
   const bool directed = fields.contains("spacedirections");
-  const auto beside = keep_space(path, directed, *axes);
-  if (!beside) return tl::unexpected(beside.error());
-  if (beside->components > 4096)
-    return fail(ErrorCode::unsupported, path, ": ", beside->components,
+  const auto others = keep_space(path, directed, *axes);
+  if (!others) return tl::unexpected(others.error());
+  if (others->components > 4096)
+    return fail(ErrorCode::unsupported, path, ": ", others->components,
                 " components a voxel, expected at most 4096");
   std::vector<std::uint64_t> sizes;
   for (const Axis& axis : *axes) sizes.push_back(axis.size);
@@ -369,11 +369,11 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
       directed ? place_directed(fields, *axes, volume) : place_by_spacing(fields, *axes, volume);
   if (!placed) return tl::unexpected(placed.error());
 
-  const auto time = choose(path, options.time, beside->times, "time point");
+  const auto time = choose(path, options.time, others->times, "time point");
   if (!time) return tl::unexpected(time.error());
-  auto data = locate(path, *header, volume, beside->components * beside->times);
+  auto data = locate(path, *header, volume, others->components * others->times);
   if (!data) return tl::unexpected(data.error());
-  data->components = static_cast<std::uint32_t>(beside->components);
+  data->components = static_cast<std::uint32_t>(others->components);
   const auto component = choose(path, options.component, data->components, "component");
   if (!component) return tl::unexpected(component.error());
   data->component = *component;

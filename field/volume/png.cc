@@ -92,7 +92,7 @@ Result<void> append_png(const std::string& path, const VolumeOptions& options,
   if (*kind != reader.kind)
     return fail(ErrorCode::unsupported, path, ": ", describe(reader.kind),
                 ", unlike the slices before it (", describe(*kind), ")");
-  const auto taker = ComponentTaker::make(path, *kind, options);
+  const auto taker = ComponentSelector::make(path, *kind, options);
   if (!taker) return tl::unexpected(taker.error());
 
   const std::size_t row = std::size_t{kind->width} * kind->components * bytes_per_voxel(kind->type);

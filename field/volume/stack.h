@@ -22,12 +22,13 @@ struct SliceKind {
 [[nodiscard]] std::string describe(const SliceKind& kind);
 
 /// Appends one component of each voxel to a volume.
-class ComponentTaker {
+class ComponentSelector {
  public:
   /// Chooses the component: that of the options, or the first of grey with alpha and of colours
   /// whose channels are equal. Errors as choose().
-  [[nodiscard]] static Result<ComponentTaker> make(const std::string& source, const SliceKind& kind,
-                                                   const VolumeOptions& options);
+  [[nodiscard]] static Result<ComponentSelector> make(const std::string& source,
+                                                      const SliceKind& kind,
+                                                      const VolumeOptions& options);
   [[nodiscard]] std::uint32_t component() const { return component_; }
   /// `samples`: whole voxels, components side by side, native byte order.
   /// unsupported: colours that differ, and none was chosen.
@@ -38,7 +39,7 @@ class ComponentTaker {
   std::string source_;
   std::uint32_t components_ = 1, component_ = 0;
   std::size_t width_ = 1;
-  bool must_be_grey_ = false;
+  bool require_grey_ = false;
 };
 
 /// Appends a PNG to `voxels`. The first one sets `kind`, which all others must have.

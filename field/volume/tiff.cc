@@ -141,7 +141,7 @@ Result<std::vector<std::byte>> buffer(const TiffFile& file, std::uint64_t size) 
 
 /// Appends the pixels of this page, by strips or by rows of tiles, so that memory grows with the
 /// data that were decoded.
-Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentTaker& taker,
+Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentSelector& taker,
                          std::vector<std::byte>& voxels) {
   TIFF* tiff = file.tiff.get();
   if (file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE) == COMPRESSION_JPEG)
@@ -307,7 +307,7 @@ Result<std::uint32_t> append_tiff(const std::string& path, const VolumeOptions& 
       if (*kind != *here)
         return fail(ErrorCode::unsupported, path, ": page ", file.page, " is ", describe(*here),
                     ", unlike the slices before it (", describe(*kind), ")");
-      const auto taker = ComponentTaker::make(path, *kind, options);
+      const auto taker = ComponentSelector::make(path, *kind, options);
       if (!taker) return tl::unexpected(taker.error());
       if (auto ok = append_page(file, *kind, *taker, voxels); !ok)
         return tl::unexpected(ok.error());
@@ -369,7 +369,7 @@ Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) 
     return read_raw_stack(file, *kind, *d, page_of(*d, 1, 0, 0), page_of(*d, 0, channel, *time),
                           std::move(volume));
 
-  const auto taker = ComponentTaker::make(path, *kind, of_page);
+  const auto taker = ComponentSelector::make(path, *kind, of_page);
   if (!taker) return tl::unexpected(taker.error());
   PageReader reader;
   for (std::uint64_t z = 0; z < d->z; ++z) {

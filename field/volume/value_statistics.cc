@@ -47,13 +47,13 @@ std::array<double, kBins> histogram(std::span<const double> values, double least
   return count;
 }
 
-struct Cut {
+struct Threshold {
   double value;         ///< threshold that separates the values best into two classes
   double separability;  ///< the variance between the classes over all variance, 0..1
 };
 
 /// Otsu 1979, over bins between two values. REQUIRES: sorted, least < most.
-Cut otsu(std::span<const double> values, double least, double most) {
+Threshold otsu(std::span<const double> values, double least, double most) {
   const auto count = histogram(values, least, most);
   double total = 0, sum = 0, squares = 0;
   for (std::size_t i = 0; i < kBins; ++i) {
@@ -107,7 +107,7 @@ double background_end(std::span<const double> sorted, double least, double most)
       break;
     const std::span<const double> rest(sorted.begin(), above);
     if (rest.empty() || !(least < end)) break;
-    const Cut lower = otsu(rest, least, end);
+    const Threshold lower = otsu(rest, least, end);
     if (lower.separability < kParts || !(lower.value > least)) break;
     end = lower.value;
   }

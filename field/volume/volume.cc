@@ -63,20 +63,21 @@ bool all_integers(const Volume& volume) {
 Result<Volume> read_headerless(const std::string& path, std::string_view head) {
   // If the name suggests a format, name that in the message instead of how to load raw voxels.
   const std::string file = lower(path);
-  struct Promise {
+  struct NamedFormat {
     std::string_view ending, expected;
   };
   for (const auto& [ending, expected] :
-       {Promise{".nii", "a NIfTI header ('n+1' at byte 344 or 'n+2' at byte 4)"},
-        Promise{".nii.gz", "a gzip file with a NIfTI header in it"},
-        Promise{".hdr", "a NIfTI header ('ni1' at byte 344)"}, Promise{".nrrd", "'NRRD000'"},
-        Promise{".nhdr", "'NRRD000'"}, Promise{".mha", "'ObjectType = Image'"},
-        Promise{".mhd", "'ObjectType = Image'"}, Promise{".dcm", "'DICM' at byte 128"},
-        Promise{".tif", "a TIFF header ('II*' or 'MM')"},
-        Promise{".tiff", "a TIFF header ('II*' or 'MM')"},
-        Promise{".vti", "'<VTKFile type=\"ImageData\"'"},
-        Promise{".mrc", "an MRC header ('MAP' at byte 208)"},
-        Promise{".gz", "a NIfTI header within"}})
+       {NamedFormat{".nii", "a NIfTI header ('n+1' at byte 344 or 'n+2' at byte 4)"},
+        NamedFormat{".nii.gz", "a gzip file with a NIfTI header in it"},
+        NamedFormat{".hdr", "a NIfTI header ('ni1' at byte 344)"},
+        NamedFormat{".nrrd", "'NRRD000'"}, NamedFormat{".nhdr", "'NRRD000'"},
+        NamedFormat{".mha", "'ObjectType = Image'"}, NamedFormat{".mhd", "'ObjectType = Image'"},
+        NamedFormat{".dcm", "'DICM' at byte 128"},
+        NamedFormat{".tif", "a TIFF header ('II*' or 'MM')"},
+        NamedFormat{".tiff", "a TIFF header ('II*' or 'MM')"},
+        NamedFormat{".vti", "'<VTKFile type=\"ImageData\"'"},
+        NamedFormat{".mrc", "an MRC header ('MAP' at byte 208)"},
+        NamedFormat{".gz", "a NIfTI header within"}})
     if (file.ends_with(ending))
       return fail(ErrorCode::bad_file, path, ": expected ", expected, ", found ",
                   in_quotes(head.substr(0, 16)), " at its start: it is damaged, or misnamed");

@@ -181,7 +181,7 @@ class Source {
   /// Fills `to`, or returns how many bytes there were.
   [[nodiscard]] virtual Result<std::size_t> read(std::span<std::byte> to) = 0;
   /// Call where a new base64 sequence begins.
-  virtual void begin_anew() {}
+  virtual void begin_sequence() {}
 };
 
 class FileSource final : public Source {
@@ -200,12 +200,12 @@ class Base64Source final : public Source {
   Result<std::size_t> read(std::span<std::byte> to) override {
     std::size_t done = 0;
     while (done < to.size()) {
-      if (used_ == held_.size() && !decode()) break;
-      to[done++] = held_[used_++];
+      if (used_ == decoded_.size() && !decode()) break;
+      to[done++] = decoded_[used_++];
     }
     return done;
   }
-  void begin_anew() override { used_ = held_.size(); }
+  void begin_sequence() override { used_ = decoded_.size(); }
 
  private:
   static int value_of(char c) {
@@ -229,16 +229,16 @@ class Base64Source final : public Source {
       ++count;
     }
     if (count < 4 || padding > 2) return false;
-    held_.clear();
+    decoded_.clear();
     used_ = 0;
     for (int i = 0; i < 3 - padding; ++i)
-      held_.push_back(static_cast<std::byte>(bits >> (16 - 8 * i) & 0xff));
+      decoded_.push_back(static_cast<std::byte>(bits >> (16 - 8 * i) & 0xff));
     return true;
   }
 
   std::string_view text_;
   std::size_t at_ = 0;
-  std::vector<std::byte> held_;
+  std::vector<std::byte> decoded_;
   std::size_t used_ = 0;
 };
 
@@ -279,7 +279,7 @@ Result<void> read_blocks(const Document& d, Source& source, const std::string& p
     if (!size) return tl::unexpected(size.error());
     packed.push_back(*size);
   }
-  source.begin_anew();
+  source.begin_sequence();
   std::vector<std::byte> in, out;
   for (std::uint64_t i = 0; i < blocks; ++i) {
     const std::uint64_t size = i + 1 == blocks && last ? last : block;

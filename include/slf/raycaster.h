@@ -32,14 +32,14 @@ struct RaycastOptions {
   Structures structures{};  ///< parts of the volume in colours of their own
 };
 
-/// How to compute a light volume. Nothing here changes its content.
-struct LightWork {
+/// Options of computing a light volume. None of them changes its content.
+struct LightVolumeOptions {
   unsigned threads = 0;         ///< 0: all
   ProgressCallback progress{};  ///< counts paths of light
   /// Path of a file for the light volume. It is read if it was computed from the same scene and
   /// options; otherwise the light volume is computed and written there. Empty: no file.
   std::string file{};
-  bool later = false;  ///< prepare(), called before the first ray, computes the light volume
+  bool deferred = false;  ///< prepare(), called before the first ray, computes the light volume
 };
 
 /// The work of tracing rays.
@@ -58,17 +58,16 @@ struct RayCounts {
 class Raycaster final : public Scene {
  public:
   /// Keeps voxels in their type if that is an 8 or 16 bit integer or f32, and converts others to
-  /// f32. Renumbers label ids beyond 16 bits. Computes the light volume if the options ask for one,
-  /// unless it is left for `work.later`.
+  /// f32. Renumbers label ids beyond 16 bits. Computes the light volume if the options ask for one
+  /// and `light_volume.deferred` is false.
   /// usage: an option out of range. failed: nothing in the volume is visible; stopped by the
   /// progress callback. io: the file of the light volume cannot be written.
-  [[nodiscard]] static Result<std::unique_ptr<Raycaster>> make(Volume volume,
-                                                               const TransferFunction& transfer,
-                                                               const RaycastOptions& options = {},
-                                                               const LightWork& work = {});
+  [[nodiscard]] static Result<std::unique_ptr<Raycaster>> make(
+      Volume volume, const TransferFunction& transfer, const RaycastOptions& options = {},
+      const LightVolumeOptions& light_volume = {});
   ~Raycaster() override;
 
-  /// Computes the light volume if make() left it for later; errors as there.
+  /// Computes the light volume if make() has deferred it. Errors as make().
   [[nodiscard]] Result<void> prepare() const override;
   [[nodiscard]] Sphere bounds() const override;
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;

@@ -21,8 +21,8 @@ namespace slf {
 struct RemoteOptions {
   unsigned parallel = 6;      ///< requests at once, at least 1
   unsigned attempts = 5;      ///< for each request, at least 1; the pauses between them double
-  double patience = 20;       ///< seconds to wait for a connection, or for a stalled transfer
-  double first_pause = 0.25;  ///< seconds before the second attempt
+  double stall_timeout = 20;  ///< seconds to wait for a connection, or for a stalled transfer
+  double first_retry_delay = 0.25;  ///< seconds before the second attempt
 };
 
 /// Traffic with the server since RemoteField::open().

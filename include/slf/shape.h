@@ -54,7 +54,7 @@ struct FieldShape {
   /// Whether the complete field has a tile with this key.
   [[nodiscard]] bool has(TileKey key) const;
   /// The largest number of samples in a tile.
-  [[nodiscard]] std::uint64_t largest_tile() const;
+  [[nodiscard]] std::uint64_t max_tile_samples() const;
 
   /// usage: a side, level, subfield or the sphere is out of range, or tiles would have more than
   /// 2^24 samples. The message states what is valid.

@@ -45,7 +45,7 @@ enum class SampleFormat : std::uint8_t {
 }
 
 /// Whether samples have both a colour and a depth.
-[[nodiscard]] constexpr bool has_both(SampleFormat format) {
+[[nodiscard]] constexpr bool has_color_and_depth(SampleFormat format) {
   return format == SampleFormat::rgba8_depth8 || format == SampleFormat::rgba16f_depth8;
 }
 

@@ -52,8 +52,8 @@ class Cursor {
 
   /// Descends from page `number` towards `key`, to the first entry that is not below it.
   [[nodiscard]] Result<bool> descend(std::uint64_t number, ByteSpan key);
-  [[nodiscard]] Result<bool> settle();
-  [[nodiscard]] Result<bool> last_below(std::uint64_t number);
+  [[nodiscard]] Result<bool> move_to_entry();
+  [[nodiscard]] Result<bool> descend_to_last(std::uint64_t number);
   [[nodiscard]] tl::unexpected<Error> bad_node(const TreePage& page, std::uint32_t index) const {
     return pages_->damaged(page.number(), "entry ", index, " leaves the page");
   }

@@ -65,7 +65,7 @@ class Environment {
   [[nodiscard]] int try_put(std::span<const Put> puts);
   [[nodiscard]] Result<void> grow();
   [[nodiscard]] Result<void> extend();
-  void begin_to_write() const;
+  void start_writeback() const;
   [[nodiscard]] tl::unexpected<Error> error(int code, const char* doing) const;
 
   std::string path_;

@@ -21,13 +21,13 @@ inline constexpr std::size_t kIndexEntry = 32;
 inline constexpr std::uint32_t kMaxSections = 256;
 /// Larger sections are neither written nor read, because reading the pages takes fewer bytes.
 inline constexpr std::uint64_t kMaxSectionBytes = 1 << 20;
-inline constexpr std::uint32_t kCore = 0xFFFFFFFF;  ///< the section of trees and blobs
-inline constexpr std::uint32_t kFirstExtra = 256;   ///< sections that storage does not use
+inline constexpr std::uint32_t kCoreSection = 0xFFFFFFFF;  ///< the section of trees and blobs
+inline constexpr std::uint32_t kFirstExtraSection = 256;   ///< sections that storage does not use
 
 /// A part of the index that is read as a whole: the trees and blobs, the tables of the records of
 /// one level, or data that storage does not use.
 struct IndexSection {
-  std::uint32_t what = kCore;  ///< or a level, or kFirstExtra and above
+  std::uint32_t id = kCoreSection;  ///< or a level, or kFirstExtraSection and above
   FileRange range;
   std::uint64_t checksum = 0;
 };

@@ -25,7 +25,7 @@ class Advice {
 
   /// Advises the kernel about the collected pages, in file order and with neighbouring pages
   /// merged, and clears the collection. `advice` is MADV_WILLNEED or MADV_DONTNEED.
-  void give(int advice);
+  void apply(int advice);
 
  private:
   struct Range {
@@ -40,7 +40,7 @@ class Advice {
 
 /// The bytes of a record that hold its header and table, estimated from the leaf alone; the whole
 /// record if it has a single tile; empty if the entry is not a record.
-[[nodiscard]] ByteSpan head_of(const Pages& pages, const TreePage& leaf, std::uint32_t index);
+[[nodiscard]] ByteSpan record_head(const Pages& pages, const TreePage& leaf, std::uint32_t index);
 
 /// Fetches the pages that a search for some keys reads: the tree level by level, then the heads of
 /// the records. Waits for the tree's pages but not for the heads.

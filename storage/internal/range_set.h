@@ -16,10 +16,10 @@ class RangeSet {
   void remove(FileRange range);
 
   /// Appends the parts of `range` that are not in the set, ascending.
-  void lacks(FileRange range, std::vector<FileRange>& to) const;
+  void append_missing(FileRange range, std::vector<FileRange>& to) const;
   /// Whether all of `range` is in the set, or any byte of it.
-  [[nodiscard]] bool has(FileRange range) const;
-  [[nodiscard]] bool touches(FileRange range) const;
+  [[nodiscard]] bool contains(FileRange range) const;
+  [[nodiscard]] bool intersects(FileRange range) const;
 
  private:
   std::map<std::uint64_t, std::uint64_t> ranges_;  // begin → end; no two meet

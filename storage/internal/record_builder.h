@@ -31,7 +31,7 @@ class Payload {
 
   [[nodiscard]] ByteSpan bytes() const { return bytes_; }
   /// Copies the bytes if this is a view.
-  void keep() {
+  void copy_if_view() {
     if (own_.empty()) own_.assign(bytes_.begin(), bytes_.end());
     bytes_ = own_;
   }
@@ -42,7 +42,7 @@ class Payload {
 };
 
 /// A complete record, ready to be written.
-struct CutRecord {
+struct CompleteRecord {
   LayerId layer = 0;
   TileKey last;
   Bytes head;  ///< the bytes before the payloads
@@ -70,31 +70,31 @@ class RecordBuilder {
 
   /// Adds a tile. Appends the records that this completes to `out`. REQUIRES: the key is above
   /// last(); the payload has at most kMaxPayload bytes, and none unless the tile is stored.
-  void append(NewTile tile, std::vector<CutRecord>& out);
+  void append(NewTile tile, std::vector<CompleteRecord>& out);
 
   /// Copies those payloads of the incomplete record that are views.
-  void keep_payloads();
+  void copy_viewed_payloads();
 
   /// Completes the last record.
-  void finish(std::vector<CutRecord>& out);
+  void finish(std::vector<CompleteRecord>& out);
 
   /// The last key appended or in the file.
   [[nodiscard]] std::optional<TileKey> last() const {
-    return held_.empty() ? previous_ : held_.back().key;
+    return pending_.empty() ? previous_ : pending_.back().key;
   }
 
  private:
-  struct Held : NewTile {
+  struct PendingTile : NewTile {
     std::size_t record_bytes = 0;  ///< of a record that ends with this tile
   };
 
-  void add(Held tile, std::vector<CutRecord>& out);
-  [[nodiscard]] std::size_t best_cut() const;
-  void cut(std::size_t tiles, std::vector<CutRecord>& out);
+  void add(PendingTile tile, std::vector<CompleteRecord>& out);
+  [[nodiscard]] std::size_t best_record_end() const;
+  void end_record(std::size_t tiles, std::vector<CompleteRecord>& out);
 
   LayerId layer_;
   std::optional<TileKey> previous_;
-  std::vector<Held> held_;
+  std::vector<PendingTile> pending_;
   std::size_t code_bytes_ = 0;
   std::size_t stored_ = 0;
   std::size_t payload_bytes_ = 0;  ///< with padding

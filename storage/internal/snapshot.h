@@ -39,7 +39,7 @@ class Snapshot final : public Trees {
   [[nodiscard]] bool distant() const { return copy_ != nullptr; }
 
   /// As TileStore::section().
-  [[nodiscard]] Bytes section(std::uint32_t what) const;
+  [[nodiscard]] Bytes section(std::uint32_t id) const;
 
   /// bad_file if the file has shrunk under the map: bytes read before may have been zeros.
   [[nodiscard]] Result<void> unchanged() const override;

@@ -51,8 +51,8 @@ class SparseCopy final : public ByteSource {
   int file_ = -1;
   MappedFile map_;
   mutable std::mutex mutex_;
-  mutable std::condition_variable arrived_;
-  mutable RangeSet held_, coming_;
+  mutable std::condition_variable fetched_;
+  mutable RangeSet present_, fetching_;
 };
 
 }  // namespace slf::storage::internal

@@ -8,7 +8,7 @@
 
 namespace slf::storage::internal {
 
-enum class Depth {
+enum class CheckScope {
   /// What LMDB relies on to append records and change blobs: branch and leaf pages, the free list
   /// and the blobs. Of records, only their extents.
   trees,
@@ -19,6 +19,6 @@ enum class Depth {
 /// Checks the pages, and appends one error per finding. After a few hundred it gives up, and the
 /// last error says so. Takes time linear in the number of pages checked, and one bit of memory per
 /// page of the file.
-void check_pages(const Pages& pages, Depth depth, std::vector<Error>& findings);
+void check_pages(const Pages& pages, CheckScope scope, std::vector<Error>& findings);
 
 }  // namespace slf::storage::internal

@@ -19,10 +19,11 @@ namespace slf::storage::internal {
 
 /// An upper bound for the number of tiles in the record of entry `index`. Reads the leaf only.
 /// REQUIRES: `node` is that entry.
-[[nodiscard]] std::uint64_t span_of(const TreePage& leaf, std::uint32_t index, const Node& node);
+[[nodiscard]] std::uint64_t max_tiles_in_record(const TreePage& leaf, std::uint32_t index,
+                                                const Node& node);
 
 /// The bytes that header and table of a record with `span` tiles usually need.
-[[nodiscard]] std::uint64_t usual_head(std::uint64_t span);
+[[nodiscard]] std::uint64_t usual_head_bytes(std::uint64_t span);
 
 /// Not movable, because its pages refer to it. Thread-safety: const members from any thread.
 class Trees {

@@ -261,13 +261,13 @@ TEST(Light, DoesNotDependOnTheThreads) {
   const auto scene = make_volume_scene(ball(20), t, options);
   ASSERT_TRUE(scene) << scene.error().message;
   const Medium medium((*scene)->grid);
-  const Illumination shine = illuminate(options.lighting, (*scene)->bounds);
-  const auto one = compute_light(medium, shine, options.lighting, 1, {});
-  const auto three = compute_light(medium, shine, options.lighting, 3, {});
+  const Illumination illumination = illuminate(options.lighting, (*scene)->bounds);
+  const auto one = compute_light(medium, illumination, options.lighting, 1, {});
+  const auto three = compute_light(medium, illumination, options.lighting, 3, {});
   ASSERT_TRUE(one && three);
   EXPECT_EQ(one->nodes, three->nodes);
   options.lighting.seed = 2;
-  EXPECT_NE(compute_light(medium, shine, options.lighting, 3, {})->nodes, one->nodes);
+  EXPECT_NE(compute_light(medium, illumination, options.lighting, 3, {})->nodes, one->nodes);
 }
 
 TEST(Light, MemoryBoundsTheGrid) {
@@ -411,8 +411,8 @@ TEST(Light, NearLightsFallOffWithDistance) {
   Light lamp{{0, 0, 1}};
   lamp.distance = 2;
   const PlacedLight light(lamp, bounds);
-  const Arrival at_center = light.arrival({1, 2, 3}, 0, 0),
-                nearer = light.arrival({1, 2, 13}, 0, 0);
+  const IncidentLight at_center = light.incident_light({1, 2, 3}, 0, 0),
+                      nearer = light.incident_light({1, 2, 13}, 0, 0);
   EXPECT_NEAR(at_center.irradiance.r, kPi, 1e-5);
   EXPECT_NEAR(at_center.distance, 20, 1e-9);
   EXPECT_NEAR(nearer.irradiance.r, 4 * kPi, 1e-4);

@@ -104,7 +104,7 @@ TEST(ReferenceIndex, AFieldsIndexListsWhatPayloadsName) {
   unsigned sections = 0;
   for (const auto& section : found->sections) {
     for (const std::uint8_t level : {1, 2}) {
-      if (section.what != reference_section(0, level)) continue;
+      if (section.id != reference_section(0, level)) continue;
       ++sections;
       const auto index = ReferenceIndex::parse(
           file.subspan(section.range.begin, section.range.end - section.range.begin), level);

@@ -69,7 +69,7 @@ void use(const std::string& path) {
     const auto field = Field::open(path);
     if (!field) return;
     const FieldShape& shape = field->shape();
-    if (shape.largest_tile() > kMaxSamples || shape.tiles(shape.levels) > 1u << 14 ||
+    if (shape.max_tile_samples() > kMaxSamples || shape.tiles(shape.levels) > 1u << 14 ||
         shape.entry_resolution(shape.levels) > 64 || shape.exit_resolution(shape.levels) > 256)
       return;
     (void)field->content();

@@ -23,11 +23,11 @@ auto complete(RangedStore& store, ByteSpan file, const Call& call) {
   constexpr int kMaxRounds = 200;
   for (int round = 0;; ++round) {
     auto result = call();
-    const auto wanted = store.wanted();
-    if (result || wanted.empty()) return result;
+    const auto needed = store.take_needed_ranges();
+    if (result || needed.empty()) return result;
     require(round < kMaxRounds);
     std::uint64_t last = 0;
-    for (const FileRange& range : wanted) {
+    for (const FileRange& range : needed) {
       require(last <= range.begin && range.begin < range.end && range.end <= file.size());
       last = range.end;
       const ByteSpan bytes = file.subspan(range.begin, range.end - range.begin);
@@ -66,7 +66,7 @@ void read_index(ByteSpan bytes) {
 void read_section(ByteSpan bytes) {
   constexpr std::uint64_t kFileBytes = 1 << 20;
   const internal::IndexSection section{
-      internal::kCore, {0, bytes.size()}, internal::checksum(bytes)};
+      internal::kCoreSection, {0, bytes.size()}, internal::checksum(bytes)};
   (void)internal::open_section(section, bytes, kFileBytes, [](std::uint64_t offset, ByteSpan part) {
     require(offset <= kFileBytes && part.size() <= kFileBytes - offset);
   });

@@ -22,7 +22,7 @@ using testing::HttpHost;
 using Exchange = HttpHost::Exchange;
 
 constexpr RemoteOptions kImpatient{
-    .parallel = 4, .attempts = 3, .patience = 1, .first_pause = 0.01};
+    .parallel = 4, .attempts = 3, .stall_timeout = 1, .first_retry_delay = 0.01};
 
 std::string content(const std::string& path) {
   std::ifstream file(path, std::ios::binary);

@@ -26,7 +26,7 @@ TEST(RangeSet, AgreesWithASetOfBytes) {
 
       const std::uint64_t from = random() % kBytes, to = from + random() % (kBytes - from + 1);
       std::vector<FileRange> lacks;
-      set.lacks({from, to}, lacks);
+      set.append_missing({from, to}, lacks);
       std::bitset<kBytes> absent, expected;
       for (std::size_t k = 0; k < lacks.size(); ++k) {
         ASSERT_LT(lacks[k].begin, lacks[k].end);
@@ -41,8 +41,8 @@ TEST(RangeSet, AgreesWithASetOfBytes) {
         any |= bytes[i];
       }
       ASSERT_EQ(absent, expected);
-      ASSERT_EQ(set.has({from, to}), expected.none());
-      ASSERT_EQ(set.touches({from, to}), any);
+      ASSERT_EQ(set.contains({from, to}), expected.none());
+      ASSERT_EQ(set.intersects({from, to}), any);
     }
   }
 }

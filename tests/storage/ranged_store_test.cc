@@ -33,10 +33,10 @@ class RangedStoreTest : public ::testing::Test {
   auto complete(RangedStore& store, const Bytes& file, const Call& call) {
     for (int round = 0;; ++round) {
       auto result = call();
-      const auto wanted = store.wanted();
-      if (result || wanted.empty() || round == 100) return result;
+      const auto needed = store.take_needed_ranges();
+      if (result || needed.empty() || round == 100) return result;
       ++round_trips_;
-      for (const FileRange& range : wanted) {
+      for (const FileRange& range : needed) {
         EXPECT_LE(range.end, file.size());
         fetched_ += range.end - range.begin;
         store.add(range.begin, Bytes(file.begin() + static_cast<std::ptrdiff_t>(range.begin),
@@ -126,7 +126,7 @@ TEST_F(RangedStoreTest, AnEmptyFileIsRefusedAndNothingIsWanted) {
   const auto opened = store.open();
   ASSERT_FALSE(opened);
   EXPECT_EQ(opened.error().code, ErrorCode::bad_file) << opened.error().message;
-  EXPECT_TRUE(store.wanted().empty());
+  EXPECT_TRUE(store.take_needed_ranges().empty());
 }
 
 TEST_F(RangedStoreTest, AnIndexSavesRoundTrips) {

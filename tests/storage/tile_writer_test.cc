@@ -68,7 +68,7 @@ TEST(TileWriter, TilesOfAnotherContainerAreWrittenAsIfTheyWereAppended) {
     }
     EXPECT_EQ(writer.append_view({TileState::empty, 0, {0, 4}, {}, 0}).error().code,
               ErrorCode::usage);
-    writer.keep_payloads();
+    writer.copy_viewed_payloads();
   }
   std::filesystem::resize_file(from, 0);  // nothing is read from it any more
   ASSERT_TRUE(ok(writer.close()));

@@ -1,6 +1,6 @@
 // Field: reads a field's manifest, describes its shape in numbers for the GPU, and finds its tiles.
 
-import {kDone, kWants, Native} from './module.js';
+import {kDone, kNeedsBytes, Native} from './module.js';
 
 export const kMissing = 0, kEmpty = 1, kStored = 2, kDamaged = 4;  // states of tiles in a layer
 
@@ -15,7 +15,7 @@ export class Field {
     this.source = source;
     this.native = new Native(module);
     this.module = module;
-    this.coming = new Map();  // ranges that are being fetched → promises
+    this.fetching = new Map();  // ranges that are being fetched → promises
     this.prepared = [];       // promises of prepare(), by level
   }
 
@@ -25,19 +25,22 @@ export class Field {
   }
   async fetchAll(ranges) {
     const within = ranges.map(([begin, end]) => [begin, Math.min(end, this.source.size)]);
-    const fresh = within.filter((range) => !this.coming.has(String(range)));
-    this.source.readAll(fresh).forEach((load, i) => this.coming.set(String(fresh[i]), (async () => {
-      this.add(fresh[i][0], await load);
-      this.coming.delete(String(fresh[i]));
-    })()));
-    await Promise.all(within.map((range) => this.coming.get(String(range))));
+    const fresh = within.filter((range) => !this.fetching.has(String(range)));
+    this.source.readAll(fresh).forEach((load, i) => {
+      const key = String(fresh[i]);
+      this.fetching.set(key, (async () => {
+        this.add(fresh[i][0], await load);
+        this.fetching.delete(key);
+      })());
+    });
+    await Promise.all(within.map((range) => this.fetching.get(String(range))));
   }
   // Repeats a call until it has the bytes that it needs.
   async complete(call) {
     for (let round = 0; round < 64; ++round) {
       const status = call(this.native.calls);
       if (status === kDone) return;
-      if (status !== kWants) this.native.check(status);
+      if (status !== kNeedsBytes) this.native.check(status);
       await this.fetchAll(this.native.ranges());
     }
     throw new Error('The field is damaged: its trees have no end.');
@@ -84,13 +87,13 @@ export class Field {
     for (let level = 0; level <= m.levels; ++level) {
       const pages = 64 * 16 ** level * 4 ** deeper, rows = 8 * ((m.entry_side << level) + 1) ** 2;
       if (shape.pages + pages > kMaxTableEntries || size + rows > kMaxTableEntries) break;
-      const take = (at, count) =>
+      const copyOf = (at, count) =>
         new Uint32Array(calls.memory.buffer, at, count).slice();
       for (const [base, at, count] of [
         [shape.rowBase, calls.slf_entry_rows(level), calls.slf_entry_row_count(level)],
         [shape.pathBase, calls.slf_exit_paths(level), calls.slf_exit_path_count(level)]]) {
         base[level] = size;
-        parts.push(take(at, count));
+        parts.push(copyOf(at, count));
         size += count;
       }
       shape.rowBits = calls.slf_row_bits(level);
@@ -150,9 +153,9 @@ export class Field {
     const keys = keysOf(tiles);
     for (let round = 0; round < 64; ++round) {
       this.native.fill(keys);
-      const at = this.native.calls.slf_find(layer), wants = this.native.ranges();
-      if (wants.length > 0) {
-        await this.fetchAll(wants);
+      const at = this.native.calls.slf_find(layer), needed = this.native.ranges();
+      if (needed.length > 0) {
+        await this.fetchAll(needed);
         continue;
       }
       const view = new DataView(this.native.calls.memory.buffer, at, 32 * tiles.length);

@@ -1,6 +1,6 @@
 // Native: an instance of the WebAssembly module (view/wasm/module.cc), its calls and its memory.
 
-export const kDone = 0, kWants = 1;
+export const kDone = 0, kNeedsBytes = 1;
 
 export class Native {
   // `module` is a WebAssembly.Module. The only import implemented here is proc_exit, which the

@@ -35,8 +35,8 @@ export class Renderer {
     this.gl = gl;
     this.canvas = canvas;
     this.shape = shape;
-    this.draws = program(gl, kDraw);
-    this.asks = program(gl, kFeedback);
+    this.drawProgram = program(gl, kDraw);
+    this.feedbackProgram = program(gl, kFeedback);
     this.makeTiles(budget);
     this.makeTables();
     this.makeTargets();
@@ -60,22 +60,23 @@ export class Renderer {
     const samples = columns * mostRows;
     this.bits = Math.ceil(Math.log2(Math.sqrt(samples)));
     const width = 1 << this.bits, height = Math.ceil(samples / width);
-    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
-    if (width > most || height > most)
+    const maxSize = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+    if (width > maxSize || height > maxSize)
       throw new Error('The tiles of this field are too large for this graphics card.');
     const bytes = width * height * ((half ? 8 : 4) + (hasDepth ? 1 : 0));
     const layers = gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS);
-    const wanted = Math.min(Math.max(64, Math.floor(budget / bytes)), 0x7000);
-    this.perLayer = Math.max(1, Math.min(Math.ceil(wanted / layers), Math.floor(most / height)));
-    this.slots = Math.min(wanted, layers * this.perLayer);
+    const tiles = Math.min(Math.max(64, Math.floor(budget / bytes)), 0x7000);
+    this.tilesPerLayer =
+      Math.max(1, Math.min(Math.ceil(tiles / layers), Math.floor(maxSize / height)));
+    this.slots = Math.min(tiles, layers * this.tilesPerLayer);
     this.tileWidth = width;
     this.tileHeight = height;
     this.tileBytes = bytes;
-    const deep = Math.ceil(this.slots / this.perLayer);
+    const depthLayers = Math.ceil(this.slots / this.tilesPerLayer);
     this.texture(2, gl.TEXTURE_2D_ARRAY, half ? gl.RGBA16F : gl.RGBA8, width,
-                 height * this.perLayer, deep);
+                 height * this.tilesPerLayer, depthLayers);
     this.texture(3, gl.TEXTURE_2D_ARRAY, gl.R8, hasDepth ? width : 1,
-                 hasDepth ? height * this.perLayer : 1, hasDepth ? deep : 1);
+                 hasDepth ? height * this.tilesPerLayer : 1, hasDepth ? depthLayers : 1);
   }
 
   // Uploads the tables of the geometry, rows and sections, and an empty page table.
@@ -95,16 +96,16 @@ export class Renderer {
 
   makeTargets() {
     const gl = this.gl;
-    this.low = null;  // the target for pictures of less than full resolution
-    this.needs = gl.createFramebuffer();
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.needs);
+    this.lowResolution = null;  // the target for pictures of less than full resolution
+    this.feedbackTarget = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.feedbackTarget);
     for (const i of [0, 1]) {
       const target = this.texture(4, gl.TEXTURE_2D, gl.RGBA32UI, kFeedbackSize, kFeedbackSize);
       gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + i, gl.TEXTURE_2D, target, 0);
     }
     gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
     gl.bindTexture(gl.TEXTURE_2D, null);
-    this.packs = [0, 1].map(() => {
+    this.readBuffers = [0, 1].map(() => {
       const buffer = gl.createBuffer();
       gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
       gl.bufferData(gl.PIXEL_PACK_BUFFER, kFeedbackSize * kFeedbackSize * 16, gl.STREAM_COPY);
@@ -116,7 +117,8 @@ export class Renderer {
   // Uploads the samples of a tile to a slot. `depth` may be null.
   setTile(slot, color, depth) {
     const gl = this.gl, {half} = this.shape;
-    const layer = Math.floor(slot / this.perLayer), y = slot % this.perLayer * this.tileHeight;
+    const layer = Math.floor(slot / this.tilesPerLayer);
+    const y = slot % this.tilesPerLayer * this.tileHeight;
     const put = (unit, samples, texelBytes, format, type, view) => {
       const texels = samples.byteLength / texelBytes;
       const rows = Math.ceil(texels / this.tileWidth);
@@ -161,7 +163,7 @@ export class Renderer {
     ['uTables', 'uPages', 'uColor', 'uDepth'].forEach((name, i) => gl.uniform1i(at(name), i));
     gl.uniform1i(at('uTileBits'), this.bits);
     gl.uniform1i(at('uTileHeight'), this.tileHeight);
-    gl.uniform1i(at('uTilesPerLayer'), this.perLayer);
+    gl.uniform1i(at('uTilesPerLayer'), this.tilesPerLayer);
   }
 
   // Draws onto the canvas. If `scale` < 1, draws that fraction of the pixels along each edge, and
@@ -170,36 +172,36 @@ export class Renderer {
     const gl = this.gl, {width, height} = this.canvas;
     const w = Math.max(1, Math.round(width * scale)), h = Math.max(1, Math.round(height * scale));
     const whole = w === width && h === height;
-    if (!whole) this.bindLow();
+    if (!whole) this.bindLowResolution();
     else gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, w, h);
-    this.use(this.draws, view, width, height);
-    gl.uniform3fv(this.draws.at('uBackground'), view.background);
-    gl.uniform2f(this.draws.at('uScale'), width / w, height / h);
-    gl.uniform1i(this.draws.at('uCurve'), kCurves.indexOf(view.curve));
-    gl.uniform1f(this.draws.at('uGain'), 2 ** view.exposure);
+    this.use(this.drawProgram, view, width, height);
+    gl.uniform3fv(this.drawProgram.at('uBackground'), view.background);
+    gl.uniform2f(this.drawProgram.at('uScale'), width / w, height / h);
+    gl.uniform1i(this.drawProgram.at('uCurve'), kCurves.indexOf(view.curve));
+    gl.uniform1f(this.drawProgram.at('uGain'), 2 ** view.exposure);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     if (whole) return;
-    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.low.framebuffer);
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.lowResolution.framebuffer);
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
     gl.blitFramebuffer(0, 0, w, h, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.LINEAR);
   }
 
   // Binds a framebuffer as large as the canvas. Pictures of less than full resolution use a part of
   // it.
-  bindLow() {
+  bindLowResolution() {
     const gl = this.gl, {width, height} = this.canvas;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    if (this.low?.width !== width || this.low?.height !== height) {
-      if (this.low) gl.deleteTexture(this.low.texture);
-      const framebuffer = this.low?.framebuffer ?? gl.createFramebuffer();
+    if (this.lowResolution?.width !== width || this.lowResolution?.height !== height) {
+      if (this.lowResolution) gl.deleteTexture(this.lowResolution.texture);
+      const framebuffer = this.lowResolution?.framebuffer ?? gl.createFramebuffer();
       const texture = this.texture(4, gl.TEXTURE_2D, gl.RGBA8, width, height);
       gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
       gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
       gl.bindTexture(gl.TEXTURE_2D, null);
-      this.low = {width, height, texture, framebuffer};
+      this.lowResolution = {width, height, texture, framebuffer};
     }
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.low.framebuffer);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.lowResolution.framebuffer);
   }
 
   // Finds the pages that a view needs, with a ray for every pixel. Resolves to a Set of pages.
@@ -226,16 +228,16 @@ export class Renderer {
   async askRays(view, size, choice) {
     const gl = this.gl, {width, height} = this.canvas, [across, down] = this.grid(size);
     const w = Math.ceil(width / across), h = Math.ceil(height / down);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.needs);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.feedbackTarget);
     gl.viewport(0, 0, w, h);
-    this.use(this.asks, view, width, height);
-    gl.uniform2f(this.asks.at('uStep'), across, down);
-    gl.uniform1i(this.asks.at('uSparse'), view.sparse ? 1 : 0);
-    gl.uniform2f(this.asks.at('uShift'), choice % across, Math.floor(choice / across));
+    this.use(this.feedbackProgram, view, width, height);
+    gl.uniform2f(this.feedbackProgram.at('uStep'), across, down);
+    gl.uniform1i(this.feedbackProgram.at('uSparse'), view.sparse ? 1 : 0);
+    gl.uniform2f(this.feedbackProgram.at('uShift'), choice % across, Math.floor(choice / across));
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    this.packs.forEach((pack, i) => {
+    this.readBuffers.forEach((buffer, i) => {
       gl.readBuffer(gl.COLOR_ATTACHMENT0 + i);
-      gl.bindBuffer(gl.PIXEL_PACK_BUFFER, pack);
+      gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
       gl.readPixels(0, 0, w, h, gl.RGBA_INTEGER, gl.UNSIGNED_INT, 0);
     });
     gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
@@ -250,8 +252,8 @@ export class Renderer {
     gl.deleteSync(fence);
     const pages = new Set();
     const words = new Uint32Array(w * h * 4);
-    this.packs.forEach((pack) => {
-      gl.bindBuffer(gl.PIXEL_PACK_BUFFER, pack);
+    this.readBuffers.forEach((buffer) => {
+      gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
       gl.getBufferSubData(gl.PIXEL_PACK_BUFFER, 0, words);
       let last = 0;
       for (let i = 0; i < words.length; ++i) {

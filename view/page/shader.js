@@ -103,7 +103,7 @@ ivec3 texel(int slot, int sample_) {
 
 const float kFaint = 1.0 / 255.0;
 // The picture is complete; a tile is not loaded; a tile is missing from the field.
-const int kDone = 0, kWaits = 1, kLacks = 2;
+const int kDone = 0, kWaiting = 1, kUnavailable = 2;
 
 // Draws the chord from P to Q at a level. first and last are the pages of the first and of the last
 // round, plus 1. t is where the chord meets something; it is below 0 if it meets nothing, or if
@@ -150,12 +150,12 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       int at = page(level, section[e], exit);
       if (round_ == 0) first[e] = at + 1; else last[e] = at + 1;
       ivec2 place = ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits});
-      uint held = texelFetch(uPages, place, 0).r;
-      if (held == ${kNotLoaded}u) state = max(state, kWaits);
-      bool lacksDepth = (held & ${kNoDepth}u) != 0u;
-      if (held == ${kMissing}u || (uMode == 1 && lacksDepth)) state = kLacks;
-      if (held <= ${kNotLoaded}u || (state != kDone && round_ > 0)) continue;
-      int slot = int(held & ${kNoDepth - 1}u) - ${kFirstSlot};
+      uint entry_ = texelFetch(uPages, place, 0).r;
+      if (entry_ == ${kNotLoaded}u) state = max(state, kWaiting);
+      bool noDepth = (entry_ & ${kNoDepth}u) != 0u;
+      if (entry_ == ${kMissing}u || (uMode == 1 && noDepth)) state = kUnavailable;
+      if (entry_ <= ${kNotLoaded}u || (state != kDone && round_ > 0)) continue;
+      int slot = int(entry_ & ${kNoDepth - 1}u) - ${kFirstSlot};
       vec3 along = vec3(dot(entry[e] - P, chord), dot(q - entry[e], chord), 0) / chord2;
       for (int x = 0; x < 3; ++x) {
         float wx = leave.weights[x];
@@ -259,7 +259,7 @@ void main() {
     float t;
     for (int level = uLevel; level >= 0; --level) {
       int state = draw(level, P, Q, pixel, first, last, t);
-      if (state == kDone || (state == kWaits && level == 0)) break;  // show what is loaded
+      if (state == kDone || (state == kWaiting && level == 0)) break;  // show what is loaded
       pixel = vec4(0);
     }
   }
@@ -272,7 +272,7 @@ void main() {
 // level are not loaded, a coarser level gives an estimate of where the chord meets something, and
 // so of the tiles that the ray will need.
 export const kFeedback = kCommon + `
-const float kUnsure = 10.0;  // pixels
+const float kNeighbourOffset = 10.0;  // pixels
 uniform vec2 uStep, uShift;
 uniform int uSparse;  // 1: record only the first round's tile of greatest weight
 layout(location = 0) out uvec4 needed0;
@@ -308,7 +308,7 @@ void main() {
   int level = uLevel, state;
   for (;; --level) {
     state = draw(level, P, Q, pixel, first, last, t);
-    if (state != kLacks || level == 0) break;
+    if (state != kUnavailable || level == 0) break;
   }
   if (uSparse != 0) {
     vec3 w = locate(P, uEntrySide << level).weights;
@@ -316,16 +316,16 @@ void main() {
   }
   needed0 = uvec4(first, state);
   needed1 = uvec4(last, 0);
-  if (uMode == 0 || state != kWaits || last != ivec3(0)) return;
+  if (uMode == 0 || state != kWaiting || last != ivec3(0)) return;
   // Edges lie elsewhere in the finer level, so the estimate comes from a nearby ray.
   vec3 P2 = P, Q2 = Q;
   int side = (int(gl_FragCoord.x) + 2 * int(gl_FragCoord.y)) % 5;
   float angle = 1.57 * float(side);
-  vec2 aside = side == 0 ? vec2(0) : kUnsure * vec2(cos(angle), sin(angle));
+  vec2 aside = side == 0 ? vec2(0) : kNeighbourOffset * vec2(cos(angle), sin(angle));
   if (!meet(at + aside, P2, Q2)) P2 = P, Q2 = Q;
   for (int coarser = level - 1; coarser >= 0; --coarser) {
     state = draw(coarser, P2, Q2, pixel, first, last, t);
-    if (state == kLacks || (t < 0.0 && state == kWaits)) continue;
+    if (state == kUnavailable || (t < 0.0 && state == kWaiting)) continue;
     if (t >= 0.0) needed1 = uvec4(guess(level, P, Q, t), 0);
     return;
   }

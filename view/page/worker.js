@@ -15,7 +15,7 @@ function open({module, manifest, tables}) {
 }
 
 // Copies a payload into the module's buffer and verifies it.
-function take({layer, level, entry, exit, checksum, payload}) {
+function receivePayload({layer, level, entry, exit, checksum, payload}) {
   native.fill(payload);
   native.check(native.calls.slf_check(layer, level, entry, exit, ...checksum));
 }
@@ -23,7 +23,7 @@ function take({layer, level, entry, exit, checksum, payload}) {
 // The tiles of the next coarser level that a payload is predicted from: [[entry, exit], …].
 function references(message) {
   const {layer, level, entry, exit} = message;
-  take(message);
+  receivePayload(message);
   const at = native.calls.slf_references(layer, level, entry, exit);
   const all = new Uint32Array(native.calls.memory.buffer, at,
                               2 * native.calls.slf_reference_count());
@@ -37,7 +37,7 @@ function decode(message) {
     native.check(
       native.calls.slf_add_reference(layer, level - 1, reference.entry, reference.exit));
   }
-  take(message);
+  receivePayload(message);
   native.check(native.calls.slf_decode(layer, level, entry, exit));
   return native.bytes(native.calls.slf_samples(), native.calls.slf_sample_bytes()).slice();
 }

@@ -30,9 +30,9 @@ namespace {
 
 using namespace slf;
 
-enum Status : int { kDone = 0, kWants = 1, kFailed = 2 };
+enum Status : int { kDone = 0, kNeedsBytes = 1, kFailed = 2 };
 
-struct Found {
+struct FoundTile {
   double state;  ///< 0 missing, 1 empty, 2 stored, 3 needs more bytes, 4 damaged
   double begin, end;
   std::uint64_t checksum;
@@ -45,7 +45,7 @@ struct Decoder {
 };
 
 /// The references of a layer's tiles, from those levels that the index lists: [level - 1].
-using References = std::vector<ReferenceIndex>;
+using ReferenceIndexes = std::vector<ReferenceIndex>;
 
 struct Module {
   std::string text;  // a message or a description
@@ -53,9 +53,9 @@ struct Module {
   Bytes buffer;      // from JavaScript
   std::unique_ptr<storage::RangedStore> store;
   std::vector<double> ranges;  // begin, end, begin, end, …
-  std::vector<Found> found;
-  std::map<std::uint32_t, References> listed;  // by layer
-  std::vector<std::uint32_t> tiles;            // (level, entry section, exit section) of each
+  std::vector<FoundTile> found;
+  std::map<std::uint32_t, ReferenceIndexes> reference_indexes;  // by layer
+  std::vector<std::uint32_t> tiles;  // (level, entry section, exit section) of each
   std::optional<Manifest> manifest;
   std::vector<std::unique_ptr<LevelGeometry>> geometry;  // by level, made when needed
   std::vector<Decoder> decoders;                         // by layer
@@ -74,15 +74,15 @@ int failed(const Error& error) {
   return kFailed;
 }
 
-/// The status for an error of the store: kWants if it only needs more bytes.
-int refused(const Error& error) {
+/// The status for an error of the store: kNeedsBytes if it only needs more bytes.
+int needs_bytes_or_failed(const Error& error) {
   Module& m = module();
   m.ranges.clear();
-  for (const storage::FileRange& range : m.store->wanted()) {
+  for (const storage::FileRange& range : m.store->take_needed_ranges()) {
     m.ranges.push_back(static_cast<double>(range.begin));
     m.ranges.push_back(static_cast<double>(range.end));
   }
-  return m.ranges.empty() ? failed(error) : kWants;
+  return m.ranges.empty() ? failed(error) : kNeedsBytes;
 }
 
 std::string_view text_of(ByteSpan bytes) {
@@ -103,7 +103,7 @@ TileKey key_of(unsigned level, std::uint32_t entry, std::uint32_t exit) {
       {{static_cast<std::uint8_t>(deeper), entry}, {static_cast<std::uint8_t>(level), exit}});
 }
 
-Result<void> take_manifest(ByteSpan bytes, const std::string& name) {
+Result<void> parse_manifest(ByteSpan bytes, const std::string& name) {
   auto manifest = Manifest::parse(text_of(bytes), name);
   if (!manifest) return tl::unexpected(manifest.error());
   module().manifest = std::move(*manifest);
@@ -141,10 +141,10 @@ SLF_EXPORT(slf_add) void slf_add(double offset) {
 /// Opens the field. When that is done, the text is the manifest.
 SLF_EXPORT(slf_open) int slf_open() {
   Module& m = module();
-  if (auto open = m.store->open(); !open) return refused(open.error());
+  if (auto open = m.store->open(); !open) return needs_bytes_or_failed(open.error());
   const auto blob = m.store->blob("field");
-  if (!blob) return refused(blob.error());
-  if (auto taken = take_manifest(*blob, m.name); !taken) return failed(taken.error());
+  if (!blob) return needs_bytes_or_failed(blob.error());
+  if (auto taken = parse_manifest(*blob, m.name); !taken) return failed(taken.error());
   bool same = m.store->layers().size() == m.manifest->layers.size();
   for (std::size_t i = 0; same && i < m.manifest->layers.size(); ++i)
     same = m.store->layers()[i].name == m.manifest->layers[i].name;
@@ -158,7 +158,7 @@ SLF_EXPORT(slf_open) int slf_open() {
 SLF_EXPORT(slf_tables) int slf_tables(std::uint32_t layer) {
   Module& m = module();
   const auto blob = m.store->blob("tables/" + m.manifest->layers[layer].name);
-  if (!blob) return refused(blob.error());
+  if (!blob) return needs_bytes_or_failed(blob.error());
   m.text = text_of(*blob);
   return kDone;
 }
@@ -167,8 +167,8 @@ SLF_EXPORT(slf_ranges) const double* slf_ranges() { return module().ranges.data(
 SLF_EXPORT(slf_range_count) std::size_t slf_range_count() { return module().ranges.size() / 2; }
 
 /// Finds tiles of a layer. The buffer holds (level, entry section, exit section), u32 each. Returns
-/// one Found per tile, and stores the ranges of the bytes that any of them still need.
-SLF_EXPORT(slf_find) const Found* slf_find(std::uint32_t layer) {
+/// one FoundTile per tile, and stores the ranges of the bytes that any of them still need.
+SLF_EXPORT(slf_find) const FoundTile* slf_find(std::uint32_t layer) {
   Module& m = module();
   m.found.clear();
   std::string damage;
@@ -185,14 +185,14 @@ SLF_EXPORT(slf_find) const Found* slf_find(std::uint32_t layer) {
     m.found.push_back({static_cast<double>(tile->state), static_cast<double>(tile->payload.begin),
                        static_cast<double>(tile->payload.end), tile->checksum});
   }
-  (void)refused({ErrorCode::bad_file, damage});
+  (void)needs_bytes_or_failed({ErrorCode::bad_file, damage});
   return m.found.data();
 }
 
 /// Reads the tables and indexes that finding tiles of a layer needs, up to a level.
 SLF_EXPORT(slf_prepare) int slf_prepare(std::uint32_t layer, std::uint32_t levels) {
   Module& m = module();
-  References references;
+  ReferenceIndexes references;
   std::optional<Error> error;
   for (std::uint32_t level = 1; level <= levels; ++level) {
     if (auto found = m.store->find(layer, key_of(level, 0, 0)); !found) error = found.error();
@@ -202,8 +202,8 @@ SLF_EXPORT(slf_prepare) int slf_prepare(std::uint32_t layer, std::uint32_t level
     if (auto index = ReferenceIndex::parse(*section, level))
       references.push_back(std::move(*index));
   }
-  if (error) return refused(*error);
-  m.listed[layer] = std::move(references);
+  if (error) return needs_bytes_or_failed(*error);
+  m.reference_indexes[layer] = std::move(references);
   return kDone;
 }
 
@@ -219,7 +219,7 @@ SLF_EXPORT(slf_with_ancestors) const std::uint32_t* slf_with_ancestors(std::uint
     };
     keys.push_back(key_of(word(0), word(1), word(2)));
   }
-  append_ancestors(m.listed[layer], keys);
+  append_ancestors(m.reference_indexes[layer], keys);
   m.tiles.clear();
   for (const TileKey key : keys) {
     if (!m.manifest->shape.has(key)) continue;
@@ -253,7 +253,7 @@ SLF_EXPORT(slf_exit_path_count) std::size_t slf_exit_path_count(unsigned level) 
 
 /// Parses the manifest in the buffer. A module that only decodes calls this instead of slf_open().
 SLF_EXPORT(slf_manifest) int slf_manifest() {
-  const auto taken = take_manifest(module().buffer, "field");
+  const auto taken = parse_manifest(module().buffer, "field");
   return taken ? kDone : failed(taken.error());
 }
 
