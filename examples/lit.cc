@@ -19,15 +19,15 @@ slf::Result<void> draw(const char* path, const char* transfer_name, const char* 
   slf::RaycastOptions options;
   options.lighting.mode = slf::Lighting::global;
   options.lighting.rig = *rig;
-  options.lighting.linear = true;  // radiance; false: colours for a screen
-  slf::LightVolumeOptions work;    // the light volume, computed before the first ray
-  work.progress = [](const slf::Progress& p) {
+  options.lighting.linear = true;        // radiance; false: colours for a screen
+  slf::LightVolumeOptions light_volume;  // the light volume, computed before the first ray
+  light_volume.progress = [](const slf::Progress& p) {
     std::fprintf(stderr, "\rlight %3.0f %%",
                  100.0 * static_cast<double>(p.done) / static_cast<double>(p.total));
     return true;
   };
   const slf::TransferFunction function = transfer->fit(*volume);
-  const auto scene = slf::Raycaster::make(std::move(*volume), function, options, work);
+  const auto scene = slf::Raycaster::make(std::move(*volume), function, options, light_volume);
   if (!scene) return tl::unexpected(scene.error());
   std::fputc('\n', stderr);
   const auto sphere = (*scene)->bounds();
