@@ -9,19 +9,15 @@ const std::vector<Prose>& all() {
   static const std::vector<Prose> texts{
       {"",
        {"A sphere light field stores the colour of every ray that crosses a sphere around an "
-        "object, "
-        "indexed by where the ray enters and where it leaves. Any view from outside is then a "
-        "look-up "
-        "whose cost does not depend on the volume.",
+        "object, indexed by where the ray enters and where it leaves. Any view from outside is "
+        "then a look-up whose cost does not depend on the volume.",
         "slf builds such fields from volumes (NIfTI, NRRD, MetaImage, DICOM series, raw), stores "
-        "them "
-        "in one file of small compressed tiles, and draws views within a given amount of memory, "
-        "however large the file is.",
+        "them in one file of small compressed tiles, and draws views within a given amount of "
+        "memory, however large the file is.",
         "Commands that only read a field take the address of one on a web server, too: "
         "https://HOST/F.slf. The server must serve parts of files (HTTP ranges). What is read "
-        "stays "
-        "in a temporary file (in TMPDIR) until the command ends; --json says how many requests and "
-        "bytes it took.",
+        "stays in a temporary file (in TMPDIR) until the command ends; --json says how many "
+        "requests and bytes it took.",
         "Results go to standard output, progress and messages to standard error."},
        {{"Build a field and draw a view of it",
          "slf build head.nii.gz -o head.slf && slf render head.slf -o view.png"},
@@ -29,10 +25,8 @@ const std::vector<Prose>& all() {
         {"From a web server", "slf render https://example.org/head.slf -o view.png --stats"}}},
       {"build",
        {"Traces every ray of the field through the volume and stores the result. The size of a "
-        "field "
-        "follows from --entry, --exit and --levels: doubling one of the lattices takes four times "
-        "the "
-        "rays.",
+        "field follows from --entry, --exit and --levels: doubling one of the lattices takes four "
+        "times the rays.",
         "A build may be interrupted at any moment. The same command continues it; tiles that were "
         "committed are not traced again.",
         "World coordinates are millimetres, LPS: x to the patient's left, y to the back, z up.",
@@ -69,16 +63,15 @@ const std::vector<Prose>& all() {
         {"One to start from in ParaView", "slf transfer mr-brain -o brain.json"}}},
       {"render",
        {"Draws one view with as many tiles as it needs and no more memory than --memory allows. "
-        "Pixels "
-        "whose tiles are missing are drawn from coarser levels, and a message says how many."},
+        "Pixels whose tiles are missing are drawn from coarser levels, and a message says how "
+        "many."},
        {{"From the front, in a large picture",
          "slf render head.slf -o front.png --orbit 0,0,3 --size 1024x1024"},
         {"Float colours and depths", "slf render head.slf -o view.exr"},
         {"What does the view cost?", "slf render head.slf -o view.png --stats"}}},
       {"raycast",
        {"Draws the view that slf-render(1) draws from a field, by ray-casting the volume itself. "
-        "It is "
-        "the truth that slf-evaluate(1) compares with."},
+        "It is the truth that slf-evaluate(1) compares with."},
        {{"The default view", "slf raycast head.nii.gz -o truth.png"},
         {"Organs in their own colours",
          "slf raycast ct.nii.gz -o organs.png --labels-volume organs.nii.gz --label-table "
@@ -89,18 +82,16 @@ const std::vector<Prose>& all() {
          "slf raycast head.nii.gz -o truth.exr --lighting global --reference --samples 1024"}}},
       {"play",
        {"Draws the frames of an orbit or of a path of keyframes when they are due. A loading "
-        "thread "
-        "decodes tiles for the frames ahead; a frame that lacks tiles is drawn from coarser levels "
-        "instead of waiting. Prints how many frames were late and how much was drawn at full "
-        "level."},
+        "thread decodes tiles for the frames ahead; a frame that lacks tiles is drawn from coarser "
+        "levels instead of waiting. Prints how many frames were late and how much was drawn at "
+        "full level."},
        {{"An orbit, as an animated picture",
          "slf play head.slf --memory 64MiB --preview turn.webp"},
         {"Compare ways of loading, from a cold file",
          "slf play head.slf --cold --loading ahead,demand,wait"}}},
       {"measure",
        {"Draws random views at every level and prints what a view touches: tiles, compressed "
-        "bytes, "
-        "pages of the file, decoded bytes and resident memory."},
+        "bytes, pages of the file, decoded bytes and resident memory."},
        {{"As JSON, for other programs", "slf measure head.slf --json"},
         {"Two modes beside each other", "slf measure head.slf --mode bitri,depth --views 32"}}},
       {"evaluate",
@@ -131,8 +122,7 @@ const std::vector<Prose>& all() {
          "slf merge coarse.slf part-*.slf -o head.slf"}}},
       {"verify",
        {"Reads the whole file: pages, records, checksums and every tile. With --fix, tiles that "
-        "are "
-        "damaged are dropped; the build command that made the field fills them again."},
+        "are damaged are dropped; the build command that made the field fills them again."},
        {{"Check after copying", "slf verify head.slf"},
         {"Repair", "slf verify --fix head.slf && slf build head.nii.gz -o head.slf"}}},
       {"ls",
