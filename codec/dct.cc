@@ -79,19 +79,18 @@ std::array<float, 64> forward_dct(const std::array<float, 64>& values) {
   // The transpose of the basis, normalised: coefficient = 16 * B v B^T / 181.02^2.
   constexpr float kNorm = static_cast<float>(kCoefficientScale) / 32768.f;
   std::array<float, 64> rows{}, out{};
-  for (int y = 0; y < 8; ++y)
-    for (int k = 0; k < 8; ++k) {
+  for (std::size_t y = 0; y < 8; ++y)
+    for (std::size_t k = 0; k < 8; ++k) {
       float sum = 0;
-      for (int x = 0; x < 8; ++x)
-        sum += static_cast<float>(kBasis[k][x]) * values[static_cast<std::size_t>(8 * y + x)];
-      rows[static_cast<std::size_t>(8 * y + k)] = sum;
+      for (std::size_t x = 0; x < 8; ++x)
+        sum += static_cast<float>(kBasis[k][x]) * values[8 * y + x];
+      rows[8 * y + k] = sum;
     }
-  for (int v = 0; v < 8; ++v)
-    for (int k = 0; k < 8; ++k) {
+  for (std::size_t v = 0; v < 8; ++v)
+    for (std::size_t k = 0; k < 8; ++k) {
       float sum = 0;
-      for (int y = 0; y < 8; ++y)
-        sum += static_cast<float>(kBasis[v][y]) * rows[static_cast<std::size_t>(8 * y + k)];
-      out[static_cast<std::size_t>(8 * v + k)] = sum * kNorm;
+      for (std::size_t y = 0; y < 8; ++y) sum += static_cast<float>(kBasis[v][y]) * rows[8 * y + k];
+      out[8 * v + k] = sum * kNorm;
     }
   return out;
 }

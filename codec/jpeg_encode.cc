@@ -189,7 +189,7 @@ class Quantiser {
   void add_node(std::size_t position, float value, const float* zeroed) {
     const float step = steps_[position];
     const float magnitude = std::abs(value);
-    const int nearest = std::min(static_cast<int>(magnitude / step + 0.5f), 1023);
+    const int nearest = std::min(static_cast<int>(std::floor(magnitude / step + 0.5f)), 1023);
     for (int level = nearest; level > 0 && level + 1 >= nearest; --level) {
       const float error = magnitude - float(level) * step;
       const unsigned size = size_of(level);
@@ -197,10 +197,10 @@ class Quantiser {
                 std::numeric_limits<float>::max()};
       for (std::size_t n = 0; n < count_; ++n) {
         if (node_[n].position == position) break;  // the other level of this position
-        const std::size_t run = position - node_[n].position - 1;
+        const std::size_t run = position - node_[n].position - 1, runs_of_16 = run / 16;
         const unsigned symbol = static_cast<unsigned>(run % 16 * 16) | size;
         const float bits = float(codes_.length[symbol]) + float(size) +
-                           float(run / 16) * float(codes_.length[0xF0]);
+                           float(runs_of_16) * float(codes_.length[0xF0]);
         const float cost = node_[n].cost + (zeroed[position - 1] - zeroed[node_[n].position]) +
                            block_error_per_bit_ * bits;
         if (cost >= node.cost) continue;

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cassert>
+#include <iterator>
 #include <vector>
 
 #include "codec/scratch.h"
@@ -84,7 +85,7 @@ class Decoder {
       for (int i = 0; i < count && length <= 8; ++i)
         for (int low = 0; low < 1 << (8 - length); ++low)
           short_codes_[static_cast<std::size_t>((code + i) << (8 - length) | low) & 255] = {
-              static_cast<std::uint8_t>(length), symbols_[static_cast<std::size_t>(index + i)]};
+              static_cast<std::uint8_t>(length), *std::next(symbols_.begin(), index + i)};
       code = (code + count) << 1;
       index += count;
     }
@@ -100,7 +101,7 @@ class Decoder {
       const int offset = static_cast<int>(bits.peek(static_cast<int>(length))) - first_[length];
       if (offset < 0 || offset >= count_[length]) continue;
       bits.skip(static_cast<int>(length));
-      return symbols_[static_cast<std::size_t>(index_[length] + offset)];
+      return *std::next(symbols_.begin(), index_[length] + offset);
     }
     return -1;
   }
