@@ -1,4 +1,5 @@
 #include <fcntl.h>
+#include <sys/mman.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -15,6 +16,10 @@
 namespace slf::storage {
 namespace internal {
 namespace {
+
+// After this many parts of the file were read, its mapped pages are released. The kernel maps 64
+// KiB around each, so otherwise the whole file would become resident.
+constexpr std::uint64_t kReleaseEvery = 256;
 
 /// Collects the parts of a snapshot, each section in the order of the file.
 class IndexBuilder {
@@ -79,6 +84,7 @@ class IndexBuilder {
       append_le(section, size);
       const ByteSpan part = snapshot_.bytes().subspan(offset, size);
       section.insert(section.end(), part.begin(), part.end());
+      count_part();
       if (section.size() > kMaxSectionBytes) return {};
     }
     return section;
@@ -100,7 +106,14 @@ class IndexBuilder {
     }
   }
 
+  void count_part() const {
+    if (++parts_read_ % kReleaseEvery != 0) return;
+    const ByteSpan map = snapshot_.bytes();
+    (void)madvise(const_cast<std::byte*>(map.data()), map.size(), MADV_DONTNEED);
+  }
+
   Result<void> add_record(LayerId layer, const Cursor& at) {
+    count_part();
     const auto record = snapshot_.record(layer, at);
     if (!record) return tl::unexpected(record.error());
     if ((at.node().flags & kBigData) == 0) return {};
@@ -121,6 +134,7 @@ class IndexBuilder {
   const Snapshot& snapshot_;
   Parts core_;
   std::map<std::uint32_t, Parts> levels_;
+  mutable std::uint64_t parts_read_ = 0;
 };
 
 Result<void> write_end(int file, const std::string& path, std::uint64_t begin, ByteSpan bytes) {

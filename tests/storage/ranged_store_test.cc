@@ -2,8 +2,9 @@
 // the bytes are.
 #include "storage/ranged_store.h"
 
-#include "storage/internal/file_index.h"
+#include <fstream>
 
+#include "storage/internal/file_index.h"
 #include "tests/storage/storage_testing.h"
 
 namespace slf::storage::testing {
@@ -159,6 +160,40 @@ TEST_F(RangedStoreTest, AnIndexIsTheSameForTheSameFile) {
   const Bytes once = read_file(path_);
   ASSERT_TRUE(ok(write_index(path_)));
   EXPECT_EQ(read_file(path_), once);
+}
+
+/// The most memory that was resident since reset_peak(), in bytes.
+std::uint64_t peak_memory() {
+  std::ifstream status("/proc/self/status");
+  std::uint64_t kib = 0;
+  for (std::string word; status >> word;)
+    if (word == "VmHWM:") status >> kib;
+  return kib << 10;
+}
+
+bool reset_peak() {
+  std::ofstream file("/proc/self/clear_refs");
+  return static_cast<bool>(file << 5 << std::flush);
+}
+
+TEST(Index, IsWrittenWithoutTheFileInMemory) {
+  const TemporaryFolder folder;
+  const std::string path = folder.file("large.slf");
+  constexpr std::uint64_t kTileBytes = 60'000, kTiles = 3000;
+  {
+    TileWriter writer = create(path);
+    for (std::uint64_t i = 0; i < kTiles; ++i) {
+      ASSERT_TRUE(ok(writer.append(0, {0, i}, Bytes(kTileBytes, std::byte{7}))));
+      if (i % 100 == 0) {
+        ASSERT_TRUE(ok(writer.commit()));
+      }
+    }
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  if (!reset_peak()) GTEST_SKIP() << "this kernel does not reset the peak of a process's memory";
+  const std::uint64_t before = peak_memory();
+  ASSERT_TRUE(ok(write_index(path)));
+  EXPECT_LT(peak_memory() - before, kTileBytes * kTiles / 4);
 }
 
 TEST_F(RangedStoreTest, AnIndexOfAnEarlierStateIsIgnored) {
