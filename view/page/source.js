@@ -5,10 +5,12 @@ const kMetaBytes = 152;         // of each of which so many are in use
 const kEnd = 64 << 10;          // and of its end, where an index may be
 const kCheapGap = 4 << 10;      // bytes that a request is not worth
 const kWidestGap = 256 << 10;   // bytes that no request saved is worth
-const kLeastRanges = 40;        // of one call, that another request is worth
+const kLeastRanges = 24;        // of one call, that another single request is worth,
+const kMostSingle = 22;         // up to so many
 const kPartHead = 160;          // bytes that a range costs in an answer with several
 const kMostParts = 80;          // ranges of one request; hosts refuse more than 200
 const kMostAnswer = 512 << 10;  // bytes of an answer with several ranges, about
+const kMostAtFirst = 1 << 26;   // bytes reserved for an answer that says that it has more
 const kKept = 16 << 20;         // bytes of answers to single ranges
 const kRetries = 4;
 
@@ -24,121 +26,121 @@ export class HttpSource {
     this.bytes = this.requests = 0;
     this.roundTrips = 0;   // the longest chain of answers, each before the next request
     this.kept = [];       // answers with more than was asked for, the oldest first
+    this.wants = [];      // ranges to ask for
     this.several = false;  // whether the host serves several ranges in one answer
   }
 
   // Resolves to the start and the end of the file: [{begin, bytes}, …].
   open() {
     return this.opened ??= (async () => {
-      const [start, [end]] = await Promise.all([this.openStart(), this.ask(`-${kEnd}`)]);
-      this.size = end.total;
-      return end.begin > 0 ? [start, end] : [end];
+      const [start, end] = await Promise.all([this.openStart(), this.ask(`-${kEnd}`)]);
+      const [{begin, size, total}] = end.parts;
+      this.size = total;
+      const last = {begin, bytes: end.read(begin, begin + size)};
+      return begin > 0 ? [start, last] : [last];
     })();
   }
   // Asks for two ranges of the start. A host that does not serve several sends the whole file,
   // which begins with them, so finding out costs no request.
   async openStart() {
     const second = kStart / 2, ranges = [[0, kMetaBytes], [second, second + kMetaBytes]];
-    const {response, body} = await this.request(asText(ranges), kStart);
-    const parts = response.status === 206 ? await this.partsOf(response, body, true) : [];
-    const found = ranges.map(([begin, end]) => slice(parts, begin, end));
-    if (found.every((bytes) => bytes)) {
-      this.several = parts.length > 1;
-      const bytes = new Uint8Array(kStart);
-      found.forEach((part, i) => bytes.set(part, ranges[i][0]));
-      return {begin: 0, bytes};
-    }
-    if (response.status === 200 && body) return {begin: 0, bytes: body};
-    return (await this.ask(`0-${kStart - 1}`))[0];
+    const answer = await this.ask(asText(ranges), () => {}, kStart);
+    if (answer.whole) return {begin: 0, bytes: answer.whole};
+    const found = ranges.map(([begin, end]) => answer.read(begin, end));
+    if (!found.every((bytes) => bytes))
+      return {begin: 0, bytes: (await this.ask(`0-${kStart - 1}`)).read(0, kStart)};
+    this.several = answer.parts.length > 1;
+    const bytes = new Uint8Array(kStart);
+    found.forEach((part, i) => bytes.set(part, ranges[i][0]));
+    return {begin: 0, bytes};
   }
 
-  // Starts to read ranges [begin, end] in any order, in few requests. A promise of the bytes each.
+  // Starts to read ranges [begin, end] in any order, in few requests. A promise of the bytes each,
+  // which is kept once they have come, before the rest of their answer.
   readAll(ranges) {
-    const loaded = this.load([...ranges].sort((a, b) => a[0] - b[0]));
-    return ranges.map(async (range) => (await loaded)(...range));
+    const wants = ranges.map(([begin, end]) => new Want(begin, end));
+    if (this.wants.length === 0) setTimeout(() => this.load());
+    this.wants.push(...wants);
+    return wants.map((want) => want.bytes);
   }
-
-  // These resolve to a function that takes a range to its bytes.
-  async load(ranges) {
-    if (!this.several) return this.readSingly(ranges);
-    const groups = grouped(ranges), loads = groups.map((group) => this.readSeveral(group));
-    return async (begin, end) => {
-      const load = await loads[groups.findIndex((group) => group.at(-1)[1] >= end)];
-      return load(begin, end);
-    };
+  // Requests together what was asked for at about the same time.
+  load() {
+    const wants = this.wants.sort((a, b) => a.begin - b.begin);
+    this.wants = [];
+    const load = this.several ? this.readSeveral(wants) : this.readSingly(wants);
+    load.catch((error) => wants.forEach((want) => want.failed(error)));
   }
-  async readSeveral(ranges) {
-    const parts = await this.ask(asText(merged(ranges, kPartHead)));
-    this.several = ranges.every(([begin, end]) => slice(parts, begin, end));
-    return this.several ? (begin, end) => slice(parts, begin, end) : this.readSingly(ranges);
+  async readSeveral(wants) {
+    await Promise.all(grouped(wants).map(async (group) => {
+      await this.ask(asText(merged(group, kPartHead)), (answer) => settle(group, answer));
+      const left = group.filter((want) => !want.came);
+      if (left.length === 0) return;
+      this.several = false;
+      await this.readSingly(left);
+    }));
   }
-  async readSingly(ranges) {
-    const absent = ranges.filter(([begin, end]) => !slice(this.kept, begin, end));
-    const loads = inFewRequests(absent).map(([begin, end]) => ({
-      begin, end, parts: this.ask(asText([[begin, end]]))}));
-    for (const {parts} of loads)
-      parts.then(([part]) => this.keep(part), () => {});  // each range reports what fails
-    return async (begin, end) => {
-      const load = loads.find((l) => begin >= l.begin && end <= l.end);
-      const bytes = slice(load ? await load.parts : this.kept, begin, end);
-      if (!bytes) throw new Error('The host cut an answer short.');
-      return bytes;
-    };
+  async readSingly(wants) {
+    for (const answer of this.kept) settle(wants, answer);
+    const absent = wants.filter((want) => !want.came);
+    await Promise.all(inFewRequests(absent).map(async ([begin, end]) => {
+      const within = absent.filter((want) => want.begin >= begin && want.end <= end);
+      this.keep(await this.ask(asText([[begin, end]]), (answer) => settle(within, answer)));
+      if (within.some((want) => !want.came)) throw new Error('The host cut an answer short.');
+    }));
   }
   // What fills gaps may soon be asked for.
-  keep(part) {
-    this.kept.push(part);
-    let bytes = this.kept.reduce((sum, p) => sum + p.bytes.length, 0);
-    for (; bytes > kKept; bytes -= this.kept.shift().bytes.length) continue;
+  keep(answer) {
+    this.kept.push(answer);
+    let bytes = this.kept.reduce((sum, a) => sum + a.have, 0);
+    for (; bytes > kKept; bytes -= this.kept.shift().have) continue;
   }
 
-  // Asks for ranges as a header names them, and resolves to the parts that came: {begin, bytes,
-  // total} each. None: the host refused several ranges.
-  async ask(ranges) {
-    const several = ranges.includes(','), {response, body} = await this.request(ranges);
-    if (response.status === 206) return this.partsOf(response, body, several);
-    if (several) return [];
-    throw new Error(kNoRanges);
-  }
-  async partsOf(response, body, several) {
-    const tag = response.headers.get('ETag');
-    if ((this.tag ??= tag) !== tag)
-      throw new Error('The field has changed on its host. Reload the page.');
-    const mixed = /^multipart\/byteranges/i.test(response.headers.get('Content-Type') ?? '');
-    const range = response.headers.get('Content-Range') ?? '';
-    const parts = mixed ? divided(body) : [place(range, body)];
-    if (parts.every((part) => part)) return parts;
-    if (several) return [];
-    throw new Error('The host hides the header Content-Range; it must allow it (CORS).');
+  // Asks for ranges as a header names them, and resolves to the answer. Calls `came` each time
+  // that more of it has come. An answer without parts: the host refused several ranges.
+  async ask(ranges, came = () => {}, wanted = 0) {
+    const several = ranges.includes(','), answer = await this.request(ranges, came, wanted);
+    if (answer.whole || (several && !answer.parts.every((part) => part))) return answer;
+    if (answer.parts.length === 0 && !several) throw new Error(kNoRanges);
+    if (!answer.parts.every((part) => part))
+      throw new Error('The host hides the header Content-Range; it must allow it (CORS).');
+    return answer;
   }
 
-  // Tries again what may succeed later. Of an answer with the whole file, the body has the first
-  // `wanted` bytes only; the rest is refused.
-  async request(ranges, wanted = 0) {
+  // Tries again what may succeed later. Of an answer with the whole file, takes the first `wanted`
+  // bytes only, as `whole`; the rest is refused.
+  async request(ranges, came, wanted) {
     const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
       const stop = new AbortController();
       let wrong;
+      const refuse = (text) => { throw new Error(wrong = text); };
       try {
         ++this.requests;
         // A browser's cache would split a range around the parts of it that it has.
         const response = await fetch(this.url, {headers: {Range: 'bytes=' + ranges},
                                                 cache: 'no-store', signal: stop.signal});
-        if (response.status === 206) {
-          const body = new Uint8Array(await response.arrayBuffer());
-          this.bytes += body.length;
-          this.roundTrips = Math.max(this.roundTrips, trip);
-          return {response, body};
+        const answer = new Answer(response), {status} = response;
+        if (status === 206) {
+          const tag = response.headers.get('ETag');
+          if ((this.tag ??= tag) !== tag)
+            refuse('The field has changed on its host. Reload the page.');
         }
-        const whole = response.status === 200 && wanted > 0;
-        const body = whole ? await firstBytes(response, wanted) : undefined;
+        const most = status === 206 ? Infinity : status === 200 ? wanted : 0;
+        for (const reader = most > 0 ? response.body.getReader() : undefined;
+             answer.have < most;) {
+          const {value, done} = await reader.read();
+          if (done) break;
+          this.bytes += value.length;
+          this.roundTrips = Math.max(this.roundTrips, trip);
+          answer.add(value);
+          if (status === 206) came(answer);
+        }
+        if (status === 206) return answer;
         stop.abort();  // else the whole file may come
-        this.bytes += body?.length ?? 0;
-        if (whole) this.roundTrips = Math.max(this.roundTrips, trip);
-        if (response.ok || response.status === 416) return {response, body};
-        wrong = response.status === 404 ? 'The field is not there (404).'
-                                        : `The host answered ${response.status}.`;
-        if (response.status < 500 && response.status !== 429) throw new Error(wrong);
+        if (most > 0) answer.whole = answer.bytes.slice(0, Math.min(most, answer.have));
+        if (response.ok || status === 416) return answer;
+        wrong = status === 404 ? 'The field is not there (404).' : `The host answered ${status}.`;
+        if (status < 500 && status !== 429) refuse(wrong);
       } catch (error) {
         if (error.message === wrong) throw error;
         wrong = 'The host does not answer.';
@@ -149,45 +151,74 @@ export class HttpSource {
   }
 }
 
+// A range that is asked for, and the promise of its bytes.
+class Want {
+  constructor(begin, end) {
+    Object.assign(this, {begin, end, came: false});
+    this.bytes = new Promise((done, failed) => Object.assign(this, {done, failed}));
+    this.bytes.catch(() => {});
+  }
+}
+
+// Fulfils the promises of what an answer has.
+function settle(wants, answer) {
+  for (const want of wants) {
+    const bytes = want.came ? undefined : answer.read(want.begin, want.end);
+    if (!bytes) continue;
+    want.came = true;
+    want.done(bytes);
+  }
+}
+
+// An answer while it comes. `parts`: of the file, {begin, size, total} each and `at`, where its
+// bytes are in the body; the last one may lack some. An undefined part: its place is not told.
+class Answer {
+  constructor(response) {
+    const header = (name) => response.headers.get(name) ?? '';
+    this.mixed = /^multipart\/byteranges/i.test(header('Content-Type'));
+    const length = response.status === 206 ? Number(header('Content-Length')) : 0;
+    this.bytes = new Uint8Array(Math.min(length || 1 << 16, kMostAtFirst));
+    this.have = 0;
+    this.next = 0;  // of a mixed body: where the next part's head begins
+    this.parts = response.status === 206 && !this.mixed ? [place(header('Content-Range'), 0)] : [];
+  }
+
+  add(piece) {
+    if (this.have + piece.length > this.bytes.length) {
+      const longer = new Uint8Array(Math.max(2 * this.bytes.length, this.have + piece.length));
+      longer.set(this.bytes);
+      this.bytes = longer;
+    }
+    this.bytes.set(piece, this.have);
+    this.have += piece.length;
+    while (this.mixed && this.takeHead()) continue;
+  }
+  // Parts of a body of type multipart/byteranges follow a blank line each.
+  takeHead() {
+    const {bytes, have, next} = this;
+    for (let blank = next; (blank = bytes.indexOf(13, blank)) >= 0 && blank + 4 <= have; ++blank) {
+      if (bytes[blank + 1] !== 10 || bytes[blank + 2] !== 13 || bytes[blank + 3] !== 10) continue;
+      const head = new TextDecoder('latin1').decode(bytes.subarray(next, blank));
+      const part = place(/^content-range:(.*)$/im.exec(head)?.[1] ?? '', blank + 4);
+      this.parts.push(part);
+      this.next = part ? part.at + part.size : Infinity;
+      return part !== undefined;
+    }
+    return false;
+  }
+
+  // A copy of bytes of the file, if all have come.
+  read(begin, end) {
+    const part = this.parts.find((p) => p && begin >= p.begin && end <= p.begin + p.size);
+    const from = part?.at + begin - part?.begin;
+    return from + end - begin <= this.have ? this.bytes.slice(from, from + end - begin) : undefined;
+  }
+}
+
 // Where a part belongs, after its Content-Range.
-function place(header, body) {
+function place(header, at) {
   const found = /bytes (\d+)-(\d+)\/(\d+)/i.exec(header)?.slice(1).map(Number);
-  const bytes = found && body.subarray(0, found[1] + 1 - found[0]);
-  return bytes?.length === found?.[1] + 1 - found?.[0] ? {begin: found[0], bytes, total: found[2]}
-                                                       : undefined;
-}
-
-// The first bytes of a body, or all, if it has fewer.
-async function firstBytes(response, count) {
-  const bytes = new Uint8Array(count), reader = response.body.getReader();
-  let have = 0;
-  for (let piece; have < count && !(piece = await reader.read()).done;) {
-    const some = piece.value.subarray(0, count - have);
-    bytes.set(some, have);
-    have += some.length;
-  }
-  return bytes.subarray(0, have);
-}
-
-// The parts of a body of type multipart/byteranges: each follows a blank line.
-function divided(body) {
-  const parts = [], text = new TextDecoder('latin1');
-  for (let at = 0;;) {
-    let blank = body.indexOf(13, at);
-    const ends = (b) => body[b + 1] === 10 && body[b + 2] === 13 && body[b + 3] === 10;
-    while (blank >= 0 && !ends(blank))
-      blank = body.indexOf(13, blank + 1);
-    if (blank < 0) return parts;
-    const part = place(text.decode(body.subarray(at, blank)), body.subarray(blank + 4));
-    parts.push(part);
-    if (!part) return parts;
-    at = blank + 4 + part.bytes.length;
-  }
-}
-
-function slice(parts, begin, end) {
-  const part = parts.find((p) => begin >= p.begin && end <= p.begin + p.bytes.length);
-  return part?.bytes.slice(begin - part.begin, end - part.begin);
+  return found && {begin: found[0], size: found[1] + 1 - found[0], total: found[2], at};
 }
 
 // As a header names ranges.
@@ -196,7 +227,7 @@ const asText = (ranges) => ranges.map(([begin, end]) => `${begin}-${end - 1}`).j
 // Ascending ranges with gaps up to `gap` filled.
 function merged(ranges, gap) {
   const result = [];
-  for (const [begin, end] of ranges) {
+  for (const {begin, end} of ranges) {
     const last = result.at(-1);
     if (last && begin - last[1] <= gap) last[1] = Math.max(last[1], end);
     else result.push([begin, end]);
@@ -206,28 +237,23 @@ function merged(ranges, gap) {
 
 // Ascending ranges with the smallest gaps filled, until the requests are few enough or far apart.
 function inFewRequests(ranges) {
-  const most = Math.ceil(ranges.length / kLeastRanges);
+  const most = Math.min(Math.ceil(ranges.length / kLeastRanges), kMostSingle);
   const all = merged(ranges, kCheapGap);
   const gaps = all.slice(1).map(([begin], i) => begin - all[i][1]).sort((a, b) => b - a);
-  return gaps.length < most ? all : merged(all, Math.min(gaps[most - 1], kWidestGap));
+  return gaps.length < most ? all : merged(ranges, Math.min(gaps[most - 1], kWidestGap));
 }
 
-// Ascending ranges, divided among requests for several.
+// Ascending ranges, dealt out to requests for several. All answers come side by side, so each
+// begins with what is first in the file: coarse levels.
 function grouped(ranges) {
-  const groups = [];
-  let bytes = 0, parts = 0, end = -1;
+  const parts = [];
   for (const range of ranges) {
-    if (range[0] - end > kPartHead) ++parts;
-    if (groups.length === 0 || parts > kMostParts || bytes > kMostAnswer) {
-      groups.push([]);
-      bytes = 0;
-      parts = 1;
-    }
-    groups.at(-1).push(range);
-    bytes += range[1] - range[0];
-    end = range[1];
+    if (range.begin - (parts.at(-1)?.at(-1).end ?? -Infinity) <= kPartHead) parts.at(-1).push(range);
+    else parts.push([range]);
   }
-  return groups;
+  const bytes = ranges.reduce((sum, {begin, end}) => sum + end - begin, 0);
+  const count = Math.ceil(Math.max(parts.length / kMostParts, bytes / kMostAnswer));
+  return Array.from({length: count}, (_, i) => parts.filter((_, k) => k % count === i).flat());
 }
 
 // A file inside the page, as pieces of base64. Each piece but the last has a multiple of 3 bytes.
