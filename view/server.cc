@@ -9,7 +9,6 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <charconv>
 #include <chrono>
 #include <condition_variable>
 #include <cstring>
@@ -21,6 +20,7 @@
 
 #include "slf/field.h"
 #include "view/page.h"
+#include "view/ranges.h"
 
 namespace slf::view {
 namespace {
@@ -29,7 +29,6 @@ constexpr int kTimeoutSeconds = 5;  // seconds that a peer may stall
 constexpr int kIdleSeconds = 2;     // seconds that an idle connection stays open, also when ending
 constexpr std::size_t kMaxRequests = 1000;      // on one connection
 constexpr std::size_t kChunkBytes = 256 << 10;  // bytes read from a field at once
-constexpr std::size_t kMaxRanges = 200;         // of one request
 constexpr const char* kPolicy =
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; worker-src 'self'; base-uri 'none'; "
@@ -126,64 +125,9 @@ std::string folder_name(const std::string& path) {
   return name;
 }
 
-bool parse_number(std::string_view text, std::uint64_t& value) {
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  return error == std::errc() && end == text.data() + text.size();
-}
-
-/// A part of a file.
-struct Part {
-  std::uint64_t first = 0;
-  std::uint64_t size = 0;
-
-  [[nodiscard]] std::string content_range(std::uint64_t file) const {
-    return "bytes " + std::to_string(first) + "-" + std::to_string(first + size - 1) + "/" +
-           std::to_string(file);
-  }
-};
-
-/// Parses one range of a Range header and appends it to `parts`, unless it is beyond the end of the
-/// file. Returns false if the range is malformed.
-bool add_range(std::string_view text, std::uint64_t size, std::vector<Part>& parts) {
-  while (text.starts_with(' ')) text.remove_prefix(1);
-  const std::size_t dash = text.find('-');
-  if (dash == std::string_view::npos) return false;
-  const std::string_view first = text.substr(0, dash), last = text.substr(dash + 1);
-  std::uint64_t begin = 0, end = size;
-  if (first.empty()) {
-    std::uint64_t count = 0;
-    if (!parse_number(last, count)) return false;
-    begin = size - std::min(size, count);
-  } else {
-    if (!parse_number(first, begin)) return false;
-    if (!last.empty()) {
-      std::uint64_t inclusive = 0;
-      if (!parse_number(last, inclusive) || inclusive < begin) return false;
-      end = inclusive < size ? inclusive + 1 : size;
-    }
-  }
-  if (begin < end) parts.push_back({begin, end - begin});
-  return true;
-}
-
-/// The parts of a file that a Range header selects (RFC 9110, 14.2). Returns nullopt, for the whole
-/// file, if there is no header, if it is malformed or names too many ranges, or if the ranges have
-/// more bytes than the file. Returns no parts if all ranges are beyond the end.
-std::optional<std::vector<Part>> select(std::string_view header, std::uint64_t size) {
-  constexpr std::string_view kUnit = "bytes=";
-  if (!header.starts_with(kUnit)) return std::nullopt;
-  header.remove_prefix(kUnit.size());
-  std::vector<Part> parts;
-  std::uint64_t bytes = 0;
-  for (std::size_t count = 1;; ++count) {
-    const std::size_t comma = header.find(',');
-    if (count > kMaxRanges || !add_range(header.substr(0, comma), size, parts)) return std::nullopt;
-    if (comma == std::string_view::npos) break;
-    header.remove_prefix(comma + 1);
-  }
-  for (const Part& part : parts) bytes += part.size;
-  if (bytes > size) return std::nullopt;
-  return parts;
+std::string content_range(const FilePart& part, std::uint64_t file) {
+  return "bytes " + std::to_string(part.first) + "-" + std::to_string(part.first + part.size - 1) +
+         "/" + std::to_string(file);
 }
 
 /// The body of an answer with several parts: text, then a part of the file, and so on.
@@ -191,10 +135,10 @@ class Multipart {
  public:
   static constexpr std::string_view kType = "multipart/byteranges; boundary=slf-part";
 
-  Multipart(const std::vector<Part>& parts, std::uint64_t file) {
-    for (const Part& part : parts)
+  Multipart(const std::vector<FilePart>& parts, std::uint64_t file) {
+    for (const FilePart& part : parts)
       add("\r\n--slf-part\r\nContent-Type: application/octet-stream\r\nContent-Range: " +
-              part.content_range(file) + "\r\n\r\n",
+              content_range(part, file) + "\r\n\r\n",
           part);
     add("\r\n--slf-part--\r\n", {});
   }
@@ -218,9 +162,9 @@ class Multipart {
   struct Piece {
     std::uint64_t offset;  ///< in the body
     std::string text;
-    Part part;
+    FilePart part;
   };
-  void add(std::string text, Part part) {
+  void add(std::string text, FilePart part) {
     pieces_.push_back({size_, std::move(text), part});
     size_ += pieces_.back().text.size() + part.size;
   }
@@ -258,7 +202,8 @@ void Server::State::answer(httplib::Request& request, httplib::Response& respons
   response.set_header("Referrer-Policy", "no-referrer");
   response.set_header("Cross-Origin-Resource-Policy", "same-origin");
   response.set_header("Cache-Control", "no-cache");
-  // httplib applies ranges without comparing them with the size, so select() does it instead.
+  // httplib applies ranges without comparing them with the size, so select_ranges() does it
+  // instead.
   const std::string range = request.get_header_value("Range");
   request.ranges.clear();
 
@@ -318,7 +263,7 @@ void Server::State::answer_file(const httplib::Request& request, httplib::Respon
     return;
   }
   const bool same = !request.has_header("If-Range") || request.get_header_value("If-Range") == now;
-  const auto parts = select(same ? range : "", size);
+  const auto parts = select_ranges(same ? range : "", size);
   if (parts && parts->empty()) {
     response.set_header("Content-Range", "bytes */" + std::to_string(size));
     return answer_text(response, 416, "The field has " + std::to_string(size) + " bytes.");
@@ -333,8 +278,8 @@ void Server::State::answer_file(const httplib::Request& request, httplib::Respon
         });
     return;
   }
-  const Part part = parts ? parts->front() : Part{0, size};
-  if (parts) response.set_header("Content-Range", part.content_range(size));
+  const FilePart part = parts ? parts->front() : FilePart{0, size};
+  if (parts) response.set_header("Content-Range", content_range(part, size));
   response.set_content_provider(
       part.size, "application/octet-stream",
       [&field, first = part.first](std::size_t offset, std::size_t count, httplib::DataSink& sink) {
