@@ -1,42 +1,84 @@
-// Decoders: decodes tiles in a few workers.
+// Decoders: decodes tiles in a few workers. A worker keeps the samples of the tiles that others are
+// predicted from, so they are sent to it once.
+
+const kAtOnce = 2;       // messages that a worker has: while it answers one, the next is there
+const kKept = 48 << 20;  // bytes of samples that a worker keeps
 
 export class Decoders {
-  constructor(field, makeWorker) {
+  // Workers start at once; open() tells them about the field.
+  constructor(makeWorker) {
     this.next = 0;
-    this.waiting = new Map();
-    const count = Math.max(1, Math.min(4, (navigator.hardwareConcurrency ?? 2) - 1));
-    this.workers = Array.from({length: count}, makeWorker);
-    this.busy = this.workers.map(() => 0);
-    this.workers.forEach((worker, i) => {
-      worker.onmessage = ({data}) => {
-        --this.busy[i];
+    this.waiting = new Map();  // promises of answers, by message
+    this.queue = [];           // messages that no worker has yet
+    const count = Math.max(2, Math.min(4, (navigator.hardwareConcurrency ?? 2) - 1));
+    this.workers = Array.from({length: count}, () => (
+      {port: makeWorker(), busy: 0, kept: new Map(), bytes: 0}));  // kept: bytes by page
+    for (const worker of this.workers) {
+      worker.port.onmessage = ({data}) => {
+        --worker.busy;
         const {done, failed} = this.waiting.get(data.id);
         this.waiting.delete(data.id);
         if (data.error) failed(new Error(data.error));
         else done(data.result);
+        this.send();
       };
-      worker.onerror = (event) => {
+      worker.port.onerror = (event) => {
         const error = new Error('A worker failed: ' + (event.message ?? ''));
         for (const {failed} of this.waiting.values()) failed(error);
         this.waiting.clear();
       };
-    });
-    const {module, manifestBytes: manifest, tables} = field;
-    this.ready = Promise.all(
-      this.workers.map((_, i) => this.send(i, {action: 'open', module, manifest, tables})));
+    }
+  }
+  open({module, manifestBytes: manifest, tables}) {
+    for (const worker of this.workers)
+      this.post(worker, {action: 'open', module, manifest, tables}).catch(() => {});
   }
 
-  send(i, message) {
+  post(worker, message) {
     const id = this.next++;
-    ++this.busy[i];
+    ++worker.busy;
     return new Promise((done, failed) => {
       this.waiting.set(id, {done, failed});
-      this.workers[i].postMessage({...message, id});
+      worker.port.postMessage({...message, id});
     });
   }
-  async ask(message) {
-    await this.ready;
-    return this.send(this.busy.indexOf(Math.min(...this.busy)), message);
+  ask(message) {
+    return new Promise((done, failed) => {
+      this.queue.push({message, done, failed});
+      this.send();
+    });
+  }
+  // Gives messages to the workers that have the least to do.
+  send() {
+    while (this.queue.length > 0) {
+      const worker = this.workers.reduce((a, b) => b.busy < a.busy ? b : a);
+      if (worker.busy >= kAtOnce) return;
+      const {message, done, failed} = this.queue.shift();
+      this.post(worker, this.prepared(worker, message)).then(done, failed);
+    }
+  }
+  // Leaves out what the worker has, and says what it no longer needs to keep.
+  prepared(worker, message) {
+    if (!message.references) return message;
+    const keep = (page, bytes) => {
+      worker.bytes += bytes - (worker.kept.get(page) ?? 0);
+      worker.kept.delete(page);
+      worker.kept.set(page, bytes);
+    };
+    const references = message.references.map(({page, entry, exit, samples}) => {
+      const has = worker.kept.has(page);
+      keep(page, samples.byteLength);
+      return has ? {page, entry, exit} : {page, entry, exit, samples};
+    });
+    const forget = [];
+    for (const [page, bytes] of worker.kept) {
+      if (worker.bytes <= kKept) break;
+      if (message.references.some((reference) => reference.page === page)) break;
+      worker.kept.delete(page);
+      worker.bytes -= bytes;
+      forget.push(page);
+    }
+    return {...message, references, forget};
   }
 
   // In both calls, `part` is {layer, level, entry, exit, checksum, payload}. The calls fail if the
@@ -45,7 +87,7 @@ export class Decoders {
   // Resolves to the tiles of the next coarser level that the part is predicted from:
   // [[entry, exit], …].
   references(part) { return this.ask({...part, action: 'references'}); }
-  // Resolves to the part's samples. Each of `references` is {entry, exit, samples}; an empty tile
-  // has samples of length 0.
+  // Resolves to the part's samples. Each of `references` is {page, entry, exit, samples}; an empty
+  // tile has samples of length 0.
   decode(part, references) { return this.ask({...part, references, action: 'decode'}); }
 }

@@ -143,7 +143,18 @@ export class Field {
     if (!this.predicts) return tiles.map(({page}) => page);
     const {calls} = this.native;
     this.native.fill(keysOf(tiles));
-    const at = calls.slf_with_ancestors(this.color), count = calls.slf_tile_count();
+    return this.pagesAt(calls.slf_with_ancestors(this.color));
+  }
+  // The pages of the tiles that the index says that a tile is predicted from. Undefined: it does
+  // not say.
+  references(tile) {
+    const {calls} = this.native;
+    this.native.fill(keysOf([tile]));
+    const at = calls.slf_listed_references(this.color);
+    return at === 0 ? undefined : this.pagesAt(at);
+  }
+  pagesAt(at) {
+    const {calls} = this.native, count = calls.slf_tile_count();
     const found = new Uint32Array(calls.memory.buffer, at, 3 * count);
     return Array.from({length: count}, (_, i) => this.page(...found.subarray(3 * i, 3 * i + 3)));
   }

@@ -9,10 +9,13 @@ import {Renderer} from './renderer.js';
 import {Decoders} from './decoders.js';
 import {Field} from './field.js';
 import {Loader} from './loader.js';
+import {firstTiles} from './rays.js';
 import {EmbeddedSource, HttpSource} from './source.js';
 
 const kTileBytes = 192 << 20;  // of textures
-const kFast = 22, kSlow = 45;  // milliseconds a frame
+const kFrame = 40;             // milliseconds that a frame may take, by drawing fewer pixels
+const kLeastScale = 0.2;       // of the pixels along an edge that are drawn
+const kPause = 6;              // between frames while tiles come, in times of the last one
 const kAhead = 0.4;            // seconds that loading looks ahead of a moving camera
 const kLevel0 = 2 << 20;       // bytes: a level 0 so small is loaded whole
 
@@ -41,20 +44,21 @@ const settings = {
 let field, renderer, loader;
 let version = 0;       // counts changes of the view
 let dirty = true;      // the picture is not what the canvas shows
-let movedAt = -1e9, scale = 1, lost = false, failed = false, ceiling = 99;
-let begun = false, first;  // first: what the first picture took
+let movedAt = -1e9, lost = false, failed = false, ceiling = 99;
+let begun = false, first, complete;  // what the first picture took, and the first complete one
 
 // What tests and scripts may ask and do.
 const page = globalThis.slf = {
   state: 'opening',  // then 'loading', 'settled', or 'failed'
-  statistics: () => ({...traffic(), first, tiles: loader?.tiles ?? 0,
-                      slots: renderer?.slots ?? 0, tileBytes: renderer?.tileBytes ?? 0,
-                      damaged: loader?.damaged ?? 0}),
+  statistics: () => ({...traffic(), first, complete, busy: loader?.busy ?? true,
+                      tiles: loader?.tiles ?? 0, slots: renderer?.slots ?? 0,
+                      tileBytes: renderer?.tileBytes ?? 0, damaged: loader?.damaged ?? 0}),
   camera,
   settings,
   changed,
   pages: () => field.shape.pages,
   read: (pages) => loader.reader.read(pages),
+  frameTimes,
 };
 
 // What came from the host since the page began, and the milliseconds since then.
@@ -88,14 +92,15 @@ function matchingLevel() {
 function currentView() {
   const chosen = settings.level === 'auto' ? matchingLevel() : Number(settings.level);
   const background = [1, 3, 5].map((i) => parseInt(settings.background.slice(i, i + 2), 16) / 255);
+  const level = Math.min(chosen, ceiling, field.shape.levels);
   return {camera, mode: settings.mode, background, exposure: Number(settings.exposure),
-          curve: field.radiance ? settings.curve : 'none',
-          level: Math.min(chosen, ceiling, field.shape.levels)};
+          curve: field.radiance ? settings.curve : 'none', level, stamp: `${version} ${level}`};
 }
 
 function changed() {
   ++version;
   dirty = true;
+  pausedUntil = 0;
   ceiling = 99;
   if (page.state === 'settled') page.state = 'loading';
 }
@@ -139,32 +144,76 @@ function resize() {
 // ---- drawing ------------------------------------------------------------------------------------
 
 let before = 0, shown = 0, rateFrom = 0;
+let drawing = false, pausedUntil = 0, countedAt = 0;
 function frame(now) {
   requestAnimationFrame(frame);
   const elapsed = Math.min(now - before, 200);
   before = now;
-  if (!renderer || lost || failed) return;
+  if (!begun || lost || failed) return;
   if (camera.advance(elapsed / 1000)) moved();
-  const moving = now - movedAt < 200, changing = moving || page.state === 'loading';
-  // While the picture changes, slow graphics draw fewer pixels.
-  if (!changing && scale < 1) {
-    scale = 1;
-    dirty = true;
+  if (now - countedAt > 200) {
+    countedAt = now;
+    showCounts();
   }
-  if (!dirty) return;
-  if (changing && shown > 0)
-    scale *= elapsed > kSlow ? Math.max(0.2 / scale, 0.8)
-                             : elapsed < kFast ? Math.min(1 / scale, 1.05) : 1;
-  dirty = false;
-  renderer.draw(currentView(), scale);
-  if (begun) first ??= traffic();
-  drawMarks();
-  ++shown;
+  const moving = now - movedAt < 200;
   if (now - rateFrom > 500) {
     byId('rate').textContent = moving ? (shown * 1000 / (now - rateFrom)).toFixed(0) : '–';
-    shown = 1;
+    shown = 0;
     rateFrom = now;
   }
+  if (!dirty || drawing || (!moving && now < pausedUntil)) return;
+  draw(moving).catch(fail);
+}
+
+// Draws a frame. While the picture changes, slow graphics draw fewer pixels.
+async function draw(moving) {
+  const view = currentView(), pixels = canvas.width * canvas.height;
+  const scale = Math.sqrt(kFrame / (renderer.cost * pixels || kFrame / kLeastScale ** 2));
+  const whole = !moving && (scale >= 1 || renderer.keeps(view) || page.state === 'settled');
+  drawMarks();
+  if (whole) {
+    await sharpen(view);
+  } else {
+    drawing = true;
+    dirty = false;
+    const begin = performance.now();
+    await renderer.draw(view, Math.min(1, Math.max(kLeastScale, scale)));
+    pause(begin);
+    drawing = false;
+  }
+  ++shown;
+  first ??= traffic();
+}
+function pause(begin) {
+  const now = performance.now();
+  pausedUntil = now + kPause * (now - begin);
+}
+
+// Draws what is not final of a picture in full. Resolves to whether that is done: a change of the
+// view ends it.
+async function sharpen(view) {
+  const asked = version;
+  while (drawing) await sleep(2);
+  drawing = true;
+  dirty = false;
+  const begin = performance.now(), done = await renderer.sharpen(view, () => version === asked);
+  pause(begin);
+  drawing = false;
+  return done;
+}
+
+// Draws the view in full, again and again. Resolves to the milliseconds that each picture took.
+async function frameTimes(count) {
+  const times = [];
+  while (drawing) await sleep(2);
+  drawing = true;
+  for (let i = 0; i < count; ++i) {
+    const begin = performance.now();
+    await renderer.draw(currentView(), 1);
+    times.push(performance.now() - begin);
+  }
+  drawing = false;
+  return times;
 }
 
 // A compass of the axes of LPS; letters on the far side are dim.
@@ -194,31 +243,30 @@ function drawMarks() {
 // ---- following ----------------------------------------------------------------------------------
 
 async function follow() {
-  let seen = -1, needed = new Set(), thorough = false;
-  const level0 = await begin();
-  let fresh = true;  // all that is there was read for the first picture
+  let seen, needed = new Set(), thorough = false, level0;
+  await begin();
   while (!failed) {
     if (lost) {
       await sleep(50);
       continue;
     }
     const view = currentView(), asked = version, moving = performance.now() - movedAt < 200;
-    if (asked !== seen) {
-      seen = asked;
+    if (view.stamp !== seen) {
+      seen = view.stamp;
       needed = new Set();
-      thorough = fresh;
-      fresh = false;
+      thorough = false;
     }
-    // A few rays find nearly all tiles. Once these are there, all rays find the last ones.
+    // A few rays find nearly all tiles. Once these are there, the rays of all pixels that are not
+    // final find the last ones.
+    if (thorough && !await sharpen(view)) continue;
     const [pages] = await Promise.all([thorough ? renderer.askAll(view) : renderer.ask(view),
                                        field.prepare(view.level)]);
     if (failed || lost) continue;
     for (const at of pages) needed.add(at);
-    const absent = loader.want([...needed, ...(moving ? [] : level0)], !moving);
+    const absent = loader.want([...needed], !moving);
     if (loader.full) {  // not all tiles of this level fit: draw a coarser one
       loader.full = false;
       ceiling = Math.max(0, view.level - 1);
-      seen = -1;
     } else if (moving) {
       page.state = 'loading';
       if (absent === 0) await lookAhead(view, needed);
@@ -228,6 +276,9 @@ async function follow() {
       thorough = true;
       await arrived(asked);
     } else {
+      complete ??= traffic();
+      level0 ??= await allOfLevel0();
+      loader.want([...needed, ...level0]);
       page.state = 'settled';
       keepLink();
       while (version === asked && !lost && !failed) await sleep(20);
@@ -237,12 +288,12 @@ async function follow() {
 
 // Level 0 first, of each ray the tile that matters most: something is seen at once.
 async function begin() {
-  const pages = await renderer.ask({...currentView(), level: 0, mode: 'bitri', sparse: true});
+  const pages = firstTiles(field.shape, camera, canvas.width, canvas.height);
   loader.want(pages, true);
   field.prepare(currentView().level).catch(fail);
-  await arrived(version);
+  await Promise.all([arrived(version), renderer.ready]);
   begun = dirty = true;
-  return allOfLevel0();
+  pausedUntil = 0;
 }
 
 // Waits until what is on its way has come, or the view is another.
@@ -255,7 +306,7 @@ async function lookAhead(view, needed) {
   const ahead = new Camera();
   Object.assign(ahead, structuredClone({...camera}));
   ahead.advance(kAhead);
-  const pages = await renderer.ask({...view, camera: ahead});
+  const pages = await renderer.ask({...view, camera: ahead, stamp: undefined});
   if (!failed && !lost) loader.want([...needed, ...pages]);
 }
 
@@ -386,26 +437,29 @@ function fillPanel() {
 async function start() {
   readFragment();
   source.open().catch(() => {});  // beside the module; opening the field reports it
+  const decoders = new Decoders(makeWorker);
+  renderer = new Renderer(canvas);
   field = new Field(source, await loadModule());
   await field.open();
+  decoders.open(field);
   resize();
-  renderer = new Renderer(canvas, field.shape, kTileBytes);
+  renderer.open(field.shape, kTileBytes);
   fillPanel();
-  loader = new Loader(field, renderer, new Decoders(field, makeWorker), () => {
-    dirty = true;
-    showCounts();
-  }, fail);
+  loader = new Loader(field, renderer, decoders, () => { dirty = true; }, fail);
   canvas.addEventListener('webglcontextlost', (event) => {
     event.preventDefault();
     lost = true;
     say('The graphics card was reset; waiting for it.');
   });
   canvas.addEventListener('webglcontextrestored', () => {
-    renderer = new Renderer(canvas, field.shape, kTileBytes);
+    renderer = new Renderer(canvas);
+    renderer.open(field.shape, kTileBytes);
     loader.restart(renderer);
-    lost = false;
-    say('');
-    changed();
+    renderer.ready.then(() => {
+      lost = false;
+      say('');
+      changed();
+    }).catch(fail);
   });
   new ResizeObserver(resize).observe(canvas);
   addEventListener('hashchange', () => {

@@ -75,11 +75,9 @@ export class Reader {
     if (!field.predicts) return;
     const fresh = new Set();
     await Promise.all(parts.map((part) => part.listed = (async () => {
-      const {level} = part.tile;
-      part.payload = await part.payload;
-      const found = level > 0 ? await this.ask('references', part) : [];
-      part.references = (found ?? []).map(([entry, exit]) => {
-        const page = field.page(level - 1, entry, exit), ready = this.tiles.get(page)?.ready;
+      const pages = field.references(part.tile) ?? await this.referencesOf(part);
+      part.references = pages.map((page) => {
+        const ready = this.tiles.get(page)?.ready;
         if (!ready) fresh.add(page);
         return {page, ready};
       });
@@ -87,6 +85,19 @@ export class Reader {
     if (fresh.size === 0) return;
     const pages = [...fresh];
     this.read(pages).forEach((ready) => ready.then((tile) => this.onReference(tile), () => {}));
+  }
+  // What a payload itself says that it is predicted from.
+  async referencesOf(part) {
+    part.payload = await part.payload;
+    const {level} = part.tile;
+    if (level === 0) return [];
+    try {
+      const found = await this.ask('references', part);
+      return found.map(([entry, exit]) => this.field.page(level - 1, entry, exit));
+    } catch {
+      this.spoil(part);
+      return [];
+    }
   }
 
   async decode(part, findReferences) {
@@ -98,10 +109,20 @@ export class Reader {
     for (const tile of await Promise.all(ready())) {
       if (tile.state !== kStored && tile.state !== kEmpty)
         return this.spoil(part);  // it cannot be predicted
-      references.push({entry: tile.entry, exit: tile.exit, samples: tile.samples ?? kNothing});
+      const {page, entry, exit, samples} = tile;
+      references.push({page, entry, exit, samples: samples ?? kNothing});
     }
-    const samples = await this.ask('decode', part, references);
-    if (!samples) return;
+    if (part.spoilt) return;
+    let samples;
+    try {
+      samples = await this.ask('decode', part, references);
+    } catch {
+      if (part.own) return this.spoil(part);
+      part.own = true;  // the index may be wrong about it
+      part.references = (await this.referencesOf(part))
+        .map((page) => ({page, ready: this.tiles.get(page)?.ready}));
+      return this.decode(part, findReferences);
+    }
     const {tile, layer} = part;
     if (layer !== field.color) {
       tile.depth = samples;
@@ -116,15 +137,9 @@ export class Reader {
     }
   }
 
-  // Asks a worker about a part. Undefined: it is damaged.
-  async ask(what, part, references) {
-    const {layer, checksum, payload, tile: {level, entry, exit}} = part;
-    if (part.spoilt) return undefined;
-    try {
-      return await this.decoders[what]({layer, level, entry, exit, checksum, payload}, references);
-    } catch {
-      this.spoil(part);
-    }
+  // Asks a worker about a part. Fails if the part is damaged.
+  ask(what, {layer, checksum, payload, tile: {level, entry, exit}}, references) {
+    return this.decoders[what]({layer, level, entry, exit, checksum, payload}, references);
   }
   spoil(part) {
     part.spoilt = true;

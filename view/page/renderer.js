@@ -7,6 +7,7 @@ import {kCurves, kDraw, kFeedback, kTableBits, kVertex} from './shader.js';
 const kTableWidth = 1 << kTableBits;
 const kFeedbackSize = 512;  // most rays in a row of a pass that finds the tiles of a view
 const kFewRays = 128;       // the same for a quick pass, which finds nearly all of them
+const kStrip = 60;          // milliseconds that drawing a strip may take
 
 function program(gl, fragment) {
   const result = gl.createProgram();
@@ -17,16 +18,27 @@ function program(gl, fragment) {
     gl.attachShader(result, shader);
   }
   gl.linkProgram(result);
+  const places = {};
+  const at = (name) => places[name] ??= gl.getUniformLocation(result, name);
+  return {result, at, checked: false};
+}
+// Resolves when a program is compiled, without blocking the page where the browser can say so.
+// Throws what is wrong with it.
+async function compiled(gl, program_) {
+  if (program_.checked) return;
+  const {result} = program_, parallel = gl.getExtension('KHR_parallel_shader_compile');
+  while (parallel && !gl.isContextLost() &&
+         !gl.getProgramParameter(result, parallel.COMPLETION_STATUS_KHR))
+    await new Promise((done) => setTimeout(done, 8));
   if (!gl.getProgramParameter(result, gl.LINK_STATUS) && !gl.isContextLost())
     throw new Error('WebGL: ' + gl.getAttachedShaders(result).map((s) => gl.getShaderInfoLog(s))
       .join(' ') + gl.getProgramInfoLog(result));
-  const places = {};
-  return {result, at: (name) => places[name] ??= gl.getUniformLocation(result, name)};
+  program_.checked = true;
 }
 
 export class Renderer {
-  // `shape` is Field.shape. `budget` limits the bytes of the textures for tiles.
-  constructor(canvas, shape, budget) {
+  // Begins to compile the shaders; `ready` resolves when pictures can be drawn at once.
+  constructor(canvas) {
     const gl = canvas.getContext('webgl2', {alpha: false, antialias: false, depth: false,
                                             preserveDrawingBuffer: true,
                                             powerPreference: 'high-performance'});
@@ -34,13 +46,38 @@ export class Renderer {
                              'Safari has; it may be switched off in the settings.');
     this.gl = gl;
     this.canvas = canvas;
-    this.shape = shape;
     this.drawProgram = program(gl, kDraw);
     this.feedbackProgram = program(gl, kFeedback);
+    this.pass = 0;
+    this.cost = 0;         // milliseconds a pixel, as the last picture took them; 0: not known
+    this.kept = undefined; // of which view the final pixels are kept: its stamp
+    this.makeTargets();
+    this.ready = this.warm();
+    this.ready.catch(() => {});
+  }
+  // Draws a pixel with each program: some drivers finish their work on a program only then.
+  async warm() {
+    const {gl} = this;
+    for (const [program_, bind] of [[this.drawProgram, () => this.bindPicture()],
+                                    [this.feedbackProgram, () => this.bindFeedback()]]) {
+      await compiled(gl, program_);
+      bind();
+      gl.viewport(0, 0, 1, 1);
+      gl.useProgram(program_.result);
+      this.setSamplers(program_);
+      gl.drawArrays(gl.TRIANGLES, 0, 3);
+    }
+  }
+  setSamplers({at}) {
+    ['uTables', 'uPages', 'uColor', 'uDepth', 'uKept'].forEach(
+      (name, i) => this.gl.uniform1i(at(name), i));
+  }
+  bindFeedback() { this.gl.bindFramebuffer(this.gl.FRAMEBUFFER, this.feedbackTarget); }
+  // `shape`: of the field, as Field.shape; `budget`: bytes of textures for tiles.
+  open(shape, budget) {
+    this.shape = shape;
     this.makeTiles(budget);
     this.makeTables();
-    this.makeTargets();
-    this.pass = 0;
   }
 
   texture(unit, target, format, width, height, layers) {
@@ -96,11 +133,11 @@ export class Renderer {
 
   makeTargets() {
     const gl = this.gl;
-    this.lowResolution = null;  // the target for pictures of less than full resolution
+    this.picture = null;  // where pictures are drawn, and a copy with those pixels that are final
     this.feedbackTarget = gl.createFramebuffer();
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.feedbackTarget);
     for (const i of [0, 1]) {
-      const target = this.texture(4, gl.TEXTURE_2D, gl.RGBA32UI, kFeedbackSize, kFeedbackSize);
+      const target = this.texture(5, gl.TEXTURE_2D, gl.RGBA32UI, kFeedbackSize, kFeedbackSize);
       gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + i, gl.TEXTURE_2D, target, 0);
     }
     gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
@@ -160,48 +197,105 @@ export class Renderer {
     gl.uniform1iv(at('uRowBase'), shape.rowBase);
     gl.uniform1iv(at('uPathBase'), shape.pathBase);
     gl.uniform1iv(at('uPageBase'), shape.pageBase);
-    ['uTables', 'uPages', 'uColor', 'uDepth'].forEach((name, i) => gl.uniform1i(at(name), i));
+    this.setSamplers(program_);
     gl.uniform1i(at('uTileBits'), this.bits);
     gl.uniform1i(at('uTileHeight'), this.tileHeight);
     gl.uniform1i(at('uTilesPerLayer'), this.tilesPerLayer);
+    gl.uniform1i(at('uKeeps'), this.keeps(view) ? 1 : 0);
+  }
+  // Whether the final pixels of a view are kept.
+  keeps({stamp}) { return stamp !== undefined && stamp === this.kept; }
+
+  useToDraw(view) {
+    const gl = this.gl, {width, height} = this.canvas, {at} = this.drawProgram;
+    this.bindPicture();
+    this.use(this.drawProgram, view, width, height);
+    gl.uniform3fv(at('uBackground'), view.background);
+    gl.uniform1i(at('uCurve'), kCurves.indexOf(view.curve));
+    gl.uniform1f(at('uGain'), 2 ** view.exposure);
   }
 
-  // Draws onto the canvas. If `scale` < 1, draws that fraction of the pixels along each edge, and
-  // enlarges the picture.
-  draw(view, scale) {
+  // Draws onto the canvas. `scale` <= 1: with so many pixels along each edge, then enlarged.
+  // Resolves when the GPU is done.
+  async draw(view, scale) {
     const gl = this.gl, {width, height} = this.canvas;
     const w = Math.max(1, Math.round(width * scale)), h = Math.max(1, Math.round(height * scale));
-    const whole = w === width && h === height;
-    if (!whole) this.bindLowResolution();
-    else gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    this.kept = undefined;
+    this.useToDraw(view);
     gl.viewport(0, 0, w, h);
-    this.use(this.drawProgram, view, width, height);
-    gl.uniform3fv(this.drawProgram.at('uBackground'), view.background);
     gl.uniform2f(this.drawProgram.at('uScale'), width / w, height / h);
-    gl.uniform1i(this.drawProgram.at('uCurve'), kCurves.indexOf(view.curve));
-    gl.uniform1f(this.drawProgram.at('uGain'), 2 ** view.exposure);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    if (whole) return;
-    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.lowResolution.framebuffer);
-    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
-    gl.blitFramebuffer(0, 0, w, h, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.LINEAR);
+    this.present(w, h);
+    await this.timed(w * h);
   }
 
-  // Binds a framebuffer as large as the canvas. Pictures of less than full resolution use a part of
-  // it.
-  bindLowResolution() {
-    const gl = this.gl, {width, height} = this.canvas;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    if (this.lowResolution?.width !== width || this.lowResolution?.height !== height) {
-      if (this.lowResolution) gl.deleteTexture(this.lowResolution.texture);
-      const framebuffer = this.lowResolution?.framebuffer ?? gl.createFramebuffer();
-      const texture = this.texture(4, gl.TEXTURE_2D, gl.RGBA8, width, height);
-      gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
-      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
-      gl.bindTexture(gl.TEXTURE_2D, null);
-      this.lowResolution = {width, height, texture, framebuffer};
+  // Draws all pixels that are not final, in strips, so that other work for the GPU need not wait
+  // long. Resolves to whether that is done: it ends early once `wanted()` is false.
+  async sharpen(view, wanted) {
+    const gl = this.gl, {width, height} = this.canvas, again = this.keeps(view);
+    if (!again) this.kept = undefined;
+    const rows = again || this.cost === 0 ? height
+      : Math.max(16, Math.ceil(kStrip / this.cost / width));
+    for (let y = 0; y < height; y += rows) {
+      this.useToDraw(view);
+      gl.viewport(0, 0, width, height);
+      gl.uniform2f(this.drawProgram.at('uScale'), 1, 1);
+      gl.enable(gl.SCISSOR_TEST);
+      gl.scissor(0, y, width, rows);
+      gl.drawArrays(gl.TRIANGLES, 0, 3);
+      gl.disable(gl.SCISSOR_TEST);
+      if (y + rows >= height) break;
+      await this.timed(width * rows);
+      if (!wanted() || gl.isContextLost()) return false;
     }
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.lowResolution.framebuffer);
+    gl.activeTexture(gl.TEXTURE4);
+    gl.copyTexSubImage2D(gl.TEXTURE_2D, 0, 0, 0, 0, 0, width, height);
+    this.kept = view.stamp;
+    this.present(width, height);
+    await this.done();
+    return true;
+  }
+
+  // Binds the framebuffer that pictures are drawn to.
+  bindPicture() {
+    const gl = this.gl, {width, height} = this.canvas;
+    if (this.picture?.width !== width || this.picture?.height !== height) {
+      this.kept = undefined;
+      for (const texture of this.picture?.textures ?? []) gl.deleteTexture(texture);
+      const framebuffer = this.picture?.framebuffer ?? gl.createFramebuffer();
+      const textures = [5, 4].map(
+        (unit) => this.texture(unit, gl.TEXTURE_2D, gl.RGBA8, width, height));
+      gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, textures[0], 0);
+      this.picture = {width, height, textures, framebuffer};
+    }
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.picture.framebuffer);
+  }
+  // Shows a part of what was drawn, on the whole canvas.
+  present(w, h) {
+    const gl = this.gl, {width, height} = this.canvas;
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.picture.framebuffer);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    gl.blitFramebuffer(0, 0, w, h, 0, 0, width, height, gl.COLOR_BUFFER_BIT,
+                       w === width && h === height ? gl.NEAREST : gl.LINEAR);
+  }
+
+  // Resolves when the GPU has done what it was told so far.
+  async done() {
+    const {gl} = this, fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    for (;;) {
+      await new Promise((done) => setTimeout(done, 4));
+      if (gl.isContextLost()) return;
+      const state = gl.clientWaitSync(fence, 0, 0);
+      if (state === gl.ALREADY_SIGNALED || state === gl.CONDITION_SATISFIED) break;
+    }
+    gl.deleteSync(fence);
+  }
+  async timed(pixels) {
+    const begin = performance.now();
+    await this.done();
+    this.cost = (performance.now() - begin) / pixels;
   }
 
   // Finds the pages that a view needs, with a ray for every pixel. Resolves to a Set of pages.
@@ -228,11 +322,10 @@ export class Renderer {
   async askRays(view, size, choice) {
     const gl = this.gl, {width, height} = this.canvas, [across, down] = this.grid(size);
     const w = Math.ceil(width / across), h = Math.ceil(height / down);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.feedbackTarget);
+    this.bindFeedback();
     gl.viewport(0, 0, w, h);
     this.use(this.feedbackProgram, view, width, height);
     gl.uniform2f(this.feedbackProgram.at('uStep'), across, down);
-    gl.uniform1i(this.feedbackProgram.at('uSparse'), view.sparse ? 1 : 0);
     gl.uniform2f(this.feedbackProgram.at('uShift'), choice % across, Math.floor(choice / across));
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     this.readBuffers.forEach((buffer, i) => {
@@ -241,15 +334,8 @@ export class Renderer {
       gl.readPixels(0, 0, w, h, gl.RGBA_INTEGER, gl.UNSIGNED_INT, 0);
     });
     gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
-    const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
-    gl.flush();
-    for (;;) {
-      await new Promise((done) => setTimeout(done, 4));
-      if (gl.isContextLost()) return new Set();
-      const state = gl.clientWaitSync(fence, 0, 0);
-      if (state === gl.ALREADY_SIGNALED || state === gl.CONDITION_SATISFIED) break;
-    }
-    gl.deleteSync(fence);
+    await this.done();
+    if (gl.isContextLost()) return new Set();
     const pages = new Set();
     const words = new Uint32Array(w * h * 4);
     this.readBuffers.forEach((buffer) => {

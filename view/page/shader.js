@@ -27,6 +27,8 @@ uniform int uRowBase[${kMaxLevels}], uPathBase[${kMaxLevels}], uPageBase[${kMaxL
 uniform usampler2D uTables, uPages;
 uniform sampler2DArray uColor, uDepth;
 uniform int uTileBits, uTileHeight, uTilesPerLayer;  // a tile is 2^uTileBits texels wide
+uniform bool uKeeps;       // whether uKept is a picture of this view
+uniform sampler2D uKept;   // alpha: 1 where a pixel is final
 
 int columns;  // of a tile
 
@@ -157,15 +159,13 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       if (entry_ <= ${kNotLoaded}u || (state != kDone && round_ > 0)) continue;
       int slot = int(entry_ & ${kNoDepth - 1}u) - ${kFirstSlot};
       vec3 along = vec3(dot(entry[e] - P, chord), dot(q - entry[e], chord), 0) / chord2;
-      for (int x = 0; x < 3; ++x) {
+      if (slot < 0) total += we;
+      for (int x = slot < 0 ? 3 : 0; x < 3; ++x) {
         float wx = leave.weights[x];
-        vec4 color = vec4(0);
+        ivec3 from = texel(slot, row[e] * columns + column[x]);
+        vec4 color = texelFetch(uColor, from, 0);
         float depth = 0.0;
-        if (slot >= 0) {
-          ivec3 from = texel(slot, row[e] * columns + column[x]);
-          color = texelFetch(uColor, from, 0);
-          if (uMode == 1) depth = texelFetch(uDepth, from, 0).r;
-        }
+        if (uMode == 1 && color.a > 0.0) depth = texelFetch(uDepth, from, 0).r;
         float tx = along.x + depth * along.y;
         opacities[e] += wx * color.a;
         positions[e] += wx * color.a * tx;
@@ -250,31 +250,35 @@ vec4 mapped(vec4 radiance) {
   return vec4(radiance.a * mix(high, low, vec3(lessThanEqual(color, vec3(0.0031308)))), radiance.a);
 }
 
+// The result's alpha is 1 where no tile will change it.
+// Software graphics take the time of branches that no pixel takes, but not that of loops.
 void main() {
   columns = (uExitSide + 1) * (uExitSide + 2) / 2;
+  bool kept = uKeeps && texelFetch(uKept, ivec2(gl_FragCoord.xy), 0).a == 1.0;
   vec3 P, Q;
+  bool meets = meet(gl_FragCoord.xy * uScale, P, Q);
   vec4 pixel = vec4(0);
-  if (meet(gl_FragCoord.xy * uScale, P, Q)) {
+  float final_ = 1.0;
+  for (int level = kept || !meets ? -1 : uLevel; level >= 0; --level) {
     ivec3 first, last;
     float t;
-    for (int level = uLevel; level >= 0; --level) {
-      int state = draw(level, P, Q, pixel, first, last, t);
-      if (state == kDone || (state == kWaiting && level == 0)) break;  // show what is loaded
-      pixel = vec4(0);
-    }
+    int state = draw(level, P, Q, pixel, first, last, t);
+    if (state == kWaiting) final_ = 0.0;
+    if (state == kDone || (state == kWaiting && level == 0)) break;  // show what is loaded
+    pixel = vec4(0);
   }
+  if (kept) discard;
   pixel = mapped(pixel);
-  result = vec4(pixel.rgb + (1.0 - pixel.a) * uBackground, 1);
+  result = vec4(pixel.rgb + (1.0 - pixel.a) * uBackground, final_);
 }`;
 
-// Records the tiles that some of the picture's rays need. Each pass chooses other rays. If a tile
-// is missing from the field, the next coarser level is used, as when drawing. While tiles of a
-// level are not loaded, a coarser level gives an estimate of where the chord meets something, and
-// so of the tiles that the ray will need.
+// Records the tiles that some of the picture's rays need. Each pass chooses other rays, and none of
+// pixels that are final. If a tile is missing from the field, the next coarser level is used, as when
+// drawing. While tiles of a level are not loaded, a coarser level gives an estimate of where the chord
+// meets something, and so of the tiles that the ray will need.
 export const kFeedback = kCommon + `
-const float kNeighbourOffset = 10.0;  // pixels
+const float kNeighbourOffset = 0.02;  // of the height of the picture
 uniform vec2 uStep, uShift;
-uniform int uSparse;  // 1: record only the first round's tile of greatest weight
 layout(location = 0) out uvec4 needed0;
 layout(location = 1) out uvec4 needed1;
 
@@ -301,29 +305,26 @@ void main() {
   needed0 = needed1 = uvec4(0);
   vec3 P, Q;
   vec2 at = (floor(gl_FragCoord.xy) * uStep + uShift) + 0.5;
-  if (at.x >= uSize.x || at.y >= uSize.y || !meet(at, P, Q)) return;
+  bool asks = at.x < uSize.x && at.y < uSize.y && meet(at, P, Q);
+  if (uKeeps && texelFetch(uKept, ivec2(at), 0).a == 1.0) asks = false;
   vec4 pixel;
-  ivec3 first, last;
+  ivec3 first = ivec3(0), last = ivec3(0);
   float t;
-  int level = uLevel, state;
-  for (;; --level) {
+  int level = asks ? uLevel : -1, state = kDone;
+  for (; level >= 0; --level) {
     state = draw(level, P, Q, pixel, first, last, t);
     if (state != kUnavailable || level == 0) break;
   }
-  if (uSparse != 0) {
-    vec3 w = locate(P, uEntrySide << level).weights;
-    first *= ivec3(w.x >= max(w.y, w.z), w.y > w.x && w.y >= w.z, w.z > max(w.x, w.y));
-  }
   needed0 = uvec4(first, state);
   needed1 = uvec4(last, 0);
-  if (uMode == 0 || state != kWaiting || last != ivec3(0)) return;
+  bool guesses = uMode == 1 && state == kWaiting && last == ivec3(0);
   // Edges lie elsewhere in the finer level, so the estimate comes from a nearby ray.
   vec3 P2 = P, Q2 = Q;
   int side = (int(gl_FragCoord.x) + 2 * int(gl_FragCoord.y)) % 5;
   float angle = 1.57 * float(side);
-  vec2 aside = side == 0 ? vec2(0) : kNeighbourOffset * vec2(cos(angle), sin(angle));
+  vec2 aside = side == 0 ? vec2(0) : kNeighbourOffset * uSize.y * vec2(cos(angle), sin(angle));
   if (!meet(at + aside, P2, Q2)) P2 = P, Q2 = Q;
-  for (int coarser = level - 1; coarser >= 0; --coarser) {
+  for (int coarser = guesses ? level - 1 : -1; coarser >= 0; --coarser) {
     state = draw(coarser, P2, Q2, pixel, first, last, t);
     if (state == kUnavailable || (t < 0.0 && state == kWaiting)) continue;
     if (t >= 0.0) needed1 = uvec4(guess(level, P, Q, t), 0);

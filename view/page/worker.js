@@ -2,6 +2,7 @@
 import {Native} from './module.js';
 
 let native;
+const kept = new Map();  // samples that tiles are predicted from, by page
 
 function open({module, manifest, tables}) {
   native = new Native(module);
@@ -31,9 +32,11 @@ function references(message) {
 }
 
 function decode(message) {
-  const {layer, level, entry, exit, references} = message;
+  const {layer, level, entry, exit, references, forget} = message;
+  for (const page of forget) kept.delete(page);
+  for (const {page, samples} of references) if (samples) kept.set(page, samples);
   for (const reference of references) {
-    native.fill(reference.samples);
+    native.fill(kept.get(reference.page));
     native.check(
       native.calls.slf_add_reference(layer, level - 1, reference.entry, reference.exit));
   }

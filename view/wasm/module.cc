@@ -13,6 +13,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -103,6 +104,32 @@ TileKey key_of(unsigned level, std::uint32_t entry, std::uint32_t exit) {
       {{static_cast<std::uint8_t>(deeper), entry}, {static_cast<std::uint8_t>(level), exit}});
 }
 
+/// The tiles that the buffer holds: (level, entry section, exit section), u32 each.
+std::vector<TileKey> keys_in_buffer() {
+  const Bytes& buffer = module().buffer;
+  std::vector<TileKey> keys;
+  for (std::size_t at = 0; at + 12 <= buffer.size(); at += 12) {
+    const auto word = [&](std::size_t i) {
+      return load_le<std::uint32_t>(buffer.data() + at + 4 * i);
+    };
+    keys.push_back(key_of(word(0), word(1), word(2)));
+  }
+  return keys;
+}
+
+/// Lists tiles in the same form, those that the field's shape has.
+const std::uint32_t* list(std::span<const TileKey> keys) {
+  Module& m = module();
+  m.tiles.assign(3, 0);  // never null
+  m.tiles.clear();
+  for (const TileKey key : keys) {
+    if (!m.manifest->shape.has(key)) continue;
+    const TileSections of = sections_of(key, m.manifest->shape.entry_extra_levels);
+    m.tiles.insert(m.tiles.end(), {key.level, of.entry.index, of.exit.index});
+  }
+  return m.tiles.data();
+}
+
 Result<void> parse_manifest(ByteSpan bytes, const std::string& name) {
   auto manifest = Manifest::parse(text_of(bytes), name);
   if (!manifest) return tl::unexpected(manifest.error());
@@ -172,11 +199,8 @@ SLF_EXPORT(slf_find) const FoundTile* slf_find(std::uint32_t layer) {
   Module& m = module();
   m.found.clear();
   std::string damage;
-  for (std::size_t at = 0; at + 12 <= m.buffer.size(); at += 12) {
-    const auto word = [&](std::size_t i) {
-      return load_le<std::uint32_t>(m.buffer.data() + at + 4 * i);
-    };
-    const auto tile = m.store->find(layer, key_of(word(0), word(1), word(2)));
+  for (const TileKey key : keys_in_buffer()) {
+    const auto tile = m.store->find(layer, key);
     if (!tile) {
       m.found.push_back({tile.error().code == ErrorCode::io ? 3.0 : 4.0, 0, 0, 0});
       if (tile.error().code != ErrorCode::io) damage = tile.error().message;
@@ -203,7 +227,8 @@ SLF_EXPORT(slf_prepare) int slf_prepare(std::uint32_t layer, std::uint32_t level
       references.push_back(std::move(*index));
   }
   if (error) return needs_bytes_or_failed(*error);
-  m.reference_indexes[layer] = std::move(references);
+  if (References& listed = m.reference_indexes[layer]; listed.size() < references.size())
+    listed = std::move(references);
   return kDone;
 }
 
@@ -211,22 +236,19 @@ SLF_EXPORT(slf_prepare) int slf_prepare(std::uint32_t layer, std::uint32_t level
 /// or indirectly, as far as slf_prepare() has read an index: slf_tile_count() tiles. The buffer and
 /// the result hold (level, entry section, exit section), u32 each.
 SLF_EXPORT(slf_with_ancestors) const std::uint32_t* slf_with_ancestors(std::uint32_t layer) {
-  Module& m = module();
-  std::vector<TileKey> keys;
-  for (std::size_t at = 0; at + 12 <= m.buffer.size(); at += 12) {
-    const auto word = [&](std::size_t i) {
-      return load_le<std::uint32_t>(m.buffer.data() + at + 4 * i);
-    };
-    keys.push_back(key_of(word(0), word(1), word(2)));
-  }
-  append_ancestors(m.reference_indexes[layer], keys);
-  m.tiles.clear();
-  for (const TileKey key : keys) {
-    if (!m.manifest->shape.has(key)) continue;
-    const TileSections of = sections_of(key, m.manifest->shape.entry_extra_levels);
-    m.tiles.insert(m.tiles.end(), {key.level, of.entry.index, of.exit.index});
-  }
-  return m.tiles.data();
+  std::vector<TileKey> keys = keys_in_buffer();
+  append_ancestors(module().reference_indexes[layer], keys);
+  return list(keys);
+}
+/// What the tile in the buffer is predicted from, listed likewise. Null: the index does not say, as
+/// far as slf_prepare() has read it.
+SLF_EXPORT(slf_listed_references) const std::uint32_t* slf_listed_references(std::uint32_t layer) {
+  const TileKey key = keys_in_buffer().front();
+  const References& listed = module().reference_indexes[layer];
+  if (key.level > listed.size()) return nullptr;
+  std::vector<TileKey> references;
+  if (key.level > 0) listed[key.level - 1].append_references(key, references);
+  return list(references);
 }
 SLF_EXPORT(slf_tile_count) std::size_t slf_tile_count() { return module().tiles.size() / 3; }
 
