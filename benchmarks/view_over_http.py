@@ -1,26 +1,29 @@
 #!/usr/bin/env python3
-"""Measures what the page fetches from a static host, and how long that takes, in Chromium.
+"""What the page takes from a static host, and how long, in a headless Chromium.
 
     benchmarks/view_over_http.py SLF TOUCHED FIELD.slf [--views N] [--json FILE]
 
-SLF and TOUCHED are build/release/cli/slf and build/release/tests/touched. The field is exported
-unchanged. Each view is opened cold in a headless Chromium, from hosts that serve several ranges in
-a request and from hosts that serve one, without delay and as over a link of 10 Mbit/s and 40 ms.
-This program simulates the host and the link (tests/view/host.py).
+SLF and TOUCHED are build/release/cli/slf and build/release/tests/touched. The field is exported as
+it is. Each view is opened cold, by hosts that answer several ranges in a request, or one; at once,
+and as over 10 Mbit/s and 40 ms. Host and link are this program's own (tests/view/host.py).
 
-Columns: requests, dependent round trips, bytes of the field and milliseconds until the first
-picture and until the view is complete; bytes also relative to the payload of the view's tiles. The
-processor emulates the graphics card (SwiftShader), and the times include that.
+Columns: requests, dependent round trips, bytes of the field and milliseconds, from the beginning of
+the page, until the first picture and until the view is complete; bytes also relative to the payload
+of the view's tiles. Then the page loads the rest of level 0: how many requests and bytes there are
+in all. The graphics card is imitated by the processor (SwiftShader): times include that.
+
+At last, how long a picture takes whose tiles are there: in the page, and with `slf play`, which
+waits for tiles and draws the same view again and again. Medians, milliseconds.
 """
 
 import argparse
 import json
 import os
 import platform
+import statistics
 import subprocess
 import sys
 import tempfile
-import time
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..")
 sys.dont_write_bytecode = True
@@ -31,6 +34,7 @@ from host import Host
 
 VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 3), (300, 5, 3), (75, 0, 3)]
 SIZE = 512
+FRAMES = 15
 LINKS = {"at once": (None, 0.0), "10 Mbit/s, 40 ms": (1.25e6, 0.04)}
 
 
@@ -48,14 +52,14 @@ def main():
         return subprocess.run([arguments.slf, "-q", *words], check=True, capture_output=True,
                               text=True).stdout
 
-    rows = []
+    rows, frames = [], {}  # frames: milliseconds of the page's pictures, by view
     with tempfile.TemporaryDirectory() as folder, Browser() as browser:
         slf("export", arguments.field, "-o", folder, "-f")
         field = os.path.join(folder, "field.slf")
         level = json.loads(slf("info", field, "--json"))["levels"][-1]["level"]
         print(f"{platform.node()}: {os.cpu_count()} cores; {os.path.getsize(field)} bytes of field")
-        print(f"{'ranges':6} {'link':17} {'view':15} | first: req trips    bytes    ms "
-              f"| complete: req trips    bytes  ratio    ms", flush=True)
+        print(f"{'ranges':6} {'link':17} {'view':10} | first: req trips   bytes   ms "
+              f"| complete: req trips   bytes ratio    ms | all: req   bytes", flush=True)
         for view in VIEWS[:arguments.views]:
             touched = int(subprocess.run([arguments.touched, field, *map(str, view), str(SIZE)],
                                          check=True, capture_output=True, text=True).stdout)
@@ -63,24 +67,34 @@ def main():
                 for link, (rate, delay) in LINKS.items():
                     with Host(folder, ranges, rate, delay) as host:
                         text = ",".join(map(str, view))
-                        begin = time.monotonic()
                         page = browser.open(
                             f"{host.url}/index.html#view={text}&mode=depth&level={level}",
                             SIZE, SIZE)
                         page.settle()
+                        page.wait("!slf.statistics().busy")
                         found = page.run("slf.statistics()")
+                        if (ranges, rate) == ("many", None):
+                            frames[text] = page.run(f"slf.frameTimes({FRAMES})")
                         page.close()
-                        first = found["first"]
+                        first, complete = found["first"], found["complete"]
                         row = {"ranges": ranges, "link": link, "view": view, "payload": touched,
-                               "first": first, "requests": len(host.answers("field.slf")),
-                               "round_trips": found["roundTrips"],
-                               "bytes": host.bytes("field.slf"),
-                               "milliseconds": 1000 * (time.monotonic() - begin)}
+                               "first": first, "complete": complete,
+                               "requests": len(host.answers("field.slf")),
+                               "bytes": host.bytes("field.slf")}
                     rows.append(row)
-                    print(f"{ranges:6} {link:17} {text:15} | {first['requests']:10} "
-                          f"{first['roundTrips']:5} {first['bytes']:8} {first['milliseconds']:5.0f} "
-                          f"| {row['requests']:13} {row['round_trips']:5} {row['bytes']:8} "
-                          f"{row['bytes'] / touched:6.2f} {row['milliseconds']:5.0f}", flush=True)
+                    print(f"{ranges:6} {link:17} {text:10} | {first['requests']:10} "
+                          f"{first['roundTrips']:5} {first['bytes']:7} {first['milliseconds']:4.0f} "
+                          f"| {complete['requests']:13} {complete['roundTrips']:5} "
+                          f"{complete['bytes']:7} {complete['bytes'] / touched:5.2f} "
+                          f"{complete['milliseconds']:5.0f} | {row['requests']:8} "
+                          f"{row['bytes']:7}", flush=True)
+        for text, times in frames.items():
+            played = json.loads(slf("play", field, "--orbit", text, "--turns", "0", "--seconds",
+                                    str(FRAMES / 30), "--size", f"{SIZE}", "--loading", "wait",
+                                    "--json"))
+            native = [frame["ms"] for frame in played["runs"][0]["frames"]]
+            print(f"picture of {text:10}: {statistics.median(times):5.0f} ms in the page, "
+                  f"{statistics.median(native):5.1f} ms with slf play", flush=True)
     if arguments.json:
         with open(arguments.json, "w") as file:
             json.dump(rows, file, indent=1)
