@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
-"""What the page takes from a static host, and how long, in a headless Chromium.
+"""Measures what the page fetches from a static host, and how long that takes, in Chromium.
 
     benchmarks/view_over_http.py SLF TOUCHED FIELD.slf [--views N] [--json FILE]
 
-SLF and TOUCHED are build/release/cli/slf and build/release/tests/touched. The field is exported as
-it is. Each view is opened cold, by hosts that answer several ranges in a request, or one; at once,
-and as over 10 Mbit/s and 40 ms. Host and link are this program's own (tests/view/host.py).
+SLF and TOUCHED are build/release/cli/slf and build/release/tests/touched. The field is exported
+unchanged. Each view is opened cold in a headless Chromium, from hosts that serve several ranges in
+a request and from hosts that serve one, without delay and as over a link of 10 Mbit/s and 40 ms.
+This program simulates the host and the link (tests/view/host.py).
 
 Columns: requests, dependent round trips, bytes of the field and milliseconds, from the beginning of
 the page, until the first picture and until the view is complete; bytes also relative to the payload
 of the view's tiles. Then the page loads the rest of level 0: how many requests and bytes there are
-in all. The graphics card is imitated by the processor (SwiftShader): times include that.
+in all. The processor emulates the graphics card (SwiftShader), and the times include that.
 
 At last, how long a picture takes whose tiles are there: in the page, and with `slf play`, which
 waits for tiles and draws the same view again and again. Medians, milliseconds.

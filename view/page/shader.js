@@ -272,10 +272,10 @@ void main() {
   result = vec4(pixel.rgb + (1.0 - pixel.a) * uBackground, final_);
 }`;
 
-// Records the tiles that some of the picture's rays need. Each pass chooses other rays, and none of
-// pixels that are final. If a tile is missing from the field, the next coarser level is used, as when
-// drawing. While tiles of a level are not loaded, a coarser level gives an estimate of where the chord
-// meets something, and so of the tiles that the ray will need.
+// Records the tiles that some of the picture's rays need, but none of pixels that are final. Each
+// pass chooses other rays. If a tile is missing from the field, the next coarser level is used, as
+// when drawing. While tiles of a level are not loaded, a coarser level gives an estimate of where the
+// chord meets something, and so of the tiles that the ray will need.
 export const kFeedback = kCommon + `
 const float kNeighbourOffset = 0.02;  // of the height of the picture
 uniform vec2 uStep, uShift;

@@ -248,7 +248,8 @@ function inFewRequests(ranges) {
 function grouped(ranges) {
   const parts = [];
   for (const range of ranges) {
-    if (range.begin - (parts.at(-1)?.at(-1).end ?? -Infinity) <= kPartHead) parts.at(-1).push(range);
+    const last = parts.at(-1);
+    if (last && range.begin - last.at(-1).end <= kPartHead) last.push(range);
     else parts.push([range]);
   }
   const bytes = ranges.reduce((sum, {begin, end}) => sum + end - begin, 0);
