@@ -200,7 +200,7 @@ class PageTest(unittest.TestCase):
                 self.assertLessEqual(found["first"]["roundTrips"], 3)
                 self.assertLessEqual(found["complete"]["roundTrips"], 4)
                 if ranges == "many":
-                    # Tiles are small here: the heads of an answer's parts take as much again.
+                    # Tiles are small here: the headers of parts take 140 bytes each.
                     self.assertLessEqual(host.bytes("field.slf"), 1.5 * touched + index + 65536)
                 page.close()
 

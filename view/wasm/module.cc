@@ -227,7 +227,7 @@ SLF_EXPORT(slf_prepare) int slf_prepare(std::uint32_t layer, std::uint32_t level
       references.push_back(std::move(*index));
   }
   if (error) return needs_bytes_or_failed(*error);
-  if (References& listed = m.reference_indexes[layer]; listed.size() < references.size())
+  if (ReferenceIndexes& listed = m.reference_indexes[layer]; listed.size() < references.size())
     listed = std::move(references);
   return kDone;
 }
@@ -244,7 +244,7 @@ SLF_EXPORT(slf_with_ancestors) const std::uint32_t* slf_with_ancestors(std::uint
 /// far as slf_prepare() has read it.
 SLF_EXPORT(slf_listed_references) const std::uint32_t* slf_listed_references(std::uint32_t layer) {
   const TileKey key = keys_in_buffer().front();
-  const References& listed = module().reference_indexes[layer];
+  const ReferenceIndexes& listed = module().reference_indexes[layer];
   if (key.level > listed.size()) return nullptr;
   std::vector<TileKey> references;
   if (key.level > 0) listed[key.level - 1].append_references(key, references);
