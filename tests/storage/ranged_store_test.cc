@@ -179,12 +179,12 @@ bool reset_peak() {
 TEST(Index, IsWrittenWithoutTheFileInMemory) {
   const TemporaryFolder folder;
   const std::string path = folder.file("large.slf");
-  constexpr std::uint64_t kTileBytes = 60'000, kTiles = 3000;
+  constexpr std::uint64_t kTileBytes = 4000, kTiles = 45'000;
   {
     TileWriter writer = create(path);
     for (std::uint64_t i = 0; i < kTiles; ++i) {
       ASSERT_TRUE(ok(writer.append(0, {0, i}, Bytes(kTileBytes, std::byte{7}))));
-      if (i % 100 == 0) {
+      if (i % 1000 == 0) {
         ASSERT_TRUE(ok(writer.commit()));
       }
     }
