@@ -65,9 +65,9 @@ def _show(part, runs, played, memory, size):
         ])  # fmt: skip
     part.add(
         page.text(
-            f"The same path of {played['size']} frames through a field of {human_bytes(size)}, from a "
-            f"cold file, within {memory} of decoded tiles. Frames that need not wait draw what has "
-            "not come yet from coarser levels."
+            f"The same path of {played['width_pixels']} × {played['height_pixels']} pixels through a "
+            f"field of {human_bytes(size)}, from a cold file, within {memory} of decoded tiles. "
+            "Frames that need not wait draw what has not come yet from coarser levels."
         ),
         page.plot(plots.svg(fig)),
         page.table(
