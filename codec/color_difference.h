@@ -1,4 +1,4 @@
-// Adds differences of colour to predictions (FORMAT.md, "Colour").
+// Adds differences of colour to predictions (FORMAT.md, "Blocks").
 #pragma once
 
 #include <array>
