@@ -56,7 +56,7 @@ std::string folder_of(const std::string& path) {
 /// error: it orders its own updates.
 int sync_folder(const std::string& folder) {
   const Descriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (directory.get() < 0) return errno == EACCES ? 0 : errno;  // one may write but not list it
+  if (directory.get() < 0) return errno == EACCES ? 0 : errno;  // writable, but not readable
   return ::fsync(directory.get()) == 0 || errno == EINVAL || errno == ENOTSUP ? 0 : errno;
 }
 

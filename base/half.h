@@ -12,7 +12,7 @@ namespace slf {
 [[nodiscard]] inline float half_to_float(std::uint16_t bits) {
   const std::uint32_t sign = (bits & 0x8000u) << 16, rest = bits & 0x7FFFu;
   if (rest >= 0x7C00) return std::bit_cast<float>(sign | 0x7F800000u | (rest & 0x3FFu) << 13);
-  // A product adjusts the exponent; unlike an addition to its bits it handles subnormals, too.
+  // The multiplication adjusts the exponent and, unlike integer arithmetic, handles subnormals.
   return std::bit_cast<float>(
       sign | std::bit_cast<std::uint32_t>(std::bit_cast<float>(rest << 13) * 0x1p112f));
 }
@@ -27,7 +27,7 @@ namespace slf {
   else if (rest >= 0x477FF000u)
     half = 0x7C00;  // 65520 and above
   else if (rest < 0x38800000u)
-    // A subnormal half: the sum has the bits that count at its end, rounded.
+    // A subnormal half: adding 0.5 rounds, and leaves the half's bits in the sum's lowest bits.
     half = std::bit_cast<std::uint32_t>(std::bit_cast<float>(rest) + 0.5f) - 0x3F000000u;
   else
     half = (rest - 0x38000000u + 0xFFFu + (rest >> 13 & 1)) >> 13;

@@ -28,7 +28,7 @@ class ThreadPool {
     for (unsigned k = 0; k < others; ++k) wake_.notify_one();
     auto ok = guarded(work);
     std::unique_lock lock(mutex_);
-    if (job.threads_needed > 0) {  // a thread that did not wake in time is not needed any more
+    if (job.threads_needed > 0) {  // threads that did not wake in time are not needed
       threads_needed_ -= job.threads_needed;
       jobs_.erase(place);
     }
@@ -38,7 +38,7 @@ class ThreadPool {
   }
 
  private:
-  /// One call of on_threads(); it waits in jobs_ while it wants more threads.
+  /// One call of on_threads(). It is in jobs_ while it needs more threads.
   struct Job {
     const std::function<void()>& work;
     unsigned threads_needed;
@@ -46,7 +46,7 @@ class ThreadPool {
     std::optional<Error> error;
   };
 
-  /// Starts threads until there are as many idle ones as jobs want, or the system refuses.
+  /// Starts threads until there are as many idle ones as jobs need, or the system refuses.
   void grow() {
     try {
       for (; idle_ < threads_needed_; ++idle_) std::thread([this] { serve(); }).detach();

@@ -148,7 +148,7 @@ Contender ours(const Field& field, const std::string& spec, const std::string& l
           made->lossless()};
 }
 
-// The alpha of lossless colour, apart: what of its payload is not RGB.
+// The alpha of lossless colour alone: the part of its payload that is not RGB.
 Contender alpha_of_zstd(const Field& field) {
   const std::uint32_t side = field.shape().exit_side;
   return {"alpha of zstd", "color",
@@ -320,8 +320,8 @@ Contender libjpeg(const Mosaics& mosaics, int quality, bool full_chroma) {
           }};
 }
 
-// How much smaller `row` is than the smallest libjpeg tile of the same PSNR; log sizes are taken to
-// be linear between qualities. NaN where its PSNR is out of reach.
+// How much smaller `row` is than the smallest libjpeg tile of the same PSNR. Log sizes are
+// interpolated linearly between qualities. NaN if no quality reaches the PSNR.
 double saved_against_libjpeg(const std::vector<Row>& rows, const Row& row) {
   double least = NAN;
   for (std::size_t k = 0; k + 1 < rows.size(); ++k) {

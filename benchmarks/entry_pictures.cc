@@ -36,8 +36,8 @@ LatticeVertex unfolded(std::int32_t x, std::int32_t y, std::int32_t n) {
   return {x < 0 ? -i : i, y < 0 ? -j : j, i + j - n};
 }
 
-/// The pixel of a vertex, x and y from 0 to 2 n: the one that unfolded() takes to it, or on the
-/// edge of the square one of the two.
+/// The index of a vertex's pixel in the square of 2 n + 1 pixels per edge. Inverts unfolded(); if
+/// two pixels on the edge of the square have this vertex, returns one of them.
 std::size_t folded(const LatticeVertex& v, std::int32_t n) {
   std::int32_t x = v.i, y = v.j;
   if (v.k < 0) {
@@ -54,7 +54,7 @@ std::uint64_t packed(const LatticeVertex& v, std::int32_t n) {
          static_cast<std::uint64_t>(v.k + n);
 }
 
-/// Entry vertices, each once, line by line and back.
+/// All entry vertices, each once, along lines of alternating direction.
 std::vector<LatticeVertex> entry_path(std::int32_t n) {
   std::vector<LatticeVertex> path;
   std::unordered_map<std::uint64_t, bool> seen;
@@ -66,7 +66,7 @@ std::vector<LatticeVertex> entry_path(std::int32_t n) {
   return path;
 }
 
-/// Reads samples tile by tile; keeps what it decoded.
+/// Reads samples, and keeps all tiles that it has decoded.
 class Reader {
  public:
   explicit Reader(const Field& field)
@@ -144,7 +144,7 @@ class Pictures {
   std::vector<std::uint8_t> rgb_;
 };
 
-/// Gives the samples of a tile of the finest level the colours of pictures.
+/// Replaces the colours in the samples of a tile of the finest level by those of pictures.
 void recolor(const FieldFile& field, TileKey key, const Pictures& pictures, Bytes& samples) {
   const FieldShape& shape = field.shape();
   const LevelGeometry& geometry = field.geometry(key.level);

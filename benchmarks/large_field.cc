@@ -1,5 +1,5 @@
 // Writes a field of any number of tiles quickly, whole or in parts, without tracing a ray: for
-// benchmarks of what reads and copies tiles. Its payloads are random bytes that decode to noise.
+// benchmarks of what lists and copies tiles. Its payloads are random bytes, which do not decode.
 //
 //   large_field big.slf --levels 4 --subfields 15 --payload 4096
 //   large_field 'big-{K}.slf' --levels 4 --subfields 15 --payload 4096 --parts 8
@@ -21,7 +21,7 @@ struct Settings {
   std::uint64_t parts = 1;
 };
 
-/// Raw samples of one byte each four, so that payloads may be of any content.
+/// The codec does not matter, because whatever copies or lists tiles does not decode them.
 Manifest manifest_of(const Settings& settings) {
   Manifest manifest;
   FieldShape& shape = manifest.shape;
@@ -36,7 +36,7 @@ Manifest manifest_of(const Settings& settings) {
   return manifest;
 }
 
-/// Fills with the bytes of a tile, which depend on its number only.
+/// Fills `payload` with random bytes that depend on the tile's number only.
 void fill(std::uint64_t number, std::span<std::byte> payload) {
   std::uint64_t state = number * 0x9E3779B97F4A7C15u + 1;
   for (std::size_t k = 0; k + 8 <= payload.size(); k += 8) {
@@ -49,9 +49,9 @@ Result<void> write(const Settings& settings, const TileOrder& order, std::uint64
   Manifest manifest = manifest_of(settings);
   const std::uint64_t begin = order.count() * part / settings.parts;
   const std::uint64_t end = order.count() * (part + 1) / settings.parts;
-  const TileKey behind{static_cast<std::uint8_t>(settings.levels + 1), 0};
+  const TileKey past_last{static_cast<std::uint8_t>(settings.levels + 1), 0};
   if (settings.parts > 1)
-    manifest.part = {order.key(begin), end < order.count() ? order.key(end) : behind};
+    manifest.part = {order.key(begin), end < order.count() ? order.key(end) : past_last};
   std::string path = settings.output;
   if (const std::size_t at = path.find("{K}"); at != std::string::npos)
     path.replace(at, 3, std::to_string(part + 1));

@@ -1,14 +1,14 @@
-// How fast the ray-caster fills a field, and how far that is from what the machine allows.
+// Measures how fast the ray-caster fills a field, and how close that is to the machine's limits.
 //
 //   raycast_speed VOLUME TRANSFER.json [--benchmark_...]
 //
 // Workload: the slabs of random tiles (entry vertex × a patch of exit vertices, as the builder
 // traces them). Reported, one thread:
-//   Trace        slabs/s, and per slab: positions looked at, values interpolated, samples shaded
-//   ShadeLimit   the arithmetic limit: as many shaded samples, by the same code, of a volume so
-//                small that it stays in the first-level cache, with no empty space
-//   GatherLimit  the memory limit: only the voxel rows of as many samples, in the volume itself
-//                and around where the slabs' opacity lies
+//   Trace        slabs/s, and per slab: positions visited, values interpolated, samples shaded
+//   ShadeLimit   the arithmetic limit: the same code shades as many samples of a volume so small
+//                that it stays in the first-level cache, without empty space
+//   GatherLimit  the memory limit: only loads the voxel rows of as many samples, in the volume
+//                itself, around the depths where slabs are opaque
 // Trace can be at most as fast as the slower of the two limits; all three report slabs/s.
 
 #include <benchmark/benchmark.h>
@@ -28,7 +28,7 @@ constexpr std::size_t kRow = 561;
 std::unique_ptr<Raycaster> caster;
 std::vector<Segment> segments;
 std::vector<RaySample> samples;
-Volume volume;  // as the ray-caster has it
+Volume volume;  // the one that the ray-caster was made from
 
 void make_segments() {
   const Sphere s = caster->bounds();
@@ -96,7 +96,7 @@ std::unique_ptr<Raycaster> small_cube() {
 void ShadeLimit(benchmark::State& state) {
   const std::uint64_t wanted = trace_all().visible;
   const auto cube = small_cube();
-  std::vector<Segment> rays;  // clear of the faces, where voxels are copied first
+  std::vector<Segment> rays;  // away from the faces, where the ray-caster copies voxels first
   for (std::size_t k = 0; k < kRow; ++k)
     rays.push_back({glm::dvec3(2 + k % 19, 2 + k / 33, 2), glm::dvec3(2 + k % 18, 3 + k / 35, 21)});
   std::vector<RaySample> seen(kRow);

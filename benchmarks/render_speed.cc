@@ -1,15 +1,15 @@
-// How fast views are drawn from decoded tiles, and how far that is from what the machine allows.
+// Measures how fast views are drawn from decoded tiles, and how close that is to memory's limit.
 //
 //   render_speed FIELD [SIZE [REPEATS [MODE [STEP]]]]
 //
-// Workload: REPEATS views (9) of SIZE × SIZE pixels (1024) that the sphere fills, drawn into the
-// same picture, after others that decoded all their tiles; every mode the field has, or MODE, on
-// one thread and on two. The camera turns by STEP degrees (0) from a view to the next. Reported:
-// the median over the repeats, in ns for each pixel whose ray meets the sphere; processor time on
-// one thread, of which the ratios are, and time on the wall on one thread and on two.
+// Workload: REPEATS views (9) of SIZE × SIZE pixels (1024), which the sphere fills, are drawn into
+// the same picture, in MODE or in every mode of the field, on one thread and on two. All tiles are
+// decoded before. The camera turns by STEP degrees (0) from view to view. Reported: medians over
+// the repeats, in ns per pixel whose ray crosses the sphere: processor time on one thread, from
+// which ratios are computed, and wall time on one thread and on two.
 //   gathers  the memory limit of mode bitri: a loop that only loads the same nine samples of the
-//            same rays in the same order, at addresses it reads from a list
-// SLF_TARGETS in the environment, a mask of Highway targets, measures lesser instruction sets.
+//            same rays in the same order, at addresses that it reads from a list
+// The environment variable SLF_TARGETS, a mask of Highway targets, limits the instruction sets.
 
 #include <hwy/targets.h>
 
@@ -34,7 +34,7 @@ namespace {
 using namespace slf;
 
 constexpr std::uint64_t kMemory = 2ull << 30;
-constexpr std::uint32_t kBlock = 32;  // rays are listed in blocks, as the renderer takes them
+constexpr std::uint32_t kBlock = 32;  // rays are listed in blocks, as the renderer draws them
 
 /// Nanoseconds.
 struct Time {
@@ -63,7 +63,7 @@ Time median_time(int repeats, const F& f) {
   return {wall[wall.size() / 2], cpu[cpu.size() / 2]};
 }
 
-/// The samples of mode bitri: where each ray finds its three rows and three columns.
+/// The samples of mode bitri, as three rows and three columns for each ray.
 class GatherList {
  public:
   GatherList(const Field& field, unsigned level, const Camera& camera)
@@ -107,7 +107,7 @@ class GatherList {
     rays_.push_back(ray);
   }
 
-  /// Where a tile's samples begin; appends them the first time. Empty tiles are zeros.
+  /// The index of a tile's first sample. Appends the samples the first time; an empty tile's are 0.
   std::uint32_t tile(std::uint32_t entry, std::uint32_t exit) {
     const auto [found, is_new] =
         tiles_.try_emplace({entry, exit}, static_cast<std::uint32_t>(samples_.size()));
@@ -129,7 +129,7 @@ class GatherList {
   std::vector<RaySamples> rays_;
 };
 
-/// Of a view; exits where one cannot be drawn.
+/// The median time of the views. Exits if one cannot be drawn.
 Time view_time(const Field& field, std::span<const Camera> cameras, const ViewOptions& view,
                unsigned threads, std::uint64_t& hit) {
   Renderer renderer(field, {kMemory, threads});

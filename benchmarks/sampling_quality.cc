@@ -1,4 +1,4 @@
-// Compares parameterisations of rays by themselves: PSNR of views that are interpolated directly
+// Compares parameterisations of rays alone, by the PSNR of views that are interpolated directly
 // from traced samples, without storage or compression.
 //
 //   sampling_quality VOLUME [--transfer TF.json] --system SPEC... [--views N] [--size N] [--json]
@@ -9,9 +9,9 @@
 //   equal-area:NE:NX    cells of equal area (Clarberg 2008, on each octsphere)
 //   planes:A:B:NA:NB    six pairs of planes at heights A and B (radii; the sphere is 1), NA × NA
 //                       and NB × NB nodes
-// The samples that a view needs are traced once each, by the ray-caster that also draws the truth.
-// Spheres are interpolated bi-triangularly and then corrected by depth, twice, in a simpler way
-// than in slf that is the same for all; planes are interpolated quadrilinearly. Samples are floats.
+// Each sample that a view needs is traced once, by the ray-caster that also draws the reference.
+// Spheres are interpolated bi-triangularly and then corrected by depth, twice, in a way that is
+// simpler than slf's; planes are interpolated quadrilinearly. Samples are floats.
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <cstdio>
@@ -33,7 +33,7 @@ namespace {
 using namespace slf;
 using bench::expect;
 
-// ---- samples, traced when first asked for --------------------------------------------------
+// ---- samples, traced on first use ----------------------------------------------------------
 
 class Samples {
  public:
@@ -46,7 +46,7 @@ class Samples {
     return at->second;
   }
 
-  /// Traces what was asked for since the last call.
+  /// Traces the samples that number() was called for since the last call.
   void trace() {
     const std::size_t begin = samples_.size();
     samples_.resize(lines_.size());
@@ -92,9 +92,9 @@ struct Ray {
 
 // ---- spheres -------------------------------------------------------------------------------
 
-/// A way to spread the octsphere's triangle over the sphere: from barycentric coordinates, with the
-/// signs of the octant, to a direction, and back.
-struct MeanAndMax {
+/// Maps the triangle of an octant to the sphere: barycentric coordinates, with the signs of the
+/// octant, to a direction, and back.
+struct SphereMapping {
   std::function<glm::dvec3(const glm::dvec3&)> to_direction, to_barycentric;
 };
 
@@ -102,12 +102,12 @@ glm::dvec3 with_signs(const glm::dvec3& v, const glm::dvec3& signs) {
   return {std::copysign(v.x, signs.x), std::copysign(v.y, signs.y), std::copysign(v.z, signs.z)};
 }
 
-MeanAndMax gnomonic() {
+SphereMapping gnomonic() {
   return {[](const glm::dvec3& b) { return glm::normalize(b); },
           [](const glm::dvec3& d) { return d; }};  // locate() divides by the sum
 }
 
-MeanAndMax equal_angle() {
+SphereMapping equal_angle() {
   constexpr double kQuarter = std::numbers::pi / 2;
   return {[](const glm::dvec3& b) { return glm::normalize(glm::sin(b * kQuarter)); },
           [](const glm::dvec3& d) {
@@ -123,7 +123,7 @@ MeanAndMax equal_angle() {
           }};
 }
 
-MeanAndMax equal_area() {
+SphereMapping equal_area() {
   constexpr double kQuarter = std::numbers::pi / 2;
   return {[](const glm::dvec3& b) {
             const glm::dvec3 a = glm::abs(b);
@@ -139,11 +139,11 @@ MeanAndMax equal_area() {
           }};
 }
 
-/// One side of the sphere: where points lie among its vertices.
+/// The vertices of one side of the sphere. Locates points among them.
 class Side {
  public:
-  Side(const MeanAndMax& spread, std::int32_t resolution)
-      : spread_(spread), resolution_(resolution) {}
+  Side(const SphereMapping& mapping, std::int32_t resolution)
+      : mapping_(mapping), resolution_(resolution) {}
 
   struct Corners {
     std::array<std::uint64_t, 3> key;
@@ -151,7 +151,7 @@ class Side {
     std::array<double, 3> weight;
   };
   [[nodiscard]] Corners locate(const glm::dvec3& p) const {
-    const Cell cell = slf::locate(spread_.to_barycentric(p), resolution_);
+    const Cell cell = slf::locate(mapping_.to_barycentric(p), resolution_);
     Corners out{{}, {}, cell.weights};
     for (std::size_t c = 0; c < 3; ++c) {
       const LatticeVertex v = to_vertex(cell.octant, cell.corners()[c], resolution_);
@@ -160,14 +160,14 @@ class Side {
                     static_cast<std::uint64_t>(v.j + resolution_)) *
                        2 +
                    (v.k < 0);
-      out.point[c] = spread_.to_direction(glm::dvec3(v.i, v.j, v.k) / double(resolution_));
+      out.point[c] = mapping_.to_direction(glm::dvec3(v.i, v.j, v.k) / double(resolution_));
     }
     return out;
   }
   [[nodiscard]] double vertices() const { return static_cast<double>(vertex_count(resolution_)); }
 
  private:
-  MeanAndMax spread_;
+  SphereMapping mapping_;
   std::int32_t resolution_;
 };
 
@@ -178,7 +178,7 @@ glm::dvec3 far_end(const glm::dvec3& p, const glm::dvec3& x) {
   return length2 > 1e-12 ? p - 2 * glm::dot(p, along) / length2 * along : p;
 }
 
-/// One view of a sphere, by bi-triangle interpolation and after `passes` corrections by depth.
+/// Pictures of one view: by bi-triangle interpolation, then after each of `passes` corrections.
 std::vector<Image> draw_sphere(const Side& entry, const Side& exit, Samples& samples,
                                const std::vector<Ray>& rays, const Image& blank, int passes) {
   struct Tap {
@@ -316,12 +316,12 @@ System make_system(const std::string& spec) {
   const std::string kind = spec.substr(0, spec.find(':'));
   if (kind != "gnomonic" && kind != "equal-angle" && kind != "equal-area")
     bench::stop(spec + ": expected gnomonic, equal-angle, equal-area or planes");
-  const MeanAndMax spread = kind == "gnomonic"      ? gnomonic()
-                            : kind == "equal-angle" ? equal_angle()
-                                                    : equal_area();
+  const SphereMapping mapping = kind == "gnomonic"      ? gnomonic()
+                                : kind == "equal-angle" ? equal_angle()
+                                                        : equal_area();
   const auto n = numbers_after(spec, 2);
-  const Side entry(spread, static_cast<std::int32_t>(n[0]));
-  const Side exit(spread, static_cast<std::int32_t>(n[1]));
+  const Side entry(mapping, static_cast<std::int32_t>(n[0]));
+  const Side exit(mapping, static_cast<std::int32_t>(n[1]));
   return {spec,
           entry.vertices() * exit.vertices(),
           {"bitri", "depth"},

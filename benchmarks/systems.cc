@@ -1,14 +1,14 @@
-// The systems of the paper's Table 1 on the same views: ray-casting, light field between planes,
-// sphere light field.
+// Measures the systems of the paper's Table 1 on the same views: ray-casting, the light field
+// between planes, the sphere light field.
 //
 //   systems VOLUME --field F.slf [--transfer TF.json] [--planes A:B:NA:NB]... [--views N]
 //           [--size N]... [--repeats N] [--threads N] [--json]
 //
-// For each size and each of N random views from 3 radii, REPEATS times in turn: our ray-caster, a
-// field between planes for each --planes (heights in radii and nodes along an edge, as many slabs
-// as the sphere's where NA and NB are left out), and the sphere's field bi-triangularly and, where
-// it has depth, depth-corrected. Everything is warm: a first turn, not counted, decodes the tiles.
-// Reported: median wall time and processor time of all threads, in ms, means over the views;
+// For each size and each of N random views from 3 radii, REPEATS times in turn, draws with: our
+// ray-caster; a field between planes for each --planes (heights in radii and nodes along an edge;
+// without NA and NB, as many slabs as the sphere has); the sphere's field in mode bitri and, if it
+// has depth, in mode depth. Everything is warm: a first turn, which is not counted, decodes tiles.
+// Reported: median wall time and processor time of all threads, in ms, as means over the views;
 // PSNR against the ray-caster's picture.
 #include <CLI/CLI.hpp>
 #include <cmath>
@@ -58,7 +58,7 @@ bench::PlaneShape plane_shape(const std::string& text, double slabs) {
 struct System {
   std::string name;
   double slabs = 0;
-  std::function<void(const Camera&, Image&)> draw;  ///< into a picture used again
+  std::function<void(const Camera&, Image&)> draw;  ///< into a picture that is reused
 };
 
 nlohmann::json measure(const Arguments& a) {

@@ -1,4 +1,4 @@
-// Times of things that are done in turns, so that what disturbs one disturbs all.
+// Times of calls. Callers alternate what they compare, so that other load affects all alike.
 #pragma once
 
 #include <algorithm>
@@ -7,7 +7,7 @@
 
 namespace slf::bench {
 
-/// Seconds of a clock.
+/// The time of a clock, in seconds.
 inline double seconds_of(clockid_t clock) {
   timespec time{};
   clock_gettime(clock, &time);
@@ -20,7 +20,7 @@ inline double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-/// Seconds that each call took: on the wall, and of the processor in all threads.
+/// The seconds of each call: by the wall clock, and of the processor on all threads.
 class Times {
  public:
   template <class F>

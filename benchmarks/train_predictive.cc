@@ -14,7 +14,7 @@ namespace {
 
 using namespace slf;
 
-/// Every so manieth tile of the finest level is enough.
+/// Of the finest level, only every kEvery-th tile is used.
 constexpr std::uint64_t kEvery = 6;
 
 template <class T>

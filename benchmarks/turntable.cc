@@ -1,9 +1,9 @@
-// A volume turned around, ray-cast and from its field: pictures, and how near they are.
+// Draws a volume as it turns, by ray-casting and from its field, and compares the pictures.
 //
 //   turntable VOLUME --field F.slf --frames N --size N --out PREFIX [--transfer TF.json]
 //
-// Writes PREFIX-truth-00.png, PREFIX-field-00.png and so on, and prints JSON: PSNR and SSIM of
-// every frame, in the mode the field is made for. Frames are evenly around, from 20 degrees above.
+// Writes PREFIX-truth-00.png, PREFIX-field-00.png and so on, and prints the PSNR and SSIM of every
+// frame as JSON, in the field's default mode. The camera circles at an elevation of 20 degrees.
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <nlohmann/json.hpp>

@@ -4,8 +4,8 @@
 //
 // Cold: each time, the kernel drops the file from its cache, the field is opened anew with an empty
 // cache of tiles, and one random view from 3 radii is drawn. Warm: the same view again.
-// Prints JSON: medians over N views of opening cold and warm (µs), of the view cold and warm (ms),
-// and the mean bytes of payload and pages of the file that a view needs.
+// Prints JSON: medians over N views of the time to open, cold and warm (µs), and to draw, cold and
+// warm (ms); and the mean numbers of payload bytes and of file pages that a view needs.
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <nlohmann/json.hpp>

@@ -1,14 +1,14 @@
-// Volume rendering by VTK's ray-caster beside ours and beside a field: time and likeness.
+// Compares VTK's ray-caster with ours and with a field: time, and similarity of the pictures.
 //
 //   vtk_speed VOLUME --field F.slf [--transfer TF.json] [--views N] [--size N]...
 //             [--repeats N] [--json]
 //
 // Workload: N random views from 3 radii, warm. For each view in turn, REPEATS times: VTK's
 // vtkFixedPointVolumeRayCastMapper (the ray-caster that needs no graphics card), our ray-caster,
-// and the field in mode bitri and in the mode it is made for. All with the same transfer function,
-// light, step and threads. Reported per view: the median wall time of each, how like ours VTK's
-// picture is, and how far the field's is from our ray-caster's. Nothing is displayed: the time is
-// that of casting rays into an image in memory.
+// and the field in mode bitri and in its default mode. All use the same transfer function, light,
+// step and threads. Reported per view: the median wall time of each, and the PSNR of VTK's picture
+// and of the field's against our ray-caster's. Nothing is displayed: the time is that of casting
+// rays into an image in memory.
 #include <vtkCamera.h>
 #include <vtkColorTransferFunction.h>
 #include <vtkFixedPointRayCastImage.h>
@@ -71,7 +71,7 @@ class VtkRaycaster {
     mapper_->SetNumberOfThreads(static_cast<int>(threads));
     mapper_->SetBlendModeToComposite();
     mapper_->AutoAdjustSampleDistancesOff();
-    mapper_->IntermixIntersectingGeometryOff();  // else it asks the screen for its depths
+    mapper_->IntermixIntersectingGeometryOff();  // else it reads the screen's depths
     mapper_->SetImageSampleDistance(1);
     const glm::dvec3 spacing = volume.spacing();
     mapper_->SetSampleDistance(
@@ -97,7 +97,7 @@ class VtkRaycaster {
     mapper_->RenderSubVolume();
   }
 
-  /// The picture as we have them: from the top, premultiplied.
+  /// The last picture, converted to an Image: rows from the top, premultiplied.
   [[nodiscard]] Image image(const Camera& camera) const {
     Image image;
     image.width = camera.width, image.height = camera.height;
@@ -136,7 +136,7 @@ class VtkRaycaster {
 
   void set_look(const Volume& volume, const TransferFunction& transfer,
                 const RaycastOptions& options) {
-    // At every stored integer, or evenly where those are many or there are none.
+    // Sample at every stored integer, or evenly if they are too many or values are not integers.
     constexpr int kMaxPoints = 4096;
     const auto [low, high] = volume.value_range();
     const double stored = (high - low) / volume.slope;
@@ -194,7 +194,7 @@ struct Arguments {
   bool json = false;
 };
 
-/// All that is drawn of one volume.
+/// The ways to draw one volume.
 struct Contenders {
   VtkRaycaster& vtk;
   const Raycaster& raycaster;
@@ -212,7 +212,7 @@ nlohmann::json measure_view(const Contenders& c, const Camera& camera, int repea
     expect(c.renderer.render(camera, {mode, level}, from_field));
   };
   std::array<bench::Times, 4> times;
-  for (int k = 0; k <= repeats; ++k) {  // the first fills caches and is not counted
+  for (int k = 0; k <= repeats; ++k) {  // the first turn fills caches and is not counted
     if (k == 1) times = {};
     times[0].run([&] { c.vtk.render(camera); });
     times[1].run([&] {

@@ -16,7 +16,7 @@ struct Arguments {
   BuildOptions build;
   std::string depth_codec;  // empty: chosen by the codec of colour
   double radius = 0;
-  std::vector<double> center;  // empty: around what is visible
+  std::vector<double> center;  // empty: the scene's bounds
 };
 
 Result<void> run_build(const Arguments& arguments) {

@@ -46,8 +46,8 @@ std::optional<Engine> ranks(const char* name, std::optional<std::uint64_t> rank,
   return Engine{name, *rank, *count};
 }
 
-/// The engine that started this process. Inside a Slurm job that is no array, mpirun comes before
-/// Slurm's own tasks, because it numbers the processes.
+/// The engine that started this process. In a Slurm job that is not an array, mpirun has precedence
+/// over Slurm's own tasks, because it numbers the processes.
 std::optional<Engine> find_engine() {
   if (auto engine = slurm_array()) return engine;
   if (auto engine =

@@ -11,9 +11,9 @@
 namespace slf::codec {
 namespace {
 
-// The streams. gaps: how many samples equal their flat neighbourhood before one that differs.
-// breaks: the residuals of those that differ. edges: residuals along edges, in four streams by
-// which of N and W are neither transparent nor opaque.
+// gaps: for each sample that differs from its flat neighbourhood, the number of samples before it
+// that do not. breaks: the residuals of those that differ. edges: residuals along edges, in four
+// streams, by whether N and W are neither transparent nor opaque.
 enum Stream : std::size_t { gaps, breaks, edges, stream_count = edges + 4 };
 
 // A gap of 255 or more takes several bytes; all but the last are 255.
@@ -109,7 +109,7 @@ class Decoder {
     }
   }
 
-  // Whether the samples used up every byte and needed no more.
+  // Whether every byte was read and none was missing.
   bool complete() const { return !overrun_ && next_ == end_; }
 
  private:
@@ -118,7 +118,7 @@ class Decoder {
     overrun_ = true;
     return 0;
   }
-  // When no gaps are left there are no more breaks.
+  // After the last gap there are no more breaks.
   void read_gap() {
     gap_ = 0;
     while (true) {

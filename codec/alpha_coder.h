@@ -19,7 +19,7 @@ namespace slf::codec {
 [[nodiscard]] Result<void> append_alpha(std::span<const std::uint8_t> alpha, std::uint32_t side,
                                         std::uint8_t top, Bytes& payload);
 
-/// Fills `alpha` from the start of `payload` and moves `payload` behind it; untrusted.
+/// Fills `alpha` from the start of `payload` and removes the bytes it read; untrusted.
 [[nodiscard]] Result<void> read_alpha(ByteSpan& payload, std::uint32_t side, std::uint8_t top,
                                       std::span<std::uint8_t> alpha);
 

@@ -83,7 +83,7 @@ void code_alpha(Coder& coder, AlphaModels& models, const AlphaPicture& picture) 
         if (!coder.bit(models.clear[likely][around], level == 0)) {
           coded = kAlphaTop;
           if (!coder.bit(models.opaque[likely][around], level == kAlphaTop)) {
-            // A soft edge: the difference from an expected level.
+            // A soft edge: code the difference from an expected level.
             const int middle = std::clamp((2 * expected + w + n + 2) / 4, 1, kAlphaTop - 1);
             const int spread = std::abs(w - n) + std::abs(expected - w);
             const int c = spread < 2 ? 0 : spread < 6 ? 1 : 2;

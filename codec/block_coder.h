@@ -39,7 +39,7 @@ inline constexpr float kMaxCoefficient = 16383;
 struct BlockPlane {
   std::size_t across = 0;  ///< blocks in a row
   std::vector<Block> blocks;
-  std::vector<std::uint8_t> counts;  ///< per block: coefficients in zigzag order up to the last
+  std::vector<std::uint8_t> counts;  ///< per block: coefficients up to the last nonzero one
 };
 
 /// Codes `value` in [0, 2^bits) with a binary tree of 2^bits - 1 models.
@@ -102,7 +102,7 @@ void code_block(Coder& coder, BlockModels& models, BlockPlane& plane, std::size_
     if (coder.bit(models.above_one[band][near][alike], known > 1)) {
       magnitude = 2;
       if (coder.bit(models.above_two[band][near], known > 2)) {
-        // Exponential Golomb: the bits of magnitude - 2, counted, then all but the first.
+        // Exponential Golomb: the number of bits of magnitude - 2, then all bits but the first.
         std::uint32_t bits = 0;
         const std::uint32_t rest = known - 2;
         while (bits + 1 < BlockModels::kPrefix &&

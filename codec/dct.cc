@@ -18,7 +18,7 @@ using D = hn::CappedTag<std::int32_t, 8>;
 using V = hn::Vec<D>;
 
 /// One dimension of the inverse for all eight columns: to[y][x] = (sum over k of basis[k][y] *
-/// from[k][x] + half) >> shift, in the even and odd halves that the basis' symmetry gives.
+/// from[k][x] + half) >> shift. Even and odd k are summed separately: the basis is symmetric.
 template <int kShift>
 HWY_INLINE void inverse_columns(const std::int32_t (*from)[8], std::int32_t (*to)[8]) {
   constexpr std::int32_t kOdd[4][4] = {
@@ -48,7 +48,7 @@ void inverse_dct_any(const Block& coefficients, std::int16_t* pixels, std::size_
   for (std::size_t k = 0; k < 64; ++k) a[k / 8][k % 8] = coefficients[k];
   inverse_columns<7>(a, b);
   for (int y = 0; y < 8; ++y)
-    for (int x = 0; x < 8; ++x)  // transposed, and within 16 bits as H.265 has it
+    for (int x = 0; x < 8; ++x)  // transpose, and clamp to 16 bits as H.265 does
       a[x][y] = std::clamp(b[y][x], -32768, 32767);
   inverse_columns<12>(a, b);
   for (std::size_t y = 0; y < 8; ++y)

@@ -16,7 +16,7 @@ namespace slf::codec {
                                              const JpegTables& tables, bool exact,
                                              std::span<std::uint8_t> alpha, Bytes& payload);
 
-/// Fills `alpha` from the start of `payload` and moves `payload` behind it; untrusted.
+/// Fills `alpha` from the start of `payload` and removes the bytes it read; untrusted.
 [[nodiscard]] Result<void> read_jpeg_alpha(const Tile& tile, const Mosaic& mosaic,
                                            const JpegTables& tables, ByteSpan& payload,
                                            std::span<std::uint8_t> alpha);

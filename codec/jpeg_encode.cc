@@ -38,7 +38,7 @@ constexpr auto kTransposedCosines = [] {
   return result;
 }();
 
-// Transforms the 8 × 8 values at `from`. Sums are over vectors, in the order of the samples.
+// Transforms the 8 × 8 values at `from`. The inner loops vectorise without reordering any sum.
 std::array<float, 64> transform(const float* from, std::size_t stride) {
   float lines[kSide][kSide]{};
   for (std::size_t y = 0; y < kSide; ++y)
@@ -133,7 +133,7 @@ class BitWriter {
   unsigned count_ = 0;
 };
 
-// The bits that follow a value's symbol. Negative values are stored minus one.
+// The number of bits that follow a value's symbol, and these bits: those of value - 1 if negative.
 unsigned size_of(int value) {
   return static_cast<unsigned>(std::bit_width(unsigned(std::abs(value))));
 }

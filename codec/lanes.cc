@@ -80,8 +80,8 @@ HWY_INLINE Vector median_edge(std::size_t channel, const Taps& tap) {
   return hn::Min(hn::Max(gradient, hn::Min(w, n)), hn::Max(w, n));
 }
 
-// floor((sum of weight × value + 128) / 256), clamped to a byte. Integers below 2^24 have the same
-// sum in any order. So the taps restored last come last, and only these additions have to wait.
+// floor((sum of weight × value + 128) / 256), clamped to a byte. Sums of integers below 2^24 do not
+// depend on the order, so taps that are restored last are added last: only these additions wait.
 HWY_INLINE Vector weighted(const float* weights, std::size_t channel, const Taps& tap) {
   const Floats d;
   Vector sum = hn::Set(d, 128);

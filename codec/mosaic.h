@@ -38,7 +38,7 @@ class Mosaic {
  private:
   std::size_t side_;
   std::size_t across_ = 1;  // squares in a row of squares
-  std::size_t width_ = 0;   // 0 of no pictures
+  std::size_t width_ = 0;   // 0 without pictures
   std::size_t height_ = 0;
 };
 

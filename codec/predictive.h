@@ -61,7 +61,7 @@ class PredictiveTile {
   PredictiveTile(const PredictiveLevel& level, const TilePicture& picture, Bytes& payload);
 
   /// Codes those of `blocks` that are `coded`. Returns each sample's difference from the
-  /// prediction, as the decoder has it.
+  /// prediction, as the decoder will restore it.
   [[nodiscard]] std::vector<std::int16_t> code_plane(std::size_t plane,
                                                      std::span<const std::uint8_t> coded,
                                                      BlockPlane& blocks);

@@ -67,10 +67,10 @@ class ChannelCoder {
   template <class Bytes>
   ChannelCoder(const PredictiveLevel& level, const Tile& tile, Bytes& payload);
 
-  /// Codes the residuals and replaces `values` by those that the decoder has.
+  /// Codes the residuals and replaces `values` by those that the decoder will have.
   void code_channel(TileChannel channel, Weights weights, const ChannelValues& predicted,
                     ChannelValues& values);
-  /// Codes whether colours are coded where alpha is 0, too. Called once alpha is coded.
+  /// Codes whether samples of zero alpha have coded colours, too. Must be called after alpha.
   void code_hidden(bool hidden) { hidden_ = coder_.even_bit(hidden); }
 
   /// Whether a sample of the channel is coded; if not, it is 0.
@@ -107,7 +107,7 @@ class ChannelCoder {
   bool hidden_ = false;
   std::vector<ColumnNeighbours> neighbours_;  // per column
   std::vector<std::int32_t> errors_;          // per sample: the residual's magnitude
-  std::vector<std::int32_t> color_errors_;    // the same, of the channels of colour before
+  std::vector<std::int32_t> color_errors_;    // their sum over the colour channels before
   BitModel used_[kReferenceKinds][2];
   Coder coder_;
 };

@@ -24,7 +24,7 @@ inline constexpr std::size_t kPredictivePlanes = 4;
 struct StepRange {
   std::uint16_t low = 16, high = 16;
 
-  /// Of the coefficients of a Block.
+  /// The steps of a Block's coefficients.
   [[nodiscard]] std::array<std::int32_t, 64> steps() const;
   friend bool operator==(const StepRange&, const StepRange&) = default;
 };

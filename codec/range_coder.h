@@ -14,8 +14,8 @@
 
 namespace slf::codec {
 
-/// The probability that a binary decision is 1: the mean of two estimates, of which one adapts fast
-/// to changes within a tile and one slowly to its average. In 1/65536, never 0 or 1.
+/// The probability that a binary decision is 1: the mean of two estimates, a fast one that adapts
+/// to changes within a tile and a slow one that adapts to its average. In 1/65536, never 0 or 1.
 class BitModel {
  public:
   BitModel() = default;
@@ -55,7 +55,7 @@ class RangeEncoder {
     model.learn(value);
     return narrow(one, value);
   }
-  /// A decision that is as likely as not.
+  /// Codes a decision whose two values are equally likely.
   bool even_bit(bool value) { return narrow(range_ >> 1, value); }
 
   /// Appends the last bytes: a number in the final range that ends in as many zeros as possible,
@@ -80,8 +80,8 @@ class RangeEncoder {
     }
     return value;
   }
-  /// Moves the top byte of `low_` out. A byte 0xFF may still become 0x00 by a carry into the byte
-  /// before it, so such bytes wait, counted.
+  /// Moves the top byte of `low_` out. A later carry can still turn bytes 0xFF into 0x00 and
+  /// increment the byte before them, so that byte is held back and bytes 0xFF are only counted.
   void shift() {
     if (low_ < 0xFF000000u || low_ > 0xFFFFFFFFu) {
       const auto carry = static_cast<std::uint8_t>(low_ >> 32);

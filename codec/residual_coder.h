@@ -32,7 +32,7 @@ std::int32_t code_residual(Coder& coder, ResidualModels& models, std::size_t con
   const auto known = static_cast<std::uint32_t>(std::abs(residual));
   if (!coder.bit(models.nonzero[context], known != 0)) return 0;
   const bool negative = coder.even_bit(residual < 0);
-  std::uint32_t more = 0;  // digits behind the first
+  std::uint32_t more = 0;  // digits after the first
   while (more + 1 < ResidualModels::kSizes &&
          coder.bit(models.size[context][more], known >> (more + 1) != 0))
     ++more;

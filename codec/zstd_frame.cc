@@ -59,7 +59,7 @@ Result<void> append_stream(ByteSpan stream, int level, Bytes& to) {
   if (stream.empty()) return {};
   const std::size_t begin = to.size();
   if (auto done = append_frame({&stream, 1}, kEntropyOnly, to); !done) return done;
-  // Above 3 bits a byte there is nothing to match.
+  // A stream of more than 3 bits per byte has no matches worth coding.
   const std::size_t entropy_size = to.size() - begin;
   if (entropy_size > stream.size() * 3 / 8) return {};
   Bytes matched;

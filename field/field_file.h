@@ -25,7 +25,7 @@ namespace slf {
 inline constexpr const char* kManifestBlob = "field";
 inline constexpr const char* kTablesBlobPrefix = "tables/";
 
-/// A field's container, opened: what Field is a handle of. The file is untrusted.
+/// The open container of a field. A Field is a handle to one. The file is untrusted.
 /// Thread-safety: all const members may be called from many threads.
 class FieldFile {
  public:
@@ -65,23 +65,23 @@ class FieldFile {
   [[nodiscard]] std::vector<TileKey> references(const storage::TileRef& tile) const;
 
   /// Asks the kernel to read the payloads of stored tiles, then, level by level, of those that they
-  /// are predicted from. Of a cold file, that takes as many trips to the disk as there are levels.
-  /// Of a remote file with an index, all of them are fetched together.
+  /// are predicted from. For a cold file, that takes as many trips to the disk as there are levels.
+  /// For a remote file with an index, all of them are fetched together.
   void advise(std::span<const storage::TileRef> tiles) const;
 
   /// Codes a tile of the predictive layer `layer` against this field's tiles of the next coarser
-  /// level. Errors of decoding those.
+  /// level. Errors as decode() of these tiles.
   [[nodiscard]] Result<void> encode(storage::LayerId layer, TileKey key, ByteSpan samples,
                                     Bytes& payload) const;
 
-  /// How many bytes of decoded tiles, that others are predicted from, are kept: at first 32 MiB.
-  /// Those of the tiles under way count on top.
+  /// Limits the cache of decoded tiles that others are predicted from. The limit is 32 MiB at
+  /// first; tiles that are in use come on top.
   void limit_references(std::uint64_t bytes) const;
 
   /// bad_file: the file has shrunk while it was open; samples used in place may have been zeros.
   [[nodiscard]] Result<void> unchanged() const;
 
-  /// Counts what is there, from the records' tables alone. Linear in the number of records.
+  /// Counts tiles and bytes, from the records' tables alone. Linear in the number of records.
   [[nodiscard]] Result<FieldContent> content() const;
 
  private:
@@ -90,11 +90,11 @@ class FieldFile {
 
   storage::TileStore store_;
   Manifest manifest_;
-  /// What a predictive layer is coded with.
+  /// The state that codes the tiles of a predictive layer.
   struct Prediction {
     PredictedTiles tiles;
     ReferenceCache references;
-    std::vector<ReferenceIndex> index;  ///< of a remote file: [level - 1], as far as it has one
+    std::vector<ReferenceIndex> index;  ///< [level - 1]; the levels in a remote file's index
   };
   void predict(storage::LayerId layer);
   void advise_together(std::span<const storage::TileRef> tiles) const;

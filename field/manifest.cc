@@ -10,7 +10,7 @@ namespace slf {
 namespace {
 
 constexpr int kMaxNesting = 64;
-constexpr std::uint32_t kMaxKeyLevel = 11;  // behind the last level
+constexpr std::uint32_t kMaxKeyLevel = 11;  // the end of a range may be one above level 10
 
 constexpr SampleFormat kFormats[] = {SampleFormat::rgba8, SampleFormat::depth8,
                                      SampleFormat::rgba16f, SampleFormat::rgba8_depth8,
@@ -102,8 +102,8 @@ std::uint64_t Manifest::tiles(unsigned level) const {
   if (!part) return shape.tiles(level);
   const TileOrder order(shape);
   const auto l = static_cast<std::uint8_t>(level);
-  const TileKey first{l, 0}, behind{static_cast<std::uint8_t>(level + 1), 0};
-  const TileKey begin = std::max(first, part->begin), end = std::min(behind, part->end);
+  const TileKey first{l, 0}, next{static_cast<std::uint8_t>(level + 1), 0};
+  const TileKey begin = std::max(first, part->begin), end = std::min(next, part->end);
   return begin < end ? order.number(end) - order.number(begin) : 0;
 }
 

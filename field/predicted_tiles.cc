@@ -61,7 +61,7 @@ struct PredictedTiles::Work {
   std::optional<TilePredictor> predictor;  // none at level 0
   std::vector<std::uint8_t> alpha, depth;  // predicted, then decoded
   std::vector<std::uint32_t> color;        // predicted
-  std::vector<TileSamples> keep_alive;     // that `from` views
+  std::vector<TileSamples> keep_alive;     // what `from` views
   std::vector<ReferenceTile> from;
 
   Work(const PredictedTiles& tiles, TileKey key)
@@ -90,7 +90,7 @@ struct PredictedTiles::Work {
   }
   [[nodiscard]] std::size_t color_bytes() const { return sample_bytes(color_format(tile.format)); }
 
-  /// Makes candidate `k` a reference. An empty tile adds nothing to the prediction.
+  /// Makes candidate `k` a reference. Returns false if its tile is empty, and so predicts nothing.
   Result<bool> use(std::size_t k, const ReferenceSource& source) {
     auto found = source(candidates.keys[k]);
     if (!found) return tl::unexpected(found.error());

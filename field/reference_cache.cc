@@ -5,7 +5,7 @@
 namespace slf {
 
 namespace {
-constexpr std::uint64_t kEntryBytes = 128;  // bookkeeping of one entry, about
+constexpr std::uint64_t kEntryBytes = 128;  // approximate bookkeeping per entry
 
 std::uint64_t cost(const TileSamples& samples) {
   return kEntryBytes + (samples ? samples->size() : 0);

@@ -5,7 +5,7 @@
 namespace slf {
 namespace {
 
-constexpr unsigned kChildBits = 4;  // of an index: which child of its parent a tile is
+constexpr unsigned kChildBits = 4;  // low bits of an index: which child of its parent a tile is
 constexpr unsigned kChildren = 1 << kChildBits;
 
 std::size_t use_bytes(std::size_t references) { return references * kChildren / 8; }
@@ -30,7 +30,7 @@ Result<std::uint64_t> take_number(ByteSpan& from) {
 
 Bytes ReferenceIndex::encode(std::span<const Tile> tiles) {
   Bytes section;
-  std::uint64_t due = 0;  // the smallest parent that may come next
+  std::uint64_t next_parent = 0;  // the smallest parent that may come next
   while (!tiles.empty()) {
     const std::uint64_t parent = tiles.front().key.index >> kChildBits;
     const auto end = std::find_if(tiles.begin(), tiles.end(), [&](const Tile& tile) {
@@ -45,8 +45,8 @@ Bytes ReferenceIndex::encode(std::span<const Tile> tiles) {
     references.erase(std::unique(references.begin(), references.end()), references.end());
     if (references.empty()) continue;
 
-    append_number(section, parent - due);
-    due = parent + 1;
+    append_number(section, parent - next_parent);
+    next_parent = parent + 1;
     append_number(section, references.size());
     std::uint64_t next = 0;
     for (const std::uint64_t reference : references) {
@@ -75,7 +75,7 @@ Result<ReferenceIndex> ReferenceIndex::parse(ByteSpan section, unsigned level) {
     if (!step) return tl::unexpected(step.error());
     const auto count = take_number(section);
     if (!count) return tl::unexpected(count.error());
-    if (*count > section.size())  // each takes a byte at least
+    if (*count > section.size())  // each takes at least one byte
       return fail(ErrorCode::bad_file, "the index ends early");
     Family family;
     family.parent = due + *step;

@@ -1,6 +1,6 @@
 // ReferenceIndex: which tiles those of a level are predicted from, as a section of a file's index
-// (FORMAT.md, "Index"). A reader of a remote file asks for a view's tiles and all that they are
-// predicted from at once; payloads also name their references, but only once they are there.
+// (FORMAT.md, "Index"). With it, a reader of a remote file requests a view's tiles and all their
+// references at once. Payloads name their references, too, but must be fetched first.
 #pragma once
 
 #include <cstdint>
@@ -32,15 +32,15 @@ class ReferenceIndex {
   /// The section for tiles of one level above 0, in key order.
   [[nodiscard]] static Bytes encode(std::span<const Tile> tiles);
 
-  /// Reads an untrusted section of a level above 0, and takes memory of about its size.
+  /// Reads an untrusted section of a level above 0. Uses memory of about the section's size.
   /// bad_file: it is damaged.
   [[nodiscard]] static Result<ReferenceIndex> parse(ByteSpan section, unsigned level);
 
-  /// Appends what a tile of the level is predicted from. The field may not have such tiles.
+  /// Appends the tiles that a tile of the level is predicted from. The field may not have them.
   void append_references(TileKey key, std::vector<TileKey>& to) const;
 
  private:
-  /// The tiles that divide one tile of the next coarser level.
+  /// The tiles into which one tile of the next coarser level divides.
   struct Family {
     std::uint64_t parent = 0;
     std::vector<std::uint64_t> references;  ///< of any of them
@@ -51,8 +51,8 @@ class ReferenceIndex {
   std::vector<Family> families_;  // by parent, ascending
 };
 
-/// Adds all tiles that some of a layer are predicted from, directly or not. `indices` [level - 1]:
-/// those of the levels above 0. `tiles` comes back in key order, each tile once.
+/// Adds all tiles that the given tiles of a layer are predicted from, directly or not.
+/// `indices[level - 1]` is that of a level above 0. Sorts `tiles` and removes repetitions.
 void append_ancestors(std::span<const ReferenceIndex> indices, std::vector<TileKey>& tiles);
 
 }  // namespace slf

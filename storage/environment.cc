@@ -108,9 +108,9 @@ std::uint64_t Environment::transaction() const {
   return mdb_env_info(environment_, &info) == 0 ? info.me_last_txnid : 0;
 }
 
-// Must be called whenever LMDB has moved its map. LMDB does not report the map's address. But an
-// entry of its main tree is in a leaf, and a page begins with its own number. A file without
-// entries has no such leaf and stays unguarded.
+// Must be called whenever LMDB has moved its map. LMDB does not report the map's address, so this
+// computes it from an entry of the main tree: the entry's page begins with the page's number. A
+// file without entries stays unguarded.
 void Environment::guard() {
   map_ = {};
   MDB_txn* transaction = nullptr;

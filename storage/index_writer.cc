@@ -21,7 +21,7 @@ namespace {
 // KiB around each, so otherwise the whole file would become resident.
 constexpr std::uint64_t kReleaseEvery = 256;
 
-/// Collects the parts of a snapshot, each section in the order of the file.
+/// Collects the parts of a snapshot by section, and sorts them by their offset in the file.
 class IndexBuilder {
  public:
   explicit IndexBuilder(const Snapshot& snapshot) : snapshot_(snapshot) {}
@@ -54,7 +54,7 @@ class IndexBuilder {
       bytes.insert(bytes.end(), section.begin(), section.end());
       ++count;
     };
-    // Readers begin at the end of the file: so the finest level comes first, and the core last.
+    // Readers fetch the end of the file first, so the finest level comes first and the core last.
     for (const IndexExtra& extra : extras) put(extra.id, extra.bytes);
     for (auto level = levels_.rbegin(); level != levels_.rend(); ++level)
       put(level->first, joined(level->second));

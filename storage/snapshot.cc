@@ -16,7 +16,7 @@ namespace slf::storage::internal {
 namespace {
 
 constexpr int kAttempts = 100;
-constexpr std::uint64_t kTailBytes = 64 << 10;  // of a remote file: its last bytes, fetched first
+constexpr std::uint64_t kTailBytes = 64 << 10;  // at the end of a remote file, fetched first
 
 Result<void> check_length(const Meta& meta, std::uint64_t size, const std::string& path) {
   if (meta.last_page >= 1 && meta.last_page < size / meta.page_size) return {};

@@ -14,8 +14,8 @@ namespace {
 
 constexpr std::uint64_t kGap = 16 << 10;         // smaller gaps cost less than a request
 constexpr std::uint64_t kMaxGap = 128 << 10;     // larger gaps are never fetched
-constexpr std::size_t kBaseRequests = 4;         // that fetch() may always make
-constexpr std::size_t kRangesPerRequest = 24;    // it may make one more for each so many ranges
+constexpr std::size_t kBaseRequests = 4;         // requests that fetch() may always make
+constexpr std::size_t kRangesPerRequest = 24;    // fetch() may make one more for this many ranges
 constexpr std::uint64_t kReadAround = 64 << 10;  // bytes fetched for a single part, aligned
 
 /// Opens a file without a name. Returns -1 if that fails; errno says why.
@@ -80,7 +80,7 @@ Result<void> SparseCopy::fetch(std::span<const FileRange> ranges) const {
           return std::none_of(absent.begin(), absent.end(),
                               [&](const FileRange& range) { return fetching_.intersects(range); });
         });
-        continue;  // another thread may have failed
+        continue;  // check again: the other thread may have failed
       }
       const std::size_t most = kBaseRequests + ours.size() / kRangesPerRequest;
       ours = merged(std::move(ours), kGap, most, kMaxGap);

@@ -99,8 +99,8 @@ struct Edit {
   std::vector<internal::Tile> tiles;
   std::map<TileKey, Bytes> payloads;  // of the tiles replaced
 
-  // Makes the record include `key`, if it begins later. Tiles between two records belong to the
-  // second one.
+  // Extends the record to begin at `key`, if it begins later. Tiles between two records belong to
+  // the second one.
   void begin_at(TileKey key) {
     if (first <= key) return;
     tiles.insert(tiles.begin(), first.index - key.index, internal::Tile());

@@ -14,7 +14,7 @@ ByteSpan bytes_of(std::string_view text) {
 
 }  // namespace
 
-// The previous entry's key bounds where the record begins.
+// The record begins after the previous entry's key, which limits how many tiles it can have.
 std::uint64_t max_tiles_in_record(const TreePage& leaf, std::uint32_t index, const Node& node) {
   Node before;
   if (index == 0 || !leaf.node(index - 1, before)) return kMaxTiles;

@@ -17,7 +17,7 @@ std::uint32_t to_rgba8(const glm::vec4& v) {
   return packed;
 }
 
-/// Calls f(x0, x1, y0, y1) for each block of a picture, of the size that slf's renderer takes.
+/// Calls f(x0, x1, y0, y1) for each block of a picture. Blocks have the size of slf's renderer.
 template <class F>
 void for_blocks(const Camera& camera, unsigned threads, const F& f) {
   const std::uint32_t across = (camera.width + kBlockWidth - 1) / kBlockWidth;

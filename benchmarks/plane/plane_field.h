@@ -1,9 +1,9 @@
 // PlaneField: the traditional light field, between pairs of parallel planes, in memory.
 //
-// The peer of slf's sphere light field: built by tracing the same Scene, drawn from the same
-// cameras, and engineered alike: tiles of 8-bit RGBA whose rows are entry samples that one tile
-// owns and whose columns are exit samples with shared edges, blocks of pixels, vectors of rays,
-// threads. Rendering is quadrilinear, 16 samples a ray.
+// The peer of slf's sphere light field. It is built by tracing the same Scene, drawn from the same
+// cameras, and engineered alike: it has tiles of 8-bit RGBA, whose rows are entry samples that one
+// tile owns and whose columns are exit samples with shared edges, and it renders blocks of pixels
+// in vectors of rays, on threads. Rendering is quadrilinear, with 16 samples per ray.
 //
 // Tiles are traced when a view first needs them (prepare), so that a field of any size can be
 // measured by a few views; drawing touches no others.
@@ -24,7 +24,7 @@
 
 namespace slf::bench {
 
-/// Memory in huge pages, where the system gives them, as slf's decoded tiles have it.
+/// Allocates huge pages, if the system provides them, as slf does for decoded tiles.
 template <class T>
 struct HugePageAllocator {
   using value_type = T;
@@ -58,7 +58,7 @@ class PlaneField {
   /// Traces the tiles that a view needs and that no view needed before.
   void prepare(const Camera& camera);
 
-  /// Draws a view into a picture whose memory is used again. REQUIRES: prepared.
+  /// Draws a view into a picture, whose memory is reused. REQUIRES: prepare() for this camera.
   void render(const Camera& camera, unsigned threads, Image& image) const;
 
   [[nodiscard]] const PlaneShape& shape() const { return shape_; }
@@ -76,7 +76,7 @@ class PlaneField {
   Sphere sphere_;
   PlaneShape shape_;
   TileGrid grid_;
-  std::vector<std::uint32_t> tiles_;  ///< where each tile is in samples_, in tiles
+  std::vector<std::uint32_t> tiles_;  ///< index of each tile in samples_, or kUnknown
   std::vector<std::uint32_t, HugePageAllocator<std::uint32_t>> samples_;
 };
 

@@ -33,7 +33,7 @@ HWY_INLINE V by_axis(M is_x, M is_y, V a, V b, V c) {
   return hn::IfThenElse(is_x, a, hn::IfThenElse(is_y, b, c));
 }
 
-/// Where along one axis of a plane's grid, as the node below and the part of a cell beyond it.
+/// A position along one axis of a plane's grid: the node below it, and the fraction of a cell.
 struct Place {
   VI node;
   V part;
@@ -187,7 +187,7 @@ void blend_any(const PlaneRays& rays, const std::uint32_t* tiles, const std::uin
     return hn::IfThenElseZero(in, hn::BitCast(di, hn::LoadU(DU(), from.data() + k)));
   };
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
-    const auto in = hn::FirstN(di, rays.count - k);  // what is behind the last ray is no address
+    const auto in = hn::FirstN(di, rays.count - k);  // values after the last ray are no addresses
     V high[4], low[4];
     for (std::size_t p = 0; p < 4; ++p) {
       high[p] = hn::LoadU(d, rays.part[p].data() + k);

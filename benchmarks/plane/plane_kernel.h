@@ -1,7 +1,7 @@
 // The arithmetic of the plane light field's rendering, compiled for several instruction sets.
 //
-// As field/render/ray_kernel.h and field/render/gather_kernel.h are for spheres: structures of
-// arrays, as many rays at a time as there are lanes, arrays longer than the block by kPadding.
+// Works as field/render/ray_kernel.h and gather_kernel.h do for spheres: on structures of arrays,
+// with as many rays at a time as there are lanes. Arrays are longer than the block by kPadding.
 #pragma once
 
 #include <array>
@@ -41,8 +41,8 @@ struct PlaneBasis {
   std::uint32_t width = 0;
 };
 
-/// The rays of a block of pixels that cross the sphere, and the samples each takes: in each of four
-/// rows of tiles (uv nodes) four columns (st nodes).
+/// The rays of a block of pixels that cross the sphere, and the samples that each reads: four
+/// columns (st nodes) in each of four rows of tiles (uv nodes).
 struct PlaneRays {
   std::size_t count = 0;
   std::vector<std::uint32_t> pixel;
@@ -54,12 +54,12 @@ struct PlaneRays {
   void resize(std::size_t size);
 };
 
-/// Locates the samples of these pixels' rays:  [x0, x1) × [y0, y1).
+/// Locates the samples of the rays of pixels [x0, x1) × [y0, y1).
 void locate_samples(const PlaneShape& shape, const PlaneBasis& basis, std::uint32_t x0,
                     std::uint32_t x1, std::uint32_t y0, std::uint32_t y1, PlaneRays& rays);
 
-/// Takes the samples (rgba8) and interpolates them quadrilinearly. tiles[t] says which tile of
-/// `samples` tile t is. REQUIRES: fewer than 2^31 samples, and one more behind the last.
+/// Gathers the samples (rgba8) and interpolates them quadrilinearly. Tile t begins at sample
+/// tiles[t] × kTileSamples. REQUIRES: fewer than 2^31 samples, and one more after the last.
 void blend(const PlaneRays& rays, const std::uint32_t* tiles, const std::uint32_t* samples,
            glm::vec4* rgba);
 

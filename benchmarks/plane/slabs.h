@@ -1,9 +1,9 @@
 // The traditional parameterisation: light slabs between parallel planes (Levoy and Hanrahan 1996).
 //
 // Six pairs of planes cover all directed rays that cross a sphere: pair 2a + s holds those whose
-// direction is greatest along axis a, downwards where s is 1. Within a pair a ray is the point
-// (u,v) where it meets the first plane and (s,t) where it meets the second, of a regular grid on
-// each.
+// direction has its greatest component along axis a, which is negative if s is 1. Within a pair, a
+// ray is given by the points (u,v) and (s,t) where it crosses the first and the second plane. Each
+// plane has a regular grid.
 //
 // Coordinates are those of the unit sphere around the origin. In the frame of a pair the ray runs
 // along +z; x and y are the next two axes, in cyclic order.
@@ -22,9 +22,9 @@ struct PlaneShape {
   std::int32_t first_nodes = 2;  ///< along an edge
   std::int32_t second_nodes = 2;
 
-  /// Half an edge: what rays with slopes of at most 1 that cross the sphere need.
+  /// Half an edge of a plane: room for all rays with slopes of at most 1 that cross the sphere.
   [[nodiscard]] static double extent(double height) { return std::sqrt(2.0) + std::abs(height); }
-  /// Slabs of all six pairs, those that miss the sphere included.
+  /// Slabs of all six pairs, including those that miss the sphere.
   [[nodiscard]] double nominal_slabs() const {
     return 6 * std::pow(first_nodes, 2) * std::pow(second_nodes, 2);
   }

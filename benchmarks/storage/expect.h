@@ -1,4 +1,4 @@
-// What a benchmark does when something goes wrong: say so and stop.
+// Error handling of benchmarks: print the message and exit.
 #pragma once
 
 #include <cerrno>

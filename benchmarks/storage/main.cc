@@ -9,13 +9,13 @@
 //   opens    opening stores of 1 k, 32 k and 1 M tiles
 //   memory   peak anonymous memory of `slf repack` in a budget
 //
-// Hot: files and the stores' own caches hold what is read; speeds are per second of the processor.
-// Cold: after fsync and POSIX_FADV_DONTNEED mincore finds no page of the files ("pages not cold"
-// says if it does), tiles are read once, at random, and stores that take hints get them 16 tiles
-// ahead; speeds are of the wall clock. A virtual machine's host may still have the disk cached.
-// Stores alternate every 128 tiles (512 with 8 threads); when cold, after the file was dropped
-// again. "ours/it" is the median over the turns of the ratio of the speeds. "read KiB/tile" is what
-// the kernel fetched, with readahead.
+// Hot: all tiles are in the page cache or the store's own cache; speeds are per processor second.
+// Cold: fsync and POSIX_FADV_DONTNEED have dropped all pages of the files ("pages not cold" counts
+// those that mincore still finds). Tiles are read once, at random; stores that accept hints get
+// them 16 tiles ahead; speeds are by the wall clock. A virtual machine's host may still cache the
+// disk. Stores alternate every 128 tiles (512 with 8 threads); when cold, the file is dropped
+// before each turn. "ours/it" is the median over the turns of the ratio of speeds. "read KiB/tile"
+// is the amount that the kernel fetched, including readahead.
 #include <CLI/CLI.hpp>
 #include <filesystem>
 

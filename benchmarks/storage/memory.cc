@@ -22,7 +22,7 @@ constexpr std::uint64_t kBudget = 16;  // MiB
 constexpr std::uint64_t kAllowed = 32;
 
 struct Peak {
-  double anonymous = 0, all = 0;  // MiB, as the kernel states them
+  double anonymous = 0, resident = 0;  // MiB, as the kernel reports them
   double seconds = 0;
 };
 
@@ -51,7 +51,7 @@ Peak run_watched(const std::vector<std::string>& arguments) {
   int status = 0;
   while (waitpid(child, &status, WNOHANG) == 0) {
     peak.anonymous = std::max(peak.anonymous, status_of(child, "RssAnon"));
-    peak.all = std::max(peak.all, status_of(child, "VmHWM"));
+    peak.resident = std::max(peak.resident, status_of(child, "VmHWM"));
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
   }
   peak.seconds = now() - begin;
@@ -88,7 +88,7 @@ void measure_memory(const Settings& settings, Report& report) {
                     {"field/budget", mib / static_cast<double>(kBudget)},
                     {"--memory MiB", kBudget},
                     {"peak RssAnon MiB", peak.anonymous},
-                    {"peak RSS MiB", peak.all},
+                    {"peak RSS MiB", peak.resident},
                     {"s", peak.seconds}});
   };
   measure("copied", {});

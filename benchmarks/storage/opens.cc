@@ -27,7 +27,7 @@ std::vector<double> milliseconds(int opens, const Open& open) {
   return times;
 }
 
-// A field that has a manifest and as many tiles; opening looks at none of them.
+// Writes a field with a manifest and the tiles of `set`. Opening it reads no tile.
 void write_field(const TileSet& set, const std::string& path) {
   Manifest manifest;
   manifest.shape.sphere.radius = 1;
@@ -66,7 +66,7 @@ void measure_opens(const Settings& settings, Report& report) {
     const TileSet set = opaque_tiles(kPayload, count);
     remove_files(path);
     write_field(set, path);
-    (void)drop_from_cache(path);  // what is dirty would be written while others are measured
+    (void)drop_from_cache(path);  // else dirty pages would be written during measurements
     store_p50.push_back(add("slf TileStore", count, milliseconds(kOpens, [&] {
                               (void)expect(storage::TileStore::open(path));
                             })));

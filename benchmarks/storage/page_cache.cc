@@ -44,7 +44,7 @@ std::uint64_t cached_pages_of(int file, std::size_t bytes) {
   return count;
 }
 
-// Calls use(descriptor, bytes) for each file and adds up what it returns.
+// Calls use(descriptor, bytes) for each file, and returns the sum of its results.
 template <class Use>
 std::uint64_t sum_over(const std::string& path, Use use) {
   std::uint64_t sum = 0;

@@ -1,4 +1,4 @@
-// The kernel's page cache, as far as the files of a benchmark are in it.
+// The state of a benchmark's files in the kernel's page cache.
 #pragma once
 
 #include <cstdint>
@@ -6,18 +6,18 @@
 
 namespace slf::bench {
 
-/// Writes the files of `path` and its siblings by prefix (a file, `path`.index, or a folder's
-/// files) to the disk and drops them from the cache. REQUIRES: nobody has them open or mapped.
-/// Returns the pages that stayed, as mincore counts them: 0 is cold.
+/// Writes the files whose names begin with `path` (a file, `path`.index, or the files of a folder)
+/// to the disk and drops them from the cache. REQUIRES: no process has them open or mapped.
+/// Returns the number of pages that stayed, as counted by mincore: 0 if all are cold.
 std::uint64_t drop_from_cache(const std::string& path);
 
-/// Pages of the same files that are in the cache.
+/// The number of pages of these files in the cache.
 [[nodiscard]] std::uint64_t cached_pages(const std::string& path);
 
-/// Bytes of the same files.
+/// The size of these files.
 [[nodiscard]] std::uint64_t disk_bytes(const std::string& path);
 
-/// Removes them.
+/// Removes these files.
 void remove_files(const std::string& path);
 
 }  // namespace slf::bench

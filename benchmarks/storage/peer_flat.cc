@@ -1,5 +1,5 @@
-// A flat file of payloads with its index in memory, read with pread: the least a store can do, and
-// nothing checked. With hints it is told of the tiles ahead, as ours is.
+// A flat file of payloads with its index in memory, read with pread: the minimum work of a store,
+// without any check. With hints, it prefetches the tiles that will be read next, as ours does.
 #include <fcntl.h>
 #include <unistd.h>
 

@@ -1,5 +1,5 @@
-// HDF5: a chunked dataset, one tile a chunk, payloads written and read as chunks directly. The
-// library has one lock for all.
+// HDF5: a chunked dataset with one tile per chunk; payloads are written and read as raw chunks. The
+// library has one global lock.
 #include <hdf5.h>
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// RocksDB: compacted, uncompressed (the payloads are), with a block cache that holds everything.
+// RocksDB: compacted, without compression (payloads are compressed), with all blocks in its cache.
 #include <rocksdb/cache.h>
 #include <rocksdb/db.h>
 #include <rocksdb/filter_policy.h>

@@ -41,7 +41,7 @@ class SqliteReader final : public StoreReader {
       : StoreReader(set), database_(open_database(path, SQLITE_OPEN_READONLY)) {
     execute(database_.get(), mapped ? "PRAGMA mmap_size=1099511627776" : "PRAGMA mmap_size=0");
     execute(database_.get(), "PRAGMA cache_size=-262144");
-    execute(database_.get(), "BEGIN");  // otherwise every statement takes the lock anew
+    execute(database_.get(), "BEGIN");  // otherwise every statement locks the file again
     get_ = prepare(database_.get(), "SELECT payload FROM tiles WHERE key=?");
   }
 
@@ -62,7 +62,7 @@ class SqliteStore final : public OpenStore {
  public:
   SqliteStore(const TileSet& set, std::string path, bool mapped)
       : set_(set), path_(std::move(path)), mapped_(mapped) {
-    (void)reader();  // what opening costs is paid here
+    (void)reader();  // pays the cost of opening in advance
   }
   std::unique_ptr<StoreReader> reader() const override {
     return std::make_unique<SqliteReader>(set_, path_, mapped_);

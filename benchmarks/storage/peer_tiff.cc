@@ -82,7 +82,7 @@ class TiffReader final : public StoreReader {
 class TiffStore final : public OpenStore {
  public:
   TiffStore(const TileSet& set, std::string path) : set_(set), path_(std::move(path)) {
-    (void)reader();  // what opening costs is paid here
+    (void)reader();  // pays the cost of opening in advance
   }
   std::unique_ptr<StoreReader> reader() const override {
     return std::make_unique<TiffReader>(set_, path_);

@@ -16,18 +16,18 @@ namespace {
 
 constexpr std::size_t kAhead = 16;
 constexpr unsigned kThreads[] = {1, 8};
-constexpr std::size_t kSegment = 128;  // tiles that a store reads before another has its turn
-constexpr std::size_t kManyThreadsShare = 4;  // as many segments where threads share the turn
+constexpr std::size_t kSegment = 128;         // tiles that a store reads per turn
+constexpr std::size_t kManyThreadsShare = 4;  // segments per turn with several threads
 
-enum class What { get, decode };
+enum class Operation { get, decode };
 
-struct Way {
+struct Mode {
   bool cold = false;
   unsigned threads = 1;
-  What what = What::decode;
+  Operation operation = Operation::decode;
 };
 
-// Bytes this process has had the kernel fetch from disks, readahead included.
+// Bytes that the kernel has read from disks for this process, including readahead.
 std::uint64_t bytes_from_disk() {
   std::ifstream io("/proc/self/io");
   for (std::string name; io >> name;)
@@ -35,7 +35,7 @@ std::uint64_t bytes_from_disk() {
   return 0;
 }
 
-// A store under test, open, with a reader for each thread.
+// An open store under test, with a reader for each thread.
 struct Contestant {
   const StorePeer* peer = nullptr;
   std::string path;
@@ -52,16 +52,16 @@ double thread_seconds() {
   return static_cast<double>(time.tv_sec) + static_cast<double>(time.tv_nsec) * 1e-9;
 }
 
-// The least that makes sure that a payload has arrived: a byte of every page.
+// Reads one byte of every page: the minimum that ensures that a payload is in memory.
 std::byte touch(ByteSpan payload) {
   std::byte sum{0};
   for (std::size_t i = 0; i < payload.size(); i += 4096) sum ^= payload[i];
   return sum;
 }
 
-// One thread's share of the work. A tile's latency runs from when the one before was done, so that
-// the time for ahead() is counted, with the first tile of its batch.
-void read_share(StoreReader& reader, std::span<const std::size_t> order, const Way& way,
+// One thread's share of the work. A tile's latency begins when the previous tile is done, so the
+// time of ahead() counts towards the first tile of its batch.
+void read_share(StoreReader& reader, std::span<const std::size_t> order, const Mode& mode,
                 std::vector<double>& latencies) {
   Bytes samples;
   volatile std::byte sink{0};
@@ -70,11 +70,11 @@ void read_share(StoreReader& reader, std::span<const std::size_t> order, const W
     return order.subspan(from, std::min(kAhead, order.size() - from));
   };
   double last = now();
-  if (way.cold) reader.ahead(batch(0));
+  if (mode.cold) reader.ahead(batch(0));
   for (std::size_t begin = 0; begin < order.size(); begin += kAhead) {
-    if (way.cold) reader.ahead(batch(begin + kAhead));
+    if (mode.cold) reader.ahead(batch(begin + kAhead));
     for (const std::size_t tile : batch(begin)) {
-      if (way.what == What::decode)
+      if (mode.operation == Operation::decode)
         reader.read(tile, samples);
       else
         sink = touch(reader.get(tile));
@@ -86,43 +86,43 @@ void read_share(StoreReader& reader, std::span<const std::size_t> order, const W
   (void)sink;
 }
 
-// Reads a segment with all threads. Returns its seconds: of the wall clock when cold; of the
-// processor, over all threads, when hot, where nothing waits and others may share the machine.
-double read_segment(Contestant& contestant, std::span<const std::size_t> order, const Way& way) {
-  std::vector<std::vector<double>> latencies(way.threads);
-  std::vector<double> busy(way.threads);
+// Reads a segment with all threads. Returns seconds by the wall clock if cold, else processor
+// seconds of all threads: hot reads do not wait, and other processes may share the machine.
+double read_segment(Contestant& contestant, std::span<const std::size_t> order, const Mode& mode) {
+  std::vector<std::vector<double>> latencies(mode.threads);
+  std::vector<double> busy(mode.threads);
   double begin = 0;
-  std::barrier ready(static_cast<std::ptrdiff_t>(way.threads), [&]() noexcept { begin = now(); });
+  std::barrier ready(static_cast<std::ptrdiff_t>(mode.threads), [&]() noexcept { begin = now(); });
   std::vector<std::thread> threads;
-  for (unsigned t = 0; t < way.threads; ++t)
+  for (unsigned t = 0; t < mode.threads; ++t)
     threads.emplace_back([&, t] {
-      const std::size_t from = order.size() * t / way.threads;
-      const std::size_t to = order.size() * (t + 1) / way.threads;
+      const std::size_t from = order.size() * t / mode.threads;
+      const std::size_t to = order.size() * (t + 1) / mode.threads;
       latencies[t].reserve(to - from);
       ready.arrive_and_wait();
       const double before = thread_seconds();
-      read_share(*contestant.readers[t], order.subspan(from, to - from), way, latencies[t]);
+      read_share(*contestant.readers[t], order.subspan(from, to - from), mode, latencies[t]);
       busy[t] = thread_seconds() - before;
     });
   for (std::thread& thread : threads) thread.join();
   const double wall = now() - begin;
   for (const auto& some : latencies)
     contestant.latencies.insert(contestant.latencies.end(), some.begin(), some.end());
-  return way.cold ? wall : std::accumulate(busy.begin(), busy.end(), 0.0);
+  return mode.cold ? wall : std::accumulate(busy.begin(), busy.end(), 0.0);
 }
 
-// Opens a store anew: cold from its first page on, or hot to its last.
-void open(Contestant& contestant, const TileSet& set, const Way& way,
+// Reopens a store, with all of its pages dropped from the cache (cold), or all in it (hot).
+void open(Contestant& contestant, const TileSet& set, const Mode& mode,
           std::span<const std::size_t> order) {
   contestant.readers.clear();
   contestant.store.reset();
-  if (way.cold) contestant.stayed = std::max(contestant.stayed, drop_from_cache(contestant.path));
+  if (mode.cold) contestant.stayed = std::max(contestant.stayed, drop_from_cache(contestant.path));
   contestant.store = contestant.peer->open(set, contestant.path);
   Bytes samples;
-  for (unsigned t = 0; t < way.threads; ++t) {
+  for (unsigned t = 0; t < mode.threads; ++t) {
     contestant.readers.push_back(contestant.store->reader());
     for (const std::size_t tile : order) {  // fills the caches of the kernel and of the store
-      if (way.cold) break;
+      if (mode.cold) break;
       if (contestant.peer->gets())
         (void)touch(contestant.readers.back()->get(tile));
       else if (t == 0)
@@ -131,8 +131,8 @@ void open(Contestant& contestant, const TileSet& set, const Way& way,
   }
 }
 
-// How many times faster the first contestant is than another, turn by turn: the median, which what
-// else the machine does hardly moves.
+// How many times faster `ours` is than `other`: the median over the turns, which is robust against
+// other load on the machine.
 double ratio_to(const Contestant& ours, const Contestant& other) {
   std::vector<double> ratios;
   for (std::size_t s = 0; s < ours.seconds.size(); ++s)
@@ -140,26 +140,26 @@ double ratio_to(const Contestant& ours, const Contestant& other) {
   return percentile(ratios, 0.5);
 }
 
-// Turns go through all stores, each time from another on, so that what else the machine does
-// strikes all alike. When cold, the whole file is dropped before every turn: with a generous
-// readahead a few reads would load what later ones ask for, as they cannot where it exceeds memory.
-void race(std::vector<Contestant>& contestants, const TileSet& set, const Way& way,
+// In each turn all stores read the same tiles, and each turn begins with another store, so that
+// other load on the machine affects all alike. When cold, the file is dropped before every turn;
+// otherwise a generous readahead would load tiles of later turns, unlike in files above memory.
+void race(std::vector<Contestant>& contestants, const TileSet& set, const Mode& mode,
           std::span<const std::size_t> order) {
-  const std::size_t length = kSegment * (way.threads > 1 ? kManyThreadsShare : 1);
+  const std::size_t length = kSegment * (mode.threads > 1 ? kManyThreadsShare : 1);
   for (std::size_t begin = 0, turn = 0; begin + length <= order.size(); begin += length, ++turn)
     for (std::size_t k = 0; k < contestants.size(); ++k) {
       Contestant& next = contestants[(k + turn) % contestants.size()];
-      if (way.cold) open(next, set, way, order);
+      if (mode.cold) open(next, set, mode, order);
       const std::uint64_t before = bytes_from_disk();
-      next.seconds.push_back(read_segment(next, order.subspan(begin, length), way));
+      next.seconds.push_back(read_segment(next, order.subspan(begin, length), mode));
       next.bytes_read += bytes_from_disk() - before;
-      if (!way.cold) continue;
+      if (!mode.cold) continue;
       next.readers.clear();
       next.store.reset();
     }
 }
 
-void report_race(const TileSet& set, std::vector<Contestant>& contestants, const Way& way,
+void report_race(const TileSet& set, std::vector<Contestant>& contestants, const Mode& mode,
                  Report& report) {
   std::vector<Row> rows;
   double least = 1e9, bound = 1e9;
@@ -170,7 +170,7 @@ void report_race(const TileSet& set, std::vector<Contestant>& contestants, const
     if (&contestant != &contestants[0]) limit = std::min(limit, ratio);
     rows.push_back(
         {{"store", contestant.peer->name()},
-         {way.cold ? "tiles/s" : "tiles/cpu s",
+         {mode.cold ? "tiles/s" : "tiles/cpu s",
           tiles / std::accumulate(contestant.seconds.begin(), contestant.seconds.end(), 0.0)},
          {"ours/it", ratio},
          {"p50 us", percentile(contestant.latencies, 0.5) * 1e6},
@@ -178,17 +178,17 @@ void report_race(const TileSet& set, std::vector<Contestant>& contestants, const
          {"file/payload",
           static_cast<double>(disk_bytes(contestant.path)) / static_cast<double>(set.bytes())},
          {"read KiB/tile", static_cast<double>(contestant.bytes_read) / 1024 / tiles},
-         {"pages not cold", way.cold ? Row(contestant.stayed) : Row()}});
+         {"pages not cold", mode.cold ? Row(contestant.stayed) : Row()}});
   }
-  const std::string title = set.name + ", " + (way.cold ? "cold" : "hot") + ", " +
-                            std::to_string(way.threads) +
-                            (way.threads > 1 ? " threads" : " thread") +
-                            (way.what == What::get ? ", get" : ", get + decode");
+  const std::string title = set.name + ", " + (mode.cold ? "cold" : "hot") + ", " +
+                            std::to_string(mode.threads) +
+                            (mode.threads > 1 ? " threads" : " thread") +
+                            (mode.operation == Operation::get ? ", get" : ", get + decode");
   report.table(title, rows);
-  if (way.what == What::get && !way.cold) return;
-  // Where the bound does not reach what is wanted either, decoding or the disk is the limit.
+  if (mode.operation == Operation::get && !mode.cold) return;
+  // If the bound misses the target, too, decoding or the disk is the limit.
   report.note(title + ": the bound / best peer: " + std::to_string(least / bound).substr(0, 5));
-  report.target(title + ": ours / best peer", least, way.cold ? 1.5 : 0.95, true);
+  report.target(title + ": ours / best peer", least, mode.cold ? 1.5 : 0.95, true);
 }
 
 }  // namespace
@@ -215,18 +215,18 @@ void measure_reads(const Settings& settings, const TileSet& set, Report& report)
 
   for (const bool cold : {false, true})
     for (const unsigned threads : kThreads)
-      for (const What what : {What::get, What::decode}) {
-        const Way way{cold, threads, what};
+      for (const Operation operation : {Operation::get, Operation::decode}) {
+        const Mode mode{cold, threads, operation};
         std::vector<Contestant> contestants;
         for (Contestant& contestant : all) {
-          if (what == What::get && !contestant.peer->gets()) continue;
+          if (operation == Operation::get && !contestant.peer->gets()) continue;
           Contestant& opened = contestants.emplace_back();
           opened.peer = contestant.peer;
           opened.path = contestant.path;
-          if (!cold) open(opened, set, way, order);
+          if (!cold) open(opened, set, mode, order);
         }
-        race(contestants, set, way, order);
-        report_race(set, contestants, way, report);
+        race(contestants, set, mode, order);
+        report_race(set, contestants, mode, report);
       }
   for (const Contestant& contestant : all) remove_files(contestant.path);
 }

@@ -1,4 +1,4 @@
-// Report: what a run found, as tables on stdout and as JSON in a file.
+// Report: the results of a run, as tables on stdout and as JSON in a file.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -11,13 +11,13 @@ using Row = nlohmann::ordered_json;
 
 class Report {
  public:
-  /// States the machine: processor, cores, kernel, memory, file system of `folder`, load.
+  /// Prints the machine: processor, cores, kernel, memory, file system of `folder`, load.
   explicit Report(const std::string& folder);
 
   /// Prints rows that share their columns, and keeps them.
   void table(const std::string& title, const std::vector<Row>& rows);
 
-  /// Says whether a figure is where it should be. `at_least`: else at most.
+  /// Prints whether a figure meets its target: at least `wanted` if `at_least`, else at most.
   void target(const std::string& what, double found, double wanted, bool at_least);
 
   void note(const std::string& text);

@@ -1,4 +1,4 @@
-// StorePeer: a way to keep encoded tiles in files, ours or another's, behind one interface.
+// StorePeer: the common interface of stores for encoded tiles, ours and others.
 //
 // A new peer is one file that implements it and one line in store_peers.cc.
 #pragma once
@@ -17,11 +17,11 @@ class StoreReader {
  public:
   virtual ~StoreReader() = default;
 
-  /// Tiles that will be asked for next, for stores that can make use of it.
+  /// A hint: the tiles that will be read next. Stores may prefetch them.
   virtual void ahead(std::span<const std::size_t> /*tiles*/) {}
 
-  /// A tile's payload, checked where the store checks. Valid until the next call.
-  /// A picture format, which decodes as it reads, returns nothing.
+  /// A tile's payload, checked if the store checks payloads. Valid until the next call.
+  /// Empty for picture formats, which decode while they read.
   virtual ByteSpan get(std::size_t tile) = 0;
 
   /// get() and decode.
@@ -47,19 +47,19 @@ class StorePeer {
   virtual ~StorePeer() = default;
   [[nodiscard]] virtual std::string name() const = 0;
 
-  /// A bound, not a product: what could be reached with more knowledge than a user has.
+  /// Whether this is not a store but a bound: it uses knowledge that users do not have.
   [[nodiscard]] virtual bool bound() const { return false; }
 
-  /// Whether tiles of this set can be kept.
+  /// Whether the store can hold the tiles of this set.
   [[nodiscard]] virtual bool holds(const TileSet&) const { return true; }
 
-  /// Whether get() alone means anything.
+  /// Whether get() returns payloads.
   [[nodiscard]] virtual bool gets() const { return true; }
 
   /// Writes the tiles to `path`, a file or a folder, which does not exist.
   virtual void write(const TileSet& set, const std::string& path) const = 0;
 
-  /// Opens what write() made, as fast as the store can be used. `set` must outlive the store.
+  /// Opens the output of write(), with the fastest settings. `set` must outlive the store.
   [[nodiscard]] virtual std::unique_ptr<OpenStore> open(const TileSet& set,
                                                         const std::string& path) const = 0;
 };
@@ -71,7 +71,7 @@ class StorePeer {
 [[nodiscard]] std::unique_ptr<StorePeer> make_hdf5();
 [[nodiscard]] std::unique_ptr<StorePeer> make_tiff();
 
-/// Ours first, then every peer whose library was there when this was built.
+/// Ours first, then every peer whose library was found by the build.
 [[nodiscard]] std::vector<std::unique_ptr<StorePeer>> store_peers();
 
 /// Names of the peers that are left out.

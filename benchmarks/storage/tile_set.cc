@@ -12,7 +12,7 @@ namespace slf::bench {
 namespace {
 
 constexpr std::uint32_t kSide = 32;
-constexpr std::size_t kPictures = 64;  // distinct ones; more only take longer to make
+constexpr std::size_t kPictures = 64;  // distinct ones; more would only take longer to make
 
 struct Positions {
   std::vector<codec::LocalPoint> points;
@@ -27,7 +27,8 @@ std::shared_ptr<Positions> positions(std::size_t rows) {
   return made;
 }
 
-// Waves and a little noise, opaque: about what a rendered volume costs JPEG at its busiest.
+// An opaque picture of waves and a little noise. JPEG needs about as many bytes as for the most
+// detailed tiles of a rendered volume.
 Bytes picture(const codec::Tile& tile, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   Bytes samples(tile.bytes());
@@ -114,7 +115,7 @@ TileSet synthetic_tiles(std::size_t payload_bytes, std::size_t count) {
   TileSet set;
   set.name = "synthetic, " + std::to_string(payload_bytes >> 10) + " KiB";
   set.codec = expect(codec::make_codec("jpeg:75", codec::SampleFormat::rgba8));
-  // One payload tells how many pictures make one of the size that is wanted.
+  // Encode one tile, to find the number of pictures that gives payloads of the requested size.
   constexpr std::size_t kTrial = 64;
   const auto few = positions(kTrial);
   const std::size_t bytes =

@@ -15,9 +15,9 @@ struct TileSet {
   std::uint8_t level = 0;
   std::vector<std::uint64_t> keys;  ///< ascending indexes within the level
   std::vector<Bytes> payloads;
-  std::vector<codec::Tile> shapes;  ///< empty where tiles are never decoded
+  std::vector<codec::Tile> shapes;  ///< empty if tiles are never decoded
   std::shared_ptr<const codec::Codec> codec;
-  std::shared_ptr<const void> owner;  ///< of what shapes view
+  std::shared_ptr<const void> owner;  ///< of the data that `shapes` view
 
   [[nodiscard]] std::size_t size() const { return payloads.size(); }
   [[nodiscard]] std::uint64_t bytes() const;
@@ -29,14 +29,14 @@ struct TileSet {
 /// The stored colour tiles of a field's finest level, at most `most`, taken evenly.
 [[nodiscard]] TileSet tiles_of_field(const std::string& path, std::size_t most);
 
-/// The set again and again, under further keys, until it has about `bytes`: cold reads of a file so
-/// small that reading one tile reads ahead a good part of the others would say little.
+/// Repeats the set under further keys until it has about `bytes`. In a small file, the readahead of
+/// a single cold read would load a large part of the other tiles.
 [[nodiscard]] TileSet repeated(TileSet set, std::uint64_t bytes);
 
 /// Textured colour tiles whose payloads as jpeg:75 are about `payload_bytes` long.
 [[nodiscard]] TileSet synthetic_tiles(std::size_t payload_bytes, std::size_t count);
 
-/// Payloads without meaning, for what never decodes.
+/// Random payloads, for scenarios that never decode.
 [[nodiscard]] TileSet opaque_tiles(std::size_t payload_bytes, std::size_t count);
 
 }  // namespace slf::bench

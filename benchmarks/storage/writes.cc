@@ -32,13 +32,13 @@ Work work_of(const Settings& settings) {
   return work;
 }
 
-// What some work took: seconds of the wall clock, disk and all, and of the processor.
+// The cost of some work, in seconds of the wall clock, including the disk, and of the processor.
 struct Cost {
   double wall = 1e9;
   double cpu = 1e9;
 };
 
-// The least of both, of what it was and of work() now.
+// Runs work(), and returns the smaller of its cost and of `before`, separately for both clocks.
 template <class Work>
 Cost least(const Cost& before, const Work& work) {
   const double wall = now();

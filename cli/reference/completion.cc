@@ -58,8 +58,7 @@ std::vector<std::string> command_names(const Program& program) {
   return names;
 }
 
-// ---- bash
-// ----------------------------------------------------------------------------------------
+// ---- bash ---------------------------------------------------------------------------------------
 
 /// The code that completes the value of an argument: a call of one of the functions below.
 std::string bash_action(const Argument& a) {
@@ -146,8 +145,7 @@ std::string bash_completion(const Program& program) {
   return out + "  esac\n}\n" + kBashFunctions;
 }
 
-// ---- zsh
-// -----------------------------------------------------------------------------------------
+// ---- zsh ----------------------------------------------------------------------------------------
 
 namespace {
 
@@ -206,8 +204,7 @@ std::string zsh_completion(const Program& program) {
   return out + "      esac ;;\n  esac\n}\n\n_slf \"$@\"\n";
 }
 
-// ---- fish
-// ----------------------------------------------------------------------------------------
+// ---- fish ---------------------------------------------------------------------------------------
 
 namespace {
 

@@ -20,12 +20,12 @@ constexpr std::array<std::uint8_t, 64> kZigzag = {
     41, 34, 27, 20, 13, 6,  7,  14, 21, 28, 35, 42, 49, 56, 57, 50, 43, 36, 29, 22, 15, 23,
     30, 37, 44, 51, 58, 59, 52, 45, 38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63};
 
-/// The bits of a scan, without the zeros stuffed behind each FF.
+/// The bits of a scan, without the zeros stuffed after each FF.
 class ScanBits {
  public:
   explicit ScanBits(ByteSpan scan) : at_(scan.data()), end_(scan.data() + scan.size()) {}
 
-  /// False: the scan has a marker in it.
+  /// Returns false if a marker was found in the scan.
   [[nodiscard]] bool whole() const { return whole_; }
   /// Whether all bytes are used, and no more bits were read than they have.
   [[nodiscard]] bool used_up() const { return at_ == end_ && left_ - missing_ < 8 && !overrun(); }
@@ -68,11 +68,11 @@ class ScanBits {
   const std::byte* end_;
   std::uint64_t bits_ = 0;
   int left_ = 0;
-  int missing_ = 0;  ///< bits made up behind the end; always the last of left_
+  int missing_ = 0;  ///< zeros appended after the end; always the last of left_
   bool whole_ = true;
 };
 
-/// A Huffman code, by the next 8 bits or, if it is longer, by its length.
+/// Decodes Huffman codes: looks up the next 8 bits or, for longer codes, tries each length.
 class Decoder {
  public:
   explicit Decoder(const HuffmanTable& table) : symbols_(table.symbols) {
@@ -90,7 +90,7 @@ class Decoder {
       index += count;
     }
   }
-  /// Below 0: there is no such code.
+  /// Returns the next symbol, or -1 if there is no such code.
   [[nodiscard]] int next(ScanBits& bits) const {
     const ShortCode code = short_codes_[bits.peek(8)];
     if (code.length > 0) {
@@ -116,7 +116,7 @@ class Decoder {
   std::array<int, 17> first_{}, index_{}, count_{};
 };
 
-/// Reads a number of `size` bits as T.81 F.1.2.1 writes it.
+/// Reads a number of `size` bits, coded as in T.81 F.1.2.1.
 int signed_bits(ScanBits& bits, int size) {
   if (size == 0) return 0;
   const int value = static_cast<int>(bits.read(size));
@@ -124,7 +124,7 @@ int signed_bits(ScanBits& bits, int size) {
 }
 
 /// One dimension of the inverse DCT of libjpeg's jidctint.c, which follows Loeffler, Ligtenberg and
-/// Moschytz; constants have 13 bits behind the point.
+/// Moschytz; constants have 13 fractional bits.
 template <int kStride, class Store>
 void transform(const std::int32_t* in, const Store& store) {
   using Wide = std::int64_t;  // damaged scans have coefficients of any size
@@ -165,8 +165,8 @@ struct Plane {
 
 std::uint8_t clamp_byte(int value) { return static_cast<std::uint8_t>(std::clamp(value, 0, 255)); }
 
-/// One line of a plane at twice the resolution: 3/4 of the nearer line, 1/4 of the other, and the
-/// same along the line. Roundings alternate.
+/// One line of a plane at twice the resolution: 3/4 of the nearer line and 1/4 of the other, with
+/// the same weights along the line. The rounding alternates.
 void upsample(const std::uint8_t* near, const std::uint8_t* far, std::size_t width,
               std::uint8_t* to) {
   const auto sum = [&](std::size_t x) { return near[x] * 3 + far[x]; };
@@ -190,7 +190,7 @@ void convert(const std::uint8_t* luma, const std::uint8_t* blue, const std::uint
   }
 }
 
-/// Null, or what is wrong.
+/// Returns null, or an error message.
 const char* decode_planes(const JpegTables& tables, const JpegShape& shape, ByteSpan scan,
                           std::span<Plane> planes) {
   const Decoder dc[2] = {Decoder(tables.dc[0]), Decoder(tables.dc[1])};

@@ -20,7 +20,7 @@ inline constexpr int kMaxFseBits = 9;
 class BackwardBits {
  public:
   BackwardBits() = default;
-  /// The highest bit that is set marks the end. False: there is none.
+  /// The highest bit that is set marks the end. Returns false if no bit is set.
   bool open(ByteSpan bytes) {
     bytes_ = bytes;
     if (bytes.empty() || bytes.back() == std::byte{0}) return false;
@@ -45,7 +45,7 @@ class BackwardBits {
   }
 
  private:
-  /// At least 57 bits from a position on; zeros behind the end.
+  /// At least 57 bits from a position on; zeros after the end.
   [[nodiscard]] std::uint64_t word(std::size_t bit) const {
     const std::size_t at = bit / 8;
     if (at + 8 <= bytes_.size()) return load_le<std::uint64_t>(&bytes_[at]) >> (bit % 8);
@@ -74,7 +74,7 @@ struct FseTable {
     entries[0] = {symbol, 0, 0};
   }
 
-  /// `counts` are those of 4.1.1; -1 means less than one.
+  /// `counts` are those of section 4.1.1; -1 means less than one.
   void build(std::span<const int> counts, int accuracy) {
     log = accuracy;
     const int size = 1 << log;

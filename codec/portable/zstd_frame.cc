@@ -55,7 +55,7 @@ class FrameDecoder {
  public:
   explicit FrameDecoder(std::span<std::byte> to) : to_(to) {}
 
-  /// Null, or what is wrong.
+  /// Returns null, or an error message.
   const char* decode(ByteSpan& bytes);
 
  private:

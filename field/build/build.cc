@@ -95,8 +95,8 @@ struct EarlierBuild {
   bool in_place = false;  ///< it has the output's name, not that of a draft
 };
 
-/// Finds an earlier build: under the output's name, unless that is to be replaced, or unfinished.
-/// Sets manifest.filtered_levels to that of the build found.
+/// Finds an earlier build: the output itself if it exists and is to be kept, else its draft. Sets
+/// manifest.filtered_levels to that of the build found.
 Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output,
                                                        const TileSelection& selection,
                                                        Manifest& manifest) {
@@ -111,7 +111,7 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
                 "; it is in the way of a new file: remove it");
   const Manifest& existing = (*field)->manifest();
   if (auto same = check_same(file, existing, manifest); !same) {
-    if (output.existing == Existing::replace) return std::nullopt;  // and starts over
+    if (output.existing == Existing::replace) return std::nullopt;  // the build starts over
     return tl::unexpected(same.error());
   }
   manifest.filtered_levels = existing.filtered_levels;

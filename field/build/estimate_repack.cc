@@ -15,7 +15,7 @@ namespace {
 using storage::LayerId;
 using storage::TileState;
 
-constexpr std::uint64_t kSample = 400;  // tiles of a level
+constexpr std::uint64_t kSample = 400;  // tiles that are encoded per level
 constexpr double kDeviations = 1.96;    // of a 95 % confidence interval
 
 // The bytes of a file besides payloads (FORMAT.md). For each tile: checksum, entry in the table,
@@ -24,7 +24,7 @@ constexpr double kTileBytes = 14;
 constexpr double kRecordShare = 0.004;
 constexpr double kTreeBytes = 48 << 10;
 constexpr double kFileUncertainty = 0.01;
-// Those of its index: tables of records, references, and the pages of the trees.
+// The bytes of its index: tables of records, references, and the pages of the trees.
 constexpr double kIndexedTileBytes = 15;
 constexpr double kIndexBytes = 24 << 10;
 
@@ -103,15 +103,14 @@ Result<Estimate> count(const FieldFile& field, const FieldShape& shape, LayerId 
   return sum;
 }
 
-/// Estimates the tiles [begin, end) by encoding one tile of each of equal ranges.
+/// Divides the tiles [begin, end) into equal ranges, and estimates by encoding one tile of each.
 Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, std::uint64_t begin,
                         std::uint64_t end, unsigned threads, const std::function<bool()>& go_on) {
   const std::uint64_t count = end - begin, taken = std::min(count, kSample);
   OrderedPipeline<std::optional<std::uint64_t>> pipeline(taken, threads, 4 * threads, [&] {
     return [&](std::uint64_t k) {
-      const std::uint64_t first = begin + count * k / taken,
-                          behind = begin + count * (k + 1) / taken;
-      return encoder.encode(order.key(first + mix(first) % (behind - first)));
+      const std::uint64_t first = begin + count * k / taken, next = begin + count * (k + 1) / taken;
+      return encoder.encode(order.key(first + mix(first) % (next - first)));
     };
   });
   double sum = 0, squares = 0, stored = 0;

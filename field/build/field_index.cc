@@ -9,7 +9,7 @@
 namespace slf {
 namespace {
 
-/// What the tiles of a level are predicted from.
+/// The tiles of a level, each with the tiles that it is predicted from.
 Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field,
                                                         storage::LayerId layer,
                                                         std::uint8_t level) {

@@ -7,8 +7,8 @@
 
 namespace slf {
 
-/// Writes the index of a field that is complete and closed behind its last page, in place of what
-/// follows there. The same pages give the same index. Errors as FieldFile::open(), or io.
+/// Writes the index of a complete, closed field after its last page, and replaces whatever follows
+/// that page. The same pages give the same index. Errors as FieldFile::open(), or io.
 [[nodiscard]] Result<void> index_field(const std::string& path);
 
 }  // namespace slf

@@ -20,12 +20,12 @@ using storage::TileWriter;
 constexpr std::uint64_t kPendingLimit = 32ull << 20;
 constexpr const char* kAnotherProcess = ": another process is writing it";
 
-/// Removes an unfinished file. It must be a container that no other process is
-/// writing.
+/// Removes a draft that an earlier process left. Refuses to remove a file that is not a container,
+/// or that another process is writing.
 Result<void> remove_leftover(const std::string& file) {
   struct stat status {};
   if (::lstat(file.c_str(), &status) != 0) return {};
-  const auto writer = TileWriter::resume(file);  // and hold its lock
+  const auto writer = TileWriter::resume(file);  // holds the writer's lock
   if (writer) {
     unlink(file.c_str());
     return {};
@@ -35,7 +35,7 @@ Result<void> remove_leftover(const std::string& file) {
               "; it is in the way of a new file: remove it");
 }
 
-/// An error about a file that the user did not name, as one about the path that was named.
+/// Rewrites an error about the draft `file` as one about `path`, the output that the user named.
 Error name_as_output(Error error, const std::string& file, const std::string& path) {
   if (!error.message.starts_with(file)) return error;
   const std::size_t colon = error.message.find(": ", file.size());
@@ -48,7 +48,7 @@ Bytes bytes_of(const std::string& text) {
   return {bytes.begin(), bytes.end()};
 }
 
-/// A manifest as it is stored, if a reader will accept it.
+/// Encodes a manifest. usage: readers would refuse it.
 Result<Bytes> encode(const Manifest& manifest, const std::string& path) {
   const std::string text =
       manifest.to_json().dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
@@ -124,7 +124,7 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
   }
   auto writer = TileWriter::create(file, names, blobs);
   if (!writer) return tl::unexpected(name_as_output(writer.error(), file, output.path));
-  // What replaces a private file is private from the beginning.
+  // The draft of a file that replaces a private one must never be public.
   if (output.existing == Existing::replace)
     copy_permissions(output.target, file, /*writable=*/true);
   FieldWriter created(std::move(*writer), file, names.size());
@@ -166,7 +166,7 @@ void FieldWriter::set_pending_limit(std::uint64_t bytes) {
   pending_limit_ = std::clamp<std::uint64_t>(bytes, 1, kPendingLimit);
 }
 
-/// Says what an error leaves behind.
+/// Adds to the message of an io error what happens to the file.
 Result<void> FieldWriter::explained(Result<void> written) const {
   if (written || written.error().code != ErrorCode::io) return written;
   return fail(ErrorCode::io, output_ ? output_->path + ": not written: " : "",

@@ -13,7 +13,7 @@ using storage::LayerId;
 using storage::TileRef;
 using storage::TileState;
 
-constexpr std::uint64_t kBatch = 128;  // tiles in one piece of a thread's work
+constexpr std::uint64_t kBatch = 128;  // tiles that a thread takes at a time
 
 /// Copies the tiles of a plan to a writer. Threads check the tiles in the map; the writer then
 /// copies them from the map into the pages that it writes.

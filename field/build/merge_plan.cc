@@ -51,8 +51,8 @@ TileSelection coverage(const Manifest& manifest, const TileOrder& order) {
     const unsigned bits = 4 * level + 2 * shape.entry_extra_levels;
     for (const std::uint64_t subfield : subfields) {
       const auto l = static_cast<std::uint8_t>(level);
-      const TileKey first{l, subfield << bits}, behind{l, (subfield + 1) << bits};
-      const TileKey begin = std::max(first, part.begin), end = std::min(behind, part.end);
+      const TileKey first{l, subfield << bits}, next{l, (subfield + 1) << bits};
+      const TileKey begin = std::max(first, part.begin), end = std::min(next, part.end);
       if (begin < end) tiles.add({order.number(begin), order.number(end)});
     }
   }
@@ -83,7 +83,7 @@ Result<Source> read_source(const std::string& path) {
   return source;
 }
 
-/// usage: `other` is not of the same field as `first`.
+/// usage: `other` is not a part of the same field as `first`.
 Result<void> check_same(const Source& first, const Source& other) {
   const auto differ = [&](const std::string& what) {
     return fail(ErrorCode::usage, other.path, ": is not of the same field as ", first.path, ": ",

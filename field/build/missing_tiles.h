@@ -12,7 +12,7 @@
 namespace slf {
 
 /// The selected tiles that are missing in at least one layer, by their numbers in key order: holes
-/// among stored tiles, and all selected tiles behind the last stored one.
+/// among stored tiles, and all selected tiles after the last stored one.
 class MissingTiles {
  public:
   /// All selected tiles, in all layers.

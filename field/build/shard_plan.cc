@@ -15,8 +15,8 @@ TileKey key_at(const TileOrder& order, std::uint64_t number, const FieldShape& s
   return {static_cast<std::uint8_t>(shape.levels + 1), 0};
 }
 
-/// The tiles of a shard. It begins and ends at the first tiles that have at least the shares
-/// (index - 1) / count and index / count of all rays before them.
+/// The tiles of a shard. It begins at the first tile that has at least (index - 1) / count of all
+/// rays before it, and ends before the first tile that has at least index / count before it.
 NumberRange cut(const TileTracer& tracer, const TileOrder& order, NumberRange all,
                 const ShardOptions& options) {
   if (options.count == 1) return all;
@@ -93,7 +93,7 @@ class NeededTiles {
   const TileOrder& order_;
   const FieldShape& shape_;
   NumberRange part_;
-  std::vector<std::vector<bool>> entered_;  ///< per level: the entry sections
+  std::vector<std::vector<bool>> entered_;  ///< per level: whether an entry section is needed
 };
 
 }  // namespace

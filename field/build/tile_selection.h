@@ -17,7 +17,7 @@ struct NumberRange {
 
 class TileSelection {
  public:
-  /// REQUIRES: the range begins at or behind the end of all earlier ones.
+  /// REQUIRES: the range begins at or after the end of all earlier ones.
   void add(NumberRange range) {
     if (range.begin == range.end) return;
     if (!ranges_.empty() && ranges_.back().end == range.begin) {

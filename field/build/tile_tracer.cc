@@ -100,9 +100,9 @@ void store_color(const glm::vec4& rgba, SampleFormat format, std::byte* to) {
 /// Bytes of a sample's colour. Depths in the same layer come after all colours.
 std::size_t color_bytes(SampleFormat format) { return sample_bytes(color_format(format)); }
 
-/// Depth is undefined where nothing is visible. This fills such samples so that they cost few bytes
-/// and are smooth: along each line, with a ramp between defined samples; a line without any repeats
-/// its neighbour.
+/// Depth is undefined where nothing is visible. Fills such samples with smooth values, which cost
+/// few bytes: along each line, a ramp between defined samples; a line without defined samples
+/// repeats its neighbour.
 void fill_undefined_depth(std::byte* picture, const std::vector<bool>& defined,
                           std::uint32_t side) {
   const auto line = [&](std::uint32_t q) { return triangle_index(side, 0, q); };

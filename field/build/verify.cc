@@ -47,7 +47,7 @@ class Verifier {
  private:
   void add(FindingKind kind, std::string message) {
     ++report_.found;
-    // Not damaged itself: it decodes again once the tile it is predicted from is built again.
+    // The tile is not damaged itself: it decodes again once its reference has been rebuilt.
     if (kind == FindingKind::reference) report_.complete = false;
     if (kind != FindingKind::missing && kind != FindingKind::reference) ++report_.damaged;
     if (report_.findings.size() < kMaxFindings)
@@ -214,8 +214,8 @@ class Verifier {
     return true;
   }
 
-  /// Drops what the repairs name. Findings without a repair (S1, M1) remain. If there is one of the
-  /// structure (S1), nothing is dropped.
+  /// Drops the tiles and records that the repairs name. Findings without a repair (S1, M1) remain.
+  /// If the structure is damaged (S1), drops nothing.
   Result<void> drop(const std::string& path) {
     const bool sound =
         std::none_of(report_.findings.begin(), report_.findings.end(),

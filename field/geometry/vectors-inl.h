@@ -29,7 +29,7 @@ using VU = hn::Vec<DU>;
 
 /// Converts whole numbers from 0 to 2^23. Cheaper than hn::ConvertTo, which saturates.
 HWY_INLINE VI to_whole(V v) {
-  const V shift = hn::Set(D(), 8388608.f);  // from here on floats are whole
+  const V shift = hn::Set(D(), 8388608.f);  // 2^23: larger floats are whole
   return hn::Sub(hn::BitCast(DI(), hn::Add(v, shift)), hn::BitCast(DI(), shift));
 }
 HWY_INLINE V to_float(VI v) { return hn::ConvertTo(D(), v); }

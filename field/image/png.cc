@@ -31,7 +31,7 @@ std::vector<std::uint8_t> to_straight_rgba8(const Image& image) {
 }
 
 /// Whether every chunk up to IEND exists. The library stops after the last row, so it would not
-/// notice that the file is truncated behind it.
+/// notice that the file is truncated after it.
 bool reaches_end(ByteSpan bytes) {
   constexpr std::size_t kSignature = 8, kLengthTypeCrc = 12;
   std::size_t at = kSignature;

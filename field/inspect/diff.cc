@@ -12,7 +12,7 @@ namespace {
 using storage::TileRef;
 using storage::TileState;
 
-constexpr std::uint64_t kBatch = 256;        // tiles in one piece of a thread's work
+constexpr std::uint64_t kBatch = 256;        // tiles that a thread takes at a time
 constexpr std::uint64_t kReleaseEvery = 64;  // batches
 
 /// A channel of both fields.
@@ -144,7 +144,7 @@ bool same_rays(const FieldShape& a, const FieldShape& b) {
 }
 
 /// The shape with all levels and subfields of both fields.
-FieldShape both(const FieldShape& a, const FieldShape& b) {
+FieldShape union_shape(const FieldShape& a, const FieldShape& b) {
   FieldShape shape = a;
   shape.levels = std::max(a.levels, b.levels);
   if (a.subfields.empty() || b.subfields.empty()) {
@@ -194,7 +194,7 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
   if (!difference.comparable) return difference;
 
   const std::vector<Pair> pairs = channels_of_both(a, b);
-  const TileOrder order(both(a.shape(), b.shape()));
+  const TileOrder order(union_shape(a.shape(), b.shape()));
   const std::uint64_t batches = (order.count() + kBatch - 1) / kBatch;
   const unsigned threads = thread_count(options.threads);
   const auto keys_of = [&](std::uint64_t batch) {

@@ -51,7 +51,7 @@ HWY_INLINE ExitCorners find_corners(const LevelGeometry& geometry, const Exact& 
   const V all = hn::Set(d, 256.f);
   const V x = hn::Mul(hn::Abs(p.x), scale), y = hn::Mul(hn::Abs(p.y), scale);
 
-  // The cell, and where in it, in steps of 1/256.
+  // The cell, and the position in it in steps of 1/256.
   const V last = hn::Set(d, static_cast<float>(geometry.exit_resolution() - 1));
   const V cell_x = hn::Min(hn::Floor(x), last);
   const V cell_y = hn::Min(hn::Floor(y), hn::Sub(last, cell_x));
@@ -70,7 +70,7 @@ HWY_INLINE ExitCorners find_corners(const LevelGeometry& geometry, const Exact& 
   corners.weight[1] = hn::IfThenElse(inverted_cell, rest, f);
   corners.weight[2] = hn::IfThenElse(inverted_cell, hn::Sub(all, g), v);
 
-  // The section, and the columns in it: whole numbers that floats hold, as LevelGeometry has them.
+  // The section and its columns, as in LevelGeometry: whole numbers, which floats hold exactly.
   const VI octant = hn::Add(
       hn::Add(flag(hn::Lt(p.x, zero), 1 << 2 * level), flag(hn::Lt(p.y, zero), 2 << 2 * level)),
       flag(hn::Lt(p.z, zero), 4 << 2 * level));
@@ -102,7 +102,7 @@ HWY_INLINE ExitCorners find_corners(const LevelGeometry& geometry, const Exact& 
 
 /// The ray from a reference's vertex e' through the point at depth d on the ray from e along r.
 struct Aim {
-  V ev, vv;  ///< with v the direction to that point: the dot products e'·v and v·v
+  V ev, vv;  ///< the dot products e'·v and v·v, where v points from e' to that point
   ExitCorners corners;
 };
 

@@ -6,9 +6,9 @@
 namespace slf {
 namespace {
 
-/// The vertices of the coarser lattice at or around `v`: itself halved, or the two that it lies
-/// between. In a lattice of even resolution none or two coordinates are odd: one of these moves to
-/// its neighbours' even values away from 0, the other one towards it, and vice versa.
+/// The vertices of the coarser lattice at or around `v`: v / 2, or the two that v / 2 lies between.
+/// The resolution is even, so none or two of the coordinates are odd. If two are odd, one of them
+/// moves by 1 away from 0 and the other by 1 towards 0, or the other way around.
 std::vector<LatticeVertex> parents_of(const LatticeVertex& v) {
   std::int32_t at[3] = {v.i, v.j, v.k};
   std::size_t odd[2];

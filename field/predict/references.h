@@ -19,7 +19,7 @@ struct References {
   };
   struct Row {
     glm::vec3 direction{0.f};  ///< of the row's own vertex
-    std::uint8_t count = 1;    ///< 1: the vertex is one of the coarser lattice; 2: it lies between
+    std::uint8_t count = 1;    ///< 1: the vertex is one of the coarser lattice; 2: between two
     Vertex vertex[2];
   };
   std::vector<Row> rows;

@@ -21,7 +21,7 @@ constexpr std::uint64_t kUnknown = ~std::uint64_t{0};
 constexpr long kMinBytesPerSecond = 256;  // a transfer that is slower has stalled
 constexpr double kMaxPause = 8;           // seconds
 constexpr long kRedirects = 5;
-constexpr std::uint64_t kPiece = 4 << 20;  // bytes of one request: more are several requests
+constexpr std::uint64_t kPiece = 4 << 20;  // most bytes that one request asks for
 
 std::string_view trimmed(std::string_view text) {
   while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);

@@ -130,7 +130,7 @@ void blend_with_depth(const Pass& pass, const RayBlock& rays, const EntryCells& 
   const V most_lost = hn::Set(d, 1 - kLeastAgreement);
   const V by_opacity = hn::Set(d, (1 - kLeastAgreement) / (kReliableOpacity * kFullScale<kHalf>));
   const V sharpness = hn::Set(d, kRefine ? 1 / pass.depth_tolerance : 0.f);
-  const auto mean = [&](V of, V weight) {  // whatever half floats there are, it is in range
+  const auto mean = [&](V of, V weight) {  // in 0..1 even if half floats are infinite or NaN
     const V at = hn::Div(of, weight);
     return hn::IfThenElseZero(hn::Gt(at, zero), hn::Min(at, one));
   };
@@ -143,10 +143,10 @@ void blend_with_depth(const Pass& pass, const RayBlock& rays, const EntryCells& 
       continue;
     }
     Colors sum = Colors::none();
-    V total = zero;  // of the weights
+    V total = zero;  // sum of the weights
     V opacity = zero,
-      place = zero;  // the latter times the former, as in the next line
-    V opacities[3], places[3];
+      place = zero;             // sums of opacity, and of opacity times depth along the ray
+    V opacities[3], places[3];  // the same, by entry vertex
     const Point enter = Point::load(rays.enter, k);
     const Point ray = Point::load(rays.leave, k).minus(enter);
     const V inverse = hn::Div(one, ray.dot(ray));
@@ -154,7 +154,7 @@ void blend_with_depth(const Pass& pass, const RayBlock& rays, const EntryCells& 
       const V weight = hn::LoadU(d, &entries.weight[c][k]);
       const VU three = hn::LoadU(DU(), &samples.depth[c][k]);
       const V depths[] = {byte_of<0>(three), byte_of<1>(three), byte_of<2>(three)};
-      // Where its samples lie along the ray: begin + depth · scale.
+      // The depth along the ray of a sample of this entry vertex is begin + depth · scale.
       const Point from = Point::load(entries.point[c], k);
       const Point aim = Point::load(*pass.aim[c], k).minus(from);
       const V begin = hn::Mul(from.minus(enter).dot(ray), inverse);
@@ -185,26 +185,26 @@ void blend_with_depth(const Pass& pass, const RayBlock& rays, const EntryCells& 
       place = hn::Add(place, places[c]);
     }
     const auto enough = hn::Gt(opacity, faint);
-    V all = mean(place, opacity);
+    V ray_depth = mean(place, opacity);
     V step = zero;
     if constexpr (kRefine) {
-      all = hn::IfThenElse(enough, all, hn::LoadU(d, &estimates.t[k]));
+      ray_depth = hn::IfThenElse(enough, ray_depth, hn::LoadU(d, &estimates.t[k]));
       for (std::size_t c = 0; c < 3; ++c) {
         const V weight = hn::LoadU(d, &entries.weight[c][k]);
         const auto visible = hn::Gt(opacities[c], hn::Mul(weight, faint));
-        const V own = hn::IfThenElse(visible, mean(places[c], opacities[c]), all);
-        const V next = hn::Mul(hn::Add(all, own), hn::Set(d, 0.5f));
+        const V vertex_depth = hn::IfThenElse(visible, mean(places[c], opacities[c]), ray_depth);
+        const V next = hn::Mul(hn::Add(ray_depth, vertex_depth), hn::Set(d, 0.5f));
         const V moved = hn::AbsDiff(next, hn::LoadU(d, &estimates.aim[c][k]));
         step = hn::Max(step, hn::IfThenElseZero(hn::Gt(weight, zero), moved));
         store(next, estimates.aim[c], k);
       }
     } else {
-      all = hn::IfThenElseZero(hn::Gt(opacity, zero), all);
+      ray_depth = hn::IfThenElseZero(hn::Gt(opacity, zero), ray_depth);
       step = hn::IfThenElseZero(enough, hn::Inf(d));
-      for (std::size_t c = 0; c < 3; ++c) store(all, estimates.aim[c], k);
+      for (std::size_t c = 0; c < 3; ++c) store(ray_depth, estimates.aim[c], k);
     }
     store(step, estimates.step, k);
-    store(all, estimates.t, k);
+    store(ray_depth, estimates.t, k);
     if constexpr (kRefine)
       store_pixels(sum.times(hn::Div(hn::Set(d, 1 / kFullScale<kHalf>), total)), rays, k, picture);
     else if (!pass.first_of_more || !hn::AllTrue(d, enough))

@@ -34,7 +34,7 @@ BlockTiles::Found BlockTiles::find(std::uint32_t entry, std::uint32_t exit) {
   any_unavailable_ |= found.unavailable;
   found.color = sample_offset(page->color.load(std::memory_order_acquire));
   if (with_depth_) found.depth = sample_offset(page->depth.load(std::memory_order_acquire));
-  // From here on kernels find it, unless they may not or it was removed.
+  // Stamp the page, so that kernels find the tile, unless they may not read it or it was removed.
   if (!found.unavailable && TilePage::readable(layers, with_depth_) &&
       (word & TilePage::kStampMask) != TilePage::kRemoved)
     page->found.compare_exchange_strong(word, (word & ~TilePage::kStampMask) | stamp_,

@@ -18,7 +18,7 @@
 namespace slf {
 
 /// Where the samples of each ray's tiles begin, by entry vertex, as sample_offset(). 0 stands for
-/// samples that are all 0: of an empty tile, of none, or of a vertex of weight 0.
+/// samples that are all 0: of an empty tile, of no tile, or of a vertex of weight 0.
 struct TileBegins {
   std::array<RayArray<std::int64_t>, 3> color, depth;
   RayArray<std::uint32_t> unavailable;  ///< not 0: the ray needs a tile that is unavailable
@@ -58,7 +58,7 @@ class BlockTiles {
   /// it rarely, keeps its registers. REQUIRES: a ReadScope until the samples are gathered.
   [[gnu::noinline]] Found find(std::uint32_t entry, std::uint32_t exit);
 
-  /// In TilePage::found of the tiles that the frame found before, and that can be read.
+  /// The stamp in TilePage::found of readable tiles that the frame has found before.
   [[nodiscard]] std::uint64_t stamp() const { return stamp_; }
   [[nodiscard]] const PageTable& table() const { return *table_; }
   [[nodiscard]] bool with_depth() const { return with_depth_; }
@@ -71,7 +71,7 @@ class BlockTiles {
  private:
   static constexpr std::uint32_t kRecent = 64;
 
-  /// Stamps a tile that the frame did not use before, or adds it to absent(): false.
+  /// Marks a tile as used by the frame. False: it cannot be read, and was added to absent().
   [[nodiscard]] bool meet(std::uint32_t entry, std::uint32_t exit, TilePage* page,
                           std::uint32_t layers);
 

@@ -21,11 +21,11 @@ class DepthRefinement {
   /// The estimates that blend() writes in each pass.
   [[nodiscard]] DepthEstimates& estimates() { return estimates_; }
 
-  /// Begins with the estimates of a first pass, and makes it the pass of every round.
+  /// Begins with the estimates of the first pass, and changes `pass` to that of all rounds.
   void begin(const LevelGeometry& geometry, Pass& pass);
 
   /// Prepares the next round: compacts the block to the rays that have not converged, aims their
-  /// entry vertices and locates the cells there. False when no ray or round is left.
+  /// entry vertices and locates the cells there. Returns false when no ray or round is left.
   [[nodiscard]] bool next_round(const LevelGeometry& geometry, RayBlock& rays, EntryCells& entries);
 
  private:

@@ -20,7 +20,7 @@ using V64 = hn::Vec<D64>;
 
 using Narrow = hn::Rebind<std::uint32_t, D64>;  // as many lanes as D64 has
 
-/// Vectors of 64-bit lanes that hold as many as one of 32.
+/// How many vectors of 64-bit lanes hold as many lanes as one of 32-bit lanes.
 constexpr std::size_t kHalves = HWY_TARGET == HWY_SCALAR ? 1 : 2;
 
 /// The lower 32 bits of all lanes.
@@ -77,7 +77,7 @@ struct FoundPages {
         stamp_bits(static_cast<std::uint32_t>(TilePage::stamp_bits(tiles.with_depth()))),
         with_depth(tiles.with_depth()) {}
 
-  /// A member of the pages so many bytes from the first.
+  /// Loads a member of the pages that are `at` bytes from the first one.
   template <std::size_t member>
   [[nodiscard]] HWY_INLINE V64 load(V64 at) const {
     return hn::GatherOffset(D64(), reinterpret_cast<const std::int64_t*>(first + member), at);
@@ -90,7 +90,7 @@ struct LaneBegins {
 
   LaneBegins() { set({}); }
 
-  /// Finds those that the frame found before: returns these lanes.
+  /// Looks up a tile for each lane. Returns the lanes whose tiles the frame has found before.
   HWY_INLINE hn::Mask<DU> find(const FoundPages& pages, VU entry, VU exit) {
     const D64 d;
     const DU du;
@@ -115,7 +115,7 @@ struct LaneBegins {
     return hn::Eq(stamps, hn::Set(du, pages.stamp));
   }
 
-  /// Finds one tile for all lanes, if the frame found it before.
+  /// Looks up one tile for all lanes. Returns whether the frame has found it before.
   HWY_INLINE bool find(const FoundPages& pages, const TilePage& page) {
     const std::uint64_t word = page.found.load(std::memory_order_acquire);
     if ((word & pages.stamp_bits) != pages.stamp) return false;
@@ -126,7 +126,7 @@ struct LaneBegins {
     return true;
   }
 
-  /// Gives all lanes one tile.
+  /// Sets the tile of all lanes.
   HWY_INLINE void set(const BlockTiles::Found& tile) {
     for_halves([&](auto half) {
       color[half] = hn::Set(D64(), tile.color);
@@ -134,7 +134,7 @@ struct LaneBegins {
     });
   }
 
-  /// Gives some lanes one tile.
+  /// Sets the tile of some lanes.
   HWY_INLINE void set(const BlockTiles::Found& tile, hn::Mask<DU> of) {
     for_halves([&](auto half) {
       const auto lanes = wide<half.value>(of);
@@ -143,7 +143,7 @@ struct LaneBegins {
     });
   }
 
-  /// Takes their tiles from all but these lanes.
+  /// Clears the tiles of all other lanes.
   HWY_INLINE void keep(hn::Mask<DU> of) {
     for_halves([&](auto half) {
       color[half] = hn::IfThenElseZero(wide<half.value>(of), color[half]);
@@ -151,9 +151,9 @@ struct LaneBegins {
     });
   }
 
-  /// Prefetches the colours so many bytes into the tiles. So the gathers, which begin when all
-  /// tiles of a block are found, wait less. In one tile, the rays on a diagonal of the square of
-  /// pixels share nearly all lines with the others.
+  /// Prefetches the colours `within` bytes into the tiles, because gathers begin only when all
+  /// tiles of a block are found. If all lanes use one tile, the rays on a diagonal of the square of
+  /// pixels touch nearly all cache lines that the others touch.
   HWY_INLINE void prefetch_colors(VU within, bool same_tile) const {
     const D64 d;
     HWY_ALIGN std::int64_t at[kHalves * hn::MaxLanes(D64())];
@@ -193,7 +193,7 @@ void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t cou
   LaneBegins lanes;
   VU last_entry = hn::Zero(d), last_exit = last_entry;
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
-    bool again = false;  // `lanes` has the tiles of all these rays' last entry vertex
+    bool reusable = false;  // `lanes` has the tiles of the previous entry vertex, for all rays
     bool same_tile = false;
     for (std::size_t c = 0; c < pass.entries; ++c) {
       const std::uint32_t *entry_at = &entries.section[c][k], *exit_at = &pass.exit[c]->section[k];
@@ -206,11 +206,11 @@ void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t cou
         return hn::AllTrue(d, hn::And(hn::Eq(entry, a), hn::Eq(exit, b)));
       };
       // Mostly a ray's entry vertices share a tile, and often those of all lanes do.
-      if (!(again && all(last_entry, last_exit))) {
-        again = hn::AllTrue(d, used);
+      if (!(reusable && all(last_entry, last_exit))) {
+        reusable = hn::AllTrue(d, used);
         last_entry = entry, last_exit = exit;
         auto found = hn::FirstN(d, 0);
-        same_tile = again && all(hn::Set(d, *entry_at), hn::Set(d, *exit_at));
+        same_tile = reusable && all(hn::Set(d, *entry_at), hn::Set(d, *exit_at));
         if (pages.first) {
           if (same_tile)
             found = lanes.find(pages, *tiles.table().find(*entry_at, *exit_at)) ? used : found;
@@ -240,7 +240,7 @@ void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t cou
   }
 }
 
-/// Loads 8 bytes for each lane, from `at - before` bytes into its tile; zeros where there is none.
+/// Loads 8 bytes for each lane, `at - before` bytes into its tile; zeros for lanes without a tile.
 HWY_INLINE V64 load(V64 begin, V64 at, int before) {
   const D64 d;
   const V64 within = hn::IfThenZeroElse(hn::Eq(begin, hn::Zero(d)), at);
@@ -288,11 +288,11 @@ void gather_typed(const TileBegins& begins, const Pass& pass, const EntryCells& 
         store_or(upper_bits(one), du, &samples.rgba8[3 * c + 2][k]);
       }
       if constexpr (kDepth) {
-        if (!add && hn::AllTrue(d, hn::Eq(seen, hn::Zero(d)))) {  // no depth means anything
+        if (!add && hn::AllTrue(d, hn::Eq(seen, hn::Zero(d)))) {  // nothing is visible
           hn::StoreU(hn::Zero(du), du, &samples.depth[c][k]);
           continue;
         }
-        for_halves([&](auto half) {  // the last two of 8 bytes, and the last one
+        for_halves([&](auto half) {  // of the 8 bytes loaded: the pair's last two, the third's last
           const V64 begin = hn::LoadU(d, &begins.depth[c][k + half * hn::Lanes(d)]);
           const auto load_at = [&](VU at, int before) {
             return hn::BitCast(du64, load(begin, widen(half_of<half.value>(at)), before));

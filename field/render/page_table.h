@@ -13,8 +13,8 @@
 
 namespace slf {
 
-/// Samples that are all 0, as far as one load reaches, in place of those of an empty tile. The
-/// addresses of all tiles' samples are stored relative to these.
+/// Zeros that stand for the samples of an empty tile, as many as one load can reach. The addresses
+/// of all tiles' samples are stored relative to these.
 inline constexpr std::size_t kZeroReach = 16;  // bytes that are 0 before and after
 alignas(64) inline constexpr std::array<std::byte, 2 * kZeroReach> kZeroSamples{};
 [[nodiscard]] inline const std::byte* zero_samples() { return kZeroSamples.data() + kZeroReach; }
@@ -39,8 +39,8 @@ struct alignas(32) TilePage {
   static constexpr std::uint64_t kNotFound = 0, kRemoved = kStampMask;  ///< instead of stamps
   static constexpr std::uint32_t kStamps = 0x7FFE;  ///< frames until a stamp is reused
 
-  /// The stamp of a frame. Tiles without loaded depths never have the stamp of a frame with depth,
-  /// which also serves a frame of the same number without depth: it compares `stamp_bits` only.
+  /// The stamp of a frame. Its lowest bit is 1 if the frame uses depths, so that it finds only
+  /// tiles with loaded depths. Frames without depth ignore this bit: they compare stamp_bits().
   [[nodiscard]] static constexpr std::uint64_t stamp(std::uint32_t frame, bool with_depth) {
     return 2 * (1 + std::uint64_t{frame % kStamps}) + (with_depth ? 1 : 0);
   }

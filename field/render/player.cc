@@ -238,7 +238,7 @@ class Player::Loader {
   Image preview_;
   std::uint64_t current_ = 0;               // the plan that is worked on
   Clock::duration busy_{};                  // loading tiles, since paced_
-  Clock::time_point paced_ = Clock::now();  // when pacer_ was told last
+  Clock::time_point paced_ = Clock::now();  // end of the last plan that pacer_ knows
 
   std::mutex mutex_;
   std::condition_variable changed_;

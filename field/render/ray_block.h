@@ -3,7 +3,7 @@
 //
 // Everything is a structure of arrays, so that the kernels process as many rays at a time as the
 // machine has lanes. Arrays are longer than the block by kRayPadding: kernels work in whole
-// vectors, and values behind the last ray are unspecified.
+// vectors, and values after the last ray are unspecified.
 #pragma once
 
 #include <array>
@@ -63,10 +63,10 @@ struct RayBlock {
   }
 };
 
-/// The cell of the entry lattice that each ray enters through: three vertices, or in slot 0 the
-/// nearest alone.
+/// The cell of the entry lattice that each ray enters through: three vertices, or only the nearest
+/// one, in slot 0.
 struct EntryCells {
-  std::array<RayArray<std::uint32_t>, 3> section;  ///< that owns the vertex
+  std::array<RayArray<std::uint32_t>, 3> section;  ///< the owner of the vertex
   std::array<RayArray<std::uint32_t>, 3> row;      ///< its first sample in the section's tiles
   std::array<RayArray<float>, 3> weight;
   std::array<PointArrays, 3> point;  ///< the vertices' positions; only if requested
@@ -80,7 +80,7 @@ struct EntryCells {
 };
 
 /// The cell of the exit lattice around one exit point per ray. Two of its three vertices are
-/// neighbours in a row of samples: one load takes both.
+/// neighbours in a row of samples: one load reads both.
 struct ExitCells {
   RayArray<std::uint32_t> section;
   RayArray<std::uint32_t> pair;           ///< column of the first; the second comes next

@@ -38,7 +38,7 @@ HWY_INLINE Cells locate_cells(const Point& p, std::int32_t resolution, std::int3
   const V du = hn::Min(hn::Sub(x, cell.x), one);
   const V dv = hn::Min(hn::Sub(y, cell.y), one);
 
-  // On the last diagonal du + dv exceeds 1 only by rounding: dv gives way.
+  // On the last diagonal du + dv exceeds 1 only by rounding: reduce dv.
   const auto diagonal = hn::Eq(hn::Add(cell.x, cell.y), last);
   const V sum = hn::Add(du, dv), rest = hn::Sub(one, du), v = hn::Min(dv, rest);
   cell.inverted = hn::AndNot(diagonal, hn::Gt(sum, one));
@@ -70,9 +70,9 @@ HWY_INLINE Point vertex(V x, V y, std::int32_t resolution, const Point& side) {
           hn::CopySign(hn::Mul(p.z, inverse), side.z)};
 }
 
-/// A vector that is linear in the pixel's place: its value at a block's first pixel, and what a
-/// step to the right or down adds. The start is computed in double, because eyes may be far away; a
-/// block's few steps lose nothing in float.
+/// A vector that is linear in the pixel's position: its value at a block's first pixel, and its
+/// differences per pixel to the right and down. The start is computed in double, because eyes may
+/// be far away; for the few steps within a block, float is precise enough.
 struct Linear {
   Point start, across, down;
 
@@ -114,7 +114,7 @@ void cast_rays_any(const CameraBasis& basis, const PixelBlock& block, RayBlock& 
       const auto inside = hn::And(hn::Lt(column, columns), hn::Lt(row, rows));
       const auto hit = hn::And(hn::And(hn::Gt(above, zero), ahead), inside);
 
-      // Keep the rays that do.
+      // Keep the rays that cross the sphere ahead of the eye.
       if (hn::AllFalse(d, hit)) continue;
       const bool all = hn::AllTrue(d, hit);
       const Point closest = direction.cross(moment).times(inverse);
@@ -147,7 +147,7 @@ void locate_entries_any(const LevelGeometry& geometry, const RayBlock& rays, boo
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
     const Point enter = Point::load(rays.enter, k);
     const Cells cell = locate_cells(enter, resolution, across * across);
-    // The corners, as Cell::corners() has them.
+    // The corners, as in Cell::corners().
     const VI base = hn::Add(mul_add(to_whole(cell.y), stride, to_whole(cell.x)), cell.octant);
     const VI corners[] = {hn::Add(base, flag(cell.inverted, across + 1)),
                           hn::Add(base, choose(cell.inverted, stride, one)),
@@ -182,7 +182,7 @@ void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, 
   const auto level = static_cast<int>(geometry.level());
   const auto side = static_cast<float>(geometry.exit_side());
   const auto* paths = reinterpret_cast<const std::int32_t*>(geometry.exit_paths().data());
-  // Numbers of cells and columns are in floats, which hold them all: integers multiply slowly.
+  // Cells and columns are numbered in floats, which are exact here: integers multiply slowly.
   const V n = hn::Set(d, side), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
   const V inverse = hn::Set(d, 1 / side), across = hn::Set(d, static_cast<float>(2 << level));
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {

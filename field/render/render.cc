@@ -18,7 +18,7 @@ namespace slf {
 namespace {
 
 constexpr std::uint32_t kTakenBlocks = 16;  // blocks that a thread reserves at a time
-constexpr std::size_t kRayScratch = 512;    // bytes of scratch per ray of a block, about
+constexpr std::size_t kRayScratch = 512;    // approximate scratch per ray of a block, in bytes
 
 struct Plan {
   unsigned threads;

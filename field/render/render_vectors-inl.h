@@ -37,9 +37,9 @@ struct PixelSquare {
   static constexpr std::uint32_t kAcross = hn::MaxLanes(D()) < 4 ? 1 : 4;
   static constexpr std::uint32_t kDown = hn::MaxLanes(D()) / kAcross;
   V right, down;  ///< in pixels from the first
-  VU index;       ///< in the picture, from the first's
+  VU index;       ///< offset in the picture from the first
 
-  /// In a picture of this width.
+  /// `width` is that of the picture.
   HWY_INLINE explicit PixelSquare(std::uint32_t width) {
     const DU d;
     const VU lane = hn::Iota(d, 0), x = hn::And(lane, hn::Set(d, kAcross - 1));

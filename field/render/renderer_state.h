@@ -14,7 +14,7 @@ namespace slf {
 
 struct Renderer::State {
   Field field;
-  std::uint64_t pin_bytes;  // that each thread may pin
+  std::uint64_t pin_bytes;  // of tiles that each thread may pin
   std::shared_ptr<TileCache> cache;
   std::vector<std::unique_ptr<BlockRenderer>> renderers;  // one for each thread, made on first use
 };

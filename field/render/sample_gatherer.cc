@@ -8,8 +8,8 @@
 namespace slf {
 namespace {
 
-constexpr std::uint64_t kPinBytes = 512;  // bookkeeping of a pinned tile, about
-constexpr std::size_t kManyKeys = 4096;   // that a list may repeat
+constexpr std::uint64_t kPinBytes = 512;  // approximate bookkeeping of a pinned tile
+constexpr std::size_t kManyKeys = 4096;   // repetitions that a list may have
 
 }  // namespace
 
@@ -68,7 +68,7 @@ Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCel
     const auto pins = cache_.load(batch, with_depth_);
     if (!pins) return tl::unexpected(pins.error());
     tiles_.set_pinned(batch);
-    gather_loaded(count, entries, pass, true);  // of tiles that stayed: the same samples again
+    gather_loaded(count, entries, pass, true);  // reads tiles that stayed loaded again
   }
   return {};
 }

@@ -11,12 +11,12 @@
 namespace slf {
 
 namespace {
-constexpr std::uint64_t kTileBytes = 512;      // bookkeeping of one tile, about
+constexpr std::uint64_t kTileBytes = 512;      // approximate bookkeeping per tile
 constexpr std::uint64_t kMapWindow = 1 << 16;  // what Linux maps around a page that is read
-constexpr std::uint64_t kTreeWindows = 3;      // on the way through the search tree, about
+constexpr std::uint64_t kTreeWindows = 3;      // approximate, on the way through the tree
 }  // namespace
 
-/// What a tile has of one layer.
+/// A tile's samples of one layer.
 struct TileCache::LayerSamples {
   enum class Stage : std::uint8_t { absent, loading, done };
 
@@ -26,7 +26,7 @@ struct TileCache::LayerSamples {
   std::optional<Error> error;
   Stage stage = Stage::absent;
   bool in_place = false;  // the samples are in the map
-  bool mapped = false;    // the payload is read there
+  bool mapped = false;    // the payload is read through the map
 
   [[nodiscard]] bool loaded() const { return stage == Stage::done && !error; }
 };
@@ -35,7 +35,7 @@ struct TileCache::Tile : Link {
   TileKey key;
   TilePage* page = nullptr;  // where readers find it
   LayerSamples color, depth;
-  std::uint64_t cost = 0;    // what it counts for in the budget
+  std::uint64_t cost = 0;    // bytes that it counts in the budget
   std::uint32_t listed = 0;  // page.used when idle_ was last sorted
   std::uint32_t pins = 0;    // 0: linked into idle_
 
@@ -63,7 +63,7 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t
 }
 TileCache::~TileCache() = default;
 
-/// Holds the lock; after it, does what needs none.
+/// Holds the lock. After unlocking, frees garbage_ and releases the map if that is due.
 class TileCache::ScopedLock {
  public:
   explicit ScopedLock(TileCache& cache) : cache_(cache), lock_(cache.mutex_) {}
@@ -156,8 +156,8 @@ TileCache::Reader::~Reader() {
 }
 
 TileCache::ReadScope::ReadScope(Reader& reader) : reader_(reader) {
-  // A remover that does not see this epoch did its part before: the fence orders this store and
-  // the loads of pages that follow, as remove_locked()'s orders its store and loads of epochs.
+  // If a remover does not see this epoch, this thread sees its removal: the fence orders the store
+  // before loads of pages, and free_removed_locked()'s orders removals before loads of epochs.
   reader.slot_->epoch.store(reader.cache_.epoch_.load(std::memory_order_acquire),
                             std::memory_order_relaxed);
   std::atomic_thread_fence(std::memory_order_seq_cst);
@@ -184,7 +184,7 @@ TileCache::Tile* TileCache::least_recently_used_locked() {
   };
   Tile* tile = first();
   if (!tile || tile->page->used.load(std::memory_order_relaxed) == tile->listed) return tile;
-  sort_idle_locked();  // frames used some since
+  sort_idle_locked();  // frames have used some tiles since
   return first();
 }
 
@@ -228,7 +228,7 @@ void TileCache::free_removed_locked() {
 void TileCache::remove_for_locked(std::uint64_t bytes) {
   while (statistics_.decoded_bytes - removed_bytes_ + bytes > budget_) {
     Tile* const tile = least_recently_used_locked();
-    if (!tile) return;  // the rest is pinned
+    if (!tile) return;  // all others are pinned
     tile->unlink();
     remove_locked(*tile);
   }
@@ -237,7 +237,7 @@ void TileCache::remove_for_locked(std::uint64_t bytes) {
 void TileCache::make_room(std::unique_lock<std::mutex>& lock, std::uint64_t bytes) {
   remove_for_locked(bytes);
   free_removed_locked();
-  while (!removed_.empty() && statistics_.decoded_bytes + bytes > budget_) {  // not for long
+  while (!removed_.empty() && statistics_.decoded_bytes + bytes > budget_) {  // a short wait
     lock.unlock();
     std::this_thread::yield();
     lock.lock();
@@ -318,7 +318,7 @@ void TileCache::publish_locked(Tile& tile) {
   if (!tile.visible() || tile.depth.loaded() || together_) layers |= TilePage::kDepth;
   if (tile.depth.loaded() && tile.depth.ref.state == storage::TileState::missing)
     layers |= TilePage::kDepthMissing;
-  // What is read in the map counts there, if the map has a budget; pinning counts it.
+  // If the map has a budget, samples in the map must be pinned: pinning counts their pages.
   if (map_budget_ != kUnlimited && (tile.color.in_place || tile.depth.in_place))
     layers |= TilePage::kPinFirst;
   TilePage& page = *tile.page;
@@ -371,7 +371,7 @@ Result<void> TileCache::load_layer(Tile& tile, LayerSamples& samples, storage::L
   samples.first = first;
   auto decoded = field_.decode(*ref, {first, bytes});
   if (!decoded && decoded.error().code == ErrorCode::failed) {
-    // A tile that it is predicted from is missing, and so is this one, for now.
+    // A tile that this one is predicted from is missing, so this one counts as missing, too.
     samples.ref.state = storage::TileState::missing;
     samples.first = nullptr;
     return {};
@@ -383,7 +383,7 @@ std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys,
   const auto depth = depth_layer(with_depth);
   std::vector<Located> located(keys.size());
   std::vector<TileKey> absent;
-  std::vector<std::size_t> places;  // of the absent ones among all
+  std::vector<std::size_t> places;  // indices of the absent ones in `keys`
   {
     const std::lock_guard lock(mutex_);
     for (std::size_t k = 0; k < keys.size(); ++k) {
@@ -394,7 +394,7 @@ std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys,
       places.push_back(k);
     }
   }
-  // All together, unless the tables of so many records were too much of the map.
+  // Find all in one batch, unless the tables of so many records would exceed the map's budget.
   const std::size_t most =
       std::max<std::uint64_t>(map_budget_ / (4 * kMapWindow * (depth ? 2 : 1)), 1);
   for (std::size_t begin = 0; begin < absent.size(); begin += most) {
@@ -419,8 +419,8 @@ std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys,
 
 void TileCache::count_mapped_locked(const storage::TileRef& tile, bool read) {
   const auto [begin, end] = read ? field_.store().range(tile) : storage::FileRange{};
-  // Neighbours are mostly read together; others take their record's table and a leaf of the tree,
-  // and so do tiles that are empty.
+  // Finding a tile maps two windows: its record's table and a leaf of the tree. A payload next to
+  // the one read last shares them.
   std::uint64_t windows = 2;
   if (begin < end) {
     const std::uint64_t first = begin / kMapWindow, last = (end - 1) / kMapWindow;
@@ -430,7 +430,7 @@ void TileCache::count_mapped_locked(const storage::TileRef& tile, bool read) {
   mapped_bytes_ += windows * kMapWindow;
   if (mapped_bytes_ <= map_budget_) return;
   release_due_ = true;
-  mapped_bytes_ = kTreeWindows * kMapWindow;  // these are soon read again
+  mapped_bytes_ = kTreeWindows * kMapWindow;  // the tree's pages are soon read again
   mapped_window_ = kUnlimited;
 }
 

@@ -1,8 +1,8 @@
 // TileCache: the loaded tiles of one field, within a byte budget.
 //
 // Renderers find tiles without a lock: inside a ReadScope, page_table() maps a pair of sections to
-// a TilePage. Tiles that are absent they load(): each is found in the file, checked and decoded
-// once; other threads that need it wait. Over budget, the least recently used tiles are removed,
+// a TilePage. They load() absent tiles: each is found in the file, checked and decoded once, while
+// other threads that need it wait. Over budget, the least recently used tiles are removed,
 // and their memory is freed when no ReadScope can have found them. A Pin keeps a tile loaded. Only
 // pinned tiles can exceed the budget, so keep few pins at a time.
 //
@@ -110,9 +110,9 @@ class TileCache {
   /// The table of a level, to find pages inside ReadScopes. Thread-safe.
   [[nodiscard]] const PageTable& page_table(unsigned level) const { return tables_[level]; }
 
-  /// Begins a frame: tiles that it uses get its number in TilePage::used. Unless it `lists_tiles`,
-  /// a frame shares its number with such frames right before it while the cache has room: they find
-  /// each other's tiles as fast as their own, and no removal needs to know which is the older.
+  /// Begins a frame: tiles that it uses get its number in TilePage::used. While the cache has room,
+  /// successive frames that do not `lists_tiles` share a number: they find each other's tiles as
+  /// fast as their own, and no removal needs to know which frame is older.
   /// Thread-safe.
   [[nodiscard]] std::uint32_t begin_frame(bool lists_tiles = true);
 
@@ -144,7 +144,7 @@ class TileCache {
   void reset_peak();
 
  private:
-  /// Tiles that nothing pins, about the least recently used first, as a ring through `idle_`.
+  /// Tiles that nothing pins, in a ring through `idle_`, roughly from least to most recently used.
   struct Link {
     Link* before = this;
     Link* after = this;
@@ -205,12 +205,12 @@ class TileCache {
     std::unique_ptr<Tile> tile;
   };
   std::deque<Removed> removed_;                 // that a reader may still see
-  std::vector<std::unique_ptr<Tile>> garbage_;  // the others; freed outside the lock
+  std::vector<std::unique_ptr<Tile>> garbage_;  // that no reader can see; freed outside the lock
   std::uint64_t removed_bytes_ = 0;             // of removed_
   bool shared_ = false;                         // whether frames may share the last number
   bool release_due_ = false;                    // of the map
   Link idle_;
-  std::uint64_t mapped_bytes_ = 0;   // read through the map since it was last released, about
+  std::uint64_t mapped_bytes_ = 0;   // approximate, read through the map since its last release
   std::uint64_t mapped_window_ = 0;  // the window that was read last
   CacheStatistics statistics_;
 };

@@ -9,7 +9,7 @@ namespace slf {
 
 namespace {
 constexpr std::uint64_t kLine = 64, kHugePage = 2 << 20;
-// More than any cache: what is never written takes no memory.
+// Larger than any cache. Address space that is never written takes no memory.
 constexpr std::uint64_t kMaxReserved = 1ull << 40;
 
 constexpr std::uint64_t whole_lines(std::uint64_t bytes) {
@@ -44,7 +44,7 @@ TileMemory::Block TileMemory::allocate(std::size_t bytes) {
   const std::uint64_t size = whole_lines(bytes);
   const Free deleter{this, bytes};
   const std::lock_guard lock(mutex_);
-  const auto found = free_by_size_.lower_bound({size, 0});  // the tightest, the first of these
+  const auto found = free_by_size_.lower_bound({size, 0});  // the smallest that fits
   if (found == free_by_size_.end())
     return {static_cast<std::byte*>(::operator new(size, std::align_val_t(kLine))), deleter};
   const auto [had, begin] = *found;

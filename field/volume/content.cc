@@ -10,7 +10,7 @@ namespace slf {
 namespace {
 
 /// Dimensions, geometry, scale and type as text. Each number has exactly one representation.
-std::string meaning(const Volume& v) {
+std::string metadata_text(const Volume& v) {
   std::ostringstream text;
   text.imbue(std::locale::classic());
   text << std::hexfloat << name(v.type) << ' ' << v.labels << ' ' << v.slope << ' ' << v.intercept;
@@ -26,7 +26,7 @@ std::string meaning(const Volume& v) {
 std::string content_hash(const Volume& volume) {
   const std::unique_ptr<XXH3_state_t, XXH_errorcode (*)(XXH3_state_t*)> state(XXH3_createState(),
                                                                               XXH3_freeState);
-  const std::string head = meaning(volume);
+  const std::string head = metadata_text(volume);
   XXH3_128bits_reset(state.get());
   XXH3_128bits_update(state.get(), head.data(), head.size());
   XXH3_128bits_update(state.get(), volume.voxels.data(), volume.voxels.size());

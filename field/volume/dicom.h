@@ -91,7 +91,7 @@ class DicomPixelReader {
   ~DicomPixelReader();
 
   /// All frames of the next file, each slice.bytes() long, in native byte order, before slope and
-  /// intercept. Bits beside the stored ones are cleared, and the sign is extended. The values of
+  /// intercept. Bits that are not stored are cleared, and the sign is extended. The values of
   /// MONOCHROME1 (least is white) do not change.
   /// bad_file: too few pixels, or compressed ones that cannot be decoded.
   /// REQUIRES: there is a next file.

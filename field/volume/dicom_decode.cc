@@ -86,7 +86,7 @@ bool is_of_stated_size(const DicomSlice& file, const gdcm::Image& image) {
     if (!value) return false;
     const std::string_view bytes(value->GetPointer(), value->GetLength());
     const auto start = bytes.substr(0, 512).find("\xff\x4f\xff\x51");  // SOC, SIZ
-    if (start == std::string_view::npos) continue;                     // goes on from the last
+    if (start == std::string_view::npos) continue;                     // continues the last
     if (bytes.size() < start + 24) return false;
     const auto field = [&](std::size_t at) {
       std::uint32_t number = 0;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::uint32_t kPixelData = 0x7fe00010;
 
-/// Clears the bits beside the stored ones (old files have overlays there) and extends the sign.
+/// Clears the bits that are not stored (old files have overlays there) and extends the sign.
 template <class T>
 void keep_stored_bits_of(std::vector<std::byte>& pixels, const DicomSlice& slice) {
   constexpr unsigned kBits = 8 * sizeof(T);

@@ -42,7 +42,7 @@ struct ByteReader::State {
     stream.avail_in = static_cast<uInt>(file.gcount());
   }
 
-  // A gzip file may be several members, one after the other; anything else behind is not ours.
+  // A gzip file may have several members, one after the other. Anything else after them is ignored.
   bool next_member() {
     if (stream.avail_in == 0) refill();
     if (stream.avail_in == 0 || *stream.next_in != 0x1f) return false;

@@ -112,7 +112,7 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 /// The path of a data file that a header names relative to its own folder.
 [[nodiscard]] std::string beside(const std::string& header, std::string_view name);
 
-/// The next line of `text` from `at` on, without its end; `at` moves behind it.
+/// The next line of `text` from `at` on, without its end. Moves `at` to the line after it.
 [[nodiscard]] std::string_view next_line(std::string_view text, std::size_t& at);
 
 // The readers, one per format. `head` is from read_head() and includes the whole header.

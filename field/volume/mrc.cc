@@ -33,7 +33,7 @@ struct Words {
   [[nodiscard]] double real(std::size_t word) const { return std::bit_cast<float>(integer(word)); }
 };
 
-// The machine stamp is often wrong; columns, rows and sections map to axes 1, 2, 3 in some order.
+// The machine stamp is often wrong. Tests instead in which order words 17 to 19 permute 1, 2, 3.
 std::optional<bool> byte_order(std::string_view head) {
   for (const bool big : {false, true}) {
     const Words words{head, big};

@@ -349,7 +349,7 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
   if (!header.single_file)
     data.path = std::filesystem::path(path).replace_extension(".img").string();
   else if (data.skip < header_bytes)
-    data.skip = header_bytes + 4;  // unset: behind the header and its extension flag
+    data.skip = header_bytes + 4;  // unset: after the header and its extension flag
   std::ifstream file(data.path, std::ios::binary);
   if (!file)
     return fail(ErrorCode::io, path, ": its voxels are in ", data.path,

@@ -33,7 +33,7 @@ struct Header {
 
 Result<Header> parse_lines(const std::string& path, std::string_view head) {
   Header header;
-  std::size_t at = std::min(head.find('\n'), head.size() - 1) + 1;  // behind the magic
+  std::size_t at = std::min(head.find('\n'), head.size() - 1) + 1;  // after the magic
   for (int number = 2; at < head.size(); ++number) {
     const auto line = next_line(head, at);
     if (line.empty()) break;
@@ -319,9 +319,9 @@ Result<VoxelData> locate(const std::string& path, const Header& header, const Vo
     return fail(size.error().code, path, ": its data file cannot be read: ", size.error().message);
   const auto lines = parse_skip(path, fields, "lineskip", 0);
   if (!lines) return tl::unexpected(lines.error());
-  const auto behind = offset_after_lines(data.path, data.offset, *lines);
-  if (!behind) return tl::unexpected(behind.error());
-  data.offset = *behind;
+  const auto offset = offset_after_lines(data.path, data.offset, *lines);
+  if (!offset) return tl::unexpected(offset.error());
+  data.offset = *offset;
   const auto skip = parse_skip(path, fields, "byteskip", data.packed ? 0 : -1);
   if (!skip) return tl::unexpected(skip.error());
   data.skip = *skip;

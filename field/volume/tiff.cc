@@ -18,7 +18,7 @@ namespace slf::volume_io {
 
 namespace {
 
-// The most that an encoding we read can expand: zstd, in runs. It only bounds buffers.
+// The largest expansion by an encoding that we read: that of runs by zstd. Only bounds buffers.
 constexpr std::uint64_t kMaxExpansion = 4096;
 constexpr std::uint32_t kMaxPages = 1u << 20;
 

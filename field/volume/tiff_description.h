@@ -35,7 +35,7 @@ struct TiffDescription {
 
   /// Whether it names the files that its pictures are in.
   [[nodiscard]] bool names_files() const;
-  /// Where OME says that a picture is. `path`: the file with the description. bad_file: nowhere.
+  /// The place of a picture according to OME. `path`: the described file. bad_file: none is stated.
   [[nodiscard]] Result<TiffPlace> place_of(std::uint64_t picture, const std::string& path) const;
 };
 

@@ -32,12 +32,12 @@ struct Document {
   std::string extent, origin, spacing, direction;
   int pieces = 0;
   std::string piece_extent;
-  std::string wanted;     ///< the array that the file calls its scalars
+  std::string scalars;    ///< the array that the file calls its scalars
   bool of_cells = false;  ///< no point data: values belong to cells
   Array array{};
-  int others = 0;  ///< arrays beside it
+  int others = 0;  ///< other arrays
   bool appended_raw = false;
-  std::uint64_t appended = 0;  ///< byte behind the tag of the appended data; 0: none
+  std::uint64_t appended = 0;  ///< byte after the tag of the appended data; 0: none
 };
 
 std::string get(const XmlAttributes& attributes, std::string_view key) {
@@ -52,7 +52,7 @@ Result<Document> read_document(const std::string& path) {
   std::string problem;
   const auto take_array = [&](const XmlAttributes& attributes) {
     const std::string name = get(attributes, "Name");
-    const bool preferred = !d.wanted.empty() && name == d.wanted;
+    const bool preferred = !d.scalars.empty() && name == d.scalars;
     if (inside.empty() || (d.array.found && !preferred)) {
       d.others += inside.empty() ? 0 : 1;
       return;
@@ -92,7 +92,7 @@ Result<Document> read_document(const std::string& path) {
               d.piece_extent = get(a, "Extent");
             } else if (name == "PointData" || (name == "CellData" && !d.array.found)) {
               inside = name;
-              d.wanted = get(a, "Scalars");
+              d.scalars = get(a, "Scalars");
             } else if (name == "DataArray") {
               take_array(a);
             } else if (name == "AppendedData") {
@@ -394,7 +394,7 @@ Result<std::vector<std::byte>> read_ascii(const Document& d, const Volume& volum
   return bytes;
 }
 
-/// The offset of the appended data, behind an underscore that blanks may precede.
+/// The offset of the appended data, after an underscore that blanks may precede.
 Result<std::uint64_t> find_appended(const std::string& path, std::uint64_t from) {
   auto reader = ByteReader::open(path, from, false);
   if (!reader) return tl::unexpected(reader.error());

@@ -30,7 +30,7 @@ class Parser {
     XML_SetEntityDeclHandler(parser_.get(), &Parser::on_entity);
   }
 
-  /// True: go on.
+  /// Returns whether parsing should go on.
   Result<bool> feed(std::string_view bytes, bool last) {
     const auto status =
         XML_Parse(parser_.get(), bytes.data(), static_cast<int>(bytes.size()), last ? 1 : 0);

@@ -23,7 +23,7 @@ struct XmlHandler {
 /// The largest depth of nested elements.
 inline constexpr int kMaxXmlDepth = 64;
 
-/// Parses a file. Returns the offset behind the tag at which `start` ended the reading, or the size
+/// Parses a file. Returns the offset after the tag at which `start` ended the reading, or the size
 /// of the file. bad_file: not well formed, entities, or too deep; the message has the line.
 [[nodiscard]] Result<std::uint64_t> read_xml(const std::string& path, const XmlHandler& handler);
 /// Parses text in the same way. `source` is its name for messages.

@@ -90,10 +90,10 @@ class CameraPath {
   ///   {"keys": [{"at": 0, "orbit": [30, 20, 3]},
   ///             {"at": 4, "eye": [0, -300, 80], "look_at": [0, 0, 20], "fov": 30}, ...]}
   /// There are 2 to 10,000 keys. `at` is in seconds, 0 to a day, and ascends; the path begins at
-  /// the first. A key
-  /// has an orbit (azimuth, elevation, distance as above; azimuths may exceed 360) or an eye in
-  /// world units. It may have look_at (default: the sphere's centre) and fov (default: the sphere
-  /// fits). bad_file: anything else; the message names `name`, the key and what was expected.
+  /// that of the first key. Each key has an orbit (azimuth, elevation, distance as above; azimuths
+  /// may exceed 360) or an eye in world units. It may have look_at (default: the sphere's centre)
+  /// and fov (default: the sphere fits the picture). bad_file: anything else; the message names
+  /// `name`, the key and what was expected.
   [[nodiscard]] static Result<CameraPath> parse(std::string_view json, const std::string& name,
                                                 const Sphere& sphere);
 
@@ -102,7 +102,7 @@ class CameraPath {
 
   /// Duration of the path.
   [[nodiscard]] double seconds() const { return keys_.back().at; }
-  /// The camera `seconds` after the path's begin. Its `up` is any_up() of the view direction.
+  /// The camera `seconds` after the path begins. Its `up` is any_up() of the view direction.
   [[nodiscard]] Camera at(double seconds, std::uint32_t width, std::uint32_t height) const;
 
  private:

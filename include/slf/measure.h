@@ -40,7 +40,7 @@ struct MeanAndMax {
 struct LevelMeasure {
   unsigned level = 0;
   std::uint64_t tiles = 0;      ///< of the level, in all subfields
-  MeanAndMax tiles_touched;     ///< including those of neighbouring owners
+  MeanAndMax tiles_touched;     ///< including neighbours that interpolation reads
   MeanAndMax pairs_crossed;     ///< (entry section, exit section) pairs that rays pass through
   MeanAndMax compressed_bytes;  ///< of the touched tiles, in the layers the mode uses
   MeanAndMax map_pages;         ///< distinct 4 KiB pages of the map, as the engine counts them
@@ -61,8 +61,8 @@ struct MeasureOptions {
 struct Measurement {
   std::vector<LevelMeasure> levels;
   LevelMeasure total;  ///< the sum over the levels of each view
-  /// Whether cached_pages and mapped_pages hold for the views alone: the kernel dropped the file
-  /// from its cache before each. It does not if another process maps the file, or on tmpfs.
+  /// Whether cached_pages and mapped_pages count each view alone: the kernel dropped the file from
+  /// its cache before each. It does not if another process maps the file, or on tmpfs.
   bool kernel_counted = true;
   std::uint64_t rss_anon_peak = 0;  ///< bytes, of this process while it rendered
   std::uint64_t rss_file_peak = 0;  ///< bytes, mapped pages of files

@@ -32,9 +32,9 @@ struct MergeReport {
 /// merged. Progress counts tiles. The bytes depend neither on the order of the parts nor on the
 /// threads.
 ///
-/// Subfields that repack_field() cut out of a predictive field were encoded again, each for itself.
-/// The merged field has these tiles, not those of the original field. Such subfields cannot be
-/// merged with shards.
+/// When repack_field() cuts subfields out of a predictive field, it encodes their tiles again. A
+/// merge of such subfields has these tiles, not those of the original field; it cannot include
+/// shards.
 ///
 /// All parts are opened and compared before the output is created.
 /// usage: no parts; two parts hold the same tiles, a part has other settings or tables than the

@@ -36,9 +36,9 @@ class Scene {
  public:
   virtual ~Scene() = default;
 
-  /// Work that rays need and that a build can do without if it has no ray to trace. build_field()
-  /// calls it before the first one; other programs only where a scene asks for it. Not
-  /// thread-safe; a second call does nothing.
+  /// Does work that rays need, and that a build without rays to trace can skip. build_field() calls
+  /// this before it traces the first ray. Other programs need to call it only if the scene's
+  /// documentation says so. Not thread-safe; a second call does nothing.
   [[nodiscard]] virtual Result<void> prepare() const { return {}; }
 
   /// A sphere around everything visible.

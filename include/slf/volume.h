@@ -26,7 +26,7 @@ enum class ScalarType : std::uint8_t { u8, i8, u16, i16, u32, i32, u64, i64, f32
 [[nodiscard]] std::size_t bytes_per_voxel(ScalarType type);
 
 /// A type by any of its usual names, in any case: "u8", "uint8", "uint8_t", "uchar", "unsigned
-/// char", and so for the others. usage: unknown; the message lists the short names.
+/// char", and likewise for others. usage: unknown; the message lists the short names.
 [[nodiscard]] Result<ScalarType> parse_scalar_type(std::string_view text);
 
 /// Voxels as stored in the file (8 and 16 bits stay so), x fastest, then y, then z.
@@ -79,7 +79,7 @@ struct VoxelBox {
 struct VolumeOptions {
   std::optional<RawLayout> raw{};  ///< the layout of a raw file, which does not state it itself
   bool labels = false;             ///< read values as ids
-  /// Which number of each voxel to read (RGB, vectors, channels), from 0.
+  /// Which component of each voxel to read (of RGB, vectors, channels), from 0.
   std::optional<std::uint32_t> component{};
   std::optional<std::uint32_t> time{};  ///< which of several volumes in a file to read, from 0
   std::optional<VoxelBox> crop{};       ///< keep only these voxels; their position does not change
@@ -109,8 +109,8 @@ struct VolumeOptions {
 ///  - A folder of pictures is stacked in the order of names, numbers by value.
 ///  - Files that only state spacings start at the origin.
 ///
-/// If voxels have several numbers or the file has several volumes, `component` and `time` choose.
-/// Colour pictures whose channels are equal are read as grey.
+/// If voxels have several components, or the file has several volumes, `component` and `time`
+/// choose one. Colour pictures whose channels are equal are read as grey.
 ///
 /// Values. A scale that holds for the whole file is returned as slope and intercept. A DICOM series
 /// whose scale differs from slice to slice (PET) becomes f32 with the scales applied. MONOCHROME1,

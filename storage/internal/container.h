@@ -32,7 +32,7 @@ struct LayerInfo {
 };
 
 struct Container {
-  std::uint64_t transaction = 0;  ///< that wrote the blob; the meta page must name it, too
+  std::uint64_t transaction = 0;  ///< the one that wrote the blob; equals the meta page's
   std::vector<LayerInfo> layers;
 };
 

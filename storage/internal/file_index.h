@@ -34,7 +34,7 @@ struct IndexSection {
 
 /// The directory of an index, at the end of its file.
 struct FileIndex {
-  std::uint64_t transaction = 0;  ///< the only state of the file that it describes
+  std::uint64_t transaction = 0;  ///< the commit that it describes; stale for any other
   std::vector<IndexSection> sections;
 
   /// The number of bytes at the end of the file that parse() needs; 0 if the file has no index.

@@ -13,7 +13,7 @@
 // occupied, and a process cannot open a container twice. These locks need only a descriptor, which
 // may be read-only and in a read-only directory, and the kernel releases them with the process.
 //
-// Why not a writer that never reuses pages? A reopened LMDB reuses what its last run freed.
+// Why not a writer that never reuses pages? Once reopened, LMDB reuses pages that it freed before.
 #pragma once
 
 #include <cstdint>

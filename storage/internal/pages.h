@@ -123,8 +123,8 @@ class Pages {
   /// A branch (leaf = false) or leaf page. bad_file: the page is damaged or of another kind.
   [[nodiscard]] Result<TreePage> tree_page(std::uint64_t number, bool leaf) const;
 
-  /// The value of a leaf node, which is in the leaf or in overflow pages; of a value in overflow
-  /// pages, only the first `most` bytes. bad_file: these pages are damaged.
+  /// The value of a leaf node. If it is in overflow pages, returns only its first `most` bytes.
+  /// bad_file: the overflow pages are damaged.
   [[nodiscard]] Result<ByteSpan> value(const Node& node,
                                        std::uint64_t most = ~std::uint64_t{0}) const;
 

@@ -43,8 +43,8 @@ struct Tile {
   TileState state = TileState::missing;
   ByteSpan payload;  ///< empty if the Record views only the start of the value
   std::uint64_t checksum = 0;
-  std::uint64_t offset = 0;  ///< of the payload in the value, when read
-  std::uint64_t size = 0;    ///< of the payload, when read
+  std::uint64_t offset = 0;  ///< of the payload in the value; set by reading
+  std::uint64_t size = 0;    ///< of the payload; set by reading
 };
 
 /// A record whose header and table have been checked. Views the value.
@@ -57,7 +57,7 @@ class Record {
   /// The same for the start of a value of `size` bytes. REQUIRES: `start` includes the table.
   [[nodiscard]] static Result<Record> parse(ByteSpan start, std::uint64_t size);
 
-  /// Where the table of a record ends. REQUIRES: kRecordHeader bytes.
+  /// The offset at which a record's table ends. REQUIRES: `start` has kRecordHeader bytes.
   [[nodiscard]] static std::uint64_t table_end(ByteSpan start);
 
   [[nodiscard]] LayerId layer() const { return layer_; }

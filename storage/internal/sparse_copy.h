@@ -41,7 +41,7 @@ class SparseCopy final : public ByteSource {
   [[nodiscard]] Result<ByteSpan> bytes(std::uint64_t offset, std::uint64_t size) const override;
   void expect(std::span<const FileRange> ranges) const override { (void)fetch(ranges); }
 
-  /// Stores bytes that the caller got in another way. io: the disk is full.
+  /// Stores bytes that the caller has fetched itself. io: the disk is full.
   [[nodiscard]] Result<void> put(std::uint64_t offset, ByteSpan bytes) const;
 
  private:
