@@ -66,7 +66,7 @@ Result<Container> decode_container(ByteSpan blob) {
     at += name;
     container.layers.push_back(std::move(layer));
   }
-  if (at != blob.size()) return damaged("bytes behind the list of layers");
+  if (at != blob.size()) return damaged("bytes after the list of layers");
   return container;
 }
 

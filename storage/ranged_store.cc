@@ -24,7 +24,7 @@ Result<ByteSpan> RangedStore::Source::bytes(std::uint64_t offset, std::uint64_t 
   const std::uint64_t begin = offset / kPageSize * kPageSize;
   const std::uint64_t end = (offset + size + kPageSize - 1) / kPageSize * kPageSize;
   needed.push_back({begin, std::min(end, file_bytes)});
-  return fail(ErrorCode::io, "bytes ", begin, " to ", end, " are not there yet");
+  return fail(ErrorCode::io, "bytes ", begin, " to ", end, " are not present yet");
 }
 
 RangedStore::RangedStore(std::string name, std::uint64_t file_bytes) : trees_(std::move(name)) {

@@ -38,7 +38,7 @@ Result<std::unique_ptr<SparseCopy>> SparseCopy::make(std::shared_ptr<RangeSource
   copy->file_ = open_temporary();
   if (copy->file_ < 0 || ftruncate(copy->file_, static_cast<off_t>(copy->source_->size())) != 0)
     return fail(ErrorCode::io, name, ": cannot make a temporary file of ", copy->source_->size(),
-                " bytes: ", std::strerror(errno), "; TMPDIR says where");
+                " bytes: ", std::strerror(errno), "; set TMPDIR to another folder");
   auto map = MappedFile::map(copy->file_, copy->source_->size(), name);
   if (!map) return tl::unexpected(std::move(map.error()));
   copy->map_ = std::move(*map);
@@ -56,8 +56,8 @@ Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {
     if (put < 0 && errno == EINTR) continue;
     if (put <= 0)
       return fail(ErrorCode::io, source_->name(),
-                  ": cannot keep what was fetched: ", std::strerror(errno),
-                  "; TMPDIR says where it is kept");
+                  ": cannot store fetched bytes: ", std::strerror(errno),
+                  "; set TMPDIR to another folder");
     bytes = bytes.subspan(static_cast<std::size_t>(put));
     offset += static_cast<std::uint64_t>(put);
   }

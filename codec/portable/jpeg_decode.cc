@@ -227,7 +227,7 @@ const char* decode_planes(const JpegTables& tables, const JpegShape& shape, Byte
           }
       }
   if (!bits.whole()) return "a marker inside the scan";
-  if (!bits.used_up()) return "bytes behind the picture";
+  if (!bits.used_up()) return "bytes after the picture";
   return nullptr;
 }
 

@@ -108,7 +108,7 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
   if (!field && in_place) return tl::unexpected(field.error());
   if (!field)
     return fail(field.error().code, field.error().message,
-                "; it is in the way of a new file: remove it");
+                "; remove it: a new file needs its name");
   const Manifest& existing = (*field)->manifest();
   if (auto same = check_same(file, existing, manifest); !same) {
     if (output.existing == Existing::replace) return std::nullopt;  // the build starts over

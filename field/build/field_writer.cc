@@ -32,7 +32,7 @@ Result<void> remove_leftover(const std::string& file) {
   }
   if (writer.error().code == ErrorCode::failed) return tl::unexpected(writer.error());
   return fail(writer.error().code, writer.error().message,
-              "; it is in the way of a new file: remove it");
+              "; remove it: a new file needs its name");
 }
 
 /// Rewrites an error about the draft `file` as one about `path`, the output that the user named.
@@ -171,7 +171,7 @@ Result<void> FieldWriter::explained(Result<void> written) const {
   if (written || written.error().code != ErrorCode::io) return written;
   return fail(ErrorCode::io, output_ ? output_->path + ": not written: " : "",
               written.error().message,
-              discard_ ? "; nothing is left of it"
+              discard_ ? "; no file remains"
                        : "; what was committed stays, and the same call goes on from there");
 }
 

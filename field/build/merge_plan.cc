@@ -35,7 +35,8 @@ std::string name_of(const TileOrder& order, NumberRange tiles) {
 }
 
 tl::unexpected<Error> unfinished(const std::string& path, const std::string& what) {
-  return fail(ErrorCode::failed, path, ": ", what, "; run the command that builds it to its end");
+  return fail(ErrorCode::failed, path, ": ", what,
+              "; to complete it, run the command that builds it again");
 }
 
 /// The tiles that a field claims to hold, by their numbers in `order`, the order of the merged

@@ -64,7 +64,7 @@ Result<Bytes> encode_png(const std::string& name, const Image& image,
 }
 
 Result<Image> decode_png(const std::string& name, ByteSpan bytes) {
-  if (!reaches_end(bytes)) return fail(ErrorCode::bad_file, name, ": PNG ends before its end");
+  if (!reaches_end(bytes)) return fail(ErrorCode::bad_file, name, ": PNG is truncated");
   PngImage png;
   if (png_image_begin_read_from_memory(&png, bytes.data(), bytes.size()) == 0)
     return fail(ErrorCode::bad_file, name, ": damaged PNG: ", png.message);

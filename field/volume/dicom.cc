@@ -175,7 +175,7 @@ Result<void> count_frames(const DicomElements& elements, DicomSlice& slice) {
   const double frames = stated.empty() ? 1 : stated[0];
   if (frames > 1 && elements.frames.empty())
     return fail(ErrorCode::unsupported, slice.path, ": ", frames,
-                " frames that do not say where they lie (no functional groups); convert it, e.g. "
+                " frames without positions (no functional groups); convert it, e.g. "
                 "`dcm2niix FOLDER`");
   if (!elements.frames.empty() && frames != static_cast<double>(elements.frames.size()))
     return fail(ErrorCode::bad_file, slice.path, ": NumberOfFrames is ", frames, ", but ",

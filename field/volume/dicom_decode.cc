@@ -204,7 +204,7 @@ tl::unexpected<Error> DicomDecoder::decoding_error(const DicomSlice& file, bool 
   if (ended > 0 && WIFSIGNALED(status) &&
       (WTERMSIG(status) == SIGINT || WTERMSIG(status) == SIGTERM || WTERMSIG(status) == SIGKILL))
     return fail(ErrorCode::failed, file.path,
-                ": its decoder was ended from outside: ", ::strsignal(WTERMSIG(status)));
+                ": its decoder was killed: ", ::strsignal(WTERMSIG(status)));
   return fail(ErrorCode::bad_file, file.path, ": its pixels, ", what,
               ended > 0 && WIFSIGNALED(status) ? ", crash the decoder" : ", cannot be decoded",
               " to ", file.frames, " frames of ", file.height, "x", file.width, " ",

@@ -83,7 +83,7 @@ Result<LabelTable> parse_lines(std::string_view text, const std::string& source)
           "B A`");
     if (!table.emplace(entry->id, entry->style).second)
       return fail(ErrorCode::bad_file, source, ", line ", line, ": the id ", entry->id,
-                  " stands there twice");
+                  " occurs twice");
   }
   if (table.empty()) return fail(ErrorCode::bad_file, source, ": a table without labels");
   return table;
@@ -120,7 +120,7 @@ Result<LabelTable> parse_json(const std::string& text, const std::string& source
       style.opacity = opacity->get<double>();
     }
     if (!table.emplace(label["id"].get<std::int64_t>(), style).second)
-      return bad(place + ".id: stands there twice");
+      return bad(place + ".id: occurs twice");
   }
   if (table.empty()) return bad("no labels");
   return table;

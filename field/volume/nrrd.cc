@@ -200,8 +200,8 @@ Result<OtherExtents> keep_space(const std::string& path, bool directed, std::vec
         .append(std::to_string(axis.size))
         .append(axis.kind.empty() ? "" : " (" + in_quotes(axis.kind) + ")");
   return fail(ErrorCode::unsupported, path, ": sizes ", found,
-              ", expected 3 axes of space, components before and time behind: extract one volume, "
-              "e.g. `unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
+              ", expected 3 axes of space, with components before and time after them: extract one "
+              "volume, e.g. `unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
 }
 
 /// Converts from the header's space to LPS. Other spaces do not change, as in ITK.
