@@ -22,7 +22,6 @@ SLF_EMBED(slf_page_renderer, SLF_PAGE_DIR "/renderer.js")
 SLF_EMBED(slf_page_source, SLF_PAGE_DIR "/source.js")
 SLF_EMBED(slf_page_field, SLF_PAGE_DIR "/field.js")
 SLF_EMBED(slf_page_decoders, SLF_PAGE_DIR "/decoders.js")
-SLF_EMBED(slf_page_rays, SLF_PAGE_DIR "/rays.js")
 SLF_EMBED(slf_page_reader, SLF_PAGE_DIR "/reader.js")
 SLF_EMBED(slf_page_loader, SLF_PAGE_DIR "/loader.js")
 SLF_EMBED(slf_page_main, SLF_PAGE_DIR "/main.js")
@@ -51,7 +50,6 @@ std::span<const PageFile> page_files() {
       file("source.js", kScript, slf_page_source_begin, slf_page_source_end),
       file("field.js", kScript, slf_page_field_begin, slf_page_field_end),
       file("decoders.js", kScript, slf_page_decoders_begin, slf_page_decoders_end),
-      file("rays.js", kScript, slf_page_rays_begin, slf_page_rays_end),
       file("reader.js", kScript, slf_page_reader_begin, slf_page_reader_end),
       file("loader.js", kScript, slf_page_loader_begin, slf_page_loader_end),
       file("main.js", kScript, slf_page_main_begin, slf_page_main_end),

@@ -42,12 +42,6 @@ export class Decoders {
       worker.port.postMessage({...message, id});
     });
   }
-  ask(message) {
-    return new Promise((done, failed) => {
-      this.queue.push({message, done, failed});
-      this.send();
-    });
-  }
   // Gives messages to the workers that have the least to do.
   send() {
     while (this.queue.length > 0) {
@@ -59,7 +53,6 @@ export class Decoders {
   }
   // Leaves out what the worker has, and says what it no longer needs to keep.
   prepared(worker, message) {
-    if (!message.references) return message;
     const keep = (page, bytes) => {
       worker.bytes += bytes - (worker.kept.get(page) ?? 0);
       worker.kept.delete(page);
@@ -81,13 +74,13 @@ export class Decoders {
     return {...message, references, forget};
   }
 
-  // In both calls, `part` is {layer, level, entry, exit, checksum, payload}. The calls fail if the
-  // payload is damaged.
-
-  // Resolves to the tiles of the next coarser level that the part is predicted from:
-  // [[entry, exit], …].
-  references(part) { return this.ask({...part, action: 'references'}); }
-  // Resolves to the part's samples. Each of `references` is {page, entry, exit, samples}; an empty
-  // tile has samples of length 0.
-  decode(part, references) { return this.ask({...part, references, action: 'decode'}); }
+  // Resolves to the samples of a tile in a layer. `part` is {layer, level, entry, exit, payload};
+  // Field.references() has verified the payload. Each of `references` is {page, entry, exit,
+  // samples}; an empty tile has samples of length 0. Fails if the payload is damaged.
+  decode(part, references) {
+    return new Promise((done, failed) => {
+      this.queue.push({message: {...part, references, action: 'decode'}, done, failed});
+      this.send();
+    });
+  }
 }

@@ -4,6 +4,7 @@ import {kDone, kNeedsBytes, Native} from './module.js';
 
 export const kMissing = 0, kEmpty = 1, kStored = 2, kDamaged = 4;  // states of tiles in a layer
 
+const kFirstRays = 64;             // across the picture, that choose the first tiles
 const kMaxTableEntries = 1 << 24;  // numbers in the tables, and in the page table
 
 // Tiles in the form that the module reads.
@@ -68,6 +69,8 @@ export class Field {
     for (const layer of this.layers) {
       await this.complete((c) => c.slf_tables(layer));
       this.tables[layer] = this.native.textBytes();
+      this.native.fill(this.tables[layer]);
+      this.native.check(this.native.calls.slf_codec(layer));
     }
     this.shape = this.makeShape();
   }
@@ -80,7 +83,7 @@ export class Field {
       entrySide: m.entry_side, exitSide: m.exit_side, hasDepth: this.together || this.depth >= 0,
       levels: -1,
       half: m.layers[this.color].format.startsWith('rgba16f'), rowBits: 0, pages: 0,
-      columns: (m.exit_side + 1) * (m.exit_side + 2) / 2, mostRows: (side + 1) * (side + 2) / 2,
+      columns: (m.exit_side + 1) * (m.exit_side + 2) / 2, maxRows: (side + 1) * (side + 2) / 2,
       rowBase: new Int32Array(11), pathBase: new Int32Array(11), pageBase: new Int32Array(11)};
     const parts = [];
     let size = 0;
@@ -137,6 +140,16 @@ export class Field {
       this.layers.map((layer) => this.complete((c) => c.slf_prepare(layer, level))));
   }
 
+  // The pages of the tiles of level 0 that a view needs first, found without the graphics card: its
+  // programs may not be compiled yet. The shader finds all that a picture needs.
+  firstTiles(camera, width, height) {
+    const {eye, forward, right, down, half} = camera.axes(width, height);
+    const view = [eye, forward, right.map((v) => v * half * width / height),
+                  down.map((v) => v * half)];
+    this.native.fill(new Uint8Array(new Float64Array(view.flat()).buffer));
+    return this.pagesAt(this.native.calls.slf_first_tiles(kFirstRays));
+  }
+
   // The pages of tiles, and of all tiles that these are predicted from, as far as the field lists
   // them and prepare() has read the lists.
   withAncestors(tiles) {
@@ -145,13 +158,13 @@ export class Field {
     this.native.fill(keysOf(tiles));
     return this.pagesAt(calls.slf_with_ancestors(this.color));
   }
-  // The pages of the tiles that the index says that a tile is predicted from. Undefined: it does
-  // not say.
-  references(tile) {
+  // Verifies a payload of a tile in a layer. Returns the pages of the tiles that it is predicted
+  // from. Throws if it is damaged.
+  references({layer, checksum, tile: {level, entry, exit}}, payload) {
     const {calls} = this.native;
-    this.native.fill(keysOf([tile]));
-    const at = calls.slf_listed_references(this.color);
-    return at === 0 ? undefined : this.pagesAt(at);
+    this.native.fill(payload);
+    this.native.check(calls.slf_check(layer, level, entry, exit, ...checksum));
+    return this.pagesAt(calls.slf_references(layer, level, entry, exit));
   }
   pagesAt(at) {
     const {calls} = this.native, count = calls.slf_tile_count();

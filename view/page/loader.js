@@ -84,7 +84,7 @@ export class Loader {
         return;
       }
       if (depthState === kEmptyTile)
-        depth = new Uint8Array(this.field.shape.columns * this.field.shape.mostRows);
+        depth = new Uint8Array(this.field.shape.columns * this.field.shape.maxRows);
       this.renderer.setTile(slot, color, depth);
       value = slot + kFirstSlot;
       if (depthState !== undefined && !depth) value |= kNoDepth;

@@ -9,12 +9,11 @@ import {Renderer} from './renderer.js';
 import {Decoders} from './decoders.js';
 import {Field} from './field.js';
 import {Loader} from './loader.js';
-import {firstTiles} from './rays.js';
 import {EmbeddedSource, HttpSource} from './source.js';
 
 const kTileBytes = 192 << 20;  // of textures
 const kFrame = 40;             // milliseconds that a frame may take, by drawing fewer pixels
-const kLeastScale = 0.2;       // of the pixels along an edge that are drawn
+const kMinScale = 0.2;       // of the pixels along an edge that are drawn
 const kPause = 6;              // between frames while tiles come, in times of the last one
 const kAhead = 0.4;            // seconds that loading looks ahead of a moving camera
 const kLevel0 = 2 << 20;       // bytes: a level 0 so small is loaded whole
@@ -168,7 +167,7 @@ function frame(now) {
 // Draws a frame. While the picture changes, slow graphics draw fewer pixels.
 async function draw(moving) {
   const view = currentView(), pixels = canvas.width * canvas.height;
-  const scale = Math.sqrt(kFrame / (renderer.cost * pixels || kFrame / kLeastScale ** 2));
+  const scale = Math.sqrt(kFrame / (renderer.cost * pixels || kFrame / kMinScale ** 2));
   const whole = !moving && (scale >= 1 || renderer.keeps(view) || page.state === 'settled');
   drawMarks();
   if (whole) {
@@ -177,7 +176,7 @@ async function draw(moving) {
     drawing = true;
     dirty = false;
     const begin = performance.now();
-    await renderer.draw(view, Math.min(1, Math.max(kLeastScale, scale)));
+    await renderer.draw(view, Math.min(1, Math.max(kMinScale, scale)));
     pause(begin);
     drawing = false;
   }
@@ -288,7 +287,7 @@ async function follow() {
 
 // Level 0 first, of each ray the tile that matters most: something is seen at once.
 async function begin() {
-  const pages = firstTiles(field.shape, camera, canvas.width, canvas.height);
+  const pages = field.firstTiles(camera, canvas.width, canvas.height);
   loader.want(pages, true);
   field.prepare(currentView().level).catch(fail);
   await Promise.all([arrived(version), renderer.ready]);

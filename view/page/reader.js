@@ -3,7 +3,7 @@
 
 import {kDamaged, kEmpty, kStored} from './field.js';
 
-const kKept = 48 << 20;       // bytes of samples
+const kKept = 48 << 20;  // bytes of samples
 const kNothing = new Uint8Array(0);
 
 // A tile that was read: `state` of its colours, `depthState` of its depths if the field has any,
@@ -26,27 +26,27 @@ export class Reader {
 
   // Reads pages, and fetches together what it can. One promise of a Tile each.
   read(pages) {
-    const fresh = [];
-    const tileOf = (page) => {
+    const fresh = [], held = new Map();  // held: by page; none is read twice for this call
+    const hold = (page) => {
       let tile = this.tiles.get(page);
       if (!tile) fresh.push(tile = new Tile(this.field.tile(page)));
       this.tiles.delete(page);
       this.tiles.set(page, tile);
+      held.set(page, tile);
       return tile;
     };
-    const tiles = pages.map(tileOf);
-    const asked = new Set(pages);
+    const tiles = pages.map(hold);
     for (const page of this.field.withAncestors(fresh))
-      if (!asked.has(page)) tileOf(page).ready.then(this.onReference, () => {});
+      if (!held.has(page)) hold(page).ready.then(this.onReference, () => {});
     if (fresh.length > 0)
-      this.load(fresh).catch((error) => fresh.forEach((tile) => {
+      this.load(fresh, held).catch((error) => fresh.forEach((tile) => {
         this.tiles.delete(tile.page);
         tile.failed(error);
       }));
     return tiles.map((tile) => tile.ready);
   }
 
-  async load(tiles) {
+  async load(tiles, held) {
     const {field} = this, parts = [];  // payloads
     for (const layer of field.layers) {
       const found = await field.find(tiles, layer);
@@ -57,73 +57,51 @@ export class Reader {
     }
     // Colours decide: a tile without them has no use for depths.
     const wanted = parts.filter(({tile}) => tile.state === kStored);
-    field.source.readAll(wanted.map(({begin, end}) => [begin, end]))
-      .forEach((payload, i) => { wanted[i].payload = payload; });
-    const references = this.findReferences(wanted);
-    references.catch(() => {});  // the parts report it
+    const payloads = field.source.readAll(wanted.map(({begin, end}) => [begin, end]));
+    const allCame = Promise.all(payloads);
+    allCame.catch(() => {});  // decode() reports it
     await Promise.all(tiles.map(async (tile) => {
-      await Promise.all(wanted.filter((part) => part.tile === tile)
-        .map((part) => this.decode(part, references)));
+      await Promise.all(wanted.map(
+        (part, i) => part.tile === tile && this.decode(part, payloads[i], held, allCame)));
       this.finish(tile);
     }));
   }
 
-  // Lists what the parts are predicted from. What nobody reads yet is read all together, once all
-  // lists are known; until then a part may be decoded whose references are all on their way.
-  async findReferences(parts) {
-    const {field} = this;
-    if (!field.predicts) return;
-    const fresh = new Set();
-    await Promise.all(parts.map((part) => part.listed = (async () => {
-      const pages = field.references(part.tile) ?? await this.referencesOf(part);
-      part.references = pages.map((page) => {
-        const ready = this.tiles.get(page)?.ready;
-        if (!ready) fresh.add(page);
-        return {page, ready};
-      });
-    })()));
-    if (fresh.size === 0) return;
-    const pages = [...fresh];
-    this.read(pages).forEach((ready) => ready.then((tile) => this.onReference(tile), () => {}));
-  }
-  // What a payload itself says that it is predicted from.
-  async referencesOf(part) {
-    part.payload = await part.payload;
-    const {level} = part.tile;
-    if (level === 0) return [];
+  // Decodes a payload, which names the tiles that it is predicted from. If the index lists them,
+  // read() holds them. Otherwise they are read once all payloads of the batch have come, so that
+  // they are fetched together.
+  async decode(part, coming, held, allCame) {
+    const {tile, layer} = part, payload = await coming;
+    let pages;
     try {
-      const found = await this.ask('references', part);
-      return found.map(([entry, exit]) => this.field.page(level - 1, entry, exit));
+      pages = this.field.references(part, payload);
+    } catch {
+      return this.spoil(part);
+    }
+    const tileOf = (page) => held.get(page) ?? this.tiles.get(page);
+    if (!pages.every(tileOf)) await allCame;
+    const references = await Promise.all(
+      pages.map((page) => tileOf(page)?.ready ?? this.readReference(page)));
+    if (references.some(({state}) => state !== kStored && state !== kEmpty))
+      return this.spoil(part);  // it cannot be predicted
+    try {
+      this.place(part, await this.decoders.decode(
+        {layer, level: tile.level, entry: tile.entry, exit: tile.exit, payload},
+        references.map(({page, entry, exit, samples}) =>
+          ({page, entry, exit, samples: samples ?? kNothing}))));
     } catch {
       this.spoil(part);
-      return [];
     }
   }
+  readReference(page) {
+    const [ready] = this.read([page]);
+    ready.then(this.onReference, () => {});
+    return ready;
+  }
 
-  async decode(part, findReferences) {
-    const {field} = this, references = [];
-    part.payload = await part.payload;
-    await part.listed;
-    const ready = () => (part.references ?? []).map((r) => r.ready ?? this.read([r.page])[0]);
-    if (part.references?.some((r) => !r.ready)) await findReferences;
-    for (const tile of await Promise.all(ready())) {
-      if (tile.state !== kStored && tile.state !== kEmpty)
-        return this.spoil(part);  // it cannot be predicted
-      const {page, entry, exit, samples} = tile;
-      references.push({page, entry, exit, samples: samples ?? kNothing});
-    }
-    if (part.spoilt) return;
-    let samples;
-    try {
-      samples = await this.ask('decode', part, references);
-    } catch {
-      if (part.own) return this.spoil(part);
-      part.own = true;  // the index may be wrong about it
-      part.references = (await this.referencesOf(part))
-        .map((page) => ({page, ready: this.tiles.get(page)?.ready}));
-      return this.decode(part, findReferences);
-    }
-    const {tile, layer} = part;
+  // Takes the samples of a part.
+  place({tile, layer}, samples) {
+    const {field} = this;
     if (layer !== field.color) {
       tile.depth = samples;
     } else if (field.together) {
@@ -136,14 +114,8 @@ export class Reader {
       tile.color = samples;
     }
   }
-
-  // Asks a worker about a part. Fails if the part is damaged.
-  ask(what, {layer, checksum, payload, tile: {level, entry, exit}}, references) {
-    return this.decoders[what]({layer, level, entry, exit, checksum, payload}, references);
-  }
-  spoil(part) {
-    part.spoilt = true;
-    part.tile[part.layer === this.field.color ? 'state' : 'depthState'] = kDamaged;
+  spoil({tile, layer}) {
+    tile[layer === this.field.color ? 'state' : 'depthState'] = kDamaged;
   }
 
   // Keeps a tile that others may be predicted from.

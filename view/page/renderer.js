@@ -93,8 +93,8 @@ export class Renderer {
 
   // A tile takes 2^bits × height texels of a texture layer. A layer holds one or more tiles.
   makeTiles(budget) {
-    const gl = this.gl, {columns, mostRows, half, hasDepth} = this.shape;
-    const samples = columns * mostRows;
+    const gl = this.gl, {columns, maxRows, half, hasDepth} = this.shape;
+    const samples = columns * maxRows;
     this.bits = Math.ceil(Math.log2(Math.sqrt(samples)));
     const width = 1 << this.bits, height = Math.ceil(samples / width);
     const maxSize = gl.getParameter(gl.MAX_TEXTURE_SIZE);

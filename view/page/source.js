@@ -5,12 +5,12 @@ const kMetaBytes = 152;         // of each of which so many are in use
 const kEnd = 64 << 10;          // and of its end, where an index may be
 const kCheapGap = 4 << 10;      // bytes that a request is not worth
 const kWidestGap = 256 << 10;   // bytes that no request saved is worth
-const kLeastRanges = 24;        // of one call, that another single request is worth,
-const kMostSingle = 22;         // up to so many
+const kRangesPerRequest = 24;        // of one call, that another single request is worth,
+const kMaxSingle = 22;         // up to so many
 const kPartHead = 160;          // bytes that a range costs in an answer with several
-const kMostParts = 80;          // ranges of one request; hosts refuse more than 200
-const kMostAnswer = 512 << 10;  // bytes of an answer with several ranges, about
-const kMostAtFirst = 1 << 26;   // bytes reserved for an answer that says that it has more
+const kMaxParts = 80;          // ranges of one request; hosts refuse more than 200
+const kMaxAnswer = 512 << 10;  // bytes of an answer with several ranges, about
+const kMaxReserved = 1 << 26;   // bytes reserved for an answer that says that it has more
 const kKept = 16 << 20;         // bytes of answers to single ranges
 const kRetries = 4;
 
@@ -125,9 +125,9 @@ export class HttpSource {
           if ((this.tag ??= tag) !== tag)
             refuse('The field has changed on its host. Reload the page.');
         }
-        const most = status === 206 ? Infinity : status === 200 ? wanted : 0;
-        for (const reader = most > 0 ? response.body.getReader() : undefined;
-             answer.have < most;) {
+        const limit = status === 206 ? Infinity : status === 200 ? wanted : 0;
+        for (const reader = limit > 0 ? response.body.getReader() : undefined;
+             answer.have < limit;) {
           const {value, done} = await reader.read();
           if (done) break;
           this.bytes += value.length;
@@ -137,7 +137,7 @@ export class HttpSource {
         }
         if (status === 206) return answer;
         stop.abort();  // else the whole file may come
-        if (most > 0) answer.whole = answer.bytes.slice(0, Math.min(most, answer.have));
+        if (limit > 0) answer.whole = answer.bytes.slice(0, Math.min(limit, answer.have));
         if (response.ok || status === 416) return answer;
         wrong = status === 404 ? 'The field is not there (404).' : `The host answered ${status}.`;
         if (status < 500 && status !== 429) refuse(wrong);
@@ -177,7 +177,7 @@ class Answer {
     const header = (name) => response.headers.get(name) ?? '';
     this.mixed = /^multipart\/byteranges/i.test(header('Content-Type'));
     const length = response.status === 206 ? Number(header('Content-Length')) : 0;
-    this.bytes = new Uint8Array(Math.min(length || 1 << 16, kMostAtFirst));
+    this.bytes = new Uint8Array(Math.min(length || 1 << 16, kMaxReserved));
     this.have = 0;
     this.next = 0;  // of a mixed body: where the next part's head begins
     this.parts = response.status === 206 && !this.mixed ? [place(header('Content-Range'), 0)] : [];
@@ -237,10 +237,11 @@ function merged(ranges, gap) {
 
 // Ascending ranges with the smallest gaps filled, until the requests are few enough or far apart.
 function inFewRequests(ranges) {
-  const most = Math.min(Math.ceil(ranges.length / kLeastRanges), kMostSingle);
+  const maxRequests = Math.min(Math.ceil(ranges.length / kRangesPerRequest), kMaxSingle);
   const all = merged(ranges, kCheapGap);
   const gaps = all.slice(1).map(([begin], i) => begin - all[i][1]).sort((a, b) => b - a);
-  return gaps.length < most ? all : merged(ranges, Math.min(gaps[most - 1], kWidestGap));
+  return gaps.length < maxRequests ? all
+    : merged(ranges, Math.min(gaps[maxRequests - 1], kWidestGap));
 }
 
 // Ascending ranges, dealt out to requests for several. All answers come side by side, so each
@@ -253,7 +254,7 @@ function grouped(ranges) {
     else parts.push([range]);
   }
   const bytes = ranges.reduce((sum, {begin, end}) => sum + end - begin, 0);
-  const count = Math.ceil(Math.max(parts.length / kMostParts, bytes / kMostAnswer));
+  const count = Math.ceil(Math.max(parts.length / kMaxParts, bytes / kMaxAnswer));
   return Array.from({length: count}, (_, i) => parts.filter((_, k) => k % count === i).flat());
 }
 

@@ -1,4 +1,4 @@
-// The script of a worker, which verifies and decodes tiles.
+// The script of a worker, which decodes tiles.
 import {Native} from './module.js';
 
 let native;
@@ -15,24 +15,7 @@ function open({module, manifest, tables}) {
   });
 }
 
-// Copies a payload into the module's buffer and verifies it.
-function receivePayload({layer, level, entry, exit, checksum, payload}) {
-  native.fill(payload);
-  native.check(native.calls.slf_check(layer, level, entry, exit, ...checksum));
-}
-
-// The tiles of the next coarser level that a payload is predicted from: [[entry, exit], …].
-function references(message) {
-  const {layer, level, entry, exit} = message;
-  receivePayload(message);
-  const at = native.calls.slf_references(layer, level, entry, exit);
-  const all = new Uint32Array(native.calls.memory.buffer, at,
-                              2 * native.calls.slf_reference_count());
-  return Array.from({length: all.length / 2}, (_, i) => [all[2 * i], all[2 * i + 1]]);
-}
-
-function decode(message) {
-  const {layer, level, entry, exit, references, forget} = message;
+function decode({layer, level, entry, exit, payload, references, forget}) {
   for (const page of forget) kept.delete(page);
   for (const {page, samples} of references) if (samples) kept.set(page, samples);
   for (const reference of references) {
@@ -40,12 +23,12 @@ function decode(message) {
     native.check(
       native.calls.slf_add_reference(layer, level - 1, reference.entry, reference.exit));
   }
-  receivePayload(message);
+  native.fill(payload);
   native.check(native.calls.slf_decode(layer, level, entry, exit));
   return native.bytes(native.calls.slf_samples(), native.calls.slf_sample_bytes()).slice();
 }
 
-const actions = {open, references, decode};
+const actions = {open, decode};
 
 self.onmessage = ({data}) => {
   try {

@@ -6,13 +6,14 @@
 // slf_text(). A call that needs more bytes stores their ranges, for slf_ranges(). JavaScript writes
 // bytes for the module to the memory that slf_buffer() returns.
 
+#include <algorithm>
 #include <array>
-#include <bit>
 #include <cstdint>
 #include <cstring>
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -61,7 +62,6 @@ struct Module {
   std::vector<std::unique_ptr<LevelGeometry>> geometry;  // by level, made when needed
   std::vector<Decoder> decoders;                         // by layer
   std::map<TileKey, TileSamples> references;             // for the next tile to decode
-  std::vector<std::uint32_t> sections;                   // (entry, exit) of each reference
   Bytes samples;
 };
 
@@ -128,6 +128,19 @@ const std::uint32_t* list(std::span<const TileKey> keys) {
     m.tiles.insert(m.tiles.end(), {key.level, of.entry.index, of.exit.index});
   }
   return m.tiles.data();
+}
+
+/// The tile of level 0 with the greatest weight for a ray; none if the ray misses the unit sphere.
+std::optional<TileKey> first_tile(const glm::dvec3& eye, const glm::dvec3& direction) {
+  const Chord chord = intersect(Sphere{}, eye, direction);
+  if (!chord.hit || chord.leave <= 0) return std::nullopt;
+  const LevelGeometry& level = geometry(0);
+  const Cell entry = locate(eye + chord.enter * direction, level.entry_resolution());
+  const Cell exit = locate(eye + chord.leave * direction, level.exit_resolution());
+  const auto heaviest =
+      std::max_element(entry.weights.begin(), entry.weights.end()) - entry.weights.begin();
+  const OctantPoint vertex = entry.corners()[static_cast<std::size_t>(heaviest)];
+  return key_of(0, level.entry_row(entry.octant, vertex).section, level.exit_cell(exit).section);
 }
 
 Result<void> parse_manifest(ByteSpan bytes, const std::string& name) {
@@ -240,16 +253,6 @@ SLF_EXPORT(slf_with_ancestors) const std::uint32_t* slf_with_ancestors(std::uint
   append_ancestors(module().reference_indexes[layer], keys);
   return list(keys);
 }
-/// What the tile in the buffer is predicted from, listed likewise. Null: the index does not say, as
-/// far as slf_prepare() has read it.
-SLF_EXPORT(slf_listed_references) const std::uint32_t* slf_listed_references(std::uint32_t layer) {
-  const TileKey key = keys_in_buffer().front();
-  const ReferenceIndexes& listed = module().reference_indexes[layer];
-  if (key.level > listed.size()) return nullptr;
-  std::vector<TileKey> references;
-  if (key.level > 0) listed[key.level - 1].append_references(key, references);
-  return list(references);
-}
 SLF_EXPORT(slf_tile_count) std::size_t slf_tile_count() { return module().tiles.size() / 3; }
 
 // ---- geometry, for the GPU ----------------------------------------------------------------------
@@ -269,6 +272,23 @@ SLF_EXPORT(slf_exit_paths) const std::uint32_t* slf_exit_paths(unsigned level) {
 }
 SLF_EXPORT(slf_exit_path_count) std::size_t slf_exit_path_count(unsigned level) {
   return geometry(level).exit_paths().size();
+}
+
+/// Lists the tiles of level 0 that a view needs first, as slf_with_ancestors() does: of each of
+/// `across` × `across` rays, the tile with the greatest weight. The buffer holds four vectors of
+/// three f64, in radii from the sphere's centre: the eye, the direction of the picture's centre,
+/// and what leads from there to its right and to its lower edge.
+SLF_EXPORT(slf_first_tiles) const std::uint32_t* slf_first_tiles(std::uint32_t across) {
+  std::array<glm::dvec3, 4> view;
+  std::memcpy(view.data(), module().buffer.data(), sizeof view);
+  const auto& [eye, forward, right, down] = view;
+  const auto place = [&](std::uint32_t at) { return (2.0 * at + 1) / across - 1; };
+  std::set<TileKey> tiles;
+  for (std::uint32_t y = 0; y < across; ++y)
+    for (std::uint32_t x = 0; x < across; ++x)
+      if (const auto tile = first_tile(eye, forward + place(x) * right + place(y) * down))
+        tiles.insert(*tile);
+  return list(std::vector(tiles.begin(), tiles.end()));
 }
 
 // ---- decoding -----------------------------------------------------------------------------------
@@ -303,22 +323,14 @@ int slf_check(std::uint32_t layer, std::uint32_t level, std::uint32_t entry, std
   return failed({ErrorCode::bad_file, "the payload does not match its checksum"});
 }
 
-/// Returns the tiles that the payload in the buffer is predicted from: slf_reference_count() pairs
-/// of an entry and an exit section of the next coarser level. The field may not have such a tile.
+/// Lists the tiles that the payload in the buffer is predicted from, as slf_with_ancestors() does.
+/// REQUIRES: slf_check() has verified the payload.
 SLF_EXPORT(slf_references)
 const std::uint32_t* slf_references(std::uint32_t layer, std::uint32_t level, std::uint32_t entry,
                                     std::uint32_t exit) {
-  Module& m = module();
-  m.sections.clear();
-  if (const auto& predicted = m.decoders[layer].predicted)
-    for (const TileKey key : predicted->references(key_of(level, entry, exit), m.buffer)) {
-      const TileSections of = sections_of(key, m.manifest->shape.entry_extra_levels);
-      m.sections.insert(m.sections.end(), {of.entry.index, of.exit.index});
-    }
-  return m.sections.data();
-}
-SLF_EXPORT(slf_reference_count) std::size_t slf_reference_count() {
-  return module().sections.size() / 2;
+  const auto& predicted = module().decoders[layer].predicted;
+  if (!predicted) return list({});
+  return list(predicted->references(key_of(level, entry, exit), module().buffer));
 }
 
 /// Adds a tile that the next tile to decode is predicted from. The buffer holds its samples, or no
