@@ -69,15 +69,17 @@ Result<bool> repack_if_requested(const ExportArguments& a, const Field& field,
   RepackOptions options = a.repack;
   options.levels = a.levels;
   options.replace = true;
-  const std::uint64_t most =
-      a.max_size > 0 ? view::room_for_field(a.max_size, a.one_file()) : UINT64_MAX;
-  if (most == 0)
+  const bool limited = a.max_size > 0;
+  const std::uint64_t room = view::room_for_field(a.max_size, a.one_file());
+  if (limited && room == 0)
     return fail(ErrorCode::usage, "--max-size: the page alone is larger; allow 1MiB or more");
   const bool as_it_is = !a.levels && options.color_codec.empty() && options.depth_codec.empty();
-  if (as_it_is && field.file_bytes() <= most) return false;
+  // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
+  const bool fits = !limited || (a.one_file() && field.file_bytes() <= room);
+  if (as_it_is && fits) return false;
   const auto bar = progress_bar("export", "tiles");
-  const auto report = most == UINT64_MAX ? repack_field(field, path, options, bar)
-                                         : view::repack_to_fit(field, path, options, most, bar);
+  const auto report = limited ? view::repack_to_fit(field, path, options, room, bar)
+                              : repack_field(field, path, options, bar);
   if (!report) return tl::unexpected(report.error());
   return true;
 }

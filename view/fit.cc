@@ -9,44 +9,48 @@ namespace {
 
 constexpr std::array kQualities = {90, 75, 60, 45};
 
-/// The codecs to try, the best first. An empty name stands for the field's own codec.
-std::vector<std::string> codecs(const Field& field, const RepackOptions& options) {
+/// What to try, the best first.
+std::vector<RepackOptions> candidates(const Field& field, const RepackOptions& options) {
   const auto& layers = field.layers();
   const bool half = std::any_of(layers.begin(), layers.end(), [](const Layer& layer) {
     return layer.format == SampleFormat::rgba16f;
   });
-  if (half || !options.color_codec.empty() || !options.depth_codec.empty())
-    return {options.color_codec};
-  std::vector<std::string> specs;
-  for (const int quality : kQualities)
-    specs.push_back((field.has_depth() ? "predictive:" : "jpeg:") + std::to_string(quality));
-  return specs;
+  const bool chosen = !options.color_codec.empty() || !options.depth_codec.empty();
+  const unsigned finest = options.levels.value_or(field.shape().levels);
+  const unsigned levels = options.levels ? 1 : finest + 1;
+  std::vector<RepackOptions> all;
+  RepackOptions next = options;
+  next.replace = true;
+  for (unsigned k = 0; k < levels; ++k) {
+    next.levels = finest - k;
+    next.color_codec = options.color_codec;  // if empty, the field's own
+    if (k == 0 || half || chosen) all.push_back(next);
+    if (half || chosen) continue;
+    for (const int quality : kQualities) {
+      next.color_codec = (field.has_depth() ? "predictive:" : "jpeg:") + std::to_string(quality);
+      all.push_back(next);
+    }
+  }
+  return all;
 }
 
 }  // namespace
 
 Result<RepackReport> repack_to_fit(const Field& field, const std::string& path,
-                                   RepackOptions options, std::uint64_t most,
+                                   const RepackOptions& options, std::uint64_t max_bytes,
                                    const ProgressCallback& progress) {
-  const std::vector<std::string> specs = codecs(field, options);
-  const unsigned finest = options.levels.value_or(field.shape().levels);
-  const unsigned coarsest = options.levels ? finest : 0;
-  for (unsigned levels = finest;; --levels) {
-    options.levels = levels;
-    for (std::size_t k = 0; k < specs.size();) {
-      options.color_codec = specs[k];
-      options.replace = true;
-      auto report = repack_field(field, path, options, progress);
-      if (!report || report->file_bytes <= most) return report;
-      const bool last = levels == coarsest && k + 1 == specs.size();
-      if (last)
-        return fail(ErrorCode::usage, field.path(), ": does not get smaller than ",
-                    report->file_bytes, " bytes; there is room for ", most);
-      // If the size is far above the limit, try only the lowest quality next.
-      const std::size_t next = k + 1;
-      k = report->file_bytes > 2 * most && next < specs.size() ? specs.size() - 1 : next;
-    }
+  const std::vector<RepackOptions> all = candidates(field, options);
+  for (const RepackOptions& candidate : std::span(all).first(all.size() - 1)) {
+    const auto estimate = estimate_repack(field, candidate, progress);
+    if (!estimate) return tl::unexpected(estimate.error());
+    if (estimate->file_bytes > max_bytes + estimate->file_error_bytes) continue;
+    auto report = repack_field(field, path, candidate, progress);
+    if (!report || report->file_bytes <= max_bytes) return report;
   }
+  auto report = repack_field(field, path, all.back(), progress);
+  if (!report || report->file_bytes <= max_bytes) return report;
+  return fail(ErrorCode::usage, field.path(), ": does not get smaller than ", report->file_bytes,
+              " bytes; there is room for ", max_bytes);
 }
 
 }  // namespace slf::view

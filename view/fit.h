@@ -9,12 +9,14 @@
 
 namespace slf::view {
 
-/// Repacks a field into at most `most` bytes, with the least loss of quality. Tries qualities 90,
-/// 75, 60 and 45 with all levels, then with one level less, and so on, and keeps the first result
-/// that fits. Codecs or levels that `options` sets are not changed. Errors as repack_field().
-/// usage: even the last result is too large; the message states its size.
+/// Repacks a field into at most `max_bytes` bytes, with the least loss of quality: with all levels,
+/// tries the field's own codecs, then qualities 90, 75, 60 and 45; then the qualities with one
+/// level less, and so on. Keeps the first result that fits, and leaves out what is too large by the
+/// estimate of estimate_repack(). Codecs or levels that `options` sets are not changed. Errors as
+/// repack_field(). usage: even the last result is too large; the message states its size.
 [[nodiscard]] Result<RepackReport> repack_to_fit(const Field& field, const std::string& path,
-                                                 RepackOptions options, std::uint64_t most,
+                                                 const RepackOptions& options,
+                                                 std::uint64_t max_bytes,
                                                  const ProgressCallback& progress);
 
 }  // namespace slf::view

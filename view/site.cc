@@ -81,17 +81,15 @@ Result<std::uint64_t> check(const std::string& path) {
 
 }  // namespace
 
-std::uint64_t room_for_field(std::uint64_t most, bool one_file) {
+std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
   std::uint64_t page = 0;
   for (const PageFile& file : page_files())
     page +=
         one_file && file.name == kModuleFile ? file.bytes.size() / 3 * 4 + 4 : file.bytes.size();
   if (one_file)
     page += kStartScript.size() + 65536;  // 65536: the elements around scripts and pieces
-  if (most <= page) return 0;
-  if (one_file) return (most - page) / 4 * 3;   // base64
-  constexpr std::uint64_t kSmallIndex = 65536;  // the index of a larger field is under a sixteenth
-  return most - page > kSmallIndex ? (most - page - kSmallIndex) / 16 * 15 : 0;
+  if (max_bytes <= page) return 0;
+  return one_file ? (max_bytes - page) / 4 * 3 : max_bytes - page;  // base64
 }
 
 Result<void> export_page(const std::string& field, const std::string& output) {

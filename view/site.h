@@ -11,9 +11,9 @@ namespace slf::view {
 /// The largest field in bytes for export_page(). Browsers would not load larger pages.
 inline constexpr std::uint64_t kMaxEmbeddedBytes = std::uint64_t{1} << 30;
 
-/// The size of the largest field whose export, as one HTML file or as a folder, has at most `most`
-/// bytes; 0 if the page alone is larger.
-[[nodiscard]] std::uint64_t room_for_field(std::uint64_t most, bool one_file);
+/// The size of the largest field, with its index, whose export as one HTML file or as a folder has
+/// at most `max_bytes` bytes; 0 if the page alone is larger.
+[[nodiscard]] std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file);
 
 /// Writes one HTML file with the page and the field, which opens from disk. Replaces `output`;
 /// after an error, `output` is unchanged. io: a file cannot be read or written. bad_file: `field`

@@ -157,8 +157,9 @@ const std::vector<Prose>& all() {
        {"Writes a page that shows a field, for people who do not have slf. One file, NAME.html, "
         "opens from disk and needs no network. A folder goes to any host of static files that "
         "serves parts of files (HTTP ranges); then only the parts that views need are loaded.",
-        "With --max-size, slf tries qualities 90, 75, 60 and 45 of all levels, then of one level "
-        "less, and so on, and writes the first that fits. --codec or --levels fix one of these."},
+        "With --max-size, slf tries the field as it is, then qualities 90, 75, 60 and 45 of all "
+        "levels, then of one level less, and so on, and writes the first that fits. --codec or "
+        "--levels fix one of these."},
        {{"One file to send", "slf export head.slf -o head.html --max-size 20MiB"},
         {"A folder for a web host", "slf export head.slf -o site/"}}},
   };
