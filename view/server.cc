@@ -13,6 +13,7 @@
 #include <condition_variable>
 #include <cstring>
 #include <filesystem>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <thread>
@@ -130,22 +131,31 @@ std::string content_range(const FilePart& part, std::uint64_t file) {
          "/" + std::to_string(file);
 }
 
+/// A file as requests see it.
+struct Content {
+  std::uint64_t size;
+  std::string tag;   ///< entity tag
+  std::string type;  ///< media type
+  /// Sends a part. Returns false if that fails.
+  std::function<bool(std::uint64_t offset, std::uint64_t size, httplib::DataSink& sink)> send;
+};
+
 /// The body of an answer with several parts: text, then a part of the file, and so on.
 class Multipart {
  public:
   static constexpr std::string_view kType = "multipart/byteranges; boundary=slf-part";
 
-  Multipart(const std::vector<FilePart>& parts, std::uint64_t file) {
+  Multipart(const std::vector<FilePart>& parts, const Content& content) {
     for (const FilePart& part : parts)
-      add("\r\n--slf-part\r\nContent-Type: application/octet-stream\r\nContent-Range: " +
-              content_range(part, file) + "\r\n\r\n",
+      add("\r\n--slf-part\r\nContent-Type: " + content.type +
+              "\r\nContent-Range: " + content_range(part, content.size) + "\r\n\r\n",
           part);
     add("\r\n--slf-part--\r\n", {});
   }
   [[nodiscard]] std::uint64_t size() const { return size_; }
 
   /// Sends one or more bytes of the body, from an offset on.
-  bool send(const ServedField& field, std::uint64_t offset, httplib::DataSink& sink) const {
+  bool send(const Content& content, std::uint64_t offset, httplib::DataSink& sink) const {
     const auto next =
         std::upper_bound(pieces_.begin(), pieces_.end(), offset,
                          [](std::uint64_t at, const Piece& piece) { return at < piece.offset; });
@@ -154,8 +164,8 @@ class Multipart {
     if (within < piece.text.size())
       return sink.write(piece.text.data() + within, piece.text.size() - within);
     const std::uint64_t sent = within - piece.text.size();
-    return field.send(piece.part.first + sent,
-                      std::min<std::uint64_t>(piece.part.size - sent, kChunkBytes), sink);
+    return content.send(piece.part.first + sent,
+                        std::min<std::uint64_t>(piece.part.size - sent, kChunkBytes), sink);
   }
 
  private:
@@ -182,6 +192,62 @@ void answer_text(httplib::Response& response, int status, const std::string& tex
   response.set_content(text + "\n", "text/plain; charset=utf-8");
 }
 
+/// The current content of a field; none if it cannot be read. Valid as long as the field.
+std::optional<Content> field_content(const ServedField& field) {
+  Content content;
+  if (!field.state(content.size, content.tag) || content.size == 0) return std::nullopt;
+  content.type = "application/octet-stream";
+  content.send = [&field](std::uint64_t offset, std::uint64_t size, httplib::DataSink& sink) {
+    return field.send(offset, size, sink);
+  };
+  return content;
+}
+
+Content page_content(const PageFile& file, const std::string& tag) {
+  return {file.bytes.size(), tag, std::string(file.type),
+          [bytes = file.bytes](std::uint64_t offset, std::uint64_t size, httplib::DataSink& sink) {
+            return sink.write(bytes.data() + offset, size);
+          }};
+}
+
+/// Answers a request whose header Range is `range`.
+void answer_content(const httplib::Request& request, httplib::Response& response,
+                    const std::string& range, const Content& content) {
+  const auto& [size, tag, type, send] = content;
+  response.set_header("ETag", tag);
+  response.set_header("Accept-Ranges", "bytes");
+  if (request.has_header("If-Match") && !contains_tag(request.get_header_value("If-Match"), tag))
+    return answer_text(response, 412, "The file has changed.");
+  if (contains_tag(request.get_header_value("If-None-Match"), tag)) {
+    response.status = 304;
+    return;
+  }
+  const bool same = !request.has_header("If-Range") || request.get_header_value("If-Range") == tag;
+  const auto parts = select_ranges(same ? range : "", size);
+  if (parts && parts->empty()) {
+    response.set_header("Content-Range", "bytes */" + std::to_string(size));
+    return answer_text(response, 416, "The file has " + std::to_string(size) + " bytes.");
+  }
+  response.status = parts ? 206 : 200;
+  if (parts && parts->size() > 1) {
+    const Multipart body(*parts, content);
+    response.set_content_provider(
+        body.size(), std::string(Multipart::kType),
+        [content, body](std::size_t offset, std::size_t, httplib::DataSink& sink) {
+          return body.send(content, offset, sink);
+        });
+    return;
+  }
+  const FilePart part = parts ? parts->front() : FilePart{0, size};
+  if (parts) response.set_header("Content-Range", content_range(part, size));
+  response.set_content_provider(part.size, type,
+                                [content, first = part.first](std::size_t offset, std::size_t count,
+                                                              httplib::DataSink& sink) {
+                                  return content.send(first + offset, std::min(count, kChunkBytes),
+                                                      sink);
+                                });
+}
+
 }  // namespace
 
 struct Server::State {
@@ -191,8 +257,6 @@ struct Server::State {
   std::vector<std::string> hosts;  // empty: any
 
   void answer(httplib::Request& request, httplib::Response& response) const;
-  void answer_file(const httplib::Request& request, httplib::Response& response,
-                   const std::string& range, const ServedField& field) const;
   void answer_list(httplib::Response& response) const;
 };
 
@@ -232,59 +296,17 @@ void Server::State::answer(httplib::Request& request, httplib::Response& respons
     }
     if (!request.path.starts_with(folder + "/")) continue;
     const std::string_view name = std::string_view(request.path).substr(folder.size() + 1);
-    if (name == "field.slf") return answer_file(request, response, range, field);
+    if (name == "field.slf") {
+      if (const auto content = field_content(field))
+        return answer_content(request, response, range, *content);
+      return answer_text(response, 500, "The field cannot be read.");
+    }
     for (const PageFile& file : page_files()) {
       if (name != file.name && !(name.empty() && file.name == "index.html")) continue;
-      response.set_header("ETag", tag);
-      response.status = 200;
-      if (contains_tag(request.get_header_value("If-None-Match"), tag)) {
-        response.status = 304;
-        return;
-      }
-      response.set_content(file.bytes.data(), file.bytes.size(), std::string(file.type));
-      return;
+      return answer_content(request, response, range, page_content(file, tag));
     }
   }
   answer_text(response, 404, "Not here. The fields are listed at /.");
-}
-
-void Server::State::answer_file(const httplib::Request& request, httplib::Response& response,
-                                const std::string& range, const ServedField& field) const {
-  std::uint64_t size = 0;
-  std::string now;
-  if (!field.state(size, now) || size == 0)
-    return answer_text(response, 500, "The field cannot be read.");
-  response.set_header("ETag", now);
-  response.set_header("Accept-Ranges", "bytes");
-  if (request.has_header("If-Match") && !contains_tag(request.get_header_value("If-Match"), now))
-    return answer_text(response, 412, "The field has changed.");
-  if (contains_tag(request.get_header_value("If-None-Match"), now)) {
-    response.status = 304;
-    return;
-  }
-  const bool same = !request.has_header("If-Range") || request.get_header_value("If-Range") == now;
-  const auto parts = select_ranges(same ? range : "", size);
-  if (parts && parts->empty()) {
-    response.set_header("Content-Range", "bytes */" + std::to_string(size));
-    return answer_text(response, 416, "The field has " + std::to_string(size) + " bytes.");
-  }
-  response.status = parts ? 206 : 200;
-  if (parts && parts->size() > 1) {
-    const Multipart body(*parts, size);
-    response.set_content_provider(
-        body.size(), std::string(Multipart::kType),
-        [&field, body](std::size_t offset, std::size_t, httplib::DataSink& sink) {
-          return body.send(field, offset, sink);
-        });
-    return;
-  }
-  const FilePart part = parts ? parts->front() : FilePart{0, size};
-  if (parts) response.set_header("Content-Range", content_range(part, size));
-  response.set_content_provider(
-      part.size, "application/octet-stream",
-      [&field, first = part.first](std::size_t offset, std::size_t count, httplib::DataSink& sink) {
-        return field.send(first + offset, std::min(count, kChunkBytes), sink);
-      });
 }
 
 void Server::State::answer_list(httplib::Response& response) const {

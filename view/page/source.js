@@ -1,8 +1,8 @@
 // Where the bytes of a field come from: a host of static files, or the page itself.
 
 const kStart = 8 << 10;         // bytes of the file's start that a reader needs: two pages,
-const kMetaBytes = 152;         // of each of which so many are in use
 const kEnd = 64 << 10;          // and of its end, where an index may be
+const kSmallFile = 'style.css'; // of the page, beside the field
 const kCheapGap = 4 << 10;      // bytes that a request is not worth
 const kWidestGap = 256 << 10;   // bytes that no request saved is worth
 const kRangesPerRequest = 24;        // of one call, that another single request is worth,
@@ -13,6 +13,8 @@ const kMaxAnswer = 512 << 10;  // bytes of an answer with several ranges, about
 const kMaxReserved = 1 << 26;   // bytes reserved for an answer that says that it has more
 const kKept = 16 << 20;         // bytes of answers to single ranges
 const kRetries = 4;
+
+const kMixed = /^multipart\/byteranges/i;
 
 const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 
@@ -33,26 +35,15 @@ export class HttpSource {
   // Resolves to the start and the end of the file: [{begin, bytes}, …].
   open() {
     return this.opened ??= (async () => {
-      const [start, end] = await Promise.all([this.openStart(), this.ask(`-${kEnd}`)]);
-      const [{begin, size, total}] = end.parts;
-      this.size = total;
-      const last = {begin, bytes: end.read(begin, begin + size)};
-      return begin > 0 ? [start, last] : [last];
+      const [several, ...answers] = await Promise.all(
+        [servesSeveral(), this.ask(`0-${kStart - 1}`), this.ask(`-${kEnd}`)]);
+      this.several = several;
+      return answers.map((answer) => {
+        const [{begin, size, total}] = answer.parts;
+        this.size = total;
+        return {begin, bytes: answer.read(begin, begin + size)};
+      });
     })();
-  }
-  // Asks for two ranges of the start. A host that does not serve several sends the whole file,
-  // which begins with them, so finding out costs no request.
-  async openStart() {
-    const second = kStart / 2, ranges = [[0, kMetaBytes], [second, second + kMetaBytes]];
-    const answer = await this.ask(asText(ranges), () => {}, kStart);
-    if (answer.whole) return {begin: 0, bytes: answer.whole};
-    const found = ranges.map(([begin, end]) => answer.read(begin, end));
-    if (!found.every((bytes) => bytes))
-      return {begin: 0, bytes: (await this.ask(`0-${kStart - 1}`)).read(0, kStart)};
-    this.several = answer.parts.length > 1;
-    const bytes = new Uint8Array(kStart);
-    found.forEach((part, i) => bytes.set(part, ranges[i][0]));
-    return {begin: 0, bytes};
   }
 
   // Starts to read ranges [begin, end] in any order, in few requests. A promise of the bytes each,
@@ -97,18 +88,17 @@ export class HttpSource {
 
   // Asks for ranges as a header names them, and resolves to the answer. Calls `came` each time
   // that more of it has come. An answer without parts: the host refused several ranges.
-  async ask(ranges, came = () => {}, wanted = 0) {
-    const several = ranges.includes(','), answer = await this.request(ranges, came, wanted);
-    if (answer.whole || (several && !answer.parts.every((part) => part))) return answer;
-    if (answer.parts.length === 0 && !several) throw new Error(kNoRanges);
+  async ask(ranges, came = () => {}) {
+    const several = ranges.includes(','), answer = await this.request(ranges, came);
+    if (several) return answer;
+    if (answer.parts.length === 0) throw new Error(kNoRanges);
     if (!answer.parts.every((part) => part))
       throw new Error('The host hides the header Content-Range; it must allow it (CORS).');
     return answer;
   }
 
-  // Tries again what may succeed later. Of an answer with the whole file, takes the first `wanted`
-  // bytes only, as `whole`; the rest is refused.
-  async request(ranges, came, wanted) {
+  // Tries again what may succeed later. Refuses an answer with the whole file: it has no parts.
+  async request(ranges, came) {
     const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
       const stop = new AbortController();
@@ -125,19 +115,15 @@ export class HttpSource {
           if ((this.tag ??= tag) !== tag)
             refuse('The field has changed on its host. Reload the page.');
         }
-        const limit = status === 206 ? Infinity : status === 200 ? wanted : 0;
-        for (const reader = limit > 0 ? response.body.getReader() : undefined;
-             answer.have < limit;) {
+        for (const reader = status === 206 ? response.body.getReader() : undefined; reader;) {
           const {value, done} = await reader.read();
-          if (done) break;
+          if (done) return answer;
           this.bytes += value.length;
           this.roundTrips = Math.max(this.roundTrips, trip);
           answer.add(value);
-          if (status === 206) came(answer);
+          came(answer);
         }
-        if (status === 206) return answer;
         stop.abort();  // else the whole file may come
-        if (limit > 0) answer.whole = answer.bytes.slice(0, Math.min(limit, answer.have));
         if (response.ok || status === 416) return answer;
         wrong = status === 404 ? 'The field is not there (404).' : `The host answered ${status}.`;
         if (status < 500 && status !== 429) refuse(wrong);
@@ -148,6 +134,18 @@ export class HttpSource {
       if (attempt === kRetries) throw new Error(wrong);
       await sleep(200 * 2 ** attempt);
     }
+  }
+}
+
+// Whether the host serves several ranges in one answer. Asked of a small file: hosts that do not
+// answer with the whole file, and much of a field would be on its way before it could be refused.
+async function servesSeveral() {
+  try {
+    const {status, headers} = await fetch(kSmallFile, {
+      headers: {Range: 'bytes=0-0,1000-1000'}, cache: 'no-store'});
+    return status === 206 && kMixed.test(headers.get('Content-Type') ?? '');
+  } catch {
+    return false;
   }
 }
 
@@ -175,7 +173,7 @@ function settle(wants, answer) {
 class Answer {
   constructor(response) {
     const header = (name) => response.headers.get(name) ?? '';
-    this.mixed = /^multipart\/byteranges/i.test(header('Content-Type'));
+    this.mixed = kMixed.test(header('Content-Type'));
     const length = response.status === 206 ? Number(header('Content-Length')) : 0;
     this.bytes = new Uint8Array(Math.min(length || 1 << 16, kMaxReserved));
     this.have = 0;
