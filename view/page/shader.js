@@ -274,8 +274,8 @@ void main() {
 
 // Records the tiles that some of the picture's rays need, but none of pixels that are final. Each
 // pass chooses other rays. If a tile is missing from the field, the next coarser level is used, as
-// when drawing. While tiles of a level are not loaded, a coarser level gives an estimate of where the
-// chord meets something, and so of the tiles that the ray will need.
+// when drawing. While tiles of a level are not loaded, a coarser level gives an estimate of where
+// the chord meets something, and so of the tiles that the ray will need.
 export const kFeedback = kCommon + `
 const float kNeighbourOffset = 0.02;  // of the height of the picture
 uniform vec2 uStep, uShift;
@@ -317,7 +317,8 @@ void main() {
   }
   needed0 = uvec4(first, state);
   needed1 = uvec4(last, 0);
-  bool guesses = uMode == 1 && state == kWaiting && last == ivec3(0);
+  bool guesses = uMode == 1 && state == kWaiting;
+  bool corrects = last != ivec3(0);  // then the first tiles are loaded: the estimate replaces them
   // Edges lie elsewhere in the finer level, so the estimate comes from a nearby ray.
   vec3 P2 = P, Q2 = Q;
   int side = (int(gl_FragCoord.x) + 2 * int(gl_FragCoord.y)) % 5;
@@ -327,7 +328,9 @@ void main() {
   for (int coarser = guesses ? level - 1 : -1; coarser >= 0; --coarser) {
     state = draw(coarser, P2, Q2, pixel, first, last, t);
     if (state == kUnavailable || (t < 0.0 && state == kWaiting)) continue;
-    if (t >= 0.0) needed1 = uvec4(guess(level, P, Q, t), 0);
+    uvec3 pages = uvec3(t >= 0.0 ? guess(level, P, Q, t) : ivec3(0));
+    if (t >= 0.0 && corrects) needed0.xyz = pages;
+    if (t >= 0.0 && !corrects) needed1.xyz = pages;
     return;
   }
 }`;
