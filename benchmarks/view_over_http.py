@@ -13,18 +13,21 @@ the page, until the first picture and until the view is complete; bytes also rel
 of the view's tiles. Then the page loads the rest of level 0: how many requests and bytes there are
 in all. The processor emulates the graphics card (SwiftShader), and the times include that.
 
-At last, how long a picture takes whose tiles are there: in the page, and with `slf play`, which
-waits for tiles and draws the same view again and again. Medians, milliseconds.
+At last, how long a picture of each view takes, as medians in milliseconds: in the page and with
+`slf play`, both with all tiles decoded, and the whole command `slf render`, which opens the field,
+decodes the tiles, draws and writes a picture. All have the same size, mode and level.
 """
 
 import argparse
 import json
 import os
 import platform
+import resource
 import statistics
 import subprocess
 import sys
 import tempfile
+import time
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..")
 sys.dont_write_bytecode = True
@@ -89,16 +92,37 @@ def main():
                           f"{complete['bytes']:7} {complete['bytes'] / touched:5.2f} "
                           f"{complete['milliseconds']:5.0f} | {row['requests']:8} "
                           f"{row['bytes']:7}", flush=True)
+        print("picture of   page, software GL   slf play | slf render: processor   wall")
         for text, times in frames.items():
-            played = json.loads(slf("play", field, "--orbit", text, "--turns", "0", "--seconds",
-                                    str(FRAMES / 30), "--size", f"{SIZE}", "--loading", "wait",
-                                    "--json"))
+            view = ["--orbit", text, "--size", f"{SIZE}x{SIZE}", "--mode", "depth", "--level",
+                    str(level)]
+            played = json.loads(slf("play", field, *view, "--turns", "0", "--seconds",
+                                    str(FRAMES / 30), "--loading", "wait", "--json"))
             native = [frame["ms"] for frame in played["runs"][0]["frames"]]
-            print(f"picture of {text:10}: {statistics.median(times):5.0f} ms in the page, "
-                  f"{statistics.median(native):5.1f} ms with slf play", flush=True)
+            picture = os.path.join(folder, "picture.png")
+            processor, wall = zip(*(timed(lambda: slf("render", field, *view, "-o", picture, "-f"))
+                                    for _ in range(5)))
+            row = {"picture": text, "page_ms": statistics.median(times),
+                   "play_ms": statistics.median(native),
+                   "render_processor_ms": statistics.median(processor),
+                   "render_wall_ms": statistics.median(wall)}
+            rows.append(row)
+            print(f"{text:10} {row['page_ms']:19.0f} {row['play_ms']:10.1f} | "
+                  f"{row['render_processor_ms']:21.0f} {row['render_wall_ms']:6.0f}", flush=True)
     if arguments.json:
         with open(arguments.json, "w") as file:
             json.dump(rows, file, indent=1)
+
+
+def timed(command):
+    """The milliseconds that a command takes: of the processor, and in all."""
+    def used():
+        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return usage.ru_utime + usage.ru_stime
+
+    before, begin = used(), time.monotonic()
+    command()
+    return 1000 * (used() - before), 1000 * (time.monotonic() - begin)
 
 
 if __name__ == "__main__":
