@@ -1,7 +1,7 @@
 // Decoders: decodes tiles in a few workers. A worker keeps the samples of the tiles that others are
 // predicted from, so they are sent to it once.
 
-const kAtOnce = 2;       // messages that a worker has: while it answers one, the next is there
+const kAtOnce = 2;       // messages that a worker has: it answers one while the other waits there
 const kKept = 48 << 20;  // bytes of samples that a worker keeps
 
 export class Decoders {

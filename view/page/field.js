@@ -1,4 +1,7 @@
 // Field: reads a field's manifest, describes its shape in numbers for the GPU, and finds its tiles.
+//
+// A tile's number in the GPU's page table is called its page. A `tile` is {page, level, entry, exit}
+// with the indices of its sections.
 
 import {kDone, kNeedsBytes, Native} from './module.js';
 
@@ -117,7 +120,6 @@ export class Field {
   page(level, entry, exit) {
     return this.shape.pageBase[level] + entry * (8 << (2 * level)) + exit;
   }
-  // The tile to which an entry of the page table belongs.
   tile(page) {
     const {pageBase, levels} = this.shape;
     let level = levels;

@@ -4,8 +4,8 @@ import {kDamaged, kEmpty as kEmptyTile, kStored} from './field.js';
 import {Reader} from './reader.js';
 import {kEmpty, kFirstSlot, kMissing, kNoDepth, kNotLoaded} from './shader.js';
 
-const kBatch = 96;    // tiles found together, while the view moves
-const kBatches = 2;   // at once: one is fetched while another is decoded
+const kBatch = 96;    // tiles that are loaded together while the view moves
+const kBatches = 2;   // batches at a time: one is fetched while another is decoded
 
 // Loads the tiles that want() names, in their order, into the slots of the renderer.
 export class Loader {
@@ -20,7 +20,7 @@ export class Loader {
     this.now = 0;
     this.damaged = 0;
     this.full = false;  // whether a view needed more tiles than there are slots
-    this.batches = 0;   // that are being loaded
+    this.batches = 0;   // that are being loaded now
   }
 
   get tiles() { return this.used.size; }

@@ -12,11 +12,11 @@ import {Loader} from './loader.js';
 import {EmbeddedSource, HttpSource} from './source.js';
 
 const kTileBytes = 192 << 20;  // of textures
-const kFrame = 40;             // milliseconds that a frame may take, by drawing fewer pixels
-const kMinScale = 0.2;       // of the pixels along an edge that are drawn
-const kPause = 6;              // between frames while tiles come, in times of the last one
+const kFrame = 40;             // milliseconds: slower frames of a moving camera have fewer pixels,
+const kMinScale = 0.2;         // but at least this share along each edge
+const kPause = 6;              // while tiles come, frames pause so many times as long as one takes
 const kAhead = 0.4;            // seconds that loading looks ahead of a moving camera
-const kLevel0 = 2 << 20;       // bytes: a level 0 so small is loaded whole
+const kLevel0 = 2 << 20;       // bytes: a level 0 of at most this size is loaded whole
 
 // A page in one file has all this inside and says so (view/site.cc).
 const inside = globalThis.slfInside;
@@ -44,9 +44,10 @@ let field, renderer, loader;
 let version = 0;       // counts changes of the view
 let dirty = true;      // the picture is not what the canvas shows
 let movedAt = -1e9, lost = false, failed = false, ceiling = 99;
-let begun = false, first, complete;  // what the first picture took, and the first complete one
+let begun = false;     // the first tiles are loaded
+let first, complete;   // traffic() until the first picture, and until the first complete one
 
-// What tests and scripts may ask and do.
+// The interface for tests and scripts.
 const page = globalThis.slf = {
   state: 'opening',  // then 'loading', 'settled', or 'failed'
   statistics: () => ({...traffic(), first, complete, busy: loader?.busy ?? true,
@@ -188,8 +189,8 @@ function pause(begin) {
   pausedUntil = now + kPause * (now - begin);
 }
 
-// Draws what is not final of a picture in full. Resolves to whether that is done: a change of the
-// view ends it.
+// Draws the pixels of the view that are not final, in full resolution. Resolves to false if the view
+// changes meanwhile.
 async function sharpen(view) {
   const asked = version;
   while (drawing) await sleep(2);
@@ -201,7 +202,7 @@ async function sharpen(view) {
   return done;
 }
 
-// Draws the view in full, again and again. Resolves to the milliseconds that each picture took.
+// Draws the view `count` times in full. Resolves to the milliseconds that each picture took.
 async function frameTimes(count) {
   const times = [];
   while (drawing) await sleep(2);
@@ -241,6 +242,7 @@ function drawMarks() {
 
 // ---- following ----------------------------------------------------------------------------------
 
+// Finds the tiles of the view and has them loaded, again and again.
 async function follow() {
   let seen, needed = new Set(), thorough = false, level0;
   await begin();
@@ -285,7 +287,7 @@ async function follow() {
   }
 }
 
-// Level 0 first, of each ray the tile that matters most: something is seen at once.
+// Loads the tiles of level 0 that matter most, so that something is seen soon.
 async function begin() {
   const pages = field.firstTiles(camera, canvas.width, canvas.height);
   loader.want(pages, true);
@@ -295,7 +297,7 @@ async function begin() {
   pausedUntil = 0;
 }
 
-// Waits until what is on its way has come, or the view is another.
+// Waits until all tiles that are on their way have come, or the view changes.
 async function arrived(asked) {
   while (loader.busy && version === asked && !lost && !failed) await sleep(5);
 }
@@ -309,8 +311,8 @@ async function lookAhead(view, needed) {
   if (!failed && !lost) loader.want([...needed, ...pages]);
 }
 
-// All of level 0, where it is small: a camera that turns always has something to draw, and much is
-// predicted from it.
+// Resolves to the pages of level 0 if it is small: then a camera that turns always has something to
+// draw, and many tiles are predicted from it.
 async function allOfLevel0() {
   const count = field.shape.pageBase[1] || field.shape.pages;
   if (count > renderer.slots / 2) return [];

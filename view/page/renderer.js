@@ -5,7 +5,7 @@
 import {kCurves, kDraw, kFeedback, kTableBits, kVertex} from './shader.js';
 
 const kTableWidth = 1 << kTableBits;
-const kFeedbackSize = 512;  // most rays in a row of a pass that finds the tiles of a view
+const kFeedbackSize = 512;  // rays along an edge of a pass that finds the tiles of a view, at most
 const kFewRays = 128;       // the same for a quick pass, which finds nearly all of them
 const kStrip = 60;          // milliseconds that drawing a strip may take
 

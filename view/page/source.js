@@ -1,18 +1,22 @@
 // Where the bytes of a field come from: a host of static files, or the page itself.
 
-const kStart = 8 << 10;         // bytes of the file's start that a reader needs: two pages,
-const kEnd = 64 << 10;          // and of its end, where an index may be
-const kSmallFile = 'style.css'; // of the page, beside the field
-const kCheapGap = 4 << 10;      // bytes that a request is not worth
-const kWidestGap = 256 << 10;   // bytes that no request saved is worth
-const kRangesPerRequest = 24;        // of one call, that another single request is worth,
-const kMaxSingle = 22;         // up to so many
-const kPartHead = 160;          // bytes that a range costs in an answer with several
-const kMaxParts = 80;          // ranges of one request; hosts refuse more than 200
-const kMaxAnswer = 512 << 10;  // bytes of an answer with several ranges, about
-const kMaxReserved = 1 << 26;   // bytes reserved for an answer that says that it has more
-const kKept = 16 << 20;         // bytes of answers to single ranges
+const kStart = 8 << 10;          // bytes of the file's start that a reader needs: two pages
+const kEnd = 64 << 10;           // bytes of its end, where an index may be
+const kSmallFile = 'style.css';  // of the page, on the same host as the field
 const kRetries = 4;
+
+// Requests for single ranges
+const kGap = 4 << 10;            // smaller gaps between ranges cost less than a request
+const kMaxGap = 256 << 10;       // larger gaps are never fetched
+const kRangesPerRequest = 24;    // one more request is allowed for each so many ranges,
+const kMaxRequests = 22;         // up to so many at a time
+const kKept = 16 << 20;          // bytes of answers that are kept, because they have gaps in them
+
+// Requests for several ranges
+const kPartHead = 160;           // bytes that each range costs in the answer
+const kMaxParts = 80;            // ranges of one request; hosts refuse more than 200
+const kAnswerBytes = 512 << 10;  // in one answer, about
+const kMaxReserved = 1 << 26;    // reserved at once for an answer, whatever length it states
 
 const kMixed = /^multipart\/byteranges/i;
 
@@ -26,9 +30,9 @@ export class HttpSource {
   constructor(url) {
     this.url = url;
     this.bytes = this.requests = 0;
-    this.roundTrips = 0;   // the longest chain of answers, each before the next request
-    this.kept = [];       // answers with more than was asked for, the oldest first
-    this.wants = [];      // ranges to ask for
+    this.roundTrips = 0;  // the longest chain of answers, each before the next request
+    this.kept = [];       // answers to single ranges, the oldest first
+    this.wants = [];      // the ranges that load() will request
     this.several = false;  // whether the host serves several ranges in one answer
   }
 
@@ -46,15 +50,15 @@ export class HttpSource {
     })();
   }
 
-  // Starts to read ranges [begin, end] in any order, in few requests. A promise of the bytes each,
-  // which is kept once they have come, before the rest of their answer.
+  // Starts to read ranges [begin, end), in any order, in few requests. Returns a promise of the
+  // bytes of each range. It is fulfilled once these have come, before the rest of their answer.
   readAll(ranges) {
     const wants = ranges.map(([begin, end]) => new Want(begin, end));
     if (this.wants.length === 0) setTimeout(() => this.load());
     this.wants.push(...wants);
     return wants.map((want) => want.bytes);
   }
-  // Requests together what was asked for at about the same time.
+  // Fetches together what several calls of readAll() have asked for.
   load() {
     const wants = this.wants.sort((a, b) => a.begin - b.begin);
     this.wants = [];
@@ -79,15 +83,16 @@ export class HttpSource {
       if (within.some((want) => !want.came)) throw new Error('The host cut an answer short.');
     }));
   }
-  // What fills gaps may soon be asked for.
+  // Keeps an answer: later calls may ask for bytes in the gaps that it fills.
   keep(answer) {
     this.kept.push(answer);
     let bytes = this.kept.reduce((sum, a) => sum + a.have, 0);
     for (; bytes > kKept; bytes -= this.kept.shift().have) continue;
   }
 
-  // Asks for ranges as a header names them, and resolves to the answer. Calls `came` each time
-  // that more of it has come. An answer without parts: the host refused several ranges.
+  // Requests ranges, written as in the header Range, and resolves to the answer. Calls `came` each
+  // time that more of it has come. If the host does not serve several ranges, the answer to a
+  // request for several has no parts.
   async ask(ranges, came = () => {}) {
     const several = ranges.includes(','), answer = await this.request(ranges, came);
     if (several) return answer;
@@ -97,7 +102,8 @@ export class HttpSource {
     return answer;
   }
 
-  // Tries again what may succeed later. Refuses an answer with the whole file: it has no parts.
+  // Repeats a request that may succeed later. Refuses an answer with the whole file; then the result
+  // has no parts.
   async request(ranges, came) {
     const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
@@ -158,7 +164,7 @@ class Want {
   }
 }
 
-// Fulfils the promises of what an answer has.
+// Fulfils the promises of those ranges that an answer has.
 function settle(wants, answer) {
   for (const want of wants) {
     const bytes = want.came ? undefined : answer.read(want.begin, want.end);
@@ -168,8 +174,9 @@ function settle(wants, answer) {
   }
 }
 
-// An answer while it comes. `parts`: of the file, {begin, size, total} each and `at`, where its
-// bytes are in the body; the last one may lack some. An undefined part: its place is not told.
+// An answer while it comes. Each of its `parts` is {begin, size, total, at}: a part of the file, the
+// file's size, and the offset of the part's bytes in the body. The last part may be incomplete. A
+// part is undefined if the answer does not say where it belongs.
 class Answer {
   constructor(response) {
     const header = (name) => response.headers.get(name) ?? '';
@@ -177,7 +184,7 @@ class Answer {
     const length = response.status === 206 ? Number(header('Content-Length')) : 0;
     this.bytes = new Uint8Array(Math.min(length || 1 << 16, kMaxReserved));
     this.have = 0;
-    this.next = 0;  // of a mixed body: where the next part's head begins
+    this.next = 0;  // where the head of the next part begins, in a body with several
     this.parts = response.status === 206 && !this.mixed ? [place(header('Content-Range'), 0)] : [];
   }
 
@@ -191,7 +198,7 @@ class Answer {
     this.have += piece.length;
     while (this.mixed && this.takeHead()) continue;
   }
-  // Parts of a body of type multipart/byteranges follow a blank line each.
+  // Reads the head of a part, which ends with a blank line. Returns false if it has not come yet.
   takeHead() {
     const {bytes, have, next} = this;
     for (let blank = next; (blank = bytes.indexOf(13, blank)) >= 0 && blank + 4 <= have; ++blank) {
@@ -213,7 +220,7 @@ class Answer {
   }
 }
 
-// Where a part belongs, after its Content-Range.
+// The part that a header Content-Range describes.
 function place(header, at) {
   const found = /bytes (\d+)-(\d+)\/(\d+)/i.exec(header)?.slice(1).map(Number);
   return found && {begin: found[0], size: found[1] + 1 - found[0], total: found[2], at};
@@ -233,17 +240,17 @@ function merged(ranges, gap) {
   return result;
 }
 
-// Ascending ranges with the smallest gaps filled, until the requests are few enough or far apart.
+// Fills the smallest gaps between ascending ranges until few enough are left, or all gaps are wide.
 function inFewRequests(ranges) {
-  const maxRequests = Math.min(Math.ceil(ranges.length / kRangesPerRequest), kMaxSingle);
-  const all = merged(ranges, kCheapGap);
+  const maxRequests = Math.min(Math.ceil(ranges.length / kRangesPerRequest), kMaxRequests);
+  const all = merged(ranges, kGap);
   const gaps = all.slice(1).map(([begin], i) => begin - all[i][1]).sort((a, b) => b - a);
   return gaps.length < maxRequests ? all
-    : merged(ranges, Math.min(gaps[maxRequests - 1], kWidestGap));
+    : merged(ranges, Math.min(gaps[maxRequests - 1], kMaxGap));
 }
 
-// Ascending ranges, dealt out to requests for several. All answers come side by side, so each
-// begins with what is first in the file: coarse levels.
+// Deals ascending ranges out to requests for several. All answers come side by side, so each begins
+// with coarse levels, which are first in the file.
 function grouped(ranges) {
   const parts = [];
   for (const range of ranges) {
@@ -252,7 +259,7 @@ function grouped(ranges) {
     else parts.push([range]);
   }
   const bytes = ranges.reduce((sum, {begin, end}) => sum + end - begin, 0);
-  const count = Math.ceil(Math.max(parts.length / kMaxParts, bytes / kMaxAnswer));
+  const count = Math.ceil(Math.max(parts.length / kMaxParts, bytes / kAnswerBytes));
   return Array.from({length: count}, (_, i) => parts.filter((_, k) => k % count === i).flat());
 }
 
