@@ -1,8 +1,8 @@
 // How good a light volume is, and what it takes: beside path tracing, and beside itself.
 //
-//   light_quality VOLUME TRANSFER [--rig NAME] [--size N] [--views N] [--reference N]
-//                 [--spacing S,...] [--samples N,...] [--difference OUT.png] [--field F.slf]
-//                 [--keep PREFIX]
+//   light_quality VOLUME --transfer T [--crop X:X,Y:Y,Z:Z] [--rig NAME] [--size N] [--views N]
+//                 [--reference N] [--node-spacing S,...] [--samples N,...] [--difference OUT.png]
+//                 [--field F.slf] [--keep PREFIX]
 //
 // Prints JSON. For each spacing and number of samples: seconds that the light volume takes; its
 // noise, which is the standard deviation over two seeds divided by the mean of radiance, over the
@@ -25,6 +25,7 @@
 
 #include "benchmarks/storage/expect.h"
 #include "benchmarks/timing.h"
+#include "cli/command.h"
 #include "slf/camera.h"
 #include "slf/path_tracer.h"
 #include "slf/raycaster.h"
@@ -144,20 +145,20 @@ nlohmann::json compare_field(const std::string& path, const std::vector<Camera>&
 
 int main(int argc, char** argv) {
   CLI::App app{"How good a light volume is, and what it takes"};
-  std::string volume_path, transfer_path, rig = "studio", difference_path, field_path, keep;
+  cli::SourceArguments source;
+  std::string rig = "studio", difference_path, field_path, keep;
   std::uint32_t size = 192, views = 2, reference = 256;
   std::vector<double> spacings{1};
   std::vector<std::uint32_t> samples{LightOptions{}.samples};
   double step = RaycastOptions{}.step;
   std::uint32_t bounces = LightOptions{}.bounces;
-  app.add_option("volume", volume_path)->required();
-  app.add_option("transfer", transfer_path)->required();
+  source.add_volume_to(app, "VOLUME");
   app.add_option("--rig", rig)->capture_default_str();
   app.add_option("--size", size)->capture_default_str();
   app.add_option("--views", views)->capture_default_str();
   app.add_option("--reference", reference, "Paths per pixel, 0: no reference")
       ->capture_default_str();
-  app.add_option("--spacing", spacings)->delimiter(',');
+  app.add_option("--node-spacing", spacings)->delimiter(',');
   app.add_option("--samples", samples)->delimiter(',');
   app.add_option("--step", step)->capture_default_str();
   app.add_option("--bounces", bounces)->capture_default_str();
@@ -166,8 +167,8 @@ int main(int argc, char** argv) {
   app.add_option("--keep", keep, "Where the reference's pictures are kept");
   CLI11_PARSE(app, argc, argv);
 
-  const Volume volume = expect(read_volume(volume_path));
-  const TransferFunction transfer = expect(read_transfer(transfer_path)).fit(volume);
+  const Volume volume = expect(source.volume());
+  const TransferFunction transfer = expect(read_transfer(source.transfer)).fit(volume);
   RaycastOptions options;
   options.step = step;
   const auto direct = expect(Raycaster::make(volume, transfer, options));
@@ -232,8 +233,8 @@ int main(int argc, char** argv) {
   nlohmann::json from_field;
   if (!field_path.empty() && reference > 0)
     from_field = compare_field(field_path, cameras, a, b, reference_seconds / (2 * views));
-  std::printf("%s\n", nlohmann::json{{"volume", volume_path},
-                                     {"transfer", transfer_path},
+  std::printf("%s\n", nlohmann::json{{"volume", source.input},
+                                     {"transfer", source.transfer},
                                      {"rig", rig},
                                      {"views", views},
                                      {"size", size},

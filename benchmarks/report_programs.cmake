@@ -12,7 +12,7 @@ target_link_libraries(entry_pictures PRIVATE slf::slf CLI11::CLI11 slf_options)
 find_package(OpenEXR REQUIRED)
 add_executable(light_quality light_quality.cc)
 target_link_libraries(light_quality PRIVATE
-  slf::slf CLI11::CLI11 nlohmann_json::nlohmann_json slf_options)
+  bench_arguments nlohmann_json::nlohmann_json slf_options)
 add_executable(exr_peer exr_peer.cc)
 target_link_libraries(exr_peer PRIVATE
   OpenEXR::OpenEXR CLI11::CLI11 nlohmann_json::nlohmann_json slf_options)

@@ -46,7 +46,7 @@ def _quality(bench, volume, *arguments):
     bench.say(f"comparing {volume.name} with path tracing")
     views, size, paths = (1, 96, 32) if bench.quick else (2, 256, 256)
     said = bench.json(
-        "light_quality", volume.path, volume.transfer, "--views", views, "--size", size,
+        "light_quality", *volume.arguments(), "--views", views, "--size", size,
         "--reference", paths, *arguments,
     )  # fmt: skip
     return {"title": volume.title, **said}
@@ -55,10 +55,10 @@ def _quality(bench, volume, *arguments):
 def _compare_with_paths(bench, part, volume, field, build_seconds):
     kept = ["--keep", bench.work / "reference"]
     spacings = "1,2" if bench.quick else "1,1.5,2,3"
-    said = _quality(bench, volume, "--spacing", spacings, "--field", field, *kept)
+    said = _quality(bench, volume, "--node-spacing", spacings, "--field", field, *kept)
     of_field = said["field"]
     samples = "8" if bench.quick else "16,256"
-    said["light"] += _quality(bench, volume, "--spacing", 2, "--samples", samples, *kept)["light"]
+    said["light"] += _quality(bench, volume, "--node-spacing", 2, "--samples", samples, *kept)["light"]
     pays = build_seconds / max(of_field["path_tracing_seconds"] - of_field["view_seconds"], 1e-9)
     part.numbers["view"] = {**of_field, "build_seconds": build_seconds, "views_to_pay": pays}
     part.add(
