@@ -16,8 +16,8 @@ glm::dvec3 from(double right, double front, double up) {  // as the patient has 
   return {-right, -front, up};
 }
 
-/// Directions are chosen for a camera in front of the patient. Intensities add up so that a white
-/// surface that faces the key light stays just below 1, where tone mapping begins to compress.
+/// Directions are chosen for a camera in front of the patient. From other sides, too, a white
+/// surface gets no brighter than 1.5, which tone mapping still shows with its colour and shading.
 std::vector<LightRig> make_rigs() {
   const glm::vec3 white(1), warm(1, 0.93f, 0.84f), cool(0.82f, 0.9f, 1);
   std::vector<LightRig> rigs;
@@ -30,8 +30,8 @@ std::vector<LightRig> make_rigs() {
                   {glm::vec3(0.55f), glm::vec3(0.28f), glm::vec3(0.12f)}});
   rigs.push_back({"rim",
                   "two bright lights from behind that draw outlines, over dim surroundings",
-                  {{from(0.8, -0.55, 0.35), warm, 1.6f, 15},
-                   {from(-0.8, -0.55, 0.35), cool, 1.6f, 15},
+                  {{from(0.8, -0.55, 0.35), warm, 1, 15},
+                   {from(-0.8, -0.55, 0.35), cool, 1, 15},
                    {from(0.3, 0.9, 0.6), white, 0.3f, 40}},
                   {glm::vec3(0.2f), glm::vec3(0.12f), glm::vec3(0.06f)}});
   rigs.push_back({"overcast",

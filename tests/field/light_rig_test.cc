@@ -1,12 +1,16 @@
 // Rigs of lights as text, and the tone mapper.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "field/scene/illumination.h"
 #include "field/scene/light_rig.h"
+#include "field/scene/medium.h"
 #include "slf/tone.h"
 
 namespace slf {
@@ -21,6 +25,34 @@ TEST(LightRig, EveryBuiltInOneReadsBack) {
     ASSERT_TRUE(parsed) << parsed.error().message;
     EXPECT_EQ(to_json(*parsed), to_json(rig));
     EXPECT_FALSE(rig.description.empty());
+  }
+}
+
+TEST(LightRig, NoSideIsOverexposed) {
+  // The radiance of a white surface without shadows, whatever it faces.
+  constexpr int kDirections = 4096;
+  const auto direction = [](int k) {  // a Fibonacci sphere
+    return uniform_direction((k + 0.5) / kDirections, k * 0.6180339887498949);
+  };
+  for (const LightRig& rig : built_in_rigs()) {
+    LightOptions options;
+    options.rig = rig;
+    const Illumination light = illuminate(options, {glm::dvec3(0), 1});
+    double brightest = 0;
+    for (int n = 0; n < kDirections; n += 16) {
+      glm::dvec3 sum(0);
+      for (int k = 0; k < kDirections; ++k)
+        sum += 4.0 / kDirections * std::max(0.0, glm::dot(direction(n), direction(k))) *
+               glm::dvec3(light.environment.radiance(direction(k)));
+      for (const PlacedLight& one : light.lights) {
+        const IncidentLight arrival = one.incident_light(glm::dvec3(0), 0, 0);
+        sum += std::max(0.0, glm::dot(direction(n), arrival.direction)) / std::numbers::pi *
+               glm::dvec3(arrival.irradiance);
+      }
+      brightest = std::max({brightest, sum.r, sum.g, sum.b});
+    }
+    EXPECT_GT(brightest, 1) << rig.name;
+    EXPECT_LT(brightest, 1.5) << rig.name;
   }
 }
 
