@@ -73,6 +73,19 @@ void replace_nonfinite(Volume& volume, float with) {
       voxels, voxels + volume.voxel_count(), [](float v) { return !std::isfinite(v); }, with);
 }
 
+/// The difference of stored values to which gradients are compared: that of the range. A few peaks
+/// may lie far above all else; so at most 8 times the difference over which opacity rises to half.
+float contrast_of(const TransferFunction& transfer, const Volume& volume,
+                  const std::array<float, 2>& range) {
+  const float whole = std::max(range[1] - range[0], 1e-30f);
+  double most = 0;
+  for (const auto& point : transfer.opacities) most = std::max(most, point.opacity);
+  const auto risen = std::find_if(transfer.opacities.begin(), transfer.opacities.end(),
+                                  [&](const auto& point) { return point.opacity >= most / 2; });
+  const double rise = std::abs((risen->value - volume.intercept) / volume.slope - range[0]);
+  return rise > 1e-30 ? static_cast<float>(std::min(8 * rise, double{whole})) : whole;
+}
+
 Result<void> check_options(const RaycastOptions& options) {
   if (!(options.step > 0.01 && options.step <= 100))
     return fail(ErrorCode::usage, "step ", options.step, ": expected 0.01 to 100 voxels");
@@ -103,7 +116,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   const double steps_per_unit = grid.step / transfer.unit_distance;
 
   grid.labels = v.labels;
-  float contrast = 1;  // the value range, to which gradients are compared
+  float contrast = 1;
   if (v.labels) {
     std::vector<double> labels;
     if (v.type == ScalarType::u8 || v.type == ScalarType::u16) {
@@ -119,7 +132,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     const auto range = stored_range(v);
     replace_nonfinite(v, range[0]);
     grid.table = make_table(transfer, v, range, steps_per_unit);
-    contrast = std::max(range[1] - range[0], 1e-30f);
+    contrast = contrast_of(transfer, v, range);
   }
 
   if (options.structures.labels || options.structures.mask) {

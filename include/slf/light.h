@@ -12,9 +12,10 @@
 // normal n = -∇v/|∇v| and an isotropic phase function. As in Kroes, Post, Botha, "Exposure Render:
 // an interactive photo-realistic volume rendering framework", PLoS ONE 7(7), 2012, the share of the
 // surface is s = a (1 - exp(-|∇v| / g)): a is the opacity over the two voxels across which the
-// gradient is measured, and g is 2 % of the value range per voxel. A gradient spreads a surface
-// over about two voxels, which must not shadow it: h = 1.5 s n voxels. ∫ K dω ≤ 1 and c ≤ 1, so
-// nothing becomes brighter than the brightest direction it is lit from.
+// gradient is measured, and g is 2 % of the value range per voxel; less if the range extends far
+// beyond the values at which opacity rises. A gradient spreads a surface over about two voxels,
+// which must not shadow it: h = 1.5 s n voxels. ∫ K dω ≤ 1 and c ≤ 1, so nothing becomes brighter
+// than the brightest direction it is lit from.
 //
 // The transfer function's colour C (decoded from sRGB) is the colour of a thick, evenly lit piece
 // of the material. So c = s C + (1 - s) a(C), where a is the single-scattering albedo that gives

@@ -261,6 +261,29 @@ TEST(Light, ColoursThatChangeWithinAVoxelAreAsInTheReference) {
   for (int c = 0; c < 3; ++c) EXPECT_NEAR(sum[c] / expected[c], 1, 0.03) << c;
 }
 
+TEST(Light, AFewPeaksDoNotFlattenWhatIsBelow) {
+  // A bright voxel deep inside opaque matter changes the range of values, and nothing that shows.
+  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.9}});
+  const auto volume = [](float peak) {
+    Volume v = ball(24);
+    std::vector<float> values;
+    for (const std::byte b : v.voxels) values.push_back(static_cast<float>(b));
+    values[(12 * 24 + 12) * 24 + 12] = peak;
+    v.type = ScalarType::f32;
+    v.voxels.resize(values.size() * sizeof(float));
+    std::memcpy(v.voxels.data(), values.data(), v.voxels.size());
+    return v;
+  };
+  for (const Lighting mode : {Lighting::direct, Lighting::shadowed}) {
+    const auto plain = Raycaster::make(volume(255), t, lit(sun({1, -1, 1}), mode));
+    const auto peaked = Raycaster::make(volume(1e5f), t, lit(sun({1, -1, 1}), mode));
+    ASSERT_TRUE(plain && peaked);
+    const auto a = colors(**plain, 100), b = colors(**peaked, 100);
+    ASSERT_EQ(a.size(), b.size());
+    for (std::size_t k = 0; k < a.size(); ++k) EXPECT_NEAR(a[k].g, b[k].g, 0.05);
+  }
+}
+
 TEST(Light, DoesNotDependOnTheThreads) {
   RaycastOptions options = lit(built_in_rigs().front());
   options.lighting.samples = 8;
