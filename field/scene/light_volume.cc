@@ -361,7 +361,7 @@ auto filtered(const LightGrid& light, const std::vector<std::uint32_t>& index,
     const glm::vec3 turn = node.normal - center.normal;
     const float deeper = node.depth - center.depth;
     const float weight = std::exp2(static_cast<float>(-steps)) *
-                         std::exp(-4 * glm::dot(turn, turn) - 0.5f * deeper * deeper);
+                         std::exp(-16 * glm::dot(turn, turn) - 0.5f * deeper * deeper);
     sum += weight * value(index[other]);
     total += weight;
   });
