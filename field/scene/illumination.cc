@@ -27,7 +27,7 @@ Environment::Environment(const Sky& sky) : height_(64) {
     texels_.push_back(z > 0 ? glm::mix(sky.horizon, sky.up, z)
                             : glm::mix(sky.horizon, sky.down, -z));
   }
-  prepare();
+  sum_luminance();
 }
 
 Environment::Environment(const Image& picture, float gain) {
@@ -43,17 +43,17 @@ Environment::Environment(const Image& picture, float gain) {
     counts[y * width_ + x] += 1;
   }
   for (std::size_t k = 0; k < texels_.size(); ++k) texels_[k] /= counts[k];
-  prepare();
+  sum_luminance();
 }
 
-void Environment::prepare() {
+void Environment::sum_luminance() {
   double sum = 0, most = 0;
   for (std::size_t k = 0; k < texels_.size(); ++k) {
     most = std::max(most, luminance(texels_[k]));
     sum += luminance(texels_[k]) * solid_angle(k / width_);
     cumulative_.push_back(sum);
   }
-  peaked_ = most * 4 * kPi > 8 * sum;
+  peaked_ = most > 8 * sum / (4 * kPi);  // eight times the mean
 }
 
 double Environment::solid_angle(std::size_t row) const {

@@ -37,13 +37,13 @@ class Environment {
   [[nodiscard]] bool peaked() const { return peaked_; }
 
  private:
-  void prepare();
+  void sum_luminance();
   [[nodiscard]] std::size_t texel(const glm::dvec3& direction) const;
   [[nodiscard]] double solid_angle(std::size_t row) const;
 
   std::size_t width_ = 1, height_ = 1;
   std::vector<glm::vec3> texels_;
-  std::vector<double> cumulative_;  // sums of luminance × solid angle, with each texel included
+  std::vector<double> cumulative_;  // luminance × solid angle of each texel and all before it
   bool peaked_ = false;
 };
 

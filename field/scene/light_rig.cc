@@ -12,9 +12,8 @@ namespace {
 
 using nlohmann::json;
 
-glm::dvec3 from(double right, double front, double up) {  // as the patient has them, to LPS
-  return {-right, -front, up};
-}
+/// The world direction (LPS) of a light as the patient sees it.
+glm::dvec3 from(double right, double front, double up) { return {-right, -front, up}; }
 
 /// Directions are chosen for a camera in front of the patient. From other sides, too, a white
 /// surface gets no brighter than 1.5, which tone mapping still shows with its colour and shading.
@@ -59,7 +58,7 @@ json number(float v) {
 }
 json to_json(const glm::vec3& v) { return {number(v.x), number(v.y), number(v.z)}; }
 
-/// Reads members of a JSON object. Errors name the member.
+/// Reads members of a JSON object. Keeps the first error, which names the member.
 class Members {
  public:
   Members(const json& object, std::string place) : object_(object), place_(std::move(place)) {}

@@ -78,7 +78,7 @@ void for_each_neighbour(const LightGrid& light, std::size_t number, const F& f) 
 }
 
 /// Whether a view can show matter between a node and its neighbours.
-bool shows(const LightGrid& light, const std::vector<float>& depth, std::size_t number) {
+bool can_be_seen(const LightGrid& light, const std::vector<float>& depth, std::size_t number) {
   bool any = false;
   for_each_neighbour(light, number,
                      [&](std::size_t other, glm::ivec3) { any |= depth[other] < kHidden; });
@@ -89,7 +89,7 @@ bool shows(const LightGrid& light, const std::vector<float>& depth, std::size_t 
 struct Pass {
   std::uint32_t paths;        // per node
   std::uint32_t bounces;      // at most
-  const LightGrid* estimate;  // if not null, ends paths that are far from their node
+  const LightGrid* estimate;  // null in the first pass; ends paths that are far from their node
 };
 
 /// Solves single nodes. Thread-safety: immutable.
@@ -102,7 +102,7 @@ class LightSolver {
         options_(options),
         light_(light),
         depth_(depth),
-        far_(kFar * light.spacing * medium.smallest_spacing()) {}
+        far_(kFarNodes * light.spacing * medium.smallest_spacing()) {}
 
   /// The light at a node; with an estimate, only its indirect part.
   [[nodiscard]] NodeLight solve(std::size_t number, const Pass& pass) const {
@@ -111,7 +111,7 @@ class LightSolver {
     NodeLight node;
     if (points.count == 0) return node;
     node.lit = true;
-    node.indirect = indirect(points, pass, random);
+    node.indirect = indirect_light(points, pass, random);
     if (pass.estimate) return node;
     for (int k = 0; k < points.count; ++k) {
       const auto share = static_cast<float>(points.weight[k] / points.total);
@@ -174,7 +174,7 @@ class LightSolver {
     return points;
   }
 
-  /// Rays multiply light by the colour; this makes it the albedo.
+  /// Rays multiply a node's light by the colour of their sample; this turns that into the albedo.
   static glm::vec3 tint(const Matter& matter) {
     return matter.albedo / glm::max(matter.color, glm::vec3(1e-4f));
   }
@@ -216,7 +216,8 @@ class LightSolver {
   }
 
   /// The light from the surroundings and from lit matter.
-  [[nodiscard]] glm::vec3 indirect(const Points& points, const Pass& pass, Random& random) const {
+  [[nodiscard]] glm::vec3 indirect_light(const Points& points, const Pass& pass,
+                                         Random& random) const {
     const int paths = static_cast<int>(std::ceil(pass.paths * points.effort));
     glm::vec3 sum(0);
     const glm::dvec3 shift(random(), random(), random());
@@ -228,23 +229,23 @@ class LightSolver {
         passed += points.weight[++k];
       const auto at = static_cast<std::uint64_t>(i);
       sum += tint(points.matter[k]) *
-             path(points.matter[k],
-                  {fraction(r3(at, 0) + shift[0]), fraction(r3(at, 1) + shift[1]),
-                   fraction(r3(at, 2) + shift[2])},
-                  pass, random);
+             trace_path(points.matter[k],
+                        {fraction(r3(at, 0) + shift[0]), fraction(r3(at, 1) + shift[1]),
+                         fraction(r3(at, 2) + shift[2])},
+                        pass, random);
     }
     return sum / static_cast<float>(paths);
   }
 
   /// One path of light, traced backwards from a point, whose first direction comes from `u`.
-  [[nodiscard]] glm::vec3 path(Matter matter, glm::dvec3 u, const Pass& pass,
-                               Random& random) const {
-    double way = 0;
-    const bool find_sky = illumination_.environment.peaked();
+  [[nodiscard]] glm::vec3 trace_path(Matter matter, glm::dvec3 u, const Pass& pass,
+                                     Random& random) const {
+    double traveled = 0;
+    const bool sample_sky = illumination_.environment.peaked();
     glm::vec3 throughput(1), sum(0);
     for (std::uint32_t bounce = 0;; ++bounce) {
-      if (find_sky) sum += throughput * sky(matter, random);
-      if (bounce > 0) sum += throughput * one_light(matter, random);
+      if (sample_sky) sum += throughput * light_from_sky(matter, random);
+      if (bounce > 0) sum += throughput * light_from_one(matter, random);
       const glm::dvec3 direction = matter.sample(u[0], u[1], u[2]);
       const glm::dvec3 along = medium_.per_world(direction);
       const auto t =
@@ -253,14 +254,14 @@ class LightSolver {
         if (illumination_.environment.dark()) return sum;
         const double kernel = matter.kernel(direction);
         const double weight =
-            find_sky ? kernel / (kernel + illumination_.environment.density(direction)) : 1;
+            sample_sky ? kernel / (kernel + illumination_.environment.density(direction)) : 1;
         return sum + static_cast<float>(weight) * throughput *
                          illumination_.environment.radiance(direction);
       }
       if (bounce >= pass.bounces) return sum;
-      way += *t;
+      traveled += *t;
       const glm::dvec3 at = matter.start + *t * along;
-      if (pass.estimate && way > far_)
+      if (pass.estimate && traveled > far_)
         if (const auto known = look_up(*pass.estimate, (at - light_.low) / light_.spacing))
           return sum + throughput * medium_.color(at) * *known;
       matter = medium_.matter(at);
@@ -275,7 +276,7 @@ class LightSolver {
   }
 
   /// Next-event estimation towards the environment; its share by the balance heuristic.
-  [[nodiscard]] glm::vec3 sky(const Matter& matter, Random& random) const {
+  [[nodiscard]] glm::vec3 light_from_sky(const Matter& matter, Random& random) const {
     const double choice = random(), u = random(), v = random();
     const Environment::Sample s = illumination_.environment.sample(choice, u, v);
     const double kernel = matter.kernel(s.direction);
@@ -286,7 +287,7 @@ class LightSolver {
   }
 
   /// Next-event estimation towards one of the lights.
-  [[nodiscard]] glm::vec3 one_light(const Matter& matter, Random& random) const {
+  [[nodiscard]] glm::vec3 light_from_one(const Matter& matter, Random& random) const {
     const std::size_t count = illumination_.lights.size();
     if (count == 0) return glm::vec3(0);
     const auto l = static_cast<std::size_t>(random() * static_cast<double>(count));
@@ -309,9 +310,9 @@ class LightSolver {
   const LightOptions& options_;
   const LightGrid& light_;
   const std::vector<float>& depth_;
-  /// Nodes between which an estimate differs too much to stand for what is around.
-  static constexpr double kFar = 2;
-  double far_;  // world units
+  /// Paths may end with the estimate from this distance on: nearer, it is that of the node itself.
+  static constexpr double kFarNodes = 2;
+  double far_;  // the same in world units
 };
 
 /// Solves the nodes of `numbers`, in that order, and gives each with its place there to `keep`.
@@ -380,10 +381,10 @@ glm::vec3 mean_around(const LightGrid& light, const std::vector<std::uint32_t>& 
   return sum.w > 0 ? glm::vec3(sum) / sum.w : glm::vec3(0);
 }
 
-/// Sets the light of all nodes, filtered.
-Result<void> assemble(LightGrid& light, const std::vector<std::uint32_t>& index,
-                      const std::vector<std::size_t>& numbers, const std::vector<NodeLight>& nodes,
-                      unsigned threads) {
+/// Filters what the solver found, and sets the light of all nodes.
+Result<void> set_filtered(LightGrid& light, const std::vector<std::uint32_t>& index,
+                          const std::vector<std::size_t>& numbers,
+                          const std::vector<NodeLight>& nodes, unsigned threads) {
   std::vector<glm::vec3> values(numbers.size()), next(numbers.size());
   const auto for_lit = [&](const auto& work) {
     return parallel_for(numbers.size(), threads, [&](std::uint64_t k) {
@@ -429,7 +430,8 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
   std::vector<std::size_t> numbers;
   std::vector<std::uint32_t> index(light.size(), kNone);
   for (std::size_t number = 0; number < light.size(); ++number)
-    if (shows(light, depth, number) && near_matter(medium.grid(), light, node_at(light, number))) {
+    if (can_be_seen(light, depth, number) &&
+        near_matter(medium.grid(), light, node_at(light, number))) {
       index[number] = static_cast<std::uint32_t>(numbers.size());
       numbers.push_back(number);
     }
@@ -452,7 +454,7 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
                           else if (node.lit)  // other points, which may all lie beside the matter
                             nodes[k].indirect = node.indirect;
                         });
-    if (ok) ok = assemble(light, index, numbers, nodes, threads);
+    if (ok) ok = set_filtered(light, index, numbers, nodes, threads);
     if (!ok) return tl::unexpected(ok.error());
     all.done += numbers.size() * pass.paths;
   }

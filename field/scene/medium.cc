@@ -117,8 +117,7 @@ Medium::Medium(const RayGrid& grid)
     : grid_(grid), index_to_world_(glm::inverse(grid.world_to_index)) {
   for (int axis = 0; axis < 3; ++axis)
     smallest_spacing_ = std::min(smallest_spacing_, glm::length(index_to_world_[axis]));
-  constexpr float kMaxOpacity =
-      1 - 1.f / 4096;  // opacity of a step that still gives a finite depth
+  constexpr float kMaxOpacity = 1 - 1.f / 4096;  // of a step; 1 would give an infinite depth
   for (const float opacity : grid.table.opacities) {
     const double extinction = -std::log1p(-std::min(opacity, kMaxOpacity)) / grid.step;
     extinctions_.push_back(static_cast<float>(extinction));

@@ -33,7 +33,8 @@ Result<void> check_grid(const char* what, const Volume& other, const Volume& vol
   return {};
 }
 
-/// Adds a copy of the first row in another colour and with `factor` of its opacity.
+/// Adds a copy of the first row in another colour and with `factor` of its opacity. The table
+/// holds the opacity of a step; the factor applies to that of a unit.
 void add_row(TransferTable& table, const std::optional<glm::dvec3>& color, double factor,
              double steps_per_unit) {
   for (std::size_t k = 0; k < table.entries; ++k) {

@@ -1,4 +1,4 @@
-// Light: what illuminates a volume, and how far its transport is computed.
+// Light: what illuminates a volume, and how accurately its way through the volume is computed.
 //
 // If the material scatters equally in all directions, the light that arrives at a point does not
 // depend on the view. So it is computed once, into a light volume, which rays sample.
@@ -63,7 +63,7 @@ struct Sky {
 
 struct LightRig {
   std::string name;
-  std::string description{};  ///< of built-in rigs
+  std::string description{};  ///< built-in rigs only
   std::vector<Light> lights;
   Sky sky{};
 };
@@ -100,7 +100,7 @@ struct LightOptions {
   std::uint64_t seed = 1;  ///< of the random numbers: another seed gives other noise
 
   ToneMapping tone{};   ///< of the rays' colours
-  bool linear = false;  ///< rays get linear radiance instead, to be tone-mapped later
+  bool linear = false;  ///< rays get linear radiance, which is tone-mapped later
 };
 
 }  // namespace slf
