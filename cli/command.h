@@ -109,9 +109,6 @@ void keep_freed_memory();
 
 // ---- fields ------------------------------------------------------------------------------------
 
-/// Whether a field is named by its address on a web server.
-[[nodiscard]] bool is_address(std::string_view path);
-
 /// Opens a local field or one on a web server. Errors as Field::open() and RemoteField::open().
 [[nodiscard]] Result<Field> open_field(const std::string& path);
 

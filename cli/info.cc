@@ -1,4 +1,5 @@
 #include "cli/command.h"
+#include "slf/remote.h"
 
 namespace slf::cli {
 namespace {

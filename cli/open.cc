@@ -1,7 +1,5 @@
 #include "cli/command.h"
-#ifdef SLF_REMOTE
 #include "slf/remote.h"
-#endif
 
 namespace slf::cli {
 
@@ -12,8 +10,6 @@ namespace {
 std::vector<RemoteField> remote_fields;
 
 }  // namespace
-
-bool is_address(std::string_view path) { return slf::is_address(path); }
 
 Result<Field> open_field(const std::string& path) {
   if (!is_address(path)) return Field::open(path);
@@ -35,10 +31,6 @@ nlohmann::json traffic_json() {
   return {{"requests", sum.requests}, {"repeated", sum.repeated}, {"bytes", sum.bytes}};
 }
 #else
-bool is_address(std::string_view path) {
-  return path.starts_with("http://") || path.starts_with("https://");
-}
-
 Result<Field> open_field(const std::string& path) {
   if (!is_address(path)) return Field::open(path);
   return fail(ErrorCode::unsupported, path,

@@ -11,6 +11,7 @@
 #include "slf/image.h"
 #include "slf/measure.h"
 #include "slf/player.h"
+#include "slf/remote.h"
 
 namespace slf::cli {
 namespace {
@@ -129,11 +130,11 @@ struct Summary {
 
   Summary(const std::vector<FrameReport>& reports, double period) : frames(reports.size()) {
     std::vector<double> ms;
-    std::uint64_t tiles = 0, lacking = 0, hit = 0, full = 0;
+    std::uint64_t tiles = 0, misses = 0, hit = 0, full = 0;
     for (const FrameReport& r : reports) {
       ms.push_back(1000 * r.seconds);
       late += r.seconds > period;
-      tiles += r.tiles, lacking += r.lacking;
+      tiles += r.tiles, misses += r.misses;
       hit += r.pixels_hit, full += r.pixels_full;
       least_full = std::min(least_full, r.full_share());
       loads += r.loads, load_bytes += r.load_bytes;
@@ -148,14 +149,14 @@ struct Summary {
     for (double& share : level_shares)
       share /= static_cast<double>(std::max<std::uint64_t>(hit, 1));
     mean_full = hit ? static_cast<double>(full) / static_cast<double>(hit) : 1;
-    hit_rate = tiles ? 1 - static_cast<double>(lacking) / static_cast<double>(tiles) : 1;
+    hit_rate = tiles ? 1 - static_cast<double>(misses) / static_cast<double>(tiles) : 1;
   }
 };
 
 nlohmann::json frame_json(const FrameReport& r) {
   return {
       {"ms", 1000 * r.seconds},     {"full_share", r.full_share()},   {"tiles", r.tiles},
-      {"lacking", r.lacking},       {"hit_rate", r.hit_rate()},       {"loads", r.loads},
+      {"misses", r.misses},         {"hit_rate", r.hit_rate()},       {"loads", r.loads},
       {"load_bytes", r.load_bytes}, {"level_pixels", r.level_pixels}, {"load_level", r.load_level}};
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "cli/command.h"
+#include "slf/remote.h"
 #include "slf/verify.h"
 
 namespace slf::cli {

@@ -155,7 +155,7 @@ Result<ByteSpan> TileStore::blob(std::string_view name) const {
   return state_->snapshot->blob(name);
 }
 
-bool TileStore::distant() const { return state_->snapshot->distant(); }
+bool TileStore::is_remote() const { return state_->snapshot->is_remote(); }
 Bytes TileStore::section(std::uint32_t id) const { return state_->snapshot->section(id); }
 
 namespace {

@@ -113,7 +113,7 @@ class TileStore {
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const;
 
   /// Whether the bytes come from a RangeSource.
-  [[nodiscard]] bool distant() const;
+  [[nodiscard]] bool is_remote() const;
 
   /// The verified bytes of a section of a remote file's index that storage itself does not use;
   /// empty if there is none, or if the file is local.

@@ -9,10 +9,6 @@ struct RemoteField::State {
   std::shared_ptr<HttpSource> source;
 };
 
-bool is_address(std::string_view path) {
-  return path.starts_with("http://") || path.starts_with("https://");
-}
-
 Result<RemoteField> RemoteField::open(const std::string& url, const RemoteOptions& options) {
   auto source = HttpSource::open(url, options);
   if (!source) return tl::unexpected(std::move(source.error()));

@@ -14,13 +14,13 @@ constexpr double kMaxPatience = 8;
 
 }  // namespace
 
-void LevelPacer::add_plan(unsigned wanted, double idle, double busy, bool finished) {
+void LevelPacer::add_plan(unsigned requested, double idle, double busy, bool finished) {
   const double fade = std::exp(-(busy + idle) / kMemory);
   busy_ = fade * busy_ + busy;
   idle_ = fade * idle_ + idle;
   since_change_ += busy + idle;
   unfinished_ = finished ? 0 : unfinished_ + busy;
-  if (unfinished_ > kLate && left_out_ < wanted) {
+  if (unfinished_ > kLate && left_out_ < requested) {
     // The level was added again too early: wait longer next time.
     patience_ = since_change_ < 4 * kLate ? std::min(2 * patience_, kMaxPatience) : kFirstPatience;
     ++left_out_;

@@ -13,16 +13,16 @@ namespace slf {
 /// Times are in seconds. Thread-safety: one thread.
 class LevelPacer {
  public:
-  /// The finest level to load for a view that requests `wanted`.
-  [[nodiscard]] unsigned level(unsigned wanted) const {
-    return wanted - std::min(wanted, left_out_);
+  /// The finest level to load for a view that of level `requested`.
+  [[nodiscard]] unsigned level(unsigned requested) const {
+    return requested - std::min(requested, left_out_);
   }
 
-  /// Records the end of a plan for a view that requests level `wanted`. Since the end of the
+  /// Records the end of a plan for a view of level `requested`. Since the end of the
   /// previous plan, the loader loaded and decoded for `busy` seconds and was idle for `idle`.
   /// `finished`: it loaded all tiles that the frame lacked before the next frame, or there is no
   /// memory for more.
-  void add_plan(unsigned wanted, double idle, double busy, bool finished);
+  void add_plan(unsigned requested, double idle, double busy, bool finished);
 
   /// The recent share of its time that the loader is busy.
   [[nodiscard]] double busy_share() const {

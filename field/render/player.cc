@@ -108,13 +108,13 @@ class Player::Loader {
     thread_.join();
   }
 
-  /// Replaces the plan. `lacking`: sorted keys of the tiles that the frame lacked; `level`: that of
+  /// Replaces the plan. `missing`: sorted keys of the tiles that the frame missed; `level`: that of
   /// the frame; `drawn`: its TileCache frame, whose tiles must stay loaded.
-  void plan(std::vector<TileKey> lacking, std::vector<Camera> next, unsigned level,
+  void plan(std::vector<TileKey> missing, std::vector<Camera> next, unsigned level,
             std::uint32_t drawn) {
     {
       const std::lock_guard lock(mutex_);
-      lacking_ = std::move(lacking);
+      missing_ = std::move(missing);
       next_ = std::move(next);
       level_ = level;
       drawn_ = drawn;
@@ -137,10 +137,10 @@ class Player::Loader {
     if (!paused) changed_.notify_all();
   }
 
-  /// The finest level to load for a view that requests `wanted`.
-  [[nodiscard]] unsigned level(unsigned wanted) {
+  /// The finest level to load for a view of level `requested`.
+  [[nodiscard]] unsigned level(unsigned requested) {
     const std::lock_guard lock(mutex_);
-    return pacer_.level(wanted);
+    return pacer_.level(requested);
   }
 
   /// The first error since the last call.
@@ -156,18 +156,18 @@ class Player::Loader {
       changed_.wait(lock, [&] { return stop_ || done_ != plan_; });
       if (stop_) return;
       const std::uint64_t plan = plan_;
-      std::vector<TileKey> lacking = std::move(lacking_);
+      std::vector<TileKey> missing = std::move(missing_);
       const std::vector<Camera> next = std::move(next_);
       const std::uint32_t drawn = drawn_;
-      const unsigned wanted = level_;
-      view_.level = pacer_.level(wanted);
+      const unsigned requested = level_;
+      view_.level = pacer_.level(requested);
       lock.unlock();
 
       current_ = plan;
-      std::erase_if(lacking, [&](TileKey key) { return key.level > view_.level; });
+      std::erase_if(missing, [&](TileKey key) { return key.level > view_.level; });
       bool finished = true;
       auto ok = guarded([&] {
-        auto room = load(lacking, drawn);
+        auto room = load(missing, drawn);
         finished = !room || *room || !outdated();
         for (std::size_t k = 0; room && k < next.size() && *room; ++k)
           room = load_view(next[k], drawn);
@@ -179,7 +179,7 @@ class Player::Loader {
       const std::chrono::duration<double> busy = std::exchange(busy_, {});
       const std::chrono::duration<double> passed =
           Clock::now() - std::exchange(paced_, Clock::now());
-      pacer_.add_plan(wanted, std::max(passed - busy, {}).count(), busy.count(), finished);
+      pacer_.add_plan(requested, std::max(passed - busy, {}).count(), busy.count(), finished);
       done_ = plan;
       changed_.notify_all();
     }
@@ -213,8 +213,8 @@ class Player::Loader {
     return true;
   }
 
-  /// Renders a small preview of a view and loads the tiles that it lacks, until it lacks none. That
-  /// takes several previews, because depths in loaded tiles lead to further tiles. False: as
+  /// Renders a small preview of a view and loads the tiles that it misses, until none is missing.
+  /// That takes several previews, because depths in loaded tiles lead to further tiles. False: as
   /// load(), or a tile that was loaded was evicted again.
   [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint32_t drawn) {
     std::set<TileKey> loaded;
@@ -222,12 +222,12 @@ class Player::Loader {
       ViewStatistics statistics;
       if (auto ok = previewer_.render(preview_of(camera, turn), view_, preview_, &statistics); !ok)
         return tl::unexpected(ok.error());
-      const std::vector<TileKey>& wanted = statistics.wanted;
-      if (wanted.empty()) return true;
-      if (std::ranges::any_of(wanted, [&](TileKey key) { return loaded.contains(key); }))
+      const std::vector<TileKey>& missing = statistics.misses;
+      if (missing.empty()) return true;
+      if (std::ranges::any_of(missing, [&](TileKey key) { return loaded.contains(key); }))
         return false;
-      if (auto ok = load(wanted, drawn); !ok || !*ok) return ok;
-      loaded.insert(wanted.begin(), wanted.end());
+      if (auto ok = load(missing, drawn); !ok || !*ok) return ok;
+      loaded.insert(missing.begin(), missing.end());
     }
     return false;
   }
@@ -242,7 +242,7 @@ class Player::Loader {
 
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::vector<TileKey> lacking_;
+  std::vector<TileKey> missing_;
   std::vector<Camera> next_;
   unsigned level_ = 0;
   std::uint32_t drawn_ = 0;
@@ -326,13 +326,13 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
                statistics.pixels_hit,
                statistics.level_pixels.back(),
                statistics.tiles.size(),
-               statistics.wanted.size(),
+               statistics.misses.size(),
                now.decodes - s.seen.decodes,
                now.loaded_bytes - s.seen.loaded_bytes,
                statistics.level_pixels,
                0};
-    const auto wanted = static_cast<unsigned>(statistics.level_pixels.size() - 1);
-    report->load_level = s.loader ? s.loader->level(wanted) : wanted;
+    const auto requested = static_cast<unsigned>(statistics.level_pixels.size() - 1);
+    report->load_level = s.loader ? s.loader->level(requested) : requested;
     s.seen = now;
   }
   if (!s.loader) return {};
@@ -340,7 +340,7 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
   std::vector<Camera> next;
   if (s.options.loading == Loading::ahead) {
     const glm::dvec3& center = s.field.shape().sphere.center;
-    if (!statistics.wanted.empty()) next.push_back(camera);  // these may lead to further tiles
+    if (!statistics.misses.empty()) next.push_back(camera);  // these may lead to further tiles
     s.steady = s.before && s.expected && is_near(camera, *s.expected, *s.before, s.options.horizon)
                    ? s.steady + 1
                    : 0;
@@ -354,7 +354,7 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
     if (s.before) s.expected = predict(center, *s.before, camera, 1);
   }
   const auto level = static_cast<unsigned>(statistics.level_pixels.size() - 1);
-  s.loader->plan(std::move(statistics.wanted), std::move(next), level, frame);
+  s.loader->plan(std::move(statistics.misses), std::move(next), level, frame);
   s.before = camera;
   return {};
 }

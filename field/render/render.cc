@@ -173,7 +173,7 @@ class ViewJob {
     const std::lock_guard lock(mutex_);
     const SampleGatherer& gatherer = renderer.gatherer();
     touched_.insert(touched_.end(), gatherer.touched().begin(), gatherer.touched().end());
-    wanted_.insert(wanted_.end(), gatherer.wanted().begin(), gatherer.wanted().end());
+    misses_.insert(misses_.end(), gatherer.misses().begin(), gatherer.misses().end());
     for (std::size_t level = 0; level < level_pixels_.size(); ++level)
       level_pixels_[level] += renderer.counts().level[level];
     hit_ += renderer.counts().hit;
@@ -186,11 +186,11 @@ class ViewJob {
 
   /// Fills in the engine's counts.
   void fill(ViewStatistics& statistics) {
-    sort_unique(wanted_);
-    touched_.insert(touched_.end(), wanted_.begin(), wanted_.end());
+    sort_unique(misses_);
+    touched_.insert(touched_.end(), misses_.begin(), misses_.end());
     sort_unique(touched_);
     statistics.tiles = std::move(touched_);
-    statistics.wanted = std::move(wanted_);
+    statistics.misses = std::move(misses_);
     statistics.pixels_hit = hit_;
     statistics.level_pixels = std::move(level_pixels_);
   }
@@ -225,7 +225,7 @@ class ViewJob {
   std::atomic<std::uint32_t> workers_{0};
   std::mutex mutex_;  // guards what follows
   std::optional<Error> error_;
-  std::vector<TileKey> touched_, wanted_;
+  std::vector<TileKey> touched_, misses_;
   std::vector<std::uint64_t> level_pixels_;
   std::uint64_t hit_ = 0;
 };
@@ -239,16 +239,16 @@ Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
   return image;
 }
 
-Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, Image& image,
+Result<void> Renderer::render(const Camera& camera, const ViewOptions& requested, Image& image,
                               ViewStatistics* statistics) {
   const auto rays = RayGenerator::make(camera);
   if (!rays) return tl::unexpected(rays.error());
   const FieldFile& field = state_->field.file();
-  if (auto ok = check_view(state_->field, wanted); !ok) return ok;
-  const ViewOptions options = resolved(wanted, field.shape(), camera);
+  if (auto ok = check_view(state_->field, requested); !ok) return ok;
+  const ViewOptions options = resolved(requested, field.shape(), camera);
 
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
-  if (field.store().distant() && options.wait)
+  if (field.store().is_remote() && options.wait)
     if (auto ok = fetch(camera, options); !ok) return ok;
   state_->cache->reset_peak();
   const auto threads =
@@ -271,7 +271,7 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& wanted, I
 
 namespace {
 
-/// The stored tiles of level 0, which aim all rays, unless they are large.
+/// The stored tiles of level 0, unless they are large: their depths aim all rays.
 std::vector<TileKey> level0_if_small(const FieldFile& field) {
   constexpr std::uint64_t kSmall = 2 << 20;  // bytes
   std::vector<TileKey> keys;
@@ -288,9 +288,9 @@ std::vector<TileKey> level0_if_small(const FieldFile& field) {
 
 }  // namespace
 
-// A view finds its tiles as it is drawn, a few at a time: over a network each few would take a
-// round trip. So pictures that do not wait say before what is wanted, with coarser tiles to aim
-// rays by. Depths of what they wanted lead to other tiles, so some more pictures want the rest.
+// Drawing finds the tiles of a view a few at a time, and over a network each few would take a round
+// trip. So this function first draws pictures that do not wait, and loads all tiles that such a
+// picture missed at once. Loaded depths lead to further tiles, hence several rounds.
 Result<void> Renderer::fetch(const Camera& camera, ViewOptions options) {
   constexpr int kRounds = 4;
   TileCache& cache = *state_->cache;
@@ -307,9 +307,9 @@ Result<void> Renderer::fetch(const Camera& camera, ViewOptions options) {
   std::set<TileKey> loaded;
   for (int round = 0; round < kRounds; ++round) {
     if (auto ok = render(camera, options, picture, &statistics); !ok) return ok;
-    if (statistics.wanted.empty() || loaded.contains(statistics.wanted.front())) return {};
-    if (auto ok = load(statistics.wanted); !ok) return ok;
-    loaded.insert(statistics.wanted.begin(), statistics.wanted.end());
+    if (statistics.misses.empty() || loaded.contains(statistics.misses.front())) return {};
+    if (auto ok = load(statistics.misses); !ok) return ok;
+    loaded.insert(statistics.misses.begin(), statistics.misses.end());
   }
   return {};
 }

@@ -32,8 +32,8 @@ SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::ui
 void SampleGatherer::begin(std::uint32_t frame, bool with_depth) {
   with_depth_ = with_depth;
   touched_.clear();
-  wanted_.clear();
-  wanted_once_ = 0;
+  misses_.clear();
+  unique_misses_ = 0;
   tiles_.begin_frame(frame, with_depth, touched_);
 }
 
@@ -44,7 +44,7 @@ Result<void> SampleGatherer::gather(const LevelGeometry& geometry, bool wait, st
   gather_loaded(count, entries, pass, false);
   if (tiles_.absent().empty()) return {};
   if (wait) return gather_in_batches(count, entries, pass);
-  add_wanted();
+  add_misses();
   return {};
 }
 
@@ -73,11 +73,11 @@ Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCel
   return {};
 }
 
-void SampleGatherer::add_wanted() {
-  wanted_.insert(wanted_.end(), tiles_.absent().begin(), tiles_.absent().end());
-  if (wanted_.size() > 2 * wanted_once_ + kManyKeys) {
-    sort_unique(wanted_);
-    wanted_once_ = wanted_.size();
+void SampleGatherer::add_misses() {
+  misses_.insert(misses_.end(), tiles_.absent().begin(), tiles_.absent().end());
+  if (misses_.size() > 2 * unique_misses_ + kManyKeys) {
+    sort_unique(misses_);
+    unique_misses_ = misses_.size();
   }
 }
 

@@ -46,7 +46,7 @@ class SampleGatherer {
   /// The tiles that the view used so far, with repetitions, and those of them that were neither
   /// loaded nor waited for.
   [[nodiscard]] const std::vector<TileKey>& touched() const { return touched_; }
-  [[nodiscard]] const std::vector<TileKey>& wanted() const { return wanted_; }
+  [[nodiscard]] const std::vector<TileKey>& misses() const { return misses_; }
 
  private:
   [[nodiscard]] Result<void> gather_in_batches(std::size_t count, const EntryCells& entries,
@@ -54,7 +54,7 @@ class SampleGatherer {
   /// Gathers from the tiles that are loaded. If `add`, keeps the samples of earlier calls of the
   /// pass.
   void gather_loaded(std::size_t count, const EntryCells& entries, const Pass& pass, bool add);
-  void add_wanted();
+  void add_misses();
 
   TileCache& cache_;
   TileCache::Reader reader_;
@@ -64,8 +64,8 @@ class SampleGatherer {
   BlockTiles tiles_;
   TileBegins begins_;
   BlockSamples samples_;
-  std::vector<TileKey> touched_, wanted_;
-  std::size_t wanted_once_ = 0;  // of wanted_, without repetitions, when it was last sorted
+  std::vector<TileKey> touched_, misses_;
+  std::size_t unique_misses_ = 0;  // of misses_, without repetitions, when it was last sorted
 };
 
 }  // namespace slf

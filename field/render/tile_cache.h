@@ -180,8 +180,8 @@ class TileCache {
                                         const std::optional<storage::TileRef>& located);
   /// Makes room for a layer of a tile and counts it.
   void charge(Tile& tile, const LayerSamples& samples, std::uint64_t bytes, bool located);
-  [[nodiscard]] std::optional<storage::LayerId> depth_layer(bool wanted) const {
-    return wanted ? depth_ : std::nullopt;
+  [[nodiscard]] std::optional<storage::LayerId> depth_layer(bool needed) const {
+    return needed ? depth_ : std::nullopt;
   }
 
   const FieldFile& field_;

@@ -45,7 +45,7 @@ struct FrameReport {
   std::uint64_t pixels_hit = 0;             ///< pixels whose ray crosses the sphere
   std::uint64_t pixels_full = 0;            ///< those of them drawn at the requested level
   std::uint64_t tiles = 0;                  ///< tiles touched, in all levels drawn
-  std::uint64_t lacking = 0;                ///< those of them that were not loaded yet
+  std::uint64_t misses = 0;                 ///< those of them that were not loaded yet
   std::uint64_t loads = 0;                  ///< tiles loaded since the previous frame, per layer
   std::uint64_t load_bytes = 0;             ///< their payloads
   std::vector<std::uint64_t> level_pixels;  ///< pixels drawn at each level
@@ -57,7 +57,7 @@ struct FrameReport {
     return pixels_hit ? static_cast<double>(pixels_full) / static_cast<double>(pixels_hit) : 1;
   }
   [[nodiscard]] double hit_rate() const {
-    return tiles ? 1 - static_cast<double>(lacking) / static_cast<double>(tiles) : 1;
+    return tiles ? 1 - static_cast<double>(misses) / static_cast<double>(tiles) : 1;
   }
 };
 

@@ -33,7 +33,9 @@ struct RemoteTraffic {
 };
 
 /// Whether a path is an address: it begins with http:// or https://.
-[[nodiscard]] bool is_address(std::string_view path);
+[[nodiscard]] inline bool is_address(std::string_view path) {
+  return path.starts_with("http://") || path.starts_with("https://");
+}
 
 /// A field on a web server. A handle: copies are cheap and share one connection. The server and
 /// what it sends are untrusted.

@@ -65,7 +65,7 @@ struct ViewOptions {
 /// The work of drawing one view. footprint() in measure.h gives its tiles' bytes in the file.
 struct ViewStatistics {
   std::vector<TileKey> tiles;   ///< tiles needed, stored or empty, any layer; sorted
-  std::vector<TileKey> wanted;  ///< of `tiles`: not in the cache, not waited for; sorted
+  std::vector<TileKey> misses;  ///< of `tiles`: not in the cache, not waited for; sorted
   std::vector<std::uint64_t> level_pixels;  ///< by level: pixels for which it had all tiles
   std::uint64_t decodes = 0;                ///< tiles decoded for this view
   std::uint64_t decoded_peak_bytes = 0;     ///< most bytes of decoded tiles at any time

@@ -36,7 +36,7 @@ class Snapshot final : public Trees {
     return copy_ && !part.empty() ? copy_->fetch(part) : Result<void>();
   }
 
-  [[nodiscard]] bool distant() const { return copy_ != nullptr; }
+  [[nodiscard]] bool is_remote() const { return copy_ != nullptr; }
 
   /// As TileStore::section().
   [[nodiscard]] Bytes section(std::uint32_t id) const;

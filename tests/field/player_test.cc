@@ -73,7 +73,7 @@ TEST_F(Play, TheFirstFrameIsTheCoarsestLevelAndTheNextWhatWasLoaded) {
   Image image;
   const FrameReport first = draw(*p, camera(0), image);
   EXPECT_EQ(first.pixels_full, 0u);
-  EXPECT_GT(first.lacking, 0u);
+  EXPECT_GT(first.misses, 0u);
   ViewOptions coarsest = options(Loading::demand).view;
   coarsest.level = 0;
   EXPECT_EQ(image.rgba, rendered(camera(0), coarsest).rgba);
@@ -85,26 +85,26 @@ TEST_F(Play, TheFirstFrameIsTheCoarsestLevelAndTheNextWhatWasLoaded) {
     report = draw(*p, camera(0), image);
   }
   EXPECT_EQ(report.pixels_full, report.pixels_hit);
-  EXPECT_EQ(report.lacking, 0u);
+  EXPECT_EQ(report.misses, 0u);
   EXPECT_EQ(report.hit_rate(), 1);
   EXPECT_EQ(image.rgba, rendered(camera(0), options(Loading::demand).view).rgba);
 }
 
 TEST_F(Play, LoadingAheadHasTheTilesOfFramesToCome) {
   // The lattice of this field is coarse: a few frames cross it all.
-  std::map<Loading, std::uint64_t> lacking;
+  std::map<Loading, std::uint64_t> misses;
   for (const Loading loading : {Loading::demand, Loading::ahead}) {
     auto p = player(options(loading));
     ASSERT_TRUE(p);
     Image image;
     for (int k = 0; k < 12; ++k) {
       const FrameReport report = draw(*p, camera(5.0 * k), image);
-      if (k >= 2) lacking[loading] += report.lacking;  // motion is known from the second on
+      if (k >= 2) misses[loading] += report.misses;  // motion is known from the second on
       p->settle();
     }
   }
-  EXPECT_GT(lacking[Loading::demand], 0u);
-  EXPECT_LT(lacking[Loading::ahead], lacking[Loading::demand] / 4);
+  EXPECT_GT(misses[Loading::demand], 0u);
+  EXPECT_LT(misses[Loading::ahead], misses[Loading::demand] / 4);
 }
 
 TEST_F(Play, FramesThatWaitAreWhole) {
@@ -180,7 +180,7 @@ TEST_F(Play, WhatThePathLeftBehindMakesRoom) {
   constexpr std::uint64_t kMemory = 12 << 20;
   auto fresh = player(options(Loading::demand, kMemory));
   ASSERT_TRUE(fresh);
-  ASSERT_EQ(stay(*fresh, 180).lacking, 0u);
+  ASSERT_EQ(stay(*fresh, 180).misses, 0u);
 
   auto moving = player(options(Loading::ahead, kMemory));
   ASSERT_TRUE(moving);
@@ -189,7 +189,7 @@ TEST_F(Play, WhatThePathLeftBehindMakesRoom) {
     draw(*moving, camera(azimuth), image);
     moving->settle();
   }
-  EXPECT_EQ(stay(*moving, 180).lacking, 0u);
+  EXPECT_EQ(stay(*moving, 180).misses, 0u);
 }
 
 TEST_F(Play, AheadByNothingIsOnDemand) {
