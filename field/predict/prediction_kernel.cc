@@ -1,5 +1,7 @@
 #include "field/predict/prediction_kernel.h"
 
+#include <utility>
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "field/predict/prediction_kernel.cc"
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set
@@ -182,6 +184,7 @@ void predict_alpha_depth_any(const LevelGeometry& coarser, const PredictedRow& r
                 const VI column = hn::IfThenElseZero(here, to.corners.column[corner]);
                 rgba[corner] =
                     hn::IfThenElse(here, hn::GatherIndex(di, colors, column), rgba[corner]);
+                if (hn::AllFalse(di, hn::Ne(rgba[corner], hn::Zero(di)))) continue;
                 deep[corner] =
                     hn::IfThenElse(here, hn::GatherOffset(di, depths, column), deep[corner]);
               }
@@ -206,7 +209,8 @@ void predict_alpha_depth_any(const LevelGeometry& coarser, const PredictedRow& r
       }
       const auto seen = hn::Gt(opacity, zero);
       const V mean = hn::Div(place, hn::IfThenElse(seen, opacity, one));
-      t = hn::IfThenElse(seen, hn::Min(hn::Max(mean, zero), one), t);
+      const V before = std::exchange(t, hn::IfThenElse(seen, hn::Min(hn::Max(mean, zero), one), t));
+      if (hn::AllTrue(d, hn::Eq(t, before))) break;  // as frequent as rays that see nothing
     }
     const V share = hn::Set(d, row.references == 1 ? 0x1p-8f : 0x1p-9f);
     const VI a = to_whole(hn::Floor(hn::Add(hn::Mul(opacity, share), half)));
