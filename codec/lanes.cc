@@ -119,7 +119,7 @@ void walk(const LaneGroup& group, const LaneValues* from, const LaneValues* cove
   const auto load = [&](const LaneValues& values, std::size_t first) {
     return hn::PromoteTo(ints, hn::LoadU(shorts, values.data() + first));
   };
-  float weights[kMaxChannels][kMaxTaps];
+  float weights[kMaxChannels][kMaxTaps] = {};
   for (std::size_t channel = 0; channel < group.channels.size(); ++channel)
     for (std::size_t i = 0; i < kMaxTaps; ++i)
       weights[channel][i] = group.channels[channel].weights[i];

@@ -301,11 +301,11 @@ Result<void> PredictedTiles::encode(TileKey key, ByteSpan samples, const Referen
   Work work(*this, key);
   if (codec_.settings().by_sample()) {
     codec::ChannelEncoder encoder(work.level, work.tile, payload);
-    if (auto ok = work.encode(std::move(encoder), shape_, samples, source); !ok) return ok;
+    if (auto ok = work.encode(encoder, shape_, samples, source); !ok) return ok;
   } else {
     codec::PredictiveEncoder encoder(work.level, codec_.picture(work.tile), payload);
     encoder.count(counts);
-    if (auto ok = work.encode(std::move(encoder), shape_, samples, source); !ok) return ok;
+    if (auto ok = work.encode(encoder, shape_, samples, source); !ok) return ok;
   }
   // A payload of no bytes would mean an empty tile.
   if (payload.empty()) payload.push_back(std::byte{0});

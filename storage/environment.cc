@@ -122,6 +122,7 @@ void Environment::guard() {
       mdb_cursor_open(transaction, tree, &cursor) == 0 &&
       mdb_cursor_get(cursor, &key, &value, MDB_FIRST) == 0) {
     const auto entry = reinterpret_cast<std::uintptr_t>(value.mv_data);
+    // NOLINTNEXTLINE(performance-no-int-to-ptr)
     const auto* page = reinterpret_cast<const std::byte*>(entry / kPageSize * kPageSize);
     map_ = GuardedRange({page - load_le<std::uint64_t>(page) * kPageSize, map_bytes_});
   }

@@ -41,6 +41,7 @@ void on_bus_error(int signal, siginfo_t* info, void* context) {
   const auto address = reinterpret_cast<std::uintptr_t>(info->si_addr);
   MapSlot* slot = slot_of(address);
   if (slot != nullptr) {
+    // NOLINTNEXTLINE(performance-no-int-to-ptr)
     void* page = reinterpret_cast<void*>(address & ~(system_page - 1));
     if (mmap(page, system_page, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED, -1, 0) !=
         MAP_FAILED) {

@@ -166,8 +166,7 @@ Result<ByteSpan> Pages::value(const Node& node, std::uint64_t most) const {
   const std::uint64_t needed = overflow_pages(node.data_size);
   if (node.child < 2 || node.child > meta_.last_page || needed > count() - node.child)
     return damaged(node.child, "a value of ", node.data_size, " bytes leaves the file");
-  const auto loaded =
-      bytes(node.child * meta_.page_size, kPageHeader + std::min(node.data_size, most));
+  auto loaded = bytes(node.child * meta_.page_size, kPageHeader + std::min(node.data_size, most));
   if (!loaded) return loaded;
   const std::byte* page = loaded->data();
   const auto own_number = load_le<std::uint64_t>(page);

@@ -80,6 +80,7 @@ void Advice::apply(int advice) {
     Range merged = ranges_[i++];
     for (; i < ranges_.size() && ranges_[i].begin <= merged.end; ++i)
       merged.end = std::max(merged.end, ranges_[i].end);
+    // NOLINTNEXTLINE(performance-no-int-to-ptr)
     (void)madvise(reinterpret_cast<void*>(merged.begin), merged.end - merged.begin, advice);
   }
   ranges_.clear();

@@ -207,7 +207,7 @@ std::vector<Result<TileRef>> TileStore::find_all(LayerId layer,
         tiles[k] = tl::unexpected(std::move(found.error()));
         continue;
       }
-      record = std::move(*found);
+      record = *found;
       walk.reset();
       if (record) walk.emplace(*record);
       if (record) (void)walk->next();

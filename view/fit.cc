@@ -19,6 +19,7 @@ std::vector<RepackOptions> candidates(const Field& field, const RepackOptions& o
   const unsigned finest = options.levels.value_or(field.shape().levels);
   const unsigned levels = options.levels ? 1 : finest + 1;
   std::vector<RepackOptions> all;
+  all.reserve(levels * (1 + kQualities.size()));
   RepackOptions next = options;
   next.replace = true;
   for (unsigned k = 0; k < levels; ++k) {

@@ -126,8 +126,8 @@ FieldShape joined_shape(const std::vector<Source>& sources) {
   }
   shape.subfields.clear();
   if (all || std::ranges::find(selected, false) == selected.end()) return shape;
-  for (std::uint8_t k = 0; k < selected.size(); ++k)
-    if (selected[k]) shape.subfields.push_back(k);
+  for (std::size_t k = 0; k < selected.size(); ++k)
+    if (selected[k]) shape.subfields.push_back(static_cast<std::uint8_t>(k));
   return shape;
 }
 

@@ -11,7 +11,7 @@ namespace {
 /// moves by 1 away from 0 and the other by 1 towards 0, or the other way around.
 std::vector<LatticeVertex> parents_of(const LatticeVertex& v) {
   std::int32_t at[3] = {v.i, v.j, v.k};
-  std::size_t odd[2];
+  std::size_t odd[2] = {};
   std::size_t count = 0;
   for (std::size_t axis = 0; axis < 3; ++axis)
     if (at[axis] % 2 != 0) odd[count++] = axis;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <charconv>
 #include <chrono>
+#include <cmath>
 #include <cstring>
 #include <deque>
 #include <optional>
@@ -288,7 +289,7 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
   const auto again = [&](const std::string& what) -> Result<bool> {
     if (t.attempts >= std::max(1u, options_.attempts))
       return failed(ErrorCode::io, what, ", after ", t.attempts, " attempts");
-    const double doubled = options_.first_retry_delay * static_cast<double>(1u << (t.attempts - 1));
+    const double doubled = std::ldexp(options_.first_retry_delay, static_cast<int>(t.attempts) - 1);
     const double pause = std::min(std::max(doubled, t.retry_after), kMaxPause);
     t.due = Clock::now() +
             std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(pause));

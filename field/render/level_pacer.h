@@ -13,7 +13,7 @@ namespace slf {
 /// Times are in seconds. Thread-safety: one thread.
 class LevelPacer {
  public:
-  /// The finest level to load for a view that of level `requested`.
+  /// The finest level to load for a view of level `requested`.
   [[nodiscard]] unsigned level(unsigned requested) const {
     return requested - std::min(requested, left_out_);
   }

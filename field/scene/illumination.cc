@@ -86,7 +86,8 @@ Environment::Sample Environment::sample(double choice, double u, double v) const
       std::upper_bound(cumulative_.begin(), cumulative_.end(), choice * cumulative_.back());
   const auto k =
       std::min(static_cast<std::size_t>(found - cumulative_.begin()), texels_.size() - 1);
-  const auto row = static_cast<double>(k / width_), column = static_cast<double>(k % width_);
+  const std::size_t line = k / width_;
+  const auto row = static_cast<double>(line), column = static_cast<double>(k % width_);
   const auto height = static_cast<double>(height_);
   const double z = glm::mix(std::cos(kPi * row / height), std::cos(kPi * (row + 1) / height), u);
   const double angle = 2 * kPi * ((column + v) / static_cast<double>(width_) - 0.5);

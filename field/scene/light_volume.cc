@@ -41,7 +41,8 @@ static_assert(sizeof(NodeLight) == 56);
 /// The grid that covers the visible box within the options' memory.
 LightGrid plan_grid(const RayGrid& grid, const LightOptions& options) {
   const glm::dvec3 box = grid.visible_high - grid.visible_low;
-  const double most = static_cast<double>(options.memory / kBytesPerNode);
+  const std::uint64_t nodes = options.memory / kBytesPerNode;
+  const auto most = static_cast<double>(nodes);
   LightGrid light;
   light.low = grid.visible_low;
   const auto dims_at = [&](double spacing) {

@@ -66,6 +66,8 @@ void load(const RayGrid& grid, const glm::ivec3& first, bool visible, float* to)
         for (int x = 0; x < N; ++x) {
           const auto voxel = voxels[row + std::clamp(first.x + x, 0, dims.x - 1)];
           if (visible) {
+            // Negative values become numbers beyond the table.
+            // NOLINTNEXTLINE(bugprone-signed-char-misuse)
             const auto label = static_cast<std::size_t>(voxel);
             *to++ = label < grid.table.opacities.size() && grid.table.opacities[label] > 0;
           } else {
@@ -146,8 +148,9 @@ void Medium::find_majorants() {
   const auto most_between = [&](std::size_t from, std::size_t to) {
     from = from > 0 ? from - 1 : 0;  // one entry more on each side, for rounding
     to = std::min(to + 1, last);
-    const auto level = static_cast<std::size_t>(std::bit_width(to - from + 1) - 1);
-    return std::max(levels[level][from], levels[level][to + 1 - (std::size_t{1} << level)]);
+    const std::size_t width = std::bit_floor(to - from + 1);
+    const std::vector<float>& level = levels[static_cast<std::size_t>(std::countr_zero(width))];
+    return std::max(level[from], level[to + 1 - width]);
   };
   majorants_.assign(grid_.distance.size(), 0);
   std::size_t number = 0;
@@ -288,14 +291,15 @@ double Medium::optical_depth(const glm::dvec3& from, const glm::dvec3& direction
   const double step = 0.7 * smallest_spacing_;
   double depth = 0;
   const glm::dvec3 inverse = 1.0 / direction;
-  for (double t = begin + shift * step; t < length && depth < kDark;) {
+  double t = begin + shift * step;
+  while (t < length && depth < kDark) {
     const Brick b = brick(from, direction, inverse, t);
     if (b.empty) {  // stay on the same positions
       t += step * std::max(1.0, std::ceil((b.end - t) / step));
       continue;
     }
-    for (const double end = std::min(b.end, length); t < end; t += step)
-      depth += step * extinction(from + t * direction);
+    const double end = std::min(b.end, length);
+    for (; t < end; t += step) depth += step * extinction(from + t * direction);
   }
   return depth;
 }

@@ -96,7 +96,8 @@ Result<std::vector<TransferFunction::ColorPoint>> read_indexed(const json& prese
       return bad(where, " is ", found[i].type_name(), ", expected a number");
     const double channel = found[i].get<double>();
     if (!(channel >= 0 && channel <= 1)) return bad(where, " is ", channel, ", expected 0 to 1");
-    if (i % 3 == 0) points.push_back({static_cast<double>(i / 3), {}});
+    const std::size_t color = i / 3;
+    if (i % 3 == 0) points.push_back({static_cast<double>(color), {}});
     points.back().rgb[static_cast<int>(i % 3)] = channel;
   }
   // Pairs of value and text. In some files the values are strings.

@@ -166,10 +166,10 @@ Result<void> place(const Document& d, Volume& volume) {
   const auto dims = check_dims(path, sizes);
   if (!dims) return tl::unexpected(dims.error());
   volume.dims = *dims;
-  for (int axis = 0; axis < 3; ++axis)
-    for (int row = 0; row < 3; ++row)  // the matrix is written row by row
-      volume.axes[axis][row] = (*direction)[static_cast<std::size_t>(3 * row + axis)] *
-                               (*spacing)[static_cast<std::size_t>(axis)];
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    for (std::size_t row = 0; row < 3; ++row)  // the matrix is written row by row
+      volume.axes[static_cast<int>(axis)][static_cast<int>(row)] =
+          (*direction)[3 * row + axis] * (*spacing)[axis];
   volume.origin = glm::dvec3((*origin)[0], (*origin)[1], (*origin)[2]) + volume.axes * first;
   return check_axes(volume);
 }
