@@ -4,8 +4,8 @@
   benchmarks/light_sheet.py --slf build/release/cli/slf -o sheet.jpg [--samples 32] [--size 384]
       [TITLE=]VOLUME[:TRANSFER[:OPTIONS]] ...
 
-Without volumes it draws those in the folder --data. The first column shows direct light. Pictures that
-exist in the folder are not drawn again. Needs ImageMagick's montage.
+Without volumes it draws those in the folder --data. The first column shows direct light. Pictures
+that exist in the folder are not drawn again. Needs ImageMagick's montage.
 """
 
 import argparse

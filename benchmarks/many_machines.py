@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """Measures the cost of building a field in parts, and the speed of joining the parts.
 
-  benchmarks/many_machines.py --slf build/release/cli/slf --large build/bench/benchmarks/large_field \\
-    --folder /var/tmp/slf [INPUT --transfer ... --levels 2 ...]
+  benchmarks/many_machines.py --slf build/release/cli/slf \\
+    --large build/bench/benchmarks/large_field --folder /var/tmp/slf [INPUT --transfer ... --levels 2 ...]
 
 INPUT and what follows go to `slf build` (default: scene:balls --levels 2). Prints:
 
-  - the processor time of a whole build; of the coarse levels alone and of each of 8 shards of the finest
-    level, one after the other; of 8 shards that build the coarser tiles that they need themselves;
+  - the processor time of a whole build; of the coarse levels alone and of each of 8 shards of the
+    finest level, one after the other; of 8 shards that build the coarser tiles that they need
+    themselves;
   - the time of `slf merge` of a field of 4 GB and more in 8 parts, and its memory, beside that of
     `cp` and a sync of the parts' bytes, alternating;
   - the processor seconds and the memory of `ls`, `info` and `diff` of fields of 65,535, 262,140 and

@@ -1,9 +1,9 @@
 #!/bin/sh
 # Builds a field on a Slurm cluster:
 #   examples/cluster/slurm.sh OUT.slf SHARDS LEVELS INPUT [OPTIONS OF slf build]
-# Submits the coarse levels, an array of SHARDS tasks, and the merge, each after the one before, and
-# prints the number of the merge. Jobs that are requeued resume. SBATCH_* in the environment, such as
-# SBATCH_PARTITION and SBATCH_TIMELIMIT, apply to all three.
+# Submits the coarse levels, an array of SHARDS tasks, and the merge, each after the one before,
+# and prints the number of the merge. Jobs that are requeued resume. SBATCH_* in the environment,
+# such as SBATCH_PARTITION and SBATCH_TIMELIMIT, apply to all three.
 set -eu
 if [ $# -lt 4 ] || [ "$3" -lt 1 ]; then
   sed -n '2,6s/^# \{0,1\}//p' "$0" >&2

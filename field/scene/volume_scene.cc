@@ -82,6 +82,7 @@ float contrast_of(const TransferFunction& transfer, const Volume& volume,
   for (const auto& point : transfer.opacities) most = std::max(most, point.opacity);
   const auto risen = std::find_if(transfer.opacities.begin(), transfer.opacities.end(),
                                   [&](const auto& point) { return point.opacity >= most / 2; });
+  if (risen == transfer.opacities.end()) return whole;
   const double rise = std::abs((risen->value - volume.intercept) / volume.slope - range[0]);
   return rise > 1e-30 ? static_cast<float>(std::min(8 * rise, double{whole})) : whole;
 }

@@ -21,8 +21,8 @@ from host import Host
 SLF, DECODED, TOUCHED, WORK = sys.argv[1:5]
 VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 2.2), (300, 5, 1.4), (75, 0, 6)]
 MIN_PSNR = {"bitri": 45.0, "depth": 42.0}  # dB
-# Software graphics take a second for a picture of 512². Half of that shows the same mistakes; fields
-# that are given are drawn in full.
+# Software graphics take a second for a picture of 512². Half of that shows the same mistakes;
+# fields that are given are drawn in full.
 SIZE = 512 if sys.argv[5:] else 256
 
 

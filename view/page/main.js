@@ -189,8 +189,8 @@ function pause(begin) {
   pausedUntil = now + kPause * (now - begin);
 }
 
-// Draws the pixels of the view that are not final, in full resolution. Resolves to false if the view
-// changes meanwhile.
+// Draws the pixels of the view that are not final, in full resolution. Resolves to false if the
+// view changes meanwhile.
 async function sharpen(view) {
   const asked = version;
   while (drawing) await sleep(2);

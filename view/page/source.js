@@ -102,8 +102,8 @@ export class HttpSource {
     return answer;
   }
 
-  // Repeats a request that may succeed later. Refuses an answer with the whole file; then the result
-  // has no parts.
+  // Repeats a request that may succeed later. Refuses an answer with the whole file; then the
+  // result has no parts.
   async request(ranges, came) {
     const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
@@ -174,9 +174,9 @@ function settle(wants, answer) {
   }
 }
 
-// An answer while it comes. Each of its `parts` is {begin, size, total, at}: a part of the file, the
-// file's size, and the offset of the part's bytes in the body. The last part may be incomplete. A
-// part is undefined if the answer does not say where it belongs.
+// An answer while it comes. Each of its `parts` is {begin, size, total, at}: a part of the file,
+// the file's size, and the offset of the part's bytes in the body. The last part may be incomplete.
+// A part is undefined if the answer does not say where it belongs.
 class Answer {
   constructor(response) {
     const header = (name) => response.headers.get(name) ?? '';
