@@ -7,7 +7,6 @@
 #pragma once
 
 #include <array>
-#include <bit>
 #include <cstdint>
 #include <vector>
 
@@ -109,10 +108,13 @@ class RangeEncoder {
 class RangeDecoder {
  public:
   /// Views `from`, untrusted.
-  explicit RangeDecoder(ByteSpan from) : from_(from) { refill(); }
+  explicit RangeDecoder(ByteSpan from) : from_(from) {
+    for (int k = 0; k < 4; ++k) code_ = code_ << 8 | next();
+  }
 
   bool bit(BitModel& model, bool = false) {
-    const bool value = narrow((range_ >> 15) * model.probability());
+    const std::uint32_t one = (range_ >> 15) * model.probability();
+    const bool value = narrow(one);
     model.learn(value);
     return value;
   }
@@ -120,35 +122,31 @@ class RangeDecoder {
 
   /// Whether the bytes are as many as were needed: none is left over, and no more are missing than
   /// an encoder leaves out.
-  [[nodiscard]] bool finished() const {
-    const std::size_t used = at_ - static_cast<std::size_t>(ahead_) / 8;
-    return used >= from_.size() && used - from_.size() <= 4;
-  }
+  [[nodiscard]] bool finished() const { return at_ >= from_.size() && at_ - from_.size() <= 4; }
 
  private:
   bool narrow(std::uint32_t one) {
-    const bool value = window_ >> 32 < one;
-    window_ -= value ? 0 : std::uint64_t{one} << 32;
-    range_ = value ? one : range_ - one;
-    // The encoder moves whole bytes out until the range has 25 bits or more.
-    const int moved = std::countl_zero(range_) & ~7;
-    range_ <<= moved;
-    window_ <<= moved;
-    ahead_ -= moved;
-    if (ahead_ < 0) refill();
+    const bool value = code_ < one;
+    if (value) {
+      range_ = one;
+    } else {
+      code_ -= one;
+      range_ -= one;
+    }
+    while (range_ < 1u << 24) {
+      range_ <<= 8;
+      code_ = code_ << 8 | next();
+    }
     return value;
   }
-  /// Fills the window, with zeros behind the last byte.
-  void refill() {
-    for (; ahead_ <= 24; ahead_ += 8, ++at_)
-      if (at_ < from_.size())
-        window_ |= std::to_integer<std::uint64_t>(from_[at_]) << (24 - ahead_);
+  std::uint32_t next() {
+    const std::size_t at = at_++;
+    return at < from_.size() ? std::to_integer<std::uint32_t>(from_[at]) : 0;
   }
 
   ByteSpan from_;
-  std::size_t at_ = 0;        // of the next byte that the window takes
-  std::uint64_t window_ = 0;  // the number that is decoded in the upper half, the next bytes below
-  int ahead_ = -32;           // bits of the lower half that are filled
+  std::size_t at_ = 0;
+  std::uint32_t code_ = 0;
   std::uint32_t range_ = 0xFFFFFFFFu;
 };
 
