@@ -37,9 +37,9 @@ namespace slf {
 template <class F>
 [[nodiscard]] Result<void> parallel_for(std::uint64_t count, unsigned threads, const F& f) {
   std::atomic<std::uint64_t> next{0};
-  const auto most =
+  const auto max_threads =
       static_cast<unsigned>(std::clamp<std::uint64_t>(count, 1, thread_count(threads)));
-  return on_threads(most, [&] {
+  return on_threads(max_threads, [&] {
     try {
       for (std::uint64_t k; (k = next.fetch_add(1)) < count;) f(k);
     } catch (...) {

@@ -323,16 +323,17 @@ Contender libjpeg(const Mosaics& mosaics, int quality, bool full_chroma) {
 // How much smaller `row` is than the smallest libjpeg tile of the same PSNR. Log sizes are
 // interpolated linearly between qualities. NaN if no quality reaches the PSNR.
 double saved_against_libjpeg(const std::vector<Row>& rows, const Row& row) {
-  double least = NAN;
+  double min_bytes = NAN;
   for (std::size_t k = 0; k + 1 < rows.size(); ++k) {
     const Row &a = rows[k], &b = rows[k + 1];
     const bool chroma = a.name.ends_with(":444");
     if (!a.name.starts_with("libjpeg") || !b.name.starts_with("libjpeg")) continue;
     if (chroma != b.name.ends_with(":444") || row.psnr < a.psnr || row.psnr > b.psnr) continue;
     const double u = (row.psnr - a.psnr) / (b.psnr - a.psnr);
-    least = std::fmin(least, a.bytes_per_tile * std::pow(b.bytes_per_tile / a.bytes_per_tile, u));
+    min_bytes =
+        std::fmin(min_bytes, a.bytes_per_tile * std::pow(b.bytes_per_tile / a.bytes_per_tile, u));
   }
-  return 1 - row.bytes_per_tile / least;
+  return 1 - row.bytes_per_tile / min_bytes;
 }
 
 Contender plain_zstd(const Mosaics& mosaics, int level) {

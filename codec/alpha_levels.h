@@ -91,10 +91,10 @@ void code_alpha(Coder& coder, AlphaModels& models, const AlphaPicture& picture) 
             if (!coder.bit(models.equal[c], level == middle)) {
               const bool below = middle > 1 && (middle + 1 == kAlphaTop ||
                                                 coder.bit(models.below[c], level < middle));
-              const int most = below ? middle - 1 : kAlphaTop - 1 - middle;
+              const int max_distance = below ? middle - 1 : kAlphaTop - 1 - middle;
               const int distance = std::abs(level - middle);
               int d = 1;
-              while (d < most && coder.bit(models.further[c][d], d < distance)) ++d;
+              while (d < max_distance && coder.bit(models.further[c][d], d < distance)) ++d;
               coded = below ? middle - d : middle + d;
             }
           }

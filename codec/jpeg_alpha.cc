@@ -81,14 +81,14 @@ Result<void> append_jpeg_alpha(const Tile& tile, const Mosaic& mosaic, const Jpe
   // An error in alpha also causes an error in the colour under it.
   const double error_of_a_byte = 8 * error_per_bit(tables.quantisation[0]) / 2;
   const Candidate* best = nullptr;
-  double least = 0;
+  double min_cost = 0;
   for (const auto& candidate : candidates) {
     if (!candidate) return tl::unexpected(candidate.error());
     const double cost = squared_error(alpha, candidate->alpha) +
                         error_of_a_byte * static_cast<double>(candidate->payload.size());
-    if (best && cost >= least) continue;
+    if (best && cost >= min_cost) continue;
     best = &*candidate;
-    least = cost;
+    min_cost = cost;
   }
   payload.insert(payload.end(), best->payload.begin(), best->payload.end());
   std::copy(best->alpha.begin(), best->alpha.end(), alpha.begin());

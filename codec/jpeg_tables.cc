@@ -90,21 +90,21 @@ std::array<int, 257> huffman_lengths(std::array<std::uint64_t, 257> weights) {
   std::array<int, 257> next;  // the symbols of each subtree, as a list
   next.fill(-1);
   while (true) {
-    int least = -1, second = -1;  // on a tie the later symbol, as T.81 requires
+    int rarest = -1, second = -1;  // on a tie the later symbol, as T.81 requires
     for (int i = 0; i < 257; ++i) {
       if (weights[i] == 0) continue;
-      if (least < 0 || weights[i] <= weights[least]) {
-        second = least;
-        least = i;
+      if (rarest < 0 || weights[i] <= weights[rarest]) {
+        second = rarest;
+        rarest = i;
       } else if (second < 0 || weights[i] <= weights[second]) {
         second = i;
       }
     }
     if (second < 0) return lengths;
-    weights[least] += weights[second];
+    weights[rarest] += weights[second];
     weights[second] = 0;
-    int last = least;
-    for (int i = least; i >= 0; i = next[i]) {
+    int last = rarest;
+    for (int i = rarest; i >= 0; i = next[i]) {
       ++lengths[i];
       last = i;
     }

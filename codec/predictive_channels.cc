@@ -48,8 +48,8 @@ ChannelCoder<Coder>::ChannelCoder(const PredictiveLevel& level, const Tile& tile
     : level_(level),
       rows_(tile.rows()),
       columns_(tile.columns()),
-      least_(is_half(tile) ? -0x8000 : 0),
-      most_(is_half(tile) ? 0x7FFF : 255),
+      min_value_(is_half(tile) ? -0x8000 : 0),
+      max_value_(is_half(tile) ? 0x7FFF : 255),
       opaque_(is_half(tile) ? 0x3C00 : 255),
       neighbours_(find_neighbours(tile.side)),
       errors_(rows_ * columns_),
@@ -146,8 +146,8 @@ void ChannelCoder<Coder>::code_channel(TileChannel channel, Weights weights,
   }
   ResidualModels models;
   const std::int32_t by = step(channel);
-  const std::int32_t least = channel == kDepthChannel ? 0 : least_;
-  const std::int32_t most = channel == kDepthChannel ? 255 : most_;
+  const std::int32_t min_value = channel == kDepthChannel ? 0 : min_value_;
+  const std::int32_t max_value = channel == kDepthChannel ? 255 : max_value_;
   std::array<std::int32_t, kMaxTerms> term;
   std::fill(errors_.begin(), errors_.end(), 0);
   for (std::size_t row = 0; row < rows_; ++row)
@@ -164,8 +164,9 @@ void ChannelCoder<Coder>::code_channel(TileChannel channel, Weights weights,
       std::int32_t expected = flat.value;
       if (!flat.flat) {
         find_terms(channel, predicted, values, row, column, term.data());
-        expected = std::clamp(
-            predict(predicted[channel][sample], weights.data(), term.data(), terms), least, most);
+        expected =
+            std::clamp(predict(predicted[channel][sample], weights.data(), term.data(), terms),
+                       min_value, max_value);
       }
       const std::int32_t off = value - expected;
       const std::int32_t steps = (std::abs(off) + by / 2) / by;
@@ -174,7 +175,7 @@ void ChannelCoder<Coder>::code_channel(TileChannel channel, Weights weights,
                         off < 0 ? -steps : steps);
       errors_[sample] = std::abs(coded);
       value = static_cast<std::int32_t>(
-          std::clamp<std::int64_t>(expected + std::int64_t{coded} * by, least, most));
+          std::clamp<std::int64_t>(expected + std::int64_t{coded} * by, min_value, max_value));
     }
   if (channel >= kGreenChannel)
     for (std::size_t s = 0; s < errors_.size(); ++s) color_errors_[s] += errors_[s];

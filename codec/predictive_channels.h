@@ -103,7 +103,8 @@ class ChannelCoder {
 
   const PredictiveLevel& level_;
   const std::size_t rows_, columns_;
-  const std::int32_t least_, most_, opaque_;  // range of values, and the alpha that means opaque
+  const std::int32_t min_value_, max_value_;  // of the channels other than depth
+  const std::int32_t opaque_;                 // the alpha that means opaque
   bool hidden_ = false;
   std::vector<ColumnNeighbours> neighbours_;  // per column
   std::vector<std::int32_t> errors_;          // per sample: the residual's magnitude

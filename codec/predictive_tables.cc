@@ -37,11 +37,11 @@ std::uint16_t probability_of(std::uint8_t byte) {
 
 std::uint8_t byte_of_probability(double probability) {
   std::size_t best = 0;
-  double least = 1e9;
+  double min_bits = 1e9;
   for (std::size_t byte = 0; byte < 256; ++byte) {
     const double p = probability_of(static_cast<std::uint8_t>(byte)) / 65536.;
     const double bits = -probability * std::log2(p) - (1 - probability) * std::log2(1 - p);
-    if (bits < least) least = bits, best = byte;
+    if (bits < min_bits) min_bits = bits, best = byte;
   }
   return static_cast<std::uint8_t>(best);
 }

@@ -143,7 +143,7 @@ Result<void> FieldFile::encode(storage::LayerId layer, TileKey key, ByteSpan sam
       payload);
 }
 
-void FieldFile::limit_references(std::uint64_t bytes) const {
+void FieldFile::set_reference_budget(std::uint64_t bytes) const {
   for (const auto& prediction : predictions_)
     if (prediction) prediction->references.set_budget(bytes);
 }

@@ -76,7 +76,7 @@ class FieldFile {
 
   /// Limits the cache of decoded tiles that others are predicted from. The limit is 32 MiB at
   /// first; tiles that are in use come on top.
-  void limit_references(std::uint64_t bytes) const;
+  void set_reference_budget(std::uint64_t bytes) const;
 
   /// bad_file: the file has shrunk while it was open; samples used in place may have been zeros.
   [[nodiscard]] Result<void> unchanged() const;

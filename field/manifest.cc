@@ -38,11 +38,11 @@ class Reader {
     if (!value->is_number()) return problem(pointer, "is not a number"), 0;
     return value->get<double>();
   }
-  std::uint32_t integer(const std::string& pointer, std::uint32_t most) {
+  std::uint32_t integer(const std::string& pointer, std::uint32_t max) {
     const auto* value = find(pointer);
     if (!value) return 0;
-    if (!value->is_number_unsigned() || value->get<std::uint64_t>() > most)
-      return problem(pointer, "is not an integer from 0 to " + std::to_string(most)), 0;
+    if (!value->is_number_unsigned() || value->get<std::uint64_t>() > max)
+      return problem(pointer, "is not an integer from 0 to " + std::to_string(max)), 0;
     return value->get<std::uint32_t>();
   }
   std::string text(const std::string& pointer) {

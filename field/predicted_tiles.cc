@@ -7,8 +7,8 @@
 #include "codec/predictive_channels.h"
 #include "codec/premultiply.h"
 #include "codec/reference_coder.h"
+#include "field/predict/log_colors.h"
 #include "field/predict/predictor.h"
-#include "field/predict/seen_colors.h"
 
 namespace slf {
 namespace {
@@ -95,7 +95,7 @@ struct PredictedTiles::Work {
     auto found = source(candidates.keys[k]);
     if (!found) return tl::unexpected(found.error());
     if (!*found) return false;
-    if (half()) *found = std::make_shared<const Bytes>(seen_samples(**found));
+    if (half()) *found = std::make_shared<const Bytes>(to_rgba8_depth8(**found));
     const std::byte* const color_of = (*found)->data();
     from[k] = {color_of, color_of + (*found)->size() / 5 * 4};
     keep_alive.push_back(std::move(*found));
@@ -266,7 +266,7 @@ void PredictedTiles::Work::code_channels(Coder& coder, ChannelValues& values) {
     for (const auto& [channel, place] : kColors) {
       const auto full = static_cast<std::uint8_t>(color[s] >> (8 * place));
       predicted[channel][s] = half()
-                                  ? codec::ordered_half(half_of_seen_color(
+                                  ? codec::ordered_half(half_from_log_color(
                                         full, codec::half_of_ordered(coded_alpha[s])))
                                   : static_cast<std::int32_t>(codec::premultiplied(full, alpha[s]));
     }

@@ -125,10 +125,10 @@ class IndexBuilder {
     return {};
   }
 
-  /// Adds the first `most` bytes of a value in overflow pages.
-  void add_value(std::uint32_t id, const Node& node, std::uint64_t most) {
+  /// Adds the first `max_bytes` bytes of a value in overflow pages.
+  void add_value(std::uint32_t id, const Node& node, std::uint64_t max_bytes) {
     Parts& parts = id == kCoreSection ? core_ : levels_[id];
-    parts[node.child * kPageSize] = kPageHeader + std::min(node.data_size, most);
+    parts[node.child * kPageSize] = kPageHeader + std::min(node.data_size, max_bytes);
   }
 
   const Snapshot& snapshot_;

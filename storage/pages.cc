@@ -161,12 +161,13 @@ Result<TreePage> Pages::tree_page(std::uint64_t number, bool leaf) const {
                   static_cast<std::uint32_t>((lower - kPageHeader) / 2));
 }
 
-Result<ByteSpan> Pages::value(const Node& node, std::uint64_t most) const {
+Result<ByteSpan> Pages::value(const Node& node, std::uint64_t max_bytes) const {
   if ((node.flags & kBigData) == 0) return node.data;
   const std::uint64_t needed = overflow_pages(node.data_size);
   if (node.child < 2 || node.child > meta_.last_page || needed > count() - node.child)
     return damaged(node.child, "a value of ", node.data_size, " bytes leaves the file");
-  auto loaded = bytes(node.child * meta_.page_size, kPageHeader + std::min(node.data_size, most));
+  auto loaded =
+      bytes(node.child * meta_.page_size, kPageHeader + std::min(node.data_size, max_bytes));
   if (!loaded) return loaded;
   const std::byte* page = loaded->data();
   const auto own_number = load_le<std::uint64_t>(page);

@@ -61,18 +61,18 @@ bool RangeSet::intersects(FileRange range) const {
   return range.begin < range.end && at != ranges_.begin() && std::prev(at)->second > range.begin;
 }
 
-std::vector<FileRange> merged(std::vector<FileRange> ranges, std::uint64_t gap, std::size_t most,
-                              std::uint64_t widest) {
+std::vector<FileRange> merged(std::vector<FileRange> ranges, std::uint64_t gap,
+                              std::size_t max_ranges, std::uint64_t widest) {
   std::sort(ranges.begin(), ranges.end(),
             [](const FileRange& a, const FileRange& b) { return a.begin < b.begin; });
   std::vector<FileRange> result = filled(ranges, gap);
-  if (result.size() <= most) return result;
+  if (result.size() <= max_ranges) return result;
   std::vector<std::uint64_t> gaps;
   for (std::size_t i = 1; i < result.size(); ++i)
     gaps.push_back(result[i].begin - result[i - 1].end);
-  std::nth_element(gaps.begin(), gaps.begin() + static_cast<std::ptrdiff_t>(most) - 1, gaps.end(),
-                   std::greater<>());
-  return filled(result, std::min(gaps[most - 1], widest));
+  std::nth_element(gaps.begin(), gaps.begin() + static_cast<std::ptrdiff_t>(max_ranges) - 1,
+                   gaps.end(), std::greater<>());
+  return filled(result, std::min(gaps[max_ranges - 1], widest));
 }
 
 }  // namespace slf::storage::internal

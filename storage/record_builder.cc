@@ -74,12 +74,12 @@ void RecordBuilder::add(PendingTile tile, std::vector<CompleteRecord>& out) {
 // How many tiles to cut so that the record wastes the smallest share of its pages.
 std::size_t RecordBuilder::best_record_end() const {
   std::size_t best = pending_.size();
-  double least = 1;
+  double min_share = 1;
   for (std::size_t n = 1; n <= pending_.size(); ++n) {
     const std::size_t bytes = pending_[n - 1].record_bytes;
     const double share = static_cast<double>(unused(bytes)) / static_cast<double>(bytes);
-    if (bytes >= kSmallRecord && share < least) {
-      least = share;
+    if (bytes >= kSmallRecord && share < min_share) {
+      min_share = share;
       best = n;
     }
   }

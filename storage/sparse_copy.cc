@@ -82,8 +82,8 @@ Result<void> SparseCopy::fetch(std::span<const FileRange> ranges) const {
         });
         continue;  // check again: the other thread may have failed
       }
-      const std::size_t most = kBaseRequests + ours.size() / kRangesPerRequest;
-      ours = merged(std::move(ours), kGap, most, kMaxGap);
+      const std::size_t max_requests = kBaseRequests + ours.size() / kRangesPerRequest;
+      ours = merged(std::move(ours), kGap, max_requests, kMaxGap);
       for (const FileRange& range : ours) fetching_.add(range);
     }
     auto fetched = source_->fetch(

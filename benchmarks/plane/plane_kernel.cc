@@ -19,7 +19,7 @@ using slf::HWY_NAMESPACE::D;
 using slf::HWY_NAMESPACE::DI;
 using slf::HWY_NAMESPACE::DU;
 using slf::HWY_NAMESPACE::PixelSquare;
-using slf::HWY_NAMESPACE::to_whole;
+using slf::HWY_NAMESPACE::to_int;
 using slf::HWY_NAMESPACE::V;
 using slf::HWY_NAMESPACE::VI;
 using slf::HWY_NAMESPACE::VU;
@@ -44,7 +44,7 @@ HWY_INLINE Place place(V x, double height, std::int32_t nodes) {
   const V last = set(static_cast<float>(nodes - 2));
   const V node = hn::Min(hn::Max(hn::Floor(at), hn::Zero(D())), last);
   const V part = hn::Sub(at, node);
-  return {to_whole(node), hn::Min(hn::Max(part, hn::Zero(D())), set(1.f))};
+  return {to_int(node), hn::Min(hn::Max(part, hn::Zero(D())), set(1.f))};
 }
 
 HWY_INLINE void store_chosen(VI v, M hit, std::vector<std::uint32_t>& to, std::size_t n) {

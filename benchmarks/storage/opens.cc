@@ -73,7 +73,7 @@ void measure_opens(const Settings& settings, Report& report) {
     field_p50.push_back(
         add("slf Field", count, milliseconds(kOpens, [&] { (void)expect(Field::open(path)); })));
     for (const auto& peer : store_peers()) {
-      if (!peer->holds(set) || peer->bound() || peer->name() == "slf") continue;
+      if (!peer->can_store(set) || peer->is_bound() || peer->name() == "slf") continue;
       remove_files(path);
       peer->write(set, path);
       (void)drop_from_cache(path);

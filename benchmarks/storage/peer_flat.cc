@@ -67,7 +67,7 @@ class Flat final : public StorePeer {
  public:
   explicit Flat(bool hints) : hints_(hints) {}
   std::string name() const override { return hints_ ? "flat, pread, hints" : "flat, pread"; }
-  bool bound() const override { return hints_; }
+  bool is_bound() const override { return hints_; }
 
   void write(const TileSet& set, const std::string& path) const override {
     std::ofstream file(path, std::ios::binary);

@@ -96,8 +96,8 @@ class TiffStore final : public OpenStore {
 class Tiff final : public StorePeer {
  public:
   std::string name() const override { return "BigTIFF JPEG"; }
-  bool holds(const TileSet& set) const override { return set.jpeg_color(); }
-  bool gets() const override { return false; }
+  bool can_store(const TileSet& set) const override { return set.jpeg_color(); }
+  bool returns_payloads() const override { return false; }
 
   void write(const TileSet& set, const std::string& path) const override {
     const Size size = tile_size(set);

@@ -123,7 +123,7 @@ void open(Contestant& contestant, const TileSet& set, const Mode& mode,
     contestant.readers.push_back(contestant.store->reader());
     for (const std::size_t tile : order) {  // fills the caches of the kernel and of the store
       if (mode.cold) break;
-      if (contestant.peer->gets())
+      if (contestant.peer->returns_payloads())
         (void)touch(contestant.readers.back()->get(tile));
       else if (t == 0)
         contestant.readers.back()->read(tile, samples);
@@ -162,12 +162,12 @@ void race(std::vector<Contestant>& contestants, const TileSet& set, const Mode& 
 void report_race(const TileSet& set, std::vector<Contestant>& contestants, const Mode& mode,
                  Report& report) {
   std::vector<Row> rows;
-  double least = 1e9, bound = 1e9;
+  double min_ratio = 1e9, min_bound_ratio = 1e9;
   const double tiles = static_cast<double>(contestants[0].latencies.size());
   for (Contestant& contestant : contestants) {
     const double ratio = ratio_to(contestants[0], contestant);
-    double& limit = contestant.peer->bound() ? bound : least;
-    if (&contestant != &contestants[0]) limit = std::min(limit, ratio);
+    double& smallest = contestant.peer->is_bound() ? min_bound_ratio : min_ratio;
+    if (&contestant != &contestants[0]) smallest = std::min(smallest, ratio);
     rows.push_back(
         {{"store", contestant.peer->name()},
          {mode.cold ? "tiles/s" : "tiles/cpu s",
@@ -187,8 +187,9 @@ void report_race(const TileSet& set, std::vector<Contestant>& contestants, const
   report.table(title, rows);
   if (mode.operation == Operation::get && !mode.cold) return;
   // If the bound misses the target, too, decoding or the disk is the limit.
-  report.note(title + ": the bound / best peer: " + std::to_string(least / bound).substr(0, 5));
-  report.target(title + ": ours / best peer", least, mode.cold ? 1.5 : 0.95, true);
+  report.note(title + ": the bound / best peer: " +
+              std::to_string(min_ratio / min_bound_ratio).substr(0, 5));
+  report.target(title + ": ours / best peer", min_ratio, mode.cold ? 1.5 : 0.95, true);
 }
 
 }  // namespace
@@ -197,7 +198,7 @@ void measure_reads(const Settings& settings, const TileSet& set, Report& report)
   const std::vector<std::unique_ptr<StorePeer>> peers = store_peers();
   std::vector<Contestant> all;
   for (const auto& peer : peers) {
-    if (!peer->holds(set)) continue;
+    if (!peer->can_store(set)) continue;
     Contestant& contestant = all.emplace_back();
     contestant.peer = peer.get();
     contestant.path = settings.folder + "/reads-" + std::to_string(all.size());
@@ -219,7 +220,7 @@ void measure_reads(const Settings& settings, const TileSet& set, Report& report)
         const Mode mode{cold, threads, operation};
         std::vector<Contestant> contestants;
         for (Contestant& contestant : all) {
-          if (operation == Operation::get && !contestant.peer->gets()) continue;
+          if (operation == Operation::get && !contestant.peer->returns_payloads()) continue;
           Contestant& opened = contestants.emplace_back();
           opened.peer = contestant.peer;
           opened.path = contestant.path;

@@ -48,13 +48,13 @@ class StorePeer {
   [[nodiscard]] virtual std::string name() const = 0;
 
   /// Whether this is not a store but a bound: it uses knowledge that users do not have.
-  [[nodiscard]] virtual bool bound() const { return false; }
+  [[nodiscard]] virtual bool is_bound() const { return false; }
 
   /// Whether the store can hold the tiles of this set.
-  [[nodiscard]] virtual bool holds(const TileSet&) const { return true; }
+  [[nodiscard]] virtual bool can_store(const TileSet&) const { return true; }
 
   /// Whether get() returns payloads.
-  [[nodiscard]] virtual bool gets() const { return true; }
+  [[nodiscard]] virtual bool returns_payloads() const { return true; }
 
   /// Writes the tiles to `path`, a file or a folder, which does not exist.
   virtual void write(const TileSet& set, const std::string& path) const = 0;

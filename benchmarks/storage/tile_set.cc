@@ -69,7 +69,7 @@ void TileSet::decode(std::size_t tile, ByteSpan payload, Bytes& samples) const {
   expect(codec->decode(shapes[tile], payload, samples));
 }
 
-TileSet tiles_of_field(const std::string& path, std::size_t most) {
+TileSet tiles_of_field(const std::string& path, std::size_t max_tiles) {
   const auto field = std::make_shared<const Field>(expect(Field::open(path)));
   const auto layer = field->file().layer("color");
   require(layer.has_value(), path + ": has no color layer");
@@ -83,7 +83,7 @@ TileSet tiles_of_field(const std::string& path, std::size_t most) {
                                          stored.push_back(tile);
                                        return {};
                                      }));
-  const std::size_t count = std::min(most, stored.size());
+  const std::size_t count = std::min(max_tiles, stored.size());
   require(count > 0, path + ": its finest level has no stored tiles");
   for (std::size_t i = 0; i < count; ++i) {
     const storage::TileRef& tile = stored[i * stored.size() / count];

@@ -26,8 +26,8 @@ struct TileSet {
   void decode(std::size_t tile, ByteSpan payload, Bytes& samples) const;
 };
 
-/// The stored colour tiles of a field's finest level, at most `most`, taken evenly.
-[[nodiscard]] TileSet tiles_of_field(const std::string& path, std::size_t most);
+/// The stored colour tiles of a field's finest level, at most `max_tiles`, taken evenly.
+[[nodiscard]] TileSet tiles_of_field(const std::string& path, std::size_t max_tiles);
 
 /// Repeats the set under further keys until it has about `bytes`. In a small file, the readahead of
 /// a single cold read would load a large part of the other tiles.

@@ -40,7 +40,7 @@ struct Cost {
 
 // Runs work(), and returns the smaller of its cost and of `before`, separately for both clocks.
 template <class Work>
-Cost least(const Cost& before, const Work& work) {
+Cost cheaper(const Cost& before, const Work& work) {
   const double wall = now();
   const std::clock_t cpu = std::clock();
   work();
@@ -119,9 +119,9 @@ void measure_writes(const Settings& settings, Report& report) {
   {
     const Work work = work_of(settings);
     for (int round = 0; round < settings.rounds; ++round) {
-      encode = least(encode, [&] { encode_alone(work, threads); });
+      encode = cheaper(encode, [&] { encode_alone(work, threads); });
       fresh();
-      build = least(build, [&] { encode_and_store(work, threads, path); });
+      build = cheaper(build, [&] { encode_and_store(work, threads, path); });
     }
   }
 
@@ -137,9 +137,9 @@ void measure_writes(const Settings& settings, Report& report) {
         layer.format)));
   Cost recode, repack;
   for (int round = 0; round < std::min(settings.rounds, 3); ++round) {
-    recode = least(recode, [&] { recode_alone(field, codecs, threads); });
+    recode = cheaper(recode, [&] { recode_alone(field, codecs, threads); });
     fresh();
-    repack = least(repack, [&] { (void)expect(repack_field(field, path, options)); });
+    repack = cheaper(repack, [&] { (void)expect(repack_field(field, path, options)); });
   }
   fresh();
   report.table(

@@ -25,10 +25,10 @@ class ScanBits {
  public:
   explicit ScanBits(ByteSpan scan) : at_(scan.data()), end_(scan.data() + scan.size()) {}
 
-  /// Returns false if a marker was found in the scan.
-  [[nodiscard]] bool whole() const { return whole_; }
+  /// Whether a marker was found in the scan.
+  [[nodiscard]] bool found_marker() const { return found_marker_; }
   /// Whether all bytes are used, and no more bits were read than they have.
-  [[nodiscard]] bool used_up() const { return at_ == end_ && left_ - missing_ < 8 && !overrun(); }
+  [[nodiscard]] bool exhausted() const { return at_ == end_ && left_ - missing_ < 8 && !overrun(); }
   [[nodiscard]] bool overrun() const { return left_ < missing_; }
 
   /// REQUIRES: n <= 16.
@@ -54,7 +54,7 @@ class ScanBits {
         byte = std::to_integer<unsigned>(*at_++);
         if (byte == 0xFF) {
           if (at_ == end_ || *at_ != std::byte{0})
-            whole_ = false;
+            found_marker_ = true;
           else
             ++at_;
         }
@@ -69,7 +69,7 @@ class ScanBits {
   std::uint64_t bits_ = 0;
   int left_ = 0;
   int missing_ = 0;  ///< zeros appended after the end; always the last of left_
-  bool whole_ = true;
+  bool found_marker_ = false;
 };
 
 /// Decodes Huffman codes: looks up the next 8 bits or, for longer codes, tries each length.
@@ -226,8 +226,8 @@ const char* decode_planes(const JpegTables& tables, const JpegShape& shape, Byte
             inverse_dct(block, &plane.values[py * plane.width + px], plane.width);
           }
       }
-  if (!bits.whole()) return "a marker inside the scan";
-  if (!bits.used_up()) return "bytes after the picture";
+  if (bits.found_marker()) return "a marker inside the scan";
+  if (!bits.exhausted()) return "bytes after the picture";
   return nullptr;
 }
 

@@ -104,7 +104,7 @@ struct FseTable {
   }
 
   /// Reads a description and removes it from `bytes`. False: it is damaged.
-  bool read(ByteSpan& bytes, int most_log, std::size_t most_symbols) {
+  bool read(ByteSpan& bytes, int max_log, std::size_t max_symbols) {
     std::size_t bit = 0;
     const auto take = [&](int n) {
       unsigned value = 0;
@@ -114,12 +114,12 @@ struct FseTable {
       return static_cast<int>(value);
     };
     const int accuracy = take(4) + 5;
-    if (accuracy > most_log) return false;
+    if (accuracy > max_log) return false;
     std::array<int, 256> counts{};
     std::size_t symbols = 0;
     int left = (1 << accuracy) + 1;
     while (left > 1) {
-      if (symbols >= most_symbols || bit > bytes.size() * 8) return false;
+      if (symbols >= max_symbols || bit > bytes.size() * 8) return false;
       const int bits = std::bit_width(static_cast<unsigned>(left));
       const int few = (1 << bits) - 1 - left;  // values that need one bit less
       int value = take(bits - 1);
@@ -135,7 +135,7 @@ struct FseTable {
       for (int repeat = 3; repeat == 3;) {
         repeat = take(2);
         symbols += static_cast<std::size_t>(repeat);
-        if (symbols > most_symbols || bit > bytes.size() * 8) return false;
+        if (symbols > max_symbols || bit > bytes.size() * 8) return false;
       }
     }
     const std::size_t used = (bit + 7) / 8;

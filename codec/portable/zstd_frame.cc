@@ -63,7 +63,7 @@ class FrameDecoder {
   bool literals(ByteSpan& bytes);
   bool huffman(ByteSpan bytes, std::span<std::byte> to) const;
   bool sequences(ByteSpan bytes);
-  bool table(int mode, ByteSpan& bytes, std::span<const int> usual, int usual_log, int most_log,
+  bool table(int mode, ByteSpan& bytes, std::span<const int> usual, int usual_log, int max_log,
              std::size_t symbols, zstd::FseTable& table) const;
   bool put(ByteSpan bytes) {
     if (bytes.size() > to_.size() - at_) return false;
@@ -200,7 +200,7 @@ bool FrameDecoder::huffman(ByteSpan bytes, std::span<std::byte> to) const {
 }
 
 bool FrameDecoder::table(int mode, ByteSpan& bytes, std::span<const int> usual, int usual_log,
-                         int most_log, std::size_t symbols, zstd::FseTable& table) const {
+                         int max_log, std::size_t symbols, zstd::FseTable& table) const {
   switch (mode) {
     case 0:
       table.build(usual, usual_log);
@@ -211,7 +211,7 @@ bool FrameDecoder::table(int mode, ByteSpan& bytes, std::span<const int> usual, 
       bytes = bytes.subspan(1);
       return true;
     case 2:
-      return table.read(bytes, most_log, symbols);
+      return table.read(bytes, max_log, symbols);
     default:
       return table.log >= 0;
   }

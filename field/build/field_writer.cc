@@ -167,7 +167,7 @@ void FieldWriter::set_pending_limit(std::uint64_t bytes) {
 }
 
 /// Adds to the message of an io error what happens to the file.
-Result<void> FieldWriter::explained(Result<void> written) const {
+Result<void> FieldWriter::with_file_state(Result<void> written) const {
   if (written || written.error().code != ErrorCode::io) return written;
   return fail(ErrorCode::io, output_ ? output_->path + ": not written: " : "",
               written.error().message,
@@ -175,7 +175,7 @@ Result<void> FieldWriter::explained(Result<void> written) const {
                        : "; what was committed stays, and the same call goes on from there");
 }
 
-Result<void> FieldWriter::commit() { return explained(writer_->commit()); }
+Result<void> FieldWriter::commit() { return with_file_state(writer_->commit()); }
 
 Result<void> FieldWriter::commit_level() {
   writer_->end_records();
@@ -212,7 +212,7 @@ Result<void> FieldWriter::drop(LayerId layer, TileKey key) {
 }
 
 Result<void> FieldWriter::finish() {
-  if (!output_) return explained(writer_->close());
+  if (!output_) return with_file_state(writer_->close());
   if (output_->existing == Existing::replace && storage::is_being_written(output_->target))
     return fail(ErrorCode::failed, output_->path, kAnotherProcess);
   auto published = writer_->publish(output_->target, output_->existing, index_field);
@@ -220,7 +220,7 @@ Result<void> FieldWriter::finish() {
   if (!published && published.error().code == ErrorCode::usage)
     return fail(ErrorCode::usage, output_->path, ": exists by now",
                 discard_ ? "" : "; the new field stays at " + file_);
-  return explained(std::move(published));
+  return with_file_state(std::move(published));
 }
 
 }  // namespace slf

@@ -106,7 +106,7 @@ class FieldWriter {
  private:
   FieldWriter(storage::TileWriter writer, std::string file, std::size_t layers);
   [[nodiscard]] static Result<FieldWriter> open(const std::string& file, std::uint64_t transaction);
-  [[nodiscard]] Result<void> explained(Result<void> written) const;
+  [[nodiscard]] Result<void> with_file_state(Result<void> written) const;
   [[nodiscard]] Result<void> commit_when_due();
 
   std::optional<storage::TileWriter> writer_;

@@ -98,7 +98,7 @@ class Repacker {
     });
     const std::uint64_t share = options.memory / 3;
     references_ = share / 4;
-    field.limit_references(references_);
+    field.set_reference_budget(references_);
     writer.set_pending_limit(share);
     const std::uint64_t under_way = field.predicts() || predicts_ ? share / 2 : share;
     const std::uint64_t tile_cost = shape.max_tile_samples() * 24 + 4096;
@@ -118,7 +118,7 @@ class Repacker {
         auto opened = FieldFile::open(writer_.file());
         if (!opened) return tl::unexpected(opened.error());
         written = std::move(*opened);
-        written->limit_references(references_);
+        written->set_reference_budget(references_);
       }
       if (auto ok = write(begin, end, written.get()); !ok) return ok;
     }

@@ -28,7 +28,7 @@ using VI = hn::Vec<DI>;
 using VU = hn::Vec<DU>;
 
 /// Converts whole numbers from 0 to 2^23. Cheaper than hn::ConvertTo, which saturates.
-HWY_INLINE VI to_whole(V v) {
+HWY_INLINE VI to_int(V v) {
   const V shift = hn::Set(D(), 8388608.f);  // 2^23: larger floats are whole
   return hn::Sub(hn::BitCast(DI(), hn::Add(v, shift)), hn::BitCast(DI(), shift));
 }

@@ -179,9 +179,9 @@ bool FieldDifference::equal() const {
          });
 }
 
-bool FieldDifference::alike(double least_psnr) const {
+bool FieldDifference::alike(double min_psnr) const {
   return comparable && std::ranges::all_of(channels, [&](const ChannelDifference& channel) {
-           return channel.only_in_a + channel.only_in_b == 0 && channel.worst_psnr >= least_psnr;
+           return channel.only_in_a + channel.only_in_b == 0 && channel.worst_psnr >= min_psnr;
          });
 }
 

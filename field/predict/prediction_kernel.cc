@@ -86,7 +86,7 @@ HWY_INLINE ExitCorners find_corners(const LevelGeometry& geometry, const Exact& 
   const V path =
       hn::Add(hn::Add(hn::Mul(sy, hn::Set(d, static_cast<float>(2 << level))), hn::Add(sx, sx)),
               hn::IfThenElseZero(inverted, one));
-  corners.section = hn::Add(octant, hn::GatherIndex(DI(), paths, to_whole(path)));
+  corners.section = hn::Add(octant, hn::GatherIndex(DI(), paths, to_int(path)));
 
   column = hn::IfThenElse(inverted, hn::Sub(n, column), column);
   line = hn::IfThenElse(inverted, hn::Sub(n, line), line);
@@ -95,10 +95,9 @@ HWY_INLINE ExitCorners find_corners(const LevelGeometry& geometry, const Exact& 
   const V length = hn::Sub(hn::Add(hn::Add(n, one), before), line);
   const V start = hn::Mul(line, hn::Sub(hn::Set(d, side + 1.5f), hn::Mul(line, half)));
   const V first = hn::Add(start, column);
-  corners.column[0] = to_whole(first);
-  corners.column[1] = to_whole(hn::Add(first, hn::Sub(one, hn::Add(before, before))));
-  corners.column[2] =
-      to_whole(hn::IfThenElse(back, hn::Sub(first, length), hn::Add(first, length)));
+  corners.column[0] = to_int(first);
+  corners.column[1] = to_int(hn::Add(first, hn::Sub(one, hn::Add(before, before))));
+  corners.column[2] = to_int(hn::IfThenElse(back, hn::Sub(first, length), hn::Add(first, length)));
   return corners;
 }
 
@@ -213,8 +212,8 @@ void predict_alpha_depth_any(const LevelGeometry& coarser, const PredictedRow& r
       if (hn::AllTrue(d, hn::Eq(t, before))) break;  // as frequent as rays that see nothing
     }
     const V share = hn::Set(d, row.references == 1 ? 0x1p-8f : 0x1p-9f);
-    const VI a = to_whole(hn::Floor(hn::Add(hn::Mul(opacity, share), half)));
-    const VI z = to_whole(hn::Floor(hn::Add(hn::Mul(t, full), half)));
+    const VI a = to_int(hn::Floor(hn::Add(hn::Mul(opacity, share), half)));
+    const VI z = to_int(hn::Floor(hn::Add(hn::Mul(t, full), half)));
     hn::StoreU(hn::DemoteTo(bytes, a), bytes, alpha + k);
     hn::StoreU(hn::DemoteTo(bytes, z), bytes, depth + k);
   }
@@ -268,7 +267,7 @@ void predict_color_any(const LevelGeometry& coarser, const PredictedRow& row, co
     const auto seen = hn::And(visible, hn::Gt(sum[3], zero));
     const V inverse = hn::Div(full, hn::IfThenElse(seen, sum[3], one));
     const auto channel = [&](V of) {
-      return to_whole(hn::Floor(hn::Add(hn::Min(hn::Mul(of, inverse), full), half)));
+      return to_int(hn::Floor(hn::Add(hn::Min(hn::Mul(of, inverse), full), half)));
     };
     const VI rgb = hn::Or(hn::Or(channel(sum[0]), hn::ShiftLeft<8>(channel(sum[1]))),
                           hn::Or(hn::ShiftLeft<16>(channel(sum[2])),

@@ -68,7 +68,7 @@ HWY_INLINE void store_pixels(const Colors& colors, const RayBlock& rays, std::si
 constexpr float kFaintOpacity = 1.f / 255;
 /// The share of its weight that a sample at another depth keeps, so that the sum of weights is
 /// never 0.
-constexpr float kLeastAgreement = 0.1f;
+constexpr float kMinAgreement = 0.1f;
 /// From this opacity on, a sample at another depth loses the full share of its weight; below, a
 /// part proportional to its opacity.
 constexpr float kReliableOpacity = 0.25f;
@@ -127,8 +127,8 @@ void blend_with_depth(const Pass& pass, const RayBlock& rays, const EntryCells& 
   const D d;
   const V zero = hn::Zero(d), one = hn::Set(d, 1.f),
           faint = hn::Set(d, kFaintOpacity * kFullScale<kHalf>);
-  const V most_lost = hn::Set(d, 1 - kLeastAgreement);
-  const V by_opacity = hn::Set(d, (1 - kLeastAgreement) / (kReliableOpacity * kFullScale<kHalf>));
+  const V max_lost = hn::Set(d, 1 - kMinAgreement);
+  const V by_opacity = hn::Set(d, (1 - kMinAgreement) / (kReliableOpacity * kFullScale<kHalf>));
   const V sharpness = hn::Set(d, kRefine ? 1 / pass.depth_tolerance : 0.f);
   const auto mean = [&](V of, V weight) {  // in 0..1 even if half floats are infinite or NaN
     const V at = hn::Div(of, weight);
@@ -173,7 +173,7 @@ void blend_with_depth(const Pass& pass, const RayBlock& rays, const EntryCells& 
         if constexpr (kRefine) {
           const V off = hn::MulAdd(depths[e], slope, offset);
           const V apart = hn::Min(hn::Mul(off, off), one);
-          const V lost = hn::Mul(apart, hn::Min(hn::Mul(v.a, by_opacity), most_lost));
+          const V lost = hn::Mul(apart, hn::Min(hn::Mul(v.a, by_opacity), max_lost));
           const V w = hn::NegMulAdd(lost, share, share);
           total = hn::Add(total, w);
           sum = sum.plus(w, v);

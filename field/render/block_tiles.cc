@@ -25,7 +25,8 @@ BlockTiles::Found BlockTiles::find(std::uint32_t entry, std::uint32_t exit) {
   std::uint64_t word = page ? page->found.load(std::memory_order_acquire) : TilePage::kRemoved;
   const std::uint32_t layers = page ? page->layers.load(std::memory_order_acquire) : 0;
   const bool before = page && page->used.load(std::memory_order_relaxed) == frame_;
-  if (!(before && TilePage::readable(layers, with_depth_)) && !meet(entry, exit, page, layers)) {
+  if (!(before && TilePage::readable(layers, with_depth_)) &&
+      !mark_used(entry, exit, page, layers)) {
     any_unavailable_ |= !wait_;
     return {0, 0, !wait_};
   }
@@ -42,11 +43,11 @@ BlockTiles::Found BlockTiles::find(std::uint32_t entry, std::uint32_t exit) {
   return found;
 }
 
-bool BlockTiles::meet(std::uint32_t entry, std::uint32_t exit, TilePage* page,
-                      std::uint32_t layers) {
+bool BlockTiles::mark_used(std::uint32_t entry, std::uint32_t exit, TilePage* page,
+                           std::uint32_t layers) {
   const TileKey key = tile_key({geometry_->entry_section(entry), geometry_->exit_section(exit)});
-  if ((layers & TilePage::kPinFirst) && std::ranges::binary_search(pinned_, key))
-    layers &= ~TilePage::kPinFirst;
+  if ((layers & TilePage::kMustPin) && std::ranges::binary_search(pinned_, key))
+    layers &= ~TilePage::kMustPin;
   if (!TilePage::readable(layers, with_depth_)) {
     std::uint32_t& recent = recent_[(5 * entry + exit) % kRecent];
     if (recent < absent_.size() && absent_[recent] == key) return false;

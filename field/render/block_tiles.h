@@ -19,7 +19,7 @@ namespace slf {
 
 /// Where the samples of each ray's tiles begin, by entry vertex, as sample_offset(). 0 stands for
 /// samples that are all 0: of an empty tile, of no tile, or of a vertex of weight 0.
-struct TileBegins {
+struct TileOffsets {
   std::array<RayArray<std::int64_t>, 3> color, depth;
   RayArray<std::uint32_t> unavailable;  ///< not 0: the ray needs a tile that is unavailable
 
@@ -35,7 +35,7 @@ class BlockTiles {
  public:
   /// A tile, as it was found.
   struct Found {
-    std::int64_t color = 0, depth = 0;  ///< as in TileBegins
+    std::int64_t color = 0, depth = 0;  ///< as in TileOffsets
     bool unavailable = false;
   };
 
@@ -72,8 +72,8 @@ class BlockTiles {
   static constexpr std::uint32_t kRecent = 64;
 
   /// Marks a tile as used by the frame. False: it cannot be read, and was added to absent().
-  [[nodiscard]] bool meet(std::uint32_t entry, std::uint32_t exit, TilePage* page,
-                          std::uint32_t layers);
+  [[nodiscard]] bool mark_used(std::uint32_t entry, std::uint32_t exit, TilePage* page,
+                               std::uint32_t layers);
 
   std::uint32_t frame_ = 0;
   std::uint64_t stamp_ = 0;

@@ -84,7 +84,7 @@ struct FoundPages {
   }
 };
 
-/// Where the tiles of one entry vertex of each lane's ray begin, as in TileBegins.
+/// Where the tiles of one entry vertex of each lane's ray begin, as in TileOffsets.
 struct LaneBegins {
   V64 color[kHalves], depth[kHalves];
 
@@ -187,7 +187,7 @@ struct LaneBegins {
 };
 
 void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t count,
-                    bool half_floats, BlockTiles& tiles, TileBegins& begins) {
+                    bool half_floats, BlockTiles& tiles, TileOffsets& offsets) {
   const DU d;
   const FoundPages pages(tiles);
   LaneBegins lanes;
@@ -226,13 +226,13 @@ void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t cou
             const auto tile = tiles.find(entry_at[lane], exit_at[lane]);
             lanes.set(tile, same);
             if (tile.unavailable)
-              hn::StoreU(hn::Or(hn::LoadU(d, &begins.unavailable[k]), hn::VecFromMask(d, same)), d,
-                         &begins.unavailable[k]);
+              hn::StoreU(hn::Or(hn::LoadU(d, &offsets.unavailable[k]), hn::VecFromMask(d, same)), d,
+                         &offsets.unavailable[k]);
             left = hn::AndNot(same, left);
           }
         }
       }
-      lanes.store(pass.with_depth, &begins.color[c][k], &begins.depth[c][k]);
+      lanes.store(pass.with_depth, &offsets.color[c][k], &offsets.depth[c][k]);
       const VU row = hn::LoadU(d, &entries.row[c][k]);
       const VU pair = hn::Add(row, hn::LoadU(d, &pass.exit[c]->pair[k]));
       lanes.prefetch_colors(hn::ShiftLeftSame(pair, half_floats ? 3 : 2), same_tile);
@@ -249,7 +249,7 @@ HWY_INLINE V64 load(V64 begin, V64 at, int before) {
 }
 
 template <bool kHalf, bool kDepth>
-void gather_typed(const TileBegins& begins, const Pass& pass, const EntryCells& entries,
+void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells& entries,
                   std::size_t count, bool add, BlockSamples& samples) {
   const D64 d;
   const DU du;
@@ -266,7 +266,7 @@ void gather_typed(const TileBegins& begins, const Pass& pass, const EntryCells& 
       constexpr int kShift = kHalf ? 3 : 2;
       V64 two[kHalves], one[kHalves], seen = hn::Zero(d);
       for_halves([&](auto half) {
-        const V64 begin = hn::LoadU(d, &begins.color[c][k + half * hn::Lanes(d)]);
+        const V64 begin = hn::LoadU(d, &offsets.color[c][k + half * hn::Lanes(d)]);
         const V64 pair_at = hn::ShiftLeft<kShift>(widen(half_of<half.value>(pair)));
         const V64 third_at = hn::ShiftLeft<kShift>(widen(half_of<half.value>(third)));
         two[half] = load(begin, pair_at, 0);
@@ -293,7 +293,7 @@ void gather_typed(const TileBegins& begins, const Pass& pass, const EntryCells& 
           continue;
         }
         for_halves([&](auto half) {  // of the 8 bytes loaded: the pair's last two, the third's last
-          const V64 begin = hn::LoadU(d, &begins.depth[c][k + half * hn::Lanes(d)]);
+          const V64 begin = hn::LoadU(d, &offsets.depth[c][k + half * hn::Lanes(d)]);
           const auto load_at = [&](VU at, int before) {
             return hn::BitCast(du64, load(begin, widen(half_of<half.value>(at)), before));
           };
@@ -307,12 +307,12 @@ void gather_typed(const TileBegins& begins, const Pass& pass, const EntryCells& 
   }
 }
 
-void gather_samples_any(const TileBegins& begins, const Pass& pass, const EntryCells& entries,
+void gather_samples_any(const TileOffsets& offsets, const Pass& pass, const EntryCells& entries,
                         std::size_t count, bool half_floats, bool add, BlockSamples& samples) {
   const auto typed =
       half_floats ? (pass.with_depth ? gather_typed<true, true> : gather_typed<true, false>)
                   : (pass.with_depth ? gather_typed<false, true> : gather_typed<false, false>);
-  typed(begins, pass, entries, count, add, samples);
+  typed(offsets, pass, entries, count, add, samples);
 }
 
 }  // namespace
@@ -327,14 +327,14 @@ HWY_EXPORT(find_tiles_any);
 HWY_EXPORT(gather_samples_any);
 
 void find_tiles(const Pass& pass, const EntryCells& entries, std::size_t count, bool half_floats,
-                BlockTiles& tiles, TileBegins& begins) {
-  HWY_DYNAMIC_DISPATCH(find_tiles_any)(pass, entries, count, half_floats, tiles, begins);
+                BlockTiles& tiles, TileOffsets& offsets) {
+  HWY_DYNAMIC_DISPATCH(find_tiles_any)(pass, entries, count, half_floats, tiles, offsets);
 }
 
-void gather_samples(const TileBegins& begins, const Pass& pass, const EntryCells& entries,
+void gather_samples(const TileOffsets& offsets, const Pass& pass, const EntryCells& entries,
                     std::size_t count, bool half_floats, bool add, BlockSamples& samples) {
   HWY_DYNAMIC_DISPATCH(gather_samples_any)
-  (begins, pass, entries, count, half_floats, add, samples);
+  (offsets, pass, entries, count, half_floats, add, samples);
 }
 
 }  // namespace slf

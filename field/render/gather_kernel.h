@@ -13,11 +13,11 @@ namespace slf {
 /// Marks rays that need an unavailable one, and prefetches colours.
 /// REQUIRES: a ReadScope until the samples are gathered.
 void find_tiles(const Pass& pass, const EntryCells& entries, std::size_t count, bool half_floats,
-                BlockTiles& tiles, TileBegins& begins);
+                BlockTiles& tiles, TileOffsets& offsets);
 
 /// Gathers a pass's samples from the tiles that were found. If `add`, keeps the samples that
 /// earlier calls gathered. REQUIRES: the 8 bytes before a tile's first sample can be read.
-void gather_samples(const TileBegins& begins, const Pass& pass, const EntryCells& entries,
+void gather_samples(const TileOffsets& offsets, const Pass& pass, const EntryCells& entries,
                     std::size_t count, bool half_floats, bool add, BlockSamples& samples);
 
 }  // namespace slf

@@ -32,7 +32,7 @@ struct alignas(32) TilePage {
   static constexpr std::uint32_t kDepth = 2;         ///< the same for depths
   static constexpr std::uint32_t kColorMissing = 4;  ///< never built
   static constexpr std::uint32_t kDepthMissing = 8;
-  static constexpr std::uint32_t kPinFirst = 16;  ///< must be pinned before it is read
+  static constexpr std::uint32_t kMustPin = 16;  ///< must be pinned before it is read
 
   static constexpr int kStampBits = 16;  // offsets between user addresses take 48 bits
   static constexpr std::uint64_t kStampMask = (1 << kStampBits) - 1;
@@ -61,7 +61,7 @@ struct alignas(32) TilePage {
   }
   /// Whether all layers that a view needs can be read without a pin.
   [[nodiscard]] static bool readable(std::uint32_t layers, bool with_depth) {
-    return (layers & (needed(with_depth) | kPinFirst)) == needed(with_depth);
+    return (layers & (needed(with_depth) | kMustPin)) == needed(with_depth);
   }
   /// Whether a layer that a view needs was never built.
   [[nodiscard]] static bool missing(std::uint32_t layers, bool with_depth) {

@@ -148,7 +148,7 @@ void locate_entries_any(const LevelGeometry& geometry, const RayBlock& rays, boo
     const Point enter = Point::load(rays.enter, k);
     const Cells cell = locate_cells(enter, resolution, across * across);
     // The corners, as in Cell::corners().
-    const VI base = hn::Add(mul_add(to_whole(cell.y), stride, to_whole(cell.x)), cell.octant);
+    const VI base = hn::Add(mul_add(to_int(cell.y), stride, to_int(cell.x)), cell.octant);
     const VI corners[] = {hn::Add(base, flag(cell.inverted, across + 1)),
                           hn::Add(base, choose(cell.inverted, stride, one)),
                           hn::Add(base, choose(cell.inverted, one, stride))};
@@ -197,7 +197,7 @@ void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, 
     const auto inverted = hn::Gt(hn::Sub(hn::Add(p, q), beyond), hn::Sub(n, one));
     const V path =
         hn::Add(hn::MulAdd(sy, across, hn::Add(sx, sx)), hn::IfThenElseZero(inverted, one));
-    store(hn::Add(cell.octant, hn::GatherIndex(di, paths, to_whole(path))), exits.section, k);
+    store(hn::Add(cell.octant, hn::GatherIndex(di, paths, to_int(path))), exits.section, k);
 
     // The corner opposite the hypotenuse, then its neighbours along x and y, as in
     // LevelGeometry::exit_cell.
@@ -207,9 +207,8 @@ void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, 
     const V back = hn::IfThenElseZero(down, one);
     const V line = hn::Sub(hn::Add(hn::Add(n, one), back), q);  // columns from q to q ± 1
     const V first = hn::MulAdd(q, hn::NegMulAdd(q, half, hn::Set(d, side + 1.5f)), p);
-    store(to_whole(hn::Sub(first, back)), exits.pair, k);
-    store(to_whole(hn::IfThenElse(down, hn::Sub(first, line), hn::Add(first, line))), exits.third,
-          k);
+    store(to_int(hn::Sub(first, back)), exits.pair, k);
+    store(to_int(hn::IfThenElse(down, hn::Sub(first, line), hn::Add(first, line))), exits.third, k);
     V weight[] = {cell.weight[0], cell.weight[1], cell.weight[2]};
     if (nearest) {
       const Nearest best = Nearest::of(weight);

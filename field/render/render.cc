@@ -66,7 +66,7 @@ RenderMode default_mode(const Field& field) {
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field.file(), options);
-  field.file().limit_references(plan.reference_bytes);
+  field.file().set_reference_budget(plan.reference_bytes);
   state_ = std::unique_ptr<State>(
       new State{field,
                 plan.cache_bytes / (plan.threads + 1),

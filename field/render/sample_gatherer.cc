@@ -19,14 +19,14 @@ void sort_unique(std::vector<TileKey>& keys) {
 }
 
 SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
-                               std::size_t most_rays)
+                               std::size_t max_rays)
     : cache_(cache),
       reader_(cache),
       format_(color_format(field.manifest().layers[field.layer("color").value()].format)),
       pin_bytes_(pin_bytes),
       max_tile_samples_(field.shape().max_tile_samples()) {
-  begins_.resize(most_rays);
-  samples_.resize(most_rays, half_floats());
+  tile_offsets_.resize(max_rays);
+  samples_.resize(max_rays, half_floats());
 }
 
 void SampleGatherer::begin(std::uint32_t frame, bool with_depth) {
@@ -40,7 +40,7 @@ void SampleGatherer::begin(std::uint32_t frame, bool with_depth) {
 Result<void> SampleGatherer::gather(const LevelGeometry& geometry, bool wait, std::size_t count,
                                     const EntryCells& entries, const Pass& pass) {
   tiles_.begin_pass(geometry, cache_.page_table(geometry.level()), wait);
-  std::fill_n(begins_.unavailable.begin(), count, 0);
+  std::fill_n(tile_offsets_.unavailable.begin(), count, 0);
   gather_loaded(count, entries, pass, false);
   if (tiles_.absent().empty()) return {};
   if (wait) return gather_in_batches(count, entries, pass);
@@ -51,8 +51,8 @@ Result<void> SampleGatherer::gather(const LevelGeometry& geometry, bool wait, st
 void SampleGatherer::gather_loaded(std::size_t count, const EntryCells& entries, const Pass& pass,
                                    bool add) {
   const TileCache::ReadScope scope(reader_);
-  find_tiles(pass, entries, count, half_floats(), tiles_, begins_);
-  gather_samples(begins_, pass, entries, count, half_floats(), add, samples_);
+  find_tiles(pass, entries, count, half_floats(), tiles_, tile_offsets_);
+  gather_samples(tile_offsets_, pass, entries, count, half_floats(), add, samples_);
 }
 
 Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCells& entries,
@@ -61,10 +61,10 @@ Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCel
   sort_unique(keys);
   touched_.insert(touched_.end(), keys.begin(), keys.end());
   const std::uint64_t sample = codec::sample_bytes(format_) + (with_depth_ ? 1 : 0);
-  const std::size_t most =
+  const std::size_t max_batch =
       std::max<std::uint64_t>(pin_bytes_ / (max_tile_samples_ * sample + kPinBytes), 1);
-  for (std::size_t begin = 0; begin < keys.size(); begin += most) {
-    const auto batch = std::span(keys).subspan(begin, std::min(most, keys.size() - begin));
+  for (std::size_t begin = 0; begin < keys.size(); begin += max_batch) {
+    const auto batch = std::span(keys).subspan(begin, std::min(max_batch, keys.size() - begin));
     const auto pins = cache_.load(batch, with_depth_);
     if (!pins) return tl::unexpected(pins.error());
     tiles_.set_pinned(batch);

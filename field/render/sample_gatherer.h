@@ -24,9 +24,9 @@ void sort_unique(std::vector<TileKey>& keys);
 class SampleGatherer {
  public:
   /// Field and cache must outlive this. If a view waits, at most `pin_bytes` of decoded tiles are
-  /// pinned at a time, but always one tile. Blocks have at most `most_rays` rays.
+  /// pinned at a time, but always one tile. Blocks have at most `max_rays` rays.
   SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
-                 std::size_t most_rays);
+                 std::size_t max_rays);
 
   /// Begins a view. `frame` comes from TileCache::begin_frame(). If `with_depth`, tiles need both
   /// layers.
@@ -41,7 +41,9 @@ class SampleGatherer {
   [[nodiscard]] bool half_floats() const { return format_ == codec::SampleFormat::rgba16f; }
   /// Whether any ray of the last pass needs an unavailable tile, or a certain ray does.
   [[nodiscard]] bool any_unavailable() const { return tiles_.any_unavailable(); }
-  [[nodiscard]] bool unavailable(std::size_t ray) const { return begins_.unavailable[ray] != 0; }
+  [[nodiscard]] bool unavailable(std::size_t ray) const {
+    return tile_offsets_.unavailable[ray] != 0;
+  }
 
   /// The tiles that the view used so far, with repetitions, and those of them that were neither
   /// loaded nor waited for.
@@ -62,7 +64,7 @@ class SampleGatherer {
   const std::uint64_t pin_bytes_, max_tile_samples_;
   bool with_depth_ = false;
   BlockTiles tiles_;
-  TileBegins begins_;
+  TileOffsets tile_offsets_;
   BlockSamples samples_;
   std::vector<TileKey> touched_, misses_;
   std::size_t unique_misses_ = 0;  // of misses_, without repetitions, when it was last sorted

@@ -320,7 +320,7 @@ void TileCache::publish_locked(Tile& tile) {
     layers |= TilePage::kDepthMissing;
   // If the map has a budget, samples in the map must be pinned: pinning counts their pages.
   if (map_budget_ != kUnlimited && (tile.color.in_place || tile.depth.in_place))
-    layers |= TilePage::kPinFirst;
+    layers |= TilePage::kMustPin;
   TilePage& page = *tile.page;
   page.color.store(tile.color.first, std::memory_order_release);
   if (tile.depth.loaded()) page.depth.store(tile.depth.first, std::memory_order_release);
@@ -395,10 +395,10 @@ std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys,
     }
   }
   // Find all in one batch, unless the tables of so many records would exceed the map's budget.
-  const std::size_t most =
+  const std::size_t max_batch =
       std::max<std::uint64_t>(map_budget_ / (4 * kMapWindow * (depth ? 2 : 1)), 1);
-  for (std::size_t begin = 0; begin < absent.size(); begin += most) {
-    const auto some = std::span(absent).subspan(begin, std::min(most, absent.size() - begin));
+  for (std::size_t begin = 0; begin < absent.size(); begin += max_batch) {
+    const auto some = std::span(absent).subspan(begin, std::min(max_batch, absent.size() - begin));
     std::vector<storage::TileRef> refs;
     const auto find_layer = [&](storage::LayerId layer, auto member) {
       const auto found = field_.store().find_all(layer, some);

@@ -47,13 +47,13 @@ Environment::Environment(const Image& picture, float gain) {
 }
 
 void Environment::sum_luminance() {
-  double sum = 0, most = 0;
+  double sum = 0, max_luminance = 0;
   for (std::size_t k = 0; k < texels_.size(); ++k) {
-    most = std::max(most, luminance(texels_[k]));
+    max_luminance = std::max(max_luminance, luminance(texels_[k]));
     sum += luminance(texels_[k]) * solid_angle(k / width_);
     cumulative_.push_back(sum);
   }
-  peaked_ = most > 8 * sum / (4 * kPi);  // eight times the mean
+  peaked_ = max_luminance > 8 * sum / (4 * kPi);  // eight times the mean
 }
 
 double Environment::solid_angle(std::size_t row) const {

@@ -29,11 +29,11 @@ struct LightGrid {
 /// RGB with 9 bits each and one exponent of 5 bits, as OpenGL's RGB9_E5: mantissa · 2^(e - 24).
 /// Cut off at 65408; rounded to nearest. REQUIRES: not negative, finite.
 [[nodiscard]] inline std::uint32_t pack_light(const glm::vec3& light) {
-  const float most = std::min(std::max({light.r, light.g, light.b}), 65408.f);
+  const float max_channel = std::min(std::max({light.r, light.g, light.b}), 65408.f);
   int exponent = 0;
-  std::frexp(most, &exponent);  // most < 2^exponent
+  std::frexp(max_channel, &exponent);  // max_channel < 2^exponent
   int shared = std::clamp(exponent + 15, 0, 31);
-  if (std::lround(std::ldexp(most, 24 - shared)) > 511) ++shared;  // rounded up to 512
+  if (std::lround(std::ldexp(max_channel, 24 - shared)) > 511) ++shared;  // rounded up to 512
   const auto mantissa = [&](float v) {
     return static_cast<std::uint32_t>(
         std::clamp(std::lround(std::ldexp(v, 24 - shared)), 0L, 511L));

@@ -42,14 +42,15 @@ static_assert(sizeof(NodeLight) == 56);
 LightGrid plan_grid(const RayGrid& grid, const LightOptions& options) {
   const glm::dvec3 box = grid.visible_high - grid.visible_low;
   const std::uint64_t nodes = options.memory / kBytesPerNode;
-  const auto most = static_cast<double>(nodes);
+  const auto max_nodes = static_cast<double>(nodes);
   LightGrid light;
   light.low = grid.visible_low;
   const auto dims_at = [&](double spacing) {
     return glm::dvec3(glm::ceil(box / spacing - 1e-9) + 1.0);
   };
   light.spacing = options.spacing;
-  for (glm::dvec3 d = dims_at(light.spacing); d.x * d.y * d.z > most; d = dims_at(light.spacing))
+  for (glm::dvec3 d = dims_at(light.spacing); d.x * d.y * d.z > max_nodes;
+       d = dims_at(light.spacing))
     light.spacing *= 1.02;
   const glm::dvec3 dims = dims_at(light.spacing);
   for (int axis = 0; axis < 3; ++axis)
@@ -142,7 +143,7 @@ class LightSolver {
     const glm::dvec3 box = (grid.visible_high - grid.visible_low) / light_.spacing;
     std::array<glm::dvec3, kPoints> at;
     std::array<double, kPoints> depth{}, weight{};
-    double least_depth = kHidden, total = 0;
+    double min_depth = kHidden, total = 0;
     for (int k = 0; k < kPoints; ++k) {
       for (int d = 0; d < 3; ++d) {
         const double u = 2 * fraction(r3(static_cast<std::uint64_t>(k), d) + shift[d]) - 1;
@@ -155,20 +156,21 @@ class LightSolver {
       depth[k] = interpolate(light_, depth_, at[k]);
       weight[k] = extinction * std::exp(-depth[k]);
       total += weight[k];
-      least_depth = std::min(least_depth, depth[k]);
+      min_depth = std::min(min_depth, depth[k]);
     }
     Points points;
-    points.effort = std::exp(-0.5 * least_depth);
+    points.effort = std::exp(-0.5 * min_depth);
     // Russian roulette among those that weigh little.
-    const double least = total / (kPoints * (1 + 3 * points.effort));
+    const double min_weight = total / (kPoints * (1 + 3 * points.effort));
     std::array<int, kPoints> order{};
     std::iota(order.begin(), order.end(), 0);
     std::sort(order.begin(), order.end(), [&](int a, int b) { return depth[a] < depth[b]; });
     for (const int k : order) {
-      if (!(weight[k] > 0) || (weight[k] < least && random() * least >= weight[k])) continue;
+      if (!(weight[k] > 0) || (weight[k] < min_weight && random() * min_weight >= weight[k]))
+        continue;
       points.matter[points.count] = medium_.matter(light_.low + light_.spacing * at[k]);
       points.depth[points.count] = depth[k];
-      points.weight[points.count] = std::max(weight[k], least);
+      points.weight[points.count] = std::max(weight[k], min_weight);
       points.total += points.weight[points.count];
       ++points.count;
     }

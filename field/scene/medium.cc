@@ -145,7 +145,7 @@ void Medium::find_majorants() {
     levels.push_back(std::move(level));
   }
   const std::size_t last = entries - 1;
-  const auto most_between = [&](std::size_t from, std::size_t to) {
+  const auto max_between = [&](std::size_t from, std::size_t to) {
     from = from > 0 ? from - 1 : 0;  // one entry more on each side, for rounding
     to = std::min(to + 1, last);
     const std::size_t width = std::bit_floor(to - from + 1);
@@ -164,7 +164,7 @@ void Medium::find_majorants() {
         const auto [low, high] = std::minmax_element(voxels, voxels + 27);
         if (!grid_.labels) {
           majorants_[number] =
-              most_between(entry_of(grid_.table, *low), entry_of(grid_.table, *high));
+              max_between(entry_of(grid_.table, *low), entry_of(grid_.table, *high));
           continue;
         }
         for (const float voxel : voxels)

@@ -167,8 +167,8 @@ HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4]
     Ints entry;
     if (table.logarithmic) {
       const Ints bits = hn::BitCast(kInts, value);
-      const Ints least = hn::Set(kInts, std::numeric_limits<std::int32_t>::min());
-      const Ints ordered = hn::IfThenElse(bits < hn::Zero(kInts), least - bits, bits);
+      const Ints int_min = hn::Set(kInts, std::numeric_limits<std::int32_t>::min());
+      const Ints ordered = hn::IfThenElse(bits < hn::Zero(kInts), int_min - bits, bits);
       const auto key = hn::BitCast(
           kWords, hn::Max(ordered, hn::Set(kInts, table.low_key)) - hn::Set(kInts, table.low_key));
       entry = hn::BitCast(kInts, hn::Min(hn::ShiftRightSame(key, table.shift),
@@ -176,8 +176,8 @@ HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4]
     } else {
       const Floats at = hn::MulAdd(value - hn::Set(kFloats, table.low),
                                    hn::Set(kFloats, table.scale), hn::Set(kFloats, 0.5f));
-      const Floats most = hn::Set(kFloats, static_cast<float>(last));
-      entry = hn::ConvertTo(kInts, hn::Min(hn::Max(at, hn::Zero(kFloats)), most));
+      const Floats last_entry = hn::Set(kFloats, static_cast<float>(last));
+      entry = hn::ConvertTo(kInts, hn::Min(hn::Max(at, hn::Zero(kFloats)), last_entry));
     }
     hn::Store(entry, kInts, batch.entry + i);
   }

@@ -91,7 +91,7 @@ HWY_INLINE Light look_up(const LightGrid& grid, const Hits<S>& hits, std::size_t
   for (int axis = 2; axis >= 0; --axis) {
     const Ints last = hn::Set(kInts, grid.dims[axis] - 1);
     const Floats p = hn::Max(hn::Zero(kFloats), hn::Load(kFloats, hits.at[axis] + i));
-    // Lanes behind the last hit hold anything: clamp, so that every access is in the grid.
+    // Lanes after the last hit hold anything: clamp, so that every access is in the grid.
     const Ints cell = hn::Max(zero, hn::Min(hn::ConvertTo(kInts, p), last));
     share[axis][1] = hn::Min(p - hn::ConvertTo(kFloats, cell), hn::Set(kFloats, 1.f));
     share[axis][0] = hn::Set(kFloats, 1.f) - share[axis][1];

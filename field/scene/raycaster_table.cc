@@ -18,7 +18,7 @@ void add_entry(TransferTable& table, const TransferFunction& transfer, double va
 }
 
 /// The smallest distance between neighbouring points of the function. A table must resolve it.
-double least_gap(const TransferFunction& transfer) {
+double min_gap(const TransferFunction& transfer) {
   double gap = std::numeric_limits<double>::max();
   const auto measure = [&](const auto& points) {
     for (std::size_t k = 1; k < points.size(); ++k)
@@ -54,7 +54,7 @@ TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
   table.low = low;
   const double width = std::max(double{high} - low, 1e-30);
   // Use 16 entries for the narrowest ramp, and at least 4 for each integer value.
-  const double wanted = 16 * width * std::abs(volume.slope) / least_gap(transfer);
+  const double wanted = 16 * width * std::abs(volume.slope) / min_gap(transfer);
   const bool integers = volume.type != ScalarType::f32;
   const auto add = [&](double stored) {
     add_entry(table, transfer, volume.slope * stored + volume.intercept, steps_per_unit);

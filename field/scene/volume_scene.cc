@@ -78,10 +78,11 @@ void replace_nonfinite(Volume& volume, float with) {
 float contrast_of(const TransferFunction& transfer, const Volume& volume,
                   const std::array<float, 2>& range) {
   const float whole = std::max(range[1] - range[0], 1e-30f);
-  double most = 0;
-  for (const auto& point : transfer.opacities) most = std::max(most, point.opacity);
-  const auto risen = std::find_if(transfer.opacities.begin(), transfer.opacities.end(),
-                                  [&](const auto& point) { return point.opacity >= most / 2; });
+  double max_opacity = 0;
+  for (const auto& point : transfer.opacities) max_opacity = std::max(max_opacity, point.opacity);
+  const auto risen =
+      std::find_if(transfer.opacities.begin(), transfer.opacities.end(),
+                   [&](const auto& point) { return point.opacity >= max_opacity / 2; });
   if (risen == transfer.opacities.end()) return whole;
   const double rise = std::abs((risen->value - volume.intercept) / volume.slope - range[0]);
   return rise > 1e-30 ? static_cast<float>(std::min(8 * rise, double{whole})) : whole;
@@ -112,8 +113,8 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   RayGrid& grid = scene->grid;
 
   const glm::dvec3 spacing = v.spacing();
-  const double least_spacing = std::min({spacing.x, spacing.y, spacing.z});
-  grid.step = options.step * least_spacing;
+  const double min_spacing = std::min({spacing.x, spacing.y, spacing.z});
+  grid.step = options.step * min_spacing;
   const double steps_per_unit = grid.step / transfer.unit_distance;
 
   grid.labels = v.labels;
@@ -159,7 +160,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   grid.origin = v.origin;
   // Values rise where the stored ones do only under a positive slope.
   const double sign = v.slope < 0 && !v.labels ? -1 : 1;
-  const glm::mat3 gradient_to_world(sign * least_spacing * glm::transpose(grid.world_to_index));
+  const glm::mat3 gradient_to_world(sign * min_spacing * glm::transpose(grid.world_to_index));
   for (int axis = 0; axis < 3; ++axis)
     grid.gradient_to_world[static_cast<std::size_t>(axis)] = {gradient_to_world[axis], 0};
   grid.inverse_gradient_floor = 1 / (0.02f * contrast);

@@ -40,10 +40,10 @@ bool set_limits(const std::vector<DicomSlice>& files) {
   }
   const auto page = static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
   constexpr std::uint64_t kSpareBytes = std::uint64_t{1} << 30;
-  const auto limit = [](auto resource, std::uint64_t most) {
+  const auto limit = [](auto resource, std::uint64_t max) {
     rlimit now{};
     if (::getrlimit(resource, &now) != 0) return false;
-    now.rlim_cur = std::min<rlim_t>(now.rlim_max, most);
+    now.rlim_cur = std::min<rlim_t>(now.rlim_max, max);
     return ::setrlimit(resource, &now) == 0;
   };
   return limit(RLIMIT_CORE, 0) && limit(RLIMIT_FSIZE, 0) && limit(RLIMIT_NPROC, 0) &&

@@ -77,7 +77,7 @@ Result<void> check_alike(const std::vector<DicomSlice>& slices) {
 
 /// Sorts the slices along the normal and sets the axes. The third axis is the step from slice to
 /// slice; with a tilted gantry it is oblique.
-Result<void> place(std::vector<DicomSlice>& slices, Volume& volume) {
+Result<void> set_position(std::vector<DicomSlice>& slices, Volume& volume) {
   const glm::dvec3 normal = glm::cross(slices[0].row, slices[0].column);
   const auto height = [&](const DicomSlice& s) { return glm::dot(normal, s.position); };
   std::stable_sort(slices.begin(), slices.end(),
@@ -150,7 +150,7 @@ Result<Volume> read_series(const std::string& path, std::vector<DicomSlice> slic
   if (!dims) return tl::unexpected(dims.error());
   volume.dims = *dims;
   if (auto r = check_alike(slices); !r) return tl::unexpected(r.error());
-  if (auto r = place(slices, volume); !r) return tl::unexpected(r.error());
+  if (auto r = set_position(slices, volume); !r) return tl::unexpected(r.error());
 
   const bool uniform = std::all_of(slices.begin(), slices.end(), [&](const DicomSlice& s) {
     return s.slope == slices.front().slope && s.intercept == slices.front().intercept;

@@ -170,11 +170,11 @@ Result<void> read_voxels(const VoxelData& from, Volume& volume) {
   if (!size) return tl::unexpected(size.error());
   const std::uint64_t kept = voxel_bytes(volume);
   const std::uint64_t there = *size > from.offset ? *size - from.offset : 0;
-  const std::uint64_t most = from.packed ? there * kMaxExpansion : there;
+  const std::uint64_t max_bytes = from.packed ? there * kMaxExpansion : there;
   const auto& d = volume.dims;
   std::uint64_t needed = 0;
-  if (__builtin_mul_overflow(kept, from.components, &needed) || from.skip > most ||
-      needed > most - from.skip)
+  if (__builtin_mul_overflow(kept, from.components, &needed) || from.skip > max_bytes ||
+      needed > max_bytes - from.skip)
     return fail(ErrorCode::bad_file, from.path, ": ", d[0], "x", d[1], "x", d[2], " voxels of ",
                 name(volume.type), " need ", needed, " bytes from byte ", from.offset + from.skip,
                 " on, but the file holds ", there, from.packed ? " packed" : "",

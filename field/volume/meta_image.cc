@@ -111,7 +111,7 @@ Result<std::vector<std::uint64_t>> sizes_of(const std::string& path, const Heade
   return sizes;
 }
 
-Result<void> place(const Header& header, std::size_t rank, Volume& volume) {
+Result<void> set_position(const Header& header, std::size_t rank, Volume& volume) {
   const std::string& path = volume.source;
   std::vector<double> spacing(rank, 1), origin(rank, 0), matrix(rank * rank, 0);
   for (std::size_t i = 0; i < rank; ++i) matrix[i * rank + i] = 1;
@@ -230,8 +230,8 @@ Result<Volume> read_meta(const std::string& path, std::string_view head,
   const auto chosen = choose_volume(path, *sizes, options);
   if (!chosen) return tl::unexpected(chosen.error());
   volume.dims = chosen->dims;
-  if (auto placed = place(*header, sizes->size(), volume); !placed)
-    return tl::unexpected(placed.error());
+  if (auto done = set_position(*header, sizes->size(), volume); !done)
+    return tl::unexpected(done.error());
   if (auto scaled = read_scale(*header, volume); !scaled) return tl::unexpected(scaled.error());
   std::uint64_t copies = static_cast<std::uint64_t>(*count);
   for (std::size_t i = 3; i < sizes->size(); ++i)

@@ -78,7 +78,7 @@ Result<ScalarType> scalar_type(const std::string& path, const Words& words) {
 }
 
 /// Computes the axes from the unit cell, whose edge a is along x and edge b in the xy plane.
-Result<void> place(const Words& words, const std::array<int, 3>& axis_of, Volume& volume) {
+Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of, Volume& volume) {
   glm::dvec3 step, angle;
   bool scaled = true;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -187,7 +187,7 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
   std::array<int, 3> axis_of{0, 1, 2};
   if (words.integer(17) != 0)
     for (std::size_t i = 0; i < 3; ++i) axis_of[i] = words.integer(17 + i) - 1;
-  if (auto placed = place(words, axis_of, volume); !placed) return tl::unexpected(placed.error());
+  if (auto done = set_position(words, axis_of, volume); !done) return tl::unexpected(done.error());
 
   const auto extended = words.integer(24);
   if (extended < 0)

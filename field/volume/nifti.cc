@@ -238,7 +238,7 @@ std::string brief(double value) {
 // Chooses as nibabel, FSL and NiiVue do: the sform if its code is set, else the qform. With
 // neither, nibabel and SPM treat the grid as LAS with the world's origin at its centre. ITK prefers
 // the qform in some cases, and refuses shear, which our ray-caster supports.
-Result<void> place(const Header& header, Volume& volume) {
+Result<void> set_position(const Header& header, Volume& volume) {
   const Transform sform = sform_of(header), qform = qform_of(header);
   const bool has_sform = header.sform_code > 0, has_qform = header.qform_code > 0;
   const bool damaged_sform = has_sform && has_qform && !is_usable(sform);
@@ -277,9 +277,9 @@ Result<void> place(const Header& header, Volume& volume) {
   }
   if (has_sform && has_qform && !damaged_sform && is_usable(sform) && is_usable(qform)) {
     const double apart = greatest_distance(sform, qform, volume);
-    double least = HUGE_VAL;
-    for (int i = 0; i < 3; ++i) least = std::min(least, glm::length(sform.axes[i]));
-    if (apart > 0.1 * least)
+    double min_length = HUGE_VAL;
+    for (int i = 0; i < 3; ++i) min_length = std::min(min_length, glm::length(sform.axes[i]));
+    if (apart > 0.1 * min_length)
       volume.notes.push_back("placed by its sform" + code(header.sform_code) + "; its qform" +
                              code(header.qform_code) + " differs by up to " + brief(apart) +
                              " units");
@@ -327,7 +327,7 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
   const auto chosen = choose_volume(path, sizes, options);
   if (!chosen) return tl::unexpected(chosen.error());
   volume.dims = chosen->dims;
-  if (auto placed = place(header, volume); !placed) return tl::unexpected(placed.error());
+  if (auto done = set_position(header, volume); !done) return tl::unexpected(done.error());
 
   // A slope of 0 means that there is none.
   if (header.slope != 0 && std::isfinite(header.slope) && std::isfinite(header.intercept)) {

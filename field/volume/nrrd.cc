@@ -252,11 +252,11 @@ Result<void> place_by_spacing(const FieldMap& fields, const std::vector<Axis>& a
 }
 
 Result<std::uint64_t> parse_skip(const std::string& path, const FieldMap& fields,
-                                 std::string_view field, std::int64_t least) {
+                                 std::string_view field, std::int64_t min) {
   const auto found = fields.find(field);
   if (found == fields.end()) return 0;
   const auto value = parse_integer(found->second);
-  if (!value || *value < least || *value > (std::int64_t{1} << 53))
+  if (!value || *value < min || *value > (std::int64_t{1} << 53))
     return fail(ErrorCode::bad_file, path, ": '", field, "' is ", in_quotes(found->second),
                 ", expected a count");
   return static_cast<std::uint64_t>(*value);  // -1, the end of the file, becomes the largest

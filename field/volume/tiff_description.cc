@@ -10,7 +10,7 @@ namespace slf::volume_io {
 
 namespace {
 
-constexpr std::uint64_t kMost = 1 << 24;  // slices, channels, times, or pages
+constexpr std::uint64_t kMaxCount = 1 << 24;  // slices, channels, times, or pages
 
 double micrometres(std::string_view unit) {
   const std::string text = lower(trim(unit));
@@ -60,17 +60,17 @@ class OmeReader {
     return true;
   }
 
-  /// A number from `least` on.
-  std::uint64_t count(const XmlAttributes& a, const char* key, std::uint64_t least,
+  /// A number from `min` on.
+  std::uint64_t count(const XmlAttributes& a, const char* key, std::uint64_t min,
                       std::optional<std::uint64_t> otherwise) {
     const auto found = a.find(key);
     if (found == a.end() && otherwise) return *otherwise;
     const auto value = found == a.end() ? std::nullopt : parse_integer(found->second);
-    if (value && *value >= static_cast<std::int64_t>(least) &&
-        *value <= static_cast<std::int64_t>(kMost))
+    if (value && *value >= static_cast<std::int64_t>(min) &&
+        *value <= static_cast<std::int64_t>(kMaxCount))
       return static_cast<std::uint64_t>(*value);
     problem_ = key;
-    return least;
+    return min;
   }
 
   void pixels(const XmlAttributes& a) {
@@ -102,7 +102,7 @@ class OmeReader {
                 count(a, "FirstT", 0, 0));
     run_ = &d_.runs[first];
     run_->page = count(a, "IFD", 0, 0);
-    run_->count = count(a, "PlaneCount", 1, all ? kMost : 1);
+    run_->count = count(a, "PlaneCount", 1, all ? kMaxCount : 1);
   }
 
   TiffDescription d_;

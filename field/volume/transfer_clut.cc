@@ -25,13 +25,13 @@ Presets parse_clut(std::string_view text, const std::string& source) {
     entries[volume_io::lower(volume_io::trim(line.substr(0, equals)))] =
         volume_io::trim(line.substr(equals + 1));
   }
-  const auto number = [&](const std::string& key, double least, double most) -> Result<double> {
+  const auto number = [&](const std::string& key, double min, double max) -> Result<double> {
     const auto found = entries.find(key);
     if (found == entries.end()) return fail(ErrorCode::bad_file, source, ": ", key, " is missing");
     const auto value = volume_io::parse_number(found->second);
-    if (!value || !(*value >= least && *value <= most))
+    if (!value || !(*value >= min && *value <= max))
       return fail(ErrorCode::bad_file, source, ": ", key, " is ", in_quotes(found->second),
-                  ", expected a number from ", least, " to ", most);
+                  ", expected a number from ", min, " to ", max);
     return *value;
   };
 

@@ -85,14 +85,14 @@ glm::dvec3 interpolate_hsv(const glm::dvec3& rgb_a, const glm::dvec3& rgb_b, dou
 }  // namespace
 
 glm::dvec3 rgb_to_hsv(const glm::dvec3& rgb) {
-  const double most = std::max({rgb.x, rgb.y, rgb.z});
-  const double range = most - std::min({rgb.x, rgb.y, rgb.z});
-  if (!(most > 0) || !(range > 0)) return {0, 0, std::max(most, 0.0)};
-  double hue = most == rgb.x   ? (rgb.y - rgb.z) / range
-               : most == rgb.y ? 2 + (rgb.z - rgb.x) / range
-                               : 4 + (rgb.x - rgb.y) / range;
+  const double max = std::max({rgb.x, rgb.y, rgb.z});
+  const double range = max - std::min({rgb.x, rgb.y, rgb.z});
+  if (!(max > 0) || !(range > 0)) return {0, 0, std::max(max, 0.0)};
+  double hue = max == rgb.x   ? (rgb.y - rgb.z) / range
+               : max == rgb.y ? 2 + (rgb.z - rgb.x) / range
+                              : 4 + (rgb.x - rgb.y) / range;
   hue /= 6;
-  return {hue < 0 ? hue + 1 : hue, range / most, most};
+  return {hue < 0 ? hue + 1 : hue, range / max, max};
 }
 
 glm::dvec3 hsv_to_rgb(const glm::dvec3& hsv) {
@@ -125,8 +125,8 @@ glm::dvec3 lab_to_rgb(const glm::dvec3& lab) {
                  to_srgb(-0.9689 * xyz.x + 1.8758 * xyz.y + 0.0415 * xyz.z),
                  to_srgb(0.0557 * xyz.x - 0.2040 * xyz.y + 1.0570 * xyz.z)};
   // Out of gamut: like VTK, scale down colours that are too bright and clamp negative channels.
-  const double most = std::max({rgb.x, rgb.y, rgb.z});
-  if (most > 1) rgb /= most;
+  const double max = std::max({rgb.x, rgb.y, rgb.z});
+  if (max > 1) rgb /= max;
   return glm::max(rgb, glm::dvec3(0.0));
 }
 

@@ -36,12 +36,12 @@ double quantile(std::span<const double> sorted, double q) {
 }
 
 /// Counts of values over equal bins; those outside go to the first and the last.
-/// REQUIRES: least < most.
-std::array<double, kBins> histogram(std::span<const double> values, double least, double most) {
+/// REQUIRES: min < max.
+std::array<double, kBins> histogram(std::span<const double> values, double min, double max) {
   std::array<double, kBins> count{};
   for (const double value : values) {
     // In halves, so that the range of the widest doubles does not overflow.
-    const double bin = (value / 2 - least / 2) / (most / 2 - least / 2) * kBins;
+    const double bin = (value / 2 - min / 2) / (max / 2 - min / 2) * kBins;
     ++count[static_cast<std::size_t>(std::clamp(bin, 0.0, double{kBins - 1}))];
   }
   return count;
@@ -52,9 +52,9 @@ struct Threshold {
   double separability;  ///< the variance between the classes over all variance, 0..1
 };
 
-/// Otsu 1979, over bins between two values. REQUIRES: sorted, least < most.
-Threshold otsu(std::span<const double> values, double least, double most) {
-  const auto count = histogram(values, least, most);
+/// Otsu 1979, over bins between two values. REQUIRES: sorted, min < max.
+Threshold otsu(std::span<const double> values, double min, double max) {
+  const auto count = histogram(values, min, max);
   double total = 0, sum = 0, squares = 0;
   for (std::size_t i = 0; i < kBins; ++i) {
     const auto at = static_cast<double>(i);
@@ -75,17 +75,16 @@ Threshold otsu(std::span<const double> values, double least, double most) {
     best = std::max(best, score);
   }
   const double variance = squares / total - (sum / total) * (sum / total);
-  return {std::lerp(least, most, ((first + last) / 2 + 1) / kBins),
+  return {std::lerp(min, max, ((first + last) / 2 + 1) / kBins),
           variance > 0 ? best / (total * total) / variance : 0};
 }
 
 /// Whether values of both signs surround a background of 0: 0 is in the fullest bin, and each side
 /// has at least 5 % of the other's extent.
-bool is_around_zero(std::span<const double> sorted, double least, double most) {
-  if (!(least < 0 && most > 0) || std::min(-least, most) < 0.05 * std::max(-least, most))
-    return false;
-  const auto count = histogram(sorted, least, most);
-  const double zero = (0 - least / 2) / (most / 2 - least / 2) * kBins;
+bool is_around_zero(std::span<const double> sorted, double min, double max) {
+  if (!(min < 0 && max > 0) || std::min(-min, max) < 0.05 * std::max(-min, max)) return false;
+  const auto count = histogram(sorted, min, max);
+  const double zero = (0 - min / 2) / (max / 2 - min / 2) * kBins;
   // The bin of 0 or a neighbour, in case 0 is at the edge of its bin.
   const auto fullest = std::max_element(count.begin() + 1, count.end() - 1) - count.begin();
   return std::abs(static_cast<double>(fullest) + 0.5 - zero) <= 1.5;
@@ -98,17 +97,17 @@ double share_of_zero(std::span<const double> sorted) {
 
 /// The value at which the background ends: Otsu's threshold. If that only separates a few very
 /// bright voxels (PET: bladder, heart) from the rest, the rest is split again, at most twice.
-double background_end(std::span<const double> sorted, double least, double most) {
+double background_end(std::span<const double> sorted, double min, double max) {
   constexpr double kFew = 0.05, kParts = 0.7;
-  double end = otsu(sorted, least, most).value;
+  double end = otsu(sorted, min, max).value;
   for (int again = 0; again < 2; ++again) {
     const auto above = std::upper_bound(sorted.begin(), sorted.end(), end);
     if (static_cast<double>(sorted.end() - above) > kFew * static_cast<double>(sorted.size()))
       break;
     const std::span<const double> rest(sorted.begin(), above);
-    if (rest.empty() || !(least < end)) break;
-    const Threshold lower = otsu(rest, least, end);
-    if (lower.separability < kParts || !(lower.value > least)) break;
+    if (rest.empty() || !(min < end)) break;
+    const Threshold lower = otsu(rest, min, end);
+    if (lower.separability < kParts || !(lower.value > min)) break;
     end = lower.value;
   }
   return end;
@@ -121,37 +120,37 @@ double ValueStatistics::to_value(double of_values) const {
 }
 
 std::array<double, 2> ValueStatistics::range() const {
-  return {both_signs ? -most : to_value(least), to_value(most)};
+  return {both_signs ? -max : to_value(min), to_value(max)};
 }
 
 ValueStatistics value_statistics(const Volume& volume) {
   ValueStatistics s;
   s.values = sorted_sample(volume);
   if (s.values.empty()) s.values.push_back(0);
-  s.least = quantile(s.values, 0.001);
-  s.most = quantile(s.values, 0.999);
-  if (s.is_flat()) s.least = s.values.front(), s.most = s.values.back();
+  s.min = quantile(s.values, 0.001);
+  s.max = quantile(s.values, 0.999);
+  if (s.is_flat()) s.min = s.values.front(), s.max = s.values.back();
   if (s.is_flat()) return s;
-  s.both_signs = is_around_zero(s.values, s.least, s.most);
+  s.both_signs = is_around_zero(s.values, s.min, s.max);
   if (s.both_signs) {
     // In a masked volume exact zeros are background and all else is signal. Otherwise noise is
     // background, too.
     const bool masked = share_of_zero(s.values) > 0.1;
-    s.most = std::max(-s.least, s.most);
-    s.least = 0;
+    s.max = std::max(-s.min, s.max);
+    s.min = 0;
     for (double& value : s.values) value = std::abs(value);
     std::sort(s.values.begin(), s.values.end());
-    s.threshold = masked ? 0 : otsu(s.values, s.least, s.most).value;
+    s.threshold = masked ? 0 : otsu(s.values, s.min, s.max).value;
     return s;
   }
-  s.by_decades = s.least > 0 && s.most / s.least > 1e4;
+  s.by_decades = s.min > 0 && s.max / s.min > 1e4;
   if (s.by_decades) {
-    s.values.erase(s.values.begin(), std::lower_bound(s.values.begin(), s.values.end(), s.least));
+    s.values.erase(s.values.begin(), std::lower_bound(s.values.begin(), s.values.end(), s.min));
     for (double& value : s.values) value = std::log10(value);
-    s.least = std::log10(s.least);
-    s.most = std::log10(s.most);
+    s.min = std::log10(s.min);
+    s.max = std::log10(s.max);
   }
-  s.threshold = background_end(s.values, s.least, s.most);
+  s.threshold = background_end(s.values, s.min, s.max);
   return s;
 }
 
@@ -171,8 +170,8 @@ std::vector<Step> steps_above_threshold(const ValueStatistics& s) {
   std::vector<Step> steps;
   for (int i = 0; i <= kSteps; ++i) {
     const double t = static_cast<double>(i) / kSteps;
-    const double by_value = std::lerp(s.threshold, s.most, t);
-    const double by_rank = std::clamp(quantile(object, t), s.threshold, s.most);
+    const double by_value = std::lerp(s.threshold, s.max, t);
+    const double by_rank = std::clamp(quantile(object, t), s.threshold, s.max);
     const double value = i == 0         ? s.threshold
                          : s.both_signs ? by_value
                                         : std::midpoint(by_value, by_rank);
@@ -197,7 +196,7 @@ TransferFunction for_amounts(const Volume& volume) {
   const ValueStatistics s = value_statistics(volume);
   result.opacities = default_opacities(s);
   if (s.is_flat()) {
-    result.colors = {{s.least, kAmount[0]}};
+    result.colors = {{s.min, kAmount[0]}};
     return result;
   }
   const auto steps = steps_above_threshold(s);
@@ -217,7 +216,7 @@ TransferFunction for_amounts(const Volume& volume) {
 }  // namespace
 
 std::vector<TransferFunction::OpacityPoint> default_opacities(const ValueStatistics& s) {
-  if (s.is_flat()) return {{s.least, 0, 0.5, 0}};  // one value everywhere: background
+  if (s.is_flat()) return {{s.min, 0, 0.5, 0}};  // one value everywhere: background
   std::vector<TransferFunction::OpacityPoint> points;
   const auto steps = steps_above_threshold(s);
   if (s.both_signs)

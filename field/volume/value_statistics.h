@@ -13,13 +13,13 @@ struct ValueStatistics {
   /// A sorted sample of the finite values, 1 to about a million. If by_decades, logarithms (base
   /// 10) of the positive ones; if both_signs, magnitudes.
   std::vector<double> values;
-  double least = 0, most = 0;  ///< range of `values` without outliers
-  double threshold = 0;        ///< `values` up to this are background
-  bool by_decades = false;     ///< positive values over more than four decades
-  bool both_signs = false;     ///< of both signs, around a background of 0
+  double min = 0, max = 0;  ///< range of `values` without outliers
+  double threshold = 0;     ///< `values` up to this are background
+  bool by_decades = false;  ///< positive values over more than four decades
+  bool both_signs = false;  ///< of both signs, around a background of 0
 
   /// Whether all values are equal.
-  [[nodiscard]] bool is_flat() const { return !(least < most); }
+  [[nodiscard]] bool is_flat() const { return !(min < max); }
   /// Converts from the scale of `values` to the volume's.
   [[nodiscard]] double to_value(double of_values) const;
   /// The range of the volume's values to which a relative function is stretched.

@@ -147,18 +147,18 @@ std::uint64_t Volume::voxel_count() const { return std::uint64_t{dims[0]} * dims
 std::array<double, 2> Volume::value_range() const {
   return visit_voxels(*this, [&](auto stored) -> std::array<double, 2> {
     using T = typename decltype(stored)::value_type;
-    T least = std::numeric_limits<T>::max(), most = std::numeric_limits<T>::lowest();
+    T min_voxel = std::numeric_limits<T>::max(), max_voxel = std::numeric_limits<T>::lowest();
     bool any = false;
     for (const T voxel : stored) {
       if constexpr (std::is_floating_point_v<T>)
         if (!std::isfinite(voxel)) continue;
-      least = std::min(least, voxel);
-      most = std::max(most, voxel);
+      min_voxel = std::min(min_voxel, voxel);
+      max_voxel = std::max(max_voxel, voxel);
       any = true;
     }
     if (!any) return {0, 0};
-    const double a = slope * static_cast<double>(least) + intercept;
-    const double b = slope * static_cast<double>(most) + intercept;
+    const double a = slope * static_cast<double>(min_voxel) + intercept;
+    const double b = slope * static_cast<double>(max_voxel) + intercept;
     return {std::min(a, b), std::max(a, b)};
   });
 }
@@ -190,7 +190,7 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
   if (layout.offset > *size || needed > *size - layout.offset)
     return fail(ErrorCode::usage, path, ": dimensions ", sizes[0], "x", sizes[1], "x", sizes[2],
                 " of type ", name(layout.type), " at offset ", layout.offset, " need ", needed,
-                " bytes behind the offset, but the file has ", *size, " bytes in all");
+                " bytes after the offset, but the file has ", *size, " bytes in all");
   VoxelData data{.path = path, .offset = layout.offset, .big_endian = layout.big_endian};
   // The layout does not state the number of time points: the length of the file is the limit.
   if (auto ok = skip_volumes(options.time.value_or(0), volume, data); !ok)

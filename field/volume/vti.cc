@@ -135,7 +135,7 @@ Result<std::vector<double>> numbers(const std::string& path, const char* what,
 }
 
 /// Sets dims and position from the extent of the one piece.
-Result<void> place(const Document& d, Volume& volume) {
+Result<void> set_position(const Document& d, Volume& volume) {
   const std::string& path = volume.source;
   const auto extent =
       numbers(path, "Extent", d.piece_extent.empty() ? d.extent : d.piece_extent, 6, 0);
@@ -412,8 +412,8 @@ Result<std::vector<std::byte>> read_bytes(const Document& d, const Volume& volum
   if (d.array.format == "ascii") return read_ascii(d, volume, needed);
   const auto size = file_size(path);
   if (!size) return tl::unexpected(size.error());
-  const std::uint64_t most = d.compressor.empty() ? *size : *size * 1032;
-  if (needed > most)
+  const std::uint64_t max_bytes = d.compressor.empty() ? *size : *size * 1032;
+  if (needed > max_bytes)
     return fail(ErrorCode::bad_file, path, ": its extent needs ", needed,
                 " bytes of voxels, but the file holds ", *size,
                 d.compressor.empty() ? "" : " packed", ": it is truncated, or its extent is wrong");
@@ -469,7 +469,7 @@ Result<Volume> read_vti(const std::string& path, const VolumeOptions& options) {
   if (d.others > 0)
     volume.notes.push_back("of its " + std::to_string(d.others + 1) + " arrays, " +
                            in_quotes(d.array.name) + " is read");
-  if (auto placed = place(d, volume); !placed) return tl::unexpected(placed.error());
+  if (auto done = set_position(d, volume); !done) return tl::unexpected(done.error());
   const auto component = choose(path, options.component, d.array.components, "component");
   if (!component) return tl::unexpected(component.error());
   if (const auto ok = choose(path, options.time, 1, "time point"); !ok)

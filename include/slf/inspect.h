@@ -120,7 +120,7 @@ struct FieldDifference {
   /// The same tiles with the same bytes, and the same manifest.
   [[nodiscard]] bool equal() const;
   /// Comparable, the same tiles, and no tile has a PSNR below this, in dB.
-  [[nodiscard]] bool alike(double least_psnr) const;
+  [[nodiscard]] bool alike(double min_psnr) const;
 };
 
 struct DiffOptions {

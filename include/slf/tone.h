@@ -63,8 +63,8 @@ class ToneMapper {
   /// https://github.com/KhronosGroup/ToneMapping, PBR Neutral specification.
   static glm::vec3 neutral(glm::vec3 color) {
     constexpr float kStart = 0.8f - 0.04f, kDesaturation = 0.15f;
-    const float least = std::min({color.r, color.g, color.b});
-    color -= least < 0.08f ? least - 6.25f * least * least : 0.04f;
+    const float min_channel = std::min({color.r, color.g, color.b});
+    color -= min_channel < 0.08f ? min_channel - 6.25f * min_channel * min_channel : 0.04f;
     const float peak = std::max({color.r, color.g, color.b});
     if (peak < kStart) return color;
     constexpr float kRoom = 1 - kStart;

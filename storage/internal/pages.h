@@ -123,10 +123,10 @@ class Pages {
   /// A branch (leaf = false) or leaf page. bad_file: the page is damaged or of another kind.
   [[nodiscard]] Result<TreePage> tree_page(std::uint64_t number, bool leaf) const;
 
-  /// The value of a leaf node. If it is in overflow pages, returns only its first `most` bytes.
-  /// bad_file: the overflow pages are damaged.
+  /// The value of a leaf node. If it is in overflow pages, returns only its first `max_bytes`
+  /// bytes. bad_file: the overflow pages are damaged.
   [[nodiscard]] Result<ByteSpan> value(const Node& node,
-                                       std::uint64_t most = ~std::uint64_t{0}) const;
+                                       std::uint64_t max_bytes = ~std::uint64_t{0}) const;
 
   /// Where the value of a leaf node in overflow pages begins in the file.
   [[nodiscard]] std::uint64_t value_offset(const Node& node) const {

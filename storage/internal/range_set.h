@@ -26,10 +26,10 @@ class RangeSet {
 };
 
 /// Ascending ranges that cover all of `ranges`. Gaps of up to `gap` bytes are filled. If more than
-/// `most` ranges remain, the smallest other gaps are filled, too, but none of more than `widest`
-/// bytes.
+/// `max_ranges` ranges remain, the smallest other gaps are filled, too, but none of more than
+/// `widest` bytes.
 [[nodiscard]] std::vector<FileRange> merged(std::vector<FileRange> ranges, std::uint64_t gap,
-                                            std::size_t most,
+                                            std::size_t max_ranges,
                                             std::uint64_t widest = ~std::uint64_t{0});
 
 }  // namespace slf::storage::internal

@@ -37,7 +37,7 @@ std::vector<std::string> view_of(const std::string& path, const std::string& pic
 
 struct Good {
   const char* name;
-  double least_psnr;  ///< of the picture; JPEG decoders and float arithmetic may differ a little
+  double min_psnr;  ///< of the picture; JPEG decoders and float arithmetic may differ a little
 };
 constexpr Good kGood[] = {{"example", 50},    {"jpeg", 40},     {"zstd", 50},
                           {"half", 50},       {"deep", 50},     {"subfields", 50},
@@ -157,7 +157,7 @@ class GoldenFields : public ::testing::Test {
 
 TEST_F(GoldenFields, GoodOnesAreReadAsEver) {
   const Workplace place;
-  for (const auto& [name, least_psnr] : kGood) {
+  for (const auto& [name, min_psnr] : kGood) {
     SCOPED_TRACE(name);
     const std::string path = golden(std::string(name) + ".slf");
     const auto expected = nlohmann::json::parse(read_text(golden(std::string(name) + ".json")),
@@ -170,10 +170,10 @@ TEST_F(GoldenFields, GoodOnesAreReadAsEver) {
     const auto drawn = read_image(place / "o.png");
     const auto picture = read_image(golden(std::string(name) + ".png"));
     ASSERT_TRUE(drawn && picture);
-    EXPECT_GE(compare(*drawn, *picture).psnr, least_psnr);
-    float most = 0;
-    for (const glm::vec4& pixel : drawn->rgba) most = std::max({most, pixel.r, pixel.g, pixel.b});
-    EXPECT_GT(most, 0.2f);  // there is something to see
+    EXPECT_GE(compare(*drawn, *picture).psnr, min_psnr);
+    float max = 0;
+    for (const glm::vec4& pixel : drawn->rgba) max = std::max({max, pixel.r, pixel.g, pixel.b});
+    EXPECT_GT(max, 0.2f);  // there is something to see
   }
 }
 

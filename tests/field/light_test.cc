@@ -420,8 +420,8 @@ TEST(Light, PackedColoursAreCloseToTheirOwn) {
     const std::uint32_t word = pack_light(light);
     const float scale = std::exp2(static_cast<float>(word >> 27) - 24);
     const glm::vec3 back = scale * glm::vec3(word & 511, word >> 9 & 511, word >> 18 & 511);
-    const float most = std::max(light.r, light.g);
-    for (int c = 0; c < 3; ++c) EXPECT_NEAR(back[c], light[c], most / 500 + 0x1p-24f);
+    const float max = std::max(light.r, light.g);
+    for (int c = 0; c < 3; ++c) EXPECT_NEAR(back[c], light[c], max / 500 + 0x1p-24f);
   }
 }
 

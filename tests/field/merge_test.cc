@@ -165,8 +165,8 @@ TEST_F(Merge, ShardsHaveEqualWork) {
     for (std::uint64_t n = order.number(part.begin); n < order.number(part.end); ++n)
       sum += tracer.rays(order.key(n));
   }
-  const auto [least, most] = std::ranges::minmax(rays);
-  EXPECT_LT(most - least, 2 * tracer.rays(TileKey{0, 0}) + tracer.rays(TileKey{0, 9}));
+  const auto [min, max] = std::ranges::minmax(rays);
+  EXPECT_LT(max - min, 2 * tracer.rays(TileKey{0, 0}) + tracer.rays(TileKey{0, 9}));
 }
 
 TEST_F(Merge, SubfieldsAndLevelsThatRepackKeptGoTogether) {

@@ -111,10 +111,10 @@ TEST_F(Render, DepthIsLoadedBesideColorThatIsHereAlready) {
 
 /// The most that any channel of any pixel differs.
 float largest_difference(const Image& a, const Image& b) {
-  float most = 0;
+  float max = 0;
   for (std::size_t k = 0; k < a.rgba.size(); ++k)
-    for (int c = 0; c < 4; ++c) most = std::max(most, std::abs(a.rgba[k][c] - b.rgba[k][c]));
-  return most;
+    for (int c = 0; c < 4; ++c) max = std::max(max, std::abs(a.rgba[k][c] - b.rgba[k][c]));
+  return max;
 }
 
 /// Draws a view with each instruction set, with room for every tile and for hardly any, and expects

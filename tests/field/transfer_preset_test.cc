@@ -160,13 +160,13 @@ TEST(TransferPreset, BuiltInsByName) {
     for (const auto& points = found->function.opacities; const auto& point : points)
       EXPECT_LE(point.value, points.back().value);
     // Something of it is clear, and something well visible.
-    double least = 1, most = 0;
+    double min = 1, max = 0;
     for (const auto& point : found->function.opacities) {
-      least = std::min(least, point.opacity);
-      most = std::max(most, point.opacity);
+      min = std::min(min, point.opacity);
+      max = std::max(max, point.opacity);
     }
-    EXPECT_EQ(least, 0);
-    EXPECT_GT(most, 0.1);
+    EXPECT_EQ(min, 0);
+    EXPECT_GT(max, 0.1);
     EXPECT_TRUE(parse_transfer(to_json(found->fit(ramp_volume())), "again"));
     // 0 and 1 are the ends of the volume's range, wherever the function begins to show something.
     const auto ends = transfer_formats::extent(*found);

@@ -466,7 +466,7 @@ TEST(VerifyFlips, EveryFlippedByteIsFoundOrDoesNoHarm) {
     put(at, bytes[at]);
   }
   EXPECT_GT(found, 1000u / step);
-  EXPECT_GT(harmless, 1000u / step);  // what is between nodes, and behind payloads
+  EXPECT_GT(harmless, 1000u / step);  // what is between nodes, and after payloads
   EXPECT_EQ(verify(path).found, 0u);
 }
 

@@ -149,7 +149,7 @@ TEST(VolumeDicom, OnlyStoredBitsCount) {
 }
 
 std::string deflated(const std::string& bytes) {
-  // The data set begins behind the meta elements, whose length the first one holds.
+  // The data set begins after the meta elements, whose length the first one holds.
   const auto meta = static_cast<unsigned char>(bytes[140]);
   const std::size_t from = 144 + meta;
   z_stream stream{};
@@ -293,7 +293,7 @@ TEST(VolumeDicom, DamagedCompressedPixelsAreAnErrorOrOtherPixels) {
   EXPECT_GT(errors, 20);
 }
 
-// What GDCM itself dies of, where our parser does not see it: no stream behind a whole header.
+// What GDCM itself dies of, where our parser does not see it: no stream after a whole header.
 TEST(VolumeDicom, ErrorNamesFileAndTransferSyntax) {
   const Folder folder;
   write_series(folder);

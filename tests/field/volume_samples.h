@@ -68,7 +68,7 @@ struct Nifti {
   int qform = 0, sform = 0;
   std::array<double, 6> quaternion{};  ///< b, c, d, offset x, y, z
   std::array<double, 12> srow{};
-  double vox_offset = -1;  ///< -1: right behind the header
+  double vox_offset = -1;  ///< -1: right after the header
   int units = 2;
   std::string magic = "+";  ///< or "i"
 };
@@ -79,7 +79,7 @@ std::array<double, 12> phantom_srow();
 
 std::string nrrd_type(ScalarType type);
 std::string meta_type(ScalarType type);
-/// "NRRD0004", the lines and a blank one; `data` behind.
+/// "NRRD0004", the lines and a blank one; `data` after.
 std::string nrrd(const std::string& lines, const std::string& data);
 std::string phantom_nrrd(ScalarType type, bool big_endian, const std::string& space);
 std::string phantom_meta(ScalarType type, bool big_endian, bool packed);

@@ -146,7 +146,7 @@ TEST(VolumeTiff, ImageJSaysSpacingChannelsAndTimes) {
                                         HasSubstr("states no spacing")));
 }
 
-// Beyond 4 GiB ImageJ writes one page, and the voxels of all the others behind its own.
+// Beyond 4 GiB ImageJ writes one page, and the voxels of all the others after its own.
 TEST(VolumeTiff, ImageJsRawStack) {
   const Folder folder;
   const auto path = write_tiff(folder, "a.tif",
@@ -166,7 +166,7 @@ TEST(VolumeTiff, ImageJsRawStack) {
   ASSERT_NE(first, std::string::npos);
   EXPECT_EQ(bytes.substr(first, 40), all.substr(0, 40));
   const std::string joined = bytes.substr(0, first) + all + bytes.substr(first + 40);
-  // The directory lies behind the pixels: its offset, at byte 4, moves with them.
+  // The directory lies after the pixels: its offset, at byte 4, moves with them.
   const auto be32 = [](std::string& text, std::size_t at, std::uint32_t add) {
     std::uint32_t value = 0;
     for (std::size_t i = 0; i < 4; ++i)
@@ -177,7 +177,7 @@ TEST(VolumeTiff, ImageJsRawStack) {
   std::string moved = joined;
   be32(moved, 4, static_cast<std::uint32_t>(all.size() - 40));
   const auto volume = read_volume(folder.write("b.tif", moved));
-  // Offsets of values behind the pixels have moved, too: damaged at worst, never a crash.
+  // Offsets of values after the pixels have moved, too: damaged at worst, never a crash.
   if (volume) expect_phantom(*volume, ScalarType::u16);
 }
 

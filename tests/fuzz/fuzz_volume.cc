@@ -81,8 +81,8 @@ void check(const std::string& path, const slf::VolumeOptions& options) {
   }
   require(std::isfinite(volume->slope) && volume->slope != 0 && std::isfinite(volume->intercept));
   require(std::abs(glm::determinant(volume->axes)) > 0);
-  const auto [least, most] = volume->value_range();
-  require(least <= most);
+  const auto [min, max] = volume->value_range();
+  require(min <= max);
   const auto transfer = slf::default_transfer(*volume);
   require(slf::parse_transfer(slf::to_json(transfer), "default").has_value());
 }

@@ -338,7 +338,7 @@ TEST(ViewServer, SurvivesMalformedRequests) {
   EXPECT_EQ(body(server.get("/example/field.slf")), content(kField));
 }
 
-/// Ranges of a file, in all forms, some behind its end.
+/// Ranges of a file, in all forms, some after its end.
 std::string well_formed_ranges(std::mt19937& random, std::size_t file) {
   std::string header = "bytes=";
   const std::size_t count = 1 + random() % 4;

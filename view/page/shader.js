@@ -236,8 +236,8 @@ vec4 mapped(vec4 radiance) {
   vec3 color = max(radiance.rgb * (uGain / radiance.a), 0.0);
   if (uCurve == 1) {
     const float kStart = 0.8 - 0.04, kDesaturation = 0.15, kRoom = 1.0 - kStart;
-    float least = min(color.r, min(color.g, color.b));
-    color -= least < 0.08 ? least - 6.25 * least * least : 0.04;
+    float minChannel = min(color.r, min(color.g, color.b));
+    color -= minChannel < 0.08 ? minChannel - 6.25 * minChannel * minChannel : 0.04;
     float peak = max(color.r, max(color.g, color.b));
     if (peak >= kStart) {
       float compressed = 1.0 - kRoom * kRoom / (peak + kRoom - kStart);
