@@ -31,10 +31,12 @@
 #include <string>
 #include <vector>
 
+#include "base/sort_unique.h"
 #include "codec/alpha_coder.h"
 #include "codec/codec.h"
 #include "codec/mosaic.h"
 #include "field/field_file.h"
+#include "field/geometry/tile_order.h"
 #include "slf/field.h"
 #include "slf/render.h"
 
@@ -355,12 +357,13 @@ Contender plain_zstd(const Mosaics& mosaics, int level) {
 
 std::vector<TileKey> stored_tiles(const Field& field, unsigned level) {
   std::vector<TileKey> keys;
-  expect(field.file().store().visit(
-      *field.file().layer("color"), {static_cast<std::uint8_t>(level), 0},
-      {static_cast<std::uint8_t>(level + 1), 0}, [&](const storage::TileRef& tile) -> Result<void> {
-        if (tile.state == storage::TileState::stored) keys.push_back(tile.key);
-        return {};
-      }));
+  expect(field.file().store().visit(*field.file().layer("color"), first_key(level),
+                                    first_key(level + 1),
+                                    [&](const storage::TileRef& tile) -> Result<void> {
+                                      if (tile.state == storage::TileState::stored)
+                                        keys.push_back(tile.key);
+                                      return {};
+                                    }));
   return keys;
 }
 
@@ -375,8 +378,7 @@ std::vector<TileKey> touched_tiles(const Field& field, unsigned level, std::uint
           storage::TileState::stored)
         keys.push_back(key);
   }
-  std::sort(keys.begin(), keys.end());
-  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+  sort_unique(keys);
   return keys;
 }
 

@@ -49,9 +49,7 @@ Result<void> write(const Settings& settings, const TileOrder& order, std::uint64
   Manifest manifest = manifest_of(settings);
   const std::uint64_t begin = order.count() * part / settings.parts;
   const std::uint64_t end = order.count() * (part + 1) / settings.parts;
-  const TileKey past_last{static_cast<std::uint8_t>(settings.levels + 1), 0};
-  if (settings.parts > 1)
-    manifest.part = {order.key(begin), end < order.count() ? order.key(end) : past_last};
+  if (settings.parts > 1) manifest.part = {order.key(begin), order.key_or_end(end)};
   std::string path = settings.output;
   if (const std::size_t at = path.find("{K}"); at != std::string::npos)
     path.replace(at, 3, std::to_string(part + 1));

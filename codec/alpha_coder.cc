@@ -5,6 +5,7 @@
 #include <cstring>
 #include <vector>
 
+#include "base/varint.h"
 #include "codec/scratch.h"
 #include "codec/zstd_frame.h"
 
@@ -156,24 +157,6 @@ void for_each_line(std::span<Byte> alpha, std::uint32_t side, Use use) {
   }
 }
 
-// LEB128: seven bits per byte, least significant first; the top bit is set in all but the last.
-void append_varint(Bytes& to, std::size_t value) {
-  for (; value >= 128; value >>= 7) to.push_back(static_cast<std::byte>(value | 128));
-  to.push_back(static_cast<std::byte>(value));
-}
-
-bool read_varint(ByteSpan& from, std::size_t& value) {
-  value = 0;
-  for (unsigned shift = 0; shift < 35; shift += 7) {
-    if (from.empty()) return false;
-    const auto byte = std::to_integer<std::size_t>(from[0]);
-    from = from.subspan(1);
-    value |= (byte & 127) << shift;
-    if (byte < 128) return true;
-  }
-  return false;
-}
-
 }  // namespace
 
 Result<void> append_alpha(std::span<const std::uint8_t> alpha, std::uint32_t side, std::uint8_t top,
@@ -194,10 +177,11 @@ Result<void> read_alpha(ByteSpan& payload, std::uint32_t side, std::uint8_t top,
   std::array<std::size_t, stream_count> sizes;
   std::size_t total = 0;
   for (std::size_t& size : sizes) {
+    const auto read = take_varint(payload);
     // No stream has more than two bytes per sample. This bounds the allocation.
-    if (!read_varint(payload, size) || size > 2 * alpha.size())
+    if (!read || *read > 2 * alpha.size())
       return fail(ErrorCode::bad_file, "alpha: the sizes are damaged");
-    total += size;
+    total += size = *read;
   }
   thread_local Scratch<std::uint8_t> scratch;
   const std::span<std::uint8_t> bytes = scratch.take(total);

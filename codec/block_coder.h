@@ -10,6 +10,7 @@
 
 #include "codec/dct.h"
 #include "codec/range_coder.h"
+#include "codec/zigzag.h"
 
 namespace slf::codec {
 

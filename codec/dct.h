@@ -21,20 +21,4 @@ inline constexpr int kCoefficientScale = 16;
 /// to pixels[y * stride + x].
 void inverse_dct(const Block& coefficients, std::int16_t* pixels, std::size_t stride);
 
-namespace internal {
-constexpr std::array<std::uint8_t, 64> make_zigzag() {
-  std::array<std::uint8_t, 64> order{};
-  std::size_t n = 0;
-  for (int sum = 0; sum < 15; ++sum)
-    for (int k = 0; k <= sum; ++k) {
-      const int x = sum % 2 ? sum - k : k, y = sum - x;
-      if (x < 8 && y < 8) order[n++] = static_cast<std::uint8_t>(8 * y + x);
-    }
-  return order;
-}
-}  // namespace internal
-
-/// The zigzag order: entry k is the index in a Block of the k-th coefficient.
-inline constexpr std::array<std::uint8_t, 64> kZigzag = internal::make_zigzag();
-
 }  // namespace slf::codec

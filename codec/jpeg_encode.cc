@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "codec/fill.h"
+#include "codec/zigzag.h"
 
 namespace slf::codec {
 namespace {
@@ -15,11 +16,6 @@ constexpr std::size_t kSide = 8;
 // The squared error that is worth one bit, relative to the squared quantisation step. On tiles of a
 // brain this value gave the fewest bytes at equal error.
 constexpr float kErrorPerBit = 0.09f;
-
-constexpr std::uint8_t kZigzag[64] = {
-    0,  1,  8,  16, 9,  2,  3,  10, 17, 24, 32, 25, 18, 11, 4,  5,  12, 19, 26, 33, 40, 48,
-    41, 34, 27, 20, 13, 6,  7,  14, 21, 28, 35, 42, 49, 56, 57, 50, 43, 36, 29, 22, 15, 23,
-    30, 37, 44, 51, 58, 59, 52, 45, 38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63};
 
 // Row k is the k-th orthonormal cosine, sampled at 8 points. The values are written out because
 // libraries compute cosines that differ in the last bit.

@@ -9,6 +9,7 @@
 #include "codec/mosaic.h"
 #include "codec/premultiply.h"
 #include "codec/reference_coder.h"
+#include "codec/zigzag.h"
 
 namespace slf::codec {
 namespace {

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "base/sort_unique.h"
+
 namespace slf {
 
 Result<std::shared_ptr<const FieldFile>> FieldFile::open(const std::string& path) {
@@ -125,8 +127,7 @@ void FieldFile::advise(std::span<const storage::TileRef> tiles) const {
       for (const storage::TileRef& tile : dependants)
         for (const TileKey key : references(tile))
           if (shape().has(key) && !predictions_[layer]->references.has(key)) keys.push_back(key);
-      std::sort(keys.begin(), keys.end());
-      keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+      sort_unique(keys);
       dependants.clear();
       for (const auto& tile : store_.find_all(layer, keys))
         if (tile && tile->state == storage::TileState::stored) dependants.push_back(*tile);

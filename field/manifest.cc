@@ -101,9 +101,8 @@ nlohmann::json Manifest::to_json() const {
 std::uint64_t Manifest::tiles(unsigned level) const {
   if (!part) return shape.tiles(level);
   const TileOrder order(shape);
-  const auto l = static_cast<std::uint8_t>(level);
-  const TileKey first{l, 0}, next{static_cast<std::uint8_t>(level + 1), 0};
-  const TileKey begin = std::max(first, part->begin), end = std::min(next, part->end);
+  const TileKey begin = std::max(first_key(level), part->begin);
+  const TileKey end = std::min(first_key(level + 1), part->end);
   return begin < end ? order.number(end) - order.number(begin) : 0;
 }
 

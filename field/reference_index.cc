@@ -2,6 +2,9 @@
 
 #include <algorithm>
 
+#include "base/sort_unique.h"
+#include "base/varint.h"
+
 namespace slf {
 namespace {
 
@@ -10,19 +13,8 @@ constexpr unsigned kChildren = 1 << kChildBits;
 
 std::size_t use_bytes(std::size_t references) { return references * kChildren / 8; }
 
-void append_number(Bytes& to, std::uint64_t value) {
-  for (; value >= 128; value >>= 7) to.push_back(static_cast<std::byte>(value | 128));
-  to.push_back(static_cast<std::byte>(value));
-}
-
 Result<std::uint64_t> take_number(ByteSpan& from) {
-  std::uint64_t value = 0;
-  for (unsigned shift = 0; shift < 64 && !from.empty(); shift += 7) {
-    const auto byte = std::to_integer<std::uint64_t>(from.front());
-    from = from.subspan(1);
-    value |= (byte & 127) << shift;
-    if (byte < 128) return value;
-  }
+  if (const auto value = take_varint(from)) return *value;
   return fail(ErrorCode::bad_file, "the index has no number where one is expected");
 }
 
@@ -41,16 +33,15 @@ Bytes ReferenceIndex::encode(std::span<const Tile> tiles) {
     std::vector<std::uint64_t> references;
     for (const Tile& tile : family)
       for (const TileKey reference : tile.references) references.push_back(reference.index);
-    std::sort(references.begin(), references.end());
-    references.erase(std::unique(references.begin(), references.end()), references.end());
+    sort_unique(references);
     if (references.empty()) continue;
 
-    append_number(section, parent - next_parent);
+    append_varint(section, parent - next_parent);
     next_parent = parent + 1;
-    append_number(section, references.size());
+    append_varint(section, references.size());
     std::uint64_t next = 0;
     for (const std::uint64_t reference : references) {
-      append_number(section, reference - next);
+      append_varint(section, reference - next);
       next = reference + 1;
     }
     Bytes uses(use_bytes(references.size()));
@@ -113,11 +104,7 @@ void ReferenceIndex::append_references(TileKey key, std::vector<TileKey>& to) co
 }
 
 void append_ancestors(std::span<const ReferenceIndex> indices, std::vector<TileKey>& tiles) {
-  const auto tidy = [&] {
-    std::sort(tiles.begin(), tiles.end());
-    tiles.erase(std::unique(tiles.begin(), tiles.end()), tiles.end());
-  };
-  tidy();
+  sort_unique(tiles);
   // From the finest level down, so that a level is complete before its own references are added.
   for (std::size_t level = indices.size(); level > 0; --level) {
     const auto of_level = [&](TileKey key) { return key.level == level; };
@@ -125,7 +112,7 @@ void append_ancestors(std::span<const ReferenceIndex> indices, std::vector<TileK
     for (const TileKey key : tiles)
       if (of_level(key)) indices[level - 1].append_references(key, found);
     tiles.insert(tiles.end(), found.begin(), found.end());
-    tidy();
+    sort_unique(tiles);
   }
 }
 

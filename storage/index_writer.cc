@@ -1,5 +1,4 @@
 #include <fcntl.h>
-#include <sys/mman.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -16,10 +15,6 @@
 namespace slf::storage {
 namespace internal {
 namespace {
-
-// After this many parts of the file were read, its mapped pages are released. The kernel maps 64
-// KiB around each, so otherwise the whole file would become resident.
-constexpr std::uint64_t kReleaseEvery = 256;
 
 /// Collects the parts of a snapshot by section, and sorts them by their offset in the file.
 class IndexBuilder {
@@ -107,9 +102,7 @@ class IndexBuilder {
   }
 
   void count_part() const {
-    if (++parts_read_ % kReleaseEvery != 0) return;
-    const ByteSpan map = snapshot_.bytes();
-    (void)madvise(const_cast<std::byte*>(map.data()), map.size(), MADV_DONTNEED);
+    if (++parts_read_ % Snapshot::kReleaseEvery == 0) snapshot_.release();
   }
 
   Result<void> add_record(LayerId layer, const Cursor& at) {

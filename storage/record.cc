@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cassert>
 
+#include "base/varint.h"
+
 namespace slf::storage::internal {
 namespace {
 
@@ -15,22 +17,6 @@ constexpr std::size_t kMaxCode = 5;  ///< bytes of the longest code, that of kMa
 
 tl::unexpected<Error> damaged(const char* what) {
   return tl::unexpected(Error{ErrorCode::bad_file, what});
-}
-
-void append_code(Bytes& to, std::uint64_t code) {
-  for (; code >= 0x80; code >>= 7) to.push_back(static_cast<std::byte>(code | 0x80));
-  to.push_back(static_cast<std::byte>(code));
-}
-
-// Reads a LEB128 integer. Null if it is not complete or does not use the fewest bytes possible.
-const std::byte* read_code(const std::byte* from, const std::byte* end, std::uint64_t& code) {
-  code = 0;
-  for (std::size_t i = 0; i < kMaxCode && from != end; ++i) {
-    const auto byte = static_cast<std::uint64_t>(*from++);
-    code |= (byte & 0x7F) << (7 * i);
-    if ((byte & 0x80) == 0) return byte == 0 && i > 0 ? nullptr : from;
-  }
-  return nullptr;
 }
 
 std::uint64_t code_of(const Tile& tile) {
@@ -71,11 +57,7 @@ std::optional<TileKey> decode_key(ByteSpan bytes) {
   return TileKey{static_cast<std::uint8_t>(bytes[0]), load_be<std::uint64_t>(bytes.data() + 1)};
 }
 
-std::size_t code_bytes(std::uint64_t size) {
-  std::size_t bytes = 1;
-  for (std::uint64_t code = size == 0 ? 0 : size + 1; code >= 0x80; code >>= 7) ++bytes;
-  return bytes;
-}
+std::size_t code_bytes(std::uint64_t size) { return varint_bytes(size == 0 ? kEmpty : size + 1); }
 
 std::uint64_t Record::table_end(ByteSpan start) {
   return align8(kRecordHeader + load_le<std::uint16_t>(start.data() + 38)) +
@@ -109,26 +91,26 @@ Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
     return damaged("the record claims to come after its own tiles");
 
   // A checksum can be forged: check that codes are complete and payloads are inside the value.
-  const std::byte* code = head + kRecordHeader;
-  const std::byte* end = code + codes;
+  ByteSpan table = value.subspan(kRecordHeader, codes);
   std::uint32_t stored = 0;
   std::uint64_t payload = record.payloads_;
   for (std::uint32_t i = 0; i < record.count_; ++i) {
-    std::uint64_t n = 0;
-    code = read_code(code, end, n);
-    if (code == nullptr) return damaged("the record's table is damaged");
-    if (n <= kMissing) continue;
+    const auto code = take_varint(table);
+    if (!code) return damaged("the record's table is damaged");
+    if (*code <= kMissing) continue;
     ++stored;
     payload = align8(payload);
-    if (payload > size || n - 1 > size - payload) return damaged("a payload leaves the record");
-    payload += n - 1;
+    if (payload > size || *code - 1 > size - payload) return damaged("a payload leaves the record");
+    payload += *code - 1;
   }
-  if (code != end || stored != record.stored_) return damaged("the record's table is damaged");
+  if (!table.empty() || stored != record.stored_) return damaged("the record's table is damaged");
   return record;
 }
 
 Record::Walk::Walk(const Record& record)
-    : record_(&record), code_(record.value_.data() + kRecordHeader), payload_(record.payloads_) {}
+    : record_(&record),
+      table_(record.value_.subspan(kRecordHeader, record.checksums_ - kRecordHeader)),
+      payload_(record.payloads_) {}
 
 // The file may change after the table was checked, so check the bounds here too.
 bool Record::Walk::next() {
@@ -136,11 +118,7 @@ bool Record::Walk::next() {
   ++position_;
   tile_ = {};
   const ByteSpan value = record_->value_;
-  const std::byte* end = value.data() + record_->checksums_;
-  std::uint64_t code = kMissing;
-  const std::byte* after = read_code(code_, end, code);
-  if (after == nullptr) return true;
-  code_ = after;
+  const std::uint64_t code = take_varint(table_).value_or(kMissing);
   if (code == kMissing) return true;
   if (code == kEmpty) {
     tile_.state = TileState::empty;
@@ -173,7 +151,7 @@ Bytes encode_record_head(LayerId layer, std::optional<TileKey> previous, TileKey
   head.reserve(kRecordHeader + (kMaxCode + 8) * tiles.size());
   std::size_t stored = 0;
   for (const Tile& tile : tiles) {
-    append_code(head, code_of(tile));
+    append_varint(head, code_of(tile));
     if (tile.state == TileState::stored) ++stored;
   }
   const std::size_t codes = head.size() - kRecordHeader;

@@ -1,5 +1,6 @@
 #include "storage/internal/snapshot.h"
 
+#include <sys/mman.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -95,6 +96,10 @@ Result<void> Snapshot::read_index(const Meta& meta) {
     });
   }
   return stored;
+}
+
+void Snapshot::release() const {
+  (void)madvise(const_cast<std::byte*>(bytes().data()), bytes().size(), MADV_DONTNEED);
 }
 
 Bytes Snapshot::section(std::uint32_t id) const {

@@ -8,6 +8,7 @@
 #include <numeric>
 #include <utility>
 
+#include "base/sort_unique.h"
 #include "storage/internal/prefetch.h"
 #include "storage/internal/snapshot.h"
 #include "storage/internal/structure.h"
@@ -38,10 +39,6 @@ struct TileStore::State {
 };
 
 namespace {
-
-// A walk over a layer releases the mapped pages each time it has passed this many records. The
-// kernel maps 64 KiB around the head of each, so otherwise the whole file would become resident.
-constexpr std::uint64_t kReleaseEvery = 256;
 
 // The smallest key above `key`.
 TileKey after(TileKey key) {
@@ -259,9 +256,7 @@ void TileStore::advise(std::span<const TileRef> tiles) const {
 void TileStore::release(std::span<const TileRef> tiles) const {
   advise_all(*state_->snapshot, tiles, MADV_DONTNEED);
 }
-void TileStore::release_all() const {
-  (void)madvise(const_cast<std::byte*>(map()), file_bytes(), MADV_DONTNEED);
-}
+void TileStore::release_all() const { state_->snapshot->release(); }
 
 FileRange TileStore::range(const TileRef& tile) const {
   if (tile.payload.empty()) return {};
@@ -293,8 +288,7 @@ Result<std::vector<std::uint64_t>> TileStore::pages(LayerId layer,
     if (!*record) continue;
     add(tile_of(*record, layer, key).payload);
   }
-  std::sort(pages.begin(), pages.end());
-  pages.erase(std::unique(pages.begin(), pages.end()), pages.end());
+  sort_unique(pages);
   return pages;
 }
 
@@ -304,7 +298,7 @@ Result<void> TileStore::visit(LayerId layer, TileKey from, TileKey to, const Vis
   Result<void> result;
   std::uint64_t records = 0;
   const auto visit_record = [&](const Record& record) {
-    if (++records % kReleaseEvery == 0) release_all();
+    if (++records % Snapshot::kReleaseEvery == 0) release_all();
     for (Record::Walk walk(record); result && walk.next();) {
       const TileRef tile = tile_ref(record, walk.position(), walk.tile());
       if (tile.state == TileState::missing || tile.key < from || tile.key >= to) continue;
@@ -332,7 +326,7 @@ Result<std::vector<LevelStatistics>> TileStore::statistics(LayerId layer) const 
   std::vector<LevelStatistics> levels;
   std::uint64_t records = 0;
   const auto count = [&](const Record& record) {
-    if (++records % kReleaseEvery == 0) release_all();
+    if (++records % Snapshot::kReleaseEvery == 0) release_all();
     if (levels.empty() || levels.back().level != record.first().level)
       levels.push_back({record.first().level});
     LevelStatistics& level = levels.back();

@@ -6,6 +6,7 @@
 
 #include "benchmarks/storage/expect.h"
 #include "field/field_file.h"
+#include "field/geometry/tile_order.h"
 #include "slf/field.h"
 
 namespace slf::bench {
@@ -76,8 +77,7 @@ TileSet tiles_of_field(const std::string& path, std::size_t max_tiles) {
   TileSet set;
   set.level = static_cast<std::uint8_t>(field->shape().levels);
   std::vector<storage::TileRef> stored;
-  expect(field->file().store().visit(*layer, {set.level, 0},
-                                     {static_cast<std::uint8_t>(set.level + 1), 0},
+  expect(field->file().store().visit(*layer, first_key(set.level), first_key(set.level + 1u),
                                      [&](const storage::TileRef& tile) -> Result<void> {
                                        if (tile.state == storage::TileState::stored)
                                          stored.push_back(tile);

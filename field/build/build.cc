@@ -106,9 +106,7 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
   if (!in_place && !std::filesystem::exists(file, ignored)) return std::nullopt;
   const auto field = FieldFile::open(file);
   if (!field && in_place) return tl::unexpected(field.error());
-  if (!field)
-    return fail(field.error().code, field.error().message,
-                "; remove it: a new file needs its name");
+  if (!field) return tl::unexpected(name_is_taken(field.error()));
   const Manifest& existing = (*field)->manifest();
   if (auto same = check_same(file, existing, manifest); !same) {
     if (output.existing == Existing::replace) return std::nullopt;  // the build starts over
@@ -312,7 +310,7 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
   const auto plan = plan_shard(TileTracer(scene, *manifest), order, manifest->shape, shard,
                                predicts(*manifest) && !*coarser);
   if (!plan) return tl::unexpected(plan.error());
-  if (plan->part != whole(manifest->shape)) manifest->part = plan->part;
+  if (plan->part != all_keys(manifest->shape)) manifest->part = plan->part;
   auto earlier = find_earlier_build(*output, plan->tiles, *manifest);
   if (!earlier) return tl::unexpected(earlier.error());
 

@@ -91,14 +91,14 @@ class SampleEncoder {
 /// The exact size of a copied layer, from the tables of the records.
 Result<Estimate> count(const FieldFile& field, const FieldShape& shape, LayerId layer) {
   Estimate sum;
-  auto visited =
-      field.store().visit(layer, {0, 0}, {static_cast<std::uint8_t>(shape.levels + 1), 0},
-                          [&](const storage::TileRef& tile) -> Result<void> {
-                            if (!shape.has(tile.key)) return {};
-                            sum.bytes += static_cast<double>(tile.payload.size());
-                            sum.stored += tile.state == TileState::stored ? 1 : 0;
-                            return {};
-                          });
+  const TileRange all = all_keys(shape);
+  auto visited = field.store().visit(layer, all.begin, all.end,
+                                     [&](const storage::TileRef& tile) -> Result<void> {
+                                       if (!shape.has(tile.key)) return {};
+                                       sum.bytes += static_cast<double>(tile.payload.size());
+                                       sum.stored += tile.state == TileState::stored ? 1 : 0;
+                                       return {};
+                                     });
   if (!visited) return tl::unexpected(visited.error());
   return sum;
 }
@@ -142,9 +142,6 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   const auto outputs = plan_layers(field, *shape, options);
   if (!outputs) return tl::unexpected(outputs.error());
   const TileOrder order(*shape);
-  const auto first_of = [&](unsigned level) {
-    return order.number({static_cast<std::uint8_t>(level), 0});
-  };
   Progress state;
   for (const OutputLayer& out : *outputs)
     for (unsigned level = 0; !out.copy && level <= shape->levels; ++level)
@@ -164,8 +161,9 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
     }
     const SampleEncoder encoder(field, *shape, out);
     for (unsigned level = 0; level <= shape->levels; ++level) {
-      const auto estimate = sample(encoder, order, first_of(level), first_of(level + 1),
-                                   thread_count(options.threads), go_on);
+      const auto estimate =
+          sample(encoder, order, order.first_number(level), order.first_number(level + 1),
+                 thread_count(options.threads), go_on);
       if (!estimate)
         return fail(estimate.error().code, field.path(), ": ", estimate.error().message);
       total += *estimate;

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "field/field_file.h"
+#include "field/geometry/tile_order.h"
 #include "field/reference_index.h"
 #include "storage/tile_writer.h"
 
@@ -11,16 +12,14 @@ namespace {
 
 /// The tiles of a level, each with the tiles that it is predicted from.
 Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field,
-                                                        storage::LayerId layer,
-                                                        std::uint8_t level) {
+                                                        storage::LayerId layer, unsigned level) {
   std::vector<ReferenceIndex::Tile> tiles;
   const auto visit = [&](const storage::TileRef& tile) -> Result<void> {
     if (tile.state == storage::TileState::stored && field.shape().has(tile.key))
       tiles.push_back({tile.key, field.references(tile)});
     return {};
   };
-  const std::uint8_t next = static_cast<std::uint8_t>(level + 1);
-  if (auto ok = field.store().visit(layer, {level, 0}, {next, 0}, visit); !ok)
+  if (auto ok = field.store().visit(layer, first_key(level), first_key(level + 1), visit); !ok)
     return tl::unexpected(ok.error());
   return tiles;
 }
@@ -37,7 +36,7 @@ Result<void> index_field(const std::string& path) {
       if (file.codec(layer).predictive() == nullptr) continue;
       for (unsigned level = 1; level <= file.shape().levels; ++level) {
         if (file.shape().tiles(level) > kMaxIndexedTiles) break;
-        const auto tiles = references_of(file, layer, static_cast<std::uint8_t>(level));
+        const auto tiles = references_of(file, layer, level);
         if (!tiles) return tl::unexpected(tiles.error());
         extras.push_back({reference_section(layer, level), ReferenceIndex::encode(*tiles)});
       }

@@ -31,8 +31,7 @@ Result<void> remove_leftover(const std::string& file) {
     return {};
   }
   if (writer.error().code == ErrorCode::failed) return tl::unexpected(writer.error());
-  return fail(writer.error().code, writer.error().message,
-              "; remove it: a new file needs its name");
+  return tl::unexpected(name_is_taken(writer.error()));
 }
 
 /// Rewrites an error about the draft `file` as one about `path`, the output that the user named.
@@ -58,6 +57,11 @@ Result<Bytes> encode(const Manifest& manifest, const std::string& path) {
 }
 
 }  // namespace
+
+Error name_is_taken(Error error) {
+  error.message += "; remove it: a new file needs its name";
+  return error;
+}
 
 Result<FieldOutput> FieldOutput::at(const std::string& path, Existing existing,
                                     std::span<const std::string> inputs) {

@@ -39,6 +39,9 @@ struct FieldOutput {
   [[nodiscard]] std::string unfinished() const { return target + ".unfinished"; }
 };
 
+/// Adds what to do to an error about a file that has the name of a draft, but is none.
+[[nodiscard]] Error name_is_taken(Error error);
+
 /// Thread-safety: none; one thread.
 class FieldWriter {
  public:

@@ -45,8 +45,7 @@ TileSelection coverage(const Manifest& manifest, const TileOrder& order) {
   const FieldShape& shape = manifest.shape;
   std::vector<std::uint8_t> subfields = shape.subfields;
   for (std::uint8_t k = 0; shape.subfields.empty() && k < 64; ++k) subfields.push_back(k);
-  const TileRange part =
-      manifest.part.value_or(TileRange{{0, 0}, {static_cast<std::uint8_t>(shape.levels + 1), 0}});
+  const TileRange part = manifest.part.value_or(all_keys(shape));
   TileSelection tiles;
   for (unsigned level = 0; level <= shape.levels; ++level) {
     const unsigned bits = 4 * level + 2 * shape.entry_extra_levels;
@@ -215,10 +214,7 @@ Result<MergePlan> plan_merge(const std::vector<std::string>& paths, bool part) {
   const bool inside = std::ranges::any_of(
       left_out, [&](const NumberRange& gap) { return gap.begin > begin && gap.end < end; });
   if (!part || inside) return missing(left_out, order);
-  plan.manifest.part = {order.key(begin),
-                        end < order.count()
-                            ? order.key(end)
-                            : TileKey{static_cast<std::uint8_t>(shape.levels + 1), 0}};
+  plan.manifest.part = {order.key(begin), order.key_or_end(end)};
   return plan;
 }
 

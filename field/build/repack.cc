@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "base/parallel.h"
+#include "base/sort_unique.h"
 #include "field/build/field_writer.h"
 #include "field/build/repack_layers.h"
 #include "field/field_file.h"
@@ -67,8 +68,7 @@ void advise(const FieldFile& field, const std::vector<OutputLayer>& outputs, con
   std::vector<LayerId> layers;
   for (const OutputLayer& out : outputs)
     layers.insert(layers.end(), out.from.begin(), out.from.end());
-  std::sort(layers.begin(), layers.end());
-  layers.erase(std::unique(layers.begin(), layers.end()), layers.end());
+  sort_unique(layers);
   for (const LayerId layer : layers) {
     std::vector<storage::TileRef> tiles;
     for (const auto& tile : field.store().find_all(layer, keys))
@@ -113,7 +113,7 @@ class Repacker {
       end = order_.count();
       std::shared_ptr<const FieldFile> written;
       if (predicts_) {  // level by level: each is predicted from the one written before
-        end = order_.number({static_cast<std::uint8_t>(order_.key(begin).level + 1), 0});
+        end = order_.first_number(order_.key(begin).level + 1u);
         if (auto ok = writer_.commit_level(); !ok) return ok;
         auto opened = FieldFile::open(writer_.file());
         if (!opened) return tl::unexpected(opened.error());

@@ -86,7 +86,7 @@ Result<std::unique_ptr<codec::Codec>> train(const FieldFile& field, const FieldS
   std::vector<Bytes> samples;
   std::vector<codec::TrainingTile> tiles;
   InputTile input;
-  const std::uint64_t begin = order.number({static_cast<std::uint8_t>(shape.levels), 0});
+  const std::uint64_t begin = order.first_number(shape.levels);
   const std::uint64_t step = std::max<std::uint64_t>(1, (order.count() - begin) / 256);
   std::vector<TileKey> keys;
   for (std::uint64_t n = begin + step / 2; n < order.count(); n += step) {

@@ -10,11 +10,6 @@ namespace {
 /// Wide enough for the rays of all tiles times a number of shards.
 __extension__ using Wide = unsigned __int128;
 
-TileKey key_at(const TileOrder& order, std::uint64_t number, const FieldShape& shape) {
-  if (number < order.count()) return order.key(number);
-  return {static_cast<std::uint8_t>(shape.levels + 1), 0};
-}
-
 /// The tiles of a shard. It begins at the first tile that has at least (index - 1) / count of all
 /// rays before it, and ends before the first tile that has at least index / count before it.
 NumberRange cut(const TileTracer& tracer, const TileOrder& order, NumberRange all,
@@ -72,8 +67,7 @@ class NeededTiles {
 
  private:
   [[nodiscard]] NumberRange level_range(unsigned level) const {
-    return {order_.number({static_cast<std::uint8_t>(level), 0}),
-            order_.number({static_cast<std::uint8_t>(level + 1), 0})};
+    return {order_.first_number(level), order_.first_number(level + 1)};
   }
   [[nodiscard]] bool in_part(std::uint64_t n) const { return n >= part_.begin && n < part_.end; }
   [[nodiscard]] std::uint32_t entry_of(std::uint64_t n) const {
@@ -98,10 +92,6 @@ class NeededTiles {
 
 }  // namespace
 
-TileRange whole(const FieldShape& shape) {
-  return {{0, 0}, {static_cast<std::uint8_t>(shape.levels + 1), 0}};
-}
-
 Result<ShardPlan> plan_shard(const TileTracer& tracer, const TileOrder& order,
                              const FieldShape& shape, const ShardOptions& options, bool predicted) {
   if (options.count == 0 || options.index == 0 || options.index > options.count)
@@ -112,11 +102,10 @@ Result<ShardPlan> plan_shard(const TileTracer& tracer, const TileOrder& order,
   if (first > last || last > shape.levels)
     return fail(ErrorCode::usage, "levels ", first, " to ", last, ": the field has levels 0 to ",
                 shape.levels);
-  const NumberRange levels{order.number({static_cast<std::uint8_t>(first), 0}),
-                           order.number({static_cast<std::uint8_t>(last + 1), 0})};
+  const NumberRange levels{order.first_number(first), order.first_number(last + 1)};
   const NumberRange part = cut(tracer, order, levels, options);
   ShardPlan plan;
-  plan.part = {key_at(order, part.begin, shape), key_at(order, part.end, shape)};
+  plan.part = {order.key_or_end(part.begin), order.key_or_end(part.end)};
   if (predicted)
     plan.tiles = NeededTiles(tracer, order, shape, part).with_part();
   else

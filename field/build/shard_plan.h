@@ -22,9 +22,6 @@ struct ShardPlan {
   TileSelection tiles;  ///< all tiles to build: the part, and those it is predicted from
 };
 
-/// All tiles of a field.
-[[nodiscard]] TileRange whole(const FieldShape& shape);
-
 /// `predicted`: tiles are predicted from tiles that the same build makes. usage: no such shard or
 /// level.
 [[nodiscard]] Result<ShardPlan> plan_shard(const TileTracer& tracer, const TileOrder& order,

@@ -5,6 +5,7 @@
 
 #include "base/guarded.h"
 #include "base/half.h"
+#include "base/sort_unique.h"
 
 namespace slf {
 namespace {
@@ -38,9 +39,7 @@ class TentFilter {
       exit_vertices_.insert(exit_vertices_.end(), around.begin(), around.end());
       exit_vertices_.push_back(in_finer(center));
     }
-    std::sort(exit_vertices_.begin(), exit_vertices_.end());
-    exit_vertices_.erase(std::unique(exit_vertices_.begin(), exit_vertices_.end()),
-                         exit_vertices_.end());
+    sort_unique(exit_vertices_);
     const auto add = [&](const LatticeVertex& v, float weight) {
       const auto at = std::lower_bound(exit_vertices_.begin(), exit_vertices_.end(), v) -
                       exit_vertices_.begin();

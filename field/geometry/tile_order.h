@@ -9,6 +9,17 @@
 
 namespace slf {
 
+/// The smallest key of a level. The keys of the level are those from it up to, but not including,
+/// first_key(level + 1).
+[[nodiscard]] constexpr TileKey first_key(unsigned level) {
+  return {static_cast<std::uint8_t>(level), 0};
+}
+
+/// The keys of all tiles of a field.
+[[nodiscard]] inline TileRange all_keys(const FieldShape& shape) {
+  return {first_key(0), first_key(shape.levels + 1)};
+}
+
 class TileOrder {
  public:
   explicit TileOrder(const FieldShape& shape) : shape_(shape) {
@@ -32,6 +43,16 @@ class TileOrder {
               (index & ((std::uint64_t{1} << bits) - 1));
     }
     return {static_cast<std::uint8_t>(l), index};
+  }
+
+  /// The same for number == count(), too: the end of all keys.
+  [[nodiscard]] TileKey key_or_end(std::uint64_t number) const {
+    return number < count_ ? key(number) : first_key(shape_.levels + 1);
+  }
+
+  /// The number of the first tile of a level. The number of tiles for the level after the last.
+  [[nodiscard]] std::uint64_t first_number(unsigned level) const {
+    return level < first_.size() ? first_[level] : count_;
   }
 
   /// The number of the first tile whose key is not below `key`; count() if there is none.

@@ -15,6 +15,7 @@
 #include <system_error>
 #include <thread>
 
+#include "base/sort_unique.h"
 #include "field/field_file.h"
 #include "slf/scene.h"
 
@@ -164,8 +165,7 @@ Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles,
     if (!pages) return tl::unexpected(pages.error());
     sum.pages.insert(sum.pages.end(), pages->begin(), pages->end());
   }
-  std::sort(sum.pages.begin(), sum.pages.end());
-  sum.pages.erase(std::unique(sum.pages.begin(), sum.pages.end()), sum.pages.end());
+  sort_unique(sum.pages);
   return sum;
 }
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/sort_unique.h"
+
 namespace slf {
 namespace {
 
@@ -53,9 +55,7 @@ References find_references(const LevelGeometry& coarser, const LevelGeometry& fi
     found.rows.push_back(row);
   }
   found.sections = owners;
-  std::sort(found.sections.begin(), found.sections.end());
-  found.sections.erase(std::unique(found.sections.begin(), found.sections.end()),
-                       found.sections.end());
+  sort_unique(found.sections);
   auto owner = owners.begin();
   for (References::Row& row : found.rows)
     for (std::size_t c = 0; c < row.count; ++c) {

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/sort_unique.h"
 #include "field/render/block_renderer.h"
 #include "field/render/renderer_state.h"
 

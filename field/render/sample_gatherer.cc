@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <span>
 
+#include "base/sort_unique.h"
 #include "field/render/gather_kernel.h"
 
 namespace slf {
@@ -12,11 +13,6 @@ constexpr std::uint64_t kPinBytes = 512;  // approximate bookkeeping of a pinned
 constexpr std::size_t kManyKeys = 4096;   // repetitions that a list may have
 
 }  // namespace
-
-void sort_unique(std::vector<TileKey>& keys) {
-  std::sort(keys.begin(), keys.end());
-  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
-}
 
 SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
                                std::size_t max_rays)

@@ -17,9 +17,6 @@
 
 namespace slf {
 
-/// Sorts keys and drops repetitions.
-void sort_unique(std::vector<TileKey>& keys);
-
 /// Reused from block to block. Thread-safety: one thread.
 class SampleGatherer {
  public:

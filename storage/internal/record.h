@@ -78,7 +78,7 @@ class Record {
 
    private:
     const Record* record_;
-    const std::byte* code_;
+    ByteSpan table_;  // the codes that remain, and padding
     std::uint32_t position_ = 0;
     std::uint32_t stored_ = 0;
     std::size_t payload_ = 0;

@@ -31,6 +31,13 @@ class Snapshot final : public Trees {
 
   [[nodiscard]] ByteSpan bytes() const { return copy_ ? copy_->file() : map_.bytes(); }
 
+  /// Releases the mapped pages of bytes(). They stay in the kernel's cache and fault back in.
+  void release() const;
+
+  /// A walk over the file releases its mapped pages each time it has read this many parts. The
+  /// kernel maps 64 KiB around each, so otherwise the whole file would become resident.
+  static constexpr std::uint64_t kReleaseEvery = 256;
+
   /// Makes a part of bytes() ready to be read, if the file is remote. Errors as RangeSource.
   [[nodiscard]] Result<void> fetch(ByteSpan part) const {
     return copy_ && !part.empty() ? copy_->fetch(part) : Result<void>();
