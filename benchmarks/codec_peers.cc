@@ -11,44 +11,27 @@
 // rounds. PSNR is over RGB, or over depth where the colour is not transparent. libjpeg writes every
 // tile as a whole file with its own standard tables. The saving of jpeg:75 against it is at equal
 // PSNR, interpolated between libjpeg's sizes at several qualities.
-#include <cstdio>  // before jpeglib.h, which needs FILE
-
-#include <jpeglib.h>
-#include <png.h>
-#include <webp/decode.h>
-#include <webp/encode.h>
-#include <zstd.h>
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
-#include <cstring>
-#include <ctime>
-#include <functional>
+#include <cstdio>
 #include <nlohmann/json.hpp>
-#include <span>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "base/sort_unique.h"
-#include "codec/alpha_coder.h"
-#include "codec/codec.h"
-#include "codec/mosaic.h"
+#include "benchmarks/codec_contenders.h"
+#include "benchmarks/storage/expect.h"
+#include "benchmarks/timing.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
-#include "slf/field.h"
 #include "slf/render.h"
 
 namespace {
 
 using namespace slf;
-
-// One tile of the field, decoded.
-struct Sample {
-  TileKey key;
-  Bytes color, depth;
-};
+using namespace slf::bench;
 
 struct Row {
   std::string name, layer;
@@ -57,30 +40,7 @@ struct Row {
   double encode_speed = 0, decode_speed = 0;  // MB/s
 };
 
-double cpu_seconds() {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + static_cast<double>(now.tv_nsec) * 1e-9;
-}
-
-[[noreturn]] void stop(const std::string& message) {
-  std::fprintf(stderr, "codec_peers: %s\n", message.c_str());
-  std::exit(1);
-}
-
-template <class T>
-T expect(Result<T> result) {
-  if (!result) stop(result.error().message);
-  if constexpr (!std::is_void_v<T>) return std::move(*result);
-}
-
-// What one codec or peer does with a tile.
-struct Contender {
-  std::string name, layer;
-  std::function<void(const Sample&, Bytes&)> encode;
-  std::function<void(const Sample&, ByteSpan, Bytes&)> decode;  // to the layer's samples
-  bool lossless = false;
-};
+double cpu_seconds() { return seconds_of(CLOCK_THREAD_CPUTIME_ID); }
 
 constexpr int kRounds = 5;
 
@@ -125,203 +85,6 @@ Row run(const Contender& contender, const std::vector<Sample>& samples) {
           raw / decode_seconds / 1e6};
 }
 
-// ---- ours ------------------------------------------------------------------------------------
-
-// Leaks its codec into the closures, which live as long as the program needs them.
-Contender ours(const Field& field, const std::string& spec, const std::string& layer,
-               const std::vector<Sample>& samples) {
-  const storage::LayerId id = *field.file().layer(layer);
-  const bool color = layer == "color";
-  const auto shape = [&field, id](const Sample& sample) {
-    return field.file().tile_shape(id, sample.key);
-  };
-  const auto part = [color](const Sample& s) -> const Bytes& { return color ? s.color : s.depth; };
-  std::vector<codec::TrainingTile> training;
-  for (std::size_t i = 0; i < samples.size(); i += 4)
-    training.push_back({shape(samples[i]), part(samples[i])});
-  const auto format = color ? codec::SampleFormat::rgba8 : codec::SampleFormat::depth8;
-  const std::shared_ptr<codec::Codec> made = expect(codec::train_codec(spec, format, training));
-  return {made->spec(), layer,
-          [=](const Sample& s, Bytes& to) { expect(made->encode(shape(s), part(s), to)); },
-          [=](const Sample& s, ByteSpan from, Bytes& to) {
-            to.resize(part(s).size());
-            expect(made->decode(shape(s), from, to));
-          },
-          made->lossless()};
-}
-
-// The alpha of lossless colour alone: the part of its payload that is not RGB.
-Contender alpha_of_zstd(const Field& field) {
-  const std::uint32_t side = field.shape().exit_side;
-  return {"alpha of zstd", "color",
-          [=](const Sample& sample, Bytes& to) {
-            std::vector<std::uint8_t> alpha;
-            for (std::size_t i = 3; i < sample.color.size(); i += 4)
-              alpha.push_back(std::to_integer<std::uint8_t>(sample.color[i]));
-            to.clear();
-            expect(codec::append_alpha(alpha, side, 255, to));
-          },
-          [=](const Sample& sample, ByteSpan from, Bytes& to) {
-            to.resize(sample.color.size());
-            std::vector<std::uint8_t> alpha(sample.color.size() / 4);
-            expect(codec::read_alpha(from, side, 255, alpha));
-          },
-          true};
-}
-
-// ---- peers: RGB mosaics ----------------------------------------------------------------------
-
-struct Mosaics {
-  const Field& field;
-  storage::LayerId layer;
-
-  codec::Mosaic of(const Sample& sample) const {
-    const codec::Tile tile = field.file().tile_shape(layer, sample.key);
-    return {tile.rows(), tile.side, 1};
-  }
-  // Calls use(sample index, pixel index).
-  template <class Use>
-  void walk(const Sample& sample, Use use) const {
-    const codec::Tile tile = field.file().tile_shape(layer, sample.key);
-    const codec::Mosaic mosaic(tile.rows(), tile.side, 1);
-    std::size_t at = 0;
-    for (std::size_t row = 0; row < tile.rows(); ++row)
-      for (std::uint32_t q = 0; q <= tile.side; ++q) {
-        const codec::MosaicLine line = mosaic.line(row, q);
-        auto pixel = static_cast<std::ptrdiff_t>(line.start);
-        for (std::uint32_t p = 0; p <= tile.side - q; ++p, pixel += line.step)
-          use(at++, static_cast<std::size_t>(pixel));
-      }
-  }
-  std::vector<std::uint8_t> rgb(const Sample& sample) const {
-    std::vector<std::uint8_t> pixels(of(sample).pixels() * 3);
-    walk(sample, [&](std::size_t at, std::size_t pixel) {
-      std::memcpy(&pixels[pixel * 3], &sample.color[at * 4], 3);
-    });
-    return pixels;
-  }
-  void samples(const Sample& sample, const std::uint8_t* pixels, Bytes& to) const {
-    to.resize(sample.color.size());
-    walk(sample, [&](std::size_t at, std::size_t pixel) {
-      std::memcpy(&to[at * 4], &pixels[pixel * 3], 3);
-    });
-  }
-};
-
-Contender png(const Mosaics& mosaics) {
-  const auto image_of = [mosaics](const Sample& sample) {
-    png_image image{};
-    image.version = PNG_IMAGE_VERSION;
-    image.width = static_cast<png_uint_32>(mosaics.of(sample).width());
-    image.height = static_cast<png_uint_32>(mosaics.of(sample).height());
-    image.format = PNG_FORMAT_RGB;
-    return image;
-  };
-  return {"PNG", "color",
-          [=](const Sample& sample, Bytes& to) {
-            png_image image = image_of(sample);
-            const auto rgb = mosaics.rgb(sample);
-            png_alloc_size_t size = PNG_IMAGE_PNG_SIZE_MAX(image);
-            to.resize(size);
-            if (!png_image_write_to_memory(&image, to.data(), &size, 0, rgb.data(), 0, nullptr))
-              stop("PNG cannot encode");
-            to.resize(size);
-          },
-          [=](const Sample& sample, ByteSpan from, Bytes& to) {
-            png_image image{};
-            image.version = PNG_IMAGE_VERSION;
-            if (!png_image_begin_read_from_memory(&image, from.data(), from.size()))
-              stop("PNG cannot decode");
-            std::vector<std::uint8_t> rgb(mosaics.of(sample).pixels() * 3);
-            image.format = PNG_FORMAT_RGB;
-            png_image_finish_read(&image, nullptr, rgb.data(), 0, nullptr);
-            mosaics.samples(sample, rgb.data(), to);
-          },
-          true};
-}
-
-Contender webp(const Mosaics& mosaics, int effort) {
-  return {"WebP lossless " + std::to_string(effort), "color",
-          [=](const Sample& sample, Bytes& to) {
-            WebPConfig config;
-            WebPPicture picture;
-            WebPMemoryWriter writer;
-            if (!WebPConfigInit(&config) || !WebPPictureInit(&picture)) stop("WebP: version");
-            WebPConfigLosslessPreset(&config, effort);
-            WebPMemoryWriterInit(&writer);
-            picture.use_argb = 1;
-            picture.width = static_cast<int>(mosaics.of(sample).width());
-            picture.height = static_cast<int>(mosaics.of(sample).height());
-            picture.writer = WebPMemoryWrite;
-            picture.custom_ptr = &writer;
-            const auto rgb = mosaics.rgb(sample);
-            if (!WebPPictureImportRGB(&picture, rgb.data(), picture.width * 3) ||
-                !WebPEncode(&config, &picture))
-              stop("WebP cannot encode");
-            const auto* bytes = reinterpret_cast<const std::byte*>(writer.mem);
-            to.assign(bytes, bytes + writer.size);
-            WebPMemoryWriterClear(&writer);
-            WebPPictureFree(&picture);
-          },
-          [=](const Sample& sample, ByteSpan from, Bytes& to) {
-            const codec::Mosaic mosaic = mosaics.of(sample);
-            std::vector<std::uint8_t> rgb(mosaic.pixels() * 3);
-            if (!WebPDecodeRGBInto(reinterpret_cast<const std::uint8_t*>(from.data()), from.size(),
-                                   rgb.data(), rgb.size(), static_cast<int>(mosaic.width() * 3)))
-              stop("WebP cannot decode");
-            mosaics.samples(sample, rgb.data(), to);
-          },
-          true};
-}
-
-Contender libjpeg(const Mosaics& mosaics, int quality, bool full_chroma) {
-  return {"libjpeg:" + std::to_string(quality) + (full_chroma ? ":444" : ""), "color",
-          [=](const Sample& sample, Bytes& to) {
-            jpeg_compress_struct jpeg{};
-            jpeg_error_mgr errors{};
-            jpeg.err = jpeg_std_error(&errors);
-            jpeg_create_compress(&jpeg);
-            unsigned char* data = nullptr;
-            unsigned long size = 0;
-            jpeg_mem_dest(&jpeg, &data, &size);
-            jpeg.image_width = static_cast<JDIMENSION>(mosaics.of(sample).width());
-            jpeg.image_height = static_cast<JDIMENSION>(mosaics.of(sample).height());
-            jpeg.input_components = 3;
-            jpeg.in_color_space = JCS_RGB;
-            jpeg_set_defaults(&jpeg);
-            jpeg_set_quality(&jpeg, quality, TRUE);
-            if (full_chroma) jpeg.comp_info[0].h_samp_factor = jpeg.comp_info[0].v_samp_factor = 1;
-            jpeg_start_compress(&jpeg, TRUE);
-            auto rgb = mosaics.rgb(sample);
-            while (jpeg.next_scanline < jpeg.image_height) {
-              JSAMPROW row = &rgb[std::size_t{jpeg.next_scanline} * jpeg.image_width * 3];
-              jpeg_write_scanlines(&jpeg, &row, 1);
-            }
-            jpeg_finish_compress(&jpeg);
-            jpeg_destroy_compress(&jpeg);
-            const auto* bytes = reinterpret_cast<const std::byte*>(data);
-            to.assign(bytes, bytes + size);
-            std::free(data);
-          },
-          [=](const Sample& sample, ByteSpan from, Bytes& to) {
-            jpeg_decompress_struct jpeg{};
-            jpeg_error_mgr errors{};
-            jpeg.err = jpeg_std_error(&errors);
-            jpeg_create_decompress(&jpeg);
-            jpeg_mem_src(&jpeg, reinterpret_cast<const unsigned char*>(from.data()), from.size());
-            jpeg_read_header(&jpeg, TRUE);
-            jpeg_start_decompress(&jpeg);
-            std::vector<std::uint8_t> rgb(mosaics.of(sample).pixels() * 3);
-            while (jpeg.output_scanline < jpeg.output_height) {
-              JSAMPROW row = &rgb[std::size_t{jpeg.output_scanline} * jpeg.output_width * 3];
-              jpeg_read_scanlines(&jpeg, &row, 1);
-            }
-            jpeg_finish_decompress(&jpeg);
-            jpeg_destroy_decompress(&jpeg);
-            mosaics.samples(sample, rgb.data(), to);
-          }};
-}
-
 // How much smaller `row` is than the smallest libjpeg tile of the same PSNR. Log sizes are
 // interpolated linearly between qualities. NaN if no quality reaches the PSNR.
 double saved_against_libjpeg(const std::vector<Row>& rows, const Row& row) {
@@ -337,23 +100,6 @@ double saved_against_libjpeg(const std::vector<Row>& rows, const Row& row) {
   }
   return 1 - row.bytes_per_tile / min_bytes;
 }
-
-Contender plain_zstd(const Mosaics& mosaics, int level) {
-  return {"plain zstd:" + std::to_string(level), "color",
-          [=](const Sample& sample, Bytes& to) {
-            const auto rgb = mosaics.rgb(sample);
-            to.resize(ZSTD_compressBound(rgb.size()));
-            to.resize(ZSTD_compress(to.data(), to.size(), rgb.data(), rgb.size(), level));
-          },
-          [=](const Sample& sample, ByteSpan from, Bytes& to) {
-            std::vector<std::uint8_t> rgb(mosaics.of(sample).pixels() * 3);
-            ZSTD_decompress(rgb.data(), rgb.size(), from.data(), from.size());
-            mosaics.samples(sample, rgb.data(), to);
-          },
-          true};
-}
-
-// ---- the run ---------------------------------------------------------------------------------
 
 std::vector<TileKey> stored_tiles(const Field& field, unsigned level) {
   std::vector<TileKey> keys;
@@ -453,13 +199,12 @@ int main(int argc, char** argv) {
       *field, views > 0 ? touched_tiles(*field, at, views) : stored_tiles(*field, at), tiles);
   if (samples.empty()) stop("no stored tiles at that level");
 
-  const Mosaics mosaics{*field, *color};
   std::vector<Row> rows;
-  for (const Contender& peer : {png(mosaics), plain_zstd(mosaics, 19), webp(mosaics, 6)})
+  for (const Contender& peer : {png(*field), plain_zstd(*field, 19), webp(*field, 6)})
     rows.push_back(run(peer, samples));
   for (const bool full_chroma : {false, true})
     for (const int quality : {50, 60, 70, 75, 80, 85, 90, 95})
-      rows.push_back(run(libjpeg(mosaics, quality, full_chroma), samples));
+      rows.push_back(run(libjpeg(*field, quality, full_chroma), samples));
   rows.push_back(run(alpha_of_zstd(*field), samples));
   for (const char* layer : {"color", "depth"})
     for (const std::string& spec : specs)

@@ -5,7 +5,7 @@ find_package(PNG)
 find_package(CLI11)
 if(WEBP_FOUND AND JPEG_FOUND AND PNG_FOUND AND CLI11_FOUND)
   pkg_check_modules(ZSTD REQUIRED IMPORTED_TARGET libzstd)
-  add_executable(codec_peers codec_peers.cc)
+  add_executable(codec_peers codec_peers.cc codec_contenders.cc)
   target_link_libraries(codec_peers PRIVATE
     slf::slf PkgConfig::WEBP PkgConfig::JPEG PkgConfig::ZSTD PNG::PNG CLI11::CLI11 slf_options)
 endif()

@@ -115,10 +115,119 @@ double slab_rate(const Raycaster& caster) {
   return static_cast<double>(rays.size()) / best;
 }
 
+/// What the command line says.
+struct Arguments {
+  cli::SourceArguments source;
+  std::string rig = "studio", difference, field, keep;
+  std::uint32_t size = 192, views = 2, reference = 256;
+  std::vector<double> spacings{1};
+  std::vector<std::uint32_t> samples{LightOptions{}.samples};
+  double step = RaycastOptions{}.step;
+  std::uint32_t bounces = LightOptions{}.bounces;
+
+  void add_to(CLI::App& app) {
+    source.add_volume_to(app, "VOLUME");
+    app.add_option("--rig", rig)->capture_default_str();
+    app.add_option("--size", size)->capture_default_str();
+    app.add_option("--views", views)->capture_default_str();
+    app.add_option("--reference", reference, "Paths per pixel, 0: no reference")
+        ->capture_default_str();
+    app.add_option("--node-spacing", spacings)->delimiter(',');
+    app.add_option("--samples", samples)->delimiter(',');
+    app.add_option("--step", step)->capture_default_str();
+    app.add_option("--bounces", bounces)->capture_default_str();
+    app.add_option("--difference", difference, "Picture of 8 times the error of the first view");
+    app.add_option("--field", field);
+    app.add_option("--keep", keep, "Where the reference's pictures are kept");
+  }
+};
+
+/// What is drawn.
+struct Subject {
+  Volume volume;
+  TransferFunction transfer;
+  RaycastOptions options;  ///< with light from all directions
+  Sphere sphere;
+  std::vector<Camera> cameras;
+};
+
+/// The views by path tracing, twice, with different noise. Empty without a reference.
+struct Reference {
+  std::vector<Image> a, b;
+  double seconds = 0;
+};
+
+/// Traces the reference's views, or reads those that an earlier run kept.
+Reference make_reference(const Arguments& arguments, const Subject& subject) {
+  Reference reference;
+  for (std::uint64_t seed = 1; seed <= 2 && arguments.reference > 0; ++seed) {
+    const auto tracer = expect(PathTracer::make(subject.volume, subject.transfer, subject.options,
+                                                {arguments.reference / 2, seed}));
+    for (std::size_t v = 0; v < subject.cameras.size(); ++v) {
+      const std::string file =
+          arguments.keep + "-" + std::to_string(v) + "-" + std::to_string(seed) + ".exr";
+      const bool kept = !arguments.keep.empty() && std::filesystem::exists(file);
+      Image image;
+      reference.seconds += seconds_of([&] {
+        image = expect(kept ? read_image(file)
+                            : trace_view(*tracer, subject.sphere, subject.cameras[v]));
+      });
+      if (!arguments.keep.empty() && !kept) expect(write_image(file, image));
+      (seed == 1 ? reference.a : reference.b).push_back(std::move(image));
+    }
+  }
+  return reference;
+}
+
+/// Writes 8 times the difference of a picture from the mean of two.
+void write_difference(const std::string& path, const Image& picture, const Image& a,
+                      const Image& b) {
+  Image difference = picture;
+  const auto p = shown(picture), x = shown(a), y = shown(b);
+  for (std::size_t k = 0; k < p.size(); ++k)
+    difference.rgba[k / 3][static_cast<int>(k % 3)] =
+        static_cast<float>(8 * std::abs(p[k] - (x[k] + y[k]) / 2) / 255);
+  for (glm::vec4& pixel : difference.rgba) pixel.a = 1;
+  expect(write_image(path, difference));
+}
+
+/// One light volume: what it takes, its noise, and its error against the reference.
+nlohmann::json measure_light(const Arguments& arguments, const Subject& subject,
+                             const Reference& reference, double spacing, std::uint32_t samples,
+                             const Raycaster& direct) {
+  RaycastOptions options = subject.options;
+  options.lighting.spacing = spacing;
+  options.lighting.samples = samples;
+  std::vector<std::unique_ptr<Raycaster>> seeds;
+  double seconds = 0;
+  for (options.lighting.seed = 1; options.lighting.seed <= 2; ++options.lighting.seed)
+    seconds += seconds_of([&] {
+      seeds.push_back(expect(Raycaster::make(subject.volume, subject.transfer, options)));
+    });
+  Noise noise;
+  double error = 0;
+  for (std::size_t v = 0; v < subject.cameras.size(); ++v) {
+    const Image one = expect(trace_view(*seeds[0], subject.sphere, subject.cameras[v]));
+    noise.add(one, expect(trace_view(*seeds[1], subject.sphere, subject.cameras[v])));
+    if (arguments.reference == 0) continue;
+    error += squared_error(one, reference.a[v], reference.b[v]) /
+             static_cast<double>(subject.cameras.size());
+    if (v == 0 && !arguments.difference.empty())
+      write_difference(arguments.difference, one, reference.a[v], reference.b[v]);
+  }
+  nlohmann::json row{{"spacing", spacing},
+                     {"samples", samples},
+                     {"seconds", seconds / 2},
+                     {"noise", noise.relative()},
+                     {"slabs_per_second", slab_rate(*seeds[0])},
+                     {"slabs_per_second_direct", slab_rate(direct)}};
+  if (arguments.reference > 0) row["psnr"] = psnr(error);
+  return row;
+}
+
 /// Views of a field beside the reference: what it takes each to show the same error.
 nlohmann::json compare_field(const std::string& path, const std::vector<Camera>& cameras,
-                             const std::vector<Image>& a, const std::vector<Image>& b,
-                             double seconds_of_one_reference) {
+                             const Reference& reference) {
   const auto field = expect(Field::open(path));
   const LightOptions lighting = raycast_options(field.provenance()).lighting;
   const ToneMapper map(lighting.linear ? ToneMapping{} : ToneMapping{0, ToneCurve::none});
@@ -129,12 +238,14 @@ nlohmann::json compare_field(const std::string& path, const std::vector<Camera>&
   for (std::size_t v = 0; v < cameras.size(); ++v) {
     const Image image = expect(renderer.render(cameras[v], options));  // and the tiles are loaded
     seconds += share * seconds_of([&] { expect(renderer.render(cameras[v], options)); });
-    const auto p = shown(image, map), x = shown(a[v]), y = shown(b[v]);
+    const auto p = shown(image, map), x = shown(reference.a[v]), y = shown(reference.b[v]);
     for (std::size_t k = 0; k < p.size(); ++k)
       error += share * (p[k] - x[k]) * (p[k] - y[k]) / static_cast<double>(p.size());
-    noise += share * noise_error(a[v], b[v]);
+    noise += share * noise_error(reference.a[v], reference.b[v]);
   }
-  const double path_seconds = seconds_of_one_reference * noise / error;
+  // Of one of the two pictures of a view.
+  const double reference_seconds = reference.seconds * share / 2;
+  const double path_seconds = reference_seconds * noise / error;
   return {{"psnr", psnr(error)},
           {"view_seconds", seconds},
           {"path_tracing_seconds", path_seconds},
@@ -145,103 +256,43 @@ nlohmann::json compare_field(const std::string& path, const std::vector<Camera>&
 
 int main(int argc, char** argv) {
   CLI::App app{"How good a light volume is, and what it takes"};
-  cli::SourceArguments source;
-  std::string rig = "studio", difference_path, field_path, keep;
-  std::uint32_t size = 192, views = 2, reference = 256;
-  std::vector<double> spacings{1};
-  std::vector<std::uint32_t> samples{LightOptions{}.samples};
-  double step = RaycastOptions{}.step;
-  std::uint32_t bounces = LightOptions{}.bounces;
-  source.add_volume_to(app, "VOLUME");
-  app.add_option("--rig", rig)->capture_default_str();
-  app.add_option("--size", size)->capture_default_str();
-  app.add_option("--views", views)->capture_default_str();
-  app.add_option("--reference", reference, "Paths per pixel, 0: no reference")
-      ->capture_default_str();
-  app.add_option("--node-spacing", spacings)->delimiter(',');
-  app.add_option("--samples", samples)->delimiter(',');
-  app.add_option("--step", step)->capture_default_str();
-  app.add_option("--bounces", bounces)->capture_default_str();
-  app.add_option("--difference", difference_path, "Picture of 8 times the error of the first view");
-  app.add_option("--field", field_path);
-  app.add_option("--keep", keep, "Where the reference's pictures are kept");
+  Arguments arguments;
+  arguments.add_to(app);
   CLI11_PARSE(app, argc, argv);
 
-  const Volume volume = expect(source.volume());
-  const TransferFunction transfer = expect(read_transfer(source.transfer)).fit(volume);
-  RaycastOptions options;
-  options.step = step;
-  const auto direct = expect(Raycaster::make(volume, transfer, options));
-  options.lighting.mode = Lighting::global;
-  options.lighting.linear = true;
-  options.lighting.bounces = bounces;
-  options.lighting.rig = expect(read_rig(rig));
-  const Sphere sphere = direct->bounds();
-  const auto cameras = random_cameras(sphere, 3, views, 1, size, size);
+  Subject subject;
+  subject.volume = expect(arguments.source.volume());
+  subject.transfer = expect(read_transfer(arguments.source.transfer)).fit(subject.volume);
+  subject.options.step = arguments.step;
+  const auto direct = expect(Raycaster::make(subject.volume, subject.transfer, subject.options));
+  subject.options.lighting.mode = Lighting::global;
+  subject.options.lighting.linear = true;
+  subject.options.lighting.bounces = arguments.bounces;
+  subject.options.lighting.rig = expect(read_rig(arguments.rig));
+  subject.sphere = direct->bounds();
+  subject.cameras =
+      random_cameras(subject.sphere, 3, arguments.views, 1, arguments.size, arguments.size);
 
-  std::vector<Image> a, b;
-  double reference_seconds = 0;
-  for (std::uint64_t seed = 1; seed <= 2 && reference > 0; ++seed) {
-    const auto tracer = expect(PathTracer::make(volume, transfer, options, {reference / 2, seed}));
-    for (std::size_t v = 0; v < cameras.size(); ++v) {
-      const std::string file = keep + "-" + std::to_string(v) + "-" + std::to_string(seed) + ".exr";
-      const bool kept = !keep.empty() && std::filesystem::exists(file);
-      Image image;
-      reference_seconds += seconds_of([&] {
-        image = expect(kept ? read_image(file) : trace_view(*tracer, sphere, cameras[v]));
-      });
-      if (!keep.empty() && !kept) expect(write_image(file, image));
-      (seed == 1 ? a : b).push_back(std::move(image));
-    }
-  }
+  const Reference reference = make_reference(arguments, subject);
   nlohmann::json rows = nlohmann::json::array();
-  for (const double spacing : spacings)
-    for (const std::uint32_t count : samples) {
-      options.lighting.spacing = spacing;
-      options.lighting.samples = count;
-      std::vector<std::unique_ptr<Raycaster>> seeds;
-      double seconds = 0;
-      for (options.lighting.seed = 1; options.lighting.seed <= 2; ++options.lighting.seed)
-        seconds += seconds_of(
-            [&] { seeds.push_back(expect(Raycaster::make(volume, transfer, options))); });
-      Noise noise;
-      double error = 0;
-      for (std::size_t v = 0; v < cameras.size(); ++v) {
-        const Image one = expect(trace_view(*seeds[0], sphere, cameras[v]));
-        noise.add(one, expect(trace_view(*seeds[1], sphere, cameras[v])));
-        if (reference == 0) continue;
-        error += squared_error(one, a[v], b[v]) / static_cast<double>(views);
-        if (v > 0 || difference_path.empty()) continue;
-        Image shown_difference = one;
-        const auto p = shown(one), x = shown(a[v]), y = shown(b[v]);
-        for (std::size_t k = 0; k < p.size(); ++k)
-          shown_difference.rgba[k / 3][static_cast<int>(k % 3)] =
-              static_cast<float>(8 * std::abs(p[k] - (x[k] + y[k]) / 2) / 255);
-        for (glm::vec4& pixel : shown_difference.rgba) pixel.a = 1;
-        expect(write_image(difference_path, shown_difference));
-      }
-      nlohmann::json row{{"spacing", spacing},
-                         {"samples", count},
-                         {"seconds", seconds / 2},
-                         {"noise", noise.relative()},
-                         {"slabs_per_second", slab_rate(*seeds[0])},
-                         {"slabs_per_second_direct", slab_rate(*direct)}};
-      if (reference > 0) row["psnr"] = psnr(error);
-      rows.push_back(row);
-      std::fprintf(stderr, "%s\n", row.dump().c_str());
+  for (const double spacing : arguments.spacings)
+    for (const std::uint32_t samples : arguments.samples) {
+      rows.push_back(measure_light(arguments, subject, reference, spacing, samples, *direct));
+      std::fprintf(stderr, "%s\n", rows.back().dump().c_str());
     }
   nlohmann::json from_field;
-  if (!field_path.empty() && reference > 0)
-    from_field = compare_field(field_path, cameras, a, b, reference_seconds / (2 * views));
-  std::printf("%s\n", nlohmann::json{{"volume", source.input},
-                                     {"transfer", source.transfer},
-                                     {"rig", rig},
-                                     {"views", views},
-                                     {"size", size},
-                                     {"reference_paths", reference},
-                                     {"reference_seconds_per_view", reference_seconds / views},
-                                     {"light", rows},
-                                     {"field", from_field}}
-                          .dump(1)
-                          .c_str());
+  if (!arguments.field.empty() && arguments.reference > 0)
+    from_field = compare_field(arguments.field, subject.cameras, reference);
+  std::printf("%s\n",
+              nlohmann::json{{"volume", arguments.source.input},
+                             {"transfer", arguments.source.transfer},
+                             {"rig", arguments.rig},
+                             {"views", arguments.views},
+                             {"size", arguments.size},
+                             {"reference_paths", arguments.reference},
+                             {"reference_seconds_per_view", reference.seconds / arguments.views},
+                             {"light", rows},
+                             {"field", from_field}}
+                  .dump(1)
+                  .c_str());
 }

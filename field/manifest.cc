@@ -70,6 +70,74 @@ class Reader {
   std::string error_;
 };
 
+/// unsupported: a newer major version, or a required feature that this program does not have.
+Result<void> check_version(Reader& in, const std::string& file) {
+  const std::uint32_t major = in.integer("/slf/major", 1u << 20);
+  if (in.error().empty() && major != Manifest::kMajor)
+    return fail(ErrorCode::unsupported, file, ": format version ", major,
+                ", this program reads version ", Manifest::kMajor, "; update slf");
+  const auto* required = in.find("/required");
+  const auto known_feature = [](const nlohmann::json& feature) { return feature == kPredictive; };
+  if (required && !required->is_array())
+    in.problem("/required", "is not an array");
+  else if (required && !std::all_of(required->begin(), required->end(), known_feature))
+    return fail(ErrorCode::unsupported, file, ": needs features this program does not have: ",
+                required->dump(-1, ' ', false, nlohmann::json::error_handler_t::replace),
+                "; update slf");
+  return {};
+}
+
+FieldShape read_shape(Reader& in, const nlohmann::json& json) {
+  FieldShape shape;
+  for (int axis = 0; axis < 3; ++axis)
+    shape.sphere.center[axis] = in.number("/sphere/center/" + std::to_string(axis));
+  shape.sphere.radius = in.number("/sphere/radius");
+  shape.entry_side = in.integer("/entry_side", FieldShape::kMaxSide);
+  shape.exit_side = in.integer("/exit_side", FieldShape::kMaxSide);
+  shape.levels = in.integer("/levels", 10);
+  shape.entry_extra_levels = in.integer("/entry_depth", 8);
+  if (!json.contains("subfields")) return shape;
+  const nlohmann::json& subfields = json["subfields"];
+  if (!subfields.is_array() || subfields.size() > 64) {
+    in.problem("/subfields", "is not an array of at most 64 numbers");
+    return shape;
+  }
+  for (std::size_t k = 0; k < subfields.size(); ++k)
+    shape.subfields.push_back(
+        static_cast<std::uint8_t>(in.integer("/subfields/" + std::to_string(k), 63)));
+  return shape;
+}
+
+/// Reads the layer at a JSON pointer.
+Layer read_layer(Reader& in, const std::string& at) {
+  Layer layer{in.text(at + "/name"), {}, in.text(at + "/codec")};
+  const std::string format = in.text(at + "/format");
+  const auto* known = std::find_if(std::begin(kFormats), std::end(kFormats),
+                                   [&](auto f) { return format == name(f); });
+  if (known == std::end(kFormats))
+    in.problem(at + "/format", "is not a known sample format");
+  else
+    layer.format = *known;
+  if (layer.name == "color" || layer.name == "depth")
+    if ((layer.name == "depth") != (layer.format == SampleFormat::depth8))
+      in.problem(at + "/format", "does not suit the layer " + layer.name);
+  return layer;
+}
+
+/// A field needs colours, and few enough levels if they are predicted.
+void check_layers(Reader& in, const Manifest& manifest) {
+  if (std::none_of(manifest.layers.begin(), manifest.layers.end(),
+                   [](const Layer& layer) { return layer.name == "color"; }))
+    in.problem("/layers", "names no layer color");
+  // A tile's payload has a decision for each candidate reference in the next coarser level.
+  const bool predictive =
+      std::any_of(manifest.layers.begin(), manifest.layers.end(),
+                  [](const Layer& layer) { return has_color_and_depth(layer.format); });
+  if (predictive && manifest.shape.levels > kMaxPredictedLevels)
+    in.problem("/levels", "is more than " + std::to_string(kMaxPredictedLevels) +
+                              ", too many for a predictive codec");
+}
+
 }  // namespace
 
 nlohmann::json Manifest::to_json() const {
@@ -118,75 +186,24 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
     return fail(ErrorCode::bad_file, file, ": the manifest is nested deeper than ", kMaxNesting);
   if (!json.is_object()) return fail(ErrorCode::bad_file, file, ": the manifest is not JSON");
   Reader in(json, file);
-  const std::uint32_t major = in.integer("/slf/major", 1u << 20);
-  if (in.error().empty() && major != kMajor)
-    return fail(ErrorCode::unsupported, file, ": format version ", major,
-                ", this program reads version ", kMajor, "; update slf");
-  const auto* required = in.find("/required");
-  const auto known_feature = [](const nlohmann::json& feature) { return feature == kPredictive; };
-  if (required && !required->is_array())
-    in.problem("/required", "is not an array");
-  else if (required && !std::all_of(required->begin(), required->end(), known_feature))
-    return fail(ErrorCode::unsupported, file, ": needs features this program does not have: ",
-                required->dump(-1, ' ', false, nlohmann::json::error_handler_t::replace),
-                "; update slf");
+  if (auto ok = check_version(in, file); !ok) return tl::unexpected(ok.error());
 
   Manifest manifest;
-  FieldShape& shape = manifest.shape;
-  for (int axis = 0; axis < 3; ++axis)
-    shape.sphere.center[axis] = in.number("/sphere/center/" + std::to_string(axis));
-  shape.sphere.radius = in.number("/sphere/radius");
-  shape.entry_side = in.integer("/entry_side", FieldShape::kMaxSide);
-  shape.exit_side = in.integer("/exit_side", FieldShape::kMaxSide);
-  shape.levels = in.integer("/levels", 10);
-  shape.entry_extra_levels = in.integer("/entry_depth", 8);
-
+  manifest.shape = read_shape(in, json);
   if (json.contains("filtered_levels"))
     manifest.filtered_levels = in.integer("/filtered_levels", 10);
-
   if (json.contains("part")) {
     manifest.part = {in.key("/part/begin"), in.key("/part/end")};
     if (manifest.part->end < manifest.part->begin) in.problem("/part/end", "is before /part/begin");
   }
-
-  if (json.contains("subfields") &&
-      (!json["subfields"].is_array() || json["subfields"].size() > 64))
-    in.problem("/subfields", "is not an array of at most 64 numbers");
-  else if (json.contains("subfields"))
-    for (std::size_t k = 0; k < std::min<std::size_t>(json["subfields"].size(), 64); ++k)
-      shape.subfields.push_back(
-          static_cast<std::uint8_t>(in.integer("/subfields/" + std::to_string(k), 63)));
-
   const auto* layers = in.find("/layers");
-  for (std::size_t k = 0; layers && k < std::min<std::size_t>(layers->size(), 16); ++k) {
-    const std::string at = "/layers/" + std::to_string(k);
-    Layer layer{in.text(at + "/name"), {}, in.text(at + "/codec")};
-    const std::string format = in.text(at + "/format");
-    const auto* known = std::find_if(std::begin(kFormats), std::end(kFormats),
-                                     [&](auto f) { return format == name(f); });
-    if (known == std::end(kFormats))
-      in.problem(at + "/format", "is not a known sample format");
-    else
-      layer.format = *known;
-    if (layer.name == "color" || layer.name == "depth")
-      if ((layer.name == "depth") != (layer.format == SampleFormat::depth8))
-        in.problem(at + "/format", "does not suit the layer " + layer.name);
-    manifest.layers.push_back(std::move(layer));
-  }
+  for (std::size_t k = 0; layers && k < std::min<std::size_t>(layers->size(), 16); ++k)
+    manifest.layers.push_back(read_layer(in, "/layers/" + std::to_string(k)));
   if (json.contains("provenance") && !json["provenance"].is_object())
     in.problem("/provenance", "is not an object");
-  if (std::none_of(manifest.layers.begin(), manifest.layers.end(),
-                   [](const Layer& layer) { return layer.name == "color"; }))
-    in.problem("/layers", "names no layer color");
-  // A tile's payload has a decision for each candidate reference in the next coarser level.
-  const bool predictive =
-      std::any_of(manifest.layers.begin(), manifest.layers.end(),
-                  [](const Layer& layer) { return has_color_and_depth(layer.format); });
-  if (predictive && shape.levels > kMaxPredictedLevels)
-    in.problem("/levels", "is more than " + std::to_string(kMaxPredictedLevels) +
-                              ", too many for a predictive codec");
+  check_layers(in, manifest);
   if (!in.error().empty()) return fail(ErrorCode::bad_file, in.error());
-  if (auto ok = shape.check(); !ok)
+  if (auto ok = manifest.shape.check(); !ok)
     return fail(ErrorCode::bad_file, file, ": manifest: ", ok.error().message);
   manifest.provenance = json.value("provenance", nlohmann::json::object());
   return manifest;

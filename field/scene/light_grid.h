@@ -26,6 +26,28 @@ struct LightGrid {
   }
 };
 
+/// The place of a node by its number, its index in `nodes`.
+[[nodiscard]] inline glm::ivec3 node_at(const LightGrid& light, std::size_t number) {
+  const auto nx = static_cast<std::size_t>(light.dims[0]),
+             ny = static_cast<std::size_t>(light.dims[1]);
+  return {number % nx, number / nx % ny, number / (nx * ny)};
+}
+
+/// Calls f(number, offset) for the node itself and its neighbours in the grid.
+template <class F>
+void for_each_neighbour(const LightGrid& light, std::size_t number, const F& f) {
+  const glm::ivec3 at = node_at(light, number);
+  const glm::ivec3 dims(light.dims[0], light.dims[1], light.dims[2]);
+  for (int z = -1; z <= 1; ++z)
+    for (int y = -1; y <= 1; ++y)
+      for (int x = -1; x <= 1; ++x) {
+        const glm::ivec3 offset(x, y, z), to = at + offset;
+        if (glm::any(glm::lessThan(to, glm::ivec3(0))) || glm::any(glm::greaterThanEqual(to, dims)))
+          continue;
+        f((static_cast<std::size_t>(to.z) * dims.y + to.y) * dims.x + to.x, offset);
+      }
+}
+
 /// RGB with 9 bits each and one exponent of 5 bits, as OpenGL's RGB9_E5: mantissa · 2^(e - 24).
 /// Cut off at 65408; rounded to nearest. REQUIRES: not negative, finite.
 [[nodiscard]] inline std::uint32_t pack_light(const glm::vec3& light) {

@@ -8,6 +8,7 @@
 
 #include "base/parallel.h"
 #include "field/scene/light_depth.h"
+#include "field/scene/light_filter.h"
 
 namespace slf {
 namespace {
@@ -27,17 +28,6 @@ double r3(std::uint64_t i, int d) {
   return fraction(static_cast<double>(i) * kAlpha[d]);
 }
 
-/// The light at one node, and the properties that the filter compares.
-struct NodeLight {
-  glm::vec3 direct{0};      // from lights
-  glm::vec3 unshadowed{0};  // as direct, without shadows
-  glm::vec3 indirect{0};    // from the surroundings, and scattered
-  glm::vec3 normal{0};      // mean, times the share of the surface
-  float depth = 0;          // optical, below the visible surface
-  bool lit = false;         // there is matter
-};
-static_assert(sizeof(NodeLight) == 56);
-
 /// The grid that covers the visible box within the options' memory.
 LightGrid plan_grid(const RayGrid& grid, const LightOptions& options) {
   const glm::dvec3 box = grid.visible_high - grid.visible_low;
@@ -56,27 +46,6 @@ LightGrid plan_grid(const RayGrid& grid, const LightOptions& options) {
   for (int axis = 0; axis < 3; ++axis)
     light.dims[static_cast<std::size_t>(axis)] = static_cast<std::int32_t>(dims[axis]);
   return light;
-}
-
-glm::ivec3 node_at(const LightGrid& light, std::size_t number) {
-  const auto nx = static_cast<std::size_t>(light.dims[0]),
-             ny = static_cast<std::size_t>(light.dims[1]);
-  return {number % nx, number / nx % ny, number / (nx * ny)};
-}
-
-/// Calls f(number, offset) for the node itself and its neighbours in the grid.
-template <class F>
-void for_each_neighbour(const LightGrid& light, std::size_t number, const F& f) {
-  const glm::ivec3 at = node_at(light, number);
-  const glm::ivec3 dims(light.dims[0], light.dims[1], light.dims[2]);
-  for (int z = -1; z <= 1; ++z)
-    for (int y = -1; y <= 1; ++y)
-      for (int x = -1; x <= 1; ++x) {
-        const glm::ivec3 offset(x, y, z), to = at + offset;
-        if (glm::any(glm::lessThan(to, glm::ivec3(0))) || glm::any(glm::greaterThanEqual(to, dims)))
-          continue;
-        f((static_cast<std::size_t>(to.z) * dims.y + to.y) * dims.x + to.x, offset);
-      }
 }
 
 /// Whether a view can show matter between a node and its neighbours.
@@ -347,82 +316,6 @@ Result<void> solve_all(const LightSolver& solver, const std::vector<std::size_t>
   return {};
 }
 
-constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-
-/// The mean of value(place in `nodes`) over a node and its neighbours, which count less the more
-/// they differ.
-template <class F>
-auto filtered(const LightGrid& light, const std::vector<std::uint32_t>& index,
-              const std::vector<NodeLight>& nodes, std::size_t number, const F& value) {
-  const NodeLight& center = nodes[index[number]];
-  decltype(value(0)) sum(0);
-  float total = 0;
-  for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3 offset) {
-    if (index[other] == kNone || !nodes[index[other]].lit) return;
-    const NodeLight& node = nodes[index[other]];
-    // 1 in the middle, 1/2, 1/4, 1/8 at faces, edges and corners.
-    const int steps = std::abs(offset.x) + std::abs(offset.y) + std::abs(offset.z);
-    const glm::vec3 turn = node.normal - center.normal;
-    const float deeper = node.depth - center.depth;
-    const float weight = std::exp2(static_cast<float>(-steps)) *
-                         std::exp(-16 * glm::dot(turn, turn) - 0.5f * deeper * deeper);
-    sum += weight * value(index[other]);
-    total += weight;
-  });
-  return sum / total;
-}
-
-/// For a node without matter of its own: the mean of its lit neighbours, since rays near them
-/// interpolate between both.
-glm::vec3 mean_around(const LightGrid& light, const std::vector<std::uint32_t>& index,
-                      const std::vector<NodeLight>& nodes, const std::vector<glm::vec3>& values,
-                      std::size_t number) {
-  glm::vec4 sum(0);
-  for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3) {
-    if (index[other] != kNone && nodes[index[other]].lit) sum += glm::vec4(values[index[other]], 1);
-  });
-  return sum.w > 0 ? glm::vec3(sum) / sum.w : glm::vec3(0);
-}
-
-/// Filters what the solver found, and sets the light of all nodes.
-Result<void> set_filtered(LightGrid& light, const std::vector<std::uint32_t>& index,
-                          const std::vector<std::size_t>& numbers,
-                          const std::vector<NodeLight>& nodes, unsigned threads) {
-  std::vector<glm::vec3> values(numbers.size()), next(numbers.size());
-  const auto for_lit = [&](const auto& work) {
-    return parallel_for(numbers.size(), threads, [&](std::uint64_t k) {
-      if (nodes[k].lit) work(k);
-    });
-  };
-  for (std::size_t k = 0; k < numbers.size(); ++k) values[k] = nodes[k].indirect;
-  for (int round = 0; round < 2; ++round) {
-    if (auto ok = for_lit([&](std::uint64_t k) {
-          next[k] = filtered(light, index, nodes, numbers[k],
-                             [&](std::size_t other) { return values[other]; });
-        });
-        !ok)
-      return ok;
-    std::swap(values, next);
-  }
-  // Shadows are filtered as a share of the light that would arrive without them, so that shading by
-  // normals stays sharp.
-  if (auto ok = for_lit([&](std::uint64_t k) {
-        const auto mean = filtered(light, index, nodes, numbers[k], [&](std::size_t other) {
-          return glm::mat2x3(nodes[other].direct, nodes[other].unshadowed);
-        });
-        values[k] += nodes[k].unshadowed * mean[0] / glm::max(mean[1], glm::vec3(1e-30f));
-      });
-      !ok)
-    return ok;
-  light.nodes.assign(light.size(), 0);
-  for (std::size_t k = 0; k < numbers.size(); ++k) {
-    const glm::vec3 value =
-        nodes[k].lit ? values[k] : mean_around(light, index, nodes, values, numbers[k]);
-    if (value != glm::vec3(0)) light.nodes[numbers[k]] = pack_light(value);
-  }
-  return {};
-}
-
 }  // namespace
 
 Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumination,
@@ -431,7 +324,7 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
   LightGrid light = plan_grid(medium.grid(), options);
   const std::vector<float> depth = depth_from_outside(medium, light);
   std::vector<std::size_t> numbers;
-  std::vector<std::uint32_t> index(light.size(), kNone);
+  std::vector<std::uint32_t> index(light.size(), kNoNode);
   for (std::size_t number = 0; number < light.size(); ++number)
     if (can_be_seen(light, depth, number) &&
         near_matter(medium.grid(), light, node_at(light, number))) {
@@ -457,7 +350,7 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
                           else if (node.lit)  // other points, which may all lie beside the matter
                             nodes[k].indirect = node.indirect;
                         });
-    if (ok) ok = set_filtered(light, index, numbers, nodes, threads);
+    if (ok) ok = filter_light(light, index, numbers, nodes, threads);
     if (!ok) return tl::unexpected(ok.error());
     all.done += numbers.size() * pass.paths;
   }

@@ -1,0 +1,35 @@
+// The filter of the light volume: noise out, edges and shadows kept. Private to field/scene.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <glm/glm.hpp>
+#include <limits>
+#include <vector>
+
+#include "field/scene/light_grid.h"
+#include "slf/error.h"
+
+namespace slf {
+
+/// The light at one node, and the properties that the filter compares.
+struct NodeLight {
+  glm::vec3 direct{0};      // from lights
+  glm::vec3 unshadowed{0};  // as direct, without shadows
+  glm::vec3 indirect{0};    // from the surroundings, and scattered
+  glm::vec3 normal{0};      // mean, times the share of the surface
+  float depth = 0;          // optical, below the visible surface
+  bool lit = false;         // there is matter
+};
+static_assert(sizeof(NodeLight) == 56);
+
+inline constexpr std::uint32_t kNoNode = std::numeric_limits<std::uint32_t>::max();
+
+/// Filters the light that was solved at some nodes, as light_volume.h says, and sets the light of
+/// all nodes of the grid. nodes[k] is that of node numbers[k], and index[numbers[k]] is k; index is
+/// kNoNode at all other nodes, which become dark. Errors as parallel_for().
+[[nodiscard]] Result<void> filter_light(LightGrid& light, const std::vector<std::uint32_t>& index,
+                                        const std::vector<std::size_t>& numbers,
+                                        const std::vector<NodeLight>& nodes, unsigned threads);
+
+}  // namespace slf

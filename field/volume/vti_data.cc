@@ -1,0 +1,283 @@
+// The array of a VTK ImageData file: text, base64 or raw bytes, plain or in blocks of zlib.
+#include <zlib.h>
+
+#include <array>
+#include <bit>
+#include <limits>
+
+#include "base/bytes.h"
+#include "field/volume/io.h"
+#include "field/volume/vti_file.h"
+
+namespace slf::volume_io {
+namespace {
+
+/// A stream of bytes, from a file or from base64 text.
+class Source {
+ public:
+  virtual ~Source() = default;
+  /// Fills `to`, or returns how many bytes there were.
+  [[nodiscard]] virtual Result<std::size_t> read(std::span<std::byte> to) = 0;
+  /// Call where a new base64 sequence begins.
+  virtual void begin_sequence() {}
+};
+
+class FileSource final : public Source {
+ public:
+  explicit FileSource(ByteReader reader) : reader_(std::move(reader)) {}
+  Result<std::size_t> read(std::span<std::byte> to) override { return reader_.read(to); }
+
+ private:
+  ByteReader reader_;
+};
+
+class Base64Source final : public Source {
+ public:
+  explicit Base64Source(std::string_view text) : text_(text) {}
+
+  Result<std::size_t> read(std::span<std::byte> to) override {
+    std::size_t done = 0;
+    while (done < to.size()) {
+      if (used_ == decoded_.size() && !decode()) break;
+      to[done++] = decoded_[used_++];
+    }
+    return done;
+  }
+  void begin_sequence() override { used_ = decoded_.size(); }
+
+ private:
+  static int value_of(char c) {
+    if (c >= 'A' && c <= 'Z') return c - 'A';
+    if (c >= 'a' && c <= 'z') return c - 'a' + 26;
+    if (c >= '0' && c <= '9') return c - '0' + 52;
+    return c == '+' ? 62 : c == '/' ? 63 : -1;
+  }
+
+  /// The next four characters; false at the end, or at one that is not base64.
+  bool decode() {
+    unsigned bits = 0;
+    int count = 0, padding = 0;
+    for (; count < 4 && at_ < text_.size(); ++at_) {
+      const char c = text_[at_];
+      if (c == ' ' || c == '\t' || c == '\r' || c == '\n') continue;
+      const int value = c == '=' ? 0 : value_of(c);
+      if (value < 0 || (padding > 0 && c != '=')) return false;
+      padding += c == '=';
+      bits = bits << 6 | static_cast<unsigned>(value);
+      ++count;
+    }
+    if (count < 4 || padding > 2) return false;
+    decoded_.clear();
+    used_ = 0;
+    for (int i = 0; i < 3 - padding; ++i)
+      decoded_.push_back(static_cast<std::byte>(bits >> (16 - 8 * i) & 0xff));
+    return true;
+  }
+
+  std::string_view text_;
+  std::size_t at_ = 0;
+  std::vector<std::byte> decoded_;
+  std::size_t used_ = 0;
+};
+
+/// Reads one of the integers before the data.
+Result<std::uint64_t> read_count(const VtiDocument& d, Source& source, const std::string& path) {
+  std::array<std::byte, 8> bytes{};
+  const std::size_t width = d.wide_header ? 8 : 4;
+  const auto got = source.read(std::span(bytes).first(width));
+  if (!got) return tl::unexpected(got.error());
+  if (*got != width)
+    return fail(ErrorCode::bad_file, path, ": its data end before their own length");
+  if (width == 8)
+    return d.big_endian ? load_be<std::uint64_t>(bytes.data())
+                        : load_le<std::uint64_t>(bytes.data());
+  return d.big_endian ? load_be<std::uint32_t>(bytes.data()) : load_le<std::uint32_t>(bytes.data());
+}
+
+/// Decodes blocks of zlib into `to`, which grows with the decoded data.
+Result<void> read_blocks(const VtiDocument& d, Source& source, const std::string& path,
+                         std::uint64_t needed, std::vector<std::byte>& to) {
+  std::array<std::uint64_t, 3> head{};  // blocks, bytes of a block, bytes of the last
+  for (auto& count : head) {
+    const auto read = read_count(d, source, path);
+    if (!read) return tl::unexpected(read.error());
+    count = *read;
+  }
+  const auto [blocks, block, last] = head;
+  constexpr std::uint64_t kMaxBlockBytes = std::uint64_t{1} << 30;
+  if (blocks == 0 || block == 0 || block > kMaxBlockBytes || last > block ||
+      blocks > needed / block + 1 || (blocks - (last ? 1 : 0)) * block + last != needed)
+    return fail(ErrorCode::bad_file, path, ": ", blocks, " packed blocks of ", block,
+                " bytes (the "
+                "last of ",
+                last, "), expected ", needed, " bytes");
+  std::vector<std::uint64_t> packed;
+  for (std::uint64_t i = 0; i < blocks; ++i) {
+    const auto size = read_count(d, source, path);
+    if (!size) return tl::unexpected(size.error());
+    packed.push_back(*size);
+  }
+  source.begin_sequence();
+  std::vector<std::byte> in, out;
+  for (std::uint64_t i = 0; i < blocks; ++i) {
+    const std::uint64_t size = i + 1 == blocks && last ? last : block;
+    if (packed[i] > kMaxBlockBytes || size > packed[i] * 1032 + 1032)
+      return fail(ErrorCode::bad_file, path, ": packed block ", i, " of ", packed[i],
+                  " bytes cannot hold ", size);
+    in.resize(packed[i]);
+    const auto got = source.read(in);
+    if (!got) return tl::unexpected(got.error());
+    out.resize(size);
+    uLongf length = static_cast<uLongf>(size);
+    if (*got != in.size() ||
+        uncompress(reinterpret_cast<Bytef*>(out.data()), &length,
+                   reinterpret_cast<const Bytef*>(in.data()),
+                   static_cast<uLong>(in.size())) != Z_OK ||
+        length != size)
+      return fail(ErrorCode::bad_file, path, ": packed block ", i, " of ", blocks,
+                  " is damaged or cut off");
+    to.insert(to.end(), out.begin(), out.end());
+  }
+  return {};
+}
+
+/// Reads all numbers of the array as bytes, in native order, components side by side.
+Result<std::vector<std::byte>> read_packed(const VtiDocument& d, Source& source,
+                                           const Volume& volume, std::uint64_t needed) {
+  const std::string& path = volume.source;
+  std::vector<std::byte> bytes;
+  if (!d.compressor.empty()) {
+    if (auto ok = read_blocks(d, source, path, needed, bytes); !ok)
+      return tl::unexpected(ok.error());
+  } else {
+    const auto count = read_count(d, source, path);
+    if (!count) return tl::unexpected(count.error());
+    if (*count != needed)
+      return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(d.array.name), " holds ",
+                  *count, " bytes, expected ", needed);
+    bytes.resize(needed);
+    const auto got = source.read(bytes);
+    if (!got) return tl::unexpected(got.error());
+    if (*got != needed)
+      return fail(ErrorCode::bad_file, path, ": expected ", needed, " bytes of voxels, found ",
+                  *got, ": the file is truncated");
+  }
+  if (d.big_endian != (std::endian::native == std::endian::big))
+    swap_bytes(bytes, bytes_per_voxel(volume.type));
+  return bytes;
+}
+
+template <class T>
+bool append_number(std::string_view word, std::vector<std::byte>& bytes) {
+  const auto value = parse_number(word);
+  if (!value) return false;
+  if constexpr (std::is_integral_v<T>) {
+    if (!(*value >= static_cast<double>(std::numeric_limits<T>::lowest())) ||
+        !(*value <= static_cast<double>(std::numeric_limits<T>::max())))
+      return false;
+  }
+  const T number = static_cast<T>(*value);
+  const auto* from = reinterpret_cast<const std::byte*>(&number);
+  bytes.insert(bytes.end(), from, from + sizeof number);
+  return true;
+}
+
+Result<std::vector<std::byte>> read_ascii(const VtiDocument& d, const Volume& volume,
+                                          std::uint64_t needed) {
+  std::vector<std::byte> bytes;
+  for (const auto word : words(d.array.text)) {
+    bool ok = false;
+    switch (volume.type) {
+      case ScalarType::u8:
+        ok = append_number<std::uint8_t>(word, bytes);
+        break;
+      case ScalarType::i8:
+        ok = append_number<std::int8_t>(word, bytes);
+        break;
+      case ScalarType::u16:
+        ok = append_number<std::uint16_t>(word, bytes);
+        break;
+      case ScalarType::i16:
+        ok = append_number<std::int16_t>(word, bytes);
+        break;
+      case ScalarType::u32:
+        ok = append_number<std::uint32_t>(word, bytes);
+        break;
+      case ScalarType::i32:
+        ok = append_number<std::int32_t>(word, bytes);
+        break;
+      case ScalarType::f32:
+        ok = append_number<float>(word, bytes);
+        break;
+      case ScalarType::f64:
+        ok = append_number<double>(word, bytes);
+        break;
+      case ScalarType::u64:
+      case ScalarType::i64:
+        if (const auto value = parse_integer(word); value) {
+          const auto* from = reinterpret_cast<const std::byte*>(&*value);
+          bytes.insert(bytes.end(), from, from + sizeof *value);
+          ok = true;
+        }
+        break;
+    }
+    if (!ok)
+      return fail(ErrorCode::bad_file, volume.source, ": the array ", in_quotes(d.array.name),
+                  " holds ", in_quotes(word), ", expected numbers of type ", name(volume.type));
+    if (bytes.size() > needed) break;
+  }
+  if (bytes.size() != needed)
+    return fail(ErrorCode::bad_file, volume.source, ": the array ", in_quotes(d.array.name),
+                " holds another count of numbers than its extent");
+  return bytes;
+}
+
+/// The offset of the appended data, after an underscore that blanks may precede.
+Result<std::uint64_t> find_appended(const std::string& path, std::uint64_t from) {
+  auto reader = ByteReader::open(path, from, false);
+  if (!reader) return tl::unexpected(reader.error());
+  std::array<std::byte, 256> bytes{};
+  const auto got = reader->read(bytes);
+  if (!got) return tl::unexpected(got.error());
+  for (std::size_t i = 0; i < *got; ++i)
+    if (static_cast<char>(bytes[i]) == '_') return from + i + 1;
+  return fail(ErrorCode::bad_file, path, ": its appended data do not begin with '_'");
+}
+
+}  // namespace
+
+Result<std::vector<std::byte>> read_vti_data(const VtiDocument& d, const Volume& volume,
+                                             std::uint64_t needed) {
+  const std::string& path = volume.source;
+  if (d.array.format == "ascii") return read_ascii(d, volume, needed);
+  const auto size = file_size(path);
+  if (!size) return tl::unexpected(size.error());
+  const std::uint64_t max_bytes = d.compressor.empty() ? *size : *size * 1032;
+  if (needed > max_bytes)
+    return fail(ErrorCode::bad_file, path, ": its extent needs ", needed,
+                " bytes of voxels, but the file holds ", *size,
+                d.compressor.empty() ? "" : " packed", ": it is truncated, or its extent is wrong");
+  if (d.array.format == "binary") {
+    Base64Source source(d.array.text);
+    return read_packed(d, source, volume, needed);
+  }
+  const auto begin = find_appended(path, d.appended);
+  if (!begin) return tl::unexpected(begin.error());
+  if (d.array.offset > *size - *begin)
+    return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(d.array.name), " begins ",
+                d.array.offset, " bytes into the appended data, beyond the end of the file");
+  auto reader = ByteReader::open(path, *begin + d.array.offset, false);
+  if (!reader) return tl::unexpected(reader.error());
+  if (d.appended_raw) {
+    FileSource source(std::move(*reader));
+    return read_packed(d, source, volume, needed);
+  }
+  std::string text(*size - *begin - d.array.offset, '\0');
+  const auto got = reader->read(std::as_writable_bytes(std::span(text)));
+  if (!got) return tl::unexpected(got.error());
+  text.resize(*got);
+  Base64Source source(text);
+  return read_packed(d, source, volume, needed);
+}
+
+}  // namespace slf::volume_io
