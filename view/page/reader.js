@@ -60,9 +60,11 @@ export class Reader {
     const payloads = field.source.readAll(wanted.map(({begin, end}) => [begin, end]));
     const allCame = Promise.all(payloads);
     allCame.catch(() => {});  // decode() reports it
+    const decoding = new Map(tiles.map((tile) => [tile, []]));
+    wanted.forEach((part, i) =>
+      decoding.get(part.tile).push(this.decode(part, payloads[i], held, allCame)));
     await Promise.all(tiles.map(async (tile) => {
-      await Promise.all(wanted.map(
-        (part, i) => part.tile === tile && this.decode(part, payloads[i], held, allCame)));
+      await Promise.all(decoding.get(tile));
       this.finish(tile);
     }));
   }
