@@ -88,7 +88,9 @@ struct FoundPages {
 struct LaneBegins {
   V64 color[kHalves], depth[kHalves];
 
-  LaneBegins() { set({}); }
+  LaneBegins() {
+    for_halves([&](auto half) { color[half] = depth[half] = hn::Zero(D64()); });
+  }
 
   /// Looks up a tile for each lane. Returns the lanes whose tiles the frame has found before.
   HWY_INLINE hn::Mask<DU> find(const FoundPages& pages, VU entry, VU exit) {
@@ -115,25 +117,6 @@ struct LaneBegins {
     return hn::Eq(stamps, hn::Set(du, pages.stamp));
   }
 
-  /// Looks up one tile for all lanes. Returns whether the frame has found it before.
-  HWY_INLINE bool find(const FoundPages& pages, const TilePage& page) {
-    const std::uint64_t word = page.found.load(std::memory_order_acquire);
-    if ((word & pages.stamp_bits) != pages.stamp) return false;
-    BlockTiles::Found tile;
-    tile.color = static_cast<std::int64_t>(word) >> TilePage::kStampBits;
-    if (pages.with_depth) tile.depth = sample_offset(page.depth.load(std::memory_order_acquire));
-    set(tile);
-    return true;
-  }
-
-  /// Sets the tile of all lanes.
-  HWY_INLINE void set(const BlockTiles::Found& tile) {
-    for_halves([&](auto half) {
-      color[half] = hn::Set(D64(), tile.color);
-      depth[half] = hn::Set(D64(), tile.depth);
-    });
-  }
-
   /// Sets the tile of some lanes.
   HWY_INLINE void set(const BlockTiles::Found& tile, hn::Mask<DU> of) {
     for_halves([&](auto half) {
@@ -152,23 +135,17 @@ struct LaneBegins {
   }
 
   /// Prefetches the colours `within` bytes into the tiles, because gathers begin only when all
-  /// tiles of a block are found. If all lanes use one tile, the rays on a diagonal of the square of
-  /// pixels touch nearly all cache lines that the others touch.
-  HWY_INLINE void prefetch_colors(VU within, bool same_tile) const {
+  /// tiles of a block are found. The rays on a diagonal of the square of pixels touch nearly all
+  /// cache lines that the others touch.
+  HWY_INLINE void prefetch_colors(VU within) const {
     const D64 d;
     HWY_ALIGN std::int64_t at[kHalves * hn::MaxLanes(D64())];
     for_halves([&](auto half) {
       hn::Store(hn::Add(color[half], widen(half_of<half.value>(within))), d,
                 at + half * hn::Lanes(d));
     });
-    const auto prefetch = [&](std::size_t step) {
-      for (std::size_t k = 0; k < hn::Lanes(DU()); k += step)
-        __builtin_prefetch(zero_samples() + at[k]);
-    };
-    if (same_tile)
-      prefetch(PixelSquare::kAcross + 1);
-    else
-      prefetch(1);
+    for (std::size_t k = 0; k < hn::Lanes(DU()); k += PixelSquare::kAcross + 1)
+      __builtin_prefetch(zero_samples() + at[k]);
   }
 
   HWY_INLINE void store(bool with_depth, std::int64_t* colors, std::int64_t* depths) const {
@@ -191,10 +168,7 @@ void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t cou
   const DU d;
   const FoundPages pages(tiles);
   LaneBegins lanes;
-  VU last_entry = hn::Zero(d), last_exit = last_entry;
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
-    bool reusable = false;  // `lanes` has the tiles of the previous entry vertex, for all rays
-    bool same_tile = false;
     for (std::size_t c = 0; c < pass.entries; ++c) {
       const std::uint32_t *entry_at = &entries.section[c][k], *exit_at = &pass.exit[c]->section[k];
       const auto used =
@@ -202,42 +176,38 @@ void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t cou
                   hn::FirstN(d, count - k));
       const VU entry = hn::IfThenElseZero(used, hn::LoadU(d, entry_at));
       const VU exit = hn::IfThenElseZero(used, hn::LoadU(d, exit_at));
-      const auto all = [&](VU a, VU b) {
-        return hn::AllTrue(d, hn::And(hn::Eq(entry, a), hn::Eq(exit, b)));
-      };
-      // Mostly a ray's entry vertices share a tile, and often those of all lanes do.
-      if (!(reusable && all(last_entry, last_exit))) {
-        reusable = hn::AllTrue(d, used);
-        last_entry = entry, last_exit = exit;
-        auto found = hn::FirstN(d, 0);
-        same_tile = reusable && all(hn::Set(d, *entry_at), hn::Set(d, *exit_at));
-        if (pages.first) {
-          if (same_tile)
-            found = lanes.find(pages, *tiles.table().find(*entry_at, *exit_at)) ? used : found;
-          else
-            found = hn::And(lanes.find(pages, entry, exit), used);
-        }
-        if (!hn::AllTrue(d, found)) {
-          lanes.keep(found);
-          for (auto left = hn::AndNot(found, used); !hn::AllFalse(d, left);) {
-            const auto lane = static_cast<std::size_t>(hn::FindFirstTrue(d, left));
-            const auto same = hn::And(left, hn::And(hn::Eq(entry, hn::Set(d, entry_at[lane])),
-                                                    hn::Eq(exit, hn::Set(d, exit_at[lane]))));
-            const auto tile = tiles.find(entry_at[lane], exit_at[lane]);
-            lanes.set(tile, same);
-            if (tile.unavailable)
-              hn::StoreU(hn::Or(hn::LoadU(d, &offsets.unavailable[k]), hn::VecFromMask(d, same)), d,
-                         &offsets.unavailable[k]);
-            left = hn::AndNot(same, left);
-          }
+      auto found = hn::FirstN(d, 0);
+      if (pages.first) found = hn::And(lanes.find(pages, entry, exit), used);
+      if (!hn::AllTrue(d, found)) {
+        lanes.keep(found);
+        for (auto left = hn::AndNot(found, used); !hn::AllFalse(d, left);) {
+          const auto lane = static_cast<std::size_t>(hn::FindFirstTrue(d, left));
+          const auto same = hn::And(left, hn::And(hn::Eq(entry, hn::Set(d, entry_at[lane])),
+                                                  hn::Eq(exit, hn::Set(d, exit_at[lane]))));
+          const auto tile = tiles.find(entry_at[lane], exit_at[lane]);
+          lanes.set(tile, same);
+          if (tile.unavailable)
+            hn::StoreU(hn::Or(hn::LoadU(d, &offsets.unavailable[k]), hn::VecFromMask(d, same)), d,
+                       &offsets.unavailable[k]);
+          left = hn::AndNot(same, left);
         }
       }
       lanes.store(pass.with_depth, &offsets.color[c][k], &offsets.depth[c][k]);
       const VU row = hn::LoadU(d, &entries.row[c][k]);
       const VU pair = hn::Add(row, hn::LoadU(d, &pass.exit[c]->pair[k]));
-      lanes.prefetch_colors(hn::ShiftLeftSame(pair, half_floats ? 3 : 2), same_tile);
+      lanes.prefetch_colors(hn::ShiftLeftSame(pair, half_floats ? 3 : 2));
     }
   }
+}
+
+/// Whether the offsets of a vector of rays are all 0, so that all samples are 0. About a quarter
+/// of the vectors of a view are like this.
+HWY_INLINE bool all_empty(const std::int64_t* offsets) {
+  const D64 d;
+  V64 any = hn::Zero(d);
+  for (std::size_t half = 0; half < kHalves; ++half)
+    any = hn::Or(any, hn::LoadU(d, offsets + half * hn::Lanes(d)));
+  return hn::AllTrue(d, hn::Eq(any, hn::Zero(d)));
 }
 
 /// Loads 8 bytes for each lane, `at - before` bytes into its tile; zeros for lanes without a tile.
@@ -257,9 +227,26 @@ void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells
   const auto store_or = [&](auto v, auto tag, auto* to) {
     hn::StoreU(add ? hn::Or(v, hn::LoadU(tag, to)) : v, tag, to);
   };
+  const auto clear_words = [&](auto* to, std::size_t vectors) {
+    auto* const words = reinterpret_cast<std::uint32_t*>(to);
+    for (std::size_t v = 0; v < vectors; ++v)
+      hn::StoreU(hn::Zero(du), du, words + v * hn::Lanes(du));
+  };
+  const auto clear = [&](std::size_t c, std::size_t k) {
+    for (std::size_t e = 0; e < 3; ++e)
+      if constexpr (kHalf)
+        clear_words(&samples.rgba16f[3 * c + e][k], 2);
+      else
+        clear_words(&samples.rgba8[3 * c + e][k], 1);
+    if constexpr (kDepth) clear_words(&samples.depth[c][k], 1);
+  };
   for (std::size_t c = 0; c < pass.entries; ++c) {
     const ExitCells& exit = *pass.exit[c];
     for (std::size_t k = 0; k < count; k += hn::Lanes(du)) {
+      if (all_empty(&offsets.color[c][k])) {
+        if (!add) clear(c, k);
+        continue;
+      }
       const VU row = hn::LoadU(du, &entries.row[c][k]);
       const VU pair = hn::Add(row, hn::LoadU(du, &exit.pair[k]));
       const VU third = hn::Add(row, hn::LoadU(du, &exit.third[k]));
@@ -289,7 +276,7 @@ void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells
       }
       if constexpr (kDepth) {
         if (!add && hn::AllTrue(d, hn::Eq(seen, hn::Zero(d)))) {  // nothing is visible
-          hn::StoreU(hn::Zero(du), du, &samples.depth[c][k]);
+          clear_words(&samples.depth[c][k], 1);
           continue;
         }
         for_halves([&](auto half) {  // of the 8 bytes loaded: the pair's last two, the third's last
