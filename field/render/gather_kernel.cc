@@ -63,6 +63,33 @@ HWY_INLINE void for_halves(const F& f) {
   if constexpr (kHalves == 2) f(std::integral_constant<std::size_t, kHalves - 1>());
 }
 
+/// Half of a mask, for 64-bit lanes.
+template <std::size_t half>
+HWY_INLINE hn::Mask<D64> wide(hn::Mask<DU> mask) {
+#if HWY_TARGET == HWY_AVX3
+  return {static_cast<__mmask8>(mask.raw >> 8 * half)};
+#else
+  return hn::Ne(widen(half_of<half>(hn::VecFromMask(DU(), mask))), hn::Zero(D64()));
+#endif
+}
+
+/// Loads 8 bytes for each of the chosen lanes, `at` bytes from `base`; zeros for the others.
+/// REQUIRES: 8 bytes at `base` can be read.
+///
+/// On x86 a gather keeps the register's values in lanes that it does not load. So without a mask,
+/// hn::GatherOffset may wait for an earlier result that happens to be in the register.
+HWY_INLINE V64 gather(const std::byte* base, V64 at, hn::Mask<D64> chosen) {
+#if HWY_TARGET == HWY_AVX3
+  return V64{_mm512_mask_i64gather_epi64(_mm512_setzero_si512(), chosen.raw, at.raw, base, 1)};
+#elif HWY_TARGET == HWY_AVX2
+  const auto* words = reinterpret_cast<const long long*>(base);
+  return V64{_mm256_mask_i64gather_epi64(_mm256_setzero_si256(), words, at.raw, chosen.raw, 1)};
+#else
+  const auto* words = reinterpret_cast<const std::int64_t*>(base);
+  return hn::IfThenElseZero(chosen, hn::GatherOffset(D64(), words, hn::IfThenElseZero(chosen, at)));
+#endif
+}
+
 /// The pages of tiles that the frame found before, as kernels load them.
 struct FoundPages {
   const std::byte* first;  // page; null in an empty table
@@ -77,10 +104,10 @@ struct FoundPages {
         stamp_bits(static_cast<std::uint32_t>(TilePage::stamp_bits(tiles.with_depth()))),
         with_depth(tiles.with_depth()) {}
 
-  /// Loads a member of the pages that are `at` bytes from the first one.
+  /// Loads a member of the chosen lanes' pages, which are `at` bytes from the first one.
   template <std::size_t member>
-  [[nodiscard]] HWY_INLINE V64 load(V64 at) const {
-    return hn::GatherOffset(D64(), reinterpret_cast<const std::int64_t*>(first + member), at);
+  [[nodiscard]] HWY_INLINE V64 load(V64 at, hn::Mask<D64> chosen) const {
+    return gather(first + member, at, chosen);
   }
 };
 
@@ -92,8 +119,8 @@ struct LaneBegins {
     for_halves([&](auto half) { color[half] = depth[half] = hn::Zero(D64()); });
   }
 
-  /// Looks up a tile for each lane. Returns the lanes whose tiles the frame has found before.
-  HWY_INLINE hn::Mask<DU> find(const FoundPages& pages, VU entry, VU exit) {
+  /// Looks up the tiles of some lanes. Returns the lanes whose tiles the frame has found before.
+  HWY_INLINE hn::Mask<DU> find(const FoundPages& pages, VU entry, VU exit, hn::Mask<DU> of) {
     const D64 d;
     const DU du;
     V64 at[kHalves], words[kHalves];
@@ -101,14 +128,14 @@ struct LaneBegins {
       const V64 row = hn::ShiftLeftSame(widen(half_of<half.value>(entry)), pages.exit_bits);
       const V64 page = hn::Add(row, widen(half_of<half.value>(exit)));
       at[half] = hn::ShiftLeft<hwy::CeilLog2(sizeof(TilePage))>(page);
-      words[half] = pages.load<offsetof(TilePage, found)>(at[half]);
+      words[half] = pages.load<offsetof(TilePage, found)>(at[half], wide<half.value>(of));
       color[half] = hn::ShiftRight<TilePage::kStampBits>(words[half]);
     });
     std::atomic_thread_fence(std::memory_order_acquire);
     for_halves([&](auto half) {
       depth[half] = hn::Zero(d);
       if (!pages.with_depth) return;
-      const V64 first = pages.load<offsetof(TilePage, depth)>(at[half]);
+      const V64 first = pages.load<offsetof(TilePage, depth)>(at[half], wide<half.value>(of));
       const V64 zeros =
           hn::Set(d, static_cast<std::int64_t>(reinterpret_cast<std::uintptr_t>(zero_samples())));
       depth[half] = hn::IfThenZeroElse(hn::Eq(first, hn::Zero(d)), hn::Sub(first, zeros));
@@ -155,12 +182,6 @@ struct LaneBegins {
       if (with_depth) hn::StoreU(depth[half], d, depths + half * hn::Lanes(d));
     });
   }
-
- private:
-  template <std::size_t half>
-  static HWY_INLINE hn::Mask<D64> wide(hn::Mask<DU> mask) {
-    return hn::Ne(widen(half_of<half>(hn::VecFromMask(DU(), mask))), hn::Zero(D64()));
-  }
 };
 
 void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t count,
@@ -174,10 +195,9 @@ void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t cou
       const auto used =
           hn::And(hn::RebindMask(d, hn::Gt(hn::LoadU(D(), &entries.weight[c][k]), hn::Zero(D()))),
                   hn::FirstN(d, count - k));
-      const VU entry = hn::IfThenElseZero(used, hn::LoadU(d, entry_at));
-      const VU exit = hn::IfThenElseZero(used, hn::LoadU(d, exit_at));
+      const VU entry = hn::LoadU(d, entry_at), exit = hn::LoadU(d, exit_at);
       auto found = hn::FirstN(d, 0);
-      if (pages.first) found = hn::And(lanes.find(pages, entry, exit), used);
+      if (pages.first) found = hn::And(lanes.find(pages, entry, exit, used), used);
       if (!hn::AllTrue(d, found)) {
         lanes.keep(found);
         for (auto left = hn::AndNot(found, used); !hn::AllFalse(d, left);) {
@@ -212,10 +232,7 @@ HWY_INLINE bool all_empty(const std::int64_t* offsets) {
 
 /// Loads 8 bytes for each lane, `at - before` bytes into its tile; zeros for lanes without a tile.
 HWY_INLINE V64 load(V64 begin, V64 at, int before) {
-  const D64 d;
-  const V64 within = hn::IfThenZeroElse(hn::Eq(begin, hn::Zero(d)), at);
-  return hn::GatherOffset(d, reinterpret_cast<const std::int64_t*>(zero_samples() - before),
-                          hn::Add(begin, within));
+  return gather(zero_samples() - before, hn::Add(begin, at), hn::Ne(begin, hn::Zero(D64())));
 }
 
 template <bool kHalf, bool kDepth>
