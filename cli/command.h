@@ -92,6 +92,9 @@ void note(const std::string& text);
 /// was read, adds the member "http", traffic_json(), to an object.
 void print_json(nlohmann::json json);
 
+/// The value, or null if it is not finite: JSON has no infinity.
+[[nodiscard]] nlohmann::json finite_or_null(double value);
+
 /// The text member `key` of untrusted JSON, or `otherwise` if there is none.
 [[nodiscard]] std::string text_of(const nlohmann::json& json, const char* key,
                                   const std::string& otherwise);

@@ -1,6 +1,4 @@
 // slf diff: compares two fields, and prints where they differ.
-#include <cmath>
-
 #include "cli/command.h"
 #include "slf/inspect.h"
 
@@ -18,10 +16,6 @@ std::string tile_name(const Field& field, const std::optional<TileKey>& key) {
   return key ? to_string(address_of(field, *key)) : "";
 }
 
-nlohmann::json finite(double value) {
-  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
-}
-
 nlohmann::json difference_json(const Field& field, const FieldDifference& difference) {
   nlohmann::json channels = nlohmann::json::array();
   for (const ChannelDifference& c : difference.channels)
@@ -32,8 +26,8 @@ nlohmann::json difference_json(const Field& field, const FieldDifference& differ
          {"tiles_only_in_b", c.only_in_b},
          {"tiles_recoded", c.recoded},
          {"tiles_differing", c.differing},
-         {"psnr", finite(c.psnr)},
-         {"worst_psnr", finite(c.worst_psnr)},
+         {"psnr", finite_or_null(c.psnr)},
+         {"worst_psnr", finite_or_null(c.worst_psnr)},
          {"worst_tile", c.worst ? nlohmann::json(tile_name(field, c.worst)) : nlohmann::json()}});
   return {{"equal", difference.equal()},
           {"comparable", difference.comparable},

@@ -1,7 +1,5 @@
 #include "slf/measure.h"
 
-#include <cmath>
-
 #include "cli/command.h"
 
 namespace slf::cli {
@@ -199,13 +197,10 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   if (!evaluation) return tl::unexpected(evaluation.error());
 
   const std::uint64_t bytes = field->file_bytes();
-  const auto finite = [](double v) {
-    return std::isfinite(v) ? nlohmann::json(v) : nlohmann::json();
-  };
   if (a.json) {
     nlohmann::json per_view = nlohmann::json::array();
     for (const ViewQuality& v : evaluation->views)
-      per_view.push_back({{"psnr", finite(v.psnr)}, {"ssim", v.ssim}});
+      per_view.push_back({{"psnr", finite_or_null(v.psnr)}, {"ssim", v.ssim}});
     print_json({{"views", a.views.views},
                 {"mode", name(view->mode)},
                 {"level", view->level},
@@ -213,7 +208,7 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
                 {"height_pixels", a.size.height},
                 {"seed", a.views.seed},
                 {"supersample", a.supersample},
-                {"psnr", finite(evaluation->psnr)},
+                {"psnr", finite_or_null(evaluation->psnr)},
                 {"ssim", evaluation->ssim},
                 {"per_view", per_view},
                 {"same_source", same_source},

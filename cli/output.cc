@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <cstdio>
 
 #include "cli/command.h"
@@ -90,6 +91,10 @@ void print_json(nlohmann::json json) {
   if (nlohmann::json traffic = traffic_json(); !traffic.is_null() && json.is_object())
     json["http"] = std::move(traffic);
   print_text(json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
+}
+
+nlohmann::json finite_or_null(double value) {
+  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
 }
 
 std::string text_of(const nlohmann::json& json, const char* key, const std::string& otherwise) {

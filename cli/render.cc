@@ -1,7 +1,6 @@
+// slf render and slf raycast: draw a view of a field, or the same view of its source.
 #include "slf/render.h"
 
-#include <cmath>
-#include <filesystem>
 #include <numeric>
 
 #include "cli/command.h"
@@ -90,6 +89,16 @@ nlohmann::json statistics_json(const ViewStatistics& s, const Footprint& file,
           {"pixels_from_coarser_levels", s.fallback_pixels()}};
 }
 
+/// As a table, with the traffic of a remote field.
+void print_statistics(nlohmann::json json) {
+  const nlohmann::json traffic = traffic_json();
+  for (const auto& [key, value] : traffic.items()) json["http_" + key] = value;
+  std::vector<std::vector<std::string>> rows;
+  for (const auto& [key, value] : json.items())
+    rows.push_back({key, value.is_string() ? value.get<std::string>() : value.dump()});
+  print_table(rows);
+}
+
 /// failed: nothing was drawn, because the field has no tiles.
 Result<void> check_drawn(const Field& field, const ViewStatistics& statistics) {
   const auto& pixels = statistics.level_pixels;
@@ -131,17 +140,11 @@ Result<void> run_render(const RenderArguments& a) {
   if (!a.json && !a.stats) return {};
   const auto file = footprint(*field, statistics.tiles, view->needs_depth());
   if (!file) return tl::unexpected(file.error());
-  auto json = statistics_json(statistics, *file, *view);
-  if (a.json) {
+  const nlohmann::json json = statistics_json(statistics, *file, *view);
+  if (a.json)
     print_json(json);
-  } else {
-    const nlohmann::json traffic = traffic_json();
-    for (const auto& [key, value] : traffic.items()) json["http_" + key] = value;
-    std::vector<std::vector<std::string>> rows;
-    for (const auto& [key, value] : json.items())
-      rows.push_back({key, value.is_string() ? value.get<std::string>() : value.dump()});
-    print_table(rows);
-  }
+  else
+    print_statistics(json);
   return {};
 }
 
@@ -165,38 +168,6 @@ Result<void> run_raycast(const RaycastArguments& a) {
       trace_view(**scene, sphere, *camera, a.threads, progress_bar("raycast", "rows"));
   if (!image) return tl::unexpected(image.error());
   return a.picture.write(*image);
-}
-
-struct CompareArguments {
-  std::string a, b, diff;
-  float gain = 4;
-  double min_psnr = 0;
-  bool force = false, json = false;
-};
-
-Result<void> run_compare(const CompareArguments& arguments) {
-  const auto a = read_image(arguments.a);
-  if (!a) return tl::unexpected(a.error());
-  const auto b = read_image(arguments.b);
-  if (!b) return tl::unexpected(b.error());
-  if (a->width != b->width || a->height != b->height)
-    return fail(ErrorCode::usage, arguments.a, " is ", a->width, "x", a->height, ", ", arguments.b,
-                " is ", b->width, "x", b->height, ": only pictures of one size can be compared");
-  const ImageDifference d = compare(*a, *b);
-  if (!arguments.diff.empty()) {
-    if (auto ok = refuse_overwrite(arguments.diff, arguments.force); !ok) return ok;
-    if (auto ok = write_image(arguments.diff, difference(*a, *b, arguments.gain)); !ok) return ok;
-  }
-  if (arguments.json)  // JSON has no infinity: equal pictures have a null PSNR
-    print_json({{"psnr", std::isfinite(d.psnr) ? nlohmann::json(d.psnr) : nlohmann::json()},
-                {"ssim", d.ssim},
-                {"equal", !std::isfinite(d.psnr)}});
-  else
-    print("PSNR {:.2f} dB  SSIM {:.4f}\n", d.psnr, d.ssim);
-  if (d.psnr < arguments.min_psnr)
-    return fail(ErrorCode::differs, arguments.a, " and ", arguments.b, ": PSNR ", d.psnr,
-                " dB is below ", arguments.min_psnr);
-  return {};
 }
 
 }  // namespace
@@ -228,21 +199,6 @@ void add_raycast(CLI::App& app, Run& run) {
   a->camera.add_to(*command);
   command->add_option("-j,--threads", a->threads, "0: all cores")->capture_default_str();
   command->callback([a, &run] { run = [a] { return run_raycast(*a); }; });
-}
-
-void add_compare(CLI::App& app, Run& run) {
-  auto* command =
-      app.add_subcommand("compare", "PSNR and SSIM of two pictures, and their difference");
-  auto a = std::make_shared<CompareArguments>();
-  command->add_option("A", a->a, "Picture")->type_name(kAnyFile)->required();
-  command->add_option("B", a->b, "Picture of the same size")->type_name(kAnyFile)->required();
-  command->add_option("--diff", a->diff, "Write the difference picture here")->type_name(kAnyFile);
-  command->add_option("--gain", a->gain, "Differences are multiplied by this")
-      ->capture_default_str();
-  command->add_option("--min-psnr", a->min_psnr, "Exit with 7 when the PSNR is below this");
-  command->add_flag("-f,--force", a->force, "Overwrite the difference picture");
-  command->add_flag("--json", a->json, "JSON on stdout");
-  command->callback([a, &run] { run = [a] { return run_compare(*a); }; });
 }
 
 }  // namespace slf::cli

@@ -90,17 +90,22 @@ Result<void> run_export(const ExportArguments& a) {
     if (auto ok = refuse_overwrite(a.output, a.force); !ok) return ok;
   std::string base = a.output;
   while (base.size() > 1 && base.back() == '/') base.pop_back();
-  const std::string smaller = base + ".part.slf";
+  const std::string repacked_path = base + ".part.slf";
 
   auto field = Field::open(a.field);
   if (!field) return tl::unexpected(field.error());
-  const auto made = repack_if_requested(a, *field, smaller);
-  auto written = !made          ? Result<void>(tl::unexpected(made.error()))
-                 : a.one_file() ? view::export_page(*made ? smaller : a.field, a.output)
-                                : view::export_site(*made ? smaller : a.field, a.output, a.force);
-  if (written && *made) field = Field::open(smaller);
+  const auto repacked = repack_if_requested(a, *field, repacked_path);
+  Result<void> written;
+  if (!repacked) {
+    written = tl::unexpected(repacked.error());
+  } else {
+    const std::string& exported = *repacked ? repacked_path : a.field;
+    written = a.one_file() ? view::export_page(exported, a.output)
+                           : view::export_site(exported, a.output, a.force);
+    if (written && *repacked) field = Field::open(repacked_path);
+  }
   std::error_code ignored;
-  std::filesystem::remove(smaller, ignored);
+  std::filesystem::remove(repacked_path, ignored);
   if (!written || !field) return written;
   const std::uint64_t bytes = field->file_bytes();
   if (a.json)

@@ -36,6 +36,13 @@ std::uint8_t pair_symbol(std::uint16_t first, std::uint16_t second) {
   return static_cast<std::uint8_t>(a * kPairSide + b);
 }
 
+// How many lanes have no coverage.
+unsigned uncovered(const LaneValues& coverage) {
+  unsigned count = 0;
+  for (const std::uint16_t value : coverage) count += value == 0 ? 1 : 0;
+  return count;
+}
+
 // Calls use(group, column, lane) for every stored sample, in stream order.
 template <class Use>
 void for_each_stored(const LaneStack& stack, Use use) {
@@ -49,43 +56,32 @@ void for_each_stored(const LaneStack& stack, Use use) {
   }
 }
 
-// How many lanes have no coverage.
-unsigned uncovered(const LaneValues& coverage) {
-  unsigned count = 0;
-  for (const std::uint16_t value : coverage) count += value == 0 ? 1 : 0;
-  return count;
-}
-
-// Calls take(group, column, lane) for every stored sample. For columns without gaps calls
-// take_all(group, column) instead, so that its loop has constant length.
-template <class TakeAll, class Take>
-void for_each_stored(const LaneStack& stack, TakeAll take_all, Take take) {
+// The same, but calls use_all(group, column) for columns in which all lanes are stored, so that its
+// loop has constant length.
+template <class UseAll, class Use>
+void for_each_stored(const LaneStack& stack, UseAll use_all, Use use) {
   const std::size_t columns = stack.tile.columns();
   for (std::size_t group = 0; group < group_count(stack.tile); ++group) {
     const std::size_t lanes = lanes_of(stack.tile, group);
     const LaneValues* coverage = stack.coverage_of(group);
     for (std::size_t column = 0; column < columns; ++column) {
       if (lanes == kLaneCount && (!coverage || uncovered(coverage[column]) == 0)) {
-        take_all(group, column);
+        use_all(group, column);
         continue;
       }
       for (std::size_t lane = 0; lane < lanes; ++lane)
-        if (!coverage || coverage[column][lane] != 0) take(group, column, lane);
+        if (!coverage || coverage[column][lane] != 0) use(group, column, lane);
     }
   }
 }
 
-}  // namespace
-
-LaneStack::LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneValues* covered_by)
-    : tile(of_tile), group(of_group), coverage(covered_by), stored(tile.rows() * tile.columns()) {
-  if (!coverage) return;
-  stored = 0;
-  // Lanes without a picture have no coverage.
-  for (std::size_t i = 0; i < group_count(tile) * tile.columns(); ++i)
-    stored += kLaneCount - uncovered(coverage[i]);
+// The residuals of channel 1 in a column of a group. Those of channel 2 are one channel further.
+template <class Values>
+Values* pair_of(const LaneStack& stack, Values* residuals, std::size_t group, std::size_t column) {
+  return residuals + stack.offset(group) + stack.tile.columns() + column;
 }
 
+// Appends one zstd frame per byte of a channel's residuals, least significant byte first.
 Result<void> append_channel(const LaneStack& stack, std::size_t channel,
                             const LaneValues* residuals, int level, Bytes& payload) {
   thread_local Scratch<std::uint8_t> scratch;
@@ -101,6 +97,7 @@ Result<void> append_channel(const LaneStack& stack, std::size_t channel,
   return {};
 }
 
+// Undoes append_channel and removes the bytes it read from the front of `payload`; untrusted.
 Result<void> read_channel(const LaneStack& stack, std::size_t channel, ByteSpan& payload,
                           LaneValues* residuals) {
   thread_local Scratch<std::uint8_t> scratch;
@@ -130,6 +127,8 @@ Result<void> read_channel(const LaneStack& stack, std::size_t channel, ByteSpan&
   return {};
 }
 
+// Appends channels 1 and 2 as one stream of pairs. Their residuals are small and need little more
+// than one bit each, while a Huffman code spends at least one bit per symbol.
 Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals, int level,
                          Bytes& payload) {
   thread_local Scratch<std::uint8_t> symbol_scratch, escape_scratch;
@@ -139,10 +138,11 @@ Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals, in
   std::uint8_t* to = symbols.data();
   std::size_t escaped = 0;
   for_each_stored(stack, [&](std::size_t group, std::size_t column, std::size_t lane) {
-    const LaneValues* channel = residuals + stack.offset(group) + columns + column;
-    const std::uint16_t first = channel[0][lane], second = channel[columns][lane];
-    *to = pair_symbol(first, second);
-    if (*to++ != kPairEscape) return;
+    const LaneValues* pair = pair_of(stack, residuals, group, column);
+    const std::uint16_t first = pair[0][lane], second = pair[columns][lane];
+    const std::uint8_t symbol = pair_symbol(first, second);
+    *to++ = symbol;
+    if (symbol != kPairEscape) return;
     escapes[escaped++] = static_cast<std::uint8_t>(first);
     escapes[escaped++] = static_cast<std::uint8_t>(second);
   });
@@ -150,6 +150,7 @@ Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals, in
   return append_stream(std::as_bytes(escapes.first(escaped)), level, payload);
 }
 
+// Undoes append_pair and removes the bytes it read from the front of `payload`; untrusted.
 Result<void> read_pair(const LaneStack& stack, ByteSpan& payload, LaneValues* residuals) {
   thread_local Scratch<std::uint8_t> symbol_scratch, escape_scratch;
   const std::span<std::uint8_t> symbols = symbol_scratch.take(stack.stored);
@@ -164,35 +165,43 @@ Result<void> read_pair(const LaneStack& stack, ByteSpan& payload, LaneValues* re
   const std::size_t columns = stack.tile.columns();
   const std::uint8_t* from = symbols.data();
   const std::uint8_t* escape = escapes.data();
-  const auto take = [&](LaneValues* channel, std::size_t lane) {
+  const auto read_one = [&](LaneValues* pair, std::size_t lane) {
     const std::uint8_t symbol = *from++;
-    const Pair pair = symbol == kPairEscape ? Pair{escape[0], escape[1]} : kPairs[symbol];
+    const Pair values = symbol == kPairEscape ? Pair{escape[0], escape[1]} : kPairs[symbol];
     if (symbol == kPairEscape) escape += 2;
-    channel[0][lane] = pair[0];
-    channel[columns][lane] = pair[1];
-  };
-  const auto at = [&](std::size_t group, std::size_t column) {
-    return residuals + stack.offset(group) + columns + column;
+    pair[0][lane] = values[0];
+    pair[columns][lane] = values[1];
   };
   for (std::size_t group = 0; group < group_count(stack.tile); ++group)
-    std::fill_n(at(group, 0), 2 * columns, LaneValues{});
+    std::fill_n(pair_of(stack, residuals, group, 0), 2 * columns, LaneValues{});
   for_each_stored(
       stack,
       [&](std::size_t group, std::size_t column) {
-        LaneValues* channel = at(group, column);
-        for (std::size_t lane = 0; lane < kLaneCount; ++lane) take(channel, lane);
+        LaneValues* pair = pair_of(stack, residuals, group, column);
+        for (std::size_t lane = 0; lane < kLaneCount; ++lane) read_one(pair, lane);
       },
       [&](std::size_t group, std::size_t column, std::size_t lane) {
-        take(at(group, column), lane);
+        read_one(pair_of(stack, residuals, group, column), lane);
       });
   return {};
 }
 
 // The median predictor suits alpha, which is flat almost everywhere and has sharp edges.
-static constexpr ChannelPredictor median;
+constexpr ChannelPredictor kMedian;
+
+}  // namespace
+
+LaneStack::LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneValues* covered_by)
+    : tile(of_tile), group(of_group), coverage(covered_by), stored(tile.rows() * tile.columns()) {
+  if (!coverage) return;
+  stored = 0;
+  // Lanes without a picture have no coverage.
+  for (std::size_t i = 0; i < group_count(tile) * tile.columns(); ++i)
+    stored += kLaneCount - uncovered(coverage[i]);
+}
 
 LaneStack alpha_stack(const Tile& tile) {
-  return LaneStack(tile, {tile.side, value_bits(tile.format), {&median, 1}}, nullptr);
+  return LaneStack(tile, {tile.side, value_bits(tile.format), {&kMedian, 1}}, nullptr);
 }
 
 Result<void> append_stack(const LaneStack& stack, const LaneValues* values, LaneValues* residuals,

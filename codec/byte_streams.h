@@ -44,23 +44,6 @@ struct LaneStack {
   }
 };
 
-/// Appends one zstd frame per byte of a channel's residuals, least significant byte first.
-[[nodiscard]] Result<void> append_channel(const LaneStack& stack, std::size_t channel,
-                                          const LaneValues* residuals, int level, Bytes& payload);
-
-/// Undoes append_channel and removes the bytes it read from the front of `payload`; untrusted.
-[[nodiscard]] Result<void> read_channel(const LaneStack& stack, std::size_t channel,
-                                        ByteSpan& payload, LaneValues* residuals);
-
-/// Appends channels 1 and 2 as one stream of pairs. Their residuals are small and need little more
-/// than one bit each, while a Huffman code spends at least one bit per symbol.
-[[nodiscard]] Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals,
-                                       int level, Bytes& payload);
-
-/// Undoes append_pair and removes the bytes it read from the front of `payload`; untrusted.
-[[nodiscard]] Result<void> read_pair(const LaneStack& stack, ByteSpan& payload,
-                                     LaneValues* residuals);
-
 /// The stack for a tile's alpha: one channel that is flat almost everywhere and has sharp edges.
 [[nodiscard]] LaneStack alpha_stack(const Tile& tile);
 

@@ -47,7 +47,8 @@ void append(Bytes& to, std::initializer_list<int> values) {
   for (const int value : values) to.push_back(static_cast<std::byte>(value));
 }
 
-// The part of a JPEG stream before its entropy-coded bytes.
+// The part of a JPEG stream before its entropy-coded bytes: the tables, a frame header (SOF0) and a
+// scan header (SOS).
 Bytes stream_header(const JpegTables& tables, const JpegShape& shape) {
   Bytes bytes = to_bytes(tables);
   bytes.resize(bytes.size() - 2);  // EOI
@@ -148,7 +149,7 @@ class Decompressor {
 };
 
 // In entropy-coded bytes every FF is followed by a stuffed 00; anything else is a marker.
-bool holds_marker(ByteSpan scan) {
+bool has_marker(ByteSpan scan) {
   const std::byte* at = scan.data();
   const std::byte* const end = at + scan.size();
   while (at != end) {
@@ -165,7 +166,7 @@ bool holds_marker(ByteSpan scan) {
 Result<void> decode_scan(const JpegTables& tables, const JpegShape& shape, ByteSpan scan,
                          std::span<std::uint8_t> pixels) {
   assert(pixels.size() == std::size_t{shape.width} * shape.height * pixel_bytes(shape.color));
-  if (holds_marker(scan)) return fail(ErrorCode::bad_file, "JPEG: a marker inside the scan");
+  if (has_marker(scan)) return fail(ErrorCode::bad_file, "JPEG: a marker inside the scan");
   thread_local Decompressor decompressor;
   const Bytes header = stream_header(tables, shape);
   if (const char* wrong = decompressor.decode(header, scan, shape, pixels.data()))

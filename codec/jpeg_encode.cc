@@ -13,6 +13,9 @@ namespace {
 
 constexpr std::size_t kSide = 8;
 
+// Symbols of AC tables that no level follows: 16 zeros, and zeros up to the end of the block.
+constexpr unsigned kSixteenZeros = 0xF0, kEndOfBlock = 0x00;
+
 // The squared error that is worth one bit, relative to the squared quantisation step. On tiles of a
 // brain this value gave the fewest bytes at equal error.
 constexpr float kErrorPerBit = 0.09f;
@@ -60,6 +63,7 @@ void to_ycbcr(std::array<std::vector<float>, 3>& planes) {
   }
 }
 
+// Replaces each square of 2 × 2 pixels by its mean, in place.
 void halve(std::size_t width, std::size_t height, std::vector<float>& plane) {
   for (std::size_t y = 0; y < height / 2; ++y)
     for (std::size_t x = 0; x < width / 2; ++x) {
@@ -69,8 +73,8 @@ void halve(std::size_t width, std::size_t height, std::vector<float>& plane) {
 }
 
 // Makes the blocks of a plane, whose sides are `scale` times shorter than those of the weights.
-JpegCoefficients::Component split(const JpegPicture& picture, std::size_t plane,
-                                  std::size_t scale) {
+JpegCoefficients::Component make_blocks(const JpegPicture& picture, std::size_t plane,
+                                        std::size_t scale) {
   JpegCoefficients::Component component;
   const std::size_t width = picture.shape.width, stride = width / scale;
   component.across = static_cast<std::uint32_t>(stride / kSide);
@@ -165,7 +169,7 @@ class Quantiser {
     for (std::size_t n = 0; n < count_; ++n) {
       const bool at_end = node_[n].position == 63;
       const float cost = node_[n].cost + (zeroed[63] - zeroed[node_[n].position]) +
-                         (at_end ? 0 : block_error_per_bit_ * float(codes_.length[0x00]));
+                         (at_end ? 0 : block_error_per_bit_ * float(codes_.length[kEndOfBlock]));
       if (cost < best) {
         best = cost;
         last = n;
@@ -196,7 +200,7 @@ class Quantiser {
         const std::size_t run = position - node_[n].position - 1, runs_of_16 = run / 16;
         const unsigned symbol = static_cast<unsigned>(run % 16 * 16) | size;
         const float bits = float(codes_.length[symbol]) + float(size) +
-                           float(runs_of_16) * float(codes_.length[0xF0]);
+                           float(runs_of_16) * float(codes_.length[kSixteenZeros]);
         const float cost = node_[n].cost + (zeroed[position - 1] - zeroed[node_[n].position]) +
                            block_error_per_bit_ * bits;
         if (cost >= node.cost) continue;
@@ -212,7 +216,7 @@ class Quantiser {
   const Codes& codes_;
   float error_per_bit_;
   float block_error_per_bit_ = 0;
-  std::array<Node, 127> node_;
+  std::array<Node, 1 + 2 * 63> node_;  // the start, and up to two levels at each position
   std::size_t count_ = 0;
 };
 
@@ -235,12 +239,12 @@ class BlockCoder {
         ++run;
         continue;
       }
-      for (; run >= 16; run -= 16) put(ac_, ac_counts_, 0xF0, 0, 0);
+      for (; run >= 16; run -= 16) put(ac_, ac_counts_, kSixteenZeros, 0, 0);
       const unsigned size = size_of(levels[i]);
       put(ac_, ac_counts_, run << 4 | size, levels[i], size);
       run = 0;
     }
-    if (run > 0) put(ac_, ac_counts_, 0x00, 0, 0);
+    if (run > 0) put(ac_, ac_counts_, kEndOfBlock, 0, 0);
   }
 
  private:
@@ -279,7 +283,7 @@ JpegCoefficients::JpegCoefficients(JpegPicture picture) : color_(picture.shape.c
   const std::size_t scale = color_ == JpegColor::ycbcr_420 ? 2 : 1;
   for (std::size_t i = 0; i < planes; ++i) {
     if (i > 0 && scale == 2) halve(width, height, picture.planes[i]);
-    components_.push_back(split(picture, i, i == 0 ? 1 : scale));
+    components_.push_back(make_blocks(picture, i, i == 0 ? 1 : scale));
   }
 }
 
@@ -310,10 +314,12 @@ void encode_scan(const JpegTables& tables, const JpegCoefficients& picture, Byte
           for (std::uint32_t u = 0; u < scale; ++u) {
             const auto& block =
                 component.blocks[std::size_t{y * scale + v} * component.across + x * scale + u];
-            if (block.coverage > 0)
+            if (block.coverage > 0) {
               quantisers[i == 0 ? 0 : 1].quantise(block, levels);
-            else
-              (levels = {})[0] = static_cast<std::int16_t>(coders[i].last_dc());
+            } else {  // nothing shows it: the mean of the block before takes the fewest bits
+              levels = {};
+              levels[0] = static_cast<std::int16_t>(coders[i].last_dc());
+            }
             coders[i].code(levels);
           }
       }

@@ -17,11 +17,13 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view kModuleFile = "module.bin";
-constexpr std::size_t kPieceBytes = std::size_t{3} << 20;  // a multiple of 3, for base64
+// The field is embedded in pieces of base64. This is a multiple of 3, so that only the last piece
+// has padding.
+constexpr std::size_t kPieceBytes = std::size_t{3} << 20;
 
 /// Inside one file, scripts cannot import each other by name. So this script gives each module an
 /// address of its own, in the order of the imports. The worker gets the text of the module that it
-/// imports instead.
+/// imports instead. PIECE and SIZE stand for numbers.
 constexpr std::string_view kStartScript = R"(<script>
 {
   const texts = {}, urls = {};
@@ -67,13 +69,13 @@ std::string_view file_named(std::string_view name) {
   return {};
 }
 
-void replace(std::string& text, std::string_view what, std::string_view by) {
+void replace_first(std::string& text, std::string_view what, std::string_view by) {
   if (const std::size_t at = text.find(what); at != std::string::npos)
     text.replace(at, what.size(), by);
 }
 
 /// Checks that the file is a field, and returns its size.
-Result<std::uint64_t> check(const std::string& path) {
+Result<std::uint64_t> field_size(const std::string& path) {
   const auto field = Field::open(path);
   if (!field) return tl::unexpected(field.error());
   return field->file_bytes();
@@ -93,7 +95,7 @@ std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
 }
 
 Result<void> export_page(const std::string& field, const std::string& output) {
-  const auto size = check(field);
+  const auto size = field_size(field);
   if (!size) return tl::unexpected(size.error());
   if (*size > kMaxEmbeddedBytes)
     return fail(ErrorCode::unsupported, field, ": ", *size, " bytes are too many for one page; ",
@@ -114,20 +116,21 @@ Result<void> export_page(const std::string& field, const std::string& output) {
     scripts += "<script type=\"text/plain\" class=\"piece\">" +
                base64(content.substr(at, kPieceBytes)) + "</script>\n";
   std::string start(kStartScript);
-  replace(start, "PIECE", std::to_string(kPieceBytes));
-  replace(start, "SIZE", std::to_string(content.size()));
+  replace_first(start, "PIECE", std::to_string(kPieceBytes));
+  replace_first(start, "SIZE", std::to_string(content.size()));
 
+  // In place of links to files: their content.
   std::string html(file_named("index.html"));
   const std::size_t preloads = html.find("<link rel=\"modulepreload\"");
   html.erase(preloads, html.find("</head>") - preloads);
-  replace(html, "<link rel=\"stylesheet\" href=\"style.css\">",
-          "<style>\n" + std::string(file_named("style.css")) + "</style>");
-  replace(html, "<script type=\"module\" src=\"main.js\"></script>\n", scripts + start);
+  replace_first(html, "<link rel=\"stylesheet\" href=\"style.css\">",
+                "<style>\n" + std::string(file_named("style.css")) + "</style>");
+  replace_first(html, "<script type=\"module\" src=\"main.js\"></script>\n", scripts + start);
   return write_file(output, std::as_bytes(std::span(html.data(), html.size())));
 }
 
 Result<void> export_site(const std::string& field, const std::string& folder, bool force) {
-  if (auto size = check(field); !size) return tl::unexpected(size.error());
+  if (auto size = field_size(field); !size) return tl::unexpected(size.error());
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return fail(ErrorCode::io, folder, ": cannot create: ", error.message());

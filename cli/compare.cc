@@ -1,0 +1,58 @@
+// slf compare: PSNR and SSIM of two pictures.
+#include <cmath>
+
+#include "cli/command.h"
+#include "slf/image.h"
+
+namespace slf::cli {
+namespace {
+
+struct CompareArguments {
+  std::string a, b, diff;
+  float gain = 4;
+  double min_psnr = 0;
+  bool force = false, json = false;
+};
+
+Result<void> run_compare(const CompareArguments& arguments) {
+  const auto a = read_image(arguments.a);
+  if (!a) return tl::unexpected(a.error());
+  const auto b = read_image(arguments.b);
+  if (!b) return tl::unexpected(b.error());
+  if (a->width != b->width || a->height != b->height)
+    return fail(ErrorCode::usage, arguments.a, " is ", a->width, "x", a->height, ", ", arguments.b,
+                " is ", b->width, "x", b->height, ": only pictures of one size can be compared");
+  const ImageDifference d = compare(*a, *b);
+  if (!arguments.diff.empty()) {
+    if (auto ok = refuse_overwrite(arguments.diff, arguments.force); !ok) return ok;
+    if (auto ok = write_image(arguments.diff, difference(*a, *b, arguments.gain)); !ok) return ok;
+  }
+  if (arguments.json)
+    print_json(
+        {{"psnr", finite_or_null(d.psnr)}, {"ssim", d.ssim}, {"equal", !std::isfinite(d.psnr)}});
+  else
+    print("PSNR {:.2f} dB  SSIM {:.4f}\n", d.psnr, d.ssim);
+  if (d.psnr < arguments.min_psnr)
+    return fail(ErrorCode::differs, arguments.a, " and ", arguments.b, ": PSNR ", d.psnr,
+                " dB is below ", arguments.min_psnr);
+  return {};
+}
+
+}  // namespace
+
+void add_compare(CLI::App& app, Run& run) {
+  auto* command =
+      app.add_subcommand("compare", "PSNR and SSIM of two pictures, and their difference");
+  auto a = std::make_shared<CompareArguments>();
+  command->add_option("A", a->a, "Picture")->type_name(kAnyFile)->required();
+  command->add_option("B", a->b, "Picture of the same size")->type_name(kAnyFile)->required();
+  command->add_option("--diff", a->diff, "Write the difference picture here")->type_name(kAnyFile);
+  command->add_option("--gain", a->gain, "Differences are multiplied by this")
+      ->capture_default_str();
+  command->add_option("--min-psnr", a->min_psnr, "Exit with 7 when the PSNR is below this");
+  command->add_flag("-f,--force", a->force, "Overwrite the difference picture");
+  command->add_flag("--json", a->json, "JSON on stdout");
+  command->callback([a, &run] { run = [a] { return run_compare(*a); }; });
+}
+
+}  // namespace slf::cli
