@@ -8,6 +8,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include "tests/temporary_folder.h"
+
 namespace slf {
 namespace {
 
@@ -15,12 +17,6 @@ namespace fs = std::filesystem;
 
 class Files : public ::testing::Test {
  protected:
-  Files() {
-    std::string name = fs::temp_directory_path() / "slf-file-XXXXXX";
-    folder_ = mkdtemp(name.data());
-  }
-  ~Files() override { fs::remove_all(folder_); }
-
   [[nodiscard]] std::string at(const std::string& name) const { return folder_ / name; }
   void write(const std::string& name, const std::string& text) const {
     std::ofstream(at(name)) << text;
@@ -33,12 +29,9 @@ class Files : public ::testing::Test {
     struct stat status {};
     return ::stat(at(name).c_str(), &status) == 0 ? status.st_mode & 07777 : 0;
   }
-  [[nodiscard]] std::size_t count() const {
-    return static_cast<std::size_t>(
-        std::distance(fs::directory_iterator(folder_), fs::directory_iterator()));
-  }
+  [[nodiscard]] std::size_t count() const { return folder_.files().size(); }
 
-  fs::path folder_;
+  testing::TemporaryFolder folder_{fs::temp_directory_path()};
 };
 
 ByteSpan bytes(const std::string& text) { return as_bytes(std::span<const char>(text)); }

@@ -15,6 +15,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/temporary_folder.h"
+
 namespace slf::testing {
 
 inline std::string read_text(const std::string& path) {
@@ -22,30 +24,9 @@ inline std::string read_text(const std::string& path) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-/// A folder of one test, removed with it, in which commands run.
-class Workplace {
- public:
-  Workplace() {
-    std::string name = std::filesystem::temp_directory_path() / "slf-cli-XXXXXX";
-    path_ = mkdtemp(name.data());
-  }
-  ~Workplace() {
-    std::error_code ignored;
-    std::filesystem::permissions(path_, std::filesystem::perms::all, ignored);
-    std::filesystem::remove_all(path_, ignored);
-  }
-  [[nodiscard]] std::string operator/(const std::string& name) const { return path_ + "/" + name; }
-  [[nodiscard]] const std::string& path() const { return path_; }
-  [[nodiscard]] std::vector<std::string> files() const {
-    std::vector<std::string> names;
-    for (const auto& entry : std::filesystem::directory_iterator(path_))
-      names.push_back(entry.path().filename());
-    std::sort(names.begin(), names.end());
-    return names;
-  }
-
- private:
-  std::string path_;
+/// The folder of one test, on a disk, in which commands run.
+struct Workplace : TemporaryFolder {
+  Workplace() : TemporaryFolder(std::filesystem::temp_directory_path()) {}
 };
 
 struct Outcome {

@@ -15,36 +15,9 @@
 #include "slf/field.h"
 #include "slf/render.h"
 #include "slf/scene.h"
+#include "tests/temporary_folder.h"
 
 namespace slf::testing {
-
-/// A folder of one test, in memory where there is /dev/shm; removed with it.
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    const std::filesystem::path memory = "/dev/shm";
-    std::string name =
-        (access(memory.c_str(), W_OK) == 0 ? memory : std::filesystem::temp_directory_path()) /
-        "slf-test-XXXXXX";
-    path_ = mkdtemp(name.data());
-  }
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  [[nodiscard]] std::string operator/(const std::string& name) const { return path_ + "/" + name; }
-  /// The names of what is in it, sorted.
-  [[nodiscard]] std::vector<std::string> files() const {
-    std::vector<std::string> names;
-    for (const auto& entry : std::filesystem::directory_iterator(path_))
-      names.push_back(entry.path().filename());
-    std::sort(names.begin(), names.end());
-    return names;
-  }
-
- private:
-  std::string path_;
-};
 
 /// The vertices of lattice(n).
 inline std::vector<LatticeVertex> all_vertices(std::int32_t n) {
@@ -120,5 +93,25 @@ inline Image draw(const Field& field, const Camera& camera, const ViewOptions& v
   EXPECT_TRUE(image) << (image ? "" : image.error().message);
   return image ? std::move(*image) : Image{};
 }
+
+/// Tests of one field of the balls, built once for each suite.
+class BallsTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    scene_ = std::move(*make_analytic_scene("balls")).release();
+    field_ =
+        new Field(*build_and_open(*scene_, *folder_ / "balls.slf", lossless_options(4, 16, 2)));
+  }
+  static void TearDownTestSuite() {
+    delete field_;
+    delete scene_;
+    delete folder_;
+  }
+
+  static inline TemporaryFolder* folder_ = nullptr;
+  static inline Scene* scene_ = nullptr;
+  static inline Field* field_ = nullptr;
+};
 
 }  // namespace slf::testing

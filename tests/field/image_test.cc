@@ -12,28 +12,21 @@
 #include <fstream>
 #include <limits>
 
+#include "tests/temporary_folder.h"
+
 namespace slf {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::HasSubstr;
+using ::testing::HasSubstr;
 
-/// A folder of its own for each test, gone afterwards.
-class ImageFile : public testing::Test {
+/// A folder of its own for each test.
+class ImageFile : public ::testing::Test {
  protected:
-  ImageFile() {
-    std::string name = (fs::temp_directory_path() / "slf-image-XXXXXX").string();
-    folder_ = ::mkdtemp(name.data());
-  }
-  ~ImageFile() override { fs::remove_all(folder_); }
-
   [[nodiscard]] std::string path(const std::string& name) const { return folder_ / name; }
-  [[nodiscard]] int files() const {
-    return static_cast<int>(
-        std::distance(fs::directory_iterator(folder_), fs::directory_iterator()));
-  }
+  [[nodiscard]] int files() const { return static_cast<int>(folder_.files().size()); }
 
-  fs::path folder_;
+  testing::TemporaryFolder folder_{fs::temp_directory_path()};
 };
 
 float unit(std::uint32_t byte) { return static_cast<float>(byte) / 255; }
@@ -62,13 +55,13 @@ TEST(ToRgb8, RoundsToNearestAndClamps) {
   for (const float value : {0.49F / 255, 0.51F / 255, 254.4F / 255, 7.0F, -1.0F})
     image.rgba.emplace_back(value, 0.5F, std::numeric_limits<float>::quiet_NaN(), 1);
   EXPECT_THAT(to_rgb8(image),
-              testing::ElementsAre(0, 128, 0, 1, 128, 0, 254, 128, 0, 255, 128, 0, 0, 128, 0));
+              ::testing::ElementsAre(0, 128, 0, 1, 128, 0, 254, 128, 0, 255, 128, 0, 0, 128, 0));
 }
 
 TEST(ToRgb8, PutsThePictureOverTheBackground) {
   const Image image{2, 1, {glm::vec4(0.2F, 0, 0, 0.2F), glm::vec4(0)}, {}};
   EXPECT_THAT(to_rgb8(image, glm::vec3(1, 0.5F, 0)),
-              testing::ElementsAre(255, 102, 0, 255, 128, 0));
+              ::testing::ElementsAre(255, 102, 0, 255, 128, 0));
 }
 
 TEST_F(ImageFile, PngKeepsEveryByte) {
@@ -186,7 +179,7 @@ TEST_F(ImageFile, MissingFilesFoldersAndNonPicturesAreNamed) {
   const auto missing = read_image(path("none.png"));
   EXPECT_EQ(missing.error().code, ErrorCode::io);
   EXPECT_THAT(missing.error().message, HasSubstr(path("none.png") + ": cannot open: No such file"));
-  EXPECT_EQ(read_image(folder_).error().code, ErrorCode::io);
+  EXPECT_EQ(read_image(folder_.path()).error().code, ErrorCode::io);
   std::ofstream(path("text.png")) << "not a picture";
   EXPECT_EQ(read_image(path("text.png")).error().code, ErrorCode::bad_file);
 }
@@ -207,11 +200,11 @@ TEST_F(ImageFile, ReadOnlyFolderIsAnIoError) {
   // Root may write anywhere, so root becomes nobody for a moment.
   constexpr uid_t kNobody = 65534;
   const bool root = ::geteuid() == 0;
-  fs::permissions(folder_, fs::perms(0555));
+  fs::permissions(folder_.path(), fs::perms(0555));
   ASSERT_EQ(root ? ::seteuid(kNobody) : 0, 0);
   const auto written = write_image(path("a.png"), gradient(2, 2));
   ASSERT_EQ(root ? ::seteuid(0) : 0, 0);
-  fs::permissions(folder_, fs::perms::owner_all);
+  fs::permissions(folder_.path(), fs::perms::owner_all);
   ASSERT_FALSE(written);
   EXPECT_THAT(written.error().message, HasSubstr("a.png: cannot write: Permission denied"));
 }

@@ -20,20 +20,8 @@ using testing::build_and_open;
 using testing::lossless_options;
 using testing::TemporaryFolder;
 
-/// A field of the balls, built once for all tests here.
-class Play : public ::testing::Test {
+class Play : public testing::BallsTest {
  protected:
-  static void SetUpTestSuite() {
-    folder_ = new TemporaryFolder;
-    scene_ = std::move(*make_analytic_scene("balls")).release();
-    field_ =
-        new Field(*build_and_open(*scene_, *folder_ / "balls.slf", lossless_options(4, 16, 2)));
-  }
-  static void TearDownTestSuite() {
-    delete field_;
-    delete scene_;
-    delete folder_;
-  }
   static Camera camera(double azimuth) {
     return orbit_camera(field_->shape().sphere, azimuth, 20, 3, 160, 120);
   }
@@ -61,10 +49,6 @@ class Play : public ::testing::Test {
   static Image rendered(const Camera& camera, const ViewOptions& view) {
     return *Renderer(*field_).render(camera, view);
   }
-
-  static inline TemporaryFolder* folder_ = nullptr;
-  static inline Scene* scene_ = nullptr;
-  static inline Field* field_ = nullptr;
 };
 
 TEST_F(Play, TheFirstFrameIsTheCoarsestLevelAndTheNextWhatWasLoaded) {

@@ -25,24 +25,7 @@ using testing::TemporaryFolder;
 constexpr RenderMode kModes[] = {RenderMode::nearest, RenderMode::uv, RenderMode::st,
                                  RenderMode::bitri, RenderMode::depth};
 
-/// A field of the balls, built once for all tests here.
-class Render : public ::testing::Test {
- protected:
-  static void SetUpTestSuite() {
-    folder_ = new TemporaryFolder;
-    scene_ = std::move(*make_analytic_scene("balls")).release();
-    field_ =
-        new Field(*build_and_open(*scene_, *folder_ / "balls.slf", lossless_options(4, 16, 2)));
-  }
-  static void TearDownTestSuite() {
-    delete field_;
-    delete scene_;
-    delete folder_;
-  }
-  static inline TemporaryFolder* folder_ = nullptr;
-  static inline Scene* scene_ = nullptr;
-  static inline Field* field_ = nullptr;
-};
+class Render : public testing::BallsTest {};
 
 TEST_F(Render, QualityRisesFromNearestToBiTriangleToDepth) {
   const auto cameras = random_cameras(field_->shape().sphere, 3, 4, 5, 128, 128);

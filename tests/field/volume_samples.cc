@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 #include <zlib.h>
 
 #include <bit>
@@ -74,20 +73,12 @@ std::string deflate_with(const std::string& bytes, int window) {
 
 }  // namespace
 
-Folder::Folder() {
-  // In memory where there is such a place: these tests write thousands of small files.
-  const std::filesystem::path memory = "/dev/shm";
-  const auto base =
-      std::filesystem::is_directory(memory) ? memory : std::filesystem::temp_directory_path();
-  std::string name = (base / "slf-volume-XXXXXX").string();
-  folder_ = ::mkdtemp(name.data());
-}
-Folder::~Folder() { std::filesystem::remove_all(folder_); }
-std::string Folder::path(const std::string& name) const { return (folder_ / name).string(); }
+std::string Folder::path(const std::string& name) const { return folder_ / name; }
 std::string Folder::write(const std::string& name, const std::string& bytes) const {
-  std::filesystem::create_directories((folder_ / name).parent_path());
-  std::ofstream(folder_ / name, std::ios::binary) << bytes;
-  return path(name);
+  const std::filesystem::path file = path(name);
+  std::filesystem::create_directories(file.parent_path());
+  std::ofstream(file, std::ios::binary) << bytes;
+  return file;
 }
 
 double phantom_value(std::uint32_t i, std::uint32_t j, std::uint32_t k) {

@@ -8,22 +8,18 @@
 #include <vector>
 
 #include "slf/volume.h"
+#include "tests/temporary_folder.h"
 
 namespace slf::samples {
 
-/// A folder of its own for one test, removed with it.
 class Folder {
  public:
-  Folder();
-  ~Folder();
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
   /// Writes a file in it and returns its path.
   std::string write(const std::string& name, const std::string& bytes) const;
   std::string path(const std::string& name = "") const;
 
  private:
-  std::filesystem::path folder_;
+  slf::testing::TemporaryFolder folder_;
 };
 
 inline constexpr std::array<ScalarType, 10> kAllTypes = {

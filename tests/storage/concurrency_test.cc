@@ -33,7 +33,7 @@ std::uint64_t check_whole(const TileStore& store) {
 
 TEST(Concurrency, EveryReaderKeepsItsSnapshotWhileAWriterGoesOn) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   TileWriter writer = create(path, {"color"});
   std::atomic<bool> done = false;
   std::atomic<int> opened = 0;
@@ -83,7 +83,7 @@ TEST(Concurrency, EveryReaderKeepsItsSnapshotWhileAWriterGoesOn) {
 // The pages a snapshot needs stay, through many commits and rewrites of the same records.
 TEST(Concurrency, AnOldSnapshotOutlivesManyCommits) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   TileWriter writer = create(path, {"color"});
   for (std::uint64_t i = 0; i < 200; ++i)
     ASSERT_TRUE(ok(writer.append(0, {0, i}, expected_tile(i))));
@@ -102,7 +102,7 @@ TEST(Concurrency, AnOldSnapshotOutlivesManyCommits) {
 
 TEST(Concurrency, FreedPagesAreReusedWhenNobodyReadsThem) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   TileWriter writer = create(path, {"color"});
   ASSERT_TRUE(ok(writer.append(0, {0, 0}, tile_bytes(0, {}, 100000))));
   ASSERT_TRUE(ok(writer.append(0, {1, 0}, {})));
@@ -116,7 +116,7 @@ TEST(Concurrency, FreedPagesAreReusedWhenNobodyReadsThem) {
 
 TEST(Concurrency, AWriterWaitsForReadersOfOlderSnapshotsByRefusing) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   std::optional<TileStore> old;
   {
     TileWriter writer = create(path);
@@ -134,7 +134,7 @@ TEST(Concurrency, AWriterWaitsForReadersOfOlderSnapshotsByRefusing) {
 
 TEST(Concurrency, ManyStoresAndAWriterShareAProcess) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   TileWriter writer = create(path, {"color"});
   std::vector<TileStore> stores;
   for (std::uint64_t i = 0; i < 300; ++i) {
@@ -160,7 +160,7 @@ int in_child(const Body& body) {
 
 TEST(Concurrency, AWriterOfAnotherProcessIsRefusedToo) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   TileWriter writer = create(path);
   EXPECT_EQ(in_child([&] {
               const auto second = TileWriter::resume(path);
@@ -171,7 +171,7 @@ TEST(Concurrency, AWriterOfAnotherProcessIsRefusedToo) {
 
 TEST(Concurrency, AReaderNeedsNoWritePermissionAnywhere) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   {
     TileWriter writer = create(path, {"color"});
     for (std::uint64_t i = 0; i < 10; ++i)
@@ -187,7 +187,7 @@ TEST(Concurrency, AReaderNeedsNoWritePermissionAnywhere) {
     if (!store || check_whole(*store) != 10) return 1;
     const auto writer = TileWriter::resume(path);
     if (writer || writer.error().code != ErrorCode::io) return 2;
-    const auto made = TileWriter::create(folder.file("b.slf"), kTwoLayers, {});
+    const auto made = TileWriter::create(folder / "b.slf", kTwoLayers, {});
     return !made && made.error().code == ErrorCode::io ? 0 : 3;
   });
   ASSERT_EQ(chmod(folder.path().c_str(), 0755), 0);

@@ -81,7 +81,7 @@ void expect_complete(const std::string& path) {
 
 TEST(Crash, AKilledWriterLosesNothingItCommitted) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   std::mt19937 random(3);
   int killed = 0;
   for (int round = 0; killed < 200 && round < 2000 && !HasFailure(); ++round) {
@@ -119,7 +119,7 @@ void fail_each_call(int error, bool all_later) {
   int calls = 0;
   for (; failed && !::testing::Test::HasFailure(); ++calls) {
     TemporaryFolder folder;
-    const std::string path = folder.file("a.slf");
+    const std::string path = folder / "a.slf";
     std::uint64_t committed = 0;
     fail_after(calls, error, all_later);
     const auto done = build(path, [&](std::uint64_t count) { committed = count; });
@@ -147,7 +147,7 @@ TEST(Crash, APublishThatFailsLeavesTheOldFileAndTheNewOne) {
   int calls = 0, kept = 0;
   for (; failed && !HasFailure(); ++calls) {
     TemporaryFolder folder;
-    const std::string path = folder.file("a.slf"), draft = path + ".unfinished";
+    const std::string path = folder / "a.slf", draft = path + ".unfinished";
     const Model before{{{0, 1}, tile_bytes(0, {0, 1}, 5000)}};
     const Model after{{{0, 2}, tile_bytes(0, {0, 2}, 7000)}};
     const auto add = [](TileWriter& writer, const Model& model) {
@@ -182,7 +182,7 @@ TEST(Crash, APublishThatFailsLeavesTheOldFileAndTheNewOne) {
 
 TEST(Crash, ACommitThatFailedCanBeTriedAgain) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   TileWriter writer = create(path, {"color"});
   Model model;
   for (std::uint64_t i = 0; i < 100; ++i) {
@@ -201,7 +201,7 @@ TEST(Crash, ACommitThatFailedCanBeTriedAgain) {
 
 TEST(Crash, AFullDiskIsAnErrorThatSaysSo) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   const pid_t child = fork();
   if (child == 0) {
     signal(SIGXFSZ, SIG_IGN);

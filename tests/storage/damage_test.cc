@@ -137,7 +137,7 @@ class Damaged : public ::testing::Test {
   }
 
   TemporaryFolder folder_;
-  std::string path_ = folder_.file("small.slf");
+  std::string path_ = folder_ / "small.slf";
   Layers model_;
   Bytes bytes_;
   int file_ = -1;
@@ -183,7 +183,7 @@ TEST_F(Damaged, TheStructureCheckRunsOverAnything) {
 }
 
 TEST_F(Damaged, ResumingAFileWithAFlippedBitLosesNothingElse) {
-  const std::string copy = folder_.file("copy.slf");
+  const std::string copy = folder_ / "copy.slf";
   std::mt19937 random(1);
   std::vector<std::size_t> places;
   for (std::size_t at = 0; at < bytes_.size(); ++at)
@@ -289,7 +289,7 @@ TEST_F(Damaged, FaultsElsewhereGoToThePreviousHandler) {
     sigaction(SIGBUS, &action, nullptr);
     auto store = TileStore::open(path_);
     if (!store) return 1;
-    const std::string other = folder_.file("other");
+    const std::string other = folder_ / "other";
     write_file(other, Bytes(8192));
     const int file = ::open(other.c_str(), O_RDWR);
     auto* map = static_cast<volatile char*>(mmap(nullptr, 8192, PROT_READ, MAP_SHARED, file, 0));
@@ -311,7 +311,7 @@ TEST_F(Damaged, FaultsElsewhereGoToThePreviousHandler) {
 
 TEST(DamagedTree, SpottyDamageInALargerTreeIsReportedWithItsKeys) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   Layers model(1);
   {
     TileWriter writer = create(path, {"color"});
@@ -342,7 +342,7 @@ TEST(DamagedTree, SpottyDamageInALargerTreeIsReportedWithItsKeys) {
 
 TEST(DamagedRecord, CanBeMarkedMissingAndFilledAgain) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   Model model;
   {
     TileWriter writer = create(path, {"color"});

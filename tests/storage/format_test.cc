@@ -119,7 +119,7 @@ TEST(Format, TheContainerBlobIsTheseBytes) {
 // Random sizes around `mean`, as codecs give them.
 double file_over_payload(std::size_t mean, bool constant) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   std::mt19937 random(4);
   std::uint64_t payload = 0;
   TileWriter writer = create(path, {"color"});

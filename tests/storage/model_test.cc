@@ -139,7 +139,7 @@ class History {
 TEST(Model, AnyHistoryLeavesWhatItShould) {
   const bool passed = rc::check([] {
     TemporaryFolder folder;
-    History history(folder.file("a.slf"));
+    History history(folder / "a.slf");
     const auto length = *rc::gen::inRange(1, 25);
     for (int i = 0; i < length; ++i) {
       switch (*rc::gen::weightedElement<int>({{8, 0}, {4, 1}, {1, 2}, {1, 3}, {2, 4}, {1, 5}})) {

@@ -47,7 +47,7 @@ class RangedStoreTest : public ::testing::Test {
   }
 
   TemporaryFolder folder_;
-  const std::string path_ = folder_.file("ranged.slf");
+  const std::string path_ = folder_ / "ranged.slf";
   Bytes file_;
   std::uint64_t fetched_ = 0;
   int round_trips_ = 0;
@@ -178,7 +178,7 @@ bool reset_peak() {
 
 TEST(Index, IsWrittenWithoutTheFileInMemory) {
   const TemporaryFolder folder;
-  const std::string path = folder.file("large.slf");
+  const std::string path = folder / "large.slf";
   constexpr std::uint64_t kTileBytes = 4000, kTiles = 45'000;
   {
     TileWriter writer = create(path);

@@ -16,32 +16,11 @@
 
 #include "storage/tile_store.h"
 #include "storage/tile_writer.h"
+#include "tests/temporary_folder.h"
 
 namespace slf::storage::testing {
 
-/// A fresh folder, in memory where there is /dev/shm; removed with everything in it.
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    const std::filesystem::path memory = "/dev/shm";
-    std::string name =
-        ((access(memory.c_str(), W_OK) == 0 ? memory : std::filesystem::temp_directory_path()) /
-         "slf-storage-XXXXXX")
-            .string();
-    if (mkdtemp(name.data()) != nullptr) path_ = name;
-  }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  [[nodiscard]] std::string file(const std::string& name) const { return path_ + "/" + name; }
-  [[nodiscard]] const std::string& path() const { return path_; }
-
- private:
-  std::string path_;
-};
+using slf::testing::TemporaryFolder;
 
 /// Bytes that depend on the place and the seed, so that no two tiles are alike.
 inline Bytes tile_bytes(LayerId layer, TileKey key, std::size_t size, std::uint64_t seed = 0) {

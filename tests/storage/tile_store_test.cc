@@ -13,7 +13,7 @@ using ::testing::HasSubstr;
 
 TEST(TileStore, GivesBackTilesBlobsAndLayers) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   Model color;
   Model depth;
   {
@@ -46,7 +46,7 @@ TEST(TileStore, GivesBackTilesBlobsAndLayers) {
 
 TEST(TileStore, TellsMissingFromEmpty) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   {
     TileWriter writer = create(path);
     ASSERT_TRUE(ok(writer.append(0, {1, 10}, {})));
@@ -72,7 +72,7 @@ TEST(TileStore, TellsMissingFromEmpty) {
 
 TEST(TileStore, HoldsIndexesOf64Bits) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   Model model;
   {
     TileWriter writer = create(path, {"color"});
@@ -90,7 +90,7 @@ TEST(TileStore, HoldsIndexesOf64Bits) {
 
 TEST(TileStore, HoldsTilesOfAllSizes) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   Model model;
   {
     TileWriter writer = create(path, {"color"});
@@ -113,7 +113,7 @@ TEST(TileStore, HoldsTilesOfAllSizes) {
 
 TEST(TileStore, VisitsHalfOpenRanges) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   {
     TileWriter writer = create(path, {"color"});
     for (std::uint64_t i = 0; i < 5000; ++i)
@@ -145,7 +145,7 @@ TEST(TileStore, VisitsHalfOpenRanges) {
 
 TEST(TileStore, CountsTilesPerLevel) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   {
     TileWriter writer = create(path);
     for (std::uint8_t level = 0; level < 3; ++level)
@@ -173,7 +173,7 @@ TEST(TileStore, CountsTilesPerLevel) {
 
 TEST(TileStore, RangeAdviseAndReleaseConcernThePayload) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   const Bytes payload = tile_bytes(0, {0, 1}, 30000);
   {
     TileWriter writer = create(path, {"color"});
@@ -199,7 +199,7 @@ TEST(TileStore, RangeAdviseAndReleaseConcernThePayload) {
 
 TEST(TileStore, CopiesAPayloadPastTheMapAndChecksIt) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   const Bytes payload = tile_bytes(0, {0, 0}, 30000);
   {
     TileWriter writer = create(path, {"color"});
@@ -218,8 +218,8 @@ TEST(TileStore, CopiesAPayloadPastTheMapAndChecksIt) {
   Bytes file = read_file(path);
   const FileRange range = store->range(tile);
   file[range.begin + 20000] ^= std::byte{1};
-  write_file(folder.file("damaged.slf"), file);
-  const auto damaged = TileStore::open(folder.file("damaged.slf"));
+  write_file(folder / "damaged.slf", file);
+  const auto damaged = TileStore::open(folder / "damaged.slf");
   ASSERT_TRUE(ok(damaged));
   EXPECT_EQ(damaged->copy(*damaged->find(0, {0, 0}), copy).error().code, ErrorCode::bad_file);
 
@@ -232,35 +232,34 @@ TEST(TileStore, CopiesAPayloadPastTheMapAndChecksIt) {
 
 TEST(TileStore, SaysWhatIsWrongWithAFile) {
   TemporaryFolder folder;
-  const auto missing = TileStore::open(folder.file("none.slf"));
+  const auto missing = TileStore::open(folder / "none.slf");
   EXPECT_EQ(missing.error().code, ErrorCode::io);
   EXPECT_THAT(missing.error().message, HasSubstr("none.slf"));
   EXPECT_EQ(TileStore::open(folder.path()).error().code, ErrorCode::io);
-  write_file(folder.file("text"),
-             bytes_of("not a field, but a text that is long enough to be one"));
-  EXPECT_EQ(TileStore::open(folder.file("text")).error().code, ErrorCode::bad_file);
-  write_file(folder.file("empty"), {});
-  EXPECT_EQ(TileStore::open(folder.file("empty")).error().code, ErrorCode::bad_file);
+  write_file(folder / "text", bytes_of("not a field, but a text that is long enough to be one"));
+  EXPECT_EQ(TileStore::open(folder / "text").error().code, ErrorCode::bad_file);
+  write_file(folder / "empty", {});
+  EXPECT_EQ(TileStore::open(folder / "empty").error().code, ErrorCode::bad_file);
 
-  (void)create(folder.file("a.slf"));
-  Bytes file = read_file(folder.file("a.slf"));
+  (void)create(folder / "a.slf");
+  Bytes file = read_file(folder / "a.slf");
   file[20] = std::byte{2};
-  write_file(folder.file("newer.slf"), file);
-  EXPECT_EQ(TileStore::open(folder.file("newer.slf")).error().code, ErrorCode::unsupported);
+  write_file(folder / "newer.slf", file);
+  EXPECT_EQ(TileStore::open(folder / "newer.slf").error().code, ErrorCode::unsupported);
   file[20] = std::byte{1};
   for (const std::uint32_t page : {512u, 8192u, 16384u, 65536u}) {
     store_le<std::uint32_t>(file.data() + 40, page);
-    write_file(folder.file("pages.slf"), file);
-    const auto other = TileStore::open(folder.file("pages.slf"));
+    write_file(folder / "pages.slf", file);
+    const auto other = TileStore::open(folder / "pages.slf");
     EXPECT_EQ(other.error().code, ErrorCode::unsupported);
     EXPECT_THAT(other.error().message, HasSubstr("pages of " + std::to_string(page)));
-    EXPECT_EQ(TileWriter::resume(folder.file("pages.slf")).error().code, ErrorCode::unsupported);
+    EXPECT_EQ(TileWriter::resume(folder / "pages.slf").error().code, ErrorCode::unsupported);
   }
 }
 
 TEST(TileStore, FindsAPayloadThatMoved) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   const Bytes one = tile_bytes(0, {0, 0}, 64);
   {
     TileWriter writer = create(path, {"color"});

@@ -13,7 +13,7 @@ using ::testing::HasSubstr;
 
 TEST(TileWriter, RefusesWhatItShould) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   TileWriter writer = create(path);
   ASSERT_TRUE(ok(writer.append(0, {1, 5}, {})));
   for (const TileKey key : {TileKey{1, 5}, TileKey{1, 4}, TileKey{0, 9}, TileKey{255, 0}})
@@ -35,10 +35,10 @@ TEST(TileWriter, RefusesWhatItShould) {
                                                  {"manifest"},
                                                  {std::string(65, 'x')},
                                                  std::vector<std::string>(65, "x")})
-    EXPECT_EQ(TileWriter::create(folder.file("b"), layers, {}).error().code, ErrorCode::usage);
-  EXPECT_EQ(TileWriter::create(folder.file("no/b"), kTwoLayers, {}).error().code, ErrorCode::io);
-  EXPECT_EQ(TileWriter::resume(folder.file("c")).error().code, ErrorCode::io);
-  EXPECT_FALSE(std::filesystem::exists(folder.file("b.new")));
+    EXPECT_EQ(TileWriter::create(folder / "b", layers, {}).error().code, ErrorCode::usage);
+  EXPECT_EQ(TileWriter::create(folder / "no/b", kTwoLayers, {}).error().code, ErrorCode::io);
+  EXPECT_EQ(TileWriter::resume(folder / "c").error().code, ErrorCode::io);
+  EXPECT_FALSE(std::filesystem::exists(folder / "b.new"));
 }
 
 std::string bytes_of_file(const std::string& path) {
@@ -48,7 +48,7 @@ std::string bytes_of_file(const std::string& path) {
 
 TEST(TileWriter, TilesOfAnotherContainerAreWrittenAsIfTheyWereAppended) {
   TemporaryFolder folder;
-  const std::string from = folder.file("from.slf");
+  const std::string from = folder / "from.slf";
   const auto size = [](std::uint64_t i) { return i % 5 == 0 ? 0 : i * 7919 % 3000; };
   {
     TileWriter writer = create(from, {"color"});
@@ -56,7 +56,7 @@ TEST(TileWriter, TilesOfAnotherContainerAreWrittenAsIfTheyWereAppended) {
       ASSERT_TRUE(ok(writer.append(0, {0, i}, tile_bytes(0, {0, i}, size(i)))));
     ASSERT_TRUE(ok(writer.close()));
   }
-  TileWriter writer = create(folder.file("to.slf"), {"color"});
+  TileWriter writer = create(folder / "to.slf", {"color"});
   {
     const auto store = TileStore::open(from);
     ASSERT_TRUE(store);
@@ -73,16 +73,16 @@ TEST(TileWriter, TilesOfAnotherContainerAreWrittenAsIfTheyWereAppended) {
   std::filesystem::resize_file(from, 0);  // nothing is read from it any more
   ASSERT_TRUE(ok(writer.close()));
 
-  TileWriter again = create(folder.file("again.slf"), {"color"});
+  TileWriter again = create(folder / "again.slf", {"color"});
   for (std::uint64_t i = 0; i < 500; ++i)
     ASSERT_TRUE(ok(again.append(0, {0, i}, tile_bytes(0, {0, i}, size(i)))));
   ASSERT_TRUE(ok(again.close()));
-  EXPECT_EQ(bytes_of_file(folder.file("to.slf")), bytes_of_file(folder.file("again.slf")));
+  EXPECT_EQ(bytes_of_file(folder / "to.slf"), bytes_of_file(folder / "again.slf"));
 }
 
 TEST(TileWriter, ASecondWriterIsRefusedAtOnce) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   {
     TileWriter writer = create(path);
     const auto second = TileWriter::resume(path);
@@ -97,7 +97,7 @@ TEST(TileWriter, ASecondWriterIsRefusedAtOnce) {
 
 TEST(TileWriter, WithoutCloseDropsWhatWasNotCommitted) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   Model model;
   std::optional<TileKey> last;
   {
@@ -159,23 +159,23 @@ TEST(TileWriter, CutsTheSameRecordsWhateverTheCommits) {
     })));
     return result;
   };
-  build(folder.file("once"), 100000, false);
-  const auto expected = cuts(folder.file("once"));
+  build(folder / "once", 100000, false);
+  const auto expected = cuts(folder / "once");
   EXPECT_GT(expected.size(), 10u);
   for (const std::uint64_t every : {1u, 7u, 50u}) {
-    const std::string path = folder.file("every" + std::to_string(every));
+    const std::string path = folder / ("every" + std::to_string(every));
     build(path, every, false);
     EXPECT_EQ(cuts(path), expected) << every;
   }
-  build(folder.file("reopened"), 310, true);
-  EXPECT_EQ(cuts(folder.file("reopened")), expected);
-  EXPECT_EQ(contents(*TileStore::open(folder.file("reopened")), 0),
-            contents(*TileStore::open(folder.file("once")), 0));
+  build(folder / "reopened", 310, true);
+  EXPECT_EQ(cuts(folder / "reopened"), expected);
+  EXPECT_EQ(contents(*TileStore::open(folder / "reopened"), 0),
+            contents(*TileStore::open(folder / "once"), 0));
 }
 
 TEST(TileWriter, ReplacesTilesOfAllStates) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   Model model;
   {
     TileWriter writer = create(path, {"color"});
@@ -215,7 +215,7 @@ TEST(TileWriter, ReplacesTilesOfAllStates) {
 
 TEST(TileWriter, FillsHolesBeforeARecord) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   Model model;
   {
     TileWriter writer = create(path, {"color"});
@@ -250,7 +250,7 @@ std::uint64_t transaction(const std::string& path) {
 
 TEST(TileWriter, ReplacesManyTilesInOneCommitAndTouchesNoOtherRecord) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   std::vector<Model> model(2);
   {
     TileWriter writer = create(path);
@@ -297,7 +297,7 @@ TEST(TileWriter, ReplacesManyTilesInOneCommitAndTouchesNoOtherRecord) {
 
 TEST(TileWriter, OverwritesBlobs) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   TileWriter writer = create(path);
   for (const std::size_t size : {10u, 100000u, 0u, 2000u}) {
     const Bytes bytes = tile_bytes(0, {0, size}, size);
@@ -316,7 +316,7 @@ TEST(TileWriter, OverwritesBlobs) {
 
 TEST(TileWriter, GrowsItsMap) {
   TemporaryFolder folder;
-  const std::string path = folder.file("a.slf");
+  const std::string path = folder / "a.slf";
   Model model;
   {
     TileWriter writer = create(path, {"color"});
