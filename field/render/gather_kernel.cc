@@ -161,20 +161,6 @@ struct LaneBegins {
     });
   }
 
-  /// Prefetches the colours `within` bytes into the tiles, because gathers begin only when all
-  /// tiles of a block are found. The rays on a diagonal of the square of pixels touch nearly all
-  /// cache lines that the others touch.
-  HWY_INLINE void prefetch_colors(VU within) const {
-    const D64 d;
-    HWY_ALIGN std::int64_t at[kHalves * hn::MaxLanes(D64())];
-    for_halves([&](auto half) {
-      hn::Store(hn::Add(color[half], widen(half_of<half.value>(within))), d,
-                at + half * hn::Lanes(d));
-    });
-    for (std::size_t k = 0; k < hn::Lanes(DU()); k += PixelSquare::kAcross + 1)
-      __builtin_prefetch(zero_samples() + at[k]);
-  }
-
   HWY_INLINE void store(bool with_depth, std::int64_t* colors, std::int64_t* depths) const {
     const D64 d;
     for_halves([&](auto half) {
@@ -185,7 +171,7 @@ struct LaneBegins {
 };
 
 void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t count,
-                    bool half_floats, BlockTiles& tiles, TileOffsets& offsets) {
+                    BlockTiles& tiles, TileOffsets& offsets) {
   const DU d;
   const FoundPages pages(tiles);
   LaneBegins lanes;
@@ -213,9 +199,6 @@ void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t cou
         }
       }
       lanes.store(pass.with_depth, &offsets.color[c][k], &offsets.depth[c][k]);
-      const VU row = hn::LoadU(d, &entries.row[c][k]);
-      const VU pair = hn::Add(row, hn::LoadU(d, &pass.exit[c]->pair[k]));
-      lanes.prefetch_colors(hn::ShiftLeftSame(pair, half_floats ? 3 : 2));
     }
   }
 }
@@ -330,9 +313,9 @@ namespace slf {
 HWY_EXPORT(find_tiles_any);
 HWY_EXPORT(gather_samples_any);
 
-void find_tiles(const Pass& pass, const EntryCells& entries, std::size_t count, bool half_floats,
-                BlockTiles& tiles, TileOffsets& offsets) {
-  HWY_DYNAMIC_DISPATCH(find_tiles_any)(pass, entries, count, half_floats, tiles, offsets);
+void find_tiles(const Pass& pass, const EntryCells& entries, std::size_t count, BlockTiles& tiles,
+                TileOffsets& offsets) {
+  HWY_DYNAMIC_DISPATCH(find_tiles_any)(pass, entries, count, tiles, offsets);
 }
 
 void gather_samples(const TileOffsets& offsets, const Pass& pass, const EntryCells& entries,

@@ -10,10 +10,10 @@
 namespace slf {
 
 /// Finds the tiles that a pass over `count` rays samples: in the table, or with tiles.find().
-/// Marks rays that need an unavailable one, and prefetches colours.
+/// Marks rays that need an unavailable one.
 /// REQUIRES: a ReadScope until the samples are gathered.
-void find_tiles(const Pass& pass, const EntryCells& entries, std::size_t count, bool half_floats,
-                BlockTiles& tiles, TileOffsets& offsets);
+void find_tiles(const Pass& pass, const EntryCells& entries, std::size_t count, BlockTiles& tiles,
+                TileOffsets& offsets);
 
 /// Gathers a pass's samples from the tiles that were found. If `add`, keeps the samples that
 /// earlier calls gathered. REQUIRES: the 8 bytes before a tile's first sample can be read.

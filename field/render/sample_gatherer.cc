@@ -47,7 +47,7 @@ Result<void> SampleGatherer::gather(const LevelGeometry& geometry, bool wait, st
 void SampleGatherer::gather_loaded(std::size_t count, const EntryCells& entries, const Pass& pass,
                                    bool add) {
   const TileCache::ReadScope scope(reader_);
-  find_tiles(pass, entries, count, half_floats(), tiles_, tile_offsets_);
+  find_tiles(pass, entries, count, tiles_, tile_offsets_);
   gather_samples(tile_offsets_, pass, entries, count, half_floats(), add, samples_);
 }
 
