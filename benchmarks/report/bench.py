@@ -118,6 +118,14 @@ class Bench:
             f"brain-{side}", f"Brain, resampled to {side}³", str(target), brain.transfer
         )
 
+    def skull(self):
+        """The CT of a head without the rest that it lies on, or None without its package."""
+        target = self.fields / "skull.nrrd"
+        if not target.exists() and not volumes.write_skull(target):
+            return None
+        options = ("--crop", "35:220,45:256,:")
+        return volumes.Volume("skull", "Head, CT", str(target), "ct-bone", options)
+
     def field(self, volume, entry, exit, levels, color="jpeg:90", depth="jpeg:75"):
         """The path of a field of a volume, built at the first call."""
         codecs = f"{color}-{depth}".replace(":", "")

@@ -2,6 +2,7 @@
 
 import gzip
 import subprocess
+import tarfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,16 +24,39 @@ class Volume:
         return [self.path, *transfer, *self.options]
 
 
-def _template_folder():
-    """The folder of mricron-data's volumes, or None."""
+def _packaged(package, ending):
+    """The file of an installed Debian package whose path ends so, or None."""
     try:
         listing = subprocess.run(
-            ["dpkg", "-L", "mricron-data"], capture_output=True, text=True, check=True
+            ["dpkg", "-L", package], capture_output=True, text=True, check=True
         ).stdout
     except (OSError, subprocess.CalledProcessError):
         return None
-    found = [line for line in listing.splitlines() if line.endswith("/ch2bet.nii.gz")]
-    return Path(found[0]).parent if found else None
+    found = [line for line in listing.splitlines() if line.endswith(ending)]
+    return Path(found[0]) if found else None
+
+
+def _template_folder():
+    """The folder of mricron-data's volumes, or None."""
+    brain = _packaged("mricron-data", "/ch2bet.nii.gz")
+    return brain and brain.parent
+
+
+def write_skull(target):
+    """Writes the CT of a head from invesalius-examples as NRRD, if that package is installed.
+    Returns whether it is."""
+    archive = _packaged("invesalius-examples", "/Cranium.inv3")
+    if not archive:
+        return False
+    with tarfile.open(archive) as files:
+        member = next(name for name in files.getnames() if name.endswith("/matrix.dat"))
+        voxels = files.extractfile(member).read()
+    header = (
+        "NRRD0004\ntype: int16\nendian: little\ndimension: 3\nsizes: 256 256 108\n"
+        "spacings: 0.957 0.957 1.5\nencoding: raw\n\n"
+    )
+    target.write_bytes(header.encode() + voxels)
+    return True
 
 
 def find_volumes(root, data):
