@@ -93,19 +93,37 @@ TEST(Streams, ProgressShowsWithoutATerminal) {
   EXPECT_EQ(slf(silent).err, "");
 }
 
-/// Starts a long build, sends it a signal and returns how it ended.
+/// The share of its rays that a build has traced, by its lines of progress so far.
+double share_done(const std::string& lines) {
+  const std::size_t end = lines.rfind('\n');
+  if (end == std::string::npos) return 0;
+  const std::size_t begin = lines.find_last_of('\n', end - 1) + 1;
+  const auto line = nlohmann::json::parse(lines.substr(begin, end - begin));
+  return line["done"].get<double>() / line["total"].get<double>();
+}
+
+/// Starts a long build that commits nothing by itself, sends it a signal after some tiles and
+/// returns how it ended.
 int status_after(int signal, const std::string& output) {
   const std::vector<std::string> arguments{
-      SLF_COMMAND, "-q",     "build", "scene:fog", "-o", output,           "--entry",
-      "32",        "--exit", "64",    "--levels",  "1",  "--commit-every", "0.05"};
+      SLF_COMMAND, "--progress", "json:0.05", "build",         "scene:fog", "-o",
+      output,      "--entry",    "8",         "--exit",        "32",        "--levels",
+      "2",         "--codec",    "raw",       "--depth-codec", "raw",       "--commit-every",
+      "3600"};
   std::vector<char*> line;
   for (const std::string& argument : arguments) line.push_back(const_cast<char*>(argument.c_str()));
   line.push_back(nullptr);
+  const std::string progress = output + ".progress";
+  posix_spawn_file_actions_t streams;
+  posix_spawn_file_actions_init(&streams);
+  posix_spawn_file_actions_addopen(&streams, STDERR_FILENO, progress.c_str(), O_WRONLY | O_CREAT,
+                                   0600);
   pid_t child = 0;
-  if (posix_spawn(&child, SLF_COMMAND, nullptr, nullptr, line.data(), environ) != 0) return -1;
-  for (int k = 0; k < 1000 && !std::filesystem::exists(output + ".unfinished"); ++k)
+  const int failed = posix_spawn(&child, SLF_COMMAND, &streams, nullptr, line.data(), environ);
+  posix_spawn_file_actions_destroy(&streams);
+  if (failed != 0) return -1;
+  for (int k = 0; k < 3000 && share_done(read_text(progress)) < 0.02; ++k)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  std::this_thread::sleep_for(std::chrono::milliseconds(200));
   kill(child, signal);
   int status = 0;
   waitpid(child, &status, 0);
@@ -121,6 +139,9 @@ TEST(Signals, EndTheCommandAfterItHasTidiedUp) {
     const Outcome verified = slf({"verify", place / "a.slf.unfinished"});
     EXPECT_EQ(verified.exit_code, 0) << verified.err;
     EXPECT_NE(verified.out.find("C1"), std::string::npos) << "the signal came too late";
+    const auto info = slf({"info", place / "a.slf.unfinished", "--json"}).json();
+    const auto& level = info["levels"][0];
+    EXPECT_GT(level["stored"].get<int>() + level["empty"].get<int>(), 0) << "nothing was committed";
   }
 }
 
