@@ -312,6 +312,45 @@ TEST(Build, AScenesExceptionIsAnErrorThatNamesTheTile) {
   EXPECT_NE(refusal(full).message.find("memory"), std::string::npos);
 }
 
+/// Throws in one of the calls that a build makes on its own thread.
+class Throwing final : public Scene {
+ public:
+  enum class In { bounds, provenance, files, prepare };
+  explicit Throwing(In in) : in_(in) {}
+  Sphere bounds() const override {
+    check(In::bounds);
+    return {glm::dvec3(0), 1};
+  }
+  RaySample trace(const glm::dvec3&, const glm::dvec3&) const override { return {}; }
+  std::string provenance() const override {
+    check(In::provenance);
+    return "{}";
+  }
+  std::vector<std::string> files() const override {
+    check(In::files);
+    return {};
+  }
+  Result<void> prepare() const override {
+    check(In::prepare);
+    return {};
+  }
+
+ private:
+  void check(In now) const {
+    if (now == in_) throw std::bad_alloc();
+  }
+  In in_;
+};
+
+TEST(Build, AnExceptionOutsideOfTracingIsAnErrorThatNamesTheOutput) {
+  using In = Throwing::In;
+  for (const In in : {In::bounds, In::provenance, In::files, In::prepare}) {
+    const Error error = refusal(Throwing(in));
+    EXPECT_EQ(error.code, ErrorCode::failed);
+    EXPECT_NE(error.message.find("a.slf: out of memory"), std::string::npos) << error.message;
+  }
+}
+
 /// Counts what a build asks of it.
 class Prepared final : public Scene {
  public:
