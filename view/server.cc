@@ -274,9 +274,9 @@ void Server::State::answer(httplib::Request& request, httplib::Response& respons
   if (!hosts.empty() &&
       (request.get_header_value_count("Host") != 1 ||
        std::find(hosts.begin(), hosts.end(), request.get_header_value("Host")) == hosts.end()))
-    return answer_text(
-        response, 403,
-        "This server answers to " + hosts[0] + " only; slf view --bind changes that.");
+    return answer_text(response, 403,
+                       "This server answers only to the name " + hosts[0] +
+                           ". Whoever started it can open it to others.");
   if (request.method != "GET" && request.method != "HEAD") {
     response.set_header("Allow", "GET, HEAD");
     return answer_text(response, 405, "Only GET and HEAD work here.");
@@ -373,7 +373,7 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   if (port <= 0)
     return fail(ErrorCode::io, "cannot listen on ", options.address, ":", options.port, ": ",
                 errno != 0 ? std::strerror(errno) : "no such address",
-                "; another --port or --bind may do");
+                "; another port or address may do");
   const std::string suffix = ":" + std::to_string(port);
   if (!options.any_host)
     state->hosts = {"127.0.0.1" + suffix, "localhost" + suffix, "[::1]" + suffix};
