@@ -1,5 +1,7 @@
 """Rates: bytes of whole fields against the quality of rendered views, codec by codec."""
 
+import statistics
+
 import numpy as np
 
 from . import page, peers, plots
@@ -19,6 +21,7 @@ PEERS = {
     "film, AV1": [50, 38, 26],
 }
 AT_MOST = 0.45  # of the bytes of jpeg:90, at its PSNR
+STEP_AT_MOST = 1 / 3  # of the bytes that a step of an orbit reads with jpeg:90
 
 
 def run(bench, part):
@@ -34,6 +37,7 @@ def run(bench, part):
     _show(bench, part, curves)
     _show_peers(bench, part, names[0], curves[names[0]], of_peers)
     _claim(bench, part, curves)
+    _compare_orbits(bench, part, bench.volume(names[0]))
 
 
 def _lossless(bench, volume):
@@ -199,4 +203,35 @@ def _claim(bench, part, curves):
         f"predictive needs at most {AT_MOST:.0%} of the bytes of jpeg:90 at its rendered PSNR",
         told,
         True if all(met) else PARTLY if any(met) else False,
+    )
+
+
+def _compare_orbits(bench, part, volume):
+    """What an orbit of 120 views, 3 degrees apart, reads when nothing is read twice."""
+    lossless, read = _lossless(bench, volume), {}
+    for codec, depth in (("jpeg:90", "jpeg:75"), ("predictive:90", None)):
+        path = bench.recoded(lossless, codec, depth)
+        played = bench.json(
+            "slf", "play", path, "--turns", 1, "--seconds", 4, "--fps", 30, "--size", 512,
+            "--mode", "depth", "--loading", "wait", "--memory", "4GiB", "--json",
+        )  # fmt: skip
+        path.unlink()
+        first, *steps = (frame["load_bytes"] for frame in played["runs"][0]["frames"])
+        read[codec] = {"first": first, "step": statistics.mean(steps), "orbit": first + sum(steps)}
+    part.numbers["orbit"] = read
+    part.add(
+        page.heading("Bytes of an orbit"),
+        page.table(
+            ["codec", "first view", "each further 3°, mean", "whole orbit"],
+            [[codec, *(human_bytes(bytes_) for bytes_ in of.values())] for codec, of in read.items()],
+            f"{volume.title}: views of 512² in mode depth at the finest level, which begin with an "
+            "empty cache. Coarser tiles that others are predicted from are included.",
+        ),
+    )
+    share = {key: of / read["jpeg:90"][key] for key, of in read["predictive:90"].items()}
+    part.claim(
+        "slf",
+        "A step of 3° of an orbit reads at most a third of the bytes that it reads with jpeg:90",
+        f"{share['step']:.3f}; the first view {share['first']:.3f}, the orbit {share['orbit']:.3f}",
+        share["step"] <= STEP_AT_MOST,
     )
