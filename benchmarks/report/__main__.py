@@ -14,8 +14,18 @@ from . import page
 from .bench import Bench, Failed
 from .outcome import NOT_RUN, Claim, Part
 
-PARTS = ["table1", "figure6", "figure8", "figure9", "figure10", "prefetch", "compression", "rates",
-         "light", "growth"]
+PARTS = [
+    "table1",
+    "figure6",
+    "figure8",
+    "figure9",
+    "figure10",
+    "prefetch",
+    "compression",
+    "rates",
+    "light",
+    "growth",
+]
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -103,9 +113,8 @@ def main():
 
 
 def write(out, parts, facts, quick):
-    subtitle = (
-        "What the paper claims and what we claim, measured on this machine"
-        + (" (quick: smaller fields and fewer views than the full report)." if quick else ".")
+    subtitle = "What the paper claims and what we claim, measured on this machine" + (
+        " (quick: smaller fields and fewer views than the full report)." if quick else "."
     )
     page.write_html(out / "report.html", parts, facts, subtitle)
     page.write_json(out / "report.json", parts, facts)

@@ -74,12 +74,19 @@ def _show_settings(part, rows):
     colors = dict(zip(shapes, [plots.PAPER, plots.OURS, plots.PLANES]))
     for shape in shapes:
         for depth in (True, False):
-            label = f"{shape[0]}/{shape[1]} " + ("depth-corrected" if depth else "bi-triangle, no depth")
+            label = f"{shape[0]}/{shape[1]} " + (
+                "depth-corrected" if depth else "bi-triangle, no depth"
+            )
             style = "-" if depth else ":"
             line = [r for r in rows if r["cells"] == shape and bool(r["depth"]) == depth]
             jpeg = [r for r in line if r["color"].startswith("jpeg") and ":444" not in r["color"]]
-            jpeg = sorted((r for r in jpeg if r["depth"] in (None, "jpeg:50")), key=lambda r: r["bytes"])
-            at = lambda rs: ([r["bytes"] / 2**20 for r in rs], [r["psnr"] for r in rs])  # noqa: E731
+            jpeg = sorted(
+                (r for r in jpeg if r["depth"] in (None, "jpeg:50")), key=lambda r: r["bytes"]
+            )
+            at = lambda rs: (
+                [r["bytes"] / 2**20 for r in rs],
+                [r["psnr"] for r in rs],
+            )  # noqa: E731
             axis.plot(*at(jpeg), "o" + style, ms=5, color=colors[shape], label=label)
             full = [r for r in line if ":444" in r["color"]]
             axis.plot(*at(full), "^", ms=6, mfc="none", color=colors[shape])
@@ -94,9 +101,9 @@ def _show_settings(part, rows):
     axis.legend(fontsize=8.5, loc="center left", bbox_to_anchor=(1, 0.5))
     part.add(
         page.text(
-            "Each point is one file of the brain: its size, and the PSNR of random views rendered from "
-            "it against the ray-cast truth. Lines join JPEG qualities with 4:2:0 chroma and, where "
-            "there is depth, depth of quality 50. Cells an edge are given as entry/exit."
+            "Each point is one file of the brain: its size, and the PSNR of random views rendered "
+            "from it against the ray-cast truth. Lines join JPEG qualities with 4:2:0 chroma and, "
+            "where there is depth, depth of quality 50. Cells an edge are given as entry/exit."
         ),
         page.plot(plots.svg(fig)),
         page.folded(
@@ -131,9 +138,9 @@ def _claim_paper(part, rows):
         "slf",
         f"{name(shapes[-1])} with depth makes better pictures than the paper's "
         f"{name(shapes[0])} bi-triangle with {PAPER_CODEC}, from at most 1/12 of the bytes",
-        f"{ours['color']}, depth {ours['depth']}: {human_bytes(ours['bytes'])}, {ours['psnr']:.1f} dB; "
-        f"paper's {human_bytes(paper['bytes'])}, {paper['psnr']:.1f} dB: 1/{factor:.1f} of the bytes, "
-        f"{ours['psnr'] - paper['psnr']:+.1f} dB",
+        f"{ours['color']}, depth {ours['depth']}: {human_bytes(ours['bytes'])}, {ours['psnr']:.1f} "
+        f"dB; paper's {human_bytes(paper['bytes'])}, {paper['psnr']:.1f} dB: 1/{factor:.1f} of the "
+        f"bytes, {ours['psnr'] - paper['psnr']:+.1f} dB",
         True if better and factor >= 12 else PARTLY if better and factor > 4 else False,
     )
     find = lambda color, shape: next(  # noqa: E731
@@ -144,9 +151,9 @@ def _claim_paper(part, rows):
     part.claim(
         "paper, section 4",
         "Public compression such as JPEG can be used for sphere light fields",
-        f"{name(shapes[-1])}: JPEG 75 is {raw['bytes'] / small['bytes']:.0f} : 1 against raw and costs "
-        f"{lossless['psnr'] - small['psnr']:.1f} dB of {lossless['psnr']:.1f} in rendered pictures; "
-        f"lossless {raw['bytes'] / lossless['bytes']:.1f} : 1",
+        f"{name(shapes[-1])}: JPEG 75 is {raw['bytes'] / small['bytes']:.0f} : 1 against raw and "
+        f"costs {lossless['psnr'] - small['psnr']:.1f} dB of {lossless['psnr']:.1f} in rendered "
+        f"pictures; lossless {raw['bytes'] / lossless['bytes']:.1f} : 1",
         lossless["psnr"] - small["psnr"] < 1.5 and raw["bytes"] > 5 * small["bytes"],
     )
 
@@ -192,11 +199,12 @@ def _compare_codecs(bench, part, volume, shape):
     part.add(
         page.heading("Other codecs on the same samples"),
         page.text(
-            f"The brain at {shape[0] << shape[2]}/{shape[1] << shape[2]}, losslessly built, given to "
-            "each codec as it likes best: ours as tiles, the others as one square picture for each "
-            "entry vertex (the unfolded octahedron of exits), films as the sequence of these pictures "
-            "along neighbouring vertices. Ours also stores opacity, the others do not. Films (dashed) "
-            "use their neighbours, but to see one slab a whole group of pictures must be decoded."
+            f"The brain at {shape[0] << shape[2]}/{shape[1] << shape[2]}, losslessly built, given "
+            "to each codec as it likes best: ours as tiles, the others as one square picture for "
+            "each entry vertex (the unfolded octahedron of exits), films as the sequence of these "
+            "pictures along neighbouring vertices. Ours also stores opacity, the others do not. "
+            "Films (dashed) use their neighbours, but to see one slab a whole group of pictures "
+            "must be decoded."
         ),
         page.plot(plots.svg(fig)),
         page.table(
@@ -319,8 +327,8 @@ def _claim_codecs(part, rows):
     wins = sum(f > 1 for f in pictures.values())
     part.claim(
         "slf",
-        "At the same sample PSNR our JPEG tiles, opacity included, take fewer bytes than other picture "
-        "codecs that decode slabs at random",
+        "At the same sample PSNR our JPEG tiles, opacity included, take fewer bytes than other "
+        "picture codecs that decode slabs at random",
         f"{ours:.2f} bits a slab at {middle:.1f} dB; others take {text}",
         True if wins == len(pictures) else PARTLY if wins else False,
     )
@@ -329,7 +337,9 @@ def _claim_codecs(part, rows):
 def _compare_speeds(bench, part, volume, shape):
     """Ratio and speed on whole tiles, by codec_peers."""
     if not bench.program("codec_peers"):
-        part.left_out.append("speeds of codecs: codec_peers was not built (libwebp-dev, libpng-dev)")
+        part.left_out.append(
+            "speeds of codecs: codec_peers was not built (libwebp-dev, libpng-dev)"
+        )
         return
     lossless = bench.field(volume, *shape, "zstd", "zstd")
     bench.say("timing codecs on tiles")

@@ -14,7 +14,9 @@ def run(bench, part):
     names += [n for n in SPARE if n in bench.volumes][: max(0, LEAST - len(names))]
     absent = [n for n in WANTED if n not in bench.volumes]
     if absent:
-        part.left_out.append(f"volumes that are not there: {', '.join(absent)} (--data names a folder)")
+        part.left_out.append(
+            f"volumes that are not there: {', '.join(absent)} (--data names a folder)"
+        )
     widgets, rows, numbers = [], [], {}
     for name in names:
         volume = bench.volume(name)

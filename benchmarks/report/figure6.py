@@ -14,7 +14,9 @@ LABELS = {
     "tuned": "planes, tuned",
     "random": "random lines (reference)",
 }
-COLORS = dict(zip(LABELS, [plots.PAPER, "#8a6d3b", plots.OURS, plots.PLANES, "#7f9f3f", plots.TRUTH]))
+COLORS = dict(
+    zip(LABELS, [plots.PAPER, "#8a6d3b", plots.OURS, plots.PLANES, "#7f9f3f", plots.TRUTH])
+)
 
 
 def run(bench, part):
@@ -122,7 +124,11 @@ def _in_space(part, random, count):
         style = {"ls": "--"} if name == "random" else {"lw": 1.8}
         heights, _ = np.histogram(np.clip(density, 0.1, 10), edges)
         axis.stairs(heights / heights.sum(), edges, label=LABELS[name], color=COLORS[name], **style)
-    axis.set(xscale="log", xlabel="slabs in a part of line space, over their mean", ylabel="share of parts")
+    axis.set(
+        xscale="log",
+        xlabel="slabs in a part of line space, over their mean",
+        ylabel="share of parts",
+    )
     axis.set_xticks([0.1, 0.3, 1, 3, 10], ["0.1", "0.3", "1", "3", "10"])
     axis.legend(fontsize=8.5)
     areas = lines.octsphere_cells(lines.gnomonic, 64)[1]
@@ -130,10 +136,11 @@ def _in_space(part, random, count):
     part.add(
         page.heading("In space"),
         page.text(
-            "Chords of a sphere are exactly uniform among the lines that cross it when their ends are "
-            "uniform on it. So the evenness of a sphere light field is that of its points: the paper's "
-            "lattice, a grid on each octsphere's flat triangle, is finer at the six axis points than in "
-            f"the middle of an octsphere, by {spread:.1f} in area and so {spread**2:.0f} for pairs."
+            "Chords of a sphere are exactly uniform among the lines that cross it when their ends "
+            "are uniform on it. So the evenness of a sphere light field is that of its points: the "
+            "paper's lattice, a grid on each octsphere's flat triangle, is finer at the six axis "
+            f"points than in the middle of an octsphere, by {spread:.1f} in area and so "
+            f"{spread**2:.0f} for pairs."
         ),
         page.plot(plots.svg(fig)),
         page.plot(_lattice_pictures(), "One octsphere, 16 cells an edge; cells coloured by area."),
@@ -151,9 +158,9 @@ def _in_space(part, random, count):
     part.claim(
         "paper, section 2",
         "In space, slabs between points of a sphere are more uniform than those between planes",
-        f"variation: the paper's lattice {ours['variation']:.2f}, planes {planes['variation']:.2f}, "
-        f"points of equal area {even['variation']:.2f}; but {planes['wasted']:.0%} of the planes' "
-        "slabs are of no use, and none of the sphere's",
+        f"variation: the paper's lattice {ours['variation']:.2f}, planes "
+        f"{planes['variation']:.2f}, points of equal area {even['variation']:.2f}; but "
+        f"{planes['wasted']:.0%} of the planes' slabs are of no use, and none of the sphere's",
         True if ours["variation"] < planes["variation"]
         else PARTLY if even["variation"] < planes["variation"] else False,
     )  # fmt: skip
@@ -220,11 +227,19 @@ def _worth(bench, part):
         page.heading("What evenness is worth in pictures"),
         page.text(
             "Views interpolated straight from traced samples, as floats, without storing anything: "
-            "only the parameterisation differs. Same method for all spheres: cells of the lattice's own "
-            "triangles, bi-triangle weights, then two corrections by depth. Mean PSNR of random views."
+            "only the parameterisation differs. Same method for all spheres: cells of the "
+            "lattice's own triangles, bi-triangle weights, then two corrections by depth. Mean "
+            "PSNR of random views."
         ),
         page.table(
-            ["volume", "parameterisation", "cells", "slabs", "interpolated, dB", "depth-corrected, dB"],
+            [
+                "volume",
+                "parameterisation",
+                "cells",
+                "slabs",
+                "interpolated, dB",
+                "depth-corrected, dB",
+            ],
             rows,
         ),
     )
@@ -241,10 +256,11 @@ def _worth(bench, part):
     best = max(gains.values())
     part.claim(
         "slf",
-        "A more even lattice than the paper's would not make visibly better pictures, so great arcs "
-        "that are straight lines may stay",
+        "A more even lattice than the paper's would not make visibly better pictures, so great "
+        "arcs that are straight lines may stay",
         "; ".join(
-            f"{n}: {gains[n, 'bitri']:+.2f} dB bi-triangle, {gains[n, 'depth']:+.2f} depth-corrected"
+            f"{n}: {gains[n, 'bitri']:+.2f} dB bi-triangle, {gains[n, 'depth']:+.2f} "
+            "depth-corrected"
             for n in ("equal-angle", "equal-area")
         ),
         best < 0.5,

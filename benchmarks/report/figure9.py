@@ -47,7 +47,9 @@ def _draw_subdivision(part):
         axis.axis("off")
         axis.set_title(f"level {level}: {8 * 4**level} sections\n{64 * 16**level:,} subfields",
                        fontsize=9.5, fontweight="normal")  # fmt: skip
-    part.add(page.plot(plots.svg(fig), "Each section splits into four by three arcs of great circles."))
+    part.add(
+        page.plot(plots.svg(fig), "Each section splits into four by three arcs of great circles.")
+    )
 
 
 # ---- how many subfields a view needs -------------------------------------------------------
@@ -69,7 +71,9 @@ def _count_subfields(bench, part):
     fig, axes = plots.figure(2, 1, width=10, height=3.3)
     for k, distance in enumerate(DISTANCES):
         share = [rows[distance][level]["pair_fraction"]["mean"] for level in LEVELS]
-        axes[0].plot(LEVELS, share, "o-", label=f"{distance:g} R", color=plots.plt.cm.viridis(k / 6))
+        axes[0].plot(
+            LEVELS, share, "o-", label=f"{distance:g} R", color=plots.plt.cm.viridis(k / 6)
+        )
     axes[0].axhline(0.25, color=plots.PAPER, ls="--", lw=1)
     axes[0].text(3, 0.27, "the paper's 1/4", color=plots.PAPER, ha="right", fontsize=9)
     axes[0].set(yscale="log", xlabel="level", ylabel="share of the subfields", xticks=list(LEVELS),
@@ -94,8 +98,8 @@ def _count_subfields(bench, part):
     part.claim(
         "paper, section 4",
         "Usually fewer than 16 of the 64 subfields are needed at one time",
-        f"{usual['pairs_crossed']['mean']:.1f} on average and {usual['pairs_crossed']['max']:.0f} at "
-        f"most from 3 radii; averages {lowest:.1f} to {highest:.1f} from {DISTANCES[0]} to "
+        f"{usual['pairs_crossed']['mean']:.1f} on average and {usual['pairs_crossed']['max']:.0f} "
+        f"at most from 3 radii; averages {lowest:.1f} to {highest:.1f} from {DISTANCES[0]} to "
         f"{DISTANCES[-1]} radii",
         True if fewer == len(pairs) else PARTLY if fewer or usual["pairs_crossed"]["mean"] < 20 else False,
     )  # fmt: skip
@@ -154,8 +158,8 @@ def _measure_memory(bench, part):
         page.heading("Memory for one view"),
         page.plot(
             plots.svg(fig),
-            f"The same samples of the brain, {finest} cells an edge, in 64, 1,024, 16,384 and 262,144 "
-            "subfields; depth-corrected views of 512² from 3 radii.",
+            f"The same samples of the brain, {finest} cells an edge, in 64, 1,024, 16,384 and "
+            "262,144 subfields; depth-corrected views of 512² from 3 radii.",
         ),
         page.table(
             ["subdivisions", "subfields", "needed", "share", "compressed bytes", "of the level",
@@ -176,8 +180,8 @@ def _measure_memory(bench, part):
         "paper, section 4",
         "The more subdivision, the less memory is needed during rendering",
         f"decoded: {', '.join(human_bytes(b) for b in decoded)}; compressed: "
-        f"{', '.join(human_bytes(b) for b in touched)}, for 0 to {LEVELS[-1]} subdivisions, of which the "
-        f"last leaves subfields of {finest >> LEVELS[-1]} cells an edge",
+        f"{', '.join(human_bytes(b) for b in touched)}, for 0 to {LEVELS[-1]} subdivisions, of "
+        f"which the last leaves subfields of {finest >> LEVELS[-1]} cells an edge",
         True if decoded == sorted(decoded, reverse=True)
         else PARTLY if min(decoded) < decoded[0] / 1.5 else False,
     )  # fmt: skip

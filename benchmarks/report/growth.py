@@ -94,7 +94,9 @@ def _why_not(bench, rows, slabs):
     """The reason to leave out a field of that size, or None."""
     room = shutil.disk_usage(bench.fields).free
     if room < 2 * BYTES_PER_SLAB * slabs:
-        return f"it may need {human_bytes(BYTES_PER_SLAB * slabs)}, and {human_bytes(room)} are free"
+        return (
+            f"it may need {human_bytes(BYTES_PER_SLAB * slabs)}, and {human_bytes(room)} are free"
+        )
     if rows:
         seconds = rows[-1]["build_s"] * slabs / rows[-1]["slabs"]
         if seconds > LONGEST_BUILD:
@@ -125,7 +127,9 @@ def _grow_volume(bench, part):
                               ("bitri", "field, bi-triangle", plots.PAPER),
                               ("depth", "field, depth-corrected", plots.OURS)):  # fmt: skip
         axis.plot([r["side"] for r in rows], [r[key] for r in rows], "o-", color=color, label=label)
-    axis.set(xscale="log", yscale="log", xlabel="voxels along an edge", ylabel="ms of processor time")
+    axis.set(
+        xscale="log", yscale="log", xlabel="voxels along an edge", ylabel="ms of processor time"
+    )
     axis.set_xticks(sides, [str(s) for s in sides])
     axis.minorticks_off()
     axis.legend(fontsize=8.5)

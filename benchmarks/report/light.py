@@ -80,8 +80,8 @@ def _compare_with_paths(bench, part, volume, field, build_seconds):
         "slf",
         f"A view from a field takes 1/{RATIO:,} of the time of path tracing it to the same PSNR",
         f"1/{of_field['ratio']:,.0f} at {of_field['psnr']:.1f} dB: "
-        f"{of_field['view_seconds'] * 1e3:.2f} ms and {of_field['path_tracing_seconds']:.2f} s; the "
-        f"field took {build_seconds:.0f} s to build, which {pays:,.0f} views pay for",
+        f"{of_field['view_seconds'] * 1e3:.2f} ms and {of_field['path_tracing_seconds']:.2f} s; "
+        f"the field took {build_seconds:.0f} s to build, which {pays:,.0f} views pay for",
         True if of_field["ratio"] >= RATIO else PARTLY if of_field["ratio"] >= 100 else False,
     )
     return [said]
@@ -118,8 +118,10 @@ def _show_quality(bench, part, measured):
     part.claim(
         "slf",
         f"Views with the light volume reach {LEAST_PSNR} dB to path tracing",
-        "; ".join(f"{of['title']}: {r['psnr']:.1f} dB with a node spacing of {r['spacing']:g}"
-                  for of, r in first),
+        "; ".join(
+            f"{of['title']}: {r['psnr']:.1f} dB with a node spacing of {r['spacing']:g}"
+            for of, r in first
+        ),
         True if min(shown) >= LEAST_PSNR else PARTLY if max(shown) >= LEAST_PSNR else False,
     )
     brain = first[0][1]
@@ -161,7 +163,12 @@ def _compare_bytes(bench, part, volume, built):
         page.table(
             ["light", "codec", "file", "PSNR"],
             [
-                [light, f"predictive:{p['quality']}", human_bytes(p["bytes"]), f"{p['psnr']:.2f} dB"]
+                [
+                    light,
+                    f"predictive:{p['quality']}",
+                    human_bytes(p["bytes"]),
+                    f"{p['psnr']:.2f} dB",
+                ]
                 for light, curve in curves.items()
                 for p in curve
             ],

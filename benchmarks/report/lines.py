@@ -142,15 +142,15 @@ def line_coordinates(points, directions):
 
 def evenness(coordinates, bins, random, boxes=2000):
     """How evenly points fill the unit cube: the density of each bin over the mean, and
-      variation    their standard deviation
-      ratio        the density that 95 % of the bins stay below over that of 5 %
-      empty        share of bins without any
-      discrepancy  greatest difference between the share of the points in a box at the origin and
-                   the box's volume, over random boxes"""
+    variation    their standard deviation
+    ratio        the density that 95 % of the bins stay below over that of 5 %
+    empty        share of bins without any
+    discrepancy  greatest difference between the share of the points in a box at the origin and
+                 the box's volume, over random boxes"""
     counts, _ = np.histogramdd(coordinates, bins=bins, range=[(0, 1)] * coordinates.shape[1])
     density = counts.ravel() / counts.mean()
     low, high = np.quantile(density, [0.05, 0.95])
-    few = coordinates[: 200_000]
+    few = coordinates[:200_000]
     corners = random.random((boxes, coordinates.shape[1]))
     shares = np.array([(few < corner).all(1).mean() for corner in corners[: boxes // 4]])
     worst = np.abs(shares - corners[: boxes // 4].prod(1)).max()

@@ -65,8 +65,8 @@ def _show(part, runs, played, memory, size):
         ])  # fmt: skip
     part.add(
         page.text(
-            f"The same path of {played['width_pixels']} × {played['height_pixels']} pixels through a "
-            f"field of {human_bytes(size)}, from a cold file, within {memory} of decoded tiles. "
+            f"The same path of {played['width_pixels']} × {played['height_pixels']} pixels through "
+            f"a field of {human_bytes(size)}, from a cold file, within {memory} of decoded tiles. "
             "Frames that need not wait draw what has not come yet from coarser levels."
         ),
         page.plot(plots.svg(fig)),
@@ -95,8 +95,9 @@ def _claim(part, runs, played):
     )
     part.claim(
         "slf",
-        "Forecasting brings more of the finest level in time than loading what the last frame lacked",
-        f"{ahead['full_share']:.1%} of the pixels against {demand['full_share']:.1%}; tiles at hand "
-        f"{ahead['hit_rate']:.1%} against {demand['hit_rate']:.1%}",
+        "Forecasting brings more of the finest level in time than loading what the last frame "
+        "lacked",
+        f"{ahead['full_share']:.1%} of the pixels against {demand['full_share']:.1%}; tiles at "
+        f"hand {ahead['hit_rate']:.1%} against {demand['hit_rate']:.1%}",
         ahead["full_share"] > demand["full_share"],
     )

@@ -83,7 +83,12 @@ def _measure_peers(bench, part, volume):
             result = bench.evaluate(path, volume, "depth", **_views(bench))
             path.unlink()
             curves.setdefault(name, []).append(
-                {"quality": setting, "bytes": size + depth, "psnr": result["psnr"], "ssim": result["ssim"]}
+                {
+                    "quality": setting,
+                    "bytes": size + depth,
+                    "psnr": result["psnr"],
+                    "ssim": result["ssim"],
+                }
             )
     return curves
 
@@ -138,9 +143,9 @@ def _show(bench, part, curves):
         part.add(page.plot(plots.svg(fig)))
     part.add(
         page.text(
-            "Each point is one file, all levels of it, and the mean of random views drawn from it in "
-            "mode depth against the ray-cast truth. zstd is the lossless field that the others are "
-            "encoded from. Beside jpeg, depth is jpeg:75."
+            "Each point is one file, all levels of it, and the mean of random views drawn from it "
+            "in mode depth against the ray-cast truth. zstd is the lossless field that the others "
+            "are encoded from. Beside jpeg, depth is jpeg:75."
         ),
         page.table(
             ["volume", "codec", "file", "PSNR, dB", "SSIM"],
@@ -172,10 +177,10 @@ def _show_peers(bench, part, name, ours, others):
     part.add(
         page.heading(f"{bench.volume(name).title}: other codecs, by rendered views"),
         page.text(
-            "The others get the colours of the finest level as one picture for each entry vertex, and "
-            "views are rendered from what they give back. They are counted in their favour: these "
-            "colours and depth as jpeg:75, no opacity, no coarser levels, no container. Of films "
-            f"(dashed), up to {peers.FILM_GROUP} pictures must be decoded to see one slab."
+            "The others get the colours of the finest level as one picture for each entry vertex, "
+            "and views are rendered from what they give back. They are counted in their favour: "
+            "these colours and depth as jpeg:75, no opacity, no coarser levels, no container. Of "
+            f"films (dashed), up to {peers.FILM_GROUP} pictures must be decoded to see one slab."
         ),
         page.plot(plots.svg(fig)),
         page.table(
@@ -194,7 +199,9 @@ def _against(ours, theirs):
 def _claim(bench, part, curves):
     shares = {name: _share(of_volume) for name, of_volume in curves.items()}
     told = ", ".join(
-        f"{bench.volume(name).title}: {share:.0%}" if share else f"{bench.volume(name).title}: not reached"
+        f"{bench.volume(name).title}: {share:.0%}"
+        if share
+        else f"{bench.volume(name).title}: not reached"
         for name, share in shares.items()
     )
     met = [share is not None and share <= AT_MOST for share in shares.values()]
@@ -223,7 +230,10 @@ def _compare_orbits(bench, part, volume):
         page.heading("Bytes of an orbit"),
         page.table(
             ["codec", "first view", "each further 3°, mean", "whole orbit"],
-            [[codec, *(human_bytes(bytes_) for bytes_ in of.values())] for codec, of in read.items()],
+            [
+                [codec, *(human_bytes(bytes_) for bytes_ in of.values())]
+                for codec, of in read.items()
+            ],
             f"{volume.title}: views of 512² in mode depth at the finest level, which begin with an "
             "empty cache. Coarser tiles that others are predicted from are included.",
         ),

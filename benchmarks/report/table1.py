@@ -18,9 +18,13 @@ def run(bench, part):
     names = ["brain", "head"] if quick else ["brain", "head", "bonsai", "engine"]
     absent = [n for n in names if n not in bench.volumes]
     if absent:
-        part.left_out.append(f"volumes that are not there: {', '.join(absent)} (--data names a folder)")
+        part.left_out.append(
+            f"volumes that are not there: {', '.join(absent)} (--data names a folder)"
+        )
     spare = [v for v in ("scalp", "monkey", "glass") if v in bench.volumes]
-    chosen = [n if n in bench.volumes else spare.pop(0) for n in names if n in bench.volumes or spare]
+    chosen = [
+        n if n in bench.volumes else spare.pop(0) for n in names if n in bench.volumes or spare
+    ]
     volumes = [bench.volume(name) for name in chosen] + [bench.resampled(512)]
 
     rows = {v.name: _measure(bench, v, sizes) for v in volumes}
@@ -102,7 +106,9 @@ def _show(part, rows, vtk, titles, size):
         axis.bar_label(bars, [_short(v) for v in values], fontsize=7.5)
     axis.set_yscale("log")
     axis.set_ylabel("ms for one picture")
-    shown = [f"paper: {g}\n256², SGI 320" if g in PAPER else f"{titles[g]}\n{size}²" for g in groups]
+    shown = [
+        f"paper: {g}\n256², SGI 320" if g in PAPER else f"{titles[g]}\n{size}²" for g in groups
+    ]
     axis.set_xticks(range(len(groups)), shown, fontsize=8.5)
     axis.grid(axis="x", visible=False)
     axis.legend(ncols=5, fontsize=8.5, loc="upper center", bbox_to_anchor=(0.5, 1.12))
@@ -112,8 +118,9 @@ def _show(part, rows, vtk, titles, size):
             "vectors of rays and threads. Planes “touching” lie on both sides of the sphere, as in "
             "the paper's Figure 1; “tuned” has directions on one plane and the object's centre on "
             "the other, the best of the arrangements tried with sampling_quality. A ray takes 16 "
-            "samples between planes and 9 on the sphere; but neighbouring samples come two at a time, "
-            "8 loads and 6, and to cross two planes takes less arithmetic than to cross a sphere."
+            "samples between planes and 9 on the sphere; but neighbouring samples come two at a "
+            "time, 8 loads and 6, and to cross two planes takes less arithmetic than to cross a "
+            "sphere."
         ),
         page.plot(plots.svg(fig)),
         _all_sizes(rows, titles),
@@ -130,8 +137,8 @@ def _show(part, rows, vtk, titles, size):
                      f"{v['field_psnr']:.1f}", f"{v['vtk_psnr_to_raycast']:.1f}"]
                     for n in vtk for v in vtk[n]
                 ],
-                "Depth-corrected; entry 16 and exit 64 cells an edge, in the full report 32 and 128 for "
-                "the brain; same transfer function, light, step and threads.",
+                "Depth-corrected; entry 16 and exit 64 cells an edge, in the full report 32 and "
+                "128 for the brain; same transfer function, light, step and threads.",
             ),
         )  # fmt: skip
 
@@ -182,7 +189,9 @@ def _claim(part, rows, vtk, size):
         return [measure(rows[name]) for name in rows]
 
     def speedup(system, over):
-        return gains(lambda r: _pick(r, size, over)[0]["cpu_ms"] / _pick(r, size, system)[0]["cpu_ms"])
+        return gains(
+            lambda r: _pick(r, size, over)[0]["cpu_ms"] / _pick(r, size, system)[0]["cpu_ms"]
+        )
 
     planes = f"planes:{PAPER_LAYOUT}"
     over_planes = speedup("bitri", planes)
@@ -202,15 +211,17 @@ def _claim(part, rows, vtk, size):
         f"{min(over_rays):.0f} to {max(over_rays):.0f}× against our ray-caster at {size}²",
         True if min(over_rays) > 25 else PARTLY if min(over_rays) > 2 else False,
     )
-    sharper = gains(lambda r: _pick(r, size, "bitri")[0]["psnr"] - _pick(r, size, planes)[0]["psnr"])
+    sharper = gains(
+        lambda r: _pick(r, size, "bitri")[0]["psnr"] - _pick(r, size, planes)[0]["psnr"]
+    )
     tuned = gains(
         lambda r: _pick(r, size, "bitri")[0]["psnr"] - _pick(r, size, f"planes:{TUNED}")[0]["psnr"]
     )
     part.claim(
         "paper, section 1",
         "At equal slabs the sphere's pictures are sharper than those from planes",
-        f"{mean(sharper):+.1f} dB over planes that touch the sphere, {mean(tuned):+.1f} dB over the "
-        "best planes found",
+        f"{mean(sharper):+.1f} dB over planes that touch the sphere, {mean(tuned):+.1f} dB over "
+        "the best planes found",
         True if min(tuned) > 0 else PARTLY if mean(sharper) > 0 else False,
     )
     best = gains(

@@ -47,7 +47,9 @@ class Parts(WithBench):
     def run_part(self, run):
         module = types.ModuleType("report.fake")
         module.TITLE, module.run = "Fake", run
-        with mock.patch.dict(sys.modules, {"report.fake": module}), contextlib.redirect_stderr(io.StringIO()):
+        with mock.patch.dict(sys.modules, {"report.fake": module}), contextlib.redirect_stderr(
+            io.StringIO()
+        ):
             return driver.run_part(self.bench, "fake", True)
 
     def test_a_part_that_fails_keeps_what_it_had_and_says_so(self):

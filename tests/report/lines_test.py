@@ -49,7 +49,9 @@ class SpaceLines(unittest.TestCase):
 
     def test_uniform_lines_are_even_and_bunched_ones_are_not(self):
         random = np.random.default_rng(1)
-        even, _ = lines.evenness(lines.line_coordinates(*lines.uniform_slabs(200_000, random)), 5, random)
+        even, _ = lines.evenness(
+            lines.line_coordinates(*lines.uniform_slabs(200_000, random)), 5, random
+        )
         bunched, _ = lines.evenness(random.random((200_000, 4)) ** 2, 5, random)
         self.assertLess(even["variation"], 0.1)
         self.assertLess(even["discrepancy"], 0.02)

@@ -3,7 +3,16 @@
 import math
 import unittest
 
-from report.outcome import CONFIRMED, PARTLY, REFUTED, Part, geometric_mean, human_bytes, human_count, mean
+from report.outcome import (
+    CONFIRMED,
+    PARTLY,
+    REFUTED,
+    Part,
+    geometric_mean,
+    human_bytes,
+    human_count,
+    mean,
+)
 
 
 class Numbers(unittest.TestCase):

@@ -36,7 +36,11 @@ class Balance(html.parser.HTMLParser):
 
 def hostile_part():
     part = Part("Title " + HOSTILE)
-    part.add(page.text(HOSTILE), page.heading(HOSTILE), page.table([HOSTILE, "n"], [[HOSTILE, 3]], HOSTILE))
+    part.add(
+        page.text(HOSTILE),
+        page.heading(HOSTILE),
+        page.table([HOSTILE, "n"], [[HOSTILE, 3]], HOSTILE),
+    )
     part.claim(HOSTILE, HOSTILE, HOSTILE, True, "scripts/report --only " + HOSTILE)
     part.left_out.append(HOSTILE)
     part.commands.append(HOSTILE)
@@ -57,7 +61,7 @@ class Files(unittest.TestCase):
         parser = Balance()
         parser.feed(text)
         self.assertEqual(parser.scripts, 1)  # the page's own
-        self.assertNotIn('<script>alert', text)
+        self.assertNotIn("<script>alert", text)
         self.assertEqual([t for t in parser.open if t not in ("html", "p")], [])
 
     def test_json_holds_claims_numbers_and_commands(self):
