@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cstdint>
 #include <cstdlib>
@@ -17,12 +18,18 @@ namespace slf::codec {
 /// The level that means opaque. Views of opaque fields are as good with 7 as with 15 or 255.
 inline constexpr int kAlphaTop = 7;
 
-[[nodiscard]] constexpr int alpha_level(std::uint8_t alpha) {
-  return (alpha * kAlphaTop + 127) / 255;
+/// alpha × kAlphaTop / 255, rounded.
+[[nodiscard]] constexpr std::uint8_t alpha_level(std::uint8_t alpha) {
+  const auto x = static_cast<std::uint16_t>(alpha * kAlphaTop + 128);
+  return static_cast<std::uint8_t>(static_cast<std::uint16_t>(x + (x >> 8)) >> 8);
 }
-[[nodiscard]] constexpr std::uint8_t alpha_value(int level) {
-  return static_cast<std::uint8_t>(level * 255 / kAlphaTop);
-}
+/// The alpha of each level.
+inline constexpr std::array<std::uint8_t, kAlphaTop + 1> kAlphaValues = [] {
+  std::array<std::uint8_t, kAlphaTop + 1> values{};
+  for (std::size_t k = 0; k <= kAlphaTop; ++k)
+    values[k] = static_cast<std::uint8_t>(k * 255 / kAlphaTop);
+  return values;
+}();
 
 struct AlphaModels {
   BitModel as_predicted[2][2][2][2];
@@ -39,13 +46,14 @@ struct AlphaPicture {
 };
 
 template <class Coder>
-void code_alpha(Coder& coder, AlphaModels& models, const AlphaPicture& picture) {
+void code_alpha(Coder& shared_coder, AlphaModels& models, const AlphaPicture& picture) {
   const std::size_t width = picture.width;
   const auto kind = [](int level) { return level == 0 ? 0 : level == kAlphaTop ? 2 : 1; };
   std::vector<std::uint8_t> predicted(picture.prediction.size());
-  for (std::size_t at = 0; at < predicted.size(); ++at)
-    predicted[at] =
-        static_cast<std::uint8_t>(picture.holds[at] ? alpha_level(picture.prediction[at]) : 0);
+  for (std::size_t at = 0; at < predicted.size(); ++at) {
+    const std::uint8_t level = alpha_level(picture.prediction[at]);
+    predicted[at] = picture.holds[at] ? level : std::uint8_t{0};
+  }
   const auto eight = [](const std::uint8_t* from) {
     std::uint64_t pixels = 0;
     std::memcpy(&pixels, from, 8);
@@ -53,6 +61,7 @@ void code_alpha(Coder& coder, AlphaModels& models, const AlphaPicture& picture) 
   };
   // For each column of 8-pixel runs: whether the run above was as predicted.
   std::vector<std::uint8_t> matched(width / 8, 1);
+  InRegisters<Coder> coder(shared_coder);
   for (std::size_t y = 0; y < picture.height; ++y)
     for (std::size_t x0 = 0; x0 < width; x0 += 8) {
       const std::size_t begin = y * width + x0;

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <cstdlib>
+#include <iterator>
 #include <vector>
 
 #include "codec/dct.h"
@@ -68,30 +69,18 @@ std::uint32_t code_count(Coder& coder, BlockModels& models, std::size_t around,
   return first + code_tree(coder, models.count + (1u << bits) - 2, bits, count - first);
 }
 
-/// Codes block `index` of a plane. REQUIRES: all blocks before it are coded.
+/// Codes the coefficients of a block, `count` of them, from high frequencies to low.
 template <class Coder>
-void code_block(Coder& coder, BlockModels& models, BlockPlane& plane, std::size_t index) {
-  static constexpr Block kNothing{};
-  const bool has_left = index % plane.across != 0, has_above = index >= plane.across;
-  const Block& left = has_left ? plane.blocks[index - 1] : kNothing;
-  const Block& above = has_above ? plane.blocks[index - plane.across] : kNothing;
-  Block& block = plane.blocks[index];
-  const auto rank = [](std::uint32_t count) -> std::size_t {
-    return count < 3 ? count : count < 9 ? 3 : count < 17 ? 4 : 5;
-  };
-  const std::size_t around = (has_left ? rank(plane.counts[index - 1]) : 0) +
-                             (has_above ? rank(plane.counts[index - plane.across]) : 0);
-  const std::uint32_t count = code_count(coder, models, around, plane.counts[index]);
-  plane.counts[index] = static_cast<std::uint8_t>(count);
-  if (count == 0) return;
-
-  // Magnitudes with a border of zeros, from high frequencies to low.
-  std::uint8_t size[10][10] = {};
+void code_coefficients(Coder& shared_coder, BlockModels& models, const Block& left,
+                       const Block& above, std::uint32_t count, Block& block) {
+  static constexpr std::uint8_t kNearOf[] = {0, 1, 2, 3, 3, 4, 4, 4, 4};  // then 5
+  std::uint8_t size[10][10] = {};  // magnitudes, with a border of zeros
+  InRegisters<Coder> coder(shared_coder);
   for (std::uint32_t k = count; k-- > 0;) {
     const std::size_t at = kZigzag[k], x = at % 8, y = at / 8;
     const unsigned sum =
         size[y][x + 1] + size[y + 1][x] + size[y + 1][x + 1] + size[y][x + 2] + size[y + 2][x];
-    const std::size_t near = sum < 3 ? sum : sum < 5 ? 3 : sum < 9 ? 4 : 5;
+    const std::size_t near = sum < std::size(kNearOf) ? kNearOf[sum] : 5;
     const std::size_t alike =
         static_cast<std::size_t>(std::min(2, std::abs(left[at]) + std::abs(above[at])));
     const std::size_t diagonal = x + y;
@@ -126,6 +115,24 @@ void code_block(Coder& coder, BlockModels& models, BlockPlane& plane, std::size_
     block[at] = static_cast<std::int16_t>(negative ? -static_cast<std::int32_t>(magnitude)
                                                    : static_cast<std::int32_t>(magnitude));
   }
+}
+
+/// Codes block `index` of a plane. REQUIRES: all blocks before it are coded.
+template <class Coder>
+void code_block(Coder& coder, BlockModels& models, BlockPlane& plane, std::size_t index) {
+  static constexpr Block kNothing{};
+  const bool has_left = index % plane.across != 0, has_above = index >= plane.across;
+  const auto rank = [](std::uint32_t count) -> std::size_t {
+    return count < 3 ? count : count < 9 ? 3 : count < 17 ? 4 : 5;
+  };
+  const std::size_t around = (has_left ? rank(plane.counts[index - 1]) : 0) +
+                             (has_above ? rank(plane.counts[index - plane.across]) : 0);
+  const std::uint32_t count = code_count(coder, models, around, plane.counts[index]);
+  plane.counts[index] = static_cast<std::uint8_t>(count);
+  if (count == 0) return;
+  const Block& left = has_left ? plane.blocks[index - 1] : kNothing;
+  const Block& above = has_above ? plane.blocks[index - plane.across] : kNothing;
+  code_coefficients(coder, models, left, above, count, plane.blocks[index]);
 }
 
 }  // namespace slf::codec

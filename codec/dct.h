@@ -21,4 +21,10 @@ inline constexpr int kCoefficientScale = 16;
 /// to pixels[y * stride + x].
 void inverse_dct(const Block& coefficients, std::int16_t* pixels, std::size_t stride);
 
+/// The same from quantised coefficients, which are multiplied by `steps` and limited to 16 bits.
+/// Only the first `count` of them in zigzag order may differ from 0.
+void restore_block(const Block& quantised, std::size_t count,
+                   const std::array<std::int32_t, 64>& steps, std::int16_t* pixels,
+                   std::size_t stride);
+
 }  // namespace slf::codec

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "codec/color_difference.h"
 #include "codec/fill.h"
@@ -28,12 +29,9 @@ TilePicture::TilePicture(const Tile& tile) {
   const Mosaic mosaic(tile.rows(), tile.side, 8);
   width_ = mosaic.width(), height_ = mosaic.height();
   pixel_of_.resize(tile.rows() * tile.columns());
-  block_of_.resize(pixel_of_.size());
   covered_.resize(pixels());
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
     pixel_of_[sample] = static_cast<std::uint32_t>(pixel);
-    block_of_[sample] =
-        static_cast<std::uint32_t>(pixel / width_ / 8 * (width_ / 8) + pixel % width_ / 8);
     covered_[pixel] = 1;
   });
 }
@@ -53,13 +51,18 @@ BlockPlane PredictiveTile<Coder>::empty_plane() const {
   return plane;
 }
 
-/// For each block, 1 if it has a visible sample. Other blocks are not coded.
+/// For each block, 1 if it has a visible sample. Other blocks are not coded. `pixels` are 0 where
+/// nothing is visible.
 template <class Coder>
-std::vector<std::uint8_t> PredictiveTile<Coder>::coded_blocks(
-    std::span<const std::uint8_t> alpha) const {
+std::vector<std::uint8_t> PredictiveTile<Coder>::visible_blocks(
+    std::span<const std::uint8_t> pixels) const {
   std::vector<std::uint8_t> blocks(picture_.pixels() / 64);
-  for (std::size_t s = 0; s < alpha.size(); ++s)
-    if (alpha[s] != 0) blocks[picture_.block_of()[s]] = 1;
+  const std::size_t across = picture_.width() / 8;
+  for (std::size_t run = 0; run < pixels.size() / 8; ++run) {
+    std::uint64_t eight = 0;
+    std::memcpy(&eight, &pixels[8 * run], 8);
+    if (eight != 0) blocks[run / across / 8 * across + run % across] = 1;
+  }
   return blocks;
 }
 
@@ -70,20 +73,20 @@ std::vector<std::int16_t> PredictiveTile<Coder>::code_plane(std::size_t plane,
   const std::size_t kind = std::min<std::size_t>(plane, kChromaPlane);
   const std::array<std::int32_t, 64> steps = level_.steps[kind].steps();
   std::vector<std::int16_t> pixels(picture_.pixels());
+  bool differs = false;
   for (std::size_t b = 0; b < blocks.blocks.size(); ++b) {
     if (!coded[b]) continue;
     code_block(coder_, models_.planes[kind], blocks, b);
     if (blocks.counts[b] == 0) continue;
-    Block coefficients;
-    for (std::size_t k = 0; k < 64; ++k)
-      coefficients[k] =
-          static_cast<std::int16_t>(std::clamp(blocks.blocks[b][k] * steps[k], -32768, 32767));
+    differs = true;
     const std::size_t x = b % blocks.across * 8, y = b / blocks.across * 8;
-    inverse_dct(coefficients, &pixels[y * picture_.width() + x], picture_.width());
+    restore_block(blocks.blocks[b], blocks.counts[b], steps, &pixels[y * picture_.width() + x],
+                  picture_.width());
   }
   std::vector<std::int16_t> differences(picture_.samples());
-  for (std::size_t s = 0; s < differences.size(); ++s)
-    differences[s] = pixels[picture_.pixel_of()[s]];
+  if (!differs) return differences;
+  const auto pixel_of = picture_.pixel_of();
+  for (std::size_t s = 0; s < differences.size(); ++s) differences[s] = pixels[pixel_of[s]];
   return differences;
 }
 
@@ -94,7 +97,12 @@ void PredictiveTile<Coder>::code_alpha(bool soft, std::span<std::uint8_t> levels
   if (coder_.bit(models_.soft, soft)) {
     const auto differences =
         code_plane(kAlphaPlane, std::vector<std::uint8_t>(blocks.blocks.size(), 1), blocks);
-    for (std::size_t s = 0; s < alpha.size(); ++s) alpha[s] = snapped(alpha[s] + differences[s]);
+    std::vector<std::uint8_t> pixels(picture_.pixels());
+    for (std::size_t s = 0; s < alpha.size(); ++s) {
+      alpha[s] = snapped(alpha[s] + differences[s]);
+      pixels[pixel_of[s]] = alpha[s];
+    }
+    visible_ = visible_blocks(pixels);
     return;
   }
   std::vector<std::uint8_t> prediction(picture_.pixels());
@@ -102,15 +110,17 @@ void PredictiveTile<Coder>::code_alpha(bool soft, std::span<std::uint8_t> levels
   slf::codec::code_alpha(
       coder_, models_.alpha,
       {picture_.width(), picture_.height(), picture_.covered(), prediction, levels});
-  for (std::size_t s = 0; s < alpha.size(); ++s) alpha[s] = alpha_value(levels[pixel_of[s]]);
+  for (std::size_t s = 0; s < alpha.size(); ++s) alpha[s] = kAlphaValues[levels[pixel_of[s]]];
+  visible_ = visible_blocks(levels);
 }
 
 template <class Coder>
 void PredictiveTile<Coder>::code_depth(BlockPlane& blocks, std::span<const std::uint8_t> alpha,
                                        std::span<std::uint8_t> depth) {
-  const auto differences = code_plane(kDepthPlane, coded_blocks(alpha), blocks);
+  const auto differences = code_plane(kDepthPlane, visible_, blocks);
+  const std::int16_t* const difference = differences.data();  // so that the loop is vectorised
   for (std::size_t s = 0; s < alpha.size(); ++s) {
-    const int value = std::clamp(depth[s] + differences[s], 0, 255);
+    const int value = std::clamp(depth[s] + difference[s], 0, 255);
     depth[s] = static_cast<std::uint8_t>(alpha[s] == 0 ? 0 : value);
   }
 }
@@ -120,9 +130,9 @@ void PredictiveTile<Coder>::code_color(std::array<BlockPlane, 3>& blocks,
                                        std::span<const std::uint8_t> alpha,
                                        std::span<const std::uint32_t> predicted,
                                        std::span<std::uint32_t> rgba) {
-  const auto coded = coded_blocks(alpha);
   std::array<std::vector<std::int16_t>, 3> differences;
-  for (std::size_t c = 0; c < 3; ++c) differences[c] = code_plane(kLumaPlane + c, coded, blocks[c]);
+  for (std::size_t c = 0; c < 3; ++c)
+    differences[c] = code_plane(kLumaPlane + c, visible_, blocks[c]);
   add_differences(predicted, {differences[0], differences[1], differences[2]}, rgba);
   premultiply(rgba, alpha);
 }
@@ -208,7 +218,7 @@ void PredictiveEncoder::alpha_depth(std::span<const std::uint8_t> true_alpha,
     weight[pixel_of[s]] = alpha[s] > 0 && true_alpha[s] > 0 ? 1.f : 0.f;
     difference[pixel_of[s]] = static_cast<float>(true_depth[s]) - static_cast<float>(depth[s]);
   }
-  blocks = quantise(kDepthPlane, coded_blocks(alpha), weight, difference);
+  blocks = quantise(kDepthPlane, visible_, weight, difference);
   code_depth(blocks, alpha, depth);
 }
 
@@ -233,10 +243,9 @@ void PredictiveEncoder::color(std::span<const std::uint8_t> alpha,
     difference[1][pixel_of[s]] = (b - y) / 1.772f;
     difference[2][pixel_of[s]] = (r - y) / 1.402f;
   }
-  const auto coded = coded_blocks(alpha);
   std::array<BlockPlane, 3> blocks;
   for (std::size_t c = 0; c < 3; ++c)
-    blocks[c] = quantise(kLumaPlane + c, coded, weight, difference[c]);
+    blocks[c] = quantise(kLumaPlane + c, visible_, weight, difference[c]);
   code_color(blocks, alpha, predicted, rgba);
 }
 

@@ -40,15 +40,14 @@ class TilePicture {
   [[nodiscard]] std::size_t height() const { return height_; }  ///< the same
   [[nodiscard]] std::size_t pixels() const { return width_ * height_; }
   [[nodiscard]] std::size_t samples() const { return pixel_of_.size(); }
-  /// For each sample, the index of its pixel, and of its block.
+  /// For each sample, the index of its pixel.
   [[nodiscard]] std::span<const std::uint32_t> pixel_of() const { return pixel_of_; }
-  [[nodiscard]] std::span<const std::uint32_t> block_of() const { return block_of_; }
   /// For each pixel, 1 if it holds a sample, else 0.
   [[nodiscard]] std::span<const std::uint8_t> covered() const { return covered_; }
 
  private:
   std::size_t width_, height_;
-  std::vector<std::uint32_t> pixel_of_, block_of_;
+  std::vector<std::uint32_t> pixel_of_;
   std::vector<std::uint8_t> covered_;
 };
 
@@ -73,12 +72,14 @@ class PredictiveTile {
   void code_color(std::array<BlockPlane, 3>& blocks, std::span<const std::uint8_t> alpha,
                   std::span<const std::uint32_t> predicted, std::span<std::uint32_t> rgba);
   [[nodiscard]] BlockPlane empty_plane() const;
-  [[nodiscard]] std::vector<std::uint8_t> coded_blocks(std::span<const std::uint8_t> alpha) const;
+  [[nodiscard]] std::vector<std::uint8_t> visible_blocks(
+      std::span<const std::uint8_t> pixels) const;
 
   const PredictiveLevel& level_;
   const TilePicture& picture_;
   PredictiveModels models_;
   Coder coder_;
+  std::vector<std::uint8_t> visible_;  // the tile's visible_blocks(), once alpha is coded
 };
 
 class PredictiveEncoder : PredictiveTile<RangeEncoder> {

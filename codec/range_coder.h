@@ -19,23 +19,28 @@ namespace slf::codec {
 class BitModel {
  public:
   BitModel() = default;
-  explicit BitModel(std::uint16_t probability) : fast_(probability), slow_(probability) {}
+  explicit BitModel(std::uint16_t probability) : both_(probability * 0x10001u) {}
 
   /// In 1/32768: 1..32767.
-  [[nodiscard]] std::uint32_t probability() const { return (std::uint32_t{fast_} + slow_) >> 2; }
+  [[nodiscard]] std::uint32_t probability() const {
+    return ((both_ >> 16) + (both_ & 0xFFFF)) >> 2;
+  }
+  /// Moves both estimates towards 0 or 65536. Their sums do not carry.
   void learn(bool bit) {
-    if (bit) {
-      fast_ = static_cast<std::uint16_t>(fast_ + ((65536u - fast_) >> kFast));
-      slow_ = static_cast<std::uint16_t>(slow_ + ((65536u - slow_) >> kSlow));
-    } else {
-      fast_ = static_cast<std::uint16_t>(fast_ - (fast_ >> kFast));
-      slow_ = static_cast<std::uint16_t>(slow_ - (slow_ >> kSlow));
-    }
+    if (bit)
+      both_ += share_of(0x10000u - both_);  // both estimates, subtracted from 65536
+    else
+      both_ -= share_of(both_);
   }
 
  private:
   static constexpr int kFast = 4, kSlow = 7;
-  std::uint16_t fast_ = 32768, slow_ = 32768;
+  /// 1/16 of the fast estimate and 1/128 of the slow one, rounded down.
+  static std::uint32_t share_of(std::uint32_t both) {
+    return ((both >> kFast) & 0xFFFF0000u) + ((both & 0xFFFF) >> kSlow);
+  }
+  // The fast estimate in the upper half, the slow one in the lower: one load, one store.
+  std::uint32_t both_ = 0x80008000u;
 };
 
 /// For each model of an array, how often its decision was 0 and 1.
@@ -148,6 +153,31 @@ class RangeDecoder {
   std::size_t at_ = 0;
   std::uint32_t code_ = 0;
   std::uint32_t range_ = 0xFFFFFFFFu;
+};
+
+/// A coder that is used in a loop. A decoder is copied, and copied back at the end, so that the
+/// compiler can keep its state in registers.
+template <class Coder>
+class InRegisters {
+ public:
+  explicit InRegisters(Coder& coder) : coder_(coder) {}
+
+  bool bit(BitModel& model, bool value = false) { return coder_.bit(model, value); }
+  bool even_bit(bool value = false) { return coder_.even_bit(value); }
+
+ private:
+  Coder& coder_;
+};
+template <>
+class InRegisters<RangeDecoder> : public RangeDecoder {
+ public:
+  explicit InRegisters(RangeDecoder& decoder) : RangeDecoder(decoder), decoder_(decoder) {}
+  ~InRegisters() { decoder_ = *this; }
+  InRegisters(const InRegisters&) = delete;
+  InRegisters& operator=(const InRegisters&) = delete;
+
+ private:
+  RangeDecoder& decoder_;
 };
 
 }  // namespace slf::codec

@@ -1,6 +1,8 @@
 #include "field/predicted_tiles.h"
 
 #include <algorithm>
+#include <bit>
+#include <cstring>
 #include <optional>
 
 #include "base/half.h"
@@ -164,7 +166,10 @@ Result<void> PredictedTiles::Work::decode(codec::PredictiveDecoder decoder,
   predict_color();
   std::vector<std::uint32_t> rgba(samples);
   decoder.color(alpha, color, rgba);
-  for (std::size_t s = 0; s < samples; ++s) store_le(to.data() + 4 * s, rgba[s]);
+  if constexpr (std::endian::native == std::endian::little)
+    std::memcpy(to.data(), rgba.data(), 4 * samples);
+  else
+    for (std::size_t s = 0; s < samples; ++s) store_le(to.data() + 4 * s, rgba[s]);
   const ByteSpan depths = std::as_bytes(std::span(depth));
   std::copy(depths.begin(), depths.end(), to.begin() + static_cast<std::ptrdiff_t>(4 * samples));
   return decoder.finish();

@@ -1,5 +1,6 @@
 #include "field/predict/prediction_kernel.h"
 
+#include <algorithm>
 #include <utility>
 
 #undef HWY_TARGET_INCLUDE
@@ -44,11 +45,35 @@ struct ExitCorners {
   V weight[3];
 };
 
-HWY_INLINE ExitCorners find_corners(const LevelGeometry& geometry, const Exact& p, V scale) {
+/// The coarser level. Its exit_paths() are held in a vector if they fit, which saves gathers.
+class Exits {
+ public:
+  explicit Exits(const LevelGeometry& coarser)
+      : geometry(coarser),
+        paths_(reinterpret_cast<const std::int32_t*>(coarser.exit_paths().data())),
+        fit_(coarser.exit_paths().size() <= hn::Lanes(DI())) {
+    HWY_ALIGN std::int32_t lanes[hn::MaxLanes(DI())] = {};
+    if (fit_) std::copy_n(paths_, coarser.exit_paths().size(), lanes);
+    table_ = hn::Load(DI(), lanes);
+  }
+  [[nodiscard]] HWY_INLINE VI path(VI index) const {
+    if (fit_) return hn::TableLookupLanes(table_, hn::IndicesFromVec(DI(), index));
+    return hn::GatherIndex(DI(), paths_, index);
+  }
+
+  const LevelGeometry& geometry;
+
+ private:
+  const std::int32_t* paths_;
+  bool fit_;
+  VI table_;
+};
+
+HWY_INLINE ExitCorners find_corners(const Exits& exits, const Exact& p, V scale) {
   const D d;
+  const LevelGeometry& geometry = exits.geometry;
   const auto level = static_cast<int>(geometry.level());
   const auto side = static_cast<float>(geometry.exit_side());
-  const auto* paths = reinterpret_cast<const std::int32_t*>(geometry.exit_paths().data());
   const V zero = hn::Zero(d), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
   const V all = hn::Set(d, 256.f);
   const V x = hn::Mul(hn::Abs(p.x), scale), y = hn::Mul(hn::Abs(p.y), scale);
@@ -86,7 +111,7 @@ HWY_INLINE ExitCorners find_corners(const LevelGeometry& geometry, const Exact& 
   const V path =
       hn::Add(hn::Add(hn::Mul(sy, hn::Set(d, static_cast<float>(2 << level))), hn::Add(sx, sx)),
               hn::IfThenElseZero(inverted, one));
-  corners.section = hn::Add(octant, hn::GatherIndex(DI(), paths, to_int(path)));
+  corners.section = hn::Add(octant, exits.path(to_int(path)));
 
   column = hn::IfThenElse(inverted, hn::Sub(n, column), column);
   line = hn::IfThenElse(inverted, hn::Sub(n, line), line);
@@ -109,7 +134,7 @@ struct Aim {
 
 /// Aims from e' (`from`) at the point e + d·r; `w` is e - e'. If the point is e' itself, the ray
 /// goes to `leave`, the end Q of the ray from e.
-HWY_INLINE Aim aim(const LevelGeometry& coarser, const Exact& from, const Exact& w, const Exact& r,
+HWY_INLINE Aim aim(const Exits& coarser, const Exact& from, const Exact& w, const Exact& r,
                    const Exact& leave, V d) {
   const D tag;
   const Exact v = w.plus(r.times(d));
@@ -122,7 +147,7 @@ HWY_INLINE Aim aim(const LevelGeometry& coarser, const Exact& from, const Exact&
   };
   const auto some = hn::Gt(norm(q), hn::Set(tag, 0x1p-40f));
   q = q.or_else(some, leave);
-  const V resolution = hn::Set(tag, static_cast<float>(coarser.exit_resolution()));
+  const V resolution = hn::Set(tag, static_cast<float>(coarser.geometry.exit_resolution()));
   to.corners = find_corners(coarser, q, hn::Div(resolution, norm(q)));
   return to;
 }
@@ -132,6 +157,13 @@ template <class Use>
 HWY_INLINE void for_each_tile(const ReferenceVertex& from, VI section, hn::Mask<D> wanted,
                               Use use) {
   const DI d;
+  const std::int32_t first = hn::GetLane(section);
+  if (hn::AllTrue(d, hn::Eq(section, hn::Set(d, first)))) {
+    const auto here = hn::RebindMask(d, wanted);
+    if (from.uses) from.uses[first] += static_cast<std::uint32_t>(hn::CountTrue(d, here));
+    if (from.tiles[first].color) use(from.tiles[first], here);
+    return;
+  }
   HWY_ALIGN std::int32_t sections[hn::MaxLanes(DI())];
   hn::Store(section, d, sections);
   auto left = hn::RebindMask(d, wanted);
@@ -154,6 +186,7 @@ void predict_alpha_depth_any(const LevelGeometry& coarser, const PredictedRow& r
   const V zero = hn::Zero(d), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
   const V full = hn::Set(d, 255.f);
   const Exact e = Exact::set(row.x, row.y, row.z);
+  const Exits exits(coarser);
   // A ray from the same vertex needs no correction by depth.
   const int rounds = row.references == 1 ? 1 : 3;
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
@@ -171,7 +204,7 @@ void predict_alpha_depth_any(const LevelGeometry& coarser, const PredictedRow& r
         const ReferenceVertex& from = row.reference[c];
         const Exact start = Exact::set(from.x, from.y, from.z);
         const Exact w = e.minus(start);
-        const Aim to = aim(coarser, start, w, r, leave, t);
+        const Aim to = aim(exits, start, w, r, leave, t);
         VI rgba[3] = {hn::Zero(di), hn::Zero(di), hn::Zero(di)};
         VI deep[3] = {hn::Zero(di), hn::Zero(di), hn::Zero(di)};
         for_each_tile(
@@ -229,6 +262,7 @@ void predict_color_any(const LevelGeometry& coarser, const PredictedRow& row, co
   const V zero = hn::Zero(d), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
   const V full = hn::Set(d, 255.f);
   const Exact e = Exact::set(row.x, row.y, row.z);
+  const Exits exits(coarser);
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
     const VI own_alpha = hn::PromoteTo(di, hn::LoadU(bytes, alpha + k));
     const auto visible = hn::RebindMask(d, hn::Gt(own_alpha, hn::Zero(di)));
@@ -246,7 +280,7 @@ void predict_color_any(const LevelGeometry& coarser, const PredictedRow& row, co
     for (std::size_t c = 0; c < row.references; ++c) {
       const ReferenceVertex& from = row.reference[c];
       const Exact start = Exact::set(from.x, from.y, from.z);
-      const Aim to = aim(coarser, start, e.minus(start), r, leave, t);
+      const Aim to = aim(exits, start, e.minus(start), r, leave, t);
       VI rgba[3] = {hn::Zero(di), hn::Zero(di), hn::Zero(di)};
       for_each_tile(from, to.corners.section, visible, [&](const ReferenceTile& tile, auto here) {
         const auto* colors = reinterpret_cast<const std::int32_t*>(tile.color) + from.row;

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "field/predict/upsample_kernel.h"
+
 namespace slf {
 namespace {
 
@@ -26,18 +28,24 @@ TilePredictor::TilePredictor(const LevelGeometry& coarser, const LevelGeometry& 
       references_(std::move(references)),
       side_(finer.exit_side()),
       columns_(triangle_size(side_)) {
-  for (std::uint32_t q = 0; q <= side_; ++q)
-    for (std::uint32_t p = 0; p + q <= side_; ++p) {
-      const LocalPoint local{static_cast<std::uint16_t>(p), static_cast<std::uint16_t>(q)};
-      const glm::vec3 point = exact_direction(vertex_at(sections.exit, local, side_));
+  // Within a section, coordinates are linear in p and q.
+  const LatticeVertex v = vertex_at(sections.exit, {0, 0}, side_);
+  const LatticeVertex along_p = vertex_at(sections.exit, {1, 0}, side_);
+  const LatticeVertex along_q = vertex_at(sections.exit, {0, 1}, side_);
+  const auto n = static_cast<std::int32_t>(side_);
+  for (std::int32_t q = 0; q <= n; ++q)
+    for (std::int32_t p = 0; p + q <= n; ++p) {
+      const auto at = [p, q](std::int32_t a, std::int32_t b, std::int32_t c) {
+        return a + p * (b - a) + q * (c - a);
+      };
+      const glm::vec3 point =
+          exact_direction({at(v.i, along_p.i, along_q.i), at(v.j, along_p.j, along_q.j),
+                           at(v.k, along_p.k, along_q.k)});
       push(points_, point);
-      if (side_ % 2 != 0 || (p % 2 == 0 && q % 2 == 0)) {
-        push(even_points_, point);
-        even_columns_.push_back(triangle_index(side_, p, q));
-      }
+      if (side_ % 2 != 0 || (p % 2 == 0 && q % 2 == 0)) push(even_points_, point);
     }
   fill_padding(points_, columns_);
-  fill_padding(even_points_, even_columns_.size());
+  fill_padding(even_points_, even_points_.x.size());
 }
 
 PredictedRow TilePredictor::row(std::size_t index, std::span<const ReferenceTile> from) const {
@@ -76,33 +84,18 @@ std::vector<std::uint32_t> TilePredictor::uses(std::span<const std::uint8_t> alp
 
 void TilePredictor::alpha_depth(std::span<const ReferenceTile> from, std::span<std::uint8_t> alpha,
                                 std::span<std::uint8_t> depth) const {
-  const std::size_t count = even_columns_.size();
-  std::vector<std::uint8_t> coarse_alpha(count + kPadding), coarse_depth(count + kPadding);
+  const std::size_t count = side_ % 2 == 0 ? triangle_size(side_ / 2) : columns_;
+  std::vector<std::uint8_t> even_alpha(count + kPadding), even_depth(count + kPadding);
+  std::vector<std::uint8_t> a(columns_ + kPadding), z(columns_ + kPadding);
   for (std::size_t k = 0; k < references_.rows.size(); ++k) {
-    predict_alpha_depth(coarser_, row(k, from), even_points_, count, coarse_alpha.data(),
-                        coarse_depth.data());
-    std::uint8_t* const a = alpha.data() + k * columns_;
-    std::uint8_t* const z = depth.data() + k * columns_;
-    for (std::size_t c = 0; c < count; ++c) {
-      a[even_columns_[c]] = coarse_alpha[c];
-      z[even_columns_[c]] = coarse_depth[c];
-    }
-    if (side_ % 2 != 0) continue;
-    // Other columns lie halfway between two of these. They get the mean alpha, and the mean depth
-    // of those that are visible.
-    const auto between = [&](std::uint32_t at, std::uint32_t one, std::uint32_t other) {
-      a[at] = static_cast<std::uint8_t>((a[one] + a[other] + 1) / 2);
-      z[at] = a[other] == 0 ? z[one]
-              : a[one] == 0 ? z[other]
-                            : static_cast<std::uint8_t>((z[one] + z[other] + 1) / 2);
-    };
-    for (std::uint32_t q = 0, at = 0; q <= side_; ++q)
-      for (std::uint32_t p = 0; p + q <= side_; ++p, ++at) {
-        const std::uint32_t up = side_ + 2 - q, down = side_ + 1 - q;  // to lines q - 1 and q + 1
-        if (p % 2 != 0 && q % 2 == 0) between(at, at - 1, at + 1);
-        if (p % 2 == 0 && q % 2 != 0) between(at, at - up, at + down);
-        if (p % 2 != 0 && q % 2 != 0) between(at, at - up + 1, at + down - 1);
-      }
+    predict_alpha_depth(coarser_, row(k, from), even_points_, count, even_alpha.data(),
+                        even_depth.data());
+    if (side_ % 2 == 0)
+      upsample_columns(side_, even_alpha.data(), even_depth.data(), a.data(), z.data());
+    else
+      a = even_alpha, z = even_depth;
+    std::copy_n(a.data(), columns_, alpha.data() + k * columns_);
+    std::copy_n(z.data(), columns_, depth.data() + k * columns_);
   }
 }
 

@@ -46,8 +46,7 @@ class TilePredictor {
   std::uint32_t side_;
   std::size_t columns_;
   Points points_;       // of all columns
-  Points even_points_;  // of the columns with even p and q
-  std::vector<std::uint32_t> even_columns_;
+  Points even_points_;  // of the columns with even p and q, or of all if the side is odd
 };
 
 }  // namespace slf
