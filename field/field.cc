@@ -85,6 +85,7 @@ Result<TileSamples> FieldFile::reference(storage::LayerId layer, TileKey key) co
   if (tile->state == storage::TileState::missing)
     return named(ErrorCode::failed, "is missing; build the field again");
   if (tile->state == storage::TileState::empty) return TileSamples();
+  reference_bytes_ += tile->payload.size();
   const auto samples = std::make_shared<Bytes>(tile_shape(layer, key).bytes());
   if (auto ok = decode(*tile, *samples); !ok) return tl::unexpected(ok.error());
   return TileSamples(samples);
@@ -93,6 +94,27 @@ Result<TileSamples> FieldFile::reference(storage::LayerId layer, TileKey key) co
 std::vector<TileKey> FieldFile::references(const storage::TileRef& tile) const {
   if (!predictions_[tile.layer]) return {};
   return predictions_[tile.layer]->tiles.references(tile.key, tile.payload);
+}
+
+Result<std::vector<TileKey>> FieldFile::with_references(storage::LayerId layer,
+                                                        std::span<const TileKey> keys) const {
+  std::vector<TileKey> all(keys.begin(), keys.end());
+  std::vector<TileKey> dependants;
+  if (predictions_[layer]) dependants = all;
+  while (!dependants.empty()) {
+    std::vector<TileKey> found;
+    for (const auto& tile : store_.find_all(layer, dependants)) {
+      if (!tile) return tl::unexpected(tile.error());
+      if (tile->state != storage::TileState::stored) continue;
+      for (const TileKey key : references(*tile))
+        if (shape().has(key)) found.push_back(key);
+    }
+    sort_unique(found);
+    all.insert(all.end(), found.begin(), found.end());
+    dependants = std::move(found);
+  }
+  sort_unique(all);
+  return all;
 }
 
 void FieldFile::advise_together(std::span<const storage::TileRef> tiles) const {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -63,6 +64,12 @@ class FieldFile {
   [[nodiscard]] bool predicts() const;
   /// The tiles that a stored one is predicted from; none in layers that predict nothing.
   [[nodiscard]] std::vector<TileKey> references(const storage::TileRef& tile) const;
+  /// `keys` and all tiles that they are predicted from, directly or through others, ascending.
+  [[nodiscard]] Result<std::vector<TileKey>> with_references(storage::LayerId layer,
+                                                             std::span<const TileKey> keys) const;
+  /// The bytes of the payloads that were decoded because others are predicted from them, from the
+  /// opening of the field.
+  [[nodiscard]] std::uint64_t reference_bytes() const { return reference_bytes_; }
 
   /// Asks the kernel to read the payloads of stored tiles, then, level by level, of those that they
   /// are predicted from. For a cold file, that takes as many trips to the disk as there are levels.
@@ -104,6 +111,7 @@ class FieldFile {
 
   std::vector<std::unique_ptr<codec::Codec>> codecs_;
   std::vector<std::unique_ptr<Prediction>> predictions_;  // per layer; null where nothing predicts
+  mutable std::atomic<std::uint64_t> reference_bytes_ = 0;
   mutable std::array<std::once_flag, 16> geometry_once_;
   mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometry_;
 };

@@ -157,11 +157,16 @@ Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles,
       const auto tile = field.store().find(layer, key);
       if (!tile) return tl::unexpected(tile.error());
       if (tile->state == storage::TileState::stored) stored.push_back(key);
-      sum.compressed_bytes += tile->payload.size();
     }
     if (!is_depth) sum.stored_tiles = stored.size();
-    const auto pages =
-        field.store().pages(layer, is_depth ? std::span<const TileKey>(stored) : tiles);
+    const auto read =
+        field.with_references(layer, is_depth ? std::span<const TileKey>(stored) : tiles);
+    if (!read) return tl::unexpected(read.error());
+    for (const auto& tile : field.store().find_all(layer, *read)) {
+      if (!tile) return tl::unexpected(tile.error());
+      sum.compressed_bytes += tile->payload.size();
+    }
+    const auto pages = field.store().pages(layer, *read);
     if (!pages) return tl::unexpected(pages.error());
     sum.pages.insert(sum.pages.end(), pages->begin(), pages->end());
   }
@@ -211,6 +216,7 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
     std::vector<ViewCost> views;
     for (std::size_t v = 0; v < options.cameras.size(); ++v) {
       kernel.begin();
+      field.file().set_reference_budget(0);  // forgets what the last view decoded
       Renderer renderer(field, options.renderer);
       ViewStatistics statistics;
       const auto image =

@@ -49,6 +49,7 @@ struct TileCache::Tile : Link {
 TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget,
                      bool in_place)
     : field_(field),
+      reference_bytes_(field.reference_bytes()),
       color_(field.layer("color").value()),
       depth_(field.layer("depth")),
       together_(has_color_and_depth(field.manifest().layers[color_].format)),
@@ -438,7 +439,9 @@ void TileCache::count_mapped_locked(const storage::TileRef& tile, bool read) {
 
 CacheStatistics TileCache::statistics() const {
   const std::lock_guard lock(mutex_);
-  return statistics_;
+  CacheStatistics statistics = statistics_;
+  statistics.loaded_bytes += field_.reference_bytes() - reference_bytes_;
+  return statistics;
 }
 
 void TileCache::reset_peak() {

@@ -35,7 +35,8 @@ struct CacheStatistics {
   std::uint64_t decodes = 0;             ///< tiles decoded or copied, counted per layer
   std::uint64_t decoded_bytes = 0;       ///< in the cache now
   std::uint64_t decoded_peak_bytes = 0;  ///< most bytes in the cache at any time
-  std::uint64_t loaded_bytes = 0;        ///< payloads read, from the start
+  /// Payloads read from the start, with those of tiles that others are predicted from.
+  std::uint64_t loaded_bytes = 0;
 };
 
 class TileCache {
@@ -185,6 +186,7 @@ class TileCache {
   }
 
   const FieldFile& field_;
+  const std::uint64_t reference_bytes_;  // field_.reference_bytes() at the start
   const storage::LayerId color_;
   const std::optional<storage::LayerId> depth_;
   const bool together_;  // colour and depth are one layer

@@ -17,12 +17,13 @@
 
 namespace slf {
 
-/// The bytes and pages of a file that a set of tiles occupies.
+/// The bytes and pages of a file that a reader of a set of tiles needs: those of the tiles, and of
+/// all tiles that they are predicted from.
 struct Footprint {
-  std::uint64_t stored_tiles = 0;      ///< tiles with a payload
+  std::uint64_t stored_tiles = 0;      ///< tiles of the set with a payload
   std::uint64_t compressed_bytes = 0;  ///< payloads, in the layers used
-  /// Numbers of the 4 KiB pages that a reader of the tiles needs, ascending: those of the tree, of
-  /// the records' tables and of the payloads.
+  /// Numbers of the 4 KiB pages, ascending: those of the tree, of the records' tables and of the
+  /// payloads.
   std::vector<std::uint64_t> pages;
 };
 
@@ -42,7 +43,7 @@ struct LevelMeasure {
   std::uint64_t tiles = 0;      ///< of the level, in all subfields
   MeanAndMax tiles_touched;     ///< including neighbours that interpolation reads
   MeanAndMax pairs_crossed;     ///< (entry section, exit section) pairs that rays pass through
-  MeanAndMax compressed_bytes;  ///< of the touched tiles, in the layers the mode uses
+  MeanAndMax compressed_bytes;  ///< as Footprint, of the touched tiles
   MeanAndMax map_pages;         ///< distinct 4 KiB pages of the map, as the engine counts them
   MeanAndMax cached_pages;      ///< the kernel's count: pages that came from the disk (mincore)
   MeanAndMax mapped_pages;      ///< the kernel's count: pages that this process has mapped (smaps)

@@ -4,8 +4,12 @@
 
 #include <cmath>
 #include <filesystem>
+#include <functional>
+#include <set>
 
 #include "field/field_file.h"
+#include "slf/measure.h"
+#include "slf/player.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
 #include "storage/tile_writer.h"
@@ -142,6 +146,38 @@ TEST_F(PredictiveField, AViewIsTheSameInAnyMemory) {
     options.memory = memory;
     EXPECT_EQ(draw(*open("a.slf"), camera_of(*field), {}, options).rgba, expected.rgba) << memory;
   }
+}
+
+TEST_F(PredictiveField, TheBytesOfAViewIncludeWhatItsTilesArePredictedFrom) {
+  const auto field = build("a.slf", predictive_options());
+  ASSERT_TRUE(field);
+  ViewOptions view;
+  view.level = 2;
+  ViewStatistics statistics;
+  draw(*field, camera_of(*field), view, {}, &statistics);
+  std::set<TileKey> needed;
+  std::uint64_t bytes = 0;
+  const std::function<void(TileKey)> need = [&](TileKey key) {
+    const auto tile = field->file().store().find(0, key);
+    if (!tile || tile->state != TileState::stored || !needed.insert(key).second) return;
+    bytes += tile->payload.size();
+    for (const TileKey reference : field->file().references(*tile)) need(reference);
+  };
+  for (const TileKey key : statistics.tiles) need(key);
+  const auto file = footprint(*field, statistics.tiles, true);
+  ASSERT_TRUE(file);
+  EXPECT_EQ(file->compressed_bytes, bytes);
+  EXPECT_LT(file->stored_tiles, needed.size());
+
+  PlayOptions options;
+  options.view = view;
+  options.loading = Loading::wait;
+  auto player = Player::make(*open("a.slf"), options);
+  ASSERT_TRUE(player);
+  Image image;
+  FrameReport report;
+  ASSERT_TRUE(player->draw(camera_of(*field), image, &report));
+  EXPECT_EQ(report.load_bytes, bytes);
 }
 
 TEST_F(PredictiveField, WithoutAReferenceACoarserLevelIsDrawn) {
