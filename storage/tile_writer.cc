@@ -144,8 +144,8 @@ struct TileWriter::State {
            std::to_string(key.index);
   }
 
-  // Pages freed by earlier commits may be reused once no reader has an older snapshot.
-  [[nodiscard]] Result<void> after_commit() {
+  // Pages freed by earlier commits may be reused if no reader has a snapshot older than the last.
+  [[nodiscard]] Result<void> before_commit() {
     if (file.pinned_before(environment->transaction())) return {};
     return environment->allow_reuse();
   }
@@ -161,6 +161,7 @@ struct TileWriter::State {
   [[nodiscard]] Result<void> commit() {
     if (!environment) return fail(ErrorCode::usage, path, ": was closed");
     if (records.empty() && blobs.empty() && edits.empty()) return check_place();
+    if (auto reusable = before_commit(); !reusable) return reusable;
     std::vector<LayerInfo> committed = layers;
     for (const CompleteRecord& record : records) {
       ++committed[record.layer].records;
@@ -181,8 +182,7 @@ struct TileWriter::State {
     edits.clear();
     edited_bytes = 0;
     base.reset();
-    if (auto there = check_place(); !there) return there;
-    return after_commit();
+    return check_place();
   }
 
   [[nodiscard]] tl::unexpected<Error> no_record(TileKey key) const {

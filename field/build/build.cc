@@ -1,9 +1,11 @@
 #include "slf/build.h"
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <exception>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -25,6 +27,10 @@ using storage::LayerId;
 
 constexpr std::size_t kTrainingTiles = 16;
 constexpr std::size_t kTrainingTries = 256;
+
+/// How many commits one reader of the coarser levels lives. While it lives, LMDB reuses no page
+/// that a commit frees, about four each. A new reader begins with an empty cache of references.
+constexpr unsigned kCommitsPerReader = 4;
 
 /// Traces a few tiles of the finest level, spread over it, that are not empty.
 Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const FieldShape& shape) {
@@ -176,25 +182,37 @@ struct BuildJob {
   const MissingTiles& missing;
   TileOrder order;
   unsigned threads;
-  const FieldFile* coarser = nullptr;  // has the tiles that others are predicted from
+  /// A file with the tiles that others are predicted from.
+  std::atomic<std::shared_ptr<const FieldFile>> coarser;
+  /// Whether that is the file that is being written.
+  const bool reads_own_file;
 
   Result<EncodedTile> make(TileKey key, TracedTile& traced) const {
     EncodedTile encoded;
     if (auto ok = tracer.trace(key, traced); !ok) return tl::unexpected(ok.error());
     encoded.rays = tracer.rays(key);
     encoded.payloads.resize(codecs.size());
+    const std::shared_ptr<const FieldFile> references = coarser;
     for (std::size_t k = 0; k < codecs.size() && !traced.empty; ++k) {
-      auto ok =
-          codecs[k]->predictive()
-              ? coarser->encode(static_cast<LayerId>(k), key, traced.layers[k], encoded.payloads[k])
-              : codecs[k]->encode(tracer.shape(key, manifest.layers[k].format), traced.layers[k],
-                                  encoded.payloads[k]);
+      auto ok = codecs[k]->predictive()
+                    ? references->encode(static_cast<LayerId>(k), key, traced.layers[k],
+                                         encoded.payloads[k])
+                    : codecs[k]->encode(tracer.shape(key, manifest.layers[k].format),
+                                        traced.layers[k], encoded.payloads[k]);
       if (!ok) return tl::unexpected(std::move(ok.error()));
     }
     return encoded;
   }
 
   [[nodiscard]] TileKey key(std::uint64_t k) const { return order.key(missing.number(k)); }
+
+  /// Opens the file that is being written, as of the last commit.
+  Result<void> reopen(const FieldWriter& writer) {
+    auto opened = FieldFile::open(writer.file());
+    if (!opened) return tl::unexpected(opened.error());
+    coarser = std::move(*opened);
+    return {};
+  }
 
   /// Makes the missing tiles [begin, end), in order, on all threads.
   [[nodiscard]] OrderedPipeline<EncodedTile> pipeline(std::uint64_t begin,
@@ -209,12 +227,13 @@ struct BuildJob {
 
 /// Makes and writes the missing tiles [begin, end). Commits every options.commit_seconds. Progress
 /// counts rays.
-Result<void> write_missing(const BuildJob& job, std::uint64_t begin, std::uint64_t end,
+Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end,
                            FieldWriter& writer, const std::string& path,
                            const BuildOptions& options, const ProgressCallback& progress,
                            Progress& state) {
   const std::chrono::duration<double> interval(options.commit_seconds);
   auto committed_at = Clock::now();
+  unsigned commits = 0;
   auto pipeline = job.pipeline(begin, end);
   for (std::uint64_t k = begin; k < end; ++k) {
     Result<EncodedTile> tile = pipeline.take();
@@ -230,6 +249,8 @@ Result<void> write_missing(const BuildJob& job, std::uint64_t begin, std::uint64
     const bool stop = progress && !progress(state);
     if (stop || Clock::now() - committed_at >= interval) {
       if (auto ok = writer.commit(); !ok) return ok;
+      if (job.reads_own_file && !stop && ++commits % kCommitsPerReader == 0)
+        if (auto ok = job.reopen(writer); !ok) return ok;
       committed_at = Clock::now();
     }
     if (stop)
@@ -241,24 +262,20 @@ Result<void> write_missing(const BuildJob& job, std::uint64_t begin, std::uint64
 
 /// Makes all missing tiles. If tiles are predicted, goes level by level, because a level is
 /// predicted from the committed file.
-Result<void> write_levels(BuildJob job, FieldWriter& writer, const std::string& path,
+Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string& path,
                           const BuildOptions& options, const ProgressCallback& progress,
                           Progress& state) {
-  const bool predicted = !job.coarser && predicts(job.manifest);
   for (std::uint64_t begin = 0, end = 0; begin < job.missing.count(); begin = end) {
-    end = predicted ? begin + 1 : job.missing.count();
+    end = job.reads_own_file ? begin + 1 : job.missing.count();
     while (end < job.missing.count() && job.key(end).level == job.key(begin).level) ++end;
-    std::shared_ptr<const FieldFile> committed;
-    if (predicted) {
+    if (job.reads_own_file) {
       if (auto ok = writer.commit_level(); !ok) return ok;
-      auto opened = FieldFile::open(writer.file());
-      if (!opened) return tl::unexpected(opened.error());
-      committed = std::move(*opened);
-      job.coarser = committed.get();
+      if (auto ok = job.reopen(writer); !ok) return ok;
     }
     if (auto ok = write_missing(job, begin, end, writer, path, options, progress, state); !ok)
       return ok;
   }
+  job.coarser = std::shared_ptr<const FieldFile>();
   return {};
 }
 
@@ -339,8 +356,10 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
   for (std::uint64_t k = 0; k < missing.count(); ++k)
     state.skipped -= tracer.rays(order.key(missing.number(k)));
   state.done = state.skipped;
-  const BuildJob job{
-      tracer, *manifest, *codecs, missing, order, thread_count(options.threads), coarser->get()};
+  BuildJob job{tracer,   *manifest,
+               *codecs,  missing,
+               order,    thread_count(options.threads),
+               *coarser, predicts(*manifest) && !*coarser};
   if (auto ok = write_levels(job, *writer, path, options, progress, state); !ok)
     return tl::unexpected(ok.error());
   if (auto ok = writer->finish(); !ok) return tl::unexpected(ok.error());

@@ -114,6 +114,29 @@ TEST(Concurrency, FreedPagesAreReusedWhenNobodyReadsThem) {
   EXPECT_LT(std::filesystem::file_size(path), 1000000u);
 }
 
+TEST(Concurrency, FreedPagesAreReusedAfterAReaderOpensTheFileAgain) {
+  TemporaryFolder folder;
+  const std::string path = folder / "a.slf";
+  TileWriter writer = create(path, {"color"});
+  Bytes tile = tile_bytes(0, {}, 100000), seen;
+  ASSERT_TRUE(ok(writer.append(0, {0, 0}, tile)));
+  ASSERT_TRUE(ok(writer.append(0, {1, 0}, {})));
+  ASSERT_TRUE(ok(writer.commit()));
+  std::optional<TileStore> reader;
+  for (std::uint8_t i = 0; i < 100; ++i) {
+    if (i % 4 == 0) {
+      reader.reset();
+      reader = std::move(TileStore::open(path).value());
+      seen = tile;
+    }
+    tile = tile_bytes(i, {}, 100000);
+    ASSERT_TRUE(ok(writer.replace(0, {0, 0}, TileState::stored, tile)));
+    ASSERT_TRUE(ok(writer.commit()));
+    ASSERT_TRUE(std::ranges::equal(reader->find(0, {0, 0})->payload, seen)) << int{i};
+  }
+  EXPECT_LT(std::filesystem::file_size(path), 2000000u);
+}
+
 TEST(Concurrency, AWriterWaitsForReadersOfOlderSnapshotsByRefusing) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
