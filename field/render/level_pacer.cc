@@ -6,6 +6,7 @@ namespace slf {
 namespace {
 
 constexpr double kLate = 0.5;    // time without a finished plan after which a level is left out
+constexpr double kFill = 1.25;   // time for the tiles of a whole view, after a level is added
 constexpr double kMemory = 0.5;  // time constant of the decaying sums
 // A view has about four times as many tiles in the next finer level. With them, the loader must not
 // be busy for more than this share of its time.
@@ -20,7 +21,7 @@ void LevelPacer::add_plan(unsigned requested, double idle, double busy, bool fin
   idle_ = fade * idle_ + idle;
   since_change_ += busy + idle;
   unfinished_ = finished ? 0 : unfinished_ + busy;
-  if (unfinished_ > kLate && left_out_ < requested) {
+  if (unfinished_ > kLate && since_change_ > kFill && left_out_ < requested) {
     // The level was added again too early: wait longer next time.
     patience_ = since_change_ < 4 * kLate ? std::min(2 * patience_, kMaxPatience) : kFirstPatience;
     ++left_out_;
