@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cstring>
 #include <optional>
 
 #include "base/half.h"
@@ -167,7 +166,7 @@ Result<void> PredictedTiles::Work::decode(codec::PredictiveDecoder decoder,
   std::vector<std::uint32_t> rgba(samples);
   decoder.color(alpha, color, rgba);
   if constexpr (std::endian::native == std::endian::little)
-    std::memcpy(to.data(), rgba.data(), 4 * samples);
+    std::ranges::copy(std::as_bytes(std::span(rgba)), to.begin());
   else
     for (std::size_t s = 0; s < samples; ++s) store_le(to.data() + 4 * s, rgba[s]);
   const ByteSpan depths = std::as_bytes(std::span(depth));
