@@ -165,9 +165,10 @@ Result<void> PredictedTiles::Work::decode(codec::PredictiveDecoder decoder,
   predict_color();
   std::vector<std::uint32_t> rgba(samples);
   decoder.color(alpha, color, rgba);
-  if constexpr (std::endian::native == std::endian::little)
-    std::ranges::copy(std::as_bytes(std::span(rgba)), to.begin());
-  else
+  if constexpr (std::endian::native == std::endian::little) {
+    const ByteSpan colors = std::as_bytes(std::span(rgba));
+    std::copy(colors.begin(), colors.end(), to.begin());
+  } else
     for (std::size_t s = 0; s < samples; ++s) store_le(to.data() + 4 * s, rgba[s]);
   const ByteSpan depths = std::as_bytes(std::span(depth));
   std::copy(depths.begin(), depths.end(), to.begin() + static_cast<std::ptrdiff_t>(4 * samples));
