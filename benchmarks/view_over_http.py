@@ -1,10 +1,9 @@
 #!/usr/bin/env python3
 """Measures what the page fetches from a static host, and how long that takes, in Chromium.
 
-    benchmarks/view_over_http.py SLF TOUCHED FIELD.slf [--views N] [--json FILE]
+    benchmarks/view_over_http.py SLF FIELD.slf [--views N] [--json FILE]
 
-SLF and TOUCHED are build/release/cli/slf and build/release/tests/touched. The field is exported
-unchanged. Each view is opened cold in a headless Chromium, from hosts that serve several ranges in
+SLF is build/release/cli/slf. The field is exported unchanged. Each view is opened cold in a headless Chromium, from hosts that serve several ranges in
 a request and from hosts that serve one, without delay and as over a link of 10 Mbit/s and 40 ms.
 This program simulates the host and the link (tests/view/host.py).
 
@@ -46,7 +45,6 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("slf")
-    parser.add_argument("touched")
     parser.add_argument("field")
     parser.add_argument("--views", type=int, default=len(VIEWS))
     parser.add_argument("--json", help="also write the figures to this file")
@@ -65,12 +63,13 @@ def main():
         print(f"{'ranges':6} {'link':17} {'view':10} | first: req trips   bytes   ms "
               f"| complete: req trips   bytes ratio    ms | all: req   bytes", flush=True)
         for view in VIEWS[:arguments.views]:
-            touched = int(subprocess.run([arguments.touched, field, *map(str, view), str(SIZE)],
-                                         check=True, capture_output=True, text=True).stdout)
+            text = ",".join(map(str, view))
+            drawn = slf("render", field, "-o", os.path.join(folder, "view.png"), "-f", "--orbit",
+                        text, "--size", str(SIZE), "--level", str(level), "--stats", "--json")
+            payload = json.loads(drawn)["compressed_bytes"]
             for ranges in ["many", "one"]:
                 for link, (rate, delay) in LINKS.items():
                     with Host(folder, ranges, rate, delay) as host:
-                        text = ",".join(map(str, view))
                         page = browser.open(
                             f"{host.url}/index.html#view={text}&mode=depth&level={level}",
                             SIZE, SIZE)
@@ -81,7 +80,7 @@ def main():
                             frames[text] = page.run(f"slf.frameTimes({FRAMES})")
                         page.close()
                         first, complete = found["first"], found["complete"]
-                        row = {"ranges": ranges, "link": link, "view": view, "payload": touched,
+                        row = {"ranges": ranges, "link": link, "view": view, "payload": payload,
                                "first": first, "complete": complete,
                                "requests": len(host.answers("field.slf")),
                                "bytes": host.bytes("field.slf")}
@@ -89,7 +88,7 @@ def main():
                     print(f"{ranges:6} {link:17} {text:10} | {first['requests']:10} "
                           f"{first['roundTrips']:5} {first['bytes']:7} {first['milliseconds']:4.0f} "
                           f"| {complete['requests']:13} {complete['roundTrips']:5} "
-                          f"{complete['bytes']:7} {complete['bytes'] / touched:5.2f} "
+                          f"{complete['bytes']:7} {complete['bytes'] / payload:5.2f} "
                           f"{complete['milliseconds']:5.0f} | {row['requests']:8} "
                           f"{row['bytes']:7}", flush=True)
         print("picture of   page, software GL   slf play | slf render: processor   wall")

@@ -96,14 +96,6 @@ HWY_INLINE void inverse(From from, std::int16_t* pixels, std::size_t stride) {
   transpose(a, pixels, stride);
 }
 
-void inverse_dct_any(const Block& coefficients, std::int16_t* pixels, std::size_t stride) {
-  inverse<8>(
-      [&](std::size_t k, std::size_t x) {
-        return hn::PromoteTo(D(), hn::LoadU(D16(), &coefficients[8 * k + x]));
-      },
-      pixels, stride);
-}
-
 void restore_block_any(const Block& quantised, std::size_t count, const std::int32_t* steps,
                        std::int16_t* pixels, std::size_t stride) {
   const auto coefficients = [&](std::size_t k, std::size_t x) {
@@ -137,7 +129,6 @@ constexpr int kBasis[8][8] = {
 
 }  // namespace
 
-HWY_EXPORT(inverse_dct_any);
 HWY_EXPORT(restore_block_any);
 
 std::array<float, 64> forward_dct(const std::array<float, 64>& values) {
@@ -158,10 +149,6 @@ std::array<float, 64> forward_dct(const std::array<float, 64>& values) {
       out[8 * v + k] = sum * kNorm;
     }
   return out;
-}
-
-void inverse_dct(const Block& coefficients, std::int16_t* pixels, std::size_t stride) {
-  HWY_DYNAMIC_DISPATCH(inverse_dct_any)(coefficients, pixels, stride);
 }
 
 void restore_block(const Block& quantised, std::size_t count,

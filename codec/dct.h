@@ -17,12 +17,9 @@ inline constexpr int kCoefficientScale = 16;
 /// The coefficients of a block of values.
 [[nodiscard]] std::array<float, 64> forward_dct(const std::array<float, 64>& values);
 
-/// Computes pixels from coefficients, in 32-bit integers that no input overflows. Pixel (x, y) goes
-/// to pixels[y * stride + x].
-void inverse_dct(const Block& coefficients, std::int16_t* pixels, std::size_t stride);
-
-/// The same from quantised coefficients, which are multiplied by `steps` and limited to 16 bits.
-/// Only the first `count` of them in zigzag order may differ from 0.
+/// Computes pixels from quantised coefficients, which are multiplied by `steps` and limited to 16
+/// bits, in 32-bit integers that no input overflows. Only the first `count` coefficients in zigzag
+/// order may differ from 0. Pixel (x, y) goes to pixels[y * stride + x].
 void restore_block(const Block& quantised, std::size_t count,
                    const std::array<std::int32_t, 64>& steps, std::int16_t* pixels,
                    std::size_t stride);

@@ -28,9 +28,10 @@ using storage::LayerId;
 constexpr std::size_t kTrainingTiles = 16;
 constexpr std::size_t kTrainingTries = 256;
 
-/// How many commits one reader of the coarser levels lives. While it lives, LMDB reuses no page
-/// that a commit frees, about four each. A new reader begins with an empty cache of references.
-constexpr unsigned kCommitsPerReader = 4;
+/// After so many commits, a build reads the coarser levels from its file opened anew. While the
+/// file is open, LMDB reuses no page that later commits free, about four each. Opening it anew
+/// empties the cache of references.
+constexpr std::uint64_t kCommitsPerReader = 4;
 
 /// Traces a few tiles of the finest level, spread over it, that are not empty.
 Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const FieldShape& shape) {
@@ -206,8 +207,13 @@ struct BuildJob {
 
   [[nodiscard]] TileKey key(std::uint64_t k) const { return order.key(missing.number(k)); }
 
-  /// Opens the file that is being written, as of the last commit.
-  Result<void> reopen(const FieldWriter& writer) {
+  /// Opens the file that is being written as of the last commit, if it is read, and was not opened
+  /// for some commits.
+  Result<void> follow(const FieldWriter& writer) {
+    const std::shared_ptr<const FieldFile> reader = coarser;
+    if (!reads_own_file ||
+        (reader && writer.transaction() < reader->store().transaction() + kCommitsPerReader))
+      return {};
     auto opened = FieldFile::open(writer.file());
     if (!opened) return tl::unexpected(opened.error());
     coarser = std::move(*opened);
@@ -233,7 +239,6 @@ Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end
                            Progress& state) {
   const std::chrono::duration<double> interval(options.commit_seconds);
   auto committed_at = Clock::now();
-  unsigned commits = 0;
   auto pipeline = job.pipeline(begin, end);
   for (std::uint64_t k = begin; k < end; ++k) {
     Result<EncodedTile> tile = pipeline.take();
@@ -249,8 +254,7 @@ Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end
     const bool stop = progress && !progress(state);
     if (stop || Clock::now() - committed_at >= interval) {
       if (auto ok = writer.commit(); !ok) return ok;
-      if (job.reads_own_file && !stop && ++commits % kCommitsPerReader == 0)
-        if (auto ok = job.reopen(writer); !ok) return ok;
+      if (auto ok = job.follow(writer); !ok) return ok;
       committed_at = Clock::now();
     }
     if (stop)
@@ -270,7 +274,8 @@ Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string&
     while (end < job.missing.count() && job.key(end).level == job.key(begin).level) ++end;
     if (job.reads_own_file) {
       if (auto ok = writer.commit_level(); !ok) return ok;
-      if (auto ok = job.reopen(writer); !ok) return ok;
+      job.coarser = std::shared_ptr<const FieldFile>();  // it lacks the level before
+      if (auto ok = job.follow(writer); !ok) return ok;
     }
     if (auto ok = write_missing(job, begin, end, writer, path, options, progress, state); !ok)
       return ok;

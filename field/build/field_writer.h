@@ -71,6 +71,8 @@ class FieldWriter {
 
   /// The file that is being written. Once committed, it opens as a field.
   [[nodiscard]] const std::string& file() const { return file_; }
+  /// The last commit.
+  [[nodiscard]] std::uint64_t transaction() const { return writer_->transaction(); }
 
   /// Sets about how many bytes of records may wait before a commit, at most 32 MiB (the default).
   void set_pending_limit(std::uint64_t bytes);

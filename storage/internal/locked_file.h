@@ -5,9 +5,8 @@
 //   byte 2^62 + t   locked shared by every reader of the snapshot of transaction t.
 // A writer must not reuse pages that a pinned snapshot can reach. Therefore
 //   - it refuses to open while a snapshot older than the current one is pinned;
-//   - it reuses only pages freed before it opened, and those freed up to a commit after which,
-//   before
-//     the next one, no older snapshot was pinned (see tile_writer.cc).
+//   - it reuses only pages freed before it opened, and before each commit those freed until then,
+//     if no snapshot older than the last commit is pinned at that time (see tile_writer.cc).
 //
 // Why not LMDB's reader table? It is a memory-mapped file of mutexes beside the container. That
 // file must be writable, LMDB trusts it without a check, killed processes leave their slots

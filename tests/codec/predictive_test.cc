@@ -206,6 +206,12 @@ TEST(PredictiveTables, ProbabilitiesOfBytesRise) {
     EXPECT_NEAR(probability_of(byte_of_probability(p)) / 65536., p, 0.005);
 }
 
+constexpr std::array<std::int32_t, 64> kUnitSteps = [] {
+  std::array<std::int32_t, 64> steps{};
+  for (std::int32_t& step : steps) step = 1;
+  return steps;
+}();
+
 TEST(Dct, TheInverseUndoesTheTransform) {
   std::mt19937 random(8);
   for (int round = 0; round < 100; ++round) {
@@ -216,7 +222,7 @@ TEST(Dct, TheInverseUndoesTheTransform) {
     for (std::size_t k = 0; k < 64; ++k)
       rounded[k] = static_cast<std::int16_t>(std::lround(coefficients[k]));
     std::int16_t pixels[64];
-    inverse_dct(rounded, pixels, 8);
+    restore_block(rounded, 64, kUnitSteps, pixels, 8);
     for (std::size_t k = 0; k < 64; ++k) EXPECT_NEAR(pixels[k], values[k], 1.5);
   }
 }
@@ -247,8 +253,29 @@ TEST(Dct, AllInstructionSetsAgreeWithTheDefinition) {
       }
     slf::testing::with_each_instruction_set([&](const char* set) {
       std::int16_t pixels[64];
-      inverse_dct(block, pixels, 8);
+      restore_block(block, 64, kUnitSteps, pixels, 8);
       for (std::size_t k = 0; k < 64; ++k) ASSERT_EQ(pixels[k], expected[k]) << set;
+    });
+  }
+}
+
+TEST(Dct, FewCoefficientsAndStepsChangeNothingButSpeed) {
+  std::mt19937 random(10);
+  for (std::size_t count = 0; count <= 64; ++count) {
+    std::array<std::int32_t, 64> steps;
+    for (std::int32_t& step : steps) step = static_cast<std::int32_t>(1 + random() % 3000);
+    Block quantised{}, coefficients{};
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::size_t at = kZigzag[k];
+      quantised[at] = static_cast<std::int16_t>(static_cast<int>(random() % 101) - 50);
+      coefficients[at] =
+          static_cast<std::int16_t>(std::clamp(quantised[at] * steps[at], -32768, 32767));
+    }
+    slf::testing::with_each_instruction_set([&](const char* set) {
+      std::int16_t pixels[64], expected[64];
+      restore_block(quantised, count, steps, pixels, 8);
+      restore_block(coefficients, 64, kUnitSteps, expected, 8);
+      ASSERT_TRUE(std::ranges::equal(pixels, expected)) << set << ", " << count;
     });
   }
 }
@@ -257,7 +284,7 @@ TEST(Dct, AMeanIsTheFirstCoefficient) {
   Block block{};
   block[0] = 8 * kCoefficientScale * 10;
   std::int16_t pixels[64];
-  inverse_dct(block, pixels, 8);
+  restore_block(block, 64, kUnitSteps, pixels, 8);
   for (const std::int16_t pixel : pixels) EXPECT_EQ(pixel, 10);
 }
 
@@ -265,9 +292,9 @@ TEST(Dct, ExtremeCoefficientsStayWithinTheirIntegers) {
   Block block;
   std::int16_t pixels[64];
   for (int k = 0; k < 64; ++k) block[static_cast<std::size_t>(k)] = k % 2 ? 32767 : -32768;
-  inverse_dct(block, pixels, 8);
+  restore_block(block, 64, kUnitSteps, pixels, 8);
   block.fill(-32768);
-  inverse_dct(block, pixels, 8);
+  restore_block(block, 64, kUnitSteps, pixels, 8);
 }
 
 }  // namespace

@@ -38,6 +38,13 @@ TEST(LevelPacer, ASlowFrameNowAndThenChangesNothing) {
   }
 }
 
+TEST(LevelPacer, AWholeViewMayTakeASecond) {
+  LevelPacer pacer;
+  for (double t = 0; t < 1; t += kFrame) pacer.add_plan(kFinest, 0, kFrame, false);
+  EXPECT_EQ(pacer.level(kFinest), kFinest);
+  EXPECT_EQ(play(pacer, kFrame / 100, 10), kFinest);
+}
+
 TEST(LevelPacer, LeavesOutLevelsThatComeTooLate) {
   LevelPacer pacer;
   EXPECT_EQ(play(pacer, kFrame / 5, 3), 1u);  // level 1 takes 4/5 of a frame, level 2 more than 3

@@ -138,6 +138,18 @@ TEST_F(PredictiveField, BytesDoNotDependOnThreadsOrInterruptions) {
   EXPECT_EQ(all_tiles(*open("parts.slf")), all_tiles(*whole));
 }
 
+TEST_F(PredictiveField, CommitsLeaveFewFreePages) {
+  auto options = predictive_options(1, "predictive:lossless");
+  options.shape.exit_side = 48;
+  options.commit_seconds = 0;
+  const auto field = build("a.slf", options);
+  ASSERT_TRUE(field);
+  const auto content = field->content();
+  ASSERT_TRUE(content);
+  EXPECT_LT(static_cast<double>(content->file_bytes),
+            1.1 * static_cast<double>(content->payload_bytes));
+}
+
 TEST_F(PredictiveField, AViewIsTheSameInAnyMemory) {
   const auto field = build("a.slf", predictive_options());
   const Image expected = draw(*field, camera_of(*field), {});

@@ -1,6 +1,6 @@
 """The page in a headless Chromium: its pictures beside those of slf render.
 
-    page_test.py SLF DECODED TOUCHED WORK_FOLDER [FIELD.slf …]
+    page_test.py SLF DECODED WORK_FOLDER [FIELD.slf …]
 
 Exits with 77, which CTest takes for skipped, where there is no browser or no page.
 """
@@ -18,12 +18,12 @@ sys.dont_write_bytecode = True
 from browser import Browser, BrowserError, shutil
 from host import Host
 
-SLF, DECODED, TOUCHED, WORK = sys.argv[1:5]
+SLF, DECODED, WORK = sys.argv[1:4]
 VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 2.2), (300, 5, 1.4), (75, 0, 6)]
 MIN_PSNR = {"bitri": 45.0, "depth": 42.0}  # dB
 # Software graphics take a second for a picture of 512². Half of that shows the same mistakes;
 # fields that are given are drawn in full.
-SIZE = 512 if sys.argv[5:] else 256
+SIZE = 512 if sys.argv[4:] else 256
 
 
 def slf(*arguments):
@@ -63,7 +63,7 @@ class PageTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         os.makedirs(WORK, exist_ok=True)
-        cls.fields = sys.argv[5:] or cls.build_fields()
+        cls.fields = sys.argv[4:] or cls.build_fields()
         cls.browser = Browser()
 
     @classmethod
@@ -204,15 +204,16 @@ class PageTest(unittest.TestCase):
         index = index_size(field)
         # In the last view, depths move rays to other tiles more than once.
         for ranges, view in [("many", VIEWS[0]), ("one", VIEWS[0]), ("many", (117, 71, 3.9))]:
-            touched = int(subprocess.run([TOUCHED, field, *map(str, view), str(SIZE)], check=True,
-                                         capture_output=True, text=True).stdout)
+            view = ",".join(map(str, view))
+            payload = json.loads(slf("render", field, "-o", path("payload.png"), "-f", "--orbit",
+                                     view, "--size", SIZE, "--level", "finest", "--stats",
+                                     "--json"))["compressed_bytes"]
             with self.subTest(ranges=ranges, view=view), Host(folder, ranges) as host:
-                view = ",".join(map(str, view))
                 page = self.browser.open(f"{host.url}/index.html#view={view}&level=2", SIZE, SIZE)
                 page.settle()
                 page.wait("!slf.statistics().busy")
                 found = page.run("slf.statistics()")
-                print(f"{ranges}: {touched} bytes of payload, {found}", flush=True)
+                print(f"{ranges}: {payload} bytes of payload, {found}", flush=True)
                 self.assertLessEqual(len(host.answers("field.slf")), 40)
                 self.assertEqual(len(host.answers("field.slf")), found["requests"])
                 self.assertEqual(host.bytes("field.slf"), found["bytes"])  # none was refused
@@ -221,7 +222,7 @@ class PageTest(unittest.TestCase):
                 self.assertLessEqual(found["complete"]["roundTrips"], 4)
                 if ranges == "many":
                     # Tiles are small here: the headers of parts take 140 bytes each.
-                    self.assertLessEqual(host.bytes("field.slf"), 1.5 * touched + index + 65536)
+                    self.assertLessEqual(host.bytes("field.slf"), 1.5 * payload + index + 65536)
                 page.close()
 
     def test_says_what_is_wrong(self):
