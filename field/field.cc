@@ -85,9 +85,8 @@ Result<TileSamples> FieldFile::reference(storage::LayerId layer, TileKey key) co
   if (tile->state == storage::TileState::missing)
     return named(ErrorCode::failed, "is missing; build the field again");
   if (tile->state == storage::TileState::empty) return TileSamples();
-  reference_bytes_ += tile->payload.size();
   const auto samples = std::make_shared<Bytes>(tile_shape(layer, key).bytes());
-  if (auto ok = decode(*tile, *samples); !ok) return tl::unexpected(ok.error());
+  if (auto ok = decode_payload(*tile, *samples); !ok) return tl::unexpected(ok.error());
   return TileSamples(samples);
 }
 
@@ -184,6 +183,19 @@ codec::Tile FieldFile::tile_shape(storage::LayerId layer, TileKey key) const {
 }
 
 Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<std::byte> samples) const {
+  Prediction* const prediction = predictions_[tile.layer].get();
+  if (!prediction || tile.key.level == shape().levels) return decode_payload(tile, samples);
+  // Finer tiles may be predicted from this one, so it is decoded once for both purposes.
+  const auto shared = prediction->references.get(tile.key);
+  if (!shared) return tl::unexpected(shared.error());
+  if (!*shared) return changed();  // the tile was not empty before
+  std::copy_n((*shared)->begin(), samples.size(), samples.begin());
+  return {};
+}
+
+Result<void> FieldFile::decode_payload(const storage::TileRef& tile,
+                                       std::span<std::byte> samples) const {
+  decoded_bytes_ += tile.payload.size();
   if (codecs_[tile.layer]->in_place() && tile.payload.size() == samples.size())
     return store_.copy(tile, samples);
   if (auto ok = store_.check(tile); !ok) return ok;
@@ -208,6 +220,10 @@ Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<std::byte
 
 Result<void> FieldFile::unchanged() const {
   if (!store_.changed()) return {};
+  return changed();
+}
+
+tl::unexpected<Error> FieldFile::changed() const {
   return fail(ErrorCode::bad_file, path(), ": changed while it was open; open it again");
 }
 

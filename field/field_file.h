@@ -54,7 +54,8 @@ class FieldFile {
   [[nodiscard]] codec::Tile tile_shape(storage::LayerId layer, TileKey key) const;
 
   /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes. Tiles that it is
-  /// predicted from are decoded first, and kept for others. bad_file: the tile, or one that it is
+  /// predicted from are decoded first. They are kept for others within set_reference_budget(), as
+  /// is the tile itself if others may be predicted from it. bad_file: the tile, or one that it is
   /// predicted from, is damaged. failed: one that it is predicted from is missing. The message
   /// names it.
   [[nodiscard]] Result<void> decode(const storage::TileRef& tile,
@@ -67,9 +68,8 @@ class FieldFile {
   /// `keys` and all tiles that they are predicted from, directly or through others, ascending.
   [[nodiscard]] Result<std::vector<TileKey>> with_references(storage::LayerId layer,
                                                              std::span<const TileKey> keys) const;
-  /// The bytes of the payloads that were decoded because others are predicted from them, from the
-  /// opening of the field.
-  [[nodiscard]] std::uint64_t reference_bytes() const { return reference_bytes_; }
+  /// The bytes of all payloads that were decoded since the field was opened.
+  [[nodiscard]] std::uint64_t decoded_bytes() const { return decoded_bytes_; }
 
   /// Asks the kernel to read the payloads of stored tiles, then, level by level, of those that they
   /// are predicted from. For a cold file, that takes as many trips to the disk as there are levels.
@@ -108,10 +108,13 @@ class FieldFile {
   /// Whether every layer has all tiles of the part.
   [[nodiscard]] Result<bool> part_is_complete() const;
   [[nodiscard]] Result<TileSamples> reference(storage::LayerId layer, TileKey key) const;
+  [[nodiscard]] tl::unexpected<Error> changed() const;
+  [[nodiscard]] Result<void> decode_payload(const storage::TileRef& tile,
+                                            std::span<std::byte> samples) const;
 
   std::vector<std::unique_ptr<codec::Codec>> codecs_;
   std::vector<std::unique_ptr<Prediction>> predictions_;  // per layer; null where nothing predicts
-  mutable std::atomic<std::uint64_t> reference_bytes_ = 0;
+  mutable std::atomic<std::uint64_t> decoded_bytes_ = 0;
   mutable std::array<std::once_flag, 16> geometry_once_;
   mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometry_;
 };

@@ -5,8 +5,11 @@
 namespace slf {
 namespace {
 
-constexpr double kLate = 0.5;    // time without a finished plan after which a level is left out
-constexpr double kFill = 1.25;   // time for the tiles of a whole view, after a level is added
+// A level is left out if, in this time, no plan was finished and the missing tiles did not become
+// fewer by this share. Filling a whole view takes several such steps. If they become several times
+// as many at once, the camera was moved elsewhere, and the time begins again.
+constexpr double kLate = 0.5, kFewer = 1. / 8;
+constexpr std::size_t kElsewhere = 2;
 constexpr double kMemory = 0.5;  // time constant of the decaying sums
 // A view has about four times as many tiles in the next finer level. With them, the loader must not
 // be busy for more than this share of its time.
@@ -15,15 +18,22 @@ constexpr double kMaxPatience = 8;
 
 }  // namespace
 
-void LevelPacer::add_plan(unsigned requested, double idle, double busy, bool finished) {
+void LevelPacer::add_plan(unsigned requested, double idle, double busy, std::size_t missing,
+                          bool finished) {
   const double fade = std::exp(-(busy + idle) / kMemory);
   busy_ = fade * busy_ + busy;
   idle_ = fade * idle_ + idle;
   since_change_ += busy + idle;
-  unfinished_ = finished ? 0 : unfinished_ + busy;
-  if (unfinished_ > kLate && since_change_ > kFill && left_out_ < requested) {
-    // The level was added again too early: wait longer next time.
-    patience_ = since_change_ < 4 * kLate ? std::min(2 * patience_, kMaxPatience) : kFirstPatience;
+  late_ += busy;
+  in_time_ = in_time_ || finished;
+  const auto tiles = static_cast<double>(missing), before = static_cast<double>(missing_);
+  if (finished || tiles <= (1 - kFewer) * before || missing > kElsewhere * missing_) {
+    late_ = 0;
+    missing_ = finished ? 0 : missing;
+  }
+  if (late_ > kLate && left_out_ < requested) {
+    // If the level was never in time, it was added again too early: wait longer next time.
+    patience_ = in_time_ ? kFirstPatience : std::min(2 * patience_, kMaxPatience);
     ++left_out_;
   } else if (finished && left_out_ > 0 && since_change_ > patience_ &&
              kGrowth * busy_share() < kMaxBusy) {
@@ -31,7 +41,9 @@ void LevelPacer::add_plan(unsigned requested, double idle, double busy, bool fin
   } else {
     return;
   }
-  busy_ = idle_ = unfinished_ = since_change_ = 0;
+  busy_ = idle_ = late_ = since_change_ = 0;
+  missing_ = 0;
+  in_time_ = false;
 }
 
 }  // namespace slf

@@ -2,11 +2,13 @@
 // the camera.
 //
 // As in adaptive streaming, it measures the share of time that the loader is busy. If frames lack
-// tiles for a while, storage is too slow, and the finest level is left out. If the loader has time
-// for several times the work, as when the camera stands still, a level is added.
+// tiles for a while, and not fewer and fewer of them, storage is too slow, and the finest level is
+// left out. If the loader has time for several times the work, as when the camera stands still, a
+// level is added.
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 
 namespace slf {
 
@@ -18,11 +20,11 @@ class LevelPacer {
     return requested - std::min(requested, left_out_);
   }
 
-  /// Records the end of a plan for a view of level `requested`. Since the end of the
-  /// previous plan, the loader loaded and decoded for `busy` seconds and was idle for `idle`.
-  /// `finished`: it loaded all tiles that the frame lacked before the next frame, or there is no
-  /// memory for more.
-  void add_plan(unsigned requested, double idle, double busy, bool finished);
+  /// Records the end of a plan for a view of level `requested`, whose frame lacked `missing` tiles
+  /// up to level(). Since the end of the previous plan, the loader loaded and decoded for `busy`
+  /// seconds and was idle for `idle`. `finished`: it loaded all these tiles before the next frame,
+  /// or there is no memory for more.
+  void add_plan(unsigned requested, double idle, double busy, std::size_t missing, bool finished);
 
   /// The recent share of its time that the loader is busy.
   [[nodiscard]] double busy_share() const {
@@ -34,7 +36,9 @@ class LevelPacer {
 
   unsigned left_out_ = 0;       // levels
   double busy_ = 0, idle_ = 0;  // exponentially decaying sums
-  double unfinished_ = 0;       // time since the last finished plan
+  double late_ = 0;             // busy time since a plan was finished or fewer tiles were missing
+  std::size_t missing_ = 0;     // tiles, when late_ began
+  bool in_time_ = true;         // whether a plan was finished since the last change
   double since_change_ = 0;
   double patience_ = kFirstPatience;  // time until a level is added again
 };

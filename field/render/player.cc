@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
@@ -13,6 +14,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "base/parallel.h"
 #include "field/render/level_pacer.h"
 #include "field/render/renderer_state.h"
 
@@ -90,12 +92,13 @@ bool is_near(const Camera& camera, const Camera& expected, const Camera& before,
 
 }  // namespace
 
-/// The loading thread. It works on the latest plan only: the tiles that the last frame lacked, then
-/// those of the views to come, coarse levels first.
+/// The loading thread, which decodes on as many threads as draw. It works on the latest plan only:
+/// the tiles that the last frame lacked, then those of the views to come, coarse levels first.
 class Player::Loader {
  public:
   Loader(const Renderer& renderer, const ViewOptions& view)
       : cache_(*renderer.state_->cache),
+        threads_(static_cast<unsigned>(renderer.state_->renderers.size())),
         view_(view),
         previewer_(renderer, 1),
         thread_([this] { run(); }) {}
@@ -179,7 +182,8 @@ class Player::Loader {
       const std::chrono::duration<double> busy = std::exchange(busy_, {});
       const std::chrono::duration<double> passed =
           Clock::now() - std::exchange(paced_, Clock::now());
-      pacer_.add_plan(requested, std::max(passed - busy, {}).count(), busy.count(), finished);
+      pacer_.add_plan(requested, std::max(passed - busy, {}).count(), busy.count(), missing.size(),
+                      finished);
       done_ = plan;
       changed_.notify_all();
     }
@@ -203,14 +207,38 @@ class Player::Loader {
     auto batch = locate(0);
     for (std::size_t at = 0; at < keys.size(); at += kBatch) {
       const auto now = std::exchange(batch, locate(at + kBatch));
-      for (const TileCache::Located& tile : now) {
-        if (outdated() || !cache_.has_room(drawn)) return false;
-        const auto began = Clock::now();
-        if (auto pin = cache_.load(tile, with_depth); !pin) return tl::unexpected(pin.error());
-        busy_ += Clock::now() - began;
-      }
+      if (auto ok = load_batch(now, drawn); !ok || !*ok) return ok;
     }
     return true;
+  }
+
+  /// Loads tiles on several threads.
+  [[nodiscard]] Result<bool> load_batch(std::span<const TileCache::Located> tiles,
+                                        std::uint32_t drawn) {
+    std::atomic<std::size_t> next{0};
+    std::atomic<bool> stopped{false};
+    std::atomic<Clock::rep> busy{0};
+    std::mutex mutex;
+    std::optional<Error> error;
+    auto ok = on_threads(threads_, [&] {
+      for (std::size_t k; !stopped && (k = next++) < tiles.size();) {
+        if (outdated() || !cache_.has_room(drawn)) {
+          stopped = true;
+          return;
+        }
+        const auto began = Clock::now();
+        const auto pin = cache_.load(tiles[k], view_.needs_depth());
+        busy += (Clock::now() - began).count();
+        if (pin) continue;
+        stopped = true;
+        const std::lock_guard lock(mutex);
+        error = pin.error();
+      }
+    });
+    busy_ += Clock::duration(busy) / threads_;
+    if (!ok) return tl::unexpected(ok.error());
+    if (error) return tl::unexpected(*error);
+    return !stopped;
   }
 
   /// Renders a small preview of a view and loads the tiles that it misses, until none is missing.
@@ -233,6 +261,7 @@ class Player::Loader {
   }
 
   TileCache& cache_;
+  const unsigned threads_;
   ViewOptions view_;
   Renderer previewer_;
   Image preview_;

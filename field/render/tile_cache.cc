@@ -49,7 +49,7 @@ struct TileCache::Tile : Link {
 TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget,
                      bool in_place)
     : field_(field),
-      reference_bytes_(field.reference_bytes()),
+      decoded_before_(field.decoded_bytes()),
       color_(field.layer("color").value()),
       depth_(field.layer("depth")),
       together_(has_color_and_depth(field.manifest().layers[color_].format)),
@@ -343,7 +343,7 @@ void TileCache::charge(Tile& tile, const LayerSamples& samples, std::uint64_t by
   make_room(scoped.lock(), cost);
   tile.cost += cost;
   statistics_.decodes += bytes > 0;
-  statistics_.loaded_bytes += samples.ref.payload.size();
+  if (samples.in_place) statistics_.loaded_bytes += samples.ref.payload.size();
   if (samples.mapped || !located) count_mapped_locked(samples.ref, samples.mapped);
   statistics_.decoded_bytes += cost;
   statistics_.decoded_peak_bytes =
@@ -440,7 +440,7 @@ void TileCache::count_mapped_locked(const storage::TileRef& tile, bool read) {
 CacheStatistics TileCache::statistics() const {
   const std::lock_guard lock(mutex_);
   CacheStatistics statistics = statistics_;
-  statistics.loaded_bytes += field_.reference_bytes() - reference_bytes_;
+  statistics.loaded_bytes += field_.decoded_bytes() - decoded_before_;
   return statistics;
 }
 

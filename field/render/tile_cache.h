@@ -186,7 +186,7 @@ class TileCache {
   }
 
   const FieldFile& field_;
-  const std::uint64_t reference_bytes_;  // field_.reference_bytes() at the start
+  const std::uint64_t decoded_before_;  // field_.decoded_bytes() at the start
   const storage::LayerId color_;
   const std::optional<storage::LayerId> depth_;
   const bool together_;  // colour and depth are one layer

@@ -22,7 +22,8 @@
 
 namespace slf {
 
-/// Which tiles are loaded, and by which thread.
+/// Which tiles are loaded, and by which thread. The loading thread shares decoding with as many
+/// others as draw.
 enum class Loading {
   ahead,   ///< the loading thread: tiles that frames lacked, then those of predicted frames
   demand,  ///< the loading thread: tiles that frames lacked

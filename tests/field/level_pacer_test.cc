@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kFrame = 1.0 / 30;
 constexpr unsigned kFinest = 3;
+constexpr std::size_t kMissing = 100;  // tiles that a frame lacks where storage is too slow
 
 /// Plays for some seconds from a storage that loads one frame's tiles of level 0 in `cost`, and of
 /// each finer level in four times as long. The level at the end.
@@ -20,7 +21,7 @@ unsigned play(LevelPacer& pacer, double cost, double seconds) {
     for (unsigned level = 0; level < pacer.level(kFinest); ++level) busy *= 4;
     const bool finished = busy < kFrame;
     busy = std::min(busy, kFrame);
-    pacer.add_plan(kFinest, kFrame - busy, busy, finished);
+    pacer.add_plan(kFinest, kFrame - busy, busy, finished ? 0 : kMissing, finished);
   }
   return pacer.level(kFinest);
 }
@@ -33,16 +34,36 @@ TEST(LevelPacer, LoadsEveryLevelWhereStorageKeepsUp) {
 TEST(LevelPacer, ASlowFrameNowAndThenChangesNothing) {
   LevelPacer pacer;
   for (int k = 0; k < 100; ++k) {
-    pacer.add_plan(kFinest, 0, 0.3, false);
+    pacer.add_plan(kFinest, 0, 0.3, kMissing, false);
     EXPECT_EQ(play(pacer, 0, kFrame), kFinest);
   }
 }
 
-TEST(LevelPacer, AWholeViewMayTakeASecond) {
+/// Plans that are not finished, from `missing` tiles down to `left`, `gone` fewer in each.
+void fill(LevelPacer& pacer, std::size_t missing, std::size_t left, std::size_t gone) {
+  for (; missing > left; missing -= gone) pacer.add_plan(kFinest, 0, kFrame, missing, false);
+}
+
+TEST(LevelPacer, AViewMayTakeSecondsToFill) {
   LevelPacer pacer;
-  for (double t = 0; t < 1; t += kFrame) pacer.add_plan(kFinest, 0, kFrame, false);
+  fill(pacer, 800, 0, 8);  // 3.3 s
   EXPECT_EQ(pacer.level(kFinest), kFinest);
   EXPECT_EQ(play(pacer, kFrame / 100, 10), kFinest);
+}
+
+TEST(LevelPacer, AViewThatStopsFillingLosesALevel) {
+  LevelPacer pacer;
+  fill(pacer, 800, 400, 8);
+  EXPECT_EQ(pacer.level(kFinest), kFinest);
+  for (int frame = 0; frame < 20; ++frame)  // the camera needs as many tiles as are loaded
+    pacer.add_plan(kFinest, 0, kFrame, 400, false);
+  EXPECT_EQ(pacer.level(kFinest), kFinest - 1);
+}
+
+TEST(LevelPacer, ACutToAnotherViewBeginsAgain) {
+  LevelPacer pacer;
+  for (int cut = 0; cut < 20; ++cut) fill(pacer, 400, 100, 30);
+  EXPECT_EQ(pacer.level(kFinest), kFinest);
 }
 
 TEST(LevelPacer, LeavesOutLevelsThatComeTooLate) {
@@ -67,7 +88,7 @@ TEST(LevelPacer, ALevelJustTooFineIsTriedMoreAndMoreRarely) {
     const bool too_fine = pacer.level(kFinest) >= 2;
     fine += too_fine ? kFrame : 0;
     pacer.add_plan(kFinest, too_fine ? 0 : 0.9 * kFrame, too_fine ? kFrame : 0.1 * kFrame,
-                   !too_fine);
+                   too_fine ? kMissing : 0, !too_fine);
   }
   EXPECT_LT(fine, 0.2 * seconds);
 }

@@ -160,6 +160,27 @@ TEST_F(PredictiveField, AViewIsTheSameInAnyMemory) {
   }
 }
 
+TEST_F(PredictiveField, ATileIsDecodedOnceForItselfAndForOthers) {
+  const auto field = build("a.slf", predictive_options());
+  ASSERT_TRUE(field);
+  const FieldFile& file = field->file();
+  const TileKey dependant = reference_and_dependant(*field).second;
+  const auto keys = file.with_references(0, std::span(&dependant, 1));
+  ASSERT_TRUE(keys && keys->size() > 1);
+  const std::uint64_t before = file.decoded_bytes();
+  std::uint64_t payloads = 0;
+  for (int round = 0; round < 2; ++round)
+    for (const TileKey key : *keys) {  // coarse levels first
+      const auto tile = file.store().find(0, key);
+      ASSERT_TRUE(tile);
+      if (tile->state != TileState::stored) continue;
+      Bytes samples(file.tile_shape(0, key).bytes());
+      ASSERT_TRUE(file.decode(*tile, samples));
+      payloads += round == 0 ? tile->payload.size() : 0;
+    }
+  EXPECT_EQ(file.decoded_bytes() - before, payloads);
+}
+
 TEST_F(PredictiveField, TheBytesOfAViewIncludeWhatItsTilesArePredictedFrom) {
   const auto field = build("a.slf", predictive_options());
   ASSERT_TRUE(field);
