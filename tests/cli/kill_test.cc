@@ -74,14 +74,28 @@ Tiles tiles_of(const std::string& path) {
   return field ? all_tiles(*field) : Tiles();
 }
 
-Arguments build(const std::string& output) {
-  return {"-q",     "build",         "scene:balls", "-o",       output, "--entry",
-          "3",      "--exit",        "8",           "--levels", "1",    "--color-codec",
-          "zstd:1", "--depth-codec", "zstd:1",      "-j",       "2",    "--commit-every",
-          "0.002"};
+Arguments join(Arguments arguments, const Arguments& more) {
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  return arguments;
 }
 
-TEST(Killed, ABuildKeepsWhatItCommittedAndEndsTheSame) {
+/// With the options that choose the codecs.
+class Killed : public ::testing::TestWithParam<Arguments> {
+ protected:
+  static Arguments build(const std::string& output) {
+    return join({"-q", "build", "scene:balls", "-o", output, "--entry", "3", "--exit", "8",
+                 "--levels", "1", "-j", "2", "--commit-every", "0.002"},
+                GetParam());
+  }
+};
+
+INSTANTIATE_TEST_SUITE_P(
+    Codecs, Killed,
+    ::testing::Values(Arguments{"--color-codec", "zstd:1", "--depth-codec", "zstd:1"},
+                      Arguments{"--codec", "predictive:90"}),
+    [](const auto& param) { return param.index == 0 ? "zstd" : "predictive"; });
+
+TEST_P(Killed, ABuildKeepsWhatItCommittedAndEndsTheSame) {
   Workplace place;
   Moments moments(build(place / "whole.slf"));
   const Tiles whole = tiles_of(place / "whole.slf");
@@ -125,12 +139,14 @@ TEST(Killed, ABuildKeepsWhatItCommittedAndEndsTheSame) {
   EXPECT_TRUE(tiles_of(path) == whole);
 }
 
-TEST(Killed, ARepackLeavesNoFieldOrAWholeOne) {
+TEST_P(Killed, ARepackLeavesNoFieldOrAWholeOne) {
   Workplace place;
-  ASSERT_EQ(run(build(place / "in.slf")), 0);
-  const auto repack = [&](const std::string& output) -> Arguments {
-    return {"-q",     "repack",   place / "in.slf", "-o", output, "--color-codec",
-            "zstd:6", "--memory", "1MiB",           "-j", "2"};
+  ASSERT_EQ(run({"-q", "build", "scene:balls", "-o", place / "in.slf", "--entry", "3", "--exit",
+                 "8", "--levels", "1", "--color-codec", "raw", "--depth-codec", "raw"}),
+            0);
+  const auto repack = [&](const std::string& output) {
+    return join({"-q", "repack", place / "in.slf", "-o", output, "--memory", "1MiB", "-j", "2"},
+                GetParam());
   };
   Moments moments(repack(place / "whole.slf"));
   const Tiles whole = tiles_of(place / "whole.slf");
@@ -160,7 +176,7 @@ TEST(Killed, ARepackLeavesNoFieldOrAWholeOne) {
 }
 
 // Shards and merges, with the codec whose shards build coarser tiles, too.
-TEST(Killed, ShardsAndMergesEndInTheFieldOfOneBuild) {
+TEST(KilledMerge, ShardsAndMergesEndInTheFieldOfOneBuild) {
   Workplace place;
   const auto shard = [&](const std::string& output, const std::string& number) -> Arguments {
     return {"-q", "build",          "scene:balls", "-o",       output, "--entry",
