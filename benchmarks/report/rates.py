@@ -33,7 +33,7 @@ def run(bench, part):
         whole = name == names[0] and not bench.quick
         qualities = QUALITIES if whole else OTHER_QUALITIES
         curves[name] = _measure(bench, bench.volume(name), qualities)
-        bench.say(f"{name} done")
+        bench.say(f"{name}: predictive needs {_needs(curves[name])} of the bytes of jpeg:90")
     part.numbers["rates"] = curves
     of_peers = _measure_peers(bench, part, bench.volume(names[0]))
     part.numbers["peers"] = of_peers
@@ -126,6 +126,11 @@ def _share(curves):
     return reached and reached / jpeg["bytes"]
 
 
+def _needs(curves):
+    share = _share(curves)
+    return f"{share:.0%}" if share else "not reached"
+
+
 def _show(bench, part, curves):
     colors = {"zstd": plots.DIM, "jpeg": plots.PAPER, "predictive": plots.OURS}
     columns = min(len(curves), 4)
@@ -200,12 +205,7 @@ def _against(ours, theirs):
 
 def _claim(bench, part, curves):
     shares = {name: _share(of_volume) for name, of_volume in curves.items()}
-    told = ", ".join(
-        f"{bench.volume(name).title}: {share:.0%}"
-        if share
-        else f"{bench.volume(name).title}: not reached"
-        for name, share in shares.items()
-    )
+    told = ", ".join(f"{bench.volume(name).title}: {_needs(of)}" for name, of in curves.items())
     met = [share is not None and share <= AT_MOST for share in shares.values()]
     part.claim(
         "slf",

@@ -6,10 +6,10 @@ namespace slf {
 namespace {
 
 // A level is left out if, in this time, no plan was finished and the missing tiles did not become
-// fewer by this share. Filling a whole view takes several such steps. If they become several times
-// as many at once, the camera was moved elsewhere, and the time begins again.
-constexpr double kLate = 0.5, kFewer = 1. / 8;
-constexpr std::size_t kElsewhere = 2;
+// fewer by one in kFewer. Filling a whole view takes several such steps. If kElsewhere times as
+// many are missing, the camera was moved elsewhere, and the time begins again.
+constexpr double kLate = 0.5;
+constexpr std::size_t kFewer = 8, kElsewhere = 2;
 constexpr double kMemory = 0.5;  // time constant of the decaying sums
 // A view has about four times as many tiles in the next finer level. With them, the loader must not
 // be busy for more than this share of its time.
@@ -26,8 +26,9 @@ void LevelPacer::add_plan(unsigned requested, double idle, double busy, std::siz
   since_change_ += busy + idle;
   late_ += busy;
   in_time_ = in_time_ || finished;
-  const auto tiles = static_cast<double>(missing), before = static_cast<double>(missing_);
-  if (finished || tiles <= (1 - kFewer) * before || missing > kElsewhere * missing_) {
+  const bool fewer = kFewer * missing <= (kFewer - 1) * missing_;
+  const bool elsewhere = missing > kElsewhere * missing_;
+  if (finished || fewer || elsewhere) {
     late_ = 0;
     missing_ = finished ? 0 : missing;
   }
