@@ -58,11 +58,12 @@ std::vector<std::uint8_t> PredictiveTile<Coder>::visible_blocks(
     std::span<const std::uint8_t> pixels) const {
   std::vector<std::uint8_t> blocks(picture_.pixels() / 64);
   const std::size_t across = picture_.width() / 8;
-  for (std::size_t run = 0; run < pixels.size() / 8; ++run) {
-    std::uint64_t eight = 0;
-    std::memcpy(&eight, &pixels[8 * run], 8);
-    if (eight != 0) blocks[run / across / 8 * across + run % across] = 1;
-  }
+  for (std::size_t y = 0; y < picture_.height(); ++y)
+    for (std::size_t x = 0; x < across; ++x) {
+      std::uint64_t eight = 0;
+      std::memcpy(&eight, &pixels[8 * (y * across + x)], 8);
+      if (eight != 0) blocks[y / 8 * across + x] = 1;
+    }
   return blocks;
 }
 

@@ -1,11 +1,11 @@
 #include "slf/build.h"
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <exception>
 #include <filesystem>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <vector>
 
@@ -175,6 +175,27 @@ struct EncodedTile {
   std::uint64_t rays = 0;       // traced for it, approximately
 };
 
+/// A file with the tiles that others are predicted from, or none. Workers read it while the writer
+/// replaces it. A mutex guards it, because the load() of libstdc++ 12's atomic shared_ptr does not
+/// release.
+class CoarserFile {
+ public:
+  CoarserFile(std::shared_ptr<const FieldFile> file) : file_(std::move(file)) {}
+
+  [[nodiscard]] std::shared_ptr<const FieldFile> get() const {
+    const std::lock_guard lock(mutex_);
+    return file_;
+  }
+  void set(std::shared_ptr<const FieldFile> file) {
+    const std::lock_guard lock(mutex_);
+    file_.swap(file);  // the last user of the old one closes it
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::shared_ptr<const FieldFile> file_;
+};
+
 /// The checked inputs of a build.
 struct BuildJob {
   const TileTracer& tracer;
@@ -183,8 +204,7 @@ struct BuildJob {
   const MissingTiles& missing;
   TileOrder order;
   unsigned threads;
-  /// A file with the tiles that others are predicted from.
-  std::atomic<std::shared_ptr<const FieldFile>> coarser;
+  CoarserFile coarser;
   /// Whether that is the file that is being written.
   const bool reads_own_file;
 
@@ -193,7 +213,7 @@ struct BuildJob {
     if (auto ok = tracer.trace(key, traced); !ok) return tl::unexpected(ok.error());
     encoded.rays = tracer.rays(key);
     encoded.payloads.resize(codecs.size());
-    const std::shared_ptr<const FieldFile> references = coarser;
+    const std::shared_ptr<const FieldFile> references = coarser.get();
     for (std::size_t k = 0; k < codecs.size() && !traced.empty; ++k) {
       auto ok = codecs[k]->predictive()
                     ? references->encode(static_cast<LayerId>(k), key, traced.layers[k],
@@ -210,13 +230,13 @@ struct BuildJob {
   /// Opens the file that is being written as of the last commit, if it is read, and was not opened
   /// for some commits.
   Result<void> follow(const FieldWriter& writer) {
-    const std::shared_ptr<const FieldFile> reader = coarser;
+    const std::shared_ptr<const FieldFile> reader = coarser.get();
     if (!reads_own_file ||
         (reader && writer.transaction() < reader->store().transaction() + kCommitsPerReader))
       return {};
     auto opened = FieldFile::open(writer.file());
     if (!opened) return tl::unexpected(opened.error());
-    coarser = std::move(*opened);
+    coarser.set(std::move(*opened));
     return {};
   }
 
@@ -274,13 +294,13 @@ Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string&
     while (end < job.missing.count() && job.key(end).level == job.key(begin).level) ++end;
     if (job.reads_own_file) {
       if (auto ok = writer.commit_level(); !ok) return ok;
-      job.coarser = std::shared_ptr<const FieldFile>();  // it lacks the level before
+      job.coarser.set(nullptr);  // it lacks the level before
       if (auto ok = job.follow(writer); !ok) return ok;
     }
     if (auto ok = write_missing(job, begin, end, writer, path, options, progress, state); !ok)
       return ok;
   }
-  job.coarser = std::shared_ptr<const FieldFile>();
+  job.coarser.set(nullptr);
   return {};
 }
 
