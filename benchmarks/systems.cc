@@ -8,6 +8,7 @@
 // ray-caster; a field between planes for each --planes (heights in radii and nodes along an edge;
 // without NA and NB, as many slabs as the sphere has); the sphere's field in mode bitri and, if it
 // has depth, in mode depth. Everything is warm: a first turn, which is not counted, decodes tiles.
+// The ray-caster takes hundreds of times as long and draws each view once.
 // Reported: median wall time and processor time of all threads, in ms, as means over the views;
 // PSNR against the ray-caster's picture.
 #include <CLI/CLI.hpp>
@@ -103,7 +104,8 @@ nlohmann::json measure(const Arguments& a) {
       std::vector<Image> images(systems.size());
       for (int k = 0; k <= a.repeats; ++k)
         for (std::size_t s = 0; s < systems.size(); ++s) {
-          if (k == 1) times[s] = {};
+          if (s == 0 && k > 0) continue;
+          if (k == 1 && s > 0) times[s] = {};
           times[s].run([&] { systems[s].draw(camera, images[s]); });
         }
       for (std::size_t s = 0; s < systems.size(); ++s) {
