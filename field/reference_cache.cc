@@ -1,7 +1,5 @@
 #include "field/reference_cache.h"
 
-#include "base/guarded.h"
-
 namespace slf {
 
 namespace {
@@ -26,14 +24,25 @@ Result<TileSamples> ReferenceCache::get(TileKey key) {
   const auto entry = entries_.insert(entries_.end(), {key, nullptr, true});
   places_[key] = entry;
   lock.unlock();
-  auto samples = guarded([&] { return load_(key); });  // must not throw: others wait for the tile
-  lock.lock();
-  loaded_.notify_all();
-  if (!samples) {  // errors are not cached: the next request tries again
+  const auto forget = [&] {  // others wait for the tile
+    lock.lock();
+    loaded_.notify_all();
     places_.erase(key);
     entries_.erase(entry);
+  };
+  Result<TileSamples> samples;
+  try {
+    samples = load_(key);
+  } catch (...) {  // no memory, say: not an error of the tile
+    forget();
+    throw;
+  }
+  if (!samples) {  // errors are not cached: the next request tries again
+    forget();
     return samples;
   }
+  lock.lock();
+  loaded_.notify_all();
   entry->samples = *samples;
   entry->loading = false;
   bytes_ += cost(*samples);

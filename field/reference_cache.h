@@ -21,7 +21,8 @@ class ReferenceCache {
   /// `load` decodes a tile.
   explicit ReferenceCache(ReferenceSource load) : load_(std::move(load)) {}
 
-  /// The samples of a tile, decoded if necessary. Errors of `load`, which are not cached.
+  /// The samples of a tile, decoded if necessary. Errors and exceptions of `load` are passed on,
+  /// and not cached.
   [[nodiscard]] Result<TileSamples> get(TileKey key);
 
   /// Whether a tile is cached or being decoded.
