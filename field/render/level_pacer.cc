@@ -18,25 +18,25 @@ constexpr double kMaxPatience = 8;
 
 }  // namespace
 
-void LevelPacer::add_plan(unsigned requested, double idle, double busy, std::size_t missing,
-                          bool finished) {
-  const double fade = std::exp(-(busy + idle) / kMemory);
-  busy_ = fade * busy_ + busy;
-  idle_ = fade * idle_ + idle;
-  since_change_ += busy + idle;
-  late_ += busy;
-  in_time_ = in_time_ || finished;
-  const bool fewer = kFewer * missing <= (kFewer - 1) * missing_;
-  const bool elsewhere = missing > kElsewhere * missing_;
-  if (finished || fewer || elsewhere) {
+void LevelPacer::add_plan(const Plan& plan) {
+  const double fade = std::exp(-(plan.busy + plan.idle) / kMemory);
+  busy_ = fade * busy_ + plan.busy;
+  idle_ = fade * idle_ + plan.idle;
+  since_change_ += plan.busy + plan.idle;
+  late_ += plan.busy;
+  in_time_ = in_time_ || plan.finished;
+  const bool fewer = kFewer * plan.missing <= (kFewer - 1) * missing_;
+  const bool elsewhere = plan.missing > kElsewhere * missing_;
+  if (plan.finished || plan.resting || fewer || elsewhere) {
     late_ = 0;
-    missing_ = finished ? 0 : missing;
+    missing_ = plan.finished ? 0 : plan.missing;
   }
-  if (late_ > kLate && left_out_ < requested) {
+  if (late_ > kLate && left_out_ < plan.requested) {
     // If the level was never in time, it was added again too early: wait longer next time.
     patience_ = in_time_ ? kFirstPatience : std::min(2 * patience_, kMaxPatience);
     ++left_out_;
-  } else if (finished && left_out_ > 0 && since_change_ > patience_ &&
+  } else if (plan.finished && left_out_ > 0 &&
+             since_change_ > (plan.resting ? kFirstPatience : patience_) &&
              kGrowth * busy_share() < kMaxBusy) {
     --left_out_;
   } else {

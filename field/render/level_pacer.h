@@ -3,8 +3,8 @@
 //
 // As in adaptive streaming, it measures the share of time that the loader is busy. If frames lack
 // tiles for a while, and not fewer and fewer of them, storage is too slow, and the finest level is
-// left out. If the loader has time for several times the work, as when the camera stands still, a
-// level is added.
+// left out. If the loader has time for several times the work, as when the camera rests, a level is
+// added. While the camera rests, no level is left out: its view may take any time to fill.
 #pragma once
 
 #include <algorithm>
@@ -15,16 +15,22 @@ namespace slf {
 /// Times are in seconds. Thread-safety: one thread.
 class LevelPacer {
  public:
+  /// What the loader did for a frame, since the end of its work for the frame before.
+  struct Plan {
+    unsigned requested = 0;   ///< level of the frame's view
+    double idle = 0;          ///< time without loading
+    double busy = 0;          ///< time of finding, reading and decoding tiles
+    std::size_t missing = 0;  ///< tiles that the frame lacked, up to level()
+    bool finished = false;    ///< all these came before the next frame, or no memory is left
+    bool resting = false;     ///< the camera did not move since the frame before
+  };
+
   /// The finest level to load for a view of level `requested`.
   [[nodiscard]] unsigned level(unsigned requested) const {
     return requested - std::min(requested, left_out_);
   }
 
-  /// Records the end of a plan for a view of level `requested`, whose frame lacked `missing` tiles
-  /// up to level(). Since the end of the previous plan, the loader loaded and decoded for `busy`
-  /// seconds and was idle for `idle`. `finished`: it loaded all these tiles before the next frame,
-  /// or there is no memory for more.
-  void add_plan(unsigned requested, double idle, double busy, std::size_t missing, bool finished);
+  void add_plan(const Plan& plan);
 
   /// The recent share of its time that the loader is busy.
   [[nodiscard]] double busy_share() const {

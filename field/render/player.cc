@@ -112,15 +112,17 @@ class Player::Loader {
   }
 
   /// Replaces the plan. `missing`: sorted keys of the tiles that the frame missed; `level`: that of
-  /// the frame; `drawn`: its TileCache frame, whose tiles must stay loaded.
+  /// the frame; `drawn`: its TileCache frame, whose tiles must stay loaded; `resting`: the frame
+  /// before had the same camera.
   void plan(std::vector<TileKey> missing, std::vector<Camera> next, unsigned level,
-            std::uint32_t drawn) {
+            std::uint32_t drawn, bool resting) {
     {
       const std::lock_guard lock(mutex_);
       missing_ = std::move(missing);
       next_ = std::move(next);
       level_ = level;
       drawn_ = drawn;
+      resting_ = resting;
       ++plan_;
     }
     changed_.notify_all();
@@ -131,13 +133,19 @@ class Player::Loader {
     changed_.wait(lock, [&] { return done_ == plan_; });
   }
 
-  /// Pauses or resumes loading, to leave the CPU to a frame.
-  void pause(bool paused) {
+  /// A frame begins. `alone`: loading pauses until it ends, to leave the CPU to it. Otherwise one
+  /// thread goes on loading, as long as frames are not alone.
+  void begin_frame(bool alone) {
+    const std::lock_guard lock(mutex_);
+    paused_ = alone;
+    crowded_ = !alone;
+  }
+  void end_frame() {
     {
       const std::lock_guard lock(mutex_);
-      paused_ = paused;
+      paused_ = false;
     }
-    if (!paused) changed_.notify_all();
+    changed_.notify_all();
   }
 
   /// The finest level to load for a view of level `requested`.
@@ -162,16 +170,16 @@ class Player::Loader {
       std::vector<TileKey> missing = std::move(missing_);
       const std::vector<Camera> next = std::move(next_);
       const std::uint32_t drawn = drawn_;
-      const unsigned requested = level_;
-      view_.level = pacer_.level(requested);
+      LevelPacer::Plan paced{.requested = level_, .resting = resting_};
+      view_.level = pacer_.level(paced.requested);
       lock.unlock();
 
       current_ = plan;
       std::erase_if(missing, [&](TileKey key) { return key.level > view_.level; });
-      bool finished = true;
+      paced.missing = missing.size();
       auto ok = guarded([&] {
         auto room = load(missing, drawn);
-        finished = !room || *room || !outdated();
+        paced.finished = missing.empty() || !room || !outdated();
         for (std::size_t k = 0; room && k < next.size() && *room; ++k)
           room = load_view(next[k], drawn);
         return room;
@@ -182,8 +190,9 @@ class Player::Loader {
       const std::chrono::duration<double> busy = std::exchange(busy_, {});
       const std::chrono::duration<double> passed =
           Clock::now() - std::exchange(paced_, Clock::now());
-      pacer_.add_plan(requested, std::max(passed - busy, {}).count(), busy.count(), missing.size(),
-                      finished);
+      paced.busy = busy.count();
+      paced.idle = std::max(passed - busy, {}).count();
+      pacer_.add_plan(paced);
       done_ = plan;
       changed_.notify_all();
     }
@@ -201,8 +210,12 @@ class Player::Loader {
   [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint32_t drawn) {
     const bool with_depth = view_.needs_depth();
     const auto locate = [&](std::size_t from) {
+      const auto began = Clock::now();
       from = std::min(from, keys.size());
-      return cache_.locate(keys.subspan(from, std::min(kBatch, keys.size() - from)), with_depth);
+      auto located =
+          cache_.locate(keys.subspan(from, std::min(kBatch, keys.size() - from)), with_depth);
+      busy_ += Clock::now() - began;
+      return located;
     };
     auto batch = locate(0);
     for (std::size_t at = 0; at < keys.size(); at += kBatch) {
@@ -220,7 +233,9 @@ class Player::Loader {
     std::atomic<Clock::rep> busy{0};
     std::mutex mutex;
     std::optional<Error> error;
-    auto ok = on_threads(threads_, [&] {
+    const auto threads =
+        static_cast<unsigned>(std::clamp<std::size_t>(tiles.size(), 1, crowded_ ? 1 : threads_));
+    auto ok = on_threads(threads, [&] {
       for (std::size_t k; !stopped && (k = next++) < tiles.size();) {
         if (outdated() || !cache_.has_room(drawn)) {
           stopped = true;
@@ -235,7 +250,7 @@ class Player::Loader {
         error = pin.error();
       }
     });
-    busy_ += Clock::duration(busy) / threads_;
+    busy_ += Clock::duration(busy) / threads;
     if (!ok) return tl::unexpected(ok.error());
     if (error) return tl::unexpected(*error);
     return !stopped;
@@ -278,7 +293,8 @@ class Player::Loader {
   std::uint64_t plan_ = 0, done_ = 0;
   LevelPacer pacer_;
   std::optional<Error> error_;
-  bool stop_ = false, paused_ = false;
+  bool resting_ = false, stop_ = false, paused_ = false;
+  std::atomic<bool> crowded_ = false;  // frames follow each other without a pause
   std::thread thread_;
 };
 
@@ -339,12 +355,12 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
   const auto begin = Clock::now();
   // If there is time between frames, the loader pauses while a frame is drawn.
   const bool alone = s.loader && begin - s.ended > (s.ended - s.began) / kGap;
-  if (alone) s.loader->pause(true);
+  if (s.loader) s.loader->begin_frame(alone);
   TileCache& cache = s.cache();
   const std::uint32_t frame = cache.now() + 1;  // this frame's number, or a lower one
   ViewStatistics statistics;
-  auto ok = s.renderer.render(camera, s.options.view, image, &statistics);
-  if (alone) s.loader->pause(false);
+  auto ok = guarded([&] { return s.renderer.render(camera, s.options.view, image, &statistics); });
+  if (s.loader) s.loader->end_frame();
   if (!ok) return ok;
   s.began = begin, s.ended = Clock::now();
   const std::chrono::duration<double> took = s.ended - s.began;
@@ -383,7 +399,8 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
     if (s.before) s.expected = predict(center, *s.before, camera, 1);
   }
   const auto level = static_cast<unsigned>(statistics.level_pixels.size() - 1);
-  s.loader->plan(std::move(statistics.misses), std::move(next), level, frame);
+  const bool resting = s.before && *s.before == camera;
+  s.loader->plan(std::move(statistics.misses), std::move(next), level, frame, resting);
   s.before = camera;
   return {};
 }

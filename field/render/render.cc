@@ -20,6 +20,7 @@ namespace {
 
 constexpr std::uint32_t kTakenBlocks = 16;  // blocks that a thread reserves at a time
 constexpr std::size_t kRayScratch = 512;    // approximate scratch per ray of a block, in bytes
+constexpr std::size_t kDecodeScratch = 64;  // the same per sample of a predicted tile
 
 struct Plan {
   unsigned threads;
@@ -33,7 +34,8 @@ Plan plan_memory(const FieldFile& field, const RendererOptions& options) {
   for (const Layer& layer : field.manifest().layers) sample += codec::sample_bytes(layer.format);
   const std::uint64_t tile = field.shape().max_tile_samples() * sample;
   Plan plan;
-  const std::uint64_t scratch = kBlockRays * kRayScratch;
+  std::uint64_t scratch = kBlockRays * kRayScratch;
+  if (field.predicts()) scratch += field.shape().max_tile_samples() * kDecodeScratch;
   const std::uint64_t fit = options.memory / (tile + scratch);
   plan.threads =
       static_cast<unsigned>(std::clamp<std::uint64_t>(fit, 1, thread_count(options.threads)));

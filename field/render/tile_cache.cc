@@ -236,13 +236,13 @@ void TileCache::remove_for_locked(std::uint64_t bytes) {
 }
 
 void TileCache::make_room(std::unique_lock<std::mutex>& lock, std::uint64_t bytes) {
-  remove_for_locked(bytes);
-  free_removed_locked();
-  while (!removed_.empty() && statistics_.decoded_bytes + bytes > budget_) {  // a short wait
-    lock.unlock();
-    std::this_thread::yield();
-    lock.lock();
+  for (;;) {
+    remove_for_locked(bytes);  // again after a wait: other threads may have charged for tiles
     free_removed_locked();
+    if (removed_.empty() || statistics_.decoded_bytes + bytes <= budget_) return;
+    lock.unlock();
+    std::this_thread::yield();  // frames that use removed tiles end soon
+    lock.lock();
   }
 }
 

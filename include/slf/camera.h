@@ -23,6 +23,8 @@ struct Camera {
   /// Size of the picture in pixels; width × height is at most 2^28.
   std::uint32_t width = 512;
   std::uint32_t height = 512;
+
+  bool operator==(const Camera&) const = default;
 };
 
 /// A pixel's ray, from the eye through the pixel's centre. The direction need not have unit length.

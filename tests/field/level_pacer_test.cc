@@ -21,7 +21,11 @@ unsigned play(LevelPacer& pacer, double cost, double seconds) {
     for (unsigned level = 0; level < pacer.level(kFinest); ++level) busy *= 4;
     const bool finished = busy < kFrame;
     busy = std::min(busy, kFrame);
-    pacer.add_plan(kFinest, kFrame - busy, busy, finished ? 0 : kMissing, finished);
+    pacer.add_plan({.requested = kFinest,
+                    .idle = kFrame - busy,
+                    .busy = busy,
+                    .missing = finished ? 0 : kMissing,
+                    .finished = finished});
   }
   return pacer.level(kFinest);
 }
@@ -34,14 +38,15 @@ TEST(LevelPacer, LoadsEveryLevelWhereStorageKeepsUp) {
 TEST(LevelPacer, ASlowFrameNowAndThenChangesNothing) {
   LevelPacer pacer;
   for (int k = 0; k < 100; ++k) {
-    pacer.add_plan(kFinest, 0, 0.3, kMissing, false);
+    pacer.add_plan({.requested = kFinest, .busy = 0.3, .missing = kMissing});
     EXPECT_EQ(play(pacer, 0, kFrame), kFinest);
   }
 }
 
 /// Plans that are not finished, from `missing` tiles down to `left`, `gone` fewer in each.
 void fill(LevelPacer& pacer, std::size_t missing, std::size_t left, std::size_t gone) {
-  for (; missing > left; missing -= gone) pacer.add_plan(kFinest, 0, kFrame, missing, false);
+  for (; missing > left; missing -= gone)
+    pacer.add_plan({.requested = kFinest, .busy = kFrame, .missing = missing});
 }
 
 TEST(LevelPacer, AViewMayTakeSecondsToFill) {
@@ -51,12 +56,35 @@ TEST(LevelPacer, AViewMayTakeSecondsToFill) {
   EXPECT_EQ(play(pacer, kFrame / 100, 10), kFinest);
 }
 
+TEST(LevelPacer, TheViewOfARestingCameraMayTakeAnyTime) {
+  LevelPacer pacer;
+  ASSERT_EQ(play(pacer, kFrame / 5, 3), 1u);
+  double seconds = 0;
+  // Storage delivers 50 tiles a second, views have 160, 640 and 2,400 tiles at these levels.
+  for (unsigned level = 1; level <= kFinest; level = pacer.level(kFinest)) {
+    double missing = level == 1 ? 0 : level == 2 ? 640 : 2400;
+    for (; missing > 0; missing -= 50 * kFrame, seconds += kFrame) {
+      pacer.add_plan({.requested = kFinest,
+                      .busy = kFrame,
+                      .missing = static_cast<std::size_t>(missing),
+                      .resting = true});
+      ASSERT_EQ(pacer.level(kFinest), level);
+    }
+    if (level == kFinest) break;
+    for (; pacer.level(kFinest) == level; seconds += kFrame) {
+      ASSERT_LT(seconds, 80);
+      pacer.add_plan({.requested = kFinest, .idle = kFrame, .finished = true, .resting = true});
+    }
+  }
+  EXPECT_LT(seconds, 80);  // 3,040 tiles take 61
+}
+
 TEST(LevelPacer, AViewThatStopsFillingLosesALevel) {
   LevelPacer pacer;
   fill(pacer, 800, 400, 8);
   EXPECT_EQ(pacer.level(kFinest), kFinest);
   for (int frame = 0; frame < 20; ++frame)  // the camera needs as many tiles as are loaded
-    pacer.add_plan(kFinest, 0, kFrame, 400, false);
+    pacer.add_plan({.requested = kFinest, .busy = kFrame, .missing = 400});
   EXPECT_EQ(pacer.level(kFinest), kFinest - 1);
 }
 
@@ -87,8 +115,11 @@ TEST(LevelPacer, ALevelJustTooFineIsTriedMoreAndMoreRarely) {
   for (; seconds < 60; seconds += kFrame) {
     const bool too_fine = pacer.level(kFinest) >= 2;
     fine += too_fine ? kFrame : 0;
-    pacer.add_plan(kFinest, too_fine ? 0 : 0.9 * kFrame, too_fine ? kFrame : 0.1 * kFrame,
-                   too_fine ? kMissing : 0, !too_fine);
+    pacer.add_plan({.requested = kFinest,
+                    .idle = too_fine ? 0 : 0.9 * kFrame,
+                    .busy = too_fine ? kFrame : 0.1 * kFrame,
+                    .missing = too_fine ? kMissing : 0,
+                    .finished = !too_fine});
   }
   EXPECT_LT(fine, 0.2 * seconds);
 }
