@@ -12,7 +12,8 @@ TITLE = "Bytes of a field at equal pictures"
 # Opaque, translucent, CT, simulation, labels.
 VOLUMES = ["brain", "glass", "head", "bonsai", "engine", "heptane", "atlas", "regions"]
 QUALITIES = [45, 60, 75, 90, 97]  # of the first volume
-OTHER_QUALITIES = QUALITIES[2:]  # enough to compare at the PSNR of jpeg:90
+OTHER_QUALITIES = QUALITIES[2:]  # of jpeg, of the other volumes
+TRIED = [15, 30, *QUALITIES]  # of the predictive codec, until they enclose the PSNR of jpeg:90
 # Other codecs, on the colours of the first volume: name -> settings, best quality last.
 PEERS = {
     "WebP": [50, 75, 90],
@@ -31,8 +32,7 @@ def run(bench, part):
     curves = {}
     for name in names:
         whole = name == names[0] and not bench.quick
-        qualities = QUALITIES if whole else OTHER_QUALITIES
-        curves[name] = _measure(bench, bench.volume(name), qualities)
+        curves[name] = _measure(bench, bench.volume(name), whole)
         bench.say(f"{name}: predictive needs {_needs(curves[name])} of the bytes of jpeg:90")
     part.numbers["rates"] = curves
     of_peers = _measure_peers(bench, part, bench.volume(names[0]))
@@ -51,16 +51,47 @@ def _views(bench):
     return {"views": 4 if bench.quick else 8, "size": 256}
 
 
-def _measure(bench, volume, qualities):
+def _measure(bench, volume, whole):
     """{codec: [{quality, bytes, psnr, ssim}]}, best quality last."""
     lossless, views = _lossless(bench, volume), _views(bench)
-    curves = {"zstd": [_point(bench, lossless, volume, None, views)]}
-    for codec, depth in (("jpeg", "jpeg:75"), ("predictive", None)):
-        for quality in qualities:
-            path = bench.recoded(lossless, f"{codec}:{quality}", depth)
-            curves.setdefault(codec, []).append(_point(bench, path, volume, quality, views))
-            path.unlink()
-    return curves
+
+    def point(codec, quality, depth=None):
+        path = bench.recoded(lossless, f"{codec}:{quality}", depth)
+        found = _point(bench, path, volume, quality, views)
+        path.unlink()
+        return found
+
+    jpeg = [point("jpeg", q, "jpeg:75") for q in (QUALITIES if whole else OTHER_QUALITIES)]
+    if whole:
+        ours = [point("predictive", quality) for quality in QUALITIES]
+    else:
+        ours = enclosing(lambda quality: point("predictive", quality), _jpeg_90(jpeg)["psnr"])
+    return {
+        "zstd": [_point(bench, lossless, volume, None, views)],
+        "jpeg": jpeg,
+        "predictive": ours,
+    }
+
+
+def enclosing(point, psnr):
+    """Points with less and more than a PSNR, and one near it if there is a quality between them."""
+    at = TRIED.index(90)
+    points = [point(TRIED[at])]
+    step = -1 if points[0]["psnr"] >= psnr else 1
+    while 0 <= at + step < len(TRIED):
+        at += step
+        points.append(point(TRIED[at]))
+        if (points[-1]["psnr"] >= psnr) == (step > 0):
+            break
+    low, high = sorted(points[-2:], key=lambda p: p["quality"])
+    near = round(np.interp(psnr, [low["psnr"], high["psnr"]], [low["quality"], high["quality"]]))
+    if low["quality"] < near < high["quality"]:
+        points.append(point(near))
+    return sorted(points, key=lambda p: p["quality"])
+
+
+def _jpeg_90(curve):
+    return next(point for point in curve if point["quality"] == 90)
 
 
 def _measure_peers(bench, part, volume):
@@ -121,7 +152,7 @@ def bytes_at(curve, psnr):
 
 def _share(curves):
     """Bytes of the predictive codec at jpeg:90's PSNR, over those of jpeg:90."""
-    jpeg = next(point for point in curves["jpeg"] if point["quality"] == 90)
+    jpeg = _jpeg_90(curves["jpeg"])
     reached = bytes_at(curves["predictive"], jpeg["psnr"])
     return reached and reached / jpeg["bytes"]
 
