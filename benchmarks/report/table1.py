@@ -32,18 +32,26 @@ def run(bench, part):
     ]
     volumes = [bench.volume(name) for name in chosen] + [bench.resampled(512)]
 
-    shapes = {
-        cells: {v.name: _measure(bench, v, shape, sizes) for v in volumes}
-        for cells, shape in (QUICK_SHAPES if quick else SHAPES).items()
-    }
+    shapes, cached = (
+        {
+            cells: {v.name: _measure(bench, v, shape, sizes, *options) for v in volumes}
+            for cells, shape in (QUICK_SHAPES if quick else SHAPES).items()
+        }
+        for options in ((), ("--raycast-once",))
+    )
     vtk = _measure_vtk(bench, volumes, [256] if quick else sizes, part)
-    part.numbers = {"systems": shapes, "vtk": vtk, "paper_seconds": PAPER}
+    part.numbers = {
+        "systems": shapes,
+        "systems_cached": cached,
+        "vtk": vtk,
+        "paper_seconds": PAPER,
+    }
     titles = {v.name: v.title for v in volumes}
-    _show(part, shapes, vtk, titles, sizes)
-    _claim(part, shapes, vtk, sizes)
+    _show(part, shapes, cached, vtk, titles, sizes)
+    _claim(part, shapes, cached, vtk, sizes)
 
 
-def _measure(bench, volume, shape, sizes):
+def _measure(bench, volume, shape, sizes, *options):
     """Ray-casting, planes and sphere of one volume: rows of `systems`."""
     field = bench.field(volume, *shape, "zstd", "zstd")
     bench.say(f"timing views of {field.stem}")
@@ -54,7 +62,7 @@ def _measure(bench, volume, shape, sizes):
     return bench.json(
         "systems", *volume.arguments(), "--field", field, f"--planes={PAPER_LAYOUT}",
         f"--planes={tuned}", *size, "--views", 2 if bench.quick else 4,
-        "--repeats", 3 if bench.quick else 7, "--threads", 1, "--json",
+        "--repeats", 3 if bench.quick else 7, "--threads", 1, *options, "--json",
     )["rows"]  # fmt: skip
 
 
@@ -92,7 +100,7 @@ def _over_planes(rows, size):
     return planes / _pick(rows, size, "bitri")[0]["cpu_ms"]
 
 
-def _show(part, shapes, vtk, titles, sizes):
+def _show(part, shapes, cached, vtk, titles, sizes):
     size = sizes[-1]
     cells, rows = next(iter(shapes.items()))
     kinds = [
@@ -136,18 +144,14 @@ def _show(part, shapes, vtk, titles, sizes):
             "less arithmetic than to cross a sphere."
         ),
         page.plot(plots.svg(fig)),
-        page.table(
-            ["volume", *(f"{cells}: {size}²" for cells in shapes for size in sizes)],
-            [
-                [title, *(f"{_over_planes(rows[name], size):.2f}" for rows in shapes.values()
-                          for size in sizes)]
-                for name, title in titles.items()
-            ]
-            + [["mean", *(f"{mean(_of_all(rows, size)):.2f}" for rows in shapes.values()
-                          for size in sizes)]],
-            "How many times as fast bi-triangle is as the faster of both planes, by processor "
-            "time; cells an edge of entry and exit grid.",
+        page.text(
+            "How many times as fast bi-triangle is as the faster of both planes, by processor time; "
+            "cells an edge of entry and exit grid. In the first table the ray-caster draws the view "
+            "between the frames of the others, as in all that follows, so frames find little in the "
+            "CPU's caches; in the second it does not."
         ),
+        _table_over_planes(shapes, titles, sizes),
+        _table_over_planes(cached, titles, sizes),
         _all_sizes(shapes, titles, sizes),
     )  # fmt: skip
     if vtk:
@@ -170,6 +174,18 @@ def _show(part, shapes, vtk, titles, sizes):
 
 def _of_all(rows, size):
     return [_over_planes(of_volume, size) for of_volume in rows.values()]
+
+
+def _table_over_planes(shapes, titles, sizes):
+    columns = [(rows, size) for rows in shapes.values() for size in sizes]
+    return page.table(
+        ["volume", *(f"{cells}: {size}²" for cells in shapes for size in sizes)],
+        [
+            [title, *(f"{_over_planes(rows[name], size):.2f}" for rows, size in columns)]
+            for name, title in titles.items()
+        ]
+        + [["mean", *(f"{mean(_of_all(rows, size)):.2f}" for rows, size in columns)]],
+    )
 
 
 def _all_sizes(shapes, titles, sizes):
@@ -213,27 +229,31 @@ def _vtk_mean(vtk, name, size):
     return mean(values)
 
 
-def _claim(part, shapes, vtk, sizes):
+def _means(shapes, sizes):
+    return "; ".join(
+        f"{cells}: {', '.join(f'{mean(_of_all(rows, size)):.2f}' for size in sizes)}×"
+        for cells, rows in shapes.items()
+    )
+
+
+def _claim(part, shapes, cached, vtk, sizes):
     size = sizes[-1]
     rows = next(iter(shapes.values()))  # the paper's shape: as many cells at entry and exit
 
     def gains(measure):
         return [measure(rows[name]) for name in rows]
 
-    means = {cells: [mean(_of_all(of, size)) for size in sizes] for cells, of in shapes.items()}
     every = [gain for of in shapes.values() for size in sizes for gain in _of_all(of, size)]
-    reached = [gain >= GOAL for of_shape in means.values() for gain in of_shape]
+    means = [mean(_of_all(of, size)) for of in shapes.values() for size in sizes]
     part.claim(
         "paper, Table 1",
         f"One picture takes less time from the sphere than from planes (by {GOAL}× and 1.23× in "
         "the paper: 9 samples a ray instead of 16)",
-        "; ".join(
-            f"{cells}: {', '.join(f'{gain:.2f}' for gain in of_shape)}×"
-            for cells, of_shape in means.items()
-        )
-        + f" as fast as the faster planes at {', '.join(f'{size}²' for size in sizes)}, on the "
-        f"mean (each: {min(every):.2f} to {max(every):.2f}; processor time)",
-        True if all(reached) and min(every) >= 1 else PARTLY if max(every) >= 1 else False,
+        f"{_means(shapes, sizes)} as fast as the faster planes at "
+        f"{', '.join(f'{size}²' for size in sizes)}, on the mean (each {min(every):.2f} to "
+        f"{max(every):.2f}; processor time); with what they read in the CPU's caches "
+        + _means(cached, sizes),
+        True if min(means) >= GOAL and min(every) >= 1 else PARTLY if max(every) >= 1 else False,
     )
     over_rays = gains(
         lambda r: _pick(r, size, "raycast")[0]["cpu_ms"] / _pick(r, size, "bitri")[0]["cpu_ms"]
