@@ -19,7 +19,7 @@ class LevelPacer {
   struct Plan {
     unsigned requested = 0;   ///< level of the frame's view
     double idle = 0;          ///< time without loading
-    double busy = 0;          ///< time of finding, reading and decoding tiles
+    double busy = 0;          ///< time of reading and decoding tiles
     std::size_t missing = 0;  ///< tiles that the frame lacked, up to level()
     bool finished = false;    ///< all these came before the next frame, or no memory is left
     bool resting = false;     ///< the camera did not move since the frame before

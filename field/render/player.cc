@@ -210,12 +210,8 @@ class Player::Loader {
   [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint32_t drawn) {
     const bool with_depth = view_.needs_depth();
     const auto locate = [&](std::size_t from) {
-      const auto began = Clock::now();
       from = std::min(from, keys.size());
-      auto located =
-          cache_.locate(keys.subspan(from, std::min(kBatch, keys.size() - from)), with_depth);
-      busy_ += Clock::now() - began;
-      return located;
+      return cache_.locate(keys.subspan(from, std::min(kBatch, keys.size() - from)), with_depth);
     };
     auto batch = locate(0);
     for (std::size_t at = 0; at < keys.size(); at += kBatch) {
