@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <chrono>
 #include <random>
 #include <thread>
 
@@ -170,6 +171,27 @@ TEST_F(TileCacheTest, AReaderKeepsRemovedTilesAliveUntilItIsDone) {
   }
   ASSERT_TRUE(cache.load(std::vector{at}, false));
   EXPECT_EQ(cache.statistics().decoded_bytes, 0u);
+}
+
+TEST_F(TileCacheTest, ThreadsThatWaitForAReaderDoNotSpendTheSameRoomTwice) {
+  const std::vector<TileKey> wanted{stored(), stored(stored().index + 1)};
+  for (int repetition = 0; repetition < 5; ++repetition) {
+    TileCache cache(field_->file(), 64 << 10);
+    for (std::uint64_t k = tiles(); cache.statistics().decoded_bytes < 60 << 10;) {
+      ASSERT_GT(k, wanted[1].index);
+      ASSERT_TRUE(cache.load(std::vector{key(--k)}, false));
+    }
+    TileCache::Reader reader(cache);
+    std::vector<std::thread> threads;
+    {
+      const TileCache::ReadScope scope(reader);  // what is removed now is not freed
+      for (const TileKey at : wanted)
+        threads.emplace_back([&cache, at] { EXPECT_TRUE(cache.load(std::vector{at}, false)); });
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));  // most often both wait then
+    }
+    for (std::thread& thread : threads) thread.join();
+    EXPECT_LE(cache.statistics().decoded_peak_bytes, 64u << 10);
+  }
 }
 
 TEST_F(TileCacheTest, ThereIsRoomWhileOlderFramesTilesCanGo) {
