@@ -57,7 +57,9 @@ class Exits {
     table_ = hn::Load(DI(), lanes);
   }
   [[nodiscard]] HWY_INLINE VI path(VI index) const {
-    if (fit_) return hn::TableLookupLanes(table_, hn::IndicesFromVec(DI(), index));
+    // Looking up one lane in itself would link a function of Highway's that not every port has.
+    if constexpr (hn::MaxLanes(DI()) > 1)
+      if (fit_) return hn::TableLookupLanes(table_, hn::IndicesFromVec(DI(), index));
     return hn::GatherIndex(DI(), paths_, index);
   }
 
