@@ -57,7 +57,8 @@ class Exits {
     table_ = hn::Load(DI(), lanes);
   }
   [[nodiscard]] HWY_INLINE VI path(VI index) const {
-    // Looking up one lane in itself would link a function of Highway's that not every port has.
+    // One lane holds no table, and to check its index needs Highway's library, which builds that
+    // only decode (tests/portable) do not link.
     if constexpr (hn::MaxLanes(DI()) > 1)
       if (fit_) return hn::TableLookupLanes(table_, hn::IndicesFromVec(DI(), index));
     return hn::GatherIndex(DI(), paths_, index);
