@@ -51,11 +51,13 @@ namespace {
 /// Steps of the finest level, in units of 8-bit samples. Those of colour follow libjpeg's scale of
 /// quality, so views are about as good as with JPEG of that quality.
 struct FinestSteps {
-  double color, depth;
+  double color, alpha, depth;
 
   explicit FinestSteps(int quality) {
     const double scale = quality < 50 ? 50. / quality : std::max(0.02 * (100 - quality), 0.02);
     color = quality > 90 ? 50 * scale : 1.85 + 40 * scale;
+    // Where alpha is wrong, premultiplied colours are wrong by that, times their brightness.
+    alpha = color + std::min(color, 10.);
     depth = quality > 90 ? 80 * scale : 8 + 40 * scale;
   }
 };
@@ -86,7 +88,7 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
     const double depth =
         shrunk(finest_steps.depth, 0.65 * std::pow(fine, 0.2), 0.8 * std::pow(fine, 0.4), above);
     const double alpha =
-        shrunk(finest_steps.color, 0.65 * std::pow(fine, 0.2), 0.9 * std::pow(fine, 0.4), above);
+        shrunk(finest_steps.alpha, 0.65 * std::pow(fine, 0.2), 0.9 * std::pow(fine, 0.4), above);
     PredictiveLevel& made = tables.levels.emplace_back();
     if (settings.quality == kLosslessQuality)
       made.steps.fill(step_range(1, 1));
