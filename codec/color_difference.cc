@@ -14,8 +14,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 /// Adds the differences of as many pixels as `d` has lanes.
 template <class D>
-HWY_INLINE void add(D d, const std::uint32_t* predicted, const std::int16_t* const difference[3],
-                    std::size_t k, std::uint32_t* pixels) {
+HWY_INLINE void add(D d, const std::int16_t* const difference[3], std::size_t k,
+                    std::uint32_t* pixels) {
   const hn::Rebind<std::int16_t, D> narrow;
   const hn::RebindToUnsigned<D> du;
   const auto load = [&](std::size_t c) {
@@ -24,26 +24,29 @@ HWY_INLINE void add(D d, const std::uint32_t* predicted, const std::int16_t* con
   const auto y = load(0), cb = load(1), cr = load(2);
   const auto times = [&](auto v, std::int32_t by) { return hn::Mul(v, hn::Set(d, by)); };
   const auto scaled = [&](auto v) { return hn::ShiftRight<8>(hn::Add(v, hn::Set(d, 128))); };
-  const auto pixel = hn::BitCast(d, hn::LoadU(du, predicted + k));
+  const auto before = hn::LoadU(du, pixels + k);
+  const auto pixel = hn::BitCast(d, before);
   const auto byte = hn::Set(d, 255);
+  const auto limit = hn::BitCast(d, hn::ShiftRight<24>(before));
   const auto sum = [&](auto shifted, auto by) {
     const auto value = hn::Add(hn::And(shifted, byte), by);
-    return hn::Min(hn::Max(value, hn::Zero(d)), byte);
+    return hn::Min(hn::Max(value, hn::Zero(d)), limit);
   };
   const auto r = sum(pixel, hn::Add(y, scaled(times(cr, 359))));
   const auto g =
       sum(hn::ShiftRight<8>(pixel), hn::Sub(y, scaled(hn::Add(times(cb, 88), times(cr, 183)))));
   const auto b = sum(hn::ShiftRight<16>(pixel), hn::Add(y, scaled(times(cb, 454))));
   const auto rgb = hn::Or3(r, hn::ShiftLeft<8>(g), hn::ShiftLeft<16>(b));
-  hn::StoreU(hn::Or(hn::BitCast(du, rgb), hn::Set(du, 0xFF000000u)), du, pixels + k);
+  const auto top = hn::And(before, hn::Set(du, 0xFF000000u));
+  hn::StoreU(hn::Or(hn::BitCast(du, rgb), top), du, pixels + k);
 }
 
-void add_differences_any(const std::uint32_t* predicted, const std::int16_t* const difference[3],
-                         std::size_t count, std::uint32_t* pixels) {
+void add_differences_any(const std::int16_t* const difference[3], std::size_t count,
+                         std::uint32_t* pixels) {
   const hn::ScalableTag<std::int32_t> d;
   std::size_t k = 0;
-  for (; k + hn::Lanes(d) <= count; k += hn::Lanes(d)) add(d, predicted, difference, k, pixels);
-  for (; k < count; ++k) add(hn::CappedTag<std::int32_t, 1>(), predicted, difference, k, pixels);
+  for (; k + hn::Lanes(d) <= count; k += hn::Lanes(d)) add(d, difference, k, pixels);
+  for (; k < count; ++k) add(hn::CappedTag<std::int32_t, 1>(), difference, k, pixels);
 }
 
 }  // namespace
@@ -56,13 +59,11 @@ namespace slf::codec {
 
 HWY_EXPORT(add_differences_any);
 
-void add_differences(std::span<const std::uint32_t> predicted,
-                     const std::array<std::span<const std::int16_t>, 3>& differences,
+void add_differences(const std::array<std::span<const std::int16_t>, 3>& differences,
                      std::span<std::uint32_t> pixels) {
   const std::int16_t* const difference[] = {differences[0].data(), differences[1].data(),
                                             differences[2].data()};
-  HWY_DYNAMIC_DISPATCH(add_differences_any)
-  (predicted.data(), difference, pixels.size(), pixels.data());
+  HWY_DYNAMIC_DISPATCH(add_differences_any)(difference, pixels.size(), pixels.data());
 }
 
 }  // namespace slf::codec

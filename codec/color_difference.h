@@ -7,11 +7,10 @@
 
 namespace slf::codec {
 
-/// Adds to each pixel a difference in YCbCr, [0] to [2] of `differences`, and limits each channel
-/// to 0..255. Pixels hold, from the lowest byte on, R, G and B; their highest byte becomes 255.
-/// Compiled for several instruction sets. Thread-safe. REQUIRES: all spans are equally long.
-void add_differences(std::span<const std::uint32_t> predicted,
-                     const std::array<std::span<const std::int16_t>, 3>& differences,
+/// Adds to each pixel a difference in YCbCr, [0] to [2] of `differences`. Pixels hold, from the
+/// lowest byte on, R, G, B and the largest value that a channel may get. Compiled for several
+/// instruction sets. Thread-safe. REQUIRES: all spans are equally long.
+void add_differences(const std::array<std::span<const std::int16_t>, 3>& differences,
                      std::span<std::uint32_t> pixels);
 
 }  // namespace slf::codec

@@ -18,6 +18,13 @@ namespace {
 /// The squared error of alpha that is worth one bit, at a quantisation step of 1.
 constexpr double kErrorPerBit = 0.15;
 
+/// A coefficient is rounded up from this fraction of a step on. One half: no rate-distortion
+/// optimisation, because a zeroed coefficient leaves similar errors in neighbouring rows, while
+/// rounding errors cancel when views blend rows.
+constexpr float kRoundUpFrom = 0.5f;
+/// The same for depth where alpha is soft. There, depth is only a mean along the ray.
+constexpr float kRoundSoftDepthUpFrom = 0.7f;
+
 /// Rounds values near 0 or 255 to these, so that errors of the transform leave no haze.
 std::uint8_t snapped(int alpha) {
   return static_cast<std::uint8_t>(alpha <= 2 ? 0 : alpha >= 253 ? 255 : alpha);
@@ -134,8 +141,10 @@ void PredictiveTile<Coder>::code_color(std::array<BlockPlane, 3>& blocks,
   std::array<std::vector<std::int16_t>, 3> differences;
   for (std::size_t c = 0; c < 3; ++c)
     differences[c] = code_plane(kLumaPlane + c, visible_, blocks[c]);
-  add_differences(predicted, {differences[0], differences[1], differences[2]}, rgba);
-  premultiply(rgba, alpha);
+  std::copy(predicted.begin(), predicted.end(), rgba.begin());
+  if (level_.premultiplied) premultiply(rgba, alpha);
+  add_differences({differences[0], differences[1], differences[2]}, rgba);
+  if (!level_.premultiplied) premultiply(rgba, alpha);
 }
 
 PredictiveEncoder::PredictiveEncoder(const PredictiveLevel& level, const TilePicture& picture,
@@ -154,7 +163,7 @@ void PredictiveEncoder::references(std::span<const std::uint8_t> kinds,
 /// get any correction.
 BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::uint8_t> coded,
                                        std::span<const float> weight,
-                                       std::vector<float>& difference) {
+                                       std::vector<float>& difference, float round_up_from) {
   fill(picture_.width(), picture_.height(), weight, difference);
   const auto steps = level_.steps[std::min<std::size_t>(plane, kChromaPlane)].steps();
   BlockPlane blocks = empty_plane();
@@ -165,12 +174,10 @@ BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::u
     for (std::size_t k = 0; k < 64; ++k)
       values[k] = difference[(y + k / 8) * picture_.width() + x + k % 8];
     const std::array<float, 64> coefficients = forward_dct(values);
-    // Plain rounding, no rate-distortion optimisation: a zeroed coefficient leaves similar errors
-    // in neighbouring rows, while rounding errors cancel when views blend rows.
     for (std::size_t place = 0; place < 64; ++place) {
       const std::size_t k = kZigzag[place];
       const float steps_away =
-          std::floor(std::abs(coefficients[k]) / static_cast<float>(steps[k]) + 0.5f);
+          std::floor(std::abs(coefficients[k]) / static_cast<float>(steps[k]) + 1 - round_up_from);
       const auto value = static_cast<std::int16_t>(std::min(steps_away, kMaxCoefficient));
       blocks.blocks[b][k] = coefficients[k] < 0 ? static_cast<std::int16_t>(-value) : value;
       if (value != 0) blocks.counts[b] = static_cast<std::uint8_t>(place + 1);
@@ -209,8 +216,8 @@ void PredictiveEncoder::alpha_depth(std::span<const std::uint8_t> true_alpha,
     difference[pixel_of[s]] = static_cast<float>(true_alpha[s]) - static_cast<float>(alpha[s]);
   }
   BlockPlane blocks = empty_plane();
-  blocks =
-      quantise(kAlphaPlane, std::vector<std::uint8_t>(blocks.blocks.size(), 1), weight, difference);
+  blocks = quantise(kAlphaPlane, std::vector<std::uint8_t>(blocks.blocks.size(), 1), weight,
+                    difference, kRoundUpFrom);
   const bool soft = alpha_cost(true, levels, blocks, true_alpha, alpha) <
                     alpha_cost(false, levels, blocks, true_alpha, alpha);
   code_alpha(soft, levels, blocks, alpha);
@@ -219,7 +226,8 @@ void PredictiveEncoder::alpha_depth(std::span<const std::uint8_t> true_alpha,
     weight[pixel_of[s]] = alpha[s] > 0 && true_alpha[s] > 0 ? 1.f : 0.f;
     difference[pixel_of[s]] = static_cast<float>(true_depth[s]) - static_cast<float>(depth[s]);
   }
-  blocks = quantise(kDepthPlane, visible_, weight, difference);
+  blocks = quantise(kDepthPlane, visible_, weight, difference,
+                    soft ? kRoundSoftDepthUpFrom : kRoundUpFrom);
   code_depth(blocks, alpha, depth);
 }
 
@@ -232,21 +240,25 @@ void PredictiveEncoder::color(std::span<const std::uint8_t> alpha,
   for (auto& plane : difference) plane.resize(picture_.pixels());
   for (std::size_t s = 0; s < alpha.size(); ++s) {
     const std::uint32_t opacity = rgba[s] >> 24;
-    if (alpha[s] == 0 || opacity == 0) continue;
+    if (alpha[s] == 0 || (opacity == 0 && !level_.premultiplied)) continue;
     const auto differs = [&](std::uint32_t shift) {
-      const auto full = static_cast<float>(rgba[s] >> shift & 255) * 255.f;
-      return full / static_cast<float>(opacity) - static_cast<float>(predicted[s] >> shift & 255);
+      const std::uint32_t from = predicted[s] >> shift & 255;
+      const auto color = static_cast<float>(rgba[s] >> shift & 255);
+      return level_.premultiplied
+                 ? color - static_cast<float>(premultiplied(from, alpha[s]))
+                 : color * 255.f / static_cast<float>(opacity) - static_cast<float>(from);
     };
     const float r = differs(0), g = differs(8), b = differs(16);
     const float y = 0.299f * r + 0.587f * g + 0.114f * b;
-    weight[pixel_of[s]] = static_cast<float>(alpha[s]) / 255.f;
+    // Detail in hardly visible matter is mostly noise, which views do not reproduce.
+    weight[pixel_of[s]] = std::sqrt(static_cast<float>(alpha[s]) / 255.f);
     difference[0][pixel_of[s]] = y;
     difference[1][pixel_of[s]] = (b - y) / 1.772f;
     difference[2][pixel_of[s]] = (r - y) / 1.402f;
   }
   std::array<BlockPlane, 3> blocks;
   for (std::size_t c = 0; c < 3; ++c)
-    blocks[c] = quantise(kLumaPlane + c, visible_, weight, difference[c]);
+    blocks[c] = quantise(kLumaPlane + c, visible_, weight, difference[c], kRoundUpFrom);
   code_color(blocks, alpha, predicted, rgba);
 }
 

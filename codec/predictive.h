@@ -55,6 +55,10 @@ class TilePicture {
 /// to its arguments, which must outlive it.
 template <class Coder>
 class PredictiveTile {
+ public:
+  PredictiveTile(const PredictiveTile&) = delete;  // BitCounts are those of its own models
+  PredictiveTile& operator=(const PredictiveTile&) = delete;
+
  protected:
   template <class Bytes>
   PredictiveTile(const PredictiveLevel& level, const TilePicture& picture, Bytes& payload);
@@ -106,7 +110,8 @@ class PredictiveEncoder : PredictiveTile<RangeEncoder> {
 
  private:
   [[nodiscard]] BlockPlane quantise(std::size_t plane, std::span<const std::uint8_t> coded,
-                                    std::span<const float> weight, std::vector<float>& difference);
+                                    std::span<const float> weight, std::vector<float>& difference,
+                                    float round_up_from);
   [[nodiscard]] double alpha_cost(bool soft, std::vector<std::uint8_t> levels, BlockPlane blocks,
                                   std::span<const std::uint8_t> true_alpha,
                                   std::span<const std::uint8_t> predicted) const;

@@ -9,14 +9,18 @@ namespace {
 /// Models of two kinds of level: the first, which is predicted from nothing, and the others.
 constexpr std::size_t kModelSets = 2;
 constexpr std::size_t kStepBytes = kPredictivePlanes * 4;
+/// The first byte of the tables. Tables for straight colours, which older versions wrote, lack it.
+constexpr std::byte kPremultiplied{0};
 
 constexpr std::uint8_t kTrained[] = {
 #include "codec/predictive_trained.inc"
 };
 
-void set_models(ByteSpan from, PredictiveModels& models) {
+/// Sets the models of a level to the probabilities in `stored`, those of all sets.
+void set_models(ByteSpan stored, std::size_t level, PredictiveModels& models) {
+  const std::size_t first = level == 0 ? 0 : PredictiveModels::kCount;
   for (std::size_t k = 0; k < PredictiveModels::kCount; ++k)
-    models.begin()[k] = BitModel(probability_of(std::to_integer<std::uint8_t>(from[k])));
+    models.begin()[k] = BitModel(probability_of(std::to_integer<std::uint8_t>(stored[first + k])));
 }
 
 }  // namespace
@@ -55,9 +59,9 @@ struct FinestSteps {
 
   explicit FinestSteps(int quality) {
     const double scale = quality < 50 ? 50. / quality : std::max(0.02 * (100 - quality), 0.02);
-    color = quality > 90 ? 50 * scale : 1.85 + 40 * scale;
-    // Where alpha is wrong, premultiplied colours are wrong by that, times their brightness.
-    alpha = color + std::min(color, 10.);
+    color = quality > 90 ? 50 * scale : 1.7 + 40 * scale;
+    // Colours make up for errors of alpha, but over a bright background these are visible.
+    alpha = color + std::min(color, 10.) / 2;
     depth = quality > 90 ? 80 * scale : 8 + 40 * scale;
   }
 };
@@ -80,7 +84,8 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
   const FinestSteps finest_steps(settings.quality);
   // The larger the finest steps, the more detail must come from the coarser levels.
   const double fine = std::min(1., 10 / finest_steps.color);
-  PredictiveTables tables;
+  const ByteSpan trained = as_bytes(std::span(kTrained));
+  PredictiveTables tables{{}, Bytes(trained.begin(), trained.end())};
   for (unsigned level = 0; level <= finest; ++level) {
     const unsigned above = finest - level;
     const double color =
@@ -100,38 +105,42 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
     else
       made.steps = {step_range(alpha, 2), step_range(depth, 2), step_range(color, 1.5),
                     step_range(0.8 * color, 2)};
-    const std::size_t set = level == 0 ? 0 : 1;
-    set_models(as_bytes(std::span(kTrained)).subspan(set * PredictiveModels::kCount), made.models);
+    set_models(trained, level, made.models);
   }
   return tables;
 }
 
 Bytes to_bytes(const PredictiveTables& tables) {
-  Bytes bytes{static_cast<std::byte>(tables.levels.size())};
+  Bytes bytes;
+  if (tables.levels[0].premultiplied) bytes.push_back(kPremultiplied);
+  bytes.push_back(static_cast<std::byte>(tables.levels.size()));
   for (const PredictiveLevel& level : tables.levels)
     for (const StepRange& steps : level.steps)
       for (const std::uint16_t step : {steps.low, steps.high}) append_le(bytes, step);
-  for (const std::uint8_t byte : kTrained) bytes.push_back(static_cast<std::byte>(byte));
+  bytes.insert(bytes.end(), tables.models.begin(), tables.models.end());
   return bytes;
 }
 
 Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes) {
+  const bool premultiplied = !bytes.empty() && bytes[0] == kPremultiplied;
+  if (premultiplied) bytes = bytes.subspan(1);
   const std::size_t levels = bytes.empty() ? 0 : std::to_integer<std::size_t>(bytes[0]);
   const std::size_t models = 1 + levels * kStepBytes;
   if (levels == 0 || bytes.size() != models + kModelSets * PredictiveModels::kCount)
     return fail(ErrorCode::bad_file, "shared tables of a predictive codec: ", bytes.size(),
                 " bytes, which no number of levels has");
-  PredictiveTables tables;
+  const ByteSpan stored = bytes.subspan(models);
+  PredictiveTables tables{{}, Bytes(stored.begin(), stored.end())};
   for (std::size_t level = 0; level < levels; ++level) {
     PredictiveLevel& read = tables.levels.emplace_back();
+    read.premultiplied = premultiplied;
     for (std::size_t plane = 0; plane < kPredictivePlanes; ++plane) {
       const std::byte* at = bytes.data() + 1 + level * kStepBytes + plane * 4;
       read.steps[plane] = {load_le<std::uint16_t>(at), load_le<std::uint16_t>(at + 2)};
       if (read.steps[plane].low == 0 || read.steps[plane].high == 0)
         return fail(ErrorCode::bad_file, "shared tables of a predictive codec: a step of 0");
     }
-    set_models(bytes.subspan(models + (level == 0 ? 0 : 1) * PredictiveModels::kCount),
-               read.models);
+    set_models(stored, level, read.models);
   }
   return tables;
 }

@@ -47,11 +47,14 @@ inline const std::size_t PredictiveModels::kCount = sizeof(PredictiveModels) / s
 struct PredictiveLevel {
   std::array<StepRange, kPredictivePlanes> steps;
   PredictiveModels models;
+  /// Whether differences of colour are those of premultiplied colours. In older files they are not.
+  bool premultiplied = true;
 };
 
 /// The tables of a layer. Levels beyond the last entry use the last entry.
 struct PredictiveTables {
   std::vector<PredictiveLevel> levels;
+  Bytes models;  ///< the initial probabilities of all levels' models, as they are stored
 
   [[nodiscard]] const PredictiveLevel& level(std::size_t index) const {
     return levels[index < levels.size() ? index : levels.size() - 1];

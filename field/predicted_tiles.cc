@@ -143,13 +143,13 @@ struct PredictedTiles::Work {
   /// Decodes a tile that is coded with a transform.
   Result<void> decode(codec::PredictiveDecoder decoder, const ReferenceSource& source,
                       std::span<std::byte> to);
-  Result<void> encode(codec::PredictiveEncoder encoder, const FieldShape& shape, ByteSpan from,
+  Result<void> encode(codec::PredictiveEncoder& encoder, const FieldShape& shape, ByteSpan from,
                       const ReferenceSource& source);
 
   /// Decodes a tile that is coded sample by sample.
   Result<void> decode(codec::ChannelDecoder decoder, const ReferenceSource& source,
                       std::span<std::byte> to);
-  Result<void> encode(codec::ChannelEncoder encoder, const FieldShape& shape, ByteSpan from,
+  Result<void> encode(codec::ChannelEncoder& encoder, const FieldShape& shape, ByteSpan from,
                       const ReferenceSource& source);
   template <class Coder>
   void code_channels(Coder& coder, ChannelValues& values);
@@ -175,8 +175,9 @@ Result<void> PredictedTiles::Work::decode(codec::PredictiveDecoder decoder,
   return decoder.finish();
 }
 
-Result<void> PredictedTiles::Work::encode(codec::PredictiveEncoder encoder, const FieldShape& shape,
-                                          ByteSpan of, const ReferenceSource& source) {
+Result<void> PredictedTiles::Work::encode(codec::PredictiveEncoder& encoder,
+                                          const FieldShape& shape, ByteSpan of,
+                                          const ReferenceSource& source) {
   std::vector<std::uint32_t> rgba(samples);
   std::vector<std::uint8_t> true_alpha(samples), true_depth(samples);
   for (std::size_t s = 0; s < samples; ++s) {
@@ -203,7 +204,7 @@ Result<void> PredictedTiles::Work::decode(codec::ChannelDecoder decoder,
   return decoder.finish();
 }
 
-Result<void> PredictedTiles::Work::encode(codec::ChannelEncoder encoder, const FieldShape& shape,
+Result<void> PredictedTiles::Work::encode(codec::ChannelEncoder& encoder, const FieldShape& shape,
                                           ByteSpan of, const ReferenceSource& source) {
   ChannelValues values = channels_of(of);
   std::vector<std::uint8_t> true_alpha(samples), true_depth(samples);

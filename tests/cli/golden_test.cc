@@ -35,13 +35,16 @@ std::vector<std::string> view_of(const std::string& path, const std::string& pic
   return {"render", path, "-o", picture, "--size", "64", "--orbit", "315,35,3", "-f"};
 }
 
+/// An older version wrote this field, which has straight differences (FORMAT.md, 7.8.1).
+constexpr const char* kOlder = "straight";
+
 struct Good {
   const char* name;
   double min_psnr;  ///< of the picture; JPEG decoders and float arithmetic may differ a little
 };
-constexpr Good kGood[] = {{"example", 50},    {"jpeg", 40},     {"zstd", 50},
-                          {"half", 50},       {"deep", 50},     {"subfields", 50},
-                          {"predictive", 50}, {"lossless", 50}, {"predicted_half", 50}};
+constexpr Good kGood[] = {
+    {"example", 50},   {"jpeg", 40},       {"zstd", 50},     {"half", 50},           {"deep", 50},
+    {"subfields", 50}, {"predictive", 50}, {"lossless", 50}, {"predicted_half", 50}, {kOlder, 50}};
 
 struct Bad {
   const char* name;
@@ -147,8 +150,9 @@ class GoldenFields : public ::testing::Test {
     const char* const wanted = std::getenv("SLF_WRITE_GOLDEN");
     if (!wanted) return;
     std::filesystem::create_directories(golden(""));
-    for (const Good& good : kGood)
-      if (wanted == std::string("1") || std::string(wanted) == good.name) write_good(good.name);
+    for (const auto& [name, min_psnr] : kGood)
+      if (name != kOlder && (wanted == std::string("1") || wanted == std::string(name)))
+        write_good(name);
     if (wanted == std::string("1")) write_bad();
   }
 };

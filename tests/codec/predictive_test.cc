@@ -121,6 +121,45 @@ TEST(Predictive, DecodesWhatTheEncoderSaidItWould) {
         }
 }
 
+/// In older files, differences are those of straight colours.
+TEST(Predictive, DecodesStraightDifferences) {
+  PredictiveLevel level = predictive_tables({90}, 1).level(1);
+  const SampleTile sample = shape(7, 32);
+  const Scene scene = make_scene(sample.tile, true, 1, 9);
+  const Coded premultiplied = encode(level, sample.tile, scene);
+  level.premultiplied = false;
+  const Coded coded = encode(level, sample.tile, scene);
+  EXPECT_NE(coded.payload, premultiplied.payload);
+  Coded back;
+  ASSERT_TRUE(decode(level, sample.tile, scene, coded.payload, back));
+  EXPECT_EQ(back.rgba, coded.rgba);
+  EXPECT_GT(psnr(back.rgba, scene.rgba), 35);
+}
+
+/// Colours are coded after alpha, so they make up for its errors.
+TEST(Predictive, ColorsOfSoftTilesDoNotSufferFromErrorsOfAlpha) {
+  PredictiveLevel level = predictive_tables({99}, 1).level(1);
+  const SampleTile sample = shape(7, 32);
+  const Scene scene = make_scene(sample.tile, true, 1, 9);
+  level.steps[kAlphaPlane] = {3000, 3000};
+  const double premultiplied = psnr(encode(level, sample.tile, scene).rgba, scene.rgba);
+  level.premultiplied = false;
+  EXPECT_GT(premultiplied, psnr(encode(level, sample.tile, scene).rgba, scene.rgba) + 3);
+}
+
+TEST(Predictive, NoColorExceedsItsAlpha) {
+  const SampleTile sample = shape(7, 32);
+  for (const int quality : {1, 60, 100}) {
+    const PredictiveTables tables = predictive_tables({quality}, 1);
+    const Coded coded = encode(tables.level(1), sample.tile, make_scene(sample.tile, true, 3, 40));
+    for (std::size_t s = 0; s < coded.rgba.size(); ++s) {
+      ASSERT_EQ(coded.rgba[s] >> 24, coded.alpha[s]);
+      for (int shift = 0; shift < 24; shift += 8)
+        ASSERT_LE(coded.rgba[s] >> shift & 255, coded.alpha[s]) << quality;
+    }
+  }
+}
+
 TEST(Predictive, QualityIsBoughtWithBytes) {
   const SampleTile sample = shape(36, 32);
   Scene scene = make_scene(sample.tile, false, 2, 12);
@@ -190,11 +229,27 @@ TEST(PredictiveTables, ComeBack) {
   EXPECT_EQ(to_bytes(*back), to_bytes(tables));
 }
 
+/// As older versions wrote them, with probabilities that this version would not choose.
+Bytes older_tables() {
+  Bytes bytes = to_bytes(predictive_tables({77}, 3));
+  bytes.erase(bytes.begin());
+  bytes.back() ^= std::byte{0x55};
+  return bytes;
+}
+
+TEST(PredictiveTables, OlderOnesKeepTheirProbabilities) {
+  const auto tables = parse_predictive_tables(older_tables());
+  ASSERT_TRUE(tables);
+  EXPECT_FALSE(tables->level(0).premultiplied);
+  EXPECT_EQ(to_bytes(*tables), older_tables());
+}
+
 TEST(PredictiveTables, DamageIsRefused) {
   Bytes bytes = to_bytes(predictive_tables({77}, 3));
   EXPECT_FALSE(parse_predictive_tables({}));
   EXPECT_FALSE(parse_predictive_tables(ByteSpan(bytes).first(bytes.size() - 1)));
-  bytes[1] = bytes[2] = std::byte{0};
+  EXPECT_FALSE(parse_predictive_tables(ByteSpan(bytes).first(1)));
+  bytes[2] = bytes[3] = std::byte{0};  // a step
   EXPECT_FALSE(parse_predictive_tables(bytes));
 }
 

@@ -27,8 +27,9 @@ using testing::draw;
 using testing::lossless_options;
 using testing::TemporaryFolder;
 
-/// Of all decoded samples of the golden field, in key order.
-constexpr std::uint64_t kGoldenHash = 4476995446298286618u;
+/// Of all decoded samples of the golden fields, in key order.
+constexpr std::pair<const char*, std::uint64_t> kGoldenHashes[] = {
+    {"predictive", 18325681920467750072u}, {"straight", 4476995446298286618u}};
 
 BuildOptions predictive_options(unsigned levels = 2, const std::string& codec = "predictive:90") {
   BuildOptions options = lossless_options(4, 8, levels);
@@ -318,16 +319,30 @@ TEST_F(PredictiveField, SubfieldsAreEncodedAnewAmongThemselves) {
 }
 
 TEST_F(PredictiveField, GoldenSamplesAreTheSameOnEveryInstructionSet) {
-  const auto field = Field::open(std::string(SLF_TEST_DATA) + "/golden/predictive.slf");
-  ASSERT_TRUE(field) << field.error().message;
   testing::with_each_instruction_set([&](const char* set) {
-    const auto fresh = Field::open(field->path());  // nothing decoded yet
-    std::uint64_t hash = 0xCBF29CE484222325u;       // FNV-1a
-    for (const auto& [key, samples] : all_samples(*fresh, "color"))
-      for (const std::byte byte : samples)
-        hash = (hash ^ std::to_integer<std::uint64_t>(byte)) * 0x100000001B3u;
-    EXPECT_EQ(hash, kGoldenHash) << set;
+    for (const auto& [name, expected] : kGoldenHashes) {
+      const auto field =
+          Field::open(std::string(SLF_TEST_DATA) + "/golden/" + name + ".slf");  // nothing decoded
+      ASSERT_TRUE(field) << field.error().message;
+      std::uint64_t hash = 0xCBF29CE484222325u;  // FNV-1a
+      for (const auto& [key, samples] : all_samples(*field, "color"))
+        for (const std::byte byte : samples)
+          hash = (hash ^ std::to_integer<std::uint64_t>(byte)) * 0x100000001B3u;
+      EXPECT_EQ(hash, expected) << name << " " << set;
+    }
   });
+}
+
+/// It has other tables than this version would choose.
+TEST_F(PredictiveField, AFieldOfAnOlderVersionIsCopiedWithItsTables) {
+  const auto field = Field::open(std::string(SLF_TEST_DATA) + "/golden/straight.slf");
+  ASSERT_TRUE(field) << field.error().message;
+  const auto done = repack_field(*field, folder / "copy.slf", {});
+  ASSERT_TRUE(done) << done.error().message;
+  EXPECT_EQ(done->recoded, 0u);
+  const auto copy = Field::open(folder / "copy.slf");
+  ASSERT_TRUE(copy) << copy.error().message;
+  EXPECT_EQ(all_samples(*copy, "color"), all_samples(*field, "color"));
 }
 
 /// A tile's samples with the depths of what is not visible, which mean nothing, set to 0.
