@@ -9,6 +9,7 @@
 #include <iterator>
 #include <map>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "codec/codec.h"
@@ -52,12 +53,26 @@ Bytes read_file(const char* path) {
   return {bytes.begin(), bytes.end()};
 }
 
+/// The result of `call`, which is repeated until `store` has all the bytes that it needs.
+template <class Call>
+auto with_bytes(storage::RangedStore& store, ByteSpan file, Call call) {
+  while (true) {
+    auto result = call();
+    const auto needed = store.take_needed_ranges();
+    if (needed.empty()) return result;
+    for (const storage::FileRange& range : needed) {
+      const ByteSpan bytes = file.subspan(range.begin, range.end - range.begin);
+      store.add(range.begin, {bytes.begin(), bytes.end()});
+    }
+  }
+}
+
 void hash_field(const char* path) {
   const Bytes bytes = read_file(path);
   storage::RangedStore store(path, bytes.size());
-  store.add(0, bytes);
-  expect(store.open());
-  const ByteSpan text = expect(store.blob("field"));
+  const auto fetch = [&](auto call) { return with_bytes(store, bytes, call); };
+  expect(fetch([&] { return store.open(); }));
+  const ByteSpan text = expect(fetch([&] { return store.blob("field"); }));
   const Manifest manifest =
       expect(Manifest::parse({reinterpret_cast<const char*>(text.data()), text.size()}, path));
   std::vector<std::unique_ptr<LevelGeometry>> levels;
@@ -68,7 +83,8 @@ void hash_field(const char* path) {
   Hash samples_hash, payload_hash;
   for (storage::LayerId layer = 0; layer < manifest.layers.size(); ++layer) {
     const auto& [name, format, spec] = manifest.layers[layer];
-    const auto tables = store.blob("tables/" + name);
+    const std::string blob = "tables/" + name;
+    const auto tables = fetch([&] { return store.blob(blob); });
     const auto codec = expect(codec::make_codec(spec, format, tables ? *tables : ByteSpan()));
     std::unique_ptr<PredictedTiles> predicted;
     if (const auto* predictive = codec->predictive())
@@ -80,7 +96,7 @@ void hash_field(const char* path) {
     for (unsigned level = 0; level <= manifest.shape.levels; ++level)
       for (std::uint64_t index = 0; index < manifest.shape.tiles(level); ++index) {
         const TileKey key{static_cast<std::uint8_t>(level), index};
-        const auto tile = expect(store.find(layer, key));
+        const auto tile = expect(fetch([&] { return store.find(layer, key); }));
         decoded[key] = nullptr;
         if (tile.state != storage::TileState::stored) continue;
         const ByteSpan payload =
