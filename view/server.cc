@@ -1,7 +1,12 @@
 #include "view/server.h"
 
+#include <arpa/inet.h>
 #include <fcntl.h>
 #include <httplib.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <netinet/in.h>
+#include <poll.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -63,36 +68,117 @@ class BoundedTaskQueue final : public httplib::TaskQueue {
   unsigned running_ = 0;
 };
 
-/// A field that is served from its file. Each request reads the file's current state.
+/// The bytes of one connection. Bytes that arrive with a request, but belong to the next one, stay
+/// in its buffer; httplib's own streams drop them.
+class Connection final : public httplib::Stream {
+ public:
+  explicit Connection(socket_t socket) : socket_(socket) {}
+
+  /// Whether a request begins within kIdleSeconds.
+  [[nodiscard]] bool await_request() const { return begin_ < end_ || ready(POLLIN, kIdleSeconds); }
+
+  [[nodiscard]] bool is_readable() const override { return ready(POLLIN, kTimeoutSeconds); }
+  [[nodiscard]] bool is_writable() const override { return ready(POLLOUT, kTimeoutSeconds); }
+  [[nodiscard]] socket_t socket() const override { return socket_; }
+
+  ssize_t read(char* to, std::size_t size) override {
+    if (begin_ == end_) {
+      const ssize_t got = is_readable() ? recv(socket_, buffer_.data(), buffer_.size(), 0) : -1;
+      if (got <= 0) return got;
+      begin_ = 0;
+      end_ = static_cast<std::size_t>(got);
+    }
+    const std::size_t count = std::min(size, end_ - begin_);
+    std::memcpy(to, buffer_.data() + begin_, count);
+    begin_ += count;
+    return static_cast<ssize_t>(count);
+  }
+  ssize_t write(const char* from, std::size_t size) override {
+    return is_writable() ? ::send(socket_, from, size, MSG_NOSIGNAL) : -1;
+  }
+
+  void get_remote_ip_and_port(std::string&, int&) const override {}  // nothing needs them
+  void get_local_ip_and_port(std::string&, int&) const override {}
+
+ private:
+  [[nodiscard]] bool ready(short events, int seconds) const {
+    pollfd entry = {socket_, events, 0};
+    return poll(&entry, 1, 1000 * seconds) > 0;
+  }
+
+  const socket_t socket_;
+  std::array<char, 4096> buffer_;
+  std::size_t begin_ = 0, end_ = 0;  ///< of the bytes in the buffer that were not read
+};
+
+/// httplib's server, but it answers all requests that a peer sends without waiting for answers, and
+/// does not refuse connections that arrive at once.
+class HttpServer final : public httplib::Server {
+ public:
+  /// After binding: httplib lets 5 connections wait, and the kernel drops more.
+  void lengthen_queue() { ::listen(svr_sock_, SOMAXCONN); }
+
+ private:
+  bool process_and_close_socket(socket_t socket) override {
+    Connection connection(socket);
+    bool fine = true;
+    for (std::size_t left = kMaxRequests;
+         fine && left > 0 && svr_sock_ != INVALID_SOCKET && connection.await_request(); --left) {
+      bool closes = false;
+      fine = process_request(connection, left == 1, closes, nullptr) && !closes;
+    }
+    ::shutdown(socket, SHUT_RDWR);
+    ::close(socket);
+    return fine;
+  }
+};
+
+/// A file as requests see it.
+struct Content {
+  std::uint64_t size;
+  std::string tag;   ///< entity tag
+  std::string type;  ///< media type
+  /// Sends a part. Returns false if that fails.
+  std::function<bool(std::uint64_t offset, std::uint64_t size, httplib::DataSink& sink)> send;
+};
+
+/// A field that is served from its file. Each request opens the file that has its name now.
 class ServedField {
  public:
-  static Result<ServedField> open(const std::string& path) {
+  /// Checks that the file is a field. Errors as Field::open().
+  static Result<ServedField> make(const std::string& path) {
     if (auto field = Field::open(path); !field) return tl::unexpected(field.error());
-    ServedField result;
-    result.path_ = path;
-    result.file_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-    if (result.file_ < 0) return fail(ErrorCode::io, path, ": cannot open: ", std::strerror(errno));
-    return result;
-  }
-  ServedField() = default;
-  ServedField(ServedField&& other) noexcept
-      : name(std::move(other.name)),
-        path_(std::move(other.path_)),
-        file_(std::exchange(other.file_, -1)) {}
-  ServedField& operator=(ServedField&&) = delete;
-  ~ServedField() {
-    if (file_ >= 0) ::close(file_);
+    return ServedField(path);
   }
 
   std::string name;  ///< its folder
 
-  [[nodiscard]] const std::string& path() const { return path_; }
-  [[nodiscard]] bool state(std::uint64_t& size, std::string& tag) const {
+  /// The current content; none if it cannot be read.
+  [[nodiscard]] std::optional<Content> content() const;
+
+ private:
+  explicit ServedField(std::string path) : path_(std::move(path)) {}
+  std::string path_;
+};
+
+/// A file that is open for reading.
+class OpenFile {
+ public:
+  explicit OpenFile(const std::string& path) : file_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {}
+  OpenFile(const OpenFile&) = delete;
+  OpenFile& operator=(const OpenFile&) = delete;
+  ~OpenFile() {
+    if (file_ >= 0) ::close(file_);
+  }
+
+  /// The size and entity tag. Returns false if the file cannot be read.
+  bool state(std::uint64_t& size, std::string& tag) const {
     struct stat status = {};
-    if (fstat(file_, &status) != 0) return false;
+    if (file_ < 0 || fstat(file_, &status) != 0 || !S_ISREG(status.st_mode)) return false;
     size = static_cast<std::uint64_t>(status.st_size);
-    std::array<char, 80> text;
-    std::snprintf(text.data(), text.size(), "\"%llx-%llx-%lx\"",
+    std::array<char, 100> text;
+    std::snprintf(text.data(), text.size(), "\"%llx-%llx-%llx-%lx\"",
+                  static_cast<unsigned long long>(status.st_ino),
                   static_cast<unsigned long long>(status.st_size),
                   static_cast<unsigned long long>(status.st_mtim.tv_sec), status.st_mtim.tv_nsec);
     tag = text.data();
@@ -113,9 +199,19 @@ class ServedField {
   }
 
  private:
-  std::string path_;
-  int file_ = -1;
+  const int file_;
 };
+
+std::optional<Content> ServedField::content() const {
+  const auto file = std::make_shared<OpenFile>(path_);
+  Content content;
+  if (!file->state(content.size, content.tag) || content.size == 0) return std::nullopt;
+  content.type = "application/octet-stream";
+  content.send = [file](std::uint64_t offset, std::uint64_t size, httplib::DataSink& sink) {
+    return file->send(offset, size, sink);
+  };
+  return content;
+}
 
 /// A field's name as part of an address: letters, digits, '.', '-' and '_'.
 std::string folder_name(const std::string& path) {
@@ -130,15 +226,6 @@ std::string content_range(const FilePart& part, std::uint64_t file) {
   return "bytes " + std::to_string(part.first) + "-" + std::to_string(part.first + part.size - 1) +
          "/" + std::to_string(file);
 }
-
-/// A file as requests see it.
-struct Content {
-  std::uint64_t size;
-  std::string tag;   ///< entity tag
-  std::string type;  ///< media type
-  /// Sends a part. Returns false if that fails.
-  std::function<bool(std::uint64_t offset, std::uint64_t size, httplib::DataSink& sink)> send;
-};
 
 /// The body of an answer with several parts: text, then a part of the file, and so on.
 class Multipart {
@@ -187,20 +274,41 @@ bool contains_tag(std::string_view header, std::string_view tag) {
   return header == "*" || header.find(tag) != std::string_view::npos;
 }
 
+/// Whether a header Host names this machine. The port may be another one, which something else
+/// forwards here.
+bool is_loopback(std::string_view host) {
+  for (const std::string_view name : {"127.0.0.1", "localhost", "[::1]"}) {
+    if (!host.starts_with(name)) continue;
+    const std::string_view port = host.substr(name.size());
+    return port.empty() ||
+           (port[0] == ':' && port.find_first_not_of("0123456789", 1) == std::string_view::npos);
+  }
+  return false;
+}
+
+/// An address for browsers of a server that listens on `address`: of this machine in its network,
+/// if that is all addresses.
+std::string reachable_address(const std::string& address) {
+  if (address != "0.0.0.0" && address != "::") return address;
+  std::string found = address == "::" ? "::1" : "127.0.0.1";
+  ifaddrs* all = nullptr;
+  if (getifaddrs(&all) != 0) return found;
+  for (const ifaddrs* at = all; at != nullptr; at = at->ifa_next) {
+    if (at->ifa_addr == nullptr || at->ifa_addr->sa_family != AF_INET ||
+        (at->ifa_flags & IFF_LOOPBACK) != 0 || (at->ifa_flags & IFF_UP) == 0)
+      continue;
+    std::array<char, INET_ADDRSTRLEN> text;
+    const auto& ipv4 = *reinterpret_cast<const sockaddr_in*>(at->ifa_addr);
+    found = inet_ntop(AF_INET, &ipv4.sin_addr, text.data(), text.size());
+    break;
+  }
+  freeifaddrs(all);
+  return found;
+}
+
 void answer_text(httplib::Response& response, int status, const std::string& text) {
   response.status = status;
   response.set_content(text + "\n", "text/plain; charset=utf-8");
-}
-
-/// The current content of a field; none if it cannot be read. Valid as long as the field.
-std::optional<Content> field_content(const ServedField& field) {
-  Content content;
-  if (!field.state(content.size, content.tag) || content.size == 0) return std::nullopt;
-  content.type = "application/octet-stream";
-  content.send = [&field](std::uint64_t offset, std::uint64_t size, httplib::DataSink& sink) {
-    return field.send(offset, size, sink);
-  };
-  return content;
 }
 
 Content page_content(const PageFile& file, const std::string& tag) {
@@ -251,10 +359,10 @@ void answer_content(const httplib::Request& request, httplib::Response& response
 }  // namespace
 
 struct Server::State {
-  httplib::Server http;
+  HttpServer http;
   std::vector<ServedField> fields;
-  std::string url, tag;            // tag: the entity tag of the page's files
-  std::vector<std::string> hosts;  // empty: any
+  std::string url, tag;  // tag: the entity tag of the page's files
+  bool any_host = false;
 
   void answer(httplib::Request& request, httplib::Response& response) const;
   void answer_list(httplib::Response& response) const;
@@ -271,12 +379,11 @@ void Server::State::answer(httplib::Request& request, httplib::Response& respons
   const std::string range = request.get_header_value("Range");
   request.ranges.clear();
 
-  if (!hosts.empty() &&
-      (request.get_header_value_count("Host") != 1 ||
-       std::find(hosts.begin(), hosts.end(), request.get_header_value("Host")) == hosts.end()))
+  if (!any_host && (request.get_header_value_count("Host") != 1 ||
+                    !is_loopback(request.get_header_value("Host"))))
     return answer_text(response, 403,
-                       "This server answers only to the name " + hosts[0] +
-                           ". Whoever started it can open it to others.");
+                       "Host not allowed: this server answers only to 127.0.0.1, localhost and "
+                       "[::1]. slf view --bind ADDRESS answers to any name.");
   if (request.method != "GET" && request.method != "HEAD") {
     response.set_header("Allow", "GET, HEAD");
     return answer_text(response, 405, "Only GET and HEAD work here.");
@@ -297,7 +404,7 @@ void Server::State::answer(httplib::Request& request, httplib::Response& respons
     if (!request.path.starts_with(folder + "/")) continue;
     const std::string_view name = std::string_view(request.path).substr(folder.size() + 1);
     if (name == "field.slf") {
-      if (const auto content = field_content(field))
+      if (const auto content = field.content())
         return answer_content(request, response, range, *content);
       return answer_text(response, 500, "The field cannot be read.");
     }
@@ -330,7 +437,7 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   if (fields.empty()) return fail(ErrorCode::usage, "view: name at least one field");
   auto state = std::make_unique<State>();
   for (const std::string& path : fields) {
-    auto field = ServedField::open(path);
+    auto field = ServedField::make(path);
     if (!field) return tl::unexpected(field.error());
     const std::string name = folder_name(path);
     field->name = name;
@@ -346,12 +453,10 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
     hash = hash * 31 + std::hash<std::string_view>()(file.bytes);
   state->tag = "\"" + std::to_string(hash) + "\"";
 
-  httplib::Server& http = state->http;
+  HttpServer& http = state->http;
   http.new_task_queue = [] { return new BoundedTaskQueue; };  // httplib deletes it
-  http.set_read_timeout(kTimeoutSeconds);
-  http.set_write_timeout(kTimeoutSeconds);
-  http.set_keep_alive_timeout(kIdleSeconds);
-  http.set_keep_alive_max_count(kMaxRequests);
+  http.set_keep_alive_timeout(kIdleSeconds);    // as HttpServer does it, for the header
+  http.set_keep_alive_max_count(kMaxRequests);  // Keep-Alive
   http.set_payload_max_length(0);
   // httplib would set SO_REUSEPORT, but two programs must not share a port.
   http.set_socket_options([](socket_t socket) {
@@ -363,6 +468,14 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
         s->answer(const_cast<httplib::Request&>(request), response);  // httplib's own, not const
         return httplib::Server::HandlerResponse::Handled;
       });
+  // httplib answers 416 where it cannot read a header Range, which must be ignored.
+  http.set_error_handler(httplib::Server::HandlerWithResponse(
+      [s = state.get()](const httplib::Request& request, httplib::Response& response) {
+        if (response.status != 416 || response.has_header("Content-Range"))
+          return httplib::Server::HandlerResponse::Unhandled;
+        s->answer(const_cast<httplib::Request&>(request), response);
+        return httplib::Server::HandlerResponse::Handled;
+      }));
 
   int port = options.port;
   errno = 0;
@@ -374,12 +487,12 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
     return fail(ErrorCode::io, "cannot listen on ", options.address, ":", options.port, ": ",
                 errno != 0 ? std::strerror(errno) : "no such address",
                 "; another port or address may do");
-  const std::string suffix = ":" + std::to_string(port);
-  if (!options.any_host)
-    state->hosts = {"127.0.0.1" + suffix, "localhost" + suffix, "[::1]" + suffix};
-  const bool ipv6 = options.address.find(':') != std::string::npos;
-  state->url = "http://" + (ipv6 ? "[" + options.address + "]" : options.address) + suffix + "/" +
-               (fields.size() == 1 ? state->fields[0].name + "/" : "");
+  http.lengthen_queue();
+  state->any_host = options.any_host;
+  const std::string address = reachable_address(options.address);
+  const bool ipv6 = address.find(':') != std::string::npos;
+  state->url = "http://" + (ipv6 ? "[" + address + "]" : address) + ":" + std::to_string(port) +
+               "/" + (fields.size() == 1 ? state->fields[0].name + "/" : "");
   return Server(std::move(state));
 }
 

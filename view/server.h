@@ -21,12 +21,14 @@ struct ServerOptions {
   std::string address = "127.0.0.1";
   std::uint16_t port = 0;  ///< 0: any free port
   /// Answer requests for any host name. Otherwise the server answers only to 127.0.0.1, localhost
-  /// and [::1], so that a web site whose name resolves to this machine cannot read fields.
+  /// and [::1], with any port, so that a web site whose name resolves to this machine cannot read
+  /// fields.
   bool any_host = false;
 };
 
 /// Answers GET and HEAD, with ranges, entity tags and conditional requests. Requests are untrusted.
-/// At most kMaxConnections connections are served at once; others wait in the kernel's short queue.
+/// At most kMaxConnections connections are served at once; others wait in the kernel's queue. A
+/// field that is replaced while it is served changes its entity tag.
 class Server {
  public:
   static constexpr unsigned kMaxConnections = 32;
@@ -40,7 +42,7 @@ class Server {
   ~Server();
 
   /// The address of the page, "http://127.0.0.1:PORT/NAME/", or of a list if there are several
-  /// fields.
+  /// fields. A server that listens on all addresses gives one of this machine in its network.
   [[nodiscard]] const std::string& url() const;
 
   /// Serves until `stop` returns true; it is called about ten times a second. failed: the server
