@@ -128,8 +128,10 @@ void keep_freed_memory();
 /// process.
 void watch_signals();
 
-/// The progress bar of a light volume. It appears with the first call: if the light volume is read
-/// from a file, there is no call.
+/// As progress_bar(), for work that may not be needed: the bar appears, and signals are watched,
+/// from the first call on.
+[[nodiscard]] ProgressCallback late_progress_bar(const std::string& title, const std::string& unit);
+/// That of a light volume. There is no call if the light volume is read from a file.
 [[nodiscard]] ProgressCallback light_progress();
 
 /// The signal that asked the program to stop, or 0.

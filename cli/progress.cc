@@ -130,11 +130,13 @@ ProgressCallback progress_bar(const std::string& title, const std::string& unit)
   };
 }
 
-ProgressCallback light_progress() {
-  return [bar = ProgressCallback()](const Progress& progress) mutable {
-    if (!bar) bar = progress_bar("light", "paths");
+ProgressCallback late_progress_bar(const std::string& title, const std::string& unit) {
+  return [title, unit, bar = ProgressCallback()](const Progress& progress) mutable {
+    if (!bar) bar = progress_bar(title, unit);
     return bar(progress);
   };
 }
+
+ProgressCallback light_progress() { return late_progress_bar("light", "paths"); }
 
 }  // namespace slf::cli

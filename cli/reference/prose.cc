@@ -155,8 +155,11 @@ const std::vector<Prose>& all() {
         {"For other machines too", "slf view head.slf --bind 0.0.0.0 --port 8000"}}},
       {"export",
        {"Writes a page that shows a field, for people who do not have slf. One file, NAME.html, "
-        "opens from disk and needs no network. A folder goes to any host of static files that "
-        "serves parts of files (HTTP ranges); then only the parts that views need are loaded.",
+        "opens from disk and needs no network. A folder goes to any host of static files. If the "
+        "host serves parts of files (HTTP ranges), only the parts that views need are loaded; "
+        "otherwise a field of at most 64 MiB is loaded whole.",
+        "The page of a folder also shows fields of other hosts that allow it (CORS): "
+        "index.html?field=https://example.org/head.slf",
         "With --max-size, slf tries the field as it is, then qualities 90, 75, 60 and 45 of all "
         "levels, then of one level less, and so on, and writes the first that fits. --codec or "
         "--levels fix one of these."},

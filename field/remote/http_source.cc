@@ -22,7 +22,9 @@ constexpr std::uint64_t kUnknown = ~std::uint64_t{0};
 constexpr long kMinBytesPerSecond = 256;  // a transfer that is slower has stalled
 constexpr double kMaxPause = 8;           // seconds
 constexpr long kRedirects = 5;
-constexpr std::uint64_t kPiece = 4 << 20;  // most bytes that one request asks for
+constexpr std::uint64_t kPiece = 4 << 20;        // most bytes that one request asks for
+constexpr std::uint64_t kMaxWhole = 64 << 20;    // most bytes of a field that is fetched whole
+constexpr std::uint64_t kMaxIgnored = 64 << 10;  // bytes of an answer that nothing needs
 
 std::string_view trimmed(std::string_view text) {
   while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
@@ -47,6 +49,21 @@ bool take(std::string_view& text, char c) {
   if (!text.starts_with(c)) return false;
   text.remove_prefix(1);
   return true;
+}
+
+/// An address as servers expect it: characters that it must not have are escaped. If it is
+/// malformed, unchanged; the request then reports it.
+std::string escaped(const std::string& url) {
+  CURLU* const parts = curl_url();
+  char* text = nullptr;
+  std::string result = url;
+  if (curl_url_set(parts, CURLUPART_URL, url.c_str(), CURLU_URLENCODE | CURLU_ALLOW_SPACE) ==
+          CURLUE_OK &&
+      curl_url_get(parts, CURLUPART_URL, &text, 0) == CURLUE_OK)
+    result = text;
+  curl_free(text);
+  curl_url_cleanup(parts);
+  return result;
 }
 
 /// The header Content-Range: "bytes 0-99/1234".
@@ -109,11 +126,13 @@ class HttpSource::ConnectionLease {
   std::unique_ptr<Connections> connections_;
 };
 
-/// One range that is being fetched.
+/// One range that is being fetched, or the whole file, of at most the length of the range.
 struct HttpSource::Transfer {
   FileRange range;
-  unsigned attempts = 0;  ///< begun so far
-  Clock::time_point due;  ///< earliest begin of the next attempt
+  bool whole = false;
+  ProgressCallback progress;  ///< of the whole file
+  unsigned attempts = 0;      ///< begun so far
+  Clock::time_point due;      ///< earliest begin of the next attempt
   // Of the current attempt:
   CURL* easy = nullptr;
   curl_slist* headers = nullptr;
@@ -121,25 +140,71 @@ struct HttpSource::Transfer {
   std::string tag, date, content_range;
   double retry_after = 0;  ///< seconds
   bool oversized = false;  ///< the answer has more bytes than requested
+  bool stopped = false;    ///< by `progress`
+
+  /// The status of the answer; 0 if there is none.
+  [[nodiscard]] long status() const {
+    long status = 0;
+    curl_easy_getinfo(easy, CURLINFO_RESPONSE_CODE, &status);
+    return status;
+  }
+  /// The stated length of the answer's body, or kUnknown.
+  [[nodiscard]] std::uint64_t stated_length() const {
+    curl_off_t length = -1;
+    curl_easy_getinfo(easy, CURLINFO_CONTENT_LENGTH_DOWNLOAD_T, &length);
+    return length < 0 ? kUnknown : static_cast<std::uint64_t>(length);
+  }
+  /// Takes a piece of the body. Returns false to end the transfer.
+  bool take_body(ByteSpan bytes);
 };
 
+bool HttpSource::Transfer::take_body(ByteSpan bytes) {
+  // Nothing reads the text of an error, which may be endless.
+  if (status() != (whole ? 200 : 206)) return false;
+  oversized = bytes.size() > range.end - range.begin - body.size();
+  if (oversized) return false;
+  body.insert(body.end(), bytes.begin(), bytes.end());
+  if (progress) {
+    const std::uint64_t length = stated_length();
+    stopped = !progress({.done = body.size(), .total = length == kUnknown ? body.size() : length});
+  }
+  return !stopped;
+}
+
 HttpSource::HttpSource(std::string url, const RemoteOptions& options)
-    : url_(std::move(url)), options_(options), size_(kUnknown) {}
+    : url_(std::move(url)), escaped_(escaped(url_)), options_(options), size_(kUnknown) {}
 HttpSource::~HttpSource() = default;
 
 Result<std::shared_ptr<HttpSource>> HttpSource::open(const std::string& url,
-                                                     const RemoteOptions& options) {
+                                                     const RemoteOptions& options,
+                                                     const ProgressCallback& progress) {
   static const CURLcode ready = curl_global_init(CURL_GLOBAL_DEFAULT);
   if (ready != CURLE_OK) return fail(ErrorCode::failed, url, ": ", curl_easy_strerror(ready));
   std::shared_ptr<HttpSource> source(new HttpSource(url, options));
   std::vector<Transfer> first(1);
   first[0].range = {0, 1};
-  if (auto ok = source->run(first, [](std::uint64_t, ByteSpan) { return Result<void>(); }); !ok)
-    return tl::unexpected(std::move(ok.error()));
+  auto ok = source->run(first, [](std::uint64_t, ByteSpan) { return Result<void>(); });
+  if (ok && !source->has_ranges_) {
+    first.assign(1, {});
+    first[0].range = {0, kMaxWhole};
+    first[0].whole = true;
+    first[0].progress = progress;
+    ok = source->run(first, [&](std::uint64_t, ByteSpan bytes) {
+      source->whole_.assign(bytes.begin(), bytes.end());
+      return Result<void>();
+    });
+  }
+  if (!ok) return tl::unexpected(std::move(ok.error()));
   return source;
 }
 
 Result<void> HttpSource::fetch(std::span<const FileRange> ranges, const Sink& sink) {
+  Bytes whole;
+  {
+    const std::lock_guard lock(mutex_);
+    whole = std::exchange(whole_, {});
+  }
+  if (!whole.empty()) return sink(0, whole);
   std::vector<Transfer> transfers;
   for (const FileRange& range : ranges)
     for (std::uint64_t at = range.begin; at < range.end; at += kPiece)
@@ -211,7 +276,7 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   transfer.body.clear();
   transfer.tag.clear(), transfer.date.clear(), transfer.content_range.clear();
   transfer.retry_after = 0;
-  transfer.oversized = false;
+  transfer.oversized = transfer.stopped = false;
   CURL* easy = nullptr;
   if (connections.free.empty()) {
     easy = curl_easy_init();
@@ -224,8 +289,8 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   const std::string range =
       std::to_string(transfer.range.begin) + "-" + std::to_string(transfer.range.end - 1);
   const long stall_timeout = std::max(1L, static_cast<long>(options_.stall_timeout * 1000));
-  curl_easy_setopt(easy, CURLOPT_URL, url_.c_str());
-  curl_easy_setopt(easy, CURLOPT_RANGE, range.c_str());
+  curl_easy_setopt(easy, CURLOPT_URL, escaped_.c_str());
+  if (!transfer.whole) curl_easy_setopt(easy, CURLOPT_RANGE, range.c_str());
   curl_easy_setopt(easy, CURLOPT_PRIVATE, &transfer);
   curl_easy_setopt(easy, CURLOPT_NOSIGNAL, 1L);
   curl_easy_setopt(easy, CURLOPT_USERAGENT, "slf");
@@ -247,18 +312,19 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   }
   using Write = std::size_t (*)(char*, std::size_t, std::size_t, void*);
   const Write write = [](char* data, std::size_t, std::size_t count, void* to) -> std::size_t {
-    auto& t = *static_cast<Transfer*>(to);
-    long status = 0;
-    curl_easy_getinfo(t.easy, CURLINFO_RESPONSE_CODE, &status);
-    if (status != 206) return status == 200 ? 0 : count;  // ignore the text of an error
-    t.oversized = count > t.range.end - t.range.begin - t.body.size();
-    if (t.oversized) return 0;
-    const auto* bytes_of = reinterpret_cast<const std::byte*>(data);
-    t.body.insert(t.body.end(), bytes_of, bytes_of + count);
-    return count;
+    return static_cast<Transfer*>(to)->take_body(std::as_bytes(std::span(data, count))) ? count : 0;
   };
   curl_easy_setopt(easy, CURLOPT_WRITEFUNCTION, write);
   curl_easy_setopt(easy, CURLOPT_WRITEDATA, &transfer);
+  // curl itself reads, and drops, the body of a redirection.
+  using Count = int (*)(void*, curl_off_t, curl_off_t, curl_off_t, curl_off_t);
+  const Count too_much = [](void* to, curl_off_t, curl_off_t got, curl_off_t, curl_off_t) {
+    const FileRange asked = static_cast<Transfer*>(to)->range;
+    return static_cast<std::uint64_t>(got) > asked.end - asked.begin + kMaxIgnored ? 1 : 0;
+  };
+  curl_easy_setopt(easy, CURLOPT_NOPROGRESS, 0L);
+  curl_easy_setopt(easy, CURLOPT_XFERINFOFUNCTION, too_much);
+  curl_easy_setopt(easy, CURLOPT_XFERINFODATA, &transfer);
   const Write header = [](char* data, std::size_t, std::size_t count, void* to) -> std::size_t {
     auto& t = *static_cast<Transfer*>(to);
     const std::string_view line(data, count);
@@ -299,24 +365,45 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
     return failed(ErrorCode::bad_file, "the file has changed on the server since it was opened");
   };
 
-  long status = 0;
-  curl_easy_getinfo(t.easy, CURLINFO_RESPONSE_CODE, &status);
-  bytes_ += t.body.size();
-  if (t.oversized) return failed(ErrorCode::io, "the server sends more than it was asked for");
-  if (status == 200 && (code == CURLE_OK || code == CURLE_WRITE_ERROR))
+  const auto too_large = [&](const std::string& length) {
     return failed(ErrorCode::unsupported,
-                  "the server does not serve parts of files (HTTP ranges); download the field, or "
-                  "ask for another server");
-  if (code == CURLE_TOO_MANY_REDIRECTS)
-    return failed(ErrorCode::io, "the server redirects more than ", kRedirects, " times");
-  if (code == CURLE_URL_MALFORMAT || code == CURLE_PEER_FAILED_VERIFICATION ||
-      code == CURLE_SSL_CACERT_BADFILE)
-    return failed(ErrorCode::io, curl_easy_strerror(static_cast<CURLcode>(code)));
-  if (code != CURLE_OK) return again(curl_easy_strerror(static_cast<CURLcode>(code)));
+                  "the server does not serve parts of files (HTTP ranges), and the file has ",
+                  length, " bytes; without ranges a field of at most ", kMaxWhole,
+                  " is fetched whole. Download it, or use another server");
+  };
+
+  const long status = t.status();
+  bytes_ += t.body.size();
+  if (t.stopped) return failed(ErrorCode::failed, "stopped while the field was fetched");
+  if (t.oversized && t.whole) return too_large("more");
+  if (t.oversized || code == CURLE_ABORTED_BY_CALLBACK)
+    return failed(ErrorCode::io, "the server sends more than it was asked for");
+  // Whether the body of an error has come does not matter.
   if (status == 408 || status == 429 || status >= 500)
     return again("the server answers " + std::to_string(status));
   if (status == 412 || (status == 416 && size_ != kUnknown)) return changed();
   if (status == 416) return failed(ErrorCode::bad_file, "not a field: the file is empty");
+  if (status >= 400) return failed(ErrorCode::io, "the server answers ", status);
+  if (status == 200 && !t.whole && (code == CURLE_OK || code == CURLE_WRITE_ERROR)) {
+    if (size_ != kUnknown)
+      return failed(ErrorCode::io, "the server no longer serves parts of the file (HTTP ranges)");
+    if (const std::uint64_t length = t.stated_length(); length != kUnknown && length > kMaxWhole)
+      return too_large(std::to_string(length));
+    has_ranges_ = false;
+    return true;
+  }
+  if (code == CURLE_TOO_MANY_REDIRECTS)
+    return failed(ErrorCode::io, "the server redirects more than ", kRedirects, " times");
+  if (code == CURLE_UNSUPPORTED_PROTOCOL)
+    return failed(ErrorCode::io, "the server redirects to an address without http or https");
+  if (code == CURLE_URL_MALFORMAT || code == CURLE_PEER_FAILED_VERIFICATION ||
+      code == CURLE_SSL_CACERT_BADFILE)
+    return failed(ErrorCode::io, curl_easy_strerror(static_cast<CURLcode>(code)));
+  if (code != CURLE_OK) return again(curl_easy_strerror(static_cast<CURLcode>(code)));
+  if (t.whole && status == 200) {
+    size_ = t.body.size();
+    return true;
+  }
   if (status != 206) return failed(ErrorCode::io, "the server answers ", status);
 
   const auto answered = parse_content_range(t.content_range);

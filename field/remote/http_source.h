@@ -15,10 +15,12 @@ namespace slf {
 /// Thread-safety: any thread. Each fetch() uses connections of its own; later calls reuse them.
 class HttpSource final : public storage::RangeSource {
  public:
-  /// Requests the first byte, to learn the length and version of the file. Errors as
-  /// RemoteField::open().
+  /// Requests the first byte, to learn the length and version of the file. If the server does not
+  /// serve ranges, fetches the file, and the first fetch() passes all of it on. Errors and progress
+  /// as RemoteField::open().
   [[nodiscard]] static Result<std::shared_ptr<HttpSource>> open(const std::string& url,
-                                                                const RemoteOptions& options);
+                                                                const RemoteOptions& options,
+                                                                const ProgressCallback& progress);
   ~HttpSource() override;
 
   [[nodiscard]] const std::string& name() const override { return url_; }
@@ -38,10 +40,13 @@ class HttpSource final : public storage::RangeSource {
   /// Judges an answer: true if the transfer is complete, false if it must be repeated, or an error.
   [[nodiscard]] Result<bool> evaluate(Transfer& transfer, int code);
 
-  const std::string url_;
+  const std::string url_;      ///< as it was given
+  const std::string escaped_;  ///< as it is requested
   const RemoteOptions options_;
   std::uint64_t size_ = 0;
   std::string validator_;  ///< the ETag or, without one, the date
+  bool has_ranges_ = true;
+  Bytes whole_;  ///< the file, until fetch() passes it on
   std::atomic<std::uint64_t> requests_{0}, repeated_{0}, bytes_{0};
   std::mutex mutex_;
   std::vector<std::unique_ptr<Connections>> idle_;

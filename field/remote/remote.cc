@@ -9,8 +9,9 @@ struct RemoteField::State {
   std::shared_ptr<HttpSource> source;
 };
 
-Result<RemoteField> RemoteField::open(const std::string& url, const RemoteOptions& options) {
-  auto source = HttpSource::open(url, options);
+Result<RemoteField> RemoteField::open(const std::string& url, const RemoteOptions& options,
+                                      const ProgressCallback& progress) {
+  auto source = HttpSource::open(url, options, progress);
   if (!source) return tl::unexpected(std::move(source.error()));
   auto store = storage::TileStore::open(*source);
   if (!store) return tl::unexpected(std::move(store.error()));

@@ -15,6 +15,7 @@
 
 #include "slf/error.h"
 #include "slf/field.h"
+#include "slf/progress.h"
 
 namespace slf {
 
@@ -32,9 +33,11 @@ struct RemoteTraffic {
   std::uint64_t bytes = 0;     ///< of the answers, without their headers
 };
 
-/// Whether a path is an address: it begins with http:// or https://.
+/// Whether a path is an address: it begins with http:// or https://, in letters of any case.
 [[nodiscard]] inline bool is_address(std::string_view path) {
-  return path.starts_with("http://") || path.starts_with("https://");
+  std::string scheme(path.substr(0, path.find("://")));
+  for (char& c : scheme) c |= 0x20;  // lower case
+  return scheme.size() < path.size() && (scheme == "http" || scheme == "https");
 }
 
 /// A field on a web server. A handle: copies are cheap and share one connection. The server and
@@ -42,14 +45,17 @@ struct RemoteTraffic {
 /// Thread-safety: any thread.
 class RemoteField {
  public:
-  /// Opens the field with a few small requests. unsupported: the server does not serve parts of
-  /// files (HTTP ranges). io: at every attempt the server did not answer, or answered with an
+  /// Opens the field with a few small requests. Characters that an address must not have, such as
+  /// blanks, are escaped. If the server does not serve parts of files (HTTP ranges), a field of at
+  /// most 64 MiB is fetched whole, with progress in bytes, and a larger one is unsupported. failed:
+  /// `progress` stopped that. io: at every attempt the server did not answer, or answered with an
   /// error. bad_file: as Field::open().
   ///
   /// Any later use of the field may fail with these errors. It also fails with bad_file if the file
   /// has changed on the server (in its ETag, date or length) since it was opened.
   [[nodiscard]] static Result<RemoteField> open(const std::string& url,
-                                                const RemoteOptions& options = {});
+                                                const RemoteOptions& options = {},
+                                                const ProgressCallback& progress = {});
 
   [[nodiscard]] const Field& field() const { return field_; }
   [[nodiscard]] RemoteTraffic traffic() const;

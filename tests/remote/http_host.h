@@ -20,16 +20,20 @@ namespace slf::testing {
 
 class HttpHost {
  public:
+  static constexpr std::int64_t kUnstated = -2;
+
   /// A request, and its answer as a good server would give it. A test changes the answer.
   struct Exchange {
     unsigned number = 0;  ///< of the request, from 0
+    std::string path;
     std::uint64_t begin = 0, end = 0;
     std::string if_match;
     // The answer:
     std::string status = "206 Partial Content";
     std::string headers;  ///< whole lines; without Content-Length
     std::string body;
-    std::int64_t claimed = -1;  ///< Content-Length, if it is not the body's
+    std::int64_t claimed = -1;  ///< Content-Length, if it is not the body's; kUnstated: none
+    bool endless = false;       ///< sends the body again and again
     bool stalls = false;        ///< sends half of the body, and nothing more
     bool hangs_up = false;      ///< sends half of the body, and closes the connection
   };
@@ -111,6 +115,7 @@ class HttpHost {
   bool answer(int peer, const std::string& head) {
     Exchange e;
     e.number = requests_++;
+    e.path = head.substr(4, head.find(" HTTP/") - 4);
     unsigned long long first = 0, last = 0;
     (void)std::sscanf(header(head, "Range").c_str(), "bytes=%llu-%llu", &first, &last);
     e.begin = std::min<std::uint64_t>(first, content_.size());
@@ -122,14 +127,18 @@ class HttpHost {
       const std::lock_guard lock(mutex_);
       twist_(e);
     }
-    const std::uint64_t claimed =
-        e.claimed < 0 ? e.body.size() : static_cast<std::uint64_t>(e.claimed);
-    const std::string answer = "HTTP/1.1 " + e.status +
-                               "\r\nContent-Length: " + std::to_string(claimed) + "\r\n" +
-                               e.headers + "\r\n";
+    std::string answer = "HTTP/1.1 " + e.status + "\r\n" + e.headers;
+    if (e.claimed != kUnstated)
+      answer +=
+          "Content-Length: " +
+          std::to_string(e.claimed < 0 ? static_cast<std::int64_t>(e.body.size()) : e.claimed) +
+          "\r\n";
+    answer += "\r\n";
     const bool part = e.stalls || e.hangs_up;
     if (!send(peer, answer) || !send(peer, e.body.substr(0, e.body.size() / (part ? 2 : 1))))
       return false;
+    while (e.endless)
+      if (!send(peer, e.body)) return false;
     return !e.hangs_up;
   }
 

@@ -193,8 +193,6 @@ TEST_F(RemoteTest, GivesUp) {
 }
 
 TEST_F(RemoteTest, RefusesWhatIsNoPartOfTheFile) {
-  expect_error(HttpHost(content_, [&](Exchange& e) { e.status = "200 OK"; }),
-               ErrorCode::unsupported, "does not serve parts of files");
   expect_error(HttpHost(content_, [](Exchange& e) { e.headers = ""; }), ErrorCode::io,
                "does not say which part");
   expect_error(HttpHost(content_,
@@ -209,6 +207,89 @@ TEST_F(RemoteTest, RefusesWhatIsNoPartOfTheFile) {
   expect_error(HttpHost(std::string(20000, 'x')), ErrorCode::bad_file, "not a field");
   expect_error(HttpHost("x"), ErrorCode::bad_file, "not a field");
   expect_error(HttpHost(content_.substr(0, content_.size() / 2)), ErrorCode::bad_file, "truncated");
+}
+
+/// Answers every request with the whole file, as some hosts do.
+HttpHost::Twist whole(const std::string& content) {
+  return [&content](Exchange& e) {
+    e.status = "200 OK";
+    e.headers = "ETag: \"1\"\r\n";
+    e.body = content;
+  };
+}
+
+TEST_F(RemoteTest, FetchesASmallFieldWholeWhereThereAreNoRanges) {
+  const HttpHost host(content_, whole(content_));
+  std::uint64_t done = 0, total = 0;
+  const auto remote = RemoteField::open(host.url(), kImpatient, [&](const Progress& progress) {
+    done = progress.done;
+    total = progress.total;
+    return true;
+  });
+  ASSERT_TRUE(remote) << remote.error().message;
+  EXPECT_EQ(done, content_.size());
+  EXPECT_EQ(total, content_.size());
+  Renderer renderer(remote->field());
+  expect_picture(renderer.render(camera(), {RenderMode::depth, 1}));
+  EXPECT_EQ(host.requests(), 2u);  // one to learn it
+  const auto stopped =
+      RemoteField::open(host.url(), kImpatient, [](const Progress&) { return false; });
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+}
+
+TEST_F(RemoteTest, SaysWhatTheHostOfALargeFieldLacks) {
+  const auto with_length = [&](std::int64_t length) {
+    return [length](Exchange& e) {
+      e.status = "200 OK";
+      e.claimed = length;
+    };
+  };
+  const HttpHost large(content_, with_length((64 << 20) + 1));
+  expect_error(large, ErrorCode::unsupported, "does not serve parts of files");
+  expect_error(large, ErrorCode::unsupported, "67108865 bytes");
+  EXPECT_LT(large.sent(), 1u << 20);
+  const HttpHost endless(content_, [&](Exchange& e) {
+    e.status = "200 OK";
+    e.claimed = HttpHost::kUnstated;
+    e.endless = true;
+    e.body = std::string(1 << 20, 'x');
+  });
+  expect_error(endless, ErrorCode::unsupported, "67108864 is fetched whole");
+}
+
+// Nothing needs the text of an error, nor of a redirection.
+TEST_F(RemoteTest, DoesNotReadEndlessErrors) {
+  for (const char* const status : {"404 Not Found", "302 Found"}) {
+    const HttpHost host(content_, [&](Exchange& e) {
+      e.status = status;
+      e.headers = "Location: /again\r\n";
+      e.claimed = HttpHost::kUnstated;
+      e.endless = true;
+      e.body = std::string(1 << 20, 'x');
+    });
+    expect_error(host, ErrorCode::io, status[0] == '4' ? "answers 404" : "more than it was asked");
+    EXPECT_EQ(host.requests(), 1u) << status;
+    EXPECT_LT(host.sent(), 16u << 20) << status;
+  }
+}
+
+TEST_F(RemoteTest, ReadsAddressesAsPeopleWriteThem) {
+  std::string asked;
+  const HttpHost host(content_, [&](Exchange& e) { asked = e.path; });
+  for (const auto& [path, escaped] : {std::pair<std::string, std::string>{"/a b.slf", "/a%20b.slf"},
+                                      {"/caf\u00e9.slf?x=1 2", "/caf%c3%a9.slf?x=1+2"},
+                                      {"/a%20b.slf", "/a%20b.slf"}}) {
+    std::string url = host.url(path);
+    url.replace(0, 4, "HTTP");
+    EXPECT_TRUE(is_address(url));
+    const auto remote = RemoteField::open(url, kImpatient);
+    ASSERT_TRUE(remote) << remote.error().message;
+    EXPECT_EQ(asked, escaped);
+  }
+  EXPECT_TRUE(is_address("Https://example.org/a.slf"));
+  for (const char* const path : {"http", "http:/a", "file:///a", "a/http://b", ""})
+    EXPECT_FALSE(is_address(path)) << path;
 }
 
 TEST_F(RemoteTest, NoticesThatTheFileChanges) {
@@ -249,7 +330,8 @@ TEST_F(RemoteTest, FollowsRedirectsButNotForEver) {
   const HttpHost local("", [](Exchange& e) {
     e.status = "302 Found", e.headers = "Location: file:///etc/passwd\r\n", e.body = "";
   });
-  EXPECT_FALSE(draw(local));
+  expect_error(local, ErrorCode::io, "without http or https");
+  EXPECT_EQ(local.requests(), 1u);
 }
 
 TEST(RemoteField, SaysThatNothingAnswers) {
