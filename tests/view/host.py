@@ -49,7 +49,10 @@ class Handler(http.server.SimpleHTTPRequestHandler):
     def ranges(self, size):
         """The ranges that are asked for and served, [begin, end); None: the whole file."""
         header = self.headers.get("Range", "")
-        if self.host.ranges == "none" or not re.fullmatch(r"bytes=(\d+-\d+|-\d+)(,\d+-\d+)*", header):
+        if header.startswith("bytes=-") and self.host.suffix != "yes":
+            return [(0, min(int(header[7:]) + 1, size))] if self.host.suffix == "as 0-N" else None
+        form = r"bytes=(\d+-\d+|-\d+)(,\d+-\d+)*"
+        if self.host.ranges == "none" or not re.fullmatch(form, header):
             return None
         asked = header[6:].split(",")
         if len(asked) > 1 and self.host.ranges == "one":
@@ -62,6 +65,33 @@ class Handler(http.server.SimpleHTTPRequestHandler):
             found.append((begin, end))
         return found
 
+    def end_headers(self):
+        for name, value in self.host.headers.items():
+            self.send_header(name, value)
+        super().end_headers()
+
+    def do_OPTIONS(self):
+        """What browsers ask before they send a header Range to another host."""
+        self.send_response(204 if self.host.preflight else 405)
+        if self.host.preflight:
+            self.send_header("Access-Control-Allow-Headers", "Range")
+        self.end_headers()
+
+    def answer_error(self, status):
+        self.send_response(status)
+        self.send_header("Connection", "close")
+        self.end_headers()
+        self.close_connection = True
+        try:
+            self.wfile.write(b"no")
+            while self.host.endless:
+                self.wfile.write(bytes(PIECE))
+        except OSError:
+            pass
+
+    def do_HEAD(self):
+        self.do_GET()
+
     def do_GET(self):
         # A new connection takes another round trip.
         time.sleep(self.host.link.delay * (2 if self.fresh else 1))
@@ -69,8 +99,9 @@ class Handler(http.server.SimpleHTTPRequestHandler):
         name = self.translate_path(self.path)
         if os.path.isdir(name):
             name = os.path.join(name, "index.html")
-        if not os.path.isfile(name):
-            return self.send_error(404)
+        is_field = name.endswith(".slf")
+        if not os.path.isfile(name) or (is_field and self.host.status):
+            return self.answer_error(self.host.status or 404)
         size = os.path.getsize(name)
         kind = self.guess_type(name)
         with open(name, "rb") as file:
@@ -78,7 +109,7 @@ class Handler(http.server.SimpleHTTPRequestHandler):
                 file.seek(begin)
                 return file.read(end - begin)
 
-            ranges = self.ranges(size)
+            ranges = self.ranges(size) if self.command == "GET" else None
             if ranges is None:
                 status, body = 200, None
             elif len(ranges) == 1:
@@ -92,11 +123,17 @@ class Handler(http.server.SimpleHTTPRequestHandler):
                 kind = "multipart/byteranges; boundary=slf-part"
             self.send_response(status)
             self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(size if body is None else len(body)))
+            if is_field and status == 200 and self.host.hides_length:
+                self.send_header("Connection", "close")
+                self.close_connection = True
+            else:
+                self.send_header("Content-Length", str(size if body is None else len(body)))
             self.send_header("ETag", f'"{size}-{os.stat(name).st_mtime_ns}"')
             if ranges is not None and len(ranges) == 1:
                 self.send_header("Content-Range", f"bytes {ranges[0][0]}-{ranges[0][1] - 1}/{size}")
             self.end_headers()
+            if self.command == "HEAD":
+                return
             sent = 0
             try:
                 for data in iter(lambda: file.read(PIECE), b"") if body is None else [body]:
@@ -115,10 +152,19 @@ class Quiet(http.server.ThreadingHTTPServer):
 
 
 class Host:
-    """Serves a folder. `ranges`: how many a request may ask for, "many", "one" or "none"."""
+    """Serves a folder. For its field:
+    ranges: how many a request may ask for, "many", "one" or "none";
+    suffix: how it reads bytes=-N, "yes", "no" (as the whole file) or "as 0-N";
+    status: of all its answers, None for good ones; `endless` errors never end;
+    hides_length: of whole files.
+    Pages of other hosts: `headers` are sent with all answers; `preflight`: allows the header Range.
+    """
 
-    def __init__(self, folder, ranges="many", rate=None, delay=0.0):
+    def __init__(self, folder, ranges="many", rate=None, delay=0.0, suffix="yes", status=None,
+                 endless=False, hides_length=False, headers=None, preflight=False):
         self.folder, self.ranges, self.link = folder, ranges, Link(rate, delay)
+        self.suffix, self.status, self.endless = suffix, status, endless
+        self.hides_length, self.headers, self.preflight = hides_length, headers or {}, preflight
         self.log = []  # (file, status, bytes) of each answer
         self.server = Quiet(("127.0.0.1", 0), functools.partial(Handler, self))
         self.thread = threading.Thread(target=self.server.serve_forever, daemon=True)

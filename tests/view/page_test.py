@@ -17,6 +17,7 @@ sys.dont_write_bytecode = True
 
 from browser import Browser, BrowserError, shutil
 from host import Host
+from nginx import Nginx
 
 SLF, DECODED, WORK = sys.argv[1:4]
 VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 2.2), (300, 5, 1.4), (75, 0, 6)]
@@ -195,19 +196,27 @@ class PageTest(unittest.TestCase):
             page.wait("frames[0]?.slf?.state === 'settled'")
             page.close()
 
-    def test_a_cold_view_takes_few_requests(self):
+    def counted_site(self):
+        """A folder with the page and a field, and the bytes of its index."""
         folder, ordered = path("counted"), path("ordered.slf")
         # How a build lays tiles out depends on its speed; a repacked field has them in order.
         slf("repack", self.fields[0], "-o", ordered, "-f")
         slf("export", ordered, "-o", folder, "-f")
-        field = os.path.join(folder, "field.slf")
-        index = index_size(field)
+        return folder, index_size(os.path.join(folder, "field.slf"))
+
+    @staticmethod
+    def payload(folder, view):
+        """The bytes of the tiles of a view."""
+        return json.loads(slf("render", os.path.join(folder, "field.slf"), "-o",
+                              path("payload.png"), "-f", "--orbit", view, "--size", SIZE, "--level",
+                              "finest", "--stats", "--json"))["compressed_bytes"]
+
+    def test_a_cold_view_takes_few_requests(self):
+        folder, index = self.counted_site()
         # In the last view, depths move rays to other tiles more than once.
         for ranges, view in [("many", VIEWS[0]), ("one", VIEWS[0]), ("many", (117, 71, 3.9))]:
             view = ",".join(map(str, view))
-            payload = json.loads(slf("render", field, "-o", path("payload.png"), "-f", "--orbit",
-                                     view, "--size", SIZE, "--level", "finest", "--stats",
-                                     "--json"))["compressed_bytes"]
+            payload = self.payload(folder, view)
             with self.subTest(ranges=ranges, view=view), Host(folder, ranges) as host:
                 page = self.browser.open(f"{host.url}/index.html#view={view}&level=2", SIZE, SIZE)
                 page.settle()
@@ -225,10 +234,133 @@ class PageTest(unittest.TestCase):
                     self.assertLessEqual(host.bytes("field.slf"), 1.5 * payload + index + 65536)
                 page.close()
 
+    def test_requests_that_share_a_connection_fill_few_gaps(self):
+        if not Nginx.available():
+            self.skipTest("no nginx or no openssl; scripts/install-packages --for test")
+        folder, index = self.counted_site()
+        view = ",".join(map(str, VIEWS[0]))
+        payload = self.payload(folder, view)
+        with Nginx(folder) as host:
+            page = self.open(f"{host.url}/index.html#view={view}&level=2", certificate=False)
+            page.settle()
+            found = page.run("slf.statistics().complete")
+            answers = host.answers("field.slf")
+            print(f"HTTP/2: {payload} bytes of payload, {found}", flush=True)
+            self.assertEqual({protocol for _, _, protocol in answers}, {"HTTP/2.0"})
+            self.assertLessEqual(found["bytes"], 1.3 * payload + index + 65536)
+            self.assertLessEqual(found["roundTrips"], 4)
+            page.close()
+
+    def open(self, url, certificate=True, script=""):
+        """Opens an address. `script` runs before the page's own."""
+        page = self.browser.open("about:blank", SIZE, SIZE)
+        page.call("Security.setIgnoreCertificateErrors", ignore=not certificate)
+        if script:
+            page.call("Page.addScriptToEvaluateOnNewDocument", source=script)
+        page.call("Page.navigate", url=url)
+        return page
+
+    def outcome(self, url, state="loading", **options):
+        """Opens an address and returns what the page says once its field is open (state: 'loading')
+        or shown ('settled'), or once that has failed."""
+        page = self.open(url, **options)
+        states = ["failed", "settled"] + (["loading"] if state == "loading" else [])
+        page.wait(f"{states}.includes(globalThis.slf?.state)")
+        said = page.run("slf.state === 'failed' ? slf.message : ''")
+        page.close()
+        return said
+
+    def site(self):
+        """A folder with the page and a small field."""
+        folder = path("small/site")
+        slf("export", self.fields[0], "-o", folder, "-f", "--levels", "0")
+        return folder
+
+    def test_a_folder_works_from_disk(self):
+        folder = os.path.abspath(self.site())
+        page = self.open("file://" + os.path.join(folder, "index.html"))
+        page.wait("globalThis.slf?.state === 'asking'")
+        self.assertIn("Choose field.slf", page.run("document.getElementById('choose').innerText"))
+        page.call("DOM.enable")
+        root = page.call("DOM.getDocument")["root"]["nodeId"]
+        chooser = page.call("DOM.querySelector", nodeId=root, selector="#file")["nodeId"]
+        page.call("DOM.setFileInputFiles", nodeId=chooser,
+                  files=[os.path.join(folder, "field.slf")])
+        page.settle()
+        self.assertTrue(page.run("document.getElementById('choose').hidden"))
+        page.close()
+
+    def test_a_folder_works_without_the_slash_at_its_end(self):
+        with Host(os.path.dirname(self.site())) as host:
+            self.assertEqual(self.outcome(host.url + "/site"), "")
+
+    def test_a_sandbox_needs_the_hosts_consent(self):
+        sandbox = {"Content-Security-Policy": "sandbox allow-scripts"}  # as of <iframe sandbox>
+        with Host(self.site(), headers=sandbox) as host:
+            said = self.outcome(host.url + "/index.html")
+            self.assertIn("Access-Control-Allow-Origin: *", said)
+            self.assertIn("sandbox", said)
+        with Host(self.site(), headers=sandbox | {"Access-Control-Allow-Origin": "*"}) as host:
+            self.assertEqual(self.outcome(host.url + "/index.html", "settled"), "")
+
+    def test_policies_of_hosts(self):
+        """One file under policies that forbid other scripts, workers and WebAssembly."""
+        os.makedirs(path("policy"), exist_ok=True)
+        slf("export", self.fields[0], "-o", path("policy/one.html"), "-f", "--levels", "0")
+
+        def host(policy):
+            return Host(path("policy"), headers={"Content-Security-Policy": policy})
+
+        inline = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+        with host(inline + " 'wasm-unsafe-eval'") as strict:
+            self.assertEqual(self.outcome(strict.url + "/one.html", "settled"), "")
+        with host(inline) as stricter:
+            self.assertIn("'wasm-unsafe-eval'", self.outcome(stricter.url + "/one.html"))
+        with host("script-src 'none'") as strictest:
+            page = self.open(strictest.url + "/one.html")
+            page.wait("document.getAnimations().length > 0 && document.readyState === 'complete'")
+            status = "getComputedStyle(document.getElementById('status')).visibility"
+            self.assertEqual(page.run(status), "hidden")
+            page.run("document.getAnimations().forEach((animation) => animation.finish())")
+            self.assertEqual(page.run(status), "visible")
+            page.close()
+
+    def test_says_what_browsers_lack(self):
+        with Host(self.site()) as host:
+            for name in ["WebAssembly", "DecompressionStream"]:
+                said = self.outcome(host.url + "/index.html", script=f"delete globalThis.{name}")
+                self.assertIn("too old or locked down: it lacks " + name, said)
+
+    def test_shows_fields_of_other_hosts(self):
+        folder = self.site()
+        shared = {"Access-Control-Allow-Origin": "*"}
+        with Host(folder) as home, Host(folder, headers=shared) as other:
+            def at(field):
+                return f"{home.url}/index.html?field={field}"
+
+            self.assertEqual(self.outcome(at(other.url + "/field.slf")), "")
+            self.assertGreater(other.bytes("field.slf"), 0)
+            self.assertEqual(home.bytes("field.slf"), 0)
+            self.assertIn("(CORS)", self.outcome(at("http://127.0.0.1:1/field.slf")))
+            self.assertIn("not an address", self.outcome(at("http://")))
+
+    def test_a_host_without_ranges_sends_a_small_field_once(self):
+        with Host(self.site(), ranges="none") as host:
+            page = self.open(host.url + "/index.html")
+            page.settle()
+            self.assertEqual(page.run("slf.statistics().bytes"),
+                             os.path.getsize(os.path.join(host.folder, "field.slf")))
+            self.assertEqual(page.run("document.getElementById('status').textContent"), "")
+            page.close()
+
     def test_says_what_is_wrong(self):
         folder = path("wrong")
         slf("export", self.fields[0], "-o", folder, "-f")
-        with Host(folder) as host, Host(folder, ranges="none") as plain:
+        large = path("large")
+        slf("export", self.fields[0], "-o", large, "-f")
+        with open(os.path.join(large, "field.slf"), "r+b") as file:
+            file.truncate((64 << 20) + 1)
+        with Host(folder) as host, Host(large, ranges="none") as plain:
             def message(host):
                 page = self.browser.open(host.url + "/index.html", SIZE, SIZE)
                 page.wait("globalThis.slf?.state === 'failed'", 60)

@@ -5,28 +5,43 @@ const kAtOnce = 2;       // messages that a worker has: it answers one while the
 const kKept = 48 << 20;  // bytes of samples that a worker keeps
 
 export class Decoders {
-  // Workers start at once; open() tells them about the field.
-  constructor(makeWorker) {
+  // Workers start at once; open() tells them about the field. If a worker does not start, what
+  // makeStandIn(), if there is one, returns takes its place.
+  constructor(makeWorker, makeStandIn) {
     this.next = 0;
-    this.waiting = new Map();  // promises of answers, by message
+    this.waiting = new Map();  // messages without an answer: {worker, message, done, failed}, by id
     this.queue = [];           // messages that no worker has yet
     const count = Math.max(2, Math.min(4, (navigator.hardwareConcurrency ?? 2) - 1));
-    this.workers = Array.from({length: count}, () => (
-      {port: makeWorker(), busy: 0, kept: new Map(), bytes: 0}));  // kept: bytes by page
-    for (const worker of this.workers) {
-      worker.port.onmessage = ({data}) => {
-        --worker.busy;
-        const {done, failed} = this.waiting.get(data.id);
-        this.waiting.delete(data.id);
-        if (data.error) failed(new Error(data.error));
-        else done(data.result);
-        this.send();
-      };
-      worker.port.onerror = (event) => {
-        const error = new Error('A worker failed: ' + (event.message ?? ''));
-        for (const {failed} of this.waiting.values()) failed(error);
-        this.waiting.clear();
-      };
+    this.workers = Array.from({length: count}, () => {
+      const worker = {busy: 0, kept: new Map(), bytes: 0};  // kept: bytes by page
+      try {
+        this.connect(worker, makeWorker());
+        worker.port.onerror = () => this.replace(worker, makeStandIn);
+      } catch {
+        this.connect(worker, makeStandIn());
+      }
+      return worker;
+    });
+  }
+  connect(worker, port) {
+    worker.port = port;
+    port.onmessage = ({data}) => {
+      worker.works = true;
+      --worker.busy;
+      const {done, failed} = this.waiting.get(data.id);
+      this.waiting.delete(data.id);
+      if (data.error) failed(new Error(data.error));
+      else done(data.result);
+      this.send();
+    };
+  }
+  replace(worker, makeStandIn) {
+    const left = [...this.waiting.values()].filter((waiting) => waiting.worker === worker);
+    if (worker.works || !makeStandIn) {
+      left.forEach(({failed}) => failed(new Error('A worker failed.')));
+    } else {
+      this.connect(worker, makeStandIn());
+      left.forEach(({message}) => worker.port.postMessage(message));
     }
   }
   open({module, manifestBytes: manifest, tables}) {
@@ -35,11 +50,11 @@ export class Decoders {
   }
 
   post(worker, message) {
-    const id = this.next++;
+    const sent = {...message, id: this.next++};
     ++worker.busy;
     return new Promise((done, failed) => {
-      this.waiting.set(id, {done, failed});
-      worker.port.postMessage({...message, id});
+      this.waiting.set(sent.id, {worker, message: sent, done, failed});
+      worker.port.postMessage(sent);
     });
   }
   // Gives messages to the workers that have the least to do.

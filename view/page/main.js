@@ -9,7 +9,7 @@ import {Renderer} from './renderer.js';
 import {Decoders} from './decoders.js';
 import {Field} from './field.js';
 import {Loader} from './loader.js';
-import {EmbeddedSource, HttpSource} from './source.js';
+import {embeddedSource, fileSource, HttpSource} from './source.js';
 
 const kTileBytes = 192 << 20;  // of textures
 const kFrame = 40;             // milliseconds: slower frames of a moving camera have fewer pixels,
@@ -18,19 +18,9 @@ const kPause = 6;              // while tiles come, frames pause so many times a
 const kAhead = 0.4;            // seconds that loading looks ahead of a moving camera
 const kLevel0 = 2 << 20;       // bytes: a level 0 of at most this size is loaded whole
 
-// A page in one file has all this inside and says so (view/site.cc).
+// What an exported page has (view/bundle.h): `worker`, the script of the workers as a function, and
+// in one file also the module and the field.
 const inside = globalThis.slfInside;
-const makeWorker = () =>
-  inside ? new Worker(inside.worker)
-         : new Worker(new URL('worker.js', import.meta.url), {type: 'module'});
-async function loadModule() {
-  const packed = inside ? new Response(inside.wasm) : await fetch('module.bin');
-  const bytes = packed.body.pipeThrough(new DecompressionStream('gzip'));
-  return WebAssembly.compile(await new Response(bytes).arrayBuffer());
-}
-const source = inside ? new EmbeddedSource(inside.pieces, inside.pieceBytes, inside.size)
-                      : new HttpSource('field.slf');
-
 const byId = (id) => document.getElementById(id);
 const canvas = byId('picture');
 const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
@@ -40,7 +30,7 @@ const human = (n) =>
 const camera = new Camera();
 const settings = {
   mode: 'depth', level: 'auto', background: '#000000', curve: 'neutral', exposure: 0};
-let field, renderer, loader;
+let source, field, renderer, loader;
 let version = 0;       // counts changes of the view
 let dirty = true;      // the picture is not what the canvas shows
 let movedAt = -1e9, lost = false, failed = false, ceiling = 99;
@@ -63,17 +53,18 @@ const page = globalThis.slf = {
 
 // What came from the host since the page began, and the milliseconds since then.
 function traffic() {
-  const {bytes, requests, roundTrips} = source;
+  const {bytes, requests, roundTrips} = source ?? {};
   return {bytes, requests, roundTrips, milliseconds: performance.now()};
 }
 function say(text, wrong = false) {
   byId('status').textContent = text;
-  byId('status').classList.toggle('wrong', wrong);
+  byId('status').className = wrong ? 'wrong' : '';
 }
 function fail(error) {
   failed = true;
   page.state = 'failed';
   page.message = String(error?.message ?? error);
+  byId('name').textContent = document.title;
   say(page.message, true);
 }
 
@@ -324,8 +315,8 @@ async function allOfLevel0() {
 
 function showCounts() {
   byId('bytes').textContent =
-    inside ? human(source.size)
-           : `${human(source.bytes)} (${(100 * source.bytes / source.size).toFixed(0)} %)`;
+    inside?.size ? human(source.size)
+                 : `${human(source.bytes)} (${(100 * source.bytes / source.size).toFixed(0)} %)`;
   byId('tiles').textContent = String(loader.tiles);
   if (loader.damaged > 0)
     say(`${loader.damaged} damaged tiles: coarser ones stand in. slf verify says more.`);
@@ -435,13 +426,86 @@ function fillPanel() {
 
 // ---- start --------------------------------------------------------------------------------------
 
+// Where the field is: inside the page; where ?field=ADDRESS says; or beside the page.
+async function findField() {
+  if (inside?.size) {
+    const pieces = [...document.querySelectorAll('script.piece')].map((s) => s.textContent);
+    return embeddedSource(pieces, inside.pieceBytes, inside.size);
+  }
+  const given = new URLSearchParams(location.search).get('field') ?? 'field.slf';
+  let url;
+  try {
+    url = new URL(given, document.baseURI);
+  } catch {
+    throw new Error(`?field=${given}: not an address`);
+  }
+  if (url.protocol === 'file:') return fileSource(await chosenFile());
+  return new HttpSource(url, (done, total) => say('This host serves only whole files. Fetched ' +
+    human(done) + (total ? ` of ${human(total)}` : '')));
+}
+// Resolves to a file of this machine that the reader chooses.
+function chosenFile() {
+  page.state = 'asking';
+  byId('choose').hidden = false;
+  return new Promise((done) => {
+    byId('file').onchange = ({target}) => {
+      byId('choose').hidden = true;
+      done(target.files[0]);
+    };
+  });
+}
+
+const fromBase64 = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+// Resolves to the bytes of the module. From disk and in a sandbox only scripts can be loaded.
+async function packedModule() {
+  const answer = inside?.module ? undefined : await fetch('module.bin').catch(() => {});
+  if (answer?.ok) return answer.arrayBuffer();
+  if (inside && !inside.module)
+    await new Promise((done) => document.head.append(Object.assign(
+      document.createElement('script'), {src: 'module.bin.js', onload: done, onerror: done})));
+  if (inside?.module) return fromBase64(inside.module);
+  throw new Error('A part of this page cannot be loaded: module.bin.');
+}
+async function loadModule() {
+  for (const name of ['WebAssembly', 'DecompressionStream'])
+    if (!globalThis[name])
+      throw new Error(`This browser is too old or locked down: it lacks ${name}.`);
+  const packed = new Response(await packedModule());
+  const bytes = packed.body.pipeThrough(new DecompressionStream('gzip'));
+  try {
+    return await WebAssembly.compile(await new Response(bytes).arrayBuffer());
+  } catch (error) {
+    if (!/policy|unsafe|disallowed/i.test(error.message)) throw error;
+    throw new Error('The host of this page forbids WebAssembly. Its Content-Security-Policy must ' +
+                    "have 'wasm-unsafe-eval' in script-src.");
+  }
+}
+
+// A worker, and what stands in for one where the host of the page forbids workers.
+function makeWorker() {
+  if (!inside) return new Worker('worker.js', {type: 'module'});
+  return new Worker(URL.createObjectURL(new Blob([`(${inside.worker})(self)`])));
+}
+function makeStandIn() {
+  const port = {postMessage: (data) => setTimeout(() => self.onmessage({data}))};
+  const self = {postMessage: (data) => port.onmessage({data})};
+  inside.worker(self);
+  return port;
+}
+
 async function start() {
+  say('');
   readFragment();
+  const coming = loadModule();
+  coming.catch(() => {});  // reported below
+  const decoders = new Decoders(makeWorker, inside && makeStandIn);
+  source = await findField();
   source.open().catch(() => {});  // beside the module; opening the field reports it
-  const decoders = new Decoders(makeWorker);
+  say('');
   renderer = new Renderer(canvas);
-  field = new Field(source, await loadModule());
+  field = new Field(source, await coming);
   await field.open();
+  say('');
   decoders.open(field);
   resize();
   renderer.open(field.shape, kTileBytes);

@@ -1,9 +1,11 @@
-// Where the bytes of a field come from: a host of static files, or the page itself.
+// Where the bytes of a field come from: a host of static files, a file on this machine, or the page
+// itself.
 
 const kStart = 8 << 10;          // bytes of the file's start that a reader needs: two pages
 const kEnd = 64 << 10;           // bytes of its end, where an index may be
 const kSmallFile = 'style.css';  // of the page, on the same host as the field
 const kRetries = 4;
+const kMaxWhole = 64 << 20;      // bytes of a field that is fetched whole, without ranges
 
 // Requests for single ranges
 const kGap = 4 << 10;            // smaller gaps between ranges cost less than a request
@@ -11,6 +13,9 @@ const kMaxGap = 256 << 10;       // larger gaps are never fetched
 const kRangesPerRequest = 24;    // one more request is allowed for each so many ranges,
 const kMaxRequests = 22;         // up to so many at a time
 const kKept = 16 << 20;          // bytes of answers that are kept, because they have gaps in them
+
+// Requests for single ranges that share a connection: each costs little
+const kFilled = 0.08;            // bytes in gaps that are filled, as a share of those between them
 
 // Requests for several ranges
 const kPartHead = 160;           // bytes that each range costs in the answer
@@ -22,32 +27,59 @@ const kMixed = /^multipart\/byteranges/i;
 
 const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 
-const kNoRanges = 'The host of this field does not serve parts of files (HTTP ranges). ' +
-                  'Use another host, slf view, or an export to one .html file.';
+const kNoRanges = 'The host of this field does not serve parts of files (HTTP ranges). ';
+const kTooLarge = kNoRanges + 'Without them, a field of at most 64 MiB is fetched whole, and ' +
+                  'this one is larger. Use another host, slf view, or slf export --max-size.';
+const kCutShort = 'The host cut an answer short.';
 
-// A file on a host of static files, read by ranges.
+// A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 export class HttpSource {
-  constructor(url) {
-    this.url = url;
+  // `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is unknown.
+  constructor(url, onProgress) {
+    this.url = new URL(url, document.baseURI);
+    this.onProgress = onProgress;
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
-    this.kept = [];       // answers to single ranges, the oldest first
+    this.kept = [];       // answers with bytes that were not asked for, the oldest first
     this.wants = [];      // the ranges that load() will request
     this.several = false;  // whether the host serves several ranges in one answer
   }
+  // Whether the field is on the host of the page.
+  get beside() { return this.url.origin === globalThis.origin; }
 
   // Resolves to the start and the end of the file: [{begin, bytes}, …].
-  open() {
-    return this.opened ??= (async () => {
-      const [several, ...answers] = await Promise.all(
-        [servesSeveral(), this.ask(`0-${kStart - 1}`), this.ask(`-${kEnd}`)]);
-      this.several = several;
-      return answers.map((answer) => {
-        const [{begin, size, total}] = answer.parts;
-        this.size = total;
-        return {begin, bytes: answer.read(begin, begin + size)};
+  open() { return this.opened ??= this.readEnds(); }
+  async readEnds() {
+    const came = (answer) => answer.whole && this.onProgress?.(answer.have, answer.length);
+    const [several, start, tail] = await Promise.all([
+      servesSeveral(this.beside ? kSmallFile : this.url),
+      this.request(`0-${kStart - 1}`, {orWhole: true, came}),
+      this.request(`-${kEnd}`, {retries: 0}).catch(() => {})]);
+    if (start.parts.length === 0) throw new Error('The field is empty.');
+    this.several = several && !start.whole;
+    if (start.whole) {
+      start.parts[0].total = start.have;
+      this.kept.push(start);  // it has all that readAll() will be asked for
+    }
+    this.size = start.parts[0].total ?? await this.length();
+    const from = Math.max(0, this.size - kEnd);
+    // Some hosts do not serve the end of a file unless they are told where it begins.
+    const end = [start, tail].find((answer) => answer?.read(from, this.size)) ??
+                await this.ask(asText([[from, this.size]]));
+    return [[start, 0, Math.min(kStart, this.size)], [end, from, this.size]].map(
+      ([answer, begin, end]) => {
+        const bytes = answer.read(begin, end);
+        if (!bytes) throw new Error(kCutShort);
+        return {begin, bytes};
       });
-    })();
+  }
+  // The length of a file whose host hides it in answers with ranges.
+  async length() {
+    const answer = await fetch(this.url, {method: 'HEAD', cache: 'no-store'}).catch(() => {});
+    const length = Number(answer?.headers.get('Content-Length'));
+    if (length > 0) return length;
+    throw new Error('The host does not tell how long the field is. It must show the header ' +
+                    'Content-Range (CORS: Access-Control-Expose-Headers).');
   }
 
   // Starts to read ranges [begin, end), in any order, in few requests. Returns a promise of the
@@ -67,7 +99,8 @@ export class HttpSource {
   }
   async readSeveral(wants) {
     await Promise.all(grouped(wants).map(async (group) => {
-      await this.ask(asText(merged(group, kPartHead)), (answer) => settle(group, answer));
+      await this.request(asText(merged(group, kPartHead)),
+                         {came: (answer) => settle(group, answer)});
       const left = group.filter((want) => !want.came);
       if (left.length === 0) return;
       this.several = false;
@@ -77,11 +110,20 @@ export class HttpSource {
   async readSingly(wants) {
     for (const answer of this.kept) settle(wants, answer);
     const absent = wants.filter((want) => !want.came);
-    await Promise.all(inFewRequests(absent).map(async ([begin, end]) => {
+    const ranges = this.multiplexes() ? nearlyExact(absent) : inFewRequests(absent);
+    await Promise.all(ranges.map(async ([begin, end]) => {
       const within = absent.filter((want) => want.begin >= begin && want.end <= end);
-      this.keep(await this.ask(asText([[begin, end]]), (answer) => settle(within, answer)));
-      if (within.some((want) => !want.came)) throw new Error('The host cut an answer short.');
+      const answer = await this.ask(asText([[begin, end]]), (answer) => settle(within, answer));
+      if (within.some((want) => !want.came)) throw new Error(kCutShort);
+      if (within.length > 1) this.keep(answer);
     }));
+  }
+  // Whether requests share a connection (HTTP/2, HTTP/3), so that many at once cost little. The
+  // browser tells the protocol of the page's own host, and of one that sends Timing-Allow-Origin.
+  multiplexes() {
+    return ['navigation', 'resource'].flatMap((kind) => performance.getEntriesByType(kind)).some(
+      ({name, nextHopProtocol}) => /^h[23]/.test(nextHopProtocol) &&
+                                   new URL(name).origin === this.url.origin);
   }
   // Keeps an answer: later calls may ask for bytes in the gaps that it fills.
   keep(answer) {
@@ -90,21 +132,17 @@ export class HttpSource {
     for (; bytes > kKept; bytes -= this.kept.shift().have) continue;
   }
 
-  // Requests ranges, written as in the header Range, and resolves to the answer. Calls `came` each
-  // time that more of it has come. If the host does not serve several ranges, the answer to a
-  // request for several has no parts.
-  async ask(ranges, came = () => {}) {
-    const several = ranges.includes(','), answer = await this.request(ranges, came);
-    if (several) return answer;
-    if (answer.parts.length === 0) throw new Error(kNoRanges);
-    if (!answer.parts.every((part) => part))
-      throw new Error('The host hides the header Content-Range; it must allow it (CORS).');
+  // Requests one range, written as in the header Range, and resolves to the answer. Calls `came`
+  // each time that more of it has come.
+  async ask(range, came) {
+    const answer = await this.request(range, {came});
+    if (answer.parts.length === 0) throw new Error(kNoRanges + 'Reload the page.');
     return answer;
   }
 
-  // Repeats a request that may succeed later. Refuses an answer with the whole file; then the
-  // result has no parts.
-  async request(ranges, came) {
+  // Requests ranges, and repeats a request that may succeed later. Refuses an answer with the whole
+  // file, unless it may be that (`orWhole`); then the result has no parts.
+  async request(ranges, {orWhole = false, came = () => {}, retries = kRetries} = {}) {
     const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
       const stop = new AbortController();
@@ -115,13 +153,17 @@ export class HttpSource {
         // A browser's cache would split a range around the parts of it that it has.
         const response = await fetch(this.url, {headers: {Range: 'bytes=' + ranges},
                                                 cache: 'no-store', signal: stop.signal});
-        const answer = new Answer(response), {status} = response;
+        const {status, headers} = response, answer = new Answer(response, ranges, orWhole);
         if (status === 206) {
-          const tag = response.headers.get('ETag');
+          const tag = headers.get('ETag') ?? headers.get('Last-Modified');
           if ((this.tag ??= tag) !== tag)
             refuse('The field has changed on its host. Reload the page.');
         }
-        for (const reader = status === 206 ? response.body.getReader() : undefined; reader;) {
+        for (const reader = answer.taken ? response.body.getReader() : undefined; reader;) {
+          if (answer.whole && Math.max(answer.have, answer.length || 0) > kMaxWhole) {
+            stop.abort();
+            refuse(kTooLarge);
+          }
           const {value, done} = await reader.read();
           if (done) return answer;
           this.bytes += value.length;
@@ -135,23 +177,38 @@ export class HttpSource {
         if (status < 500 && status !== 429) refuse(wrong);
       } catch (error) {
         if (error.message === wrong) throw error;
-        wrong = 'The host does not answer.';
+        wrong = this.silence();
       }
-      if (attempt === kRetries) throw new Error(wrong);
+      if (attempt === retries) throw new Error(wrong);
       await sleep(200 * 2 ** attempt);
     }
   }
+  // Why there may be no answer; browsers do not tell.
+  silence() {
+    const {protocol, host} = this.url;
+    if (this.beside) return 'The host does not answer.';
+    if (location.protocol === 'https:' && protocol === 'http:')
+      return `A page from https may not read a field from http (${host}).`;
+    return `${host} does not answer, or does not let this page read the field. It must send the ` +
+           `header Access-Control-Allow-Origin: ${globalThis.origin === 'null' ? '*' :
+             globalThis.origin} (CORS), because ` + (location.host === host ?
+             'the page is in a sandbox.' : 'the page is from another host.');
+  }
 }
 
-// Whether the host serves several ranges in one answer. Asked of a small file: hosts that do not
-// answer with the whole file, and much of a field would be on its way before it could be refused.
-async function servesSeveral() {
+// Whether the host of a file serves several ranges in one answer. Hosts that do not answer with the
+// whole file, so a small one is asked for where its name is known: much of a field would be on its
+// way before it could be refused.
+async function servesSeveral(url) {
+  const stop = new AbortController();
   try {
-    const {status, headers} = await fetch(kSmallFile, {
-      headers: {Range: 'bytes=0-0,1000-1000'}, cache: 'no-store'});
+    const {status, headers} = await fetch(url, {
+      headers: {Range: 'bytes=0-0,1000-1000'}, cache: 'no-store', signal: stop.signal});
     return status === 206 && kMixed.test(headers.get('Content-Type') ?? '');
   } catch {
     return false;
+  } finally {
+    stop.abort();
   }
 }
 
@@ -175,17 +232,29 @@ function settle(wants, answer) {
 }
 
 // An answer while it comes. Each of its `parts` is {begin, size, total, at}: a part of the file,
-// the file's size, and the offset of the part's bytes in the body. The last part may be incomplete.
-// A part is undefined if the answer does not say where it belongs.
+// the file's size if known, and the offset of the part's bytes in the body. The last part may be
+// incomplete. A part is undefined if the answer does not say where it belongs.
 class Answer {
-  constructor(response) {
-    const header = (name) => response.headers.get(name) ?? '';
+  constructor({status, headers}, asked, orWhole) {
+    const header = (name) => headers.get(name) ?? '';
+    this.whole = status === 200 && orWhole;  // it has the whole file
+    this.taken = status === 206 || this.whole;
     this.mixed = kMixed.test(header('Content-Type'));
-    const length = response.status === 206 ? Number(header('Content-Length')) : 0;
-    this.bytes = new Uint8Array(Math.min(length || 1 << 16, kMaxReserved));
+    this.length = Number(headers.get('Content-Length') ?? NaN);
+    this.bytes = new Uint8Array(
+      this.taken ? Math.min(this.length || 1 << 16, kMaxReserved) : 0);
     this.have = 0;
     this.next = 0;  // where the head of the next part begins, in a body with several
-    this.parts = response.status === 206 && !this.mixed ? [place(header('Content-Range'), 0)] : [];
+    this.parts = [];
+    if (this.whole) this.parts = [{begin: 0, size: kMaxWhole, at: 0}];
+    else if (this.taken && !this.mixed)
+      this.parts = [place(header('Content-Range'), 0) ?? this.presumed(asked)];
+  }
+  // Hosts hide Content-Range from pages of other hosts, unless they expose it (CORS). Checksums
+  // reveal an answer that is not what was asked for.
+  presumed(asked) {
+    const found = /^(\d+)-(\d+)$/.exec(asked)?.slice(1).map(Number);
+    return found && {begin: found[0], size: found[1] + 1 - found[0], at: 0};
   }
 
   add(piece) {
@@ -249,6 +318,18 @@ function inFewRequests(ranges) {
     : merged(ranges, Math.min(gaps[maxRequests - 1], kMaxGap));
 }
 
+// Fills the smallest gaps between ascending ranges, within the budget kFilled.
+function nearlyExact(ranges) {
+  const bytes = ranges.reduce((sum, {begin, end}) => sum + end - begin, 0);
+  const gaps = ranges.slice(1).map(({begin}, i) => begin - ranges[i].end).sort((a, b) => a - b);
+  let left = kFilled * bytes, widest = kPartHead;
+  for (const gap of gaps) {
+    if ((left -= gap) < 0) break;
+    widest = Math.max(widest, gap);
+  }
+  return merged(ranges, widest);
+}
+
 // Deals ascending ranges out to requests for several. All answers come side by side, so each begins
 // with coarse levels, which are first in the file.
 function grouped(ranges) {
@@ -263,27 +344,37 @@ function grouped(ranges) {
   return Array.from({length: count}, (_, i) => parts.filter((_, k) => k % count === i).flat());
 }
 
-// A file inside the page, as pieces of base64. Each piece but the last has a multiple of 3 bytes.
-export class EmbeddedSource {
-  constructor(pieces, pieceBytes, size) {
-    Object.assign(this, {pieces, pieceBytes, size, bytes: 0, requests: 0, roundTrips: 0});
+// A file at hand. `read(begin, end)` returns bytes, or a promise of them.
+class LocalSource {
+  constructor(size, read) {
+    Object.assign(this, {size, read, bytes: 0, requests: 0, roundTrips: 0});
   }
   async open() {
-    const at = Math.max(0, this.size - kEnd);
-    return [[0, Math.min(kStart, this.size)], [at, this.size]].map(
-      ([begin, end]) => ({begin, bytes: this.read(begin, end)}));
+    const ranges = [[0, Math.min(kStart, this.size)], [Math.max(0, this.size - kEnd), this.size]];
+    const parts = await Promise.all(this.readAll(ranges));
+    return parts.map((bytes, i) => ({begin: ranges[i][0], bytes}));
   }
-  readAll(ranges) { return ranges.map(async ([begin, end]) => this.read(begin, end)); }
-  read(begin, end) {
-    const bytes = new Uint8Array(end - begin);
-    for (let at = begin; at < end;) {
-      const piece = Math.floor(at / this.pieceBytes), from = at - piece * this.pieceBytes;
-      const to = Math.min(from + end - at, this.pieceBytes), first = Math.floor(from / 3);
-      const text = atob(this.pieces[piece].slice(first * 4, Math.ceil(to / 3) * 4));
-      for (let i = from; i < to; ++i) bytes[at - begin + i - from] = text.charCodeAt(i - first * 3);
-      at += to - from;
-    }
-    this.bytes += bytes.length;
-    return bytes;
+  readAll(ranges) {
+    return ranges.map(async ([begin, end]) => {
+      this.bytes += end - begin;
+      return this.read(begin, end);
+    });
   }
 }
+
+// A file on this machine.
+export const fileSource = (file) => new LocalSource(file.size, async (begin, end) =>
+  new Uint8Array(await file.slice(begin, end).arrayBuffer()));
+
+// A file inside the page, as pieces of base64. Each piece but the last has a multiple of 3 bytes.
+export const embeddedSource = (pieces, pieceBytes, size) => new LocalSource(size, (begin, end) => {
+  const bytes = new Uint8Array(end - begin);
+  for (let at = begin; at < end;) {
+    const piece = Math.floor(at / pieceBytes), from = at - piece * pieceBytes;
+    const to = Math.min(from + end - at, pieceBytes), first = Math.floor(from / 3);
+    const text = atob(pieces[piece].slice(first * 4, Math.ceil(to / 3) * 4));
+    for (let i = from; i < to; ++i) bytes[at - begin + i - from] = text.charCodeAt(i - first * 3);
+    at += to - from;
+  }
+  return bytes;
+});
