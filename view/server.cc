@@ -124,8 +124,11 @@ class HttpServer final : public httplib::Server {
     bool fine = true;
     for (std::size_t left = kMaxRequests;
          fine && left > 0 && svr_sock_ != INVALID_SOCKET && connection.await_request(); --left) {
-      bool closes = false;
-      fine = process_request(connection, left == 1, closes, nullptr) && !closes;
+      bool closes = false, next = false;  // next: where the next request begins is known
+      fine = process_request(connection, left == 1, closes, [&](const httplib::Request& request) {
+        next = !request.has_header("Content-Length") && !request.has_header("Transfer-Encoding");
+      });
+      fine = fine && next && !closes;
     }
     ::shutdown(socket, SHUT_RDWR);
     ::close(socket);
@@ -455,6 +458,8 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
 
   HttpServer& http = state->http;
   http.new_task_queue = [] { return new BoundedTaskQueue; };  // httplib deletes it
+  http.set_read_timeout(kTimeoutSeconds);
+  http.set_write_timeout(kTimeoutSeconds);
   http.set_keep_alive_timeout(kIdleSeconds);    // as HttpServer does it, for the header
   http.set_keep_alive_max_count(kMaxRequests);  // Keep-Alive
   http.set_payload_max_length(0);

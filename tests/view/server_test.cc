@@ -257,6 +257,17 @@ TEST(ViewServer, AnswersAllRequestsThatComeAtOnce) {
   EXPECT_EQ(bodies, expected);
 }
 
+TEST(ViewServer, TakesNoBodyForARequest) {
+  const RunningServer server;
+  const std::string inner =
+      "GET /example/field.slf HTTP/1.1\r\nHost: " + server.host() + "\r\n\r\n";
+  const std::string answer =
+      server.send("POST / HTTP/1.1\r\nHost: " + server.host() +
+                  "\r\nContent-Length: " + std::to_string(inner.size()) + "\r\n\r\n" + inner);
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 405"));
+  EXPECT_EQ(answer.find("HTTP/1.1", 1), std::string::npos);
+}
+
 // The kernel drops connections that find the queue full, and peers try again after a second.
 TEST(ViewServer, LetsManyConnectionsWait) {
   const RunningServer server;
