@@ -394,7 +394,7 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
   }
   if (code == CURLE_TOO_MANY_REDIRECTS)
     return failed(ErrorCode::io, "the server redirects more than ", kRedirects, " times");
-  if (code == CURLE_UNSUPPORTED_PROTOCOL)
+  if (code == CURLE_UNSUPPORTED_PROTOCOL && status / 100 == 3)
     return failed(ErrorCode::io, "the server redirects to an address without http or https");
   if (code == CURLE_URL_MALFORMAT || code == CURLE_PEER_FAILED_VERIFICATION ||
       code == CURLE_SSL_CACERT_BADFILE)
