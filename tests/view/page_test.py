@@ -273,6 +273,7 @@ class PageTest(unittest.TestCase):
     def site(self):
         """A folder with the page and a small field."""
         folder = path("small/site")
+        os.makedirs(path("small"), exist_ok=True)
         slf("export", self.fields[0], "-o", folder, "-f", "--levels", "0")
         return folder
 
