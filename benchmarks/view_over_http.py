@@ -3,9 +3,10 @@
 
     benchmarks/view_over_http.py SLF FIELD.slf [--views N] [--json FILE]
 
-SLF is build/release/cli/slf. The field is exported unchanged. Each view is opened cold in a headless Chromium, from hosts that serve several ranges in
-a request and from hosts that serve one, without delay and as over a link of 10 Mbit/s and 40 ms.
-This program simulates the host and the link (tests/view/host.py).
+SLF is build/release/cli/slf. The field is exported unchanged. Each view is opened cold in a headless
+Chromium, from hosts that serve several ranges in a request and from hosts that serve one, without
+delay and as over a link of 10 Mbit/s and 40 ms. This program simulates the host and the link
+(tests/view/host.py). "h2": nginx serves one range in a request, over HTTP/2, without delay.
 
 Columns: requests, dependent round trips, bytes of the field and milliseconds, from the beginning of
 the page, until the first picture and until the view is complete; bytes also relative to the payload
@@ -34,6 +35,7 @@ sys.path.insert(0, os.path.join(ROOT, "tests", "view"))
 
 from browser import Browser
 from host import Host
+from nginx import Nginx
 
 VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 3), (300, 5, 3), (75, 0, 3)]
 SIZE = 512
@@ -67,12 +69,16 @@ def main():
             drawn = slf("render", field, "-o", os.path.join(folder, "view.png"), "-f", "--orbit",
                         text, "--size", str(SIZE), "--level", str(level), "--stats", "--json")
             payload = json.loads(drawn)["compressed_bytes"]
-            for ranges in ["many", "one"]:
+            for ranges in ["many", "one"] + ["h2"] * Nginx.available():
                 for link, (rate, delay) in LINKS.items():
-                    with Host(folder, ranges, rate, delay) as host:
-                        page = browser.open(
-                            f"{host.url}/index.html#view={text}&mode=depth&level={level}",
-                            SIZE, SIZE)
+                    if ranges == "h2" and rate:
+                        continue
+                    with (Nginx(folder) if ranges == "h2" else
+                          Host(folder, ranges, rate, delay)) as host:
+                        page = browser.open("about:blank", SIZE, SIZE)
+                        page.call("Security.setIgnoreCertificateErrors", ignore=True)
+                        page.call("Page.navigate", url=f"{host.url}/index.html#view={text}"
+                                  f"&mode=depth&level={level}")
                         page.settle()
                         page.wait("!slf.statistics().busy")
                         found = page.run("slf.statistics()")
