@@ -14,11 +14,8 @@ const kRangesPerRequest = 24;    // one more request is allowed for each so many
 const kMaxRequests = 22;         // up to so many at a time
 const kKept = 16 << 20;          // bytes of answers that are kept, because they have gaps in them
 
-// Requests for single ranges that share a connection: each costs little
-const kFilled = 0.08;            // bytes in gaps that are filled, as a share of those between them
-
-// Requests for several ranges
-const kPartHead = 160;           // bytes that each range costs in the answer
+// Requests for single ranges that share a connection, and requests for several ranges
+const kPartHead = 160;           // bytes that each range costs in the head of an answer
 const kMaxParts = 80;            // ranges of one request; hosts refuse more than 200
 const kAnswerBytes = 512 << 10;  // in one answer, about
 const kMaxReserved = 1 << 26;    // reserved at once for an answer, whatever length it states
@@ -110,7 +107,7 @@ export class HttpSource {
   async readSingly(wants) {
     for (const answer of this.kept) settle(wants, answer);
     const absent = wants.filter((want) => !want.came);
-    const ranges = this.multiplexes() ? nearlyExact(absent) : inFewRequests(absent);
+    const ranges = this.multiplexes() ? merged(absent, kPartHead) : inFewRequests(absent);
     await Promise.all(ranges.map(async ([begin, end]) => {
       const within = absent.filter((want) => want.begin >= begin && want.end <= end);
       const answer = await this.ask(asText([[begin, end]]), (answer) => settle(within, answer));
@@ -316,18 +313,6 @@ function inFewRequests(ranges) {
   const gaps = all.slice(1).map(([begin], i) => begin - all[i][1]).sort((a, b) => b - a);
   return gaps.length < maxRequests ? all
     : merged(ranges, Math.min(gaps[maxRequests - 1], kMaxGap));
-}
-
-// Fills the smallest gaps between ascending ranges, within the budget kFilled.
-function nearlyExact(ranges) {
-  const bytes = ranges.reduce((sum, {begin, end}) => sum + end - begin, 0);
-  const gaps = ranges.slice(1).map(({begin}, i) => begin - ranges[i].end).sort((a, b) => a - b);
-  let left = kFilled * bytes, widest = kPartHead;
-  for (const gap of gaps) {
-    if ((left -= gap) < 0) break;
-    widest = Math.max(widest, gap);
-  }
-  return merged(ranges, widest);
 }
 
 // Deals ascending ranges out to requests for several. All answers come side by side, so each begins
