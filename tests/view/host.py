@@ -102,6 +102,8 @@ class Handler(http.server.SimpleHTTPRequestHandler):
         is_field = name.endswith(".slf")
         if not os.path.isfile(name) or (is_field and self.host.status):
             return self.answer_error(self.host.status or 404)
+        if self.host.suffix == "416" and self.headers.get("Range", "").startswith("bytes=-"):
+            return self.answer_error(416)
         size = os.path.getsize(name)
         kind = self.guess_type(name)
         with open(name, "rb") as file:
@@ -154,7 +156,7 @@ class Quiet(http.server.ThreadingHTTPServer):
 class Host:
     """Serves a folder. For its field:
     ranges: how many a request may ask for, "many", "one" or "none";
-    suffix: how it reads bytes=-N, "yes", "no" (as the whole file) or "as 0-N";
+    suffix: how it reads bytes=-N, "yes", "no" (as the whole file), "as 0-N" or "416" (an error);
     status: of all its answers, None for good ones; `endless` errors never end;
     hides_length: of whole files.
     Pages of other hosts: `headers` are sent with all answers; `preflight`: allows the header Range.

@@ -36,6 +36,7 @@ KINDS = {
     "many ranges": (Host, {}, None, None),
     "one range": (Host, {"ranges": "one"}, None, None),
     "one range, no bytes=-N": (Host, {"ranges": "one", "suffix": "no"}, None, None),
+    "one range, 416 for bytes=-N": (Host, {"ranges": "one", "suffix": "416"}, None, None),
     "one range, -N as 0-N": (Host, {"ranges": "one", "suffix": "as 0-N"}, None, None),
     "many ranges, no bytes=-N": (Host, {"suffix": "no"}, None, None),
     "no ranges": (Host, {"ranges": "none"}, None, None),

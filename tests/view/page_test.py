@@ -326,11 +326,14 @@ class PageTest(unittest.TestCase):
             self.assertEqual(page.run(status), "visible")
             page.close()
 
-    def test_says_what_browsers_lack(self):
+    def test_says_what_is_missing(self):
         with Host(self.site()) as host:
             for name in ["WebAssembly", "DecompressionStream"]:
                 said = self.outcome(host.url + "/index.html", script=f"delete globalThis.{name}")
                 self.assertIn("too old or locked down: it lacks " + name, said)
+            for name in ["module.bin", "module.bin.js"]:
+                os.remove(os.path.join(host.folder, name))
+            self.assertIn("cannot be loaded: module.bin", self.outcome(host.url + "/index.html"))
 
     def test_shows_fields_of_other_hosts(self):
         folder = self.site()
@@ -344,6 +347,8 @@ class PageTest(unittest.TestCase):
             self.assertEqual(home.bytes("field.slf"), 0)
             self.assertIn("(CORS)", self.outcome(at("http://127.0.0.1:1/field.slf")))
             self.assertIn("not an address", self.outcome(at("http://")))
+        with Server(self.fields[0]) as server:
+            self.assertIn("only its own", self.outcome(server.url + "?field=" + other.url))
 
     def test_a_host_without_ranges_sends_a_small_field_once(self):
         with Host(self.site(), ranges="none") as host:

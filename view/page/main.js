@@ -432,10 +432,12 @@ async function findField() {
     const pieces = [...document.querySelectorAll('script.piece')].map((s) => s.textContent);
     return embeddedSource(pieces, inside.pieceBytes, inside.size);
   }
-  const given = new URLSearchParams(location.search).get('field') ?? 'field.slf';
+  const given = new URLSearchParams(location.search).get('field');
+  if (given && !inside)
+    throw new Error('slf view shows only its own fields; the page of slf export shows others.');
   let url;
   try {
-    url = new URL(given, document.baseURI);
+    url = new URL(given ?? 'field.slf', document.baseURI);
   } catch {
     throw new Error(`?field=${given}: not an address`);
   }
