@@ -500,10 +500,9 @@ async function start() {
   readFragment();
   const coming = loadModule();
   coming.catch(() => {});  // reported below
-  const decoders = new Decoders(makeWorker, inside && makeStandIn);
   source = await findField();
   source.open().catch(() => {});  // beside the module; opening the field reports it
-  say('');
+  const decoders = new Decoders(makeWorker, inside && makeStandIn);
   renderer = new Renderer(canvas);
   field = new Field(source, await coming);
   await field.open();

@@ -14,7 +14,10 @@ const kRangesPerRequest = 24;    // one more request is allowed for each so many
 const kMaxRequests = 22;         // up to so many at a time
 const kKept = 16 << 20;          // bytes of answers that are kept, because they have gaps in them
 
-// Requests for single ranges that share a connection, and requests for several ranges
+// Requests for single ranges that share a connection
+const kMaxShared = 600;          // at a time; browsers refuse several thousand
+
+// These, and requests for several ranges
 const kPartHead = 160;           // bytes that each range costs in the head of an answer
 const kMaxParts = 80;            // ranges of one request; hosts refuse more than 200
 const kAnswerBytes = 512 << 10;  // in one answer, about
@@ -107,7 +110,9 @@ export class HttpSource {
   async readSingly(wants) {
     for (const answer of this.kept) settle(wants, answer);
     const absent = wants.filter((want) => !want.came);
-    const ranges = this.multiplexes() ? merged(absent, kPartHead) : inFewRequests(absent);
+    const ranges = this.multiplexes() ? inFewRequests(absent, kPartHead, kMaxShared)
+      : inFewRequests(absent, kGap,
+                      Math.min(Math.ceil(absent.length / kRangesPerRequest), kMaxRequests));
     await Promise.all(ranges.map(async ([begin, end]) => {
       const within = absent.filter((want) => want.begin >= begin && want.end <= end);
       const answer = await this.ask(asText([[begin, end]]), (answer) => settle(within, answer));
@@ -306,10 +311,10 @@ function merged(ranges, gap) {
   return result;
 }
 
-// Fills the smallest gaps between ascending ranges until few enough are left, or all gaps are wide.
-function inFewRequests(ranges) {
-  const maxRequests = Math.min(Math.ceil(ranges.length / kRangesPerRequest), kMaxRequests);
-  const all = merged(ranges, kGap);
+// Fills gaps of up to `gap` bytes between ascending ranges, then the smallest ones until few enough
+// are left, or all gaps are wide.
+function inFewRequests(ranges, gap, maxRequests) {
+  const all = merged(ranges, gap);
   const gaps = all.slice(1).map(([begin], i) => begin - all[i][1]).sort((a, b) => b - a);
   return gaps.length < maxRequests ? all
     : merged(ranges, Math.min(gaps[maxRequests - 1], kMaxGap));
