@@ -8,8 +8,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <map>
+#include <string_view>
 #include <utility>
 
+#include "base/file.h"
 #include "storage/internal/container.h"
 #include "storage/internal/locked_file.h"
 #include "storage/internal/pages.h"
@@ -23,17 +25,21 @@ MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(
 
 // Only the writer needs LMDB's lock file, and we hold the writer's lock. So a lock file that exists
 // was left by a killed writer, and its mutexes and reader slots are invalid, unless another
-// program that uses LMDB (such as mdb_copy) has it open.
-void remove_lock_file(const std::string& path) {
+// program that uses LMDB (such as mdb_copy) has it open. usage: it is no lock file; LMDB would
+// write over it.
+Result<void> remove_lock_file(const std::string& path) {
+  constexpr std::string_view kLockMagic = "\xDE\xC0\xEF\xBE";  // MDB_MAGIC, little-endian
   const std::string name = path + "-lock";
+  if (auto ok = check_own_file(name, kLockMagic, "a lock file of LMDB"); !ok) return ok;
   const int file = ::open(name.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
-  if (file < 0) return;
+  if (file < 0) return {};
   struct flock lock = {};
   lock.l_type = F_WRLCK;
   lock.l_whence = SEEK_SET;
   const bool unused = fcntl(file, F_OFD_GETLK, &lock) == 0 && lock.l_type == F_UNLCK;
   ::close(file);
   if (unused) unlink(name.c_str());
+  return {};
 }
 
 const char* remedy(int code) {
@@ -69,7 +75,7 @@ Environment::~Environment() {
   map_ = {};
   if (environment_ == nullptr) return;
   mdb_env_close(environment_);
-  remove_lock_file(path_);
+  (void)remove_lock_file(path_);
 }
 
 Result<Environment> Environment::open(const std::string& path, int descriptor) {
@@ -82,7 +88,7 @@ Result<Environment> Environment::open(const std::string& path, int descriptor) {
   if (const int code = mdb_env_create(&result.environment_); code != 0)
     return result.error(code, "open");
   MDB_env* environment = result.environment_;
-  remove_lock_file(path);
+  if (auto ok = remove_lock_file(path); !ok) return tl::unexpected(std::move(ok.error()));
   int code = mdb_env_set_mapsize(environment, result.map_bytes_);
   if (code == 0) code = mdb_env_set_maxdbs(environment, kMaxLayers + 1);
   if (code == 0)

@@ -210,7 +210,7 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
   if (access(path.c_str(), F_OK) == 0) return fail(ErrorCode::usage, path, ": exists already");
 
   // Create it under a temporary name, so that a crash leaves no partial container under `path`.
-  const std::string unfinished = path + ".new";
+  const std::string unfinished = unused_name(path);
   auto state = std::make_unique<State>();
   state->path = path;
   auto file = LockedFile::open(unfinished, LockedFile::Access::create);
@@ -218,19 +218,17 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
   state->file = std::move(*file);
   if (auto locked = state->file.lock_writer(unfinished); !locked)
     return tl::unexpected(std::move(locked.error()));
-  // Another create() may have published the file that was opened here under `path`.
-  if (!internal::is_file(state->file.descriptor(), unfinished))
-    return fail(ErrorCode::failed, path, ": another program has just created it");
   const auto finish = [&]() -> Result<void> {
-    if (ftruncate(state->file.descriptor(), 0) != 0)
-      return fail(ErrorCode::io, unfinished, ": ", std::strerror(errno));
     for (const std::string& name : layers) state->layers.push_back({name, 0, std::nullopt});
     {
       auto environment = Environment::open(unfinished, state->file.descriptor());
       if (!environment) return tl::unexpected(std::move(environment.error()));
       if (auto written = write_new(*environment, sealed, state->layers); !written) return written;
     }
-    return publish_file(unfinished, path, Existing::keep);
+    auto published = publish_file(unfinished, path, Existing::keep);
+    if (!published && published.error().code == ErrorCode::usage)
+      return fail(ErrorCode::failed, path, ": another program has just created it");
+    return published;
   };
   if (auto finished = finish(); !finished) {
     unlink(unfinished.c_str());

@@ -21,6 +21,7 @@
 #include "base/file.h"
 #include "field/manifest.h"
 #include "slf/error.h"
+#include "slf/progress.h"
 #include "storage/tile_writer.h"
 
 namespace slf {
@@ -105,8 +106,9 @@ class FieldWriter {
   [[nodiscard]] Result<void> commit_level();
 
   /// Commits every tile, closes, and renames a draft to its output. Errors as commit(); usage: the
-  /// output exists by now and is to be kept. failed: another process is writing the output.
-  [[nodiscard]] Result<void> finish();
+  /// output exists by now and is to be kept. failed: another process is writing the output; stopped
+  /// by `go_on`, with every tile committed.
+  [[nodiscard]] Result<void> finish(const GoOn& go_on = {});
 
  private:
   FieldWriter(storage::TileWriter writer, std::string file, std::size_t layers);
