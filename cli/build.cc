@@ -24,10 +24,6 @@ Result<void> run_build(const Arguments& arguments) {
   if (!shard) return tl::unexpected(shard.error());
   options.shard = *shard;
   const std::string output = name_of_part(arguments.output, *shard);
-  if (options.half && options.color_codec.starts_with("jpeg"))
-    return fail(ErrorCode::usage, "--codec ", options.color_codec,
-                ": JPEG has 8 bits a channel and cannot store --color-type half; use "
-                "predictive:90, predictive:lossless, zstd or raw");
   options.depth_codec = arguments.depth_codec;
   if (options.depth_codec.empty() && !codec::is_predictive(options.color_codec))
     options.depth_codec = "jpeg:75";

@@ -11,8 +11,8 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/go_on.h"
 #include "slf/error.h"
-#include "slf/progress.h"
 #include "storage/tile_store.h"
 
 namespace slf::storage {

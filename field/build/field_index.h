@@ -3,8 +3,8 @@
 
 #include <string>
 
+#include "base/go_on.h"
 #include "slf/error.h"
-#include "slf/progress.h"
 
 namespace slf {
 

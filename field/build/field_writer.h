@@ -19,9 +19,9 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/go_on.h"
 #include "field/manifest.h"
 #include "slf/error.h"
-#include "slf/progress.h"
 #include "storage/tile_writer.h"
 
 namespace slf {

@@ -11,10 +11,8 @@ struct Progress {
   std::uint64_t total = 0;
   std::uint64_t skipped = 0;  ///< of `done`: finished before this call
 };
-/// Called on the calling thread, repeatedly and at the end, and before the function creates a file.
-/// If it returns false, the function finishes the items that are in progress and returns an error.
+/// Called on the calling thread, repeatedly and at the end. If it returns false, the function
+/// finishes the items that are in progress and returns an error.
 using ProgressCallback = std::function<bool(const Progress&)>;
-/// Asked repeatedly during long work that has no progress to report: false stops it, with an error.
-using GoOn = std::function<bool()>;
 
 }  // namespace slf
