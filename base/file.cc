@@ -109,9 +109,6 @@ Result<void> check_output(const std::string& path, std::span<const std::string> 
       return fail(ErrorCode::usage, path, ": is the input",
                   input == path ? std::string() : " (" + input + ")",
                   ", which would be lost; choose another output");
-    if (exists && is_same_file(folder_of(target), input))
-      return fail(ErrorCode::usage, path, ": is in the folder that is the input (", input,
-                  "), and would be lost; choose another output");
   }
   return {};
 }
@@ -212,6 +209,7 @@ Result<void> copy_file(const std::string& from, const std::string& to,
     if (const int cause = copy.close(); cause != 0) return io_error(to, "cannot write", cause);
     return {};
   };
+  copy_permissions(from, to, /*writable=*/true);
   auto copied = transfer();
   if (!copied) ::unlink(to.c_str());
   return copied;

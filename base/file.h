@@ -25,9 +25,8 @@ enum class Existing { keep, replace };
 /// What a program may write. It may replace two kinds of files, and asks these functions first: an
 /// output that the user named, and a file of its own that an earlier run left beside an output.
 
-/// usage: writing `path` would destroy something: it leads to a folder, a device or a pipe, to one
-/// of `inputs`, or to a file in one of them that is a folder. Whether a file that is none of these
-/// may be replaced, the caller decides.
+/// usage: writing `path` would destroy something: it leads to a folder, a device or a pipe, or to
+/// one of `inputs`. Whether a file that is none of these may be replaced, the caller decides.
 [[nodiscard]] Result<void> check_output(const std::string& path,
                                         std::span<const std::string> inputs);
 
@@ -57,7 +56,8 @@ void copy_permissions(const std::string& from, const std::string& to, bool writa
 /// file remains.
 [[nodiscard]] Result<void> write_file(const std::string& path, ByteSpan bytes);
 
-/// Copies `from` to the new file `to`, without syncing it. Progress counts bytes. io: names `to` or
+/// Copies `from`, with its permissions, to the new file `to`, without syncing it; the owner may
+/// write to the copy. Progress counts bytes. io: names `to` or
 /// `from` and the cause. failed: stopped by `progress`. After an error, no new file remains.
 [[nodiscard]] Result<void> copy_file(const std::string& from, const std::string& to,
                                      const ProgressCallback& progress = {});

@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <lmdb.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -42,12 +43,20 @@ Result<void> remove_lock_file(const std::string& path) {
   return {};
 }
 
+// LMDB reports a short write as EIO. On a full disk, that is what happens first.
+bool is_full(const std::string& path) {
+  constexpr std::uint64_t kAlmostNothing = std::uint64_t{1} << 20;
+  struct statvfs status = {};
+  return statvfs(path.c_str(), &status) == 0 &&
+         std::uint64_t{status.f_bavail} * status.f_frsize < kAlmostNothing;
+}
+
 const char* remedy(int code) {
   switch (code) {
     case ENOSPC:
     case EDQUOT:
     case EFBIG:
-    case EIO:  // LMDB's code for a short write
+    case EIO:  // a short write, as at a limit of the size of files
       return "; the disk may be full: free some space and try again";
     case MDB_PANIC:
       return "; close the field and open it again";
@@ -241,6 +250,7 @@ Result<void> Environment::allow_reuse() {
 }
 
 tl::unexpected<Error> Environment::error(int code, const char* doing) const {
+  if (code == EIO && is_full(path_)) code = ENOSPC;
   ErrorCode kind = code > 0 ? ErrorCode::io : ErrorCode::failed;
   // MDB_KEYEXIST: the tree has records after the layer's last one.
   if (code == MDB_CORRUPTED || code == MDB_PAGE_NOTFOUND || code == MDB_INVALID ||

@@ -400,9 +400,10 @@ class Odd final : public Scene {
 
 TEST(Build, WrongBoundsAndProvenanceAreUsageErrors) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-  for (const Sphere& wrong :
-       {Sphere{glm::dvec3(0), kNan}, Sphere{glm::dvec3(0), 0}, Sphere{glm::dvec3(0), -1},
-        Sphere{glm::dvec3(0, kNan, 0), 1}, Sphere{glm::dvec3(0), HUGE_VAL}}) {
+  for (const Sphere& wrong : {Sphere{glm::dvec3(0), kNan}, Sphere{glm::dvec3(0), 0},
+                              Sphere{glm::dvec3(0), -1}, Sphere{glm::dvec3(0, kNan, 0), 1},
+                              Sphere{glm::dvec3(0), HUGE_VAL}, Sphere{glm::dvec3(0), 1e308},
+                              Sphere{glm::dvec3(0), 1e-308}, Sphere{glm::dvec3(0, 1e308, 0), 1}}) {
     Odd scene;
     scene.sphere = wrong;
     for (auto options : {lossless_options(2, 4, 1), BuildOptions{}}) {
