@@ -101,9 +101,9 @@ Result<void> run_export(const ExportArguments& a) {
     written = tl::unexpected(repacked.error());
   } else {
     const std::string& exported = *repacked ? repacked_path : a.field;
-    written = a.one_file() ? view::export_page(exported, a.output)
-                           : view::export_site(exported, a.output, a.force,
-                                               progress_bar("export", "bytes", OnSignal::stop));
+    const auto bar = progress_bar("export", "bytes", OnSignal::stop);
+    written = a.one_file() ? view::export_page(exported, a.output, bar)
+                           : view::export_site(exported, a.output, a.force, bar);
     if (written && *repacked) field = Field::open(repacked_path);
   }
   std::error_code ignored;

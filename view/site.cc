@@ -81,7 +81,8 @@ std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
   return one_file ? (max_bytes - page) / 4 * 3 : max_bytes - page;  // base64
 }
 
-Result<void> export_page(const std::string& field, const std::string& output) {
+Result<void> export_page(const std::string& field, const std::string& output,
+                         const ProgressCallback& progress) {
   const auto size = field_size(field);
   if (!size) return tl::unexpected(size.error());
   if (*size > kMaxEmbeddedBytes)
@@ -92,9 +93,12 @@ Result<void> export_page(const std::string& field, const std::string& output) {
   const std::string_view content(reinterpret_cast<const char*>(bytes->data()), bytes->size());
 
   std::string scripts;
-  for (std::size_t at = 0; at < content.size(); at += kPieceBytes)
+  for (std::size_t at = 0; at < content.size(); at += kPieceBytes) {
+    if (progress && !progress({at, content.size(), 0}))
+      return fail(ErrorCode::failed, output, ": interrupted");
     scripts += "<script type=\"text/plain\" class=\"piece\">" +
                base64(content.substr(at, kPieceBytes)) + "</script>\n";
+  }
   scripts +=
       "<script>\n" +
       page_script("module: " + module_string() + ",\npieceBytes: " + std::to_string(kPieceBytes) +

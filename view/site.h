@@ -20,7 +20,9 @@ inline constexpr std::uint64_t kMaxEmbeddedBytes = std::uint64_t{1} << 30;
 /// after an error, `output` is unchanged. usage: `output` is the field. io: a file cannot be read
 /// or written. bad_file: `field` is no field. unsupported: the field is larger than
 /// kMaxEmbeddedBytes. REQUIRES: page_files() is not empty.
-[[nodiscard]] Result<void> export_page(const std::string& field, const std::string& output);
+/// Progress counts bytes of the field. failed: stopped by `progress`.
+[[nodiscard]] Result<void> export_page(const std::string& field, const std::string& output,
+                                       const ProgressCallback& progress = {});
 
 /// Writes a folder with the page and the field, for any host of static files that serves ranges.
 /// The field gets an index (FORMAT.md, "Index"). usage: the folder has files in it and `force` is
