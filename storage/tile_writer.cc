@@ -234,8 +234,10 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
     unlink(unfinished.c_str());
     return tl::unexpected(std::move(finished.error()));
   }
-  if (auto attached = state->attach(); !attached)
+  if (auto attached = state->attach(); !attached) {
+    unlink(path.c_str());  // it is new, and locked
     return tl::unexpected(std::move(attached.error()));
+  }
   return TileWriter(std::move(state));
 }
 

@@ -40,8 +40,9 @@ Result<void> remove_leftover(const std::string& file) {
 }
 
 /// Rewrites an error about the draft `file` as one about `path`, the output that the user named.
+/// But an error about its lock file names that.
 Error name_as_output(Error error, const std::string& file, const std::string& path) {
-  if (!error.message.starts_with(file)) return error;
+  if (!error.message.starts_with(file) || error.message.starts_with(file + "-lock")) return error;
   const std::size_t colon = error.message.find(": ", file.size());
   if (colon != std::string::npos) error.message.replace(0, colon, path);
   return error;
