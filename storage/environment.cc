@@ -31,7 +31,9 @@ MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(
 Result<void> remove_lock_file(const std::string& path) {
   constexpr std::string_view kLockMagic = "\xDE\xC0\xEF\xBE";  // MDB_MAGIC, little-endian
   const std::string name = path + "-lock";
-  if (auto ok = check_own_file(name, kLockMagic, "a lock file of LMDB"); !ok) return ok;
+  constexpr std::string_view kNoMagic("\0\0\0\0", 4);  // not written yet when LMDB was killed
+  if (auto own = check_own_file(name, kLockMagic, "a lock file of LMDB"); !own)
+    if (!check_own_file(name, kNoMagic, "a lock file of LMDB")) return own;
   const int file = ::open(name.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
   if (file < 0) return {};
   struct flock lock = {};

@@ -45,7 +45,7 @@ Result<LockedFile> LockedFile::open(const std::string& path, Access access) {
   // O_NONBLOCK: if the path is a pipe, do not wait for its other end.
   const int mode = access == Access::read    ? O_RDONLY
                    : access == Access::write ? O_RDWR
-                                             : O_RDWR | O_CREAT | O_EXCL;
+                                             : O_RDWR | O_CREAT | O_NOFOLLOW;
   result.file_ = ::open(path.c_str(), mode | O_CLOEXEC | O_NONBLOCK, 0666);
   if (result.file_ < 0)
     return fail(ErrorCode::io, path, ": cannot ",

@@ -44,6 +44,20 @@ Result<void> check_blob_name(std::string_view name) {
               " characters, and not '", internal::kContainer, "'");
 }
 
+// Whether a create() that was killed may have left a file, so that the next one may write over it:
+// it is empty, or a container, damaged or not, without tiles. usage: it is anything else.
+Result<void> check_leftover(const std::string& file) {
+  // The first page of LMDB: its header, then MDB_MAGIC.
+  constexpr std::string_view kStart("\0\0\0\0\0\0\0\0\0\0\x08\0\0\0\0\0\xDE\xC0\xEF\xBE", 20);
+  constexpr const char* kWhat = "a new container";
+  if (auto own = check_own_file(file, kStart, kWhat); !own) return own;
+  const auto store = TileStore::open(file);
+  for (LayerId layer = 0; store && layer < store->layers().size(); ++layer)
+    if (const auto levels = store->statistics(layer); levels && !levels->empty())
+      return fail(ErrorCode::usage, file, ": exists and is not ", kWhat, ": it has tiles");
+  return {};
+}
+
 // Writes one commit: replaced records, new records, blobs, and the container's own blob.
 Result<void> write(Environment& environment, std::span<const CompleteRecord> edited,
                    std::span<const CompleteRecord> appended, const SealedBlobs& blobs,
@@ -210,7 +224,8 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
   if (access(path.c_str(), F_OK) == 0) return fail(ErrorCode::usage, path, ": exists already");
 
   // Create it under a temporary name, so that a crash leaves no partial container under `path`.
-  const std::string unfinished = unused_name(path);
+  const std::string unfinished = path + ".new";
+  if (auto own = check_leftover(unfinished); !own) return tl::unexpected(std::move(own.error()));
   auto state = std::make_unique<State>();
   state->path = path;
   auto file = LockedFile::open(unfinished, LockedFile::Access::create);
@@ -218,17 +233,19 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
   state->file = std::move(*file);
   if (auto locked = state->file.lock_writer(unfinished); !locked)
     return tl::unexpected(std::move(locked.error()));
+  // Another create() may have published the file that was opened here under `path`.
+  if (!internal::is_file(state->file.descriptor(), unfinished))
+    return fail(ErrorCode::failed, path, ": another program has just created it");
   const auto finish = [&]() -> Result<void> {
+    if (ftruncate(state->file.descriptor(), 0) != 0)
+      return fail(ErrorCode::io, unfinished, ": ", std::strerror(errno));
     for (const std::string& name : layers) state->layers.push_back({name, 0, std::nullopt});
     {
       auto environment = Environment::open(unfinished, state->file.descriptor());
       if (!environment) return tl::unexpected(std::move(environment.error()));
       if (auto written = write_new(*environment, sealed, state->layers); !written) return written;
     }
-    auto published = publish_file(unfinished, path, Existing::keep);
-    if (!published && published.error().code == ErrorCode::usage)
-      return fail(ErrorCode::failed, path, ": another program has just created it");
-    return published;
+    return publish_file(unfinished, path, Existing::keep);
   };
   if (auto finished = finish(); !finished) {
     unlink(unfinished.c_str());

@@ -21,8 +21,9 @@ constexpr std::uint64_t kPendingLimit = 32ull << 20;
 constexpr const char* kAnotherProcess = ": another process is writing it";
 
 /// Removes a draft that an earlier process left. Refuses to remove what is no draft: a file that is
-/// not a field, a complete field, or one that another process is writing.
-Result<void> remove_leftover(const std::string& file) {
+/// not a field, one that another process is writing, or a complete field, unless it has the
+/// manifest of the new one: then that process was killed when all but the renaming was done.
+Result<void> remove_leftover(const std::string& file, ByteSpan manifest) {
   struct stat status {};
   if (::lstat(file.c_str(), &status) != 0) return {};
   const auto writer = TileWriter::resume(file);  // holds the writer's lock
@@ -32,7 +33,8 @@ Result<void> remove_leftover(const std::string& file) {
   if (!field) return tl::unexpected(name_is_taken(field.error()));
   const auto content = (*field)->content();
   if (!content) return tl::unexpected(name_is_taken(content.error()));
-  if (content->complete)
+  const auto found = (*field)->store().blob(kManifestBlob);
+  if (content->complete && !(found && std::ranges::equal(*found, manifest)))
     return tl::unexpected(
         name_is_taken({ErrorCode::usage, file + ": is a complete field, no draft of one"}));
   unlink(file.c_str());
@@ -40,9 +42,9 @@ Result<void> remove_leftover(const std::string& file) {
 }
 
 /// Rewrites an error about the draft `file` as one about `path`, the output that the user named.
-/// But an error about its lock file names that.
+/// But an error about somebody's file beside it names that.
 Error name_as_output(Error error, const std::string& file, const std::string& path) {
-  if (!error.message.starts_with(file) || error.message.starts_with(file + "-lock")) return error;
+  if (!error.message.starts_with(file) || error.code == ErrorCode::usage) return error;
   const std::size_t colon = error.message.find(": ", file.size());
   if (colon != std::string::npos) error.message.replace(0, colon, path);
   return error;
@@ -118,7 +120,7 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
       draft == Draft::keep ? output.unfinished() : output.target + ".repacking";
   if (output.existing == Existing::replace && storage::is_being_written(output.target))
     return fail(ErrorCode::failed, output.path, kAnotherProcess);
-  if (auto cleared = remove_leftover(file); !cleared) {
+  if (auto cleared = remove_leftover(file, *text); !cleared) {
     if (cleared.error().code != ErrorCode::failed) return tl::unexpected(cleared.error());
     return fail(ErrorCode::failed, output.path, kAnotherProcess, " (", file, ")");
   }

@@ -33,7 +33,7 @@ class LockedFile {
  public:
   enum class Access { read, write, create };
 
-  /// io: the file is missing, not accessible, or not a regular file; create: it exists.
+  /// io: the file is missing, not accessible, or not a regular file.
   [[nodiscard]] static Result<LockedFile> open(const std::string& path, Access access);
 
   LockedFile() = default;

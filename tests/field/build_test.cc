@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -397,6 +398,19 @@ class Odd final : public Scene {
   RaySample trace(const glm::dvec3&, const glm::dvec3&) const override { return {}; }
   std::string provenance() const override { return origin; }
 };
+
+// Nothing is done for each of 1.1 billion tiles before the first one is traced.
+TEST(Build, AsksSoonWhetherToGoOn) {
+  const TemporaryFolder folder;
+  const auto begin = std::chrono::steady_clock::now();
+  const auto stopped =
+      build_field(*make_analytic_scene("balls").value(), folder / "a.slf",
+                  lossless_options(1, 1, 6), [](const Progress&) { return false; });
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(5));
+  EXPECT_TRUE(folder.files().empty());
+}
 
 TEST(Build, WrongBoundsAndProvenanceAreUsageErrors) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
