@@ -1,6 +1,5 @@
 // Files that belong to somebody: no command destroys one, with or without -f. It may replace the
 // output that it was given, and what slf itself left beside an output.
-#include <algorithm>
 #include <filesystem>
 
 #include "tests/cli/cli_testing.h"
@@ -218,11 +217,10 @@ TEST_F(ForeignFiles, AFixLocksNoFileOfSomebody) {
   std::fstream field(place / "a.slf", std::ios::in | std::ios::out | std::ios::binary);
   const std::string text = read_text(place / "a.slf");
   const auto listed = slf({"ls", place / "a.slf", "--json"}).json();
-  const auto tile = std::ranges::find(listed, "stored", [](const nlohmann::json& listed_tile) {
-    return listed_tile["state"].get<std::string>();
-  });
-  ASSERT_NE(tile, listed.end());
-  const auto at = (*tile)["offset_bytes"].get<std::size_t>();
+  std::size_t at = 0;
+  for (const auto& tile : listed)
+    if (at == 0 && tile["state"] == "stored") at = tile["offset_bytes"].get<std::size_t>();
+  ASSERT_NE(at, 0u);
   field.seekp(static_cast<std::streamoff>(at)).put(static_cast<char>(text[at] ^ 1));
   field.close();
   write(place / "a.slf-lock", kPrecious);
