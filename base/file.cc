@@ -70,12 +70,6 @@ int rename_to(const std::string& from, const std::string& to, Existing existing)
   return std::rename(from.c_str(), to.c_str()) == 0 ? 0 : errno;
 }
 
-/// A name beside `path` that no other thread or process uses.
-std::string temporary_name(const std::string& path) {
-  static std::atomic<unsigned> count{0};
-  return path + "." + std::to_string(::getpid()) + "-" + std::to_string(count++) + ".tmp";
-}
-
 }  // namespace
 
 std::string resolve_links(const std::string& path) {
@@ -98,6 +92,50 @@ bool is_same_file(const std::string& a, const std::string& b) {
   }, y{};
   return ::stat(a.c_str(), &x) == 0 && ::stat(b.c_str(), &y) == 0 && x.st_dev == y.st_dev &&
          x.st_ino == y.st_ino;
+}
+
+Result<void> check_output(const std::string& path, std::span<const std::string> inputs) {
+  const std::string target = resolve_links(path);
+  struct stat status {};
+  const bool exists = ::stat(target.c_str(), &status) == 0;
+  if (exists && S_ISDIR(status.st_mode))
+    return fail(ErrorCode::usage, path, ": is a folder; name a file in it");
+  if (exists && !S_ISREG(status.st_mode))
+    return fail(ErrorCode::usage, path, ": is not a regular file");
+  for (const std::string& input : inputs) {
+    if (input.empty()) continue;
+    const bool same = exists ? is_same_file(target, input) : target == resolve_links(input);
+    if (same)
+      return fail(ErrorCode::usage, path, ": is the input",
+                  input == path ? std::string() : " (" + input + ")",
+                  ", which would be lost; choose another output");
+  }
+  return {};
+}
+
+Result<void> check_own_file(const std::string& path, std::string_view magic, const char* what) {
+  struct stat status {};
+  if (::stat(path.c_str(), &status) != 0) return {};  // writing it says what is wrong
+  bool own = false;
+  if (S_ISREG(status.st_mode)) {
+    const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+    std::string start(magic.size(), '\0');
+    const ssize_t got = ::read(file.get(), start.data(), start.size());
+    own = got == 0 || (got > 0 && start == magic);
+  }
+  if (own) return {};
+  return fail(ErrorCode::usage, path, ": exists and is not ", what,
+              ", so it is not replaced; move it away, or choose another name");
+}
+
+std::string unused_name(const std::string& path) {
+  static std::atomic<unsigned> count{0};
+  for (;;) {
+    std::string name =
+        path + "." + std::to_string(::getpid()) + "-" + std::to_string(count++) + ".tmp";
+    struct stat status {};
+    if (::lstat(name.c_str(), &status) != 0) return name;
+  }
 }
 
 void copy_permissions(const std::string& from, const std::string& to, bool writable) {
@@ -131,7 +169,7 @@ Result<void> write_file(const std::string& path, ByteSpan bytes) {
   if (::stat(target.c_str(), &status) == 0 ? !S_ISREG(status.st_mode) : errno == ELOOP)
     return fail(ErrorCode::io, path, ": cannot write: exists and is not a regular file");
 
-  const std::string temporary = temporary_name(target);
+  const std::string temporary = unused_name(target);
   Descriptor file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
   if (file.get() < 0) return io_error(path, "cannot write", errno);
 
@@ -144,14 +182,47 @@ Result<void> write_file(const std::string& path, ByteSpan bytes) {
   return published;
 }
 
-Result<Bytes> read_file(const std::string& path, std::uint64_t limit) {
+Result<void> copy_file(const std::string& from, const std::string& to,
+                       const ProgressCallback& progress) {
+  constexpr std::size_t kChunk = std::size_t{1} << 20;
+  const Descriptor source(::open(from.c_str(), O_RDONLY | O_CLOEXEC));
+  struct stat status {};
+  if (source.get() < 0 || ::fstat(source.get(), &status) != 0)
+    return io_error(from, "cannot open", errno);
+  Descriptor copy(::open(to.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+  if (copy.get() < 0) return io_error(to, "cannot write", errno);
+
+  Progress state{0, static_cast<std::uint64_t>(status.st_size), 0};
+  Bytes chunk(kChunk);
+  const auto transfer = [&]() -> Result<void> {
+    for (;;) {
+      const ssize_t got = ::read(source.get(), chunk.data(), chunk.size());
+      if (got < 0 && errno == EINTR) continue;
+      if (got < 0) return io_error(from, "cannot read", errno);
+      if (got == 0) break;
+      const auto bytes = static_cast<std::size_t>(got);
+      if (const int cause = write_all(copy.get(), ByteSpan(chunk).first(bytes)); cause != 0)
+        return io_error(to, "cannot write", cause);
+      state.done += bytes;
+      if (progress && !progress(state)) return fail(ErrorCode::failed, to, ": interrupted");
+    }
+    if (const int cause = copy.close(); cause != 0) return io_error(to, "cannot write", cause);
+    return {};
+  };
+  copy_permissions(from, to, /*writable=*/true);
+  auto copied = transfer();
+  if (!copied) ::unlink(to.c_str());
+  return copied;
+}
+
+Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const StartCheck& check) {
   const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (file.get() < 0) return io_error(path, "cannot open", errno);
 
   // Reads to the end instead of asking for the size first, so that pipes work too.
-  constexpr std::size_t kChunk = std::size_t{1} << 20;
+  constexpr std::size_t kChunk = std::size_t{1} << 20, kStart = std::size_t{1} << 16;
   Bytes bytes;
-  for (;;) {
+  for (bool checked = !check;;) {
     const std::size_t had = bytes.size();
     bytes.resize(had + kChunk);
     const ssize_t got = ::read(file.get(), bytes.data() + had, kChunk);
@@ -159,6 +230,10 @@ Result<Bytes> read_file(const std::string& path, std::uint64_t limit) {
     bytes.resize(had + static_cast<std::size_t>(std::max<ssize_t>(got, 0)));
     if (got < 0 && cause == EINTR) continue;
     if (got < 0) return io_error(path, "cannot read", cause);
+    if (!checked && (got == 0 || bytes.size() >= kStart)) {
+      if (auto ok = check(bytes); !ok) return tl::unexpected(ok.error());
+      checked = true;
+    }
     if (got == 0) return bytes;
     if (bytes.size() > limit)
       return fail(ErrorCode::unsupported, path, ": longer than ", limit, " bytes");

@@ -2,10 +2,14 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <span>
 #include <string>
+#include <string_view>
 
 #include "base/bytes.h"
 #include "slf/error.h"
+#include "slf/progress.h"
 
 namespace slf {
 
@@ -17,6 +21,23 @@ enum class Existing { keep, replace };
 
 /// Whether both paths lead to one existing file, through symbolic or hard links.
 [[nodiscard]] bool is_same_file(const std::string& a, const std::string& b);
+
+/// What a program may write. It may replace two kinds of files, and asks these functions first: an
+/// output that the user named, and a file of its own that an earlier run left beside an output.
+
+/// usage: writing `path` would destroy something: it leads to a folder, a device or a pipe, or to
+/// one of `inputs`. Whether a file that is none of these may be replaced, the caller decides.
+[[nodiscard]] Result<void> check_output(const std::string& path,
+                                        std::span<const std::string> inputs);
+
+/// For a name that the program has chosen itself. usage: `path` exists, and is not a regular file
+/// that is empty or begins with `magic`, so it was not left by this program. `what` says what such
+/// a file is, as "a light volume".
+[[nodiscard]] Result<void> check_own_file(const std::string& path, std::string_view magic,
+                                          const char* what);
+
+/// A name beside `path` that no file has and no other thread or process uses.
+[[nodiscard]] std::string unused_name(const std::string& path);
 
 /// Gives `to` the permissions of `from`, and its owner if the system permits that. If `writable`,
 /// the owner may also read and write it. Does nothing if `from` does not exist.
@@ -35,7 +56,18 @@ void copy_permissions(const std::string& from, const std::string& to, bool writa
 /// file remains.
 [[nodiscard]] Result<void> write_file(const std::string& path, ByteSpan bytes);
 
-/// The whole file. io: missing, unreadable, a folder. unsupported: longer than `limit` bytes.
-[[nodiscard]] Result<Bytes> read_file(const std::string& path, std::uint64_t limit);
+/// Copies `from`, with its permissions, to the new file `to`, without syncing it; the owner may
+/// write to the copy. Progress counts bytes. io: names `to` or
+/// `from` and the cause. failed: stopped by `progress`. After an error, no new file remains.
+[[nodiscard]] Result<void> copy_file(const std::string& from, const std::string& to,
+                                     const ProgressCallback& progress = {});
+
+/// Judges a file by its first bytes: at least 64 KiB, or all that it has.
+using StartCheck = std::function<Result<void>(ByteSpan start)>;
+
+/// The whole file. It is read further only if `check`, if given, accepts its start. io: missing,
+/// unreadable, a folder. unsupported: longer than `limit` bytes. Other errors are those of `check`.
+[[nodiscard]] Result<Bytes> read_file(const std::string& path, std::uint64_t limit,
+                                      const StartCheck& check = {});
 
 }  // namespace slf

@@ -18,6 +18,8 @@ for the last ones, which have at most 256 KiB a layer.
 In JSON, bytes of paths and texts that are not UTF-8 are U+FFFD; in other output they, and control
 characters, are \xNN.)";
 
+constexpr const char* kListsCommands = "`slf --help` lists the commands";
+
 /// The number of letters to insert, remove or replace to turn a into b.
 std::size_t edit_distance(const std::string& a, const std::string& b) {
   std::vector<std::size_t> row(b.size() + 1);
@@ -44,8 +46,7 @@ std::string suggestion(const std::string& word, const std::vector<std::string>& 
 std::string unknown_command(const CLI::App& app, const std::string& name) {
   std::vector<std::string> names;
   for (const CLI::App* command : app.get_subcommands({})) names.push_back(command->get_name());
-  return fmt::format("unknown command '{}'{}\n`slf --help` lists the commands", name,
-                     suggestion(name, names));
+  return fmt::format("unknown command '{}'{}", shown(name), suggestion(name, names));
 }
 
 std::vector<std::string> option_names(const CLI::App& command) {
@@ -79,7 +80,7 @@ void add_help(CLI::App& app, Run& run) {
       const CLI::App* about = name->empty() ? &app : nullptr;
       for (const CLI::App* named : app.get_subcommands({}))
         if (named->get_name() == *name) about = named;
-      if (!about) return fail(ErrorCode::usage, unknown_command(app, *name));
+      if (!about) return fail(ErrorCode::usage, unknown_command(app, *name), "; ", kListsCommands);
       const std::string prefix = name->empty() ? "slf" : "slf " + *name;
       print_text(app.get_formatter()->make_help(about, prefix, CLI::AppFormatMode::Normal));
       return {};
@@ -131,17 +132,17 @@ std::string usage_message(const CLI::App& app, const CLI::ParseError& error) {
   const std::vector<std::string> extra = app.remaining(/*recurse=*/true);
   if (parsed.empty()) {
     for (const std::string& word : extra)
-      if (!word.starts_with('-')) return unknown_command(app, word);
-    if (extra.empty()) return "no command given\n`slf --help` lists the commands";
+      if (!word.starts_with('-')) return unknown_command(app, word) + "\n" + kListsCommands;
+    if (extra.empty()) return std::string("no command given\n") + kListsCommands;
   }
   const CLI::App& command = parsed.empty() ? app : *parsed.front();
-  std::string text = error.what();
+  std::string text = shown(error.what());
   if (!extra.empty()) {
     std::vector<std::string> names = option_names(command);
     if (!parsed.empty()) std::ranges::copy(option_names(app), std::back_inserter(names));
     const std::string& word = extra.front();
     const bool option = word.starts_with('-');
-    text = fmt::format("{} '{}'{}", option ? "unknown option" : "unexpected argument", word,
+    text = fmt::format("{} '{}'{}", option ? "unknown option" : "unexpected argument", shown(word),
                        option ? suggestion(word.substr(0, word.find('=')), names) : "");
   } else if (const CLI::Option* option = option_of(command, text)) {
     std::string help = option->get_description();

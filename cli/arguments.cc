@@ -5,13 +5,14 @@
 #include <filesystem>
 #include <sstream>
 
+#include "base/file.h"
 #include "cli/command.h"
 
 namespace slf::cli {
 namespace {
 
 /// Accepts numbers for which `holds` is true. CLI11's own ranges accept NaN and print 309 digits.
-CLI::Validator number(bool (*holds)(double), const char* expected) {
+CLI::Validator number(const std::function<bool(double)>& holds, const std::string& expected) {
   return CLI::Validator(
       [=](std::string& text) -> std::string {
         double value = 0;
@@ -42,8 +43,20 @@ std::string to_bytes(std::string& text) {
 
 }  // namespace
 
-const CLI::Validator kNotNegative = number([](double v) { return v >= 0; }, "0 or more");
-const CLI::Validator kPositive = number([](double v) { return v > 0; }, "a number above 0");
+CLI::Validator from_to(double low, double high) {
+  return number([=](double v) { return v >= low && v <= high; },
+                fmt::format("{:g} to {:g}", low, high));
+}
+
+CLI::Validator above(double low, double high) {
+  return number([=](double v) { return v > low && v <= high; },
+                fmt::format("above {:g}, at most {:g}", low, high));
+}
+
+const CLI::Validator kNotNegative =
+    number([](double v) { return v >= 0 && std::isfinite(v); }, "0 or more");
+const CLI::Validator kLength = from_to(kMinLength, kMaxLength);
+const CLI::Validator kPlace = from_to(-kMaxLength, kMaxLength);
 
 const Choices<RenderMode> kRenderModes{{"nearest", RenderMode::nearest},
                                        {"uv", RenderMode::uv},
@@ -60,12 +73,19 @@ CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t
       ->default_str(fmt::format("{}MiB", mebibytes));
 }
 
+CLI::Option* add_threads(CLI::App& command, unsigned& threads) {
+  return command.add_option("-j,--threads", threads, "0: all cores")
+      ->check(from_to(0, kMaxThreads))
+      ->capture_default_str();
+}
+
 CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<double>& vector,
                         const std::string& help) {
   return command.add_option(name, vector, help)
       ->delimiter(',')
       ->type_size(3)
       ->expected(1)
+      ->check(kPlace)
       ->type_name(kVector);
 }
 
@@ -79,7 +99,7 @@ std::istream& operator>>(std::istream& in, PixelSize& size) {
     in.ignore() >> height;
   else
     height = width;
-  const auto good = [](std::int64_t n) { return n > 0 && n <= UINT32_MAX; };
+  const auto good = [](std::int64_t n) { return n > 0 && n <= kMaxPixels; };
   if (!good(width) || !good(height)) in.setstate(std::ios::failbit);
   size = {static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height)};
   return in;
@@ -135,7 +155,9 @@ tl::unexpected<Error> with_hint(const Error& error, const std::string& hint) {
   return tl::unexpected<Error>(Error{error.code, error.message + "; " + hint});
 }
 
-Result<void> refuse_overwrite(const std::string& path, bool force) {
+Result<void> refuse_overwrite(const std::string& path, bool force,
+                              const std::vector<std::string>& inputs) {
+  if (auto ok = check_output(path, inputs); !ok) return ok;
   std::error_code ignored;
   if (!force && std::filesystem::exists(path, ignored))
     return fail(ErrorCode::usage, path, ": exists; -f overwrites it");
@@ -146,7 +168,7 @@ void add_tone(CLI::App& command, ToneMapping& tone, const char* group) {
   command
       .add_option("--exposure", tone.exposure,
                   "Photographic stops by which shadowed or global light is brighter")
-      ->check(CLI::Range(-20.0, 20.0).description(""))
+      ->check(from_to(-20, 20))
       ->group(group)
       ->capture_default_str();
   choose(
@@ -161,14 +183,16 @@ void add_tone(CLI::App& command, ToneMapping& tone, const char* group) {
 }
 
 CLI::Option* add_orbit(CLI::App& command, std::vector<double>& orbit, const std::string& help) {
-  CLI::Validator distance =
-      number([](double v) { return v > 0; }, "a distance above 0, in sphere radii");
+  constexpr double kMaxDistance = 1e6;
+  CLI::Validator distance = number([](double v) { return v > 0 && v <= kMaxDistance; },
+                                   "a distance above 0, at most 1e6, in sphere radii");
   distance.application_index(2);
   return command.add_option("--orbit", orbit, help)
       ->delimiter(',')
       ->type_size(3)
       ->expected(1)
       ->check(distance)
+      ->check(kPlace)
       ->type_name("AZ,EL,DIST")
       ->default_str(fmt::format("{}", fmt::join(orbit, ",")));
 }
@@ -239,7 +263,7 @@ void DrawArguments::add_resources_to(CLI::App& command) {
       ->transform(CLI::Validator(to_bytes, ""))
       ->type_name("SIZE")
       ->group(group);
-  command.add_option("-j,--threads", threads, "0: all cores")->group(group)->capture_default_str();
+  add_threads(command, threads)->group(group);
 }
 
 RendererOptions DrawArguments::renderer() const {

@@ -1,7 +1,6 @@
 #include "slf/build.h"
 
-#include <filesystem>
-
+#include "base/file.h"
 #include "cli/command.h"
 #include "codec/codec.h"
 
@@ -25,18 +24,21 @@ Result<void> run_build(const Arguments& arguments) {
   if (!shard) return tl::unexpected(shard.error());
   options.shard = *shard;
   const std::string output = name_of_part(arguments.output, *shard);
-  if (options.half && options.color_codec.starts_with("jpeg")) options.color_codec = "zstd";
   options.depth_codec = arguments.depth_codec;
   if (options.depth_codec.empty() && !codec::is_predictive(options.color_codec))
     options.depth_codec = "jpeg:75";
   if (options.depth_codec == "none") options.depth_codec = "";
   SourceArguments source = arguments.source;
+  std::vector<std::string> inputs = source.files();
+  inputs.push_back(options.shard.coarser);
+  if (auto ok = check_output(output, inputs); !ok) return ok;
   source.raycast.lighting.linear = options.half;
   // The light volume is kept until the field is complete, so that a resumed build need not compute
   // it again.
   const bool keep = !source.light_file.empty();
   const std::string light_file = keep ? source.light_file : output + ".light";
-  const auto scene = source.scene({options.threads, light_progress(), light_file, true});
+  const auto scene =
+      source.scene({options.threads, light_progress(OnSignal::stop), light_file, true});
   if (!scene) return tl::unexpected(scene.error());
   const Sphere visible = (*scene)->bounds();
   Sphere& sphere = options.shape.sphere;
@@ -51,15 +53,11 @@ Result<void> run_build(const Arguments& arguments) {
                             sphere.center.x, sphere.center.y, sphere.center.z, sphere.radius,
                             visible.center.x, visible.center.y, visible.center.z, visible.radius));
 
-  const std::string& transfer = arguments.source.transfer;
-  std::error_code ignored;
-  if (std::filesystem::equivalent(transfer, output, ignored))
-    return fail(ErrorCode::usage, output, ": is the transfer function (", transfer,
-                "), which would be lost; choose another output");
   options.replace = arguments.force;
-  const auto report = build_field(**scene, output, options, progress_bar("build", "rays"));
+  const auto report =
+      build_field(**scene, output, options, progress_bar("build", "rays", OnSignal::stop));
   if (!report) return tl::unexpected(report.error());
-  if (!keep) std::filesystem::remove(light_file, ignored);
+  if (!keep) remove_light_file(light_file, (*scene)->provenance());
   if (report->tiles == 0)
     note(fmt::format("{}: nothing is left to build", output));
   else if (report->resumed > 0)
@@ -134,10 +132,10 @@ void add_build(CLI::App& app, Run& run) {
       ->add_option("--radius", a->radius,
                    "Radius of the sphere in world units; default: around\n"
                    "what is visible")
-      ->check(kPositive)
+      ->check(kLength)
       ->group(group);
   a->shard.add_to(*command);
-  command->add_option("-j,--threads", a->build.threads, "0: all cores")->capture_default_str();
+  add_threads(*command, a->build.threads);
   command
       ->add_option("--commit-every", a->build.commit_seconds,
                    "Seconds between commits: what being killed can cost")

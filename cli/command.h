@@ -73,18 +73,31 @@ std::istream& operator>>(std::istream& in, ProgressStyle& style);
 void reserve_standard_streams();
 
 /// The text with control characters and bytes that are not UTF-8 written as \xNN, so that untrusted
-/// text cannot control a terminal. Line feeds and tabs stay.
-[[nodiscard]] std::string printable(std::string_view text);
+/// text cannot control a terminal. Tabs stay, and so do line feeds if `lines` is any. If it is
+/// indented, only those before two spaces do: then no name of a file can begin a line.
+enum class Lines { any, indented };
+[[nodiscard]] std::string printable(std::string_view text, Lines lines = Lines::any);
 
 /// Prints printable(text) on stdout. main() checks at the end whether all output was written.
 void print_text(std::string_view text);
+
+/// What print() shows of an argument: text in one line, anything else as it is.
+template <class T>
+[[nodiscard]] decltype(auto) shown(const T& argument) {
+  if constexpr (std::is_convertible_v<const T&, std::string_view>)
+    return printable(argument, Lines::indented);
+  else
+    return (argument);
+}
+/// Prints as std::print() does. Line feeds come from the format alone.
 template <class... T>
-void print(fmt::format_string<T...> format, T&&... arguments) {
-  print_text(fmt::format(format, std::forward<T>(arguments)...));
+void print(fmt::format_string<decltype(shown(std::declval<T>()))...> format,
+           const T&... arguments) {
+  print_text(fmt::format(format, shown(arguments)...));
 }
 
-/// Prints printable(text) as a line on stderr. Ignores errors of stderr.
-void message(const std::string& text);
+/// Prints printable(text, lines) as a line on stderr. Ignores errors of stderr.
+void message(const std::string& text, Lines lines = Lines::indented);
 /// As message(), unless quiet.
 void note(const std::string& text);
 
@@ -120,19 +133,29 @@ void keep_freed_memory();
 
 // ---- progress and signals ----------------------------------------------------------------------
 
+/// What the first SIGINT or SIGTERM does during some work.
+enum class OnSignal {
+  end,   ///< ends the process: nothing is half done that a later run could not do again
+  stop,  ///< the progress callback returns false, so that the work saves or removes what it has
+         ///< made
+};
+
 /// Shows rate and time left on stderr, in `unit`s: as a bar on a terminal, otherwise as lines in
-/// progress_style. Calls watch_signals(); after a signal the callback returns false.
-[[nodiscard]] ProgressCallback progress_bar(const std::string& title, const std::string& unit);
+/// progress_style. With OnSignal::stop, the first call of the callback calls watch_signals(). So
+/// signals end the process at once while work is planned, and functions call back before they
+/// create a file.
+[[nodiscard]] ProgressCallback progress_bar(const std::string& title, const std::string& unit,
+                                            OnSignal on_signal);
 
 /// From now on the first SIGINT or SIGTERM only sets stop_signal(); the second one ends the
 /// process.
 void watch_signals();
 
-/// As progress_bar(), for work that may not be needed: the bar appears, and signals are watched,
-/// from the first call on.
-[[nodiscard]] ProgressCallback late_progress_bar(const std::string& title, const std::string& unit);
+/// As progress_bar(), for work that may not be needed: the bar appears with the first call.
+[[nodiscard]] ProgressCallback late_progress_bar(const std::string& title, const std::string& unit,
+                                                 OnSignal on_signal);
 /// That of a light volume. There is no call if the light volume is read from a file.
-[[nodiscard]] ProgressCallback light_progress();
+[[nodiscard]] ProgressCallback light_progress(OnSignal on_signal);
 
 /// The signal that asked the program to stop, or 0.
 [[nodiscard]] int stop_signal();
@@ -163,12 +186,26 @@ CLI::Option* choose(CLI::Option* option, const Choices<T>& choices) {
       ->transform(CLI::IsMember(std::move(names)));
 }
 
-extern const CLI::Validator kNotNegative, kPositive;
+/// Numbers from outside have bounds, so that no product of them overflows and no loop over them
+/// seems endless. Lengths are in units of the world.
+inline constexpr double kMinLength = 1e-12, kMaxLength = 1e12;
+inline constexpr unsigned kMaxThreads = 1024;
+inline constexpr std::int64_t kMaxPixels = 65536;  ///< along a side of a picture
+
+/// Accept low <= number <= high, and low < number <= high. Neither accepts NaN.
+[[nodiscard]] CLI::Validator from_to(double low, double high);
+[[nodiscard]] CLI::Validator above(double low, double high);
+
+extern const CLI::Validator kNotNegative;
+extern const CLI::Validator kLength, kPlace;  ///< a length; a coordinate, or part of a direction
+
+/// Adds -j,--threads.
+CLI::Option* add_threads(CLI::App& command, unsigned& threads);
 
 /// Adds an option for a number of bytes: "64MiB", "1.5G", "4096".
 CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t& bytes,
                        const std::string& help);
-/// Adds an option for three numbers, "x,y,z". `vector` stays empty if it is not given.
+/// Adds an option for three coordinates, "x,y,z". `vector` stays empty if it is not given.
 CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<double>& vector,
                         const std::string& help);
 [[nodiscard]] glm::dvec3 to_vector(const std::vector<double>& numbers);
@@ -199,8 +236,9 @@ CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::s
 /// line.
 [[nodiscard]] tl::unexpected<Error> with_hint(const Error& error, const std::string& hint);
 
-/// Refuses an existing output without -f: usage.
-[[nodiscard]] Result<void> refuse_overwrite(const std::string& path, bool force);
+/// Refuses an output that exists, without -f, and one that is an input, even with -f: usage.
+[[nodiscard]] Result<void> refuse_overwrite(const std::string& path, bool force,
+                                            const std::vector<std::string>& inputs);
 
 /// The inputs that are volumes.
 inline constexpr const char* kVolumeHelp =
@@ -251,6 +289,8 @@ struct SourceArguments {
   void add_light_file_to(CLI::App& command);
   void add_reference_to(CLI::App& command);
   [[nodiscard]] Result<Volume> volume() const;
+  /// The files that the options name. A name that is no file's, as scene:balls, does no harm.
+  [[nodiscard]] std::vector<std::string> files() const;
   /// Makes the scene. Options that are not given come from `provenance`, that of a field, or have
   /// their defaults.
   [[nodiscard]] Result<std::unique_ptr<Scene>> scene(

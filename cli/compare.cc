@@ -15,6 +15,10 @@ struct CompareArguments {
 };
 
 Result<void> run_compare(const CompareArguments& arguments) {
+  if (!arguments.diff.empty())
+    if (auto ok = refuse_overwrite(arguments.diff, arguments.force, {arguments.a, arguments.b});
+        !ok)
+      return ok;
   const auto a = read_image(arguments.a);
   if (!a) return tl::unexpected(a.error());
   const auto b = read_image(arguments.b);
@@ -23,10 +27,8 @@ Result<void> run_compare(const CompareArguments& arguments) {
     return fail(ErrorCode::usage, arguments.a, " is ", a->width, "x", a->height, ", ", arguments.b,
                 " is ", b->width, "x", b->height, ": only pictures of one size can be compared");
   const ImageDifference d = compare(*a, *b);
-  if (!arguments.diff.empty()) {
-    if (auto ok = refuse_overwrite(arguments.diff, arguments.force); !ok) return ok;
+  if (!arguments.diff.empty())
     if (auto ok = write_image(arguments.diff, difference(*a, *b, arguments.gain)); !ok) return ok;
-  }
   if (arguments.json)
     print_json(
         {{"psnr", finite_or_null(d.psnr)}, {"ssim", d.ssim}, {"equal", !std::isfinite(d.psnr)}});
@@ -48,8 +50,10 @@ void add_compare(CLI::App& app, Run& run) {
   command->add_option("B", a->b, "Picture of the same size")->type_name(kAnyFile)->required();
   command->add_option("--diff", a->diff, "Write the difference picture here")->type_name(kAnyFile);
   command->add_option("--gain", a->gain, "Differences are multiplied by this")
+      ->check(from_to(0, 1e6))
       ->capture_default_str();
-  command->add_option("--min-psnr", a->min_psnr, "Exit with 7 when the PSNR is below this");
+  command->add_option("--min-psnr", a->min_psnr, "Exit with 7 when the PSNR is below this")
+      ->check(kNotNegative);
   command->add_flag("-f,--force", a->force, "Overwrite the difference picture");
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_compare(*a); }; });

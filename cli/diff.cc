@@ -55,7 +55,8 @@ Result<void> run_diff(const Arguments& arguments) {
   if (!a) return tl::unexpected(a.error());
   const auto b = open_field(arguments.b);
   if (!b) return tl::unexpected(b.error());
-  const auto difference = diff_fields(*a, *b, arguments.diff, progress_bar("diff", "tiles"));
+  const auto difference =
+      diff_fields(*a, *b, arguments.diff, progress_bar("diff", "tiles", OnSignal::end));
   if (!difference) return tl::unexpected(difference.error());
   if (arguments.json)
     print_json(difference_json(*a, *difference));
@@ -76,10 +77,12 @@ void add_diff(CLI::App& app, Run& run) {
   auto a = std::make_shared<Arguments>();
   command->add_option("A", a->a, "Field")->type_name(kFieldFile)->required();
   command->add_option("B", a->b, "Field")->type_name(kFieldFile)->required();
-  command->add_option("--min-psnr", a->min_psnr,
-                      "Exit with 0 if both have the same tiles, none below this PSNR, whatever\n"
-                      "their bytes and manifests; without it any difference ends with 7");
-  command->add_option("-j,--threads", a->diff.threads, "0: all cores")->capture_default_str();
+  command
+      ->add_option("--min-psnr", a->min_psnr,
+                   "Exit with 0 if both have the same tiles, none below this PSNR, whatever\n"
+                   "their bytes and manifests; without it any difference ends with 7")
+      ->check(kNotNegative);
+  add_threads(*command, a->diff.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_diff(*a); }; });
 }

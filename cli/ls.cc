@@ -38,7 +38,7 @@ Result<void> run_ls(const Arguments& a) {
   const char* before = "[\n";
   auto listed = list_tiles(*field, filter, [&](const ListedTile& tile) -> Result<void> {
     if (a.json) {
-      print("{}{}", before, tile_json(tile, layers[tile.layer]));
+      print_text(before + tile_json(tile, layers[tile.layer]));
       before = ",\n";
     } else {
       print("{}\t{}\t{}\t{}\t{}\t{}\t{}\n", to_string(tile.address),
@@ -49,7 +49,7 @@ Result<void> run_ls(const Arguments& a) {
     return {};
   });
   if (!listed) return listed;
-  if (a.json) print("{}]\n", before[0] == '[' ? "[" : "\n");
+  if (a.json) print_text(before[0] == '[' ? "[]\n" : "\n]\n");
   return {};
 }
 

@@ -16,10 +16,12 @@ using slf::Result;
 
 constexpr const char* kOutOfMemory = "out of memory";
 
-int fail(const Error& error) {
+int fail(const Error& error, slf::cli::Lines lines = slf::cli::Lines::indented) {
   const bool memory = error.message.ends_with(kOutOfMemory);
-  slf::cli::message("slf: " + error.message +
-                    (memory ? "; a smaller --memory, --size or volume may do" : ""));
+  slf::cli::message(
+      "slf: " + error.message +
+          (memory ? "; fewer --threads, or a smaller --memory, --size or volume may do" : ""),
+      lines);
   return static_cast<int>(error.code);
 }
 
@@ -38,10 +40,9 @@ int run_command(int argc, char** argv) {
     app->parse(argc, argv);
     done = run();
   } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0)
-      (void)app->exit(error);  // --help, --version
-    else
-      done = slf::fail(ErrorCode::usage, slf::cli::usage_message(*app, error));
+    if (error.get_exit_code() != 0)
+      return fail({ErrorCode::usage, slf::cli::usage_message(*app, error)}, slf::cli::Lines::any);
+    (void)app->exit(error);  // --help, --version
   }
   const auto written = flush_output();
   if (!done) return fail(done.error());

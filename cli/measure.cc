@@ -11,20 +11,19 @@ struct ViewsArguments {
   std::uint64_t seed = 1;
 
   void add_to(CLI::App& command) {
-    command.add_option("--views", views, "How many random views")->capture_default_str();
+    command.add_option("--views", views, "How many random views")
+        ->check(from_to(1, 100000))
+        ->capture_default_str();
     command.add_option("--seed", seed, "Which random views")->capture_default_str();
   }
-  [[nodiscard]] Result<std::vector<Camera>> cameras(const Sphere& sphere, double distance,
-                                                    const PixelSize& size) const {
-    if (!(distance > 1))
-      return fail(ErrorCode::usage, "--distance ", distance, ": expected above 1 sphere radius");
-    if (views == 0 || views > 100000)
-      return fail(ErrorCode::usage, "--views ", views, ": expected 1 to 100000");
+  [[nodiscard]] std::vector<Camera> cameras(const Sphere& sphere, double distance,
+                                            const PixelSize& size) const {
     return random_cameras(sphere, distance, views, seed, size.width, size.height);
   }
 };
 
 constexpr unsigned kAllLevels = DrawArguments::kFinest - 1;
+const CLI::Validator kDistance = above(1, 1e6);
 constexpr const char* kDistanceHelp = "Eye's distance from the centre, in sphere radii";
 constexpr const char* kSizeHelp = "Picture size in pixels; one number for a square";
 
@@ -126,20 +125,21 @@ Result<void> run_measure(const MeasureArguments& a) {
       for (const double distance : a.distances)
         for (const PixelSize& size : a.sizes) {
           const auto cameras = a.views.cameras(field->shape().sphere, distance, size);
-          if (!cameras) return tl::unexpected(cameras.error());
           DrawArguments draw = a.draw;
           draw.mode = mode;
           const bool all = draw.level == kAllLevels;
           if (all) draw.level = DrawArguments::kFinest;
-          const auto view = draw.view(*field, cameras->front());
+          const auto view = draw.view(*field, cameras.front());
           if (!view) return tl::unexpected(view.error());
-          MeasureOptions options{*cameras, view->mode, {}, draw.renderer()};
+          MeasureOptions options{cameras, view->mode, {}, draw.renderer()};
           if (!all) options.levels = {view->level};
-          const auto m = measure_views(*field, options, progress_bar("measure", "views"));
+          const auto m =
+              measure_views(*field, options, progress_bar("measure", "views", OnSignal::end));
           if (!m) return tl::unexpected(m.error());
 
           const Setting setting{path, codecs_of(*field), size, distance, view->mode};
           if (!a.json) print_measurement(setting, *m, a.views.views);
+          std::fflush(stdout);  // a signal ends the next one
           runs.push_back(setting_json(setting, *m, a.views.views));
         }
   }
@@ -184,16 +184,15 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   const auto field = open_field(a.field);
   if (!field) return tl::unexpected(field.error());
   const auto cameras = a.views.cameras(field->shape().sphere, a.distance, a.size);
-  if (!cameras) return tl::unexpected(cameras.error());
-  const auto view = a.draw.view(*field, cameras->front());
+  const auto view = a.draw.view(*field, cameras.front());
   if (!view) return tl::unexpected(view.error());
-  const auto scene =
-      a.source.scene({a.draw.threads, light_progress(), a.source.light_file}, field->provenance());
+  const auto scene = a.source.scene(
+      {a.draw.threads, light_progress(OnSignal::end), a.source.light_file}, field->provenance());
   if (!scene) return tl::unexpected(scene.error());
   const bool same_source = check_source(*field, **scene);
   const auto evaluation =
-      evaluate_views(*field, **scene, *cameras, *view, a.draw.renderer(), a.supersample,
-                     view_tone(*field), progress_bar("evaluate", "rows"));
+      evaluate_views(*field, **scene, cameras, *view, a.draw.renderer(), a.supersample,
+                     view_tone(*field), progress_bar("evaluate", "rows", OnSignal::end));
   if (!evaluation) return tl::unexpected(evaluation.error());
 
   const std::uint64_t bytes = field->file_bytes();
@@ -232,6 +231,7 @@ void add_measure(CLI::App& app, Run& run) {
       ->required();
   a->views.add_to(*command);
   command->add_option("--distance", a->distances, std::string(kDistanceHelp) + "; or several")
+      ->check(kDistance)
       ->delimiter(',')
       ->default_str("3");
   command->add_option("--size", a->sizes, std::string(kSizeHelp) + "; or several")
@@ -279,7 +279,9 @@ void add_evaluate(CLI::App& app, Run& run) {
   a->source.add_light_file_to(*command);
   a->source.add_reference_to(*command);
   a->views.add_to(*command);
-  command->add_option("--distance", a->distance, kDistanceHelp)->capture_default_str();
+  command->add_option("--distance", a->distance, kDistanceHelp)
+      ->check(kDistance)
+      ->capture_default_str();
   command->add_option("--size", a->size, kSizeHelp)
       ->type_name(kPixels)
       ->default_str(to_string(a->size));

@@ -15,7 +15,8 @@ struct Arguments {
 
 Result<void> run_merge(const Arguments& a) {
   keep_freed_memory();
-  const auto report = merge_fields(a.parts, a.output, a.merge, progress_bar("merge", "tiles"));
+  const auto report =
+      merge_fields(a.parts, a.output, a.merge, progress_bar("merge", "tiles", OnSignal::stop));
   if (!report && report.error().message.starts_with("no part holds"))
     return with_hint(report.error(), "build them, or let the output be a part with --part");
   if (!report) return tl::unexpected(report.error());
@@ -46,7 +47,7 @@ void add_merge(CLI::App& app, Run& run) {
   command->add_flag("--part", a->merge.part,
                     "The parts need not be all: the output may be a part, too");
   add_bytes(*command, "--memory", a->merge.memory, "Budget for tiles and records under way");
-  command->add_option("-j,--threads", a->merge.threads, "0: all cores")->capture_default_str();
+  add_threads(*command, a->merge.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_merge(*a); }; });
 }

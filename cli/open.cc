@@ -13,7 +13,7 @@ std::vector<RemoteField> remote_fields;
 
 Result<Field> open_field(const std::string& path) {
   if (!is_address(path)) return Field::open(path);
-  auto remote = RemoteField::open(path, {}, late_progress_bar("fetch", "bytes"));
+  auto remote = RemoteField::open(path, {}, late_progress_bar("fetch", "bytes", OnSignal::end));
   if (!remote) return tl::unexpected(remote.error());
   remote_fields.push_back(*remote);
   return remote->field();

@@ -58,12 +58,14 @@ void reserve_standard_streams() {
     if (fcntl(stream, F_GETFD) < 0 && errno == EBADF) (void)open("/dev/null", O_RDONLY);
 }
 
-std::string printable(std::string_view text) {
+std::string printable(std::string_view text, Lines lines) {
   std::string out;
   while (!text.empty()) {
     const std::size_t length = utf8_length(text);
     const std::string_view character = text.substr(0, std::max<std::size_t>(length, 1));
-    if (length > 0 && !is_control(character))
+    const bool begins_line =
+        character == "\n" && lines == Lines::indented && !text.substr(1).starts_with("  ");
+    if (length > 0 && !is_control(character) && !begins_line)
       out += character;
     else
       for (const char c : character) out += fmt::format("\\x{:02x}", static_cast<unsigned char>(c));
@@ -77,8 +79,8 @@ void print_text(std::string_view text) {
   std::fwrite(line.data(), 1, line.size(), stdout);
 }
 
-void message(const std::string& text) {
-  const std::string line = printable(text) + "\n";
+void message(const std::string& text, Lines lines) {
+  const std::string line = printable(text, lines) + "\n";
   std::fflush(stdout);  // keeps the order if both streams go to one place
   std::fwrite(line.data(), 1, line.size(), stderr);
 }

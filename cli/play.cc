@@ -43,8 +43,10 @@ class FrameFiles {
  public:
   static Result<FrameFiles> make(const PlayArguments& a) {
     FrameFiles pictures;
+    pictures.inputs_ = {a.field, a.path};
     if (!a.preview.empty()) {
-      if (auto ok = refuse_overwrite(a.preview, a.force); !ok) return tl::unexpected(ok.error());
+      if (auto ok = refuse_overwrite(a.preview, a.force, pictures.inputs_); !ok)
+        return tl::unexpected(ok.error());
       pictures.animation_.emplace(a.preview, 1 / a.fps);
     }
     if (!a.frames.empty()) {
@@ -62,12 +64,15 @@ class FrameFiles {
     if (animation_)
       if (auto ok = animation_->add(image); !ok) return ok;
     if (folder_.empty()) return {};
-    return write_image((folder_ / fmt::format("{:05}.png", frame)).string(), image);
+    const std::string file = (folder_ / fmt::format("{:05}.png", frame)).string();
+    if (auto ok = refuse_overwrite(file, /*force=*/true, inputs_); !ok) return ok;
+    return write_image(file, image);
   }
   [[nodiscard]] Result<void> close() { return animation_ ? animation_->close() : Result<void>(); }
   [[nodiscard]] bool enabled() const { return animation_ || !folder_.empty(); }
 
  private:
+  std::vector<std::string> inputs_;
   std::optional<AnimationWriter> animation_;
   std::filesystem::path folder_;
 };
@@ -78,6 +83,14 @@ struct PlayResult {
   std::vector<FrameReport> frames;
   ResidentMemory peak;
 };
+
+/// Sleeps until then. False: a signal asked to stop.
+bool wait_until(Clock::time_point due) {
+  constexpr auto kNap = std::chrono::milliseconds(100);
+  for (auto now = Clock::now(); now < due && stop_signal() == 0; now = Clock::now())
+    std::this_thread::sleep_until(std::min(due, now + kNap));
+  return stop_signal() == 0;
+}
 
 /// Plays the path in real time. While a picture is written the clock stops, but the loading thread
 /// goes on.
@@ -97,13 +110,13 @@ Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, Fram
 
   PlayResult played{options.loading, {}, {}};
   const auto frames = static_cast<std::size_t>(std::max(1.0, std::round(path->seconds() * a.fps)));
-  const auto progress =
-      progress_bar(fmt::format("Playing, loading {}", name(options.loading)), "frames");
+  const auto progress = progress_bar(fmt::format("Playing, loading {}", name(options.loading)),
+                                     "frames", OnSignal::stop);
   Image image;
   const auto period = std::chrono::duration<double>(1 / a.fps);
   auto due = Clock::now();
   for (std::size_t k = 0; k < frames && progress({k, frames, 0}); ++k) {
-    std::this_thread::sleep_until(due);
+    if (!wait_until(due)) break;
     const Camera camera = path->at(static_cast<double>(k) / a.fps, a.size.width, a.size.height);
     if (auto ok = player->draw(camera, image, &played.frames.emplace_back()); !ok)
       return tl::unexpected(ok.error());
@@ -208,8 +221,6 @@ std::vector<std::string> played_row(const PlayResult& played, const Summary& s) 
 }
 
 Result<void> run_play(const PlayArguments& a) {
-  if (!(a.fps > 0 && a.fps <= 1000))
-    return fail(ErrorCode::usage, "--fps ", a.fps, ": expected above 0, at most 1000");
   if (!a.preview.empty() && !a.preview.ends_with(".webp"))
     return fail(ErrorCode::usage, "--preview ", a.preview, ": expected a name ending in .webp");
   PlayOptions options{a.draw.renderer(), {}, Loading::ahead, a.horizon};
@@ -263,11 +274,18 @@ void add_play(CLI::App& app, Run& run) {
   add_orbit(*command, a->orbit, "Without --path: azimuth, elevation and distance to start from")
       ->group(path)
       ->excludes(keys);
-  command->add_option("--turns", a->turns, "Times round")->group(path)->capture_default_str();
-  command->add_option("--seconds", a->seconds, "Length of an orbit")
+  command->add_option("--turns", a->turns, "Times round")
+      ->check(from_to(-1e6, 1e6))
       ->group(path)
       ->capture_default_str();
-  command->add_option("--fps", a->fps, "Frames a second")->group(path)->capture_default_str();
+  command->add_option("--seconds", a->seconds, "Length of an orbit")
+      ->check(above(0, 86400))
+      ->group(path)
+      ->capture_default_str();
+  command->add_option("--fps", a->fps, "Frames a second")
+      ->check(from_to(0.01, 1000))
+      ->group(path)
+      ->capture_default_str();
   command->add_option("--size", a->size, "Picture size in pixels; one number for a square")
       ->type_name(kPixels)
       ->group(path)

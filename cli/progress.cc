@@ -7,6 +7,7 @@
 #include <csignal>
 #include <cstdio>
 #include <sstream>
+#include <utility>
 
 #include "cli/command.h"
 
@@ -30,6 +31,8 @@ class ProgressBar {
   void show(const Progress& progress) {
     const auto now = Clock::now();
     const bool finished = progress.done == progress.total;
+    if (finished && std::exchange(finished_, finished)) return;  // work without progress follows
+    finished_ = finished;
     const auto interval = terminal_ ? 0.1 : progress_style.seconds;
     if (quiet || (!terminal_ && interval <= 0)) return;
     const bool short_work = !terminal_ && !progress_style.json && last_ == start_;
@@ -83,6 +86,7 @@ class ProgressBar {
   std::string title_, unit_;
   bool terminal_ = !progress_style.json && isatty(STDERR_FILENO) != 0;
   Clock::time_point start_ = Clock::now(), last_ = start_;
+  bool finished_ = false;  ///< the last call reported the end
 };
 
 }  // namespace
@@ -122,21 +126,27 @@ void watch_signals() {
 
 int stop_signal() { return signalled; }
 
-ProgressCallback progress_bar(const std::string& title, const std::string& unit) {
-  watch_signals();
-  return [bar = ProgressBar(title, unit)](const Progress& progress) mutable {
+ProgressCallback progress_bar(const std::string& title, const std::string& unit,
+                              OnSignal on_signal) {
+  return [bar = ProgressBar(title, unit), on_signal,
+          watched = false](const Progress& progress) mutable {
+    if (!watched && on_signal == OnSignal::stop) watch_signals();
+    watched = true;
     bar.show(progress);
     return stop_signal() == 0;
   };
 }
 
-ProgressCallback late_progress_bar(const std::string& title, const std::string& unit) {
-  return [title, unit, bar = ProgressCallback()](const Progress& progress) mutable {
-    if (!bar) bar = progress_bar(title, unit);
+ProgressCallback late_progress_bar(const std::string& title, const std::string& unit,
+                                   OnSignal on_signal) {
+  return [title, unit, on_signal, bar = ProgressCallback()](const Progress& progress) mutable {
+    if (!bar) bar = progress_bar(title, unit, on_signal);
     return bar(progress);
   };
 }
 
-ProgressCallback light_progress() { return late_progress_bar("light", "paths"); }
+ProgressCallback light_progress(OnSignal on_signal) {
+  return late_progress_bar("light", "paths", on_signal);
+}
 
 }  // namespace slf::cli

@@ -27,7 +27,7 @@ struct Picture {
         ->delimiter(',')
         ->type_size(3)
         ->expected(1)
-        ->check(CLI::Range(0.0, 1.0).description(""))
+        ->check(from_to(0, 1))
         ->type_name("R,G,B")
         ->default_str("0,0,0");
     command.add_flag("--transparent", transparent, "PNG with alpha instead of a background");
@@ -35,11 +35,11 @@ struct Picture {
   [[nodiscard]] bool is_exr() const { return output.ends_with(".exr"); }
 
   /// Checks the options before any work. usage: one is invalid.
-  [[nodiscard]] Result<void> check() const {
+  [[nodiscard]] Result<void> check(const std::vector<std::string>& inputs) const {
     if (transparent && (output.ends_with(".jpg") || output.ends_with(".jpeg")))
       return fail(ErrorCode::usage, "--transparent: ", output,
                   ": JPEG cannot hold transparency; use .png or .exr");
-    return refuse_overwrite(output, force);
+    return refuse_overwrite(output, force, inputs);
   }
 
   [[nodiscard]] Result<void> write(const Image& image) const {
@@ -113,7 +113,7 @@ Result<void> check_drawn(const Field& field, const ViewStatistics& statistics) {
 }
 
 Result<void> run_render(const RenderArguments& a) {
-  if (auto ok = a.picture.check(); !ok) return ok;
+  if (auto ok = a.picture.check({a.field}); !ok) return ok;
   const auto field = open_field(a.field);
   if (!field) return tl::unexpected(field.error());
   auto view = a.draw.view(*field);
@@ -156,16 +156,17 @@ struct RaycastArguments {
 };
 
 Result<void> run_raycast(const RaycastArguments& a) {
-  if (auto ok = a.picture.check(); !ok) return ok;
+  if (auto ok = a.picture.check(a.source.files()); !ok) return ok;
   SourceArguments source = a.source;
   source.raycast.lighting.linear = a.picture.is_exr();
-  const auto scene = source.scene({a.threads, light_progress(), a.source.light_file});
+  const auto scene = source.scene({a.threads, light_progress(OnSignal::end), a.source.light_file});
   if (!scene) return tl::unexpected(scene.error());
+  if (auto ok = a.picture.check((*scene)->files()); !ok) return ok;  // of a header, or a series
   const Sphere sphere = (*scene)->bounds();
   const auto camera = a.camera.camera(sphere);
   if (!camera) return tl::unexpected(camera.error());
-  const auto image =
-      trace_view(**scene, sphere, *camera, a.threads, progress_bar("raycast", "rows"));
+  const auto image = trace_view(**scene, sphere, *camera, a.threads,
+                                progress_bar("raycast", "rows", OnSignal::end));
   if (!image) return tl::unexpected(image.error());
   return a.picture.write(*image);
 }
@@ -197,7 +198,7 @@ void add_raycast(CLI::App& app, Run& run) {
   a->source.add_reference_to(*command);
   a->picture.add_to(*command);
   a->camera.add_to(*command);
-  command->add_option("-j,--threads", a->threads, "0: all cores")->capture_default_str();
+  add_threads(*command, a->threads);
   command->callback([a, &run] { run = [a] { return run_raycast(*a); }; });
 }
 

@@ -20,7 +20,8 @@ struct RepackArguments {
 
 /// --dry-run: prints the estimated size of the output.
 Result<void> estimate(const RepackArguments& a, const Field& field, const RepackOptions& options) {
-  const auto estimate = estimate_repack(field, options, progress_bar("estimate", "tiles"));
+  const auto estimate =
+      estimate_repack(field, options, progress_bar("estimate", "tiles", OnSignal::end));
   if (!estimate) return tl::unexpected(estimate.error());
   if (a.json)
     print_json({{"tiles", estimate->tiles},
@@ -49,7 +50,8 @@ Result<void> run_repack(const RepackArguments& a) {
   if (!field) return tl::unexpected(field.error());
   if (a.dry_run) return estimate(a, *field, options);
   if (a.output.empty()) return fail(ErrorCode::usage, "--output is required, or --dry-run");
-  const auto report = repack_field(*field, a.output, options, progress_bar("repack", "tiles"));
+  const auto report =
+      repack_field(*field, a.output, options, progress_bar("repack", "tiles", OnSignal::stop));
   if (!report) return tl::unexpected(report.error());
   if (a.json)
     print_json({{"tiles", report->tiles},
@@ -96,7 +98,7 @@ void print_report(const std::string& path, const VerifyReport& report) {
 }
 
 Result<void> run_verify(const VerifyArguments& a) {
-  const auto bar = progress_bar("verify", "tiles");
+  const auto bar = progress_bar("verify", "tiles", OnSignal::end);
   const auto report = [&]() -> Result<VerifyReport> {
     if (!is_address(a.field)) return verify_field(a.field, a.verify, bar);
     const auto field = open_field(a.field);
@@ -151,7 +153,7 @@ void add_repack(CLI::App& app, Run& run) {
   choose(command->add_option("--color-type", a->half, "u8 or half"),
          Choices<bool>{{"u8", false}, {"half", true}});
   add_bytes(*command, "--memory", a->repack.memory, "Budget for tiles and records under way");
-  command->add_option("-j,--threads", a->repack.threads, "0: all cores")->capture_default_str();
+  add_threads(*command, a->repack.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_repack(*a); }; });
 }
@@ -169,7 +171,7 @@ Exit code 0 when all is good or only tiles are missing, 3 when something is dama
   command->add_option("FIELD", a->field, "Field to check")->type_name(kFieldFile)->required();
   command->add_flag("--quick", a->verify.quick, "Structure and counts only");
   command->add_flag("--fix", a->verify.fix, "Drop damaged tiles, so that build can refill them");
-  command->add_option("-j,--threads", a->verify.threads, "0: all cores")->capture_default_str();
+  add_threads(*command, a->verify.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_verify(*a); }; });
 }

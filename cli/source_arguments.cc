@@ -90,7 +90,7 @@ void SourceArguments::add_raw_to(CLI::App& command) {
                   ->delimiter('x')
                   ->type_size(3)
                   ->expected(1)
-                  ->check(kPositive)
+                  ->check(from_to(1, UINT32_MAX))
                   ->type_name("NXxNYxNZ")
                   ->group(group);
   choose(command.add_option("--type", type, "Raw files: type of a voxel"), kScalarTypes)
@@ -104,7 +104,7 @@ void SourceArguments::add_raw_to(CLI::App& command) {
       ->delimiter('x')
       ->type_size(3)
       ->expected(1)
-      ->check(kPositive)
+      ->check(kLength)
       ->type_name("DXxDYxDZ")
       ->group(group);
   command
@@ -137,6 +137,7 @@ void SourceArguments::add_light_to(CLI::App& command) {
   const char* group = "Light";
   command
       .add_option("--step", raycast.step, "Distance between samples, in smallest voxel spacings")
+      ->check(above(0.01, 100))
       ->group(group)
       ->capture_default_str();
   add_vector(command, "--light", light,
@@ -144,6 +145,7 @@ void SourceArguments::add_light_to(CLI::App& command) {
              "default: above, in front, to the patient's right")
       ->group(group);
   command.add_option("--ambient", raycast.ambient, "Share of a colour that needs no light, 0 to 1")
+      ->check(from_to(0, 1))
       ->group(group)
       ->capture_default_str();
   command.add_flag("--no-shade", no_shade, "Colours as in the transfer function, unlit")
@@ -170,7 +172,7 @@ void SourceArguments::add_light_to(CLI::App& command) {
   command
       .add_option("--environment-gain", lighting.environment_gain,
                   "Factor of the environment picture's radiance")
-      ->check(kNotNegative)
+      ->check(from_to(0, 1e6))
       ->group(group)
       ->capture_default_str();
   command
@@ -188,6 +190,7 @@ void SourceArguments::add_light_to(CLI::App& command) {
   command
       .add_option("--light-spacing", lighting.spacing,
                   "Distance between nodes of the light volume, in voxels")
+      ->check(from_to(0.5, 16))
       ->group(group)
       ->capture_default_str();
   add_bytes(command, "--light-memory", lighting.memory,
@@ -244,6 +247,10 @@ Result<void> SourceArguments::set_light(RaycastOptions& options) const {
     options.lighting.environment = std::make_shared<const Image>(std::move(*picture));
   }
   return {};
+}
+
+std::vector<std::string> SourceArguments::files() const {
+  return {input, transfer, labels_volume, label_table, mask, light_rig, environment, light_file};
 }
 
 Result<Volume> SourceArguments::volume() const { return read(input, labels); }

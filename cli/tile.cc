@@ -58,7 +58,7 @@ Result<void> run_tile(const Arguments& a) {
   if (to_stdout && isatty(STDOUT_FILENO) != 0)
     return fail(ErrorCode::usage, "-o -: is a terminal; redirect stdout to a file or a program");
   if (!to_stdout)
-    if (auto ok = refuse_overwrite(a.output, a.force); !ok) return ok;
+    if (auto ok = refuse_overwrite(a.output, a.force, {a.field}); !ok) return ok;
   const auto field = open_field(a.field);
   if (!field) return tl::unexpected(field.error());
   const auto key = parse_tile(*field, a.tile);

@@ -1,8 +1,9 @@
 #include <fmt/format.h>
 
 #include <cmath>
-#include <fstream>
+#include <span>
 
+#include "base/file.h"
 #include "cli/command.h"
 #include "slf/image.h"
 #include "slf/transfer.h"
@@ -92,11 +93,8 @@ Image picture_of(const TransferFunction& f) {
 
 Result<void> write(const TransferPreset& preset, const std::string& path) {
   if (!path.ends_with(".json")) return write_image(path, picture_of(preset.function));
-  std::ofstream file(path, std::ios::binary);
-  file << to_json(preset.function);
-  file.close();
-  if (!file) return fail(ErrorCode::io, path, ": cannot write");
-  return {};
+  const std::string json = to_json(preset.function);
+  return write_file(path, std::as_bytes(std::span(json.data(), json.size())));
 }
 
 Result<void> run_transfer(const Arguments& a) {
@@ -121,7 +119,7 @@ Result<void> run_transfer(const Arguments& a) {
       print_list(std::span(&*preset, 1), true);
     return {};
   }
-  if (auto ok = refuse_overwrite(a.output, a.force); !ok) return ok;
+  if (auto ok = refuse_overwrite(a.output, a.force, {a.reference}); !ok) return ok;
   return write(*preset, a.output);
 }
 

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <optional>
 
+#include "base/file.h"
 #include "cli/command.h"
 #include "slf/repack.h"
 #include "view/fit.h"
@@ -77,7 +78,7 @@ Result<bool> repack_if_requested(const ExportArguments& a, const Field& field,
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
   const bool fits = !limited || (a.one_file() && field.file_bytes() <= room);
   if (as_it_is && fits) return false;
-  const auto bar = progress_bar("export", "tiles");
+  const auto bar = progress_bar("export", "tiles", OnSignal::stop);
   const auto report = limited ? view::repack_to_fit(field, path, options, room, bar)
                               : repack_field(field, path, options, bar);
   if (!report) return tl::unexpected(report.error());
@@ -87,10 +88,10 @@ Result<bool> repack_if_requested(const ExportArguments& a, const Field& field,
 Result<void> run_export(const ExportArguments& a) {
   if (view::page_files().empty()) return fail(ErrorCode::unsupported, view::no_page());
   if (a.one_file())
-    if (auto ok = refuse_overwrite(a.output, a.force); !ok) return ok;
+    if (auto ok = refuse_overwrite(a.output, a.force, {a.field}); !ok) return ok;
   std::string base = a.output;
   while (base.size() > 1 && base.back() == '/') base.pop_back();
-  const std::string repacked_path = base + ".part.slf";
+  const std::string repacked_path = unused_name(base);
 
   auto field = Field::open(a.field);
   if (!field) return tl::unexpected(field.error());
@@ -100,8 +101,9 @@ Result<void> run_export(const ExportArguments& a) {
     written = tl::unexpected(repacked.error());
   } else {
     const std::string& exported = *repacked ? repacked_path : a.field;
-    written = a.one_file() ? view::export_page(exported, a.output)
-                           : view::export_site(exported, a.output, a.force);
+    const auto bar = progress_bar("export", "bytes", OnSignal::stop);
+    written = a.one_file() ? view::export_page(exported, a.output, bar)
+                           : view::export_site(exported, a.output, a.force, bar);
     if (written && *repacked) field = Field::open(repacked_path);
   }
   std::error_code ignored;

@@ -3,13 +3,16 @@
 #include <fcntl.h>
 #include <lmdb.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <map>
+#include <string_view>
 #include <utility>
 
+#include "base/file.h"
 #include "storage/internal/container.h"
 #include "storage/internal/locked_file.h"
 #include "storage/internal/pages.h"
@@ -23,17 +26,31 @@ MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(
 
 // Only the writer needs LMDB's lock file, and we hold the writer's lock. So a lock file that exists
 // was left by a killed writer, and its mutexes and reader slots are invalid, unless another
-// program that uses LMDB (such as mdb_copy) has it open.
-void remove_lock_file(const std::string& path) {
+// program that uses LMDB (such as mdb_copy) has it open. usage: it is no lock file; LMDB would
+// write over it.
+Result<void> remove_lock_file(const std::string& path) {
+  constexpr std::string_view kLockMagic = "\xDE\xC0\xEF\xBE";  // MDB_MAGIC, little-endian
   const std::string name = path + "-lock";
+  constexpr std::string_view kNoMagic("\0\0\0\0", 4);  // not written yet when LMDB was killed
+  if (auto own = check_own_file(name, kLockMagic, "a lock file of LMDB"); !own)
+    if (!check_own_file(name, kNoMagic, "a lock file of LMDB")) return own;
   const int file = ::open(name.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
-  if (file < 0) return;
+  if (file < 0) return {};
   struct flock lock = {};
   lock.l_type = F_WRLCK;
   lock.l_whence = SEEK_SET;
   const bool unused = fcntl(file, F_OFD_GETLK, &lock) == 0 && lock.l_type == F_UNLCK;
   ::close(file);
   if (unused) unlink(name.c_str());
+  return {};
+}
+
+// LMDB reports a short write as EIO. On a full disk, that is what happens first.
+bool is_full(const std::string& path) {
+  constexpr std::uint64_t kAlmostNothing = std::uint64_t{1} << 20;
+  struct statvfs status = {};
+  return statvfs(path.c_str(), &status) == 0 &&
+         std::uint64_t{status.f_bavail} * status.f_frsize < kAlmostNothing;
 }
 
 const char* remedy(int code) {
@@ -41,7 +58,7 @@ const char* remedy(int code) {
     case ENOSPC:
     case EDQUOT:
     case EFBIG:
-    case EIO:  // LMDB's code for a short write
+    case EIO:  // a short write, as at a limit of the size of files
       return "; the disk may be full: free some space and try again";
     case MDB_PANIC:
       return "; close the field and open it again";
@@ -69,7 +86,7 @@ Environment::~Environment() {
   map_ = {};
   if (environment_ == nullptr) return;
   mdb_env_close(environment_);
-  remove_lock_file(path_);
+  (void)remove_lock_file(path_);
 }
 
 Result<Environment> Environment::open(const std::string& path, int descriptor) {
@@ -82,7 +99,7 @@ Result<Environment> Environment::open(const std::string& path, int descriptor) {
   if (const int code = mdb_env_create(&result.environment_); code != 0)
     return result.error(code, "open");
   MDB_env* environment = result.environment_;
-  remove_lock_file(path);
+  if (auto ok = remove_lock_file(path); !ok) return tl::unexpected(std::move(ok.error()));
   int code = mdb_env_set_mapsize(environment, result.map_bytes_);
   if (code == 0) code = mdb_env_set_maxdbs(environment, kMaxLayers + 1);
   if (code == 0)
@@ -235,6 +252,7 @@ Result<void> Environment::allow_reuse() {
 }
 
 tl::unexpected<Error> Environment::error(int code, const char* doing) const {
+  if (code == EIO && is_full(path_)) code = ENOSPC;
   ErrorCode kind = code > 0 ? ErrorCode::io : ErrorCode::failed;
   // MDB_KEYEXIST: the tree has records after the layer's last one.
   if (code == MDB_CORRUPTED || code == MDB_PAGE_NOTFOUND || code == MDB_INVALID ||

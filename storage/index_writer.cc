@@ -19,7 +19,7 @@ namespace {
 /// Collects the parts of a snapshot by section, and sorts them by their offset in the file.
 class IndexBuilder {
  public:
-  explicit IndexBuilder(const Snapshot& snapshot) : snapshot_(snapshot) {}
+  IndexBuilder(const Snapshot& snapshot, const GoOn& go_on) : snapshot_(snapshot), go_on_(go_on) {}
 
   Result<void> collect() {
     if (auto ok = walk(snapshot_.meta().main, nullptr); !ok) return ok;
@@ -107,6 +107,7 @@ class IndexBuilder {
 
   Result<void> add_record(LayerId layer, const Cursor& at) {
     count_part();
+    if (go_on_ && !go_on_()) return fail(ErrorCode::failed, snapshot_.path(), ": interrupted");
     const auto record = snapshot_.record(layer, at);
     if (!record) return tl::unexpected(record.error());
     if ((at.node().flags & kBigData) == 0) return {};
@@ -125,6 +126,7 @@ class IndexBuilder {
   }
 
   const Snapshot& snapshot_;
+  const GoOn& go_on_;
   Parts core_;
   std::map<std::uint32_t, Parts> levels_;
   mutable std::uint64_t parts_read_ = 0;
@@ -149,13 +151,14 @@ Result<void> write_end(int file, const std::string& path, std::uint64_t begin, B
 }  // namespace
 }  // namespace internal
 
-Result<void> write_index(const std::string& path, std::span<const IndexExtra> extras) {
+Result<void> write_index(const std::string& path, std::span<const IndexExtra> extras,
+                         const GoOn& go_on) {
   Bytes index;
   std::uint64_t begin = 0;
   {
     const auto snapshot = internal::Snapshot::open(path);
     if (!snapshot) return tl::unexpected(snapshot.error());
-    internal::IndexBuilder builder(**snapshot);
+    internal::IndexBuilder builder(**snapshot, go_on);
     if (auto ok = builder.collect(); !ok) return ok;
     begin = (*snapshot)->pages().count() * internal::kPageSize;
     index = builder.encode(begin, extras);

@@ -44,6 +44,20 @@ Result<void> check_blob_name(std::string_view name) {
               " characters, and not '", internal::kContainer, "'");
 }
 
+// Whether a create() that was killed may have left a file, so that the next one may write over it:
+// it is empty, or a container, damaged or not, without tiles. usage: it is anything else.
+Result<void> check_leftover(const std::string& file) {
+  // The first page of LMDB: its header, then MDB_MAGIC.
+  constexpr std::string_view kStart("\0\0\0\0\0\0\0\0\0\0\x08\0\0\0\0\0\xDE\xC0\xEF\xBE", 20);
+  constexpr const char* kWhat = "a new container";
+  if (auto own = check_own_file(file, kStart, kWhat); !own) return own;
+  const auto store = TileStore::open(file);
+  for (LayerId layer = 0; store && layer < store->layers().size(); ++layer)
+    if (const auto levels = store->statistics(layer); levels && !levels->empty())
+      return fail(ErrorCode::usage, file, ": exists and is not ", kWhat, ": it has tiles");
+  return {};
+}
+
 // Writes one commit: replaced records, new records, blobs, and the container's own blob.
 Result<void> write(Environment& environment, std::span<const CompleteRecord> edited,
                    std::span<const CompleteRecord> appended, const SealedBlobs& blobs,
@@ -211,6 +225,7 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
 
   // Create it under a temporary name, so that a crash leaves no partial container under `path`.
   const std::string unfinished = path + ".new";
+  if (auto own = check_leftover(unfinished); !own) return tl::unexpected(std::move(own.error()));
   auto state = std::make_unique<State>();
   state->path = path;
   auto file = LockedFile::open(unfinished, LockedFile::Access::create);
@@ -236,8 +251,10 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
     unlink(unfinished.c_str());
     return tl::unexpected(std::move(finished.error()));
   }
-  if (auto attached = state->attach(); !attached)
+  if (auto attached = state->attach(); !attached) {
+    unlink(path.c_str());  // it is new, and locked
     return tl::unexpected(std::move(attached.error()));
+  }
   return TileWriter(std::move(state));
 }
 

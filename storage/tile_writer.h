@@ -11,6 +11,7 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/go_on.h"
 #include "slf/error.h"
 #include "storage/tile_store.h"
 
@@ -113,9 +114,11 @@ struct IndexExtra {
 
 /// Writes an index after the last page of a complete, closed container, and syncs (FORMAT.md,
 /// "Index"). It replaces whatever follows that page. The same pages and extras give the same index.
-/// Sections of more than 1 MiB are left out. Errors as TileStore::open(), or io.
+/// Sections of more than 1 MiB are left out. Errors as TileStore::open(), or io. failed: stopped by
+/// `go_on`; nothing was written.
 [[nodiscard]] Result<void> write_index(const std::string& path,
-                                       std::span<const IndexExtra> extras = {});
+                                       std::span<const IndexExtra> extras = {},
+                                       const GoOn& go_on = {});
 
 /// Whether any process has the container open to write. False for files that cannot be read.
 [[nodiscard]] bool is_being_written(const std::string& path);

@@ -56,7 +56,9 @@ std::string page_html(std::string_view head, std::string_view scripts) {
   return html;
 }
 
-Result<void> write_text(const std::string& path, std::string_view text) {
+/// Writes a file of the page, but never over the field.
+Result<void> write_text(const std::string& path, std::string_view text, const std::string& field) {
+  if (auto ok = check_output(path, {&field, 1}); !ok) return ok;
   return write_file(path, std::as_bytes(std::span(text.data(), text.size())));
 }
 
@@ -79,7 +81,8 @@ std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
   return one_file ? (max_bytes - page) / 4 * 3 : max_bytes - page;  // base64
 }
 
-Result<void> export_page(const std::string& field, const std::string& output) {
+Result<void> export_page(const std::string& field, const std::string& output,
+                         const ProgressCallback& progress) {
   const auto size = field_size(field);
   if (!size) return tl::unexpected(size.error());
   if (*size > kMaxEmbeddedBytes)
@@ -90,25 +93,33 @@ Result<void> export_page(const std::string& field, const std::string& output) {
   const std::string_view content(reinterpret_cast<const char*>(bytes->data()), bytes->size());
 
   std::string scripts;
-  for (std::size_t at = 0; at < content.size(); at += kPieceBytes)
+  for (std::size_t at = 0; at < content.size(); at += kPieceBytes) {
+    if (progress && !progress({at, content.size(), 0}))
+      return fail(ErrorCode::failed, output, ": interrupted");
     scripts += "<script type=\"text/plain\" class=\"piece\">" +
                base64(content.substr(at, kPieceBytes)) + "</script>\n";
+  }
   scripts +=
       "<script>\n" +
       page_script("module: " + module_string() + ",\npieceBytes: " + std::to_string(kPieceBytes) +
                   ", size: " + std::to_string(content.size()) + ",\n") +
       "</script>\n";
   return write_text(
-      output, page_html("<style>\n" + std::string(file_named(kStyleFile)) + "</style>", scripts));
+      output, page_html("<style>\n" + std::string(file_named(kStyleFile)) + "</style>", scripts),
+      field);
 }
 
-Result<void> export_site(const std::string& field, const std::string& folder, bool force) {
-  if (auto size = field_size(field); !size) return tl::unexpected(size.error());
+Result<void> export_site(const std::string& field, const std::string& folder, bool force,
+                         const ProgressCallback& progress) {
+  const auto size = field_size(field);
+  if (!size) return tl::unexpected(size.error());
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return fail(ErrorCode::io, folder, ": cannot create: ", error.message());
   if (!force && !fs::is_empty(folder, error))
     return fail(ErrorCode::usage, folder, ": is not empty; -f overwrites files in it");
+  const fs::path target = fs::path(folder) / "field.slf";
+  const bool in_place = fs::equivalent(field, target, error);
   const std::string style = "<link rel=\"stylesheet\" href=\"" + std::string(kStyleFile) + "\">\n";
   const std::string module =
       "<link rel=\"preload\" href=\"" + std::string(kModuleFile) + "\" as=\"fetch\" crossorigin>\n";
@@ -119,20 +130,17 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
            {kScriptFile, page_script("")},
            {kModuleFile, std::string(file_named(kModuleFile))},
            {kModuleScriptFile, "slfInside.module = " + module_string() + ";\n"}})
-    if (auto ok = write_text((fs::path(folder) / name).string(), text); !ok) return ok;
+    if (auto ok = write_text((fs::path(folder) / name).string(), text, field); !ok) return ok;
   // The field is written last, and gets its name only when it is complete.
-  const fs::path target = fs::path(folder) / "field.slf", temporary = target.string() + ".part";
-  if (fs::equivalent(field, target, error)) return {};
-  Result<void> indexed;
-  fs::copy_file(field, temporary, fs::copy_options::overwrite_existing, error);
-  if (!error) fs::permissions(temporary, fs::perms::owner_write, fs::perm_options::add, error);
-  if (!error) indexed = index_field(temporary);
-  if (!error && indexed) fs::rename(temporary, target, error);
-  if (!error && indexed) return {};
-  std::error_code ignored;
-  fs::remove(temporary, ignored);
-  if (!indexed) return indexed;
-  return fail(ErrorCode::io, target.string(), ": cannot write: ", error.message());
+  if (in_place) return {};
+  if (auto ok = check_output(target.string(), {&field, 1}); !ok) return ok;
+  const std::string temporary = unused_name(target.string());
+  auto written = copy_file(field, temporary, progress);
+  if (written)
+    written = index_field(temporary, [&] { return !progress || progress({*size, *size, 0}); });
+  if (written) written = publish_file(temporary, target.string(), Existing::replace);
+  if (!written) fs::remove(temporary, error);
+  return written;
 }
 
 }  // namespace slf::view

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "slf/error.h"
+#include "slf/progress.h"
 
 namespace slf::view {
 
@@ -16,15 +17,18 @@ inline constexpr std::uint64_t kMaxEmbeddedBytes = std::uint64_t{1} << 30;
 [[nodiscard]] std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file);
 
 /// Writes one HTML file with the page and the field, which opens from disk. Replaces `output`;
-/// after an error, `output` is unchanged. io: a file cannot be read or written. bad_file: `field`
-/// is no field. unsupported: the field is larger than kMaxEmbeddedBytes. REQUIRES: page_files() is
-/// not empty.
-[[nodiscard]] Result<void> export_page(const std::string& field, const std::string& output);
+/// after an error, `output` is unchanged. usage: `output` is the field. io: a file cannot be read
+/// or written. bad_file: `field` is no field. unsupported: the field is larger than
+/// kMaxEmbeddedBytes. REQUIRES: page_files() is not empty.
+/// Progress counts bytes of the field. failed: stopped by `progress`.
+[[nodiscard]] Result<void> export_page(const std::string& field, const std::string& output,
+                                       const ProgressCallback& progress = {});
 
 /// Writes a folder with the page and the field, for any host of static files that serves ranges.
 /// The field gets an index (FORMAT.md, "Index"). usage: the folder has files in it and `force` is
-/// false. Others as export_page().
+/// false, or the field is a file that the page needs to write. Others as export_page().
+/// Progress counts bytes of the field. failed: stopped by `progress`; the field is not written.
 [[nodiscard]] Result<void> export_site(const std::string& field, const std::string& folder,
-                                       bool force);
+                                       bool force, const ProgressCallback& progress = {});
 
 }  // namespace slf::view

@@ -111,9 +111,9 @@ const std::vector<Prose>& all() {
         {"How small would it be?", "slf repack fine.slf --codec predictive:70 --dry-run"},
         {"The first two levels", "slf repack fine.slf -o coarse.slf --levels 1"}}},
       {"merge",
-       {"Joins parts of one field into the field that a single build makes, byte for byte as "
-        "slf-repack(1) lays it out: shards of slf-build(1) in any number, levels, or subfields "
-        "that slf-repack(1) kept. Nothing is decoded. Before it writes, it names parts that are "
+       {"Joins parts of one field: shards of slf-build(1) in any number, levels, or subfields "
+        "that slf-repack(1) kept. The file has the bytes that slf-repack(1) writes of a field that "
+        "a single build made. Nothing is decoded. Before it writes, it names parts that are "
         "missing, overlap, were not finished, or were built with other settings. slf-repack(1) "
         "encodes subfields of a predictive field anew; merged, they make a field of their own, "
         "without the loss of another encoding."},

@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <ranges>
 #include <vector>
 
 #include "base/mix.h"
@@ -34,10 +35,12 @@ constexpr std::size_t kTrainingTries = 256;
 constexpr std::uint64_t kCommitsPerReader = 4;
 
 /// Traces a few tiles of the finest level, spread over it, that are not empty.
-Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const FieldShape& shape) {
+Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const FieldShape& shape,
+                                                const GoOn& go_on) {
   std::vector<TracedTile> sample;
   const std::uint64_t count = tile_count(shape.levels, shape.entry_extra_levels);
   for (std::uint64_t t = 0; t < kTrainingTries && sample.size() < kTrainingTiles; ++t) {
+    if (!go_on()) return fail(ErrorCode::failed, "interrupted; nothing was written");
     TracedTile tile;
     const TileKey key{static_cast<std::uint8_t>(shape.levels), mix(t) % count};
     if (auto ok = tracer.trace(key, tile); !ok) return tl::unexpected(ok.error());
@@ -47,8 +50,8 @@ Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const 
 }
 
 /// The layers' codecs, with shared tables fitted to the scene.
-Result<Codecs> train_codecs(const TileTracer& tracer, Manifest& manifest) {
-  const auto sample = training_sample(tracer, manifest.shape);
+Result<Codecs> train_codecs(const TileTracer& tracer, Manifest& manifest, const GoOn& go_on) {
+  const auto sample = training_sample(tracer, manifest.shape, go_on);
   if (!sample) return tl::unexpected(sample.error());
   Codecs codecs;
   for (std::size_t k = 0; k < manifest.layers.size(); ++k) {
@@ -169,6 +172,24 @@ Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& expected,
   return std::move(*field);
 }
 
+/// The rays of the tiles with these numbers, approximately.
+std::uint64_t count_rays(const TileTracer& tracer, const TileOrder& order, const FieldShape& shape,
+                         const TileSelection& numbers) {
+  std::uint64_t rays = 0;
+  for (const NumberRange& range : numbers.ranges())
+    for (unsigned level = 0; level <= shape.levels; ++level) {
+      const NumberRange all{order.first_number(level), order.first_number(level + 1)};
+      const NumberRange part{std::clamp(all.begin, range.begin, range.end),
+                             std::clamp(all.end, range.begin, range.end)};
+      if (part == all && shape.subfields.empty()) {
+        rays += tracer.rays(level);
+        continue;
+      }
+      for (std::uint64_t n = part.begin; n < part.end; ++n) rays += tracer.rays(order.key(n));
+    }
+  return rays;
+}
+
 /// An encoded tile, which a worker passes to the writer.
 struct EncodedTile {
   std::vector<Bytes> payloads;  // per layer; all empty for an empty tile
@@ -226,6 +247,15 @@ struct BuildJob {
   }
 
   [[nodiscard]] TileKey key(std::uint64_t k) const { return order.key(missing.number(k)); }
+
+  /// The first missing tile behind the level of the k-th one.
+  [[nodiscard]] std::uint64_t end_of_level(std::uint64_t k) const {
+    const auto later = std::views::iota(k, missing.count());
+    return k + static_cast<std::uint64_t>(
+                   std::ranges::partition_point(
+                       later, [&](std::uint64_t n) { return key(n).level == key(k).level; }) -
+                   later.begin());
+  }
 
   /// Opens the file that is being written as of the last commit, if it is read, and was not opened
   /// for some commits.
@@ -290,9 +320,9 @@ Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string&
                           const BuildOptions& options, const ProgressCallback& progress,
                           Progress& state) {
   for (std::uint64_t begin = 0, end = 0; begin < job.missing.count(); begin = end) {
-    end = job.reads_own_file ? begin + 1 : job.missing.count();
-    while (end < job.missing.count() && job.key(end).level == job.key(begin).level) ++end;
+    end = job.missing.count();
     if (job.reads_own_file) {
+      end = job.end_of_level(begin);
       if (auto ok = writer.commit_level(); !ok) return ok;
       job.coarser.set(nullptr);  // it lacks the level before
       if (auto ok = job.follow(writer); !ok) return ok;
@@ -362,32 +392,30 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
     report.resumed = plan->tiles.count() - (*earlier)->missing.count();
     if ((*earlier)->in_place && (*earlier)->missing.count() == 0) return report;
   }
+  const MissingTiles missing =
+      *earlier ? std::move((*earlier)->missing) : MissingTiles(plan->tiles);
+  Progress state;
+  state.total = count_rays(tracer, order, manifest->shape, plan->tiles);
+  state.skipped = state.total - count_rays(tracer, order, manifest->shape, missing.numbers());
+  state.done = state.skipped;
+  const GoOn go_on = [&] { return !progress || progress(state); };
   if (auto ok = scene.prepare(); !ok) return tl::unexpected(ok.error());
   auto codecs = *earlier   ? std::move((*earlier)->codecs)
                 : *coarser ? open_codecs(**coarser)
-                           : train_codecs(tracer, *manifest);
+                           : train_codecs(tracer, *manifest, go_on);
   if (!codecs) return tl::unexpected(codecs.error());
   auto writer = !*earlier              ? create(*output, *manifest, *codecs)
                 : (*earlier)->in_place ? FieldWriter::edit(path, (*earlier)->transaction)
                                        : FieldWriter::resume(*output, (*earlier)->transaction);
   if (!writer) return tl::unexpected(writer.error());
 
-  const MissingTiles missing =
-      *earlier ? std::move((*earlier)->missing) : MissingTiles(plan->tiles);
-  Progress state;
-  for (std::uint64_t k = 0; k < plan->tiles.count(); ++k)
-    state.total += tracer.rays(order.key(plan->tiles.number(k)));
-  state.skipped = state.total;
-  for (std::uint64_t k = 0; k < missing.count(); ++k)
-    state.skipped -= tracer.rays(order.key(missing.number(k)));
-  state.done = state.skipped;
   BuildJob job{tracer,   *manifest,
                *codecs,  missing,
                order,    thread_count(options.threads),
                *coarser, predicts(*manifest) && !*coarser};
   if (auto ok = write_levels(job, *writer, path, options, progress, state); !ok)
     return tl::unexpected(ok.error());
-  if (auto ok = writer->finish(); !ok) return tl::unexpected(ok.error());
+  if (auto ok = writer->finish(go_on); !ok) return tl::unexpected(ok.error());
   report.tiles = missing.count();
   return report;
 }

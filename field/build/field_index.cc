@@ -12,9 +12,11 @@ namespace {
 
 /// The tiles of a level, each with the tiles that it is predicted from.
 Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field,
-                                                        storage::LayerId layer, unsigned level) {
+                                                        storage::LayerId layer, unsigned level,
+                                                        const GoOn& go_on) {
   std::vector<ReferenceIndex::Tile> tiles;
   const auto visit = [&](const storage::TileRef& tile) -> Result<void> {
+    if (go_on && !go_on()) return fail(ErrorCode::failed, field.path(), ": interrupted");
     if (tile.state == storage::TileState::stored && field.shape().has(tile.key))
       tiles.push_back({tile.key, field.references(tile)});
     return {};
@@ -26,7 +28,7 @@ Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field,
 
 }  // namespace
 
-Result<void> index_field(const std::string& path) {
+Result<void> index_field(const std::string& path, const GoOn& go_on) {
   std::vector<storage::IndexExtra> extras;
   {
     const auto field = FieldFile::open(path);
@@ -36,13 +38,13 @@ Result<void> index_field(const std::string& path) {
       if (file.codec(layer).predictive() == nullptr) continue;
       for (unsigned level = 1; level <= file.shape().levels; ++level) {
         if (file.shape().tiles(level) > kMaxIndexedTiles) break;
-        const auto tiles = references_of(file, layer, level);
+        const auto tiles = references_of(file, layer, level, go_on);
         if (!tiles) return tl::unexpected(tiles.error());
         extras.push_back({reference_section(layer, level), ReferenceIndex::encode(*tiles)});
       }
     }
   }
-  return storage::write_index(path, extras);
+  return storage::write_index(path, extras, go_on);
 }
 
 }  // namespace slf

@@ -20,23 +20,31 @@ using storage::TileWriter;
 constexpr std::uint64_t kPendingLimit = 32ull << 20;
 constexpr const char* kAnotherProcess = ": another process is writing it";
 
-/// Removes a draft that an earlier process left. Refuses to remove a file that is not a container,
-/// or that another process is writing.
-Result<void> remove_leftover(const std::string& file) {
+/// Removes a draft that an earlier process left. Refuses to remove what is no draft: a file that is
+/// not a field, one that another process is writing, or a complete field, unless it has the
+/// manifest of the new one: then that process was killed when all but the renaming was done.
+Result<void> remove_leftover(const std::string& file, ByteSpan manifest) {
   struct stat status {};
   if (::lstat(file.c_str(), &status) != 0) return {};
   const auto writer = TileWriter::resume(file);  // holds the writer's lock
-  if (writer) {
-    unlink(file.c_str());
-    return {};
-  }
-  if (writer.error().code == ErrorCode::failed) return tl::unexpected(writer.error());
-  return tl::unexpected(name_is_taken(writer.error()));
+  if (!writer && writer.error().code == ErrorCode::failed) return tl::unexpected(writer.error());
+  if (!writer) return tl::unexpected(name_is_taken(writer.error()));
+  const auto field = FieldFile::open(file);
+  if (!field) return tl::unexpected(name_is_taken(field.error()));
+  const auto content = (*field)->content();
+  if (!content) return tl::unexpected(name_is_taken(content.error()));
+  const auto found = (*field)->store().blob(kManifestBlob);
+  if (content->complete && !(found && std::ranges::equal(*found, manifest)))
+    return tl::unexpected(
+        name_is_taken({ErrorCode::usage, file + ": is a complete field, no draft of one"}));
+  unlink(file.c_str());
+  return {};
 }
 
 /// Rewrites an error about the draft `file` as one about `path`, the output that the user named.
+/// But an error about somebody's file beside it names that.
 Error name_as_output(Error error, const std::string& file, const std::string& path) {
-  if (!error.message.starts_with(file)) return error;
+  if (!error.message.starts_with(file) || error.code == ErrorCode::usage) return error;
   const std::size_t colon = error.message.find(": ", file.size());
   if (colon != std::string::npos) error.message.replace(0, colon, path);
   return error;
@@ -59,24 +67,14 @@ Result<Bytes> encode(const Manifest& manifest, const std::string& path) {
 }  // namespace
 
 Error name_is_taken(Error error) {
-  error.message += "; remove it: a new file needs its name";
+  error.message += "; move or remove it: a new file needs its name";
   return error;
 }
 
 Result<FieldOutput> FieldOutput::at(const std::string& path, Existing existing,
                                     std::span<const std::string> inputs) {
   FieldOutput output{path, resolve_links(path), existing};
-  struct stat status {};
-  if (::stat(output.target.c_str(), &status) == 0) {
-    if (S_ISDIR(status.st_mode))
-      return fail(ErrorCode::usage, path, ": is a folder; name a file in it");
-    if (!S_ISREG(status.st_mode)) return fail(ErrorCode::usage, path, ": is not a regular file");
-  }
-  for (const std::string& input : inputs)
-    if (is_same_file(output.target, input))
-      return fail(ErrorCode::usage, path, ": is the input",
-                  input == path ? std::string() : " (" + input + ")",
-                  ", which would be lost; choose another output");
+  if (auto ok = check_output(path, inputs); !ok) return tl::unexpected(ok.error());
   return output;
 }
 
@@ -122,7 +120,7 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
       draft == Draft::keep ? output.unfinished() : output.target + ".repacking";
   if (output.existing == Existing::replace && storage::is_being_written(output.target))
     return fail(ErrorCode::failed, output.path, kAnotherProcess);
-  if (auto cleared = remove_leftover(file); !cleared) {
+  if (auto cleared = remove_leftover(file, *text); !cleared) {
     if (cleared.error().code != ErrorCode::failed) return tl::unexpected(cleared.error());
     return fail(ErrorCode::failed, output.path, kAnotherProcess, " (", file, ")");
   }
@@ -215,11 +213,13 @@ Result<void> FieldWriter::drop(LayerId layer, TileKey key) {
   return commit_when_due();
 }
 
-Result<void> FieldWriter::finish() {
+Result<void> FieldWriter::finish(const GoOn& go_on) {
   if (!output_) return with_file_state(writer_->close());
   if (output_->existing == Existing::replace && storage::is_being_written(output_->target))
     return fail(ErrorCode::failed, output_->path, kAnotherProcess);
-  auto published = writer_->publish(output_->target, output_->existing, index_field);
+  auto published =
+      writer_->publish(output_->target, output_->existing,
+                       [&](const std::string& file) { return index_field(file, go_on); });
   if (published) discard_ = false;
   if (!published && published.error().code == ErrorCode::usage)
     return fail(ErrorCode::usage, output_->path, ": exists by now",

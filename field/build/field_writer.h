@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/go_on.h"
 #include "field/manifest.h"
 #include "slf/error.h"
 #include "storage/tile_writer.h"
@@ -105,8 +106,9 @@ class FieldWriter {
   [[nodiscard]] Result<void> commit_level();
 
   /// Commits every tile, closes, and renames a draft to its output. Errors as commit(); usage: the
-  /// output exists by now and is to be kept. failed: another process is writing the output.
-  [[nodiscard]] Result<void> finish();
+  /// output exists by now and is to be kept. failed: another process is writing the output; stopped
+  /// by `go_on`, with every tile committed.
+  [[nodiscard]] Result<void> finish(const GoOn& go_on = {});
 
  private:
   FieldWriter(storage::TileWriter writer, std::string file, std::size_t layers);

@@ -43,7 +43,7 @@ class Merger {
   Result<void> write() {
     for (const MergeSegment& segment : plan_.segments)
       if (auto ok = write(segment); !ok) return ok;
-    return writer_.finish();
+    return writer_.finish([&] { return !progress_ || progress_(state_); });
   }
 
   [[nodiscard]] const MergeReport& report() const { return report_; }
@@ -133,6 +133,8 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   const auto plan = plan_merge(parts, options.part);
   if (!plan) return tl::unexpected(plan.error());
   const std::vector<ByteSpan> tables(plan->tables.begin(), plan->tables.end());
+  if (progress && !progress({0, TileOrder(plan->manifest.shape).count(), 0}))
+    return fail(ErrorCode::failed, "merge interrupted; nothing was written");
   auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, plan->manifest, tables);
   if (!writer) return tl::unexpected(writer.error());
   Merger merger(*plan, parts, options, *writer, progress);

@@ -38,4 +38,17 @@ Result<MissingTiles> MissingTiles::of(const FieldFile& field, const TileOrder& o
   return missing;
 }
 
+TileSelection MissingTiles::numbers() const {
+  TileSelection numbers;
+  for (const Hole& hole : holes_) {
+    const std::uint64_t number = selection_.number(hole.rank);
+    numbers.add({number, number + 1});
+  }
+  if (end_ == selection_.count()) return numbers;
+  const std::uint64_t first = selection_.number(end_);
+  for (const NumberRange& range : selection_.ranges())
+    if (range.end > first) numbers.add({std::max(range.begin, first), range.end});
+  return numbers;
+}
+
 }  // namespace slf

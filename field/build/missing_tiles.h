@@ -27,6 +27,8 @@ class MissingTiles {
   [[nodiscard]] std::uint64_t number(std::uint64_t k) const {
     return selection_.number(k < holes_.size() ? holes_[k].rank : end_ + (k - holes_.size()));
   }
+  /// The numbers of all missing tiles.
+  [[nodiscard]] TileSelection numbers() const;
   /// Whether the k-th missing tile is missing in this layer. REQUIRES: k < count(), layer < 64.
   [[nodiscard]] bool is_missing_in(std::uint64_t k, storage::LayerId layer) const {
     return k >= holes_.size() || (holes_[k].layers >> layer & 1) != 0;

@@ -122,7 +122,7 @@ class Repacker {
       }
       if (auto ok = write(begin, end, written.get()); !ok) return ok;
     }
-    return writer_.finish();
+    return writer_.finish([&] { return !progress_ || progress_(state_); });
   }
 
  private:
@@ -201,6 +201,8 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
     manifest.layers.push_back(out.layer);
     tables.push_back(out.codec->tables());
   }
+  if (progress && !progress({0, TileOrder(manifest.shape).count(), 0}))
+    return fail(ErrorCode::failed, field.path(), ": repack interrupted; nothing was written");
   auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, manifest, tables);
   if (!writer) return tl::unexpected(writer.error());
 

@@ -10,6 +10,7 @@ namespace {
 
 constexpr std::uint64_t kMaxTileSamples = 1ull << 24;  // 64 MiB of RGBA
 constexpr std::uint32_t kMaxResolution = 4096;
+constexpr double kMaxLength = 1e12;  // so that no product of lengths overflows
 
 }  // namespace
 
@@ -37,8 +38,10 @@ Result<void> FieldShape::check() const {
   if (entry_side < 1 || entry_side > kMaxSide || exit_side < 1 || exit_side > kMaxSide)
     return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side, ": expected 1 to ",
                 kMaxSide, " cells along an octsphere's edge");
-  if (levels + entry_extra_levels > kMaxSectionLevel || levels > 10)
-    return fail(ErrorCode::usage, "levels ", levels, ": expected at most 10");
+  if (levels > 10) return fail(ErrorCode::usage, "levels ", levels, ": expected at most 10");
+  if (entry_extra_levels > kMaxSectionLevel - levels)
+    return fail(ErrorCode::usage, "entry extra levels ", entry_extra_levels, ": expected at most ",
+                kMaxSectionLevel - levels);
   if (entry_resolution(levels) > kMaxResolution || exit_resolution(levels) > kMaxResolution)
     return fail(ErrorCode::usage, "lattice ", entry_resolution(levels), "/",
                 exit_resolution(levels), ": expected at most ", kMaxResolution);
@@ -54,8 +57,13 @@ Result<void> FieldShape::check() const {
       return fail(ErrorCode::usage,
                   "subfields: expected different numbers from 0 to 63, ascending");
   const glm::dvec3& c = sphere.center;
-  if (!std::isfinite(c.x + c.y + c.z) || !(sphere.radius > 0) || !std::isfinite(sphere.radius))
-    return fail(ErrorCode::usage, "sphere: expected a finite centre and a positive radius");
+  for (int axis = 0; axis < 3; ++axis)
+    if (!(std::abs(c[axis]) <= kMaxLength))
+      return fail(ErrorCode::usage, "sphere: centre ", c.x, ",", c.y, ",", c.z,
+                  ": expected coordinates of at most ", kMaxLength);
+  if (!(sphere.radius >= 1 / kMaxLength && sphere.radius <= kMaxLength))
+    return fail(ErrorCode::usage, "sphere: radius ", sphere.radius, ": expected ", 1 / kMaxLength,
+                " to ", kMaxLength);
   return {};
 }
 

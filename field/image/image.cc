@@ -5,6 +5,7 @@
 #include <cstring>
 #include <filesystem>
 #include <string_view>
+#include <utility>
 
 #include "base/file.h"
 #include "field/image/formats.h"
@@ -22,16 +23,28 @@ Result<void> check_size(const std::string& name, std::uint64_t width, std::uint6
   return {};
 }
 
-Result<Image> decode(const std::string& name, ByteSpan bytes) {
-  const auto begins = [&](std::string_view magic) {
-    return bytes.size() >= magic.size() &&
-           std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;
-  };
-  if (begins("\x89PNG")) return decode_png(name, bytes);
-  if (begins("\xff\xd8\xff")) return decode_jpeg(name, bytes);
-  if (begins("\x76\x2f\x31\x01")) return decode_exr(name, bytes);
-  if (begins("#?RADIANCE\n") || begins("#?RGBE\n")) return decode_hdr(name, bytes);
+namespace {
+
+using Decoder = Result<Image> (*)(const std::string& name, ByteSpan bytes);
+
+/// The decoder for what begins with these bytes.
+Result<Decoder> decoder_for(const std::string& name, ByteSpan start) {
+  for (const auto& [magic, decoder] : {std::pair<std::string_view, Decoder>{"\x89PNG", decode_png},
+                                       {"\xff\xd8\xff", decode_jpeg},
+                                       {"\x76\x2f\x31\x01", decode_exr},
+                                       {"#?RADIANCE\n", decode_hdr},
+                                       {"#?RGBE\n", decode_hdr}})
+    if (start.size() >= magic.size() && std::memcmp(start.data(), magic.data(), magic.size()) == 0)
+      return decoder;
   return fail(ErrorCode::bad_file, name, ": not a PNG, JPEG, OpenEXR or Radiance HDR picture");
+}
+
+}  // namespace
+
+Result<Image> decode(const std::string& name, ByteSpan bytes) {
+  const auto decoder = decoder_for(name, bytes);
+  if (!decoder) return tl::unexpected(decoder.error());
+  return (*decoder)(name, bytes);
 }
 
 }  // namespace image_formats
@@ -89,7 +102,12 @@ Result<void> write_image(const std::string& path, const Image& image,
 }
 
 Result<Image> read_image(const std::string& path) {
-  const Result<Bytes> bytes = read_file(path, kMaxFileBytes);
+  const auto check = [&](ByteSpan start) -> Result<void> {
+    const auto decoder = image_formats::decoder_for(path, start);
+    if (!decoder) return tl::unexpected(decoder.error());
+    return {};
+  };
+  const Result<Bytes> bytes = read_file(path, kMaxFileBytes, check);
   if (!bytes) return tl::unexpected(bytes.error());
   return image_formats::decode(path, *bytes);
 }

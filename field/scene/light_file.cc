@@ -14,6 +14,7 @@
 namespace slf {
 namespace {
 
+constexpr std::string_view kMagic = "slf light v";  // of every version
 constexpr std::string_view kHead = "slf light v4\n\0\0\0";
 static_assert(std::endian::native == std::endian::little);
 
@@ -42,7 +43,12 @@ class Reader {
 
 }  // namespace
 
+Result<void> check_light_file(const std::string& path) {
+  return check_own_file(path, kMagic, "a light volume");
+}
+
 Result<void> save_light(const std::string& path, const std::string& key, const LightGrid& light) {
+  if (auto ok = check_light_file(path); !ok) return ok;
   Bytes bytes;
   const std::uint64_t key_size = key.size();
   append(bytes, kHead.data(), kHead.size());
@@ -59,7 +65,18 @@ Result<void> save_light(const std::string& path, const std::string& key, const L
 
 std::optional<LightGrid> load_light(const std::string& path, const std::string& key) {
   constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 40;
-  const auto bytes = read_file(path, kMaxBytes);
+  const auto take_head = [&key](Reader& in) {
+    std::string head(kHead.size(), '\0');
+    std::uint64_t key_size = 0;
+    return in.take(head.data(), head.size()) && head == kHead && in.take(&key_size, 1) &&
+           key_size == key.size();
+  };
+  // Not a byte more of a file that is something else: it may be large.
+  const auto bytes = read_file(path, kMaxBytes, [&](ByteSpan start) -> Result<void> {
+    Reader in(start);
+    if (take_head(in)) return {};
+    return fail(ErrorCode::bad_file, path, ": is not this light volume");
+  });
   if (!bytes || bytes->size() < sizeof(XXH64_hash_t)) return std::nullopt;
   XXH64_hash_t hash = 0;
   const ByteSpan body = ByteSpan(*bytes).first(bytes->size() - sizeof hash);
@@ -67,11 +84,9 @@ std::optional<LightGrid> load_light(const std::string& path, const std::string& 
   if (hash != XXH3_64bits(body.data(), body.size())) return std::nullopt;
 
   Reader in(body);
-  std::string head(kHead.size(), '\0'), found_key(key.size(), '\0');
-  std::uint64_t key_size = 0;
+  std::string found_key(key.size(), '\0');
   LightGrid light;
-  if (!in.take(head.data(), head.size()) || head != kHead || !in.take(&key_size, 1) ||
-      key_size != key.size() || !in.take(light.dims.data(), 3) || !in.take(&light.low.x, 3) ||
+  if (!take_head(in) || !in.take(light.dims.data(), 3) || !in.take(&light.low.x, 3) ||
       !in.take(&light.spacing, 1) || !in.take(found_key.data(), key.size()) || found_key != key)
     return std::nullopt;
   for (const std::int32_t side : light.dims)

@@ -1,5 +1,6 @@
 #include "field/scene/light_filter.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -48,12 +49,20 @@ glm::vec3 mean_around(const LightGrid& light, const std::vector<std::uint32_t>& 
 
 Result<void> filter_light(LightGrid& light, const std::vector<std::uint32_t>& index,
                           const std::vector<std::size_t>& numbers,
-                          const std::vector<NodeLight>& nodes, unsigned threads) {
+                          const std::vector<NodeLight>& nodes, unsigned threads,
+                          const GoOn& go_on) {
   std::vector<glm::vec3> values(numbers.size()), next(numbers.size());
-  const auto for_lit = [&](const auto& work) {
-    return parallel_for(numbers.size(), threads, [&](std::uint64_t k) {
-      if (nodes[k].lit) work(k);
-    });
+  const auto for_lit = [&](const auto& work) -> Result<void> {
+    constexpr std::size_t kNodes = std::size_t{1} << 17;  // between two calls of go_on()
+    for (std::size_t begin = 0; begin < numbers.size(); begin += kNodes) {
+      if (!go_on()) return fail(ErrorCode::failed, kLightStopped);
+      auto ok = parallel_for(std::min(kNodes, numbers.size() - begin), threads,
+                             [&, begin](std::uint64_t k) {
+                               if (nodes[begin + k].lit) work(begin + k);
+                             });
+      if (!ok) return ok;
+    }
+    return {};
   };
   for (std::size_t k = 0; k < numbers.size(); ++k) values[k] = nodes[k].indirect;
   for (int round = 0; round < 2; ++round) {

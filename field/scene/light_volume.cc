@@ -310,8 +310,7 @@ Result<void> solve_all(const LightSolver& solver, const std::vector<std::size_t>
     const auto nodes = pipeline.take();
     if (!nodes) return tl::unexpected(nodes.error());
     for (const NodeLight& node : *nodes) keep(done++, node);
-    if (!progress({done, numbers.size(), 0}))
-      return fail(ErrorCode::failed, "stopped while the light volume was computed");
+    if (!progress({done, numbers.size(), 0})) return fail(ErrorCode::failed, kLightStopped);
   }
   return {};
 }
@@ -350,7 +349,10 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
                           else if (node.lit)  // other points, which may all lie beside the matter
                             nodes[k].indirect = node.indirect;
                         });
-    if (ok) ok = filter_light(light, index, numbers, nodes, threads);
+    if (ok)
+      ok = filter_light(light, index, numbers, nodes, threads, [&] {
+        return report({numbers.size(), numbers.size(), 0});
+      });
     if (!ok) return tl::unexpected(ok.error());
     all.done += numbers.size() * pass.paths;
   }

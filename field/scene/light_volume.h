@@ -47,8 +47,10 @@ namespace slf {
                                               const LightOptions& options, unsigned threads,
                                               const ProgressCallback& progress);
 
-/// Writes a light volume to a file, with a key that identifies its inputs. io: it cannot be
-/// written.
+/// usage: `path` exists and is no light volume, so it must not be replaced by one.
+[[nodiscard]] Result<void> check_light_file(const std::string& path);
+/// Writes a light volume to a file, with a key that identifies its inputs. Replaces only a light
+/// volume. io: it cannot be written. usage: as check_light_file().
 [[nodiscard]] Result<void> save_light(const std::string& path, const std::string& key,
                                       const LightGrid& light);
 /// The light volume in a file; nothing if there is no such file, if it has another key, or if it is

@@ -123,7 +123,8 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
 std::string light_key(const std::string& provenance) {
   json key = json::parse(provenance);
   key.erase("source");
-  for (const char* shown : {"linear", "tone"}) key["lighting"].erase(shown);
+  if (const auto lighting = key.find("lighting"); lighting != key.end())
+    for (const char* shown : {"linear", "tone"}) lighting->erase(shown);
   return key.dump();
 }
 

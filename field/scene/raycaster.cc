@@ -1,5 +1,7 @@
 #include "slf/raycaster.h"
 
+#include <unistd.h>
+
 #include <cassert>
 #include <optional>
 
@@ -34,16 +36,22 @@ Result<LightGrid> light_of(const VolumeScene& scene, const Medium& medium,
 
 }  // namespace
 
+void remove_light_file(const std::string& path, const std::string& provenance) {
+  if (load_light(path, light_key(provenance))) unlink(path.c_str());
+}
+
 Raycaster::Raycaster(std::unique_ptr<State> state) : state_(std::move(state)) {}
 Raycaster::~Raycaster() = default;
 
 Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const TransferFunction& transfer,
                                                    const RaycastOptions& options,
                                                    const LightVolumeOptions& light_volume) {
-  auto scene = make_volume_scene(std::move(volume), transfer, options);
-  if (!scene) return tl::unexpected(scene.error());
   const LightOptions& lighting = options.lighting;
   const bool lit = lighting.mode != Lighting::direct;
+  if (lit && !light_volume.file.empty())
+    if (auto ok = check_light_file(light_volume.file); !ok) return tl::unexpected(ok.error());
+  auto scene = make_volume_scene(std::move(volume), transfer, options);
+  if (!scene) return tl::unexpected(scene.error());
   auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::make_unique<State>(
       State{std::move(*scene), ToneMapper(lighting.tone), lit && !lighting.linear,
             lit ? std::optional(light_volume) : std::nullopt})));

@@ -143,6 +143,8 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
                   ": structures are parts of a volume of amounts, but this one holds labels");
     if (auto ok = add_structures(options.structures, v, steps_per_unit, grid); !ok)
       return tl::unexpected(ok.error());
+    for (const auto& part : {options.structures.labels, options.structures.mask})
+      if (part) v.files.insert(v.files.end(), part->files.begin(), part->files.end());
   }
   if (options.lighting.mode != Lighting::direct)
     for (glm::vec4& color : grid.table.colors)

@@ -17,7 +17,8 @@
 namespace slf {
 
 /// Which part of a field a build makes. All parts have the same codec tables. merge_fields() joins
-/// them to one field, with the same bytes as if one build had made it.
+/// them to one field: its tiles have the same bytes as if one build had made it, and its file those
+/// of a repack of that.
 struct ShardOptions {
   /// The tiles in key order are cut into `count` ranges with about equally many rays; the build
   /// makes range `index`, from 1. Counts can be mixed: 1/2 has the tiles of 1/4 and 2/4.

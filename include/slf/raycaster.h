@@ -37,7 +37,8 @@ struct LightVolumeOptions {
   unsigned threads = 0;         ///< 0: all
   ProgressCallback progress{};  ///< counts paths of light
   /// Path of a file for the light volume. It is read if it was computed from the same scene and
-  /// options; otherwise the light volume is computed and written there. Empty: no file.
+  /// options; otherwise the light volume is computed and written there. Replaces only a file that
+  /// is a light volume. Empty: no file.
   std::string file{};
   bool deferred = false;  ///< prepare(), called before the first ray, computes the light volume
 };
@@ -53,6 +54,9 @@ struct RayCounts {
 /// or of another type, has its default.
 [[nodiscard]] RaycastOptions raycast_options(std::string_view provenance);
 
+/// Removes LightVolumeOptions::file if it has the light volume of a scene with this provenance.
+void remove_light_file(const std::string& path, const std::string& provenance);
+
 /// trace_many() fills the CPU's vector units; trace(), with one ray, leaves them mostly idle.
 /// Thread-safety: immutable; any thread.
 class Raycaster final : public Scene {
@@ -60,8 +64,9 @@ class Raycaster final : public Scene {
   /// Keeps voxels in their type if that is an 8 or 16 bit integer or f32, and converts others to
   /// f32. Renumbers label ids beyond 16 bits. Computes the light volume if the options ask for one
   /// and `light_volume.deferred` is false.
-  /// usage: an option out of range. failed: nothing in the volume is visible; stopped by the
-  /// progress callback. io: the file of the light volume cannot be written.
+  /// usage: an option out of range; the file of the light volume exists and is something else.
+  /// failed: nothing in the volume is visible; stopped by the progress callback. io: the file of
+  /// the light volume cannot be written.
   [[nodiscard]] static Result<std::unique_ptr<Raycaster>> make(
       Volume volume, const TransferFunction& transfer, const RaycastOptions& options = {},
       const LightVolumeOptions& light_volume = {});

@@ -53,6 +53,50 @@ TEST_F(Files, AReplacedFileKeepsItsPermissions) {
   EXPECT_EQ(count(), 1u);
 }
 
+TEST_F(Files, AnOutputIsNoInputNorAnythingButAFile) {
+  write("a", "old");
+  fs::create_symlink("a", at("soft"));
+  fs::create_hard_link(at("a"), at("hard"));
+  fs::create_directory(at("folder"));
+  const std::vector<std::string> inputs{"", at("none"), at("a")};
+  for (const char* output : {"a", "soft", "hard", "none", "folder"})
+    EXPECT_EQ(check_output(at(output), inputs).error().code, ErrorCode::usage) << output;
+  EXPECT_EQ(check_output("/dev/null", {}).error().code, ErrorCode::usage);
+  write("b", "old");
+  EXPECT_TRUE(check_output(at("b"), inputs));
+  EXPECT_TRUE(check_output(at("c"), inputs));
+}
+
+TEST_F(Files, OnlyFilesOfOnesOwnAreRecognised) {
+  EXPECT_TRUE(check_own_file(at("none"), "magic", "a cache"));
+  for (const char* own : {"", "magic", "magic and more"}) {
+    write("a", own);
+    EXPECT_TRUE(check_own_file(at("a"), "magic", "a cache")) << own;
+  }
+  for (const char* foreign : {"m", "magi", "text", "Magic"}) {
+    write("a", foreign);
+    const auto refused = check_own_file(at("a"), "magic", "a cache");
+    ASSERT_FALSE(refused) << foreign;
+    EXPECT_EQ(refused.error().code, ErrorCode::usage);
+    EXPECT_NE(refused.error().message.find("is not a cache"), std::string::npos);
+  }
+  EXPECT_FALSE(check_own_file(at(""), "magic", "a cache"));  // a folder
+}
+
+TEST_F(Files, ACopyCanBeStoppedAndLeavesNothing) {
+  write("a", std::string(3 << 20, 'x'));
+  ASSERT_EQ(::chmod(at("a").c_str(), 0400), 0);
+  ASSERT_TRUE(copy_file(at("a"), at("b")));
+  EXPECT_EQ(text("b"), text("a"));
+  EXPECT_EQ(mode("b"), 0600u);
+  EXPECT_EQ(copy_file(at("a"), at("b")).error().code, ErrorCode::io);  // exists
+  int calls = 0;
+  const auto stopped = copy_file(at("a"), at("c"), [&](const Progress&) { return ++calls < 2; });
+  EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+  EXPECT_EQ(calls, 2);
+  EXPECT_FALSE(fs::exists(at("c")));
+}
+
 TEST_F(Files, SymbolicLinksAreWrittenThrough) {
   const std::string content = "new";
   fs::create_directory(at("there"));

@@ -1,6 +1,7 @@
 // Arguments that make no sense are refused, with the option, the value and what is accepted; and
 // what `slf help` and misspelt names say.
 #include "tests/cli/cli_testing.h"
+#include "tests/sanitized.h"
 
 namespace slf {
 namespace {
@@ -58,6 +59,98 @@ TEST(Refused, ValuesOutOfRange) {
   expect_refused({"info", "a.raw", "--dims", "2x0x2"}, {"--dims", "0"});
   expect_refused({"info", "a.raw", "--dims", "2x2x2", "--type", "u7"}, {"--type", "u7", "u8"});
   expect_refused({"info", "a.raw", "--type", "u8"}, {"--type", "--dims"});
+}
+
+TEST(Refused, NumbersWithoutBounds) {
+  const Arguments build{"build", "scene:balls", "-o", "OUT.slf"};
+  const Arguments raycast{"raycast", "scene:balls", "-o", "OUT.png"};
+  const Arguments play{"play", kField}, measure{"measure", kField};
+  const Arguments evaluate{"evaluate", kField, "--volume", "scene:balls"};
+  const Arguments compare{"compare", "a.png", "b.png"}, diff{"diff", kField, kField};
+  const struct {
+    Arguments command;
+    std::string option, before, after;  // the number is between two others
+  } cases[] = {{render({}), "--background", "0,", ",0"},
+               {render({}), "--eye", "0,", ",0"},
+               {render({}), "--look-at", "", ",0,0"},
+               {render({}), "--up", "0,0,", ""},
+               {render({}), "--orbit", "", ",0,3"},
+               {render({}), "--orbit", "0,0,", ""},
+               {render({}), "--fov", "", ""},
+               {render({}), "--exposure", "", ""},
+               {raycast, "--step", "", ""},
+               {raycast, "--light", "0,0,", ""},
+               {raycast, "--ambient", "", ""},
+               {raycast, "--environment-gain", "", ""},
+               {raycast, "--light-spacing", "", ""},
+               {raycast, "--light-samples", "", ""},
+               {raycast, "--spacing", "1x1x", ""},
+               {build, "--radius", "", ""},
+               {build, "--center", "0,", ",0"},
+               {build, "--commit-every", "", ""},
+               {play, "--seconds", "", ""},
+               {play, "--turns", "", ""},
+               {play, "--fps", "", ""},
+               {play, "--orbit", "0,0,", ""},
+               {measure, "--distance", "", ""},
+               {measure, "--views", "", ""},
+               {evaluate, "--distance", "", ""},
+               {evaluate, "--supersample", "", ""},
+               {compare, "--gain", "", ""},
+               {compare, "--min-psnr", "", ""},
+               {diff, "--min-psnr", "", ""}};
+  for (const auto& [command, option, before, after] : cases)
+    for (const std::string number : {"nan", "inf", "-inf", "1e999"}) {
+      Arguments all = command;
+      all.insert(all.end(), {option, before + number + after});
+      expect_refused(all, {option});
+    }
+  for (const char* radius : {"1e308", "1e-308", "0"}) {
+    Arguments all = build;
+    all.insert(all.end(), {"--radius", radius});
+    expect_refused(all, {"--radius", radius, "1e-12 to 1e+12"});
+  }
+  for (const Arguments& command : {render({}),
+                                   raycast,
+                                   build,
+                                   play,
+                                   measure,
+                                   diff,
+                                   {"verify", kField},
+                                   {"merge", kField, "-o", "OUT.slf"},
+                                   {"repack", kField, "-o", "OUT.slf"}}) {
+    Arguments all = command;
+    all.insert(all.end(), {"--threads", "100000"});
+    expect_refused(all, {"--threads", "100000", "0 to 1024"});
+  }
+  expect_refused(render({"--size", "4294967295"}), {"--size", "4294967295"});
+}
+
+TEST(Refused, CodecsThatCannotHoldTheColours) {
+  const Workplace place;
+  EXPECT_OUTCOME(slf({"build", "scene:balls", "-o", place / "a.slf", "--color-type", "half",
+                      "--codec", "jpeg:90"}),
+                 5, "JPEG cannot hold half floats; use zstd");
+  EXPECT_TRUE(place.files().empty());
+}
+
+// A file without an end is refused by its first bytes.
+TEST(Refused, FilesWithoutAnEnd) {
+  const Workplace place;
+  const std::string volume = place / "a.raw";
+  std::ofstream(volume) << std::string(8 * 8 * 4, '\0') + std::string(8 * 8 * 4, 'x');
+  // The sanitizers need more addresses than there is memory.
+  const std::string limit = testing::kSanitized ? "" : "ulimit -v 1500000;";
+  EXPECT_OUTCOME(slf({"compare", "/dev/zero", "/dev/zero"}, limit), 3, "not a PNG, JPEG");
+  for (const std::string option :
+       {"--environment", "--light-rig", "--transfer", "--labels-volume", "--mask"}) {
+    const Outcome outcome = slf({"raycast", volume, "--dims", "8x8x8", "-o", place / "a.png",
+                                 "--lighting", "shadowed", option, "/dev/zero"},
+                                limit);
+    EXPECT_NE(outcome.exit_code, 0) << option;
+    EXPECT_NE(outcome.err.find("/dev/zero: "), std::string::npos) << outcome.err;
+    EXPECT_EQ(outcome.err.find("memory"), std::string::npos) << outcome.err;
+  }
 }
 
 TEST(Sizes, HaveFractionsAndUnitsOfAnyCase) {

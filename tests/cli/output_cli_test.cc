@@ -154,7 +154,7 @@ TEST(Outputs, NoInputIsWrittenOver) {
     EXPECT_OUTCOME(slf(build(place / "scan.nhdr", place / output, {"-f"})), 1, "is the input");
   EXPECT_OUTCOME(slf(build(place / "scan.nrrd", place / "transfer.json",
                            {"-f", "--transfer", place / "transfer.json"})),
-                 1, "is the transfer function");
+                 1, "is the input");
   EXPECT_EQ(read_text(place / "transfer.json"), transfer);
   EXPECT_EQ(read_text(place / "scan.nrrd"), nrrd(5.5));
   EXPECT_EQ(read_text(place / "scan.raw"), voxels);

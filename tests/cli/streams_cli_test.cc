@@ -165,18 +165,20 @@ TEST(Bytes, TextFromFilesCannotCommandTheTerminal) {
   const Workplace place;
   const std::string volume = place /
                              "a\x1b[2J\xc2\x9b"
-                             "31m.nii",
+                             "31m\nslf: all is well.nii",
                     field = place / "a.slf";
   write_volume(volume);
   ASSERT_EQ(
       slf({"build", volume, "-o", field, "--entry", "2", "--exit", "2", "--levels", "0"}).exit_code,
       0);
-  for (const Outcome& outcome :
-       {slf({"info", field}), slf({"info", volume}), slf({"info", volume + "x"})}) {
+  for (const Outcome& outcome : {slf({"info", field}), slf({"info", volume}),
+                                 slf({"info", volume + "x"}), slf({"info", field, volume})}) {
     const std::string all = outcome.out + outcome.err;
     EXPECT_EQ(all.find('\x1b'), std::string::npos) << all;
     EXPECT_EQ(all.find("\xc2\x9b"), std::string::npos) << all;
-    EXPECT_NE(all.find("a\\x1b[2J\\xc2\\x9b31m.nii"), std::string::npos) << all;
+    EXPECT_EQ(all.find("\nslf: all is well"), std::string::npos) << all;
+    EXPECT_NE(all.find("a\\x1b[2J\\xc2\\x9b31m\\x0aslf: all is well.nii"), std::string::npos)
+        << all;
   }
 }
 

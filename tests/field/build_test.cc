@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -200,9 +201,11 @@ TEST(Build, StoppedAnywhereItResumesToTheSameContent) {
   const std::string path = folder / "parts.slf";
   int stops = 0;
   for (std::uint64_t limit = 1;; limit = limit * 2 + 37) {
+    // Calls before the first tile, while codecs are trained, and after the last one do not count.
     std::uint64_t calls = 0;
-    const auto report =
-        build_field(*scene, path, options, [&](const Progress&) { return ++calls < limit; });
+    const auto report = build_field(*scene, path, options, [&](const Progress& progress) {
+      return progress.done == 0 || progress.done == progress.total || ++calls < limit;
+    });
     if (report) {
       EXPECT_GT(report->resumed, 0u);
       break;
@@ -398,11 +401,25 @@ class Odd final : public Scene {
   std::string provenance() const override { return origin; }
 };
 
+// Nothing is done for each of 1.1 billion tiles before the first one is traced.
+TEST(Build, AsksSoonWhetherToGoOn) {
+  const TemporaryFolder folder;
+  const auto begin = std::chrono::steady_clock::now();
+  const auto stopped =
+      build_field(*make_analytic_scene("balls").value(), folder / "a.slf",
+                  lossless_options(1, 1, 6), [](const Progress&) { return false; });
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(5));
+  EXPECT_TRUE(folder.files().empty());
+}
+
 TEST(Build, WrongBoundsAndProvenanceAreUsageErrors) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-  for (const Sphere& wrong :
-       {Sphere{glm::dvec3(0), kNan}, Sphere{glm::dvec3(0), 0}, Sphere{glm::dvec3(0), -1},
-        Sphere{glm::dvec3(0, kNan, 0), 1}, Sphere{glm::dvec3(0), HUGE_VAL}}) {
+  for (const Sphere& wrong : {Sphere{glm::dvec3(0), kNan}, Sphere{glm::dvec3(0), 0},
+                              Sphere{glm::dvec3(0), -1}, Sphere{glm::dvec3(0, kNan, 0), 1},
+                              Sphere{glm::dvec3(0), HUGE_VAL}, Sphere{glm::dvec3(0), 1e308},
+                              Sphere{glm::dvec3(0), 1e-308}, Sphere{glm::dvec3(0, 1e308, 0), 1}}) {
     Odd scene;
     scene.sphere = wrong;
     for (auto options : {lossless_options(2, 4, 1), BuildOptions{}}) {

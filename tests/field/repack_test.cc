@@ -404,18 +404,27 @@ TEST_F(Repack, StoppedItLeavesWhatWasThereBefore) {
 
 TEST_F(Repack, WhatAKilledRunLeftGoesWithTheNext) {
   const std::string out = folder_ / "out.slf";
-  std::filesystem::copy(jpeg_->path(), out + ".repacking");
-  write_text(out + ".repacking-lock", "left over");
-  write_text(out + ".repacking.new", "left over");
+  const auto leave_draft = [&] {
+    std::filesystem::copy(jpeg_->path(), out + ".repacking");
+    auto writer = storage::TileWriter::resume(out + ".repacking");
+    ASSERT_TRUE(writer && writer->replace(0, {1, 1023}, storage::TileState::missing, {}));
+    ASSERT_TRUE(writer->close());
+  };
+  leave_draft();
+  write_text(out + ".repacking-lock", "\xDE\xC0\xEF\xBE left over");
+  write_text(out + ".repacking.new", "");
   ASSERT_TRUE(repack(*lossless_, out, RepackOptions{}));
   EXPECT_EQ(folder_.files(), (std::vector<std::string>{"in.slf", "jpeg.slf", "out.slf"}));
-  // But not what is no field, nor what somebody is writing right now.
+  // But not what is no draft, nor what somebody is writing right now.
   std::filesystem::remove(out);
   write_text(out + ".repacking", "a diary");
   EXPECT_EQ(refusal(*lossless_, out, {}, "remove it"), ErrorCode::bad_file);
   EXPECT_EQ(file_text(out + ".repacking"), "a diary");
   std::filesystem::remove(out + ".repacking");
   std::filesystem::copy(jpeg_->path(), out + ".repacking");
+  EXPECT_EQ(refusal(*lossless_, out, {}, "is a complete field"), ErrorCode::usage);
+  std::filesystem::remove(out + ".repacking");
+  leave_draft();
   const auto other = storage::TileWriter::resume(out + ".repacking");
   ASSERT_TRUE(other);
   EXPECT_EQ(refusal(*lossless_, out, {}, "another process"), ErrorCode::failed);
