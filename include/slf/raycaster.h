@@ -21,7 +21,7 @@
 namespace slf {
 
 struct RaycastOptions {
-  double step = 0.7;  ///< distance between samples, in smallest voxel spacings; positive
+  double step = 2;  ///< distance between samples, in smallest voxel spacings; positive
   bool shade = true;
   /// World direction towards the light. LPS: above, in front and to the right of the patient.
   glm::dvec3 light{-0.45, -0.65, 0.6};
