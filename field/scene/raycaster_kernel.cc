@@ -47,9 +47,12 @@ struct RayBatch {
   // ends.
   alignas(64) std::int32_t cell[3][kBatch];
   alignas(64) std::int32_t brick[kBatch];
+  alignas(64) std::int32_t bit[kBatch];  // of the cell in RayGrid::visible_cells
   alignas(64) std::int32_t distance[kBatch];
   alignas(64) float from[kBatch];
   alignas(64) float to[kBatch];
+  alignas(64) float within[3][kBatch];  // the beginning in its cell, in voxels
+  alignas(64) float across[3][kBatch];  // from there to the end
 };
 
 /// Puts a ray into place i of the batch. False: it misses the visible box.
@@ -105,15 +108,17 @@ void move_ray(RayBatch& batch, std::size_t from, std::size_t to) {
   batch.depth[to] = batch.depth[from];
 }
 
-/// Finds each ray's brick.
+/// Finds each ray's brick, and its cell there.
 HWY_INLINE void find_bricks(const RayGrid& grid, RayBatch& batch) {
   for (std::size_t i = 0; i < batch.size; i += kLanes) {
-    Ints brick = hn::Zero(kInts);
-    for (int axis = 2; axis >= 0; --axis)
-      brick = brick * hn::Set(kInts, grid.bricks[axis]) +
-              hn::ShiftRightSame(hn::Load(kInts, batch.cell[axis] + i),
-                                 (kBrickShift + grid.cell_shift));
+    Ints brick = hn::Zero(kInts), bit = hn::Zero(kInts);
+    for (int axis = 2; axis >= 0; --axis) {
+      const Ints cell = hn::ShiftRightSame(hn::Load(kInts, batch.cell[axis] + i), grid.cell_shift);
+      brick = brick * hn::Set(kInts, grid.bricks[axis]) + hn::ShiftRight<kBrickShift>(cell);
+      bit = hn::ShiftLeft<kBrickShift>(bit) + hn::And(cell, hn::Set(kInts, kBrick - 1));
+    }
     hn::Store(brick, kInts, batch.brick + i);
+    hn::Store(bit, kInts, batch.bit + i);
   }
 }
 
@@ -145,9 +150,10 @@ HWY_INLINE Floats leaves(const RayBatch& batch, const CellRange& range, int axis
   return hn::IfThenElse(inverse == hn::Zero(kFloats), hn::Set(kFloats, 1e30f), t);
 }
 
-/// Finds where each ray's interval ends: where the ray leaves its cells, or before, so that
+/// Finds each ray's interval. It ends where the ray leaves its cells, or before, so that
 /// intervals in one cell have equal lengths of at most one step.
-HWY_INLINE void find_ends(const RayGrid& grid, RayBatch& batch) {
+HWY_INLINE void find_intervals(const RayGrid& grid, RayBatch& batch) {
+  const Floats scale = hn::Set(kFloats, grid.cell_shift ? 0.5f : 1.f);
   const Floats inverse_step = hn::Set(kFloats, static_cast<float>(1 / grid.step));
   for (std::size_t i = 0; i < batch.size; i += kLanes) {
     Floats to = hn::Load(kFloats, batch.end + i);
@@ -159,8 +165,16 @@ HWY_INLINE void find_ends(const RayGrid& grid, RayBatch& batch) {
     const auto divided =
         hn::And(steps > hn::Set(kFloats, 1.f),
                 hn::RebindMask(kFloats, hn::Load(kInts, batch.distance + i) == hn::Zero(kInts)));
-    hn::Store(hn::IfThenElse(divided, from + length / steps, hn::Max(from, to)), kFloats,
-              batch.to + i);
+    to = hn::IfThenElse(divided, from + length / steps, hn::Max(from, to));
+    hn::Store(to, kFloats, batch.to + i);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Floats delta = hn::Load(kFloats, batch.delta[axis] + i);
+      const Ints cell = hn::ShiftRightSame(hn::Load(kInts, batch.cell[axis] + i), grid.cell_shift);
+      const Floats at = hn::MulAdd(from, delta, hn::Load(kFloats, batch.start[axis] + i));
+      hn::Store(hn::MulSub(at, scale, hn::ConvertTo(kFloats, cell)), kFloats,
+                batch.within[axis] + i);
+      hn::Store((to - from) * delta * scale, kFloats, batch.across[axis] + i);
+    }
   }
 }
 
@@ -189,15 +203,6 @@ HWY_INLINE void advance(const RayGrid& grid, RayBatch& batch) {
     }
     hn::Store(from, kFloats, batch.from + i);
   }
-}
-
-/// Whether anything can be visible in ray i's interval.
-HWY_INLINE bool cell_visible(const RayGrid& grid, const RayBatch& batch, std::size_t i) {
-  const auto brick = static_cast<std::size_t>(batch.brick[i]);
-  unsigned cell = 0;
-  for (int axis = 2; axis >= 0; --axis)
-    cell = cell << 1 | static_cast<unsigned>(batch.cell[axis][i] >> grid.cell_shift & 1);
-  return batch.distance[i] == 0 && (grid.visible_cells[brick] >> cell & 1) != 0;
 }
 
 constexpr float kOpaque = 1 - 1.f / 256;
@@ -237,16 +242,14 @@ HWY_INLINE void add_sample(const RayGrid& grid, const RayBatch& batch, std::size
   const std::size_t s = samples.size++;
   int cell[3];
   std::size_t nearest = 0;
-  const float scale = grid.cell_shift ? 0.5f : 1.f;
   for (int axis = 2; axis >= 0; --axis) {
     const int part = batch.cell[axis][i];
-    cell[axis] = part >> grid.cell_shift;
-    nearest = nearest * static_cast<std::size_t>(grid.dims[axis]) +
-              static_cast<std::size_t>((part + 1) >> 1);
-    samples.cell[axis][s] = cell[axis];
-    samples.start[axis][s] = (batch.start[axis][i] + batch.from[i] * batch.delta[axis][i]) * scale -
-                             static_cast<float>(cell[axis]);
-    samples.across[axis][s] = (batch.to[i] - batch.from[i]) * batch.delta[axis][i] * scale;
+    samples.cell[axis][s] = cell[axis] = part >> grid.cell_shift;
+    samples.start[axis][s] = batch.within[axis][i];
+    samples.across[axis][s] = batch.across[axis][i];
+    if (grid.cell_shift)
+      nearest = nearest * static_cast<std::size_t>(grid.dims[axis]) +
+                static_cast<std::size_t>((part + 1) >> 1);
   }
   samples.length[s] = batch.to[i] - batch.from[i];
   samples.ray[s] = static_cast<std::uint8_t>(i);
@@ -279,11 +282,13 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
     find_bricks(grid, batch);
     for (std::size_t i = 0; i < batch.size; ++i)
       batch.distance[i] = grid.leap ? grid.distance[static_cast<std::size_t>(batch.brick[i])] : 0;
-    find_ends(grid, batch);
+    find_intervals(grid, batch);
     // Find what intervals in visible cells show.
     samples.size = 0;
     for (std::size_t i = 0; i < batch.size; ++i)
-      if (cell_visible(grid, batch, i)) add_sample<T, S, kLabels>(grid, batch, i, border, samples);
+      if (batch.distance[i] == 0 &&
+          (grid.visible_cells[static_cast<std::size_t>(batch.brick[i])] >> batch.bit[i] & 1) != 0)
+        add_sample<T, S, kLabels>(grid, batch, i, border, samples);
     find_opacity<S, kLabels>(grid, samples);
     if (lit)
       find_light(grid.light_volume, samples);

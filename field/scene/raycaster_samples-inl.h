@@ -20,7 +20,9 @@ namespace {
 
 /// An interval consists of pieces along which the position in the table counts as linear, so that
 /// the extinction of a piece is the mean of the table between its ends.
-constexpr int kPieces = 4;
+constexpr int kPieces = 3;
+/// Each piece is lit at several places, because normals change quickly below a surface.
+constexpr int kPoints = 3;
 constexpr std::size_t kMaxSamples = 64;
 
 /// Intervals in which a ray may see something, each in one cell of the volume, along which values
@@ -197,9 +199,13 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
     const Trilinear difference[3] = {trilinear(x0[0], x1[0]), trilinear(x0[1], x1[1]),
                                      trilinear(x0[2], x1[2])};
     Floats light = hn::Zero(kFloats);
-    for (int k = 0; k < kPieces; ++k) {
+    for (int point = 0; point < kPieces * kPoints; ++point) {
+      const int k = point / kPoints;
+      const float offset = (static_cast<float>(point % kPoints) + 0.5f) / kPoints - 0.5f;
+      const Floats place =
+          hn::Load(kFloats, samples.place[k] + i) + hn::Set(kFloats, offset / kPieces);
       Floats p[3];
-      find_position(samples, hn::Load(kFloats, samples.place[k] + i), i, p);
+      find_position(samples, place, i, p);
       const Floats d[3] = {difference[0](p), difference[1](p), difference[2](p)};
       // Transform the gradient to world coordinates.
       const auto& m = grid.gradient_to_world;
@@ -219,7 +225,7 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
       light = hn::MulAdd(hn::Load(kFloats, samples.share[k] + i), hn::NegMulAdd(dark, sure, one),
                          light);
     }
-    for (int c = 0; c < 3; ++c) hn::Store(light, kFloats, samples.light[c] + i);
+    for (int c = 0; c < 3; ++c) hn::Store(light * hn::Set(kFloats, 1.f / kPoints), kFloats, samples.light[c] + i);
   }
 }
 
