@@ -43,6 +43,11 @@ struct RayBatch {
   // The result so far, except its colour.
   alignas(64) float alpha[kBatch];
   alignas(64) float depth[kBatch];
+  // Of projections: the value so far, as a position in a row of the table, the row, and the length
+  // over which values were seen.
+  float value[kBatch];
+  std::int32_t row[kBatch];
+  float seen[kBatch];
   // Its next interval: the cell, or the cube of empty bricks around it, and where it begins and
   // ends.
   alignas(64) std::int32_t cell[3][kBatch];
@@ -89,6 +94,7 @@ bool start_ray(const RayGrid& grid, const Segment& segment, RayBatch& batch, std
   batch.first[i] = low;
   batch.length[i] = length;
   batch.alpha[i] = batch.depth[i] = 0;
+  batch.value[i] = batch.seen[i] = 0;
   return true;
 }
 
@@ -106,6 +112,9 @@ void move_ray(RayBatch& batch, std::size_t from, std::size_t to) {
   batch.ray[to] = batch.ray[from];
   batch.alpha[to] = batch.alpha[from];
   batch.depth[to] = batch.depth[from];
+  batch.value[to] = batch.value[from];
+  batch.row[to] = batch.row[from];
+  batch.seen[to] = batch.seen[from];
 }
 
 /// Finds each ray's brick, and its cell there.
@@ -207,6 +216,45 @@ HWY_INLINE void advance(const RayGrid& grid, RayBatch& batch) {
 
 constexpr float kOpaque = 1 - 1.f / 256;
 
+/// Adds the values of sample s that can be visible to the projection of its ray.
+template <class S>
+void project(const RayGrid& grid, const Samples<S>& samples, std::size_t s, RayBatch& batch) {
+  const std::size_t i = samples.ray[s];
+  for (int k = 0; k <= kPieces; ++k) {
+    const float value = samples.value[k][s];
+    const auto entry = samples.row[s] + static_cast<std::int32_t>(value + 0.5f);
+    if (!(grid.table.extinctions[static_cast<std::size_t>(entry)] > 0)) continue;
+    const float t = batch.from[i] + samples.length[s] * static_cast<float>(k) / kPieces;
+    if (grid.projection == Projection::mean) {
+      // The trapezoidal rule.
+      const float length =
+          samples.length[s] * (k == 0 || k == kPieces ? 0.5f / kPieces : 1.f / kPieces);
+      batch.value[i] += length * value;
+      batch.depth[i] += length * t;
+      batch.seen[i] += length;
+      batch.row[i] = samples.row[s];
+    } else if (batch.seen[i] == 0 ||
+               (grid.projection == Projection::minimum ? value < batch.value[i]
+                                                       : value > batch.value[i])) {
+      batch.value[i] = value;
+      batch.depth[i] = t;
+      batch.seen[i] = 1;
+      batch.row[i] = samples.row[s];
+    }
+  }
+}
+
+/// Ends the projection of ray i: it shows the colour of the value.
+void finish_projection(const RayGrid& grid, RayBatch& batch, std::size_t i, RaySample& sample) {
+  if (!(batch.seen[i] > 0)) return;
+  const auto entry = static_cast<std::size_t>(
+      batch.row[i] + static_cast<std::int32_t>(batch.value[i] / batch.seen[i] + 0.5f));
+  const auto opacity = static_cast<float>(opacity_of(grid.table, grid.table.extinctions[entry]));
+  for (int c = 0; c < 3; ++c) sample.rgba[c] = opacity * grid.table.colors[entry][c];
+  batch.depth[i] *= opacity / batch.seen[i];
+  batch.alpha[i] = opacity;
+}
+
 /// Removes the rays that have ended, and replaces them by new rays or by the batch's last ones.
 void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::size_t& next,
                       RayBatch& batch, std::span<RaySample> out) {
@@ -222,6 +270,7 @@ void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::s
     for (std::size_t i = std::min(begin + kLanes, batch.size); i-- > begin;) {
       if (!finished(i)) continue;
       RaySample& sample = out[batch.ray[i]];
+      if (grid.projection != Projection::none) finish_projection(grid, batch, i, sample);
       sample.rgba.a = batch.alpha[i];
       if (sample.rgba.a > 0)
         sample.depth = static_cast<float>(std::clamp(
@@ -296,6 +345,10 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
       shade(grid, samples);
     // Composite front to back.
     for (std::size_t s = 0; s < samples.size; ++s) {
+      if (grid.projection != Projection::none) {
+        project(grid, samples, s, batch);
+        continue;
+      }
       if (!(samples.opacity[s] > 0)) continue;
       const std::size_t i = samples.ray[s];
       const float left = 1 - batch.alpha[i];

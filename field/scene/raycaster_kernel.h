@@ -55,6 +55,8 @@ struct RayGrid {
   glm::dvec3 visible_high{0.0};
   bool leap = true;
 
+  Projection projection = Projection::none;
+
   /// If there is a light volume, it alone lights the samples, and table.colors are albedos.
   LightGrid light_volume;
   bool shade = true;

@@ -37,6 +37,8 @@ struct Samples {
   alignas(64) std::int32_t cell[3][kMaxSamples];
   alignas(64) std::int32_t row[kMaxSamples];  // where the row of its structure begins in the table
   std::uint8_t ray[kMaxSamples];              // in the batch
+  // Positions in the row, at the ends of the pieces.
+  alignas(64) float value[kPieces + 1][kMaxSamples];
   // What the interval adds to the light that enters it, of which each piece adds a share.
   alignas(64) float opacity[kMaxSamples];
   alignas(64) float center[kMaxSamples];  // opacity-weighted mean position, 0 to 1
@@ -130,6 +132,7 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
         entry = hn::Min(hn::Max(hn::ConvertTo(kInts, at[k]), entry), last);
       }
       within[k] = at[k] - hn::ConvertTo(kFloats, entry);
+      hn::Store(at[k], kFloats, samples.value[k] + i);
       hn::Store(hn::Min(entry + row, end), kInts, entries[k]);
     }
     // Both floats of an entry at once, lane by lane: faster than two gathers.
@@ -176,8 +179,8 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
 }
 
 /// Lights samples by ambient and Lambertian light, piece by piece, because normals change quickly
-/// below a surface. The normal is the trilinear
-/// interpolation of central differences, so it has no facets.
+/// below a surface. The normal is the trilinear interpolation of central differences, so it has no
+/// facets.
 template <class S>
 HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
   const Floats one = hn::Set(kFloats, 1.f);
@@ -225,7 +228,8 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
       light = hn::MulAdd(hn::Load(kFloats, samples.share[k] + i), hn::NegMulAdd(dark, sure, one),
                          light);
     }
-    for (int c = 0; c < 3; ++c) hn::Store(light * hn::Set(kFloats, 1.f / kPoints), kFloats, samples.light[c] + i);
+    for (int c = 0; c < 3; ++c)
+      hn::Store(light * hn::Set(kFloats, 1.f / kPoints), kFloats, samples.light[c] + i);
   }
 }
 

@@ -96,6 +96,9 @@ Result<void> check_options(const RaycastOptions& options) {
     return fail(ErrorCode::usage, "light: expected a direction, not zero and finite");
   if (!(options.ambient >= 0 && options.ambient <= 1))
     return fail(ErrorCode::usage, "ambient ", options.ambient, ": expected 0 to 1");
+  if (options.projection != Projection::none &&
+      (options.shade || options.lighting.mode != Lighting::direct))
+    return fail(ErrorCode::usage, "a projection shows values, to which light does not apply");
   return options.lighting.mode == Lighting::direct ? Result<void>() : check_light(options.lighting);
 }
 
@@ -117,6 +120,10 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   grid.unit = min_spacing;
   grid.step = options.step;
 
+  if (v.labels && options.projection != Projection::none)
+    return fail(ErrorCode::usage, v.source,
+                ": a projection needs amounts, but this volume holds labels");
+  grid.projection = options.projection;
   grid.labels = v.labels;
   float contrast = 1;
   if (v.labels) {
