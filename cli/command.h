@@ -272,6 +272,7 @@ struct SourceArguments {
   RaycastOptions raycast;
   std::vector<double> light;  // empty: the default
   bool no_shade = false;
+  double longest_step = 100;  // of rays, whatever `raycast` and the provenance say
   std::string light_rig;    // empty: the default
   std::string environment;  // empty: the rig's sky
   std::string light_file;   // empty: none

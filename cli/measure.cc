@@ -270,6 +270,7 @@ void add_evaluate(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "evaluate", "Quality: PSNR and SSIM of random views against the ray-cast truth");
   auto a = std::make_shared<EvaluateArguments>();
+  a->source.longest_step = 0.5;  // the truth has finer rays than fields need
   command->add_option("FIELD", a->field, "Field to evaluate")->type_name(kFieldFile)->required();
   a->source.add_volume_to(*command, "--volume");
   command->get_option("--transfer")

@@ -136,10 +136,21 @@ void SourceArguments::add_raw_to(CLI::App& command) {
 void SourceArguments::add_light_to(CLI::App& command) {
   const char* group = "Light";
   command
-      .add_option("--step", raycast.step, "Distance between samples, in smallest voxel spacings")
+      .add_option("--step", raycast.step,
+                  "Longest part of a ray that is one sample, in smallest voxel spacings; at most\n"
+                  "one cell of the volume")
       ->check(above(0.01, 100))
       ->group(group)
       ->capture_default_str();
+  auto* projection =
+      choose(command.add_option("--projection", raycast.projection,
+                                "Show one value of each ray, unlit: the greatest (mip), the least\n"
+                                "(minip) or the mean of those with opacity"),
+             Choices<Projection>{{"mip", Projection::maximum},
+                                 {"minip", Projection::minimum},
+                                 {"mean", Projection::mean}})
+          ->type_name("TEXT")
+          ->group(group);
   add_vector(command, "--light", light,
              "World direction towards the light (LPS); "
              "default: above, in front, to the patient's right")
@@ -151,15 +162,17 @@ void SourceArguments::add_light_to(CLI::App& command) {
   command.add_flag("--no-shade", no_shade, "Colours as in the transfer function, unlit")
       ->group(group);
   LightOptions& lighting = raycast.lighting;
-  choose(command.add_option("--lighting", lighting.mode,
-                            "direct: one light without shadows; shadowed: a rig of lights and its\n"
-                            "surroundings, with shadows; global: scattered light as well"),
-         Choices<Lighting>{{"direct", Lighting::direct},
-                           {"shadowed", Lighting::shadowed},
-                           {"global", Lighting::global}})
-      ->type_name("TEXT")
-      ->group(group)
-      ->default_str("direct");
+  auto* mode = choose(command.add_option(
+                          "--lighting", lighting.mode,
+                          "direct: one light without shadows; shadowed: a rig of lights and its\n"
+                          "surroundings, with shadows; global: scattered light as well"),
+                      Choices<Lighting>{{"direct", Lighting::direct},
+                                        {"shadowed", Lighting::shadowed},
+                                        {"global", Lighting::global}})
+                   ->type_name("TEXT")
+                   ->group(group)
+                   ->default_str("direct");
+  mode->excludes(projection);
   std::string names;
   for (const LightRig& rig : built_in_rigs()) names += (names.empty() ? "" : ", ") + rig.name;
   command
@@ -312,7 +325,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   if (input.starts_with(kScenePrefix))
     return make_analytic_scene(std::string_view(input).substr(kScenePrefix.size()));
   RaycastOptions options = raycast;
-  options.shade = !no_shade;
+  options.shade = !no_shade && options.projection == Projection::none;
   std::optional<TransferPreset> preset;
   const auto built = provenance ? nlohmann::json::parse(*provenance) : nlohmann::json::object();
   if (text_of(built, "kind", "") == "volume") {
@@ -332,6 +345,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
       if (parts.contains(member) && path->empty())
         return fail(ErrorCode::usage, "the field was built with ", option, "; name it again");
   }
+  options.step = std::min(options.step, longest_step);
   if (auto ok = set_light(options); !ok) return tl::unexpected(ok.error());
   // Read the small file first, so that an error in it is found before a large volume is read.
   if (!transfer.empty()) {

@@ -69,7 +69,7 @@ void load(const RayGrid& grid, const glm::ivec3& first, bool visible, float* to)
             // Negative values become numbers beyond the table.
             // NOLINTNEXTLINE(bugprone-signed-char-misuse)
             const auto label = static_cast<std::size_t>(voxel);
-            *to++ = label < grid.table.opacities.size() && grid.table.opacities[label] > 0;
+            *to++ = label < grid.table.extinctions.size() && grid.table.extinctions[label] > 0;
           } else {
             *to++ = static_cast<float>(voxel);
           }
@@ -119,9 +119,8 @@ Medium::Medium(const RayGrid& grid)
     : grid_(grid), index_to_world_(glm::inverse(grid.world_to_index)) {
   for (int axis = 0; axis < 3; ++axis)
     smallest_spacing_ = std::min(smallest_spacing_, glm::length(index_to_world_[axis]));
-  constexpr float kMaxOpacity = 1 - 1.f / 4096;  // of a step; 1 would give an infinite depth
-  for (const float opacity : grid.table.opacities) {
-    const double extinction = -std::log1p(-std::min(opacity, kMaxOpacity)) / grid.step;
+  for (const float per_spacing : grid.table.extinctions) {
+    const double extinction = per_spacing / smallest_spacing_;
     extinctions_.push_back(static_cast<float>(extinction));
     surfaces_.push_back(static_cast<float>(-std::expm1(-2 * smallest_spacing_ * extinction)));
     const glm::vec3 color(grid.table.colors[ray_colors_.size()]);
@@ -168,7 +167,7 @@ void Medium::find_majorants() {
           continue;
         }
         for (const float voxel : voxels)
-          if (const auto label = static_cast<std::size_t>(voxel); label <= last)
+          if (const auto label = static_cast<std::size_t>(voxel); label < extinctions_.size())
             majorants_[number] = std::max(majorants_[number], extinctions_[label]);
       }
 }

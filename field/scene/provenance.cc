@@ -14,6 +14,7 @@ namespace {
 
 using nlohmann::json;
 
+constexpr const char* kProjections[] = {"none", "mip", "minip", "mean"};
 constexpr const char* kModes[] = {"direct", "shadowed", "global"};
 constexpr const char* kCurves[] = {"neutral", "srgb", "none"};
 
@@ -100,6 +101,8 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
            {"spacing", {volume.spacing().x, volume.spacing().y, volume.spacing().z}},
            {"transfer", json::parse(to_json(transfer))},
            {"step", options.step}};
+  if (options.projection != Projection::none)
+    out["projection"] = kProjections[static_cast<std::size_t>(options.projection)];
   if (options.lighting.mode != Lighting::direct) {
     out["lighting"] = describe(options.lighting);
   } else {
@@ -122,7 +125,7 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
 
 std::string light_key(const std::string& provenance) {
   json key = json::parse(provenance);
-  key.erase("source");
+  for (const char* member : {"source", "step"}) key.erase(member);
   if (const auto lighting = key.find("lighting"); lighting != key.end())
     for (const char* shown : {"linear", "tone"}) lighting->erase(shown);
   return key.dump();
@@ -134,6 +137,7 @@ RaycastOptions raycast_options(std::string_view text) {
   if (!provenance.is_object()) return options;
   number(provenance, "step", options.step);
   number(provenance, "ambient", options.ambient);
+  options.projection = choice(provenance, "projection", kProjections, options.projection);
   const json shade = provenance.value("shade", json());
   if (shade.is_boolean()) options.shade = shade.get<bool>();
   const json light = provenance.value("light", json());

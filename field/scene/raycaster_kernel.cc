@@ -12,81 +12,89 @@
 #include <hwy/highway.h>
 
 #include "field/scene/raycaster_rows-inl.h"
-#include "field/scene/raycaster_shading-inl.h"
+#include "field/scene/raycaster_samples-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace slf {
 namespace HWY_NAMESPACE {
 namespace {
 
-// kBatch rays advance together, by one sample per pass. A pass alternates between two kinds of
-// short loops over the batch: vector arithmetic, and look-ups lane by lane. So neither waits for
+// kBatch rays advance together, by one interval per pass. An interval lies in one cell of the
+// volume, along which the value is a cubic polynomial: so no sample falls between two others, and
+// neighbouring rays differ by no more than their positions do. A pass alternates between two kinds
+// of short loops over the batch: vector arithmetic, and look-ups lane by lane. So neither waits for
 // the other, and their data stay in the first-level cache. Lanes do not mix: a ray's sample does
 // not depend on the other rays.
 constexpr std::size_t kBatch = 64;
-static_assert(kBatch % kLanes == 0 && kHits >= 2 * kBatch);
+static_assert(kBatch % kLanes == 0 && kMaxSamples == kBatch);
 
 /// The rays that are being traced. Ray i of the batch is element i of each array. Positions are in
-/// voxel indices.
+/// cells, lengths in units of the grid.
 struct RayBatch {
   std::size_t size = 0;
-  // The ray: sample k of `count` is at start + k·delta.
+  // The ray: t from its start is at start + t·delta, up to t = end.
   alignas(64) float start[3][kBatch];
   alignas(64) float delta[3][kBatch];
-  alignas(64) float inverse[3][kBatch];
-  alignas(64) std::int32_t k[kBatch];
-  alignas(64) std::int32_t count[kBatch];
-  double first[kBatch];  // distance of sample 0 from the ray's beginning, in steps
-  double steps[kBatch];  // length of the ray in steps
+  alignas(64) float inverse[3][kBatch];  // 0: parallel to the faces of this axis
+  alignas(64) float end[kBatch];
+  double first[kBatch];   // distance of the start from the ray's beginning
+  double length[kBatch];  // of the whole ray
   std::size_t ray[kBatch];
   // The result so far, except its colour.
   alignas(64) float alpha[kBatch];
   alignas(64) float depth[kBatch];
-  // Its next sample.
+  // Of projections: the value so far, as a position in a row of the table, the row, and the length
+  // over which values were seen.
+  float value[kBatch];
+  std::int32_t row[kBatch];
+  float seen[kBatch];
+  // Its next interval: the cell, or the cube of empty bricks around it, and where it begins and
+  // ends.
   alignas(64) std::int32_t cell[3][kBatch];
-  alignas(64) float within[3][kBatch];
   alignas(64) std::int32_t brick[kBatch];
+  alignas(64) std::int32_t bit[kBatch];  // of the cell in RayGrid::visible_cells
   alignas(64) std::int32_t distance[kBatch];
-  alignas(64) std::int32_t entry[kBatch];
+  alignas(64) float from[kBatch];
+  alignas(64) float to[kBatch];
+  alignas(64) float within[3][kBatch];  // the beginning in its cell, in voxels
+  alignas(64) float across[3][kBatch];  // from there to the end
 };
 
 /// Puts a ray into place i of the batch. False: it misses the visible box.
 bool start_ray(const RayGrid& grid, const Segment& segment, RayBatch& batch, std::size_t i) {
-  // Find the range of steps inside the visible box.
-  const double length = glm::distance(segment.from, segment.to);
+  const double length = glm::distance(segment.from, segment.to) / grid.unit;
   if (!(length > 0)) return false;
   const glm::dvec3 a = grid.world_to_index * (segment.from - grid.origin);
-  const glm::dvec3 delta = grid.world_to_index * (segment.to - segment.from) * (grid.step / length);
-  double low = 0, high = length / grid.step;
-  batch.steps[i] = high;
+  const glm::dvec3 delta = grid.world_to_index * (segment.to - segment.from) / length;
+  const double cells_per_voxel = 1 << grid.cell_shift;
+  double low = 0, high = length;
   for (int axis = 0; axis < 3; ++axis) {
     const double from_low = grid.visible_low[axis] - a[axis];
     const double from_high = grid.visible_high[axis] - a[axis];
     if (std::abs(delta[axis]) < 1e-12) {
       if (from_low > 0 || from_high < 0) return false;
-      batch.inverse[axis][i] = std::numeric_limits<float>::lowest();  // as leap() requires
+      batch.inverse[axis][i] = 0;
       continue;
     }
     const double inverse = 1 / delta[axis];
     const double t0 = from_low * inverse, t1 = from_high * inverse;
     low = std::max(low, std::min(t0, t1));
     high = std::min(high, std::max(t0, t1));
-    batch.inverse[axis][i] = static_cast<float>(inverse);
+    batch.inverse[axis][i] = static_cast<float>(inverse / cells_per_voxel);
   }
   if (!(low < high)) return false;
-  // Sample k of the whole ray is at k + 0.5 steps. The box only selects samples, it moves none.
-  const double first = std::ceil(low - 0.5);
-  const double count = std::floor(high - 0.5) + 1 - first;
-  if (!(count > 0)) return false;
-  const glm::dvec3 start = a + delta * (first + 0.5);
   for (int axis = 0; axis < 3; ++axis) {
-    batch.start[axis][i] = static_cast<float>(start[axis]);
-    batch.delta[axis][i] = static_cast<float>(delta[axis]);
+    const double start = cells_per_voxel * (a[axis] + low * delta[axis]);
+    batch.start[axis][i] = static_cast<float>(start);
+    batch.delta[axis][i] = static_cast<float>(cells_per_voxel * delta[axis]);
+    batch.cell[axis][i] = std::clamp(static_cast<int>(start), 0, grid.cells[axis] - 1);
   }
-  batch.k[i] = 0;
-  batch.count[i] = static_cast<std::int32_t>(std::min(count, 1e9));
-  batch.first[i] = first + 0.5;
+  batch.end[i] = static_cast<float>(high - low);
+  batch.from[i] = 0;
+  batch.first[i] = low;
+  batch.length[i] = length;
   batch.alpha[i] = batch.depth[i] = 0;
+  batch.value[i] = batch.seen[i] = 0;
   return true;
 }
 
@@ -95,124 +103,178 @@ void move_ray(RayBatch& batch, std::size_t from, std::size_t to) {
     batch.start[axis][to] = batch.start[axis][from];
     batch.delta[axis][to] = batch.delta[axis][from];
     batch.inverse[axis][to] = batch.inverse[axis][from];
+    batch.cell[axis][to] = batch.cell[axis][from];
   }
-  batch.k[to] = batch.k[from];
-  batch.count[to] = batch.count[from];
+  batch.from[to] = batch.from[from];
+  batch.end[to] = batch.end[from];
   batch.first[to] = batch.first[from];
-  batch.steps[to] = batch.steps[from];
+  batch.length[to] = batch.length[from];
   batch.ray[to] = batch.ray[from];
   batch.alpha[to] = batch.alpha[from];
   batch.depth[to] = batch.depth[from];
+  batch.value[to] = batch.value[from];
+  batch.row[to] = batch.row[from];
+  batch.seen[to] = batch.seen[from];
 }
 
-/// Finds each ray's next sample: its cell, the position in the cell, and the brick.
-HWY_INLINE void locate(const RayGrid& grid, RayBatch& batch) {
-  const Ints zero = hn::Zero(kInts);
+/// Finds each ray's brick, and its cell there.
+HWY_INLINE void find_bricks(const RayGrid& grid, RayBatch& batch) {
   for (std::size_t i = 0; i < batch.size; i += kLanes) {
-    const Floats k = hn::ConvertTo(kFloats, hn::Load(kInts, batch.k + i));
-    Ints brick = zero;
+    Ints brick = hn::Zero(kInts), bit = hn::Zero(kInts);
     for (int axis = 2; axis >= 0; --axis) {
-      const Floats p = hn::MulAdd(k, hn::Load(kFloats, batch.delta[axis] + i),
-                                  hn::Load(kFloats, batch.start[axis] + i));
-      // Rounding may move a sample out of the box; clamp, so that every access is in the volume.
-      const Ints cell =
-          hn::Min(hn::Max(hn::ConvertTo(kInts, p), zero), hn::Set(kInts, grid.dims[axis] - 2));
-      hn::Store(cell, kInts, batch.cell[axis] + i);
-      hn::Store(p - hn::ConvertTo(kFloats, cell), kFloats, batch.within[axis] + i);
+      const Ints cell = hn::ShiftRightSame(hn::Load(kInts, batch.cell[axis] + i), grid.cell_shift);
       brick = brick * hn::Set(kInts, grid.bricks[axis]) + hn::ShiftRight<kBrickShift>(cell);
+      bit = hn::ShiftLeft<kBrickShift>(bit) + hn::And(cell, hn::Set(kInts, kBrick - 1));
     }
     hn::Store(brick, kInts, batch.brick + i);
+    hn::Store(bit, kInts, batch.bit + i);
   }
 }
 
-/// Advances each ray to its next sample or, if its brick is empty, by as many steps as stay inside
-/// the empty cube of bricks around it.
-HWY_INLINE void advance(RayBatch& batch) {
+/// The cells from `low` to `high`, exclusive, along an axis: one or, in empty space, those of the
+/// cube of empty bricks.
+struct CellRange {
+  Ints low, high;
+};
+HWY_INLINE CellRange cell_range(const RayGrid& grid, const RayBatch& batch, int axis,
+                                std::size_t i) {
   const Ints one = hn::Set(kInts, 1);
+  const Ints cell = hn::Load(kInts, batch.cell[axis] + i);
+  const Ints distance = hn::Load(kInts, batch.distance + i);
+  const Ints brick = hn::ShiftRightSame(cell, (kBrickShift + grid.cell_shift));
+  const auto empty = distance > hn::Zero(kInts);
+  return {
+      hn::IfThenElse(
+          empty, hn::ShiftLeftSame(brick - distance + one, (kBrickShift + grid.cell_shift)), cell),
+      hn::IfThenElse(empty, hn::ShiftLeftSame(brick + distance, (kBrickShift + grid.cell_shift)),
+                     cell + one)};
+}
+
+/// Where each ray leaves its range of cells through a face of this axis.
+HWY_INLINE Floats leaves(const RayBatch& batch, const CellRange& range, int axis, std::size_t i) {
+  const Floats inverse = hn::Load(kFloats, batch.inverse[axis] + i);
+  const auto up = hn::RebindMask(kInts, inverse > hn::Zero(kFloats));
+  const Floats face = hn::ConvertTo(kFloats, hn::IfThenElse(up, range.high, range.low));
+  const Floats t = (face - hn::Load(kFloats, batch.start[axis] + i)) * inverse;
+  return hn::IfThenElse(inverse == hn::Zero(kFloats), hn::Set(kFloats, 1e30f), t);
+}
+
+/// Finds each ray's interval. It ends where the ray leaves its cells, or before, so that
+/// intervals in one cell have equal lengths of at most one step.
+HWY_INLINE void find_intervals(const RayGrid& grid, RayBatch& batch) {
+  const Floats scale = hn::Set(kFloats, grid.cell_shift ? 0.5f : 1.f);
+  const Floats inverse_step = hn::Set(kFloats, static_cast<float>(1 / grid.step));
   for (std::size_t i = 0; i < batch.size; i += kLanes) {
-    const Ints distance = hn::Load(kInts, batch.distance + i);
-    Floats steps = hn::Set(kFloats, 1e9f);
+    Floats to = hn::Load(kFloats, batch.end + i);
+    for (int axis = 0; axis < 3; ++axis)
+      to = hn::Min(to, leaves(batch, cell_range(grid, batch, axis, i), axis, i));
+    const Floats from = hn::Load(kFloats, batch.from + i);
+    const Floats length = hn::Max(to - from, hn::Zero(kFloats));
+    const Floats steps = hn::Ceil(length * inverse_step - hn::Set(kFloats, 1e-3f));
+    const auto divided =
+        hn::And(steps > hn::Set(kFloats, 1.f),
+                hn::RebindMask(kFloats, hn::Load(kInts, batch.distance + i) == hn::Zero(kInts)));
+    to = hn::IfThenElse(divided, from + length / steps, hn::Max(from, to));
+    hn::Store(to, kFloats, batch.to + i);
     for (int axis = 0; axis < 3; ++axis) {
-      const Ints cell = hn::Load(kInts, batch.cell[axis] + i);
-      const Floats within = hn::Load(kFloats, batch.within[axis] + i);
-      const Floats inverse = hn::Load(kFloats, batch.inverse[axis] + i);
-      const Ints brick = hn::ShiftRight<kBrickShift>(cell);
-      const auto up = hn::RebindMask(kInts, inverse > hn::Zero(kFloats));
-      const Ints edge = hn::IfThenElse(up, brick + distance, brick - distance + one);
-      const Ints cells = hn::ShiftLeft<kBrickShift>(edge) - cell;
-      steps = hn::Min(steps, (hn::ConvertTo(kFloats, cells) - within) * inverse);
+      const Floats delta = hn::Load(kFloats, batch.delta[axis] + i);
+      const Ints cell = hn::ShiftRightSame(hn::Load(kInts, batch.cell[axis] + i), grid.cell_shift);
+      const Floats at = hn::MulAdd(from, delta, hn::Load(kFloats, batch.start[axis] + i));
+      hn::Store(hn::MulSub(at, scale, hn::ConvertTo(kFloats, cell)), kFloats,
+                batch.within[axis] + i);
+      hn::Store((to - from) * delta * scale, kFloats, batch.across[axis] + i);
     }
-    const auto leaps = distance > hn::Zero(kInts);
-    const Ints by = hn::IfThenElse(leaps, hn::Max(one, hn::ConvertTo(kInts, steps)), one);
-    hn::Store(hn::Load(kInts, batch.k + i) + by, kInts, batch.k + i);
   }
 }
 
-/// The table index of each value, which is trilinear between the eight voxels of the cell.
-template <class T>
-HWY_INLINE void find_entries(const TransferTable& table, const Row<T> (&rows)[4][kBatch],
-                             RayBatch& batch) {
-  const auto last = static_cast<std::int32_t>(table.entries) - 1;
+/// Moves each ray to the end of its interval, and from there into the next cell if it ends there.
+HWY_INLINE void advance(const RayGrid& grid, RayBatch& batch) {
   for (std::size_t i = 0; i < batch.size; i += kLanes) {
-    const Floats fx = hn::Load(kFloats, batch.within[0] + i);
-    const Floats fy = hn::Load(kFloats, batch.within[1] + i);
-    const Floats fz = hn::Load(kFloats, batch.within[2] + i);
-    Floats along_x[4];
-    for (int r = 0; r < 4; ++r) {
-      const Columns c = load_columns(rows[r] + i);
-      along_x[r] = lerp(c.x1, c.x2, fx);
+    const Floats to = hn::Load(kFloats, batch.to + i);
+    Floats from = to;
+    for (int axis = 0; axis < 3; ++axis) {
+      const CellRange range = cell_range(grid, batch, axis, i);
+      const auto ends = hn::RebindMask(kInts, leaves(batch, range, axis, i) <= to);
+      const auto up =
+          hn::RebindMask(kInts, hn::Load(kFloats, batch.inverse[axis] + i) > hn::Zero(kFloats));
+      const Ints one = hn::Set(kInts, 1);
+      const Ints at = hn::ConvertTo(kInts, hn::MulAdd(to, hn::Load(kFloats, batch.delta[axis] + i),
+                                                      hn::Load(kFloats, batch.start[axis] + i)));
+      const Ints inside = hn::Min(hn::Max(at, range.low), range.high - one);
+      const Ints cell =
+          hn::IfThenElse(ends, hn::IfThenElse(up, range.high, range.low - one), inside);
+      // Rounding may move a ray out of the volume just before its end.
+      const Ints last = hn::Set(kInts, grid.cells[axis] - 1);
+      const auto outside = hn::Or(cell<hn::Zero(kInts), cell> last);
+      from =
+          hn::IfThenElse(hn::RebindMask(kFloats, outside), hn::Load(kFloats, batch.end + i), from);
+      hn::Store(hn::Min(hn::Max(cell, hn::Zero(kInts)), last), kInts, batch.cell[axis] + i);
     }
-    const Floats value =
-        lerp(lerp(along_x[0], along_x[1], fy), lerp(along_x[2], along_x[3], fy), fz);
-    Ints entry;
-    if (table.logarithmic) {
-      const Ints bits = hn::BitCast(kInts, value);
-      const Ints int_min = hn::Set(kInts, std::numeric_limits<std::int32_t>::min());
-      const Ints ordered = hn::IfThenElse(bits < hn::Zero(kInts), int_min - bits, bits);
-      const auto key = hn::BitCast(
-          kWords, hn::Max(ordered, hn::Set(kInts, table.low_key)) - hn::Set(kInts, table.low_key));
-      entry = hn::BitCast(kInts, hn::Min(hn::ShiftRightSame(key, table.shift),
-                                         hn::Set(kWords, static_cast<std::uint32_t>(last))));
-    } else {
-      const Floats at = hn::MulAdd(value - hn::Set(kFloats, table.low),
-                                   hn::Set(kFloats, table.scale), hn::Set(kFloats, 0.5f));
-      const Floats last_entry = hn::Set(kFloats, static_cast<float>(last));
-      entry = hn::ConvertTo(kInts, hn::Min(hn::Max(at, hn::Zero(kFloats)), last_entry));
-    }
-    hn::Store(entry, kInts, batch.entry + i);
+    hn::Store(from, kFloats, batch.from + i);
   }
-}
-
-/// Moves the entry of ray i's sample to the row of its structure.
-HWY_INLINE void find_row(const RayGrid& grid, RayBatch& batch, std::size_t i) {
-  std::size_t voxel = 0;
-  for (int axis = 2; axis >= 0; --axis)
-    voxel = voxel * static_cast<std::size_t>(grid.dims[axis]) +
-            static_cast<std::size_t>(batch.cell[axis][i] + (batch.within[axis][i] >= 0.5f));
-  batch.entry[i] += grid.rows[voxel] * static_cast<std::int32_t>(grid.table.entries);
 }
 
 constexpr float kOpaque = 1 - 1.f / 256;
+
+/// Adds the values of sample s that can be visible to the projection of its ray.
+template <class S>
+void project(const RayGrid& grid, const Samples<S>& samples, std::size_t s, RayBatch& batch) {
+  const std::size_t i = samples.ray[s];
+  for (int k = 0; k <= kPieces; ++k) {
+    const float value = samples.value[k][s];
+    const auto entry = samples.row[s] + static_cast<std::int32_t>(value + 0.5f);
+    if (!(grid.table.extinctions[static_cast<std::size_t>(entry)] > 0)) continue;
+    const float t = batch.from[i] + samples.length[s] * static_cast<float>(k) / kPieces;
+    if (grid.projection == Projection::mean) {
+      // The trapezoidal rule.
+      const float length =
+          samples.length[s] * (k == 0 || k == kPieces ? 0.5f / kPieces : 1.f / kPieces);
+      batch.value[i] += length * value;
+      batch.depth[i] += length * t;
+      batch.seen[i] += length;
+      batch.row[i] = samples.row[s];
+    } else if (batch.seen[i] == 0 ||
+               (grid.projection == Projection::minimum ? value < batch.value[i]
+                                                       : value > batch.value[i])) {
+      batch.value[i] = value;
+      batch.depth[i] = t;
+      batch.seen[i] = 1;
+      batch.row[i] = samples.row[s];
+    }
+  }
+}
+
+/// Ends the projection of ray i: it shows the colour of the value.
+void finish_projection(const RayGrid& grid, RayBatch& batch, std::size_t i, RaySample& sample) {
+  if (!(batch.seen[i] > 0)) return;
+  const auto entry = static_cast<std::size_t>(
+      batch.row[i] + static_cast<std::int32_t>(batch.value[i] / batch.seen[i] + 0.5f));
+  const auto opacity = static_cast<float>(opacity_of(grid.table, grid.table.extinctions[entry]));
+  for (int c = 0; c < 3; ++c) sample.rgba[c] = opacity * grid.table.colors[entry][c];
+  batch.depth[i] *= opacity / batch.seen[i];
+  batch.alpha[i] = opacity;
+}
 
 /// Removes the rays that have ended, and replaces them by new rays or by the batch's last ones.
 void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::size_t& next,
                       RayBatch& batch, std::span<RaySample> out) {
   const auto finished = [&](std::size_t i) {
-    return batch.k[i] >= batch.count[i] || batch.alpha[i] > kOpaque;
+    return batch.from[i] >= batch.end[i] || batch.alpha[i] > kOpaque;
   };
   // Backwards, so that a ray that moves down was checked before.
   for (std::size_t group = (batch.size + kLanes - 1) / kLanes; group-- > 0;) {
     const std::size_t begin = group * kLanes;
-    const auto going = hn::Load(kInts, batch.count + begin) > hn::Load(kInts, batch.k + begin);
+    const auto going = hn::Load(kFloats, batch.end + begin) > hn::Load(kFloats, batch.from + begin);
     const auto opaque = hn::Load(kFloats, batch.alpha + begin) > hn::Set(kFloats, kOpaque);
-    if (hn::AllTrue(kInts, hn::AndNot(hn::RebindMask(kInts, opaque), going))) continue;
+    if (hn::AllTrue(kFloats, hn::AndNot(opaque, going))) continue;
     for (std::size_t i = std::min(begin + kLanes, batch.size); i-- > begin;) {
       if (!finished(i)) continue;
       RaySample& sample = out[batch.ray[i]];
+      if (grid.projection != Projection::none) finish_projection(grid, batch, i, sample);
       sample.rgba.a = batch.alpha[i];
       if (sample.rgba.a > 0)
         sample.depth = static_cast<float>(std::clamp(
-            (batch.first[i] + batch.depth[i] / batch.alpha[i]) / batch.steps[i], 0.0, 1.0));
+            (batch.first[i] + batch.depth[i] / batch.alpha[i]) / batch.length[i], 0.0, 1.0));
       while (next < rays.size() && !start_ray(grid, rays[next], batch, i)) ++next;
       if (next < rays.size())
         batch.ray[i] = next++;
@@ -222,99 +284,88 @@ void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::s
   }
 }
 
+/// Copies ray i's interval to the samples.
+template <class T, class S, bool kLabels>
+HWY_INLINE void add_sample(const RayGrid& grid, const RayBatch& batch, std::size_t i, T* border,
+                           Samples<S>& samples) {
+  const std::size_t s = samples.size++;
+  int cell[3];
+  std::size_t nearest = 0;
+  for (int axis = 2; axis >= 0; --axis) {
+    const int part = batch.cell[axis][i];
+    samples.cell[axis][s] = cell[axis] = part >> grid.cell_shift;
+    samples.start[axis][s] = batch.within[axis][i];
+    samples.across[axis][s] = batch.across[axis][i];
+    if (grid.cell_shift)
+      nearest = nearest * static_cast<std::size_t>(grid.dims[axis]) +
+                static_cast<std::size_t>((part + 1) >> 1);
+  }
+  samples.length[s] = batch.to[i] - batch.from[i];
+  samples.ray[s] = static_cast<std::uint8_t>(i);
+  if constexpr (kLabels)
+    samples.row[s] = reinterpret_cast<const T*>(grid.voxels)[nearest];
+  else
+    samples.row[s] =
+        grid.rows.empty() ? 0 : grid.rows[nearest] * static_cast<std::int32_t>(grid.table.entries);
+  const bool shaded = grid.shade && grid.light_volume.nodes.empty();
+  const Neighbourhood<T> voxels = neighbourhood(grid, cell[0], cell[1], cell[2], border);
+  for (int r = 0; r < (shaded ? 12 : kLabels ? 0 : 4); ++r)
+    samples.rows[r][s] = take_row<T, kLabels>(grid, voxels.at(kRowY[r], kRowZ[r]));
+}
+
 template <class T, bool kLabels>
 RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
                       std::span<RaySample> out) {
   using S = std::conditional_t<kLabels, std::uint8_t, T>;
   RayBatch batch{};
-  Hits<S> hits;
-  alignas(64) Row<T> rows[4][kBatch];
+  Samples<S> samples{};
   T border[64];
   std::fill(out.begin(), out.end(), RaySample{});
-
-  const LightGrid& volume = grid.light_volume;
-  const bool lit = !volume.nodes.empty();
-  const glm::vec3 node_scale(1 / volume.spacing);
-  const glm::vec3 node_offset(-volume.low / volume.spacing);
-  const auto finish = [&] {
-    if (lit)
-      light(grid, hits, out);
-    else
-      shade(grid, hits, out);
-  };
+  const bool lit = !grid.light_volume.nodes.empty(), flat = !lit && !grid.shade;
 
   RayCounts counts;
   std::size_t next = 0;
   for (; next < rays.size() && batch.size < kBatch; ++next)
     if (start_ray(grid, rays[next], batch, batch.size)) batch.ray[batch.size++] = next;
   while (batch.size > 0) {
-    // Find the rays whose next sample is not in empty space.
-    locate(grid, batch);
-    std::uint8_t sampling[kBatch];
-    std::size_t samples = 0;
-    for (std::size_t i = 0; i < batch.size; ++i) {
-      const int distance = grid.distance[static_cast<std::size_t>(batch.brick[i])];
-      const bool empty = distance > 0 && grid.leap;
-      batch.distance[i] = empty ? distance : 0;
-      sampling[samples] = static_cast<std::uint8_t>(i);
-      samples += !empty;
+    find_bricks(grid, batch);
+    for (std::size_t i = 0; i < batch.size; ++i)
+      batch.distance[i] = grid.leap ? grid.distance[static_cast<std::size_t>(batch.brick[i])] : 0;
+    find_intervals(grid, batch);
+    // Find what intervals in visible cells show.
+    samples.size = 0;
+    for (std::size_t i = 0; i < batch.size; ++i)
+      if (batch.distance[i] == 0 &&
+          (grid.visible_cells[static_cast<std::size_t>(batch.brick[i])] >> batch.bit[i] & 1) != 0)
+        add_sample<T, S, kLabels>(grid, batch, i, border, samples);
+    find_opacity<S, kLabels>(grid, samples);
+    if (lit)
+      find_light(grid.light_volume, samples);
+    else if (!flat)
+      shade(grid, samples);
+    // Composite front to back.
+    for (std::size_t s = 0; s < samples.size; ++s) {
+      if (grid.projection != Projection::none) {
+        project(grid, samples, s, batch);
+        continue;
+      }
+      if (!(samples.opacity[s] > 0)) continue;
+      const std::size_t i = samples.ray[s];
+      const float left = 1 - batch.alpha[i];
+      const glm::vec4& color = grid.table.colors[static_cast<std::size_t>(samples.entry[s])];
+      glm::vec4& to = out[batch.ray[i]].rgba;
+      for (int c = 0; c < 3; ++c)
+        to[c] += left * color[c] * (flat ? samples.opacity[s] : samples.light[c][s]);
+      const float opacity = left * samples.opacity[s];
+      batch.alpha[i] += opacity;
+      batch.depth[i] += opacity * (batch.from[i] + samples.center[s] * samples.length[s]);
+      ++counts.visible;
     }
     counts.steps += batch.size;
-    counts.samples += samples;
-    // Load the voxels of their cells.
-    for (std::size_t s = 0; s < samples; ++s) {
-      const std::size_t i = sampling[s];
-      const int x = batch.cell[0][i], y = batch.cell[1][i], z = batch.cell[2][i];
-      const Neighbourhood<T> voxels = neighbourhood(grid, x, y, z, border);
-      if constexpr (kLabels) {
-        const int up[3] = {batch.within[0][i] >= 0.5f, batch.within[1][i] >= 0.5f,
-                           batch.within[2][i] >= 0.5f};
-        batch.entry[i] = voxels.at(1 + up[1], 1 + up[2])[1 + up[0]];
-      } else {
-        for (int r = 0; r < 4; ++r)
-          std::memcpy(&rows[r][i], voxels.at(kRowY[r], kRowZ[r]), sizeof rows[r][i]);
-      }
-    }
-    if constexpr (!kLabels) find_entries(grid.table, rows, batch);
-    if (!grid.rows.empty())
-      for (std::size_t s = 0; s < samples; ++s) find_row(grid, batch, sampling[s]);
-    // Composite opacity front to back. Colour follows when the samples are shaded.
-    for (std::size_t s = 0; s < samples; ++s) {
-      const std::size_t i = sampling[s];
-      const auto entry = static_cast<std::size_t>(batch.entry[i]);
-      if (kLabels && entry >= grid.table.opacities.size()) continue;
-      const float opacity = grid.table.opacities[entry];
-      if (opacity <= 0) continue;
-      const float weight = (1 - batch.alpha[i]) * opacity;
-      ++counts.visible;
-      batch.alpha[i] += weight;
-      batch.depth[i] += weight * static_cast<float>(batch.k[i]);
-      if (!grid.shade && !lit) {
-        add_color(grid, batch.entry[i], weight, out[batch.ray[i]].rgba);
-        continue;
-      }
-      const std::size_t h = hits.size++;
-      hits.weight[h] = weight;
-      hits.entry[h] = batch.entry[i];
-      hits.ray[h] = batch.ray[i];
-      if (lit) {
-        for (int axis = 0; axis < 3; ++axis)
-          hits.at[axis][h] =
-              (static_cast<float>(batch.cell[axis][i]) + batch.within[axis][i]) * node_scale[axis] +
-              node_offset[axis];
-        continue;
-      }
-      const Neighbourhood<T> voxels =
-          neighbourhood(grid, batch.cell[0][i], batch.cell[1][i], batch.cell[2][i], border);
-      for (int r = 0; r < 12; ++r)
-        hits.rows[r][h] = take_row<T, kLabels>(grid, voxels.at(kRowY[r], kRowZ[r]));
-      for (int axis = 0; axis < 3; ++axis) hits.within[axis][h] = batch.within[axis][i];
-    }
-    if (hits.size > kHits - kBatch) finish();
-    advance(batch);
+    counts.samples += samples.size;
+    advance(grid, batch);
     replace_finished(grid, rays, next, batch, out);
   }
-  finish();
   // Early termination skips less opacity than one step of 8 bits: set it to opaque.
   for (RaySample& sample : out)
     if (sample.rgba.a > kOpaque) sample.rgba /= sample.rgba.a;

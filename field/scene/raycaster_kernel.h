@@ -30,7 +30,14 @@ struct RayGrid {
   glm::dvec3 origin{0.0};
   /// Columns of the matrix that transforms gradients to world coordinates, padded to four.
   std::array<glm::vec4, 3> gradient_to_world{};
-  double step = 1;  ///< world units
+  double unit = 1;  ///< of lengths: the smallest voxel spacing, in world units
+  double step = 1;  ///< the longest interval of a ray that is one sample, in units
+
+  /// Rays advance by cells, in which values are trilinear: the cubes between voxel centres. If each
+  /// voxel has a label or a structure, they are split in half along each axis (cell_shift 1), so
+  /// that a cell has one nearest voxel.
+  int cell_shift = 0;
+  std::array<std::int32_t, 3> cells{};
 
   TransferTable table;
   /// For volumes with structures: the row of the table that each voxel uses, and whether each row
@@ -41,10 +48,14 @@ struct RayGrid {
   /// visible).
   std::vector<std::uint8_t> distance;
   std::array<std::int32_t, 3> bricks{};
+  /// Per brick, a bit for each of its (whole) cells, x fastest: whether it can be visible.
+  std::vector<std::uint8_t> visible_cells;
   /// Cells outside this half-open box are invisible.
   glm::dvec3 visible_low{0.0};
   glm::dvec3 visible_high{0.0};
   bool leap = true;
+
+  Projection projection = Projection::none;
 
   /// If there is a light volume, it alone lights the samples, and table.colors are albedos.
   LightGrid light_volume;

@@ -9,6 +9,7 @@
 #define SLF_FIELD_RAYCASTER_ROWS_INL_H_
 #endif
 
+#include <hwy/contrib/math/math-inl.h>
 #include <hwy/highway.h>
 
 #include <algorithm>
@@ -79,7 +80,7 @@ HWY_INLINE auto take_row(const RayGrid& grid, const T* from) {
     Row<std::uint8_t> row;
     for (int x = 0; x < 4; ++x) {
       const auto label = static_cast<std::size_t>(from[x]);
-      row.voxels[x] = label < grid.table.opacities.size() && grid.table.opacities[label] > 0;
+      row.voxels[x] = label < grid.table.extinctions.size() && grid.table.extinctions[label] > 0;
     }
     return row;
   } else {

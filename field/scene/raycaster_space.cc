@@ -13,11 +13,10 @@ template <class T>
 class Visibility {
  public:
   Visibility(const RayGrid& grid, std::span<const T> voxels) : grid_(grid), voxels_(voxels) {
-    const std::vector<float>& opacities = grid.table.opacities;
     // No structure is more opaque than the first row of the table.
     visible_below_.assign(grid.table.entries + 1, 0);
     for (std::size_t k = 0; k < grid.table.entries; ++k)
-      visible_below_[k + 1] = visible_below_[k] + (opacities[k] > 0 ? 1 : 0);
+      visible_below_[k + 1] = visible_below_[k] + (grid.table.extinctions[k] > 0 ? 1 : 0);
   }
 
   /// Whether a cell whose voxels are within these closed ranges can be visible.
@@ -54,7 +53,7 @@ class Visibility {
 
  private:
   [[nodiscard]] bool shows(std::size_t label) const {
-    return label < grid_.table.opacities.size() && grid_.table.opacities[label] > 0;
+    return label < grid_.table.extinctions.size() && grid_.table.extinctions[label] > 0;
   }
   [[nodiscard]] std::int64_t entry(T voxel) const {
     const TransferTable& table = grid_.table;
@@ -179,13 +178,29 @@ struct CellRun {
   glm::ivec3 first, last;
 };
 
+/// The bits of RayGrid::visible_cells.
 template <class T>
-std::vector<CellRun> find_runs(const RayGrid& grid, const Visibility<T>& visible) {
+std::vector<std::uint8_t> find_visible_cells(const RayGrid& grid, const Visibility<T>& visible) {
+  std::vector<std::uint8_t> cells(grid.distance.size(), 0);
+  for_each_brick(grid, [&](glm::ivec3 at, std::size_t number) {
+    if (grid.distance[number] > 0) return;
+    for (int k = 0; k < kBrick * kBrick * kBrick; ++k) {
+      const glm::ivec3 cell = at * kBrick + glm::ivec3(k & 1, k >> 1 & 1, k >> 2);
+      if (glm::all(glm::lessThan(cell, last_voxel(grid))) && visible(cell, cell + 1))
+        cells[number] |= static_cast<std::uint8_t>(1 << k);
+    }
+  });
+  return cells;
+}
+
+std::vector<CellRun> find_runs(const RayGrid& grid) {
+  static_assert(kBrick == 2);
   const auto shows = [&](glm::ivec3 cell) {
     const glm::ivec3 brick = cell >> kBrickShift;
     const std::size_t number =
         (static_cast<std::size_t>(brick.z) * grid.bricks[1] + brick.y) * grid.bricks[0] + brick.x;
-    return grid.distance[number] == 0 && visible(cell, cell + 1);
+    return (grid.visible_cells[number] >> ((cell.x & 1) | (cell.y & 1) << 1 | (cell.z & 1) << 2) &
+            1) != 0;
   };
   std::vector<CellRun> runs;
   for (int z = 0; z < grid.dims[2] - 1; ++z)
@@ -230,7 +245,8 @@ std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid) {
   const auto runs = visit_voxels(volume, [&](auto voxels) {
     const Visibility visible(grid, voxels);
     grid.distance = find_visible_bricks(grid, voxels, visible);
-    return find_runs(grid, visible);
+    grid.visible_cells = find_visible_cells(grid, visible);
+    return find_runs(grid);
   });
   if (runs.empty()) return std::nullopt;
   find_visible_box(runs, grid);

@@ -8,13 +8,18 @@
 namespace slf {
 namespace {
 
-void add_entry(TransferTable& table, const TransferFunction& transfer, double value,
-               double steps_per_unit) {
+void add_entry(TransferTable& table, const TransferFunction& transfer, double value) {
   const glm::dvec4 entry = transfer(value);
   table.colors.push_back(glm::vec4(entry));
   ++table.entries;
-  table.opacities.push_back(
-      static_cast<float>(1 - std::pow(1 - std::clamp(entry.a, 0.0, 1.0), steps_per_unit)));
+  table.extinctions.push_back(static_cast<float>(extinction_of(table, entry.a)));
+}
+
+TransferTable empty_table(const TransferFunction& transfer, const Volume& volume) {
+  const glm::dvec3 spacing = volume.spacing();
+  TransferTable table;
+  table.unit_distance = transfer.unit_distance / std::min({spacing.x, spacing.y, spacing.z});
+  return table;
 }
 
 /// The smallest distance between neighbouring points of the function. A table must resolve it.
@@ -30,6 +35,15 @@ double min_gap(const TransferFunction& transfer) {
 }
 
 }  // namespace
+
+double extinction_of(const TransferTable& table, double opacity) {
+  const double extinction = -std::log1p(-std::clamp(opacity, 0.0, 1.0)) / table.unit_distance;
+  return std::min(extinction, TransferTable::kMaxExtinction);
+}
+
+double opacity_of(const TransferTable& table, double extinction) {
+  return -std::expm1(-extinction * table.unit_distance);
+}
 
 std::int32_t ordered_bits(float value) {
   const auto bits = std::bit_cast<std::int32_t>(value);
@@ -47,9 +61,9 @@ std::size_t entry_of(const TransferTable& table, float value) {
 }
 
 TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
-                         std::array<float, 2> range, double steps_per_unit) {
+                         std::array<float, 2> range) {
   constexpr int kMaxEntries = 1 << 16;
-  TransferTable table;
+  TransferTable table = empty_table(transfer, volume);
   const auto [low, high] = range;
   table.low = low;
   const double width = std::max(double{high} - low, 1e-30);
@@ -57,7 +71,7 @@ TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
   const double wanted = 16 * width * std::abs(volume.slope) / min_gap(transfer);
   const bool integers = volume.type != ScalarType::f32;
   const auto add = [&](double stored) {
-    add_entry(table, transfer, volume.slope * stored + volume.intercept, steps_per_unit);
+    add_entry(table, transfer, volume.slope * stored + volume.intercept);
   };
   if (integers || wanted <= kMaxEntries) {
     const int size = static_cast<int>(
@@ -82,11 +96,25 @@ TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
 }
 
 TransferTable make_label_table(const TransferFunction& transfer, const Volume& volume,
-                               const std::vector<double>& labels, double steps_per_unit) {
-  TransferTable table;
+                               const std::vector<double>& labels) {
+  TransferTable table = empty_table(transfer, volume);
   for (const double label : labels)
-    add_entry(table, transfer, volume.slope * label + volume.intercept, steps_per_unit);
+    add_entry(table, transfer, volume.slope * label + volume.intercept);
+  table.entries = 1;
   return table;
+}
+
+void integrate(TransferTable& table) {
+  table.integrals.resize(table.extinctions.size());
+  for (std::size_t row = 0; row < table.extinctions.size(); row += table.entries) {
+    double before = 0;
+    for (std::size_t k = row; k < row + table.entries; ++k) {
+      const std::size_t next = std::min(k + 1, row + table.entries - 1);
+      const double mean = (double{table.extinctions[k]} + table.extinctions[next]) / 2;
+      table.integrals[k] = {static_cast<float>(before), static_cast<float>(mean)};
+      before += mean;
+    }
+  }
 }
 
 }  // namespace slf

@@ -12,8 +12,15 @@
 
 namespace slf {
 
-/// Colour and step-corrected opacity over the stored values of a volume.
+/// Colour and extinction over the stored values of a volume. Lengths are in units of the smallest
+/// voxel spacing.
 struct TransferTable {
+  /// Optical depth per unit of length between an entry and the next, and its sum over the entries
+  /// before: the integral of extinction over the position in the table (Engel et al. 2001).
+  struct Integral {
+    float before = 0;
+    float extinction = 0;
+  };
   /// How values map to indices: evenly over [low, high], or evenly over the bits of the float. The
   /// latter has constant relative precision, for functions that span many orders of magnitude.
   bool logarithmic = false;
@@ -24,8 +31,13 @@ struct TransferTable {
   /// Entries of a row. There is one row, or one for each structure; the first is the function's
   /// own.
   std::size_t entries = 0;
-  std::vector<glm::vec4> colors;  ///< straight RGB, padded, row by row
-  std::vector<float> opacities;   ///< of one step; one for each of `colors`
+  std::vector<glm::vec4> colors;    ///< straight RGB, padded, row by row
+  std::vector<float> extinctions;   ///< at each of `colors`, at most kMaxExtinction
+  std::vector<Integral> integrals;  ///< one for each of `colors`; see integrate()
+  double unit_distance = 1;         ///< the length that the transfer function's opacities are for
+
+  /// The surface of matter of opacity 1 is this dense: it absorbs all light within half a voxel.
+  static constexpr double kMaxExtinction = 16;
 };
 
 /// Maps a float to an integer with the same order.
@@ -34,13 +46,19 @@ struct TransferTable {
 /// The entry of a stored value, as the ray-caster's loop finds it.
 [[nodiscard]] std::size_t entry_of(const TransferTable& table, float value);
 
-/// A table for stored values in `range`. An opacity o becomes 1 - (1 - o)^steps_per_unit.
-[[nodiscard]] TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
-                                       std::array<float, 2> range, double steps_per_unit);
+/// The extinction of matter that has this opacity across unit_distance, and the reverse.
+[[nodiscard]] double extinction_of(const TransferTable& table, double opacity);
+[[nodiscard]] double opacity_of(const TransferTable& table, double extinction);
 
-/// A table with one entry for each of `labels`, in order.
+/// A table for stored values in `range`. Needs integrate() once its rows are complete.
+[[nodiscard]] TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
+                                       std::array<float, 2> range);
+
+/// A table with a row of one entry for each of `labels`, in order.
 [[nodiscard]] TransferTable make_label_table(const TransferFunction& transfer, const Volume& volume,
-                                             const std::vector<double>& labels,
-                                             double steps_per_unit);
+                                             const std::vector<double>& labels);
+
+/// Computes the integrals from the extinctions.
+void integrate(TransferTable& table);
 
 }  // namespace slf

@@ -33,26 +33,22 @@ Result<void> check_grid(const char* what, const Volume& other, const Volume& vol
   return {};
 }
 
-/// Adds a copy of the first row in another colour and with `factor` of its opacity. The table
-/// holds the opacity of a step; the factor applies to that of a unit.
-void add_row(TransferTable& table, const std::optional<glm::dvec3>& color, double factor,
-             double steps_per_unit) {
+/// Adds a copy of the first row in another colour and with `factor` of its opacity.
+void add_row(TransferTable& table, const std::optional<glm::dvec3>& color, double factor) {
   for (std::size_t k = 0; k < table.entries; ++k) {
-    const double opacity = 1 - std::pow(1 - double{table.opacities[k]}, 1 / steps_per_unit);
+    const double opacity = factor * opacity_of(table, table.extinctions[k]);
     table.colors.push_back(color ? glm::vec4(*color, 0) : table.colors[k]);
-    table.opacities.push_back(
-        static_cast<float>(1 - std::pow(1 - factor * opacity, steps_per_unit)));
+    table.extinctions.push_back(static_cast<float>(extinction_of(table, opacity)));
   }
 }
 
 }  // namespace
 
-Result<void> add_structures(const Structures& structures, const Volume& volume,
-                            double steps_per_unit, RayGrid& grid) {
+Result<void> add_structures(const Structures& structures, const Volume& volume, RayGrid& grid) {
   grid.rows.assign(volume.voxel_count(), 0);
   grid.visible_rows = {1};
   const auto add = [&](const std::optional<glm::dvec3>& color, double factor) {
-    add_row(grid.table, color, factor, steps_per_unit);
+    add_row(grid.table, color, factor);
     grid.visible_rows.push_back(factor > 0);
     return static_cast<std::uint8_t>(grid.visible_rows.size() - 1);
   };

@@ -7,9 +7,9 @@
 namespace slf {
 
 /// Adds a row for each structure to the grid's table, and sets the row of each voxel.
-/// `steps_per_unit` is that of make_table(). usage: labels or mask have other dimensions or another
-/// position than the volume. unsupported: more than 254 different labels.
+/// usage: labels or mask have other dimensions or another position than the volume. unsupported:
+/// more than 254 different labels.
 [[nodiscard]] Result<void> add_structures(const Structures& structures, const Volume& volume,
-                                          double steps_per_unit, RayGrid& grid);
+                                          RayGrid& grid);
 
 }  // namespace slf

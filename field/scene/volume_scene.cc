@@ -96,6 +96,9 @@ Result<void> check_options(const RaycastOptions& options) {
     return fail(ErrorCode::usage, "light: expected a direction, not zero and finite");
   if (!(options.ambient >= 0 && options.ambient <= 1))
     return fail(ErrorCode::usage, "ambient ", options.ambient, ": expected 0 to 1");
+  if (options.projection != Projection::none &&
+      (options.shade || options.lighting.mode != Lighting::direct))
+    return fail(ErrorCode::usage, "a projection shows values, to which light does not apply");
   return options.lighting.mode == Lighting::direct ? Result<void>() : check_light(options.lighting);
 }
 
@@ -114,9 +117,13 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
 
   const glm::dvec3 spacing = v.spacing();
   const double min_spacing = std::min({spacing.x, spacing.y, spacing.z});
-  grid.step = options.step * min_spacing;
-  const double steps_per_unit = grid.step / transfer.unit_distance;
+  grid.unit = min_spacing;
+  grid.step = options.step;
 
+  if (v.labels && options.projection != Projection::none)
+    return fail(ErrorCode::usage, v.source,
+                ": a projection needs amounts, but this volume holds labels");
+  grid.projection = options.projection;
   grid.labels = v.labels;
   float contrast = 1;
   if (v.labels) {
@@ -128,12 +135,12 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
       if (!renumbered) return tl::unexpected(renumbered.error());
       labels = std::move(*renumbered);
     }
-    grid.table = make_label_table(transfer, v, labels, steps_per_unit);
+    grid.table = make_label_table(transfer, v, labels);
   } else {
     if (bytes_per_voxel(v.type) > 2 && v.type != ScalarType::f32) convert_to_float(v);
     const auto range = stored_range(v);
     replace_nonfinite(v, range[0]);
-    grid.table = make_table(transfer, v, range, steps_per_unit);
+    grid.table = make_table(transfer, v, range);
     contrast = contrast_of(transfer, v, range);
   }
 
@@ -141,11 +148,12 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     if (v.labels)
       return fail(ErrorCode::usage, v.source,
                   ": structures are parts of a volume of amounts, but this one holds labels");
-    if (auto ok = add_structures(options.structures, v, steps_per_unit, grid); !ok)
+    if (auto ok = add_structures(options.structures, v, grid); !ok)
       return tl::unexpected(ok.error());
     for (const auto& part : {options.structures.labels, options.structures.mask})
       if (part) v.files.insert(v.files.end(), part->files.begin(), part->files.end());
   }
+  integrate(grid.table);
   if (options.lighting.mode != Lighting::direct)
     for (glm::vec4& color : grid.table.colors)
       for (int c = 0; c < 3; ++c) color[c] = linear_from_srgb(color[c]);
@@ -157,7 +165,10 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     if (grid.dims[axis] < 2)
       return fail(ErrorCode::unsupported, v.source, ": a volume needs at least 2 voxels along ",
                   "xyz"[axis], ", found ", v.dims[axis]);
+    grid.cells[axis] = grid.dims[axis] - 1;
   }
+  grid.cell_shift = v.labels || !grid.rows.empty() ? 1 : 0;
+  for (std::int32_t& cells : grid.cells) cells <<= grid.cell_shift;
   grid.world_to_index = glm::inverse(v.axes);
   grid.origin = v.origin;
   // Values rise where the stored ones do only under a positive slope.
