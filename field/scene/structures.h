@@ -7,8 +7,8 @@
 namespace slf {
 
 /// Adds a row for each structure to the grid's table, and sets the row of each voxel.
-/// `steps_per_unit` is that of make_table(). usage: labels or mask have other dimensions or another
-/// position than the volume. unsupported: more than 254 different labels.
+/// `steps_per_unit` is that of make_table(). usage: labels or mask do not overlap the volume.
+/// unsupported: more than 254 different labels. Needs no memory beyond the rows.
 [[nodiscard]] Result<void> add_structures(const Structures& structures, const Volume& volume,
                                           double steps_per_unit, RayGrid& grid);
 
