@@ -75,7 +75,11 @@ Words words_of(std::string_view line) {
   }
 }
 
-bool is_number(std::string_view word) { return volume_io::parse_number(word).has_value(); }
+/// Not "inf" or "nan", which may be names.
+bool is_number(std::string_view word) {
+  const auto value = volume_io::parse_number(word);
+  return value && std::isfinite(*value);
+}
 
 /// The text from one word of a line to another, without the ticks that some tables have around it.
 std::string name_from(std::string_view first, std::string_view last) {

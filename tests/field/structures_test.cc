@@ -80,10 +80,12 @@ TEST(LabelTable, SlicersOpacityCountsWhereTheTableIsSlicers) {
   EXPECT_EQ(table->at(2), (LabelStyle{"2", glm::dvec3(0, 1, 0), 0.2}));
   // A single hidden label is no reason to take the column for FreeSurfer's.
   EXPECT_EQ(parse_label_table(rows, "a.ctbl")->at(1).opacity, 0);
-  const auto without = parse_label_table("0 background 0 0 0\n7 left lung 255 0 0\n", "a.txt");
+  const auto without =
+      parse_label_table("0 background 0 0 0\n7 left lung 255 0 0\n8 lobe inf 9 9 9\n", "a.txt");
   ASSERT_TRUE(without) << without.error().message;
   EXPECT_EQ(without->at(0).opacity, 0);
   EXPECT_EQ(without->at(7), (LabelStyle{"left lung", glm::dvec3(1, 0, 0), 1}));
+  EXPECT_EQ(without->at(8).name, "lobe inf");
 }
 
 TEST(LabelTable, ReadsSlicersCsv) {
