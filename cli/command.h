@@ -300,6 +300,8 @@ struct SourceArguments {
 
  private:
   [[nodiscard]] Result<Volume> read(const std::string& path, bool ids) const;
+  /// Reads a label volume or a mask.
+  [[nodiscard]] Result<Volume> structure(const std::string& path) const;
   [[nodiscard]] Result<void> set_structures(RaycastOptions& options) const;
   [[nodiscard]] Result<void> set_light(RaycastOptions& options) const;
 };

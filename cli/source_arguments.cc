@@ -14,6 +14,8 @@ namespace slf::cli {
 namespace {
 
 constexpr std::string_view kScenePrefix = "scene:";
+/// In the error of a file that is in no known format.
+constexpr std::string_view kHeaderless = "headerless voxels need their layout";
 
 const Choices<ScalarType> kScalarTypes{{"u8", ScalarType::u8},   {"i8", ScalarType::i8},
                                        {"u16", ScalarType::u16}, {"i16", ScalarType::i16},
@@ -63,20 +65,21 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
       ->expected(1)
       ->type_name("LO,HI")
       ->group(kVolumeGroup);
-  auto* parts = command
-                    .add_option("--labels-volume", labels_volume,
-                                "Structures: ids on the same grid, each of which gets a colour")
-                    ->type_name(kAnyFile)
-                    ->group(kVolumeGroup);
+  auto* parts =
+      command
+          .add_option("--labels-volume", labels_volume,
+                      "Structures: ids, each of which gets a colour; on another grid they are\n"
+                      "resampled, nearest, by world position")
+          ->type_name(kAnyFile)
+          ->group(kVolumeGroup);
   command
       .add_option("--label-table", label_table,
-                  "Colour and opacity by id: a label description of ITK-SNAP, a colour table of\n"
-                  "3D Slicer (.ctbl), or JSON")
+                  "Colour and opacity by id: a table of ITK-SNAP, 3D Slicer (.ctbl, .csv) or\n"
+                  "FreeSurfer, or JSON")
       ->type_name(kAnyFile)
       ->needs(parts)
       ->group(kVolumeGroup);
-  command
-      .add_option("--mask", mask, "Show the volume only where this one, of the same grid, is not 0")
+  command.add_option("--mask", mask, "Show the volume only where this one is not 0")
       ->type_name(kAnyFile)
       ->group(kVolumeGroup);
   add_raw_to(command);
@@ -294,12 +297,37 @@ Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
        {std::pair{"choose component", "--component"}, std::pair{"choose time point", "--time"}})
     if (volume.error().message.find(choice) != std::string::npos)
       return with_hint(volume.error(), std::string("see ") + option);
-  if (volume.error().code != ErrorCode::usage || labels || component || time || !crop.empty())
+  if (volume.error().message.find(kHeaderless) != std::string::npos)
+    return with_hint(volume.error(),
+                     "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`");
+  if (volume.error().code != ErrorCode::usage || dims.empty() || ids || component || time ||
+      !crop.empty())
     return volume;
-  return dims.empty()
-             ? with_hint(volume.error(),
-                         "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`")
-             : with_hint(volume.error(), "see --dims, --type, --spacing and --offset");
+  return with_hint(volume.error(), "see --dims, --type, --spacing and --offset");
+}
+
+Result<Volume> SourceArguments::structure(const std::string& path) const {
+  // Structures are placed by position, so --crop does not concern them. They mostly have a header
+  // and one number a voxel, also where the volume does not.
+  SourceArguments own = *this;
+  own.crop.clear();
+  own.component.reset();
+  own.time.reset();
+  own.dims.clear();
+  if (!dims.empty()) own.spacing.clear();
+  auto volume = own.read(path, true);
+  if (volume) return volume;
+  const bool headerless = volume.error().message.find(kHeaderless) != std::string::npos;
+  if (headerless && !dims.empty()) {
+    own.dims = dims;
+    own.spacing = spacing;
+  } else if (volume.error().code == ErrorCode::unsupported && (component || time)) {
+    own.component = component;
+    own.time = time;
+  } else {
+    return volume;
+  }
+  return own.read(path, true);
 }
 
 Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
@@ -311,8 +339,9 @@ Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
   }
   const auto set = [&](const std::string& path, std::shared_ptr<const Volume>& to) -> Result<void> {
     if (path.empty()) return {};
-    auto volume = read(path, true);
+    auto volume = structure(path);
     if (!volume) return tl::unexpected(volume.error());
+    for (const std::string& remark : volume->notes) note(path + ": " + remark);
     to = std::make_shared<const Volume>(std::move(*volume));
     return {};
   };
@@ -364,6 +393,12 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   auto volume = this->volume();
   if (!volume) return tl::unexpected(volume.error());
   for (const std::string& remark : volume->notes) note(volume->source + ": " + remark);
+  for (const auto& part : {options.structures.labels, options.structures.mask})
+    if (part && !same_grid(*part, *volume))
+      note(
+          fmt::format("{}: {}x{}x{} voxels on another grid than {}: resampled, nearest, by world "
+                      "position",
+                      part->source, part->dims[0], part->dims[1], part->dims[2], volume->source));
   if (!labels && looks_like_labels(*volume)) note(volume->source + ": " + kLabelsHint);
   // A transfer function from the histogram or from a field is already fitted to the volume.
   if (!preset) preset = TransferPreset{.function = default_transfer(*volume)};

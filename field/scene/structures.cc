@@ -1,7 +1,10 @@
 #include "field/scene/structures.h"
 
+#include <algorithm>
 #include <cmath>
-#include <map>
+#include <limits>
+#include <optional>
+#include <sstream>
 #include <unordered_map>
 
 #include "field/volume/transfer_color.h"
@@ -12,25 +15,75 @@ namespace {
 
 constexpr std::size_t kMaxRows = 256;
 
-/// usage: `other` does not lie on the grid of `volume`.
-Result<void> check_grid(const char* what, const Volume& other, const Volume& volume) {
-  const auto size = [](const Volume& v) {
-    return std::to_string(v.dims[0]) + "x" + std::to_string(v.dims[1]) + "x" +
-           std::to_string(v.dims[2]);
-  };
-  if (other.dims != volume.dims)
-    return fail(ErrorCode::usage, other.source, ": ", what, " of ", size(other), " voxels, but ",
-                volume.source, " has ", size(volume), "; both must be of one grid");
-  const glm::dvec3 last(volume.dims[0] - 1, volume.dims[1] - 1, volume.dims[2] - 1);
-  const glm::dvec3 spacing = volume.spacing();
-  for (const glm::dvec3& corner : {glm::dvec3(0), last}) {
-    const double apart =
-        glm::distance(volume.origin + volume.axes * corner, other.origin + other.axes * corner);
-    if (apart > 0.5 * std::min({spacing.x, spacing.y, spacing.z}))
-      return fail(ErrorCode::usage, other.source, ": ", what, " lies ", apart, " units apart from ",
-                  volume.source, "; both must be of one grid");
+/// The box around a volume's voxel centres, as "-20,2,-10 to 8.5,32,23".
+std::string extent_of(const Volume& volume) {
+  glm::dvec3 low(std::numeric_limits<double>::infinity()), high = -low;
+  for (int corner = 0; corner < 8; ++corner) {
+    glm::dvec3 index;
+    for (int axis = 0; axis < 3; ++axis)
+      index[axis] = corner >> axis & 1 ? volume.dims[static_cast<std::size_t>(axis)] - 1 : 0;
+    const glm::dvec3 at = volume.origin + volume.axes * index;
+    low = glm::min(low, at);
+    high = glm::max(high, at);
   }
-  return {};
+  std::ostringstream text;
+  text << low.x << ',' << low.y << ',' << low.z << " to " << high.x << ',' << high.y << ','
+       << high.z;
+  return text.str();
+}
+
+/// Finds the voxel of one volume at each voxel of another: the nearest by world position.
+class NearestVoxel {
+ public:
+  NearestVoxel(const Volume& of, const Volume& grid) : dims_(of.dims) {
+    if (same_grid(of, grid)) return;  // exactly, whatever the origins were rounded to
+    const glm::dmat3 to_index = glm::inverse(of.axes);
+    origin_ = to_index * (grid.origin - of.origin);
+    axes_ = to_index * grid.axes;
+  }
+
+  /// The index of the voxel at voxel (x,y,z) of the grid, or nothing outside the volume.
+  [[nodiscard]] std::optional<std::size_t> operator()(std::uint32_t x, std::uint32_t y,
+                                                      std::uint32_t z) const {
+    // Rounding errors must decide neither ties nor what lies on the outer faces.
+    constexpr double kTolerance = 1e-6;
+    const glm::dvec3 at = origin_ + axes_ * glm::dvec3(x, y, z) + 0.5;
+    std::size_t index = 0;
+    for (int axis = 2; axis >= 0; --axis) {
+      const std::size_t size = dims_[static_cast<std::size_t>(axis)];
+      if (!(at[axis] >= -kTolerance && at[axis] <= static_cast<double>(size) + kTolerance))
+        return std::nullopt;
+      const auto nearest = static_cast<std::size_t>(std::max(at[axis] + kTolerance, 0.0));
+      index = index * size + std::min(nearest, size - 1);
+    }
+    return index;
+  }
+
+ private:
+  std::array<std::uint32_t, 3> dims_;
+  glm::dvec3 origin_{0.0};
+  glm::dmat3 axes_{1.0};
+};
+
+/// Calls visit(voxel of `grid`, voxel of `other` or nothing) until it returns false. usage: `other`
+/// lies outside the grid.
+template <class Visit>
+Result<void> visit_nearest(const char* what, const Volume& other, const Volume& grid,
+                           const Visit& visit) {
+  const NearestVoxel nearest(other, grid);
+  bool overlap = false;
+  std::size_t voxel = 0;
+  for (std::uint32_t z = 0; z < grid.dims[2]; ++z)
+    for (std::uint32_t y = 0; y < grid.dims[1]; ++y)
+      for (std::uint32_t x = 0; x < grid.dims[0]; ++x) {
+        const auto found = nearest(x, y, z);
+        overlap = overlap || found;
+        if (!visit(voxel++, found)) return {};
+      }
+  if (overlap) return {};
+  return fail(ErrorCode::usage, other.source, ": ", what, " lies at ", extent_of(other),
+              ", wholly outside of ", grid.source, " at ", extent_of(grid),
+              ": do both state their positions in the same space?");
 }
 
 /// Adds a copy of the first row in another colour and with `factor` of its opacity.
@@ -44,6 +97,21 @@ void add_row(TransferTable& table, const std::optional<glm::dvec3>& color, doubl
 
 }  // namespace
 
+bool same_grid(const Volume& a, const Volume& b) {
+  if (a.dims != b.dims) return false;
+  const glm::dvec3 spacing = b.spacing();
+  const double tolerance = 0.5 * std::min({spacing.x, spacing.y, spacing.z});
+  const glm::dvec3 last(b.dims[0] - 1, b.dims[1] - 1, b.dims[2] - 1);
+  // Both maps are affine, so the first voxel and the ends of its three edges tell all.
+  for (int corner = 0; corner < 4; ++corner) {
+    glm::dvec3 index(0);
+    if (corner < 3) index[corner] = last[corner];
+    const double apart = glm::distance(a.origin + a.axes * index, b.origin + b.axes * index);
+    if (!(apart <= tolerance)) return false;
+  }
+  return true;
+}
+
 Result<void> add_structures(const Structures& structures, const Volume& volume, RayGrid& grid) {
   grid.rows.assign(volume.voxel_count(), 0);
   grid.visible_rows = {1};
@@ -53,37 +121,43 @@ Result<void> add_structures(const Structures& structures, const Volume& volume, 
     return static_cast<std::uint8_t>(grid.visible_rows.size() - 1);
   };
   if (const Volume* labels = structures.labels.get()) {
-    if (auto ok = check_grid("labels", *labels, volume); !ok) return ok;
     std::unordered_map<double, std::uint8_t> row_of;
-    const bool fits = visit_voxels(*labels, [&](auto ids) {
-      for (std::size_t k = 0; k < ids.size(); ++k) {
-        const double id = labels->slope * static_cast<double>(ids[k]) + labels->intercept;
-        auto found = row_of.find(id);
-        if (found == row_of.end()) {
-          if (grid.visible_rows.size() + 1 >= kMaxRows) return false;
-          const auto style = structures.styles.find(static_cast<std::int64_t>(std::llround(id)));
-          std::uint8_t row = 0;
-          if (style != structures.styles.end())
-            row = add(style->second.color, style->second.opacity);
-          else if (id != 0)
-            row = add(transfer_color::of_label(id), 1);
-          found = row_of.emplace(id, row).first;
-        }
-        grid.rows[k] = found->second;
-      }
-      return true;
+    // The row of an id, or nothing if there are too many.
+    const auto row_of_id = [&](double id) -> std::optional<std::uint8_t> {
+      if (const auto found = row_of.find(id); found != row_of.end()) return found->second;
+      if (grid.visible_rows.size() + 1 >= kMaxRows) return std::nullopt;
+      const auto style = structures.styles.find(static_cast<std::int64_t>(std::llround(id)));
+      std::uint8_t row = 0;
+      if (style != structures.styles.end())
+        row = add(style->second.color, style->second.opacity);
+      else if (id != 0)
+        row = add(transfer_color::of_label(id), 1);
+      return row_of.emplace(id, row).first->second;
+    };
+    bool fits = true;
+    const auto ok = visit_voxels(*labels, [&](auto ids) {
+      return visit_nearest("a label volume", *labels, volume, [&](auto voxel, auto found) {
+        const auto row = row_of_id(
+            found ? labels->slope * static_cast<double>(ids[*found]) + labels->intercept : 0.0);
+        fits = row.has_value();
+        if (row) grid.rows[voxel] = *row;
+        return fits;
+      });
     });
+    if (!ok) return ok;
     if (!fits)
       return fail(ErrorCode::unsupported, labels->source, ": more than ", kMaxRows - 2,
                   " different labels");
   }
   if (const Volume* mask = structures.mask.get()) {
-    if (auto ok = check_grid("a mask", *mask, volume); !ok) return ok;
     const std::uint8_t hidden = add(std::nullopt, 0);
-    visit_voxels(*mask, [&](auto inside) {
-      for (std::size_t k = 0; k < inside.size(); ++k)
-        if (!(mask->slope * static_cast<double>(inside[k]) + mask->intercept != 0))
-          grid.rows[k] = hidden;
+    return visit_voxels(*mask, [&](auto inside) {
+      return visit_nearest("a mask", *mask, volume, [&](auto voxel, auto found) {
+        const double value =
+            found ? mask->slope * static_cast<double>(inside[*found]) + mask->intercept : 0.0;
+        if (!(value != 0)) grid.rows[voxel] = hidden;
+        return true;
+      });
     });
   }
   return {};

@@ -7,8 +7,8 @@
 namespace slf {
 
 /// Adds a row for each structure to the grid's table, and sets the row of each voxel.
-/// usage: labels or mask have other dimensions or another position than the volume. unsupported:
-/// more than 254 different labels.
+/// usage: labels or mask do not overlap the volume. unsupported: more than 254 different labels.
+/// Needs no memory beyond the rows.
 [[nodiscard]] Result<void> add_structures(const Structures& structures, const Volume& volume,
                                           RayGrid& grid);
 

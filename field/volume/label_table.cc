@@ -1,26 +1,73 @@
-#include <cctype>
-#include <charconv>
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <string_view>
 #include <vector>
 
 #include "base/file.h"
+#include "field/volume/io.h"
 #include "slf/structures.h"
 
 namespace slf {
 namespace {
 
 using nlohmann::json;
+using volume_io::in_quotes;
+using volume_io::lower;
 
-/// The words of a line. Text in quotes is one word.
-std::vector<std::string_view> words_of(std::string_view line) {
-  std::vector<std::string_view> words;
+struct Entry {
+  std::int64_t id = 0;
+  LabelStyle style{};
+  bool has_opacity = true;  ///< whether the row states one
+};
+
+/// A number from 0 to `max`.
+std::optional<double> number(std::string_view word, double max) {
+  const auto value = volume_io::parse_number(word);
+  if (!value || !(*value >= 0 && *value <= max)) return std::nullopt;
+  return value;
+}
+
+std::optional<std::int64_t> parse_id(std::string_view word) {
+  constexpr double kMaxId = 1e9;
+  const auto value = volume_io::parse_number(word);
+  if (!value || !(std::abs(*value) <= kMaxId) || *value != std::floor(*value)) return std::nullopt;
+  return static_cast<std::int64_t>(*value);
+}
+
+/// Three columns of 0 to 255.
+std::optional<glm::dvec3> parse_color(std::string_view r, std::string_view g, std::string_view b) {
+  const auto red = number(r, 255), green = number(g, 255), blue = number(b, 255);
+  if (!red || !green || !blue) return std::nullopt;
+  return glm::dvec3(*red, *green, *blue) / 255.0;
+}
+
+Result<LabelTable> table_of(const std::vector<std::pair<std::size_t, Entry>>& rows,
+                            const std::string& source, bool last_wins = false) {
+  LabelTable table;
+  for (const auto& [line, entry] : rows) {
+    const bool added = table.insert_or_assign(entry.id, entry.style).second;
+    if (!added && !last_wins)
+      return fail(ErrorCode::bad_file, source, ", line ", line, ": the id ", entry.id,
+                  " occurs twice");
+  }
+  if (table.empty()) return fail(ErrorCode::bad_file, source, ": a table without labels");
+  return table;
+}
+
+// ---- lines of words: ITK-SNAP, 3D Slicer, FreeSurfer --------------------------------------------
+
+using Words = std::vector<std::string_view>;
+
+/// The words of a line. Text in double quotes is one word; # begins a comment.
+Words words_of(std::string_view line) {
+  constexpr const char* kBlank = " \t\r";
+  Words words;
   for (std::size_t at = 0;;) {
-    at = line.find_first_not_of(" \t\r", at);
-    if (at == std::string_view::npos) return words;
+    at = line.find_first_not_of(kBlank, at);
+    if (at == std::string_view::npos || line[at] == '#') return words;
     const bool quoted = line[at] == '"';
-    const std::size_t end = quoted ? line.find('"', at + 1) : line.find_first_of(" \t\r", at);
+    const std::size_t end = quoted ? line.find('"', at + 1) : line.find_first_of(kBlank, at);
     const std::size_t begin = quoted ? at + 1 : at;
     words.push_back(line.substr(begin, end == std::string_view::npos ? end : end - begin));
     if (end == std::string_view::npos) return words;
@@ -28,68 +75,192 @@ std::vector<std::string_view> words_of(std::string_view line) {
   }
 }
 
-std::optional<double> number(std::string_view word) {
-  double value = 0;
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-  if (error != std::errc() || end != word.data() + word.size() || !std::isfinite(value))
-    return std::nullopt;
-  return value;
+/// Not "inf" or "nan", which may be names.
+bool is_number(std::string_view word) {
+  const auto value = volume_io::parse_number(word);
+  return value && std::isfinite(*value);
 }
 
-struct Entry {
-  std::int64_t id;
-  LabelStyle style;
-};
+/// The text from one word of a line to another, without the ticks that some tables have around it.
+std::string name_from(std::string_view first, std::string_view last) {
+  std::string_view name(first.data(),
+                        static_cast<std::size_t>(last.data() + last.size() - first.data()));
+  while (name.size() > 1 && name.front() == '\'' && name.back() == '\'')
+    name = name.substr(1, name.size() - 2);
+  return std::string(name);
+}
 
-/// A line of either table; nothing if it is neither.
-std::optional<Entry> parse_line(const std::vector<std::string_view>& words) {
-  const bool snap = words.size() == 8 && number(words[1]);
-  const bool slicer = words.size() == 6 && !number(words[1]);
-  if (!snap && !slicer) return std::nullopt;
-  const std::size_t red = snap ? 1 : 2;
-  std::vector<double> numbers;
-  for (const std::size_t k : {std::size_t{0}, red, red + 1, red + 2, red + 3}) {
-    const auto value = number(words[k]);
-    if (!value) return std::nullopt;
-    numbers.push_back(*value);
-  }
-  const double full = snap ? 1 : 255;  // of opacity
-  for (std::size_t k = 1; k < 5; ++k)
-    if (numbers[k] < 0 || numbers[k] > (k < 4 ? 255 : full)) return std::nullopt;
-  if (std::abs(numbers[0]) > 1e9 || numbers[0] != std::floor(numbers[0])) return std::nullopt;
-  Entry entry{static_cast<std::int64_t>(numbers[0]), {}};
-  entry.style.name = std::string(words[snap ? 7 : 1]);
-  entry.style.color = glm::dvec3(numbers[1], numbers[2], numbers[3]) / 255.0;
-  entry.style.opacity = numbers[4] / full;
-  if (!snap) return entry;
-  const auto visible = number(words[5]);
-  if (!visible || (*visible != 0 && *visible != 1)) return std::nullopt;
-  entry.style.opacity *= *visible;
+/// ITK-SNAP's lines have six numbers after the id, and the name last.
+bool is_snap(const Words& words) {
+  return words.size() >= 7 && std::all_of(words.begin() + 1, words.begin() + 7, is_number);
+}
+
+std::optional<Entry> parse_snap(const Words& words) {
+  if (!is_snap(words)) return std::nullopt;
+  const auto id = parse_id(words[0]);
+  const auto color = parse_color(words[1], words[2], words[3]);
+  const auto opacity = number(words[4], 1), visible = number(words[5], 1);
+  if (!id || !color || !opacity || !visible || *visible != std::floor(*visible))
+    return std::nullopt;
+  Entry entry{*id, {.color = color, .opacity = *opacity * *visible}};
+  if (words.size() > 7) entry.style.name = name_from(words[7], words.back());
   return entry;
 }
 
-Result<LabelTable> parse_lines(std::string_view text, const std::string& source) {
-  LabelTable table;
-  for (std::size_t line = 1; !text.empty(); ++line) {
-    const std::size_t end = text.find('\n');
-    const auto words = words_of(text.substr(0, end));
-    text = end == std::string_view::npos ? "" : text.substr(end + 1);
-    if (words.empty() || words[0].starts_with('#')) continue;
-    const auto entry = parse_line(words);
-    if (!entry)
-      return fail(
-          ErrorCode::bad_file, source, ", line ", line,
-          ": expected ITK-SNAP's `ID R G B A VIS MESH \"NAME\"` or 3D Slicer's `ID NAME R G "
-          "B A`");
-    if (!table.emplace(entry->id, entry->style).second)
-      return fail(ErrorCode::bad_file, source, ", line ", line, ": the id ", entry->id,
-                  " occurs twice");
-  }
-  if (table.empty()) return fail(ErrorCode::bad_file, source, ": a table without labels");
-  return table;
+/// `ID NAME R G B`, mostly with a further column. Blanks in a name are allowed; a name that is a
+/// number is not, except the id itself, since that may well be a table without names.
+std::optional<Entry> parse_named(const Words& words) {
+  std::size_t numbers = 0;  // at the end of the line
+  while (numbers < 4 && numbers + 2 < words.size() && is_number(words[words.size() - 1 - numbers]))
+    ++numbers;
+  if (numbers < 3) return std::nullopt;
+  const std::size_t red = words.size() - numbers;
+  if (is_number(words[1]) && (red != 2 || numbers != 4 || words[1] != words[0]))
+    return std::nullopt;
+  const auto id = parse_id(words[0]);
+  const auto color = parse_color(words[red], words[red + 1], words[red + 2]);
+  const auto opacity = numbers == 4 ? number(words.back(), 255) : 255;
+  if (!id || !color || !opacity) return std::nullopt;
+  return Entry{
+      *id,
+      {.name = name_from(words[1], words[red - 1]), .color = color, .opacity = *opacity / 255},
+      numbers == 4};
 }
 
-Result<LabelTable> parse_json(const std::string& text, const std::string& source) {
+/// Which program a comment names: the columns of Slicer and FreeSurfer are the same, but the last
+/// one of FreeSurfer is no opacity.
+enum class Origin { unknown, slicer, freesurfer, slicer_scale };
+
+Origin origin_of(std::string_view comment) {
+  const std::string text = lower(volume_io::trim(comment));
+  if (text.starts_with("color table file")) return Origin::slicer;
+  if (text.starts_with("color procedural file")) return Origin::slicer_scale;
+  const bool freesurfer = text.find("label name") != std::string::npos ||
+                          text.find("freesurfercolorlut") != std::string::npos;
+  return freesurfer ? Origin::freesurfer : Origin::unknown;
+}
+
+Result<LabelTable> parse_lines(std::string_view text, const std::string& source) {
+  std::vector<std::pair<std::size_t, Entry>> rows;
+  Origin origin = Origin::unknown;
+  bool snap = false;
+  std::size_t at = 0;
+  for (std::size_t number = 1; at < text.size(); ++number) {
+    const auto line = volume_io::next_line(text, at);
+    const auto words = words_of(line);
+    if (const auto hash = line.find('#');
+        words.empty() && hash != std::string_view::npos && origin == Origin::unknown)
+      origin = origin_of(line.substr(hash + 1));
+    if (origin == Origin::slicer_scale)
+      return fail(ErrorCode::bad_file, source, ", line ", number,
+                  ": a continuous scale of colours (3D Slicer's), which has no labels");
+    if (words.empty()) continue;
+    if (rows.empty()) snap = is_snap(words);
+    auto entry = snap ? parse_snap(words) : parse_named(words);
+    if (!entry)
+      return fail(ErrorCode::bad_file, source, ", line ", number, ": expected ",
+                  rows.empty() || snap ? "ITK-SNAP's `ID R G B A VIS MESH \"NAME\"`" : "",
+                  rows.empty() ? " or " : "",
+                  rows.empty() || !snap ? "3D Slicer's or FreeSurfer's `ID NAME R G B A`" : "",
+                  ", found ", in_quotes(volume_io::trim(line)));
+    rows.emplace_back(number, std::move(*entry));
+  }
+  if (snap) return table_of(rows, source);
+  // Nobody makes a table to hide every label: then the last column is no opacity, as FreeSurfer's.
+  const bool all_clear = std::ranges::all_of(
+      rows, [](const auto& row) { return row.second.id == 0 || row.second.style.opacity == 0; });
+  const bool freesurfer = origin == Origin::freesurfer || (origin == Origin::unknown && all_clear);
+  for (auto& [line, entry] : rows)
+    if (freesurfer || !entry.has_opacity) entry.style.opacity = entry.id == 0 ? 0 : 1;
+  return table_of(rows, source, freesurfer);
+}
+
+// ---- 3D Slicer's CSV ----------------------------------------------------------------------------
+
+struct Record {
+  std::size_t line;
+  std::vector<std::string> fields;
+};
+
+/// Reads a record from `at` on. Quotes may enclose a field, and double within it.
+Record next_record(std::string_view text, std::size_t& at, std::size_t& line, char separator) {
+  Record record{line, {""}};
+  for (bool quoted = false; at < text.size();) {
+    const char c = text[at++];
+    if (c == '\n') ++line;
+    if (c == '"' && quoted && at < text.size() && text[at] == '"') {
+      record.fields.back() += text[at++];
+    } else if (c == '"') {
+      quoted = !quoted;
+    } else if (c == '\n' && !quoted) {
+      break;
+    } else if (c == separator && !quoted) {
+      record.fields.emplace_back();
+    } else {
+      record.fields.back() += c;
+    }
+  }
+  for (std::string& field : record.fields) field = volume_io::trim(field);
+  return record;
+}
+
+constexpr std::string_view kIdColumn = "labelvalue";
+
+/// The separator of a CSV whose first column is LabelValue.
+std::optional<char> csv_separator(std::string_view text) {
+  std::size_t at = 0;
+  std::string header;
+  while (header.empty() && at < text.size())
+    header = lower(volume_io::trim(volume_io::next_line(text, at)));
+  std::erase(header, '"');
+  if (!header.starts_with(kIdColumn) || header.size() == kIdColumn.size()) return std::nullopt;
+  const char separator = header[kIdColumn.size()];
+  if (separator != ',' && separator != ';' && separator != '\t') return std::nullopt;
+  return separator;
+}
+
+Result<LabelTable> parse_csv(std::string_view text, char separator, const std::string& source) {
+  std::vector<std::pair<std::size_t, Entry>> rows;
+  std::map<std::string, std::size_t> columns;
+  std::size_t line = 1;
+  for (std::size_t at = 0; at < text.size();) {
+    const Record record = next_record(text, at, line, separator);
+    if (std::ranges::all_of(record.fields, &std::string::empty)) continue;
+    if (columns.empty()) {
+      for (std::size_t k = 0; k < record.fields.size(); ++k)
+        columns.emplace(lower(record.fields[k]), k);
+      for (const char* name : {"Color_R", "Color_G", "Color_B"})
+        if (!columns.contains(lower(name)))
+          return fail(ErrorCode::bad_file, source, ", line ", record.line, ": the column ", name,
+                      " is missing; 3D Slicer's color tables have LabelValue, Name, Color_R, "
+                      "Color_G, Color_B and Color_A");
+      continue;
+    }
+    const auto field = [&](const std::string& name) -> std::string_view {
+      const auto column = columns.find(name);
+      if (column == columns.end() || column->second >= record.fields.size()) return {};
+      return record.fields[column->second];
+    };
+    const auto id = parse_id(field(std::string(kIdColumn)));
+    const auto color = parse_color(field("color_r"), field("color_g"), field("color_b"));
+    const auto opacity = field("color_a").empty() ? 255 : number(field("color_a"), 255);
+    if (!id)
+      return fail(ErrorCode::bad_file, source, ", line ", record.line, ": LabelValue is ",
+                  in_quotes(field(std::string(kIdColumn))), ", expected an integer");
+    if (!color || !opacity)
+      return fail(ErrorCode::bad_file, source, ", line ", record.line,
+                  ": expected 0 to 255 as each of Color_R, Color_G, Color_B and Color_A");
+    rows.emplace_back(
+        record.line,
+        Entry{*id,
+              {.name = std::string(field("name")), .color = color, .opacity = *opacity / 255}});
+  }
+  return table_of(rows, source);
+}
+
+// ---- JSON ---------------------------------------------------------------------------------------
+
+Result<LabelTable> parse_json(std::string_view text, const std::string& source) {
   const json all = json::parse(text, nullptr, /*allow_exceptions=*/false);
   const auto bad = [&](const std::string& what) {
     return fail(ErrorCode::bad_file, source, ": not a table of labels: ", what);
@@ -129,9 +300,12 @@ Result<LabelTable> parse_json(const std::string& text, const std::string& source
 }  // namespace
 
 Result<LabelTable> parse_label_table(const std::string& bytes, const std::string& source) {
-  const std::size_t first = bytes.find_first_not_of(" \t\r\n");
-  const bool is_json = first != std::string::npos && bytes[first] == '{';
-  return is_json ? parse_json(bytes, source) : parse_lines(bytes, source);
+  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
+  std::string_view text = bytes;
+  if (text.starts_with(kByteOrderMark)) text.remove_prefix(kByteOrderMark.size());
+  if (volume_io::trim(text).starts_with('{')) return parse_json(text, source);
+  if (const auto separator = csv_separator(text)) return parse_csv(text, *separator, source);
+  return parse_lines(text, source);
 }
 
 Result<LabelTable> read_label_table(const std::string& path) {

@@ -41,9 +41,13 @@ std::string some_names(std::span<const TransferPreset> presets, const std::strin
 
 Result<std::vector<TransferPreset>> parse_transfers(const std::string& bytes,
                                                     const std::string& source) {
-  auto presets = looks_like_clut(bytes) ? parse_clut(bytes, source)
-                 : looks_like_vp(bytes) ? parse_vp(bytes, source)
-                                        : parse_json(bytes, source);
+  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
+  std::string_view text = bytes;
+  if (text.starts_with(kByteOrderMark)) text.remove_prefix(kByteOrderMark.size());
+  auto presets = looks_like_clut(text)  ? parse_clut(text, source)
+                 : looks_like_xml(text) ? parse_xml(text, source)
+                 : looks_like_vp(text)  ? parse_vp(text, source)
+                                        : parse_json(std::string(text), source);
   if (presets)
     for (auto& preset : *presets)
       if (preset.function.name.empty())

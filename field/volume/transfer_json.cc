@@ -74,47 +74,33 @@ Result<Space> read_space(const json& preset, const Place& place) {
   if (found == preset.end()) return Space::rgb;
   if (!found->is_string())
     return bad(place("ColorSpace"), " is ", found->type_name(), ", expected a string");
-  const auto& text = found->get_ref<const std::string&>();
-  for (const auto& [name, space] : kSpaces)
-    if (volume_io::lower(name) == volume_io::lower(text)) return space;
-  return fail(ErrorCode::unsupported, place("ColorSpace"), " is ", in_quotes(text),
-              ", expected RGB, HSV, Lab, CIELAB, Diverging or Step");
+  return transfer_formats::parse_space(found->get_ref<const std::string&>(), place("ColorSpace"));
 }
 
-/// Reads the colours of categories. Their values are the annotations if these are numbers, else 0,
-/// 1, 2, ...
-Result<std::vector<TransferFunction::ColorPoint>> read_indexed(const json& preset,
-                                                               const Place& place) {
+/// Reads the colours of categories, and the annotations of their values where these are numbers.
+Result<TransferPreset> read_indexed(const json& preset, const Place& place) {
   const auto& found = preset["IndexedColors"];
   if (!found.is_array() || found.empty() || found.size() % 3 != 0)
     return bad(place("IndexedColors"), " is not an array of 3 numbers a colour: red, green, blue");
-  std::vector<TransferFunction::ColorPoint> points;
-  const auto annotations = preset.find("Annotations");
+  std::vector<glm::dvec3> colors(found.size() / 3);
   for (std::size_t i = 0; i < found.size(); ++i) {
     const auto where = place("IndexedColors[" + std::to_string(i) + "]");
     if (!found[i].is_number())
       return bad(where, " is ", found[i].type_name(), ", expected a number");
     const double channel = found[i].get<double>();
     if (!(channel >= 0 && channel <= 1)) return bad(where, " is ", channel, ", expected 0 to 1");
-    const std::size_t color = i / 3;
-    if (i % 3 == 0) points.push_back({static_cast<double>(color), {}});
-    points.back().rgb[static_cast<int>(i % 3)] = channel;
+    colors[i / 3][static_cast<int>(i % 3)] = channel;
   }
   // Pairs of value and text. In some files the values are strings.
-  if (annotations == preset.end() || !annotations->is_array()) return points;
-  std::vector<double> values;
-  for (std::size_t i = 0; i < points.size() && 2 * i < annotations->size(); ++i) {
-    const json& item = (*annotations)[2 * i];
-    const auto number = item.is_number()   ? std::optional(item.get<double>())
-                        : item.is_string() ? volume_io::parse_number(item.get<std::string>())
-                                           : std::nullopt;
-    if (!number || !std::isfinite(*number) || (!values.empty() && *number <= values.back()))
-      return points;
-    values.push_back(*number);
-  }
-  if (values.size() == points.size())
-    for (std::size_t i = 0; i < points.size(); ++i) points[i].value = values[i];
-  return points;
+  std::vector<std::optional<double>> values;
+  if (const auto pairs = preset.find("Annotations"); pairs != preset.end() && pairs->is_array())
+    for (std::size_t i = 0; i < pairs->size() && values.size() < colors.size(); i += 2) {
+      const json& item = (*pairs)[i];
+      values.push_back(item.is_number()   ? std::optional(item.get<double>())
+                       : item.is_string() ? volume_io::parse_number(item.get<std::string>())
+                                          : std::nullopt);
+    }
+  return transfer_formats::indexed_preset(colors, values);
 }
 
 Result<TransferPreset> read_preset(const json& preset, const Place& place) {
@@ -131,11 +117,10 @@ Result<TransferPreset> read_preset(const json& preset, const Place& place) {
     function.name = found->get<std::string>();
   }
   if (preset.contains("IndexedColors") && !preset.contains("RGBPoints")) {
-    auto points = read_indexed(preset, place);
-    if (!points) return tl::unexpected(points.error());
-    function.colors = std::move(*points);
-    function.space = Space::step;
-    result.values = TransferPreset::Values::indexed;
+    auto indexed = read_indexed(preset, place);
+    if (!indexed) return tl::unexpected(indexed.error());
+    std::swap(indexed->function.name, function.name);
+    result = std::move(*indexed);
   } else {
     const auto space = read_space(preset, place);
     if (!space) return tl::unexpected(space.error());
@@ -204,6 +189,26 @@ json as_preset(const json& property, const std::string& name) {
 }
 
 }  // namespace
+
+Result<Space> transfer_formats::parse_space(std::string_view text, const std::string& place) {
+  for (const auto& [name, space] : kSpaces)
+    if (volume_io::lower(name) == volume_io::lower(text)) return space;
+  return fail(ErrorCode::unsupported, place, " is ", in_quotes(text),
+              ", expected RGB, HSV, Lab, CIELAB, Diverging or Step");
+}
+
+TransferPreset transfer_formats::indexed_preset(const std::vector<glm::dvec3>& colors,
+                                                const std::vector<std::optional<double>>& values) {
+  bool ascend = values.size() == colors.size();
+  for (std::size_t i = 0; ascend && i < values.size(); ++i)
+    ascend = values[i] && std::isfinite(*values[i]) && (i == 0 || *values[i] > *values[i - 1]);
+  TransferPreset preset;
+  preset.values = TransferPreset::Values::indexed;
+  preset.function.space = Space::step;
+  for (std::size_t i = 0; i < colors.size(); ++i)
+    preset.function.colors.push_back({ascend ? *values[i] : static_cast<double>(i), colors[i]});
+  return preset;
+}
 
 transfer_formats::Presets transfer_formats::parse_json(const std::string& text,
                                                        const std::string& source) {

@@ -19,14 +19,15 @@ std::vector<std::string_view> lines_of(std::string_view text) {
   return lines;
 }
 
-/// Reads a line: a count of numbers, then the numbers, `stride` per point. The first number of each
-/// point ascends; the others are in 0..1.
-Result<std::vector<double>> read_points(std::string_view line, std::size_t number,
-                                        std::size_t stride, const std::string& source) {
+/// Reads text: a count of numbers, then the numbers, `stride` per point. The first number of each
+/// point ascends; the others are in 0..1. `place` begins messages.
+Result<std::vector<double>> read_points(std::string_view text, std::size_t stride,
+                                        const std::string& place) {
   const auto bad = [&](const auto&... parts) {
-    return fail(ErrorCode::bad_file, source, ": line ", number, ": ", parts...);
+    return fail(ErrorCode::bad_file, place, ": ", parts...);
   };
-  const auto words = volume_io::words(line);
+  const auto words = volume_io::words(text);
+  if (words.empty()) return bad("is empty, expected a count of numbers and the numbers");
   const auto count = volume_io::parse_integer(words.front());
   if (!count || *count < static_cast<std::int64_t>(stride) ||
       *count % static_cast<std::int64_t>(stride) != 0)
@@ -51,6 +52,20 @@ Result<std::vector<double>> read_points(std::string_view line, std::size_t numbe
 
 }  // namespace
 
+Result<TransferPreset> points_of(std::string_view opacities, const std::string& place_of_opacities,
+                                 std::string_view colors, const std::string& place_of_colors) {
+  const auto opacity = read_points(opacities, 2, place_of_opacities);
+  if (!opacity) return tl::unexpected(opacity.error());
+  const auto color = read_points(colors, 4, place_of_colors);
+  if (!color) return tl::unexpected(color.error());
+  TransferPreset preset;
+  for (auto p = opacity->begin(); p != opacity->end(); p += 2)
+    preset.function.opacities.push_back({p[0], p[1], 0.5, 0});
+  for (auto p = color->begin(); p != color->end(); p += 4)
+    preset.function.colors.push_back({p[0], {p[1], p[2], p[3]}});
+  return preset;
+}
+
 bool looks_like_vp(std::string_view text) {
   const auto lines = lines_of(text.substr(0, 65536));
   return lines.size() >= 7 && std::isdigit(static_cast<unsigned char>(lines[0].front())) &&
@@ -63,16 +78,9 @@ Presets parse_vp(std::string_view text, const std::string& source) {
     return fail(ErrorCode::bad_file, source, ": ", lines.size(),
                 " lines, expected the 9 of a volume property: opacities in the 7th, colours in the "
                 "9th");
-  const auto opacities = read_points(lines[6], 7, 2, source);
-  if (!opacities) return tl::unexpected(opacities.error());
-  const auto colors = read_points(lines[8], 9, 4, source);
-  if (!colors) return tl::unexpected(colors.error());
-  TransferPreset preset;
-  for (auto p = opacities->begin(); p != opacities->end(); p += 2)
-    preset.function.opacities.push_back({p[0], p[1], 0.5, 0});
-  for (auto p = colors->begin(); p != colors->end(); p += 4)
-    preset.function.colors.push_back({p[0], {p[1], p[2], p[3]}});
-  return std::vector{std::move(preset)};
+  auto preset = points_of(lines[6], source + ": line 7", lines[8], source + ": line 9");
+  if (!preset) return tl::unexpected(preset.error());
+  return std::vector{std::move(*preset)};
 }
 
 }  // namespace slf::transfer_formats

@@ -1,4 +1,4 @@
-// Structures: the parts of a volume, by labels on the same grid, in colours of their own.
+// Structures: the parts of a volume, by a volume of labels, in colours of their own.
 #pragma once
 
 #include <cstdint>
@@ -25,12 +25,19 @@ struct LabelStyle {
 /// Styles by id.
 using LabelTable = std::map<std::int64_t, LabelStyle>;
 
-/// Reads a table of styles, recognised by content: ITK-SNAP's label description (`IDX R G B A VIS
-/// MESH "NAME"`, colours 0 to 255, A and VIS 0 to 1), 3D Slicer's colour table (`ID NAME R G B A`,
-/// all 0 to 255), or JSON: {"labels": [{"id": 1, "name": "liver", "color": [0.8, 0.3, 0.2],
-/// "opacity": 1}, …]}. Lines that begin with # are comments. Input is untrusted.
-/// io: unreadable. bad_file: none of these, a number out of range, an id twice; the message names
-/// the line or member.
+/// Reads a table of styles, recognised by content:
+///  - ITK-SNAP's label description: `ID R G B A VIS MESH "NAME"`, A and VIS 0 to 1;
+///  - 3D Slicer's color table (.ctbl): `ID NAME R G B A`, all 0 to 255, or without A;
+///  - FreeSurfer's, as FreeSurferColorLUT.txt: the same columns, but the last one is no opacity. Id
+///    0 is clear and the others opaque. Comments tell which of both a table is; without any, a
+///    table that would hide every label is FreeSurfer's;
+///  - 3D Slicer's CSV with the columns LabelValue, Color_R, Color_G, Color_B and, optionally, Name
+///    and Color_A, in any order after the first;
+///  - JSON: {"labels": [{"id": 1, "name": "liver", "color": [0.8, 0.3, 0.2], "opacity": 1}, …]}.
+///
+/// Colours are 0 to 255, except in JSON. In text, # begins a comment. Input is untrusted.
+/// io: unreadable. bad_file: none of these, a number out of range, an id twice (FreeSurfer: the
+/// last one holds); the message names the line or member.
 [[nodiscard]] Result<LabelTable> read_label_table(const std::string& path);
 
 /// The table in the bytes of a file; `source` is its name for messages.
@@ -38,12 +45,17 @@ using LabelTable = std::map<std::int64_t, LabelStyle>;
                                                    const std::string& source);
 
 /// Parts of a grey volume. A sample belongs to the structure whose id its nearest voxel has.
+/// Labels and mask may be on another grid: each voxel of the grey volume takes the value of theirs
+/// that is nearest by world position, and 0 outside of them.
 struct Structures {
-  std::shared_ptr<const Volume> labels;  ///< ids, on the grid of the grey volume; or null
+  std::shared_ptr<const Volume> labels;  ///< ids; or null
   /// An id without a style gets a colour derived from the id; id 0 then keeps the transfer
   /// function's colours.
   LabelTable styles{};
-  std::shared_ptr<const Volume> mask;  ///< voxels that are 0 are invisible; or null
+  std::shared_ptr<const Volume> mask;  ///< where it is 0, the volume is invisible; or null
 };
+
+/// Whether the voxels of two volumes are the same points of the world, to half a voxel.
+[[nodiscard]] bool same_grid(const Volume& a, const Volume& b);
 
 }  // namespace slf

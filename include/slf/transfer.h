@@ -89,7 +89,9 @@ struct TransferPreset {
 /// Files are recognised by content:
 ///  - ParaView's preset JSON, an array of presets or one alone, with RGBPoints or IndexedColors,
 ///    with or without Points;
-///  - 3D Slicer's volume properties (.vp and .vp.json); gradient opacity and lighting are ignored;
+///  - ParaView's colour maps in XML, one or more; as there, opacities of points are ignored;
+///  - 3D Slicer's volume properties (.vp, .vp.json, presets.xml and scenes); gradient opacity and
+///    lighting are ignored;
 ///  - MRIcroGL's .clut; relative if its min equals its max.
 ///
 /// Input is untrusted.

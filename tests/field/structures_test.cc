@@ -41,14 +41,93 @@ TEST(LabelTable, ReadsEveryFormat) {
   EXPECT_FALSE(json->at(2).color);
 }
 
+// FreeSurfer's columns are those of Slicer, but its last one is no opacity.
+TEST(LabelTable, FreeSurfersLabelsAreVisible) {
+  const std::string rows =
+      "0   Unknown                 0   0   0   0\n"
+      "1   Left-Cerebral-Exterior  70  130 180 0\n"
+      "14  3rd-Ventricle           204 182 142 0   # a comment\n"
+      "65535 x 10 20 30 0\n";
+  const std::string header = "#$Id: FreeSurferColorLUT.txt,v 1.50 $\r\n\r\n";
+  const std::string columns = "#No. Label Name:            R   G   B   A\n\n";
+  for (const auto& comments :
+       {header, columns, header + columns, std::string(), std::string("#\n")}) {
+    SCOPED_TRACE(comments);
+    const auto table = parse_label_table(comments + rows, "FreeSurferColorLUT.txt");
+    ASSERT_TRUE(table) << table.error().message;
+    ASSERT_EQ(table->size(), 4u);
+    EXPECT_EQ(table->at(0).opacity, 0);
+    EXPECT_EQ(table->at(14), (LabelStyle{"3rd-Ventricle", glm::dvec3(204, 182, 142) / 255.0, 1}));
+    EXPECT_EQ(table->at(65535).opacity, 1);
+  }
+  // Some tools write 255, or a transparency, in the same column.
+  const auto mixed = parse_label_table(columns + "1 a 1 2 3 255\n2 b 1 2 3 0\n", "a.txt");
+  ASSERT_TRUE(mixed);
+  EXPECT_EQ(mixed->at(1).opacity, 1);
+  EXPECT_EQ(mixed->at(2).opacity, 1);
+  // FreeSurfer takes the last of several lines with one id.
+  const auto twice = parse_label_table(columns + "1 a 1 2 3 0\n1 b 1 2 3 0\n", "a.txt");
+  ASSERT_TRUE(twice);
+  EXPECT_EQ(twice->at(1).name, "b");
+}
+
+TEST(LabelTable, SlicersOpacityCountsWhereTheTableIsSlicers) {
+  const std::string header = "# Color table file /home/FreeSurferColorLUT.ctbl\n# 3 values\n";
+  const std::string rows = "0 (none) 0 0 0 0\n1 'left lung' 127.5 0 0 0\n2 2 0 255 0 51\n";
+  const auto table = parse_label_table(header + rows, "a.ctbl");
+  ASSERT_TRUE(table) << table.error().message;
+  EXPECT_EQ(table->at(1), (LabelStyle{"left lung", glm::dvec3(0.5, 0, 0), 0}));
+  EXPECT_EQ(table->at(2), (LabelStyle{"2", glm::dvec3(0, 1, 0), 0.2}));
+  // A single hidden label is no reason to take the column for FreeSurfer's.
+  EXPECT_EQ(parse_label_table(rows, "a.ctbl")->at(1).opacity, 0);
+  const auto without =
+      parse_label_table("0 background 0 0 0\n7 left lung 255 0 0\n8 lobe inf 9 9 9\n", "a.txt");
+  ASSERT_TRUE(without) << without.error().message;
+  EXPECT_EQ(without->at(0).opacity, 0);
+  EXPECT_EQ(without->at(7), (LabelStyle{"left lung", glm::dvec3(1, 0, 0), 1}));
+  EXPECT_EQ(without->at(8).name, "lobe inf");
+}
+
+TEST(LabelTable, ReadsSlicersCsv) {
+  const auto table = parse_label_table(
+      "\xef\xbb\xbfLabelValue,Name,Color_R,Color_G,Color_B,Color_A,Category_CodingScheme\r\n"
+      "1,left_kidney,185,102,51,255,SCT\r\n"
+      "5,\"mass, left \"\"upper\"\"\",0,0,0,51,SCT\r\n"
+      "\r\n"
+      "1000,,255,0,0,,\r\n",
+      "a.csv");
+  ASSERT_TRUE(table) << table.error().message;
+  ASSERT_EQ(table->size(), 3u);
+  EXPECT_EQ(table->at(1), (LabelStyle{"left_kidney", glm::dvec3(185, 102, 51) / 255.0, 1}));
+  EXPECT_EQ(table->at(5), (LabelStyle{"mass, left \"upper\"", glm::dvec3(0, 0, 0), 0.2}));
+  EXPECT_EQ(table->at(1000), (LabelStyle{"", glm::dvec3(1, 0, 0), 1}));
+  const auto other =
+      parse_label_table("\"LabelValue\";\"Color_B\";\"Color_G\";\"Color_R\"\n3;255;0;0\n", "a.csv");
+  ASSERT_TRUE(other) << other.error().message;
+  EXPECT_EQ(other->at(3), (LabelStyle{"", glm::dvec3(0, 0, 1), 1}));
+}
+
 TEST(LabelTable, MistakesAreNamed) {
   for (const auto& [text, place] : std::vector<std::pair<std::string, std::string>>{
            {"", "without labels"},
-           {"1 liver 255 0 0\n", "line 1"},
+           {"1 liver 255 0\n", "line 1"},
            {"# x\n1 liver 256 0 0 255\n", "line 2"},
            {"1 liver 255 0 0 255\n1 spleen 0 0 0 255\n", "line 2: the id 1"},
            {"1 255 0 0 2 1 1 \"x\"\n", "line 1"},
            {"1.5 liver 255 0 0 255\n", "line 1"},
+           // Tables without names, which could be taken for something else.
+           {"1 255 0 0 255\n", "line 1"},
+           {"1 255 0 0 1 1\n", "line 1"},
+           {"1 255 0 0 1\n", "line 1"},
+           {"1 liver 255 0 0 255\n2 255 0 0 1 1 1 \"x\"\n", "line 2: expected 3D Slicer's or"},
+           {"1 255 0 0 1 1 1 \"x\"\n2 liver 255 0 0 255\n", "line 2: expected ITK-SNAP's"},
+           {"# Color procedural file a.txt\n0 0 0 0\n63 0 0.5 0.5\n", "a continuous scale"},
+           {"0 0 0 0\n63 0 0.5 0.5\n", "line 1: expected ITK-SNAP's"},
+           {"LabelValue,Name,Color_R,Color_G\n", "line 1: the column Color_B is missing"},
+           {"LabelValue,Color_R,Color_G,Color_B\nx,1,2,3\n", "line 2: LabelValue is 'x'"},
+           {"LabelValue,Color_R,Color_G,Color_B\n1,1,2,300\n", "line 2: expected 0 to 255"},
+           {"LabelValue,Color_R,Color_G,Color_B\n1,1,2,3\n\n1,1,2,3\n", "line 4: the id 1"},
+           {"LabelValue,Color_R,Color_G,Color_B\n", "without labels"},
            {"{", "labels"},
            {R"({"labels": [{"id": 1, "color": [2, 0, 0]}]})", "labels[0].color"},
            {R"({"labels": [{"id": "x"}]})", "labels[0].id"},
@@ -136,19 +215,156 @@ TEST(Structures, WithoutAnyStyleNothingChanges) {
   EXPECT_EQ(along_z(plain, 4).rgba, along_z(zero, 4).rgba);
 }
 
-TEST(Structures, AnotherGridIsRefused) {
+// ---- other grids --------------------------------------------------------------------------------
+
+/// A grey volume whose axes differ in length and spacing, away from the origin.
+Volume grey() {
+  Volume v;
+  v.dims = {12, 8, 8};
+  v.voxels.assign(768, std::byte{100});
+  v.axes = glm::dmat3(1.5, 0, 0, 0, -2, 0, 0, 0, 3);
+  v.origin = {-20, 30, -10};
+  v.source = "grey";
+  return v;
+}
+
+/// A label volume: at each voxel, what `at` gives for its world position.
+template <class At>
+std::shared_ptr<Volume> labels_by_position(std::array<std::uint32_t, 3> dims,
+                                           const glm::dmat3& axes, const glm::dvec3& origin,
+                                           const At& at) {
+  auto v = std::make_shared<Volume>();
+  v->dims = dims;
+  v->axes = axes;
+  v->origin = origin;
+  v->labels = true;
+  v->source = "labels";
+  for (std::uint32_t z = 0; z < dims[2]; ++z)
+    for (std::uint32_t y = 0; y < dims[1]; ++y)
+      for (std::uint32_t x = 0; x < dims[0]; ++x)
+        v->voxels.push_back(static_cast<std::byte>(at(origin + axes * glm::dvec3(x, y, z))));
+  return v;
+}
+
+/// 1 to 8: the octant of the grey volume.
+int octant(const glm::dvec3& at) {
+  const Volume v = grey();
+  const glm::dvec3 middle = v.origin + v.axes * glm::dvec3(5.5, 3.5, 3.5);
+  return 1 + int(at.x > middle.x) + 2 * int(at.y > middle.y) + 4 * int(at.z > middle.z);
+}
+
+/// What short rays within the inner voxels of the grey volume see.
+std::vector<glm::vec4> colors_of(const std::shared_ptr<Volume>& labels) {
   RaycastOptions options;
-  options.structures.mask = halves(19, 9);
-  const auto size = Raycaster::make(cube(20, 100), gray(), options);
-  ASSERT_FALSE(size);
-  EXPECT_EQ(size.error().code, ErrorCode::usage);
-  EXPECT_NE(size.error().message.find("19x19x19"), std::string::npos) << size.error().message;
-  auto moved = std::make_shared<Volume>(*halves(20, 10));
-  moved->origin.x = 3;
-  options.structures.mask = moved;
-  const auto place = Raycaster::make(cube(20, 100), gray(), options);
-  ASSERT_FALSE(place);
-  EXPECT_NE(place.error().message.find("apart"), std::string::npos) << place.error().message;
+  options.shade = false;
+  options.structures.labels = labels;
+  for (int id = 1; id <= 8; ++id)
+    options.structures.styles[id] = {"", glm::dvec3(id & 1, id >> 1 & 1, id >> 2 & 1), 1};
+  const Volume v = grey();
+  const auto made = Raycaster::make(grey(), gray(), options);
+  EXPECT_TRUE(made) << (made ? "" : made.error().message);
+  std::vector<glm::vec4> colors;
+  for (int z = 1; made && z < 7; ++z)
+    for (int y = 1; y < 7; ++y)
+      for (int x = 1; x < 11; ++x) {
+        const glm::dvec3 at = v.origin + v.axes * glm::dvec3(x, y, z);
+        const glm::dvec3 reach(0.5, 0, 0);
+        colors.push_back((*made)->trace(at - reach, at + reach).rgba);
+      }
+  return colors;
+}
+
+TEST(Structures, LabelsOnAnotherGridAreResampledByPosition) {
+  const Volume v = grey();
+  const auto expected = colors_of(labels_by_position(v.dims, v.axes, v.origin, octant));
+  ASSERT_EQ(expected.size(), 360u);
+  EXPECT_NE(expected.front(), expected.back());
+  const auto expect_same = [&](const char* what, std::array<std::uint32_t, 3> dims,
+                               const glm::dmat3& axes, const glm::dvec3& origin) {
+    SCOPED_TRACE(what);
+    const auto labels = labels_by_position(dims, axes, origin, octant);
+    EXPECT_FALSE(same_grid(*labels, v));
+    EXPECT_EQ(colors_of(labels), expected);
+  };
+  const auto end = [&](int axis) {
+    return double(v.dims[static_cast<std::size_t>(axis)] - 1) * v.axes[axis];
+  };
+  expect_same("flipped in x", v.dims, {-v.axes[0], v.axes[1], v.axes[2]}, v.origin + end(0));
+  expect_same("flipped in all", v.dims, -1.0 * v.axes, v.origin + end(0) + end(1) + end(2));
+  expect_same("x and y permuted", {8, 12, 8}, {v.axes[1], v.axes[0], v.axes[2]}, v.origin);
+  expect_same("z first", {8, 12, 8}, {v.axes[2], v.axes[0], v.axes[1]}, v.origin);
+  expect_same("cropped", {10, 6, 6}, v.axes, v.origin + v.axes * glm::dvec3(1));
+  expect_same("larger", {16, 12, 12}, v.axes, v.origin - v.axes * glm::dvec3(2));
+  expect_same("half as fine", {6, 4, 4}, 2.0 * v.axes, v.origin + v.axes * glm::dvec3(0.5));
+  expect_same("three times as fine", {36, 24, 24}, v.axes / 3.0,
+              v.origin - v.axes * glm::dvec3(1 / 3.0));
+}
+
+// Of a cube, the first and last voxels stay where they are when x and y are exchanged.
+TEST(Structures, EqualCornersAreNoEqualGrid) {
+  const Volume v = cube(20, 100);
+  auto labels = halves(20, 10);
+  labels->axes = {v.axes[1], v.axes[0], v.axes[2]};
+  EXPECT_FALSE(same_grid(*labels, v));
+  RaycastOptions options;
+  options.structures.labels = labels;
+  options.structures.styles = {{1, {"", glm::dvec3(1, 0, 0), 1}}, {2, {"", {}, 0}}};
+  const auto made = Raycaster::make(cube(20, 100), gray(), options);
+  ASSERT_TRUE(made);
+  EXPECT_GT((*made)->trace({14, 4, -20}, {14, 4, 40}).rgba.a, 0.9);
+  EXPECT_EQ((*made)->trace({4, 14, -20}, {4, 14, 40}).rgba.a, 0);
+}
+
+TEST(Structures, RotatedLabelsKeepTheirPlace) {
+  const double c = std::cos(0.5), s = std::sin(0.5);
+  const glm::dmat3 turned(c, s, 0, -s, c, 0, 0, 0, 1);
+  const glm::dvec3 middle(9.5, 9.5, 9.5);
+  RaycastOptions options;
+  options.shade = false;
+  options.structures.labels =
+      labels_by_position({40, 40, 20}, turned, middle - turned * glm::dvec3(19.5, 19.5, 9.5),
+                         [&](const glm::dvec3& at) { return at.x < 9.5 ? 1 : 2; });
+  options.structures.styles = {{1, {"", glm::dvec3(1, 0, 0), 1}}, {2, {"", {}, 0}}};
+  const auto made = Raycaster::make(cube(20, 100), gray(), options);
+  ASSERT_TRUE(made);
+  for (const double y : {1.0, 9.0, 18.0}) {
+    EXPECT_NEAR((*made)->trace({7, y, -20}, {7, y, 40}).rgba.r, 1, 0.01) << y;
+    EXPECT_EQ((*made)->trace({12, y, -20}, {12, y, 40}).rgba.a, 0) << y;
+  }
+}
+
+TEST(Structures, OutsideOfTheirGridLabelsAndMasksAre0) {
+  RaycastOptions options;
+  options.shade = false;
+  const auto part = labels_by_position({5, 20, 20}, glm::dmat3(1.0), glm::dvec3(0.0),
+                                       [](const glm::dvec3&) { return 1; });
+  options.structures.labels = part;
+  options.structures.styles = {{0, {"rest", glm::dvec3(0, 0, 1), 1}},
+                               {1, {"part", glm::dvec3(1, 0, 0), 1}}};
+  EXPECT_GT(along_z(options, 2).rgba.r, 0.9);
+  EXPECT_GT(along_z(options, 14).rgba.b, 0.9);
+  EXPECT_EQ(along_z(options, 14).rgba.r, 0);
+  options.structures = {};
+  options.structures.mask = part;
+  EXPECT_GT(along_z(options, 2).rgba.a, 0.9);
+  EXPECT_EQ(along_z(options, 14).rgba.a, 0);
+}
+
+TEST(Structures, WhatLiesElsewhereIsRefused) {
+  for (const bool as_mask : {false, true}) {
+    RaycastOptions options;
+    auto moved = std::make_shared<Volume>(*halves(20, 10));
+    moved->origin.x = 30;
+    moved->source = "moved";
+    (as_mask ? options.structures.mask : options.structures.labels) = moved;
+    const auto made = Raycaster::make(cube(20, 100), gray(), options);
+    ASSERT_FALSE(made);
+    EXPECT_EQ(made.error().code, ErrorCode::usage);
+    EXPECT_NE(made.error().message.find("at 30,0,0 to 49,19,19, wholly outside of cube at 0,0,0"),
+              std::string::npos)
+        << made.error().message;
+    EXPECT_EQ(made.error().message.find("moved: a "), 0u) << made.error().message;
+  }
 }
 
 }  // namespace

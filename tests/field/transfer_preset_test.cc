@@ -225,6 +225,119 @@ TEST(TransferPreset, ReadsClut) {
   EXPECT_EQ(parse(nodes, "hot.clut").values, Values::relative);
 }
 
+// The shapes of the tables that come with MRIcroGL.
+TEST(TransferPreset, ReadsEveryShapeOfClut) {
+  const std::string range = "[FLT]\nmin=0\nmax=0\n";
+  const std::string nodes =
+      "[INT]\nnumnodes=2\n[BYT]\nnodeintensity0=0\nnodeintensity1=255\n"
+      "[RGBA255]\nnodergba0=0|0|0|0\nnodergba1=255|255|0|128\n";
+  const auto plain = to_json(parse(range + nodes, "a.clut").function);
+  // A comment first (cubehelix, linspecer), no range, its own range elsewhere, other sections,
+  // text after the nodes (jet), blank lines, a byte order mark.
+  for (const std::string& text :
+       {"[STR]\ncomment=https://www.mrao.cam.ac.uk/~dag/CUBEHELIX/?min=4\n" + nodes, nodes,
+        "\n\n; mine\n[STR]\r\n" + range + nodes, "[Other_1]\na=b\n" + nodes + range,
+        range + nodes + "\n#00007F\", \"blue\",\n\"#007FFF\", \"cyan\"",
+        "\xef\xbb\xbf" + range + nodes})
+    EXPECT_EQ(to_json(parse(text, "a.clut").function), plain) << text;
+
+  const auto with = [&](const std::string& change, const std::string& to) {
+    std::string text = range + nodes;
+    text.replace(text.find(change), change.size(), to);
+    return parse(text, "a.clut").function;
+  };
+  // Three digits, and 256 for 255 (blue2red, blue_white_red); a bar at the end (random).
+  EXPECT_EQ(with("255|255|0|128", "000|256|064|128")(1), glm::dvec4(0, 1, 64 / 255.0, 128 / 255.0));
+  EXPECT_EQ(to_json(with("255|255|0|128", "255|255|0|128|")), plain);
+  // MRIcroGL moves the last node to 255, and the first node holds below it (blue-lightblue).
+  EXPECT_EQ(to_json(with("nodeintensity1=255", "nodeintensity1=240")), plain);
+  const auto late = with("nodeintensity0=0", "nodeintensity0=51");
+  EXPECT_EQ(late.colors.front().value, 0);
+  EXPECT_EQ(late(0.2).w, 0);
+  EXPECT_NEAR(late(0.6).x, 0.5, 1e-9);
+  // A range with a decimal comma, as MRIcroGL writes it where the system has one.
+  const auto comma = with("min=0\nmax=0", "min=-10,5\nmax=220,05");
+  EXPECT_EQ(comma.colors.front().value, -10.5);
+  EXPECT_EQ(comma.colors.back().value, 220.05);
+
+  // All of 256 colours (random).
+  std::string many = "[FLT]\nmin=0\nmax=255\n[INT]\nnumnodes=256\n[BYT]\n", colors = "[RGBA255]\n";
+  for (int i = 0; i < 256; ++i) {
+    const std::string k = std::to_string(i);
+    many.append("nodeintensity").append(k).append("=").append(k).append("\n");
+    colors.append("nodergba").append(k).append("=").append(k).append("|46|154|64|\n");
+  }
+  const auto table = parse(many + colors, "random.clut");
+  EXPECT_EQ(table.values, Values::absolute);
+  ASSERT_EQ(table.function.colors.size(), 256);
+  for (const int id : {0, 1, 77, 255}) EXPECT_NEAR(table.function(id).x, id / 255.0, 1e-9);
+}
+
+TEST(TransferPreset, ReadsParaViewsXml) {
+  const std::string two = R"(<?xml version="1.0"?>
+<!-- from a colour loom -->
+<ColorMaps>
+  <ColorMap space="CIELAB" indexedLookup="false" group="Interlinked" name="Green/Brown">
+    <Point x="1" o="1" r="1" g="0" b="0" cms="1" isMoving="true"/>
+    <Point x="-1" o="0" r="0" g="0" b="1"/>
+    <Section colorMapName="Green 1" startIndex="2" endIndex="3" startPos="0.6" endPos="0.7"/>
+    <NaN r="0.25" g="0" b="0"/>
+  </ColorMap>
+  <ColorMap name="Three" indexedLookup="true" space="RGB">
+    <Annotation v="2" t="two"/><Annotation v="5" t="five"/>
+    <Point r="1" g="0" b="0" o="1"/>
+    <Point r="0" g="1" b="0" o="1"/>
+  </ColorMap>
+</ColorMaps>)";
+  const auto maps = parse_transfers(two, "maps.xml");
+  ASSERT_TRUE(maps) << maps.error().message;
+  ASSERT_EQ(maps->size(), 2u);
+  const auto& lab = maps->front();
+  EXPECT_EQ(lab.function.name, "Green/Brown");
+  EXPECT_EQ(lab.function.space, TransferFunction::Space::lab);
+  EXPECT_FALSE(lab.has_opacity);
+  EXPECT_EQ(lab.function.colors.front().value, -1);
+  EXPECT_NEAR(lab.fit(ramp_volume())(1000).x, 1, 0.01);
+  EXPECT_EQ(lab.fit(ramp_volume())(0).w, 0);
+  auto labels = volume_of(ScalarType::u8, std::vector<std::uint8_t>{0, 2, 2, 5, 5, 5, 5, 5});
+  labels.labels = true;
+  EXPECT_EQ(maps->back().values, Values::indexed);
+  EXPECT_EQ(maps->back().fit(labels)(5), glm::dvec4(0, 1, 0, 1));
+
+  // One alone, without a name or space; hues that wrap around.
+  const auto one = parse(R"(<ColorMap><Point x="0" r="0" g="0" b="0"/>)"
+                         R"(<Point x="255" r="1" g="1" b="1"/></ColorMap>)",
+                         "gray.xml");
+  EXPECT_EQ(one.function.name, "gray");
+  EXPECT_EQ(one.function.space, TransferFunction::Space::rgb);
+  EXPECT_EQ(parse(R"(<ColorMap space="Wrapped" indexedLookup="0"><Point x="0" r="0" g="0" b="0"/>)"
+                  R"(</ColorMap>)")
+                .function.space,
+            TransferFunction::Space::hsv);
+}
+
+TEST(TransferPreset, ReadsSlicersPresets) {
+  const Folder folder;
+  const auto path = folder.write("presets.xml", R"(<?xml version="1.0" encoding="utf-8"?>
+<MRML>
+  <VolumeProperty selected="false" name="CT-AAA" gradientOpacity="4 0 1 255 1" userTags=""
+    specularPower="10" scalarOpacity="6 -3024 0 100 0 400 0.8" id="vtkMRMLVolumePropertyNode1"
+    colorTransfer="12 -3024 0 0 0 100 1 0 0 400 1 1 1" shade="1"/>
+  <VolumeProperty name="MR-Default" scalarOpacity="4 0 0 1024 0.5"
+    colorTransfer="8 0 0 0 0 1024 1 1 1"/>
+</MRML>)");
+  const auto all = read_transfers(path);
+  ASSERT_TRUE(all) << all.error().message;
+  ASSERT_EQ(all->size(), 2u);
+  EXPECT_EQ(all->front().function.name, "CT-AAA");
+  const auto transfer = all->front().fit(ramp_volume());
+  EXPECT_DOUBLE_EQ(transfer(250).w, 0.4);
+  EXPECT_EQ(transfer(250).y, 0.5);
+  const auto second = read_transfer(path + "#mr-default");
+  ASSERT_TRUE(second) << second.error().message;
+  EXPECT_EQ(second->function(1024).w, 0.5);
+}
+
 constexpr const char* kVp =
     "1\n1\n0.9\n0.1\n0.2\n10\n6 -3024 0 100 0 400 0.8\n4 0 1 255 1\n"
     "12 -3024 0 0 0 100 1 0 0 400 1 1 1\n";
@@ -273,7 +386,21 @@ TEST(TransferPreset, SaysWhatIsWrong) {
   expect(clut, "numnodes=1", "numnodes=2", "nodeintensity1 is missing");
   expect(clut, "numnodes=1", "numnodes=999", "numnodes is '999', expected a number from 1 to 256");
   expect(clut, "1|2|3|4", "1|2|3", "nodergba0 is '1|2|3', expected red|green|blue|alpha");
-  expect(clut, "1|2|3|4", "1|2|3|400", "nodergba0 is '1|2|3|400'");
+  expect(clut, "1|2|3|4", "1|2|x|4", "nodergba0 is '1|2|x|4'");
+  expect(clut, "1|2|3|4", "1|2|-3|4", "nodergba0 is '1|2|-3|4'");
+  expect(clut, "nodeintensity0=0", "nodeintensity0=300", "nodeintensity0 is '300', expected");
+  expect("[abc]\n", "", "", "numnodes is missing");
+  expect("<VTKFile/>", "", "", "XML of 'VTKFile', expected ParaView's ColorMap");
+  expect("<ColorMap>", "", "", "line 1: no element found");
+  const std::string xml = R"(<ColorMap name="m"><Point x="0" r="0" g="0" b="0.5"/></ColorMap>)";
+  expect(xml, "0.5", "1.5", "ColorMap 'm': Point 1: b is '1.5', expected 0 to 1");
+  expect(xml, "x=\"0\"", "", "ColorMap 'm': Point 1: x is '', expected a number");
+  expect(xml, "Point", "Pint", "ColorMap 'm': expected <Point");
+  const std::string property =
+      R"(<MRML><VolumeProperty name="p" scalarOpacity="4 0 0 9 1" colorTransfer="4 0 0 0 1"/></MRML>)";
+  expect(property, "4 0 0 9 1", "5 0 0 9 1", "VolumeProperty 'p': scalarOpacity: begins with '5'");
+  expect(property, "4 0 0 0 1", "4 0 0 0 2", "VolumeProperty 'p': colorTransfer: number 4 is 2");
+  expect(property, "scalarOpacity", "opacity", "VolumeProperty 'p': scalarOpacity: is empty");
   expect(R"({"IndexedColors": [1, 0]})", "", "", "IndexedColors is not an array of 3 numbers");
   expect(R"({"IndexedColors": [1, 0, 7]})", "", "", "IndexedColors[2] is 7, expected 0 to 1");
   expect(R"({"volumeProperties": [{"components": []}]})", "", "", "[0].RGBPoints is missing");
