@@ -243,7 +243,7 @@ CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::s
 /// The inputs that are volumes.
 inline constexpr const char* kVolumeHelp =
     "Volume: NIfTI, NRRD, MetaImage, TIFF, VTI, MRC, a DICOM folder or one of\n"
-    "its files, a folder of PNGs or TIFFs, or raw with --dims";
+    "its files, a folder of PNGs, JPEGs or TIFFs, or raw with --dims";
 inline constexpr const char* kVolumeGroup = "Volume";
 /// The transfer functions.
 inline constexpr const char* kTransferHelp =
@@ -266,6 +266,7 @@ struct SourceArguments {
   bool big_endian = false;
   std::string crop;
   std::optional<std::uint32_t> component, time;
+  std::string array;  // empty: the reader's choice
   std::uint64_t offset = 0;
   bool labels = false;
   std::string labels_volume, label_table, mask;  // empty: none

@@ -23,6 +23,12 @@ const Choices<ScalarType> kScalarTypes{{"u8", ScalarType::u8},   {"i8", ScalarTy
                                        {"u64", ScalarType::u64}, {"i64", ScalarType::i64},
                                        {"f32", ScalarType::f32}, {"f64", ScalarType::f64}};
 
+/// Replaces any usual name of a type, such as "uint16" or "float", by the short one.
+std::string shorten_type(std::string& text) {
+  if (const auto type = parse_scalar_type(text)) text = name(*type);
+  return "";
+}
+
 /// Parses "10:200,:,50:", half-open ranges. An empty start or end is that of the volume.
 Result<VoxelBox> parse_crop(const std::string& text) {
   VoxelBox box;
@@ -97,6 +103,7 @@ void SourceArguments::add_raw_to(CLI::App& command) {
                   ->type_name("NXxNYxNZ")
                   ->group(group);
   choose(command.add_option("--type", type, "Raw files: type of a voxel"), kScalarTypes)
+      ->transform(CLI::Validator(shorten_type, ""))
       ->type_name("TYPE")
       ->needs(raw)
       ->group(group)
@@ -119,6 +126,11 @@ void SourceArguments::add_raw_to(CLI::App& command) {
   command.add_option("--time", time, "Which of several volumes in a file, from 0")
       ->check(kNotNegative)
       ->type_name("N")
+      ->group(group);
+  command
+      .add_option("--array", array,
+                  "Which of several arrays in a VTI file, or images in an OME-TIFF, by name")
+      ->type_name("NAME")
       ->group(group);
   command.add_option("--crop", crop, "Keep these voxels only: half-open ranges, as 10:200,:,50:")
       ->type_name("X:X,Y:Y,Z:Z")
@@ -276,6 +288,7 @@ Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
   options.labels = ids;
   options.component = component;
   options.time = time;
+  if (!array.empty() && path == input) options.array = array;  // labels have their own file
   if (!crop.empty()) {
     const auto box = parse_crop(crop);
     if (!box) return tl::unexpected(box.error());
@@ -293,17 +306,16 @@ Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
   }
   auto volume = read_volume(path, options);
   if (volume) return volume;
-  for (const auto& [choice, option] :
-       {std::pair{"choose component", "--component"}, std::pair{"choose time point", "--time"}})
+  for (const auto& [choice, hint] :
+       {std::pair{"choose component", "see --component"},
+        std::pair{"choose time point", "see --time"},
+        std::pair{"choose the spacing", "see --spacing"}, std::pair{"choose array", "see --array"},
+        std::pair{"another layout", "see --dims, --type, --spacing and --offset"},
+        std::pair{"need their layout",
+                  "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`"}})
     if (volume.error().message.find(choice) != std::string::npos)
-      return with_hint(volume.error(), std::string("see ") + option);
-  if (volume.error().message.find(kHeaderless) != std::string::npos)
-    return with_hint(volume.error(),
-                     "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`");
-  if (volume.error().code != ErrorCode::usage || dims.empty() || ids || component || time ||
-      !crop.empty())
-    return volume;
-  return with_hint(volume.error(), "see --dims, --type, --spacing and --offset");
+      return with_hint(volume.error(), hint);
+  return volume;
 }
 
 Result<Volume> SourceArguments::structure(const std::string& path) const {

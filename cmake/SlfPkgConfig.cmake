@@ -3,7 +3,7 @@
 set(slf_pc_requires
   PkgConfig::LMDB=lmdb PkgConfig::XXHASH=libxxhash PkgConfig::ZSTD=libzstd PkgConfig::JPEG=libjpeg
   PkgConfig::HWY=libhwy PkgConfig::WEBP=libwebpmux PkgConfig::CURL=libcurl PNG::PNG=libpng ZLIB::ZLIB=zlib
-  OpenEXR::OpenEXR=OpenEXR EXPAT::EXPAT=expat TIFF::TIFF=libtiff-4)
+  PkgConfig::LZ4=liblz4 PkgConfig::LZMA=liblzma OpenEXR::OpenEXR=OpenEXR EXPAT::EXPAT=expat TIFF::TIFF=libtiff-4)
 set(slf_pc_libs
   Threads::Threads=-pthread
   Gdcm::gdcm=-lgdcmMSFF\ -lgdcmDSED\ -lgdcmDICT\ -lgdcmIOD\ -lgdcmCommon)

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "base/bytes.h"
 #include "slf/error.h"
@@ -42,6 +43,13 @@ inline constexpr std::uint64_t kMaxPixels = std::uint64_t{1} << 26;
 [[nodiscard]] Result<Image> decode_jpeg(const std::string& name, ByteSpan bytes);
 [[nodiscard]] Result<Image> decode_exr(const std::string& name, ByteSpan bytes);
 [[nodiscard]] Result<Image> decode_hdr(const std::string& name, ByteSpan bytes);
+
+/// A JPEG as it is stored: 1 channel of grey, or 3 of colour, of 8 bits each, side by side.
+struct JpegSamples {
+  std::uint32_t width = 0, height = 0, channels = 0;
+  std::vector<std::uint8_t> samples;
+};
+[[nodiscard]] Result<JpegSamples> decode_jpeg_samples(const std::string& name, ByteSpan bytes);
 
 /// Decodes a picture in the format that its first bytes indicate.
 [[nodiscard]] Result<Image> decode(const std::string& name, ByteSpan bytes);

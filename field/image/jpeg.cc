@@ -118,12 +118,13 @@ struct Decompressor {
     jpeg_read_header(&jpeg, TRUE);
   }
 
-  /// REQUIRES: width × height × 3 bytes at `rgb`.
-  void read_pixels(std::uint8_t* rgb) {
-    jpeg.out_color_space = JCS_RGB;
+  /// REQUIRES: width × height × channels bytes at `samples`; 1 channel of grey or 3 of colour.
+  void read_pixels(std::uint8_t* samples, std::size_t channels) {
+    jpeg.out_color_space = channels == 1 ? JCS_GRAYSCALE : JCS_RGB;
     jpeg_start_decompress(&jpeg);
     while (jpeg.output_scanline < jpeg.output_height) {
-      std::uint8_t* row = rgb + std::size_t{jpeg.output_scanline} * jpeg.output_width * 3;
+      std::uint8_t* row =
+          samples + std::size_t{jpeg.output_scanline} * jpeg.output_width * channels;
       jpeg_read_scanlines(&jpeg, &row, 1);
     }
     jpeg_finish_decompress(&jpeg);
@@ -146,7 +147,7 @@ Result<Bytes> encode_jpeg(const std::string& name, const Image& image,
   return Bytes(begin, begin + compressor.size);
 }
 
-Result<Image> decode_jpeg(const std::string& name, ByteSpan bytes) {
+Result<JpegSamples> decode_jpeg_samples(const std::string& name, ByteSpan bytes) {
   Decompressor decompressor;
   decompressor.jpeg.err = decompressor.errors.install();
   decompressor.jpeg.client_data = &decompressor.errors;
@@ -158,16 +159,34 @@ Result<Image> decode_jpeg(const std::string& name, ByteSpan bytes) {
   const auto& jpeg = decompressor.jpeg;
   if (auto ok = check_size(name, jpeg.image_width, jpeg.image_height); !ok)
     return tl::unexpected(ok.error());
+  // A block of 8x8 pixels takes a bit or more, unless it is coded arithmetically.
+  constexpr std::uint64_t kMaxPixelsPerByte = 8192;
+  if (std::uint64_t{jpeg.image_width} * jpeg.image_height > bytes.size() * kMaxPixelsPerByte)
+    return fail(ErrorCode::bad_file, name, ": damaged JPEG: ", jpeg.image_width, "x",
+                jpeg.image_height, " pixels cannot be in ", bytes.size(), " bytes");
   if (jpeg.jpeg_color_space == JCS_CMYK || jpeg.jpeg_color_space == JCS_YCCK)
     return fail(ErrorCode::unsupported, name, ": JPEG in CMYK; only grey and colour are read");
 
-  Image image{jpeg.image_width, jpeg.image_height, {}, {}};
-  std::vector<std::uint8_t> rgb(std::size_t{image.width} * image.height * 3);
-  if (!decompressor.errors.run([&] { decompressor.read_pixels(rgb.data()); })) return damaged();
+  JpegSamples image{
+      jpeg.image_width, jpeg.image_height, jpeg.jpeg_color_space == JCS_GRAYSCALE ? 1u : 3u, {}};
+  image.samples.resize(std::size_t{image.width} * image.height * image.channels);
+  if (!decompressor.errors.run(
+          [&] { decompressor.read_pixels(image.samples.data(), image.channels); }))
+    return damaged();
+  return image;
+}
 
-  image.rgba.reserve(rgb.size() / 3);
-  for (std::size_t i = 0; i < rgb.size(); i += 3)
-    image.rgba.emplace_back(glm::vec3(rgb[i], rgb[i + 1], rgb[i + 2]) / 255.0F, 1.0F);
+Result<Image> decode_jpeg(const std::string& name, ByteSpan bytes) {
+  const auto decoded = decode_jpeg_samples(name, bytes);
+  if (!decoded) return tl::unexpected(decoded.error());
+  Image image{decoded->width, decoded->height, {}, {}};
+  const auto& samples = decoded->samples;
+  image.rgba.reserve(std::size_t{image.width} * image.height);
+  for (std::size_t i = 0; i < samples.size(); i += decoded->channels) {
+    const std::size_t green = i + (decoded->channels > 1 ? 1 : 0);
+    const std::size_t blue = i + (decoded->channels > 1 ? 2 : 0);
+    image.rgba.emplace_back(glm::vec3(samples[i], samples[green], samples[blue]) / 255.0F, 1.0F);
+  }
   return image;
 }
 

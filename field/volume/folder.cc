@@ -1,8 +1,10 @@
 // A folder as a volume: a DICOM series, or pictures in the order of their names.
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <cstring>
 #include <filesystem>
+#include <set>
 
 #include "field/volume/stack.h"
 
@@ -34,24 +36,42 @@ bool natural_less(const std::string& a, const std::string& b) {
   return a.size() - i != b.size() - j ? a.size() - i < b.size() - j : a < b;
 }
 
-Result<Volume> stack(const std::string& path, const std::vector<std::string>& files, bool png,
-                     const VolumeOptions& options) {
+/// A kind of pictures that folders may hold.
+struct PictureFormat {
+  const char* plural;
+  bool (*looks_like)(std::string_view head);
+  /// Appends the slices of a file and returns their number.
+  Result<std::uint64_t> (*append)(const std::string& path, const VolumeOptions& options,
+                                  std::optional<SliceKind>& kind, std::vector<std::byte>& voxels);
+};
+
+template <auto append_one>
+Result<std::uint64_t> one_slice(const std::string& path, const VolumeOptions& options,
+                                std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
+  if (auto ok = append_one(path, options, kind, voxels); !ok) return tl::unexpected(ok.error());
+  return 1;
+}
+
+constexpr std::array<PictureFormat, 3> kFormats = {
+    {{"PNGs", looks_like_png, one_slice<append_png>},
+     {"JPEGs", looks_like_jpeg, one_slice<append_jpeg>},
+     {"TIFFs", looks_like_tiff, append_tiff}}};
+
+Result<Volume> stack(const std::string& path, const std::vector<std::string>& files,
+                     const PictureFormat& format, const VolumeOptions& options) {
   Volume volume;
   volume.source = path;
-  if (const auto ok = choose(path, options.time, 1, "time point"); !ok)
+  if (auto ok = check_numbering(path, files, volume.notes); !ok) return tl::unexpected(ok.error());
+  const bool may_have_times = format.append == append_tiff;
+  if (const auto ok = choose(path, may_have_times ? std::nullopt : options.time, 1, "time point");
+      !ok)
     return tl::unexpected(ok.error());
   std::optional<SliceKind> kind;
   std::uint64_t slices = 0;
   for (const auto& file : files) {
-    if (png) {
-      if (auto ok = append_png(file, options, kind, volume.voxels); !ok)
-        return tl::unexpected(ok.error());
-      ++slices;
-    } else {
-      const auto pages = append_tiff(file, options, kind, volume.voxels);
-      if (!pages) return tl::unexpected(pages.error());
-      slices += *pages;
-    }
+    const auto appended = format.append(file, options, kind, volume.voxels);
+    if (!appended) return tl::unexpected(appended.error());
+    slices += *appended;
   }
   volume.type = kind->type;
   volume.files = files;
@@ -64,11 +84,41 @@ Result<Volume> stack(const std::string& path, const std::vector<std::string>& fi
   return volume;
 }
 
+/// Reads the set of files that OME metadata describe. `files`: TIFFs of the folder. nullopt: their
+/// metadata describe none.
+Result<std::optional<Volume>> read_set(const std::vector<std::string>& files,
+                                       const VolumeOptions& options) {
+  const auto name_of = [](const std::string& file) {
+    return std::filesystem::path(file).filename().string();
+  };
+  const auto described = files_of_tiff_set(files.front());
+  if (!described) return tl::unexpected(described.error());
+  if (described->empty() || *described == std::set<std::string>{name_of(files.front())})
+    return std::nullopt;
+  for (const std::string& file : files)
+    if (!described->contains(name_of(file)))
+      return fail(ErrorCode::unsupported, file, ": is not one of the ", described->size(),
+                  " files that the OME metadata of ", files.front(),
+                  " describe: move it to a folder of its own, or name a file of the set");
+  auto volume = read_tiff(files.front(), options);
+  if (!volume) return tl::unexpected(volume.error());
+  return std::optional<Volume>(std::move(*volume));
+}
+
 }  // namespace
 
 std::string describe(const SliceKind& kind) {
   return std::to_string(kind.width) + "x" + std::to_string(kind.height) + " " + name(kind.type) +
-         (kind.components > 1 ? ", " + std::to_string(kind.components) + " components" : "");
+         (kind.components > 1 ? ", " + std::to_string(kind.components) + " components" : "") +
+         (kind.alpha ? " with opacity" : "");
+}
+
+Result<void> same_kind(const std::string& source, const SliceKind& here,
+                       std::optional<SliceKind>& kind) {
+  if (!kind) kind = here;
+  if (*kind == here) return {};
+  return fail(ErrorCode::unsupported, source, ": ", describe(here),
+              ", unlike the slices before it (", describe(*kind), ")");
 }
 
 Result<ComponentSelector> ComponentSelector::make(const std::string& source, const SliceKind& kind,
@@ -77,13 +127,19 @@ Result<ComponentSelector> ComponentSelector::make(const std::string& source, con
   selector.source_ = source;
   selector.components_ = kind.components;
   selector.width_ = bytes_per_voxel(kind.type);
-  const bool implicit = !options.component && kind.components >= 2 && kind.components <= 4;
-  selector.require_grey_ = implicit && kind.components >= 3;
-  if (implicit) return selector;
+  if (!options.component && kind.components >= 2 && kind.components <= 4) {
+    selector.equal_ = kind.components - (kind.alpha ? 1 : 0);
+    return selector;
+  }
   const auto component = choose(source, options.component, kind.components, "component");
   if (!component) return tl::unexpected(component.error());
   selector.component_ = *component;
   return selector;
+}
+
+Result<void> ComponentSelector::differ() const {
+  const auto error = choose(source_, {}, components_, "component");
+  return tl::unexpected(error.error());
 }
 
 Result<void> ComponentSelector::append(std::span<const std::byte> samples,
@@ -95,11 +151,8 @@ Result<void> ComponentSelector::append(std::span<const std::byte> samples,
   const std::size_t stride = width_ * components_;
   for (std::size_t at = 0; at + stride <= samples.size(); at += stride) {
     const auto* voxel = &samples[at];
-    if (require_grey_ && (std::memcmp(voxel, voxel + width_, width_) != 0 ||
-                          std::memcmp(voxel, voxel + 2 * width_, width_) != 0)) {
-      const auto error = choose(source_, {}, components_, "component");
-      return tl::unexpected(error.error());
-    }
+    for (std::size_t c = 1; c < equal_; ++c)
+      if (std::memcmp(voxel, voxel + c * width_, width_) != 0) return differ();
     const auto* from = voxel + component_ * width_;
     voxels.insert(voxels.end(), from, from + width_);
   }
@@ -107,8 +160,8 @@ Result<void> ComponentSelector::append(std::span<const std::byte> samples,
 }
 
 Result<Volume> read_folder(const std::string& path, const VolumeOptions& options) {
-  std::vector<std::string> pngs, tiffs;
-  bool any_dicom = false;
+  std::array<std::vector<std::string>, kFormats.size()> files;
+  bool any_dicom = false, any_picture = false;
   std::error_code code;
   auto it = std::filesystem::directory_iterator(path, code);
   for (; !code && it != std::filesystem::directory_iterator(); it.increment(code)) {
@@ -117,21 +170,33 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
     const auto file = it->path().string();
     const auto head = read_head(file, 132);
     if (!head) continue;
-    if (looks_like_png(*head)) pngs.push_back(file);
-    if (looks_like_tiff(*head)) tiffs.push_back(file);
+    for (std::size_t i = 0; i < kFormats.size(); ++i)
+      if (kFormats[i].looks_like(*head)) files[i].push_back(file), any_picture = true;
     any_dicom = any_dicom || looks_like_dicom(*head);
   }
   if (code) return fail(ErrorCode::io, path, ": ", code.message());
-  if (any_dicom || (pngs.empty() && tiffs.empty())) {
+  if (any_dicom || !any_picture) {
     if (auto ok = expect_one_number(path, options); !ok) return tl::unexpected(ok.error());
     return read_dicom_folder(path);
   }
-  if (!pngs.empty() && !tiffs.empty())
-    return fail(ErrorCode::unsupported, path, ": ", pngs.size(), " PNGs and ", tiffs.size(),
-                " TIFFs, expected one kind: move one of them to a folder of its own");
-  auto& files = pngs.empty() ? tiffs : pngs;
-  std::sort(files.begin(), files.end(), natural_less);
-  return stack(path, files, !pngs.empty(), options);
+  std::string found;
+  std::size_t kinds = 0, format = 0;
+  for (std::size_t i = 0; i < kFormats.size(); ++i) {
+    if (files[i].empty()) continue;
+    found.append(kinds++ ? " and " : "").append(std::to_string(files[i].size()));
+    found.append(" ").append(kFormats[i].plural);
+    format = i;
+  }
+  if (kinds > 1)
+    return fail(ErrorCode::unsupported, path, ": ", found,
+                ", expected one kind: move the others to a folder of their own");
+  std::sort(files[format].begin(), files[format].end(), natural_less);
+  if (kFormats[format].append == append_tiff) {
+    auto set = read_set(files[format], options);
+    if (!set) return tl::unexpected(set.error());
+    if (*set) return std::move(**set);
+  }
+  return stack(path, files[format], kFormats[format], options);
 }
 
 }  // namespace slf::volume_io

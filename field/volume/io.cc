@@ -14,8 +14,6 @@ namespace slf::volume_io {
 
 namespace {
 
-// The most that deflate can expand, from its format: 258 bytes for two one-bit codes.
-constexpr std::uint64_t kMaxExpansion = 1032;
 constexpr std::size_t kChunk = std::size_t{1} << 18;
 
 }  // namespace
@@ -142,71 +140,6 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value) {
                  values.begin() + static_cast<std::ptrdiff_t>(at + bytes_per_value));
 }
 
-namespace {
-
-/// Fills `to` with one component of each voxel, from.component of from.components, each of `width`
-/// bytes.
-Result<std::size_t> read_component(ByteReader& reader, const VoxelData& from, std::size_t width,
-                                   std::span<std::byte> to) {
-  if (from.components == 1) return reader.read(to);
-  const std::size_t stride = width * from.components;
-  std::vector<std::byte> chunk(std::max<std::size_t>(kChunk / stride, 1) * stride);
-  std::size_t done = 0;
-  while (done < to.size()) {
-    const std::size_t wanted = std::min(chunk.size(), (to.size() - done) / width * stride);
-    auto got = reader.read(std::span(chunk).first(wanted));
-    if (!got) return got;
-    for (std::size_t at = 0; at + stride <= *got; at += stride, done += width)
-      std::memcpy(&to[done], &chunk[at + from.component * width], width);
-    if (*got < wanted) break;
-  }
-  return done;
-}
-
-}  // namespace
-
-Result<void> read_voxels(const VoxelData& from, Volume& volume) {
-  const auto size = file_size(from.path);
-  if (!size) return tl::unexpected(size.error());
-  const std::uint64_t kept = voxel_bytes(volume);
-  const std::uint64_t there = *size > from.offset ? *size - from.offset : 0;
-  const std::uint64_t max_bytes = from.packed ? there * kMaxExpansion : there;
-  const auto& d = volume.dims;
-  std::uint64_t needed = 0;
-  if (__builtin_mul_overflow(kept, from.components, &needed) || from.skip > max_bytes ||
-      needed > max_bytes - from.skip)
-    return fail(ErrorCode::bad_file, from.path, ": ", d[0], "x", d[1], "x", d[2], " voxels of ",
-                name(volume.type), " need ", needed, " bytes from byte ", from.offset + from.skip,
-                " on, but the file holds ", there, from.packed ? " packed" : "",
-                " bytes there: it is truncated, or its header is wrong");
-
-  auto reader =
-      ByteReader::open(from.path, from.offset + (from.packed ? 0 : from.skip), from.packed);
-  if (!reader) return tl::unexpected(reader.error());
-  std::vector<std::byte> scratch(from.packed ? std::clamp<std::uint64_t>(from.skip, 1, kChunk) : 0);
-  for (std::uint64_t left = from.packed ? from.skip : 0; left > 0;) {
-    const auto got =
-        reader->read(std::span(scratch).first(std::min<std::uint64_t>(left, scratch.size())));
-    if (!got) return tl::unexpected(got.error());
-    if (*got == 0) break;
-    left -= *got;
-  }
-  volume.files.push_back(from.path);
-  volume.voxels.resize(kept);
-  const auto got = read_component(*reader, from, bytes_per_voxel(volume.type), volume.voxels);
-  if (!got) return tl::unexpected(got.error());
-  if (*got != kept)
-    return fail(ErrorCode::bad_file, from.path, ": expected ", kept, " bytes of voxels, found ",
-                *got, ": the file is truncated, or its header is wrong");
-  // zlib compares its checksum only when it reads past the voxels.
-  if (from.packed)
-    if (const auto rest = reader->read(std::span(scratch).first(1)); !rest)
-      return tl::unexpected(rest.error());
-  if (from.big_endian != (std::endian::native == std::endian::big))
-    swap_bytes(volume.voxels, bytes_per_voxel(volume.type));
-  return {};
-}
-
 Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
                                                 std::span<const std::uint64_t> sizes) {
   if (sizes.size() < 3)
@@ -261,6 +194,10 @@ Result<ChosenVolume> choose_volume(const std::string& source, std::vector<std::u
   }
   const std::uint64_t times = sizes.size() > 3 ? sizes[3] : 1;
   const std::uint64_t components = sizes.size() > 4 ? sizes[4] : 1;
+  std::uint64_t count = 0;
+  if (__builtin_mul_overflow(times, components, &count))
+    return fail(ErrorCode::bad_file, source, ": absurd dims: ", times, " time points of ",
+                components, " components");
   const auto dims =
       check_dims(source, std::span(sizes).first(std::min<std::size_t>(sizes.size(), 3)));
   if (!dims) return tl::unexpected(dims.error());
@@ -270,20 +207,9 @@ Result<ChosenVolume> choose_volume(const std::string& source, std::vector<std::u
   if (components > 1) {
     const auto component = choose(source, options.component, components, "component");
     if (!component) return tl::unexpected(component.error());
-    if (__builtin_mul_overflow(std::uint64_t{*component}, times, &index))
-      return fail(ErrorCode::bad_file, source, ": absurd dims: ", times, " time points");
+    index = *component * times;
   }
-  return ChosenVolume{*dims, index + *time, components > 1};
-}
-
-Result<void> skip_volumes(std::uint64_t index, const Volume& volume, VoxelData& from) {
-  std::uint64_t bytes = 0;
-  if (__builtin_mul_overflow(voxel_bytes(volume), from.components, &bytes) ||
-      __builtin_mul_overflow(bytes, index, &bytes) ||
-      __builtin_add_overflow(bytes, from.skip, &from.skip))
-    return fail(ErrorCode::bad_file, from.path, ": absurd dims: volume ", index,
-                " begins beyond 2^64 bytes");
-  return {};
+  return ChosenVolume{*dims, index + *time, count, components > 1};
 }
 
 Result<void> check_axes(const Volume& volume) {
@@ -292,7 +218,7 @@ Result<void> check_axes(const Volume& volume) {
     const double length = glm::length(volume.axes[i]);
     if (!std::isfinite(length) || !(length > 1e-30) || !(length < 1e30))
       return fail(ErrorCode::bad_file, volume.source, ": spacing of axis ", i, " is ", length,
-                  ", expected a positive finite number");
+                  ", expected a positive finite number: choose the spacing");
     scale *= length;
     if (!std::isfinite(volume.origin[i]))
       return fail(ErrorCode::bad_file, volume.source, ": origin is not finite");
@@ -302,6 +228,36 @@ Result<void> check_axes(const Volume& volume) {
     return fail(ErrorCode::bad_file, volume.source,
                 ": its axes are singular: two of them point the same way");
   return {};
+}
+
+namespace {
+
+bool is_length(double length) { return length > 1e-30 && length < 1e30; }
+
+}  // namespace
+
+double spacing_or(const VolumeOptions& options, std::size_t axis, double stated) {
+  return options.spacing ? (*options.spacing)[static_cast<int>(axis)] : stated;
+}
+
+Result<void> place(const VolumeOptions& options, Volume& volume) {
+  if (!options.spacing) return check_axes(volume);
+  std::vector<int> lost;
+  for (int i = 0; i < 3; ++i)
+    if (const double length = glm::length(volume.axes[i]); is_length(length))
+      volume.axes[i] /= length;
+    else
+      lost.push_back(i);
+  if (lost.size() == 1) {
+    const int i = lost.front();
+    const glm::dvec3 normal = glm::cross(volume.axes[(i + 1) % 3], volume.axes[(i + 2) % 3]);
+    volume.axes[i] = normal / glm::length(normal);  // parallel axes fail the check below
+  } else if (lost.size() > 1) {
+    volume.axes = glm::dmat3(1);
+    volume.notes.emplace_back("it states no directions: its axes are taken as x, y and z");
+  }
+  for (int i = 0; i < 3; ++i) volume.axes[i] *= (*options.spacing)[i];
+  return check_axes(volume);
 }
 
 }  // namespace slf::volume_io

@@ -19,15 +19,25 @@
 
 namespace slf::volume_io {
 
-/// The location of a volume's voxels in a file.
+/// The location of a volume's voxels in a file, or in several.
 struct VoxelData {
   std::string path;
   std::uint64_t offset = 0;  ///< first byte in the file, of the voxels or of their packed stream
   bool packed = false;       ///< gzip or zlib
   std::uint64_t skip = 0;    ///< bytes before the voxels, counted once unpacked
+  bool at_end = false;       ///< not at `offset`: the voxels are the last bytes, not packed
   bool big_endian = false;
-  /// The number of components of a voxel, stored side by side, and the one to read.
+  /// The number of components of a voxel, and the one to read.
   std::uint32_t components = 1, component = 0;
+  /// The values of a component that are stored together: 1 where components are side by side. It
+  /// divides the number of voxels.
+  std::uint64_t run = 1;
+  /// The number of volumes that are stored one after another, 0 where it is unknown, and the one to
+  /// read.
+  std::uint64_t volumes = 0, index = 0;
+  /// The files that hold the volumes in parts of equal size, each at `offset` and `skip` of its
+  /// own. Empty: all is in `path`. REQUIRES where there are several: `volumes` is known.
+  std::vector<std::string> parts{};
 };
 
 /// Reads a file from an offset on, forward only. Unpacks gzip and zlib.
@@ -75,6 +85,7 @@ class ByteReader {
 struct ChosenVolume {
   std::array<std::uint32_t, 3> dims{};
   std::uint64_t index = 0;
+  std::uint64_t count = 1;    ///< of the volumes
   bool by_component = false;  ///< components are volumes of their own: the index chooses one
 };
 
@@ -87,13 +98,21 @@ struct ChosenVolume {
 /// bad_file: axes or origin that are not finite, or axes that do not span space.
 [[nodiscard]] Result<void> check_axes(const Volume& volume);
 
-/// Fills `volume.voxels`, in native byte order, from `from`; dims and type are set.
+/// Gives the axes the spacing of the options, if they state one, and checks them with check_axes().
+/// One axis whose length is 0 or not finite becomes perpendicular to the others; if there are more,
+/// the axes become those of the grid, with a note.
+[[nodiscard]] Result<void> place(const VolumeOptions& options, Volume& volume);
+
+/// The note on files that state no spacing.
+inline constexpr const char* kNoSpacing = "it states no spacing: voxels are taken as 1x1x1";
+
+/// The spacing along an axis: that of the options, else what the file states.
+[[nodiscard]] double spacing_or(const VolumeOptions& options, std::size_t axis, double stated);
+
+/// Fills `volume.voxels`, in native byte order, from `from`; dims and type are set. Adds the files
+/// that it reads, and a note if they hold more bytes than the volumes need.
 /// bad_file: fewer bytes than the dims need, or damaged packed data.
 [[nodiscard]] Result<void> read_voxels(const VoxelData& from, Volume& volume);
-
-/// Skips `index` volumes of this size and of the components in `from`.
-/// bad_file: more bytes than there can be.
-[[nodiscard]] Result<void> skip_volumes(std::uint64_t index, const Volume& volume, VoxelData& from);
 
 /// Bytes the voxels take. REQUIRES: dims that passed check_dims.
 [[nodiscard]] std::uint64_t voxel_bytes(const Volume& volume);
@@ -112,6 +131,14 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 /// The path of a data file that a header names relative to its own folder.
 [[nodiscard]] std::string beside(const std::string& header, std::string_view name);
 
+/// The paths of numbered data files beside a header: `pattern` has one %d, or with a width %03d,
+/// for the numbers from `first` to `last` in steps. bad_file: another pattern, or numbers that are
+/// no range.
+[[nodiscard]] Result<std::vector<std::string>> numbered_files(const std::string& header,
+                                                              std::string_view pattern,
+                                                              std::int64_t first, std::int64_t last,
+                                                              std::int64_t step);
+
 /// The next line of `text` from `at` on, without its end. Moves `at` to the line after it.
 [[nodiscard]] std::string_view next_line(std::string_view text, std::size_t& at);
 
@@ -123,6 +150,7 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 [[nodiscard]] bool looks_like_vti(std::string_view head);
 [[nodiscard]] bool looks_like_tiff(std::string_view head);
 [[nodiscard]] bool looks_like_png(std::string_view head);
+[[nodiscard]] bool looks_like_jpeg(std::string_view head);
 [[nodiscard]] Result<Volume> read_nifti(const std::string& path, std::string_view head,
                                         const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_nrrd(const std::string& path, std::string_view head,
@@ -137,7 +165,7 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
                                       const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_dicom_folder(const std::string& path);
 [[nodiscard]] Result<Volume> read_dicom_file(const std::string& path);
-/// Reads a folder: DICOM if it has any, else its PNGs or TIFFs, one or more slices each.
+/// Reads a folder: DICOM if it has any, else its PNGs, JPEGs or TIFFs, one or more slices each.
 [[nodiscard]] Result<Volume> read_folder(const std::string& path, const VolumeOptions& options);
 
 }  // namespace slf::volume_io

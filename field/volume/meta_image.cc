@@ -2,7 +2,9 @@
 //
 // Not read through ITK, for the reason given in nrrd.cc. World coordinates are LPS, as in ITK. As
 // in ITK, AnatomicalOrientation does not transform them.
+#include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <map>
 
 #include "field/volume/io.h"
@@ -13,7 +15,8 @@ namespace {
 
 struct Header {
   std::map<std::string, std::string, std::less<>> fields;
-  std::size_t bytes = 0;  // up to and including the last line, ElementDataFile
+  std::size_t bytes = 0;            // up to and including the last line, ElementDataFile
+  std::vector<std::string> listed;  // the lines after `ElementDataFile = LIST`
 
   /// The value of a field, under the first of several names that the header has.
   const std::string* find(const std::vector<std::string_view>& names) const {
@@ -34,7 +37,12 @@ Result<Header> parse_lines(const std::string& path, std::string_view head) {
                   in_quotes(line), ", expected 'Field = value'");
     const std::string field(trim(line.substr(0, equals)));
     header.fields[field] = trim(line.substr(equals + 1));
-    if (field == "ElementDataFile") return header;
+    if (field != "ElementDataFile") continue;
+    if (header.fields[field].starts_with("LIST"))
+      for (std::size_t at = header.bytes; at < head.size();)
+        if (const auto name = trim(next_line(head, at)); !name.empty())
+          header.listed.emplace_back(name);
+    return header;
   }
   return fail(ErrorCode::bad_file, path, ": the MetaImage header has no 'ElementDataFile' line");
 }
@@ -111,7 +119,8 @@ Result<std::vector<std::uint64_t>> sizes_of(const std::string& path, const Heade
   return sizes;
 }
 
-Result<void> set_position(const Header& header, std::size_t rank, Volume& volume) {
+Result<void> set_position(const Header& header, std::size_t rank, const VolumeOptions& options,
+                          Volume& volume) {
   const std::string& path = volume.source;
   std::vector<double> spacing(rank, 1), origin(rank, 0), matrix(rank * rank, 0);
   for (std::size_t i = 0; i < rank; ++i) matrix[i * rank + i] = 1;
@@ -122,21 +131,24 @@ Result<void> set_position(const Header& header, std::size_t rank, Volume& volume
   for (const auto& [names, to] : {Part{{"ElementSpacing", "ElementSize"}, &spacing},
                                   Part{{"Offset", "Position", "Origin"}, &origin},
                                   Part{{"TransformMatrix", "Rotation", "Orientation"}, &matrix}})
-    if (const auto* text = header.find(names)) {
+    if (const auto* text = to == &spacing && options.spacing ? nullptr : header.find(names)) {
       auto values = numbers(path, names.front(), *text, to->size());
       if (!values) return tl::unexpected(values.error());
       *to = *values;
     }
+  if (!options.spacing && !header.find({"ElementSpacing", "ElementSize"}))
+    volume.notes.emplace_back(kNoSpacing);
   for (std::size_t axis = 0; axis < 3; ++axis) {
+    spacing[axis] = spacing_or(options, axis, spacing[axis]);
     if (!(spacing[axis] > 0) || !std::isfinite(spacing[axis]))
       return fail(ErrorCode::bad_file, path, ": 'ElementSpacing' ", axis, " is ", spacing[axis],
-                  ", expected a positive number");
+                  ", expected a positive number: choose the spacing");
     // A row of the matrix, as written, is the direction of an axis.
     const auto* row = matrix.data() + axis * rank;
     volume.axes[static_cast<int>(axis)] = glm::dvec3(row[0], row[1], row[2]) * spacing[axis];
     volume.origin[static_cast<int>(axis)] = origin[axis];
   }
-  return check_axes(volume);
+  return place(options, volume);
 }
 
 Result<void> read_scale(const Header& header, Volume& volume) {
@@ -156,8 +168,58 @@ Result<void> read_scale(const Header& header, Volume& volume) {
   return {};
 }
 
-/// Finds the voxels. The file holds `copies` times the volume's bytes: components × time points.
-Result<VoxelData> locate(const Header& header, const Volume& volume, std::uint64_t copies) {
+/// The paths of several data files, in order: a list, or a pattern with numbers. Empty: one file.
+Result<std::vector<std::string>> data_files(const std::string& path, const Header& header,
+                                            const std::vector<std::uint64_t>& sizes) {
+  const std::string& text = *header.find({"ElementDataFile"});
+  const auto parts = words(text);
+  // As in MetaIO: `LIST [DIMENSIONS OF A FILE]`, or `PATTERN [FIRST [LAST [STEP]]]`.
+  std::vector<std::int64_t> given;
+  const bool list = text.starts_with("LIST");
+  if (!list && text.find('%') == std::string::npos) return std::vector<std::string>{};
+  for (std::size_t i = 1; i < parts.size(); ++i) {
+    auto word = parts[i];
+    if (list && (word.ends_with('D') || word.ends_with('d'))) word.remove_suffix(1);
+    const auto value = parse_integer(word);
+    if (!value || std::abs(*value) > (1 << 30) || i > (list ? 1 : 3))
+      return fail(ErrorCode::bad_file, path, ": 'ElementDataFile' is ", in_quotes(text),
+                  ", expected a file, 'LIST', or a pattern with its first and last number");
+    given.push_back(*value);
+  }
+  const auto rank = static_cast<std::int64_t>(sizes.size());
+  const auto of_file = list && !given.empty() && given[0] > 0 && given[0] <= rank
+                           ? static_cast<std::size_t>(given[0])
+                           : sizes.size() - 1;
+  std::uint64_t count = 1;
+  for (std::size_t i = of_file; i < sizes.size(); ++i)
+    if (__builtin_mul_overflow(count, sizes[i], &count))
+      return fail(ErrorCode::bad_file, path, ": absurd 'DimSize'");
+  std::vector<std::string> files;
+  if (list) {
+    // Whatever follows the names is not part of the list.
+    for (const auto& name : header.listed)
+      if (files.size() < count) files.push_back(beside(path, name));
+  } else {
+    const std::int64_t first = given.empty() ? 1 : given[0];
+    const auto slices = static_cast<std::int64_t>(std::min<std::uint64_t>(count, 1 << 21));
+    const std::int64_t last = given.size() > 1 ? given[1] : first + slices - 1;
+    const std::int64_t step = given.size() > 2 ? given[2]
+                              : slices > 1     ? (last - first) / (slices - 1)
+                                               : 1;
+    auto numbered = numbered_files(path, parts.front(), first, last, step);
+    if (!numbered) return tl::unexpected(numbered.error());
+    files = std::move(*numbered);
+  }
+  if (files.size() != count)
+    return fail(ErrorCode::bad_file, path, ": it names ", files.size(),
+                " data files, but its 'DimSize' needs ", count, ", each of ", of_file,
+                " dimensions");
+  return files;
+}
+
+/// Finds the voxels.
+Result<VoxelData> locate(const Header& header, const Volume& volume,
+                         const std::vector<std::uint64_t>& sizes) {
   const std::string& path = volume.source;
   const auto binary = flag(path, header, {"BinaryData"}, true);
   const auto packed = flag(path, header, {"CompressedData"}, false);
@@ -170,10 +232,13 @@ Result<VoxelData> locate(const Header& header, const Volume& volume, std::uint64
                 "volume as binary");
   VoxelData data{.path = path, .offset = header.bytes, .packed = *packed, .big_endian = *big};
   const std::string& file = *header.find({"ElementDataFile"});
-  if (file.starts_with("LIST") || file.find('%') != std::string::npos)
-    return fail(ErrorCode::unsupported, path, ": voxels spread over several data files (",
-                in_quotes(file), "): save the volume as one .mha");
-  if (lower(file) != "local") {
+  auto files = data_files(path, header, sizes);
+  if (!files) return tl::unexpected(files.error());
+  if (!files->empty()) {
+    data.path = files->front();
+    data.offset = 0;
+    data.parts = std::move(*files);
+  } else if (lower(file) != "local") {
     data.path = beside(path, file);
     data.offset = 0;
   }
@@ -185,11 +250,8 @@ Result<VoxelData> locate(const Header& header, const Volume& volume, std::uint64
     if (!skip || *skip < -1 || *skip > (std::int64_t{1} << 53))
       return fail(ErrorCode::bad_file, path, ": 'HeaderSize' is ", in_quotes(*text),
                   ", expected a count of bytes, or -1");
-    if (*skip >= 0)
-      data.offset = static_cast<std::uint64_t>(*skip);
-    else if (std::uint64_t bytes = 0;  // the voxels are the last bytes of the file
-             !__builtin_mul_overflow(voxel_bytes(volume), copies, &bytes) && *size >= bytes)
-      data.offset = *size - bytes;
+    data.at_end = *skip < 0 && !data.packed;
+    data.offset = static_cast<std::uint64_t>(std::max<std::int64_t>(*skip, 0));
   }
   return data;
 }
@@ -230,14 +292,10 @@ Result<Volume> read_meta(const std::string& path, std::string_view head,
   const auto chosen = choose_volume(path, *sizes, options);
   if (!chosen) return tl::unexpected(chosen.error());
   volume.dims = chosen->dims;
-  if (auto done = set_position(*header, sizes->size(), volume); !done)
+  if (auto done = set_position(*header, sizes->size(), options, volume); !done)
     return tl::unexpected(done.error());
   if (auto scaled = read_scale(*header, volume); !scaled) return tl::unexpected(scaled.error());
-  std::uint64_t copies = static_cast<std::uint64_t>(*count);
-  for (std::size_t i = 3; i < sizes->size(); ++i)
-    if (__builtin_mul_overflow(copies, (*sizes)[i], &copies))
-      return fail(ErrorCode::bad_file, path, ": absurd 'DimSize'");
-  auto data = locate(*header, volume, copies);
+  auto data = locate(*header, volume, *sizes);
   if (!data) return tl::unexpected(data.error());
   data->components = static_cast<std::uint32_t>(*count);
   if (*count > 1 || !chosen->by_component) {
@@ -245,7 +303,8 @@ Result<Volume> read_meta(const std::string& path, std::string_view head,
     if (!component) return tl::unexpected(component.error());
     data->component = *component;
   }
-  if (auto ok = skip_volumes(chosen->index, volume, *data); !ok) return tl::unexpected(ok.error());
+  data->index = chosen->index;
+  data->volumes = chosen->count;
   if (auto read = read_voxels(*data, volume); !read) return tl::unexpected(read.error());
   return volume;
 }

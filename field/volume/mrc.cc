@@ -3,9 +3,11 @@
 // Why our own reader? The format is a header of 1024 bytes with fixed offsets, then voxels, and
 // Debian has no library for it that is made for damaged files. World coordinates are the file's, in
 // ångströms; they have no anatomical directions.
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <iterator>
 #include <numbers>
 
 #include "base/bytes.h"
@@ -78,7 +80,8 @@ Result<ScalarType> scalar_type(const std::string& path, const Words& words) {
 }
 
 /// Computes the axes from the unit cell, whose edge a is along x and edge b in the xy plane.
-Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of, Volume& volume) {
+Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of,
+                          const VolumeOptions& options, Volume& volume) {
   glm::dvec3 step, angle;
   bool scaled = true;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -92,7 +95,8 @@ Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of,
   }
   if (!scaled) {
     step = glm::dvec3(1);
-    volume.notes.emplace_back("it states no size of its cell: voxels are taken as 1x1x1");
+    if (!options.spacing)
+      volume.notes.emplace_back("it states no size of its cell: voxels are taken as 1x1x1");
   }
   const auto cosine = [&](int i) {
     return std::abs(angle[i] - std::numbers::pi / 2) < 1e-6 ? 0.0 : std::cos(angle[i]);
@@ -102,21 +106,16 @@ Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of,
   const double zz = 1 - cosine(1) * cosine(1) - y * y;
   const glm::dmat3 cell({step[0], 0, 0}, glm::dvec3(cosine(2), sine, 0) * step[1],
                         glm::dvec3(cosine(1), y, std::sqrt(std::max(zz, 0.0))) * step[2]);
-  glm::dvec3 origin(0.0);
-  bool has_origin = false;
-  for (std::size_t i = 0; i < 3; ++i) {
-    const double value = words.real(50 + i);
-    origin[static_cast<int>(i)] = value;
-    has_origin = has_origin || value != 0;
+  for (int storage = 0; storage < 3; ++storage)
+    volume.axes[storage] = cell[axis_of[static_cast<std::size_t>(storage)]];
+  if (auto ok = place(options, volume); !ok) return ok;
+  glm::dvec3 start;
+  for (int i = 0; i < 3; ++i) {
+    const auto word = static_cast<std::size_t>(i);
+    volume.origin[i] = words.real(50 + word);
+    start[i] = words.integer(5 + word);
   }
-  for (int storage = 0; storage < 3; ++storage) {
-    const int axis = axis_of[static_cast<std::size_t>(storage)];
-    volume.axes[storage] = cell[axis];
-    if (!has_origin)
-      origin +=
-          cell[axis] * static_cast<double>(words.integer(5 + static_cast<std::size_t>(storage)));
-  }
-  volume.origin = origin;
+  if (volume.origin == glm::dvec3(0)) volume.origin = volume.axes * start;
   volume.placement = "its cell, in angstroms";
   return check_axes(volume);
 }
@@ -134,19 +133,16 @@ void widen_half_floats(Volume& volume) {
 }
 
 /// Reads 4-bit voxels: two per byte, the first in the low half. Each row begins on a new byte.
-Result<void> read_four_bits(VoxelData data, std::uint64_t skipped_rows, Volume& volume) {
+Result<void> read_four_bits(const VoxelData& data, Volume& volume) {
   const auto width = volume.dims[0];
   const std::size_t row = (std::size_t{width} + 1) / 2;
   Volume packed;
   packed.source = volume.source;
   packed.type = ScalarType::u8;
   packed.dims = {static_cast<std::uint32_t>(row), volume.dims[1], volume.dims[2]};
-  std::uint64_t skipped = 0;
-  if (__builtin_mul_overflow(skipped_rows, row, &skipped) ||
-      __builtin_add_overflow(data.skip, skipped, &data.skip))
-    return fail(ErrorCode::bad_file, data.path, ": absurd dims");
   if (auto read = read_voxels(data, packed); !read) return read;
   volume.files = std::move(packed.files);
+  std::ranges::move(packed.notes, std::back_inserter(volume.notes));
   volume.voxels.resize(voxel_bytes(volume));
   for (std::size_t k = 0; k < volume.voxels.size(); ++k) {
     const std::size_t x = k % width;
@@ -187,7 +183,8 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
   std::array<int, 3> axis_of{0, 1, 2};
   if (words.integer(17) != 0)
     for (std::size_t i = 0; i < 3; ++i) axis_of[i] = words.integer(17 + i) - 1;
-  if (auto done = set_position(words, axis_of, volume); !done) return tl::unexpected(done.error());
+  if (auto done = set_position(words, axis_of, options, volume); !done)
+    return tl::unexpected(done.error());
 
   const auto extended = words.integer(24);
   if (extended < 0)
@@ -197,17 +194,11 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
   data.skip = kHeader + static_cast<std::uint64_t>(extended);
   std::ifstream file(path, std::ios::binary);
   data.packed = file.get() == 0x1f && file.get() == 0x8b;
-  if (words.integer(4) == kFourBits) {
-    const std::uint64_t rows = std::uint64_t{volume.dims[1]} * volume.dims[2];
-    std::uint64_t skipped = 0;
-    if (__builtin_mul_overflow(rows, chosen->index, &skipped))
-      return fail(ErrorCode::bad_file, path, ": absurd dims");
-    if (auto read = read_four_bits(data, skipped, volume); !read)
-      return tl::unexpected(read.error());
-    return volume;
-  }
-  if (auto ok = skip_volumes(chosen->index, volume, data); !ok) return tl::unexpected(ok.error());
-  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  data.index = chosen->index;
+  data.volumes = chosen->count;
+  const bool four_bits = words.integer(4) == kFourBits;
+  if (auto read = four_bits ? read_four_bits(data, volume) : read_voxels(data, volume); !read)
+    return tl::unexpected(read.error());
   if (words.integer(4) == kHalfFloats) widen_half_floats(volume);
   return volume;
 }

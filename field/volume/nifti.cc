@@ -238,10 +238,16 @@ std::string brief(double value) {
 // Chooses as nibabel, FSL and NiiVue do: the sform if its code is set, else the qform. With
 // neither, nibabel and SPM treat the grid as LAS with the world's origin at its centre. ITK prefers
 // the qform in some cases, and refuses shear, which our ray-caster supports.
-Result<void> set_position(const Header& header, Volume& volume) {
+Result<void> set_position(Header header, const VolumeOptions& options, Volume& volume) {
   const Transform sform = sform_of(header), qform = qform_of(header);
+  constexpr int kMetre = 1, kMicron = 3;
+  const int unit = header.units & 7;
+  const double to_mm = unit == kMetre ? 1e3 : unit == kMicron ? 1e-3 : 1;
   const bool has_sform = header.sform_code > 0, has_qform = header.qform_code > 0;
-  const bool damaged_sform = has_sform && has_qform && !is_usable(sform);
+  // A quaternion or an offset states a place even if its code is not set.
+  const bool states_qform =
+      has_qform || header.quaternion != glm::dvec3(0) || header.qoffset != glm::dvec3(0);
+  const bool damaged_sform = has_sform && states_qform && !is_usable(sform);
   const auto code = [](int value) { return " (code " + std::to_string(value) + ")"; };
   Transform t;
   if (has_sform && !damaged_sform) {
@@ -253,11 +259,13 @@ Result<void> set_position(const Header& header, Volume& volume) {
                              " degrees; it is drawn so");
   } else {
     for (std::size_t i = 1; i <= 3; ++i)
+      header.pixdim[i] = spacing_or(options, i - 1, header.pixdim[i] * to_mm) / to_mm;
+    for (std::size_t i = 1; i <= 3; ++i)
       if (!(header.pixdim[i] > 0) || !std::isfinite(header.pixdim[i]))
         return fail(ErrorCode::bad_file, volume.source, ": spacing (pixdim[", i, "]) is ",
-                    header.pixdim[i], ", expected a positive number");
-    if (has_qform) {
-      t = qform;
+                    header.pixdim[i], ", expected a positive number: choose the spacing");
+    if (has_qform || damaged_sform) {
+      t = qform_of(header);
       volume.placement = "qform" + code(header.qform_code);
       if (damaged_sform)
         volume.notes.push_back("its sform" + code(header.sform_code) +
@@ -286,12 +294,9 @@ Result<void> set_position(const Header& header, Volume& volume) {
   }
   for (int i = 0; i < 3; ++i) t.axes[i] *= glm::dvec3(-1, -1, 1);  // from RAS to LPS
   t.origin *= glm::dvec3(-1, -1, 1);
-  constexpr int kMetre = 1, kMicron = 3;
-  const int unit = header.units & 7;
-  const double to_mm = unit == kMetre ? 1e3 : unit == kMicron ? 1e-3 : 1;
   for (int i = 0; i < 3; ++i) volume.axes[i] = t.axes[i] * to_mm + 0.0;  // + 0.0: no -0
   volume.origin = t.origin * to_mm + 0.0;
-  return check_axes(volume);
+  return place(options, volume);
 }
 
 }  // namespace
@@ -327,7 +332,7 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
   const auto chosen = choose_volume(path, sizes, options);
   if (!chosen) return tl::unexpected(chosen.error());
   volume.dims = chosen->dims;
-  if (auto done = set_position(header, volume); !done) return tl::unexpected(done.error());
+  if (auto done = set_position(header, options, volume); !done) return tl::unexpected(done.error());
 
   // A slope of 0 means that there is none.
   if (header.slope != 0 && std::isfinite(header.slope) && std::isfinite(header.intercept)) {
@@ -355,7 +360,8 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
     return fail(ErrorCode::io, path, ": its voxels are in ", data.path,
                 ", which cannot be opened: ", std::strerror(errno));
   data.packed = file.get() == 0x1f && file.get() == 0x8b;
-  if (auto ok = skip_volumes(chosen->index, volume, data); !ok) return tl::unexpected(ok.error());
+  data.index = chosen->index;
+  data.volumes = chosen->count;
   if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
   return volume;
 }

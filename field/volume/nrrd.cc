@@ -17,8 +17,8 @@ constexpr double kUnset = std::numeric_limits<double>::quiet_NaN();
 
 struct Axis {
   std::uint64_t size = 0;
-  double spacing = kUnset;
-  double min = kUnset;
+  double spacing = kUnset, thickness = kUnset;
+  double min = kUnset, max = kUnset;
   std::string kind;
   std::string centering;
   std::optional<glm::dvec3> direction;  // unset: "none", or no directions at all
@@ -28,7 +28,8 @@ using FieldMap = std::map<std::string, std::string, std::less<>>;
 
 struct Header {
   FieldMap fields;
-  std::size_t bytes = 0;  // up to and including the blank line
+  std::size_t bytes = 0;           // up to and including the blank line
+  std::vector<std::string> names;  // the lines after `data file: LIST`
 };
 
 Result<Header> parse_lines(const std::string& path, std::string_view head) {
@@ -45,6 +46,10 @@ Result<Header> parse_lines(const std::string& path, std::string_view head) {
     std::string field = lower(trim(line.substr(0, colon)));
     std::erase(field, ' ');
     header.fields[field] = trim(line.substr(colon + 1));
+    if (field == "datafile" && header.fields[field].starts_with("LIST"))
+      while (at < head.size())
+        if (const auto name = trim(next_line(head, at)); !name.empty())
+          header.names.emplace_back(name);
   }
   header.bytes = at;
   return header;
@@ -70,7 +75,7 @@ Result<std::vector<std::string_view>> per_axis(const std::string& path, const Fi
   return result;
 }
 
-/// Parses "(x,y,z)". Drops a fourth component, which is time.
+/// Parses "(x,y,z)"; NaNs stand for "none". Drops a fourth component, which is time.
 std::optional<glm::dvec3> parse_vector(std::string_view text) {
   if (!text.starts_with('(') || !text.ends_with(')')) return std::nullopt;
   text = text.substr(1, text.size() - 2);
@@ -109,6 +114,10 @@ Result<void> parse_directions(const std::string& path, const std::string& text,
   for (std::size_t i = 0; i < axes.size(); ++i) {
     if (lower(parts[i]) == "none") continue;
     axes[i].direction = parse_vector(parts[i]);
+    if (axes[i].direction && std::isnan(axes[i].direction->x + axes[i].direction->y)) {
+      axes[i].direction.reset();
+      continue;
+    }
     if (!axes[i].direction)
       return fail(ErrorCode::bad_file, path, ": 'space directions' ", i, " is ",
                   in_quotes(parts[i]), ", expected a vector as (x,y,z)");
@@ -154,10 +163,10 @@ Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fi
                   ", expected a positive integer");
     axes[i].size = static_cast<std::uint64_t>(*size);
   }
-  if (auto r = parse_numbers(path, fields, "spacings", axes, &Axis::spacing); !r)
-    return tl::unexpected(r.error());
-  if (auto r = parse_numbers(path, fields, "axismins", axes, &Axis::min); !r)
-    return tl::unexpected(r.error());
+  for (const auto& [field, to] :
+       {std::pair{"spacings", &Axis::spacing}, std::pair{"thicknesses", &Axis::thickness},
+        std::pair{"axismins", &Axis::min}, std::pair{"axismaxs", &Axis::max}})
+    if (auto r = parse_numbers(path, fields, field, axes, to); !r) return tl::unexpected(r.error());
   const auto kinds = per_axis(path, fields, "kinds", axes.size());
   if (!kinds) return tl::unexpected(kinds.error());
   for (std::size_t i = 0; i < kinds->size(); ++i) axes[i].kind = lower((*kinds)[i]);
@@ -172,36 +181,101 @@ Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fi
   return axes;
 }
 
-/// The extents of the axes that are not of space: components before these, time points after.
-struct OtherExtents {
-  std::uint64_t components = 1, times = 1;
+/// An axis that is not of space: of components, or of time points.
+struct OtherAxis {
+  bool time = false;
+  std::uint64_t size = 1;
+  std::uint64_t run = 1;   // the voxels that are stored before the next index: sizes before it
+  bool outermost = false;  // of all axes, or before others of which this is true
 };
 
-/// Keeps the three axes of space. Drops axes of extent 1 beyond three, those of components first.
-Result<OtherExtents> keep_space(const std::string& path, bool directed, std::vector<Axis>& axes) {
-  const auto beyond = [&](const Axis& a) { return is_range(a) || (directed && !a.direction); };
+/// Keeps the three axes of space, and returns the others, the fastest first. Drops axes of extent 1
+/// beyond three, those of components first.
+Result<std::vector<OtherAxis>> keep_space(const std::string& path, bool directed,
+                                          std::vector<Axis>& axes) {
+  const auto beyond = [&](const Axis& a) {
+    return is_range(a) || a.kind == "time" || (directed && !a.direction);
+  };
   std::erase_if(axes, [&](const Axis& a) { return a.size == 1 && beyond(a); });
   for (std::size_t i = axes.size(); i-- > 0 && axes.size() > 3;)
     if (axes[i].size == 1) axes.erase(axes.begin() + static_cast<std::ptrdiff_t>(i));
   const std::vector<Axis> all = axes;
-  OtherExtents others;
-  if (axes.size() > 3 && beyond(axes.front())) {
-    others.components = axes.front().size;
-    axes.erase(axes.begin());
+  // Without kinds, the axis after three of space is time.
+  const bool unnamed = std::none_of(all.begin(), all.end(), beyond) && all.size() == 4;
+  const bool last_unnamed =
+      all.size() == 5 && beyond(all.front()) && std::none_of(all.begin() + 1, all.end(), beyond);
+  axes.clear();
+  std::vector<OtherAxis> others;
+  std::uint64_t run = 1;
+  for (const Axis& axis : all) {
+    const bool last = &axis == &all.back();
+    if (!beyond(axis) && !(last && (unnamed || last_unnamed))) {
+      axes.push_back(axis);
+    } else {
+      // Lists and axes without a kind are components before those of space, times after them.
+      const bool open = !is_range(axis) || axis.kind == "list";
+      others.push_back(
+          {.time = axis.kind == "time" || (open && last), .size = axis.size, .run = run});
+    }
+    if (__builtin_mul_overflow(run, axis.size, &run))
+      return fail(ErrorCode::bad_file, path, ": absurd 'sizes'");
   }
-  if (axes.size() == 4 && (beyond(axes.back()) || std::none_of(axes.begin(), axes.end(), beyond))) {
-    others.times = axes.back().size;
-    axes.pop_back();
+  const auto times = std::count_if(others.begin(), others.end(), [](auto& o) { return o.time; });
+  if (axes.size() == 3 && times <= 1 && others.size() - static_cast<std::size_t>(times) <= 1) {
+    for (std::size_t i = others.size(); i-- > 0 && others[i].run * others[i].size == run;) {
+      others[i].outermost = true;
+      run = others[i].run;
+    }
+    return others;
   }
-  if (axes.size() <= 3 && std::none_of(axes.begin(), axes.end(), beyond)) return others;
   std::string found;
   for (const Axis& axis : all)
     found.append(found.empty() ? "" : "x")
         .append(std::to_string(axis.size))
         .append(axis.kind.empty() ? "" : " (" + in_quotes(axis.kind) + ")");
   return fail(ErrorCode::unsupported, path, ": sizes ", found,
-              ", expected 3 axes of space, with components before and time after them: extract one "
-              "volume, e.g. `unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
+              ", expected 3 axes of space, one of components and one of time: extract one volume, "
+              "e.g. `unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
+}
+
+/// Chooses a component and a time point, wherever their axes are.
+Result<void> choose_others(const std::string& path, const std::vector<OtherAxis>& others,
+                           const VolumeOptions& options, VoxelData& data) {
+  std::uint64_t components = 1, component = 0;
+  data.volumes = 1;
+  std::optional<std::uint32_t> chosen[2];
+  for (const bool time : {true, false}) {
+    const auto axis = std::find_if(others.begin(), others.end(),
+                                   [&](const OtherAxis& other) { return other.time == time; });
+    const auto index =
+        choose(path, time ? options.time : options.component, axis == others.end() ? 1 : axis->size,
+               time ? "time point" : "component");
+    if (!index) return tl::unexpected(index.error());
+    chosen[time] = *index;
+  }
+  // The sizes of all axes together can be counted: no product overflows.
+  std::uint64_t after = 0;  // where the inner axes end that were joined
+  for (const OtherAxis& other : others) {
+    const std::uint64_t index = *chosen[other.time];
+    if (other.outermost) {
+      data.index += index * data.volumes;
+      data.volumes *= other.size;
+      continue;
+    }
+    if (after == 0) data.run = other.run;
+    if (after != 0 && after != other.run)
+      return fail(ErrorCode::unsupported, path,
+                  ": its axes of components and time have one of space between them: permute them, "
+                  "e.g. `unu permute`");
+    component += index * components;
+    components *= other.size;
+    after = other.run * other.size;
+  }
+  if (components > std::numeric_limits<std::uint32_t>::max())
+    return fail(ErrorCode::bad_file, path, ": absurd 'sizes': ", components, " components");
+  data.components = static_cast<std::uint32_t>(components);
+  data.component = static_cast<std::uint32_t>(component);
+  return {};
 }
 
 /// Converts from the header's space to LPS. Other spaces do not change, as in ITK.
@@ -217,7 +291,8 @@ glm::dvec3 to_lps(const FieldMap& fields) {
   return {1, 1, 1};
 }
 
-Result<void> place_directed(const FieldMap& fields, const std::vector<Axis>& axes, Volume& volume) {
+Result<void> place_directed(const FieldMap& fields, const std::vector<Axis>& axes,
+                            const VolumeOptions& options, Volume& volume) {
   const glm::dvec3 flip = to_lps(fields);
   for (int i = 0; i < 3; ++i)
     volume.axes[i] = flip * *axes[static_cast<std::size_t>(i)].direction + 0.0;
@@ -228,27 +303,56 @@ Result<void> place_directed(const FieldMap& fields, const std::vector<Axis>& axe
                   in_quotes(found->second), ", expected a vector as (x,y,z)");
     volume.origin = flip * *origin + 0.0;
   }
-  return check_axes(volume);
+  return place(options, volume);
 }
 
-// Without a space, uses the grid's own axes. The axis mins give the origin if all are known. A min
-// is the edge of the first voxel, unless the samples are at nodes.
-Result<void> place_by_spacing(const FieldMap& fields, const std::vector<Axis>& axes,
+/// The distance between two samples that an axis states, by itself or by its ends; NaN: none. As in
+/// Teem, the ends are those of the cells around the samples, unless the samples are at nodes.
+double spacing_of(const Axis& axis) {
+  if (!std::isnan(axis.spacing)) return axis.spacing;
+  const double intervals =
+      axis.centering == "node" ? double(axis.size) - 1 : static_cast<double>(axis.size);
+  return (axis.max - axis.min) / intervals;
+}
+
+/// Without a space, uses the grid's own axes. The ends of the axes give the origin if all are
+/// known.
+Result<void> place_by_spacing(const std::vector<Axis>& axes, const VolumeOptions& options,
                               Volume& volume) {
-  const bool has_spacing = fields.contains("spacings");
-  bool has_mins = true;
-  for (int i = 0; i < 3; ++i) {
-    const Axis& axis = axes[static_cast<std::size_t>(i)];
-    const double spacing = has_spacing ? axis.spacing : 1;
-    if (!(spacing > 0) || !std::isfinite(spacing))
+  std::string unknown, by_thickness;
+  bool has_origin = true;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Axis& axis = axes[i];
+    double spacing = spacing_or(options, i, spacing_of(axis));
+    if (std::isnan(spacing)) {
+      spacing = 1;
+      unknown += "xyz"[i];
+      if (axis.thickness > 0) by_thickness += "xyz"[i];
+    }
+    // Only axes that state their ends may run backwards.
+    const bool backwards = axis.max < axis.min && std::isnan(axis.spacing);
+    if (!(spacing > 0 || backwards) || spacing == 0 || !std::isfinite(spacing))
       return fail(ErrorCode::bad_file, volume.source, ": 'spacings' ", i, " is ", spacing,
-                  ", expected a positive number");
-    volume.axes[i][i] = spacing;
-    volume.origin[i] = axis.min + (axis.centering == "node" ? 0 : spacing / 2);
-    has_mins = has_mins && std::isfinite(axis.min);
+                  ", expected a positive number: choose the spacing");
+    if (backwards) spacing = -std::abs(spacing);
+    const int k = static_cast<int>(i);
+    volume.axes[k][k] = spacing;
+    const double from_end = axis.centering == "node" ? 0 : spacing / 2;
+    volume.origin[k] = axis.min + from_end;
+    if (std::isnan(axis.min))
+      volume.origin[k] =
+          axis.max + from_end -
+          spacing * (axis.centering == "node" ? double(axis.size) - 1 : double(axis.size));
+    has_origin = has_origin && std::isfinite(volume.origin[k]);
   }
-  if (!has_mins) volume.origin = glm::dvec3(0.0);
-  return check_axes(volume);
+  if (!has_origin) volume.origin = glm::dvec3(0.0);
+  if (unknown == "xyz" && by_thickness.empty())
+    volume.notes.emplace_back(kNoSpacing);
+  else if (!unknown.empty())
+    volume.notes.push_back(
+        "it states no spacing along " + unknown + ": taken as 1" +
+        (by_thickness.empty() ? "" : "; the thickness of its samples need not be their distance"));
+  return place(options, volume);
 }
 
 Result<std::uint64_t> parse_skip(const std::string& path, const FieldMap& fields,
@@ -296,42 +400,81 @@ Result<bool> parse_big_endian(const std::string& path, const FieldMap& fields, S
               ", expected 'endian: little' or 'endian: big'");
 }
 
-/// Finds the voxels. The file holds `copies` times the volume's bytes: components × time points.
-Result<VoxelData> locate(const std::string& path, const Header& header, const Volume& volume,
-                         std::uint64_t copies) {
+/// The paths of several data files, in order: `LIST [SUBDIM]`, or `PATTERN MIN MAX STEP [SUBDIM]`.
+/// Empty: one file.
+Result<std::vector<std::string>> data_files(const std::string& path, const Header& header,
+                                            const std::string& text,
+                                            const std::vector<Axis>& axes) {
+  const auto parts = words(text);
+  const bool list = text.starts_with("LIST");
+  if (!list && (text.find('%') == std::string::npos || parts.size() < 4))
+    return std::vector<std::string>{};
+  std::vector<std::int64_t> given;
+  for (std::size_t i = 1; i < parts.size(); ++i) {
+    const auto value = parse_integer(parts[i]);
+    if (!value || i > (list ? 1 : 4))
+      return fail(ErrorCode::bad_file, path, ": 'data file' is ", in_quotes(text),
+                  ", expected 'LIST' or 'PATTERN MIN MAX STEP', and the dimension of a file");
+    given.push_back(*value);
+  }
+  std::vector<std::string> files;
+  if (list) {
+    for (const auto& name : header.names) files.push_back(beside(path, name));
+  } else {
+    auto numbered = numbered_files(path, parts.front(), given[0], given[1], given[2]);
+    if (!numbered) return numbered;
+    files = std::move(*numbered);
+  }
+  // Files of as many dimensions as there are share the last axis, in any number of equal parts.
+  const auto rank = static_cast<std::int64_t>(axes.size());
+  const std::int64_t of_file = given.size() == (list ? 1 : 4) ? given.back() : rank - 1;
+  if (of_file < 1 || of_file > rank)
+    return fail(ErrorCode::bad_file, path, ": 'data file' is ", in_quotes(text),
+                ", expected files of 1 to ", rank, " dimensions");
+  std::uint64_t count = 1;
+  for (auto i = static_cast<std::size_t>(of_file); i < axes.size(); ++i)
+    if (__builtin_mul_overflow(count, axes[i].size, &count))
+      return fail(ErrorCode::bad_file, path, ": absurd 'sizes'");
+  if (files.empty() || (of_file < rank && files.size() != count))
+    return fail(ErrorCode::bad_file, path, ": it names ", files.size(),
+                " data files, but its 'sizes' need ", count, ", each of ", of_file, " dimensions");
+  return files;
+}
+
+/// Finds the voxels. `axes`: all of them, as in the header.
+Result<void> locate(const std::string& path, const Header& header, ScalarType type,
+                    const std::vector<Axis>& axes, VoxelData& data) {
   const auto& fields = header.fields;
-  VoxelData data{.path = path, .offset = header.bytes};
+  data.path = path;
+  data.offset = header.bytes;
   if (const auto found = fields.find("datafile"); found != fields.end()) {
-    if (found->second.starts_with("LIST") || found->second.find('%') != std::string::npos)
-      return fail(ErrorCode::unsupported, path, ": voxels spread over several data files (",
-                  in_quotes(found->second), "): join them, `unu save -f nrrd -i IN -o OUT.nrrd`");
-    data.path = beside(path, found->second);
+    auto files = data_files(path, header, found->second, axes);
+    if (!files) return tl::unexpected(files.error());
+    data.path = files->empty() ? beside(path, found->second) : files->front();
+    data.parts = std::move(*files);
     data.offset = 0;
   }
   const auto packed = parse_packed(path, fields);
   if (!packed) return tl::unexpected(packed.error());
   data.packed = *packed;
-  const auto big_endian = parse_big_endian(path, fields, volume.type);
+  const auto big_endian = parse_big_endian(path, fields, type);
   if (!big_endian) return tl::unexpected(big_endian.error());
   data.big_endian = *big_endian;
-  const auto size = file_size(data.path);
-  if (!size)
+  if (const auto size = file_size(data.path); !size)
     return fail(size.error().code, path, ": its data file cannot be read: ", size.error().message);
   const auto lines = parse_skip(path, fields, "lineskip", 0);
   if (!lines) return tl::unexpected(lines.error());
+  if (*lines > 0 && data.parts.size() > 1)
+    return fail(ErrorCode::unsupported, path,
+                ": 'line skip' in several data files, expected 'byte skip'");
   const auto offset = offset_after_lines(data.path, data.offset, *lines);
   if (!offset) return tl::unexpected(offset.error());
   data.offset = *offset;
   const auto skip = parse_skip(path, fields, "byteskip", data.packed ? 0 : -1);
   if (!skip) return tl::unexpected(skip.error());
-  data.skip = *skip;
-  if (static_cast<std::int64_t>(data.skip) == -1) {  // the voxels are at the end of the file
-    data.skip = 0;
-    std::uint64_t bytes = 0;
-    if (!__builtin_mul_overflow(voxel_bytes(volume), copies, &bytes) && *size >= bytes)
-      data.offset = *size - bytes;
-  }
-  return data;
+  data.at_end = static_cast<std::int64_t>(*skip) == -1;
+  data.skip = data.at_end ? 0 : *skip;
+  return {};
 }
 
 }  // namespace
@@ -352,33 +495,26 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
                 ", expected one number, 8 to 64 bits wide");
   volume.type = *type;
 
-  auto axes = parse_axes(path, fields);
-  if (!axes) return tl::unexpected(axes.error());
+  const auto all_axes = parse_axes(path, fields);
+  if (!all_axes) return tl::unexpected(all_axes.error());
+  auto axes = *all_axes;
   const bool directed = fields.contains("spacedirections");
-  const auto others = keep_space(path, directed, *axes);
+  const auto others = keep_space(path, directed, axes);
   if (!others) return tl::unexpected(others.error());
-  if (others->components > 4096)
-    return fail(ErrorCode::unsupported, path, ": ", others->components,
-                " components a voxel, expected at most 4096");
   std::vector<std::uint64_t> sizes;
-  for (const Axis& axis : *axes) sizes.push_back(axis.size);
+  for (const Axis& axis : axes) sizes.push_back(axis.size);
   const auto dims = check_dims(path, sizes);
   if (!dims) return tl::unexpected(dims.error());
   volume.dims = *dims;
-  const auto placed =
-      directed ? place_directed(fields, *axes, volume) : place_by_spacing(fields, *axes, volume);
+  const auto placed = directed ? place_directed(fields, axes, options, volume)
+                               : place_by_spacing(axes, options, volume);
   if (!placed) return tl::unexpected(placed.error());
 
-  const auto time = choose(path, options.time, others->times, "time point");
-  if (!time) return tl::unexpected(time.error());
-  auto data = locate(path, *header, volume, others->components * others->times);
-  if (!data) return tl::unexpected(data.error());
-  data->components = static_cast<std::uint32_t>(others->components);
-  const auto component = choose(path, options.component, data->components, "component");
-  if (!component) return tl::unexpected(component.error());
-  data->component = *component;
-  if (auto ok = skip_volumes(*time, volume, *data); !ok) return tl::unexpected(ok.error());
-  if (auto read = read_voxels(*data, volume); !read) return tl::unexpected(read.error());
+  VoxelData data;
+  if (auto ok = choose_others(path, *others, options, data); !ok) return tl::unexpected(ok.error());
+  if (auto ok = locate(path, *header, volume.type, *all_axes, data); !ok)
+    return tl::unexpected(ok.error());
+  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
   return volume;
 }
 

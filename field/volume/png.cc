@@ -56,7 +56,8 @@ bool read_header(Reader& reader) {
       .width = png_get_image_width(reader.png, reader.info),
       .height = png_get_image_height(reader.png, reader.info),
       .components = png_get_channels(reader.png, reader.info),
-      .type = png_get_bit_depth(reader.png, reader.info) == 16 ? ScalarType::u16 : ScalarType::u8};
+      .type = png_get_bit_depth(reader.png, reader.info) == 16 ? ScalarType::u16 : ScalarType::u8,
+      .alpha = (png_get_color_type(reader.png, reader.info) & PNG_COLOR_MASK_ALPHA) != 0};
   return true;
 }
 
@@ -88,10 +89,7 @@ Result<void> append_png(const std::string& path, const VolumeOptions& options,
   if (!reader.info) return fail(ErrorCode::failed, path, ": no memory to read it");
   png_set_read_fn(reader.png, &reader, on_read);
   if (!read_header(reader)) return damaged();
-  if (!kind) kind = reader.kind;
-  if (*kind != reader.kind)
-    return fail(ErrorCode::unsupported, path, ": ", describe(reader.kind),
-                ", unlike the slices before it (", describe(*kind), ")");
+  if (auto ok = same_kind(path, reader.kind, kind); !ok) return ok;
   const auto taker = ComponentSelector::make(path, *kind, options);
   if (!taker) return tl::unexpected(taker.error());
 

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -15,42 +16,65 @@ struct SliceKind {
   std::uint32_t width = 0, height = 0;
   std::uint32_t components = 1;
   ScalarType type = ScalarType::u8;
+  bool alpha = false;  ///< the last component is opacity
   bool operator==(const SliceKind&) const = default;
 };
 
 /// "512x512 u8, 3 components".
 [[nodiscard]] std::string describe(const SliceKind& kind);
 
+/// The first slice sets `kind`. unsupported: `here`, that of a later one, is another.
+[[nodiscard]] Result<void> same_kind(const std::string& source, const SliceKind& here,
+                                     std::optional<SliceKind>& kind);
+
 /// Appends one component of each voxel to a volume.
 class ComponentSelector {
  public:
-  /// Chooses the component: that of the options, or the first of grey with alpha and of colours
-  /// whose channels are equal. Errors as choose().
+  /// Chooses the component: that of the options, or the first of up to four that are equal, opacity
+  /// left out. Errors as choose().
   [[nodiscard]] static Result<ComponentSelector> make(const std::string& source,
                                                       const SliceKind& kind,
                                                       const VolumeOptions& options);
   [[nodiscard]] std::uint32_t component() const { return component_; }
+  /// The number of components, from the first on, that must be equal.
+  [[nodiscard]] std::uint32_t equal() const { return equal_; }
+  /// unsupported: components differ, and none was chosen.
+  [[nodiscard]] Result<void> differ() const;
   /// `samples`: whole voxels, components side by side, native byte order.
-  /// unsupported: colours that differ, and none was chosen.
+  /// Errors as differ().
   [[nodiscard]] Result<void> append(std::span<const std::byte> samples,
                                     std::vector<std::byte>& voxels) const;
 
  private:
   std::string source_;
-  std::uint32_t components_ = 1, component_ = 0;
+  std::uint32_t components_ = 1, component_ = 0, equal_ = 1;
   std::size_t width_ = 1;
-  bool require_grey_ = false;
 };
 
-/// Appends a PNG to `voxels`. The first one sets `kind`, which all others must have.
+/// Appends a picture to `voxels`. The first one sets `kind`, which all others must have.
 [[nodiscard]] Result<void> append_png(const std::string& path, const VolumeOptions& options,
                                       std::optional<SliceKind>& kind,
                                       std::vector<std::byte>& voxels);
+[[nodiscard]] Result<void> append_jpeg(const std::string& path, const VolumeOptions& options,
+                                       std::optional<SliceKind>& kind,
+                                       std::vector<std::byte>& voxels);
 
-/// Appends all pages of a TIFF file in the same way. Returns their number.
-[[nodiscard]] Result<std::uint32_t> append_tiff(const std::string& path,
+/// Appends all slices of a TIFF file in the same way, of one channel and one time point where its
+/// metadata state several. Returns their number.
+[[nodiscard]] Result<std::uint64_t> append_tiff(const std::string& path,
                                                 const VolumeOptions& options,
                                                 std::optional<SliceKind>& kind,
                                                 std::vector<std::byte>& voxels);
+
+/// The names of the files, all in one folder, that a TIFF file's OME metadata say its pictures are
+/// in. Often it is that file only; empty if there are no such metadata.
+[[nodiscard]] Result<std::set<std::string>> files_of_tiff_set(const std::string& path);
+
+/// Checks the names of the pictures in a folder, sorted: one series, numbered without gaps. Adds
+/// notes on numbers in steps, and on names that cannot be checked.
+/// unsupported: two series. bad_file: a number is missing, or there twice.
+[[nodiscard]] Result<void> check_numbering(const std::string& folder,
+                                           const std::vector<std::string>& files,
+                                           std::vector<std::string>& notes);
 
 }  // namespace slf::volume_io

@@ -1,6 +1,7 @@
 // Parsing of header text, as in NRRD and MetaImage.
 #include <cctype>
 #include <charconv>
+#include <cstdlib>
 #include <filesystem>
 
 #include "field/volume/io.h"
@@ -61,6 +62,37 @@ std::string beside(const std::string& header, std::string_view name) {
   const std::filesystem::path path(name);
   if (path.is_absolute()) return path.string();
   return (std::filesystem::path(header).parent_path() / path).lexically_normal().string();
+}
+
+Result<std::vector<std::string>> numbered_files(const std::string& header, std::string_view pattern,
+                                                std::int64_t first, std::int64_t last,
+                                                std::int64_t step) {
+  // Not by printf: the pattern is untrusted.
+  const auto percent = pattern.find('%');
+  std::size_t end = percent == std::string_view::npos ? pattern.size() : percent + 1;
+  const bool zeros = end < pattern.size() && pattern[end] == '0';
+  std::size_t width = 0;
+  for (; end < pattern.size() && pattern[end] >= '0' && pattern[end] <= '9' && width < 100; ++end)
+    width = 10 * width + static_cast<std::size_t>(pattern[end] - '0');
+  const bool known =
+      end < pattern.size() && std::string_view("diu").find(pattern[end]) != std::string_view::npos;
+  if (!known || width > 20 || pattern.find('%', end) != std::string_view::npos)
+    return fail(ErrorCode::bad_file, header, ": the data files ", in_quotes(pattern),
+                ", expected one %d for their numbers, as %03d");
+  constexpr std::int64_t kMaxNumber = 1 << 30, kMaxFiles = 1 << 20;
+  if (std::abs(first) > kMaxNumber || std::abs(last) > kMaxNumber || step == 0 ||
+      (step > 0) != (last >= first) || std::abs(step) > kMaxNumber ||
+      (last - first) / step >= kMaxFiles)
+    return fail(ErrorCode::bad_file, header, ": data files numbered ", first, " to ", last,
+                " in steps of ", step, ", expected at most ", kMaxFiles);
+  std::vector<std::string> files;
+  for (std::int64_t number = first; step > 0 ? number <= last : number >= last; number += step) {
+    std::string digits = std::to_string(number);
+    if (digits.size() < width) digits.insert(0, width - digits.size(), zeros ? '0' : ' ');
+    files.push_back(beside(header, std::string(pattern.substr(0, percent)) + digits +
+                                       std::string(pattern.substr(end + 1))));
+  }
+  return files;
 }
 
 std::string_view next_line(std::string_view text, std::size_t& at) {

@@ -8,6 +8,7 @@
 #include <bit>
 #include <cstdarg>
 #include <cstdio>
+#include <functional>
 #include <memory>
 #include <set>
 
@@ -82,9 +83,10 @@ class TiffFile {
     if (!TIFFReadDirectory(tiff.get())) return damaged();
     return true;
   }
-  /// A reduced copy of another page, which some writers add.
+  /// A reduced copy of another page, or its mask, which some writers add.
   [[nodiscard]] bool is_thumbnail() const {
-    return (tag<std::uint32_t>(TIFFTAG_SUBFILETYPE, 0) & FILETYPE_REDUCEDIMAGE) != 0;
+    return (tag<std::uint32_t>(TIFFTAG_SUBFILETYPE, 0) & (FILETYPE_REDUCEDIMAGE | FILETYPE_MASK)) !=
+           0;
   }
 
   std::string path;
@@ -122,6 +124,10 @@ Result<SliceKind> kind_of(const TiffFile& file) {
   if (!known)
     return fail(ErrorCode::unsupported, file.path, ": samples of ", bits, " bits, format ", format,
                 ", expected 8, 16, 32 or 64 bits");
+  std::uint16_t extra = 0;
+  std::uint16_t* meanings = nullptr;
+  if (TIFFGetField(file.tiff.get(), TIFFTAG_EXTRASAMPLES, &extra, &meanings) && extra == 1)
+    kind.alpha = meanings[0] != EXTRASAMPLE_UNSPECIFIED && kind.components > 1;
   const auto compression = file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE);
   for (const int read :
        {COMPRESSION_NONE, COMPRESSION_LZW, COMPRESSION_JPEG, COMPRESSION_ADOBE_DEFLATE,
@@ -139,24 +145,16 @@ Result<std::vector<std::byte>> buffer(const TiffFile& file, std::uint64_t size) 
   return std::vector<std::byte>(size);
 }
 
-/// Appends the pixels of this page, by strips or by rows of tiles, so that memory grows with the
-/// data that were decoded.
-Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentSelector& taker,
-                         std::vector<std::byte>& voxels) {
+using TakeRows = std::function<Result<void>(std::span<const std::byte>)>;
+
+/// Calls `take` with the rows of a plane of this page, by strips or by rows of tiles, so that
+/// memory grows with the data that were decoded. A pixel has this number of samples.
+Result<void> read_rows(TiffFile& file, const SliceKind& kind, std::uint32_t samples,
+                       std::uint32_t plane_index, const TakeRows& take) {
   TIFF* tiff = file.tiff.get();
-  if (file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE) == COMPRESSION_JPEG)
-    TIFFSetField(tiff, TIFFTAG_JPEGCOLORMODE, JPEGCOLORMODE_RGB);
-  const bool apart = kind.components > 1 &&
-                     file.tag<std::uint16_t>(TIFFTAG_PLANARCONFIG, 1) == PLANARCONFIG_SEPARATE;
-  const std::uint64_t pixel =
-      (apart ? 1 : kind.components) * std::uint64_t{bytes_per_voxel(kind.type)};
+  const std::uint64_t pixel = samples * std::uint64_t{bytes_per_voxel(kind.type)};
   const std::uint64_t row = pixel * kind.width;
-  const auto plane = static_cast<std::uint16_t>(apart ? taker.component() : 0);
-  const auto take = [&](std::span<const std::byte> samples) -> Result<void> {
-    if (!apart) return taker.append(samples, voxels);
-    voxels.insert(voxels.end(), samples.begin(), samples.end());
-    return {};
-  };
+  const auto plane = static_cast<std::uint16_t>(plane_index);
   if (!TIFFIsTiled(tiff)) {
     const std::uint32_t rows = std::clamp<std::uint32_t>(
         file.tag<std::uint32_t>(TIFFTAG_ROWSPERSTRIP, kind.height), 1, kind.height);
@@ -195,23 +193,114 @@ Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentS
   return {};
 }
 
-Result<TiffDescription> describe_pages(const TiffFile& file, const SliceKind& kind) {
+/// Appends a component of this page.
+Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentSelector& selector,
+                         std::vector<std::byte>& voxels) {
+  if (file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE) == COMPRESSION_JPEG)
+    TIFFSetField(file.tiff.get(), TIFFTAG_JPEGCOLORMODE, JPEGCOLORMODE_RGB);
+  const bool apart = kind.components > 1 &&
+                     file.tag<std::uint16_t>(TIFFTAG_PLANARCONFIG, 1) == PLANARCONFIG_SEPARATE;
+  if (!apart)
+    return read_rows(file, kind, kind.components, 0,
+                     [&](auto samples) { return selector.append(samples, voxels); });
+  const std::size_t begin = voxels.size();
+  const auto append = [&](std::span<const std::byte> samples) -> Result<void> {
+    voxels.insert(voxels.end(), samples.begin(), samples.end());
+    return {};
+  };
+  if (auto ok = read_rows(file, kind, 1, selector.component(), append); !ok) return ok;
+  for (std::uint32_t plane = 1; plane < selector.equal(); ++plane) {
+    std::size_t at = begin;
+    const auto compare = [&](std::span<const std::byte> samples) -> Result<void> {
+      if (!std::equal(samples.begin(), samples.end(), voxels.begin() + std::ptrdiff_t(at)))
+        return selector.differ();
+      at += samples.size();
+      return {};
+    };
+    if (auto ok = read_rows(file, kind, 1, plane, compare); !ok) return ok;
+  }
+  return {};
+}
+
+Result<TiffDescription> describe_pages(const TiffFile& file, const SliceKind& kind,
+                                       const VolumeOptions& options) {
   const std::string text = file.text(TIFFTAG_IMAGEDESCRIPTION);
+  if (looks_like_ome(text)) return parse_ome(text, file.path, kind.components, options.array);
+  if (options.array)
+    return fail(ErrorCode::usage, file.path, ": array ", in_quotes(*options.array),
+                " was chosen, but the file names none");
   if (looks_like_imagej(text))
-    return parse_imagej(
-        text, {file.tag<float>(TIFFTAG_XRESOLUTION, 0), file.tag<float>(TIFFTAG_YRESOLUTION, 0)});
-  if (looks_like_ome(text)) return parse_ome(text, file.path, kind.components);
+    return parse_imagej(text,
+                        {.pixels = {file.tag<float>(TIFFTAG_XRESOLUTION, 0),
+                                    file.tag<float>(TIFFTAG_YRESOLUTION, 0)},
+                         .unit = file.tag<std::uint16_t>(TIFFTAG_RESOLUTIONUNIT, RESUNIT_INCH)});
+  if (looks_like_shape(text)) return parse_shape(text, kind.components);
   return TiffDescription{};
 }
 
-Result<std::uint64_t> count_pages(TiffFile& file) {
+/// What the pages of a file are. Pages are counted without thumbnails.
+struct TiffStack {
+  std::unique_ptr<TiffFile> file;  ///< at the first page of the stack
+  SliceKind kind;
+  TiffDescription d;
   std::uint64_t pages = 0;
-  while (true) {
-    pages += file.is_thumbnail() ? 0 : 1;
+  std::uint64_t first = 0;  ///< 1 if the first page is a thumbnail that is not marked as such
+};
+
+/// Moves to the next page that is no thumbnail, this one included; false at the end.
+Result<bool> skip_thumbnails(TiffFile& file) {
+  while (file.is_thumbnail()) {
     const auto more = file.next();
-    if (!more) return tl::unexpected(more.error());
-    if (!*more) return pages;
+    if (!more || !*more) return more;
   }
+  return true;
+}
+
+Result<TiffStack> survey(const std::string& path, const VolumeOptions& options) {
+  TiffStack stack;
+  const auto restart = [&](std::uint64_t skipped) -> Result<void> {
+    auto opened = TiffFile::open(path);
+    if (!opened) return tl::unexpected(opened.error());
+    stack.file = std::move(*opened);
+    auto found = skip_thumbnails(*stack.file);
+    for (; found && *found && skipped > 0; --skipped) {
+      found = stack.file->next();
+      if (found && *found) found = skip_thumbnails(*stack.file);
+    }
+    if (!found) return tl::unexpected(found.error());
+    if (!*found)
+      return fail(ErrorCode::unsupported, path,
+                  ": holds nothing but reduced copies and masks of pages that it lacks: give the "
+                  "file of the whole stack");
+    const auto kind = kind_of(*stack.file);
+    if (!kind) return tl::unexpected(kind.error());
+    stack.kind = *kind;
+    return {};
+  };
+  if (auto ok = restart(0); !ok) return tl::unexpected(ok.error());
+  auto d = describe_pages(*stack.file, stack.kind, options);
+  if (!d) return tl::unexpected(d.error());
+  stack.d = std::move(*d);
+
+  // Some writers put a thumbnail first and do not mark it: it is smaller than all others.
+  std::optional<SliceKind> rest;
+  bool alike = true;
+  for (stack.pages = 1;; ++stack.pages) {
+    auto more = stack.file->next();
+    if (more && *more) more = skip_thumbnails(*stack.file);
+    if (!more) return tl::unexpected(more.error());
+    if (!*more) break;
+    const auto kind = alike ? kind_of(*stack.file) : Result<SliceKind>(stack.kind);
+    if (kind && !rest) rest = *kind;
+    alike = alike && kind && *kind == *rest;
+  }
+  if (alike && stack.pages > 2 && stack.d.origin.empty() && rest->width > stack.kind.width &&
+      rest->height > stack.kind.height) {
+    stack.first = 1;
+    --stack.pages;
+  }
+  if (auto ok = restart(stack.first); !ok) return tl::unexpected(ok.error());
+  return stack;
 }
 
 /// The pages of one or more files, in order: no file twice, and no page after a later one. So the
@@ -251,15 +340,75 @@ class PageReader {
   std::uint64_t passed_ = 0;  ///< pages before the one that the file is at, without thumbnails
 };
 
+/// A slice's component: of a channel, or of the pixels within one.
+struct ChosenChannel {
+  std::uint32_t channel = 0;
+  VolumeOptions of_page;
+};
+
+/// Channels are components, each with those of its pixels.
+Result<ChosenChannel> choose_channel(const std::string& path, const TiffStack& stack,
+                                     const VolumeOptions& options) {
+  ChosenChannel chosen{0, options};
+  if (stack.d.channels == 1) return chosen;
+  const std::uint64_t of_pixel = stack.kind.components;
+  const auto component = choose(path, options.component, stack.d.channels * of_pixel, "component");
+  if (!component) return tl::unexpected(component.error());
+  chosen.channel = static_cast<std::uint32_t>(*component / of_pixel);
+  chosen.of_page.component = static_cast<std::uint32_t>(*component % of_pixel);
+  return chosen;
+}
+
+/// Appends slices of one channel and time, wherever they are. Adds the files to `files`.
+Result<void> append_slices(const std::string& path, const TiffStack& stack,
+                           const ChosenChannel& channel, std::uint32_t time, bool in_set,
+                           std::vector<std::string>& files, std::vector<std::byte>& voxels) {
+  const auto selector = ComponentSelector::make(path, stack.kind, channel.of_page);
+  if (!selector) return tl::unexpected(selector.error());
+  PageReader reader;
+  for (std::uint64_t z = 0; z < stack.d.z; ++z) {
+    TiffPlace place{path, page_of(stack.d, z, channel.channel, time) + stack.first};
+    if (in_set) {
+      auto named = stack.d.place_of(place.page, path);
+      if (!named) return tl::unexpected(named.error());
+      place = std::move(*named);
+      if (files.empty() || files.back() != place.path) files.push_back(place.path);
+    }
+    const auto page = reader.at(place);
+    if (!page) return tl::unexpected(page.error());
+    const auto here = kind_of(**page);
+    if (!here) return tl::unexpected(here.error());
+    if (*here != stack.kind)
+      return fail(ErrorCode::unsupported, place.path, ": page ", place.page, " is ",
+                  describe(*here), ", unlike the first (", describe(stack.kind), ")");
+    if (auto ok = append_page(**page, stack.kind, *selector, voxels); !ok) return ok;
+  }
+  return {};
+}
+
+tl::unexpected<Error> wrong_count(const std::string& path, const TiffStack& stack) {
+  const TiffDescription& d = stack.d;
+  return fail(ErrorCode::bad_file, path, ": ", stack.pages, " pages, but its ", d.origin,
+              " metadata say ", d.z, " slices, ", d.channels, " channels, ", d.times,
+              " time points: it is truncated, or one of a set of files that it does not name; "
+              "save the set as one file, e.g. with bfconvert or ImageJ");
+}
+
+bool has_counted_pages(const TiffStack& stack) {
+  const TiffDescription& d = stack.d;
+  return double(stack.pages) == double(d.z) * double(d.channels) * double(d.times);
+}
+
 void set_spacing(const TiffDescription& d, const VolumeOptions& options, Volume& volume) {
   for (int i = 0; i < 3; ++i) volume.axes[i][i] = d.spacing[i] > 0 ? d.spacing[i] : 1;
   if (d.spacing.x > 0 && d.spacing.y > 0 && d.spacing.z > 0) {
-    volume.placement = d.origin + " metadata, in micrometres";
+    volume.placement = d.origin + " metadata, in " +
+                       (d.has_unit ? "micrometres" : "a unit that they do not state");
     return;
   }
   if (options.spacing) return;
   if (d.spacing == glm::dvec3(0.0))
-    volume.notes.emplace_back("it states no spacing: voxels are taken as 1x1x1");
+    volume.notes.emplace_back(kNoSpacing);
   else
     volume.notes.emplace_back(
         "its " + d.origin + " metadata state only some of the spacings: the others are taken as 1");
@@ -293,104 +442,70 @@ bool looks_like_tiff(std::string_view head) {
   return false;
 }
 
-Result<std::uint32_t> append_tiff(const std::string& path, const VolumeOptions& options,
+Result<std::set<std::string>> files_of_tiff_set(const std::string& path) {
+  const auto file = TiffFile::open(path);
+  if (!file) return tl::unexpected(file.error());
+  const auto found = skip_thumbnails(**file);
+  if (!found) return tl::unexpected(found.error());
+  const std::string text = (*file)->text(TIFFTAG_IMAGEDESCRIPTION);
+  if (!looks_like_ome(text)) return std::set<std::string>{};
+  return files_of_ome(text, path);
+}
+
+Result<std::uint64_t> append_tiff(const std::string& path, const VolumeOptions& options,
                                   std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
-  auto opened = TiffFile::open(path);
-  if (!opened) return tl::unexpected(opened.error());
-  TiffFile& file = **opened;
-  std::uint32_t pages = 0;
-  while (true) {
-    if (!file.is_thumbnail()) {
-      const auto here = kind_of(file);
-      if (!here) return tl::unexpected(here.error());
-      if (!kind) kind = *here;
-      if (*kind != *here)
-        return fail(ErrorCode::unsupported, path, ": page ", file.page, " is ", describe(*here),
-                    ", unlike the slices before it (", describe(*kind), ")");
-      const auto taker = ComponentSelector::make(path, *kind, options);
-      if (!taker) return tl::unexpected(taker.error());
-      if (auto ok = append_page(file, *kind, *taker, voxels); !ok)
-        return tl::unexpected(ok.error());
-      ++pages;
-    }
-    const auto more = file.next();
-    if (!more) return tl::unexpected(more.error());
-    if (!*more) return pages;
-  }
+  auto stack = survey(path, options);
+  if (!stack) return tl::unexpected(stack.error());
+  if (auto ok = same_kind(path, stack->kind, kind); !ok) return tl::unexpected(ok.error());
+  if (stack->d.z == 0) stack->d.z = stack->pages;
+  if (!has_counted_pages(*stack) && !stack->d.of_several) return wrong_count(path, *stack);
+  const auto time = choose(path, options.time, stack->d.times, "time point");
+  if (!time) return tl::unexpected(time.error());
+  const auto channel = choose_channel(path, *stack, options);
+  if (!channel) return tl::unexpected(channel.error());
+  std::vector<std::string> files;
+  if (auto ok = append_slices(path, *stack, *channel, *time, stack->d.of_several, files, voxels);
+      !ok)
+    return tl::unexpected(ok.error());
+  return stack->d.z;
 }
 
 Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) {
-  auto opened = TiffFile::open(path);
-  if (!opened) return tl::unexpected(opened.error());
-  TiffFile& file = **opened;
+  auto stack = survey(path, options);
+  if (!stack) return tl::unexpected(stack.error());
+  TiffDescription& d = stack->d;
   Volume volume;
   volume.source = path;
-  const auto kind = kind_of(file);
-  if (!kind) return tl::unexpected(kind.error());
-  volume.type = kind->type;
-  auto d = describe_pages(file, *kind);
-  if (!d) return tl::unexpected(d.error());
-  auto counting = TiffFile::open(path);
-  if (!counting) return tl::unexpected(counting.error());
-  const auto pages = count_pages(**counting);
-  if (!pages) return tl::unexpected(pages.error());
-
-  if (d->z == 0) d->z = *pages;
+  volume.type = stack->kind.type;
+  if (stack->first > 0)
+    volume.notes.emplace_back("its first page is smaller than all others: left out as a thumbnail");
+  if (d.z == 0) d.z = stack->pages;
   // Many stacks along z are saved as times.
-  if (d->z == 1 && d->times > 1 && !options.time) {
-    std::swap(d->z, d->times);
-    for (char& axis : d->order) axis = axis == 'Z' ? 'T' : axis == 'T' ? 'Z' : axis;
-    volume.notes.emplace_back("its " + d->origin + " metadata call its slices time points");
+  if (d.z == 1 && d.times > 1 && !options.time) {
+    std::swap(d.z, d.times);
+    for (char& axis : d.order) axis = axis == 'Z' ? 'T' : axis == 'T' ? 'Z' : axis;
+    volume.notes.emplace_back("its " + d.origin + " metadata call its slices time points");
   }
-  const double all = double(d->z) * double(d->channels) * double(d->times);
-  const bool raw_stack = *pages == 1 && all > 1 && d->origin == "ImageJ";
-  const bool in_set = double(*pages) != all && d->names_files();
-  if (!raw_stack && !in_set && double(*pages) != all)
-    return fail(ErrorCode::bad_file, path, ": ", *pages, " pages, but its ", d->origin,
-                " metadata say ", d->z, " slices, ", d->channels, " channels, ", d->times,
-                " time points: it is truncated, or one of a set of files that it does not name; "
-                "save the set as one file, e.g. with bfconvert or ImageJ");
-  const auto dims = check_dims(path, std::array<std::uint64_t, 3>{kind->width, kind->height, d->z});
+  const bool counted = has_counted_pages(*stack);
+  const bool raw_stack = !counted && stack->pages == 1 && d.origin == "ImageJ";
+  const bool in_set = d.of_several || (!counted && d.names_files());
+  if (!raw_stack && !in_set && !counted) return wrong_count(path, *stack);
+  const auto dims =
+      check_dims(path, std::array<std::uint64_t, 3>{stack->kind.width, stack->kind.height, d.z});
   if (!dims) return tl::unexpected(dims.error());
   volume.dims = *dims;
-  const auto time = choose(path, options.time, d->times, "time point");
+  const auto time = choose(path, options.time, d.times, "time point");
   if (!time) return tl::unexpected(time.error());
-  VolumeOptions of_page = options;
-  std::uint32_t channel = 0;
-  if (d->channels > 1) {
-    const auto chosen = choose(path, options.component, d->channels, "component");
-    if (!chosen) return tl::unexpected(chosen.error());
-    channel = *chosen;
-    of_page.component.reset();
-  }
-  set_spacing(*d, options, volume);
-  if (auto ok = check_axes(volume); !ok) return tl::unexpected(ok.error());
+  const auto channel = choose_channel(path, *stack, options);
+  if (!channel) return tl::unexpected(channel.error());
+  set_spacing(d, options, volume);
+  if (auto ok = place(options, volume); !ok) return tl::unexpected(ok.error());
   if (raw_stack)
-    return read_raw_stack(file, *kind, *d, page_of(*d, 1, 0, 0), page_of(*d, 0, channel, *time),
-                          std::move(volume));
-
-  const auto taker = ComponentSelector::make(path, *kind, of_page);
-  if (!taker) return tl::unexpected(taker.error());
-  PageReader reader;
-  for (std::uint64_t z = 0; z < d->z; ++z) {
-    TiffPlace place{path, page_of(*d, z, channel, *time)};
-    if (in_set) {
-      auto named = d->place_of(place.page, path);
-      if (!named) return tl::unexpected(named.error());
-      place = std::move(*named);
-      if (volume.files.empty() || volume.files.back() != place.path)
-        volume.files.push_back(place.path);
-    }
-    const auto page = reader.at(place);
-    if (!page) return tl::unexpected(page.error());
-    const auto here = kind_of(**page);
-    if (!here) return tl::unexpected(here.error());
-    if (*here != *kind)
-      return fail(ErrorCode::unsupported, place.path, ": page ", place.page, " is ",
-                  describe(*here), ", unlike the first (", describe(*kind), ")");
-    if (auto ok = append_page(**page, *kind, *taker, volume.voxels); !ok)
-      return tl::unexpected(ok.error());
-  }
+    return read_raw_stack(*stack->file, stack->kind, d, page_of(d, 1, 0, 0),
+                          page_of(d, 0, channel->channel, *time), std::move(volume));
+  if (auto ok = append_slices(path, *stack, *channel, *time, in_set, volume.files, volume.voxels);
+      !ok)
+    return tl::unexpected(ok.error());
   return volume;
 }
 

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
+#include <set>
 
 #include "field/volume/io.h"
 #include "field/volume/xml.h"
@@ -23,10 +25,10 @@ double micrometres(std::string_view unit) {
   return 1;  // µm in its many spellings, pixels
 }
 
-/// Collects the description of the first image in OME's metadata.
+/// Collects the descriptions of the images in OME's metadata.
 class OmeReader {
  public:
-  explicit OmeReader(std::uint32_t components) : components_(components) { d_.origin = "OME"; }
+  explicit OmeReader(std::uint32_t components) : all_components_(components) {}
 
   [[nodiscard]] XmlHandler handler() {
     return {
@@ -35,25 +37,71 @@ class OmeReader {
   /// The file that has the metadata instead; empty: none.
   [[nodiscard]] const std::string& metadata_file() const { return metadata_file_; }
 
-  [[nodiscard]] Result<TiffDescription> finish(const std::string& source) {
-    std::string sorted = d_.order;
-    std::sort(sorted.begin(), sorted.end());
-    if (sorted != "CTZ") problem_ = "DimensionOrder";
-    if (!problem_.empty() || d_.z == 0)
+  /// The names of all files that it names.
+  [[nodiscard]] std::set<std::string> files() const {
+    std::set<std::string> names;
+    for (const auto& image : images_)
+      for (const auto& [first, run] : image.d.runs)
+        if (!run.file.empty()) names.insert(run.file);
+    return names;
+  }
+
+  [[nodiscard]] Result<TiffDescription> finish(const std::string& source,
+                                               const std::optional<std::string>& wanted) {
+    for (const auto& image : images_) {
+      std::string sorted = image.d.order;
+      std::sort(sorted.begin(), sorted.end());
+      if (sorted != "CTZ") problem_ = "DimensionOrder";
+    }
+    if (!problem_.empty() || images_.empty())
       return fail(ErrorCode::bad_file, source, ": OME metadata: ",
                   problem_.empty() ? "Pixels is missing" : problem_ + " is absurd or missing");
-    return std::move(d_);
+    if (images_.size() == 1 && !wanted) return std::move(images_.front().d);
+    std::uint64_t page = 0;
+    std::string names;
+    for (std::size_t i = 0; i < images_.size(); ++i) {
+      auto& [name, id, d] = images_[i];
+      if (wanted && (*wanted == name || *wanted == id || *wanted == std::to_string(i))) {
+        // Images without places of their own follow each other.
+        d.of_several = images_.size() > 1;
+        if (d.runs.empty()) d.runs[0] = {.file = "", .page = page, .count = kMaxCount};
+        return std::move(d);
+      }
+      page += d.z * d.channels * d.times;
+      if (i < 8) names += (i ? ", " : "") + in_quotes(name.empty() ? id : name);
+    }
+    if (images_.size() > 8) names += " and more";
+    if (wanted)
+      return fail(ErrorCode::usage, source, ": no image ", in_quotes(*wanted),
+                  " in its OME metadata; there are ", names);
+    return fail(ErrorCode::unsupported, source, ": ", images_.size(),
+                " images (series) in one OME-TIFF, expected one: choose array ", names);
   }
 
  private:
+  struct OmeImage {
+    std::string name, id;
+    TiffDescription d{};
+  };
+
   bool start(std::string_view name, const XmlAttributes& a) {
+    constexpr std::size_t kMaxImages = 4096;
+    const auto get = [&](const char* key) {
+      const auto found = a.find(key);
+      return found == a.end() ? "" : found->second;
+    };
     if (name == "BinaryOnly") {
-      if (const auto file = a.find("MetadataFile"); file != a.end()) metadata_file_ = file->second;
+      metadata_file_ = get("MetadataFile");
+    } else if (name == "Image") {
+      image_name_ = get("Name");
+      image_id_ = get("ID");
     } else if (name == "Pixels") {
-      if (d_.z > 0) return false;  // of another image
-      pixels(a);
-    } else if (name == "TiffData" && d_.z > 0) {
-      tiff_data(a);
+      if (images_.size() == kMaxImages) return false;
+      images_.push_back({.name = image_name_, .id = image_id_});
+      run_ = nullptr;
+      pixels(a, images_.back().d);
+    } else if (name == "TiffData" && !images_.empty()) {
+      tiff_data(a, images_.back().d);
     } else if (name == "UUID" && run_) {
       if (const auto file = a.find("FileName"); file != a.end()) run_->file = file->second;
     }
@@ -73,42 +121,41 @@ class OmeReader {
     return min;
   }
 
-  void pixels(const XmlAttributes& a) {
-    d_.z = count(a, "SizeZ", 1, {});
-    d_.channels = count(a, "SizeC", 1, {});
-    d_.times = count(a, "SizeT", 1, {});
+  void pixels(const XmlAttributes& a, TiffDescription& d) {
+    d.origin = "OME";
+    d.z = count(a, "SizeZ", 1, {});
+    d.channels = count(a, "SizeC", 1, {});
+    d.times = count(a, "SizeT", 1, {});
     // OME counts the samples of a colour pixel as channels.
-    if (components_ > 1 && d_.channels % components_ == 0)
-      d_.channels /= components_;
-    else
-      components_ = 1;
+    components_ = d.channels % all_components_ == 0 ? all_components_ : 1;
+    d.channels /= components_;
     if (const auto order = a.find("DimensionOrder"); order != a.end() && order->second.size() == 5)
-      d_.order = order->second.substr(2);
+      d.order = order->second.substr(2);
     for (int i = 0; i < 3; ++i) {
       const std::string key = std::string("PhysicalSize") + "XYZ"[i];
       const auto size = a.find(key);
       const auto unit = a.find(key + "Unit");
       const auto value = size == a.end() ? std::nullopt : parse_number(size->second);
       if (value && *value > 0 && std::isfinite(*value))
-        d_.spacing[i] = *value * micrometres(unit == a.end() ? "" : unit->second);
+        d.spacing[i] = *value * micrometres(unit == a.end() ? "" : unit->second);
     }
   }
 
   /// Without a page, the element means all pictures; with one, a single picture.
-  void tiff_data(const XmlAttributes& a) {
+  void tiff_data(const XmlAttributes& a, TiffDescription& d) {
     const bool all = !a.contains("IFD");
     const std::uint64_t first =
-        page_of(d_, count(a, "FirstZ", 0, 0), count(a, "FirstC", 0, 0) / components_,
+        page_of(d, count(a, "FirstZ", 0, 0), count(a, "FirstC", 0, 0) / components_,
                 count(a, "FirstT", 0, 0));
-    run_ = &d_.runs[first];
+    run_ = &d.runs[first];
     run_->page = count(a, "IFD", 0, 0);
     run_->count = count(a, "PlaneCount", 1, all ? kMaxCount : 1);
   }
 
-  TiffDescription d_;
+  std::vector<OmeImage> images_;
   TiffDescription::Run* run_ = nullptr;  // of the last TiffData
-  std::uint64_t components_;
-  std::string metadata_file_, problem_;
+  std::uint64_t all_components_, components_ = 1;
+  std::string image_name_, image_id_, metadata_file_, problem_;
 };
 
 }  // namespace
@@ -145,19 +192,30 @@ bool looks_like_ome(std::string_view text) {
 }
 
 Result<TiffDescription> parse_ome(std::string_view text, const std::string& path,
-                                  std::uint32_t components) {
+                                  std::uint32_t components,
+                                  const std::optional<std::string>& image) {
   OmeReader reader(components);
   if (const auto end = parse_xml(text, path + ": OME metadata", reader.handler()); !end)
     return tl::unexpected(end.error());
-  if (reader.metadata_file().empty()) return reader.finish(path);
+  if (reader.metadata_file().empty()) return reader.finish(path, image);
   const std::string file = beside(path, reader.metadata_file());
   if (const auto end = read_xml(file, reader.handler()); !end) return tl::unexpected(end.error());
-  return reader.finish(file);
+  return reader.finish(file, image);
+}
+
+Result<std::set<std::string>> files_of_ome(std::string_view text, const std::string& path) {
+  OmeReader reader(1);
+  if (const auto end = parse_xml(text, path + ": OME metadata", reader.handler()); !end)
+    return tl::unexpected(end.error());
+  if (!reader.metadata_file().empty())
+    if (const auto end = read_xml(beside(path, reader.metadata_file()), reader.handler()); !end)
+      return tl::unexpected(end.error());
+  return reader.files();
 }
 
 bool looks_like_imagej(std::string_view text) { return text.starts_with("ImageJ="); }
 
-TiffDescription parse_imagej(std::string_view text, std::array<float, 2> resolution) {
+TiffDescription parse_imagej(std::string_view text, const TiffResolution& resolution) {
   TiffDescription d{.order = "CZT", .origin = "ImageJ"};
   std::map<std::string, std::string, std::less<>> entries;
   for (std::size_t at = 0; at < text.size();) {
@@ -175,15 +233,68 @@ TiffDescription parse_imagej(std::string_view text, std::array<float, 2> resolut
   d.times = count("frames");
   d.z = entries.contains("slices") || d.channels > 1 || d.times > 1 ? count("slices")
                                                                     : count("images");
-  const bool has_unit = entries.contains("unit");
-  const double unit = micrometres(has_unit ? entries["unit"] : "");
-  for (int i = 0; i < 2; ++i) {
-    const float pixels = resolution[static_cast<std::size_t>(i)];
-    d.spacing[i] = has_unit && pixels > 0 ? unit / pixels : 0;
+  // As ImageJ does: a resolution counts without a unit; the unit may be that of the tag; and 72
+  // pixels per inch, which programs write into any file, mean nothing.
+  constexpr int kInch = 2, kCentimetre = 3;
+  constexpr float kDefaultPerInch = 72;
+  std::string unit = entries.contains("unit") ? entries["unit"] : "";
+  std::array<float, 2> pixels = resolution.pixels;
+  if (unit.empty() && resolution.unit == kCentimetre) unit = "cm";
+  if (unit.empty() && resolution.unit == kInch) {
+    if (pixels[0] == kDefaultPerInch)
+      pixels = {};
+    else
+      unit = "inch";
   }
+  d.has_unit = !unit.empty() && !lower(unit).starts_with("pixel");
+  for (int i = 0; i < 2; ++i)
+    if (const float per_unit = pixels[static_cast<std::size_t>(i)]; per_unit > 0)
+      d.spacing[i] = micrometres(unit) / per_unit;
   if (const auto z = parse_number(entries.contains("spacing") ? entries["spacing"] : "");
       z && *z != 0 && std::isfinite(*z))
-    d.spacing.z = std::abs(*z) * unit;
+    d.spacing.z = std::abs(*z) * micrometres(unit);
+  // One pixel per nothing is what writers put where they know no resolution.
+  if (!d.has_unit && d.spacing == glm::dvec3(1, 1, 0)) d.spacing = glm::dvec3(0);
+  return d;
+}
+
+bool looks_like_shape(std::string_view text) {
+  return text.starts_with('{') && text.find("\"shape\"") < 4096;
+}
+
+TiffDescription parse_shape(std::string_view text, std::uint32_t components) {
+  const auto json = nlohmann::json::parse(text, nullptr, false);
+  if (!json.is_object() || !json.contains("shape") || !json["shape"].is_array()) return {};
+  std::vector<std::uint64_t> shape;
+  for (const auto& extent : json["shape"]) {
+    if (!extent.is_number_unsigned() || extent > kMaxCount || extent == 0) return {};
+    shape.push_back(extent);
+  }
+  std::string axes = json.contains("axes") && json["axes"].is_string() ? json["axes"] : "";
+  if (axes.size() != shape.size()) axes.assign(shape.size(), '?');
+  // The last axes are those within a page.
+  std::size_t inner = 2;
+  if (components > 1 && !shape.empty() &&
+      (shape.back() == components || (shape.size() > 2 && shape[shape.size() - 3] == components)))
+    inner = 3;
+  if (shape.size() < inner + 2 || shape.size() > 16) return {};
+  TiffDescription d{.z = 1, .order = "", .origin = "tifffile"};
+  // A page holds an axis less for each that is left: the last of these runs fastest.
+  for (std::size_t i = shape.size() - inner; i-- > 0;) {
+    const char letter = axes[i] == 'C' || axes[i] == 'T' || axes[i] == 'Z' ? axes[i] : '?';
+    char axis = letter;
+    if (letter == '?') axis = d.order.find('Z') == std::string::npos ? 'Z' : 'T';
+    std::uint64_t& size = axis == 'Z' ? d.z : axis == 'C' ? d.channels : d.times;
+    if (d.order.find(axis) != std::string::npos) {
+      // Further axes can only be numbered along with times that are next to them.
+      if (axis != 'T' || d.order.back() != 'T' || shape[i] > kMaxCount / size) return {};
+    } else {
+      d.order += axis;
+    }
+    size *= shape[i];
+  }
+  for (const char axis : {'Z', 'C', 'T'})
+    if (d.order.find(axis) == std::string::npos) d.order += axis;
   return d;
 }
 

@@ -101,6 +101,9 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
   constexpr std::size_t kMaxHeaderBytes = std::size_t{1} << 20;
   const auto head = read_head(path, std::min<std::uint64_t>(*size * 4 + 1024, kMaxHeaderBytes));
   if (!head) return tl::unexpected(head.error());
+  if (options.array && !looks_like_vti(*head) && !looks_like_tiff(*head))
+    return fail(ErrorCode::usage, path, ": array ", in_quotes(*options.array),
+                " was chosen, but files of this format name none");
   if (head->starts_with("NRRD000")) return read_nrrd(path, *head, options);
   if (looks_like_nifti(*head)) return read_nifti(path, *head, options);
   if (looks_like_meta(*head)) return read_meta(path, *head, options);
@@ -111,7 +114,7 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
   if (looks_like_tiff(*head)) return read_tiff(path, options);
   if (looks_like_mrc(*head)) return read_mrc(path, *head, options);
   if (looks_like_vti(*head)) return read_vti(path, options);
-  if (looks_like_png(*head))
+  if (looks_like_png(*head) || looks_like_jpeg(*head))
     return fail(ErrorCode::unsupported, path,
                 ": one picture, expected a volume: give the folder that holds the whole stack");
   return read_headerless(path, *head);
@@ -190,11 +193,15 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
   if (layout.offset > *size || needed > *size - layout.offset)
     return fail(ErrorCode::usage, path, ": dimensions ", sizes[0], "x", sizes[1], "x", sizes[2],
                 " of type ", name(layout.type), " at offset ", layout.offset, " need ", needed,
-                " bytes after the offset, but the file has ", *size, " bytes in all");
+                " bytes after the offset, but the file has ", *size,
+                " bytes in all: choose another layout");
   VoxelData data{.path = path, .offset = layout.offset, .big_endian = layout.big_endian};
-  // The layout does not state the number of time points: the length of the file is the limit.
-  if (auto ok = skip_volumes(options.time.value_or(0), volume, data); !ok)
-    return as_usage(ok.error());
+  // The layout does not state the number of time points: the length of the file is the limit. If
+  // one is chosen, whole volumes after it are no sign of a wrong layout.
+  data.index = options.time.value_or(0);
+  data.volumes = data.index + 1;
+  if (options.time && (*size - layout.offset) % needed == 0)
+    data.volumes = std::max(data.volumes, (*size - layout.offset) / needed);
   if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
   return volume;
 }
@@ -203,15 +210,12 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
 
 namespace {
 
-/// Scales the axes to these spacings. The first voxel keeps its position.
-Result<void> respace(const glm::dvec3& spacing, Volume& volume) {
-  for (int i = 0; i < 3; ++i) {
-    if (!(spacing[i] > 0) || !std::isfinite(spacing[i]))
-      return fail(ErrorCode::usage, volume.source, ": spacing ", i, " is ", spacing[i],
+Result<void> check_spacing(const std::string& path, const VolumeOptions& options) {
+  for (int i = 0; options.spacing && i < 3; ++i)
+    if (const double spacing = (*options.spacing)[i]; !(spacing > 1e-30) || !(spacing < 1e30))
+      return fail(ErrorCode::usage, path, ": spacing ", i, " is ", spacing,
                   ", expected a positive number");
-    volume.axes[i] *= spacing[i] / glm::length(volume.axes[i]);
-  }
-  return check_axes(volume);
+  return {};
 }
 
 Result<void> crop(const VoxelBox& box, Volume& volume) {
@@ -244,11 +248,11 @@ Result<void> crop(const VoxelBox& box, Volume& volume) {
 
 Result<Volume> read_volume(const std::string& path, const VolumeOptions& options) {
   try {
+    if (auto ok = check_spacing(path, options); !ok) return tl::unexpected(ok.error());
     auto volume = read_any(path, options);
-    if (volume) volume->files.push_back(path);
     if (!volume) return volume;
-    if (options.spacing)
-      if (auto ok = respace(*options.spacing, *volume); !ok) return tl::unexpected(ok.error());
+    volume->files.push_back(path);
+    if (auto ok = place(options, *volume); !ok) return tl::unexpected(ok.error());
     if (options.crop)
       if (auto ok = crop(*options.crop, *volume); !ok) return tl::unexpected(ok.error());
     if (!options.labels) return volume;

@@ -1,6 +1,9 @@
-// VTK ImageData (.vti), https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html.
+// VTK ImageData (.vti, and .pvti with its pieces in files),
+// https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html.
 //
 // Why not VTK's own reader? It allocates by extents that it does not check, and reports on stderr.
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 
@@ -27,44 +30,175 @@ Result<std::vector<double>> numbers(const std::string& path, const char* what,
   return result;
 }
 
-/// Sets dims and position from the extent of the one piece.
-Result<void> set_position(const VtiDocument& d, Volume& volume) {
+/// The first and last index along each axis, as written.
+struct Extent {
+  std::array<std::int64_t, 3> low{}, high{};
+};
+
+/// Parses an extent. `of_cells`: of the points around them.
+Result<Extent> parse_extent(const std::string& path, const std::string& text, bool of_cells) {
+  const auto values = numbers(path, "Extent", text, 6, 0);
+  if (!values) return tl::unexpected(values.error());
+  Extent extent;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double low = (*values)[2 * i], high = (*values)[2 * i + 1];
+    if (!(std::abs(low) < 0x1p31) || !(std::abs(high) < 0x1p31) ||
+        !(high - low + (of_cells ? 0 : 1) >= 1))
+      return fail(ErrorCode::bad_file, path, ": Extent ", low, " to ", high, " along ", "xyz"[i],
+                  " holds no voxels");
+    extent.low[i] = static_cast<std::int64_t>(low);
+    extent.high[i] = static_cast<std::int64_t>(high) - (of_cells ? 1 : 0);
+  }
+  return extent;
+}
+
+std::array<std::uint64_t, 3> sizes_of(const Extent& extent) {
+  std::array<std::uint64_t, 3> sizes{};
+  for (std::size_t i = 0; i < 3; ++i)
+    sizes[i] = static_cast<std::uint64_t>(extent.high[i] - extent.low[i] + 1);
+  return sizes;
+}
+
+/// Sets dims and position from the extent of the image.
+Result<void> set_position(const VtiDocument& d, const Extent& extent, const VolumeOptions& options,
+                          Volume& volume) {
   const std::string& path = volume.source;
-  const auto extent =
-      numbers(path, "Extent", d.piece_extent.empty() ? d.extent : d.piece_extent, 6, 0);
-  if (!extent) return tl::unexpected(extent.error());
   const auto origin = numbers(path, "Origin", d.origin, 3, 0);
   if (!origin) return tl::unexpected(origin.error());
-  const auto spacing = numbers(path, "Spacing", d.spacing, 3, 1);
+  auto spacing = numbers(path, "Spacing", options.spacing ? "" : d.spacing, 3, 1);
   if (!spacing) return tl::unexpected(spacing.error());
   auto direction = numbers(path, "Direction", d.direction, 9, 0);
   if (!direction) return tl::unexpected(direction.error());
   if (d.direction.empty())
     for (const std::size_t i : {0, 4, 8}) (*direction)[i] = 1;
+  if (!options.spacing && d.spacing.empty()) volume.notes.emplace_back(kNoSpacing);
 
-  std::vector<std::uint64_t> sizes;
   glm::dvec3 first;
   for (std::size_t i = 0; i < 3; ++i) {
-    const double low = (*extent)[2 * i], high = (*extent)[2 * i + 1];
-    const double size = high - low + (d.of_cells ? 0 : 1);
-    if (!(std::abs(low) < 0x1p31) || !(std::abs(high) < 0x1p31) || !(size >= 1))
-      return fail(ErrorCode::bad_file, path, ": Extent ", low, " to ", high, " along ", "xyz"[i],
-                  " holds no voxels");
-    sizes.push_back(static_cast<std::uint64_t>(size));
-    first[static_cast<int>(i)] = low + (d.of_cells ? 0.5 : 0);
+    first[static_cast<int>(i)] = static_cast<double>(extent.low[i]) + (d.array.of_cells ? 0.5 : 0);
+    (*spacing)[i] = spacing_or(options, i, (*spacing)[i]);
     if (!((*spacing)[i] > 0))
       return fail(ErrorCode::bad_file, path, ": Spacing ", (*spacing)[i], " along ", "xyz"[i],
-                  ", expected a positive number");
+                  ", expected a positive number: choose the spacing");
   }
-  const auto dims = check_dims(path, sizes);
+  const auto dims = check_dims(path, sizes_of(extent));
   if (!dims) return tl::unexpected(dims.error());
   volume.dims = *dims;
   for (std::size_t axis = 0; axis < 3; ++axis)
     for (std::size_t row = 0; row < 3; ++row)  // the matrix is written row by row
       volume.axes[static_cast<int>(axis)][static_cast<int>(row)] =
           (*direction)[3 * row + axis] * (*spacing)[axis];
+  if (auto ok = place(options, volume); !ok) return ok;
   volume.origin = glm::dvec3((*origin)[0], (*origin)[1], (*origin)[2]) + volume.axes * first;
   return check_axes(volume);
+}
+
+/// The voxels of a part of the image.
+struct Part {
+  Extent extent;
+  std::vector<std::byte> voxels;
+};
+
+/// Reads one component of a piece's array.
+Result<Part> read_part(const VtiDocument& d, const VtiPiece& piece, const VtiArray& expected,
+                       ScalarType type, std::uint32_t component) {
+  const VtiArray& array = piece.array;
+  if (!array.found || array.of_cells != expected.of_cells || array.type != expected.type ||
+      array.components != expected.components)
+    return fail(ErrorCode::bad_file, d.path, ": the piece of extent ", in_quotes(piece.extent),
+                " lacks the array ", in_quotes(expected.name), " as ", in_quotes(expected.type),
+                " with ", expected.components, " components");
+  const auto extent =
+      parse_extent(d.path, piece.extent.empty() ? d.extent : piece.extent, array.of_cells);
+  if (!extent) return tl::unexpected(extent.error());
+  const std::size_t width = bytes_per_voxel(type);
+  std::uint64_t kept = width, needed = 0;
+  for (const auto size : sizes_of(*extent))
+    if (__builtin_mul_overflow(kept, size, &kept))
+      return fail(ErrorCode::bad_file, d.path, ": absurd extent ", in_quotes(piece.extent));
+  if (__builtin_mul_overflow(kept, array.components, &needed))
+    return fail(ErrorCode::bad_file, d.path, ": absurd extent and components");
+  auto bytes = read_vti_data(d, array, type, needed);
+  if (!bytes) return tl::unexpected(bytes.error());
+  for (std::size_t from = component * width, to = 0; array.components > 1 && from < bytes->size();
+       from += width * array.components, to += width)
+    std::memmove(&(*bytes)[to], &(*bytes)[from], width);
+  bytes->resize(kept);
+  return Part{*extent, std::move(*bytes)};
+}
+
+/// Reads the pieces of a document, and those in other files that it names.
+Result<std::vector<Part>> read_parts(const VtiDocument& d, ScalarType type, std::uint32_t component,
+                                     Volume& volume) {
+  std::vector<Part> parts;
+  for (const VtiPiece& piece : d.pieces) {
+    if (d.type == "ImageData") {
+      auto part = read_part(d, piece, d.array, type, component);
+      if (!part) return tl::unexpected(part.error());
+      parts.push_back(std::move(*part));
+      continue;
+    }
+    const std::string file = beside(d.path, piece.source);
+    const auto in_file = read_vti_document(file, d.array.name);
+    if (!in_file)
+      return fail(in_file.error().code, d.path, ": its piece ", parts.size() + 1, " of ",
+                  d.pieces.size(), " cannot be read: ", in_file.error().message);
+    if (in_file->type != "ImageData" || in_file->pieces.size() != 1)
+      return fail(ErrorCode::bad_file, file, ": a VTK file of ", in_quotes(in_file->type), " with ",
+                  in_file->pieces.size(), " pieces, expected one piece of ImageData");
+    auto part = read_part(*in_file, in_file->pieces.front(), d.array, type, component);
+    if (!part) return tl::unexpected(part.error());
+    parts.push_back(std::move(*part));
+    volume.files.push_back(file);
+  }
+  return parts;
+}
+
+/// Joins parts, which may overlap, to an image of this extent.
+Result<void> join(const std::vector<Part>& parts, const Extent& extent, Volume& volume) {
+  const std::size_t width = bytes_per_voxel(volume.type);
+  std::uint64_t held = 0;
+  for (const Part& part : parts) {
+    held += part.voxels.size() / width;
+    for (std::size_t i = 0; i < 3; ++i)
+      if (part.extent.low[i] < extent.low[i] || part.extent.high[i] > extent.high[i])
+        return fail(ErrorCode::bad_file, volume.source, ": a piece from ", part.extent.low[i],
+                    " to ", part.extent.high[i], " along ", "xyz"[i],
+                    " is outside of the image, which goes from ", extent.low[i], " to ",
+                    extent.high[i]);
+  }
+  const auto incomplete = [&] {
+    return fail(ErrorCode::bad_file, volume.source, ": its ", parts.size(),
+                " pieces do not cover its extent: some are missing");
+  };
+  if (held < volume.voxel_count()) return incomplete();
+  volume.voxels.resize(voxel_bytes(volume));
+  std::vector<bool> covered(volume.voxel_count());
+  for (const Part& part : parts) {
+    const auto sizes = sizes_of(part.extent);
+    const std::byte* row = part.voxels.data();
+    std::array<std::uint64_t, 3> first{};
+    for (std::size_t i = 0; i < 3; ++i)
+      first[i] = static_cast<std::uint64_t>(part.extent.low[i] - extent.low[i]);
+    for (std::uint64_t z = 0; z < sizes[2]; ++z)
+      for (std::uint64_t y = 0; y < sizes[1]; ++y, row += sizes[0] * width) {
+        const std::uint64_t at =
+            ((z + first[2]) * volume.dims[1] + y + first[1]) * volume.dims[0] + first[0];
+        std::memcpy(&volume.voxels[at * width], row, sizes[0] * width);
+        std::fill_n(covered.begin() + static_cast<std::ptrdiff_t>(at), sizes[0], true);
+      }
+  }
+  if (std::find(covered.begin(), covered.end(), false) != covered.end()) return incomplete();
+  return {};
+}
+
+/// "'a', 'b'", of untrusted names.
+std::string list(const std::vector<std::string>& names) {
+  constexpr std::size_t kMost = 16;
+  std::string text;
+  for (std::size_t i = 0; i < std::min(names.size(), kMost); ++i)
+    text += (i ? ", " : "") + in_quotes(names[i]);
+  return text + (names.size() > kMost ? " and more" : "");
 }
 
 }  // namespace
@@ -72,47 +206,46 @@ Result<void> set_position(const VtiDocument& d, Volume& volume) {
 bool looks_like_vti(std::string_view head) { return head.find("<VTKFile") < 4096; }
 
 Result<Volume> read_vti(const std::string& path, const VolumeOptions& options) {
-  const auto document = read_vti_document(path);
+  auto document = read_vti_document(path, options.array);
   if (!document) return tl::unexpected(document.error());
-  const VtiDocument& d = *document;
+  VtiDocument& d = *document;
   Volume volume;
   volume.source = path;
-  if (d.type != "ImageData")
+  if (d.type != "ImageData" && d.type != "PImageData")
     return fail(ErrorCode::unsupported, path, ": a VTK file of ", in_quotes(d.type),
                 ", expected ImageData: resample it to an image");
-  if (d.pieces > 1)
-    return fail(ErrorCode::unsupported, path, ": ", d.pieces,
-                " pieces, expected one: save it in one piece");
-  if (!d.compressor.empty() && d.compressor != "vtkZLibDataCompressor")
-    return fail(ErrorCode::unsupported, path, ": packed by ", in_quotes(d.compressor),
-                ", expected vtkZLibDataCompressor or none: save it with ZLib or without "
-                "compression");
-  if (!d.array.found) return fail(ErrorCode::bad_file, path, ": it holds no array of data");
+  if (!d.array.found && options.array && !d.names.empty())
+    return fail(ErrorCode::usage, path, ": no array ", in_quotes(*options.array), "; there are ",
+                list(d.names));
+  if (!d.array.found || d.pieces.empty())
+    return fail(ErrorCode::bad_file, path, ": it holds no array of data");
   const auto type = parse_scalar_type(d.array.type);
   if (!type)
     return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(d.array.name), " has type ",
                 in_quotes(d.array.type), ", expected Int8 to UInt64, Float32 or Float64");
   volume.type = *type;
-  if (d.others > 0)
-    volume.notes.push_back("of its " + std::to_string(d.others + 1) + " arrays, " +
-                           in_quotes(d.array.name) + " is read");
-  if (auto done = set_position(d, volume); !done) return tl::unexpected(done.error());
+  if (d.names.size() > 1 && !options.array)
+    volume.notes.push_back("of its " + std::to_string(d.names.size()) + " arrays (" +
+                           list(d.names) + "), " + in_quotes(d.array.name) + " is read");
+  // A single piece may be a part of the whole.
+  const bool single = d.type == "ImageData" && d.pieces.size() == 1;
+  const auto extent = parse_extent(
+      path, single && !d.pieces.front().extent.empty() ? d.pieces.front().extent : d.extent,
+      d.array.of_cells);
+  if (!extent) return tl::unexpected(extent.error());
+  if (auto done = set_position(d, *extent, options, volume); !done)
+    return tl::unexpected(done.error());
   const auto component = choose(path, options.component, d.array.components, "component");
   if (!component) return tl::unexpected(component.error());
   if (const auto ok = choose(path, options.time, 1, "time point"); !ok)
     return tl::unexpected(ok.error());
-  const std::size_t width = bytes_per_voxel(*type);
-  std::uint64_t needed = 0;
-  if (__builtin_mul_overflow(voxel_bytes(volume), d.array.components, &needed))
-    return fail(ErrorCode::bad_file, path, ": absurd extent and components");
-  auto bytes = read_vti_data(d, volume, needed);
-  if (!bytes) return tl::unexpected(bytes.error());
-  for (std::size_t from = *component * width, to = 0;
-       d.array.components > 1 && from < bytes->size();
-       from += width * d.array.components, to += width)
-    std::memmove(&(*bytes)[to], &(*bytes)[from], width);
-  bytes->resize(voxel_bytes(volume));
-  volume.voxels = std::move(*bytes);
+  auto parts = read_parts(d, *type, *component, volume);
+  if (!parts) return tl::unexpected(parts.error());
+  if (single) {
+    volume.voxels = std::move(parts->front().voxels);
+  } else if (auto ok = join(*parts, *extent, volume); !ok) {
+    return tl::unexpected(ok.error());
+  }
   return volume;
 }
 

@@ -1,6 +1,9 @@
-// The array of a VTK ImageData file: text, base64 or raw bytes, plain or in blocks of zlib.
+// The array of a VTK ImageData file: text, base64 or raw bytes, plain or in packed blocks.
+#include <lz4.h>
+#include <lzma.h>
 #include <zlib.h>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <limits>
@@ -94,9 +97,46 @@ Result<std::uint64_t> read_count(const VtiDocument& d, Source& source, const std
   return d.big_endian ? load_be<std::uint32_t>(bytes.data()) : load_le<std::uint32_t>(bytes.data());
 }
 
-/// Decodes blocks of zlib into `to`, which grows with the decoded data.
-Result<void> read_blocks(const VtiDocument& d, Source& source, const std::string& path,
+/// Unpacks a block. False: it is damaged, or has another size.
+using Unpack = bool (*)(std::span<const std::byte> in, std::span<std::byte> out);
+
+bool unpack_zlib(std::span<const std::byte> in, std::span<std::byte> out) {
+  uLongf length = static_cast<uLongf>(out.size());
+  return uncompress(reinterpret_cast<Bytef*>(out.data()), &length,
+                    reinterpret_cast<const Bytef*>(in.data()),
+                    static_cast<uLong>(in.size())) == Z_OK &&
+         length == out.size();
+}
+
+bool unpack_lz4(std::span<const std::byte> in, std::span<std::byte> out) {
+  return LZ4_decompress_safe(reinterpret_cast<const char*>(in.data()),
+                             reinterpret_cast<char*>(out.data()), static_cast<int>(in.size()),
+                             static_cast<int>(out.size())) == static_cast<int>(out.size());
+}
+
+bool unpack_lzma(std::span<const std::byte> in, std::span<std::byte> out) {
+  std::uint64_t memory = std::uint64_t{1} << 28;  // more than the best level of xz takes
+  std::size_t from = 0, to = 0;
+  return lzma_stream_buffer_decode(
+             &memory, 0, nullptr, reinterpret_cast<const std::uint8_t*>(in.data()), &from,
+             in.size(), reinterpret_cast<std::uint8_t*>(out.data()), &to, out.size()) == LZMA_OK &&
+         to == out.size();
+}
+
+struct Compressor {
+  const char* name;
+  Unpack unpack;
+  std::uint64_t max_expansion;  ///< the most bytes that one can become, by the format
+};
+
+constexpr std::array<Compressor, 3> kCompressors = {{{"vtkZLibDataCompressor", unpack_zlib, 1032},
+                                                     {"vtkLZ4DataCompressor", unpack_lz4, 255},
+                                                     {"vtkLZMADataCompressor", unpack_lzma, 8192}}};
+
+/// Decodes packed blocks into `to`, which grows with the decoded data.
+Result<void> read_blocks(const VtiDocument& d, const Compressor& compressor, Source& source,
                          std::uint64_t needed, std::vector<std::byte>& to) {
+  const std::string& path = d.path;
   std::array<std::uint64_t, 3> head{};  // blocks, bytes of a block, bytes of the last
   for (auto& count : head) {
     const auto read = read_count(d, source, path);
@@ -105,12 +145,12 @@ Result<void> read_blocks(const VtiDocument& d, Source& source, const std::string
   }
   const auto [blocks, block, last] = head;
   constexpr std::uint64_t kMaxBlockBytes = std::uint64_t{1} << 30;
+  const auto file_bytes = file_size(path);
+  if (!file_bytes) return tl::unexpected(file_bytes.error());
   if (blocks == 0 || block == 0 || block > kMaxBlockBytes || last > block ||
       blocks > needed / block + 1 || (blocks - (last ? 1 : 0)) * block + last != needed)
     return fail(ErrorCode::bad_file, path, ": ", blocks, " packed blocks of ", block,
-                " bytes (the "
-                "last of ",
-                last, "), expected ", needed, " bytes");
+                " bytes (the last of ", last, "), expected ", needed, " bytes");
   std::vector<std::uint64_t> packed;
   for (std::uint64_t i = 0; i < blocks; ++i) {
     const auto size = read_count(d, source, path);
@@ -121,19 +161,15 @@ Result<void> read_blocks(const VtiDocument& d, Source& source, const std::string
   std::vector<std::byte> in, out;
   for (std::uint64_t i = 0; i < blocks; ++i) {
     const std::uint64_t size = i + 1 == blocks && last ? last : block;
-    if (packed[i] > kMaxBlockBytes || size > packed[i] * 1032 + 1032)
+    if (packed[i] > std::min(kMaxBlockBytes, *file_bytes) ||
+        size > (packed[i] + 1) * compressor.max_expansion)
       return fail(ErrorCode::bad_file, path, ": packed block ", i, " of ", packed[i],
                   " bytes cannot hold ", size);
     in.resize(packed[i]);
     const auto got = source.read(in);
     if (!got) return tl::unexpected(got.error());
     out.resize(size);
-    uLongf length = static_cast<uLongf>(size);
-    if (*got != in.size() ||
-        uncompress(reinterpret_cast<Bytef*>(out.data()), &length,
-                   reinterpret_cast<const Bytef*>(in.data()),
-                   static_cast<uLong>(in.size())) != Z_OK ||
-        length != size)
+    if (*got != in.size() || !compressor.unpack(in, out))
       return fail(ErrorCode::bad_file, path, ": packed block ", i, " of ", blocks,
                   " is damaged or cut off");
     to.insert(to.end(), out.begin(), out.end());
@@ -142,18 +178,19 @@ Result<void> read_blocks(const VtiDocument& d, Source& source, const std::string
 }
 
 /// Reads all numbers of the array as bytes, in native order, components side by side.
-Result<std::vector<std::byte>> read_packed(const VtiDocument& d, Source& source,
-                                           const Volume& volume, std::uint64_t needed) {
-  const std::string& path = volume.source;
+Result<std::vector<std::byte>> read_packed(const VtiDocument& d, const VtiArray& array,
+                                           const Compressor* compressor, Source& source,
+                                           ScalarType type, std::uint64_t needed) {
+  const std::string& path = d.path;
   std::vector<std::byte> bytes;
-  if (!d.compressor.empty()) {
-    if (auto ok = read_blocks(d, source, path, needed, bytes); !ok)
+  if (compressor) {
+    if (auto ok = read_blocks(d, *compressor, source, needed, bytes); !ok)
       return tl::unexpected(ok.error());
   } else {
     const auto count = read_count(d, source, path);
     if (!count) return tl::unexpected(count.error());
     if (*count != needed)
-      return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(d.array.name), " holds ",
+      return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(array.name), " holds ",
                   *count, " bytes, expected ", needed);
     bytes.resize(needed);
     const auto got = source.read(bytes);
@@ -163,7 +200,7 @@ Result<std::vector<std::byte>> read_packed(const VtiDocument& d, Source& source,
                   *got, ": the file is truncated");
   }
   if (d.big_endian != (std::endian::native == std::endian::big))
-    swap_bytes(bytes, bytes_per_voxel(volume.type));
+    swap_bytes(bytes, bytes_per_voxel(type));
   return bytes;
 }
 
@@ -182,12 +219,12 @@ bool append_number(std::string_view word, std::vector<std::byte>& bytes) {
   return true;
 }
 
-Result<std::vector<std::byte>> read_ascii(const VtiDocument& d, const Volume& volume,
-                                          std::uint64_t needed) {
+Result<std::vector<std::byte>> read_ascii(const VtiDocument& d, const VtiArray& array,
+                                          ScalarType type, std::uint64_t needed) {
   std::vector<std::byte> bytes;
-  for (const auto word : words(d.array.text)) {
+  for (const auto word : words(array.text)) {
     bool ok = false;
-    switch (volume.type) {
+    switch (type) {
       case ScalarType::u8:
         ok = append_number<std::uint8_t>(word, bytes);
         break;
@@ -222,12 +259,12 @@ Result<std::vector<std::byte>> read_ascii(const VtiDocument& d, const Volume& vo
         break;
     }
     if (!ok)
-      return fail(ErrorCode::bad_file, volume.source, ": the array ", in_quotes(d.array.name),
-                  " holds ", in_quotes(word), ", expected numbers of type ", name(volume.type));
+      return fail(ErrorCode::bad_file, d.path, ": the array ", in_quotes(array.name), " holds ",
+                  in_quotes(word), ", expected numbers of type ", name(type));
     if (bytes.size() > needed) break;
   }
   if (bytes.size() != needed)
-    return fail(ErrorCode::bad_file, volume.source, ": the array ", in_quotes(d.array.name),
+    return fail(ErrorCode::bad_file, d.path, ": the array ", in_quotes(array.name),
                 " holds another count of numbers than its extent");
   return bytes;
 }
@@ -246,38 +283,43 @@ Result<std::uint64_t> find_appended(const std::string& path, std::uint64_t from)
 
 }  // namespace
 
-Result<std::vector<std::byte>> read_vti_data(const VtiDocument& d, const Volume& volume,
-                                             std::uint64_t needed) {
-  const std::string& path = volume.source;
-  if (d.array.format == "ascii") return read_ascii(d, volume, needed);
+Result<std::vector<std::byte>> read_vti_data(const VtiDocument& d, const VtiArray& array,
+                                             ScalarType type, std::uint64_t needed) {
+  const std::string& path = d.path;
+  if (array.format == "ascii") return read_ascii(d, array, type, needed);
+  const Compressor* compressor = nullptr;
+  for (const auto& known : kCompressors)
+    if (d.compressor == known.name) compressor = &known;
+  if (!compressor && !d.compressor.empty())
+    return fail(ErrorCode::unsupported, path, ": packed by ", in_quotes(d.compressor),
+                ", expected ZLib, LZ4 or LZMA: save it with one of these, or without compression");
   const auto size = file_size(path);
   if (!size) return tl::unexpected(size.error());
-  const std::uint64_t max_bytes = d.compressor.empty() ? *size : *size * 1032;
-  if (needed > max_bytes)
+  if (needed / (compressor ? compressor->max_expansion : 1) > *size)
     return fail(ErrorCode::bad_file, path, ": its extent needs ", needed,
-                " bytes of voxels, but the file holds ", *size,
-                d.compressor.empty() ? "" : " packed", ": it is truncated, or its extent is wrong");
-  if (d.array.format == "binary") {
-    Base64Source source(d.array.text);
-    return read_packed(d, source, volume, needed);
+                " bytes of voxels, but the file holds ", *size, compressor ? " packed" : "",
+                ": it is truncated, or its extent is wrong");
+  if (array.format == "binary") {
+    Base64Source source(array.text);
+    return read_packed(d, array, compressor, source, type, needed);
   }
   const auto begin = find_appended(path, d.appended);
   if (!begin) return tl::unexpected(begin.error());
-  if (d.array.offset > *size - *begin)
-    return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(d.array.name), " begins ",
-                d.array.offset, " bytes into the appended data, beyond the end of the file");
-  auto reader = ByteReader::open(path, *begin + d.array.offset, false);
+  if (array.offset > *size - *begin)
+    return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(array.name), " begins ",
+                array.offset, " bytes into the appended data, beyond the end of the file");
+  auto reader = ByteReader::open(path, *begin + array.offset, false);
   if (!reader) return tl::unexpected(reader.error());
   if (d.appended_raw) {
     FileSource source(std::move(*reader));
-    return read_packed(d, source, volume, needed);
+    return read_packed(d, array, compressor, source, type, needed);
   }
-  std::string text(*size - *begin - d.array.offset, '\0');
+  std::string text(*size - *begin - array.offset, '\0');
   const auto got = reader->read(std::as_writable_bytes(std::span(text)));
   if (!got) return tl::unexpected(got.error());
   text.resize(*got);
   Base64Source source(text);
-  return read_packed(d, source, volume, needed);
+  return read_packed(d, array, compressor, source, type, needed);
 }
 
 }  // namespace slf::volume_io

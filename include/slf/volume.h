@@ -82,14 +82,17 @@ struct VolumeOptions {
   /// Which component of each voxel to read (of RGB, vectors, channels), from 0.
   std::optional<std::uint32_t> component{};
   std::optional<std::uint32_t> time{};  ///< which of several volumes in a file to read, from 0
-  std::optional<VoxelBox> crop{};       ///< keep only these voxels; their position does not change
+  /// Which of several arrays in a file to read, by its name (VTI), or which image of an OME-TIFF,
+  /// by its name, ID or number.
+  std::optional<std::string> array{};
+  std::optional<VoxelBox> crop{};  ///< keep only these voxels; their position does not change
   /// Distances between voxels along x, y and z, for files that state none or wrong ones.
   std::optional<glm::dvec3> spacing{};
 };
 
 /// Reads NIfTI-1/2 (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), DICOM, TIFF stacks
-/// (OME-TIFF and ImageJ's among them), VTK ImageData (.vti), MRC/CCP4 (.mrc, .map), a folder of
-/// PNGs or TIFFs, or raw data. The format is recognised by content, not by name. Input is
+/// (OME-TIFF and ImageJ's among them), VTK ImageData (.vti, .pvti), MRC/CCP4 (.mrc, .map), a folder
+/// of PNGs, JPEGs or TIFFs, or raw data. The format is recognised by content, not by name. Input is
 /// untrusted: memory for voxels is used only once the file is known to be long enough, or as data
 /// is decoded.
 ///
@@ -108,9 +111,10 @@ struct VolumeOptions {
 ///  - MRC: ångströms.
 ///  - A folder of pictures is stacked in the order of names, numbers by value.
 ///  - Files that only state spacings start at the origin.
+///  - `spacing` replaces what the file states, right or wrong; directions and origin remain.
 ///
 /// If voxels have several components, or the file has several volumes, `component` and `time`
-/// choose one. Colour pictures whose channels are equal are read as grey.
+/// choose one. Pictures whose channels are equal are read as grey; opacity is no channel of theirs.
 ///
 /// Values. A scale that holds for the whole file is returned as slope and intercept. A DICOM series
 /// whose scale differs from slice to slice (PET) becomes f32 with the scales applied. MONOCHROME1,

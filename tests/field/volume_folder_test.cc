@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <png.h>
 
+#include "field/image/formats.h"
 #include "volume_samples.h"
 
 namespace slf {
@@ -58,9 +59,94 @@ TEST(VolumeFolder, ColorsAndOddOnesOut) {
   expect_error(mixed.path(), ErrorCode::unsupported, "1.png: 5x4 u8, 3 components, unlike");
   write_png(both, "a.png", 0, PNG_FORMAT_GRAY);
   both.write("a.tif", std::string("II*\0\x08\0\0\0", 8));
-  expect_error(both.path(), ErrorCode::unsupported, "1 PNGs and 1 TIFFs");
+  both.write("a.jpg", "\xff\xd8\xff");
+  expect_error(both.path(), ErrorCode::unsupported, "1 PNGs and 1 JPEGs and 1 TIFFs");
   colored.write("3.png", "\x89PNG\r\n\x1a\nxxxx");
   expect_error(colored.path(), ErrorCode::bad_file, "3.png: damaged PNG", {.component = 0});
+}
+
+// Two channels are no colour, and not opacity either.
+TEST(VolumeFolder, OpacityIsNoChannelOfGrey) {
+  const Folder folder;
+  for (const std::uint32_t k : {0, 1, 2})
+    write_png(folder, std::to_string(k) + ".png", k, PNG_FORMAT_GA);
+  expect_phantom(expect_read(folder.path()), ScalarType::u8);
+}
+
+/// The error, or the notes, of a folder of pictures with these names.
+std::string numbering(const std::vector<std::string>& names) {
+  const Folder folder;
+  for (const auto& name : names) write_png(folder, name, 0, PNG_FORMAT_GRAY);
+  const auto volume = read_volume(folder.path(), {.spacing = glm::dvec3(1)});
+  if (!volume) return volume.error().message;
+  std::string notes;
+  for (const auto& note : volume->notes) notes += note + "\n";
+  return notes;
+}
+
+TEST(VolumeFolder, NumbersWithoutAGapAreOneSeries) {
+  for (const auto& names : std::vector<std::vector<std::string>>{
+           {"s000.png", "s001.png", "s002.png"},
+           {"9.PNG", "10.png", "11.png"},
+           {"scan 2 (1).png", "scan 2 (2).png"},
+           {"20200101-0001.png", "20200102-0002.png", "20210103-0003.png"},
+           {"z10.0.png", "z10.5.png", "z11.0.png", "z11.5.png"}})
+    EXPECT_EQ(numbering(names), "") << names.front();
+  EXPECT_THAT(numbering({"s0.png", "s2.png", "s4.png"}), HasSubstr("in steps of 2"));
+  EXPECT_THAT(numbering({"s1.png", "s7.png", "s16.png", "s90.png"}), HasSubstr("uneven"));
+  EXPECT_THAT(numbering({"head.png", "neck.png"}), HasSubstr("share no numbers"));
+}
+
+TEST(VolumeFolder, GapsSeriesAndDuplicatesAreNamed) {
+  EXPECT_THAT(numbering({"s003.png", "s004.png", "s006.png", "s007.png"}),
+              HasSubstr("numbered 3 to 7, 5 is missing"));
+  EXPECT_THAT(numbering({"s1.png", "s2.png", "s5.png", "s6.png", "s8.png"}),
+              HasSubstr("numbered 1 to 8, 3 to 4, 7 is missing"));
+  // Every second one, one of which is missing.
+  EXPECT_THAT(numbering({"s0.png", "s2.png", "s4.png", "s8.png"}), HasSubstr("6 is missing"));
+  EXPECT_THAT(numbering({"a0.png", "a1.png", "b0.png", "b1.png", "b2.png"}),
+              HasSubstr("pictures of 2 series: 3 as 'b0.png', 2 as 'a0.png'"));
+  EXPECT_THAT(numbering({"0.png", "1.png", "thumb.png"}),
+              HasSubstr("2 as '0.png', 1 as 'thumb.png'"));
+  EXPECT_THAT(numbering({"t0_z0.png", "t0_z1.png", "t1_z0.png", "t1_z1.png"}),
+              HasSubstr("'t0_z0.png' and 't1_z0.png' differ in more than one number"));
+  EXPECT_THAT(numbering({"s1.png", "s01.png", "s2.png"}), HasSubstr("have the same number"));
+  // Two series whose numbers follow each other at a distance.
+  EXPECT_THAT(numbering({"s0.png", "s1.png", "s2.png", "s100.png", "s101.png"}),
+              HasSubstr("3 to 99 is missing"));
+}
+
+std::string jpeg(std::uint32_t k, bool colored, int quality = 100) {
+  Image image{kDims[0], kDims[1], {}, {}};
+  for (std::uint32_t j = 0; j < kDims[1]; ++j)
+    for (std::uint32_t i = 0; i < kDims[0]; ++i) {
+      const auto value = static_cast<float>(phantom_value(i, j, k)) / 255;
+      image.rgba.emplace_back(value, value, colored ? 1 - value : value, 1);
+    }
+  const auto bytes = image_formats::encode_jpeg("a", image, {.jpeg_quality = quality});
+  if (!bytes) return "";
+  return {reinterpret_cast<const char*>(bytes->data()), bytes->size()};
+}
+
+TEST(VolumeFolder, JpegsAreStackedLikeOtherPictures) {
+  const Folder grey, colored;
+  for (const std::uint32_t k : {0, 1, 2}) {
+    grey.write("s" + std::to_string(k) + ".jpg", jpeg(k, false));
+    colored.write("s" + std::to_string(k) + ".jpeg", jpeg(k, true));
+  }
+  const auto volume = expect_read(grey.path());
+  EXPECT_THAT(volume.dims, ElementsAre(5, 4, 3));
+  EXPECT_EQ(volume.type, ScalarType::u8);
+  EXPECT_THAT(volume.notes, ElementsAre(HasSubstr("no spacing")));
+  for (std::uint32_t k = 0; k < 3; ++k)
+    EXPECT_NEAR(value_at(volume, 2, 1, k), phantom_value(2, 1, k), 3);
+  expect_error(colored.path(), ErrorCode::unsupported, "3 components");
+  EXPECT_NEAR(value_at(expect_read(colored.path(), {.component = 2}), 2, 1, 1),
+              255 - phantom_value(2, 1, 1), 6);
+  expect_error(grey.path("s0.jpg"), ErrorCode::unsupported, "give the folder");
+  const std::string whole = jpeg(1, false);
+  grey.write("s1.jpg", whole.substr(0, whole.size() / 2));
+  expect_error(grey.path(), ErrorCode::bad_file, "s1.jpg: damaged JPEG");
 }
 
 TEST(VolumeFolder, SixteenBitsStayAsTheyAreStored) {

@@ -23,8 +23,12 @@ struct Tiff {
   int samples = 1;  ///< all the same, but for the last where `colored`
   bool colored = false;
   bool apart = false;  ///< planes one after the other
+  bool alpha = false;  ///< the last sample is opacity
   std::string description{};
   double resolution = 0;                         ///< pixels a unit
+  int unit = RESUNIT_NONE;                       ///< of the resolution
+  std::size_t thumbnails = 0;                    ///< of the pages, the first: 2x2
+  bool marked = true;                            ///< as reduced copies
   std::vector<std::uint32_t> pages = {0, 1, 2};  ///< slices of the phantom
 };
 
@@ -50,11 +54,26 @@ std::string write_tiff(const Folder& folder, const std::string& name, const Tiff
                  t.samples >= 3 ? PHOTOMETRIC_RGB : PHOTOMETRIC_MINISBLACK);
     TIFFSetField(tiff, TIFFTAG_PLANARCONFIG, t.apart ? PLANARCONFIG_SEPARATE : PLANARCONFIG_CONTIG);
     TIFFSetField(tiff, TIFFTAG_COMPRESSION, t.compression);
-    if (page == 0 && !t.description.empty())
+    if (t.alpha) {
+      std::uint16_t meaning = EXTRASAMPLE_UNASSALPHA;
+      TIFFSetField(tiff, TIFFTAG_EXTRASAMPLES, 1, &meaning);
+    }
+    if (page < t.thumbnails) {
+      if (t.marked) TIFFSetField(tiff, TIFFTAG_SUBFILETYPE, FILETYPE_REDUCEDIMAGE);
+      TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, 2);
+      TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, 2);
+      TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, 2);
+      std::string pixels(4 * size * static_cast<std::size_t>(t.samples), '\x7f');
+      TIFFWriteEncodedStrip(tiff, 0, pixels.data(), static_cast<tmsize_t>(pixels.size()));
+      TIFFWriteDirectory(tiff);
+      continue;
+    }
+    if (page == t.thumbnails && !t.description.empty())
       TIFFSetField(tiff, TIFFTAG_IMAGEDESCRIPTION, t.description.c_str());
     if (t.resolution > 0) {
       TIFFSetField(tiff, TIFFTAG_XRESOLUTION, t.resolution);
       TIFFSetField(tiff, TIFFTAG_YRESOLUTION, t.resolution / 2);
+      TIFFSetField(tiff, TIFFTAG_RESOLUTIONUNIT, t.unit);
     }
     const auto sample = [&](std::uint32_t x, std::uint32_t y, int channel) {
       std::string bytes = voxels.substr(((t.pages[page] * h + y) * w + x) * size, size);
@@ -113,11 +132,82 @@ TEST(VolumeTiff, ColorsAreGreyWhereTheyAreEqualAndElseAChoice) {
   for (const bool apart : {false, true}) {
     const auto colored =
         write_tiff(folder, "a.tif", {.samples = 3, .colored = true, .apart = apart});
-    if (!apart)
-      expect_error(colored, ErrorCode::unsupported, "3 components, expected one: choose component");
+    expect_error(colored, ErrorCode::unsupported, "3 components, expected one: choose component");
     expect_phantom(expect_read(colored, {.component = 1}), ScalarType::u8);
     EXPECT_NE(value_at(expect_read(colored, {.component = 2}), 1, 1, 1), phantom_value(1, 1, 1));
   }
+}
+
+// Two samples are two channels, unless the second is said to be opacity.
+TEST(VolumeTiff, OpacityIsNoChannel) {
+  const Folder folder;
+  for (const int samples : {2, 4})
+    for (const bool apart : {false, true}) {
+      SCOPED_TRACE(samples);
+      Tiff tiff{.samples = samples, .colored = true, .apart = apart, .alpha = true};
+      expect_phantom(expect_read(write_tiff(folder, "a.tif", tiff)), ScalarType::u8);
+      tiff.alpha = false;
+      expect_error(write_tiff(folder, "a.tif", tiff), ErrorCode::unsupported,
+                   std::to_string(samples) + " components, expected one");
+    }
+}
+
+TEST(VolumeTiff, ThumbnailsMayComeFirst) {
+  const Folder folder;
+  const Tiff tiff{.thumbnails = 1, .pages = {0, 0, 1, 2}};
+  const auto marked = expect_read(write_tiff(folder, "a.tif", tiff));
+  expect_phantom(marked, ScalarType::u8);
+  EXPECT_THAT(marked.notes, ElementsAre(HasSubstr("no spacing")));
+  Tiff unmarked = tiff;
+  unmarked.marked = false;
+  const auto volume = expect_read(write_tiff(folder, "b.tif", unmarked));
+  expect_phantom(volume, ScalarType::u8);
+  EXPECT_THAT(volume.notes, ElementsAre(HasSubstr("left out as a thumbnail"), HasSubstr("")));
+  Tiff described = tiff;
+  described.description = "ImageJ=1.53c\nimages=3\nslices=3\nunit=um\nspacing=2\n";
+  described.resolution = 2;
+  EXPECT_EQ(expect_read(write_tiff(folder, "c.tif", described)).spacing(), glm::dvec3(0.5, 1, 2));
+  expect_error(write_tiff(folder, "d.tif", {.thumbnails = 2, .pages = {0, 0}}),
+               ErrorCode::unsupported, "nothing but reduced copies");
+}
+
+// As ImageJ takes them: a resolution counts without a unit, except 72 dots per inch.
+TEST(VolumeTiff, ImageJsResolutionWithoutAUnit) {
+  const Folder folder;
+  const auto spacing = [&](double resolution, int unit, const std::string& more) {
+    const auto volume =
+        expect_read(write_tiff(folder, "a.tif",
+                               {.description = "ImageJ=1.53c\nimages=3\nslices=3\n" + more,
+                                .resolution = resolution,
+                                .unit = unit}));
+    return volume;
+  };
+  const auto plain = spacing(2, RESUNIT_NONE, "spacing=2.0\n");
+  EXPECT_EQ(plain.spacing(), glm::dvec3(0.5, 1, 2));
+  EXPECT_THAT(plain.placement, HasSubstr("in a unit that they do not state"));
+  EXPECT_EQ(spacing(4, RESUNIT_CENTIMETER, "spacing=2\n").spacing(), glm::dvec3(2500, 5000, 20000));
+  EXPECT_EQ(spacing(72, RESUNIT_INCH, "spacing=2\n").spacing(), glm::dvec3(1, 1, 2));
+  EXPECT_EQ(spacing(2, RESUNIT_INCH, "unit=mm\nspacing=2\n").spacing(),
+            glm::dvec3(500, 1000, 2000));
+  EXPECT_THAT(spacing(2, RESUNIT_NONE, "").notes, ElementsAre(HasSubstr("only some")));
+}
+
+// tifffile of Python states the shape of the array that it wrote.
+TEST(VolumeTiff, TifffileSaysTheShape) {
+  const Folder folder;
+  const auto write = [&](const std::string& description, std::vector<std::uint32_t> pages) {
+    return write_tiff(folder, "a.tif", {.description = description, .pages = std::move(pages)});
+  };
+  expect_phantom(expect_read(write(R"({"shape": [3, 4, 5]})", {0, 1, 2})), ScalarType::u8);
+  const auto times = write(R"({"shape": [2, 3, 4, 5]})", {0, 0, 0, 0, 1, 2});
+  expect_error(times, ErrorCode::unsupported, "2 time points");
+  expect_phantom(expect_read(times, {.time = 1}), ScalarType::u8);
+  const auto channels = write(R"({"axes": "ZCYX", "shape": [3, 2, 4, 5]})", {2, 0, 2, 1, 2, 2});
+  expect_error(channels, ErrorCode::unsupported, "2 components");
+  expect_phantom(expect_read(channels, {.component = 1}), ScalarType::u8);
+  expect_error(write(R"({"shape": [2, 9, 4, 5]})", {0, 1, 2}), ErrorCode::bad_file,
+               "3 pages, but its tifffile metadata say 9 slices");
+  expect_phantom(expect_read(write(R"({"shape": "none"})", {0, 1, 2})), ScalarType::u8);
 }
 
 TEST(VolumeTiff, ImageJSaysSpacingChannelsAndTimes) {
@@ -214,6 +304,32 @@ TEST(VolumeTiff, OmeSaysSpacingAndOrder) {
                ErrorCode::bad_file, "entities");
 }
 
+TEST(VolumeTiff, OmeMayHoldSeveralImages) {
+  const Folder folder;
+  const auto image = [](const std::string& name, const std::string& more) {
+    return "<Image ID=\"Image:" + name + "\" Name=\"" + name +
+           "\"><Pixels DimensionOrder=\"XYZCT\" SizeC=\"1\" SizeT=\"1\" " + more +
+           "</Pixels></Image>";
+  };
+  for (const auto& [first, second] :
+       {std::pair{"SizeZ=\"2\">", "SizeZ=\"3\">"},
+        std::pair{"SizeZ=\"2\"><TiffData IFD=\"0\" PlaneCount=\"2\"/>",
+                  "SizeZ=\"3\"><TiffData IFD=\"2\" PlaneCount=\"3\"/>"}}) {
+    const auto path = write_tiff(
+        folder, "a.ome.tif",
+        {.description = "<OME>" + image("scout", first) + image("scan", second) + "</OME>",
+         .pages = {2, 2, 0, 1, 2}});
+    expect_error(path, ErrorCode::unsupported,
+                 "2 images (series) in one OME-TIFF, expected one: choose array 'scout', 'scan'");
+    for (const auto* chosen : {"scan", "Image:scan", "1"})
+      expect_phantom(expect_read(path, {.array = chosen}), ScalarType::u8);
+    EXPECT_THAT(expect_read(path, {.array = "scout"}).dims, ElementsAre(5, 4, 2));
+    expect_error(path, ErrorCode::usage, "no image 'third'", {.array = "third"});
+  }
+  expect_error(write_tiff(folder, "b.tif", {}), ErrorCode::usage, "the file names none",
+               {.array = "scan"});
+}
+
 // Slices 0 and 1 in one file, slice 2 in another, as OME's metadata say.
 TEST(VolumeTiff, OmeMayBeASetOfFiles) {
   const Folder folder;
@@ -289,6 +405,34 @@ TEST(VolumeTiff, DamageIsAnErrorOrAVolume) {
     damaged[random() % damaged.size()] ^= static_cast<char>(1 << random() % 8);
     check(damaged);
   }
+}
+
+// Each file holds two channels: those are not slices.
+TEST(VolumeFolder, TiffsOfSeveralChannels) {
+  const Folder folder;
+  for (const std::uint32_t k : {0, 1, 2})
+    write_tiff(folder, "z" + std::to_string(k) + ".tif",
+               {.description = "ImageJ=1.53c\nimages=2\nchannels=2\n", .pages = {2, k}});
+  expect_error(folder.path(), ErrorCode::unsupported, "2 components");
+  expect_phantom(expect_read(folder.path(), {.component = 1}), ScalarType::u8);
+}
+
+// A folder that holds a set that OME describes is read as the set, not in the order of names.
+TEST(VolumeFolder, SetsOfOmeTiffs) {
+  const Folder folder;
+  std::string ome =
+      "<OME><Image><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"3\" SizeC=\"2\" "
+      "SizeT=\"1\">";
+  for (int c = 0; c < 2; ++c)
+    ome += "<TiffData FirstC=\"" + std::to_string(c) + "\" IFD=\"0\" PlaneCount=\"3\"><UUID " +
+           "FileName=\"c" + std::to_string(c) + ".tif\">urn:1</UUID></TiffData>";
+  ome += "</Pixels></Image></OME>";
+  write_tiff(folder, "c0.tif", {.description = ome, .pages = {2, 2, 2}});
+  write_tiff(folder, "c1.tif", {.description = ome});
+  expect_error(folder.path(), ErrorCode::unsupported, "2 components");
+  expect_phantom(expect_read(folder.path(), {.component = 1}), ScalarType::u8);
+  write_tiff(folder, "other.tif", {});
+  expect_error(folder.path(), ErrorCode::unsupported, "other.tif: is not one of the 2 files");
 }
 
 TEST(VolumeFolder, TiffsOfAPageEach) {

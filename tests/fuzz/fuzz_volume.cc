@@ -25,6 +25,7 @@ enum Way : int {
   dicom,   // one DICOM file: header, then pixels
   folder,  // a folder that holds the bytes twice, as slices
   chosen,  // as is, with a component, a time and a crop chosen
+  named,   // as is, with an array and a spacing chosen
   ways
 };
 
@@ -32,7 +33,7 @@ void require(bool condition) {
   if (!condition) std::abort();
 }
 
-// A folder of this process, with a data file that detached headers may name.
+// A folder of this process, with data files that headers may name.
 struct Scratch {
   std::string folder;
   Scratch() {
@@ -42,6 +43,11 @@ struct Scratch {
     folder = (base / "slf-fuzz-XXXXXX").string();
     require(::mkdtemp(folder.data()) != nullptr);
     std::ofstream(folder + "/d.raw", std::ios::binary) << std::string(4096, 'x');
+    std::ofstream(folder + "/p.vti")
+        << R"(<VTKFile type="ImageData"><ImageData WholeExtent="0 1 0 1 0 1">)"
+        << R"(<Piece Extent="0 1 0 1 0 1"><PointData>)"
+        << R"(<DataArray type="UInt8" Name="b" format="ascii">1 2 3 4 5 6 7 8</DataArray>)"
+        << "</PointData></Piece></ImageData></VTKFile>";
   }
   Scratch(const Scratch&) = delete;
   Scratch& operator=(const Scratch&) = delete;
@@ -132,6 +138,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       break;
     case chosen:
       check(write(bytes), {.component = 1, .time = 1, .crop = slf::VoxelBox{{0, 0, 1}, {}}});
+      break;
+    case named:
+      check(write(bytes), {.array = "b", .spacing = glm::dvec3(1, 2, 3)});
       break;
     default:
       check_dicom(write(bytes));

@@ -1,0 +1,260 @@
+// Reads the voxels that a header locates, in one file or in several.
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <limits>
+#include <optional>
+
+#include "field/volume/io.h"
+
+namespace slf::volume_io {
+
+namespace {
+
+// The most that deflate can expand, from its format: 258 bytes for two one-bit codes.
+constexpr std::uint64_t kMaxExpansion = 1032;
+constexpr std::size_t kChunk = std::size_t{1} << 18;
+
+/// The sizes in bytes of what a VoxelData describes.
+struct VoxelBytes {
+  std::uint64_t volume = 0;  ///< one volume, with all components
+  std::uint64_t begin = 0;   ///< before the volume to read
+  std::uint64_t all = 0;     ///< all volumes
+  std::uint64_t part = 0;    ///< what each file holds
+};
+
+std::vector<std::string> files_of(const VoxelData& from) {
+  return from.parts.empty() ? std::vector<std::string>{from.path} : from.parts;
+}
+
+Result<VoxelBytes> count_bytes(const VoxelData& from, const Volume& volume) {
+  VoxelBytes bytes;
+  const std::uint64_t volumes = std::max(from.volumes, from.index + 1);
+  std::uint64_t end = 0;
+  if (__builtin_mul_overflow(voxel_bytes(volume), from.components, &bytes.volume) ||
+      __builtin_mul_overflow(bytes.volume, volumes, &bytes.all) ||
+      __builtin_add_overflow(bytes.all, from.skip, &end) ||
+      __builtin_add_overflow(end, from.offset, &end))
+    return fail(ErrorCode::bad_file, from.path, ": absurd dims: ", volumes,
+                " volumes end beyond 2^64 bytes");
+  bytes.begin = bytes.volume * from.index;
+  const std::uint64_t files = std::max<std::size_t>(from.parts.size(), 1);
+  bytes.part = bytes.all / files;
+  if (bytes.part == 0 || bytes.part * files != bytes.all)
+    return fail(ErrorCode::bad_file, volume.source, ": its ", bytes.all,
+                " bytes of voxels cannot be ", files,
+                " data files of one size: its list of files or its sizes are wrong");
+  return bytes;
+}
+
+/// Where the data begin in a file of this size.
+std::uint64_t offset_in(const VoxelData& from, const VoxelBytes& bytes, std::uint64_t size) {
+  if (!from.at_end) return from.offset;
+  return size > bytes.part ? size - bytes.part : 0;
+}
+
+/// Reads bytes and drops them; fewer where the data end.
+Result<std::uint64_t> skip_bytes(ByteReader& reader, std::uint64_t count) {
+  std::vector<std::byte> scratch(std::min<std::uint64_t>(count, kChunk));
+  std::uint64_t done = 0;
+  while (done < count) {
+    const auto got = reader.read(
+        std::span(scratch).first(std::min<std::uint64_t>(count - done, scratch.size())));
+    if (!got) return tl::unexpected(got.error());
+    if (*got == 0) break;
+    done += *got;
+  }
+  return done;
+}
+
+/// The stored volumes as one stream over all their files, forward only.
+class VoxelStream {
+ public:
+  VoxelStream(const VoxelData& from, const VoxelBytes& bytes)
+      : from_(from), bytes_(bytes), files_(files_of(from)), at_(bytes.begin) {}
+
+  /// Fills `to` and returns its size, or fewer bytes where a file ends early.
+  Result<std::size_t> read(std::span<std::byte> to) {
+    std::size_t done = 0;
+    while (done < to.size()) {
+      if (auto ok = open(); !ok) return tl::unexpected(ok.error());
+      const std::size_t wanted =
+          std::min<std::uint64_t>(to.size() - done, bytes_.part - at_ % bytes_.part);
+      const auto got = reader_->read(to.subspan(done, wanted));
+      if (!got) return got;
+      done += *got;
+      at_ += *got;
+      if (*got < wanted) break;
+    }
+    return done;
+  }
+
+  Result<void> skip(std::uint64_t count) {
+    const bool same_file = reader_ && at_ + count <= (part_ + 1) * bytes_.part;
+    if (from_.packed && same_file) {
+      if (const auto got = skip_bytes(*reader_, count); !got) return tl::unexpected(got.error());
+    } else {
+      reader_.reset();
+    }
+    at_ += count;
+    return {};
+  }
+
+  /// The number of bytes that follow in the file that was read last, at most `limit`; 0 if the last
+  /// call skipped to another file.
+  Result<std::uint64_t> rest(std::uint64_t limit) {
+    if (!reader_) return 0;
+    return skip_bytes(*reader_, limit);
+  }
+
+ private:
+  /// Opens the file that holds the next byte, unless it is open.
+  Result<void> open() {
+    const auto part = static_cast<std::size_t>(at_ / bytes_.part);
+    if (reader_ && part == part_) return {};
+    const std::uint64_t before = from_.skip + at_ % bytes_.part;
+    const auto size = file_size(files_[part]);
+    if (!size) return tl::unexpected(size.error());
+    const std::uint64_t offset = offset_in(from_, bytes_, *size);
+    auto reader =
+        ByteReader::open(files_[part], offset + (from_.packed ? 0 : before), from_.packed);
+    if (!reader) return tl::unexpected(reader.error());
+    if (from_.packed)
+      if (const auto got = skip_bytes(*reader, before); !got) return tl::unexpected(got.error());
+    reader_ = std::move(*reader);
+    part_ = part;
+    return {};
+  }
+
+  const VoxelData& from_;
+  const VoxelBytes bytes_;
+  std::vector<std::string> files_;
+  std::uint64_t at_;      ///< in the volumes
+  std::size_t part_ = 0;  ///< of the open reader
+  std::optional<ByteReader> reader_;
+};
+
+/// Fills `to` with the component of from.component in each voxel, whose values are `width` bytes.
+Result<std::size_t> read_component(VoxelStream& stream, const VoxelData& from, std::size_t width,
+                                   std::span<std::byte> to) {
+  if (from.components == 1) return stream.read(to);
+  const std::uint64_t run = from.run * width, stride = run * from.components;
+  std::size_t done = 0;
+  if (stride <= kChunk) {  // whole voxels at a time
+    std::vector<std::byte> chunk(kChunk / stride * stride);
+    while (done < to.size()) {
+      const std::size_t wanted =
+          std::min<std::uint64_t>(chunk.size(), (to.size() - done) / run * stride);
+      auto got = stream.read(std::span(chunk).first(wanted));
+      if (!got) return got;
+      for (std::size_t at = 0; at + stride <= *got; at += stride, done += run)
+        std::memcpy(&to[done], &chunk[at + from.component * run], run);
+      if (*got < wanted) break;
+    }
+    return done;
+  }
+  while (done < to.size()) {
+    if (auto ok = stream.skip(from.component * run); !ok) return tl::unexpected(ok.error());
+    const auto got = stream.read(to.subspan(done, run));
+    if (!got) return got;
+    done += *got;
+    if (*got < run) break;
+    if (auto ok = stream.skip((from.components - 1 - from.component) * run); !ok)
+      return tl::unexpected(ok.error());
+  }
+  return done;
+}
+
+/// "5x4x3 voxels of u8 with 2 components".
+std::string describe(const VoxelData& from, const Volume& volume) {
+  std::string text;
+  for (const auto extent : volume.dims)
+    text.append(text.empty() ? "" : "x").append(std::to_string(extent));
+  text.append(" voxels of ").append(name(volume.type));
+  if (from.components > 1)
+    text.append(" with ").append(std::to_string(from.components)).append(" components");
+  return text;
+}
+
+/// Adds a note if a file goes on after what its header describes: too small a type, say. Reads
+/// packed data on, because zlib compares its checksum only past the voxels.
+Result<void> note_longer(const VoxelData& from, const VoxelBytes& bytes, VoxelStream& stream,
+                         Volume& volume) {
+  const std::uint64_t needs = (from.packed ? 0 : from.offset) + from.skip + bytes.part;
+  const auto add = [&](const std::string& file, std::uint64_t has) {
+    volume.notes.push_back(file + " has " + std::to_string(has) + (from.packed ? " unpacked" : "") +
+                           " bytes, but " +
+                           (from.volumes > 1 ? std::to_string(from.volumes) + " volumes of " : "") +
+                           describe(from, volume) + " need " + std::to_string(needs) +
+                           ": the rest is not read; check the type and the sizes");
+  };
+  if (from.packed) {
+    // A hostile stream unpacks to no end.
+    constexpr std::uint64_t kMost = std::uint64_t{1} << 26;
+    const bool last = from.index + 1 == from.volumes;
+    const auto rest = stream.rest(last ? std::max(bytes.all, kMost) : 1);
+    if (!rest) return tl::unexpected(rest.error());
+    if (last && *rest > 0) add(files_of(from).back(), needs + *rest);
+    return {};
+  }
+  if (from.volumes == 0 || from.at_end) return {};
+  for (const std::string& file : files_of(from)) {
+    const auto size = file_size(file);
+    if (!size) return tl::unexpected(size.error());
+    if (*size > needs) {
+      add(file, *size);
+      break;
+    }
+  }
+  return {};
+}
+
+/// bad_file: a file that is too short for what it must hold of the volume.
+Result<void> check_lengths(const VoxelData& from, const VoxelBytes& bytes, const Volume& volume) {
+  const auto files = files_of(from);
+  const std::uint64_t end = bytes.begin + bytes.volume;
+  for (std::size_t i = bytes.begin / bytes.part; i * bytes.part < end; ++i) {
+    const auto size = file_size(files[i]);
+    if (!size && from.parts.empty()) return tl::unexpected(size.error());
+    if (!size)
+      return fail(size.error().code, volume.source, ": its data file ", i + 1, " of ", files.size(),
+                  " cannot be read: ", size.error().message);
+    const std::uint64_t offset = offset_in(from, bytes, *size);
+    const std::uint64_t there = *size > offset ? *size - offset : 0;
+    std::uint64_t max_bytes = there;
+    if (from.packed && __builtin_mul_overflow(there, kMaxExpansion, &max_bytes))
+      max_bytes = std::numeric_limits<std::uint64_t>::max();
+    const std::uint64_t begin = std::max(bytes.begin, i * bytes.part);
+    const std::uint64_t needed = std::min(end, (i + 1) * bytes.part) - begin;
+    const std::uint64_t before = from.skip + (begin - i * bytes.part);
+    if (before > max_bytes || needed > max_bytes - before)
+      return fail(ErrorCode::bad_file, files[i], ": ", describe(from, volume), " need ", needed,
+                  " bytes from byte ", offset + before, " on, but the file holds ", there,
+                  from.packed ? " packed" : "",
+                  " bytes there: it is truncated, or its header is wrong");
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<void> read_voxels(const VoxelData& from, Volume& volume) {
+  const auto bytes = count_bytes(from, volume);
+  if (!bytes) return tl::unexpected(bytes.error());
+  if (auto ok = check_lengths(from, *bytes, volume); !ok) return ok;
+  for (const std::string& file : files_of(from)) volume.files.push_back(file);
+  volume.voxels.resize(voxel_bytes(volume));
+  VoxelStream stream(from, *bytes);
+  const auto got = read_component(stream, from, bytes_per_voxel(volume.type), volume.voxels);
+  if (!got) return tl::unexpected(got.error());
+  if (*got != volume.voxels.size())
+    return fail(ErrorCode::bad_file, from.path, ": expected ", volume.voxels.size(),
+                " bytes of voxels, found ", *got,
+                ": the file is truncated, or its header is wrong");
+  if (auto ok = note_longer(from, *bytes, stream, volume); !ok) return ok;
+  if (from.big_endian != (std::endian::native == std::endian::big))
+    swap_bytes(volume.voxels, bytes_per_voxel(volume.type));
+  return {};
+}
+
+}  // namespace slf::volume_io
