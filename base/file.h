@@ -1,4 +1,5 @@
-// Reading and replacing whole files, and renaming complete ones to their final names. Internal.
+// Reading and replacing whole files, renaming complete ones to their final names, and temporary
+// files. Internal.
 #pragma once
 
 #include <cstdint>
@@ -69,5 +70,9 @@ using StartCheck = std::function<Result<void>(ByteSpan start)>;
 /// unreadable, a folder. unsupported: longer than `limit` bytes. Other errors are those of `check`.
 [[nodiscard]] Result<Bytes> read_file(const std::string& path, std::uint64_t limit,
                                       const StartCheck& check = {});
+
+/// Opens a new file that has no name and vanishes when it is closed, in the folder TMPDIR or, if
+/// that is not set, /tmp. Returns its descriptor, or -1, and errno says why.
+[[nodiscard]] int open_unnamed_file();
 
 }  // namespace slf

@@ -1,13 +1,13 @@
 #include "storage/internal/sparse_copy.h"
 
-#include <fcntl.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdlib>
 #include <cstring>
 #include <string>
+
+#include "base/file.h"
 
 namespace slf::storage::internal {
 namespace {
@@ -18,24 +18,12 @@ constexpr std::size_t kBaseRequests = 4;         // requests that fetch() may al
 constexpr std::size_t kRangesPerRequest = 24;    // fetch() may make one more for this many ranges
 constexpr std::uint64_t kReadAround = 64 << 10;  // bytes fetched for a single part, aligned
 
-/// Opens a file without a name. Returns -1 if that fails; errno says why.
-int open_temporary() {
-  const char* const given = std::getenv("TMPDIR");
-  const std::string folder = given != nullptr && *given != '\0' ? given : "/tmp";
-  const int file = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
-  if (file >= 0 || (errno != EOPNOTSUPP && errno != EISDIR)) return file;
-  std::string name = folder + "/slf-XXXXXX";  // the file system has no O_TMPFILE
-  const int named = mkostemp(name.data(), O_CLOEXEC);
-  if (named >= 0) unlink(name.c_str());
-  return named;
-}
-
 }  // namespace
 
 Result<std::unique_ptr<SparseCopy>> SparseCopy::make(std::shared_ptr<RangeSource> source) {
   std::unique_ptr<SparseCopy> copy(new SparseCopy(std::move(source)));
   const std::string& name = copy->source_->name();
-  copy->file_ = open_temporary();
+  copy->file_ = open_unnamed_file();
   if (copy->file_ < 0 || ftruncate(copy->file_, static_cast<off_t>(copy->source_->size())) != 0)
     return fail(ErrorCode::io, name, ": cannot make a temporary file of ", copy->source_->size(),
                 " bytes: ", std::strerror(errno), "; set TMPDIR to another folder");
