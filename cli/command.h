@@ -242,8 +242,9 @@ CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::s
 
 /// The inputs that are volumes.
 inline constexpr const char* kVolumeHelp =
-    "Volume: NIfTI, NRRD, MetaImage, TIFF, VTI, MRC, a DICOM folder or one of\n"
-    "its files, a folder of PNGs, JPEGs or TIFFs, or raw with --dims";
+    "Volume: NIfTI, Analyze, MGH, NRRD, MetaImage, TIFF, VTI, VTK, MRC, NumPy (also\n"
+    "in gzip, bzip2, xz or zstd), a DICOM folder or one of its files, a folder of\n"
+    "PNGs, JPEGs or TIFFs, or raw with --dims";
 inline constexpr const char* kVolumeGroup = "Volume";
 /// The transfer functions.
 inline constexpr const char* kTransferHelp =

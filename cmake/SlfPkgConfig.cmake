@@ -5,7 +5,7 @@ set(slf_pc_requires
   PkgConfig::HWY=libhwy PkgConfig::WEBP=libwebpmux PkgConfig::CURL=libcurl PNG::PNG=libpng ZLIB::ZLIB=zlib
   PkgConfig::LZ4=liblz4 PkgConfig::LZMA=liblzma OpenEXR::OpenEXR=OpenEXR EXPAT::EXPAT=expat TIFF::TIFF=libtiff-4)
 set(slf_pc_libs
-  Threads::Threads=-pthread
+  Threads::Threads=-pthread BZip2::BZip2=-lbz2
   Gdcm::gdcm=-lgdcmMSFF\ -lgdcmDSED\ -lgdcmDICT\ -lgdcmIOD\ -lgdcmCommon)
 set(slf_pc_headers tl::expected glm::glm nlohmann_json::nlohmann_json slf_options)
 

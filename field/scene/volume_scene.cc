@@ -183,6 +183,10 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   grid.ambient = options.ambient;
 
   const std::optional<Sphere> bounds = find_visible_space(v, grid);
+  if (!bounds && !has_finite_value(v))
+    return fail(ErrorCode::bad_file, v.source,
+                ": all values are NaN or infinite: nothing is "
+                "visible under any transfer function; write the volume again");
   if (!bounds)
     return fail(ErrorCode::failed, v.source, ": the transfer function '", transfer.name,
                 "' leaves nothing visible: its opacity is zero over all values of the volume (",

@@ -14,6 +14,9 @@
 #include <csignal>
 #include <cstring>
 #include <fstream>
+#include <sstream>
+
+#include "field/volume/packing.h"
 
 namespace slf::volume_io {
 
@@ -101,7 +104,15 @@ bool is_of_stated_size(const DicomSlice& file, const gdcm::Image& image) {
 
 bool decode(const DicomSlice& file, int to) {
   gdcm::ImageReader reader;
-  reader.SetFileName(file.path.c_str());
+  std::istringstream unpacked;
+  if (packing_of_file(file.path) == Packing::none) {
+    reader.SetFileName(file.path.c_str());
+  } else {
+    auto bytes = read_dicom_bytes(file.path);
+    if (!bytes) return false;
+    unpacked.str(std::move(*bytes));
+    reader.SetStream(unpacked);
+  }
   if (!reader.Read()) return false;
   const gdcm::Image& image = reader.GetImage();
   const auto* size = image.GetDimensions();

@@ -200,6 +200,8 @@ Result<std::string> inflated(const std::string& path, std::string_view packed) {
 }
 
 Result<std::string> read_whole(const std::string& path) {
+  constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
+  if (packing_of_file(path) != Packing::none) return read_unpacked(path, kMaxBytes);
   const auto size = file_size(path);
   if (!size) return tl::unexpected(size.error());
   std::string bytes(*size, '\0');

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <set>
 
+#include "field/volume/known_formats.h"
 #include "field/volume/stack.h"
 
 namespace slf::volume_io {
@@ -170,12 +171,14 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
     const auto file = it->path().string();
     const auto head = read_head(file, 132);
     if (!head) continue;
-    for (std::size_t i = 0; i < kFormats.size(); ++i)
+    const bool packed = packing_of_file(file) != Packing::none;
+    for (std::size_t i = 0; !packed && i < kFormats.size(); ++i)
       if (kFormats[i].looks_like(*head)) files[i].push_back(file), any_picture = true;
     any_dicom = any_dicom || looks_like_dicom(*head);
   }
   if (code) return fail(ErrorCode::io, path, ": ", code.message());
-  if (any_dicom || !any_picture) {
+  if (!any_dicom && !any_picture) return tl::unexpected(refuse_folder(path));
+  if (any_dicom) {
     if (auto ok = expect_one_number(path, options); !ok) return tl::unexpected(ok.error());
     return read_dicom_folder(path);
   }

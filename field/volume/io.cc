@@ -1,7 +1,5 @@
 #include "field/volume/io.h"
 
-#include <zlib.h>
-
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -9,6 +7,9 @@
 #include <cstring>
 #include <filesystem>
 #include <limits>
+#include <utility>
+
+#include "base/half.h"
 
 namespace slf::volume_io {
 
@@ -21,52 +22,44 @@ constexpr std::size_t kChunk = std::size_t{1} << 18;
 struct ByteReader::State {
   std::string path;
   std::ifstream file;
-  bool packed = false;
-  bool ended = false;    // the packed stream is complete
-  bool started = false;  // inflateInit2 was called and inflateEnd is due
-  z_stream stream{};
-  std::vector<char> chunk;
+  Packing packing = Packing::none;
+  std::unique_ptr<Unpacker> unpacker;  // if it is packed
+  bool ended = false;                  // the packed stream is complete
+  std::vector<std::byte> chunk;
+  std::span<const std::byte> in;  // what is left of it
+  std::uint64_t unpacked = 0;
 
-  State() = default;
-  State(const State&) = delete;
-  State& operator=(const State&) = delete;
-  ~State() {
-    if (started) inflateEnd(&stream);
+  bool refill() {
+    file.read(reinterpret_cast<char*>(chunk.data()), static_cast<std::streamsize>(chunk.size()));
+    in = std::span(chunk).first(static_cast<std::size_t>(file.gcount()));
+    return !in.empty();
   }
 
-  void refill() {
-    file.read(chunk.data(), static_cast<std::streamsize>(chunk.size()));
-    stream.next_in = reinterpret_cast<Bytef*>(chunk.data());
-    stream.avail_in = static_cast<uInt>(file.gcount());
-  }
-
-  // A gzip file may have several members, one after the other. Anything else after them is ignored.
+  // A packed file may have several members, one after the other. Anything else after them is
+  // ignored.
   bool next_member() {
-    if (stream.avail_in == 0) refill();
-    if (stream.avail_in == 0 || *stream.next_in != 0x1f) return false;
-    return inflateReset(&stream) == Z_OK;
+    if (in.empty() && !refill()) return false;
+    return begins_member(packing, in.front()) && unpacker->restart();
   }
 
   Result<std::size_t> unpack(std::span<std::byte> to) {
-    std::size_t done = 0;
-    while (done < to.size() && !ended) {
-      if (stream.avail_in == 0) refill();
-      const auto room = static_cast<uInt>(std::min<std::size_t>(to.size() - done, 1u << 30));
-      stream.next_out = reinterpret_cast<Bytef*>(to.data() + done);
-      stream.avail_out = room;
-      const int status = inflate(&stream, Z_NO_FLUSH);
-      done += room - stream.avail_out;
-      if (status == Z_STREAM_END)
+    const std::size_t wanted = to.size();
+    while (!to.empty() && !ended) {
+      const bool at_end = in.empty() && !refill();
+      const std::size_t room = to.size();
+      const auto state = unpacker->step(in, to);
+      unpacked += room - to.size();
+      if (state == Unpacker::State::ended)
         ended = !next_member();
-      else if (status == Z_BUF_ERROR && stream.avail_in == 0)
-        return fail(ErrorCode::bad_file, path, ": the packed data stop after ", stream.total_out,
-                    " unpacked bytes, before their end: the file is truncated, copy it again");
-      else if (status != Z_OK)
-        return fail(ErrorCode::bad_file, path, ": damaged packed data after ", stream.total_out,
-                    " unpacked bytes (", stream.msg ? stream.msg : "not gzip or zlib",
+      else if (state == Unpacker::State::damaged)
+        return fail(ErrorCode::bad_file, path, ": damaged packed data after ", unpacked,
+                    " unpacked bytes (", unpacker->problem(),
                     "): the file is corrupt, copy it again");
+      else if (at_end && room == to.size())
+        return fail(ErrorCode::bad_file, path, ": the packed data stop after ", unpacked,
+                    " unpacked bytes, before their end: the file is truncated, copy it again");
     }
-    return done;
+    return wanted - to.size();
   }
 };
 
@@ -75,27 +68,30 @@ ByteReader::ByteReader(ByteReader&&) noexcept = default;
 ByteReader& ByteReader::operator=(ByteReader&&) noexcept = default;
 ByteReader::~ByteReader() = default;
 
-Result<ByteReader> ByteReader::open(const std::string& path, std::uint64_t offset, bool packed) {
+Result<ByteReader> ByteReader::open(const std::string& path, std::uint64_t offset, bool packed,
+                                    Packing packing) {
   const auto size = file_size(path);
   if (!size) return tl::unexpected(size.error());
   auto state = std::make_unique<State>();
   state->path = path;
-  state->packed = packed;
   state->file.open(path, std::ios::binary);
   if (!state->file) return fail(ErrorCode::io, path, ": cannot be opened: ", std::strerror(errno));
   state->file.seekg(static_cast<std::streamoff>(offset));
   if (packed) {
     state->chunk.resize(std::clamp<std::uint64_t>(*size, 1, kChunk));
-    constexpr int kGzipOrZlib = 15 + 32;
-    if (inflateInit2(&state->stream, kGzipOrZlib) != Z_OK)
-      return fail(ErrorCode::failed, path, ": no memory to unpack");
-    state->started = true;
+    state->refill();
+    const std::string_view head(reinterpret_cast<const char*>(state->in.data()), state->in.size());
+    if (packing == Packing::none) packing = packing_of(head);
+    state->packing = packing == Packing::none ? Packing::zlib : packing;
+    state->unpacker = Unpacker::make(state->packing);
   }
   return ByteReader(std::move(state));
 }
 
+Packing ByteReader::packing() const { return state_->packing; }
+
 Result<std::size_t> ByteReader::read(std::span<std::byte> to) {
-  if (state_->packed) return state_->unpack(to);
+  if (state_->unpacker) return state_->unpack(to);
   state_->file.read(reinterpret_cast<char*>(to.data()), static_cast<std::streamsize>(to.size()));
   return static_cast<std::size_t>(state_->file.gcount());
 }
@@ -114,20 +110,17 @@ Result<std::uint64_t> file_size(const std::string& path) {
 }
 
 Result<std::string> read_head(const std::string& path, std::size_t limit) {
+  auto reader = ByteReader::open(path, 0, packing_of_file(path) != Packing::none);
+  if (!reader) return tl::unexpected(reader.error());
   std::string head(limit, '\0');
-  const auto bytes = std::as_writable_bytes(std::span(head));
-  bool packed = false;
-  for (int attempt = 0; attempt < 2; ++attempt) {
-    auto reader = ByteReader::open(path, 0, packed);
-    if (!reader) return tl::unexpected(reader.error());
-    const auto got = reader->read(bytes);
-    if (!got) return tl::unexpected(got.error());
-    head.resize(*got);
-    packed = head.starts_with("\x1f\x8b");
-    if (!packed || attempt == 1) break;
-    head.resize(limit);
-  }
+  const auto got = reader->read(std::as_writable_bytes(std::span(head)));
+  if (!got) return tl::unexpected(got.error());
+  head.resize(*got);
   return head;
+}
+
+bool is_named_and_packed(const std::string& path) {
+  return without_packing(path) != path && packing_of_file(path) != Packing::none;
 }
 
 std::uint64_t voxel_bytes(const Volume& volume) {
@@ -138,6 +131,18 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value) {
   for (std::size_t at = 0; at + bytes_per_value <= values.size(); at += bytes_per_value)
     std::reverse(values.begin() + static_cast<std::ptrdiff_t>(at),
                  values.begin() + static_cast<std::ptrdiff_t>(at + bytes_per_value));
+}
+
+void widen_half_floats(Volume& volume) {
+  std::vector<std::byte> floats(volume.voxels.size() * 2);
+  for (std::size_t k = 0; 4 * k < floats.size(); ++k) {
+    std::uint16_t bits = 0;
+    std::memcpy(&bits, &volume.voxels[2 * k], sizeof bits);
+    const float value = half_to_float(bits);
+    std::memcpy(&floats[4 * k], &value, sizeof value);
+  }
+  volume.voxels = std::move(floats);
+  volume.type = ScalarType::f32;
 }
 
 Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,

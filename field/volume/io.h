@@ -1,7 +1,7 @@
 // Shared by the volume readers: bounded reading, checks of dims and axes, header text.
 //
 // Headers are untrusted. Memory for a stated size is allocated only if the file is long enough to
-// hold it. Deflate expands at most 1032:1, so the same check works for packed voxels.
+// hold it; packed voxels have limits of their own, see packing.h.
 #pragma once
 
 #include <cstddef>
@@ -14,6 +14,7 @@
 #include <string_view>
 #include <vector>
 
+#include "field/volume/packing.h"
 #include "slf/error.h"
 #include "slf/volume.h"
 
@@ -23,9 +24,10 @@ namespace slf::volume_io {
 struct VoxelData {
   std::string path;
   std::uint64_t offset = 0;  ///< first byte in the file, of the voxels or of their packed stream
-  bool packed = false;       ///< gzip or zlib
-  std::uint64_t skip = 0;    ///< bytes before the voxels, counted once unpacked
-  bool at_end = false;       ///< not at `offset`: the voxels are the last bytes, not packed
+  bool packed = false;
+  Packing packing = Packing::none;  ///< of packed data; none: as their first bytes say, or zlib
+  std::uint64_t skip = 0;           ///< bytes before the voxels, counted once unpacked
+  bool at_end = false;              ///< not at `offset`: the voxels are the last bytes, not packed
   bool big_endian = false;
   /// The number of components of a voxel, and the one to read.
   std::uint32_t components = 1, component = 0;
@@ -40,12 +42,13 @@ struct VoxelData {
   std::vector<std::string> parts{};
 };
 
-/// Reads a file from an offset on, forward only. Unpacks gzip and zlib.
+/// Reads a file from an offset on, forward only, and unpacks it.
 class ByteReader {
  public:
+  /// `packing`: of packed data; none: as their first bytes say, or else zlib.
   /// io: missing, a folder or device, unreadable.
   [[nodiscard]] static Result<ByteReader> open(const std::string& path, std::uint64_t offset,
-                                               bool packed);
+                                               bool packed, Packing packing = Packing::none);
   ByteReader(ByteReader&&) noexcept;
   ByteReader& operator=(ByteReader&&) noexcept;
   ~ByteReader();
@@ -53,6 +56,7 @@ class ByteReader {
   /// Fills `to` and returns its size, or fewer bytes where the data end.
   /// bad_file: packed data that are damaged or stop before their end.
   [[nodiscard]] Result<std::size_t> read(std::span<std::byte> to);
+  [[nodiscard]] Packing packing() const;
 
  private:
   struct State;
@@ -63,7 +67,7 @@ class ByteReader {
 /// io: missing or not a regular file.
 [[nodiscard]] Result<std::uint64_t> file_size(const std::string& path);
 
-/// The first bytes of a file, at most `limit`, unpacked if they are gzip.
+/// The first bytes of a file, at most `limit`, unpacked if it is packed.
 [[nodiscard]] Result<std::string> read_head(const std::string& path, std::size_t limit);
 
 /// Exactly three extents of at least 2 whose product is a size the machine can count.
@@ -98,6 +102,10 @@ struct ChosenVolume {
 /// bad_file: axes or origin that are not finite, or axes that do not span space.
 [[nodiscard]] Result<void> check_axes(const Volume& volume);
 
+/// Whether a file is packed by its content and by its name. Voxels alone may look like a packed
+/// file.
+[[nodiscard]] bool is_named_and_packed(const std::string& path);
+
 /// Gives the axes the spacing of the options, if they state one, and checks them with check_axes().
 /// One axis whose length is 0 or not finite becomes perpendicular to the others; if there are more,
 /// the axes become those of the grid, with a note.
@@ -110,9 +118,10 @@ inline constexpr const char* kNoSpacing = "it states no spacing: voxels are take
 [[nodiscard]] double spacing_or(const VolumeOptions& options, std::size_t axis, double stated);
 
 /// Fills `volume.voxels`, in native byte order, from `from`; dims and type are set. Adds the files
-/// that it reads, and a note if they hold more bytes than the volumes need.
+/// that it reads, and a note if they hold more bytes than the volumes need. A file of voxels is
+/// unpacked if its name says so, too.
 /// bad_file: fewer bytes than the dims need, or damaged packed data.
-[[nodiscard]] Result<void> read_voxels(const VoxelData& from, Volume& volume);
+[[nodiscard]] Result<void> read_voxels(const VoxelData& given, Volume& volume);
 
 /// Bytes the voxels take. REQUIRES: dims that passed check_dims.
 [[nodiscard]] std::uint64_t voxel_bytes(const Volume& volume);
@@ -120,12 +129,19 @@ inline constexpr const char* kNoSpacing = "it states no spacing: voxels are take
 /// Reverses the byte order of values in place.
 void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 
+/// Makes f32 of half floats that were read as u16.
+void widen_half_floats(Volume& volume);
+
 // Header text.
 [[nodiscard]] std::string_view trim(std::string_view text);
 [[nodiscard]] std::string lower(std::string_view text);
 [[nodiscard]] std::vector<std::string_view> words(std::string_view text);
 [[nodiscard]] std::optional<double> parse_number(std::string_view text);
 [[nodiscard]] std::optional<std::int64_t> parse_integer(std::string_view text);
+/// Appends a number that is text as a value of this type, in native byte order. False, and nothing
+/// appended, if it is no such number.
+[[nodiscard]] bool append_number(std::string_view word, ScalarType type,
+                                 std::vector<std::byte>& bytes);
 /// At most 40 printable characters of untrusted text, quoted, for a message.
 [[nodiscard]] std::string in_quotes(std::string_view text);
 /// The path of a data file that a header names relative to its own folder.
@@ -139,11 +155,22 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
                                                               std::int64_t first, std::int64_t last,
                                                               std::int64_t step);
 
+/// A path without the ending of a packing, such as ".gz".
+[[nodiscard]] std::string without_packing(const std::string& path);
+/// The other file of a pair: the path with `ending` (such as ".img") for its own, packed or not,
+/// whichever there is. If there is none, that of the plain file.
+[[nodiscard]] std::string partner_of(const std::string& path, std::string_view ending);
+
 /// The next line of `text` from `at` on, without its end. Moves `at` to the line after it.
 [[nodiscard]] std::string_view next_line(std::string_view text, std::size_t& at);
 
+/// Whether the file is of a format that has a reader here.
+[[nodiscard]] bool is_volume_file(std::string_view head);
+
 // The readers, one per format. `head` is from read_head() and includes the whole header.
 [[nodiscard]] bool looks_like_nifti(std::string_view head);
+/// Whether this is a header of NIfTI or Analyze 7.5 whose voxels are in another file.
+[[nodiscard]] bool is_header_of_pair(std::string_view head);
 [[nodiscard]] bool looks_like_meta(std::string_view head);
 [[nodiscard]] bool looks_like_dicom(std::string_view head);
 [[nodiscard]] bool looks_like_mrc(std::string_view head);
@@ -151,6 +178,10 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 [[nodiscard]] bool looks_like_tiff(std::string_view head);
 [[nodiscard]] bool looks_like_png(std::string_view head);
 [[nodiscard]] bool looks_like_jpeg(std::string_view head);
+[[nodiscard]] bool looks_like_npy(std::string_view head);
+[[nodiscard]] bool looks_like_npz(std::string_view head);
+[[nodiscard]] bool looks_like_mgh(std::string_view head);
+[[nodiscard]] bool looks_like_vtk(std::string_view head);
 [[nodiscard]] Result<Volume> read_nifti(const std::string& path, std::string_view head,
                                         const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_nrrd(const std::string& path, std::string_view head,
@@ -159,6 +190,12 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
                                        const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_mrc(const std::string& path, std::string_view head,
                                       const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_npy(const std::string& path, std::string_view head,
+                                      const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_npz(const std::string& path, const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_mgh(const std::string& path, std::string_view head,
+                                      const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_vtk(const std::string& path, const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_vti(const std::string& path, const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_raw(const std::string& path, const RawLayout& layout,

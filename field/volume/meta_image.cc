@@ -37,6 +37,9 @@ Result<Header> parse_lines(const std::string& path, std::string_view head) {
                   in_quotes(line), ", expected 'Field = value'");
     const std::string field(trim(line.substr(0, equals)));
     header.fields[field] = trim(line.substr(equals + 1));
+    if (field == "ObjectType" && lower(header.fields[field]) != "image")
+      return fail(ErrorCode::unsupported, path, ": a MetaIO ", in_quotes(header.fields[field]),
+                  ", expected ObjectType = Image");
     if (field != "ElementDataFile") continue;
     if (header.fields[field].starts_with("LIST"))
       for (std::size_t at = header.bytes; at < head.size();)
@@ -276,9 +279,6 @@ Result<Volume> read_meta(const std::string& path, std::string_view head,
   if (!header) return tl::unexpected(header.error());
   Volume volume;
   volume.source = path;
-  if (const auto* object = header->find({"ObjectType"}); object && lower(*object) != "image")
-    return fail(ErrorCode::unsupported, path, ": a MetaIO ", in_quotes(*object),
-                ", expected ObjectType = Image");
   const auto* channels = header->find({"ElementNumberOfChannels"});
   const auto count = channels ? parse_integer(*channels) : 1;
   if (!count || *count < 1 || *count > 4096)

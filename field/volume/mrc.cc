@@ -11,7 +11,6 @@
 #include <numbers>
 
 #include "base/bytes.h"
-#include "base/half.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -120,18 +119,6 @@ Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of,
   return check_axes(volume);
 }
 
-void widen_half_floats(Volume& volume) {
-  std::vector<std::byte> floats(volume.voxels.size() * 2);
-  for (std::size_t k = 0; 4 * k < floats.size(); ++k) {
-    std::uint16_t bits = 0;
-    std::memcpy(&bits, &volume.voxels[2 * k], sizeof bits);
-    const float value = half_to_float(bits);
-    std::memcpy(&floats[4 * k], &value, sizeof value);
-  }
-  volume.voxels = std::move(floats);
-  volume.type = ScalarType::f32;
-}
-
 /// Reads 4-bit voxels: two per byte, the first in the low half. Each row begins on a new byte.
 Result<void> read_four_bits(const VoxelData& data, Volume& volume) {
   const auto width = volume.dims[0];
@@ -192,8 +179,7 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
                 " bytes, expected 0 or more");
   VoxelData data{.path = path, .big_endian = words.big_endian};
   data.skip = kHeader + static_cast<std::uint64_t>(extended);
-  std::ifstream file(path, std::ios::binary);
-  data.packed = file.get() == 0x1f && file.get() == 0x8b;
+  data.packed = packing_of_file(path) != Packing::none;
   data.index = chosen->index;
   data.volumes = chosen->count;
   const bool four_bits = words.integer(4) == kFourBits;

@@ -1,19 +1,18 @@
-// NIfTI-1 and NIfTI-2, one file (.nii, .nii.gz) or a .hdr with its .img.
+// NIfTI-1 and NIfTI-2, one file (.nii, .nii.gz) or a .hdr with its .img; and Analyze 7.5, from
+// which NIfTI's header was made, with SPM's scale and origin.
 //
 // Why our own reader? ITK converts scaled 8 and 16 bit voxels to floats, which takes up to four
 // times the memory; we keep the voxels and their slope. libnifti allocates by dims that it does not
 // check, and reports on stderr. The format is a header with fixed offsets (nifti1.h, nifti2.h) and
 // the arithmetic of two transforms, below.
 #include <algorithm>
-#include <bit>
 #include <cmath>
-#include <cstring>
-#include <filesystem>
 #include <iomanip>
 #include <numbers>
 #include <sstream>
 
 #include "base/bytes.h"
+#include "field/volume/fields.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -22,22 +21,6 @@ namespace {
 
 constexpr std::size_t kHeader1 = 348;
 constexpr std::size_t kHeader2 = 540;
-
-// A number at a byte offset, in the file's own byte order.
-struct Fields {
-  std::string_view bytes;
-  bool big_endian;
-
-  template <class T>
-  T get(std::size_t at) const {
-    using Bits = std::conditional_t<
-        sizeof(T) == 1, std::uint8_t,
-        std::conditional_t<sizeof(T) == 2, std::uint16_t,
-                           std::conditional_t<sizeof(T) == 4, std::uint32_t, std::uint64_t>>>;
-    const auto* from = reinterpret_cast<const std::byte*>(bytes.data()) + at;
-    return std::bit_cast<T>(big_endian ? load_be<Bits>(from) : load_le<Bits>(from));
-  }
-};
 
 struct Header {
   bool big_endian = false;
@@ -51,6 +34,8 @@ struct Header {
   glm::dvec3 quaternion{0.0}, qoffset{0.0};
   std::array<glm::dvec4, 3> srow{};
   int units = 0;
+  bool analyze = false;
+  std::optional<glm::dvec3> spm_origin;  ///< the world's origin, in voxels from 1
 };
 
 /// The byte order in which the header's first field is `size`.
@@ -82,6 +67,46 @@ void fill(const Fields& from, std::size_t dim, std::size_t pixdim, std::size_t s
     for (int i = 0; i < 4; ++i) row[i] = next();
 }
 
+bool has_magic(std::string_view head) {
+  if (big_endian_of(head, kHeader1)) {
+    const auto magic = head.substr(344, 4);
+    return magic == std::string_view("n+1\0", 4) || magic == std::string_view("ni1\0", 4);
+  }
+  if (!big_endian_of(head, kHeader2)) return false;
+  const auto magic = head.substr(4, 4);
+  return magic == std::string_view("n+2\0", 4) || magic == std::string_view("ni2\0", 4);
+}
+
+/// Analyze has no magic: its header is a short file, of this size and with counts that make sense.
+bool looks_like_analyze(std::string_view head) {
+  constexpr std::size_t kLongestHeader = 1024;
+  const auto big = big_endian_of(head, kHeader1);
+  if (!big || head.size() > kLongestHeader || has_magic(head)) return false;
+  const auto rank = Fields{head, *big}.get<std::int16_t>(40);
+  return rank >= 1 && rank <= 7;
+}
+
+/// Replaces what Analyze has in the place of NIfTI's fields for scale and position.
+void take_as_analyze(const Fields& from, Header& header) {
+  header.analyze = true;
+  header.single_file = false;
+  header.intercept = 0;
+  header.qform_code = header.sform_code = header.units = 0;
+  for (std::size_t i = 1; i <= 3; ++i) header.pixdim[i] = std::abs(header.pixdim[i]);
+  glm::dvec3 origin;
+  bool inside = false;
+  for (std::size_t i = 0; i < 3; ++i) {
+    origin[static_cast<int>(i)] = from.get<std::int16_t>(253 + 2 * i);
+    inside = inside || origin[static_cast<int>(i)] != 0;
+  }
+  // As nibabel does: what lies far outside is something else.
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double at = origin[static_cast<int>(i)], extent = double(header.dim[i + 1]);
+    inside = inside && at > -extent && at < 2 * extent;
+  }
+  if (inside) header.spm_origin = origin;
+}
+
 Header parse(std::string_view head) {
   Header header;
   if (const auto big = big_endian_of(head, kHeader1)) {
@@ -92,6 +117,7 @@ Header parse(std::string_view head) {
     header.vox_offset = from.get<float>(108);
     header.units = from.get<std::uint8_t>(123);
     fill<float, std::int16_t, std::int16_t>(from, 40, 76, 112, 252, header);
+    if (!has_magic(head)) take_as_analyze(from, header);
   } else {
     header.big_endian = big_endian_of(head, kHeader2).value_or(false);
     const Fields from{head, header.big_endian};
@@ -133,6 +159,12 @@ Result<ScalarType> scalar_type(const std::string& path, int datatype) {
       return ScalarType::f32;
     case 1792:
       return ScalarType::f64;
+    case 130:  // SPM's additions to Analyze
+      return ScalarType::i8;
+    case 132:
+      return ScalarType::u16;
+    case 136:
+      return ScalarType::u32;
     case 1:
     case 1536:
     case 2048:
@@ -275,12 +307,18 @@ Result<void> set_position(Header header, const VolumeOptions& options, Volume& v
       for (int i = 0; i < 3; ++i) {
         const auto axis = static_cast<std::size_t>(i);
         t.axes[i][i] = header.pixdim[axis + 1] * (i == 0 ? -1 : 1);
-        t.origin[i] = t.axes[i][i] * -0.5 * (double(volume.dims[axis]) - 1);
+        t.origin[i] = t.axes[i][i] * (header.spm_origin ? 1 - (*header.spm_origin)[i]
+                                                        : -0.5 * (double(volume.dims[axis]) - 1));
       }
-      volume.placement = "pixdim (neither sform nor qform)";
+      volume.placement = header.spm_origin ? "pixdim and SPM's origin"
+                         : header.analyze  ? "pixdim"
+                                           : "pixdim (neither sform nor qform)";
       volume.notes.push_back(
-          "it names no orientation (sform_code and qform_code are 0): placed as nibabel and SPM "
-          "do, LAS and centred; left and right may be swapped");
+          std::string(header.analyze
+                          ? "Analyze names no orientation"
+                          : "it names no orientation (sform_code and qform_code are 0)") +
+          ": placed as nibabel and SPM do, LAS" + (header.spm_origin ? "" : " and centred") +
+          "; left and right may be swapped");
     }
   }
   if (has_sform && has_qform && !damaged_sform && is_usable(sform) && is_usable(qform)) {
@@ -301,14 +339,10 @@ Result<void> set_position(Header header, const VolumeOptions& options, Volume& v
 
 }  // namespace
 
-bool looks_like_nifti(std::string_view head) {
-  if (big_endian_of(head, kHeader1)) {
-    const auto magic = head.substr(344, 4);
-    return magic == std::string_view("n+1\0", 4) || magic == std::string_view("ni1\0", 4);
-  }
-  if (!big_endian_of(head, kHeader2)) return false;
-  const auto magic = head.substr(4, 4);
-  return magic == std::string_view("n+2\0", 4) || magic == std::string_view("ni2\0", 4);
+bool looks_like_nifti(std::string_view head) { return has_magic(head) || looks_like_analyze(head); }
+
+bool is_header_of_pair(std::string_view head) {
+  return looks_like_nifti(head) && !parse(head).single_file;
 }
 
 Result<Volume> read_nifti(const std::string& path, std::string_view head,
@@ -352,14 +386,12 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
   }
   const std::uint64_t header_bytes = big_endian_of(head, kHeader1) ? kHeader1 : kHeader2;
   if (!header.single_file)
-    data.path = std::filesystem::path(path).replace_extension(".img").string();
+    data.path = partner_of(path, ".img");
   else if (data.skip < header_bytes)
     data.skip = header_bytes + 4;  // unset: after the header and its extension flag
-  std::ifstream file(data.path, std::ios::binary);
-  if (!file)
-    return fail(ErrorCode::io, path, ": its voxels are in ", data.path,
-                ", which cannot be opened: ", std::strerror(errno));
-  data.packed = file.get() == 0x1f && file.get() == 0x8b;
+  if (const auto size = file_size(data.path); !size)
+    return fail(size.error().code, path, ": its voxels cannot be read: ", size.error().message);
+  data.packed = packing_of_file(data.path) != Packing::none;
   data.index = chosen->index;
   data.volumes = chosen->count;
   if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());

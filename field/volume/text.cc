@@ -1,8 +1,10 @@
 // Parsing of header text, as in NRRD and MetaImage.
+#include <array>
 #include <cctype>
 #include <charconv>
 #include <cstdlib>
 #include <filesystem>
+#include <limits>
 
 #include "field/volume/io.h"
 
@@ -34,6 +36,8 @@ std::vector<std::string_view> words(std::string_view text) {
 
 namespace {
 
+constexpr std::array<std::string_view, 5> kPackedEndings{"", ".gz", ".bz2", ".xz", ".zst"};
+
 template <class T>
 std::optional<T> parse(std::string_view text) {
   text = trim(text);
@@ -49,6 +53,55 @@ std::optional<T> parse(std::string_view text) {
 std::optional<double> parse_number(std::string_view text) { return parse<double>(text); }
 std::optional<std::int64_t> parse_integer(std::string_view text) {
   return parse<std::int64_t>(text);
+}
+
+namespace {
+
+template <class T>
+bool append_as(std::string_view word, std::vector<std::byte>& bytes) {
+  const auto value = parse_number(word);
+  if (!value) return false;
+  if constexpr (std::is_integral_v<T>) {
+    if (!(*value >= static_cast<double>(std::numeric_limits<T>::lowest())) ||
+        !(*value <= static_cast<double>(std::numeric_limits<T>::max())))
+      return false;
+  }
+  const T number = static_cast<T>(*value);
+  const auto* from = reinterpret_cast<const std::byte*>(&number);
+  bytes.insert(bytes.end(), from, from + sizeof number);
+  return true;
+}
+
+}  // namespace
+
+bool append_number(std::string_view word, ScalarType type, std::vector<std::byte>& bytes) {
+  switch (type) {
+    case ScalarType::u8:
+      return append_as<std::uint8_t>(word, bytes);
+    case ScalarType::i8:
+      return append_as<std::int8_t>(word, bytes);
+    case ScalarType::u16:
+      return append_as<std::uint16_t>(word, bytes);
+    case ScalarType::i16:
+      return append_as<std::int16_t>(word, bytes);
+    case ScalarType::u32:
+      return append_as<std::uint32_t>(word, bytes);
+    case ScalarType::i32:
+      return append_as<std::int32_t>(word, bytes);
+    case ScalarType::f32:
+      return append_as<float>(word, bytes);
+    case ScalarType::f64:
+      return append_as<double>(word, bytes);
+    case ScalarType::u64:
+    case ScalarType::i64:
+      break;
+  }
+  // Doubles would lose digits.
+  const auto value = parse_integer(word);
+  if (!value || (type == ScalarType::u64 && *value < 0)) return false;
+  const auto* from = reinterpret_cast<const std::byte*>(&*value);
+  bytes.insert(bytes.end(), from, from + sizeof *value);
+  return true;
 }
 
 std::string in_quotes(std::string_view text) {
@@ -93,6 +146,31 @@ Result<std::vector<std::string>> numbered_files(const std::string& header, std::
                                        std::string(pattern.substr(end + 1))));
   }
   return files;
+}
+
+std::string without_packing(const std::string& path) {
+  const std::string file = lower(path);
+  for (const std::string_view ending : kPackedEndings)
+    if (!ending.empty() && file.ends_with(ending))
+      return path.substr(0, path.size() - ending.size());
+  return path;
+}
+
+std::string partner_of(const std::string& path, std::string_view ending) {
+  namespace fs = std::filesystem;
+  const std::string unpacked = without_packing(path);
+  const std::string own = fs::path(unpacked).extension();
+  std::string other(ending);
+  if (own != lower(own))
+    for (char& c : other) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  const std::string plain = fs::path(unpacked).replace_extension(other);
+  std::error_code code;
+  if (const std::string alike = plain + path.substr(unpacked.size()); fs::exists(alike, code))
+    return alike;
+  for (const std::string_view packing : kPackedEndings)
+    if (const std::string packed = plain + std::string(packing); fs::exists(packed, code))
+      return packed;
+  return plain;
 }
 
 std::string_view next_line(std::string_view text, std::size_t& at) {

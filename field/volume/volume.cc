@@ -7,6 +7,7 @@
 #include <new>
 
 #include "field/volume/io.h"
+#include "field/volume/known_formats.h"
 #include "field/volume/voxels.h"
 
 namespace slf {
@@ -60,30 +61,78 @@ bool all_integers(const Volume& volume) {
   });
 }
 
-Result<Volume> read_headerless(const std::string& path, std::string_view head) {
-  // If the name suggests a format, name that in the message instead of how to load raw voxels.
-  const std::string file = lower(path);
-  struct NamedFormat {
-    std::string_view ending, expected;
-  };
-  for (const auto& [ending, expected] :
-       {NamedFormat{".nii", "a NIfTI header ('n+1' at byte 344 or 'n+2' at byte 4)"},
-        NamedFormat{".nii.gz", "a gzip file with a NIfTI header in it"},
-        NamedFormat{".hdr", "a NIfTI header ('ni1' at byte 344)"},
-        NamedFormat{".nrrd", "'NRRD000'"}, NamedFormat{".nhdr", "'NRRD000'"},
-        NamedFormat{".mha", "'ObjectType = Image'"}, NamedFormat{".mhd", "'ObjectType = Image'"},
-        NamedFormat{".dcm", "'DICM' at byte 128"},
-        NamedFormat{".tif", "a TIFF header ('II*' or 'MM')"},
-        NamedFormat{".tiff", "a TIFF header ('II*' or 'MM')"},
-        NamedFormat{".vti", "'<VTKFile type=\"ImageData\"'"},
-        NamedFormat{".mrc", "an MRC header ('MAP' at byte 208)"},
-        NamedFormat{".gz", "a NIfTI header within"}})
-    if (file.ends_with(ending))
-      return fail(ErrorCode::bad_file, path, ": expected ", expected, ", found ",
-                  in_quotes(head.substr(0, 16)), " at its start: it is damaged, or misnamed");
-  return fail(ErrorCode::usage, path,
-              ": of no known format (NIfTI, NRRD, MetaImage, DICOM, TIFF, VTI, MRC); headerless "
-              "voxels need their layout: dimensions, type, spacing and offset");
+constexpr std::size_t kMinHeaderBytes = std::size_t{1} << 16;
+constexpr std::size_t kMaxHeaderBytes = kMinHeaderBytes << 4;
+
+/// Formats whose arrays or images have names.
+bool names_arrays(std::string_view head) {
+  return looks_like_vti(head) || looks_like_tiff(head) || looks_like_vtk(head) ||
+         looks_like_npz(head);
+}
+
+/// Formats whose readers unpack by themselves, as they go. Others need the unpacked file.
+bool unpacks_itself(std::string_view head) {
+  return looks_like_nifti(head) || looks_like_mrc(head) || looks_like_dicom(head) ||
+         looks_like_npy(head) || looks_like_mgh(head);
+}
+
+/// Whether a text header names files of voxels, which then are beside it, packed or not.
+bool names_data_files(std::string_view head) {
+  const bool nrrd = head.starts_with("NRRD000");
+  if (!nrrd && !looks_like_meta(head)) return false;
+  for (std::size_t at = 0; at < head.size();) {
+    const std::string line = lower(trim(next_line(head, at)));
+    if (nrrd && line.empty()) return false;  // voxels follow
+    if (nrrd && (line.starts_with("data file:") || line.starts_with("datafile:"))) return true;
+    if (!nrrd && line.starts_with("elementdatafile"))
+      return trim(std::string_view(line).substr(line.find('=') + 1)) != "local";
+  }
+  return false;
+}
+
+/// Reads a file of any format, `head` being its first bytes, unpacked.
+Result<Volume> read_file(const std::string& path, std::string_view head,
+                         const VolumeOptions& options) {
+  if (head.starts_with("NRRD000")) return read_nrrd(path, head, options);
+  if (looks_like_nifti(head)) return read_nifti(path, head, options);
+  if (looks_like_meta(head)) return read_meta(path, head, options);
+  if (looks_like_dicom(head)) {
+    if (auto ok = expect_one_number(path, options); !ok) return tl::unexpected(ok.error());
+    return read_dicom_file(path);
+  }
+  if (looks_like_tiff(head)) return read_tiff(path, options);
+  if (looks_like_mrc(head)) return read_mrc(path, head, options);
+  if (looks_like_vti(head)) return read_vti(path, options);
+  if (looks_like_npy(head)) return read_npy(path, head, options);
+  if (looks_like_npz(head)) return read_npz(path, options);
+  if (looks_like_mgh(head)) return read_mgh(path, head, options);
+  if (looks_like_vtk(head)) return read_vtk(path, options);
+  if (looks_like_png(head) || looks_like_jpeg(head))
+    return fail(ErrorCode::unsupported, path,
+                ": one picture, expected a volume: give the folder that holds the whole stack");
+  return tl::unexpected(refuse_file(path, head));
+}
+
+/// Replaces the path of an unpacked file by that of the packed one.
+void rename_source(std::string& text, const std::string& from, const std::string& to) {
+  for (auto at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size()))
+    text.replace(at, from.size(), to);
+}
+
+Result<Volume> read_packed(const std::string& path, std::string_view head,
+                           const VolumeOptions& options) {
+  const auto unpacked = UnpackedFile::make(path);
+  if (!unpacked) return tl::unexpected(unpacked.error());
+  auto volume = read_file(unpacked->path(), head, options);
+  if (!volume) {
+    rename_source(volume.error().message, unpacked->path(), path);
+    return volume;
+  }
+  for (std::string* text : {&volume->source, &volume->placement})
+    rename_source(*text, unpacked->path(), path);
+  for (auto* texts : {&volume->files, &volume->notes})
+    for (std::string& text : *texts) rename_source(text, unpacked->path(), path);
+  return volume;
 }
 
 Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
@@ -94,30 +143,28 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
     return read_folder(path, options);
   }
   if (options.raw) return read_raw(path, *options.raw, options);
+  if (lower(without_packing(path)).ends_with(".img")) {
+    const auto header = partner_of(path, ".hdr");
+    if (const auto head = read_head(header, kMinHeaderBytes); head && is_header_of_pair(*head)) {
+      auto volume = read_nifti(header, *head, options);
+      if (volume) volume->files.push_back(header);
+      return volume;
+    }
+  }
   const auto size = file_size(path);
   if (!size) return tl::unexpected(size.error());
   if (*size == 0)
     return fail(ErrorCode::bad_file, path, ": the file is empty; copy or download it again");
-  constexpr std::size_t kMaxHeaderBytes = std::size_t{1} << 20;
-  const auto head = read_head(path, std::min<std::uint64_t>(*size * 4 + 1024, kMaxHeaderBytes));
+  const auto head =
+      read_head(path, std::clamp<std::uint64_t>(*size * 4, kMinHeaderBytes, kMaxHeaderBytes));
   if (!head) return tl::unexpected(head.error());
-  if (options.array && !looks_like_vti(*head) && !looks_like_tiff(*head))
+  if (options.array && !names_arrays(*head))
     return fail(ErrorCode::usage, path, ": array ", in_quotes(*options.array),
                 " was chosen, but files of this format name none");
-  if (head->starts_with("NRRD000")) return read_nrrd(path, *head, options);
-  if (looks_like_nifti(*head)) return read_nifti(path, *head, options);
-  if (looks_like_meta(*head)) return read_meta(path, *head, options);
-  if (looks_like_dicom(*head)) {
-    if (auto ok = expect_one_number(path, options); !ok) return tl::unexpected(ok.error());
-    return read_dicom_file(path);
-  }
-  if (looks_like_tiff(*head)) return read_tiff(path, options);
-  if (looks_like_mrc(*head)) return read_mrc(path, *head, options);
-  if (looks_like_vti(*head)) return read_vti(path, options);
-  if (looks_like_png(*head) || looks_like_jpeg(*head))
-    return fail(ErrorCode::unsupported, path,
-                ": one picture, expected a volume: give the folder that holds the whole stack");
-  return read_headerless(path, *head);
+  if (packing_of_file(path) != Packing::none && is_volume_file(*head) && !unpacks_itself(*head) &&
+      !names_data_files(*head))
+    return read_packed(path, *head, options);
+  return read_file(path, *head, options);
 }
 
 }  // namespace
@@ -168,6 +215,13 @@ std::array<double, 2> Volume::value_range() const {
 
 namespace volume_io {
 
+bool is_volume_file(std::string_view head) {
+  return head.starts_with("NRRD000") || looks_like_nifti(head) || looks_like_meta(head) ||
+         looks_like_dicom(head) || looks_like_tiff(head) || looks_like_mrc(head) ||
+         looks_like_vti(head) || looks_like_npy(head) || looks_like_npz(head) ||
+         looks_like_mgh(head) || looks_like_vtk(head);
+}
+
 Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
                         const VolumeOptions& options) {
   Volume volume;
@@ -190,7 +244,7 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
   const auto size = file_size(path);
   if (!size) return tl::unexpected(size.error());
   const std::uint64_t needed = voxel_bytes(volume);
-  if (layout.offset > *size || needed > *size - layout.offset)
+  if (!is_named_and_packed(path) && (layout.offset > *size || needed > *size - layout.offset))
     return fail(ErrorCode::usage, path, ": dimensions ", sizes[0], "x", sizes[1], "x", sizes[2],
                 " of type ", name(layout.type), " at offset ", layout.offset, " need ", needed,
                 " bytes after the offset, but the file has ", *size,
@@ -200,7 +254,7 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
   // one is chosen, whole volumes after it are no sign of a wrong layout.
   data.index = options.time.value_or(0);
   data.volumes = data.index + 1;
-  if (options.time && (*size - layout.offset) % needed == 0)
+  if (options.time && !is_named_and_packed(path) && (*size - layout.offset) % needed == 0)
     data.volumes = std::max(data.volumes, (*size - layout.offset) / needed);
   if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
   return volume;
@@ -251,7 +305,10 @@ Result<Volume> read_volume(const std::string& path, const VolumeOptions& options
     if (auto ok = check_spacing(path, options); !ok) return tl::unexpected(ok.error());
     auto volume = read_any(path, options);
     if (!volume) return volume;
-    volume->files.push_back(path);
+    if (std::find(volume->files.begin(), volume->files.end(), path) == volume->files.end())
+      volume->files.push_back(path);
+    if (!has_finite_value(*volume))
+      volume->notes.emplace_back("all values are NaN or infinite: there is nothing to draw");
     if (auto ok = place(options, *volume); !ok) return tl::unexpected(ok.error());
     if (options.crop)
       if (auto ok = crop(*options.crop, *volume); !ok) return tl::unexpected(ok.error());

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <limits>
 #include <optional>
+#include <utility>
 
 #include "field/volume/io.h"
 
@@ -11,8 +12,6 @@ namespace slf::volume_io {
 
 namespace {
 
-// The most that deflate can expand, from its format: 258 bytes for two one-bit codes.
-constexpr std::uint64_t kMaxExpansion = 1032;
 constexpr std::size_t kChunk = std::size_t{1} << 18;
 
 /// The sizes in bytes of what a VoxelData describes.
@@ -116,8 +115,8 @@ class VoxelStream {
     const auto size = file_size(files_[part]);
     if (!size) return tl::unexpected(size.error());
     const std::uint64_t offset = offset_in(from_, bytes_, *size);
-    auto reader =
-        ByteReader::open(files_[part], offset + (from_.packed ? 0 : before), from_.packed);
+    auto reader = ByteReader::open(files_[part], offset + (from_.packed ? 0 : before), from_.packed,
+                                   from_.packing);
     if (!reader) return tl::unexpected(reader.error());
     if (from_.packed)
       if (const auto got = skip_bytes(*reader, before); !got) return tl::unexpected(got.error());
@@ -221,9 +220,11 @@ Result<void> check_lengths(const VoxelData& from, const VoxelBytes& bytes, const
                   " cannot be read: ", size.error().message);
     const std::uint64_t offset = offset_in(from, bytes, *size);
     const std::uint64_t there = *size > offset ? *size - offset : 0;
-    std::uint64_t max_bytes = there;
-    if (from.packed && __builtin_mul_overflow(there, kMaxExpansion, &max_bytes))
-      max_bytes = std::numeric_limits<std::uint64_t>::max();
+    const std::uint64_t max_bytes =
+        from.packed ? max_unpacked(from.packing == Packing::none ? packing_of_file(files[i], offset)
+                                                                 : from.packing,
+                                   there)
+                    : there;
     const std::uint64_t begin = std::max(bytes.begin, i * bytes.part);
     const std::uint64_t needed = std::min(end, (i + 1) * bytes.part) - begin;
     const std::uint64_t before = from.skip + (begin - i * bytes.part);
@@ -238,22 +239,36 @@ Result<void> check_lengths(const VoxelData& from, const VoxelBytes& bytes, const
 
 }  // namespace
 
-Result<void> read_voxels(const VoxelData& from, Volume& volume) {
+Result<void> read_voxels(const VoxelData& given, Volume& volume) {
+  VoxelData from = given;
+  if (!from.packed && !from.at_end && from.parts.empty() && is_named_and_packed(from.path)) {
+    from.packed = true;
+    from.skip += std::exchange(from.offset, 0);
+  }
   const auto bytes = count_bytes(from, volume);
   if (!bytes) return tl::unexpected(bytes.error());
   if (auto ok = check_lengths(from, *bytes, volume); !ok) return ok;
   for (const std::string& file : files_of(from)) volume.files.push_back(file);
-  volume.voxels.resize(voxel_bytes(volume));
   VoxelStream stream(from, *bytes);
-  const auto got = read_component(stream, from, bytes_per_voxel(volume.type), volume.voxels);
-  if (!got) return tl::unexpected(got.error());
-  if (*got != volume.voxels.size())
-    return fail(ErrorCode::bad_file, from.path, ": expected ", volume.voxels.size(),
-                " bytes of voxels, found ", *got,
-                ": the file is truncated, or its header is wrong");
+  const std::size_t width = bytes_per_voxel(volume.type);
+  const std::uint64_t needed = voxel_bytes(volume), run = from.run * width;
+  // In steps, so that packed data take memory only as they unpack.
+  constexpr std::uint64_t kStep = std::uint64_t{1} << 24;
+  const std::uint64_t step = std::max<std::uint64_t>(kStep / run, 1) * run;
+  if (!from.packed) volume.voxels.reserve(needed);
+  for (std::uint64_t done = 0; done < needed;) {
+    const std::uint64_t wanted = std::min(step, needed - done);
+    volume.voxels.resize(done + wanted);
+    const auto got = read_component(stream, from, width, std::span(volume.voxels).subspan(done));
+    if (!got) return tl::unexpected(got.error());
+    done += *got;
+    if (*got != wanted)
+      return fail(ErrorCode::bad_file, from.path, ": expected ", needed, " bytes of voxels, found ",
+                  done, ": the file is truncated, or its header is wrong");
+  }
   if (auto ok = note_longer(from, *bytes, stream, volume); !ok) return ok;
   if (from.big_endian != (std::endian::native == std::endian::big))
-    swap_bytes(volume.voxels, bytes_per_voxel(volume.type));
+    swap_bytes(volume.voxels, width);
   return {};
 }
 

@@ -1,7 +1,10 @@
 // visit_voxels: a volume's voxels as a span of their own type.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <span>
+#include <type_traits>
 
 #include "slf/volume.h"
 
@@ -46,6 +49,17 @@ decltype(auto) visit_voxels(const Volume& volume, Visitor&& visitor) {
       break;
   }
   return detail::visit_as<double>(volume, visitor);
+}
+
+/// False if all values are NaN or infinite: there is nothing to draw.
+[[nodiscard]] inline bool has_finite_value(const Volume& volume) {
+  return visit_voxels(volume, [](auto voxels) {
+    using T = typename decltype(voxels)::value_type;
+    if constexpr (std::is_floating_point_v<T>)
+      return std::any_of(voxels.begin(), voxels.end(), [](T v) { return std::isfinite(v); });
+    else
+      return !voxels.empty();
+  });
 }
 
 }  // namespace slf

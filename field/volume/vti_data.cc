@@ -204,61 +204,11 @@ Result<std::vector<std::byte>> read_packed(const VtiDocument& d, const VtiArray&
   return bytes;
 }
 
-template <class T>
-bool append_number(std::string_view word, std::vector<std::byte>& bytes) {
-  const auto value = parse_number(word);
-  if (!value) return false;
-  if constexpr (std::is_integral_v<T>) {
-    if (!(*value >= static_cast<double>(std::numeric_limits<T>::lowest())) ||
-        !(*value <= static_cast<double>(std::numeric_limits<T>::max())))
-      return false;
-  }
-  const T number = static_cast<T>(*value);
-  const auto* from = reinterpret_cast<const std::byte*>(&number);
-  bytes.insert(bytes.end(), from, from + sizeof number);
-  return true;
-}
-
 Result<std::vector<std::byte>> read_ascii(const VtiDocument& d, const VtiArray& array,
                                           ScalarType type, std::uint64_t needed) {
   std::vector<std::byte> bytes;
   for (const auto word : words(array.text)) {
-    bool ok = false;
-    switch (type) {
-      case ScalarType::u8:
-        ok = append_number<std::uint8_t>(word, bytes);
-        break;
-      case ScalarType::i8:
-        ok = append_number<std::int8_t>(word, bytes);
-        break;
-      case ScalarType::u16:
-        ok = append_number<std::uint16_t>(word, bytes);
-        break;
-      case ScalarType::i16:
-        ok = append_number<std::int16_t>(word, bytes);
-        break;
-      case ScalarType::u32:
-        ok = append_number<std::uint32_t>(word, bytes);
-        break;
-      case ScalarType::i32:
-        ok = append_number<std::int32_t>(word, bytes);
-        break;
-      case ScalarType::f32:
-        ok = append_number<float>(word, bytes);
-        break;
-      case ScalarType::f64:
-        ok = append_number<double>(word, bytes);
-        break;
-      case ScalarType::u64:
-      case ScalarType::i64:
-        if (const auto value = parse_integer(word); value) {
-          const auto* from = reinterpret_cast<const std::byte*>(&*value);
-          bytes.insert(bytes.end(), from, from + sizeof *value);
-          ok = true;
-        }
-        break;
-    }
-    if (!ok)
+    if (!append_number(word, type, bytes))
       return fail(ErrorCode::bad_file, d.path, ": the array ", in_quotes(array.name), " holds ",
                   in_quotes(word), ", expected numbers of type ", name(type));
     if (bytes.size() > needed) break;

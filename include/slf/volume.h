@@ -90,11 +90,15 @@ struct VolumeOptions {
   std::optional<glm::dvec3> spacing{};
 };
 
-/// Reads NIfTI-1/2 (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), DICOM, TIFF stacks
-/// (OME-TIFF and ImageJ's among them), VTK ImageData (.vti, .pvti), MRC/CCP4 (.mrc, .map), a folder
-/// of PNGs, JPEGs or TIFFs, or raw data. The format is recognised by content, not by name. Input is
-/// untrusted: memory for voxels is used only once the file is known to be long enough, or as data
-/// is decoded.
+/// Reads NIfTI-1/2 (.nii, .hdr with .img), Analyze 7.5 (.hdr with .img), FreeSurfer's .mgh and .mgz,
+/// NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), DICOM, TIFF stacks (OME-TIFF and ImageJ's among
+/// them), VTK images (.vti, .pvti, and .vtk with structured points), MRC/CCP4 (.mrc, .map), arrays of NumPy
+/// (.npy, .npz), a folder of PNGs, JPEGs or TIFFs, or raw data. A pair is named by either of its files.
+/// The format is recognised by content, not by name. Any file may be packed by gzip, bzip2, xz or
+/// zstd; some formats are then unpacked to a temporary file that has no name. Input is untrusted:
+/// memory for voxels is used only once the file is known to be long enough, or as data is decoded.
+///
+/// A known format that is not read is refused by name, with a way to convert it.
 ///
 /// DICOM is a folder with one series, where other files are ignored, or one file. A multi-frame
 /// file is the whole volume; any other file stands for its series: all files of its folder with the
@@ -109,6 +113,9 @@ struct VolumeOptions {
 ///  - DICOM: slices are ordered by their position along the normal, never by name.
 ///  - TIFF: spacing in micrometres if OME's or ImageJ's metadata state it, else 1.
 ///  - MRC: ångströms.
+///  - MGH: its directions and centre. Analyze: LAS, with SPM's origin if it has one, else centred.
+///  - NumPy: the last three axes of an array are z, y and x; time may stand before them, colour
+///    after. Spacing 1.
 ///  - A folder of pictures is stacked in the order of names, numbers by value.
 ///  - Files that only state spacings start at the origin.
 ///  - `spacing` replaces what the file states, right or wrong; directions and origin remain.
@@ -124,7 +131,7 @@ struct VolumeOptions {
 ///  - io: missing, unreadable, no permission, its detached data file missing
 ///  - bad_file: not what it claims, truncated, absurd dims, spacing or axes, a slice missing
 ///  - unsupported: several components or time points and none chosen, one slice, several DICOM
-///    series, an encoding we do not read; the message names the choice
+///    series, a format or an encoding we do not read; the message names the choice
 ///  - usage: a headerless file without a layout; a layout, choice or crop that does not fit the
 ///    file; labels that are not integers
 ///  - failed: not enough memory

@@ -58,7 +58,8 @@ TEST_F(VolumeBadInput, MissingEmptyOrOfAnotherKind) {
   expect("", "empty.nii", ErrorCode::bad_file, {"empty"});
   expect("A text.\n", "a.nrrd", ErrorCode::bad_file, {"NRRD000", "'A text.?'", "misnamed"});
   expect("A text.\n", "a.nii.gz", ErrorCode::bad_file, {"NIfTI", "'A text.?'"});
-  expect(gzip("A text.\n"), "b.nii.gz", ErrorCode::bad_file, {"NIfTI header in it", "'A text.?'"});
+  expect(gzip("A text.\n"), "b.nii.gz", ErrorCode::bad_file,
+         {"a NIfTI header", "'A text.?'", "unpacked from gzip"});
   expect("A text.\n", "a.mha", ErrorCode::bad_file, {"ObjectType"});
   expect("A text.\n", "brain.den", ErrorCode::usage, {"dimensions, type, spacing and offset"});
 }
@@ -231,7 +232,7 @@ TEST_F(VolumeBadInput, PackedDataThatAreShortOrDamaged) {
 }
 
 TEST_F(VolumeBadInput, DicomFolders) {
-  expect_at(folder_.path(), ErrorCode::bad_file, {"no DICOM pictures"});
+  expect_at(folder_.path(), ErrorCode::bad_file, {"holds no files"});
   const auto slice = [](const Dicom& d) { return dicom(d); };
   const Folder series, colour, same, gap, frames, unplaced, cut, one;
   series.write("1", slice({.series = "1.2.3", .k = 0}));

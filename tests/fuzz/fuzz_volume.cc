@@ -33,7 +33,8 @@ void require(bool condition) {
   if (!condition) std::abort();
 }
 
-// A folder of this process, with data files that headers may name.
+// A folder of this process, with data files that headers may name, and the voxels of `input` if
+// that is the header of a pair.
 struct Scratch {
   std::string folder;
   Scratch() {
@@ -42,7 +43,8 @@ struct Scratch {
         std::filesystem::is_directory(memory) ? memory : std::filesystem::temp_directory_path();
     folder = (base / "slf-fuzz-XXXXXX").string();
     require(::mkdtemp(folder.data()) != nullptr);
-    std::ofstream(folder + "/d.raw", std::ios::binary) << std::string(4096, 'x');
+    for (const auto* name : {"/d.raw", "/input.img"})
+      std::ofstream(folder + name, std::ios::binary) << std::string(4096, 'x');
     std::ofstream(folder + "/p.vti")
         << R"(<VTKFile type="ImageData"><ImageData WholeExtent="0 1 0 1 0 1">)"
         << R"(<Piece Extent="0 1 0 1 0 1"><PointData>)"

@@ -1,0 +1,285 @@
+#include "field/volume/known_formats.h"
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <map>
+
+#include "field/volume/io.h"
+
+namespace slf::volume_io {
+
+namespace {
+
+using namespace std::string_view_literals;
+namespace fs = std::filesystem;
+
+/// A format that is not read. In `way`, IN and OUT stand for the files.
+struct Known {
+  std::string_view name;
+  std::string_view way;
+};
+
+constexpr auto kOneArray = "save its array as .npy (numpy.save)"sv;
+constexpr auto kAsOmeTiff = "convert it, `bfconvert IN OUT.ome.tiff` (Bio-Formats)"sv;
+constexpr auto kOnePicture =
+    "a volume is a stack of pictures: give the folder that holds them all, as PNG, JPEG or TIFF"sv;
+constexpr auto kFilm = "save its frames as PNGs in a folder, `ffmpeg -i IN FOLDER/%04d.png`"sv;
+constexpr auto kMesh = "a mesh has surfaces and no voxels; give the volume that it was made from"sv;
+constexpr auto kArchive = "unpack it, and give the file or the folder in it"sv;
+struct Magic {
+  std::size_t at;
+  std::string_view bytes;
+  Known known;
+};
+
+/// By bytes at a fixed place. Longer ones stand before those that they begin with.
+constexpr std::array kMagics = {
+    Magic{0, "SIMPLE  ="sv, {"a FITS image", "save its array as .npy, with astropy.io.fits"}},
+    Magic{0, "\nmnc"sv, {"a MINC volume", "convert it to NIfTI, `mnc2nii IN OUT.nii`"}},
+    Magic{0,
+          "MATLAB 5.0 MAT-file"sv,
+          {"a MATLAB file", "save its array as NIfTI (niftiwrite) or .npy (scipy.io.loadmat)"}},
+    Magic{0,
+          "# === DATA DESCRIPTION FILE"sv,
+          {"a Philips PAR/REC header", "convert it to NIfTI, `dcm2niix IN` or `parrec2nii IN`"}},
+    Magic{0, "mrtrix image"sv, {"an MRtrix image", "convert it, `mrconvert IN OUT.nii`"}},
+    Magic{0, "mrtrix tracks"sv, {"a tractogram (MRtrix)", "it holds curves and no voxels"}},
+    Magic{0, "TRACK\0"sv, {"a tractogram (TrackVis)", "it holds curves and no voxels"}},
+    Magic{0, "!INTERFILE"sv, {"an Interfile header", "convert it to NIfTI, with (X)MedCon"}},
+    Magic{0, "MATRIX7"sv, {"an ECAT 7 volume", "convert it to NIfTI, with nibabel"}},
+    Magic{0, "#INRIMAGE-4#"sv, {"an Inrimage volume", kOneArray}},
+    Magic{0, "ENVI\r"sv, {"an ENVI header", kOneArray}},
+    Magic{0, "ENVI\n"sv, {"an ENVI header", kOneArray}},
+    Magic{0, "# AmiraMesh"sv, {"an Amira file", "save it as NRRD or TIFF in Amira or Avizo"}},
+    Magic{0, "# Avizo"sv, {"an Avizo file", "save it as NRRD or TIFF in Amira or Avizo"}},
+    Magic{0, "PVM\n"sv, {"a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"}},
+    Magic{0, "PVM2\n"sv, {"a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"}},
+    Magic{0, "PVM3\n"sv, {"a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"}},
+    Magic{0, "DDS v3"sv, {"a packed PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"}},
+    Magic{0, "ncaa\n"sv, {"a VFF volume", kOneArray}},
+    Magic{0,
+          " BDV\0\0\0\0"sv,
+          {"an OpenVDB file", "copy its grid to an array, and save that as .npy (numpy.save)"}},
+    Magic{0,
+          "NanoVDB"sv,
+          {"a NanoVDB file", "copy its grid to an array, and save that as .npy (numpy.save)"}},
+    Magic{0, "ZISRAWFILE"sv, {"a Zeiss CZI file", kAsOmeTiff}},
+    Magic{0, "\xda\xce\xbe\x0a"sv, {"a Nikon ND2 file", kAsOmeTiff}},
+    Magic{0,
+          "\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"sv,
+          {"an OLE compound file (such as Olympus OIB or Zeiss ZVI)", kAsOmeTiff}},
+    Magic{0, "\0\0\0\3\0\0\0"sv, {"a Gatan DM3 file", "save it as MRC or TIFF"}},
+    Magic{0, "\0\0\0\4\0\0\0\0"sv, {"a Gatan DM4 file", "save it as MRC or TIFF"}},
+    Magic{0, "\xff\xff\xfe"sv, {"a FreeSurfer surface", kMesh}},
+    Magic{0, "glTF"sv, {"a glTF scene", kMesh}},
+    Magic{0, "ply\n"sv, {"a PLY mesh", kMesh}},
+    Magic{0, "ply\r"sv, {"a PLY mesh", kMesh}},
+    Magic{0, "solid "sv, {"an STL mesh", kMesh}},
+    Magic{0, "Kaydara FBX"sv, {"an FBX scene", kMesh}},
+    Magic{0, "BLENDER"sv, {"a Blender file", kMesh}},
+    Magic{0, "GIF8"sv, {"a GIF picture", kOnePicture}},
+    Magic{8, "WEBP"sv, {"a WebP picture", kOnePicture}},
+    Magic{0, "\x76\x2f\x31\x01"sv, {"an OpenEXR picture", kOnePicture}},
+    Magic{0, "#?RADIANCE"sv, {"a Radiance picture", kOnePicture}},
+    Magic{0, "\0\0\0\x0cjP  "sv, {"a JPEG 2000 picture", kOnePicture}},
+    Magic{0, "\xff\x4f\xff\x51"sv, {"a JPEG 2000 picture", kOnePicture}},
+    Magic{0, "\x1a\x45\xdf\xa3"sv, {"a WebM or Matroska film", kFilm}},
+    Magic{4, "ftyp"sv, {"an MP4 film or HEIF picture", kFilm}},
+    Magic{8, "AVI "sv, {"an AVI film", kFilm}},
+    Magic{257, "ustar"sv, {"a tar archive", kArchive}},
+    Magic{0, "7z\xbc\xaf\x27\x1c"sv, {"a 7-Zip archive", kArchive}},
+    Magic{0, "Rar!\x1a\x07"sv, {"a RAR archive", kArchive}},
+    Magic{0, "PK\3\4"sv, {"a ZIP archive", kArchive}},
+    Magic{0, "\x04\x22\x4d\x18"sv, {"a file packed by lz4", "unpack it, `lz4 -d IN OUT`"}},
+    Magic{0, "\x1f\x9d"sv, {"a file packed by compress", "unpack it, `gunzip IN`"}},
+    Magic{16,
+          "\xde\xc0\xef\xbe"sv,
+          {"a light field, or another LMDB file", "give the volume that it was built from"}},
+    Magic{0, "%PDF-"sv, {"a PDF document", "give the volume itself"}},
+    Magic{0, "SQLite format 3"sv, {"an SQLite database", "give the volume itself"}},
+    Magic{0,
+          "version https://git-lfs"sv,
+          {"a pointer of Git LFS", "fetch the file itself, `git lfs pull`"}},
+    Magic{0,
+          "/annex/objects/"sv,
+          {"a pointer of git-annex", "fetch the file itself, `git annex get IN`"}},
+};
+
+/// What files of these names begin with. If one begins with something else, it is not headerless.
+struct Expected {
+  std::string_view ending, start;
+};
+constexpr std::array kExpected = {
+    Expected{".nii", "a NIfTI header ('n+1' at byte 344 or 'n+2' at byte 4)"},
+    Expected{".hdr", "a header of NIfTI ('ni1' at byte 344) or Analyze (348 bytes)"},
+    Expected{".nrrd", "'NRRD000'"},
+    Expected{".nhdr", "'NRRD000'"},
+    Expected{".mha", "'ObjectType = Image'"},
+    Expected{".mhd", "'ObjectType = Image'"},
+    Expected{".dcm", "'DICM' at byte 128"},
+    Expected{".tif", "a TIFF header ('II*' or 'MM')"},
+    Expected{".tiff", "a TIFF header ('II*' or 'MM')"},
+    Expected{".vti", "'<VTKFile type=\"ImageData\"'"},
+    Expected{".vtk", "'# vtk DataFile Version'"},
+    Expected{".mrc", "an MRC header ('MAP' at byte 208)"},
+    Expected{".npy", "'\\x93NUMPY'"},
+    Expected{".npz", "a ZIP file ('PK') of arrays"},
+    Expected{".mgh", "an MGH header (version 1, big endian)"},
+    Expected{".mgz", "an MGH header (version 1, big endian) in gzip"},
+};
+
+bool has_ending(const std::string& file, std::initializer_list<std::string_view> endings) {
+  return std::any_of(endings.begin(), endings.end(),
+                     [&](auto ending) { return file.ends_with(ending); });
+}
+
+/// Formats within HDF5. `file`: the name in small letters.
+Known known_hdf5(const std::string& file, std::string_view head) {
+  if (file.ends_with(".mnc") || head.find("minc-2.0") != std::string_view::npos)
+    return {"a MINC 2 volume", "convert it to NIfTI, `mnc2nii IN OUT.nii`, or with nibabel"};
+  if (file.ends_with(".ims")) return {"an Imaris file", kAsOmeTiff};
+  if (head.starts_with("MATLAB 7.3"))
+    return {"a MATLAB 7.3 file", "save its array as NIfTI (niftiwrite) or .npy (h5py, numpy)"};
+  if (has_ending(file, {".nc", ".nc4", ".cdf"}))
+    return {"a NetCDF 4 file", "save one of its variables as .npy, with netCDF4 or xarray"};
+  return {"an HDF5 file", "save one of its data sets as .npy, with h5py"};
+}
+
+/// Formats that a fixed magic does not tell.
+std::optional<Known> known_by_structure(const std::string& file, std::string_view head) {
+  constexpr auto kHdf5 = "\x89HDF\r\n\x1a\n"sv;
+  for (std::size_t at = 0; at + kHdf5.size() <= head.size(); at = at ? 2 * at : 512)
+    if (head.substr(at, kHdf5.size()) == kHdf5) return known_hdf5(file, head);
+  if (head.starts_with("CDF") && head.size() > 3 &&
+      (head[3] == 1 || head[3] == 2 || head[3] == 5)) {
+    if (file.ends_with(".mnc") || head.find("MINC standard variable") != std::string_view::npos)
+      return Known{"a MINC 1 volume", "convert it to NIfTI, `mnc2nii IN OUT.nii`, or with nibabel"};
+    return Known{"a NetCDF file", "save one of its variables as .npy, with netCDF4 or xarray"};
+  }
+  if (head.starts_with("\x70\0\0\0"sv) && head.size() > 9 && head[8] == '*')
+    return Known{"a Leica LIF file", kAsOmeTiff};
+  if (head.starts_with("BM") && has_ending(file, {".bmp"}))
+    return Known{"a BMP picture", kOnePicture};
+  const std::string start = lower(head.substr(0, 4096));
+  const std::string_view text = trim(start);
+  const auto holds = [&](std::string_view part) { return start.find(part) != std::string::npos; };
+  if (text.starts_with("<!doctype html") || text.starts_with("<html"))
+    return Known{
+        "a web page",
+        "the download brought a page instead of the file; download it again, in a browser"};
+  if (text.starts_with("type") && holds("-attribute"))
+    return Known{"an AFNI header", "convert it to NIfTI, `3dAFNItoNIFTI IN`"};
+  if (text.starts_with("<") && holds("<gifti")) return Known{"a GIFTI surface", kMesh};
+  if (text.starts_with("<") && holds("<mrml"))
+    return Known{"a scene of 3D Slicer", "save the volume in it, as NRRD"};
+  if (text.starts_with("{") && holds("\"asset\"") && file.ends_with(".gltf"))
+    return Known{"a glTF scene", kMesh};
+  if (text.starts_with("<?xml"))
+    return Known{"an XML document of an unknown kind", "give the volume itself"};
+  return std::nullopt;
+}
+
+/// Formats without a magic. Their names are all there is, so they come last.
+std::optional<Known> known_by_name(const std::string& file, const std::string& path) {
+  const auto has_partner = [&](std::initializer_list<const char*> endings) {
+    std::error_code code;
+    return std::any_of(endings.begin(), endings.end(), [&](const char* ending) {
+      return fs::exists(fs::path(path).replace_extension(ending), code);
+    });
+  };
+  if (file.ends_with(".stl")) return Known{"an STL mesh", kMesh};
+  if (file.ends_with(".obj")) return Known{"an OBJ mesh", kMesh};
+  if (has_ending(file, {".brik"}) && has_partner({".HEAD", ".head"}))
+    return Known{"a file of AFNI voxels", "convert it to NIfTI, `3dAFNItoNIFTI IN`"};
+  if (file.ends_with(".rec") && has_partner({".par", ".PAR"}))
+    return Known{"a file of Philips PAR/REC voxels",
+                 "convert it to NIfTI, by its header: `parrec2nii HEADER.PAR`"};
+  return std::nullopt;
+}
+
+std::optional<Known> known_format(const std::string& path, std::string_view head) {
+  const std::string file = lower(without_packing(path));
+  if (const auto known = known_by_structure(file, head)) return known;
+  for (const Magic& magic : kMagics)
+    if (head.size() > magic.at && head.substr(magic.at).starts_with(magic.bytes))
+      return magic.known;
+  return known_by_name(file, path);
+}
+
+Error refusal(const std::string& path, const Known& known) {
+  return fail(ErrorCode::unsupported, path, ": ", known.name, ", which is not read: ", known.way)
+      .value();
+}
+
+}  // namespace
+
+Error refuse_file(const std::string& path, std::string_view head) {
+  if (const auto known = known_format(path, head)) return refusal(path, *known);
+  const auto packing = packing_of_file(path);
+  const std::string where = packing == Packing::none
+                                ? " at its start"
+                                : std::string(" at its start, unpacked from ") + name(packing);
+  const std::string file = lower(without_packing(path));
+  for (const auto& [ending, expected] : kExpected)
+    if (file.ends_with(ending))
+      return fail(ErrorCode::bad_file, path, ": expected ", expected, ", found ",
+                  in_quotes(head.substr(0, 16)), where, ": it is damaged, or misnamed")
+          .value();
+  if (file.ends_with(".img"))
+    return fail(ErrorCode::usage, path, ": voxels of Analyze or NIfTI, whose header is missing (",
+                partner_of(path, ".hdr"), "); without one they need their layout: dimensions, ",
+                "type, spacing and offset")
+        .value();
+  return fail(ErrorCode::usage, path, ": of no known format (found ", in_quotes(head.substr(0, 16)),
+              where, "); headerless voxels need their layout: dimensions, type, spacing and offset")
+      .value();
+}
+
+Error refuse_folder(const std::string& path) {
+  std::error_code code;
+  for (const auto* file : {".zarray", ".zgroup", ".zattrs", "zarr.json"})
+    if (fs::exists(fs::path(path) / file, code))
+      return refusal(path, {"a Zarr folder", "save one of its arrays as .npy, with zarr-python"});
+  if (fs::exists(fs::path(path) / "attributes.json", code))
+    return refusal(path, {"an N5 folder", "save one of its arrays as .npy, with zarr-python"});
+  if (fs::exists(fs::path(path) / "method", code) && fs::exists(fs::path(path) / "acqp", code))
+    return refusal(path, {"a Bruker ParaVision scan", "convert it, with dcm2niix or brkraw"});
+
+  std::map<std::string_view, std::size_t> kinds;
+  std::size_t files = 0, folders = 0;
+  std::string first_volume;
+  for (auto it = fs::directory_iterator(path, code); !code && it != fs::directory_iterator();
+       it.increment(code)) {
+    std::error_code ignored;
+    folders += it->is_directory(ignored);
+    if (!it->is_regular_file(ignored)) continue;
+    ++files;
+    const std::string file = it->path().string();
+    const auto head = read_head(file, 4096);
+    if (!head) continue;
+    if (const auto known = known_format(file, *head)) ++kinds[known->name];
+    if (first_volume.empty() || file < first_volume)
+      if (is_volume_file(*head)) first_volume = file;
+  }
+  if (!first_volume.empty())
+    return fail(ErrorCode::unsupported, path, ": a folder of ", files, " files; give the one that ",
+                "is the volume, such as ", first_volume)
+        .value();
+  if (files == 0)
+    return fail(ErrorCode::bad_file, path, ": the folder holds no files",
+                folders ? ", only folders" : "",
+                ": give the folder that holds the slices themselves")
+        .value();
+  std::string found;
+  for (const auto& [name, count] : kinds)
+    found.append(found.empty() ? " (" : ", ")
+        .append(count == 1 ? "once " : std::to_string(count) + " times ")
+        .append(name);
+  if (!found.empty()) found += ")";
+  return fail(ErrorCode::bad_file, path, ": among its ", files, " files is no DICOM picture, PNG, ",
+              "JPEG or TIFF", found, ": give the folder that holds the slices themselves")
+      .value();
+}
+
+}  // namespace slf::volume_io

@@ -1,0 +1,109 @@
+// FreeSurfer's volumes: .mgh, and .mgz, the same in gzip.
+// https://surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat
+//
+// Why our own reader? The format is a big-endian header with fixed offsets, then voxels at byte
+// 284.
+#include "field/volume/fields.h"
+#include "field/volume/io.h"
+
+namespace slf::volume_io {
+
+namespace {
+
+constexpr std::size_t kHeader = 90, kVoxels = 284;
+
+/// Types by their code.
+std::optional<ScalarType> scalar_type(std::int32_t code) {
+  switch (code) {
+    case 0:
+      return ScalarType::u8;
+    case 1:
+      return ScalarType::i32;
+    case 3:
+      return ScalarType::f32;
+    case 4:
+      return ScalarType::i16;
+    case 10:
+      return ScalarType::u16;
+    default:
+      return std::nullopt;
+  }
+}
+
+/// Sets the position from the directions of the axes and the centre of the volume, which are RAS.
+Result<void> set_position(const Fields& header, const VolumeOptions& options, Volume& volume) {
+  glm::dvec3 spacing(1.0), centre(0.0);
+  glm::dmat3 directions(glm::dvec3(-1, 0, 0), glm::dvec3(0, 0, -1), glm::dvec3(0, 1, 0));
+  if (header.get<std::int16_t>(28) > 0) {
+    std::size_t at = 30;
+    const auto next = [&] {
+      const double value = header.get<float>(at);
+      at += sizeof(float);
+      return value;
+    };
+    for (int i = 0; i < 3; ++i) spacing[i] = next();
+    for (int axis = 0; axis < 3; ++axis)
+      for (int i = 0; i < 3; ++i) directions[axis][i] = next();
+    for (int i = 0; i < 3; ++i) centre[i] = next();
+  } else {
+    volume.notes.emplace_back(
+        "it states no position: taken as FreeSurfer does, coronal slices of 1x1x1 mm");
+  }
+  const glm::dvec3 to_lps(-1, -1, 1);
+  glm::dvec3 middle;
+  for (int axis = 0; axis < 3; ++axis) {
+    spacing[axis] = spacing_or(options, static_cast<std::size_t>(axis), spacing[axis]);
+    if (!(spacing[axis] > 0))
+      return fail(ErrorCode::bad_file, volume.source, ": spacing along axis ", axis, " is ",
+                  spacing[axis], ", expected a positive number");
+    volume.axes[axis] = to_lps * directions[axis] * spacing[axis] + 0.0;  // + 0.0: no -0
+    middle[axis] = volume.dims[static_cast<std::size_t>(axis)] / 2.0;
+  }
+  volume.origin = to_lps * centre - volume.axes * middle + 0.0;
+  return place(options, volume);
+}
+
+}  // namespace
+
+// There is no magic but the version, 1. The type and the counts must make sense, too.
+bool looks_like_mgh(std::string_view head) {
+  if (head.size() < kHeader) return false;
+  const Fields header{head, true};
+  const auto type = header.get<std::int32_t>(20);
+  const auto placed = header.get<std::int16_t>(28);
+  bool counted = true;
+  for (const std::size_t at : {4, 8, 12, 16}) counted = counted && header.get<std::int32_t>(at) > 0;
+  return header.get<std::int32_t>(0) == 1 && counted && type >= 0 && type <= 10 &&
+         (placed == 0 || placed == 1);
+}
+
+Result<Volume> read_mgh(const std::string& path, std::string_view head,
+                        const VolumeOptions& options) {
+  const Fields header{head, true};
+  Volume volume;
+  volume.source = path;
+  const auto code = header.get<std::int32_t>(20);
+  const auto type = scalar_type(code);
+  if (!type)
+    return fail(ErrorCode::unsupported, path, ": MGH voxels of type ", code,
+                ", expected 0, 1, 3, 4 or 10: convert it, `mri_convert IN OUT.nii.gz`");
+  volume.type = *type;
+  std::vector<std::uint64_t> sizes;
+  for (const std::size_t at : {4, 8, 12, 16})
+    sizes.push_back(static_cast<std::uint64_t>(header.get<std::int32_t>(at)));
+  const auto chosen = choose_volume(path, sizes, options);
+  if (!chosen) return tl::unexpected(chosen.error());
+  if (const auto ok = choose(path, options.component, 1, "component"); !ok)
+    return tl::unexpected(ok.error());
+  volume.dims = chosen->dims;
+  if (auto done = set_position(header, options, volume); !done) return tl::unexpected(done.error());
+  VoxelData data{.path = path,
+                 .packed = packing_of_file(path) != Packing::none,
+                 .skip = kVoxels,
+                 .big_endian = true};
+  data.index = chosen->index;  // FreeSurfer's tags follow the last of the volumes
+  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  return volume;
+}
+
+}  // namespace slf::volume_io

@@ -1,0 +1,249 @@
+// Arrays of NumPy: .npy, and .npz with one volume in it.
+// https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html
+//
+// An array has no names for its axes. As in ITK, tifffile and napari, its last three are z, y and
+// x, in whichever order its memory is; another one before them is time, and a last one of 2 to 4 is
+// colour.
+#include <algorithm>
+
+#include "base/bytes.h"
+#include "field/volume/fields.h"
+#include "field/volume/io.h"
+#include "field/volume/zip.h"
+
+namespace slf::volume_io {
+
+namespace {
+
+constexpr std::string_view kMagic{"\x93NUMPY"};
+constexpr std::size_t kMaxHeader = std::size_t{1} << 16;
+
+struct Header {
+  ScalarType type = ScalarType::u8;
+  bool half = false;
+  bool complex = false;
+  bool big_endian = false;
+  bool fortran_order = false;
+  std::vector<std::uint64_t> shape;
+  std::size_t bytes = 0;  ///< before the voxels
+};
+
+/// The value of a key in the header's literal of a dictionary: up to the end of the literal.
+std::string_view value_of(std::string_view dictionary, std::string_view key) {
+  for (const char quote : {'\'', '"'}) {
+    const auto quoted = quote + std::string(key) + quote;
+    const auto at = dictionary.find(quoted);
+    if (at == std::string_view::npos) continue;
+    const auto rest = trim(dictionary.substr(at + quoted.size()));
+    if (rest.starts_with(':')) return trim(rest.substr(1));
+  }
+  return {};
+}
+
+Result<void> set_type(const std::string& path, std::string_view descr, Header& header) {
+  std::string_view code = descr.substr(0, descr.find('}'));
+  const auto unsupported = [&](std::string_view what) {
+    return fail(ErrorCode::unsupported, path, ": an array of ", what, " (descr ", in_quotes(code),
+                "), expected numbers of 8, 16, 32 or 64 bits: convert it, `array.astype(...)`");
+  };
+  if (descr.starts_with('[')) return unsupported("records");
+  if (descr.empty() || (descr[0] != '\'' && descr[0] != '"'))
+    return fail(ErrorCode::bad_file, path, ": 'descr' is ", in_quotes(descr),
+                ", expected a type such as '<f4'");
+  code = descr.substr(1, descr.find(descr[0], 1) - 1);
+  if (code.size() < 2)
+    return fail(ErrorCode::bad_file, path, ": 'descr' is ", in_quotes(code),
+                ", expected a type such as '<f4'");
+  header.big_endian = code[0] == '>';
+  const auto kind = code.substr(1);
+  struct Known {
+    std::string_view kind;
+    ScalarType type;
+  };
+  for (const auto& known :
+       {Known{"b1", ScalarType::u8}, Known{"u1", ScalarType::u8}, Known{"i1", ScalarType::i8},
+        Known{"u2", ScalarType::u16}, Known{"i2", ScalarType::i16}, Known{"u4", ScalarType::u32},
+        Known{"i4", ScalarType::i32}, Known{"u8", ScalarType::u64}, Known{"i8", ScalarType::i64},
+        Known{"f4", ScalarType::f32}, Known{"f8", ScalarType::f64}, Known{"f2", ScalarType::u16},
+        Known{"c8", ScalarType::f32}, Known{"c16", ScalarType::f64}})
+    if (known.kind == kind) {
+      header.type = known.type;
+      header.half = kind == "f2";
+      header.complex = kind.starts_with('c');
+      return {};
+    }
+  return unsupported(kind.starts_with('O')   ? "Python objects"
+                     : kind.starts_with('U') ? "texts"
+                                             : "another type");
+}
+
+Result<Header> parse(const std::string& path, std::string_view head) {
+  Header header;
+  const auto cut = [&] {
+    return fail(ErrorCode::bad_file, path, ": its NumPy header ends early: it is truncated");
+  };
+  if (head.size() < 12) return cut();
+  const Fields fields{head, false};
+  const bool wide = head[6] >= 2;
+  const std::size_t length = wide ? fields.get<std::uint32_t>(8) : fields.get<std::uint16_t>(8);
+  const std::size_t from = wide ? 12 : 10;
+  header.bytes = from + length;
+  if (header.bytes > head.size()) return cut();
+  const auto dictionary = head.substr(from, length);
+  if (auto ok = set_type(path, value_of(dictionary, "descr"), header); !ok)
+    return tl::unexpected(ok.error());
+  const auto order = value_of(dictionary, "fortran_order");
+  header.fortran_order = order.starts_with("True");
+  if (!header.fortran_order && !order.starts_with("False"))
+    return fail(ErrorCode::bad_file, path, ": 'fortran_order' is ", in_quotes(order),
+                ", expected True or False");
+  auto shape = value_of(dictionary, "shape");
+  const auto end = shape.find(')');
+  if (!shape.starts_with('(') || end == std::string_view::npos)
+    return fail(ErrorCode::bad_file, path, ": 'shape' is ", in_quotes(shape),
+                ", expected extents, as (3, 4, 5)");
+  for (shape = trim(shape.substr(1, end - 1)); !shape.empty();) {
+    const auto comma = shape.find(',');
+    const auto extent = parse_integer(shape.substr(0, comma));
+    if (!extent || *extent < 0 || header.shape.size() == 32)
+      return fail(ErrorCode::bad_file, path, ": 'shape' holds ", in_quotes(shape),
+                  ", expected extents, as (3, 4, 5)");
+    header.shape.push_back(static_cast<std::uint64_t>(*extent));
+    shape = comma == std::string_view::npos ? "" : trim(shape.substr(comma + 1));
+  }
+  return header;
+}
+
+std::string describe_shape(const std::vector<std::uint64_t>& shape) {
+  std::string text;
+  for (const auto extent : shape) text += (text.empty() ? "" : ", ") + std::to_string(extent);
+  return "(" + text + ")";
+}
+
+/// Reverses the order of the axes: z, which was fastest, becomes slowest.
+void transpose(Volume& volume) {
+  const auto [nz, ny, nx] = volume.dims;
+  const std::size_t width = bytes_per_voxel(volume.type);
+  std::vector<std::byte> voxels(volume.voxels.size());
+  std::byte* to = voxels.data();
+  for (std::size_t z = 0; z < nz; ++z)
+    for (std::size_t y = 0; y < ny; ++y)
+      for (std::size_t x = 0; x < nx; ++x, to += width)
+        std::copy_n(&volume.voxels[((x * ny + y) * nz + z) * width], width, to);
+  volume.voxels = std::move(voxels);
+  volume.dims = {nx, ny, nz};
+}
+
+Result<Volume> read_array(const Header& header, VoxelData data, const VolumeOptions& options) {
+  const std::string& path = data.path;
+  std::vector<std::uint64_t> space = header.shape;
+  std::uint64_t colours = 1, times = 1;
+  if (space.size() > 3 && space.back() >= 1 && space.back() <= 4) {
+    colours = space.back();
+    space.pop_back();
+  }
+  while (space.size() > 3 && space.front() == 1) space.erase(space.begin());
+  if (space.size() == 4) {
+    times = space.front();
+    space.erase(space.begin());
+  }
+  if (header.complex && colours > 1)
+    return fail(ErrorCode::unsupported, path, ": complex numbers with ", colours,
+                " components: save the part that you want, such as `abs(array)`");
+  if (space.size() > 3)
+    return fail(ErrorCode::unsupported, path, ": an array of shape ", describe_shape(header.shape),
+                ", expected z, y, x with time before them and colour after: save the part that "
+                "you want as an array of its own");
+  Volume volume;
+  volume.source = path;
+  volume.type = header.type;
+  if (!header.fortran_order) std::reverse(space.begin(), space.end());
+  const auto dims = check_dims(path, space);
+  if (!dims) return tl::unexpected(dims.error());
+  volume.dims = *dims;
+  const auto time = choose(path, options.time, times, "time point");
+  if (!time) return tl::unexpected(time.error());
+  const std::uint64_t parts = header.complex ? 2 : colours;
+  const auto component = choose(path, options.component, parts, "component");
+  if (!component) return tl::unexpected(component.error());
+
+  // In Fortran's order time is the fastest axis and colour the slowest.
+  const bool time_inside = header.fortran_order && !header.complex;
+  if (header.fortran_order && header.complex && times > 1)
+    return fail(ErrorCode::unsupported, path,
+                ": complex time points in Fortran's order: save `numpy.ascontiguousarray(array)`");
+  data.components = static_cast<std::uint32_t>(time_inside ? times : parts);
+  data.component = time_inside ? *time : *component;
+  if ((time_inside ? times : parts) > std::numeric_limits<std::uint32_t>::max())
+    return fail(ErrorCode::bad_file, path, ": absurd shape ", describe_shape(header.shape));
+  data.skip += header.bytes;
+  data.big_endian = header.big_endian;
+  data.index = time_inside ? *component : *time;
+  data.volumes = time_inside ? parts : times;
+  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  if (header.fortran_order) transpose(volume);
+  if (header.half) widen_half_floats(volume);
+  if (!options.spacing) volume.notes.emplace_back(kNoSpacing);
+  volume.notes.push_back("its axes " + describe_shape(header.shape) + " are taken as " +
+                         (times > 1 ? "t, " : "") + "z, y, x" + (colours > 1 ? ", colour" : "") +
+                         "; transpose the array if they are others");
+  return volume;
+}
+
+}  // namespace
+
+bool looks_like_npy(std::string_view head) { return head.starts_with(kMagic); }
+
+Result<Volume> read_npy(const std::string& path, std::string_view head,
+                        const VolumeOptions& options) {
+  const auto header = parse(path, head);
+  if (!header) return tl::unexpected(header.error());
+  return read_array(*header, {.path = path, .packed = packing_of_file(path) != Packing::none},
+                    options);
+}
+
+bool looks_like_npz(std::string_view head) { return first_zip_member(head).ends_with(".npy"); }
+
+Result<Volume> read_npz(const std::string& path, const VolumeOptions& options) {
+  const auto members = read_zip_members(path);
+  if (!members) return tl::unexpected(members.error());
+  std::string arrays;
+  std::size_t volumes = 0;
+  std::optional<Error> problem;
+  Header header;
+  VoxelData data;
+  for (const auto& member : *members) {
+    if (!member.name.ends_with(".npy")) continue;
+    auto reader = ByteReader::open(path, member.offset, member.packed, Packing::deflate);
+    if (!reader) return tl::unexpected(reader.error());
+    std::string head(kMaxHeader, '\0');
+    const auto got = reader->read(std::as_writable_bytes(std::span(head)));
+    if (!got) return tl::unexpected(got.error());
+    head.resize(*got);
+    auto array = parse(path, head);
+    if (!array) {  // texts, say, beside the volume
+      problem = array.error();
+      continue;
+    }
+    const std::string array_name = member.name.substr(0, member.name.size() - 4);
+    arrays +=
+        (arrays.empty() ? "" : ", ") + in_quotes(array_name) + " " + describe_shape(array->shape);
+    if (options.array ? *options.array != array_name : array->shape.size() < 3) continue;
+    ++volumes;
+    header = std::move(*array);
+    data = {.path = path,
+            .offset = member.offset,
+            .packed = member.packed,
+            .packing = Packing::deflate};
+  }
+  if (volumes == 0 && problem) return tl::unexpected(std::move(*problem));
+  if (volumes != 1 && options.array)
+    return fail(ErrorCode::usage, path, ": array ", in_quotes(*options.array),
+                " was chosen, but it has ", arrays);
+  if (volumes != 1)
+    return fail(ErrorCode::unsupported, path, ": ", volumes, " of its arrays (", arrays,
+                ") have three axes or more, expected one: choose array by its name");
+  return read_array(header, data, options);
+}
+
+}  // namespace slf::volume_io
