@@ -228,6 +228,8 @@ struct SourceArguments {
   bool big_endian = false;
   std::string crop;
   std::optional<std::uint32_t> component, time;
+  std::optional<std::string> series;
+  bool resample = false;
   std::uint64_t offset = 0;
   bool labels = false;
   std::string labels_volume, label_table, mask;  // empty: none

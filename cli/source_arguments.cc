@@ -113,9 +113,18 @@ void SourceArguments::add_raw_to(CLI::App& command) {
       ->check(kNotNegative)
       ->type_name("N")
       ->group(group);
-  command.add_option("--time", time, "Which of several volumes in a file, from 0")
+  command.add_option("--time", time, "Which of several volumes in a file or series, from 0")
       ->check(kNotNegative)
       ->type_name("N")
+      ->group(group);
+  command
+      .add_option("--series", series,
+                  "Which DICOM series of a folder: its number or UID, as `slf info` lists them")
+      ->type_name("ID")
+      ->group(group);
+  command
+      .add_flag("--resample", resample,
+                "Resample DICOM slices that are not evenly spaced, to the smallest distance")
       ->group(group);
   command.add_option("--crop", crop, "Keep these voxels only: half-open ranges, as 10:200,:,50:")
       ->type_name("X:X,Y:Y,Z:Z")
@@ -253,6 +262,8 @@ Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
   options.labels = ids;
   options.component = component;
   options.time = time;
+  options.resample = resample;
+  if (path == input) options.series = series;
   if (!crop.empty()) {
     const auto box = parse_crop(crop);
     if (!box) return tl::unexpected(box.error());
@@ -271,10 +282,13 @@ Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
   auto volume = read_volume(path, options);
   if (volume) return volume;
   for (const auto& [choice, option] :
-       {std::pair{"choose component", "--component"}, std::pair{"choose time point", "--time"}})
+       {std::pair{"choose component", "--component"}, std::pair{"choose time point", "--time"},
+        std::pair{"choose series", "--series"}, std::pair{"state a spacing", "--spacing"},
+        std::pair{"or resample", "--resample"}})
     if (volume.error().message.find(choice) != std::string::npos)
       return with_hint(volume.error(), std::string("see ") + option);
-  if (volume.error().code != ErrorCode::usage || labels || component || time || !crop.empty())
+  if (volume.error().code != ErrorCode::usage || labels || component || time || series ||
+      !crop.empty())
     return volume;
   return dims.empty()
              ? with_hint(volume.error(),
@@ -293,6 +307,7 @@ Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
     if (path.empty()) return {};
     auto volume = read(path, true);
     if (!volume) return tl::unexpected(volume.error());
+    if (label_table.empty() && path == labels_volume) parts.styles = volume->label_styles;
     to = std::make_shared<const Volume>(std::move(*volume));
     return {};
   };

@@ -115,17 +115,14 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
     std::error_code ignored;
     if (!it->is_regular_file(ignored)) continue;
     const auto file = it->path().string();
-    const auto head = read_head(file, 132);
+    const auto head = read_head(file, 1024);
     if (!head) continue;
     if (looks_like_png(*head)) pngs.push_back(file);
     if (looks_like_tiff(*head)) tiffs.push_back(file);
     any_dicom = any_dicom || looks_like_dicom(*head);
   }
   if (code) return fail(ErrorCode::io, path, ": ", code.message());
-  if (any_dicom || (pngs.empty() && tiffs.empty())) {
-    if (auto ok = expect_one_number(path, options); !ok) return tl::unexpected(ok.error());
-    return read_dicom_folder(path);
-  }
+  if (any_dicom || (pngs.empty() && tiffs.empty())) return read_dicom_folder(path, options);
   if (!pngs.empty() && !tiffs.empty())
     return fail(ErrorCode::unsupported, path, ": ", pngs.size(), " PNGs and ", tiffs.size(),
                 " TIFFs, expected one kind: move one of them to a folder of its own");

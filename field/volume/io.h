@@ -118,6 +118,7 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 // The readers, one per format. `head` is from read_head() and includes the whole header.
 [[nodiscard]] bool looks_like_nifti(std::string_view head);
 [[nodiscard]] bool looks_like_meta(std::string_view head);
+/// Files may lack the preamble: then they begin with elements.
 [[nodiscard]] bool looks_like_dicom(std::string_view head);
 [[nodiscard]] bool looks_like_mrc(std::string_view head);
 [[nodiscard]] bool looks_like_vti(std::string_view head);
@@ -135,8 +136,9 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 [[nodiscard]] Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
                                       const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_dicom_folder(const std::string& path);
-[[nodiscard]] Result<Volume> read_dicom_file(const std::string& path);
+[[nodiscard]] Result<Volume> read_dicom_folder(const std::string& path,
+                                               const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_dicom_file(const std::string& path, const VolumeOptions& options);
 /// Reads a folder: DICOM if it has any, else its PNGs or TIFFs, one or more slices each.
 [[nodiscard]] Result<Volume> read_folder(const std::string& path, const VolumeOptions& options);
 
