@@ -268,6 +268,8 @@ struct SourceArguments {
   std::string crop;
   std::optional<std::uint32_t> component, time;
   std::string array;  // empty: the reader's choice
+  std::optional<std::string> series;
+  bool resample = false;
   std::uint64_t offset = 0;
   bool labels = false;
   std::string labels_volume, label_table, mask;  // empty: none

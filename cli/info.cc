@@ -1,3 +1,5 @@
+#include <filesystem>
+
 #include "cli/command.h"
 #include "slf/remote.h"
 
@@ -111,15 +113,80 @@ void print_volume(const Volume& volume) {
   if (!volume.labels && looks_like_labels(volume)) print("note    {}\n", kLabelsHint);
 }
 
+nlohmann::json series_json(const VolumeSeries& series) {
+  nlohmann::json json{{"id", series.id},
+                      {"uid", series.uid},
+                      {"number", series.number},
+                      {"description", series.description},
+                      {"modality", series.modality},
+                      {"slices", series.slices},
+                      {"dims", series.dims},
+                      {"type", name(series.type)},
+                      {"components", series.components},
+                      {"times", series.times}};
+  if (!series.problem.empty()) json["problem"] = series.problem;
+  return json;
+}
+
+nlohmann::json series_json(const SeriesList& list) {
+  nlohmann::json json = nlohmann::json::array();
+  for (const VolumeSeries& series : list.series) json.push_back(series_json(series));
+  return json;
+}
+
+/// Text of a file for a line of a table.
+std::string printable(const std::string& text) {
+  std::string line;
+  for (const char c : text) line += static_cast<unsigned char>(c) < ' ' || c == '\x7f' ? '?' : c;
+  return line;
+}
+
+void print_series(const std::string& folder, const SeriesList& list) {
+  print("{}: {} DICOM series, see --series\n", folder, list.series.size());
+  std::vector<std::vector<std::string>> rows{
+      {"series", "modality", "size", "type", "times", "description", "uid"}};
+  for (const VolumeSeries& s : list.series) {
+    const std::string depth =
+        s.problem.empty() ? fmt::format("x{}", s.dims[2]) : fmt::format(", {} slices", s.slices);
+    rows.push_back(
+        {printable(s.id), printable(s.modality),
+         fmt::format("{}x{}{}", s.dims[0], s.dims[1], depth),
+         s.components == 1 ? name(s.type) : fmt::format("{} x {}", s.components, name(s.type)),
+         fmt::format("{}", s.times), printable(s.description), printable(s.uid)});
+  }
+  print_table(rows);
+  for (const VolumeSeries& s : list.series)
+    if (!s.problem.empty()) print("{}: {}\n", printable(s.id), s.problem);
+  for (const std::string& remark : list.notes) print("note    {}\n", remark);
+}
+
+/// The DICOM series of a folder; none of anything else.
+SeriesList series_of(const std::string& path) {
+  std::error_code ignored;
+  if (!std::filesystem::is_directory(path, ignored)) return {};
+  return list_series(path).value_or(SeriesList{});
+}
+
 Result<void> run_info(const Arguments& arguments) {
   const std::string& input = arguments.source.input;
   if (!is_address(input) && !input.ends_with(".slf") && !input.ends_with(".slf.unfinished")) {
+    const SeriesList list = series_of(input);
+    if (list.series.size() > 1 && !arguments.source.series) {
+      if (arguments.json)
+        print_json({{"source", input}, {"series", series_json(list)}, {"notes", list.notes}});
+      else
+        print_series(input, list);
+      return {};
+    }
     const auto volume = arguments.source.volume();
     if (!volume) return tl::unexpected(volume.error());
-    if (arguments.json)
-      print_json(volume_json(*volume));
-    else
+    if (arguments.json) {
+      nlohmann::json json = volume_json(*volume);
+      if (!list.series.empty()) json["series"] = series_json(list);
+      print_json(json);
+    } else {
       print_volume(*volume);
+    }
     return {};
   }
   const auto field = open_field(arguments.source.input);

@@ -123,7 +123,7 @@ void SourceArguments::add_raw_to(CLI::App& command) {
       ->check(kNotNegative)
       ->type_name("N")
       ->group(group);
-  command.add_option("--time", time, "Which of several volumes in a file, from 0")
+  command.add_option("--time", time, "Which of several volumes in a file or series, from 0")
       ->check(kNotNegative)
       ->type_name("N")
       ->group(group);
@@ -131,6 +131,15 @@ void SourceArguments::add_raw_to(CLI::App& command) {
       .add_option("--array", array,
                   "Which of several arrays in a VTI file, or images in an OME-TIFF, by name")
       ->type_name("NAME")
+      ->group(group);
+  command
+      .add_option("--series", series,
+                  "Which DICOM series of a folder: its number or UID, as `slf info` lists them")
+      ->type_name("ID")
+      ->group(group);
+  command
+      .add_flag("--resample", resample,
+                "Resample DICOM slices that are not evenly spaced, to the smallest distance")
       ->group(group);
   command.add_option("--crop", crop, "Keep these voxels only: half-open ranges, as 10:200,:,50:")
       ->type_name("X:X,Y:Y,Z:Z")
@@ -289,6 +298,8 @@ Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
   options.component = component;
   options.time = time;
   if (!array.empty() && path == input) options.array = array;  // labels have their own file
+  options.resample = resample;
+  if (path == input) options.series = series;
   if (!crop.empty()) {
     const auto box = parse_crop(crop);
     if (!box) return tl::unexpected(box.error());
@@ -310,6 +321,8 @@ Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
        {std::pair{"choose component", "see --component"},
         std::pair{"choose time point", "see --time"},
         std::pair{"choose the spacing", "see --spacing"}, std::pair{"choose array", "see --array"},
+        std::pair{"choose series", "see --series"}, std::pair{"state a spacing", "see --spacing"},
+        std::pair{"or resample", "see --resample"},
         std::pair{"another layout", "see --dims, --type, --spacing and --offset"},
         std::pair{"need their layout",
                   "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`"}})
@@ -354,6 +367,7 @@ Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
     auto volume = structure(path);
     if (!volume) return tl::unexpected(volume.error());
     for (const std::string& remark : volume->notes) note(path + ": " + remark);
+    if (label_table.empty() && path == labels_volume) parts.styles = volume->label_styles;
     to = std::make_shared<const Volume>(std::move(*volume));
     return {};
   };

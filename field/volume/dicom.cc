@@ -4,22 +4,54 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <sstream>
+#include <limits>
 
-#include "base/bytes.h"
+#include "field/volume/dicom_elements.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
 
 namespace {
 
-enum Tag : std::uint32_t {
+enum Tag : DicomTag {
+  kDirectoryRecords = 0x00041220,
+  kCharacterSet = 0x00080005,
+  kImageType = 0x00080008,
   kSopClass = 0x00080016,
+  kSopInstance = 0x00080018,
+  kAcquisitionTime = 0x00080032,
+  kContentTime = 0x00080033,
+  kModality = 0x00080060,
+  kSeriesDescription = 0x0008103e,
+  kEchoTime = 0x00180081,
+  kSpacingBetweenSlices = 0x00180088,
+  kTriggerTime = 0x00181060,
+  kBValue = 0x00189087,
+  kFrameAcquisitionTime = 0x00189074,
+  kEffectiveEchoTime = 0x00189082,
   kSeriesInstanceUid = 0x0020000e,
+  kSeriesNumber = 0x00200011,
+  kAcquisitionNumber = 0x00200012,
+  kInstanceNumber = 0x00200013,
   kPosition = 0x00200032,
   kOrientation = 0x00200037,
+  kTemporalPosition = 0x00200100,
+  kSliceLocation = 0x00201041,
+  kStackId = 0x00209056,
+  kInStackPosition = 0x00209057,
+  kTemporalIndex = 0x00209128,
+  kTriggerDelay = 0x00209153,
+  kFrameAcquisitionNumber = 0x00209156,
+  kDimensionValues = 0x00209157,
+  kDimensionPointer = 0x00209165,
+  kDimensions = 0x00209222,
+  kPositionSequence = 0x00209113,
+  kVolumePosition = 0x00209301,
+  kVolumeOrientation = 0x00209302,
+  kTimeOffset = 0x0020930d,
   kSamplesPerPixel = 0x00280002,
   kPhotometric = 0x00280004,
+  kPlanarConfiguration = 0x00280006,
   kFrames = 0x00280008,
   kRows = 0x00280010,
   kColumns = 0x00280011,
@@ -30,42 +62,53 @@ enum Tag : std::uint32_t {
   kPixelRepresentation = 0x00280103,
   kRescaleIntercept = 0x00281052,
   kRescaleSlope = 0x00281053,
+  kPaletteDescriptor = 0x00281101,  // red; green and blue follow
+  kPaletteData = 0x00281201,        // likewise
+  kMatrixColumns = 0x00480006,
+  kReferenceTime = 0x00541300,
+  kDetectors = 0x00540022,
+  kSegmentationType = 0x00620001,
+  kSegments = 0x00620002,
+  kSegmentNumber = 0x00620004,
+  kSegmentLabel = 0x00620005,
+  kReferencedSegment = 0x0062000b,
+  kSegmentColor = 0x0062000d,
+  kMaximumFraction = 0x0062000e,
+  kFrameOffsets = 0x3004000c,
+  kDoseScale = 0x3004000e,
+  kSharedGroups = 0x52009229,
+  kFrameGroups = 0x52009230,
+  kFloatPixels = 0x7fe00008,
+  kDoublePixels = 0x7fe00009,
   kPixelData = 0x7fe00010,
 };
 
-std::string text_of(const DicomValues& values, Tag tag) {
-  const auto found = values.find(tag);
-  if (found == values.end()) return {};
-  return std::string(trim(found->second.substr(0, found->second.find('\0'))));
-}
-
-/// Whether a file is of a kind that has no picture: a directory, report, structure set,
-/// presentation state, document, waveform or raw data. Any other file without a picture is damaged.
-bool has_no_picture(const DicomValues& values) {
-  constexpr std::uint32_t kDirectoryRecords = 0x00041220;
-  if (values.contains(kDirectoryRecords)) return true;
-  const std::string sop_class = text_of(values, kSopClass);
-  for (const auto* kind : {"88.", "481.", "11.", "104.", "9.", "66"})
-    if (sop_class.starts_with(std::string("1.2.840.10008.5.1.4.1.1.").append(kind))) return true;
-  return false;
-}
-
-/// Parses decimal strings separated by backslashes. Empty if they are missing or no numbers.
-std::vector<double> numbers_of(const DicomValues& values, Tag tag) {
-  std::vector<double> result;
-  std::istringstream parts(text_of(values, tag));
-  for (std::string part; std::getline(parts, part, '\\');) {
-    const auto value = parse_number(part);
-    if (!value || !std::isfinite(*value)) return {};
-    result.push_back(*value);
+/// Text as UTF-8. Characters of sets other than Latin-1 and UTF-8 become '?'.
+std::string utf8_of(const DicomLookup& values, DicomTag tag, const std::string& character_set) {
+  const std::string text = values.text(tag);
+  if (character_set == "ISO_IR 192") return text;
+  const bool latin_1 = character_set.empty() || character_set == "ISO_IR 100";
+  std::string result;
+  for (const char c : text) {
+    const auto code = static_cast<unsigned char>(c);
+    if (code < 128)
+      result += c;
+    else if (latin_1)
+      result += {static_cast<char>(0xc0 | code >> 6), static_cast<char>(0x80 | (code & 63))};
+    else
+      result += '?';
   }
   return result;
 }
 
-unsigned integer_of(const DicomValues& values, Tag tag, unsigned otherwise) {
-  const auto found = values.find(tag);
-  if (found == values.end() || found->second.size() < 2) return otherwise;
-  return load_le<std::uint16_t>(reinterpret_cast<const std::byte*>(found->second.data()));
+/// Whether a file is of a kind that has no picture: a directory, report, structure set,
+/// presentation state, document, waveform or raw data. Any other file without a picture is damaged.
+bool has_no_picture(const DicomLookup& file) {
+  if (!file.raw(kDirectoryRecords).empty()) return true;
+  const std::string sop_class = file.text(kSopClass);
+  for (const auto* kind : {"88.", "481.", "11.", "104.", "9.", "66"})
+    if (sop_class.starts_with(std::string("1.2.840.10008.5.1.4.1.1.").append(kind))) return true;
+  return sop_class == "1.2.840.10008.1.3.10";
 }
 
 struct Compression {
@@ -83,111 +126,360 @@ constexpr std::array<Compression, 9> kCompressions = {{
     {"1.2.840.10008.1.2.5", "RLE"},
 }};
 
-Result<void> read_encoding(const DicomElements& elements, DicomSlice& slice) {
-  slice.syntax = elements.syntax;
-  slice.compressed = elements.encapsulated;
+Result<void> read_encoding(const DicomFile& file, DicomSlice& slice) {
+  slice.syntax = file.syntax;
+  slice.compressed = file.encapsulated;
   const bool known = !name_of_compression(slice.syntax).empty();
   if (slice.compressed && !known)
     return fail(ErrorCode::unsupported, slice.path, ": compressed pixels, transfer syntax ",
                 in_quotes(slice.syntax), ", expected JPEG, JPEG-LS, JPEG 2000 or RLE");
-  if (known && !slice.compressed && elements.values.contains(kPixelData))
+  if (slice.compressed && slice.one_bit)
+    return fail(ErrorCode::unsupported, slice.path, ": pixels of 1 bit, compressed by ",
+                name_of_compression(slice.syntax), ", expected plain ones");
+  if (known && !slice.compressed && file.data.values.contains(slice.pixels_at))
     return fail(ErrorCode::bad_file, slice.path, ": expected pixels in fragments, ",
                 name_of_compression(slice.syntax), ", found a plain element");
+  if (file.big_endian && !slice.one_bit)
+    slice.swapped =
+        std::max<unsigned>(static_cast<unsigned>(bytes_per_voxel(slice.type)), file.words ? 2 : 1);
   return {};
 }
 
-Result<void> read_format(const DicomValues& values, DicomSlice& slice) {
-  slice.height = integer_of(values, kRows, 0);
-  slice.width = integer_of(values, kColumns, 0);
-  if (slice.width == 0 || slice.height == 0)
+Result<void> read_palette(const DicomLookup& file, DicomSlice& slice) {
+  auto palette = std::make_shared<DicomPalette>();
+  for (DicomTag channel = 0; channel < 3; ++channel) {
+    const auto layout = file.integers(kPaletteDescriptor + channel, 2);
+    if (layout.size() != 3 || (layout[2] != 8 && layout[2] != 16))
+      return fail(ErrorCode::unsupported, slice.path,
+                  ": palette colours, but no palette of 8 or 16 bits: convert it to RGB");
+    const std::size_t count = layout[0] == 0 ? 65536 : layout[0];
+    // Palettes of 8 bits have one byte an entry, or, in old files, two.
+    const auto data = file.raw(kPaletteData + channel);
+    const bool bytes = layout[2] == 8 && data.size() < 2 * count;
+    if (data.size() < count * (bytes ? 1 : 2))
+      return fail(ErrorCode::bad_file, slice.path, ": a palette of ", count, " entries has ",
+                  data.size(), " bytes, or is stored in segments");
+    auto& values = palette->rgb[channel];
+    if (bytes)
+      for (const char c : data.substr(0, count)) values.push_back(static_cast<std::uint8_t>(c));
+    else
+      for (const auto v : file.integers(kPaletteData + channel, 2))
+        values.push_back(static_cast<std::uint16_t>(v));
+    values.resize(count);
+    const bool is_signed = slice.type == ScalarType::i8 || slice.type == ScalarType::i16;
+    palette->first = is_signed ? static_cast<std::int16_t>(layout[1]) : static_cast<int>(layout[1]);
+    palette->wide = layout[2] == 16;
+  }
+  const auto& rgb = palette->rgb;
+  if (rgb[0].size() != rgb[1].size() || rgb[0].size() != rgb[2].size())
+    return fail(ErrorCode::bad_file, slice.path, ": palettes of ", rgb[0].size(), ", ",
+                rgb[1].size(), " and ", rgb[2].size(), " entries, expected equal ones");
+  slice.palette = std::move(palette);
+  return {};
+}
+
+Result<void> read_color(const DicomLookup& file, DicomSlice& slice) {
+  slice.samples = file.integer(kSamplesPerPixel).value_or(1);
+  slice.planar = file.integer(kPlanarConfiguration).value_or(0) == 1 && slice.samples > 1;
+  const std::string color = file.text(kPhotometric);
+  if (color == "PALETTE COLOR" && slice.samples == 1) {
+    slice.color = DicomColor::palette;
+    return read_palette(file, slice);
+  }
+  if (slice.samples == 1) return {};
+  slice.color = color == "YBR_FULL"       ? DicomColor::ybr_full
+                : color == "YBR_FULL_422" ? DicomColor::ybr_full_422
+                                          : DicomColor::rgb;
+  const bool known =
+      slice.color != DicomColor::rgb || color == "RGB" || color == "YBR_RCT" || color == "YBR_ICT";
+  const bool ybr = slice.color != DicomColor::rgb;
+  if (slice.samples != 3 || !known || (ybr && bytes_per_voxel(slice.type) != 1))
+    return fail(ErrorCode::unsupported, slice.path, ": pixels of ", slice.samples,
+                " components, photometric interpretation ", in_quotes(color),
+                ", expected grey, RGB, YBR_FULL or a palette: convert it to RGB");
+  return {};
+}
+
+Result<void> read_format(const DicomLookup& file, DicomSlice& slice) {
+  slice.height = file.integer(kRows).value_or(0);
+  slice.width = file.integer(kColumns).value_or(0);
+  if (slice.width == 0 || slice.height == 0 || (slice.width | slice.height) > 0xffff)
     return fail(ErrorCode::bad_file, slice.path, ": Rows x Columns are ", slice.height, "x",
                 slice.width);
-  if (const auto samples = integer_of(values, kSamplesPerPixel, 1); samples != 1)
-    return fail(ErrorCode::unsupported, slice.path, ": pixels of ", samples,
-                " components (colour), expected one number each: extract one component");
-  if (text_of(values, kPhotometric) == "PALETTE COLOR")
-    return fail(ErrorCode::unsupported, slice.path, ": palette colours, expected grey values");
-  const unsigned allocated = integer_of(values, kBitsAllocated, 0);
-  slice.bits_stored = integer_of(values, kBitsStored, allocated);
-  slice.high_bit = integer_of(values, kHighBit, slice.bits_stored - 1);
-  if ((allocated != 8 && allocated != 16 && allocated != 32) || slice.bits_stored == 0 ||
-      slice.high_bit >= allocated || slice.high_bit + 1 < slice.bits_stored)
-    return fail(ErrorCode::unsupported, slice.path, ": pixels of ", slice.bits_stored,
-                " bits up to bit ", slice.high_bit, " of ", allocated,
-                ", expected 8, 16 or 32 allocated");
-  const bool is_signed = integer_of(values, kPixelRepresentation, 0) == 1;
-  slice.type = allocated == 8    ? (is_signed ? ScalarType::i8 : ScalarType::u8)
-               : allocated == 16 ? (is_signed ? ScalarType::i16 : ScalarType::u16)
-                                 : (is_signed ? ScalarType::i32 : ScalarType::u32);
+  if (const auto whole = file.integer(kMatrixColumns); whole && *whole > slice.width)
+    return fail(ErrorCode::unsupported, slice.path,
+                ": tiles of a microscope's slide, expected slices of a volume");
+  if (file.text(kImageType).find("MOSAIC") != std::string::npos)
+    return fail(ErrorCode::unsupported, slice.path,
+                ": a mosaic, whose one picture holds all slices: convert it, e.g. "
+                "`dcm2niix FOLDER`");
+  slice.pixels_at = kPixelData;
+  for (const auto& [tag, type] :
+       {std::pair{kFloatPixels, ScalarType::f32}, std::pair{kDoublePixels, ScalarType::f64}})
+    if (!file.raw(tag).empty()) {
+      slice.pixels_at = tag;
+      slice.type = type;
+      slice.bits_stored = static_cast<unsigned>(8 * bytes_per_voxel(type));
+      slice.high_bit = slice.bits_stored - 1;
+      return {};
+    }
+  const auto stated = file.integer(kBitsAllocated);
+  if (!stated) return fail(ErrorCode::bad_file, slice.path, ": BitsAllocated is missing");
+  const unsigned allocated = *stated;
+  slice.bits_stored = file.integer(kBitsStored).value_or(allocated);
+  slice.high_bit = file.integer(kHighBit).value_or(std::max(slice.bits_stored, 1u) - 1);
+  slice.one_bit = allocated == 1;
+  const unsigned bits = slice.one_bit ? 8 : allocated;
+  if (slice.one_bit) slice.bits_stored = 8, slice.high_bit = 7;
+  if ((bits != 8 && bits != 16 && bits != 32) || slice.bits_stored == 0 || slice.high_bit >= bits ||
+      slice.high_bit + 1 < slice.bits_stored)
+    return fail(ErrorCode::unsupported, slice.path, ": BitsAllocated is ", allocated,
+                ", BitsStored ", slice.bits_stored, " and HighBit ", slice.high_bit,
+                ", expected 1, 8, 16 or 32 allocated, and as many or fewer stored");
+  const bool is_signed = file.integer(kPixelRepresentation).value_or(0) == 1;
+  slice.type = bits == 8    ? (is_signed ? ScalarType::i8 : ScalarType::u8)
+               : bits == 16 ? (is_signed ? ScalarType::i16 : ScalarType::u16)
+                            : (is_signed ? ScalarType::i32 : ScalarType::u32);
+  return read_color(file, slice);
+}
+
+/// CIELab as DICOM encodes it (white is D50) to sRGB, 0 to 1.
+glm::dvec3 srgb_of_lab(const std::vector<std::uint32_t>& encoded) {
+  const double l = encoded[0] * 100 / 65535.0;
+  const double a = encoded[1] * 255 / 65535.0 - 128, b = encoded[2] * 255 / 65535.0 - 128;
+  const auto cube = [](double t) {
+    constexpr double kLinear = 6.0 / 29;
+    return t > kLinear ? t * t * t : 3 * kLinear * kLinear * (t - 4.0 / 29);
+  };
+  const double y = (l + 16) / 116;
+  const glm::dvec3 xyz(0.96422 * cube(y + a / 500), cube(y), 0.82521 * cube(y - b / 200));
+  // To linear sRGB, adapted from D50 to D65 (Bradford).
+  const glm::dmat3 to_rgb(3.1338561, -0.9787684, 0.0719453, -1.6168667, 1.9161415, -0.2289914,
+                          -0.4906146, 0.0334540, 1.4052427);
+  glm::dvec3 rgb = glm::clamp(to_rgb * xyz, 0.0, 1.0);
+  for (int i = 0; i < 3; ++i)
+    rgb[i] = rgb[i] <= 0.0031308 ? 12.92 * rgb[i] : 1.055 * std::pow(rgb[i], 1 / 2.4) - 0.055;
+  return rgb;
+}
+
+Result<void> read_segments(const DicomFile& file, const DicomLookup& values, DicomSlice& slice) {
+  const std::string type = values.text(kSegmentationType);
+  if (type.empty()) return {};
+  using Kind = DicomSegmentation::Kind;
+  auto segmentation = std::make_shared<DicomSegmentation>();
+  segmentation->kind = type == "BINARY"       ? Kind::binary
+                       : type == "FRACTIONAL" ? Kind::fractional
+                                              : Kind::label_map;
+  if (segmentation->kind == Kind::label_map && type != "LABELMAP")
+    return fail(ErrorCode::unsupported, slice.path, ": a segmentation of type ", in_quotes(type),
+                ", expected BINARY, FRACTIONAL or LABELMAP");
+  if (segmentation->kind == Kind::fractional)
+    segmentation->maximum = std::max(1u, values.integer(kMaximumFraction).value_or(255));
+  for (const auto& item : file.data.items(kSegments)) {
+    const DicomLookup segment(file.big_endian, {&item});
+    const auto number = segment.integer(kSegmentNumber);
+    if (!number) continue;
+    LabelStyle& style = segmentation->segments[*number];
+    style.name = utf8_of(segment, kSegmentLabel, values.text(kCharacterSet));
+    const auto lab = segment.integers(kSegmentColor, 2);
+    if (lab.size() == 3) style.color = srgb_of_lab(lab);
+  }
+  slice.segmentation = std::move(segmentation);
   return {};
 }
 
-Result<void> read_place(const DicomValues& values, DicomSlice& slice) {
-  const auto position = numbers_of(values, kPosition);
-  const auto orientation = numbers_of(values, kOrientation);
-  const auto spacing = numbers_of(values, kPixelSpacing);
-  if (position.size() != 3 || orientation.size() != 6 || spacing.size() != 2)
-    return fail(ErrorCode::bad_file, slice.label(),
-                ": needs ImagePositionPatient (3 numbers, found ", position.size(),
-                "), ImageOrientationPatient (6, found ", orientation.size(),
-                ") and PixelSpacing (2, found ", spacing.size(), ") to be placed in space");
-  slice.position = {position[0], position[1], position[2]};
-  slice.row = {orientation[0], orientation[1], orientation[2]};
-  slice.column = {orientation[3], orientation[4], orientation[5]};
-  slice.spacing = {spacing[1], spacing[0]};  // the file states the one between rows first
-  const double sine = glm::length(glm::cross(slice.row, slice.column));
-  if (!(std::abs(sine - 1) < 1e-2) || !(std::abs(glm::length(slice.row) - 1) < 1e-2))
-    return fail(ErrorCode::bad_file, slice.label(),
-                ": ImageOrientationPatient is not two perpendicular unit vectors");
-  if (!(slice.spacing.x > 0) || !(slice.spacing.y > 0))
-    return fail(ErrorCode::bad_file, slice.label(), ": PixelSpacing is ", slice.spacing.y, " by ",
-                slice.spacing.x, ", expected positive numbers");
+/// Numbers that can be places; none if one is absurd, so that sums of them stay finite.
+std::vector<double> lengths(std::vector<double> values) {
+  constexpr double kMost = 1e9;
+  const bool absurd =
+      std::any_of(values.begin(), values.end(), [](double v) { return !(std::abs(v) <= kMost); });
+  return absurd ? std::vector<double>{} : values;
+}
+
+std::optional<double> length(const std::vector<double>& values) {
+  const auto sane = lengths(values);
+  return sane.empty() ? std::nullopt : std::optional(sane.front());
+}
+
+Result<void> read_place(const DicomLookup& values, DicomSlice& slice) {
+  // Volumes in a frame of their own (ultrasound) have binary ones.
+  const auto either = [&](Tag tag, Tag binary) {
+    const auto found = values.numbers(tag);
+    return lengths(found.empty() ? values.reals(binary) : found);
+  };
+  const auto position = either(kPosition, kVolumePosition);
+  const auto orientation = either(kOrientation, kVolumeOrientation);
+  const auto spacing = lengths(values.numbers(kPixelSpacing));
+  if (spacing.size() == 2 && spacing[0] > 0 && spacing[1] > 0)
+    slice.spacing = {spacing[1], spacing[0]};  // the file states the one between rows first
+  slice.location = length(values.numbers(kSliceLocation));
+  slice.stated_gap = std::abs(length(values.numbers(kSpacingBetweenSlices)).value_or(0));
+  if (orientation.size() == 6) {
+    slice.row = {orientation[0], orientation[1], orientation[2]};
+    slice.column = {orientation[3], orientation[4], orientation[5]};
+    const double sine = glm::length(glm::cross(slice.row, slice.column));
+    if (!(std::abs(sine - 1) < 1e-2) || !(std::abs(glm::length(slice.row) - 1) < 1e-2))
+      return fail(ErrorCode::bad_file, slice.label(),
+                  ": ImageOrientationPatient is not two perpendicular unit vectors");
+  }
+  if (position.size() == 3) slice.position = {position[0], position[1], position[2]};
+  slice.placed = position.size() == 3 && orientation.size() == 6;
+  for (const auto& [missing, what] : {std::pair{position.size() != 3, "ImagePositionPatient"},
+                                      {orientation.size() != 6, "ImageOrientationPatient"}})
+    if (missing) slice.unplaced += (slice.unplaced.empty() ? "" : " and ") + std::string(what);
   return {};
 }
 
-void read_scale(const DicomValues& values, DicomSlice& slice) {
-  if (const auto slope = numbers_of(values, kRescaleSlope); !slope.empty() && slope[0] != 0)
-    slice.slope = slope[0];
-  if (const auto intercept = numbers_of(values, kRescaleIntercept); !intercept.empty())
-    slice.intercept = intercept[0];
+void read_scale(const DicomLookup& values, DicomSlice& slice) {
+  if (const auto slope = values.number(kRescaleSlope); slope && *slope != 0) slice.slope = *slope;
+  if (const auto dose = values.number(kDoseScale); dose && *dose != 0) slice.slope = *dose;
+  if (const auto intercept = values.number(kRescaleIntercept)) slice.intercept = *intercept;
+}
+
+/// Which dimensions of a multi-frame file are not places in space.
+std::vector<bool> other_dimensions(const DicomFile& file) {
+  std::vector<bool> other;
+  for (const auto& item : file.data.items(kDimensions)) {
+    const auto halves = DicomLookup(file.big_endian, {&item}).integers(kDimensionPointer, 2);
+    const DicomTag tag = halves.size() == 2 ? halves[0] << 16 | halves[1] : 0;
+    constexpr std::array<DicomTag, 8> kOfSpace = {
+        kStackId,        kInStackPosition, kPosition,      kPositionSequence,
+        kVolumePosition, kSliceLocation,   kSegmentNumber, kReferencedSegment};
+    other.push_back(std::find(kOfSpace.begin(), kOfSpace.end(), tag) == kOfSpace.end());
+  }
+  return other;
+}
+
+void read_moments(const DicomLookup& values, const std::vector<bool>& other_dimensions,
+                  DicomSlice& slice) {
+  const auto dimensions = values.integers(kDimensionValues, 4);
+  if (dimensions.size() == other_dimensions.size())
+    for (std::size_t i = 0; i < dimensions.size(); ++i)
+      if (other_dimensions[i]) slice.indices.push_back(dimensions[i]);
+  const auto first = [](std::initializer_list<std::optional<double>> candidates) {
+    for (const auto& candidate : candidates)
+      if (candidate) return *candidate;
+    return -std::numeric_limits<double>::infinity();
+  };
+  const auto set = [&](DicomMoment moment, std::initializer_list<std::optional<double>> from) {
+    slice.moments[static_cast<std::size_t>(moment)] = first(from);
+  };
+  set(DicomMoment::position_in_time,
+      {values.integer(kTemporalIndex), values.number(kTemporalPosition)});
+  set(DicomMoment::time_offset, {values.real(kTimeOffset)});
+  set(DicomMoment::echo_time, {values.real(kEffectiveEchoTime), values.number(kEchoTime)});
+  set(DicomMoment::b_value, {values.real(kBValue)});
+  set(DicomMoment::trigger_time, {values.real(kTriggerDelay), values.number(kTriggerTime)});
+  set(DicomMoment::reference_time, {values.number(kReferenceTime)});
+  set(DicomMoment::acquisition,
+      {values.integer(kFrameAcquisitionNumber), values.number(kAcquisitionNumber)});
+  set(DicomMoment::acquisition_time,
+      {values.number(kFrameAcquisitionTime), values.number(kAcquisitionTime),
+       values.number(kContentTime)});
+  set(DicomMoment::instance, {values.number(kInstanceNumber)});
+  set(DicomMoment::frame, {slice.frame});
+}
+
+/// Places the frames of a file without functional groups: a dose, whose frames have offsets, or a
+/// nuclear medicine tomogram, whose frames follow each other at a stated distance.
+void place_along_normal(const DicomLookup& file, DicomSlice& slice) {
+  const auto offsets = lengths(file.numbers(kFrameOffsets));
+  const auto gap = length(file.numbers(kSpacingBetweenSlices));
+  const bool tomogram = file.text(kImageType).find("TOMO") != std::string::npos;
+  const glm::dvec3 normal = glm::cross(slice.row, slice.column);
+  if (slice.placed && offsets.size() == slice.frames)
+    slice.position += normal * (offsets[slice.frame] - offsets[0]);
+  else if (slice.placed && tomogram && gap && *gap != 0)
+    slice.position += normal * (*gap * slice.frame);
+  else
+    slice.unplaced = "PlanePositionSequence", slice.placed = false;
 }
 
 /// Makes one slice per frame. Values come from the frame's own functional groups, else from the
 /// shared ones, else from the outermost data set.
-Result<std::vector<DicomSlice>> split(const DicomElements& elements, const DicomSlice& file) {
+Result<std::vector<DicomSlice>> split(const DicomFile& file, const DicomSlice& whole) {
+  DicomDataSet shared;
+  for (const auto tag : {kSharedGroups, kDetectors})
+    for (const auto& item : file.data.items(tag)) flatten(item, shared);
+  const auto& groups = file.data.items(kFrameGroups);
+  const auto dimensions = other_dimensions(file);
   std::vector<DicomSlice> slices;
-  for (std::uint32_t frame = 0; frame < file.frames; ++frame) {
-    DicomValues values = elements.frames.empty() ? DicomValues{} : elements.frames[frame];
-    for (const auto* outer : {&elements.shared, &elements.values})
-      for (const auto tag :
-           {kPosition, kOrientation, kPixelSpacing, kRescaleSlope, kRescaleIntercept})
-        if (const auto found = outer->find(tag); found != outer->end()) values.insert(*found);
-    DicomSlice& slice = slices.emplace_back(file);
+  for (std::uint32_t frame = 0; frame < whole.frames; ++frame) {
+    DicomDataSet own;
+    if (!groups.empty()) flatten(groups[frame], own);
+    const DicomLookup values(file.big_endian, {&own, &shared, &file.data});
+    DicomSlice& slice = slices.emplace_back(whole);
     slice.frame = frame;
     if (auto r = read_place(values, slice); !r) return tl::unexpected(r.error());
+    if (groups.empty() && whole.frames > 1) place_along_normal(values, slice);
     read_scale(values, slice);
+    read_moments(values, dimensions, slice);
+    slice.stack = values.text(kStackId);
+    slice.segment = values.integer(kReferencedSegment).value_or(0);
   }
   return slices;
 }
 
-Result<void> count_frames(const DicomElements& elements, DicomSlice& slice) {
-  const auto stated = numbers_of(elements.values, kFrames);
-  const double frames = stated.empty() ? 1 : stated[0];
-  if (frames > 1 && elements.frames.empty())
-    return fail(ErrorCode::unsupported, slice.path, ": ", frames,
-                " frames without positions (no functional groups); convert it, e.g. "
-                "`dcm2niix FOLDER`");
-  if (!elements.frames.empty() && frames != static_cast<double>(elements.frames.size()))
-    return fail(ErrorCode::bad_file, slice.path, ": NumberOfFrames is ", frames, ", but ",
-                elements.frames.size(), " frames have functional groups");
-  slice.frames = static_cast<std::uint32_t>(std::max<std::size_t>(elements.frames.size(), 1));
+Result<void> count_frames(const DicomFile& file, const DicomLookup& values, DicomSlice& slice) {
+  const double frames = std::max(values.number(kFrames).value_or(1), 1.0);
+  const auto groups = file.data.items(kFrameGroups).size();
+  if (groups > 0 && frames != static_cast<double>(groups))
+    return fail(ErrorCode::bad_file, slice.path, ": NumberOfFrames is ", frames, ", but ", groups,
+                " frames have functional groups");
+  if (frames != std::trunc(frames) || frames > 1e6)
+    return fail(ErrorCode::bad_file, slice.path, ": NumberOfFrames is ", frames,
+                ", expected a count up to 1000000");
+  if (slice.compressed && frames > static_cast<double>(file.fragments))
+    return fail(ErrorCode::bad_file, slice.path, ": ", frames, " frames, but its pixels have ",
+                file.fragments, " fragments");
+  slice.frames = static_cast<std::uint32_t>(frames);
+  const auto found = values.raw(slice.pixels_at).size();
+  if (!slice.compressed && found < slice.file_bytes())
+    return fail(ErrorCode::bad_file, slice.path, ": ", slice.frames, " frames of ", slice.height,
+                "x", slice.width, " pixels of ", slice.one_bit ? "1 bit" : name(slice.type),
+                " need ", slice.file_bytes(), " bytes, PixelData holds ", found);
   return {};
+}
+
+Result<std::vector<DicomSlice>> read_picture(const DicomFile& file, const DicomLookup& values,
+                                             DicomSlice slice) {
+  if (file.damage) return tl::unexpected(*file.damage);
+  if (auto r = read_format(values, slice); !r) return tl::unexpected(r.error());
+  if (auto r = read_encoding(file, slice); !r) return tl::unexpected(r.error());
+  if (auto r = count_frames(file, values, slice); !r) return tl::unexpected(r.error());
+  if (auto r = read_segments(file, values, slice); !r) return tl::unexpected(r.error());
+  return split(file, slice);
 }
 
 }  // namespace
 
+std::string_view name(DicomMoment moment) {
+  constexpr std::array<std::string_view, std::size_t(DicomMoment::count)> kNames = {
+      "TemporalPosition",  "TemporalPositionTimeOffset",
+      "EchoTime",          "DiffusionBValue",
+      "TriggerTime",       "FrameReferenceTime",
+      "AcquisitionNumber", "AcquisitionTime",
+      "InstanceNumber",    "frame"};
+  return kNames[static_cast<std::size_t>(moment)];
+}
+
 std::uint64_t DicomSlice::bytes() const {
-  return std::uint64_t{width} * height * bytes_per_voxel(type);
+  const std::uint64_t pixels = std::uint64_t{width} * height;
+  if (one_bit) return (pixels + 7) / 8;
+  // Plain, two pixels of YBR_FULL_422 share their chroma.
+  if (color == DicomColor::ybr_full_422 && !compressed) return (pixels + 1) / 2 * 4;
+  return pixels * samples * bytes_per_voxel(type);
+}
+
+std::uint64_t DicomSlice::file_bytes() const {
+  if (one_bit) return (std::uint64_t{width} * height * frames + 7) / 8;
+  return bytes() * frames;
+}
+
+std::uint32_t DicomSlice::components() const { return color == DicomColor::palette ? 3 : samples; }
+
+ScalarType DicomSlice::component_type() const {
+  return !palette ? type : palette->wide ? ScalarType::u16 : ScalarType::u8;
 }
 
 std::string DicomSlice::label() const {
@@ -201,29 +493,32 @@ std::string name_of_compression(std::string_view syntax) {
   return {};
 }
 
-Result<std::vector<DicomSlice>> read_dicom_slices(const std::string& path,
-                                                  const std::optional<std::string>& series) {
+Result<std::vector<DicomSlice>> read_dicom_slices(const std::string& path) {
   const auto bytes = read_dicom_bytes(path);
   if (!bytes) return tl::unexpected(bytes.error());
-  const auto elements = parse_dicom(path, *bytes);
-  if (!elements) return tl::unexpected(elements.error());
-  const auto& values = elements->values;
-  DicomSlice file;
-  file.path = path;
-  file.series = text_of(values, kSeriesInstanceUid);
-  if (file.series.empty()) file.series = "(no SeriesInstanceUID)";
-  if (series && file.series != *series) return std::vector<DicomSlice>{};
-  if (!values.contains(kRows)) {
+  const DicomFile file = parse_dicom(path, *bytes);
+  const DicomLookup values(file.big_endian, {&file.data});
+  const bool has_rows = !values.raw(kRows).empty();
+  if (!has_rows && !file.damage) {
     if (has_no_picture(values)) return std::vector<DicomSlice>{};
     return fail(ErrorCode::bad_file, path,
-                ": a DICOM file without Rows: it is truncated, or its "
-                "kind (SOP class ",
-                in_quotes(text_of(values, kSopClass)), ") holds no picture; move it elsewhere");
+                ": a DICOM file without Rows: it is truncated, or its kind (SOP class ",
+                in_quotes(values.text(kSopClass)), ") holds no picture; move it elsewhere");
   }
-  if (auto r = read_format(values, file); !r) return tl::unexpected(r.error());
-  if (auto r = count_frames(*elements, file); !r) return tl::unexpected(r.error());
-  if (auto r = read_encoding(*elements, file); !r) return tl::unexpected(r.error());
-  return split(*elements, file);
+  DicomSlice slice;
+  slice.path = path;
+  slice.series = values.text(kSeriesInstanceUid);
+  if (slice.series.empty() && file.damage) return tl::unexpected(*file.damage);
+  if (slice.series.empty()) slice.series = "(no SeriesInstanceUID)";
+  slice.number = values.text(kSeriesNumber);
+  slice.description = utf8_of(values, kSeriesDescription, values.text(kCharacterSet));
+  slice.modality = values.text(kModality);
+  slice.instance = values.text(kSopInstance);
+  auto slices = read_picture(file, values, slice);
+  if (slices) return slices;
+  (void)read_place(values, slice);  // to know whether the volume lacks it
+  slice.problem = slices.error();
+  return std::vector{slice};
 }
 
 }  // namespace slf::volume_io

@@ -1,19 +1,18 @@
-// One DICOM file: its elements, the positions of its slices, its pixels.
+// DICOM slices: the frames of files, with their positions, scales and pixels.
 //
-// Our own parser reads elements, positions and uncompressed pixels, in this process. GDCM decodes
-// compressed pixels, but only in a child process (dicom_decode.h), and only after our parser has
-// accepted the file.
-//
-// Why our own parser? Debian builds GDCM with its assertions. On a damaged file gdcm::Reader aborts
-// the process, or allocates up to 4 GiB because of a wrong length. ITK's reader is GDCM too, and it
-// rescales pixels, so that both the 16 bits and the slope are lost.
+// Our own parser (dicom_elements.h) reads elements, positions and uncompressed pixels, in this
+// process. GDCM decodes compressed pixels, but only in a child process (dicom_decode.h), and only
+// after our parser has accepted the file.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <functional>
 #include <glm/glm.hpp>
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -23,47 +22,86 @@
 
 namespace slf::volume_io {
 
-/// Elements by tag (group << 16 | element).
-using DicomValues = std::map<std::uint32_t, std::string_view>;
+/// How the samples of a pixel are to be understood.
+enum class DicomColor : std::uint8_t { grey, rgb, ybr_full, ybr_full_422, palette };
 
-/// The parsed elements of a file. Views the bytes of the file, which must outlive it.
-struct DicomElements {
-  std::string syntax;         ///< transfer syntax UID
-  DicomValues values{};       ///< elements of the outermost data set
-  bool encapsulated = false;  ///< pixel data are a sequence of encoded fragments
-  /// The functional groups of a multi-frame file, only those for position and scale: the shared
-  /// ones, and those of each frame.
-  DicomValues shared{};
-  std::vector<DicomValues> frames{};
+/// A table of colours for the values from `first` on.
+struct DicomPalette {
+  int first = 0;
+  bool wide = false;                              ///< 16 bits a channel, else 8
+  std::array<std::vector<std::uint16_t>, 3> rgb;  ///< of the same length, at least 1
 };
 
-/// The bytes of a file, with the data set inflated if the transfer syntax is deflated.
-/// io: the file cannot be read. bad_file: the deflated data are damaged. unsupported: they inflate
-/// to more than 1 GiB.
-[[nodiscard]] Result<std::string> read_dicom_bytes(const std::string& path);
+/// What a segmentation (SEG) says of its frames.
+struct DicomSegmentation {
+  enum class Kind : std::uint8_t { binary, fractional, label_map } kind = Kind::binary;
+  std::uint32_t maximum = 1;  ///< the value of a fractional frame that means all
+  LabelTable segments{};      ///< names and colours by number
+};
 
-/// Walks every element, including nested ones, and checks its length against the file's. `bytes`
-/// are those of read_dicom_bytes. bad_file: an element extends beyond its parent. unsupported:
-/// big-endian transfer syntax.
-[[nodiscard]] Result<DicomElements> parse_dicom(const std::string& path, std::string_view bytes);
+/// What tells apart the slices at one place, in the order in which it does.
+enum class DicomMoment : std::uint8_t {
+  position_in_time,
+  time_offset,
+  echo_time,
+  b_value,
+  trigger_time,
+  reference_time,
+  acquisition,
+  acquisition_time,
+  instance,
+  frame,
+  count
+};
+/// "EchoTime".
+[[nodiscard]] std::string_view name(DicomMoment moment);
 
 /// The position of a slice, and how its pixels are stored and scaled.
 struct DicomSlice {
   std::string path;
   std::uint32_t frame = 0, frames = 1;  ///< its frame, and how many the file has
-  std::string series;
-  std::string syntax;       ///< transfer syntax UID
-  bool compressed = false;  ///< needs GDCM
+
+  std::string series, number, description, modality;  ///< number: text, may be empty
+  std::string instance;                               ///< SOPInstanceUID
+  std::string stack;                                  ///< StackID
+  std::vector<std::uint32_t> indices{};               ///< of dimensions other than space
+  std::array<double, std::size_t(DicomMoment::count)> moments{};
+
+  std::string syntax;           ///< transfer syntax UID
+  bool compressed = false;      ///< needs GDCM
+  unsigned swapped = 1;         ///< bytes of the big-endian words that pixels are stored in, or 1
+  std::uint32_t pixels_at = 0;  ///< tag of the pixel data
+
+  bool placed = false;     ///< whether position and directions are the file's
+  std::string unplaced{};  ///< else: the elements it lacks
   glm::dvec3 position{0.0};
-  glm::dvec3 row{0.0}, column{0.0};  ///< world directions of the picture's x and y
-  glm::dvec2 spacing{0.0};           ///< along row, along column
+  glm::dvec3 row{1, 0, 0}, column{0, 1, 0};  ///< world directions of the picture's x and y
+  glm::dvec2 spacing{0.0};                   ///< along row, along column; 0: not stated
+  std::optional<double> location{};          ///< SliceLocation
+  double stated_gap = 0;                     ///< SpacingBetweenSlices; 0: not stated
   double slope = 1, intercept = 0;
   std::uint32_t width = 0, height = 0;
-  ScalarType type = ScalarType::u8;
+  ScalarType type = ScalarType::u8;  ///< of a sample as stored
   unsigned bits_stored = 8, high_bit = 7;
+  bool one_bit = false;       ///< eight pixels a byte, frames without gaps
+  std::uint32_t samples = 1;  ///< numbers stored per pixel
+  bool planar = false;        ///< one plane per sample
+  DicomColor color = DicomColor::grey;
+  std::shared_ptr<const DicomPalette> palette{};
+  std::shared_ptr<const DicomSegmentation> segmentation{};
+  std::uint32_t segment = 0;  ///< of binary and fractional segmentations
 
-  /// Bytes of its pixels, decoded. At most 2^34.
+  /// Why its pixels cannot be read.
+  std::optional<Error> problem{};
+
+  /// Bytes of its pixels, decoded, rounded up. At most 2^37.
   [[nodiscard]] std::uint64_t bytes() const;
+  /// Bytes of the pixels of all frames of its file.
+  [[nodiscard]] std::uint64_t file_bytes() const;
+  /// Numbers per pixel once read: a palette's indices become three.
+  [[nodiscard]] std::uint32_t components() const;
+  /// Their type.
+  [[nodiscard]] ScalarType component_type() const;
   /// The path and, if the file has several frames, the frame, for messages.
   [[nodiscard]] std::string label() const;
 };
@@ -73,13 +111,27 @@ struct DicomSlice {
 [[nodiscard]] std::string name_of_compression(std::string_view syntax);
 
 /// The slices of a file, one per frame, in file order. None if the file is DICOM but no picture (a
-/// DICOMDIR, a report), or belongs to another series than `series`, if that is given.
-/// unsupported: colour, palettes, an unknown compression or pixel size, frames without functional
-/// groups.
-[[nodiscard]] Result<std::vector<DicomSlice>> read_dicom_slices(
-    const std::string& path, const std::optional<std::string>& series = {});
+/// DICOMDIR, a report). What prevents reading their pixels is in `problem`.
+/// io, bad_file: not DICOM, or so damaged that not even a series is named.
+[[nodiscard]] Result<std::vector<DicomSlice>> read_dicom_slices(const std::string& path);
 
 class DicomDecoder;
+
+/// The pixels of a file.
+class DicomFrames {
+ public:
+  /// `pixels`: those of all frames, as stored.
+  explicit DicomFrames(std::vector<std::byte> pixels);
+
+  /// A frame of the file, `width` × `height` pixels of components() × component_type(), in native
+  /// byte order, before slope and intercept. Bits that are not stored are cleared, and the sign is
+  /// extended. Colours are red, green, blue. The values of MONOCHROME1 (least is white) do not
+  /// change.
+  [[nodiscard]] std::vector<std::byte> frame(const DicomSlice& slice) const;
+
+ private:
+  std::vector<std::byte> pixels_;
+};
 
 /// Reads the pixels of files, in the given order. Not thread-safe.
 class DicomPixelReader {
@@ -90,17 +142,72 @@ class DicomPixelReader {
   DicomPixelReader& operator=(DicomPixelReader&&) noexcept;
   ~DicomPixelReader();
 
-  /// All frames of the next file, each slice.bytes() long, in native byte order, before slope and
-  /// intercept. Bits that are not stored are cleared, and the sign is extended. The values of
-  /// MONOCHROME1 (least is white) do not change.
+  /// The frames of the next file.
   /// bad_file: too few pixels, or compressed ones that cannot be decoded.
   /// REQUIRES: there is a next file.
-  [[nodiscard]] Result<std::vector<std::byte>> next();
+  [[nodiscard]] Result<DicomFrames> next();
 
  private:
   std::vector<DicomSlice> files_;
   std::size_t at_ = 0;
   std::unique_ptr<DicomDecoder> decoder_;  ///< started for the first compressed file
 };
+
+/// One volume, or several time points of it: slices of a series that are alike.
+struct DicomStack {
+  std::string id;                  ///< how it is chosen
+  std::vector<DicomSlice> slices;  ///< at least one
+  std::vector<std::string> notes{};
+};
+
+/// The slices of a stack by place, and at each place by time.
+struct DicomPlaces {
+  /// Ascending along the normal; all places have as many slices as there are times.
+  std::vector<std::vector<DicomSlice>> places{};
+  std::vector<std::string>
+      times{};  ///< what tells each time apart, as "EchoTime 4.9"; may be empty
+  std::vector<std::string> notes{};
+  [[nodiscard]] std::size_t time_count() const { return places.front().size(); }
+};
+
+/// What distinguishes slices that cannot belong to one volume, as "orientation"; null if they can.
+[[nodiscard]] const char* difference(const DicomSlice& a, const DicomSlice& b);
+
+/// Sorts the slices of a stack by place and time. Copies of a slice are left out with a note.
+/// `spacing`, if given, replaces what the files lack.
+/// bad_file, unsupported: a problem of the slices themselves; slices that differ or lie at the same
+/// place;
+/// places that lack a time; no position.
+[[nodiscard]] Result<DicomPlaces> sort_by_place(const DicomStack& stack,
+                                                const std::optional<glm::dvec3>& spacing);
+
+/// The place of a slice along its normal.
+[[nodiscard]] double height_of(const DicomSlice& slice);
+
+/// Evenly spaced planes, some of which have no slice: files of labels leave out empty ones.
+struct PlaneGrid {
+  std::size_t count = 0;
+  std::vector<std::size_t> plane{};  ///< of each slice
+  glm::dvec3 origin{0.0}, step{0.0};
+};
+/// The planes at the stated distance or, if slices lie between these, at the smallest one found.
+/// bad_file: slices lie at other places. REQUIRES: at least one slice.
+[[nodiscard]] Result<PlaneGrid> grid_of_planes(const std::vector<DicomSlice>& slices,
+                                               const std::string& source);
+
+/// Calls `visit` with the index and the pixels of each slice, ordered by file.
+[[nodiscard]] Result<void> for_each_frame(
+    const std::vector<DicomSlice>& slices,
+    const std::function<Result<void>(std::size_t, const std::vector<std::byte>&)>& visit);
+
+/// Reads a stack as a volume. `source` is the path that was asked for.
+[[nodiscard]] Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& stack,
+                                              const VolumeOptions& options);
+
+/// Reads a binary or fractional segmentation as labels: its segments' numbers. A voxel of several
+/// segments belongs to the one with the largest fraction, then to the highest number. Fractions
+/// below one half belong to none.
+[[nodiscard]] Result<Volume> read_segmentation(const std::string& source, const DicomStack& stack,
+                                               const VolumeOptions& options);
 
 }  // namespace slf::volume_io

@@ -24,7 +24,7 @@ namespace {
 
 constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 30;
 
-std::uint64_t decoded_bytes(const DicomSlice& file) { return file.bytes() * file.frames; }
+std::uint64_t decoded_bytes(const DicomSlice& file) { return file.file_bytes(); }
 
 /// Seconds that decoding a file may take. The slowest decoder makes tens of megabytes per second.
 std::uint64_t time_limit(const DicomSlice& file) { return 60 + (decoded_bytes(file) >> 20); }
@@ -117,7 +117,7 @@ bool decode(const DicomSlice& file, int to) {
   const gdcm::Image& image = reader.GetImage();
   const auto* size = image.GetDimensions();
   if (size[0] != file.width || size[1] != file.height ||
-      image.GetPixelFormat().GetPixelSize() != bytes_per_voxel(file.type) ||
+      image.GetPixelFormat().GetPixelSize() != bytes_per_voxel(file.type) * file.samples ||
       image.GetBufferLength() != decoded_bytes(file))
     return false;
   const bool is_jpeg_2000 = name_of_compression(file.syntax).starts_with("JPEG 2000");

@@ -1,12 +1,16 @@
-// Our own parser of DICOM elements; dicom.h says why.
+// Our own parser of DICOM elements; dicom_elements.h says why.
+#include "field/volume/dicom_elements.h"
+
 #include <zlib.h>
 
 #include <algorithm>
 #include <array>
+#include <bit>
+#include <cmath>
 #include <fstream>
+#include <sstream>
 
 #include "base/bytes.h"
-#include "field/volume/dicom.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -14,44 +18,87 @@ namespace slf::volume_io {
 namespace {
 
 constexpr std::uint32_t kUndefined = 0xffffffff;
-constexpr std::uint32_t kItem = 0xfffee000, kItemEnd = 0xfffee00d, kSequenceEnd = 0xfffee0dd;
-constexpr std::uint32_t kPixelData = 0x7fe00010;
-constexpr std::uint32_t kSharedGroups = 0x52009229, kFrameGroups = 0x52009230;
-constexpr std::string_view kDeflated = "1.2.840.10008.1.2.1.99", kBigEndian = "1.2.840.10008.1.2.2";
+constexpr DicomTag kItem = 0xfffee000, kItemEnd = 0xfffee00d, kSequenceEnd = 0xfffee0dd;
+constexpr DicomTag kPixelData = 0x7fe00010;
+constexpr std::string_view kImplicit = "1.2.840.10008.1.2", kBigEndian = "1.2.840.10008.1.2.2",
+                           kDeflated = "1.2.840.10008.1.2.1.99";
+constexpr std::string_view kLongForms = "OB OD OF OL OV OW SQ SV UC UN UR UT UV";
+constexpr std::string_view kShortForms =
+    "AE AS AT CS DA DS DT FD FL IS LO LT PN SH SL SS ST TM UI "
+    "UL US";
+constexpr std::size_t kPreamble = 132;
 constexpr int kMaxNesting = 32;
 
-/// Whether `parent` is the sequence of the functional groups that holds `tag`: plane position,
-/// plane orientation, pixel measures, pixel value transformation.
-bool is_of_group(std::uint32_t parent, std::uint32_t tag) {
-  constexpr std::array<std::array<std::uint32_t, 2>, 5> kPlaces = {{{0x00209113, 0x00200032},
-                                                                    {0x00209116, 0x00200037},
-                                                                    {0x00289110, 0x00280030},
-                                                                    {0x00289145, 0x00281052},
-                                                                    {0x00289145, 0x00281053}}};
-  for (const auto& [sequence, element] : kPlaces)
-    if (sequence == parent && element == tag) return true;
-  return false;
+/// The sequences whose items are kept. Implicit files do not say which elements are sequences.
+constexpr std::array<DicomTag, 20> kSequences = {
+    0x00189076,  // DiffusionGradientDirectionSequence
+    0x00189114,  // MREchoSequence
+    0x00189117,  // MRDiffusionSequence
+    0x00189118,  // CardiacSynchronizationSequence
+    0x00189226,  // MRImageFrameTypeSequence
+    0x00189329,  // CTImageFrameTypeSequence
+    0x00189751,  // PETFrameTypeSequence
+    0x00209111,  // FrameContentSequence
+    0x00209113,  // PlanePositionSequence
+    0x00209116,  // PlaneOrientationSequence
+    0x00209222,  // DimensionIndexSequence
+    0x0020930e,  // PlanePositionVolumeSequence
+    0x0020930f,  // PlaneOrientationVolumeSequence
+    0x00209310,  // TemporalPositionSequence
+    0x00289110,  // PixelMeasuresSequence
+    0x00289145,  // PixelValueTransformationSequence
+    0x00540022,  // DetectorInformationSequence
+    0x00620002,  // SegmentSequence
+    0x0062000a,  // SegmentIdentificationSequence
+    0x52009230,  // PerFrameFunctionalGroupsSequence
+};
+
+bool is_kept_sequence(DicomTag tag) {
+  constexpr DicomTag kSharedGroups = 0x52009229;
+  return tag == kSharedGroups || std::binary_search(kSequences.begin(), kSequences.end(), tag);
 }
+
+bool is_one_of(std::string_view representation, std::string_view list) {
+  return representation.size() == 2 && representation.find(' ') == std::string_view::npos &&
+         list.find(representation) != std::string_view::npos;
+}
+
+/// Whether two bytes name a value representation.
+bool is_representation(std::string_view bytes) {
+  return is_one_of(bytes, kShortForms) || is_one_of(bytes, kLongForms);
+}
+
+bool has_preamble(std::string_view head) {
+  return head.size() >= kPreamble && head.substr(kPreamble - 4, 4) == "DICM";
+}
+
+template <class T>
+T load(std::string_view bytes, bool big_endian) {
+  const auto* from = reinterpret_cast<const std::byte*>(bytes.data());
+  return big_endian ? load_be<T>(from) : load_le<T>(from);
+}
+
+struct Encoding {
+  bool is_explicit = false;
+  bool big_endian = false;
+};
 
 struct Walker {
   const std::string& path;
   std::string_view bytes;
   std::size_t at = 0;
-  DicomElements found{};
-  // Within functional groups: where their elements are stored, and the current sequence.
-  DicomValues* groups = nullptr;
-  std::uint32_t parent = 0;
+  DicomFile found{};
 
   template <class T>
-  T take() {
-    const auto value = load_le<T>(reinterpret_cast<const std::byte*>(bytes.data()) + at);
+  T take(bool big_endian) {
+    const auto value = load<T>(bytes.substr(at), big_endian);
     at += sizeof(T);
     return value;
   }
 
-  std::uint32_t take_tag() {
-    const std::uint32_t group = take<std::uint16_t>();
-    return group << 16 | take<std::uint16_t>();
+  DicomTag take_tag(bool big_endian) {
+    const DicomTag group = take<std::uint16_t>(big_endian);
+    return group << 16 | take<std::uint16_t>(big_endian);
   }
 
   tl::unexpected<Error> truncated(std::size_t from, std::uint64_t length) const {
@@ -61,28 +108,27 @@ struct Walker {
   }
 
   struct Element {
-    std::uint32_t tag = 0;
-    std::string_view vr{};
+    DicomTag tag = 0;
+    std::string_view representation{};
     std::uint32_t length = 0;
     std::size_t from = 0;
   };
 
-  Result<Element> next(bool is_explicit, std::size_t end) {
+  Result<Element> next(Encoding encoding, std::size_t end) {
     Element e{.from = at};
     if (end - at < 8) return truncated(at, 8);
-    e.tag = take_tag();
-    if (!is_explicit || e.tag >> 16 == 0xfffe) {
-      e.length = take<std::uint32_t>();
+    e.tag = take_tag(encoding.big_endian);
+    if (!encoding.is_explicit || e.tag >> 16 == 0xfffe) {
+      e.length = take<std::uint32_t>(encoding.big_endian);
     } else {
-      e.vr = bytes.substr(at, 2);
+      e.representation = bytes.substr(at, 2);
       at += 2;
-      constexpr std::string_view kLong = "OB OD OF OL OV OW SQ SV UC UN UR UT UV";
-      if (kLong.find(e.vr) != std::string_view::npos) {
+      if (is_one_of(e.representation, kLongForms)) {
         if (end - at < 6) return truncated(e.from, 12);
         at += 2;
-        e.length = take<std::uint32_t>();
+        e.length = take<std::uint32_t>(encoding.big_endian);
       } else {
-        e.length = take<std::uint16_t>();
+        e.length = take<std::uint16_t>(encoding.big_endian);
       }
     }
     if (e.length != kUndefined && e.length > end - at) return truncated(e.from, e.length);
@@ -90,92 +136,104 @@ struct Walker {
   }
 
   /// Parses items up to `end` or, if `open`, up to the delimiter. In encapsulated pixel data an
-  /// item is a byte string; elsewhere it is a data set.
-  Result<void> items(bool is_explicit, std::size_t end, bool open, bool of_bytes, int depth) {
+  /// item is a byte string; elsewhere it is a data set, kept in `into` unless that is null.
+  Result<void> items(std::vector<DicomDataSet>* into, Encoding encoding, std::size_t end, bool open,
+                     bool of_bytes, int depth) {
     if (depth > kMaxNesting)
       return fail(ErrorCode::bad_file, path, ": DICOM sequences nested deeper than ", kMaxNesting);
     while (open || at < end) {
-      const auto item = next(is_explicit, end);
+      const auto item = next(encoding, end);
       if (!item) return tl::unexpected(item.error());
       if (item->tag == kSequenceEnd && open) return {};
       if (item->tag != kItem || (of_bytes && item->length == kUndefined))
         return fail(ErrorCode::bad_file, path, ": expected a DICOM item at byte ", item->from);
       if (of_bytes) {
+        ++found.fragments;
         at += item->length;
         continue;
       }
-      if (depth == 1 && parent == kFrameGroups) groups = &found.frames.emplace_back();
       const bool open_item = item->length == kUndefined;
-      auto inner = data_set(is_explicit, open_item ? end : at + item->length, open_item, depth + 1);
+      auto inner = data_set(into ? &into->emplace_back() : nullptr, encoding,
+                            open_item ? end : at + item->length, open_item, depth + 1);
       if (!inner) return inner;
     }
     return {};
   }
 
-  /// Parses the items of a sequence, with `parent` and `groups` for their elements.
-  Result<void> sequence(std::uint32_t tag, bool is_explicit, std::size_t end, bool open,
+  Result<void> data_set(DicomDataSet* into, Encoding encoding, std::size_t end, bool open,
                         int depth) {
-    const auto outer_groups = groups;
-    const auto outer_parent = parent;
-    parent = tag;
-    if (depth == 1) groups = tag == kSharedGroups ? &found.shared : nullptr;
-    auto inner = items(is_explicit, end, open, open && tag == kPixelData, depth);
-    groups = outer_groups;
-    parent = outer_parent;
-    return inner;
-  }
-
-  Result<void> data_set(bool is_explicit, std::size_t end, bool open, int depth) {
     while (open || at < end) {
-      const auto e = next(is_explicit, end);
+      const auto e = next(encoding, end);
       if (!e) return tl::unexpected(e.error());
       if (e->tag == kItemEnd && open) return {};
       const bool undefined = e->length == kUndefined;
-      // A private or unknown element of undefined length has implicit value representations.
-      const bool inner_explicit = is_explicit && e->vr != "UN";
-      if (depth == 0 && !undefined) found.values[e->tag] = bytes.substr(at, e->length);
-      if (depth == 0 && e->tag == kPixelData) found.encapsulated = undefined;
-      if (groups && !undefined && is_of_group(parent, e->tag))
-        (*groups)[e->tag] = bytes.substr(at, e->length);
-      if (undefined || e->vr == "SQ") {
-        const std::size_t stop = undefined ? end : at + e->length;
-        auto inner = sequence(e->tag, inner_explicit, stop, undefined, depth + 1);
-        if (!inner) return inner;
-      } else {
-        at += e->length;
+      const bool is_pixel_data = depth == 0 && e->tag == kPixelData;
+      if (is_pixel_data) {
+        found.encapsulated = undefined;
+        found.fragments = 0;
+        found.words = e->representation != "OB";
       }
+      const bool may_be_sequence =
+          !encoding.is_explicit || e->representation == "SQ" || e->representation == "UN";
+      const bool kept = into && may_be_sequence && is_kept_sequence(e->tag);
+      if (!undefined && !kept) {
+        if (into) into->values[e->tag] = bytes.substr(at, e->length);
+        at += e->length;
+        continue;
+      }
+      // What was unknown to its writer (UN) has implicit value representations.
+      Encoding inner = encoding;
+      if (e->representation == "UN") inner = {};
+      auto parsed =
+          items(kept ? &into->sequences[e->tag] : nullptr, inner, undefined ? end : at + e->length,
+                undefined, undefined && e->tag == kPixelData, depth + 1);
+      if (!parsed) return parsed;
+      if (is_pixel_data) into->values[e->tag] = {};
     }
     return {};
   }
 
   /// Parses the file meta information, which is always explicit. Returns the transfer syntax.
   Result<std::string> meta() {
+    at = has_preamble(bytes) ? kPreamble : 0;
     std::string syntax;
-    while (at < bytes.size()) {
-      const std::size_t from = at;
-      if (bytes.size() - at >= 4 && take_tag() >> 16 != 0x0002) {
-        at = from;
-        break;
-      }
-      at = from;
-      const auto e = next(true, bytes.size());
+    while (bytes.size() - at >= 4 && load<std::uint16_t>(bytes.substr(at), false) == 0x0002) {
+      const auto e = next({.is_explicit = true}, bytes.size());
       if (!e) return tl::unexpected(e.error());
-      if (e->length == kUndefined) return truncated(from, e->length);
+      if (e->length == kUndefined) return truncated(e->from, e->length);
       if (e->tag == 0x00020010) syntax = bytes.substr(at, e->length);
       at += e->length;
     }
     while (!syntax.empty() && (syntax.back() == '\0' || syntax.back() == ' ')) syntax.pop_back();
     return syntax;
   }
+
+  /// The encoding of the data set that begins here. Some writers state another transfer syntax than
+  /// they use, so the first element decides between implicit and explicit.
+  Encoding encoding(std::string_view syntax) const {
+    Encoding e{.is_explicit = !syntax.empty() && syntax != kImplicit,
+               .big_endian = syntax == kBigEndian};
+    if (bytes.size() - at < 8) return e;
+    if (syntax.empty()) e.big_endian = load<std::uint16_t>(bytes.substr(at), true) == 0x0008;
+    e.is_explicit = is_representation(bytes.substr(at + 4, 2));
+    return e;
+  }
 };
 
-/// Inflates a data set of the deflated transfer syntax: deflate without a header.
-Result<std::string> inflated(const std::string& path, std::string_view packed) {
+/// Inflates a data set of the deflated transfer syntax: deflate without a header. Sets `damage` if
+/// that ends early.
+std::string inflated(const std::string& path, std::string_view packed,
+                     std::optional<Error>& damage) {
   constexpr std::size_t kMaxBytes = std::size_t{1} << 30, kStep = std::size_t{1} << 20;
+  const auto error = [&](ErrorCode code, auto&&... parts) {
+    damage = fail(code, path, ": its deflated data set ", parts...).value();
+  };
   z_stream stream{};
-  if (inflateInit2(&stream, -15) != Z_OK)
-    return fail(ErrorCode::failed, path, ": no memory to inflate it");
   std::string data;
+  if (inflateInit2(&stream, -15) != Z_OK) {
+    error(ErrorCode::failed, "needs more memory");
+    return data;
+  }
   stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data()));
   int status = Z_OK;
   // zlib's lengths have 32 bits, so feed longer data in parts.
@@ -192,11 +250,12 @@ Result<std::string> inflated(const std::string& path, std::string_view packed) {
     data.resize(from + kStep - stream.avail_out);
   }
   inflateEnd(&stream);
-  if (status == Z_STREAM_END) return data;
   if (status == Z_OK)
-    return fail(ErrorCode::unsupported, path, ": its deflated data set is larger than 1 GiB");
-  return fail(ErrorCode::bad_file, path, ": its deflated data set is damaged or cut after ",
-              data.size(), " inflated bytes: copy the file again");
+    error(ErrorCode::unsupported, "is larger than 1 GiB");
+  else if (status != Z_STREAM_END)
+    error(ErrorCode::bad_file, "is damaged or cut after ", data.size(),
+          " inflated bytes: copy the file again");
+  return data;
 }
 
 Result<std::string> read_whole(const std::string& path) {
@@ -211,43 +270,142 @@ Result<std::string> read_whole(const std::string& path) {
   return bytes;
 }
 
-Result<void> check_magic(const std::string& path, std::string_view bytes) {
-  if (looks_like_dicom(bytes)) return {};
-  return fail(ErrorCode::bad_file, path, ": expected 'DICM' at byte 128");
+/// Whether a file without a preamble begins with two elements in ascending order, the first of
+/// group 2 (file meta information) or 8 (identification).
+bool begins_with_elements(std::string_view head, bool big_endian) {
+  DicomTag last = 0;
+  std::size_t at = 0;
+  for (int count = 0; count < 2; ++count) {
+    if (head.size() - at < 8) return false;
+    const DicomTag group = load<std::uint16_t>(head.substr(at), big_endian);
+    const DicomTag tag = group << 16 | load<std::uint16_t>(head.substr(at + 2), big_endian);
+    if (count == 0 ? group != 2 && group != 8 : tag <= last || group > 0x0020) return false;
+    last = tag;
+    const auto representation = head.substr(at + 4, 2);
+    std::uint64_t length = 0, header = 8;
+    if (is_one_of(representation, kLongForms)) {
+      header = 12;
+      if (head.size() - at < header) return false;
+      length = load<std::uint32_t>(head.substr(at + 8), big_endian);
+    } else if (is_one_of(representation, kShortForms)) {
+      length = load<std::uint16_t>(head.substr(at + 6), big_endian);
+    } else {
+      length = load<std::uint32_t>(head.substr(at + 4), big_endian);
+    }
+    constexpr std::uint64_t kLikely = 1024;
+    if (length % 2 != 0 || length > kLikely || length + header > head.size() - at) return false;
+    at += header + length;
+  }
+  return true;
 }
 
 }  // namespace
 
 bool looks_like_dicom(std::string_view head) {
-  return head.size() >= 132 && head.substr(128, 4) == "DICM";
+  return has_preamble(head) || begins_with_elements(head, false) ||
+         begins_with_elements(head, true);
 }
 
-Result<std::string> read_dicom_bytes(const std::string& path) {
+Result<DicomBytes> read_dicom_bytes(const std::string& path) {
   auto bytes = read_whole(path);
-  if (!bytes) return bytes;
-  if (auto r = check_magic(path, *bytes); !r) return tl::unexpected(r.error());
-  Walker walker{path, *bytes, 132};
+  if (!bytes) return tl::unexpected(bytes.error());
+  if (!looks_like_dicom(*bytes))
+    return fail(ErrorCode::bad_file, path,
+                ": expected 'DICM' at byte 128, or DICOM elements of group 2 or 8 at its start");
+  DicomBytes file{std::move(*bytes)};
+  Walker walker{path, file.bytes};
   const auto syntax = walker.meta();
-  if (!syntax) return tl::unexpected(syntax.error());
-  if (*syntax != kDeflated) return bytes;
-  auto data = inflated(path, std::string_view(*bytes).substr(walker.at));
-  if (!data) return data;
-  return bytes->substr(0, walker.at) + *data;
+  if (!syntax || *syntax != kDeflated) return file;  // parse_dicom reports damage
+  const auto data = inflated(path, std::string_view(file.bytes).substr(walker.at), file.damage);
+  file.bytes.replace(walker.at, std::string::npos, data);
+  return file;
 }
 
-Result<DicomElements> parse_dicom(const std::string& path, std::string_view bytes) {
-  if (auto r = check_magic(path, bytes); !r) return tl::unexpected(r.error());
-  Walker walker{path, bytes, 132};
+DicomFile parse_dicom(const std::string& path, const DicomBytes& file) {
+  Walker walker{path, file.bytes};
+  DicomFile& found = walker.found;
+  found.damage = file.damage;
   const auto syntax = walker.meta();
-  if (!syntax) return tl::unexpected(syntax.error());
-  if (*syntax == kBigEndian)
-    return fail(ErrorCode::unsupported, path, ": big endian DICOM (transfer syntax ", *syntax,
-                "): convert it, `gdcmconv --raw IN OUT`");
-  const bool is_explicit = *syntax != "1.2.840.10008.1.2";
-  if (auto r = walker.data_set(is_explicit, bytes.size(), false, 0); !r)
-    return tl::unexpected(r.error());
-  walker.found.syntax = *syntax;
-  return std::move(walker.found);
+  if (!syntax) {
+    found.damage = syntax.error();
+    return std::move(found);
+  }
+  found.syntax = *syntax;
+  const auto encoding = walker.encoding(*syntax);
+  found.big_endian = encoding.big_endian;
+  const auto parsed = walker.data_set(&found.data, encoding, file.bytes.size(), false, 0);
+  // Writers pad files with bytes that are no elements; whatever follows the pixels does not matter.
+  if (!parsed && !found.damage && !found.data.values.contains(kPixelData))
+    found.damage = parsed.error();
+  return std::move(found);
+}
+
+const std::vector<DicomDataSet>& DicomDataSet::items(DicomTag sequence) const {
+  static const std::vector<DicomDataSet> kNone;
+  const auto found = sequences.find(sequence);
+  return found == sequences.end() ? kNone : found->second;
+}
+
+std::string_view DicomLookup::raw(DicomTag tag) const {
+  for (const auto* set : sets_)
+    if (const auto found = set->values.find(tag); found != set->values.end()) return found->second;
+  return {};
+}
+
+std::string DicomLookup::text(DicomTag tag) const {
+  const auto value = raw(tag);
+  return std::string(trim(value.substr(0, value.find('\0'))));
+}
+
+std::vector<double> DicomLookup::numbers(DicomTag tag) const {
+  std::vector<double> result;
+  std::istringstream parts(text(tag));
+  for (std::string part; std::getline(parts, part, '\\');) {
+    const auto value = parse_number(part);
+    if (!value || !std::isfinite(*value)) return {};
+    result.push_back(*value);
+  }
+  return result;
+}
+
+std::optional<double> DicomLookup::number(DicomTag tag) const {
+  const auto values = numbers(tag);
+  return values.empty() ? std::nullopt : std::optional(values.front());
+}
+
+std::vector<std::uint32_t> DicomLookup::integers(DicomTag tag, std::size_t bytes) const {
+  std::vector<std::uint32_t> result;
+  const auto value = raw(tag);
+  for (std::size_t at = 0; at + bytes <= value.size(); at += bytes)
+    result.push_back(bytes == 2 ? load<std::uint16_t>(value.substr(at), big_endian_)
+                                : load<std::uint32_t>(value.substr(at), big_endian_));
+  return result;
+}
+
+std::optional<std::uint32_t> DicomLookup::integer(DicomTag tag) const {
+  const auto values = integers(tag, raw(tag).size() == 4 ? 4 : 2);
+  return values.empty() ? std::nullopt : std::optional(values.front());
+}
+
+std::vector<double> DicomLookup::reals(DicomTag tag) const {
+  std::vector<double> result;
+  const auto value = raw(tag);
+  for (std::size_t at = 0; at + 8 <= value.size(); at += 8) {
+    result.push_back(std::bit_cast<double>(load<std::uint64_t>(value.substr(at), big_endian_)));
+    if (!std::isfinite(result.back())) return {};
+  }
+  return result;
+}
+
+std::optional<double> DicomLookup::real(DicomTag tag) const {
+  const auto values = reals(tag);
+  return values.empty() ? std::nullopt : std::optional(values.front());
+}
+
+void flatten(const DicomDataSet& from, DicomDataSet& into) {
+  into.values.insert(from.values.begin(), from.values.end());
+  for (const auto& [tag, items] : from.sequences)
+    if (!items.empty()) flatten(items.front(), into);
 }
 
 }  // namespace slf::volume_io

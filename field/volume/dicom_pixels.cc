@@ -1,17 +1,19 @@
 // The pixels of DICOM files: our own parser reads plain ones, DicomDecoder compressed ones.
+#include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <type_traits>
 
 #include "field/volume/dicom.h"
 #include "field/volume/dicom_decode.h"
+#include "field/volume/dicom_elements.h"
 #include "field/volume/io.h"
+#include "field/volume/voxels.h"
 
 namespace slf::volume_io {
 
 namespace {
-
-constexpr std::uint32_t kPixelData = 0x7fe00010;
 
 /// Clears the bits that are not stored (old files have overlays there) and extends the sign.
 template <class T>
@@ -20,7 +22,7 @@ void keep_stored_bits_of(std::vector<std::byte>& pixels, const DicomSlice& slice
   if (slice.bits_stored == kBits) return;
   const unsigned left = kBits - 1 - slice.high_bit;
   const unsigned right = kBits - slice.bits_stored;
-  for (std::size_t at = 0; at < pixels.size(); at += sizeof(T)) {
+  for (std::size_t at = 0; at + sizeof(T) <= pixels.size(); at += sizeof(T)) {
     std::make_unsigned_t<T> raw;
     std::memcpy(&raw, pixels.data() + at, sizeof(T));
     const T kept =
@@ -41,37 +43,120 @@ void keep_stored_bits(std::vector<std::byte>& pixels, const DicomSlice& slice) {
       return keep_stored_bits_of<std::int16_t>(pixels, slice);
     case ScalarType::u32:
       return keep_stored_bits_of<std::uint32_t>(pixels, slice);
-    default:
+    case ScalarType::i32:
       return keep_stored_bits_of<std::int32_t>(pixels, slice);
+    default:
+      return;  // floating point
   }
+}
+
+/// One byte per pixel from bits, the lowest first, from pixel `first` on.
+std::vector<std::byte> unpacked(std::span<const std::byte> bits, std::uint64_t first,
+                                std::uint64_t count) {
+  std::vector<std::byte> pixels(count);
+  for (std::uint64_t i = 0; i < count; ++i)
+    pixels[i] = (bits[(first + i) / 8] >> ((first + i) % 8)) & std::byte{1};
+  return pixels;
+}
+
+/// Puts the samples of a pixel side by side, which were in planes.
+std::vector<std::byte> interleaved(std::span<const std::byte> planes, const DicomSlice& slice) {
+  const std::size_t width = bytes_per_voxel(slice.type);
+  const std::size_t plane = planes.size() / slice.samples;
+  std::vector<std::byte> pixels(planes.size());
+  auto to = pixels.begin();
+  for (std::size_t at = 0; at < plane; at += width)
+    for (std::size_t s = 0; s < slice.samples; ++s)
+      to = std::copy_n(planes.begin() + static_cast<std::ptrdiff_t>(s * plane + at), width, to);
+  return pixels;
+}
+
+/// Repeats the chroma that two pixels share: Y Y Cb Cr to Y Cb Cr, Y Cb Cr.
+std::vector<std::byte> with_full_chroma(std::span<const std::byte> shared, std::uint64_t count) {
+  std::vector<std::byte> pixels;
+  pixels.reserve(3 * count);
+  for (std::uint64_t i = 0; i < count; ++i) {
+    const auto* pair = &shared[i / 2 * 4];
+    pixels.insert(pixels.end(), {pair[i % 2], pair[2], pair[3]});
+  }
+  return pixels;
+}
+
+/// Red, green and blue of luma and chroma with 8 bits and full range (PS3.3 C.7.6.3.1.2).
+void to_rgb(std::vector<std::byte>& pixels) {
+  for (std::size_t at = 0; at + 3 <= pixels.size(); at += 3) {
+    const double y = std::to_integer<int>(pixels[at]);
+    const double cb = std::to_integer<int>(pixels[at + 1]) - 128.0;
+    const double cr = std::to_integer<int>(pixels[at + 2]) - 128.0;
+    const double rgb[3] = {y + 1.402 * cr, y - 0.344136 * cb - 0.714136 * cr, y + 1.772 * cb};
+    for (std::size_t i = 0; i < 3; ++i)
+      pixels[at + i] = static_cast<std::byte>(std::lround(std::clamp(rgb[i], 0.0, 255.0)));
+  }
+}
+
+/// The colours that a palette gives to indices.
+std::vector<std::byte> looked_up(const std::vector<std::byte>& indices, const DicomSlice& slice) {
+  const DicomPalette& palette = *slice.palette;
+  const auto last = static_cast<std::int64_t>(palette.rgb[0].size()) - 1;
+  Volume one;
+  one.type = slice.type;
+  one.voxels = indices;
+  std::vector<std::byte> colors;
+  visit_voxels(one, [&](auto voxels) {
+    for (const auto index : voxels) {
+      const auto entry = static_cast<std::size_t>(
+          std::clamp<std::int64_t>(static_cast<std::int64_t>(index) - palette.first, 0, last));
+      for (const auto& channel : palette.rgb) {
+        const auto* from = reinterpret_cast<const std::byte*>(&channel[entry]);
+        const std::uint8_t narrow = static_cast<std::uint8_t>(channel[entry]);
+        if (palette.wide)
+          colors.insert(colors.end(), from, from + 2);
+        else
+          colors.push_back(static_cast<std::byte>(narrow));
+      }
+    }
+  });
+  return colors;
 }
 
 Result<std::vector<std::byte>> read_plain(const DicomSlice& file) {
   const auto bytes = read_dicom_bytes(file.path);
   if (!bytes) return tl::unexpected(bytes.error());
-  const auto elements = parse_dicom(file.path, *bytes);
-  if (!elements) return tl::unexpected(elements.error());
-  const auto found = elements->values.find(kPixelData);
-  const std::string_view data = found == elements->values.end() ? "" : found->second;
-  const std::uint64_t needed = file.bytes() * file.frames;
-  if (data.size() < needed)
-    return fail(ErrorCode::bad_file, file.path, ": ", file.frames, " frames of ", file.height, "x",
-                file.width, " pixels of ", name(file.type), " need ", needed,
-                " bytes, PixelData holds ", data.size());
+  const DicomFile elements = parse_dicom(file.path, *bytes);
+  const auto data = DicomLookup(elements.big_endian, {&elements.data}).raw(file.pixels_at);
+  if (data.size() < file.file_bytes())
+    return fail(ErrorCode::bad_file, file.path, ": it has changed while it was read");
   const auto* from = reinterpret_cast<const std::byte*>(data.data());
-  std::vector<std::byte> pixels(from, from + needed);
-  if (std::endian::native == std::endian::big) swap_bytes(pixels, bytes_per_voxel(file.type));
-  return pixels;
+  return std::vector<std::byte>(from, from + file.file_bytes());
 }
 
 }  // namespace
+
+DicomFrames::DicomFrames(std::vector<std::byte> pixels) : pixels_(std::move(pixels)) {}
+
+std::vector<std::byte> DicomFrames::frame(const DicomSlice& slice) const {
+  const std::uint64_t count = std::uint64_t{slice.width} * slice.height;
+  if (slice.one_bit) return unpacked(pixels_, slice.frame * count, count);
+  const auto stored = std::span(pixels_).subspan(slice.frame * slice.bytes(), slice.bytes());
+  std::vector<std::byte> pixels(stored.begin(), stored.end());
+  if (!slice.compressed && (slice.swapped > 1) == (std::endian::native == std::endian::little))
+    swap_bytes(pixels, slice.swapped > 1 ? slice.swapped : bytes_per_voxel(slice.type));
+  keep_stored_bits(pixels, slice);
+  if (slice.color == DicomColor::palette) return looked_up(pixels, slice);
+  if (slice.color == DicomColor::ybr_full_422 && !slice.compressed)
+    pixels = with_full_chroma(pixels, count);
+  else if (slice.planar)
+    pixels = interleaved(pixels, slice);
+  if (slice.color != DicomColor::grey && slice.color != DicomColor::rgb) to_rgb(pixels);
+  return pixels;
+}
 
 DicomPixelReader::DicomPixelReader(std::vector<DicomSlice> files) : files_(std::move(files)) {}
 DicomPixelReader::DicomPixelReader(DicomPixelReader&&) noexcept = default;
 DicomPixelReader& DicomPixelReader::operator=(DicomPixelReader&&) noexcept = default;
 DicomPixelReader::~DicomPixelReader() = default;
 
-Result<std::vector<std::byte>> DicomPixelReader::next() {
+Result<DicomFrames> DicomPixelReader::next() {
   const DicomSlice& file = files_[at_++];
   if (file.compressed && !decoder_) {
     std::vector<DicomSlice> compressed;
@@ -82,8 +167,8 @@ Result<std::vector<std::byte>> DicomPixelReader::next() {
     decoder_ = std::move(*decoder);
   }
   auto pixels = file.compressed ? decoder_->read(file) : read_plain(file);
-  if (pixels) keep_stored_bits(*pixels, file);
-  return pixels;
+  if (!pixels) return tl::unexpected(pixels.error());
+  return DicomFrames(std::move(*pixels));
 }
 
 }  // namespace slf::volume_io

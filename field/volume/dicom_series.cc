@@ -1,196 +1,288 @@
-// Stacks the DICOM slices of a folder or a file to a volume, sorted by position.
+// The DICOM series of a folder, and the choice of one.
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
-#include <iterator>
 #include <map>
-#include <optional>
-#include <span>
+#include <set>
 
 #include "field/volume/dicom.h"
 #include "field/volume/io.h"
-#include "field/volume/voxels.h"
 
 namespace slf::volume_io {
 
 namespace {
 
-/// The slices of all files in a folder, or only those of one series.
-Result<std::vector<DicomSlice>> read_headers(const std::string& folder,
-                                             const std::optional<std::string>& series = {}) {
-  std::vector<std::string> files;
-  std::error_code code;
-  for (auto it = std::filesystem::directory_iterator(folder, code);
-       !code && it != std::filesystem::directory_iterator(); it.increment(code))
-    if (it->is_regular_file(code)) files.push_back(it->path().string());
-  if (code) return fail(ErrorCode::io, folder, ": ", code.message());
-  std::sort(files.begin(), files.end());
+struct Scan {
+  std::vector<DicomSlice> slices{};
+  std::vector<std::string> notes{};  ///< files that cannot be read
+  std::size_t files = 0;             ///< of any kind
+  std::optional<Error> error{};      ///< of the first of these files
+};
 
-  std::vector<DicomSlice> slices;
-  for (const auto& file : files) {
-    const auto head = read_head(file, 132);
-    if (!head || !looks_like_dicom(*head)) continue;
-    auto found = read_dicom_slices(file, series);
-    if (!found) return found;
-    std::move(found->begin(), found->end(), std::back_inserter(slices));
-  }
-  if (slices.empty())
-    return fail(ErrorCode::bad_file, folder, ": no DICOM pictures among its ", files.size(),
-                " files; give the folder that holds the slices themselves");
-  return slices;
+void leave_out(const std::string& path, const Error& error, Scan& scan) {
+  // Name some; a folder of ten thousand foreign files is not worth as many notes.
+  constexpr std::size_t kNamed = 8;
+  if (!scan.error) scan.error = error;
+  if (scan.notes.size() < kNamed)
+    scan.notes.push_back("skipped " + (error.message.starts_with(path) ? "" : path + ": ") +
+                         error.message);
+  else if (scan.notes.size() == kNamed)
+    scan.notes.emplace_back("skipped more files that cannot be read");
 }
 
-Result<void> check_one_series(const std::string& folder, const std::vector<DicomSlice>& slices) {
-  std::map<std::string, std::size_t> count;
-  for (const auto& slice : slices) ++count[slice.series];
-  if (count.size() == 1) return {};
-  std::string found;
-  for (const auto& [series, n] : count)
-    found += "\n  " + series + ": " + std::to_string(n) + " slices";
-  return fail(ErrorCode::unsupported, folder, ": ", count.size(),
-              " DICOM series, expected one: move the one you want to a folder of its own", found);
+bool is_named_dicom(const std::filesystem::path& path) {
+  const auto ending = lower(path.extension().string());
+  return ending == ".dcm" || ending == ".dicom" || ending == ".ima";
 }
 
-Result<void> check_alike(const std::vector<DicomSlice>& slices) {
-  const auto& first = slices.front();
-  for (const auto& slice : slices) {
-    if (slice.frames > 1 && slice.path != first.path)
-      return fail(ErrorCode::unsupported, slice.path, ": ", slice.frames,
-                  " frames, one of several files: give the one file that holds the volume");
-    const char* what =
-        slice.width != first.width || slice.height != first.height ? "size"
-        : slice.type != first.type                                 ? "pixel type"
-        : glm::length(slice.row - first.row) > 1e-3 ||
-                glm::length(slice.column - first.column) > 1e-3
-            ? "orientation"
-        : glm::length(slice.spacing - first.spacing) > 1e-3 * glm::length(first.spacing)
-            ? "pixel spacing"
-            : nullptr;
-    if (what)
-      return fail(ErrorCode::unsupported, slice.label(), ": its ", what, " is not that of ",
-                  first.label(),
-                  ": a volume needs slices that are alike; remove those that are not "
-                  "(a localizer, perhaps)");
-  }
-  return {};
-}
-
-/// Sorts the slices along the normal and sets the axes. The third axis is the step from slice to
-/// slice; with a tilted gantry it is oblique.
-Result<void> set_position(std::vector<DicomSlice>& slices, Volume& volume) {
-  const glm::dvec3 normal = glm::cross(slices[0].row, slices[0].column);
-  const auto height = [&](const DicomSlice& s) { return glm::dot(normal, s.position); };
-  std::stable_sort(slices.begin(), slices.end(),
-                   [&](const DicomSlice& a, const DicomSlice& b) { return height(a) < height(b); });
-  const auto steps = static_cast<double>(slices.size() - 1);
-  const glm::dvec3 step = (slices.back().position - slices.front().position) / steps;
-  const double gap = glm::dot(normal, step);
-  for (std::size_t i = 1; i < slices.size(); ++i) {
-    const double here = height(slices[i]) - height(slices[i - 1]);
-    if (here < 1e-6)
-      return fail(ErrorCode::unsupported, slices[i].label(), " and ", slices[i - 1].label(),
-                  " lie at the same place: several time points or echoes; keep one of them");
-    if (std::abs(here - gap) > 0.1 * gap)
-      return fail(ErrorCode::bad_file, volume.source, ": slices are not evenly spaced: ", here,
-                  " mm between ", slices[i - 1].label(), " and ", slices[i].label(), ", ", gap,
-                  " mm on average: a slice is missing, or the series must be resampled");
-  }
-  volume.axes[0] = slices[0].row * slices[0].spacing.x;
-  volume.axes[1] = slices[0].column * slices[0].spacing.y;
-  volume.axes[2] = step;
-  volume.origin = slices[0].position;
-  return check_axes(volume);
-}
-
-/// Appends a slice's pixels: unchanged or, if the slices' scales differ, as f32 with the scale
-/// applied.
-void append(const DicomSlice& slice, std::span<const std::byte> pixels, Volume& volume) {
-  if (volume.type == slice.type) {
-    volume.voxels.insert(volume.voxels.end(), pixels.begin(), pixels.end());
+void scan_file(const std::string& path, Scan& scan) {
+  ++scan.files;
+  constexpr std::size_t kHead = 1024;
+  const auto head = read_head(path, kHead);
+  if (!head || !looks_like_dicom(*head)) {
+    if (is_named_dicom(path))
+      leave_out(path, head ? Error{ErrorCode::bad_file, path + ": not DICOM"} : head.error(), scan);
     return;
   }
-  Volume one;
-  one.type = slice.type;
-  one.voxels.assign(pixels.begin(), pixels.end());
-  std::vector<float> scaled;
-  visit_voxels(one, [&](auto stored) {
-    for (const auto value : stored)
-      scaled.push_back(
-          static_cast<float>(slice.slope * static_cast<double>(value) + slice.intercept));
-  });
-  const auto bytes = std::as_bytes(std::span(scaled));
-  volume.voxels.insert(volume.voxels.end(), bytes.begin(), bytes.end());
+  auto found = read_dicom_slices(path);
+  if (!found) return leave_out(path, found.error(), scan);
+  std::move(found->begin(), found->end(), std::back_inserter(scan.slices));
 }
 
-/// Fills the voxels. Allocates memory for all only after the first file has yielded its pixels.
-Result<void> stack(const std::vector<DicomSlice>& slices, Volume& volume) {
-  const bool one_file = slices.front().frames > 1;
-  DicomPixelReader reader(one_file ? std::vector(1, slices.front()) : slices);
-  std::vector<std::byte> pixels;
-  for (const auto& slice : slices) {
-    if (pixels.empty() || !one_file) {
-      auto next = reader.next();
-      if (!next) return tl::unexpected(next.error());
-      pixels = std::move(*next);
+/// Leaves out series of which every slice is damaged, unless there are no others.
+void leave_out_damaged_series(Scan& scan) {
+  const auto is_damaged = [](const DicomSlice& slice) {
+    return slice.problem && slice.problem->code == ErrorCode::bad_file;
+  };
+  std::set<std::string> readable;
+  for (const auto& slice : scan.slices)
+    if (!is_damaged(slice)) readable.insert(slice.series);
+  if (readable.empty()) return;
+  std::vector<DicomSlice> kept;
+  for (auto& slice : scan.slices)
+    if (readable.contains(slice.series))
+      kept.push_back(std::move(slice));
+    else
+      leave_out(slice.path, *slice.problem, scan);
+  scan.slices = std::move(kept);
+}
+
+/// The slices of all files in a folder or, if `deep`, in those below it too.
+Result<Scan> scan_folder(const std::string& folder, bool deep) {
+  std::vector<std::string> files;
+  std::error_code code;
+  constexpr int kDeepest = 8;
+  namespace fs = std::filesystem;
+  auto it =
+      fs::recursive_directory_iterator(folder, fs::directory_options::skip_permission_denied, code);
+  for (; !code && it != fs::recursive_directory_iterator(); it.increment(code)) {
+    std::error_code ignored;
+    if (it->is_directory(ignored) && (!deep || it.depth() >= kDeepest))
+      it.disable_recursion_pending();
+    if (it->is_regular_file(ignored)) files.push_back(it->path().string());
+  }
+  if (code) return fail(ErrorCode::io, folder, ": ", code.message());
+  std::sort(files.begin(), files.end());
+  Scan scan;
+  for (const auto& file : files) scan_file(file, scan);
+  leave_out_damaged_series(scan);
+  return scan;
+}
+
+/// As DICOMDIRs have it, pictures may lie in folders below.
+Result<Scan> scan_folder(const std::string& folder) {
+  auto scan = scan_folder(folder, false);
+  if (scan && scan->slices.empty()) scan = scan_folder(folder, true);
+  if (!scan) return scan;
+  if (scan->slices.empty() && scan->error) return tl::unexpected(*scan->error);
+  if (scan->slices.empty())
+    return fail(ErrorCode::bad_file, folder, ": no DICOM pictures among its ", scan->files,
+                " files; give the folder that holds the slices themselves");
+  return scan;
+}
+
+/// Divides the slices of a series, which is that of one volume and localizers, perhaps, or several
+/// volumes. Slices with a problem go to the first stack, where it is reported.
+std::vector<DicomStack> divide(const std::vector<DicomSlice>& series) {
+  std::vector<DicomStack> stacks;
+  for (const auto& slice : series) {
+    if (slice.problem) continue;
+    const auto same = std::find_if(stacks.begin(), stacks.end(), [&](const DicomStack& stack) {
+      return !difference(stack.slices.front(), slice);
+    });
+    if (same == stacks.end())
+      stacks.push_back({.id = {}, .slices = {slice}});
+    else
+      same->slices.push_back(slice);
+    constexpr std::size_t kMost = 64;
+    if (stacks.size() > kMost) return {{.id = {}, .slices = series}};
+  }
+  // Single slices beside a volume are left out. Without a volume the series is one stack that
+  // cannot be read.
+  const auto volumes =
+      std::stable_partition(stacks.begin(), stacks.end(), [](const DicomStack& stack) {
+        return stack.slices.size() > 1 || stack.slices.front().segmentation;
+      });
+  if (volumes == stacks.begin()) return {{.id = {}, .slices = series}};
+  for (auto it = volumes; it != stacks.end(); ++it)
+    stacks.front().notes.push_back("left out " + it->slices.front().label() +
+                                   ", unlike the other slices (a localizer, perhaps)");
+  stacks.erase(volumes, stacks.end());
+  for (const auto& slice : series)
+    if (slice.problem) stacks.front().slices.push_back(slice);
+  return stacks;
+}
+
+/// The stacks of all series, ordered by series number, with ids by which they can be chosen.
+std::vector<DicomStack> stacks_of(const std::vector<DicomSlice>& slices) {
+  std::map<std::string, std::vector<DicomSlice>> series;
+  for (const auto& slice : slices) series[slice.series].push_back(slice);
+  std::map<std::string, int> with_number;
+  for (const auto& [uid, all] : series) ++with_number[all.front().number];
+  std::vector<DicomStack> stacks;
+  for (const auto& [uid, all] : series) {
+    const std::string& number = all.front().number;
+    const std::string name = number.empty() || with_number[number] > 1 ? uid : number;
+    auto parts = divide(all);
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      parts[i].id = parts.size() == 1 ? name : name + ":" + std::to_string(i + 1);
+      stacks.push_back(std::move(parts[i]));
     }
-    if (volume.voxels.empty()) volume.voxels.reserve(voxel_bytes(volume));
-    append(slice, std::span(pixels).subspan(slice.frame * slice.bytes(), slice.bytes()), volume);
   }
-  return {};
+  std::stable_sort(stacks.begin(), stacks.end(), [](const DicomStack& a, const DicomStack& b) {
+    return parse_number(a.slices.front().number).value_or(1e300) <
+           parse_number(b.slices.front().number).value_or(1e300);
+  });
+  return stacks;
 }
 
-Result<Volume> read_series(const std::string& path, std::vector<DicomSlice> slices) {
-  Volume volume;
-  volume.source = path;
-  for (const DicomSlice& slice : slices) volume.files.push_back(slice.path);
-  const auto& first = slices.front();
-  volume.type = first.type;
-  const std::array<std::uint64_t, 3> sizes{first.width, first.height, slices.size()};
-  const auto dims = check_dims(path, sizes);
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
-  if (auto r = check_alike(slices); !r) return tl::unexpected(r.error());
-  if (auto r = set_position(slices, volume); !r) return tl::unexpected(r.error());
-
-  const bool uniform = std::all_of(slices.begin(), slices.end(), [&](const DicomSlice& s) {
-    return s.slope == slices.front().slope && s.intercept == slices.front().intercept;
-  });
-  if (uniform) {
-    volume.slope = slices.front().slope;
-    volume.intercept = slices.front().intercept;
-  } else {
-    volume.type = ScalarType::f32;
+VolumeSeries describe(const DicomStack& stack) {
+  const DicomSlice& first = stack.slices.front();
+  VolumeSeries series{.id = stack.id,
+                      .uid = first.series,
+                      .number = first.number,
+                      .description = first.description,
+                      .modality = first.modality,
+                      .slices = static_cast<std::uint32_t>(stack.slices.size()),
+                      .dims = {first.width, first.height, 0},
+                      .type = first.component_type(),
+                      .components = first.components()};
+  // Positions suffice: a spacing that is missing may be given later.
+  const auto sorted = sort_by_place(stack, {});
+  if (!sorted) {
+    series.problem = sorted.error().message;
+    return series;
   }
-  if (auto r = stack(slices, volume); !r) return tl::unexpected(r.error());
+  series.dims[2] = static_cast<std::uint32_t>(sorted->places.size());
+  series.times = static_cast<std::uint32_t>(sorted->time_count());
+  return series;
+}
+
+std::string summary(const DicomStack& stack) {
+  const VolumeSeries series = describe(stack);
+  std::string text = series.id + " (";
+  if (!series.modality.empty()) text += series.modality + " ";
+  text += std::to_string(series.dims[0]) + "x" + std::to_string(series.dims[1]) + ", " +
+          std::to_string(series.slices) + (series.slices == 1 ? " slice" : " slices");
+  if (!series.description.empty()) text += ", " + in_quotes(series.description);
+  return text + ")";
+}
+
+/// Whether `wanted` names a stack: by id, by number, or by UID, with or without the part.
+bool is_wanted(const DicomStack& stack, const std::string& wanted) {
+  const DicomSlice& first = stack.slices.front();
+  const auto colon = stack.id.rfind(':');
+  const std::string part = colon == std::string::npos ? "" : stack.id.substr(colon);
+  for (const auto& name : {first.number, first.series})
+    if (!name.empty() && (wanted == name || wanted == name + part)) return true;
+  return wanted == stack.id;
+}
+
+Result<Volume> read_chosen(const std::string& path, const Scan& scan,
+                           const std::optional<std::string>& series, const VolumeOptions& options) {
+  std::vector<DicomStack> all = stacks_of(scan.slices), chosen;
+  for (const auto& stack : all)
+    if (!series || is_wanted(stack, *series)) chosen.push_back(stack);
+  if (chosen.size() != 1) {
+    std::string found;
+    for (const auto& stack : chosen.empty() ? all : chosen)
+      found += (found.empty() ? "" : ", ") + summary(stack);
+    if (chosen.empty())
+      return fail(ErrorCode::usage, path, ": has no series ", in_quotes(*series),
+                  ", but these: ", found);
+    return fail(ErrorCode::unsupported, path, ": ", chosen.size(),
+                " DICOM series, expected one: choose series ", found);
+  }
+  auto volume = read_dicom_stack(path, chosen.front(), options);
+  if (!volume) {
+    // A file that was skipped may be what the volume lacks.
+    if (scan.notes.empty()) return volume;
+    Error error = volume.error();
+    for (const auto& note : scan.notes) error.message += "; " + note;
+    return tl::unexpected(error);
+  }
+  volume->notes.insert(volume->notes.end(), scan.notes.begin(), scan.notes.end());
   return volume;
+}
+
+/// The folder of a file.
+std::string folder_of(const std::string& path) {
+  const auto folder = std::filesystem::path(path).parent_path();
+  return folder.empty() ? "." : folder.string();
 }
 
 }  // namespace
 
-Result<Volume> read_dicom_folder(const std::string& path) {
-  auto slices = read_headers(path);
-  if (!slices) return tl::unexpected(slices.error());
-  if (auto r = check_one_series(path, *slices); !r) return tl::unexpected(r.error());
-  return read_series(path, std::move(*slices));
+Result<Volume> read_dicom_folder(const std::string& path, const VolumeOptions& options) {
+  const auto scan = scan_folder(path);
+  if (!scan) return tl::unexpected(scan.error());
+  return read_chosen(path, *scan, options.series, options);
 }
 
-Result<Volume> read_dicom_file(const std::string& path) {
-  auto slices = read_dicom_slices(path);
+Result<Volume> read_dicom_file(const std::string& path, const VolumeOptions& options) {
+  const auto slices = read_dicom_slices(path);
   if (!slices) return tl::unexpected(slices.error());
+  const bool is_directory =
+      slices->empty() && lower(std::filesystem::path(path).filename().string()) == "dicomdir";
+  if (options.series || is_directory) return read_dicom_folder(folder_of(path), options);
   if (slices->empty())
     return fail(ErrorCode::bad_file, path,
                 ": a DICOM file without a picture (a directory or a report); give the folder that "
                 "holds the slices, or one of them");
-  if (slices->front().frames == 1) {
-    const auto folder = std::filesystem::path(path).parent_path();
-    slices = read_headers(folder.empty() ? "." : folder.string(), slices->front().series);
-    if (!slices) return tl::unexpected(slices.error());
-    if (slices->size() == 1)
-      return fail(ErrorCode::unsupported, path,
-                  ": the single slice of its series in its folder; give a file that lies with the "
-                  "others, or a multi-frame file");
-  }
-  return read_series(path, std::move(*slices));
+  const DicomSlice& first = slices->front();
+  if (first.problem) return tl::unexpected(*first.problem);
+  if (first.frames > 1 || first.segmentation)
+    return read_chosen(path, {.slices = *slices}, {}, options);
+  auto scan = scan_folder(folder_of(path), false);
+  if (!scan) return tl::unexpected(scan.error());
+  // Of a series of several stacks, the one that the file is of.
+  std::string id;
+  for (const auto& stack : stacks_of(scan->slices))
+    if (std::any_of(stack.slices.begin(), stack.slices.end(), [&](const DicomSlice& slice) {
+          return std::filesystem::path(slice.path).filename() ==
+                 std::filesystem::path(path).filename();
+        }))
+      id = stack.id;
+  const auto same_series =
+      std::count_if(scan->slices.begin(), scan->slices.end(),
+                    [&](const DicomSlice& slice) { return slice.series == first.series; });
+  if (same_series <= 1)
+    return fail(ErrorCode::unsupported, path,
+                ": the single slice of its series in its folder; give a file that lies with the "
+                "others, or a multi-frame file");
+  return read_chosen(path, *scan, id.empty() ? first.series : id, options);
 }
 
 }  // namespace slf::volume_io
+
+namespace slf {
+
+Result<SeriesList> list_series(const std::string& path) {
+  const auto scan = volume_io::scan_folder(path);
+  if (!scan) return tl::unexpected(scan.error());
+  SeriesList list{.notes = scan->notes};
+  for (const auto& stack : volume_io::stacks_of(scan->slices))
+    list.series.push_back(volume_io::describe(stack));
+  return list;
+}
+
+}  // namespace slf

@@ -169,7 +169,7 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
     std::error_code ignored;
     if (!it->is_regular_file(ignored)) continue;
     const auto file = it->path().string();
-    const auto head = read_head(file, 132);
+    const auto head = read_head(file, 1024);
     if (!head) continue;
     const bool packed = packing_of_file(file) != Packing::none;
     for (std::size_t i = 0; !packed && i < kFormats.size(); ++i)
@@ -178,10 +178,7 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
   }
   if (code) return fail(ErrorCode::io, path, ": ", code.message());
   if (!any_dicom && !any_picture) return tl::unexpected(refuse_folder(path));
-  if (any_dicom) {
-    if (auto ok = expect_one_number(path, options); !ok) return tl::unexpected(ok.error());
-    return read_dicom_folder(path);
-  }
+  if (any_dicom) return read_dicom_folder(path, options);
   std::string found;
   std::size_t kinds = 0, format = 0;
   for (std::size_t i = 0; i < kFormats.size(); ++i) {

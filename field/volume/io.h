@@ -172,6 +172,7 @@ void widen_half_floats(Volume& volume);
 /// Whether this is a header of NIfTI or Analyze 7.5 whose voxels are in another file.
 [[nodiscard]] bool is_header_of_pair(std::string_view head);
 [[nodiscard]] bool looks_like_meta(std::string_view head);
+/// Files may lack the preamble: then they begin with elements.
 [[nodiscard]] bool looks_like_dicom(std::string_view head);
 [[nodiscard]] bool looks_like_mrc(std::string_view head);
 [[nodiscard]] bool looks_like_vti(std::string_view head);
@@ -200,8 +201,9 @@ void widen_half_floats(Volume& volume);
 [[nodiscard]] Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
                                       const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_dicom_folder(const std::string& path);
-[[nodiscard]] Result<Volume> read_dicom_file(const std::string& path);
+[[nodiscard]] Result<Volume> read_dicom_folder(const std::string& path,
+                                               const VolumeOptions& options);
+[[nodiscard]] Result<Volume> read_dicom_file(const std::string& path, const VolumeOptions& options);
 /// Reads a folder: DICOM if it has any, else its PNGs, JPEGs or TIFFs, one or more slices each.
 [[nodiscard]] Result<Volume> read_folder(const std::string& path, const VolumeOptions& options);
 

@@ -68,7 +68,11 @@ TransferFunction with_colors(const Volume& volume, const ColorOf& color_of) {
 TransferFunction label_transfer(const Volume& volume,
                                 const std::vector<TransferFunction::ColorPoint>& colors) {
   return with_colors(volume, [&](double id, double) {
-    if (colors.empty()) return transfer_color::of_label(id);
+    if (colors.empty()) {
+      for (const auto& [own, style] : volume.label_styles)
+        if (static_cast<double>(own) == id && style.color) return *style.color;
+      return transfer_color::of_label(id);
+    }
     const auto found = std::find_if(colors.begin(), colors.end(),
                                     [&](const auto& point) { return point.value == id; });
     if (found != colors.end()) return found->rgb;

@@ -33,8 +33,8 @@ struct ValueStatistics {
     const ValueStatistics& statistics);
 
 /// A function for labels. An id has the colour of its point in `colors`; without such a point, that
-/// of the point number id modulo their count; without `colors`, its default hue. 0 is clear, the
-/// others opaque.
+/// of the point number id modulo their count; without `colors`, the one in the volume's own styles
+/// or its default hue. 0 is clear, the others opaque.
 [[nodiscard]] TransferFunction label_transfer(
     const Volume& volume, const std::vector<TransferFunction::ColorPoint>& colors = {});
 

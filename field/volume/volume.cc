@@ -96,10 +96,7 @@ Result<Volume> read_file(const std::string& path, std::string_view head,
   if (head.starts_with("NRRD000")) return read_nrrd(path, head, options);
   if (looks_like_nifti(head)) return read_nifti(path, head, options);
   if (looks_like_meta(head)) return read_meta(path, head, options);
-  if (looks_like_dicom(head)) {
-    if (auto ok = expect_one_number(path, options); !ok) return tl::unexpected(ok.error());
-    return read_dicom_file(path);
-  }
+  if (looks_like_dicom(head)) return read_dicom_file(path, options);
   if (looks_like_tiff(head)) return read_tiff(path, options);
   if (looks_like_mrc(head)) return read_mrc(path, head, options);
   if (looks_like_vti(head)) return read_vti(path, options);

@@ -13,18 +13,6 @@
 
 namespace slf {
 
-/// How one structure is shown.
-struct LabelStyle {
-  std::string name{};
-  std::optional<glm::dvec3> color;  ///< sRGB, 0 to 1; none: as the transfer function has it
-  double opacity = 1;               ///< factor of the transfer function's opacity, 0 to 1
-
-  bool operator==(const LabelStyle&) const = default;
-};
-
-/// Styles by id.
-using LabelTable = std::map<std::int64_t, LabelStyle>;
-
 /// Reads a table of styles, recognised by content:
 ///  - ITK-SNAP's label description: `ID R G B A VIS MESH "NAME"`, A and VIS 0 to 1;
 ///  - 3D Slicer's color table (.ctbl): `ID NAME R G B A`, all 0 to 255, or without A;

@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -29,6 +30,18 @@ enum class ScalarType : std::uint8_t { u8, i8, u16, i16, u32, i32, u64, i64, f32
 /// char", and likewise for others. usage: unknown; the message lists the short names.
 [[nodiscard]] Result<ScalarType> parse_scalar_type(std::string_view text);
 
+/// How one structure is shown.
+struct LabelStyle {
+  std::string name{};
+  std::optional<glm::dvec3> color;  ///< sRGB, 0 to 1; none: as the transfer function has it
+  double opacity = 1;               ///< factor of the transfer function's opacity, 0 to 1
+
+  bool operator==(const LabelStyle&) const = default;
+};
+
+/// Styles by id.
+using LabelTable = std::map<std::int64_t, LabelStyle>;
+
 /// Voxels as stored in the file (8 and 16 bits stay so), x fastest, then y, then z.
 struct Volume {
   std::array<std::uint32_t, 3> dims{};
@@ -43,6 +56,7 @@ struct Volume {
   glm::dvec3 origin{0.0};
   /// Whether values are ids, which must not be interpolated, rather than amounts.
   bool labels = false;
+  LabelTable label_styles{};       ///< names and colours of ids, if the file has them (DICOM SEG)
   std::string source;              ///< the path it was read from, for messages and provenance
   std::vector<std::string> files;  ///< all files it was read from, headers and data
   /// If the format has several ways to state the position: the one that was used, such as
@@ -88,6 +102,11 @@ struct VolumeOptions {
   std::optional<VoxelBox> crop{};  ///< keep only these voxels; their position does not change
   /// Distances between voxels along x, y and z, for files that state none or wrong ones.
   std::optional<glm::dvec3> spacing{};
+  /// Which DICOM series of a folder to read: its number or UID, or an id of list_series().
+  std::optional<std::string> series{};
+  /// Resample unevenly spaced DICOM slices to the smallest distance of two: linearly, or nearest
+  /// for labels.
+  bool resample = false;
 };
 
 /// Reads NIfTI-1/2 (.nii, .hdr with .img), Analyze 7.5 (.hdr with .img), FreeSurfer's .mgh and .mgz,
@@ -100,17 +119,22 @@ struct VolumeOptions {
 ///
 /// A known format that is not read is refused by name, with a way to convert it.
 ///
-/// DICOM is a folder with one series, where other files are ignored, or one file. A multi-frame
+/// DICOM is a folder, from which `series` chooses if it has several, or one file. A multi-frame
 /// file is the whole volume; any other file stands for its series: all files of its folder with the
-/// same SeriesInstanceUID. Pixels may be plain, deflated, JPEG, JPEG-LS, JPEG 2000 or RLE.
-/// Compressed ones are decoded in a child process, so call this before starting threads.
+/// same SeriesInstanceUID. Other files are ignored; those that are damaged are named in `notes`.
+/// Slices at the same places are time points (echoes, b-values, phases), ordered by what their
+/// files say of time. A segmentation is a volume of labels (a voxel of several segments belongs to
+/// the largest fraction, then to the highest number), and the planes that it leaves out are empty.
+/// Pixels may be plain, deflated, JPEG, JPEG-LS, JPEG 2000 or RLE. Compressed ones are decoded in a
+/// child process, so call this before starting threads.
 ///
 /// Position:
 ///  - NIfTI, in mm: the sform if its code is above 0, with shear; else the qform. With neither, the
 ///    grid is LAS and centred at the origin, as in nibabel and SPM.
 ///  - NRRD: spaces RAS and LAS are converted to LPS, others are used as they are. Without a space,
 ///    the spacings (default 1) and axis mins.
-///  - DICOM: slices are ordered by their position along the normal, never by name.
+///  - DICOM: slices are ordered by their position along the normal, never by name. Without
+///    positions, by SliceLocation, or by InstanceNumber at a stated spacing.
 ///  - TIFF: spacing in micrometres if OME's or ImageJ's metadata state it, else 1.
 ///  - MRC: ångströms.
 ///  - MGH: its directions and centre. Analyze: LAS, with SPM's origin if it has one, else centred.
@@ -130,12 +154,34 @@ struct VolumeOptions {
 /// Errors:
 ///  - io: missing, unreadable, no permission, its detached data file missing
 ///  - bad_file: not what it claims, truncated, absurd dims, spacing or axes, a slice missing
-///  - unsupported: several components or time points and none chosen, one slice, several DICOM
-///    series, a format or an encoding we do not read; the message names the choice
+///  - unsupported: several components, time points or DICOM series and none chosen, one slice, a
+///    format or an encoding we do not read; the message names the choice
 ///  - usage: a headerless file without a layout; a layout, choice or crop that does not fit the
 ///    file; labels that are not integers
 ///  - failed: not enough memory
 [[nodiscard]] Result<Volume> read_volume(const std::string& path,
                                          const VolumeOptions& options = {});
+
+/// A volume, or several time points of it, among the DICOM files of a folder.
+struct VolumeSeries {
+  std::string id;   ///< its number if no other series has it, else the UID; ":2" for a second part
+  std::string uid;  ///< SeriesInstanceUID
+  std::string number, description, modality;  ///< as the files state them, maybe empty
+  std::uint32_t slices = 0;                   ///< of all time points
+  std::array<std::uint32_t, 3> dims{};        ///< 0 for what is unknown
+  ScalarType type = ScalarType::u8;
+  std::uint32_t components = 1;
+  std::uint32_t times = 1;
+  std::string problem{};  ///< why it cannot be read as a volume, if that is known already
+};
+
+struct SeriesList {
+  std::vector<VolumeSeries> series{};  ///< ordered by number
+  std::vector<std::string> notes{};    ///< files that cannot be read
+};
+
+/// The DICOM series of a folder or, if it has none, of the folders below it. Reads headers only.
+/// bad_file: there are none. io: the folder cannot be read.
+[[nodiscard]] Result<SeriesList> list_series(const std::string& folder);
 
 }  // namespace slf

@@ -34,7 +34,8 @@ PREPARE = [
 ]
 CASES = {
     "info": ["info F.slf --json", "info G.slf --json", f"info {DATA}/golden/example.slf --json",
-             "info part-2.slf --json", "info v.raw --dims 2x2x2 --json", "info v.raw --dims 2x2x2 --labels --json"],
+             "info part-2.slf --json", "info v.raw --dims 2x2x2 --json", "info v.raw --dims 2x2x2 --labels --json",
+             f"info {DATA}/dicom --json", f"info {DATA}/dicom --series 3 --json"],
     "merge": ["merge part-1.slf part-2.slf -o M.slf --json"],
     "render": ["render F.slf -o x.png -f --size 32 --json"],
     "measure": ["measure F.slf G.slf --views 2 --size 32 --json"],

@@ -25,6 +25,7 @@ enum Way : int {
   dicom,   // one DICOM file: header, then pixels
   folder,  // a folder that holds the bytes twice, as slices
   chosen,  // as is, with a component, a time and a crop chosen
+  series,  // a folder of two files: two bytes state the length of the first
   named,   // as is, with an array and a spacing chosen
   ways
 };
@@ -103,13 +104,33 @@ std::string folder_of(std::string_view bytes) {
   return path;
 }
 
+void check_series(std::string_view bytes, bool spaced) {
+  if (bytes.size() < 2) return;
+  const auto length = static_cast<std::size_t>(static_cast<unsigned char>(bytes[0]) |
+                                               static_cast<unsigned char>(bytes[1]) << 8);
+  bytes.remove_prefix(2);
+  const std::string path = scratch() + "/series";
+  std::filesystem::create_directory(path);
+  const auto first = bytes.substr(0, length);
+  std::ofstream(path + "/1.dcm", std::ios::binary) << first;
+  std::ofstream(path + "/2.dcm", std::ios::binary) << bytes.substr(first.size());
+  slf::VolumeOptions options{.resample = true};
+  if (spaced) options.spacing = glm::dvec3(1, 2, 3);
+  check(path, options);
+  const auto list = slf::list_series(path);
+  require(!list || !list->series.empty());
+}
+
 void check_dicom(const std::string& path) {
   const auto slices = slf::volume_io::read_dicom_slices(path);
   if (!slices || slices->empty()) return;
-  const auto& slice = slices->front();
-  const auto pixels = slf::volume_io::DicomPixelReader({slice}).next();
-  if (!pixels) return;
-  require(pixels->size() == slice.bytes() * slice.frames);
+  const auto& slice = slices->back();
+  if (slice.problem) return;
+  const auto frames = slf::volume_io::DicomPixelReader({slice}).next();
+  if (!frames) return;
+  require(frames->frame(slice).size() == std::size_t{slice.width} * slice.height *
+                                             slice.components() *
+                                             slf::bytes_per_voxel(slice.component_type()));
 }
 
 }  // namespace
@@ -139,7 +160,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       check(folder_of(bytes), {});
       break;
     case chosen:
-      check(write(bytes), {.component = 1, .time = 1, .crop = slf::VoxelBox{{0, 0, 1}, {}}});
+      check(write(bytes), {.component = static_cast<std::uint32_t>(size % 2),
+                           .time = 1,
+                           .crop = slf::VoxelBox{{0, 0, 1}, {}}});
+      break;
+    case series:
+      check_series(bytes, size % 2 == 1);
       break;
     case named:
       check(write(bytes), {.array = "b", .spacing = glm::dvec3(1, 2, 3)});
