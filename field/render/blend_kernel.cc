@@ -1,89 +1,20 @@
 #include "field/render/blend_kernel.h"
 
-#include <algorithm>
-
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "field/render/blend_kernel.cc"
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set
 
-#include "field/render/render_vectors-inl.h"
+#include "field/render/blend_vectors-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace slf {
 namespace HWY_NAMESPACE {
 namespace {
 
-struct Colors {
-  V r, g, b, a;
-
-  static HWY_INLINE Colors none() {
-    const V zero = hn::Zero(D());
-    return {zero, zero, zero, zero};
-  }
-  HWY_INLINE Colors times(V t) const {
-    return {hn::Mul(r, t), hn::Mul(g, t), hn::Mul(b, t), hn::Mul(a, t)};
-  }
-  HWY_INLINE Colors plus(V t, const Colors& c) const {
-    return {hn::MulAdd(t, c.r, r), hn::MulAdd(t, c.g, g), hn::MulAdd(t, c.b, b),
-            hn::MulAdd(t, c.a, a)};
-  }
-};
-
-HWY_INLINE Colors load_colors(const RayArray<std::uint32_t>& from, std::size_t k) {
-  const VU v = hn::LoadU(DU(), from.data() + k);
-  return {byte_of<0>(v), byte_of<1>(v), byte_of<2>(v), byte_of<3>(v)};
-}
-
-HWY_INLINE Colors load_colors(const RayArray<std::uint64_t>& from, std::size_t k) {
-  const hn::Rebind<std::uint16_t, D> bits;
-  const hn::Rebind<hwy::float16_t, D> half;
-  hn::Vec<decltype(bits)> r, g, b, a;
-  hn::LoadInterleaved4(bits, reinterpret_cast<const std::uint16_t*>(from.data() + k), r, g, b, a);
-  const auto to_float = [&](auto v) { return hn::PromoteTo(D(), hn::BitCast(half, v)); };
-  return {to_float(r), to_float(g), to_float(b), to_float(a)};
-}
-
-/// Writes the pixels of the rays from `k` on.
-HWY_INLINE void store_pixels(const Colors& colors, const RayBlock& rays, std::size_t k,
-                             glm::vec4* picture) {
-  const D d;
-  HWY_ALIGN glm::vec4 pixels[hn::MaxLanes(D())];
-  hn::StoreInterleaved4(colors.r, colors.g, colors.b, colors.a, d, &pixels[0].x);
-  const std::size_t n = std::min(hn::Lanes(d), rays.count - k);
-  const std::uint32_t* to = &rays.pixel[k];
-  const DU du;
-  const VU step = hn::Sub(hn::LoadU(du, to + 1), hn::LoadU(du, to));
-  const VU place =
-      hn::And(hn::Iota(du, 1), hn::Set(du, PixelSquare::kAcross - 1));  // 0 where a run ends
-  const auto runs = hn::Or(hn::Eq(step, hn::Set(du, 1)), hn::Eq(place, hn::Zero(du)));
-  if (n == hn::Lanes(d) && hn::AllTrue(du, runs)) {
-    for (std::size_t i = 0; i < n; i += PixelSquare::kAcross)
-      std::copy_n(pixels + i, PixelSquare::kAcross, picture + to[i]);
-  } else {
-    for (std::size_t i = 0; i < n; ++i) picture[to[i]] = pixels[i];
-  }
-}
-
 /// Rays and samples below this opacity have no depth.
 constexpr float kFaintOpacity = 1.f / 255;
-/// The share of its weight that a sample at another depth keeps, so that the sum of weights is
-/// never 0.
-constexpr float kMinAgreement = 0.1f;
-/// From this opacity on, a sample at another depth loses the full share of its weight; below, a
-/// part proportional to its opacity.
-constexpr float kReliableOpacity = 0.25f;
-
-/// The stored value that stands for 1.
-template <bool kHalf>
-constexpr float kFullScale = kHalf ? 1.f : 255.f;
-
-template <bool kHalf>
-HWY_INLINE const auto& colors_of(const BlockSamples& samples) {
-  if constexpr (kHalf)
-    return samples.rgba16f;
-  else
-    return samples.rgba8;
-}
+/// The share of the round before in pixels that are a mean: aims often swing about their goal.
+constexpr float kShareBefore = 0.4f;
 
 /// Whether all samples of a vector of rays, from `k` on, are 0. This is frequent.
 template <bool kHalf>
@@ -127,60 +58,44 @@ void blend_with_depth(const Pass& pass, const RayBlock& rays, const EntryCells& 
   const D d;
   const V zero = hn::Zero(d), one = hn::Set(d, 1.f),
           faint = hn::Set(d, kFaintOpacity * kFullScale<kHalf>);
-  const V max_lost = hn::Set(d, 1 - kMinAgreement);
-  const V by_opacity = hn::Set(d, (1 - kMinAgreement) / (kReliableOpacity * kFullScale<kHalf>));
-  const V sharpness = hn::Set(d, kRefine ? 1 / pass.depth_tolerance : 0.f);
   const auto mean = [&](V of, V weight) {  // in 0..1 even if half floats are infinite or NaN
     const V at = hn::Div(of, weight);
     return hn::IfThenElseZero(hn::Gt(at, zero), hn::Min(at, one));
   };
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
     if (!kRefine && all_zero<kHalf>(pass, samples, k)) {
-      for (std::size_t c = 0; c < 3; ++c) store(zero, estimates.aim[c], k);
-      store(zero, estimates.step, k);
-      store(zero, estimates.t, k);
+      for (auto* array : {&estimates.t, &estimates.step, &estimates.contrast})
+        store(zero, *array, k);
       store_pixels(Colors::none(), rays, k, picture);
       continue;
     }
     Colors sum = Colors::none();
+    ColorRange range = ColorRange::of(load_colors(colors_of<kHalf>(samples)[0], k));
     V total = zero;  // sum of the weights
     V opacity = zero,
       place = zero;             // sums of opacity, and of opacity times depth along the ray
     V opacities[3], places[3];  // the same, by entry vertex
-    const Point enter = Point::load(rays.enter, k);
-    const Point ray = Point::load(rays.leave, k).minus(enter);
-    const V inverse = hn::Div(one, ray.dot(ray));
+    const Chords chords(rays, k);
     for (std::size_t c = 0; c < pass.entries; ++c) {
       const V weight = hn::LoadU(d, &entries.weight[c][k]);
-      const VU three = hn::LoadU(DU(), &samples.depth[c][k]);
-      const V depths[] = {byte_of<0>(three), byte_of<1>(three), byte_of<2>(three)};
-      // The depth along the ray of a sample of this entry vertex is begin + depth · scale.
-      const Point from = Point::load(entries.point[c], k);
-      const Point aim = Point::load(*pass.aim[c], k).minus(from);
-      const V begin = hn::Mul(from.minus(enter).dot(ray), inverse);
-      const V scale = hn::Mul(aim.dot(ray), hn::Mul(inverse, hn::Set(d, 1.f / 255)));
-      V opacity_c = zero, depth = zero, offset = zero, slope = zero;
-      if constexpr (kRefine) {
-        offset = hn::Mul(hn::Sub(begin, hn::LoadU(d, &estimates.aim[c][k])), sharpness);
-        slope = hn::Mul(scale, sharpness);
-      }
+      const Places at(pass, entries, samples, chords, c, k);
+      const Agreement<kHalf> agreement(pass, at, estimates.aim[c], k);
+      V opacity_c = zero, depth = zero;
       for (std::size_t e = 0; e < 3; ++e) {
         const V share = hn::Mul(weight, hn::LoadU(d, &pass.exit[c]->weight[e][k]));
         const Colors v = load_colors(colors_of<kHalf>(samples)[3 * c + e], k);
         const V visible = hn::Mul(share, v.a);
         opacity_c = hn::Add(opacity_c, visible);
-        depth = hn::MulAdd(visible, depths[e], depth);
+        depth = hn::MulAdd(visible, at.depth[e], depth);
         if constexpr (kRefine) {
-          const V off = hn::MulAdd(depths[e], slope, offset);
-          const V apart = hn::Min(hn::Mul(off, off), one);
-          const V lost = hn::Mul(apart, hn::Min(hn::Mul(v.a, by_opacity), max_lost));
-          const V w = hn::NegMulAdd(lost, share, share);
+          const V w = agreement.of(share, at.depth[e], v.a);
           total = hn::Add(total, w);
           sum = sum.plus(w, v);
+          range.add(ColorRange::of(v));
         }
       }
       opacities[c] = opacity_c;
-      places[c] = hn::MulAdd(opacity_c, begin, hn::Mul(depth, scale));
+      places[c] = hn::MulAdd(opacity_c, at.begin, hn::Mul(depth, at.scale));
       opacity = hn::Add(opacity, opacity_c);
       place = hn::Add(place, places[c]);
     }
@@ -196,18 +111,26 @@ void blend_with_depth(const Pass& pass, const RayBlock& rays, const EntryCells& 
         const V next = hn::Mul(hn::Add(ray_depth, vertex_depth), hn::Set(d, 0.5f));
         const V moved = hn::AbsDiff(next, hn::LoadU(d, &estimates.aim[c][k]));
         step = hn::Max(step, hn::IfThenElseZero(hn::Gt(weight, zero), moved));
-        store(next, estimates.aim[c], k);
+        store(next, estimates.next[c], k);
       }
+      store(hn::Mul(range.contrast(), hn::Set(d, 1 / kFullScale<kHalf>)), estimates.contrast, k);
     } else {
       ray_depth = hn::IfThenElseZero(hn::Gt(opacity, zero), ray_depth);
       step = hn::IfThenElseZero(enough, hn::Inf(d));
-      for (std::size_t c = 0; c < 3; ++c) store(ray_depth, estimates.aim[c], k);
+      for (std::size_t c = 0; c < 3; ++c) store(ray_depth, estimates.next[c], k);
+      store(zero, estimates.contrast, k);
     }
     store(step, estimates.step, k);
     store(ray_depth, estimates.t, k);
-    if constexpr (kRefine)
-      store_pixels(sum.times(hn::Div(hn::Set(d, 1 / kFullScale<kHalf>), total)), rays, k, picture);
-    else if (!pass.first_of_more || !hn::AllTrue(d, enough))
+    if constexpr (kRefine) {
+      Colors pixels = sum.times(hn::Div(hn::Set(d, 1 / kFullScale<kHalf>), total));
+      const auto means = hn::Gt(step, hn::Set(d, pass.mean_above));
+      if (!hn::AllFalse(d, means)) {
+        const V share = hn::IfThenElseZero(means, hn::Set(d, kShareBefore));
+        pixels = pixels.plus(share, load_pixels(rays, k, picture).minus(pixels));
+      }
+      store_pixels(pixels, rays, k, picture);
+    } else if (!pass.first_of_more || !hn::AllTrue(d, enough))
       store_pixels(interpolate<kHalf>(pass, entries, samples, k), rays, k, picture);
   }
 }

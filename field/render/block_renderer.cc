@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "field/render/blend_kernel.h"
+#include "field/render/cubic_kernel.h"
 
 namespace slf {
 namespace {
@@ -90,12 +91,14 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
   pass.aim.fill(&rays_.leave);
   pass.exit.fill(&exits_);
   locate_entries(geometry, rays_, pass.entries == 1, pass.with_depth, entries_);
-  locate_exits(geometry, rays_.leave, rays_.count,
-               mode == RenderMode::nearest || mode == RenderMode::uv, exits_);
+  locate_exits(
+      geometry, rays_.leave, rays_.count,
+      mode == RenderMode::nearest || mode == RenderMode::uv ? ExitUse::nearest : ExitUse::all,
+      exits_);
   if (auto ok = gather_and_blend(geometry, pass); !ok || mode != RenderMode::depth) return ok;
 
   refinement_.begin(geometry, pass);
-  while (refinement_.next_round(geometry, rays_, entries_))
+  while (refinement_.next_pass(geometry, rays_, entries_, pass))
     if (auto ok = gather_and_blend(geometry, pass); !ok) return ok;
   return {};
 }
@@ -103,14 +106,21 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
 Result<void> BlockRenderer::gather_and_blend(const LevelGeometry& geometry, const Pass& pass) {
   const bool wait = options_.wait || geometry.level() == 0;
   if (auto ok = gatherer_.gather(geometry, wait, rays_.count, entries_, pass); !ok) return ok;
-  blend(pass, rays_, entries_, gatherer_.samples(), gatherer_.half_floats(), image_->rgba.data(),
-        refinement_.estimates());
+  const BlockSamples& samples = gatherer_.samples();
+  const bool half_floats = gatherer_.half_floats();
+  DepthEstimates& estimates = refinement_.estimates();
+  glm::vec4* const picture = image_->rgba.data();
+  if (pass.cubic)
+    add_cubic(pass, rays_, entries_, samples, half_floats, estimates, picture);
+  else
+    blend(pass, rays_, entries_, samples, half_floats, picture, estimates);
   if (options_.with_depth) write_distances();
   if (gatherer_.any_unavailable())
     for (std::size_t k = 0; k < rays_.count; ++k)
       if (gatherer_.unavailable(k)) {
         append_ray(rays_, k, unavailable_);
-        if (pass.with_depth) refinement_.estimates().step[k] = 0;  // no further rounds here
+        if (!pass.with_depth) continue;
+        estimates.step[k] = estimates.contrast[k] = 0;  // no further passes here
       }
   return {};
 }

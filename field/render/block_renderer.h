@@ -2,10 +2,10 @@
 //
 // A block passes through the stages
 //   cast (ray_kernel.h) -> locate (ray_kernel.h) -> gather (sample_gatherer.h)
-//        -> blend (blend_kernel.h) -> refine (depth_refinement.h)
+//        -> blend (blend_kernel.h) -> refine (depth_refinement.h) -> bend (cubic_kernel.h)
 // Modes differ in the weights that locate computes. Only mode depth refines: it locates, gathers
-// and blends again. Rays that need an unavailable tile pass through the stages of the next coarser
-// level.
+// and blends again, and in the end interpolates cubically where samples differ. Rays that need an
+// unavailable tile pass through the stages of the next coarser level.
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,8 @@
 #include "field/render/depth_refinement.h"
 
+#include <limits>
+#include <utility>
+
 #include "field/render/ray_kernel.h"
 #include "field/render/refine_kernel.h"
 
@@ -8,23 +11,33 @@ namespace {
 
 /// A ray has converged when its aims move, along the chord, by no more than this times the entry
 /// lattice's resolution. The closer the vertices, the less an aim moves the exit points.
-constexpr float kConvergence = 1.f / 2048;
+constexpr float kConvergence = 1.f / 4096;
 constexpr int kMaxRounds = 3;
+
+/// From this contrast on, a cubic makes a difference.
+constexpr float kContrast = 0.1f;
 
 /// Pass::depth_tolerance in steps of the exit lattice: on slanted surfaces neighbouring samples
 /// differ in depth, too.
 constexpr float kDepthTolerance = 6.4f;
 
+float convergence(const LevelGeometry& geometry) {
+  return kConvergence * static_cast<float>(geometry.entry_resolution());
+}
+
 }  // namespace
 
 void DepthRefinement::resize(std::size_t rays) {
   estimates_.resize(rays);
+  contrast_rays_.resize(rays);
+  contrast_estimates_.resize(rays);
   for (auto& points : exit_points_) points.resize(rays + kRayPadding);
   for (auto& exits : exits_) exits.resize(rays);
 }
 
 void DepthRefinement::begin(const LevelGeometry& geometry, Pass& pass) {
   rounds_ = 0;
+  contrast_rays_.count = 0;
   pass.depth_tolerance = kDepthTolerance / static_cast<float>(geometry.exit_resolution());
   for (std::size_t c = 0; c < 3; ++c) {
     pass.aim[c] = &exit_points_[c];
@@ -32,17 +45,25 @@ void DepthRefinement::begin(const LevelGeometry& geometry, Pass& pass) {
   }
 }
 
-bool DepthRefinement::next_round(const LevelGeometry& geometry, RayBlock& rays,
-                                 EntryCells& entries) {
-  if (rounds_++ == kMaxRounds) return false;
+bool DepthRefinement::next_pass(const LevelGeometry& geometry, RayBlock& rays, EntryCells& entries,
+                                Pass& pass) {
+  if (pass.cubic) return false;
   const std::size_t before = rays.count;
-  compact_unconverged(kConvergence * static_cast<float>(geometry.entry_resolution()), rays,
-                      estimates_);
+  const bool end = rounds_++ == kMaxRounds;
+  separate_rays(end ? std::numeric_limits<float>::infinity() : convergence(geometry), kContrast,
+                rays, estimates_, contrast_rays_, contrast_estimates_);
+  if (rounds_ == kMaxRounds) pass.mean_above = convergence(geometry);
+  if (rays.count == 0) {
+    std::swap(rays, contrast_rays_);
+    std::swap(estimates_, contrast_estimates_);
+    pass.cubic = true;
+  }
   if (rays.count == 0) return false;
-  if (rays.count < before) locate_entries(geometry, rays, false, true, entries);
+  if (pass.cubic || rays.count < before) locate_entries(geometry, rays, false, true, entries);
   aim_at_depth(rays, entries, estimates_, exit_points_);
   for (std::size_t c = 0; c < 3; ++c)
-    locate_exits(geometry, exit_points_[c], rays.count, false, exits_[c]);
+    locate_exits(geometry, exit_points_[c], rays.count, pass.cubic ? ExitUse::cubic : ExitUse::all,
+                 exits_[c]);
   return true;
 }
 

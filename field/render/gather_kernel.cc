@@ -294,12 +294,46 @@ void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells
   }
 }
 
+/// Gathers the colours of the vertices next to exit cells.
+template <bool kHalf>
+void gather_next(const TileOffsets& offsets, const Pass& pass, const EntryCells& entries,
+                 std::size_t count, bool add, BlockSamples& samples) {
+  const D64 d;
+  const DU du;
+  const auto put = [&](auto v, auto tag, auto* to) {
+    hn::StoreU(add ? hn::Or(v, hn::LoadU(tag, to)) : v, tag, to);
+  };
+  for (std::size_t slot = 0; slot < 6 * pass.entries; ++slot) {
+    const std::size_t c = slot / 6;
+    const auto& next = pass.exit[c]->next[slot % 6];
+    for (std::size_t k = 0; k < count; k += hn::Lanes(du)) {
+      const VU column = hn::LoadU(du, &next[k]);
+      const VU outside = hn::VecFromMask(du, hn::Eq(column, hn::Set(du, kOutside)));
+      const VU at = hn::Add(hn::LoadU(du, &entries.row[c][k]), column);
+      V64 colors[kHalves];
+      for_halves([&](auto half) {
+        const V64 begin = hn::LoadU(d, &offsets.color[c][k + half * hn::Lanes(d)]);
+        const V64 bytes = hn::ShiftLeft < kHalf ? 3 : 2 > (widen(half_of<half.value>(at)));
+        const auto exists = hn::Eq(widen(half_of<half.value>(outside)), hn::Zero(d));
+        colors[half] = load(hn::IfThenElseZero(exists, begin), bytes, kHalf ? 0 : 4);
+        if constexpr (kHalf)
+          put(hn::BitCast(hn::RebindToUnsigned<D64>(), colors[half]), hn::RebindToUnsigned<D64>(),
+              &samples.next_rgba16f[slot][k + half * hn::Lanes(d)]);
+      });
+      if constexpr (!kHalf) put(upper_bits(colors), du, &samples.next_rgba8[slot][k]);
+    }
+  }
+}
+
 void gather_samples_any(const TileOffsets& offsets, const Pass& pass, const EntryCells& entries,
                         std::size_t count, bool half_floats, bool add, BlockSamples& samples) {
   const auto typed =
       half_floats ? (pass.with_depth ? gather_typed<true, true> : gather_typed<true, false>)
                   : (pass.with_depth ? gather_typed<false, true> : gather_typed<false, false>);
   typed(offsets, pass, entries, count, add, samples);
+  if (pass.cubic)
+    (half_floats ? gather_next<true> : gather_next<false>)(offsets, pass, entries, count, add,
+                                                           samples);
 }
 
 }  // namespace

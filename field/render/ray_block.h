@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <limits>
 #include <new>
 #include <vector>
 
@@ -79,6 +80,13 @@ struct EntryCells {
   }
 };
 
+/// The ordered pairs (i, j) of a cell's vertices.
+inline constexpr std::array<std::array<std::size_t, 2>, 6> kVertexPairs{
+    {{0, 1}, {1, 0}, {0, 2}, {2, 0}, {1, 2}, {2, 1}}};
+
+/// Instead of the column of a vertex that is not in the cell's section.
+inline constexpr std::uint32_t kOutside = ~0u;
+
 /// The cell of the exit lattice around one exit point per ray. Two of its three vertices are
 /// neighbours in a row of samples: one load reads both.
 struct ExitCells {
@@ -86,23 +94,33 @@ struct ExitCells {
   RayArray<std::uint32_t> pair;           ///< column of the first; the second comes next
   RayArray<std::uint32_t> third;          ///< column of the third, never the row's first
   std::array<RayArray<float>, 3> weight;  ///< 1, 0, 0 in some order if only the nearest counts
+  /// [pair of kVertexPairs]: column of the next vertex on the line from j through i, or kOutside;
+  /// only if requested.
+  std::array<RayArray<std::uint32_t>, 6> next;
 
   void resize(std::size_t size) {
     for (auto* array : {&section, &pair, &third}) array->resize(size + kRayPadding);
     for (auto& array : weight) array.resize(size + kRayPadding);
+    for (auto& array : next) array.resize(size + kRayPadding);
   }
 };
 
 /// The samples of each ray, as stored: for each entry vertex an entry sample, the values at the
-/// three vertices of its exit cell. Only one of the two kinds of colour is used.
+/// three vertices of its exit cell. Only one of the two kinds of colour is used. `next` samples are
+/// those at ExitCells::next, [6 × entry vertex + pair], 0 outside; only of a cubic pass.
 struct BlockSamples {
   std::array<RayArray<std::uint32_t>, 9> rgba8;    ///< [3 × entry vertex + exit vertex], r lowest
   std::array<RayArray<std::uint64_t>, 9> rgba16f;  ///< the same
-  std::array<RayArray<std::uint32_t>, 3> depth;    ///< [entry vertex]: a byte per exit vertex
+  std::array<RayArray<std::uint32_t>, 18> next_rgba8;
+  std::array<RayArray<std::uint64_t>, 18> next_rgba16f;
+  std::array<RayArray<std::uint32_t>, 3> depth;  ///< [entry vertex]: a byte per exit vertex
 
   void resize(std::size_t size, bool half_floats) {
-    for (auto& array : rgba8) array.resize(half_floats ? 0 : size + kRayPadding);
-    for (auto& array : rgba16f) array.resize(half_floats ? size + kRayPadding : 0);
+    const auto resize_all = [&](auto& arrays, bool used) {
+      for (auto& array : arrays) array.resize(used ? size + kRayPadding : 0);
+    };
+    resize_all(rgba8, !half_floats), resize_all(next_rgba8, !half_floats);
+    resize_all(rgba16f, half_floats), resize_all(next_rgba16f, half_floats);
     for (auto& array : depth) array.resize(size + kRayPadding);
   }
 };
@@ -110,12 +128,16 @@ struct BlockSamples {
 /// Depths along each ray, 0 where it enters the sphere and 1 where it leaves, as estimated from its
 /// samples.
 struct DepthEstimates {
-  RayArray<float> t;                   ///< opacity-weighted mean over all samples
-  std::array<RayArray<float>, 3> aim;  ///< the depth at which each entry vertex aims next
-  RayArray<float> step;                ///< the largest move of an aim; 0: converged
+  RayArray<float> t;                    ///< opacity-weighted mean over all samples
+  std::array<RayArray<float>, 3> aim;   ///< the depth at which each entry vertex aims
+  std::array<RayArray<float>, 3> next;  ///< and in the next round
+  RayArray<float> step;                 ///< the largest move of an aim; 0: converged
+  RayArray<float> contrast;             ///< the largest range of R, G or B among the samples, of 1
 
   void resize(std::size_t size) {
-    for (auto* array : {&t, &step, &aim[0], &aim[1], &aim[2]}) array->resize(size + kRayPadding);
+    for (auto* array : {&t, &step, &contrast}) array->resize(size + kRayPadding);
+    for (auto* arrays : {&aim, &next})
+      for (auto& array : *arrays) array.resize(size + kRayPadding);
   }
 };
 
@@ -127,6 +149,11 @@ struct Pass {
   /// Difference of depth, as a fraction of the ray, at which a sample's weight reaches its minimum.
   /// 0: weights do not depend on depth.
   float depth_tolerance = 0;
+  /// Pixels of rays whose step is greater become a mean with those of the pass before.
+  float mean_above = std::numeric_limits<float>::infinity();
+  /// The pass samples the same exit points again, and the vertices next to their cells. It adds to
+  /// the pixels what a cubic between exit vertices differs from linear interpolation.
+  bool cubic = false;
   std::array<const PointArrays*, 3> aim{};  ///< exit points, per entry vertex
   std::array<const ExitCells*, 3> exit{};   ///< their cells
 };

@@ -176,7 +176,7 @@ void locate_entries_any(const LevelGeometry& geometry, const RayBlock& rays, boo
 }
 
 void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
-                      bool nearest, ExitCells& exits) {
+                      ExitUse use, ExitCells& exits) {
   const D d;
   const DI di;
   const auto level = static_cast<int>(geometry.level());
@@ -185,6 +185,9 @@ void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, 
   // Cells and columns are numbered in floats, which are exact here: integers multiply slowly.
   const V n = hn::Set(d, side), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
   const V inverse = hn::Set(d, 1 / side), across = hn::Set(d, static_cast<float>(2 << level));
+  const auto column = [&](V at_p, V at_q) {
+    return hn::MulAdd(at_q, hn::NegMulAdd(at_q, half, hn::Set(d, side + 1.5f)), at_p);
+  };
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
     const Cells cell =
         locate_cells(Point::load(points, k), geometry.exit_resolution(), 1 << 2 * level);
@@ -206,15 +209,34 @@ void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, 
     const auto down = hn::Xor(inverted, cell.inverted);  // towards smaller coordinates
     const V back = hn::IfThenElseZero(down, one);
     const V line = hn::Sub(hn::Add(hn::Add(n, one), back), q);  // columns from q to q ± 1
-    const V first = hn::MulAdd(q, hn::NegMulAdd(q, half, hn::Set(d, side + 1.5f)), p);
+    const V first = column(p, q);
     store(to_int(hn::Sub(first, back)), exits.pair, k);
     store(to_int(hn::IfThenElse(down, hn::Sub(first, line), hn::Add(first, line))), exits.third, k);
     V weight[] = {cell.weight[0], cell.weight[1], cell.weight[2]};
-    if (nearest) {
+    if (use == ExitUse::nearest) {
       const Nearest best = Nearest::of(weight);
       weight[2] = hn::IfThenElseZero(best.third, one);
       weight[1] = hn::IfThenZeroElse(best.third, hn::IfThenElseZero(best.second, one));
       weight[0] = hn::Sub(one, hn::Add(weight[1], weight[2]));
+    }
+    if (use == ExitUse::cubic) {
+      // The pair's local coordinates are (a, q) and (a + 1, q), those of the third (p, q ± 1).
+      const V a = hn::Sub(p, back), two = hn::Add(one, one), up = hn::NegMulAdd(two, back, one);
+      const V below = hn::Sub(q, up), above = hn::MulAdd(two, up, q);
+      const V from_third = hn::Sub(hn::Add(a, a), p), to_third = hn::Sub(hn::Add(p, p), a);
+      const auto store_next = [&](std::size_t pair, V at_p, V at_q) {
+        const auto inside =
+            hn::Ge(hn::Min(hn::Min(at_p, at_q), hn::Sub(n, hn::Add(at_p, at_q))), hn::Zero(d));
+        const VI next = to_int(hn::IfThenElseZero(inside, column(at_p, at_q)));
+        store(choose(inside, next, hn::Set(di, static_cast<std::int32_t>(kOutside))),
+              exits.next[pair], k);
+      };
+      store_next(0, hn::Sub(a, one), q);  // in the order of kVertexPairs
+      store_next(1, hn::Add(a, two), q);
+      store_next(2, from_third, below);
+      store_next(3, to_third, above);
+      store_next(4, hn::Add(from_third, two), below);
+      store_next(5, hn::Sub(to_third, one), above);
     }
     // The lower column of the pair comes first.
     store(hn::IfThenElse(down, weight[1], weight[0]), exits.weight[0], k);
@@ -246,9 +268,9 @@ void locate_entries(const LevelGeometry& geometry, const RayBlock& rays, bool ne
 }
 
 void locate_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
-                  bool nearest, ExitCells& exits) {
+                  ExitUse use, ExitCells& exits) {
   HWY_DYNAMIC_DISPATCH(locate_exits_any)
-  (geometry, points, count, nearest, exits);
+  (geometry, points, count, use, exits);
 }
 
 }  // namespace slf

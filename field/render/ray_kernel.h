@@ -33,9 +33,16 @@ void cast_rays(const CameraBasis& basis, const PixelBlock& block, RayBlock& rays
 void locate_entries(const LevelGeometry& geometry, const RayBlock& rays, bool nearest,
                     bool with_points, EntryCells& entries);
 
+/// What a pass samples of an exit cell.
+enum class ExitUse {
+  nearest,  ///< the nearest vertex, which gets all of the weight
+  all,      ///< its three vertices
+  cubic,    ///< the vertices next to it, too
+};
+
 /// Locates the cell of the exit lattice at each of `count` points: its section, columns and
-/// weights. If `nearest`, the nearest vertex gets all of the weight.
+/// weights.
 void locate_exits(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
-                  bool nearest, ExitCells& exits);
+                  ExitUse use, ExitCells& exits);
 
 }  // namespace slf

@@ -11,22 +11,38 @@ namespace slf {
 namespace HWY_NAMESPACE {
 namespace {
 
-void compact_unconverged_any(float threshold, RayBlock& rays, DepthEstimates& estimates) {
+/// Appends the chosen rays of those from `k` on, with these aims. The destination may begin at or
+/// before the source.
+HWY_INLINE void append(const RayBlock& rays, const DepthEstimates& estimates,
+                       const std::array<RayArray<float>, 3>& aims, std::size_t k,
+                       hn::Mask<D> chosen, std::size_t& n, RayBlock& to_rays,
+                       DepthEstimates& to_estimates) {
+  const D d;
+  const bool all = hn::AllTrue(d, chosen);
+  store_chosen(Point::load(rays.enter, k), all, chosen, to_rays.enter, n);
+  store_chosen(Point::load(rays.leave, k), all, chosen, to_rays.leave, n);
+  store_chosen(hn::LoadU(DU(), &rays.pixel[k]), all, chosen, DU(), &to_rays.pixel[n]);
+  for (std::size_t c = 0; c < 3; ++c)
+    store_chosen(hn::LoadU(d, &aims[c][k]), all, chosen, d, &to_estimates.aim[c][n]);
+  store_chosen(hn::LoadU(d, &estimates.t[k]), all, chosen, d, &to_estimates.t[n]);
+  n += hn::CountTrue(d, chosen);
+}
+
+void separate_rays_any(float threshold, float contrast, RayBlock& rays, DepthEstimates& estimates,
+                       RayBlock& contrast_rays, DepthEstimates& contrast_estimates) {
   const D d;
   std::size_t n = 0;
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
-    const auto unconverged =
-        hn::And(hn::Gt(hn::LoadU(d, &estimates.step[k]), hn::Set(d, threshold)),
-                hn::FirstN(d, rays.count - k));
-    if (hn::AllFalse(d, unconverged)) continue;
-    const bool all = hn::AllTrue(d, unconverged);
-    store_chosen(Point::load(rays.enter, k), all, unconverged, rays.enter, n);
-    store_chosen(Point::load(rays.leave, k), all, unconverged, rays.leave, n);
-    store_chosen(hn::LoadU(DU(), &rays.pixel[k]), all, unconverged, DU(), &rays.pixel[n]);
-    for (auto& aim : estimates.aim)
-      store_chosen(hn::LoadU(d, &aim[k]), all, unconverged, d, &aim[n]);
-    store_chosen(hn::LoadU(d, &estimates.t[k]), all, unconverged, d, &estimates.t[n]);
-    n += hn::CountTrue(d, unconverged);
+    const auto valid = hn::FirstN(d, rays.count - k);
+    const auto moving = hn::Gt(hn::LoadU(d, &estimates.step[k]), hn::Set(d, threshold));
+    const auto contrasts = hn::Ge(hn::LoadU(d, &estimates.contrast[k]), hn::Set(d, contrast));
+    const auto unconverged = hn::And(moving, valid);
+    const auto ended = hn::AndNot(moving, hn::And(contrasts, valid));
+    if (!hn::AllFalse(d, ended))
+      append(rays, estimates, estimates.aim, k, ended, contrast_rays.count, contrast_rays,
+             contrast_estimates);
+    if (!hn::AllFalse(d, unconverged))
+      append(rays, estimates, estimates.next, k, unconverged, n, rays, estimates);
   }
   rays.count = n;
 }
@@ -56,11 +72,13 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace slf {
 
-HWY_EXPORT(compact_unconverged_any);
+HWY_EXPORT(separate_rays_any);
 HWY_EXPORT(aim_at_depth_any);
 
-void compact_unconverged(float threshold, RayBlock& rays, DepthEstimates& estimates) {
-  HWY_DYNAMIC_DISPATCH(compact_unconverged_any)(threshold, rays, estimates);
+void separate_rays(float threshold, float contrast, RayBlock& rays, DepthEstimates& estimates,
+                   RayBlock& contrast_rays, DepthEstimates& contrast_estimates) {
+  HWY_DYNAMIC_DISPATCH(separate_rays_any)
+  (threshold, contrast, rays, estimates, contrast_rays, contrast_estimates);
 }
 
 void aim_at_depth(const RayBlock& rays, const EntryCells& entries, const DepthEstimates& estimates,

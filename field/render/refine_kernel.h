@@ -10,9 +10,12 @@
 
 namespace slf {
 
-/// Compacts `rays` and `estimates` to the rays whose step exceeds `threshold`. Their entry cells
-/// must then be located again.
-void compact_unconverged(float threshold, RayBlock& rays, DepthEstimates& estimates);
+/// Compacts `rays` and `estimates` to the rays whose step exceeds `threshold`, and sets their aims
+/// to those of the next round. Of the other rays, appends those with at least this contrast to
+/// `contrast_rays` and `contrast_estimates`, with their last aims. The entry cells of all must then
+/// be located again.
+void separate_rays(float threshold, float contrast, RayBlock& rays, DepthEstimates& estimates,
+                   RayBlock& contrast_rays, DepthEstimates& contrast_estimates);
 
 /// Aims each entry vertex at the ray's point at the depth `estimates.aim`. Sets `exits` to the
 /// points where the lines from the vertices through these points leave the sphere.

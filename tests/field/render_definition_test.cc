@@ -5,7 +5,9 @@
 #include <array>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 
 #include "field/field_file.h"
 #include "field/render/tile_cache.h"
@@ -23,7 +25,17 @@ struct Tap {
   std::array<double, 3> weights{};
   std::array<glm::dvec4, 3> rgba{};
   std::array<double, 3> depth{};
+  /// [i][j]: the sample at the next exit vertex on the line from j through i, in the same tile.
+  std::array<std::array<std::optional<glm::dvec4>, 3>, 3> next{};
 };
+
+/// A column of tiles of a side, as local coordinates.
+glm::ivec2 local_point(std::uint32_t column, int side) {
+  auto p = static_cast<int>(column);
+  int q = 0;
+  while (p > side - q) p -= side - q++ + 1;
+  return {p, q};
+}
 
 /// A ray's colour by the definitions in FORMAT.md, one sample at a time, in double.
 class Definition {
@@ -52,24 +64,31 @@ class Definition {
   [[nodiscard]] glm::dvec4 depth_corrected() {
     glm::dvec4 rgba = bi_triangle();
     if (!hit_ || !see()) return rgba;
-    std::array<double, 3> aims{t_, t_, t_};
+    std::array<double, 3> aims{t_, t_, t_}, next{};
     for (int round = 0; round < 3; ++round) {
       for (std::size_t c = 0; c < 3; ++c) {
         const glm::dvec3 along = enter_ + aims[c] * (leave_ - enter_) - taps_[c].from;
         take(c,
              taps_[c].from - 2 * glm::dot(taps_[c].from, along) / glm::dot(along, along) * along);
       }
+      const glm::dvec4 before = rgba;
       rgba = agreed(aims);
       see();
       double step = 0;
       for (std::size_t c = 0; c < 3; ++c) {
-        const double next = (t_ + own_[c]) / 2;
-        if (taps_[c].weight > 0) step = std::max(step, std::abs(next - aims[c]));
-        aims[c] = next;
+        next[c] = (t_ + own_[c]) / 2;
+        if (taps_[c].weight > 0) step = std::max(step, std::abs(next[c] - aims[c]));
       }
-      if (step <= geometry_.entry_resolution() / 2048.0) break;
+      if (step <= geometry_.entry_resolution() / 4096.0) break;
+      if (round < 2)
+        aims = next;
+      else
+        rgba += 0.4 * (before - rgba);
     }
-    return rgba;
+    const auto [low, high] = range();
+    const glm::dvec4 contrast = high - low;
+    if (std::max({contrast.r, contrast.g, contrast.b}) < 0.1) return rgba;
+    return glm::clamp(rgba + bend(aims), glm::min(low, rgba), glm::max(high, rgba));
   }
 
  private:
@@ -86,7 +105,9 @@ class Definition {
            cell_.weights[c],
            cell.weights,
            {},
+           {},
            {}};
+    if (tap.weight <= 0) return;
     const auto pin = cache_.load({key}, true);
     if (!pin || !pin->page().color) return;
     const TilePage& page = pin->page();
@@ -97,6 +118,24 @@ class Definition {
         tap.rgba[e][channel] = std::to_integer<int>(page.color[4 * sample + channel]) / 255.0;
       tap.depth[e] = std::to_integer<int>(page.depth[sample]) / 255.0;
     }
+    take_next(tap, row.row, exit.columns, page.color);
+  }
+
+  void take_next(Tap& tap, std::uint32_t row, const std::array<std::uint32_t, 3>& columns,
+                 const std::byte* colors) {
+    const auto side = static_cast<int>(geometry_.exit_side());
+    for (std::size_t i = 0; i < 3; ++i)
+      for (std::size_t j = 0; j < 3; ++j) {
+        const glm::ivec2 p = 2 * local_point(columns[i], side) - local_point(columns[j], side);
+        if (i == j || p.x < 0 || p.y < 0 || p.x + p.y > side) continue;
+        const int column = p.y * (side + 1) - p.y * (p.y - 1) / 2 + p.x;
+        const std::byte* const at =
+            colors + 4 * (row * triangle_size(geometry_.exit_side()) + column);
+        glm::dvec4 rgba;
+        for (int channel = 0; channel < 4; ++channel)
+          rgba[channel] = std::to_integer<int>(at[channel]) / 255.0;
+        tap.next[i][j] = rgba;
+      }
   }
 
   /// Where a depth of a tap lies along the ray.
@@ -125,17 +164,60 @@ class Definition {
     return all > kFaint;
   }
 
+  /// The share of its weight that a sample keeps.
+  [[nodiscard]] double agreement(const Tap& tap, std::size_t e, double aim) const {
+    const double off = (place(tap, tap.depth[e]) - aim) / (6.4 / geometry_.exit_resolution());
+    return 1 - 0.9 * std::min(4 * tap.rgba[e].a, 1.0) * std::min(off * off, 1.0);
+  }
+
+  /// The least and the greatest values of the samples.
+  [[nodiscard]] std::pair<glm::dvec4, glm::dvec4> range() const {
+    glm::dvec4 low(1), high(0);
+    for (const Tap& tap : taps_)
+      for (const glm::dvec4& rgba : tap.rgba)
+        low = glm::min(low, rgba), high = glm::max(high, rgba);
+    return {low, high};
+  }
+
+  /// What a cubic between the exit vertices adds to the pixel.
+  [[nodiscard]] glm::dvec4 bend(const std::array<double, 3>& aims) const {
+    glm::dvec4 sum(0);
+    double total = 0;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const Tap& tap = taps_[c];
+      const auto& v = tap.rgba;
+      const auto& w = tap.weights;
+      glm::dvec4 linear(0), cubic(0);
+      double agreed = 0;
+      for (std::size_t i = 0; i < 3; ++i) {
+        linear += w[i] * v[i];
+        agreed += w[i] * agreement(tap, i, aims[c]);
+        const std::size_t j = (i + 1) % 3;
+        const auto &beyond_i = tap.next[i][j], &beyond_j = tap.next[j][i];
+        if (w[i] * w[j] <= 0 || (!beyond_i && !beyond_j)) continue;
+        glm::dvec4 at_i(0), at_j(0);
+        if (beyond_i) at_i = *beyond_i - 2.0 * v[i] + v[j];
+        if (beyond_j) at_j = v[i] - 2.0 * v[j] + *beyond_j;
+        if (!beyond_i) at_i = at_j;
+        if (!beyond_j) at_j = at_i;
+        const double share = w[i] / (w[i] + w[j]);
+        cubic -= 0.625 * w[i] * w[j] * ((1 + share) * at_i + (2 - share) * at_j) / 3.0;
+      }
+      cubic = glm::clamp(linear + cubic, glm::min(v[0], glm::min(v[1], v[2])),
+                         glm::max(v[0], glm::max(v[1], v[2])));
+      sum += tap.weight * agreed * (cubic - linear);
+      total += tap.weight * agreed;
+    }
+    return sum / total;
+  }
+
   [[nodiscard]] glm::dvec4 agreed(const std::array<double, 3>& aims) const {
     glm::dvec4 rgba(0);
     double total = 0;
     for (std::size_t c = 0; c < 3; ++c)
       for (std::size_t e = 0; e < 3; ++e) {
         const Tap& tap = taps_[c];
-        const double off =
-            (place(tap, tap.depth[e]) - aims[c]) / (6.4 / geometry_.exit_resolution());
-        const double weight =
-            tap.weight * tap.weights[e] *
-            (1 - 0.9 * std::min(4 * tap.rgba[e].a, 1.0) * std::min(off * off, 1.0));
+        const double weight = tap.weight * tap.weights[e] * agreement(tap, e, aims[c]);
         rgba += weight * tap.rgba[e];
         total += weight;
       }

@@ -72,8 +72,8 @@ vec3 vertex(Cell cell, ivec2 p, int n) {
 
 int triangle(int p, int q) { return q * (uExitSide + 1) - q * (q - 1) / 2 + p; }
 
-// The exit section of a cell, and the columns of its corners.
-void exitCell(Cell cell, int level, out int section, out ivec3 column) {
+// The exit section of a cell, and the local coordinates of its corners.
+void exitCell(Cell cell, int level, out int section, out ivec2 local[3]) {
   int n = uExitSide;
   ivec2 s = cell.base / n, r = cell.base - s * n;
   bool inverted = r.x + r.y + (cell.inverted ? 1 : 0) >= n;
@@ -83,7 +83,7 @@ void exitCell(Cell cell, int level, out int section, out ivec3 column) {
   if (cell.inverted) r += 1;
   if (inverted) r = n - r;
   if (cell.inverted != inverted) shift = -1;
-  column = ivec3(triangle(r.x, r.y), triangle(r.x + shift, r.y), triangle(r.x, r.y + shift));
+  local = ivec2[3](r, r + ivec2(shift, 0), r + ivec2(0, shift));
 }
 
 // The section that owns an entry vertex, and in the lowest uRowBits bits the vertex's row in its
@@ -96,6 +96,9 @@ int entryPlace(int level, Cell cell, ivec2 p) {
 int page(int level, int entry, int exit) {
   return uPageBase[level] + entry * (8 << (2 * level)) + exit;
 }
+
+// Whether local coordinates are those of a vertex of the section.
+bool inside(ivec2 p) { return min(min(p.x, p.y), uExitSide - p.x - p.y) >= 0; }
 
 ivec3 texel(int slot, int sample_) {
   int layer = slot / uTilesPerLayer;
@@ -123,21 +126,23 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
 
   vec3 entry[3];
   ivec3 section, row;
+  bool cubic = false;  // the last round adds what a cubic differs from linear interpolation
   for (int e = 0; e < 3; ++e) {
     ivec2 p = corner(cell, e);
     entry[e] = vertex(cell, p, entryN);
     int place = entryPlace(level, cell, p);
     section[e] = place >> uRowBits;
-    row[e] = place & ((1 << uRowBits) - 1);
+    row[e] = (place & ((1 << uRowBits) - 1)) * columns;
   }
 
-  for (int round_ = 0; round_ < 4; ++round_) {
-    vec4 sum = vec4(0);
+  for (int round_ = 0; round_ < 5; ++round_) {
+    vec4 sum = vec4(0), bends = vec4(0), low = vec4(1e9), high = vec4(-1e9);
     float total = 0.0, opacity = 0.0, position = 0.0;
     vec3 opacities = vec3(0), positions = vec3(0);
     int state = kDone;
     for (int e = 0; e < 3; ++e) {
       float we = cell.weights[e];
+      if (we <= 0.0) low = min(low, 0.0), high = max(high, 0.0);
       if (we <= 0.0) continue;
       vec3 q = Q;
       if (round_ > 0) {
@@ -147,8 +152,8 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       }
       Cell leave = locate(q, exitN);
       int exit;
-      ivec3 column;
-      exitCell(leave, level, exit, column);
+      ivec2 local[3];
+      exitCell(leave, level, exit, local);
       int at = page(level, section[e], exit);
       if (round_ == 0) first[e] = at + 1; else last[e] = at + 1;
       ivec2 place = ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits});
@@ -159,24 +164,48 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       if (entry_ <= ${kNotLoaded}u || (state != kDone && round_ > 0)) continue;
       int slot = int(entry_ & ${kNoDepth - 1}u) - ${kFirstSlot};
       vec3 along = vec3(dot(entry[e] - P, chord), dot(q - entry[e], chord), 0) / chord2;
-      if (slot < 0) total += we;
+      if (slot < 0) total += we, low = min(low, 0.0), high = max(high, 0.0);
+      vec4 colors[3], linear = vec4(0);
+      float agreement = 0.0;
       for (int x = slot < 0 ? 3 : 0; x < 3; ++x) {
         float wx = leave.weights[x];
-        ivec3 from = texel(slot, row[e] * columns + column[x]);
+        ivec3 from = texel(slot, row[e] + triangle(local[x].x, local[x].y));
         vec4 color = texelFetch(uColor, from, 0);
+        low = min(low, color);
+        high = max(high, color);
+        colors[x] = color;
+        linear += wx * color;
         float depth = 0.0;
         if (uMode == 1 && color.a > 0.0) depth = texelFetch(uDepth, from, 0).r;
         float tx = along.x + depth * along.y;
         opacities[e] += wx * color.a;
         positions[e] += wx * color.a * tx;
-        float g = we * wx;
+        float g = wx;
         if (round_ > 0) {
           float off = (tx - aim[e]) * sharp;
           g *= 1.0 - 0.9 * min(4.0 * color.a, 1.0) * min(off * off, 1.0);
         }
-        sum += g * color;
-        total += g;
+        agreement += g;
+        sum += we * g * color;
       }
+      total += we * agreement;
+      vec4 bent = linear;
+      for (int i = cubic && slot >= 0 ? 0 : 3; i < 3; ++i) {
+        int j = (i + 1) % 3;
+        ivec2 a = 2 * local[i] - local[j], b = 2 * local[j] - local[i];
+        bool hasA = inside(a), hasB = inside(b);
+        vec4 second = colors[i] - 2.0 * colors[j], first_ = colors[j] - 2.0 * colors[i];
+        if (hasA) first_ += texelFetch(uColor, texel(slot, row[e] + triangle(a.x, a.y)), 0);
+        if (hasB) second += texelFetch(uColor, texel(slot, row[e] + triangle(b.x, b.y)), 0);
+        float wi = leave.weights[i], wj = leave.weights[j], s = wi / max(wi + wj, 1e-9);
+        if (!hasA) first_ = hasB ? second : vec4(0);
+        if (!hasB) second = hasA ? first_ : vec4(0);
+        bent -= 0.625 * wi * wj * ((1.0 + s) * first_ + (2.0 - s) * second) / 3.0;
+      }
+      if (cubic && slot >= 0)
+        bends += we * agreement *
+                 (clamp(bent, min(colors[0], min(colors[1], colors[2])),
+                        max(colors[0], max(colors[1], colors[2]))) - linear);
       opacity += we * opacities[e];
       position += we * positions[e];
     }
@@ -185,6 +214,11 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       if (round_ == 0 && opacity > kFaint) t = clamp(position / opacity, 0.0, 1.0);
       return state;
     }
+    if (cubic) {
+      pixel = clamp(pixel + bends / total, min(low, pixel), max(high, pixel));
+      return kDone;
+    }
+    vec4 before = pixel;
     pixel = round_ == 0 ? sum : sum / total;
     if (uMode == 0) return kDone;
     if (round_ == 0) {
@@ -194,14 +228,23 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       continue;
     }
     if (opacity > kFaint) t = clamp(position / opacity, 0.0, 1.0);
+    vec3 next = vec3(0);
     float moved = 0.0;
     for (int e = 0; e < 3; ++e) {
       float own = opacities[e] > kFaint ? clamp(positions[e] / opacities[e], 0.0, 1.0) : t;
-      float next = 0.5 * (t + own);
-      if (cell.weights[e] > 0.0) moved = max(moved, abs(next - aim[e]));
-      aim[e] = next;
+      next[e] = 0.5 * (t + own);
+      if (cell.weights[e] > 0.0) moved = max(moved, abs(next[e] - aim[e]));
     }
-    if (moved <= float(entryN) / 2048.0) return kDone;
+    if (moved > float(entryN) / 4096.0) {
+      if (round_ < 3) {
+        aim = next;
+        continue;
+      }
+      pixel = mix(pixel, before, 0.4);
+    }
+    vec3 contrast = high.rgb - low.rgb;
+    if (max(contrast.r, max(contrast.g, contrast.b)) < 0.1) return kDone;
+    cubic = true;
   }
   return kDone;
 }
@@ -293,8 +336,8 @@ ivec3 guess(int level, vec3 P, vec3 Q, float t) {
     float v2 = dot(v, v);
     if (cell.weights[e] <= 0.0 || v2 <= 0.0) continue;
     int exit;
-    ivec3 column;
-    exitCell(locate(from - 2.0 * dot(from, v) / v2 * v, uExitSide << level), level, exit, column);
+    ivec2 local[3];
+    exitCell(locate(from - 2.0 * dot(from, v) / v2 * v, uExitSide << level), level, exit, local);
     pages[e] = page(level, entryPlace(level, cell, p) >> uRowBits, exit) + 1;
   }
   return pages;
