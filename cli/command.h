@@ -277,10 +277,10 @@ struct SourceArguments {
   std::vector<double> light;  // empty: the default
   bool no_shade = false;
   double longest_step = 100;  // of rays, whatever `raycast` and the provenance say
-  std::string light_rig;    // empty: the default
-  std::string environment;  // empty: the rig's sky
-  std::string light_file;   // empty: none
-  bool reference = false;   // path tracing instead of a light volume
+  std::string light_rig;      // empty: the default
+  std::string environment;    // empty: the rig's sky
+  std::string light_file;     // empty: none
+  bool reference = false;     // path tracing instead of a light volume
   PathTraceOptions paths;
 
   /// Adds the volume, as an option or positional `name`, and the options of its transfer function

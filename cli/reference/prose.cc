@@ -52,7 +52,8 @@ const std::vector<Prose>& all() {
          "slf build head.raw -o head.slf --dims 128x128x84 --type u8 --spacing 1x1x1.5"}}},
       {"info",
        {"For a field, prints geometry, levels, layers, codecs, sizes and provenance; for a volume, "
-        "dimensions, spacing, orientation and the range of its values; for a folder of several DICOM "
+        "dimensions, spacing, orientation and the range of its values; for a folder of several "
+        "DICOM "
         "series, a list of them."},
        {{"Is a field complete?", "slf info head.slf --json | grep complete"},
         {"One of several series", "slf build scans --series 4 -o head.slf"}}},

@@ -1,4 +1,5 @@
 #include "field/volume/dicom_decode.h"
+#include "field/volume/dicom_elements.h"
 
 #include <fcntl.h>
 #include <gdcmImageReader.h>
@@ -110,7 +111,7 @@ bool decode(const DicomSlice& file, int to) {
   } else {
     auto bytes = read_dicom_bytes(file.path);
     if (!bytes) return false;
-    unpacked.str(std::move(*bytes));
+    unpacked.str(std::move(bytes->bytes));
     reader.SetStream(unpacked);
   }
   if (!reader.Read()) return false;

@@ -109,13 +109,15 @@ struct VolumeOptions {
   bool resample = false;
 };
 
-/// Reads NIfTI-1/2 (.nii, .hdr with .img), Analyze 7.5 (.hdr with .img), FreeSurfer's .mgh and .mgz,
-/// NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), DICOM, TIFF stacks (OME-TIFF and ImageJ's among
-/// them), VTK images (.vti, .pvti, and .vtk with structured points), MRC/CCP4 (.mrc, .map), arrays of NumPy
-/// (.npy, .npz), a folder of PNGs, JPEGs or TIFFs, or raw data. A pair is named by either of its files.
-/// The format is recognised by content, not by name. Any file may be packed by gzip, bzip2, xz or
-/// zstd; some formats are then unpacked to a temporary file that has no name. Input is untrusted:
-/// memory for voxels is used only once the file is known to be long enough, or as data is decoded.
+/// Reads NIfTI-1/2 (.nii, .hdr with .img), Analyze 7.5 (.hdr with .img), FreeSurfer's .mgh and
+/// .mgz, NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), DICOM, TIFF stacks (OME-TIFF and ImageJ's
+/// among them), VTK images (.vti, .pvti, and .vtk with structured points), MRC/CCP4 (.mrc, .map),
+/// arrays of NumPy
+/// (.npy, .npz), a folder of PNGs, JPEGs or TIFFs, or raw data. A pair is named by either of its
+/// files. The format is recognised by content, not by name. Any file may be packed by gzip, bzip2,
+/// xz or zstd; some formats are then unpacked to a temporary file that has no name. Input is
+/// untrusted: memory for voxels is used only once the file is known to be long enough, or as data
+/// is decoded.
 ///
 /// A known format that is not read is refused by name, with a way to convert it.
 ///

@@ -93,6 +93,87 @@ TEST(Raycaster, LeapingOverEmptySpaceChangesNothing) {
   }
 }
 
+/// 10 log10 of 1 over the mean squared difference of premultiplied colours.
+double psnr_between(const Raycaster& a, const Raycaster& b) {
+  const Sphere sphere = a.bounds();
+  double sum = 0;
+  constexpr int kSide = 96;
+  for (int y = 0; y < kSide; ++y)
+    for (int x = 0; x < kSide; ++x) {
+      const glm::dvec3 across((x + 0.5) / kSide * 2 - 1, (y + 0.5) / kSide * 2 - 1, 0.3);
+      const glm::dvec3 eye = sphere.center + sphere.radius * glm::dvec3(2.1, -3.4, 1.7);
+      const glm::dvec3 to =
+          2.0 * sphere.center + sphere.radius * glm::dvec3(across.z, across.x, across.y) - eye;
+      const glm::vec4 d = a.trace(eye, to).rgba - b.trace(eye, to).rgba;
+      sum += (d.r * d.r + d.g * d.g + d.b * d.b) / 3;
+    }
+  return -10 * std::log10(sum / (kSide * kSide) + 1e-12);
+}
+
+TEST(Raycaster, TheDefaultStepIsConverged) {
+  // A rough shell, as of bone: normals change quickly below its surface.
+  const auto shell = [](int x, int y, int z) {
+    const double r = glm::distance(glm::dvec3(x, y, z), glm::dvec3(24.3, 23.8, 24.1));
+    const double rough = 12 * std::sin(2.1 * x + z) * std::cos(1.7 * y - 0.9 * z);
+    return std::max(0.0, 200 - 28 * std::abs(r - 17.4) + rough);
+  };
+  for (const double opacity : {0.3, 0.9, 1.0})
+    for (const double width : {4.0, 60.0}) {
+      RaycastOptions fine;
+      fine.step = 0.05;
+      const auto volume = make_volume<std::uint8_t>({48, 48, 48}, ScalarType::u8, shell);
+      const auto coarse = make(volume, ramp(100, 100 + width, opacity));
+      EXPECT_GT(psnr_between(*coarse, *make(volume, ramp(100, 100 + width, opacity), fine)), 50)
+          << opacity << " over " << width;
+    }
+}
+
+TEST(Raycaster, LabelsEndHalfwayBetweenVoxels) {
+  auto v = make_volume<std::uint8_t>({12, 12, 12}, ScalarType::u8,
+                                     [](int x, int, int) { return x >= 4 && x <= 6 ? 7 : 0; });
+  v.labels = true;
+  TransferFunction t = ramp(0.5, 1, 0.4);
+  RaycastOptions options;
+  options.shade = false;
+  const auto caster = make(std::move(v), t, options);
+  // Three voxels, whatever the phase of the ray.
+  for (const double from : {-3.0, -3.3, -3.71}) {
+    const RaySample s = caster->trace({from, 5.2, 5.4}, {from + 20, 5.2, 5.4});
+    EXPECT_NEAR(s.rgba.a, 1 - std::pow(1 - 0.4, 3), 1e-5);
+    EXPECT_LT(s.depth * 20 + from, 5);  // more of the front is seen
+  }
+}
+
+TEST(Raycaster, ProjectionsShowOneValue) {
+  const auto v = make_volume<std::uint8_t>({9, 9, 9}, ScalarType::u8, [](int x, int, int) {
+    constexpr int kValues[] = {0, 0, 40, 80, 200, 120, 60, 0, 0};
+    return kValues[x];
+  });
+  TransferFunction t;
+  t.colors = {{0, {0, 0, 0}}, {200, {1, 0.5, 0.25}}};
+  t.opacities = {{29, 0, 0.5, 0}, {30, 1, 0.5, 0}};
+  RaycastOptions options;
+  options.shade = false;
+  const glm::dvec3 from(-1, 4.3, 4.6), to(9, 4.3, 4.6);
+  options.projection = Projection::maximum;
+  const RaySample most = make(v, t, options)->trace(from, to);
+  EXPECT_NEAR(most.rgba.r, 1, 0.01);
+  EXPECT_NEAR(most.rgba.g, 0.5, 0.01);
+  EXPECT_NEAR(most.rgba.a, 1, 1e-5);
+  EXPECT_NEAR(most.depth * 10 - 1, 4, 0.01);  // where it was found
+  options.projection = Projection::minimum;
+  const RaySample least = make(v, t, options)->trace(from, to);
+  EXPECT_NEAR(least.rgba.r, 30. / 200, 0.05);
+  options.projection = Projection::mean;
+  const RaySample mean = make(v, t, options)->trace(from, to);
+  EXPECT_NEAR(mean.rgba.r, 0.5, 0.06);
+  options.shade = true;
+  const auto lit = Raycaster::make(v, t, options);
+  ASSERT_FALSE(lit);
+  EXPECT_EQ(lit.error().code, ErrorCode::usage);
+  EXPECT_EQ(raycast_options(R"({"projection":"minip"})").projection, Projection::minimum);
+}
+
 TEST(Raycaster, BoundsHoldEverythingVisible) {
   const auto caster = make(blobs(3), ramp(20, 120, 0.6));
   const Sphere s = caster->bounds();
