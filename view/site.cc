@@ -99,6 +99,8 @@ Result<void> export_page(const std::string& field, const std::string& output,
     scripts += "<script type=\"text/plain\" class=\"piece\">" +
                base64(content.substr(at, kPieceBytes)) + "</script>\n";
   }
+  if (progress && !progress({content.size(), content.size(), 0}))
+    return fail(ErrorCode::failed, output, ": interrupted");
   scripts +=
       "<script>\n" +
       page_script("module: " + module_string() + ",\npieceBytes: " + std::to_string(kPieceBytes) +

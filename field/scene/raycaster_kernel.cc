@@ -321,7 +321,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
   Samples<S> samples{};
   T border[64];
   std::fill(out.begin(), out.end(), RaySample{});
-  const bool lit = !grid.light_volume.nodes.empty(), flat = !lit && !grid.shade;
+  const bool lit = !grid.light_volume.nodes.empty();
 
   RayCounts counts;
   std::size_t next = 0;
@@ -341,7 +341,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
     find_opacity<S, kLabels>(grid, samples);
     if (lit)
       find_light(grid.light_volume, samples);
-    else if (!flat)
+    else if (grid.shade)
       shade(grid, samples);
     // Composite front to back.
     for (std::size_t s = 0; s < samples.size; ++s) {
@@ -352,10 +352,13 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
       if (!(samples.opacity[s] > 0)) continue;
       const std::size_t i = samples.ray[s];
       const float left = 1 - batch.alpha[i];
-      const glm::vec4& color = grid.table.colors[static_cast<std::size_t>(samples.entry[s])];
+      glm::vec3 color(0);
+      for (int k = 0; k < kPieces; ++k)
+        color += samples.share[k][s] *
+                 glm::vec3(grid.table.colors[static_cast<std::size_t>(samples.entry[k][s])]);
+      if (lit) color *= glm::vec3(samples.light[0][s], samples.light[1][s], samples.light[2][s]);
       glm::vec4& to = out[batch.ray[i]].rgba;
-      for (int c = 0; c < 3; ++c)
-        to[c] += left * color[c] * (flat ? samples.opacity[s] : samples.light[c][s]);
+      to += glm::vec4(left * color, 0);
       const float opacity = left * samples.opacity[s];
       batch.alpha[i] += opacity;
       batch.depth[i] += opacity * (batch.from[i] + samples.center[s] * samples.length[s]);

@@ -43,29 +43,27 @@ struct Samples {
   alignas(64) float opacity[kMaxSamples];
   alignas(64) float center[kMaxSamples];  // opacity-weighted mean position, 0 to 1
   alignas(64) float share[kPieces][kMaxSamples];
-  alignas(64) float place[kPieces][kMaxSamples];  // positions, 0 to 1
-  alignas(64) std::int32_t entry[kMaxSamples];    // of the table, for the mean value
-  alignas(64) float light[3][kMaxSamples];        // per channel, times opacity
+  alignas(64) float place[kPieces][kMaxSamples];         // mean positions, 0 to 1
+  alignas(64) float reach[kPieces][kMaxSamples];         // how far around them most of it is seen
+  alignas(64) std::int32_t entry[kPieces][kMaxSamples];  // of the table, for the mean value there
+  alignas(64) float light[3][kMaxSamples];               // per channel, times opacity
 };
 
-/// Trilinear interpolation between the corners of kLanes cells.
+/// Trilinear interpolation between the corners of kLanes cells: those along x at (y, z) = (0, 0),
+/// (1, 0), (0, 1) and (1, 1). One axis after the other, which is accurate beside corners that are
+/// many orders of magnitude larger.
 struct Trilinear {
-  Floats constant, x, y, z, xy, yz, zx, xyz;
+  Floats first[4], along_x[4];
 
   HWY_INLINE Floats operator()(const Floats (&p)[3]) const {
-    const Floats at_z0 = hn::MulAdd(p[0], hn::MulAdd(p[1], xy, x), hn::MulAdd(p[1], y, constant));
-    const Floats by_z = hn::MulAdd(p[0], hn::MulAdd(p[1], xyz, zx), hn::MulAdd(p[1], yz, z));
-    return hn::MulAdd(p[2], by_z, at_z0);
+    Floats at[4];
+    for (int r = 0; r < 4; ++r) at[r] = hn::MulAdd(p[0], along_x[r], first[r]);
+    return lerp(lerp(at[0], at[1], p[1]), lerp(at[2], at[3], p[1]), p[2]);
   }
 };
-
-/// From the corners along x at (y, z) = (0, 0), (1, 0), (0, 1), (1, 1).
 HWY_INLINE Trilinear trilinear(const Floats (&x0)[4], const Floats (&x1)[4]) {
-  const Floats d[4] = {x1[0] - x0[0], x1[1] - x0[1], x1[2] - x0[2], x1[3] - x0[3]};
-  return {x0[0],         d[0],
-          x0[1] - x0[0], x0[2] - x0[0],
-          d[1] - d[0],   (x0[3] - x0[2]) - (x0[1] - x0[0]),
-          d[2] - d[0],   (d[3] - d[2]) - (d[1] - d[0])};
+  return {{x0[0], x0[1], x0[2], x0[3]},
+          {x1[0] - x0[0], x1[1] - x0[1], x1[2] - x0[2], x1[3] - x0[3]}};
 }
 
 template <class S>
@@ -147,7 +145,7 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
       before[k] = hn::MulAdd(within[k], extinction[k], before[k]);
     }
     const Floats length = hn::Load(kFloats, samples.length + i) * piece;
-    Floats left = one, center = zero, value_sum = zero;
+    Floats left = one, center = zero;
     for (int k = 0; k < kPieces; ++k) {
       const Floats change = at[k + 1] - at[k];
       const auto steady = hn::Abs(change) < one;
@@ -157,30 +155,39 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
       const Floats depth = mean * length;
       const Floats after = left * hn::Exp(kFloats, zero - depth);
       const Floats share = left - after;
-      // The mean position in the piece, 1/d - 1/(exp(d) - 1): half of it, or less if it absorbs
-      // much.
+      // Where extinction rises or falls, most matter is at one end of the piece: `mass` is its mean
+      // position, and `extent` how much of the piece it fills.
+      const Floats most = hn::Max(extinction[k], extinction[k + 1]);
+      const Floats ratio = hn::Min(mean / hn::Max(most, hn::Set(kFloats, 1e-20f)), one);
+      const Floats rising =
+          hn::Max(hn::NegMulAdd(hn::Set(kFloats, 2.f / 3), ratio, one),
+                  hn::NegMulAdd(hn::Set(kFloats, 1.f / 3), ratio, hn::Set(kFloats, 5.f / 6)));
+      const Floats mass = hn::IfThenElse(extinction[k + 1] > extinction[k], rising, one - rising);
+      const Floats extent = hn::Min(ratio + ratio, one);
+      // The mean position at which light is absorbed, 1/d - 1/(exp(d) - 1), lies before that.
       const Floats d = hn::Min(depth, hn::Set(kFloats, 8.f));
-      const Floats middle = hn::MulAdd(
-          d, hn::MulAdd(d, hn::Set(kFloats, 0.0045f), hn::Set(kFloats, -1.f / 12)), half);
+      const Floats before_middle =
+          d * hn::MulAdd(d, hn::Set(kFloats, -0.0045f), hn::Set(kFloats, 1.f / 12));
+      const Floats middle = hn::NegMulAdd(extent, before_middle, mass);
       const Floats place = piece * (middle + hn::Set(kFloats, static_cast<float>(k)));
+      hn::Store(piece * extent * (half - before_middle), kFloats, samples.reach[k] + i);
       hn::Store(share, kFloats, samples.share[k] + i);
       hn::Store(place, kFloats, samples.place[k] + i);
       center = hn::MulAdd(share, place, center);
-      value_sum = hn::MulAdd(share, hn::MulAdd(middle, change, at[k]), value_sum);
+      const Ints entry = hn::Min(hn::NearestInt(hn::MulAdd(middle, change, at[k])), last);
+      hn::Store(row + hn::Max(entry, hn::Zero(kInts)), kInts, samples.entry[k] + i);
       left = after;
     }
     const Floats opacity = one - left;
     const Floats inverse = one / hn::Max(opacity, hn::Set(kFloats, 1e-30f));
     hn::Store(opacity, kFloats, samples.opacity + i);
     hn::Store(center * inverse, kFloats, samples.center + i);
-    const Ints entry = hn::Min(hn::NearestInt(value_sum * inverse), last);
-    hn::Store(row + hn::Max(entry, hn::Zero(kInts)), kInts, samples.entry + i);
   }
 }
 
-/// Lights samples by ambient and Lambertian light, piece by piece, because normals change quickly
-/// below a surface. The normal is the trilinear interpolation of central differences, so it has no
-/// facets.
+/// Multiplies the pieces' shares by ambient and Lambertian light at several places of each, because
+/// normals change quickly below a surface. The normal is the trilinear interpolation of central
+/// differences, so it has no facets.
 template <class S>
 HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
   const Floats one = hn::Set(kFloats, 1.f);
@@ -201,12 +208,13 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
     }
     const Trilinear difference[3] = {trilinear(x0[0], x1[0]), trilinear(x0[1], x1[1]),
                                      trilinear(x0[2], x1[2])};
-    Floats light = hn::Zero(kFloats);
+    Floats light[kPieces];
     for (int point = 0; point < kPieces * kPoints; ++point) {
       const int k = point / kPoints;
-      const float offset = (static_cast<float>(point % kPoints) + 0.5f) / kPoints - 0.5f;
+      const float offset = (2 * static_cast<float>(point % kPoints) + 1) / kPoints - 1;
       const Floats place =
-          hn::Load(kFloats, samples.place[k] + i) + hn::Set(kFloats, offset / kPieces);
+          hn::MulAdd(hn::Set(kFloats, offset), hn::Load(kFloats, samples.reach[k] + i),
+                     hn::Load(kFloats, samples.place[k] + i));
       Floats p[3];
       find_position(samples, place, i, p);
       const Floats d[3] = {difference[0](p), difference[1](p), difference[2](p)};
@@ -225,11 +233,13 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
       const Floats lambert = hn::Max(hn::Zero(kFloats), toward) / length;
       const Floats sure = hn::Min(one, length * hn::Set(kFloats, grid.inverse_gradient_floor));
       const Floats dark = hn::Set(kFloats, 1 - grid.ambient) * (one - lambert);
-      light = hn::MulAdd(hn::Load(kFloats, samples.share[k] + i), hn::NegMulAdd(dark, sure, one),
-                         light);
+      const Floats shown = hn::NegMulAdd(dark, sure, one);
+      light[k] = point % kPoints == 0 ? shown : light[k] + shown;
     }
-    for (int c = 0; c < 3; ++c)
-      hn::Store(light * hn::Set(kFloats, 1.f / kPoints), kFloats, samples.light[c] + i);
+    for (int k = 0; k < kPieces; ++k) {
+      const Floats share = hn::Load(kFloats, samples.share[k] + i);
+      hn::Store(share * light[k] * hn::Set(kFloats, 1.f / kPoints), kFloats, samples.share[k] + i);
+    }
   }
 }
 
@@ -281,17 +291,14 @@ template <class S>
 HWY_INLINE void find_light(const LightGrid& grid, Samples<S>& samples) {
   const Floats inverse_spacing = hn::Set(kFloats, static_cast<float>(1 / grid.spacing));
   for (std::size_t i = 0; i < samples.size; i += kLanes) {
-    const Floats opacity = hn::Load(kFloats, samples.opacity + i);
-    const Floats center =
-        hn::Load(kFloats, samples.center + i) / hn::Max(opacity, hn::Set(kFloats, 1e-30f));
     Floats at[3];
-    find_position(samples, center, i, at);
+    find_position(samples, hn::Load(kFloats, samples.center + i), i, at);
     for (int axis = 0; axis < 3; ++axis)
       at[axis] = (at[axis] + hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i)) -
                   hn::Set(kFloats, static_cast<float>(grid.low[axis]))) *
                  inverse_spacing;
     const Light found = look_up(grid, at);
-    for (int c = 0; c < 3; ++c) hn::Store(opacity * found.rgb[c], kFloats, samples.light[c] + i);
+    for (int c = 0; c < 3; ++c) hn::Store(found.rgb[c], kFloats, samples.light[c] + i);
   }
 }
 

@@ -126,6 +126,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   grid.projection = options.projection;
   grid.labels = v.labels;
   float contrast = 1;
+  bool finite = true;  // at least one value
   if (v.labels) {
     std::vector<double> labels;
     if (v.type == ScalarType::u8 || v.type == ScalarType::u16) {
@@ -139,6 +140,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   } else {
     if (bytes_per_voxel(v.type) > 2 && v.type != ScalarType::f32) convert_to_float(v);
     const auto range = stored_range(v);
+    finite = has_finite_value(v);
     replace_nonfinite(v, range[0]);
     grid.table = make_table(transfer, v, range);
     contrast = contrast_of(transfer, v, range);
@@ -183,7 +185,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   grid.ambient = options.ambient;
 
   const std::optional<Sphere> bounds = find_visible_space(v, grid);
-  if (!bounds && !has_finite_value(v))
+  if (!bounds && !finite)
     return fail(ErrorCode::bad_file, v.source,
                 ": all values are NaN or infinite: nothing is "
                 "visible under any transfer function; write the volume again");

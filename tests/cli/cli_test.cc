@@ -192,7 +192,8 @@ TEST_F(Cli, WrongArgumentsAreUsageErrors) {
                  "finest level of this field is 2");
   EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--size", "0x5"}), 1, "--size");
   EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--size", "1000000x1000000"}), 1, "pixels");
-  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--eye", "nan,0,0"}), 1, "finite");
+  EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--eye", "nan,0,0"}), 1,
+                 "expected -1e+12 to 1e+12");
   EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--eye", "0,0,0"}), 1, "same point");
   EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--eye", "1,2"}), 1, "--eye X,Y,Z");
   EXPECT_OUTCOME(slf({"render", field(), "-o", out, "--fov", "400"}), 1, "below 180");
