@@ -32,11 +32,7 @@ Result<void> run_build(const Arguments& arguments) {
   if (options.depth_codec == "none") options.depth_codec = "";
   SourceArguments source = arguments.source;
   source.raycast.lighting.linear = options.half;
-  // The light volume is kept until the field is complete, so that a resumed build need not compute
-  // it again.
-  const bool keep = !source.light_file.empty();
-  const std::string light_file = keep ? source.light_file : output + ".light";
-  const auto scene = source.scene({options.threads, light_progress(), light_file, true});
+  const auto scene = source.scene({options.threads, light_progress(), source.light_file, true});
   if (!scene) return tl::unexpected(scene.error());
   const Sphere visible = (*scene)->bounds();
   Sphere& sphere = options.shape.sphere;
@@ -59,7 +55,6 @@ Result<void> run_build(const Arguments& arguments) {
   options.replace = arguments.force;
   const auto report = build_field(**scene, output, options, progress_bar("build", "rays"));
   if (!report) return tl::unexpected(report.error());
-  if (!keep) std::filesystem::remove(light_file, ignored);
   if (report->tiles == 0)
     note(fmt::format("{}: nothing is left to build", output));
   else if (report->resumed > 0)

@@ -133,7 +133,8 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   const auto plan = plan_merge(parts, options.part);
   if (!plan) return tl::unexpected(plan.error());
   const std::vector<ByteSpan> tables(plan->tables.begin(), plan->tables.end());
-  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, plan->manifest, tables);
+  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, plan->manifest, tables,
+                                    plan->light);
   if (!writer) return tl::unexpected(writer.error());
   Merger merger(*plan, parts, options, *writer, progress);
   if (auto ok = merger.write(); !ok) return tl::unexpected(ok.error());

@@ -201,7 +201,10 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
     manifest.layers.push_back(out.layer);
     tables.push_back(out.codec->tables());
   }
-  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, manifest, tables);
+  const Result<ByteSpan> light = options.light ? field.light() : ByteSpan();
+  if (!light)
+    return fail(light.error().code, light.error().message, "; a copy can leave the light out");
+  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, manifest, tables, *light);
   if (!writer) return tl::unexpected(writer.error());
 
   RepackReport report;

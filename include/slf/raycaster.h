@@ -5,10 +5,13 @@
 // termination. Leaping never moves a sample position, so it does not change a result.
 #pragma once
 
+#include <cstddef>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "slf/error.h"
 #include "slf/light.h"
@@ -69,6 +72,9 @@ class Raycaster final : public Scene {
 
   /// Computes the light volume if make() has deferred it. Errors as make().
   [[nodiscard]] Result<void> prepare() const override;
+  [[nodiscard]] std::vector<std::byte> light() const override;
+  /// Has an effect only if make() has deferred the light volume.
+  bool set_light(std::span<const std::byte> light) const override;
   [[nodiscard]] Sphere bounds() const override;
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
   void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const override;
