@@ -33,12 +33,8 @@ Result<void> run_build(const Arguments& arguments) {
   inputs.push_back(options.shard.coarser);
   if (auto ok = check_output(output, inputs); !ok) return ok;
   source.raycast.lighting.linear = options.half;
-  // The light volume is kept until the field is complete, so that a resumed build need not compute
-  // it again.
-  const bool keep = !source.light_file.empty();
-  const std::string light_file = keep ? source.light_file : output + ".light";
   const auto scene =
-      source.scene({options.threads, light_progress(OnSignal::stop), light_file, true});
+      source.scene({options.threads, light_progress(OnSignal::stop), source.light_file, true});
   if (!scene) return tl::unexpected(scene.error());
   const Sphere visible = (*scene)->bounds();
   Sphere& sphere = options.shape.sphere;
@@ -57,7 +53,6 @@ Result<void> run_build(const Arguments& arguments) {
   const auto report =
       build_field(**scene, output, options, progress_bar("build", "rays", OnSignal::stop));
   if (!report) return tl::unexpected(report.error());
-  if (!keep) remove_light_file(light_file, (*scene)->provenance());
   if (report->tiles == 0)
     note(fmt::format("{}: nothing is left to build", output));
   else if (report->resumed > 0)

@@ -187,9 +187,14 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   const auto cameras = a.views.cameras(field->shape().sphere, a.distance, a.size);
   const auto view = a.draw.view(*field, cameras.front());
   if (!view) return tl::unexpected(view.error());
-  const auto scene = a.source.scene(
-      {a.draw.threads, light_progress(OnSignal::end), a.source.light_file}, field->provenance());
+  const auto scene =
+      a.source.scene({a.draw.threads, light_progress(OnSignal::end), a.source.light_file, true},
+                     field->provenance());
   if (!scene) return tl::unexpected(scene.error());
+  const auto light = field->light();
+  if (light) (*scene)->set_light(*light);
+  if (!light) note(light.error().message + "; computing the light again");
+  if (auto ok = (*scene)->prepare(); !ok) return tl::unexpected(ok.error());
   const bool same_source = check_source(*field, **scene);
   const auto evaluation =
       evaluate_views(*field, **scene, cameras, *view, a.draw.renderer(), a.supersample,

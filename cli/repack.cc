@@ -15,7 +15,7 @@ struct RepackArguments {
   std::optional<bool> half;
   RepackOptions repack;
   int levels = -1;
-  bool force = false, dry_run = false, json = false;
+  bool force = false, dry_run = false, no_light = false, json = false;
 };
 
 /// --dry-run: prints the estimated size of the output.
@@ -42,6 +42,7 @@ Result<void> estimate(const RepackArguments& a, const Field& field, const Repack
 Result<void> run_repack(const RepackArguments& a) {
   keep_freed_memory();
   RepackOptions options = a.repack;
+  options.light = !a.no_light;
   if (a.levels >= 0) options.levels = static_cast<unsigned>(a.levels);
   options.half = a.half;
   options.subfields = a.subfields.numbers;
@@ -152,6 +153,9 @@ void add_repack(CLI::App& app, Run& run) {
   add_subfields(*command, a->subfields, "Level-0 subfields to keep");
   choose(command->add_option("--color-type", a->half, "u8 or half"),
          Choices<bool>{{"u8", false}, {"half", true}});
+  command->add_flag("--no-light", a->no_light,
+                    "Leave out the light volume, which views do not need; evaluate then computes\n"
+                    "it again");
   add_bytes(*command, "--memory", a->repack.memory, "Budget for tiles and records under way");
   add_threads(*command, a->repack.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
@@ -162,9 +166,9 @@ void add_verify(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "verify", "Check structure, counts, every checksum, and that every tile decodes");
   command->footer(R"(
-Findings: S1 a page is damaged, M1 manifest or tables, R1 a record, K1 a tile that should not be,
-T1 a checksum, T2 a tile does not decode, T3 a tile that it is predicted from is lost, C1 tiles are
-missing, C2 layers disagree.
+Findings: S1 a page is damaged, M1 manifest or tables, L1 the light volume, R1 a record, K1 a tile
+that should not be, T1 a checksum, T2 a tile does not decode, T3 a tile that it is predicted from is
+lost, C1 tiles are missing, C2 layers disagree.
 Exit code 0 when all is good or only tiles are missing, 3 when something is damaged and, with
 --fix, could not be dropped (S1, M1).)");
   auto a = std::make_shared<VerifyArguments>();

@@ -70,11 +70,15 @@ Result<bool> repack_if_requested(const ExportArguments& a, const Field& field,
   RepackOptions options = a.repack;
   options.levels = a.levels;
   options.replace = true;
+  options.light = false;  // views do not need it
   const bool limited = a.max_size > 0;
   const std::uint64_t room = view::room_for_field(a.max_size, a.one_file());
   if (limited && room == 0)
     return fail(ErrorCode::usage, "--max-size: the page alone is larger; allow 1MiB or more");
-  const bool as_it_is = !a.levels && options.color_codec.empty() && options.depth_codec.empty();
+  const auto light = field.light();
+  const bool has_light = !light || !light->empty();
+  const bool as_it_is =
+      !has_light && !a.levels && options.color_codec.empty() && options.depth_codec.empty();
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
   const bool fits = !limited || (a.one_file() && field.file_bytes() <= room);
   if (as_it_is && fits) return false;

@@ -277,6 +277,12 @@ Result<bool> FieldFile::part_is_complete() const {
   return true;
 }
 
+Result<ByteSpan> FieldFile::light() const {
+  const auto kept = store_.has_blob(kLightBlob);
+  if (!kept) return tl::unexpected(kept.error());
+  return *kept ? store_.blob(kLightBlob) : Result<ByteSpan>();
+}
+
 Result<Field> Field::open(const std::string& path) {
   auto file = FieldFile::open(path);
   if (!file) return tl::unexpected(file.error());
@@ -290,6 +296,11 @@ bool Field::has_layer(std::string_view name) const { return file_->layer(name).h
 bool Field::has_depth() const { return file_->has_depth(); }
 std::optional<TileRange> Field::part() const { return file_->manifest().part; }
 std::string Field::provenance() const { return file_->manifest().provenance.dump(); }
+Result<std::vector<std::byte>> Field::light() const {
+  const auto light = file_->light();
+  if (!light) return tl::unexpected(light.error());
+  return std::vector<std::byte>(light->begin(), light->end());
+}
 std::string Field::manifest() const { return file_->manifest().to_json().dump(); }
 std::uint64_t Field::file_bytes() const { return file_->store().file_bytes(); }
 Result<FieldContent> Field::content() const { return file_->content(); }

@@ -25,6 +25,7 @@ namespace slf {
 /// Blob names in the container.
 inline constexpr const char* kManifestBlob = "field";
 inline constexpr const char* kTablesBlobPrefix = "tables/";
+inline constexpr const char* kLightBlob = "light";
 
 /// The open container of a field. A Field is a handle to one. The file is untrusted.
 /// Thread-safety: all const members may be called from many threads.
@@ -40,6 +41,10 @@ class FieldFile {
   [[nodiscard]] const Manifest& manifest() const { return manifest_; }
   [[nodiscard]] const FieldShape& shape() const { return manifest_.shape; }
   [[nodiscard]] const storage::TileStore& store() const { return store_; }
+
+  /// The light of the field's scene, which views the map; no bytes if the field has none. bad_file:
+  /// it is damaged.
+  [[nodiscard]] Result<ByteSpan> light() const;
 
   /// The layer with this name, if the field has one.
   [[nodiscard]] std::optional<storage::LayerId> layer(std::string_view name) const;

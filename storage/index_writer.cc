@@ -16,6 +16,9 @@ namespace slf::storage {
 namespace internal {
 namespace {
 
+/// Larger blobs, such as light, are fetched by those who need them.
+constexpr std::uint64_t kMaxIndexedBlob = 256 << 10;
+
 /// Collects the parts of a snapshot by section, and sorts them by their offset in the file.
 class IndexBuilder {
  public:
@@ -24,7 +27,7 @@ class IndexBuilder {
   Result<void> collect() {
     if (auto ok = walk(snapshot_.meta().main, nullptr); !ok) return ok;
     const auto blob = [&](const Cursor& at) -> Result<void> {
-      if ((at.node().flags & kBigData) != 0)
+      if ((at.node().flags & kBigData) != 0 && at.node().data_size <= kMaxIndexedBlob)
         add_value(kCoreSection, at.node(), at.node().data_size);
       return {};
     };

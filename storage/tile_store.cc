@@ -148,6 +148,10 @@ const std::byte* TileStore::map() const { return state_->snapshot->bytes().data(
 std::uint64_t TileStore::transaction() const { return state_->snapshot->meta().transaction; }
 bool TileStore::changed() const { return !state_->snapshot->unchanged(); }
 
+Result<bool> TileStore::has_blob(std::string_view name) const {
+  return state_->snapshot->has_blob(name);
+}
+
 Result<ByteSpan> TileStore::blob(std::string_view name) const {
   return state_->snapshot->blob(name);
 }

@@ -109,6 +109,9 @@ class TileStore {
   /// have been zeros: call this after using bytes that were checked earlier.
   [[nodiscard]] bool changed() const;
 
+  /// Whether there is a blob of this name. bad_file: a page on the way to it is damaged.
+  [[nodiscard]] Result<bool> has_blob(std::string_view name) const;
+
   /// A named blob that matches its checksum. bad_file: it is missing or damaged.
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const;
 

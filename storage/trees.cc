@@ -74,6 +74,13 @@ Result<Tree> Trees::named_tree(std::string_view name) const {
   return tree;
 }
 
+Result<bool> Trees::has_blob(std::string_view name) const {
+  Cursor cursor(pages_, manifest_);
+  const auto found = cursor.seek(bytes_of(name));
+  if (!found) return found;
+  return *found && compare_keys(cursor.key(), bytes_of(name)) == 0;
+}
+
 Result<ByteSpan> Trees::blob(std::string_view name) const {
   Cursor cursor(pages_, manifest_);
   auto found = cursor.seek(bytes_of(name));

@@ -22,6 +22,7 @@ std::vector<RepackOptions> candidates(const Field& field, const RepackOptions& o
   all.reserve(levels * (1 + kQualities.size()));
   RepackOptions next = options;
   next.replace = true;
+  next.light = false;
   for (unsigned k = 0; k < levels; ++k) {
     next.levels = finest - k;
     next.color_codec = options.color_codec;  // if empty, the field's own

@@ -31,8 +31,9 @@ const std::vector<Prose>& all() {
         "committed are not traced again.",
         "World coordinates are millimetres, LPS: x to the patient's left, y to the back, z up.",
         "With --lighting shadowed or global, the light that reaches each voxel is computed first, "
-        "from a rig of lights and its sky or an environment picture. It is kept in OUTPUT.light "
-        "until the field is complete. A white surface that faces a light of intensity 1 has "
+        "from a rig of lights and its sky or an environment picture. The field "
+        "keeps it for slf-evaluate(1) and for builds that are resumed. A white surface that faces "
+        "a light of intensity 1 has "
         "radiance 1; --exposure and --tonemap turn radiance into colours. With --color-type half "
         "the field holds radiance itself, and slf-render(1) has these options."},
        {{"A small field first", "slf build head.nii.gz -o head.slf --levels 1"},

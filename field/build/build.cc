@@ -102,8 +102,15 @@ struct EarlierBuild {
   MissingTiles missing;
   std::uint64_t transaction = 0;  ///< the commit that was read
   Codecs codecs;
+  Bytes light;            ///< that the file keeps; none if it is damaged
   bool in_place = false;  ///< it has the output's name, not that of a draft
 };
+
+/// The light that a field keeps; no bytes if it is damaged, since it can be computed again.
+Bytes light_of(const FieldFile& field) {
+  const auto light = field.light();
+  return light ? Bytes(light->begin(), light->end()) : Bytes();
+}
 
 /// Finds an earlier build: the output itself if it exists and is to be kept, else its draft. Sets
 /// manifest.filtered_levels to that of the build found.
@@ -128,14 +135,14 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
   auto codecs = open_codecs(**field);
   if (!codecs) return tl::unexpected(codecs.error());
   return EarlierBuild{std::move(*missing), (*field)->store().transaction(), std::move(*codecs),
-                      in_place};
+                      light_of(**field), in_place};
 }
 
 Result<FieldWriter> create(const FieldOutput& output, const Manifest& manifest,
-                           const Codecs& codecs) {
+                           const Codecs& codecs, ByteSpan light) {
   std::vector<ByteSpan> tables;
   for (const auto& codec : codecs) tables.push_back(codec->tables());
-  return FieldWriter::create(output, FieldWriter::Draft::keep, manifest, tables);
+  return FieldWriter::create(output, FieldWriter::Draft::keep, manifest, tables, light);
 }
 
 /// Whether tiles are predicted from those of coarser levels.
@@ -399,15 +406,21 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
   state.skipped = state.total - count_rays(tracer, order, manifest->shape, missing.numbers());
   state.done = state.skipped;
   const GoOn go_on = [&] { return !progress || progress(state); };
+  // Light is computed once, and kept in the file from its first commit on.
+  const bool has_light = *earlier && scene.set_light((*earlier)->light);
+  if (!has_light && *coarser) scene.set_light(light_of(**coarser));
   if (auto ok = scene.prepare(); !ok) return tl::unexpected(ok.error());
+  const Bytes light = has_light ? Bytes() : scene.light();
   auto codecs = *earlier   ? std::move((*earlier)->codecs)
                 : *coarser ? open_codecs(**coarser)
                            : train_codecs(tracer, *manifest, go_on);
   if (!codecs) return tl::unexpected(codecs.error());
-  auto writer = !*earlier              ? create(*output, *manifest, *codecs)
+  auto writer = !*earlier              ? create(*output, *manifest, *codecs, light)
                 : (*earlier)->in_place ? FieldWriter::edit(path, (*earlier)->transaction)
                                        : FieldWriter::resume(*output, (*earlier)->transaction);
   if (!writer) return tl::unexpected(writer.error());
+  if (*earlier && !light.empty())
+    if (auto ok = writer->put_light(light); !ok) return tl::unexpected(ok.error());
 
   BuildJob job{tracer,   *manifest,
                *codecs,  missing,

@@ -169,6 +169,8 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
       total += *estimate;
     }
   }
+  const Result<ByteSpan> light = options.light ? field.light() : ByteSpan();
+  if (!light) return tl::unexpected(light.error());
   std::uint64_t indexed = 0;
   for (unsigned level = 0; level <= shape->levels; ++level)
     if (shape->tiles(level) <= kMaxIndexedTiles) indexed += shape->tiles(level);
@@ -176,7 +178,7 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   const double file = total.bytes * (1 + kRecordShare) + kTileBytes * total.stored +
                       static_cast<double>(order.count() * outputs->size()) + kTreeBytes +
                       kIndexedTileBytes * static_cast<double>(indexed * outputs->size()) +
-                      kIndexBytes;
+                      kIndexBytes + static_cast<double>(light->size());
   const auto whole = [](double bytes) { return static_cast<std::uint64_t>(std::llround(bytes)); };
   RepackEstimate estimate;
   estimate.tiles = order.count() * outputs->size();

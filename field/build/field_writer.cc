@@ -102,8 +102,8 @@ FieldWriter::~FieldWriter() {
 }
 
 Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
-                                        const Manifest& manifest,
-                                        std::span<const ByteSpan> tables) {
+                                        const Manifest& manifest, std::span<const ByteSpan> tables,
+                                        ByteSpan light) {
   if (output.existing == Existing::keep && output.exists())
     return fail(ErrorCode::usage, output.path,
                 ": exists; choose another output, or let it be replaced");
@@ -115,6 +115,7 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
     names.push_back(manifest.layers[k].name);
     blobs.emplace_back(kTablesBlobPrefix + names[k], Bytes(tables[k].begin(), tables[k].end()));
   }
+  if (!light.empty()) blobs.emplace_back(kLightBlob, Bytes(light.begin(), light.end()));
 
   const std::string file =
       draft == Draft::keep ? output.unfinished() : output.target + ".repacking";
@@ -207,6 +208,8 @@ Result<void> FieldWriter::put_missing(LayerId layer, TileKey key) {
   if (auto done = writer_->append_missing(layer, key); !done) return done;
   return commit_when_due();
 }
+
+Result<void> FieldWriter::put_light(ByteSpan light) { return writer_->set_blob(kLightBlob, light); }
 
 Result<void> FieldWriter::drop(LayerId layer, TileKey key) {
   if (auto dropped = writer_->replace(layer, key, TileState::missing, {}); !dropped) return dropped;

@@ -49,13 +49,15 @@ class FieldWriter {
   /// Whether the destructor keeps or removes an unfinished draft.
   enum class Draft { keep, discard };
 
-  /// Begins a new field. `tables` has the codec tables of its layers, in the order of the manifest.
+  /// Begins a new field. `tables` has the codec tables of its layers, in the order of the manifest;
+  /// `light`, if not empty, the light that the field keeps.
   /// After an error no file remains. usage: the output exists and is to be kept, or readers would
   /// refuse the manifest. failed: another process is writing the field. bad_file: a file with the
   /// draft's name exists and is no container, so it is not a draft. io: the system refuses.
   [[nodiscard]] static Result<FieldWriter> create(const FieldOutput& output, Draft draft,
                                                   const Manifest& manifest,
-                                                  std::span<const ByteSpan> tables);
+                                                  std::span<const ByteSpan> tables,
+                                                  ByteSpan light = {});
 
   /// Continues the unfinished field of an output. `transaction` is the commit that the caller has
   /// read. failed: another process is writing the field, or has written to it since.
@@ -92,6 +94,9 @@ class FieldWriter {
 
   /// Appends a missing tile, which put() can fill later.
   [[nodiscard]] Result<void> put_missing(storage::LayerId layer, TileKey key);
+
+  /// Sets the light that the field keeps, in the next commit. Empty: none.
+  [[nodiscard]] Result<void> put_light(ByteSpan light);
 
   /// Makes a tile missing. Errors other than io concern this tile alone.
   [[nodiscard]] Result<void> drop(storage::LayerId layer, TileKey key);

@@ -135,7 +135,8 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   const std::vector<ByteSpan> tables(plan->tables.begin(), plan->tables.end());
   if (progress && !progress({0, TileOrder(plan->manifest.shape).count(), 0}))
     return fail(ErrorCode::failed, "merge interrupted; nothing was written");
-  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, plan->manifest, tables);
+  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, plan->manifest, tables,
+                                    plan->light);
   if (!writer) return tl::unexpected(writer.error());
   Merger merger(*plan, parts, options, *writer, progress);
   if (auto ok = merger.write(); !ok) return tl::unexpected(ok.error());

@@ -17,6 +17,7 @@ struct Source {
   std::string path;
   Manifest manifest;
   std::vector<Bytes> tables;
+  Bytes light;
   std::uint64_t commit = 0;
 };
 
@@ -75,7 +76,13 @@ Result<Source> read_source(const std::string& path) {
     return unfinished(path, "is not finished (" + path + ".unfinished)");
   if (!field) return tl::unexpected(field.error());
   if (auto complete = check_complete(**field); !complete) return tl::unexpected(complete.error());
-  Source source{path, (*field)->manifest(), {}, (*field)->store().transaction()};
+  const auto light = (*field)->light();
+  if (!light) return tl::unexpected(light.error());
+  Source source{path,
+                (*field)->manifest(),
+                {},
+                {light->begin(), light->end()},
+                (*field)->store().transaction()};
   for (storage::LayerId layer = 0; layer < source.manifest.layers.size(); ++layer) {
     const ByteSpan tables = (*field)->codec(layer).tables();
     source.tables.emplace_back(tables.begin(), tables.end());
@@ -205,6 +212,8 @@ Result<MergePlan> plan_merge(const std::vector<std::string>& paths, bool part) {
   plan.manifest.filtered_levels = filtered_levels(first.manifest);
   plan.manifest.part.reset();
   plan.tables = std::move(first.tables);
+  for (const MergeSegment& segment : plan.segments)
+    if (plan.light.empty()) plan.light = sources[segment.source].light;
   for (const Source& source : sources) plan.commits.push_back(source.commit);
 
   const std::vector<NumberRange> left_out = gaps(plan.segments, order);

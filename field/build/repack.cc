@@ -203,7 +203,10 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
   }
   if (progress && !progress({0, TileOrder(manifest.shape).count(), 0}))
     return fail(ErrorCode::failed, field.path(), ": repack interrupted; nothing was written");
-  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, manifest, tables);
+  const Result<ByteSpan> light = options.light ? field.light() : ByteSpan();
+  if (!light)
+    return fail(light.error().code, light.error().message, "; a copy can leave the light out");
+  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, manifest, tables, *light);
   if (!writer) return tl::unexpected(writer.error());
 
   RepackReport report;

@@ -86,7 +86,19 @@ class Verifier {
     return {};
   }
 
+  /// io: bytes of the file cannot be read.
+  Result<void> check_light(const FieldFile& field) {
+    if (options_.quick) return {};
+    const auto light = field.light();
+    if (light) return {};
+    if (light.error().code == ErrorCode::io) return tl::unexpected(light.error());
+    add(FindingKind::light, light.error().message);
+    drop_light_ = options_.fix;
+    return {};
+  }
+
   Result<void> check_tiles(const FieldFile& field) {
+    if (auto ok = check_light(field); !ok) return ok;
     for (unsigned level = 0; level <= field.shape().levels; ++level)
       state_.total += field.shape().tiles(level) * field.manifest().layers.size();
     report_.complete = true;
@@ -220,7 +232,7 @@ class Verifier {
     const bool sound =
         std::none_of(report_.findings.begin(), report_.findings.end(),
                      [](const Finding& finding) { return finding.kind == FindingKind::structure; });
-    if (repairs_.empty() || !sound) return {};
+    if ((repairs_.empty() && !drop_light_) || !sound) return {};
     auto writer = FieldWriter::edit(path, transaction_);
     if (!writer) return tl::unexpected(writer.error());
     for (const std::vector<Repair>& repairs : repairs_) {
@@ -234,7 +246,12 @@ class Verifier {
       }
       if (cured) ++fixed_;
     }
-    report_.complete = false;
+    if (drop_light_) {
+      if (auto ok = writer->put_light({}); !ok) return ok;
+      ++fixed_;
+      ++report_.dropped;
+    }
+    if (!repairs_.empty()) report_.complete = false;
     return writer->finish();
   }
 
@@ -243,6 +260,7 @@ class Verifier {
   VerifyReport report_;
   Progress state_;
   std::vector<std::vector<Repair>> repairs_;  ///< one for each finding that has one
+  bool drop_light_ = false;
   std::uint64_t fixed_ = 0;
   std::uint64_t transaction_ = 0;  ///< the commit that was checked
 };
@@ -250,7 +268,7 @@ class Verifier {
 }  // namespace
 
 const char* id(FindingKind kind) {
-  constexpr const char* kIds[] = {"S1", "M1", "R1", "K1", "T1", "T2", "T3", "C1", "C2"};
+  constexpr const char* kIds[] = {"S1", "M1", "L1", "R1", "K1", "T1", "T2", "T3", "C1", "C2"};
   return kIds[static_cast<int>(kind)];
 }
 

@@ -114,13 +114,25 @@ IncidentLight PlacedLight::incident_light(const glm::dvec3& world, double u, dou
   const double r = tangent_ * std::sqrt(u);
   const glm::dvec3 at =
       direction_ + r * (std::cos(2 * kPi * v) * across_ + std::sin(2 * kPi * v) * up_);
-  if (std::isinf(distance_)) return {glm::normalize(at), distance_, irradiance_};
+  if (distant()) return {glm::normalize(at), distance_, irradiance_};
   // The disc faces the centre; irradiance falls off by distance and by the angle to the disc.
   const glm::dvec3 to = center_ + distance_ * at - world;
   const double length = glm::length(to);
   const double cosine = std::max(0.0, glm::dot(to, direction_) / length);
   const double ratio = distance_ / length;
   return {to / length, length, static_cast<float>(cosine * ratio * ratio) * irradiance_};
+}
+
+std::vector<glm::dvec3> PlacedLight::directions() const {
+  // One per degree of the diameter: their shadows then are hardly told apart.
+  const double degrees = 2 * glm::degrees(std::atan(tangent_));
+  const int count = 1 + static_cast<int>(std::min(degrees, 31.0));
+  std::vector<glm::dvec3> directions;
+  for (int k = 0; k < count; ++k)
+    directions.push_back(
+        incident_light(center_, count > 1 ? (k + 0.5) / count : 0, k * std::numbers::phi)
+            .direction);
+  return directions;
 }
 
 Illumination illuminate(const LightOptions& options, const Sphere& bounds) {

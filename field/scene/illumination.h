@@ -2,6 +2,7 @@
 // Private to field/scene.
 #pragma once
 
+#include <cmath>
 #include <glm/glm.hpp>
 #include <limits>
 #include <vector>
@@ -60,6 +61,11 @@ class PlacedLight {
   PlacedLight(const Light& light, const Sphere& bounds);
   /// The light from a uniform point of the disc; u, v in [0, 1).
   [[nodiscard]] IncidentLight incident_light(const glm::dvec3& world, double u, double v) const;
+  /// Whether its rays from one point of the disc are parallel.
+  [[nodiscard]] bool distant() const { return std::isinf(distance_); }
+  /// Directions to points that cover the disc evenly, more of them the larger it is.
+  /// REQUIRES: distant().
+  [[nodiscard]] std::vector<glm::dvec3> directions() const;
   [[nodiscard]] bool dark() const { return !(irradiance_.r + irradiance_.g + irradiance_.b > 0); }
 
  private:

@@ -26,18 +26,14 @@ Neighbourhood neighbours(const Medium& medium, const LightGrid& light) {
 
 }  // namespace
 
-std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& light) {
+std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& light,
+                                      const std::vector<float>& extinction) {
   const glm::ivec3 dims(light.dims[0], light.dims[1], light.dims[2]);
   const Neighbourhood near = neighbours(medium, light);
   const auto number = [&](const glm::ivec3& at) {
     return (static_cast<std::size_t>(at.z) * dims.y + at.y) * dims.x + at.x;
   };
-  std::vector<float> extinction(light.size()), depth(light.size(), 1e30f);
-  std::size_t k = 0;
-  for (int z = 0; z < dims.z; ++z)
-    for (int y = 0; y < dims.y; ++y)
-      for (int x = 0; x < dims.x; ++x, ++k)
-        extinction[k] = medium.extinction(light.low + light.spacing * glm::dvec3(x, y, z));
+  std::vector<float> depth(light.size(), 1e30f);
   const auto relax = [&](const glm::ivec3& at, int sign) {
     const std::size_t here = number(at);
     float best = depth[here];
@@ -79,21 +75,6 @@ bool near_matter(const RayGrid& grid, const LightGrid& light, const glm::ivec3& 
                           x] == 0)
           return true;
   return false;
-}
-
-double interpolate(const LightGrid& light, const std::vector<float>& values, const glm::dvec3& at) {
-  const glm::dvec3 last(light.dims[0] - 1, light.dims[1] - 1, light.dims[2] - 1);
-  const glm::dvec3 inside = glm::clamp(at, glm::dvec3(0), last);
-  const glm::ivec3 first = glm::min(glm::ivec3(inside), glm::max(glm::ivec3(last) - 1, 0));
-  const glm::dvec3 w = inside - glm::dvec3(first);
-  const auto value = [&](int x, int y, int z) {
-    const glm::ivec3 n = glm::min(first + glm::ivec3(x, y, z), glm::ivec3(last));
-    return double{
-        values[(static_cast<std::size_t>(n.z) * light.dims[1] + n.y) * light.dims[0] + n.x]};
-  };
-  const auto along = [&](int y, int z) { return glm::mix(value(0, y, z), value(1, y, z), w.x); };
-  return glm::mix(glm::mix(along(0, 0), along(1, 0), w.y), glm::mix(along(0, 1), along(1, 1), w.y),
-                  w.z);
 }
 
 }  // namespace slf

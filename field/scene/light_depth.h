@@ -11,15 +11,12 @@ namespace slf {
 /// Optical depth from which matter cannot be seen: less than 0.1 % of its light leaves.
 inline constexpr float kHidden = 7;
 
-/// For each node, the smallest optical depth of a path along the grid to the outside. It estimates
-/// that of straight lines. If it exceeds kHidden, no view shows the node.
-[[nodiscard]] std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& light);
+/// For each node, given their extinctions, the smallest optical depth of a path along the grid to
+/// the outside. It estimates that of straight lines. If it exceeds kHidden, no view shows the node.
+[[nodiscard]] std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& light,
+                                                    const std::vector<float>& extinction);
 
 /// Whether anything within one spacing of a node can be visible.
 [[nodiscard]] bool near_matter(const RayGrid& grid, const LightGrid& light, const glm::ivec3& node);
-
-/// Trilinear interpolation at a position in nodes, clamped to the grid.
-[[nodiscard]] double interpolate(const LightGrid& light, const std::vector<float>& values,
-                                 const glm::dvec3& at);
 
 }  // namespace slf

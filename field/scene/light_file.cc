@@ -15,7 +15,7 @@ namespace slf {
 namespace {
 
 constexpr std::string_view kMagic = "slf light v";  // of every version
-constexpr std::string_view kHead = "slf light v4\n\0\0\0";
+constexpr std::string_view kHead = "slf light v5\n\0\0\0";
 static_assert(std::endian::native == std::endian::little);
 
 template <class T>

@@ -5,6 +5,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <optional>
@@ -46,6 +47,26 @@ void for_each_neighbour(const LightGrid& light, std::size_t number, const F& f) 
           continue;
         f((static_cast<std::size_t>(to.z) * dims.y + to.y) * dims.x + to.x, offset);
       }
+}
+
+/// Trilinear interpolation of one value per node at a position in nodes, clamped to the grid.
+template <class T>
+[[nodiscard]] float interpolate(const LightGrid& light, const std::vector<T>& values,
+                                const glm::dvec3& at) {
+  const glm::ivec3 last(light.dims[0] - 1, light.dims[1] - 1, light.dims[2] - 1);
+  const glm::vec3 inside(glm::clamp(at, glm::dvec3(0), glm::dvec3(last)));
+  const glm::ivec3 first = glm::min(glm::ivec3(inside), glm::max(last - 1, 0));
+  const glm::ivec3 step = glm::min(glm::ivec3(1), last);
+  const glm::vec3 w = inside - glm::vec3(first);
+  const std::ptrdiff_t row = light.dims[0], slice = row * light.dims[1];
+  const T* corner = values.data() + first.z * slice + first.y * row + first.x;
+  const auto along = [&](std::ptrdiff_t offset) {
+    return glm::mix(static_cast<float>(corner[offset]), static_cast<float>(corner[offset + step.x]),
+                    w.x);
+  };
+  const std::ptrdiff_t up = step.y * row, back = step.z * slice;
+  return glm::mix(glm::mix(along(0), along(up), w.y), glm::mix(along(back), along(back + up), w.y),
+                  w.z);
 }
 
 /// RGB with 9 bits each and one exponent of 5 bits, as OpenGL's RGB9_E5: mantissa · 2^(e - 24).

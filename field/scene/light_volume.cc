@@ -3,49 +3,34 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <numbers>
 #include <numeric>
+#include <span>
 
 #include "base/parallel.h"
 #include "field/scene/light_depth.h"
 #include "field/scene/light_filter.h"
+#include "field/scene/light_reach.h"
 
 namespace slf {
 namespace {
 
-constexpr int kPoints = 64;     // around a node
+constexpr int kPoints = 32;     // around a node, at most
 constexpr double kReach = 0.5;  // how far from it, in spacings
-constexpr int kMarched = 16;    // of these, towards each light
+constexpr int kReached = 4;     // of these, to which each light is followed
 /// Bytes per node that computing takes: its depth, index and result, and, at most for half of the
 /// nodes, those near a surface, its number, a NodeLight and twice a colour.
 constexpr std::uint64_t kBytesPerNode = 4 + 4 + 4 + (8 + 56 + 24) / 2;
 
-double fraction(double v) { return v - std::floor(v); }
+/// REQUIRES: 0 <= v < 2^31.
+double fraction(double v) { return v - static_cast<int>(v); }
 
 /// Element i of the d-th of Roberts' additive sequences for three dimensions.
 double r3(std::uint64_t i, int d) {
   constexpr double kAlpha[3] = {0.8191725133961645, 0.6710436067037893, 0.5497004779019703};
   return fraction(static_cast<double>(i) * kAlpha[d]);
-}
-
-/// The grid that covers the visible box within the options' memory.
-LightGrid plan_grid(const RayGrid& grid, const LightOptions& options) {
-  const glm::dvec3 box = grid.visible_high - grid.visible_low;
-  const std::uint64_t nodes = options.memory / kBytesPerNode;
-  const auto max_nodes = static_cast<double>(nodes);
-  LightGrid light;
-  light.low = grid.visible_low;
-  const auto dims_at = [&](double spacing) {
-    return glm::dvec3(glm::ceil(box / spacing - 1e-9) + 1.0);
-  };
-  light.spacing = options.spacing;
-  for (glm::dvec3 d = dims_at(light.spacing); d.x * d.y * d.z > max_nodes;
-       d = dims_at(light.spacing))
-    light.spacing *= 1.02;
-  const glm::dvec3 dims = dims_at(light.spacing);
-  for (int axis = 0; axis < 3; ++axis)
-    light.dims[static_cast<std::size_t>(axis)] = static_cast<std::int32_t>(dims[axis]);
-  return light;
 }
 
 /// Whether a view can show matter between a node and its neighbours.
@@ -63,13 +48,20 @@ struct Pass {
   const LightGrid* estimate;  // null in the first pass; ends paths that are far from their node
 };
 
+/// The time that a pass takes per node, in paths.
+std::uint64_t cost(const Pass& pass) {
+  constexpr std::uint64_t kFindPoints = 4, kDirect = 6;
+  return pass.paths + kFindPoints + (pass.estimate ? 0 : kDirect);
+}
+
 /// Solves single nodes. Thread-safety: immutable.
 class LightSolver {
  public:
   LightSolver(const Medium& medium, const Illumination& illumination, const LightOptions& options,
-              const LightGrid& light, const std::vector<float>& depth)
+              const LightGrid& light, const std::vector<float>& depth, const LightReach& reach)
       : medium_(medium),
         illumination_(illumination),
+        reach_(reach),
         options_(options),
         light_(light),
         depth_(depth),
@@ -78,34 +70,29 @@ class LightSolver {
   /// The light at a node; with an estimate, only its indirect part.
   [[nodiscard]] NodeLight solve(std::size_t number, const Pass& pass) const {
     Random random(mix((2 * options_.seed + (pass.estimate ? 1 : 0)) * kMixStep + number));
-    const Points points = find_points(number, random);
+    const int tries = static_cast<int>(
+        pass.estimate ? std::clamp<std::uint32_t>(pass.paths, kPoints / 4, kPoints) : kPoints);
+    const Points points = find_points(number, tries, random);
     NodeLight node;
     if (points.count == 0) return node;
     node.lit = true;
     node.indirect = indirect_light(points, pass, random);
-    if (pass.estimate) return node;
-    for (int k = 0; k < points.count; ++k) {
-      const auto share = static_cast<float>(points.weight[k] / points.total);
-      node.normal += share * points.matter[k].surface * glm::vec3(points.matter[k].normal);
-      node.depth += share * static_cast<float>(points.depth[k]);
-    }
-    for (std::size_t l = 0; l < illumination_.lights.size(); ++l)
-      add_direct(points, l, random, node);
+    if (!pass.estimate) add_direct(points, random, node);
     return node;
   }
 
  private:
   struct Points {
     int count = 0;
-    std::array<Matter, kPoints> matter;
+    std::array<glm::dvec3, kPoints> at;  // voxel indices
     std::array<double, kPoints> weight{}, depth{};
     double total = 0;   // of the weights
     double effort = 0;  // share of all paths that the node deserves
   };
 
-  /// Points around a node, close ones more often, weighted by extinction and by how visible they
-  /// are from outside.
-  [[nodiscard]] Points find_points(std::size_t number, Random& random) const {
+  /// Points around a node, of `tries` that may lie beside the matter, close ones more often,
+  /// weighted by extinction and by how visible they are from outside.
+  [[nodiscard]] Points find_points(std::size_t number, int tries, Random& random) const {
     const glm::ivec3 node = node_at(light_, number);
     const glm::dvec3 shift(random(), random(), random());
     const RayGrid& grid = medium_.grid();
@@ -113,7 +100,7 @@ class LightSolver {
     std::array<glm::dvec3, kPoints> at;
     std::array<double, kPoints> depth{}, weight{};
     double min_depth = kHidden, total = 0;
-    for (int k = 0; k < kPoints; ++k) {
+    for (int k = 0; k < tries; ++k) {
       for (int d = 0; d < 3; ++d) {
         const double u = 2 * fraction(r3(static_cast<std::uint64_t>(k), d) + shift[d]) - 1;
         const double tent = u < 0 ? std::sqrt(1 + u) - 1 : 1 - std::sqrt(1 - u);  // over ±1
@@ -130,14 +117,15 @@ class LightSolver {
     Points points;
     points.effort = std::exp(-0.5 * min_depth);
     // Russian roulette among those that weigh little.
-    const double min_weight = total / (kPoints * (1 + 3 * points.effort));
+    const double min_weight = total / (tries * (1 + 3 * points.effort));
     std::array<int, kPoints> order{};
     std::iota(order.begin(), order.end(), 0);
-    std::sort(order.begin(), order.end(), [&](int a, int b) { return depth[a] < depth[b]; });
-    for (const int k : order) {
+    std::sort(order.begin(), order.begin() + tries,
+              [&](int a, int b) { return depth[a] < depth[b]; });
+    for (const int k : std::span(order).first(static_cast<std::size_t>(tries))) {
       if (!(weight[k] > 0) || (weight[k] < min_weight && random() * min_weight >= weight[k]))
         continue;
-      points.matter[points.count] = medium_.matter(light_.low + light_.spacing * at[k]);
+      points.at[points.count] = light_.low + light_.spacing * at[k];
       points.depth[points.count] = depth[k];
       points.weight[points.count] = std::max(weight[k], min_weight);
       points.total += points.weight[points.count];
@@ -151,39 +139,48 @@ class LightSolver {
     return matter.albedo / glm::max(matter.color, glm::vec3(1e-4f));
   }
 
+  /// Adds what the filter compares, and the light that comes straight from the lights.
+  void add_direct(const Points& points, Random& random, NodeLight& node) const {
+    std::array<Matter, kPoints> matter;
+    for (int k = 0; k < points.count; ++k) {
+      matter[k] = medium_.matter(points.at[k]);
+      const auto share = static_cast<float>(points.weight[k] / points.total);
+      node.normal += share * matter[k].surface * glm::vec3(matter[k].normal);
+      node.depth += share * static_cast<float>(points.depth[k]);
+    }
+    for (std::size_t l = 0; l < illumination_.lights.size(); ++l)
+      add_light(points, matter, l, random, node);
+  }
+
   /// The light that one light sends to the points: at all of them without shadows, times the mean
   /// transmittance to a few, chosen in proportion to their light.
-  void add_direct(const Points& points, std::size_t light, Random& random, NodeLight& node) const {
+  void add_light(const Points& points, const std::array<Matter, kPoints>& matter, std::size_t light,
+                 Random& random, NodeLight& node) const {
     std::array<IncidentLight, kPoints> arrivals;
     std::array<glm::vec3, kPoints> bright;
     double total = 0;
     const double shift[2] = {random(), random()};
     for (int k = 0; k < points.count; ++k) {
-      const Matter& matter = points.matter[k];
       const auto i = static_cast<std::uint64_t>(k);
-      arrivals[k] = illumination_.lights[light].incident_light(medium_.world(matter.start),
+      arrivals[k] = illumination_.lights[light].incident_light(medium_.world(matter[k].start),
                                                                fraction(r3(i, 0) + shift[0]),
                                                                fraction(r3(i, 1) + shift[1]));
       const auto share = static_cast<float>(points.weight[k] / points.total *
-                                            matter.kernel(arrivals[k].direction));
-      bright[k] = share * tint(matter) * arrivals[k].irradiance;
+                                            matter[k].kernel(arrivals[k].direction));
+      bright[k] = share * tint(matter[k]) * arrivals[k].irradiance;
       node.unshadowed += bright[k];
       total += bright[k].r + bright[k].g + bright[k].b;
     }
     if (!(total > 0)) return;
-    const int marched = static_cast<int>(std::ceil(kMarched * points.effort));
+    const int reached = static_cast<int>(std::ceil(kReached * points.effort));
     const double first = random();
     double passed = 0;
     for (int k = 0, taken = 0; k < points.count; ++k) {
       const double own = bright[k].r + bright[k].g + bright[k].b;
       passed += own;
-      for (; taken < marched && (taken + first) * total < passed * marched; ++taken) {
-        const double depth =
-            medium_.optical_depth(points.matter[k].start, medium_.per_world(arrivals[k].direction),
-                                  arrivals[k].distance, random());
-        if (depth < Medium::kDark)
-          node.direct += static_cast<float>(std::exp(-depth) * total / (own * marched)) * bright[k];
-      }
+      for (; taken < reached && (taken + first) * total < passed * reached; ++taken)
+        node.direct += reach_(light, arrivals[k], matter[k].start, random()) *
+                       static_cast<float>(total / (own * reached)) * bright[k];
     }
   }
 
@@ -200,11 +197,12 @@ class LightSolver {
       while (passed < (i + first) / paths * points.total && k + 1 < points.count)
         passed += points.weight[++k];
       const auto at = static_cast<std::uint64_t>(i);
-      sum += tint(points.matter[k]) *
-             trace_path(points.matter[k],
-                        {fraction(r3(at, 0) + shift[0]), fraction(r3(at, 1) + shift[1]),
-                         fraction(r3(at, 2) + shift[2])},
-                        pass, random);
+      const Matter matter = medium_.matter(points.at[k]);
+      sum +=
+          tint(matter) * trace_path(matter,
+                                    {fraction(r3(at, 0) + shift[0]), fraction(r3(at, 1) + shift[1]),
+                                     fraction(r3(at, 2) + shift[2])},
+                                    pass, random);
     }
     return sum / static_cast<float>(paths);
   }
@@ -252,8 +250,8 @@ class LightSolver {
     const double choice = random(), u = random(), v = random();
     const Environment::Sample s = illumination_.environment.sample(choice, u, v);
     const double kernel = matter.kernel(s.direction);
-    if (!(kernel > 0) ||
-        !reaches(matter, s.direction, std::numeric_limits<double>::infinity(), random))
+    if (!(kernel > 0) || medium_.fly(matter.start, medium_.per_world(s.direction),
+                                     std::numeric_limits<double>::infinity(), random))
       return glm::vec3(0);
     return static_cast<float>(kernel / (kernel + s.density)) * s.radiance;
   }
@@ -267,18 +265,14 @@ class LightSolver {
     const IncidentLight arrival =
         illumination_.lights[l].incident_light(medium_.world(matter.start), u, v);
     const double kernel = matter.kernel(arrival.direction);
-    if (!(kernel > 0) || !reaches(matter, arrival.direction, arrival.distance, random))
-      return glm::vec3(0);
-    return static_cast<float>(kernel * static_cast<double>(count)) * arrival.irradiance;
-  }
-
-  [[nodiscard]] bool reaches(const Matter& matter, const glm::dvec3& direction, double distance,
-                             Random& random) const {
-    return !medium_.fly(matter.start, medium_.per_world(direction), distance, random);
+    if (!(kernel > 0)) return glm::vec3(0);
+    return reach_(l, arrival, matter.start, random()) *
+           static_cast<float>(kernel * static_cast<double>(count)) * arrival.irradiance;
   }
 
   const Medium& medium_;
   const Illumination& illumination_;
+  const LightReach& reach_;
   const LightOptions& options_;
   const LightGrid& light_;
   const std::vector<float>& depth_;
@@ -287,41 +281,79 @@ class LightSolver {
   double far_;  // the same in world units
 };
 
-/// Solves the nodes of `numbers`, in that order, and gives each with its place there to `keep`.
+/// A number that has no divisor in common with `count`, close to the golden section of it: steps of
+/// this length around a circle of `count` places visit all of them, evenly from the beginning on.
+std::size_t even_step(std::size_t count) {
+  auto step = static_cast<std::size_t>(static_cast<double>(count) / std::numbers::phi);
+  while (std::gcd(step, count) != 1) ++step;
+  return step;
+}
+
+/// Solves the nodes of `numbers` and gives each with its place there to `keep`. The order is such
+/// that the time for the first nodes foretells that for the others. `progress` gets how many are
+/// done.
 template <class F>
 Result<void> solve_all(const LightSolver& solver, const std::vector<std::size_t>& numbers,
-                       const Pass& pass, unsigned threads, const ProgressCallback& progress,
-                       const F& keep) {
+                       const Pass& pass, unsigned threads,
+                       const std::function<bool(std::size_t)>& progress, const F& keep) {
   // Between two calls of `progress`.
-  const std::size_t batch_size = std::clamp<std::size_t>(32768 / pass.paths, 1, 512);
+  const std::size_t batch_size = std::clamp<std::size_t>(8192 / pass.paths, 1, 256);
   using Batch = std::vector<NodeLight>;
   const std::size_t batches = (numbers.size() + batch_size - 1) / batch_size;
+  if (batches == 0) return {};
+  const std::size_t step = even_step(batches);
+  const auto begin_of = [&](std::uint64_t item) { return item * step % batches * batch_size; };
   const unsigned workers = thread_count(threads);
   OrderedPipeline<Batch> pipeline(batches, workers, 4 * workers, [&] {
-    return [&](std::uint64_t batch) -> Result<Batch> {
+    return [&](std::uint64_t item) -> Result<Batch> {
       Batch nodes;
-      const std::size_t begin = batch * batch_size,
-                        end = std::min(begin + batch_size, numbers.size());
+      const std::size_t begin = begin_of(item), end = std::min(begin + batch_size, numbers.size());
       for (std::size_t k = begin; k < end; ++k) nodes.push_back(solver.solve(numbers[k], pass));
       return nodes;
     };
   });
-  for (std::size_t done = 0; done < numbers.size();) {
+  std::size_t done = 0;
+  for (std::uint64_t item = 0; item < batches; ++item) {
     const auto nodes = pipeline.take();
     if (!nodes) return tl::unexpected(nodes.error());
-    for (const NodeLight& node : *nodes) keep(done++, node);
-    if (!progress({done, numbers.size(), 0})) return fail(ErrorCode::failed, kLightStopped);
+    std::size_t k = begin_of(item);
+    for (const NodeLight& node : *nodes) keep(k++, node);
+    done += nodes->size();
+    if (!progress(done)) return fail(ErrorCode::failed, kLightStopped);
   }
   return {};
 }
 
 }  // namespace
 
+LightGrid plan_light(const RayGrid& grid, const LightOptions& options) {
+  const glm::dvec3 box = grid.visible_high - grid.visible_low;
+  const std::uint64_t nodes =
+      options.memory / (kBytesPerNode + LightReach::kBytesOfSweep +
+                        LightReach::kBytesPerLight * options.rig.lights.size());
+  const auto max_nodes = static_cast<double>(nodes);
+  LightGrid light;
+  light.low = grid.visible_low;
+  const auto dims_at = [&](double spacing) {
+    return glm::dvec3(glm::ceil(box / spacing - 1e-9) + 1.0);
+  };
+  light.spacing = options.spacing;
+  for (glm::dvec3 d = dims_at(light.spacing); d.x * d.y * d.z > max_nodes;
+       d = dims_at(light.spacing))
+    light.spacing *= 1.02;
+  const glm::dvec3 dims = dims_at(light.spacing);
+  for (int axis = 0; axis < 3; ++axis)
+    light.dims[static_cast<std::size_t>(axis)] = static_cast<std::int32_t>(dims[axis]);
+  return light;
+}
+
 Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumination,
                                 const LightOptions& options, unsigned threads,
                                 const ProgressCallback& progress) {
-  LightGrid light = plan_grid(medium.grid(), options);
-  const std::vector<float> depth = depth_from_outside(medium, light);
+  LightGrid light = plan_light(medium.grid(), options);
+  const auto extinction = node_extinctions(medium, light, threads);
+  if (!extinction) return tl::unexpected(extinction.error());
+  const std::vector<float> depth = depth_from_outside(medium, light, *extinction);
   std::vector<std::size_t> numbers;
   std::vector<std::uint32_t> index(light.size(), kNoNode);
   for (std::size_t number = 0; number < light.size(); ++number)
@@ -330,17 +362,21 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
       index[number] = static_cast<std::uint32_t>(numbers.size());
       numbers.push_back(number);
     }
-  const LightSolver solver(medium, illumination, options, light, depth);
   std::vector<Pass> passes{{options.samples, 0, nullptr}};
   if (options.mode == Lighting::global && options.bounces > 0)
     passes = {{(options.samples + 15) / 16, options.bounces - 1, nullptr},
               {options.samples, options.bounces, &light}};
-  std::vector<NodeLight> nodes(numbers.size());
   Progress all;
-  for (const Pass& pass : passes) all.total += numbers.size() * pass.paths;
+  for (const Pass& pass : passes) all.total += numbers.size() * cost(pass);
+  if (progress && !progress(all)) return fail(ErrorCode::failed, kLightStopped);
+
+  const auto reach = LightReach::make(medium, illumination, light, *extinction, threads);
+  if (!reach) return tl::unexpected(reach.error());
+  const LightSolver solver(medium, illumination, options, light, depth, *reach);
+  std::vector<NodeLight> nodes(numbers.size());
   for (const Pass& pass : passes) {
-    const auto report = [&](const Progress& solved) {
-      return !progress || progress({all.done + solved.done * pass.paths, all.total, 0});
+    const auto report = [&](std::size_t solved) {
+      return !progress || progress({all.done + solved * cost(pass), all.total, 0});
     };
     auto ok = solve_all(solver, numbers, pass, threads, report,
                         [&](std::size_t k, const NodeLight& node) {
@@ -350,11 +386,10 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
                             nodes[k].indirect = node.indirect;
                         });
     if (ok)
-      ok = filter_light(light, index, numbers, nodes, threads, [&] {
-        return report({numbers.size(), numbers.size(), 0});
-      });
+      ok = filter_light(light, index, numbers, nodes, threads,
+                        [&] { return report(numbers.size()); });
     if (!ok) return tl::unexpected(ok.error());
-    all.done += numbers.size() * pass.paths;
+    all.done += numbers.size() * cost(pass);
   }
   return light;
 }

@@ -13,17 +13,22 @@
 
 namespace slf {
 
+/// The grid of a scene's light volume, without nodes: it covers the visible box, within the
+/// options' memory.
+[[nodiscard]] LightGrid plan_light(const RayGrid& grid, const LightOptions& options);
+
 /// Computes the light at the nodes around all that a view can show.
 ///
-/// A node stands for the matter around it: 64 points within half a spacing, weighted by their
+/// A node stands for the matter around it: up to 32 points within half a spacing, weighted by their
 /// extinction and by how much of them can be seen from outside. Points that weigh little are
 /// thinned out at random. Nodes without matter get the mean of their neighbours.
 ///
 /// The light is that which is scattered towards the eye, divided by Medium::ray_colors().
 ///
-/// Lights: every point is shaded as if nothing were in the way. Transmittance is marched to 16 of
-/// the points, chosen in proportion to what they get. Only the share of light that arrives is
-/// filtered, so shading by normals stays sharp.
+/// Lights: every point is shaded as if nothing were in the way. Four of the points, chosen in
+/// proportion to what they get, tell how much arrives: they look it up where transmittance has been
+/// swept through the grid (light_reach.h). Only the share of light that arrives is filtered, so
+/// shading by normals stays sharp.
 ///
 /// Surroundings and scattered light: `samples` paths that start at the points, with next-event
 /// estimation towards one light per vertex and, if the environment is peaked, towards the
@@ -41,7 +46,7 @@ namespace slf {
 /// an optical depth d. Matter deeper than 7 is left dark.
 ///
 /// The result depends on the scene and the options, not on `threads` (0: all). Progress counts
-/// paths. failed: stopped by `progress`.
+/// paths, and other work by the paths that would take as long. failed: stopped by `progress`.
 [[nodiscard]] Result<LightGrid> compute_light(const Medium& medium,
                                               const Illumination& illumination,
                                               const LightOptions& options, unsigned threads,

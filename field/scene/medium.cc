@@ -35,7 +35,7 @@ struct Cell {
   glm::vec3 within;
 };
 
-Cell cell_of(const RayGrid& grid, const glm::dvec3& at) {
+inline Cell cell_of(const RayGrid& grid, const glm::dvec3& at) {
   const glm::ivec3 last(grid.dims[0] - 2, grid.dims[1] - 2, grid.dims[2] - 2);
   const glm::ivec3 first = glm::clamp(glm::ivec3(at), glm::ivec3(0), last);
   return {first, glm::clamp(glm::vec3(at - glm::dvec3(first)), 0.f, 1.f)};
@@ -80,10 +80,22 @@ void load(const RayGrid& grid, const glm::ivec3& first, bool visible, float* to)
 
 /// Trilinear interpolation of f(corner) over the corners of a cell.
 template <class F>
-auto trilinear(const glm::vec3& w, const F& f) {
+inline auto trilinear(const glm::vec3& w, const F& f) {
   const auto along = [&](int y, int z) { return glm::mix(f(0, y, z), f(1, y, z), w.x); };
   return glm::mix(glm::mix(along(0, 0), along(1, 0), w.y), glm::mix(along(0, 1), along(1, 1), w.y),
                   w.z);
+}
+
+/// The value of the volume in a cell.
+inline float value_in(const RayGrid& grid, const Cell& cell) {
+  const std::ptrdiff_t row = grid.dims[0], slice = row * grid.dims[1];
+  const std::ptrdiff_t first = cell.first.z * slice + cell.first.y * row + cell.first.x;
+  return visit_type(grid.type, [&](auto null) {
+    const auto* corner = reinterpret_cast<decltype(null)>(grid.voxels) + first;
+    return trilinear(cell.within, [&](int x, int y, int z) {
+      return static_cast<float>(corner[z * slice + y * row + x]);
+    });
+  });
 }
 
 }  // namespace
@@ -124,7 +136,8 @@ Medium::Medium(const RayGrid& grid)
     extinctions_.push_back(static_cast<float>(extinction));
     surfaces_.push_back(static_cast<float>(-std::expm1(-2 * smallest_spacing_ * extinction)));
     const glm::vec3 color(grid.table.colors[ray_colors_.size()]);
-    ray_colors_.emplace_back(glm::mix(albedo_of(color), color, surfaces_.back()), 0);
+    albedos_.push_back(albedo_of(color));
+    ray_colors_.emplace_back(glm::mix(albedos_.back(), color, surfaces_.back()), 0);
   }
   find_majorants();
 }
@@ -179,18 +192,13 @@ std::size_t Medium::entry(const glm::dvec3& at) const {
     load<1>(grid_, cell.first + glm::ivec3(glm::step(0.5f, cell.within)), false, &label);
     return std::min(static_cast<std::size_t>(label), extinctions_.size() - 1);
   }
-  float v[8];
-  load<2>(grid_, cell.first, false, v);
   std::size_t row = 0;
   if (!grid_.rows.empty()) {
     const glm::ivec3 voxel = cell.first + glm::ivec3(glm::step(0.5f, cell.within));
     row = grid_.rows[(static_cast<std::size_t>(voxel.z) * grid_.dims[1] + voxel.y) * grid_.dims[0] +
                      voxel.x];
   }
-  return row * grid_.table.entries +
-         entry_of(grid_.table, trilinear(cell.within, [&](int x, int y, int z) {
-                    return v[z * 4 + y * 2 + x];
-                  }));
+  return row * grid_.table.entries + entry_of(grid_.table, value_in(grid_, cell));
 }
 
 float Medium::extinction(const glm::dvec3& at) const { return extinctions_[entry(at)]; }
@@ -202,8 +210,7 @@ Matter Medium::matter(const glm::dvec3& at) const {
   matter.extinction = extinctions_[index];
   if (!(matter.extinction > 0)) return matter;
   matter.color = glm::vec3(ray_colors_[index]);
-  const glm::vec3 color(grid_.table.colors[index]);
-  matter.albedo = albedo_of(color);
+  matter.albedo = albedos_[index];
   const Cell cell = cell_of(grid_, at);
   float v[64];
   load<4>(grid_, cell.first - 1, grid_.labels, v);
@@ -217,7 +224,7 @@ Matter Medium::matter(const glm::dvec3& at) const {
   if (!(length > 1e-15f)) return matter;
   matter.normal = glm::normalize(glm::dvec3(-world));
   matter.surface = surfaces_[index] * -std::expm1(-length * grid_.inverse_gradient_floor);
-  matter.albedo = glm::mix(matter.albedo, color, matter.surface);
+  matter.albedo = glm::mix(matter.albedo, glm::vec3(grid_.table.colors[index]), matter.surface);
   // The layer that a gradient spreads a surface over does not shadow the surface.
   constexpr double kLayer = 1.5;  // voxels
   matter.start = at + per_world(kLayer * smallest_spacing_ * matter.surface * matter.normal);
@@ -287,7 +294,7 @@ double Medium::optical_depth(const glm::dvec3& from, const glm::dvec3& direction
                              double shift) const {
   double begin = 0;
   if (!clip(from, direction, begin, length)) return 0;
-  const double step = 0.7 * smallest_spacing_;
+  const double step = kStep * smallest_spacing_;
   double depth = 0;
   const glm::dvec3 inverse = 1.0 / direction;
   double t = begin + shift * step;

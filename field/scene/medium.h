@@ -88,12 +88,13 @@ class Medium {
                                           double length, Random& random) const;
 
   /// The optical depth along `length` world units, by the midpoint rule with steps of
-  /// 0.7 of the smallest voxel spacing; the samples are shifted by `shift`, 0 to 1, of that. Stops
-  /// at kDark.
+  /// kStep of the smallest voxel spacing; the samples are shifted by `shift`, 0 to 1, of that.
+  /// Stops at kDark.
   [[nodiscard]] double optical_depth(const glm::dvec3& from, const glm::dvec3& direction,
                                      double length, double shift) const;
   /// An optical depth through which no visible light passes: e^-7 is less than 0.1 %.
   static constexpr double kDark = 7;
+  static constexpr double kStep = 0.5;
 
  private:
   struct Brick {
@@ -113,6 +114,7 @@ class Medium {
   double smallest_spacing_ = std::numeric_limits<double>::max();
   std::vector<float> extinctions_;  // per table entry and world unit
   std::vector<float> surfaces_;     // per table entry: opacity across two voxels
+  std::vector<glm::vec3> albedos_;  // per table entry: of matter without a surface
   std::vector<glm::vec4> ray_colors_;
   std::vector<float> majorants_;  // per brick
 };

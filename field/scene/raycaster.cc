@@ -1,10 +1,9 @@
 #include "slf/raycaster.h"
 
-#include <unistd.h>
-
 #include <cassert>
 #include <optional>
 
+#include "field/scene/light_code.h"
 #include "field/scene/light_volume.h"
 #include "field/scene/provenance.h"
 #include "field/scene/volume_scene.h"
@@ -16,6 +15,12 @@ struct Raycaster::State {
   ToneMapper tone;
   bool mapped;                                      // whether samples are tone-mapped
   std::optional<LightVolumeOptions> pending_light;  // until the light volume is computed
+
+  void adopt(LightGrid light, const Medium& medium) {
+    scene->grid.light_volume = std::move(light);
+    scene->grid.table.colors = medium.ray_colors();
+    pending_light.reset();
+  }
 };
 
 namespace {
@@ -35,10 +40,6 @@ Result<LightGrid> light_of(const VolumeScene& scene, const Medium& medium,
 }
 
 }  // namespace
-
-void remove_light_file(const std::string& path, const std::string& provenance) {
-  if (load_light(path, light_key(provenance))) unlink(path.c_str());
-}
 
 Raycaster::Raycaster(std::unique_ptr<State> state) : state_(std::move(state)) {}
 Raycaster::~Raycaster() = default;
@@ -62,14 +63,27 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
 
 Result<void> Raycaster::prepare() const {
   if (!state_->pending_light) return {};
-  RayGrid& grid = state_->scene->grid;
-  const Medium medium(grid);
+  const Medium medium(state_->scene->grid);
   auto light = light_of(*state_->scene, medium, *state_->pending_light);
   if (!light) return tl::unexpected(light.error());
-  grid.light_volume = std::move(*light);
-  grid.table.colors = medium.ray_colors();
-  state_->pending_light.reset();
+  state_->adopt(std::move(*light), medium);
   return {};
+}
+
+std::vector<std::byte> Raycaster::light() const {
+  const VolumeScene& scene = *state_->scene;
+  if (scene.grid.light_volume.nodes.empty()) return {};
+  return encode_light(light_key(scene.provenance), scene.grid.light_volume);
+}
+
+bool Raycaster::set_light(std::span<const std::byte> light) const {
+  if (!state_->pending_light) return false;
+  const VolumeScene& scene = *state_->scene;
+  auto decoded =
+      decode_light(light, light_key(scene.provenance), plan_light(scene.grid, scene.lighting));
+  if (!decoded) return false;
+  state_->adopt(std::move(*decoded), Medium(scene.grid));
+  return true;
 }
 
 Sphere Raycaster::bounds() const { return state_->scene->bounds; }

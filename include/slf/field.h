@@ -5,6 +5,7 @@
 //   slf::Renderer renderer(*field);
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -65,6 +66,9 @@ class Field {
   [[nodiscard]] std::optional<TileRange> part() const;
   /// The source and the settings of the build: a JSON object without a fixed schema.
   [[nodiscard]] std::string provenance() const;
+  /// The light of its scene (Scene::light()); no bytes if the field has none. bad_file: it is
+  /// damaged.
+  [[nodiscard]] Result<std::vector<std::byte>> light() const;
   /// The whole manifest, a JSON object (FORMAT.md).
   [[nodiscard]] std::string manifest() const;
   [[nodiscard]] std::uint64_t file_bytes() const;

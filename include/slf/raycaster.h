@@ -8,11 +8,14 @@
 // the nearest voxel, exactly. Empty space is leapt over, and opaque rays end early.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "slf/error.h"
 #include "slf/light.h"
@@ -72,9 +75,6 @@ struct RayCounts {
 /// or of another type, has its default.
 [[nodiscard]] RaycastOptions raycast_options(std::string_view provenance);
 
-/// Removes LightVolumeOptions::file if it has the light volume of a scene with this provenance.
-void remove_light_file(const std::string& path, const std::string& provenance);
-
 /// trace_many() fills the CPU's vector units; trace(), with one ray, leaves them mostly idle.
 /// Thread-safety: immutable; any thread.
 class Raycaster final : public Scene {
@@ -92,6 +92,9 @@ class Raycaster final : public Scene {
 
   /// Computes the light volume if make() has deferred it. Errors as make().
   [[nodiscard]] Result<void> prepare() const override;
+  [[nodiscard]] std::vector<std::byte> light() const override;
+  /// Has an effect only if make() has deferred the light volume.
+  bool set_light(std::span<const std::byte> light) const override;
   [[nodiscard]] Sphere bounds() const override;
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
   void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const override;

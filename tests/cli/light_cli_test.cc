@@ -131,11 +131,10 @@ TEST_F(LightCli, ASkyThatIsNoLightIsRefused) {
 TEST_F(LightCli, AResumedBuildKeepsItsLight) {
   ASSERT_EQ(slf(build("whole.slf")).exit_code, 0);
   ASSERT_EQ(interrupt(build("a.slf"), "build"), SIGINT);
-  EXPECT_TRUE(std::filesystem::exists(place / "a.slf.light"));
   const auto resumed = slf(build("a.slf"));
   EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
   EXPECT_EQ(resumed.err.find("\"light\""), std::string::npos);
-  EXPECT_FALSE(std::filesystem::exists(place / "a.slf.light"));
+  EXPECT_EQ(place.files(), (std::vector<std::string>{"a.slf", "ball.raw", "t.json", "whole.slf"}));
   EXPECT_EQ(slf({"diff", place / "a.slf", place / "whole.slf"}).exit_code, 0);
 }
 
@@ -146,6 +145,42 @@ TEST_F(LightCli, ACompleteFieldNeedsNoLight) {
   const auto again = slf(build("a.slf"));
   EXPECT_OUTCOME(again, 0, "nothing is left to build");
   EXPECT_EQ(again.err.find("\"light\""), std::string::npos);
+}
+
+TEST_F(LightCli, AFieldKeepsItsLight) {
+  ASSERT_EQ(slf(build("a.slf")).exit_code, 0);
+  ASSERT_EQ(slf({"repack", place / "a.slf", "-o", place / "same.slf"}).exit_code, 0);
+  ASSERT_EQ(slf({"repack", place / "a.slf", "-o", place / "bare.slf", "--no-light"}).exit_code, 0);
+  EXPECT_LT(std::filesystem::file_size(place / "bare.slf"),
+            std::filesystem::file_size(place / "same.slf"));
+  const auto evaluate = [&](const std::string& field) {
+    return slf({"--progress", "json:0.01", "evaluate", place / field, "--volume",
+                place / "ball.raw", "--dims", "24x24x24", "--views", "1", "--size", "16",
+                "--json"});
+  };
+  const auto a = evaluate("a.slf"), same = evaluate("same.slf"), bare = evaluate("bare.slf");
+  ASSERT_EQ(a.exit_code, 0) << a.err;
+  EXPECT_EQ(a.err.find("\"light\""), std::string::npos) << a.err;
+  EXPECT_EQ(same.err.find("\"light\""), std::string::npos);
+  EXPECT_NE(bare.err.find("\"light\""), std::string::npos);
+  EXPECT_EQ(a.json()["psnr"], bare.json()["psnr"]);
+  EXPECT_EQ(slf({"verify", place / "a.slf"}).exit_code, 0);
+}
+
+TEST_F(LightCli, DamagedLightIsFoundAndComputedAgain) {
+  ASSERT_EQ(slf(build("a.slf")).exit_code, 0);
+  std::string bytes = testing::read_text(place / "a.slf");
+  const std::size_t at = bytes.find("SLG1");
+  ASSERT_NE(at, std::string::npos);
+  bytes[at + 100] = static_cast<char>(bytes[at + 100] ^ 1);
+  std::ofstream(place / "a.slf", std::ios::binary) << bytes;
+  EXPECT_OUTCOME(slf({"verify", place / "a.slf"}), 3, "L1");
+  const Arguments evaluate{"evaluate", place / "a.slf", "--volume", place / "ball.raw", "--dims",
+                           "24x24x24", "--views",       "1",        "--size",           "16"};
+  EXPECT_OUTCOME(slf(evaluate), 0, "computing the light again");
+  EXPECT_OUTCOME(slf({"repack", place / "a.slf", "-o", place / "b.slf"}), 3, "leave the light out");
+  EXPECT_EQ(slf({"verify", place / "a.slf", "--fix"}).exit_code, 0);
+  EXPECT_EQ(slf({"verify", place / "a.slf"}).exit_code, 0);
 }
 
 TEST_F(LightCli, ShardsShareALightVolume) {

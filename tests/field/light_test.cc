@@ -13,7 +13,9 @@
 #include <vector>
 
 #include "field/scene/illumination.h"
+#include "field/scene/light_code.h"
 #include "field/scene/light_grid.h"
+#include "field/scene/light_reach.h"
 #include "field/scene/light_rig.h"
 #include "field/scene/light_volume.h"
 #include "field/scene/medium.h"
@@ -389,6 +391,114 @@ TEST(Light, IsKeptInAFile) {
     EXPECT_TRUE(make().first) << keep;
   }
   std::filesystem::remove(path);
+}
+
+/// A light volume of a few thousand nodes, with the inputs that it was computed from.
+struct Computed {
+  std::unique_ptr<VolumeScene> scene;
+  LightGrid light;
+};
+
+Computed computed_light() {
+  RaycastOptions options = lit(built_in_rigs().front());
+  options.lighting.samples = 2;
+  auto scene =
+      make_volume_scene(ball(20), material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}}), options);
+  EXPECT_TRUE(scene) << scene.error().message;
+  auto light = compute_light(Medium((*scene)->grid), illuminate(options.lighting, (*scene)->bounds),
+                             options.lighting, 0, {});
+  EXPECT_TRUE(light) << light.error().message;
+  return {std::move(*scene), std::move(*light)};
+}
+
+TEST(Light, SweptLightIsThatWhichIsMarched) {
+  // Behind the edges of a ball, and far behind it, from every side.
+  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
+  for (const glm::dvec3& direction :
+       {glm::dvec3(1, 0, 0), glm::dvec3(-1, 0.3, 0.2), glm::dvec3(0.2, 1, -0.7),
+        glm::dvec3(0.5, -0.6, 0), glm::dvec3(0, 0, 1), glm::dvec3(0.6, 0.6, -0.7)}) {
+    const RaycastOptions options = lit(sun(direction));
+    const auto scene = make_volume_scene(ball(32), t, options);
+    ASSERT_TRUE(scene) << scene.error().message;
+    const Medium medium((*scene)->grid);
+    const Illumination all = illuminate(options.lighting, (*scene)->bounds);
+    const LightGrid light = plan_light((*scene)->grid, options.lighting);
+    const auto extinction = node_extinctions(medium, light, 0);
+    ASSERT_TRUE(extinction);
+    const auto reach = LightReach::make(medium, all, light, *extinction, 0);
+    ASSERT_TRUE(reach);
+    std::mt19937 random(1);
+    std::uniform_real_distribution<double> within(0, 1);
+    double error = 0, sum = 0;
+    constexpr int kPlaces = 1000;
+    for (int k = 0; k < kPlaces; ++k) {
+      const glm::dvec3 at = (*scene)->grid.visible_low +
+                            glm::dvec3(within(random), within(random), within(random)) *
+                                ((*scene)->grid.visible_high - (*scene)->grid.visible_low);
+      const IncidentLight arrival = all.lights[0].incident_light(medium.world(at), 0, 0);
+      const double marched =
+          std::exp(-medium.optical_depth(at, medium.per_world(arrival.direction), kForever, 0.5));
+      error += std::abs((*reach)(0, arrival, at, 0.5) - marched);
+      sum += marched;
+    }
+    EXPECT_GT(sum / kPlaces, 0.3);
+    EXPECT_LT(error / kPlaces, 0.02);
+  }
+}
+
+TEST(Light, CodedLightIsTheSame) {
+  const Computed made = computed_light();
+  const Bytes coded = encode_light("key", made.light);
+  EXPECT_LT(coded.size(), made.light.nodes.size() * 4);
+  LightGrid plan = made.light;
+  plan.nodes.clear();
+  const auto decoded = decode_light(coded, "key", plan);
+  ASSERT_TRUE(decoded);
+  EXPECT_EQ(decoded->nodes, made.light.nodes);
+  EXPECT_FALSE(decode_light(coded, "another", plan));
+  LightGrid larger = plan;
+  ++larger.dims[2];
+  EXPECT_FALSE(decode_light(coded, "key", larger));
+}
+
+TEST(Light, DamagedCodedLightIsRefused) {
+  const Computed made = computed_light();
+  const Bytes coded = encode_light("key", made.light);
+  LightGrid plan = made.light;
+  plan.nodes.clear();
+  for (std::size_t size = 0; size < coded.size(); size += 1 + size / 16)
+    EXPECT_FALSE(decode_light(ByteSpan(coded).first(size), "key", plan)) << size;
+  std::mt19937 random(1);
+  for (int k = 0; k < 200; ++k) {
+    Bytes flipped = coded;
+    flipped[random() % flipped.size()] ^= std::byte{1} << random() % 8;
+    const auto decoded = decode_light(flipped, "key", plan);
+    EXPECT_TRUE(!decoded || decoded->nodes == made.light.nodes);  // a bit that zstd ignores
+  }
+}
+
+TEST(Light, IsTakenFromAnEqualScene) {
+  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
+  RaycastOptions options = lit(kWhiteSky);
+  options.lighting.samples = 2;
+  const auto first = Raycaster::make(ball(20), t, options);
+  ASSERT_TRUE(first) << first.error().message;
+  const std::vector<std::byte> light = (*first)->light();
+  ASSERT_FALSE(light.empty());
+  bool computed = false;
+  const LightVolumeOptions deferred{1, [&](const Progress&) { return computed = true; }, {}, true};
+  options.lighting.linear = false;  // tones do not change the light
+  const auto second = Raycaster::make(ball(20), t, options, deferred);
+  ASSERT_TRUE(second) << second.error().message;
+  EXPECT_FALSE((*second)->set_light({}));
+  EXPECT_TRUE((*second)->set_light(light));
+  ASSERT_TRUE((*second)->prepare());
+  EXPECT_FALSE(computed);
+  EXPECT_EQ((*second)->light(), light);
+  options.lighting.bounces = 3;
+  const auto other = Raycaster::make(ball(20), t, options, deferred);
+  ASSERT_TRUE(other) << other.error().message;
+  EXPECT_FALSE((*other)->set_light(light));
 }
 
 TEST(Light, ProvenanceHoldsEverySetting) {

@@ -1,0 +1,22 @@
+// The coded form of a light volume, which a field keeps (FORMAT.md, "Light"). Private to
+// field/scene.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "base/bytes.h"
+#include "field/scene/light_grid.h"
+
+namespace slf {
+
+/// Codes a light volume without loss, with a key that identifies its inputs. No bytes if memory
+/// does not suffice.
+[[nodiscard]] Bytes encode_light(const std::string& key, const LightGrid& light);
+
+/// Decodes a light volume into the nodes of `plan`, a grid without nodes. Nothing if the bytes are
+/// damaged, or of another key or grid. Input is untrusted.
+[[nodiscard]] std::optional<LightGrid> decode_light(ByteSpan coded, const std::string& key,
+                                                    LightGrid plan);
+
+}  // namespace slf
