@@ -13,6 +13,8 @@
 #include <system_error>
 #include <utility>
 
+#include "base/try.h"
+
 namespace slf {
 namespace {
 
@@ -232,7 +234,7 @@ Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const Star
     if (got < 0 && cause == EINTR) continue;
     if (got < 0) return io_error(path, "cannot read", cause);
     if (!checked && (got == 0 || bytes.size() >= kStart)) {
-      if (auto ok = check(bytes); !ok) return tl::unexpected(ok.error());
+      SLF_TRY(check(bytes));
       checked = true;
     }
     if (got == 0) return bytes;

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "base/file.h"
+#include "base/try.h"
 #include "cli/command.h"
 
 namespace slf::cli {
@@ -157,7 +158,7 @@ tl::unexpected<Error> with_hint(const Error& error, const std::string& hint) {
 
 Result<void> refuse_overwrite(const std::string& path, bool force,
                               const std::vector<std::string>& inputs) {
-  if (auto ok = check_output(path, inputs); !ok) return ok;
+  SLF_TRY(check_output(path, inputs));
   std::error_code ignored;
   if (!force && std::filesystem::exists(path, ignored))
     return fail(ErrorCode::usage, path, ": exists; -f overwrites it");

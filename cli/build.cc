@@ -1,6 +1,7 @@
 #include "slf/build.h"
 
 #include "base/file.h"
+#include "base/try.h"
 #include "cli/command.h"
 #include "codec/codec.h"
 
@@ -20,10 +21,9 @@ struct Arguments {
 
 Result<void> run_build(const Arguments& arguments) {
   BuildOptions options = arguments.build;
-  const auto shard = arguments.shard.options();
-  if (!shard) return tl::unexpected(shard.error());
-  options.shard = *shard;
-  const std::string output = name_of_part(arguments.output, *shard);
+  const auto shard = SLF_TRY(arguments.shard.options());
+  options.shard = shard;
+  const std::string output = name_of_part(arguments.output, shard);
   options.depth_codec = arguments.depth_codec;
   if (options.depth_codec.empty() && !codec::is_predictive(options.color_codec))
     options.depth_codec = "jpeg:75";
@@ -31,12 +31,11 @@ Result<void> run_build(const Arguments& arguments) {
   SourceArguments source = arguments.source;
   std::vector<std::string> inputs = source.files();
   inputs.push_back(options.shard.coarser);
-  if (auto ok = check_output(output, inputs); !ok) return ok;
+  SLF_TRY(check_output(output, inputs));
   source.raycast.lighting.linear = options.half;
-  const auto scene =
-      source.scene({options.threads, light_progress(OnSignal::stop), source.light_file, true});
-  if (!scene) return tl::unexpected(scene.error());
-  const Sphere visible = (*scene)->bounds();
+  const auto scene = SLF_TRY(
+      source.scene({options.threads, light_progress(OnSignal::stop), source.light_file, true}));
+  const Sphere visible = scene->bounds();
   Sphere& sphere = options.shape.sphere;
   sphere = visible;
   if (!arguments.center.empty()) sphere.center = to_vector(arguments.center);
@@ -51,13 +50,12 @@ Result<void> run_build(const Arguments& arguments) {
 
   options.replace = arguments.force;
   const auto report =
-      build_field(**scene, output, options, progress_bar("build", "rays", OnSignal::stop));
-  if (!report) return tl::unexpected(report.error());
-  if (report->tiles == 0)
+      SLF_TRY(build_field(*scene, output, options, progress_bar("build", "rays", OnSignal::stop)));
+  if (report.tiles == 0)
     note(fmt::format("{}: nothing is left to build", output));
-  else if (report->resumed > 0)
-    note(fmt::format("{}: resumed after {} tiles", output, report->resumed));
-  const bool part = shard->count > 1 || shard->first_level || !shard->coarser.empty();
+  else if (report.resumed > 0)
+    note(fmt::format("{}: resumed after {} tiles", output, report.resumed));
+  const bool part = shard.count > 1 || shard.first_level || !shard.coarser.empty();
   note(part ? fmt::format("{}: complete; `slf merge` joins it with the other parts", output)
             : fmt::format("{}: complete; look with: slf render {} -o view.png", output, output));
   return {};

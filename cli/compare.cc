@@ -1,6 +1,7 @@
 // slf compare: PSNR and SSIM of two pictures.
 #include <cmath>
 
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/image.h"
 
@@ -16,19 +17,15 @@ struct CompareArguments {
 
 Result<void> run_compare(const CompareArguments& arguments) {
   if (!arguments.diff.empty())
-    if (auto ok = refuse_overwrite(arguments.diff, arguments.force, {arguments.a, arguments.b});
-        !ok)
-      return ok;
-  const auto a = read_image(arguments.a);
-  if (!a) return tl::unexpected(a.error());
-  const auto b = read_image(arguments.b);
-  if (!b) return tl::unexpected(b.error());
-  if (a->width != b->width || a->height != b->height)
-    return fail(ErrorCode::usage, arguments.a, " is ", a->width, "x", a->height, ", ", arguments.b,
-                " is ", b->width, "x", b->height, ": only pictures of one size can be compared");
-  const ImageDifference d = compare(*a, *b);
+    SLF_TRY(refuse_overwrite(arguments.diff, arguments.force, {arguments.a, arguments.b}));
+  const auto a = SLF_TRY(read_image(arguments.a));
+  const auto b = SLF_TRY(read_image(arguments.b));
+  if (a.width != b.width || a.height != b.height)
+    return fail(ErrorCode::usage, arguments.a, " is ", a.width, "x", a.height, ", ", arguments.b,
+                " is ", b.width, "x", b.height, ": only pictures of one size can be compared");
+  const ImageDifference d = compare(a, b);
   if (!arguments.diff.empty())
-    if (auto ok = write_image(arguments.diff, difference(*a, *b, arguments.gain)); !ok) return ok;
+    SLF_TRY(write_image(arguments.diff, difference(a, b, arguments.gain)));
   if (arguments.json)
     print_json(
         {{"psnr", finite_or_null(d.psnr)}, {"ssim", d.ssim}, {"equal", !std::isfinite(d.psnr)}});

@@ -1,4 +1,5 @@
 // slf diff: compares two fields, and prints where they differ.
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/inspect.h"
 
@@ -51,19 +52,16 @@ void print_difference(const Field& field, const FieldDifference& difference) {
 }
 
 Result<void> run_diff(const Arguments& arguments) {
-  const auto a = open_field(arguments.a);
-  if (!a) return tl::unexpected(a.error());
-  const auto b = open_field(arguments.b);
-  if (!b) return tl::unexpected(b.error());
+  const auto a = SLF_TRY(open_field(arguments.a));
+  const auto b = SLF_TRY(open_field(arguments.b));
   const auto difference =
-      diff_fields(*a, *b, arguments.diff, progress_bar("diff", "tiles", OnSignal::end));
-  if (!difference) return tl::unexpected(difference.error());
+      SLF_TRY(diff_fields(a, b, arguments.diff, progress_bar("diff", "tiles", OnSignal::end)));
   if (arguments.json)
-    print_json(difference_json(*a, *difference));
+    print_json(difference_json(a, difference));
   else
-    print_difference(*a, *difference);
+    print_difference(a, difference);
   const bool passed =
-      arguments.min_psnr ? difference->alike(*arguments.min_psnr) : difference->equal();
+      arguments.min_psnr ? difference.alike(*arguments.min_psnr) : difference.equal();
   if (passed) return {};
   const std::string limit =
       arguments.min_psnr ? fmt::format("; --min-psnr {:g} is not met", *arguments.min_psnr) : "";

@@ -1,5 +1,6 @@
 #include <filesystem>
 
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/remote.h"
 
@@ -178,26 +179,23 @@ Result<void> run_info(const Arguments& arguments) {
         print_series(input, list);
       return {};
     }
-    const auto volume = arguments.source.volume();
-    if (!volume) return tl::unexpected(volume.error());
+    const auto volume = SLF_TRY(arguments.source.volume());
     if (arguments.json) {
-      nlohmann::json json = volume_json(*volume);
+      nlohmann::json json = volume_json(volume);
       if (!list.series.empty()) json["series"] = series_json(list);
       print_json(json);
     } else {
-      print_volume(*volume);
+      print_volume(volume);
     }
     return {};
   }
-  const auto field = open_field(arguments.source.input);
-  if (!field) return tl::unexpected(field.error());
-  const auto content = field->content();
-  if (!content) return tl::unexpected(content.error());
+  const auto field = SLF_TRY(open_field(arguments.source.input));
+  const auto content = SLF_TRY(field.content());
   if (arguments.json)
-    print_json(field_json(*field, *content));
+    print_json(field_json(field, content));
   else
-    print_field(*field, *content);
-  if (!content->complete)
+    print_field(field, content);
+  if (!content.complete)
     note(arguments.source.input + ": incomplete; the build command that made it resumes it");
   return {};
 }

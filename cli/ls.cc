@@ -1,4 +1,5 @@
 // slf ls: lists the tiles of a field, one per line, for other tools to read.
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/inspect.h"
 
@@ -25,24 +26,23 @@ std::string tile_json(const ListedTile& tile, const std::string& layer) {
 }
 
 Result<void> run_ls(const Arguments& a) {
-  const auto field = open_field(a.field);
-  if (!field) return tl::unexpected(field.error());
+  const auto field = SLF_TRY(open_field(a.field));
   TileFilter filter = a.filter;
   filter.subfields = a.subfields.numbers;
   if (a.levels) filter.first_level = a.levels->first, filter.last_level = a.levels->last;
   std::vector<std::string> layers;
-  for (const Layer& layer : field->layers())
+  for (const Layer& layer : field.layers())
     layers.push_back(
         nlohmann::json(layer.name).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
   // Prints the array while tiles are read, so memory does not depend on its length.
   const char* before = "[\n";
-  auto listed = list_tiles(*field, filter, [&](const ListedTile& tile) -> Result<void> {
+  auto listed = list_tiles(field, filter, [&](const ListedTile& tile) -> Result<void> {
     if (a.json) {
       print_text(before + tile_json(tile, layers[tile.layer]));
       before = ",\n";
     } else {
       print("{}\t{}\t{}\t{}\t{}\t{}\t{}\n", to_string(tile.address),
-            field->layers()[tile.layer].name, name(tile.content), tile.payload_bytes,
+            field.layers()[tile.layer].name, name(tile.content), tile.payload_bytes,
             tile.offset_bytes, tile.key.index, tile.subfield);
     }
     if (std::ferror(stdout) != 0) return fail(ErrorCode::io, "stdout: cannot write");

@@ -1,5 +1,6 @@
 #include "slf/measure.h"
 
+#include "base/try.h"
 #include "cli/command.h"
 
 namespace slf::cli {
@@ -117,30 +118,27 @@ void print_measurement(const Setting& s, const Measurement& m, std::uint32_t vie
 Result<void> run_measure(const MeasureArguments& a) {
   nlohmann::json runs = nlohmann::json::array();
   for (const std::string& path : a.fields) {
-    const auto field = open_field(path);
-    if (!field) return tl::unexpected(field.error());
+    const auto field = SLF_TRY(open_field(path));
     const std::vector<RenderMode> modes =
-        a.modes.empty() ? std::vector{default_mode(*field)} : a.modes;
+        a.modes.empty() ? std::vector{default_mode(field)} : a.modes;
     for (const RenderMode mode : modes)
       for (const double distance : a.distances)
         for (const PixelSize& size : a.sizes) {
-          const auto cameras = a.views.cameras(field->shape().sphere, distance, size);
+          const auto cameras = a.views.cameras(field.shape().sphere, distance, size);
           DrawArguments draw = a.draw;
           draw.mode = mode;
           const bool all = draw.level == kAllLevels;
           if (all) draw.level = DrawArguments::kFinest;
-          const auto view = draw.view(*field, cameras.front());
-          if (!view) return tl::unexpected(view.error());
-          MeasureOptions options{cameras, view->mode, {}, draw.renderer()};
-          if (!all) options.levels = {view->level};
-          const auto m =
-              measure_views(*field, options, progress_bar("measure", "views", OnSignal::end));
-          if (!m) return tl::unexpected(m.error());
+          const auto view = SLF_TRY(draw.view(field, cameras.front()));
+          MeasureOptions options{cameras, view.mode, {}, draw.renderer()};
+          if (!all) options.levels = {view.level};
+          const auto m = SLF_TRY(
+              measure_views(field, options, progress_bar("measure", "views", OnSignal::end)));
 
-          const Setting setting{path, codecs_of(*field), size, distance, view->mode};
-          if (!a.json) print_measurement(setting, *m, a.views.views);
+          const Setting setting{path, codecs_of(field), size, distance, view.mode};
+          if (!a.json) print_measurement(setting, m, a.views.views);
           std::fflush(stdout);  // a signal ends the next one
-          runs.push_back(setting_json(setting, *m, a.views.views));
+          runs.push_back(setting_json(setting, m, a.views.views));
         }
   }
   if (a.json) print_json({{"runs", runs}});
@@ -182,45 +180,41 @@ std::optional<ToneMapping> view_tone(const Field& field) {
 }
 
 Result<void> run_evaluate(const EvaluateArguments& a) {
-  const auto field = open_field(a.field);
-  if (!field) return tl::unexpected(field.error());
-  const auto cameras = a.views.cameras(field->shape().sphere, a.distance, a.size);
-  const auto view = a.draw.view(*field, cameras.front());
-  if (!view) return tl::unexpected(view.error());
-  const auto scene =
+  const auto field = SLF_TRY(open_field(a.field));
+  const auto cameras = a.views.cameras(field.shape().sphere, a.distance, a.size);
+  const auto view = SLF_TRY(a.draw.view(field, cameras.front()));
+  const auto scene = SLF_TRY(
       a.source.scene({a.draw.threads, light_progress(OnSignal::end), a.source.light_file, true},
-                     field->provenance());
-  if (!scene) return tl::unexpected(scene.error());
-  const auto light = field->light();
-  if (light) (*scene)->set_light(*light);
+                     field.provenance()));
+  const auto light = field.light();
+  if (light) scene->set_light(*light);
   if (!light) note(light.error().message + "; computing the light again");
-  if (auto ok = (*scene)->prepare(); !ok) return tl::unexpected(ok.error());
-  const bool same_source = check_source(*field, **scene);
+  SLF_TRY(scene->prepare());
+  const bool same_source = check_source(field, *scene);
   const auto evaluation =
-      evaluate_views(*field, **scene, cameras, *view, a.draw.renderer(), a.supersample,
-                     view_tone(*field), progress_bar("evaluate", "rows", OnSignal::end));
-  if (!evaluation) return tl::unexpected(evaluation.error());
+      SLF_TRY(evaluate_views(field, *scene, cameras, view, a.draw.renderer(), a.supersample,
+                             view_tone(field), progress_bar("evaluate", "rows", OnSignal::end)));
 
-  const std::uint64_t bytes = field->file_bytes();
+  const std::uint64_t bytes = field.file_bytes();
   if (a.json) {
     nlohmann::json per_view = nlohmann::json::array();
-    for (const ViewQuality& v : evaluation->views)
+    for (const ViewQuality& v : evaluation.views)
       per_view.push_back({{"psnr", finite_or_null(v.psnr)}, {"ssim", v.ssim}});
     print_json({{"views", a.views.views},
-                {"mode", name(view->mode)},
-                {"level", view->level},
+                {"mode", name(view.mode)},
+                {"level", view.level},
                 {"width_pixels", a.size.width},
                 {"height_pixels", a.size.height},
                 {"seed", a.views.seed},
                 {"supersample", a.supersample},
-                {"psnr", finite_or_null(evaluation->psnr)},
-                {"ssim", evaluation->ssim},
+                {"psnr", finite_or_null(evaluation.psnr)},
+                {"ssim", evaluation.ssim},
                 {"per_view", per_view},
                 {"same_source", same_source},
                 {"file_bytes", bytes}});
   } else {
     print("{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f} (mean of {} views), {}\n", a.field,
-          name(view->mode), view->level, evaluation->psnr, evaluation->ssim, a.views.views,
+          name(view.mode), view.level, evaluation.psnr, evaluation.ssim, a.views.views,
           human_bytes(static_cast<double>(bytes)));
   }
   return {};

@@ -1,3 +1,4 @@
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/remote.h"
 
@@ -13,10 +14,10 @@ std::vector<RemoteField> remote_fields;
 
 Result<Field> open_field(const std::string& path) {
   if (!is_address(path)) return Field::open(path);
-  auto remote = RemoteField::open(path, {}, late_progress_bar("fetch", "bytes", OnSignal::end));
-  if (!remote) return tl::unexpected(remote.error());
-  remote_fields.push_back(*remote);
-  return remote->field();
+  auto remote =
+      SLF_TRY(RemoteField::open(path, {}, late_progress_bar("fetch", "bytes", OnSignal::end)));
+  remote_fields.push_back(remote);
+  return remote.field();
 }
 
 nlohmann::json traffic_json() {

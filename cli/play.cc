@@ -6,6 +6,7 @@
 #include <optional>
 #include <thread>
 
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/camera.h"
 #include "slf/image.h"
@@ -45,8 +46,7 @@ class FrameFiles {
     FrameFiles pictures;
     pictures.inputs_ = {a.field, a.path};
     if (!a.preview.empty()) {
-      if (auto ok = refuse_overwrite(a.preview, a.force, pictures.inputs_); !ok)
-        return tl::unexpected(ok.error());
+      SLF_TRY(refuse_overwrite(a.preview, a.force, pictures.inputs_));
       pictures.animation_.emplace(a.preview, 1 / a.fps);
     }
     if (!a.frames.empty()) {
@@ -61,11 +61,10 @@ class FrameFiles {
     return pictures;
   }
   [[nodiscard]] Result<void> add(std::size_t frame, const Image& image) {
-    if (animation_)
-      if (auto ok = animation_->add(image); !ok) return ok;
+    if (animation_) SLF_TRY(animation_->add(image));
     if (folder_.empty()) return {};
     const std::string file = (folder_ / fmt::format("{:05}.png", frame)).string();
-    if (auto ok = refuse_overwrite(file, /*force=*/true, inputs_); !ok) return ok;
+    SLF_TRY(refuse_overwrite(file, /*force=*/true, inputs_));
     return write_image(file, image);
   }
   [[nodiscard]] Result<void> close() { return animation_ ? animation_->close() : Result<void>(); }
@@ -95,21 +94,16 @@ bool wait_until(Clock::time_point due) {
 /// Plays the path in real time. While a picture is written the clock stops, but the loading thread
 /// goes on.
 Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, FrameFiles* pictures) {
-  if (a.cold && !is_address(a.field))
-    if (auto ok = drop_page_cache(a.field); !ok) return tl::unexpected(ok.error());
-  const auto field = open_field(a.field);
-  if (!field) return tl::unexpected(field.error());
-  const auto path = a.camera_path(field->shape().sphere);
-  if (!path) return tl::unexpected(path.error());
-  const auto view = a.draw.view(*field);
-  if (!view) return tl::unexpected(view.error());
+  if (a.cold && !is_address(a.field)) SLF_TRY(drop_page_cache(a.field));
+  const auto field = SLF_TRY(open_field(a.field));
+  const auto path = SLF_TRY(a.camera_path(field.shape().sphere));
+  const auto view = SLF_TRY(a.draw.view(field));
   PlayOptions play_options = options;
-  play_options.view = *view;
-  auto player = Player::make(*field, play_options);
-  if (!player) return tl::unexpected(player.error());
+  play_options.view = view;
+  auto player = SLF_TRY(Player::make(field, play_options));
 
   PlayResult played{options.loading, {}, {}};
-  const auto frames = static_cast<std::size_t>(std::max(1.0, std::round(path->seconds() * a.fps)));
+  const auto frames = static_cast<std::size_t>(std::max(1.0, std::round(path.seconds() * a.fps)));
   const auto progress = progress_bar(fmt::format("Playing, loading {}", name(options.loading)),
                                      "frames", OnSignal::stop);
   Image image;
@@ -117,16 +111,15 @@ Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, Fram
   auto due = Clock::now();
   for (std::size_t k = 0; k < frames && progress({k, frames, 0}); ++k) {
     if (!wait_until(due)) break;
-    const Camera camera = path->at(static_cast<double>(k) / a.fps, a.size.width, a.size.height);
-    if (auto ok = player->draw(camera, image, &played.frames.emplace_back()); !ok)
-      return tl::unexpected(ok.error());
+    const Camera camera = path.at(static_cast<double>(k) / a.fps, a.size.width, a.size.height);
+    SLF_TRY(player.draw(camera, image, &played.frames.emplace_back()));
     due += std::chrono::duration_cast<Clock::duration>(period);
     const ResidentMemory now = resident_memory();
     played.peak.anonymous = std::max(played.peak.anonymous, now.anonymous);
     played.peak.file = std::max(played.peak.file, now.file);
     if (!pictures || !pictures->enabled()) continue;
     const auto begin = Clock::now();
-    if (auto ok = pictures->add(k, image); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(pictures->add(k, image));
     due += Clock::now() - begin;
   }
   (void)progress({frames, frames, 0});
@@ -224,8 +217,7 @@ Result<void> run_play(const PlayArguments& a) {
   if (!a.preview.empty() && !a.preview.ends_with(".webp"))
     return fail(ErrorCode::usage, "--preview ", a.preview, ": expected a name ending in .webp");
   PlayOptions options{a.draw.renderer(), {}, Loading::ahead, a.horizon};
-  auto pictures = FrameFiles::make(a);
-  if (!pictures) return tl::unexpected(pictures.error());
+  auto pictures = SLF_TRY(FrameFiles::make(a));
 
   nlohmann::json runs = nlohmann::json::array();
   std::vector<std::vector<std::string>> rows{{"loading", "frames", "late", "mean ms", "95 %",
@@ -234,15 +226,14 @@ Result<void> run_play(const PlayArguments& a) {
   for (const Loading way : a.loading) {
     options.loading = way;
     // Pictures are written for the first way of loading only.
-    const auto played = play(a, options, runs.empty() ? &*pictures : nullptr);
-    if (!played) return tl::unexpected(played.error());
-    if (played->frames.empty()) break;
-    const Summary summary(played->frames, 1 / a.fps);
-    runs.push_back(played_json(*played, summary));
-    rows.push_back(played_row(*played, summary));
+    const auto played = SLF_TRY(play(a, options, runs.empty() ? &pictures : nullptr));
+    if (played.frames.empty()) break;
+    const Summary summary(played.frames, 1 / a.fps);
+    runs.push_back(played_json(played, summary));
+    rows.push_back(played_row(played, summary));
     if (stop_signal() != 0) break;
   }
-  if (auto ok = pictures->close(); !ok) return ok;
+  SLF_TRY(pictures.close());
   if (a.json) {
     print_json({{"field", a.field},
                 {"fps", a.fps},

@@ -3,6 +3,7 @@
 
 #include <numeric>
 
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/image.h"
 #include "slf/measure.h"
@@ -103,9 +104,8 @@ void print_statistics(nlohmann::json json) {
 Result<void> check_drawn(const Field& field, const ViewStatistics& statistics) {
   const auto& pixels = statistics.level_pixels;
   if (std::accumulate(pixels.begin(), pixels.end(), 0ull) > 0) return {};
-  const auto content = field.content();
-  if (!content) return tl::unexpected(content.error());
-  for (const LevelContent& level : content->levels)
+  const auto content = SLF_TRY(field.content());
+  for (const LevelContent& level : content.levels)
     if (level.stored + level.empty > 0) return {};
   return fail(
       ErrorCode::failed, field.path(),
@@ -113,24 +113,20 @@ Result<void> check_drawn(const Field& field, const ViewStatistics& statistics) {
 }
 
 Result<void> run_render(const RenderArguments& a) {
-  if (auto ok = a.picture.check({a.field}); !ok) return ok;
-  const auto field = open_field(a.field);
-  if (!field) return tl::unexpected(field.error());
-  auto view = a.draw.view(*field);
-  if (!view) return tl::unexpected(view.error());
-  view->with_depth = a.picture.is_exr() && field->has_depth();
-  const auto camera = a.camera.camera(field->shape().sphere);
-  if (!camera) return tl::unexpected(camera.error());
+  SLF_TRY(a.picture.check({a.field}));
+  const auto field = SLF_TRY(open_field(a.field));
+  auto view = SLF_TRY(a.draw.view(field));
+  view.with_depth = a.picture.is_exr() && field.has_depth();
+  const auto camera = SLF_TRY(a.camera.camera(field.shape().sphere));
 
-  Renderer renderer(*field, a.draw.renderer());
+  Renderer renderer(field, a.draw.renderer());
   ViewStatistics statistics;
-  auto image = renderer.render(*camera, *view, &statistics);
-  if (!image) return tl::unexpected(image.error());
-  if (auto ok = check_drawn(*field, statistics); !ok) return ok;
-  if (auto ok = map_tones(a, *field, *image); !ok) return ok;
-  if (auto ok = a.picture.write(*image); !ok) return ok;
+  auto image = SLF_TRY(renderer.render(camera, view, &statistics));
+  SLF_TRY(check_drawn(field, statistics));
+  SLF_TRY(map_tones(a, field, image));
+  SLF_TRY(a.picture.write(image));
   if (statistics.fallback_pixels() > 0)
-    note(field->shape().subfields.empty()
+    note(field.shape().subfields.empty()
              ? fmt::format("{}: incomplete at level {}: {} pixels drawn from coarser levels; the "
                            "build command that made it resumes it",
                            a.field, statistics.level_pixels.size() - 1,
@@ -138,9 +134,8 @@ Result<void> run_render(const RenderArguments& a) {
              : fmt::format("{}: {} pixels need subfields that were left out of this field", a.field,
                            statistics.fallback_pixels()));
   if (!a.json && !a.stats) return {};
-  const auto file = footprint(*field, statistics.tiles, view->needs_depth());
-  if (!file) return tl::unexpected(file.error());
-  const nlohmann::json json = statistics_json(statistics, *file, *view);
+  const auto file = SLF_TRY(footprint(field, statistics.tiles, view.needs_depth()));
+  const nlohmann::json json = statistics_json(statistics, file, view);
   if (a.json)
     print_json(json);
   else
@@ -156,19 +151,17 @@ struct RaycastArguments {
 };
 
 Result<void> run_raycast(const RaycastArguments& a) {
-  if (auto ok = a.picture.check(a.source.files()); !ok) return ok;
+  SLF_TRY(a.picture.check(a.source.files()));
   SourceArguments source = a.source;
   source.raycast.lighting.linear = a.picture.is_exr();
-  const auto scene = source.scene({a.threads, light_progress(OnSignal::end), a.source.light_file});
-  if (!scene) return tl::unexpected(scene.error());
-  if (auto ok = a.picture.check((*scene)->files()); !ok) return ok;  // of a header, or a series
-  const Sphere sphere = (*scene)->bounds();
-  const auto camera = a.camera.camera(sphere);
-  if (!camera) return tl::unexpected(camera.error());
-  const auto image = trace_view(**scene, sphere, *camera, a.threads,
-                                progress_bar("raycast", "rows", OnSignal::end));
-  if (!image) return tl::unexpected(image.error());
-  return a.picture.write(*image);
+  const auto scene =
+      SLF_TRY(source.scene({a.threads, light_progress(OnSignal::end), a.source.light_file}));
+  SLF_TRY(a.picture.check(scene->files()));  // of a header, or a series
+  const Sphere sphere = scene->bounds();
+  const auto camera = SLF_TRY(a.camera.camera(sphere));
+  const auto image = SLF_TRY(trace_view(*scene, sphere, camera, a.threads,
+                                        progress_bar("raycast", "rows", OnSignal::end)));
+  return a.picture.write(image);
 }
 
 }  // namespace

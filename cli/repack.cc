@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/remote.h"
 #include "slf/verify.h"
@@ -21,21 +22,20 @@ struct RepackArguments {
 /// --dry-run: prints the estimated size of the output.
 Result<void> estimate(const RepackArguments& a, const Field& field, const RepackOptions& options) {
   const auto estimate =
-      estimate_repack(field, options, progress_bar("estimate", "tiles", OnSignal::end));
-  if (!estimate) return tl::unexpected(estimate.error());
+      SLF_TRY(estimate_repack(field, options, progress_bar("estimate", "tiles", OnSignal::end)));
   if (a.json)
-    print_json({{"tiles", estimate->tiles},
-                {"tiles_sampled", estimate->sampled},
-                {"payload_bytes", estimate->payload_bytes},
-                {"payload_error_bytes", estimate->payload_error_bytes},
-                {"file_bytes", estimate->file_bytes},
-                {"file_error_bytes", estimate->file_error_bytes},
+    print_json({{"tiles", estimate.tiles},
+                {"tiles_sampled", estimate.sampled},
+                {"payload_bytes", estimate.payload_bytes},
+                {"payload_error_bytes", estimate.payload_error_bytes},
+                {"file_bytes", estimate.file_bytes},
+                {"file_error_bytes", estimate.file_error_bytes},
                 {"input_bytes", field.file_bytes()}});
   else
     print("would write {}, give or take {} (now {}); {} of {} tiles encoded to estimate it\n",
-          human_bytes(static_cast<double>(estimate->file_bytes)),
-          human_bytes(static_cast<double>(estimate->file_error_bytes)),
-          human_bytes(static_cast<double>(field.file_bytes())), estimate->sampled, estimate->tiles);
+          human_bytes(static_cast<double>(estimate.file_bytes)),
+          human_bytes(static_cast<double>(estimate.file_error_bytes)),
+          human_bytes(static_cast<double>(field.file_bytes())), estimate.sampled, estimate.tiles);
   return {};
 }
 
@@ -47,26 +47,24 @@ Result<void> run_repack(const RepackArguments& a) {
   options.half = a.half;
   options.subfields = a.subfields.numbers;
   options.replace = a.force;
-  const auto field = open_field(a.input);
-  if (!field) return tl::unexpected(field.error());
-  if (a.dry_run) return estimate(a, *field, options);
+  const auto field = SLF_TRY(open_field(a.input));
+  if (a.dry_run) return estimate(a, field, options);
   if (a.output.empty()) return fail(ErrorCode::usage, "--output is required, or --dry-run");
-  const auto report =
-      repack_field(*field, a.output, options, progress_bar("repack", "tiles", OnSignal::stop));
-  if (!report) return tl::unexpected(report.error());
+  const auto report = SLF_TRY(
+      repack_field(field, a.output, options, progress_bar("repack", "tiles", OnSignal::stop)));
   if (a.json)
-    print_json({{"tiles", report->tiles},
-                {"copied", report->copied},
-                {"recoded", report->recoded},
-                {"missing", report->missing},
-                {"payload_bytes", report->payload_bytes},
-                {"file_bytes", report->file_bytes},
-                {"input_bytes", field->file_bytes()}});
+    print_json({{"tiles", report.tiles},
+                {"copied", report.copied},
+                {"recoded", report.recoded},
+                {"missing", report.missing},
+                {"payload_bytes", report.payload_bytes},
+                {"file_bytes", report.file_bytes},
+                {"input_bytes", field.file_bytes()}});
   else
     print("{}: {} (was {}), {} tiles copied, {} recoded{}\n", a.output,
-          human_bytes(static_cast<double>(report->file_bytes)),
-          human_bytes(static_cast<double>(field->file_bytes())), report->copied, report->recoded,
-          report->missing ? fmt::format(", {} missing as in the input", report->missing) : "");
+          human_bytes(static_cast<double>(report.file_bytes)),
+          human_bytes(static_cast<double>(field.file_bytes())), report.copied, report.recoded,
+          report.missing ? fmt::format(", {} missing as in the input", report.missing) : "");
   return {};
 }
 
@@ -100,25 +98,23 @@ void print_report(const std::string& path, const VerifyReport& report) {
 
 Result<void> run_verify(const VerifyArguments& a) {
   const auto bar = progress_bar("verify", "tiles", OnSignal::end);
-  const auto report = [&]() -> Result<VerifyReport> {
+  const auto report = SLF_TRY([&]() -> Result<VerifyReport> {
     if (!is_address(a.field)) return verify_field(a.field, a.verify, bar);
-    const auto field = open_field(a.field);
-    if (!field) return tl::unexpected(field.error());
-    return verify_field(*field, a.verify, bar);
-  }();
-  if (!report) return tl::unexpected(report.error());
+    const auto field = SLF_TRY(open_field(a.field));
+    return verify_field(field, a.verify, bar);
+  }());
   if (a.json)
-    print_json(report_json(*report));
+    print_json(report_json(report));
   else
-    print_report(a.field, *report);
-  if (report->dropped > 0)
+    print_report(a.field, report);
+  if (report.dropped > 0)
     note(fmt::format("{}: dropped {} damaged; the build command that made the field refills them",
-                     a.field, report->dropped));
-  if (report->unfixed == 0) return {};
+                     a.field, report.dropped));
+  if (report.unfixed == 0) return {};
   if (a.verify.fix)
-    return fail(ErrorCode::bad_file, a.field, ": ", report->unfixed,
+    return fail(ErrorCode::bad_file, a.field, ": ", report.unfixed,
                 " findings cannot be fixed in place; build it anew, or restore a copy");
-  const bool droppable = std::ranges::none_of(report->findings, [](const Finding& finding) {
+  const bool droppable = std::ranges::none_of(report.findings, [](const Finding& finding) {
     return finding.kind == FindingKind::structure || finding.kind == FindingKind::manifest;
   });
   return fail(ErrorCode::bad_file, a.field, ": damaged; ",

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <tuple>
 
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/path_tracer.h"
 #include "slf/scene.h"
@@ -269,9 +270,8 @@ void SourceArguments::add_reference_to(CLI::App& command) {
 
 Result<void> SourceArguments::set_light(RaycastOptions& options) const {
   if (!light_rig.empty()) {
-    auto rig = read_rig(light_rig);
-    if (!rig) return tl::unexpected(rig.error());
-    options.lighting.rig = std::move(*rig);
+    auto rig = SLF_TRY(read_rig(light_rig));
+    options.lighting.rig = std::move(rig);
   }
   if (!light.empty()) {
     options.light = to_vector(light);
@@ -279,9 +279,8 @@ Result<void> SourceArguments::set_light(RaycastOptions& options) const {
       lights.front().direction = options.light;
   }
   if (!environment.empty()) {
-    auto picture = read_image(environment);
-    if (!picture) return tl::unexpected(picture.error());
-    options.lighting.environment = std::make_shared<const Image>(std::move(*picture));
+    auto picture = SLF_TRY(read_image(environment));
+    options.lighting.environment = std::make_shared<const Image>(std::move(picture));
   }
   return {};
 }
@@ -301,9 +300,8 @@ Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
   options.resample = resample;
   if (path == input) options.series = series;
   if (!crop.empty()) {
-    const auto box = parse_crop(crop);
-    if (!box) return tl::unexpected(box.error());
-    options.crop = *box;
+    const auto box = SLF_TRY(parse_crop(crop));
+    options.crop = box;
   }
   if (!spacing.empty()) options.spacing = to_vector(spacing);
   if (!dims.empty()) {
@@ -358,20 +356,18 @@ Result<Volume> SourceArguments::structure(const std::string& path) const {
 Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
   Structures& parts = options.structures;
   if (!label_table.empty()) {
-    auto table = read_label_table(label_table);
-    if (!table) return tl::unexpected(table.error());
-    parts.styles = std::move(*table);
+    auto table = SLF_TRY(read_label_table(label_table));
+    parts.styles = std::move(table);
   }
   const auto set = [&](const std::string& path, std::shared_ptr<const Volume>& to) -> Result<void> {
     if (path.empty()) return {};
-    auto volume = structure(path);
-    if (!volume) return tl::unexpected(volume.error());
-    for (const std::string& remark : volume->notes) note(path + ": " + remark);
-    if (label_table.empty() && path == labels_volume) parts.styles = volume->label_styles;
-    to = std::make_shared<const Volume>(std::move(*volume));
+    auto volume = SLF_TRY(structure(path));
+    for (const std::string& remark : volume.notes) note(path + ": " + remark);
+    if (label_table.empty() && path == labels_volume) parts.styles = volume.label_styles;
+    to = std::make_shared<const Volume>(std::move(volume));
     return {};
   };
-  if (auto ok = set(labels_volume, parts.labels); !ok) return ok;
+  SLF_TRY(set(labels_volume, parts.labels));
   return set(mask, parts.mask);
 }
 
@@ -385,10 +381,9 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   const auto built = provenance ? nlohmann::json::parse(*provenance) : nlohmann::json::object();
   if (text_of(built, "kind", "") == "volume") {
     options = raycast_options(*provenance);
-    auto parsed = parse_transfer(built.value("transfer", nlohmann::json()).dump(),
-                                 "the field's transfer function");
-    if (!parsed) return tl::unexpected(parsed.error());
-    preset = TransferPreset{.function = std::move(*parsed)};
+    auto parsed = SLF_TRY(parse_transfer(built.value("transfer", nlohmann::json()).dump(),
+                                         "the field's transfer function"));
+    preset = TransferPreset{.function = std::move(parsed)};
     if (built.contains("lighting") && built["lighting"].contains("environment") &&
         environment.empty())
       return fail(ErrorCode::usage,
@@ -401,12 +396,11 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
         return fail(ErrorCode::usage, "the field was built with ", option, "; name it again");
   }
   options.step = std::min(options.step, longest_step);
-  if (auto ok = set_light(options); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(set_light(options));
   // Read the small file first, so that an error in it is found before a large volume is read.
   if (!transfer.empty()) {
-    auto read = read_transfer(transfer);
-    if (!read) return tl::unexpected(read.error());
-    preset = std::move(*read);
+    auto read = SLF_TRY(read_transfer(transfer));
+    preset = std::move(read);
   }
   std::optional<std::array<double, 2>> stretched;
   if (!range.empty()) {
@@ -415,26 +409,25 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
                   ": expected two ascending numbers, LO,HI");
     stretched = {range[0], range[1]};
   }
-  if (auto ok = set_structures(options); !ok) return tl::unexpected(ok.error());
-  auto volume = this->volume();
-  if (!volume) return tl::unexpected(volume.error());
-  for (const std::string& remark : volume->notes) note(volume->source + ": " + remark);
+  SLF_TRY(set_structures(options));
+  auto volume = SLF_TRY(this->volume());
+  for (const std::string& remark : volume.notes) note(volume.source + ": " + remark);
   for (const auto& part : {options.structures.labels, options.structures.mask})
-    if (part && !same_grid(*part, *volume))
+    if (part && !same_grid(*part, volume))
       note(
           fmt::format("{}: {}x{}x{} voxels on another grid than {}: resampled, nearest, by world "
                       "position",
-                      part->source, part->dims[0], part->dims[1], part->dims[2], volume->source));
-  if (!labels && looks_like_labels(*volume)) note(volume->source + ": " + kLabelsHint);
+                      part->source, part->dims[0], part->dims[1], part->dims[2], volume.source));
+  if (!labels && looks_like_labels(volume)) note(volume.source + ": " + kLabelsHint);
   // A transfer function from the histogram or from a field is already fitted to the volume.
-  if (!preset) preset = TransferPreset{.function = default_transfer(*volume)};
+  if (!preset) preset = TransferPreset{.function = default_transfer(volume)};
   const TransferFunction function =
-      transfer.empty() && !stretched ? preset->function : preset->fit(*volume, stretched);
+      transfer.empty() && !stretched ? preset->function : preset->fit(volume, stretched);
   Result<std::unique_ptr<Scene>> made = fail(ErrorCode::failed, "");
   if (reference)
-    made = PathTracer::make(std::move(*volume), function, options, paths);
+    made = PathTracer::make(std::move(volume), function, options, paths);
   else
-    made = Raycaster::make(std::move(*volume), function, options, light_volume);
+    made = Raycaster::make(std::move(volume), function, options, light_volume);
   if (!made && made.error().code == ErrorCode::failed && stop_signal() == 0)
     return with_hint(
         made.error(),

@@ -2,6 +2,7 @@
 #include <unistd.h>
 
 #include "base/file.h"
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/inspect.h"
 
@@ -39,34 +40,28 @@ Result<std::vector<std::byte>> encode(const Field& field, TileKey key, const Arg
                              : a.output.ends_with(".raw") ? "raw"
                                                           : "";
   if (format == "raw") {
-    auto set = read_tile(field, key, a.layer);
-    if (!set) return tl::unexpected(set.error());
-    note(fmt::format("{}: {} pictures of {} samples, {}{}", a.tile, set->entries.size(),
-                     (set->side + 1) * (set->side + 2) / 2, name(set->format),
-                     set->empty ? "; empty: nothing is visible" : ""));
-    return std::move(set->samples);
+    auto set = SLF_TRY(read_tile(field, key, a.layer));
+    note(fmt::format("{}: {} pictures of {} samples, {}{}", a.tile, set.entries.size(),
+                     (set.side + 1) * (set.side + 2) / 2, name(set.format),
+                     set.empty ? "; empty: nothing is visible" : ""));
+    return std::move(set.samples);
   }
-  const auto picture = tile_picture(field, key, a.layer);
-  if (!picture) return tl::unexpected(picture.error());
+  const auto picture = SLF_TRY(tile_picture(field, key, a.layer));
   ImageFileOptions options;
   options.transparent = true;
-  return encode_image(format.empty() ? a.output : a.output + "." + format, *picture, options);
+  return encode_image(format.empty() ? a.output : a.output + "." + format, picture, options);
 }
 
 Result<void> run_tile(const Arguments& a) {
   const bool to_stdout = a.output == kStdout;
   if (to_stdout && isatty(STDOUT_FILENO) != 0)
     return fail(ErrorCode::usage, "-o -: is a terminal; redirect stdout to a file or a program");
-  if (!to_stdout)
-    if (auto ok = refuse_overwrite(a.output, a.force, {a.field}); !ok) return ok;
-  const auto field = open_field(a.field);
-  if (!field) return tl::unexpected(field.error());
-  const auto key = parse_tile(*field, a.tile);
-  if (!key) return tl::unexpected(key.error());
-  const auto bytes = encode(*field, *key, a);
-  if (!bytes) return tl::unexpected(bytes.error());
-  if (!to_stdout) return write_file(a.output, *bytes);
-  std::fwrite(bytes->data(), 1, bytes->size(), stdout);  // main() checks stdout at the end
+  if (!to_stdout) SLF_TRY(refuse_overwrite(a.output, a.force, {a.field}));
+  const auto field = SLF_TRY(open_field(a.field));
+  const auto key = SLF_TRY(parse_tile(field, a.tile));
+  const auto bytes = SLF_TRY(encode(field, key, a));
+  if (!to_stdout) return write_file(a.output, bytes);
+  std::fwrite(bytes.data(), 1, bytes.size(), stdout);  // main() checks stdout at the end
   return {};
 }
 

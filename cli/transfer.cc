@@ -4,6 +4,7 @@
 #include <span>
 
 #include "base/file.h"
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/image.h"
 #include "slf/transfer.h"
@@ -103,24 +104,22 @@ Result<void> run_transfer(const Arguments& a) {
       print_list(built_in_transfers(), !a.json);
       return {};
     }
-    const auto presets = read_transfers(a.reference);
-    if (!presets) return tl::unexpected(presets.error());
-    print_list(*presets, !a.json);
+    const auto presets = SLF_TRY(read_transfers(a.reference));
+    print_list(presets, !a.json);
     return {};
   }
   if (a.reference.empty())
     return fail(ErrorCode::usage, "a name or file is missing; --list lists the built-in names");
-  const auto preset = read_transfer(a.reference);
-  if (!preset) return tl::unexpected(preset.error());
+  const auto preset = SLF_TRY(read_transfer(a.reference));
   if (a.output.empty()) {
     if (a.json)
-      print_json(as_json(*preset));
+      print_json(as_json(preset));
     else
-      print_list(std::span(&*preset, 1), true);
+      print_list(std::span(&preset, 1), true);
     return {};
   }
-  if (auto ok = refuse_overwrite(a.output, a.force, {a.reference}); !ok) return ok;
-  return write(*preset, a.output);
+  SLF_TRY(refuse_overwrite(a.output, a.force, {a.reference}));
+  return write(preset, a.output);
 }
 
 }  // namespace

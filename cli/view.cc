@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "base/file.h"
+#include "base/try.h"
 #include "cli/command.h"
 #include "slf/repack.h"
 #include "view/fit.h"
@@ -40,17 +41,16 @@ Result<void> run_view(const ViewArguments& arguments) {
     options.address = arguments.bind;
     options.any_host = true;
   }
-  auto server = view::Server::make(arguments.fields, options);
-  if (!server) return tl::unexpected(server.error());
+  auto server = SLF_TRY(view::Server::make(arguments.fields, options));
   if (arguments.json)
-    print_json({{"url", server->url()}});
+    print_json({{"url", server.url()}});
   else
-    print("{}\n", server->url());
+    print("{}\n", server.url());
   std::fflush(stdout);
   note("Ctrl-C ends it");
   watch_signals();
-  if (arguments.open) open_browser(server->url());
-  return server->run([] { return stop_signal() != 0; });
+  if (arguments.open) open_browser(server.url());
+  return server.run([] { return stop_signal() != 0; });
 }
 
 struct ExportArguments {
@@ -83,16 +83,14 @@ Result<bool> repack_if_requested(const ExportArguments& a, const Field& field,
   const bool fits = !limited || (a.one_file() && field.file_bytes() <= room);
   if (as_it_is && fits) return false;
   const auto bar = progress_bar("export", "tiles", OnSignal::stop);
-  const auto report = limited ? view::repack_to_fit(field, path, options, room, bar)
-                              : repack_field(field, path, options, bar);
-  if (!report) return tl::unexpected(report.error());
+  SLF_TRY(limited ? view::repack_to_fit(field, path, options, room, bar)
+                  : repack_field(field, path, options, bar));
   return true;
 }
 
 Result<void> run_export(const ExportArguments& a) {
   if (view::page_files().empty()) return fail(ErrorCode::unsupported, view::no_page());
-  if (a.one_file())
-    if (auto ok = refuse_overwrite(a.output, a.force, {a.field}); !ok) return ok;
+  if (a.one_file()) SLF_TRY(refuse_overwrite(a.output, a.force, {a.field}));
   std::string base = a.output;
   while (base.size() > 1 && base.back() == '/') base.pop_back();
   const std::string repacked_path = unused_name(base);

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/try.h"
 #include "codec/jpeg_codec.h"
 #include "codec/predictive_codec.h"
 #include "codec/raw_codec.h"
@@ -77,12 +78,10 @@ Result<JpegOptions> jpeg_options(std::string_view spec, SampleFormat format,
 Result<std::unique_ptr<Codec>> make_jpeg(std::string_view spec, SampleFormat format,
                                          const std::vector<std::string_view>& parts,
                                          ByteSpan tables) {
-  const Result<JpegOptions> options = jpeg_options(spec, format, parts);
-  if (!options) return tl::unexpected(options.error());
-  if (tables.empty()) return make_jpeg_codec(format, *options, standard_tables(options->quality));
-  const Result<JpegTables> shared = parse_tables(tables);
-  if (!shared) return tl::unexpected(shared.error());
-  return make_jpeg_codec(format, *options, *shared);
+  const JpegOptions options = SLF_TRY(jpeg_options(spec, format, parts));
+  if (tables.empty()) return make_jpeg_codec(format, options, standard_tables(options.quality));
+  const JpegTables shared = SLF_TRY(parse_tables(tables));
+  return make_jpeg_codec(format, options, shared);
 }
 
 Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec, SampleFormat format,
@@ -98,9 +97,8 @@ Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec, SampleForm
   }
   if (tables.empty())
     return std::make_unique<PredictiveCodec>(settings, predictive_tables(settings, 0));
-  auto shared = parse_predictive_tables(tables);
-  if (!shared) return tl::unexpected(shared.error());
-  return std::make_unique<PredictiveCodec>(settings, std::move(*shared));
+  auto shared = SLF_TRY(parse_predictive_tables(tables));
+  return std::make_unique<PredictiveCodec>(settings, std::move(shared));
 }
 
 }  // namespace
@@ -129,15 +127,13 @@ Result<std::unique_ptr<Codec>> train_codec(std::string_view spec, SampleFormat f
                                            std::span<const TrainingTile> sample, unsigned finest) {
   const std::vector<std::string_view> parts = split(spec, ':');
   if (is_predictive(spec)) {
-    const auto plain = make_codec(spec, format);
-    if (!plain) return tl::unexpected(plain.error());
-    const PredictiveSettings& settings = (*plain)->predictive()->settings();
+    const auto plain = SLF_TRY(make_codec(spec, format));
+    const PredictiveSettings& settings = plain->predictive()->settings();
     return std::make_unique<PredictiveCodec>(settings, predictive_tables(settings, finest));
   }
   if (parts[0] != "jpeg") return make_codec(spec, format);
-  const Result<JpegOptions> options = jpeg_options(spec, format, parts);
-  if (!options) return tl::unexpected(options.error());
-  return make_jpeg_codec(format, *options, train_tables(format, *options, sample));
+  const JpegOptions options = SLF_TRY(jpeg_options(spec, format, parts));
+  return make_jpeg_codec(format, options, train_tables(format, options, sample));
 }
 
 }  // namespace slf::codec

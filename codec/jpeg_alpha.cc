@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "base/try.h"
 #include "codec/alpha_coder.h"
 #include "codec/jpeg_decode.h"
 #include "codec/jpeg_encode.h"
@@ -36,8 +37,7 @@ Result<Candidate> in_steps(const Tile& tile, int top, std::span<const std::uint8
   result.payload.push_back(static_cast<std::byte>(top));
   result.alpha.resize(alpha.size());
   for (std::size_t i = 0; i < alpha.size(); ++i) result.alpha[i] = to_steps(alpha[i], top);
-  auto done = append_alpha(result.alpha, tile.side, static_cast<std::uint8_t>(top), result.payload);
-  if (!done) return tl::unexpected(done.error());
+  SLF_TRY(append_alpha(result.alpha, tile.side, static_cast<std::uint8_t>(top), result.payload));
   for (std::uint8_t& value : result.alpha) value = from_steps(value, top);
   return result;
 }
@@ -51,8 +51,7 @@ Result<Candidate> as_jpeg(const Tile& tile, const Mosaic& mosaic, const JpegTabl
   store_le(&result.payload[1], static_cast<std::uint32_t>(result.payload.size() - 5));
   result.alpha.resize(alpha.size());
   ByteSpan rest = result.payload;
-  auto done = read_jpeg_alpha(tile, mosaic, tables, rest, result.alpha);
-  if (!done) return tl::unexpected(done.error());
+  SLF_TRY(read_jpeg_alpha(tile, mosaic, tables, rest, result.alpha));
   return result;
 }
 
@@ -101,7 +100,7 @@ Result<void> read_jpeg_alpha(const Tile& tile, const Mosaic& mosaic, const JpegT
   const auto top = std::to_integer<std::uint8_t>(payload[0]);
   payload = payload.subspan(1);
   if (top != kInJpeg) {
-    if (auto done = read_alpha(payload, tile.side, top, alpha); !done) return done;
+    SLF_TRY(read_alpha(payload, tile.side, top, alpha));
     if (top == 255) return {};
     std::uint8_t opacity[256];
     for (int i = 0; i < 256; ++i) opacity[i] = from_steps(static_cast<std::uint8_t>(i), top);
@@ -113,10 +112,7 @@ Result<void> read_jpeg_alpha(const Tile& tile, const Mosaic& mosaic, const JpegT
   if (size > payload.size() - 4) return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
   thread_local Scratch<std::uint8_t> scratch;
   const auto pixels = scratch.take(mosaic.pixels());
-  if (auto done =
-          decode_scan(tables, shape_of(mosaic, JpegColor::gray), payload.subspan(4, size), pixels);
-      !done)
-    return done;
+  SLF_TRY(decode_scan(tables, shape_of(mosaic, JpegColor::gray), payload.subspan(4, size), pixels));
   payload = payload.subspan(4 + size);
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
     const std::uint8_t value = pixels[pixel];

@@ -3,35 +3,32 @@
 #include <algorithm>
 
 #include "base/sort_unique.h"
+#include "base/try.h"
 
 namespace slf {
 
 Result<std::shared_ptr<const FieldFile>> FieldFile::open(const std::string& path) {
-  auto store = storage::TileStore::open(path);
-  if (!store) return tl::unexpected(store.error());
-  return open(std::move(*store));
+  auto store = SLF_TRY(storage::TileStore::open(path));
+  return open(std::move(store));
 }
 
 Result<std::shared_ptr<const FieldFile>> FieldFile::open(storage::TileStore store) {
   const std::string path = store.path();
-  const auto text = store.blob(kManifestBlob);
-  if (!text) return tl::unexpected(text.error());
+  const auto text = SLF_TRY(store.blob(kManifestBlob));
   auto manifest =
-      Manifest::parse({reinterpret_cast<const char*>(text->data()), text->size()}, path);
-  if (!manifest) return tl::unexpected(manifest.error());
-  if (manifest->layers.size() != store.layers().size())
-    return fail(ErrorCode::bad_file, path, ": the manifest names ", manifest->layers.size(),
+      SLF_TRY(Manifest::parse({reinterpret_cast<const char*>(text.data()), text.size()}, path));
+  if (manifest.layers.size() != store.layers().size())
+    return fail(ErrorCode::bad_file, path, ": the manifest names ", manifest.layers.size(),
                 " layers, the container holds ", store.layers().size());
 
-  std::shared_ptr<FieldFile> field(new FieldFile(std::move(store), std::move(*manifest)));
+  std::shared_ptr<FieldFile> field(new FieldFile(std::move(store), std::move(manifest)));
   for (std::size_t k = 0; k < field->manifest_.layers.size(); ++k) {
     const Layer& layer = field->manifest_.layers[k];
     if (layer.name != field->store_.layers()[k])
       return fail(ErrorCode::bad_file, path, ": layer ", k, " is '", layer.name,
                   "' in the manifest and '", field->store_.layers()[k], "' in the container");
-    const auto tables = field->store_.blob(kTablesBlobPrefix + layer.name);
-    if (!tables) return tl::unexpected(tables.error());
-    auto made = codec::make_codec(layer.codec, layer.format, *tables);
+    const auto tables = SLF_TRY(field->store_.blob(kTablesBlobPrefix + layer.name));
+    auto made = codec::make_codec(layer.codec, layer.format, tables);
     if (!made)
       return fail(ErrorCode::bad_file, path, ": layer '", layer.name, "': ", made.error().message);
     field->codecs_.push_back(std::move(*made));
@@ -80,13 +77,12 @@ Result<TileSamples> FieldFile::reference(storage::LayerId layer, TileKey key) co
                 "/", key.index, ", from which others are predicted, ", what);
   };
   if (!shape().has(key)) return named(ErrorCode::bad_file, "is not in the field");
-  const auto tile = store_.find(layer, key);
-  if (!tile) return tl::unexpected(tile.error());
-  if (tile->state == storage::TileState::missing)
+  const auto tile = SLF_TRY(store_.find(layer, key));
+  if (tile.state == storage::TileState::missing)
     return named(ErrorCode::failed, "is missing; build the field again");
-  if (tile->state == storage::TileState::empty) return TileSamples();
+  if (tile.state == storage::TileState::empty) return TileSamples();
   const auto samples = std::make_shared<Bytes>(tile_shape(layer, key).bytes());
-  if (auto ok = decode_payload(*tile, *samples); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(decode_payload(tile, *samples));
   return TileSamples(samples);
 }
 
@@ -186,10 +182,9 @@ Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<std::byte
   Prediction* const prediction = predictions_[tile.layer].get();
   if (!prediction || tile.key.level == shape().levels) return decode_payload(tile, samples);
   // Finer tiles may be predicted from this one, so it is decoded once for both purposes.
-  const auto shared = prediction->references.get(tile.key);
-  if (!shared) return tl::unexpected(shared.error());
-  if (!*shared) return changed();  // the tile was not empty before
-  std::copy_n((*shared)->begin(), samples.size(), samples.begin());
+  const auto shared = SLF_TRY(prediction->references.get(tile.key));
+  if (!shared) return changed();  // the tile was not empty before
+  std::copy_n(shared->begin(), samples.size(), samples.begin());
   return {};
 }
 
@@ -198,7 +193,7 @@ Result<void> FieldFile::decode_payload(const storage::TileRef& tile,
   decoded_bytes_ += tile.payload.size();
   if (codecs_[tile.layer]->in_place() && tile.payload.size() == samples.size())
     return store_.copy(tile, samples);
-  if (auto ok = store_.check(tile); !ok) return ok;
+  SLF_TRY(store_.check(tile));
   Prediction* const prediction = predictions_[tile.layer].get();
   std::optional<Error> of_reference;
   const auto source = [&](TileKey key) {
@@ -210,7 +205,7 @@ Result<void> FieldFile::decode_payload(const storage::TileRef& tile,
                             : codecs_[tile.layer]->decode(tile_shape(tile.layer, tile.key),
                                                           tile.payload, samples);
   if (of_reference) return tl::unexpected(*of_reference);
-  if (auto ok = unchanged(); !ok) return ok;  // not the codec's fault
+  SLF_TRY(unchanged());  // not the codec's fault
   if (!decoded)
     return fail(decoded.error().code, path(), ": layer '", manifest_.layers[tile.layer].name,
                 "', tile ", int{tile.key.level}, "/", tile.key.index, ": ", decoded.error().message,
@@ -239,15 +234,13 @@ Result<FieldContent> FieldFile::content() const {
     at.payload_bytes.resize(manifest_.layers.size());
   }
   if (manifest_.part) {
-    const auto whole = part_is_complete();
-    if (!whole) return tl::unexpected(whole.error());
-    content.complete = *whole;
+    const auto whole = SLF_TRY(part_is_complete());
+    content.complete = whole;
   }
   for (storage::LayerId layer = 0; layer < manifest_.layers.size(); ++layer) {
-    const auto statistics = store_.statistics(layer);
-    if (!statistics) return tl::unexpected(statistics.error());
+    const auto statistics = SLF_TRY(store_.statistics(layer));
     std::vector<std::uint64_t> built(content.levels.size());
-    for (const storage::LevelStatistics& s : *statistics) {
+    for (const storage::LevelStatistics& s : statistics) {
       if (s.level >= content.levels.size()) continue;
       LevelContent& at = content.levels[s.level];
       at.payload_bytes[layer] = s.payload_bytes;
@@ -266,27 +259,24 @@ Result<bool> FieldFile::part_is_complete() const {
   for (unsigned level = 0; level <= shape().levels; ++level) expected += manifest_.tiles(level);
   for (storage::LayerId layer = 0; layer < manifest_.layers.size(); ++layer) {
     std::uint64_t found = 0;
-    const auto visited = store_.visit(layer, manifest_.part->begin, manifest_.part->end,
-                                      [&](const storage::TileRef& tile) -> Result<void> {
-                                        found += shape().has(tile.key) ? 1 : 0;
-                                        return {};
-                                      });
-    if (!visited) return tl::unexpected(visited.error());
+    SLF_TRY(store_.visit(layer, manifest_.part->begin, manifest_.part->end,
+                         [&](const storage::TileRef& tile) -> Result<void> {
+                           found += shape().has(tile.key) ? 1 : 0;
+                           return {};
+                         }));
     if (found != expected) return false;
   }
   return true;
 }
 
 Result<ByteSpan> FieldFile::light() const {
-  const auto kept = store_.has_blob(kLightBlob);
-  if (!kept) return tl::unexpected(kept.error());
-  return *kept ? store_.blob(kLightBlob) : Result<ByteSpan>();
+  const auto kept = SLF_TRY(store_.has_blob(kLightBlob));
+  return kept ? store_.blob(kLightBlob) : Result<ByteSpan>();
 }
 
 Result<Field> Field::open(const std::string& path) {
-  auto file = FieldFile::open(path);
-  if (!file) return tl::unexpected(file.error());
-  return Field(std::move(*file));
+  auto file = SLF_TRY(FieldFile::open(path));
+  return Field(std::move(file));
 }
 
 const std::string& Field::path() const { return file_->path(); }
@@ -297,9 +287,8 @@ bool Field::has_depth() const { return file_->has_depth(); }
 std::optional<TileRange> Field::part() const { return file_->manifest().part; }
 std::string Field::provenance() const { return file_->manifest().provenance.dump(); }
 Result<std::vector<std::byte>> Field::light() const {
-  const auto light = file_->light();
-  if (!light) return tl::unexpected(light.error());
-  return std::vector<std::byte>(light->begin(), light->end());
+  const auto light = SLF_TRY(file_->light());
+  return std::vector<std::byte>(light.begin(), light.end());
 }
 std::string Field::manifest() const { return file_->manifest().to_json().dump(); }
 std::uint64_t Field::file_bytes() const { return file_->store().file_bytes(); }

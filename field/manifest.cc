@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 
+#include "base/try.h"
 #include "field/geometry/tile_order.h"
 
 namespace slf {
@@ -186,7 +187,7 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
     return fail(ErrorCode::bad_file, file, ": the manifest is nested deeper than ", kMaxNesting);
   if (!json.is_object()) return fail(ErrorCode::bad_file, file, ": the manifest is not JSON");
   Reader in(json, file);
-  if (auto ok = check_version(in, file); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(check_version(in, file));
 
   Manifest manifest;
   manifest.shape = read_shape(in, json);

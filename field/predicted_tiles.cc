@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "base/half.h"
+#include "base/try.h"
 #include "codec/predictive_channels.h"
 #include "codec/premultiply.h"
 #include "codec/reference_coder.h"
@@ -93,13 +94,12 @@ struct PredictedTiles::Work {
 
   /// Makes candidate `k` a reference. Returns false if its tile is empty, and so predicts nothing.
   Result<bool> use(std::size_t k, const ReferenceSource& source) {
-    auto found = source(candidates.keys[k]);
-    if (!found) return tl::unexpected(found.error());
-    if (!*found) return false;
-    if (half()) *found = std::make_shared<const Bytes>(to_rgba8_depth8(**found));
-    const std::byte* const color_of = (*found)->data();
-    from[k] = {color_of, color_of + (*found)->size() / 5 * 4};
-    keep_alive.push_back(std::move(*found));
+    auto found = SLF_TRY(source(candidates.keys[k]));
+    if (!found) return false;
+    if (half()) found = std::make_shared<const Bytes>(to_rgba8_depth8(*found));
+    const std::byte* const color_of = found->data();
+    from[k] = {color_of, color_of + found->size() / 5 * 4};
+    keep_alive.push_back(std::move(found));
     return true;
   }
 
@@ -108,8 +108,7 @@ struct PredictedTiles::Work {
     std::vector<std::uint8_t> used(candidates.keys.size());
     decoder.references(candidates.kinds, used);
     for (std::size_t k = 0; k < used.size(); ++k)
-      if (used[k])
-        if (auto ok = use(k, source); !ok) return tl::unexpected(ok.error());
+      if (used[k]) SLF_TRY(use(k, source));
     return {};
   }
 
@@ -159,7 +158,7 @@ struct PredictedTiles::Work {
 
 Result<void> PredictedTiles::Work::decode(codec::PredictiveDecoder decoder,
                                           const ReferenceSource& source, std::span<std::byte> to) {
-  if (auto ok = read_references(decoder, source); !ok) return ok;
+  SLF_TRY(read_references(decoder, source));
   predict_alpha_depth();
   decoder.alpha_depth(alpha, depth);
   predict_color();
@@ -185,7 +184,7 @@ Result<void> PredictedTiles::Work::encode(codec::PredictiveEncoder& encoder,
     true_alpha[s] = static_cast<std::uint8_t>(rgba[s] >> 24);
     true_depth[s] = std::to_integer<std::uint8_t>(of[4 * samples + s]);
   }
-  if (auto ok = choose_references(encoder, shape, true_alpha, true_depth, source); !ok) return ok;
+  SLF_TRY(choose_references(encoder, shape, true_alpha, true_depth, source));
   predict_alpha_depth();
   encoder.alpha_depth(true_alpha, true_depth, alpha, depth);
   predict_color();
@@ -196,7 +195,7 @@ Result<void> PredictedTiles::Work::encode(codec::PredictiveEncoder& encoder,
 
 Result<void> PredictedTiles::Work::decode(codec::ChannelDecoder decoder,
                                           const ReferenceSource& source, std::span<std::byte> to) {
-  if (auto ok = read_references(decoder, source); !ok) return ok;
+  SLF_TRY(read_references(decoder, source));
   ChannelValues values;
   for (auto& channel : values) channel.resize(samples);
   code_channels(decoder, values);
@@ -212,7 +211,7 @@ Result<void> PredictedTiles::Work::encode(codec::ChannelEncoder& encoder, const 
     true_alpha[s] = alpha_byte(values[codec::kAlphaChannel][s]);
     true_depth[s] = static_cast<std::uint8_t>(values[codec::kDepthChannel][s]);
   }
-  if (auto ok = choose_references(encoder, shape, true_alpha, true_depth, source); !ok) return ok;
+  SLF_TRY(choose_references(encoder, shape, true_alpha, true_depth, source));
   code_channels(encoder, values);
   encoder.finish();
   return {};
@@ -307,11 +306,11 @@ Result<void> PredictedTiles::encode(TileKey key, ByteSpan samples, const Referen
   Work work(*this, key);
   if (codec_.settings().by_sample()) {
     codec::ChannelEncoder encoder(work.level, work.tile, payload);
-    if (auto ok = work.encode(encoder, shape_, samples, source); !ok) return ok;
+    SLF_TRY(work.encode(encoder, shape_, samples, source));
   } else {
     codec::PredictiveEncoder encoder(work.level, codec_.picture(work.tile), payload);
     encoder.count(counts);
-    if (auto ok = work.encode(encoder, shape_, samples, source); !ok) return ok;
+    SLF_TRY(work.encode(encoder, shape_, samples, source));
   }
   // A payload of no bytes would mean an empty tile.
   if (payload.empty()) payload.push_back(std::byte{0});

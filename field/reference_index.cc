@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "base/sort_unique.h"
+#include "base/try.h"
 #include "base/varint.h"
 
 namespace slf {
@@ -62,24 +63,21 @@ Result<ReferenceIndex> ReferenceIndex::parse(ByteSpan section, unsigned level) {
   index.level_ = level;
   std::uint64_t due = 0;
   while (!section.empty()) {
-    const auto step = take_number(section);
-    if (!step) return tl::unexpected(step.error());
-    const auto count = take_number(section);
-    if (!count) return tl::unexpected(count.error());
-    if (*count > section.size())  // each takes at least one byte
+    const auto step = SLF_TRY(take_number(section));
+    const auto count = SLF_TRY(take_number(section));
+    if (count > section.size())  // each takes at least one byte
       return fail(ErrorCode::bad_file, "the index ends early");
     Family family;
-    family.parent = due + *step;
+    family.parent = due + step;
     due = family.parent + 1;
-    if (family.parent < *step || due == 0 || (*count == 0))
+    if (family.parent < step || due == 0 || (count == 0))
       return fail(ErrorCode::bad_file, "the index has tiles that no level has");
     std::uint64_t next = 0;
-    for (std::uint64_t r = 0; r < *count; ++r) {
-      const auto gap = take_number(section);
-      if (!gap) return tl::unexpected(gap.error());
-      family.references.push_back(next + *gap);
+    for (std::uint64_t r = 0; r < count; ++r) {
+      const auto gap = SLF_TRY(take_number(section));
+      family.references.push_back(next + gap);
       next = family.references.back() + 1;
-      if (next <= *gap) return fail(ErrorCode::bad_file, "the index has tiles that no level has");
+      if (next <= gap) return fail(ErrorCode::bad_file, "the index has tiles that no level has");
     }
     const std::size_t bytes = use_bytes(family.references.size());
     if (section.size() < bytes) return fail(ErrorCode::bad_file, "the index ends early");

@@ -1,4 +1,5 @@
 #include "storage/internal/cursor.h"
+#include "base/try.h"
 
 namespace slf::storage::internal {
 
@@ -14,7 +15,7 @@ Result<bool> Cursor::seek(ByteSpan key) {
 // The previous entry follows from the path to `key`: go up to the deepest page with an entry to the
 // left, step left, and descend along the last entries.
 Result<bool> Cursor::seek_before(ByteSpan key) {
-  if (auto found = seek(key); !found) return found;
+  SLF_TRY(seek(key));
   if (depth_ == 0) return descend_to_last(tree_.root);
   while (depth_ > 0 && path_[depth_ - 1].index == 0) --depth_;
   if (depth_ == 0) return false;
@@ -31,11 +32,10 @@ Result<bool> Cursor::seek_before(ByteSpan key) {
 Result<bool> Cursor::descend_to_last(std::uint64_t number) {
   if (number == kNoPage) return false;
   while (depth_ < tree_.depth) {
-    auto page = pages_->tree_page(number, depth_ + 1 == tree_.depth);
-    if (!page) return tl::unexpected(std::move(page.error()));
-    const std::uint32_t index = page->count() - 1;
-    path_[depth_++] = {*page, index};
-    if (!page->node(index, node_)) return bad_node(*page, index);
+    auto page = SLF_TRY(pages_->tree_page(number, depth_ + 1 == tree_.depth));
+    const std::uint32_t index = page.count() - 1;
+    path_[depth_++] = {page, index};
+    if (!page.node(index, node_)) return bad_node(page, index);
     number = node_.child;
   }
   return true;
@@ -55,15 +55,14 @@ Result<bool> Cursor::descend(std::uint64_t number, ByteSpan key) {
       depth_ = 0;  // the tree has a cycle, so do not go on
       return pages_->damaged(number, "reached more than once");
     }
-    auto page = pages_->tree_page(number, leaf);
-    if (!page) return tl::unexpected(std::move(page.error()));
+    auto page = SLF_TRY(pages_->tree_page(number, leaf));
     std::uint32_t index = 0;
-    if (!(leaf ? page->lower_bound(key, index) : page->child_for(key, index)))
-      return bad_node(*page, index);
-    path_[depth_++] = {*page, index};
+    if (!(leaf ? page.lower_bound(key, index) : page.child_for(key, index)))
+      return bad_node(page, index);
+    path_[depth_++] = {page, index};
     if (leaf) return move_to_entry();
     Node child;
-    if (!page->node(index, child)) return bad_node(*page, index);
+    if (!page.node(index, child)) return bad_node(page, index);
     number = child.child;
   }
 }

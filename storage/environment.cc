@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/try.h"
 #include "storage/internal/container.h"
 #include "storage/internal/locked_file.h"
 #include "storage/internal/pages.h"
@@ -99,7 +100,7 @@ Result<Environment> Environment::open(const std::string& path, int descriptor) {
   if (const int code = mdb_env_create(&result.environment_); code != 0)
     return result.error(code, "open");
   MDB_env* environment = result.environment_;
-  if (auto ok = remove_lock_file(path); !ok) return tl::unexpected(std::move(ok.error()));
+  SLF_TRY(remove_lock_file(path));
   int code = mdb_env_set_mapsize(environment, result.map_bytes_);
   if (code == 0) code = mdb_env_set_maxdbs(environment, kMaxLayers + 1);
   if (code == 0)
@@ -162,7 +163,7 @@ Result<void> Environment::check_length() const {
 
 Result<void> Environment::put(std::span<const Put> puts) {
   while (true) {
-    if (auto whole = check_length(); !whole) return whole;
+    SLF_TRY(check_length());
     const int code = try_put(puts);
     if (map_.changed()) return check_length();
     if (code == 0) {
@@ -170,7 +171,7 @@ Result<void> Environment::put(std::span<const Put> puts) {
       return extend();
     }
     if (code != MDB_MAP_FULL) return error(code, "write");
-    if (auto grown = grow(); !grown) return grown;
+    SLF_TRY(grow());
   }
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/try.h"
 #include "storage/internal/pages.h"
 #include "storage/internal/record.h"
 
@@ -44,13 +45,11 @@ Result<FileIndex> FileIndex::parse(ByteSpan end, std::uint64_t file_bytes) {
 Result<std::vector<IndexSection>> find_sections(const ByteSource& source, std::uint64_t file_bytes,
                                                 std::uint64_t transaction) {
   if (file_bytes < 2 * kPageSize + kIndexFooter) return {};
-  const auto footer = source.bytes(file_bytes - kIndexFooter, kIndexFooter);
-  if (!footer) return tl::unexpected(footer.error());
-  const std::uint64_t size = FileIndex::size(*footer);
+  const auto footer = SLF_TRY(source.bytes(file_bytes - kIndexFooter, kIndexFooter));
+  const std::uint64_t size = FileIndex::size(footer);
   if (size == 0 || size > file_bytes - 2 * kPageSize) return {};
-  const auto end = source.bytes(file_bytes - size, size);
-  if (!end) return tl::unexpected(end.error());
-  auto index = FileIndex::parse(*end, file_bytes);
+  const auto end = SLF_TRY(source.bytes(file_bytes - size, size));
+  auto index = FileIndex::parse(end, file_bytes);
   if (!index || index->transaction != transaction) return {};
   return std::move(index->sections);
 }

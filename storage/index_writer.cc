@@ -7,6 +7,7 @@
 #include <map>
 #include <span>
 
+#include "base/try.h"
 #include "storage/internal/file_index.h"
 #include "storage/internal/record.h"
 #include "storage/internal/snapshot.h"
@@ -25,16 +26,16 @@ class IndexBuilder {
   IndexBuilder(const Snapshot& snapshot, const GoOn& go_on) : snapshot_(snapshot), go_on_(go_on) {}
 
   Result<void> collect() {
-    if (auto ok = walk(snapshot_.meta().main, nullptr); !ok) return ok;
+    SLF_TRY(walk(snapshot_.meta().main, nullptr));
     const auto blob = [&](const Cursor& at) -> Result<void> {
       if ((at.node().flags & kBigData) != 0 && at.node().data_size <= kMaxIndexedBlob)
         add_value(kCoreSection, at.node(), at.node().data_size);
       return {};
     };
-    if (auto ok = walk(snapshot_.manifest(), blob); !ok) return ok;
+    SLF_TRY(walk(snapshot_.manifest(), blob));
     for (LayerId layer = 0; layer < snapshot_.layers().size(); ++layer) {
       const auto record = [&](const Cursor& at) { return add_record(layer, at); };
-      if (auto ok = walk(snapshot_.tree(layer), record); !ok) return ok;
+      SLF_TRY(walk(snapshot_.tree(layer), record));
     }
     return {};
   }
@@ -99,8 +100,7 @@ class IndexBuilder {
       path.clear();
       cursor.path(path);
       for (const std::uint64_t page : path) core_[page * kPageSize] = kPageSize;
-      if constexpr (!std::is_null_pointer_v<Visit>)
-        if (auto ok = visit(cursor); !ok) return ok;
+      if constexpr (!std::is_null_pointer_v<Visit>) SLF_TRY(visit(cursor));
     }
   }
 
@@ -111,14 +111,12 @@ class IndexBuilder {
   Result<void> add_record(LayerId layer, const Cursor& at) {
     count_part();
     if (go_on_ && !go_on_()) return fail(ErrorCode::failed, snapshot_.path(), ": interrupted");
-    const auto record = snapshot_.record(layer, at);
-    if (!record) return tl::unexpected(record.error());
+    const auto record = SLF_TRY(snapshot_.record(layer, at));
     if ((at.node().flags & kBigData) == 0) return {};
     // Trees reads this much of a record before it knows how long the table is.
     const std::uint64_t usual =
         usual_head_bytes(max_tiles_in_record(at.leaf(), at.index(), at.node()));
-    add_value(record->first().level, at.node(),
-              std::max(usual, Record::table_end(record->bytes())));
+    add_value(record.first().level, at.node(), std::max(usual, Record::table_end(record.bytes())));
     return {};
   }
 
@@ -159,13 +157,12 @@ Result<void> write_index(const std::string& path, std::span<const IndexExtra> ex
   Bytes index;
   std::uint64_t begin = 0;
   {
-    const auto snapshot = internal::Snapshot::open(path);
-    if (!snapshot) return tl::unexpected(snapshot.error());
-    internal::IndexBuilder builder(**snapshot, go_on);
-    if (auto ok = builder.collect(); !ok) return ok;
-    begin = (*snapshot)->pages().count() * internal::kPageSize;
+    const auto snapshot = SLF_TRY(internal::Snapshot::open(path));
+    internal::IndexBuilder builder(*snapshot, go_on);
+    SLF_TRY(builder.collect());
+    begin = snapshot->pages().count() * internal::kPageSize;
     index = builder.encode(begin, extras);
-    if (auto same = (*snapshot)->unchanged(); !same) return same;
+    SLF_TRY(snapshot->unchanged());
   }
   const int file = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
   if (file < 0) return fail(ErrorCode::io, path, ": cannot open: ", std::strerror(errno));

@@ -7,6 +7,8 @@
 #include <cerrno>
 #include <cstring>
 
+#include "base/try.h"
+
 namespace slf::storage::internal {
 namespace {
 
@@ -145,9 +147,8 @@ Result<TreePage> Pages::tree_page(std::uint64_t number, bool leaf) const {
   if (number < 2 || number > meta_.last_page)
     return damaged(number, "outside the file's ", count(), " pages");
   const std::size_t size = meta_.page_size;
-  const auto loaded = bytes(number * size, size);
-  if (!loaded) return tl::unexpected(loaded.error());
-  const std::byte* page = loaded->data();
+  const auto loaded = SLF_TRY(bytes(number * size, size));
+  const std::byte* page = loaded.data();
   const auto own_number = load_le<std::uint64_t>(page);
   const auto flags = load_le<std::uint16_t>(page + 10);
   const std::size_t lower = load_le<std::uint16_t>(page + 12);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/try.h"
 #include "storage/internal/record.h"
 
 namespace slf::storage {
@@ -51,18 +52,15 @@ std::vector<FileRange> RangedStore::take_needed_ranges() {
 
 Result<void> RangedStore::open() {
   const std::uint64_t start = std::min(source_.file_bytes, kFileStart);
-  const auto metas = source_.bytes(0, start);
-  if (!metas) return tl::unexpected(metas.error());
-  const auto meta = internal::parse_metas(*metas, trees_.path());
-  if (!meta) return tl::unexpected(meta.error());
-  if (meta->last_page < 1 || meta->last_page >= source_.file_bytes / kPageSize)
+  const auto metas = SLF_TRY(source_.bytes(0, start));
+  const auto meta = SLF_TRY(internal::parse_metas(metas, trees_.path()));
+  if (meta.last_page < 1 || meta.last_page >= source_.file_bytes / kPageSize)
     return fail(ErrorCode::bad_file, trees_.path(), ": truncated: ", source_.file_bytes,
-                " bytes, expected ", meta->last_page + 1, " pages of ", kPageSize);
-  auto sections = internal::find_sections(source_, source_.file_bytes, meta->transaction);
-  if (!sections) return tl::unexpected(sections.error());
-  sections_ = std::move(*sections);
-  if (auto ok = load_section(internal::kCoreSection); !ok) return ok;
-  return trees_.load(internal::Pages(source_, *meta, &trees_.path()));
+                " bytes, expected ", meta.last_page + 1, " pages of ", kPageSize);
+  auto sections = SLF_TRY(internal::find_sections(source_, source_.file_bytes, meta.transaction));
+  sections_ = std::move(sections);
+  SLF_TRY(load_section(internal::kCoreSection));
+  return trees_.load(internal::Pages(source_, meta, &trees_.path()));
 }
 
 const internal::IndexSection* RangedStore::find_section(std::uint32_t id) const {
@@ -76,9 +74,8 @@ Result<void> RangedStore::load_section(std::uint32_t id) {
   if (section == nullptr) return {};
   const std::uint64_t size = section->range.end - section->range.begin;
   if (size <= internal::kMaxSectionBytes) {
-    const auto bytes = source_.bytes(section->range.begin, size);
-    if (!bytes) return tl::unexpected(bytes.error());
-    const Bytes block(bytes->begin(), bytes->end());  // add() may replace what `bytes` views
+    const auto bytes = SLF_TRY(source_.bytes(section->range.begin, size));
+    const Bytes block(bytes.begin(), bytes.end());  // add() may replace what `bytes` views
     (void)internal::open_section(
         *section, block, source_.file_bytes,
         [&](std::uint64_t offset, ByteSpan part) { add(offset, Bytes(part.begin(), part.end())); });
@@ -91,19 +88,17 @@ Result<Bytes> RangedStore::section(std::uint32_t id) const {
   const internal::IndexSection* const section = find_section(id);
   const std::uint64_t size = section ? section->range.end - section->range.begin : 0;
   if (size == 0 || size > internal::kMaxSectionBytes) return Bytes();
-  const auto bytes = source_.bytes(section->range.begin, size);
-  if (!bytes) return tl::unexpected(bytes.error());
-  if (internal::checksum(*bytes) != section->checksum) return Bytes();
-  return Bytes(bytes->begin(), bytes->end());
+  const auto bytes = SLF_TRY(source_.bytes(section->range.begin, size));
+  if (internal::checksum(bytes) != section->checksum) return Bytes();
+  return Bytes(bytes.begin(), bytes.end());
 }
 
 Result<RangedTile> RangedStore::find(LayerId layer, TileKey key) {
-  if (auto ok = load_section(key.level); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(load_section(key.level));
   std::uint64_t value = 0;
-  const auto found = trees_.find(layer, key, &value);
-  if (!found) return tl::unexpected(found.error());
-  if (!*found) return RangedTile{};
-  const internal::Record& record = **found;
+  const auto found = SLF_TRY(trees_.find(layer, key, &value));
+  if (!found) return RangedTile{};
+  const internal::Record& record = *found;
   const internal::Tile tile =
       record.tile(static_cast<std::uint32_t>(key.index - record.first().index));
   RangedTile result{tile.state, {}, tile.checksum};

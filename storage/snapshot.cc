@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/try.h"
 #include "storage/internal/file_index.h"
 
 namespace slf::storage::internal {
@@ -29,23 +30,18 @@ Result<void> check_length(const Meta& meta, std::uint64_t size, const std::strin
 
 Result<std::unique_ptr<Snapshot>> Snapshot::open(const std::string& path) {
   std::unique_ptr<Snapshot> snapshot(new Snapshot(path));
-  auto file = LockedFile::open(path, LockedFile::Access::read);
-  if (!file) return tl::unexpected(std::move(file.error()));
-  snapshot->file_ = std::move(*file);
-  auto meta = snapshot->pin_current();
-  if (!meta) return tl::unexpected(std::move(meta.error()));
-  if (auto loaded = snapshot->load(*meta, snapshot->file_); !loaded)
-    return tl::unexpected(std::move(loaded.error()));
+  auto file = SLF_TRY(LockedFile::open(path, LockedFile::Access::read));
+  snapshot->file_ = std::move(file);
+  auto meta = SLF_TRY(snapshot->pin_current());
+  SLF_TRY(snapshot->load(meta, snapshot->file_));
   return snapshot;
 }
 
 Result<std::unique_ptr<Snapshot>> Snapshot::open_locked(const std::string& path,
                                                         const LockedFile& file) {
   std::unique_ptr<Snapshot> snapshot(new Snapshot(path));
-  auto meta = read_metas(file.descriptor(), path);
-  if (!meta) return tl::unexpected(std::move(meta.error()));
-  if (auto loaded = snapshot->load(*meta, file); !loaded)
-    return tl::unexpected(std::move(loaded.error()));
+  auto meta = SLF_TRY(read_metas(file.descriptor(), path));
+  SLF_TRY(snapshot->load(meta, file));
   return snapshot;
 }
 
@@ -55,19 +51,15 @@ Result<std::unique_ptr<Snapshot>> Snapshot::open(std::shared_ptr<RangeSource> so
   if (size < 2 * kPageSize)
     return fail(ErrorCode::bad_file, snapshot->path(), ": not a field, or truncated: ", size,
                 " bytes");
-  auto copy = SparseCopy::make(std::move(source));
-  if (!copy) return tl::unexpected(std::move(copy.error()));
-  snapshot->copy_ = std::move(*copy);
+  auto copy = SLF_TRY(SparseCopy::make(std::move(source)));
+  snapshot->copy_ = std::move(copy);
   const FileRange ends[] = {{0, 2 * kPageSize}, {size - std::min(size, kTailBytes), size}};
-  if (auto ok = snapshot->copy_->fetch(ends); !ok) return tl::unexpected(std::move(ok.error()));
-  const auto meta = parse_metas(snapshot->bytes().first(2 * kPageSize), snapshot->path());
-  if (!meta) return tl::unexpected(meta.error());
-  if (auto ok = check_length(*meta, size, snapshot->path()); !ok)
-    return tl::unexpected(std::move(ok.error()));
-  if (auto ok = snapshot->read_index(*meta); !ok) return tl::unexpected(std::move(ok.error()));
-  const Pages pages(*snapshot->copy_, *meta, &snapshot->path());
-  if (auto loaded = snapshot->Trees::load(pages); !loaded)
-    return tl::unexpected(std::move(loaded.error()));
+  SLF_TRY(snapshot->copy_->fetch(ends));
+  const auto meta = SLF_TRY(parse_metas(snapshot->bytes().first(2 * kPageSize), snapshot->path()));
+  SLF_TRY(check_length(meta, size, snapshot->path()));
+  SLF_TRY(snapshot->read_index(meta));
+  const Pages pages(*snapshot->copy_, meta, &snapshot->path());
+  SLF_TRY(snapshot->Trees::load(pages));
   return snapshot;
 }
 
@@ -75,15 +67,14 @@ Result<std::unique_ptr<Snapshot>> Snapshot::open(std::shared_ptr<RangeSource> so
 // the pages hold everything that it does.
 Result<void> Snapshot::read_index(const Meta& meta) {
   const std::uint64_t size = bytes().size();
-  const auto sections = find_sections(*copy_, size, meta.transaction);
-  if (!sections) return tl::unexpected(sections.error());
+  const auto sections = SLF_TRY(find_sections(*copy_, size, meta.transaction));
   std::vector<FileRange> ranges;
-  for (const IndexSection& section : *sections)
+  for (const IndexSection& section : sections)
     if (section.range.end - section.range.begin <= kMaxSectionBytes)
       ranges.push_back(section.range);
-  if (auto ok = copy_->fetch(ranges); !ok) return ok;
+  SLF_TRY(copy_->fetch(ranges));
   Result<void> stored;
-  for (const IndexSection& section : *sections) {
+  for (const IndexSection& section : sections) {
     const std::uint64_t length = section.range.end - section.range.begin;
     if (length > kMaxSectionBytes) continue;
     if (section.id >= kFirstExtraSection && section.id != kCoreSection) {
@@ -134,12 +125,10 @@ Result<Meta> Snapshot::pin_current() {
 }
 
 Result<void> Snapshot::load(const Meta& meta, const LockedFile& file) {
-  auto size = file.size(path());
-  if (!size) return tl::unexpected(std::move(size.error()));
-  if (auto ok = check_length(meta, *size, path()); !ok) return ok;
-  auto map = MappedFile::map(file.descriptor(), static_cast<std::size_t>(*size), path());
-  if (!map) return tl::unexpected(std::move(map.error()));
-  map_ = std::move(*map);
+  auto size = SLF_TRY(file.size(path()));
+  SLF_TRY(check_length(meta, size, path()));
+  auto map = SLF_TRY(MappedFile::map(file.descriptor(), static_cast<std::size_t>(size), path()));
+  map_ = std::move(map);
   return Trees::load(Pages(map_.bytes(), meta, &path()));
 }
 
@@ -154,7 +143,7 @@ Result<void> Snapshot::shrunk() const {
 
 Result<void> Snapshot::read(ByteSpan part, std::span<std::byte> to) const {
   if (copy_) {
-    if (auto ok = fetch(part); !ok) return ok;
+    SLF_TRY(fetch(part));
     std::copy(part.begin(), part.end(), to.begin());
     return {};
   }

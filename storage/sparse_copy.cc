@@ -8,6 +8,7 @@
 #include <string>
 
 #include "base/file.h"
+#include "base/try.h"
 
 namespace slf::storage::internal {
 namespace {
@@ -27,9 +28,8 @@ Result<std::unique_ptr<SparseCopy>> SparseCopy::make(std::shared_ptr<RangeSource
   if (copy->file_ < 0 || ftruncate(copy->file_, static_cast<off_t>(copy->source_->size())) != 0)
     return fail(ErrorCode::io, name, ": cannot make a temporary file of ", copy->source_->size(),
                 " bytes: ", std::strerror(errno), "; set TMPDIR to another folder");
-  auto map = MappedFile::map(copy->file_, copy->source_->size(), name);
-  if (!map) return tl::unexpected(std::move(map.error()));
-  copy->map_ = std::move(*map);
+  auto map = SLF_TRY(MappedFile::map(copy->file_, copy->source_->size(), name));
+  copy->map_ = std::move(map);
   return copy;
 }
 
@@ -100,7 +100,7 @@ Result<void> SparseCopy::fetch(ByteSpan part) const {
 
 Result<ByteSpan> SparseCopy::bytes(std::uint64_t offset, std::uint64_t size) const {
   const ByteSpan part = file().subspan(offset, size);
-  if (auto ok = fetch(part); !ok) return tl::unexpected(std::move(ok.error()));
+  SLF_TRY(fetch(part));
   return part;
 }
 

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/sort_unique.h"
+#include "base/try.h"
 #include "storage/internal/prefetch.h"
 #include "storage/internal/snapshot.h"
 #include "storage/internal/structure.h"
@@ -170,13 +171,10 @@ TileRef tile_of(const std::optional<Record>& record, LayerId layer, TileKey key)
 }  // namespace
 
 Result<TileRef> TileStore::find(LayerId layer, TileKey key) const {
-  if (auto known = state_->check_layer(layer); !known)
-    return tl::unexpected(std::move(known.error()));
-  auto record = state_->snapshot->find(layer, key);
-  if (!record) return tl::unexpected(std::move(record.error()));
-  const TileRef tile = tile_of(*record, layer, key);
-  if (auto same = state_->snapshot->unchanged(); !same)
-    return tl::unexpected(std::move(same.error()));
+  SLF_TRY(state_->check_layer(layer));
+  auto record = SLF_TRY(state_->snapshot->find(layer, key));
+  const TileRef tile = tile_of(record, layer, key);
+  SLF_TRY(state_->snapshot->unchanged());
   return tile;
 }
 
@@ -231,14 +229,14 @@ Result<void> TileStore::fetch(const TileRef& tile) const {
 }
 
 Result<void> TileStore::check(const TileRef& tile) const {
-  if (auto ok = fetch(tile); !ok) return ok;
+  SLF_TRY(fetch(tile));
   return verify(tile);
 }
 
 Result<void> TileStore::verify(const TileRef& tile) const {
   if (tile.state != TileState::stored) return {};
   const bool good = internal::payload_checksum(tile.layer, tile.key, tile.payload) == tile.checksum;
-  if (auto same = state_->snapshot->unchanged(); !same) return same;
+  SLF_TRY(state_->snapshot->unchanged());
   if (good) return {};
   return fail(ErrorCode::bad_file, path(), ": layer ",
               tile.layer < state_->names.size() ? state_->names[tile.layer] : "?", ", tile ",
@@ -248,7 +246,7 @@ Result<void> TileStore::verify(const TileRef& tile) const {
 
 Result<void> TileStore::copy(const TileRef& tile, std::span<std::byte> to) const {
   assert(to.size() == tile.payload.size());
-  if (auto done = state_->snapshot->read(tile.payload, to); !done) return done;
+  SLF_TRY(state_->snapshot->read(tile.payload, to));
   TileRef copied = tile;
   copied.payload = to;
   return verify(copied);
@@ -270,8 +268,7 @@ FileRange TileStore::range(const TileRef& tile) const {
 
 Result<std::vector<std::uint64_t>> TileStore::pages(LayerId layer,
                                                     std::span<const TileKey> keys) const {
-  if (auto known = state_->check_layer(layer); !known)
-    return tl::unexpected(std::move(known.error()));
+  SLF_TRY(state_->check_layer(layer));
   const Snapshot& snapshot = *state_->snapshot;
   const std::uint64_t size = snapshot.pages().meta().page_size;
   std::vector<std::uint64_t> pages;
@@ -287,10 +284,9 @@ Result<std::vector<std::uint64_t>> TileStore::pages(LayerId layer,
       cursor.path(pages);
       add(internal::record_head(snapshot.pages(), cursor.leaf(), cursor.index()));
     }
-    const auto record = snapshot.find(layer, key);
-    if (!record) return tl::unexpected(record.error());
-    if (!*record) continue;
-    add(tile_of(*record, layer, key).payload);
+    const auto record = SLF_TRY(snapshot.find(layer, key));
+    if (!record) continue;
+    add(tile_of(record, layer, key).payload);
   }
   sort_unique(pages);
   return pages;
@@ -298,7 +294,7 @@ Result<std::vector<std::uint64_t>> TileStore::pages(LayerId layer,
 
 Result<void> TileStore::visit(LayerId layer, TileKey from, TileKey to, const Visitor& visitor,
                               const DamageVisitor& damaged) const {
-  if (auto known = state_->check_layer(layer); !known) return known;
+  SLF_TRY(state_->check_layer(layer));
   Result<void> result;
   std::uint64_t records = 0;
   const auto visit_record = [&](const Record& record) {
@@ -324,8 +320,7 @@ Result<void> TileStore::visit(LayerId layer, TileKey from, TileKey to, const Vis
 }
 
 Result<std::vector<LevelStatistics>> TileStore::statistics(LayerId layer) const {
-  if (auto known = state_->check_layer(layer); !known)
-    return tl::unexpected(std::move(known.error()));
+  SLF_TRY(state_->check_layer(layer));
   Result<void> result;
   std::vector<LevelStatistics> levels;
   std::uint64_t records = 0;

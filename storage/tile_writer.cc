@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/try.h"
 #include "storage/internal/environment.h"
 #include "storage/internal/locked_file.h"
 #include "storage/internal/record_builder.h"
@@ -50,7 +51,7 @@ Result<void> check_leftover(const std::string& file) {
   // The first page of LMDB: its header, then MDB_MAGIC.
   constexpr std::string_view kStart("\0\0\0\0\0\0\0\0\0\0\x08\0\0\0\0\0\xDE\xC0\xEF\xBE", 20);
   constexpr const char* kWhat = "a new container";
-  if (auto own = check_own_file(file, kStart, kWhat); !own) return own;
+  SLF_TRY(check_own_file(file, kStart, kWhat));
   const auto store = TileStore::open(file);
   for (LayerId layer = 0; store && layer < store->layers().size(); ++layer)
     if (const auto levels = store->statistics(layer); levels && !levels->empty())
@@ -89,7 +90,7 @@ Result<void> write_new(Environment& environment, const SealedBlobs& blobs,
                        std::span<const LayerInfo> layers) {
   std::vector<Put> trees;
   for (const LayerInfo& layer : layers) trees.push_back({layer.name, {}, 0, {}, false});
-  if (auto made = environment.put(trees); !made) return made;
+  SLF_TRY(environment.put(trees));
   return write(environment, {}, {}, blobs, layers);
 }
 
@@ -97,9 +98,8 @@ Result<void> write_new(Environment& environment, const SealedBlobs& blobs,
 // then may new records be appended to the tree.
 Result<void> check_ends(const Snapshot& snapshot) {
   for (LayerId layer = 0; layer < snapshot.layers().size(); ++layer) {
-    auto last = snapshot.last_before(layer, {internal::kNoLevel, ~std::uint64_t{0}});
-    if (!last) return tl::unexpected(std::move(last.error()));
-    if (*last != snapshot.layers()[layer].last)
+    auto last = SLF_TRY(snapshot.last_before(layer, {internal::kNoLevel, ~std::uint64_t{0}}));
+    if (last != snapshot.layers()[layer].last)
       return fail(ErrorCode::bad_file, snapshot.path(), ": layer ", snapshot.layers()[layer].name,
                   " does not end with its last record");
   }
@@ -141,9 +141,8 @@ struct TileWriter::State {
 
   // Opens LMDB on a locked, checked file.
   [[nodiscard]] Result<void> attach() {
-    auto opened = Environment::open(path, file.descriptor());
-    if (!opened) return tl::unexpected(std::move(opened.error()));
-    environment = std::move(*opened);
+    auto opened = SLF_TRY(Environment::open(path, file.descriptor()));
+    environment = std::move(opened);
     for (LayerId i = 0; i < layers.size(); ++i) builders.emplace_back(i, layers[i].last);
     return {};
   }
@@ -175,7 +174,7 @@ struct TileWriter::State {
   [[nodiscard]] Result<void> commit() {
     if (!environment) return fail(ErrorCode::usage, path, ": was closed");
     if (records.empty() && blobs.empty() && edits.empty()) return check_place();
-    if (auto reusable = before_commit(); !reusable) return reusable;
+    SLF_TRY(before_commit());
     std::vector<LayerInfo> committed = layers;
     for (const CompleteRecord& record : records) {
       ++committed[record.layer].records;
@@ -187,8 +186,7 @@ struct TileWriter::State {
       const std::size_t bytes = record.size();
       edited.push_back({at.first, at.second, std::move(record), {}, bytes});
     }
-    if (auto written = write(*environment, edited, records, blobs, committed); !written)
-      return written;
+    SLF_TRY(write(*environment, edited, records, blobs, committed));
     layers = std::move(committed);
     records.clear();
     record_bytes = 0;
@@ -214,25 +212,22 @@ TileWriter::~TileWriter() = default;
 
 Result<TileWriter> TileWriter::create(const std::string& path, std::span<const std::string> layers,
                                       std::span<const std::pair<std::string, Bytes>> blobs) {
-  if (auto named = internal::check_layer_names(layers); !named)
-    return tl::unexpected(std::move(named.error()));
+  SLF_TRY(internal::check_layer_names(layers));
   SealedBlobs sealed;
   for (const auto& [name, bytes] : blobs) {
-    if (auto named = check_blob_name(name); !named) return tl::unexpected(std::move(named.error()));
+    SLF_TRY(check_blob_name(name));
     sealed[name] = internal::seal_blob(name, bytes);
   }
   if (access(path.c_str(), F_OK) == 0) return fail(ErrorCode::usage, path, ": exists already");
 
   // Create it under a temporary name, so that a crash leaves no partial container under `path`.
   const std::string unfinished = path + ".new";
-  if (auto own = check_leftover(unfinished); !own) return tl::unexpected(std::move(own.error()));
+  SLF_TRY(check_leftover(unfinished));
   auto state = std::make_unique<State>();
   state->path = path;
-  auto file = LockedFile::open(unfinished, LockedFile::Access::create);
-  if (!file) return tl::unexpected(std::move(file.error()));
-  state->file = std::move(*file);
-  if (auto locked = state->file.lock_writer(unfinished); !locked)
-    return tl::unexpected(std::move(locked.error()));
+  auto file = SLF_TRY(LockedFile::open(unfinished, LockedFile::Access::create));
+  state->file = std::move(file);
+  SLF_TRY(state->file.lock_writer(unfinished));
   // Another create() may have published the file that was opened here under `path`.
   if (!internal::is_file(state->file.descriptor(), unfinished))
     return fail(ErrorCode::failed, path, ": another program has just created it");
@@ -241,9 +236,8 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
       return fail(ErrorCode::io, unfinished, ": ", std::strerror(errno));
     for (const std::string& name : layers) state->layers.push_back({name, 0, std::nullopt});
     {
-      auto environment = Environment::open(unfinished, state->file.descriptor());
-      if (!environment) return tl::unexpected(std::move(environment.error()));
-      if (auto written = write_new(*environment, sealed, state->layers); !written) return written;
+      auto environment = SLF_TRY(Environment::open(unfinished, state->file.descriptor()));
+      SLF_TRY(write_new(environment, sealed, state->layers));
     }
     return publish_file(unfinished, path, Existing::keep);
   };
@@ -261,28 +255,24 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
 Result<TileWriter> TileWriter::resume(const std::string& path) {
   auto state = std::make_unique<State>();
   state->path = path;
-  auto file = LockedFile::open(path, LockedFile::Access::write);
-  if (!file) return tl::unexpected(std::move(file.error()));
-  state->file = std::move(*file);
-  if (auto locked = state->file.lock_writer(path); !locked)
-    return tl::unexpected(std::move(locked.error()));
-  if (auto there = state->check_place(); !there) return tl::unexpected(std::move(there.error()));
-  auto snapshot = Snapshot::open_locked(path, state->file);
-  if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
+  auto file = SLF_TRY(LockedFile::open(path, LockedFile::Access::write));
+  state->file = std::move(file);
+  SLF_TRY(state->file.lock_writer(path));
+  SLF_TRY(state->check_place());
+  auto snapshot = SLF_TRY(Snapshot::open_locked(path, state->file));
   std::vector<Error> findings;
-  internal::check_pages((*snapshot)->pages(), internal::CheckScope::trees, findings);
+  internal::check_pages(snapshot->pages(), internal::CheckScope::trees, findings);
   if (!findings.empty()) return tl::unexpected(std::move(findings.front()));
-  if (auto ends = check_ends(**snapshot); !ends) return tl::unexpected(std::move(ends.error()));
-  if (auto same = (*snapshot)->unchanged(); !same) return tl::unexpected(std::move(same.error()));
-  const std::uint64_t transaction = (*snapshot)->meta().transaction;
+  SLF_TRY(check_ends(*snapshot));
+  SLF_TRY(snapshot->unchanged());
+  const std::uint64_t transaction = snapshot->meta().transaction;
   // LMDB may reuse all pages that this transaction does not need.
   if (state->file.pinned_before(transaction))
     return fail(ErrorCode::failed, path,
                 ": another program still reads an older state of it; close or reload it there, "
                 "then try again");
-  state->layers = (*snapshot)->layers();
-  if (auto attached = state->attach(); !attached)
-    return tl::unexpected(std::move(attached.error()));
+  state->layers = snapshot->layers();
+  SLF_TRY(state->attach());
   if (state->environment->transaction() != transaction)
     return fail(ErrorCode::bad_file, path, ": LMDB sees transaction ",
                 state->environment->transaction(), ", expected ", transaction);
@@ -294,8 +284,7 @@ std::uint64_t TileWriter::transaction() const {
 }
 
 Result<std::optional<TileKey>> TileWriter::last(LayerId layer) const {
-  if (auto known = state_->check_layer(layer); !known)
-    return tl::unexpected(std::move(known.error()));
+  SLF_TRY(state_->check_layer(layer));
   return state_->layers[layer].last;
 }
 
@@ -323,7 +312,7 @@ void TileWriter::copy_viewed_payloads() {
 }
 
 Result<void> TileWriter::State::append(LayerId layer, internal::NewTile tile) {
-  if (auto known = check_layer(layer); !known) return known;
+  SLF_TRY(check_layer(layer));
   const TileKey key = tile.key;
   const std::size_t bytes = tile.payload.bytes().size();
   const auto last = builders[layer].last();
@@ -340,7 +329,7 @@ Result<void> TileWriter::State::append(LayerId layer, internal::NewTile tile) {
 }
 
 Result<void> TileWriter::set_blob(std::string_view name, ByteSpan value) {
-  if (auto named = check_blob_name(name); !named) return named;
+  SLF_TRY(check_blob_name(name));
   state_->blobs[std::string(name)] = internal::seal_blob(name, value);
   return {};
 }
@@ -359,8 +348,8 @@ void TileWriter::end_records() {
 
 Result<void> TileWriter::close() {
   end_records();
-  if (auto committed = state_->commit(); !committed) return committed;
-  if (auto synced = state_->environment->sync(); !synced) return synced;
+  SLF_TRY(state_->commit());
+  SLF_TRY(state_->environment->sync());
   state_->environment.reset();
   state_->file = {};
   return {};
@@ -368,10 +357,9 @@ Result<void> TileWriter::close() {
 
 Result<void> TileWriter::publish(const std::string& to, Existing existing, const Finish& finish) {
   end_records();
-  if (auto committed = state_->commit(); !committed) return committed;
+  SLF_TRY(state_->commit());
   state_->environment.reset();
-  if (finish)
-    if (auto finished = finish(state_->path); !finished) return finished;
+  if (finish) SLF_TRY(finish(state_->path));
   auto published = publish_file(state_->path, to, existing);
   state_->file = {};  // only now, so no other writer can open the file before it has its name
   return published;
@@ -379,19 +367,18 @@ Result<void> TileWriter::publish(const std::string& to, Existing existing, const
 
 Result<void> TileWriter::replace(LayerId layer, TileKey key, TileState tile_state,
                                  ByteSpan payload) {
-  if (auto known = state_->check_layer(layer); !known) return known;
+  SLF_TRY(state_->check_layer(layer));
   if (payload.empty() == (tile_state == TileState::stored) ||
       payload.size() > internal::kMaxPayload)
     return fail(ErrorCode::usage, state_->place(layer, key), ": a payload of ", payload.size(),
                 " bytes for that state");
   if (!state_->environment) return fail(ErrorCode::usage, state_->path, ": was closed");
-  auto edit = state_->edit(layer, key);
-  if (!edit) return tl::unexpected(std::move(edit.error()));
-  const std::size_t position = key.index - (*edit)->first.index;
-  Bytes& copy = (*edit)->payloads[key];
+  auto edit = SLF_TRY(state_->edit(layer, key));
+  const std::size_t position = key.index - edit->first.index;
+  Bytes& copy = edit->payloads[key];
   copy.assign(payload.begin(), payload.end());
   state_->edited_bytes += payload.size();
-  internal::Tile& tile = (*edit)->tiles[position];
+  internal::Tile& tile = edit->tiles[position];
   tile = {tile_state, copy, 0};
   if (tile_state == TileState::stored) tile.checksum = internal::payload_checksum(layer, key, copy);
   return {};
@@ -404,34 +391,30 @@ Result<Edit*> TileWriter::State::edit(LayerId layer, TileKey key) {
       known != edits.end() && known->first.first == layer && known->second.first <= key)
     return &known->second;
   if (!base) {
-    auto snapshot = Snapshot::open_locked(path, file);
-    if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
-    base = std::move(*snapshot);
+    auto snapshot = SLF_TRY(Snapshot::open_locked(path, file));
+    base = std::move(snapshot);
   }
   internal::Cursor cursor(base->pages(), base->tree(layer));
-  auto at = cursor.seek(internal::encode_key(key));
-  if (!at) return tl::unexpected(std::move(at.error()));
-  const auto last = *at ? internal::decode_key(cursor.key()) : std::nullopt;
+  auto at = SLF_TRY(cursor.seek(internal::encode_key(key)));
+  const auto last = at ? internal::decode_key(cursor.key()) : std::nullopt;
   if (!last || last->level != key.level) return no_record(key);
   // LMDB will free the old value's pages, so check them first.
-  const auto old = cursor.value();
-  if (!old) return tl::unexpected(old.error());
-  auto before = base->last_before(layer, *last);
-  if (!before) return tl::unexpected(std::move(before.error()));
+  const auto old = SLF_TRY(cursor.value());
+  auto before = SLF_TRY(base->last_before(layer, *last));
 
-  Edit edit{*before, *last, {}, {}};
+  Edit edit{before, *last, {}, {}};
   if (auto record = base->record(layer, cursor)) {
     edit.first = record->first();
     for (internal::Record::Walk walk(*record); walk.next();) edit.tiles.push_back(walk.tile());
   } else {
-    const bool same_level = *before && (*before)->level == last->level;
-    const std::uint64_t room = same_level ? last->index - (*before)->index - 1 : last->index;
+    const bool same_level = before && before->level == last->level;
+    const std::uint64_t room = same_level ? last->index - before->index - 1 : last->index;
     edit.first.index -= std::min(room, internal::kMaxTiles - 1);
     edit.tiles.resize(last->index - edit.first.index + 1);
   }
   if (last->index - key.index >= internal::kMaxTiles) return no_record(key);
   const auto [at_record, begun] = edits.try_emplace(Place{layer, *last}, std::move(edit));
-  if (begun) edited_bytes += old->size();
+  if (begun) edited_bytes += old.size();
   at_record->second.begin_at(key);
   return &at_record->second;
 }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <span>
 
+#include "base/try.h"
+
 namespace slf::storage::internal {
 namespace {
 
@@ -34,12 +36,10 @@ Result<void> Trees::load(const Pages& pages) {
   pages_ = pages;
   layers_.clear();
   trees_.clear();
-  auto manifest = named_tree(kManifest);
-  if (!manifest) return tl::unexpected(std::move(manifest.error()));
-  manifest_ = *manifest;
-  auto sealed = blob(kContainer);
-  if (!sealed) return tl::unexpected(std::move(sealed.error()));
-  auto container = decode_container(*sealed);
+  auto manifest = SLF_TRY(named_tree(kManifest));
+  manifest_ = manifest;
+  auto sealed = SLF_TRY(blob(kContainer));
+  auto container = decode_container(sealed);
   if (!container)
     return fail(container.error().code, path_, ": container: ", container.error().message);
   if (container->transaction != meta().transaction)
@@ -48,21 +48,19 @@ Result<void> Trees::load(const Pages& pages) {
                 ": damaged, or written to by another program");
   layers_ = std::move(container->layers);
   for (const LayerInfo& layer : layers_) {
-    auto tree = named_tree(layer.name);
-    if (!tree) return tl::unexpected(std::move(tree.error()));
-    if (tree->entries != layer.records)
-      return fail(ErrorCode::bad_file, path_, ": layer ", layer.name, " has ", tree->entries,
+    auto tree = SLF_TRY(named_tree(layer.name));
+    if (tree.entries != layer.records)
+      return fail(ErrorCode::bad_file, path_, ": layer ", layer.name, " has ", tree.entries,
                   " records, expected ", layer.records);
-    trees_.push_back(*tree);
+    trees_.push_back(tree);
   }
   return unchanged();
 }
 
 Result<Tree> Trees::named_tree(std::string_view name) const {
   Cursor cursor(pages_, meta().main);
-  auto found = cursor.seek(bytes_of(name));
-  if (!found) return tl::unexpected(std::move(found.error()));
-  if (!*found || compare_keys(cursor.key(), bytes_of(name)) != 0)
+  auto found = SLF_TRY(cursor.seek(bytes_of(name)));
+  if (!found || compare_keys(cursor.key(), bytes_of(name)) != 0)
     return fail(ErrorCode::bad_file, path_, ": not a field, or damaged: it has no tree '", name,
                 "'");
   if (cursor.node().flags != kSubTree || cursor.node().data.size() != kTreeBytes)
@@ -83,15 +81,14 @@ Result<bool> Trees::has_blob(std::string_view name) const {
 
 Result<ByteSpan> Trees::blob(std::string_view name) const {
   Cursor cursor(pages_, manifest_);
-  auto found = cursor.seek(bytes_of(name));
-  if (!found) return tl::unexpected(std::move(found.error()));
-  if (!*found || compare_keys(cursor.key(), bytes_of(name)) != 0)
+  auto found = SLF_TRY(cursor.seek(bytes_of(name)));
+  if (!found || compare_keys(cursor.key(), bytes_of(name)) != 0)
     return fail(ErrorCode::bad_file, path_, ": not a field, or damaged: it has no entry '", name,
                 "'");
   auto sealed = cursor.value();
   if (!sealed) return sealed;
   auto bytes = open_blob(name, *sealed);
-  if (auto same = unchanged(); !same) return tl::unexpected(std::move(same.error()));
+  SLF_TRY(unchanged());
   if (!bytes)
     return fail(bytes.error().code, path_, ": blob '", name, "': ", bytes.error().message);
   return bytes;
@@ -101,9 +98,8 @@ Result<ByteSpan> Trees::blob(std::string_view name) const {
 Result<Record> Trees::parse(const Cursor& at) const {
   const Node& node = at.node();
   if (pages_.mapped() || (node.flags & kBigData) == 0) {
-    auto value = at.value();
-    if (!value) return tl::unexpected(std::move(value.error()));
-    return Record::parse(*value);
+    auto value = SLF_TRY(at.value());
+    return Record::parse(value);
   }
   auto start =
       pages_.value(node, usual_head_bytes(max_tiles_in_record(at.leaf(), at.index(), node)));
@@ -134,9 +130,8 @@ Result<Record> Trees::record(LayerId layer, const Cursor& at) const {
 
 Result<std::optional<TileKey>> Trees::last_before(LayerId layer, TileKey key) const {
   Cursor cursor(pages_, trees_[layer]);
-  auto found = cursor.seek_before(encode_key(key));
-  if (!found) return tl::unexpected(std::move(found.error()));
-  if (!*found) return std::nullopt;
+  auto found = SLF_TRY(cursor.seek_before(encode_key(key)));
+  if (!found) return std::nullopt;
   const auto before = decode_key(cursor.key());
   if (!before || *before >= key)
     return fail(ErrorCode::bad_file, path_, ": layer ", layers_[layer].name,
@@ -148,12 +143,11 @@ Result<std::optional<Record>> Trees::find(LayerId layer, TileKey key, std::uint6
   const LayerInfo& info = layers_[layer];
   if (!info.last || key > *info.last) return std::nullopt;
   Cursor cursor(pages_, trees_[layer]);
-  auto found = cursor.seek(encode_key(key));
-  if (!found) return tl::unexpected(std::move(found.error()));
-  auto found_record = *found ? record(layer, cursor)
-                             : fail(ErrorCode::bad_file, path_, ": layer ", info.name,
-                                    " ends before its last tile");
-  if (auto same = unchanged(); !same) return tl::unexpected(std::move(same.error()));
+  auto found = SLF_TRY(cursor.seek(encode_key(key)));
+  auto found_record =
+      found ? record(layer, cursor)
+            : fail(ErrorCode::bad_file, path_, ": layer ", info.name, " ends before its last tile");
+  SLF_TRY(unchanged());
   if (!found_record) return tl::unexpected(std::move(found_record.error()));
   if (key > found_record->last() || (found_record->previous() && key <= *found_record->previous()))
     return fail(ErrorCode::bad_file, path_, ": layer ", info.name, ": the record of tile ",

@@ -4,6 +4,8 @@
 #include <array>
 #include <vector>
 
+#include "base/try.h"
+
 namespace slf::view {
 namespace {
 
@@ -43,9 +45,8 @@ Result<RepackReport> repack_to_fit(const Field& field, const std::string& path,
                                    const ProgressCallback& progress) {
   const std::vector<RepackOptions> all = candidates(field, options);
   for (const RepackOptions& candidate : std::span(all).first(all.size() - 1)) {
-    const auto estimate = estimate_repack(field, candidate, progress);
-    if (!estimate) return tl::unexpected(estimate.error());
-    if (estimate->file_bytes > max_bytes + estimate->file_error_bytes) continue;
+    const auto estimate = SLF_TRY(estimate_repack(field, candidate, progress));
+    if (estimate.file_bytes > max_bytes + estimate.file_error_bytes) continue;
     auto report = repack_field(field, path, candidate, progress);
     if (!report || report->file_bytes <= max_bytes) return report;
   }

@@ -24,6 +24,7 @@
 #include <thread>
 #include <utility>
 
+#include "base/try.h"
 #include "slf/field.h"
 #include "view/page.h"
 #include "view/ranges.h"
@@ -150,7 +151,7 @@ class ServedField {
  public:
   /// Checks that the file is a field. Errors as Field::open().
   static Result<ServedField> make(const std::string& path) {
-    if (auto field = Field::open(path); !field) return tl::unexpected(field.error());
+    SLF_TRY(Field::open(path));
     return ServedField(path);
   }
 
@@ -440,16 +441,15 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   if (fields.empty()) return fail(ErrorCode::usage, "view: name at least one field");
   auto state = std::make_unique<State>();
   for (const std::string& path : fields) {
-    auto field = ServedField::make(path);
-    if (!field) return tl::unexpected(field.error());
+    auto field = SLF_TRY(ServedField::make(path));
     const std::string name = folder_name(path);
-    field->name = name;
+    field.name = name;
     for (int copy = 2;
          std::any_of(state->fields.begin(), state->fields.end(),
-                     [&](const ServedField& other) { return other.name == field->name; });
+                     [&](const ServedField& other) { return other.name == field.name; });
          ++copy)
-      field->name = name + "-" + std::to_string(copy);
-    state->fields.push_back(std::move(*field));
+      field.name = name + "-" + std::to_string(copy);
+    state->fields.push_back(std::move(field));
   }
   std::size_t hash = 0;
   for (const PageFile& file : page_files())

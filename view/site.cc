@@ -8,6 +8,7 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/try.h"
 #include "field/build/field_index.h"
 #include "slf/field.h"
 #include "view/bundle.h"
@@ -58,15 +59,14 @@ std::string page_html(std::string_view head, std::string_view scripts) {
 
 /// Writes a file of the page, but never over the field.
 Result<void> write_text(const std::string& path, std::string_view text, const std::string& field) {
-  if (auto ok = check_output(path, {&field, 1}); !ok) return ok;
+  SLF_TRY(check_output(path, {&field, 1}));
   return write_file(path, std::as_bytes(std::span(text.data(), text.size())));
 }
 
 /// Checks that the file is a field, and returns its size.
 Result<std::uint64_t> field_size(const std::string& path) {
-  const auto field = Field::open(path);
-  if (!field) return tl::unexpected(field.error());
-  return field->file_bytes();
+  const auto field = SLF_TRY(Field::open(path));
+  return field.file_bytes();
 }
 
 }  // namespace
@@ -83,14 +83,12 @@ std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
 
 Result<void> export_page(const std::string& field, const std::string& output,
                          const ProgressCallback& progress) {
-  const auto size = field_size(field);
-  if (!size) return tl::unexpected(size.error());
-  if (*size > kMaxEmbeddedBytes)
-    return fail(ErrorCode::unsupported, field, ": ", *size, " bytes are too many for one page; ",
+  const auto size = SLF_TRY(field_size(field));
+  if (size > kMaxEmbeddedBytes)
+    return fail(ErrorCode::unsupported, field, ": ", size, " bytes are too many for one page; ",
                 "export to a folder, or make it smaller with slf repack");
-  const auto bytes = read_file(field, kMaxEmbeddedBytes);
-  if (!bytes) return tl::unexpected(bytes.error());
-  const std::string_view content(reinterpret_cast<const char*>(bytes->data()), bytes->size());
+  const auto bytes = SLF_TRY(read_file(field, kMaxEmbeddedBytes));
+  const std::string_view content(reinterpret_cast<const char*>(bytes.data()), bytes.size());
 
   std::string scripts;
   for (std::size_t at = 0; at < content.size(); at += kPieceBytes) {
@@ -113,8 +111,7 @@ Result<void> export_page(const std::string& field, const std::string& output,
 
 Result<void> export_site(const std::string& field, const std::string& folder, bool force,
                          const ProgressCallback& progress) {
-  const auto size = field_size(field);
-  if (!size) return tl::unexpected(size.error());
+  const auto size = SLF_TRY(field_size(field));
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return fail(ErrorCode::io, folder, ": cannot create: ", error.message());
@@ -132,14 +129,14 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
            {kScriptFile, page_script("")},
            {kModuleFile, std::string(file_named(kModuleFile))},
            {kModuleScriptFile, "slfInside.module = " + module_string() + ";\n"}})
-    if (auto ok = write_text((fs::path(folder) / name).string(), text, field); !ok) return ok;
+    SLF_TRY(write_text((fs::path(folder) / name).string(), text, field));
   // The field is written last, and gets its name only when it is complete.
   if (in_place) return {};
-  if (auto ok = check_output(target.string(), {&field, 1}); !ok) return ok;
+  SLF_TRY(check_output(target.string(), {&field, 1}));
   const std::string temporary = unused_name(target.string());
   auto written = copy_file(field, temporary, progress);
   if (written)
-    written = index_field(temporary, [&] { return !progress || progress({*size, *size, 0}); });
+    written = index_field(temporary, [&] { return !progress || progress({size, size, 0}); });
   if (written) written = publish_file(temporary, target.string(), Existing::replace);
   if (!written) fs::remove(temporary, error);
   return written;

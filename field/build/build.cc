@@ -12,6 +12,7 @@
 
 #include "base/mix.h"
 #include "base/parallel.h"
+#include "base/try.h"
 #include "field/build/field_writer.h"
 #include "field/build/missing_tiles.h"
 #include "field/build/shard_plan.h"
@@ -43,7 +44,7 @@ Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const 
     if (!go_on()) return fail(ErrorCode::failed, "interrupted; nothing was written");
     TracedTile tile;
     const TileKey key{static_cast<std::uint8_t>(shape.levels), mix(t) % count};
-    if (auto ok = tracer.trace(key, tile); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(tracer.trace(key, tile));
     if (!tile.empty) sample.push_back(std::move(tile));
   }
   return sample;
@@ -51,19 +52,17 @@ Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const 
 
 /// The layers' codecs, with shared tables fitted to the scene.
 Result<Codecs> train_codecs(const TileTracer& tracer, Manifest& manifest, const GoOn& go_on) {
-  const auto sample = training_sample(tracer, manifest.shape, go_on);
-  if (!sample) return tl::unexpected(sample.error());
+  const auto sample = SLF_TRY(training_sample(tracer, manifest.shape, go_on));
   Codecs codecs;
   for (std::size_t k = 0; k < manifest.layers.size(); ++k) {
     std::vector<codec::TrainingTile> tiles;
-    tiles.reserve(sample->size());
-    for (const TracedTile& tile : *sample)
+    tiles.reserve(sample.size());
+    for (const TracedTile& tile : sample)
       tiles.push_back({tracer.shape(tile.key, manifest.layers[k].format), tile.layers[k]});
-    auto made = codec::train_codec(manifest.layers[k].codec, manifest.layers[k].format, tiles,
-                                   manifest.shape.levels);
-    if (!made) return tl::unexpected(made.error());
-    manifest.layers[k].codec = (*made)->spec();
-    codecs.push_back(std::move(*made));
+    auto made = SLF_TRY(codec::train_codec(manifest.layers[k].codec, manifest.layers[k].format,
+                                           tiles, manifest.shape.levels));
+    manifest.layers[k].codec = made->spec();
+    codecs.push_back(std::move(made));
   }
   return codecs;
 }
@@ -72,11 +71,9 @@ Result<Codecs> train_codecs(const TileTracer& tracer, Manifest& manifest, const 
 Result<Codecs> open_codecs(const FieldFile& field) {
   Codecs codecs;
   for (const Layer& layer : field.manifest().layers) {
-    const auto tables = field.store().blob(kTablesBlobPrefix + layer.name);
-    if (!tables) return tl::unexpected(tables.error());
-    auto made = codec::make_codec(layer.codec, layer.format, *tables);
-    if (!made) return tl::unexpected(made.error());
-    codecs.push_back(std::move(*made));
+    const auto tables = SLF_TRY(field.store().blob(kTablesBlobPrefix + layer.name));
+    auto made = SLF_TRY(codec::make_codec(layer.codec, layer.format, tables));
+    codecs.push_back(std::move(made));
   }
   return codecs;
 }
@@ -130,11 +127,9 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
     return tl::unexpected(same.error());
   }
   manifest.filtered_levels = existing.filtered_levels;
-  auto missing = MissingTiles::of(**field, TileOrder(manifest.shape), selection);
-  if (!missing) return tl::unexpected(missing.error());
-  auto codecs = open_codecs(**field);
-  if (!codecs) return tl::unexpected(codecs.error());
-  return EarlierBuild{std::move(*missing), (*field)->store().transaction(), std::move(*codecs),
+  auto missing = SLF_TRY(MissingTiles::of(**field, TileOrder(manifest.shape), selection));
+  auto codecs = SLF_TRY(open_codecs(**field));
+  return EarlierBuild{std::move(missing), (*field)->store().transaction(), std::move(codecs),
                       light_of(**field), in_place};
 }
 
@@ -161,22 +156,19 @@ Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& expected,
   };
   if (!predicts(expected))
     return refuse("is not needed: with this codec no tile is predicted from coarser ones");
-  auto field = FieldFile::open(options.coarser);
-  if (!field) return tl::unexpected(field.error());
-  if (const std::string differs = first_difference((*field)->manifest(), expected);
-      !differs.empty())
+  auto field = SLF_TRY(FieldFile::open(options.coarser));
+  if (const std::string differs = first_difference(field->manifest(), expected); !differs.empty())
     return refuse("was built with other settings (", differs, " differs)");
-  const std::optional<TileRange> part = (*field)->manifest().part;
+  const std::optional<TileRange> part = field->manifest().part;
   if (!part || part->begin != TileKey{} || part->end.index != 0)
     return refuse("does not hold just some levels from 0 on");
-  const auto content = (*field)->content();
-  if (!content) return tl::unexpected(content.error());
-  if (!content->complete) return refuse("is not finished");
+  const auto content = SLF_TRY(field->content());
+  if (!content.complete) return refuse("is not finished");
   const unsigned next = part->end.level;
   if (options.first_level.value_or(next) != next || options.last_level.value_or(next) != next)
     return refuse("can only be used to build level ", next);
   options.first_level = options.last_level = next;
-  return std::move(*field);
+  return field;
 }
 
 /// The rays of the tiles with these numbers, approximately.
@@ -238,17 +230,16 @@ struct BuildJob {
 
   Result<EncodedTile> make(TileKey key, TracedTile& traced) const {
     EncodedTile encoded;
-    if (auto ok = tracer.trace(key, traced); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(tracer.trace(key, traced));
     encoded.rays = tracer.rays(key);
     encoded.payloads.resize(codecs.size());
     const std::shared_ptr<const FieldFile> references = coarser.get();
     for (std::size_t k = 0; k < codecs.size() && !traced.empty; ++k) {
-      auto ok = codecs[k]->predictive()
-                    ? references->encode(static_cast<LayerId>(k), key, traced.layers[k],
-                                         encoded.payloads[k])
-                    : codecs[k]->encode(tracer.shape(key, manifest.layers[k].format),
-                                        traced.layers[k], encoded.payloads[k]);
-      if (!ok) return tl::unexpected(std::move(ok.error()));
+      SLF_TRY(codecs[k]->predictive()
+                  ? references->encode(static_cast<LayerId>(k), key, traced.layers[k],
+                                       encoded.payloads[k])
+                  : codecs[k]->encode(tracer.shape(key, manifest.layers[k].format),
+                                      traced.layers[k], encoded.payloads[k]));
     }
     return encoded;
   }
@@ -271,9 +262,8 @@ struct BuildJob {
     if (!reads_own_file ||
         (reader && writer.transaction() < reader->store().transaction() + kCommitsPerReader))
       return {};
-    auto opened = FieldFile::open(writer.file());
-    if (!opened) return tl::unexpected(opened.error());
-    coarser.set(std::move(*opened));
+    auto opened = SLF_TRY(FieldFile::open(writer.file()));
+    coarser.set(std::move(opened));
     return {};
   }
 
@@ -302,16 +292,14 @@ Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end
     if (!tile) return fail(tile.error().code, path, ": ", tile.error().message);
     for (LayerId layer = 0; layer < tile->payloads.size(); ++layer) {
       if (!job.missing.is_missing_in(k, layer)) continue;
-      if (auto ok = writer.put(layer, job.order.key(job.missing.number(k)),
-                               std::move(tile->payloads[layer]));
-          !ok)
-        return ok;
+      SLF_TRY(writer.put(layer, job.order.key(job.missing.number(k)),
+                         std::move(tile->payloads[layer])));
     }
     state.done += tile->rays;
     const bool stop = progress && !progress(state);
     if (stop || Clock::now() - committed_at >= interval) {
-      if (auto ok = writer.commit(); !ok) return ok;
-      if (auto ok = job.follow(writer); !ok) return ok;
+      SLF_TRY(writer.commit());
+      SLF_TRY(job.follow(writer));
       committed_at = Clock::now();
     }
     if (stop)
@@ -330,12 +318,11 @@ Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string&
     end = job.missing.count();
     if (job.reads_own_file) {
       end = job.end_of_level(begin);
-      if (auto ok = writer.commit_level(); !ok) return ok;
+      SLF_TRY(writer.commit_level());
       job.coarser.set(nullptr);  // it lacks the level before
-      if (auto ok = job.follow(writer); !ok) return ok;
+      SLF_TRY(job.follow(writer));
     }
-    if (auto ok = write_missing(job, begin, end, writer, path, options, progress, state); !ok)
-      return ok;
+    SLF_TRY(write_missing(job, begin, end, writer, path, options, progress, state));
   }
   job.coarser.set(nullptr);
   return {};
@@ -364,9 +351,8 @@ Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
   if (!options.depth_codec.empty())
     manifest.layers.push_back({"depth", SampleFormat::depth8, options.depth_codec});
   for (Layer& layer : manifest.layers) {
-    const auto plain = codec::make_codec(layer.codec, layer.format);
-    if (!plain) return tl::unexpected(plain.error());
-    layer.codec = (*plain)->spec();
+    const auto plain = SLF_TRY(codec::make_codec(layer.codec, layer.format));
+    layer.codec = plain->spec();
   }
   manifest.provenance =
       nlohmann::json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
@@ -377,58 +363,48 @@ Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
 
 Result<BuildReport> build(const Scene& scene, const std::string& path, const BuildOptions& options,
                           const ProgressCallback& progress) {
-  auto manifest = plan(scene, options);
-  if (!manifest) return tl::unexpected(manifest.error());
-  const auto output =
-      FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, scene.files());
-  if (!output) return tl::unexpected(output.error());
-  const TileOrder order(manifest->shape);
+  auto manifest = SLF_TRY(plan(scene, options));
+  const auto output = SLF_TRY(
+      FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, scene.files()));
+  const TileOrder order(manifest.shape);
   ShardOptions shard = options.shard;
-  const auto coarser = open_coarser(*manifest, shard);
-  if (!coarser) return tl::unexpected(coarser.error());
-  const auto plan = plan_shard(TileTracer(scene, *manifest), order, manifest->shape, shard,
-                               predicts(*manifest) && !*coarser);
-  if (!plan) return tl::unexpected(plan.error());
-  if (plan->part != all_keys(manifest->shape)) manifest->part = plan->part;
-  auto earlier = find_earlier_build(*output, plan->tiles, *manifest);
-  if (!earlier) return tl::unexpected(earlier.error());
+  const auto coarser = SLF_TRY(open_coarser(manifest, shard));
+  const auto plan = SLF_TRY(plan_shard(TileTracer(scene, manifest), order, manifest.shape, shard,
+                                       predicts(manifest) && !coarser));
+  if (plan.part != all_keys(manifest.shape)) manifest.part = plan.part;
+  auto earlier = SLF_TRY(find_earlier_build(output, plan.tiles, manifest));
 
-  const TileTracer tracer(scene, *manifest);
+  const TileTracer tracer(scene, manifest);
   BuildReport report;
-  if (*earlier) {
-    report.resumed = plan->tiles.count() - (*earlier)->missing.count();
-    if ((*earlier)->in_place && (*earlier)->missing.count() == 0) return report;
+  if (earlier) {
+    report.resumed = plan.tiles.count() - earlier->missing.count();
+    if (earlier->in_place && earlier->missing.count() == 0) return report;
   }
-  const MissingTiles missing =
-      *earlier ? std::move((*earlier)->missing) : MissingTiles(plan->tiles);
+  const MissingTiles missing = earlier ? std::move(earlier->missing) : MissingTiles(plan.tiles);
   Progress state;
-  state.total = count_rays(tracer, order, manifest->shape, plan->tiles);
-  state.skipped = state.total - count_rays(tracer, order, manifest->shape, missing.numbers());
+  state.total = count_rays(tracer, order, manifest.shape, plan.tiles);
+  state.skipped = state.total - count_rays(tracer, order, manifest.shape, missing.numbers());
   state.done = state.skipped;
   const GoOn go_on = [&] { return !progress || progress(state); };
   // Light is computed once, and kept in the file from its first commit on.
-  const bool has_light = *earlier && scene.set_light((*earlier)->light);
-  if (!has_light && *coarser) scene.set_light(light_of(**coarser));
-  if (auto ok = scene.prepare(); !ok) return tl::unexpected(ok.error());
+  const bool has_light = earlier && scene.set_light(earlier->light);
+  if (!has_light && coarser) scene.set_light(light_of(*coarser));
+  SLF_TRY(scene.prepare());
   const Bytes light = has_light ? Bytes() : scene.light();
-  auto codecs = *earlier   ? std::move((*earlier)->codecs)
-                : *coarser ? open_codecs(**coarser)
-                           : train_codecs(tracer, *manifest, go_on);
-  if (!codecs) return tl::unexpected(codecs.error());
-  auto writer = !*earlier              ? create(*output, *manifest, *codecs, light)
-                : (*earlier)->in_place ? FieldWriter::edit(path, (*earlier)->transaction)
-                                       : FieldWriter::resume(*output, (*earlier)->transaction);
-  if (!writer) return tl::unexpected(writer.error());
-  if (*earlier && !light.empty())
-    if (auto ok = writer->put_light(light); !ok) return tl::unexpected(ok.error());
+  auto codecs = SLF_TRY(earlier   ? std::move(earlier->codecs)
+                        : coarser ? open_codecs(*coarser)
+                                  : train_codecs(tracer, manifest, go_on));
+  auto writer = SLF_TRY(!earlier            ? create(output, manifest, codecs, light)
+                        : earlier->in_place ? FieldWriter::edit(path, earlier->transaction)
+                                            : FieldWriter::resume(output, earlier->transaction));
+  if (earlier && !light.empty()) SLF_TRY(writer.put_light(light));
 
-  BuildJob job{tracer,   *manifest,
-               *codecs,  missing,
-               order,    thread_count(options.threads),
-               *coarser, predicts(*manifest) && !*coarser};
-  if (auto ok = write_levels(job, *writer, path, options, progress, state); !ok)
-    return tl::unexpected(ok.error());
-  if (auto ok = writer->finish(go_on); !ok) return tl::unexpected(ok.error());
+  BuildJob job{tracer,  manifest,
+               codecs,  missing,
+               order,   thread_count(options.threads),
+               coarser, predicts(manifest) && !coarser};
+  SLF_TRY(write_levels(job, writer, path, options, progress, state));
+  SLF_TRY(writer.finish(go_on));
   report.tiles = missing.count();
   return report;
 }

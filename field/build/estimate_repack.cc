@@ -3,6 +3,7 @@
 
 #include "base/mix.h"
 #include "base/parallel.h"
+#include "base/try.h"
 #include "codec/predictive_codec.h"
 #include "field/build/repack_layers.h"
 #include "field/geometry/tile_order.h"
@@ -52,9 +53,8 @@ class SampleEncoder {
 
   /// The bytes of a tile's payload; none if it is not stored.
   [[nodiscard]] Result<std::optional<std::uint64_t>> encode(TileKey key) const {
-    const auto state = state_of(field_, out_, key);
-    if (!state) return tl::unexpected(state.error());
-    if (*state != TileState::stored) return std::nullopt;
+    const auto state = SLF_TRY(state_of(field_, out_, key));
+    if (state != TileState::stored) return std::nullopt;
     const auto samples = read(key);
     if (!samples && samples.error().code == ErrorCode::failed) return std::nullopt;
     if (!samples) return tl::unexpected(samples.error());
@@ -62,15 +62,13 @@ class SampleEncoder {
     codec::Tile shape = field_.tile_shape(out_.from[0], key);
     shape.format = out_.layer.format;
     const auto source = [this](TileKey reference) -> Result<TileSamples> {
-      const auto there = state_of(field_, out_, reference);
-      if (!there) return tl::unexpected(there.error());
-      if (*there == TileState::missing) return fail(ErrorCode::failed, "missing");
-      if (*there == TileState::empty) return TileSamples();
+      const auto there = SLF_TRY(state_of(field_, out_, reference));
+      if (there == TileState::missing) return fail(ErrorCode::failed, "missing");
+      if (there == TileState::empty) return TileSamples();
       return read(reference);
     };
-    auto ok = predicted_ ? predicted_->encode(key, **samples, source, payload)
-                         : out_.codec->encode(shape, **samples, payload);
-    if (!ok) return tl::unexpected(ok.error());
+    SLF_TRY(predicted_ ? predicted_->encode(key, **samples, source, payload)
+                       : out_.codec->encode(shape, **samples, payload));
     return payload.size();
   }
 
@@ -79,7 +77,7 @@ class SampleEncoder {
     InputTile input;
     input.begin(key);
     const auto samples = std::make_shared<Bytes>();
-    if (auto ok = input.samples(field_, out_, *samples); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(input.samples(field_, out_, *samples));
     return TileSamples(samples);
   }
 
@@ -92,14 +90,13 @@ class SampleEncoder {
 Result<Estimate> count(const FieldFile& field, const FieldShape& shape, LayerId layer) {
   Estimate sum;
   const TileRange all = all_keys(shape);
-  auto visited = field.store().visit(layer, all.begin, all.end,
-                                     [&](const storage::TileRef& tile) -> Result<void> {
-                                       if (!shape.has(tile.key)) return {};
-                                       sum.bytes += static_cast<double>(tile.payload.size());
-                                       sum.stored += tile.state == TileState::stored ? 1 : 0;
-                                       return {};
-                                     });
-  if (!visited) return tl::unexpected(visited.error());
+  SLF_TRY(field.store().visit(layer, all.begin, all.end,
+                              [&](const storage::TileRef& tile) -> Result<void> {
+                                if (!shape.has(tile.key)) return {};
+                                sum.bytes += static_cast<double>(tile.payload.size());
+                                sum.stored += tile.state == TileState::stored ? 1 : 0;
+                                return {};
+                              }));
   return sum;
 }
 
@@ -115,11 +112,10 @@ Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, st
   });
   double sum = 0, squares = 0, stored = 0;
   for (std::uint64_t k = 0; k < taken; ++k) {
-    const auto bytes = pipeline.take();
-    if (!bytes) return tl::unexpected(bytes.error());
+    const auto bytes = SLF_TRY(pipeline.take());
     if (!go_on()) return fail(ErrorCode::failed, "estimate interrupted");
-    if (!*bytes) continue;
-    const auto size = static_cast<double>(**bytes);
+    if (!bytes) continue;
+    const auto size = static_cast<double>(*bytes);
     sum += size, squares += size * size, stored += 1;
   }
   const auto n = static_cast<double>(taken), all = static_cast<double>(count);
@@ -137,30 +133,27 @@ Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, st
 Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions& options,
                                        const ProgressCallback& progress) {
   const FieldFile& field = handle.file();
-  const auto shape = plan_shape(field, options);
-  if (!shape) return tl::unexpected(shape.error());
-  const auto outputs = plan_layers(field, *shape, options);
-  if (!outputs) return tl::unexpected(outputs.error());
-  const TileOrder order(*shape);
+  const auto shape = SLF_TRY(plan_shape(field, options));
+  const auto outputs = SLF_TRY(plan_layers(field, shape, options));
+  const TileOrder order(shape);
   Progress state;
-  for (const OutputLayer& out : *outputs)
-    for (unsigned level = 0; !out.copy && level <= shape->levels; ++level)
-      state.total += std::min(kSample, shape->tiles(level));
+  for (const OutputLayer& out : outputs)
+    for (unsigned level = 0; !out.copy && level <= shape.levels; ++level)
+      state.total += std::min(kSample, shape.tiles(level));
   const auto go_on = [&] {
     ++state.done;
     return !progress || progress(state);
   };
 
   Estimate total;
-  for (const OutputLayer& out : *outputs) {
+  for (const OutputLayer& out : outputs) {
     if (out.copy) {
-      const auto exact = count(field, *shape, out.from[0]);
-      if (!exact) return tl::unexpected(exact.error());
-      total += *exact;
+      const auto exact = SLF_TRY(count(field, shape, out.from[0]));
+      total += exact;
       continue;
     }
-    const SampleEncoder encoder(field, *shape, out);
-    for (unsigned level = 0; level <= shape->levels; ++level) {
+    const SampleEncoder encoder(field, shape, out);
+    for (unsigned level = 0; level <= shape.levels; ++level) {
       const auto estimate =
           sample(encoder, order, order.first_number(level), order.first_number(level + 1),
                  thread_count(options.threads), go_on);
@@ -169,19 +162,18 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
       total += *estimate;
     }
   }
-  const Result<ByteSpan> light = options.light ? field.light() : ByteSpan();
-  if (!light) return tl::unexpected(light.error());
+  const ByteSpan light = SLF_TRY(options.light ? field.light() : ByteSpan());
   std::uint64_t indexed = 0;
-  for (unsigned level = 0; level <= shape->levels; ++level)
-    if (shape->tiles(level) <= kMaxIndexedTiles) indexed += shape->tiles(level);
+  for (unsigned level = 0; level <= shape.levels; ++level)
+    if (shape.tiles(level) <= kMaxIndexedTiles) indexed += shape.tiles(level);
   const double error = kDeviations * std::sqrt(total.variance);
   const double file = total.bytes * (1 + kRecordShare) + kTileBytes * total.stored +
-                      static_cast<double>(order.count() * outputs->size()) + kTreeBytes +
-                      kIndexedTileBytes * static_cast<double>(indexed * outputs->size()) +
-                      kIndexBytes + static_cast<double>(light->size());
+                      static_cast<double>(order.count() * outputs.size()) + kTreeBytes +
+                      kIndexedTileBytes * static_cast<double>(indexed * outputs.size()) +
+                      kIndexBytes + static_cast<double>(light.size());
   const auto whole = [](double bytes) { return static_cast<std::uint64_t>(std::llround(bytes)); };
   RepackEstimate estimate;
-  estimate.tiles = order.count() * outputs->size();
+  estimate.tiles = order.count() * outputs.size();
   estimate.sampled = total.sampled;
   estimate.payload_bytes = whole(total.bytes);
   estimate.payload_error_bytes = whole(error);

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "base/try.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
 #include "field/reference_index.h"
@@ -21,8 +22,7 @@ Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field,
       tiles.push_back({tile.key, field.references(tile)});
     return {};
   };
-  if (auto ok = field.store().visit(layer, first_key(level), first_key(level + 1), visit); !ok)
-    return tl::unexpected(ok.error());
+  SLF_TRY(field.store().visit(layer, first_key(level), first_key(level + 1), visit));
   return tiles;
 }
 
@@ -31,16 +31,14 @@ Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field,
 Result<void> index_field(const std::string& path, const GoOn& go_on) {
   std::vector<storage::IndexExtra> extras;
   {
-    const auto field = FieldFile::open(path);
-    if (!field) return tl::unexpected(field.error());
-    const FieldFile& file = **field;
+    const auto field = SLF_TRY(FieldFile::open(path));
+    const FieldFile& file = *field;
     for (storage::LayerId layer = 0; layer < file.store().layers().size(); ++layer) {
       if (file.codec(layer).predictive() == nullptr) continue;
       for (unsigned level = 1; level <= file.shape().levels; ++level) {
         if (file.shape().tiles(level) > kMaxIndexedTiles) break;
-        const auto tiles = references_of(file, layer, level, go_on);
-        if (!tiles) return tl::unexpected(tiles.error());
-        extras.push_back({reference_section(layer, level), ReferenceIndex::encode(*tiles)});
+        const auto tiles = SLF_TRY(references_of(file, layer, level, go_on));
+        extras.push_back({reference_section(layer, level), ReferenceIndex::encode(tiles)});
       }
     }
   }

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <utility>
 
+#include "base/try.h"
 #include "field/build/field_index.h"
 #include "field/field_file.h"
 
@@ -74,7 +75,7 @@ Error name_is_taken(Error error) {
 Result<FieldOutput> FieldOutput::at(const std::string& path, Existing existing,
                                     std::span<const std::string> inputs) {
   FieldOutput output{path, resolve_links(path), existing};
-  if (auto ok = check_output(path, inputs); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(check_output(path, inputs));
   return output;
 }
 
@@ -107,10 +108,9 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
   if (output.existing == Existing::keep && output.exists())
     return fail(ErrorCode::usage, output.path,
                 ": exists; choose another output, or let it be replaced");
-  const auto text = encode(manifest, output.path);
-  if (!text) return tl::unexpected(text.error());
+  const auto text = SLF_TRY(encode(manifest, output.path));
   std::vector<std::string> names;
-  std::vector<std::pair<std::string, Bytes>> blobs{{kManifestBlob, *text}};
+  std::vector<std::pair<std::string, Bytes>> blobs{{kManifestBlob, text}};
   for (std::size_t k = 0; k < manifest.layers.size(); ++k) {
     names.push_back(manifest.layers[k].name);
     blobs.emplace_back(kTablesBlobPrefix + names[k], Bytes(tables[k].begin(), tables[k].end()));
@@ -121,7 +121,7 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
       draft == Draft::keep ? output.unfinished() : output.target + ".repacking";
   if (output.existing == Existing::replace && storage::is_being_written(output.target))
     return fail(ErrorCode::failed, output.path, kAnotherProcess);
-  if (auto cleared = remove_leftover(file, *text); !cleared) {
+  if (auto cleared = remove_leftover(file, text); !cleared) {
     if (cleared.error().code != ErrorCode::failed) return tl::unexpected(cleared.error());
     return fail(ErrorCode::failed, output.path, kAnotherProcess, " (", file, ")");
   }
@@ -138,17 +138,16 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
 }
 
 Result<FieldWriter> FieldWriter::open(const std::string& file, std::uint64_t transaction) {
-  auto writer = TileWriter::resume(file);
-  if (!writer) return tl::unexpected(writer.error());
-  if (writer->transaction() != transaction)
+  auto writer = SLF_TRY(TileWriter::resume(file));
+  if (writer.transaction() != transaction)
     return fail(ErrorCode::failed, file, ": another process has just written to it; try again");
   std::vector<std::optional<TileKey>> last;
   for (LayerId layer = 0;; ++layer) {
-    const auto key = writer->last(layer);
+    const auto key = writer.last(layer);
     if (!key) break;  // there are no more layers
     last.push_back(*key);
   }
-  FieldWriter opened(std::move(*writer), file, last.size());
+  FieldWriter opened(std::move(writer), file, last.size());
   opened.last_ = std::move(last);
   return opened;
 }
@@ -200,19 +199,19 @@ Result<void> FieldWriter::put(LayerId layer, TileKey key, Bytes payload) {
 }
 
 Result<void> FieldWriter::put_view(const storage::TileRef& tile) {
-  if (auto done = writer_->append_view(tile); !done) return done;
+  SLF_TRY(writer_->append_view(tile));
   return commit_when_due();
 }
 
 Result<void> FieldWriter::put_missing(LayerId layer, TileKey key) {
-  if (auto done = writer_->append_missing(layer, key); !done) return done;
+  SLF_TRY(writer_->append_missing(layer, key));
   return commit_when_due();
 }
 
 Result<void> FieldWriter::put_light(ByteSpan light) { return writer_->set_blob(kLightBlob, light); }
 
 Result<void> FieldWriter::drop(LayerId layer, TileKey key) {
-  if (auto dropped = writer_->replace(layer, key, TileState::missing, {}); !dropped) return dropped;
+  SLF_TRY(writer_->replace(layer, key, TileState::missing, {}));
   return commit_when_due();
 }
 

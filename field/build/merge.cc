@@ -3,6 +3,7 @@
 #include <filesystem>
 
 #include "base/parallel.h"
+#include "base/try.h"
 #include "field/build/field_writer.h"
 #include "field/build/merge_plan.h"
 
@@ -41,8 +42,7 @@ class Merger {
   }
 
   Result<void> write() {
-    for (const MergeSegment& segment : plan_.segments)
-      if (auto ok = write(segment); !ok) return ok;
+    for (const MergeSegment& segment : plan_.segments) SLF_TRY(write(segment));
     return writer_.finish([&] { return !progress_ || progress_(state_); });
   }
 
@@ -51,39 +51,36 @@ class Merger {
  private:
   Result<void> write(const MergeSegment& segment) {
     const std::string& path = paths_[segment.source];
-    const auto part = storage::TileStore::open(path);
-    if (!part) return tl::unexpected(part.error());
-    if (part->transaction() != plan_.commits[segment.source])
+    const auto part = SLF_TRY(storage::TileStore::open(path));
+    if (part.transaction() != plan_.commits[segment.source])
       return fail(ErrorCode::failed, path, ": was changed while it was merged; merge again");
     const NumberRange all = segment.tiles;
     const std::uint64_t batches = (all.count() + batch_ - 1) / batch_;
     OrderedPipeline<std::vector<TileRef>> pipeline(batches, threads_, window_, [&] {
       return [&](std::uint64_t k) {
         const std::uint64_t begin = all.begin + k * batch_;
-        return checked(*part, {begin, std::min(begin + batch_, all.end)});
+        return checked(part, {begin, std::min(begin + batch_, all.end)});
       };
     });
     std::uint64_t mapped = 0;
     for (std::uint64_t k = 0; k < batches; ++k) {
-      Result<std::vector<TileRef>> tiles = pipeline.take();
-      if (!tiles) return tl::unexpected(tiles.error());
-      for (const TileRef& tile : *tiles) {
-        if (auto ok = writer_.put_view(tile); !ok) return ok;
+      std::vector<TileRef> tiles = SLF_TRY(pipeline.take());
+      for (const TileRef& tile : tiles) {
+        SLF_TRY(writer_.put_view(tile));
         ++report_.tiles;
         report_.payload_bytes += tile.payload.size();
         mapped += tile.payload.size();
       }
       if (mapped > mapped_limit_) {
-        part->release_all();  // pages that were read stay in the kernel's cache
+        part.release_all();  // pages that were read stay in the kernel's cache
         mapped = 0;
       }
-      state_.done += tiles->size() / plan_.manifest.layers.size();
+      state_.done += tiles.size() / plan_.manifest.layers.size();
       if (progress_ && !progress_(state_))
         return fail(ErrorCode::failed, "merge interrupted; nothing was written");
     }
     writer_.copy_viewed_payloads();  // `part` is closed on return
-    if (part->changed())
-      return fail(ErrorCode::failed, path, ": was truncated while it was merged");
+    if (part.changed()) return fail(ErrorCode::failed, path, ": was truncated while it was merged");
     return {};
   }
 
@@ -105,8 +102,7 @@ class Merger {
       }
     }
     part.advise(tiles);
-    for (const TileRef& tile : tiles)
-      if (auto ok = part.check(tile); !ok) return tl::unexpected(ok.error());
+    for (const TileRef& tile : tiles) SLF_TRY(part.check(tile));
     return tiles;
   }
 
@@ -128,21 +124,18 @@ class Merger {
 Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const std::string& path,
                                  const MergeOptions& options, const ProgressCallback& progress) {
   const auto output =
-      FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, parts);
-  if (!output) return tl::unexpected(output.error());
-  const auto plan = plan_merge(parts, options.part);
-  if (!plan) return tl::unexpected(plan.error());
-  const std::vector<ByteSpan> tables(plan->tables.begin(), plan->tables.end());
-  if (progress && !progress({0, TileOrder(plan->manifest.shape).count(), 0}))
+      SLF_TRY(FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, parts));
+  const auto plan = SLF_TRY(plan_merge(parts, options.part));
+  const std::vector<ByteSpan> tables(plan.tables.begin(), plan.tables.end());
+  if (progress && !progress({0, TileOrder(plan.manifest.shape).count(), 0}))
     return fail(ErrorCode::failed, "merge interrupted; nothing was written");
-  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, plan->manifest, tables,
-                                    plan->light);
-  if (!writer) return tl::unexpected(writer.error());
-  Merger merger(*plan, parts, options, *writer, progress);
-  if (auto ok = merger.write(); !ok) return tl::unexpected(ok.error());
+  auto writer = SLF_TRY(
+      FieldWriter::create(output, FieldWriter::Draft::discard, plan.manifest, tables, plan.light));
+  Merger merger(plan, parts, options, writer, progress);
+  SLF_TRY(merger.write());
   MergeReport report = merger.report();
   std::error_code ignored;
-  report.file_bytes = std::filesystem::file_size(output->target, ignored);
+  report.file_bytes = std::filesystem::file_size(output.target, ignored);
   return report;
 }
 

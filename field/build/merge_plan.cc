@@ -5,6 +5,7 @@
 #include <optional>
 #include <tuple>
 
+#include "base/try.h"
 #include "codec/codec.h"
 
 namespace slf {
@@ -62,9 +63,8 @@ TileSelection coverage(const Manifest& manifest, const TileOrder& order) {
 
 /// failed: tiles that a field claims to hold are missing. Reads the tables of its records.
 Result<void> check_complete(const FieldFile& field) {
-  const auto content = field.content();
-  if (!content) return tl::unexpected(content.error());
-  if (content->complete) return {};
+  const auto content = SLF_TRY(field.content());
+  if (content.complete) return {};
   return unfinished(field.path(), "some of its tiles were not built, or were dropped");
 }
 
@@ -75,13 +75,12 @@ Result<Source> read_source(const std::string& path) {
       std::filesystem::exists(path + ".unfinished", ignored))
     return unfinished(path, "is not finished (" + path + ".unfinished)");
   if (!field) return tl::unexpected(field.error());
-  if (auto complete = check_complete(**field); !complete) return tl::unexpected(complete.error());
-  const auto light = (*field)->light();
-  if (!light) return tl::unexpected(light.error());
+  SLF_TRY(check_complete(**field));
+  const auto light = SLF_TRY((*field)->light());
   Source source{path,
                 (*field)->manifest(),
                 {},
-                {light->begin(), light->end()},
+                {light.begin(), light.end()},
                 (*field)->store().transaction()};
   for (storage::LayerId layer = 0; layer < source.manifest.layers.size(); ++layer) {
     const ByteSpan tables = (*field)->codec(layer).tables();
@@ -191,18 +190,15 @@ Result<MergePlan> plan_merge(const std::vector<std::string>& paths, bool part) {
   if (paths.empty()) return fail(ErrorCode::usage, "no parts to merge");
   std::vector<Source> sources;
   for (const std::string& path : paths) {
-    auto source = read_source(path);
-    if (!source) return tl::unexpected(source.error());
-    sources.push_back(std::move(*source));
-    if (auto same = check_same(sources.front(), sources.back()); !same)
-      return tl::unexpected(same.error());
+    auto source = SLF_TRY(read_source(path));
+    sources.push_back(std::move(source));
+    SLF_TRY(check_same(sources.front(), sources.back()));
   }
   MergePlan plan;
   const FieldShape shape = joined_shape(sources);
   const TileOrder order(shape);
-  auto segments = join(sources, order);
-  if (!segments) return tl::unexpected(segments.error());
-  plan.segments = std::move(*segments);
+  auto segments = SLF_TRY(join(sources, order));
+  plan.segments = std::move(segments);
   if (plan.segments.empty()) return fail(ErrorCode::usage, "the parts hold no tiles");
 
   // The output must not depend on the order in which the parts are given.

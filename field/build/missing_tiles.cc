@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <map>
 
+#include "base/try.h"
+
 namespace slf {
 
 Result<MissingTiles> MissingTiles::of(const FieldFile& field, const TileOrder& order,
@@ -17,17 +19,16 @@ Result<MissingTiles> MissingTiles::of(const FieldFile& field, const TileOrder& o
   };
   for (storage::LayerId layer = 0; layer < layers; ++layer) {
     std::uint64_t& end = ends[layer];
-    const auto visited = field.store().visit(
-        layer, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
-          if (!field.shape().has(tile.key)) return {};
-          const std::uint64_t number = order.number(tile.key);
-          if (!missing.selection_.has(number)) return {};
-          const std::uint64_t rank = missing.selection_.rank(number);
-          mark_missing(layer, end, rank);
-          end = rank + 1;
-          return {};
-        });
-    if (!visited) return tl::unexpected(visited.error());
+    SLF_TRY(field.store().visit(layer, {0, 0}, {255, 0},
+                                [&](const storage::TileRef& tile) -> Result<void> {
+                                  if (!field.shape().has(tile.key)) return {};
+                                  const std::uint64_t number = order.number(tile.key);
+                                  if (!missing.selection_.has(number)) return {};
+                                  const std::uint64_t rank = missing.selection_.rank(number);
+                                  mark_missing(layer, end, rank);
+                                  end = rank + 1;
+                                  return {};
+                                }));
   }
   missing.end_ = *std::max_element(ends.begin(), ends.end());
   for (storage::LayerId layer = 0; layer < layers; ++layer)

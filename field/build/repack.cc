@@ -5,6 +5,7 @@
 
 #include "base/parallel.h"
 #include "base/sort_unique.h"
+#include "base/try.h"
 #include "field/build/field_writer.h"
 #include "field/build/repack_layers.h"
 #include "field/field_file.h"
@@ -33,15 +34,13 @@ Result<RecodedTile> recode(const FieldFile& field, const FieldFile* coarser,
   for (std::size_t k = 0; k < outputs.size(); ++k) {
     const OutputLayer& out = outputs[k];
     Bytes& payload = tile.payloads.emplace_back();
-    const auto state = state_of(field, out, key);
-    if (!state) return tl::unexpected(state.error());
-    tile.states.push_back(*state);
-    if (*state != TileState::stored) continue;
+    const auto state = SLF_TRY(state_of(field, out, key));
+    tile.states.push_back(state);
+    if (state != TileState::stored) continue;
     if (out.copy) {
-      const auto found = field.store().find(out.from[0], key);
-      if (!found) return tl::unexpected(found.error());
-      if (auto ok = field.store().check(*found); !ok) return tl::unexpected(ok.error());
-      payload.assign(found->payload.begin(), found->payload.end());
+      const auto found = SLF_TRY(field.store().find(out.from[0], key));
+      SLF_TRY(field.store().check(found));
+      payload.assign(found.payload.begin(), found.payload.end());
       continue;
     }
     auto ok = input.samples(field, out, samples);
@@ -114,13 +113,12 @@ class Repacker {
       std::shared_ptr<const FieldFile> written;
       if (predicts_) {  // level by level: each is predicted from the one written before
         end = order_.first_number(order_.key(begin).level + 1u);
-        if (auto ok = writer_.commit_level(); !ok) return ok;
-        auto opened = FieldFile::open(writer_.file());
-        if (!opened) return tl::unexpected(opened.error());
-        written = std::move(*opened);
+        SLF_TRY(writer_.commit_level());
+        auto opened = SLF_TRY(FieldFile::open(writer_.file()));
+        written = std::move(opened);
         written->set_reference_budget(references_);
       }
-      if (auto ok = write(begin, end, written.get()); !ok) return ok;
+      SLF_TRY(write(begin, end, written.get()));
     }
     return writer_.finish([&] { return !progress_ || progress_(state_); });
   }
@@ -139,9 +137,8 @@ class Repacker {
         field_.store().release_all();  // pages that were read stay in the kernel's cache
         advise(field_, outputs_, order_, n + window_ + kAdvised, n + window_ + 2 * kAdvised);
       }
-      Result<RecodedTile> tile = pipeline.take();
-      if (!tile) return tl::unexpected(tile.error());
-      if (auto ok = put(order_.key(n), std::move(*tile)); !ok) return ok;
+      RecodedTile tile = SLF_TRY(pipeline.take());
+      SLF_TRY(put(order_.key(n), std::move(tile)));
       ++state_.done;
       if (progress_ && !progress_(state_))
         return fail(ErrorCode::failed, field_.path(), ": repack interrupted; nothing was written");
@@ -154,14 +151,13 @@ class Repacker {
       if (tile.states[k] == TileState::missing) {
         ++report_.missing;
         if (field_.manifest().holds(key))
-          if (auto ok = writer_.put_missing(static_cast<LayerId>(k), key); !ok) return ok;
+          SLF_TRY(writer_.put_missing(static_cast<LayerId>(k), key));
         continue;
       }
       ++report_.tiles;
       ++(outputs_[k].copy ? report_.copied : report_.recoded);
       report_.payload_bytes += tile.payloads[k].size();
-      if (auto ok = writer_.put(static_cast<LayerId>(k), key, std::move(tile.payloads[k])); !ok)
-        return ok;
+      SLF_TRY(writer_.put(static_cast<LayerId>(k), key, std::move(tile.payloads[k])));
     }
     return {};
   }
@@ -184,20 +180,17 @@ class Repacker {
 Result<RepackReport> repack_field(const Field& handle, const std::string& path,
                                   const RepackOptions& options, const ProgressCallback& progress) {
   const FieldFile& field = handle.file();
-  const auto output = FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep,
-                                      std::span(&field.path(), 1));
-  if (!output) return tl::unexpected(output.error());
+  const auto output = SLF_TRY(FieldOutput::at(
+      path, options.replace ? Existing::replace : Existing::keep, std::span(&field.path(), 1)));
   Manifest manifest = field.manifest();
-  auto shape = plan_shape(field, options);
-  if (!shape) return tl::unexpected(shape.error());
-  manifest.shape = std::move(*shape);
+  auto shape = SLF_TRY(plan_shape(field, options));
+  manifest.shape = std::move(shape);
   // If the finest level is left out, the next one becomes the finest: record that it is filtered.
   manifest.filtered_levels = field.manifest().filtered_levels.value_or(field.shape().levels);
-  const auto outputs = plan_layers(field, manifest.shape, options);
-  if (!outputs) return tl::unexpected(outputs.error());
+  const auto outputs = SLF_TRY(plan_layers(field, manifest.shape, options));
   std::vector<ByteSpan> tables;
   manifest.layers.clear();
-  for (const OutputLayer& out : *outputs) {
+  for (const OutputLayer& out : outputs) {
     manifest.layers.push_back(out.layer);
     tables.push_back(out.codec->tables());
   }
@@ -206,14 +199,14 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
   const Result<ByteSpan> light = options.light ? field.light() : ByteSpan();
   if (!light)
     return fail(light.error().code, light.error().message, "; a copy can leave the light out");
-  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, manifest, tables, *light);
-  if (!writer) return tl::unexpected(writer.error());
+  auto writer =
+      SLF_TRY(FieldWriter::create(output, FieldWriter::Draft::discard, manifest, tables, *light));
 
   RepackReport report;
-  Repacker repacker(field, manifest.shape, *outputs, options, *writer, progress, report);
-  if (auto ok = repacker.write(); !ok) return tl::unexpected(ok.error());
+  Repacker repacker(field, manifest.shape, outputs, options, writer, progress, report);
+  SLF_TRY(repacker.write());
   std::error_code ignored;
-  report.file_bytes = std::filesystem::file_size(output->target, ignored);
+  report.file_bytes = std::filesystem::file_size(output.target, ignored);
   return report;
 }
 

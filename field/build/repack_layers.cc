@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "base/half.h"
+#include "base/try.h"
 #include "field/geometry/tile_order.h"
 
 namespace slf {
@@ -38,9 +39,8 @@ Result<void> InputTile::samples(const FieldFile& field, const OutputLayer& out, 
   samples.clear();
   Bytes part;
   for (const LayerId from : out.from) {
-    const auto decoded = layer(field, from);
-    if (!decoded) return tl::unexpected(decoded.error());
-    const ByteSpan in = **decoded;
+    const auto decoded = SLF_TRY(layer(field, from));
+    const ByteSpan in = *decoded;
     const SampleFormat input = field.manifest().layers[from].format, output = out.layer.format;
     const std::size_t count = in.size() / sample_bytes(input);
     if (input != SampleFormat::depth8 && output != SampleFormat::depth8) {
@@ -59,20 +59,18 @@ Result<void> InputTile::samples(const FieldFile& field, const OutputLayer& out, 
 Result<const Bytes*> InputTile::layer(const FieldFile& field, LayerId id) {
   const auto [place, added] = decoded_.try_emplace(id);
   if (!added) return &place->second;
-  const auto tile = field.store().find(id, key_);
-  if (!tile) return tl::unexpected(tile.error());
+  const auto tile = SLF_TRY(field.store().find(id, key_));
   place->second.resize(field.tile_shape(id, key_).bytes());
-  if (auto ok = field.decode(*tile, place->second); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(field.decode(tile, place->second));
   return &place->second;
 }
 
 Result<TileState> state_of(const FieldFile& field, const OutputLayer& out, TileKey key) {
   TileState state = TileState::empty;
   for (const LayerId from : out.from) {
-    const auto tile = field.store().find(from, key);
-    if (!tile) return tl::unexpected(tile.error());
-    if (tile->state == TileState::missing) return TileState::missing;
-    state = tile->state;
+    const auto tile = SLF_TRY(field.store().find(from, key));
+    if (tile.state == TileState::missing) return TileState::missing;
+    state = tile.state;
   }
   return state;
 }
@@ -90,15 +88,13 @@ Result<std::unique_ptr<codec::Codec>> train(const FieldFile& field, const FieldS
   const std::uint64_t step = std::max<std::uint64_t>(1, (order.count() - begin) / 256);
   std::vector<TileKey> keys;
   for (std::uint64_t n = begin + step / 2; n < order.count(); n += step) {
-    const auto state = state_of(field, out, order.key(n));
-    if (!state) return tl::unexpected(state.error());
-    if (*state == TileState::stored) keys.push_back(order.key(n));
+    const auto state = SLF_TRY(state_of(field, out, order.key(n)));
+    if (state == TileState::stored) keys.push_back(order.key(n));
   }
   const std::size_t skip = std::max<std::size_t>(1, keys.size() / kTrainingTiles);
   for (std::size_t k = 0; k < keys.size() && samples.size() < kTrainingTiles; k += skip) {
     input.begin(keys[k]);
-    if (auto ok = input.samples(field, out, samples.emplace_back()); !ok)
-      return tl::unexpected(ok.error());
+    SLF_TRY(input.samples(field, out, samples.emplace_back()));
   }
   for (std::size_t k = 0; k < samples.size(); ++k) {
     codec::Tile tile = field.tile_shape(out.from[0], keys[k * skip]);
@@ -183,10 +179,9 @@ Result<std::vector<OutputLayer>> plan_layers(const FieldFile& field, const Field
     // Tiles may be predicted from those of other subfields.
     const bool whole = !now.predictive() || shape.subfields == field.shape().subfields;
     out.copy = out.layer.format == in.format && (*plain)->spec() == now.spec() && whole;
-    auto made =
-        out.copy ? codec::make_codec(in.codec, in.format, now.tables()) : train(field, shape, out);
-    if (!made) return tl::unexpected(made.error());
-    out.codec = std::move(*made);
+    auto made = SLF_TRY(out.copy ? codec::make_codec(in.codec, in.format, now.tables())
+                                 : train(field, shape, out));
+    out.codec = std::move(made);
     out.layer.codec = out.codec->spec();
   }
   return outputs;
@@ -202,7 +197,7 @@ Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& optio
     if (!field.shape().has({0, std::uint64_t{subfield} << (2 * shape.entry_extra_levels)}))
       return fail(ErrorCode::usage, field.path(), ": has no subfield ", int{subfield});
   if (!options.subfields.empty()) shape.subfields = options.subfields;
-  if (auto ok = shape.check(); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(shape.check());
   return shape;
 }
 

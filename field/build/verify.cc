@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "base/parallel.h"
+#include "base/try.h"
 #include "field/build/field_writer.h"
 #include "field/field_file.h"
 #include "storage/tile_store.h"
@@ -30,16 +31,15 @@ class Verifier {
       : options_(options), progress_(progress) {}
 
   Result<VerifyReport> run(const std::string& path) {
-    if (auto ok = check(path); !ok) return tl::unexpected(ok.error());
-    if (options_.fix)
-      if (auto ok = drop(path); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(check(path));
+    if (options_.fix) SLF_TRY(drop(path));
     report_.unfixed = report_.damaged - fixed_;
     return std::move(report_);
   }
 
   Result<VerifyReport> run(const Field& field) {
-    if (auto ok = check_structure(field.file().store()); !ok) return tl::unexpected(ok.error());
-    if (auto ok = check_tiles(field.file()); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(check_structure(field.file().store()));
+    SLF_TRY(check_tiles(field.file()));
     report_.unfixed = report_.damaged;
     return std::move(report_);
   }
@@ -65,7 +65,7 @@ class Verifier {
       add(FindingKind::structure, store.error().message);
       return {};
     }
-    if (auto ok = check_structure(*store); !ok) return ok;
+    SLF_TRY(check_structure(*store));
     const auto field = FieldFile::open(path);
     if (!field) {
       if (field.error().code != ErrorCode::bad_file) return tl::unexpected(field.error());
@@ -98,12 +98,12 @@ class Verifier {
   }
 
   Result<void> check_tiles(const FieldFile& field) {
-    if (auto ok = check_light(field); !ok) return ok;
+    SLF_TRY(check_light(field));
     for (unsigned level = 0; level <= field.shape().levels; ++level)
       state_.total += field.shape().tiles(level) * field.manifest().layers.size();
     report_.complete = true;
     for (LayerId layer = 0; layer < field.manifest().layers.size(); ++layer)
-      if (auto ok = check_layer(field, layer); !ok) return ok;
+      SLF_TRY(check_layer(field, layer));
     return {};
   }
 
@@ -139,7 +139,7 @@ class Verifier {
     if (stopped) return visited;
     if (unreadable) return tl::unexpected(*unreadable);
     if (!visited) add(FindingKind::structure, visited.error().message);
-    if (auto ok = check_payloads(field, batch); !ok) return ok;
+    SLF_TRY(check_payloads(field, batch));
     for (unsigned level = 0; level < found.size(); ++level)
       compare_count(field, layer, level, found[level]);
     return {};
@@ -233,12 +233,11 @@ class Verifier {
         std::none_of(report_.findings.begin(), report_.findings.end(),
                      [](const Finding& finding) { return finding.kind == FindingKind::structure; });
     if ((repairs_.empty() && !drop_light_) || !sound) return {};
-    auto writer = FieldWriter::edit(path, transaction_);
-    if (!writer) return tl::unexpected(writer.error());
+    auto writer = SLF_TRY(FieldWriter::edit(path, transaction_));
     for (const std::vector<Repair>& repairs : repairs_) {
       bool cured = true;
       for (const Repair& repair : repairs) {
-        auto ok = writer->drop(repair.layer, repair.key);
+        auto ok = writer.drop(repair.layer, repair.key);
         if (!ok && ok.error().code != ErrorCode::usage && ok.error().code != ErrorCode::bad_file)
           return ok;  // an error that concerns more than this tile
         cured = cured && ok.has_value();
@@ -247,12 +246,12 @@ class Verifier {
       if (cured) ++fixed_;
     }
     if (drop_light_) {
-      if (auto ok = writer->put_light({}); !ok) return ok;
+      SLF_TRY(writer.put_light({}));
       ++fixed_;
       ++report_.dropped;
     }
     if (!repairs_.empty()) report_.complete = false;
-    return writer->finish();
+    return writer.finish();
   }
 
   const VerifyOptions& options_;

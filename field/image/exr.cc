@@ -19,6 +19,7 @@
 #include <optional>
 #include <stdexcept>
 
+#include "base/try.h"
 #include "field/image/formats.h"
 
 namespace slf::image_formats {
@@ -107,7 +108,7 @@ Result<void> check_blocks(const std::string& name, const Imf::Header& header,
   std::uint64_t blocks = (height + kMaxRowsInBlock - 1) / kMaxRowsInBlock;
   if (header.hasTileDescription()) {
     const Imf::TileDescription& tile = header.tileDescription();
-    if (auto ok = check_size(name, tile.xSize, tile.ySize); !ok) return ok;
+    SLF_TRY(check_size(name, tile.xSize, tile.ySize));
     block_pixels = std::uint64_t{tile.xSize} * tile.ySize;
     blocks = ((width + tile.xSize - 1) / tile.xSize) * ((height + tile.ySize - 1) / tile.ySize);
   }
@@ -136,9 +137,9 @@ Result<void> check_header(const std::string& name, ByteSpan bytes) {
   Imf::Header header;
   header.readFrom(stream, version);
   header.sanityCheck(Imf::isTiled(version));
-  if (auto ok = check_window(name, header.displayWindow()); !ok) return ok;
-  if (auto ok = check_window(name, header.dataWindow()); !ok) return ok;
-  if (auto ok = check_blocks(name, header, bytes.size()); !ok) return ok;
+  SLF_TRY(check_window(name, header.displayWindow()));
+  SLF_TRY(check_window(name, header.dataWindow()));
+  SLF_TRY(check_blocks(name, header, bytes.size()));
 
   const Imf::ChannelList& channels = header.channels();
   if (channels.findChannel("RY") != nullptr || channels.findChannel("BY") != nullptr)
@@ -238,7 +239,7 @@ Result<Bytes> encode_exr(const std::string& name, const Image& image) try {
 }
 
 Result<Image> decode_exr(const std::string& name, ByteSpan bytes) try {
-  if (auto ok = check_header(name, bytes); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(check_header(name, bytes));
   MemoryInput stream(bytes);
   Imf::InputFile file(stream, /*numThreads=*/0);
   return crop(read_data_window(file), file.header().dataWindow(), file.header().displayWindow());

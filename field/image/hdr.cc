@@ -7,6 +7,7 @@
 #include <optional>
 #include <string_view>
 
+#include "base/try.h"
 #include "field/image/formats.h"
 
 namespace slf::image_formats {
@@ -109,7 +110,7 @@ Result<Image> decode_hdr(const std::string& name, ByteSpan bytes) {
     return fail(ErrorCode::bad_file, name,
                 ": the size of the HDR picture: expected \"-Y HEIGHT +X WIDTH\"");
   const auto [height, width] = *size;
-  if (auto ok = check_size(name, width, height); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(check_size(name, width, height));
   Image image;
   image.width = static_cast<std::uint32_t>(width);
   image.height = static_cast<std::uint32_t>(height);

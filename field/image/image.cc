@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/try.h"
 #include "field/image/formats.h"
 
 namespace slf {
@@ -42,9 +43,8 @@ Result<Decoder> decoder_for(const std::string& name, ByteSpan start) {
 }  // namespace
 
 Result<Image> decode(const std::string& name, ByteSpan bytes) {
-  const auto decoder = decoder_for(name, bytes);
-  if (!decoder) return tl::unexpected(decoder.error());
-  return (*decoder)(name, bytes);
+  const auto decoder = SLF_TRY(decoder_for(name, bytes));
+  return decoder(name, bytes);
 }
 
 }  // namespace image_formats
@@ -84,7 +84,7 @@ std::vector<std::uint8_t> to_rgb8(const Image& image, const glm::vec3& backgroun
 
 Result<Bytes> encode_image(const std::string& path, const Image& image,
                            const ImageFileOptions& options) {
-  if (auto ok = check_pixels(path, image); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(check_pixels(path, image));
   const std::string extension = lower_extension(path);
   if (extension == ".png") return image_formats::encode_png(path, image, options);
   if (extension == ".jpg" || extension == ".jpeg")
@@ -96,20 +96,17 @@ Result<Bytes> encode_image(const std::string& path, const Image& image,
 
 Result<void> write_image(const std::string& path, const Image& image,
                          const ImageFileOptions& options) {
-  const Result<Bytes> bytes = encode_image(path, image, options);
-  if (!bytes) return tl::unexpected(bytes.error());
-  return write_file(path, *bytes);
+  const Bytes bytes = SLF_TRY(encode_image(path, image, options));
+  return write_file(path, bytes);
 }
 
 Result<Image> read_image(const std::string& path) {
   const auto check = [&](ByteSpan start) -> Result<void> {
-    const auto decoder = image_formats::decoder_for(path, start);
-    if (!decoder) return tl::unexpected(decoder.error());
+    SLF_TRY(image_formats::decoder_for(path, start));
     return {};
   };
-  const Result<Bytes> bytes = read_file(path, kMaxFileBytes, check);
-  if (!bytes) return tl::unexpected(bytes.error());
-  return image_formats::decode(path, *bytes);
+  const Bytes bytes = SLF_TRY(read_file(path, kMaxFileBytes, check));
+  return image_formats::decode(path, bytes);
 }
 
 }  // namespace slf

@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <memory>
 
+#include "base/try.h"
 #include "field/image/formats.h"
 
 namespace slf::image_formats {
@@ -157,8 +158,7 @@ Result<JpegSamples> decode_jpeg_samples(const std::string& name, ByteSpan bytes)
   if (!decompressor.errors.run([&] { decompressor.read_header(bytes); })) return damaged();
 
   const auto& jpeg = decompressor.jpeg;
-  if (auto ok = check_size(name, jpeg.image_width, jpeg.image_height); !ok)
-    return tl::unexpected(ok.error());
+  SLF_TRY(check_size(name, jpeg.image_width, jpeg.image_height));
   // A block of 8x8 pixels takes a bit or more, unless it is coded arithmetically.
   constexpr std::uint64_t kMaxPixelsPerByte = 8192;
   if (std::uint64_t{jpeg.image_width} * jpeg.image_height > bytes.size() * kMaxPixelsPerByte)
@@ -177,14 +177,13 @@ Result<JpegSamples> decode_jpeg_samples(const std::string& name, ByteSpan bytes)
 }
 
 Result<Image> decode_jpeg(const std::string& name, ByteSpan bytes) {
-  const auto decoded = decode_jpeg_samples(name, bytes);
-  if (!decoded) return tl::unexpected(decoded.error());
-  Image image{decoded->width, decoded->height, {}, {}};
-  const auto& samples = decoded->samples;
+  const auto decoded = SLF_TRY(decode_jpeg_samples(name, bytes));
+  Image image{decoded.width, decoded.height, {}, {}};
+  const auto& samples = decoded.samples;
   image.rgba.reserve(std::size_t{image.width} * image.height);
-  for (std::size_t i = 0; i < samples.size(); i += decoded->channels) {
-    const std::size_t green = i + (decoded->channels > 1 ? 1 : 0);
-    const std::size_t blue = i + (decoded->channels > 1 ? 2 : 0);
+  for (std::size_t i = 0; i < samples.size(); i += decoded.channels) {
+    const std::size_t green = i + (decoded.channels > 1 ? 1 : 0);
+    const std::size_t blue = i + (decoded.channels > 1 ? 2 : 0);
     image.rgba.emplace_back(glm::vec3(samples[i], samples[green], samples[blue]) / 255.0F, 1.0F);
   }
   return image;

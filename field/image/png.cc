@@ -5,6 +5,7 @@
 #include <cstring>
 #include <string_view>
 
+#include "base/try.h"
 #include "field/image/formats.h"
 
 namespace slf::image_formats {
@@ -68,7 +69,7 @@ Result<Image> decode_png(const std::string& name, ByteSpan bytes) {
   PngImage png;
   if (png_image_begin_read_from_memory(&png, bytes.data(), bytes.size()) == 0)
     return fail(ErrorCode::bad_file, name, ": damaged PNG: ", png.message);
-  if (auto ok = check_size(name, png.width, png.height); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(check_size(name, png.width, png.height));
 
   // Treat 16 bits without a stated gamma as sRGB, like 8 bits.
   png.flags |= PNG_IMAGE_FLAG_16BIT_sRGB;

@@ -1,6 +1,7 @@
 #include "field/inspect/channel.h"
 
 #include "base/half.h"
+#include "base/try.h"
 
 namespace slf {
 
@@ -27,7 +28,7 @@ Result<ByteSpan> ChannelReader::read(const Channel& channel, const storage::Tile
   if (decoded_ != std::pair(channel.layer, tile.key)) {
     decoded_.reset();
     samples_.resize(shape.bytes());
-    if (auto ok = field_.decode(tile, samples_); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(field_.decode(tile, samples_));
     decoded_ = {channel.layer, tile.key};
   }
   const bool second = channel.format == SampleFormat::depth8 && has_color_and_depth(shape.format);

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "base/parallel.h"
+#include "base/try.h"
 #include "field/geometry/tile_order.h"
 #include "field/inspect/channel.h"
 #include "slf/inspect.h"
@@ -63,8 +64,7 @@ class Comparer {
       for (std::size_t c = 0; c < pairs_.size(); ++c) {
         if (!in_a[c][k]) return tl::unexpected(in_a[c][k].error());
         if (!in_b[c][k]) return tl::unexpected(in_b[c][k].error());
-        if (auto ok = compare(pairs_[c], *in_a[c][k], *in_b[c][k], sums[c]); !ok)
-          return tl::unexpected(ok.error());
+        SLF_TRY(compare(pairs_[c], *in_a[c][k], *in_b[c][k], sums[c]));
       }
     return sums;
   }
@@ -80,20 +80,17 @@ class Comparer {
     const bool depth = pair.a.format == SampleFormat::depth8;
     const std::uint64_t numbers = shape.rows() * shape.columns() * (depth ? 1 : 4);
     sum.numbers += numbers;
-    if (auto ok = a_.store().fetch(a); !ok) return ok;
-    if (auto ok = b_.store().fetch(b); !ok) return ok;
+    SLF_TRY(a_.store().fetch(a));
+    SLF_TRY(b_.store().fetch(b));
     const bool same_bytes = a.state == b.state && std::equal(a.payload.begin(), a.payload.end(),
                                                              b.payload.begin(), b.payload.end());
     if (same_bytes && (pair.same_codec || a.state == TileState::empty)) return {};
 
-    const auto samples_a = read_a_.read(pair.a, a);
-    if (!samples_a) return tl::unexpected(samples_a.error());
-    const auto samples_b = read_b_.read(pair.b, b);
-    if (!samples_b) return tl::unexpected(samples_b.error());
-    to_floats(pair.a.format, *samples_a, numbers_a_);
-    to_floats(pair.b.format, *samples_b, numbers_b_);
-    if (depth)
-      if (auto ok = ignore_invisible(pair, a); !ok) return ok;
+    const auto samples_a = SLF_TRY(read_a_.read(pair.a, a));
+    const auto samples_b = SLF_TRY(read_b_.read(pair.b, b));
+    to_floats(pair.a.format, samples_a, numbers_a_);
+    to_floats(pair.b.format, samples_b, numbers_b_);
+    if (depth) SLF_TRY(ignore_invisible(pair, a));
     double squares = 0;
     for (std::size_t k = 0; k < numbers_a_.size(); ++k) {
       const double difference = double{numbers_a_[k]} - double{numbers_b_[k]};
@@ -112,11 +109,9 @@ class Comparer {
 
   /// Depth is undefined where nothing is visible: there, sets b's depth to a's.
   Result<void> ignore_invisible(const Pair& pair, const TileRef& a) {
-    const auto color = a_.store().find(pair.color.layer, a.key);
-    if (!color) return tl::unexpected(color.error());
-    const auto samples = read_a_.read(pair.color, *color);
-    if (!samples) return tl::unexpected(samples.error());
-    to_floats(pair.color.format, *samples, colors_);
+    const auto color = SLF_TRY(a_.store().find(pair.color.layer, a.key));
+    const auto samples = SLF_TRY(read_a_.read(pair.color, color));
+    to_floats(pair.color.format, samples, colors_);
     for (std::size_t k = 0; k < numbers_a_.size(); ++k)
       if (colors_[4 * k + 3] <= 0) numbers_b_[k] = numbers_a_[k];
     return {};
@@ -212,9 +207,8 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
   Progress state;
   state.total = order.count();
   for (std::uint64_t batch = 0; batch < batches; ++batch) {
-    const Result<std::vector<Sum>> sums = pipeline.take();
-    if (!sums) return tl::unexpected(sums.error());
-    for (std::size_t c = 0; c < pairs.size(); ++c) total[c].add((*sums)[c]);
+    const std::vector<Sum> sums = SLF_TRY(pipeline.take());
+    for (std::size_t c = 0; c < pairs.size(); ++c) total[c].add((sums)[c]);
     if (batch % kReleaseEvery == kReleaseEvery - 1)
       a.store().release_all(), b.store().release_all();
     state.done = std::min((batch + 1) * kBatch, order.count());

@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "base/try.h"
 #include "field/inspect/channel.h"
 #include "slf/inspect.h"
 
@@ -9,47 +10,44 @@ Result<TileSampleSet> read_tile(const Field& handle, TileKey key, const std::str
   const FieldFile& field = handle.file();
   const auto channel = find_channel(field, name);
   if (!channel) return fail(ErrorCode::usage, field.path(), ": has no layer '", name, "'");
-  const auto tile = field.store().find(channel->layer, key);
-  if (!tile) return tl::unexpected(tile.error());
-  if (tile->state == storage::TileState::missing)
+  const auto tile = SLF_TRY(field.store().find(channel->layer, key));
+  if (tile.state == storage::TileState::missing)
     return fail(ErrorCode::failed, field.path(), ": tile ", int{key.level}, "/", key.index,
                 " is missing; the build command that made the field builds it");
   ChannelReader reader(field);
-  const auto samples = reader.read(*channel, *tile);
-  if (!samples) return tl::unexpected(samples.error());
+  const auto samples = SLF_TRY(reader.read(*channel, tile));
 
   const codec::Tile shape = field.tile_shape(channel->layer, key);
   TileSampleSet set;
   set.format = channel->format;
   set.side = shape.side;
-  set.empty = tile->state == storage::TileState::empty;
+  set.empty = tile.state == storage::TileState::empty;
   for (const codec::LocalPoint& position : shape.positions)
     set.entries.push_back({position.p, position.q});
-  set.samples.assign(samples->begin(), samples->end());
+  set.samples.assign(samples.begin(), samples.end());
   return set;
 }
 
 Result<Image> tile_picture(const Field& field, TileKey key, const std::string& channel) {
-  const auto set = read_tile(field, key, channel);
-  if (!set) return tl::unexpected(set.error());
+  const auto set = SLF_TRY(read_tile(field, key, channel));
   std::vector<float> numbers;
-  to_floats(set->format, set->samples, numbers);
+  to_floats(set.format, set.samples, numbers);
 
   // A transparent line separates the pictures.
-  const std::uint32_t cell = set->side + 2;
+  const std::uint32_t cell = set.side + 2;
   Image image;
-  for (const TileSampleSet::Place& entry : set->entries) {
+  for (const TileSampleSet::Place& entry : set.entries) {
     image.width = std::max(image.width, (entry.p + 1) * cell - 1);
     image.height = std::max(image.height, (entry.q + 1) * cell - 1);
   }
   image.rgba.assign(std::size_t{image.width} * image.height, glm::vec4(0));
   const float* number = numbers.data();
-  for (const TileSampleSet::Place& entry : set->entries)
-    for (std::uint32_t q = 0; q <= set->side; ++q)
-      for (std::uint32_t p = 0; p + q <= set->side; ++p) {
+  for (const TileSampleSet::Place& entry : set.entries)
+    for (std::uint32_t q = 0; q <= set.side; ++q)
+      for (std::uint32_t p = 0; p + q <= set.side; ++p) {
         const std::size_t x = entry.p * cell + p, y = entry.q * cell + q;
         glm::vec4& pixel = image.rgba[y * image.width + x];
-        if (set->format == SampleFormat::depth8) {
+        if (set.format == SampleFormat::depth8) {
           pixel = {*number, *number, *number, 1};
           ++number;
         } else {

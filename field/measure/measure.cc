@@ -16,6 +16,7 @@
 #include <thread>
 
 #include "base/sort_unique.h"
+#include "base/try.h"
 #include "field/field_file.h"
 #include "slf/scene.h"
 
@@ -154,21 +155,18 @@ Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles,
     if (is_depth && !with_depth) continue;
     std::vector<TileKey> stored;  // the renderer reads no depth of tiles with empty colour
     for (const TileKey& key : tiles) {
-      const auto tile = field.store().find(layer, key);
-      if (!tile) return tl::unexpected(tile.error());
-      if (tile->state == storage::TileState::stored) stored.push_back(key);
+      const auto tile = SLF_TRY(field.store().find(layer, key));
+      if (tile.state == storage::TileState::stored) stored.push_back(key);
     }
     if (!is_depth) sum.stored_tiles = stored.size();
     const auto read =
-        field.with_references(layer, is_depth ? std::span<const TileKey>(stored) : tiles);
-    if (!read) return tl::unexpected(read.error());
-    for (const auto& tile : field.store().find_all(layer, *read)) {
+        SLF_TRY(field.with_references(layer, is_depth ? std::span<const TileKey>(stored) : tiles));
+    for (const auto& tile : field.store().find_all(layer, read)) {
       if (!tile) return tl::unexpected(tile.error());
       sum.compressed_bytes += tile->payload.size();
     }
-    const auto pages = field.store().pages(layer, *read);
-    if (!pages) return tl::unexpected(pages.error());
-    sum.pages.insert(sum.pages.end(), pages->begin(), pages->end());
+    const auto pages = SLF_TRY(field.store().pages(layer, read));
+    sum.pages.insert(sum.pages.end(), pages.begin(), pages.end());
   }
   sort_unique(sum.pages);
   return sum;
@@ -219,23 +217,20 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
       field.file().set_reference_budget(0);  // forgets what the last view decoded
       Renderer renderer(field, options.renderer);
       ViewStatistics statistics;
-      const auto image =
-          renderer.render(options.cameras[v], {options.mode, level, false}, &statistics);
-      if (!image) return tl::unexpected(image.error());
+      SLF_TRY(renderer.render(options.cameras[v], {options.mode, level, false}, &statistics));
       const std::uint64_t read = kernel.pages_read(), mapped = kernel.mapped();
-      const auto pairs = crossed_pairs(field.shape(), options.cameras[v], level);
-      if (!pairs) return tl::unexpected(pairs.error());
-      const auto file = footprint(field, statistics.tiles, options.mode == RenderMode::depth);
-      if (!file) return tl::unexpected(file.error());
+      const auto pairs = SLF_TRY(crossed_pairs(field.shape(), options.cameras[v], level));
+      const auto file =
+          SLF_TRY(footprint(field, statistics.tiles, options.mode == RenderMode::depth));
       const ViewCost cost{static_cast<double>(statistics.tiles.size()),
-                          static_cast<double>(pairs->size()),
-                          static_cast<double>(file->compressed_bytes),
-                          static_cast<double>(file->pages.size()),
+                          static_cast<double>(pairs.size()),
+                          static_cast<double>(file.compressed_bytes),
+                          static_cast<double>(file.pages.size()),
                           static_cast<double>(read),
                           static_cast<double>(mapped),
                           static_cast<double>(statistics.decoded_peak_bytes)};
       views.push_back(cost);
-      result.kernel_counted = result.kernel_counted && kernel.counts(file->pages);
+      result.kernel_counted = result.kernel_counted && kernel.counts(file.pages);
       total[v].tiles += cost.tiles;
       total[v].pairs += cost.pairs;
       total[v].bytes += cost.bytes;
@@ -273,18 +268,17 @@ Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
   for (const Camera& camera : cameras) {
     Camera finer = camera;
     finer.width *= supersample, finer.height *= supersample;
-    const auto truth = trace_view(scene, field.shape().sphere, finer, options.threads, report);
-    if (!truth) return tl::unexpected(truth.error());
+    const auto truth =
+        SLF_TRY(trace_view(scene, field.shape().sphere, finer, options.threads, report));
     all.done += finer.height;
-    auto image = renderer.render(camera, view);
-    if (!image) return tl::unexpected(image.error());
-    Image expected = shrink(*truth, supersample);
+    auto image = SLF_TRY(renderer.render(camera, view));
+    Image expected = shrink(truth, supersample);
     if (tone) {
       const ToneMapper map(*tone);
-      for (Image* picture : {&expected, &*image})
+      for (Image* picture : {&expected, &image})
         for (glm::vec4& pixel : picture->rgba) pixel = map(pixel);
     }
-    const ImageDifference difference = compare(expected, *image);
+    const ImageDifference difference = compare(expected, image);
     result.views.push_back({difference.psnr, difference.ssim});
     result.psnr += difference.psnr / static_cast<double>(cameras.size());
     result.ssim += difference.ssim / static_cast<double>(cameras.size());

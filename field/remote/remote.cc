@@ -1,5 +1,6 @@
 #include "slf/remote.h"
 
+#include "base/try.h"
 #include "field/field_file.h"
 #include "field/remote/http_source.h"
 
@@ -11,13 +12,10 @@ struct RemoteField::State {
 
 Result<RemoteField> RemoteField::open(const std::string& url, const RemoteOptions& options,
                                       const ProgressCallback& progress) {
-  auto source = HttpSource::open(url, options, progress);
-  if (!source) return tl::unexpected(std::move(source.error()));
-  auto store = storage::TileStore::open(*source);
-  if (!store) return tl::unexpected(std::move(store.error()));
-  auto file = FieldFile::open(std::move(*store));
-  if (!file) return tl::unexpected(std::move(file.error()));
-  return RemoteField(std::make_shared<State>(State{*source}), Field::of(std::move(*file)));
+  auto source = SLF_TRY(HttpSource::open(url, options, progress));
+  auto store = SLF_TRY(storage::TileStore::open(source));
+  auto file = SLF_TRY(FieldFile::open(std::move(store)));
+  return RemoteField(std::make_shared<State>(State{source}), Field::of(std::move(file)));
 }
 
 RemoteTraffic RemoteField::traffic() const { return state_->source->traffic(); }

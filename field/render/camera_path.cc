@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "base/file.h"
+#include "base/try.h"
 
 namespace slf {
 namespace {
@@ -122,9 +123,8 @@ Result<CameraPath> CameraPath::parse(std::string_view json, const std::string& n
 }
 
 Result<CameraPath> CameraPath::read(const std::string& path, const Sphere& sphere) {
-  const auto bytes = read_file(path, kMaxBytes);
-  if (!bytes) return tl::unexpected(bytes.error());
-  return parse({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, path, sphere);
+  const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
+  return parse({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path, sphere);
 }
 
 Camera CameraPath::at(double seconds, std::uint32_t width, std::uint32_t height) const {

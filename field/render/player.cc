@@ -15,6 +15,7 @@
 
 #include "base/guarded.h"
 #include "base/parallel.h"
+#include "base/try.h"
 #include "field/render/level_pacer.h"
 #include "field/render/renderer_state.h"
 
@@ -259,8 +260,7 @@ class Player::Loader {
     std::set<TileKey> loaded;
     for (std::uint64_t turn = current_; !outdated(); ++turn) {
       ViewStatistics statistics;
-      if (auto ok = previewer_.render(preview_of(camera, turn), view_, preview_, &statistics); !ok)
-        return tl::unexpected(ok.error());
+      SLF_TRY(previewer_.render(preview_of(camera, turn), view_, preview_, &statistics));
       const std::vector<TileKey>& missing = statistics.misses;
       if (missing.empty()) return true;
       if (std::ranges::any_of(missing, [&](TileKey key) { return loaded.contains(key); }))
@@ -329,7 +329,7 @@ Player& Player::operator=(Player&&) noexcept = default;
 Player::~Player() = default;
 
 Result<Player> Player::make(const Field& field, const PlayOptions& options) {
-  if (auto ok = check_view(field, options.view); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(check_view(field, options.view));
   auto state = std::make_unique<State>(field, options);
   if (options.loading == Loading::wait) return Player(std::move(state));
 
@@ -337,9 +337,8 @@ Result<Player> Player::make(const Field& field, const PlayOptions& options) {
   TileCache& cache = state->cache();
   for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_extra_levels); ++index) {
     if (4 * cache.statistics().decoded_bytes > options.renderer.memory) break;
-    auto pin = cache.load({{0, index}}, options.view.needs_depth());
-    if (!pin) return tl::unexpected(pin.error());
-    state->coarsest.push_back(std::move(*pin));
+    auto pin = SLF_TRY(cache.load({{0, index}}, options.view.needs_depth()));
+    state->coarsest.push_back(std::move(pin));
   }
   state->seen = cache.statistics();
   state->loader = std::make_unique<Loader>(state->renderer, state->options.view);

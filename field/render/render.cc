@@ -12,6 +12,7 @@
 
 #include "base/parallel.h"
 #include "base/sort_unique.h"
+#include "base/try.h"
 #include "field/render/block_renderer.h"
 #include "field/render/renderer_state.h"
 
@@ -238,29 +239,27 @@ class ViewJob {
 Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
                                ViewStatistics* statistics) {
   Image image;
-  if (auto ok = render(camera, options, image, statistics); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(render(camera, options, image, statistics));
   return image;
 }
 
 Result<void> Renderer::render(const Camera& camera, const ViewOptions& requested, Image& image,
                               ViewStatistics* statistics) {
-  const auto rays = RayGenerator::make(camera);
-  if (!rays) return tl::unexpected(rays.error());
+  const auto rays = SLF_TRY(RayGenerator::make(camera));
   const FieldFile& field = state_->field.file();
-  if (auto ok = check_view(state_->field, requested); !ok) return ok;
+  SLF_TRY(check_view(state_->field, requested));
   const ViewOptions options = resolved(requested, field.shape(), camera);
 
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
-  if (field.store().is_remote() && options.wait)
-    if (auto ok = fetch(camera, options); !ok) return ok;
+  if (field.store().is_remote() && options.wait) SLF_TRY(fetch(camera, options));
   state_->cache->reset_peak();
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), block_count(camera)));
   ViewJob job(field, *state_->cache, state_->pin_bytes, std::span(state_->renderers).first(threads),
-              camera, *rays, options, statistics != nullptr, image);
-  if (auto ok = on_threads(threads, [&] { job.work(); }); !ok) return ok;
+              camera, rays, options, statistics != nullptr, image);
+  SLF_TRY(on_threads(threads, [&] { job.work(); }));
   if (job.error()) return tl::unexpected(*job.error());
-  if (auto ok = field.unchanged(); !ok) return ok;
+  SLF_TRY(field.unchanged());
 
   if (statistics) {
     *statistics = {};
@@ -299,19 +298,18 @@ Result<void> Renderer::fetch(const Camera& camera, ViewOptions options) {
   TileCache& cache = *state_->cache;
   const auto load = [&](std::span<const TileKey> keys) -> Result<void> {
     for (const TileCache::Located& tile : cache.locate(keys, options.needs_depth()))
-      if (auto pin = cache.load(tile, options.needs_depth()); !pin)
-        return tl::unexpected(pin.error());
+      SLF_TRY(cache.load(tile, options.needs_depth()));
     return {};
   };
   options.wait = false;
-  if (auto ok = load(level0_if_small(state_->field.file())); !ok) return ok;
+  SLF_TRY(load(level0_if_small(state_->field.file())));
   Image picture;
   ViewStatistics statistics;
   std::set<TileKey> loaded;
   for (int round = 0; round < kRounds; ++round) {
-    if (auto ok = render(camera, options, picture, &statistics); !ok) return ok;
+    SLF_TRY(render(camera, options, picture, &statistics));
     if (statistics.misses.empty() || loaded.contains(statistics.misses.front())) return {};
-    if (auto ok = load(statistics.misses); !ok) return ok;
+    SLF_TRY(load(statistics.misses));
     loaded.insert(statistics.misses.begin(), statistics.misses.end());
   }
   return {};
@@ -319,11 +317,11 @@ Result<void> Renderer::fetch(const Camera& camera, ViewOptions options) {
 
 Result<void> Renderer::render_progressively(const Camera& camera, const ViewOptions& options,
                                             Image& image, const Show& show) {
-  if (auto ok = check_view(state_->field, options); !ok) return ok;
+  SLF_TRY(check_view(state_->field, options));
   const unsigned last = resolved(options, state_->field.shape(), camera).level;
   ViewOptions view = options;
   for (view.level = 0; view.level <= last; ++view.level) {
-    if (auto ok = render(camera, view, image); !ok) return ok;
+    SLF_TRY(render(camera, view, image));
     if (!show(image, view.level)) break;
   }
   return {};
@@ -331,13 +329,12 @@ Result<void> Renderer::render_progressively(const Camera& camera, const ViewOpti
 
 Result<std::vector<TileKey>> crossed_pairs(const FieldShape& shape, const Camera& camera,
                                            unsigned level) {
-  const auto rays = RayGenerator::make(camera);
-  if (!rays) return tl::unexpected(rays.error());
+  const auto rays = SLF_TRY(RayGenerator::make(camera));
   const unsigned entry_level = level + shape.entry_extra_levels;
   std::vector<TileKey> keys;
   for (std::uint32_t y = 0; y < camera.height; ++y) {
     for (std::uint32_t x = 0; x < camera.width; ++x) {
-      const PixelRay ray = rays->ray(x, y);
+      const PixelRay ray = rays.ray(x, y);
       const Chord chord = intersect(shape.sphere, ray.origin, ray.direction);
       if (!chord.hit || chord.leave <= 0) continue;
       const auto at = [&](double t) {

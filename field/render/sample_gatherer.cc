@@ -4,6 +4,7 @@
 #include <span>
 
 #include "base/sort_unique.h"
+#include "base/try.h"
 #include "field/render/gather_kernel.h"
 
 namespace slf {
@@ -61,8 +62,7 @@ Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCel
       std::max<std::uint64_t>(pin_bytes_ / (max_tile_samples_ * sample + kPinBytes), 1);
   for (std::size_t begin = 0; begin < keys.size(); begin += max_batch) {
     const auto batch = std::span(keys).subspan(begin, std::min(max_batch, keys.size() - begin));
-    const auto pins = cache_.load(batch, with_depth_);
-    if (!pins) return tl::unexpected(pins.error());
+    SLF_TRY(cache_.load(batch, with_depth_));
     tiles_.set_pinned(batch);
     gather_loaded(count, entries, pass, true);  // reads tiles that stayed loaded again
   }

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "base/try.h"
 #include "field/geometry/section.h"
 
 namespace slf {
@@ -262,9 +263,8 @@ Result<std::vector<TileCache::Pin>> TileCache::load(std::span<const TileKey> key
   std::vector<Pin> pins;
   pins.reserve(keys.size());
   for (const Located& tile : locate(keys, with_depth)) {
-    auto pin = load(tile, with_depth);
-    if (!pin) return tl::unexpected(std::move(pin.error()));
-    pins.push_back(std::move(*pin));
+    auto pin = SLF_TRY(load(tile, with_depth));
+    pins.push_back(std::move(pin));
   }
   return pins;
 }
@@ -353,24 +353,23 @@ void TileCache::charge(Tile& tile, const LayerSamples& samples, std::uint64_t by
 Result<void> TileCache::load_layer(Tile& tile, LayerSamples& samples, storage::LayerId layer,
                                    const std::optional<storage::TileRef>& located) {
   const TileKey key = tile.key;
-  const auto ref = located ? *located : field_.store().find(layer, key);
-  if (!ref) return tl::unexpected(ref.error());
-  samples.ref = *ref;
-  const bool stored = ref->state == storage::TileState::stored;
+  const auto ref = SLF_TRY(located ? *located : field_.store().find(layer, key));
+  samples.ref = ref;
+  const bool stored = ref.state == storage::TileState::stored;
   const std::size_t bytes = stored ? field_.tile_shape(layer, key).bytes() : 0;
-  const bool raw = stored && field_.codec(layer).in_place() && ref->payload.size() == bytes;
+  const bool raw = stored && field_.codec(layer).in_place() && ref.payload.size() == bytes;
   samples.in_place = in_place_ && raw;
   samples.mapped = stored && (samples.in_place || !raw);
   charge(tile, samples, samples.in_place ? 0 : bytes, located.has_value());
   if (samples.in_place) {
-    samples.first = ref->payload.data();  // a record's table comes before any payload
-    return field_.store().check(*ref);
+    samples.first = ref.payload.data();  // a record's table comes before any payload
+    return field_.store().check(ref);
   }
   if (!stored) return {};
   samples.owned = memory_.allocate(kReadableBefore + bytes);
   std::byte* const first = samples.owned.get() + kReadableBefore;
   samples.first = first;
-  auto decoded = field_.decode(*ref, {first, bytes});
+  auto decoded = field_.decode(ref, {first, bytes});
   if (!decoded && decoded.error().code == ErrorCode::failed) {
     // A tile that this one is predicted from is missing, so this one counts as missing, too.
     samples.ref.state = storage::TileState::missing;

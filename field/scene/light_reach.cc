@@ -8,6 +8,7 @@
 #include <span>
 
 #include "base/parallel.h"
+#include "base/try.h"
 #include "field/scene/light_depth.h"
 
 namespace slf {
@@ -152,9 +153,7 @@ class LightSweeper {
     turned_sum_.clear();
     const std::vector<glm::dvec3> directions = placed.directions();
     for (const glm::dvec3& direction : directions)
-      if (auto ok = add(medium_.per_world(direction), 1 / static_cast<float>(directions.size()));
-          !ok)
-        return tl::unexpected(ok.error());
+      SLF_TRY(add(medium_.per_world(direction), 1 / static_cast<float>(directions.size())));
     if (!turned_sum_.empty())
       for_each_turned(light_, [&](std::size_t number, std::size_t turned) {
         sum_[number] += turned_sum_[turned];
@@ -214,7 +213,7 @@ Result<std::vector<float>> node_extinctions(const Medium& medium, const LightGri
   const double width = 1.0 / side;
   const auto rows = static_cast<std::uint64_t>(light.dims[1]) * light.dims[2];
   const auto nx = static_cast<std::size_t>(light.dims[0]);
-  const auto ok = parallel_for(rows, threads, [&](std::uint64_t row) {
+  SLF_TRY(parallel_for(rows, threads, [&](std::uint64_t row) {
     for (std::size_t x = 0; x < nx; ++x) {
       const std::size_t number = row * nx + x;
       const glm::ivec3 node = node_at(light, number);
@@ -228,8 +227,7 @@ Result<std::vector<float>> node_extinctions(const Medium& medium, const LightGri
       }
       extinction[number] = sum / static_cast<float>(side * side * side);
     }
-  });
-  if (!ok) return tl::unexpected(ok.error());
+  }));
   return extinction;
 }
 
@@ -251,9 +249,8 @@ Result<LightReach> LightReach::make(const Medium& medium, const Illumination& il
   for (const PlacedLight& placed : illumination.lights) {
     reach.swept_.emplace_back();
     if (!placed.distant()) continue;
-    auto swept = sweeper.sweep(placed, reach.open_);
-    if (!swept) return tl::unexpected(swept.error());
-    reach.swept_.back() = std::move(*swept);
+    auto swept = SLF_TRY(sweeper.sweep(placed, reach.open_));
+    reach.swept_.back() = std::move(swept);
   }
   return reach;
 }

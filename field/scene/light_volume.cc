@@ -10,6 +10,7 @@
 #include <span>
 
 #include "base/parallel.h"
+#include "base/try.h"
 #include "field/scene/light_depth.h"
 #include "field/scene/light_filter.h"
 #include "field/scene/light_reach.h"
@@ -314,11 +315,10 @@ Result<void> solve_all(const LightSolver& solver, const std::vector<std::size_t>
   });
   std::size_t done = 0;
   for (std::uint64_t item = 0; item < batches; ++item) {
-    const auto nodes = pipeline.take();
-    if (!nodes) return tl::unexpected(nodes.error());
+    const auto nodes = SLF_TRY(pipeline.take());
     std::size_t k = begin_of(item);
-    for (const NodeLight& node : *nodes) keep(k++, node);
-    done += nodes->size();
+    for (const NodeLight& node : nodes) keep(k++, node);
+    done += nodes.size();
     if (!progress(done)) return fail(ErrorCode::failed, kLightStopped);
   }
   return {};
@@ -351,9 +351,8 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
                                 const LightOptions& options, unsigned threads,
                                 const ProgressCallback& progress) {
   LightGrid light = plan_light(medium.grid(), options);
-  const auto extinction = node_extinctions(medium, light, threads);
-  if (!extinction) return tl::unexpected(extinction.error());
-  const std::vector<float> depth = depth_from_outside(medium, light, *extinction);
+  const auto extinction = SLF_TRY(node_extinctions(medium, light, threads));
+  const std::vector<float> depth = depth_from_outside(medium, light, extinction);
   std::vector<std::size_t> numbers;
   std::vector<std::uint32_t> index(light.size(), kNoNode);
   for (std::size_t number = 0; number < light.size(); ++number)
@@ -370,9 +369,8 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
   for (const Pass& pass : passes) all.total += numbers.size() * cost(pass);
   if (progress && !progress(all)) return fail(ErrorCode::failed, kLightStopped);
 
-  const auto reach = LightReach::make(medium, illumination, light, *extinction, threads);
-  if (!reach) return tl::unexpected(reach.error());
-  const LightSolver solver(medium, illumination, options, light, depth, *reach);
+  const auto reach = SLF_TRY(LightReach::make(medium, illumination, light, extinction, threads));
+  const LightSolver solver(medium, illumination, options, light, depth, reach);
   std::vector<NodeLight> nodes(numbers.size());
   for (const Pass& pass : passes) {
     const auto report = [&](std::size_t solved) {

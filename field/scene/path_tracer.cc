@@ -7,6 +7,7 @@
 #include <bit>
 #include <limits>
 
+#include "base/try.h"
 #include "field/scene/illumination.h"
 #include "field/scene/medium.h"
 #include "field/scene/volume_scene.h"
@@ -82,10 +83,9 @@ Result<std::unique_ptr<PathTracer>> PathTracer::make(Volume volume,
                 "path tracing: direct light has no model of light transport; "
                 "choose shadowed or global");
   if (paths.samples == 0) return fail(ErrorCode::usage, "path tracing: 0 samples: expected 1");
-  auto scene = make_volume_scene(std::move(volume), transfer, options);
-  if (!scene) return tl::unexpected(scene.error());
+  auto scene = SLF_TRY(make_volume_scene(std::move(volume), transfer, options));
   return std::unique_ptr<PathTracer>(
-      new PathTracer(std::make_unique<State>(std::move(*scene), paths)));
+      new PathTracer(std::make_unique<State>(std::move(scene), paths)));
 }
 
 RaySample PathTracer::trace(const glm::dvec3& from, const glm::dvec3& to) const {

@@ -3,6 +3,7 @@
 #include <cassert>
 #include <optional>
 
+#include "base/try.h"
 #include "field/scene/light_code.h"
 #include "field/scene/light_volume.h"
 #include "field/scene/provenance.h"
@@ -34,8 +35,7 @@ Result<LightGrid> light_of(const VolumeScene& scene, const Medium& medium,
   auto light = compute_light(medium, illuminate(scene.lighting, scene.bounds), scene.lighting,
                              options.threads, options.progress);
   if (light && !options.file.empty())
-    if (auto ok = save_light(options.file, light_key(scene.provenance), *light); !ok)
-      return tl::unexpected(ok.error());
+    SLF_TRY(save_light(options.file, light_key(scene.provenance), *light));
   return light;
 }
 
@@ -49,24 +49,20 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
                                                    const LightVolumeOptions& light_volume) {
   const LightOptions& lighting = options.lighting;
   const bool lit = lighting.mode != Lighting::direct;
-  if (lit && !light_volume.file.empty())
-    if (auto ok = check_light_file(light_volume.file); !ok) return tl::unexpected(ok.error());
-  auto scene = make_volume_scene(std::move(volume), transfer, options);
-  if (!scene) return tl::unexpected(scene.error());
+  if (lit && !light_volume.file.empty()) SLF_TRY(check_light_file(light_volume.file));
+  auto scene = SLF_TRY(make_volume_scene(std::move(volume), transfer, options));
   auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::make_unique<State>(
-      State{std::move(*scene), ToneMapper(lighting.tone), lit && !lighting.linear,
+      State{std::move(scene), ToneMapper(lighting.tone), lit && !lighting.linear,
             lit ? std::optional(light_volume) : std::nullopt})));
-  if (!light_volume.deferred)
-    if (auto ok = caster->prepare(); !ok) return tl::unexpected(ok.error());
+  if (!light_volume.deferred) SLF_TRY(caster->prepare());
   return caster;
 }
 
 Result<void> Raycaster::prepare() const {
   if (!state_->pending_light) return {};
   const Medium medium(state_->scene->grid);
-  auto light = light_of(*state_->scene, medium, *state_->pending_light);
-  if (!light) return tl::unexpected(light.error());
-  state_->adopt(std::move(*light), medium);
+  auto light = SLF_TRY(light_of(*state_->scene, medium, *state_->pending_light));
+  state_->adopt(std::move(light), medium);
   return {};
 }
 

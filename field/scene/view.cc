@@ -7,13 +7,13 @@
 #include <vector>
 
 #include "base/parallel.h"
+#include "base/try.h"
 
 namespace slf {
 
 Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera& camera,
                          unsigned threads, const ProgressCallback& progress) {
-  const auto rays = RayGenerator::make(camera);
-  if (!rays) return tl::unexpected(rays.error());
+  const auto rays = SLF_TRY(RayGenerator::make(camera));
   Image image;
   image.width = camera.width;
   image.height = camera.height;
@@ -23,12 +23,12 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
   std::atomic<std::uint64_t> traced{0};
   std::atomic<bool> stopped{false};
   const auto caller = std::this_thread::get_id();
-  auto done = parallel_for(rows, threads, [&](std::uint64_t y) {
+  SLF_TRY(parallel_for(rows, threads, [&](std::uint64_t y) {
     if (stopped) return;
     std::vector<Segment> segments;
     std::vector<std::uint32_t> columns;
     for (std::uint32_t x = 0; x < camera.width; ++x) {
-      const PixelRay ray = rays->ray(x, static_cast<std::uint32_t>(y));
+      const PixelRay ray = rays.ray(x, static_cast<std::uint32_t>(y));
       const Chord chord = intersect(sphere, ray.origin, ray.direction);
       if (!chord.hit || chord.leave <= 0) continue;
       segments.push_back({ray.origin + std::max(chord.enter, 0.0) * ray.direction,
@@ -44,14 +44,13 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
       image.rgba[pixel] = sample.rgba;
       if (sample.rgba.a > 0)
         image.depth[pixel] = static_cast<float>(
-            glm::distance(rays->ray(columns[k], static_cast<std::uint32_t>(y)).origin,
+            glm::distance(rays.ray(columns[k], static_cast<std::uint32_t>(y)).origin,
                           from + double{sample.depth} * (to - from)));
     }
     const std::uint64_t so_far = ++traced;
     if (progress && so_far < rows && std::this_thread::get_id() == caller)
       stopped = stopped || !progress({so_far, rows, 0});
-  });
-  if (!done) return tl::unexpected(std::move(done.error()));
+  }));
   if (stopped || (progress && !progress({rows, rows, 0})))
     return fail(ErrorCode::failed, "stopped while a view was traced");
   return image;

@@ -6,6 +6,7 @@
 #include <optional>
 #include <unordered_map>
 
+#include "base/try.h"
 #include "field/scene/illumination.h"
 #include "field/scene/provenance.h"
 #include "field/scene/raycaster_space.h"
@@ -107,7 +108,7 @@ Result<void> check_options(const RaycastOptions& options) {
 Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
                                                        const TransferFunction& transfer,
                                                        const RaycastOptions& options) {
-  if (auto ok = check_options(options); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(check_options(options));
   auto scene = std::make_unique<VolumeScene>();
   scene->lighting = options.lighting;
   scene->provenance = describe(volume, transfer, options);
@@ -132,9 +133,8 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     if (v.type == ScalarType::u8 || v.type == ScalarType::u16) {
       for (int id = 0; id < (v.type == ScalarType::u8 ? 256 : 65536); ++id) labels.push_back(id);
     } else {
-      auto renumbered = renumber_labels(v);
-      if (!renumbered) return tl::unexpected(renumbered.error());
-      labels = std::move(*renumbered);
+      auto renumbered = SLF_TRY(renumber_labels(v));
+      labels = std::move(renumbered);
     }
     grid.table = make_label_table(transfer, v, labels);
   } else {
@@ -150,8 +150,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     if (v.labels)
       return fail(ErrorCode::usage, v.source,
                   ": structures are parts of a volume of amounts, but this one holds labels");
-    if (auto ok = add_structures(options.structures, v, grid); !ok)
-      return tl::unexpected(ok.error());
+    SLF_TRY(add_structures(options.structures, v, grid));
     for (const auto& part : {options.structures.labels, options.structures.mask})
       if (part) v.files.insert(v.files.end(), part->files.begin(), part->files.end());
   }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/try.h"
 #include "field/volume/dicom_elements.h"
 #include "field/volume/io.h"
 
@@ -410,7 +411,7 @@ Result<std::vector<DicomSlice>> split(const DicomFile& file, const DicomSlice& w
     const DicomLookup values(file.big_endian, {&own, &shared, &file.data});
     DicomSlice& slice = slices.emplace_back(whole);
     slice.frame = frame;
-    if (auto r = read_place(values, slice); !r) return tl::unexpected(r.error());
+    SLF_TRY(read_place(values, slice));
     if (groups.empty() && whole.frames > 1) place_along_normal(values, slice);
     read_scale(values, slice);
     read_moments(values, dimensions, slice);
@@ -444,10 +445,10 @@ Result<void> count_frames(const DicomFile& file, const DicomLookup& values, Dico
 Result<std::vector<DicomSlice>> read_picture(const DicomFile& file, const DicomLookup& values,
                                              DicomSlice slice) {
   if (file.damage) return tl::unexpected(*file.damage);
-  if (auto r = read_format(values, slice); !r) return tl::unexpected(r.error());
-  if (auto r = read_encoding(file, slice); !r) return tl::unexpected(r.error());
-  if (auto r = count_frames(file, values, slice); !r) return tl::unexpected(r.error());
-  if (auto r = read_segments(file, values, slice); !r) return tl::unexpected(r.error());
+  SLF_TRY(read_format(values, slice));
+  SLF_TRY(read_encoding(file, slice));
+  SLF_TRY(count_frames(file, values, slice));
+  SLF_TRY(read_segments(file, values, slice));
   return split(file, slice);
 }
 
@@ -494,9 +495,8 @@ std::string name_of_compression(std::string_view syntax) {
 }
 
 Result<std::vector<DicomSlice>> read_dicom_slices(const std::string& path) {
-  const auto bytes = read_dicom_bytes(path);
-  if (!bytes) return tl::unexpected(bytes.error());
-  const DicomFile file = parse_dicom(path, *bytes);
+  const auto bytes = SLF_TRY(read_dicom_bytes(path));
+  const DicomFile file = parse_dicom(path, bytes);
   const DicomLookup values(file.big_endian, {&file.data});
   const bool has_rows = !values.raw(kRows).empty();
   if (!has_rows && !file.damage) {

@@ -11,6 +11,7 @@
 #include <sstream>
 
 #include "base/bytes.h"
+#include "base/try.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -142,19 +143,18 @@ struct Walker {
     if (depth > kMaxNesting)
       return fail(ErrorCode::bad_file, path, ": DICOM sequences nested deeper than ", kMaxNesting);
     while (open || at < end) {
-      const auto item = next(encoding, end);
-      if (!item) return tl::unexpected(item.error());
-      if (item->tag == kSequenceEnd && open) return {};
-      if (item->tag != kItem || (of_bytes && item->length == kUndefined))
-        return fail(ErrorCode::bad_file, path, ": expected a DICOM item at byte ", item->from);
+      const auto item = SLF_TRY(next(encoding, end));
+      if (item.tag == kSequenceEnd && open) return {};
+      if (item.tag != kItem || (of_bytes && item.length == kUndefined))
+        return fail(ErrorCode::bad_file, path, ": expected a DICOM item at byte ", item.from);
       if (of_bytes) {
         ++found.fragments;
-        at += item->length;
+        at += item.length;
         continue;
       }
-      const bool open_item = item->length == kUndefined;
+      const bool open_item = item.length == kUndefined;
       auto inner = data_set(into ? &into->emplace_back() : nullptr, encoding,
-                            open_item ? end : at + item->length, open_item, depth + 1);
+                            open_item ? end : at + item.length, open_item, depth + 1);
       if (!inner) return inner;
     }
     return {};
@@ -163,32 +163,31 @@ struct Walker {
   Result<void> data_set(DicomDataSet* into, Encoding encoding, std::size_t end, bool open,
                         int depth) {
     while (open || at < end) {
-      const auto e = next(encoding, end);
-      if (!e) return tl::unexpected(e.error());
-      if (e->tag == kItemEnd && open) return {};
-      const bool undefined = e->length == kUndefined;
-      const bool is_pixel_data = depth == 0 && e->tag == kPixelData;
+      const auto e = SLF_TRY(next(encoding, end));
+      if (e.tag == kItemEnd && open) return {};
+      const bool undefined = e.length == kUndefined;
+      const bool is_pixel_data = depth == 0 && e.tag == kPixelData;
       if (is_pixel_data) {
         found.encapsulated = undefined;
         found.fragments = 0;
-        found.words = e->representation != "OB";
+        found.words = e.representation != "OB";
       }
       const bool may_be_sequence =
-          !encoding.is_explicit || e->representation == "SQ" || e->representation == "UN";
-      const bool kept = into && may_be_sequence && is_kept_sequence(e->tag);
+          !encoding.is_explicit || e.representation == "SQ" || e.representation == "UN";
+      const bool kept = into && may_be_sequence && is_kept_sequence(e.tag);
       if (!undefined && !kept) {
-        if (into) into->values[e->tag] = bytes.substr(at, e->length);
-        at += e->length;
+        if (into) into->values[e.tag] = bytes.substr(at, e.length);
+        at += e.length;
         continue;
       }
       // What was unknown to its writer (UN) has implicit value representations.
       Encoding inner = encoding;
-      if (e->representation == "UN") inner = {};
+      if (e.representation == "UN") inner = {};
       auto parsed =
-          items(kept ? &into->sequences[e->tag] : nullptr, inner, undefined ? end : at + e->length,
-                undefined, undefined && e->tag == kPixelData, depth + 1);
+          items(kept ? &into->sequences[e.tag] : nullptr, inner, undefined ? end : at + e.length,
+                undefined, undefined && e.tag == kPixelData, depth + 1);
       if (!parsed) return parsed;
-      if (is_pixel_data) into->values[e->tag] = {};
+      if (is_pixel_data) into->values[e.tag] = {};
     }
     return {};
   }
@@ -198,11 +197,10 @@ struct Walker {
     at = has_preamble(bytes) ? kPreamble : 0;
     std::string syntax;
     while (bytes.size() - at >= 4 && load<std::uint16_t>(bytes.substr(at), false) == 0x0002) {
-      const auto e = next({.is_explicit = true}, bytes.size());
-      if (!e) return tl::unexpected(e.error());
-      if (e->length == kUndefined) return truncated(e->from, e->length);
-      if (e->tag == 0x00020010) syntax = bytes.substr(at, e->length);
-      at += e->length;
+      const auto e = SLF_TRY(next({.is_explicit = true}, bytes.size()));
+      if (e.length == kUndefined) return truncated(e.from, e.length);
+      if (e.tag == 0x00020010) syntax = bytes.substr(at, e.length);
+      at += e.length;
     }
     while (!syntax.empty() && (syntax.back() == '\0' || syntax.back() == ' ')) syntax.pop_back();
     return syntax;
@@ -261,9 +259,8 @@ std::string inflated(const std::string& path, std::string_view packed,
 Result<std::string> read_whole(const std::string& path) {
   constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
   if (packing_of_file(path) != Packing::none) return read_unpacked(path, kMaxBytes);
-  const auto size = file_size(path);
-  if (!size) return tl::unexpected(size.error());
-  std::string bytes(*size, '\0');
+  const auto size = SLF_TRY(file_size(path));
+  std::string bytes(size, '\0');
   std::ifstream file(path, std::ios::binary);
   if (!file.read(bytes.data(), static_cast<std::streamsize>(bytes.size())))
     return fail(ErrorCode::io, path, ": cannot be read");
@@ -307,12 +304,11 @@ bool looks_like_dicom(std::string_view head) {
 }
 
 Result<DicomBytes> read_dicom_bytes(const std::string& path) {
-  auto bytes = read_whole(path);
-  if (!bytes) return tl::unexpected(bytes.error());
-  if (!looks_like_dicom(*bytes))
+  auto bytes = SLF_TRY(read_whole(path));
+  if (!looks_like_dicom(bytes))
     return fail(ErrorCode::bad_file, path,
                 ": expected 'DICM' at byte 128, or DICOM elements of group 2 or 8 at its start");
-  DicomBytes file{std::move(*bytes)};
+  DicomBytes file{std::move(bytes)};
   Walker walker{path, file.bytes};
   const auto syntax = walker.meta();
   if (!syntax || *syntax != kDeflated) return file;  // parse_dicom reports damage

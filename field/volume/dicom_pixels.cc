@@ -5,6 +5,7 @@
 #include <cstring>
 #include <type_traits>
 
+#include "base/try.h"
 #include "field/volume/dicom.h"
 #include "field/volume/dicom_decode.h"
 #include "field/volume/dicom_elements.h"
@@ -120,9 +121,8 @@ std::vector<std::byte> looked_up(const std::vector<std::byte>& indices, const Di
 }
 
 Result<std::vector<std::byte>> read_plain(const DicomSlice& file) {
-  const auto bytes = read_dicom_bytes(file.path);
-  if (!bytes) return tl::unexpected(bytes.error());
-  const DicomFile elements = parse_dicom(file.path, *bytes);
+  const auto bytes = SLF_TRY(read_dicom_bytes(file.path));
+  const DicomFile elements = parse_dicom(file.path, bytes);
   const auto data = DicomLookup(elements.big_endian, {&elements.data}).raw(file.pixels_at);
   if (data.size() < file.file_bytes())
     return fail(ErrorCode::bad_file, file.path, ": it has changed while it was read");
@@ -162,13 +162,11 @@ Result<DicomFrames> DicomPixelReader::next() {
     std::vector<DicomSlice> compressed;
     for (const auto& each : files_)
       if (each.compressed) compressed.push_back(each);
-    auto decoder = DicomDecoder::start(compressed);
-    if (!decoder) return tl::unexpected(decoder.error());
-    decoder_ = std::move(*decoder);
+    auto decoder = SLF_TRY(DicomDecoder::start(compressed));
+    decoder_ = std::move(decoder);
   }
-  auto pixels = file.compressed ? decoder_->read(file) : read_plain(file);
-  if (!pixels) return tl::unexpected(pixels.error());
-  return DicomFrames(std::move(*pixels));
+  auto pixels = SLF_TRY(file.compressed ? decoder_->read(file) : read_plain(file));
+  return DicomFrames(std::move(pixels));
 }
 
 }  // namespace slf::volume_io

@@ -6,6 +6,7 @@
 #include <set>
 #include <sstream>
 
+#include "base/try.h"
 #include "field/volume/dicom.h"
 #include "field/volume/dicom_elements.h"
 #include "field/volume/io.h"
@@ -178,8 +179,7 @@ Result<DicomPlaces> sort_by_place(const DicomStack& stack,
                   ", which a volume needs to be placed in space: state a spacing");
     slice.spacing = {spacing->x, spacing->y};
   }
-  if (!good.front().placed)
-    if (auto r = place_by_number(good, spacing, sorted.notes); !r) return tl::unexpected(r.error());
+  if (!good.front().placed) SLF_TRY(place_by_number(good, spacing, sorted.notes));
 
   std::stable_sort(good.begin(), good.end(), [](const DicomSlice& a, const DicomSlice& b) {
     return height_of(a) < height_of(b);
@@ -193,7 +193,7 @@ Result<DicomPlaces> sort_by_place(const DicomStack& stack,
   }
   leave_out_copies(places, sorted.notes);
   for (auto& place : places) std::stable_sort(place.begin(), place.end(), is_earlier);
-  if (auto r = check_counts(places); !r) return tl::unexpected(r.error());
+  SLF_TRY(check_counts(places));
 
   for (const auto& slice : bad) {
     // A hole in the volume is an error. A picture without a place (a dose report) is no hole.

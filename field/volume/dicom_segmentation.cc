@@ -3,6 +3,7 @@
 #include <cstring>
 #include <sstream>
 
+#include "base/try.h"
 #include "field/volume/dicom.h"
 #include "field/volume/io.h"
 
@@ -71,7 +72,7 @@ std::string list_of(const LabelTable& segments) {
 
 Result<Volume> read_segmentation(const std::string& source, const DicomStack& stack,
                                  const VolumeOptions& options) {
-  if (auto ok = expect_one_number(source, options); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(expect_one_number(source, options));
   const auto& slices = stack.slices;
   for (const auto& slice : slices) {
     if (slice.problem) return tl::unexpected(*slice.problem);
@@ -88,25 +89,23 @@ Result<Volume> read_segmentation(const std::string& source, const DicomStack& st
   volume.source = source;
   volume.files = {slices.front().path};
   volume.notes = stack.notes;
-  const auto grid = grid_of_planes(slices, source);
-  if (!grid) return tl::unexpected(grid.error());
+  const auto grid = SLF_TRY(grid_of_planes(slices, source));
   const DicomSlice& first = slices.front();
-  const auto dims =
-      check_dims(source, std::array<std::uint64_t, 3>{first.width, first.height, grid->count});
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
-  volume.axes = {first.row * first.spacing.x, first.column * first.spacing.y, grid->step};
-  volume.origin = grid->origin;
-  if (auto r = check_axes(volume); !r) return tl::unexpected(r.error());
+  const auto dims = SLF_TRY(
+      check_dims(source, std::array<std::uint64_t, 3>{first.width, first.height, grid.count}));
+  volume.dims = dims;
+  volume.axes = {first.row * first.spacing.x, first.column * first.spacing.y, grid.step};
+  volume.origin = grid.origin;
+  SLF_TRY(check_axes(volume));
 
   std::optional<Labels> labels;  // memory only once a file has yielded its pixels
-  const auto added = for_each_frame(
-      slices, [&](std::size_t i, const std::vector<std::byte>& frame) -> Result<void> {
-        if (!labels) labels.emplace(volume.voxel_count(), first.segmentation->maximum);
-        labels->add(slices[i].segment, frame, grid->plane[i] * frame.size());
-        return {};
-      });
-  if (!added) return tl::unexpected(added.error());
+  SLF_TRY(for_each_frame(slices,
+                         [&](std::size_t i, const std::vector<std::byte>& frame) -> Result<void> {
+                           if (!labels)
+                             labels.emplace(volume.voxel_count(), first.segmentation->maximum);
+                           labels->add(slices[i].segment, frame, grid.plane[i] * frame.size());
+                           return {};
+                         }));
   labels->copy_to(volume);
   volume.labels = true;
   volume.label_styles = first.segmentation->segments;

@@ -4,6 +4,7 @@
 #include <map>
 #include <set>
 
+#include "base/try.h"
 #include "field/volume/dicom.h"
 #include "field/volume/io.h"
 
@@ -233,43 +234,40 @@ std::string folder_of(const std::string& path) {
 }  // namespace
 
 Result<Volume> read_dicom_folder(const std::string& path, const VolumeOptions& options) {
-  const auto scan = scan_folder(path);
-  if (!scan) return tl::unexpected(scan.error());
-  return read_chosen(path, *scan, options.series, options);
+  const auto scan = SLF_TRY(scan_folder(path));
+  return read_chosen(path, scan, options.series, options);
 }
 
 Result<Volume> read_dicom_file(const std::string& path, const VolumeOptions& options) {
-  const auto slices = read_dicom_slices(path);
-  if (!slices) return tl::unexpected(slices.error());
+  const auto slices = SLF_TRY(read_dicom_slices(path));
   const bool is_directory =
-      slices->empty() && lower(std::filesystem::path(path).filename().string()) == "dicomdir";
+      slices.empty() && lower(std::filesystem::path(path).filename().string()) == "dicomdir";
   if (options.series || is_directory) return read_dicom_folder(folder_of(path), options);
-  if (slices->empty())
+  if (slices.empty())
     return fail(ErrorCode::bad_file, path,
                 ": a DICOM file without a picture (a directory or a report); give the folder that "
                 "holds the slices, or one of them");
-  const DicomSlice& first = slices->front();
+  const DicomSlice& first = slices.front();
   if (first.problem) return tl::unexpected(*first.problem);
   if (first.frames > 1 || first.segmentation)
-    return read_chosen(path, {.slices = *slices}, {}, options);
-  auto scan = scan_folder(folder_of(path), false);
-  if (!scan) return tl::unexpected(scan.error());
+    return read_chosen(path, {.slices = slices}, {}, options);
+  auto scan = SLF_TRY(scan_folder(folder_of(path), false));
   // Of a series of several stacks, the one that the file is of.
   std::string id;
-  for (const auto& stack : stacks_of(scan->slices))
+  for (const auto& stack : stacks_of(scan.slices))
     if (std::any_of(stack.slices.begin(), stack.slices.end(), [&](const DicomSlice& slice) {
           return std::filesystem::path(slice.path).filename() ==
                  std::filesystem::path(path).filename();
         }))
       id = stack.id;
   const auto same_series =
-      std::count_if(scan->slices.begin(), scan->slices.end(),
+      std::count_if(scan.slices.begin(), scan.slices.end(),
                     [&](const DicomSlice& slice) { return slice.series == first.series; });
   if (same_series <= 1)
     return fail(ErrorCode::unsupported, path,
                 ": the single slice of its series in its folder; give a file that lies with the "
                 "others, or a multi-frame file");
-  return read_chosen(path, *scan, id.empty() ? first.series : id, options);
+  return read_chosen(path, scan, id.empty() ? first.series : id, options);
 }
 
 }  // namespace slf::volume_io
@@ -277,10 +275,9 @@ Result<Volume> read_dicom_file(const std::string& path, const VolumeOptions& opt
 namespace slf {
 
 Result<SeriesList> list_series(const std::string& path) {
-  const auto scan = volume_io::scan_folder(path);
-  if (!scan) return tl::unexpected(scan.error());
-  SeriesList list{.notes = scan->notes};
-  for (const auto& stack : volume_io::stacks_of(scan->slices))
+  const auto scan = SLF_TRY(volume_io::scan_folder(path));
+  SeriesList list{.notes = scan.notes};
+  for (const auto& stack : volume_io::stacks_of(scan.slices))
     list.series.push_back(volume_io::describe(stack));
   return list;
 }

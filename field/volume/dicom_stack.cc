@@ -6,6 +6,7 @@
 #include <span>
 #include <sstream>
 
+#include "base/try.h"
 #include "field/volume/dicom.h"
 #include "field/volume/io.h"
 #include "field/volume/stack.h"
@@ -154,14 +155,13 @@ void copy_plane(const DicomSlice& slice, std::vector<std::byte> pixels, std::spa
 Result<void> fill(const std::vector<DicomSlice>& slices, const std::vector<std::size_t>& planes,
                   const VolumeOptions& options, Volume& volume) {
   const auto& first = slices.front();
-  const auto selector = ComponentSelector::make(
+  const auto selector = SLF_TRY(ComponentSelector::make(
       volume.source, {first.width, first.height, first.components(), first.component_type()},
-      options);
-  if (!selector) return tl::unexpected(selector.error());
+      options));
   return for_each_frame(
       slices, [&](std::size_t i, const std::vector<std::byte>& pixels) -> Result<void> {
         std::vector<std::byte> chosen;
-        if (auto r = selector->append(pixels, chosen); !r) return r;
+        SLF_TRY(selector.append(pixels, chosen));
         volume.voxels.resize(voxel_bytes(volume));
         const std::size_t bytes = volume.voxels.size() / volume.dims[2];
         copy_plane(slices[i], std::move(chosen),
@@ -181,10 +181,8 @@ Result<void> for_each_frame(
   for (const auto& [path, of_file] : by_file) files.push_back(slices[of_file.front()]);
   DicomPixelReader reader(files);
   for (const auto& [path, of_file] : by_file) {
-    const auto frames = reader.next();
-    if (!frames) return tl::unexpected(frames.error());
-    for (const std::size_t i : of_file)
-      if (auto r = visit(i, frames->frame(slices[i])); !r) return r;
+    const auto frames = SLF_TRY(reader.next());
+    for (const std::size_t i : of_file) SLF_TRY(visit(i, frames.frame(slices[i])));
   }
   return {};
 }
@@ -235,22 +233,20 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
   const auto& segmentation = stack.slices.front().segmentation;
   if (segmentation && segmentation->kind != DicomSegmentation::Kind::label_map)
     return read_segmentation(source, stack, options);
-  auto sorted = sort_by_place(stack, options.spacing);
-  if (!sorted) return tl::unexpected(sorted.error());
+  auto sorted = SLF_TRY(sort_by_place(stack, options.spacing));
   Volume volume;
   volume.source = source;
-  volume.notes = sorted->notes;
+  volume.notes = sorted.notes;
   for (const auto& slice : stack.slices)
     if (!slice.problem && (volume.files.empty() || volume.files.back() != slice.path))
       volume.files.push_back(slice.path);
 
-  const auto time = choose(source, options.time, sorted->time_count(), "time point");
-  if (!time) return tl::unexpected(time.error());
-  if (*time < sorted->times.size() && !sorted->times[*time].empty())
-    volume.notes.push_back("time point " + std::to_string(*time) + " of " +
-                           std::to_string(sorted->time_count()) + ": " + sorted->times[*time]);
+  const auto time = SLF_TRY(choose(source, options.time, sorted.time_count(), "time point"));
+  if (time < sorted.times.size() && !sorted.times[time].empty())
+    volume.notes.push_back("time point " + std::to_string(time) + " of " +
+                           std::to_string(sorted.time_count()) + ": " + sorted.times[time]);
   std::vector<DicomSlice> slices;
-  for (const auto& place : sorted->places) slices.push_back(place[*time]);
+  for (const auto& place : sorted.places) slices.push_back(place[time]);
   const DicomSlice& first = slices.front();
 
   // Files of labels may leave out empty planes.
@@ -258,30 +254,27 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
   std::size_t count = slices.size();
   const bool sparse = segmentation || (options.labels && first.stated_gap > 0);
   if (sparse) {
-    auto grid = grid_of_planes(slices, source);
-    if (!grid) return tl::unexpected(grid.error());
-    planes = grid->plane;
-    count = grid->count;
-    volume.axes[2] = grid->step;
-    volume.origin = grid->origin;
+    auto grid = SLF_TRY(grid_of_planes(slices, source));
+    planes = grid.plane;
+    count = grid.count;
+    volume.axes[2] = grid.step;
+    volume.origin = grid.origin;
   } else {
     for (std::size_t i = 0; i < planes.size(); ++i) planes[i] = i;
     volume.origin = first.position;
   }
   const auto dims =
-      check_dims(source, std::array<std::uint64_t, 3>{first.width, first.height, count});
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
+      SLF_TRY(check_dims(source, std::array<std::uint64_t, 3>{first.width, first.height, count}));
+  volume.dims = dims;
   bool uneven = false;
   if (!sparse) {
-    const auto step = step_of(slices, options, volume);
-    if (!step) return tl::unexpected(step.error());
-    volume.axes[2] = step->to_next;
-    uneven = step->resample;
+    const auto step = SLF_TRY(step_of(slices, options, volume));
+    volume.axes[2] = step.to_next;
+    uneven = step.resample;
   }
   volume.axes[0] = first.row * first.spacing.x;
   volume.axes[1] = first.column * first.spacing.y;
-  if (auto r = check_axes(volume); !r) return tl::unexpected(r.error());
+  SLF_TRY(check_axes(volume));
 
   const bool uniform = std::all_of(slices.begin(), slices.end(), [&](const DicomSlice& s) {
     return s.slope == first.slope && s.intercept == first.intercept;
@@ -295,9 +288,8 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
     volume.labels = true;
     volume.label_styles = segmentation->segments;
   }
-  if (auto r = fill(slices, planes, options, volume); !r) return tl::unexpected(r.error());
-  if (uneven)
-    if (auto r = resample(slices, options.labels, volume); !r) return tl::unexpected(r.error());
+  SLF_TRY(fill(slices, planes, options, volume));
+  if (uneven) SLF_TRY(resample(slices, options.labels, volume));
   return volume;
 }
 

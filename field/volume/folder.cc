@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <set>
 
+#include "base/try.h"
 #include "field/volume/known_formats.h"
 #include "field/volume/stack.h"
 
@@ -49,7 +50,7 @@ struct PictureFormat {
 template <auto append_one>
 Result<std::uint64_t> one_slice(const std::string& path, const VolumeOptions& options,
                                 std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
-  if (auto ok = append_one(path, options, kind, voxels); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(append_one(path, options, kind, voxels));
   return 1;
 }
 
@@ -62,24 +63,20 @@ Result<Volume> stack(const std::string& path, const std::vector<std::string>& fi
                      const PictureFormat& format, const VolumeOptions& options) {
   Volume volume;
   volume.source = path;
-  if (auto ok = check_numbering(path, files, volume.notes); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(check_numbering(path, files, volume.notes));
   const bool may_have_times = format.append == append_tiff;
-  if (const auto ok = choose(path, may_have_times ? std::nullopt : options.time, 1, "time point");
-      !ok)
-    return tl::unexpected(ok.error());
+  SLF_TRY(choose(path, may_have_times ? std::nullopt : options.time, 1, "time point"));
   std::optional<SliceKind> kind;
   std::uint64_t slices = 0;
   for (const auto& file : files) {
-    const auto appended = format.append(file, options, kind, volume.voxels);
-    if (!appended) return tl::unexpected(appended.error());
-    slices += *appended;
+    const auto appended = SLF_TRY(format.append(file, options, kind, volume.voxels));
+    slices += appended;
   }
   volume.type = kind->type;
   volume.files = files;
   const auto dims =
-      check_dims(path, std::array<std::uint64_t, 3>{kind->width, kind->height, slices});
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
+      SLF_TRY(check_dims(path, std::array<std::uint64_t, 3>{kind->width, kind->height, slices}));
+  volume.dims = dims;
   if (!options.spacing)
     volume.notes.emplace_back("pictures state no spacing: voxels are taken as 1x1x1");
   return volume;
@@ -92,18 +89,16 @@ Result<std::optional<Volume>> read_set(const std::vector<std::string>& files,
   const auto name_of = [](const std::string& file) {
     return std::filesystem::path(file).filename().string();
   };
-  const auto described = files_of_tiff_set(files.front());
-  if (!described) return tl::unexpected(described.error());
-  if (described->empty() || *described == std::set<std::string>{name_of(files.front())})
+  const auto described = SLF_TRY(files_of_tiff_set(files.front()));
+  if (described.empty() || described == std::set<std::string>{name_of(files.front())})
     return std::nullopt;
   for (const std::string& file : files)
-    if (!described->contains(name_of(file)))
-      return fail(ErrorCode::unsupported, file, ": is not one of the ", described->size(),
+    if (!described.contains(name_of(file)))
+      return fail(ErrorCode::unsupported, file, ": is not one of the ", described.size(),
                   " files that the OME metadata of ", files.front(),
                   " describe: move it to a folder of its own, or name a file of the set");
-  auto volume = read_tiff(files.front(), options);
-  if (!volume) return tl::unexpected(volume.error());
-  return std::optional<Volume>(std::move(*volume));
+  auto volume = SLF_TRY(read_tiff(files.front(), options));
+  return std::optional<Volume>(std::move(volume));
 }
 
 }  // namespace
@@ -132,9 +127,8 @@ Result<ComponentSelector> ComponentSelector::make(const std::string& source, con
     selector.equal_ = kind.components - (kind.alpha ? 1 : 0);
     return selector;
   }
-  const auto component = choose(source, options.component, kind.components, "component");
-  if (!component) return tl::unexpected(component.error());
-  selector.component_ = *component;
+  const auto component = SLF_TRY(choose(source, options.component, kind.components, "component"));
+  selector.component_ = component;
   return selector;
 }
 
@@ -192,9 +186,8 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
                 ", expected one kind: move the others to a folder of their own");
   std::sort(files[format].begin(), files[format].end(), natural_less);
   if (kFormats[format].append == append_tiff) {
-    auto set = read_set(files[format], options);
-    if (!set) return tl::unexpected(set.error());
-    if (*set) return std::move(**set);
+    auto set = SLF_TRY(read_set(files[format], options));
+    if (set) return std::move(*set);
   }
   return stack(path, files[format], kFormats[format], options);
 }

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/half.h"
+#include "base/try.h"
 
 namespace slf::volume_io {
 
@@ -70,15 +71,14 @@ ByteReader::~ByteReader() = default;
 
 Result<ByteReader> ByteReader::open(const std::string& path, std::uint64_t offset, bool packed,
                                     Packing packing) {
-  const auto size = file_size(path);
-  if (!size) return tl::unexpected(size.error());
+  const auto size = SLF_TRY(file_size(path));
   auto state = std::make_unique<State>();
   state->path = path;
   state->file.open(path, std::ios::binary);
   if (!state->file) return fail(ErrorCode::io, path, ": cannot be opened: ", std::strerror(errno));
   state->file.seekg(static_cast<std::streamoff>(offset));
   if (packed) {
-    state->chunk.resize(std::clamp<std::uint64_t>(*size, 1, kChunk));
+    state->chunk.resize(std::clamp<std::uint64_t>(size, 1, kChunk));
     state->refill();
     const std::string_view head(reinterpret_cast<const char*>(state->in.data()), state->in.size());
     if (packing == Packing::none) packing = packing_of(head);
@@ -110,12 +110,10 @@ Result<std::uint64_t> file_size(const std::string& path) {
 }
 
 Result<std::string> read_head(const std::string& path, std::size_t limit) {
-  auto reader = ByteReader::open(path, 0, packing_of_file(path) != Packing::none);
-  if (!reader) return tl::unexpected(reader.error());
+  auto reader = SLF_TRY(ByteReader::open(path, 0, packing_of_file(path) != Packing::none));
   std::string head(limit, '\0');
-  const auto got = reader->read(std::as_writable_bytes(std::span(head)));
-  if (!got) return tl::unexpected(got.error());
-  head.resize(*got);
+  const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(head))));
+  head.resize(got);
   return head;
 }
 
@@ -182,7 +180,7 @@ Result<std::uint32_t> choose(const std::string& source, const std::optional<std:
 Result<void> expect_one_number(const std::string& source, const VolumeOptions& options) {
   for (const auto& [chosen, what] :
        {std::pair{options.component, "component"}, std::pair{options.time, "time point"}})
-    if (const auto ok = choose(source, chosen, 1, what); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(choose(source, chosen, 1, what));
   return {};
 }
 
@@ -204,17 +202,14 @@ Result<ChosenVolume> choose_volume(const std::string& source, std::vector<std::u
     return fail(ErrorCode::bad_file, source, ": absurd dims: ", times, " time points of ",
                 components, " components");
   const auto dims =
-      check_dims(source, std::span(sizes).first(std::min<std::size_t>(sizes.size(), 3)));
-  if (!dims) return tl::unexpected(dims.error());
-  const auto time = choose(source, options.time, times, "time point");
-  if (!time) return tl::unexpected(time.error());
+      SLF_TRY(check_dims(source, std::span(sizes).first(std::min<std::size_t>(sizes.size(), 3))));
+  const auto time = SLF_TRY(choose(source, options.time, times, "time point"));
   std::uint64_t index = 0;
   if (components > 1) {
-    const auto component = choose(source, options.component, components, "component");
-    if (!component) return tl::unexpected(component.error());
-    index = *component * times;
+    const auto component = SLF_TRY(choose(source, options.component, components, "component"));
+    index = component * times;
   }
-  return ChosenVolume{*dims, index + *time, count, components > 1};
+  return ChosenVolume{dims, index + time, count, components > 1};
 }
 
 Result<void> check_axes(const Volume& volume) {

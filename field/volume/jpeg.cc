@@ -1,4 +1,5 @@
 // JPEG slices, through the decoder of pictures.
+#include "base/try.h"
 #include "field/image/formats.h"
 #include "field/volume/stack.h"
 
@@ -8,21 +9,17 @@ bool looks_like_jpeg(std::string_view head) { return head.starts_with("\xff\xd8\
 
 Result<void> append_jpeg(const std::string& path, const VolumeOptions& options,
                          std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
-  const auto size = file_size(path);
-  if (!size) return tl::unexpected(size.error());
-  auto file = ByteReader::open(path, 0, false);
-  if (!file) return tl::unexpected(file.error());
-  std::vector<std::byte> bytes(*size);
-  const auto got = file->read(bytes);
-  if (!got) return tl::unexpected(got.error());
-  const auto picture = image_formats::decode_jpeg_samples(path, std::span(bytes).first(*got));
-  if (!picture) return tl::unexpected(picture.error());
+  const auto size = SLF_TRY(file_size(path));
+  auto file = SLF_TRY(ByteReader::open(path, 0, false));
+  std::vector<std::byte> bytes(size);
+  const auto got = SLF_TRY(file.read(bytes));
+  const auto picture =
+      SLF_TRY(image_formats::decode_jpeg_samples(path, std::span(bytes).first(got)));
   const SliceKind here{
-      .width = picture->width, .height = picture->height, .components = picture->channels};
-  if (auto ok = same_kind(path, here, kind); !ok) return ok;
-  const auto selector = ComponentSelector::make(path, here, options);
-  if (!selector) return tl::unexpected(selector.error());
-  return selector->append(std::as_bytes(std::span(picture->samples)), voxels);
+      .width = picture.width, .height = picture.height, .components = picture.channels};
+  SLF_TRY(same_kind(path, here, kind));
+  const auto selector = SLF_TRY(ComponentSelector::make(path, here, options));
+  return selector.append(std::as_bytes(std::span(picture.samples)), voxels);
 }
 
 }  // namespace slf::volume_io

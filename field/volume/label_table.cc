@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/try.h"
 #include "field/volume/io.h"
 #include "slf/structures.h"
 
@@ -310,9 +311,8 @@ Result<LabelTable> parse_label_table(const std::string& bytes, const std::string
 
 Result<LabelTable> read_label_table(const std::string& path) {
   constexpr std::uint64_t kMaxBytes = 16 << 20;
-  const auto bytes = read_file(path, kMaxBytes);
-  if (!bytes) return tl::unexpected(bytes.error());
-  return parse_label_table({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, path);
+  const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
+  return parse_label_table({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path);
 }
 
 }  // namespace slf

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <map>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -135,9 +136,8 @@ Result<void> set_position(const Header& header, std::size_t rank, const VolumeOp
                                   Part{{"Offset", "Position", "Origin"}, &origin},
                                   Part{{"TransformMatrix", "Rotation", "Orientation"}, &matrix}})
     if (const auto* text = to == &spacing && options.spacing ? nullptr : header.find(names)) {
-      auto values = numbers(path, names.front(), *text, to->size());
-      if (!values) return tl::unexpected(values.error());
-      *to = *values;
+      auto values = SLF_TRY(numbers(path, names.front(), *text, to->size()));
+      *to = values;
     }
   if (!options.spacing && !header.find({"ElementSpacing", "ElementSize"}))
     volume.notes.emplace_back(kNoSpacing);
@@ -209,9 +209,8 @@ Result<std::vector<std::string>> data_files(const std::string& path, const Heade
     const std::int64_t step = given.size() > 2 ? given[2]
                               : slices > 1     ? (last - first) / (slices - 1)
                                                : 1;
-    auto numbered = numbered_files(path, parts.front(), first, last, step);
-    if (!numbered) return tl::unexpected(numbered.error());
-    files = std::move(*numbered);
+    auto numbered = SLF_TRY(numbered_files(path, parts.front(), first, last, step));
+    files = std::move(numbered);
   }
   if (files.size() != count)
     return fail(ErrorCode::bad_file, path, ": it names ", files.size(),
@@ -235,12 +234,11 @@ Result<VoxelData> locate(const Header& header, const Volume& volume,
                 "volume as binary");
   VoxelData data{.path = path, .offset = header.bytes, .packed = *packed, .big_endian = *big};
   const std::string& file = *header.find({"ElementDataFile"});
-  auto files = data_files(path, header, sizes);
-  if (!files) return tl::unexpected(files.error());
-  if (!files->empty()) {
-    data.path = files->front();
+  auto files = SLF_TRY(data_files(path, header, sizes));
+  if (!files.empty()) {
+    data.path = files.front();
     data.offset = 0;
-    data.parts = std::move(*files);
+    data.parts = std::move(files);
   } else if (lower(file) != "local") {
     data.path = beside(path, file);
     data.offset = 0;
@@ -275,37 +273,30 @@ bool looks_like_meta(std::string_view head) {
 
 Result<Volume> read_meta(const std::string& path, std::string_view head,
                          const VolumeOptions& options) {
-  const auto header = parse_lines(path, head);
-  if (!header) return tl::unexpected(header.error());
+  const auto header = SLF_TRY(parse_lines(path, head));
   Volume volume;
   volume.source = path;
-  const auto* channels = header->find({"ElementNumberOfChannels"});
+  const auto* channels = header.find({"ElementNumberOfChannels"});
   const auto count = channels ? parse_integer(*channels) : 1;
   if (!count || *count < 1 || *count > 4096)
     return fail(ErrorCode::bad_file, path, ": 'ElementNumberOfChannels' is ", in_quotes(*channels),
                 ", expected 1 to 4096");
-  const auto type = scalar_type(path, *header);
-  if (!type) return tl::unexpected(type.error());
-  volume.type = *type;
-  const auto sizes = sizes_of(path, *header);
-  if (!sizes) return tl::unexpected(sizes.error());
-  const auto chosen = choose_volume(path, *sizes, options);
-  if (!chosen) return tl::unexpected(chosen.error());
-  volume.dims = chosen->dims;
-  if (auto done = set_position(*header, sizes->size(), options, volume); !done)
-    return tl::unexpected(done.error());
-  if (auto scaled = read_scale(*header, volume); !scaled) return tl::unexpected(scaled.error());
-  auto data = locate(*header, volume, *sizes);
-  if (!data) return tl::unexpected(data.error());
-  data->components = static_cast<std::uint32_t>(*count);
-  if (*count > 1 || !chosen->by_component) {
-    const auto component = choose(path, options.component, data->components, "component");
-    if (!component) return tl::unexpected(component.error());
-    data->component = *component;
+  const auto type = SLF_TRY(scalar_type(path, header));
+  volume.type = type;
+  const auto sizes = SLF_TRY(sizes_of(path, header));
+  const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
+  volume.dims = chosen.dims;
+  SLF_TRY(set_position(header, sizes.size(), options, volume));
+  SLF_TRY(read_scale(header, volume));
+  auto data = SLF_TRY(locate(header, volume, sizes));
+  data.components = static_cast<std::uint32_t>(*count);
+  if (*count > 1 || !chosen.by_component) {
+    const auto component = SLF_TRY(choose(path, options.component, data.components, "component"));
+    data.component = component;
   }
-  data->index = chosen->index;
-  data->volumes = chosen->count;
-  if (auto read = read_voxels(*data, volume); !read) return tl::unexpected(read.error());
+  data.index = chosen.index;
+  data.volumes = chosen.count;
+  SLF_TRY(read_voxels(data, volume));
   return volume;
 }
 

@@ -3,6 +3,7 @@
 //
 // Why our own reader? The format is a big-endian header with fixed offsets, then voxels at byte
 // 284.
+#include "base/try.h"
 #include "field/volume/fields.h"
 #include "field/volume/io.h"
 
@@ -91,18 +92,16 @@ Result<Volume> read_mgh(const std::string& path, std::string_view head,
   std::vector<std::uint64_t> sizes;
   for (const std::size_t at : {4, 8, 12, 16})
     sizes.push_back(static_cast<std::uint64_t>(header.get<std::int32_t>(at)));
-  const auto chosen = choose_volume(path, sizes, options);
-  if (!chosen) return tl::unexpected(chosen.error());
-  if (const auto ok = choose(path, options.component, 1, "component"); !ok)
-    return tl::unexpected(ok.error());
-  volume.dims = chosen->dims;
-  if (auto done = set_position(header, options, volume); !done) return tl::unexpected(done.error());
+  const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
+  SLF_TRY(choose(path, options.component, 1, "component"));
+  volume.dims = chosen.dims;
+  SLF_TRY(set_position(header, options, volume));
   VoxelData data{.path = path,
                  .packed = packing_of_file(path) != Packing::none,
                  .skip = kVoxels,
                  .big_endian = true};
-  data.index = chosen->index;  // FreeSurfer's tags follow the last of the volumes
-  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  data.index = chosen.index;  // FreeSurfer's tags follow the last of the volumes
+  SLF_TRY(read_voxels(data, volume));
   return volume;
 }
 

@@ -11,6 +11,7 @@
 #include <numbers>
 
 #include "base/bytes.h"
+#include "base/try.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -107,7 +108,7 @@ Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of,
                         glm::dvec3(cosine(1), y, std::sqrt(std::max(zz, 0.0))) * step[2]);
   for (int storage = 0; storage < 3; ++storage)
     volume.axes[storage] = cell[axis_of[static_cast<std::size_t>(storage)]];
-  if (auto ok = place(options, volume); !ok) return ok;
+  SLF_TRY(place(options, volume));
   glm::dvec3 start;
   for (int i = 0; i < 3; ++i) {
     const auto word = static_cast<std::size_t>(i);
@@ -127,7 +128,7 @@ Result<void> read_four_bits(const VoxelData& data, Volume& volume) {
   packed.source = volume.source;
   packed.type = ScalarType::u8;
   packed.dims = {static_cast<std::uint32_t>(row), volume.dims[1], volume.dims[2]};
-  if (auto read = read_voxels(data, packed); !read) return read;
+  SLF_TRY(read_voxels(data, packed));
   volume.files = std::move(packed.files);
   std::ranges::move(packed.notes, std::back_inserter(volume.notes));
   volume.voxels.resize(voxel_bytes(volume));
@@ -150,9 +151,8 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
   const Words words{head, byte_order(head).value_or(false)};
   Volume volume;
   volume.source = path;
-  const auto type = scalar_type(path, words);
-  if (!type) return tl::unexpected(type.error());
-  volume.type = *type;
+  const auto type = SLF_TRY(scalar_type(path, words));
+  volume.type = type;
   std::vector<std::uint64_t> sizes;
   for (const std::size_t word : {1, 2, 3})
     sizes.push_back(static_cast<std::uint64_t>(words.integer(word)));
@@ -162,16 +162,13 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
     sizes.push_back(sizes[2] / sections);
     sizes[2] = sections;
   }
-  const auto chosen = choose_volume(path, sizes, options);
-  if (!chosen) return tl::unexpected(chosen.error());
-  if (const auto ok = choose(path, options.component, 1, "component"); !ok)
-    return tl::unexpected(ok.error());
-  volume.dims = chosen->dims;
+  const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
+  SLF_TRY(choose(path, options.component, 1, "component"));
+  volume.dims = chosen.dims;
   std::array<int, 3> axis_of{0, 1, 2};
   if (words.integer(17) != 0)
     for (std::size_t i = 0; i < 3; ++i) axis_of[i] = words.integer(17 + i) - 1;
-  if (auto done = set_position(words, axis_of, options, volume); !done)
-    return tl::unexpected(done.error());
+  SLF_TRY(set_position(words, axis_of, options, volume));
 
   const auto extended = words.integer(24);
   if (extended < 0)
@@ -180,11 +177,10 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
   VoxelData data{.path = path, .big_endian = words.big_endian};
   data.skip = kHeader + static_cast<std::uint64_t>(extended);
   data.packed = packing_of_file(path) != Packing::none;
-  data.index = chosen->index;
-  data.volumes = chosen->count;
+  data.index = chosen.index;
+  data.volumes = chosen.count;
   const bool four_bits = words.integer(4) == kFourBits;
-  if (auto read = four_bits ? read_four_bits(data, volume) : read_voxels(data, volume); !read)
-    return tl::unexpected(read.error());
+  SLF_TRY(four_bits ? read_four_bits(data, volume) : read_voxels(data, volume));
   if (words.integer(4) == kHalfFloats) widen_half_floats(volume);
   return volume;
 }

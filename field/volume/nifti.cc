@@ -12,6 +12,7 @@
 #include <sstream>
 
 #include "base/bytes.h"
+#include "base/try.h"
 #include "field/volume/fields.h"
 #include "field/volume/io.h"
 
@@ -360,13 +361,11 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
                   ", expected at least 1");
     sizes.push_back(static_cast<std::uint64_t>(header.dim[i]));
   }
-  const auto type = scalar_type(path, header.datatype);
-  if (!type) return tl::unexpected(type.error());
-  volume.type = *type;
-  const auto chosen = choose_volume(path, sizes, options);
-  if (!chosen) return tl::unexpected(chosen.error());
-  volume.dims = chosen->dims;
-  if (auto done = set_position(header, options, volume); !done) return tl::unexpected(done.error());
+  const auto type = SLF_TRY(scalar_type(path, header.datatype));
+  volume.type = type;
+  const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
+  volume.dims = chosen.dims;
+  SLF_TRY(set_position(header, options, volume));
 
   // A slope of 0 means that there is none.
   if (header.slope != 0 && std::isfinite(header.slope) && std::isfinite(header.intercept)) {
@@ -379,10 +378,9 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
   VoxelData data{.path = path, .big_endian = header.big_endian};
   data.skip = static_cast<std::uint64_t>(header.vox_offset);
   data.components = components_of(header.datatype);
-  if (data.components > 1 || !chosen->by_component) {
-    const auto component = choose(path, options.component, data.components, "component");
-    if (!component) return tl::unexpected(component.error());
-    data.component = *component;
+  if (data.components > 1 || !chosen.by_component) {
+    const auto component = SLF_TRY(choose(path, options.component, data.components, "component"));
+    data.component = component;
   }
   const std::uint64_t header_bytes = big_endian_of(head, kHeader1) ? kHeader1 : kHeader2;
   if (!header.single_file)
@@ -392,9 +390,9 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
   if (const auto size = file_size(data.path); !size)
     return fail(size.error().code, path, ": its voxels cannot be read: ", size.error().message);
   data.packed = packing_of_file(data.path) != Packing::none;
-  data.index = chosen->index;
-  data.volumes = chosen->count;
-  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  data.index = chosen.index;
+  data.volumes = chosen.count;
+  SLF_TRY(read_voxels(data, volume));
   return volume;
 }
 

@@ -7,6 +7,7 @@
 #include <algorithm>
 
 #include "base/bytes.h"
+#include "base/try.h"
 #include "field/volume/fields.h"
 #include "field/volume/io.h"
 #include "field/volume/zip.h"
@@ -90,8 +91,7 @@ Result<Header> parse(const std::string& path, std::string_view head) {
   header.bytes = from + length;
   if (header.bytes > head.size()) return cut();
   const auto dictionary = head.substr(from, length);
-  if (auto ok = set_type(path, value_of(dictionary, "descr"), header); !ok)
-    return tl::unexpected(ok.error());
+  SLF_TRY(set_type(path, value_of(dictionary, "descr"), header));
   const auto order = value_of(dictionary, "fortran_order");
   header.fortran_order = order.starts_with("True");
   if (!header.fortran_order && !order.starts_with("False"))
@@ -158,14 +158,11 @@ Result<Volume> read_array(const Header& header, VoxelData data, const VolumeOpti
   volume.source = path;
   volume.type = header.type;
   if (!header.fortran_order) std::reverse(space.begin(), space.end());
-  const auto dims = check_dims(path, space);
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
-  const auto time = choose(path, options.time, times, "time point");
-  if (!time) return tl::unexpected(time.error());
+  const auto dims = SLF_TRY(check_dims(path, space));
+  volume.dims = dims;
+  const auto time = SLF_TRY(choose(path, options.time, times, "time point"));
   const std::uint64_t parts = header.complex ? 2 : colours;
-  const auto component = choose(path, options.component, parts, "component");
-  if (!component) return tl::unexpected(component.error());
+  const auto component = SLF_TRY(choose(path, options.component, parts, "component"));
 
   // In Fortran's order time is the fastest axis and colour the slowest.
   const bool time_inside = header.fortran_order && !header.complex;
@@ -173,14 +170,14 @@ Result<Volume> read_array(const Header& header, VoxelData data, const VolumeOpti
     return fail(ErrorCode::unsupported, path,
                 ": complex time points in Fortran's order: save `numpy.ascontiguousarray(array)`");
   data.components = static_cast<std::uint32_t>(time_inside ? times : parts);
-  data.component = time_inside ? *time : *component;
+  data.component = time_inside ? time : component;
   if ((time_inside ? times : parts) > std::numeric_limits<std::uint32_t>::max())
     return fail(ErrorCode::bad_file, path, ": absurd shape ", describe_shape(header.shape));
   data.skip += header.bytes;
   data.big_endian = header.big_endian;
-  data.index = time_inside ? *component : *time;
+  data.index = time_inside ? component : time;
   data.volumes = time_inside ? parts : times;
-  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  SLF_TRY(read_voxels(data, volume));
   if (header.fortran_order) transpose(volume);
   if (header.half) widen_half_floats(volume);
   if (!options.spacing) volume.notes.emplace_back(kNoSpacing);
@@ -196,30 +193,26 @@ bool looks_like_npy(std::string_view head) { return head.starts_with(kMagic); }
 
 Result<Volume> read_npy(const std::string& path, std::string_view head,
                         const VolumeOptions& options) {
-  const auto header = parse(path, head);
-  if (!header) return tl::unexpected(header.error());
-  return read_array(*header, {.path = path, .packed = packing_of_file(path) != Packing::none},
+  const auto header = SLF_TRY(parse(path, head));
+  return read_array(header, {.path = path, .packed = packing_of_file(path) != Packing::none},
                     options);
 }
 
 bool looks_like_npz(std::string_view head) { return first_zip_member(head).ends_with(".npy"); }
 
 Result<Volume> read_npz(const std::string& path, const VolumeOptions& options) {
-  const auto members = read_zip_members(path);
-  if (!members) return tl::unexpected(members.error());
+  const auto members = SLF_TRY(read_zip_members(path));
   std::string arrays;
   std::size_t volumes = 0;
   std::optional<Error> problem;
   Header header;
   VoxelData data;
-  for (const auto& member : *members) {
+  for (const auto& member : members) {
     if (!member.name.ends_with(".npy")) continue;
-    auto reader = ByteReader::open(path, member.offset, member.packed, Packing::deflate);
-    if (!reader) return tl::unexpected(reader.error());
+    auto reader = SLF_TRY(ByteReader::open(path, member.offset, member.packed, Packing::deflate));
     std::string head(kMaxHeader, '\0');
-    const auto got = reader->read(std::as_writable_bytes(std::span(head)));
-    if (!got) return tl::unexpected(got.error());
-    head.resize(*got);
+    const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(head))));
+    head.resize(got);
     auto array = parse(path, head);
     if (!array) {  // texts, say, beside the volume
       problem = array.error();

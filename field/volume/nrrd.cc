@@ -7,6 +7,7 @@
 #include <limits>
 #include <map>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -127,12 +128,11 @@ Result<void> parse_directions(const std::string& path, const std::string& text,
 
 Result<void> parse_numbers(const std::string& path, const FieldMap& fields, std::string_view field,
                            std::vector<Axis>& axes, double Axis::*to) {
-  const auto values = per_axis(path, fields, field, axes.size());
-  if (!values) return tl::unexpected(values.error());
-  for (std::size_t i = 0; i < values->size(); ++i) {
-    const auto value = parse_number((*values)[i]);
+  const auto values = SLF_TRY(per_axis(path, fields, field, axes.size()));
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const auto value = parse_number((values)[i]);
     if (!value)
-      return fail(ErrorCode::bad_file, path, ": '", field, "' ", i, " is ", in_quotes((*values)[i]),
+      return fail(ErrorCode::bad_file, path, ": '", field, "' ", i, " is ", in_quotes((values)[i]),
                   ", expected a number");
     axes[i].*to = *value;
   }
@@ -146,38 +146,33 @@ bool is_range(const Axis& axis) {
 }
 
 Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fields) {
-  const auto dimension = required(path, fields, "dimension");
-  if (!dimension) return tl::unexpected(dimension.error());
-  const auto rank = parse_integer(*dimension);
+  const auto dimension = SLF_TRY(required(path, fields, "dimension"));
+  const auto rank = parse_integer(dimension);
   if (!rank || *rank < 1 || *rank > 16)
-    return fail(ErrorCode::bad_file, path, ": 'dimension' is ", in_quotes(*dimension),
+    return fail(ErrorCode::bad_file, path, ": 'dimension' is ", in_quotes(dimension),
                 ", expected 1 to 16");
   std::vector<Axis> axes(static_cast<std::size_t>(*rank));
-  if (auto text = required(path, fields, "sizes"); !text) return tl::unexpected(text.error());
-  const auto sizes = per_axis(path, fields, "sizes", axes.size());
-  if (!sizes) return tl::unexpected(sizes.error());
+  SLF_TRY(required(path, fields, "sizes"));
+  const auto sizes = SLF_TRY(per_axis(path, fields, "sizes", axes.size()));
   for (std::size_t i = 0; i < axes.size(); ++i) {
-    const auto size = parse_integer((*sizes)[i]);
+    const auto size = parse_integer((sizes)[i]);
     if (!size || *size < 1)
-      return fail(ErrorCode::bad_file, path, ": 'sizes' ", i, " is ", in_quotes((*sizes)[i]),
+      return fail(ErrorCode::bad_file, path, ": 'sizes' ", i, " is ", in_quotes((sizes)[i]),
                   ", expected a positive integer");
     axes[i].size = static_cast<std::uint64_t>(*size);
   }
   for (const auto& [field, to] :
        {std::pair{"spacings", &Axis::spacing}, std::pair{"thicknesses", &Axis::thickness},
         std::pair{"axismins", &Axis::min}, std::pair{"axismaxs", &Axis::max}})
-    if (auto r = parse_numbers(path, fields, field, axes, to); !r) return tl::unexpected(r.error());
-  const auto kinds = per_axis(path, fields, "kinds", axes.size());
-  if (!kinds) return tl::unexpected(kinds.error());
-  for (std::size_t i = 0; i < kinds->size(); ++i) axes[i].kind = lower((*kinds)[i]);
+    SLF_TRY(parse_numbers(path, fields, field, axes, to));
+  const auto kinds = SLF_TRY(per_axis(path, fields, "kinds", axes.size()));
+  for (std::size_t i = 0; i < kinds.size(); ++i) axes[i].kind = lower((kinds)[i]);
   for (const auto* field : {"centerings", "centers"}) {
-    const auto centerings = per_axis(path, fields, field, axes.size());
-    if (!centerings) return tl::unexpected(centerings.error());
-    for (std::size_t i = 0; i < centerings->size(); ++i)
-      axes[i].centering = lower((*centerings)[i]);
+    const auto centerings = SLF_TRY(per_axis(path, fields, field, axes.size()));
+    for (std::size_t i = 0; i < centerings.size(); ++i) axes[i].centering = lower((centerings)[i]);
   }
   if (const auto found = fields.find("spacedirections"); found != fields.end())
-    if (auto r = parse_directions(path, found->second, axes); !r) return tl::unexpected(r.error());
+    SLF_TRY(parse_directions(path, found->second, axes));
   return axes;
 }
 
@@ -248,10 +243,9 @@ Result<void> choose_others(const std::string& path, const std::vector<OtherAxis>
     const auto axis = std::find_if(others.begin(), others.end(),
                                    [&](const OtherAxis& other) { return other.time == time; });
     const auto index =
-        choose(path, time ? options.time : options.component, axis == others.end() ? 1 : axis->size,
-               time ? "time point" : "component");
-    if (!index) return tl::unexpected(index.error());
-    chosen[time] = *index;
+        SLF_TRY(choose(path, time ? options.time : options.component,
+                       axis == others.end() ? 1 : axis->size, time ? "time point" : "component"));
+    chosen[time] = index;
   }
   // The sizes of all axes together can be counted: no product overflows.
   std::uint64_t after = 0;  // where the inner axes end that were joined
@@ -378,16 +372,15 @@ Result<std::uint64_t> offset_after_lines(const std::string& path, std::uint64_t 
 }
 
 Result<bool> parse_packed(const std::string& path, const FieldMap& fields) {
-  const auto text = required(path, fields, "encoding");
-  if (!text) return tl::unexpected(text.error());
-  const std::string encoding = lower(*text);
+  const auto text = SLF_TRY(required(path, fields, "encoding"));
+  const std::string encoding = lower(text);
   if (encoding == "raw") return false;
   if (encoding == "gzip" || encoding == "gz") return true;
   for (const auto* known : {"txt", "text", "ascii", "hex", "bz2", "bzip2", "zrl"})
     if (encoding == known)
       return fail(ErrorCode::unsupported, path, ": encoding ", known,
                   ", expected raw or gzip: `unu save -e gzip -f nrrd -i IN -o OUT.nrrd`");
-  return fail(ErrorCode::bad_file, path, ": 'encoding' is ", in_quotes(*text),
+  return fail(ErrorCode::bad_file, path, ": 'encoding' is ", in_quotes(text),
               ", expected raw or gzip");
 }
 
@@ -448,32 +441,26 @@ Result<void> locate(const std::string& path, const Header& header, ScalarType ty
   data.path = path;
   data.offset = header.bytes;
   if (const auto found = fields.find("datafile"); found != fields.end()) {
-    auto files = data_files(path, header, found->second, axes);
-    if (!files) return tl::unexpected(files.error());
-    data.path = files->empty() ? beside(path, found->second) : files->front();
-    data.parts = std::move(*files);
+    auto files = SLF_TRY(data_files(path, header, found->second, axes));
+    data.path = files.empty() ? beside(path, found->second) : files.front();
+    data.parts = std::move(files);
     data.offset = 0;
   }
-  const auto packed = parse_packed(path, fields);
-  if (!packed) return tl::unexpected(packed.error());
-  data.packed = *packed;
-  const auto big_endian = parse_big_endian(path, fields, type);
-  if (!big_endian) return tl::unexpected(big_endian.error());
-  data.big_endian = *big_endian;
+  const auto packed = SLF_TRY(parse_packed(path, fields));
+  data.packed = packed;
+  const auto big_endian = SLF_TRY(parse_big_endian(path, fields, type));
+  data.big_endian = big_endian;
   if (const auto size = file_size(data.path); !size)
     return fail(size.error().code, path, ": its data file cannot be read: ", size.error().message);
-  const auto lines = parse_skip(path, fields, "lineskip", 0);
-  if (!lines) return tl::unexpected(lines.error());
-  if (*lines > 0 && data.parts.size() > 1)
+  const auto lines = SLF_TRY(parse_skip(path, fields, "lineskip", 0));
+  if (lines > 0 && data.parts.size() > 1)
     return fail(ErrorCode::unsupported, path,
                 ": 'line skip' in several data files, expected 'byte skip'");
-  const auto offset = offset_after_lines(data.path, data.offset, *lines);
-  if (!offset) return tl::unexpected(offset.error());
-  data.offset = *offset;
-  const auto skip = parse_skip(path, fields, "byteskip", data.packed ? 0 : -1);
-  if (!skip) return tl::unexpected(skip.error());
-  data.at_end = static_cast<std::int64_t>(*skip) == -1;
-  data.skip = data.at_end ? 0 : *skip;
+  const auto offset = SLF_TRY(offset_after_lines(data.path, data.offset, lines));
+  data.offset = offset;
+  const auto skip = SLF_TRY(parse_skip(path, fields, "byteskip", data.packed ? 0 : -1));
+  data.at_end = static_cast<std::int64_t>(skip) == -1;
+  data.skip = data.at_end ? 0 : skip;
   return {};
 }
 
@@ -481,40 +468,33 @@ Result<void> locate(const std::string& path, const Header& header, ScalarType ty
 
 Result<Volume> read_nrrd(const std::string& path, std::string_view head,
                          const VolumeOptions& options) {
-  const auto header = parse_lines(path, head);
-  if (!header) return tl::unexpected(header.error());
-  const FieldMap& fields = header->fields;
+  const auto header = SLF_TRY(parse_lines(path, head));
+  const FieldMap& fields = header.fields;
   Volume volume;
   volume.source = path;
 
-  const auto type_name = required(path, fields, "type");
-  if (!type_name) return tl::unexpected(type_name.error());
-  const auto type = parse_scalar_type(*type_name);
+  const auto type_name = SLF_TRY(required(path, fields, "type"));
+  const auto type = parse_scalar_type(type_name);
   if (!type)
-    return fail(ErrorCode::bad_file, path, ": 'type' is ", in_quotes(*type_name),
+    return fail(ErrorCode::bad_file, path, ": 'type' is ", in_quotes(type_name),
                 ", expected one number, 8 to 64 bits wide");
   volume.type = *type;
 
-  const auto all_axes = parse_axes(path, fields);
-  if (!all_axes) return tl::unexpected(all_axes.error());
-  auto axes = *all_axes;
+  const auto all_axes = SLF_TRY(parse_axes(path, fields));
+  auto axes = all_axes;
   const bool directed = fields.contains("spacedirections");
-  const auto others = keep_space(path, directed, axes);
-  if (!others) return tl::unexpected(others.error());
+  const auto others = SLF_TRY(keep_space(path, directed, axes));
   std::vector<std::uint64_t> sizes;
   for (const Axis& axis : axes) sizes.push_back(axis.size);
-  const auto dims = check_dims(path, sizes);
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
-  const auto placed = directed ? place_directed(fields, axes, options, volume)
-                               : place_by_spacing(axes, options, volume);
-  if (!placed) return tl::unexpected(placed.error());
+  const auto dims = SLF_TRY(check_dims(path, sizes));
+  volume.dims = dims;
+  SLF_TRY(directed ? place_directed(fields, axes, options, volume)
+                   : place_by_spacing(axes, options, volume));
 
   VoxelData data;
-  if (auto ok = choose_others(path, *others, options, data); !ok) return tl::unexpected(ok.error());
-  if (auto ok = locate(path, *header, volume.type, *all_axes, data); !ok)
-    return tl::unexpected(ok.error());
-  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  SLF_TRY(choose_others(path, others, options, data));
+  SLF_TRY(locate(path, header, volume.type, all_axes, data));
+  SLF_TRY(read_voxels(data, volume));
   return volume;
 }
 

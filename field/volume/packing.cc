@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/try.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -238,16 +239,14 @@ std::unique_ptr<Unpacker> Unpacker::make(Packing packing) {
 
 Result<std::string> read_unpacked(const std::string& path, std::size_t limit) {
   constexpr std::size_t kStep = std::size_t{1} << 20;
-  auto reader = ByteReader::open(path, 0, true);
-  if (!reader) return tl::unexpected(reader.error());
+  auto reader = SLF_TRY(ByteReader::open(path, 0, true));
   std::string bytes;
   while (bytes.size() <= limit) {
     const std::size_t done = bytes.size();
     bytes.resize(done + kStep);
-    const auto got = reader->read(std::as_writable_bytes(std::span(bytes).subspan(done)));
-    if (!got) return tl::unexpected(got.error());
-    bytes.resize(done + *got);
-    if (*got < kStep) return bytes;
+    const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(bytes).subspan(done))));
+    bytes.resize(done + got);
+    if (got < kStep) return bytes;
   }
   return fail(ErrorCode::unsupported, path, ": unpacks to more than ", limit,
               " bytes: unpack it yourself, and give the unpacked file");
@@ -256,11 +255,9 @@ Result<std::string> read_unpacked(const std::string& path, std::size_t limit) {
 Result<UnpackedFile> UnpackedFile::make(const std::string& path) {
   // Far more than scans shrink by: what expands further is a bomb, and would fill the disk.
   constexpr std::uint64_t kMaxRatio = 100, kSmallFile = std::uint64_t{1} << 30;
-  const auto size = file_size(path);
-  if (!size) return tl::unexpected(size.error());
-  const std::uint64_t most = std::max(*size * kMaxRatio, kSmallFile);
-  auto reader = ByteReader::open(path, 0, true);
-  if (!reader) return tl::unexpected(reader.error());
+  const auto size = SLF_TRY(file_size(path));
+  const std::uint64_t most = std::max(size * kMaxRatio, kSmallFile);
+  auto reader = SLF_TRY(ByteReader::open(path, 0, true));
   const auto no_room = [&] {
     return fail(ErrorCode::io, path,
                 ": cannot be unpacked into a temporary file: ", std::strerror(errno),
@@ -270,14 +267,13 @@ Result<UnpackedFile> UnpackedFile::make(const std::string& path) {
   if (unpacked.file_ < 0) return no_room();
   std::vector<std::byte> chunk(std::size_t{1} << 18);
   for (std::uint64_t done = 0;;) {
-    const auto got = reader->read(chunk);
-    if (!got) return tl::unexpected(got.error());
-    if (*got == 0) return unpacked;
-    done += *got;
+    const auto got = SLF_TRY(reader.read(chunk));
+    if (got == 0) return unpacked;
+    done += got;
     if (done > most)
-      return fail(ErrorCode::unsupported, path, ": ", *size, " packed bytes become more than ",
-                  most, ": if that is right, unpack it yourself, and give the unpacked file");
-    if (!write_all(unpacked.file_, std::span(chunk).first(*got))) return no_room();
+      return fail(ErrorCode::unsupported, path, ": ", size, " packed bytes become more than ", most,
+                  ": if that is right, unpack it yourself, and give the unpacked file");
+    if (!write_all(unpacked.file_, std::span(chunk).first(got))) return no_room();
   }
 }
 

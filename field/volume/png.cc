@@ -6,6 +6,7 @@
 #include <cstring>
 #include <fstream>
 
+#include "base/try.h"
 #include "field/volume/stack.h"
 
 namespace slf::volume_io {
@@ -74,13 +75,11 @@ bool looks_like_png(std::string_view head) { return head.starts_with("\x89PNG\r\
 
 Result<void> append_png(const std::string& path, const VolumeOptions& options,
                         std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
-  const auto size = file_size(path);
-  if (!size) return tl::unexpected(size.error());
-  auto file = ByteReader::open(path, 0, false);
-  if (!file) return tl::unexpected(file.error());
+  const auto size = SLF_TRY(file_size(path));
+  auto file = SLF_TRY(ByteReader::open(path, 0, false));
   Reader reader;
-  reader.bytes.resize(*size);
-  if (const auto got = file->read(reader.bytes); !got) return tl::unexpected(got.error());
+  reader.bytes.resize(size);
+  SLF_TRY(file.read(reader.bytes));
   const auto damaged = [&] {
     return fail(ErrorCode::bad_file, path, ": damaged PNG: ", reader.message);
   };
@@ -89,21 +88,19 @@ Result<void> append_png(const std::string& path, const VolumeOptions& options,
   if (!reader.info) return fail(ErrorCode::failed, path, ": no memory to read it");
   png_set_read_fn(reader.png, &reader, on_read);
   if (!read_header(reader)) return damaged();
-  if (auto ok = same_kind(path, reader.kind, kind); !ok) return ok;
-  const auto taker = ComponentSelector::make(path, *kind, options);
-  if (!taker) return tl::unexpected(taker.error());
+  SLF_TRY(same_kind(path, reader.kind, kind));
+  const auto taker = SLF_TRY(ComponentSelector::make(path, *kind, options));
 
   const std::size_t row = std::size_t{kind->width} * kind->components * bytes_per_voxel(kind->type);
   // Deflate packs at most 1032:1, and few bits were expanded at most 8 times, palettes 4 times
   // more.
-  if (row > *size * 1032 * 32 / kind->height + 1)
-    return fail(ErrorCode::bad_file, path, ": ", describe(*kind), " cannot be in ", *size,
-                " bytes");
+  if (row > size * 1032 * 32 / kind->height + 1)
+    return fail(ErrorCode::bad_file, path, ": ", describe(*kind), " cannot be in ", size, " bytes");
   reader.samples.resize(row * kind->height);
   for (std::uint32_t y = 0; y < kind->height; ++y)
     reader.rows.push_back(reinterpret_cast<png_bytep>(reader.samples.data() + y * row));
   if (!read_pixels(reader)) return damaged();
-  return taker->append(reader.samples, voxels);
+  return taker.append(reader.samples, voxels);
 }
 
 }  // namespace slf::volume_io

@@ -12,6 +12,7 @@
 #include <memory>
 #include <set>
 
+#include "base/try.h"
 #include "field/volume/stack.h"
 #include "field/volume/tiff_description.h"
 
@@ -43,11 +44,10 @@ int on_warning(TIFF*, void*, const char*, const char*, va_list) { return 1; }
 class TiffFile {
  public:
   static Result<std::unique_ptr<TiffFile>> open(const std::string& path) {
-    const auto size = file_size(path);
-    if (!size) return tl::unexpected(size.error());
+    const auto size = SLF_TRY(file_size(path));
     auto file = std::make_unique<TiffFile>();
     file->path = path;
-    file->bytes = *size;
+    file->bytes = size;
     const std::unique_ptr<TIFFOpenOptions, decltype(&TIFFOpenOptionsFree)> options(
         TIFFOpenOptionsAlloc(), &TIFFOpenOptionsFree);
     if (!options) throw std::bad_alloc();
@@ -55,7 +55,7 @@ class TiffFile {
     TIFFOpenOptionsSetWarningHandlerExtR(options.get(), on_warning, nullptr);
     TIFFOpenOptionsSetMaxSingleMemAlloc(
         options.get(), static_cast<tmsize_t>(std::min<std::uint64_t>(
-                           *size * kMaxExpansion + (1u << 20), std::uint64_t{1} << 40)));
+                           size * kMaxExpansion + (1u << 20), std::uint64_t{1} << 40)));
     file->tiff.reset(TIFFOpenExt(path.c_str(), "rm", options.get()));
     if (!file->tiff) return file->damaged();
     return file;
@@ -160,12 +160,11 @@ Result<void> read_rows(TiffFile& file, const SliceKind& kind, std::uint32_t samp
         file.tag<std::uint32_t>(TIFFTAG_ROWSPERSTRIP, kind.height), 1, kind.height);
     for (std::uint32_t y = 0; y < kind.height; y += rows) {
       const std::uint32_t count = std::min(rows, kind.height - y);
-      auto band = buffer(file, row * count);
-      if (!band) return tl::unexpected(band.error());
-      const auto got = TIFFReadEncodedStrip(tiff, TIFFComputeStrip(tiff, y, plane), band->data(),
-                                            static_cast<tmsize_t>(band->size()));
-      if (got != static_cast<tmsize_t>(band->size())) return file.damaged();
-      if (auto ok = take(*band); !ok) return ok;
+      auto band = SLF_TRY(buffer(file, row * count));
+      const auto got = TIFFReadEncodedStrip(tiff, TIFFComputeStrip(tiff, y, plane), band.data(),
+                                            static_cast<tmsize_t>(band.size()));
+      if (got != static_cast<tmsize_t>(band.size())) return file.damaged();
+      SLF_TRY(take(band));
     }
     return {};
   }
@@ -173,22 +172,20 @@ Result<void> read_rows(TiffFile& file, const SliceKind& kind, std::uint32_t samp
   const auto down = file.tag<std::uint32_t>(TIFFTAG_TILELENGTH, 0);
   if (across == 0 || down == 0 || across > (1u << 20) || down > (1u << 20))
     return fail(ErrorCode::bad_file, file.path, ": tiles of ", across, "x", down, " pixels");
-  auto tile = buffer(file, pixel * across * down);
-  if (!tile) return tl::unexpected(tile.error());
-  if (TIFFTileSize(tiff) != static_cast<tmsize_t>(tile->size())) return file.damaged();
+  auto tile = SLF_TRY(buffer(file, pixel * across * down));
+  if (TIFFTileSize(tiff) != static_cast<tmsize_t>(tile.size())) return file.damaged();
   for (std::uint32_t y = 0; y < kind.height; y += down) {
     const std::uint32_t count = std::min(down, kind.height - y);
-    auto band = buffer(file, row * count);
-    if (!band) return tl::unexpected(band.error());
+    auto band = SLF_TRY(buffer(file, row * count));
     for (std::uint32_t x = 0; x < kind.width; x += across) {
-      if (TIFFReadEncodedTile(tiff, TIFFComputeTile(tiff, x, y, 0, plane), tile->data(),
-                              static_cast<tmsize_t>(tile->size())) < 0)
+      if (TIFFReadEncodedTile(tiff, TIFFComputeTile(tiff, x, y, 0, plane), tile.data(),
+                              static_cast<tmsize_t>(tile.size())) < 0)
         return file.damaged();
       const std::size_t part = std::min(across, kind.width - x) * pixel;
       for (std::uint32_t r = 0; r < count; ++r)
-        std::copy_n(tile->data() + r * across * pixel, part, band->data() + r * row + x * pixel);
+        std::copy_n(tile.data() + r * across * pixel, part, band.data() + r * row + x * pixel);
     }
-    if (auto ok = take(*band); !ok) return ok;
+    SLF_TRY(take(band));
   }
   return {};
 }
@@ -208,7 +205,7 @@ Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentS
     voxels.insert(voxels.end(), samples.begin(), samples.end());
     return {};
   };
-  if (auto ok = read_rows(file, kind, 1, selector.component(), append); !ok) return ok;
+  SLF_TRY(read_rows(file, kind, 1, selector.component(), append));
   for (std::uint32_t plane = 1; plane < selector.equal(); ++plane) {
     std::size_t at = begin;
     const auto compare = [&](std::span<const std::byte> samples) -> Result<void> {
@@ -217,7 +214,7 @@ Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentS
       at += samples.size();
       return {};
     };
-    if (auto ok = read_rows(file, kind, 1, plane, compare); !ok) return ok;
+    SLF_TRY(read_rows(file, kind, 1, plane, compare));
   }
   return {};
 }
@@ -259,9 +256,8 @@ Result<bool> skip_thumbnails(TiffFile& file) {
 Result<TiffStack> survey(const std::string& path, const VolumeOptions& options) {
   TiffStack stack;
   const auto restart = [&](std::uint64_t skipped) -> Result<void> {
-    auto opened = TiffFile::open(path);
-    if (!opened) return tl::unexpected(opened.error());
-    stack.file = std::move(*opened);
+    auto opened = SLF_TRY(TiffFile::open(path));
+    stack.file = std::move(opened);
     auto found = skip_thumbnails(*stack.file);
     for (; found && *found && skipped > 0; --skipped) {
       found = stack.file->next();
@@ -272,15 +268,13 @@ Result<TiffStack> survey(const std::string& path, const VolumeOptions& options) 
       return fail(ErrorCode::unsupported, path,
                   ": holds nothing but reduced copies and masks of pages that it lacks: give the "
                   "file of the whole stack");
-    const auto kind = kind_of(*stack.file);
-    if (!kind) return tl::unexpected(kind.error());
-    stack.kind = *kind;
+    const auto kind = SLF_TRY(kind_of(*stack.file));
+    stack.kind = kind;
     return {};
   };
-  if (auto ok = restart(0); !ok) return tl::unexpected(ok.error());
-  auto d = describe_pages(*stack.file, stack.kind, options);
-  if (!d) return tl::unexpected(d.error());
-  stack.d = std::move(*d);
+  SLF_TRY(restart(0));
+  auto d = SLF_TRY(describe_pages(*stack.file, stack.kind, options));
+  stack.d = std::move(d);
 
   // Some writers put a thumbnail first and do not mark it: it is smaller than all others.
   std::optional<SliceKind> rest;
@@ -299,7 +293,7 @@ Result<TiffStack> survey(const std::string& path, const VolumeOptions& options) 
     stack.first = 1;
     --stack.pages;
   }
-  if (auto ok = restart(stack.first); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(restart(stack.first));
   return stack;
 }
 
@@ -315,9 +309,8 @@ class PageReader {
       return fail(ErrorCode::unsupported, place.path, ": page ", place.page,
                   " comes after a later one in its description; save the stack in order");
     if (other) {
-      auto opened = TiffFile::open(place.path);
-      if (!opened) return tl::unexpected(opened.error());
-      file_ = std::move(*opened);
+      auto opened = SLF_TRY(TiffFile::open(place.path));
+      file_ = std::move(opened);
       passed_ = 0;
     }
     next_ = place.page + 1;
@@ -325,9 +318,8 @@ class PageReader {
       const bool counts = !file_->is_thumbnail();
       if (counts && passed_ == place.page) return file_.get();
       passed_ += counts ? 1 : 0;
-      const auto more = file_->next();
-      if (!more) return tl::unexpected(more.error());
-      if (!*more)
+      const auto more = SLF_TRY(file_->next());
+      if (!more)
         return fail(ErrorCode::bad_file, place.path, ": has ", passed_, " pages, but page ",
                     place.page, " is part of the volume");
     }
@@ -352,10 +344,10 @@ Result<ChosenChannel> choose_channel(const std::string& path, const TiffStack& s
   ChosenChannel chosen{0, options};
   if (stack.d.channels == 1) return chosen;
   const std::uint64_t of_pixel = stack.kind.components;
-  const auto component = choose(path, options.component, stack.d.channels * of_pixel, "component");
-  if (!component) return tl::unexpected(component.error());
-  chosen.channel = static_cast<std::uint32_t>(*component / of_pixel);
-  chosen.of_page.component = static_cast<std::uint32_t>(*component % of_pixel);
+  const auto component =
+      SLF_TRY(choose(path, options.component, stack.d.channels * of_pixel, "component"));
+  chosen.channel = static_cast<std::uint32_t>(component / of_pixel);
+  chosen.of_page.component = static_cast<std::uint32_t>(component % of_pixel);
   return chosen;
 }
 
@@ -363,25 +355,21 @@ Result<ChosenChannel> choose_channel(const std::string& path, const TiffStack& s
 Result<void> append_slices(const std::string& path, const TiffStack& stack,
                            const ChosenChannel& channel, std::uint32_t time, bool in_set,
                            std::vector<std::string>& files, std::vector<std::byte>& voxels) {
-  const auto selector = ComponentSelector::make(path, stack.kind, channel.of_page);
-  if (!selector) return tl::unexpected(selector.error());
+  const auto selector = SLF_TRY(ComponentSelector::make(path, stack.kind, channel.of_page));
   PageReader reader;
   for (std::uint64_t z = 0; z < stack.d.z; ++z) {
     TiffPlace place{path, page_of(stack.d, z, channel.channel, time) + stack.first};
     if (in_set) {
-      auto named = stack.d.place_of(place.page, path);
-      if (!named) return tl::unexpected(named.error());
-      place = std::move(*named);
+      auto named = SLF_TRY(stack.d.place_of(place.page, path));
+      place = std::move(named);
       if (files.empty() || files.back() != place.path) files.push_back(place.path);
     }
-    const auto page = reader.at(place);
-    if (!page) return tl::unexpected(page.error());
-    const auto here = kind_of(**page);
-    if (!here) return tl::unexpected(here.error());
-    if (*here != stack.kind)
-      return fail(ErrorCode::unsupported, place.path, ": page ", place.page, " is ",
-                  describe(*here), ", unlike the first (", describe(stack.kind), ")");
-    if (auto ok = append_page(**page, stack.kind, *selector, voxels); !ok) return ok;
+    const auto page = SLF_TRY(reader.at(place));
+    const auto here = SLF_TRY(kind_of(*page));
+    if (here != stack.kind)
+      return fail(ErrorCode::unsupported, place.path, ": page ", place.page, " is ", describe(here),
+                  ", unlike the first (", describe(stack.kind), ")");
+    SLF_TRY(append_page(*page, stack.kind, selector, voxels));
   }
   return {};
 }
@@ -429,7 +417,7 @@ Result<Volume> read_raw_stack(const TiffFile& file, const SliceKind& kind, const
   data.big_endian = TIFFIsBigEndian(file.tiff.get()) != 0;
   if (__builtin_mul_overflow(first, slice, &data.skip))
     return fail(ErrorCode::bad_file, file.path, ": absurd counts of pictures");
-  if (auto ok = read_voxels(data, volume); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(read_voxels(data, volume));
   return volume;
 }
 
@@ -443,69 +431,57 @@ bool looks_like_tiff(std::string_view head) {
 }
 
 Result<std::set<std::string>> files_of_tiff_set(const std::string& path) {
-  const auto file = TiffFile::open(path);
-  if (!file) return tl::unexpected(file.error());
-  const auto found = skip_thumbnails(**file);
-  if (!found) return tl::unexpected(found.error());
-  const std::string text = (*file)->text(TIFFTAG_IMAGEDESCRIPTION);
+  const auto file = SLF_TRY(TiffFile::open(path));
+  SLF_TRY(skip_thumbnails(*file));
+  const std::string text = file->text(TIFFTAG_IMAGEDESCRIPTION);
   if (!looks_like_ome(text)) return std::set<std::string>{};
   return files_of_ome(text, path);
 }
 
 Result<std::uint64_t> append_tiff(const std::string& path, const VolumeOptions& options,
                                   std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
-  auto stack = survey(path, options);
-  if (!stack) return tl::unexpected(stack.error());
-  if (auto ok = same_kind(path, stack->kind, kind); !ok) return tl::unexpected(ok.error());
-  if (stack->d.z == 0) stack->d.z = stack->pages;
-  if (!has_counted_pages(*stack) && !stack->d.of_several) return wrong_count(path, *stack);
-  const auto time = choose(path, options.time, stack->d.times, "time point");
-  if (!time) return tl::unexpected(time.error());
-  const auto channel = choose_channel(path, *stack, options);
-  if (!channel) return tl::unexpected(channel.error());
+  auto stack = SLF_TRY(survey(path, options));
+  SLF_TRY(same_kind(path, stack.kind, kind));
+  if (stack.d.z == 0) stack.d.z = stack.pages;
+  if (!has_counted_pages(stack) && !stack.d.of_several) return wrong_count(path, stack);
+  const auto time = SLF_TRY(choose(path, options.time, stack.d.times, "time point"));
+  const auto channel = SLF_TRY(choose_channel(path, stack, options));
   std::vector<std::string> files;
-  if (auto ok = append_slices(path, *stack, *channel, *time, stack->d.of_several, files, voxels);
-      !ok)
-    return tl::unexpected(ok.error());
-  return stack->d.z;
+  SLF_TRY(append_slices(path, stack, channel, time, stack.d.of_several, files, voxels));
+  return stack.d.z;
 }
 
 Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) {
-  auto stack = survey(path, options);
-  if (!stack) return tl::unexpected(stack.error());
-  TiffDescription& d = stack->d;
+  auto stack = SLF_TRY(survey(path, options));
+  TiffDescription& d = stack.d;
   Volume volume;
   volume.source = path;
-  volume.type = stack->kind.type;
-  if (stack->first > 0)
+  volume.type = stack.kind.type;
+  if (stack.first > 0)
     volume.notes.emplace_back("its first page is smaller than all others: left out as a thumbnail");
-  if (d.z == 0) d.z = stack->pages;
+  if (d.z == 0) d.z = stack.pages;
   // Many stacks along z are saved as times.
   if (d.z == 1 && d.times > 1 && !options.time) {
     std::swap(d.z, d.times);
     for (char& axis : d.order) axis = axis == 'Z' ? 'T' : axis == 'T' ? 'Z' : axis;
     volume.notes.emplace_back("its " + d.origin + " metadata call its slices time points");
   }
-  const bool counted = has_counted_pages(*stack);
-  const bool raw_stack = !counted && stack->pages == 1 && d.origin == "ImageJ";
+  const bool counted = has_counted_pages(stack);
+  const bool raw_stack = !counted && stack.pages == 1 && d.origin == "ImageJ";
   const bool in_set = d.of_several || (!counted && d.names_files());
-  if (!raw_stack && !in_set && !counted) return wrong_count(path, *stack);
-  const auto dims =
-      check_dims(path, std::array<std::uint64_t, 3>{stack->kind.width, stack->kind.height, d.z});
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
-  const auto time = choose(path, options.time, d.times, "time point");
-  if (!time) return tl::unexpected(time.error());
-  const auto channel = choose_channel(path, *stack, options);
+  if (!raw_stack && !in_set && !counted) return wrong_count(path, stack);
+  const auto dims = SLF_TRY(
+      check_dims(path, std::array<std::uint64_t, 3>{stack.kind.width, stack.kind.height, d.z}));
+  volume.dims = dims;
+  const auto time = SLF_TRY(choose(path, options.time, d.times, "time point"));
+  const auto channel = choose_channel(path, stack, options);
   if (!channel) return tl::unexpected(channel.error());
   set_spacing(d, options, volume);
-  if (auto ok = place(options, volume); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(place(options, volume));
   if (raw_stack)
-    return read_raw_stack(*stack->file, stack->kind, d, page_of(d, 1, 0, 0),
-                          page_of(d, 0, channel->channel, *time), std::move(volume));
-  if (auto ok = append_slices(path, *stack, *channel, *time, in_set, volume.files, volume.voxels);
-      !ok)
-    return tl::unexpected(ok.error());
+    return read_raw_stack(stack.file, stack.kind, d, page_of(d, 1, 0, 0),
+                          page_of(d, 0, channel->channel, time), std::move(volume));
+  SLF_TRY(append_slices(path, stack, *channel, time, in_set, volume.files, volume.voxels));
   return volume;
 }
 

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 #include "field/volume/xml.h"
 
@@ -195,21 +196,18 @@ Result<TiffDescription> parse_ome(std::string_view text, const std::string& path
                                   std::uint32_t components,
                                   const std::optional<std::string>& image) {
   OmeReader reader(components);
-  if (const auto end = parse_xml(text, path + ": OME metadata", reader.handler()); !end)
-    return tl::unexpected(end.error());
+  SLF_TRY(parse_xml(text, path + ": OME metadata", reader.handler()));
   if (reader.metadata_file().empty()) return reader.finish(path, image);
   const std::string file = beside(path, reader.metadata_file());
-  if (const auto end = read_xml(file, reader.handler()); !end) return tl::unexpected(end.error());
+  SLF_TRY(read_xml(file, reader.handler()));
   return reader.finish(file, image);
 }
 
 Result<std::set<std::string>> files_of_ome(std::string_view text, const std::string& path) {
   OmeReader reader(1);
-  if (const auto end = parse_xml(text, path + ": OME metadata", reader.handler()); !end)
-    return tl::unexpected(end.error());
+  SLF_TRY(parse_xml(text, path + ": OME metadata", reader.handler()));
   if (!reader.metadata_file().empty())
-    if (const auto end = read_xml(beside(path, reader.metadata_file()), reader.handler()); !end)
-      return tl::unexpected(end.error());
+    SLF_TRY(read_xml(beside(path, reader.metadata_file()), reader.handler()));
   return reader.files();
 }
 

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 #include "field/volume/transfer_formats.h"
 
@@ -76,20 +77,17 @@ Presets parse_clut(std::string_view text, const std::string& source) {
     return *value;
   };
 
-  const auto count = number("numnodes", 1, 256);
-  if (!count) return tl::unexpected(count.error());
+  const auto count = SLF_TRY(number("numnodes", 1, 256));
   double from = 0, to = 0;
   for (const auto& [key, value] : {std::pair{"min", &from}, std::pair{"max", &to}}) {
     if (!entries.contains(key)) continue;
-    const auto read = number(key, -1e300, 1e300);
-    if (!read) return tl::unexpected(read.error());
-    *value = *read;
+    const auto read = SLF_TRY(number(key, -1e300, 1e300));
+    *value = read;
   }
   std::vector<Node> nodes;
-  for (int i = 0; i < static_cast<int>(*count); ++i) {
+  for (int i = 0; i < static_cast<int>(count); ++i) {
     const std::string index = std::to_string(i);
-    const auto intensity = number("nodeintensity" + index, 0, 256);
-    if (!intensity) return tl::unexpected(intensity.error());
+    const auto intensity = SLF_TRY(number("nodeintensity" + index, 0, 256));
     const auto found = entries.find("nodergba" + index);
     if (found == entries.end())
       return fail(ErrorCode::bad_file, source, ": nodergba", index, " is missing");
@@ -97,7 +95,7 @@ Presets parse_clut(std::string_view text, const std::string& source) {
     if (!rgba)
       return fail(ErrorCode::bad_file, source, ": nodergba", index, " is ",
                   in_quotes(found->second), ", expected red|green|blue|alpha, each 0 to 255");
-    nodes.push_back({std::min(*intensity, 255.0) / 255, *rgba});
+    nodes.push_back({std::min(intensity, 255.0) / 255, *rgba});
   }
   std::ranges::stable_sort(nodes, {}, &Node::intensity);
   // The nodes stand for all of the range, also where they do not reach its ends.

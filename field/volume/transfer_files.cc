@@ -4,6 +4,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 #include "field/volume/transfer_formats.h"
 
@@ -56,15 +57,14 @@ Result<std::vector<TransferPreset>> parse_transfers(const std::string& bytes,
 }
 
 Result<std::vector<TransferPreset>> read_transfers(const std::string& path) {
-  const auto size = volume_io::file_size(path);
-  if (!size) return tl::unexpected(size.error());
+  const auto size = SLF_TRY(volume_io::file_size(path));
   constexpr std::uint64_t kMaxBytes = std::uint64_t{64} << 20;
-  if (*size > kMaxBytes)
-    return fail(ErrorCode::bad_file, path, ": ", *size,
+  if (size > kMaxBytes)
+    return fail(ErrorCode::bad_file, path, ": ", size,
                 " bytes, expected a transfer function of at most ", kMaxBytes);
   std::ifstream file(path, std::ios::binary);
   std::ostringstream text;
-  if (!file || (*size > 0 && !(text << file.rdbuf())))
+  if (!file || (size > 0 && !(text << file.rdbuf())))
     return fail(ErrorCode::io, path, ": cannot be read");
   return parse_transfers(std::move(text).str(), path);
 }
@@ -84,16 +84,15 @@ Result<TransferPreset> read_transfer(const std::string& reference) {
     return fail(ErrorCode::usage, in_quotes(reference),
                 ": no such file, and no built-in transfer function; there are ",
                 some_names(built_in_transfers(), reference));
-  auto presets = read_transfers(path);
-  if (!presets) return tl::unexpected(presets.error());
-  if (path.size() == reference.size()) return std::move(presets->front());
+  auto presets = SLF_TRY(read_transfers(path));
+  if (path.size() == reference.size()) return std::move(presets.front());
   const std::string name = reference.substr(path.size() + 1);
   for (const bool exact : {true, false})
-    for (auto& preset : *presets)
+    for (auto& preset : presets)
       if (exact ? preset.function.name == name : lower(preset.function.name) == lower(name))
         return std::move(preset);
   return fail(ErrorCode::usage, path, ": no preset ", in_quotes(name), "; there are ",
-              some_names(*presets, name));
+              some_names(presets, name));
 }
 
 }  // namespace slf

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 #include "field/volume/transfer_formats.h"
 
@@ -117,26 +118,23 @@ Result<TransferPreset> read_preset(const json& preset, const Place& place) {
     function.name = found->get<std::string>();
   }
   if (preset.contains("IndexedColors") && !preset.contains("RGBPoints")) {
-    auto indexed = read_indexed(preset, place);
-    if (!indexed) return tl::unexpected(indexed.error());
-    std::swap(indexed->function.name, function.name);
-    result = std::move(*indexed);
+    auto indexed = SLF_TRY(read_indexed(preset, place));
+    std::swap(indexed.function.name, function.name);
+    result = std::move(indexed);
   } else {
-    const auto space = read_space(preset, place);
-    if (!space) return tl::unexpected(space.error());
-    function.space = *space;
-    const auto colors = read_points(preset, place, "RGBPoints", 4, "value, red, green, blue");
-    if (!colors) return tl::unexpected(colors.error());
-    for (auto p = colors->begin(); p != colors->end(); p += 4)
+    const auto space = SLF_TRY(read_space(preset, place));
+    function.space = space;
+    const auto colors =
+        SLF_TRY(read_points(preset, place, "RGBPoints", 4, "value, red, green, blue"));
+    for (auto p = colors.begin(); p != colors.end(); p += 4)
       function.colors.push_back({p[0], {p[1], p[2], p[3]}});
   }
   result.has_opacity =
       preset.contains("Points") && result.values != TransferPreset::Values::indexed;
   if (result.has_opacity) {
     const auto points =
-        read_points(preset, place, "Points", 4, "value, opacity, midpoint, sharpness");
-    if (!points) return tl::unexpected(points.error());
-    for (auto p = points->begin(); p != points->end(); p += 4)
+        SLF_TRY(read_points(preset, place, "Points", 4, "value, opacity, midpoint, sharpness"));
+    for (auto p = points.begin(); p != points.end(); p += 4)
       function.opacities.push_back({p[0], p[1], p[2], p[3]});
   } else {
     function.opacities =
@@ -225,9 +223,9 @@ transfer_formats::Presets transfer_formats::parse_json(const std::string& text,
     if (document.empty()) return bad(source, ": an empty array, expected at least one preset");
     std::vector<TransferPreset> presets;
     for (std::size_t i = 0; i < document.size(); ++i) {
-      auto preset = read_preset(document[i], {source, alone ? "" : "[" + std::to_string(i) + "]"});
-      if (!preset) return tl::unexpected(preset.error());
-      presets.push_back(std::move(*preset));
+      auto preset =
+          SLF_TRY(read_preset(document[i], {source, alone ? "" : "[" + std::to_string(i) + "]"}));
+      presets.push_back(std::move(preset));
     }
     return presets;
   } catch (const std::exception& error) {  // its what() names line and column
@@ -241,13 +239,12 @@ Result<TransferFunction> parse_transfer(const std::string& text, const std::stri
     if (document.is_array() && document.empty())
       return bad(source, ": an empty array, expected at least one preset");
     const Place place{source, document.is_array() ? "[0]" : ""};
-    auto preset = read_preset(document.is_array() ? document[0] : document, place);
-    if (!preset) return tl::unexpected(preset.error());
-    if (!preset->has_opacity)
+    auto preset = SLF_TRY(read_preset(document.is_array() ? document[0] : document, place));
+    if (!preset.has_opacity)
       return bad(place("Points"),
                  " is missing, expected an array of value, opacity, midpoint, "
                  "sharpness a point");
-    return std::move(preset->function);
+    return std::move(preset.function);
   } catch (const std::exception& error) {
     return bad(source, ": not JSON: ", error.what());
   }

@@ -3,6 +3,7 @@
 #include <cctype>
 #include <cmath>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 #include "field/volume/transfer_formats.h"
 
@@ -54,14 +55,12 @@ Result<std::vector<double>> read_points(std::string_view text, std::size_t strid
 
 Result<TransferPreset> points_of(std::string_view opacities, const std::string& place_of_opacities,
                                  std::string_view colors, const std::string& place_of_colors) {
-  const auto opacity = read_points(opacities, 2, place_of_opacities);
-  if (!opacity) return tl::unexpected(opacity.error());
-  const auto color = read_points(colors, 4, place_of_colors);
-  if (!color) return tl::unexpected(color.error());
+  const auto opacity = SLF_TRY(read_points(opacities, 2, place_of_opacities));
+  const auto color = SLF_TRY(read_points(colors, 4, place_of_colors));
   TransferPreset preset;
-  for (auto p = opacity->begin(); p != opacity->end(); p += 2)
+  for (auto p = opacity.begin(); p != opacity.end(); p += 2)
     preset.function.opacities.push_back({p[0], p[1], 0.5, 0});
-  for (auto p = color->begin(); p != color->end(); p += 4)
+  for (auto p = color.begin(); p != color.end(); p += 4)
     preset.function.colors.push_back({p[0], {p[1], p[2], p[3]}});
   return preset;
 }
@@ -78,9 +77,8 @@ Presets parse_vp(std::string_view text, const std::string& source) {
     return fail(ErrorCode::bad_file, source, ": ", lines.size(),
                 " lines, expected the 9 of a volume property: opacities in the 7th, colours in the "
                 "9th");
-  auto preset = points_of(lines[6], source + ": line 7", lines[8], source + ": line 9");
-  if (!preset) return tl::unexpected(preset.error());
-  return std::vector{std::move(*preset)};
+  auto preset = SLF_TRY(points_of(lines[6], source + ": line 7", lines[8], source + ": line 9"));
+  return std::vector{std::move(preset)};
 }
 
 }  // namespace slf::transfer_formats

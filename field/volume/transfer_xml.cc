@@ -3,6 +3,7 @@
 #include <cmath>
 #include <optional>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 #include "field/volume/transfer_formats.h"
 #include "field/volume/xml.h"
@@ -58,11 +59,10 @@ Result<TransferPreset> preset_of(ColorMap map, const std::string& place) {
   } else {
     // Hues that wrap around are those of HSV here: it always goes the shorter way.
     const bool wrapped = volume_io::lower(map.space) == "wrapped";
-    const auto space = map.space.empty()
-                           ? TransferFunction::Space::rgb
-                           : parse_space(wrapped ? "HSV" : map.space, place + ": space");
-    if (!space) return tl::unexpected(space.error());
-    preset.function.space = *space;
+    const auto space =
+        SLF_TRY(map.space.empty() ? TransferFunction::Space::rgb
+                                  : parse_space(wrapped ? "HSV" : map.space, place + ": space"));
+    preset.function.space = space;
     std::ranges::stable_sort(map.points, {}, &TransferFunction::ColorPoint::value);
     preset.function.colors = std::move(map.points);
   }

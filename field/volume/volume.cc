@@ -6,6 +6,7 @@
 #include <limits>
 #include <new>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 #include "field/volume/known_formats.h"
 #include "field/volume/voxels.h"
@@ -118,17 +119,16 @@ void rename_source(std::string& text, const std::string& from, const std::string
 
 Result<Volume> read_packed(const std::string& path, std::string_view head,
                            const VolumeOptions& options) {
-  const auto unpacked = UnpackedFile::make(path);
-  if (!unpacked) return tl::unexpected(unpacked.error());
-  auto volume = read_file(unpacked->path(), head, options);
+  const auto unpacked = SLF_TRY(UnpackedFile::make(path));
+  auto volume = read_file(unpacked.path(), head, options);
   if (!volume) {
-    rename_source(volume.error().message, unpacked->path(), path);
+    rename_source(volume.error().message, unpacked.path(), path);
     return volume;
   }
   for (std::string* text : {&volume->source, &volume->placement})
-    rename_source(*text, unpacked->path(), path);
+    rename_source(*text, unpacked.path(), path);
   for (auto* texts : {&volume->files, &volume->notes})
-    for (std::string& text : *texts) rename_source(text, unpacked->path(), path);
+    for (std::string& text : *texts) rename_source(text, unpacked.path(), path);
   return volume;
 }
 
@@ -148,20 +148,18 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
       return volume;
     }
   }
-  const auto size = file_size(path);
-  if (!size) return tl::unexpected(size.error());
-  if (*size == 0)
+  const auto size = SLF_TRY(file_size(path));
+  if (size == 0)
     return fail(ErrorCode::bad_file, path, ": the file is empty; copy or download it again");
-  const auto head =
-      read_head(path, std::clamp<std::uint64_t>(*size * 4, kMinHeaderBytes, kMaxHeaderBytes));
-  if (!head) return tl::unexpected(head.error());
-  if (options.array && !names_arrays(*head))
+  const auto head = SLF_TRY(
+      read_head(path, std::clamp<std::uint64_t>(size * 4, kMinHeaderBytes, kMaxHeaderBytes)));
+  if (options.array && !names_arrays(head))
     return fail(ErrorCode::usage, path, ": array ", in_quotes(*options.array),
                 " was chosen, but files of this format name none");
-  if (packing_of_file(path) != Packing::none && is_volume_file(*head) && !unpacks_itself(*head) &&
-      !names_data_files(*head))
-    return read_packed(path, *head, options);
-  return read_file(path, *head, options);
+  if (packing_of_file(path) != Packing::none && is_volume_file(head) && !unpacks_itself(head) &&
+      !names_data_files(head))
+    return read_packed(path, head, options);
+  return read_file(path, head, options);
 }
 
 }  // namespace
@@ -238,22 +236,21 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
     volume.axes[i][i] = layout.spacing[i];
   }
   if (auto checked = check_axes(volume); !checked) return as_usage(checked.error());
-  const auto size = file_size(path);
-  if (!size) return tl::unexpected(size.error());
+  const auto size = SLF_TRY(file_size(path));
   const std::uint64_t needed = voxel_bytes(volume);
-  if (!is_named_and_packed(path) && (layout.offset > *size || needed > *size - layout.offset))
+  if (!is_named_and_packed(path) && (layout.offset > size || needed > size - layout.offset))
     return fail(ErrorCode::usage, path, ": dimensions ", sizes[0], "x", sizes[1], "x", sizes[2],
                 " of type ", name(layout.type), " at offset ", layout.offset, " need ", needed,
-                " bytes after the offset, but the file has ", *size,
+                " bytes after the offset, but the file has ", size,
                 " bytes in all: choose another layout");
   VoxelData data{.path = path, .offset = layout.offset, .big_endian = layout.big_endian};
   // The layout does not state the number of time points: the length of the file is the limit. If
   // one is chosen, whole volumes after it are no sign of a wrong layout.
   data.index = options.time.value_or(0);
   data.volumes = data.index + 1;
-  if (options.time && !is_named_and_packed(path) && (*size - layout.offset) % needed == 0)
-    data.volumes = std::max(data.volumes, (*size - layout.offset) / needed);
-  if (auto read = read_voxels(data, volume); !read) return tl::unexpected(read.error());
+  if (options.time && !is_named_and_packed(path) && (size - layout.offset) % needed == 0)
+    data.volumes = std::max(data.volumes, (size - layout.offset) / needed);
+  SLF_TRY(read_voxels(data, volume));
   return volume;
 }
 
@@ -299,16 +296,15 @@ Result<void> crop(const VoxelBox& box, Volume& volume) {
 
 Result<Volume> read_volume(const std::string& path, const VolumeOptions& options) {
   try {
-    if (auto ok = check_spacing(path, options); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(check_spacing(path, options));
     auto volume = read_any(path, options);
     if (!volume) return volume;
     if (std::find(volume->files.begin(), volume->files.end(), path) == volume->files.end())
       volume->files.push_back(path);
     if (!has_finite_value(*volume))
       volume->notes.emplace_back("all values are NaN or infinite: there is nothing to draw");
-    if (auto ok = place(options, *volume); !ok) return tl::unexpected(ok.error());
-    if (options.crop)
-      if (auto ok = crop(*options.crop, *volume); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(place(options, *volume));
+    if (options.crop) SLF_TRY(crop(*options.crop, *volume));
     if (!options.labels) return volume;
     if (!all_integers(*volume))
       return fail(ErrorCode::usage, path, ": read as labels, but its values (", name(volume->type),

@@ -6,6 +6,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -57,11 +58,10 @@ Result<std::uint64_t> skip_bytes(ByteReader& reader, std::uint64_t count) {
   std::vector<std::byte> scratch(std::min<std::uint64_t>(count, kChunk));
   std::uint64_t done = 0;
   while (done < count) {
-    const auto got = reader.read(
-        std::span(scratch).first(std::min<std::uint64_t>(count - done, scratch.size())));
-    if (!got) return tl::unexpected(got.error());
-    if (*got == 0) break;
-    done += *got;
+    const auto got = SLF_TRY(reader.read(
+        std::span(scratch).first(std::min<std::uint64_t>(count - done, scratch.size()))));
+    if (got == 0) break;
+    done += got;
   }
   return done;
 }
@@ -76,7 +76,7 @@ class VoxelStream {
   Result<std::size_t> read(std::span<std::byte> to) {
     std::size_t done = 0;
     while (done < to.size()) {
-      if (auto ok = open(); !ok) return tl::unexpected(ok.error());
+      SLF_TRY(open());
       const std::size_t wanted =
           std::min<std::uint64_t>(to.size() - done, bytes_.part - at_ % bytes_.part);
       const auto got = reader_->read(to.subspan(done, wanted));
@@ -91,7 +91,7 @@ class VoxelStream {
   Result<void> skip(std::uint64_t count) {
     const bool same_file = reader_ && at_ + count <= (part_ + 1) * bytes_.part;
     if (from_.packed && same_file) {
-      if (const auto got = skip_bytes(*reader_, count); !got) return tl::unexpected(got.error());
+      SLF_TRY(skip_bytes(*reader_, count));
     } else {
       reader_.reset();
     }
@@ -112,15 +112,12 @@ class VoxelStream {
     const auto part = static_cast<std::size_t>(at_ / bytes_.part);
     if (reader_ && part == part_) return {};
     const std::uint64_t before = from_.skip + at_ % bytes_.part;
-    const auto size = file_size(files_[part]);
-    if (!size) return tl::unexpected(size.error());
-    const std::uint64_t offset = offset_in(from_, bytes_, *size);
-    auto reader = ByteReader::open(files_[part], offset + (from_.packed ? 0 : before), from_.packed,
-                                   from_.packing);
-    if (!reader) return tl::unexpected(reader.error());
-    if (from_.packed)
-      if (const auto got = skip_bytes(*reader, before); !got) return tl::unexpected(got.error());
-    reader_ = std::move(*reader);
+    const auto size = SLF_TRY(file_size(files_[part]));
+    const std::uint64_t offset = offset_in(from_, bytes_, size);
+    auto reader = SLF_TRY(ByteReader::open(files_[part], offset + (from_.packed ? 0 : before),
+                                           from_.packed, from_.packing));
+    if (from_.packed) SLF_TRY(skip_bytes(reader, before));
+    reader_ = std::move(reader);
     part_ = part;
     return {};
   }
@@ -153,13 +150,12 @@ Result<std::size_t> read_component(VoxelStream& stream, const VoxelData& from, s
     return done;
   }
   while (done < to.size()) {
-    if (auto ok = stream.skip(from.component * run); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(stream.skip(from.component * run));
     const auto got = stream.read(to.subspan(done, run));
     if (!got) return got;
     done += *got;
     if (*got < run) break;
-    if (auto ok = stream.skip((from.components - 1 - from.component) * run); !ok)
-      return tl::unexpected(ok.error());
+    SLF_TRY(stream.skip((from.components - 1 - from.component) * run));
   }
   return done;
 }
@@ -191,17 +187,15 @@ Result<void> note_longer(const VoxelData& from, const VoxelBytes& bytes, VoxelSt
     // A hostile stream unpacks to no end.
     constexpr std::uint64_t kMost = std::uint64_t{1} << 26;
     const bool last = from.index + 1 == from.volumes;
-    const auto rest = stream.rest(last ? std::max(bytes.all, kMost) : 1);
-    if (!rest) return tl::unexpected(rest.error());
-    if (last && *rest > 0) add(files_of(from).back(), needs + *rest);
+    const auto rest = SLF_TRY(stream.rest(last ? std::max(bytes.all, kMost) : 1));
+    if (last && rest > 0) add(files_of(from).back(), needs + rest);
     return {};
   }
   if (from.volumes == 0 || from.at_end) return {};
   for (const std::string& file : files_of(from)) {
-    const auto size = file_size(file);
-    if (!size) return tl::unexpected(size.error());
-    if (*size > needs) {
-      add(file, *size);
+    const auto size = SLF_TRY(file_size(file));
+    if (size > needs) {
+      add(file, size);
       break;
     }
   }
@@ -245,11 +239,10 @@ Result<void> read_voxels(const VoxelData& given, Volume& volume) {
     from.packed = true;
     from.skip += std::exchange(from.offset, 0);
   }
-  const auto bytes = count_bytes(from, volume);
-  if (!bytes) return tl::unexpected(bytes.error());
-  if (auto ok = check_lengths(from, *bytes, volume); !ok) return ok;
+  const auto bytes = SLF_TRY(count_bytes(from, volume));
+  SLF_TRY(check_lengths(from, bytes, volume));
   for (const std::string& file : files_of(from)) volume.files.push_back(file);
-  VoxelStream stream(from, *bytes);
+  VoxelStream stream(from, bytes);
   const std::size_t width = bytes_per_voxel(volume.type);
   const std::uint64_t needed = voxel_bytes(volume), run = from.run * width;
   // In steps, so that packed data take memory only as they unpack.
@@ -259,14 +252,14 @@ Result<void> read_voxels(const VoxelData& given, Volume& volume) {
   for (std::uint64_t done = 0; done < needed;) {
     const std::uint64_t wanted = std::min(step, needed - done);
     volume.voxels.resize(done + wanted);
-    const auto got = read_component(stream, from, width, std::span(volume.voxels).subspan(done));
-    if (!got) return tl::unexpected(got.error());
-    done += *got;
-    if (*got != wanted)
+    const auto got =
+        SLF_TRY(read_component(stream, from, width, std::span(volume.voxels).subspan(done)));
+    done += got;
+    if (got != wanted)
       return fail(ErrorCode::bad_file, from.path, ": expected ", needed, " bytes of voxels, found ",
                   done, ": the file is truncated, or its header is wrong");
   }
-  if (auto ok = note_longer(from, *bytes, stream, volume); !ok) return ok;
+  SLF_TRY(note_longer(from, bytes, stream, volume));
   if (from.big_endian != (std::endian::native == std::endian::big))
     swap_bytes(volume.voxels, width);
   return {};

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 #include "field/volume/vti_file.h"
 
@@ -37,11 +38,10 @@ struct Extent {
 
 /// Parses an extent. `of_cells`: of the points around them.
 Result<Extent> parse_extent(const std::string& path, const std::string& text, bool of_cells) {
-  const auto values = numbers(path, "Extent", text, 6, 0);
-  if (!values) return tl::unexpected(values.error());
+  const auto values = SLF_TRY(numbers(path, "Extent", text, 6, 0));
   Extent extent;
   for (std::size_t i = 0; i < 3; ++i) {
-    const double low = (*values)[2 * i], high = (*values)[2 * i + 1];
+    const double low = (values)[2 * i], high = (values)[2 * i + 1];
     if (!(std::abs(low) < 0x1p31) || !(std::abs(high) < 0x1p31) ||
         !(high - low + (of_cells ? 0 : 1) >= 1))
       return fail(ErrorCode::bad_file, path, ": Extent ", low, " to ", high, " along ", "xyz"[i],
@@ -63,33 +63,29 @@ std::array<std::uint64_t, 3> sizes_of(const Extent& extent) {
 Result<void> set_position(const VtiDocument& d, const Extent& extent, const VolumeOptions& options,
                           Volume& volume) {
   const std::string& path = volume.source;
-  const auto origin = numbers(path, "Origin", d.origin, 3, 0);
-  if (!origin) return tl::unexpected(origin.error());
-  auto spacing = numbers(path, "Spacing", options.spacing ? "" : d.spacing, 3, 1);
-  if (!spacing) return tl::unexpected(spacing.error());
-  auto direction = numbers(path, "Direction", d.direction, 9, 0);
-  if (!direction) return tl::unexpected(direction.error());
+  const auto origin = SLF_TRY(numbers(path, "Origin", d.origin, 3, 0));
+  auto spacing = SLF_TRY(numbers(path, "Spacing", options.spacing ? "" : d.spacing, 3, 1));
+  auto direction = SLF_TRY(numbers(path, "Direction", d.direction, 9, 0));
   if (d.direction.empty())
-    for (const std::size_t i : {0, 4, 8}) (*direction)[i] = 1;
+    for (const std::size_t i : {0, 4, 8}) (direction)[i] = 1;
   if (!options.spacing && d.spacing.empty()) volume.notes.emplace_back(kNoSpacing);
 
   glm::dvec3 first;
   for (std::size_t i = 0; i < 3; ++i) {
     first[static_cast<int>(i)] = static_cast<double>(extent.low[i]) + (d.array.of_cells ? 0.5 : 0);
-    (*spacing)[i] = spacing_or(options, i, (*spacing)[i]);
-    if (!((*spacing)[i] > 0))
-      return fail(ErrorCode::bad_file, path, ": Spacing ", (*spacing)[i], " along ", "xyz"[i],
+    (spacing)[i] = spacing_or(options, i, (spacing)[i]);
+    if (!((spacing)[i] > 0))
+      return fail(ErrorCode::bad_file, path, ": Spacing ", (spacing)[i], " along ", "xyz"[i],
                   ", expected a positive number: choose the spacing");
   }
-  const auto dims = check_dims(path, sizes_of(extent));
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
+  const auto dims = SLF_TRY(check_dims(path, sizes_of(extent)));
+  volume.dims = dims;
   for (std::size_t axis = 0; axis < 3; ++axis)
     for (std::size_t row = 0; row < 3; ++row)  // the matrix is written row by row
       volume.axes[static_cast<int>(axis)][static_cast<int>(row)] =
-          (*direction)[3 * row + axis] * (*spacing)[axis];
-  if (auto ok = place(options, volume); !ok) return ok;
-  volume.origin = glm::dvec3((*origin)[0], (*origin)[1], (*origin)[2]) + volume.axes * first;
+          (direction)[3 * row + axis] * (spacing)[axis];
+  SLF_TRY(place(options, volume));
+  volume.origin = glm::dvec3((origin)[0], (origin)[1], (origin)[2]) + volume.axes * first;
   return check_axes(volume);
 }
 
@@ -109,22 +105,20 @@ Result<Part> read_part(const VtiDocument& d, const VtiPiece& piece, const VtiArr
                 " lacks the array ", in_quotes(expected.name), " as ", in_quotes(expected.type),
                 " with ", expected.components, " components");
   const auto extent =
-      parse_extent(d.path, piece.extent.empty() ? d.extent : piece.extent, array.of_cells);
-  if (!extent) return tl::unexpected(extent.error());
+      SLF_TRY(parse_extent(d.path, piece.extent.empty() ? d.extent : piece.extent, array.of_cells));
   const std::size_t width = bytes_per_voxel(type);
   std::uint64_t kept = width, needed = 0;
-  for (const auto size : sizes_of(*extent))
+  for (const auto size : sizes_of(extent))
     if (__builtin_mul_overflow(kept, size, &kept))
       return fail(ErrorCode::bad_file, d.path, ": absurd extent ", in_quotes(piece.extent));
   if (__builtin_mul_overflow(kept, array.components, &needed))
     return fail(ErrorCode::bad_file, d.path, ": absurd extent and components");
-  auto bytes = read_vti_data(d, array, type, needed);
-  if (!bytes) return tl::unexpected(bytes.error());
-  for (std::size_t from = component * width, to = 0; array.components > 1 && from < bytes->size();
+  auto bytes = SLF_TRY(read_vti_data(d, array, type, needed));
+  for (std::size_t from = component * width, to = 0; array.components > 1 && from < bytes.size();
        from += width * array.components, to += width)
-    std::memmove(&(*bytes)[to], &(*bytes)[from], width);
-  bytes->resize(kept);
-  return Part{*extent, std::move(*bytes)};
+    std::memmove(&(bytes)[to], &(bytes)[from], width);
+  bytes.resize(kept);
+  return Part{extent, std::move(bytes)};
 }
 
 /// Reads the pieces of a document, and those in other files that it names.
@@ -133,9 +127,8 @@ Result<std::vector<Part>> read_parts(const VtiDocument& d, ScalarType type, std:
   std::vector<Part> parts;
   for (const VtiPiece& piece : d.pieces) {
     if (d.type == "ImageData") {
-      auto part = read_part(d, piece, d.array, type, component);
-      if (!part) return tl::unexpected(part.error());
-      parts.push_back(std::move(*part));
+      auto part = SLF_TRY(read_part(d, piece, d.array, type, component));
+      parts.push_back(std::move(part));
       continue;
     }
     const std::string file = beside(d.path, piece.source);
@@ -146,9 +139,8 @@ Result<std::vector<Part>> read_parts(const VtiDocument& d, ScalarType type, std:
     if (in_file->type != "ImageData" || in_file->pieces.size() != 1)
       return fail(ErrorCode::bad_file, file, ": a VTK file of ", in_quotes(in_file->type), " with ",
                   in_file->pieces.size(), " pieces, expected one piece of ImageData");
-    auto part = read_part(*in_file, in_file->pieces.front(), d.array, type, component);
-    if (!part) return tl::unexpected(part.error());
-    parts.push_back(std::move(*part));
+    auto part = SLF_TRY(read_part(*in_file, in_file->pieces.front(), d.array, type, component));
+    parts.push_back(std::move(part));
     volume.files.push_back(file);
   }
   return parts;
@@ -206,9 +198,8 @@ std::string list(const std::vector<std::string>& names) {
 bool looks_like_vti(std::string_view head) { return head.find("<VTKFile") < 4096; }
 
 Result<Volume> read_vti(const std::string& path, const VolumeOptions& options) {
-  auto document = read_vti_document(path, options.array);
-  if (!document) return tl::unexpected(document.error());
-  VtiDocument& d = *document;
+  auto document = SLF_TRY(read_vti_document(path, options.array));
+  VtiDocument& d = document;
   Volume volume;
   volume.source = path;
   if (d.type != "ImageData" && d.type != "PImageData")
@@ -229,21 +220,16 @@ Result<Volume> read_vti(const std::string& path, const VolumeOptions& options) {
                            list(d.names) + "), " + in_quotes(d.array.name) + " is read");
   // A single piece may be a part of the whole.
   const bool single = d.type == "ImageData" && d.pieces.size() == 1;
-  const auto extent = parse_extent(
+  const auto extent = SLF_TRY(parse_extent(
       path, single && !d.pieces.front().extent.empty() ? d.pieces.front().extent : d.extent,
-      d.array.of_cells);
-  if (!extent) return tl::unexpected(extent.error());
-  if (auto done = set_position(d, *extent, options, volume); !done)
-    return tl::unexpected(done.error());
-  const auto component = choose(path, options.component, d.array.components, "component");
-  if (!component) return tl::unexpected(component.error());
-  if (const auto ok = choose(path, options.time, 1, "time point"); !ok)
-    return tl::unexpected(ok.error());
-  auto parts = read_parts(d, *type, *component, volume);
-  if (!parts) return tl::unexpected(parts.error());
+      d.array.of_cells));
+  SLF_TRY(set_position(d, extent, options, volume));
+  const auto component = SLF_TRY(choose(path, options.component, d.array.components, "component"));
+  SLF_TRY(choose(path, options.time, 1, "time point"));
+  auto parts = SLF_TRY(read_parts(d, *type, component, volume));
   if (single) {
-    volume.voxels = std::move(parts->front().voxels);
-  } else if (auto ok = join(*parts, *extent, volume); !ok) {
+    volume.voxels = std::move(parts.front().voxels);
+  } else if (auto ok = join(parts, extent, volume); !ok) {
     return tl::unexpected(ok.error());
   }
   return volume;

@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "base/bytes.h"
+#include "base/try.h"
 #include "field/volume/io.h"
 #include "field/volume/vti_file.h"
 
@@ -87,9 +88,8 @@ class Base64Source final : public Source {
 Result<std::uint64_t> read_count(const VtiDocument& d, Source& source, const std::string& path) {
   std::array<std::byte, 8> bytes{};
   const std::size_t width = d.wide_header ? 8 : 4;
-  const auto got = source.read(std::span(bytes).first(width));
-  if (!got) return tl::unexpected(got.error());
-  if (*got != width)
+  const auto got = SLF_TRY(source.read(std::span(bytes).first(width)));
+  if (got != width)
     return fail(ErrorCode::bad_file, path, ": its data end before their own length");
   if (width == 8)
     return d.big_endian ? load_be<std::uint64_t>(bytes.data())
@@ -139,37 +139,33 @@ Result<void> read_blocks(const VtiDocument& d, const Compressor& compressor, Sou
   const std::string& path = d.path;
   std::array<std::uint64_t, 3> head{};  // blocks, bytes of a block, bytes of the last
   for (auto& count : head) {
-    const auto read = read_count(d, source, path);
-    if (!read) return tl::unexpected(read.error());
-    count = *read;
+    const auto read = SLF_TRY(read_count(d, source, path));
+    count = read;
   }
   const auto [blocks, block, last] = head;
   constexpr std::uint64_t kMaxBlockBytes = std::uint64_t{1} << 30;
-  const auto file_bytes = file_size(path);
-  if (!file_bytes) return tl::unexpected(file_bytes.error());
+  const auto file_bytes = SLF_TRY(file_size(path));
   if (blocks == 0 || block == 0 || block > kMaxBlockBytes || last > block ||
       blocks > needed / block + 1 || (blocks - (last ? 1 : 0)) * block + last != needed)
     return fail(ErrorCode::bad_file, path, ": ", blocks, " packed blocks of ", block,
                 " bytes (the last of ", last, "), expected ", needed, " bytes");
   std::vector<std::uint64_t> packed;
   for (std::uint64_t i = 0; i < blocks; ++i) {
-    const auto size = read_count(d, source, path);
-    if (!size) return tl::unexpected(size.error());
-    packed.push_back(*size);
+    const auto size = SLF_TRY(read_count(d, source, path));
+    packed.push_back(size);
   }
   source.begin_sequence();
   std::vector<std::byte> in, out;
   for (std::uint64_t i = 0; i < blocks; ++i) {
     const std::uint64_t size = i + 1 == blocks && last ? last : block;
-    if (packed[i] > std::min(kMaxBlockBytes, *file_bytes) ||
+    if (packed[i] > std::min(kMaxBlockBytes, file_bytes) ||
         size > (packed[i] + 1) * compressor.max_expansion)
       return fail(ErrorCode::bad_file, path, ": packed block ", i, " of ", packed[i],
                   " bytes cannot hold ", size);
     in.resize(packed[i]);
-    const auto got = source.read(in);
-    if (!got) return tl::unexpected(got.error());
+    const auto got = SLF_TRY(source.read(in));
     out.resize(size);
-    if (*got != in.size() || !compressor.unpack(in, out))
+    if (got != in.size() || !compressor.unpack(in, out))
       return fail(ErrorCode::bad_file, path, ": packed block ", i, " of ", blocks,
                   " is damaged or cut off");
     to.insert(to.end(), out.begin(), out.end());
@@ -184,20 +180,17 @@ Result<std::vector<std::byte>> read_packed(const VtiDocument& d, const VtiArray&
   const std::string& path = d.path;
   std::vector<std::byte> bytes;
   if (compressor) {
-    if (auto ok = read_blocks(d, *compressor, source, needed, bytes); !ok)
-      return tl::unexpected(ok.error());
+    SLF_TRY(read_blocks(d, *compressor, source, needed, bytes));
   } else {
-    const auto count = read_count(d, source, path);
-    if (!count) return tl::unexpected(count.error());
-    if (*count != needed)
+    const auto count = SLF_TRY(read_count(d, source, path));
+    if (count != needed)
       return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(array.name), " holds ",
-                  *count, " bytes, expected ", needed);
+                  count, " bytes, expected ", needed);
     bytes.resize(needed);
-    const auto got = source.read(bytes);
-    if (!got) return tl::unexpected(got.error());
-    if (*got != needed)
-      return fail(ErrorCode::bad_file, path, ": expected ", needed, " bytes of voxels, found ",
-                  *got, ": the file is truncated");
+    const auto got = SLF_TRY(source.read(bytes));
+    if (got != needed)
+      return fail(ErrorCode::bad_file, path, ": expected ", needed, " bytes of voxels, found ", got,
+                  ": the file is truncated");
   }
   if (d.big_endian != (std::endian::native == std::endian::big))
     swap_bytes(bytes, bytes_per_voxel(type));
@@ -221,12 +214,10 @@ Result<std::vector<std::byte>> read_ascii(const VtiDocument& d, const VtiArray& 
 
 /// The offset of the appended data, after an underscore that blanks may precede.
 Result<std::uint64_t> find_appended(const std::string& path, std::uint64_t from) {
-  auto reader = ByteReader::open(path, from, false);
-  if (!reader) return tl::unexpected(reader.error());
+  auto reader = SLF_TRY(ByteReader::open(path, from, false));
   std::array<std::byte, 256> bytes{};
-  const auto got = reader->read(bytes);
-  if (!got) return tl::unexpected(got.error());
-  for (std::size_t i = 0; i < *got; ++i)
+  const auto got = SLF_TRY(reader.read(bytes));
+  for (std::size_t i = 0; i < got; ++i)
     if (static_cast<char>(bytes[i]) == '_') return from + i + 1;
   return fail(ErrorCode::bad_file, path, ": its appended data do not begin with '_'");
 }
@@ -243,31 +234,27 @@ Result<std::vector<std::byte>> read_vti_data(const VtiDocument& d, const VtiArra
   if (!compressor && !d.compressor.empty())
     return fail(ErrorCode::unsupported, path, ": packed by ", in_quotes(d.compressor),
                 ", expected ZLib, LZ4 or LZMA: save it with one of these, or without compression");
-  const auto size = file_size(path);
-  if (!size) return tl::unexpected(size.error());
-  if (needed / (compressor ? compressor->max_expansion : 1) > *size)
+  const auto size = SLF_TRY(file_size(path));
+  if (needed / (compressor ? compressor->max_expansion : 1) > size)
     return fail(ErrorCode::bad_file, path, ": its extent needs ", needed,
-                " bytes of voxels, but the file holds ", *size, compressor ? " packed" : "",
+                " bytes of voxels, but the file holds ", size, compressor ? " packed" : "",
                 ": it is truncated, or its extent is wrong");
   if (array.format == "binary") {
     Base64Source source(array.text);
     return read_packed(d, array, compressor, source, type, needed);
   }
-  const auto begin = find_appended(path, d.appended);
-  if (!begin) return tl::unexpected(begin.error());
-  if (array.offset > *size - *begin)
+  const auto begin = SLF_TRY(find_appended(path, d.appended));
+  if (array.offset > size - begin)
     return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(array.name), " begins ",
                 array.offset, " bytes into the appended data, beyond the end of the file");
-  auto reader = ByteReader::open(path, *begin + array.offset, false);
-  if (!reader) return tl::unexpected(reader.error());
+  auto reader = SLF_TRY(ByteReader::open(path, begin + array.offset, false));
   if (d.appended_raw) {
-    FileSource source(std::move(*reader));
+    FileSource source(std::move(reader));
     return read_packed(d, array, compressor, source, type, needed);
   }
-  std::string text(*size - *begin - array.offset, '\0');
-  const auto got = reader->read(std::as_writable_bytes(std::span(text)));
-  if (!got) return tl::unexpected(got.error());
-  text.resize(*got);
+  std::string text(size - begin - array.offset, '\0');
+  const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(text))));
+  text.resize(got);
   Base64Source source(text);
   return read_packed(d, array, compressor, source, type, needed);
 }

@@ -1,6 +1,7 @@
 // The XML of a VTK ImageData file. Expat parses it; this file interprets it.
 #include <limits>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 #include "field/volume/vti_file.h"
 #include "field/volume/xml.h"
@@ -29,10 +30,9 @@ class VtiReader {
             [this](std::string_view text) {
               if (collecting_) collecting_->text += text;
             }};
-    const auto end = read_xml(d_.path, handler);
-    if (!end) return tl::unexpected(end.error());
+    const auto end = SLF_TRY(read_xml(d_.path, handler));
     if (!problem_.empty()) return fail(ErrorCode::bad_file, d_.path, ": absurd ", problem_);
-    d_.appended = *end;
+    d_.appended = end;
     return std::move(d_);
   }
 

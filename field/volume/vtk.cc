@@ -8,6 +8,7 @@
 #include <cmath>
 #include <fstream>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -98,7 +99,7 @@ class Parser {
       const std::string text = file_.line();
       const auto parts = words(text);
       if (parts.empty()) continue;
-      if (auto ok = statement(lower(parts[0]), parts); !ok) return tl::unexpected(ok.error());
+      SLF_TRY(statement(lower(parts[0]), parts));
     }
     return std::move(d_);
   }
@@ -264,9 +265,8 @@ Result<void> set_position(const Document& d, bool of_cells, const VolumeOptions&
   std::vector<std::uint64_t> sizes = d.dims;
   if (of_cells)
     for (auto& size : sizes) --size;
-  const auto dims = check_dims(volume.source, sizes);
-  if (!dims) return tl::unexpected(dims.error());
-  volume.dims = *dims;
+  const auto dims = SLF_TRY(check_dims(volume.source, sizes));
+  volume.dims = dims;
   for (int i = 0; i < 3; ++i) {
     const double spacing = spacing_or(options, static_cast<std::size_t>(i), d.spacing[i]);
     if (!(spacing > 0))
@@ -310,15 +310,13 @@ bool looks_like_vtk(std::string_view head) {
 }
 
 Result<Volume> read_vtk(const std::string& path, const VolumeOptions& options) {
-  const auto size = file_size(path);
-  if (!size) return tl::unexpected(size.error());
-  const auto document = Parser(path, *size).parse();
-  if (!document) return tl::unexpected(document.error());
-  if (document->arrays.empty())
+  const auto size = SLF_TRY(file_size(path));
+  const auto document = SLF_TRY(Parser(path, size).parse());
+  if (document.arrays.empty())
     return fail(ErrorCode::bad_file, path, ": it holds no array of points or cells");
   std::string names;
   const Array* chosen = nullptr;
-  for (const Array& array : document->arrays) {
+  for (const Array& array : document.arrays) {
     names += (names.empty() ? "" : ", ") + in_quotes(array.name);
     if (!chosen && (!options.array || *options.array == array.name)) chosen = &array;
   }
@@ -329,28 +327,22 @@ Result<Volume> read_vtk(const std::string& path, const VolumeOptions& options) {
   Volume volume;
   volume.source = path;
   volume.type = array.type;
-  if (document->arrays.size() > 1 && !options.array)
-    volume.notes.push_back("of its " + std::to_string(document->arrays.size()) + " arrays (" +
+  if (document.arrays.size() > 1 && !options.array)
+    volume.notes.push_back("of its " + std::to_string(document.arrays.size()) + " arrays (" +
                            names + "), " + in_quotes(array.name) + " is read");
-  if (auto done = set_position(*document, array.of_cells, options, volume); !done)
-    return tl::unexpected(done.error());
+  SLF_TRY(set_position(document, array.of_cells, options, volume));
   if (volume.voxel_count() != array.tuples)
     return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(array.name), " has ",
                 array.tuples, " tuples, but the dimensions are ", volume.dims[0], "x",
                 volume.dims[1], "x", volume.dims[2]);
-  if (const auto ok = choose(path, options.time, 1, "time point"); !ok)
-    return tl::unexpected(ok.error());
-  const auto component = choose(path, options.component, array.components, "component");
-  if (!component) return tl::unexpected(component.error());
+  SLF_TRY(choose(path, options.time, 1, "time point"));
+  const auto component = SLF_TRY(choose(path, options.component, array.components, "component"));
   const VoxelData data{.path = path,
                        .offset = array.offset,
                        .big_endian = true,
                        .components = static_cast<std::uint32_t>(array.components),
-                       .component = *component};
-  if (auto read =
-          document->ascii ? read_text(array, *component, volume) : read_voxels(data, volume);
-      !read)
-    return tl::unexpected(read.error());
+                       .component = component};
+  SLF_TRY(document.ascii ? read_text(array, component, volume) : read_voxels(data, volume));
   return volume;
 }
 

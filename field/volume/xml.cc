@@ -7,6 +7,7 @@
 #include <new>
 #include <vector>
 
+#include "base/try.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -107,19 +108,16 @@ class Parser {
 }  // namespace
 
 Result<std::uint64_t> read_xml(const std::string& path, const XmlHandler& handler) {
-  auto reader = ByteReader::open(path, 0, false);
-  if (!reader) return tl::unexpected(reader.error());
+  auto reader = SLF_TRY(ByteReader::open(path, 0, false));
   Parser parser(path, handler);
   std::vector<char> chunk(std::size_t{1} << 16);
   std::uint64_t bytes = 0;
   while (true) {
-    const auto got = reader->read(std::as_writable_bytes(std::span(chunk)));
-    if (!got) return tl::unexpected(got.error());
-    const auto more = parser.feed({chunk.data(), *got}, *got == 0);
-    if (!more) return tl::unexpected(more.error());
-    if (!*more) return parser.end_of_element();
-    bytes += *got;
-    if (*got == 0) return bytes;
+    const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(chunk))));
+    const auto more = SLF_TRY(parser.feed({chunk.data(), got}, got == 0));
+    if (!more) return parser.end_of_element();
+    bytes += got;
+    if (got == 0) return bytes;
   }
 }
 
@@ -127,9 +125,8 @@ Result<std::uint64_t> parse_xml(std::string_view text, const std::string& source
                                 const XmlHandler& handler) {
   Parser parser(source, handler);
   constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
-  const auto more = parser.feed(text.substr(0, kMaxBytes), true);
-  if (!more) return tl::unexpected(more.error());
-  return *more ? text.size() : parser.end_of_element();
+  const auto more = SLF_TRY(parser.feed(text.substr(0, kMaxBytes), true));
+  return more ? text.size() : parser.end_of_element();
 }
 
 }  // namespace slf::volume_io

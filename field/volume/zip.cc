@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "base/try.h"
 #include "field/volume/fields.h"
 #include "field/volume/io.h"
 
@@ -25,12 +26,10 @@ tl::unexpected<Error> damaged(const std::string& path, std::string_view what) {
 }
 
 Result<std::string> read_at(const std::string& path, std::uint64_t offset, std::size_t size) {
-  auto reader = ByteReader::open(path, offset, false);
-  if (!reader) return tl::unexpected(reader.error());
+  auto reader = SLF_TRY(ByteReader::open(path, offset, false));
   std::string bytes(size, '\0');
-  const auto got = reader->read(std::as_writable_bytes(std::span(bytes)));
-  if (!got) return tl::unexpected(got.error());
-  bytes.resize(*got);
+  const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(bytes))));
+  bytes.resize(got);
   return bytes;
 }
 
@@ -42,19 +41,18 @@ struct Directory {
 Result<Directory> find_directory(const std::string& path, std::uint64_t size) {
   const std::size_t tail_bytes =
       std::min<std::uint64_t>(size, kEndBytes + kMaxComment + kLocatorBytes);
-  const auto tail = read_at(path, size - tail_bytes, tail_bytes);
-  if (!tail) return tl::unexpected(tail.error());
-  const auto end = tail->rfind("PK\5\6"sv);
-  if (end == std::string::npos || tail->size() - end < kEndBytes)
+  const auto tail = SLF_TRY(read_at(path, size - tail_bytes, tail_bytes));
+  const auto end = tail.rfind("PK\5\6"sv);
+  if (end == std::string::npos || tail.size() - end < kEndBytes)
     return damaged(path, "directory is not at its end");
-  const Fields record{*tail, false};
+  const Fields record{tail, false};
   Directory directory{record.get<std::uint32_t>(end + 16), record.get<std::uint32_t>(end + 12)};
-  if (end >= kLocatorBytes && tail->substr(end - kLocatorBytes, 4) == "PK\6\7"sv) {
-    const auto wide = read_at(path, record.get<std::uint64_t>(end - kLocatorBytes + 8), 56);
-    if (!wide) return tl::unexpected(wide.error());
-    if (wide->size() < 56 || !wide->starts_with("PK\6\6"sv))
+  if (end >= kLocatorBytes && tail.substr(end - kLocatorBytes, 4) == "PK\6\7"sv) {
+    const auto wide =
+        SLF_TRY(read_at(path, record.get<std::uint64_t>(end - kLocatorBytes + 8), 56));
+    if (wide.size() < 56 || !wide.starts_with("PK\6\6"sv))
       return damaged(path, "directory cannot be found");
-    const Fields of_wide{*wide, false};
+    const Fields of_wide{wide, false};
     directory = {of_wide.get<std::uint64_t>(48), of_wide.get<std::uint64_t>(40)};
   }
   if (directory.bytes > size || directory.offset > size - directory.bytes ||
@@ -89,16 +87,13 @@ std::string_view first_zip_member(std::string_view head) {
 }
 
 Result<std::vector<ZipMember>> read_zip_members(const std::string& path) {
-  const auto size = file_size(path);
-  if (!size) return tl::unexpected(size.error());
-  const auto directory = find_directory(path, *size);
-  if (!directory) return tl::unexpected(directory.error());
-  const auto text = read_at(path, directory->offset, directory->bytes);
-  if (!text) return tl::unexpected(text.error());
+  const auto size = SLF_TRY(file_size(path));
+  const auto directory = SLF_TRY(find_directory(path, size));
+  const auto text = SLF_TRY(read_at(path, directory.offset, directory.bytes));
   std::vector<ZipMember> members;
   constexpr std::size_t kEntry = 46, kLocal = 30;
-  for (std::size_t at = 0; at < text->size();) {
-    const Fields entry{std::string_view(*text).substr(at), false};
+  for (std::size_t at = 0; at < text.size();) {
+    const Fields entry{std::string_view(text).substr(at), false};
     if (entry.bytes.size() < kEntry || !entry.bytes.starts_with("PK\1\2"sv))
       return damaged(path, "directory holds something else");
     const std::size_t name_bytes = entry.get<std::uint16_t>(28);
@@ -113,11 +108,10 @@ Result<std::vector<ZipMember>> read_zip_members(const std::string& path) {
                   "the file in it");
     member.packed = method == 8;
     const std::uint64_t local = local_offset(entry, kEntry + name_bytes, extra_bytes);
-    const auto header = local < *size ? read_at(path, local, kLocal) : std::string();
-    if (!header) return tl::unexpected(header.error());
-    if (header->size() < kLocal || !header->starts_with("PK\3\4"sv))
+    const auto header = SLF_TRY(local < size ? read_at(path, local, kLocal) : std::string());
+    if (header.size() < kLocal || !header.starts_with("PK\3\4"sv))
       return damaged(path, "member " + in_quotes(member.name) + " is not where it should be");
-    const Fields fields{*header, false};
+    const Fields fields{header, false};
     member.offset = local + kLocal + fields.get<std::uint16_t>(26) + fields.get<std::uint16_t>(28);
     if (members.size() == kMaxMembers)
       return fail(ErrorCode::unsupported, path, ": more than ", kMaxMembers,

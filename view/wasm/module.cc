@@ -18,6 +18,7 @@
 #include <string>
 #include <vector>
 
+#include "base/try.h"
 #include "codec/codec.h"
 #include "field/geometry/level_geometry.h"
 #include "field/manifest.h"
@@ -144,9 +145,8 @@ std::optional<TileKey> first_tile(const glm::dvec3& eye, const glm::dvec3& direc
 }
 
 Result<void> parse_manifest(ByteSpan bytes, const std::string& name) {
-  auto manifest = Manifest::parse(text_of(bytes), name);
-  if (!manifest) return tl::unexpected(manifest.error());
-  module().manifest = std::move(*manifest);
+  auto manifest = SLF_TRY(Manifest::parse(text_of(bytes), name));
+  module().manifest = std::move(manifest);
   return {};
 }
 
