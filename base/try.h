@@ -7,6 +7,7 @@
 // other operands of a larger expression may or may not have been evaluated when it returns.
 #pragma once
 
+#include <type_traits>
 #include <utility>
 
 #include "slf/error.h"
@@ -20,9 +21,13 @@ T value_of(Result<T>&& result) {
 
 }  // namespace slf::internal
 
-#define SLF_TRY(...)                                                       \
-  __extension__({                                                          \
-    auto slf_result = (__VA_ARGS__);                                       \
-    if (!slf_result) return tl::unexpected(std::move(slf_result).error()); \
-    ::slf::internal::value_of(std::move(slf_result));                      \
+// The name is another one each time, for results within results.
+#define SLF_TRY_AS(result, ...)                                    \
+  __extension__({                                                  \
+    auto result = (__VA_ARGS__);                                   \
+    if (!result) return tl::unexpected(std::move(result).error()); \
+    ::slf::internal::value_of(std::move(result));                  \
   })
+#define SLF_TRY_NAMED(number, ...) SLF_TRY_AS(slf_result_##number, __VA_ARGS__)
+#define SLF_TRY_COUNTED(number, ...) SLF_TRY_NAMED(number, __VA_ARGS__)
+#define SLF_TRY(...) SLF_TRY_COUNTED(__COUNTER__, __VA_ARGS__)

@@ -479,7 +479,7 @@ Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) 
   set_spacing(d, options, volume);
   SLF_TRY(place(options, volume));
   if (raw_stack)
-    return read_raw_stack(stack.file, stack.kind, d, page_of(d, 1, 0, 0),
+    return read_raw_stack(*stack.file, stack.kind, d, page_of(d, 1, 0, 0),
                           page_of(d, 0, channel->channel, time), std::move(volume));
   SLF_TRY(append_slices(path, stack, *channel, time, in_set, volume.files, volume.voxels));
   return volume;
