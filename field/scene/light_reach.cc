@@ -64,8 +64,7 @@ void sweep_band(const Axes<const float>& extinction, const Axes<float>& sum, con
   const auto rows = static_cast<std::size_t>(end - first + 1);
   const auto width = static_cast<std::size_t>(rays);
   std::vector<float> depth(rows * width, 0), arrived(rows * width, 1);
-  // Between two rows of nodes, with zeros on both sides.
-  std::vector<float> between(static_cast<std::size_t>(nu) + 3, 0);
+  std::vector<float> mean(static_cast<std::size_t>(nu) + 1, 0);  // between two rows of nodes
   for (int slice = 0; slice < nw; ++slice) {
     const int w = sweep.ascending ? slice : nw - 1 - slice;
     const double offset_u = slice * sweep.shift[0], offset_v = slice * sweep.shift[1];
@@ -78,17 +77,21 @@ void sweep_band(const Axes<const float>& extinction, const Axes<float>& sum, con
       float* t = arrived.data() + static_cast<std::size_t>(row - first) * width;
       const int v = row + whole_v;
       if (v < -1 || v >= nv) continue;
-      const float* low = v >= 0 ? extinction.row(v, w) : nullptr;
-      const float* high = v + 1 < nv ? extinction.row(v + 1, w) : nullptr;
-      float* mean = between.data() + 1;
-      for (int u = 0; u < nu; ++u)
-        mean[u] = (low ? (1 - part_v) * low[u] : 0.f) + (high ? part_v * high[u] : 0.f);
       // The ray that is within the first cell along u, beyond the grid's border.
       const int begin = reach - 1 - whole_u;
+      // There is no matter beyond the borders.
+      const bool inside_v = v >= 0 && (part_v > 0 ? v + 1 : v) < nv;
+      const int last = part_u > 0 ? nu - 1 : nu;
+      const float* low = inside_v ? extinction.row(v, w) : nullptr;
+      const float* high = inside_v && part_v > 0 ? extinction.row(v + 1, w) : low;
+      for (int u = 0; inside_v && u < nu; ++u) mean[u] = (1 - part_v) * low[u] + part_v * high[u];
       for (int u = 0; u <= nu; ++u) {
-        const float step = sweep.length * ((1 - part_u) * between[u] + part_u * between[u + 1]);
-        t[begin + u] = transmittance(to[begin + u] + 0.5f * step);
-        to[begin + u] += step;
+        const bool inside = inside_v && u > 0 && u <= last;
+        const float step =
+            inside ? sweep.length * ((1 - part_u) * mean[u - 1] + part_u * mean[u]) : 0;
+        // Half of a step is before the slice, except for the first, which is on the border.
+        t[begin + u] = transmittance(to[begin + u] + (slice > 0 ? 0.5f * step : 0));
+        to[begin + u] += (slice > 0 ? 1 : 0.5f) * step;
       }
     }
     for (int row = first; row < end; ++row) {
