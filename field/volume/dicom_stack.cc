@@ -291,6 +291,10 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
     volume.slope = first.slope;
     volume.intercept = first.intercept;
   }
+  if (first.least_is_white && !segmentation)
+    volume.notes.emplace_back(
+        "MONOCHROME1: pictures show the least values white; here values stay as they are, so that "
+        "a transfer function of the modality fits");
   if (segmentation) {
     volume.labels = true;
     volume.label_styles = segmentation->segments;

@@ -377,18 +377,19 @@ Result<std::uint64_t> offset_after_lines(const std::string& path, std::uint64_t 
   return static_cast<std::uint64_t>(file.tellg());
 }
 
-Result<bool> parse_packed(const std::string& path, const FieldMap& fields) {
+Result<Packing> parse_packing(const std::string& path, const FieldMap& fields) {
   const auto text = required(path, fields, "encoding");
   if (!text) return tl::unexpected(text.error());
   const std::string encoding = lower(*text);
-  if (encoding == "raw") return false;
-  if (encoding == "gzip" || encoding == "gz") return true;
-  for (const auto* known : {"txt", "text", "ascii", "hex", "bz2", "bzip2", "zrl"})
+  if (encoding == "raw") return Packing::none;
+  if (encoding == "gzip" || encoding == "gz") return Packing::gzip;
+  if (encoding == "bzip2" || encoding == "bz2") return Packing::bzip2;
+  for (const auto* known : {"txt", "text", "ascii", "hex", "zrl"})
     if (encoding == known)
       return fail(ErrorCode::unsupported, path, ": encoding ", known,
-                  ", expected raw or gzip: `unu save -e gzip -f nrrd -i IN -o OUT.nrrd`");
+                  ", expected raw, gzip or bzip2: `unu save -e gzip -f nrrd -i IN -o OUT.nrrd`");
   return fail(ErrorCode::bad_file, path, ": 'encoding' is ", in_quotes(*text),
-              ", expected raw or gzip");
+              ", expected raw, gzip or bzip2");
 }
 
 Result<bool> parse_big_endian(const std::string& path, const FieldMap& fields, ScalarType type) {
@@ -454,9 +455,10 @@ Result<void> locate(const std::string& path, const Header& header, ScalarType ty
     data.parts = std::move(*files);
     data.offset = 0;
   }
-  const auto packed = parse_packed(path, fields);
-  if (!packed) return tl::unexpected(packed.error());
-  data.packed = *packed;
+  const auto packing = parse_packing(path, fields);
+  if (!packing) return tl::unexpected(packing.error());
+  data.packed = *packing != Packing::none;
+  data.packing = *packing;
   const auto big_endian = parse_big_endian(path, fields, type);
   if (!big_endian) return tl::unexpected(big_endian.error());
   data.big_endian = *big_endian;

@@ -214,8 +214,10 @@ TEST_F(VolumeBadInput, HeaderFieldsThatDoNotParse) {
   bad("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: lzma\n", {"'encoding' is 'lzma'"});
   bad("type: short\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n", {"'endian'", "endian: little"});
   bad("type: uchar\nnonsense\n", {"line 4", "'nonsense'"});
-  expect(nrrd("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: bzip2\n", ""), "a.nrrd",
-         ErrorCode::unsupported, {"bzip2", "unu save"});
+  expect(nrrd("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: hex\n", ""), "a.nrrd",
+         ErrorCode::unsupported, {"hex", "unu save"});
+  expect(nrrd("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: bzip2\n", "voxels"), "a.nrrd",
+         ErrorCode::bad_file, {"not bzip2"});
   expect(meta_with("BinaryData = False\n"), "a.mha", ErrorCode::unsupported, {"text"});
   expect("NDims = 3\nDimSize = 5 4 3\n", "a.mha", ErrorCode::bad_file, {"ElementDataFile"});
   expect(meta_with("CompressedData = perhaps\n"), "a.mha", ErrorCode::bad_file,
