@@ -8,10 +8,8 @@
 #include <atomic>
 #include <cerrno>
 #include <climits>
-#include <csignal>
 #include <cstdio>
 #include <cstdlib>
-#include <filesystem>
 #include <system_error>
 #include <utility>
 
@@ -138,29 +136,6 @@ std::string unused_name(const std::string& path) {
         path + "." + std::to_string(::getpid()) + "-" + std::to_string(count++) + ".tmp";
     struct stat status {};
     if (::lstat(name.c_str(), &status) != 0) return name;
-  }
-}
-
-void remove_abandoned(const std::string& path) {
-  namespace fs = std::filesystem;
-  const fs::path of(path);
-  const std::string start = of.filename().string() + ".";
-  std::error_code code;
-  const fs::path folder = of.has_parent_path() ? of.parent_path() : ".";
-  for (auto it = fs::directory_iterator(folder, code); !code && it != fs::directory_iterator();
-       it.increment(code)) {
-    const std::string name = it->path().filename().string();
-    pid_t process = 0;
-    unsigned count = 0;
-    int end = 0;
-    const bool named =
-        name.starts_with(start) &&
-        std::sscanf(name.c_str() + start.size(), "%d-%u.tmp%n", &process, &count, &end) == 2 &&
-        end > 0 && name.size() == start.size() + static_cast<std::size_t>(end);
-    std::error_code ignored;
-    if (named && process > 0 && ::kill(process, 0) != 0 && errno == ESRCH &&
-        it->is_regular_file(ignored))
-      fs::remove(it->path(), ignored);
   }
 }
 

@@ -40,9 +40,6 @@ enum class Existing { keep, replace };
 /// A name beside `path` that no file has and no other thread or process uses.
 [[nodiscard]] std::string unused_name(const std::string& path);
 
-/// Removes what processes that are no more left under names that unused_name(path) gave them.
-void remove_abandoned(const std::string& path);
-
 /// Gives `to` the permissions of `from`, and its owner if the system permits that. If `writable`,
 /// the owner may also read and write it. Does nothing if `from` does not exist.
 void copy_permissions(const std::string& from, const std::string& to, bool writable);

@@ -1,6 +1,9 @@
 #include "view/site.h"
 
 #include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <initializer_list>
@@ -69,6 +72,27 @@ Result<std::uint64_t> field_size(const std::string& path) {
   return field->file_bytes();
 }
 
+/// Removes copies of the field `target` that exports which were killed left beside it, under names
+/// that unused_name() gave.
+void remove_abandoned(const fs::path& target) {
+  const std::string start = target.filename().string() + ".";
+  std::error_code code;
+  for (auto it = fs::directory_iterator(target.parent_path(), code);
+       !code && it != fs::directory_iterator(); it.increment(code)) {
+    const std::string name = it->path().filename().string();
+    pid_t process = 0;
+    unsigned count = 0;
+    int end = 0;
+    const bool named =
+        name.starts_with(start) &&
+        std::sscanf(name.c_str() + start.size(), "%d-%u.tmp%n", &process, &count, &end) == 2 &&
+        end > 0 && name.size() == start.size() + static_cast<std::size_t>(end);
+    const bool dead = process > 0 && ::kill(process, 0) != 0 && errno == ESRCH;
+    std::error_code ignored;
+    if (named && dead && it->is_regular_file(ignored)) fs::remove(it->path(), ignored);
+  }
+}
+
 /// A file that is removed unless it gets another name.
 struct Draft {
   std::string path{};
@@ -131,7 +155,7 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
   fs::create_directories(folder, error);
   if (error) return fail(ErrorCode::io, folder, ": cannot create: ", error.message());
   const fs::path target = fs::path(folder) / "field.slf";
-  remove_abandoned(target.string());
+  remove_abandoned(target);
   if (!force && !fs::is_empty(folder, error))
     return fail(ErrorCode::usage, folder, ": is not empty; -f overwrites files in it");
   // The field takes long and may not fit, so it is copied first. It gets its name last.

@@ -179,7 +179,7 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
   if (code) return fail(ErrorCode::io, path, ": ", code.message());
   if (!any_dicom && !any_picture) return tl::unexpected(refuse_folder(path));
   if (any_dicom) return read_dicom_folder(path, options);
-  if (auto ok = expect_no_series(path, options); !ok) return tl::unexpected(ok.error());
+  if (auto ok = refuse_series(path, options); !ok) return tl::unexpected(ok.error());
   std::string found;
   std::size_t kinds = 0, format = 0;
   for (std::size_t i = 0; i < kFormats.size(); ++i) {

@@ -186,12 +186,6 @@ Result<void> expect_one_number(const std::string& source, const VolumeOptions& o
   return {};
 }
 
-Result<void> expect_no_series(const std::string& source, const VolumeOptions& options) {
-  if (!options.series) return {};
-  return fail(ErrorCode::usage, source, ": series ", in_quotes(*options.series),
-              " was chosen, but this is not DICOM, which alone has series");
-}
-
 Result<ChosenVolume> choose_volume(const std::string& source, std::vector<std::uint64_t> sizes,
                                    const VolumeOptions& options) {
   while (sizes.size() > 3 && sizes.back() == 1) sizes.pop_back();

@@ -85,10 +85,6 @@ class ByteReader {
 [[nodiscard]] Result<void> expect_one_number(const std::string& source,
                                              const VolumeOptions& options);
 
-/// usage: a series was chosen, of what is not DICOM.
-[[nodiscard]] Result<void> expect_no_series(const std::string& source,
-                                            const VolumeOptions& options);
-
 /// Three extents, and the index of the chosen volume if several of this size follow each other.
 struct ChosenVolume {
   std::array<std::uint32_t, 3> dims{};

@@ -140,7 +140,7 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
     return read_folder(path, options);
   }
   if (options.raw) {
-    if (auto ok = expect_no_series(path, options); !ok) return tl::unexpected(ok.error());
+    if (auto ok = refuse_series(path, options); !ok) return tl::unexpected(ok.error());
     return read_raw(path, *options.raw, options);
   }
   if (lower(without_packing(path)).ends_with(".img")) {
@@ -159,7 +159,7 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
       read_head(path, std::clamp<std::uint64_t>(*size * 4, kMinHeaderBytes, kMaxHeaderBytes));
   if (!head) return tl::unexpected(head.error());
   if (!looks_like_dicom(*head))
-    if (auto ok = expect_no_series(path, options); !ok) return tl::unexpected(ok.error());
+    if (auto ok = refuse_series(path, options); !ok) return tl::unexpected(ok.error());
   if (options.array && !names_arrays(*head))
     return fail(ErrorCode::usage, path, ": array ", in_quotes(*options.array),
                 " was chosen, but files of this format name none");
