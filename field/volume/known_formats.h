@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "slf/error.h"
+#include "slf/volume.h"
 
 namespace slf::volume_io {
 

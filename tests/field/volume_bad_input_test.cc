@@ -57,10 +57,10 @@ TEST_F(VolumeBadInput, MissingEmptyOrOfAnotherKind) {
   expect_at(folder_.path("none.nii"), ErrorCode::io, {"no such file"});
   expect_at("/dev/null", ErrorCode::io, {"not a regular file"});
   expect("", "empty.nii", ErrorCode::bad_file, {"empty"});
-  expect("A text.\n", "a.nrrd", ErrorCode::bad_file, {"NRRD000", "'A text.?'", "misnamed"});
-  expect("A text.\n", "a.nii.gz", ErrorCode::bad_file, {"NIfTI", "'A text.?'"});
+  expect("A text.\n", "a.nrrd", ErrorCode::bad_file, {"NRRD000", "'A text.\\x0a'", "misnamed"});
+  expect("A text.\n", "a.nii.gz", ErrorCode::bad_file, {"NIfTI", "'A text.\\x0a'"});
   expect(gzip("A text.\n"), "b.nii.gz", ErrorCode::bad_file,
-         {"a NIfTI header", "'A text.?'", "unpacked from gzip"});
+         {"a NIfTI header", "'A text.\\x0a'", "unpacked from gzip"});
   expect("A text.\n", "a.mha", ErrorCode::bad_file, {"ObjectType"});
   expect("A text.\n", "brain.den", ErrorCode::usage, {"dimensions, type, spacing and offset"});
 }
