@@ -42,6 +42,17 @@ std::string to_bytes(std::string& text) {
   return "";
 }
 
+/// Accepts what >> reads as a T. CLI11 itself says no more than that it cannot convert.
+template <class T>
+CLI::Validator reads(const std::string& expected) {
+  return CLI::Validator(
+      [=](std::string& text) {
+        T value;
+        return CLI::detail::lexical_cast(text, value) ? "" : text + ": expected " + expected;
+      },
+      "");
+}
+
 }  // namespace
 
 CLI::Validator from_to(double low, double high) {
@@ -106,6 +117,13 @@ std::istream& operator>>(std::istream& in, PixelSize& size) {
   return in;
 }
 
+CLI::Option* of_pixels(CLI::Option* option) {
+  return option
+      ->check(reads<PixelSize>(
+          fmt::format("a width and a height of 1 to {} pixels, as 640x480, or one", kMaxPixels)))
+      ->type_name("WIDTHxHEIGHT");
+}
+
 std::string to_string(const PixelSize& size) {
   return fmt::format("{}x{}", size.width, size.height);
 }
@@ -123,7 +141,9 @@ std::istream& operator>>(std::istream& in, LevelRange& range) {
 
 CLI::Option* add_levels(CLI::App& command, const std::string& name,
                         std::optional<LevelRange>& levels, const std::string& help) {
-  return command.add_option(name, levels, help + ", as 2 or 0-1")->type_name("LEVELS");
+  return command.add_option(name, levels, help + ", as 2 or 0-1")
+      ->check(reads<LevelRange>("a level, or two with the lower one first, as 0-1"))
+      ->type_name("LEVELS");
 }
 
 std::istream& operator>>(std::istream& in, Subfields& subfields) {
@@ -149,6 +169,7 @@ CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::s
   return command
       .add_option("--subfields", subfields,
                   help + ": numbers from 0 to 63,\n8 x entry octant + exit octant, as 0-7,12")
+      ->check(reads<Subfields>("numbers from 0 to 63, as 0-7,12"))
       ->type_name("NUMBERS");
 }
 
@@ -214,8 +235,7 @@ void CameraArguments::add_to(CLI::App& command) {
   command.add_option("--fov", fov, "Vertical field of view in degrees; default: fits the sphere")
       ->check(number([](double v) { return v > 0 && v < 180; }, "degrees above 0 and below 180"))
       ->group(group);
-  command.add_option("--size", size, "Picture size in pixels; one number for a square")
-      ->type_name(kPixels)
+  of_pixels(command.add_option("--size", size, "Picture size in pixels; one number for a square"))
       ->group(group)
       ->default_str(to_string(size));
 }

@@ -168,7 +168,6 @@ inline constexpr const char* kAnyFile = "FILE";
 inline constexpr const char* kFolder = "DIR";
 inline constexpr const char* kCodec = "CODEC";
 inline constexpr const char* kVector = "X,Y,Z";
-inline constexpr const char* kPixels = "WIDTHxHEIGHT";
 
 /// Names, and the values that they stand for.
 template <class T>
@@ -215,6 +214,8 @@ struct PixelSize {
   std::uint32_t width = 0, height = 0;
 };
 std::istream& operator>>(std::istream& in, PixelSize& size);
+/// Makes an option take sizes, and name their bounds when it refuses one.
+CLI::Option* of_pixels(CLI::Option* option);
 [[nodiscard]] std::string to_string(const PixelSize& size);
 
 /// A range of levels of the tile pyramid, both ends inclusive: "2", "0-1".

@@ -234,9 +234,8 @@ void add_measure(CLI::App& app, Run& run) {
       ->check(kDistance)
       ->delimiter(',')
       ->default_str("3");
-  command->add_option("--size", a->sizes, std::string(kSizeHelp) + "; or several")
+  of_pixels(command->add_option("--size", a->sizes, std::string(kSizeHelp) + "; or several"))
       ->delimiter(',')
-      ->type_name(kPixels)
       ->default_str("512x512");
   const char* group = "Drawing";
   choose(command->add_option("--mode", a->modes, "As for render; or several"), kRenderModes)
@@ -283,9 +282,7 @@ void add_evaluate(CLI::App& app, Run& run) {
   command->add_option("--distance", a->distance, kDistanceHelp)
       ->check(kDistance)
       ->capture_default_str();
-  command->add_option("--size", a->size, kSizeHelp)
-      ->type_name(kPixels)
-      ->default_str(to_string(a->size));
+  of_pixels(command->add_option("--size", a->size, kSizeHelp))->default_str(to_string(a->size));
   command
       ->add_option(
           "--supersample", a->supersample,

@@ -277,8 +277,8 @@ void add_play(CLI::App& app, Run& run) {
       ->check(from_to(0.01, 1000))
       ->group(path)
       ->capture_default_str();
-  command->add_option("--size", a->size, "Picture size in pixels; one number for a square")
-      ->type_name(kPixels)
+  of_pixels(
+      command->add_option("--size", a->size, "Picture size in pixels; one number for a square"))
       ->group(path)
       ->default_str(to_string(a->size));
   const char* loading = "Loading";

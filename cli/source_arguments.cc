@@ -270,8 +270,7 @@ void SourceArguments::add_reference_to(CLI::App& command) {
 
 Result<void> SourceArguments::set_light(RaycastOptions& options) const {
   if (!light_rig.empty()) {
-    auto rig = SLF_TRY(read_rig(light_rig));
-    options.lighting.rig = std::move(rig);
+    options.lighting.rig = SLF_TRY(read_rig(light_rig));
   }
   if (!light.empty()) {
     options.light = to_vector(light);
@@ -300,8 +299,7 @@ Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
   options.resample = resample;
   if (path == input) options.series = series;
   if (!crop.empty()) {
-    const auto box = SLF_TRY(parse_crop(crop));
-    options.crop = box;
+    options.crop = SLF_TRY(parse_crop(crop));
   }
   if (!spacing.empty()) options.spacing = to_vector(spacing);
   if (!dims.empty()) {
@@ -356,8 +354,7 @@ Result<Volume> SourceArguments::structure(const std::string& path) const {
 Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
   Structures& parts = options.structures;
   if (!label_table.empty()) {
-    auto table = SLF_TRY(read_label_table(label_table));
-    parts.styles = std::move(table);
+    parts.styles = SLF_TRY(read_label_table(label_table));
   }
   const auto set = [&](const std::string& path, std::shared_ptr<const Volume>& to) -> Result<void> {
     if (path.empty()) return {};
@@ -399,8 +396,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   SLF_TRY(set_light(options));
   // Read the small file first, so that an error in it is found before a large volume is read.
   if (!transfer.empty()) {
-    auto read = SLF_TRY(read_transfer(transfer));
-    preset = std::move(read);
+    preset = SLF_TRY(read_transfer(transfer));
   }
   std::optional<std::array<double, 2>> stretched;
   if (!range.empty()) {

@@ -234,8 +234,7 @@ Result<FieldContent> FieldFile::content() const {
     at.payload_bytes.resize(manifest_.layers.size());
   }
   if (manifest_.part) {
-    const auto whole = SLF_TRY(part_is_complete());
-    content.complete = whole;
+    content.complete = SLF_TRY(part_is_complete());
   }
   for (storage::LayerId layer = 0; layer < manifest_.layers.size(); ++layer) {
     const auto statistics = SLF_TRY(store_.statistics(layer));

@@ -57,8 +57,7 @@ Result<void> RangedStore::open() {
   if (meta.last_page < 1 || meta.last_page >= source_.file_bytes / kPageSize)
     return fail(ErrorCode::bad_file, trees_.path(), ": truncated: ", source_.file_bytes,
                 " bytes, expected ", meta.last_page + 1, " pages of ", kPageSize);
-  auto sections = SLF_TRY(internal::find_sections(source_, source_.file_bytes, meta.transaction));
-  sections_ = std::move(sections);
+  sections_ = SLF_TRY(internal::find_sections(source_, source_.file_bytes, meta.transaction));
   SLF_TRY(load_section(internal::kCoreSection));
   return trees_.load(internal::Pages(source_, meta, &trees_.path()));
 }

@@ -30,8 +30,7 @@ Result<void> check_length(const Meta& meta, std::uint64_t size, const std::strin
 
 Result<std::unique_ptr<Snapshot>> Snapshot::open(const std::string& path) {
   std::unique_ptr<Snapshot> snapshot(new Snapshot(path));
-  auto file = SLF_TRY(LockedFile::open(path, LockedFile::Access::read));
-  snapshot->file_ = std::move(file);
+  snapshot->file_ = SLF_TRY(LockedFile::open(path, LockedFile::Access::read));
   auto meta = SLF_TRY(snapshot->pin_current());
   SLF_TRY(snapshot->load(meta, snapshot->file_));
   return snapshot;
@@ -51,8 +50,7 @@ Result<std::unique_ptr<Snapshot>> Snapshot::open(std::shared_ptr<RangeSource> so
   if (size < 2 * kPageSize)
     return fail(ErrorCode::bad_file, snapshot->path(), ": not a field, or truncated: ", size,
                 " bytes");
-  auto copy = SLF_TRY(SparseCopy::make(std::move(source)));
-  snapshot->copy_ = std::move(copy);
+  snapshot->copy_ = SLF_TRY(SparseCopy::make(std::move(source)));
   const FileRange ends[] = {{0, 2 * kPageSize}, {size - std::min(size, kTailBytes), size}};
   SLF_TRY(snapshot->copy_->fetch(ends));
   const auto meta = SLF_TRY(parse_metas(snapshot->bytes().first(2 * kPageSize), snapshot->path()));
@@ -127,8 +125,7 @@ Result<Meta> Snapshot::pin_current() {
 Result<void> Snapshot::load(const Meta& meta, const LockedFile& file) {
   auto size = SLF_TRY(file.size(path()));
   SLF_TRY(check_length(meta, size, path()));
-  auto map = SLF_TRY(MappedFile::map(file.descriptor(), static_cast<std::size_t>(size), path()));
-  map_ = std::move(map);
+  map_ = SLF_TRY(MappedFile::map(file.descriptor(), static_cast<std::size_t>(size), path()));
   return Trees::load(Pages(map_.bytes(), meta, &path()));
 }
 

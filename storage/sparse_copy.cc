@@ -28,8 +28,7 @@ Result<std::unique_ptr<SparseCopy>> SparseCopy::make(std::shared_ptr<RangeSource
   if (copy->file_ < 0 || ftruncate(copy->file_, static_cast<off_t>(copy->source_->size())) != 0)
     return fail(ErrorCode::io, name, ": cannot make a temporary file of ", copy->source_->size(),
                 " bytes: ", std::strerror(errno), "; set TMPDIR to another folder");
-  auto map = SLF_TRY(MappedFile::map(copy->file_, copy->source_->size(), name));
-  copy->map_ = std::move(map);
+  copy->map_ = SLF_TRY(MappedFile::map(copy->file_, copy->source_->size(), name));
   return copy;
 }
 

@@ -141,8 +141,7 @@ struct TileWriter::State {
 
   // Opens LMDB on a locked, checked file.
   [[nodiscard]] Result<void> attach() {
-    auto opened = SLF_TRY(Environment::open(path, file.descriptor()));
-    environment = std::move(opened);
+    environment = SLF_TRY(Environment::open(path, file.descriptor()));
     for (LayerId i = 0; i < layers.size(); ++i) builders.emplace_back(i, layers[i].last);
     return {};
   }
@@ -391,8 +390,7 @@ Result<Edit*> TileWriter::State::edit(LayerId layer, TileKey key) {
       known != edits.end() && known->first.first == layer && known->second.first <= key)
     return &known->second;
   if (!base) {
-    auto snapshot = SLF_TRY(Snapshot::open_locked(path, file));
-    base = std::move(snapshot);
+    base = SLF_TRY(Snapshot::open_locked(path, file));
   }
   internal::Cursor cursor(base->pages(), base->tree(layer));
   auto at = SLF_TRY(cursor.seek(internal::encode_key(key)));

@@ -36,8 +36,7 @@ Result<void> Trees::load(const Pages& pages) {
   pages_ = pages;
   layers_.clear();
   trees_.clear();
-  auto manifest = SLF_TRY(named_tree(kManifest));
-  manifest_ = manifest;
+  manifest_ = SLF_TRY(named_tree(kManifest));
   auto sealed = SLF_TRY(blob(kContainer));
   auto container = decode_container(sealed);
   if (!container)

@@ -1,6 +1,9 @@
 #include "view/site.h"
 
 #include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <initializer_list>
@@ -69,6 +72,39 @@ Result<std::uint64_t> field_size(const std::string& path) {
   return field.file_bytes();
 }
 
+/// Removes copies of the field `target` that exports which were killed left beside it, under names
+/// that unused_name() gave.
+void remove_abandoned(const fs::path& target) {
+  const std::string start = target.filename().string() + ".";
+  std::error_code code;
+  for (auto it = fs::directory_iterator(target.parent_path(), code);
+       !code && it != fs::directory_iterator(); it.increment(code)) {
+    const std::string name = it->path().filename().string();
+    pid_t process = 0;
+    unsigned count = 0;
+    int end = 0;
+    const bool named =
+        name.starts_with(start) &&
+        std::sscanf(name.c_str() + start.size(), "%d-%u.tmp%n", &process, &count, &end) == 2 &&
+        end > 0 && name.size() == start.size() + static_cast<std::size_t>(end);
+    const bool dead = process > 0 && ::kill(process, 0) != 0 && errno == ESRCH;
+    std::error_code ignored;
+    if (named && dead && it->is_regular_file(ignored)) fs::remove(it->path(), ignored);
+  }
+}
+
+/// A file that is removed unless it gets another name.
+struct Draft {
+  std::string path{};
+  Draft() = default;
+  Draft(const Draft&) = delete;
+  Draft& operator=(const Draft&) = delete;
+  ~Draft() {
+    std::error_code ignored;
+    if (!path.empty()) fs::remove(path, ignored);
+  }
+};
+
 }  // namespace
 
 std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
@@ -115,10 +151,23 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return fail(ErrorCode::io, folder, ": cannot create: ", error.message());
+  const fs::path target = fs::path(folder) / "field.slf";
+  remove_abandoned(target);
   if (!force && !fs::is_empty(folder, error))
     return fail(ErrorCode::usage, folder, ": is not empty; -f overwrites files in it");
-  const fs::path target = fs::path(folder) / "field.slf";
-  const bool in_place = fs::equivalent(field, target, error);
+  // The field takes long and may not fit, so it is copied first. It gets its name last.
+  Draft draft;
+  if (!fs::equivalent(field, target, error)) {
+    if (auto ok = check_output(target.string(), {&field, 1}); !ok) return ok;
+    draft.path = unused_name(target.string());
+    if (auto ok = copy_file(field, draft.path, progress); !ok) return ok;
+    if (auto ok = index_field(draft.path,
+                              [&] {
+                                return !progress || progress({*size, *size, 0});
+                              });
+        !ok)
+      return ok;
+  }
   const std::string style = "<link rel=\"stylesheet\" href=\"" + std::string(kStyleFile) + "\">\n";
   const std::string module =
       "<link rel=\"preload\" href=\"" + std::string(kModuleFile) + "\" as=\"fetch\" crossorigin>\n";
@@ -129,17 +178,9 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
            {kScriptFile, page_script("")},
            {kModuleFile, std::string(file_named(kModuleFile))},
            {kModuleScriptFile, "slfInside.module = " + module_string() + ";\n"}})
-    SLF_TRY(write_text((fs::path(folder) / name).string(), text, field));
-  // The field is written last, and gets its name only when it is complete.
-  if (in_place) return {};
-  SLF_TRY(check_output(target.string(), {&field, 1}));
-  const std::string temporary = unused_name(target.string());
-  auto written = copy_file(field, temporary, progress);
-  if (written)
-    written = index_field(temporary, [&] { return !progress || progress({size, size, 0}); });
-  if (written) written = publish_file(temporary, target.string(), Existing::replace);
-  if (!written) fs::remove(temporary, error);
-  return written;
+    if (auto ok = write_text((fs::path(folder) / name).string(), text, field); !ok) return ok;
+  if (draft.path.empty()) return {};
+  return publish_file(draft.path, target.string(), Existing::replace);
 }
 
 }  // namespace slf::view

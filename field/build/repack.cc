@@ -114,8 +114,7 @@ class Repacker {
       if (predicts_) {  // level by level: each is predicted from the one written before
         end = order_.first_number(order_.key(begin).level + 1u);
         SLF_TRY(writer_.commit_level());
-        auto opened = SLF_TRY(FieldFile::open(writer_.file()));
-        written = std::move(opened);
+        written = SLF_TRY(FieldFile::open(writer_.file()));
         written->set_reference_budget(references_);
       }
       SLF_TRY(write(begin, end, written.get()));

@@ -179,9 +179,8 @@ Result<std::vector<OutputLayer>> plan_layers(const FieldFile& field, const Field
     // Tiles may be predicted from those of other subfields.
     const bool whole = !now.predictive() || shape.subfields == field.shape().subfields;
     out.copy = out.layer.format == in.format && (*plain)->spec() == now.spec() && whole;
-    auto made = SLF_TRY(out.copy ? codec::make_codec(in.codec, in.format, now.tables())
+    out.codec = SLF_TRY(out.copy ? codec::make_codec(in.codec, in.format, now.tables())
                                  : train(field, shape, out));
-    out.codec = std::move(made);
     out.layer.codec = out.codec->spec();
   }
   return outputs;

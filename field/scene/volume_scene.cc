@@ -133,8 +133,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     if (v.type == ScalarType::u8 || v.type == ScalarType::u16) {
       for (int id = 0; id < (v.type == ScalarType::u8 ? 256 : 65536); ++id) labels.push_back(id);
     } else {
-      auto renumbered = SLF_TRY(renumber_labels(v));
-      labels = std::move(renumbered);
+      labels = SLF_TRY(renumber_labels(v));
     }
     grid.table = make_label_table(transfer, v, labels);
   } else {

@@ -187,6 +187,7 @@ Result<void> read_color(const DicomLookup& file, DicomSlice& slice) {
     slice.color = DicomColor::palette;
     return read_palette(file, slice);
   }
+  slice.least_is_white = color == "MONOCHROME1";
   if (slice.samples == 1) return {};
   slice.color = color == "YBR_FULL"       ? DicomColor::ybr_full
                 : color == "YBR_FULL_422" ? DicomColor::ybr_full_422
@@ -496,14 +497,14 @@ std::string name_of_compression(std::string_view syntax) {
 
 Result<std::vector<DicomSlice>> read_dicom_slices(const std::string& path) {
   const auto bytes = SLF_TRY(read_dicom_bytes(path));
-  const DicomFile file = parse_dicom(path, bytes);
+  DicomFile file = parse_dicom(path, bytes);
   const DicomLookup values(file.big_endian, {&file.data});
-  const bool has_rows = !values.raw(kRows).empty();
-  if (!has_rows && !file.damage) {
+  if (values.raw(kRows).empty() && !file.damage) {
     if (has_no_picture(values)) return std::vector<DicomSlice>{};
-    return fail(ErrorCode::bad_file, path,
-                ": a DICOM file without Rows: it is truncated, or its kind (SOP class ",
-                in_quotes(values.text(kSopClass)), ") holds no picture; move it elsewhere");
+    file.damage = fail(ErrorCode::bad_file, path,
+                       ": a DICOM file without Rows: it is truncated, or its kind (SOP class ",
+                       in_quotes(values.text(kSopClass)), ") holds no picture; move it elsewhere")
+                      .value();
   }
   DicomSlice slice;
   slice.path = path;

@@ -87,6 +87,7 @@ struct DicomSlice {
   std::uint32_t samples = 1;  ///< numbers stored per pixel
   bool planar = false;        ///< one plane per sample
   DicomColor color = DicomColor::grey;
+  bool least_is_white = false;  ///< MONOCHROME1
   std::shared_ptr<const DicomPalette> palette{};
   std::shared_ptr<const DicomSegmentation> segmentation{};
   std::uint32_t segment = 0;  ///< of binary and fractional segmentations

@@ -162,8 +162,7 @@ Result<DicomFrames> DicomPixelReader::next() {
     std::vector<DicomSlice> compressed;
     for (const auto& each : files_)
       if (each.compressed) compressed.push_back(each);
-    auto decoder = SLF_TRY(DicomDecoder::start(compressed));
-    decoder_ = std::move(decoder);
+    decoder_ = SLF_TRY(DicomDecoder::start(compressed));
   }
   auto pixels = SLF_TRY(file.compressed ? decoder_->read(file) : read_plain(file));
   return DicomFrames(std::move(pixels));

@@ -91,9 +91,8 @@ Result<Volume> read_segmentation(const std::string& source, const DicomStack& st
   volume.notes = stack.notes;
   const auto grid = SLF_TRY(grid_of_planes(slices, source));
   const DicomSlice& first = slices.front();
-  const auto dims = SLF_TRY(
+  volume.dims = SLF_TRY(
       check_dims(source, std::array<std::uint64_t, 3>{first.width, first.height, grid.count}));
-  volume.dims = dims;
   volume.axes = {first.row * first.spacing.x, first.column * first.spacing.y, grid.step};
   volume.origin = grid.origin;
   SLF_TRY(check_axes(volume));

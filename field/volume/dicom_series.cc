@@ -1,5 +1,6 @@
 // The DICOM series of a folder, and the choice of one.
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <map>
 #include <set>
@@ -17,6 +18,7 @@ struct Scan {
   std::vector<std::string> notes{};  ///< files that cannot be read
   std::size_t files = 0;             ///< of any kind
   std::optional<Error> error{};      ///< of the first of these files
+  std::optional<Error> stray{};      ///< of the first of them that may be of any series
 };
 
 void leave_out(const std::string& path, const Error& error, Scan& scan) {
@@ -37,15 +39,19 @@ bool is_named_dicom(const std::filesystem::path& path) {
 
 void scan_file(const std::string& path, Scan& scan) {
   ++scan.files;
+  const auto stray = [&](const Error& error) {
+    if (!scan.stray) scan.stray = error;
+    leave_out(path, error, scan);
+  };
   constexpr std::size_t kHead = 1024;
   const auto head = read_head(path, kHead);
   if (!head || !looks_like_dicom(*head)) {
     if (is_named_dicom(path))
-      leave_out(path, head ? Error{ErrorCode::bad_file, path + ": not DICOM"} : head.error(), scan);
+      stray(head ? Error{ErrorCode::bad_file, path + ": not DICOM"} : head.error());
     return;
   }
   auto found = read_dicom_slices(path);
-  if (!found) return leave_out(path, found.error(), scan);
+  if (!found) return stray(found.error());
   std::move(found->begin(), found->end(), std::back_inserter(scan.slices));
 }
 
@@ -198,6 +204,19 @@ bool is_wanted(const DicomStack& stack, const std::string& wanted) {
   return wanted == stack.id;
 }
 
+/// The first number that the InstanceNumbers of a stack leave out between its first and its last;
+/// none if files state none, or one twice, as those of several times do.
+std::optional<double> missing_number(const DicomStack& stack) {
+  std::set<double> numbers;
+  for (const auto& slice : stack.slices)
+    numbers.insert(slice.moments[static_cast<std::size_t>(DicomMoment::instance)]);
+  if (numbers.size() < stack.slices.size() || !std::isfinite(*numbers.begin())) return {};
+  double next = *numbers.begin();
+  for (const double number : numbers)
+    if (number != next++) return next - 1;
+  return {};
+}
+
 Result<Volume> read_chosen(const std::string& path, const Scan& scan,
                            const std::optional<std::string>& series, const VolumeOptions& options) {
   std::vector<DicomStack> all = stacks_of(scan.slices), chosen;
@@ -213,6 +232,11 @@ Result<Volume> read_chosen(const std::string& path, const Scan& scan,
     return fail(ErrorCode::unsupported, path, ": ", chosen.size(),
                 " DICOM series, expected one: choose series ", found);
   }
+  if (scan.stray)
+    if (const auto missing = missing_number(chosen.front()))
+      return fail(ErrorCode::bad_file, path, ": the series has no slice number ", *missing,
+                  ", which may be the file that cannot be read: ", scan.stray->message,
+                  "; get it anew, or move it elsewhere if it is no slice");
   auto volume = read_dicom_stack(path, chosen.front(), options);
   if (!volume) {
     // A file that was skipped may be what the volume lacks.

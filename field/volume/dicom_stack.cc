@@ -263,9 +263,8 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
     for (std::size_t i = 0; i < planes.size(); ++i) planes[i] = i;
     volume.origin = first.position;
   }
-  const auto dims =
+  volume.dims =
       SLF_TRY(check_dims(source, std::array<std::uint64_t, 3>{first.width, first.height, count}));
-  volume.dims = dims;
   bool uneven = false;
   if (!sparse) {
     const auto step = SLF_TRY(step_of(slices, options, volume));
@@ -284,6 +283,10 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
     volume.slope = first.slope;
     volume.intercept = first.intercept;
   }
+  if (first.least_is_white && !segmentation)
+    volume.notes.emplace_back(
+        "MONOCHROME1: pictures show the least values white; here values stay as they are, so that "
+        "a transfer function of the modality fits");
   if (segmentation) {
     volume.labels = true;
     volume.label_styles = segmentation->segments;

@@ -74,9 +74,8 @@ Result<Volume> stack(const std::string& path, const std::vector<std::string>& fi
   }
   volume.type = kind->type;
   volume.files = files;
-  const auto dims =
+  volume.dims =
       SLF_TRY(check_dims(path, std::array<std::uint64_t, 3>{kind->width, kind->height, slices}));
-  volume.dims = dims;
   if (!options.spacing)
     volume.notes.emplace_back("pictures state no spacing: voxels are taken as 1x1x1");
   return volume;
@@ -127,8 +126,7 @@ Result<ComponentSelector> ComponentSelector::make(const std::string& source, con
     selector.equal_ = kind.components - (kind.alpha ? 1 : 0);
     return selector;
   }
-  const auto component = SLF_TRY(choose(source, options.component, kind.components, "component"));
-  selector.component_ = component;
+  selector.component_ = SLF_TRY(choose(source, options.component, kind.components, "component"));
   return selector;
 }
 
@@ -173,6 +171,7 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
   if (code) return fail(ErrorCode::io, path, ": ", code.message());
   if (!any_dicom && !any_picture) return tl::unexpected(refuse_folder(path));
   if (any_dicom) return read_dicom_folder(path, options);
+  SLF_TRY(refuse_series(path, options));
   std::string found;
   std::size_t kinds = 0, format = 0;
   for (std::size_t i = 0; i < kFormats.size(); ++i) {

@@ -142,7 +142,7 @@ void widen_half_floats(Volume& volume);
 /// appended, if it is no such number.
 [[nodiscard]] bool append_number(std::string_view word, ScalarType type,
                                  std::vector<std::byte>& bytes);
-/// At most 40 printable characters of untrusted text, quoted, for a message.
+/// At most 40 bytes of untrusted text, quoted, for a message; what is not printable is \xNN.
 [[nodiscard]] std::string in_quotes(std::string_view text);
 /// The path of a data file that a header names relative to its own folder.
 [[nodiscard]] std::string beside(const std::string& header, std::string_view name);

@@ -282,4 +282,10 @@ Error refuse_folder(const std::string& path) {
       .value();
 }
 
+Result<void> refuse_series(const std::string& path, const VolumeOptions& options) {
+  if (!options.series) return {};
+  return fail(ErrorCode::usage, path, ": series ", in_quotes(*options.series),
+              " was chosen, but this is not DICOM, which alone has series");
+}
+
 }  // namespace slf::volume_io

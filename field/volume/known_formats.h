@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "slf/error.h"
+#include "slf/volume.h"
 
 namespace slf::volume_io {
 
@@ -15,5 +16,8 @@ namespace slf::volume_io {
 
 /// Why a folder without DICOM files and pictures is no volume: what it is (Zarr), or what is in it.
 [[nodiscard]] Error refuse_folder(const std::string& path);
+
+/// usage: a series was chosen, of what is not DICOM.
+[[nodiscard]] Result<void> refuse_series(const std::string& path, const VolumeOptions& options);
 
 }  // namespace slf::volume_io

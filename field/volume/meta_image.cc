@@ -209,8 +209,7 @@ Result<std::vector<std::string>> data_files(const std::string& path, const Heade
     const std::int64_t step = given.size() > 2 ? given[2]
                               : slices > 1     ? (last - first) / (slices - 1)
                                                : 1;
-    auto numbered = SLF_TRY(numbered_files(path, parts.front(), first, last, step));
-    files = std::move(numbered);
+    files = SLF_TRY(numbered_files(path, parts.front(), first, last, step));
   }
   if (files.size() != count)
     return fail(ErrorCode::bad_file, path, ": it names ", files.size(),
@@ -281,8 +280,7 @@ Result<Volume> read_meta(const std::string& path, std::string_view head,
   if (!count || *count < 1 || *count > 4096)
     return fail(ErrorCode::bad_file, path, ": 'ElementNumberOfChannels' is ", in_quotes(*channels),
                 ", expected 1 to 4096");
-  const auto type = SLF_TRY(scalar_type(path, header));
-  volume.type = type;
+  volume.type = SLF_TRY(scalar_type(path, header));
   const auto sizes = SLF_TRY(sizes_of(path, header));
   const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
   volume.dims = chosen.dims;
@@ -291,8 +289,7 @@ Result<Volume> read_meta(const std::string& path, std::string_view head,
   auto data = SLF_TRY(locate(header, volume, sizes));
   data.components = static_cast<std::uint32_t>(*count);
   if (*count > 1 || !chosen.by_component) {
-    const auto component = SLF_TRY(choose(path, options.component, data.components, "component"));
-    data.component = component;
+    data.component = SLF_TRY(choose(path, options.component, data.components, "component"));
   }
   data.index = chosen.index;
   data.volumes = chosen.count;

@@ -151,8 +151,7 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
   const Words words{head, byte_order(head).value_or(false)};
   Volume volume;
   volume.source = path;
-  const auto type = SLF_TRY(scalar_type(path, words));
-  volume.type = type;
+  volume.type = SLF_TRY(scalar_type(path, words));
   std::vector<std::uint64_t> sizes;
   for (const std::size_t word : {1, 2, 3})
     sizes.push_back(static_cast<std::uint64_t>(words.integer(word)));

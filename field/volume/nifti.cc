@@ -361,8 +361,7 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
                   ", expected at least 1");
     sizes.push_back(static_cast<std::uint64_t>(header.dim[i]));
   }
-  const auto type = SLF_TRY(scalar_type(path, header.datatype));
-  volume.type = type;
+  volume.type = SLF_TRY(scalar_type(path, header.datatype));
   const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
   volume.dims = chosen.dims;
   SLF_TRY(set_position(header, options, volume));
@@ -379,8 +378,7 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
   data.skip = static_cast<std::uint64_t>(header.vox_offset);
   data.components = components_of(header.datatype);
   if (data.components > 1 || !chosen.by_component) {
-    const auto component = SLF_TRY(choose(path, options.component, data.components, "component"));
-    data.component = component;
+    data.component = SLF_TRY(choose(path, options.component, data.components, "component"));
   }
   const std::uint64_t header_bytes = big_endian_of(head, kHeader1) ? kHeader1 : kHeader2;
   if (!header.single_file)

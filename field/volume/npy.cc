@@ -158,8 +158,7 @@ Result<Volume> read_array(const Header& header, VoxelData data, const VolumeOpti
   volume.source = path;
   volume.type = header.type;
   if (!header.fortran_order) std::reverse(space.begin(), space.end());
-  const auto dims = SLF_TRY(check_dims(path, space));
-  volume.dims = dims;
+  volume.dims = SLF_TRY(check_dims(path, space));
   const auto time = SLF_TRY(choose(path, options.time, times, "time point"));
   const std::uint64_t parts = header.complex ? 2 : colours;
   const auto component = SLF_TRY(choose(path, options.component, parts, "component"));

@@ -242,10 +242,9 @@ Result<void> choose_others(const std::string& path, const std::vector<OtherAxis>
   for (const bool time : {true, false}) {
     const auto axis = std::find_if(others.begin(), others.end(),
                                    [&](const OtherAxis& other) { return other.time == time; });
-    const auto index =
+    chosen[time] =
         SLF_TRY(choose(path, time ? options.time : options.component,
                        axis == others.end() ? 1 : axis->size, time ? "time point" : "component"));
-    chosen[time] = index;
   }
   // The sizes of all axes together can be counted: no product overflows.
   std::uint64_t after = 0;  // where the inner axes end that were joined
@@ -371,17 +370,18 @@ Result<std::uint64_t> offset_after_lines(const std::string& path, std::uint64_t 
   return static_cast<std::uint64_t>(file.tellg());
 }
 
-Result<bool> parse_packed(const std::string& path, const FieldMap& fields) {
+Result<Packing> parse_packing(const std::string& path, const FieldMap& fields) {
   const auto text = SLF_TRY(required(path, fields, "encoding"));
   const std::string encoding = lower(text);
-  if (encoding == "raw") return false;
-  if (encoding == "gzip" || encoding == "gz") return true;
-  for (const auto* known : {"txt", "text", "ascii", "hex", "bz2", "bzip2", "zrl"})
+  if (encoding == "raw") return Packing::none;
+  if (encoding == "gzip" || encoding == "gz") return Packing::gzip;
+  if (encoding == "bzip2" || encoding == "bz2") return Packing::bzip2;
+  for (const auto* known : {"txt", "text", "ascii", "hex", "zrl"})
     if (encoding == known)
       return fail(ErrorCode::unsupported, path, ": encoding ", known,
-                  ", expected raw or gzip: `unu save -e gzip -f nrrd -i IN -o OUT.nrrd`");
+                  ", expected raw, gzip or bzip2: `unu save -e gzip -f nrrd -i IN -o OUT.nrrd`");
   return fail(ErrorCode::bad_file, path, ": 'encoding' is ", in_quotes(text),
-              ", expected raw or gzip");
+              ", expected raw, gzip or bzip2");
 }
 
 Result<bool> parse_big_endian(const std::string& path, const FieldMap& fields, ScalarType type) {
@@ -446,18 +446,17 @@ Result<void> locate(const std::string& path, const Header& header, ScalarType ty
     data.parts = std::move(files);
     data.offset = 0;
   }
-  const auto packed = SLF_TRY(parse_packed(path, fields));
-  data.packed = packed;
-  const auto big_endian = SLF_TRY(parse_big_endian(path, fields, type));
-  data.big_endian = big_endian;
+  const auto packing = SLF_TRY(parse_packing(path, fields));
+  data.packed = packing != Packing::none;
+  data.packing = packing;
+  data.big_endian = SLF_TRY(parse_big_endian(path, fields, type));
   if (const auto size = file_size(data.path); !size)
     return fail(size.error().code, path, ": its data file cannot be read: ", size.error().message);
   const auto lines = SLF_TRY(parse_skip(path, fields, "lineskip", 0));
   if (lines > 0 && data.parts.size() > 1)
     return fail(ErrorCode::unsupported, path,
                 ": 'line skip' in several data files, expected 'byte skip'");
-  const auto offset = SLF_TRY(offset_after_lines(data.path, data.offset, lines));
-  data.offset = offset;
+  data.offset = SLF_TRY(offset_after_lines(data.path, data.offset, lines));
   const auto skip = SLF_TRY(parse_skip(path, fields, "byteskip", data.packed ? 0 : -1));
   data.at_end = static_cast<std::int64_t>(skip) == -1;
   data.skip = data.at_end ? 0 : skip;
@@ -486,8 +485,7 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
   const auto others = SLF_TRY(keep_space(path, directed, axes));
   std::vector<std::uint64_t> sizes;
   for (const Axis& axis : axes) sizes.push_back(axis.size);
-  const auto dims = SLF_TRY(check_dims(path, sizes));
-  volume.dims = dims;
+  volume.dims = SLF_TRY(check_dims(path, sizes));
   SLF_TRY(directed ? place_directed(fields, axes, options, volume)
                    : place_by_spacing(axes, options, volume));
 

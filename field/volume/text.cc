@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <limits>
 
+#include "base/utf8.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -105,10 +106,17 @@ bool append_number(std::string_view word, ScalarType type, std::vector<std::byte
 }
 
 std::string in_quotes(std::string_view text) {
+  constexpr std::size_t kMost = 40;
   std::string result = "'";
-  for (const char c : text.substr(0, 40))
-    result += std::isprint(static_cast<unsigned char>(c)) ? c : '?';
-  return result + (text.size() > 40 ? "...'" : "'");
+  for (std::string_view rest = text.substr(0, kMost); !rest.empty();) {
+    const std::size_t length = utf8_length(rest);
+    const auto character = rest.substr(0, std::max<std::size_t>(length, 1));
+    const bool shown =
+        length > 0 && !is_control(character) && character != "\n" && character != "\t";
+    result += shown ? std::string(character) : escaped(character);
+    rest.remove_prefix(character.size());
+  }
+  return result + (text.size() > kMost ? "...'" : "'");
 }
 
 std::string beside(const std::string& header, std::string_view name) {

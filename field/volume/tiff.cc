@@ -256,8 +256,7 @@ Result<bool> skip_thumbnails(TiffFile& file) {
 Result<TiffStack> survey(const std::string& path, const VolumeOptions& options) {
   TiffStack stack;
   const auto restart = [&](std::uint64_t skipped) -> Result<void> {
-    auto opened = SLF_TRY(TiffFile::open(path));
-    stack.file = std::move(opened);
+    stack.file = SLF_TRY(TiffFile::open(path));
     auto found = skip_thumbnails(*stack.file);
     for (; found && *found && skipped > 0; --skipped) {
       found = stack.file->next();
@@ -268,8 +267,7 @@ Result<TiffStack> survey(const std::string& path, const VolumeOptions& options) 
       return fail(ErrorCode::unsupported, path,
                   ": holds nothing but reduced copies and masks of pages that it lacks: give the "
                   "file of the whole stack");
-    const auto kind = SLF_TRY(kind_of(*stack.file));
-    stack.kind = kind;
+    stack.kind = SLF_TRY(kind_of(*stack.file));
     return {};
   };
   SLF_TRY(restart(0));
@@ -309,8 +307,7 @@ class PageReader {
       return fail(ErrorCode::unsupported, place.path, ": page ", place.page,
                   " comes after a later one in its description; save the stack in order");
     if (other) {
-      auto opened = SLF_TRY(TiffFile::open(place.path));
-      file_ = std::move(opened);
+      file_ = SLF_TRY(TiffFile::open(place.path));
       passed_ = 0;
     }
     next_ = place.page + 1;
@@ -360,8 +357,7 @@ Result<void> append_slices(const std::string& path, const TiffStack& stack,
   for (std::uint64_t z = 0; z < stack.d.z; ++z) {
     TiffPlace place{path, page_of(stack.d, z, channel.channel, time) + stack.first};
     if (in_set) {
-      auto named = SLF_TRY(stack.d.place_of(place.page, path));
-      place = std::move(named);
+      place = SLF_TRY(stack.d.place_of(place.page, path));
       if (files.empty() || files.back() != place.path) files.push_back(place.path);
     }
     const auto page = SLF_TRY(reader.at(place));
@@ -470,9 +466,8 @@ Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) 
   const bool raw_stack = !counted && stack.pages == 1 && d.origin == "ImageJ";
   const bool in_set = d.of_several || (!counted && d.names_files());
   if (!raw_stack && !in_set && !counted) return wrong_count(path, stack);
-  const auto dims = SLF_TRY(
+  volume.dims = SLF_TRY(
       check_dims(path, std::array<std::uint64_t, 3>{stack.kind.width, stack.kind.height, d.z}));
-  volume.dims = dims;
   const auto time = SLF_TRY(choose(path, options.time, d.times, "time point"));
   const auto channel = choose_channel(path, stack, options);
   if (!channel) return tl::unexpected(channel.error());

@@ -122,8 +122,7 @@ Result<TransferPreset> read_preset(const json& preset, const Place& place) {
     std::swap(indexed.function.name, function.name);
     result = std::move(indexed);
   } else {
-    const auto space = SLF_TRY(read_space(preset, place));
-    function.space = space;
+    function.space = SLF_TRY(read_space(preset, place));
     const auto colors =
         SLF_TRY(read_points(preset, place, "RGBPoints", 4, "value, red, green, blue"));
     for (auto p = colors.begin(); p != colors.end(); p += 4)

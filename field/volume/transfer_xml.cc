@@ -59,10 +59,9 @@ Result<TransferPreset> preset_of(ColorMap map, const std::string& place) {
   } else {
     // Hues that wrap around are those of HSV here: it always goes the shorter way.
     const bool wrapped = volume_io::lower(map.space) == "wrapped";
-    const auto space =
+    preset.function.space =
         SLF_TRY(map.space.empty() ? TransferFunction::Space::rgb
                                   : parse_space(wrapped ? "HSV" : map.space, place + ": space"));
-    preset.function.space = space;
     std::ranges::stable_sort(map.points, {}, &TransferFunction::ColorPoint::value);
     preset.function.colors = std::move(map.points);
   }

@@ -139,7 +139,10 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
       return fail(ErrorCode::usage, path, ": a raw layout was given, but this is a folder");
     return read_folder(path, options);
   }
-  if (options.raw) return read_raw(path, *options.raw, options);
+  if (options.raw) {
+    SLF_TRY(refuse_series(path, options));
+    return read_raw(path, *options.raw, options);
+  }
   if (lower(without_packing(path)).ends_with(".img")) {
     const auto header = partner_of(path, ".hdr");
     if (const auto head = read_head(header, kMinHeaderBytes); head && is_header_of_pair(*head)) {
@@ -153,6 +156,7 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
     return fail(ErrorCode::bad_file, path, ": the file is empty; copy or download it again");
   const auto head = SLF_TRY(
       read_head(path, std::clamp<std::uint64_t>(size * 4, kMinHeaderBytes, kMaxHeaderBytes)));
+  if (!looks_like_dicom(head)) SLF_TRY(refuse_series(path, options));
   if (options.array && !names_arrays(head))
     return fail(ErrorCode::usage, path, ": array ", in_quotes(*options.array),
                 " was chosen, but files of this format name none");

@@ -78,8 +78,7 @@ Result<void> set_position(const VtiDocument& d, const Extent& extent, const Volu
       return fail(ErrorCode::bad_file, path, ": Spacing ", (spacing)[i], " along ", "xyz"[i],
                   ", expected a positive number: choose the spacing");
   }
-  const auto dims = SLF_TRY(check_dims(path, sizes_of(extent)));
-  volume.dims = dims;
+  volume.dims = SLF_TRY(check_dims(path, sizes_of(extent)));
   for (std::size_t axis = 0; axis < 3; ++axis)
     for (std::size_t row = 0; row < 3; ++row)  // the matrix is written row by row
       volume.axes[static_cast<int>(axis)][static_cast<int>(row)] =

@@ -139,8 +139,7 @@ Result<void> read_blocks(const VtiDocument& d, const Compressor& compressor, Sou
   const std::string& path = d.path;
   std::array<std::uint64_t, 3> head{};  // blocks, bytes of a block, bytes of the last
   for (auto& count : head) {
-    const auto read = SLF_TRY(read_count(d, source, path));
-    count = read;
+    count = SLF_TRY(read_count(d, source, path));
   }
   const auto [blocks, block, last] = head;
   constexpr std::uint64_t kMaxBlockBytes = std::uint64_t{1} << 30;

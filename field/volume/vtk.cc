@@ -265,8 +265,7 @@ Result<void> set_position(const Document& d, bool of_cells, const VolumeOptions&
   std::vector<std::uint64_t> sizes = d.dims;
   if (of_cells)
     for (auto& size : sizes) --size;
-  const auto dims = SLF_TRY(check_dims(volume.source, sizes));
-  volume.dims = dims;
+  volume.dims = SLF_TRY(check_dims(volume.source, sizes));
   for (int i = 0; i < 3; ++i) {
     const double spacing = spacing_or(options, static_cast<std::size_t>(i), d.spacing[i]);
     if (!(spacing > 0))

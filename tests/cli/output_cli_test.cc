@@ -135,6 +135,51 @@ TEST(Outputs, AMistypedSettingDoesNotDestroyAField) {
   EXPECT_EQ(slf({"info", field, "--json"}).json()["exit_side"], 16);
 }
 
+TEST(Outputs, AnExportThatFailsLeavesNothingInTheWay) {
+  Workplace place;
+  const std::string field = place / "a.slf", site = place / "site";
+  ASSERT_EQ(slf(build("scene:balls", field, {"--exit", "32", "--color-codec", "raw"})).exit_code,
+            0);
+  const Arguments command{"export", field, "-o", site};
+  if (slf({"export", field, "-o", place / "page.html"}).exit_code == 5)
+    GTEST_SKIP() << "this slf has no page";
+  EXPECT_OUTCOME(slf(command, "trap '' XFSZ; ulimit -f 100;"), 2, "File too large");
+  EXPECT_TRUE(fs::is_empty(site));
+  // One that was killed cannot clean up. Its process is no more; ours is.
+  const pid_t child = fork();
+  if (child == 0) _exit(0);
+  waitpid(child, nullptr, 0);
+  const std::string dead = site + "/field.slf." + std::to_string(child) + "-0.tmp";
+  const std::string alive = site + "/field.slf." + std::to_string(getpid()) + "-0.tmp";
+  const std::string foreign = site + "/field.slf." + std::to_string(child) + "-0.tmp.bak";
+  for (const auto& kept : {alive, foreign}) {
+    write(kept, "x");
+    write(dead, "x");
+    EXPECT_OUTCOME(slf(command), 1, "is not empty");
+    EXPECT_TRUE(fs::remove(kept));
+    EXPECT_TRUE(fs::is_empty(site));
+  }
+  write(dead, "x");
+  EXPECT_OUTCOME(slf(command), 0, "");
+  EXPECT_FALSE(fs::exists(dead));
+}
+
+TEST(Outputs, AFullDiskIsNamed) {
+  const std::string mount = "unshare -rm sh -c 'mount -t tmpfs -o size=300k none \"$0\" && ";
+  Workplace place;
+  const std::string field = place / "a.slf", disk = place / "disk";
+  fs::create_directory(disk);
+  if (std::system((mount + "true' " + testing::shell_quoted(disk) + " 2>/dev/null").c_str()) != 0)
+    GTEST_SKIP() << "no small disk: mounting one is not permitted here";
+  ASSERT_EQ(slf(build("scene:balls", field, {"--exit", "32", "--color-codec", "raw"})).exit_code,
+            0);
+  const std::string within = mount + "\"$@\"' " + testing::shell_quoted(disk);
+  EXPECT_OUTCOME(slf({"export", field, "-o", disk + "/site"}, within), 2,
+                 "No space left on device");
+  EXPECT_OUTCOME(slf({"repack", field, "-o", disk + "/b.slf", "--color-codec", "raw"}, within), 2,
+                 "No space left on device");
+}
+
 TEST(Outputs, NoInputIsWrittenOver) {
   Workplace place;
   write(place / "scan.nrrd", nrrd(5.5));

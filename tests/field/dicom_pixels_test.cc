@@ -117,6 +117,18 @@ TEST(DicomColors, PalettesAreLookedUp) {
   }
 }
 
+TEST(DicomValues, LeastAsWhiteIsNotedAndChangesNoValue) {
+  const Folder folder;
+  for (const int k : {0, 1}) {
+    auto slice = small_slice(k);
+    slice[0x00280004] = text("CS", "MONOCHROME1");
+    folder.write(std::to_string(k), write_dicom(slice));
+  }
+  const auto volume = expect_read(folder.path());
+  EXPECT_EQ(value_at(volume, 2, 1, 1), slice_value(2, 1, 1));
+  EXPECT_THAT(volume.notes, ::testing::ElementsAre(::testing::HasSubstr("MONOCHROME1")));
+}
+
 TEST(DicomValues, BigEndianBytesInWords) {
   const Folder folder;
   const DicomForm form{.syntax = "1.2.840.10008.1.2.2", .big_endian = true};

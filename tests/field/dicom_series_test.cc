@@ -181,6 +181,25 @@ TEST(DicomFolders, ADamagedSliceIsNamedOrRefused) {
   expect_error(inside.path(), ErrorCode::bad_file, "IM1.dcm");
 }
 
+TEST(DicomFolders, ASliceCutBetweenTwoElementsIsNoGap) {
+  // The others are evenly spaced, at twice the distance.
+  const Folder folder;
+  write_slices(folder, {0, 2});
+  DicomElements some;
+  for (const auto& [tag, value] : small_slice(1)) {
+    folder.write("IM1.dcm", write_dicom(some));
+    expect_error(folder.path(), ErrorCode::bad_file, "IM1.dcm");
+    some[tag] = value;
+  }
+  folder.write("IM1.dcm", "");
+  expect_error(folder.path(), ErrorCode::bad_file, "no slice number 2");
+  folder.write("IM1.dcm", write_dicom(some));
+  expect_slices(expect_read(folder.path()), {0, 1, 2});
+  // A file that is no slice does no harm to a whole series.
+  folder.write("IM3.dcm", "");
+  EXPECT_THAT(expect_read(folder.path()).notes, ElementsAre(HasSubstr("IM3.dcm")));
+}
+
 TEST(DicomFolders, LocalizersInTheSeriesAreLeftOut) {
   const Folder folder;
   write_slices(folder, {0, 1, 2});

@@ -57,10 +57,10 @@ TEST_F(VolumeBadInput, MissingEmptyOrOfAnotherKind) {
   expect_at(folder_.path("none.nii"), ErrorCode::io, {"no such file"});
   expect_at("/dev/null", ErrorCode::io, {"not a regular file"});
   expect("", "empty.nii", ErrorCode::bad_file, {"empty"});
-  expect("A text.\n", "a.nrrd", ErrorCode::bad_file, {"NRRD000", "'A text.?'", "misnamed"});
-  expect("A text.\n", "a.nii.gz", ErrorCode::bad_file, {"NIfTI", "'A text.?'"});
+  expect("A text.\n", "a.nrrd", ErrorCode::bad_file, {"NRRD000", "'A text.\\x0a'", "misnamed"});
+  expect("A text.\n", "a.nii.gz", ErrorCode::bad_file, {"NIfTI", "'A text.\\x0a'"});
   expect(gzip("A text.\n"), "b.nii.gz", ErrorCode::bad_file,
-         {"a NIfTI header", "'A text.?'", "unpacked from gzip"});
+         {"a NIfTI header", "'A text.\\x0a'", "unpacked from gzip"});
   expect("A text.\n", "a.mha", ErrorCode::bad_file, {"ObjectType"});
   expect("A text.\n", "brain.den", ErrorCode::usage, {"dimensions, type, spacing and offset"});
 }
@@ -214,8 +214,10 @@ TEST_F(VolumeBadInput, HeaderFieldsThatDoNotParse) {
   bad("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: lzma\n", {"'encoding' is 'lzma'"});
   bad("type: short\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n", {"'endian'", "endian: little"});
   bad("type: uchar\nnonsense\n", {"line 4", "'nonsense'"});
-  expect(nrrd("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: bzip2\n", ""), "a.nrrd",
-         ErrorCode::unsupported, {"bzip2", "unu save"});
+  expect(nrrd("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: hex\n", ""), "a.nrrd",
+         ErrorCode::unsupported, {"hex", "unu save"});
+  expect(nrrd("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: bzip2\n", "voxels"), "a.nrrd",
+         ErrorCode::bad_file, {"not bzip2"});
   expect(meta_with("BinaryData = False\n"), "a.mha", ErrorCode::unsupported, {"text"});
   expect("NDims = 3\nDimSize = 5 4 3\n", "a.mha", ErrorCode::bad_file, {"ElementDataFile"});
   expect(meta_with("CompressedData = perhaps\n"), "a.mha", ErrorCode::bad_file,

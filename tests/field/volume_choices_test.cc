@@ -52,6 +52,21 @@ TEST(VolumeChoices, TimesAndComponentsOfTheOlderFormats) {
                  ScalarType::u8);
 }
 
+TEST(VolumeChoices, OnlyDicomHasSeries) {
+  const Folder folder;
+  const VolumeOptions chosen{.series = "3"};
+  const std::string phantom = phantom_bytes(ScalarType::u8, false);
+  for (const auto& path : {folder.write("a.nii", nifti({})),
+                           folder.write("a.nrrd", phantom_nrrd(ScalarType::u8, false, "RAS"))})
+    expect_error(path, ErrorCode::usage, "series '3' was chosen, but this is not DICOM", chosen);
+  VolumeOptions raw = chosen;
+  raw.raw = RawLayout{.dims = kDims};
+  expect_error(folder.write("a.raw", phantom), ErrorCode::usage, "not DICOM", raw);
+  const Folder pictures;
+  pictures.write("1.png", "\x89PNG\r\n\x1a\n");
+  expect_error(pictures.path(), ErrorCode::usage, "not DICOM", chosen);
+}
+
 TEST(VolumeChoices, CropKeepsItsPlaceInTheWorld) {
   const Folder folder;
   Nifti header{.type = ScalarType::i16, .sform = 1};

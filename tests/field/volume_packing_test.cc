@@ -77,6 +77,8 @@ std::vector<std::pair<std::string, std::string>> formats() {
           {"a.nrrd", phantom_nrrd(ScalarType::u8, false, "RAS")},
           {"b.nrrd", nrrd("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: gzip\n",
                           gzip(phantom_bytes(ScalarType::u8, false)))},
+          {"c.nrrd", nrrd("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: bzip2\n",
+                          bzip2(phantom_bytes(ScalarType::u8, false)))},
           {"a.mha", phantom_meta(ScalarType::u8, false, true)},
           {"a.vti", vti()}};
 }

@@ -335,6 +335,17 @@ class PageTest(unittest.TestCase):
                 os.remove(os.path.join(host.folder, name))
             self.assertIn("cannot be loaded: module.bin", self.outcome(host.url + "/index.html"))
 
+    def test_says_that_a_field_is_a_projection(self):
+        field = path("mip.slf")
+        slf("build", path("cube.raw"), "--dims", "24x24x24", "--projection", "mip", "--levels", 0,
+            "--entry", 4, "--exit", 16, "-o", field, "-f")
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            self.assertIn("maximum intensity projection",
+                          page.run("document.getElementById('facts-list').textContent"))
+            page.close()
+
     def test_shows_fields_of_other_hosts(self):
         folder = self.site()
         shared = {"Access-Control-Allow-Origin": "*"}

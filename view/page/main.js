@@ -322,6 +322,12 @@ function showCounts() {
     say(`${loader.damaged} damaged tiles: coarser ones stand in. slf verify says more.`);
 }
 
+const kProjections = {
+  mip: 'maximum intensity projection',
+  minip: 'minimum intensity projection',
+  mean: 'mean intensity projection',
+};
+
 function showFacts() {
   const m = field.manifest, p = m.provenance ?? {}, list = byId('facts-list');
   const fine = m.levels, name = (path) => String(path).split('/').pop();
@@ -330,6 +336,7 @@ function showFacts() {
     Kind: p.kind,
     Voxels: p.dims?.join(' × '),
     Colours: p.transfer?.[0]?.Name,
+    Shows: kProjections[p.projection],
     Lattice: `${m.entry_side << fine} entry, ${m.exit_side << fine} exit`,
     Levels: m.levels + 1,
     Layers: m.layers.map((l) => `${l.name} (${l.codec})`).join(', '),
