@@ -163,7 +163,7 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
     if (auto ok = copy_file(field, draft.path, progress); !ok) return ok;
     if (auto ok = index_field(draft.path,
                               [&] {
-                                return !progress || progress({*size, *size, 0});
+                                return !progress || progress({size, size, 0});
                               });
         !ok)
       return ok;
