@@ -62,7 +62,7 @@ Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCel
       std::max<std::uint64_t>(pin_bytes_ / (max_tile_samples_ * sample + kPinBytes), 1);
   for (std::size_t begin = 0; begin < keys.size(); begin += max_batch) {
     const auto batch = std::span(keys).subspan(begin, std::min(max_batch, keys.size() - begin));
-    SLF_TRY(cache_.load(batch, with_depth_));
+    const auto pins = SLF_TRY(cache_.load(batch, with_depth_));
     tiles_.set_pinned(batch);
     gather_loaded(count, entries, pass, true);  // reads tiles that stayed loaded again
   }
