@@ -342,6 +342,7 @@ class PageTest(unittest.TestCase):
         with Server(field) as server:
             page = self.browser.open(server.url, SIZE, SIZE)
             page.settle()
+            page.run("document.getElementById('about').click()")
             self.assertIn("maximum intensity projection",
                           page.run("document.getElementById('facts-list').textContent"))
             page.close()
