@@ -208,7 +208,7 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
   state.total = order.count();
   for (std::uint64_t batch = 0; batch < batches; ++batch) {
     const std::vector<Sum> sums = SLF_TRY(pipeline.take());
-    for (std::size_t c = 0; c < pairs.size(); ++c) total[c].add((sums)[c]);
+    for (std::size_t c = 0; c < pairs.size(); ++c) total[c].add(sums[c]);
     if (batch % kReleaseEvery == kReleaseEvery - 1)
       a.store().release_all(), b.store().release_all();
     state.done = std::min((batch + 1) * kBatch, order.count());

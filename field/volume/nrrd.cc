@@ -130,9 +130,9 @@ Result<void> parse_numbers(const std::string& path, const FieldMap& fields, std:
                            std::vector<Axis>& axes, double Axis::*to) {
   const auto values = SLF_TRY(per_axis(path, fields, field, axes.size()));
   for (std::size_t i = 0; i < values.size(); ++i) {
-    const auto value = parse_number((values)[i]);
+    const auto value = parse_number(values[i]);
     if (!value)
-      return fail(ErrorCode::bad_file, path, ": '", field, "' ", i, " is ", in_quotes((values)[i]),
+      return fail(ErrorCode::bad_file, path, ": '", field, "' ", i, " is ", in_quotes(values[i]),
                   ", expected a number");
     axes[i].*to = *value;
   }
@@ -155,9 +155,9 @@ Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fi
   SLF_TRY(required(path, fields, "sizes"));
   const auto sizes = SLF_TRY(per_axis(path, fields, "sizes", axes.size()));
   for (std::size_t i = 0; i < axes.size(); ++i) {
-    const auto size = parse_integer((sizes)[i]);
+    const auto size = parse_integer(sizes[i]);
     if (!size || *size < 1)
-      return fail(ErrorCode::bad_file, path, ": 'sizes' ", i, " is ", in_quotes((sizes)[i]),
+      return fail(ErrorCode::bad_file, path, ": 'sizes' ", i, " is ", in_quotes(sizes[i]),
                   ", expected a positive integer");
     axes[i].size = static_cast<std::uint64_t>(*size);
   }
@@ -166,10 +166,10 @@ Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fi
         std::pair{"axismins", &Axis::min}, std::pair{"axismaxs", &Axis::max}})
     SLF_TRY(parse_numbers(path, fields, field, axes, to));
   const auto kinds = SLF_TRY(per_axis(path, fields, "kinds", axes.size()));
-  for (std::size_t i = 0; i < kinds.size(); ++i) axes[i].kind = lower((kinds)[i]);
+  for (std::size_t i = 0; i < kinds.size(); ++i) axes[i].kind = lower(kinds[i]);
   for (const auto* field : {"centerings", "centers"}) {
     const auto centerings = SLF_TRY(per_axis(path, fields, field, axes.size()));
-    for (std::size_t i = 0; i < centerings.size(); ++i) axes[i].centering = lower((centerings)[i]);
+    for (std::size_t i = 0; i < centerings.size(); ++i) axes[i].centering = lower(centerings[i]);
   }
   if (const auto found = fields.find("spacedirections"); found != fields.end())
     SLF_TRY(parse_directions(path, found->second, axes));

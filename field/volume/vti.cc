@@ -41,7 +41,7 @@ Result<Extent> parse_extent(const std::string& path, const std::string& text, bo
   const auto values = SLF_TRY(numbers(path, "Extent", text, 6, 0));
   Extent extent;
   for (std::size_t i = 0; i < 3; ++i) {
-    const double low = (values)[2 * i], high = (values)[2 * i + 1];
+    const double low = values[2 * i], high = values[2 * i + 1];
     if (!(std::abs(low) < 0x1p31) || !(std::abs(high) < 0x1p31) ||
         !(high - low + (of_cells ? 0 : 1) >= 1))
       return fail(ErrorCode::bad_file, path, ": Extent ", low, " to ", high, " along ", "xyz"[i],
@@ -67,24 +67,24 @@ Result<void> set_position(const VtiDocument& d, const Extent& extent, const Volu
   auto spacing = SLF_TRY(numbers(path, "Spacing", options.spacing ? "" : d.spacing, 3, 1));
   auto direction = SLF_TRY(numbers(path, "Direction", d.direction, 9, 0));
   if (d.direction.empty())
-    for (const std::size_t i : {0, 4, 8}) (direction)[i] = 1;
+    for (const std::size_t i : {0, 4, 8}) direction[i] = 1;
   if (!options.spacing && d.spacing.empty()) volume.notes.emplace_back(kNoSpacing);
 
   glm::dvec3 first;
   for (std::size_t i = 0; i < 3; ++i) {
     first[static_cast<int>(i)] = static_cast<double>(extent.low[i]) + (d.array.of_cells ? 0.5 : 0);
-    (spacing)[i] = spacing_or(options, i, (spacing)[i]);
-    if (!((spacing)[i] > 0))
-      return fail(ErrorCode::bad_file, path, ": Spacing ", (spacing)[i], " along ", "xyz"[i],
+    spacing[i] = spacing_or(options, i, spacing[i]);
+    if (!(spacing[i] > 0))
+      return fail(ErrorCode::bad_file, path, ": Spacing ", spacing[i], " along ", "xyz"[i],
                   ", expected a positive number: choose the spacing");
   }
   volume.dims = SLF_TRY(check_dims(path, sizes_of(extent)));
   for (std::size_t axis = 0; axis < 3; ++axis)
     for (std::size_t row = 0; row < 3; ++row)  // the matrix is written row by row
       volume.axes[static_cast<int>(axis)][static_cast<int>(row)] =
-          (direction)[3 * row + axis] * (spacing)[axis];
+          direction[3 * row + axis] * spacing[axis];
   SLF_TRY(place(options, volume));
-  volume.origin = glm::dvec3((origin)[0], (origin)[1], (origin)[2]) + volume.axes * first;
+  volume.origin = glm::dvec3(origin[0], origin[1], origin[2]) + volume.axes * first;
   return check_axes(volume);
 }
 
@@ -115,7 +115,7 @@ Result<Part> read_part(const VtiDocument& d, const VtiPiece& piece, const VtiArr
   auto bytes = SLF_TRY(read_vti_data(d, array, type, needed));
   for (std::size_t from = component * width, to = 0; array.components > 1 && from < bytes.size();
        from += width * array.components, to += width)
-    std::memmove(&(bytes)[to], &(bytes)[from], width);
+    std::memmove(&bytes[to], &bytes[from], width);
   bytes.resize(kept);
   return Part{extent, std::move(bytes)};
 }
