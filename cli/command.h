@@ -275,7 +275,9 @@ struct SourceArguments {
   bool labels = false;
   std::string labels_volume, label_table, mask;  // empty: none
   RaycastOptions raycast;
-  std::vector<double> light;  // empty: the default
+  std::optional<Lighting> chosen_lighting;  // none: follows from the other options
+  std::optional<float> ambient;             // none: the default, if light is direct
+  std::vector<double> light;                // empty: the default
   bool no_shade = false;
   double longest_step = 100;  // of rays, whatever `raycast` and the provenance say
   std::string light_rig;      // empty: the default

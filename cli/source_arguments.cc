@@ -180,23 +180,30 @@ void SourceArguments::add_light_to(CLI::App& command) {
              "World direction towards the light (LPS); "
              "default: above, in front, to the patient's right")
       ->group(group);
-  command.add_option("--ambient", raycast.ambient, "Share of a colour that needs no light, 0 to 1")
+  command
+      .add_option("--ambient", ambient,
+                  "Share of a colour that needs no light, 0 to 1; implies --lighting direct")
       ->check(from_to(0, 1))
       ->group(group)
-      ->capture_default_str();
-  command.add_flag("--no-shade", no_shade, "Colours as in the transfer function, unlit")
+      ->default_str(fmt::format("{:g}", raycast.ambient));
+  command
+      .add_flag("--no-shade", no_shade,
+                "Colours as in the transfer function, unlit; implies --lighting direct")
       ->group(group);
   LightOptions& lighting = raycast.lighting;
-  auto* mode = choose(command.add_option(
-                          "--lighting", lighting.mode,
-                          "direct: one light without shadows; shadowed: a rig of lights and its\n"
-                          "surroundings, with shadows; global: scattered light as well"),
-                      Choices<Lighting>{{"direct", Lighting::direct},
-                                        {"shadowed", Lighting::shadowed},
-                                        {"global", Lighting::global}})
-                   ->type_name("TEXT")
-                   ->group(group)
-                   ->default_str("direct");
+  lighting.mode = Lighting::global;
+  auto* mode =
+      choose(command.add_option(
+                 "--lighting", chosen_lighting,
+                 "global: a rig of lights and its surroundings, with shadows and scattered\n"
+                 "light; shadowed: without scattered light; direct: one light without\n"
+                 "shadows, at once"),
+             Choices<Lighting>{{"direct", Lighting::direct},
+                               {"shadowed", Lighting::shadowed},
+                               {"global", Lighting::global}})
+          ->type_name("TEXT")
+          ->group(group)
+          ->default_str("global");
   mode->excludes(projection);
   std::string names;
   for (const LightRig& rig : built_in_rigs()) names += (names.empty() ? "" : ", ") + rig.name;
@@ -374,6 +381,10 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
     return make_analytic_scene(std::string_view(input).substr(kScenePrefix.size()));
   RaycastOptions options = raycast;
   options.shade = !no_shade && options.projection == Projection::none;
+  options.ambient = ambient.value_or(options.ambient);
+  const bool direct = !options.shade || ambient;
+  options.lighting.mode =
+      chosen_lighting.value_or(direct ? Lighting::direct : options.lighting.mode);
   std::optional<TransferPreset> preset;
   const auto built = provenance ? nlohmann::json::parse(*provenance) : nlohmann::json::object();
   if (text_of(built, "kind", "") == "volume") {

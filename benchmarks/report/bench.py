@@ -127,7 +127,8 @@ class Bench:
         return volumes.Volume("skull", "Head, CT", str(target), "ct-bone", options)
 
     def field(self, volume, entry, exit, levels, color="jpeg:90", depth="jpeg:75"):
-        """The path of a field of a volume, built at the first call."""
+        """The path of a field of a volume under direct light, that of the paper and of the programs
+        that we compare with. Built at the first call."""
         codecs = f"{color}-{depth}".replace(":", "")
         path = self.fields / f"{volume.name}-{entry}-{exit}-{levels}-{codecs}.slf"
         if not self.is_complete(path):
@@ -136,6 +137,7 @@ class Bench:
             self.run(
                 "slf", "build", *volume.arguments(), "-o", path, "--entry", entry, "--exit", exit,
                 "--levels", levels, "--color-codec", color, "--depth-codec", depth,
+                "--lighting", "direct",
             )  # fmt: skip
         return path
 
@@ -177,7 +179,9 @@ class Bench:
 
     def raycast(self, volume, name, *camera):
         path = self.work / f"{name}.png"
-        self.run("slf", "raycast", *volume.arguments(), "-o", path, "-f", *camera)
+        self.run(
+            "slf", "raycast", *volume.arguments(), "-o", path, "-f", "--lighting", "direct", *camera
+        )  # fmt: skip
         return path
 
     def render(self, field, name, *camera):

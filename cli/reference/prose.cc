@@ -30,18 +30,18 @@ const std::vector<Prose>& all() {
         "A build may be interrupted at any moment. The same command continues it; tiles that were "
         "committed are not traced again.",
         "World coordinates are millimetres, LPS: x to the patient's left, y to the back, z up.",
-        "With --lighting shadowed or global, the light that reaches each voxel is computed first, "
-        "from a rig of lights and its sky or an environment picture. The field "
-        "keeps it for slf-evaluate(1) and for builds that are resumed. A white surface that faces "
-        "a light of intensity 1 has "
-        "radiance 1; --exposure and --tonemap turn radiance into colours. With --color-type half "
+        "Unless --lighting is direct, the light that reaches places near the surface is computed "
+        "first, from a rig of lights and its sky or an environment picture. The field keeps it for "
+        "slf-evaluate(1) and for builds that are resumed. A white surface that faces a light of "
+        "intensity 1 has radiance 1; --exposure and --tonemap turn radiance into colours. With "
+        "--color-type half "
         "the field holds radiance itself, and slf-render(1) has these options."},
        {{"A small field first", "slf build head.nii.gz -o head.slf --levels 1"},
         {"With colours by name", "slf build head.nii.gz -o head.slf --transfer ct-bone"},
         {"With a preset of ParaView",
          "slf build head.nii.gz -o head.slf --transfer presets.json#Viridis"},
-        {"With shadows and scattered light",
-         "slf build head.nii.gz -o head.slf --transfer ct-bone --lighting global"},
+        {"Without shadows and scattered light",
+         "slf build head.nii.gz -o head.slf --transfer ct-bone --lighting direct"},
         {"Lossless", "slf build head.nii.gz -o head.slf --color-codec zstd --depth-codec zstd"},
         {"The third of eight shards, for slf-merge(1)",
          "slf build head.nii.gz -o part-3.slf --shard 3/8"},
@@ -80,10 +80,9 @@ const std::vector<Prose>& all() {
         {"Organs in their own colours",
          "slf raycast ct.nii.gz -o organs.png --labels-volume organs.nii.gz --label-table "
          "organs.ctbl"},
-        {"Under an overcast sky",
-         "slf raycast head.nii.gz -o sky.png --lighting global --light-rig overcast"},
+        {"Under an overcast sky", "slf raycast head.nii.gz -o sky.png --light-rig overcast"},
         {"By path tracing, as linear radiance",
-         "slf raycast head.nii.gz -o truth.exr --lighting global --reference --samples 1024"}}},
+         "slf raycast head.nii.gz -o truth.exr --reference --samples 1024"}}},
       {"play",
        {"Draws the frames of an orbit or of a path of keyframes when they are due. A loading "
         "thread decodes tiles for the frames ahead; a frame that lacks tiles is drawn from coarser "

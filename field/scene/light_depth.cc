@@ -4,6 +4,9 @@
 #include <array>
 #include <cmath>
 
+#include "base/parallel.h"
+#include "base/try.h"
+
 namespace slf {
 namespace {
 
@@ -25,6 +28,32 @@ Neighbourhood neighbours(const Medium& medium, const LightGrid& light) {
 }
 
 }  // namespace
+
+Result<std::vector<float>> node_extinctions(const Medium& medium, const LightGrid& light,
+                                            unsigned threads) {
+  const RayGrid& grid = medium.grid();
+  std::vector<float> extinction(light.size(), 0);
+  const int side = std::clamp(static_cast<int>(std::ceil(light.spacing)), 2, 4);
+  const double width = 1.0 / side;
+  const auto rows = static_cast<std::uint64_t>(light.dims[1]) * light.dims[2];
+  const auto nx = static_cast<std::size_t>(light.dims[0]);
+  SLF_TRY(parallel_for(rows, threads, [&](std::uint64_t row) {
+    for (std::size_t x = 0; x < nx; ++x) {
+      const std::size_t number = row * nx + x;
+      const glm::ivec3 node = node_at(light, number);
+      if (!near_matter(grid, light, node)) continue;
+      float sum = 0;
+      for (int k = 0; k < side * side * side; ++k) {
+        const glm::dvec3 cell(k % side, k / side % side, k / (side * side));
+        const glm::dvec3 at = glm::dvec3(node) + (cell + 0.5) * width - 0.5;
+        sum += medium.extinction(
+            glm::clamp(light.low + light.spacing * at, grid.visible_low, grid.visible_high));
+      }
+      extinction[number] = sum / static_cast<float>(side * side * side);
+    }
+  }));
+  return extinction;
+}
 
 std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& light,
                                       const std::vector<float>& extinction) {

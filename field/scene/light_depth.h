@@ -5,11 +5,16 @@
 
 #include "field/scene/light_grid.h"
 #include "field/scene/medium.h"
+#include "slf/error.h"
 
 namespace slf {
 
 /// Optical depth from which matter cannot be seen: less than 0.1 % of its light leaves.
 inline constexpr float kHidden = 7;
+
+/// Mean extinction around each node of a grid, per world unit. Errors as parallel_for().
+[[nodiscard]] Result<std::vector<float>> node_extinctions(const Medium& medium,
+                                                          const LightGrid& light, unsigned threads);
 
 /// For each node, given their extinctions, the smallest optical depth of a path along the grid to
 /// the outside. It estimates that of straight lines. If it exceeds kHidden, no view shows the node.

@@ -13,14 +13,13 @@
 #include "base/try.h"
 #include "field/scene/light_depth.h"
 #include "field/scene/light_filter.h"
-#include "field/scene/light_reach.h"
 
 namespace slf {
 namespace {
 
 constexpr int kPoints = 32;     // around a node, at most
 constexpr double kReach = 0.5;  // how far from it, in spacings
-constexpr int kReached = 4;     // of these, to which each light is followed
+constexpr int kMarched = 4;     // of these, towards each light
 /// Bytes per node that computing takes: its depth, index and result, and, at most for half of the
 /// nodes, those near a surface, its number, a NodeLight and twice a colour.
 constexpr std::uint64_t kBytesPerNode = 4 + 4 + 4 + (8 + 56 + 24) / 2;
@@ -51,7 +50,7 @@ struct Pass {
 
 /// The time that a pass takes per node, in paths.
 std::uint64_t cost(const Pass& pass) {
-  constexpr std::uint64_t kFindPoints = 4, kDirect = 6;
+  constexpr std::uint64_t kFindPoints = 4, kDirect = 12;
   return pass.paths + kFindPoints + (pass.estimate ? 0 : kDirect);
 }
 
@@ -59,10 +58,9 @@ std::uint64_t cost(const Pass& pass) {
 class LightSolver {
  public:
   LightSolver(const Medium& medium, const Illumination& illumination, const LightOptions& options,
-              const LightGrid& light, const std::vector<float>& depth, const LightReach& reach)
+              const LightGrid& light, const std::vector<float>& depth)
       : medium_(medium),
         illumination_(illumination),
-        reach_(reach),
         options_(options),
         light_(light),
         depth_(depth),
@@ -173,15 +171,15 @@ class LightSolver {
       total += bright[k].r + bright[k].g + bright[k].b;
     }
     if (!(total > 0)) return;
-    const int reached = static_cast<int>(std::ceil(kReached * points.effort));
+    const int marched = static_cast<int>(std::ceil(kMarched * points.effort));
     const double first = random();
     double passed = 0;
     for (int k = 0, taken = 0; k < points.count; ++k) {
       const double own = bright[k].r + bright[k].g + bright[k].b;
       passed += own;
-      for (; taken < reached && (taken + first) * total < passed * reached; ++taken)
-        node.direct += reach_(light, arrivals[k], matter[k].start, random()) *
-                       static_cast<float>(total / (own * reached)) * bright[k];
+      for (; taken < marched && (taken + first) * total < passed * marched; ++taken)
+        node.direct += transmittance(matter[k], arrivals[k], random()) *
+                       static_cast<float>(total / (own * marched)) * bright[k];
     }
   }
 
@@ -267,13 +265,20 @@ class LightSolver {
         illumination_.lights[l].incident_light(medium_.world(matter.start), u, v);
     const double kernel = matter.kernel(arrival.direction);
     if (!(kernel > 0)) return glm::vec3(0);
-    return reach_(l, arrival, matter.start, random()) *
+    return transmittance(matter, arrival, random()) *
            static_cast<float>(kernel * static_cast<double>(count)) * arrival.irradiance;
+  }
+
+  /// The share of a light that arrives at a place, from samples shifted by `shift` (0 to 1).
+  [[nodiscard]] float transmittance(const Matter& at, const IncidentLight& arrival,
+                                    double shift) const {
+    const double depth = medium_.optical_depth(at.start, medium_.per_world(arrival.direction),
+                                               arrival.distance, shift);
+    return depth < Medium::kDark ? static_cast<float>(std::exp(-depth)) : 0;
   }
 
   const Medium& medium_;
   const Illumination& illumination_;
-  const LightReach& reach_;
   const LightOptions& options_;
   const LightGrid& light_;
   const std::vector<float>& depth_;
@@ -328,9 +333,7 @@ Result<void> solve_all(const LightSolver& solver, const std::vector<std::size_t>
 
 LightGrid plan_light(const RayGrid& grid, const LightOptions& options) {
   const glm::dvec3 box = grid.visible_high - grid.visible_low;
-  const std::uint64_t nodes =
-      options.memory / (kBytesPerNode + LightReach::kBytesOfSweep +
-                        LightReach::kBytesPerLight * options.rig.lights.size());
+  const std::uint64_t nodes = options.memory / kBytesPerNode;
   const auto max_nodes = static_cast<double>(nodes);
   LightGrid light;
   light.low = grid.visible_low;
@@ -369,8 +372,7 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
   for (const Pass& pass : passes) all.total += numbers.size() * cost(pass);
   if (progress && !progress(all)) return fail(ErrorCode::failed, kLightStopped);
 
-  const auto reach = SLF_TRY(LightReach::make(medium, illumination, light, extinction, threads));
-  const LightSolver solver(medium, illumination, options, light, depth, reach);
+  const LightSolver solver(medium, illumination, options, light, depth);
   std::vector<NodeLight> nodes(numbers.size());
   for (const Pass& pass : passes) {
     const auto report = [&](std::size_t solved) {

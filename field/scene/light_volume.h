@@ -26,9 +26,8 @@ namespace slf {
 /// The light is that which is scattered towards the eye, divided by Medium::ray_colors().
 ///
 /// Lights: every point is shaded as if nothing were in the way. Four of the points, chosen in
-/// proportion to what they get, tell how much arrives: they look it up where transmittance has been
-/// swept through the grid (light_reach.h). Only the share of light that arrives is filtered, so
-/// shading by normals stays sharp.
+/// proportion to what they get, march towards the light to tell how much arrives. Only the share of
+/// light that arrives is filtered, so shading by normals stays sharp.
 ///
 /// Surroundings and scattered light: `samples` paths that start at the points, with next-event
 /// estimation towards one light per vertex and, if the environment is peaked, towards the

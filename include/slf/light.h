@@ -91,9 +91,9 @@ struct LightOptions {
   std::shared_ptr<const Image> environment;
   float environment_gain = 1;  ///< factor of the picture's radiance, not negative
 
-  std::uint32_t samples = 32;  ///< paths of light per node of the light volume, 1 to 65536
+  std::uint32_t samples = 16;  ///< paths of light per node of the light volume, 1 to 65536
   std::uint32_t bounces = 32;  ///< how often light may scatter (global), 0 to 1000
-  double spacing = 1;          ///< between nodes, in voxels, 0.5 to 16
+  double spacing = 2;          ///< between nodes, in voxels, 0.5 to 16
   /// Approximate limit, in bytes, of the memory for computing the light volume, estimated from its
   /// number of nodes. If `spacing` would need more, a larger spacing is used.
   std::uint64_t memory = std::uint64_t{1} << 30;

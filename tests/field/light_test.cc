@@ -15,7 +15,6 @@
 #include "field/scene/illumination.h"
 #include "field/scene/light_code.h"
 #include "field/scene/light_grid.h"
-#include "field/scene/light_reach.h"
 #include "field/scene/light_rig.h"
 #include "field/scene/light_volume.h"
 #include "field/scene/medium.h"
@@ -67,6 +66,7 @@ RaycastOptions lit(const LightRig& rig, Lighting mode = Lighting::global) {
   options.lighting.rig = rig;
   options.lighting.linear = true;
   options.lighting.bounces = 1000;
+  options.lighting.spacing = 1;
   return options;
 }
 
@@ -409,41 +409,6 @@ Computed computed_light() {
                              options.lighting, 0, {});
   EXPECT_TRUE(light) << light.error().message;
   return {std::move(*scene), std::move(*light)};
-}
-
-TEST(Light, SweptLightIsThatWhichIsMarched) {
-  // Behind the edges of a ball, and far behind it, from every side.
-  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
-  for (const glm::dvec3& direction :
-       {glm::dvec3(1, 0, 0), glm::dvec3(-1, 0.3, 0.2), glm::dvec3(0.2, 1, -0.7),
-        glm::dvec3(0.5, -0.6, 0), glm::dvec3(0, 0, 1), glm::dvec3(0.6, 0.6, -0.7)}) {
-    const RaycastOptions options = lit(sun(direction));
-    const auto scene = make_volume_scene(ball(32), t, options);
-    ASSERT_TRUE(scene) << scene.error().message;
-    const Medium medium((*scene)->grid);
-    const Illumination all = illuminate(options.lighting, (*scene)->bounds);
-    const LightGrid light = plan_light((*scene)->grid, options.lighting);
-    const auto extinction = node_extinctions(medium, light, 0);
-    ASSERT_TRUE(extinction);
-    const auto reach = LightReach::make(medium, all, light, *extinction, 0);
-    ASSERT_TRUE(reach);
-    std::mt19937 random(1);
-    std::uniform_real_distribution<double> within(0, 1);
-    double error = 0, sum = 0;
-    constexpr int kPlaces = 1000;
-    for (int k = 0; k < kPlaces; ++k) {
-      const glm::dvec3 at = (*scene)->grid.visible_low +
-                            glm::dvec3(within(random), within(random), within(random)) *
-                                ((*scene)->grid.visible_high - (*scene)->grid.visible_low);
-      const IncidentLight arrival = all.lights[0].incident_light(medium.world(at), 0, 0);
-      const double marched =
-          std::exp(-medium.optical_depth(at, medium.per_world(arrival.direction), kForever, 0.5));
-      error += std::abs((*reach)(0, arrival, at, 0.5) - marched);
-      sum += marched;
-    }
-    EXPECT_GT(sum / kPlaces, 0.3);
-    EXPECT_LT(error / kPlaces, 0.02);
-  }
 }
 
 TEST(Light, CodedLightIsTheSame) {
