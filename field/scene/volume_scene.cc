@@ -17,12 +17,17 @@
 namespace slf {
 namespace {
 
+void own(Volume& volume, std::vector<std::byte> voxels) {
+  volume.voxels = std::move(voxels);
+  volume.borrowed.reset();
+}
+
 void convert_to_float(Volume& volume) {
   visit_voxels(volume, [&](auto from) {
     std::vector<std::byte> converted(from.size() * sizeof(float));
     auto* to = reinterpret_cast<float*>(converted.data());
     for (std::size_t k = 0; k < from.size(); ++k) to[k] = static_cast<float>(from[k]);
-    volume.voxels = std::move(converted);
+    own(volume, std::move(converted));
   });
   volume.type = ScalarType::f32;
 }
@@ -42,7 +47,7 @@ Result<std::vector<double>> renumber_labels(Volume& volume) {
       if (added) labels.push_back(label);
       to[k] = it->second;
     }
-    volume.voxels = std::move(converted);
+    own(volume, std::move(converted));
     return true;
   });
   if (!fits)
@@ -69,6 +74,14 @@ std::array<float, 2> stored_range(const Volume& volume) {
 /// Replaces NaN and infinities, which cannot be interpolated.
 void replace_nonfinite(Volume& volume, float with) {
   if (volume.type != ScalarType::f32) return;
+  if (volume.borrowed) {  // rarely needed, so it is worth looking before copying
+    const auto finite = visit_voxels(volume, [](auto from) {
+      return std::all_of(from.begin(), from.end(),
+                         [](auto v) { return std::isfinite(static_cast<float>(v)); });
+    });
+    if (finite) return;
+    own(volume, {volume.bytes().begin(), volume.bytes().end()});
+  }
   auto* voxels = reinterpret_cast<float*>(volume.voxels.data());
   std::replace_if(
       voxels, voxels + volume.voxel_count(), [](float v) { return !std::isfinite(v); }, with);
@@ -158,7 +171,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     for (glm::vec4& color : grid.table.colors)
       for (int c = 0; c < 3; ++c) color[c] = linear_from_srgb(color[c]);
 
-  grid.voxels = v.voxels.data();
+  grid.voxels = v.bytes().data();
   grid.type = v.type;
   for (int axis = 0; axis < 3; ++axis) {
     grid.dims[axis] = static_cast<std::int32_t>(v.dims[axis]);

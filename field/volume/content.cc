@@ -29,7 +29,7 @@ std::string content_hash(const Volume& volume) {
   const std::string head = metadata_text(volume);
   XXH3_128bits_reset(state.get());
   XXH3_128bits_update(state.get(), head.data(), head.size());
-  XXH3_128bits_update(state.get(), volume.voxels.data(), volume.voxels.size());
+  XXH3_128bits_update(state.get(), volume.bytes().data(), volume.bytes().size());
   XXH128_canonical_t canonical;
   XXH128_canonicalFromHash(&canonical, XXH3_128bits_digest(state.get()));
   std::string hash = "xxh3-128:";

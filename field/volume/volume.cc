@@ -187,6 +187,11 @@ Result<ScalarType> parse_scalar_type(std::string_view text) {
               known);
 }
 
+std::span<const std::byte> Volume::bytes() const {
+  if (!borrowed) return voxels;
+  return {borrowed.get(), voxel_count() * bytes_per_voxel(type)};
+}
+
 glm::dvec3 Volume::spacing() const {
   return {glm::length(axes[0]), glm::length(axes[1]), glm::length(axes[2])};
 }

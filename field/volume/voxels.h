@@ -14,8 +14,9 @@ namespace detail {
 
 template <class T, class Visitor>
 decltype(auto) visit_as(const Volume& volume, Visitor&& visitor) {
-  return visitor(std::span<const T>(reinterpret_cast<const T*>(volume.voxels.data()),
-                                    volume.voxels.size() / sizeof(T)));
+  const auto bytes = volume.bytes();
+  return visitor(
+      std::span<const T>(reinterpret_cast<const T*>(bytes.data()), bytes.size() / sizeof(T)));
 }
 
 }  // namespace detail

@@ -11,7 +11,9 @@
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <map>
+#include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -47,6 +49,10 @@ struct Volume {
   std::array<std::uint32_t, 3> dims{};
   ScalarType type = ScalarType::u8;
   std::vector<std::byte> voxels;  ///< native endian, dims product × bytes_per_voxel(type)
+  /// Instead of `voxels`, which is then empty: the same bytes where the program has them already,
+  /// aligned to their type. They must not change as long as a copy of this pointer exists. Readers
+  /// leave it null.
+  std::shared_ptr<const std::byte> borrowed{};
   /// The value of a voxel is slope × stored + intercept (scl_slope, RescaleSlope).
   double slope = 1;
   double intercept = 0;
@@ -65,6 +71,8 @@ struct Volume {
   /// Decisions of the reader that a person may want to check, one line each.
   std::vector<std::string> notes;
 
+  /// The bytes of the voxels: `borrowed` or `voxels`.
+  [[nodiscard]] std::span<const std::byte> bytes() const;
   [[nodiscard]] glm::dvec3 spacing() const;
   [[nodiscard]] std::uint64_t voxel_count() const;
   /// Least and greatest finite value, after slope and intercept.
