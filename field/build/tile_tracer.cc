@@ -10,6 +10,8 @@
 namespace slf {
 namespace {
 
+constexpr std::size_t kRaysAtOnce = 1 << 16;
+
 std::vector<LatticeVertex> vertices_at(Section section, std::uint32_t side,
                                        std::span<const LocalPoint> locals) {
   std::vector<LatticeVertex> vertices;
@@ -196,13 +198,22 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
   };
 
   std::vector<bool> defined(columns);
-  std::vector<Segment> rays(exits.size());
-  std::vector<RaySample> seen(exits.size()), means(filter ? columns : 0);
-  const std::span<const RaySample> samples = filter ? means : seen;
+  // Many rows at once, because a call can be costly for some scenes.
+  const std::size_t rows =
+      std::max<std::size_t>(1, std::min(kRaysAtOnce / exits.size(), entries.size()));
+  std::vector<Segment> rays(rows * exits.size());
+  std::vector<RaySample> seen(rays.size()), means(filter ? columns : 0);
   for (std::size_t row = 0; row < entries.size(); ++row) {
-    for (std::size_t k = 0; k < exits.size(); ++k) rays[k] = {entries[row], exits[k]};
-    scene_.trace_many(rays, seen);
-    if (filter) filter->mean(seen, means);
+    const std::size_t in_batch = row % rows;
+    if (in_batch == 0) {
+      const std::size_t count = std::min(rows, entries.size() - row) * exits.size();
+      for (std::size_t k = 0; k < count; ++k)
+        rays[k] = {entries[row + k / exits.size()], exits[k % exits.size()]};
+      scene_.trace_many(std::span(rays).first(count), std::span(seen).first(count));
+    }
+    const auto in_row = std::span(seen).subspan(in_batch * exits.size(), exits.size());
+    if (filter) filter->mean(in_row, means);
+    const std::span<const RaySample> samples = filter ? std::span(means) : in_row;
     bool any = false;
     for (std::size_t column = 0; column < columns; ++column) {
       const RaySample& sample = samples[column];
