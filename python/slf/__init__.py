@@ -1,0 +1,21 @@
+"""Sphere light fields: build them from arrays, draw them, show them.
+
+    import slf
+    field = slf.build(volume, "out.slf", spacing=(1, 1, 2), transfer="ct-bone")
+    picture = field.render(slf.orbit(30, 20, 3), size=(512, 512))
+
+World coordinates are LPS, as in DICOM and ITK. Arrays of voxels are indexed [z, y, x].
+"""
+
+from ._build import build, build_rays, raycast
+from ._errors import (BadFileError, DiffersError, Error, FailedError, IoError, NotFoundError,
+                      OutOfMemoryError, UnsupportedError, UsageError)
+from ._field import Field, Player, diff, export, merge, open, repack, verify
+from ._rays import Scene
+from ._slf import version as __version__
+from ._types import Camera, Orbit, Picture, Sphere, Tone, orbit
+
+__all__ = ["BadFileError", "Camera", "DiffersError", "Error", "FailedError", "Field", "IoError",
+           "NotFoundError", "Orbit", "OutOfMemoryError", "Picture", "Player", "Scene", "Sphere",
+           "Tone", "UnsupportedError", "UsageError", "build", "build_rays", "diff", "export",
+           "merge", "open", "orbit", "raycast", "repack", "verify"]

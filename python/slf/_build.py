@@ -1,0 +1,127 @@
+"""Building fields, and pictures without one."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Callable, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from . import _slf
+from ._field import (AnyCamera, Field, Path, Size, camera_tuple, check_dtype, finished_picture,
+                     is_half, path_text)
+from ._progress import Progress, reporter
+from ._rays import Function, Scene
+from ._source import scene_of
+from ._types import Picture, Sphere, orbit, point
+
+
+def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int = 2,
+          entry_extra_levels: int = 0, codec: str = "predictive:90",
+          depth_codec: Optional[str] = None, color_type: str = "u8",
+          center: Optional[Sequence[float]] = None, radius: Optional[float] = None,
+          shard: Tuple[int, int] = (1, 1), shard_levels: Tuple[Optional[int], Optional[int]] = (
+              None, None), coarser: Path = "", threads: int = 0, commit_every: float = 5,
+          replace: bool = False, progress: Progress = None, **settings: Any) -> Field:
+    """Builds a field, or resumes its build, and opens it.
+
+    source: one of
+        an array [z, y, x] of integers or floats, of NumPy or anything that becomes one; one in C
+            order is not copied, and must not change during the build. zarr and dask arrays are
+            read in slabs along z; those above 256 MiB into a temporary file beside `out`.
+        an image of nibabel (RAS, converted to LPS) or SimpleITK, or an array of xarray with
+            evenly spaced coordinates, with its own position.
+        a path of any file that `slf build` reads, or "scene:NAME".
+        an slf.Scene.
+    out: the field to write. It grows in OUT.unfinished, and gets its name when it is complete. The
+        same call resumes what was interrupted. A complete field of the same source and settings is
+        only opened.
+    entry, exit: cells of the lattices at level 0, along an edge of an octsphere.
+    levels: the finest level; each doubles both lattices.
+    codec: "predictive:QUALITY", "predictive:lossless", "jpeg:QUALITY[:444]", "zstd[:LEVEL]", "raw".
+    depth_codec: beside another codec than predictive; default "jpeg:75", "none" for no depths.
+    color_type: "u8" or "half" (with light: linear radiance).
+    center, radius: the sphere in world units; default: around what is visible.
+    shard: (k, n), the k-th of n parts, from 1, for slf.merge().
+    shard_levels, coarser: as --shard-levels and --coarser of `slf build`.
+    threads: 0: all.  commit_every: seconds between commits, which a kill can lose.
+    replace: replace another field at `out`, once this one is complete.
+    progress: counts paths of light, then rays.
+
+    Of volumes:
+    spacing: dx, dy, dz, between voxels.  affine: 4×4, from the indices (x, y, z) of a voxel to
+        world coordinates (LPS), for arrays.  origin: world position of the first voxel.
+    name: what the manifest names as the source; default: the image's file, or "array".
+    transfer: a preset such as "ct-bone", a file, rows of (value, red, green, blue, opacity), or a
+        function from values [n] to [n, 4] of these, each 0 to 1; opacity is per voxel. Default:
+        fitted to the histogram.  range: (low, high), the values to stretch it to.
+    labels: True if the values are ids; or an array or image of ids, the parts of the volume.
+    label_table: a file, or {id: (name, (red, green, blue), opacity)}.  mask: 0 hides voxels.
+    light: "direct", "shadowed" or "global". light_rig, environment, environment_gain,
+        light_samples, light_bounces, light_spacing, light_memory, light_seed, tone: of the last
+        two.  light_file: keeps the light, for builds that differ in the field's shape only.
+    shade, light_direction, ambient: of light "direct".
+    projection: "mip", "minip" or "mean".  step: longest sample, in voxels.
+    component, time, array, series, resample: which part of a file, as `slf build` has them.
+
+    Raises slf.UsageError (a ValueError) for wrong settings or another field at `out`, slf.IoError,
+    slf.UnsupportedError, slf.FailedError if `progress` returned False, MemoryError, and whatever
+    `progress` or a scene raises. KeyboardInterrupt ends it, too; finished tiles are kept.
+    """
+    path = path_text(out)
+    half = is_half(color_type)
+    if isinstance(source, Scene):
+        threads = threads or source.processes  # a thread waits for each process
+    folder = os.path.dirname(path) or None
+    with scene_of(source, linear=half, folder=folder, threads=threads, **settings) as scene:
+        bounds = scene.bounds
+        sphere = Sphere(bounds.center if center is None else point(center),
+                        bounds.radius if radius is None else float(radius))
+        gap = np.linalg.norm(np.subtract(sphere.center, bounds.center))
+        if not gap < sphere.radius + bounds.radius:
+            raise ValueError(f"center {sphere.center}: a sphere of radius {sphere.radius:g} there "
+                             f"misses all that is visible, which lies around {bounds.center} "
+                             f"within {bounds.radius:g}")
+        if depth_codec is None:
+            depth_codec = "" if codec.startswith("predictive") else "jpeg:75"
+        elif depth_codec == "none":
+            depth_codec = ""
+        with reporter(progress, "build") as report:
+            built = _slf.build(scene, path, sphere, entry, exit, levels, entry_extra_levels, codec,
+                               depth_codec, half, threads, float(commit_every), replace, shard,
+                               shard_levels, path_text(coarser), report)
+    field = Field(path, threads=threads)
+    field.build_report = built
+    return field
+
+
+def build_rays(fn: Callable[..., Any], sphere: Any, out: Path, *, batch: int = 65536,
+               processes: int = 0, provenance: Mapping[str, Any] = {},
+               **settings: Any) -> Field:
+    """Builds a field from a function of rays: fn(origins, targets) -> rgba or (rgba, depth).
+
+    fn: vectorised, as Scene.trace().  sphere: (center, radius) around everything visible.
+    batch: the most rays of one call.
+    processes: above 0: call it in so many processes (Scene.processes).
+    provenance: what distinguishes this function from others of its name (Scene.provenance).
+    settings: those of build() that are not of volumes.
+    """
+    return build(Function(fn, sphere, batch, processes, provenance), out, **settings)
+
+
+def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *,
+            depth: bool = False, dtype: Any = np.float32,
+            background: Optional[Sequence[float]] = None, threads: int = 0,
+            progress: Progress = None, **settings: Any) -> Any:
+    """A picture of the source itself, without a field: one ray per pixel.
+
+    source and settings are those of build(), results those of Field.render(). progress counts
+    rows.
+    """
+    check_dtype(dtype)
+    with scene_of(source, threads=threads, **settings) as scene:
+        with reporter(progress, "raycast") as report:
+            colors, distance = scene.raycast(camera_tuple(scene.bounds, camera, size), threads,
+                                             None, report)
+    picture = finished_picture(colors, dtype, background)
+    return Picture(picture, distance) if depth else picture

@@ -1,0 +1,89 @@
+"""Exceptions of slf."""
+
+from __future__ import annotations
+
+import os
+from typing import Optional
+
+
+class Error(Exception):
+    """Why a call of slf failed.
+
+    code: the kind of failure, one of slf's exit codes: 1 usage, 2 io, 3 bad_file, 4 failed,
+        5 unsupported, 7 differs.
+    path: the file or address that the call was about, or None.
+    message: the text, which names the file, the place in it, what was expected and what was found.
+    """
+
+    code: int = 4
+
+    def __init__(self, message: str, path: Optional[str] = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.path = path
+
+    def __str__(self) -> str:
+        return self.message
+
+    def __reduce__(self):  # type: ignore[no-untyped-def]
+        return type(self), (self.message, self.path)
+
+
+class UsageError(Error, ValueError):
+    """An argument is wrong or contradicts another."""
+
+    code = 1
+
+
+class IoError(Error, OSError):
+    """The operating system refused: no permission, disk full; or a server did not answer."""
+
+    code = 2
+
+
+class NotFoundError(IoError, FileNotFoundError):
+    """The file does not exist."""
+
+
+class BadFileError(Error, ValueError):
+    """A file is damaged, truncated, or not what it claims to be."""
+
+    code = 3
+
+
+class FailedError(Error, RuntimeError):
+    """A correct request could not be completed."""
+
+    code = 4
+
+
+class OutOfMemoryError(Error, MemoryError):
+    """There is not enough memory."""
+
+    code = 4
+
+
+class UnsupportedError(Error, NotImplementedError):
+    """The request is valid, but this version of slf cannot do it."""
+
+    code = 5
+
+
+class DiffersError(Error):
+    """A comparison found a difference."""
+
+    code = 7
+
+
+_CLASSES = {1: UsageError, 2: IoError, 3: BadFileError, 4: FailedError, 5: UnsupportedError,
+            7: DiffersError}
+
+
+def error_of(code: int, message: str, path: Optional[str]) -> Error:
+    """The exception for an error of the library, which knows the code only."""
+    kind = _CLASSES[code]
+    if code == 2 and path and "://" not in path and not os.path.exists(path):
+        kind = NotFoundError
+    if code == 4 and message.endswith(("out of memory", "not enough memory to read it")):
+        kind = OutOfMemoryError
+    return kind(message, path)

@@ -1,0 +1,432 @@
+"""Reading fields."""
+
+from __future__ import annotations
+
+import json
+import os
+from types import TracebackType
+from typing import Any, Callable, List, Optional, Sequence, Tuple, Type, Union, overload
+
+import numpy as np
+
+from . import _slf
+from ._notebook import View, bundle
+from ._progress import Progress, reporter
+from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Layer,
+                     Measurement, MergeReport, Orbit, Picture, RepackReport, Shape, Sphere, Tile,
+                     Tone, VerifyReport, orbit)
+
+Path = Union[str, "os.PathLike[str]"]
+AnyCamera = Union[Orbit, Camera]
+Size = Tuple[int, int]
+LevelName = Union[int, str]
+
+_DEFAULT_MEMORY = 256 << 20
+
+
+def path_text(path: Path) -> str:
+    return os.fspath(path)
+
+
+def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> Tuple[Any, ...]:
+    """A camera as the extension module takes it."""
+    width, height = (int(side) for side in size)
+    if width < 1 or height < 1 or width * height > 1 << 28:
+        raise ValueError(f"size {size}: expected (width, height), at least 1 and at most 2^28 "
+                         "pixels")
+    if isinstance(camera, Orbit):
+        return _slf.orbit_camera(sphere, tuple(camera), width, height)
+    return (*camera, width, height)
+
+
+def finished_picture(rgba: np.ndarray, dtype: Any,
+                     background: Optional[Sequence[float]]) -> np.ndarray:
+    """Composites over a background and converts to the type that was asked for."""
+    if background is not None:
+        rgba[..., :3] += (1 - rgba[..., 3:]) * np.asarray(background, np.float32)
+        rgba[..., 3] = 1
+    if np.dtype(dtype) == np.uint8:
+        return (np.clip(rgba, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return rgba
+
+
+def check_dtype(dtype: Any) -> np.dtype:
+    if np.dtype(dtype) not in (np.float32, np.uint8):
+        raise ValueError(f"dtype {dtype}: expected float32 or uint8")
+    return np.dtype(dtype)
+
+
+class Field:
+    """An open sphere light field: a snapshot of its file, read-only.
+
+    Opened by slf.open() and slf.build(). A context manager. Any thread may use it; one view is
+    drawn at a time. Pictures and tiles outlive it.
+    """
+
+    def __init__(self, path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
+                 progress: Progress = None) -> None:
+        self._open: Optional[_slf.Field] = None
+        self._server: Optional[_slf.Server] = None
+        with reporter(progress, "fetch") as report:
+            self._open = _slf.Field(path_text(path), memory, threads, report)
+        self._shape: Shape = self._open.shape
+        self.build_report: Optional[BuildReport] = None
+        """What slf.build() did, if it opened this field."""
+
+    # -- lifetime ---------------------------------------------------------------------------------
+
+    @property
+    def _field(self) -> _slf.Field:
+        if self._open is None:
+            raise ValueError("the field is closed")
+        return self._open
+
+    def close(self) -> None:
+        """Closes the file. A second call does nothing."""
+        self._open = None
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+
+    @property
+    def closed(self) -> bool:
+        return self._open is None
+
+    def __enter__(self) -> Field:
+        self._field
+        return self
+
+    def __exit__(self, kind: Optional[Type[BaseException]], value: Optional[BaseException],
+                 trace: Optional[TracebackType]) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        if self._open is None:
+            return "<slf.Field, closed>"
+        return f"<slf.Field {self.path!r}, levels 0 to {self._shape.levels}>"
+
+    # -- content ----------------------------------------------------------------------------------
+
+    @property
+    def path(self) -> str:
+        return self._field.path
+
+    @property
+    def shape(self) -> Shape:
+        return self._shape
+
+    @property
+    def sphere(self) -> Sphere:
+        return self._shape.sphere
+
+    @property
+    def levels(self) -> int:
+        """The finest level: levels 0 to this can be drawn."""
+        return self._shape.levels
+
+    @property
+    def layers(self) -> List[Layer]:
+        return self._field.layers
+
+    @property
+    def has_depth(self) -> bool:
+        return self._field.has_depth
+
+    @property
+    def linear(self) -> bool:
+        """Whether colours are linear radiance, which pictures are tone-mapped from."""
+        return self._field.linear
+
+    @property
+    def manifest(self) -> Any:
+        """The manifest, parsed (FORMAT.md)."""
+        return json.loads(self._field.manifest)
+
+    @property
+    def provenance(self) -> Any:
+        """The source and the settings of the build."""
+        return json.loads(self._field.provenance)
+
+    @property
+    def file_bytes(self) -> int:
+        return self._field.file_bytes
+
+    def content(self) -> Content:
+        """Counts the tiles and bytes of each level. slf.BadFileError: a table is damaged."""
+        return self._field.content()
+
+    # -- pictures ---------------------------------------------------------------------------------
+
+    def camera(self, camera: AnyCamera, size: Size = (512, 512)) -> Camera:
+        """The camera that an orbit stands for, for a picture of this size."""
+        return Camera(*camera_tuple(self.sphere, camera, size)[:4])
+
+    def _level(self, level: LevelName) -> Optional[int]:
+        if level == "matching":
+            return None
+        if level == "finest":
+            return self.levels
+        if isinstance(level, str):
+            raise ValueError(f"level {level!r}: expected a number, 'finest' or 'matching'")
+        return int(level)
+
+    def _tone(self, tone: Optional[Tone], display: bool) -> Optional[Tone]:
+        if tone is not None and not self.linear:
+            raise ValueError("tone: this field does not hold linear radiance")
+        return Tone() if tone is None and display and self.linear else tone
+
+    @overload
+    def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
+               level: LevelName = ..., *, dtype: Any = ...,
+               background: Optional[Sequence[float]] = ...,
+               tone: Optional[Tone] = ...) -> np.ndarray: ...
+
+    @overload
+    def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
+               level: LevelName = ..., *, depth: bool, dtype: Any = ...,
+               background: Optional[Sequence[float]] = ...,
+               tone: Optional[Tone] = ...) -> Any: ...
+
+    def render(self, camera: AnyCamera = orbit(), size: Size = (512, 512),
+               mode: Optional[str] = None, level: LevelName = "finest", *, depth: bool = False,
+               dtype: Any = np.float32, background: Optional[Sequence[float]] = None,
+               tone: Optional[Tone] = None) -> Any:
+        """Draws a view: an array [height, width, 4] of RGBA, premultiplied by alpha.
+
+        camera: slf.orbit() or slf.Camera.
+        size: (width, height) in pixels.
+        mode: "nearest", "uv", "st", "bitri" or "depth"; default: "depth" if the field has depths,
+            else "bitri".
+        level: 0 to field.levels, "finest", or "matching": the coarsest that is dense enough.
+        depth: also return depths, as a Picture(rgba, depth).
+        dtype: float32, 0 to 1 (fields with linear radiance exceed 1), or uint8, 0 to 255.
+        background: an RGB colour, each 0 to 1, to composite over; alpha is then 1.
+        tone: how to show linear radiance; default: as it is for float32 without a background,
+            else Tone().
+
+        Raises slf.UsageError for an invalid camera, level or mode, slf.BadFileError for a damaged
+        tile.
+        """
+        display = check_dtype(dtype) == np.uint8 or background is not None
+        colors, distance = self._field.render(camera_tuple(self.sphere, camera, size), mode,
+                                              self._level(level), depth,
+                                              self._tone(tone, display))
+        picture = finished_picture(colors, dtype, background)
+        return Picture(picture, distance) if depth else picture
+
+    def thumbnail(self, size: int = 256,
+                  background: Optional[Sequence[float]] = (0, 0, 0)) -> np.ndarray:
+        """A small picture: uint8 [size, size, 4], over black; reads coarse tiles only."""
+        return self.render(orbit(), (size, size), level="matching", dtype=np.uint8,
+                           background=background)
+
+    def player(self, mode: Optional[str] = None, level: LevelName = "finest",
+               loading: str = "ahead", horizon: int = 8) -> Player:
+        """A player for the frames of a moving camera. It keeps the file open itself.
+
+        loading: "ahead" loads tiles of predicted frames, "demand" those that frames lacked, both
+            in the background; with "wait", frames wait for their tiles.
+        horizon: frames to load ahead.
+        """
+        number = self._level(level)
+        return Player(self, self._field.player(mode, self.levels if number is None else number,
+                                               loading, horizon))
+
+    # -- tiles ------------------------------------------------------------------------------------
+
+    def tiles(self, level: Optional[int] = None, layer: str = "",
+              missing: bool = False) -> List[Tile]:
+        """Lists tiles in key order, layer by layer. Reads tables, no payload.
+
+        level: of one level; default: of all.  layer: "color" or "depth"; default: all.
+        missing: also list tiles that are missing.
+        """
+        return self._field.tiles(level or 0, level, layer, missing)
+
+    def tile(self, level: int, entry: int, exit: int, channel: str = "color") -> np.ndarray:
+        """The samples of a tile: [entry vertices, exit vertices, 4] of premultiplied RGBA, uint8 or
+        float16; or [entry vertices, exit vertices] of depth, uint8, 0 at entry, 255 at exit.
+
+        The array owns the decoded tile, whose exit vertices are in the order of FORMAT.md.
+        Raises slf.UsageError: no such tile or channel; slf.FailedError: it was never built;
+        slf.BadFileError: it is damaged.
+        """
+        samples, _ = self._field.tile(level, entry, exit, channel)
+        return samples
+
+    # -- measures ---------------------------------------------------------------------------------
+
+    def _cameras(self, cameras: Union[int, Sequence[AnyCamera]], size: Size,
+                 distance: float) -> List[Tuple[Any, ...]]:
+        if isinstance(cameras, int):
+            return _slf.random_cameras(self.sphere, distance, cameras, 1, *size)
+        return [camera_tuple(self.sphere, camera, size) for camera in cameras]
+
+    def measure(self, cameras: Union[int, Sequence[AnyCamera]] = 8, size: Size = (512, 512),
+                mode: Optional[str] = None, levels: Sequence[int] = (), *, distance: float = 3,
+                progress: Progress = None) -> Measurement:
+        """Measures the memory that views need.
+
+        cameras: a number of random ones at `distance` radii, or a list.
+        levels: default: all.
+        progress: counts views.
+        """
+        with reporter(progress, "measure") as report:
+            return self._field.measure(self._cameras(cameras, size, distance), mode, list(levels),
+                                       report)
+
+    def evaluate(self, scene: Any, cameras: Union[int, Sequence[AnyCamera]] = 8,
+                 size: Size = (512, 512), mode: Optional[str] = None,
+                 level: LevelName = "finest", *, distance: float = 3, supersample: int = 1,
+                 progress: Progress = None, **source: Any) -> Evaluation:
+        """Compares views with ray-cast ones of the field's scene: PSNR and SSIM, RGB over black.
+
+        scene: what the field was built from, with the same further arguments as slf.build().
+        """
+        from ._source import scene_of
+        number = self._level(level)
+        with scene_of(scene, linear=self.linear, **source) as handle:
+            with reporter(progress, "evaluate") as report:
+                return _slf.evaluate(self._field, handle, self._cameras(cameras, size, distance),
+                                     mode, self.levels if number is None else number, supersample,
+                                     report)
+
+    # -- notebooks --------------------------------------------------------------------------------
+
+    def show(self, page: Optional[Path] = None) -> View:
+        """The page of `slf view`, turned by the mouse, in a notebook; its `url` for a browser.
+
+        A server on this machine sends the page the parts of the file that views need. It runs
+        until the field is closed.
+        page: where a browser on another machine cannot reach that server: a file .html beside the
+            notebook, to write page and field to and to show.
+
+        Raises slf.UnsupportedError: slf was built without the page.
+        """
+        if page is not None:
+            export(self, page)
+            return View(path_text(page))
+        if self._server is None:
+            self._server = _slf.Server([self.path])
+        return View(self._server.url)
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> Any:
+        return None if self._open is None else bundle(self)
+
+
+class Player:
+    """Draws the frames of a moving camera on time. Made by Field.player()."""
+
+    def __init__(self, field: Field, player: _slf.Player) -> None:
+        self._sphere = field.sphere
+        self._linear = field.linear
+        self._player = player
+        self.report: Optional[Frame] = None
+        """How the last frame was drawn."""
+
+    def draw(self, camera: AnyCamera, size: Size = (512, 512), dtype: Any = np.float32,
+             background: Optional[Sequence[float]] = None,
+             tone: Optional[Tone] = None) -> np.ndarray:
+        """The next frame, as Field.render(). Draws coarser levels where tiles are not loaded."""
+        display = check_dtype(dtype) == np.uint8 or background is not None
+        if tone is None and display and self._linear:
+            tone = Tone()
+        colors, self.report = self._player.draw(camera_tuple(self._sphere, camera, size), tone)
+        return finished_picture(colors, dtype, background)
+
+    def settle(self) -> None:
+        """Waits until all tiles are loaded that are being loaded."""
+        self._player.settle()
+
+
+def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
+         progress: Progress = None) -> Field:
+    """Opens a field, complete or not: a file or an address, http:// or https://.
+
+    memory: most bytes of decoded tiles.
+    threads: for drawing; 0: all.
+    progress: counts the bytes of a remote field that must be fetched whole.
+
+    Raises FileNotFoundError, slf.IoError, slf.BadFileError, slf.UnsupportedError (a newer format).
+    """
+    return Field(path, memory=memory, threads=threads, progress=progress)
+
+
+def verify(field: Union[Field, Path], *, quick: bool = False, fix: bool = False, threads: int = 0,
+           progress: Progress = None) -> VerifyReport:
+    """Checks every page, record and tile. Damage is a finding in the report, not an exception.
+
+    quick: structure and counts only.  fix: drop damaged tiles, so that a build makes them again.
+    """
+    handle = field._field if isinstance(field, Field) else None
+    path = field.path if isinstance(field, Field) else path_text(field)
+    if fix:
+        handle = None
+    with reporter(progress, "verify") as report:
+        return _slf.verify(path, handle, quick, fix, threads, report)
+
+
+class _Opened:
+    """A field that was given as a path is open only as long as the call."""
+
+    def __init__(self, field: Union[Field, Path]) -> None:
+        self._mine = not isinstance(field, Field)
+        self.field = field if isinstance(field, Field) else Field(field)
+
+    def __enter__(self) -> Field:
+        return self.field
+
+    def __exit__(self, *raised: Any) -> None:
+        if self._mine:
+            self.field.close()
+
+
+def repack(field: Union[Field, Path], out: Path, *, codec: str = "", depth_codec: str = "",
+           layers: Sequence[str] = (), levels: Optional[int] = None,
+           subfields: Sequence[int] = (), color_type: Optional[str] = None,
+           light: bool = True, memory: int = _DEFAULT_MEMORY, threads: int = 0,
+           replace: bool = False, progress: Progress = None) -> RepackReport:
+    """Rewrites a field into another form. Empty arguments keep what the field has.
+
+    codec, depth_codec: as in slf.build().  levels: the finest to keep.
+    color_type: "u8" or "half".  light: keep the scene's light.  progress: counts tiles.
+    """
+    half = None if color_type is None else is_half(color_type)
+    with _Opened(field) as source, reporter(progress, "repack") as report:
+        return _slf.repack(source._field, path_text(out), codec, depth_codec, list(layers), levels,
+                           sorted(subfields), half, light, memory, threads, replace, report)
+
+
+def merge(parts: Sequence[Path], out: Path, *, part: bool = False, memory: int = _DEFAULT_MEMORY,
+          threads: int = 0, replace: bool = False, progress: Progress = None) -> MergeReport:
+    """Joins parts of a field: shards, levels or subfields.  part: the result may be a part."""
+    with reporter(progress, "merge") as report:
+        return _slf.merge([path_text(p) for p in parts], path_text(out), part, memory, threads,
+                          replace, report)
+
+
+def diff(a: Union[Field, Path], b: Union[Field, Path], *, threads: int = 0,
+         progress: Progress = None) -> Difference:
+    """Compares two fields tile by tile."""
+    with _Opened(a) as left, _Opened(b) as right, reporter(progress, "diff") as report:
+        return _slf.diff(left._field, right._field, threads, report)
+
+
+def export(field: Union[Field, Path], out: Path, *, force: bool = False,
+           progress: Progress = None) -> None:
+    """Writes the page that shows a field together with it.
+
+    out: a path that ends in .html becomes one file, which opens from disk (fields up to 1 GiB);
+        any other a folder for a host of static files.
+    force: write into a folder that has files in it.
+    """
+    path = path_text(out)
+    source = field.path if isinstance(field, Field) else path_text(field)
+    with reporter(progress, "export") as report:
+        _slf.export_field(source, path, not path.endswith((".html", ".htm")), force, report)
+
+
+def is_half(color_type: str) -> bool:
+    if color_type not in ("u8", "half"):
+        raise ValueError(f"color_type {color_type!r}: expected 'u8' or 'half'")
+    return color_type == "half"

@@ -1,0 +1,81 @@
+"""How fields show themselves in notebooks: HTML that Notebook, JupyterLab and VS Code display."""
+
+from __future__ import annotations
+
+import base64
+import html
+import struct
+import zlib
+from typing import TYPE_CHECKING, Any, Dict
+
+import numpy as np
+
+from ._errors import Error
+
+if TYPE_CHECKING:
+    from ._field import Field
+
+
+def png(picture: np.ndarray) -> bytes:
+    """A PNG file of uint8 [height, width, 3]."""
+    height, width, _ = picture.shape
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return (struct.pack(">I", len(data)) + kind + data +
+                struct.pack(">I", zlib.crc32(kind + data)))
+
+    rows = np.zeros((height, 1 + 3 * width), np.uint8)  # each row begins with its filter: none
+    rows[:, 1:] = picture.reshape(height, 3 * width)
+    return (b"\x89PNG\r\n\x1a\n" +
+            chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
+            chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)) + chunk(b"IEND", b""))
+
+
+def _frame(url: str) -> str:
+    url = html.escape(url, quote=True)
+    return (f"<iframe src='{url}' loading='lazy' width='100%' height='540' style='border:0' "
+            f"allowfullscreen></iframe><p><a href='{url}' target='_blank'>{url}</a></p>")
+
+
+def _page(field: Field) -> str:
+    """The page, which loads when it is unfolded; nothing if it cannot be served."""
+    try:
+        url = field.show().url
+    except Error:
+        return ""
+    return f"<details><summary>Turn it with the mouse</summary>{_frame(url)}</details>"
+
+
+def bundle(field: Field) -> Dict[str, Any]:
+    """The field as text, as a picture, and as a picture with its facts and its page."""
+    picture = png(field.thumbnail()[..., :3])
+    shape = field.shape
+    source = field.provenance.get("source", field.provenance.get("name", ""))
+    rows = {"field": field.path, "source": source,
+            "levels": f"0 to {shape.levels}",
+            "lattices": f"{shape.entry_side << shape.levels} entry, "
+                        f"{shape.exit_side << shape.levels} exit",
+            "codec": ", ".join(layer.codec for layer in field.layers),
+            "size": f"{field.file_bytes / 1e6:.1f} MB"}
+    table = "".join(f"<tr><th style='text-align:left'>{name}</th>"
+                    f"<td style='text-align:left'>{html.escape(str(value))}</td></tr>"
+                    for name, value in rows.items() if value)
+    data = base64.b64encode(picture).decode()
+    return {"text/plain": repr(field),
+            "image/png": data,
+            "text/html": "<div style='display:flex;gap:1em;align-items:center'>"
+                         f"<img width='256' height='256' src='data:image/png;base64,{data}'>"
+                         f"<table>{table}</table></div>{_page(field)}"}
+
+
+class View:
+    """The page that shows a field, at a URL."""
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+
+    def __repr__(self) -> str:
+        return f"<slf view at {self.url}>"
+
+    def _repr_html_(self) -> str:
+        return _frame(self.url)

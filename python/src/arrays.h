@@ -1,0 +1,38 @@
+// NumPy arrays that own what slf made, without copies.
+#pragma once
+
+#include <pybind11/numpy.h>
+
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "slf/image.h"
+
+namespace slf::python {
+
+/// An array of type `type` that takes over a vector's memory.
+template <class T>
+pybind11::array array_of(std::vector<T>&& values, const pybind11::dtype& type,
+                         std::vector<pybind11::ssize_t> shape) {
+  auto owned = std::make_unique<std::vector<T>>(std::move(values));
+  const void* data = owned->data();
+  const pybind11::capsule owner(owned.release(),
+                                [](void* p) { delete static_cast<std::vector<T>*>(p); });
+  return {type, std::move(shape), data, owner};
+}
+
+/// float32 [height, width, 4], premultiplied.
+inline pybind11::array colors_of(Image& image) {
+  const pybind11::ssize_t height = image.height, width = image.width;
+  return array_of(std::move(image.rgba), pybind11::dtype::of<float>(), {height, width, 4});
+}
+
+/// float32 [height, width], or None for a picture without depths.
+inline pybind11::object depths_of(Image& image) {
+  if (image.depth.empty()) return pybind11::none();
+  const pybind11::ssize_t height = image.height, width = image.width;
+  return array_of(std::move(image.depth), pybind11::dtype::of<float>(), {height, width});
+}
+
+}  // namespace slf::python

@@ -1,0 +1,79 @@
+// Calls into slf from Python: errors as exceptions, and long work without the GIL.
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "slf/error.h"
+#include "slf/progress.h"
+
+namespace slf::python {
+
+namespace py = pybind11;
+
+/// An Error on its way to Python, where it is raised as a class of slf._errors. `path` is the file
+/// or address that the call was about, or empty.
+struct Failure : std::runtime_error {
+  Failure(Error error, std::string about)
+      : std::runtime_error(error.message), code(error.code), path(std::move(about)) {}
+  ErrorCode code;
+  std::string path;
+};
+
+/// The value of a Result. Throws its error as Failure.
+template <class T>
+T value_of(Result<T>&& result, const std::string& path = {}) {
+  if (!result) throw Failure(std::move(result.error()), path);
+  if constexpr (!std::is_void_v<T>) return std::move(*result);
+}
+
+/// One long call, without the GIL. progress() gives slf a callback that calls Python's handlers of
+/// signals about ten times a second, and `callback(done, total, skipped)`, if that is not None. It
+/// stops the call if one of them raises or returns False, or if the interpreter is about to exit.
+///
+///   LongCall call(callback);
+///   auto report = call.without_gil([&] { return build_field(…, call.progress()); });
+///   return value_of(std::move(report), path);
+class LongCall {
+ public:
+  explicit LongCall(py::object callback = py::none()) : callback_(std::move(callback)) {}
+
+  [[nodiscard]] ProgressCallback progress() {
+    return [this](const Progress& progress) { return go_on(progress); };
+  }
+
+  /// Returns f(). Throws what Python code raised in a callback meanwhile.
+  template <class F>
+  auto without_gil(F&& f) {
+    auto result = [&] {
+      const py::gil_scoped_release release;
+      const Running running;
+      return std::forward<F>(f)();
+    }();
+    if (raised_) throw std::move(*raised_);
+    return result;
+  }
+
+ private:
+  /// Counts calls, so that the interpreter's exit can wait for them. Then the calls of daemon
+  /// threads do not return, as these threads must not take the GIL again. Constructed and destroyed
+  /// without the GIL.
+  struct Running {
+    Running();
+    ~Running();
+  };
+  bool go_on(const Progress& progress);
+
+  py::object callback_;
+  double last_ = 0;  ///< seconds
+  std::optional<py::error_already_set> raised_;
+};
+
+/// Registers the translation of errors, and what happens at exit.
+void bind_calls(py::module_& module);
+
+}  // namespace slf::python

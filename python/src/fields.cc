@@ -1,0 +1,284 @@
+// Reading fields: what they hold, their pictures and their tiles.
+#include "fields.h"
+
+#include "arrays.h"
+#include "calls.h"
+#include "convert.h"
+#include "module.h"
+#include "slf/measure.h"
+#include "slf/player.h"
+#include "slf/raycaster.h"
+#include "slf/remote.h"
+#include "slf/verify.h"
+
+namespace slf::python {
+namespace {
+
+std::unique_ptr<OpenField> open(const std::string& path, std::uint64_t memory, unsigned threads,
+                                py::object progress) {
+  RendererOptions options;
+  options.memory = memory;
+  options.threads = threads;
+  LongCall call(std::move(progress));
+  auto field = call.without_gil([&]() -> Result<Field> {
+    if (!is_address(path)) return Field::open(path);
+#ifdef SLF_REMOTE
+    auto remote = RemoteField::open(path, {}, call.progress());
+    if (!remote) return tl::unexpected(remote.error());
+    return remote->field();
+#else
+    return fail(ErrorCode::unsupported, path,
+                ": this slf was built without libcurl and does not read fields over HTTP");
+#endif
+  });
+  return std::make_unique<OpenField>(value_of(std::move(field), path), options);
+}
+
+/// Whether colours are linear radiance, which pictures are tone-mapped from.
+bool is_linear(const Field& field) {
+  const LightOptions lighting = raycast_options(field.provenance()).lighting;
+  return lighting.mode != Lighting::direct && lighting.linear;
+}
+
+py::list layers(const OpenField& open) {
+  py::list out;
+  for (const Layer& layer : open.field().layers())
+    out.append(tuple_named("Layer", layer.name, name(layer.format), layer.codec));
+  return out;
+}
+
+py::object content(const OpenField& open) {
+  LongCall call;
+  const auto content =
+      value_of(call.without_gil([&] { return open.field().content(); }), open.field().path());
+  py::list levels;
+  for (const LevelContent& level : content.levels)
+    levels.append(tuple_named("Level", level.level, level.tiles, level.stored, level.empty,
+                              level.slabs, py::tuple(py::cast(level.payload_bytes))));
+  return tuple_named("Content", py::tuple(levels), content.complete, content.file_bytes,
+                     content.payload_bytes);
+}
+
+ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
+                    std::optional<unsigned> level, bool with_depth) {
+  ViewOptions view;
+  view.mode = mode ? value_of(parse_render_mode(*mode)) : default_mode(field);
+  view.level = level.value_or(kMatchingLevel);
+  view.with_depth = with_depth;
+  return view;
+}
+
+py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional<std::string>& mode,
+                 std::optional<unsigned> level, bool depth, const std::optional<ToneTuple>& tone) {
+  const ViewOptions view = view_of(open.field(), mode, level, depth);
+  LongCall call;
+  auto image = value_of(call.without_gil([&] {
+    auto drawn = open.render(camera_of(camera), view);
+    if (drawn && tone) map_tones(*tone, *drawn);
+    return drawn;
+  }),
+                        open.field().path());
+  const py::array colors = colors_of(image);
+  return py::make_tuple(colors, depths_of(image));
+}
+
+// ---- tiles -------------------------------------------------------------------------------------
+
+py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsigned> last_level,
+               const std::string& layer, bool missing) {
+  const Field& field = open.field();
+  TileFilter filter;
+  filter.first_level = first_level;
+  if (last_level) filter.last_level = *last_level;
+  filter.layer = layer;
+  filter.missing = missing;
+  std::vector<ListedTile> listed;
+  LongCall call;
+  value_of(call.without_gil([&] {
+    return list_tiles(field, filter, [&](const ListedTile& tile) -> Result<void> {
+      listed.push_back(tile);
+      return {};
+    });
+  }),
+           field.path());
+  const py::object type = py::module_::import("slf._types").attr("Tile");
+  py::list out;
+  for (const ListedTile& tile : listed)
+    out.append(type(tile.address.level, tile.address.entry, tile.address.exit,
+                    field.layers()[tile.layer].name, name(tile.content), tile.payload_bytes,
+                    tile.offset_bytes));
+  return out;
+}
+
+/// The samples of a tile, which the array takes over, and the places of its pictures.
+py::tuple tile(const OpenField& open, unsigned level, std::uint64_t entry, std::uint64_t exit,
+               const std::string& channel) {
+  const Field& field = open.field();
+  LongCall call;
+  auto set = value_of(call.without_gil([&]() -> Result<TileSampleSet> {
+    const auto key = find_tile(field, {level, entry, exit});
+    if (!key) return tl::unexpected(key.error());
+    return read_tile(field, *key, channel);
+  }),
+                      field.path());
+  const bool half = set.format == SampleFormat::rgba16f;
+  const py::ssize_t entries = static_cast<py::ssize_t>(set.entries.size());
+  const py::ssize_t columns = py::ssize_t{set.side + 1} * (set.side + 2) / 2;
+  std::vector<py::ssize_t> shape{entries, columns};
+  if (set.format != SampleFormat::depth8) shape.push_back(4);
+  py::list places;
+  for (const auto& place : set.entries) places.append(py::make_tuple(place.p, place.q));
+  return py::make_tuple(
+      array_of(std::move(set.samples), half ? py::dtype("<f2") : py::dtype("u1"), shape),
+      py::tuple(places));
+}
+
+// ---- checks and measures -----------------------------------------------------------------------
+
+py::object verify(const std::string& path, const OpenField* open, bool quick, bool fix,
+                  unsigned threads, py::object progress) {
+  const VerifyOptions options{.quick = quick, .fix = fix, .threads = threads};
+  LongCall call(std::move(progress));
+  const auto report = value_of(call.without_gil([&] {
+    return open ? verify_field(open->field(), options, call.progress())
+                : verify_field(path, options, call.progress());
+  }),
+                               path);
+  py::list findings;
+  for (const Finding& finding : report.findings)
+    findings.append(tuple_named("Finding", id(finding.kind), finding.message));
+  return tuple_named("VerifyReport", py::tuple(findings), report.found, report.damaged,
+                     report.unfixed, report.tiles, report.payload_bytes, report.dropped,
+                     report.complete);
+}
+
+py::object mean_and_max(const MeanAndMax& value) {
+  return tuple_named("MeanAndMax", value.mean, value.max);
+}
+
+py::object measured(const LevelMeasure& m, bool total) {
+  return tuple_named("LevelMeasure", total ? py::object(py::none()) : py::int_(m.level), m.tiles,
+                     mean_and_max(m.tiles_touched), mean_and_max(m.pairs_crossed),
+                     mean_and_max(m.compressed_bytes), mean_and_max(m.map_pages),
+                     mean_and_max(m.decoded_peak_bytes), mean_and_max(m.fraction),
+                     mean_and_max(m.pair_fraction));
+}
+
+py::object measure(const OpenField& open, const std::vector<CameraTuple>& cameras,
+                   const std::optional<std::string>& mode, const std::vector<unsigned>& levels,
+                   py::object progress) {
+  MeasureOptions options;
+  options.cameras = cameras_of(cameras);
+  options.mode = view_of(open.field(), mode, {}, false).mode;
+  options.levels = levels;
+  options.renderer = open.options();
+  LongCall call(std::move(progress));
+  const auto measurement = value_of(
+      call.without_gil([&] { return measure_views(open.field(), options, call.progress()); }),
+      open.field().path());
+  py::list out;
+  for (const LevelMeasure& level : measurement.levels) out.append(measured(level, false));
+  return tuple_named("Measurement", py::tuple(out), measured(measurement.total, true),
+                     measurement.rss_anon_peak, measurement.rss_file_peak);
+}
+
+// ---- moving cameras ----------------------------------------------------------------------------
+
+/// One frame is drawn at a time.
+struct OpenPlayer {
+  Player player;
+  std::mutex mutex;
+};
+
+std::unique_ptr<OpenPlayer> make_player(const OpenField& open,
+                                        const std::optional<std::string>& mode,
+                                        std::optional<unsigned> level, const std::string& loading,
+                                        unsigned horizon) {
+  PlayOptions options;
+  options.renderer = open.options();
+  options.view = view_of(open.field(), mode, level, false);
+  options.loading = value_of(parse_loading(loading));
+  options.horizon = horizon;
+  LongCall call;
+  auto player = call.without_gil([&] { return Player::make(open.field(), options); });
+  return std::unique_ptr<OpenPlayer>(
+      new OpenPlayer{value_of(std::move(player), open.field().path()), {}});
+}
+
+py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<ToneTuple>& tone) {
+  Image image;
+  FrameReport report;
+  LongCall call;
+  value_of(call.without_gil([&]() -> Result<void> {
+    const std::lock_guard lock(open.mutex);
+    if (auto ok = open.player.draw(camera_of(camera), image, &report); !ok) return ok;
+    if (tone) map_tones(*tone, image);
+    return {};
+  }));
+  return py::make_tuple(colors_of(image),
+                        tuple_named("Frame", report.seconds, report.full_share(), report.tiles,
+                                    report.misses, report.loads, report.load_bytes));
+}
+
+void settle(OpenPlayer& open) {
+  LongCall call;
+  call.without_gil([&] {
+    const std::lock_guard lock(open.mutex);
+    open.player.settle();
+    return 0;
+  });
+}
+
+}  // namespace
+
+void bind_fields(py::module_& module) {
+  py::class_<OpenField>(module, "Field")
+      .def(py::init(&open), py::arg("path"), py::arg("memory"), py::arg("threads"),
+           py::arg("progress"))
+      .def_property_readonly("path", [](const OpenField& f) { return f.field().path(); })
+      .def_property_readonly("shape",
+                             [](const OpenField& f) { return tuple_of(f.field().shape()); })
+      .def_property_readonly("layers", layers)
+      .def_property_readonly("has_depth", [](const OpenField& f) { return f.field().has_depth(); })
+      .def_property_readonly("linear", [](const OpenField& f) { return is_linear(f.field()); })
+      .def_property_readonly("manifest", [](const OpenField& f) { return f.field().manifest(); })
+      .def_property_readonly("provenance",
+                             [](const OpenField& f) { return f.field().provenance(); })
+      .def_property_readonly("file_bytes",
+                             [](const OpenField& f) { return f.field().file_bytes(); })
+      .def("content", content)
+      .def("matching_level",
+           [](const OpenField& f, const CameraTuple& camera,
+              const std::optional<std::string>& mode) {
+             return matching_level(f.field().shape(), camera_of(camera),
+                                   view_of(f.field(), mode, {}, false).mode);
+           })
+      .def("render", render, py::arg("camera"), py::arg("mode"), py::arg("level"), py::arg("depth"),
+           py::arg("tone"))
+      .def("tiles", tiles, py::arg("first_level"), py::arg("last_level"), py::arg("layer"),
+           py::arg("missing"))
+      .def("tile", tile, py::arg("level"), py::arg("entry"), py::arg("exit"), py::arg("channel"))
+      .def("measure", measure, py::arg("cameras"), py::arg("mode"), py::arg("levels"),
+           py::arg("progress"))
+      .def("player", make_player, py::arg("mode"), py::arg("level"), py::arg("loading"),
+           py::arg("horizon"));
+  py::class_<OpenPlayer>(module, "Player")
+      .def("draw", draw, py::arg("camera"), py::arg("tone"))
+      .def("settle", settle);
+  module.def("verify", verify, py::arg("path"), py::arg("field"), py::arg("quick"), py::arg("fix"),
+             py::arg("threads"), py::arg("progress"));
+  module.def("orbit_camera", [](const SphereTuple& sphere, const Triple& orbit, std::uint32_t width,
+                                std::uint32_t height) {
+    return tuple_of(orbit_camera(sphere_of(sphere), orbit[0], orbit[1], orbit[2], width, height));
+  });
+  module.def("random_cameras", [](const SphereTuple& sphere, double distance, std::uint32_t count,
+                                  std::uint64_t seed, std::uint32_t width, std::uint32_t height) {
+    std::vector<CameraTuple> out;
+    for (const Camera& camera :
+         random_cameras(sphere_of(sphere), distance, count, seed, width, height))
+      out.push_back(tuple_of(camera));
+    return out;
+  });
+}
+
+}  // namespace slf::python

@@ -1,0 +1,36 @@
+// OpenField: a Field with the renderer that draws it.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <utility>
+
+#include "slf/field.h"
+#include "slf/render.h"
+
+namespace slf::python {
+
+/// Thread-safety: any thread; one view is drawn at a time.
+class OpenField {
+ public:
+  OpenField(Field field, const RendererOptions& options)
+      : field_(std::move(field)), options_(options) {}
+
+  [[nodiscard]] const Field& field() const { return field_; }
+  [[nodiscard]] const RendererOptions& options() const { return options_; }
+
+  [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& view) {
+    const std::lock_guard lock(mutex_);
+    if (!renderer_) renderer_ = std::make_unique<Renderer>(field_, options_);
+    return renderer_->render(camera, view);
+  }
+
+ private:
+  Field field_;
+  RendererOptions options_;
+  std::mutex mutex_;
+  std::unique_ptr<Renderer> renderer_;
+};
+
+}  // namespace slf::python

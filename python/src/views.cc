@@ -1,0 +1,73 @@
+// Fields in a browser: the server of ranges, and exported pages.
+#include "calls.h"
+
+#include <pybind11/stl.h>
+
+#include <atomic>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "module.h"
+#include "view/page.h"
+#include "view/server.h"
+#include "view/site.h"
+
+namespace slf::python {
+namespace {
+
+/// Serves fields on a thread of its own until it is closed.
+class ViewServer {
+ public:
+  explicit ViewServer(const std::vector<std::string>& fields)
+      : server_(value_of(view::Server::make(fields, {}), fields.empty() ? "" : fields.front())),
+        thread_([this] { ended_ = server_.run([this] { return stop_.load(); }).has_value(); }) {}
+  ~ViewServer() { close(); }
+  ViewServer(const ViewServer&) = delete;
+  ViewServer& operator=(const ViewServer&) = delete;
+
+  [[nodiscard]] const std::string& url() const { return server_.url(); }
+  void close() {
+    stop_ = true;
+    const py::gil_scoped_release release;
+    if (thread_.joinable()) thread_.join();
+  }
+
+ private:
+  view::Server server_;
+  std::atomic<bool> stop_{false}, ended_{false};
+  std::thread thread_;
+};
+
+void check_page() {
+  if (view::page_files().empty()) throw Failure({ErrorCode::unsupported, view::no_page()}, "");
+}
+
+void export_field(const std::string& field, const std::string& output, bool site, bool force,
+                  py::object progress) {
+  check_page();
+  LongCall call(std::move(progress));
+  value_of(call.without_gil([&] {
+    return site ? view::export_site(field, output, force, call.progress())
+                : view::export_page(field, output, call.progress());
+  }),
+           field);
+}
+
+}  // namespace
+
+void bind_views(py::module_& module) {
+  py::class_<ViewServer>(module, "Server")
+      .def(py::init([](const std::vector<std::string>& fields) {
+             check_page();
+             return std::make_unique<ViewServer>(fields);
+           }),
+           py::arg("fields"))
+      .def_property_readonly("url", &ViewServer::url)
+      .def("close", &ViewServer::close);
+  module.def("export_field", export_field, py::arg("field"), py::arg("output"), py::arg("site"),
+             py::arg("force"), py::arg("progress"));
+}
+
+}  // namespace slf::python

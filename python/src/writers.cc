@@ -1,0 +1,127 @@
+// Writing fields: builds, repacks and merges; and comparing them.
+#include "arrays.h"
+#include "convert.h"
+#include "fields.h"
+#include "module.h"
+#include "scenes.h"
+#include "slf/build.h"
+#include "slf/measure.h"
+#include "slf/merge.h"
+#include "slf/raycaster.h"
+#include "slf/repack.h"
+
+namespace slf::python {
+namespace {
+
+using Levels = std::array<std::optional<unsigned>, 2>;
+
+py::object build(const SceneHandle& handle, const std::string& path, const SphereTuple& sphere,
+                 std::uint32_t entry, std::uint32_t exit, unsigned levels,
+                 unsigned entry_extra_levels, const std::string& color_codec,
+                 const std::string& depth_codec, bool half, unsigned threads, double commit_seconds,
+                 bool replace, const std::pair<std::uint32_t, std::uint32_t>& shard,
+                 const Levels& shard_levels, const std::string& coarser, py::object progress) {
+  BuildOptions options;
+  options.shape.sphere = sphere_of(sphere);
+  options.shape.entry_side = entry;
+  options.shape.exit_side = exit;
+  options.shape.levels = levels;
+  options.shape.entry_extra_levels = entry_extra_levels;
+  options.color_codec = color_codec;
+  options.depth_codec = depth_codec;
+  options.half = half;
+  options.threads = threads;
+  options.commit_seconds = commit_seconds;
+  options.replace = replace;
+  options.shard = {shard.first, shard.second, shard_levels[0], shard_levels[1], coarser};
+  LongCall call(std::move(progress));
+  const auto report = value_of(
+      handle.trace(call,
+                   [&] { return build_field(*handle.scene, path, options, call.progress()); }),
+      path);
+  return tuple_named("BuildReport", report.tiles, report.resumed);
+}
+
+py::object repack(const OpenField& open, const std::string& path, const std::string& color_codec,
+                  const std::string& depth_codec, const std::vector<std::string>& layers,
+                  std::optional<unsigned> levels, const std::vector<std::uint8_t>& subfields,
+                  std::optional<bool> half, bool light, std::uint64_t memory, unsigned threads,
+                  bool replace, py::object progress) {
+  const RepackOptions options{color_codec, depth_codec, layers, levels,  subfields,
+                              half,        light,       memory, threads, replace};
+  LongCall call(std::move(progress));
+  const auto report = value_of(
+      call.without_gil([&] { return repack_field(open.field(), path, options, call.progress()); }),
+      path);
+  return tuple_named("RepackReport", report.tiles, report.copied, report.recoded, report.missing,
+                     report.payload_bytes, report.file_bytes);
+}
+
+py::object merge(const std::vector<std::string>& parts, const std::string& path, bool part,
+                 std::uint64_t memory, unsigned threads, bool replace, py::object progress) {
+  const MergeOptions options{memory, threads, part, replace};
+  LongCall call(std::move(progress));
+  const auto report = value_of(
+      call.without_gil([&] { return merge_fields(parts, path, options, call.progress()); }), path);
+  return tuple_named("MergeReport", report.tiles, report.payload_bytes, report.file_bytes);
+}
+
+py::object diff(const OpenField& a, const OpenField& b, unsigned threads, py::object progress) {
+  LongCall call(std::move(progress));
+  const auto difference = value_of(call.without_gil(
+      [&] { return diff_fields(a.field(), b.field(), {threads}, call.progress()); }));
+  py::list channels;
+  for (const ChannelDifference& c : difference.channels) {
+    py::object worst = py::none();
+    if (c.worst) {
+      const TileAddress address = address_of(a.field(), *c.worst);
+      worst = py::make_tuple(address.level, address.entry, address.exit);
+    }
+    channels.append(tuple_named("ChannelDifference", c.channel, c.compared, c.only_in_a,
+                                c.only_in_b, c.recoded, c.differing, c.psnr, c.worst_psnr, worst));
+  }
+  return tuple_named("Difference", difference.equal(), difference.comparable,
+                     py::tuple(py::cast(difference.manifest)), py::tuple(channels));
+}
+
+py::object evaluate(const OpenField& open, const SceneHandle& handle,
+                    const std::vector<CameraTuple>& cameras, const std::optional<std::string>& mode,
+                    unsigned level, std::uint32_t supersample, py::object progress) {
+  ViewOptions view;
+  view.mode = mode ? value_of(parse_render_mode(*mode)) : default_mode(open.field());
+  view.level = level;
+  LongCall call(std::move(progress));
+  const auto evaluation = value_of(
+      handle.trace(call,
+                   [&]() -> Result<Evaluation> {
+                     if (const auto light = open.field().light()) handle.scene->set_light(*light);
+                     if (auto ok = handle.scene->prepare(); !ok) return tl::unexpected(ok.error());
+                     return evaluate_views(open.field(), *handle.scene, cameras_of(cameras), view,
+                                           open.options(), supersample, {}, call.progress());
+                   }),
+      open.field().path());
+  py::list views;
+  for (const ViewQuality& v : evaluation.views) views.append(py::make_tuple(v.psnr, v.ssim));
+  return tuple_named("Evaluation", evaluation.psnr, evaluation.ssim, py::tuple(views));
+}
+
+}  // namespace
+
+void bind_writers(py::module_& module) {
+  module.def("build", build, py::arg("scene"), py::arg("path"), py::arg("sphere"), py::arg("entry"),
+             py::arg("exit"), py::arg("levels"), py::arg("entry_extra_levels"),
+             py::arg("color_codec"), py::arg("depth_codec"), py::arg("half"), py::arg("threads"),
+             py::arg("commit_seconds"), py::arg("replace"), py::arg("shard"),
+             py::arg("shard_levels"), py::arg("coarser"), py::arg("progress"));
+  module.def("repack", repack, py::arg("field"), py::arg("path"), py::arg("color_codec"),
+             py::arg("depth_codec"), py::arg("layers"), py::arg("levels"), py::arg("subfields"),
+             py::arg("half"), py::arg("light"), py::arg("memory"), py::arg("threads"),
+             py::arg("replace"), py::arg("progress"));
+  module.def("merge", merge, py::arg("parts"), py::arg("path"), py::arg("part"), py::arg("memory"),
+             py::arg("threads"), py::arg("replace"), py::arg("progress"));
+  module.def("diff", diff, py::arg("a"), py::arg("b"), py::arg("threads"), py::arg("progress"));
+  module.def("evaluate", evaluate, py::arg("field"), py::arg("scene"), py::arg("cameras"),
+             py::arg("mode"), py::arg("level"), py::arg("supersample"), py::arg("progress"));
+}
+
+}  // namespace slf::python

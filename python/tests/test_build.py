@@ -1,0 +1,369 @@
+"""Building from arrays and images: the same bytes as `slf build` from the same voxels."""
+
+import filecmp
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import types
+
+import numpy as np
+import pytest
+
+import slf
+from conftest import SMALL, SMALL_ARGUMENTS, write_nifti
+
+META_TYPES = {"u1": "UCHAR", "i1": "CHAR", "u2": "USHORT", "i2": "SHORT", "u4": "UINT", "i4": "INT",
+              "f4": "FLOAT", "f8": "DOUBLE"}
+
+
+def write_mha(path, array, spacing=(1, 1, 1), origin=(0, 0, 0), direction=np.eye(3)):
+    """A MetaImage of an array [z, y, x]; the columns of `direction` are the axes."""
+    numbers = lambda values: " ".join(repr(float(v)) for v in values)
+    header = (f"ObjectType = Image\nNDims = 3\nBinaryData = True\n"
+              f"BinaryDataByteOrderMSB = False\nTransformMatrix = {numbers(direction.T.ravel())}\n"
+              f"Offset = {numbers(origin)}\nElementSpacing = {numbers(spacing)}\n"
+              f"DimSize = {array.shape[2]} {array.shape[1]} {array.shape[0]}\n"
+              f"ElementType = MET_{META_TYPES[array.dtype.str[1:]]}\nElementDataFile = LOCAL\n")
+    path.write_bytes(header.encode() + np.ascontiguousarray(array).tobytes())
+    return path
+
+
+def same_fields(tmp_path, command, file, source, arguments=(), **settings):
+    """Whether Python and the command build the same bytes."""
+    theirs, ours = tmp_path / "command.slf", tmp_path / "python.slf"
+    for path in (theirs, ours):
+        path.unlink(missing_ok=True)
+    command("build", file, "-o", theirs, *SMALL_ARGUMENTS, *arguments)
+    settings.setdefault("name", str(file))
+    slf.build(source, ours, **SMALL, **settings).close()
+    return filecmp.cmp(theirs, ours, shallow=False)
+
+
+@pytest.mark.parametrize("kind", ["u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8"])
+def test_types(kind, voxels, command, tmp_path):
+    array = (np.clip(voxels, 0, None) / 10).astype(kind)
+    file = write_mha(tmp_path / "a.mha", array)
+    assert same_fields(tmp_path, command, file, array)
+
+
+def test_orders_and_strides(voxels, command, tmp_path):
+    file = write_mha(tmp_path / "a.mha", voxels)
+    big = np.zeros([2 * n for n in voxels.shape], np.int16)
+    big[::2, ::2, ::2] = voxels
+    for array in (np.asfortranarray(voxels), big[::2, ::2, ::2], voxels.astype(">i2"),
+                  voxels[:, ::-1].copy()[:, ::-1]):
+        assert same_fields(tmp_path, command, file, array)
+
+
+def test_spacing_affine_and_origin(voxels, command, tmp_path):
+    turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1.0]])
+    spacing, origin = (0.5, 0.75, 2.0), (10, -20, 30.5)
+    file = write_mha(tmp_path / "a.mha", voxels, spacing, origin, turn)
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = turn * spacing, origin
+    assert same_fields(tmp_path, command, file, voxels, affine=affine)
+    file = write_mha(tmp_path / "b.mha", voxels, spacing, origin)
+    assert same_fields(tmp_path, command, file, voxels, spacing=spacing, origin=origin)
+
+
+def test_transfers_range_and_codecs(voxels, command, tmp_path):
+    file = write_mha(tmp_path / "a.mha", voxels)
+    for arguments, settings in (
+            (["--transfer", "ct-bone"], dict(transfer="ct-bone")),
+            (["--transfer", "ct-bone", "--range", "0,900"],
+             dict(transfer="ct-bone", range=(0, 900))),
+            (["--codec", "zstd", "--depth-codec", "none"], dict(codec="zstd", depth_codec="none")),
+            (["--codec", "jpeg:80"], dict(codec="jpeg:80")),
+            (["--projection", "mip", "--step", "1"], dict(projection="mip", step=1)),
+            (["--no-shade", "--radius", "20", "--center", "7,6,6"],
+             dict(shade=False, radius=20, center=(7, 6, 6)))):
+        assert same_fields(tmp_path, command, file, voxels, arguments, **settings), arguments
+
+
+def test_light(voxels, command, tmp_path):
+    file = write_mha(tmp_path / "a.mha", voxels)
+    for light in ("shadowed", "global"):
+        assert same_fields(tmp_path, command, file, voxels,
+                           ["--lighting", light, "--light-samples", "4"],
+                           light=light, light_samples=4)
+        assert not (tmp_path / "python.slf.light").exists()
+    assert same_fields(tmp_path, command, file, voxels,
+                       ["--lighting", "global", "--light-samples", "2", "--color-type", "half",
+                        "--codec", "zstd"],
+                       light="global", light_samples=2, color_type="half", codec="zstd")
+
+
+def test_labels(voxels, command, tmp_path):
+    ids = (voxels > 500).astype(np.uint8) + (voxels > 800).astype(np.uint8)
+    file = write_mha(tmp_path / "ids.mha", ids)
+    assert same_fields(tmp_path, command, file, ids, ["--labels"], labels=True)
+    grey = write_mha(tmp_path / "grey.mha", voxels)
+    table = tmp_path / "table.json"
+    table.write_text('{"labels": [{"id": 1, "name": "shell", "color": [1, 0, 0]},'
+                     ' {"id": 2, "name": "core", "color": [0, 1, 0], "opacity": 0.5}]}')
+    arguments = ["--labels-volume", file, "--label-table", table]
+    assert same_fields(tmp_path, command, grey, voxels, arguments, labels=ids, label_table=table)
+    assert same_fields(tmp_path, command, grey, voxels, arguments, labels=ids,
+                       label_table={1: ("shell", (1, 0, 0)), 2: ("core", (0, 1, 0), 0.5)})
+    assert same_fields(tmp_path, command, grey, voxels, ["--mask", file], mask=ids)
+
+
+def test_files(voxels, command, tmp_path):
+    file = write_mha(tmp_path / "a.mha", voxels)
+    assert same_fields(tmp_path, command, file, file, name=None)
+    assert same_fields(tmp_path, command, file, str(file), ["--spacing", "1x2x3"],
+                       spacing=(1, 2, 3))
+
+
+def test_shards_merge_to_the_whole(voxels, tmp_path):
+    for k in (1, 2, 3):
+        slf.build(voxels, tmp_path / f"{k}.slf", shard=(k, 3), **SMALL).close()
+    slf.build(voxels, tmp_path / "whole.slf", **SMALL).close()
+    report = slf.merge([tmp_path / f"{k}.slf" for k in (2, 3, 1)], tmp_path / "merged.slf")
+    assert report.tiles == 1088
+    difference = slf.diff(tmp_path / "merged.slf", tmp_path / "whole.slf")
+    assert difference.comparable and all(c.differing == 0 for c in difference.channels)
+
+
+# ---- images of other packages --------------------------------------------------------------------
+
+
+def test_nibabel_images(voxels, command, tmp_path):
+    array = np.asfortranarray(voxels.T)
+    affine = np.array([[-1.5, 0, 0, 12], [0, 2, 0.25, -7], [0, -0.25, 2, 3], [0, 0, 0, 1.0]])
+    file = tmp_path / "a.nii"
+    write_nifti(file, array, affine, 0.5, -10)
+
+    class Proxy:
+        slope, inter = 0.5, -10.0
+
+        def get_unscaled(self):
+            return array
+
+    image = types.SimpleNamespace(
+        affine=affine, dataobj=Proxy(), get_filename=lambda: str(file),
+        header=types.SimpleNamespace(get_xyzt_units=lambda: ("mm", "unknown")))
+    assert same_fields(tmp_path, command, file, image, name=None)
+    nibabel = pytest.importorskip("nibabel")
+    assert same_fields(tmp_path, command, file, nibabel.load(file), name=None)
+
+
+def test_itk_images(voxels, command, tmp_path):
+    turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+    file = write_mha(tmp_path / "a.mha", voxels, (1, 2, 3), (4, 5, 6), turn)
+
+    class Image:
+        def GetSpacing(self):
+            return 1.0, 2.0, 3.0
+
+        def GetOrigin(self):
+            return 4.0, 5.0, 6.0
+
+        def GetDirection(self):
+            return tuple(turn.ravel())
+
+        def __array__(self, dtype=None):
+            return voxels
+
+    assert same_fields(tmp_path, command, file, Image())
+
+
+def test_xarrays(voxels, command, tmp_path):
+    file = write_mha(tmp_path / "a.mha", voxels, (0.5, 1, 2), (1, -2, 3))
+
+    class Array:
+        """[y, x, z], as xarray has it."""
+        dims = ("y", "x", "z")
+        name = "density"
+        data = voxels.transpose(1, 2, 0)
+        coords = {"x": 1 + 0.5 * np.arange(16), "y": -2 + 1.0 * np.arange(14),
+                  "z": 3 + 2.0 * np.arange(12)}
+
+        def transpose(self, *dims):
+            moved = Array()
+            moved.data = self.data.transpose([self.dims.index(d) for d in dims])
+            moved.dims = dims
+            return moved
+
+    assert same_fields(tmp_path, command, file, Array())
+    Array.coords = {**Array.coords, "x": np.arange(16.0) ** 2}
+    with pytest.raises(ValueError, match="x are not evenly"):
+        slf.build(Array(), tmp_path / "no.slf", **SMALL)
+
+
+def test_chunked_arrays_are_read_in_slabs(voxels, command, tmp_path, monkeypatch):
+    read = []
+
+    class Zarr:
+        shape, dtype, chunks = voxels.shape, voxels.dtype, (5, 7, 8)
+
+        def __getitem__(self, part):
+            read.append(part)
+            return voxels[part]
+
+        def __array__(self, dtype=None):
+            raise AssertionError("the whole array was read at once")
+
+    file = write_mha(tmp_path / "a.mha", voxels)
+    assert same_fields(tmp_path, command, file, Zarr())
+    assert read == [slice(0, 5), slice(5, 10), slice(10, 12)]
+    monkeypatch.setattr(slf._source, "_MOST_IN_MEMORY", 100)  # into a temporary file
+    assert same_fields(tmp_path, command, file, Zarr())
+    assert sorted(os.listdir(tmp_path)) == ["a.mha", "command.slf", "python.slf"]
+
+
+# ---- transfer functions --------------------------------------------------------------------------
+
+
+def test_transfer_functions_as_arrays_and_functions(voxels, tmp_path):
+    points = [[0, 0, 0, 0, 0], [500, 1, 0.5, 0, 0.2], [1000, 1, 1, 1, 0.9]]
+    with slf.build(voxels, tmp_path / "array.slf", transfer=points, **SMALL) as field:
+        transfer = field.provenance["transfer"][0]
+        assert transfer["RGBPoints"] == [0, 0, 0, 0, 500, 1, 0.5, 0, 1000, 1, 1, 1]
+        assert transfer["Points"][4:6] == [500, 0.2]
+    red = lambda v: np.stack([v > 400, 0 * v, 0 * v, v > 400], axis=1)
+    picture = slf.raycast(voxels, size=(32, 32), transfer=red, shade=False)
+    assert picture[..., 0].max() > 0.9 and picture[..., 1:3].max() == 0
+    with pytest.raises(ValueError, match="rows of value"):
+        slf.build(voxels, tmp_path / "no.slf", transfer=np.zeros((3, 4)))
+
+
+def test_raycast_equals_the_command_and_the_field(voxels, command, tmp_path):
+    file, size = write_mha(tmp_path / "a.mha", voxels), (64, 48)
+    command("raycast", file, "-o", tmp_path / "view.png", "--size", "64x48", "--orbit", "10,20,3")
+    cast = slf.raycast(voxels, slf.orbit(10, 20, 3), size, dtype=np.uint8, background=(0, 0, 0))
+    image = pytest.importorskip("PIL.Image").open(tmp_path / "view.png")
+    assert np.array_equal(np.asarray(image.convert("RGB")), cast[..., :3])
+    with slf.build(voxels, tmp_path / "a.slf", entry=4, exit=16, levels=1) as field:
+        assert field.evaluate(voxels, 1, size).psnr > 20
+
+
+# ---- manners -------------------------------------------------------------------------------------
+
+
+def test_wrong_arguments(voxels, tmp_path):
+    out = tmp_path / "no.slf"
+    for error, source, settings in (
+            (ValueError, voxels[0], {}), (TypeError, voxels.astype(complex), {}),
+            (ValueError, voxels, dict(spacing=(1, 0, 1))), (ValueError, voxels, dict(light="dim")),
+            (ValueError, voxels, dict(affine=np.zeros((4, 4)))),
+            (ValueError, voxels, dict(codec="gif")), (ValueError, voxels, dict(color_type="u9")),
+            (ValueError, voxels, dict(center=(1e6, 0, 0))), (ValueError, voxels, dict(series="1")),
+            (ValueError, voxels, dict(transfer="no-such-preset")),
+            (ValueError, "scene:none", {}), (FileNotFoundError, tmp_path / "missing.nii", {}),
+            (TypeError, voxels, dict(entry="x")), (TypeError, voxels, dict(colour="red"))):
+        with pytest.raises(error):
+            slf.build(source, out, **{**SMALL, **settings})
+        assert os.listdir(tmp_path) == []
+
+
+def test_same_call_opens_and_another_is_refused(voxels, tmp_path):
+    out = tmp_path / "a.slf"
+    assert slf.build(voxels, out, **SMALL).build_report == (1088, 0)
+    assert slf.build(voxels, out, **SMALL).build_report == (0, 1088)
+    with pytest.raises(slf.UsageError) as caught:
+        slf.build(voxels + 1, out, **SMALL)
+    assert caught.value.path == str(out)
+    assert slf.build(voxels + 1, out, replace=True, **SMALL).build_report.tiles == 1088
+
+
+def test_progress_reports_stops_and_raises(voxels, tmp_path):
+    seen = []
+    slf.build(voxels, tmp_path / "a.slf", progress=lambda *p: seen.append(p), **SMALL)
+    assert seen[-1][0] == seen[-1][1] > 0
+    with pytest.raises(slf.FailedError):
+        slf.build(voxels, tmp_path / "b.slf", progress=lambda *p: False, **SMALL)
+    with pytest.raises(ZeroDivisionError):
+        slf.build(voxels, tmp_path / "c.slf", progress=lambda *p: 1 / 0, **SMALL)
+    assert not (tmp_path / "c.slf").exists()
+    slf.build(voxels, tmp_path / "c.slf", progress=True, **SMALL)
+    assert slf.diff(tmp_path / "a.slf", tmp_path / "c.slf").equal
+
+
+def test_contiguous_array_is_not_copied(tmp_path):
+    script = """
+import resource, sys
+import numpy as np, slf
+array = np.full((256, 512, 512), -1, np.float32)  # 256 MiB, all of it touched
+array[100:140, 200:260, 200:260] = 1
+peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10
+before = peak()
+slf.build(array, sys.argv[1], range=(0, 1), entry=1, exit=2, levels=0)
+print(peak() - before)
+"""
+    grown = subprocess.run([sys.executable, "-c", script, tmp_path / "a.slf"], check=True,
+                           capture_output=True, text=True).stdout
+    assert int(grown) < 64 << 20
+
+
+def test_ctrl_c_keeps_what_is_finished(tmp_path):
+    script = """
+import sys, slf
+try:
+    slf.build("scene:balls", sys.argv[1], entry=2, exit=8, levels=5,
+              progress=lambda done, total, skipped:
+                  print("going", flush=True) if done > total / 20000 else None)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+    out = tmp_path / "a.slf"
+    process = subprocess.Popen([sys.executable, "-c", script, out], stdout=subprocess.PIPE,
+                               text=True)
+    assert process.stdout.readline() == "going\n"  # in level 2
+    begin = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    assert "interrupted" in process.communicate(timeout=60)[0]
+    assert time.monotonic() - begin < 5  # mostly a tenth of a second
+    assert not out.exists()
+    with slf.open(f"{out}.unfinished") as unfinished:
+        assert [level.stored + level.empty for level in unfinished.content().levels[:2]] == [
+            64, 1024]
+
+
+def test_interpreter_exits_while_a_build_runs(tmp_path):
+    script = """
+import sys, threading, slf
+begun = threading.Event()
+def progress(done, total, skipped):
+    if done: begun.set()
+threading.Thread(target=slf.build, args=("scene:balls", sys.argv[1]), daemon=True,
+                 kwargs=dict(levels=4, commit_every=0, progress=progress)).start()
+begun.wait()
+"""
+    done = subprocess.run([sys.executable, "-c", script, tmp_path / "a.slf"], timeout=60,
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    with slf.open(tmp_path / "a.slf.unfinished") as unfinished:
+        assert not unfinished.content().complete
+
+
+def test_python_runs_while_slf_works(tmp_path):
+    """The GIL is released: another thread makes progress during one call."""
+    counts = []
+    ended = threading.Event()
+
+    def count():
+        while not ended.is_set():
+            counts.append(time.monotonic())
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    begin = time.monotonic()
+    slf.build("scene:balls", tmp_path / "a.slf", **SMALL)
+    end = time.monotonic()
+    ended.set()
+    thread.join()
+    inside = [t for t in counts if begin < t < end]
+    assert len(inside) > 100 and max(np.diff(inside)) < end - begin
+
+
+def test_hint_about_labels_is_logged(tmp_path, caplog):
+    ids = np.zeros((8, 8, 32), np.uint8)
+    ids[2:6, 2:6, 4:14], ids[2:6, 2:6, 14:28] = 3, 17
+    with caplog.at_level(logging.WARNING, "slf"):
+        slf.raycast(ids, size=(8, 8))
+    assert "labels=True" in caplog.text

@@ -1,0 +1,85 @@
+"""How fields show themselves, the view's server, exported pages, and the example notebooks."""
+
+import base64
+import io
+import pathlib
+import urllib.request
+
+import numpy as np
+import pytest
+
+import slf
+from conftest import write_nifti
+
+NOTEBOOKS = pathlib.Path(__file__).parents[2] / "examples" / "notebooks"
+
+
+def test_field_shows_a_picture_that_stays(balls):
+    bundle = balls._repr_mimebundle_()
+    assert bundle["text/plain"] == repr(balls)
+    png = base64.b64decode(bundle["image/png"])
+    assert png.startswith(b"\x89PNG") and bundle["image/png"] in bundle["text/html"]
+    image = pytest.importorskip("PIL.Image").open(io.BytesIO(png))
+    assert np.array_equal(np.asarray(image), balls.thumbnail()[..., :3])
+    balls.close()
+    assert balls._repr_mimebundle_() is None
+
+
+def test_field_shows_its_page_beside_the_picture(balls, tmp_path):
+    try:
+        url = balls.show().url
+    except slf.UnsupportedError as error:
+        pytest.skip(str(error))
+    shown = balls._repr_mimebundle_()["text/html"]
+    assert f"<iframe src='{url}' loading='lazy'" in shown.partition("<details>")[2]
+    view = balls.show(tmp_path / "page.html")  # where the server cannot be reached
+    assert (tmp_path / "page.html").stat().st_size > balls.file_bytes
+    assert str(tmp_path / "page.html") in view._repr_html_()
+
+
+def test_html_escapes_what_the_file_says(tmp_path):
+    scene = slf.build("scene:balls", tmp_path / "<b>&.slf", entry=2, exit=4, levels=0)
+    html = scene._repr_mimebundle_()["text/html"]
+    assert "<b>" not in html and "&lt;b&gt;&amp;.slf" in html
+
+
+def test_page_is_served_until_the_field_is_closed(balls):
+    try:
+        view = balls.show()
+    except slf.UnsupportedError as error:
+        pytest.skip(str(error))
+    assert view.url in view._repr_html_() and view.url.startswith("http://127.0.0.1:")
+    with urllib.request.urlopen(view.url) as page:
+        assert b"<canvas" in page.read()
+    request = urllib.request.Request(view.url + "field.slf", headers={"Range": "bytes=0-99"})
+    with urllib.request.urlopen(request) as part:
+        assert part.status == 206 and len(part.read()) == 100
+    assert balls.show().url == view.url
+    balls.close()
+    with pytest.raises(OSError):
+        urllib.request.urlopen(view.url, timeout=2)
+
+
+def test_exports_a_page_and_a_folder(balls, tmp_path):
+    try:
+        slf.export(balls, tmp_path / "page.html")
+    except slf.UnsupportedError as error:
+        pytest.skip(str(error))
+    assert (tmp_path / "page.html").stat().st_size > balls.file_bytes
+    slf.export(balls.path, tmp_path / "site")
+    assert (tmp_path / "site" / "index.html").exists()
+    with pytest.raises(slf.UsageError):
+        slf.export(balls.path, tmp_path / "site")
+
+
+@pytest.mark.parametrize("name", ["first_field.ipynb", "rays_of_a_function.ipynb"])
+def test_example_runs(name, voxels, tmp_path):
+    nbformat = pytest.importorskip("nbformat")
+    nbclient = pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    write_nifti(tmp_path / "head.nii", voxels.T, np.eye(4))
+    notebook = nbformat.read(NOTEBOOKS / name, as_version=4)
+    nbclient.NotebookClient(notebook, timeout=300,
+                            resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert any("image/png" in output.get("data", {}) for output in outputs)

@@ -1,0 +1,245 @@
+"""Reading fields: content, pictures, tiles, and what goes wrong."""
+
+import gc
+import os
+import pickle
+import threading
+
+import numpy as np
+import pytest
+
+import slf
+
+
+def test_states_shape_and_content(balls):
+    assert (balls.levels, balls.shape.entry_side, balls.shape.exit_side) == (1, 2, 8)
+    assert balls.sphere.radius > 0
+    assert balls.manifest["provenance"] == balls.provenance
+    content = balls.content()
+    assert content.complete
+    assert [level.tiles for level in content.levels] == [64, 1024]
+    assert content.file_bytes == balls.file_bytes == os.path.getsize(balls.path)
+    assert balls.layers[0].name == "color" and balls.has_depth
+    assert "levels 0 to 1" in repr(balls)
+
+
+def test_picture_equals_that_of_the_command(balls, command, tmp_path):
+    for mode in ("nearest", "bitri", "depth"):
+        command("render", balls.path, "-o", tmp_path / "view.png", "--size", "96x64", "--orbit",
+                "30,20,3", "--mode", mode, "-f")
+        picture = balls.render(slf.orbit(30, 20, 3), (96, 64), mode, dtype=np.uint8,
+                               background=(0, 0, 0))
+        image = pytest.importorskip("PIL.Image").open(tmp_path / "view.png")
+        assert np.array_equal(np.asarray(image.convert("RGB")), picture[..., :3])
+
+
+def test_picture_with_depth(balls):
+    picture = balls.render(slf.orbit(0, 0, 3), (64, 48), depth=True)
+    assert picture.rgba.shape == (48, 64, 4) and picture.rgba.dtype == np.float32
+    assert picture.depth.shape == (48, 64) and picture.depth.dtype == np.float32
+    seen = picture.rgba[..., 3] > 0.5
+    assert seen.any() and np.isinf(picture.depth[picture.rgba[..., 3] == 0]).all()
+    radius = balls.sphere.radius
+    assert (abs(picture.depth[seen] - 3 * radius) < radius).all()
+    # Premultiplied, but for the codec's error of a few 8-bit steps.
+    assert (picture.rgba[..., :3] <= picture.rgba[..., 3:] + 8 / 255).all()
+
+
+def test_camera_of_an_orbit_draws_the_same(balls):
+    camera = balls.camera(slf.orbit(10, -5, 2.5), (50, 40))
+    assert np.array_equal(balls.render(camera, (50, 40)),
+                          balls.render(slf.orbit(10, -5, 2.5), (50, 40)))
+
+
+def test_levels_by_name(balls):
+    size = (40, 40)
+    finest = balls.render(size=size)
+    assert np.array_equal(finest, balls.render(size=size, level=1))
+    assert not np.array_equal(finest, balls.render(size=size, level=0))
+    assert balls.render(size=(8, 8), level="matching").shape == (8, 8, 4)
+    with pytest.raises(ValueError, match="'coarse'"):
+        balls.render(level="coarse")
+    with pytest.raises(slf.UsageError, match="level"):
+        balls.render(level=7)
+
+
+def test_wrong_arguments_are_value_errors(balls):
+    for wrong in (dict(mode="cubic"), dict(size=(0, 5)), dict(dtype=np.int16),
+                  dict(camera=slf.Camera((0, 0, 0), (0, 0, 0))), dict(tone=slf.Tone())):
+        with pytest.raises(ValueError):
+            balls.render(**wrong)
+
+
+def test_thumbnail_is_a_picture_over_black(balls):
+    thumbnail = balls.thumbnail(64)
+    assert thumbnail.shape == (64, 64, 4) and thumbnail.dtype == np.uint8
+    assert (thumbnail[..., 3] == 255).all() and thumbnail[..., :3].max() > 60
+
+
+def test_lists_and_decodes_tiles(balls):
+    tiles = balls.tiles(level=1)
+    assert len(tiles) == 1024 and {tile.content for tile in tiles} <= {"stored", "empty"}
+    stored = [tile for tile in tiles if tile.content == "stored"]
+    assert sum(tile.payload_bytes for tile in stored) == balls.content().levels[1].payload_bytes[0]
+    tile = max(stored, key=lambda t: t.payload_bytes)
+    color = balls.tile(tile.level, tile.entry, tile.exit)
+    depth = balls.tile(tile.level, tile.entry, tile.exit, "depth")
+    assert color.dtype == depth.dtype == np.uint8
+    assert color.shape[1:] == (9 * 10 // 2, 4) and depth.shape == color.shape[:2]
+    assert color[..., 3].max() > 0
+    with pytest.raises(slf.UsageError):
+        balls.tile(1, 99999, 0)
+    with pytest.raises(slf.UsageError, match="heat"):
+        balls.tile(1, 0, 0, "heat")
+
+
+def test_arrays_outlive_their_field(balls_path):
+    field = slf.open(balls_path)
+    entry = next(t for t in field.tiles() if t.content == "stored")
+    tile, picture = field.tile(*entry[:3]), field.render(size=(32, 32))
+    copies = tile.copy(), picture.copy()
+    field.close()
+    del field
+    gc.collect()
+    assert np.array_equal(tile, copies[0]) and np.array_equal(picture, copies[1])
+
+
+def test_closed_field_says_so(balls_path):
+    with slf.open(balls_path) as field:
+        pass
+    assert field.closed and "closed" in repr(field)
+    with pytest.raises(ValueError, match="closed"):
+        field.render()
+    with pytest.raises(ValueError, match="closed"):
+        with field:
+            pass
+    field.close()
+
+
+def test_errors_have_code_path_and_python_classes(tmp_path):
+    missing = tmp_path / "missing.slf"
+    with pytest.raises(FileNotFoundError) as caught:
+        slf.open(missing)
+    error = caught.value
+    assert isinstance(error, slf.Error) and isinstance(error, OSError)
+    assert error.code == 2 and error.path == str(missing) and str(missing) in str(error)
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+    bad = tmp_path / "bad.slf"
+    bad.write_bytes(b"not a field" * 1000)
+    with pytest.raises(slf.BadFileError) as caught:
+        slf.open(bad)
+    assert caught.value.code == 3
+
+
+def test_field_of_a_web_server(balls_path):
+    server = slf._slf.Server([str(balls_path)]) if has_page() else None
+    if server is None:
+        pytest.skip("slf was built without the page, so there is no server here")
+    with slf.open(server.url + "field.slf") as remote, slf.open(balls_path) as local:
+        assert np.array_equal(remote.render(size=(48, 48)), local.render(size=(48, 48)))
+    server.close()
+    server.close()
+    with pytest.raises(slf.IoError):
+        slf._slf.Field(server.url + "field.slf", 1 << 24, 1, None)
+
+
+def has_page():
+    try:
+        slf._slf.Server([])
+    except slf.UnsupportedError:
+        return False
+    except slf.UsageError:
+        return True
+
+
+def test_verify_repack_diff_and_merge(balls_path, tmp_path):
+    assert slf.verify(balls_path).ok
+    with slf.open(balls_path) as field:
+        assert slf.verify(field, quick=True).complete
+        report = slf.repack(field, tmp_path / "coarse.slf", levels=0)
+        assert report.recoded == 0 and report.tiles == 64
+        with pytest.raises(slf.UsageError):
+            slf.repack(field, tmp_path / "coarse.slf", levels=0)
+        assert slf.diff(field, balls_path).equal
+        other = slf.diff(field, tmp_path / "coarse.slf")
+    assert not other.equal and other.channels[0].only_in_a == 1024
+
+
+def test_finds_damage(balls_path, tmp_path):
+    data = bytearray(balls_path.read_bytes())
+    with slf.open(balls_path) as field:
+        tile = max(field.tiles(), key=lambda t: t.payload_bytes)
+    data[tile.offset_bytes + 20] ^= 0xFF
+    damaged = tmp_path / "damaged.slf"
+    damaged.write_bytes(data)
+    report = slf.verify(damaged)
+    assert not report.ok and report.damaged == 1
+    assert "T1" in {finding.kind for finding in report.findings}
+    with slf.open(damaged) as field, pytest.raises(slf.BadFileError) as caught:
+        field.tile(*tile[:3])
+    assert caught.value.path == str(damaged)
+
+
+def test_measures_and_evaluates(balls):
+    measurement = balls.measure([slf.orbit(0, 0, 3), slf.orbit(90, 10, 3)], (64, 64))
+    assert [level.level for level in measurement.levels] == [0, 1]
+    assert 0 < measurement.levels[1].fraction.mean < 1
+    assert measurement.levels[1].tiles_touched.max >= measurement.levels[1].tiles_touched.mean
+    evaluation = balls.evaluate("scene:balls", 2, (64, 64))
+    assert len(evaluation.views) == 2 and 10 < evaluation.psnr < 60 and 0 < evaluation.ssim <= 1
+
+
+def test_player_draws_what_the_field_draws(balls):
+    player = balls.player(loading="wait")
+    for azimuth in (0, 5, 10):
+        frame = player.draw(slf.orbit(azimuth, 20, 3), (64, 64))
+        assert np.array_equal(frame, balls.render(slf.orbit(azimuth, 20, 3), (64, 64)))
+        assert player.report.full_share == 1
+    player = balls.player()
+    balls.close()
+    player.draw(slf.orbit(0, 0, 3), (64, 64))
+    player.settle()
+    assert player.draw(slf.orbit(0, 0, 3), (64, 64)).shape == (64, 64, 4)
+
+
+def test_threads_may_share_a_field(balls):
+    expected = balls.render(size=(64, 64))
+    wrong = []
+
+    def draw():
+        for _ in range(5):
+            if not np.array_equal(balls.render(size=(64, 64)), expected):
+                wrong.append(1)
+
+    threads = [threading.Thread(target=draw) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_a_forked_process_draws_with_the_open_field(balls):
+    expected = balls.render(size=(64, 64))
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if np.array_equal(balls.render(size=(64, 64)), expected) else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def resident_bytes():
+    with open("/proc/self/statm") as statm:
+        return int(statm.read().split()[1]) * os.sysconf("SC_PAGESIZE")
+
+
+def test_opens_and_closes_without_growth(balls_path):
+    def use():
+        with slf.open(balls_path, threads=1) as field:
+            field.render(size=(16, 16), level=0)
+
+    for _ in range(50):
+        use()
+    before = resident_bytes()
+    for _ in range(500):
+        use()
+    assert resident_bytes() - before < 4 << 20
