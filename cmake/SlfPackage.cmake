@@ -1,5 +1,6 @@
-# Debian packages: `slf`, the program with its manual and completion, and `libslf-dev`, static
-# libraries, headers and package files. scripts/package makes them and tries them in a clean system.
+# Debian packages: `slf`, the program with its manual and completion; `libslf-dev`, static
+# libraries, headers and package files; `python3-slf`, the Python package, if it is built.
+# scripts/package makes them and tries them in a clean system.
 set(CPACK_GENERATOR DEB)
 set(CPACK_PACKAGE_NAME slf)
 set(CPACK_PACKAGE_VENDOR "slf authors")
@@ -11,6 +12,9 @@ set(CPACK_VERBATIM_VARIABLES ON)
 
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_COMPONENTS_ALL program development)
+if(TARGET slf_python)
+  list(APPEND CPACK_COMPONENTS_ALL python)
+endif()
 set(CPACK_COMPONENTS_GROUPING IGNORE)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
@@ -35,6 +39,15 @@ set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION
   "Sphere light fields: static libraries and headers
  Libraries that open, render and build sphere light fields, with their
  headers and files for CMake and pkg-config.")
+
+set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-slf)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "${SLF_PYTHON_DEPENDS}")
+set(CPACK_COMPONENT_PYTHON_DESCRIPTION
+  "Sphere light fields from Python
+ Builds fields from arrays, images and functions of rays, draws views of them
+ as arrays, and shows them in notebooks.")
 
 if(BUILD_SHARED_LIBS)
   # The program needs the libraries: one package of everything.
