@@ -57,10 +57,10 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int
         fitted to the histogram.  range: (low, high), the values to stretch it to.
     labels: True if the values are ids; or an array or image of ids, the parts of the volume.
     label_table: a file, or {id: (name, (red, green, blue), opacity)}.  mask: 0 hides voxels.
-    light: "direct", "shadowed" or "global". light_rig, environment, environment_gain,
-        light_samples, light_bounces, light_spacing, light_memory, light_seed, tone: of the last
+    light: "global", the default, "shadowed" or "direct". light_rig, environment, environment_gain,
+        light_samples, light_bounces, light_spacing, light_memory, light_seed, tone: of the first
         two.  light_file: keeps the light, for builds that differ in the field's shape only.
-    shade, light_direction, ambient: of light "direct".
+    shade, light_direction, ambient: of light "direct", which shade=False and ambient imply.
     projection: "mip", "minip" or "mean".  step: longest sample, in voxels.
     component, time, array, series, resample: which part of a file, as `slf build` has them.
 

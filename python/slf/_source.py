@@ -253,12 +253,12 @@ def scene_of(source: Any, *, linear: bool = False, folder: Optional[str] = None,
              origin: Optional[Sequence[float]] = None, name: Optional[str] = None,
              transfer: Any = None, range: Optional[Sequence[float]] = None,
              labels: Labels = None, label_table: Any = None, mask: Any = None,
-             light: str = "direct", light_rig: str = "", environment: str = "",
-             environment_gain: float = 1, light_samples: int = 32, light_bounces: int = 32,
-             light_spacing: float = 1, light_memory: int = 1 << 30, light_seed: int = 1,
+             light: Optional[str] = None, light_rig: str = "", environment: str = "",
+             environment_gain: float = 1, light_samples: int = 16, light_bounces: int = 32,
+             light_spacing: float = 2, light_memory: int = 1 << 30, light_seed: int = 1,
              light_file: str = "",
              tone: Optional[Tone] = None, shade: bool = True,
-             light_direction: Sequence[float] = (-0.45, -0.65, 0.6), ambient: float = 0.3,
+             light_direction: Sequence[float] = (-0.45, -0.65, 0.6), ambient: Optional[float] = None,
              projection: Optional[str] = None, step: float = 2,
              **reader: Any) -> Iterator[_slf.Scene]:
     """The scene of a source. folder: for temporary files."""
@@ -272,6 +272,8 @@ def scene_of(source: Any, *, linear: bool = False, folder: Optional[str] = None,
     if isinstance(source, str) and source.startswith(_SCENE):
         yield _slf.analytic_scene(source[len(_SCENE):])
         return
+    if light is None:
+        light = "global" if shade and ambient is None and projection is None else "direct"
     if light not in _LIGHTS:
         raise ValueError(f"light {light!r}: expected one of {', '.join(_LIGHTS)}")
     if projection not in _PROJECTIONS:
@@ -287,7 +289,7 @@ def scene_of(source: Any, *, linear: bool = False, folder: Optional[str] = None,
         parts.append(None if part is None else
                      volume_of(part, labels=True, like=place, folder=folder,
                                name=None if isinstance(part, (str, os.PathLike)) else what)[0])
-    settings: Dict[str, Any] = {"step": float(step), "ambient": float(ambient),
+    settings: Dict[str, Any] = {"step": float(step), "ambient": 0.3 if ambient is None else float(ambient),
                                 "shade": shade and projection is None,
                                 "projection": _PROJECTIONS[projection],
                                 "light": [float(x) for x in light_direction]}
