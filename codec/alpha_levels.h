@@ -1,5 +1,5 @@
 // The syntax of alpha in few levels, coded against a prediction (FORMAT.md, "Levels of alpha"). One
-// template serves encoder and decoder: Coder is RangeEncoder or RangeDecoder.
+// template serves encoder and decoder: Coder is SymbolList or SymbolDecoder.
 #pragma once
 
 #include <algorithm>
@@ -9,9 +9,8 @@
 #include <cstdlib>
 #include <cstring>
 #include <span>
-#include <vector>
 
-#include "codec/range_coder.h"
+#include "codec/block_coder.h"
 
 namespace slf::codec {
 
@@ -31,84 +30,89 @@ inline constexpr std::array<std::uint8_t, kAlphaTop + 1> kAlphaValues = [] {
   return values;
 }();
 
+/// The models of a set for levels of alpha: where each group begins.
 struct AlphaModels {
-  BitModel as_predicted[2][2][2][2];
-  BitModel clear[6][27], opaque[6][27];
-  BitModel equal[3], below[3], further[3][kAlphaTop];
+  static constexpr std::array<ModelGroup, 3> kGroups = {{{16 * 2 * 3, 16}, {6 * 27, 3}, {18, 6}}};
+
+  static constexpr std::size_t kOff = 0;
+  static constexpr std::size_t kKind = kOff + kGroups[0].models;
+  static constexpr std::size_t kSoft = kKind + kGroups[1].models;
+  static constexpr std::size_t kCount = kSoft + kGroups[2].models;
 };
 
-/// A picture in which only some pixels hold a sample.
+/// A picture in which only some pixels hold a sample. Both sides are multiples of 8.
 struct AlphaPicture {
-  std::size_t width = 0, height = 0;         ///< width is a multiple of 8
+  std::size_t width = 0, height = 0;
   std::span<const std::uint8_t> holds;       ///< 0 where a pixel holds no sample
   std::span<const std::uint8_t> prediction;  ///< 0..255
-  std::span<std::uint8_t> levels;            ///< 0..kAlphaTop; 0 where a pixel holds no sample
+  std::span<const std::uint8_t> expected;    ///< its levels; 0 where a pixel holds no sample
+  /// 0..kAlphaTop; 0 where a pixel holds no sample. A decoder's are at first those expected.
+  std::span<std::uint8_t> levels;
+  std::span<std::uint8_t> off;  ///< working memory: a byte for each 8 × 4 pixels
 };
 
+/// Codes one level, given those around it.
 template <class Coder>
-void code_alpha(Coder& shared_coder, AlphaModels& models, const AlphaPicture& picture) {
-  const std::size_t width = picture.width;
-  const auto kind = [](int level) { return level == 0 ? 0 : level == kAlphaTop ? 2 : 1; };
-  std::vector<std::uint8_t> predicted(picture.prediction.size());
-  for (std::size_t at = 0; at < predicted.size(); ++at) {
-    const std::uint8_t level = alpha_level(picture.prediction[at]);
-    predicted[at] = picture.holds[at] ? level : std::uint8_t{0};
-  }
+std::uint8_t code_level(Coder& coder, int prediction, int expected, int w, int n, int ne,
+                        int level) {
+  const auto kind = [](int of) { return of == 0 ? 0u : of == kAlphaTop ? 2u : 1u; };
+  const auto likely =
+      static_cast<std::size_t>((prediction > 0) + (prediction >= 48) + (prediction >= 128) +
+                               (prediction >= 208) + (prediction == 255));
+  const std::size_t around = kind(w) + 3 * kind(n) + 9 * kind(ne);
+  const std::uint32_t coded = coder.symbol(AlphaModels::kKind + 27 * likely + around, kind(level));
+  if (coded != 1) return coded == 0 ? 0 : kAlphaTop;
+  const int middle = std::clamp((2 * expected + w + n + 2) / 4, 1, kAlphaTop - 1);
+  const int spread = std::abs(w - n) + std::abs(expected - w);
+  const int c = spread < 2 ? 0 : spread < 6 ? 1 : 2;
+  const auto model = AlphaModels::kSoft + static_cast<std::size_t>(3 * (middle - 1) + c);
+  return static_cast<std::uint8_t>(1 + coder.symbol(model, static_cast<std::uint32_t>(level - 1)));
+}
+
+/// First come symbols that tell which runs of 8 pixels are not as expected, four runs a symbol,
+/// then the levels in these runs.
+template <class Coder>
+void code_alpha(Coder& coder, const AlphaPicture& picture) {
+  const std::size_t width = picture.width, across = width / 8;
   const auto eight = [](const std::uint8_t* from) {
     std::uint64_t pixels = 0;
     std::memcpy(&pixels, from, 8);
     return pixels;
   };
-  // For each column of 8-pixel runs: whether the run above was as predicted.
-  std::vector<std::uint8_t> matched(width / 8, 1);
-  InRegisters<Coder> coder(shared_coder);
-  for (std::size_t y = 0; y < picture.height; ++y)
-    for (std::size_t x0 = 0; x0 < width; x0 += 8) {
-      const std::size_t begin = y * width + x0;
-      std::uint8_t* const levels = &picture.levels[begin];
-      if (eight(&picture.holds[begin]) == 0) continue;
-      const std::uint64_t run = eight(&predicted[begin]);
-      const bool flat = run == std::rotl(run, 8);
-      const bool as_above = y > 0 && run == eight(levels - width);
-      const bool left = x0 == 0 || matched[x0 / 8 - 1];
-      BitModel& model = models.as_predicted[flat][as_above][left][matched[x0 / 8]];
-      matched[x0 / 8] = coder.bit(model, run == eight(levels)) ? 1 : 0;
-      if (matched[x0 / 8]) {
-        std::memcpy(levels, &predicted[begin], 8);
+  for (std::size_t y = 0; y < picture.height; y += 4)
+    for (std::size_t x = 0; x < across; ++x) {
+      std::uint8_t* const off = &picture.off[y / 4 * across + x];
+      std::uint32_t uneven = 0, known = 0;
+      std::uint64_t holds = 0;
+      for (std::size_t k = 0; k < 4; ++k) {
+        const std::size_t at = (y + k) * width + 8 * x;
+        const std::uint64_t run = eight(&picture.expected[at]);
+        uneven |= (run != std::rotl(run, 8) ? 1u : 0u) << k;
+        if constexpr (Coder::kEncodes) known |= (run != eight(&picture.levels[at]) ? 1u : 0u) << k;
+        holds |= eight(&picture.holds[at]);
+      }
+      if (holds == 0) {
+        *off = 0;
         continue;
       }
-      for (std::size_t at = begin; at < begin + 8; ++at) {
+      const std::uint32_t left = x > 0 && off[-1] != 0 ? 1 : 0;
+      const std::uint32_t above = y > 0 ? *(off - across) : 0;
+      const std::uint32_t near = above == 0 ? 0 : above < 8 ? 1 : 2;
+      *off = static_cast<std::uint8_t>(
+          coder.symbol(AlphaModels::kOff + 6 * uneven + 3 * left + near, known));
+    }
+  for (std::size_t y = 0; y < picture.height; ++y)
+    for (std::size_t run = 0; run < across; ++run) {
+      if ((picture.off[y / 4 * across + run] >> (y % 4) & 1) == 0) continue;
+      for (std::size_t x = 8 * run; x < 8 * run + 8; ++x) {
+        const std::size_t at = y * width + x;
         if (!picture.holds[at]) continue;
-        const int expected = predicted[at];
-        const std::size_t x = at - y * width;
-        const int n = y > 0 ? picture.levels[at - width] : expected;
-        const int w = x > 0 ? picture.levels[at - 1] : n;
-        const int e = y > 0 && x + 1 < width ? picture.levels[at - width + 1] : n;
-        const std::uint8_t p = picture.prediction[at];
-        const int likely = p == 0 ? 0 : p < 48 ? 1 : p < 128 ? 2 : p < 208 ? 3 : p < 255 ? 4 : 5;
-        const int around = kind(w) + 3 * kind(n) + 9 * kind(e);
-        const int level = picture.levels[at];
-        int coded = 0;
-        if (!coder.bit(models.clear[likely][around], level == 0)) {
-          coded = kAlphaTop;
-          if (!coder.bit(models.opaque[likely][around], level == kAlphaTop)) {
-            // A soft edge: code the difference from an expected level.
-            const int middle = std::clamp((2 * expected + w + n + 2) / 4, 1, kAlphaTop - 1);
-            const int spread = std::abs(w - n) + std::abs(expected - w);
-            const int c = spread < 2 ? 0 : spread < 6 ? 1 : 2;
-            coded = middle;
-            if (!coder.bit(models.equal[c], level == middle)) {
-              const bool below = middle > 1 && (middle + 1 == kAlphaTop ||
-                                                coder.bit(models.below[c], level < middle));
-              const int max_distance = below ? middle - 1 : kAlphaTop - 1 - middle;
-              const int distance = std::abs(level - middle);
-              int d = 1;
-              while (d < max_distance && coder.bit(models.further[c][d], d < distance)) ++d;
-              coded = below ? middle - d : middle + d;
-            }
-          }
-        }
-        picture.levels[at] = static_cast<std::uint8_t>(coded);
+        std::uint8_t* const level = &picture.levels[at];
+        const int expected = picture.expected[at];
+        const int n = y > 0 ? *(level - width) : expected;
+        const int w = x > 0 ? level[-1] : n;
+        const int ne = y > 0 && x + 1 < width ? *(level - width + 1) : n;
+        *level = code_level(coder, picture.prediction[at], expected, w, n, ne, *level);
       }
     }
 }

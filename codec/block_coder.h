@@ -1,138 +1,171 @@
-// The syntax of quantised 8 × 8 blocks (FORMAT.md, "Coefficients"). One template serves encoder and
-// decoder: Coder is RangeEncoder or RangeDecoder.
+// The syntax of quantised 8 × 8 blocks (FORMAT.md, "Blocks"). One template serves encoder and
+// decoder: Coder is SymbolList or SymbolDecoder.
+//
+// Four coefficients that follow each other in zigzag order are a group. One symbol tells of each
+// whether it is 0, 1 or more; larger magnitudes and signs follow.
 #pragma once
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <cstdlib>
-#include <iterator>
-#include <vector>
+#include <span>
 
 #include "codec/dct.h"
-#include "codec/range_coder.h"
 #include "codec/zigzag.h"
 
 namespace slf::codec {
 
-/// The models of one kind of plane. The constants count their contexts.
-struct BlockModels {
-  static constexpr std::size_t kSizes = 7;       ///< classes of a block's count, if above 0
-  static constexpr std::size_t kAround = 11;     ///< classes of the left and upper blocks' counts
-  static constexpr std::size_t kDiagonals = 15;  ///< x + y of a coefficient
-  static constexpr std::size_t kNear = 6;        ///< classes of magnitudes around a coefficient
-  static constexpr std::size_t kAlike = 3;       ///< the same coefficient to the left and above
-  static constexpr std::size_t kBands = 5;
-  static constexpr std::size_t kPrefix = 14;
+/// Consecutive models of equally many symbols.
+struct ModelGroup {
+  std::size_t models, symbols;
+};
 
-  BitModel size[kAround][kSizes];
-  BitModel count[64];
-  BitModel significant[kDiagonals][kNear][kAlike];
-  BitModel above_one[kBands][kNear][kAlike];
-  BitModel above_two[kBands][kNear];
-  BitModel prefix[kPrefix];
-  BitModel dc_sign[9];
+/// The models of a set for planes of blocks: where each group begins.
+struct BlockModels {
+  static constexpr std::array<ModelGroup, 5> kGroups = {
+      {{11 * 3, 17}, {5 * 3, 81}, {4 * 6, 81}, {4 * 3, 19}, {9, 2}}};
+
+  static constexpr std::size_t kLength = 0;
+  static constexpr std::size_t kLast = kLength + kGroups[0].models;
+  static constexpr std::size_t kGroup = kLast + kGroups[1].models;
+  static constexpr std::size_t kMagnitude = kGroup + kGroups[2].models;
+  static constexpr std::size_t kMeanSign = kMagnitude + kGroups[3].models;
+  static constexpr std::size_t kCount = kMeanSign + kGroups[4].models;
 };
 
 /// The largest quantised magnitude that can be coded.
 inline constexpr float kMaxCoefficient = 16383;
 
-/// The quantised blocks of a plane, row by row. Blocks that are not coded are zero.
-struct BlockPlane {
-  std::size_t across = 0;  ///< blocks in a row
-  std::vector<Block> blocks;
-  std::vector<std::uint8_t> counts;  ///< per block: coefficients up to the last nonzero one
+/// What the blocks to the right of a coded block, below it and in the next plane depend on.
+struct BlockState {
+  std::array<std::uint8_t, 16> sums{};  ///< per group: the sum of min(magnitude, 2)
+  std::uint8_t length = 0;              ///< groups up to the last one that is not 0
+  std::uint8_t rank = 0;                ///< a class of lengths
+  std::uint8_t mean_sign = 0;           ///< of the mean: 0, or 1 if it is positive, 2 if negative
 };
 
-/// Codes `value` in [0, 2^bits) with a binary tree of 2^bits - 1 models.
-template <class Coder>
-std::uint32_t code_tree(Coder& coder, BitModel* models, int bits, std::uint32_t value) {
-  std::uint32_t node = 1;
-  for (int k = bits - 1; k >= 0; --k)
-    node = node << 1 | (coder.bit(models[node - 1], (value >> k & 1) != 0) ? 1u : 0u);
-  return node - (1u << bits);
+/// The symbol of a group: min(magnitude, 2) of its coefficients as digits to base 3, the first one
+/// being the lowest.
+struct GroupSymbol {
+  std::uint8_t sum = 0;             ///< of the digits
+  std::uint8_t some = 0, many = 0;  ///< bit k: digit k is not 0; is 2
+};
+inline constexpr std::array<GroupSymbol, 81> kGroupSymbols = [] {
+  std::array<GroupSymbol, 81> symbols{};
+  for (std::size_t symbol = 0; symbol < 81; ++symbol)
+    for (std::size_t k = 0, rest = symbol; k < 4; ++k, rest /= 3) {
+      const std::size_t digit = rest % 3;
+      GroupSymbol& of = symbols[symbol];
+      of.sum = static_cast<std::uint8_t>(of.sum + digit);
+      if (digit > 0) of.some = static_cast<std::uint8_t>(of.some | 1 << k);
+      if (digit > 1) of.many = static_cast<std::uint8_t>(of.many | 1 << k);
+    }
+  return symbols;
+}();
+
+/// The symbol of the group whose coefficients begin at zigzag[first].
+[[nodiscard]] inline std::uint32_t group_symbol(const Block& block, std::size_t first) {
+  std::uint32_t symbol = 0;
+  for (std::size_t k = 4; k-- > 0;)
+    symbol =
+        3 * symbol + static_cast<std::uint32_t>(std::min(2, std::abs(block[kZigzag[first + k]])));
+  return symbol;
 }
 
-/// Codes the count of a block's coefficients: a class k, then the position in it. Classes 0, 1 and
-/// 2 are these counts; class k > 2 has the counts in (2^(k-2), 2^(k-1)].
+/// Codes a magnitude above 1: its excess over 2 itself if it is below 8, else the number of its
+/// binary digits, and all digits but the first.
 template <class Coder>
-std::uint32_t code_count(Coder& coder, BlockModels& models, std::size_t around,
-                         std::uint32_t count) {
-  std::uint32_t size = count < 3 ? count : 0;
-  if (count >= 3)
-    for (size = 3; count > 1u << (size - 1);) ++size;
-  std::uint32_t k = 0;
-  while (k < BlockModels::kSizes && coder.bit(models.size[around][k], k < size)) ++k;
-  if (k < 3) return k;
-  const int bits = static_cast<int>(k) - 2;
-  const std::uint32_t first = (1u << bits) + 1;
-  return first + code_tree(coder, models.count + (1u << bits) - 2, bits, count - first);
+std::uint32_t code_magnitude(Coder& coder, std::size_t model, std::uint32_t magnitude) {
+  const std::uint32_t known = Coder::kEncodes ? magnitude - 2 : 0;
+  const auto digits = static_cast<std::uint32_t>(std::bit_width(known));
+  const std::uint32_t symbol = coder.symbol(model, known < 8 ? known : 4 + digits);
+  if (symbol < 8) return 2 + symbol;
+  const auto rest = static_cast<int>(symbol - 5);
+  return 2 + (1u << rest) + coder.bits(rest, known & ((1u << rest) - 1));
 }
 
-/// Codes the coefficients of a block, `count` of them, from high frequencies to low.
+/// Classes of twice the sum of the group before plus those of the groups beside.
+inline constexpr std::array<std::uint8_t, 33> kActivityOf = [] {
+  std::array<std::uint8_t, 33> classes{};
+  for (std::size_t k = 0; k < classes.size(); ++k)
+    classes[k] = k == 0 ? 0 : k < 3 ? 1 : k < 5 ? 2 : k < 8 ? 3 : k < 12 ? 4 : 5;
+  return classes;
+}();
+
+/// Codes a block and sets its state. `left` and `above` are the states of those blocks, and
+/// `before` that of the same block in the plane that was coded before. A decoder's block must be 0.
 template <class Coder>
-void code_coefficients(Coder& shared_coder, BlockModels& models, const Block& left,
-                       const Block& above, std::uint32_t count, Block& block) {
-  static constexpr std::uint8_t kNearOf[] = {0, 1, 2, 3, 3, 4, 4, 4, 4};  // then 5
-  std::uint8_t size[10][10] = {};  // magnitudes, with a border of zeros
-  InRegisters<Coder> coder(shared_coder);
-  for (std::uint32_t k = count; k-- > 0;) {
-    const std::size_t at = kZigzag[k], x = at % 8, y = at / 8;
-    const unsigned sum =
-        size[y][x + 1] + size[y + 1][x] + size[y + 1][x + 1] + size[y][x + 2] + size[y + 2][x];
-    const std::size_t near = sum < std::size(kNearOf) ? kNearOf[sum] : 5;
-    const std::size_t alike =
-        static_cast<std::size_t>(std::min(2, std::abs(left[at]) + std::abs(above[at])));
-    const std::size_t diagonal = x + y;
-    const std::size_t band = diagonal < 3 ? diagonal : diagonal < 6 ? 3 : 4;
-    const std::int32_t value = block[at];
-    const std::uint32_t known = static_cast<std::uint32_t>(std::abs(value));
-    if (k + 1 < count && !coder.bit(models.significant[diagonal][near][alike], known > 0)) continue;
-    std::uint32_t magnitude = 1;
-    if (coder.bit(models.above_one[band][near][alike], known > 1)) {
-      magnitude = 2;
-      if (coder.bit(models.above_two[band][near], known > 2)) {
-        // Exponential Golomb: the number of bits of magnitude - 2, then all bits but the first.
-        std::uint32_t bits = 0;
-        const std::uint32_t rest = known - 2;
-        while (bits + 1 < BlockModels::kPrefix &&
-               coder.bit(models.prefix[bits], rest >> (bits + 1) != 0))
-          ++bits;
-        std::uint32_t coded = 1;
-        for (std::uint32_t b = bits; b-- > 0;)
-          coded = coded << 1 | (coder.even_bit((rest >> b & 1) != 0) ? 1u : 0u);
-        magnitude = 2 + coded;
-      }
+void code_block(Coder& coder, const BlockState& left, const BlockState& above,
+                const BlockState& before, BlockState& state, Block& block) {
+  using M = BlockModels;
+  state = {};
+  std::uint32_t length = 0;
+  if constexpr (Coder::kEncodes)
+    for (std::uint32_t g = 0; g < 16; ++g)
+      if (group_symbol(block, 4 * g) != 0) length = g + 1;
+  const std::size_t around = std::size_t{left.rank} + above.rank;
+  length = coder.symbol(M::kLength + 3 * around + std::min<std::size_t>(before.length, 2), length);
+  if (length == 0) return;
+  state.length = static_cast<std::uint8_t>(length);
+
+  std::uint32_t symbol = 0, last_sum = 0;
+  for (std::uint32_t g = length; g-- > 0;) {
+    const std::uint32_t beside = std::uint32_t{left.sums[g]} + above.sums[g];
+    const std::uint32_t activity = 2 * last_sum + beside;
+    const std::size_t model = g + 1 == length
+                                  ? M::kLast +
+                                        3 * (g < 3   ? g
+                                             : g < 5 ? 3
+                                                     : 4) +
+                                        (beside == 0  ? 0
+                                         : beside < 3 ? 1
+                                                      : 2)
+                                  : M::kGroup + 6 * std::min(g, 3u) + kActivityOf[activity];
+    symbol = coder.symbol(model, Coder::kEncodes ? group_symbol(block, 4 * g) : 0);
+    const GroupSymbol& group = kGroupSymbols[symbol];
+    const std::uint32_t busy = activity < 3 ? 0 : activity < 8 ? 1 : 2;
+    state.sums[g] = group.sum;
+    last_sum = group.sum;
+
+    std::array<std::uint32_t, 4> magnitudes{1, 1, 1, 1};
+    for (unsigned many = group.many; many != 0; many &= many - 1) {
+      const auto k = static_cast<std::uint32_t>(std::countr_zero(many));
+      const std::uint32_t place = g == 0 ? std::min(k, 1u) : g == 1 ? 2 : 3;
+      const std::int32_t known = Coder::kEncodes ? std::abs(block[kZigzag[4 * g + k]]) : 0;
+      magnitudes[k] = code_magnitude(coder, M::kMagnitude + 3 * place + busy,
+                                     static_cast<std::uint32_t>(known));
     }
-    bool negative = value < 0;
-    if (at == 0) {
-      const auto sign = [](std::int32_t v) -> std::size_t { return v == 0 ? 0 : v > 0 ? 1 : 2; };
-      negative = coder.bit(models.dc_sign[3 * sign(left[0]) + sign(above[0])], negative);
-    } else {
-      negative = coder.even_bit(negative);
+
+    // The sign of the mean has a model; other signs are as likely + as -.
+    unsigned signed_ones = group.some;
+    std::uint32_t negative = 0;
+    if constexpr (Coder::kEncodes)
+      for (unsigned k = 0, n = 0; k < 4; ++k)
+        if (const int value = block[kZigzag[4 * g + k]]; value != 0 && (g > 0 || k > 0))
+          negative |= (value < 0 ? 1u : 0u) << n++;
+    if (g == 0 && (group.some & 1) != 0) {
+      const std::uint32_t minus =
+          coder.symbol(M::kMeanSign + 3u * left.mean_sign + above.mean_sign, block[0] < 0 ? 1 : 0);
+      state.mean_sign = static_cast<std::uint8_t>(1 + minus);
+      signed_ones &= ~1u;
+      const auto value = static_cast<std::int32_t>(magnitudes[0]);
+      block[0] = static_cast<std::int16_t>(minus != 0 ? -value : value);
     }
-    size[y][x] = static_cast<std::uint8_t>(std::min(magnitude, 15u));
-    block[at] = static_cast<std::int16_t>(negative ? -static_cast<std::int32_t>(magnitude)
-                                                   : static_cast<std::int32_t>(magnitude));
+    if (signed_ones == 0) continue;
+    negative = coder.bits(std::popcount(signed_ones), negative);
+    for (; signed_ones != 0; signed_ones &= signed_ones - 1, negative >>= 1) {
+      const auto k = static_cast<std::uint32_t>(std::countr_zero(signed_ones));
+      const auto value = static_cast<std::int32_t>(magnitudes[k]);
+      block[kZigzag[4 * g + k]] = static_cast<std::int16_t>((negative & 1) != 0 ? -value : value);
+    }
   }
-}
-
-/// Codes block `index` of a plane. REQUIRES: all blocks before it are coded.
-template <class Coder>
-void code_block(Coder& coder, BlockModels& models, BlockPlane& plane, std::size_t index) {
-  static constexpr Block kNothing{};
-  const bool has_left = index % plane.across != 0, has_above = index >= plane.across;
-  const auto rank = [](std::uint32_t count) -> std::size_t {
-    return count < 3 ? count : count < 9 ? 3 : count < 17 ? 4 : 5;
-  };
-  const std::size_t around = (has_left ? rank(plane.counts[index - 1]) : 0) +
-                             (has_above ? rank(plane.counts[index - plane.across]) : 0);
-  const std::uint32_t count = code_count(coder, models, around, plane.counts[index]);
-  plane.counts[index] = static_cast<std::uint8_t>(count);
-  if (count == 0) return;
-  const Block& left = has_left ? plane.blocks[index - 1] : kNothing;
-  const Block& above = has_above ? plane.blocks[index - plane.across] : kNothing;
-  code_coefficients(coder, models, left, above, count, plane.blocks[index]);
+  const bool only_mean = (kGroupSymbols[symbol].some & ~1u) == 0;
+  state.rank = static_cast<std::uint8_t>(length == 1   ? (only_mean ? 1 : 2)
+                                         : length == 2 ? 3
+                                         : length < 5  ? 4
+                                                       : 5);
 }
 
 }  // namespace slf::codec

@@ -98,6 +98,9 @@ Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec, SampleForm
   if (tables.empty())
     return std::make_unique<PredictiveCodec>(settings, predictive_tables(settings, 0));
   auto shared = SLF_TRY(parse_predictive_tables(tables));
+  const PredictiveModels& models = *shared.level(0).models;
+  if (!settings.by_sample() && (models.alpha_sets == 0 || models.block_sets == 0))
+    return fail(ErrorCode::bad_file, "shared tables of a predictive codec: no models of blocks");
   return std::make_unique<PredictiveCodec>(settings, std::move(shared));
 }
 

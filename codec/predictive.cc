@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "codec/color_difference.h"
 #include "codec/fill.h"
@@ -10,6 +11,7 @@
 #include "codec/mosaic.h"
 #include "codec/premultiply.h"
 #include "codec/reference_coder.h"
+#include "codec/scratch.h"
 #include "codec/zigzag.h"
 
 namespace slf::codec {
@@ -30,6 +32,51 @@ std::uint8_t snapped(int alpha) {
   return static_cast<std::uint8_t>(alpha <= 2 ? 0 : alpha >= 253 ? 255 : alpha);
 }
 
+/// For each block, 1 if it has a visible sample. Other blocks are not coded. `pixels` are 0 where
+/// nothing is visible.
+void find_visible(const TilePicture& picture, std::span<const std::uint8_t> pixels,
+                  std::span<std::uint8_t> visible) {
+  std::fill(visible.begin(), visible.end(), std::uint8_t{0});
+  const std::size_t across = picture.width() / 8;
+  for (std::size_t y = 0; y < picture.height(); ++y)
+    for (std::size_t x = 0; x < across; ++x) {
+      std::uint64_t eight = 0;
+      std::memcpy(&eight, &pixels[8 * (y * across + x)], 8);
+      visible[y / 8 * across + x] |= eight != 0 ? 1 : 0;
+    }
+}
+
+/// The levels of a prediction of alpha, of each pixel; `prediction` is 0 where none holds a sample.
+void find_expected(std::span<const std::uint8_t> prediction, std::span<std::uint8_t> expected) {
+  for (std::size_t k = 0; k < expected.size(); ++k) expected[k] = alpha_level(prediction[k]);
+}
+
+/// Adds the differences of the blocks of a plane to pixels, which are 0.
+void restore(const Block& block, std::size_t groups, const std::array<std::int32_t, 64>& steps,
+             const TilePicture& picture, std::size_t index, std::span<std::int16_t> pixels) {
+  const std::size_t across = picture.width() / 8;
+  const std::size_t x = index % across * 8, y = index / across * 8;
+  restore_block(block, 4 * groups, steps, &pixels[y * picture.width() + x], picture.width());
+}
+
+/// The states of the blocks around block `index`.
+struct Around {
+  const BlockState& left;
+  const BlockState& above;
+
+  Around(std::span<const BlockState> states, std::size_t across, std::size_t index)
+      : left(index % across != 0 ? states[index - 1] : kNone),
+        above(index >= across ? states[index - across] : kNone) {}
+  static constexpr BlockState kNone{};
+};
+
+/// The steps of a coded plane.
+const StepRange& steps_of(const PredictiveLevel& level, std::size_t plane) {
+  constexpr std::array<PredictivePlane, kCodedPlanes> kKinds = {
+      kAlphaPlane, kDepthPlane, kLumaPlane, kChromaPlane, kChromaPlane};
+  return level.steps[kKinds[plane]];
+}
+
 }  // namespace
 
 TilePicture::TilePicture(const Tile& tile) {
@@ -43,210 +90,206 @@ TilePicture::TilePicture(const Tile& tile) {
   });
 }
 
-template <class Coder>
-template <class Bytes>
-PredictiveTile<Coder>::PredictiveTile(const PredictiveLevel& level, const TilePicture& picture,
-                                      Bytes& payload)
-    : level_(level), picture_(picture), models_(level.models), coder_(payload) {}
-
-template <class Coder>
-BlockPlane PredictiveTile<Coder>::empty_plane() const {
-  BlockPlane plane;
-  plane.across = picture_.width() / 8;
-  plane.blocks.resize(picture_.pixels() / 64);
-  plane.counts.resize(plane.blocks.size());
-  return plane;
-}
-
-/// For each block, 1 if it has a visible sample. Other blocks are not coded. `pixels` are 0 where
-/// nothing is visible.
-template <class Coder>
-std::vector<std::uint8_t> PredictiveTile<Coder>::visible_blocks(
-    std::span<const std::uint8_t> pixels) const {
-  std::vector<std::uint8_t> blocks(picture_.pixels() / 64);
-  const std::size_t across = picture_.width() / 8;
-  for (std::size_t y = 0; y < picture_.height(); ++y)
-    for (std::size_t x = 0; x < across; ++x) {
-      std::uint64_t eight = 0;
-      std::memcpy(&eight, &pixels[8 * (y * across + x)], 8);
-      if (eight != 0) blocks[y / 8 * across + x] = 1;
-    }
-  return blocks;
-}
-
-template <class Coder>
-std::vector<std::int16_t> PredictiveTile<Coder>::code_plane(std::size_t plane,
-                                                            std::span<const std::uint8_t> coded,
-                                                            BlockPlane& blocks) {
-  const std::size_t kind = std::min<std::size_t>(plane, kChromaPlane);
-  const std::array<std::int32_t, 64> steps = level_.steps[kind].steps();
-  std::vector<std::int16_t> pixels(picture_.pixels());
-  bool differs = false;
-  for (std::size_t b = 0; b < blocks.blocks.size(); ++b) {
-    if (!coded[b]) continue;
-    code_block(coder_, models_.planes[kind], blocks, b);
-    if (blocks.counts[b] == 0) continue;
-    differs = true;
-    const std::size_t x = b % blocks.across * 8, y = b / blocks.across * 8;
-    restore_block(blocks.blocks[b], blocks.counts[b], steps, &pixels[y * picture_.width() + x],
-                  picture_.width());
-  }
-  std::vector<std::int16_t> differences(picture_.samples());
-  if (!differs) return differences;
-  const auto pixel_of = picture_.pixel_of();
-  for (std::size_t s = 0; s < differences.size(); ++s) differences[s] = pixels[pixel_of[s]];
-  return differences;
-}
-
-template <class Coder>
-void PredictiveTile<Coder>::code_alpha(bool soft, std::span<std::uint8_t> levels,
-                                       BlockPlane& blocks, std::span<std::uint8_t> alpha) {
-  const auto pixel_of = picture_.pixel_of();
-  if (coder_.bit(models_.soft, soft)) {
-    const auto differences =
-        code_plane(kAlphaPlane, std::vector<std::uint8_t>(blocks.blocks.size(), 1), blocks);
-    std::vector<std::uint8_t> pixels(picture_.pixels());
-    for (std::size_t s = 0; s < alpha.size(); ++s) {
-      alpha[s] = snapped(alpha[s] + differences[s]);
-      pixels[pixel_of[s]] = alpha[s];
-    }
-    visible_ = visible_blocks(pixels);
-    return;
-  }
-  std::vector<std::uint8_t> prediction(picture_.pixels());
-  for (std::size_t s = 0; s < alpha.size(); ++s) prediction[pixel_of[s]] = alpha[s];
-  slf::codec::code_alpha(
-      coder_, models_.alpha,
-      {picture_.width(), picture_.height(), picture_.covered(), prediction, levels});
-  for (std::size_t s = 0; s < alpha.size(); ++s) alpha[s] = kAlphaValues[levels[pixel_of[s]]];
-  visible_ = visible_blocks(levels);
-}
-
-template <class Coder>
-void PredictiveTile<Coder>::code_depth(BlockPlane& blocks, std::span<const std::uint8_t> alpha,
-                                       std::span<std::uint8_t> depth) {
-  const auto differences = code_plane(kDepthPlane, visible_, blocks);
-  const std::int16_t* const difference = differences.data();  // so that the loop is vectorised
-  for (std::size_t s = 0; s < alpha.size(); ++s) {
-    const int value = std::clamp(depth[s] + difference[s], 0, 255);
-    depth[s] = static_cast<std::uint8_t>(alpha[s] == 0 ? 0 : value);
-  }
-}
-
-template <class Coder>
-void PredictiveTile<Coder>::code_color(std::array<BlockPlane, 3>& blocks,
-                                       std::span<const std::uint8_t> alpha,
-                                       std::span<const std::uint32_t> predicted,
-                                       std::span<std::uint32_t> rgba) {
-  std::array<std::vector<std::int16_t>, 3> differences;
-  for (std::size_t c = 0; c < 3; ++c)
-    differences[c] = code_plane(kLumaPlane + c, visible_, blocks[c]);
-  std::copy(predicted.begin(), predicted.end(), rgba.begin());
-  if (level_.premultiplied) premultiply(rgba, alpha);
-  add_differences({differences[0], differences[1], differences[2]}, rgba);
-  if (!level_.premultiplied) premultiply(rgba, alpha);
-}
-
 PredictiveEncoder::PredictiveEncoder(const PredictiveLevel& level, const TilePicture& picture,
                                      Bytes& payload)
-    : PredictiveTile(level, picture, payload) {}
-
-void PredictiveEncoder::count(BitCounts* counts) { coder_.count(models_.begin(), counts); }
+    : level_(level),
+      picture_(picture),
+      payload_(payload),
+      begin_(payload.size()),
+      coder_(payload),
+      states_(picture.pixels() / 64) {}
 
 void PredictiveEncoder::references(std::span<const std::uint8_t> kinds,
                                    std::span<const std::uint8_t> used) {
+  kinds_.assign(kinds.begin(), kinds.end());
   std::vector<std::uint8_t> coded(used.begin(), used.end());
-  code_references(coder_, models_.used, kinds, coded);
+  code_references(coder_, level_.level_models().used, kinds, coded);
+  if (symbols_) symbols_->kinds = kinds_, symbols_->used = coded;
 }
 
 /// Quantises `difference`, the wanted correction of each pixel's prediction. Pixels of weight 0 may
 /// get any correction.
 BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::uint8_t> coded,
                                        std::span<const float> weight,
-                                       std::vector<float>& difference, float round_up_from) {
+                                       std::vector<float>& difference, float round_up_from) const {
   fill(picture_.width(), picture_.height(), weight, difference);
-  const auto steps = level_.steps[std::min<std::size_t>(plane, kChromaPlane)].steps();
-  BlockPlane blocks = empty_plane();
-  for (std::size_t b = 0; b < blocks.blocks.size(); ++b) {
+  const auto steps = steps_of(level_, plane).steps();
+  const std::size_t across = picture_.width() / 8;
+  BlockPlane blocks(coded.size());
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
     if (!coded[b]) continue;
-    const std::size_t x = b % blocks.across * 8, y = b / blocks.across * 8;
+    const std::size_t x = b % across * 8, y = b / across * 8;
     std::array<float, 64> values;
     for (std::size_t k = 0; k < 64; ++k)
       values[k] = difference[(y + k / 8) * picture_.width() + x + k % 8];
     const std::array<float, 64> coefficients = forward_dct(values);
-    for (std::size_t place = 0; place < 64; ++place) {
-      const std::size_t k = kZigzag[place];
+    for (std::size_t k = 0; k < 64; ++k) {
       const float steps_away =
           std::floor(std::abs(coefficients[k]) / static_cast<float>(steps[k]) + 1 - round_up_from);
       const auto value = static_cast<std::int16_t>(std::min(steps_away, kMaxCoefficient));
-      blocks.blocks[b][k] = coefficients[k] < 0 ? static_cast<std::int16_t>(-value) : value;
-      if (value != 0) blocks.counts[b] = static_cast<std::uint8_t>(place + 1);
+      blocks[b][k] = coefficients[k] < 0 ? static_cast<std::int16_t>(-value) : value;
     }
   }
   return blocks;
 }
 
-/// The cost of one of the two ways to code alpha: squared error plus bits, weighted.
-double PredictiveEncoder::alpha_cost(bool soft, std::vector<std::uint8_t> levels, BlockPlane blocks,
-                                     std::span<const std::uint8_t> true_alpha,
-                                     std::span<const std::uint8_t> predicted) const {
-  Bytes scratch;
-  PredictiveEncoder trial(level_, picture_, scratch);
-  std::vector<std::uint8_t> alpha(predicted.begin(), predicted.end());
-  trial.code_alpha(soft, levels, blocks, alpha);
-  trial.finish();
-  double error = 0;
-  for (std::size_t s = 0; s < alpha.size(); ++s) {
-    const double off = static_cast<double>(alpha[s]) - static_cast<double>(true_alpha[s]);
-    error += off * off;
+/// Sets states_ to those of the plane. The list is empty if all blocks are 0.
+SymbolList PredictiveEncoder::list_plane(std::span<const std::uint8_t> coded, BlockPlane& blocks) {
+  SymbolList symbols;
+  std::vector<BlockState> states(coded.size());
+  const std::size_t across = picture_.width() / 8;
+  bool differs = false;
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    if (!coded[b]) continue;
+    const Around around(states, across, b);
+    code_block(symbols, around.left, around.above, states_[b], states[b], blocks[b]);
+    differs |= states[b].length > 0;
   }
-  const double step = level_.steps[kAlphaPlane].low / static_cast<double>(kCoefficientScale);
-  return error + kErrorPerBit * step * step * 8 * static_cast<double>(scratch.size());
+  states_ = std::move(states);
+  return differs ? symbols : SymbolList();
 }
 
-void PredictiveEncoder::alpha_depth(std::span<const std::uint8_t> true_alpha,
-                                    std::span<const std::uint8_t> true_depth,
-                                    std::span<std::uint8_t> alpha, std::span<std::uint8_t> depth) {
+/// The set of models that codes a plane in the fewest bits, and their number.
+std::pair<std::size_t, double> PredictiveEncoder::best_set(const SymbolList& symbols) const {
+  if (symbols.entries().empty()) return {level_.models->block_sets, 0};
+  std::pair<std::size_t, double> best{0, std::numeric_limits<double>::max()};
+  for (std::size_t set = 0; set < level_.models->block_sets; ++set)
+    if (const double bits = symbols.cost(level_.models->block_models(set)); bits < best.second)
+      best = {set, bits};
+  return best;
+}
+
+void PredictiveEncoder::encode_plane(std::size_t plane, std::span<const std::uint8_t> coded,
+                                     BlockPlane blocks) {
+  const SymbolList symbols = list_plane(coded, blocks);
+  const std::size_t set = best_set(symbols).first;
+  coder_.symbol(level_.level_models().block_set[plane], static_cast<std::uint32_t>(set));
+  if (!symbols.entries().empty()) coder_.list(symbols, level_.models->block_models(set));
+  if (symbols_) symbols_->planes[plane] = symbols;
+}
+
+PredictiveEncoder::Alpha PredictiveEncoder::alpha_levels(
+    const Prediction& prediction, std::span<const std::uint32_t> rgba) const {
+  const auto pixel_of = picture_.pixel_of();
+  const std::size_t pixels = picture_.pixels();
+  std::vector<std::uint8_t> predicted(pixels), expected(pixels), levels(pixels), off(pixels / 32);
+  Alpha made;
+  for (std::size_t s = 0; s < rgba.size(); ++s) {
+    predicted[pixel_of[s]] = prediction.alpha[s];
+    const std::uint8_t level = alpha_level(static_cast<std::uint8_t>(rgba[s] >> 24));
+    levels[pixel_of[s]] = level;
+    made.decoded.push_back(kAlphaValues[level]);
+  }
+  find_expected(predicted, expected);
+  code_alpha(made.symbols, {picture_.width(), picture_.height(), picture_.covered(), predicted,
+                            expected, levels, off});
+  made.bits = std::numeric_limits<double>::max();
+  for (std::size_t set = 0; set < level_.models->alpha_sets; ++set)
+    if (const double bits = made.symbols.cost(level_.models->alpha_models(set)); bits < made.bits)
+      made.bits = bits, made.set = set;
+  return made;
+}
+
+PredictiveEncoder::Alpha PredictiveEncoder::soft_alpha(const Prediction& prediction,
+                                                       std::span<const std::uint32_t> rgba) {
   const auto pixel_of = picture_.pixel_of();
   std::vector<float> weight(picture_.pixels()), difference(picture_.pixels());
-  std::vector<std::uint8_t> levels(picture_.pixels());
-  for (std::size_t s = 0; s < alpha.size(); ++s) {
-    levels[pixel_of[s]] = static_cast<std::uint8_t>(alpha_level(true_alpha[s]));
+  for (std::size_t s = 0; s < rgba.size(); ++s) {
     weight[pixel_of[s]] = 1;
-    difference[pixel_of[s]] = static_cast<float>(true_alpha[s]) - static_cast<float>(alpha[s]);
+    difference[pixel_of[s]] =
+        static_cast<float>(rgba[s] >> 24) - static_cast<float>(prediction.alpha[s]);
   }
-  BlockPlane blocks = empty_plane();
-  blocks = quantise(kAlphaPlane, std::vector<std::uint8_t>(blocks.blocks.size(), 1), weight,
-                    difference, kRoundUpFrom);
-  const bool soft = alpha_cost(true, levels, blocks, true_alpha, alpha) <
-                    alpha_cost(false, levels, blocks, true_alpha, alpha);
-  code_alpha(soft, levels, blocks, alpha);
-
-  for (std::size_t s = 0; s < alpha.size(); ++s) {
-    weight[pixel_of[s]] = alpha[s] > 0 && true_alpha[s] > 0 ? 1.f : 0.f;
-    difference[pixel_of[s]] = static_cast<float>(true_depth[s]) - static_cast<float>(depth[s]);
-  }
-  blocks = quantise(kDepthPlane, visible_, weight, difference,
-                    soft ? kRoundSoftDepthUpFrom : kRoundUpFrom);
-  code_depth(blocks, alpha, depth);
+  const std::vector<std::uint8_t> all(states_.size(), 1);
+  BlockPlane blocks = quantise(kSoftAlpha, all, weight, difference, kRoundUpFrom);
+  Alpha made;
+  made.symbols = list_plane(all, blocks);
+  made.set = level_.models->alpha_sets;
+  made.bits = best_set(made.symbols).second;
+  std::vector<std::int16_t> pixels(picture_.pixels());
+  const auto steps = steps_of(level_, kSoftAlpha).steps();
+  for (std::size_t b = 0; b < blocks.size(); ++b)
+    if (states_[b].length > 0) restore(blocks[b], states_[b].length, steps, picture_, b, pixels);
+  for (std::size_t s = 0; s < rgba.size(); ++s)
+    made.decoded.push_back(snapped(prediction.alpha[s] + pixels[pixel_of[s]]));
+  return made;
 }
 
-void PredictiveEncoder::color(std::span<const std::uint8_t> alpha,
-                              std::span<const std::uint32_t> predicted,
-                              std::span<std::uint32_t> rgba) {
+void PredictiveEncoder::encode(const Prediction& prediction, std::span<std::uint8_t> depth,
+                               std::span<std::uint32_t> rgba) {
+  // Squared error plus bits, weighted.
+  const auto cost = [&](const Alpha& alpha) {
+    double error = 0;
+    for (std::size_t s = 0; s < rgba.size(); ++s) {
+      const double off = static_cast<double>(alpha.decoded[s]) - static_cast<double>(rgba[s] >> 24);
+      error += off * off;
+    }
+    const double step = level_.steps[kAlphaPlane].low / static_cast<double>(kCoefficientScale);
+    return error + kErrorPerBit * step * step * alpha.bits;
+  };
+  Alpha alpha = soft_alpha(prediction, rgba);
+  const bool soft = [&] {
+    Alpha levels = alpha_levels(prediction, rgba);
+    if (cost(alpha) < cost(levels)) return true;
+    alpha = std::move(levels);
+    return false;
+  }();
+  coder_.symbol(level_.level_models().alpha_set[0], static_cast<std::uint32_t>(alpha.set));
+  if (soft) {
+    const std::size_t set = best_set(alpha.symbols).first;
+    coder_.symbol(level_.level_models().block_set[kSoftAlpha], static_cast<std::uint32_t>(set));
+    if (!alpha.symbols.entries().empty())
+      coder_.list(alpha.symbols, level_.models->block_models(set));
+    if (symbols_) symbols_->planes[kSoftAlpha] = alpha.symbols;
+  } else {
+    states_.assign(states_.size(), {});
+    coder_.list(alpha.symbols, level_.models->alpha_models(alpha.set));
+    if (symbols_) symbols_->alpha = alpha.symbols;
+  }
+
+  std::vector<std::uint8_t> pixels(picture_.pixels()), visible(states_.size());
+  for (std::size_t s = 0; s < rgba.size(); ++s) pixels[picture_.pixel_of()[s]] = alpha.decoded[s];
+  find_visible(picture_, pixels, visible);
+  encode_depth(prediction, alpha.decoded, soft, visible, rgba, depth);
+  encode_color(prediction, alpha.decoded, visible, rgba);
+  coder_.finish();
+
+  PredictiveDecoder decoder(level_, picture_, ByteSpan(payload_).subspan(begin_));
+  std::vector<std::uint8_t> used(kinds_.size());
+  decoder.references(kinds_, used);
+  (void)decoder.decode(prediction, depth, rgba);
+}
+
+void PredictiveEncoder::encode_depth(const Prediction& prediction,
+                                     std::span<const std::uint8_t> alpha, bool soft,
+                                     std::span<const std::uint8_t> visible,
+                                     std::span<const std::uint32_t> rgba,
+                                     std::span<const std::uint8_t> depth) {
+  const auto pixel_of = picture_.pixel_of();
+  std::vector<float> weight(picture_.pixels()), difference(picture_.pixels());
+  for (std::size_t s = 0; s < alpha.size(); ++s) {
+    weight[pixel_of[s]] = alpha[s] > 0 && rgba[s] >> 24 > 0 ? 1.f : 0.f;
+    difference[pixel_of[s]] =
+        static_cast<float>(depth[s]) - static_cast<float>(prediction.depth[s]);
+  }
+  encode_plane(
+      kDepth, visible,
+      quantise(kDepth, visible, weight, difference, soft ? kRoundSoftDepthUpFrom : kRoundUpFrom));
+}
+
+void PredictiveEncoder::encode_color(const Prediction& prediction,
+                                     std::span<const std::uint8_t> alpha,
+                                     std::span<const std::uint8_t> visible,
+                                     std::span<const std::uint32_t> rgba) {
   const auto pixel_of = picture_.pixel_of();
   std::vector<float> weight(picture_.pixels());
   std::array<std::vector<float>, 3> difference;
   for (auto& plane : difference) plane.resize(picture_.pixels());
   for (std::size_t s = 0; s < alpha.size(); ++s) {
-    const std::uint32_t opacity = rgba[s] >> 24;
-    if (alpha[s] == 0 || (opacity == 0 && !level_.premultiplied)) continue;
+    if (alpha[s] == 0) continue;
     const auto differs = [&](std::uint32_t shift) {
-      const std::uint32_t from = predicted[s] >> shift & 255;
-      const auto color = static_cast<float>(rgba[s] >> shift & 255);
-      return level_.premultiplied
-                 ? color - static_cast<float>(premultiplied(from, alpha[s]))
-                 : color * 255.f / static_cast<float>(opacity) - static_cast<float>(from);
+      const std::uint32_t from = prediction.color[s] >> shift & 255;
+      return static_cast<float>(rgba[s] >> shift & 255) -
+             static_cast<float>(premultiplied(from, alpha[s]));
     };
     const float r = differs(0), g = differs(8), b = differs(16);
     const float y = 0.299f * r + 0.587f * g + 0.114f * b;
@@ -256,39 +299,127 @@ void PredictiveEncoder::color(std::span<const std::uint8_t> alpha,
     difference[1][pixel_of[s]] = (b - y) / 1.772f;
     difference[2][pixel_of[s]] = (r - y) / 1.402f;
   }
-  std::array<BlockPlane, 3> blocks;
   for (std::size_t c = 0; c < 3; ++c)
-    blocks[c] = quantise(kLumaPlane + c, visible_, weight, difference[c], kRoundUpFrom);
-  code_color(blocks, alpha, predicted, rgba);
+    encode_plane(kY + c, visible, quantise(kY + c, visible, weight, difference[c], kRoundUpFrom));
 }
 
-void PredictiveEncoder::finish() { coder_.finish(); }
+/// The working memory of a thread.
+struct PredictiveDecoder::Work {
+  explicit Work(const TilePicture& picture) {
+    const std::size_t pixels = picture.pixels(), blocks = pixels / 64;
+    auto& keep = kept();
+    predicted = keep.predicted.take(pixels), expected = keep.expected.take(pixels);
+    levels = keep.levels.take(pixels), off = keep.off.take(pixels / 32);
+    visible = keep.visible.take(blocks), alpha = keep.alpha.take(picture.samples());
+    states = keep.states[0].take(blocks), states_before = keep.states[1].take(blocks);
+    difference = keep.difference.take(pixels);
+    for (std::size_t c = 0; c < 3; ++c) colors[c] = keep.colors[c].take(picture.samples());
+    std::fill(states.begin(), states.end(), BlockState());
+  }
+
+  std::span<std::uint8_t> predicted, expected, levels, off, visible, alpha;
+  std::span<BlockState> states, states_before;  // of the plane coded last, and before it
+  std::span<std::int16_t> difference;           // of each pixel
+  std::array<std::span<std::int16_t>, 3> colors;
+
+ private:
+  struct Kept {
+    Scratch<std::uint8_t> predicted, expected, levels, off, visible, alpha;
+    Scratch<BlockState> states[2];
+    Scratch<std::int16_t> difference, colors[3];
+  };
+  static Kept& kept() {
+    thread_local Kept kept;
+    return kept;
+  }
+};
 
 PredictiveDecoder::PredictiveDecoder(const PredictiveLevel& level, const TilePicture& picture,
                                      ByteSpan payload)
-    : PredictiveTile(level, picture, payload) {}
+    : level_(level), picture_(picture), coder_(payload) {}
 
 void PredictiveDecoder::references(std::span<const std::uint8_t> kinds,
                                    std::span<std::uint8_t> used) {
-  code_references(coder_, models_.used, kinds, used);
+  code_references(coder_, level_.level_models().used, kinds, used);
 }
 
-void PredictiveDecoder::alpha_depth(std::span<std::uint8_t> alpha, std::span<std::uint8_t> depth) {
-  std::vector<std::uint8_t> levels(picture_.pixels());
-  BlockPlane blocks = empty_plane();
-  code_alpha(false, levels, blocks, alpha);
-  blocks = empty_plane();
-  code_depth(blocks, alpha, depth);
+/// Sets work.difference, unless it is 0 everywhere.
+bool PredictiveDecoder::decode_plane(std::size_t plane, std::span<const std::uint8_t> coded,
+                                     Work& work) {
+  std::swap(work.states, work.states_before);
+  const std::size_t set = coder_.symbol(level_.level_models().block_set[plane]);
+  if (set == level_.models->block_sets) {
+    std::fill(work.states.begin(), work.states.end(), BlockState());
+    return false;
+  }
+  std::fill(work.difference.begin(), work.difference.end(), std::int16_t{0});
+  const std::array<std::int32_t, 64> steps = steps_of(level_, plane).steps();
+  const std::size_t across = picture_.width() / 8;
+  SymbolDecoder decoder(coder_, level_.models->block_models(set).data());
+  for (std::size_t b = 0; b < work.states.size(); ++b) {
+    if (!coded[b]) {
+      work.states[b] = {};
+      continue;
+    }
+    Block block{};
+    const Around around(work.states, across, b);
+    code_block(decoder, around.left, around.above, work.states_before[b], work.states[b], block);
+    if (const std::size_t length = work.states[b].length; length > 0)
+      restore(block, length, steps, picture_, b, work.difference);
+  }
+  return true;
 }
 
-void PredictiveDecoder::color(std::span<const std::uint8_t> alpha,
-                              std::span<const std::uint32_t> predicted,
-                              std::span<std::uint32_t> rgba) {
-  std::array<BlockPlane, 3> blocks{empty_plane(), empty_plane(), empty_plane()};
-  code_color(blocks, alpha, predicted, rgba);
+void PredictiveDecoder::decode_levels(std::size_t set, const Prediction& prediction, Work& work) {
+  const auto pixel_of = picture_.pixel_of();
+  std::fill(work.predicted.begin(), work.predicted.end(), std::uint8_t{0});
+  for (std::size_t s = 0; s < prediction.alpha.size(); ++s)
+    work.predicted[pixel_of[s]] = prediction.alpha[s];
+  find_expected(work.predicted, work.expected);
+  std::copy(work.expected.begin(), work.expected.end(), work.levels.begin());
+  SymbolDecoder decoder(coder_, level_.models->alpha_models(set).data());
+  code_alpha(decoder, {picture_.width(), picture_.height(), picture_.covered(), work.predicted,
+                       work.expected, work.levels, work.off});
+  for (std::size_t s = 0; s < work.alpha.size(); ++s)
+    work.alpha[s] = kAlphaValues[work.levels[pixel_of[s]]];
 }
 
-Result<void> PredictiveDecoder::finish() const {
+void PredictiveDecoder::decode_soft_alpha(const Prediction& prediction, Work& work) {
+  const auto pixel_of = picture_.pixel_of();
+  std::fill(work.visible.begin(), work.visible.end(), std::uint8_t{1});
+  const bool differs = decode_plane(kSoftAlpha, work.visible, work);
+  std::fill(work.levels.begin(), work.levels.end(), std::uint8_t{0});
+  for (std::size_t s = 0; s < work.alpha.size(); ++s) {
+    work.alpha[s] = snapped(prediction.alpha[s] + (differs ? work.difference[pixel_of[s]] : 0));
+    work.levels[pixel_of[s]] = work.alpha[s];
+  }
+}
+
+Result<void> PredictiveDecoder::decode(const Prediction& prediction, std::span<std::uint8_t> depth,
+                                       std::span<std::uint32_t> rgba) {
+  Work work(picture_);
+  const auto pixel_of = picture_.pixel_of();
+  const std::size_t set = coder_.symbol(level_.level_models().alpha_set[0]);
+  if (set < level_.models->alpha_sets)
+    decode_levels(set, prediction, work);
+  else
+    decode_soft_alpha(prediction, work);
+  find_visible(picture_, work.levels, work.visible);
+
+  const bool deeper = decode_plane(kDepth, work.visible, work);
+  for (std::size_t s = 0; s < depth.size(); ++s) {
+    const int value = prediction.depth[s] + (deeper ? work.difference[pixel_of[s]] : 0);
+    depth[s] = static_cast<std::uint8_t>(work.alpha[s] == 0 ? 0 : std::clamp(value, 0, 255));
+  }
+  for (std::size_t c = 0; c < 3; ++c)
+    if (decode_plane(kY + c, work.visible, work))
+      for (std::size_t s = 0; s < rgba.size(); ++s)
+        work.colors[c][s] = work.difference[pixel_of[s]];
+    else
+      std::fill(work.colors[c].begin(), work.colors[c].end(), std::int16_t{0});
+  std::copy(prediction.color.begin(), prediction.color.end(), rgba.begin());
+  premultiply(rgba, work.alpha);
+  add_differences({work.colors[0], work.colors[1], work.colors[2]}, rgba);
   if (coder_.finished()) return {};
   return fail(ErrorCode::bad_file, "the payload does not end where its content does");
 }

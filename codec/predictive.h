@@ -1,15 +1,10 @@
 // The predictive codec: codes opacity, depth and colour of a tile as differences from a prediction
 // that the caller makes (FORMAT.md, "The predictive codec").
 //
-// It works in stages, because the prediction of colour needs the tile's own decoded depth:
-//
 //   PredictiveDecoder decoder(level, picture, payload);
 //   decoder.references(kinds, used);       // which of the caller's candidates to predict from
-//   ... predict alpha and depth ...
-//   decoder.alpha_depth(alpha, depth);     // from predictions to samples, in place
-//   ... predict colours, not multiplied by alpha ...
-//   decoder.color(alpha, predicted, rgba);
-//   decoder.finish();
+//   ... predict alpha, depth and colours, not multiplied by alpha ...
+//   decoder.decode({alpha, depth, color}, decoded_depth, rgba);
 //
 // The codec does not depend on spheres: the caller makes the predictions (field/predict). Payloads
 // are untrusted. Decoding uses integers only, so samples are the same on every machine.
@@ -25,7 +20,7 @@
 #include "codec/block_coder.h"
 #include "codec/codec.h"
 #include "codec/predictive_tables.h"
-#include "codec/range_coder.h"
+#include "codec/rans.h"
 #include "slf/error.h"
 
 namespace slf::codec {
@@ -51,82 +46,95 @@ class TilePicture {
   std::vector<std::uint8_t> covered_;
 };
 
-/// The common part of encoder and decoder: the state of a tile between the stages. Keeps references
-/// to its arguments, which must outlive it.
-template <class Coder>
-class PredictiveTile {
- public:
-  PredictiveTile(const PredictiveTile&) = delete;  // BitCounts are those of its own models
-  PredictiveTile& operator=(const PredictiveTile&) = delete;
-
- protected:
-  template <class Bytes>
-  PredictiveTile(const PredictiveLevel& level, const TilePicture& picture, Bytes& payload);
-
-  /// Codes those of `blocks` that are `coded`. Returns each sample's difference from the
-  /// prediction, as the decoder will restore it.
-  [[nodiscard]] std::vector<std::int16_t> code_plane(std::size_t plane,
-                                                     std::span<const std::uint8_t> coded,
-                                                     BlockPlane& blocks);
-  /// These turn predictions into samples. Alpha is coded by `blocks` if `soft`, else by `levels`.
-  void code_alpha(bool soft, std::span<std::uint8_t> levels, BlockPlane& blocks,
-                  std::span<std::uint8_t> alpha);
-  void code_depth(BlockPlane& blocks, std::span<const std::uint8_t> alpha,
-                  std::span<std::uint8_t> depth);
-  void code_color(std::array<BlockPlane, 3>& blocks, std::span<const std::uint8_t> alpha,
-                  std::span<const std::uint32_t> predicted, std::span<std::uint32_t> rgba);
-  [[nodiscard]] BlockPlane empty_plane() const;
-  [[nodiscard]] std::vector<std::uint8_t> visible_blocks(
-      std::span<const std::uint8_t> pixels) const;
-
-  const PredictiveLevel& level_;
-  const TilePicture& picture_;
-  PredictiveModels models_;
-  Coder coder_;
-  std::vector<std::uint8_t> visible_;  // the tile's visible_blocks(), once alpha is coded
+/// What the caller predicts of each sample.
+struct Prediction {
+  std::span<const std::uint8_t> alpha, depth;
+  std::span<const std::uint32_t> color;  ///< not multiplied by alpha; R in the lowest byte
 };
 
-class PredictiveEncoder : PredictiveTile<RangeEncoder> {
+/// The quantised blocks of a plane, row by row. Blocks that are not coded are zero.
+using BlockPlane = std::vector<Block>;
+
+/// The symbols of a tile, for training. Lists are empty where a part is not coded.
+struct TileSymbols {
+  std::vector<std::uint8_t> kinds, used;
+  SymbolList alpha;  ///< levels of alpha
+  std::array<SymbolList, kCodedPlanes> planes;
+};
+
+/// Keeps references to its arguments, which must outlive it.
+class PredictiveEncoder {
  public:
   /// Appends to `payload`.
   PredictiveEncoder(const PredictiveLevel& level, const TilePicture& picture, Bytes& payload);
 
-  /// Counts decisions for training: `counts` has an entry for each model in PredictiveModels.
-  void count(BitCounts* counts);
+  /// Notes the symbols of the tile in `symbols`, if it is not null.
+  void collect(TileSymbols* symbols) { symbols_ = symbols; }
 
   /// Codes which candidates are used. `kinds`, in [0, kReferenceKinds), selects a model: candidates
   /// of one kind are used about equally often.
   void references(std::span<const std::uint8_t> kinds, std::span<const std::uint8_t> used);
-  /// `alpha` and `depth` are predictions; they are replaced by the values that the decoder will
+  /// Codes all samples. `depth` and `rgba`, premultiplied, are replaced by what the decoder will
   /// have.
-  void alpha_depth(std::span<const std::uint8_t> true_alpha,
-                   std::span<const std::uint8_t> true_depth, std::span<std::uint8_t> alpha,
-                   std::span<std::uint8_t> depth);
-  /// `alpha` is the decoder's. `rgba`, premultiplied with R in the lowest byte, is replaced by the
-  /// colours that the decoder will have.
-  void color(std::span<const std::uint8_t> alpha, std::span<const std::uint32_t> predicted,
-             std::span<std::uint32_t> rgba);
-  void finish();
+  void encode(const Prediction& prediction, std::span<std::uint8_t> depth,
+              std::span<std::uint32_t> rgba);
 
  private:
+  /// A way to code alpha.
+  struct Alpha {
+    std::vector<std::uint8_t> decoded;  // per sample
+    SymbolList symbols;
+    std::size_t set = 0;  // the set of models for levels, or the number of these for a plane
+    double bits = 0;
+  };
+  [[nodiscard]] Alpha alpha_levels(const Prediction& prediction,
+                                   std::span<const std::uint32_t> rgba) const;
+  [[nodiscard]] Alpha soft_alpha(const Prediction& prediction, std::span<const std::uint32_t> rgba);
   [[nodiscard]] BlockPlane quantise(std::size_t plane, std::span<const std::uint8_t> coded,
                                     std::span<const float> weight, std::vector<float>& difference,
-                                    float round_up_from);
-  [[nodiscard]] double alpha_cost(bool soft, std::vector<std::uint8_t> levels, BlockPlane blocks,
-                                  std::span<const std::uint8_t> true_alpha,
-                                  std::span<const std::uint8_t> predicted) const;
+                                    float round_up_from) const;
+  [[nodiscard]] SymbolList list_plane(std::span<const std::uint8_t> coded, BlockPlane& blocks);
+  [[nodiscard]] std::pair<std::size_t, double> best_set(const SymbolList& symbols) const;
+  void encode_plane(std::size_t plane, std::span<const std::uint8_t> coded, BlockPlane blocks);
+  void encode_depth(const Prediction& prediction, std::span<const std::uint8_t> alpha, bool soft,
+                    std::span<const std::uint8_t> visible, std::span<const std::uint32_t> rgba,
+                    std::span<const std::uint8_t> depth);
+  void encode_color(const Prediction& prediction, std::span<const std::uint8_t> alpha,
+                    std::span<const std::uint8_t> visible, std::span<const std::uint32_t> rgba);
+
+  const PredictiveLevel& level_;
+  const TilePicture& picture_;
+  Bytes& payload_;
+  const std::size_t begin_;  // of the payload
+  RansEncoder coder_;
+  std::vector<std::uint8_t> kinds_;
+  std::vector<BlockState> states_;  // of the plane that was coded last; at first all 0
+  TileSymbols* symbols_ = nullptr;
 };
 
-class PredictiveDecoder : PredictiveTile<RangeDecoder> {
+/// Keeps references to its arguments, which must outlive it. Allocates nothing once a thread has
+/// decoded a tile of the same size.
+class PredictiveDecoder {
  public:
   PredictiveDecoder(const PredictiveLevel& level, const TilePicture& picture, ByteSpan payload);
 
   void references(std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used);
-  void alpha_depth(std::span<std::uint8_t> alpha, std::span<std::uint8_t> depth);
-  void color(std::span<const std::uint8_t> alpha, std::span<const std::uint32_t> predicted,
-             std::span<std::uint32_t> rgba);
-  /// bad_file: the payload is longer or shorter than the coded data.
-  [[nodiscard]] Result<void> finish() const;
+  /// Decodes all samples, colours premultiplied. bad_file: the payload is damaged, as far as that
+  /// can be seen; samples are then any.
+  [[nodiscard]] Result<void> decode(const Prediction& prediction, std::span<std::uint8_t> depth,
+                                    std::span<std::uint32_t> rgba);
+
+ private:
+  struct Work;
+
+  void decode_levels(std::size_t set, const Prediction& prediction, Work& work);
+  void decode_soft_alpha(const Prediction& prediction, Work& work);
+  [[nodiscard]] bool decode_plane(std::size_t plane, std::span<const std::uint8_t> coded,
+                                  Work& work);
+
+  const PredictiveLevel& level_;
+  const TilePicture& picture_;
+  RansDecoder coder_;
 };
 
 }  // namespace slf::codec

@@ -54,9 +54,8 @@ ChannelCoder<Coder>::ChannelCoder(const PredictiveLevel& level, const Tile& tile
       neighbours_(find_neighbours(tile.side)),
       errors_(rows_ * columns_),
       color_errors_(rows_ * columns_),
-      coder_(payload) {
-  std::copy_n(&level.models.used[0][0], kReferenceKinds * 2, &used_[0][0]);
-}
+      used_(level.level_models().used),
+      coder_(payload) {}
 
 template <class Coder>
 std::int32_t ChannelCoder<Coder>::step(TileChannel channel) const {

@@ -109,7 +109,7 @@ class ChannelCoder {
   std::vector<ColumnNeighbours> neighbours_;  // per column
   std::vector<std::int32_t> errors_;          // per sample: the residual's magnitude
   std::vector<std::int32_t> color_errors_;    // their sum over the colour channels before
-  BitModel used_[kReferenceKinds][2];
+  LevelModels::Used used_;
   Coder coder_;
 };
 

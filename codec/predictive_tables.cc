@@ -3,24 +3,117 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/try.h"
+#include "codec/zstd_frame.h"
+
 namespace slf::codec {
 namespace {
 
-/// Models of two kinds of level: the first, which is predicted from nothing, and the others.
-constexpr std::size_t kModelSets = 2;
 constexpr std::size_t kStepBytes = kPredictivePlanes * 4;
-/// The first byte of the tables. Tables for straight colours, which older versions wrote, lack it.
-constexpr std::byte kPremultiplied{0};
+/// The first byte of the tables: their version. Others are of older releases, whose tiles were
+/// coded in another way.
+constexpr std::byte kVersion{2};
+/// As many sets as a byte can choose from, and far more than are of use.
+constexpr std::size_t kMaxSets = 64;
+
+constexpr std::ptrdiff_t kUsedBytes = 2 * kReferenceKinds * 2;
 
 constexpr std::uint8_t kTrained[] = {
 #include "codec/predictive_trained.inc"
 };
 
-/// Sets the models of a level to the probabilities in `stored`, those of all sets.
-void set_models(ByteSpan stored, std::size_t level, PredictiveModels& models) {
-  const std::size_t first = level == 0 ? 0 : PredictiveModels::kCount;
-  for (std::size_t k = 0; k < PredictiveModels::kCount; ++k)
-    models.begin()[k] = BitModel(probability_of(std::to_integer<std::uint8_t>(stored[first + k])));
+/// The symbols of all models of a set together.
+template <std::size_t kGroups>
+constexpr std::size_t symbols_of(const std::array<ModelGroup, kGroups>& groups) {
+  std::size_t sum = 0;
+  for (const ModelGroup& group : groups) sum += group.models * group.symbols;
+  return sum;
+}
+
+std::size_t stored_weights(std::size_t alpha_sets, std::size_t block_sets) {
+  return 2 * (alpha_sets + 1 + kCodedPlanes * (block_sets + 1)) +
+         alpha_sets * symbols_of(AlphaModels::kGroups) +
+         block_sets * symbols_of(BlockModels::kGroups);
+}
+
+/// Takes stored models from the front of a span.
+class ModelReader {
+ public:
+  explicit ModelReader(std::span<const std::uint8_t> from) : from_(from) {}
+
+  void models(std::size_t count, std::size_t symbols, std::vector<SymbolModel>& to) {
+    for (std::size_t k = 0; k < count; ++k) to.emplace_back(next(symbols));
+  }
+
+ private:
+  std::span<const std::uint8_t> next(std::size_t count) {
+    const auto taken = from_.first(count);
+    from_ = from_.subspan(count);
+    return taken;
+  }
+  std::span<const std::uint8_t> from_;
+};
+
+void read_weights(std::span<const std::uint8_t> weights, PredictiveModels& models) {
+  ModelReader reader(weights);
+  for (LevelModels& level : models.levels) {
+    reader.models(1, models.alpha_sets + 1, level.alpha_set);
+    reader.models(kCodedPlanes, models.block_sets + 1, level.block_set);
+  }
+  for (std::size_t set = 0; set < models.alpha_sets; ++set)
+    for (const ModelGroup& group : AlphaModels::kGroups)
+      reader.models(group.models, group.symbols, models.alpha);
+  for (std::size_t set = 0; set < models.block_sets; ++set)
+    for (const ModelGroup& group : BlockModels::kGroups)
+      reader.models(group.models, group.symbols, models.blocks);
+}
+
+Result<PredictiveModels> unpack_models(ByteSpan packed) {
+  PredictiveModels models;
+  if (packed.size() < std::size_t{kUsedBytes} + 2)
+    return fail(ErrorCode::bad_file, "shared tables of a predictive codec: end before the models");
+  std::size_t at = 0;
+  for (LevelModels& level : models.levels)
+    for (auto& of_kind : level.used)
+      for (BitModel& model : of_kind)
+        model = BitModel(probability_of(std::to_integer<std::uint8_t>(packed[at++])));
+  models.alpha_sets = std::to_integer<std::size_t>(packed[at++]);
+  models.block_sets = std::to_integer<std::size_t>(packed[at++]);
+  packed = packed.subspan(at);
+  if (models.alpha_sets > kMaxSets || models.block_sets > kMaxSets)
+    return fail(ErrorCode::bad_file, "shared tables of a predictive codec: more than ", kMaxSets,
+                " sets of models");
+  if (models.alpha_sets + models.block_sets > 0) {
+    std::vector<std::uint8_t> weights(stored_weights(models.alpha_sets, models.block_sets));
+    SLF_TRY(read_stream(packed, std::as_writable_bytes(std::span(weights))));
+    if (std::any_of(weights.begin(), weights.end(),
+                    [](std::uint8_t w) { return w >= SymbolModel::kWeights; }))
+      return fail(ErrorCode::bad_file, "shared tables of a predictive codec: a weight above 63");
+    read_weights(weights, models);
+  }
+  if (!packed.empty())
+    return fail(ErrorCode::bad_file, "shared tables of a predictive codec: ", packed.size(),
+                " bytes are left over");
+  return models;
+}
+
+/// The models of this release, or those that coding by sample needs.
+struct TrainedModels {
+  Bytes packed;
+  std::shared_ptr<const PredictiveModels> models;
+
+  explicit TrainedModels(ByteSpan from)
+      : packed(from.begin(), from.end()),
+        models(std::make_shared<PredictiveModels>(unpack_models(from).value())) {}
+};
+const TrainedModels& trained_models(bool by_sample) {
+  static const TrainedModels with_sets(as_bytes(std::span(kTrained)));
+  static const TrainedModels without_sets([] {
+    Bytes packed(with_sets.packed.begin(), with_sets.packed.begin() + kUsedBytes);
+    packed.insert(packed.end(), 2, std::byte{0});
+    return packed;
+  }());
+  return by_sample ? without_sets : with_sets;
 }
 
 }  // namespace
@@ -84,8 +177,8 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
   const FinestSteps finest_steps(settings.quality);
   // The larger the finest steps, the more detail must come from the coarser levels.
   const double fine = std::min(1., 10 / finest_steps.color);
-  const ByteSpan trained = as_bytes(std::span(kTrained));
-  PredictiveTables tables{{}, Bytes(trained.begin(), trained.end())};
+  const TrainedModels& trained = trained_models(settings.by_sample());
+  PredictiveTables tables{{}, trained.packed};
   for (unsigned level = 0; level <= finest; ++level) {
     const unsigned above = finest - level;
     const double color =
@@ -105,15 +198,14 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
     else
       made.steps = {step_range(alpha, 2), step_range(depth, 2), step_range(color, 1.5),
                     step_range(0.8 * color, 2)};
-    set_models(trained, level, made.models);
+    made.models = trained.models;
+    made.kind = level == 0 ? 0 : 1;
   }
   return tables;
 }
 
 Bytes to_bytes(const PredictiveTables& tables) {
-  Bytes bytes;
-  if (tables.levels[0].premultiplied) bytes.push_back(kPremultiplied);
-  bytes.push_back(static_cast<std::byte>(tables.levels.size()));
+  Bytes bytes{kVersion, static_cast<std::byte>(tables.levels.size())};
   for (const PredictiveLevel& level : tables.levels)
     for (const StepRange& steps : level.steps)
       for (const std::uint16_t step : {steps.low, steps.high}) append_le(bytes, step);
@@ -122,25 +214,29 @@ Bytes to_bytes(const PredictiveTables& tables) {
 }
 
 Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes) {
-  const bool premultiplied = !bytes.empty() && bytes[0] == kPremultiplied;
-  if (premultiplied) bytes = bytes.subspan(1);
-  const std::size_t levels = bytes.empty() ? 0 : std::to_integer<std::size_t>(bytes[0]);
-  const std::size_t models = 1 + levels * kStepBytes;
-  if (levels == 0 || bytes.size() != models + kModelSets * PredictiveModels::kCount)
+  if (bytes.empty() || bytes[0] != kVersion)
+    return fail(ErrorCode::bad_file,
+                "shared tables of a predictive codec: not those of this release, but of one "
+                "before 0.3, which coded tiles in another way");
+  const std::size_t levels = bytes.size() < 2 ? 0 : std::to_integer<std::size_t>(bytes[1]);
+  const std::size_t models = 2 + levels * kStepBytes;
+  if (levels == 0 || bytes.size() < models)
     return fail(ErrorCode::bad_file, "shared tables of a predictive codec: ", bytes.size(),
-                " bytes, which no number of levels has");
-  const ByteSpan stored = bytes.subspan(models);
-  PredictiveTables tables{{}, Bytes(stored.begin(), stored.end())};
+                " bytes, too few for the steps of ", levels, " levels");
+  const auto shared =
+      std::make_shared<PredictiveModels>(SLF_TRY(unpack_models(bytes.subspan(models))));
+  PredictiveTables tables{{},
+                          Bytes(bytes.begin() + static_cast<std::ptrdiff_t>(models), bytes.end())};
   for (std::size_t level = 0; level < levels; ++level) {
     PredictiveLevel& read = tables.levels.emplace_back();
-    read.premultiplied = premultiplied;
     for (std::size_t plane = 0; plane < kPredictivePlanes; ++plane) {
-      const std::byte* at = bytes.data() + 1 + level * kStepBytes + plane * 4;
+      const std::byte* at = bytes.data() + 2 + level * kStepBytes + plane * 4;
       read.steps[plane] = {load_le<std::uint16_t>(at), load_le<std::uint16_t>(at + 2)};
       if (read.steps[plane].low == 0 || read.steps[plane].high == 0)
         return fail(ErrorCode::bad_file, "shared tables of a predictive codec: a step of 0");
     }
-    set_models(stored, level, read.models);
+    read.models = shared;
+    read.kind = level == 0 ? 0 : 1;
   }
   return tables;
 }

@@ -1,15 +1,18 @@
 // The tables that all tiles of a predictive layer share: quantisation steps for each level, and the
-// initial probabilities of the models.
+// probabilities of the models, of which there are several sets for tiles to choose from.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <memory>
+#include <span>
 #include <vector>
 
 #include "base/bytes.h"
 #include "codec/alpha_levels.h"
 #include "codec/block_coder.h"
 #include "codec/range_coder.h"
+#include "codec/rans.h"
 #include "slf/error.h"
 #include "slf/tile.h"
 
@@ -31,30 +34,49 @@ struct StepRange {
 
 inline constexpr std::size_t kReferenceKinds = 4;
 
-/// The models of a tile. It has no members but BitModels, so it can be used as an array of them.
-struct PredictiveModels {
-  BitModel used[kReferenceKinds][2];
-  BitModel soft;
-  AlphaModels alpha;
-  BlockModels planes[kPredictivePlanes];
+/// The order of the planes of blocks in a tile, each of which chooses a set of models.
+enum CodedPlane : std::size_t { kSoftAlpha, kDepth, kY, kCb, kCr };
+inline constexpr std::size_t kCodedPlanes = 5;
 
-  static const std::size_t kCount;
-  [[nodiscard]] BitModel* begin() { return reinterpret_cast<BitModel*>(this); }
+/// The models of tiles of one kind of level: level 0, which is predicted from nothing, or another.
+struct LevelModels {
+  /// Whether a candidate is a reference. These adapt where tiles are coded sample by sample.
+  using Used = std::array<std::array<BitModel, 2>, kReferenceKinds>;
+  Used used;
+  /// Which set codes levels of alpha; one more symbol stands for a plane of blocks.
+  std::vector<SymbolModel> alpha_set;
+  /// For each coded plane, which set codes it; one more symbol stands for a plane of zeros.
+  std::vector<SymbolModel> block_set;
 };
-inline const std::size_t PredictiveModels::kCount = sizeof(PredictiveModels) / sizeof(BitModel);
+
+/// The models of a layer. Levels of all kinds and planes share the sets.
+struct PredictiveModels {
+  std::array<LevelModels, 2> levels;
+  std::size_t alpha_sets = 0, block_sets = 0;  ///< 0 of both where tiles are coded by sample
+  std::vector<SymbolModel> alpha;              ///< AlphaModels::kCount for each set
+  std::vector<SymbolModel> blocks;             ///< BlockModels::kCount for each set
+
+  [[nodiscard]] std::span<const SymbolModel> alpha_models(std::size_t set) const {
+    return std::span(alpha).subspan(set * AlphaModels::kCount, AlphaModels::kCount);
+  }
+  [[nodiscard]] std::span<const SymbolModel> block_models(std::size_t set) const {
+    return std::span(blocks).subspan(set * BlockModels::kCount, BlockModels::kCount);
+  }
+};
 
 /// The tiles of one level.
 struct PredictiveLevel {
   std::array<StepRange, kPredictivePlanes> steps;
-  PredictiveModels models;
-  /// Whether differences of colour are those of premultiplied colours. In older files they are not.
-  bool premultiplied = true;
+  std::shared_ptr<const PredictiveModels> models;
+  std::size_t kind = 0;  ///< an index of models->levels
+
+  [[nodiscard]] const LevelModels& level_models() const { return models->levels[kind]; }
 };
 
 /// The tables of a layer. Levels beyond the last entry use the last entry.
 struct PredictiveTables {
   std::vector<PredictiveLevel> levels;
-  Bytes models;  ///< the initial probabilities of all levels' models, as they are stored
+  Bytes models;  ///< the models as they are stored
 
   [[nodiscard]] const PredictiveLevel& level(std::size_t index) const {
     return levels[index < levels.size() ? index : levels.size() - 1];
@@ -75,7 +97,7 @@ struct PredictiveSettings {
   }
 };
 
-/// Steps for the levels 0 to `finest` of a field, and probabilities trained on several volumes.
+/// Steps for the levels 0 to `finest` of a field, and models trained on several volumes.
 [[nodiscard]] PredictiveTables predictive_tables(const PredictiveSettings& settings,
                                                  unsigned finest);
 

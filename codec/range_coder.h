@@ -1,12 +1,11 @@
-// A binary adaptive range coder: the entropy coder of the predictive codec (FORMAT.md, "Range
-// coder").
+// A binary adaptive range coder, for tiles that the predictive codec codes sample by sample
+// (FORMAT.md, "Range coder").
 //
 // RangeEncoder and RangeDecoder have the same members, so one function template describes a syntax
 // for both: bit(model, value) of the encoder codes `value`; that of the decoder ignores `value` and
 // returns the decoded one. Decoding is safe on any input: bytes beyond the end read as zeros.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -43,19 +42,12 @@ class BitModel {
   std::uint32_t both_ = 0x80008000u;
 };
 
-/// For each model of an array, how often its decision was 0 and 1.
-using BitCounts = std::vector<std::array<std::uint32_t, 2>>;
-
 class RangeEncoder {
  public:
   /// Appends to `to`, which must outlive this.
   explicit RangeEncoder(Bytes& to) : to_(to) {}
 
-  /// From now on, counts the decisions of counts->size() models from `first` on.
-  void count(const BitModel* first, BitCounts* counts) { first_ = first, counts_ = counts; }
-
   bool bit(BitModel& model, bool value) {
-    if (counts_) ++(*counts_)[static_cast<std::size_t>(&model - first_)][value ? 1 : 0];
     const std::uint32_t one = (range_ >> 15) * model.probability();
     model.learn(value);
     return narrow(one, value);
@@ -106,8 +98,6 @@ class RangeEncoder {
   std::uint64_t pending_ff_ = 0;
   std::uint8_t pending_byte_ = 0;
   bool has_pending_ = false;  // whether `pending_byte_` holds a byte
-  const BitModel* first_ = nullptr;
-  BitCounts* counts_ = nullptr;
 };
 
 class RangeDecoder {
@@ -153,31 +143,6 @@ class RangeDecoder {
   std::size_t at_ = 0;
   std::uint32_t code_ = 0;
   std::uint32_t range_ = 0xFFFFFFFFu;
-};
-
-/// A coder that is used in a loop. A decoder is copied, and copied back at the end, so that the
-/// compiler can keep its state in registers.
-template <class Coder>
-class InRegisters {
- public:
-  explicit InRegisters(Coder& coder) : coder_(coder) {}
-
-  bool bit(BitModel& model, bool value = false) { return coder_.bit(model, value); }
-  bool even_bit(bool value = false) { return coder_.even_bit(value); }
-
- private:
-  Coder& coder_;
-};
-template <>
-class InRegisters<RangeDecoder> : public RangeDecoder {
- public:
-  explicit InRegisters(RangeDecoder& decoder) : RangeDecoder(decoder), decoder_(decoder) {}
-  ~InRegisters() { decoder_ = *this; }
-  InRegisters(const InRegisters&) = delete;
-  InRegisters& operator=(const InRegisters&) = delete;
-
- private:
-  RangeDecoder& decoder_;
 };
 
 }  // namespace slf::codec

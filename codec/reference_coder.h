@@ -11,9 +11,9 @@ namespace slf::codec {
 
 /// Codes which candidates are used. `kinds`, below kReferenceKinds, select the model: candidates of
 /// one kind are used about equally often.
-template <class Coder>
-void code_references(Coder& coder, BitModel (&models)[kReferenceKinds][2],
-                     std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used) {
+template <class Coder, class Models>
+void code_references(Coder& coder, Models& models, std::span<const std::uint8_t> kinds,
+                     std::span<std::uint8_t> used) {
   bool last = false;
   for (std::size_t k = 0; k < used.size(); ++k) {
     last = coder.bit(models[kinds[k]][last ? 1 : 0], used[k] != 0);
@@ -22,12 +22,16 @@ void code_references(Coder& coder, BitModel (&models)[kReferenceKinds][2],
 }
 
 /// Decodes the references, with which a payload begins; untrusted.
-inline void decode_references(const PredictiveLevel& level, ByteSpan payload,
+inline void decode_references(const PredictiveLevel& level, bool by_sample, ByteSpan payload,
                               std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used) {
-  BitModel models[kReferenceKinds][2];
-  std::copy_n(&level.models.used[0][0], kReferenceKinds * 2, &models[0][0]);
-  RangeDecoder decoder(payload);
-  code_references(decoder, models, kinds, used);
+  LevelModels::Used models = level.level_models().used;
+  if (by_sample) {
+    RangeDecoder decoder(payload);
+    code_references(decoder, models, kinds, used);
+  } else {
+    RansDecoder decoder(payload);
+    code_references(decoder, models, kinds, used);
+  }
 }
 
 }  // namespace slf::codec

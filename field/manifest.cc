@@ -71,12 +71,14 @@ class Reader {
   std::string error_;
 };
 
-/// unsupported: a newer major version, or a required feature that this program does not have.
+/// unsupported: another major version, or a required feature that this program does not have.
 Result<void> check_version(Reader& in, const std::string& file) {
   const std::uint32_t major = in.integer("/slf/major", 1u << 20);
   if (in.error().empty() && major != Manifest::kMajor)
     return fail(ErrorCode::unsupported, file, ": format version ", major,
-                ", this program reads version ", Manifest::kMajor, "; update slf");
+                ", this program reads version ", Manifest::kMajor,
+                major > Manifest::kMajor ? "; update slf"
+                                         : ", not what slf 0.2 and older wrote; build it anew");
   const auto* required = in.find("/required");
   const auto known_feature = [](const nlohmann::json& feature) { return feature == kPredictive; };
   if (required && !required->is_array())
@@ -150,7 +152,7 @@ nlohmann::json Manifest::to_json() const {
     if (has_color_and_depth(layer.format)) required = nlohmann::json::array({kPredictive});
   }
   const glm::dvec3& c = shape.sphere.center;
-  nlohmann::json json = {{"slf", {{"major", kMajor}, {"minor", filtered_levels ? 1 : 0}}},
+  nlohmann::json json = {{"slf", {{"major", kMajor}, {"minor", 0}}},
                          {"required", required},
                          {"sphere", {{"center", {c.x, c.y, c.z}}, {"radius", shape.sphere.radius}}},
                          {"entry_side", shape.entry_side},

@@ -14,7 +14,7 @@
 namespace slf {
 
 struct Manifest {
-  static constexpr int kMajor = 1;
+  static constexpr int kMajor = 2;
 
   FieldShape shape;
   /// How many levels, from 0 on, hold means of rays instead of single rays. Absent in fields older

@@ -19,7 +19,7 @@ using codec::ChannelValues;
 
 /// The fewest look-ups for which a tile becomes a reference. For fewer, reading it costs more than
 /// it saves.
-constexpr std::uint32_t kMinUses = 24;
+constexpr std::uint32_t kMinUses = 6;
 
 /// The prediction of a sample without references.
 constexpr std::uint8_t kMiddle = 128;
@@ -53,6 +53,19 @@ struct Candidates {
   }
 };
 
+/// Working memory that a thread keeps. It is in use from predict() on, because the tiles that a
+/// tile refers to are decoded before, maybe on the same thread.
+struct Scratch {
+  PredictedSamples predicted;
+  std::vector<std::uint8_t> depth;  // decoded
+  std::vector<std::uint32_t> rgba;
+
+  static Scratch& of_thread() {
+    thread_local Scratch scratch;
+    return scratch;
+  }
+};
+
 /// The state of a tile that is being encoded or decoded.
 struct PredictedTiles::Work {
   const codec::PredictiveCodec& codec;
@@ -61,9 +74,8 @@ struct PredictedTiles::Work {
   std::size_t samples;
   Candidates candidates;
   std::optional<TilePredictor> predictor;  // none at level 0
-  std::vector<std::uint8_t> alpha, depth;  // predicted, then decoded
-  std::vector<std::uint32_t> color;        // predicted
-  std::vector<TileSamples> keep_alive;     // what `from` views
+  PredictedSamples& predicted;
+  std::vector<TileSamples> keep_alive;  // what `from` views
   std::vector<ReferenceTile> from;
 
   Work(const PredictedTiles& tiles, TileKey key)
@@ -74,9 +86,7 @@ struct PredictedTiles::Work {
         level(codec.level(key.level)),
         samples(tile.rows() * tile.columns()),
         candidates(tiles.geometries_, key.level, sections),
-        alpha(samples, 0),
-        depth(samples, kMiddle),
-        color(samples, kGray) {
+        predicted(Scratch::of_thread().predicted) {
     if (key.level == 0) return;
     predictor.emplace(tiles.geometries_(key.level - 1u), tiles.geometries_(key.level), sections,
                       std::move(candidates.references));
@@ -132,11 +142,13 @@ struct PredictedTiles::Work {
     return {};
   }
 
-  void predict_alpha_depth() {
-    if (predictor) predictor->alpha_depth(from, alpha, depth);
-  }
-  void predict_color() {
-    if (predictor) predictor->color(from, alpha, depth, color);
+  void predict() {
+    if (predictor)
+      predictor->predict(from, predicted);
+    else
+      predicted = {.alpha = std::vector<std::uint8_t>(samples, 0),
+                   .depth = std::vector<std::uint8_t>(samples, kMiddle),
+                   .color = std::vector<std::uint32_t>(samples, kGray)};
   }
 
   /// Decodes a tile that is coded with a transform.
@@ -159,19 +171,18 @@ struct PredictedTiles::Work {
 Result<void> PredictedTiles::Work::decode(codec::PredictiveDecoder decoder,
                                           const ReferenceSource& source, std::span<std::byte> to) {
   SLF_TRY(read_references(decoder, source));
-  predict_alpha_depth();
-  decoder.alpha_depth(alpha, depth);
-  predict_color();
-  std::vector<std::uint32_t> rgba(samples);
-  decoder.color(alpha, color, rgba);
+  predict();
+  auto& [from_thread, decoded_depth, rgba] = Scratch::of_thread();
+  decoded_depth.resize(samples), rgba.resize(samples);
+  SLF_TRY(decoder.decode(predicted.view(), decoded_depth, rgba));
   if constexpr (std::endian::native == std::endian::little) {
     const ByteSpan colors = std::as_bytes(std::span(rgba));
     std::copy(colors.begin(), colors.end(), to.begin());
   } else
     for (std::size_t s = 0; s < samples; ++s) store_le(to.data() + 4 * s, rgba[s]);
-  const ByteSpan depths = std::as_bytes(std::span(depth));
+  const ByteSpan depths = std::as_bytes(std::span(decoded_depth));
   std::copy(depths.begin(), depths.end(), to.begin() + static_cast<std::ptrdiff_t>(4 * samples));
-  return decoder.finish();
+  return {};
 }
 
 Result<void> PredictedTiles::Work::encode(codec::PredictiveEncoder& encoder,
@@ -185,11 +196,8 @@ Result<void> PredictedTiles::Work::encode(codec::PredictiveEncoder& encoder,
     true_depth[s] = std::to_integer<std::uint8_t>(of[4 * samples + s]);
   }
   SLF_TRY(choose_references(encoder, shape, true_alpha, true_depth, source));
-  predict_alpha_depth();
-  encoder.alpha_depth(true_alpha, true_depth, alpha, depth);
-  predict_color();
-  encoder.color(alpha, color, rgba);
-  encoder.finish();
+  predict();
+  encoder.encode(predicted.view(), true_depth, rgba);
   return {};
 }
 
@@ -251,33 +259,28 @@ void PredictedTiles::Work::store(const ChannelValues& values, std::span<std::byt
 
 template <class Coder>
 void PredictedTiles::Work::code_channels(Coder& coder, ChannelValues& values) {
-  ChannelValues predicted;
-  for (auto& channel : predicted) channel.resize(samples);
-  auto& coded_alpha = values[codec::kAlphaChannel];
-  predict_alpha_depth();
+  predict();
+  ChannelValues expected;
+  for (auto& channel : expected) channel.resize(samples);
   for (std::size_t s = 0; s < samples; ++s) {
-    predicted[codec::kAlphaChannel][s] =
-        half() ? codec::ordered_half(half_from_byte(alpha[s])) : alpha[s];
-    predicted[codec::kDepthChannel][s] = depth[s];
+    const std::uint8_t alpha = predicted.alpha[s];
+    expected[codec::kAlphaChannel][s] = half() ? codec::ordered_half(half_from_byte(alpha)) : alpha;
+    expected[codec::kDepthChannel][s] = predicted.depth[s];
   }
-  coder.code(codec::kAlphaChannel, predicted, values);
-  coder.code(codec::kDepthChannel, predicted, values);
+  coder.code(codec::kAlphaChannel, expected, values);
+  coder.code(codec::kDepthChannel, expected, values);
   for (std::size_t s = 0; s < samples; ++s) {
-    alpha[s] = alpha_byte(coded_alpha[s]);
-    depth[s] = static_cast<std::uint8_t>(values[codec::kDepthChannel][s]);
-  }
-  predict_color();
-  for (std::size_t s = 0; s < samples; ++s)
+    const std::int32_t alpha = values[codec::kAlphaChannel][s];
     for (const auto& [channel, place] : kColors) {
-      const auto full = static_cast<std::uint8_t>(color[s] >> (8 * place));
-      predicted[channel][s] = half()
-                                  ? codec::ordered_half(half_from_log_color(
-                                        full, codec::half_of_ordered(coded_alpha[s])))
-                                  : static_cast<std::int32_t>(codec::premultiplied(full, alpha[s]));
+      const auto full = static_cast<std::uint8_t>(predicted.color[s] >> (8 * place));
+      expected[channel][s] =
+          half() ? codec::ordered_half(half_from_log_color(full, codec::half_of_ordered(alpha)))
+                 : static_cast<std::int32_t>(codec::premultiplied(full, alpha_byte(alpha)));
     }
-  coder.code(codec::kGreenChannel, predicted, values);
-  coder.code(codec::kRedChannel, predicted, values);
-  coder.code(codec::kBlueChannel, predicted, values);
+  }
+  coder.code(codec::kGreenChannel, expected, values);
+  coder.code(codec::kRedChannel, expected, values);
+  coder.code(codec::kBlueChannel, expected, values);
 }
 
 std::vector<TileKey> PredictedTiles::references(TileKey key, ByteSpan payload) const {
@@ -286,7 +289,8 @@ std::vector<TileKey> PredictedTiles::references(TileKey key, ByteSpan payload) c
   const TileSections sections = sections_of(key, shape_.entry_extra_levels);
   const Candidates candidates(geometries_, key.level, sections);
   std::vector<std::uint8_t> used(candidates.keys.size());
-  codec::decode_references(codec_.level(key.level), payload, candidates.kinds, used);
+  codec::decode_references(codec_.level(key.level), codec_.settings().by_sample(), payload,
+                           candidates.kinds, used);
   for (std::size_t k = 0; k < used.size(); ++k)
     if (used[k]) keys.push_back(candidates.keys[k]);
   return keys;
@@ -301,7 +305,7 @@ Result<void> PredictedTiles::decode(TileKey key, ByteSpan payload, const Referen
 }
 
 Result<void> PredictedTiles::encode(TileKey key, ByteSpan samples, const ReferenceSource& source,
-                                    Bytes& payload, codec::BitCounts* counts) const {
+                                    Bytes& payload, codec::TileSymbols* symbols) const {
   payload.clear();
   Work work(*this, key);
   if (codec_.settings().by_sample()) {
@@ -309,7 +313,7 @@ Result<void> PredictedTiles::encode(TileKey key, ByteSpan samples, const Referen
     SLF_TRY(work.encode(encoder, shape_, samples, source));
   } else {
     codec::PredictiveEncoder encoder(work.level, codec_.picture(work.tile), payload);
-    encoder.count(counts);
+    encoder.collect(symbols);
     SLF_TRY(work.encode(encoder, shape_, samples, source));
   }
   // A payload of no bytes would mean an empty tile.

@@ -42,10 +42,10 @@ class PredictedTiles {
                                     std::span<std::byte> samples) const;
 
   /// Encodes samples and replaces `payload`. Refers to the tiles that predict enough of the samples
-  /// and that `source` has; an error `failed` of the source means that it lacks a tile. `counts`,
-  /// if not null, counts the decisions of all models, for training.
+  /// and that `source` has; an error `failed` of the source means that it lacks a tile. `symbols`,
+  /// if not null, gets those of the tile, for training.
   [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples, const ReferenceSource& source,
-                                    Bytes& payload, codec::BitCounts* counts = nullptr) const;
+                                    Bytes& payload, codec::TileSymbols* symbols = nullptr) const;
 
  private:
   struct Work;

@@ -155,161 +155,190 @@ HWY_INLINE Aim aim(const Exits& coarser, const Exact& from, const Exact& w, cons
   return to;
 }
 
-/// Calls use(tile, lanes) for each tile that some lanes need, mostly a single one.
+/// Calls use(section, lanes) for each exit section that some lanes need, mostly a single one.
 template <class Use>
-HWY_INLINE void for_each_tile(const ReferenceVertex& from, VI section, hn::Mask<D> wanted,
-                              Use use) {
+HWY_INLINE void for_each_section(VI section, hn::Mask<DI> wanted, Use use) {
   const DI d;
   const std::int32_t first = hn::GetLane(section);
-  if (hn::AllTrue(d, hn::Eq(section, hn::Set(d, first)))) {
-    const auto here = hn::RebindMask(d, wanted);
-    if (from.uses) from.uses[first] += static_cast<std::uint32_t>(hn::CountTrue(d, here));
-    if (from.tiles[first].color) use(from.tiles[first], here);
-    return;
-  }
+  if (hn::AllTrue(d, hn::Eq(section, hn::Set(d, first)))) return use(first, wanted);
   HWY_ALIGN std::int32_t sections[hn::MaxLanes(DI())];
   hn::Store(section, d, sections);
-  auto left = hn::RebindMask(d, wanted);
+  auto left = wanted;
   for (auto lane = hn::FindFirstTrue(d, left); lane >= 0; lane = hn::FindFirstTrue(d, left)) {
-    const std::int32_t s = sections[lane];
-    const auto here = hn::And(left, hn::Eq(section, hn::Set(d, s)));
+    const auto here = hn::And(left, hn::Eq(section, hn::Set(d, sections[lane])));
     left = hn::AndNot(here, left);
-    if (from.uses) from.uses[s] += static_cast<std::uint32_t>(hn::CountTrue(d, here));
-    if (from.tiles[s].color) use(from.tiles[s], here);
+    use(sections[lane], here);
   }
 }
 
-void predict_alpha_depth_any(const LevelGeometry& coarser, const PredictedRow& row,
-                             const Points& points, std::size_t count, std::uint8_t* alpha,
-                             std::uint8_t* depth) {
+/// The rays of a row to a vector of points.
+struct Rays {
+  Exact e, leave, r;
+  V rr, inverse;  // r·r; 1 over it
+
+  Rays(const PredictedRow& row, const Points& points, std::size_t k)
+      : e(Exact::set(row.x, row.y, row.z)),
+        leave{hn::LoadU(D(), &points.x[k]), hn::LoadU(D(), &points.y[k]),
+              hn::LoadU(D(), &points.z[k])},
+        r(leave.minus(e)),
+        rr(r.dot(r)) {
+    const V one = hn::Set(D(), 1.f);
+    inverse = hn::Div(one, hn::IfThenElse(hn::Gt(rr, hn::Set(D(), 0x1p-40f)), rr, one));
+  }
+};
+
+/// What the references show of rays. Sums over references and corners, times 256.
+struct Seen {
+  V opacity;
+  V place;     // opacity times the depth along the ray
+  V color[3];  // premultiplied
+};
+
+/// Looks rays up at depth t. Colours are left out unless `kColor`.
+template <bool kColor>
+HWY_INLINE Seen look_up(const Exits& exits, const PredictedRow& row, const Rays& rays, V t) {
   const D d;
   const DI di;
   const DU du;
-  const hn::Rebind<std::uint8_t, DI> bytes;
-  const V zero = hn::Zero(d), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
-  const V full = hn::Set(d, 255.f);
-  const Exact e = Exact::set(row.x, row.y, row.z);
-  const Exits exits(coarser);
-  // A ray from the same vertex needs no correction by depth.
-  const int rounds = row.references == 1 ? 1 : 3;
-  for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
-    const Exact leave{hn::LoadU(d, &points.x[k]), hn::LoadU(d, &points.y[k]),
-                      hn::LoadU(d, &points.z[k])};
-    const Exact r = leave.minus(e);
-    const V rr = r.dot(r);
-    const auto some_length = hn::Gt(rr, hn::Set(d, 0x1p-40f));
-    const V inverse = hn::Div(one, hn::IfThenElse(some_length, rr, one));
-    V t = one, opacity = zero;
-    for (int round = 0; round < rounds; ++round) {
-      V place = zero;
-      opacity = zero;
-      for (std::size_t c = 0; c < row.references; ++c) {
-        const ReferenceVertex& from = row.reference[c];
-        const Exact start = Exact::set(from.x, from.y, from.z);
-        const Exact w = e.minus(start);
-        const Aim to = aim(exits, start, w, r, leave, t);
-        VI rgba[3] = {hn::Zero(di), hn::Zero(di), hn::Zero(di)};
-        VI deep[3] = {hn::Zero(di), hn::Zero(di), hn::Zero(di)};
-        for_each_tile(
-            from, to.corners.section, hn::Eq(zero, zero),
-            [&](const ReferenceTile& tile, auto here) {
-              const auto* colors = reinterpret_cast<const std::int32_t*>(tile.color) + from.row;
-              const auto* depths = reinterpret_cast<const std::int32_t*>(tile.depth + from.row - 3);
-              for (int corner = 0; corner < 3; ++corner) {
-                const VI column = hn::IfThenElseZero(here, to.corners.column[corner]);
-                rgba[corner] =
-                    hn::IfThenElse(here, hn::GatherIndex(di, colors, column), rgba[corner]);
-                if (hn::AllFalse(di, hn::Ne(rgba[corner], hn::Zero(di)))) continue;
-                deep[corner] =
-                    hn::IfThenElse(here, hn::GatherOffset(di, depths, column), deep[corner]);
-              }
-            });
-        V a = zero, n = zero;
-        for (int corner = 0; corner < 3; ++corner) {
-          const V share =
-              hn::Mul(to.corners.weight[corner], byte_of<3>(hn::BitCast(du, rgba[corner])));
-          a = hn::Add(a, share);
-          n = hn::Add(n, hn::Mul(share, byte_of<3>(hn::BitCast(du, deep[corner]))));
-        }
-        const auto seen = hn::Gt(a, zero);
-        const V own = hn::Div(n, hn::Mul(hn::IfThenElse(seen, a, one), full));
-        const auto directed = hn::Gt(to.vv, hn::Set(d, 0x1p-40f));
-        const V reach =
-            hn::Div(hn::Neg(hn::Add(to.ev, to.ev)), hn::IfThenElse(directed, to.vv, one));
-        const V wr = w.dot(r);
-        const V along = hn::Mul(
-            hn::Sub(hn::Mul(hn::Mul(own, reach), hn::Add(wr, hn::Mul(t, rr))), wr), inverse);
-        opacity = hn::Add(opacity, a);
-        place = hn::Add(place, hn::Mul(a, along));
+  const V zero = hn::Zero(d), one = hn::Set(d, 1.f);
+  Seen seen{zero, zero, {zero, zero, zero}};
+  for (std::size_t c = 0; c < row.references; ++c) {
+    const ReferenceVertex& from = row.reference[c];
+    const Exact start = Exact::set(from.x, from.y, from.z);
+    const Exact w = rays.e.minus(start);
+    const Aim to = aim(exits, start, w, rays.r, rays.leave, t);
+    VI rgba[3] = {hn::Zero(di), hn::Zero(di), hn::Zero(di)};
+    VI deep[3] = {hn::Zero(di), hn::Zero(di), hn::Zero(di)};
+    for_each_section(
+        to.corners.section, hn::Eq(hn::Zero(di), hn::Zero(di)), [&](std::int32_t s, auto here) {
+          const ReferenceTile& tile = from.tiles[s];
+          if (!tile.color) return;
+          const auto* colors = reinterpret_cast<const std::int32_t*>(tile.color) + from.row;
+          const auto* depths = reinterpret_cast<const std::int32_t*>(tile.depth + from.row - 3);
+          for (int corner = 0; corner < 3; ++corner) {
+            const VI column = hn::IfThenElseZero(here, to.corners.column[corner]);
+            rgba[corner] = hn::IfThenElse(here, hn::GatherIndex(di, colors, column), rgba[corner]);
+            if (hn::AllFalse(di, hn::Ne(rgba[corner], hn::Zero(di)))) continue;
+            deep[corner] = hn::IfThenElse(here, hn::GatherOffset(di, depths, column), deep[corner]);
+          }
+        });
+    V a = zero, n = zero;
+    for (int corner = 0; corner < 3; ++corner) {
+      const V weight = to.corners.weight[corner];
+      const VU color = hn::BitCast(du, rgba[corner]);
+      const V share = hn::Mul(weight, byte_of<3>(color));
+      a = hn::Add(a, share);
+      n = hn::Add(n, hn::Mul(share, byte_of<3>(hn::BitCast(du, deep[corner]))));
+      if constexpr (kColor) {
+        seen.color[0] = hn::Add(seen.color[0], hn::Mul(weight, byte_of<0>(color)));
+        seen.color[1] = hn::Add(seen.color[1], hn::Mul(weight, byte_of<1>(color)));
+        seen.color[2] = hn::Add(seen.color[2], hn::Mul(weight, byte_of<2>(color)));
       }
-      const auto seen = hn::Gt(opacity, zero);
-      const V mean = hn::Div(place, hn::IfThenElse(seen, opacity, one));
-      const V before = std::exchange(t, hn::IfThenElse(seen, hn::Min(hn::Max(mean, zero), one), t));
-      if (hn::AllTrue(d, hn::Eq(t, before))) break;  // as frequent as rays that see nothing
     }
-    const V share = hn::Set(d, row.references == 1 ? 0x1p-8f : 0x1p-9f);
-    const VI a = to_int(hn::Floor(hn::Add(hn::Mul(opacity, share), half)));
-    const VI z = to_int(hn::Floor(hn::Add(hn::Mul(t, full), half)));
-    hn::StoreU(hn::DemoteTo(bytes, a), bytes, alpha + k);
-    hn::StoreU(hn::DemoteTo(bytes, z), bytes, depth + k);
+    const V some = hn::IfThenElse(hn::Gt(a, zero), a, one);
+    const V own = hn::Div(n, hn::Mul(some, hn::Set(d, 255.f)));
+    const auto directed = hn::Gt(to.vv, hn::Set(d, 0x1p-40f));
+    const V reach = hn::Div(hn::Neg(hn::Add(to.ev, to.ev)), hn::IfThenElse(directed, to.vv, one));
+    const V wr = w.dot(rays.r);
+    const V along = hn::Mul(
+        hn::Sub(hn::Mul(hn::Mul(own, reach), hn::Add(wr, hn::Mul(t, rays.rr))), wr), rays.inverse);
+    seen.opacity = hn::Add(seen.opacity, a);
+    seen.place = hn::Add(seen.place, hn::Mul(a, along));
+  }
+  return seen;
+}
+
+/// The mean depth of what is seen; `t` where nothing is.
+HWY_INLINE V depth_of(const Seen& seen, V t) {
+  const V zero = hn::Zero(D()), one = hn::Set(D(), 1.f);
+  const auto some = hn::Gt(seen.opacity, zero);
+  const V mean = hn::Div(seen.place, hn::IfThenElse(some, seen.opacity, one));
+  return hn::IfThenElse(some, hn::Min(hn::Max(mean, zero), one), t);
+}
+
+HWY_INLINE VI rounded(V v) { return to_int(hn::Floor(hn::Add(v, hn::Set(D(), 0.5f)))); }
+
+HWY_INLINE void store_bytes(V v, std::uint8_t* to) {
+  const hn::Rebind<std::uint8_t, DI> bytes;
+  hn::StoreU(hn::DemoteTo(bytes, rounded(v)), bytes, to);
+}
+
+HWY_INLINE VI load_bytes(const std::uint8_t* from) {
+  return hn::PromoteTo(DI(), hn::LoadU(hn::Rebind<std::uint8_t, DI>(), from));
+}
+
+/// A sum over the row's references and the corners, as a mean.
+HWY_INLINE V mean_of(const PredictedRow& row, V sum) {
+  return hn::Mul(sum, hn::Set(D(), row.references == 1 ? 0x1p-8f : 0x1p-9f));
+}
+
+/// Look-ups of a ray, each at the depth that the one before it found.
+constexpr int kRounds = 3;
+
+void find_depth_any(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
+                    std::size_t count, std::uint8_t* alpha, std::uint8_t* depth) {
+  const D d;
+  const Exits exits(coarser);
+  for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
+    const Rays rays(row, points, k);
+    V t = hn::Set(d, 1.f);
+    Seen seen = look_up<false>(exits, row, rays, t);
+    for (int round = 1; round < kRounds; ++round) {
+      const V before = std::exchange(t, depth_of(seen, t));
+      if (hn::AllTrue(d, hn::Eq(t, before))) break;  // as frequent as rays that see nothing
+      seen = look_up<false>(exits, row, rays, t);
+    }
+    t = depth_of(seen, t);
+    store_bytes(mean_of(row, seen.opacity), alpha + k);
+    store_bytes(hn::Mul(t, hn::Set(d, 255.f)), depth + k);
   }
 }
 
-void predict_color_any(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
-                       std::size_t count, const std::uint8_t* alpha, const std::uint8_t* depth,
-                       std::uint32_t* color) {
+void predict_samples_any(const LevelGeometry& coarser, const PredictedRow& row,
+                         const Points& points, std::size_t count, std::uint8_t* alpha,
+                         std::uint8_t* depth, std::uint32_t* color) {
   const D d;
   const DI di;
   const DU du;
-  const hn::Rebind<std::uint8_t, DI> bytes;
-  const V zero = hn::Zero(d), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
-  const V full = hn::Set(d, 255.f);
-  const Exact e = Exact::set(row.x, row.y, row.z);
+  const V zero = hn::Zero(d), one = hn::Set(d, 1.f), full = hn::Set(d, 255.f);
   const Exits exits(coarser);
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
-    const VI own_alpha = hn::PromoteTo(di, hn::LoadU(bytes, alpha + k));
-    const auto visible = hn::RebindMask(d, hn::Gt(own_alpha, hn::Zero(di)));
-    if (hn::AllFalse(d, visible)) {
-      hn::StoreU(hn::Zero(du), du, color + k);
-      continue;
-    }
-    const Exact leave{hn::LoadU(d, &points.x[k]), hn::LoadU(d, &points.y[k]),
-                      hn::LoadU(d, &points.z[k])};
-    const Exact r = leave.minus(e);
-    const V t = row.references == 1
-                    ? one
-                    : hn::Div(to_float(hn::PromoteTo(di, hn::LoadU(bytes, depth + k))), full);
-    V sum[4] = {zero, zero, zero, zero};
+    // A ray from the same vertex needs no correction by depth.
+    const V t = row.references == 1 ? one : hn::Div(to_float(load_bytes(depth + k)), full);
+    const Seen seen = look_up<true>(exits, row, Rays(row, points, k), t);
+    store_bytes(mean_of(row, seen.opacity), alpha + k);
+    store_bytes(hn::Mul(depth_of(seen, t), full), depth + k);
+    const auto some = hn::Gt(seen.opacity, zero);
+    const V inverse = hn::Div(full, hn::IfThenElse(some, seen.opacity, one));
+    const auto channel = [&](std::size_t c) {
+      return rounded(hn::Min(hn::Mul(seen.color[c], inverse), full));
+    };
+    const VI rgb = hn::Or(
+        hn::Or(channel(0), hn::ShiftLeft<8>(channel(1))),
+        hn::Or(hn::ShiftLeft<16>(channel(2)), hn::Set(di, static_cast<std::int32_t>(0xFF000000u))));
+    hn::StoreU(hn::BitCast(du, hn::IfThenElseZero(hn::RebindMask(di, some), rgb)), du, color + k);
+  }
+}
+
+void count_uses_any(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
+                    std::size_t count, const std::uint8_t* alpha, const std::uint8_t* depth) {
+  const D d;
+  const DI di;
+  const Exits exits(coarser);
+  const V one = hn::Set(d, 1.f), full = hn::Set(d, 255.f);
+  for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
+    const auto visible = hn::Gt(load_bytes(alpha + k), hn::Zero(di));
+    if (hn::AllFalse(di, visible)) continue;
+    const Rays rays(row, points, k);
+    const V t = row.references == 1 ? one : hn::Div(to_float(load_bytes(depth + k)), full);
     for (std::size_t c = 0; c < row.references; ++c) {
       const ReferenceVertex& from = row.reference[c];
       const Exact start = Exact::set(from.x, from.y, from.z);
-      const Aim to = aim(exits, start, e.minus(start), r, leave, t);
-      VI rgba[3] = {hn::Zero(di), hn::Zero(di), hn::Zero(di)};
-      for_each_tile(from, to.corners.section, visible, [&](const ReferenceTile& tile, auto here) {
-        const auto* colors = reinterpret_cast<const std::int32_t*>(tile.color) + from.row;
-        for (int corner = 0; corner < 3; ++corner) {
-          const VI column = hn::IfThenElseZero(here, to.corners.column[corner]);
-          rgba[corner] = hn::IfThenElse(here, hn::GatherIndex(di, colors, column), rgba[corner]);
-        }
+      const Aim to = aim(exits, start, rays.e.minus(start), rays.r, rays.leave, t);
+      for_each_section(to.corners.section, visible, [&](std::int32_t s, auto here) {
+        from.uses[s] += static_cast<std::uint32_t>(hn::CountTrue(di, here));
       });
-      for (int corner = 0; corner < 3; ++corner) {
-        const VU v = hn::BitCast(du, rgba[corner]);
-        const V weight = to.corners.weight[corner];
-        sum[0] = hn::Add(sum[0], hn::Mul(weight, byte_of<0>(v)));
-        sum[1] = hn::Add(sum[1], hn::Mul(weight, byte_of<1>(v)));
-        sum[2] = hn::Add(sum[2], hn::Mul(weight, byte_of<2>(v)));
-        sum[3] = hn::Add(sum[3], hn::Mul(weight, byte_of<3>(v)));
-      }
     }
-    const auto seen = hn::And(visible, hn::Gt(sum[3], zero));
-    const V inverse = hn::Div(full, hn::IfThenElse(seen, sum[3], one));
-    const auto channel = [&](V of) {
-      return to_int(hn::Floor(hn::Add(hn::Min(hn::Mul(of, inverse), full), half)));
-    };
-    const VI rgb = hn::Or(hn::Or(channel(sum[0]), hn::ShiftLeft<8>(channel(sum[1]))),
-                          hn::Or(hn::ShiftLeft<16>(channel(sum[2])),
-                                 hn::Set(di, static_cast<std::int32_t>(0xFF000000u))));
-    hn::StoreU(hn::BitCast(du, hn::IfThenElseZero(hn::RebindMask(di, seen), rgb)), du, color + k);
   }
 }
 
@@ -321,19 +350,24 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace slf {
 
-HWY_EXPORT(predict_alpha_depth_any);
-HWY_EXPORT(predict_color_any);
+HWY_EXPORT(find_depth_any);
+HWY_EXPORT(predict_samples_any);
+HWY_EXPORT(count_uses_any);
 
-void predict_alpha_depth(const LevelGeometry& coarser, const PredictedRow& row,
-                         const Points& points, std::size_t count, std::uint8_t* alpha,
-                         std::uint8_t* depth) {
-  HWY_DYNAMIC_DISPATCH(predict_alpha_depth_any)(coarser, row, points, count, alpha, depth);
+void find_depth(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
+                std::size_t count, std::uint8_t* alpha, std::uint8_t* depth) {
+  HWY_DYNAMIC_DISPATCH(find_depth_any)(coarser, row, points, count, alpha, depth);
 }
 
-void predict_color(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
-                   std::size_t count, const std::uint8_t* alpha, const std::uint8_t* depth,
-                   std::uint32_t* color) {
-  HWY_DYNAMIC_DISPATCH(predict_color_any)(coarser, row, points, count, alpha, depth, color);
+void predict_samples(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
+                     std::size_t count, std::uint8_t* alpha, std::uint8_t* depth,
+                     std::uint32_t* color) {
+  HWY_DYNAMIC_DISPATCH(predict_samples_any)(coarser, row, points, count, alpha, depth, color);
+}
+
+void count_uses(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
+                std::size_t count, const std::uint8_t* alpha, const std::uint8_t* depth) {
+  HWY_DYNAMIC_DISPATCH(count_uses_any)(coarser, row, points, count, alpha, depth);
 }
 
 }  // namespace slf

@@ -34,7 +34,7 @@ struct ReferenceVertex {
   float x = 0, y = 0, z = 0;             ///< its unit direction
   std::uint32_t row = 0;                 ///< its first sample in its section's tiles
   const ReferenceTile* tiles = nullptr;  ///< [exit section of the coarser level]
-  std::uint32_t* uses = nullptr;  ///< [exit section]: counts look-ups, also in null tiles; or null
+  std::uint32_t* uses = nullptr;         ///< [exit section]: look-ups, for count_uses()
 };
 
 /// One row of a tile: the rays from a vertex of the finer entry lattice.
@@ -44,17 +44,22 @@ struct PredictedRow {
   ReferenceVertex reference[2];
 };
 
-/// Predicts the opacity and depth, a byte each, of the rays of `row` to `count` points. Writes up
-/// to the next whole vector: `alpha` and `depth` have room for `count` + kPadding bytes.
-void predict_alpha_depth(const LevelGeometry& coarser, const PredictedRow& row,
-                         const Points& points, std::size_t count, std::uint8_t* alpha,
-                         std::uint8_t* depth);
+/// Finds where the rays of `row` to `count` points meet something: their opacity and depth, a byte
+/// each. Writes up to the next whole vector: `alpha` and `depth` have room for `count` + kPadding
+/// bytes. REQUIRES: two references.
+void find_depth(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
+                std::size_t count, std::uint8_t* alpha, std::uint8_t* depth);
 
-/// Predicts the straight colour of rays whose depths are known: R, G and B from the lowest byte on,
-/// then 255. The result is 0 where `alpha` is 0 or where nothing is visible in the references. The
-/// arrays are read and written up to kPadding beyond `count`.
-void predict_color(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
-                   std::size_t count, const std::uint8_t* alpha, const std::uint8_t* depth,
-                   std::uint32_t* color);
+/// Predicts rays of `row` from what the references show at about these depths, which become the
+/// predicted ones. Colours are straight, R, G and B from the lowest byte on, then 255; where
+/// nothing is visible in the references they are 0. Arrays are read and written up to kPadding
+/// beyond `count`.
+void predict_samples(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
+                     std::size_t count, std::uint8_t* alpha, std::uint8_t* depth,
+                     std::uint32_t* color);
+
+/// Counts the look-ups that rays of these depths need, except where `alpha` is 0.
+void count_uses(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
+                std::size_t count, const std::uint8_t* alpha, const std::uint8_t* depth);
 
 }  // namespace slf

@@ -7,13 +7,15 @@
 namespace slf {
 namespace {
 
+/// Most columns between those at which depth is found, along p and q.
+constexpr unsigned kSparse = 8;
+/// The colour before the first sample that is seen.
+constexpr std::uint32_t kGray = 0xFF808080;
+
 /// Repeats the last point, because kernels work in whole vectors.
-void fill_padding(Points& points, std::size_t count) {
-  for (auto* axis : {&points.x, &points.y, &points.z}) {
-    const float last = (*axis)[count - 1];
-    axis->resize(count + kPadding);
-    std::fill(axis->begin() + static_cast<std::ptrdiff_t>(count), axis->end(), last);
-  }
+void fill_padding(Points& points) {
+  for (auto* axis : {&points.x, &points.y, &points.z})
+    axis->resize(axis->size() + kPadding, axis->back());
 }
 
 void push(Points& points, const glm::vec3& p) {
@@ -27,14 +29,18 @@ TilePredictor::TilePredictor(const LevelGeometry& coarser, const LevelGeometry& 
     : coarser_(coarser),
       references_(std::move(references)),
       side_(finer.exit_side()),
-      columns_(triangle_size(side_)) {
+      columns_(triangle_size(side_)),
+      stride_(side_ % 2 == 0 ? 2 : 1),
+      sparse_(stride_) {
+  while (sparse_ < kSparse && side_ % (2 * sparse_) == 0) sparse_ *= 2;
   // Within a section, coordinates are linear in p and q.
   const LatticeVertex v = vertex_at(sections.exit, {0, 0}, side_);
   const LatticeVertex along_p = vertex_at(sections.exit, {1, 0}, side_);
   const LatticeVertex along_q = vertex_at(sections.exit, {0, 1}, side_);
-  const auto n = static_cast<std::int32_t>(side_);
-  for (std::int32_t q = 0; q <= n; ++q)
-    for (std::int32_t p = 0; p + q <= n; ++p) {
+  const auto n = static_cast<std::int32_t>(side_), step = static_cast<std::int32_t>(stride_),
+             sparse = static_cast<std::int32_t>(sparse_);
+  for (std::int32_t q = 0; q <= n; q += step)
+    for (std::int32_t p = 0; p + q <= n; p += step) {
       const auto at = [p, q](std::int32_t a, std::int32_t b, std::int32_t c) {
         return a + p * (b - a) + q * (c - a);
       };
@@ -42,10 +48,10 @@ TilePredictor::TilePredictor(const LevelGeometry& coarser, const LevelGeometry& 
           exact_direction({at(v.i, along_p.i, along_q.i), at(v.j, along_p.j, along_q.j),
                            at(v.k, along_p.k, along_q.k)});
       push(points_, point);
-      if (side_ % 2 != 0 || (p % 2 == 0 && q % 2 == 0)) push(even_points_, point);
+      if (p % sparse == 0 && q % sparse == 0) push(sparse_points_, point);
     }
-  fill_padding(points_, columns_);
-  fill_padding(even_points_, even_points_.x.size());
+  fill_padding(points_);
+  fill_padding(sparse_points_);
 }
 
 PredictedRow TilePredictor::row(std::size_t index, std::span<const ReferenceTile> from) const {
@@ -69,54 +75,63 @@ std::vector<std::uint32_t> TilePredictor::uses(std::span<const std::uint8_t> alp
   const std::size_t exits = section_count(coarser_.level());
   const std::vector<ReferenceTile> none(references_.sections.size() * exits);
   std::vector<std::uint32_t> uses(none.size());
-  std::vector<std::uint8_t> a(columns_ + kPadding), z(columns_ + kPadding);
-  std::vector<std::uint32_t> rgb(columns_ + kPadding);
+  const std::size_t count = triangle_size(side_ / stride_);
+  std::vector<std::uint8_t> a(count + kPadding, 0), z(count + kPadding, 0);
   for (std::size_t k = 0; k < references_.rows.size(); ++k) {
-    std::copy_n(alpha.data() + k * columns_, columns_, a.data());
-    std::copy_n(depth.data() + k * columns_, columns_, z.data());
+    std::size_t column = k * columns_, to = 0;
+    for (std::uint32_t q = 0; q <= side_; ++q)
+      for (std::uint32_t p = 0; p + q <= side_; ++p, ++column)
+        if (p % stride_ == 0 && q % stride_ == 0) a[to] = alpha[column], z[to++] = depth[column];
     PredictedRow looked_up = row(k, none);
     for (std::size_t c = 0; c < looked_up.references; ++c)
       looked_up.reference[c].uses = uses.data() + references_.rows[k].vertex[c].slot * exits;
-    predict_color(coarser_, looked_up, points_, columns_, a.data(), z.data(), rgb.data());
+    count_uses(coarser_, looked_up, points_, count, a.data(), z.data());
   }
   return uses;
 }
 
-void TilePredictor::alpha_depth(std::span<const ReferenceTile> from, std::span<std::uint8_t> alpha,
-                                std::span<std::uint8_t> depth) const {
-  const std::size_t count = side_ % 2 == 0 ? triangle_size(side_ / 2) : columns_;
-  std::vector<std::uint8_t> even_alpha(count + kPadding), even_depth(count + kPadding);
-  std::vector<std::uint8_t> a(columns_ + kPadding), z(columns_ + kPadding);
+void TilePredictor::predict(std::span<const ReferenceTile> from,
+                            PredictedSamples& predicted) const {
+  const std::size_t samples = references_.rows.size() * columns_;
+  predicted.alpha.resize(samples), predicted.depth.resize(samples);
+  predicted.color.resize(samples);
+  // Of a row, at columns further and further apart; each twice, to interpolate back and forth.
+  thread_local std::vector<std::uint8_t> alpha, depth, finer_alpha, finer_depth;
+  thread_local std::vector<std::uint32_t> color, finer_color;
+  for (auto* bytes : {&alpha, &depth, &finer_alpha, &finer_depth})
+    bytes->resize(columns_ + kPadding);
+  for (auto* colors : {&color, &finer_color}) colors->resize(columns_ + kPadding);
+  const auto upsample = [&](unsigned to) {
+    upsample_columns(side_ / to, alpha.data(), depth.data(), finer_alpha.data(),
+                     finer_depth.data());
+    alpha.swap(finer_alpha), depth.swap(finer_depth);
+  };
+  const std::size_t count = triangle_size(side_ / stride_);
   for (std::size_t k = 0; k < references_.rows.size(); ++k) {
-    predict_alpha_depth(coarser_, row(k, from), even_points_, count, even_alpha.data(),
-                        even_depth.data());
-    if (side_ % 2 == 0)
-      upsample_columns(side_, even_alpha.data(), even_depth.data(), a.data(), z.data());
-    else
-      a = even_alpha, z = even_depth;
-    std::copy_n(a.data(), columns_, alpha.data() + k * columns_);
-    std::copy_n(z.data(), columns_, depth.data() + k * columns_);
-  }
-}
-
-void TilePredictor::color(std::span<const ReferenceTile> from, std::span<const std::uint8_t> alpha,
-                          std::span<const std::uint8_t> depth,
-                          std::span<std::uint32_t> color) const {
-  std::vector<std::uint8_t> a(columns_ + kPadding), z(columns_ + kPadding);
-  std::vector<std::uint32_t> rgb(columns_ + kPadding);
-  for (std::size_t k = 0; k < references_.rows.size(); ++k) {
-    std::copy_n(alpha.data() + k * columns_, columns_, a.data());
-    std::copy_n(depth.data() + k * columns_, columns_, z.data());
-    predict_color(coarser_, row(k, from), points_, columns_, a.data(), z.data(), rgb.data());
-    // Where the references show nothing, repeat the colour of the previous sample.
-    std::uint32_t last = 0xFF808080u;
-    for (std::size_t c = 0; c < columns_; ++c) {
-      if (rgb[c] != 0)
-        last = rgb[c];
-      else if (a[c] != 0)
-        rgb[c] = last;
+    const PredictedRow here = row(k, from);
+    if (here.references == 2) {
+      find_depth(coarser_, here, sparse_points_, triangle_size(side_ / sparse_), alpha.data(),
+                 depth.data());
+      for (unsigned stride = sparse_; stride > stride_; stride /= 2) upsample(stride / 2);
     }
-    std::copy_n(rgb.data(), columns_, color.data() + k * columns_);
+    predict_samples(coarser_, here, points_, count, alpha.data(), depth.data(), color.data());
+    // Where the references show nothing, repeat the colour of the previous sample.
+    std::uint32_t last = kGray;
+    for (std::size_t c = 0; c < count; ++c) {
+      if (color[c] == 0)
+        color[c] = last & 0xFFFFFF;  // counts less than what is seen
+      else
+        last = color[c];
+    }
+    if (stride_ == 2) {
+      upsample(1);
+      upsample_colors(side_, color.data(), finer_color.data());
+      color.swap(finer_color);
+    }
+    std::copy_n(alpha.data(), columns_, predicted.alpha.data() + k * columns_);
+    std::copy_n(depth.data(), columns_, predicted.depth.data() + k * columns_);
+    std::transform(color.data(), color.data() + columns_, predicted.color.data() + k * columns_,
+                   [](std::uint32_t rgb) { return rgb | 0xFF000000; });
   }
 }
 

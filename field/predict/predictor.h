@@ -1,9 +1,5 @@
-// TilePredictor: predicts the tiles of one level from decoded tiles of the next coarser level.
-//
-// It works in two steps, because the prediction of colour needs the tile's own decoded depth:
-//   predictor.alpha_depth(from, alpha, depth);     // then decode alpha and depth
-//   predictor.color(from, alpha, depth, color);    // then decode colour
-// All machines and instruction sets predict the same bytes.
+// TilePredictor: predicts the tiles of one level from decoded tiles of the next coarser level. All
+// machines and instruction sets predict the same bytes.
 //
 // Thread-safety: a TilePredictor is immutable.
 #pragma once
@@ -12,11 +8,23 @@
 #include <span>
 #include <vector>
 
+#include "codec/predictive.h"
 #include "field/predict/prediction_kernel.h"
 #include "field/predict/references.h"
 
 namespace slf {
 
+/// A tile's predicted opacities, depths, and straight colours: R, G, B from the lowest byte on,
+/// then 255.
+struct PredictedSamples {
+  std::vector<std::uint8_t> alpha, depth;
+  std::vector<std::uint32_t> color;
+
+  [[nodiscard]] codec::Prediction view() const { return {alpha, depth, color}; }
+};
+
+/// Rays are looked up to every other column, at depths that are found at every eighth; between
+/// these, they are interpolated (FORMAT.md, "Prediction").
 class TilePredictor {
  public:
   /// A predictor for the tile with these sections. `references` are those of its entry section.
@@ -28,15 +36,8 @@ class TilePredictor {
   [[nodiscard]] std::vector<std::uint32_t> uses(std::span<const std::uint8_t> alpha,
                                                 std::span<const std::uint8_t> depth) const;
 
-  /// Predicts a tile's opacities and depths. `from` are the candidates' samples, in the order of
-  /// candidates_of.
-  void alpha_depth(std::span<const ReferenceTile> from, std::span<std::uint8_t> alpha,
-                   std::span<std::uint8_t> depth) const;
-
-  /// Predicts a tile's straight colours: R, G, B from the lowest byte on. Samples of zero alpha
-  /// become 0.
-  void color(std::span<const ReferenceTile> from, std::span<const std::uint8_t> alpha,
-             std::span<const std::uint8_t> depth, std::span<std::uint32_t> color) const;
+  /// `from` are the candidates' samples, in the order of candidates_of.
+  void predict(std::span<const ReferenceTile> from, PredictedSamples& predicted) const;
 
  private:
   [[nodiscard]] PredictedRow row(std::size_t index, std::span<const ReferenceTile> from) const;
@@ -45,8 +46,9 @@ class TilePredictor {
   References references_;
   std::uint32_t side_;
   std::size_t columns_;
-  Points points_;       // of all columns
-  Points even_points_;  // of the columns with even p and q, or of all if the side is odd
+  unsigned stride_;  // between the columns that are looked up, along p and q
+  unsigned sparse_;  // between those at which depth is found: a power of two, times stride_
+  Points points_, sparse_points_;
 };
 
 }  // namespace slf

@@ -36,27 +36,76 @@ struct Columns {
   }
 };
 
+// Two of these vectors are half as long as kPadding colours.
+using Pixels = hn::CappedTag<std::uint32_t, 16>;
+
+/// Colours next to each other on a line.
+struct Colors {
+  hn::Vec<Pixels> rgba;
+
+  static HWY_INLINE Colors load(const std::uint32_t* from) { return {hn::LoadU(Pixels(), from)}; }
+  HWY_INLINE Colors mean(const Colors& other) const {
+    const Pixels d;
+    // Of each byte, rounded up.
+    const auto differ =
+        hn::And(hn::ShiftRight<1>(hn::Xor(rgba, other.rgba)), hn::Set(d, 0x7F7F7F7Fu));
+    const auto both = hn::Sub(hn::Or(rgba, other.rgba), differ);
+    const auto zero = hn::Zero(d);
+    const auto here = hn::Ne(hn::ShiftRight<24>(rgba), zero);
+    const auto there = hn::Ne(hn::ShiftRight<24>(other.rgba), zero);
+    return {hn::IfThenElse(hn::AndNot(there, here), rgba,
+                           hn::IfThenElse(hn::AndNot(here, there), other.rgba, both))};
+  }
+  /// Stores these colours and `odd` ones in turn.
+  HWY_INLINE void store(const Colors& odd, std::uint32_t* to) const {
+    hn::StoreInterleaved2(rgba, odd.rgba, Pixels(), to);
+  }
+};
+
+/// Calls even(at, to) for vectors of `lanes` columns of each even line and odd(above, below, to)
+/// for those of the line after it. Arguments are columns: of the coarse lines at, above and below,
+/// and of the fine line. Lines follow in order, because they overlap what vectors write beyond the
+/// end of the line before.
+template <class Even, class Odd>
+HWY_INLINE void for_each_line(std::uint32_t side, std::size_t lanes, Even even, Odd odd) {
+  std::size_t at = 0, to = 0;
+  for (std::size_t length = side / 2 + 1; length > 0; --length) {
+    for (std::size_t k = 0; k < length; k += lanes) even(at + k, to + 2 * k);
+    to += 2 * length - 1;  // the next line is one shorter
+    for (std::size_t k = 0; k + 1 < length; k += lanes) odd(at + k, at + length + k, to + 2 * k);
+    to += 2 * length - 2;
+    at += length;
+  }
+}
+
 void upsample_columns_any(std::uint32_t side, const std::uint8_t* even_alpha,
                           const std::uint8_t* even_depth, std::uint8_t* alpha,
                           std::uint8_t* depth) {
-  // Lines overlap what vectors write beyond the end of the line before.
-  for (std::uint32_t length = side / 2 + 1; length > 0; --length) {
-    const std::uint32_t fine = 2 * length - 1;  // of this line; the next is one shorter
-    for (std::uint32_t k = 0; k < length; k += hn::Lanes(Bytes())) {
-      const Columns here = Columns::load(even_alpha + k, even_depth + k);
-      const Columns right = Columns::load(even_alpha + k + 1, even_depth + k + 1);
-      here.store(here.mean(right), alpha + 2 * k, depth + 2 * k);
-    }
-    alpha += fine, depth += fine;
-    for (std::uint32_t k = 0; k + 1 < length; k += hn::Lanes(Bytes())) {
-      const Columns above = Columns::load(even_alpha + k, even_depth + k);
-      const Columns right = Columns::load(even_alpha + k + 1, even_depth + k + 1);
-      const Columns below = Columns::load(even_alpha + length + k, even_depth + length + k);
-      above.mean(below).store(right.mean(below), alpha + 2 * k, depth + 2 * k);
-    }
-    alpha += fine - 1, depth += fine - 1;
-    even_alpha += length, even_depth += length;
-  }
+  const auto load = [&](std::size_t at) { return Columns::load(even_alpha + at, even_depth + at); };
+  for_each_line(
+      side, hn::Lanes(Bytes()),
+      [&](std::size_t at, std::size_t to) {
+        const Columns here = load(at);
+        here.store(here.mean(load(at + 1)), alpha + to, depth + to);
+      },
+      [&](std::size_t above, std::size_t below, std::size_t to) {
+        const Columns next = load(below);
+        load(above).mean(next).store(load(above + 1).mean(next), alpha + to, depth + to);
+      });
+}
+
+void upsample_colors_any(std::uint32_t side, const std::uint32_t* even, std::uint32_t* colors) {
+  const auto load = [&](std::size_t at) { return Colors::load(even + at); };
+  for_each_line(
+      side, hn::Lanes(Pixels()),
+      [&](std::size_t at, std::size_t to) {
+        const Colors here = load(at);
+        here.store(here.mean(load(at + 1)), colors + to);
+      },
+      [&](std::size_t above, std::size_t below, std::size_t to) {
+        const Colors next = load(below);
+        load(above).mean(next).store(load(above + 1).mean(next), colors + to);
+      });
 }
 
 }  // namespace
@@ -68,10 +117,15 @@ HWY_AFTER_NAMESPACE();
 namespace slf {
 
 HWY_EXPORT(upsample_columns_any);
+HWY_EXPORT(upsample_colors_any);
 
 void upsample_columns(std::uint32_t side, const std::uint8_t* even_alpha,
                       const std::uint8_t* even_depth, std::uint8_t* alpha, std::uint8_t* depth) {
   HWY_DYNAMIC_DISPATCH(upsample_columns_any)(side, even_alpha, even_depth, alpha, depth);
+}
+
+void upsample_colors(std::uint32_t side, const std::uint32_t* even, std::uint32_t* colors) {
+  HWY_DYNAMIC_DISPATCH(upsample_colors_any)(side, even, colors);
 }
 
 }  // namespace slf

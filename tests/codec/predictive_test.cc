@@ -55,36 +55,34 @@ Scene make_scene(const Tile& tile, bool soft, std::uint32_t seed, int noise) {
 
 struct Coded {
   Bytes payload;
-  std::vector<std::uint8_t> alpha, depth;
+  std::vector<std::uint8_t> depth;
   std::vector<std::uint32_t> rgba;
 };
 
 Coded encode(const PredictiveLevel& level, const Tile& tile, const Scene& scene) {
-  Coded coded{{}, scene.predicted_alpha, scene.predicted_depth, scene.rgba};
+  Coded coded{{}, scene.depth, scene.rgba};
   const TilePicture picture(tile);
   PredictiveEncoder encoder(level, picture, coded.payload);
   encoder.references(scene.kinds, scene.used);
-  encoder.alpha_depth(scene.alpha, scene.depth, coded.alpha, coded.depth);
-  encoder.color(coded.alpha, scene.predicted, coded.rgba);
-  encoder.finish();
+  encoder.encode({scene.predicted_alpha, scene.predicted_depth, scene.predicted}, coded.depth,
+                 coded.rgba);
   return coded;
 }
 
-/// Whether the payload is of the right length.
+/// Whether the payload is accepted.
 bool decode(const PredictiveLevel& level, const Tile& tile, const Scene& scene, ByteSpan payload,
             Coded& out, std::vector<std::uint8_t>* used = nullptr) {
   out = {{},
-         scene.predicted_alpha,
-         scene.predicted_depth,
+         std::vector<std::uint8_t>(scene.depth.size()),
          std::vector<std::uint32_t>(scene.rgba.size())};
   const TilePicture picture(tile);
   PredictiveDecoder decoder(level, picture, payload);
   std::vector<std::uint8_t> flags(scene.kinds.size());
   decoder.references(scene.kinds, flags);
   if (used) *used = flags;
-  decoder.alpha_depth(out.alpha, out.depth);
-  decoder.color(out.alpha, scene.predicted, out.rgba);
-  return decoder.finish().has_value();
+  return decoder
+      .decode({scene.predicted_alpha, scene.predicted_depth, scene.predicted}, out.depth, out.rgba)
+      .has_value();
 }
 
 double psnr(const std::vector<std::uint32_t>& a, const std::vector<std::uint32_t>& b) {
@@ -115,25 +113,9 @@ TEST(Predictive, DecodesWhatTheEncoderSaidItWould) {
           ASSERT_TRUE(decode(tables.level(1), sample.tile, scene, coded.payload, back, &used))
               << quality << ", soft " << soft << ", " << rows << " rows, side " << side;
           EXPECT_EQ(used, scene.used);
-          EXPECT_EQ(back.alpha, coded.alpha);
           EXPECT_EQ(back.depth, coded.depth);
           EXPECT_EQ(back.rgba, coded.rgba);
         }
-}
-
-/// In older files, differences are those of straight colours.
-TEST(Predictive, DecodesStraightDifferences) {
-  PredictiveLevel level = predictive_tables({90}, 1).level(1);
-  const SampleTile sample = shape(7, 32);
-  const Scene scene = make_scene(sample.tile, true, 1, 9);
-  const Coded premultiplied = encode(level, sample.tile, scene);
-  level.premultiplied = false;
-  const Coded coded = encode(level, sample.tile, scene);
-  EXPECT_NE(coded.payload, premultiplied.payload);
-  Coded back;
-  ASSERT_TRUE(decode(level, sample.tile, scene, coded.payload, back));
-  EXPECT_EQ(back.rgba, coded.rgba);
-  EXPECT_GT(psnr(back.rgba, scene.rgba), 35);
 }
 
 /// Colours are coded after alpha, so they make up for its errors.
@@ -141,10 +123,9 @@ TEST(Predictive, ColorsOfSoftTilesDoNotSufferFromErrorsOfAlpha) {
   PredictiveLevel level = predictive_tables({99}, 1).level(1);
   const SampleTile sample = shape(7, 32);
   const Scene scene = make_scene(sample.tile, true, 1, 9);
+  const double fine = psnr(encode(level, sample.tile, scene).rgba, scene.rgba);
   level.steps[kAlphaPlane] = {3000, 3000};
-  const double premultiplied = psnr(encode(level, sample.tile, scene).rgba, scene.rgba);
-  level.premultiplied = false;
-  EXPECT_GT(premultiplied, psnr(encode(level, sample.tile, scene).rgba, scene.rgba) + 3);
+  EXPECT_GT(psnr(encode(level, sample.tile, scene).rgba, scene.rgba), fine - 6);
 }
 
 TEST(Predictive, NoColorExceedsItsAlpha) {
@@ -153,9 +134,8 @@ TEST(Predictive, NoColorExceedsItsAlpha) {
     const PredictiveTables tables = predictive_tables({quality}, 1);
     const Coded coded = encode(tables.level(1), sample.tile, make_scene(sample.tile, true, 3, 40));
     for (std::size_t s = 0; s < coded.rgba.size(); ++s) {
-      ASSERT_EQ(coded.rgba[s] >> 24, coded.alpha[s]);
       for (int shift = 0; shift < 24; shift += 8)
-        ASSERT_LE(coded.rgba[s] >> shift & 255, coded.alpha[s]) << quality;
+        ASSERT_LE(coded.rgba[s] >> shift & 255, coded.rgba[s] >> 24) << quality;
     }
   }
 }
@@ -209,15 +189,47 @@ TEST(Predictive, AnyPayloadDecodesWithoutHarm) {
   }
 }
 
-TEST(Predictive, PayloadsOfAnotherLengthAreRefused) {
+TEST(Predictive, DamagedPayloadsAreRefused) {
   const SampleTile sample = shape(9, 16);
   const Scene scene = make_scene(sample.tile, false, 6, 9);
   const PredictiveTables tables = predictive_tables({80}, 1);
   Coded coded = encode(tables.level(1), sample.tile, scene), back;
-  EXPECT_FALSE(decode(tables.level(1), sample.tile, scene,
-                      ByteSpan(coded.payload).first(coded.payload.size() / 2), back));
+  for (const std::size_t size : {std::size_t{0}, std::size_t{1}, coded.payload.size() - 1})
+    EXPECT_FALSE(
+        decode(tables.level(1), sample.tile, scene, ByteSpan(coded.payload).first(size), back));
+  for (std::size_t k = 0; k < coded.payload.size(); ++k) {
+    Bytes flipped = coded.payload;
+    flipped[k] ^= std::byte{16};
+    EXPECT_FALSE(decode(tables.level(1), sample.tile, scene, flipped, back)) << k;
+  }
   coded.payload.resize(coded.payload.size() + 20, std::byte{1});
   EXPECT_FALSE(decode(tables.level(1), sample.tile, scene, coded.payload, back));
+}
+
+/// A tile chooses the models that suit it.
+TEST(Predictive, TilesAreCodedWithSeveralSetsOfModels) {
+  const SampleTile sample = shape(45, 32);
+  const PredictiveTables tables = predictive_tables({90}, 1);
+  const auto bytes_with_one = [&](const Scene& scene, std::size_t set) {
+    PredictiveLevel level = tables.level(1);
+    const auto models = std::make_shared<PredictiveModels>(*level.models);
+    const auto only = models->block_models(set);
+    models->blocks = std::vector<SymbolModel>(only.begin(), only.end());
+    models->block_sets = 1;
+    for (LevelModels& of_level : models->levels)
+      of_level.block_set.assign(kCodedPlanes, SymbolModel(std::array<std::uint8_t, 2>{}));
+    level.models = models;
+    Coded coded = encode(level, sample.tile, scene), back;
+    EXPECT_TRUE(decode(level, sample.tile, scene, coded.payload, back));
+    EXPECT_EQ(back.rgba, coded.rgba);
+    return coded.payload.size();
+  };
+  for (const int noise : {2, 12, 50}) {
+    const Scene scene = make_scene(sample.tile, false, 7, noise);
+    const std::size_t chosen = encode(tables.level(1), sample.tile, scene).payload.size();
+    for (std::size_t set = 0; set < tables.level(1).models->block_sets; ++set)
+      EXPECT_LE(chosen, bytes_with_one(scene, set) + 4) << noise << ", " << set;
+  }
 }
 
 TEST(PredictiveTables, ComeBack) {
@@ -229,28 +241,26 @@ TEST(PredictiveTables, ComeBack) {
   EXPECT_EQ(to_bytes(*back), to_bytes(tables));
 }
 
-/// As older versions wrote them, with probabilities that this version would not choose.
-Bytes older_tables() {
-  Bytes bytes = to_bytes(predictive_tables({77}, 3));
-  bytes.erase(bytes.begin());
-  bytes.back() ^= std::byte{0x55};
-  return bytes;
-}
-
-TEST(PredictiveTables, OlderOnesKeepTheirProbabilities) {
-  const auto tables = parse_predictive_tables(older_tables());
-  ASSERT_TRUE(tables);
-  EXPECT_FALSE(tables->level(0).premultiplied);
-  EXPECT_EQ(to_bytes(*tables), older_tables());
-}
-
 TEST(PredictiveTables, DamageIsRefused) {
   Bytes bytes = to_bytes(predictive_tables({77}, 3));
   EXPECT_FALSE(parse_predictive_tables({}));
   EXPECT_FALSE(parse_predictive_tables(ByteSpan(bytes).first(bytes.size() - 1)));
   EXPECT_FALSE(parse_predictive_tables(ByteSpan(bytes).first(1)));
+  Bytes longer = bytes;
+  longer.push_back(std::byte{0});
+  EXPECT_FALSE(parse_predictive_tables(longer));
+  Bytes older = bytes;
+  older[0] = std::byte{0};
+  const auto refused = parse_predictive_tables(older);
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.error().message.find("before"), std::string::npos) << refused.error().message;
   bytes[2] = bytes[3] = std::byte{0};  // a step
   EXPECT_FALSE(parse_predictive_tables(bytes));
+}
+
+/// Where tiles are coded sample by sample, there are no models of blocks to store.
+TEST(PredictiveTables, ThoseOfSamplesAreSmall) {
+  EXPECT_LT(to_bytes(predictive_tables({kLosslessQuality}, 3)).size(), 100u);
 }
 
 TEST(PredictiveTables, ProbabilitiesOfBytesRise) {

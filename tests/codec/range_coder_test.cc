@@ -110,16 +110,5 @@ TEST(RangeCoder, ProbabilitiesNeverReachCertainty) {
   EXPECT_LT(one.probability(), 32768u);
 }
 
-TEST(RangeCoder, CountsDecisions) {
-  Bytes bytes;
-  RangeEncoder encoder(bytes);
-  BitModel models[2];
-  BitCounts counts(2);
-  encoder.count(models, &counts);
-  encoder.bit(models[0], true), encoder.bit(models[1], false), encoder.bit(models[1], true);
-  EXPECT_EQ(counts[0], (std::array<std::uint32_t, 2>{0, 1}));
-  EXPECT_EQ(counts[1], (std::array<std::uint32_t, 2>{1, 1}));
-}
-
 }  // namespace
 }  // namespace slf::codec

@@ -113,7 +113,7 @@ TEST(Manifest, SaysWhichLevelsAreFiltered) {
 
 TEST(Manifest, NewerVersionsAndUnknownRequiredFeaturesAreRefused) {
   nlohmann::json json = example().to_json();
-  json["slf"]["major"] = 2;
+  json["slf"]["major"] = 3;
   EXPECT_EQ(parse_error(json), ErrorCode::unsupported);
   json = example().to_json();
   json["required"] = {"hologram"};
@@ -147,11 +147,16 @@ TEST(Field, OpensOnlyContainersThatAreFields) {
   make("codec.slf", json, {"color", "depth"});
   EXPECT_EQ(Field::open(folder / "codec.slf").error().code, ErrorCode::bad_file);
   json = example().to_json();
-  json["slf"]["major"] = 2;
+  json["slf"]["major"] = 3;
   make("newer.slf", json, {"color", "depth"});
   const auto newer = Field::open(folder / "newer.slf");
   EXPECT_EQ(newer.error().code, ErrorCode::unsupported);
   EXPECT_NE(newer.error().message.find("update slf"), std::string::npos);
+  json["slf"]["major"] = 1;
+  make("older.slf", json, {"color", "depth"});
+  const auto older = Field::open(folder / "older.slf");
+  EXPECT_EQ(older.error().code, ErrorCode::unsupported);
+  EXPECT_NE(older.error().message.find("build it anew"), std::string::npos);
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 #include <random>
 #include <vector>
 
@@ -110,102 +111,132 @@ class PredictTest : public ::testing::TestWithParam<std::uint32_t> {
   }
 };
 
-TEST_P(PredictTest, AlphaAndDepthAreAsDefinedOnEveryInstructionSet) {
-  const Level level = random_level(coarser, references, 1);
-  testing::with_each_instruction_set([&](const char* set) {
-    std::vector<std::uint8_t> alpha(samples), depth(samples);
-    predictor.alpha_depth(level.from, alpha, depth);
-    for (std::size_t k = 0; k < references.rows.size(); ++k) {
-      const References::Row& row = references.rows[k];
-      const Vec e = vec(row.direction);
-      std::size_t column = 0;
-      for (std::uint32_t q = 0; q <= shape.exit_side; ++q)
-        for (std::uint32_t p = 0; p + q <= shape.exit_side; ++p, ++column) {
-          if (shape.exit_side % 2 == 0 && (p % 2 != 0 || q % 2 != 0)) continue;
-          const Vec out = leave({static_cast<std::uint16_t>(p), static_cast<std::uint16_t>(q)});
-          const Vec r = out - e;
-          const float rr = dot(r, r), inverse = 1.f / (rr > 0x1p-40f ? rr : 1.f);
-          float t = 1, opacity = 0;
-          for (int round = 0; round < (row.count == 1 ? 1 : 3); ++round) {
-            float place = 0;
-            opacity = 0;
-            for (std::size_t c = 0; c < row.count; ++c) {
-              const References::Vertex& vertex = row.vertex[c];
-              const Vec w = e - vec(vertex.direction);
-              const Aim to = aim(coarser, vec(vertex.direction), w, r, out, t);
-              const ReferenceTile& tile = level.from[vertex.slot * exits + to.taps.section];
-              float a = 0, n = 0;
-              for (std::size_t tap = 0; tap < 3 && tile.color; ++tap) {
-                const std::size_t at = vertex.row * columns + to.taps.columns[tap];
-                const int share = to.taps.weights[tap] * byte_at(tile.color, 4 * at + 3);
-                a += static_cast<float>(share);
-                n += static_cast<float>(share * byte_at(tile.depth, at));
-              }
-              const float own = n / ((a > 0 ? a : 1.f) * 255.f);
-              const float reach = -(to.ev + to.ev) / (to.vv > 0x1p-40f ? to.vv : 1.f);
-              const float wr = dot(w, r);
-              const float along = ((own * reach) * (wr + t * rr) - wr) * inverse;
-              opacity += a;
-              place += a * along;
-            }
-            if (opacity > 0) t = std::min(std::max(place / opacity, 0.f), 1.f);
-          }
-          const float share = row.count == 1 ? 0x1p-8f : 0x1p-9f;
-          ASSERT_EQ(alpha[k * columns + column], static_cast<int>(opacity * share + 0.5f))
-              << set << ", row " << k << ", column " << column;
-          ASSERT_EQ(depth[k * columns + column], static_cast<int>(t * 255.f + 0.5f))
-              << set << ", row " << k << ", column " << column;
-        }
-    }
-  });
+/// What is known of a column of a row: opacity, depth and straight colour.
+struct Shown {
+  int alpha = 0, depth = 0;
+  std::array<int, 3> color{};
+  bool seen = false;  // whether the references show a colour
+};
+
+int mean(int a, int b) { return (a + b + 1) / 2; }
+
+Shown between(const Shown& a, const Shown& b) {
+  Shown to;
+  to.alpha = mean(a.alpha, b.alpha);
+  to.depth = b.alpha == 0 ? a.depth : a.alpha == 0 ? b.depth : mean(a.depth, b.depth);
+  to.seen = a.seen || b.seen;
+  for (std::size_t c = 0; c < 3; ++c)
+    to.color[c] = a.seen == b.seen ? mean(a.color[c], b.color[c]) : (a.seen ? a : b).color[c];
+  return to;
 }
 
-TEST_P(PredictTest, ColorIsAsDefinedOnEveryInstructionSet) {
-  const Level level = random_level(coarser, references, 2);
-  std::mt19937 random(3);
-  std::vector<std::uint8_t> alpha(samples), depth(samples);
-  for (std::size_t s = 0; s < samples; ++s) {
-    alpha[s] = s / 7 % 2 ? static_cast<std::uint8_t>(1 + random() % 255) : 0;
-    depth[s] = static_cast<std::uint8_t>(random() % 256);
+using Columns = std::map<std::pair<int, int>, Shown>;
+
+/// From columns `stride` apart to those half as far apart.
+Columns upsample(const Columns& coarse, int side, int stride) {
+  Columns fine = coarse;
+  const int half = stride / 2;
+  for (int q = 0; q <= side; q += half)
+    for (int p = 0; p + q <= side; p += half) {
+      const bool odd_p = p % stride != 0, odd_q = q % stride != 0;
+      if (odd_p && odd_q)
+        fine[{p, q}] = between(coarse.at({p + half, q - half}), coarse.at({p - half, q + half}));
+      else if (odd_p)
+        fine[{p, q}] = between(coarse.at({p - half, q}), coarse.at({p + half, q}));
+      else if (odd_q)
+        fine[{p, q}] = between(coarse.at({p, q - half}), coarse.at({p, q + half}));
+    }
+  return fine;
+}
+
+TEST_P(PredictTest, PredictionsAreAsDefinedOnEveryInstructionSet) {
+  const Level level = random_level(coarser, references, 1);
+  const int side = static_cast<int>(shape.exit_side);
+  const int stride = side % 2 == 0 ? 2 : 1;
+  int sparse = stride;
+  while (sparse < 8 && side % (2 * sparse) == 0) sparse *= 2;
+  std::vector<Columns> expected;
+  for (const References::Row& row : references.rows) {
+    const Vec e = vec(row.direction);
+    // What the references show of a ray at depth t, which becomes that at which they show it.
+    const auto look_up = [&](int p, int q, float& t) {
+      const Vec out = leave({static_cast<std::uint16_t>(p), static_cast<std::uint16_t>(q)});
+      const Vec r = out - e;
+      const float rr = dot(r, r), inverse = 1.f / (rr > 0x1p-40f ? rr : 1.f);
+      float opacity = 0, place = 0, color[3] = {};
+      for (std::size_t c = 0; c < row.count; ++c) {
+        const References::Vertex& vertex = row.vertex[c];
+        const Vec w = e - vec(vertex.direction);
+        const Aim to = aim(coarser, vec(vertex.direction), w, r, out, t);
+        const ReferenceTile& tile = level.from[vertex.slot * exits + to.taps.section];
+        float a = 0, n = 0;
+        for (std::size_t tap = 0; tap < 3 && tile.color; ++tap) {
+          const std::size_t at = vertex.row * columns + to.taps.columns[tap];
+          const int share = to.taps.weights[tap] * byte_at(tile.color, 4 * at + 3);
+          a += static_cast<float>(share);
+          n += static_cast<float>(share * byte_at(tile.depth, at));
+          for (std::size_t channel = 0; channel < 3; ++channel)
+            color[channel] +=
+                static_cast<float>(to.taps.weights[tap] * byte_at(tile.color, 4 * at + channel));
+        }
+        const float own = n / ((a > 0 ? a : 1.f) * 255.f);
+        const float reach = -(to.ev + to.ev) / (to.vv > 0x1p-40f ? to.vv : 1.f);
+        const float wr = dot(w, r);
+        const float along = ((own * reach) * (wr + t * rr) - wr) * inverse;
+        opacity += a;
+        place += a * along;
+      }
+      Shown shown;
+      shown.seen = opacity > 0;
+      if (shown.seen) {
+        t = std::min(std::max(place / opacity, 0.f), 1.f);
+        for (std::size_t channel = 0; channel < 3; ++channel)
+          shown.color[channel] =
+              static_cast<int>(std::min(color[channel] * (255.f / opacity), 255.f) + 0.5f);
+      }
+      shown.alpha = static_cast<int>(opacity * (row.count == 1 ? 0x1p-8f : 0x1p-9f) + 0.5f);
+      shown.depth = static_cast<int>(t * 255.f + 0.5f);
+      return shown;
+    };
+    Columns found;
+    if (row.count == 2) {
+      for (int q = 0; q <= side; q += sparse)
+        for (int p = 0; p + q <= side; p += sparse) {
+          float t = 1;
+          for (int round = 0; round < 3; ++round) found[{p, q}] = look_up(p, q, t);
+        }
+      for (auto& [at, shown] : found) shown.seen = false, shown.color = {};
+      for (int at = sparse; at > stride; at /= 2) found = upsample(found, side, at);
+    }
+    std::array<int, 3> last{128, 128, 128};
+    for (int q = 0; q <= side; q += stride)
+      for (int p = 0; p + q <= side; p += stride) {
+        float t = row.count == 1 ? 1.f : static_cast<float>(found[{p, q}].depth) / 255.f;
+        Shown& shown = found[{p, q}] = look_up(p, q, t);
+        if (shown.seen)
+          last = shown.color;
+        else
+          shown.color = last;
+      }
+    expected.push_back(stride == 2 ? upsample(found, side, 2) : found);
   }
   testing::with_each_instruction_set([&](const char* set) {
-    std::vector<std::uint32_t> color(samples);
-    predictor.color(level.from, alpha, depth, color);
-    for (std::size_t k = 0; k < references.rows.size(); ++k) {
-      const References::Row& row = references.rows[k];
-      const Vec e = vec(row.direction);
-      std::uint32_t last = 0xFF808080u;
-      std::size_t column = 0;
-      for (const LocalPoint local : triangle_points(shape.exit_side)) {
-        const std::size_t s = k * columns + column++;
-        if (alpha[s] == 0) {
-          ASSERT_EQ(color[s], 0u) << set;
-          continue;
+    PredictedSamples predicted;
+    predictor.predict(level.from, predicted);
+    const auto& [alpha, depth, color] = predicted;
+    ASSERT_EQ(color.size(), samples);
+    std::size_t s = 0;
+    for (const Columns& row : expected)
+      for (int q = 0; q <= side; ++q)
+        for (int p = 0; p + q <= side; ++p, ++s) {
+          const Shown& shown = row.at({p, q});
+          const std::array<int, 3>& c = shown.color;
+          ASSERT_EQ(alpha[s], shown.alpha) << set << ", sample " << s;
+          ASSERT_EQ(depth[s], shown.depth) << set << ", sample " << s;
+          ASSERT_EQ(color[s],
+                    0xFF000000u | static_cast<std::uint32_t>(c[0] | c[1] << 8 | c[2] << 16))
+              << set << ", sample " << s;
         }
-        const Vec out = leave(local), r = out - e;
-        const float d = row.count == 1 ? 1.f : static_cast<float>(depth[s]) / 255.f;
-        int sum[4] = {};
-        for (std::size_t c = 0; c < row.count; ++c) {
-          const References::Vertex& vertex = row.vertex[c];
-          const Aim to = aim(coarser, vec(vertex.direction), e - vec(vertex.direction), r, out, d);
-          const ReferenceTile& tile = level.from[vertex.slot * exits + to.taps.section];
-          for (std::size_t tap = 0; tap < 3 && tile.color; ++tap)
-            for (std::size_t channel = 0; channel < 4; ++channel)
-              sum[channel] +=
-                  to.taps.weights[tap] *
-                  byte_at(tile.color, 4 * (vertex.row * columns + to.taps.columns[tap]) + channel);
-        }
-        if (sum[3] > 0) {
-          const float inverse = 255.f / static_cast<float>(sum[3]);
-          last = 0xFF000000u;
-          for (int channel = 0; channel < 3; ++channel)
-            last |= static_cast<std::uint32_t>(
-                        std::min(static_cast<float>(sum[channel]) * inverse, 255.f) + 0.5f)
-                    << 8 * channel;
-        }
-        ASSERT_EQ(color[s], last) << set << ", row " << k << ", column " << column - 1;
-      }
-    }
   });
 }
 
@@ -213,7 +244,9 @@ TEST_P(PredictTest, UsesCountTheLookUpsOfVisibleSamples) {
   std::vector<std::uint8_t> alpha(samples, 255), depth(samples, 40);
   const auto uses = predictor.uses(alpha, depth);
   std::size_t expected = 0, counted = 0;
-  for (const References::Row& row : references.rows) expected += row.count * columns;
+  const std::uint32_t looked_up = shape.exit_side / (shape.exit_side % 2 == 0 ? 2 : 1);
+  for (const References::Row& row : references.rows)
+    expected += row.count * triangle_size(looked_up);
   for (const std::uint32_t count : uses) counted += count;
   EXPECT_EQ(counted, expected);
   alpha.assign(samples, 0);

@@ -29,7 +29,7 @@ using testing::TemporaryFolder;
 
 /// Of all decoded samples of the golden fields, in key order.
 constexpr std::pair<const char*, std::uint64_t> kGoldenHashes[] = {
-    {"predictive", 18325681920467750072u}, {"straight", 4476995446298286618u}};
+    {"predictive", 18325681920467750072u}};
 
 BuildOptions predictive_options(unsigned levels = 2, const std::string& codec = "predictive:90") {
   BuildOptions options = lossless_options(4, 8, levels);
@@ -331,18 +331,6 @@ TEST_F(PredictiveField, GoldenSamplesAreTheSameOnEveryInstructionSet) {
       EXPECT_EQ(hash, expected) << name << " " << set;
     }
   });
-}
-
-/// It has other tables than this version would choose.
-TEST_F(PredictiveField, AFieldOfAnOlderVersionIsCopiedWithItsTables) {
-  const auto field = Field::open(std::string(SLF_TEST_DATA) + "/golden/straight.slf");
-  ASSERT_TRUE(field) << field.error().message;
-  const auto done = repack_field(*field, folder / "copy.slf", {});
-  ASSERT_TRUE(done) << done.error().message;
-  EXPECT_EQ(done->recoded, 0u);
-  const auto copy = Field::open(folder / "copy.slf");
-  ASSERT_TRUE(copy) << copy.error().message;
-  EXPECT_EQ(all_samples(*copy, "color"), all_samples(*field, "color"));
 }
 
 /// A tile's samples with the depths of what is not visible, which mean nothing, set to 0.

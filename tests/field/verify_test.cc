@@ -297,7 +297,7 @@ TEST_F(Verify, M1DamagedTables) {
 }
 
 TEST_F(Verify, ANewerFormatIsNotDamage) {
-  remake([](nlohmann::json& json) { json["slf"]["major"] = 2; });
+  remake([](nlohmann::json& json) { json["slf"]["major"] = 3; });
   const auto report = verify_field(path_, {});
   ASSERT_FALSE(report);
   EXPECT_EQ(report.error().code, ErrorCode::unsupported);

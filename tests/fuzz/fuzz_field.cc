@@ -94,14 +94,14 @@ void use_bytes(ByteSpan bytes) {
 }
 
 constexpr std::string_view kManifest =
-    R"({"slf":{"major":1,"minor":0},"required":[],"sphere":{"center":[0,0,0],"radius":1},
+    R"({"slf":{"major":2,"minor":0},"required":[],"sphere":{"center":[0,0,0],"radius":1},
 "entry_side":1,"exit_side":2,"levels":0,"entry_depth":0,"subfields":[7],"provenance":{},"layers":[
 {"name":"color","format":"rgba8","codec":"jpeg:75"},
 {"name":"depth","format":"depth8","codec":"zstd:1"}]})";
 
 /// The same of a field whose tiles are predicted.
 constexpr std::string_view kPredictiveManifest =
-    R"({"slf":{"major":1,"minor":1},"required":["predictive"],"sphere":{"center":[0,0,0],
+    R"({"slf":{"major":2,"minor":0},"required":["predictive"],"sphere":{"center":[0,0,0],
 "radius":1},"entry_side":1,"exit_side":2,"levels":1,"entry_depth":0,"filtered_levels":1,
 "subfields":[7],"provenance":{},"layers":[
 {"name":"color","format":"rgba8_depth8","codec":"predictive:80"}]})";

@@ -22,6 +22,7 @@ struct Work {
       : picture(tile),
         alpha(picture.samples()),
         depth(alpha.size()),
+        decoded_depth(alpha.size()),
         color(alpha.size()),
         rgba(alpha.size()),
         kinds(23),
@@ -37,7 +38,7 @@ struct Work {
     for (std::size_t k = 0; k < kinds.size(); ++k) kinds[k] = k % kReferenceKinds;
   }
   TilePicture picture;
-  std::vector<std::uint8_t> alpha, depth;
+  std::vector<std::uint8_t> alpha, depth, decoded_depth;
   std::vector<std::uint32_t> color, rgba;
   std::vector<std::uint8_t> kinds, used;
 };
@@ -48,9 +49,7 @@ void decode(const PredictiveLevel& level, ByteSpan payload, Work& work) {
   std::copy(payload.begin(), payload.end(), exact.get());
   PredictiveDecoder decoder(level, work.picture, {exact.get(), payload.size()});
   decoder.references(work.kinds, work.used);
-  decoder.alpha_depth(work.alpha, work.depth);
-  decoder.color(work.alpha, work.color, work.rgba);
-  (void)decoder.finish();
+  (void)decoder.decode({work.alpha, work.depth, work.color}, work.decoded_depth, work.rgba);
 }
 
 void encode(const PredictiveLevel& level, const Tile& tile, ByteSpan input) {
@@ -63,11 +62,10 @@ void encode(const PredictiveLevel& level, const Tile& tile, ByteSpan input) {
   Bytes payload;
   PredictiveEncoder encoder(level, work.picture, payload);
   encoder.references(work.kinds, work.used);
-  encoder.alpha_depth(truth.alpha, truth.depth, work.alpha, work.depth);
-  encoder.color(work.alpha, work.color, work.rgba);
-  encoder.finish();
+  work.decoded_depth = truth.depth;
+  encoder.encode({work.alpha, work.depth, work.color}, work.decoded_depth, work.rgba);
   decode(level, payload, back);
-  if (back.alpha != work.alpha || back.depth != work.depth || back.rgba != work.rgba) std::abort();
+  if (back.decoded_depth != work.decoded_depth || back.rgba != work.rgba) std::abort();
 }
 
 }  // namespace

@@ -10,7 +10,7 @@ set(SLF_PORTABLE_SOURCES
   codec/jpeg_tables.cc codec/fill.cc codec/mosaic.cc codec/premultiply.cc codec/color_difference.cc
   codec/portable/jpeg_decode.cc
   codec/predictive.cc codec/predictive_channels.cc codec/predictive_codec.cc
-  codec/predictive_tables.cc codec/dct.cc
+  codec/predictive_tables.cc codec/rans.cc codec/dct.cc
   field/predict/prediction_kernel.cc field/predict/predictor.cc field/predict/references.cc
   field/predict/upsample_kernel.cc
   field/predict/log_colors.cc field/predicted_tiles.cc field/reference_index.cc

@@ -1,0 +1,87 @@
+#include "codec/rans.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace slf::codec {
+namespace {
+
+constexpr std::uint32_t kTotal = 1u << SymbolModel::kBits;
+
+constexpr std::uint32_t weight_of(std::uint8_t stored) { return (4u + stored % 4) << (stored / 4); }
+
+}  // namespace
+
+SymbolModel::SymbolModel(std::span<const std::uint8_t> weights) {
+  std::uint64_t sum = 0;
+  for (const std::uint8_t weight : weights) sum += weight_of(weight);
+  std::array<std::uint32_t, kMaxSymbols> frequencies{};
+  std::uint32_t total = 0;
+  std::size_t most = 0;
+  for (std::size_t k = 0; k < weights.size(); ++k) {
+    frequencies[k] = std::max(
+        1u, static_cast<std::uint32_t>(std::uint64_t{weight_of(weights[k])} * kTotal / sum));
+    total += frequencies[k];
+    if (weights[k] > weights[most]) most = k;
+  }
+  frequencies[most] += kTotal - total;  // which may be negative
+  for (std::size_t k = 0; k < kMaxSymbols; ++k)
+    starts_[k + 1] = static_cast<std::uint16_t>(starts_[k] + frequencies[k]);
+  std::uint8_t symbol = 0;
+  for (std::size_t k = 0; k < first_.size(); ++k) {
+    while (starts_[symbol + 1u] <= k << kShift) ++symbol;
+    first_[k] = symbol;
+  }
+}
+
+void store_weights(std::span<const double> counts, std::span<std::uint8_t> weights) {
+  const double sum = std::accumulate(counts.begin(), counts.end(), 0.);
+  for (std::size_t k = 0; k < counts.size(); ++k) {
+    // A weight of 4, the least, is 1/4096.
+    const double wanted = 16384 * counts[k] / sum;
+    // Rare symbols cost little however coarse their weights are, but these fill the tables.
+    const auto next = [](int weight) { return weight < 16 ? weight + 4 : weight + 1; };
+    const auto off = [&](int weight) {
+      return std::abs(weight_of(static_cast<std::uint8_t>(weight)) - wanted);
+    };
+    int best = 0;
+    while (next(best) < SymbolModel::kWeights && off(next(best)) < off(best)) best = next(best);
+    weights[k] = static_cast<std::uint8_t>(best);
+  }
+}
+
+double SymbolList::cost(std::span<const SymbolModel> models) const {
+  static const std::array<float, kTotal + 1> kBitsOf = [] {
+    std::array<float, kTotal + 1> bits{};
+    for (std::uint32_t f = 1; f <= kTotal; ++f)
+      bits[f] = static_cast<float>(SymbolModel::kBits - std::log2(f));
+    return bits;
+  }();
+  double bits = 0;
+  for (const Entry& entry : entries_)
+    bits += entry.even() ? static_cast<float>(entry.bits())
+                         : kBitsOf[models[entry.model].frequency(entry.value)];
+  return bits;
+}
+
+void RansEncoder::finish() {
+  std::uint32_t state = RansDecoder::kLowest;
+  std::vector<std::uint16_t> words;
+  for (auto range = ranges_.rbegin(); range != ranges_.rend(); ++range) {
+    if (state >= std::uint64_t{range->frequency} << (32 - range->bits)) {
+      words.push_back(static_cast<std::uint16_t>(state));
+      state >>= 16;
+    }
+    state = ((state / range->frequency) << range->bits) + state % range->frequency + range->start;
+  }
+  // The length is odd if the state's highest byte is 0, and so is left out.
+  if (state >> 24 != 0)
+    append_le(to_, static_cast<std::uint16_t>(state >> 16));
+  else
+    to_.push_back(static_cast<std::byte>(state >> 16));
+  append_le(to_, static_cast<std::uint16_t>(state));
+  for (auto word = words.rbegin(); word != words.rend(); ++word) append_le(to_, *word);
+}
+
+}  // namespace slf::codec
