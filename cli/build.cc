@@ -33,6 +33,8 @@ Result<void> run_build(const Arguments& arguments) {
   inputs.push_back(options.shard.coarser);
   SLF_TRY(check_output(output, inputs));
   source.raycast.lighting.linear = options.half;
+  if (!arguments.center.empty() && arguments.radius != 0)
+    source.pictures.sphere = Sphere{to_vector(arguments.center), arguments.radius};
   const auto scene = SLF_TRY(
       source.scene({options.threads, light_progress(OnSignal::stop), source.light_file, true}));
   const Sphere visible = scene->bounds();
@@ -64,11 +66,12 @@ Result<void> run_build(const Arguments& arguments) {
 }  // namespace
 
 void add_build(CLI::App& app, Run& run) {
-  auto* command =
-      app.add_subcommand("build", "Build a field from a volume; resumes if interrupted");
+  auto* command = app.add_subcommand(
+      "build", "Build a field from a volume or pictures; resumes if interrupted");
   auto a = std::make_shared<Arguments>();
   a->source.add_volume_to(*command, "INPUT");
   a->source.add_light_to(*command);
+  a->source.add_pictures_to(*command);
   command->add_option("-o,--output", a->output, "The field to write")
       ->type_name(kFieldFile)
       ->required();

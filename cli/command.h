@@ -21,6 +21,7 @@
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/path_tracer.h"
+#include "slf/pictures.h"
 #include "slf/raycaster.h"
 #include "slf/render.h"
 #include "slf/scene.h"
@@ -38,6 +39,7 @@ using Run = std::function<Result<void>()>;
 [[nodiscard]] std::string usage_message(const CLI::App& app, const CLI::ParseError& error);
 
 void add_build(CLI::App& app, Run& run);
+void add_cameras(CLI::App& app, Run& run);
 void add_info(CLI::App& app, Run& run);
 void add_render(CLI::App& app, Run& run);
 void add_raycast(CLI::App& app, Run& run);
@@ -285,12 +287,19 @@ struct SourceArguments {
   std::string light_file;     // empty: none
   bool reference = false;     // path tracing instead of a light volume
   PathTraceOptions paths;
+  PictureSceneOptions pictures;
 
   /// Adds the volume, as an option or positional `name`, and the options of its transfer function
   /// and voxels.
   void add_volume_to(CLI::App& command, const char* name);
   /// Adds only the options that state how to read voxels.
   void add_raw_to(CLI::App& command);
+  /// Adds the options of scenes made of pictures.
+  void add_pictures_to(CLI::App& command);
+  /// Whether the input is pictures:FOLDER or pictures:JSON.
+  [[nodiscard]] bool is_pictures() const;
+  /// Reads its cameras, and prints notes on them. REQUIRES: is_pictures().
+  [[nodiscard]] Result<PictureSet> read_picture_set() const;
   /// Adds the options of step, light and shading.
   void add_light_to(CLI::App& command);
   void add_environment_to(CLI::App& command);

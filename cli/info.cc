@@ -1,4 +1,7 @@
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
+#include <numbers>
 
 #include "base/try.h"
 #include "cli/command.h"
@@ -161,6 +164,73 @@ void print_series(const std::string& folder, const SeriesList& list) {
   for (const std::string& remark : list.notes) print("note    {}\n", remark);
 }
 
+/// The directions of cameras from the middle of what they look at: 24 x 8 cells of equal area,
+/// azimuth to the right, from above to below.
+std::vector<std::string> coverage_map(const PictureSet& set) {
+  constexpr int kColumns = 24, kRows = 8;
+  const glm::dvec3 center = focus_of(set.pictures).value_or(glm::dvec3(0));
+  std::vector<std::vector<int>> counts(kRows, std::vector<int>(kColumns, 0));
+  for (const Picture& picture : set.pictures) {
+    const glm::dvec3 toward = picture.eye - center;
+    const double length = glm::length(toward);
+    if (!(length > 0)) continue;
+    const double turn = std::atan2(toward.y, toward.x) / (2 * std::numbers::pi) + 0.5;
+    const auto cell = [](double share, int cells) {
+      return std::clamp(static_cast<int>(share * cells), 0, cells - 1);
+    };
+    ++counts[static_cast<std::size_t>(cell((1 - toward.z / length) / 2, kRows))]
+            [static_cast<std::size_t>(cell(turn, kColumns))];
+  }
+  std::vector<std::string> lines;
+  for (const auto& row : counts) {
+    std::string line;
+    for (const int count : row)
+      line += count == 0 ? '.' : count < 10 ? static_cast<char>('0' + count) : '+';
+    lines.push_back(line);
+  }
+  return lines;
+}
+
+Result<void> print_pictures(const SourceArguments& source, bool json) {
+  const auto set = SLF_TRY(source.read_picture_set());
+  std::map<std::string, int> sizes, lenses;
+  std::size_t masks = 0, depths = 0;
+  for (const Picture& picture : set.pictures) {
+    const Lens& lens = picture.lens;
+    ++sizes[fmt::format("{}x{}", lens.width, lens.height)];
+    ++lenses[lens.fisheye ? "fisheye" : lens.distorted() ? "distorted" : "pinhole"];
+    masks += !picture.mask.empty();
+    depths += !picture.depth.empty();
+  }
+  if (json) {
+    nlohmann::json map = coverage_map(set);
+    print_json({{"source", set.source},
+                {"pictures", set.pictures.size()},
+                {"sizes", sizes},
+                {"lenses", lenses},
+                {"mask_files", masks},
+                {"depth_files", depths},
+                {"points", set.points.size()},
+                {"coverage", map},
+                {"notes", set.notes}});
+    return {};
+  }
+  const auto list = [](const std::map<std::string, int>& counts) {
+    std::string text;
+    for (const auto& [what, count] : counts)
+      text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count, what);
+    return text;
+  };
+  print("{}: {} pictures with cameras\n", set.source, set.pictures.size());
+  print("sizes   {}\n", list(sizes));
+  print("lenses  {}\n", list(lenses));
+  print("files   {} masks and {} depths beside the pictures\n", masks, depths);
+  if (!set.points.empty()) print("points  {}\n", set.points.size());
+  print("cameras seen from the object, from +z above to -z below, azimuth from -180 to 180:\n");
+  for (const std::string& line : coverage_map(set)) print("        {}\n", line);
+  return {};
+}
+
 /// The DICOM series of a folder; none of anything else.
 SeriesList series_of(const std::string& path) {
   std::error_code ignored;
@@ -170,6 +240,7 @@ SeriesList series_of(const std::string& path) {
 
 Result<void> run_info(const Arguments& arguments) {
   const std::string& input = arguments.source.input;
+  if (arguments.source.is_pictures()) return print_pictures(arguments.source, arguments.json);
   if (!is_address(input) && !input.ends_with(".slf") && !input.ends_with(".slf.unfinished")) {
     const SeriesList list = series_of(input);
     if (list.series.size() > 1 && !arguments.source.series) {
@@ -204,9 +275,13 @@ Result<void> run_info(const Arguments& arguments) {
 
 void add_info(CLI::App& app, Run& run) {
   auto* command =
-      app.add_subcommand("info", "What a field (.slf) or a volume (anything else) holds");
+      app.add_subcommand("info", "What a field (.slf), pictures or a volume (anything else) holds");
   auto a = std::make_shared<Arguments>();
-  command->add_option("INPUT", a->source.input, std::string("Field: .slf\n") + kVolumeHelp)
+  command
+      ->add_option(
+          "INPUT", a->source.input,
+          std::string("Field: .slf\nPictures with cameras: pictures:FOLDER or pictures:JSON\n") +
+              kVolumeHelp)
       ->type_name(kAnyFile)
       ->required();
   a->source.add_raw_to(*command);

@@ -152,9 +152,70 @@ struct EvaluateArguments {
   PixelSize size{256, 256};
   double distance = 3;
   std::uint32_t supersample = 1;
+  std::string pictures;  // empty: compare with the volume, or with pictures that were held out
   DrawArguments draw;
   bool json = false;
 };
+
+/// The pictures to compare with: those that the option names, or those that the build held out.
+Result<std::vector<Picture>> pictures_of(const EvaluateArguments& a, const Field& field) {
+  if (!a.pictures.empty()) {
+    auto set = SLF_TRY(read_pictures(a.pictures));
+    return std::move(set.pictures);
+  }
+  const auto built = nlohmann::json::parse(field.provenance(), nullptr, false);
+  const auto holdout = built.is_object() ? built.value("holdout", 0u) : 0u;
+  if (text_of(built, "kind", "") != "pictures" || holdout == 0)
+    return fail(ErrorCode::usage, field.path(),
+                ": compared with what? expected --volume, --pictures, or a field that was built "
+                "with --holdout");
+  auto set = SLF_TRY(read_pictures(text_of(built, "source", "")));
+  std::vector<Picture> held_out;
+  for (std::size_t k = 0; k < set.pictures.size(); ++k)
+    if (is_held_out(k, holdout)) held_out.push_back(set.pictures[k]);
+  return held_out;
+}
+
+Result<void> evaluate_with_pictures(const EvaluateArguments& a, const Field& field) {
+  const auto pictures = SLF_TRY(pictures_of(a, field));
+  const auto view = SLF_TRY(a.draw.view(field));
+  const auto qualities =
+      SLF_TRY(evaluate_pictures(field, pictures, view, a.draw.renderer(),
+                                progress_bar("evaluate", "pictures", OnSignal::end)));
+  nlohmann::json per_view = nlohmann::json::array();
+  double psnr = 0, inside = 0, ssim = 0;
+  std::vector<std::vector<std::string>> rows{{"picture", "PSNR", "inside", "SSIM"}};
+  const auto count = static_cast<double>(qualities.size());
+  for (const PictureQuality& q : qualities) {
+    psnr += q.whole.psnr / count;
+    inside += q.psnr_inside / count;
+    ssim += q.whole.ssim / count;
+    rows.push_back({q.name, fmt::format("{:.2f}", q.whole.psnr),
+                    fmt::format("{:.2f}", q.psnr_inside), fmt::format("{:.4f}", q.whole.ssim)});
+    per_view.push_back({{"picture", q.name},
+                        {"psnr", finite_or_null(q.whole.psnr)},
+                        {"psnr_inside", finite_or_null(q.psnr_inside)},
+                        {"ssim", q.whole.ssim}});
+  }
+  if (a.json) {
+    print_json({{"pictures", qualities.size()},
+                {"mode", name(view.mode)},
+                {"level", view.level},
+                {"psnr", finite_or_null(psnr)},
+                {"psnr_inside", finite_or_null(inside)},
+                {"ssim", ssim},
+                {"per_view", per_view},
+                {"file_bytes", field.file_bytes()}});
+    return {};
+  }
+  print_table(rows);
+  print(
+      "{}: mode {}, level {}: PSNR {:.2f} dB, inside the sphere {:.2f} dB, SSIM {:.4f} (mean of "
+      "{} pictures), {}\n",
+      a.field, name(view.mode), view.level, psnr, inside, ssim, qualities.size(),
+      human_bytes(static_cast<double>(field.file_bytes())));
+  return {};
+}
 
 /// Returns whether the field was built from the scene that it is compared with, and warns if not.
 bool check_source(const Field& field, const Scene& scene) {
@@ -181,6 +242,7 @@ std::optional<ToneMapping> view_tone(const Field& field) {
 
 Result<void> run_evaluate(const EvaluateArguments& a) {
   const auto field = SLF_TRY(open_field(a.field));
+  if (a.source.input.empty()) return evaluate_with_pictures(a, field);
   const auto cameras = a.views.cameras(field.shape().sphere, a.distance, a.size);
   const auto view = SLF_TRY(a.draw.view(field, cameras.front()));
   const auto scene = SLF_TRY(
@@ -267,11 +329,20 @@ void add_measure(CLI::App& app, Run& run) {
 
 void add_evaluate(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
-      "evaluate", "Quality: PSNR and SSIM of random views against the ray-cast truth");
+      "evaluate",
+      "Quality: PSNR and SSIM of views against the ray-cast truth, or against pictures");
   auto a = std::make_shared<EvaluateArguments>();
   a->source.longest_step = 0.5;  // the truth has finer rays than fields need
   command->add_option("FIELD", a->field, "Field to evaluate")->type_name(kFieldFile)->required();
   a->source.add_volume_to(*command, "--volume");
+  command->get_option("--volume")->required(false);
+  command
+      ->add_option(
+          "--pictures", a->pictures,
+          "Compare with pictures instead of a volume: transforms.json or a folder, as for\n"
+          "`slf build pictures:…`; default: those that --holdout left out")
+      ->type_name(kAnyFile)
+      ->excludes("--volume");
   command->get_option("--transfer")
       ->description(
           "Transfer function, ParaView preset JSON; default: what the field was built with");

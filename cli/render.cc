@@ -1,8 +1,10 @@
 // slf render and slf raycast: draw a view of a field, or the same view of its source.
 #include "slf/render.h"
 
+#include <filesystem>
 #include <numeric>
 
+#include "base/file.h"
 #include "base/try.h"
 #include "cli/command.h"
 #include "slf/image.h"
@@ -12,7 +14,7 @@
 namespace slf::cli {
 namespace {
 
-struct Picture {
+struct PictureOutput {
   std::string output;
   std::vector<double> background{0, 0, 0};
   bool transparent = false;
@@ -53,7 +55,7 @@ struct Picture {
 
 struct RenderArguments {
   std::string field;
-  Picture picture;
+  PictureOutput picture;
   CameraArguments camera;
   DrawArguments draw;
   ToneMapping tone;
@@ -145,12 +147,43 @@ Result<void> run_render(const RenderArguments& a) {
 
 struct RaycastArguments {
   SourceArguments source;
-  Picture picture;
+  PictureOutput picture;
   CameraArguments camera;
+  std::string cameras;  // empty: one picture, by `camera`
   unsigned threads = 0;
 };
 
+/// Draws the pictures of a file of cameras: .exr, in a folder with its own transforms.json.
+Result<void> raycast_cameras(const RaycastArguments& a) {
+  namespace fs = std::filesystem;
+  auto set = SLF_TRY(read_cameras(a.cameras));
+  const auto scene =
+      SLF_TRY(a.source.scene({a.threads, light_progress(OnSignal::end), a.source.light_file}));
+  const fs::path folder = a.picture.output;
+  const std::string list = (folder / "transforms.json").string();
+  SLF_TRY(refuse_overwrite(list, a.picture.force, {a.cameras}));
+  const auto progress = progress_bar("raycast", "pictures", OnSignal::end);
+  for (std::size_t k = 0; k < set.pictures.size(); ++k) {
+    Picture& picture = set.pictures[k];
+    picture.file = (folder / fs::path(picture.name).relative_path().replace_extension(".exr"))
+                       .lexically_normal()
+                       .string();
+    if (fs::path(picture.file).lexically_relative(folder).string().starts_with(".."))
+      return fail(ErrorCode::bad_file, a.cameras, ": ", picture.name, ": leads out of the folder");
+    const auto camera = SLF_TRY(camera_of(picture));
+    auto image = SLF_TRY(trace_view(*scene, scene->bounds(), camera, a.threads));
+    std::error_code error;
+    fs::create_directories(fs::path(picture.file).parent_path(), error);
+    SLF_TRY(refuse_overwrite(picture.file, a.picture.force, a.source.files()));
+    SLF_TRY(write_image(picture.file, through_lens(picture, camera, std::move(image))));
+    if (progress) progress({k + 1, set.pictures.size(), 0});
+  }
+  const std::string text = transforms_json(set.pictures, folder.string());
+  return write_file(list, as_bytes(std::span(text)));
+}
+
 Result<void> run_raycast(const RaycastArguments& a) {
+  if (!a.cameras.empty()) return raycast_cameras(a);
   SLF_TRY(a.picture.check(a.source.files()));
   SourceArguments source = a.source;
   source.raycast.lighting.linear = a.picture.is_exr();
@@ -189,8 +222,14 @@ void add_raycast(CLI::App& app, Run& run) {
   a->source.add_volume_to(*command, "INPUT");
   a->source.add_light_to(*command);
   a->source.add_reference_to(*command);
+  a->source.add_pictures_to(*command);
   a->picture.add_to(*command);
   a->camera.add_to(*command);
+  command
+      ->add_option("--cameras", a->cameras,
+                   "Draw the pictures of all cameras in a transforms.json, as .exr with depth (Z,\n"
+                   "from the eye), in the folder OUTPUT")
+      ->type_name(kAnyFile);
   add_threads(*command, a->threads);
   command->callback([a, &run] { run = [a] { return run_raycast(*a); }; });
 }

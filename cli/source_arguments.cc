@@ -15,6 +15,7 @@ namespace slf::cli {
 namespace {
 
 constexpr std::string_view kScenePrefix = "scene:";
+constexpr std::string_view kPicturesPrefix = "pictures:";
 /// In the error of a file that is in no known format.
 constexpr std::string_view kHeaderless = "headerless voxels need their layout";
 
@@ -57,7 +58,9 @@ Result<VoxelBox> parse_crop(const std::string& text) {
 void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
   command
       .add_option(name, input,
-                  std::string(kVolumeHelp) + ", or\nscene:balls, scene:globe, scene:fog")
+                  std::string(kVolumeHelp) +
+                      ", or\npictures:FOLDER or pictures:JSON, with cameras (doc/pictures.md), "
+                      "or\nscene:balls, scene:globe, scene:fog")
       ->type_name(kAnyFile)
       ->required();
   command
@@ -90,6 +93,49 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
       ->type_name(kAnyFile)
       ->group(kVolumeGroup);
   add_raw_to(command);
+}
+
+void SourceArguments::add_pictures_to(CLI::App& command) {
+  const char* group = "Pictures";
+  choose(command.add_option("--depth", pictures.depth,
+                            "What depths of pictures are: distance along the axis (z) or from the\n"
+                            "eye (ray), or 1/z; none: do not use any, nor estimate them; default:\n"
+                            "found by comparing pictures"),
+         Choices<DepthKind>{{"z", DepthKind::z},
+                            {"ray", DepthKind::ray},
+                            {"inverse", DepthKind::inverse},
+                            {"none", DepthKind::none}})
+      ->type_name("TEXT")
+      ->group(group);
+  command
+      .add_option("--depth-scale", pictures.depth_scale,
+                  "World units of one unit in depth pictures, as 0.001")
+      ->check(kLength)
+      ->group(group)
+      ->capture_default_str();
+  command
+      .add_option("--holdout", pictures.holdout,
+                  "Leave out every N-th picture, from the first on, for `slf evaluate`")
+      ->check(CLI::Range(2, 1000000).description(""))
+      ->type_name("N")
+      ->group(group);
+  command
+      .add_option("--voxels", pictures.voxels,
+                  "Voxels along an edge of the grid that holds the object's surface")
+      ->check(CLI::Range(32, 768).description(""))
+      ->group(group)
+      ->capture_default_str();
+  add_bytes(command, "--picture-memory", pictures.memory, "Most memory for decoded pictures")
+      ->group(group);
+}
+
+bool SourceArguments::is_pictures() const { return input.starts_with(kPicturesPrefix); }
+
+Result<PictureSet> SourceArguments::read_picture_set() const {
+  auto set = read_pictures(input.substr(kPicturesPrefix.size()));
+  if (set)
+    for (const std::string& remark : set->notes) note(set->source + ": " + remark);
+  return set;
 }
 
 void SourceArguments::add_raw_to(CLI::App& command) {
@@ -379,6 +425,18 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
     const LightVolumeOptions& light_volume, const std::optional<std::string>& provenance) const {
   if (input.starts_with(kScenePrefix))
     return make_analytic_scene(std::string_view(input).substr(kScenePrefix.size()));
+  if (is_pictures()) {
+    auto set = SLF_TRY(read_picture_set());
+    PictureSceneOptions from = pictures;
+    from.threads = light_volume.threads;
+    from.progress = late_progress_bar("pictures", "pictures", OnSignal::end);
+    auto made = make_picture_scene(std::move(set), from);
+    if (!made && made.error().message.find("state what they are") != std::string::npos)
+      return with_hint(made.error(), "see --depth and --depth-scale");
+    if (!made && made.error().message.find("radius") != std::string::npos)
+      return with_hint(made.error(), "see --center and --radius");
+    return made;
+  }
   RaycastOptions options = raycast;
   options.shade = !no_shade && options.projection == Projection::none;
   options.ambient = ambient.value_or(options.ambient);

@@ -42,6 +42,8 @@ const std::vector<Prose>& all() {
          "slf build head.nii.gz -o head.slf --transfer presets.json#Viridis"},
         {"Without shadows and scattered light",
          "slf build head.nii.gz -o head.slf --transfer ct-bone --lighting direct"},
+        {"From pictures with cameras, every eighth left out",
+         "slf build pictures:chair -o chair.slf --holdout 8"},
         {"Lossless", "slf build head.nii.gz -o head.slf --color-codec zstd --depth-codec zstd"},
         {"The third of eight shards, for slf-merge(1)",
          "slf build head.nii.gz -o part-3.slf --shard 3/8"},
@@ -51,6 +53,14 @@ const std::vector<Prose>& all() {
          "slf build head.nii.gz -o part-3.slf --coarser coarse.slf --shard 3/8"},
         {"Headerless voxels",
          "slf build head.raw -o head.slf --dims 128x128x84 --type u8 --spacing 1x1x1.5"}}},
+      {"cameras",
+       {"Writes cameras in well-spread directions around a sphere, as transforms.json of "
+        "instant-ngp: camera space has x to the right, y up, and looks along -z. A renderer fills "
+        "in the pictures, and slf-build(1) makes a field of them: pictures:FOLDER."},
+       {{"A hundred cameras, and eight for slf-evaluate(1)",
+         "slf cameras head.slf --count 100 --test 8 -o transforms.json"},
+        {"Pictures with depth from our own ray-caster",
+         "slf raycast head.nii.gz --cameras transforms.json -o pictures"}}},
       {"info",
        {"For a field, prints geometry, levels, layers, codecs, sizes and provenance; for a volume, "
         "dimensions, spacing, orientation and the range of its values; for a folder of several "

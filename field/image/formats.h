@@ -51,6 +51,13 @@ struct JpegSamples {
 };
 [[nodiscard]] Result<JpegSamples> decode_jpeg_samples(const std::string& name, ByteSpan bytes);
 
+struct ImageSize {
+  std::uint32_t width = 0, height = 0;
+  bool operator==(const ImageSize&) const = default;
+};
+/// The size that a file states in its header. Errors as read_image().
+[[nodiscard]] Result<ImageSize> read_image_size(const std::string& path);
+
 /// Decodes a picture in the format that its first bytes indicate.
 [[nodiscard]] Result<Image> decode(const std::string& name, ByteSpan bytes);
 

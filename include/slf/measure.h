@@ -10,6 +10,7 @@
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/image.h"
+#include "slf/pictures.h"
 #include "slf/progress.h"
 #include "slf/render.h"
 #include "slf/scene.h"
@@ -95,6 +96,27 @@ struct Evaluation {
     const Field& field, const Scene& scene, const std::vector<Camera>& cameras,
     const ViewOptions& view, const RendererOptions& renderer, std::uint32_t supersample = 1,
     const std::optional<ToneMapping>& tone = {}, const ProgressCallback& progress = {});
+
+struct PictureQuality {
+  std::string name;        ///< of the picture
+  ViewQuality whole;       ///< of the whole picture
+  double psnr_inside = 0;  ///< in dB, of the pixels whose rays cross the field's sphere
+};
+
+/// Compares views of the field with pictures: RGB over black, 8 bits. A view has the lens of its
+/// picture; a picture through a lens that distorts is compared with a resampled view. Progress
+/// counts pictures. usage: no pictures. unsupported: a lens that sees further than 80 degrees from
+/// its axis. Else errors as Renderer::render() and load_picture().
+[[nodiscard]] Result<std::vector<PictureQuality>> evaluate_pictures(
+    const Field& field, const std::vector<Picture>& pictures, const ViewOptions& view,
+    const RendererOptions& renderer, const ProgressCallback& progress = {});
+
+/// A camera that sees all that the picture shows; exactly its pixels if the lens is undistorted
+/// with square pixels and the principal point is in the middle. unsupported: as above.
+[[nodiscard]] Result<Camera> camera_of(const Picture& picture);
+
+/// The picture's pixels of a view from camera_of().
+[[nodiscard]] Image through_lens(const Picture& picture, const Camera& camera, Image view);
 
 /// Asks the kernel to drop a file from its cache, so that later reads come from the disk. Pages
 /// that a process has mapped remain. io: the file cannot be opened or synced.

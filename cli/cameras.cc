@@ -1,0 +1,95 @@
+// slf cameras: cameras around an object, for any renderer to fill in.
+#include <filesystem>
+
+#include "base/file.h"
+#include "base/try.h"
+#include "cli/command.h"
+#include "slf/remote.h"
+
+namespace slf::cli {
+namespace {
+
+struct Arguments {
+  SourceArguments source;
+  std::vector<double> sphere;  // x, y, z, radius; empty: the input's
+  std::uint32_t count = 100, test = 0;
+  double distance = 3;
+  PixelSize size{512, 512};
+  std::string output;
+  bool force = false;
+};
+
+Result<Sphere> sphere_of(const Arguments& a) {
+  if (!a.sphere.empty()) {
+    if (!(a.sphere[3] > 0))
+      return fail(ErrorCode::usage, "--sphere: a radius of ", a.sphere[3], "; expected above 0");
+    return Sphere{{a.sphere[0], a.sphere[1], a.sphere[2]}, a.sphere[3]};
+  }
+  if (a.source.input.empty())
+    return fail(ErrorCode::usage, "around what? expected --sphere X,Y,Z,R, a field or a volume");
+  if (is_address(a.source.input) || a.source.input.ends_with(".slf")) {
+    const auto field = SLF_TRY(open_field(a.source.input));
+    return field.shape().sphere;
+  }
+  const auto scene = SLF_TRY(a.source.scene({.deferred = true}));
+  return scene->bounds();
+}
+
+Result<void> write_cameras(const Arguments& a, const std::string& output,
+                           std::vector<Picture> cameras, const std::string& folder) {
+  for (Picture& camera : cameras) camera.name = folder + "/" + camera.name;
+  const std::string text = transforms_json(cameras, "");
+  SLF_TRY(refuse_overwrite(output, a.force, a.source.files()));
+  return write_file(output, as_bytes(std::span(text)));
+}
+
+Result<void> run_cameras(const Arguments& a) {
+  const auto sphere = SLF_TRY(sphere_of(a));
+  const auto spread = [&](std::uint32_t count) {
+    return spread_cameras(sphere, a.distance, count, a.size.width, a.size.height);
+  };
+  SLF_TRY(write_cameras(a, a.output, spread(a.count), "images"));
+  if (a.test == 0) return {};
+  const std::filesystem::path path(a.output);
+  const std::string test =
+      (path.parent_path() / (path.stem().string() + "_test" + path.extension().string())).string();
+  return write_cameras(a, test, spread(a.test), "images_test");
+}
+
+}  // namespace
+
+void add_cameras(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand(
+      "cameras", "Cameras around an object, as transforms.json, for any renderer to fill in");
+  auto a = std::make_shared<Arguments>();
+  a->source.add_volume_to(*command, "INPUT");
+  command->get_option("INPUT")->required(false)->description(
+      "Field or volume to stand around; or --sphere");
+  command->add_option("--sphere", a->sphere, "Centre and radius, in world units")
+      ->delimiter(',')
+      ->type_size(4)
+      ->expected(1)
+      ->check(kPlace)
+      ->type_name("X,Y,Z,R");
+  command->add_option("--count", a->count, "How many cameras, evenly spread")
+      ->check(CLI::Range(1, 100000).description(""))
+      ->capture_default_str();
+  command
+      ->add_option("--test", a->test,
+                   "Also write this many cameras in other directions to *_test.json")
+      ->check(CLI::Range(0, 100000).description(""))
+      ->capture_default_str();
+  command->add_option("--distance", a->distance, "Eyes' distance from the centre, in sphere radii")
+      ->check(above(1, 1e6))
+      ->capture_default_str();
+  of_pixels(
+      command->add_option("--size", a->size, "Picture size in pixels; one number for a square"))
+      ->default_str(to_string(a->size));
+  command->add_option("-o,--output", a->output, "The file to write, as transforms.json")
+      ->type_name(kAnyFile)
+      ->required();
+  command->add_flag("-f,--force", a->force, "Overwrite the file");
+  command->callback([a, &run] { run = [a] { return run_cameras(*a); }; });
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,120 @@
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "base/try.h"
+#include "slf/measure.h"
+
+namespace slf {
+namespace {
+
+/// Whether a Camera has exactly these pixels.
+bool is_centered_pinhole(const Lens& lens) {
+  return !lens.distorted() && std::abs(lens.fx - lens.fy) < 1e-6 * lens.fx &&
+         std::abs(lens.cx - lens.width / 2.0) < 1e-3 &&
+         std::abs(lens.cy - lens.height / 2.0) < 1e-3;
+}
+
+glm::vec4 bilinear(const Image& image, double x, double y) {
+  const double px = std::clamp(x - 0.5, 0.0, image.width - 1.001),
+               py = std::clamp(y - 0.5, 0.0, image.height - 1.001);
+  const auto ix = static_cast<std::size_t>(px), iy = static_cast<std::size_t>(py);
+  const auto fx = static_cast<float>(px - static_cast<double>(ix)),
+             fy = static_cast<float>(py - static_cast<double>(iy));
+  const glm::vec4* p = &image.rgba[iy * image.width + ix];
+  return glm::mix(glm::mix(p[0], p[1], fx), glm::mix(p[image.width], p[image.width + 1], fx), fy);
+}
+
+/// PSNR of the pixels whose rays cross the sphere, from RGB in 8 bits over black.
+double psnr_inside(const Sphere& sphere, const Picture& picture, const Image& a, const Image& b) {
+  const auto left = to_rgb8(a), right = to_rgb8(b);
+  double error = 0, count = 0;
+  for (std::uint32_t y = 0; y < a.height; ++y)
+    for (std::uint32_t x = 0; x < a.width; ++x) {
+      const Chord chord =
+          intersect(sphere, picture.eye, picture.axes * picture.lens.direction({x + 0.5, y + 0.5}));
+      if (!chord.hit || chord.leave <= 0) continue;
+      const std::size_t p = (std::size_t{y} * a.width + x) * 3;
+      for (std::size_t c = p; c < p + 3; ++c) {
+        const double d = double{left[c] / 255.0} - right[c] / 255.0;
+        error += d * d;
+        ++count;
+      }
+    }
+  return -10 * std::log10(error / count);
+}
+
+}  // namespace
+
+Result<Camera> camera_of(const Picture& picture) {
+  const Lens& lens = picture.lens;
+  Camera camera;
+  camera.eye = picture.eye;
+  camera.look_at = picture.eye + picture.axes[2];
+  camera.up = -picture.axes[1];
+  camera.width = lens.width;
+  camera.height = lens.height;
+  constexpr double kDegrees = 180 / std::numbers::pi;
+  if (is_centered_pinhole(lens)) {
+    camera.fov = 2 * std::atan(lens.height / 2.0 / lens.fy) * kDegrees;
+    return camera;
+  }
+  constexpr int kSteps = 32;  // along each edge
+  const double furthest = std::tan(80 / kDegrees);
+  glm::dvec2 reach(0);
+  for (int k = 0; k <= kSteps; ++k)
+    for (const glm::dvec2 edge : {glm::dvec2(k, 0), {k, kSteps}, {0, k}, {kSteps, k}}) {
+      const glm::dvec3 way =
+          lens.direction(edge / double{kSteps} * glm::dvec2(lens.width, lens.height));
+      if (!(way.z > 0 && std::hypot(way.x, way.y) < furthest * way.z))
+        return fail(ErrorCode::unsupported, picture.name,
+                    ": its lens sees further than 80 degrees from the axis");
+      reach = glm::max(reach, glm::abs(glm::dvec2(way) / way.z));
+    }
+  // Finer than the picture, because it is resampled.
+  const double focal = 2 * std::max(lens.fx, lens.fy);
+  camera.width = static_cast<std::uint32_t>(std::min(2 * reach.x * focal + 4, 16384.0));
+  camera.height = static_cast<std::uint32_t>(std::min(2 * reach.y * focal + 4, 16384.0));
+  camera.fov = 2 * std::atan(camera.height / 2.0 / focal) * kDegrees;
+  return camera;
+}
+
+Image through_lens(const Picture& picture, const Camera& camera, Image view) {
+  const Lens& lens = picture.lens;
+  if (is_centered_pinhole(lens)) return view;
+  const double focal = camera.height / 2.0 / std::tan(camera.fov * std::numbers::pi / 360);
+  Image image{lens.width, lens.height, {}, {}};
+  image.rgba.reserve(std::size_t{lens.width} * lens.height);
+  for (std::uint32_t y = 0; y < lens.height; ++y)
+    for (std::uint32_t x = 0; x < lens.width; ++x) {
+      const glm::dvec3 way = lens.direction({x + 0.5, y + 0.5});
+      image.rgba.push_back(bilinear(view, focal * way.x / way.z + camera.width / 2.0,
+                                    focal * way.y / way.z + camera.height / 2.0));
+    }
+  return image;
+}
+
+Result<std::vector<PictureQuality>> evaluate_pictures(const Field& field,
+                                                      const std::vector<Picture>& pictures,
+                                                      const ViewOptions& view,
+                                                      const RendererOptions& options,
+                                                      const ProgressCallback& progress) {
+  if (pictures.empty()) return fail(ErrorCode::usage, "no pictures to compare with");
+  Renderer renderer(field, options);
+  std::vector<PictureQuality> qualities;
+  for (const Picture& picture : pictures) {
+    const auto truth = SLF_TRY(load_picture(picture));
+    const auto camera = SLF_TRY(camera_of(picture));
+    auto drawn = SLF_TRY(renderer.render(camera, view));
+    const Image image = through_lens(picture, camera, std::move(drawn));
+    const ImageDifference whole = compare(truth, image);
+    qualities.push_back({picture.name,
+                         {whole.psnr, whole.ssim},
+                         psnr_inside(field.shape().sphere, picture, truth, image)});
+    if (progress && !progress({qualities.size(), pictures.size(), 0}))
+      return fail(ErrorCode::failed, "stopped while pictures were compared");
+  }
+  return qualities;
+}
+
+}  // namespace slf

@@ -1,0 +1,57 @@
+// The pictures as the search for the surface uses them: small and undistorted. Internal.
+#pragma once
+
+#include <cstdint>
+#include <glm/glm.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "field/pictures/surface.h"
+#include "slf/pictures.h"
+
+namespace slf {
+
+/// A picture as by a pinhole camera, in 8 bits, about as fine as the grid of the surface.
+struct SmallView {
+  std::uint32_t width = 0, height = 0;
+  double fx = 0, fy = 0, cx = 0, cy = 0;  ///< pixels
+  glm::dmat3 axes{1.0};                   ///< as Picture's
+  glm::dvec3 eye{0.0};
+  std::vector<glm::u8vec4> rgba;  ///< premultiplied
+  std::vector<float> depth;       ///< along z, in world units; 0: not known; or empty
+
+  /// Place in pixels and depth along z. REQUIRES: nothing; z <= 0 is behind the camera.
+  [[nodiscard]] glm::dvec3 project(const glm::dvec3& world) const {
+    const glm::dvec3 v = (world - eye) * axes;
+    return {fx * v.x / v.z + cx, fy * v.y / v.z + cy, v.z};
+  }
+  /// Of z 1.
+  [[nodiscard]] glm::dvec3 direction(double x, double y) const {
+    return axes * glm::dvec3((x - cx) / fx, (y - cy) / fy, 1);
+  }
+};
+
+/// Shrinks and undistorts a picture: its pixels become `factor` times as large.
+[[nodiscard]] SmallView make_small_view(const Picture& picture, const Image& image,
+                                        std::uint32_t factor);
+
+/// Sets the values of the grid to the visual hull: what is in the silhouettes of all views.
+[[nodiscard]] Result<void> carve(const std::vector<SmallView>& views, unsigned threads,
+                                 Surface& surface);
+
+/// Fills `depth` of each view by comparing it with views from nearby directions (plane sweep):
+/// of the 8 nearest, the half that agrees best counts, so that occlusion does not spoil it. Only
+/// depths remain that those of other views confirm. Searches within the sphere, behind the hull if
+/// `hull` is given.
+[[nodiscard]] Result<void> estimate_depth(const Sphere& sphere, const Surface* hull,
+                                          unsigned threads, const ProgressCallback& progress,
+                                          std::vector<SmallView>& views);
+
+/// Adds depths to the grid: the mean of the truncated distances to them (Curless and Levoy 1996),
+/// where that is further inside than the value so far. With `hull`, what no depth is known of
+/// stays as it is; else it becomes empty.
+[[nodiscard]] Result<void> fuse(const std::vector<SmallView>& views, bool hull, unsigned threads,
+                                Surface& surface);
+
+}  // namespace slf
