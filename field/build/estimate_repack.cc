@@ -146,7 +146,9 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   };
 
   Estimate total;
+  double tables = 0;
   for (const OutputLayer& out : outputs) {
+    tables += static_cast<double>(out.codec->tables().size());
     if (out.copy) {
       const auto exact = SLF_TRY(count(field, shape, out.from[0]));
       total += exact;
@@ -170,7 +172,7 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   const double file = total.bytes * (1 + kRecordShare) + kTileBytes * total.stored +
                       static_cast<double>(order.count() * outputs.size()) + kTreeBytes +
                       kIndexedTileBytes * static_cast<double>(indexed * outputs.size()) +
-                      kIndexBytes + static_cast<double>(light.size());
+                      kIndexBytes + tables + static_cast<double>(light.size());
   const auto whole = [](double bytes) { return static_cast<std::uint64_t>(std::llround(bytes)); };
   RepackEstimate estimate;
   estimate.tiles = order.count() * outputs.size();

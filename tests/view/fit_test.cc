@@ -55,7 +55,7 @@ TEST_F(Fit, QualityIsReducedBeforeLevels) {
 }
 
 TEST_F(Fit, NothingIsWrittenThatTheEstimateSaysIsTooLarge) {
-  const auto smallest = fit(100'000);
+  const auto smallest = fit(120'000);
   ASSERT_TRUE(smallest) << error_;
   EXPECT_EQ(smallest->shape().levels, 0u);
   EXPECT_EQ(repacks_, 0);
