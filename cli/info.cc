@@ -164,9 +164,9 @@ void print_series(const std::string& folder, const SeriesList& list) {
   for (const std::string& remark : list.notes) print("note    {}\n", remark);
 }
 
-/// The directions of cameras from the middle of what they look at: 24 x 8 cells of equal area,
-/// azimuth to the right, from above to below.
-std::vector<std::string> coverage_map(const PictureSet& set) {
+/// How many cameras there are in each direction from the middle of what they look at: 24 x 8 cells
+/// of equal area, azimuth to the right, from above to below.
+std::vector<std::vector<int>> coverage_map(const PictureSet& set) {
   constexpr int kColumns = 24, kRows = 8;
   const glm::dvec3 center = focus_of(set.pictures).value_or(glm::dvec3(0));
   std::vector<std::vector<int>> counts(kRows, std::vector<int>(kColumns, 0));
@@ -181,14 +181,7 @@ std::vector<std::string> coverage_map(const PictureSet& set) {
     ++counts[static_cast<std::size_t>(cell((1 - toward.z / length) / 2, kRows))]
             [static_cast<std::size_t>(cell(turn, kColumns))];
   }
-  std::vector<std::string> lines;
-  for (const auto& row : counts) {
-    std::string line;
-    for (const int count : row)
-      line += count == 0 ? '.' : count < 10 ? static_cast<char>('0' + count) : '+';
-    lines.push_back(line);
-  }
-  return lines;
+  return counts;
 }
 
 Result<void> print_pictures(const SourceArguments& source, bool json) {
@@ -203,7 +196,6 @@ Result<void> print_pictures(const SourceArguments& source, bool json) {
     depths += !picture.depth.empty();
   }
   if (json) {
-    nlohmann::json map = coverage_map(set);
     print_json({{"source", set.source},
                 {"pictures", set.pictures.size()},
                 {"sizes", sizes},
@@ -211,7 +203,7 @@ Result<void> print_pictures(const SourceArguments& source, bool json) {
                 {"mask_files", masks},
                 {"depth_files", depths},
                 {"points", set.points.size()},
-                {"coverage", map},
+                {"coverage", coverage_map(set)},
                 {"notes", set.notes}});
     return {};
   }
@@ -227,7 +219,12 @@ Result<void> print_pictures(const SourceArguments& source, bool json) {
   print("files   {} masks and {} depths beside the pictures\n", masks, depths);
   if (!set.points.empty()) print("points  {}\n", set.points.size());
   print("cameras seen from the object, from +z above to -z below, azimuth from -180 to 180:\n");
-  for (const std::string& line : coverage_map(set)) print("        {}\n", line);
+  for (const std::vector<int>& row : coverage_map(set)) {
+    std::string line;
+    for (const int count : row)
+      line += count == 0 ? '.' : count < 10 ? static_cast<char>('0' + count) : '+';
+    print("        {}\n", line);
+  }
   return {};
 }
 
