@@ -25,7 +25,8 @@ def run(bench, part):
         bench.say(f"turning {volume.title} around")
         frames = 8 if bench.quick else 16
         views = bench.json(
-            "turntable", *volume.arguments(), "--lighting", "direct", "--field", field, "--frames", frames,
+            "turntable", *volume.arguments(), "--lighting", "direct", "--field", field,
+            "--frames", frames,
             "--size", 256 if bench.quick else 320, "--out", prefix,
         )  # fmt: skip
         psnr, ssim = (mean(v[key] for v in views) for key in ("psnr", "ssim"))

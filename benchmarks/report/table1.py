@@ -60,7 +60,8 @@ def _measure(bench, volume, shape, sizes, *options):
     tuned = f"{TUNED}:{round(edge * 0.62)}:{round(edge / 0.62)}"
     size = [word for s in sizes for word in ("--size", s)]
     return bench.json(
-        "systems", *volume.arguments(), "--lighting", "direct", "--field", field, f"--planes={PAPER_LAYOUT}",
+        "systems", *volume.arguments(), "--lighting", "direct", "--field", field,
+        f"--planes={PAPER_LAYOUT}",
         f"--planes={tuned}", *size, "--views", 2 if bench.quick else 4,
         "--repeats", 3 if bench.quick else 7, "--threads", 1, *options, "--json",
     )["rows"]  # fmt: skip
@@ -83,7 +84,8 @@ def _measure_vtk(bench, volumes, sizes, part):
         bench.say(f"timing VTK on {volume.title}")
         size = [word for s in sizes for word in ("--size", s)]
         results[volume.name] = bench.json(
-            "vtk_speed", *volume.arguments(), "--lighting", "direct", "--field", field, *size, "--views", 2,
+            "vtk_speed", *volume.arguments(), "--lighting", "direct", "--field", field,
+            *size, "--views", 2,
             "--repeats", 3, "--json",
         )["views"]  # fmt: skip
     return results
