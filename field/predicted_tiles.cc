@@ -74,7 +74,7 @@ struct PredictedTiles::Work {
   std::size_t samples;
   Candidates candidates;
   std::optional<TilePredictor> predictor;  // none at level 0
-  PredictedSamples& predicted;
+  Scratch& scratch;
   std::vector<TileSamples> keep_alive;  // what `from` views
   std::vector<ReferenceTile> from;
 
@@ -86,7 +86,7 @@ struct PredictedTiles::Work {
         level(codec.level(key.level)),
         samples(tile.rows() * tile.columns()),
         candidates(tiles.geometries_, key.level, sections),
-        predicted(Scratch::of_thread().predicted) {
+        scratch(Scratch::of_thread()) {
     if (key.level == 0) return;
     predictor.emplace(tiles.geometries_(key.level - 1u), tiles.geometries_(key.level), sections,
                       std::move(candidates.references));
@@ -142,13 +142,16 @@ struct PredictedTiles::Work {
     return {};
   }
 
-  void predict() {
-    if (predictor)
+  const PredictedSamples& predict() {
+    PredictedSamples& predicted = scratch.predicted;
+    if (predictor) {
       predictor->predict(from, predicted);
-    else
-      predicted = {.alpha = std::vector<std::uint8_t>(samples, 0),
-                   .depth = std::vector<std::uint8_t>(samples, kMiddle),
-                   .color = std::vector<std::uint32_t>(samples, kGray)};
+    } else {
+      predicted.alpha.assign(samples, 0);
+      predicted.depth.assign(samples, kMiddle);
+      predicted.color.assign(samples, kGray);
+    }
+    return predicted;
   }
 
   /// Decodes a tile that is coded with a transform.
@@ -171,16 +174,16 @@ struct PredictedTiles::Work {
 Result<void> PredictedTiles::Work::decode(codec::PredictiveDecoder decoder,
                                           const ReferenceSource& source, std::span<std::byte> to) {
   SLF_TRY(read_references(decoder, source));
-  predict();
-  auto& [from_thread, decoded_depth, rgba] = Scratch::of_thread();
-  decoded_depth.resize(samples), rgba.resize(samples);
-  SLF_TRY(decoder.decode(predicted.view(), decoded_depth, rgba));
+  std::vector<std::uint8_t>& depth = scratch.depth;
+  std::vector<std::uint32_t>& rgba = scratch.rgba;
+  depth.resize(samples), rgba.resize(samples);
+  SLF_TRY(decoder.decode(predict().view(), depth, rgba));
   if constexpr (std::endian::native == std::endian::little) {
     const ByteSpan colors = std::as_bytes(std::span(rgba));
     std::copy(colors.begin(), colors.end(), to.begin());
   } else
     for (std::size_t s = 0; s < samples; ++s) store_le(to.data() + 4 * s, rgba[s]);
-  const ByteSpan depths = std::as_bytes(std::span(decoded_depth));
+  const ByteSpan depths = std::as_bytes(std::span(depth));
   std::copy(depths.begin(), depths.end(), to.begin() + static_cast<std::ptrdiff_t>(4 * samples));
   return {};
 }
@@ -196,8 +199,7 @@ Result<void> PredictedTiles::Work::encode(codec::PredictiveEncoder& encoder,
     true_depth[s] = std::to_integer<std::uint8_t>(of[4 * samples + s]);
   }
   SLF_TRY(choose_references(encoder, shape, true_alpha, true_depth, source));
-  predict();
-  encoder.encode(predicted.view(), true_depth, rgba);
+  encoder.encode(predict().view(), true_depth, rgba);
   return {};
 }
 
@@ -259,7 +261,7 @@ void PredictedTiles::Work::store(const ChannelValues& values, std::span<std::byt
 
 template <class Coder>
 void PredictedTiles::Work::code_channels(Coder& coder, ChannelValues& values) {
-  predict();
+  const PredictedSamples& predicted = predict();
   ChannelValues expected;
   for (auto& channel : expected) channel.resize(samples);
   for (std::size_t s = 0; s < samples; ++s) {

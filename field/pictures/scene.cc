@@ -1,243 +1,22 @@
 #include <xxhash.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <stdexcept>
 
 #include "base/file.h"
-#include "base/parallel.h"
 #include "base/try.h"
-#include "field/image/formats.h"
+#include "field/pictures/loading.h"
 #include "field/pictures/picture_cache.h"
 #include "field/pictures/surface.h"
 #include "field/pictures/views.h"
-#include "field/volume/stack.h"
 #include "slf/pictures.h"
 
 namespace slf {
 namespace {
-
-/// Depths as they are in the file of a picture of depths, before any scale.
-Result<std::vector<float>> read_depths(const std::string& path,
-                                       const image_formats::ImageSize& expected) {
-  std::vector<float> depths;
-  image_formats::ImageSize size;
-  if (path.ends_with(".png") || path.ends_with(".PNG")) {
-    std::optional<volume_io::SliceKind> kind;
-    std::vector<std::byte> samples;
-    SLF_TRY(volume_io::append_png(path, {}, kind, samples));
-    size = {kind->width, kind->height};
-    const bool two = kind->type == ScalarType::u16;
-    depths.resize(samples.size() / (two ? 2 : 1));
-    for (std::size_t k = 0; k < depths.size(); ++k) {
-      std::uint16_t value = std::to_integer<std::uint16_t>(samples[k]);
-      if (two) std::memcpy(&value, &samples[2 * k], 2);
-      depths[k] = value;
-    }
-  } else {
-    auto image = SLF_TRY(read_image(path));
-    size = {image.width, image.height};
-    depths = std::move(image.depth);
-    if (depths.empty())  // a single channel, which becomes grey
-      for (const glm::vec4& p : image.rgba) depths.push_back(p.r);
-  }
-  if (size != expected)
-    return fail(ErrorCode::bad_file, path, ": depths of ", size.width, "x", size.height,
-                " pixels beside a picture of ", expected.width, "x", expected.height);
-  return depths;
-}
-
-/// Decodes a picture, with its mask, and depths as they are in the file.
-Result<Image> decode_picture(const Picture& picture, ByteSpan bytes) {
-  auto image = image_formats::decode(picture.file, bytes);
-  if (!image) return image;
-  const image_formats::ImageSize size{image->width, image->height};
-  if (size != image_formats::ImageSize{picture.lens.width, picture.lens.height})
-    return fail(ErrorCode::bad_file, picture.file, ": is ", size.width, "x", size.height,
-                " pixels, not ", picture.lens.width, "x", picture.lens.height, " as before");
-  if (!picture.mask.empty()) {
-    const auto mask = SLF_TRY(read_image(picture.mask));
-    if (image_formats::ImageSize{mask.width, mask.height} != size)
-      return fail(ErrorCode::bad_file, picture.mask, ": a mask of ", mask.width, "x", mask.height,
-                  " pixels for a picture of ", size.width, "x", size.height);
-    for (std::size_t p = 0; p < image->rgba.size(); ++p) image->rgba[p] *= mask.rgba[p].r;
-  }
-  if (!picture.depth.empty()) {
-    auto depths = SLF_TRY(read_depths(picture.depth, size));
-    image->depth = std::move(depths);
-  }
-  return image;
-}
-
-constexpr std::uint64_t kMaxPictureBytes = std::uint64_t{1} << 31;
-
-/// The depth along z of what a file states for the pixel in direction `way`; 0: not known.
-float along_z(float stated, DepthKind kind, double scale, const glm::dvec3& way) {
-  if (!(stated > 0) || !std::isfinite(stated)) return 0;
-  const double value = stated * scale;
-  const double z = kind == DepthKind::inverse ? 1 / value
-                   : kind == DepthKind::ray   ? value * way.z / glm::length(way)
-                                              : value;
-  return std::isfinite(z) && z > 0 ? static_cast<float>(z) : 0;
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-/// A sphere that holds the object, before anything of it is known but the cameras.
-Result<Sphere> first_sphere(const PictureSet& set) {
-  const auto focus = focus_of(set.pictures);
-  if (!focus)
-    return fail(ErrorCode::usage, set.source,
-                ": the cameras all look the same way, so their axes do not show where the object "
-                "is: state the centre and radius of the sphere");
-  std::vector<double> radii;
-  double nearest = std::numeric_limits<double>::max();
-  for (const Picture& picture : set.pictures) {
-    const double distance = glm::distance(picture.eye, *focus);
-    const Lens& lens = picture.lens;
-    const double half =
-        std::max(std::atan(lens.width / 2.0 / lens.fx), std::atan(lens.height / 2.0 / lens.fy));
-    radii.push_back(distance * std::sin(std::min(half, 1.4)));
-    nearest = std::min(nearest, distance);
-  }
-  Sphere sphere{*focus, std::min(median(radii), 0.95 * nearest)};
-  if (!set.points.empty()) {
-    std::vector<double> distances;
-    for (const glm::dvec3& p : set.points) distances.push_back(glm::distance(p, *focus));
-    sphere.radius = std::min(1.5 * median(distances), 0.7 * nearest);
-  }
-  if (!(sphere.radius > 0) || !std::isfinite(sphere.radius))
-    return fail(ErrorCode::usage, set.source,
-                ": a camera is where all cameras look, so no sphere fits: state its centre and "
-                "radius");
-  return sphere;
-}
-
-struct Loaded {
-  std::vector<SmallView> views;
-  std::vector<std::uint64_t> hashes;
-  bool masks = false;   ///< some pixels are transparent
-  bool depths = false;  ///< every picture has depth
-  DepthKind kind = DepthKind::unknown;
-  double disagreement = 0;  ///< relative, of depths in pairs of pictures
-};
-
-/// Median relative difference between depths of views that see the same point, if depths of the
-/// files were of this kind.
-double disagreement(const std::vector<SmallView>& views, DepthKind kind, double scale) {
-  std::vector<double> differences;
-  const auto world_z = [&](const SmallView& view, double x, double y, std::size_t p) {
-    const glm::dvec3 way((x - view.cx) / view.fx, (y - view.cy) / view.fy, 1);
-    return double{along_z(view.depth[p], kind, scale, way)};
-  };
-  for (std::size_t k = 0; k < views.size(); ++k) {
-    const SmallView& view = views[k];
-    std::size_t other = k;
-    double best = std::numeric_limits<double>::max();
-    for (std::size_t j = 0; j < views.size(); ++j)
-      if (const double d = glm::distance(views[j].eye, view.eye); j != k && d > 0 && d < best)
-        best = d, other = j;
-    if (other == k) continue;
-    for (std::uint32_t y = 0; y < view.height; y += 4)
-      for (std::uint32_t x = 0; x < view.width; x += 4) {
-        const std::size_t p = std::size_t{y} * view.width + x;
-        const double z = world_z(view, x + 0.5, y + 0.5, p);
-        if (!(z > 0) || view.rgba[p].a < 250) continue;
-        const glm::dvec3 at = views[other].project(view.eye + z * view.direction(x + 0.5, y + 0.5));
-        if (!(at.z > 0 && at.x >= 0 && at.y >= 0 && at.x < views[other].width &&
-              at.y < views[other].height))
-          continue;
-        const auto ox = static_cast<std::uint32_t>(at.x), oy = static_cast<std::uint32_t>(at.y);
-        const double seen =
-            world_z(views[other], ox + 0.5, oy + 0.5, std::size_t{oy} * views[other].width + ox);
-        if (seen > 0) differences.push_back(std::abs(seen - at.z) / at.z);
-      }
-  }
-  return differences.empty() ? std::numeric_limits<double>::infinity() : median(differences);
-}
-
-/// Decodes all pictures once.
-Result<Loaded> load_views(const PictureSet& set, const Sphere& sphere,
-                          const PictureSceneOptions& options) {
-  const std::size_t count = set.pictures.size();
-  Loaded loaded;
-  loaded.views.resize(count);
-  loaded.hashes.resize(count);
-  std::vector<Result<void>> results(count);
-  std::atomic<std::uint64_t> ready{0}, with_depth{0};
-  std::atomic<bool> masks{false}, stopped{false};
-  const double voxel = 2 * sphere.radius / options.voxels;
-  const auto caller = std::this_thread::get_id();
-  SLF_TRY(parallel_for(count, options.threads, [&](std::uint64_t k) {
-    if (stopped) return;
-    const Picture& picture = set.pictures[k];
-    results[k] = [&]() -> Result<void> {
-      const auto bytes = SLF_TRY(read_file(picture.file, kMaxPictureBytes));
-      loaded.hashes[k] = XXH3_64bits(bytes.data(), bytes.size());
-      const auto image = SLF_TRY(decode_picture(picture, bytes));
-      const double pixel = glm::distance(picture.eye, sphere.center) / picture.lens.fx;
-      loaded.views[k] = make_small_view(
-          picture, image, static_cast<std::uint32_t>(std::clamp(voxel / pixel, 1.0, 64.0)));
-      with_depth += !image.depth.empty();
-      if (std::ranges::any_of(image.rgba, [](const glm::vec4& p) { return p.a < 0.5f; }))
-        masks = true;
-      return {};
-    }();
-    ++ready;
-    if (options.progress && std::this_thread::get_id() == caller)
-      stopped = stopped || !options.progress({ready, count, 0});
-  }));
-  for (auto& result : results)
-    if (!result) return tl::unexpected(std::move(result.error()));
-  if (stopped) return fail(ErrorCode::failed, "stopped while pictures were read");
-  loaded.masks = masks;
-  loaded.depths = with_depth == count;
-  if (with_depth > 0 && !loaded.depths)
-    return fail(ErrorCode::bad_file, set.source, ": ", with_depth, " of ", count,
-                " pictures have depth; expected all or none");
-  return loaded;
-}
-
-/// Finds the kind of depths, and converts them.
-Result<void> settle_depths(const PictureSet& set, const PictureSceneOptions& options,
-                           Loaded& loaded) {
-  loaded.kind = options.depth;
-  const double z = disagreement(loaded.views, DepthKind::z, options.depth_scale),
-               ray = disagreement(loaded.views, DepthKind::ray, options.depth_scale);
-  constexpr double kConsistent = 0.02;
-  if (loaded.kind == DepthKind::unknown) {
-    if (!(std::min(z, ray) < kConsistent))
-      return fail(ErrorCode::usage, set.source, ": depths of neighbouring pictures disagree, by ",
-                  100 * z, " % if they are along z and by ", 100 * ray,
-                  " % if they are along the ray: state what they are, and their scale");
-    loaded.kind = z <= ray ? DepthKind::z : DepthKind::ray;
-  }
-  loaded.disagreement = loaded.kind == DepthKind::z ? z
-                        : loaded.kind == DepthKind::ray
-                            ? ray
-                            : disagreement(loaded.views, loaded.kind, options.depth_scale);
-  if (!(loaded.disagreement < kConsistent))
-    return fail(ErrorCode::usage, set.source, ": depths of neighbouring pictures disagree by ",
-                100 * loaded.disagreement, " % (median); along z it were ", 100 * z,
-                " %, along the ray ", 100 * ray, " %: check the kind and the scale of depths");
-  for (SmallView& view : loaded.views)
-    for (std::uint32_t y = 0; y < view.height; ++y)
-      for (std::uint32_t x = 0; x < view.width; ++x) {
-        float& depth = view.depth[std::size_t{y} * view.width + x];
-        depth = along_z(depth, loaded.kind, options.depth_scale,
-                        {(x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1});
-      }
-  return {};
-}
 
 class PictureScene final : public Scene {
  public:
@@ -446,11 +225,6 @@ const char* name_of(DepthKind kind) {
 }
 
 }  // namespace
-
-Result<Image> load_picture(const Picture& picture) {
-  const auto bytes = SLF_TRY(read_file(picture.file, kMaxPictureBytes));
-  return decode_picture(picture, bytes);
-}
 
 Result<std::unique_ptr<Scene>> make_picture_scene(PictureSet set,
                                                   const PictureSceneOptions& options) {

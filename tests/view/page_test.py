@@ -89,8 +89,7 @@ class PageTest(unittest.TestCase):
         fields = []
         for name, recipe in recipes.items():
             fields.append(path(name + ".slf"))
-            if not os.path.exists(fields[-1]):
-                slf("build", *recipe, "-o", fields[-1], *lattice)
+            slf("build", *recipe, "-o", fields[-1], "-f", *lattice)
         fields.append(path("partial.slf"))
         slf("repack", fields[0], "-o", fields[-1], "-f", "--subfields", "0-40", "--levels", 1,
             "--color-codec", "jpeg:90", "--depth-codec", "zstd")
