@@ -340,7 +340,7 @@ void add_evaluate(CLI::App& app, Run& run) {
       ->add_option(
           "--pictures", a->pictures,
           "Compare with pictures instead of a volume: transforms.json or a folder, as for\n"
-          "`slf build pictures:…`; default: those that --holdout left out")
+          "`slf build pictures:FOLDER`; default: those that --holdout left out")
       ->type_name(kAnyFile)
       ->excludes("--volume");
   command->get_option("--transfer")
