@@ -19,7 +19,8 @@ namespace slf {
 namespace {
 
 tl::unexpected<Error> io_error(const std::string& path, const char* doing, int cause) {
-  return fail(ErrorCode::io, path, ": ", doing, ": ", std::generic_category().message(cause));
+  return fail(cause == ENOENT ? ErrorCode::not_found : ErrorCode::io, path, ": ", doing, ": ",
+              std::generic_category().message(cause));
 }
 
 /// A descriptor that closes itself.
@@ -207,7 +208,7 @@ Result<void> copy_file(const std::string& from, const std::string& to,
       if (const int cause = write_all(copy.get(), ByteSpan(chunk).first(bytes)); cause != 0)
         return io_error(to, "cannot write", cause);
       state.done += bytes;
-      if (progress && !progress(state)) return fail(ErrorCode::failed, to, ": interrupted");
+      if (progress && !progress(state)) return fail(ErrorCode::cancelled, to, ": interrupted");
     }
     if (const int cause = copy.close(); cause != 0) return io_error(to, "cannot write", cause);
     return {};

@@ -17,7 +17,8 @@ Error error_of_exception() noexcept {
   } catch (...) {
     return {ErrorCode::failed, "unknown error"};
   }
-  return {ErrorCode::failed, "out of memory"};  // short: a std::string holds it without allocating
+  return {ErrorCode::out_of_memory,
+          "out of memory"};  // short: a std::string holds it without allocating
 }
 
 }  // namespace slf

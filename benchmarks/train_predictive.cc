@@ -98,10 +98,10 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
   const codec::PredictiveCodec codec({quality}, codec::predictive_tables({quality}, shape.levels));
   const PredictedTiles tiles(
       shape, codec, [&](unsigned level) -> const LevelGeometry& { return field.geometry(level); });
-  std::map<TileKey, TileSamples> decoded;
-  const ReferenceSource source = [&](TileKey key) -> Result<TileSamples> {
+  std::map<TileKey, Bytes> decoded;
+  const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> {
     const auto found = decoded.find(key);
-    return found == decoded.end() ? TileSamples() : found->second;
+    return found == decoded.end() ? ByteSpan() : found->second;
   };
   const TileOrder order(shape);
   for (std::uint64_t n = 0; n < order.count(); ++n) {
@@ -128,9 +128,9 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
     for (std::size_t plane = 0; plane < codec::kCodedPlanes; ++plane)
       add(symbols.planes[plane], plane);
     if (key.level == shape.levels) continue;
-    const auto back = std::make_shared<Bytes>(samples.size());
-    expect(tiles.decode(key, payload, source, *back));
-    decoded[key] = back;
+    Bytes back(samples.size());
+    expect(tiles.decode(key, payload, source, back));
+    decoded[key] = std::move(back);
   }
 }
 

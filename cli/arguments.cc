@@ -174,7 +174,7 @@ CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::s
 }
 
 tl::unexpected<Error> with_hint(const Error& error, const std::string& hint) {
-  return tl::unexpected<Error>(Error{error.code, error.message + "; " + hint});
+  return tl::unexpected<Error>(Error{error.code, error.message + "; " + hint, error.choice});
 }
 
 Result<void> refuse_overwrite(const std::string& path, bool force,

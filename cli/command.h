@@ -1,6 +1,6 @@
 // Shared by the commands of `slf`: running, printing, and options that several commands have.
 //
-// Data goes to stdout, progress and messages to stderr. The exit code is the ErrorCode of the
+// Data goes to stdout, progress and messages to stderr. The exit code is that of the
 // failure, 0 on success.
 #pragma once
 

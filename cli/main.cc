@@ -14,15 +14,13 @@ using slf::Error;
 using slf::ErrorCode;
 using slf::Result;
 
-constexpr const char* kOutOfMemory = "out of memory";
-
 int fail(const Error& error, slf::cli::Lines lines = slf::cli::Lines::indented) {
-  const bool memory = error.message.ends_with(kOutOfMemory);
-  slf::cli::message(
-      "slf: " + error.message +
-          (memory ? "; fewer --threads, or a smaller --memory, --size or volume may do" : ""),
-      lines);
-  return static_cast<int>(error.code);
+  slf::cli::message("slf: " + error.message +
+                        (error.code == ErrorCode::out_of_memory
+                             ? "; fewer --threads, or a smaller --memory, --size or volume may do"
+                             : ""),
+                    lines);
+  return exit_code(error.code);
 }
 
 /// Flushes stdout. io: output could not be written, so the command has failed.
@@ -57,7 +55,7 @@ int main(int argc, char** argv) {
   try {
     code = run_command(argc, argv);
   } catch (const std::bad_alloc&) {
-    code = fail({ErrorCode::failed, kOutOfMemory});
+    code = fail({ErrorCode::out_of_memory, "out of memory"});
   } catch (const std::exception& error) {
     code = fail({ErrorCode::failed, std::string("unexpected: ") + error.what()});
   }

@@ -17,7 +17,6 @@ namespace {
 constexpr std::string_view kScenePrefix = "scene:";
 constexpr std::string_view kPicturesPrefix = "pictures:";
 /// In the error of a file that is in no known format.
-constexpr std::string_view kHeaderless = "headerless voxels need their layout";
 
 const Choices<ScalarType> kScalarTypes{{"u8", ScalarType::u8},   {"i8", ScalarType::i8},
                                        {"u16", ScalarType::u16}, {"i16", ScalarType::i16},
@@ -366,18 +365,13 @@ Result<Volume> SourceArguments::read(const std::string& path, bool ids) const {
   }
   auto volume = read_volume(path, options);
   if (volume) return volume;
-  for (const auto& [choice, hint] :
-       {std::pair{"choose component", "see --component"},
-        std::pair{"choose time point", "see --time"},
-        std::pair{"choose the spacing", "see --spacing"}, std::pair{"choose array", "see --array"},
-        std::pair{"choose series", "see --series"}, std::pair{"state a spacing", "see --spacing"},
-        std::pair{"or resample", "see --resample"},
-        std::pair{"another layout", "see --dims, --type, --spacing and --offset"},
-        std::pair{"need their layout",
-                  "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`"}})
-    if (volume.error().message.find(choice) != std::string::npos)
-      return with_hint(volume.error(), hint);
-  return volume;
+  const Error& error = volume.error();
+  if (!error.choice) return volume;
+  if (std::string_view(error.choice) != "raw")
+    return with_hint(error, std::string("see --") + error.choice);
+  return with_hint(error, options.raw ? "see --dims, --type, --spacing and --offset"
+                                      : "for example `--dims 128x128x84 --type u8 "
+                                        "--spacing 1x1x1.5 --offset 62`");
 }
 
 Result<Volume> SourceArguments::structure(const std::string& path) const {
@@ -391,11 +385,11 @@ Result<Volume> SourceArguments::structure(const std::string& path) const {
   if (!dims.empty()) own.spacing.clear();
   auto volume = own.read(path, true);
   if (volume) return volume;
-  const bool headerless = volume.error().message.find(kHeaderless) != std::string::npos;
-  if (headerless && !dims.empty()) {
+  const std::string_view choice = volume.error().choice ? volume.error().choice : "";
+  if (choice == "raw" && !dims.empty()) {
     own.dims = dims;
     own.spacing = spacing;
-  } else if (volume.error().code == ErrorCode::unsupported && (component || time)) {
+  } else if ((choice == "component" || choice == "time") && (component || time)) {
     own.component = component;
     own.time = time;
   } else {

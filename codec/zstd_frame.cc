@@ -26,7 +26,7 @@ constexpr Parameters kEntropyOnly = {{ZSTD_c_strategy, ZSTD_fast},
 // that are not given.
 Result<void> append_frame(std::span<const ByteSpan> parts, Parameters parameters, Bytes& to) {
   thread_local const std::unique_ptr<ZSTD_CCtx, FreeContext> context(ZSTD_createCCtx());
-  if (!context) return fail(ErrorCode::failed, "zstd: out of memory");
+  if (!context) return fail(ErrorCode::out_of_memory, "zstd: out of memory");
   ZSTD_CCtx_reset(context.get(), ZSTD_reset_session_and_parameters);
   for (const auto& [parameter, value] : parameters)
     ZSTD_CCtx_setParameter(context.get(), parameter, value);
@@ -80,7 +80,7 @@ Result<void> append_parts(std::span<const ByteSpan> parts, Bytes& to) {
 Result<void> read_stream(ByteSpan& bytes, std::span<std::byte> stream) {
   if (stream.empty()) return {};
   thread_local const std::unique_ptr<ZSTD_DCtx, FreeContext> context(ZSTD_createDCtx());
-  if (!context) return fail(ErrorCode::failed, "zstd: out of memory");
+  if (!context) return fail(ErrorCode::out_of_memory, "zstd: out of memory");
   const std::size_t frame = ZSTD_findFrameCompressedSize(bytes.data(), bytes.size());
   if (ZSTD_isError(frame)) return fail(ErrorCode::bad_file, "zstd: ", ZSTD_getErrorName(frame));
   const std::size_t size =

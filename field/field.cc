@@ -79,7 +79,7 @@ Result<TileSamples> FieldFile::reference(storage::LayerId layer, TileKey key) co
   if (!shape().has(key)) return named(ErrorCode::bad_file, "is not in the field");
   const auto tile = SLF_TRY(store_.find(layer, key));
   if (tile.state == storage::TileState::missing)
-    return named(ErrorCode::failed, "is missing; build the field again");
+    return named(ErrorCode::tile_missing, "is missing; build the field again");
   if (tile.state == storage::TileState::empty) return TileSamples();
   const auto samples = std::make_shared<Bytes>(tile_shape(layer, key).bytes());
   SLF_TRY(decode_payload(tile, *samples));
@@ -127,7 +127,7 @@ void FieldFile::advise_together(std::span<const storage::TileRef> tiles) const {
   store_.advise(all);
 }
 
-void FieldFile::advise(std::span<const storage::TileRef> tiles) const {
+void FieldFile::advise(std::span<const storage::TileRef> tiles, const IsLoaded& loaded) const {
   if (std::any_of(predictions_.begin(), predictions_.end(),
                   [](const auto& prediction) { return prediction && !prediction->index.empty(); }))
     advise_together(tiles);
@@ -143,7 +143,7 @@ void FieldFile::advise(std::span<const storage::TileRef> tiles) const {
       std::vector<TileKey> keys;
       for (const storage::TileRef& tile : dependants)
         for (const TileKey key : references(tile))
-          if (shape().has(key) && !predictions_[layer]->references.has(key)) keys.push_back(key);
+          if (shape().has(key) && !(loaded && loaded(key))) keys.push_back(key);
       sort_unique(keys);
       dependants.clear();
       for (const auto& tile : store_.find_all(layer, keys))
@@ -155,10 +155,15 @@ void FieldFile::advise(std::span<const storage::TileRef> tiles) const {
 
 Result<void> FieldFile::encode(storage::LayerId layer, TileKey key, ByteSpan samples,
                                Bytes& payload) const {
-  Prediction& prediction = *predictions_[layer];
-  return prediction.tiles.encode(
-      key, samples, [&](TileKey reference) { return prediction.references.get(reference); },
-      payload);
+  std::vector<TileSamples> kept;
+  return predictions_[layer]->tiles.encode(key, samples, cached(layer, kept), payload);
+}
+
+ReferenceSource FieldFile::cached(storage::LayerId layer, std::vector<TileSamples>& kept) const {
+  return [this, layer, &kept](TileKey key) -> Result<ByteSpan> {
+    const TileSamples& found = kept.emplace_back(SLF_TRY(predictions_[layer]->references.get(key)));
+    return found ? ByteSpan(*found) : ByteSpan();
+  };
 }
 
 void FieldFile::set_reference_budget(std::uint64_t bytes) const {
@@ -190,6 +195,12 @@ Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<std::byte
 
 Result<void> FieldFile::decode_payload(const storage::TileRef& tile,
                                        std::span<std::byte> samples) const {
+  std::vector<TileSamples> kept;
+  return decode(tile, cached(tile.layer, kept), samples);
+}
+
+Result<void> FieldFile::decode(const storage::TileRef& tile, const ReferenceSource& references,
+                               std::span<std::byte> samples) const {
   decoded_bytes_ += tile.payload.size();
   if (codecs_[tile.layer]->in_place() && tile.payload.size() == samples.size())
     return store_.copy(tile, samples);
@@ -197,7 +208,7 @@ Result<void> FieldFile::decode_payload(const storage::TileRef& tile,
   Prediction* const prediction = predictions_[tile.layer].get();
   std::optional<Error> of_reference;
   const auto source = [&](TileKey key) {
-    auto found = prediction->references.get(key);
+    auto found = references(key);
     if (!found) of_reference = found.error();
     return found;
   };

@@ -61,9 +61,12 @@ class FieldFile {
   /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes. Tiles that it is
   /// predicted from are decoded first. They are kept for others within set_reference_budget(), as
   /// is the tile itself if others may be predicted from it. bad_file: the tile, or one that it is
-  /// predicted from, is damaged. failed: one that it is predicted from is missing. The message
-  /// names it.
+  /// predicted from, is damaged. tile_missing: one that it is predicted from was never built. The
+  /// message names it.
   [[nodiscard]] Result<void> decode(const storage::TileRef& tile,
+                                    std::span<std::byte> samples) const;
+  /// The same with references from `source`, whose errors it returns as they are.
+  [[nodiscard]] Result<void> decode(const storage::TileRef& tile, const ReferenceSource& source,
                                     std::span<std::byte> samples) const;
 
   /// Whether tiles of some layer are predicted from coarser ones.
@@ -77,9 +80,11 @@ class FieldFile {
   [[nodiscard]] std::uint64_t decoded_bytes() const { return decoded_bytes_; }
 
   /// Asks the kernel to read the payloads of stored tiles, then, level by level, of those that they
-  /// are predicted from. For a cold file, that takes as many trips to the disk as there are levels.
-  /// For a remote file with an index, all of them are fetched together.
-  void advise(std::span<const storage::TileRef> tiles) const;
+  /// are predicted from, except those that `loaded`. For a cold file, that takes as many trips to
+  /// the disk as there are levels. For a remote file with an index, all of them are fetched
+  /// together.
+  using IsLoaded = std::function<bool(TileKey)>;
+  void advise(std::span<const storage::TileRef> tiles, const IsLoaded& loaded = {}) const;
 
   /// Codes a tile of the predictive layer `layer` against this field's tiles of the next coarser
   /// level. Errors as decode() of these tiles.
@@ -116,6 +121,9 @@ class FieldFile {
   [[nodiscard]] tl::unexpected<Error> changed() const;
   [[nodiscard]] Result<void> decode_payload(const storage::TileRef& tile,
                                             std::span<std::byte> samples) const;
+  /// References from the cache, which `kept` keeps alive.
+  [[nodiscard]] ReferenceSource cached(storage::LayerId layer,
+                                       std::vector<TileSamples>& kept) const;
 
   std::vector<std::unique_ptr<codec::Codec>> codecs_;
   std::vector<std::unique_ptr<Prediction>> predictions_;  // per layer; null where nothing predicts

@@ -75,7 +75,7 @@ struct PredictedTiles::Work {
   Candidates candidates;
   std::optional<TilePredictor> predictor;  // none at level 0
   Scratch& scratch;
-  std::vector<TileSamples> keep_alive;  // what `from` views
+  std::vector<Bytes> converted;  // from half floats; what `from` views
   std::vector<ReferenceTile> from;
 
   Work(const PredictedTiles& tiles, TileKey key)
@@ -104,12 +104,10 @@ struct PredictedTiles::Work {
 
   /// Makes candidate `k` a reference. Returns false if its tile is empty, and so predicts nothing.
   Result<bool> use(std::size_t k, const ReferenceSource& source) {
-    auto found = SLF_TRY(source(candidates.keys[k]));
-    if (!found) return false;
-    if (half()) found = std::make_shared<const Bytes>(to_rgba8_depth8(*found));
-    const std::byte* const color_of = found->data();
-    from[k] = {color_of, color_of + found->size() / 5 * 4};
-    keep_alive.push_back(std::move(found));
+    ByteSpan found = SLF_TRY(source(candidates.keys[k]));
+    if (found.empty()) return false;
+    if (half()) found = converted.emplace_back(to_rgba8_depth8(found));
+    from[k] = {found.data(), found.data() + found.size() / 5 * 4};
     return true;
   }
 
@@ -134,7 +132,7 @@ struct PredictedTiles::Work {
       for (std::size_t k = 0; k < uses.size(); ++k) {
         if (uses[k] < kMinUses || !shape.has(candidates.keys[k])) continue;
         const auto has = use(k, source);
-        if (!has && has.error().code != ErrorCode::failed) return tl::unexpected(has.error());
+        if (!has && has.error().code != ErrorCode::tile_missing) return tl::unexpected(has.error());
         used[k] = has && *has ? 1 : 0;
       }
     }

@@ -17,11 +17,9 @@
 
 namespace slf {
 
-/// The decoded samples of a tile; null if the tile is empty.
-using TileSamples = std::shared_ptr<const Bytes>;
-
-/// Returns a reference's samples. Called on the thread that codes.
-using ReferenceSource = std::function<Result<TileSamples>(TileKey)>;
+/// Returns the decoded samples of a reference, which stay valid until the tile is coded; no bytes
+/// if the reference is empty. Called on the thread that codes.
+using ReferenceSource = std::function<Result<ByteSpan>(TileKey)>;
 
 class PredictedTiles {
  public:
@@ -42,8 +40,8 @@ class PredictedTiles {
                                     std::span<std::byte> samples) const;
 
   /// Encodes samples and replaces `payload`. Refers to the tiles that predict enough of the samples
-  /// and that `source` has; an error `failed` of the source means that it lacks a tile. `symbols`,
-  /// if not null, gets those of the tile, for training.
+  /// and that `source` has; an error `tile_missing` of the source means that it lacks a tile.
+  /// `symbols`, if not null, gets those of the tile, for training.
   [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples, const ReferenceSource& source,
                                     Bytes& payload, codec::TileSymbols* symbols = nullptr) const;
 

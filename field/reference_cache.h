@@ -16,10 +16,14 @@
 
 namespace slf {
 
+/// The decoded samples of a tile; null if the tile is empty.
+using TileSamples = std::shared_ptr<const Bytes>;
+
 class ReferenceCache {
  public:
+  using Load = std::function<Result<TileSamples>(TileKey)>;
   /// `load` decodes a tile.
-  explicit ReferenceCache(ReferenceSource load) : load_(std::move(load)) {}
+  explicit ReferenceCache(Load load) : load_(std::move(load)) {}
 
   /// The samples of a tile, decoded if necessary. Errors and exceptions of `load` are passed on,
   /// and not cached.
@@ -39,7 +43,7 @@ class ReferenceCache {
   };
   void evict_locked();
 
-  ReferenceSource load_;
+  Load load_;
   std::mutex mutex_;
   std::condition_variable loaded_;
   std::list<Entry> entries_;  // least recently used first

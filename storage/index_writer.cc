@@ -110,7 +110,7 @@ class IndexBuilder {
 
   Result<void> add_record(LayerId layer, const Cursor& at) {
     count_part();
-    if (go_on_ && !go_on_()) return fail(ErrorCode::failed, snapshot_.path(), ": interrupted");
+    if (go_on_ && !go_on_()) return fail(ErrorCode::cancelled, snapshot_.path(), ": interrupted");
     const auto record = SLF_TRY(snapshot_.record(layer, at));
     if ((at.node().flags & kBigData) == 0) return {};
     // Trees reads this much of a record before it knows how long the table is.

@@ -48,7 +48,7 @@ Result<LockedFile> LockedFile::open(const std::string& path, Access access) {
                                              : O_RDWR | O_CREAT | O_NOFOLLOW;
   result.file_ = ::open(path.c_str(), mode | O_CLOEXEC | O_NONBLOCK, 0666);
   if (result.file_ < 0)
-    return fail(ErrorCode::io, path, ": cannot ",
+    return fail(errno == ENOENT ? ErrorCode::not_found : ErrorCode::io, path, ": cannot ",
                 access == Access::read    ? "open"
                 : access == Access::write ? "open to write"
                                           : "create",
@@ -86,7 +86,7 @@ Result<void> LockedFile::lock_writer(const std::string& path) const {
   struct flock lock = lock_of(F_WRLCK, kWriterByte, 1);
   if (fcntl(file_, F_OFD_SETLK, &lock) == 0) return {};
   if (errno == EAGAIN || errno == EACCES)
-    return fail(ErrorCode::failed, path, ": another writer has it open");
+    return fail(ErrorCode::busy, path, ": another writer has it open");
   return fail(ErrorCode::io, path, ": cannot be locked for writing: ", std::strerror(errno));
 }
 

@@ -129,12 +129,12 @@ Result<void> export_page(const std::string& field, const std::string& output,
   std::string scripts;
   for (std::size_t at = 0; at < content.size(); at += kPieceBytes) {
     if (progress && !progress({at, content.size(), 0}))
-      return fail(ErrorCode::failed, output, ": interrupted");
+      return fail(ErrorCode::cancelled, output, ": interrupted");
     scripts += "<script type=\"text/plain\" class=\"piece\">" +
                base64(content.substr(at, kPieceBytes)) + "</script>\n";
   }
   if (progress && !progress({content.size(), content.size(), 0}))
-    return fail(ErrorCode::failed, output, ": interrupted");
+    return fail(ErrorCode::cancelled, output, ": interrupted");
   scripts +=
       "<script>\n" +
       page_script("module: " + module_string() + ",\npieceBytes: " + std::to_string(kPieceBytes) +

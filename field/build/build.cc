@@ -41,7 +41,7 @@ Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const 
   std::vector<TracedTile> sample;
   const std::uint64_t count = tile_count(shape.levels, shape.entry_extra_levels);
   for (std::uint64_t t = 0; t < kTrainingTries && sample.size() < kTrainingTiles; ++t) {
-    if (!go_on()) return fail(ErrorCode::failed, "interrupted; nothing was written");
+    if (!go_on()) return fail(ErrorCode::cancelled, "interrupted; nothing was written");
     TracedTile tile;
     const TileKey key{static_cast<std::uint8_t>(shape.levels), mix(t) % count};
     SLF_TRY(tracer.trace(key, tile));
@@ -303,7 +303,7 @@ Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end
       committed_at = Clock::now();
     }
     if (stop)
-      return fail(ErrorCode::failed, path, ": interrupted; the same build goes on from here (",
+      return fail(ErrorCode::cancelled, path, ": interrupted; the same build goes on from here (",
                   writer.file(), ")");
   }
   return {};

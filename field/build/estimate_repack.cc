@@ -56,29 +56,30 @@ class SampleEncoder {
     const auto state = SLF_TRY(state_of(field_, out_, key));
     if (state != TileState::stored) return std::nullopt;
     const auto samples = read(key);
-    if (!samples && samples.error().code == ErrorCode::failed) return std::nullopt;
+    if (!samples && samples.error().code == ErrorCode::tile_missing) return std::nullopt;
     if (!samples) return tl::unexpected(samples.error());
+    std::vector<Bytes> kept;
     Bytes payload;
     codec::Tile shape = field_.tile_shape(out_.from[0], key);
     shape.format = out_.layer.format;
-    const auto source = [this](TileKey reference) -> Result<TileSamples> {
+    const auto source = [&](TileKey reference) -> Result<ByteSpan> {
       const auto there = SLF_TRY(state_of(field_, out_, reference));
-      if (there == TileState::missing) return fail(ErrorCode::failed, "missing");
-      if (there == TileState::empty) return TileSamples();
-      return read(reference);
+      if (there == TileState::missing) return fail(ErrorCode::tile_missing, "missing");
+      if (there == TileState::empty) return ByteSpan();
+      return kept.emplace_back(SLF_TRY(read(reference)));
     };
-    SLF_TRY(predicted_ ? predicted_->encode(key, **samples, source, payload)
-                       : out_.codec->encode(shape, **samples, payload));
+    SLF_TRY(predicted_ ? predicted_->encode(key, *samples, source, payload)
+                       : out_.codec->encode(shape, *samples, payload));
     return payload.size();
   }
 
  private:
-  [[nodiscard]] Result<TileSamples> read(TileKey key) const {
+  [[nodiscard]] Result<Bytes> read(TileKey key) const {
     InputTile input;
     input.begin(key);
-    const auto samples = std::make_shared<Bytes>();
-    SLF_TRY(input.samples(field_, out_, *samples));
-    return TileSamples(samples);
+    Bytes samples;
+    SLF_TRY(input.samples(field_, out_, samples));
+    return samples;
   }
 
   const FieldFile& field_;
@@ -113,7 +114,7 @@ Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, st
   double sum = 0, squares = 0, stored = 0;
   for (std::uint64_t k = 0; k < taken; ++k) {
     const auto bytes = SLF_TRY(pipeline.take());
-    if (!go_on()) return fail(ErrorCode::failed, "estimate interrupted");
+    if (!go_on()) return fail(ErrorCode::cancelled, "estimate interrupted");
     if (!bytes) continue;
     const auto size = static_cast<double>(*bytes);
     sum += size, squares += size * size, stored += 1;

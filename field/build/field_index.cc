@@ -17,7 +17,7 @@ Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field,
                                                         const GoOn& go_on) {
   std::vector<ReferenceIndex::Tile> tiles;
   const auto visit = [&](const storage::TileRef& tile) -> Result<void> {
-    if (go_on && !go_on()) return fail(ErrorCode::failed, field.path(), ": interrupted");
+    if (go_on && !go_on()) return fail(ErrorCode::cancelled, field.path(), ": interrupted");
     if (tile.state == storage::TileState::stored && field.shape().has(tile.key))
       tiles.push_back({tile.key, field.references(tile)});
     return {};

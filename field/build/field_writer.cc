@@ -28,7 +28,7 @@ Result<void> remove_leftover(const std::string& file, ByteSpan manifest) {
   struct stat status {};
   if (::lstat(file.c_str(), &status) != 0) return {};
   const auto writer = TileWriter::resume(file);  // holds the writer's lock
-  if (!writer && writer.error().code == ErrorCode::failed) return tl::unexpected(writer.error());
+  if (!writer && writer.error().code == ErrorCode::busy) return tl::unexpected(writer.error());
   if (!writer) return tl::unexpected(name_is_taken(writer.error()));
   const auto field = FieldFile::open(file);
   if (!field) return tl::unexpected(name_is_taken(field.error()));
@@ -120,10 +120,10 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
   const std::string file =
       draft == Draft::keep ? output.unfinished() : output.target + ".repacking";
   if (output.existing == Existing::replace && storage::is_being_written(output.target))
-    return fail(ErrorCode::failed, output.path, kAnotherProcess);
+    return fail(ErrorCode::busy, output.path, kAnotherProcess);
   if (auto cleared = remove_leftover(file, text); !cleared) {
-    if (cleared.error().code != ErrorCode::failed) return tl::unexpected(cleared.error());
-    return fail(ErrorCode::failed, output.path, kAnotherProcess, " (", file, ")");
+    if (cleared.error().code != ErrorCode::busy) return tl::unexpected(cleared.error());
+    return fail(ErrorCode::busy, output.path, kAnotherProcess, " (", file, ")");
   }
   auto writer = TileWriter::create(file, names, blobs);
   if (!writer) return tl::unexpected(name_as_output(writer.error(), file, output.path));
@@ -140,7 +140,7 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
 Result<FieldWriter> FieldWriter::open(const std::string& file, std::uint64_t transaction) {
   auto writer = SLF_TRY(TileWriter::resume(file));
   if (writer.transaction() != transaction)
-    return fail(ErrorCode::failed, file, ": another process has just written to it; try again");
+    return fail(ErrorCode::busy, file, ": another process has just written to it; try again");
   std::vector<std::optional<TileKey>> last;
   for (LayerId layer = 0;; ++layer) {
     const auto key = writer.last(layer);
@@ -154,7 +154,7 @@ Result<FieldWriter> FieldWriter::open(const std::string& file, std::uint64_t tra
 
 Result<FieldWriter> FieldWriter::resume(const FieldOutput& output, std::uint64_t transaction) {
   if (output.existing == Existing::replace && storage::is_being_written(output.target))
-    return fail(ErrorCode::failed, output.path, kAnotherProcess);
+    return fail(ErrorCode::busy, output.path, kAnotherProcess);
   auto opened = open(output.unfinished(), transaction);
   if (opened) opened->output_ = output;
   return opened;
@@ -218,7 +218,7 @@ Result<void> FieldWriter::drop(LayerId layer, TileKey key) {
 Result<void> FieldWriter::finish(const GoOn& go_on) {
   if (!output_) return with_file_state(writer_->close());
   if (output_->existing == Existing::replace && storage::is_being_written(output_->target))
-    return fail(ErrorCode::failed, output_->path, kAnotherProcess);
+    return fail(ErrorCode::busy, output_->path, kAnotherProcess);
   auto published =
       writer_->publish(output_->target, output_->existing,
                        [&](const std::string& file) { return index_field(file, go_on); });

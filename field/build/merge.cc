@@ -77,7 +77,7 @@ class Merger {
       }
       state_.done += tiles.size() / plan_.manifest.layers.size();
       if (progress_ && !progress_(state_))
-        return fail(ErrorCode::failed, "merge interrupted; nothing was written");
+        return fail(ErrorCode::cancelled, "merge interrupted; nothing was written");
     }
     writer_.copy_viewed_payloads();  // `part` is closed on return
     if (part.changed()) return fail(ErrorCode::failed, path, ": was truncated while it was merged");
@@ -128,7 +128,7 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   const auto plan = SLF_TRY(plan_merge(parts, options.part));
   const std::vector<ByteSpan> tables(plan.tables.begin(), plan.tables.end());
   if (progress && !progress({0, TileOrder(plan.manifest.shape).count(), 0}))
-    return fail(ErrorCode::failed, "merge interrupted; nothing was written");
+    return fail(ErrorCode::cancelled, "merge interrupted; nothing was written");
   auto writer = SLF_TRY(
       FieldWriter::create(output, FieldWriter::Draft::discard, plan.manifest, tables, plan.light));
   Merger merger(plan, parts, options, writer, progress);

@@ -71,7 +71,7 @@ Result<void> check_complete(const FieldFile& field) {
 Result<Source> read_source(const std::string& path) {
   auto field = FieldFile::open(path);
   std::error_code ignored;
-  if (!field && field.error().code == ErrorCode::io &&
+  if (!field && field.error().code == ErrorCode::not_found &&
       std::filesystem::exists(path + ".unfinished", ignored))
     return unfinished(path, "is not finished (" + path + ".unfinished)");
   if (!field) return tl::unexpected(field.error());

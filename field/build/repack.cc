@@ -44,7 +44,7 @@ Result<RecodedTile> recode(const FieldFile& field, const FieldFile* coarser,
       continue;
     }
     auto ok = input.samples(field, out, samples);
-    if (!ok && ok.error().code == ErrorCode::failed) {  // it is predicted from a missing tile
+    if (!ok && ok.error().code == ErrorCode::tile_missing) {  // it is predicted from a missing tile
       tile.states.back() = TileState::missing;
       continue;
     }
@@ -140,7 +140,8 @@ class Repacker {
       SLF_TRY(put(order_.key(n), std::move(tile)));
       ++state_.done;
       if (progress_ && !progress_(state_))
-        return fail(ErrorCode::failed, field_.path(), ": repack interrupted; nothing was written");
+        return fail(ErrorCode::cancelled, field_.path(),
+                    ": repack interrupted; nothing was written");
     }
     return {};
   }
@@ -194,7 +195,7 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
     tables.push_back(out.codec->tables());
   }
   if (progress && !progress({0, TileOrder(manifest.shape).count(), 0}))
-    return fail(ErrorCode::failed, field.path(), ": repack interrupted; nothing was written");
+    return fail(ErrorCode::cancelled, field.path(), ": repack interrupted; nothing was written");
   const Result<ByteSpan> light = options.light ? field.light() : ByteSpan();
   if (!light)
     return fail(light.error().code, light.error().message, "; a copy can leave the light out");

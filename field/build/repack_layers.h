@@ -29,7 +29,7 @@ class InputTile {
   }
 
   /// The tile's samples in the format of `out`. REQUIRES: the tile is stored in all of out.from.
-  /// failed: a tile that it is predicted from is missing. bad_file: the tile is damaged.
+  /// tile_missing: a tile that it is predicted from is missing. bad_file: the tile is damaged.
   [[nodiscard]] Result<void> samples(const FieldFile& field, const OutputLayer& out,
                                      Bytes& samples);
 

@@ -130,7 +130,7 @@ class Verifier {
           ++state_.done;
           if (!progress_ || progress_(state_)) return {};
           stopped = true;
-          return fail(ErrorCode::failed, field.path(), ": verify interrupted");
+          return fail(ErrorCode::cancelled, field.path(), ": verify interrupted");
         },
         [&](const storage::Damage& damage) {
           if (damage.code == ErrorCode::io) unreadable = damage;
@@ -206,7 +206,7 @@ class Verifier {
     if (ok.error().code == ErrorCode::io) return tl::unexpected(ok.error());
     // In a part, the tiles that this one is predicted from may be in another file. Then only its
     // checksum can be checked.
-    if (field.manifest().part && ok.error().code == ErrorCode::failed) return std::nullopt;
+    if (field.manifest().part && ok.error().code == ErrorCode::tile_missing) return std::nullopt;
     if (!references_decode(field, tile))
       return Finding{FindingKind::reference, place(field, tile) + ": " + ok.error().message};
     return Finding{FindingKind::decode, ok.error().message};

@@ -213,7 +213,7 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
       a.store().release_all(), b.store().release_all();
     state.done = std::min((batch + 1) * kBatch, order.count());
     if (progress && !progress(state))
-      return fail(ErrorCode::failed, a.path(), " and ", b.path(), ": comparison interrupted");
+      return fail(ErrorCode::cancelled, a.path(), " and ", b.path(), ": comparison interrupted");
   }
   for (std::size_t c = 0; c < pairs.size(); ++c) {
     ChannelDifference& channel = difference.channels.emplace_back(total[c].counts);

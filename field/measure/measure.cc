@@ -214,7 +214,6 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
     std::vector<ViewCost> views;
     for (std::size_t v = 0; v < options.cameras.size(); ++v) {
       kernel.begin();
-      field.file().set_reference_budget(0);  // forgets what the last view decoded
       Renderer renderer(field, options.renderer);
       ViewStatistics statistics;
       SLF_TRY(renderer.render(options.cameras[v], {options.mode, level, false}, &statistics));
@@ -239,7 +238,7 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
       total[v].mapped += cost.mapped;
       total[v].peak = std::max(total[v].peak, cost.peak);
       ++state.done;
-      if (progress && !progress(state)) return fail(ErrorCode::failed, "measure interrupted");
+      if (progress && !progress(state)) return fail(ErrorCode::cancelled, "measure interrupted");
     }
     const std::uint64_t tiles = tile_count(level, field.shape().entry_extra_levels);
     total_tiles += tiles;

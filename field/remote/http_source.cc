@@ -383,7 +383,8 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
     return again("the server answers " + std::to_string(status));
   if (status == 412 || (status == 416 && size_ != kUnknown)) return changed();
   if (status == 416) return failed(ErrorCode::bad_file, "not a field: the file is empty");
-  if (status >= 400) return failed(ErrorCode::io, "the server answers ", status);
+  if (status >= 400)
+    return failed(status == 404 ? ErrorCode::not_found : ErrorCode::io, "the server answers ", status);
   if (status == 200 && !t.whole && (code == CURLE_OK || code == CURLE_WRITE_ERROR)) {
     if (size_ != kUnknown)
       return failed(ErrorCode::io, "the server no longer serves parts of the file (HTTP ranges)");

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <mutex>
 #include <numbers>
@@ -26,7 +27,6 @@ constexpr std::size_t kDecodeScratch = 64;  // the same per sample of a predicte
 struct Plan {
   unsigned threads;
   std::uint64_t cache_bytes;
-  std::uint64_t reference_bytes = 0;  ///< for tiles that others are predicted from
 };
 
 /// Divides a budget between scratch, one tile at a time per thread, and the cache.
@@ -42,10 +42,6 @@ Plan plan_memory(const FieldFile& field, const RendererOptions& options) {
       static_cast<unsigned>(std::clamp<std::uint64_t>(fit, 1, thread_count(options.threads)));
   const std::uint64_t used = plan.threads * scratch;
   plan.cache_bytes = options.memory > used ? options.memory - used : 0;
-  if (field.predicts()) {
-    plan.reference_bytes = plan.cache_bytes / 4;
-    plan.cache_bytes -= plan.reference_bytes;
-  }
   return plan;
 }
 
@@ -70,7 +66,6 @@ RenderMode default_mode(const Field& field) {
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field.file(), options);
-  field.file().set_reference_budget(plan.reference_bytes);
   state_ = std::unique_ptr<State>(
       new State{field,
                 plan.cache_bytes / (plan.threads + 1),
@@ -122,19 +117,40 @@ CameraBasis make_basis(const Sphere& sphere, const RayGenerator& rays, std::uint
           rays.down() * scale, width};
 }
 
-std::uint32_t blocks_across(const Camera& camera) {
-  return (camera.width + kBlockWidth - 1) / kBlockWidth;
-}
-std::uint32_t block_count(const Camera& camera) {
-  return blocks_across(camera) * ((camera.height + kBlockHeight - 1) / kBlockHeight);
-}
+/// The blocks of a picture, in an order in which neighbours come soon after each other: along a
+/// Z-order curve of squares. So few tiles are in use at a time, and a small cache suffices.
+class BlockOrder {
+ public:
+  BlockOrder(std::uint32_t width, std::uint32_t height) : width_(width), height_(height) {
+    add(0, 0, std::bit_ceil(std::max({width, height, kBlockWidth})));
+  }
+  [[nodiscard]] std::uint32_t count() const { return static_cast<std::uint32_t>(blocks_.size()); }
+  [[nodiscard]] const PixelBlock& operator[](std::uint32_t n) const { return blocks_[n]; }
+
+ private:
+  void add(std::uint32_t x, std::uint32_t y, std::uint32_t side) {
+    if (x >= width_ || y >= height_) return;
+    const std::uint32_t half = side / 2;
+    if (side == kBlockWidth) {
+      for (const std::uint32_t end = std::min(y + side, height_); y < end; y += kBlockHeight)
+        blocks_.push_back({x, y, std::min(x + side, width_), std::min(y + kBlockHeight, end)});
+    } else {
+      for (const std::uint32_t v : {y, y + half})
+        for (const std::uint32_t u : {x, x + half}) add(u, v, half);
+    }
+  }
+
+  const std::uint32_t width_, height_;
+  std::vector<PixelBlock> blocks_;
+};
 
 /// One view being drawn: any thread takes blocks, each of which writes pixels of its own.
 class ViewJob {
  public:
   ViewJob(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
-          std::span<std::unique_ptr<BlockRenderer>> renderers, const Camera& camera,
-          const RayGenerator& rays, const ViewOptions& options, bool lists_tiles, Image& image)
+          std::span<std::unique_ptr<BlockRenderer>> renderers, const BlockOrder& blocks,
+          const Camera& camera, const RayGenerator& rays, const ViewOptions& options,
+          bool lists_tiles, Image& image)
       : field_(field),
         cache_(cache),
         frame_(cache.begin_frame(lists_tiles)),
@@ -143,8 +159,7 @@ class ViewJob {
         camera_(camera),
         basis_(make_basis(field.shape().sphere, rays, camera.width)),
         options_(options),
-        across_(blocks_across(camera)),
-        blocks_(block_count(camera)),
+        blocks_(blocks),
         bands_(renderers.size()),
         image_(image),
         level_pixels_(options.level + 1) {
@@ -155,8 +170,9 @@ class ViewJob {
     for (std::uint32_t band = 0; band < bands_.size(); ++band) bands_[band].next = begin_of(band);
   }
 
-  /// Draws blocks until none are left. Each thread calls it. A thread first draws a contiguous band
-  /// of the picture, so that threads share few tiles and cache lines, then helps with other bands.
+  /// Draws blocks until none are left. Each thread calls it. A thread first draws successive
+  /// blocks, so that threads share few tiles and cache lines, then helps with those of other
+  /// threads.
   void work() {
     std::optional<Error> error;
     const std::uint32_t own = workers_++;
@@ -172,7 +188,7 @@ class ViewJob {
            !error && (begin = bands_[band].next.fetch_add(kTakenBlocks)) < end;)
         for (std::uint32_t block = begin; !error && block < std::min(begin + kTakenBlocks, end);
              ++block)
-          if (auto ok = renderer.draw(basis_, pixels(block)); !ok) error = ok.error();
+          if (auto ok = renderer.draw(basis_, blocks_[block]); !ok) error = ok.error();
     }
     const std::lock_guard lock(mutex_);
     const SampleGatherer& gatherer = renderer.gatherer();
@@ -183,7 +199,7 @@ class ViewJob {
     hit_ += renderer.counts().hit;
     if (!error) return;
     if (!error_) error_ = error;
-    for (Band& band : bands_) band.next = blocks_;
+    for (Band& band : bands_) band.next = blocks_.count();
   }
 
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
@@ -206,13 +222,7 @@ class ViewJob {
   };
 
   [[nodiscard]] std::uint32_t begin_of(std::uint32_t band) const {
-    return static_cast<std::uint32_t>(std::uint64_t{blocks_} * band / bands_.size());
-  }
-
-  [[nodiscard]] PixelBlock pixels(std::uint32_t block) const {
-    const std::uint32_t x0 = block % across_ * kBlockWidth, y0 = block / across_ * kBlockHeight;
-    return {x0, y0, std::min(x0 + kBlockWidth, camera_.width),
-            std::min(y0 + kBlockHeight, camera_.height)};
+    return static_cast<std::uint32_t>(std::uint64_t{blocks_.count()} * band / bands_.size());
   }
 
   const FieldFile& field_;
@@ -223,7 +233,7 @@ class ViewJob {
   const Camera& camera_;
   const CameraBasis basis_;
   const ViewOptions& options_;
-  const std::uint32_t across_, blocks_;
+  const BlockOrder& blocks_;
   std::vector<Band> bands_;
   Image& image_;
   std::atomic<std::uint32_t> workers_{0};
@@ -253,10 +263,11 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& requested
   const std::uint64_t decodes_before = state_->cache->statistics().decodes;
   if (field.store().is_remote() && options.wait) SLF_TRY(fetch(camera, options));
   state_->cache->reset_peak();
+  const BlockOrder blocks(camera.width, camera.height);
   const auto threads =
-      static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), block_count(camera)));
+      static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), blocks.count()));
   ViewJob job(field, *state_->cache, state_->pin_bytes, std::span(state_->renderers).first(threads),
-              camera, rays, options, statistics != nullptr, image);
+              blocks, camera, rays, options, statistics != nullptr, image);
   SLF_TRY(on_threads(threads, [&] { job.work(); }));
   if (job.error()) return tl::unexpected(*job.error());
   SLF_TRY(field.unchanged());

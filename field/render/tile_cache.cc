@@ -369,14 +369,30 @@ Result<void> TileCache::load_layer(Tile& tile, LayerSamples& samples, storage::L
   samples.owned = memory_.allocate(kReadableBefore + bytes);
   std::byte* const first = samples.owned.get() + kReadableBefore;
   samples.first = first;
-  auto decoded = field_.decode(ref, {first, bytes});
-  if (!decoded && decoded.error().code == ErrorCode::failed) {
-    // A tile that this one is predicted from is missing, so this one counts as missing, too.
+  const bool complete = SLF_TRY(decode(ref, {first, bytes}));
+  if (!complete) {  // then this tile counts as missing, too
     samples.ref.state = storage::TileState::missing;
     samples.first = nullptr;
-    return {};
   }
-  return decoded;
+  return {};
+}
+
+Result<bool> TileCache::decode(const storage::TileRef& ref, std::span<std::byte> samples) {
+  std::vector<Pin> references;
+  const auto source = [&](TileKey key) -> Result<ByteSpan> {
+    if (!field_.shape().has(key))
+      return fail(ErrorCode::bad_file, field_.path(), ": tile ", int{key.level}, "/", key.index,
+                  ", from which others are predicted, is not in the field");
+    const Pin& pin = references.emplace_back(SLF_TRY(load(Located{key}, false)));
+    const LayerSamples& found = pin.tile_->color;
+    if (found.ref.state == storage::TileState::missing)
+      return fail(ErrorCode::tile_missing, "a reference");
+    return found.first ? ByteSpan(found.first, field_.tile_shape(ref.layer, key).bytes())
+                       : ByteSpan();
+  };
+  const auto decoded = field_.decode(ref, source, samples);
+  if (decoded || decoded.error().code == ErrorCode::tile_missing) return decoded.has_value();
+  return tl::unexpected(decoded.error());
 }
 
 std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys, bool with_depth) {
@@ -410,7 +426,10 @@ std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys,
     };
     find_layer(color_, &Located::color);
     if (depth) find_layer(*depth, &Located::depth);
-    field_.advise(refs);
+    field_.advise(refs, [this](TileKey key) {
+      const std::lock_guard lock(mutex_);
+      return tiles_.contains(key);
+    });
     const ScopedLock scoped(*this);
     for (const storage::TileRef& ref : refs) count_mapped_locked(ref, false);
   }

@@ -179,6 +179,10 @@ class TileCache {
                                        const std::optional<storage::TileRef>& located);
   [[nodiscard]] Result<void> load_layer(Tile& tile, LayerSamples& samples, storage::LayerId layer,
                                         const std::optional<storage::TileRef>& located);
+  /// Decodes a tile. The tiles that it is predicted from are loaded first, and are pinned until it
+  /// is decoded; loads depend on coarser levels only, so threads never wait for each other in a
+  /// circle. False: one of them was never built.
+  [[nodiscard]] Result<bool> decode(const storage::TileRef& ref, std::span<std::byte> samples);
   /// Makes room for a layer of a tile and counts it.
   void charge(Tile& tile, const LayerSamples& samples, std::uint64_t bytes, bool located);
   [[nodiscard]] std::optional<storage::LayerId> depth_layer(bool needed) const {

@@ -147,7 +147,7 @@ Result<LightRig> read_rig(const std::string& reference) {
   }
   constexpr std::uint64_t kMaxBytes = 1 << 20;
   const auto bytes = read_file(reference, kMaxBytes);
-  if (!bytes && bytes.error().code == ErrorCode::io &&
+  if (!bytes && bytes.error().code == ErrorCode::not_found &&
       reference.find_first_of("./") == std::string::npos)
     return fail(ErrorCode::usage, "light rig '", reference, "': neither a file nor one of ", names);
   if (!bytes) return tl::unexpected(bytes.error());

@@ -123,10 +123,11 @@ Result<void> place_by_number(std::vector<DicomSlice>& slices,
   const bool located = !spacing && locations.size() == slices.size();
   const double gap = spacing ? spacing->z : slices[0].stated_gap;
   if (!located && !(gap > 0))
-    return fail(slices[0].frames > 1 ? ErrorCode::unsupported : ErrorCode::bad_file, slices[0].path,
-                ": ", slices[0].frames > 1 ? slices[0].frames : slices.size(),
-                slices[0].frames > 1 ? " frames" : " slices", " without ", slices[0].unplaced,
-                ", so their places are unknown: state a spacing to stack them by number");
+    return fail_without(
+        "spacing", slices[0].frames > 1 ? ErrorCode::unsupported : ErrorCode::bad_file,
+        slices[0].path, ": ", slices[0].frames > 1 ? slices[0].frames : slices.size(),
+        slices[0].frames > 1 ? " frames" : " slices", " without ", slices[0].unplaced,
+        ", so their places are unknown: state a spacing to stack them by number");
   for (std::size_t k = 0; k < slices.size(); ++k)
     slices[k].position += normal * (located ? *slices[k].location : gap * static_cast<double>(k));
   notes.push_back("no " + slices[0].unplaced + ": slices are placed by " +
@@ -174,9 +175,9 @@ Result<DicomPlaces> sort_by_place(const DicomStack& stack,
   for (auto& slice : good) {
     if (slice.spacing.x > 0) continue;
     if (!spacing)
-      return fail(ErrorCode::bad_file, slice.path, ": no PixelSpacing",
-                  slice.placed ? "" : " and no ", slice.placed ? "" : slice.unplaced,
-                  ", which a volume needs to be placed in space: state a spacing");
+      return fail_without("spacing", ErrorCode::bad_file, slice.path, ": no PixelSpacing",
+                          slice.placed ? "" : " and no ", slice.placed ? "" : slice.unplaced,
+                          ", which a volume needs to be placed in space: state a spacing");
     slice.spacing = {spacing->x, spacing->y};
   }
   if (!good.front().placed) SLF_TRY(place_by_number(good, spacing, sorted.notes));

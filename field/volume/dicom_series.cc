@@ -229,8 +229,8 @@ Result<Volume> read_chosen(const std::string& path, const Scan& scan,
     if (chosen.empty())
       return fail(ErrorCode::usage, path, ": has no series ", in_quotes(*series),
                   ", but these: ", found);
-    return fail(ErrorCode::unsupported, path, ": ", chosen.size(),
-                " DICOM series, expected one: choose series ", found);
+    return fail_without("series", ErrorCode::unsupported, path, ": ", chosen.size(),
+                        " DICOM series, expected one: choose series ", found);
   }
   if (scan.stray)
     if (const auto missing = missing_number(chosen.front()))

@@ -78,9 +78,10 @@ Result<Step> step_of(const std::vector<DicomSlice>& slices, const VolumeOptions&
     return Step{along * mean};
   }
   const std::string missing = missing_slices(slices, gaps, *least);
-  return fail(ErrorCode::bad_file, volume.source, ": slices are not evenly spaced: ", smallest,
-              ", but ", missing.empty() ? largest : missing, missing.empty() ? "" : "; find them",
-              ", or resample the volume to even spacing");
+  return fail_without("resample", ErrorCode::bad_file, volume.source,
+                      ": slices are not evenly spaced: ", smallest, ", but ",
+                      missing.empty() ? largest : missing, missing.empty() ? "" : "; find them",
+                      ", or resample the volume to even spacing");
 }
 
 /// Linear interpolation, or nearest, between the slices of an uneven stack.

@@ -75,7 +75,9 @@ Result<ByteReader> ByteReader::open(const std::string& path, std::uint64_t offse
   auto state = std::make_unique<State>();
   state->path = path;
   state->file.open(path, std::ios::binary);
-  if (!state->file) return fail(ErrorCode::io, path, ": cannot be opened: ", std::strerror(errno));
+  if (!state->file)
+    return fail(errno == ENOENT ? ErrorCode::not_found : ErrorCode::io, path,
+                ": cannot be opened: ", std::strerror(errno));
   state->file.seekg(static_cast<std::streamoff>(offset));
   if (packed) {
     state->chunk.resize(std::clamp<std::uint64_t>(size, 1, kChunk));
@@ -169,8 +171,9 @@ Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
 Result<std::uint32_t> choose(const std::string& source, const std::optional<std::uint32_t>& chosen,
                              std::uint64_t count, std::string_view what) {
   if (!chosen && count > 1)
-    return fail(ErrorCode::unsupported, source, ": ", count, " ", what, "s, expected one: choose ",
-                what, " 0 to ", count - 1);
+    return fail_without(what == "component" ? "component" : "time", ErrorCode::unsupported, source,
+                        ": ", count, " ", what, "s, expected one: choose ", what, " 0 to ",
+                        count - 1);
   if (chosen.value_or(0) >= count)
     return fail(ErrorCode::usage, source, ": ", what, " ", *chosen, " was chosen, but it has ",
                 count, ", counted from 0");
@@ -217,8 +220,9 @@ Result<void> check_axes(const Volume& volume) {
   for (int i = 0; i < 3; ++i) {
     const double length = glm::length(volume.axes[i]);
     if (!std::isfinite(length) || !(length > 1e-30) || !(length < 1e30))
-      return fail(ErrorCode::bad_file, volume.source, ": spacing of axis ", i, " is ", length,
-                  ", expected a positive finite number: choose the spacing");
+      return fail_without("spacing", ErrorCode::bad_file, volume.source, ": spacing of axis ", i,
+                          " is ", length,
+                          ", expected a positive finite number: choose the spacing");
     scale *= length;
     if (!std::isfinite(volume.origin[i]))
       return fail(ErrorCode::bad_file, volume.source, ": origin is not finite");

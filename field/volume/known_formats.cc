@@ -227,12 +227,15 @@ Error refuse_file(const std::string& path, std::string_view head) {
                   in_quotes(head.substr(0, 16)), where, ": it is damaged, or misnamed")
           .value();
   if (file.ends_with(".img"))
-    return fail(ErrorCode::usage, path, ": voxels of Analyze or NIfTI, whose header is missing (",
-                partner_of(path, ".hdr"), "); without one they need their layout: dimensions, ",
-                "type, spacing and offset")
+    return fail_without(
+               "raw", ErrorCode::usage, path,
+               ": voxels of Analyze or NIfTI, whose header is missing (", partner_of(path, ".hdr"),
+               "); without one they need their layout: dimensions, ", "type, spacing and offset")
         .value();
-  return fail(ErrorCode::usage, path, ": of no known format (found ", in_quotes(head.substr(0, 16)),
-              where, "); headerless voxels need their layout: dimensions, type, spacing and offset")
+  return fail_without(
+             "raw", ErrorCode::usage, path, ": of no known format (found ",
+             in_quotes(head.substr(0, 16)), where,
+             "); headerless voxels need their layout: dimensions, type, spacing and offset")
       .value();
 }
 

@@ -144,8 +144,8 @@ Result<void> set_position(const Header& header, std::size_t rank, const VolumeOp
   for (std::size_t axis = 0; axis < 3; ++axis) {
     spacing[axis] = spacing_or(options, axis, spacing[axis]);
     if (!(spacing[axis] > 0) || !std::isfinite(spacing[axis]))
-      return fail(ErrorCode::bad_file, path, ": 'ElementSpacing' ", axis, " is ", spacing[axis],
-                  ", expected a positive number: choose the spacing");
+      return fail_without("spacing", ErrorCode::bad_file, path, ": 'ElementSpacing' ", axis, " is ",
+                          spacing[axis], ", expected a positive number: choose the spacing");
     // A row of the matrix, as written, is the direction of an axis.
     const auto* row = matrix.data() + axis * rank;
     volume.axes[static_cast<int>(axis)] = glm::dvec3(row[0], row[1], row[2]) * spacing[axis];

@@ -295,8 +295,9 @@ Result<void> set_position(Header header, const VolumeOptions& options, Volume& v
       header.pixdim[i] = spacing_or(options, i - 1, header.pixdim[i] * to_mm) / to_mm;
     for (std::size_t i = 1; i <= 3; ++i)
       if (!(header.pixdim[i] > 0) || !std::isfinite(header.pixdim[i]))
-        return fail(ErrorCode::bad_file, volume.source, ": spacing (pixdim[", i, "]) is ",
-                    header.pixdim[i], ", expected a positive number: choose the spacing");
+        return fail_without("spacing", ErrorCode::bad_file, volume.source, ": spacing (pixdim[", i,
+                            "]) is ", header.pixdim[i],
+                            ", expected a positive number: choose the spacing");
     if (has_qform || damaged_sform) {
       t = qform_of(header);
       volume.placement = "qform" + code(header.qform_code);

@@ -233,8 +233,9 @@ Result<Volume> read_npz(const std::string& path, const VolumeOptions& options) {
     return fail(ErrorCode::usage, path, ": array ", in_quotes(*options.array),
                 " was chosen, but it has ", arrays);
   if (volumes != 1)
-    return fail(ErrorCode::unsupported, path, ": ", volumes, " of its arrays (", arrays,
-                ") have three axes or more, expected one: choose array by its name");
+    return fail_without("array", ErrorCode::unsupported, path, ": ", volumes, " of its arrays (",
+                        arrays,
+                        ") have three axes or more, expected one: choose array by its name");
   return read_array(header, data, options);
 }
 

@@ -325,8 +325,8 @@ Result<void> place_by_spacing(const std::vector<Axis>& axes, const VolumeOptions
     // Only axes that state their ends may run backwards.
     const bool backwards = axis.max < axis.min && std::isnan(axis.spacing);
     if (!(spacing > 0 || backwards) || spacing == 0 || !std::isfinite(spacing))
-      return fail(ErrorCode::bad_file, volume.source, ": 'spacings' ", i, " is ", spacing,
-                  ", expected a positive number: choose the spacing");
+      return fail_without("spacing", ErrorCode::bad_file, volume.source, ": 'spacings' ", i, " is ",
+                          spacing, ", expected a positive number: choose the spacing");
     if (backwards) spacing = -std::abs(spacing);
     const int k = static_cast<int>(i);
     volume.axes[k][k] = spacing;

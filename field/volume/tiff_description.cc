@@ -75,8 +75,8 @@ class OmeReader {
     if (wanted)
       return fail(ErrorCode::usage, source, ": no image ", in_quotes(*wanted),
                   " in its OME metadata; there are ", names);
-    return fail(ErrorCode::unsupported, source, ": ", images_.size(),
-                " images (series) in one OME-TIFF, expected one: choose array ", names);
+    return fail_without("array", ErrorCode::unsupported, source, ": ", images_.size(),
+                        " images (series) in one OME-TIFF, expected one: choose array ", names);
   }
 
  private:

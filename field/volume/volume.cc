@@ -248,10 +248,10 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
   const auto size = SLF_TRY(file_size(path));
   const std::uint64_t needed = voxel_bytes(volume);
   if (!is_named_and_packed(path) && (layout.offset > size || needed > size - layout.offset))
-    return fail(ErrorCode::usage, path, ": dimensions ", sizes[0], "x", sizes[1], "x", sizes[2],
-                " of type ", name(layout.type), " at offset ", layout.offset, " need ", needed,
-                " bytes after the offset, but the file has ", size,
-                " bytes in all: choose another layout");
+    return fail_without("raw", ErrorCode::usage, path, ": dimensions ", sizes[0], "x", sizes[1],
+                        "x", sizes[2], " of type ", name(layout.type), " at offset ", layout.offset,
+                        " need ", needed, " bytes after the offset, but the file has ", size,
+                        " bytes in all: choose another layout");
   VoxelData data{.path = path, .offset = layout.offset, .big_endian = layout.big_endian};
   // The layout does not state the number of time points: the length of the file is the limit. If
   // one is chosen, whole volumes after it are no sign of a wrong layout.
@@ -321,7 +321,7 @@ Result<Volume> read_volume(const std::string& path, const VolumeOptions& options
     volume->labels = true;
     return volume;
   } catch (const std::bad_alloc&) {
-    return fail(ErrorCode::failed, path, ": not enough memory to read it");
+    return fail(ErrorCode::out_of_memory, path, ": not enough memory to read it");
   } catch (const std::exception& error) {
     return fail(ErrorCode::failed, path, ": ", error.what());
   }

@@ -75,8 +75,8 @@ Result<void> set_position(const VtiDocument& d, const Extent& extent, const Volu
     first[static_cast<int>(i)] = static_cast<double>(extent.low[i]) + (d.array.of_cells ? 0.5 : 0);
     spacing[i] = spacing_or(options, i, spacing[i]);
     if (!(spacing[i] > 0))
-      return fail(ErrorCode::bad_file, path, ": Spacing ", spacing[i], " along ", "xyz"[i],
-                  ", expected a positive number: choose the spacing");
+      return fail_without("spacing", ErrorCode::bad_file, path, ": Spacing ", spacing[i], " along ",
+                          "xyz"[i], ", expected a positive number: choose the spacing");
   }
   volume.dims = SLF_TRY(check_dims(path, sizes_of(extent)));
   for (std::size_t axis = 0; axis < 3; ++axis)

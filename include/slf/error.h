@@ -12,19 +12,55 @@
 
 namespace slf {
 
-/// The kind of failure. The values are the exit codes of the `slf` command.
+/// The kind of failure.
 enum class ErrorCode : int {
-  usage = 1,        ///< an argument is wrong or contradicts another
-  io = 2,           ///< the operating system refused: missing, permission, disk full
-  bad_file = 3,     ///< a file is damaged, truncated, or not what it claims to be
-  failed = 4,       ///< a correct request could not be completed at run time
-  unsupported = 5,  ///< valid, but this version cannot do it
-  differs = 7,      ///< a comparison found a difference
+  usage,          ///< an argument is wrong or contradicts another
+  io,             ///< the operating system or a server refused: permission, disk full
+  not_found,      ///< a file does not exist
+  bad_file,       ///< a file is damaged, truncated, or not what it claims to be
+  failed,         ///< a correct request could not be completed at run time
+  tile_missing,   ///< a tile was never built, or was dropped
+  busy,           ///< another process is writing the file
+  cancelled,      ///< a ProgressCallback asked to stop
+  out_of_memory,  ///< there is not enough memory
+  unsupported,    ///< valid, but this version cannot do it
+  differs,        ///< a comparison found a difference
 };
+
+/// The name of the code, such as "not_found".
+[[nodiscard]] constexpr const char* name(ErrorCode code) {
+  constexpr const char* kNames[] = {"usage",         "io",           "not_found", "bad_file",
+                                    "failed",        "tile_missing", "busy",      "cancelled",
+                                    "out_of_memory", "unsupported",  "differs"};
+  return kNames[static_cast<int>(code)];
+}
+
+/// The exit code of the `slf` command: 1 usage; 2 io, not_found; 3 bad_file; 5 unsupported;
+/// 7 differs; 4 all others.
+[[nodiscard]] constexpr int exit_code(ErrorCode code) {
+  switch (code) {
+    case ErrorCode::usage:
+      return 1;
+    case ErrorCode::io:
+    case ErrorCode::not_found:
+      return 2;
+    case ErrorCode::bad_file:
+      return 3;
+    case ErrorCode::unsupported:
+      return 5;
+    case ErrorCode::differs:
+      return 7;
+    default:
+      return 4;
+  }
+}
 
 struct Error {
   ErrorCode code;
   std::string message;
+  /// The member of the options that would settle it, such as "component" of VolumeOptions; null if
+  /// the code and the message say all.
+  const char* choice = nullptr;
 };
 
 /// The value of a call that succeeded, or the Error of one that failed.
@@ -38,6 +74,15 @@ template <class... Parts>
   std::ostringstream text;
   (text << ... << parts);
   return tl::unexpected<Error>(Error{code, std::move(text).str()});
+}
+
+/// The same for what the caller can settle by this member of the options.
+template <class... Parts>
+[[nodiscard]] tl::unexpected<Error> fail_without(const char* choice, ErrorCode code,
+                                                 const Parts&... parts) {
+  auto error = fail(code, parts...);
+  error.value().choice = choice;
+  return error;
 }
 
 }  // namespace slf

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import Optional
 
 
@@ -75,15 +74,15 @@ class DiffersError(Error):
     code = 7
 
 
-_CLASSES = {1: UsageError, 2: IoError, 3: BadFileError, 4: FailedError, 5: UnsupportedError,
-            7: DiffersError}
+class BusyError(FailedError):
+    """Another process is writing the file."""
 
 
-def error_of(code: int, message: str, path: Optional[str]) -> Error:
-    """The exception for an error of the library, which knows the code only."""
-    kind = _CLASSES[code]
-    if code == 2 and path and "://" not in path and not os.path.exists(path):
-        kind = NotFoundError
-    if code == 4 and message.endswith(("out of memory", "not enough memory to read it")):
-        kind = OutOfMemoryError
-    return kind(message, path)
+_CLASSES = {"usage": UsageError, "io": IoError, "not_found": NotFoundError,
+            "bad_file": BadFileError, "busy": BusyError, "out_of_memory": OutOfMemoryError,
+            "unsupported": UnsupportedError, "differs": DiffersError}
+
+
+def error_of(code: str, message: str, path: Optional[str]) -> Error:
+    """The exception for an error of the library."""
+    return _CLASSES.get(code, FailedError)(message, path)

@@ -55,7 +55,7 @@ void raise(const Failure& failure) {
   const py::object path = failure.path.empty() ? py::object(py::none()) : py::str(failure.path);
   const py::object exception =
       py::module_::import("slf._errors")
-          .attr("error_of")(static_cast<int>(failure.code), std::string(failure.what()), path);
+          .attr("error_of")(name(failure.code), std::string(failure.what()), path);
   PyErr_SetObject(py::type::handle_of(exception).ptr(), exception.ptr());
 }
 

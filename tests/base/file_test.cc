@@ -92,7 +92,7 @@ TEST_F(Files, ACopyCanBeStoppedAndLeavesNothing) {
   EXPECT_EQ(copy_file(at("a"), at("b")).error().code, ErrorCode::io);  // exists
   int calls = 0;
   const auto stopped = copy_file(at("a"), at("c"), [&](const Progress&) { return ++calls < 2; });
-  EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+  EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
   EXPECT_EQ(calls, 2);
   EXPECT_FALSE(fs::exists(at("c")));
 }

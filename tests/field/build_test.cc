@@ -210,7 +210,7 @@ TEST(Build, StoppedAnywhereItResumesToTheSameContent) {
       EXPECT_GT(report->resumed, 0u);
       break;
     }
-    ASSERT_EQ(report.error().code, ErrorCode::failed) << report.error().message;
+    ASSERT_EQ(report.error().code, ErrorCode::cancelled) << report.error().message;
     ++stops;
     EXPECT_FALSE(std::filesystem::exists(path));
     const auto partial = Field::open(path + ".unfinished");
@@ -349,7 +349,7 @@ TEST(Build, AnExceptionOutsideOfTracingIsAnErrorThatNamesTheOutput) {
   using In = Throwing::In;
   for (const In in : {In::bounds, In::provenance, In::files, In::prepare}) {
     const Error error = refusal(Throwing(in));
-    EXPECT_EQ(error.code, ErrorCode::failed);
+    EXPECT_EQ(error.code, ErrorCode::out_of_memory);
     EXPECT_NE(error.message.find("a.slf: out of memory"), std::string::npos) << error.message;
   }
 }
@@ -409,7 +409,7 @@ TEST(Build, AsksSoonWhetherToGoOn) {
       build_field(*make_analytic_scene("balls").value(), folder / "a.slf",
                   lossless_options(1, 1, 6), [](const Progress&) { return false; });
   ASSERT_FALSE(stopped);
-  EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+  EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
   EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(5));
   EXPECT_TRUE(folder.files().empty());
 }

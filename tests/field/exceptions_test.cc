@@ -23,7 +23,7 @@ TEST(ExceptionsOnWorkers, EndABuildWithAnError) {
   const auto report =
       build_field(throwing_elsewhere(), scratch / "a.slf", testing::lossless_options(2, 3, 1));
   ASSERT_FALSE(report);
-  EXPECT_EQ(report.error().code, ErrorCode::failed);
+  EXPECT_EQ(report.error().code, ErrorCode::out_of_memory);
   EXPECT_NE(report.error().message.find("out of memory"), std::string::npos);
 }
 
@@ -32,7 +32,7 @@ TEST(ExceptionsOnWorkers, EndATracedViewWithAnError) {
   const Camera camera = orbit_camera(scene.bounds(), 30, 20, 3, 256, 256);
   const auto image = trace_view(scene, scene.bounds(), camera, 3);
   ASSERT_FALSE(image);
-  EXPECT_EQ(image.error().code, ErrorCode::failed);
+  EXPECT_EQ(image.error().code, ErrorCode::out_of_memory);
   EXPECT_EQ(image.error().message, "out of memory");
 }
 

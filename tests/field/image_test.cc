@@ -177,7 +177,7 @@ TEST_F(ImageFile, TruncationAtEveryByteIsAnErrorAndNeverACrash) {
 
 TEST_F(ImageFile, MissingFilesFoldersAndNonPicturesAreNamed) {
   const auto missing = read_image(path("none.png"));
-  EXPECT_EQ(missing.error().code, ErrorCode::io);
+  EXPECT_EQ(missing.error().code, ErrorCode::not_found);
   EXPECT_THAT(missing.error().message, HasSubstr(path("none.png") + ": cannot open: No such file"));
   EXPECT_EQ(read_image(folder_.path()).error().code, ErrorCode::io);
   std::ofstream(path("text.png")) << "not a picture";
@@ -187,7 +187,7 @@ TEST_F(ImageFile, MissingFilesFoldersAndNonPicturesAreNamed) {
 TEST_F(ImageFile, WritingWhereNothingCanBeWrittenNamesPathAndCause) {
   const auto missing = write_image(path("no/such/a.png"), gradient(2, 2));
   ASSERT_FALSE(missing);
-  EXPECT_EQ(missing.error().code, ErrorCode::io);
+  EXPECT_EQ(missing.error().code, ErrorCode::not_found);
   EXPECT_THAT(missing.error().message, HasSubstr("no/such/a.png: cannot write: No such file"));
 
   fs::create_directory(path("folder.png"));

@@ -345,7 +345,7 @@ TEST(Light, StopsWhenAsked) {
   const auto made =
       Raycaster::make(ball(24), t, lit(kWhiteSky), {1, [](const Progress&) { return false; }, {}});
   ASSERT_FALSE(made);
-  EXPECT_EQ(made.error().code, ErrorCode::failed);
+  EXPECT_EQ(made.error().code, ErrorCode::cancelled);
 }
 
 TEST(Light, WaitsUntilItIsNeeded) {

@@ -261,7 +261,7 @@ TEST_F(Merge, NamesWhatIsMissingDoubleOrForeign) {
   other = options;
   other.shape.exit_side = 5;
   expect_refused({parts[0], shard(other, 1, 6)}, ErrorCode::usage, {"/exit_side differs"});
-  expect_refused({parts[0], folder_ / "none.slf"}, ErrorCode::io, {"none.slf"});
+  expect_refused({parts[0], folder_ / "none.slf"}, ErrorCode::not_found, {"none.slf"});
   testing::write_text(folder_ / "text.slf", std::string(20000, 'x'));
   expect_refused({parts[0], folder_ / "text.slf"}, ErrorCode::bad_file, {"text.slf"});
   MergeOptions force;
@@ -324,7 +324,7 @@ TEST_F(Merge, StopsWhenAsked) {
   const auto stopped = merge_fields(parts, folder_ / "stopped.slf", {},
                                     [](const Progress& p) { return 2 * p.done < p.total; });
   ASSERT_FALSE(stopped);
-  EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+  EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
   EXPECT_EQ(folder_.files(), (Paths{"1-of-2.slf", "2-of-2.slf"}));
 }
 

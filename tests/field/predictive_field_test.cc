@@ -132,7 +132,7 @@ TEST_F(PredictiveField, BytesDoNotDependOnThreadsOrInterruptions) {
     const auto report = build_field(*scene, folder / "parts.slf", options,
                                     [&](const Progress&) { return ++tiles < step; });
     if (report) break;
-    ASSERT_EQ(report.error().code, ErrorCode::failed) << report.error().message;
+    ASSERT_EQ(report.error().code, ErrorCode::cancelled) << report.error().message;
     ++stops;
   }
   EXPECT_GT(stops, 3);
@@ -159,6 +159,24 @@ TEST_F(PredictiveField, AViewIsTheSameInAnyMemory) {
     options.memory = memory;
     EXPECT_EQ(draw(*open("a.slf"), camera_of(*field), {}, options).rgba, expected.rgba) << memory;
   }
+}
+
+TEST_F(PredictiveField, RenderersOfOneFieldKeepTheirOwnBudgets) {
+  const auto field = build("a.slf", predictive_options());
+  ASSERT_TRUE(field);
+  const auto decodes = [&](Renderer& renderer) {
+    ViewStatistics statistics;
+    EXPECT_TRUE(renderer.render(camera_of(*field), {}, &statistics));
+    EXPECT_GT(statistics.decoded_peak_bytes, 0u);
+    return statistics.decodes;
+  };
+  RendererOptions roomy, tight;
+  roomy.memory = 64 << 20;
+  tight.memory = 1 << 18;
+  Renderer first(*field, roomy);
+  Renderer second(*field, tight);
+  EXPECT_LT(decodes(first), decodes(second));  // each tile once, and again when it was evicted
+  EXPECT_EQ(decodes(first), 0u);               // all are still there
 }
 
 TEST_F(PredictiveField, ATileIsDecodedOnceForItselfAndForOthers) {
@@ -223,7 +241,7 @@ TEST_F(PredictiveField, WithoutAReferenceACoarserLevelIsDrawn) {
   Bytes samples(field->file().tile_shape(0, dependant).bytes());
   const auto decoded = field->file().decode(*tile, samples);
   ASSERT_FALSE(decoded);
-  EXPECT_EQ(decoded.error().code, ErrorCode::failed);
+  EXPECT_EQ(decoded.error().code, ErrorCode::tile_missing);
   EXPECT_NE(decoded.error().message.find("tile 0/" + std::to_string(reference.index)),
             std::string::npos)
       << decoded.error().message;

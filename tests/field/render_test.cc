@@ -270,7 +270,7 @@ TEST_F(Render, MeasuringCountsViewsAndStopsWhenAsked) {
   const auto stopped =
       measure_views(*field_, options, [](const Progress& progress) { return progress.done < 2; });
   ASSERT_FALSE(stopped);
-  EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+  EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
 }
 
 TEST_F(Render, TheMapBudgetBoundsResidentPages) {

@@ -380,7 +380,7 @@ TEST_F(Repack, NonsenseIsRefused) {
   options.replace = true;
   EXPECT_EQ(refusal(*lossless_, lossless_->path(), options, "is the input"), ErrorCode::usage);
   EXPECT_EQ(refusal(*lossless_, folder_ / "", options, "folder"), ErrorCode::usage);
-  EXPECT_EQ(refusal(*lossless_, folder_ / "no/such.slf", {}, "no/such.slf"), ErrorCode::io);
+  EXPECT_EQ(refusal(*lossless_, folder_ / "no/such.slf", {}, "no/such.slf"), ErrorCode::not_found);
   EXPECT_EQ(folder_.files(), before);
 }
 
@@ -394,7 +394,7 @@ TEST_F(Repack, StoppedItLeavesWhatWasThereBefore) {
     const auto stopped = repack_field(*lossless_, folder_ / "out.slf", options,
                                       [&](const Progress&) { return ++calls < limit; });
     ASSERT_FALSE(stopped);
-    EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+    EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
     EXPECT_EQ(folder_.files(), before);
     EXPECT_EQ(file_text(folder_ / "out.slf"), "precious");
   }
@@ -427,7 +427,7 @@ TEST_F(Repack, WhatAKilledRunLeftGoesWithTheNext) {
   leave_draft();
   const auto other = storage::TileWriter::resume(out + ".repacking");
   ASSERT_TRUE(other);
-  EXPECT_EQ(refusal(*lossless_, out, {}, "another process"), ErrorCode::failed);
+  EXPECT_EQ(refusal(*lossless_, out, {}, "another process"), ErrorCode::busy);
   EXPECT_TRUE(std::filesystem::exists(out + ".repacking"));
 }
 

@@ -139,7 +139,7 @@ TEST(Transfer, SaysWhereAPresetIsWrong) {
   for (const auto* path : {"/none.json", "/none.json#Name"}) {
     const auto missing = read_transfer(path);
     ASSERT_FALSE(missing);
-    EXPECT_EQ(missing.error().code, ErrorCode::io);
+    EXPECT_EQ(missing.error().code, ErrorCode::not_found);
   }
 }
 

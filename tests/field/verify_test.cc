@@ -411,7 +411,7 @@ TEST_F(Verify, ItCanBeStopped) {
     return ++calls < 700;
   });
   ASSERT_FALSE(stopped);
-  EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+  EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
   EXPECT_EQ(calls, 700);
 }
 
@@ -423,7 +423,7 @@ TEST_F(Verify, FixingWhileAnotherWritesIsRefused) {
   fix.fix = true;
   const auto report = verify_field(path_, fix);
   ASSERT_FALSE(report);
-  EXPECT_EQ(report.error().code, ErrorCode::failed);
+  EXPECT_EQ(report.error().code, ErrorCode::busy);
 }
 
 /// What a reader can see of a field.

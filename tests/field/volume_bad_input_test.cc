@@ -54,7 +54,7 @@ std::string meta_with(const std::string& lines) {
 }
 
 TEST_F(VolumeBadInput, MissingEmptyOrOfAnotherKind) {
-  expect_at(folder_.path("none.nii"), ErrorCode::io, {"no such file"});
+  expect_at(folder_.path("none.nii"), ErrorCode::not_found, {"no such file"});
   expect_at("/dev/null", ErrorCode::io, {"not a regular file"});
   expect("", "empty.nii", ErrorCode::bad_file, {"empty"});
   expect("A text.\n", "a.nrrd", ErrorCode::bad_file, {"NRRD000", "'A text.\\x0a'", "misnamed"});
@@ -113,10 +113,10 @@ TEST_F(VolumeBadInput, HeadersThatLieAboutTheSize) {
 }
 
 TEST_F(VolumeBadInput, DetachedDataFileIsMissing) {
-  expect(nrrd_with("data file: gone.raw\n"), "a.nhdr", ErrorCode::io, {"gone.raw", "no such file"});
+  expect(nrrd_with("data file: gone.raw\n"), "a.nhdr", ErrorCode::not_found, {"gone.raw", "no such file"});
   expect("NDims = 3\nDimSize = 5 4 3\nElementType = MET_UCHAR\nElementDataFile = gone.raw\n",
-         "a.mhd", ErrorCode::io, {"gone.raw", "no such file"});
-  expect(nifti({.magic = "i"}), "a.hdr", ErrorCode::io, {"a.img"});
+         "a.mhd", ErrorCode::not_found, {"gone.raw", "no such file"});
+  expect(nifti({.magic = "i"}), "a.hdr", ErrorCode::not_found, {"a.img"});
   expect(nrrd_with("data file: /dev/zero\n"), "b.nhdr", ErrorCode::io, {"not a regular file"});
 }
 

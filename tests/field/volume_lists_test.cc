@@ -98,8 +98,8 @@ TEST_F(VolumeLists, SaysWhatIsWrong) {
                "names 2 data files, but its 'sizes' need 3, each of 2 dimensions");
   expect_error(nhdr("s/%d.raw 7 8 1\n"), bad, "names 2 data files");
   for (const auto* gone : {"LIST\ns/7.raw\ns/gone.raw\ns/9.raw\n"}) {
-    expect_error(meta(gone), ErrorCode::io, "data file 2 of 3 cannot be read");
-    expect_error(nhdr(gone), ErrorCode::io, "gone.raw: no such file");
+    expect_error(meta(gone), ErrorCode::not_found, "data file 2 of 3 cannot be read");
+    expect_error(nhdr(gone), ErrorCode::not_found, "gone.raw: no such file");
   }
   folder_.write("s/8.raw", "##short");
   expect_error(nhdr("s/%d.raw 7 9 1\n"), bad, "8.raw: 5x4x3 voxels of i16 need 40 bytes");

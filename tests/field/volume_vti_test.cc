@@ -210,7 +210,7 @@ TEST(VolumeVti, PiecesInOneFileOrInSeveral) {
       "<Piece Extent=\"0 4 0 3 1 2\" Source=\"p/1.vti\"/>";
   folder.write("p/0.vti", in_pieces(piece(0, 1)));
   const auto path = folder.write("a.pvti", in_pieces(arrays + names, "P"));
-  expect_error(path, ErrorCode::io, "its piece 2 of 2 cannot be read");
+  expect_error(path, ErrorCode::not_found, "its piece 2 of 2 cannot be read");
   folder.write("p/1.vti", in_pieces(piece(1, 2)));
   const auto volume = expect_read(path);
   expect_phantom(volume, ScalarType::i16);

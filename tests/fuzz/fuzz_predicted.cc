@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
+#include <map>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -75,11 +76,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   };
 
   std::vector<TileKey> read;
-  const ReferenceSource source = [&](TileKey of) -> Result<TileSamples> {
+  std::map<TileKey, Bytes> references;
+  const ReferenceSource source = [&](TileKey of) -> Result<ByteSpan> {
     require(of.level + 1 == key.level && of.index < made.shape.tiles(of.level));
     read.push_back(of);
-    if (of.index % 5 == 4) return TileSamples();  // nothing is visible there
-    return std::make_shared<Bytes>(repeated(bytes_of(of), of.index));
+    if (of.index % 5 == 4) return ByteSpan();  // nothing is visible there
+    return references[of] = repeated(bytes_of(of), of.index);
   };
   const std::size_t count = bytes_of(key);
   const auto decode = [&](ByteSpan payload) {

@@ -89,27 +89,25 @@ void hash_field(const char* path) {
     std::unique_ptr<PredictedTiles> predicted;
     if (const auto* predictive = codec->predictive())
       predicted = std::make_unique<PredictedTiles>(manifest.shape, *predictive, geometry);
-    std::map<TileKey, TileSamples> decoded;
-    const ReferenceSource source = [&](TileKey key) -> Result<TileSamples> {
-      return decoded.at(key);
-    };
+    std::map<TileKey, Bytes> decoded;
+    const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> { return decoded.at(key); };
     for (unsigned level = 0; level <= manifest.shape.levels; ++level)
       for (std::uint64_t index = 0; index < manifest.shape.tiles(level); ++index) {
         const TileKey key{static_cast<std::uint8_t>(level), index};
         const auto tile = expect(fetch([&] { return store.find(layer, key); }));
-        decoded[key] = nullptr;
+        decoded[key];
         if (tile.state != storage::TileState::stored) continue;
         const ByteSpan payload =
             ByteSpan(bytes).subspan(tile.payload.begin, tile.payload.end - tile.payload.begin);
         const auto sections = sections_of(key, manifest.shape.entry_extra_levels);
         const codec::Tile shape = geometry(level).tile(sections.entry.index, format);
-        auto samples = std::make_shared<Bytes>(shape.bytes());
-        expect(predicted ? predicted->decode(key, payload, source, *samples)
-                         : codec->decode(shape, payload, *samples));
-        samples_hash.add(*samples);
+        Bytes samples(shape.bytes());
+        expect(predicted ? predicted->decode(key, payload, source, samples)
+                         : codec->decode(shape, payload, samples));
+        samples_hash.add(samples);
         if (predicted) {
           Bytes again;
-          expect(predicted->encode(key, *samples, source, again));
+          expect(predicted->encode(key, samples, source, again));
           payload_hash.add(again);
         }
         decoded[key] = std::move(samples);

@@ -235,7 +235,7 @@ TEST_F(RemoteTest, FetchesASmallFieldWholeWhereThereAreNoRanges) {
   const auto stopped =
       RemoteField::open(host.url(), kImpatient, [](const Progress&) { return false; });
   ASSERT_FALSE(stopped);
-  EXPECT_EQ(stopped.error().code, ErrorCode::failed);
+  EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
 }
 
 TEST_F(RemoteTest, SaysWhatTheHostOfALargeFieldLacks) {

@@ -149,7 +149,7 @@ TEST(Concurrency, AWriterWaitsForReadersOfOlderSnapshotsByRefusing) {
   }
   const auto refused = TileWriter::resume(path);
   ASSERT_FALSE(refused);
-  EXPECT_EQ(refused.error().code, ErrorCode::failed);
+  EXPECT_EQ(refused.error().code, ErrorCode::busy);
   EXPECT_THAT(refused.error().message, HasSubstr("older state"));
   old = std::move(TileStore::open(path).value());  // the current one does no harm
   EXPECT_TRUE(ok(TileWriter::resume(path)));
@@ -166,7 +166,7 @@ TEST(Concurrency, ManyStoresAndAWriterShareAProcess) {
     stores.push_back(std::move(TileStore::open(path).value()));
     if (i % 3 == 0) stores.erase(stores.begin());  // closing one must not unlock the others
   }
-  EXPECT_EQ(TileWriter::resume(path).error().code, ErrorCode::failed);
+  EXPECT_EQ(TileWriter::resume(path).error().code, ErrorCode::busy);
   for (std::size_t k = 1; k < stores.size(); ++k) EXPECT_TRUE(ok(stores[k].blob("i")));
   EXPECT_TRUE(ok(writer.close()));
 }
@@ -189,7 +189,7 @@ TEST(Concurrency, AWriterOfAnotherProcessIsRefusedToo) {
               const auto second = TileWriter::resume(path);
               return second ? 0 : static_cast<int>(second.error().code);
             }),
-            static_cast<int>(ErrorCode::failed));
+            static_cast<int>(ErrorCode::busy));
 }
 
 TEST(Concurrency, AReaderNeedsNoWritePermissionAnywhere) {

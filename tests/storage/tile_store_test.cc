@@ -233,7 +233,7 @@ TEST(TileStore, CopiesAPayloadPastTheMapAndChecksIt) {
 TEST(TileStore, SaysWhatIsWrongWithAFile) {
   TemporaryFolder folder;
   const auto missing = TileStore::open(folder / "none.slf");
-  EXPECT_EQ(missing.error().code, ErrorCode::io);
+  EXPECT_EQ(missing.error().code, ErrorCode::not_found);
   EXPECT_THAT(missing.error().message, HasSubstr("none.slf"));
   EXPECT_EQ(TileStore::open(folder.path()).error().code, ErrorCode::io);
   write_file(folder / "text", bytes_of("not a field, but a text that is long enough to be one"));

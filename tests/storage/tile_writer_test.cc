@@ -36,8 +36,8 @@ TEST(TileWriter, RefusesWhatItShould) {
                                                  {std::string(65, 'x')},
                                                  std::vector<std::string>(65, "x")})
     EXPECT_EQ(TileWriter::create(folder / "b", layers, {}).error().code, ErrorCode::usage);
-  EXPECT_EQ(TileWriter::create(folder / "no/b", kTwoLayers, {}).error().code, ErrorCode::io);
-  EXPECT_EQ(TileWriter::resume(folder / "c").error().code, ErrorCode::io);
+  EXPECT_EQ(TileWriter::create(folder / "no/b", kTwoLayers, {}).error().code, ErrorCode::not_found);
+  EXPECT_EQ(TileWriter::resume(folder / "c").error().code, ErrorCode::not_found);
   EXPECT_FALSE(std::filesystem::exists(folder / "b.new"));
 }
 
@@ -87,7 +87,7 @@ TEST(TileWriter, ASecondWriterIsRefusedAtOnce) {
     TileWriter writer = create(path);
     const auto second = TileWriter::resume(path);
     ASSERT_FALSE(second);
-    EXPECT_EQ(second.error().code, ErrorCode::failed);
+    EXPECT_EQ(second.error().code, ErrorCode::busy);
     EXPECT_THAT(second.error().message, HasSubstr("another writer"));
     EXPECT_TRUE(ok(writer.append(0, {0, 0}, {})));
     EXPECT_TRUE(ok(writer.close()));

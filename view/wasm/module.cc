@@ -62,7 +62,7 @@ struct Module {
   std::optional<Manifest> manifest;
   std::vector<std::unique_ptr<LevelGeometry>> geometry;  // by level, made when needed
   std::vector<Decoder> decoders;                         // by layer
-  std::map<TileKey, TileSamples> references;             // for the next tile to decode
+  std::map<TileKey, Bytes> references;                   // for the next tile to decode
   Bytes samples;
 };
 
@@ -342,8 +342,7 @@ int slf_add_reference(std::uint32_t layer, std::uint32_t level, std::uint32_t en
   const codec::Tile shape = geometry(level).tile(entry, m.manifest->layers[layer].format);
   if (!m.buffer.empty() && m.buffer.size() != shape.bytes())
     return failed({ErrorCode::usage, "a reference has another size"});
-  m.references[key_of(level, entry, exit)] =
-      m.buffer.empty() ? nullptr : std::make_shared<const Bytes>(std::move(m.buffer));
+  m.references[key_of(level, entry, exit)] = std::move(m.buffer);
   m.buffer = {};
   return kDone;
 }
@@ -357,9 +356,9 @@ int slf_decode(std::uint32_t layer, std::uint32_t level, std::uint32_t entry, st
   m.samples.resize(tile.bytes());
   const Decoder& decoder = m.decoders[layer];
   const auto references = std::exchange(m.references, {});
-  const auto source = [&](TileKey of) -> Result<TileSamples> {
+  const auto source = [&](TileKey of) -> Result<ByteSpan> {
     if (const auto found = references.find(of); found != references.end()) return found->second;
-    return fail(ErrorCode::failed, "a tile that this one is predicted from is missing");
+    return fail(ErrorCode::tile_missing, "a tile that this one is predicted from is missing");
   };
   const auto decoded = decoder.predicted
                            ? decoder.predicted->decode(key, m.buffer, source, m.samples)
