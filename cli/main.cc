@@ -20,7 +20,7 @@ int fail(const Error& error, slf::cli::Lines lines = slf::cli::Lines::indented) 
   const bool memory = error.message.ends_with(kOutOfMemory);
   slf::cli::message(
       "slf: " + error.message +
-          (memory ? "; fewer --threads, or a smaller --memory, --size or volume may do" : ""),
+          (memory ? "; try fewer --threads, or a smaller --memory, --size or volume" : ""),
       lines);
   return static_cast<int>(error.code);
 }
