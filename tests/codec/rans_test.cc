@@ -110,9 +110,9 @@ TEST(Rans, TheExampleOfTheFormatHasTheseBytes) {
   EXPECT_EQ(model.frequency(1), 1260u);
   EXPECT_EQ(model.frequency(2), 315u);
   SymbolList list;
-  for (const std::uint32_t value : {0, 2, 1}) list.symbol(0, value);
+  for (const std::uint32_t value : {0u, 2u, 1u}) list.symbol(0, value);
   list.bits(3, 5);
-  for (const std::uint32_t value : {2, 2, 0}) list.symbol(0, value);
+  for (const std::uint32_t value : {2u, 2u, 0u}) list.symbol(0, value);
   Bytes bytes;
   RansEncoder encoder(bytes);
   encoder.list(list, std::span(&model, 1));
