@@ -189,16 +189,15 @@ Result<void> refuse_overwrite(const std::string& path, bool force,
 void add_tone(CLI::App& command, ToneMapping& tone, const char* group) {
   command
       .add_option("--exposure", tone.exposure,
-                  "Photographic stops by which shadowed or global light is brighter")
+                  "Exposure of shadowed or global light, in photographic stops")
       ->check(from_to(-20, 20))
       ->group(group)
       ->capture_default_str();
-  choose(
-      command.add_option("--tonemap", tone.curve,
-                         "From radiance to colours: neutral compresses what is bright, srgb cuts "
-                         "it off,\nnone leaves radiance as it is"),
-      Choices<ToneCurve>{
-          {"neutral", ToneCurve::neutral}, {"srgb", ToneCurve::srgb}, {"none", ToneCurve::none}})
+  choose(command.add_option("--tonemap", tone.curve,
+                            "Tone curve from radiance to colours: neutral compresses highlights, "
+                            "srgb clips\nthem, none keeps linear radiance"),
+         Choices<ToneCurve>{
+             {"neutral", ToneCurve::neutral}, {"srgb", ToneCurve::srgb}, {"none", ToneCurve::none}})
       ->type_name("TEXT")
       ->group(group)
       ->default_str("neutral");
@@ -280,7 +279,7 @@ void DrawArguments::add_resources_to(CLI::App& command) {
   add_bytes(command, "--memory", memory, "Budget for decoded tiles and scratch")->group(group);
   command
       .add_option("--map-budget", map_budget,
-                  "Resident bytes of the mapped file; default: as many as the kernel likes")
+                  "Limit of resident bytes of the mapped file; default: none")
       ->transform(CLI::Validator(to_bytes, ""))
       ->type_name("SIZE")
       ->group(group);

@@ -59,7 +59,7 @@ Result<void> run_build(const Arguments& arguments) {
     note(fmt::format("{}: resumed after {} tiles", output, report.resumed));
   const bool part = shard.count > 1 || shard.first_level || !shard.coarser.empty();
   note(part ? fmt::format("{}: complete; `slf merge` joins it with the other parts", output)
-            : fmt::format("{}: complete; look with: slf render {} -o view.png", output, output));
+            : fmt::format("{}: complete; draw it with: slf render {} -o view.png", output, output));
   return {};
 }
 
@@ -99,8 +99,9 @@ void add_build(CLI::App& app, Run& run) {
               "How many levels further than the exit side the entry side is split into tiles")
           ->group(group)
           ->capture_default_str();
-  // The option's name up to version 0.1.
-  command->add_option("--entry-depth", shape.entry_extra_levels)->group("")->excludes(extra);
+  // The option's name up to version 0.1. excludes() would leave its trace in --help: "Excludes:",
+  // followed by the name of a hidden option, which is empty.
+  auto* former = command->add_option("--entry-depth", shape.entry_extra_levels)->group("");
   command
       ->add_option("--codec,--color-codec", a->build.color_codec,
                    "predictive:QUALITY or predictive:lossless, which code depth together with\n"
@@ -134,10 +135,14 @@ void add_build(CLI::App& app, Run& run) {
   add_threads(*command, a->build.threads);
   command
       ->add_option("--commit-every", a->build.commit_seconds,
-                   "Seconds between commits: what being killed can cost")
+                   "Seconds between commits; killing the build loses at most this much work")
       ->check(kNotNegative)
       ->capture_default_str();
-  command->callback([a, &run] { run = [a] { return run_build(*a); }; });
+  command->callback([a, extra, former, &run] {
+    if (extra->count() > 0 && former->count() > 0)
+      throw CLI::ExcludesError("--entry-depth", extra->get_name());
+    run = [a] { return run_build(*a); };
+  });
 }
 
 }  // namespace slf::cli

@@ -46,10 +46,10 @@ void add_compare(CLI::App& app, Run& run) {
   command->add_option("A", a->a, "Picture")->type_name(kAnyFile)->required();
   command->add_option("B", a->b, "Picture of the same size")->type_name(kAnyFile)->required();
   command->add_option("--diff", a->diff, "Write the difference picture here")->type_name(kAnyFile);
-  command->add_option("--gain", a->gain, "Differences are multiplied by this")
+  command->add_option("--gain", a->gain, "Factor of the differences in that picture")
       ->check(from_to(0, 1e6))
       ->capture_default_str();
-  command->add_option("--min-psnr", a->min_psnr, "Exit with 7 when the PSNR is below this")
+  command->add_option("--min-psnr", a->min_psnr, "Exit with 7 if the PSNR is below this")
       ->check(kNotNegative);
   command->add_flag("-f,--force", a->force, "Overwrite the difference picture");
   command->add_flag("--json", a->json, "JSON on stdout");

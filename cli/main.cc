@@ -17,7 +17,7 @@ using slf::Result;
 int fail(const Error& error, slf::cli::Lines lines = slf::cli::Lines::indented) {
   slf::cli::message("slf: " + error.message +
                         (error.code == ErrorCode::out_of_memory
-                             ? "; fewer --threads, or a smaller --memory, --size or volume may do"
+                             ? "; try fewer --threads, or a smaller --memory, --size or volume"
                              : ""),
                     lines);
   return exit_code(error.code);

@@ -12,10 +12,10 @@ struct ViewsArguments {
   std::uint64_t seed = 1;
 
   void add_to(CLI::App& command) {
-    command.add_option("--views", views, "How many random views")
+    command.add_option("--views", views, "Number of random views")
         ->check(from_to(1, 100000))
         ->capture_default_str();
-    command.add_option("--seed", seed, "Which random views")->capture_default_str();
+    command.add_option("--seed", seed, "Random seed of the views")->capture_default_str();
   }
   [[nodiscard]] std::vector<Camera> cameras(const Sphere& sphere, double distance,
                                             const PixelSize& size) const {
@@ -167,8 +167,8 @@ Result<std::vector<Picture>> pictures_of(const EvaluateArguments& a, const Field
   const auto holdout = built.is_object() ? built.value("holdout", 0u) : 0u;
   if (text_of(built, "kind", "") != "pictures" || holdout == 0)
     return fail(ErrorCode::usage, field.path(),
-                ": compared with what? expected --volume, --pictures, or a field that was built "
-                "with --holdout");
+                ": nothing to compare with: expected --volume, --pictures, or a field that was "
+                "built with --holdout");
   auto set = SLF_TRY(read_pictures(text_of(built, "source", "")));
   std::vector<Picture> held_out;
   for (std::size_t k = 0; k < set.pictures.size(); ++k)
@@ -319,11 +319,10 @@ void add_measure(CLI::App& app, Run& run) {
   a->draw.add_resources_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->footer(
-      "Levels are drawn one by one, from a file that the kernel was asked to forget. pages: the\n"
-      "engine's count of 4 KiB pages of the file, with those of the search tree; kernel: pages "
-      "that\n"
-      "came into memory (mincore); mapped: pages this process mapped (smaps); - where the kernel\n"
-      "does not forget, as for a file in memory or in use by others.");
+      "Levels are drawn one by one, each from a cold file. pages: the engine's count of 4 KiB\n"
+      "pages of the file, including the search tree; kernel: pages read into memory (mincore);\n"
+      "mapped: pages that this process mapped (smaps); - if the kernel keeps the file cached, as\n"
+      "for a file in memory or in use by others.");
   command->callback([a, &run] { run = [a] { return run_measure(*a); }; });
 }
 
@@ -355,10 +354,9 @@ void add_evaluate(CLI::App& app, Run& run) {
       ->capture_default_str();
   of_pixels(command->add_option("--size", a->size, kSizeHelp))->default_str(to_string(a->size));
   command
-      ->add_option(
-          "--supersample", a->supersample,
-          "Rays along a pixel's edge in the truth: above 1 it has no aliasing, which small "
-          "and distant views are to be compared with")
+      ->add_option("--supersample", a->supersample,
+                   "Rays along a pixel's edge in the ground truth; above 1 it is anti-aliased, as\n"
+                   "small and distant views need it")
       ->check(CLI::Range(1, 16))
       ->capture_default_str();
   a->draw.add_to(*command);

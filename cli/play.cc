@@ -265,7 +265,7 @@ void add_play(CLI::App& app, Run& run) {
   add_orbit(*command, a->orbit, "Without --path: azimuth, elevation and distance to start from")
       ->group(path)
       ->excludes(keys);
-  command->add_option("--turns", a->turns, "Times round")
+  command->add_option("--turns", a->turns, "Number of turns of an orbit")
       ->check(from_to(-1e6, 1e6))
       ->group(path)
       ->capture_default_str();
@@ -273,7 +273,7 @@ void add_play(CLI::App& app, Run& run) {
       ->check(above(0, 86400))
       ->group(path)
       ->capture_default_str();
-  command->add_option("--fps", a->fps, "Frames a second")
+  command->add_option("--fps", a->fps, "Frames per second")
       ->check(from_to(0.01, 1000))
       ->group(path)
       ->capture_default_str();
@@ -284,9 +284,9 @@ void add_play(CLI::App& app, Run& run) {
   const char* loading = "Loading";
   choose(command->add_option(
              "--loading", a->loading,
-             "ahead: a loading thread follows the motion; demand: it brings only what a frame\n"
-             "lacked; wait: no thread, frames wait for their tiles. Several, with commas, are\n"
-             "played one after the other and compared"),
+             "ahead: a thread loads the tiles of predicted views; demand: only tiles that a\n"
+             "frame lacked; wait: no thread, frames wait for their tiles. Several, separated\n"
+             "by commas, are played in turn and compared"),
          Choices<Loading>{
              {"ahead", Loading::ahead}, {"demand", Loading::demand}, {"wait", Loading::wait}})
       ->delimiter(',')

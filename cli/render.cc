@@ -206,7 +206,7 @@ void add_render(CLI::App& app, Run& run) {
   a->picture.add_to(*command);
   a->camera.add_to(*command);
   a->draw.add_to(*command);
-  command->add_flag("--stats", a->stats, "Say what the view cost: tiles, bytes, pages, memory");
+  command->add_flag("--stats", a->stats, "Print the cost of the view: tiles, bytes, pages, memory");
   command->add_flag("--json", a->json, "The same as JSON");
   add_tone(*command, a->tone, "Drawing");
   command->callback([a, command, &run] {

@@ -77,8 +77,8 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
   auto* parts =
       command
           .add_option("--labels-volume", labels_volume,
-                      "Structures: ids, each of which gets a colour; on another grid they are\n"
-                      "resampled, nearest, by world position")
+                      "Label volume: each label gets a colour; on another grid it is resampled\n"
+                      "by world position (nearest voxel)")
           ->type_name(kAnyFile)
           ->group(kVolumeGroup);
   command
@@ -88,7 +88,7 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
       ->type_name(kAnyFile)
       ->needs(parts)
       ->group(kVolumeGroup);
-  command.add_option("--mask", mask, "Show the volume only where this one is not 0")
+  command.add_option("--mask", mask, "Show the volume only where this mask is not 0")
       ->type_name(kAnyFile)
       ->group(kVolumeGroup);
   add_raw_to(command);
@@ -96,14 +96,15 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
 
 void SourceArguments::add_pictures_to(CLI::App& command) {
   const char* group = "Pictures";
-  choose(command.add_option("--depth", pictures.depth,
-                            "What depths of pictures are: distance along the axis (z) or from the\n"
-                            "eye (ray), or 1/z; none: do not use any, nor estimate them; default:\n"
-                            "found by comparing pictures"),
-         Choices<DepthKind>{{"z", DepthKind::z},
-                            {"ray", DepthKind::ray},
-                            {"inverse", DepthKind::inverse},
-                            {"none", DepthKind::none}})
+  choose(
+      command.add_option("--depth", pictures.depth,
+                         "What the pictures' depths mean: distance along the axis (z) or from the\n"
+                         "eye (ray), or 1/z (inverse); none: neither use nor estimate depths;\n"
+                         "default: z or ray, found by comparing pictures"),
+      Choices<DepthKind>{{"z", DepthKind::z},
+                         {"ray", DepthKind::ray},
+                         {"inverse", DepthKind::inverse},
+                         {"none", DepthKind::none}})
       ->type_name("TEXT")
       ->group(group);
   command
@@ -124,7 +125,7 @@ void SourceArguments::add_pictures_to(CLI::App& command) {
       ->check(CLI::Range(32, 768).description(""))
       ->group(group)
       ->capture_default_str();
-  add_bytes(command, "--picture-memory", pictures.memory, "Most memory for decoded pictures")
+  add_bytes(command, "--picture-memory", pictures.memory, "Memory limit for decoded pictures")
       ->group(group);
 }
 
@@ -139,7 +140,8 @@ Result<PictureSet> SourceArguments::read_picture_set() const {
 
 void SourceArguments::add_raw_to(CLI::App& command) {
   const char* group = kVolumeGroup;
-  command.add_flag("--labels", labels, "Voxels are ids: nearest sampling, a colour per label")
+  command
+      .add_flag("--labels", labels, "Voxels are labels: nearest sampling, a colour for each label")
       ->group(group);
   auto* raw = command.add_option("--dims", dims, "Raw files: voxels along x, y, z, as 128x128x84")
                   ->delimiter('x')
@@ -165,22 +167,22 @@ void SourceArguments::add_raw_to(CLI::App& command) {
       ->group(group);
   command
       .add_option("--component", component,
-                  "Which of several numbers a voxel has (RGB, channels), from 0")
+                  "Component of each voxel (RGB, channels) to read, from 0")
       ->check(kNotNegative)
       ->type_name("N")
       ->group(group);
-  command.add_option("--time", time, "Which of several volumes in a file or series, from 0")
+  command.add_option("--time", time, "Time point of a file or series to read, from 0")
       ->check(kNotNegative)
       ->type_name("N")
       ->group(group);
   command
       .add_option("--array", array,
-                  "Which of several arrays in a VTI file, or images in an OME-TIFF, by name")
+                  "Array of a VTI file, or image of an OME-TIFF, to read: its name")
       ->type_name("NAME")
       ->group(group);
   command
       .add_option("--series", series,
-                  "Which DICOM series of a folder: its number or UID, as `slf info` lists them")
+                  "DICOM series of a folder to read: its number or UID, as `slf info` lists them")
       ->type_name("ID")
       ->group(group);
   command
@@ -227,7 +229,7 @@ void SourceArguments::add_light_to(CLI::App& command) {
       ->group(group);
   command
       .add_option("--ambient", ambient,
-                  "Share of a colour that needs no light, 0 to 1; implies --lighting direct")
+                  "Ambient share of the shading, 0 to 1; implies --lighting direct")
       ->check(from_to(0, 1))
       ->group(group)
       ->default_str(fmt::format("{:g}", raycast.ambient));
@@ -242,7 +244,7 @@ void SourceArguments::add_light_to(CLI::App& command) {
                  "--lighting", chosen_lighting,
                  "global: a rig of lights and its surroundings, with shadows and scattered\n"
                  "light; shadowed: without scattered light; direct: one light without\n"
-                 "shadows, at once"),
+                 "shadows, which needs no light volume"),
              Choices<Lighting>{{"direct", Lighting::direct},
                                {"shadowed", Lighting::shadowed},
                                {"global", Lighting::global}})
@@ -273,7 +275,8 @@ void SourceArguments::add_light_to(CLI::App& command) {
       ->group(group)
       ->capture_default_str();
   command
-      .add_option("--light-bounces", lighting.bounces, "How often light scatters at most (global)")
+      .add_option("--light-bounces", lighting.bounces,
+                  "Maximum number of scattering events of a path (global)")
       ->check(CLI::Range(0, 1000).description(""))
       ->group(group)
       ->capture_default_str();
@@ -284,10 +287,10 @@ void SourceArguments::add_light_to(CLI::App& command) {
       ->group(group)
       ->capture_default_str();
   add_bytes(command, "--light-memory", lighting.memory,
-            "Most memory for computing the light volume; its nodes stand further\n"
-            "apart where it does not suffice")
+            "Memory limit for computing the light volume; if it does not suffice,\n"
+            "nodes are further apart")
       ->group(group);
-  command.add_option("--light-seed", lighting.seed, "Another one gives other noise")
+  command.add_option("--light-seed", lighting.seed, "Random seed")
       ->group(group)
       ->capture_default_str();
   add_light_file_to(command);
@@ -447,13 +450,13 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
     if (built.contains("lighting") && built["lighting"].contains("environment") &&
         environment.empty())
       return fail(ErrorCode::usage,
-                  "the field was lit by an environment picture; name it by "
+                  "the field was lit by an environment picture; pass it with "
                   "--environment");
     const auto parts = built.value("structures", nlohmann::json::object());
     for (const auto& [member, path, option] :
          {std::tuple{"labels", &labels_volume, "--labels-volume"}, {"mask", &mask, "--mask"}})
       if (parts.contains(member) && path->empty())
-        return fail(ErrorCode::usage, "the field was built with ", option, "; name it again");
+        return fail(ErrorCode::usage, "the field was built with ", option, "; pass the same file");
   }
   options.step = std::min(options.step, longest_step);
   SLF_TRY(set_light(options));

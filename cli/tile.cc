@@ -68,8 +68,7 @@ Result<void> run_tile(const Arguments& a) {
 }  // namespace
 
 void add_tile(CLI::App& app, Run& run) {
-  auto* command =
-      app.add_subcommand("tile", "Write one tile: a picture to look at, or its samples");
+  auto* command = app.add_subcommand("tile", "Write one tile, as a picture or as its samples");
   command->footer(R"(
 The picture shows the exit triangle of each entry vertex where that vertex lies among the others of
 its section. .raw has the samples as FORMAT.md orders them: picture by picture, little-endian.)");

@@ -123,9 +123,9 @@ Result<void> run_export(const ExportArguments& a) {
 }  // namespace
 
 void add_view(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand("view", "Look at fields in a browser");
+  auto* command = app.add_subcommand("view", "Show fields in a browser");
   auto a = std::make_shared<ViewArguments>();
-  command->add_option("FIELD", a->fields, "Fields to look at")->type_name(kFieldFile)->required();
+  command->add_option("FIELD", a->fields, "Fields to show")->type_name(kFieldFile)->required();
   command->add_option("--port", a->port, "Port to listen on; 0: any free one")
       ->capture_default_str();
   command->add_option(
@@ -148,12 +148,12 @@ void add_export(CLI::App& app, Run& run) {
       ->type_name(kAnyFile)
       ->required();
   command->add_option("--levels", a->levels, "The finest level to keep");
-  command->add_option("--codec,--color-codec", a->repack.color_codec, "As of slf repack")
+  command->add_option("--codec,--color-codec", a->repack.color_codec, "As in slf repack")
       ->type_name(kCodec);
-  command->add_option("--depth-codec", a->repack.depth_codec, "As of slf repack")
+  command->add_option("--depth-codec", a->repack.depth_codec, "As in slf repack")
       ->type_name(kCodec);
   add_bytes(*command, "--max-size", a->max_size,
-            "Choose quality and levels that fit into so much; 0: any size");
+            "Choose quality and levels so that the page fits; 0: no limit");
   command->add_flag("-f,--force", a->force, "Overwrite the output");
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_export(*a); }; });

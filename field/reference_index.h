@@ -1,6 +1,6 @@
 // ReferenceIndex: which tiles those of a level are predicted from, as a section of a file's index
-// (FORMAT.md, "Index"). With it, a reader of a remote file requests a view's tiles and all their
-// references at once. Payloads name their references, too, but must be fetched first.
+// (doc/format/optional.md, "Index"). With it, a reader of a remote file requests a view's tiles and
+// all their references at once. Payloads name their references, too, but must be fetched first.
 #pragma once
 
 #include <cstdint>

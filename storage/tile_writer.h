@@ -112,10 +112,10 @@ struct IndexExtra {
   Bytes bytes;
 };
 
-/// Writes an index after the last page of a complete, closed container, and syncs (FORMAT.md,
-/// "Index"). It replaces whatever follows that page. The same pages and extras give the same index.
-/// Sections of more than 1 MiB are left out. Errors as TileStore::open(), or io. failed: stopped by
-/// `go_on`; nothing was written.
+/// Writes an index after the last page of a complete, closed container, and syncs
+/// (doc/format/optional.md, "Index"). It replaces whatever follows that page. The same pages and
+/// extras give the same index. Sections of more than 1 MiB are left out. Errors as
+/// TileStore::open(), or io. failed: stopped by `go_on`; nothing was written.
 [[nodiscard]] Result<void> write_index(const std::string& path,
                                        std::span<const IndexExtra> extras = {},
                                        const GoOn& go_on = {});

@@ -491,7 +491,7 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   if (port <= 0)
     return fail(ErrorCode::io, "cannot listen on ", options.address, ":", options.port, ": ",
                 errno != 0 ? std::strerror(errno) : "no such address",
-                "; another port or address may do");
+                "; try another port or address");
   http.lengthen_queue();
   state->any_host = options.any_host;
   const std::string address = reachable_address(options.address);

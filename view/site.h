@@ -25,8 +25,8 @@ inline constexpr std::uint64_t kMaxEmbeddedBytes = std::uint64_t{1} << 30;
                                        const ProgressCallback& progress = {});
 
 /// Writes a folder with the page and the field, for any host of static files that serves ranges.
-/// The field gets an index (FORMAT.md, "Index"). usage: the folder has files in it and `force` is
-/// false, or the field is a file that the page needs to write. Others as export_page().
+/// The field gets an index (doc/format/optional.md, "Index"). usage: the folder has files in it and
+/// `force` is false, or the field is a file that the page needs to write. Others as export_page().
 /// Progress counts bytes of the field. failed: stopped by `progress`; the field is not written.
 [[nodiscard]] Result<void> export_site(const std::string& field, const std::string& folder,
                                        bool force, const ProgressCallback& progress = {});

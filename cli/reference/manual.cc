@@ -134,12 +134,32 @@ std::string examples(const Prose& text) {
   return out;
 }
 
-std::string closing(const std::vector<std::string>& see_also, bool writes_fields) {
+/// The variables that slf reads; `shards`: with those of `slf build --shard auto`. doc/commands.md
+/// also lists those of scripts and tests.
+std::string environment(bool shards) {
+  std::string out = section("ENVIRONMENT");
+  const auto add = [&](const char* names, const char* effect) {
+    out += ".TP\n" + bold(names) + "\n" + marked(effect) + "\n";
+  };
+  if (shards) {
+    add("SLURM_ARRAY_TASK_ID, SLURM_ARRAY_TASK_COUNT, SLURM_ARRAY_TASK_MIN, SLURM_ARRAY_TASK_STEP",
+        "For slf-build(1) with --shard auto: the shard's number in a Slurm job array.");
+    add("OMPI_COMM_WORLD_RANK, OMPI_COMM_WORLD_SIZE; PMI_RANK, PMI_SIZE; SLURM_PROCID, "
+        "SLURM_NTASKS; JOB_COMPLETION_INDEX, JOB_COMPLETIONS",
+        "The same outside of an array: the first pair that is set is used. They are variables of "
+        "Open MPI, PMI, srun, and indexed jobs of Kubernetes.");
+  }
+  add("TMPDIR",
+      "Folder for temporary files, /tmp by default: what is read of a field over HTTP, and packed "
+      "volumes that cannot be unpacked while they are read.");
+  return out + ".PP\nlibcurl reads its own variables, such as https_proxy and no_proxy.\n";
+}
+
+std::string closing(const std::vector<std::string>& see_also, bool writes_fields, bool shards) {
   std::string out = section("EXIT STATUS");
   for (const auto& [code, meaning] : kExitCodes)
     out += fmt::format(".TP\n.B {}\n{}\n", code, literal(meaning));
-  out += section("ENVIRONMENT") + "slf itself reads no environment variables.\n" +
-         section("FILES") + ".TP\n" + italic("FILE.slf") +
+  out += environment(shards) + section("FILES") + ".TP\n" + italic("FILE.slf") +
          "\nA field: one file, described byte by byte in FORMAT.md.\n";
   if (writes_fields)
     out +=
@@ -183,8 +203,9 @@ std::string command_manual(const Program& program, const Command& command) {
   std::vector<std::string> others{"slf"};
   for (const Command& other : program.commands)
     if (other.name != command.name) others.push_back("slf-" + other.name);
-  return out + closing(others, command.name == "build" || command.name == "repack" ||
-                                   command.name == "verify");
+  const bool builds = command.name == "build";
+  return out +
+         closing(others, builds || command.name == "repack" || command.name == "verify", builds);
 }
 
 std::string program_manual(const Program& program) {
@@ -202,7 +223,7 @@ std::string program_manual(const Program& program) {
   }
   out += section("OPTIONS");
   for (const Argument& a : program.global.arguments) out += entry(a);
-  return out + examples(text) + closing(pages, true);
+  return out + examples(text) + closing(pages, true, true);
 }
 
 }  // namespace slf::cli::reference

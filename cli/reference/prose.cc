@@ -15,9 +15,9 @@ const std::vector<Prose>& all() {
         "them in one file of small compressed tiles, and draws views within a given amount of "
         "memory, however large the file is.",
         "Commands that only read a field take the address of one on a web server, too: "
-        "https://HOST/F.slf. The server must serve parts of files (HTTP ranges). What is read "
-        "stays in a temporary file (in TMPDIR) until the command ends; --json says how many "
-        "requests and bytes it took.",
+        "https://HOST/F.slf. If the server does not serve parts of files (HTTP ranges), a field of "
+        "at most 64 MiB is fetched whole. What is read stays in a temporary file (in TMPDIR) until "
+        "the command ends; --json says how many requests and bytes it took.",
         "Results go to standard output, progress and messages to standard error."},
        {{"Build a field and draw a view of it",
          "slf build head.nii.gz -o head.slf && slf render head.slf -o view.png"},

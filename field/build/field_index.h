@@ -1,4 +1,4 @@
-// The index of a complete field, for readers of remote files (FORMAT.md, "Index").
+// The index of a complete field, for readers of remote files (doc/format/optional.md, "Index").
 #pragma once
 
 #include <string>

@@ -13,7 +13,7 @@ namespace slf {
 /// Blends each ray's samples (eq. 2) into its pixel of a picture: premultiplied colours.
 ///
 /// A pass with depth also estimates the depth along each ray, and the next aim of each entry vertex
-/// (FORMAT.md, "Mode depth"):
+/// (doc/drawing.md, "Mode depth"):
 ///  - Without a depth tolerance, in the first pass, all three vertices aim at the ray's depth. Rays
 ///    that are too transparent get no further pass.
 ///  - With a tolerance, samples whose depth differs from the aim lose weight. Each vertex aims

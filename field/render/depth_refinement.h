@@ -1,4 +1,4 @@
-// DepthRefinement: the further passes of mode depth (FORMAT.md, "Mode depth"). Private to
+// DepthRefinement: the further passes of mode depth (doc/drawing.md, "Mode depth"). Private to
 // field/render.
 //
 // The first pass samples all entry vertices at the ray's own exit point, and estimates the depth

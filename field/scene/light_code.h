@@ -1,5 +1,5 @@
-// The coded form of a light volume, which a field keeps (FORMAT.md, "Light"). Private to
-// field/scene.
+// The coded form of a light volume, which a field keeps (doc/format/optional.md, "Light").
+// Private to field/scene.
 #pragma once
 
 #include <optional>

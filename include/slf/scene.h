@@ -42,8 +42,8 @@ class Scene {
   /// documentation says so. Not thread-safe; a second call does nothing.
   [[nodiscard]] virtual Result<void> prepare() const { return {}; }
 
-  /// The result of prepare(), coded, for fields to keep (FORMAT.md, "Light"); empty if there is
-  /// none.
+  /// The result of prepare(), coded, for fields to keep (doc/format/optional.md, "Light"); empty if
+  /// there is none.
   [[nodiscard]] virtual std::vector<std::byte> light() const { return {}; }
 
   /// Takes the light() of an equal scene, which prepare() then need not compute. Call it before

@@ -1,6 +1,6 @@
-// The index at the end of a finished container (FORMAT.md, "Index"): copies of the parts that a
-// reader needs before it reads payloads. A reader of a remote file gets them with one or two
-// requests; other readers ignore them.
+// The index at the end of a finished container (doc/format/optional.md, "Index"): copies of the
+// parts that a reader needs before it reads payloads. A reader of a remote file gets them with one
+// or two requests; other readers ignore them.
 #pragma once
 
 #include <cstdint>

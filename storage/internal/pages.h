@@ -2,8 +2,8 @@
 //
 // A file is an array of pages. Pages 0 and 1 are meta pages. Each describes one snapshot; the one
 // with the higher transaction number is current. A snapshot is a set of B+trees of branch and leaf
-// pages. Values above about half a page are in overflow pages. For the bytes see FORMAT.md,
-// "Container".
+// pages. Values above about half a page are in overflow pages. For the bytes see
+// doc/format/pages.md.
 //
 // The bytes are untrusted and may change during reading. So the code loads each number once, into a
 // local variable, and then checks and uses that.

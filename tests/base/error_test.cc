@@ -49,7 +49,7 @@ TEST(Error, ResultsOfNothingAndOfWhatOnlyMoves) {
   EXPECT_EQ(*moved, 3);
 }
 
-// Scripts depend on these numbers: README and the manual pages list them.
+// Scripts depend on these numbers: doc/commands.md and the manual pages list them.
 TEST(Error, CodesAreTheDocumentedExitCodes) {
   EXPECT_EQ(static_cast<int>(ErrorCode::usage), 1);
   EXPECT_EQ(static_cast<int>(ErrorCode::io), 2);

@@ -185,7 +185,12 @@ TEST(EntryDepth, IsStillTakenForEntryExtraLevels) {
   EXPECT_EQ(slf({"info", place / "--entry-depth.slf", "--json"}).out,
             slf({"info", place / "--entry-extra-levels.slf", "--json"}).out);
   EXPECT_EQ(slf({"info", place / "--entry-depth.slf", "--json"}).json()["entry_depth"], 1);
-  EXPECT_EQ(slf({"build", "--help"}).out.find("--entry-depth"), std::string::npos);
+  expect_refused(
+      {"build", "scene:balls", "-o", "OUT.slf", "--entry-depth", "1", "--entry-extra-levels", "1"},
+      {"--entry-depth", "excludes --entry-extra-levels"});
+  const std::string help = slf({"build", "--help"}).out;
+  EXPECT_EQ(help.find("--entry-depth"), std::string::npos);
+  EXPECT_EQ(help.find("--entry-extra-levels UINT=0 Excludes"), std::string::npos) << help;
 }
 
 TEST(Help, IsACommandToo) {

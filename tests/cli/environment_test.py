@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""README.md names every environment variable that slf, its scripts or its tests read."""
+"""doc/commands.md names every environment variable that slf, its scripts or its tests read."""
 
 import pathlib
 import re
@@ -35,13 +35,13 @@ def main():
             for pattern in READS[-1:] if is_cmake else READS:
                 for name in pattern.findall(text):
                     found.setdefault(name, path.relative_to(ROOT))
-    readme = (ROOT / "README.md").read_text()
-    section = readme.split("## Environment", 1)[-1].split("\n## ", 1)[0]
+    page = (ROOT / "doc/commands.md").read_text()
+    section = page.split("## Environment", 1)[-1].split("\n## ", 1)[0]
     named = set(re.findall(r"`(\w+)(?:=\w+)?`", section))
     failed = False
     for name, path in sorted(found.items()):
         if name not in named and name not in defined:
-            print(f"{path} reads {name}, which README.md, Environment, does not name")
+            print(f"{path} reads {name}, which doc/commands.md, Environment, does not name")
             failed = True
     return 1 if failed or not found else 0
 

@@ -204,7 +204,7 @@ TEST_F(GoldenFields, EveryOneIsTested) {
   EXPECT_EQ(tested, there);
 }
 
-// ---- what FORMAT.md quotes of them -----------------------------------------------------------
+// ---- what doc/format/examples.md quotes of them ----------------------------------------------
 
 /// The byte that a line of a dump ("7080: 7f78 6aff ...") shows at place k, if it shows one.
 std::optional<unsigned> quoted(const std::string& line, std::size_t k) {
@@ -215,7 +215,7 @@ std::optional<unsigned> quoted(const std::string& line, std::size_t k) {
 
 TEST(Format, QuotesBytesThatAreInTheFiles) {
   const std::string root = std::string(SLF_TEST_DATA) + "/../../";
-  std::istringstream text(read_text(root + "FORMAT.md"));
+  std::istringstream text(read_text(root + "doc/format/examples.md"));
   std::map<std::string, int> checked;
   std::string name, file;
   bool dump = false;

@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <random>
+#include <span>
 
 namespace slf::codec {
 namespace {
@@ -100,6 +102,23 @@ TEST(Rans, SymbolsComeBack) {
           << "seed " << seed << ", symbol " << k;
     EXPECT_TRUE(decoder.finished()) << "seed " << seed;
   }
+}
+
+TEST(Rans, TheExampleOfTheFormatHasTheseBytes) {
+  const SymbolModel model(std::array<std::uint8_t, 3>{12, 8, 0});
+  EXPECT_EQ(model.frequency(0), 2521u);
+  EXPECT_EQ(model.frequency(1), 1260u);
+  EXPECT_EQ(model.frequency(2), 315u);
+  SymbolList list;
+  for (const std::uint32_t value : {0u, 2u, 1u}) list.symbol(0, value);
+  list.bits(3, 5);
+  for (const std::uint32_t value : {2u, 2u, 0u}) list.symbol(0, value);
+  Bytes bytes;
+  RansEncoder encoder(bytes);
+  encoder.list(list, std::span(&model, 1));
+  encoder.finish();
+  const auto byte = [](int value) { return static_cast<std::byte>(value); };
+  EXPECT_EQ(bytes, (Bytes{byte(0x02), byte(0xe8), byte(0x52), byte(0xca), byte(0xfd)}));
 }
 
 TEST(Rans, DecisionsOfFixedModelsComeBack) {

@@ -1,4 +1,4 @@
-// What FORMAT.md says a view shows, one sample at a time, beside what the renderer draws.
+// What doc/drawing.md says a view shows, one sample at a time, beside what the renderer draws.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -37,7 +37,7 @@ glm::ivec2 local_point(std::uint32_t column, int side) {
   return {p, q};
 }
 
-/// A ray's colour by the definitions in FORMAT.md, one sample at a time, in double.
+/// A ray's colour by the definitions in doc/drawing.md, one sample at a time, in double.
 class Definition {
  public:
   Definition(const Field& field, unsigned level, TileCache& cache, const PixelRay& ray)

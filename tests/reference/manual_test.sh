@@ -28,6 +28,14 @@ for command in "${commands[@]}"; do
     [[ $text == *"$option"[\ ,.\)]* ]] || complain "$page does not name $option"
   done
 done
+# The variables that doc/commands.md says slf reads, not only its scripts and tests.
+variables=$(sed -n '/^## Environment/,$p' "$(dirname "$0")/../../doc/commands.md" |
+  grep -E '\| (`slf |the same|.*commands that)' | grep -oE '`[A-Z_]+`' | tr -d '`')
+[[ $variables == *TMPDIR* ]] || complain "found no variables in doc/commands.md"
+text=$(shown "$pages/slf.1")
+for variable in $variables; do
+  [[ $text == *"$variable"* ]] || complain "slf(1) does not name the variable $variable"
+done
 pages_there=("$pages"/slf-*.1)
 ((${#pages_there[@]} == ${#commands[@]})) || complain "${#pages_there[@]} pages, ${#commands[@]} commands"
 

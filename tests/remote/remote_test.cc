@@ -202,8 +202,8 @@ TEST_F(RemoteTest, RefusesWhatIsNoPartOfTheFile) {
                ErrorCode::io, "another part of the file");
   expect_error(HttpHost(content_, [](Exchange& e) { e.body += "more"; }), ErrorCode::io,
                "more than it was asked for");
-  expect_error(HttpHost(content_, [](Exchange& e) { e.status = "404 Not Found"; }), ErrorCode::io,
-               "answers 404");
+  expect_error(HttpHost(content_, [](Exchange& e) { e.status = "404 Not Found"; }),
+               ErrorCode::not_found, "answers 404");
   expect_error(HttpHost(std::string(20000, 'x')), ErrorCode::bad_file, "not a field");
   expect_error(HttpHost("x"), ErrorCode::bad_file, "not a field");
   expect_error(HttpHost(content_.substr(0, content_.size() / 2)), ErrorCode::bad_file, "truncated");
@@ -269,7 +269,10 @@ TEST_F(RemoteTest, DoesNotReadEndlessErrors) {
         e.endless = true;
         e.body = std::string(1 << 20, 'x');
       });
-      expect_error(host, ErrorCode::io, status[0] == '4' ? "answers 404" : "the server ");
+      if (status[0] == '4')
+        expect_error(host, ErrorCode::not_found, "answers 404");
+      else
+        expect_error(host, ErrorCode::io, "the server ");
       EXPECT_LE(host.requests(), 6u) << status;
       EXPECT_LT(host.sent(), 64u << 20) << status;
     }

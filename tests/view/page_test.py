@@ -37,7 +37,7 @@ def path(name):
 
 
 def index_size(field):
-    """The bytes after the pages of a field (FORMAT.md, "Index")."""
+    """The bytes after the pages of a field (doc/format/optional.md, "Index")."""
     with open(field, "rb") as file:
         file.seek(-24, os.SEEK_END)
         return os.path.getsize(field) - int.from_bytes(file.read(8), "little")

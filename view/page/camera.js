@@ -39,8 +39,8 @@ export class Camera {
     return before[0] !== this.azimuth || before[1] !== this.elevation;
   }
 
-  // The eye and the picture's axes, as in FORMAT.md, 5.1. `half` is tan(φ/2), chosen so that the
-  // sphere fits the picture at the initial distance.
+  // The eye and the picture's axes, as in doc/drawing.md, "Camera". `half` is tan(φ/2), chosen so
+  // that the sphere fits the picture at the initial distance.
   axes(width, height) {
     const az = this.azimuth * kRadians, el = this.elevation * kRadians;
     const out = [Math.sin(az) * Math.cos(el), -Math.cos(az) * Math.cos(el), Math.sin(el)];

@@ -1,5 +1,5 @@
-// The shaders, which draw a view as FORMAT.md, section 5, defines it. Decoded tiles are in texture
-// arrays. A page table gives the place of the tile of each pair of sections.
+// The shaders, which draw a view as doc/drawing.md defines it. Decoded tiles are in texture arrays.
+// A page table gives the place of the tile of each pair of sections.
 
 export const kMaxLevels = 11;
 export const kTableBits = 12;  // log2 of the width of the textures that hold tables
