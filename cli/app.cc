@@ -14,7 +14,7 @@ A first field:
 Exit codes: 0 done, 1 wrong arguments, 2 input or output failed (missing, permission, disk full),
 3 a file is damaged or not what it claims, 4 failed at run time, 5 not supported, 7 differs.
 Ctrl-C and SIGTERM end the program by that signal. Before, a build saves its finished tiles, but
-for the last ones, which have at most 256 KiB a layer.
+for the last ones, which have at most 256 KiB.
 In JSON, bytes of paths and texts that are not UTF-8 are U+FFFD; in other output they, and control
 characters, are \xNN.)";
 

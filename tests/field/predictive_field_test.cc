@@ -198,7 +198,7 @@ TEST_F(PredictiveField, TheBytesOfAViewIncludeWhatItsTilesArePredictedFrom) {
     for (const TileKey reference : field->file().references(*tile)) need(reference);
   };
   for (const TileKey key : statistics.tiles) need(key);
-  const auto file = footprint(*field, statistics.tiles, true);
+  const auto file = footprint(*field, statistics.tiles);
   ASSERT_TRUE(file);
   EXPECT_EQ(file->compressed_bytes, bytes);
   EXPECT_LT(file->stored_tiles, needed.size());

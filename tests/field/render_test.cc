@@ -167,7 +167,7 @@ TEST_F(Render, StatisticsCountWhatWasTouched) {
     bytes += tile->payload.size();
     stored += tile->state == storage::TileState::stored;
   }
-  const auto file = footprint(*field_, statistics.tiles, false);
+  const auto file = footprint(*field_, statistics.tiles);
   ASSERT_TRUE(file);
   EXPECT_EQ(file->compressed_bytes, bytes);
   EXPECT_EQ(file->stored_tiles, stored);

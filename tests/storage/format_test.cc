@@ -33,11 +33,11 @@ TEST(Format, ARecordIsTheseBytes) {
   const Bytes record = internal::encode_record(TileKey{2, 0x10}, {2, 0x1122334455667788}, tiles);
   ASSERT_EQ(record.size(), 2048u);
   EXPECT_EQ(hex(ByteSpan(record).first(72)),
-            "88da2dc3b770bf74534c5231010000008877665544332211"
-            "10000000000000000202040002000500"
-            "040001c901000000"
-            "d1eec4a0ffeac323"
-            "f9f179220dc5a701"
+            "2ba9e3b5073e8000534c5232020204008877665544332211"
+            "100000000000000002000500040001c9"
+            "0100000000000000"
+            "cd7c5bcadce62a56"
+            "d8e5a9b95fa36eab"
             "6162630000000000");
   EXPECT_EQ(hex(ByteSpan(record).subspan(72, 3)), "070707");
 }
