@@ -44,7 +44,7 @@ const std::vector<Prose>& all() {
          "slf build head.nii.gz -o head.slf --transfer ct-bone --lighting direct"},
         {"From pictures with cameras, every eighth left out",
          "slf build pictures:chair -o chair.slf --holdout 8"},
-        {"Lossless", "slf build head.nii.gz -o head.slf --color-codec zstd --depth-codec zstd"},
+        {"Lossless", "slf build head.nii.gz -o head.slf --codec zstd"},
         {"The third of eight shards, for slf-merge(1)",
          "slf build head.nii.gz -o part-3.slf --shard 3/8"},
         {"Without building coarse levels in every shard: first",
@@ -120,7 +120,7 @@ const std::vector<Prose>& all() {
        {"Writes a new field from the tiles of another: with another codec, fewer levels or "
         "subfields. Tiles whose codec stays the same are copied without loss. The input is not "
         "changed."},
-       {{"Smaller colours", "slf repack fine.slf -o small.slf --color-codec jpeg:60"},
+       {{"Smaller", "slf repack fine.slf -o small.slf --codec jpeg:60"},
         {"How small would it be?", "slf repack fine.slf --codec predictive:70 --dry-run"},
         {"The first two levels", "slf repack fine.slf -o coarse.slf --levels 1"}}},
       {"merge",
