@@ -24,16 +24,15 @@ namespace {
 // The colours of tiles as the RGB pictures that peers encode.
 struct Mosaics {
   const Field& field;
-  storage::LayerId layer = *field.file().layer("color");
 
   codec::Mosaic of(const Sample& sample) const {
-    const codec::Tile tile = field.file().tile_shape(layer, sample.key);
+    const codec::Tile tile = field.file().tile_shape(sample.key);
     return {tile.rows(), tile.side, 1};
   }
   // Calls use(sample index, pixel index).
   template <class Use>
   void walk(const Sample& sample, Use use) const {
-    const codec::Tile tile = field.file().tile_shape(layer, sample.key);
+    const codec::Tile tile = field.file().tile_shape(sample.key);
     const codec::Mosaic mosaic(tile.rows(), tile.side, 1);
     std::size_t at = 0;
     for (std::size_t row = 0; row < tile.rows(); ++row)
@@ -61,23 +60,21 @@ struct Mosaics {
 
 }  // namespace
 
-Contender ours(const Field& field, const std::string& spec, const std::string& layer,
-               const std::vector<Sample>& samples) {
-  const storage::LayerId id = *field.file().layer(layer);
-  const bool color = layer == "color";
-  const auto shape = [&field, id](const Sample& sample) {
-    return field.file().tile_shape(id, sample.key);
+Contender ours(const Field& field, const std::string& spec, const std::vector<Sample>& samples) {
+  const auto shape = [&field](const Sample& sample) {
+    codec::Tile tile = field.file().tile_shape(sample.key);
+    tile.format = SampleFormat::rgba8;
+    return tile;
   };
-  const auto part = [color](const Sample& s) -> const Bytes& { return color ? s.color : s.depth; };
   std::vector<codec::TrainingTile> training;
   for (std::size_t i = 0; i < samples.size(); i += 4)
-    training.push_back({shape(samples[i]), part(samples[i])});
-  const auto format = color ? codec::SampleFormat::rgba8 : codec::SampleFormat::depth8;
-  const std::shared_ptr<codec::Codec> made = expect(codec::train_codec(spec, format, training));
-  return {made->spec(), layer,
-          [=](const Sample& s, Bytes& to) { expect(made->encode(shape(s), part(s), to)); },
+    training.push_back({shape(samples[i]), samples[i].color});
+  const std::shared_ptr<codec::Codec> made =
+      expect(codec::train_codec(spec, SampleFormat::rgba8, training));
+  return {made->spec(),
+          [=](const Sample& s, Bytes& to) { expect(made->encode(shape(s), s.color, to)); },
           [=](const Sample& s, ByteSpan from, Bytes& to) {
-            to.resize(part(s).size());
+            to.resize(s.color.size());
             expect(made->decode(shape(s), from, to));
           },
           made->lossless()};
@@ -85,7 +82,7 @@ Contender ours(const Field& field, const std::string& spec, const std::string& l
 
 Contender alpha_of_zstd(const Field& field) {
   const std::uint32_t side = field.shape().exit_side;
-  return {"alpha of zstd", "color",
+  return {"alpha of zstd",
           [=](const Sample& sample, Bytes& to) {
             std::vector<std::uint8_t> alpha;
             for (std::size_t i = 3; i < sample.color.size(); i += 4)
@@ -111,7 +108,7 @@ Contender png(const Field& field) {
     image.format = PNG_FORMAT_RGB;
     return image;
   };
-  return {"PNG", "color",
+  return {"PNG",
           [=](const Sample& sample, Bytes& to) {
             png_image image = image_of(sample);
             const auto rgb = mosaics.rgb(sample);
@@ -136,7 +133,7 @@ Contender png(const Field& field) {
 
 Contender webp(const Field& field, int effort) {
   const Mosaics mosaics{field};
-  return {"WebP lossless " + std::to_string(effort), "color",
+  return {"WebP lossless " + std::to_string(effort),
           [=](const Sample& sample, Bytes& to) {
             WebPConfig config;
             WebPPicture picture;
@@ -171,7 +168,7 @@ Contender webp(const Field& field, int effort) {
 
 Contender libjpeg(const Field& field, int quality, bool full_chroma) {
   const Mosaics mosaics{field};
-  return {"libjpeg:" + std::to_string(quality) + (full_chroma ? ":444" : ""), "color",
+  return {"libjpeg:" + std::to_string(quality) + (full_chroma ? ":444" : ""),
           [=](const Sample& sample, Bytes& to) {
             jpeg_compress_struct jpeg{};
             jpeg_error_mgr errors{};
@@ -220,7 +217,7 @@ Contender libjpeg(const Field& field, int quality, bool full_chroma) {
 
 Contender plain_zstd(const Field& field, int level) {
   const Mosaics mosaics{field};
-  return {"plain zstd:" + std::to_string(level), "color",
+  return {"plain zstd:" + std::to_string(level),
           [=](const Sample& sample, Bytes& to) {
             const auto rgb = mosaics.rgb(sample);
             to.resize(ZSTD_compressBound(rgb.size()));

@@ -12,22 +12,22 @@
 
 namespace slf::bench {
 
-/// One tile of the field, decoded.
+/// The colours of one tile of the field, decoded.
 struct Sample {
   TileKey key;
-  Bytes color, depth;
+  Bytes color;
 };
 
 /// What one codec does with a tile. Errors end the program.
 struct Contender {
-  std::string name, layer;
+  std::string name;
   std::function<void(const Sample&, Bytes&)> encode;
-  std::function<void(const Sample&, ByteSpan, Bytes&)> decode;  // to the layer's samples
+  std::function<void(const Sample&, ByteSpan, Bytes&)> decode;  // to colours
   bool lossless = false;
 };
 
-/// Our codec of a layer, with tables trained on some of the samples. `field` must outlive it.
-[[nodiscard]] Contender ours(const Field& field, const std::string& spec, const std::string& layer,
+/// Our codec, with tables trained on some of the samples. `field` must outlive it.
+[[nodiscard]] Contender ours(const Field& field, const std::string& spec,
                              const std::vector<Sample>& samples);
 /// The alpha of lossless colour alone: the part of its payload that is not RGB.
 [[nodiscard]] Contender alpha_of_zstd(const Field& field);

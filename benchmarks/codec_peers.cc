@@ -34,7 +34,7 @@ using namespace slf;
 using namespace slf::bench;
 
 struct Row {
-  std::string name, layer;
+  std::string name;
   double ratio = 0, bytes_per_tile = 0, bits_per_slab = 0;
   double psnr = 0;                            // infinity when lossless
   double encode_speed = 0, decode_speed = 0;  // MB/s
@@ -45,7 +45,6 @@ double cpu_seconds() { return seconds_of(CLOCK_THREAD_CPUTIME_ID); }
 constexpr int kRounds = 5;
 
 Row run(const Contender& contender, const std::vector<Sample>& samples) {
-  const bool color = contender.layer == "color";
   std::vector<Bytes> payloads(samples.size());
   double slabs = 0, bytes = 0;
   double begin = cpu_seconds();
@@ -66,17 +65,16 @@ Row run(const Contender& contender, const std::vector<Sample>& samples) {
   double squared = 0, count = 0;
   for (std::size_t i = 0; i < samples.size() && !contender.lossless; ++i) {
     contender.decode(samples[i], payloads[i], decoded);
-    const Bytes& truth = color ? samples[i].color : samples[i].depth;
+    const Bytes& truth = samples[i].color;
     for (std::size_t k = 0; k < truth.size(); ++k) {
-      if (color ? k % 4 == 3 : samples[i].color[k * 4 + 3] == std::byte{0}) continue;
+      if (k % 4 == 3) continue;
       const double error = std::to_integer<int>(truth[k]) - std::to_integer<int>(decoded[k]);
       squared += error * error;
       ++count;
     }
   }
-  const double raw = slabs * (color ? 3 : 1);
+  const double raw = slabs * 3;
   return {contender.name,
-          contender.layer,
           raw / bytes,
           bytes / static_cast<double>(samples.size()),
           bytes * 8 / slabs,
@@ -103,8 +101,7 @@ double saved_against_libjpeg(const std::vector<Row>& rows, const Row& row) {
 
 std::vector<TileKey> stored_tiles(const Field& field, unsigned level) {
   std::vector<TileKey> keys;
-  expect(field.file().store().visit(*field.file().layer("color"), first_key(level),
-                                    first_key(level + 1),
+  expect(field.file().store().visit(first_key(level), first_key(level + 1),
                                     [&](const storage::TileRef& tile) -> Result<void> {
                                       if (tile.state == storage::TileState::stored)
                                         keys.push_back(tile.key);
@@ -120,8 +117,7 @@ std::vector<TileKey> touched_tiles(const Field& field, unsigned level, std::uint
     ViewStatistics statistics;
     expect(renderer.render(camera, {RenderMode::bitri, level, false}, &statistics));
     for (const TileKey& key : statistics.tiles)
-      if (expect(field.file().store().find(*field.file().layer("color"), key)).state ==
-          storage::TileState::stored)
+      if (expect(field.file().store().find(key)).state == storage::TileState::stored)
         keys.push_back(key);
   }
   sort_unique(keys);
@@ -130,33 +126,31 @@ std::vector<TileKey> touched_tiles(const Field& field, unsigned level, std::uint
 
 std::vector<Sample> read_samples(const Field& field, const std::vector<TileKey>& keys,
                                  std::size_t wanted) {
-  const storage::LayerId color = *field.file().layer("color"), depth = *field.file().layer("depth");
   std::vector<Sample> samples;
   for (std::size_t i = 0; i < std::min(wanted, keys.size()); ++i) {
-    Sample sample{keys[i * keys.size() / std::min(wanted, keys.size())], {}, {}};
-    for (const auto& [layer, to] : {std::pair{color, &sample.color}, {depth, &sample.depth}}) {
-      to->resize(field.file().tile_shape(layer, sample.key).bytes());
-      expect(field.file().decode(expect(field.file().store().find(layer, sample.key)), *to));
-    }
+    Sample sample{keys[i * keys.size() / std::min(wanted, keys.size())], {}};
+    const codec::Tile shape = field.file().tile_shape(sample.key);
+    sample.color.resize(shape.bytes());
+    expect(field.file().decode(expect(field.file().store().find(sample.key)), sample.color));
+    sample.color.resize(shape.color_bytes());
     samples.push_back(std::move(sample));
   }
   return samples;
 }
 
 void print_table(const std::vector<Row>& rows) {
-  std::printf("%-18s %-6s %8s %8s %8s %9s %10s %10s\n", "codec", "layer", "ratio", "B/tile",
-              "bit/slab", "PSNR dB", "enc MB/s", "dec MB/s");
+  std::printf("%-18s %8s %8s %8s %9s %10s %10s\n", "codec", "ratio", "B/tile", "bit/slab",
+              "PSNR dB", "enc MB/s", "dec MB/s");
   for (const Row& row : rows)
-    std::printf("%-18s %-6s %6.2f:1 %8.0f %8.3f %9.2f %10.1f %10.1f\n", row.name.c_str(),
-                row.layer.c_str(), row.ratio, row.bytes_per_tile, row.bits_per_slab, row.psnr,
-                row.encode_speed, row.decode_speed);
+    std::printf("%-18s %6.2f:1 %8.0f %8.3f %9.2f %10.1f %10.1f\n", row.name.c_str(), row.ratio,
+                row.bytes_per_tile, row.bits_per_slab, row.psnr, row.encode_speed,
+                row.decode_speed);
 }
 
 void print_json(const std::string& path, std::size_t tiles, const std::vector<Row>& rows) {
   nlohmann::json json{{"field", path}, {"tiles", tiles}, {"rows", nlohmann::json::array()}};
   for (const Row& row : rows) {
     nlohmann::json item{{"codec", row.name},
-                        {"layer", row.layer},
                         {"ratio", row.ratio},
                         {"bytes_per_tile", row.bytes_per_tile},
                         {"bits_per_slab", row.bits_per_slab},
@@ -179,7 +173,7 @@ int main(int argc, char** argv) {
   std::vector<std::string> specs{"raw",     "zstd:1",  "zstd:9",      "zstd:19",
                                  "jpeg:50", "jpeg:75", "jpeg:75:444", "jpeg:90"};
   CLI::App app{"Codecs against their peers, on the tiles of a field"};
-  app.add_option("field", path, "A field with lossless colour and depth")->required();
+  app.add_option("field", path, "A field with lossless colour")->required();
   app.add_option("--tiles", tiles, "How many tiles, taken evenly")->check(CLI::PositiveNumber);
   app.add_option("--level", level, "Their level; default: the finest");
   app.add_option("--views", views, "Only tiles that this many random views touch; 0: all");
@@ -188,12 +182,8 @@ int main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
 
   const std::optional<Field> field = expect(Field::open(path));
-  const auto color = field->file().layer("color");
-  if (!color || !field->file().layer("depth")) stop("the field needs a color and a depth layer");
-  if (!field->file().codec(*color).lossless())
-    stop("the field's colour has lost what is measured here");
-  if (field->file().manifest().layers[*color].format != codec::SampleFormat::rgba8)
-    stop("the field's colour is not rgba8");
+  if (!field->file().codec().lossless()) stop("the field's colour has lost what is measured here");
+  if (is_half(field->format())) stop("the field's colour does not have 8 bits");
   const unsigned at = level < 0 ? field->shape().levels : static_cast<unsigned>(level);
   const std::vector<Sample> samples = read_samples(
       *field, views > 0 ? touched_tiles(*field, at, views) : stored_tiles(*field, at), tiles);
@@ -206,16 +196,14 @@ int main(int argc, char** argv) {
     for (const int quality : {50, 60, 70, 75, 80, 85, 90, 95})
       rows.push_back(run(libjpeg(*field, quality, full_chroma), samples));
   rows.push_back(run(alpha_of_zstd(*field), samples));
-  for (const char* layer : {"color", "depth"})
-    for (const std::string& spec : specs)
-      rows.push_back(run(ours(*field, spec, layer, samples), samples));
+  for (const std::string& spec : specs) rows.push_back(run(ours(*field, spec, samples), samples));
   if (as_json) {
     print_json(path, samples.size(), rows);
     return 0;
   }
   print_table(rows);
   for (const Row& row : rows)
-    if (row.layer == "color" && row.name.starts_with("jpeg:"))
+    if (row.name.starts_with("jpeg:"))
       std::printf("%s: %.1f %% smaller than libjpeg at the same PSNR\n", row.name.c_str(),
                   100 * saved_against_libjpeg(rows, row));
   return 0;

@@ -32,12 +32,12 @@ int main(int argc, char** argv) {
   std::vector<storage::TileRef> tiles;
   std::uint64_t stored = 0, bytes = 0;
   const auto visited = file.store().visit(
-      0, {finest, 0}, {static_cast<std::uint8_t>(finest + 1), 0},
+      {finest, 0}, {static_cast<std::uint8_t>(finest + 1), 0},
       [&](const storage::TileRef& tile) -> Result<void> {
         if (tile.state != storage::TileState::stored) return {};
         if (stored++ % static_cast<std::uint64_t>(every) != 0) return {};
         tiles.push_back(tile);
-        bytes += file.tile_shape(0, tile.key).bytes();
+        bytes += file.tile_shape(tile.key).bytes();
         return {};
       },
       [](const storage::Damage&) {});
@@ -48,7 +48,7 @@ int main(int argc, char** argv) {
   const auto decode_all = [&] {
     hash = 0;
     for (const storage::TileRef& tile : tiles) {
-      samples.resize(file.tile_shape(0, tile.key).bytes());
+      samples.resize(file.tile_shape(tile.key).bytes());
       bench::expect(file.decode(tile, samples));
       hash = XXH3_64bits_withSeed(samples.data(), samples.size(), hash);
     }

@@ -70,12 +70,8 @@ std::vector<LatticeVertex> entry_path(std::int32_t n) {
 class Reader {
  public:
   explicit Reader(const Field& field)
-      : field_(field),
-        level_(field.shape().levels),
-        geometry_(field.file().geometry(level_)),
-        color_(*field.file().layer("color")) {
-    if (field.file().manifest().layers[color_].format != codec::SampleFormat::rgba8)
-      bench::stop("expected a field with 8-bit colour");
+      : field_(field), level_(field.shape().levels), geometry_(field.file().geometry(level_)) {
+    if (is_half(field.format())) bench::stop("expected a field with 8-bit colour");
   }
 
   void read(const LatticeVertex& entry, const LatticeVertex& exit, std::uint8_t* rgb) {
@@ -98,10 +94,10 @@ class Reader {
   const Bytes& tile(TileKey key) {
     const auto [found, is_new] = tiles_.try_emplace(key.index);
     if (!is_new) return found->second;
-    const storage::TileRef ref = expect(field_.file().store().find(color_, key));
+    const storage::TileRef ref = expect(field_.file().store().find(key));
     if (ref.state == storage::TileState::missing) bench::stop("the field is incomplete");
     if (ref.state == storage::TileState::stored) {
-      found->second.resize(field_.file().tile_shape(color_, key).bytes());
+      found->second.resize(field_.file().tile_shape(key).bytes());
       expect(field_.file().decode(ref, found->second));
     }
     return found->second;
@@ -110,7 +106,6 @@ class Reader {
   const Field& field_;
   unsigned level_;
   const LevelGeometry& geometry_;
-  storage::LayerId color_;
   std::unordered_map<std::uint64_t, Bytes> tiles_;
 };
 
@@ -169,28 +164,23 @@ void write_recolored(const Field& field, const std::string& pictures_path,
   const FieldFile& file = field.file();
   const unsigned finest = file.shape().levels;
   const Pictures pictures(pictures_path, file.geometry(finest));
-  const auto layers = static_cast<storage::LayerId>(file.manifest().layers.size());
-  std::vector<ByteSpan> tables;
-  for (storage::LayerId layer = 0; layer < layers; ++layer)
-    tables.push_back(file.codec(layer).tables());
   auto writer = expect(FieldWriter::create(expect(FieldOutput::at(path, Existing::replace, {})),
-                                           FieldWriter::Draft::discard, file.manifest(), tables));
+                                           FieldWriter::Draft::discard, file.manifest(),
+                                           file.codec().tables()));
   const TileOrder order(file.shape());
   Bytes samples, payload;
-  for (std::uint64_t n = 0; n < order.count(); ++n)
-    for (storage::LayerId layer = 0; layer < layers; ++layer) {
-      const storage::TileRef ref = expect(file.store().find(layer, order.key(n)));
-      payload.assign(ref.payload.begin(), ref.payload.end());
-      const bool colors = file.manifest().layers[layer].format == codec::SampleFormat::rgba8;
-      if (colors && ref.state == storage::TileState::stored && order.key(n).level == finest) {
-        const codec::Tile tile = file.tile_shape(layer, order.key(n));
-        samples.resize(tile.bytes());
-        expect(file.decode(ref, samples));
-        recolor(file, order.key(n), pictures, samples);
-        expect(file.codec(layer).encode(tile, samples, payload));
-      }
-      expect(writer.put(layer, order.key(n), payload));
+  for (std::uint64_t n = 0; n < order.count(); ++n) {
+    const storage::TileRef ref = expect(file.store().find(order.key(n)));
+    payload.assign(ref.payload.begin(), ref.payload.end());
+    if (ref.state == storage::TileState::stored && order.key(n).level == finest) {
+      const codec::Tile tile = file.tile_shape(order.key(n));
+      samples.resize(tile.bytes());
+      expect(file.decode(ref, samples));
+      recolor(file, order.key(n), pictures, samples);
+      expect(file.codec().encode(tile, samples, payload));
     }
+    expect(writer.put(order.key(n), payload));
+  }
   expect(writer.finish());
 }
 

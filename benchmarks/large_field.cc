@@ -31,7 +31,7 @@ Manifest manifest_of(const Settings& settings) {
   for (std::uint8_t k = 0; settings.subfields < 64 && k < settings.subfields; ++k)
     shape.subfields.push_back(k);
   manifest.filtered_levels = settings.levels;
-  manifest.layers = {{"color", SampleFormat::rgba8, "zstd:1"}};
+  manifest.codec = "zstd:1";
   manifest.provenance = {{"kind", "random"}};
   return manifest;
 }
@@ -55,14 +55,12 @@ Result<void> write(const Settings& settings, const TileOrder& order, std::uint64
     path.replace(at, 3, std::to_string(part + 1));
   const auto output = FieldOutput::at(path, Existing::replace, {});
   if (!output) return tl::unexpected(output.error());
-  const ByteSpan no_tables;
-  auto writer =
-      FieldWriter::create(*output, FieldWriter::Draft::discard, manifest, std::span(&no_tables, 1));
+  auto writer = FieldWriter::create(*output, FieldWriter::Draft::discard, manifest, {});
   if (!writer) return tl::unexpected(writer.error());
   Bytes payload(settings.payload);
   for (std::uint64_t n = begin; n < end; ++n) {
     fill(n, payload);
-    if (auto ok = writer->put(0, order.key(n), payload); !ok) return ok;
+    if (auto ok = writer->put(order.key(n), payload); !ok) return ok;
   }
   return writer->finish();
 }

@@ -26,7 +26,7 @@ import tempfile
 import time
 
 SHAPE = ["--entry", "10", "--entry-extra-levels", "1", "--exit", "16", "--levels", "3"]
-CODECS = ["--color-codec", "raw", "--depth-codec", "raw"]
+CODECS = ["--codec", "raw"]
 LEAST_BYTES = 8_000_000_000
 MIB = 1 << 20
 FRAME_MS = 1000 / 30

@@ -114,8 +114,8 @@ class GatherList {
     if (!is_new) return found->second;
     const codec::Tile shape = geometry_.tile(entry, codec::SampleFormat::rgba8);
     samples_.resize(samples_.size() + shape.bytes() / 4);
-    const auto pin = cache_.load(
-        {tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)})}, false);
+    const auto pin =
+        cache_.load({tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)})});
     if (pin && pin->page().color)
       std::memcpy(samples_.data() + found->second, pin->page().color, shape.bytes());
     return found->second;
@@ -172,7 +172,7 @@ int main(int argc, char** argv) {
 
   Time gathers, bitri;
   std::uint64_t hit = 1;
-  if (field->file().manifest().layers[0].format == codec::SampleFormat::rgba8) {
+  if (!is_half(field->format())) {
     const GatherList list(*field, level, cameras.front());
     std::uint32_t sum = 0;
     gathers = median_time(repeats, [&] { sum += list.gather(); });
@@ -185,7 +185,7 @@ int main(int argc, char** argv) {
   for (const RenderMode mode : {RenderMode::bitri, RenderMode::nearest, RenderMode::uv,
                                 RenderMode::st, RenderMode::depth}) {
     if (argc > 4 && std::string_view(argv[4]) != name(mode)) continue;
-    if (mode == RenderMode::depth && !field->file().layer("depth")) continue;
+    if (mode == RenderMode::depth && !field->has_depth()) continue;
     const Time one = view_time(*field, cameras, {mode, level, false}, 1, hit);
     const Time two = view_time(*field, cameras, {mode, level, false}, 2, hit);
     if (mode == RenderMode::bitri) bitri = one;

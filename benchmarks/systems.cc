@@ -88,7 +88,7 @@ nlohmann::json measure(const Arguments& a) {
                        [=](const Camera& c, Image& image) { plane->render(c, threads, image); }});
   }
   for (const RenderMode mode : {RenderMode::bitri, RenderMode::depth})
-    if (mode != RenderMode::depth || field.file().layer("depth"))
+    if (mode != RenderMode::depth || field.has_depth())
       systems.push_back(
           {name(mode), slabs, [&renderer, mode, level](const Camera& c, Image& image) {
              expect(renderer.render(c, {mode, level}, image));

@@ -80,17 +80,11 @@ struct Training {
 
 /// A tile's colour and depth, one after the other; empty where nothing is visible.
 Bytes samples_of(const FieldFile& field, TileKey key) {
-  Bytes both;
-  for (const char* name : {"color", "depth"}) {
-    const auto layer = field.layer(name);
-    if (!layer) continue;
-    const auto tile = expect(field.store().find(*layer, key));
-    if (tile.state != storage::TileState::stored) return {};
-    Bytes samples(field.tile_shape(*layer, key).bytes());
-    expect(field.decode(tile, samples));
-    both.insert(both.end(), samples.begin(), samples.end());
-  }
-  return both;
+  const auto tile = expect(field.store().find(key));
+  if (tile.state != storage::TileState::stored) return {};
+  Bytes samples(field.tile_shape(key).bytes());
+  expect(field.decode(tile, samples));
+  return samples;
 }
 
 void collect(const FieldFile& field, std::size_t number, int quality, Training& training) {

@@ -14,7 +14,7 @@ A first field:
 Exit codes: 0 done, 1 wrong arguments, 2 input or output failed (missing, permission, disk full),
 3 a file is damaged or not what it claims, 4 failed at run time, 5 not supported, 7 differs.
 Ctrl-C and SIGTERM end the program by that signal. A build first saves its finished tiles, except
-for the last ones, of at most 256 KiB a layer.
+for the last ones, of at most 256 KiB.
 Bytes of paths and texts that are not UTF-8 become U+FFFD in JSON. In other output they and control
 characters become \xNN.)";
 

@@ -91,6 +91,11 @@ CLI::Option* add_threads(CLI::App& command, unsigned& threads) {
       ->capture_default_str();
 }
 
+CLI::Option* add_no_depth(CLI::App& command, bool& depth, const std::string& help) {
+  return command.add_flag_callback(
+      "--no-depth", [&depth] { depth = false; }, help);
+}
+
 CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<double>& vector,
                         const std::string& help) {
   return command.add_option(name, vector, help)
@@ -258,7 +263,7 @@ void DrawArguments::add_to(CLI::App& command) {
   const char* group = "Drawing";
   choose(command.add_option("--mode", mode,
                             "How samples are interpolated; default: depth where the field has a "
-                            "depth\nlayer, else bitri"),
+                            "depth,\nelse bitri"),
          kRenderModes)
       ->group(group);
   command

@@ -3,7 +3,6 @@
 #include "base/file.h"
 #include "base/try.h"
 #include "cli/command.h"
-#include "codec/codec.h"
 
 namespace slf::cli {
 namespace {
@@ -14,7 +13,6 @@ struct Arguments {
   std::string output;
   bool force = false;
   BuildOptions build;
-  std::string depth_codec;  // empty: chosen by the codec of colour
   double radius = 0;
   std::vector<double> center;  // empty: the scene's bounds
 };
@@ -24,10 +22,6 @@ Result<void> run_build(const Arguments& arguments) {
   const auto shard = SLF_TRY(arguments.shard.options());
   options.shard = shard;
   const std::string output = name_of_part(arguments.output, shard);
-  options.depth_codec = arguments.depth_codec;
-  if (options.depth_codec.empty() && !codec::is_predictive(options.color_codec))
-    options.depth_codec = "jpeg:75";
-  if (options.depth_codec == "none") options.depth_codec = "";
   SourceArguments source = arguments.source;
   std::vector<std::string> inputs = source.files();
   inputs.push_back(options.shard.coarser);
@@ -103,17 +97,13 @@ void add_build(CLI::App& app, Run& run) {
   // followed by the name of a hidden option, which is empty.
   auto* former = command->add_option("--entry-depth", shape.entry_extra_levels)->group("");
   command
-      ->add_option("--codec,--color-codec", a->build.color_codec,
-                   "predictive:QUALITY or predictive:lossless, which code depth together with\n"
-                   "colour; or, of colour alone, jpeg:QUALITY[:444], zstd[:LEVEL] or raw")
+      ->add_option("--codec", a->build.codec,
+                   "predictive:QUALITY, predictive:lossless, jpeg:QUALITY[:444],\n"
+                   "zstd[:LEVEL] or raw")
       ->type_name(kCodec)
       ->group(group)
       ->capture_default_str();
-  command
-      ->add_option("--depth-codec", a->depth_codec,
-                   "Beside another codec than predictive: jpeg:QUALITY (default: jpeg:75),\n"
-                   "zstd[:LEVEL], raw, or none: no depth layer")
-      ->type_name(kCodec)
+  add_no_depth(*command, a->build.depth, "Colours alone, without depths; not with predictive")
       ->group(group);
   choose(command->add_option("--color-type", a->build.half,
                              "u8, or half: HDR colour, which JPEG cannot store"),

@@ -203,6 +203,9 @@ extern const CLI::Validator kLength, kPlace;  ///< a length; a coordinate, or pa
 /// Adds -j,--threads.
 CLI::Option* add_threads(CLI::App& command, unsigned& threads);
 
+/// Adds --no-depth, which sets `depth` to false.
+CLI::Option* add_no_depth(CLI::App& command, bool& depth, const std::string& help);
+
 /// Adds an option for a number of bytes: "64MiB", "1.5G", "4096".
 CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t& bytes,
                        const std::string& help);

@@ -21,9 +21,6 @@ nlohmann::json field_json(const Field& field, const FieldContent& content) {
   const FieldShape& shape = field.shape();
   nlohmann::json levels = nlohmann::json::array();
   for (const LevelContent& level : content.levels) {
-    nlohmann::json bytes;
-    for (std::size_t k = 0; k < field.layers().size(); ++k)
-      bytes[field.layers()[k].name] = level.payload_bytes[k];
     levels.push_back({{"level", level.level},
                       {"entry_resolution", shape.entry_resolution(level.level)},
                       {"exit_resolution", shape.exit_resolution(level.level)},
@@ -31,7 +28,7 @@ nlohmann::json field_json(const Field& field, const FieldContent& content) {
                       {"stored", level.stored},
                       {"empty", level.empty},
                       {"slabs", level.slabs},
-                      {"bytes", bytes}});
+                      {"payload_bytes", level.payload_bytes}});
   }
   nlohmann::json json = nlohmann::json::parse(field.manifest());
   json["file_bytes"] = content.file_bytes;
@@ -52,8 +49,7 @@ void print_field(const Field& field, const FieldContent& content) {
   print("sphere  centre {:.2f},{:.2f},{:.2f}  radius {:.2f}\n", c.x, c.y, c.z, shape.sphere.radius);
   print("lattice {} entry, {} exit at the finest level\n", shape.entry_resolution(shape.levels),
         shape.exit_resolution(shape.levels));
-  for (const Layer& layer : field.layers())
-    print("layer   {}: {} as {}\n", layer.name, name(layer.format), layer.codec);
+  print("samples {} as {}\n", name(field.format()), field.codec());
   if (const auto part = field.part())
     print("part    tiles {}/{} up to {}/{}\n", part->begin.level, part->begin.index,
           part->end.level, part->end.index);
@@ -66,16 +62,14 @@ void print_field(const Field& field, const FieldContent& content) {
           lighting.rig.name, lighting.samples);
   }
   std::vector<std::vector<std::string>> rows{
-      {"level", "lattice", "tiles", "stored", "empty", "slabs"}};
-  for (const Layer& layer : field.layers()) rows[0].push_back(layer.name);
+      {"level", "lattice", "tiles", "stored", "empty", "slabs", "payload"}};
   for (const LevelContent& level : content.levels) {
     rows.push_back({fmt::format("{}", level.level),
                     fmt::format("{}/{}", shape.entry_resolution(level.level),
                                 shape.exit_resolution(level.level)),
                     fmt::format("{}", level.tiles), fmt::format("{}", level.stored),
-                    fmt::format("{}", level.empty), human_count(static_cast<double>(level.slabs))});
-    for (const std::uint64_t bytes : level.payload_bytes)
-      rows.back().push_back(human_bytes(static_cast<double>(bytes)));
+                    fmt::format("{}", level.empty), human_count(static_cast<double>(level.slabs)),
+                    human_bytes(static_cast<double>(level.payload_bytes))});
   }
   print_table(rows);
 }

@@ -15,14 +15,13 @@ struct Arguments {
 };
 
 /// A tile as JSON, formatted as text: nlohmann's objects would take ten times as long for a million
-/// tiles. `layer` is JSON.
-std::string tile_json(const ListedTile& tile, const std::string& layer) {
+/// tiles.
+std::string tile_json(const ListedTile& tile) {
   return fmt::format(
       R"({{"tile": "{}", "level": {}, "index": {}, "entry": {}, "exit": {}, "subfield": {}, )"
-      R"("layer": {}, "state": "{}", "payload_bytes": {}, "offset_bytes": {}}})",
+      R"("state": "{}", "payload_bytes": {}, "offset_bytes": {}}})",
       to_string(tile.address), tile.address.level, tile.key.index, tile.address.entry,
-      tile.address.exit, tile.subfield, layer, name(tile.content), tile.payload_bytes,
-      tile.offset_bytes);
+      tile.address.exit, tile.subfield, name(tile.content), tile.payload_bytes, tile.offset_bytes);
 }
 
 Result<void> run_ls(const Arguments& a) {
@@ -30,20 +29,15 @@ Result<void> run_ls(const Arguments& a) {
   TileFilter filter = a.filter;
   filter.subfields = a.subfields.numbers;
   if (a.levels) filter.first_level = a.levels->first, filter.last_level = a.levels->last;
-  std::vector<std::string> layers;
-  for (const Layer& layer : field.layers())
-    layers.push_back(
-        nlohmann::json(layer.name).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
   // Prints the array while tiles are read, so memory does not depend on its length.
   const char* before = "[\n";
   auto listed = list_tiles(field, filter, [&](const ListedTile& tile) -> Result<void> {
     if (a.json) {
-      print_text(before + tile_json(tile, layers[tile.layer]));
+      print_text(before + tile_json(tile));
       before = ",\n";
     } else {
-      print("{}\t{}\t{}\t{}\t{}\t{}\t{}\n", to_string(tile.address),
-            field.layers()[tile.layer].name, name(tile.content), tile.payload_bytes,
-            tile.offset_bytes, tile.key.index, tile.subfield);
+      print("{}\t{}\t{}\t{}\t{}\t{}\n", to_string(tile.address), name(tile.content),
+            tile.payload_bytes, tile.offset_bytes, tile.key.index, tile.subfield);
     }
     if (std::ferror(stdout) != 0) return fail(ErrorCode::io, "stdout: cannot write");
     return {};
@@ -58,14 +52,13 @@ Result<void> run_ls(const Arguments& a) {
 void add_ls(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("ls", "List the tiles of a field, for other tools to read");
   command->footer(R"(
-A line has seven columns, separated by tabs: LEVEL/ENTRY/EXIT, the layer, its state (stored, empty,
-or missing), the bytes of its payload, where they begin in the file, the tile's index within the
-level, and its subfield. Lines are in the order of layers, levels and indexes.)");
+A line has six columns, separated by tabs: LEVEL/ENTRY/EXIT, its state (stored, empty, or missing),
+the bytes of its payload, where they begin in the file, the tile's index within the level, and its
+subfield. Lines are in the order of levels and indexes.)");
   auto a = std::make_shared<Arguments>();
   command->add_option("FIELD", a->field, "Field to list")->type_name(kFieldFile)->required();
   add_levels(*command, "--level", a->levels, "Only tiles of these levels");
   add_subfields(*command, a->subfields, "Only tiles of these level-0 subfields");
-  command->add_option("--layer", a->filter.layer, "Only this layer")->type_name("NAME");
   command->add_flag("--missing", a->filter.missing, "Also tiles that the field lacks");
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_ls(*a); }; });

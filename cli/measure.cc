@@ -61,12 +61,6 @@ struct Setting {
   RenderMode mode{};
 };
 
-std::string codecs_of(const Field& field) {
-  std::string text;
-  for (const Layer& layer : field.layers()) text += (text.empty() ? "" : "+") + layer.codec;
-  return text;
-}
-
 nlohmann::json setting_json(const Setting& s, const Measurement& m, std::uint32_t views) {
   nlohmann::json levels = nlohmann::json::array();
   for (const LevelMeasure& level : m.levels) {
@@ -135,7 +129,7 @@ Result<void> run_measure(const MeasureArguments& a) {
           const auto m = SLF_TRY(
               measure_views(field, options, progress_bar("measure", "views", OnSignal::end)));
 
-          const Setting setting{path, codecs_of(field), size, distance, view.mode};
+          const Setting setting{path, field.codec(), size, distance, view.mode};
           if (!a.json) print_measurement(setting, m, a.views.views);
           std::fflush(stdout);  // a signal ends the next one
           runs.push_back(setting_json(setting, m, a.views.views));

@@ -136,7 +136,7 @@ Result<void> run_render(const RenderArguments& a) {
              : fmt::format("{}: {} pixels need subfields that were left out of this field", a.field,
                            statistics.fallback_pixels()));
   if (!a.json && !a.stats) return {};
-  const auto file = SLF_TRY(footprint(field, statistics.tiles, view.needs_depth()));
+  const auto file = SLF_TRY(footprint(field, statistics.tiles));
   const nlohmann::json json = statistics_json(statistics, file, view);
   if (a.json)
     print_json(json);

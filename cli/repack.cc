@@ -126,7 +126,7 @@ Result<void> run_verify(const VerifyArguments& a) {
 
 void add_repack(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
-      "repack", "Rewrite a field: other codecs, quality, layers, levels; compact");
+      "repack", "Rewrite a field: another codec, quality, other levels; compact");
   auto a = std::make_shared<RepackArguments>();
   command->add_option("FIELD", a->input, "Field to read; not touched")
       ->type_name(kFieldFile)
@@ -136,15 +136,11 @@ void add_repack(CLI::App& app, Run& run) {
                     "Write nothing: estimate the output's size from a sample of the tiles");
   command->add_flag("-f,--force", a->force, "Replace the output, once the new field is complete");
   command
-      ->add_option("--codec,--color-codec", a->repack.color_codec,
-                   "predictive:QUALITY or predictive:lossless, which code depth together with\n"
-                   "colour; or, of colour alone, jpeg:QUALITY[:444], zstd[:LEVEL] or raw;\n"
-                   "default: as it is")
+      ->add_option("--codec", a->repack.codec,
+                   "predictive:QUALITY, predictive:lossless, jpeg:QUALITY[:444],\n"
+                   "zstd[:LEVEL] or raw; default: as it is")
       ->type_name(kCodec);
-  command->add_option("--depth-codec", a->repack.depth_codec, "The same for depth alone")
-      ->type_name(kCodec);
-  command->add_option("--layers", a->repack.layers, "Layers to keep, as color or color,depth")
-      ->delimiter(',');
+  add_no_depth(*command, a->repack.depth, "Leave out depths; not with predictive");
   command->add_option("--levels", a->levels, "The finest level to keep")->check(kNotNegative);
   add_subfields(*command, a->subfields, "Level-0 subfields to keep");
   choose(command->add_option("--color-type", a->half, "u8 or half"),
@@ -164,7 +160,7 @@ void add_verify(CLI::App& app, Run& run) {
   command->footer(R"(
 Findings: S1 a page is damaged, M1 manifest or tables, L1 the light volume, R1 a record, K1 a tile
 that should not be, T1 a checksum, T2 a tile does not decode, T3 a tile that it is predicted from is
-lost, C1 tiles are missing, C2 layers disagree.
+lost, C1 tiles are missing.
 Exit code 0 when all is good or only tiles are missing, 3 when something is damaged and, with
 --fix, could not be dropped (S1, M1).)");
   auto a = std::make_shared<VerifyArguments>();

@@ -13,7 +13,7 @@ constexpr const char* kStdout = "-";
 
 struct Arguments {
   std::string field, tile, output, format;
-  std::string layer = "color";
+  std::string channel = "color";
   bool force = false;
 };
 
@@ -40,13 +40,16 @@ Result<std::vector<std::byte>> encode(const Field& field, TileKey key, const Arg
                              : a.output.ends_with(".raw") ? "raw"
                                                           : "";
   if (format == "raw") {
-    auto set = SLF_TRY(read_tile(field, key, a.layer));
+    auto set = SLF_TRY(read_tile(field, key, a.channel));
     note(fmt::format("{}: {} pictures of {} samples, {}{}", a.tile, set.entries.size(),
-                     (set.side + 1) * (set.side + 2) / 2, name(set.format),
+                     (set.side + 1) * (set.side + 2) / 2,
+                     set.numbers == 1 ? "depth8"
+                     : set.half       ? "rgba16f"
+                                      : "rgba8",
                      set.empty ? "; empty: nothing is visible" : ""));
     return std::move(set.samples);
   }
-  const auto picture = SLF_TRY(tile_picture(field, key, a.layer));
+  const auto picture = SLF_TRY(tile_picture(field, key, a.channel));
   ImageFileOptions options;
   options.transparent = true;
   return encode_image(format.empty() ? a.output : a.output + "." + format, picture, options);
@@ -77,7 +80,7 @@ its section. .raw has the samples as FORMAT.md orders them: picture by picture, 
   command->add_option("TILE", a->tile, "LEVEL/ENTRY/EXIT as `slf ls` prints it, or LEVEL/INDEX")
       ->type_name("TILE")
       ->required();
-  command->add_option("--layer", a->layer, "color, or depth as gray, also where both share a layer")
+  command->add_option("--channel", a->channel, "color, or depth as gray")
       ->check(CLI::IsMember({"color", "depth"}))
       ->capture_default_str();
   command

@@ -77,8 +77,7 @@ Result<bool> repack_if_requested(const ExportArguments& a, const Field& field,
     return fail(ErrorCode::usage, "--max-size: the page alone is larger; allow 1MiB or more");
   const auto light = field.light();
   const bool has_light = !light || !light->empty();
-  const bool as_it_is =
-      !has_light && !a.levels && options.color_codec.empty() && options.depth_codec.empty();
+  const bool as_it_is = !has_light && !a.levels && options.codec.empty() && options.depth;
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
   const bool fits = !limited || (a.one_file() && field.file_bytes() <= room);
   if (as_it_is && fits) return false;
@@ -148,10 +147,8 @@ void add_export(CLI::App& app, Run& run) {
       ->type_name(kAnyFile)
       ->required();
   command->add_option("--levels", a->levels, "The finest level to keep");
-  command->add_option("--codec,--color-codec", a->repack.color_codec, "As in slf repack")
-      ->type_name(kCodec);
-  command->add_option("--depth-codec", a->repack.depth_codec, "As in slf repack")
-      ->type_name(kCodec);
+  command->add_option("--codec", a->repack.codec, "As in slf repack")->type_name(kCodec);
+  add_no_depth(*command, a->repack.depth, "As in slf repack");
   add_bytes(*command, "--max-size", a->max_size,
             "Choose quality and levels so that the page fits; 0: no limit");
   command->add_flag("-f,--force", a->force, "Overwrite the output");

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 
-#include "codec/lane_samples.h"
 #include "codec/scratch.h"
 #include "codec/zstd_frame.h"
 
@@ -200,8 +199,8 @@ LaneStack::LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneV
     stored += kLaneCount - uncovered(coverage[i]);
 }
 
-LaneStack alpha_stack(const Tile& tile) {
-  return LaneStack(tile, {tile.side, value_bits(tile.format), {&kMedian, 1}}, nullptr);
+LaneStack single_stack(const Tile& tile, std::uint32_t bits) {
+  return LaneStack(tile, {tile.side, bits, {&kMedian, 1}}, nullptr);
 }
 
 Result<void> append_stack(const LaneStack& stack, const LaneValues* values, LaneValues* residuals,

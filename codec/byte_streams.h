@@ -44,8 +44,8 @@ struct LaneStack {
   }
 };
 
-/// The stack for a tile's alpha: one channel that is flat almost everywhere and has sharp edges.
-[[nodiscard]] LaneStack alpha_stack(const Tile& tile);
+/// A stack of one channel that is flat almost everywhere and has sharp edges: alpha or depth.
+[[nodiscard]] LaneStack single_stack(const Tile& tile, std::uint32_t bits);
 
 /// Predicts and appends all channels, channels 1 and 2 as a pair if `paired`. `residuals` is
 /// scratch of the size of `values`.

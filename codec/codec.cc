@@ -69,7 +69,7 @@ Result<JpegOptions> jpeg_options(std::string_view spec, SampleFormat format,
     if (parts[2] != "420" && parts[2] != "444") return bad_spec(spec);
     options.chroma = parts[2] == "444" ? ChromaSampling::full : ChromaSampling::half;
   }
-  if (format == SampleFormat::rgba16f)
+  if (is_half(format))
     return fail(ErrorCode::unsupported, "codec \"", spec,
                 "\": JPEG cannot hold half floats; use zstd");
   return options;
@@ -79,14 +79,20 @@ Result<std::unique_ptr<Codec>> make_jpeg(std::string_view spec, SampleFormat for
                                          const std::vector<std::string_view>& parts,
                                          ByteSpan tables) {
   const JpegOptions options = SLF_TRY(jpeg_options(spec, format, parts));
-  if (tables.empty()) return make_jpeg_codec(format, options, standard_tables(options.quality));
-  const JpegTables shared = SLF_TRY(parse_tables(tables));
+  JpegTileTables shared = standard_tables(options);
+  if (tables.empty()) return make_jpeg_codec(format, options, shared);
+  shared.color = SLF_TRY(take_tables(tables));
+  if (has_depth(format)) shared.depth = SLF_TRY(take_tables(tables));
+  if (!tables.empty())
+    return fail(ErrorCode::bad_file, "bytes after the shared JPEG tables: ", tables.size());
   return make_jpeg_codec(format, options, shared);
 }
 
 Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec, SampleFormat format,
                                                const std::vector<std::string_view>& parts,
                                                ByteSpan tables) {
+  if (!has_depth(format))
+    return fail(ErrorCode::unsupported, "codec \"", spec, "\": needs depths beside the colours");
   PredictiveSettings settings{kDefaultPredictiveQuality, format};
   if (parts.size() > 2) return bad_spec(spec);
   if (parts.size() == 2) {
@@ -111,12 +117,7 @@ bool is_predictive(std::string_view spec) { return split(spec, ':')[0] == "predi
 Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat format,
                                           ByteSpan tables) {
   const std::vector<std::string_view> parts = split(spec, ':');
-  const bool predictive = is_predictive(spec);
-  if (predictive != has_color_and_depth(format))
-    return fail(ErrorCode::unsupported, "codec \"", spec,
-                predictive ? "\": holds colour together with depth, nothing else"
-                           : "\": cannot hold colour together with depth");
-  if (predictive) return make_predictive(spec, format, parts, tables);
+  if (is_predictive(spec)) return make_predictive(spec, format, parts, tables);
   if (parts[0] == "jpeg") return make_jpeg(spec, format, parts, tables);
   if (!tables.empty())
     return fail(ErrorCode::bad_file, "codec \"", spec, "\": has no shared tables, but ",

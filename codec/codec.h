@@ -37,8 +37,8 @@ struct LocalPoint {
 /// The shape of a tile: positions.size() pictures ("rows"), each a triangle of
 /// (side+1)(side+2)/2 samples ("columns"). Samples are stored row after row. Within a row the
 /// sample at (p, q), p + q <= side, has index q*(side+1) - q*(q-1)/2 + p: lines of constant q, each
-/// one sample shorter than the previous one. `positions` is a view and must outlive the Tile.
-/// Positions are distinct and in ascending (q, p) order.
+/// one sample shorter than the previous one. All colours come before all depths. `positions` is a
+/// view and must outlive the Tile. Positions are distinct and in ascending (q, p) order.
 struct Tile {
   SampleFormat format = SampleFormat::rgba8;
   std::uint32_t side = 0;
@@ -48,7 +48,10 @@ struct Tile {
   [[nodiscard]] std::size_t columns() const {
     return static_cast<std::size_t>(side + 1) * (side + 2) / 2;
   }
-  [[nodiscard]] std::size_t bytes() const { return rows() * columns() * sample_bytes(format); }
+  [[nodiscard]] std::size_t samples() const { return rows() * columns(); }
+  [[nodiscard]] std::size_t bytes() const { return samples() * sample_bytes(format); }
+  /// The bytes of all colours; depths follow.
+  [[nodiscard]] std::size_t color_bytes() const { return samples() * slf::color_bytes(format); }
 };
 
 class PredictiveCodec;
@@ -86,8 +89,7 @@ class Codec {
                                             std::span<std::byte> samples) const = 0;
 };
 
-/// Whether a codec specification is that of a predictive codec, which codes colour and depth
-/// together.
+/// Whether a codec specification is that of a predictive codec.
 [[nodiscard]] bool is_predictive(std::string_view spec);
 
 /// Makes a codec from its specification: "raw", "zstd", "zstd:LEVEL", "jpeg:QUALITY",
@@ -95,8 +97,8 @@ class Codec {
 /// `tables` are Codec::tables() of a codec with the same specification, untrusted. Empty selects
 /// the defaults. usage: an unknown name, or a parameter out of range; the message lists what is
 /// valid. bad_file: `tables` are damaged, or not empty although the codec has none. unsupported:
-/// the codec cannot store this format. JPEG stores no half floats. Predictive codecs store the
-/// formats with both colour and depth, and no other codec does.
+/// the codec cannot store this format: JPEG stores no half floats, predictive codecs no colour
+/// without depth.
 [[nodiscard]] Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat format,
                                                         ByteSpan tables = {});
 

@@ -4,6 +4,8 @@
 #include <cassert>
 #include <cstring>
 
+#include "base/try.h"
+#include "base/varint.h"
 #include "codec/jpeg_alpha.h"
 #include "codec/jpeg_decode.h"
 #include "codec/jpeg_encode.h"
@@ -17,25 +19,34 @@ namespace {
 
 // From this quality on, alpha is exact.
 constexpr int kExactAlphaQuality = 95;
+// Finer depth does not show in views.
+constexpr int kDepthQuality = 75;
 
 std::span<const std::uint8_t> bytes_of(ByteSpan span) {
   return {reinterpret_cast<const std::uint8_t*>(span.data()), span.size()};
 }
 
-JpegColor color_of(SampleFormat format, const JpegOptions& options) {
-  if (format == SampleFormat::depth8) return JpegColor::gray;
+JpegColor color_of(const JpegOptions& options) {
   return options.chroma == ChromaSampling::full ? JpegColor::ycbcr_444 : JpegColor::ycbcr_420;
+}
+
+tl::unexpected<Error> cut_short() {
+  return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
 }
 
 class JpegCodec final : public Codec {
  public:
-  JpegCodec(SampleFormat format, const JpegOptions& options, const JpegTables& tables)
+  JpegCodec(SampleFormat format, const JpegOptions& options, const JpegTileTables& tables)
       : format_(format),
         options_(options),
-        color_(color_of(format, options)),
+        color_(color_of(options)),
         tables_(tables),
-        table_bytes_(to_bytes(tables)),
-        can_encode_(is_complete(tables)) {}
+        table_bytes_(to_bytes(tables.color)),
+        can_encode_(is_complete(tables.color) && is_complete(tables.depth)) {
+    if (!has_depth(format)) return;
+    const Bytes depth = to_bytes(tables.depth);
+    table_bytes_.insert(table_bytes_.end(), depth.begin(), depth.end());
+  }
 
   std::string spec() const override {
     std::string text = "jpeg:" + std::to_string(options_.quality);
@@ -50,10 +61,14 @@ class JpegCodec final : public Codec {
                       std::span<std::byte> samples) const override;
 
  private:
+  Result<void> decode_depth(const Tile& tile, ByteSpan& payload, std::span<std::byte> depths) const;
+  Result<void> decode_color(const Tile& tile, const Mosaic& mosaic, ByteSpan payload,
+                            std::span<std::byte> colors) const;
+
   SampleFormat format_;
   JpegOptions options_;
   JpegColor color_;
-  JpegTables tables_;
+  JpegTileTables tables_;
   Bytes table_bytes_;
   bool can_encode_;
 };
@@ -67,18 +82,22 @@ Result<void> JpegCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payloa
   if (!fits_jpeg(mosaic))
     return fail(ErrorCode::unsupported, "JPEG: a tile of ", tile.rows(), " pictures of side ",
                 tile.side, " is too large");
-  const std::span<const std::uint8_t> from = bytes_of(samples);
-  if (format_ == SampleFormat::depth8) {
-    encode_scan(tables_, JpegCoefficients(depth_picture(tile, mosaic, from)), &payload, nullptr);
-    return {};
+  const auto colors = bytes_of(samples).first(tile.color_bytes());
+  if (has_depth(format_)) {
+    const Mosaic depth_mosaic(tile.rows(), tile.side, alignment(JpegColor::gray));
+    const auto depths = bytes_of(samples).subspan(tile.color_bytes());
+    Bytes scan;
+    encode_scan(tables_.depth, JpegCoefficients(depth_picture(tile, depth_mosaic, depths)), &scan,
+                nullptr);
+    append_varint(payload, scan.size());
+    payload.insert(payload.end(), scan.begin(), scan.end());
   }
-  std::vector<std::uint8_t> alpha = alpha_of(from);
+  std::vector<std::uint8_t> alpha = alpha_of(colors);
   const bool exact = options_.quality >= kExactAlphaQuality;
-  if (auto done = append_jpeg_alpha(tile, mosaic, tables_, exact, alpha, payload); !done)
-    return done;
+  SLF_TRY(append_jpeg_alpha(tile, mosaic, tables_.color, exact, alpha, payload));
   if (std::all_of(alpha.begin(), alpha.end(), [](auto a) { return a == 0; })) return {};
-  encode_scan(tables_, JpegCoefficients(color_picture(tile, mosaic, color_, from, alpha)), &payload,
-              nullptr);
+  encode_scan(tables_.color, JpegCoefficients(color_picture(tile, mosaic, color_, colors, alpha)),
+              &payload, nullptr);
   return {};
 }
 
@@ -104,55 +123,46 @@ Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload,
   if (!fits_jpeg(mosaic))
     return fail(ErrorCode::bad_file, "JPEG: no tile of ", tile.rows(), " pictures of side ",
                 tile.side, " fits");
-  auto* out = reinterpret_cast<std::uint8_t*>(samples.data());
-  thread_local Scratch<std::uint8_t> pixel_scratch, alpha_scratch;
-  const auto pixels = pixel_scratch.take(mosaic.pixels() * pixel_bytes(color_));
-  if (format_ == SampleFormat::depth8) {
-    if (auto done = decode_scan(tables_, shape_of(mosaic, color_), payload, pixels); !done)
-      return done;
-    for_each_sample(tile, mosaic,
-                    [&](std::size_t sample, std::size_t pixel) { out[sample] = pixels[pixel]; });
-    return {};
-  }
-  const auto alpha = alpha_scratch.take(tile.rows() * tile.columns());
-  if (auto done = read_jpeg_alpha(tile, mosaic, tables_, payload, alpha); !done) return done;
-  if (payload.empty()) {
-    // Only a tile that is transparent everywhere has no picture.
-    if (std::any_of(alpha.begin(), alpha.end(), [](auto a) { return a != 0; }))
-      return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
-    std::fill(samples.begin(), samples.end(), std::byte{0});
-    return {};
-  }
-  if (auto done = decode_scan(tables_, shape_of(mosaic, color_), payload, pixels); !done)
-    return done;
-  blend(tile, mosaic, pixels, alpha, samples);
+  if (has_depth(format_)) SLF_TRY(decode_depth(tile, payload, samples.subspan(tile.color_bytes())));
+  return decode_color(tile, mosaic, payload, samples.first(tile.color_bytes()));
+}
+
+Result<void> JpegCodec::decode_depth(const Tile& tile, ByteSpan& payload,
+                                     std::span<std::byte> depths) const {
+  const Mosaic mosaic(tile.rows(), tile.side, alignment(JpegColor::gray));
+  const auto size = take_varint(payload);
+  if (!size || *size > payload.size()) return cut_short();
+  thread_local Scratch<std::uint8_t> scratch;
+  const auto pixels = scratch.take(mosaic.pixels());
+  SLF_TRY(
+      decode_scan(tables_.depth, shape_of(mosaic, JpegColor::gray), payload.first(*size), pixels));
+  payload = payload.subspan(*size);
+  for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
+    depths[sample] = static_cast<std::byte>(pixels[pixel]);
+  });
   return {};
 }
 
-}  // namespace
-
-std::unique_ptr<Codec> make_jpeg_codec(SampleFormat format, const JpegOptions& options,
-                                       const JpegTables& tables) {
-  return std::make_unique<JpegCodec>(format, options, tables);
+Result<void> JpegCodec::decode_color(const Tile& tile, const Mosaic& mosaic, ByteSpan payload,
+                                     std::span<std::byte> colors) const {
+  thread_local Scratch<std::uint8_t> pixel_scratch, alpha_scratch;
+  const auto pixels = pixel_scratch.take(mosaic.pixels() * pixel_bytes(color_));
+  const auto alpha = alpha_scratch.take(tile.samples());
+  SLF_TRY(read_jpeg_alpha(tile, mosaic, tables_.color, payload, alpha));
+  if (payload.empty()) {
+    // Only a tile that is transparent everywhere has no picture.
+    if (std::any_of(alpha.begin(), alpha.end(), [](auto a) { return a != 0; })) return cut_short();
+    std::fill(colors.begin(), colors.end(), std::byte{0});
+    return {};
+  }
+  SLF_TRY(decode_scan(tables_.color, shape_of(mosaic, color_), payload, pixels));
+  blend(tile, mosaic, pixels, alpha, colors);
+  return {};
 }
 
-JpegTables train_tables(SampleFormat format, const JpegOptions& options,
-                        std::span<const TrainingTile> sample) {
-  JpegTables tables = standard_tables(options.quality);
-  const JpegColor color = color_of(format, options);
-  std::vector<JpegCoefficients> pictures;
-  for (const TrainingTile& training : sample) {
-    const Tile& tile = training.tile;
-    if (tile.bytes() == 0) continue;
-    const Mosaic mosaic(tile.rows(), tile.side, alignment(color));
-    if (!fits_jpeg(mosaic)) continue;
-    const std::span<const std::uint8_t> from = bytes_of(training.samples);
-    if (format == SampleFormat::depth8)
-      pictures.emplace_back(depth_picture(tile, mosaic, from));
-    else
-      pictures.emplace_back(color_picture(tile, mosaic, color, from, alpha_of(from)));
-  }
-  if (pictures.empty()) return tables;
+// Fits the Huffman codes of tables to pictures.
+void fit_codes(const std::vector<JpegCoefficients>& pictures, JpegTables& tables) {
+  if (pictures.empty()) return;
   // The best levels depend on the code and the best code on the levels, so iterate a few times.
   for (int round = 0; round < 3; ++round) {
     JpegCounts counts;
@@ -162,6 +172,37 @@ JpegTables train_tables(SampleFormat format, const JpegOptions& options,
       tables.ac[i] = optimal_huffman(counts.ac[i], is_ac_symbol);
     }
   }
+}
+
+}  // namespace
+
+JpegTileTables standard_tables(const JpegOptions& options) {
+  return {standard_tables(options.quality), standard_tables(kDepthQuality)};
+}
+
+std::unique_ptr<Codec> make_jpeg_codec(SampleFormat format, const JpegOptions& options,
+                                       const JpegTileTables& tables) {
+  return std::make_unique<JpegCodec>(format, options, tables);
+}
+
+JpegTileTables train_tables(SampleFormat format, const JpegOptions& options,
+                            std::span<const TrainingTile> sample) {
+  const JpegColor color = color_of(options);
+  std::vector<JpegCoefficients> colors, depths;
+  for (const TrainingTile& training : sample) {
+    const Tile& tile = training.tile;
+    if (tile.bytes() == 0) continue;
+    const Mosaic mosaic(tile.rows(), tile.side, alignment(color));
+    if (!fits_jpeg(mosaic)) continue;
+    const auto from = bytes_of(training.samples), rgba = from.first(tile.color_bytes());
+    colors.emplace_back(color_picture(tile, mosaic, color, rgba, alpha_of(rgba)));
+    if (!has_depth(format)) continue;
+    const Mosaic depth_mosaic(tile.rows(), tile.side, alignment(JpegColor::gray));
+    depths.emplace_back(depth_picture(tile, depth_mosaic, from.subspan(tile.color_bytes())));
+  }
+  JpegTileTables tables = standard_tables(options);
+  fit_codes(colors, tables.color);
+  fit_codes(depths, tables.depth);
   return tables;
 }
 

@@ -1,4 +1,4 @@
-// JpegCodec: lossy, for rgba8 colour and depth8 (FORMAT.md, "The jpeg codec").
+// JpegCodec: lossy, for rgba8 colours and their depths (FORMAT.md, "The jpeg codec").
 #pragma once
 
 #include <memory>
@@ -15,13 +15,20 @@ struct JpegOptions {
   ChromaSampling chroma = ChromaSampling::half;
 };
 
-/// REQUIRES: format is rgba8 or depth8.
+/// The tables of the streams of a tile: of its colours, and of its depths if it has any.
+struct JpegTileTables {
+  JpegTables color;
+  JpegTables depth;
+};
+[[nodiscard]] JpegTileTables standard_tables(const JpegOptions& options);
+
+/// REQUIRES: the format has no half floats.
 [[nodiscard]] std::unique_ptr<Codec> make_jpeg_codec(SampleFormat format,
                                                      const JpegOptions& options,
-                                                     const JpegTables& tables);
+                                                     const JpegTileTables& tables);
 
 /// Returns tables with Huffman codes optimised for a sample of tiles.
-[[nodiscard]] JpegTables train_tables(SampleFormat format, const JpegOptions& options,
-                                      std::span<const TrainingTile> sample);
+[[nodiscard]] JpegTileTables train_tables(SampleFormat format, const JpegOptions& options,
+                                          std::span<const TrainingTile> sample);
 
 }  // namespace slf::codec

@@ -41,7 +41,7 @@ class Reader {
     length = stored - 2;
     return found && stored >= 2 && !overrun_;
   }
-  bool at_end() const { return at_ == bytes_.size() && !overrun_; }
+  [[nodiscard]] ByteSpan rest() const { return bytes_.subspan(at_); }
 
  private:
   ByteSpan bytes_;
@@ -180,7 +180,7 @@ Bytes to_bytes(const JpegTables& tables) {
   return bytes;
 }
 
-Result<JpegTables> parse_tables(ByteSpan bytes) {
+Result<JpegTables> take_tables(ByteSpan& bytes) {
   JpegTables tables;
   Reader reader(bytes);
   bool good = reader.expect(0xFF) && reader.expect(kMarkerSoi);
@@ -192,8 +192,9 @@ Result<JpegTables> parse_tables(ByteSpan bytes) {
   for (std::uint8_t i = 0; i < 2 && good; ++i)
     good = read_huffman(reader, i, tables.dc[i]) &&
            read_huffman(reader, static_cast<std::uint8_t>(0x10 | i), tables.ac[i]);
-  good = good && reader.expect(0xFF) && reader.expect(kMarkerEoi) && reader.at_end();
+  good = good && reader.expect(0xFF) && reader.expect(kMarkerEoi);
   if (!good) return fail(ErrorCode::bad_file, "shared JPEG tables are damaged");
+  bytes = reader.rest();
   return tables;
 }
 

@@ -1,4 +1,4 @@
-// The quantisation and Huffman tables that all JPEG tiles of a layer share.
+// The quantisation and Huffman tables that the JPEG streams of all tiles share.
 #pragma once
 
 #include <array>
@@ -47,8 +47,8 @@ using SymbolCounts = std::array<std::uint64_t, 256>;
 /// An abbreviated table-specification stream: SOI, one DQT and one DHT segment per table, EOI.
 [[nodiscard]] Bytes to_bytes(const JpegTables& tables);
 
-/// Parses the output of to_bytes; untrusted.
+/// Parses the output of to_bytes, untrusted, and removes it from the start of `bytes`.
 /// bad_file: another structure, an invalid Huffman code, or a quantisation step of 0.
-[[nodiscard]] Result<JpegTables> parse_tables(ByteSpan bytes);
+[[nodiscard]] Result<JpegTables> take_tables(ByteSpan& bytes);
 
 }  // namespace slf::codec

@@ -36,15 +36,13 @@ using Loading = Group<LaneValues, const std::byte>;
 using Storing = Group<const LaneValues, std::byte>;
 
 template <class To, class Values, class Byte>
-To group_of(const Tile& tile, std::size_t index, Values* alpha, Values* color, Byte* samples) {
+To group_of(const Tile& tile, std::size_t index, Values* alpha, Values* color, Byte* colors) {
   const std::size_t columns = tile.columns();
-  return {columns, lanes_of(tile, index), alpha ? alpha + index * columns : nullptr,
-          color + index * columns * color_channels(tile.format),
-          samples + index * kLaneCount * columns * sample_bytes(tile.format)};
+  return {columns, lanes_of(tile, index), alpha + index * columns,
+          color + index * columns * kColorChannels,
+          colors + index * kLaneCount * columns * color_bytes(tile.format)};
 }
 
-// The analyser does not know that these formats have alpha.
-// NOLINTBEGIN(clang-analyzer-core.CallAndMessage)
 void load_rgba8(const Loading& group) {
   const std::byte* from = group.samples;
   for (std::size_t lane = 0; lane < group.lanes; ++lane)
@@ -69,13 +67,6 @@ void load_rgba16f(const Loading& group) {
       group.channel(2, i)[lane] = static_cast<std::uint16_t>(at(2) - green + kDifferenceOrigin);
       group.alpha[i][lane] = at(3);
     }
-}
-
-void load_depth8(const Loading& group) {
-  const std::byte* from = group.samples;
-  for (std::size_t lane = 0; lane < group.lanes; ++lane)
-    for (std::size_t i = 0; i < group.columns; ++i)
-      group.color[i][lane] = std::to_integer<std::uint8_t>(*from++);
 }
 
 void store_rgba8(const Storing& group, bool clear) {
@@ -107,62 +98,46 @@ void store_rgba16f(const Storing& group, bool clear) {
       store_le(group.samples + (lane * group.columns + i) * 8, r | g << 16 | b << 32 | a << 48);
     }
 }
-// NOLINTEND(clang-analyzer-core.CallAndMessage)
-
-void store_depth8(const Storing& group) {
-  std::byte* to = group.samples;
-  for (std::size_t lane = 0; lane < group.lanes; ++lane)
-    for (std::size_t i = 0; i < group.columns; ++i)
-      *to++ = static_cast<std::byte>(group.color[i][lane]);
+// Lanes without a picture become 0.
+void clear_unused(const Tile& tile, std::size_t channels, LaneValues* values) {
+  if (tile.rows() % kLaneCount == 0) return;
+  const std::size_t size = channels * tile.columns();
+  std::fill_n(values + (group_count(tile) - 1) * size, size, LaneValues{});
 }
 
 }  // namespace
 
-void load(const Tile& tile, const std::byte* samples, LaneValues* alpha, LaneValues* color) {
-  const std::size_t groups = group_count(tile), columns = tile.columns();
-  if (tile.rows() % kLaneCount != 0) {
-    const std::size_t channels = color_channels(tile.format);
-    std::fill_n(color + (groups - 1) * channels * columns, channels * columns, LaneValues{});
-    if (alpha) std::fill_n(alpha + (groups - 1) * columns, columns, LaneValues{});
-  }
-  for (std::size_t index = 0; index < groups; ++index) {
-    const auto group = group_of<Loading>(tile, index, alpha, color, samples);
-    switch (tile.format) {
-      case SampleFormat::rgba8:
-        load_rgba8(group);
-        break;
-      case SampleFormat::depth8:
-        load_depth8(group);
-        break;
-      case SampleFormat::rgba16f:
-        load_rgba16f(group);
-        break;
-      case SampleFormat::rgba8_depth8:  // only the predictive codec holds these
-      case SampleFormat::rgba16f_depth8:
-        break;
-    }
+void load_colors(const Tile& tile, const std::byte* colors, LaneValues* alpha, LaneValues* color) {
+  clear_unused(tile, 1, alpha);
+  clear_unused(tile, kColorChannels, color);
+  for (std::size_t index = 0; index < group_count(tile); ++index) {
+    const auto group = group_of<Loading>(tile, index, alpha, color, colors);
+    is_half(tile.format) ? load_rgba16f(group) : load_rgba8(group);
   }
 }
 
-void store(const Tile& tile, bool clear, const LaneValues* alpha, const LaneValues* color,
-           std::byte* samples) {
+void store_colors(const Tile& tile, bool clear, const LaneValues* alpha, const LaneValues* color,
+                  std::byte* colors) {
   for (std::size_t index = 0; index < group_count(tile); ++index) {
-    const auto group = group_of<Storing>(tile, index, alpha, color, samples);
-    switch (tile.format) {
-      case SampleFormat::rgba8:
-        store_rgba8(group, clear);
-        break;
-      case SampleFormat::depth8:
-        store_depth8(group);
-        break;
-      case SampleFormat::rgba16f:
-        store_rgba16f(group, clear);
-        break;
-      case SampleFormat::rgba8_depth8:
-      case SampleFormat::rgba16f_depth8:
-        break;
-    }
+    const auto group = group_of<Storing>(tile, index, alpha, color, colors);
+    is_half(tile.format) ? store_rgba16f(group, clear) : store_rgba8(group, clear);
   }
+}
+
+void load_bytes(const Tile& tile, const std::byte* bytes, LaneValues* values) {
+  clear_unused(tile, 1, values);
+  const std::size_t columns = tile.columns();
+  for (std::size_t row = 0; row < tile.rows(); ++row)
+    for (std::size_t i = 0; i < columns; ++i)
+      values[row / kLaneCount * columns + i][row % kLaneCount] =
+          std::to_integer<std::uint8_t>(*bytes++);
+}
+
+void store_bytes(const Tile& tile, const LaneValues* values, std::byte* bytes) {
+  const std::size_t columns = tile.columns();
+  for (std::size_t row = 0; row < tile.rows(); ++row)
+    for (std::size_t i = 0; i < columns; ++i)
+      *bytes++ = static_cast<std::byte>(values[row / kLaneCount * columns + i][row % kLaneCount]);
 }
 
 }  // namespace slf::codec

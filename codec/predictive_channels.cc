@@ -13,8 +13,6 @@ namespace {
 constexpr std::int32_t kMaxWeight = 2047;  // in 1/256
 constexpr int kWeightBits = 12;            // of a weight plus kMaxWeight + 1
 
-bool is_half(const Tile& tile) { return color_format(tile.format) == SampleFormat::rgba16f; }
-
 std::vector<ColumnNeighbours> find_neighbours(std::uint32_t side) {
   const auto n = static_cast<int>(side);
   std::vector<int> line(side + 1);  // the first column of each
@@ -48,9 +46,9 @@ ChannelCoder<Coder>::ChannelCoder(const PredictiveLevel& level, const Tile& tile
     : level_(level),
       rows_(tile.rows()),
       columns_(tile.columns()),
-      min_value_(is_half(tile) ? -0x8000 : 0),
-      max_value_(is_half(tile) ? 0x7FFF : 255),
-      opaque_(is_half(tile) ? 0x3C00 : 255),
+      min_value_(is_half(tile.format) ? -0x8000 : 0),
+      max_value_(is_half(tile.format) ? 0x7FFF : 255),
+      opaque_(is_half(tile.format) ? 0x3C00 : 255),
       neighbours_(find_neighbours(tile.side)),
       errors_(rows_ * columns_),
       color_errors_(rows_ * columns_),

@@ -1,4 +1,4 @@
-// PredictiveCodec: the state that all tiles of a predictive layer share. Tiles are coded against
+// PredictiveCodec: the state that all tiles of a field share. Tiles are coded against
 // predictions, which only a field can make: see codec/predictive.h and field/predicted_tiles.h.
 #pragma once
 

@@ -92,9 +92,7 @@ struct PredictiveSettings {
   SampleFormat format = SampleFormat::rgba8_depth8;
 
   /// Whether tiles are coded sample by sample (codec/predictive_channels.h), not with a transform.
-  [[nodiscard]] bool by_sample() const {
-    return quality == kLosslessQuality || format == SampleFormat::rgba16f_depth8;
-  }
+  [[nodiscard]] bool by_sample() const { return quality == kLosslessQuality || is_half(format); }
 };
 
 /// Steps for the levels 0 to `finest` of a field, and models trained on several volumes.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 
+#include "base/try.h"
 #include "codec/alpha_coder.h"
 #include "codec/byte_streams.h"
 #include "codec/lane_samples.h"
@@ -16,9 +17,6 @@ namespace {
 // The first byte of a payload.
 constexpr std::uint8_t kFlagKeepsClear = 1;  // colour is stored where alpha is 0, too
 constexpr std::uint8_t kFlagLinear = 2;      // weights follow
-
-// R and B of rgba8 share a stream; every other channel has its own.
-bool codes_pairs(SampleFormat format) { return format == SampleFormat::rgba8; }
 
 class ZstdCodec final : public Codec {
  public:
@@ -39,54 +37,48 @@ class ZstdCodec final : public Codec {
 // A tile in lanes; each thread keeps one.
 struct Workspace {
   Scratch<LaneValues> alpha_scratch, color_scratch, residual_scratch;
-  Scratch<std::uint8_t> byte_scratch;
-  LaneValues* alpha = nullptr;      // [group][column]; null without alpha
-  LaneValues* color = nullptr;      // [group][channel][column]
+  Scratch<std::byte> byte_scratch;
+  LaneValues* alpha = nullptr;      // [group][column]
+  LaneValues* color = nullptr;      // [group][channel][column]; or depth, [group][column]
   LaneValues* residuals = nullptr;  // as color
 
-  explicit Workspace() = default;
   void size_for(const Tile& tile) {
     const std::size_t one = group_count(tile) * tile.columns();
-    const std::size_t all = one * color_channels(tile.format);
-    alpha = has_alpha(tile.format) ? alpha_scratch.take(one).data() : nullptr;
-    color = color_scratch.take(all).data();
-    residuals = residual_scratch.take(all).data();
+    alpha = alpha_scratch.take(one).data();
+    color = color_scratch.take(one * kColorChannels).data();
+    residuals = residual_scratch.take(one * kColorChannels).data();
   }
 };
 
+std::span<std::uint8_t> as_numbers(std::span<std::byte> bytes) {
+  return {reinterpret_cast<std::uint8_t*>(bytes.data()), bytes.size()};
+}
+
 // Alpha of 8 bits has a coder of its own; that of halves is coded in lanes like other channels.
 Result<void> append_alpha_of(const Tile& tile, Workspace& work, int level, Bytes& payload) {
-  if (tile.format == SampleFormat::rgba16f)
-    return append_stack(alpha_stack(tile), work.alpha, work.residuals, false, level, payload);
-  const std::size_t columns = tile.columns();
-  const auto rows = work.byte_scratch.take(tile.rows() * columns);
-  for (std::size_t row = 0; row < tile.rows(); ++row)
-    for (std::size_t i = 0; i < columns; ++i)
-      rows[row * columns + i] =
-          static_cast<std::uint8_t>(work.alpha[row / kLaneCount * columns + i][row % kLaneCount]);
-  return append_alpha(rows, tile.side, 255, payload);
+  if (is_half(tile.format))
+    return append_stack(single_stack(tile, 16), work.alpha, work.residuals, false, level, payload);
+  const auto bytes = work.byte_scratch.take(tile.samples());
+  store_bytes(tile, work.alpha, bytes.data());
+  return append_alpha(as_numbers(bytes), tile.side, 255, payload);
 }
 
 Result<void> read_alpha_of(const Tile& tile, Workspace& work, ByteSpan& payload) {
-  if (tile.format == SampleFormat::rgba16f)
-    return read_stack(alpha_stack(tile), false, payload, work.residuals, work.alpha);
-  const std::size_t columns = tile.columns();
-  const auto rows = work.byte_scratch.take(tile.rows() * columns);
-  if (auto done = read_alpha(payload, tile.side, 255, rows); !done) return done;
-  std::fill_n(work.alpha + (group_count(tile) - 1) * columns, columns, LaneValues{});
-  for (std::size_t row = 0; row < tile.rows(); ++row)
-    for (std::size_t i = 0; i < columns; ++i)
-      work.alpha[row / kLaneCount * columns + i][row % kLaneCount] = rows[row * columns + i];
+  if (is_half(tile.format))
+    return read_stack(single_stack(tile, 16), false, payload, work.residuals, work.alpha);
+  const auto bytes = work.byte_scratch.take(tile.samples());
+  SLF_TRY(read_alpha(payload, tile.side, 255, as_numbers(bytes)));
+  load_bytes(tile, bytes.data(), work.alpha);
   return {};
 }
 
 // Whether all samples of zero alpha are 0 in every channel, so that they need not be stored.
-bool clear_is_zero(const LaneValues* alpha, const Tile& tile, ByteSpan samples) {
-  const std::size_t bytes = sample_bytes(tile.format), columns = tile.columns();
+bool clear_is_zero(const LaneValues* alpha, const Tile& tile, ByteSpan colors) {
+  const std::size_t bytes = color_bytes(tile.format), columns = tile.columns();
   for (std::size_t row = 0; row < tile.rows(); ++row)
     for (std::size_t i = 0; i < columns; ++i) {
       if (alpha[row / kLaneCount * columns + i][row % kLaneCount] != 0) continue;
-      const ByteSpan sample = samples.subspan((row * columns + i) * bytes, bytes);
+      const ByteSpan sample = colors.subspan((row * columns + i) * bytes, bytes);
       if (std::any_of(sample.begin(), sample.end(), [](auto b) { return b != std::byte{0}; }))
         return false;
     }
@@ -123,28 +115,52 @@ bool read_weights(ByteSpan& payload, std::span<ChannelPredictor> predictors) {
   return true;
 }
 
+Result<void> append_colors(const Tile& tile, ByteSpan colors, int level, Workspace& work,
+                           Bytes& payload) {
+  load_colors(tile, colors.data(), work.alpha, work.color);
+  const bool keeps_clear = !clear_is_zero(work.alpha, tile, colors);
+  ChannelPredictor predictors[kColorChannels];
+  const LaneStack stack{
+      tile, {tile.side, value_bits(tile.format), predictors}, keeps_clear ? nullptr : work.alpha};
+  const bool bytes = !is_half(tile.format);
+  if (bytes) fit_predictors(stack, work.color, predictors);
+  payload.push_back(
+      static_cast<std::byte>((keeps_clear ? kFlagKeepsClear : 0) | (bytes ? kFlagLinear : 0)));
+  if (bytes) append_weights(predictors, payload);
+  SLF_TRY(append_alpha_of(tile, work, level, payload));
+  // R and B of 8 bits share a stream; every other channel has its own.
+  return append_stack(stack, work.color, work.residuals, bytes, level, payload);
+}
+
+Result<void> read_colors(const Tile& tile, ByteSpan& payload, Workspace& work,
+                         std::span<std::byte> colors) {
+  if (payload.empty()) return fail(ErrorCode::bad_file, "zstd: the tile is cut short");
+  const auto flags = std::to_integer<std::uint8_t>(payload[0]);
+  const bool keeps_clear = flags & kFlagKeepsClear, linear = flags & kFlagLinear;
+  payload = payload.subspan(1);
+  const bool bytes = !is_half(tile.format);
+  ChannelPredictor predictors[kColorChannels];
+  if (flags > (kFlagKeepsClear | kFlagLinear) || (linear && !bytes) ||
+      (linear && !read_weights(payload, predictors)))
+    return fail(ErrorCode::bad_file, "zstd: the tile's header is damaged");
+  SLF_TRY(read_alpha_of(tile, work, payload));
+  const LaneStack stack{
+      tile, {tile.side, value_bits(tile.format), predictors}, keeps_clear ? nullptr : work.alpha};
+  SLF_TRY(read_stack(stack, bytes, payload, work.residuals, work.color));
+  store_colors(tile, !keeps_clear, work.alpha, work.color, colors.data());
+  return {};
+}
+
 Result<void> ZstdCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payload) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   payload.clear();
   if (tile.bytes() == 0) return {};
   thread_local Workspace work;
   work.size_for(tile);
-  load(tile, samples.data(), work.alpha, work.color);
-  const bool keeps_clear = work.alpha && !clear_is_zero(work.alpha, tile, samples);
-
-  ChannelPredictor predictors[3];
-  const std::span used(predictors, color_channels(format_));
-  LaneStack stack{tile, {tile.side, value_bits(format_), used}, keeps_clear ? nullptr : work.alpha};
-  const bool linear = format_ == SampleFormat::rgba8;
-  if (linear) fit_predictors(stack, work.color, used);
-
-  payload.push_back(
-      static_cast<std::byte>((keeps_clear ? kFlagKeepsClear : 0) | (linear ? kFlagLinear : 0)));
-  if (linear) append_weights(used, payload);
-  if (work.alpha) {
-    if (auto done = append_alpha_of(tile, work, level_, payload); !done) return done;
-  }
-  return append_stack(stack, work.color, work.residuals, codes_pairs(format_), level_, payload);
+  SLF_TRY(append_colors(tile, samples.first(tile.color_bytes()), level_, work, payload));
+  if (!has_depth(format_)) return {};
+  load_bytes(tile, samples.data() + tile.color_bytes(), work.color);
+  return append_stack(single_stack(tile, 8), work.color, work.residuals, false, level_, payload);
 }
 
 Result<void> ZstdCodec::decode(const Tile& tile, ByteSpan payload,
@@ -152,30 +168,15 @@ Result<void> ZstdCodec::decode(const Tile& tile, ByteSpan payload,
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};
   if (tile.bytes() == 0) return fail(ErrorCode::bad_file, "zstd: bytes for a tile without rows");
-  if (payload.empty()) return fail(ErrorCode::bad_file, "zstd: the tile is cut short");
-  const auto flags = std::to_integer<std::uint8_t>(payload[0]);
-  const bool keeps_clear = flags & kFlagKeepsClear, linear = flags & kFlagLinear;
-  payload = payload.subspan(1);
-  ChannelPredictor predictors[3];
-  const std::span used(predictors, color_channels(format_));
-  if (flags > (kFlagKeepsClear | kFlagLinear) || (keeps_clear && !has_alpha(format_)) ||
-      (linear && value_bits(format_) != 8) || (linear && !read_weights(payload, used)))
-    return fail(ErrorCode::bad_file, "zstd: the tile's header is damaged");
-
   thread_local Workspace work;
   work.size_for(tile);
-  if (work.alpha) {
-    if (auto done = read_alpha_of(tile, work, payload); !done) return done;
+  SLF_TRY(read_colors(tile, payload, work, samples.first(tile.color_bytes())));
+  if (has_depth(format_)) {
+    SLF_TRY(read_stack(single_stack(tile, 8), false, payload, work.residuals, work.color));
+    store_bytes(tile, work.color, samples.data() + tile.color_bytes());
   }
-  const LaneStack stack{
-      tile, {tile.side, value_bits(format_), used}, keeps_clear ? nullptr : work.alpha};
-  if (auto done = read_stack(stack, codes_pairs(format_), payload, work.residuals, work.color);
-      !done)
-    return done;
-  if (!payload.empty())
-    return fail(ErrorCode::bad_file, "zstd: ", payload.size(), " bytes too many");
-  store(tile, stack.coverage != nullptr, work.alpha, work.color, samples.data());
-  return {};
+  if (payload.empty()) return {};
+  return fail(ErrorCode::bad_file, "zstd: ", payload.size(), " bytes too many");
 }
 
 }  // namespace

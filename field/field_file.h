@@ -7,7 +7,6 @@
 #include <mutex>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "codec/codec.h"
@@ -24,7 +23,7 @@ namespace slf {
 
 /// Blob names in the container.
 inline constexpr const char* kManifestBlob = "field";
-inline constexpr const char* kTablesBlobPrefix = "tables/";
+inline constexpr const char* kTablesBlob = "tables";
 inline constexpr const char* kLightBlob = "light";
 
 /// The open container of a field. A Field is a handle to one. The file is untrusted.
@@ -46,17 +45,15 @@ class FieldFile {
   /// it is damaged.
   [[nodiscard]] Result<ByteSpan> light() const;
 
-  /// The layer with this name, if the field has one.
-  [[nodiscard]] std::optional<storage::LayerId> layer(std::string_view name) const;
-  [[nodiscard]] const codec::Codec& codec(storage::LayerId layer) const { return *codecs_[layer]; }
-  /// Whether samples have depths: in a layer of their own, or together with their colours.
-  [[nodiscard]] bool has_depth() const;
+  [[nodiscard]] SampleFormat format() const { return manifest_.format; }
+  [[nodiscard]] bool has_depth() const { return slf::has_depth(format()); }
+  [[nodiscard]] const codec::Codec& codec() const { return *codec_; }
 
   /// The geometry of a level, computed on first use. REQUIRES: level <= shape().levels.
   [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
 
   /// The shape of a tile. REQUIRES: a key of this field.
-  [[nodiscard]] codec::Tile tile_shape(storage::LayerId layer, TileKey key) const;
+  [[nodiscard]] codec::Tile tile_shape(TileKey key) const;
 
   /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes. Tiles that it is
   /// predicted from are decoded first. They are kept for others within set_reference_budget(), as
@@ -69,13 +66,12 @@ class FieldFile {
   [[nodiscard]] Result<void> decode(const storage::TileRef& tile, const ReferenceSource& source,
                                     std::span<std::byte> samples) const;
 
-  /// Whether tiles of some layer are predicted from coarser ones.
-  [[nodiscard]] bool predicts() const;
-  /// The tiles that a stored one is predicted from; none in layers that predict nothing.
+  /// Whether tiles are predicted from coarser ones.
+  [[nodiscard]] bool predicts() const { return prediction_ != nullptr; }
+  /// The tiles that a stored one is predicted from.
   [[nodiscard]] std::vector<TileKey> references(const storage::TileRef& tile) const;
   /// `keys` and all tiles that they are predicted from, directly or through others, ascending.
-  [[nodiscard]] Result<std::vector<TileKey>> with_references(storage::LayerId layer,
-                                                             std::span<const TileKey> keys) const;
+  [[nodiscard]] Result<std::vector<TileKey>> with_references(std::span<const TileKey> keys) const;
   /// The bytes of all payloads that were decoded since the field was opened.
   [[nodiscard]] std::uint64_t decoded_bytes() const { return decoded_bytes_; }
 
@@ -86,10 +82,9 @@ class FieldFile {
   using IsLoaded = std::function<bool(TileKey)>;
   void advise(std::span<const storage::TileRef> tiles, const IsLoaded& loaded = {}) const;
 
-  /// Codes a tile of the predictive layer `layer` against this field's tiles of the next coarser
-  /// level. Errors as decode() of these tiles.
-  [[nodiscard]] Result<void> encode(storage::LayerId layer, TileKey key, ByteSpan samples,
-                                    Bytes& payload) const;
+  /// Codes a tile against this field's tiles of the next coarser level. Errors as decode() of these
+  /// tiles. REQUIRES: predicts().
+  [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples, Bytes& payload) const;
 
   /// Limits the cache of decoded tiles that others are predicted from. The limit is 32 MiB at
   /// first; tiles that are in use come on top.
@@ -107,17 +102,17 @@ class FieldFile {
 
   storage::TileStore store_;
   Manifest manifest_;
-  /// The state that codes the tiles of a predictive layer.
+  /// The state that codes predicted tiles.
   struct Prediction {
     PredictedTiles tiles;
     ReferenceCache references;
     std::vector<ReferenceIndex> index;  ///< [level - 1]; the levels in a remote file's index
   };
-  void predict(storage::LayerId layer);
+  void predict();
   void advise_together(std::span<const storage::TileRef> tiles) const;
-  /// Whether every layer has all tiles of the part.
+  /// Whether all tiles of the part are there.
   [[nodiscard]] Result<bool> part_is_complete() const;
-  [[nodiscard]] Result<TileSamples> reference(storage::LayerId layer, TileKey key) const;
+  [[nodiscard]] Result<TileSamples> reference(TileKey key) const;
   [[nodiscard]] tl::unexpected<Error> changed() const;
   [[nodiscard]] Result<void> decode_payload(const storage::TileRef& tile,
                                             std::span<std::byte> samples) const;
@@ -125,8 +120,8 @@ class FieldFile {
   [[nodiscard]] ReferenceSource cached(storage::LayerId layer,
                                        std::vector<TileSamples>& kept) const;
 
-  std::vector<std::unique_ptr<codec::Codec>> codecs_;
-  std::vector<std::unique_ptr<Prediction>> predictions_;  // per layer; null where nothing predicts
+  std::unique_ptr<codec::Codec> codec_;
+  std::unique_ptr<Prediction> prediction_;  // null if nothing is predicted
   mutable std::atomic<std::uint64_t> decoded_bytes_ = 0;
   mutable std::array<std::once_flag, 16> geometry_once_;
   mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometry_;

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/try.h"
+#include "codec/codec.h"
 #include "field/geometry/tile_order.h"
 
 namespace slf {
@@ -13,13 +14,12 @@ namespace {
 constexpr int kMaxNesting = 64;
 constexpr std::uint32_t kMaxKeyLevel = 11;  // the end of a range may be one above level 10
 
-constexpr SampleFormat kFormats[] = {SampleFormat::rgba8, SampleFormat::depth8,
-                                     SampleFormat::rgba16f, SampleFormat::rgba8_depth8,
-                                     SampleFormat::rgba16f_depth8};
+constexpr SampleFormat kFormats[] = {SampleFormat::rgba8, SampleFormat::rgba16f,
+                                     SampleFormat::rgba8_depth8, SampleFormat::rgba16f_depth8};
 
 constexpr unsigned kMaxPredictedLevels = 6;
 
-/// A required feature: layers whose tiles are predicted from coarser ones.
+/// A required feature: tiles that are predicted from coarser ones.
 constexpr const char* kPredictive = "predictive";
 
 /// Reads members of untrusted JSON. Records the first error and its place.
@@ -111,46 +111,19 @@ FieldShape read_shape(Reader& in, const nlohmann::json& json) {
   return shape;
 }
 
-/// Reads the layer at a JSON pointer.
-Layer read_layer(Reader& in, const std::string& at) {
-  Layer layer{in.text(at + "/name"), {}, in.text(at + "/codec")};
-  const std::string format = in.text(at + "/format");
-  const auto* known = std::find_if(std::begin(kFormats), std::end(kFormats),
-                                   [&](auto f) { return format == name(f); });
-  if (known == std::end(kFormats))
-    in.problem(at + "/format", "is not a known sample format");
-  else
-    layer.format = *known;
-  if (layer.name == "color" || layer.name == "depth")
-    if ((layer.name == "depth") != (layer.format == SampleFormat::depth8))
-      in.problem(at + "/format", "does not suit the layer " + layer.name);
-  return layer;
-}
-
-/// A field needs colours, and few enough levels if they are predicted.
-void check_layers(Reader& in, const Manifest& manifest) {
-  if (std::none_of(manifest.layers.begin(), manifest.layers.end(),
-                   [](const Layer& layer) { return layer.name == "color"; }))
-    in.problem("/layers", "names no layer color");
-  // A tile's payload has a decision for each candidate reference in the next coarser level.
-  const bool predictive =
-      std::any_of(manifest.layers.begin(), manifest.layers.end(),
-                  [](const Layer& layer) { return has_color_and_depth(layer.format); });
-  if (predictive && manifest.shape.levels > kMaxPredictedLevels)
-    in.problem("/levels", "is more than " + std::to_string(kMaxPredictedLevels) +
-                              ", too many for a predictive codec");
+SampleFormat read_format(Reader& in) {
+  const std::string format = in.text("/format");
+  const auto* known = std::ranges::find(kFormats, format, [](SampleFormat f) { return name(f); });
+  if (known != std::end(kFormats)) return *known;
+  in.problem("/format", "is not a known sample format");
+  return SampleFormat::rgba8;
 }
 
 }  // namespace
 
 nlohmann::json Manifest::to_json() const {
-  nlohmann::json layer_list = nlohmann::json::array();
   nlohmann::json required = nlohmann::json::array();
-  for (const Layer& layer : layers) {
-    layer_list.push_back(
-        {{"name", layer.name}, {"format", name(layer.format)}, {"codec", layer.codec}});
-    if (has_color_and_depth(layer.format)) required = nlohmann::json::array({kPredictive});
-  }
+  if (codec::is_predictive(codec)) required.push_back(kPredictive);
   const glm::dvec3& c = shape.sphere.center;
   nlohmann::json json = {{"slf", {{"major", kMajor}, {"minor", 0}}},
                          {"required", required},
@@ -159,7 +132,8 @@ nlohmann::json Manifest::to_json() const {
                          {"exit_side", shape.exit_side},
                          {"levels", shape.levels},
                          {"entry_depth", shape.entry_extra_levels},
-                         {"layers", layer_list},
+                         {"format", name(format)},
+                         {"codec", codec},
                          {"provenance", provenance}};
   if (!shape.subfields.empty()) json["subfields"] = shape.subfields;
   if (filtered_levels) json["filtered_levels"] = *filtered_levels;
@@ -199,12 +173,14 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
     manifest.part = {in.key("/part/begin"), in.key("/part/end")};
     if (manifest.part->end < manifest.part->begin) in.problem("/part/end", "is before /part/begin");
   }
-  const auto* layers = in.find("/layers");
-  for (std::size_t k = 0; layers && k < std::min<std::size_t>(layers->size(), 16); ++k)
-    manifest.layers.push_back(read_layer(in, "/layers/" + std::to_string(k)));
+  manifest.format = read_format(in);
+  manifest.codec = in.text("/codec");
   if (json.contains("provenance") && !json["provenance"].is_object())
     in.problem("/provenance", "is not an object");
-  check_layers(in, manifest);
+  // A tile's payload has a decision for each candidate reference in the next coarser level.
+  if (codec::is_predictive(manifest.codec) && manifest.shape.levels > kMaxPredictedLevels)
+    in.problem("/levels", "is more than " + std::to_string(kMaxPredictedLevels) +
+                              ", too many for a predictive codec");
   if (!in.error().empty()) return fail(ErrorCode::bad_file, in.error());
   if (auto ok = manifest.shape.check(); !ok)
     return fail(ErrorCode::bad_file, file, ": manifest: ", ok.error().message);

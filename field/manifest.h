@@ -5,7 +5,6 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "slf/error.h"
 #include "slf/field.h"
@@ -20,7 +19,8 @@ struct Manifest {
   /// How many levels, from 0 on, hold means of rays instead of single rays. Absent in fields older
   /// than minor version 1.
   std::optional<unsigned> filtered_levels;
-  std::vector<Layer> layers;
+  SampleFormat format = SampleFormat::rgba8;
+  std::string codec;              ///< specification, such as "jpeg:75"
   nlohmann::json provenance;      ///< of the scene; free form
   std::optional<TileRange> part;  ///< the tiles of this file, if it is a part of a field
 

@@ -93,14 +93,11 @@ struct PredictedTiles::Work {
     from.resize(candidates.keys.size());
   }
 
-  [[nodiscard]] bool half() const {
-    return color_format(tile.format) == codec::SampleFormat::rgba16f;
-  }
+  [[nodiscard]] bool half() const { return is_half(tile.format); }
   [[nodiscard]] std::uint8_t alpha_byte(std::int32_t value) const {
     return half() ? byte_from_half(codec::half_of_ordered(value))
                   : static_cast<std::uint8_t>(value);
   }
-  [[nodiscard]] std::size_t color_bytes() const { return sample_bytes(color_format(tile.format)); }
 
   /// Makes candidate `k` a reference. Returns false if its tile is empty, and so predicts nothing.
   Result<bool> use(std::size_t k, const ReferenceSource& source) {
@@ -229,7 +226,7 @@ ChannelValues PredictedTiles::Work::channels_of(ByteSpan of) const {
   ChannelValues values;
   for (auto& channel : values) channel.resize(samples);
   const auto value = [&](std::size_t s, std::size_t c) -> std::int32_t {
-    const std::byte* const at = of.data() + s * color_bytes();
+    const std::byte* const at = of.data() + s * color_bytes(tile.format);
     return half() ? codec::ordered_half(load_le<std::uint16_t>(at + 2 * c))
                   : std::to_integer<std::int32_t>(at[c]);
   };
@@ -237,14 +234,14 @@ ChannelValues PredictedTiles::Work::channels_of(ByteSpan of) const {
     for (const auto& [channel, place] : kColors) values[channel][s] = value(s, place);
     values[codec::kAlphaChannel][s] = value(s, 3);
     values[codec::kDepthChannel][s] =
-        std::to_integer<std::int32_t>(of[color_bytes() * samples + s]);
+        std::to_integer<std::int32_t>(of[color_bytes(tile.format) * samples + s]);
   }
   return values;
 }
 
 void PredictedTiles::Work::store(const ChannelValues& values, std::span<std::byte> to) const {
   const auto put = [&](std::size_t s, std::size_t c, std::int32_t value) {
-    std::byte* const at = to.data() + s * color_bytes();
+    std::byte* const at = to.data() + s * color_bytes(tile.format);
     if (half())
       store_le(at + 2 * c, codec::half_of_ordered(value));
     else
@@ -253,7 +250,8 @@ void PredictedTiles::Work::store(const ChannelValues& values, std::span<std::byt
   for (std::size_t s = 0; s < samples; ++s) {
     for (const auto& [channel, place] : kColors) put(s, place, values[channel][s]);
     put(s, 3, values[codec::kAlphaChannel][s]);
-    to[color_bytes() * samples + s] = static_cast<std::byte>(values[codec::kDepthChannel][s]);
+    to[color_bytes(tile.format) * samples + s] =
+        static_cast<std::byte>(values[codec::kDepthChannel][s]);
   }
 }
 

@@ -1,4 +1,4 @@
-// PredictedTiles: codes the tiles of a predictive layer. A tile of level l > 0 is coded as the
+// PredictedTiles: codes the tiles of a predictive codec. A tile of level l > 0 is coded as the
 // difference from a prediction. The prediction is made from its references, decoded tiles of level
 // l - 1 that its payload names (FORMAT.md, "The predictive codec").
 //

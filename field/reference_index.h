@@ -13,10 +13,8 @@
 
 namespace slf {
 
-/// The number of the section for tiles of a layer at a level.
-[[nodiscard]] constexpr std::uint32_t reference_section(std::uint32_t layer, unsigned level) {
-  return 256 * (layer + 1) + level;
-}
+/// The number of the section for the tiles of a level.
+[[nodiscard]] constexpr std::uint32_t reference_section(unsigned level) { return 256 + level; }
 
 /// Levels of more tiles have no such section: the tables of their records have none either.
 inline constexpr std::uint64_t kMaxIndexedTiles = 1 << 16;
@@ -51,7 +49,7 @@ class ReferenceIndex {
   std::vector<Family> families_;  // by parent, ascending
 };
 
-/// Adds all tiles that the given tiles of a layer are predicted from, directly or not.
+/// Adds all tiles that the given ones are predicted from, directly or not.
 /// `indices[level - 1]` is that of a level above 0. Sorts `tiles` and removes repetitions.
 void append_ancestors(std::span<const ReferenceIndex> indices, std::vector<TileKey>& tiles);
 

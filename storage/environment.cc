@@ -22,6 +22,7 @@ namespace slf::storage::internal {
 namespace {
 
 constexpr std::uint64_t kMapIncrement = std::uint64_t{16} << 20;
+constexpr unsigned kTrees = 2;  // of records and of blobs
 
 MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(bytes.data())}; }
 
@@ -102,7 +103,7 @@ Result<Environment> Environment::open(const std::string& path, int descriptor) {
   MDB_env* environment = result.environment_;
   SLF_TRY(remove_lock_file(path));
   int code = mdb_env_set_mapsize(environment, result.map_bytes_);
-  if (code == 0) code = mdb_env_set_maxdbs(environment, kMaxLayers + 1);
+  if (code == 0) code = mdb_env_set_maxdbs(environment, kTrees);
   if (code == 0)
     code = mdb_env_open(environment, path.c_str(), MDB_NOSUBDIR | MDB_NOTLS | MDB_NORDAHEAD, 0666);
   if (code != 0) return result.error(code, "open to write");
@@ -257,7 +258,7 @@ tl::unexpected<Error> Environment::error(int code, const char* doing) const {
   ErrorCode kind = code == ENOENT ? ErrorCode::not_found
                    : code > 0     ? ErrorCode::io
                                   : ErrorCode::failed;
-  // MDB_KEYEXIST: the tree has records after the layer's last one.
+  // MDB_KEYEXIST: the tree has records after its last one.
   if (code == MDB_CORRUPTED || code == MDB_PAGE_NOTFOUND || code == MDB_INVALID ||
       code == MDB_KEYEXIST)
     kind = ErrorCode::bad_file;

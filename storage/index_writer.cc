@@ -33,11 +33,7 @@ class IndexBuilder {
       return {};
     };
     SLF_TRY(walk(snapshot_.manifest(), blob));
-    for (LayerId layer = 0; layer < snapshot_.layers().size(); ++layer) {
-      const auto record = [&](const Cursor& at) { return add_record(layer, at); };
-      SLF_TRY(walk(snapshot_.tree(layer), record));
-    }
-    return {};
+    return walk(snapshot_.tiles(), [&](const Cursor& at) { return add_record(at); });
   }
 
   /// Encodes the index of a file whose pages end at `begin`.
@@ -108,10 +104,10 @@ class IndexBuilder {
     if (++parts_read_ % Snapshot::kReleaseEvery == 0) snapshot_.release();
   }
 
-  Result<void> add_record(LayerId layer, const Cursor& at) {
+  Result<void> add_record(const Cursor& at) {
     count_part();
     if (go_on_ && !go_on_()) return fail(ErrorCode::cancelled, snapshot_.path(), ": interrupted");
-    const auto record = SLF_TRY(snapshot_.record(layer, at));
+    const auto record = SLF_TRY(snapshot_.record(at));
     if ((at.node().flags & kBigData) == 0) return {};
     // Trees reads this much of a record before it knows how long the table is.
     const std::uint64_t usual =

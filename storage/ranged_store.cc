@@ -92,10 +92,10 @@ Result<Bytes> RangedStore::section(std::uint32_t id) const {
   return Bytes(bytes.begin(), bytes.end());
 }
 
-Result<RangedTile> RangedStore::find(LayerId layer, TileKey key) {
+Result<RangedTile> RangedStore::find(TileKey key) {
   SLF_TRY(load_section(key.level));
   std::uint64_t value = 0;
-  const auto found = SLF_TRY(trees_.find(layer, key, &value));
+  const auto found = SLF_TRY(trees_.find(key, &value));
   if (!found) return RangedTile{};
   const internal::Record& record = *found;
   const internal::Tile tile =

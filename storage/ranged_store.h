@@ -53,8 +53,6 @@ class RangedStore {
   /// io: more bytes are needed. Other errors as TileStore::open().
   [[nodiscard]] Result<void> open();
 
-  [[nodiscard]] const std::vector<internal::LayerInfo>& layers() const { return trees_.layers(); }
-
   /// As TileStore::blob().
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const { return trees_.blob(name); }
 
@@ -62,8 +60,8 @@ class RangedStore {
   /// is none.
   [[nodiscard]] Result<Bytes> section(std::uint32_t id) const;
 
-  /// As TileStore::find(). REQUIRES: `layer` < layers().size().
-  [[nodiscard]] Result<RangedTile> find(LayerId layer, TileKey key);
+  /// As TileStore::find().
+  [[nodiscard]] Result<RangedTile> find(TileKey key);
 
  private:
   class Source final : public internal::ByteSource {

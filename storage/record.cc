@@ -10,7 +10,7 @@
 namespace slf::storage::internal {
 namespace {
 
-constexpr std::uint32_t kMagic = 0x31524C53;  // "SLR1"
+constexpr std::uint32_t kMagic = 0x32524C53;  // "SLR2"
 constexpr std::uint64_t kEmpty = 0;
 constexpr std::uint64_t kMissing = 1;
 constexpr std::size_t kMaxCode = 5;  ///< bytes of the longest code, that of kMaxPayload + 1
@@ -37,12 +37,8 @@ std::uint64_t checksum(ByteSpan bytes, std::uint64_t seed) {
   return XXH3_64bits_withSeed(bytes.data(), bytes.size(), seed);
 }
 
-std::uint64_t payload_checksum(LayerId layer, TileKey key, ByteSpan payload) {
-  std::array<std::byte, 13> place;
-  store_le<std::uint32_t>(place.data(), layer);
-  place[4] = static_cast<std::byte>(key.level);
-  store_le<std::uint64_t>(place.data() + 5, key.index);
-  return checksum(payload, checksum(place));
+std::uint64_t payload_checksum(TileKey key, ByteSpan payload) {
+  return checksum(payload, checksum(encode_key(key)));
 }
 
 RecordKey encode_key(TileKey last) {
@@ -60,8 +56,8 @@ std::optional<TileKey> decode_key(ByteSpan bytes) {
 std::size_t code_bytes(std::uint64_t size) { return varint_bytes(size == 0 ? kEmpty : size + 1); }
 
 std::uint64_t Record::table_end(ByteSpan start) {
-  return align8(kRecordHeader + load_le<std::uint16_t>(start.data() + 38)) +
-         8 * std::uint64_t{load_le<std::uint16_t>(start.data() + 36)};
+  return align8(kRecordHeader + load_le<std::uint16_t>(start.data() + 34)) +
+         8 * std::uint64_t{load_le<std::uint16_t>(start.data() + 32)};
 }
 
 Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
@@ -71,12 +67,11 @@ Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
   Record record;
   record.value_ = value;
   record.size_ = size;
-  record.layer_ = load_le<std::uint32_t>(head + 12);
-  record.first_ = {static_cast<std::uint8_t>(head[32]), load_le<std::uint64_t>(head + 16)};
-  record.count_ = load_le<std::uint16_t>(head + 34);
-  record.stored_ = load_le<std::uint16_t>(head + 36);
-  const std::size_t codes = load_le<std::uint16_t>(head + 38);
-  if (const auto level = static_cast<std::uint8_t>(head[33]); level != kNoLevel)
+  record.first_ = {static_cast<std::uint8_t>(head[12]), load_le<std::uint64_t>(head + 16)};
+  record.count_ = load_le<std::uint16_t>(head + 14);
+  record.stored_ = load_le<std::uint16_t>(head + 32);
+  const std::size_t codes = load_le<std::uint16_t>(head + 34);
+  if (const auto level = static_cast<std::uint8_t>(head[13]); level != kNoLevel)
     record.previous_ = TileKey{level, load_le<std::uint64_t>(head + 24)};
   record.checksums_ = align8(kRecordHeader + codes);
   record.payloads_ = record.checksums_ + 8 * std::size_t{record.stored_};
@@ -144,7 +139,7 @@ Tile Record::tile(std::uint32_t position) const {
   return walk.tile();
 }
 
-Bytes encode_record_head(LayerId layer, std::optional<TileKey> previous, TileKey first,
+Bytes encode_record_head(std::optional<TileKey> previous, TileKey first,
                          std::span<const Tile> tiles) {
   assert(!tiles.empty() && tiles.size() <= kMaxTiles);
   Bytes head(kRecordHeader);
@@ -161,21 +156,19 @@ Bytes encode_record_head(LayerId layer, std::optional<TileKey> previous, TileKey
 
   std::byte* at = head.data();
   store_le<std::uint32_t>(at + 8, kMagic);
-  store_le<std::uint32_t>(at + 12, layer);
+  at[12] = static_cast<std::byte>(first.level);
+  at[13] = static_cast<std::byte>(previous ? previous->level : kNoLevel);
+  store_le<std::uint16_t>(at + 14, static_cast<std::uint16_t>(tiles.size()));
   store_le<std::uint64_t>(at + 16, first.index);
   store_le<std::uint64_t>(at + 24, previous ? previous->index : 0);
-  at[32] = static_cast<std::byte>(first.level);
-  at[33] = static_cast<std::byte>(previous ? previous->level : kNoLevel);
-  store_le<std::uint16_t>(at + 34, static_cast<std::uint16_t>(tiles.size()));
-  store_le<std::uint16_t>(at + 36, static_cast<std::uint16_t>(stored));
-  store_le<std::uint16_t>(at + 38, static_cast<std::uint16_t>(codes));
+  store_le<std::uint16_t>(at + 32, static_cast<std::uint16_t>(stored));
+  store_le<std::uint16_t>(at + 34, static_cast<std::uint16_t>(codes));
   store_le<std::uint64_t>(at, checksum(ByteSpan(head).subspan(8)));
   return head;
 }
 
-Bytes encode_record(LayerId layer, std::optional<TileKey> previous, TileKey first,
-                    std::span<const Tile> tiles) {
-  Bytes record = encode_record_head(layer, previous, first, tiles);
+Bytes encode_record(std::optional<TileKey> previous, TileKey first, std::span<const Tile> tiles) {
+  Bytes record = encode_record_head(previous, first, tiles);
   for (const Tile& tile : tiles) {
     if (tile.state != TileState::stored) continue;
     record.resize(align8(record.size()));

@@ -90,7 +90,7 @@ void RecordBuilder::end_record(std::size_t tiles, std::vector<CompleteRecord>& o
   const TileKey first = pending_.front().key;
   const TileKey last = pending_[tiles - 1].key;
   std::vector<Tile> table(last.index - first.index + 1);
-  CompleteRecord record{layer_, last, {}, {}, 0};
+  CompleteRecord record{last, {}, {}, 0};
   std::size_t payload_bytes = 0;
   for (std::size_t i = 0; i < tiles; ++i) {
     PendingTile& pending = pending_[i];
@@ -99,11 +99,11 @@ void RecordBuilder::end_record(std::size_t tiles, std::vector<CompleteRecord>& o
     tile.payload = pending.payload.bytes();
     if (tile.payload.empty()) continue;
     tile.checksum =
-        pending.checksum ? *pending.checksum : payload_checksum(layer_, pending.key, tile.payload);
+        pending.checksum ? *pending.checksum : payload_checksum(pending.key, tile.payload);
     payload_bytes = align8(payload_bytes) + tile.payload.size();
     record.payloads.push_back(std::move(pending.payload));
   }
-  record.head = encode_record_head(layer_, previous_, first, table);
+  record.head = encode_record_head(previous_, first, table);
   record.bytes = std::max(record.head.size() + payload_bytes, kMinRecordBytes);
   out.push_back(std::move(record));
   previous_ = last;

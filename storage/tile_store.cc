@@ -22,20 +22,12 @@ using internal::Snapshot;
 
 struct TileStore::State {
   std::unique_ptr<Snapshot> snapshot;
-  std::vector<std::string> names;
 
   static Result<TileStore> make(Result<std::unique_ptr<Snapshot>> snapshot) {
     if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
     auto state = std::make_unique<State>();
     state->snapshot = std::move(*snapshot);
-    for (const auto& layer : state->snapshot->layers()) state->names.push_back(layer.name);
     return TileStore(std::move(state));
-  }
-
-  [[nodiscard]] Result<void> check_layer(LayerId layer) const {
-    if (layer < names.size()) return {};
-    return fail(ErrorCode::usage, snapshot->path(), ": no layer ", layer, "; there are ",
-                names.size());
   }
 };
 
@@ -49,19 +41,15 @@ TileKey after(TileKey key) {
 
 TileRef tile_ref(const Record& record, std::uint32_t position, const internal::Tile& tile) {
   const TileKey key{record.first().level, record.first().index + position};
-  return {tile.state, record.layer(), key, tile.payload, tile.checksum};
+  return {tile.state, key, tile.payload, tile.checksum};
 }
 
-// Walks a layer's records from a key on, and accounts for every key. Reports as damage the keys of
+// Walks the records from a key on, and accounts for every key. Reports as damage the keys of
 // damaged records, and those of lost records, which the next record's previous key reveals.
 class RecordWalk {
  public:
-  RecordWalk(const Snapshot& snapshot, LayerId layer, TileKey from, TileKey to)
-      : snapshot_(snapshot),
-        layer_(layer),
-        cursor_(snapshot.pages(), snapshot.tree(layer)),
-        next_(from),
-        to_(to) {}
+  RecordWalk(const Snapshot& snapshot, TileKey from, TileKey to)
+      : snapshot_(snapshot), cursor_(snapshot.pages(), snapshot.tiles()), next_(from), to_(to) {}
 
   // `visit` and `damaged` return whether to continue.
   template <class Visit, class Damaged>
@@ -76,7 +64,7 @@ class RecordWalk {
         leaf_ = cursor_.leaf().number();
         internal::prefetch_heads(snapshot_.pages(), cursor_, to_);
       }
-      auto record = snapshot_.record(layer_, cursor_);
+      auto record = snapshot_.record(cursor_);
       if (!record) {
         const auto last = internal::decode_key(cursor_.key());
         if (!cause_) cause_ = std::move(record.error());
@@ -94,17 +82,14 @@ class RecordWalk {
       next_ = after(record->last());
       if (next_ >= to_) return;
     }
-    const auto& last = snapshot_.layers()[layer_].last;
+    const auto& last = snapshot_.container().last;
     if (last && next_ <= *last) (void)report(*last, damaged);
   }
 
  private:
   template <class Damaged>
   bool report(TileKey last, const Damaged& damaged) {
-    if (!cause_)
-      cause_ =
-          Error{ErrorCode::bad_file, snapshot_.path() + ": layer " +
-                                         snapshot_.layers()[layer_].name + ": records are lost"};
+    if (!cause_) cause_ = Error{ErrorCode::bad_file, snapshot_.path() + ": records are lost"};
     Damage damage{std::move(*cause_), next_, last};
     damage.message += "; tiles " + std::to_string(next_.level) + "/" + std::to_string(next_.index) +
                       " to " + std::to_string(last.level) + "/" + std::to_string(last.index);
@@ -114,7 +99,6 @@ class RecordWalk {
   }
 
   const Snapshot& snapshot_;
-  LayerId layer_;
   Cursor cursor_;
   TileKey next_;  ///< the first key not accounted for
   TileKey to_;
@@ -144,7 +128,6 @@ Result<TileStore> TileStore::open(std::shared_ptr<RangeSource> source) {
 
 const std::string& TileStore::path() const { return state_->snapshot->path(); }
 std::uint64_t TileStore::file_bytes() const { return state_->snapshot->bytes().size(); }
-const std::vector<std::string>& TileStore::layers() const { return state_->names; }
 const std::byte* TileStore::map() const { return state_->snapshot->bytes().data(); }
 std::uint64_t TileStore::transaction() const { return state_->snapshot->meta().transaction; }
 bool TileStore::changed() const { return !state_->snapshot->unchanged(); }
@@ -162,29 +145,23 @@ Bytes TileStore::section(std::uint32_t id) const { return state_->snapshot->sect
 
 namespace {
 
-TileRef tile_of(const std::optional<Record>& record, LayerId layer, TileKey key) {
-  if (!record) return {TileState::missing, layer, key, {}, 0};
+TileRef tile_of(const std::optional<Record>& record, TileKey key) {
+  if (!record) return {TileState::missing, key, {}, 0};
   const auto position = static_cast<std::uint32_t>(key.index - record->first().index);
   return tile_ref(*record, position, record->tile(position));
 }
 
 }  // namespace
 
-Result<TileRef> TileStore::find(LayerId layer, TileKey key) const {
-  SLF_TRY(state_->check_layer(layer));
-  auto record = SLF_TRY(state_->snapshot->find(layer, key));
-  const TileRef tile = tile_of(record, layer, key);
+Result<TileRef> TileStore::find(TileKey key) const {
+  auto record = SLF_TRY(state_->snapshot->find(key));
+  const TileRef tile = tile_of(record, key);
   SLF_TRY(state_->snapshot->unchanged());
   return tile;
 }
 
-std::vector<Result<TileRef>> TileStore::find_all(LayerId layer,
-                                                 std::span<const TileKey> keys) const {
+std::vector<Result<TileRef>> TileStore::find_all(std::span<const TileKey> keys) const {
   std::vector<Result<TileRef>> tiles(keys.size());
-  if (auto known = state_->check_layer(layer); !known) {
-    for (auto& tile : tiles) tile = tl::unexpected(known.error());
-    return tiles;
-  }
   std::vector<std::size_t> order(keys.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::sort(order.begin(), order.end(),
@@ -193,14 +170,14 @@ std::vector<Result<TileRef>> TileStore::find_all(LayerId layer,
   std::vector<internal::RecordKey> sorted;
   sorted.reserve(keys.size());
   for (const std::size_t k : order) sorted.push_back(internal::encode_key(keys[k]));
-  internal::prefetch_records(snapshot.pages(), snapshot.tree(layer), sorted);
+  internal::prefetch_records(snapshot.pages(), snapshot.tiles(), sorted);
 
   std::optional<Record> record;      // that of the previous tile, and mostly of the next one
   std::optional<Record::Walk> walk;  // of `record`, at the previous tile or after it
   for (const std::size_t k : order) {
     const TileKey key = keys[k];
     if (!record || key < record->first() || key > record->last()) {
-      auto found = snapshot.find(layer, key);
+      auto found = snapshot.find(key);
       record.reset();
       if (!found) {
         tiles[k] = tl::unexpected(std::move(found.error()));
@@ -212,7 +189,7 @@ std::vector<Result<TileRef>> TileStore::find_all(LayerId layer,
       if (record) (void)walk->next();
     }
     if (!record) {
-      tiles[k] = TileRef{TileState::missing, layer, key, {}, 0};
+      tiles[k] = TileRef{TileState::missing, key, {}, 0};
       continue;
     }
     const auto position = static_cast<std::uint32_t>(key.index - record->first().index);
@@ -235,13 +212,11 @@ Result<void> TileStore::check(const TileRef& tile) const {
 
 Result<void> TileStore::verify(const TileRef& tile) const {
   if (tile.state != TileState::stored) return {};
-  const bool good = internal::payload_checksum(tile.layer, tile.key, tile.payload) == tile.checksum;
+  const bool good = internal::payload_checksum(tile.key, tile.payload) == tile.checksum;
   SLF_TRY(state_->snapshot->unchanged());
   if (good) return {};
-  return fail(ErrorCode::bad_file, path(), ": layer ",
-              tile.layer < state_->names.size() ? state_->names[tile.layer] : "?", ", tile ",
-              int{tile.key.level}, "/", tile.key.index, ": the payload of ", tile.payload.size(),
-              " bytes does not match its checksum");
+  return fail(ErrorCode::bad_file, path(), ": tile ", int{tile.key.level}, "/", tile.key.index,
+              ": the payload of ", tile.payload.size(), " bytes does not match its checksum");
 }
 
 Result<void> TileStore::copy(const TileRef& tile, std::span<std::byte> to) const {
@@ -266,9 +241,7 @@ FileRange TileStore::range(const TileRef& tile) const {
   return {begin, begin + tile.payload.size()};
 }
 
-Result<std::vector<std::uint64_t>> TileStore::pages(LayerId layer,
-                                                    std::span<const TileKey> keys) const {
-  SLF_TRY(state_->check_layer(layer));
+Result<std::vector<std::uint64_t>> TileStore::pages(std::span<const TileKey> keys) const {
   const Snapshot& snapshot = *state_->snapshot;
   const std::uint64_t size = snapshot.pages().meta().page_size;
   std::vector<std::uint64_t> pages;
@@ -279,22 +252,21 @@ Result<std::vector<std::uint64_t>> TileStore::pages(LayerId layer,
       pages.push_back(page);
   };
   for (const TileKey& key : keys) {
-    Cursor cursor(snapshot.pages(), snapshot.tree(layer));
+    Cursor cursor(snapshot.pages(), snapshot.tiles());
     if (const auto found = cursor.seek(internal::encode_key(key)); found && *found) {
       cursor.path(pages);
       add(internal::record_head(snapshot.pages(), cursor.leaf(), cursor.index()));
     }
-    const auto record = SLF_TRY(snapshot.find(layer, key));
+    const auto record = SLF_TRY(snapshot.find(key));
     if (!record) continue;
-    add(tile_of(record, layer, key).payload);
+    add(tile_of(record, key).payload);
   }
   sort_unique(pages);
   return pages;
 }
 
-Result<void> TileStore::visit(LayerId layer, TileKey from, TileKey to, const Visitor& visitor,
+Result<void> TileStore::visit(TileKey from, TileKey to, const Visitor& visitor,
                               const DamageVisitor& damaged) const {
-  SLF_TRY(state_->check_layer(layer));
   Result<void> result;
   std::uint64_t records = 0;
   const auto visit_record = [&](const Record& record) {
@@ -314,13 +286,12 @@ Result<void> TileStore::visit(LayerId layer, TileKey from, TileKey to, const Vis
       result = tl::unexpected(static_cast<const Error&>(damage));
     return result.has_value();
   };
-  if (from < to) RecordWalk(*state_->snapshot, layer, from, to).run(visit_record, on_damage);
+  if (from < to) RecordWalk(*state_->snapshot, from, to).run(visit_record, on_damage);
   if (result) result = state_->snapshot->unchanged();
   return result;
 }
 
-Result<std::vector<LevelStatistics>> TileStore::statistics(LayerId layer) const {
-  SLF_TRY(state_->check_layer(layer));
+Result<std::vector<LevelStatistics>> TileStore::statistics() const {
   Result<void> result;
   std::vector<LevelStatistics> levels;
   std::uint64_t records = 0;
@@ -342,7 +313,7 @@ Result<std::vector<LevelStatistics>> TileStore::statistics(LayerId layer) const 
     result = tl::unexpected(static_cast<const Error&>(damage));
     return false;
   };
-  RecordWalk(*state_->snapshot, layer, {}, {internal::kNoLevel, 0}).run(count, stop);
+  RecordWalk(*state_->snapshot, {}, {internal::kNoLevel, 0}).run(count, stop);
   if (auto same = state_->snapshot->unchanged(); !same) result = std::move(same);
   if (!result) return tl::unexpected(std::move(result.error()));
   return levels;

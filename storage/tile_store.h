@@ -1,4 +1,4 @@
-// The container of a field: layers of tiles in key order, and a few named blobs, in one LMDB file.
+// The container of a field: tiles in key order, and a few named blobs, in one LMDB file.
 //
 // Storage handles keys and bytes; it does not depend on spheres or codecs. Tiles are grouped into
 // records of 64 KiB and more, each with a table and a checksum per tile (FORMAT.md). Payloads are
@@ -7,7 +7,7 @@
 //
 // Use:
 //   auto store = storage::TileStore::open("brain.slf");
-//   storage::TileRef tile = store->find(0, {2, 4711}).value();
+//   storage::TileRef tile = store->find({2, 4711}).value();
 //   if (tile.state == storage::TileState::stored && store->check(tile)) use(tile.payload);
 #pragma once
 
@@ -30,9 +30,6 @@ using slf::TileKey;
 
 class RangeSource;
 
-/// Identifies a layer: its position in the list given at creation.
-using LayerId = std::uint32_t;
-
 enum class TileState : std::uint8_t {
   missing,  ///< never built, or dropped because it was damaged
   empty,    ///< built; nothing is visible along any of its rays
@@ -43,7 +40,6 @@ enum class TileState : std::uint8_t {
 /// Its bytes are untrusted until check() has succeeded.
 struct TileRef {
   TileState state = TileState::missing;
-  LayerId layer = 0;
   TileKey key;
   ByteSpan payload;
   std::uint64_t checksum = 0;
@@ -55,7 +51,7 @@ struct FileRange {
   std::uint64_t end = 0;
 };
 
-/// The content of one level of a layer.
+/// The content of one level.
 struct LevelStatistics {
   std::uint8_t level = 0;
   std::uint64_t records = 0;
@@ -65,9 +61,10 @@ struct LevelStatistics {
   std::uint64_t record_bytes = 0;   ///< of the records, with tables and padding
 };
 
-/// A part of a layer that cannot be read, and the keys that it should hold, both inclusive. Usually
-/// it is one record; then TileWriter::replace() of `last` makes all tiles of the record missing, so
-/// that they can be built again. If a page of the tree is lost, it may be any number of records.
+/// A part of the container that cannot be read, and the keys that it should hold, both inclusive.
+/// Usually it is one record; then TileWriter::replace() of `last` makes all tiles of the record
+/// missing, so that they can be built again. If a page of the tree is lost, it may be any number of
+/// records.
 struct Damage : Error {
   TileKey first;
   TileKey last;
@@ -100,7 +97,6 @@ class TileStore {
 
   [[nodiscard]] const std::string& path() const;
   [[nodiscard]] std::uint64_t file_bytes() const;
-  [[nodiscard]] const std::vector<std::string>& layers() const;
 
   /// The number of the commit that this snapshot shows.
   [[nodiscard]] std::uint64_t transaction() const;
@@ -124,16 +120,15 @@ class TileStore {
 
   /// Finds a tile by a B-tree descent and the record's table. Does not touch the payload.
   /// bad_file: a page on the path, or the record's table, is damaged.
-  [[nodiscard]] Result<TileRef> find(LayerId layer, TileKey key) const;
+  [[nodiscard]] Result<TileRef> find(TileKey key) const;
 
-  /// Finds many tiles of a layer, given in any order. The results are those of find(), in the order
+  /// Finds many tiles, given in any order. The results are those of find(), in the order
   /// of `keys`. (In a damaged file it may find tiles that find() cannot reach.) When the file is
   /// not in memory this is much faster than many find()s, because it fetches the pages that the
   /// search needs in batches. advise() then fetches the payloads.
-  [[nodiscard]] std::vector<Result<TileRef>> find_all(LayerId layer,
-                                                      std::span<const TileKey> keys) const;
+  [[nodiscard]] std::vector<Result<TileRef>> find_all(std::span<const TileKey> keys) const;
 
-  /// Verifies a stored tile's checksum, which reads the payload. bad_file names layer and key.
+  /// Verifies a stored tile's checksum, which reads the payload. bad_file names the key.
   [[nodiscard]] Result<void> check(const TileRef& tile) const;
 
   /// Fetches the payload unless it is present. In a local file it always is. Errors as
@@ -157,25 +152,24 @@ class TileStore {
   /// The part of the file that holds a payload, for counting pages.
   [[nodiscard]] FileRange range(const TileRef& tile) const;
 
-  /// The pages of the file that a reader of some tiles of a layer needs, ascending: those of the
+  /// The pages of the file that a reader of some tiles needs, ascending: those of the
   /// tree, of the records' tables and of the payloads. Touches no payload. Errors as find().
-  [[nodiscard]] Result<std::vector<std::uint64_t>> pages(LayerId layer,
-                                                         std::span<const TileKey> keys) const;
+  [[nodiscard]] Result<std::vector<std::uint64_t>> pages(std::span<const TileKey> keys) const;
 
   /// The start of the map, for comparison with mincore and smaps; file_bytes() long.
   [[nodiscard]] const std::byte* map() const;
 
-  /// Visits the tiles of a layer with keys in [from, to) in key order, except missing ones. Calls
+  /// Visits the tiles with keys in [from, to) in key order, except missing ones. Calls
   /// `damaged` once for each damaged record, with the keys it should hold. Without `damaged` the
   /// iteration stops with that error. An error of the visitor stops the iteration and is returned.
   using Visitor = std::function<Result<void>(const TileRef&)>;
   using DamageVisitor = std::function<void(const Damage&)>;
-  [[nodiscard]] Result<void> visit(LayerId layer, TileKey from, TileKey to, const Visitor& visitor,
+  [[nodiscard]] Result<void> visit(TileKey from, TileKey to, const Visitor& visitor,
                                    const DamageVisitor& damaged = {}) const;
 
-  /// Counts the tiles of a layer, with one entry per level that has records. Reads the records'
+  /// Counts the tiles, with one entry per level that has records. Reads the records'
   /// tables but no payload. bad_file: a page or record is damaged.
-  [[nodiscard]] Result<std::vector<LevelStatistics>> statistics(LayerId layer) const;
+  [[nodiscard]] Result<std::vector<LevelStatistics>> statistics() const;
 
   /// Checks every page of the file: each is reachable exactly once, within bounds and in order, or
   /// in the free list. Appends one error per finding.

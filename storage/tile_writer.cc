@@ -21,8 +21,8 @@
 namespace slf::storage {
 
 using internal::CompleteRecord;
+using internal::Container;
 using internal::Environment;
-using internal::LayerInfo;
 using internal::LockedFile;
 using internal::Payload;
 using internal::Put;
@@ -53,22 +53,22 @@ Result<void> check_leftover(const std::string& file) {
   constexpr const char* kWhat = "a new container";
   SLF_TRY(check_own_file(file, kStart, kWhat));
   const auto store = TileStore::open(file);
-  for (LayerId layer = 0; store && layer < store->layers().size(); ++layer)
-    if (const auto levels = store->statistics(layer); levels && !levels->empty())
-      return fail(ErrorCode::usage, file, ": exists and is not ", kWhat, ": it has tiles");
+  const auto levels = store ? store->statistics() : tl::unexpected(store.error());
+  if (levels && !levels->empty())
+    return fail(ErrorCode::usage, file, ": exists and is not ", kWhat, ": it has tiles");
   return {};
 }
 
 // Writes one commit: replaced records, new records, blobs, and the container's own blob.
 Result<void> write(Environment& environment, std::span<const CompleteRecord> edited,
                    std::span<const CompleteRecord> appended, const SealedBlobs& blobs,
-                   std::span<const LayerInfo> layers) {
+                   Container container) {
   std::vector<RecordKey> keys;
   keys.reserve(edited.size() + appended.size());
   std::vector<Put> puts;
   const auto add = [&](const CompleteRecord& record, bool append) {
     keys.push_back(internal::encode_key(record.last));
-    puts.push_back({layers[record.layer].name, keys.back(), record.bytes,
+    puts.push_back({std::string(internal::kTiles), keys.back(), record.bytes,
                     [&record](std::span<std::byte> to) { record.write(to); }, append});
   };
   for (const CompleteRecord& record : edited) add(record, false);
@@ -79,31 +79,25 @@ Result<void> write(Environment& environment, std::span<const CompleteRecord> edi
                     false});
   };
   for (const auto& [name, sealed] : blobs) add_blob(name, sealed);
-  const Bytes container = internal::seal_blob(
-      internal::kContainer, internal::encode_container(environment.transaction() + 1, layers));
-  add_blob(internal::kContainer, container);
+  container.transaction = environment.transaction() + 1;
+  const Bytes own =
+      internal::seal_blob(internal::kContainer, internal::encode_container(container));
+  add_blob(internal::kContainer, own);
   return environment.put(puts);
 }
 
 // A put without a key only creates the tree.
-Result<void> write_new(Environment& environment, const SealedBlobs& blobs,
-                       std::span<const LayerInfo> layers) {
-  std::vector<Put> trees;
-  for (const LayerInfo& layer : layers) trees.push_back({layer.name, {}, 0, {}, false});
-  SLF_TRY(environment.put(trees));
-  return write(environment, {}, {}, blobs, layers);
+Result<void> write_new(Environment& environment, const SealedBlobs& blobs) {
+  SLF_TRY(environment.put(std::vector<Put>{{std::string(internal::kTiles), {}, 0, {}, false}}));
+  return write(environment, {}, {}, blobs, {});
 }
 
-// Checks that every layer's tree ends with the record that the container names as its last. Only
-// then may new records be appended to the tree.
-Result<void> check_ends(const Snapshot& snapshot) {
-  for (LayerId layer = 0; layer < snapshot.layers().size(); ++layer) {
-    auto last = SLF_TRY(snapshot.last_before(layer, {internal::kNoLevel, ~std::uint64_t{0}}));
-    if (last != snapshot.layers()[layer].last)
-      return fail(ErrorCode::bad_file, snapshot.path(), ": layer ", snapshot.layers()[layer].name,
-                  " does not end with its last record");
-  }
-  return {};
+// Checks that the tree ends with the record that the container names as its last. Only then may new
+// records be appended to it.
+Result<void> check_end(const Snapshot& snapshot) {
+  auto last = SLF_TRY(snapshot.last_before({internal::kNoLevel, ~std::uint64_t{0}}));
+  if (last == snapshot.container().last) return {};
+  return fail(ErrorCode::bad_file, snapshot.path(), ": does not end with its last record");
 }
 
 // A committed record, some of whose tiles are being replaced. The other tiles view the snapshot.
@@ -125,35 +119,27 @@ struct Edit {
 }  // namespace
 
 struct TileWriter::State {
-  using Place = std::pair<LayerId, TileKey>;  // of a record: its layer and last key
-
   std::string path;
   LockedFile file;  // before the environment: its lock must outlive LMDB's lock file
   std::optional<Environment> environment;
-  std::vector<LayerInfo> layers;  // as committed
-  std::vector<RecordBuilder> builders;
+  Container container;  // as committed
+  RecordBuilder builder;
   std::vector<CompleteRecord> records;  // complete, not committed
   std::uint64_t record_bytes = 0;       // of `records`
   SealedBlobs blobs;                    // set, not committed
-  std::map<Place, Edit> edits;          // not committed
+  std::map<TileKey, Edit> edits;        // by the last key of the record; not committed
   std::uint64_t edited_bytes = 0;       // of the records that `edits` make, approximately
   std::unique_ptr<Snapshot> base;       // the last commit, while there are edits
 
   // Opens LMDB on a locked, checked file.
   [[nodiscard]] Result<void> attach() {
     environment = SLF_TRY(Environment::open(path, file.descriptor()));
-    for (LayerId i = 0; i < layers.size(); ++i) builders.emplace_back(i, layers[i].last);
+    builder = RecordBuilder(container.last);
     return {};
   }
 
-  [[nodiscard]] Result<void> check_layer(LayerId layer) const {
-    if (layer < layers.size()) return {};
-    return fail(ErrorCode::usage, path, ": no layer ", layer, "; there are ", layers.size());
-  }
-
-  [[nodiscard]] std::string place(LayerId layer, TileKey key) const {
-    return path + ": layer " + layers[layer].name + ", tile " + std::to_string(key.level) + "/" +
-           std::to_string(key.index);
+  [[nodiscard]] std::string place(TileKey key) const {
+    return path + ": tile " + std::to_string(key.level) + "/" + std::to_string(key.index);
   }
 
   // Pages freed by earlier commits may be reused if no reader has a snapshot older than the last.
@@ -174,19 +160,17 @@ struct TileWriter::State {
     if (!environment) return fail(ErrorCode::usage, path, ": was closed");
     if (records.empty() && blobs.empty() && edits.empty()) return check_place();
     SLF_TRY(before_commit());
-    std::vector<LayerInfo> committed = layers;
-    for (const CompleteRecord& record : records) {
-      ++committed[record.layer].records;
-      committed[record.layer].last = record.last;
-    }
+    Container committed = container;
+    committed.records += records.size();
+    if (!records.empty()) committed.last = records.back().last;
     std::vector<CompleteRecord> edited;
-    for (const auto& [at, edit] : edits) {
-      Bytes record = internal::encode_record(at.first, edit.previous, edit.first, edit.tiles);
+    for (const auto& [last, edit] : edits) {
+      Bytes record = internal::encode_record(edit.previous, edit.first, edit.tiles);
       const std::size_t bytes = record.size();
-      edited.push_back({at.first, at.second, std::move(record), {}, bytes});
+      edited.push_back({last, std::move(record), {}, bytes});
     }
     SLF_TRY(write(*environment, edited, records, blobs, committed));
-    layers = std::move(committed);
+    container = committed;
     records.clear();
     record_bytes = 0;
     blobs.clear();
@@ -200,8 +184,8 @@ struct TileWriter::State {
     return fail(ErrorCode::usage, path, ": no record holds tile ", int{key.level}, "/", key.index);
   }
 
-  [[nodiscard]] Result<Edit*> edit(LayerId layer, TileKey key);
-  [[nodiscard]] Result<void> append(LayerId layer, internal::NewTile tile);
+  [[nodiscard]] Result<Edit*> edit(TileKey key);
+  [[nodiscard]] Result<void> append(internal::NewTile tile);
 };
 
 TileWriter::TileWriter(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -209,9 +193,8 @@ TileWriter::TileWriter(TileWriter&&) noexcept = default;
 TileWriter& TileWriter::operator=(TileWriter&&) noexcept = default;
 TileWriter::~TileWriter() = default;
 
-Result<TileWriter> TileWriter::create(const std::string& path, std::span<const std::string> layers,
+Result<TileWriter> TileWriter::create(const std::string& path,
                                       std::span<const std::pair<std::string, Bytes>> blobs) {
-  SLF_TRY(internal::check_layer_names(layers));
   SealedBlobs sealed;
   for (const auto& [name, bytes] : blobs) {
     SLF_TRY(check_blob_name(name));
@@ -233,10 +216,9 @@ Result<TileWriter> TileWriter::create(const std::string& path, std::span<const s
   const auto finish = [&]() -> Result<void> {
     if (ftruncate(state->file.descriptor(), 0) != 0)
       return fail(ErrorCode::io, unfinished, ": ", std::strerror(errno));
-    for (const std::string& name : layers) state->layers.push_back({name, 0, std::nullopt});
     {
       auto environment = SLF_TRY(Environment::open(unfinished, state->file.descriptor()));
-      SLF_TRY(write_new(environment, sealed, state->layers));
+      SLF_TRY(write_new(environment, sealed));
     }
     return publish_file(unfinished, path, Existing::keep);
   };
@@ -262,7 +244,7 @@ Result<TileWriter> TileWriter::resume(const std::string& path) {
   std::vector<Error> findings;
   internal::check_pages(snapshot->pages(), internal::CheckScope::trees, findings);
   if (!findings.empty()) return tl::unexpected(std::move(findings.front()));
-  SLF_TRY(check_ends(*snapshot));
+  SLF_TRY(check_end(*snapshot));
   SLF_TRY(snapshot->unchanged());
   const std::uint64_t transaction = snapshot->meta().transaction;
   // LMDB may reuse all pages that this transaction does not need.
@@ -270,7 +252,7 @@ Result<TileWriter> TileWriter::resume(const std::string& path) {
     return fail(ErrorCode::failed, path,
                 ": another program still reads an older state of it; close or reload it there, "
                 "then try again");
-  state->layers = snapshot->layers();
+  state->container = snapshot->container();
   SLF_TRY(state->attach());
   if (state->environment->transaction() != transaction)
     return fail(ErrorCode::bad_file, path, ": LMDB sees transaction ",
@@ -282,47 +264,43 @@ std::uint64_t TileWriter::transaction() const {
   return state_->environment ? state_->environment->transaction() : 0;
 }
 
-Result<std::optional<TileKey>> TileWriter::last(LayerId layer) const {
-  SLF_TRY(state_->check_layer(layer));
-  return state_->layers[layer].last;
-}
+std::optional<TileKey> TileWriter::last() const { return state_->container.last; }
 
 std::uint64_t TileWriter::pending_bytes() const {
   return state_->record_bytes + state_->edited_bytes;
 }
 
-Result<void> TileWriter::append(LayerId layer, TileKey key, Bytes payload) {
+Result<void> TileWriter::append(TileKey key, Bytes payload) {
   const TileState state = payload.empty() ? TileState::empty : TileState::stored;
-  return state_->append(layer, {key, state, Payload(std::move(payload)), std::nullopt});
+  return state_->append({key, state, Payload(std::move(payload)), std::nullopt});
 }
 
-Result<void> TileWriter::append_missing(LayerId layer, TileKey key) {
-  return state_->append(layer, {key, TileState::missing, {}, std::nullopt});
+Result<void> TileWriter::append_missing(TileKey key) {
+  return state_->append({key, TileState::missing, {}, std::nullopt});
 }
 
 Result<void> TileWriter::append_view(const TileRef& tile) {
-  return state_->append(tile.layer, {tile.key, tile.state, Payload(tile.payload), tile.checksum});
+  return state_->append({tile.key, tile.state, Payload(tile.payload), tile.checksum});
 }
 
 void TileWriter::copy_viewed_payloads() {
   for (CompleteRecord& record : state_->records)
     for (Payload& payload : record.payloads) payload.copy_if_view();
-  for (RecordBuilder& builder : state_->builders) builder.copy_viewed_payloads();
+  state_->builder.copy_viewed_payloads();
 }
 
-Result<void> TileWriter::State::append(LayerId layer, internal::NewTile tile) {
-  SLF_TRY(check_layer(layer));
+Result<void> TileWriter::State::append(internal::NewTile tile) {
   const TileKey key = tile.key;
   const std::size_t bytes = tile.payload.bytes().size();
-  const auto last = builders[layer].last();
+  const auto last = builder.last();
   if (last && key <= *last)
-    return fail(ErrorCode::usage, place(layer, key), ": tiles are appended in key order; ",
+    return fail(ErrorCode::usage, place(key), ": tiles are appended in key order; ",
                 "the last one was ", int{last->level}, "/", last->index);
   if (key.level == internal::kNoLevel || bytes > internal::kMaxPayload)
-    return fail(ErrorCode::usage, place(layer, key), ": levels go up to 254, payloads up to ",
+    return fail(ErrorCode::usage, place(key), ": levels go up to 254, payloads up to ",
                 internal::kMaxPayload, " bytes; this one has ", bytes);
   const std::size_t before = records.size();
-  builders[layer].append(std::move(tile), records);
+  builder.append(std::move(tile), records);
   for (std::size_t k = before; k < records.size(); ++k) record_bytes += records[k].bytes;
   return {};
 }
@@ -340,7 +318,7 @@ void TileWriter::defer_sync() {
 }
 
 void TileWriter::end_records() {
-  for (RecordBuilder& builder : state_->builders) builder.finish(state_->records);
+  state_->builder.finish(state_->records);
   state_->record_bytes = 0;
   for (const CompleteRecord& record : state_->records) state_->record_bytes += record.bytes;
 }
@@ -364,44 +342,41 @@ Result<void> TileWriter::publish(const std::string& to, Existing existing, const
   return published;
 }
 
-Result<void> TileWriter::replace(LayerId layer, TileKey key, TileState tile_state,
-                                 ByteSpan payload) {
-  SLF_TRY(state_->check_layer(layer));
+Result<void> TileWriter::replace(TileKey key, TileState tile_state, ByteSpan payload) {
   if (payload.empty() == (tile_state == TileState::stored) ||
       payload.size() > internal::kMaxPayload)
-    return fail(ErrorCode::usage, state_->place(layer, key), ": a payload of ", payload.size(),
+    return fail(ErrorCode::usage, state_->place(key), ": a payload of ", payload.size(),
                 " bytes for that state");
   if (!state_->environment) return fail(ErrorCode::usage, state_->path, ": was closed");
-  auto edit = SLF_TRY(state_->edit(layer, key));
+  auto edit = SLF_TRY(state_->edit(key));
   const std::size_t position = key.index - edit->first.index;
   Bytes& copy = edit->payloads[key];
   copy.assign(payload.begin(), payload.end());
   state_->edited_bytes += payload.size();
   internal::Tile& tile = edit->tiles[position];
   tile = {tile_state, copy, 0};
-  if (tile_state == TileState::stored) tile.checksum = internal::payload_checksum(layer, key, copy);
+  if (tile_state == TileState::stored) tile.checksum = internal::payload_checksum(key, copy);
   return {};
 }
 
 // Returns the edit of the record that holds a tile, and begins one if there is none. If the
 // record's table is damaged, all its tiles become missing.
-Result<Edit*> TileWriter::State::edit(LayerId layer, TileKey key) {
-  if (const auto known = edits.lower_bound({layer, key});
-      known != edits.end() && known->first.first == layer && known->second.first <= key)
+Result<Edit*> TileWriter::State::edit(TileKey key) {
+  if (const auto known = edits.lower_bound(key); known != edits.end() && known->second.first <= key)
     return &known->second;
   if (!base) {
     base = SLF_TRY(Snapshot::open_locked(path, file));
   }
-  internal::Cursor cursor(base->pages(), base->tree(layer));
+  internal::Cursor cursor(base->pages(), base->tiles());
   auto at = SLF_TRY(cursor.seek(internal::encode_key(key)));
   const auto last = at ? internal::decode_key(cursor.key()) : std::nullopt;
   if (!last || last->level != key.level) return no_record(key);
   // LMDB will free the old value's pages, so check them first.
   const auto old = SLF_TRY(cursor.value());
-  auto before = SLF_TRY(base->last_before(layer, *last));
+  auto before = SLF_TRY(base->last_before(*last));
 
   Edit edit{before, *last, {}, {}};
-  if (auto record = base->record(layer, cursor)) {
+  if (auto record = base->record(cursor)) {
     edit.first = record->first();
     for (internal::Record::Walk walk(*record); walk.next();) edit.tiles.push_back(walk.tile());
   } else {
@@ -411,7 +386,7 @@ Result<Edit*> TileWriter::State::edit(LayerId layer, TileKey key) {
     edit.tiles.resize(last->index - edit.first.index + 1);
   }
   if (last->index - key.index >= internal::kMaxTiles) return no_record(key);
-  const auto [at_record, begun] = edits.try_emplace(Place{layer, *last}, std::move(edit));
+  const auto [at_record, begun] = edits.try_emplace(*last, std::move(edit));
   if (begun) edited_bytes += old.size();
   at_record->second.begin_at(key);
   return &at_record->second;

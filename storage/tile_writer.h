@@ -17,16 +17,15 @@
 
 namespace slf::storage {
 
-/// The only writer of a container. Appends tiles to each layer in key order. Once commit() has
+/// The only writer of a container. Appends tiles in key order. Once commit() has
 /// returned, the data survives a crash of the process or the machine. Readers see whole commits
 /// only. LMDB's lock file, `path`-lock, exists beside the container while a writer is open. The
 /// next writer removes the one that a killed writer leaves. Thread-safety: none; one thread.
 class TileWriter {
  public:
-  /// Creates the container `path` with its layers and blobs, and commits. usage: the file exists.
+  /// Creates the container `path` with its blobs, and commits. usage: the file exists.
   [[nodiscard]] static Result<TileWriter> create(
-      const std::string& path, std::span<const std::string> layers,
-      std::span<const std::pair<std::string, Bytes>> blobs);
+      const std::string& path, std::span<const std::pair<std::string, Bytes>> blobs);
 
   /// Opens an existing container to append. Checks its structure first (bad_file).
   /// failed: another writer has it open, or a reader holds a snapshot older than the last commit,
@@ -41,19 +40,19 @@ class TileWriter {
   /// The number of the last commit; equal to that of a TileStore that shows the same state.
   [[nodiscard]] std::uint64_t transaction() const;
 
-  /// The last committed key of a layer, if any. A build resumes after it.
-  [[nodiscard]] Result<std::optional<TileKey>> last(LayerId layer) const;
+  /// The last committed key, if any. A build resumes after it.
+  [[nodiscard]] std::optional<TileKey> last() const;
 
   /// About how many bytes of complete or changed records the next commit() will write. They stay in
   /// memory until then, so commit every hundred megabytes or so.
   [[nodiscard]] std::uint64_t pending_bytes() const;
 
   /// Appends a tile; an empty payload means an empty tile.
-  /// usage: the key is not above all earlier keys of the layer, the level is above 254, or the
+  /// usage: the key is not above all earlier keys, the level is above 254, or the
   /// payload is larger than 1 GiB.
-  [[nodiscard]] Result<void> append(LayerId layer, TileKey key, Bytes payload);
+  [[nodiscard]] Result<void> append(TileKey key, Bytes payload);
 
-  /// Appends a tile of another container, under its own layer and key, without copying its payload.
+  /// Appends a tile of another container, under its own key, without copying its payload.
   /// REQUIRES: its store has checked the tile, and lives until commit() has written it or
   /// copy_viewed_payloads() is called. Errors as append().
   [[nodiscard]] Result<void> append_view(const TileRef& tile);
@@ -62,14 +61,14 @@ class TileWriter {
   void copy_viewed_payloads();
 
   /// Appends a tile that is missing, so that replace() can fill it. Errors as append().
-  [[nodiscard]] Result<void> append_missing(LayerId layer, TileKey key);
+  [[nodiscard]] Result<void> append_missing(TileKey key);
 
   /// Replaces a damaged or missing tile of a committed record, in the next commit. A commit writes
   /// each record once, however many of its tiles are replaced; so replace many tiles in key order.
   /// If the record's table itself is damaged, its other tiles become missing.
   /// usage: in the tile's level, no committed record includes the tile or begins after it.
   /// bad_file: the tree or the record's pages are damaged.
-  [[nodiscard]] Result<void> replace(LayerId layer, TileKey key, TileState state, ByteSpan payload);
+  [[nodiscard]] Result<void> replace(TileKey key, TileState state, ByteSpan payload);
 
   /// From now on commit() does not wait for the disk, so a crash of the machine can damage the
   /// file. close() and publish() still wait. This is for files that are useless until complete.

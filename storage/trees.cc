@@ -34,8 +34,6 @@ std::uint64_t usual_head_bytes(std::uint64_t span) {
 
 Result<void> Trees::load(const Pages& pages) {
   pages_ = pages;
-  layers_.clear();
-  trees_.clear();
   manifest_ = SLF_TRY(named_tree(kManifest));
   auto sealed = SLF_TRY(blob(kContainer));
   auto container = decode_container(sealed);
@@ -45,14 +43,11 @@ Result<void> Trees::load(const Pages& pages) {
     return fail(ErrorCode::bad_file, path_, ": the meta page names transaction ",
                 meta().transaction, ", the container ", container->transaction,
                 ": damaged, or written to by another program");
-  layers_ = std::move(container->layers);
-  for (const LayerInfo& layer : layers_) {
-    auto tree = SLF_TRY(named_tree(layer.name));
-    if (tree.entries != layer.records)
-      return fail(ErrorCode::bad_file, path_, ": layer ", layer.name, " has ", tree.entries,
-                  " records, expected ", layer.records);
-    trees_.push_back(tree);
-  }
+  container_ = *container;
+  tiles_ = SLF_TRY(named_tree(kTiles));
+  if (tiles_.entries != container_.records)
+    return fail(ErrorCode::bad_file, path_, ": has ", tiles_.entries, " records, expected ",
+                container_.records);
   return unchanged();
 }
 
@@ -111,49 +106,46 @@ Result<Record> Trees::parse(const Cursor& at) const {
   return Record::parse(*start, node.data_size);
 }
 
-Result<Record> Trees::record(LayerId layer, const Cursor& at) const {
+Result<Record> Trees::record(const Cursor& at) const {
   const auto key = decode_key(at.key());
   if (!key)
-    return fail(ErrorCode::bad_file, path_, ": layer ", layers_[layer].name, ": a record's key of ",
-                at.key().size(), " bytes, expected 9");
+    return fail(ErrorCode::bad_file, path_, ": a record's key of ", at.key().size(),
+                " bytes, expected 9");
   auto record = parse(at);
-  if (record && (record->layer() != layer || record->last() != *key))
-    record = fail(ErrorCode::bad_file, "a record of layer ", record->layer(), " that ends at tile ",
-                  int{record->last().level}, "/", record->last().index, " lies in its place");
+  if (record && record->last() != *key)
+    record = fail(ErrorCode::bad_file, "a record that ends at tile ", int{record->last().level},
+                  "/", record->last().index, " lies in its place");
   if (!record)
-    return fail(record.error().code, path_, ": layer ", layers_[layer].name,
-                ", record ending at tile ", int{key->level}, "/", key->index, ": ",
-                record.error().message);
+    return fail(record.error().code, path_, ": record ending at tile ", int{key->level}, "/",
+                key->index, ": ", record.error().message);
   return record;
 }
 
-Result<std::optional<TileKey>> Trees::last_before(LayerId layer, TileKey key) const {
-  Cursor cursor(pages_, trees_[layer]);
+Result<std::optional<TileKey>> Trees::last_before(TileKey key) const {
+  Cursor cursor(pages_, tiles_);
   auto found = SLF_TRY(cursor.seek_before(encode_key(key)));
   if (!found) return std::nullopt;
   const auto before = decode_key(cursor.key());
   if (!before || *before >= key)
-    return fail(ErrorCode::bad_file, path_, ": layer ", layers_[layer].name,
-                ": the records are out of order");
+    return fail(ErrorCode::bad_file, path_, ": the records are out of order");
   return *before;
 }
 
-Result<std::optional<Record>> Trees::find(LayerId layer, TileKey key, std::uint64_t* offset) const {
-  const LayerInfo& info = layers_[layer];
-  if (!info.last || key > *info.last) return std::nullopt;
-  Cursor cursor(pages_, trees_[layer]);
+Result<std::optional<Record>> Trees::find(TileKey key, std::uint64_t* offset) const {
+  if (!container_.last || key > *container_.last) return std::nullopt;
+  Cursor cursor(pages_, tiles_);
   auto found = SLF_TRY(cursor.seek(encode_key(key)));
   auto found_record =
-      found ? record(layer, cursor)
-            : fail(ErrorCode::bad_file, path_, ": layer ", info.name, " ends before its last tile");
+      found ? record(cursor)
+            : fail(ErrorCode::bad_file, path_, ": the records end before the last tile");
   SLF_TRY(unchanged());
   if (!found_record) return tl::unexpected(std::move(found_record.error()));
   if (key > found_record->last() || (found_record->previous() && key <= *found_record->previous()))
-    return fail(ErrorCode::bad_file, path_, ": layer ", info.name, ": the record of tile ",
-                int{key.level}, "/", key.index, " is lost");
+    return fail(ErrorCode::bad_file, path_, ": the record of tile ", int{key.level}, "/", key.index,
+                " is lost");
   if (key < found_record->first()) return std::nullopt;
   if (offset != nullptr && (cursor.node().flags & kBigData) == 0)
-    return fail(ErrorCode::bad_file, path_, ": layer ", info.name, ": a record inside a tree page");
+    return fail(ErrorCode::bad_file, path_, ": a record inside a tree page");
   if (offset != nullptr) *offset = pages_.value_offset(cursor.node());
   return *found_record;
 }

@@ -13,11 +13,9 @@ constexpr std::array kQualities = {90, 75, 60, 45};
 
 /// What to try, the best first.
 std::vector<RepackOptions> candidates(const Field& field, const RepackOptions& options) {
-  const auto& layers = field.layers();
-  const bool half = std::any_of(layers.begin(), layers.end(), [](const Layer& layer) {
-    return layer.format == SampleFormat::rgba16f;
-  });
-  const bool chosen = !options.color_codec.empty() || !options.depth_codec.empty();
+  const bool depth = field.has_depth() && options.depth;
+  // jpeg holds no half floats.
+  const bool fixed = !options.codec.empty() || (is_half(field.format()) && !depth);
   const unsigned finest = options.levels.value_or(field.shape().levels);
   const unsigned levels = options.levels ? 1 : finest + 1;
   std::vector<RepackOptions> all;
@@ -27,11 +25,11 @@ std::vector<RepackOptions> candidates(const Field& field, const RepackOptions& o
   next.light = false;
   for (unsigned k = 0; k < levels; ++k) {
     next.levels = finest - k;
-    next.color_codec = options.color_codec;  // if empty, the field's own
-    if (k == 0 || half || chosen) all.push_back(next);
-    if (half || chosen) continue;
+    next.codec = options.codec;  // if empty, the field's own
+    if (k == 0 || fixed) all.push_back(next);
+    if (fixed) continue;
     for (const int quality : kQualities) {
-      next.color_codec = (field.has_depth() ? "predictive:" : "jpeg:") + std::to_string(quality);
+      next.codec = (depth ? "predictive:" : "jpeg:") + std::to_string(quality);
       all.push_back(next);
     }
   }

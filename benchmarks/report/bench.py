@@ -126,38 +126,29 @@ class Bench:
         options = ("--crop", "35:220,45:256,:")
         return volumes.Volume("skull", "Head, CT", str(target), "ct-bone", options)
 
-    def field(self, volume, entry, exit, levels, color="jpeg:90", depth="jpeg:75"):
+    def field(self, volume, entry, exit, levels, codec="jpeg:90", depth=True):
         """The path of a field of a volume under direct light, that of the paper and of the programs
         that we compare with. Built at the first call."""
-        codecs = f"{color}-{depth}".replace(":", "")
-        path = self.fields / f"{volume.name}-{entry}-{exit}-{levels}-{codecs}.slf"
+        kind = codec.replace(":", "") + ("" if depth else "-nodepth")
+        path = self.fields / f"{volume.name}-{entry}-{exit}-{levels}-{kind}.slf"
         if not self.is_complete(path):
             finest = f"{entry << levels}/{exit << levels}"
-            self.say(f"building {volume.name}, {finest} cells an edge, {color}, depth {depth}")
+            self.say(f"building {volume.name}, {finest} cells an edge, {kind}")
             self.run(
                 "slf", "build", *volume.arguments(), "-o", path, "--entry", entry, "--exit", exit,
-                "--levels", levels, "--color-codec", color, "--depth-codec", depth,
+                "--levels", levels, "--codec", codec, *([] if depth else ["--no-depth"]),
                 "--lighting", "direct",
             )  # fmt: skip
         return path
 
-    def repacked(self, field, color, depth):
-        """The path of a copy of a field with other codecs; without depth if `depth` is None."""
-        codecs = f"{color}-{depth or 'none'}".replace(":", "")
-        path = self.fields / f"{field.stem}-as-{codecs}.slf"
+    def recoded(self, field, codec, depth=True):
+        """The path of a copy with another codec, and with or without depth."""
+        kind = codec.replace(":", "") + ("" if depth else "-nodepth")
+        path = self.fields / f"{field.stem}-in-{kind}.slf"
         if not self.is_complete(path):
-            layers = ["--layers", "color"] if depth is None else ["--depth-codec", depth]
-            self.say(f"repacking {field.stem}: {color}, depth {depth or 'left out'}")
-            self.run("slf", "repack", field, "-o", path, "-f", "--color-codec", color, *layers)
-        return path
-
-    def recoded(self, field, codec, depth=None):
-        """The path of a copy with another codec; `depth` is that of a separate depth layer."""
-        path = self.fields / f"{field.stem}-in-{codec.replace(':', '')}.slf"
-        if not self.is_complete(path):
-            self.say(f"encoding {field.stem}: {codec}")
-            apart = ["--depth-codec", depth] if depth else []
-            self.run("slf", "repack", field, "-o", path, "-f", "--codec", codec, *apart)
+            self.say(f"encoding {field.stem}: {kind}")
+            without = [] if depth else ["--no-depth"]
+            self.run("slf", "repack", field, "-o", path, "-f", "--codec", codec, *without)
         return path
 
     def is_complete(self, path):

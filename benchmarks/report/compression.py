@@ -40,25 +40,22 @@ def _shapes(bench):
 def _measure_settings(bench, volume, shapes):
     rows = []
     for k, shape in enumerate(shapes):
-        lossless = bench.field(volume, *shape, "zstd", "zstd")
+        lossless = bench.field(volume, *shape, "zstd")
         cells = (shape[0] << shape[2], shape[1] << shape[2])
         views = {"views": 4 if bench.quick else 8, "size": 256 if bench.quick else 512}
         qualities = ["50", "75", "95", "75:444"] if bench.quick else ["50", "65", "75", "85", "95"]
         if not bench.quick:
             qualities += ["50:444", "75:444", "90:444"]
-        codecs = [("zstd", "zstd"), *((f"jpeg:{q}", "jpeg:50") for q in qualities)]
+        codecs = ["zstd", *(f"jpeg:{q}" for q in qualities)]
         if k == len(shapes) - 1:
-            codecs.insert(0, ("raw", "raw"))
-            codecs += [("jpeg:75", d) for d in ("jpeg:25", "jpeg:90", "zstd")]
-        for color, depth in codecs:
-            field = lossless if color == "zstd" else bench.repacked(lossless, color, depth)
-            without = bench.repacked(field, color, None)
+            codecs.insert(0, "raw")
+        for codec in codecs:
+            field = lossless if codec == "zstd" else bench.recoded(lossless, codec)
+            without = bench.recoded(field, codec, depth=False)
             for path, mode in ((field, "depth"), (without, "bitri")):
-                if mode == "bitri" and depth not in (color, "jpeg:50"):
-                    continue  # these colours have been measured
                 quality = bench.evaluate(path, volume, mode, **views)
                 rows.append({
-                    "cells": cells, "color": color, "depth": depth if mode == "depth" else None,
+                    "cells": cells, "codec": codec, "depth": mode == "depth",
                     "bytes": path.stat().st_size, "psnr": quality["psnr"], "ssim": quality["ssim"],
                 })  # fmt: skip
             for path in {without, field} - {lossless}:
@@ -78,40 +75,35 @@ def _show_settings(part, rows):
                 "depth-corrected" if depth else "bi-triangle, no depth"
             )
             style = "-" if depth else ":"
-            line = [r for r in rows if r["cells"] == shape and bool(r["depth"]) == depth]
-            jpeg = [r for r in line if r["color"].startswith("jpeg") and ":444" not in r["color"]]
-            jpeg = sorted(
-                (r for r in jpeg if r["depth"] in (None, "jpeg:50")), key=lambda r: r["bytes"]
-            )
+            line = [r for r in rows if r["cells"] == shape and r["depth"] == depth]
+            jpeg = [r for r in line if r["codec"].startswith("jpeg") and ":444" not in r["codec"]]
+            jpeg.sort(key=lambda r: r["bytes"])
             at = lambda rs: (
                 [r["bytes"] / 2**20 for r in rs],
                 [r["psnr"] for r in rs],
             )  # noqa: E731
             axis.plot(*at(jpeg), "o" + style, ms=5, color=colors[shape], label=label)
-            full = [r for r in line if ":444" in r["color"]]
+            full = [r for r in line if ":444" in r["codec"]]
             axis.plot(*at(full), "^", ms=6, mfc="none", color=colors[shape])
-            whole = [r for r in line if r["color"] in ("zstd", "raw")]
+            whole = [r for r in line if r["codec"] in ("zstd", "raw")]
             axis.plot(*at(whole), "s", ms=5, mfc="white", color=colors[shape])
-            others = [r for r in line if r not in jpeg + full + whole]
-            axis.plot(*at(others), "x", ms=6, color=colors[shape])
     axis.plot([], [], "^", mfc="none", color=plots.INK, label="full chroma (4:4:4)")
     axis.plot([], [], "s", mfc="white", color=plots.INK, label="lossless: zstd, raw")
-    axis.plot([], [], "x", color=plots.INK, label="other depth qualities")
     axis.set(xscale="log", xlabel="file, MiB", ylabel="rendered PSNR, dB")
     axis.legend(fontsize=8.5, loc="center left", bbox_to_anchor=(1, 0.5))
     part.add(
         page.text(
             "Each point is one file of the brain: its size, and the PSNR of random views rendered "
-            "from it against the ray-cast truth. Lines join JPEG qualities with 4:2:0 chroma and, "
-            "where there is depth, depth of quality 50. Cells an edge are given as entry/exit."
+            "from it against the ray-cast truth. Lines join JPEG qualities with 4:2:0 chroma. "
+            "Cells an edge are given as entry/exit."
         ),
         page.plot(plots.svg(fig)),
         page.folded(
             f"All {len(rows)} settings",
             page.table(
-                ["cells", "colour", "depth", "file", "PSNR, dB", "SSIM"],
+                ["cells", "codec", "depth", "file", "PSNR, dB", "SSIM"],
                 [
-                    [f"{r['cells'][0]}/{r['cells'][1]}", r["color"], r["depth"] or "none",
+                    [f"{r['cells'][0]}/{r['cells'][1]}", r["codec"], "yes" if r["depth"] else "no",
                      human_bytes(r["bytes"]), f"{r['psnr']:.2f}", f"{r['ssim']:.4f}"]
                     for r in rows
                 ],
@@ -124,11 +116,11 @@ def _claim_paper(part, rows):
     """Ours at a sixteenth of the slabs against the paper's layout with the paper's codec."""
     shapes = list(dict.fromkeys(tuple(r["cells"]) for r in rows))
     paper = next(
-        r for r in rows if r["cells"] == shapes[0] and r["color"] == PAPER_CODEC and not r["depth"]
+        r for r in rows if r["cells"] == shapes[0] and r["codec"] == PAPER_CODEC and not r["depth"]
     )
     lossy = [
         r for r in rows
-        if r["cells"] == shapes[-1] and r["color"].startswith("jpeg") and r["depth"]
+        if r["cells"] == shapes[-1] and r["codec"].startswith("jpeg") and r["depth"]
     ]  # fmt: skip
     better = [r for r in lossy if r["psnr"] > paper["psnr"]]
     ours = min(better, key=lambda r: r["bytes"]) if better else max(lossy, key=lambda r: r["psnr"])
@@ -144,7 +136,7 @@ def _claim_paper(part, rows):
         True if better and factor >= 12 else PARTLY if better and factor > 4 else False,
     )
     find = lambda color, shape: next(  # noqa: E731
-        r for r in rows if r["cells"] == shape and r["color"] == color and r["depth"]
+        r for r in rows if r["cells"] == shape and r["codec"] == color and r["depth"]
     )
     lossless, small = find("zstd", shapes[-1]), find("jpeg:75", shapes[-1])
     raw = find("raw", shapes[-1])
@@ -168,7 +160,7 @@ def _psnr(truth, decoded):
 
 def _compare_codecs(bench, part, volume, shape):
     """Bits per slab and PSNR of the samples themselves, colour only."""
-    lossless = bench.field(volume, *shape, "zstd", "zstd")
+    lossless = bench.field(volume, *shape, "zstd")
     bench.say("laying samples out as pictures for other codecs")
     truth = peers.Pictures(bench, lossless, "truth")
     slabs = bench.json("slf", "info", lossless, "--json")["levels"][-1]["slabs"]
@@ -225,12 +217,14 @@ def _row(codec, setting, size, slabs, psnr):
 
 def _ours(bench, lossless, truth, slabs):
     def payload(field):
-        return bench.json("slf", "info", field, "--json")["levels"][-1]["bytes"]["color"]
+        return bench.json("slf", "info", field, "--json")["levels"][-1]["payload_bytes"]
 
-    rows = [_row("slf zstd", "", payload(lossless), slabs, float("inf"))]
+    plain = bench.recoded(lossless, "zstd", depth=False)
+    rows = [_row("slf zstd", "", payload(plain), slabs, float("inf"))]
+    plain.unlink()
     for chroma in ("", ":444"):
         for quality in (50, 75, 90) if bench.quick else (30, 50, 75, 85, 90, 95):
-            field = bench.repacked(lossless, f"jpeg:{quality}{chroma}", None)
+            field = bench.recoded(lossless, f"jpeg:{quality}{chroma}", depth=False)
             decoded = peers.Pictures(bench, field, "ours")
             rows.append(
                 _row(f"slf jpeg{' 4:4:4' if chroma else ''}", quality, payload(field), slabs,
@@ -341,7 +335,7 @@ def _compare_speeds(bench, part, volume, shape):
             "speeds of codecs: codec_peers was not built (libwebp-dev, libpng-dev)"
         )
         return
-    lossless = bench.field(volume, *shape, "zstd", "zstd")
+    lossless = bench.field(volume, *shape, "zstd")
     bench.say("timing codecs on tiles")
     tiles = 64 if bench.quick else 400
     rows = bench.json("codec_peers", lossless, "--tiles", tiles, "--json")["rows"]
@@ -351,9 +345,9 @@ def _compare_speeds(bench, part, volume, shape):
         page.folded(
             f"{len(rows)} codecs on {tiles} tiles: ratio, PSNR, encoding and decoding on one core",
             page.table(
-                ["codec", "layer", "ratio", "PSNR, dB", "encode MB/s", "decode MB/s"],
+                ["codec", "ratio", "PSNR, dB", "encode MB/s", "decode MB/s"],
                 [
-                    [r["codec"], r["layer"], f"{r['ratio']:.1f}",
+                    [r["codec"], f"{r['ratio']:.1f}",
                      "lossless" if r["psnr_db"] is None else f"{r['psnr_db']:.1f}",
                      f"{r['encode_mb_per_s']:.0f}", f"{r['decode_mb_per_s']:.0f}"]
                     for r in rows

@@ -17,7 +17,7 @@ def run(bench, part):
     volume = bench.volume("brain")
     # The paper's layout: the lattices of entry and exit are equally fine.
     levels = 2 if bench.quick else 3
-    field = bench.field(volume, 8, 8, levels, "zstd", "zstd")
+    field = bench.field(volume, 8, 8, levels, "zstd")
     cells = 8 << levels
     camera = ["--orbit", "35,20,3", "--size", "384x384" if bench.quick else "512x512"]
 

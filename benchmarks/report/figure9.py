@@ -57,7 +57,7 @@ def _draw_subdivision(part):
 
 def _count_subfields(bench, part):
     # Which subfields a view crosses depends on geometry alone, so the smallest field suffices.
-    field = bench.field(bench.scene("globe"), 1, 1, LEVELS[-1], "raw", "none")
+    field = bench.field(bench.scene("globe"), 1, 1, LEVELS[-1], "raw", depth=False)
     rows = {}
     for distance in DISTANCES:
         bench.say(f"counting subfields from {distance} radii")
@@ -131,7 +131,7 @@ def _measure_memory(bench, part):
     rows = []
     for level in LEVELS:
         side = finest >> level
-        field = bench.field(volume, side, side, level, "jpeg:90", "jpeg:75")
+        field = bench.field(volume, side, side, level, "jpeg:90")
         bench.say(f"measuring memory per view, subdivided {level} times")
         measured = bench.json(
             "slf", "measure", field, "--views", 16, "--level", level, "--mode", "depth", "--json",

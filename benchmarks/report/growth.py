@@ -36,7 +36,7 @@ def _grow_field(bench, part):
             part.left_out.append(f"a field of {human_count(slabs)} slabs: {reason}")
             break
         begin = bench.seconds()
-        field = bench.field(scene, side, side, levels, CODEC, CODEC)
+        field = bench.field(scene, side, side, levels, CODEC)
         seconds = bench.seconds() - begin
         bench.say(f"drawing from {human_count(slabs)} slabs, cold and warm")
         row = bench.json("view_times", field, "--views", 5 if bench.quick else 9, "--size", 512)

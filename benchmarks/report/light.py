@@ -34,7 +34,7 @@ def _build(bench, volume, light):
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     bench.run(
         "slf", "build", *volume.arguments(), "-o", path, "-f", "--entry", shape[0], "--exit",
-        shape[1], "--levels", shape[2], "--codec", "zstd", "--depth-codec", "zstd",
+        shape[1], "--levels", shape[2], "--codec", "zstd",
         "--lighting", light, "--light-file", f"{path}.light",
     )  # fmt: skip
     return path, resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before

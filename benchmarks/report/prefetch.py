@@ -17,7 +17,7 @@ def run(bench, part):
     volume = bench.volume("brain")
     # So large that the tiles of a full turn do not fit into the memory limit.
     shape = (8, 8, 2) if bench.quick else (8, 8, 3)
-    field = bench.field(volume, *shape, "zstd", "zstd")
+    field = bench.field(volume, *shape, "zstd")
     path = bench.work / "path.json"
     path.write_text(json.dumps(_path()))
     memory = "12MiB" if bench.quick else "48MiB"

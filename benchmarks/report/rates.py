@@ -44,7 +44,7 @@ def run(bench, part):
 
 
 def _lossless(bench, volume):
-    return bench.field(volume, *((4, 16, 1) if bench.quick else (8, 32, 2)), "zstd", "zstd")
+    return bench.field(volume, *((4, 16, 1) if bench.quick else (8, 32, 2)), "zstd")
 
 
 def _views(bench):
@@ -55,13 +55,13 @@ def _measure(bench, volume, whole):
     """{codec: [{quality, bytes, psnr, ssim}]}, best quality last."""
     lossless, views = _lossless(bench, volume), _views(bench)
 
-    def point(codec, quality, depth=None):
-        path = bench.recoded(lossless, f"{codec}:{quality}", depth)
+    def point(codec, quality):
+        path = bench.recoded(lossless, f"{codec}:{quality}")
         found = _point(bench, path, volume, quality, views)
         path.unlink()
         return found
 
-    jpeg = [point("jpeg", q, "jpeg:75") for q in (QUALITIES if whole else OTHER_QUALITIES)]
+    jpeg = [point("jpeg", q) for q in (QUALITIES if whole else OTHER_QUALITIES)]
     if whole:
         ours = [point("predictive", quality) for quality in QUALITIES]
     else:
@@ -96,13 +96,16 @@ def _jpeg_90(curve):
 
 def _measure_peers(bench, part, volume):
     """The same of other codecs, which get only the colours of the finest level. Their bytes are
-    those of these colours and of depth as jpeg:75; opacity costs them nothing."""
+    those of these colours and of depth as jpeg has it; opacity costs them nothing."""
     if not peers.has_ffmpeg():
         part.left_out.append("JPEG XL, H.264, HEVC and AV1: ffmpeg was not found")
     lossless = _lossless(bench, volume)
-    jpeg = bench.recoded(lossless, "jpeg:75", "jpeg:75")
-    depth = bench.json("slf", "info", jpeg, "--json")["levels"][-1]["bytes"]["depth"]
-    jpeg.unlink()
+    depth = 0
+    for path, sign in ((bench.recoded(lossless, "jpeg:75"), 1),
+                       (bench.recoded(lossless, "jpeg:75", depth=False), -1)):  # fmt: skip
+        content = bench.json("slf", "info", path, "--json")
+        depth += sign * content["levels"][-1]["payload_bytes"]
+        path.unlink()
     truth = peers.Pictures(bench, lossless, "truth")
     curves = {}
     for name, settings in PEERS.items():
@@ -249,8 +252,8 @@ def _claim(bench, part, curves):
 def _compare_orbits(bench, part, volume):
     """What an orbit of 120 views, 3 degrees apart, reads when nothing is read twice."""
     lossless, read = _lossless(bench, volume), {}
-    for codec, depth in (("jpeg:90", "jpeg:75"), ("predictive:90", None)):
-        path = bench.recoded(lossless, codec, depth)
+    for codec in ("jpeg:90", "predictive:90"):
+        path = bench.recoded(lossless, codec)
         played = bench.json(
             "slf", "play", path, "--turns", 1, "--seconds", 4, "--fps", 30, "--size", 512,
             "--mode", "depth", "--loading", "wait", "--memory", "4GiB", "--json",

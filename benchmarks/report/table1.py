@@ -53,7 +53,7 @@ def run(bench, part):
 
 def _measure(bench, volume, shape, sizes, *options):
     """Ray-casting, planes and sphere of one volume: rows of `systems`."""
-    field = bench.field(volume, *shape, "zstd", "zstd")
+    field = bench.field(volume, *shape, "zstd")
     bench.say(f"timing views of {field.stem}")
     edge = (_slabs(bench, field) / 6) ** 0.25
     # The best of several shares between both planes, found with sampling_quality.

@@ -71,7 +71,7 @@ void measure_memory(const Settings& settings, Report& report) {
   const std::string output = settings.folder + "/repacked.slf";
   std::filesystem::remove(input);
   (void)run_watched({settings.slf, "-q", "build", "scene:balls", "--entry", "8", "--exit", "32",
-                     "--levels", "2", "--color-codec", "raw", "--depth-codec", "raw", "-o", input});
+                     "--levels", "2", "--codec", "raw", "-o", input});
   const double mib = static_cast<double>(std::filesystem::file_size(input)) / (1 << 20);
   const std::string budget = std::to_string(kBudget) + "MiB";
   std::vector<Row> rows;
@@ -92,10 +92,9 @@ void measure_memory(const Settings& settings, Report& report) {
                     {"s", peak.seconds}});
   };
   measure("copied", {});
-  measure("to zstd:1", {"--color-codec", "zstd:1", "--depth-codec", "zstd:1"});
-  measure("to jpeg:75", {"--color-codec", "jpeg:75", "--depth-codec", "jpeg:50"});
-  measure("to jpeg:75, 8 threads",
-          {"--color-codec", "jpeg:75", "--depth-codec", "jpeg:50", "-j", "8"});
+  measure("to zstd:1", {"--codec", "zstd:1"});
+  measure("to jpeg:75", {"--codec", "jpeg:75"});
+  measure("to jpeg:75, 8 threads", {"--codec", "jpeg:75", "-j", "8"});
   report.table("memory of slf repack, sampled every 2 ms", rows);
   report.target("peak RssAnon above --memory, MiB", worst - static_cast<double>(kBudget),
                 static_cast<double>(kAllowed), false);

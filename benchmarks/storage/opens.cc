@@ -32,18 +32,17 @@ void write_field(const TileSet& set, const std::string& path) {
   Manifest manifest;
   manifest.shape.sphere.radius = 1;
   manifest.shape.levels = 4;
-  manifest.layers = {{"color", codec::SampleFormat::rgba8, "jpeg:75"}};
+  manifest.codec = "jpeg:75";
   manifest.provenance = {{"scene", "none"}};
   const auto codec = expect(codec::make_codec("jpeg:75", codec::SampleFormat::rgba8));
   const std::string text = manifest.to_json().dump();
   const ByteSpan bytes = as_bytes(std::span<const char>(text));
   const std::vector<std::pair<std::string, Bytes>> blobs{
       {kManifestBlob, {bytes.begin(), bytes.end()}},
-      {std::string(kTablesBlobPrefix) + "color", {codec->tables().begin(), codec->tables().end()}}};
-  const std::string layer = "color";
-  auto writer = expect(storage::TileWriter::create(path, {&layer, 1}, blobs));
+      {kTablesBlob, {codec->tables().begin(), codec->tables().end()}}};
+  auto writer = expect(storage::TileWriter::create(path, blobs));
   for (std::size_t i = 0; i < set.size(); ++i) {
-    expect(writer.append(0, {4, set.keys[i]}, set.payloads[i]));
+    expect(writer.append({4, set.keys[i]}, set.payloads[i]));
     if (writer.pending_bytes() >= kCommitBytes) expect(writer.commit());
   }
   expect(writer.close());

@@ -31,7 +31,7 @@ class SlfReader final : public StoreReader {
       ref = known->second;
       found_.erase(known);
     } else {
-      ref = expect(store_.find(0, {set().level, set().keys[tile]}));
+      ref = expect(store_.find({set().level, set().keys[tile]}));
     }
     expect(store_.check(ref));
     return ref.payload;
@@ -62,10 +62,9 @@ class Slf final : public StorePeer {
   std::string name() const override { return "slf"; }
 
   void write(const TileSet& set, const std::string& path) const override {
-    const std::string layer = "color";
-    auto writer = expect(storage::TileWriter::create(path, {&layer, 1}, {}));
+    auto writer = expect(storage::TileWriter::create(path, {}));
     for (std::size_t i = 0; i < set.size(); ++i) {
-      expect(writer.append(0, {set.level, set.keys[i]}, set.payloads[i]));
+      expect(writer.append({set.level, set.keys[i]}, set.payloads[i]));
       if (writer.pending_bytes() >= kCommitBytes) expect(writer.commit());
     }
     expect(writer.close());

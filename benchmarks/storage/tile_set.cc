@@ -72,12 +72,10 @@ void TileSet::decode(std::size_t tile, ByteSpan payload, Bytes& samples) const {
 
 TileSet tiles_of_field(const std::string& path, std::size_t max_tiles) {
   const auto field = std::make_shared<const Field>(expect(Field::open(path)));
-  const auto layer = field->file().layer("color");
-  require(layer.has_value(), path + ": has no color layer");
   TileSet set;
   set.level = static_cast<std::uint8_t>(field->shape().levels);
   std::vector<storage::TileRef> stored;
-  expect(field->file().store().visit(*layer, first_key(set.level), first_key(set.level + 1u),
+  expect(field->file().store().visit(first_key(set.level), first_key(set.level + 1u),
                                      [&](const storage::TileRef& tile) -> Result<void> {
                                        if (tile.state == storage::TileState::stored)
                                          stored.push_back(tile);
@@ -89,9 +87,9 @@ TileSet tiles_of_field(const std::string& path, std::size_t max_tiles) {
     const storage::TileRef& tile = stored[i * stored.size() / count];
     set.keys.push_back(tile.key.index);
     set.payloads.emplace_back(tile.payload.begin(), tile.payload.end());
-    set.shapes.push_back(field->file().tile_shape(*layer, tile.key));
+    set.shapes.push_back(field->file().tile_shape(tile.key));
   }
-  set.codec = std::shared_ptr<const codec::Codec>(field, &field->file().codec(*layer));
+  set.codec = std::shared_ptr<const codec::Codec>(field, &field->file().codec());
   set.owner = field;
   set.name = "field, " + std::to_string(set.bytes() / count) + " B";
   return set;

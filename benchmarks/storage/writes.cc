@@ -59,8 +59,7 @@ void encode_alone(const Work& work, unsigned threads) {
 
 // As build_field does it: encoders on all threads, one writer, a commit every 32 MiB.
 void encode_and_store(const Work& work, unsigned threads, const std::string& path) {
-  const std::string layer = "color";
-  auto writer = expect(storage::TileWriter::create(path, {&layer, 1}, {}));
+  auto writer = expect(storage::TileWriter::create(path, {}));
   OrderedPipeline<Bytes> pipeline(work.set.size(), threads, 8 * threads, [&] {
     return [&](std::uint64_t i) {
       Bytes payload;
@@ -69,31 +68,29 @@ void encode_and_store(const Work& work, unsigned threads, const std::string& pat
     };
   });
   for (std::size_t i = 0; i < work.set.size(); ++i) {
-    expect(writer.append(0, {work.set.level, work.set.keys[i]}, expect(pipeline.take())));
+    expect(writer.append({work.set.level, work.set.keys[i]}, expect(pipeline.take())));
     if (writer.pending_bytes() >= kCommitBytes) expect(writer.commit());
   }
   expect(writer.close());
 }
 
-// Decodes every stored tile of the field and encodes it with codecs of the same kind, in memory.
-void recode_alone(const Field& field, const std::vector<std::unique_ptr<codec::Codec>>& codecs,
-                  unsigned threads) {
+// Decodes every stored tile of the field and encodes it with another codec, in memory.
+void recode_alone(const Field& field, const codec::Codec& codec, unsigned threads) {
   std::vector<storage::TileRef> tiles;
-  for (storage::LayerId layer = 0; layer < codecs.size(); ++layer)
-    expect(field.file().store().visit(layer, {0, 0}, {255, 0},
-                                      [&](const storage::TileRef& tile) -> Result<void> {
-                                        if (tile.state == storage::TileState::stored)
-                                          tiles.push_back(tile);
-                                        return {};
-                                      }));
+  expect(field.file().store().visit({0, 0}, {255, 0},
+                                    [&](const storage::TileRef& tile) -> Result<void> {
+                                      if (tile.state == storage::TileState::stored)
+                                        tiles.push_back(tile);
+                                      return {};
+                                    }));
   std::atomic<std::uint64_t> next{0};
   expect(on_threads(threads, [&] {
     Bytes samples, payload;
     for (std::uint64_t i; (i = next.fetch_add(1)) < tiles.size();) {
-      const codec::Tile shape = field.file().tile_shape(tiles[i].layer, tiles[i].key);
+      const codec::Tile shape = field.file().tile_shape(tiles[i].key);
       samples.resize(shape.bytes());
       expect(field.file().decode(tiles[i], samples));
-      expect(codecs[tiles[i].layer]->encode(shape, samples, payload));
+      expect(codec.encode(shape, samples, payload));
     }
   }));
 }
@@ -127,17 +124,12 @@ void measure_writes(const Settings& settings, Report& report) {
 
   const auto field = expect(Field::open(settings.field));
   RepackOptions options;
-  options.color_codec = "jpeg:60";
-  options.depth_codec = "zstd:3";
+  options.codec = "jpeg:60";
   options.threads = threads;
-  std::vector<std::unique_ptr<codec::Codec>> codecs;
-  for (const Layer& layer : field.file().manifest().layers)
-    codecs.push_back(expect(codec::make_codec(
-        layer.format == codec::SampleFormat::depth8 ? options.depth_codec : options.color_codec,
-        layer.format)));
+  const auto codec = expect(codec::make_codec(options.codec, field.format()));
   Cost recode, repack;
   for (int round = 0; round < std::min(settings.rounds, 3); ++round) {
-    recode = cheaper(recode, [&] { recode_alone(field, codecs, threads); });
+    recode = cheaper(recode, [&] { recode_alone(field, *codec, threads); });
     fresh();
     repack = cheaper(repack, [&] { (void)expect(repack_field(field, path, options)); });
   }

@@ -44,7 +44,7 @@ const std::vector<Prose>& all() {
          "slf build head.nii.gz -o head.slf --transfer ct-bone --lighting direct"},
         {"From pictures with cameras, every eighth left out",
          "slf build pictures:chair -o chair.slf --holdout 8"},
-        {"Lossless", "slf build head.nii.gz -o head.slf --color-codec zstd --depth-codec zstd"},
+        {"Lossless", "slf build head.nii.gz -o head.slf --codec zstd"},
         {"The third of eight shards, for slf-merge(1)",
          "slf build head.nii.gz -o part-3.slf --shard 3/8"},
         {"Without building coarse levels in every shard: first",
@@ -62,7 +62,7 @@ const std::vector<Prose>& all() {
         {"Pictures with depth from our own ray-caster",
          "slf raycast head.nii.gz --cameras transforms.json -o pictures"}}},
       {"info",
-       {"For a field, prints geometry, levels, layers, codecs, sizes and provenance; for a volume, "
+       {"For a field, prints geometry, levels, codec, sizes and provenance; for a volume, "
         "dimensions, spacing, orientation and the range of its values; for a folder of several "
         "DICOM "
         "series, a list of them."},
@@ -117,10 +117,10 @@ const std::vector<Prose>& all() {
         "alike enough."},
        {{"The differences, enlarged", "slf compare truth.png view.png --diff error.png --gain 8"}}},
       {"repack",
-       {"Writes a new field from the tiles of another: with other codecs, fewer layers, levels or "
+       {"Writes a new field from the tiles of another: with another codec, fewer levels or "
         "subfields. Tiles whose codec stays the same are copied without loss. The input is not "
         "changed."},
-       {{"Smaller colours", "slf repack fine.slf -o small.slf --color-codec jpeg:60"},
+       {{"Smaller", "slf repack fine.slf -o small.slf --codec jpeg:60"},
         {"How small would it be?", "slf repack fine.slf --codec predictive:70 --dry-run"},
         {"The first two levels", "slf repack fine.slf -o coarse.slf --levels 1"}}},
       {"merge",
@@ -139,7 +139,7 @@ const std::vector<Prose>& all() {
        {{"Check after copying", "slf verify head.slf"},
         {"Repair", "slf verify --fix head.slf && slf build head.nii.gz -o head.slf"}}},
       {"ls",
-       {"Prints a line for each tile of each layer. Tools such as awk, sort and cut read it, and "
+       {"Prints a line for each tile. Tools such as awk, sort and cut read it, and "
         "slf-tile(1) takes its first column. Only the tables of the file's records are read, so "
         "that large fields are listed quickly and in little memory."},
        {{"The ten largest tiles", "slf ls head.slf | sort -t'\t' -k4 -n -r | head"},
@@ -148,7 +148,7 @@ const std::vector<Prose>& all() {
       {"tile",
        {"Decodes one tile and writes it as a picture, or as its plain samples."},
        {{"A tile that slf-verify(1) named", "slf tile head.slf 2/4711 -o tile.png"},
-        {"Samples for another program", "slf tile head.slf 0/1/6 --layer depth -o - | od -t u1"}}},
+        {"Samples for another program", "slf tile head.slf 0/1/6 --channel depth -o - | od -t u1"}}},
       {"diff",
        {"Compares the manifests of two fields and all of their tiles. Tiles with other bytes are "
         "decoded, and the PSNR of their samples is printed."},

@@ -24,8 +24,7 @@ namespace slf {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-using Codecs = std::vector<std::unique_ptr<codec::Codec>>;
-using storage::LayerId;
+using CodecPointer = std::unique_ptr<codec::Codec>;
 
 constexpr std::size_t kTrainingTiles = 16;
 constexpr std::size_t kTrainingTries = 256;
@@ -50,32 +49,19 @@ Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const 
   return sample;
 }
 
-/// The layers' codecs, with shared tables fitted to the scene.
-Result<Codecs> train_codecs(const TileTracer& tracer, Manifest& manifest, const GoOn& go_on) {
+/// The codec, with shared tables fitted to the scene.
+Result<CodecPointer> train_codec(const TileTracer& tracer, const Manifest& manifest,
+                                 const GoOn& go_on) {
   const auto sample = SLF_TRY(training_sample(tracer, manifest.shape, go_on));
-  Codecs codecs;
-  for (std::size_t k = 0; k < manifest.layers.size(); ++k) {
-    std::vector<codec::TrainingTile> tiles;
-    tiles.reserve(sample.size());
-    for (const TracedTile& tile : sample)
-      tiles.push_back({tracer.shape(tile.key, manifest.layers[k].format), tile.layers[k]});
-    auto made = SLF_TRY(codec::train_codec(manifest.layers[k].codec, manifest.layers[k].format,
-                                           tiles, manifest.shape.levels));
-    manifest.layers[k].codec = made->spec();
-    codecs.push_back(std::move(made));
-  }
-  return codecs;
+  std::vector<codec::TrainingTile> tiles;
+  tiles.reserve(sample.size());
+  for (const TracedTile& tile : sample) tiles.push_back({tracer.shape(tile.key), tile.samples});
+  return codec::train_codec(manifest.codec, manifest.format, tiles, manifest.shape.levels);
 }
 
-/// The codecs of an existing field.
-Result<Codecs> open_codecs(const FieldFile& field) {
-  Codecs codecs;
-  for (const Layer& layer : field.manifest().layers) {
-    const auto tables = SLF_TRY(field.store().blob(kTablesBlobPrefix + layer.name));
-    auto made = SLF_TRY(codec::make_codec(layer.codec, layer.format, tables));
-    codecs.push_back(std::move(made));
-  }
-  return codecs;
+/// The codec of an existing field.
+Result<CodecPointer> codec_of(const FieldFile& field) {
+  return codec::make_codec(field.codec().spec(), field.format(), field.codec().tables());
 }
 
 /// usage: the field at `file` is not the one that this build makes.
@@ -98,7 +84,7 @@ Result<void> check_same(const std::string& file, const Manifest& existing,
 struct EarlierBuild {
   MissingTiles missing;
   std::uint64_t transaction = 0;  ///< the commit that was read
-  Codecs codecs;
+  CodecPointer codec;
   Bytes light;            ///< that the file keeps; none if it is damaged
   bool in_place = false;  ///< it has the output's name, not that of a draft
 };
@@ -128,23 +114,18 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
   }
   manifest.filtered_levels = existing.filtered_levels;
   auto missing = SLF_TRY(MissingTiles::of(**field, TileOrder(manifest.shape), selection));
-  auto codecs = SLF_TRY(open_codecs(**field));
-  return EarlierBuild{std::move(missing), (*field)->store().transaction(), std::move(codecs),
+  auto codec = SLF_TRY(codec_of(**field));
+  return EarlierBuild{std::move(missing), (*field)->store().transaction(), std::move(codec),
                       light_of(**field), in_place};
 }
 
 Result<FieldWriter> create(const FieldOutput& output, const Manifest& manifest,
-                           const Codecs& codecs, ByteSpan light) {
-  std::vector<ByteSpan> tables;
-  for (const auto& codec : codecs) tables.push_back(codec->tables());
-  return FieldWriter::create(output, FieldWriter::Draft::keep, manifest, tables, light);
+                           const codec::Codec& codec, ByteSpan light) {
+  return FieldWriter::create(output, FieldWriter::Draft::keep, manifest, codec.tables(), light);
 }
 
 /// Whether tiles are predicted from those of coarser levels.
-bool predicts(const Manifest& manifest) {
-  return std::ranges::any_of(manifest.layers,
-                             [](const Layer& layer) { return has_color_and_depth(layer.format); });
-}
+bool predicts(const Manifest& manifest) { return codec::is_predictive(manifest.codec); }
 
 /// Opens the part that has the coarser levels, if `options` name one, and limits the shard to the
 /// next level. usage: it is another field, or its part is not levels 0 to some level.
@@ -191,8 +172,8 @@ std::uint64_t count_rays(const TileTracer& tracer, const TileOrder& order, const
 
 /// An encoded tile, which a worker passes to the writer.
 struct EncodedTile {
-  std::vector<Bytes> payloads;  // per layer; all empty for an empty tile
-  std::uint64_t rays = 0;       // traced for it, approximately
+  Bytes payload;           // none for an empty tile
+  std::uint64_t rays = 0;  // traced for it, approximately
 };
 
 /// A file with the tiles that others are predicted from, or none. Workers read it while the writer
@@ -219,8 +200,7 @@ class CoarserFile {
 /// The checked inputs of a build.
 struct BuildJob {
   const TileTracer& tracer;
-  const Manifest& manifest;
-  const Codecs& codecs;
+  const codec::Codec& codec;
   const MissingTiles& missing;
   TileOrder order;
   unsigned threads;
@@ -232,15 +212,9 @@ struct BuildJob {
     EncodedTile encoded;
     SLF_TRY(tracer.trace(key, traced));
     encoded.rays = tracer.rays(key);
-    encoded.payloads.resize(codecs.size());
-    const std::shared_ptr<const FieldFile> references = coarser.get();
-    for (std::size_t k = 0; k < codecs.size() && !traced.empty; ++k) {
-      SLF_TRY(codecs[k]->predictive()
-                  ? references->encode(static_cast<LayerId>(k), key, traced.layers[k],
-                                       encoded.payloads[k])
-                  : codecs[k]->encode(tracer.shape(key, manifest.layers[k].format),
-                                      traced.layers[k], encoded.payloads[k]));
-    }
+    if (traced.empty) return encoded;
+    SLF_TRY(codec.predictive() ? coarser.get()->encode(key, traced.samples, encoded.payload)
+                               : codec.encode(tracer.shape(key), traced.samples, encoded.payload));
     return encoded;
   }
 
@@ -290,11 +264,7 @@ Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end
   for (std::uint64_t k = begin; k < end; ++k) {
     Result<EncodedTile> tile = pipeline.take();
     if (!tile) return fail(tile.error().code, path, ": ", tile.error().message);
-    for (LayerId layer = 0; layer < tile->payloads.size(); ++layer) {
-      if (!job.missing.is_missing_in(k, layer)) continue;
-      SLF_TRY(writer.put(layer, job.order.key(job.missing.number(k)),
-                         std::move(tile->payloads[layer])));
-    }
+    SLF_TRY(writer.put(job.key(k), std::move(tile->payload)));
     state.done += tile->rays;
     const bool stop = progress && !progress(state);
     if (stop || Clock::now() - committed_at >= interval) {
@@ -338,22 +308,9 @@ Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
     return fail(ok.error().code, scene_bounds ? "around the scene's bounds: " : "",
                 ok.error().message);
   manifest.filtered_levels = manifest.shape.levels;
-  const bool predictive = codec::is_predictive(options.color_codec);
-  if (predictive && !options.depth_codec.empty())
-    return fail(ErrorCode::usage, "codec \"", options.color_codec,
-                "\" codes depth together with colour: there is no codec of depth alone");
-  manifest.layers.push_back(
-      {"color",
-       predictive     ? options.half ? SampleFormat::rgba16f_depth8 : SampleFormat::rgba8_depth8
-       : options.half ? SampleFormat::rgba16f
-                      : SampleFormat::rgba8,
-       options.color_codec});
-  if (!options.depth_codec.empty())
-    manifest.layers.push_back({"depth", SampleFormat::depth8, options.depth_codec});
-  for (Layer& layer : manifest.layers) {
-    const auto plain = SLF_TRY(codec::make_codec(layer.codec, layer.format));
-    layer.codec = plain->spec();
-  }
+  manifest.format = sample_format(options.half, options.depth);
+  const auto plain = SLF_TRY(codec::make_codec(options.codec, manifest.format));
+  manifest.codec = plain->spec();
   manifest.provenance =
       nlohmann::json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
   if (!manifest.provenance.is_object())
@@ -391,18 +348,21 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
   if (!has_light && coarser) scene.set_light(light_of(*coarser));
   SLF_TRY(scene.prepare());
   const Bytes light = has_light ? Bytes() : scene.light();
-  auto codecs = SLF_TRY(earlier   ? std::move(earlier->codecs)
-                        : coarser ? open_codecs(*coarser)
-                                  : train_codecs(tracer, manifest, go_on));
-  auto writer = SLF_TRY(!earlier            ? create(output, manifest, codecs, light)
+  const auto codec = SLF_TRY(earlier   ? Result<CodecPointer>(std::move(earlier->codec))
+                             : coarser ? codec_of(*coarser)
+                                       : train_codec(tracer, manifest, go_on));
+  auto writer = SLF_TRY(!earlier            ? create(output, manifest, *codec, light)
                         : earlier->in_place ? FieldWriter::edit(path, earlier->transaction)
                                             : FieldWriter::resume(output, earlier->transaction));
   if (earlier && !light.empty()) SLF_TRY(writer.put_light(light));
 
-  BuildJob job{tracer,  manifest,
-               codecs,  missing,
-               order,   thread_count(options.threads),
-               coarser, predicts(manifest) && !coarser};
+  BuildJob job{tracer,
+               *codec,
+               missing,
+               order,
+               thread_count(options.threads),
+               coarser,
+               predicts(manifest) && !coarser};
   SLF_TRY(write_levels(job, writer, path, options, progress, state));
   SLF_TRY(writer.finish(go_on));
   report.tiles = missing.count();

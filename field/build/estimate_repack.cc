@@ -5,7 +5,7 @@
 #include "base/parallel.h"
 #include "base/try.h"
 #include "codec/predictive_codec.h"
-#include "field/build/repack_layers.h"
+#include "field/build/repack_plan.h"
 #include "field/geometry/tile_order.h"
 #include "field/reference_index.h"
 #include "slf/repack.h"
@@ -13,7 +13,6 @@
 namespace slf {
 namespace {
 
-using storage::LayerId;
 using storage::TileState;
 
 constexpr std::uint64_t kSample = 400;  // tiles that are encoded per level
@@ -40,64 +39,59 @@ struct Estimate {
   }
 };
 
-/// Encodes tiles of one layer of the output.
+/// Encodes tiles of the output.
 class SampleEncoder {
  public:
-  SampleEncoder(const FieldFile& field, const FieldShape& shape, const OutputLayer& out)
-      : field_(field), out_(out) {
-    if (const auto* codec = out.codec->predictive())
-      predicted_.emplace(shape, *codec, [&field](unsigned level) -> const LevelGeometry& {
+  SampleEncoder(const FieldFile& field, const RepackPlan& plan) : field_(field), plan_(plan) {
+    if (const auto* codec = plan.codec->predictive())
+      predicted_.emplace(plan.shape, *codec, [&field](unsigned level) -> const LevelGeometry& {
         return field.geometry(level);
       });
   }
 
   /// The bytes of a tile's payload; none if it is not stored.
   [[nodiscard]] Result<std::optional<std::uint64_t>> encode(TileKey key) const {
-    const auto state = SLF_TRY(state_of(field_, out_, key));
-    if (state != TileState::stored) return std::nullopt;
-    const auto samples = read(key);
+    const auto tile = SLF_TRY(field_.store().find(key));
+    if (tile.state != TileState::stored) return std::nullopt;
+    const auto samples = read(tile);
     if (!samples && samples.error().code == ErrorCode::tile_missing) return std::nullopt;
     if (!samples) return tl::unexpected(samples.error());
     std::vector<Bytes> kept;
     Bytes payload;
-    codec::Tile shape = field_.tile_shape(out_.from[0], key);
-    shape.format = out_.layer.format;
     const auto source = [&](TileKey reference) -> Result<ByteSpan> {
-      const auto there = SLF_TRY(state_of(field_, out_, reference));
-      if (there == TileState::missing) return fail(ErrorCode::tile_missing, "missing");
-      if (there == TileState::empty) return ByteSpan();
-      return kept.emplace_back(SLF_TRY(read(reference)));
+      const auto there = SLF_TRY(field_.store().find(reference));
+      if (there.state == TileState::missing) return fail(ErrorCode::tile_missing, "missing");
+      if (there.state == TileState::empty) return ByteSpan();
+      return kept.emplace_back(SLF_TRY(read(there)));
     };
     SLF_TRY(predicted_ ? predicted_->encode(key, *samples, source, payload)
-                       : out_.codec->encode(shape, *samples, payload));
+                       : plan_.codec->encode(plan_.tile_shape(field_, key), *samples, payload));
     return payload.size();
   }
 
  private:
-  [[nodiscard]] Result<Bytes> read(TileKey key) const {
-    InputTile input;
-    input.begin(key);
+  [[nodiscard]] Result<Bytes> read(const storage::TileRef& tile) const {
     Bytes samples;
-    SLF_TRY(input.samples(field_, out_, samples));
+    SLF_TRY(read_samples(field_, plan_, tile, samples));
     return samples;
   }
 
   const FieldFile& field_;
-  const OutputLayer& out_;
+  const RepackPlan& plan_;
   std::optional<PredictedTiles> predicted_;
 };
 
-/// The exact size of a copied layer, from the tables of the records.
-Result<Estimate> count(const FieldFile& field, const FieldShape& shape, LayerId layer) {
+/// The exact size of copied tiles, from the tables of the records.
+Result<Estimate> count(const FieldFile& field, const FieldShape& shape) {
   Estimate sum;
   const TileRange all = all_keys(shape);
-  SLF_TRY(field.store().visit(layer, all.begin, all.end,
-                              [&](const storage::TileRef& tile) -> Result<void> {
-                                if (!shape.has(tile.key)) return {};
-                                sum.bytes += static_cast<double>(tile.payload.size());
-                                sum.stored += tile.state == TileState::stored ? 1 : 0;
-                                return {};
-                              }));
+  SLF_TRY(
+      field.store().visit(all.begin, all.end, [&](const storage::TileRef& tile) -> Result<void> {
+        if (!shape.has(tile.key)) return {};
+        sum.bytes += static_cast<double>(tile.payload.size());
+        sum.stored += tile.state == TileState::stored ? 1 : 0;
+        return {};
+      }));
   return sum;
 }
 
@@ -134,36 +128,26 @@ Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, st
 Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions& options,
                                        const ProgressCallback& progress) {
   const FieldFile& field = handle.file();
-  const auto shape = SLF_TRY(plan_shape(field, options));
-  const auto outputs = SLF_TRY(plan_layers(field, shape, options));
+  const auto plan = SLF_TRY(plan_repack(field, options));
+  const FieldShape& shape = plan.shape;
   const TileOrder order(shape);
   Progress state;
-  for (const OutputLayer& out : outputs)
-    for (unsigned level = 0; !out.copy && level <= shape.levels; ++level)
-      state.total += std::min(kSample, shape.tiles(level));
+  for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level)
+    state.total += std::min(kSample, shape.tiles(level));
   const auto go_on = [&] {
     ++state.done;
     return !progress || progress(state);
   };
 
   Estimate total;
-  double tables = 0;
-  for (const OutputLayer& out : outputs) {
-    tables += static_cast<double>(out.codec->tables().size());
-    if (out.copy) {
-      const auto exact = SLF_TRY(count(field, shape, out.from[0]));
-      total += exact;
-      continue;
-    }
-    const SampleEncoder encoder(field, shape, out);
-    for (unsigned level = 0; level <= shape.levels; ++level) {
-      const auto estimate =
-          sample(encoder, order, order.first_number(level), order.first_number(level + 1),
-                 thread_count(options.threads), go_on);
-      if (!estimate)
-        return fail(estimate.error().code, field.path(), ": ", estimate.error().message);
-      total += *estimate;
-    }
+  if (plan.copy) total = SLF_TRY(count(field, shape));
+  const SampleEncoder encoder(field, plan);
+  for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level) {
+    const auto estimate =
+        sample(encoder, order, order.first_number(level), order.first_number(level + 1),
+               thread_count(options.threads), go_on);
+    if (!estimate) return fail(estimate.error().code, field.path(), ": ", estimate.error().message);
+    total += *estimate;
   }
   const ByteSpan light = SLF_TRY(options.light ? field.light() : ByteSpan());
   std::uint64_t indexed = 0;
@@ -171,12 +155,12 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
     if (shape.tiles(level) <= kMaxIndexedTiles) indexed += shape.tiles(level);
   const double error = kDeviations * std::sqrt(total.variance);
   const double file = total.bytes * (1 + kRecordShare) + kTileBytes * total.stored +
-                      static_cast<double>(order.count() * outputs.size()) + kTreeBytes +
-                      kIndexedTileBytes * static_cast<double>(indexed * outputs.size()) +
-                      kIndexBytes + tables + static_cast<double>(light.size());
+                      static_cast<double>(order.count()) + kTreeBytes +
+                      kIndexedTileBytes * static_cast<double>(indexed) + kIndexBytes +
+                      static_cast<double>(plan.codec->tables().size() + light.size());
   const auto whole = [](double bytes) { return static_cast<std::uint64_t>(std::llround(bytes)); };
   RepackEstimate estimate;
-  estimate.tiles = order.count() * outputs.size();
+  estimate.tiles = order.count();
   estimate.sampled = total.sampled;
   estimate.payload_bytes = whole(total.bytes);
   estimate.payload_error_bytes = whole(error);

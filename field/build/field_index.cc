@@ -12,8 +12,7 @@ namespace slf {
 namespace {
 
 /// The tiles of a level, each with the tiles that it is predicted from.
-Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field,
-                                                        storage::LayerId layer, unsigned level,
+Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field, unsigned level,
                                                         const GoOn& go_on) {
   std::vector<ReferenceIndex::Tile> tiles;
   const auto visit = [&](const storage::TileRef& tile) -> Result<void> {
@@ -22,7 +21,7 @@ Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field,
       tiles.push_back({tile.key, field.references(tile)});
     return {};
   };
-  SLF_TRY(field.store().visit(layer, first_key(level), first_key(level + 1), visit));
+  SLF_TRY(field.store().visit(first_key(level), first_key(level + 1), visit));
   return tiles;
 }
 
@@ -32,14 +31,10 @@ Result<void> index_field(const std::string& path, const GoOn& go_on) {
   std::vector<storage::IndexExtra> extras;
   {
     const auto field = SLF_TRY(FieldFile::open(path));
-    const FieldFile& file = *field;
-    for (storage::LayerId layer = 0; layer < file.store().layers().size(); ++layer) {
-      if (file.codec(layer).predictive() == nullptr) continue;
-      for (unsigned level = 1; level <= file.shape().levels; ++level) {
-        if (file.shape().tiles(level) > kMaxIndexedTiles) break;
-        const auto tiles = SLF_TRY(references_of(file, layer, level, go_on));
-        extras.push_back({reference_section(layer, level), ReferenceIndex::encode(tiles)});
-      }
+    for (unsigned level = 1; field->predicts() && level <= field->shape().levels; ++level) {
+      if (field->shape().tiles(level) > kMaxIndexedTiles) break;
+      const auto tiles = SLF_TRY(references_of(*field, level, go_on));
+      extras.push_back({reference_section(level), ReferenceIndex::encode(tiles)});
     }
   }
   return storage::write_index(path, extras, go_on);

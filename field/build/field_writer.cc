@@ -14,7 +14,6 @@
 namespace slf {
 namespace {
 
-using storage::LayerId;
 using storage::TileState;
 using storage::TileWriter;
 
@@ -84,11 +83,11 @@ bool FieldOutput::exists() const {
   return ::lstat(target.c_str(), &status) == 0;
 }
 
-FieldWriter::FieldWriter(TileWriter writer, std::string file, std::size_t layers)
+FieldWriter::FieldWriter(TileWriter writer, std::string file)
     : writer_(std::move(writer)),
       file_(std::move(file)),
       pending_limit_(kPendingLimit),
-      last_(layers) {}
+      last_(writer_->last()) {}
 
 FieldWriter::FieldWriter(FieldWriter&& other) noexcept
     : writer_(std::exchange(other.writer_, std::nullopt)),
@@ -96,25 +95,20 @@ FieldWriter::FieldWriter(FieldWriter&& other) noexcept
       output_(std::move(other.output_)),
       discard_(std::exchange(other.discard_, false)),
       pending_limit_(other.pending_limit_),
-      last_(std::move(other.last_)) {}
+      last_(other.last_) {}
 
 FieldWriter::~FieldWriter() {
   if (discard_) unlink(file_.c_str());  // while the writer holds the lock
 }
 
 Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
-                                        const Manifest& manifest, std::span<const ByteSpan> tables,
-                                        ByteSpan light) {
+                                        const Manifest& manifest, ByteSpan tables, ByteSpan light) {
   if (output.existing == Existing::keep && output.exists())
     return fail(ErrorCode::usage, output.path,
                 ": exists; choose another output, or let it be replaced");
   const auto text = SLF_TRY(encode(manifest, output.path));
-  std::vector<std::string> names;
-  std::vector<std::pair<std::string, Bytes>> blobs{{kManifestBlob, text}};
-  for (std::size_t k = 0; k < manifest.layers.size(); ++k) {
-    names.push_back(manifest.layers[k].name);
-    blobs.emplace_back(kTablesBlobPrefix + names[k], Bytes(tables[k].begin(), tables[k].end()));
-  }
+  std::vector<std::pair<std::string, Bytes>> blobs{
+      {kManifestBlob, text}, {kTablesBlob, Bytes(tables.begin(), tables.end())}};
   if (!light.empty()) blobs.emplace_back(kLightBlob, Bytes(light.begin(), light.end()));
 
   const std::string file =
@@ -125,12 +119,12 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
     if (cleared.error().code != ErrorCode::busy) return tl::unexpected(cleared.error());
     return fail(ErrorCode::busy, output.path, kAnotherProcess, " (", file, ")");
   }
-  auto writer = TileWriter::create(file, names, blobs);
+  auto writer = TileWriter::create(file, blobs);
   if (!writer) return tl::unexpected(name_as_output(writer.error(), file, output.path));
   // The draft of a file that replaces a private one must never be public.
   if (output.existing == Existing::replace)
     copy_permissions(output.target, file, /*writable=*/true);
-  FieldWriter created(std::move(*writer), file, names.size());
+  FieldWriter created(std::move(*writer), file);
   created.output_ = output;
   created.discard_ = draft == Draft::discard;
   if (created.discard_) created.writer_->defer_sync();
@@ -141,15 +135,7 @@ Result<FieldWriter> FieldWriter::open(const std::string& file, std::uint64_t tra
   auto writer = SLF_TRY(TileWriter::resume(file));
   if (writer.transaction() != transaction)
     return fail(ErrorCode::busy, file, ": another process has just written to it; try again");
-  std::vector<std::optional<TileKey>> last;
-  for (LayerId layer = 0;; ++layer) {
-    const auto key = writer.last(layer);
-    if (!key) break;  // there are no more layers
-    last.push_back(*key);
-  }
-  FieldWriter opened(std::move(writer), file, last.size());
-  opened.last_ = std::move(last);
-  return opened;
+  return FieldWriter(std::move(writer), file);
 }
 
 Result<FieldWriter> FieldWriter::resume(const FieldOutput& output, std::uint64_t transaction) {
@@ -189,11 +175,11 @@ Result<void> FieldWriter::commit_when_due() {
   return commit();
 }
 
-Result<void> FieldWriter::put(LayerId layer, TileKey key, Bytes payload) {
-  const bool hole = layer < last_.size() && last_[layer] && key <= *last_[layer];
+Result<void> FieldWriter::put(TileKey key, Bytes payload) {
+  const bool hole = last_ && key <= *last_;
   const TileState state = payload.empty() ? TileState::empty : TileState::stored;
-  auto done = hole ? writer_->replace(layer, key, state, payload)
-                   : writer_->append(layer, key, std::move(payload));
+  auto done =
+      hole ? writer_->replace(key, state, payload) : writer_->append(key, std::move(payload));
   if (!done) return done;
   return commit_when_due();
 }
@@ -203,15 +189,15 @@ Result<void> FieldWriter::put_view(const storage::TileRef& tile) {
   return commit_when_due();
 }
 
-Result<void> FieldWriter::put_missing(LayerId layer, TileKey key) {
-  SLF_TRY(writer_->append_missing(layer, key));
+Result<void> FieldWriter::put_missing(TileKey key) {
+  SLF_TRY(writer_->append_missing(key));
   return commit_when_due();
 }
 
 Result<void> FieldWriter::put_light(ByteSpan light) { return writer_->set_blob(kLightBlob, light); }
 
-Result<void> FieldWriter::drop(LayerId layer, TileKey key) {
-  SLF_TRY(writer_->replace(layer, key, TileState::missing, {}));
+Result<void> FieldWriter::drop(TileKey key) {
+  SLF_TRY(writer_->replace(key, TileState::missing, {}));
   return commit_when_due();
 }
 

@@ -16,7 +16,6 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <vector>
 
 #include "base/file.h"
 #include "base/go_on.h"
@@ -49,14 +48,13 @@ class FieldWriter {
   /// Whether the destructor keeps or removes an unfinished draft.
   enum class Draft { keep, discard };
 
-  /// Begins a new field. `tables` has the codec tables of its layers, in the order of the manifest;
-  /// `light`, if not empty, the light that the field keeps.
-  /// After an error no file remains. usage: the output exists and is to be kept, or readers would
-  /// refuse the manifest. failed: another process is writing the field. bad_file: a file with the
-  /// draft's name exists and is no container, so it is not a draft. io: the system refuses.
+  /// Begins a new field. `tables` are those of its codec; `light`, if not empty, the light that the
+  /// field keeps. After an error no file remains. usage: the output exists and is to be kept, or
+  /// readers would refuse the manifest. failed: another process is writing the field. bad_file: a
+  /// file with the draft's name exists and is no container, so it is not a draft. io: the system
+  /// refuses.
   [[nodiscard]] static Result<FieldWriter> create(const FieldOutput& output, Draft draft,
-                                                  const Manifest& manifest,
-                                                  std::span<const ByteSpan> tables,
+                                                  const Manifest& manifest, ByteSpan tables,
                                                   ByteSpan light = {});
 
   /// Continues the unfinished field of an output. `transaction` is the commit that the caller has
@@ -80,10 +78,10 @@ class FieldWriter {
   /// Sets about how many bytes of records may wait before a commit, at most 32 MiB (the default).
   void set_pending_limit(std::uint64_t bytes);
 
-  /// Writes a tile. Tiles of a layer come in key order. A tile above the last one is appended; a
+  /// Writes a tile. Tiles come in key order. A tile above the last one is appended; a
   /// lower one replaces a missing tile of the file that was opened. An empty payload means an empty
   /// tile.
-  [[nodiscard]] Result<void> put(storage::LayerId layer, TileKey key, Bytes payload);
+  [[nodiscard]] Result<void> put(TileKey key, Bytes payload);
 
   /// Appends a tile of another field without copying its payload. REQUIRES: the tile's store has
   /// checked it, and lives until copy_viewed_payloads() or until a commit has written the tile.
@@ -93,13 +91,13 @@ class FieldWriter {
   void copy_viewed_payloads() { writer_->copy_viewed_payloads(); }
 
   /// Appends a missing tile, which put() can fill later.
-  [[nodiscard]] Result<void> put_missing(storage::LayerId layer, TileKey key);
+  [[nodiscard]] Result<void> put_missing(TileKey key);
 
   /// Sets the light that the field keeps, in the next commit. Empty: none.
   [[nodiscard]] Result<void> put_light(ByteSpan light);
 
   /// Makes a tile missing. Errors other than io concern this tile alone.
-  [[nodiscard]] Result<void> drop(storage::LayerId layer, TileKey key);
+  [[nodiscard]] Result<void> drop(TileKey key);
 
   /// Makes the tiles of all complete records durable. io: the disk is full, or the system refuses;
   /// the message says whether the work can be continued. failed: the file was removed, renamed or
@@ -116,7 +114,7 @@ class FieldWriter {
   [[nodiscard]] Result<void> finish(const GoOn& go_on = {});
 
  private:
-  FieldWriter(storage::TileWriter writer, std::string file, std::size_t layers);
+  FieldWriter(storage::TileWriter writer, std::string file);
   [[nodiscard]] static Result<FieldWriter> open(const std::string& file, std::uint64_t transaction);
   [[nodiscard]] Result<void> with_file_state(Result<void> written) const;
   [[nodiscard]] Result<void> commit_when_due();
@@ -126,7 +124,7 @@ class FieldWriter {
   std::optional<FieldOutput> output_;  ///< of a new field
   bool discard_ = false;               ///< remove the file unless it is finished
   std::uint64_t pending_limit_;
-  std::vector<std::optional<TileKey>> last_;  ///< of each layer, when the writer was opened
+  std::optional<TileKey> last_;  ///< when the writer was opened
 };
 
 }  // namespace slf

@@ -10,7 +10,6 @@
 namespace slf {
 namespace {
 
-using storage::LayerId;
 using storage::TileRef;
 using storage::TileState;
 
@@ -75,7 +74,7 @@ class Merger {
         part.release_all();  // pages that were read stay in the kernel's cache
         mapped = 0;
       }
-      state_.done += tiles.size() / plan_.manifest.layers.size();
+      state_.done += tiles.size();
       if (progress_ && !progress_(state_))
         return fail(ErrorCode::cancelled, "merge interrupted; nothing was written");
     }
@@ -84,22 +83,18 @@ class Merger {
     return {};
   }
 
-  /// The tiles of a range, checked: [tile][layer].
+  /// The tiles of a range, checked.
   [[nodiscard]] Result<std::vector<TileRef>> checked(const storage::TileStore& part,
                                                      NumberRange range) const {
     std::vector<TileKey> keys;
     for (std::uint64_t n = range.begin; n < range.end; ++n) keys.push_back(order_.key(n));
-    const std::size_t layers = plan_.manifest.layers.size();
-    std::vector<TileRef> tiles(keys.size() * layers);
-    for (LayerId layer = 0; layer < layers; ++layer) {
-      const auto found = part.find_all(layer, keys);
-      for (std::size_t k = 0; k < found.size(); ++k) {
-        if (!found[k]) return tl::unexpected(found[k].error());
-        if (found[k]->state == TileState::missing)
-          return fail(ErrorCode::failed, part.path(), ": tile ", int{keys[k].level}, "/",
-                      keys[k].index, " is missing");
-        tiles[k * layers + layer] = *found[k];
-      }
+    std::vector<TileRef> tiles;
+    for (const auto& found : part.find_all(keys)) {
+      if (!found) return tl::unexpected(found.error());
+      if (found->state == TileState::missing)
+        return fail(ErrorCode::failed, part.path(), ": tile ", int{found->key.level}, "/",
+                    found->key.index, " is missing");
+      tiles.push_back(*found);
     }
     part.advise(tiles);
     for (const TileRef& tile : tiles) SLF_TRY(part.check(tile));
@@ -126,11 +121,10 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   const auto output =
       SLF_TRY(FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, parts));
   const auto plan = SLF_TRY(plan_merge(parts, options.part));
-  const std::vector<ByteSpan> tables(plan.tables.begin(), plan.tables.end());
   if (progress && !progress({0, TileOrder(plan.manifest.shape).count(), 0}))
     return fail(ErrorCode::cancelled, "merge interrupted; nothing was written");
-  auto writer = SLF_TRY(
-      FieldWriter::create(output, FieldWriter::Draft::discard, plan.manifest, tables, plan.light));
+  auto writer = SLF_TRY(FieldWriter::create(output, FieldWriter::Draft::discard, plan.manifest,
+                                            plan.tables, plan.light));
   Merger merger(plan, parts, options, writer, progress);
   SLF_TRY(merger.write());
   MergeReport report = merger.report();

@@ -17,7 +17,7 @@ constexpr std::size_t kMaxNamed = 10;  // ranges or files in a message
 struct Source {
   std::string path;
   Manifest manifest;
-  std::vector<Bytes> tables;
+  Bytes tables;
   Bytes light;
   std::uint64_t commit = 0;
 };
@@ -77,16 +77,12 @@ Result<Source> read_source(const std::string& path) {
   if (!field) return tl::unexpected(field.error());
   SLF_TRY(check_complete(**field));
   const auto light = SLF_TRY((*field)->light());
-  Source source{path,
+  const ByteSpan tables = (*field)->codec().tables();
+  return Source{path,
                 (*field)->manifest(),
-                {},
+                {tables.begin(), tables.end()},
                 {light.begin(), light.end()},
                 (*field)->store().transaction()};
-  for (storage::LayerId layer = 0; layer < source.manifest.layers.size(); ++layer) {
-    const ByteSpan tables = (*field)->codec(layer).tables();
-    source.tables.emplace_back(tables.begin(), tables.end());
-  }
-  return source;
 }
 
 /// usage: `other` is not a part of the same field as `first`.
@@ -104,14 +100,11 @@ Result<void> check_same(const Source& first, const Source& other) {
   if (const std::string place = first_difference(a, b); !place.empty())
     return differ(place == "/provenance/content" ? "it was built from other data"
                                                  : place + " differs");
-  for (std::size_t layer = 0; layer < first.tables.size(); ++layer)
-    if (first.tables[layer] != other.tables[layer])
-      return differ("the codec's tables of layer '" + a.layers[layer].name + "' differ");
+  if (first.tables != other.tables) return differ("the codec's tables differ");
   // A repack that leaves out subfields encodes predicted tiles again. A shard's tiles were
   // predicted from the original ones, not from those.
   const bool anew = first.manifest.shape.subfields != other.manifest.shape.subfields;
-  const bool predicted = std::ranges::any_of(
-      first.manifest.layers, [](const Layer& layer) { return codec::is_predictive(layer.codec); });
+  const bool predicted = codec::is_predictive(first.manifest.codec);
   if (predicted && anew && (first.manifest.part || other.manifest.part))
     return differ(
         "one is a shard, the other has subfields that a repack encoded anew; merge the "

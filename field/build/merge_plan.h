@@ -20,7 +20,7 @@ struct MergeSegment {
 
 struct MergePlan {
   Manifest manifest;                   ///< of the merged field
-  std::vector<Bytes> tables;           ///< of its layers
+  Bytes tables;                        ///< of its codec
   Bytes light;                         ///< of the first part that keeps it; none if none does
   std::vector<std::uint64_t> commits;  ///< of each part: the number of the commit that was read
   std::vector<MergeSegment> segments;  ///< in key order, without gaps

@@ -11,11 +11,11 @@
 
 namespace slf {
 
-/// The selected tiles that are missing in at least one layer, by their numbers in key order: holes
-/// among stored tiles, and all selected tiles after the last stored one.
+/// The selected tiles that are missing, by their numbers in key order: holes among stored tiles,
+/// and all selected tiles after the last stored one.
 class MissingTiles {
  public:
-  /// All selected tiles, in all layers.
+  /// All selected tiles.
   explicit MissingTiles(TileSelection selection) : selection_(std::move(selection)) {}
 
   /// The selected tiles that are missing in a field. bad_file: a record cannot be read.
@@ -25,24 +25,15 @@ class MissingTiles {
   [[nodiscard]] std::uint64_t count() const { return holes_.size() + (selection_.count() - end_); }
   /// The number of the k-th missing tile. REQUIRES: k < count().
   [[nodiscard]] std::uint64_t number(std::uint64_t k) const {
-    return selection_.number(k < holes_.size() ? holes_[k].rank : end_ + (k - holes_.size()));
+    return selection_.number(k < holes_.size() ? holes_[k] : end_ + (k - holes_.size()));
   }
   /// The numbers of all missing tiles.
   [[nodiscard]] TileSelection numbers() const;
-  /// Whether the k-th missing tile is missing in this layer. REQUIRES: k < count(), layer < 64.
-  [[nodiscard]] bool is_missing_in(std::uint64_t k, storage::LayerId layer) const {
-    return k >= holes_.size() || (holes_[k].layers >> layer & 1) != 0;
-  }
 
  private:
-  struct Hole {
-    std::uint64_t rank = 0;    ///< among the selected tiles
-    std::uint64_t layers = 0;  ///< a bit for each layer in which it is missing
-  };
-
   TileSelection selection_;
-  std::uint64_t end_ = 0;  ///< selected tiles from this rank on are missing in all layers
-  std::vector<Hole> holes_;
+  std::uint64_t end_ = 0;             ///< selected tiles from this rank on are missing
+  std::vector<std::uint64_t> holes_;  ///< ranks among the selected tiles
 };
 
 }  // namespace slf

@@ -90,16 +90,13 @@ std::byte to_byte(float value) {
 }
 
 void store_color(const glm::vec4& rgba, SampleFormat format, std::byte* to) {
-  if (color_format(format) == SampleFormat::rgba16f) {
+  if (is_half(format)) {
     for (int c = 0; c < 4; ++c) store_le<std::uint16_t>(to + 2 * c, half_from_float(rgba[c]));
     return;
   }
   to[3] = to_byte(rgba.a);
   for (int c = 0; c < 3; ++c) to[c] = std::min(to_byte(rgba[c]), to[3]);
 }
-
-/// Bytes of a sample's colour. Depths in the same layer come after all colours.
-std::size_t color_bytes(SampleFormat format) { return sample_bytes(color_format(format)); }
 
 /// Depth is undefined where nothing is visible. Fills such samples with smooth values, which cost
 /// few bytes: along each line, a ramp between defined samples; a line without defined samples
@@ -141,21 +138,20 @@ void fill_undefined_depth(std::byte* picture, const std::vector<bool>& defined,
 }  // namespace
 
 TileTracer::TileTracer(const Scene& scene, const Manifest& manifest)
-    : scene_(scene), shape_(manifest.shape) {
-  for (const Layer& layer : manifest.layers) formats_.push_back(layer.format);
+    : scene_(scene), shape_(manifest.shape), format_(manifest.format) {
   for (unsigned level = 0; level <= shape_.levels; ++level) {
     filtered_.push_back(manifest.filtered(level));
     levels_.emplace_back(shape_, level);
   }
 }
 
-codec::Tile TileTracer::shape(TileKey key, SampleFormat format) const {
-  return levels_[key.level].tile(sections_of(key, shape_.entry_extra_levels).entry.index, format);
+codec::Tile TileTracer::shape(TileKey key) const {
+  return levels_[key.level].tile(sections_of(key, shape_.entry_extra_levels).entry.index, format_);
 }
 
 std::uint64_t TileTracer::rays(TileKey key) const {
-  const codec::Tile tile = shape(key, SampleFormat::rgba8);
-  return tile.rows() * tile.columns() * rays_per_slab(key.level);
+  const codec::Tile tile = shape(key);
+  return tile.samples() * rays_per_slab(key.level);
 }
 
 std::uint64_t TileTracer::rays(unsigned level) const {
@@ -173,7 +169,7 @@ Result<void> TileTracer::trace(TileKey key, TracedTile& tile) const {
 
 void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
   const TileSections sections = sections_of(key, shape_.entry_extra_levels);
-  const codec::Tile layout = shape(key, SampleFormat::rgba8);
+  const codec::Tile layout = shape(key);
   const Sphere& sphere = shape_.sphere;
   const auto entries = world_points(
       sphere, vertices_at(sections.entry, shape_.entry_section_side(), layout.positions));
@@ -186,16 +182,9 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
   const std::size_t columns = layout.columns();
   tile.key = key;
   tile.empty = true;
-  tile.layers.resize(formats_.size());
-  for (std::size_t k = 0; k < formats_.size(); ++k)
-    tile.layers[k].assign(layout.rows() * columns * codec::sample_bytes(formats_[k]), std::byte{0});
-
-  // The depths of a layer, or null.
-  const auto depths = [&](std::size_t k) -> std::byte* {
-    if (formats_[k] == SampleFormat::depth8) return tile.layers[k].data();
-    if (!has_color_and_depth(formats_[k])) return nullptr;
-    return tile.layers[k].data() + color_bytes(formats_[k]) * layout.rows() * columns;
-  };
+  tile.samples.assign(layout.bytes(), std::byte{0});
+  std::byte* const colors = tile.samples.data();
+  std::byte* const depths = has_depth(format_) ? colors + layout.color_bytes() : nullptr;
 
   std::vector<bool> defined(columns);
   // Many rows at once, because a call can be costly for some scenes.
@@ -221,18 +210,12 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
       if (!defined[column]) continue;
       any = true;
       const std::size_t at = row * columns + column;
-      for (std::size_t k = 0; k < formats_.size(); ++k) {
-        if (std::byte* const depth = depths(k)) depth[at] = to_byte(sample.depth);
-        if (formats_[k] != SampleFormat::depth8)
-          store_color(sample.rgba, formats_[k],
-                      tile.layers[k].data() + at * color_bytes(formats_[k]));
-      }
+      store_color(sample.rgba, format_, colors + at * color_bytes(format_));
+      if (depths) depths[at] = to_byte(sample.depth);
     }
     if (!any) continue;
     tile.empty = false;
-    for (std::size_t k = 0; k < formats_.size(); ++k)
-      if (std::byte* const depth = depths(k))
-        fill_undefined_depth(depth + row * columns, defined, shape_.exit_side);
+    if (depths) fill_undefined_depth(depths + row * columns, defined, shape_.exit_side);
   }
 }
 

@@ -1,4 +1,4 @@
-// TileTracer: samples one tile's slabs from a scene, in the formats of a manifest's layers.
+// TileTracer: samples one tile's slabs from a scene, in the format of a manifest.
 //
 // At the finest level of a build, a slab is one ray. Coarser levels serve small and distant views,
 // where single rays would alias. So there a slab is a mean of rays from its entry vertex to exit
@@ -17,8 +17,8 @@ namespace slf {
 /// A tile's samples before encoding; reused from tile to tile.
 struct TracedTile {
   TileKey key;
-  bool empty = true;          ///< nothing is visible; `layers` is then undefined
-  std::vector<Bytes> layers;  ///< in the manifest's order, each with the layout of codec::Tile
+  bool empty = true;  ///< nothing is visible; `samples` is then undefined
+  Bytes samples;      ///< with the layout of codec::Tile
 };
 
 /// The scene must outlive the tracer. Thread-safety: const members from any thread.
@@ -30,7 +30,7 @@ class TileTracer {
   /// message names the tile.
   [[nodiscard]] Result<void> trace(TileKey key, TracedTile& tile) const;
 
-  [[nodiscard]] codec::Tile shape(TileKey key, codec::SampleFormat format) const;
+  [[nodiscard]] codec::Tile shape(TileKey key) const;
   /// Approximate number of rays for a tile, or for all tiles of a level.
   [[nodiscard]] std::uint64_t rays(TileKey key) const;
   [[nodiscard]] std::uint64_t rays(unsigned level) const;
@@ -46,7 +46,7 @@ class TileTracer {
   const Scene& scene_;
   FieldShape shape_;
   std::vector<bool> filtered_;  // per level
-  std::vector<codec::SampleFormat> formats_;
+  codec::SampleFormat format_;
   std::vector<LevelGeometry> levels_;
 };
 

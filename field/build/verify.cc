@@ -12,18 +12,11 @@
 namespace slf {
 namespace {
 
-using storage::LayerId;
 using storage::TileRef;
 using storage::TileState;
 
 constexpr std::size_t kMaxFindings = 1000;
 constexpr std::size_t kBatch = 256;
-
-/// What to drop for a finding: one tile, or the record that ends with it.
-struct Repair {
-  LayerId layer;
-  TileKey key;
-};
 
 class Verifier {
  public:
@@ -53,9 +46,10 @@ class Verifier {
     if (report_.findings.size() < kMaxFindings)
       report_.findings.push_back({kind, std::move(message)});
   }
-  void add(FindingKind kind, std::string message, std::vector<Repair> repairs) {
+  /// `repair`: what to drop, one tile or the record that ends with it.
+  void add(FindingKind kind, std::string message, TileKey repair) {
     add(kind, std::move(message));
-    if (options_.fix) repairs_.push_back(std::move(repairs));
+    if (options_.fix) repairs_.push_back(repair);
   }
 
   Result<void> check(const std::string& path) {
@@ -100,31 +94,23 @@ class Verifier {
   Result<void> check_tiles(const FieldFile& field) {
     SLF_TRY(check_light(field));
     for (unsigned level = 0; level <= field.shape().levels; ++level)
-      state_.total += field.shape().tiles(level) * field.manifest().layers.size();
+      state_.total += field.shape().tiles(level);
     report_.complete = true;
-    for (LayerId layer = 0; layer < field.manifest().layers.size(); ++layer)
-      SLF_TRY(check_layer(field, layer));
-    return {};
-  }
-
-  Result<void> check_layer(const FieldFile& field, LayerId layer) {
     std::vector<std::uint64_t> found(field.shape().levels + 1);
     std::vector<TileRef> batch;
     bool stopped = false;
     std::optional<Error> unreadable;
     auto visited = field.store().visit(
-        layer, {0, 0}, {255, 0},
+        {0, 0}, {255, 0},
         [&](const TileRef& tile) -> Result<void> {
           ++report_.tiles;
           report_.payload_bytes += tile.payload.size();
           if (!field.shape().has(tile.key)) {
-            add(FindingKind::key, place(field, tile) + ": this field has no such tile",
-                {{layer, tile.key}});
+            add(FindingKind::key, place(field, tile) + ": this field has no such tile", tile.key);
             return {};
           }
           if (field.manifest().holds(tile.key)) ++found[tile.key.level];
           if (tile.state == TileState::stored) batch.push_back(tile);
-          if (layer > 0) compare_states(field, tile);
           if (batch.size() == kBatch)
             if (auto ok = check_payloads(field, batch); !ok) return stopped = true, ok;
           ++state_.done;
@@ -134,40 +120,29 @@ class Verifier {
         },
         [&](const storage::Damage& damage) {
           if (damage.code == ErrorCode::io) unreadable = damage;
-          add(FindingKind::record, damage.message, {{layer, damage.last}});
+          add(FindingKind::record, damage.message, damage.last);
         });
     if (stopped) return visited;
     if (unreadable) return tl::unexpected(*unreadable);
     if (!visited) add(FindingKind::structure, visited.error().message);
     SLF_TRY(check_payloads(field, batch));
     for (unsigned level = 0; level < found.size(); ++level)
-      compare_count(field, layer, level, found[level]);
+      compare_count(field, level, found[level]);
     return {};
   }
 
   static std::string place(const FieldFile& field, const TileRef& tile) {
-    return field.path() + ": layer '" + field.manifest().layers[tile.layer].name + "', tile " +
-           std::to_string(tile.key.level) + "/" + std::to_string(tile.key.index);
+    return field.path() + ": tile " + std::to_string(tile.key.level) + "/" +
+           std::to_string(tile.key.index);
   }
 
-  void compare_count(const FieldFile& field, LayerId layer, unsigned level, std::uint64_t found) {
+  void compare_count(const FieldFile& field, unsigned level, std::uint64_t found) {
     const std::uint64_t expected = field.manifest().tiles(level);
     if (found == expected) return;
     report_.complete = false;
-    add(FindingKind::missing, field.path() + ": layer '" + field.manifest().layers[layer].name +
-                                  "', level " + std::to_string(level) + ": " +
+    add(FindingKind::missing, field.path() + ": level " + std::to_string(level) + ": " +
                                   std::to_string(found) + " of " + std::to_string(expected) +
                                   " tiles; the build command that made it fills it");
-  }
-
-  /// It is unknown which layer is wrong, so both tiles must be built again.
-  void compare_states(const FieldFile& field, const TileRef& tile) {
-    const auto first = field.store().find(0, tile.key);
-    if (!first || first->state == TileState::missing || first->state == tile.state) return;
-    add(FindingKind::mismatch,
-        place(field, tile) + ": is " + (tile.state == TileState::empty ? "empty" : "stored") +
-            ", but not so in layer '" + field.manifest().layers[0].name + "'",
-        {{0, tile.key}, {tile.layer, tile.key}});
   }
 
   /// Checks and decodes tiles on all threads, and clears `tiles`.
@@ -186,7 +161,7 @@ class Verifier {
         if (finding && finding->kind == FindingKind::reference)
           add(finding->kind, std::move(finding->message));
         else if (finding)
-          add(finding->kind, std::move(finding->message), {{tiles[k].layer, tiles[k].key}});
+          add(finding->kind, std::move(finding->message), tiles[k].key);
       }
     }
     tiles.clear();
@@ -200,7 +175,7 @@ class Verifier {
       return Finding{FindingKind::checksum, ok.error().message};
     }
     thread_local Bytes samples;
-    samples.resize(field.tile_shape(tile.layer, tile.key).bytes());
+    samples.resize(field.tile_shape(tile.key).bytes());
     auto ok = field.decode(tile, samples);
     if (ok) return std::nullopt;
     if (ok.error().code == ErrorCode::io) return tl::unexpected(ok.error());
@@ -217,10 +192,10 @@ class Verifier {
     Bytes samples;
     for (const TileKey key : field.references(tile)) {
       if (!field.shape().has(key)) return true;  // then the tile itself is wrong
-      const auto reference = field.store().find(tile.layer, key);
+      const auto reference = field.store().find(key);
       if (!reference || reference->state == TileState::missing) return false;
       if (reference->state == TileState::empty) continue;
-      samples.resize(field.tile_shape(tile.layer, key).bytes());
+      samples.resize(field.tile_shape(key).bytes());
       if (!field.decode(*reference, samples)) return false;
     }
     return true;
@@ -234,16 +209,13 @@ class Verifier {
                      [](const Finding& finding) { return finding.kind == FindingKind::structure; });
     if ((repairs_.empty() && !drop_light_) || !sound) return {};
     auto writer = SLF_TRY(FieldWriter::edit(path, transaction_));
-    for (const std::vector<Repair>& repairs : repairs_) {
-      bool cured = true;
-      for (const Repair& repair : repairs) {
-        auto ok = writer.drop(repair.layer, repair.key);
-        if (!ok && ok.error().code != ErrorCode::usage && ok.error().code != ErrorCode::bad_file)
-          return ok;  // an error that concerns more than this tile
-        cured = cured && ok.has_value();
-        if (ok) ++report_.dropped;
-      }
-      if (cured) ++fixed_;
+    for (const TileKey repair : repairs_) {
+      auto ok = writer.drop(repair);
+      if (!ok && ok.error().code != ErrorCode::usage && ok.error().code != ErrorCode::bad_file)
+        return ok;  // an error that concerns more than this tile
+      if (!ok) continue;
+      ++report_.dropped;
+      ++fixed_;
     }
     if (drop_light_) {
       SLF_TRY(writer.put_light({}));
@@ -258,7 +230,7 @@ class Verifier {
   const ProgressCallback& progress_;
   VerifyReport report_;
   Progress state_;
-  std::vector<std::vector<Repair>> repairs_;  ///< one for each finding that has one
+  std::vector<TileKey> repairs_;  ///< one for each finding that has one
   bool drop_light_ = false;
   std::uint64_t fixed_ = 0;
   std::uint64_t transaction_ = 0;  ///< the commit that was checked
@@ -267,7 +239,7 @@ class Verifier {
 }  // namespace
 
 const char* id(FindingKind kind) {
-  constexpr const char* kIds[] = {"S1", "M1", "L1", "R1", "K1", "T1", "T2", "T3", "C1", "C2"};
+  constexpr const char* kIds[] = {"S1", "M1", "L1", "R1", "K1", "T1", "T2", "T3", "C1"};
   return kIds[static_cast<int>(kind)];
 }
 

@@ -36,7 +36,7 @@ class LevelGeometry {
   /// The rows of the tiles of an entry section, as local coordinates. Valid as long as this object.
   [[nodiscard]] std::span<const LocalPoint> rows(std::uint32_t entry_section) const;
 
-  /// The shape of the tiles of an entry section, in a layer of this format.
+  /// The shape of the tiles of an entry section, with samples of this format.
   [[nodiscard]] codec::Tile tile(std::uint32_t entry_section, codec::SampleFormat format) const {
     return {format, exit_side_, rows(entry_section)};
   }

@@ -1,7 +1,6 @@
-// ChannelReader: reads colours or depths of tiles, from a layer of their own or a combined one.
+// Channels: the colours or the depths of tiles.
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -9,31 +8,18 @@
 
 namespace slf {
 
-/// The layer and format of a channel in a field.
-struct Channel {
-  storage::LayerId layer = 0;
-  SampleFormat format = SampleFormat::rgba8;  ///< rgba8, rgba16f or depth8: of the channel alone
-};
+/// Whether a field has the channel "color" or "depth".
+[[nodiscard]] bool has_channel(const FieldFile& field, const std::string& name);
 
-/// Finds the channel "color" or "depth". None if the field does not have it.
-[[nodiscard]] std::optional<Channel> find_channel(const FieldFile& field, const std::string& name);
+/// Decodes a stored tile; all zeros for an empty one. Errors of FieldFile::decode().
+[[nodiscard]] Result<void> read_samples(const FieldFile& field, const storage::TileRef& tile,
+                                        Bytes& samples);
 
-/// Reads samples of one field on one thread. A tile that holds several channels is decoded once.
-class ChannelReader {
- public:
-  explicit ChannelReader(const FieldFile& field) : field_(field) {}
+/// The part of a tile's samples that holds a channel.
+[[nodiscard]] ByteSpan channel_of(const codec::Tile& shape, ByteSpan samples, bool depth);
 
-  /// The channel's part of a stored tile's samples; all zeros for an empty tile. Valid until the
-  /// next call. Errors of FieldFile::decode().
-  [[nodiscard]] Result<ByteSpan> read(const Channel& channel, const storage::TileRef& tile);
-
- private:
-  const FieldFile& field_;
-  std::optional<std::pair<storage::LayerId, TileKey>> decoded_;
-  Bytes samples_, zeros_;
-};
-
-/// Converts samples to numbers from 0 to 1. Colours of HDR fields may be larger.
-void to_floats(SampleFormat format, ByteSpan samples, std::vector<float>& numbers);
+/// Converts a channel, half floats or bytes, to numbers from 0 to 1. Colours of HDR fields may be
+/// larger.
+void to_floats(bool half, ByteSpan channel, std::vector<float>& numbers);
 
 }  // namespace slf

@@ -6,14 +6,13 @@
 namespace slf {
 namespace {
 
-using storage::LayerId;
 using storage::TileRef;
 using storage::TileState;
 
 /// After this many tiles, pages that were read are released.
 constexpr std::uint64_t kReleaseEvery = 1 << 14;
 
-/// Visits the tiles of a layer that pass the filter.
+/// Visits the tiles that pass the filter.
 class Listing {
  public:
   using Visitor = std::function<Result<void>(const ListedTile&)>;
@@ -21,18 +20,17 @@ class Listing {
   Listing(const Field& field, const TileFilter& filter, const Visitor& visitor)
       : handle_(field), field_(field.file()), filter_(filter), visitor_(visitor) {}
 
-  Result<void> layer(LayerId layer) {
+  Result<void> run() {
     for (unsigned level = filter_.first_level; level <= last_level(); ++level) {
       const unsigned bits = 4 * level + 2 * field_.shape().entry_extra_levels;
       if (filter_.subfields.empty() && field_.shape().subfields.empty()) {
-        if (auto ok = range(layer, level, 0, std::uint64_t{64} << bits); !ok) return ok;
+        if (auto ok = range(level, 0, std::uint64_t{64} << bits); !ok) return ok;
         continue;
       }
       for (const std::uint8_t subfield :
            filter_.subfields.empty() ? field_.shape().subfields : filter_.subfields) {
         const std::uint64_t begin = std::uint64_t{subfield} << bits;
-        if (auto ok = range(layer, level, begin, begin + (std::uint64_t{1} << bits)); !ok)
-          return ok;
+        if (auto ok = range(level, begin, begin + (std::uint64_t{1} << bits)); !ok) return ok;
       }
     }
     return {};
@@ -44,46 +42,38 @@ class Listing {
   }
 
   /// The tiles of a level with indexes in [begin, end).
-  Result<void> range(LayerId layer, unsigned level, std::uint64_t begin, std::uint64_t end) {
+  Result<void> range(unsigned level, std::uint64_t begin, std::uint64_t end) {
     const auto l = static_cast<std::uint8_t>(level);
     std::uint64_t due = begin;
     auto visited =
-        field_.store().visit(layer, {l, begin}, {l, end}, [&](const TileRef& tile) -> Result<void> {
-          if (auto ok = missing(layer, l, due, tile.key.index); !ok) return ok;
+        field_.store().visit({l, begin}, {l, end}, [&](const TileRef& tile) -> Result<void> {
+          if (auto ok = missing(l, due, tile.key.index); !ok) return ok;
           due = tile.key.index + 1;
-          return visit(
-              {layer, tile.state, tile.key, tile.payload.size(), field_.store().range(tile).begin});
+          return visit(tile);
         });
     if (!visited) return visited;
-    return missing(layer, l, due, end);
+    return missing(l, due, end);
   }
 
-  Result<void> missing(LayerId layer, std::uint8_t level, std::uint64_t begin, std::uint64_t end) {
+  Result<void> missing(std::uint8_t level, std::uint64_t begin, std::uint64_t end) {
     if (!filter_.missing) return {};
     for (std::uint64_t index = begin; index < end; ++index)
-      if (auto ok = visit({layer, TileState::missing, {level, index}, 0, 0}); !ok) return ok;
+      if (auto ok = visit({TileState::missing, {level, index}, {}, 0}); !ok) return ok;
     return {};
   }
 
-  struct FoundTile {
-    LayerId layer;
-    TileState state;
-    TileKey key;
-    std::uint64_t bytes, offset;
-  };
-  Result<void> visit(const FoundTile& tile) {
+  Result<void> visit(const TileRef& tile) {
     if (++visited_ % kReleaseEvery == 0) field_.store().release_all();
     ListedTile listed;
     listed.key = tile.key;
     listed.address = address_of(handle_, tile.key);
     listed.subfield = static_cast<std::uint8_t>(
         tile.key.index >> (4 * tile.key.level + 2 * field_.shape().entry_extra_levels));
-    listed.layer = tile.layer;
     listed.content = tile.state == TileState::stored  ? TileContent::stored
                      : tile.state == TileState::empty ? TileContent::empty
                                                       : TileContent::missing;
-    listed.payload_bytes = tile.bytes;
-    listed.offset_bytes = tile.offset;
+    listed.payload_bytes = tile.payload.size();
+    listed.offset_bytes = field_.store().range(tile).begin;
     return visitor_(listed);
   }
 
@@ -100,8 +90,6 @@ Result<void> check(const FieldFile& field, const TileFilter& filter) {
   for (const std::uint8_t subfield : filter.subfields)
     if (!field.shape().has({0, std::uint64_t{subfield} << (2 * field.shape().entry_extra_levels)}))
       return fail(ErrorCode::usage, field.path(), ": has no subfield ", int{subfield});
-  if (!filter.layer.empty() && !field.layer(filter.layer))
-    return fail(ErrorCode::usage, field.path(), ": has no layer '", filter.layer, "'");
   return {};
 }
 
@@ -160,12 +148,7 @@ Result<void> list_tiles(const Field& field, const TileFilter& filter,
                         const std::function<Result<void>(const ListedTile&)>& visitor) {
   const FieldFile& file = field.file();
   if (auto ok = check(file, filter); !ok) return ok;
-  Listing listing(field, filter, visitor);
-  for (LayerId layer = 0; layer < file.manifest().layers.size(); ++layer) {
-    if (!filter.layer.empty() && file.manifest().layers[layer].name != filter.layer) continue;
-    if (auto ok = listing.layer(layer); !ok) return ok;
-  }
-  return {};
+  return Listing(field, filter, visitor).run();
 }
 
 }  // namespace slf

@@ -8,30 +8,33 @@ namespace slf {
 
 Result<TileSampleSet> read_tile(const Field& handle, TileKey key, const std::string& name) {
   const FieldFile& field = handle.file();
-  const auto channel = find_channel(field, name);
-  if (!channel) return fail(ErrorCode::usage, field.path(), ": has no layer '", name, "'");
-  const auto tile = SLF_TRY(field.store().find(channel->layer, key));
+  if (!has_channel(field, name))
+    return fail(ErrorCode::usage, field.path(), ": has no channel '", name, "'");
+  const auto tile = SLF_TRY(field.store().find(key));
   if (tile.state == storage::TileState::missing)
     return fail(ErrorCode::failed, field.path(), ": tile ", int{key.level}, "/", key.index,
                 " is missing; the build command that made the field builds it");
-  ChannelReader reader(field);
-  const auto samples = SLF_TRY(reader.read(*channel, tile));
+  Bytes samples;
+  SLF_TRY(read_samples(field, tile, samples));
 
-  const codec::Tile shape = field.tile_shape(channel->layer, key);
+  const bool depth = name == "depth";
+  const codec::Tile shape = field.tile_shape(key);
   TileSampleSet set;
-  set.format = channel->format;
+  set.numbers = depth ? 1 : 4;
+  set.half = !depth && is_half(field.format());
   set.side = shape.side;
   set.empty = tile.state == storage::TileState::empty;
   for (const codec::LocalPoint& position : shape.positions)
     set.entries.push_back({position.p, position.q});
-  set.samples.assign(samples.begin(), samples.end());
+  const ByteSpan channel = channel_of(shape, samples, depth);
+  set.samples.assign(channel.begin(), channel.end());
   return set;
 }
 
 Result<Image> tile_picture(const Field& field, TileKey key, const std::string& channel) {
   const auto set = SLF_TRY(read_tile(field, key, channel));
   std::vector<float> numbers;
-  to_floats(set.format, set.samples, numbers);
+  to_floats(set.half, set.samples, numbers);
 
   // A transparent line separates the pictures.
   const std::uint32_t cell = set.side + 2;
@@ -47,13 +50,9 @@ Result<Image> tile_picture(const Field& field, TileKey key, const std::string& c
       for (std::uint32_t p = 0; p + q <= set.side; ++p) {
         const std::size_t x = entry.p * cell + p, y = entry.q * cell + q;
         glm::vec4& pixel = image.rgba[y * image.width + x];
-        if (set.format == SampleFormat::depth8) {
-          pixel = {*number, *number, *number, 1};
-          ++number;
-        } else {
-          pixel = {number[0], number[1], number[2], number[3]};
-          number += 4;
-        }
+        pixel = set.numbers == 1 ? glm::vec4(*number, *number, *number, 1)
+                                 : glm::vec4(number[0], number[1], number[2], number[3]);
+        number += set.numbers;
       }
   return image;
 }

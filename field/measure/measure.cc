@@ -147,28 +147,19 @@ LevelMeasure summarize(unsigned level, std::uint64_t tiles, const std::vector<Vi
 
 }  // namespace
 
-Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles, bool with_depth) {
+Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles) {
   const FieldFile& field = handle.file();
   Footprint sum;
-  for (storage::LayerId layer = 0; layer < field.manifest().layers.size(); ++layer) {
-    const bool is_depth = field.manifest().layers[layer].name == "depth";
-    if (is_depth && !with_depth) continue;
-    std::vector<TileKey> stored;  // the renderer reads no depth of tiles with empty colour
-    for (const TileKey& key : tiles) {
-      const auto tile = SLF_TRY(field.store().find(layer, key));
-      if (tile.state == storage::TileState::stored) stored.push_back(key);
-    }
-    if (!is_depth) sum.stored_tiles = stored.size();
-    const auto read =
-        SLF_TRY(field.with_references(layer, is_depth ? std::span<const TileKey>(stored) : tiles));
-    for (const auto& tile : field.store().find_all(layer, read)) {
-      if (!tile) return tl::unexpected(tile.error());
-      sum.compressed_bytes += tile->payload.size();
-    }
-    const auto pages = SLF_TRY(field.store().pages(layer, read));
-    sum.pages.insert(sum.pages.end(), pages.begin(), pages.end());
+  for (const auto& tile : field.store().find_all(tiles)) {
+    if (!tile) return tl::unexpected(tile.error());
+    sum.stored_tiles += tile->state == storage::TileState::stored ? 1 : 0;
   }
-  sort_unique(sum.pages);
+  const auto read = SLF_TRY(field.with_references(tiles));
+  for (const auto& tile : field.store().find_all(read)) {
+    if (!tile) return tl::unexpected(tile.error());
+    sum.compressed_bytes += tile->payload.size();
+  }
+  sum.pages = SLF_TRY(field.store().pages(read));
   return sum;
 }
 
@@ -219,8 +210,7 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
       SLF_TRY(renderer.render(options.cameras[v], {options.mode, level, false}, &statistics));
       const std::uint64_t read = kernel.pages_read(), mapped = kernel.mapped();
       const auto pairs = SLF_TRY(crossed_pairs(field.shape(), options.cameras[v], level));
-      const auto file =
-          SLF_TRY(footprint(field, statistics.tiles, options.mode == RenderMode::depth));
+      const auto file = SLF_TRY(footprint(field, statistics.tiles));
       const ViewCost cost{static_cast<double>(statistics.tiles.size()),
                           static_cast<double>(pairs.size()),
                           static_cast<double>(file.compressed_bytes),

@@ -6,7 +6,7 @@ namespace slf {
 
 void BlockTiles::begin_frame(std::uint32_t frame, bool with_depth, std::vector<TileKey>& touched) {
   frame_ = frame;
-  stamp_ = TilePage::stamp(frame, with_depth);
+  stamp_ = TilePage::stamp(frame);
   with_depth_ = with_depth;
   touched_ = &touched;
 }
@@ -23,20 +23,19 @@ void BlockTiles::begin_pass(const LevelGeometry& geometry, const PageTable& tabl
 BlockTiles::Found BlockTiles::find(std::uint32_t entry, std::uint32_t exit) {
   TilePage* const page = table_->find(entry, exit);
   std::uint64_t word = page ? page->found.load(std::memory_order_acquire) : TilePage::kRemoved;
-  const std::uint32_t layers = page ? page->layers.load(std::memory_order_acquire) : 0;
+  const std::uint32_t state = page ? page->state.load(std::memory_order_acquire) : 0;
   const bool before = page && page->used.load(std::memory_order_relaxed) == frame_;
-  if (!(before && TilePage::readable(layers, with_depth_)) &&
-      !mark_used(entry, exit, page, layers)) {
+  if (!(before && TilePage::readable(state)) && !mark_used(entry, exit, page, state)) {
     any_unavailable_ |= !wait_;
     return {0, 0, !wait_};
   }
   Found found;
-  found.unavailable = TilePage::missing(layers, with_depth_);
+  found.unavailable = (state & TilePage::kMissing) != 0;
   any_unavailable_ |= found.unavailable;
   found.color = sample_offset(page->color.load(std::memory_order_acquire));
   if (with_depth_) found.depth = sample_offset(page->depth.load(std::memory_order_acquire));
   // Stamp the page, so that kernels find the tile, unless they may not read it or it was removed.
-  if (!found.unavailable && TilePage::readable(layers, with_depth_) &&
+  if (!found.unavailable && TilePage::readable(state) &&
       (word & TilePage::kStampMask) != TilePage::kRemoved)
     page->found.compare_exchange_strong(word, (word & ~TilePage::kStampMask) | stamp_,
                                         std::memory_order_acq_rel);
@@ -44,11 +43,11 @@ BlockTiles::Found BlockTiles::find(std::uint32_t entry, std::uint32_t exit) {
 }
 
 bool BlockTiles::mark_used(std::uint32_t entry, std::uint32_t exit, TilePage* page,
-                           std::uint32_t layers) {
+                           std::uint32_t state) {
   const TileKey key = tile_key({geometry_->entry_section(entry), geometry_->exit_section(exit)});
-  if ((layers & TilePage::kMustPin) && std::ranges::binary_search(pinned_, key))
-    layers &= ~TilePage::kMustPin;
-  if (!TilePage::readable(layers, with_depth_)) {
+  if ((state & TilePage::kMustPin) && std::ranges::binary_search(pinned_, key))
+    state &= ~TilePage::kMustPin;
+  if (!TilePage::readable(state)) {
     std::uint32_t& recent = recent_[(5 * entry + exit) % kRecent];
     if (recent < absent_.size() && absent_[recent] == key) return false;
     recent = static_cast<std::uint32_t>(absent_.size());

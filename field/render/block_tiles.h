@@ -43,7 +43,7 @@ class BlockTiles {
   BlockTiles(const BlockTiles&) = delete;
   BlockTiles& operator=(const BlockTiles&) = delete;
 
-  /// Begins a frame that needs colours or, with depth, both layers. Appends the keys of the tiles
+  /// Begins a frame that needs colours or, with depth, depths, too. Appends the keys of the tiles
   /// that it uses to `touched`, which must outlive the frame.
   void begin_frame(std::uint32_t frame, bool with_depth, std::vector<TileKey>& touched);
 
@@ -73,7 +73,7 @@ class BlockTiles {
 
   /// Marks a tile as used by the frame. False: it cannot be read, and was added to absent().
   [[nodiscard]] bool mark_used(std::uint32_t entry, std::uint32_t exit, TilePage* page,
-                               std::uint32_t layers);
+                               std::uint32_t state);
 
   std::uint32_t frame_ = 0;
   std::uint64_t stamp_ = 0;

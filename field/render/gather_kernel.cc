@@ -94,14 +94,13 @@ HWY_INLINE V64 gather(const std::byte* base, V64 at, hn::Mask<D64> chosen) {
 struct FoundPages {
   const std::byte* first;  // page; null in an empty table
   int exit_bits;
-  std::uint32_t stamp, stamp_bits;
+  std::uint32_t stamp;
   bool with_depth;
 
   explicit FoundPages(const BlockTiles& tiles)
       : first(reinterpret_cast<const std::byte*>(tiles.table().pages())),
         exit_bits(tiles.table().exit_bits()),
         stamp(static_cast<std::uint32_t>(tiles.stamp())),
-        stamp_bits(static_cast<std::uint32_t>(TilePage::stamp_bits(tiles.with_depth()))),
         with_depth(tiles.with_depth()) {}
 
   /// Loads a member of the chosen lanes' pages, which are `at` bytes from the first one.
@@ -140,7 +139,7 @@ struct LaneBegins {
           hn::Set(d, static_cast<std::int64_t>(reinterpret_cast<std::uintptr_t>(zero_samples())));
       depth[half] = hn::IfThenZeroElse(hn::Eq(first, hn::Zero(d)), hn::Sub(first, zeros));
     });
-    const VU stamps = hn::And(lower_bits(words), hn::Set(du, pages.stamp_bits));
+    const VU stamps = hn::And(lower_bits(words), hn::Set(du, std::uint32_t{TilePage::kStampMask}));
     return hn::Eq(stamps, hn::Set(du, pages.stamp));
   }
 

@@ -12,7 +12,7 @@ PageTable PageTable::make(std::uint64_t entry_sections, std::uint64_t exit_secti
   table.exit_bits_ = std::countr_zero(exit_sections);
   if (__builtin_mul_overflow(entry_sections, exit_sections * sizeof(TilePage), &table.bytes_))
     return table;
-  // The kernel provides zeros, which are pages without layers, and uses no memory until a write.
+  // The kernel provides zeros, which are pages of absent tiles, and uses no memory until a write.
   void* const at = mmap(nullptr, table.bytes_, PROT_READ | PROT_WRITE,
                         MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   if (at != MAP_FAILED) table.pages_ = static_cast<TilePage*>(at);

@@ -25,56 +25,39 @@ alignas(64) inline constexpr std::array<std::byte, 2 * kZeroReach> kZeroSamples{
                                    reinterpret_cast<std::uintptr_t>(zero_samples()));
 }
 
-/// An entry of the table: a tile, as readers find it. The cache writes `layers` last, so a reader
-/// that finds a layer's bit finds its samples. Without any bit, the tile is not loaded.
+/// An entry of the table: a tile, as readers find it. The cache writes `state` last, so a reader
+/// that finds it loaded finds its samples.
 struct alignas(32) TilePage {
-  static constexpr std::uint32_t kColor = 1;         ///< colours are loaded, or known to be empty
-  static constexpr std::uint32_t kDepth = 2;         ///< the same for depths
-  static constexpr std::uint32_t kColorMissing = 4;  ///< never built
-  static constexpr std::uint32_t kDepthMissing = 8;
-  static constexpr std::uint32_t kMustPin = 16;  ///< must be pinned before it is read
+  static constexpr std::uint32_t kLoaded = 1;   ///< samples are loaded, or known to be zeros
+  static constexpr std::uint32_t kMissing = 2;  ///< never built
+  static constexpr std::uint32_t kMustPin = 4;  ///< must be pinned before it is read
 
   static constexpr int kStampBits = 16;  // offsets between user addresses take 48 bits
   static constexpr std::uint64_t kStampMask = (1 << kStampBits) - 1;
   static constexpr std::uint64_t kNotFound = 0, kRemoved = kStampMask;  ///< instead of stamps
-  static constexpr std::uint32_t kStamps = 0x7FFE;  ///< frames until a stamp is reused
+  static constexpr std::uint32_t kStamps = 0xFFFE;  ///< frames until a stamp is reused
 
-  /// The stamp of a frame. Its lowest bit is 1 if the frame uses depths, so that it finds only
-  /// tiles with loaded depths. Frames without depth ignore this bit: they compare stamp_bits().
-  [[nodiscard]] static constexpr std::uint64_t stamp(std::uint32_t frame, bool with_depth) {
-    return 2 * (1 + std::uint64_t{frame % kStamps}) + (with_depth ? 1 : 0);
-  }
-  [[nodiscard]] static constexpr std::uint64_t stamp_bits(bool with_depth) {
-    return with_depth ? kStampMask : kStampMask - 1;
+  /// The stamp of a frame.
+  [[nodiscard]] static constexpr std::uint64_t stamp(std::uint32_t frame) {
+    return 1 + std::uint64_t{frame % kStamps};
   }
   [[nodiscard]] static constexpr std::uint64_t found_word(std::int64_t offset,
                                                           std::uint64_t stamp) {
     return static_cast<std::uint64_t>(offset) << kStampBits | stamp;
   }
 
-  /// The bits of the layers that a view needs, and the bits that mark these layers as never built.
-  [[nodiscard]] static constexpr std::uint32_t needed(bool with_depth) {
-    return with_depth ? kColor | kDepth : kColor;
-  }
-  [[nodiscard]] static constexpr std::uint32_t missing_bits(bool with_depth) {
-    return with_depth ? kColorMissing | kDepthMissing : kColorMissing;
-  }
-  /// Whether all layers that a view needs can be read without a pin.
-  [[nodiscard]] static bool readable(std::uint32_t layers, bool with_depth) {
-    return (layers & (needed(with_depth) | kMustPin)) == needed(with_depth);
-  }
-  /// Whether a layer that a view needs was never built.
-  [[nodiscard]] static bool missing(std::uint32_t layers, bool with_depth) {
-    return (layers & missing_bits(with_depth)) != 0;
+  /// Whether a tile can be read without a pin.
+  [[nodiscard]] static bool readable(std::uint32_t state) {
+    return (state & (kLoaded | kMustPin)) == kLoaded;
   }
 
-  /// The first sample, in the layout of codec::Tile; null if the tile is empty.
+  /// The first colour and the first depth; null if the tile is empty, or has no depths.
   std::atomic<const std::byte*> color{nullptr}, depth{nullptr};
   /// The word that kernels load: the sample_offset() of the colours, above the stamp of a frame
   /// that found the tile readable and complete; or kNotFound or kRemoved. A new stamp is stored
   /// only if the word has not changed meanwhile, so never into the word of another tile.
   std::atomic<std::uint64_t> found{0};
-  std::atomic<std::uint32_t> layers{0};
+  std::atomic<std::uint32_t> state{0};
   std::atomic<std::uint32_t> used{0};  ///< the frame that used it last
 };
 static_assert(sizeof(TilePage) == 32);

@@ -209,10 +209,9 @@ class Player::Loader {
   /// Loads tiles in batches, which the disk reads concurrently. False: there is a newer plan, or no
   /// room without evicting tiles that the next frames use.
   [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint32_t drawn) {
-    const bool with_depth = view_.needs_depth();
     const auto locate = [&](std::size_t from) {
       from = std::min(from, keys.size());
-      return cache_.locate(keys.subspan(from, std::min(kBatch, keys.size() - from)), with_depth);
+      return cache_.locate(keys.subspan(from, std::min(kBatch, keys.size() - from)));
     };
     auto batch = locate(0);
     for (std::size_t at = 0; at < keys.size(); at += kBatch) {
@@ -239,7 +238,7 @@ class Player::Loader {
           return;
         }
         const auto began = Clock::now();
-        const auto pin = cache_.load(tiles[k], view_.needs_depth());
+        const auto pin = cache_.load(tiles[k]);
         busy += (Clock::now() - began).count();
         if (pin) continue;
         stopped = true;
@@ -337,7 +336,7 @@ Result<Player> Player::make(const Field& field, const PlayOptions& options) {
   TileCache& cache = state->cache();
   for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_extra_levels); ++index) {
     if (4 * cache.statistics().decoded_bytes > options.renderer.memory) break;
-    auto pin = SLF_TRY(cache.load({{0, index}}, options.view.needs_depth()));
+    auto pin = SLF_TRY(cache.load({{0, index}}));
     state->coarsest.push_back(std::move(pin));
   }
   state->seen = cache.statistics();

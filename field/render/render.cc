@@ -31,9 +31,7 @@ struct Plan {
 
 /// Divides a budget between scratch, one tile at a time per thread, and the cache.
 Plan plan_memory(const FieldFile& field, const RendererOptions& options) {
-  std::uint64_t sample = 0;
-  for (const Layer& layer : field.manifest().layers) sample += codec::sample_bytes(layer.format);
-  const std::uint64_t tile = field.shape().max_tile_samples() * sample;
+  const std::uint64_t tile = field.shape().max_tile_samples() * sample_bytes(field.format());
   Plan plan;
   std::uint64_t scratch = kBlockRays * kRayScratch;
   if (field.predicts()) scratch += field.shape().max_tile_samples() * kDecodeScratch;
@@ -100,7 +98,7 @@ Result<void> check_view(const Field& field, const ViewOptions& options) {
                 ": the finest level of this field is ", field.shape().levels);
   if (options.needs_depth() && !field.has_depth())
     return fail(ErrorCode::usage, field.path(),
-                ": has no depth layer, which mode depth needs; mode bitri needs none");
+                ": has no depth, which mode depth needs; mode bitri needs none");
   return {};
 }
 
@@ -292,9 +290,7 @@ std::vector<TileKey> level0_if_small(const FieldFile& field) {
   const std::uint64_t all = std::uint64_t{64} << 2 * field.shape().entry_extra_levels;
   for (std::uint64_t index = 0; index < all; ++index)
     if (const TileKey key{0, index}; field.shape().has(key)) keys.push_back(key);
-  for (storage::LayerId layer = 0; layer < field.store().layers().size(); ++layer)
-    for (const auto& tile : field.store().find_all(layer, keys))
-      bytes += tile ? tile->payload.size() : 0;
+  for (const auto& tile : field.store().find_all(keys)) bytes += tile ? tile->payload.size() : 0;
   if (bytes > kSmall) keys.clear();
   return keys;
 }
@@ -308,8 +304,7 @@ Result<void> Renderer::fetch(const Camera& camera, ViewOptions options) {
   constexpr int kRounds = 4;
   TileCache& cache = *state_->cache;
   const auto load = [&](std::span<const TileKey> keys) -> Result<void> {
-    for (const TileCache::Located& tile : cache.locate(keys, options.needs_depth()))
-      SLF_TRY(cache.load(tile, options.needs_depth()));
+    for (const TileCache::Located& tile : cache.locate(keys)) SLF_TRY(cache.load(tile));
     return {};
   };
   options.wait = false;

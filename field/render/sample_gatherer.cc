@@ -19,7 +19,7 @@ SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::ui
                                std::size_t max_rays)
     : cache_(cache),
       reader_(cache),
-      format_(color_format(field.manifest().layers[field.layer("color").value()].format)),
+      format_(field.format()),
       pin_bytes_(pin_bytes),
       max_tile_samples_(field.shape().max_tile_samples()) {
   tile_offsets_.resize(max_rays);
@@ -27,7 +27,6 @@ SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::ui
 }
 
 void SampleGatherer::begin(std::uint32_t frame, bool with_depth) {
-  with_depth_ = with_depth;
   touched_.clear();
   misses_.clear();
   unique_misses_ = 0;
@@ -57,12 +56,11 @@ Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCel
   std::vector<TileKey> keys = tiles_.absent();
   sort_unique(keys);
   touched_.insert(touched_.end(), keys.begin(), keys.end());
-  const std::uint64_t sample = codec::sample_bytes(format_) + (with_depth_ ? 1 : 0);
-  const std::size_t max_batch =
-      std::max<std::uint64_t>(pin_bytes_ / (max_tile_samples_ * sample + kPinBytes), 1);
+  const std::size_t max_batch = std::max<std::uint64_t>(
+      pin_bytes_ / (max_tile_samples_ * sample_bytes(format_) + kPinBytes), 1);
   for (std::size_t begin = 0; begin < keys.size(); begin += max_batch) {
     const auto batch = std::span(keys).subspan(begin, std::min(max_batch, keys.size() - begin));
-    const auto pins = SLF_TRY(cache_.load(batch, with_depth_));
+    const auto pins = SLF_TRY(cache_.load(batch));
     tiles_.set_pinned(batch);
     gather_loaded(count, entries, pass, true);  // reads tiles that stayed loaded again
   }

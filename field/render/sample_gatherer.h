@@ -25,8 +25,8 @@ class SampleGatherer {
   SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
                  std::size_t max_rays);
 
-  /// Begins a view. `frame` comes from TileCache::begin_frame(). If `with_depth`, tiles need both
-  /// layers.
+  /// Begins a view. `frame` comes from TileCache::begin_frame(). If `with_depth`, it needs
+  /// depths beside colours.
   void begin(std::uint32_t frame, bool with_depth);
 
   /// Gathers all samples of a pass over `count` rays from a level's tiles, and finds the rays that
@@ -35,7 +35,7 @@ class SampleGatherer {
                                     const EntryCells& entries, const Pass& pass);
 
   [[nodiscard]] const BlockSamples& samples() const { return samples_; }
-  [[nodiscard]] bool half_floats() const { return format_ == codec::SampleFormat::rgba16f; }
+  [[nodiscard]] bool half_floats() const { return is_half(format_); }
   /// Whether any ray of the last pass needs an unavailable tile, or a certain ray does.
   [[nodiscard]] bool any_unavailable() const { return tiles_.any_unavailable(); }
   [[nodiscard]] bool unavailable(std::size_t ray) const {
@@ -59,7 +59,6 @@ class SampleGatherer {
   TileCache::Reader reader_;
   const codec::SampleFormat format_;
   const std::uint64_t pin_bytes_, max_tile_samples_;
-  bool with_depth_ = false;
   BlockTiles tiles_;
   TileOffsets tile_offsets_;
   BlockSamples samples_;

@@ -17,43 +17,27 @@ constexpr std::uint64_t kMapWindow = 1 << 16;  // what Linux maps around a page 
 constexpr std::uint64_t kTreeWindows = 3;      // approximate, on the way through the tree
 }  // namespace
 
-/// A tile's samples of one layer.
-struct TileCache::LayerSamples {
+struct TileCache::Tile : Link {
   enum class Stage : std::uint8_t { absent, loading, done };
 
+  TileKey key;
+  TilePage* page = nullptr;  // where readers find it
   storage::TileRef ref;
   const std::byte* first = nullptr;
   TileMemory::Block owned;  // what `first` points into, unless it is the map
   std::optional<Error> error;
   Stage stage = Stage::absent;
-  bool in_place = false;  // the samples are in the map
-  bool mapped = false;    // the payload is read through the map
-
-  [[nodiscard]] bool loaded() const { return stage == Stage::done && !error; }
-};
-
-struct TileCache::Tile : Link {
-  TileKey key;
-  TilePage* page = nullptr;  // where readers find it
-  LayerSamples color, depth;
+  bool in_place = false;     // the samples are in the map
+  bool mapped = false;       // the payload is read through the map
   std::uint64_t cost = 0;    // bytes that it counts in the budget
   std::uint32_t listed = 0;  // page.used when idle_ was last sorted
   std::uint32_t pins = 0;    // 0: linked into idle_
-
-  /// REQUIRES: the colours are loaded.
-  [[nodiscard]] bool visible() const { return color.ref.state == storage::TileState::stored; }
-  [[nodiscard]] bool lacks_depth() const {
-    return color.loaded() && visible() && depth.stage == LayerSamples::Stage::absent;
-  }
 };
 
 TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget,
                      bool in_place)
     : field_(field),
       decoded_before_(field.decoded_bytes()),
-      color_(field.layer("color").value()),
-      depth_(field.layer("depth")),
-      together_(has_color_and_depth(field.manifest().layers[color_].format)),
       budget_(budget),
       map_budget_(map_budget),
       in_place_(in_place),
@@ -116,8 +100,7 @@ TilePage& TileCache::Pin::page() const { return *tile_->page; }
 void TileCache::pin_locked(Tile& tile) {
   if (tile.pins++ > 0) return;
   tile.unlink();
-  for (const LayerSamples* samples : {&tile.color, &tile.depth})
-    if (samples->in_place) count_mapped_locked(samples->ref, true);
+  if (tile.in_place) count_mapped_locked(tile.ref, true);
 }
 
 void TileCache::unpin(Tile& tile) {
@@ -129,7 +112,7 @@ void TileCache::unpin(Tile& tile) {
 
 void TileCache::unpin_locked(Tile& tile) {
   if (--tile.pins > 0) return;
-  if (tile.color.error || tile.depth.error) {
+  if (tile.error) {
     remove_locked(tile);
     return;
   }
@@ -203,7 +186,7 @@ void TileCache::sort_idle_locked() {
 
 void TileCache::remove_locked(Tile& tile) {
   tile.page->found.fetch_or(TilePage::kRemoved);
-  tile.page->layers.store(0, std::memory_order_release);
+  tile.page->state.store(0, std::memory_order_release);
   const std::uint64_t epoch = 1 + epoch_.fetch_add(1, std::memory_order_seq_cst);
   removed_bytes_ += tile.cost;
   const auto place = tiles_.find(tile.key);
@@ -258,18 +241,17 @@ bool TileCache::has_room(std::uint32_t frame) {
 
 // Loading.
 
-Result<std::vector<TileCache::Pin>> TileCache::load(std::span<const TileKey> keys,
-                                                    bool with_depth) {
+Result<std::vector<TileCache::Pin>> TileCache::load(std::span<const TileKey> keys) {
   std::vector<Pin> pins;
   pins.reserve(keys.size());
-  for (const Located& tile : locate(keys, with_depth)) {
-    auto pin = SLF_TRY(load(tile, with_depth));
+  for (const Located& tile : locate(keys)) {
+    auto pin = SLF_TRY(load(tile));
     pins.push_back(std::move(pin));
   }
   return pins;
 }
 
-Result<TileCache::Pin> TileCache::load(const Located& located, bool with_depth) {
+Result<TileCache::Pin> TileCache::load(const Located& located) {
   ScopedLock scoped(*this);
   if (!tables_[located.key.level])
     return fail(ErrorCode::unsupported, field_.path(), ": level ", int{located.key.level},
@@ -283,96 +265,86 @@ Result<TileCache::Pin> TileCache::load(const Located& located, bool with_depth) 
   }
   Tile& tile = *place;
   pin_locked(tile);
-  auto ok = load_once(scoped.lock(), tile, tile.color, color_, located.color);
-  if (const auto depth = depth_layer(with_depth); ok && depth && tile.visible())
-    ok = load_once(scoped.lock(), tile, tile.depth, *depth, located.depth);
+  auto ok = load_once(scoped.lock(), tile, located.ref);
   if (ok) return Pin(this, &tile);
   unpin_locked(tile);
   return tl::unexpected(std::move(ok.error()));
 }
 
 Result<void> TileCache::load_once(std::unique_lock<std::mutex>& lock, Tile& tile,
-                                  LayerSamples& samples, storage::LayerId layer,
                                   const std::optional<storage::TileRef>& located) {
-  using Stage = LayerSamples::Stage;
-  if (samples.stage == Stage::absent) {
-    samples.stage = Stage::loading;
+  using Stage = Tile::Stage;
+  if (tile.stage == Stage::absent) {
+    tile.stage = Stage::loading;
     lock.unlock();
-    auto ok = guarded([&] { return load_layer(tile, samples, layer, located); });
+    auto ok = guarded([&] { return load_samples(tile, located); });
     lock.lock();
-    samples.stage = Stage::done;
+    tile.stage = Stage::done;
     if (ok)
       publish_locked(tile);
     else
-      samples.error = std::move(ok.error());  // removed with the tile's last pin
+      tile.error = std::move(ok.error());  // removed with the tile's last pin
     loaded_.notify_all();
   } else {
-    loaded_.wait(lock, [&] { return samples.stage == Stage::done; });
+    loaded_.wait(lock, [&] { return tile.stage == Stage::done; });
   }
-  if (samples.error) return tl::unexpected(*samples.error);
+  if (tile.error) return tl::unexpected(*tile.error);
   return {};
 }
 
 void TileCache::publish_locked(Tile& tile) {
-  std::uint32_t layers = TilePage::kColor;
-  if (tile.color.ref.state == storage::TileState::missing) layers |= TilePage::kColorMissing;
-  if (!tile.visible() || tile.depth.loaded() || together_) layers |= TilePage::kDepth;
-  if (tile.depth.loaded() && tile.depth.ref.state == storage::TileState::missing)
-    layers |= TilePage::kDepthMissing;
+  std::uint32_t state = TilePage::kLoaded;
+  if (tile.ref.state == storage::TileState::missing) state |= TilePage::kMissing;
   // If the map has a budget, samples in the map must be pinned: pinning counts their pages.
-  if (map_budget_ != kUnlimited && (tile.color.in_place || tile.depth.in_place))
-    layers |= TilePage::kMustPin;
+  if (map_budget_ != kUnlimited && tile.in_place) state |= TilePage::kMustPin;
   TilePage& page = *tile.page;
-  page.color.store(tile.color.first, std::memory_order_release);
-  if (tile.depth.loaded()) page.depth.store(tile.depth.first, std::memory_order_release);
-  if (together_) {  // depths come after all colours
-    const codec::Tile shape = field_.tile_shape(color_, tile.key);
-    const std::byte* const first = tile.color.first;
-    page.depth.store(first ? first + shape.bytes() - shape.rows() * shape.columns() : nullptr,
-                     std::memory_order_release);
-  }
-  page.found.store(TilePage::found_word(sample_offset(tile.color.first), TilePage::kNotFound),
+  page.color.store(tile.first, std::memory_order_release);
+  const std::byte* depths = nullptr;  // they come after all colours
+  if (tile.first && field_.has_depth())
+    depths = tile.first + field_.tile_shape(tile.key).color_bytes();
+  page.depth.store(depths, std::memory_order_release);
+  page.found.store(TilePage::found_word(sample_offset(tile.first), TilePage::kNotFound),
                    std::memory_order_release);
   page.used.store(now(), std::memory_order_relaxed);
-  page.layers.store(layers, std::memory_order_release);
+  page.state.store(state, std::memory_order_release);
 }
 
-void TileCache::charge(Tile& tile, const LayerSamples& samples, std::uint64_t bytes, bool located) {
+void TileCache::charge(Tile& tile, std::uint64_t bytes, bool located) {
   ScopedLock scoped(*this);
-  const std::uint64_t cost = bytes + (tile.cost == 0 ? kTileBytes : 0);
+  const std::uint64_t cost = bytes + kTileBytes;
   make_room(scoped.lock(), cost);
-  tile.cost += cost;
+  tile.cost = cost;
   statistics_.decodes += bytes > 0;
-  if (samples.in_place) statistics_.loaded_bytes += samples.ref.payload.size();
-  if (samples.mapped || !located) count_mapped_locked(samples.ref, samples.mapped);
+  if (tile.in_place) statistics_.loaded_bytes += tile.ref.payload.size();
+  if (tile.mapped || !located) count_mapped_locked(tile.ref, tile.mapped);
   statistics_.decoded_bytes += cost;
   statistics_.decoded_peak_bytes =
       std::max(statistics_.decoded_peak_bytes, statistics_.decoded_bytes);
 }
 
-Result<void> TileCache::load_layer(Tile& tile, LayerSamples& samples, storage::LayerId layer,
-                                   const std::optional<storage::TileRef>& located) {
-  const TileKey key = tile.key;
-  const auto ref = SLF_TRY(located ? *located : field_.store().find(layer, key));
-  samples.ref = ref;
+Result<void> TileCache::load_samples(Tile& tile, const std::optional<storage::TileRef>& located) {
+  const auto ref = SLF_TRY(located ? *located : field_.store().find(tile.key));
+  tile.ref = ref;
   const bool stored = ref.state == storage::TileState::stored;
-  const std::size_t bytes = stored ? field_.tile_shape(layer, key).bytes() : 0;
-  const bool raw = stored && field_.codec(layer).in_place() && ref.payload.size() == bytes;
-  samples.in_place = in_place_ && raw;
-  samples.mapped = stored && (samples.in_place || !raw);
-  charge(tile, samples, samples.in_place ? 0 : bytes, located.has_value());
-  if (samples.in_place) {
-    samples.first = ref.payload.data();  // a record's table comes before any payload
+  const std::size_t bytes = stored ? field_.tile_shape(tile.key).bytes() : 0;
+  const bool raw = stored && field_.codec().in_place() && ref.payload.size() == bytes;
+  tile.in_place = in_place_ && raw;
+  tile.mapped = stored && (tile.in_place || !raw);
+  charge(tile, tile.in_place ? 0 : bytes, located.has_value());
+  if (tile.in_place) {
+    tile.first = ref.payload.data();  // a record's table comes before any payload
     return field_.store().check(ref);
   }
   if (!stored) return {};
-  samples.owned = memory_.allocate(kReadableBefore + bytes);
-  std::byte* const first = samples.owned.get() + kReadableBefore;
-  samples.first = first;
-  const bool complete = SLF_TRY(decode(ref, {first, bytes}));
-  if (!complete) {  // then this tile counts as missing, too
-    samples.ref.state = storage::TileState::missing;
-    samples.first = nullptr;
+  tile.owned = memory_.allocate(kReadableBefore + bytes);
+  std::byte* const first = tile.owned.get() + kReadableBefore;
+  tile.first = first;
+  auto decoded = field_.decode(ref, {first, bytes});
+  if (!decoded && decoded.error().code == ErrorCode::failed) {
+    // A tile that this one is predicted from is missing, so this one counts as missing, too.
+    tile.ref.state = storage::TileState::missing;
+    tile.first = nullptr;
+    return {};
   }
   return {};
 }
@@ -395,8 +367,7 @@ Result<bool> TileCache::decode(const storage::TileRef& ref, std::span<std::byte>
   return tl::unexpected(decoded.error());
 }
 
-std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys, bool with_depth) {
-  const auto depth = depth_layer(with_depth);
+std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys) {
   std::vector<Located> located(keys.size());
   std::vector<TileKey> absent;
   std::vector<std::size_t> places;  // indices of the absent ones in `keys`
@@ -404,32 +375,23 @@ std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys,
     const std::lock_guard lock(mutex_);
     for (std::size_t k = 0; k < keys.size(); ++k) {
       located[k].key = keys[k];
-      const auto found = tiles_.find(keys[k]);
-      if (found != tiles_.end() && !(depth && found->second->lacks_depth())) continue;
+      if (tiles_.contains(keys[k])) continue;
       absent.push_back(keys[k]);
       places.push_back(k);
     }
   }
   // Find all in one batch, unless the tables of so many records would exceed the map's budget.
-  const std::size_t max_batch =
-      std::max<std::uint64_t>(map_budget_ / (4 * kMapWindow * (depth ? 2 : 1)), 1);
+  const std::size_t max_batch = std::max<std::uint64_t>(map_budget_ / (4 * kMapWindow), 1);
   for (std::size_t begin = 0; begin < absent.size(); begin += max_batch) {
     const auto some = std::span(absent).subspan(begin, std::min(max_batch, absent.size() - begin));
     std::vector<storage::TileRef> refs;
-    const auto find_layer = [&](storage::LayerId layer, auto member) {
-      const auto found = field_.store().find_all(layer, some);
-      for (std::size_t k = 0; k < found.size(); ++k) {
-        if (!found[k]) continue;  // load() reports the error
-        located[places[begin + k]].*member = *found[k];
-        refs.push_back(*found[k]);
-      }
-    };
-    find_layer(color_, &Located::color);
-    if (depth) find_layer(*depth, &Located::depth);
-    field_.advise(refs, [this](TileKey key) {
-      const std::lock_guard lock(mutex_);
-      return tiles_.contains(key);
-    });
+    const auto found = field_.store().find_all(some);
+    for (std::size_t k = 0; k < found.size(); ++k) {
+      if (!found[k]) continue;  // load() reports the error
+      located[places[begin + k]].ref = *found[k];
+      refs.push_back(*found[k]);
+    }
+    field_.advise(refs);
     const ScopedLock scoped(*this);
     for (const storage::TileRef& ref : refs) count_mapped_locked(ref, false);
   }

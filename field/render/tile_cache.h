@@ -32,7 +32,7 @@
 namespace slf {
 
 struct CacheStatistics {
-  std::uint64_t decodes = 0;             ///< tiles decoded or copied, counted per layer
+  std::uint64_t decodes = 0;             ///< tiles decoded or copied, once per load
   std::uint64_t decoded_bytes = 0;       ///< in the cache now
   std::uint64_t decoded_peak_bytes = 0;  ///< most bytes in the cache at any time
   /// Payloads read from the start, with those of tiles that others are predicted from.
@@ -41,7 +41,6 @@ struct CacheStatistics {
 
 class TileCache {
   struct Tile;
-  struct LayerSamples;
   class ScopedLock;
 
  public:
@@ -117,23 +116,23 @@ class TileCache {
   /// Thread-safe.
   [[nodiscard]] std::uint32_t begin_frame(bool lists_tiles = true);
 
-  /// Loads tiles and pins them: colours, and depths if `with_depth` and the field has any.
+  /// Loads tiles and pins them.
   /// Thread-safe. REQUIRES: no ReadScope of the calling thread. Errors of finding, checking and
   /// decoding, which are not cached. unsupported: a level too large for the address space.
-  [[nodiscard]] Result<std::vector<Pin>> load(std::span<const TileKey> keys, bool with_depth);
+  [[nodiscard]] Result<std::vector<Pin>> load(std::span<const TileKey> keys);
 
-  /// A tile, and its payloads in the file if they were looked up.
+  /// A tile, and its payload in the file if that was looked up.
   struct Located {
     TileKey key;
-    std::optional<storage::TileRef> color{}, depth{};
+    std::optional<storage::TileRef> ref{};
   };
 
   /// The first half of load(): finds the payloads of tiles that are not loaded, and asks the kernel
   /// to read them. Call it with all tiles that are needed next, so that the disk reads many at a
   /// time.
-  [[nodiscard]] std::vector<Located> locate(std::span<const TileKey> keys, bool with_depth);
+  [[nodiscard]] std::vector<Located> locate(std::span<const TileKey> keys);
   /// The second half, for one tile.
-  [[nodiscard]] Result<Pin> load(const Located& tile, bool with_depth);
+  [[nodiscard]] Result<Pin> load(const Located& tile);
 
   /// The number of the frame that began last.
   [[nodiscard]] std::uint32_t now() const { return clock_.load(); }
@@ -157,7 +156,7 @@ class TileCache {
   void pin_locked(Tile& tile);
   void unpin(Tile& tile);
   void unpin_locked(Tile& tile);
-  /// Shows readers the layers that are loaded.
+  /// Shows readers that a tile is loaded.
   void publish_locked(Tile& tile);
   /// Whether nothing needs to be removed soon.
   [[nodiscard]] bool ample_locked() const;
@@ -173,27 +172,16 @@ class TileCache {
   /// Counts the pages of the map that finding a tile, or reading it there, makes resident; has the
   /// map released when its budget is used up.
   void count_mapped_locked(const storage::TileRef& tile, bool read);
-  /// Loads a layer of a tile, or waits for the thread that does.
+  /// Loads a tile, or waits for the thread that does.
   [[nodiscard]] Result<void> load_once(std::unique_lock<std::mutex>& lock, Tile& tile,
-                                       LayerSamples& samples, storage::LayerId layer,
                                        const std::optional<storage::TileRef>& located);
-  [[nodiscard]] Result<void> load_layer(Tile& tile, LayerSamples& samples, storage::LayerId layer,
-                                        const std::optional<storage::TileRef>& located);
-  /// Decodes a tile. The tiles that it is predicted from are loaded first, and are pinned until it
-  /// is decoded; loads depend on coarser levels only, so threads never wait for each other in a
-  /// circle. False: one of them was never built.
-  [[nodiscard]] Result<bool> decode(const storage::TileRef& ref, std::span<std::byte> samples);
-  /// Makes room for a layer of a tile and counts it.
-  void charge(Tile& tile, const LayerSamples& samples, std::uint64_t bytes, bool located);
-  [[nodiscard]] std::optional<storage::LayerId> depth_layer(bool needed) const {
-    return needed ? depth_ : std::nullopt;
-  }
+  [[nodiscard]] Result<void> load_samples(Tile& tile,
+                                          const std::optional<storage::TileRef>& located);
+  /// Makes room for a tile and counts it.
+  void charge(Tile& tile, std::uint64_t bytes, bool located);
 
   const FieldFile& field_;
   const std::uint64_t decoded_before_;  // field_.decoded_bytes() at the start
-  const storage::LayerId color_;
-  const std::optional<storage::LayerId> depth_;
-  const bool together_;  // colour and depth are one layer
   const std::uint64_t budget_, map_budget_;
   const bool in_place_;
   std::vector<PageTable> tables_;        // by level; changed under the lock

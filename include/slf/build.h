@@ -34,10 +34,9 @@ struct ShardOptions {
 
 struct BuildOptions {
   FieldShape shape;  ///< a sphere of radius 0: the scene's own bounds
-  /// "predictive:QUALITY" codes colour together with depth; other codecs code colour alone.
-  std::string color_codec = "predictive:90";
-  std::string depth_codec;    ///< empty: none, or together with colour
-  bool half = false;          ///< colour as half floats, with zstd or raw
+  std::string codec = "predictive:90";
+  bool depth = true;          ///< depths beside the colours; predictive codecs need them
+  bool half = false;          ///< colour as half floats, which jpeg cannot hold
   unsigned threads = 0;       ///< 0: all
   double commit_seconds = 5;  ///< between commits: the most work that a kill can lose
   bool replace = false;       ///< replace a file at the output's path, once all is built

@@ -10,7 +10,6 @@
 #include <memory>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -22,28 +21,21 @@ namespace slf {
 
 class FieldFile;  // internal
 
-/// A stored channel group of every tile.
-struct Layer {
-  std::string name;  ///< "color" or "depth"
-  SampleFormat format = SampleFormat::rgba8;
-  std::string codec;  ///< specification, e.g. "jpeg:75"
-};
-
 /// How much of a level exists.
 struct LevelContent {
   unsigned level = 0;
-  std::uint64_t tiles = 0;                   ///< tiles of the complete level
-  std::uint64_t stored = 0;                  ///< tiles with a payload in the first layer
-  std::uint64_t empty = 0;                   ///< tiles that were built and show nothing
-  std::uint64_t slabs = 0;                   ///< rays of the level
-  std::vector<std::uint64_t> payload_bytes;  ///< per layer
+  std::uint64_t tiles = 0;   ///< tiles of the complete level
+  std::uint64_t stored = 0;  ///< tiles with a payload
+  std::uint64_t empty = 0;   ///< tiles that were built and show nothing
+  std::uint64_t slabs = 0;   ///< rays of the level
+  std::uint64_t payload_bytes = 0;
 };
 
 struct FieldContent {
   std::vector<LevelContent> levels;
-  bool complete = false;  ///< no tile of the field, or of its part(), is missing in any layer
+  bool complete = false;  ///< no tile of the field, or of its part(), is missing
   std::uint64_t file_bytes = 0;
-  std::uint64_t payload_bytes = 0;  ///< of all levels and layers
+  std::uint64_t payload_bytes = 0;  ///< of all levels
 };
 
 /// A read-only snapshot of a field: the last commit before it was opened. A handle: copies are
@@ -57,10 +49,11 @@ class Field {
 
   [[nodiscard]] const std::string& path() const;
   [[nodiscard]] const FieldShape& shape() const;
-  [[nodiscard]] const std::vector<Layer>& layers() const;
-  [[nodiscard]] bool has_layer(std::string_view name) const;
-  /// Whether samples have depths: in a layer of their own, or together with their colours.
-  [[nodiscard]] bool has_depth() const;
+  [[nodiscard]] SampleFormat format() const;
+  /// The specification of the codec, such as "jpeg:75".
+  [[nodiscard]] const std::string& codec() const;
+  /// Whether samples have depths beside their colours.
+  [[nodiscard]] bool has_depth() const { return slf::has_depth(format()); }
   /// If this file is one part of a field that is built in several (build.h): the tiles of that
   /// part.
   [[nodiscard]] std::optional<TileRange> part() const;

@@ -41,12 +41,11 @@ enum class TileContent { missing, empty, stored };
 /// "missing", "empty", "stored".
 [[nodiscard]] const char* name(TileContent content);
 
-/// One tile of one layer.
+/// One tile.
 struct ListedTile {
   TileKey key;
   TileAddress address;
   std::uint8_t subfield = 0;  ///< 8 × entry octant + exit octant
-  std::size_t layer = 0;      ///< of Field::layers()
   TileContent content = TileContent::missing;
   std::uint64_t payload_bytes = 0;
   std::uint64_t offset_bytes = 0;  ///< of the payload in the file; 0 without a payload
@@ -57,13 +56,12 @@ struct TileFilter {
   unsigned first_level = 0;
   unsigned last_level = std::numeric_limits<unsigned>::max();
   std::vector<std::uint8_t> subfields = {};  ///< ascending; empty: all
-  std::string layer = {};                    ///< empty: all
   bool missing = false;                      ///< also list tiles that are missing
 };
 
-/// Visits the tiles layer by layer, in key order. Reads the tables of records and no payload.
+/// Visits the tiles in key order. Reads the tables of records and no payload.
 /// If the visitor returns an error, the list ends with that error.
-/// usage: no such level, layer or subfield. bad_file: a record is damaged.
+/// usage: no such level or subfield. bad_file: a record is damaged.
 [[nodiscard]] Result<void> list_tiles(
     const Field& field, const TileFilter& filter,
     const std::function<Result<void>(const ListedTile&)>& visitor);
@@ -72,8 +70,9 @@ struct TileFilter {
 
 /// The samples of a tile: for each entry vertex a triangular picture, one sample per exit vertex.
 struct TileSampleSet {
-  SampleFormat format = SampleFormat::rgba8;  ///< rgba8, rgba16f or depth8
-  std::uint32_t side = 0;                     ///< cells along the edge of a picture
+  unsigned numbers = 4;    ///< of a sample: 4, premultiplied R, G, B and A; or 1, the depth
+  bool half = false;       ///< a number is a half float; otherwise it is a byte
+  std::uint32_t side = 0;  ///< cells along the edge of a picture
   /// Position on the triangular lattice of entry vertices.
   struct Place {
     std::uint32_t p = 0, q = 0;
@@ -83,7 +82,7 @@ struct TileSampleSet {
   std::vector<std::byte> samples;  ///< picture by picture, in the order of FORMAT.md
 };
 
-/// Decodes a tile. `channel` is "color" or "depth", whether or not they share a layer.
+/// Decodes a tile. `channel` is "color" or "depth".
 /// usage: the field has no such channel. failed: the tile, or one that it is predicted from, was
 /// never built. bad_file: it is damaged.
 [[nodiscard]] Result<TileSampleSet> read_tile(const Field& field, TileKey key,

@@ -22,16 +22,15 @@ namespace slf {
 /// all tiles that they are predicted from.
 struct Footprint {
   std::uint64_t stored_tiles = 0;      ///< tiles of the set with a payload
-  std::uint64_t compressed_bytes = 0;  ///< payloads, in the layers used
+  std::uint64_t compressed_bytes = 0;  ///< payloads
   /// Numbers of the 4 KiB pages, ascending: those of the tree, of the records' tables and of the
   /// payloads.
   std::vector<std::uint64_t> pages;
 };
 
-/// The footprint of tiles in the color layer or, if with_depth, in both layers. bad_file: the file
+/// The footprint of tiles. bad_file: the file
 /// is damaged.
-[[nodiscard]] Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles,
-                                          bool with_depth);
+[[nodiscard]] Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles);
 
 /// Mean and maximum over the views.
 struct MeanAndMax {

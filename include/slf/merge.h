@@ -21,7 +21,7 @@ struct MergeOptions {
 };
 
 struct MergeReport {
-  std::uint64_t tiles = 0;  ///< tiles written, stored or empty, in all layers
+  std::uint64_t tiles = 0;  ///< tiles written, stored or empty
   std::uint64_t payload_bytes = 0;
   std::uint64_t file_bytes = 0;
 };

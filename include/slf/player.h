@@ -47,7 +47,7 @@ struct FrameReport {
   std::uint64_t pixels_full = 0;  ///< those of them drawn at the requested level
   std::uint64_t tiles = 0;        ///< tiles touched, in all levels drawn
   std::uint64_t misses = 0;       ///< those of them that were not loaded yet
-  std::uint64_t loads = 0;        ///< tiles loaded since the previous frame, per layer
+  std::uint64_t loads = 0;        ///< tiles loaded since the previous frame
   std::uint64_t load_bytes = 0;   ///< their payloads, and those of tiles decoded to predict them
   std::vector<std::uint64_t> level_pixels;  ///< pixels drawn at each level
   /// The finest level that was being loaded: coarser than the requested one while storage is too

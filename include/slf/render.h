@@ -30,7 +30,7 @@ enum class RenderMode {
   uv,       ///< interpolated between entry vertices, nearest exit
   st,       ///< interpolated between exit vertices, nearest entry
   bitri,    ///< bi-triangle: both, 9 samples (eq. 2)
-  depth,    ///< bi-triangle on rays corrected by the depth layer (needs one)
+  depth,    ///< bi-triangle on rays corrected by depth (needs a field with depth)
 };
 
 [[nodiscard]] const char* name(RenderMode mode);
@@ -56,7 +56,7 @@ inline constexpr unsigned kMatchingLevel = ~0u;
 struct ViewOptions {
   RenderMode mode = RenderMode::bitri;
   unsigned level = 0;       ///< of the tile pyramid, or kMatchingLevel
-  bool with_depth = false;  ///< also fill Image::depth (needs a depth layer)
+  bool with_depth = false;  ///< also fill Image::depth (needs a field with depth)
   bool wait = true;         ///< wait for tiles; false: use only cached ones and those of level 0
 
   [[nodiscard]] bool needs_depth() const { return mode == RenderMode::depth || with_depth; }
@@ -64,7 +64,7 @@ struct ViewOptions {
 
 /// The work of drawing one view. footprint() in measure.h gives its tiles' bytes in the file.
 struct ViewStatistics {
-  std::vector<TileKey> tiles;   ///< tiles needed, stored or empty, any layer; sorted
+  std::vector<TileKey> tiles;   ///< tiles needed, stored or empty; sorted
   std::vector<TileKey> misses;  ///< of `tiles`: not in the cache, not waited for; sorted
   std::vector<std::uint64_t> level_pixels;  ///< by level: pixels for which it had all tiles
   std::uint64_t decodes = 0;                ///< tiles decoded for this view

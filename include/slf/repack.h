@@ -1,4 +1,5 @@
-// Rewrites a field into another form: other codecs, layers, levels, subfields or colour type.
+// Rewrites a field into another form: another codec, other levels, subfields or
+// colour type, no depth.
 //
 // Streaming and parallel: memory stays within a budget whatever the field's size. The input does
 // not change. The output is compact, in key order, and gets its name only when it is complete.
@@ -16,9 +17,8 @@
 namespace slf {
 
 struct RepackOptions {
-  std::string color_codec;              ///< empty: as it is
-  std::string depth_codec;              ///< empty: as it is
-  std::vector<std::string> layers;      ///< names to keep; empty: all
+  std::string codec;                    ///< empty: as it is
+  bool depth = true;                    ///< keep depths, if the field has them
   std::optional<unsigned> levels;       ///< the finest level to keep; none: all
   std::vector<std::uint8_t> subfields;  ///< level-0 subfields to keep, ascending; empty: all
   std::optional<bool> half;             ///< colour as half floats (or 8 bits); none: as it is.
@@ -30,7 +30,7 @@ struct RepackOptions {
 };
 
 struct RepackReport {
-  std::uint64_t tiles = 0;    ///< tiles written, stored or empty, in all layers
+  std::uint64_t tiles = 0;    ///< tiles written, stored or empty
   std::uint64_t copied = 0;   ///< of `tiles`: payloads copied as they were
   std::uint64_t recoded = 0;  ///< of `tiles`: decoded and encoded again
   std::uint64_t missing = 0;  ///< tiles missing in the input, and so in the output
@@ -41,15 +41,15 @@ struct RepackReport {
 /// Writes the field to `path`, which must not exist unless `replace` is set. Progress counts tiles.
 /// The bytes depend on the input and the options only, never on the threads.
 ///
-/// The payloads of a layer whose codec and format stay the same are copied byte for byte, so JPEG
-/// to JPEG at the same quality loses nothing. Lossless to lossless is bit-exact. Colour outside of
-/// [0, alpha] is clamped when half floats become 8 bits; 8 bits to half floats and back is exact.
+/// If codec and format stay the same, payloads are copied byte for byte, so JPEG to JPEG at the
+/// same quality loses nothing. Lossless to lossless is bit-exact. Colour outside of [0, alpha] is
+/// clamped when half floats become 8 bits; 8 bits to half floats and back is exact.
 ///
 /// If `path` is a symbolic link, the file it points to is written. A new file that replaces another
 /// gets its permissions.
 ///
-/// usage: a codec, layer, level or subfield that the field cannot have; `path` exists, or is the
-/// input. unsupported: a codec that cannot hold the colour type. bad_file: a damaged tile; the
+/// usage: a codec, level or subfield that the field cannot have; `path` exists, or is the
+/// input. unsupported: a codec that cannot hold the samples. bad_file: a damaged tile; the
 /// message names it. io: disk full or a write error. failed: the callback stopped the repack;
 /// another process is writing `path`, or has removed the new file. After an error `path` is
 /// unchanged and no other file remains. A killed process leaves PATH.repacking, which the next
@@ -60,7 +60,7 @@ struct RepackReport {
 
 /// The size that a repack would have.
 struct RepackEstimate {
-  std::uint64_t tiles = 0;    ///< tiles, stored, empty or missing, in all layers
+  std::uint64_t tiles = 0;    ///< tiles, stored, empty or missing
   std::uint64_t sampled = 0;  ///< of `tiles`: encoded to estimate the others
   std::uint64_t payload_bytes = 0;
   std::uint64_t payload_error_bytes = 0;  ///< half of a 95 % confidence interval; 0: exact
@@ -69,7 +69,7 @@ struct RepackEstimate {
 };
 
 /// Estimates the size from a sample of a few hundred tiles of each level, which depends on the
-/// tiles' numbers alone. Copied layers are counted exactly. A predictive codec predicts from the
+/// tiles' numbers alone. Copied payloads are counted exactly. A predictive codec predicts from the
 /// input's samples here, not from its own decoded ones, so the error is a little larger than
 /// stated. Progress counts sampled tiles. Errors as repack_field(), except those of writing.
 [[nodiscard]] Result<RepackEstimate> estimate_repack(const Field& field,

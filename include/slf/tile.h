@@ -30,35 +30,36 @@ struct TileRange {
   friend bool operator==(const TileRange&, const TileRange&) = default;
 };
 
-/// The content of a sample, in memory order.
+/// The content of a sample. A tile has the colours of all its samples, then, if there are any, the
+/// depths of all.
 enum class SampleFormat : std::uint8_t {
-  rgba8 = 0,           ///< 4 bytes: premultiplied R, G, B and A
-  depth8 = 1,          ///< 1 byte: depth along the chord, 0 at entry, 255 at exit
-  rgba16f = 2,         ///< 8 bytes: premultiplied R, G, B, A as little-endian IEEE half floats
-  rgba8_depth8 = 3,    ///< 5 bytes: a tile has the rgba8 of all samples, then the depth8 of all
-  rgba16f_depth8 = 4,  ///< 9 bytes: the same with rgba16f
+  rgba8,           ///< 4 bytes: premultiplied R, G, B and A
+  rgba16f,         ///< 8 bytes: premultiplied R, G, B, A as little-endian IEEE half floats
+  rgba8_depth8,    ///< 5 bytes: also depth along the chord, 0 at entry, 255 at exit
+  rgba16f_depth8,  ///< 9 bytes: the same with rgba16f
 };
 
+[[nodiscard]] constexpr SampleFormat sample_format(bool half, bool depth) {
+  return static_cast<SampleFormat>((half ? 1 : 0) + (depth ? 2 : 0));
+}
+/// Whether colours are half floats.
+[[nodiscard]] constexpr bool is_half(SampleFormat format) {
+  return static_cast<unsigned>(format) % 2 == 1;
+}
+[[nodiscard]] constexpr bool has_depth(SampleFormat format) {
+  return format >= SampleFormat::rgba8_depth8;
+}
+
+[[nodiscard]] constexpr std::size_t color_bytes(SampleFormat format) {
+  return is_half(format) ? 8 : 4;
+}
 [[nodiscard]] constexpr std::size_t sample_bytes(SampleFormat format) {
-  constexpr std::size_t kBytes[] = {4, 1, 8, 5, 9};
-  return kBytes[static_cast<std::size_t>(format)];
-}
-
-/// Whether samples have both a colour and a depth.
-[[nodiscard]] constexpr bool has_color_and_depth(SampleFormat format) {
-  return format == SampleFormat::rgba8_depth8 || format == SampleFormat::rgba16f_depth8;
-}
-
-/// The format of the colours alone. Formats that are not combined are returned as they are.
-[[nodiscard]] constexpr SampleFormat color_format(SampleFormat format) {
-  return format == SampleFormat::rgba8_depth8     ? SampleFormat::rgba8
-         : format == SampleFormat::rgba16f_depth8 ? SampleFormat::rgba16f
-                                                  : format;
+  return color_bytes(format) + (has_depth(format) ? 1 : 0);
 }
 
 /// The name of the format in manifests, such as "rgba8".
 [[nodiscard]] constexpr const char* name(SampleFormat format) {
-  constexpr const char* kNames[] = {"rgba8", "depth8", "rgba16f", "rgba8_depth8", "rgba16f_depth8"};
+  constexpr const char* kNames[] = {"rgba8", "rgba16f", "rgba8_depth8", "rgba16f_depth8"};
   return kNames[static_cast<std::size_t>(format)];
 }
 

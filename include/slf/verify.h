@@ -24,7 +24,6 @@ enum class FindingKind {
   decode,     ///< T2: a tile's bytes match their checksum but do not decode
   reference,  ///< T3: a tile that this one is predicted from is damaged or missing
   missing,    ///< C1: tiles of the field, or of its part, were never built, or were dropped
-  mismatch,   ///< C2: a tile is stored in one layer and empty in another
 };
 [[nodiscard]] const char* id(FindingKind kind);
 
@@ -35,8 +34,7 @@ struct Finding {
 
 struct VerifyOptions {
   bool quick = false;    ///< check structure and counts only: no payload is read
-  bool fix = false;      ///< drop records with R1, tiles with K1, T1, T2, and both tiles of a C2,
-                         ///< and light with L1
+  bool fix = false;      ///< drop records with R1, tiles with K1, T1, T2, and light with L1
   unsigned threads = 0;  ///< 0: all
 };
 
@@ -45,7 +43,7 @@ struct VerifyReport {
   std::uint64_t found = 0;          ///< all findings
   std::uint64_t damaged = 0;        ///< of `found`: all but C1 and T3
   std::uint64_t unfixed = 0;        ///< of `damaged`: still in the file; all without `fix`
-  std::uint64_t tiles = 0;          ///< tiles visited, in all layers
+  std::uint64_t tiles = 0;          ///< tiles visited
   std::uint64_t payload_bytes = 0;  ///< of those tiles
   std::uint64_t dropped = 0;        ///< tiles, and whole records, that `fix` dropped
   bool complete = false;            ///< no tile is missing, after dropping

@@ -18,7 +18,7 @@ from ._types import Picture, Sphere, orbit, point
 
 def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int = 2,
           entry_extra_levels: int = 0, codec: str = "predictive:90",
-          depth_codec: Optional[str] = None, color_type: str = "u8",
+          depth: bool = True, color_type: str = "u8",
           center: Optional[Sequence[float]] = None, radius: Optional[float] = None,
           shard: Tuple[int, int] = (1, 1), shard_levels: Tuple[Optional[int], Optional[int]] = (
               None, None), coarser: Path = "", threads: int = 0, commit_every: float = 5,
@@ -39,7 +39,7 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int
     entry, exit: cells of the lattices at level 0, along an edge of an octsphere.
     levels: the finest level; each doubles both lattices.
     codec: "predictive:QUALITY", "predictive:lossless", "jpeg:QUALITY[:444]", "zstd[:LEVEL]", "raw".
-    depth_codec: beside another codec than predictive; default "jpeg:75", "none" for no depths.
+    depth: store depths beside colours; predictive codecs need them.
     color_type: "u8" or "half" (with light: linear radiance).
     center, radius: the sphere in world units; default: around what is visible.
     shard: (k, n), the k-th of n parts, from 1, for slf.merge().
@@ -82,13 +82,9 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int
             raise ValueError(f"center {sphere.center}: a sphere of radius {sphere.radius:g} there "
                              f"misses all that is visible, which lies around {bounds.center} "
                              f"within {bounds.radius:g}")
-        if depth_codec is None:
-            depth_codec = "" if codec.startswith("predictive") else "jpeg:75"
-        elif depth_codec == "none":
-            depth_codec = ""
         with reporter(progress, "build") as report:
             built = _slf.build(scene, path, sphere, entry, exit, levels, entry_extra_levels, codec,
-                               depth_codec, half, threads, float(commit_every), replace, shard,
+                               depth, half, threads, float(commit_every), replace, shard,
                                shard_levels, path_text(coarser), report)
     field = Field(path, threads=threads)
     field.build_report = built

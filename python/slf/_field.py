@@ -12,9 +12,9 @@ import numpy as np
 from . import _slf
 from ._notebook import View, bundle
 from ._progress import Progress, reporter
-from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Layer,
-                     Measurement, MergeReport, Orbit, Picture, RepackReport, Shape, Sphere, Tile,
-                     Tone, VerifyReport, orbit)
+from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Measurement,
+                     MergeReport, Orbit, Picture, RepackReport, Shape, Sphere, Tile, Tone,
+                     VerifyReport, orbit)
 
 Path = Union[str, "os.PathLike[str]"]
 AnyCamera = Union[Orbit, Camera]
@@ -125,8 +125,13 @@ class Field:
         return self._shape.levels
 
     @property
-    def layers(self) -> List[Layer]:
-        return self._field.layers
+    def format(self) -> str:
+        """Of samples: "rgba8", "rgba16f", "rgba8_depth8" or "rgba16f_depth8"."""
+        return self._field.format
+
+    @property
+    def codec(self) -> str:
+        return self._field.codec
 
     @property
     def has_depth(self) -> bool:
@@ -234,14 +239,12 @@ class Field:
 
     # -- tiles ------------------------------------------------------------------------------------
 
-    def tiles(self, level: Optional[int] = None, layer: str = "",
-              missing: bool = False) -> List[Tile]:
-        """Lists tiles in key order, layer by layer. Reads tables, no payload.
+    def tiles(self, level: Optional[int] = None, missing: bool = False) -> List[Tile]:
+        """Lists tiles in key order. Reads tables, no payload.
 
-        level: of one level; default: of all.  layer: "color" or "depth"; default: all.
-        missing: also list tiles that are missing.
+        level: of one level; default: of all.  missing: also list tiles that are missing.
         """
-        return self._field.tiles(level or 0, level, layer, missing)
+        return self._field.tiles(level or 0, level, missing)
 
     def tile(self, level: int, entry: int, exit: int, channel: str = "color") -> np.ndarray:
         """The samples of a tile: [entry vertices, exit vertices, 4] of premultiplied RGBA, uint8 or
@@ -381,19 +384,18 @@ class _Opened:
             self.field.close()
 
 
-def repack(field: Union[Field, Path], out: Path, *, codec: str = "", depth_codec: str = "",
-           layers: Sequence[str] = (), levels: Optional[int] = None,
-           subfields: Sequence[int] = (), color_type: Optional[str] = None,
+def repack(field: Union[Field, Path], out: Path, *, codec: str = "", depth: bool = True,
+           levels: Optional[int] = None, subfields: Sequence[int] = (), color_type: Optional[str] = None,
            light: bool = True, memory: int = _DEFAULT_MEMORY, threads: int = 0,
            replace: bool = False, progress: Progress = None) -> RepackReport:
     """Rewrites a field into another form. Empty arguments keep what the field has.
 
-    codec, depth_codec: as in slf.build().  levels: the finest to keep.
+    codec, depth: as in slf.build().  levels: the finest to keep.
     color_type: "u8" or "half".  light: keep the scene's light.  progress: counts tiles.
     """
     half = None if color_type is None else is_half(color_type)
     with _Opened(field) as source, reporter(progress, "repack") as report:
-        return _slf.repack(source._field, path_text(out), codec, depth_codec, list(layers), levels,
+        return _slf.repack(source._field, path_text(out), codec, depth, levels,
                            sorted(subfields), half, light, memory, threads, replace, report)
 
 

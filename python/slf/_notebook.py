@@ -55,7 +55,7 @@ def bundle(field: Field) -> Dict[str, Any]:
             "levels": f"0 to {shape.levels}",
             "lattices": f"{shape.entry_side << shape.levels} entry, "
                         f"{shape.exit_side << shape.levels} exit",
-            "codec": ", ".join(layer.codec for layer in field.layers),
+            "codec": field.codec,
             "size": f"{field.file_bytes / 1e6:.1f} MB"}
     table = "".join(f"<tr><th style='text-align:left'>{name}</th>"
                     f"<td style='text-align:left'>{html.escape(str(value))}</td></tr>"

@@ -4,7 +4,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ._types import (BuildReport, Content, Difference, Evaluation, Frame, Layer, Measurement,
+from ._types import (BuildReport, Content, Difference, Evaluation, Frame, Measurement,
                      MergeReport, RepackReport, Shape, Sphere, Tile, Tone, VerifyReport)
 
 version: str
@@ -16,7 +16,8 @@ class Field:
     def __init__(self, path: str, memory: int, threads: int, progress: Any) -> None: ...
     path: str
     shape: Shape
-    layers: List[Layer]
+    format: str
+    codec: str
     has_depth: bool
     linear: bool
     manifest: str
@@ -26,8 +27,7 @@ class Field:
     def matching_level(self, camera: _Camera, mode: Optional[str]) -> int: ...
     def render(self, camera: _Camera, mode: Optional[str], level: Optional[int], depth: bool,
                tone: Optional[Tone]) -> Tuple[np.ndarray, Any]: ...
-    def tiles(self, first_level: int, last_level: Optional[int], layer: str,
-              missing: bool) -> List[Tile]: ...
+    def tiles(self, first_level: int, last_level: Optional[int], missing: bool) -> List[Tile]: ...
     def tile(self, level: int, entry: int, exit: int,
              channel: str) -> Tuple[np.ndarray, Tuple[Tuple[int, int], ...]]: ...
     def measure(self, cameras: Sequence[_Camera], mode: Optional[str], levels: Sequence[int],
@@ -78,10 +78,10 @@ def analytic_scene(name: str) -> Scene: ...
 def ray_scene(fn: Any, sphere: _Sphere, provenance: str, batch: int,
               concurrent: bool) -> Scene: ...
 def build(scene: Scene, path: str, sphere: _Sphere, entry: int, exit: int, levels: int,
-          entry_extra_levels: int, color_codec: str, depth_codec: str, half: bool, threads: int,
+          entry_extra_levels: int, codec: str, depth: bool, half: bool, threads: int,
           commit_seconds: float, replace: bool, shard: Tuple[int, int], shard_levels: Any,
           coarser: str, progress: Any) -> BuildReport: ...
-def repack(field: Field, path: str, color_codec: str, depth_codec: str, layers: Sequence[str],
+def repack(field: Field, path: str, codec: str, depth: bool,
            levels: Optional[int], subfields: Sequence[int], half: Optional[bool], light: bool,
            memory: int, threads: int, replace: bool, progress: Any) -> RepackReport: ...
 def merge(parts: Sequence[str], path: str, part: bool, memory: int, threads: int, replace: bool,

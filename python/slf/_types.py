@@ -61,14 +61,6 @@ class Tone(NamedTuple):
     """"neutral", "srgb" or "none"."""
 
 
-class Layer(NamedTuple):
-    """A stored channel group of every tile."""
-
-    name: str
-    format: str
-    codec: str
-
-
 class Shape(NamedTuple):
     """How a field samples its sphere. Level l has entry_side·2^l and exit_side·2^l cells."""
 
@@ -88,13 +80,12 @@ class Level(NamedTuple):
     level: int
     tiles: int
     stored: int
-    """Tiles with a payload in the first layer."""
+    """Tiles with a payload."""
     empty: int
     """Tiles that were built and show nothing."""
     slabs: int
     """Rays of the level."""
-    payload_bytes: Tuple[int, ...]
-    """For each layer."""
+    payload_bytes: int
 
 
 class Content(NamedTuple):
@@ -106,14 +97,11 @@ class Content(NamedTuple):
 
 
 class Tile(NamedTuple):
-    """One tile of one layer."""
-
     level: int
     entry: int
     """Index of the entry section."""
     exit: int
     """Index of the exit section."""
-    layer: str
     content: str
     """"stored", "empty" or "missing"."""
     payload_bytes: int
@@ -132,7 +120,7 @@ class Picture(NamedTuple):
 
 class Finding(NamedTuple):
     kind: str
-    """S1, M1, R1, K1, T1, T2, T3, C1 or C2, as `slf verify` prints them."""
+    """S1, M1, R1, K1, T1, T2, T3 or C1, as `slf verify` prints them."""
     message: str
 
 

@@ -40,13 +40,6 @@ bool is_linear(const Field& field) {
   return lighting.mode != Lighting::direct && lighting.linear;
 }
 
-py::list layers(const OpenField& open) {
-  py::list out;
-  for (const Layer& layer : open.field().layers())
-    out.append(tuple_named("Layer", layer.name, name(layer.format), layer.codec));
-  return out;
-}
-
 py::object content(const OpenField& open) {
   LongCall call;
   const auto content =
@@ -54,7 +47,7 @@ py::object content(const OpenField& open) {
   py::list levels;
   for (const LevelContent& level : content.levels)
     levels.append(tuple_named("Level", level.level, level.tiles, level.stored, level.empty,
-                              level.slabs, py::tuple(py::cast(level.payload_bytes))));
+                              level.slabs, level.payload_bytes));
   return tuple_named("Content", py::tuple(levels), content.complete, content.file_bytes,
                      content.payload_bytes);
 }
@@ -85,12 +78,11 @@ py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional
 // ---- tiles -------------------------------------------------------------------------------------
 
 py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsigned> last_level,
-               const std::string& layer, bool missing) {
+               bool missing) {
   const Field& field = open.field();
   TileFilter filter;
   filter.first_level = first_level;
   if (last_level) filter.last_level = *last_level;
-  filter.layer = layer;
   filter.missing = missing;
   std::vector<ListedTile> listed;
   LongCall call;
@@ -104,9 +96,8 @@ py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsign
   const py::object type = py::module_::import("slf._types").attr("Tile");
   py::list out;
   for (const ListedTile& tile : listed)
-    out.append(type(tile.address.level, tile.address.entry, tile.address.exit,
-                    field.layers()[tile.layer].name, name(tile.content), tile.payload_bytes,
-                    tile.offset_bytes));
+    out.append(type(tile.address.level, tile.address.entry, tile.address.exit, name(tile.content),
+                    tile.payload_bytes, tile.offset_bytes));
   return out;
 }
 
@@ -121,15 +112,14 @@ py::tuple tile(const OpenField& open, unsigned level, std::uint64_t entry, std::
     return read_tile(field, *key, channel);
   }),
                       field.path());
-  const bool half = set.format == SampleFormat::rgba16f;
   const py::ssize_t entries = static_cast<py::ssize_t>(set.entries.size());
   const py::ssize_t columns = py::ssize_t{set.side + 1} * (set.side + 2) / 2;
   std::vector<py::ssize_t> shape{entries, columns};
-  if (set.format != SampleFormat::depth8) shape.push_back(4);
+  if (set.numbers > 1) shape.push_back(set.numbers);
   py::list places;
   for (const auto& place : set.entries) places.append(py::make_tuple(place.p, place.q));
   return py::make_tuple(
-      array_of(std::move(set.samples), half ? py::dtype("<f2") : py::dtype("u1"), shape),
+      array_of(std::move(set.samples), set.half ? py::dtype("<f2") : py::dtype("u1"), shape),
       py::tuple(places));
 }
 
@@ -238,7 +228,8 @@ void bind_fields(py::module_& module) {
       .def_property_readonly("path", [](const OpenField& f) { return f.field().path(); })
       .def_property_readonly("shape",
                              [](const OpenField& f) { return tuple_of(f.field().shape()); })
-      .def_property_readonly("layers", layers)
+      .def_property_readonly("format", [](const OpenField& o) { return name(o.field().format()); })
+      .def_property_readonly("codec", [](const OpenField& o) { return o.field().codec(); })
       .def_property_readonly("has_depth", [](const OpenField& f) { return f.field().has_depth(); })
       .def_property_readonly("linear", [](const OpenField& f) { return is_linear(f.field()); })
       .def_property_readonly("manifest", [](const OpenField& f) { return f.field().manifest(); })
@@ -255,8 +246,7 @@ void bind_fields(py::module_& module) {
            })
       .def("render", render, py::arg("camera"), py::arg("mode"), py::arg("level"), py::arg("depth"),
            py::arg("tone"))
-      .def("tiles", tiles, py::arg("first_level"), py::arg("last_level"), py::arg("layer"),
-           py::arg("missing"))
+      .def("tiles", tiles, py::arg("first_level"), py::arg("last_level"), py::arg("missing"))
       .def("tile", tile, py::arg("level"), py::arg("entry"), py::arg("exit"), py::arg("channel"))
       .def("measure", measure, py::arg("cameras"), py::arg("mode"), py::arg("levels"),
            py::arg("progress"))

@@ -17,18 +17,18 @@ using Levels = std::array<std::optional<unsigned>, 2>;
 
 py::object build(const SceneHandle& handle, const std::string& path, const SphereTuple& sphere,
                  std::uint32_t entry, std::uint32_t exit, unsigned levels,
-                 unsigned entry_extra_levels, const std::string& color_codec,
-                 const std::string& depth_codec, bool half, unsigned threads, double commit_seconds,
-                 bool replace, const std::pair<std::uint32_t, std::uint32_t>& shard,
-                 const Levels& shard_levels, const std::string& coarser, py::object progress) {
+                 unsigned entry_extra_levels, const std::string& codec, bool depth, bool half,
+                 unsigned threads, double commit_seconds, bool replace,
+                 const std::pair<std::uint32_t, std::uint32_t>& shard, const Levels& shard_levels,
+                 const std::string& coarser, py::object progress) {
   BuildOptions options;
   options.shape.sphere = sphere_of(sphere);
   options.shape.entry_side = entry;
   options.shape.exit_side = exit;
   options.shape.levels = levels;
   options.shape.entry_extra_levels = entry_extra_levels;
-  options.color_codec = color_codec;
-  options.depth_codec = depth_codec;
+  options.codec = codec;
+  options.depth = depth;
   options.half = half;
   options.threads = threads;
   options.commit_seconds = commit_seconds;
@@ -42,13 +42,12 @@ py::object build(const SceneHandle& handle, const std::string& path, const Spher
   return tuple_named("BuildReport", report.tiles, report.resumed);
 }
 
-py::object repack(const OpenField& open, const std::string& path, const std::string& color_codec,
-                  const std::string& depth_codec, const std::vector<std::string>& layers,
-                  std::optional<unsigned> levels, const std::vector<std::uint8_t>& subfields,
-                  std::optional<bool> half, bool light, std::uint64_t memory, unsigned threads,
-                  bool replace, py::object progress) {
-  const RepackOptions options{color_codec, depth_codec, layers, levels,  subfields,
-                              half,        light,       memory, threads, replace};
+py::object repack(const OpenField& open, const std::string& path, const std::string& codec,
+                  bool depth, std::optional<unsigned> levels,
+                  const std::vector<std::uint8_t>& subfields, std::optional<bool> half, bool light,
+                  std::uint64_t memory, unsigned threads, bool replace, py::object progress) {
+  const RepackOptions options{codec, depth,  levels,  subfields, half,
+                              light, memory, threads, replace};
   LongCall call(std::move(progress));
   const auto report = value_of(
       call.without_gil([&] { return repack_field(open.field(), path, options, call.progress()); }),
@@ -109,14 +108,14 @@ py::object evaluate(const OpenField& open, const SceneHandle& handle,
 
 void bind_writers(py::module_& module) {
   module.def("build", build, py::arg("scene"), py::arg("path"), py::arg("sphere"), py::arg("entry"),
-             py::arg("exit"), py::arg("levels"), py::arg("entry_extra_levels"),
-             py::arg("color_codec"), py::arg("depth_codec"), py::arg("half"), py::arg("threads"),
-             py::arg("commit_seconds"), py::arg("replace"), py::arg("shard"),
-             py::arg("shard_levels"), py::arg("coarser"), py::arg("progress"));
-  module.def("repack", repack, py::arg("field"), py::arg("path"), py::arg("color_codec"),
-             py::arg("depth_codec"), py::arg("layers"), py::arg("levels"), py::arg("subfields"),
-             py::arg("half"), py::arg("light"), py::arg("memory"), py::arg("threads"),
-             py::arg("replace"), py::arg("progress"));
+             py::arg("exit"), py::arg("levels"), py::arg("entry_extra_levels"), py::arg("codec"),
+             py::arg("depth"), py::arg("half"), py::arg("threads"), py::arg("commit_seconds"),
+             py::arg("replace"), py::arg("shard"), py::arg("shard_levels"), py::arg("coarser"),
+             py::arg("progress"));
+  module.def("repack", repack, py::arg("field"), py::arg("path"), py::arg("codec"),
+             py::arg("depth"), py::arg("levels"), py::arg("subfields"), py::arg("half"),
+             py::arg("light"), py::arg("memory"), py::arg("threads"), py::arg("replace"),
+             py::arg("progress"));
   module.def("merge", merge, py::arg("parts"), py::arg("path"), py::arg("part"), py::arg("memory"),
              py::arg("threads"), py::arg("replace"), py::arg("progress"));
   module.def("diff", diff, py::arg("a"), py::arg("b"), py::arg("threads"), py::arg("progress"));

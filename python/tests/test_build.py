@@ -76,7 +76,7 @@ def test_transfers_range_and_codecs(voxels, command, tmp_path):
             (["--transfer", "ct-bone"], dict(transfer="ct-bone")),
             (["--transfer", "ct-bone", "--range", "0,900"],
              dict(transfer="ct-bone", range=(0, 900))),
-            (["--codec", "zstd", "--depth-codec", "none"], dict(codec="zstd", depth_codec="none")),
+            (["--codec", "zstd", "--no-depth"], dict(codec="zstd", depth=False)),
             (["--codec", "jpeg:80"], dict(codec="jpeg:80")),
             (["--projection", "mip", "--step", "1"], dict(projection="mip", step=1)),
             (["--no-shade", "--radius", "20", "--center", "7,6,6"],

@@ -19,7 +19,7 @@ def test_states_shape_and_content(balls):
     assert content.complete
     assert [level.tiles for level in content.levels] == [64, 1024]
     assert content.file_bytes == balls.file_bytes == os.path.getsize(balls.path)
-    assert balls.layers[0].name == "color" and balls.has_depth
+    assert balls.format == "rgba8_depth8" and balls.codec == "predictive:90" and balls.has_depth
     assert "levels 0 to 1" in repr(balls)
 
 

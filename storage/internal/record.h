@@ -1,4 +1,4 @@
-// Record: a value in LMDB that holds consecutive tiles of one layer and level. For the bytes see
+// Record: a value in LMDB that holds consecutive tiles of one level. For the bytes see
 // FORMAT.md, "Tile records".
 //
 // A record's key is that of its last tile, and the record states the last key of the previous
@@ -19,7 +19,7 @@
 
 namespace slf::storage::internal {
 
-inline constexpr std::size_t kRecordHeader = 40;
+inline constexpr std::size_t kRecordHeader = 36;
 inline constexpr std::uint64_t kMaxTiles = 1024;      ///< indexes one record spans at most
 inline constexpr std::size_t kMinRecordBytes = 2048;  ///< LMDB stores smaller values in tree pages
 inline constexpr std::uint64_t kMaxPayload = std::uint64_t{1} << 30;
@@ -27,11 +27,10 @@ inline constexpr std::uint8_t kNoLevel = 255;
 
 [[nodiscard]] std::uint64_t checksum(ByteSpan bytes, std::uint64_t seed = 0);
 
-/// The checksum of a payload. It covers layer and key, so a payload in the wrong place does not
-/// match.
-[[nodiscard]] std::uint64_t payload_checksum(LayerId layer, TileKey key, ByteSpan payload);
+/// The checksum of a payload. It covers the key, so a payload in the wrong place does not match.
+[[nodiscard]] std::uint64_t payload_checksum(TileKey key, ByteSpan payload);
 
-/// A record's key in the layer's tree: the level, then the index, big-endian, so that LMDB's byte
+/// A record's key in the tree: the level, then the index, big-endian, so that LMDB's byte
 /// order is the order of TileKey.
 using RecordKey = std::array<std::byte, 9>;
 [[nodiscard]] RecordKey encode_key(TileKey last);
@@ -60,7 +59,6 @@ class Record {
   /// The offset at which a record's table ends. REQUIRES: `start` has kRecordHeader bytes.
   [[nodiscard]] static std::uint64_t table_end(ByteSpan start);
 
-  [[nodiscard]] LayerId layer() const { return layer_; }
   [[nodiscard]] const std::optional<TileKey>& previous() const { return previous_; }
   [[nodiscard]] TileKey first() const { return first_; }
   [[nodiscard]] TileKey last() const { return {first_.level, first_.index + count_ - 1}; }
@@ -91,7 +89,6 @@ class Record {
  private:
   ByteSpan value_;          ///< or its start
   std::uint64_t size_ = 0;  ///< of the value
-  LayerId layer_ = 0;
   TileKey first_;
   std::optional<TileKey> previous_;
   std::uint32_t count_ = 0;
@@ -102,13 +99,13 @@ class Record {
 
 /// Encodes a record. REQUIRES: 1 to kMaxTiles tiles. Stored tiles have a payload of at most
 /// kMaxPayload bytes and its checksum; the others have none.
-[[nodiscard]] Bytes encode_record(LayerId layer, std::optional<TileKey> previous, TileKey first,
+[[nodiscard]] Bytes encode_record(std::optional<TileKey> previous, TileKey first,
                                   std::span<const Tile> tiles);
 
 /// Encodes the part before the first payload: header, codes and checksums. The payloads follow,
 /// each at a multiple of 8 bytes, and then zeros up to kMinRecordBytes.
-[[nodiscard]] Bytes encode_record_head(LayerId layer, std::optional<TileKey> previous,
-                                       TileKey first, std::span<const Tile> tiles);
+[[nodiscard]] Bytes encode_record_head(std::optional<TileKey> previous, TileKey first,
+                                       std::span<const Tile> tiles);
 
 /// Rounds up to the alignment of checksums and payloads.
 [[nodiscard]] constexpr std::size_t align8(std::size_t offset) { return (offset + 7) / 8 * 8; }

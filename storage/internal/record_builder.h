@@ -1,4 +1,4 @@
-// RecordBuilder: turns a layer's stream of tiles into records that fill whole pages.
+// RecordBuilder: turns a stream of tiles into records that fill whole pages.
 //
 // LMDB stores a large value in whole pages, after a header of 16 bytes, and the rest of the last
 // page is wasted. So a record ends where little is wasted: from 64 KiB on, after the first tile
@@ -43,7 +43,6 @@ class Payload {
 
 /// A complete record, ready to be written.
 struct CompleteRecord {
-  LayerId layer = 0;
   TileKey last;
   Bytes head;  ///< the bytes before the payloads
   std::vector<Payload> payloads;
@@ -64,9 +63,8 @@ struct NewTile {
 /// Thread-safety: none.
 class RecordBuilder {
  public:
-  /// `previous` is the last key of the layer in the file, if any.
-  RecordBuilder(LayerId layer, std::optional<TileKey> previous)
-      : layer_(layer), previous_(previous) {}
+  /// `previous` is the last key in the file, if any.
+  explicit RecordBuilder(std::optional<TileKey> previous = {}) : previous_(previous) {}
 
   /// Adds a tile. Appends the records that this completes to `out`. REQUIRES: the key is above
   /// last(); the payload has at most kMaxPayload bytes, and none unless the tile is stored.
@@ -92,7 +90,6 @@ class RecordBuilder {
   [[nodiscard]] std::size_t best_record_end() const;
   void end_record(std::size_t tiles, std::vector<CompleteRecord>& out);
 
-  LayerId layer_;
   std::optional<TileKey> previous_;
   std::vector<PendingTile> pending_;
   std::size_t code_bytes_ = 0;

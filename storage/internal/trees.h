@@ -6,7 +6,6 @@
 #include <string>
 #include <string_view>
 #include <utility>
-#include <vector>
 
 #include "base/bytes.h"
 #include "slf/error.h"
@@ -36,11 +35,11 @@ class Trees {
   [[nodiscard]] const std::string& path() const { return path_; }
   [[nodiscard]] const Pages& pages() const { return pages_; }
   [[nodiscard]] const Meta& meta() const { return pages_.meta(); }
-  [[nodiscard]] const std::vector<LayerInfo>& layers() const { return layers_; }
+  [[nodiscard]] const Container& container() const { return container_; }
   [[nodiscard]] const Tree& manifest() const { return manifest_; }
-  [[nodiscard]] const Tree& tree(LayerId layer) const { return trees_[layer]; }
+  [[nodiscard]] const Tree& tiles() const { return tiles_; }
 
-  /// Reads the names and the ends of the layers. bad_file: the container is damaged.
+  /// Finds the trees and reads the container's own blob. bad_file: the container is damaged.
   /// May be called again after an error. REQUIRES: `pages` was made with &path().
   [[nodiscard]] Result<void> load(const Pages& pages);
 
@@ -53,15 +52,15 @@ class Trees {
   [[nodiscard]] Result<ByteSpan> blob(std::string_view name) const;
 
   /// The checked record at a cursor's entry. bad_file: it is damaged or belongs elsewhere.
-  [[nodiscard]] Result<Record> record(LayerId layer, const Cursor& at) const;
+  [[nodiscard]] Result<Record> record(const Cursor& at) const;
 
   /// The key of the last record before `key`, if any. bad_file: a page on the path is damaged.
-  [[nodiscard]] Result<std::optional<TileKey>> last_before(LayerId layer, TileKey key) const;
+  [[nodiscard]] Result<std::optional<TileKey>> last_before(TileKey key) const;
 
   /// The record that holds a key, or none if no record does. Sets `offset`, if not null, to the
   /// record's start in the file. bad_file: a page on the path or the record is damaged, or a record
   /// is lost, so the answer is unknown.
-  [[nodiscard]] Result<std::optional<Record>> find(LayerId layer, TileKey key,
+  [[nodiscard]] Result<std::optional<Record>> find(TileKey key,
                                                    std::uint64_t* offset = nullptr) const;
 
  private:
@@ -71,8 +70,8 @@ class Trees {
   std::string path_;
   Pages pages_;
   Tree manifest_;
-  std::vector<LayerInfo> layers_;
-  std::vector<Tree> trees_;
+  Tree tiles_;
+  Container container_;
 };
 
 }  // namespace slf::storage::internal

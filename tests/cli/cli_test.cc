@@ -29,9 +29,9 @@ class Cli : public ::testing::Test {
   static void TearDownTestSuite() { delete place_; }
   static std::string field() { return *place_ / "balls.slf"; }
   static Outcome build(const std::string& path, const std::vector<std::string>& more = {}) {
-    std::vector<std::string> arguments{
-        "build",  "scene:balls", "-o",       path, "--entry",       "2",
-        "--exit", "8",           "--levels", "2",  "--color-codec", "zstd:1"};
+    std::vector<std::string> arguments{"build",    "scene:balls", "-o",      path,
+                                       "--entry",  "2",           "--exit",  "8",
+                                       "--levels", "2",           "--codec", "zstd:1"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return slf(arguments);
   }
@@ -48,11 +48,10 @@ TEST_F(Cli, InfoSaysWhatIsThere) {
   std::uint64_t payload = 0;
   for (const auto& level : json["levels"]) {
     EXPECT_EQ(level["stored"].get<int>() + level["empty"].get<int>(), level["tiles"].get<int>());
-    payload += level["bytes"]["color"].get<std::uint64_t>();
-    payload += level["bytes"]["depth"].get<std::uint64_t>();
+    payload += level["payload_bytes"].get<std::uint64_t>();
   }
   EXPECT_EQ(json["payload_bytes"], payload);
-  EXPECT_EQ(json["layers"].size(), 2u);
+  EXPECT_EQ(json["format"], "rgba8_depth8");
   EXPECT_TRUE(contains(slf({"info", field()}).out, "sphere light field"));
 }
 
@@ -203,8 +202,7 @@ TEST_F(Cli, WrongArgumentsAreUsageErrors) {
   EXPECT_OUTCOME(slf({"measure", field(), "--views", "0"}), 1, "--views");
   EXPECT_OUTCOME(slf({"build", "scene:balls", "-o", place / "x.slf", "--levels", "40"}), 1,
                  "levels");
-  EXPECT_OUTCOME(slf({"build", "scene:balls", "-o", place / "x.slf", "--color-codec", "mp3"}), 1,
-                 "mp3");
+  EXPECT_OUTCOME(slf({"build", "scene:balls", "-o", place / "x.slf", "--codec", "mp3"}), 1, "mp3");
   EXPECT_TRUE(place.files().empty());
 }
 
@@ -283,7 +281,7 @@ TEST_F(Cli, BuildRefusesToOverwriteAndForceStartsOver) {
   // Other settings than those of the field that is there.
   EXPECT_OUTCOME(build(place / "a.slf", {"--radius", "0.9"}), 1, "other settings");
   EXPECT_OUTCOME(build(place / "a.slf", {"--entry-extra-levels", "1"}), 1, "other settings");
-  EXPECT_OUTCOME(build(place / "a.slf", {"--depth-codec", "none"}), 1, "other settings");
+  EXPECT_OUTCOME(build(place / "a.slf", {"--no-depth"}), 1, "other settings");
   EXPECT_OUTCOME(build(place / "a.slf", {"--exit-depth"}), 1, "unknown option '--exit-depth'");
   EXPECT_EQ(build(place / "a.slf", {"-f"}).exit_code, 0);
 }
@@ -291,9 +289,9 @@ TEST_F(Cli, BuildRefusesToOverwriteAndForceStartsOver) {
 TEST_F(Cli, AFullDiskIsSaidAndTheBuildResumesWhenThereIsRoom) {
   Workplace place;
   // 400 blocks of 1 KiB: the file may not grow beyond; writes fail as on a full disk.
-  const std::vector<std::string> arguments{
-      "build", "scene:balls", "-o", place / "a.slf", "--entry", "2", "--exit",
-      "8",     "--levels",    "2",  "--color-codec", "raw"};
+  const std::vector<std::string> arguments{"build",    "scene:balls", "-o",      place / "a.slf",
+                                           "--entry",  "2",           "--exit",  "8",
+                                           "--levels", "2",           "--codec", "raw"};
   const Outcome full = slf(arguments, "trap '' XFSZ; ulimit -f 400;");
   EXPECT_EQ(full.exit_code, 2) << full.err;
   EXPECT_TRUE(contains(full.err, "a.slf")) << full.err;
@@ -309,7 +307,7 @@ TEST_F(Cli, AnUnfinishedFieldDrawsWhatIsThereAndSaysSo) {
   ASSERT_EQ(full.exit_code, 0);
   const auto limit = std::filesystem::file_size(place / "whole.slf") / 1024 / 2;
   slf({"build", "scene:balls", "-o", place / "part.slf", "--entry", "2", "--exit", "8", "--levels",
-       "2", "--color-codec", "zstd:1", "--commit-every", "0"},
+       "2", "--codec", "zstd:1", "--commit-every", "0"},
       "trap '' XFSZ; ulimit -f " + std::to_string(limit) + ";");
   const Outcome info = slf({"info", place / "part.slf.unfinished", "--json"});
   ASSERT_EQ(info.exit_code, 0) << info.err;

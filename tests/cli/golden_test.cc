@@ -75,8 +75,8 @@ void write(const std::string& path, const std::string& bytes) {
 
 BuildOptions options_for(const std::string& name) {
   auto options = testing::lossless_options(1, 3, 1);
-  options.color_codec = name == "jpeg" ? "jpeg:80" : name == "example" ? "raw" : "zstd:9";
-  options.depth_codec = name == "jpeg" ? "jpeg:60" : name == "example" ? "" : "zstd:9";
+  options.codec = name == "jpeg" ? "jpeg:80" : name == "example" ? "raw" : "zstd:9";
+  options.depth = name != "example";
   options.half = name == "half" || name == "predicted_half";
   if (name == "deep") {
     options.shape.entry_side = 2, options.shape.entry_extra_levels = 1;
@@ -87,8 +87,7 @@ BuildOptions options_for(const std::string& name) {
   if (name == "example") options.shape.exit_side = 2;
   if (name == "predictive" || name == "lossless" || name == "predicted_half") {
     options.shape.entry_side = 2, options.shape.exit_side = 4;
-    options.color_codec = name == "lossless" ? "predictive:lossless" : "predictive:80";
-    options.depth_codec = "";
+    options.codec = name == "lossless" ? "predictive:lossless" : "predictive:80";
   }
   return options;
 }
@@ -109,15 +108,14 @@ void write_good(const std::string& name) {
   ASSERT_EQ(slf(view_of(golden(name + ".slf"), golden(name + ".png"))).exit_code, 0);
 }
 
-/// A container of one color layer with this manifest, if any, and no tiles.
+/// A container with this manifest, if any, and no tiles.
 void write_container(const std::string& path, const nlohmann::json& manifest) {
   std::filesystem::remove(path);
-  std::vector<std::pair<std::string, Bytes>> blobs{{"tables/color", {}}};
+  std::vector<std::pair<std::string, Bytes>> blobs{{kTablesBlob, {}}};
   const std::string text = manifest.dump();
   const ByteSpan bytes = as_bytes(std::span<const char>(text));
   if (!manifest.is_null()) blobs.emplace_back(kManifestBlob, Bytes(bytes.begin(), bytes.end()));
-  const std::vector<std::string> layers{"color"};
-  auto writer = storage::TileWriter::create(path, layers, blobs);
+  auto writer = storage::TileWriter::create(path, blobs);
   ASSERT_TRUE(writer);
   ASSERT_TRUE(writer->close());
 }
@@ -127,7 +125,7 @@ void write_bad() {
   write(golden("truncated.slf"), bytes.substr(0, bytes.size() / 2));
   write(golden("not_a_container.slf"), "Sphere light field? No: text.\n");
   const auto field = Field::open(golden("example.slf"));
-  const auto tile = field->file().store().find(0, {0, 28});
+  const auto tile = field->file().store().find({0, 28});
   ASSERT_EQ(tile->state, storage::TileState::stored);
   std::string flipped = bytes;
   flipped[field->file().store().range(*tile).begin + 5] ^= 1;

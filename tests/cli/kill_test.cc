@@ -89,11 +89,12 @@ class Killed : public ::testing::TestWithParam<Arguments> {
   }
 };
 
-INSTANTIATE_TEST_SUITE_P(
-    Codecs, Killed,
-    ::testing::Values(Arguments{"--color-codec", "zstd:1", "--depth-codec", "zstd:1"},
-                      Arguments{"--codec", "predictive:90"}),
-    [](const auto& param) { return param.index == 0 ? "zstd" : "predictive"; });
+INSTANTIATE_TEST_SUITE_P(Codecs, Killed,
+                         ::testing::Values(Arguments{"--codec", "zstd:1"},
+                                           Arguments{"--codec", "predictive:90"}),
+                         [](const auto& param) {
+                           return param.index == 0 ? "zstd" : "predictive";
+                         });
 
 TEST_P(Killed, ABuildKeepsWhatItCommittedAndEndsTheSame) {
   Workplace place;
@@ -142,7 +143,7 @@ TEST_P(Killed, ABuildKeepsWhatItCommittedAndEndsTheSame) {
 TEST_P(Killed, ARepackLeavesNoFieldOrAWholeOne) {
   Workplace place;
   ASSERT_EQ(run({"-q", "build", "scene:balls", "-o", place / "in.slf", "--entry", "3", "--exit",
-                 "8", "--levels", "1", "--color-codec", "raw", "--depth-codec", "raw"}),
+                 "8", "--levels", "1", "--codec", "raw"}),
             0);
   const auto repack = [&](const std::string& output) {
     return join({"-q", "repack", place / "in.slf", "-o", output, "--memory", "1MiB", "-j", "2"},

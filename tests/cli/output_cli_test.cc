@@ -48,7 +48,7 @@ Arguments build(const std::string& input, const std::string& output, const Argum
   std::map<std::string, std::string> options{{"--entry", "2"},
                                              {"--exit", "4"},
                                              {"--levels", "1"},
-                                             {"--color-codec", "zstd:1"},
+                                             {"--codec", "zstd:1"},
                                              {"--commit-every", "0"}};
   if (!input.starts_with("scene:")) options["--center"] = "5.5,5.5,5.5", options["--radius"] = "9";
   Arguments arguments{"build", input, "-o", output};
@@ -102,10 +102,8 @@ class Running {
 
 /// A build that takes a while: long enough to get in its way.
 Arguments slow_build(const std::string& output) {
-  return {
-      "build",          "scene:fog", "-o", output, "--entry",       "8",   "--exit",        "32",
-      "--levels",       "2",         "-j", "1",    "--color-codec", "raw", "--depth-codec", "raw",
-      "--commit-every", "0.05"};
+  return {"build",    "scene:fog", "-o", output, "--entry", "8",   "--exit",         "32",
+          "--levels", "2",         "-j", "1",    "--codec", "raw", "--commit-every", "0.05"};
 }
 
 bool appears(const std::string& path) {
@@ -119,18 +117,18 @@ TEST(Outputs, AMistypedSettingDoesNotDestroyAField) {
   const std::string field = place / "a.slf";
   ASSERT_EQ(slf(build("scene:balls", field)).exit_code, 0);
   const std::string before = read_text(field);
-  EXPECT_OUTCOME(slf(build("scene:balls", field, {"-f", "--color-codec", "mp3"})), 1, "mp3");
+  EXPECT_OUTCOME(slf(build("scene:balls", field, {"-f", "--codec", "mp3"})), 1, "mp3");
   EXPECT_OUTCOME(slf(build("scene:balls", field, {"-f", "--levels", "40"})), 1, "levels");
   EXPECT_TRUE(read_text(field) == before);
   EXPECT_EQ(place.files(), Names{"a.slf"});
   // Nor does a full disk, which leaves what a later run goes on from.
-  EXPECT_OUTCOME(slf(build("scene:balls", field, {"-f", "--exit", "16", "--color-codec", "raw"}),
+  EXPECT_OUTCOME(slf(build("scene:balls", field, {"-f", "--exit", "16", "--codec", "raw"}),
                      "trap '' XFSZ; ulimit -f 400;"),
                  2, "goes on from");
   EXPECT_TRUE(read_text(field) == before);
   EXPECT_EQ(place.files(), (Names{"a.slf", "a.slf.unfinished"}));
-  EXPECT_OUTCOME(slf(build("scene:balls", field, {"-f", "--exit", "16", "--color-codec", "raw"})),
-                 0, "resumed");
+  EXPECT_OUTCOME(slf(build("scene:balls", field, {"-f", "--exit", "16", "--codec", "raw"})), 0,
+                 "resumed");
   EXPECT_EQ(place.files(), Names{"a.slf"});
   EXPECT_EQ(slf({"info", field, "--json"}).json()["exit_side"], 16);
 }
@@ -138,8 +136,7 @@ TEST(Outputs, AMistypedSettingDoesNotDestroyAField) {
 TEST(Outputs, AnExportThatFailsLeavesNothingInTheWay) {
   Workplace place;
   const std::string field = place / "a.slf", site = place / "site";
-  ASSERT_EQ(slf(build("scene:balls", field, {"--exit", "32", "--color-codec", "raw"})).exit_code,
-            0);
+  ASSERT_EQ(slf(build("scene:balls", field, {"--exit", "32", "--codec", "raw"})).exit_code, 0);
   const Arguments command{"export", field, "-o", site};
   if (slf({"export", field, "-o", place / "page.html"}).exit_code == 5)
     GTEST_SKIP() << "this slf has no page";
@@ -171,12 +168,11 @@ TEST(Outputs, AFullDiskIsNamed) {
   fs::create_directory(disk);
   if (std::system((mount + "true' " + testing::shell_quoted(disk) + " 2>/dev/null").c_str()) != 0)
     GTEST_SKIP() << "no small disk: mounting one is not permitted here";
-  ASSERT_EQ(slf(build("scene:balls", field, {"--exit", "32", "--color-codec", "raw"})).exit_code,
-            0);
+  ASSERT_EQ(slf(build("scene:balls", field, {"--exit", "32", "--codec", "raw"})).exit_code, 0);
   const std::string within = mount + "\"$@\"' " + testing::shell_quoted(disk);
   EXPECT_OUTCOME(slf({"export", field, "-o", disk + "/site"}, within), 2,
                  "No space left on device");
-  EXPECT_OUTCOME(slf({"repack", field, "-o", disk + "/b.slf", "--color-codec", "raw"}, within), 2,
+  EXPECT_OUTCOME(slf({"repack", field, "-o", disk + "/b.slf", "--codec", "raw"}, within), 2,
                  "No space left on device");
 }
 
@@ -216,7 +212,7 @@ TEST(Outputs, ASourceIsItsContent) {
   Workplace place;
   const std::string field = place / "a.slf";
   const auto run = [&](const std::string& input, const std::string& limit = "") {
-    return slf(build(input, field, {"--exit", "16", "--color-codec", "raw"}),
+    return slf(build(input, field, {"--exit", "16", "--codec", "raw"}),
                "cd " + testing::shell_quoted(place.path()) + ";" + limit);
   };
   write(place / "va.nrrd", nrrd(5.5));

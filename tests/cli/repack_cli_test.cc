@@ -26,14 +26,14 @@ class RepackCli : public ::testing::Test {
   static std::string field() { return *place_ / "in.slf"; }
   static Outcome build(const std::string& path) {
     return slf({"build", "scene:balls", "-o", path, "--entry", "4", "--exit", "8", "--levels", "2",
-                "--color-codec", "raw", "--depth-codec", "zstd:1"});
+                "--codec", "raw"});
   }
 
   /// A copy of the field with a bit of one tile flipped.
-  static void damage(const std::string& path, const std::string& layer, TileKey key) {
+  static void damage(const std::string& path, TileKey key) {
     std::string bytes = read_text(field());
     const auto open = Field::open(field());
-    const auto tile = open->file().store().find(*open->file().layer(layer), key);
+    const auto tile = open->file().store().find(key);
     ASSERT_EQ(tile->state, storage::TileState::stored);
     bytes[open->file().store().range(*tile).begin] ^= 1;
     std::ofstream(path, std::ios::binary) << bytes;
@@ -44,17 +44,18 @@ class RepackCli : public ::testing::Test {
 
 TEST_F(RepackCli, RecodesAndSaysWhatItDid) {
   Workplace place;
-  const Outcome done = slf({"repack", field(), "-o", place / "out.slf", "--color-codec", "jpeg:70",
-                            "--depth-codec", "zstd:1", "--levels", "1", "--json"});
+  const Outcome done = slf({"repack", field(), "-o", place / "out.slf", "--codec", "jpeg:70",
+                            "--levels", "1", "--json"});
   ASSERT_EQ(done.exit_code, 0) << done.err;
   const auto json = done.json();
-  EXPECT_EQ(json["tiles"], 2 * (64 + 1024));
-  EXPECT_EQ(json["copied"], json["recoded"]);
+  EXPECT_EQ(json["tiles"], 64 + 1024);
+  EXPECT_EQ(json["recoded"], json["tiles"]);
+  EXPECT_EQ(json["copied"], 0);
   EXPECT_EQ(json["missing"], 0);
   EXPECT_EQ(json["file_bytes"], std::filesystem::file_size(place / "out.slf"));
   EXPECT_EQ(json["input_bytes"], std::filesystem::file_size(field()));
   const auto info = slf({"info", place / "out.slf", "--json"}).json();
-  EXPECT_EQ(info["layers"][0]["codec"], "jpeg:70");
+  EXPECT_EQ(info["codec"], "jpeg:70");
   EXPECT_EQ(info["levels"].size(), 2u);
   EXPECT_EQ(info["payload_bytes"], json["payload_bytes"]);
   EXPECT_EQ(place.files(), Names{"out.slf"});
@@ -63,13 +64,12 @@ TEST_F(RepackCli, RecodesAndSaysWhatItDid) {
 
 TEST_F(RepackCli, AKeptSubfieldRenders) {
   Workplace place;
-  ASSERT_EQ(slf({"repack", field(), "-o", place / "out.slf", "--subfields", "7,8-10", "--layers",
-                 "color"})
+  ASSERT_EQ(slf({"repack", field(), "-o", place / "out.slf", "--subfields", "7,8-10", "--no-depth"})
                 .exit_code,
             0);
   const auto info = slf({"info", place / "out.slf", "--json"}).json();
   EXPECT_EQ(info["subfields"], (std::vector<int>{7, 8, 9, 10}));
-  EXPECT_EQ(info["layers"].size(), 1u);
+  EXPECT_EQ(info["format"], "rgba8");
   EXPECT_EQ(info["complete"], true);
   EXPECT_OUTCOME(
       slf({"render", place / "out.slf", "-o", place / "o.png", "--size", "32", "--transparent"}), 0,
@@ -87,13 +87,12 @@ TEST_F(RepackCli, RefusesNonsense) {
                    "--subfields");
   EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--levels", "-1"}), 1, "--levels");
   EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--levels", "3"}), 1, "levels 0 to 2");
-  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--color-codec", "mp3"}), 1, "mp3");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--codec", "mp3"}), 1, "mp3");
   EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--color-type", "float"}), 1, "float");
   EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--memory", "lots"}), 1, "64MiB");
   EXPECT_OUTCOME(slf({"repack", field(), "-o", field(), "-f"}), 1, "is the input");
-  EXPECT_OUTCOME(
-      slf({"repack", field(), "-o", out, "--color-type", "half", "--color-codec", "jpeg:90"}), 5,
-      "jpeg");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--color-type", "half", "--codec", "jpeg:90"}),
+                 5, "jpeg");
   EXPECT_OUTCOME(slf({"repack", place / "none.slf", "-o", out}), 2, "none.slf");
   EXPECT_OUTCOME(slf({"repack", field(), "-o", place / "no/such.slf"}), 2, "no/such.slf");
   EXPECT_EQ(place.files(), Names{});
@@ -104,7 +103,7 @@ TEST_F(RepackCli, AnExistingOutputIsKeptUnlessForced) {
   const std::string out = place / "out.slf";
   std::ofstream(out) << "precious";
   EXPECT_OUTCOME(slf({"repack", field(), "-o", out}), 1, "exists");
-  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "-f", "--color-codec", "mp3"}), 1, "mp3");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "-f", "--codec", "mp3"}), 1, "mp3");
   EXPECT_EQ(read_text(out), "precious");
   EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "-f", "--levels", "0"}), 0, "");
   EXPECT_OUTCOME(slf({"verify", out}), 0, "");
@@ -146,7 +145,7 @@ TEST_F(RepackCli, AFullDiskStopsAMergeAndLeavesTheParts) {
 
 TEST_F(RepackCli, ADamagedTileIsNamedAndNothingIsLeft) {
   Workplace place;
-  damage(place / "bad.slf", "color", {0, 7});
+  damage(place / "bad.slf", {0, 7});
   const std::string before = read_text(place / "bad.slf");
   EXPECT_OUTCOME(slf({"repack", place / "bad.slf", "-o", place / "out.slf"}), 3, "0/7");
   EXPECT_EQ(place.files(), Names{"bad.slf"});
@@ -160,7 +159,7 @@ TEST_F(RepackCli, VerifyTellsDamageFromIncompleteness) {
   EXPECT_NE(good.out.find("all good"), std::string::npos);
 
   const std::string bad = place / "bad.slf";
-  damage(bad, "depth", {0, 7});
+  damage(bad, {0, 7});
   const Outcome found = slf({"verify", bad});
   EXPECT_EQ(found.exit_code, 3);
   EXPECT_EQ(found.out.substr(0, 3), "T1 ");
@@ -175,7 +174,7 @@ TEST_F(RepackCli, VerifyTellsDamageFromIncompleteness) {
   EXPECT_EQ(json["unfixed"], 1);
   EXPECT_EQ(json["dropped"], 0);
   EXPECT_EQ(json["complete"], true);
-  EXPECT_EQ(json["tiles"], 2 * (64 + 1024 + 16384));
+  EXPECT_EQ(json["tiles"], 64 + 1024 + 16384);
 
   const auto fixed = slf({"verify", bad, "--fix", "--json"});
   EXPECT_EQ(fixed.exit_code, 0) << fixed.err;
@@ -222,9 +221,8 @@ TEST_F(RepackCli, BrightColoursReachThePicture) {
   auto options = testing::lossless_options(2, 3, 1);
   options.half = true;
   ASSERT_TRUE(testing::build_and_open(bright, place / "in.slf", options));
-  ASSERT_EQ(slf({"repack", place / "in.slf", "-o", place / "out.slf", "--color-codec", "zstd:9"})
-                .exit_code,
-            0);
+  ASSERT_EQ(
+      slf({"repack", place / "in.slf", "-o", place / "out.slf", "--codec", "zstd:9"}).exit_code, 0);
   const Outcome drawn =
       slf({"render", place / "out.slf", "-o", place / "o.exr", "--size", "16", "--mode", "bitri"});
   ASSERT_EQ(drawn.exit_code, 0) << drawn.err;
@@ -242,14 +240,14 @@ TEST_F(RepackCli, HalfFloatFieldsBuildFromTheCommandLine) {
                 .exit_code,
             0);
   const auto info = slf({"info", place / "half.slf", "--json"}).json();
-  EXPECT_EQ(info["layers"][0]["format"], "rgba16f_depth8");
-  EXPECT_EQ(info["layers"][0]["codec"], "predictive:90");
+  EXPECT_EQ(info["format"], "rgba16f_depth8");
+  EXPECT_EQ(info["codec"], "predictive:90");
   EXPECT_EQ(slf({"verify", place / "half.slf"}).exit_code, 0);
   ASSERT_EQ(slf({"repack", place / "half.slf", "-o", place / "u8.slf", "--color-type", "u8",
-                 "--color-codec", "jpeg:80"})
+                 "--codec", "jpeg:80"})
                 .exit_code,
             0);
-  EXPECT_EQ(slf({"info", place / "u8.slf", "--json"}).json()["layers"][0]["format"], "rgba8");
+  EXPECT_EQ(slf({"info", place / "u8.slf", "--json"}).json()["format"], "rgba8_depth8");
 }
 
 }  // namespace

@@ -26,7 +26,7 @@ DATA = HERE.parent / "data"
 # picture F.png. `diff` and `verify` may end with the codes 7 and 3.
 PREPARE = [
     "build scene:balls -o F.slf --entry 2 --exit 4 --levels 1",
-    "repack F.slf -o G.slf --color-codec jpeg:60 --subfields 0-40",
+    "repack F.slf -o G.slf --codec jpeg:60 --subfields 0-40",
     "build scene:balls -o part-1.slf --entry 2 --exit 4 --levels 1 --shard 1/2",
     "build scene:balls -o part-2.slf --entry 2 --exit 4 --levels 1 --shard 2/2",
     "cameras --sphere 0,0,0,1 --count 12 --size 32 -o c.json",

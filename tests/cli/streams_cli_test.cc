@@ -106,10 +106,9 @@ double share_done(const std::string& lines) {
 /// returns how it ended.
 int status_after(int signal, const std::string& output) {
   const std::vector<std::string> arguments{
-      SLF_COMMAND, "--progress", "json:0.05", "build",         "scene:fog", "-o",
-      output,      "--entry",    "8",         "--exit",        "32",        "--levels",
-      "2",         "--codec",    "raw",       "--depth-codec", "raw",       "--commit-every",
-      "3600"};
+      SLF_COMMAND, "--progress", "json:0.05", "build",          "scene:fog", "-o",
+      output,      "--entry",    "8",         "--exit",         "32",        "--levels",
+      "2",         "--codec",    "raw",       "--commit-every", "3600"};
   std::vector<char*> line;
   for (const std::string& argument : arguments) line.push_back(const_cast<char*>(argument.c_str()));
   line.push_back(nullptr);

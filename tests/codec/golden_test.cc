@@ -24,15 +24,15 @@ struct Case {
   Content content;
 };
 
-constexpr Case kCases[] = {{"raw", SampleFormat::depth8, Content::smooth},
+constexpr Case kCases[] = {{"raw", SampleFormat::rgba8_depth8, Content::smooth},
                            {"zstd:9", SampleFormat::rgba8, Content::disc},
                            {"zstd:9", SampleFormat::rgba8, Content::noise},
-                           {"zstd:9", SampleFormat::depth8, Content::disc},
-                           {"zstd:9", SampleFormat::rgba16f, Content::disc},
+                           {"zstd:9", SampleFormat::rgba8_depth8, Content::disc},
+                           {"zstd:9", SampleFormat::rgba16f_depth8, Content::disc},
                            {"jpeg:75", SampleFormat::rgba8, Content::disc},
                            {"jpeg:75", SampleFormat::rgba8, Content::veil},
                            {"jpeg:90:444", SampleFormat::rgba8, Content::disc},
-                           {"jpeg:50", SampleFormat::depth8, Content::disc}};
+                           {"jpeg:75", SampleFormat::rgba8_depth8, Content::disc}};
 
 class Golden : public testing::TestWithParam<Case> {};
 

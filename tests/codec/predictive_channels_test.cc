@@ -20,7 +20,7 @@ struct Picture {
 
   Picture(const Tile& tile, int noise, std::uint32_t seed = 1) {
     std::mt19937 random(seed);
-    const bool half = color_format(tile.format) == SampleFormat::rgba16f;
+    const bool half = is_half(tile.format);
     const std::int32_t opaque = half ? 0x3C00 : 255, scale = half ? 64 : 1;
     for (std::size_t row = 0; row < tile.rows(); ++row)
       for (std::uint32_t q = 0; q <= tile.side; ++q)
@@ -94,7 +94,7 @@ TEST(PredictiveChannels, AnyValuesSurvive) {
   for (const auto format : {SampleFormat::rgba8_depth8, SampleFormat::rgba16f_depth8}) {
     const SampleTile sample = shape(format, 5, 8);
     Picture picture(sample.tile, 3);
-    const bool half = format == SampleFormat::rgba16f_depth8;
+    const bool half = is_half(format);
     for (const TileChannel c : kInOrder)
       for (std::int32_t& value : picture.values[c]) {
         const auto any = static_cast<std::uint16_t>(random());

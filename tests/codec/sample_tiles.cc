@@ -1,5 +1,6 @@
 #include "tests/codec/sample_tiles.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -37,16 +38,12 @@ std::uint16_t to_half(double value) {
                                     static_cast<int>((mantissa * 2 - 1) * 1024));
 }
 
-void append(SampleFormat format, const Sample& sample, Bytes& to) {
-  if (format == SampleFormat::depth8) {
-    to.push_back(static_cast<std::byte>(to_byte(sample.depth)));
-    return;
-  }
+void append_color(bool half, const Sample& sample, Bytes& to) {
   for (const double value : sample.rgba)
-    if (format == SampleFormat::rgba8)
-      to.push_back(static_cast<std::byte>(to_byte(value)));
-    else
+    if (half)
       append_le(to, to_half(value * 2));
+    else
+      to.push_back(static_cast<std::byte>(to_byte(value)));
 }
 
 }  // namespace
@@ -65,30 +62,41 @@ SampleTile make_tile(SampleFormat format, std::size_t rows, std::uint32_t side, 
       result.positions.push_back({p, q});
   result.tile = {format, side, result.positions};
   Random random(rows * 1000 + side);
+  if (content == Content::noise) {
+    result.samples.resize(result.tile.bytes());
+    for (std::byte& byte : result.samples) byte = static_cast<std::byte>(random.next() >> 56);
+    return result;
+  }
   const double unit = 1.0 / (side + 1);
+  Bytes depths;
   for (const LocalPoint where : result.positions)
     for (std::uint32_t q = 0; q <= side; ++q)
-      for (std::uint32_t p = 0; p <= side - q; ++p)
-        if (content == Content::noise)
-          for (std::size_t i = 0; i < sample_bytes(format); ++i)
-            result.samples.push_back(static_cast<std::byte>(random.next() >> 56));
-        else
-          append(format, at(content, p * unit, q * unit, where), result.samples);
+      for (std::uint32_t p = 0; p <= side - q; ++p) {
+        const Sample sample = at(content, p * unit, q * unit, where);
+        append_color(is_half(format), sample, result.samples);
+        if (has_depth(format)) depths.push_back(static_cast<std::byte>(to_byte(sample.depth)));
+      }
+  result.samples.insert(result.samples.end(), depths.begin(), depths.end());
   return result;
 }
 
-double psnr(SampleFormat format, ByteSpan expected, ByteSpan found) {
-  double sum = 0;
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < expected.size(); ++i) {
-    if (format == SampleFormat::rgba8 && i % 4 == 3) continue;
-    if (format == SampleFormat::depth8 && expected[i] == std::byte{0}) continue;
-    const double difference = std::to_integer<int>(expected[i]) - std::to_integer<int>(found[i]);
-    sum += difference * difference;
-    ++count;
-  }
-  if (sum == 0) return std::numeric_limits<double>::infinity();
-  return 10 * std::log10(255.0 * 255.0 * static_cast<double>(count) / sum);
+double psnr(const Tile& tile, ByteSpan expected, ByteSpan found) {
+  const auto of = [&](std::size_t begin, std::size_t end, const auto& counts) {
+    double sum = 0;
+    std::size_t count = 0;
+    for (std::size_t i = begin; i < end; ++i) {
+      if (!counts(i)) continue;
+      const double difference = std::to_integer<int>(expected[i]) - std::to_integer<int>(found[i]);
+      sum += difference * difference;
+      ++count;
+    }
+    if (sum == 0) return std::numeric_limits<double>::infinity();
+    return 10 * std::log10(255.0 * 255.0 * static_cast<double>(count) / sum);
+  };
+  const std::size_t colors = tile.color_bytes();
+  return std::min(
+      of(0, colors, [](std::size_t i) { return i % 4 != 3; }),
+      of(colors, tile.bytes(), [&](std::size_t i) { return expected[i] != std::byte{0}; }));
 }
 
 }  // namespace slf::codec

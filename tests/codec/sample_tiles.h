@@ -31,8 +31,8 @@ enum class Content {
 
 constexpr Content kAllContents[] = {Content::zero, Content::constant, Content::smooth,
                                     Content::disc, Content::veil,     Content::noise};
-constexpr SampleFormat kAllFormats[] = {SampleFormat::rgba8, SampleFormat::depth8,
-                                        SampleFormat::rgba16f};
+constexpr SampleFormat kAllFormats[] = {SampleFormat::rgba8, SampleFormat::rgba16f,
+                                        SampleFormat::rgba8_depth8, SampleFormat::rgba16f_depth8};
 
 [[nodiscard]] std::string name(Content content);
 
@@ -57,8 +57,8 @@ class Random {
   std::uint64_t state_;
 };
 
-/// dB between samples of 8 bits; for rgba8 over R, G and B, for depth8 where `expected` is not 0,
-/// which is to say nothing. Infinity when equal.
-[[nodiscard]] double psnr(SampleFormat format, ByteSpan expected, ByteSpan found);
+/// dB between samples of 8 bits: over R, G and B, or over depths where `expected` is not 0, which
+/// is to say nothing; whichever is lower. Infinity when equal.
+[[nodiscard]] double psnr(const Tile& tile, ByteSpan expected, ByteSpan found);
 
 }  // namespace slf::codec

@@ -19,7 +19,6 @@ TEST(Spec, IsNormalised) {
   EXPECT_EQ(normalised("jpeg:075"), "jpeg:75");
   EXPECT_EQ(normalised("jpeg:90:420"), "jpeg:90");
   EXPECT_EQ(normalised("jpeg:90:444"), "jpeg:90:444");
-  EXPECT_EQ(normalised("jpeg:50:444", SampleFormat::depth8), "jpeg:50");
 }
 
 TEST(Spec, RefusesWhatItDoesNotKnow) {
@@ -34,10 +33,21 @@ TEST(Spec, RefusesWhatItDoesNotKnow) {
 }
 
 TEST(Spec, JpegCannotHoldHalves) {
-  const auto made = make_codec("jpeg:75", SampleFormat::rgba16f);
-  ASSERT_FALSE(made);
-  EXPECT_EQ(made.error().code, ErrorCode::unsupported);
-  EXPECT_THAT(made.error().message, testing::HasSubstr("zstd"));
+  for (const auto format : {SampleFormat::rgba16f, SampleFormat::rgba16f_depth8}) {
+    const auto made = make_codec("jpeg:75", format);
+    ASSERT_FALSE(made);
+    EXPECT_EQ(made.error().code, ErrorCode::unsupported);
+    EXPECT_THAT(made.error().message, testing::HasSubstr("zstd"));
+  }
+}
+
+TEST(Spec, PredictiveNeedsDepth) {
+  for (const auto format : {SampleFormat::rgba8, SampleFormat::rgba16f}) {
+    const auto made = make_codec("predictive:90", format);
+    ASSERT_FALSE(made);
+    EXPECT_EQ(made.error().code, ErrorCode::unsupported);
+    EXPECT_THAT(made.error().message, testing::HasSubstr("needs depths"));
+  }
 }
 
 TEST(Spec, CodecsWithoutTablesRefuseThem) {

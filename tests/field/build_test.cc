@@ -78,9 +78,9 @@ TEST(Build, SamplesAreTheScenesRays) {
   std::size_t checked = 0;
   for (std::uint64_t index = 0; index < tile_count(1, 0); index += 7) {
     const TileKey key{1, index};
-    const auto tile = field->file().store().find(0, key);
+    const auto tile = field->file().store().find(key);
     ASSERT_TRUE(tile);
-    const codec::Tile shape = field->file().tile_shape(0, key);
+    const codec::Tile shape = field->file().tile_shape(key);
     std::vector<std::byte> samples(shape.bytes());
     if (tile->state == storage::TileState::stored) {
       ASSERT_TRUE(field->file().decode(*tile, samples));
@@ -138,14 +138,15 @@ TEST(Build, CoarserLevelsAreMeansUnderATent) {
   };
   std::size_t visible = 0;
   for (std::uint64_t index = 0; index < tile_count(0, 0); ++index) {
-    const auto color = field->file().store().find(0, {0, index}),
-               depth = field->file().store().find(1, {0, index});
-    ASSERT_TRUE(color && depth);
-    const codec::Tile shape = field->file().tile_shape(0, {0, index});
-    std::vector<std::byte> colors(shape.bytes()), depths(shape.rows() * shape.columns());
-    if (color->state == storage::TileState::stored) {
-      ASSERT_TRUE(field->file().decode(*color, colors) && field->file().decode(*depth, depths));
+    const auto tile = field->file().store().find({0, index});
+    ASSERT_TRUE(tile);
+    const codec::Tile shape = field->file().tile_shape({0, index});
+    std::vector<std::byte> samples(shape.bytes());
+    if (tile->state == storage::TileState::stored) {
+      ASSERT_TRUE(field->file().decode(*tile, samples));
     }
+    const std::byte* const colors = samples.data();
+    const std::byte* const depths = colors + shape.color_bytes();
     const TileSections sections = sections_of({0, index}, 0);
     std::size_t sample = 0;
     for (std::size_t row = 0; row < shape.rows(); ++row)
@@ -182,7 +183,7 @@ TEST(Build, ContentDoesNotDependOnThreads) {
   TemporaryFolder folder;
   const auto scene = balls();
   auto options = lossless_options(2, 4, 2);
-  options.color_codec = "jpeg:75";
+  options.codec = "jpeg:75";
   options.threads = 1;
   const auto one = build_and_open(*scene, folder / "1.slf", options);
   options.threads = 7;
@@ -195,7 +196,7 @@ TEST(Build, StoppedAnywhereItResumesToTheSameContent) {
   TemporaryFolder folder;
   const auto scene = balls();
   auto options = lossless_options(2, 4, 2);
-  options.color_codec = "jpeg:75";
+  options.codec = "jpeg:75";
   const auto whole = build_and_open(*scene, folder / "whole.slf", options);
   ASSERT_TRUE(whole);
   const std::string path = folder / "parts.slf";
@@ -259,7 +260,7 @@ TEST(Build, AbsurdShapesAreRefused) {
     EXPECT_EQ(folder.files(), std::vector<std::string>{});
   }
   auto options = lossless_options(2, 4, 0);
-  options.color_codec = "gif";
+  options.codec = "gif";
   EXPECT_EQ(build_field(*scene, folder / "a.slf", options).error().code, ErrorCode::usage);
   EXPECT_EQ(folder.files(), std::vector<std::string>{});
 }
@@ -468,13 +469,13 @@ TEST(Build, HalfFloatColourIsKeptBitForBit) {
   Manifest manifest = field->file().manifest();
   const TileTracer tracer(bright, manifest);
   for (std::uint64_t index = 0; index < tile_count(1, 0); index += 31) {
-    const auto tile = field->file().store().find(0, {1, index});
+    const auto tile = field->file().store().find({1, index});
     ASSERT_TRUE(tile);
-    std::vector<std::byte> samples(field->file().tile_shape(0, {1, index}).bytes());
+    std::vector<std::byte> samples(field->file().tile_shape({1, index}).bytes());
     ASSERT_TRUE(field->file().decode(*tile, samples));
     TracedTile traced;
     ASSERT_TRUE(tracer.trace({1, index}, traced));
-    EXPECT_EQ(samples, traced.layers[0]);
+    EXPECT_EQ(samples, traced.samples);
   }
 }
 

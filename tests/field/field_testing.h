@@ -52,8 +52,7 @@ inline BuildOptions lossless_options(std::uint32_t entry, std::uint32_t exit, un
   options.shape.entry_side = entry;
   options.shape.exit_side = exit;
   options.shape.levels = levels;
-  options.color_codec = "zstd:1";
-  options.depth_codec = "zstd:1";
+  options.codec = "zstd:1";
   options.threads = 2;
   return options;
 }
@@ -68,21 +67,21 @@ inline std::optional<Field> build_and_open(const Scene& scene, const std::string
   return *field;
 }
 
-/// Every tile's payload, by layer and key: what two equal fields share byte for byte.
-inline std::map<std::pair<storage::LayerId, TileKey>, std::string> all_tiles(const Field& field) {
-  std::map<std::pair<storage::LayerId, TileKey>, std::string> tiles;
-  for (storage::LayerId layer = 0; layer < field.file().manifest().layers.size(); ++layer) {
-    const auto ok = field.file().store().visit(
-        layer, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
-          if (tile.state == storage::TileState::stored) {
-            if (auto checked = field.file().store().check(tile); !checked) return checked;
-          }
-          tiles[{layer, tile.key}] = {reinterpret_cast<const char*>(tile.payload.data()),
-                                      tile.payload.size()};
-          return {};
-        });
-    EXPECT_TRUE(ok) << (ok ? "" : ok.error().message);
-  }
+/// Payloads by key.
+using Payloads = std::map<TileKey, std::string>;
+
+/// Every tile's payload: what two equal fields share byte for byte.
+inline Payloads all_tiles(const Field& field) {
+  Payloads tiles;
+  const auto ok = field.file().store().visit(
+      {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
+        if (tile.state == storage::TileState::stored) {
+          if (auto checked = field.file().store().check(tile); !checked) return checked;
+        }
+        tiles[tile.key] = {reinterpret_cast<const char*>(tile.payload.data()), tile.payload.size()};
+        return {};
+      });
+  EXPECT_TRUE(ok) << (ok ? "" : ok.error().message);
   return tiles;
 }
 

@@ -67,7 +67,7 @@ class Inspect : public ::testing::Test {
   std::optional<Field> field_;
 };
 
-TEST_F(Inspect, ListsEveryTileOfEveryLayerWithItsPayload) {
+TEST_F(Inspect, ListsEveryTileWithItsPayload) {
   const auto expected = all_tiles(*field_);
   const auto listed = list(*field_);
   ASSERT_EQ(listed.size(), expected.size());
@@ -75,7 +75,7 @@ TEST_F(Inspect, ListsEveryTileOfEveryLayerWithItsPayload) {
   auto at = expected.begin();
   for (const ListedTile& tile : listed) {
     const auto& [place, payload] = *at++;
-    EXPECT_EQ(place, std::pair(static_cast<storage::LayerId>(tile.layer), tile.key));
+    EXPECT_EQ(place, tile.key);
     EXPECT_EQ(tile.content == TileContent::stored, !payload.empty());
     EXPECT_EQ(file.substr(tile.offset_bytes, tile.payload_bytes), payload);
     EXPECT_EQ(find_tile(*field_, tile.address), tile.key);
@@ -83,19 +83,18 @@ TEST_F(Inspect, ListsEveryTileOfEveryLayerWithItsPayload) {
   }
 }
 
-TEST_F(Inspect, FiltersByLevelSubfieldAndLayer) {
-  EXPECT_EQ(list(*field_, {.last_level = 0}).size(), 2 * 64u);
-  EXPECT_EQ(list(*field_, {.first_level = 1, .layer = "depth"}).size(), 1024u);
-  const auto some = list(*field_, {.first_level = 1, .subfields = {3, 62}, .layer = "color"});
+TEST_F(Inspect, FiltersByLevelAndSubfield) {
+  EXPECT_EQ(list(*field_, {.last_level = 0}).size(), 64u);
+  EXPECT_EQ(list(*field_, {.first_level = 1}).size(), 1024u);
+  const auto some = list(*field_, {.first_level = 1, .subfields = {3, 62}});
   ASSERT_EQ(some.size(), 32u);
   for (const ListedTile& tile : some)
     EXPECT_EQ(tile.subfield, tile.key.index < 64 ? 3 : 62) << tile.key.index;
   RepackOptions options;
   options.subfields = {3, 9};
   const auto part = repack("part.slf", options);
-  EXPECT_EQ(list(*part).size(), 2 * 2 * 17u);
-  for (const TileFilter& wrong :
-       {TileFilter{.first_level = 2}, TileFilter{.subfields = {4}}, TileFilter{.layer = "x"}}) {
+  EXPECT_EQ(list(*part).size(), 2 * 17u);
+  for (const TileFilter& wrong : {TileFilter{.first_level = 2}, TileFilter{.subfields = {4}}}) {
     const auto refused = list_tiles(*part, wrong, [](const ListedTile&) { return Result<void>(); });
     ASSERT_FALSE(refused);
     EXPECT_EQ(refused.error().code, ErrorCode::usage);
@@ -105,13 +104,12 @@ TEST_F(Inspect, FiltersByLevelSubfieldAndLayer) {
 TEST_F(Inspect, ListsMissingTilesWhereAsked) {
   const auto holed = changed("holed.slf", [](storage::TileWriter& writer) {
     for (const std::uint64_t index : {0u, 500u, 1023u})
-      ASSERT_TRUE(writer.replace(1, {1, index}, TileState::missing, {}));
+      ASSERT_TRUE(writer.replace({1, index}, TileState::missing, {}));
   });
-  EXPECT_EQ(list(*holed).size(), 2 * 1088u - 3);
+  EXPECT_EQ(list(*holed).size(), 1088u - 3);
   std::vector<std::uint64_t> missing;
   for (const ListedTile& tile : list(*holed, {.missing = true}))
     if (tile.content == TileContent::missing) {
-      EXPECT_EQ(tile.layer, 1u);
       EXPECT_EQ(tile.key.level, 1);
       missing.push_back(tile.key.index);
     }
@@ -137,32 +135,20 @@ TEST_F(Inspect, RefusesTilesThatTheFieldHasNot) {
   EXPECT_TRUE(find_tile(*field_, {1, 31, 31}));
 }
 
-TEST_F(Inspect, SamplesAreThoseThatTheFieldDecodes) {
+TEST_F(Inspect, ChannelsAreTheSamplesThatTheFieldDecodes) {
   const TileKey key = some_stored_tile();
-  for (const std::string channel : {"color", "depth"}) {
-    const auto expected = testing::all_samples(*field_, channel).at(key);
-    const auto set = read_tile(*field_, key, channel);
-    ASSERT_TRUE(set);
-    EXPECT_EQ(set->samples, expected);
-    EXPECT_EQ(set->entries.size() * 21 * sample_bytes(set->format), expected.size());
-  }
-  EXPECT_EQ(read_tile(*field_, key, "normal").error().code, ErrorCode::usage);
-}
-
-TEST_F(Inspect, ChannelsOfAPredictiveLayerComeApart) {
-  RepackOptions options;
-  options.color_codec = "predictive:80";
-  const auto together = repack("together.slf", options);
-  ASSERT_TRUE(together);
-  const TileKey key = some_stored_tile();
-  const Bytes both = testing::all_samples(*together, "color").at(key);
-  const auto color = read_tile(*together, key, "color"), depth = read_tile(*together, key, "depth");
+  const Bytes both = testing::all_samples(*field_).at(key);
+  const auto color = read_tile(*field_, key, "color"), depth = read_tile(*field_, key, "depth");
   ASSERT_TRUE(color && depth);
-  EXPECT_EQ(color->format, SampleFormat::rgba8);
-  EXPECT_EQ(depth->format, SampleFormat::depth8);
+  for (const auto& [set, numbers] : {std::pair(&*color, 4u), std::pair(&*depth, 1u)}) {
+    EXPECT_EQ(set->numbers, numbers);
+    EXPECT_FALSE(set->half);
+    EXPECT_EQ(set->samples.size(), set->entries.size() * 21 * numbers);
+  }
   Bytes joined = color->samples;
   joined.insert(joined.end(), depth->samples.begin(), depth->samples.end());
   EXPECT_EQ(joined, both);
+  EXPECT_EQ(read_tile(*field_, key, "normal").error().code, ErrorCode::usage);
 }
 
 TEST_F(Inspect, APictureShowsEverySampleOnce) {
@@ -193,15 +179,14 @@ TEST_F(Inspect, AFieldDoesNotDifferFromItsCopy) {
 
 TEST_F(Inspect, FindsTheTileThatWasChanged) {
   const TileKey key = some_stored_tile();
-  const auto layer = field_->file().layer("color");
-  Bytes samples = testing::all_samples(*field_, "color").at(key);
+  Bytes samples = testing::all_samples(*field_).at(key);
   samples[0] ^= std::byte{64};
   Bytes payload;
-  const codec::Tile shape = field_->file().tile_shape(*layer, key);
-  ASSERT_TRUE(field_->file().codec(*layer).encode(shape, samples, payload));
+  const codec::Tile shape = field_->file().tile_shape(key);
+  ASSERT_TRUE(field_->file().codec().encode(shape, samples, payload));
   const auto other = changed("other.slf", [&](storage::TileWriter& writer) {
-    ASSERT_TRUE(writer.replace(*layer, key, TileState::stored, payload));
-    ASSERT_TRUE(writer.replace(1, {1, 9}, TileState::missing, {}));
+    ASSERT_TRUE(writer.replace(key, TileState::stored, payload));
+    ASSERT_TRUE(writer.replace({1, 9}, TileState::missing, {}));
   });
   const auto difference = diff_fields(*field_, *other, {.threads = 2});
   ASSERT_TRUE(difference);
@@ -211,9 +196,10 @@ TEST_F(Inspect, FindsTheTileThatWasChanged) {
   EXPECT_EQ(color.differing, 1u);
   EXPECT_EQ(color.worst, key);
   const double expected =
-      -10 * std::log10(64. * 64 / (255. * 255) / static_cast<double>(samples.size()));
+      -10 * std::log10(64. * 64 / (255. * 255) / static_cast<double>(shape.color_bytes()));
   EXPECT_NEAR(color.worst_psnr, expected, 0.01);
   EXPECT_GT(color.psnr, color.worst_psnr);
+  EXPECT_EQ(depth.recoded, 1u);
   EXPECT_EQ(depth.only_in_a, 1u);
   EXPECT_EQ(depth.compared, 1087u);
   EXPECT_FALSE(difference->alike(0));
@@ -221,20 +207,20 @@ TEST_F(Inspect, FindsTheTileThatWasChanged) {
 
 TEST_F(Inspect, OtherBytesOfTheSameSamplesAreToldApart) {
   RepackOptions options;
-  options.color_codec = "raw";
+  options.codec = "raw";
   const auto raw = repack("raw.slf", options);
   const auto difference = diff_fields(*field_, *raw);
   ASSERT_TRUE(difference);
-  EXPECT_EQ(difference->manifest, std::vector<std::string>{"/layers/0/codec"});
+  EXPECT_EQ(difference->manifest, std::vector<std::string>{"/codec"});
   EXPECT_EQ(difference->channels[0].differing, 0u);
   EXPECT_GT(difference->channels[0].recoded, 700u);
   EXPECT_FALSE(difference->equal());
   EXPECT_TRUE(difference->alike(100));
 }
 
-TEST_F(Inspect, ComparesLayersOfOtherFormats) {
+TEST_F(Inspect, ComparesOtherFormats) {
   RepackOptions options;
-  options.color_codec = "predictive:90";
+  options.codec = "predictive:90";
   const auto together = repack("together.slf", options);
   options = {};
   options.half = true;

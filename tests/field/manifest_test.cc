@@ -16,8 +16,8 @@ Manifest example() {
   manifest.shape.exit_side = 24;
   manifest.shape.levels = 3;
   manifest.shape.entry_extra_levels = 2;
-  manifest.layers = {{"color", codec::SampleFormat::rgba8, "jpeg:75"},
-                     {"depth", codec::SampleFormat::depth8, "zstd:9"}};
+  manifest.format = SampleFormat::rgba8_depth8;
+  manifest.codec = "jpeg:75";
   manifest.provenance = {{"kind", "scene"}, {"name", "balls"}};
   return manifest;
 }
@@ -38,9 +38,8 @@ TEST(Manifest, RoundTrips) {
 
 TEST(Manifest, EveryMemberIsNeededAndChecked) {
   const nlohmann::json good = example().to_json();
-  for (const char* at :
-       {"/slf/major", "/sphere/radius", "/sphere/center/1", "/entry_side", "/exit_side", "/levels",
-        "/entry_depth", "/layers/0/name", "/layers/1/format", "/layers/1/codec"}) {
+  for (const char* at : {"/slf/major", "/sphere/radius", "/sphere/center/1", "/entry_side",
+                         "/exit_side", "/levels", "/entry_depth", "/format", "/codec"}) {
     const nlohmann::json::json_pointer pointer(at);
     nlohmann::json broken = good;
     auto& parent = broken[pointer.parent_pointer()];
@@ -58,9 +57,6 @@ TEST(Manifest, EveryMemberIsNeededAndChecked) {
       EXPECT_EQ(parse_error(broken), ErrorCode::bad_file) << at << " " << wrong;
     }
   }
-  nlohmann::json colorless = good;  // its depths must not be taken for colours
-  colorless["layers"].erase(0);
-  EXPECT_EQ(parse_error(colorless), ErrorCode::bad_file);
   EXPECT_EQ(parse_error("text"), ErrorCode::bad_file);
   EXPECT_FALSE(Manifest::parse("{", "x.slf"));
   EXPECT_FALSE(Manifest::parse("", "x.slf"));
@@ -75,8 +71,7 @@ TEST(Manifest, MembersThatOthersRelyOnHaveTheRightKind) {
     return json;
   };
   EXPECT_EQ(parse_error(with("/provenance", 7)), ErrorCode::bad_file);
-  EXPECT_EQ(parse_error(with("/layers/0/format", "depth8")), ErrorCode::bad_file);
-  EXPECT_EQ(parse_error(with("/layers/1/format", "rgba8")), ErrorCode::bad_file);
+  EXPECT_EQ(parse_error(with("/format", "depth8")), ErrorCode::bad_file);
   EXPECT_EQ(parse_error(with("/subfields", {{"0", 3}})), ErrorCode::bad_file);
   EXPECT_EQ(parse_error(with("/subfields", std::vector<int>(65, 1))), ErrorCode::bad_file);
   nlohmann::json none = good;
@@ -124,34 +119,29 @@ TEST(Manifest, NewerVersionsAndUnknownRequiredFeaturesAreRefused) {
 
 TEST(Field, OpensOnlyContainersThatAreFields) {
   testing::TemporaryFolder folder;
-  const auto make = [&](const std::string& name, const nlohmann::json& json,
-                        std::vector<std::string> layers) {
+  const auto make = [&](const std::string& name, const nlohmann::json& json) {
     const std::string text = json.dump();
     const ByteSpan bytes = std::as_bytes(std::span<const char>(text));
-    std::vector<std::pair<std::string, Bytes>> blobs{{"field", Bytes(bytes.begin(), bytes.end())}};
-    for (const auto& layer : layers) blobs.emplace_back("tables/" + layer, Bytes{});
-    auto writer = storage::TileWriter::create(folder / name, layers, blobs);
+    std::vector<std::pair<std::string, Bytes>> blobs{{"field", Bytes(bytes.begin(), bytes.end())},
+                                                     {"tables", {}}};
+    auto writer = storage::TileWriter::create(folder / name, blobs);
     ASSERT_TRUE(writer) << writer.error().message;
     ASSERT_TRUE(writer->close());
   };
   nlohmann::json json = example().to_json();
-  make("good.slf", json, {"color", "depth"});
+  make("good.slf", json);
   EXPECT_TRUE(Field::open(folder / "good.slf"));
-  make("layers.slf", json, {"color"});
-  EXPECT_EQ(Field::open(folder / "layers.slf").error().code, ErrorCode::bad_file);
-  make("names.slf", json, {"depth", "color"});
-  EXPECT_EQ(Field::open(folder / "names.slf").error().code, ErrorCode::bad_file);
-  json["layers"][0]["codec"] = "gif:3";
-  make("codec.slf", json, {"color", "depth"});
+  json["codec"] = "gif:3";
+  make("codec.slf", json);
   EXPECT_EQ(Field::open(folder / "codec.slf").error().code, ErrorCode::bad_file);
   json = example().to_json();
   json["slf"]["major"] = 3;
-  make("newer.slf", json, {"color", "depth"});
+  make("newer.slf", json);
   const auto newer = Field::open(folder / "newer.slf");
   EXPECT_EQ(newer.error().code, ErrorCode::unsupported);
   EXPECT_NE(newer.error().message.find("update slf"), std::string::npos);
   json["slf"]["major"] = 1;
-  make("older.slf", json, {"color", "depth"});
+  make("older.slf", json);
   const auto older = Field::open(folder / "older.slf");
   EXPECT_EQ(older.error().code, ErrorCode::unsupported);
   EXPECT_NE(older.error().message.find("build it anew"), std::string::npos);

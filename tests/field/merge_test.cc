@@ -26,8 +26,7 @@ using Paths = std::vector<std::string>;
 
 BuildOptions options_for(const std::string& codec, unsigned levels = 1) {
   auto options = lossless_options(2, 4, levels);
-  options.color_codec = codec;
-  options.depth_codec = codec.starts_with("predictive") ? "" : codec;
+  options.codec = codec;
   return options;
 }
 
@@ -216,12 +215,12 @@ TEST_F(Merge, SubfieldsEncodedAnewAreMergedAsTheyAre) {
     const auto part = FieldFile::open(path);
     ASSERT_TRUE(part);
     const auto visited =
-        (*part)->store().visit(0, {}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
+        (*part)->store().visit({}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
           if (tile.state != TileState::stored) return {};
-          const auto there = (*merged)->store().find(0, tile.key);
+          const auto there = (*merged)->store().find(tile.key);
           if (!there) return tl::unexpected(there.error());
           EXPECT_EQ(there->state, TileState::stored);
-          Bytes of_part((*part)->tile_shape(0, tile.key).bytes()), of_merged(of_part.size());
+          Bytes of_part((*part)->tile_shape(tile.key).bytes()), of_merged(of_part.size());
           if (auto ok = (*part)->decode(tile, of_part); !ok) return ok;
           if (auto ok = (*merged)->decode(*there, of_merged); !ok) return ok;
           EXPECT_TRUE(of_part == of_merged) << int{tile.key.level} << "/" << tile.key.index;
@@ -255,9 +254,9 @@ TEST_F(Merge, NamesWhatIsMissingDoubleOrForeign) {
   expect_refused({parts[0], parts[1], parts[3], parts[2], shard(options, 5, 8)}, ErrorCode::usage,
                  {"3-of-4.slf", "5-of-8.slf", "both hold tiles 1/"});
   auto other = options;
-  other.color_codec = "jpeg:61";
+  other.codec = "jpeg:61";
   expect_refused({parts[0], parts[1], parts[2], shard(other, 1, 5)}, ErrorCode::usage,
-                 {"1-of-5.slf", "4-of-4.slf", "/layers/0/codec differs"});
+                 {"1-of-5.slf", "4-of-4.slf", "/codec differs"});
   other = options;
   other.shape.exit_side = 5;
   expect_refused({parts[0], shard(other, 1, 6)}, ErrorCode::usage, {"/exit_side differs"});
@@ -276,7 +275,7 @@ TEST_F(Merge, OtherTablesAreOtherFields) {
   const Paths parts = shards(options, 2);
   auto dark = std::make_unique<testing::FunctionScene>(stripes(0.3F));
   scene_ = std::move(dark);
-  expect_refused({parts[0], shard(options, 1, 3)}, ErrorCode::usage, {"tables of layer 'color'"});
+  expect_refused({parts[0], shard(options, 1, 3)}, ErrorCode::usage, {"the codec's tables differ"});
 }
 
 TEST_F(Merge, AnUnfinishedPartIsNamed) {
@@ -294,7 +293,7 @@ TEST_F(Merge, AnUnfinishedPartIsNamed) {
   {
     auto writer = storage::TileWriter::resume(parts[1]);
     ASSERT_TRUE(writer);
-    ASSERT_TRUE(writer->replace(1, {0, 5}, TileState::missing, {}));
+    ASSERT_TRUE(writer->replace({0, 5}, TileState::missing, {}));
     ASSERT_TRUE(writer->close());
   }
   expect_refused(parts, ErrorCode::failed, {"1-of-2.slf", "dropped"});
@@ -306,9 +305,9 @@ TEST_F(Merge, ADamagedTileIsNamed) {
   const Paths parts = shards(options_for("zstd:1"), 2);
   const auto field = Field::open(parts[1]);
   TileKey key{1, 0};
-  while (field->file().store().find(0, key)->state != TileState::stored) ++key.index;
+  while (field->file().store().find(key)->state != TileState::stored) ++key.index;
   std::string bytes = file_text(parts[1]);
-  bytes[field->file().store().range(*field->file().store().find(0, key)).begin] ^= 1;
+  bytes[field->file().store().range(*field->file().store().find(key)).begin] ^= 1;
   testing::write_text(parts[1], bytes);
   expect_refused(parts, ErrorCode::bad_file, {"1-of-2.slf", "tile 1/" + std::to_string(key.index)});
 }
@@ -393,7 +392,7 @@ TEST_F(Merge, RefusesShardsThatMakeNoSense) {
   refused(shard(1, 1, 1, 0), "levels 1 to 0");
   refused(shard(1, 1, 0, 1, coarse), "can only be used to build level 1");
   refused(shard(1, 2, {}, {}, fine), "levels from 0 on");
-  refused(shard(1, 2, {}, {}, coarse), "/layers/0/codec differs", "predictive:70");
+  refused(shard(1, 2, {}, {}, coarse), "/codec differs", "predictive:70");
   refused(shard(1, 2, {}, {}, coarse), "not needed", "zstd:1");
 }
 

@@ -202,7 +202,7 @@ TEST_F(Play, ADamagedTileIsReported) {
   {
     std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
     const auto ok = field_->file().store().visit(
-        0, {2, 0}, {3, 0}, [&](const storage::TileRef& tile) -> Result<void> {
+        {2, 0}, {3, 0}, [&](const storage::TileRef& tile) -> Result<void> {
           if (tile.state != storage::TileState::stored) return {};
           const auto at = static_cast<std::streamoff>(field_->file().store().range(tile).begin);
           file.seekp(at);

@@ -33,8 +33,7 @@ constexpr std::pair<const char*, std::uint64_t> kGoldenHashes[] = {
 
 BuildOptions predictive_options(unsigned levels = 2, const std::string& codec = "predictive:90") {
   BuildOptions options = lossless_options(4, 8, levels);
-  options.color_codec = codec;
-  options.depth_codec = "";
+  options.codec = codec;
   return options;
 }
 
@@ -68,13 +67,13 @@ class PredictiveField : public ::testing::Test {
   void drop(const std::string& name, TileKey key) {
     auto writer = storage::TileWriter::resume(folder / name);
     ASSERT_TRUE(writer) << writer.error().message;
-    ASSERT_TRUE(writer->replace(0, key, TileState::missing, {}));
+    ASSERT_TRUE(writer->replace(key, TileState::missing, {}));
     ASSERT_TRUE(writer->close());
   }
   /// A tile of level 0 and one that is predicted from it.
   std::pair<TileKey, TileKey> reference_and_dependant(const Field& field) {
     for (std::uint64_t index = 0; index < tile_count(1, 0); ++index) {
-      const auto tile = field.file().store().find(0, {1, index});
+      const auto tile = field.file().store().find({1, index});
       if (!tile || tile->state != TileState::stored) continue;
       const auto references = field.file().references(*tile);
       if (!references.empty()) return {references[0], tile->key};
@@ -106,7 +105,7 @@ TEST_F(PredictiveField, LooksLikeTheScene) {
 
 TEST_F(PredictiveField, TakesFewerBytesThanJpegAtTheSameQuality) {
   auto jpeg = predictive_options();
-  jpeg.color_codec = "jpeg:90", jpeg.depth_codec = "jpeg:75";
+  jpeg.codec = "jpeg:90";
   const auto exact = build("exact.slf", lossless_options(4, 8, 2));
   const auto one = build("jpeg.slf", jpeg), two = build("predictive.slf", predictive_options());
   const auto error = [&](const Field& field) {
@@ -184,16 +183,16 @@ TEST_F(PredictiveField, ATileIsDecodedOnceForItselfAndForOthers) {
   ASSERT_TRUE(field);
   const FieldFile& file = field->file();
   const TileKey dependant = reference_and_dependant(*field).second;
-  const auto keys = file.with_references(0, std::span(&dependant, 1));
+  const auto keys = file.with_references(std::span(&dependant, 1));
   ASSERT_TRUE(keys && keys->size() > 1);
   const std::uint64_t before = file.decoded_bytes();
   std::uint64_t payloads = 0;
   for (int round = 0; round < 2; ++round)
     for (const TileKey key : *keys) {  // coarse levels first
-      const auto tile = file.store().find(0, key);
+      const auto tile = file.store().find(key);
       ASSERT_TRUE(tile);
       if (tile->state != TileState::stored) continue;
-      Bytes samples(file.tile_shape(0, key).bytes());
+      Bytes samples(file.tile_shape(key).bytes());
       ASSERT_TRUE(file.decode(*tile, samples));
       payloads += round == 0 ? tile->payload.size() : 0;
     }
@@ -210,13 +209,13 @@ TEST_F(PredictiveField, TheBytesOfAViewIncludeWhatItsTilesArePredictedFrom) {
   std::set<TileKey> needed;
   std::uint64_t bytes = 0;
   const std::function<void(TileKey)> need = [&](TileKey key) {
-    const auto tile = field->file().store().find(0, key);
+    const auto tile = field->file().store().find(key);
     if (!tile || tile->state != TileState::stored || !needed.insert(key).second) return;
     bytes += tile->payload.size();
     for (const TileKey reference : field->file().references(*tile)) need(reference);
   };
   for (const TileKey key : statistics.tiles) need(key);
-  const auto file = footprint(*field, statistics.tiles, true);
+  const auto file = footprint(*field, statistics.tiles);
   ASSERT_TRUE(file);
   EXPECT_EQ(file->compressed_bytes, bytes);
   EXPECT_LT(file->stored_tiles, needed.size());
@@ -237,8 +236,8 @@ TEST_F(PredictiveField, WithoutAReferenceACoarserLevelIsDrawn) {
       reference_and_dependant(*build("a.slf", predictive_options(1)));
   drop("a.slf", reference);
   const auto field = open("a.slf");
-  const auto tile = field->file().store().find(0, dependant);
-  Bytes samples(field->file().tile_shape(0, dependant).bytes());
+  const auto tile = field->file().store().find(dependant);
+  Bytes samples(field->file().tile_shape(dependant).bytes());
   const auto decoded = field->file().decode(*tile, samples);
   ASSERT_FALSE(decoded);
   EXPECT_EQ(decoded.error().code, ErrorCode::tile_missing);
@@ -273,19 +272,14 @@ TEST_F(PredictiveField, VerifyNamesWhatALostReferenceTakesAlongAndARebuildRestor
 TEST_F(PredictiveField, RepacksToOtherCodecsAndBack) {
   const auto field = build("a.slf", predictive_options());
   RepackOptions to_zstd;
-  to_zstd.color_codec = to_zstd.depth_codec = "zstd:1";
+  to_zstd.codec = "zstd:1";
   ASSERT_TRUE(repack_field(*field, folder / "zstd.slf", to_zstd));
   const auto plain = open("zstd.slf");
   EXPECT_EQ(nlohmann::json::parse(plain->manifest())["required"], nlohmann::json::array());
-  const auto color = all_samples(*plain, "color"), depth = all_samples(*plain, "depth");
-  for (const auto& [key, samples] : all_samples(*field, "color")) {
-    Bytes both = color.at(key);
-    both.insert(both.end(), depth.at(key).begin(), depth.at(key).end());
-    EXPECT_EQ(both, samples) << int{key.level} << "/" << key.index;
-  }
+  EXPECT_EQ(all_samples(*plain), all_samples(*field));
 
   RepackOptions back;
-  back.color_codec = "predictive:90";
+  back.codec = "predictive:90";
   const auto report = repack_field(*plain, folder / "back.slf", back);
   ASSERT_TRUE(report) << report.error().message;
   EXPECT_GT(
@@ -312,7 +306,7 @@ TEST_F(PredictiveField, AnEqualRepackAndFewerLevelsCopy) {
   EXPECT_EQ(repack_field(*field, folder / "c.slf", fewer)->recoded, 0u);
   for (const auto& [place, payload] : all_tiles(*open("c.slf")))
     EXPECT_EQ(payload, tiles.at(place));
-  EXPECT_EQ(all_samples(*open("c.slf"), "color").size(), 64u + 1024u);
+  EXPECT_EQ(all_samples(*open("c.slf")).size(), 64u + 1024u);
 }
 
 TEST_F(PredictiveField, SubfieldsAreEncodedAnewAmongThemselves) {
@@ -323,9 +317,9 @@ TEST_F(PredictiveField, SubfieldsAreEncodedAnewAmongThemselves) {
   ASSERT_TRUE(report) << report.error().message;
   EXPECT_EQ(report->copied, 0u);
   const auto part = open("b.slf");
-  const auto before = all_samples(*field, "color");
+  const auto before = all_samples(*field);
   double sum = 0, count = 0;
-  for (const auto& [key, samples] : all_samples(*part, "color")) {
+  for (const auto& [key, samples] : all_samples(*part)) {
     EXPECT_TRUE(part->shape().has(key));
     for (std::size_t k = 0; k < samples.size() / 5 * 4; ++k, ++count) {
       const double off = std::to_integer<int>(samples[k]) - std::to_integer<int>(before.at(key)[k]);
@@ -343,7 +337,7 @@ TEST_F(PredictiveField, GoldenSamplesAreTheSameOnEveryInstructionSet) {
           Field::open(std::string(SLF_TEST_DATA) + "/golden/" + name + ".slf");  // nothing decoded
       ASSERT_TRUE(field) << field.error().message;
       std::uint64_t hash = 0xCBF29CE484222325u;  // FNV-1a
-      for (const auto& [key, samples] : all_samples(*field, "color"))
+      for (const auto& [key, samples] : all_samples(*field))
         for (const std::byte byte : samples)
           hash = (hash ^ std::to_integer<std::uint64_t>(byte)) * 0x100000001B3u;
       EXPECT_EQ(hash, expected) << name << " " << set;
@@ -352,36 +346,35 @@ TEST_F(PredictiveField, GoldenSamplesAreTheSameOnEveryInstructionSet) {
 }
 
 /// A tile's samples with the depths of what is not visible, which mean nothing, set to 0.
-Bytes meaningful(const Bytes& color, Bytes depth, std::size_t color_bytes) {
-  Bytes both = color;
-  for (std::size_t s = 0; s < depth.size(); ++s) {
-    const std::byte* const alpha = color.data() + (s + 1) * color_bytes - color_bytes / 4;
+Bytes meaningful(Bytes samples, std::size_t color_bytes) {
+  const std::size_t count = samples.size() / (color_bytes + 1);
+  for (std::size_t s = 0; s < count; ++s) {
+    const std::byte* const alpha = samples.data() + (s + 1) * color_bytes - color_bytes / 4;
     if (std::all_of(alpha, alpha + color_bytes / 4, [](std::byte b) { return b == std::byte{0}; }))
-      depth[s] = std::byte{0};
+      samples[color_bytes * count + s] = std::byte{0};
   }
-  both.insert(both.end(), depth.begin(), depth.end());
-  return both;
+  return samples;
 }
 
 TEST_F(PredictiveField, LosslessHoldsWhatZstdHoldsInFewerBytes) {
   for (const bool half : {false, true}) {
     auto zstd = lossless_options(4, 8, 2);
     zstd.half = half;
-    zstd.color_codec = zstd.depth_codec = "zstd";
+    zstd.codec = "zstd";
     auto predicted = predictive_options(2, "predictive:lossless");
     predicted.half = half;
     const auto one = build("zstd.slf", zstd), two = build("lossless.slf", predicted);
     ASSERT_TRUE(one && two);
-    const auto color = all_samples(*one, "color"), depth = all_samples(*one, "depth");
-    for (const auto& [key, samples] : all_samples(*two, "color"))
-      EXPECT_EQ(samples, meaningful(color.at(key), depth.at(key), half ? 8 : 4))
+    const auto expected = all_samples(*one);
+    for (const auto& [key, samples] : all_samples(*two))
+      EXPECT_EQ(samples, meaningful(expected.at(key), half ? 8 : 4))
           << int{key.level} << "/" << key.index;
     // The last bits of half floats are noise, which nothing compresses.
     EXPECT_LT(two->content()->payload_bytes, (half ? 1 : 0.9) * one->content()->payload_bytes);
     EXPECT_EQ(draw(*one, camera_of(*one), {}).rgba, draw(*two, camera_of(*two), {}).rgba);
 
     RepackOptions back;
-    back.color_codec = "predictive:lossless";
+    back.codec = "predictive:lossless";
     ASSERT_TRUE(repack_field(*one, folder / "back.slf", back));
     EXPECT_EQ(all_tiles(*open("back.slf")), all_tiles(*two));
     for (const char* name : {"zstd.slf", "lossless.slf", "back.slf"})
@@ -395,7 +388,7 @@ TEST_F(PredictiveField, HoldsHalfFloats) {
   const auto field = build("half.slf", options);
   ASSERT_TRUE(field);
   auto exact = options;
-  exact.color_codec = "predictive:lossless";
+  exact.codec = "predictive:lossless";
   const auto lossless = build("exact.slf", exact);
   ASSERT_TRUE(lossless);
   EXPECT_LT(field->content()->payload_bytes, 0.6 * lossless->content()->payload_bytes);
@@ -411,16 +404,15 @@ TEST_F(PredictiveField, HoldsHalfFloats) {
   RepackOptions halves;
   halves.half = true;
   ASSERT_TRUE(repack_field(*open("bytes.slf"), folder / "again.slf", halves));
-  EXPECT_EQ(nlohmann::json::parse(open("again.slf")->manifest())["layers"][0]["format"],
-            "rgba16f_depth8");
+  EXPECT_EQ(open("again.slf")->format(), SampleFormat::rgba16f_depth8);
 }
 
-TEST_F(PredictiveField, DepthHasNoCodecOfItsOwn) {
+TEST_F(PredictiveField, NeedsDepths) {
   auto options = predictive_options();
-  options.depth_codec = "zstd";
+  options.depth = false;
   const auto report = build_field(*scene, folder / "a.slf", options);
   ASSERT_FALSE(report);
-  EXPECT_EQ(report.error().code, ErrorCode::usage);
+  EXPECT_EQ(report.error().code, ErrorCode::unsupported);
 }
 
 }  // namespace

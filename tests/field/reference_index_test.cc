@@ -88,8 +88,7 @@ TEST(ReferenceIndex, AFieldsIndexListsWhatPayloadsName) {
   const testing::TemporaryFolder folder;
   const std::string path = folder / "field.slf";
   BuildOptions options = testing::lossless_options(4, 16, 2);
-  options.color_codec = "predictive:90";
-  options.depth_codec.clear();
+  options.codec = "predictive:90";
   ASSERT_TRUE(build_field(**make_analytic_scene("balls"), path, options));
   const auto field = FieldFile::open(path);
   ASSERT_TRUE(field);
@@ -104,13 +103,13 @@ TEST(ReferenceIndex, AFieldsIndexListsWhatPayloadsName) {
   unsigned sections = 0;
   for (const auto& section : found->sections) {
     for (const std::uint8_t level : {1, 2}) {
-      if (section.id != reference_section(0, level)) continue;
+      if (section.id != reference_section(level)) continue;
       ++sections;
       const auto index = ReferenceIndex::parse(
           file.subspan(section.range.begin, section.range.end - section.range.begin), level);
       ASSERT_TRUE(index);
       for (std::uint64_t k = 0; k < std::uint64_t{64} << 4 * level; ++k) {
-        const auto tile = (*field)->store().find(0, {level, k});
+        const auto tile = (*field)->store().find({level, k});
         ASSERT_TRUE(tile);
         if (tile->state != storage::TileState::stored) continue;
         std::vector<TileKey> listed;

@@ -74,44 +74,11 @@ TEST(RenderIncomplete, PixelsThatCannotBeDrawnAreTransparent) {
   }
 }
 
-TEST(RenderIncomplete, AMissingDepthIsAMissingTile) {
-  TemporaryFolder folder;
-  const auto scene = std::move(*make_analytic_scene("balls"));
-  const std::string path = folder / "a.slf";
-  std::vector<TileKey> keys;
-  {
-    const auto whole = build_and_open(*scene, path, lossless_options(4, 16, 1));
-    ASSERT_TRUE(whole->file().store().visit(1, {1, 0}, {2, 0}, [&](const storage::TileRef& tile) {
-      if (tile.state == storage::TileState::stored) keys.push_back(tile.key);
-      return Result<void>();
-    }));
-  }
-  {
-    auto writer = storage::TileWriter::resume(path);
-    ASSERT_TRUE(writer) << writer.error().message;
-    for (const TileKey key : keys)
-      ASSERT_TRUE(writer->replace(1, key, storage::TileState::missing, {}));
-    ASSERT_TRUE(writer->close());
-  }
-  const auto field = Field::open(path);
-  ASSERT_TRUE(field) << field.error().message;
-  const Camera camera = orbit_camera(field->shape().sphere, 40, 25, 3, 128, 128);
-  ViewStatistics statistics;
-  const Image image = draw(*field, camera, {RenderMode::depth, 1}, {}, &statistics);
-  EXPECT_GT(2 * statistics.fallback_pixels(), statistics.pixels_hit);
-  EXPECT_EQ(image.rgba, draw(*field, camera, {RenderMode::depth, 0}).rgba);
-  // Without depth nothing is missing, whatever was drawn before.
-  Renderer renderer(*field);
-  for (const RenderMode mode : {RenderMode::depth, RenderMode::bitri})
-    ASSERT_TRUE(renderer.render(camera, {mode, 1}, &statistics));
-  EXPECT_EQ(statistics.fallback_pixels(), 0u);
-}
-
 TEST(RenderBadFile, AFileThatShrinksWhileItsTilesAreInUseIsAnError) {
   TemporaryFolder folder;
   const auto scene = std::move(*make_analytic_scene("balls"));
   auto options = lossless_options(4, 16, 0);
-  options.color_codec = options.depth_codec = "raw";
+  options.codec = "raw";
   const auto field = build_and_open(*scene, folder / "a.slf", options);
   ASSERT_TRUE(field);
   const Camera camera = orbit_camera(field->shape().sphere, 40, 25, 3, 64, 64);

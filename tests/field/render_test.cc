@@ -129,9 +129,8 @@ TEST(RenderSmallTiles, AnyShapeFormatAndCodecDrawsTheSamePictureEverywhere) {
       for (const bool half : {false, true}) {
         TemporaryFolder folder;
         auto options = lossless_options(2, exit, 1);
-        options.color_codec = options.depth_codec = codec;
+        options.codec = codec;
         options.half = half;
-        if (half) options.color_codec = "zstd:1";
         const auto field = build_and_open(scene, folder / "a.slf", options);
         ASSERT_TRUE(field);
         const Camera camera = orbit_camera(field->shape().sphere, 40, 25, 2.5, 61, 50);
@@ -163,11 +162,11 @@ TEST_F(Render, StatisticsCountWhatWasTouched) {
   for (const TileKey& key : *pairs) EXPECT_TRUE(exits.contains(sections_of(key, 0).exit));
   std::uint64_t bytes = 0, stored = 0;
   for (const TileKey& key : statistics.tiles) {
-    const auto tile = field_->file().store().find(0, key);
+    const auto tile = field_->file().store().find(key);
     bytes += tile->payload.size();
     stored += tile->state == storage::TileState::stored;
   }
-  const auto file = footprint(*field_, statistics.tiles, false);
+  const auto file = footprint(*field_, statistics.tiles);
   ASSERT_TRUE(file);
   EXPECT_EQ(file->compressed_bytes, bytes);
   EXPECT_EQ(file->stored_tiles, stored);

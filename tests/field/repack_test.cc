@@ -13,6 +13,7 @@
 namespace slf {
 namespace {
 
+using testing::all_colors;
 using testing::all_samples;
 using testing::all_tiles;
 using testing::build_and_open;
@@ -42,11 +43,10 @@ std::optional<Field> repack(const Field& field, const std::string& path,
   return *opened;
 }
 
-std::optional<Field> repack(const Field& field, const std::string& path, const std::string& color,
-                            const std::string& depth, std::optional<bool> half = {}) {
+std::optional<Field> repack(const Field& field, const std::string& path, const std::string& codec,
+                            std::optional<bool> half = {}) {
   RepackOptions options;
-  options.color_codec = color;
-  options.depth_codec = depth;
+  options.codec = codec;
   options.half = half;
   return repack(field, path, options);
 }
@@ -65,8 +65,7 @@ class Repack : public ::testing::Test {
   void SetUp() override {
     auto options = lossless_options(2, 5, 1);
     lossless_ = build_and_open(stripes(), folder_ / "in.slf", options);
-    options.color_codec = "jpeg:75";
-    options.depth_codec = "jpeg:50";
+    options.codec = "jpeg:75";
     jpeg_ = build_and_open(stripes(), folder_ / "jpeg.slf", options);
     ASSERT_TRUE(lossless_ && jpeg_);
   }
@@ -81,14 +80,13 @@ TEST_F(Repack, HolesOfAnIncompleteFieldCanBeFilledAfterwards) {
     auto writer = storage::TileWriter::resume(folder_ / "in.slf");
     ASSERT_TRUE(writer);
     for (const TileKey key : {TileKey{0, 62}, {0, 63}, {1, 100}, {1, 1022}, {1, 1023}})
-      for (const storage::LayerId layer : {0u, 1u})
-        ASSERT_TRUE(writer->replace(layer, key, storage::TileState::missing, {}));
+      ASSERT_TRUE(writer->replace(key, storage::TileState::missing, {}));
     ASSERT_TRUE(writer->close());
   }
   const auto holed = Field::open(folder_ / "in.slf");
   const auto done = repack_field(*holed, folder_ / "out.slf", {});
   ASSERT_TRUE(done) << done.error().message;
-  EXPECT_EQ(done->missing, 10u);
+  EXPECT_EQ(done->missing, 5u);
   EXPECT_FALSE(Field::open(folder_ / "out.slf")->content()->complete);
   const auto filled = build_and_open(stripes(), folder_ / "out.slf", options);
   ASSERT_TRUE(filled);
@@ -97,15 +95,11 @@ TEST_F(Repack, HolesOfAnIncompleteFieldCanBeFilledAfterwards) {
 }
 
 TEST_F(Repack, ItsSizeIsEstimatedWithinTheStatedError) {
-  struct {
-    const char *color, *depth;
-  } codecs[] = {{"raw", "raw"},     {"zstd:3", "zstd:9"},  {"jpeg:60", ""},
-                {"jpeg:75", "raw"}, {"predictive:80", ""}, {"", ""}};
   int k = 0;
-  for (const auto& [color, depth] : codecs) {
-    SCOPED_TRACE(color);
+  for (const char* codec : {"raw", "zstd:3", "jpeg:60", "predictive:80", ""}) {
+    SCOPED_TRACE(codec);
     RepackOptions options;
-    options.color_codec = color, options.depth_codec = depth;
+    options.codec = codec;
     const auto estimate = estimate_repack(*lossless_, options);
     ASSERT_TRUE(estimate) << estimate.error().message;
     const auto done = repack_field(*lossless_, folder_ / (std::to_string(++k) + ".slf"), options);
@@ -120,7 +114,7 @@ TEST_F(Repack, ItsSizeIsEstimatedWithinTheStatedError) {
     EXPECT_TRUE(within(done->file_bytes, estimate->file_bytes, estimate->file_error_bytes))
         << done->file_bytes << " is not " << estimate->file_bytes << " +- "
         << estimate->file_error_bytes;
-    EXPECT_EQ(estimate->payload_error_bytes == 0, std::string(color).empty());
+    EXPECT_EQ(estimate->payload_error_bytes == 0, std::string(codec).empty());
     EXPECT_LT(estimate->payload_error_bytes, estimate->payload_bytes / 5);
   }
 }
@@ -128,12 +122,11 @@ TEST_F(Repack, ItsSizeIsEstimatedWithinTheStatedError) {
 TEST_F(Repack, LosslessCodecsKeepEverySample) {
   int k = 0;
   for (const char* codec : {"raw", "zstd:3", "zstd:19"}) {
-    const auto out = repack(*lossless_, folder_ / (std::to_string(++k) + ".slf"), codec, codec);
+    const auto out = repack(*lossless_, folder_ / (std::to_string(++k) + ".slf"), codec);
     ASSERT_TRUE(out);
-    EXPECT_EQ(out->file().manifest().layers[0].codec, codec);
-    EXPECT_EQ(all_samples(*out, "color"), all_samples(*lossless_, "color"));
-    EXPECT_EQ(all_samples(*out, "depth"), all_samples(*lossless_, "depth"));
-    const auto back = repack(*out, folder_ / (std::to_string(++k) + ".slf"), "zstd:1", "zstd:1");
+    EXPECT_EQ(out->file().manifest().codec, codec);
+    EXPECT_EQ(all_samples(*out), all_samples(*lossless_));
+    const auto back = repack(*out, folder_ / (std::to_string(++k) + ".slf"), "zstd:1");
     ASSERT_TRUE(back);
     EXPECT_EQ(all_tiles(*back), all_tiles(*lossless_));
     EXPECT_EQ(back->file().manifest().to_json(), lossless_->file().manifest().to_json());
@@ -146,34 +139,20 @@ TEST_F(Repack, TheSameCodecCopiesPayloads) {
   ASSERT_TRUE(out);
   EXPECT_EQ(all_tiles(*out), all_tiles(*jpeg_));
   EXPECT_EQ(report.copied, report.tiles);
-  EXPECT_EQ(report.tiles, 2u * (64 + 1024));
+  EXPECT_EQ(report.tiles, 64u + 1024);
   EXPECT_EQ(report.recoded + report.missing, 0u);
   // The decoder's tables came along: samples, not only payloads, are the same.
-  EXPECT_EQ(all_samples(*out, "color"), all_samples(*jpeg_, "color"));
-}
-
-TEST_F(Repack, OneLayerIsRecodedWhileTheOtherIsCopied) {
-  RepackOptions options;
-  options.color_codec = "jpeg:30";
-  options.depth_codec = "jpeg:50";  // as it is
-  RepackReport report;
-  const auto out = repack(*jpeg_, folder_ / "out.slf", options, &report);
-  ASSERT_TRUE(out);
-  EXPECT_EQ(report.copied, 1088u);
-  EXPECT_EQ(report.recoded, 1088u);
-  const auto before = jpeg_->content(), after = out->content();
-  EXPECT_EQ(after->levels[1].payload_bytes[1], before->levels[1].payload_bytes[1]);
-  EXPECT_LT(after->levels[1].payload_bytes[0], before->levels[1].payload_bytes[0]);
+  EXPECT_EQ(all_samples(*out), all_samples(*jpeg_));
 }
 
 TEST_F(Repack, AHigherQualityIsCloserToTheSource) {
-  const auto truth = all_samples(*lossless_, "color");
+  const auto truth = all_colors(*lossless_);
   double last = 1e9;
   for (const char* codec : {"jpeg:20", "jpeg:60", "jpeg:95:444"}) {
-    const auto out = repack(*lossless_, folder_ / (std::string(codec) + ".slf"), codec, "");
+    const auto out = repack(*lossless_, folder_ / (std::string(codec) + ".slf"), codec);
     ASSERT_TRUE(out);
     double error = 0;
-    for (const auto& [key, samples] : all_samples(*out, "color")) {
+    for (const auto& [key, samples] : all_colors(*out)) {
       const Bytes& expected = truth.at(key);
       ASSERT_EQ(samples.size(), expected.size());
       for (std::size_t k = 0; k < samples.size(); ++k)
@@ -182,22 +161,21 @@ TEST_F(Repack, AHigherQualityIsCloserToTheSource) {
     EXPECT_GT(error, 0);
     EXPECT_LT(error, 0.7 * last) << codec;
     last = error;
-    EXPECT_EQ(all_samples(*out, "depth"), all_samples(*lossless_, "depth"));
   }
 }
 
-TEST_F(Repack, LayersLevelsAndSubfieldsCanBeLeftOut) {
+TEST_F(Repack, DepthLevelsAndSubfieldsCanBeLeftOut) {
   RepackOptions options;
-  options.layers = {"color"};
+  options.depth = false;
   options.levels = 0;
   options.subfields = {3, 7, 63};
   const auto out = repack(*lossless_, folder_ / "out.slf", options);
   ASSERT_TRUE(out);
-  EXPECT_EQ(out->file().manifest().layers.size(), 1u);
+  EXPECT_FALSE(out->has_depth());
   EXPECT_EQ(out->shape().levels, 0u);
   EXPECT_EQ(out->shape().subfields, options.subfields);
   EXPECT_TRUE(out->content()->complete);
-  const auto source = all_samples(*lossless_, "color"), kept = all_samples(*out, "color");
+  const auto source = all_colors(*lossless_), kept = all_samples(*out);
   EXPECT_EQ(kept.size(), 3u);
   for (const auto& [key, samples] : kept) EXPECT_EQ(samples, source.at(key)) << key.index;
 }
@@ -210,14 +188,14 @@ TEST_F(Repack, SubfieldsAreKeptAtEveryEntryDepthAndOfWhatIsThere) {
   options.subfields = {5, 60};
   const auto two = repack(*deep, folder_ / "two.slf", options);
   ASSERT_TRUE(two);
-  EXPECT_EQ(all_samples(*two, "color").size(), 2u * (4 + 64));
-  const auto source = all_samples(*deep, "color");
-  for (const auto& [key, samples] : all_samples(*two, "color"))
+  EXPECT_EQ(all_samples(*two).size(), 2u * (4 + 64));
+  const auto source = all_samples(*deep);
+  for (const auto& [key, samples] : all_samples(*two))
     EXPECT_EQ(samples, source.at(key)) << int{key.level} << "/" << key.index;
   options.subfields = {60};
   const auto one = repack(*two, folder_ / "one.slf", options);
   ASSERT_TRUE(one);
-  EXPECT_EQ(all_samples(*one, "color").size(), 68u);
+  EXPECT_EQ(all_samples(*one).size(), 68u);
   options.subfields = {6};
   EXPECT_EQ(refusal(*two, folder_ / "x.slf", options, "no subfield 6"), ErrorCode::usage);
 }
@@ -253,22 +231,21 @@ TEST_F(Repack, ASubfieldRendersAsInTheWholeAndTheRestIsTransparent) {
 }
 
 TEST_F(Repack, EightBitsGoToHalfFloatsAndBackExactly) {
-  const auto half = repack(*lossless_, folder_ / "half.slf", "zstd:1", "", true);
+  const auto half = repack(*lossless_, folder_ / "half.slf", "zstd:1", true);
   ASSERT_TRUE(half);
-  EXPECT_EQ(half->file().manifest().layers[0].format, codec::SampleFormat::rgba16f);
-  EXPECT_EQ(half->file().manifest().layers[1].format, codec::SampleFormat::depth8);
-  const auto back = repack(*half, folder_ / "back.slf", "zstd:1", "", false);
+  EXPECT_EQ(half->format(), SampleFormat::rgba16f_depth8);
+  const auto back = repack(*half, folder_ / "back.slf", "zstd:1", false);
   ASSERT_TRUE(back);
   EXPECT_EQ(all_tiles(*back), all_tiles(*lossless_));
 }
 
 TEST_F(Repack, HalfFloatsOfAJpegFieldGoToZstdUnlessJpegIsAskedFor) {
-  const auto half = repack(*jpeg_, folder_ / "half.slf", "", "", true);
+  const auto half = repack(*jpeg_, folder_ / "half.slf", "", true);
   ASSERT_TRUE(half);
-  EXPECT_TRUE(half->file().manifest().layers[0].codec.starts_with("zstd"));
+  EXPECT_TRUE(half->codec().starts_with("zstd"));
   RepackOptions options;
   options.half = true;
-  options.color_codec = "jpeg:90";
+  options.codec = "jpeg:90";
   EXPECT_EQ(refusal(*jpeg_, folder_ / "x.slf", options, "half"), ErrorCode::unsupported);
 }
 
@@ -276,16 +253,16 @@ TEST_F(Repack, BrightHalfFloatsAreClampedToEightBits) {
   auto build = lossless_options(2, 3, 0);
   build.half = true;
   const auto bright = build_and_open(stripes(40), folder_ / "bright.slf", build);
-  const auto copy = repack(*bright, folder_ / "copy.slf", "raw", "", true);
+  const auto copy = repack(*bright, folder_ / "copy.slf", "raw", true);
   ASSERT_TRUE(copy);
-  EXPECT_EQ(all_samples(*copy, "color"), all_samples(*bright, "color"));
-  const auto flat = repack(*bright, folder_ / "flat.slf", "", "", false);
+  EXPECT_EQ(all_samples(*copy), all_samples(*bright));
+  const auto flat = repack(*bright, folder_ / "flat.slf", "", false);
   ASSERT_TRUE(flat);
   build.half = false;
   const auto built = build_and_open(stripes(40), folder_ / "built.slf", build);
-  const auto expected = all_samples(*built, "color");
+  const auto expected = all_colors(*built);
   std::size_t clamped = 0;
-  for (const auto& [key, samples] : all_samples(*flat, "color"))
+  for (const auto& [key, samples] : all_colors(*flat))
     for (std::size_t k = 0; k < samples.size(); ++k) {
       // Half floats have 11 bits: rounding them may fall on the other side.
       EXPECT_NEAR(std::to_integer<int>(samples[k]), std::to_integer<int>(expected.at(key)[k]), 1);
@@ -296,7 +273,7 @@ TEST_F(Repack, BrightHalfFloatsAreClampedToEightBits) {
 
 TEST_F(Repack, TheFileIsTheSameForAnyNumberOfThreads) {
   RepackOptions options;
-  options.color_codec = "jpeg:60";
+  options.codec = "jpeg:60";
   options.threads = 1;
   ASSERT_TRUE(repack(*lossless_, folder_ / "1.slf", options));
   for (const unsigned threads : {2u, 7u}) {
@@ -319,29 +296,28 @@ TEST_F(Repack, WhatWasNeverBuiltStaysMissing) {
   {
     auto writer = storage::TileWriter::resume(path + ".unfinished");  // and a hole
     ASSERT_TRUE(writer);
-    ASSERT_TRUE(writer->replace(0, {0, 20}, storage::TileState::missing, {}));
+    ASSERT_TRUE(writer->replace({0, 20}, storage::TileState::missing, {}));
     ASSERT_TRUE(writer->close());
   }
   const auto partial = Field::open(path + ".unfinished");
   ASSERT_TRUE(partial);
   RepackOptions options;
-  options.depth_codec = "raw";
+  options.codec = "raw";
   const auto done = repack_field(*partial, folder_ / "out.slf", options);
   ASSERT_TRUE(done) << done.error().message;
   EXPECT_GT(done->missing, 1u);
-  EXPECT_EQ(done->missing + done->tiles, 2u * (64 + 1024));
+  EXPECT_EQ(done->missing + done->tiles, 64u + 1024);
   const auto out = Field::open(folder_ / "out.slf");
   ASSERT_TRUE(out);
   EXPECT_FALSE(out->content()->complete);
-  EXPECT_EQ(all_samples(*out, "color"), all_samples(*partial, "color"));
-  EXPECT_EQ(all_samples(*out, "depth"), all_samples(*partial, "depth"));
-  EXPECT_EQ(out->file().store().find(0, {0, 20})->state, storage::TileState::missing);
+  EXPECT_EQ(all_samples(*out), all_samples(*partial));
+  EXPECT_EQ(out->file().store().find({0, 20})->state, storage::TileState::missing);
 }
 
 TEST_F(Repack, ADamagedTileIsNamedAndNothingIsLeft) {
   const TileKey key{1, 500};
   std::string bytes = file_text(lossless_->path());
-  const auto tile = lossless_->file().store().find(1, key);
+  const auto tile = lossless_->file().store().find(key);
   ASSERT_EQ(tile->state, storage::TileState::stored);
   bytes[lossless_->file().store().range(*tile).begin] ^= 1;
   write_text(folder_ / "damaged.slf", bytes);
@@ -350,7 +326,7 @@ TEST_F(Repack, ADamagedTileIsNamedAndNothingIsLeft) {
   const auto before = folder_.files();
   RepackOptions options;
   EXPECT_EQ(refusal(*damaged, folder_ / "out.slf", options, "1/500"), ErrorCode::bad_file);
-  options.depth_codec = "raw";
+  options.codec = "raw";
   EXPECT_EQ(refusal(*damaged, folder_ / "out.slf", options, "1/500"), ErrorCode::bad_file);
   EXPECT_EQ(folder_.files(), before);
 }
@@ -362,12 +338,11 @@ TEST_F(Repack, NonsenseIsRefused) {
   options.levels = 2;
   EXPECT_EQ(refusal(*lossless_, out, options, "levels 0 to 1"), ErrorCode::usage);
   options = {};
-  options.layers = {"alpha"};
-  EXPECT_EQ(refusal(*lossless_, out, options, "alpha"), ErrorCode::usage);
-  options.layers = {"depth"};
-  EXPECT_EQ(refusal(*lossless_, out, options, "color"), ErrorCode::usage);
+  options.codec = "predictive:90";
+  options.depth = false;
+  EXPECT_EQ(refusal(*lossless_, out, options, "needs depths"), ErrorCode::unsupported);
   options = {};
-  options.color_codec = "gif";
+  options.codec = "gif";
   EXPECT_EQ(refusal(*lossless_, out, options, "gif"), ErrorCode::usage);
   for (const std::vector<std::uint8_t>& wrong :
        std::vector<std::vector<std::uint8_t>>{{64}, {2, 1}, {1, 1}}) {
@@ -407,7 +382,7 @@ TEST_F(Repack, WhatAKilledRunLeftGoesWithTheNext) {
   const auto leave_draft = [&] {
     std::filesystem::copy(jpeg_->path(), out + ".repacking");
     auto writer = storage::TileWriter::resume(out + ".repacking");
-    ASSERT_TRUE(writer && writer->replace(0, {1, 1023}, storage::TileState::missing, {}));
+    ASSERT_TRUE(writer && writer->replace({1, 1023}, storage::TileState::missing, {}));
     ASSERT_TRUE(writer->close());
   };
   leave_draft();

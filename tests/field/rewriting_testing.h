@@ -18,20 +18,25 @@ inline void write_text(const std::string& path, const std::string& text) {
   std::ofstream(path, std::ios::binary | std::ios::trunc) << text;
 }
 
-/// The samples of every stored tile of a layer; an empty tile has none.
-inline std::map<TileKey, Bytes> all_samples(const Field& field, const std::string& layer) {
+/// The samples of every tile; an empty tile has none.
+inline std::map<TileKey, Bytes> all_samples(const Field& field) {
   std::map<TileKey, Bytes> tiles;
-  const auto id = field.file().layer(layer);
-  EXPECT_TRUE(id) << layer;
-  if (!id) return tiles;
   const auto ok = field.file().store().visit(
-      *id, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
+      {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
         Bytes& samples = tiles[tile.key];
         if (tile.state != storage::TileState::stored) return {};
-        samples.resize(field.file().tile_shape(*id, tile.key).bytes());
+        samples.resize(field.file().tile_shape(tile.key).bytes());
         return field.file().decode(tile, samples);
       });
   EXPECT_TRUE(ok) << (ok ? "" : ok.error().message);
+  return tiles;
+}
+
+/// The colours of these.
+inline std::map<TileKey, Bytes> all_colors(const Field& field) {
+  auto tiles = all_samples(field);
+  for (auto& [key, samples] : tiles)
+    if (!samples.empty()) samples.resize(field.file().tile_shape(key).color_bytes());
   return tiles;
 }
 

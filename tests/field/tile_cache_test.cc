@@ -39,20 +39,20 @@ class TileCacheTest : public ::testing::Test {
   static std::uint64_t tiles() { return tile_count(kLevel, 0); }
   /// A tile with something to see in it.
   static TileKey stored(std::uint64_t from = 0) {
-    while (field_->file().store().find(0, key(from))->state != storage::TileState::stored) ++from;
+    while (field_->file().store().find(key(from))->state != storage::TileState::stored) ++from;
     return key(from);
   }
   static TilePage* find(const TileCache& cache, TileKey at) {
     const TileSections sections = sections_of(at, 0);
     return [&] {
       TilePage* page = cache.page_table(at.level).find(sections.entry.index, sections.exit.index);
-      return page && page->layers != 0 ? page : nullptr;
+      return page && page->state != 0 ? page : nullptr;
     }();
   }
   static std::vector<std::byte> samples(TileKey at) {
-    const auto ref = field_->file().store().find(0, at);
+    const auto ref = field_->file().store().find(at);
     if (ref->state != storage::TileState::stored) return {};
-    std::vector<std::byte> bytes(field_->file().tile_shape(0, at).bytes());
+    std::vector<std::byte> bytes(field_->file().tile_shape(at).bytes());
     EXPECT_TRUE(field_->file().decode(*ref, bytes));
     return bytes;
   }
@@ -61,50 +61,43 @@ class TileCacheTest : public ::testing::Test {
   static inline Field* field_ = nullptr;
 };
 
-TEST_F(TileCacheTest, ReadersFindWhatWasLoadedWithTheLayersThatWereWanted) {
+TEST_F(TileCacheTest, ReadersFindWhatWasLoaded) {
   TileCache cache(field_->file(), kRoomy);
   const TileKey at = stored();
   EXPECT_EQ(find(cache, at), nullptr);
-  ASSERT_TRUE(cache.load(std::vector{at}, false));
+  ASSERT_TRUE(cache.load(std::vector{at}));
   TilePage* page = find(cache, at);
   ASSERT_TRUE(page);
-  EXPECT_TRUE(TilePage::readable(page->layers, false));
-  EXPECT_FALSE(TilePage::readable(page->layers, true));
-  ASSERT_TRUE(cache.load(std::vector{at}, true));
-  EXPECT_EQ(find(cache, at), page);
-  EXPECT_TRUE(TilePage::readable(page->layers, true));
-  EXPECT_FALSE(TilePage::missing(page->layers, true));
+  EXPECT_TRUE(TilePage::readable(page->state));
   const auto expected = samples(at);
   EXPECT_TRUE(std::equal(expected.begin(), expected.end(), page->color.load()));
+  EXPECT_EQ(page->depth, page->color + field_->file().tile_shape(at).color_bytes());
 }
 
 TEST_F(TileCacheTest, StampsOfAFrameAreNotThoseOfOthersOrOfRemovedTiles) {
-  for (const std::uint32_t frame : {0u, 1u, TilePage::kStamps - 1, TilePage::kStamps, 0xFFFFFFFFu})
-    for (const bool with_depth : {false, true}) {
-      const std::uint64_t stamp = TilePage::stamp(frame, with_depth);
-      EXPECT_LT(stamp, TilePage::kRemoved);
-      EXPECT_NE(stamp, TilePage::kNotFound);
-      EXPECT_NE(stamp, TilePage::stamp(frame, !with_depth));
-      EXPECT_EQ(stamp & TilePage::stamp_bits(false), TilePage::stamp(frame, false));
-      EXPECT_NE(TilePage::kRemoved & TilePage::stamp_bits(with_depth), stamp);
-      EXPECT_NE(stamp, TilePage::stamp(frame + 1, with_depth));
-    }
+  for (const std::uint32_t frame :
+       {0u, 1u, TilePage::kStamps - 1, TilePage::kStamps, 0xFFFFFFFFu}) {
+    const std::uint64_t stamp = TilePage::stamp(frame);
+    EXPECT_LT(stamp, TilePage::kRemoved);
+    EXPECT_NE(stamp, TilePage::kNotFound);
+    EXPECT_NE(stamp, TilePage::stamp(frame + 1));
+  }
 }
 
 TEST_F(TileCacheTest, StampsAreTakenFromTilesBeforeTheyComeAgainAndFromTilesThatAreRemoved) {
   TileCache cache(field_->file(), 1);
   const TileKey at = stored();
-  auto pins = cache.load(std::vector{at}, false);
+  auto pins = cache.load(std::vector{at});
   ASSERT_TRUE(pins);
   TilePage* page = find(cache, at);
   ASSERT_TRUE(page);
   const std::uint64_t word = page->found;
   EXPECT_EQ(word, TilePage::found_word(sample_offset(page->color), TilePage::kNotFound));
-  const std::uint64_t stamp = TilePage::stamp(cache.begin_frame(), false);
+  const std::uint64_t stamp = TilePage::stamp(cache.begin_frame());
   page->found = word | stamp;  // as a renderer does
   std::uint32_t frame = cache.begin_frame();
   EXPECT_EQ(page->found, word | stamp);
-  while (TilePage::stamp(frame, false) != stamp) frame = cache.begin_frame();
+  while (TilePage::stamp(frame) != stamp) frame = cache.begin_frame();
   EXPECT_EQ(page->found, word);
   pins->clear();
   EXPECT_EQ(page->found, word | TilePage::kRemoved);
@@ -121,7 +114,7 @@ TEST_F(TileCacheTest, FramesShareANumberWhileThereIsAmpleRoomAndNoneOfThemListsT
   EXPECT_EQ(cache.begin_frame(false), later);
   for (std::uint64_t k = 0; cache.statistics().decoded_bytes < 60 << 10; ++k) {
     ASSERT_LT(k, tiles());
-    ASSERT_TRUE(cache.load(std::vector{key(k)}, false));
+    ASSERT_TRUE(cache.load(std::vector{key(k)}));
   }
   EXPECT_NE(cache.begin_frame(false), later);
   EXPECT_NE(cache.begin_frame(false), later + 1);
@@ -130,12 +123,12 @@ TEST_F(TileCacheTest, FramesShareANumberWhileThereIsAmpleRoomAndNoneOfThemListsT
 TEST_F(TileCacheTest, WhatWasUsedLongestAgoMakesRoom) {
   TileCache cache(field_->file(), 64 << 10);
   const TileKey first = stored(), second = stored(first.index + 1);
-  ASSERT_TRUE(cache.load(std::vector{first, second}, false));
+  ASSERT_TRUE(cache.load(std::vector{first, second}));
   const std::uint32_t frame = cache.begin_frame();
   find(cache, first)->used = frame;  // as a renderer does
   for (std::uint64_t k = second.index + 1; find(cache, second); ++k) {
     ASSERT_LT(k, tiles());
-    ASSERT_TRUE(cache.load(std::vector{key(k)}, false));
+    ASSERT_TRUE(cache.load(std::vector{key(k)}));
     EXPECT_LE(cache.statistics().decoded_bytes, 64u << 10);
     EXPECT_TRUE(find(cache, first));
   }
@@ -144,7 +137,7 @@ TEST_F(TileCacheTest, WhatWasUsedLongestAgoMakesRoom) {
 TEST_F(TileCacheTest, PinnedTilesStayAndOnlyTheyExceedTheBudget) {
   TileCache cache(field_->file(), 1);
   const TileKey at = stored();
-  auto pins = cache.load(std::vector{at}, false);
+  auto pins = cache.load(std::vector{at});
   ASSERT_TRUE(pins);
   EXPECT_TRUE(find(cache, at));
   EXPECT_GT(cache.statistics().decoded_bytes, 1u);
@@ -158,7 +151,7 @@ TEST_F(TileCacheTest, AReaderKeepsRemovedTilesAliveUntilItIsDone) {
   const TileKey at = stored();
   const auto expected = samples(at);
   TileCache::Reader reader(cache);
-  auto pins = cache.load(std::vector{at}, false);
+  auto pins = cache.load(std::vector{at});
   ASSERT_TRUE(pins);
   {
     const TileCache::ReadScope scope(reader);
@@ -169,7 +162,7 @@ TEST_F(TileCacheTest, AReaderKeepsRemovedTilesAliveUntilItIsDone) {
     EXPECT_GT(cache.statistics().decoded_bytes, 0u);
     EXPECT_TRUE(std::equal(expected.begin(), expected.end(), page->color.load()));
   }
-  ASSERT_TRUE(cache.load(std::vector{at}, false));
+  ASSERT_TRUE(cache.load(std::vector{at}));
   EXPECT_EQ(cache.statistics().decoded_bytes, 0u);
 }
 
@@ -179,14 +172,14 @@ TEST_F(TileCacheTest, ThreadsThatWaitForAReaderDoNotSpendTheSameRoomTwice) {
     TileCache cache(field_->file(), 64 << 10);
     for (std::uint64_t k = tiles(); cache.statistics().decoded_bytes < 60 << 10;) {
       ASSERT_GT(k, wanted[1].index);
-      ASSERT_TRUE(cache.load(std::vector{key(--k)}, false));
+      ASSERT_TRUE(cache.load(std::vector{key(--k)}));
     }
     TileCache::Reader reader(cache);
     std::vector<std::thread> threads;
     {
       const TileCache::ReadScope scope(reader);  // what is removed now is not freed
       for (const TileKey at : wanted)
-        threads.emplace_back([&cache, at] { EXPECT_TRUE(cache.load(std::vector{at}, false)); });
+        threads.emplace_back([&cache, at] { EXPECT_TRUE(cache.load(std::vector{at})); });
       std::this_thread::sleep_for(std::chrono::milliseconds(20));  // most often both wait then
     }
     for (std::thread& thread : threads) thread.join();
@@ -200,7 +193,7 @@ TEST_F(TileCacheTest, ThereIsRoomWhileOlderFramesTilesCanGo) {
   EXPECT_TRUE(cache.has_room(frame));
   for (std::uint64_t k = 0; cache.has_room(frame); ++k) {
     ASSERT_LT(k, tiles());
-    ASSERT_TRUE(cache.load(std::vector{key(k)}, false));
+    ASSERT_TRUE(cache.load(std::vector{key(k)}));
   }
   EXPECT_TRUE(cache.has_room(cache.begin_frame()));
 }
@@ -214,7 +207,7 @@ TEST_F(TileCacheTest, ReadersSeeWholeTilesWhileOthersLoadAndRemove) {
   const auto load = [&](unsigned seed) {
     std::mt19937 random(seed);
     for (int k = 0; k < testing::repetitions(1000); ++k) {
-      const auto pins = cache.load(std::vector{key(random() % tiles())}, k % 2 == 0);
+      const auto pins = cache.load(std::vector{key(random() % tiles())});
       EXPECT_TRUE(pins);
     }
     --loading;
@@ -227,8 +220,7 @@ TEST_F(TileCacheTest, ReadersSeeWholeTilesWhileOthersLoadAndRemove) {
       for (int k = 0; k < 64; ++k) {
         const std::uint64_t index = random() % tiles();
         TilePage* page = find(cache, key(index));
-        if (!page || !TilePage::readable(page->layers.load(std::memory_order_acquire), false))
-          continue;
+        if (!page || !TilePage::readable(page->state.load(std::memory_order_acquire))) continue;
         ++found;
         const auto& bytes = expected[index];
         if (page->color.load()) {

@@ -47,7 +47,7 @@ void encode(const Codec& codec, const Tile& tile, ByteSpan input) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size < 5) return 0;
   const char* spec = specs[data[0] % std::size(specs)];
-  const auto format = static_cast<SampleFormat>(data[1] % 3);
+  const auto format = static_cast<SampleFormat>(data[1] % 4);
   const std::vector<LocalPoint> positions = positions_of(data[2] % 46);
   const Tile tile{format, data[3] % 40u, positions};
   const ByteSpan rest = std::as_bytes(std::span(data + 5, size - 5));

@@ -33,16 +33,15 @@ constexpr std::uint64_t kMaxTiles = 256;
 std::uint64_t decode_all(const Field& field) {
   std::uint64_t bad = 0, tiles = 0;
   Bytes samples;
-  for (storage::LayerId layer = 0; layer < field.file().manifest().layers.size(); ++layer)
-    (void)field.file().store().visit(
-        layer, {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
-          if (++tiles > kMaxTiles || !field.shape().has(tile.key) ||
-              tile.state != storage::TileState::stored)
-            return {};
-          samples.resize(field.file().tile_shape(layer, tile.key).bytes());
-          if (!field.file().decode(tile, samples)) ++bad;
-          return {};
-        });
+  (void)field.file().store().visit({0, 0}, {255, 0},
+                                   [&](const storage::TileRef& tile) -> Result<void> {
+                                     if (++tiles > kMaxTiles || !field.shape().has(tile.key) ||
+                                         tile.state != storage::TileState::stored)
+                                       return {};
+                                     samples.resize(field.file().tile_shape(tile.key).bytes());
+                                     if (!field.file().decode(tile, samples)) ++bad;
+                                     return {};
+                                   });
   return bad;
 }
 
@@ -95,16 +94,14 @@ void use_bytes(ByteSpan bytes) {
 
 constexpr std::string_view kManifest =
     R"({"slf":{"major":2,"minor":0},"required":[],"sphere":{"center":[0,0,0],"radius":1},
-"entry_side":1,"exit_side":2,"levels":0,"entry_depth":0,"subfields":[7],"provenance":{},"layers":[
-{"name":"color","format":"rgba8","codec":"jpeg:75"},
-{"name":"depth","format":"depth8","codec":"zstd:1"}]})";
+"entry_side":1,"exit_side":2,"levels":0,"entry_depth":0,"subfields":[7],"provenance":{},
+"format":"rgba8_depth8","codec":"jpeg:75"})";
 
 /// The same of a field whose tiles are predicted.
 constexpr std::string_view kPredictiveManifest =
     R"({"slf":{"major":2,"minor":0},"required":["predictive"],"sphere":{"center":[0,0,0],
 "radius":1},"entry_side":1,"exit_side":2,"levels":1,"entry_depth":0,"filtered_levels":1,
-"subfields":[7],"provenance":{},"layers":[
-{"name":"color","format":"rgba8_depth8","codec":"predictive:80"}]})";
+"subfields":[7],"provenance":{},"format":"rgba8_depth8","codec":"predictive:80"})";
 
 Bytes bytes_of(std::string_view text) {
   const ByteSpan bytes = as_bytes(std::span<const char>(text));
@@ -114,27 +111,19 @@ Bytes bytes_of(std::string_view text) {
 /// A field of one tile, with one of its parts replaced.
 void use_part(unsigned part, ByteSpan bytes) {
   const Bytes given(bytes.begin(), bytes.end());
-  const bool predictive = part >= 4;
+  const bool predictive = part >= 3;
   const std::string path =
       (std::filesystem::exists("/dev/shm") ? "/dev/shm/slf-fuzz-" : "/tmp/slf-fuzz-") +
       std::to_string(getpid());
   std::filesystem::remove(path);
-  std::vector<std::string> layers{"color"};
   std::vector<std::pair<std::string, Bytes>> blobs{
       {kManifestBlob, part == 0 ? given : bytes_of(predictive ? kPredictiveManifest : kManifest)},
-      {"tables/color", part == 1 || part == 4 ? given : Bytes{}}};
-  if (!predictive) {
-    layers.emplace_back("depth");
-    blobs.push_back({"tables/depth", {}});
-  }
+      {kTablesBlob, part == 1 || part == 3 ? given : Bytes{}}};
   {
-    auto writer = storage::TileWriter::create(path, layers, blobs);
+    auto writer = storage::TileWriter::create(path, blobs);
     require(writer.has_value());
-    require(writer->append(0, {0, 7}, part == 3 ? Bytes{} : given).has_value());
-    if (predictive)
-      require(writer->append(0, {1, 7 << 4}, given).has_value());
-    else
-      require(writer->append(1, {0, 7}, part == 3 ? given : Bytes{}).has_value());
+    require(writer->append({0, 7}, given).has_value());
+    if (predictive) require(writer->append({1, 7 << 4}, given).has_value());
     require(writer->close().has_value());
   }
   use(path);
@@ -146,7 +135,7 @@ void use_part(unsigned part, ByteSpan bytes) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
   const ByteSpan bytes = std::as_bytes(std::span(data, size));
-  if (data[0] >= '0' && data[0] <= '5')
+  if (data[0] >= '0' && data[0] <= '4')
     use_part(data[0] - '0', bytes.subspan(1));
   else
     use_bytes(bytes);

@@ -24,7 +24,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   }
   const slf::FieldShape& shape = manifest->shape;
   require(shape.check().has_value());
-  require(!manifest->layers.empty());
   for (unsigned level = 0; level <= shape.levels; ++level)
     require(shape.tiles(level) > 0 && shape.slabs(level) > 0);
   const auto again = slf::Manifest::parse(manifest->to_json().dump(), "x.slf");

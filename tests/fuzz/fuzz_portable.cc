@@ -75,9 +75,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     decode_picture(standard_tables(quality), shape, rest);
     return 0;
   }
-  // Tables as long as these, with other content.
-  const std::size_t length = std::min(rest.size(), to_bytes(standard_tables(50)).size());
-  if (const auto tables = parse_tables(rest.first(length)))
-    decode_picture(*tables, shape, rest.subspan(length));
+  if (const auto tables = take_tables(rest)) decode_picture(*tables, shape, rest);
   return 0;
 }

@@ -28,27 +28,25 @@ void read_store(const TileStore& store) {
   for (const char* name : {"manifest.json", "container", ""})
     if (auto blob = store.blob(name)) touch(*blob);
   std::vector<TileRef> tiles;
-  for (LayerId layer = 0; layer < store.layers().size(); ++layer) {
-    TileKey before;
-    bool any = false;
-    (void)store.visit(
-        layer, {0, 0}, {255, ~std::uint64_t{0}},
-        [&](const TileRef& tile) -> Result<void> {
-          if (any && tile.key <= before) std::abort();
-          before = tile.key;
-          any = true;
-          const FileRange range = store.range(tile);
-          if (range.end > store.file_bytes() || range.begin > range.end) std::abort();
-          (void)store.check(tile);
-          touch(tile.payload);
-          if (tiles.size() < 64) tiles.push_back(tile);
-          return {};
-        },
-        [](const Damage&) {});
-    for (const TileKey key : {TileKey{0, 0}, TileKey{0, 3}, TileKey{1, 4000}, TileKey{254, 1}})
-      if (auto tile = store.find(layer, key)) (void)store.check(*tile);
-    (void)store.statistics(layer);
-  }
+  TileKey before;
+  bool any = false;
+  (void)store.visit(
+      {0, 0}, {255, ~std::uint64_t{0}},
+      [&](const TileRef& tile) -> Result<void> {
+        if (any && tile.key <= before) std::abort();
+        before = tile.key;
+        any = true;
+        const FileRange range = store.range(tile);
+        if (range.end > store.file_bytes() || range.begin > range.end) std::abort();
+        (void)store.check(tile);
+        touch(tile.payload);
+        if (tiles.size() < 64) tiles.push_back(tile);
+        return {};
+      },
+      [](const Damage&) {});
+  for (const TileKey key : {TileKey{0, 0}, TileKey{0, 3}, TileKey{1, 4000}, TileKey{254, 1}})
+    if (auto tile = store.find(key)) (void)store.check(*tile);
+  (void)store.statistics();
   store.advise(tiles);
   store.release(tiles);
   std::vector<Error> findings;
@@ -58,10 +56,8 @@ void read_store(const TileStore& store) {
 
 void read_record(Bytes bytes) {
   if (bytes.size() < internal::kRecordHeader) return;
-  const std::size_t codes = load_le<std::uint16_t>(&bytes[38]);
-  const std::size_t table =
-      internal::align8(40 + codes) + 8 * std::size_t{load_le<std::uint16_t>(&bytes[36])};
-  store_le<std::uint32_t>(&bytes[8], 0x31524C53);
+  const std::size_t table = internal::Record::table_end(bytes);
+  store_le<std::uint32_t>(&bytes[8], 0x32524C53);
   if (table <= bytes.size())
     store_le(bytes.data(), internal::checksum(ByteSpan(bytes).subspan(8, table - 8)));
   const auto record = internal::Record::parse(bytes);

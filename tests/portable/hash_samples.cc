@@ -81,38 +81,37 @@ void hash_field(const char* path) {
   const auto geometry = [&](unsigned level) -> const LevelGeometry& { return *levels[level]; };
 
   Hash samples_hash, payload_hash;
-  for (storage::LayerId layer = 0; layer < manifest.layers.size(); ++layer) {
-    const auto& [name, format, spec] = manifest.layers[layer];
-    const std::string blob = "tables/" + name;
-    const auto tables = fetch([&] { return store.blob(blob); });
-    const auto codec = expect(codec::make_codec(spec, format, tables ? *tables : ByteSpan()));
-    std::unique_ptr<PredictedTiles> predicted;
-    if (const auto* predictive = codec->predictive())
-      predicted = std::make_unique<PredictedTiles>(manifest.shape, *predictive, geometry);
-    std::map<TileKey, Bytes> decoded;
-    const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> { return decoded.at(key); };
-    for (unsigned level = 0; level <= manifest.shape.levels; ++level)
-      for (std::uint64_t index = 0; index < manifest.shape.tiles(level); ++index) {
-        const TileKey key{static_cast<std::uint8_t>(level), index};
-        const auto tile = expect(fetch([&] { return store.find(layer, key); }));
-        decoded[key];
-        if (tile.state != storage::TileState::stored) continue;
-        const ByteSpan payload =
-            ByteSpan(bytes).subspan(tile.payload.begin, tile.payload.end - tile.payload.begin);
-        const auto sections = sections_of(key, manifest.shape.entry_extra_levels);
-        const codec::Tile shape = geometry(level).tile(sections.entry.index, format);
-        Bytes samples(shape.bytes());
-        expect(predicted ? predicted->decode(key, payload, source, samples)
-                         : codec->decode(shape, payload, samples));
-        samples_hash.add(samples);
-        if (predicted) {
-          Bytes again;
-          expect(predicted->encode(key, samples, source, again));
-          payload_hash.add(again);
-        }
-        decoded[key] = std::move(samples);
+  const auto tables = fetch([&] { return store.blob("tables"); });
+  const auto codec =
+      expect(codec::make_codec(manifest.codec, manifest.format, tables ? *tables : ByteSpan()));
+  std::unique_ptr<PredictedTiles> predicted;
+  if (const auto* predictive = codec->predictive())
+    predicted = std::make_unique<PredictedTiles>(manifest.shape, *predictive, geometry);
+  std::map<TileKey, Bytes> decoded;
+  const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> {
+    return decoded.at(key);
+  };
+  for (unsigned level = 0; level <= manifest.shape.levels; ++level)
+    for (std::uint64_t index = 0; index < manifest.shape.tiles(level); ++index) {
+      const TileKey key{static_cast<std::uint8_t>(level), index};
+      const auto tile = expect(fetch([&] { return store.find(key); }));
+      decoded[key];
+      if (tile.state != storage::TileState::stored) continue;
+      const ByteSpan payload =
+          ByteSpan(bytes).subspan(tile.payload.begin, tile.payload.end - tile.payload.begin);
+      const auto sections = sections_of(key, manifest.shape.entry_extra_levels);
+      const codec::Tile shape = geometry(level).tile(sections.entry.index, manifest.format);
+      Bytes samples(shape.bytes());
+      expect(predicted ? predicted->decode(key, payload, source, samples)
+                       : codec->decode(shape, payload, samples));
+      samples_hash.add(samples);
+      if (predicted) {
+        Bytes again;
+        expect(predicted->encode(key, samples, source, again));
+        payload_hash.add(again);
       }
-  }
+      decoded[key] = std::move(samples);
+    }
   const char* const slash = std::strrchr(path, '/');
   std::printf("%-24s %016" PRIx64 " %016" PRIx64 "\n", slash ? slash + 1 : path,
               samples_hash.value(), payload_hash.value());

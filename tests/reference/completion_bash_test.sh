@@ -45,8 +45,8 @@ expect "slf render --mode=d" depth
 expect "slf measure --mode bitri,d" bitri,depth
 expect "slf -q play --loading a" ahead
 expect "slf build --color-type " u8 half
-expect "slf build --color-codec jp" jpeg:75 jpeg:90
-expect "slf build --color-codec jpeg:7" 75
+expect "slf build --codec jp" jpeg:75 jpeg:90
+expect "slf build --codec jpeg:7" 75
 expect "slf build --step "
 expect "slf render " a.slf "b c.slf" folder
 expect "slf render -o p" 

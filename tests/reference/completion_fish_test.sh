@@ -25,7 +25,7 @@ expect "slf render --mo" --mode
 expect "slf render --mode " nearest uv st bitri depth
 expect "slf measure --mode bitri,d" bitri,depth
 expect "slf build --color-type " u8 half
-expect "slf build --color-codec jp" jpeg:75 jpeg:90
+expect "slf build --codec jp" jpeg:75 jpeg:90
 expect "slf render a" a.slf
 expect "slf render x.slf -o s" scan.nii
 exit $((failures > 0))

@@ -38,7 +38,7 @@ expect 'slf re' render repack
 expect 'slf render --mo' --mode
 expect 'slf render --mode ' nearest uv st bitri depth
 expect 'slf build --color-type ' u8 half
-expect 'slf build --color-codec jp' jpeg:75 jpeg:90
+expect 'slf build --codec jp' jpeg:75 jpeg:90
 expect 'slf render a' a.slf
 expect 'slf render x.slf -o s' scan.nii
 zpty -d shell

@@ -36,8 +36,7 @@ class RemoteTest : public ::testing::Test {
     folder_ = std::make_unique<testing::TemporaryFolder>();
     const auto scene = make_analytic_scene("balls");
     BuildOptions options = testing::lossless_options(4, 16, 1);
-    options.color_codec = "predictive:90";
-    options.depth_codec.clear();
+    options.codec = "predictive:90";
     const auto built = build_field(**scene, path(), options);
     ASSERT_TRUE(built) << built.error().message;
     ASSERT_TRUE(index_field(path()));
@@ -102,8 +101,7 @@ TEST_F(RemoteTest, ReadsFieldsOfAllCodecs) {
   for (const char* const codec : {"raw", "jpeg:90"}) {
     const std::string recoded = *folder_ / "recoded.slf";
     RepackOptions options;
-    options.color_codec = codec;
-    options.depth_codec = "raw";
+    options.codec = codec;
     options.replace = true;
     ASSERT_TRUE(repack_field(*field, recoded, options));
     const HttpHost host(content(recoded));

@@ -14,12 +14,12 @@ namespace {
 
 using ::testing::HasSubstr;
 
-Bytes expected_tile(std::uint64_t i) { return tile_bytes(0, {0, i}, 200 + i * 37 % 3000); }
+Bytes expected_tile(std::uint64_t i) { return tile_bytes({0, i}, 200 + i * 37 % 3000); }
 
 // Every tile from the first to the snapshot's last must be there and right.
 std::uint64_t check_whole(const TileStore& store) {
   std::uint64_t count = 0;
-  const auto visited = store.visit(0, {0, 0}, {255, 0}, [&](const TileRef& tile) -> Result<void> {
+  const auto visited = store.visit({0, 0}, {255, 0}, [&](const TileRef& tile) -> Result<void> {
     if (tile.key.index != count) return fail(ErrorCode::differs, "a tile is lost");
     if (auto good = store.check(tile); !good) return good;
     if (!std::ranges::equal(tile.payload, expected_tile(count)))
@@ -34,7 +34,7 @@ std::uint64_t check_whole(const TileStore& store) {
 TEST(Concurrency, EveryReaderKeepsItsSnapshotWhileAWriterGoesOn) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  TileWriter writer = create(path, {"color"});
+  TileWriter writer = create(path);
   std::atomic<bool> done = false;
   std::atomic<int> opened = 0;
   const auto read = [&] {
@@ -60,7 +60,7 @@ TEST(Concurrency, EveryReaderKeepsItsSnapshotWhileAWriterGoesOn) {
   std::vector<std::thread> readers;
   for (int i = 0; i < 4; ++i) readers.emplace_back(read);
   for (std::uint64_t i = 0; i < 1200; ++i) {
-    EXPECT_TRUE(ok(writer.append(0, {0, i}, expected_tile(i))));
+    EXPECT_TRUE(ok(writer.append({0, i}, expected_tile(i))));
     if (i % 10 == 9) {
       EXPECT_TRUE(ok(writer.set_blob("progress", bytes_of(std::to_string(i)))));
       EXPECT_TRUE(ok(writer.commit()));
@@ -84,31 +84,30 @@ TEST(Concurrency, EveryReaderKeepsItsSnapshotWhileAWriterGoesOn) {
 TEST(Concurrency, AnOldSnapshotOutlivesManyCommits) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  TileWriter writer = create(path, {"color"});
-  for (std::uint64_t i = 0; i < 200; ++i)
-    ASSERT_TRUE(ok(writer.append(0, {0, i}, expected_tile(i))));
-  ASSERT_TRUE(ok(writer.append(0, {1, 0}, {})));  // ends level 0, so that it is all cut
+  TileWriter writer = create(path);
+  for (std::uint64_t i = 0; i < 200; ++i) ASSERT_TRUE(ok(writer.append({0, i}, expected_tile(i))));
+  ASSERT_TRUE(ok(writer.append({1, 0}, {})));  // ends level 0, so that it is all cut
   ASSERT_TRUE(ok(writer.commit()));
   auto old = TileStore::open(path);
   ASSERT_TRUE(ok(old));
   for (std::uint64_t i = 0; i < 300; ++i) {
-    ASSERT_TRUE(ok(writer.replace(0, {0, i % 200}, TileState::stored, tile_bytes(5, {}, 4000))));
+    ASSERT_TRUE(ok(writer.replace({0, i % 200}, TileState::stored, tile_bytes({}, 4000, 5))));
     ASSERT_TRUE(ok(writer.commit()));
   }
   EXPECT_EQ(check_whole(*old), 200u);
-  EXPECT_FALSE(std::ranges::equal(TileStore::open(path)->find(0, {0, 7})->payload,
-                                  old->find(0, {0, 7})->payload));
+  EXPECT_FALSE(
+      std::ranges::equal(TileStore::open(path)->find({0, 7})->payload, old->find({0, 7})->payload));
 }
 
 TEST(Concurrency, FreedPagesAreReusedWhenNobodyReadsThem) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  TileWriter writer = create(path, {"color"});
-  ASSERT_TRUE(ok(writer.append(0, {0, 0}, tile_bytes(0, {}, 100000))));
-  ASSERT_TRUE(ok(writer.append(0, {1, 0}, {})));
+  TileWriter writer = create(path);
+  ASSERT_TRUE(ok(writer.append({0, 0}, tile_bytes({}, 100000))));
+  ASSERT_TRUE(ok(writer.append({1, 0}, {})));
   ASSERT_TRUE(ok(writer.commit()));
   for (int i = 0; i < 100; ++i) {
-    ASSERT_TRUE(ok(writer.replace(0, {0, 0}, TileState::stored, tile_bytes(5, {}, 100000))));
+    ASSERT_TRUE(ok(writer.replace({0, 0}, TileState::stored, tile_bytes({}, 100000, 5))));
     ASSERT_TRUE(ok(writer.commit()));
   }
   EXPECT_LT(std::filesystem::file_size(path), 1000000u);
@@ -117,10 +116,10 @@ TEST(Concurrency, FreedPagesAreReusedWhenNobodyReadsThem) {
 TEST(Concurrency, FreedPagesAreReusedAfterAReaderOpensTheFileAgain) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  TileWriter writer = create(path, {"color"});
-  Bytes tile = tile_bytes(0, {}, 100000), seen;
-  ASSERT_TRUE(ok(writer.append(0, {0, 0}, tile)));
-  ASSERT_TRUE(ok(writer.append(0, {1, 0}, {})));
+  TileWriter writer = create(path);
+  Bytes tile = tile_bytes({}, 100000), seen;
+  ASSERT_TRUE(ok(writer.append({0, 0}, tile)));
+  ASSERT_TRUE(ok(writer.append({1, 0}, {})));
   ASSERT_TRUE(ok(writer.commit()));
   std::optional<TileStore> reader;
   for (std::uint8_t i = 0; i < 100; ++i) {
@@ -129,10 +128,10 @@ TEST(Concurrency, FreedPagesAreReusedAfterAReaderOpensTheFileAgain) {
       reader = std::move(TileStore::open(path).value());
       seen = tile;
     }
-    tile = tile_bytes(i, {}, 100000);
-    ASSERT_TRUE(ok(writer.replace(0, {0, 0}, TileState::stored, tile)));
+    tile = tile_bytes({}, 100000, i);
+    ASSERT_TRUE(ok(writer.replace({0, 0}, TileState::stored, tile)));
     ASSERT_TRUE(ok(writer.commit()));
-    ASSERT_TRUE(std::ranges::equal(reader->find(0, {0, 0})->payload, seen)) << int{i};
+    ASSERT_TRUE(std::ranges::equal(reader->find({0, 0})->payload, seen)) << int{i};
   }
   EXPECT_LT(std::filesystem::file_size(path), 2000000u);
 }
@@ -144,7 +143,7 @@ TEST(Concurrency, AWriterWaitsForReadersOfOlderSnapshotsByRefusing) {
   {
     TileWriter writer = create(path);
     old = std::move(TileStore::open(path).value());
-    ASSERT_TRUE(ok(writer.append(0, {0, 0}, {})));
+    ASSERT_TRUE(ok(writer.append({0, 0}, {})));
     ASSERT_TRUE(ok(writer.close()));
   }
   const auto refused = TileWriter::resume(path);
@@ -158,7 +157,7 @@ TEST(Concurrency, AWriterWaitsForReadersOfOlderSnapshotsByRefusing) {
 TEST(Concurrency, ManyStoresAndAWriterShareAProcess) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  TileWriter writer = create(path, {"color"});
+  TileWriter writer = create(path);
   std::vector<TileStore> stores;
   for (std::uint64_t i = 0; i < 300; ++i) {
     ASSERT_TRUE(ok(writer.set_blob("i", bytes_of(std::to_string(i)))));
@@ -196,9 +195,8 @@ TEST(Concurrency, AReaderNeedsNoWritePermissionAnywhere) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
   {
-    TileWriter writer = create(path, {"color"});
-    for (std::uint64_t i = 0; i < 10; ++i)
-      ASSERT_TRUE(ok(writer.append(0, {0, i}, expected_tile(i))));
+    TileWriter writer = create(path);
+    for (std::uint64_t i = 0; i < 10; ++i) ASSERT_TRUE(ok(writer.append({0, i}, expected_tile(i))));
     ASSERT_TRUE(ok(writer.close()));
   }
   ASSERT_EQ(chmod(path.c_str(), 0444), 0);
@@ -210,7 +208,7 @@ TEST(Concurrency, AReaderNeedsNoWritePermissionAnywhere) {
     if (!store || check_whole(*store) != 10) return 1;
     const auto writer = TileWriter::resume(path);
     if (writer || writer.error().code != ErrorCode::io) return 2;
-    const auto made = TileWriter::create(folder / "b.slf", kTwoLayers, {});
+    const auto made = TileWriter::create(folder / "b.slf", {});
     return !made && made.error().code == ErrorCode::io ? 0 : 3;
   });
   ASSERT_EQ(chmod(folder.path().c_str(), 0755), 0);

@@ -15,39 +15,32 @@ using ::testing::HasSubstr;
 
 constexpr std::uint64_t kTiles = 240;
 
-Bytes expected_tile(LayerId layer, std::uint64_t i) {
-  return tile_bytes(layer, {static_cast<std::uint8_t>(i / 100), i % 100}, i * 131 % 9000);
+Bytes expected_tile(std::uint64_t i) {
+  return tile_bytes({static_cast<std::uint8_t>(i / 100), i % 100}, i * 131 % 9000);
 }
 
 // Appends what is not there yet, with a commit every 20 tiles. `report` hears of commits.
 template <class Report>
 Result<void> build(const std::string& path, const Report& report) {
-  auto writer = std::filesystem::exists(path) ? TileWriter::resume(path)
-                                              : TileWriter::create(path, kTwoLayers, {});
+  auto writer =
+      std::filesystem::exists(path) ? TileWriter::resume(path) : TileWriter::create(path, {});
   if (!writer) return tl::unexpected(writer.error());
-  std::optional<TileKey> last[2];
-  for (LayerId layer = 0; layer < 2; ++layer) {
-    auto found = writer->last(layer);
-    if (!found) return tl::unexpected(found.error());
-    last[layer] = *found;
-  }
+  const std::optional<TileKey> last = writer->last();
   for (std::uint64_t i = 0; i < kTiles; ++i) {
     const TileKey key{static_cast<std::uint8_t>(i / 100), i % 100};
-    for (LayerId layer = 0; layer < 2; ++layer) {
-      if (last[layer] && key <= *last[layer]) continue;
-      if (auto done = writer->append(layer, key, expected_tile(layer, i)); !done) return done;
-    }
+    if (!last || key > *last)
+      if (auto done = writer->append(key, expected_tile(i)); !done) return done;
     if (i % 20 != 19) continue;
     if (auto done = writer->commit(); !done) return done;
-    const auto color = writer->last(0);
-    report(color && *color ? (*color)->level * 100 + (*color)->index + 1 : 0);
+    const auto now = writer->last();
+    report(now ? now->level * 100 + now->index + 1 : 0);
   }
   auto done = writer->close();
   if (done) report(kTiles);
   return done;
 }
 
-// Whatever is in the file is right, and the color layer has at least `committed` tiles.
+// Whatever is in the file is right, and there are at least `committed` tiles.
 void expect_kept(const std::string& path, std::uint64_t committed) {
   if (!std::filesystem::exists(path)) {
     EXPECT_EQ(committed, 0u);
@@ -58,25 +51,20 @@ void expect_kept(const std::string& path, std::uint64_t committed) {
   std::vector<Error> findings;
   store->check_structure(findings);
   for (const Error& finding : findings) ADD_FAILURE() << finding.message;
-  for (LayerId layer = 0; layer < 2; ++layer) {
-    std::uint64_t i = 0;
-    for (const auto& [key, bytes] : contents(*store, layer)) {
-      EXPECT_EQ(key, (TileKey{static_cast<std::uint8_t>(i / 100), i % 100}));
-      EXPECT_EQ(bytes, expected_tile(layer, i));
-      ++i;
-    }
-    if (layer == 0) {
-      EXPECT_GE(i, committed);
-    }
+  std::uint64_t i = 0;
+  for (const auto& [key, bytes] : contents(*store)) {
+    EXPECT_EQ(key, (TileKey{static_cast<std::uint8_t>(i / 100), i % 100}));
+    EXPECT_EQ(bytes, expected_tile(i));
+    ++i;
   }
+  EXPECT_GE(i, committed);
 }
 
 void expect_complete(const std::string& path) {
   const auto done = build(path, [](std::uint64_t) {});
   ASSERT_TRUE(ok(done));
   expect_kept(path, kTiles);
-  for (LayerId layer = 0; layer < 2; ++layer)
-    EXPECT_EQ(contents(*TileStore::open(path), layer).size(), kTiles);
+  EXPECT_EQ(contents(*TileStore::open(path)).size(), kTiles);
 }
 
 TEST(Crash, AKilledWriterLosesNothingItCommitted) {
@@ -148,18 +136,18 @@ TEST(Crash, APublishThatFailsLeavesTheOldFileAndTheNewOne) {
   for (; failed && !HasFailure(); ++calls) {
     TemporaryFolder folder;
     const std::string path = folder / "a.slf", draft = path + ".unfinished";
-    const Model before{{{0, 1}, tile_bytes(0, {0, 1}, 5000)}};
-    const Model after{{{0, 2}, tile_bytes(0, {0, 2}, 7000)}};
+    const Model before{{{0, 1}, tile_bytes({0, 1}, 5000)}};
+    const Model after{{{0, 2}, tile_bytes({0, 2}, 7000)}};
     const auto add = [](TileWriter& writer, const Model& model) {
-      for (const auto& [key, bytes] : model) ASSERT_TRUE(ok(writer.append(0, key, bytes)));
+      for (const auto& [key, bytes] : model) ASSERT_TRUE(ok(writer.append(key, bytes)));
     };
-    TileWriter old = create(path, {"color"});
+    TileWriter old = create(path);
     add(old, before);
     ASSERT_TRUE(ok(old.close()));
-    TileWriter writer = create(draft, {"color"});
+    TileWriter writer = create(draft);
     add(writer, after);
     EXPECT_EQ(writer.publish(path, Existing::keep).error().code, ErrorCode::usage);
-    expect_holds(path, 0, before);
+    expect_holds(path, before);
     auto again = TileWriter::resume(draft);
     ASSERT_TRUE(ok(again));
     fail_after(calls, ENOSPC, false);
@@ -168,13 +156,13 @@ TEST(Crash, APublishThatFailsLeavesTheOldFileAndTheNewOne) {
     fail_after(-1, 0, false);
     const bool renamed = !std::filesystem::exists(draft);
     EXPECT_TRUE(renamed || !published);
-    expect_holds(path, 0, renamed ? after : before);
+    expect_holds(path, renamed ? after : before);
     if (!published) {
       EXPECT_EQ(published.error().code, ErrorCode::io);
       ++kept;
     }
     if (!renamed) {
-      expect_holds(draft, 0, after);
+      expect_holds(draft, after);
     }
   }
   EXPECT_GE(kept, 2);  // syncs of the file and of its folder
@@ -183,11 +171,11 @@ TEST(Crash, APublishThatFailsLeavesTheOldFileAndTheNewOne) {
 TEST(Crash, ACommitThatFailedCanBeTriedAgain) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  TileWriter writer = create(path, {"color"});
+  TileWriter writer = create(path);
   Model model;
   for (std::uint64_t i = 0; i < 100; ++i) {
-    model[{0, i}] = tile_bytes(0, {0, i}, 5000);
-    ASSERT_TRUE(ok(writer.append(0, {0, i}, model[{0, i}])));
+    model[{0, i}] = tile_bytes({0, i}, 5000);
+    ASSERT_TRUE(ok(writer.append({0, i}, model[{0, i}])));
   }
   fail_after(0, ENOSPC, false);
   const auto full = writer.commit();
@@ -196,7 +184,7 @@ TEST(Crash, ACommitThatFailedCanBeTriedAgain) {
   EXPECT_EQ(full.error().code, ErrorCode::io);
   EXPECT_THAT(full.error().message, HasSubstr("free some space"));
   ASSERT_TRUE(ok(writer.close()));
-  expect_holds(path, 0, model);
+  expect_holds(path, model);
 }
 
 TEST(Crash, AFullDiskIsAnErrorThatSaysSo) {

@@ -21,23 +21,21 @@ constexpr std::size_t kThin = 17;  // of all the bit flips, every how many-th: s
 constexpr std::size_t kThin = 1;
 #endif
 
-using Layers = std::vector<Model>;
-
 // A small container with pages of every kind: metas, branches, leaves, values inside leaves, runs
 // of overflow pages, a free list, and freed pages.
-Layers build_small(const std::string& path) {
-  Layers model(2);
+Model build_small(const std::string& path) {
+  Model model;
   TileWriter writer = create(path);
   for (int i = 0; i < 20; ++i)  // long names: the tree of blobs needs a branch page
     EXPECT_TRUE(ok(writer.set_blob(std::string(240, static_cast<char>('a' + i)), bytes_of("x"))));
-  const auto append = [&](LayerId layer, TileKey key, std::size_t size) {
-    model[layer][key] = tile_bytes(layer, key, size);
-    EXPECT_TRUE(ok(writer.append(layer, key, model[layer][key])));
+  const auto append = [&](TileKey key, std::size_t size) {
+    model[key] = tile_bytes(key, size);
+    EXPECT_TRUE(ok(writer.append(key, model[key])));
   };
-  for (std::uint64_t i = 0; i < 12; ++i) append(0, {0, i}, i % 5 * 20);
-  for (std::uint64_t i = 0; i < 3; ++i) append(0, {1, 2000 * i}, 100);
+  for (std::uint64_t i = 0; i < 12; ++i) append({0, i}, i % 5 * 20);
+  for (std::uint64_t i = 0; i < 3; ++i) append({1, 2000 * i}, 100);
   EXPECT_TRUE(ok(writer.commit()));
-  for (std::uint64_t i = 0; i < 4; ++i) append(1, {0, i}, 600);
+  for (std::uint64_t i = 0; i < 4; ++i) append({2, i}, 600);
   EXPECT_TRUE(ok(writer.set_blob("large", Bytes(5000, std::byte{5}))));
   EXPECT_TRUE(ok(writer.commit()));
   EXPECT_TRUE(ok(writer.set_blob("large", Bytes(6000, std::byte{6}))));
@@ -46,7 +44,7 @@ Layers build_small(const std::string& path) {
 }
 
 // Reads all there is in every way and compares. Returns whether everything was there.
-bool survives(const std::string& path, const Layers& model, const std::string& what) {
+bool survives(const std::string& path, const Model& model, const std::string& what) {
   auto store = TileStore::open(path);
   if (!store) {
     EXPECT_TRUE(store.error().code == ErrorCode::bad_file ||
@@ -55,44 +53,42 @@ bool survives(const std::string& path, const Layers& model, const std::string& w
     return false;
   }
   bool whole = true;
-  for (LayerId layer = 0; layer < model.size(); ++layer) {
-    std::set<TileKey> accounted;
-    const auto visited = store->visit(
-        layer, {0, 0}, {255, 0},
-        [&](const TileRef& tile) {
-          const auto expected = model[layer].find(tile.key);
-          if (expected == model[layer].end()) {
-            ADD_FAILURE() << what << ": a tile that never was";
-            return Result<void>();
-          }
-          accounted.insert(tile.key);
-          if (store->check(tile)) {
-            EXPECT_TRUE(std::ranges::equal(tile.payload, expected->second)) << what;
-          } else {
-            whole = false;
-          }
+  std::set<TileKey> accounted;
+  const auto visited = store->visit(
+      {0, 0}, {255, 0},
+      [&](const TileRef& tile) {
+        const auto expected = model.find(tile.key);
+        if (expected == model.end()) {
+          ADD_FAILURE() << what << ": a tile that never was";
           return Result<void>();
-        },
-        [&](const Damage& damage) {
+        }
+        accounted.insert(tile.key);
+        if (store->check(tile)) {
+          EXPECT_TRUE(std::ranges::equal(tile.payload, expected->second)) << what;
+        } else {
           whole = false;
-          EXPECT_LE(damage.first, damage.last) << what;
-          for (const auto& [key, bytes] : model[layer])
-            if (key >= damage.first && key <= damage.last) accounted.insert(key);
-        });
-    EXPECT_TRUE(ok(visited)) << what;
-    EXPECT_EQ(accounted.size(), model[layer].size()) << what << ": tiles vanished from visit()";
-    for (const auto& [key, bytes] : model[layer]) {
-      const auto tile = store->find(layer, key);
-      if (!tile || !store->check(*tile)) {
+        }
+        return Result<void>();
+      },
+      [&](const Damage& damage) {
         whole = false;
-        continue;
-      }
-      EXPECT_EQ(tile->state, bytes.empty() ? TileState::empty : TileState::stored) << what;
-      EXPECT_TRUE(std::ranges::equal(tile->payload, bytes)) << what;
+        EXPECT_LE(damage.first, damage.last) << what;
+        for (const auto& [key, bytes] : model)
+          if (key >= damage.first && key <= damage.last) accounted.insert(key);
+      });
+  EXPECT_TRUE(ok(visited)) << what;
+  EXPECT_EQ(accounted.size(), model.size()) << what << ": tiles vanished from visit()";
+  for (const auto& [key, bytes] : model) {
+    const auto tile = store->find(key);
+    if (!tile || !store->check(*tile)) {
+      whole = false;
+      continue;
     }
-    SCOPED_TRACE(what);
-    expect_finds_alike(*store, layer, model[layer]);
+    EXPECT_EQ(tile->state, bytes.empty() ? TileState::empty : TileState::stored) << what;
+    EXPECT_TRUE(std::ranges::equal(tile->payload, bytes)) << what;
   }
+  SCOPED_TRACE(what);
+  expect_finds_alike(*store, model);
   const auto large = store->blob("large");
   if (large && !std::ranges::equal(*large, Bytes(6000, std::byte{6})))
     ADD_FAILURE() << what << ": a wrong blob";
@@ -100,13 +96,13 @@ bool survives(const std::string& path, const Layers& model, const std::string& w
 }
 
 // What a writer does to a damaged file: refuses it, or keeps every tile that was still whole.
-void resume_survives(const std::string& path, const Layers& model, const std::string& what) {
+void resume_survives(const std::string& path, const Model& model, const std::string& what) {
   auto writer = TileWriter::resume(path);
   if (!writer) return;
-  EXPECT_TRUE(ok(writer->append(0, {9, 0}, bytes_of("more")))) << what;
+  EXPECT_TRUE(ok(writer->append({9, 0}, bytes_of("more")))) << what;
   EXPECT_TRUE(ok(writer->close())) << what;
-  Layers grown = model;
-  grown[0][{9, 0}] = bytes_of("more");
+  Model grown = model;
+  grown[{9, 0}] = bytes_of("more");
   (void)survives(path, grown, what);
 }
 
@@ -138,7 +134,7 @@ class Damaged : public ::testing::Test {
 
   TemporaryFolder folder_;
   std::string path_ = folder_ / "small.slf";
-  Layers model_;
+  Model model_;
   Bytes bytes_;
   int file_ = -1;
 };
@@ -223,13 +219,12 @@ TEST_F(Damaged, ShrinkingWhileMappedIsAnError) {
     auto store = TileStore::open(path_);
     ASSERT_TRUE(ok(store));
     std::vector<TileRef> tiles;
-    for (LayerId layer = 0; layer < 2; ++layer)
-      for (const auto& [key, bytes] : model_[layer]) tiles.push_back(*store->find(layer, key));
+    for (const auto& [key, bytes] : model_) tiles.push_back(*store->find(key));
     EXPECT_FALSE(store->changed());
     ASSERT_EQ(truncate(path_.c_str(), static_cast<off_t>(size - 4096)), 0);
     for (const TileRef& tile : tiles) {
-      const auto again = store->find(tile.layer, tile.key);
-      const Bytes& expected = model_[tile.layer][tile.key];
+      const auto again = store->find(tile.key);
+      const Bytes& expected = model_[tile.key];
       if (again && store->check(*again)) {
         EXPECT_TRUE(std::ranges::equal(again->payload, expected));
       }
@@ -242,7 +237,7 @@ TEST_F(Damaged, ShrinkingWhileMappedIsAnError) {
     EXPECT_FALSE(findings.empty()) << size;
     EXPECT_TRUE(store->changed());
     const auto visited =
-        store->visit(0, {0, 0}, {9, 0}, [](const TileRef&) { return Result<void>(); });
+        store->visit({0, 0}, {9, 0}, [](const TileRef&) { return Result<void>(); });
     ASSERT_FALSE(visited);
     EXPECT_THAT(visited.error().message, HasSubstr("changed while open"));
   }
@@ -265,10 +260,10 @@ TEST_F(Damaged, ShrinkingUnderAWriterIsAnError) {
       write_file(path_, bytes_);
       auto writer = TileWriter::resume(path_);
       ASSERT_TRUE(ok(writer));
-      EXPECT_TRUE(ok(writer->append(0, {9, 0}, bytes_of("more"))));
+      EXPECT_TRUE(ok(writer->append({9, 0}, bytes_of("more"))));
       ASSERT_EQ(truncate(path_.c_str(), static_cast<off_t>(left)), 0);
       const auto replaced =
-          replaces ? writer->replace(0, {0, 1}, TileState::empty, {}) : Result<void>();
+          replaces ? writer->replace({0, 1}, TileState::empty, {}) : Result<void>();
       EXPECT_TRUE(replaced || replaced.error().code == ErrorCode::bad_file);
       ASSERT_TRUE(ok(writer->set_blob("note", bytes_of("x"))));
       const auto committed = writer->commit();
@@ -312,13 +307,13 @@ TEST_F(Damaged, FaultsElsewhereGoToThePreviousHandler) {
 TEST(DamagedTree, SpottyDamageInALargerTreeIsReportedWithItsKeys) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  Layers model(1);
+  Model model;
   {
-    TileWriter writer = create(path, {"color"});
+    TileWriter writer = create(path);
     for (std::uint64_t i = 0; i < 300; ++i) {  // a record each
       const TileKey key{2, i * 2000};
-      model[0][key] = tile_bytes(0, key, 20);
-      ASSERT_TRUE(ok(writer.append(0, key, model[0][key])));
+      model[key] = tile_bytes(key, 20);
+      ASSERT_TRUE(ok(writer.append(key, model[key])));
     }
     ASSERT_TRUE(ok(writer.close()));
   }
@@ -345,10 +340,10 @@ TEST(DamagedRecord, CanBeMarkedMissingAndFilledAgain) {
   const std::string path = folder / "a.slf";
   Model model;
   {
-    TileWriter writer = create(path, {"color"});
+    TileWriter writer = create(path);
     for (std::uint64_t i = 0; i < 600; ++i) {
-      model[{1, i}] = tile_bytes(0, {1, i}, 1000);
-      ASSERT_TRUE(ok(writer.append(0, {1, i}, model[{1, i}])));
+      model[{1, i}] = tile_bytes({1, i}, 1000);
+      ASSERT_TRUE(ok(writer.append({1, i}, model[{1, i}])));
     }
     ASSERT_TRUE(ok(writer.close()));
   }
@@ -356,7 +351,7 @@ TEST(DamagedRecord, CanBeMarkedMissingAndFilledAgain) {
   {
     auto store = TileStore::open(path);
     ASSERT_TRUE(ok(store));
-    range = store->range(*store->find(0, {1, 300}));
+    range = store->range(*store->find({1, 300}));
   }
   // The table of the record that holds tile 300 begins some pages before it.
   Bytes bytes = read_file(path);
@@ -373,7 +368,7 @@ TEST(DamagedRecord, CanBeMarkedMissingAndFilledAgain) {
     auto store = TileStore::open(path);
     Model found;
     EXPECT_TRUE(ok(store->visit(
-        0, {0, 0}, {9, 0},
+        {0, 0}, {9, 0},
         [&](const TileRef& tile) {
           found[tile.key] = Bytes(tile.payload.begin(), tile.payload.end());
           return Result<void>();
@@ -389,7 +384,7 @@ TEST(DamagedRecord, CanBeMarkedMissingAndFilledAgain) {
   {
     auto writer = TileWriter::resume(path);
     ASSERT_TRUE(ok(writer));
-    ASSERT_TRUE(ok(writer->replace(0, damage.last, TileState::missing, {})));
+    ASSERT_TRUE(ok(writer->replace(damage.last, TileState::missing, {})));
     ASSERT_TRUE(ok(writer->close()));
   }
   Model expected = model;
@@ -402,11 +397,11 @@ TEST(DamagedRecord, CanBeMarkedMissingAndFilledAgain) {
     auto writer = TileWriter::resume(path);
     ASSERT_TRUE(ok(writer));
     for (std::uint64_t i = damage.first.index; i <= damage.last.index; ++i) {
-      ASSERT_TRUE(ok(writer->replace(0, {1, i}, TileState::stored, model[{1, i}])));
+      ASSERT_TRUE(ok(writer->replace({1, i}, TileState::stored, model[{1, i}])));
     }
     ASSERT_TRUE(ok(writer->close()));
   }
-  expect_holds(path, 0, model);
+  expect_holds(path, model);
 }
 
 }  // namespace

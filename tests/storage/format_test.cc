@@ -19,36 +19,35 @@ std::string hex(ByteSpan bytes) {
   return std::move(text).str();
 }
 
-internal::Tile stored(LayerId layer, TileKey key, ByteSpan payload) {
-  return {TileState::stored, payload, internal::payload_checksum(layer, key, payload)};
+internal::Tile stored(TileKey key, ByteSpan payload) {
+  return {TileState::stored, payload, internal::payload_checksum(key, payload)};
 }
 
 TEST(Format, ARecordIsTheseBytes) {
   const Bytes abc = bytes_of("abc");
   const Bytes long_one(200, std::byte{7});
-  const std::vector<internal::Tile> tiles = {stored(1, {2, 0x1122334455667788}, abc),
+  const std::vector<internal::Tile> tiles = {stored({2, 0x1122334455667788}, abc),
                                              {TileState::empty, {}, 0},
                                              {TileState::missing, {}, 0},
-                                             stored(1, {2, 0x112233445566778B}, long_one)};
-  const Bytes record = internal::encode_record(1, TileKey{2, 0x10}, {2, 0x1122334455667788}, tiles);
+                                             stored({2, 0x112233445566778B}, long_one)};
+  const Bytes record = internal::encode_record(TileKey{2, 0x10}, {2, 0x1122334455667788}, tiles);
   ASSERT_EQ(record.size(), 2048u);
   EXPECT_EQ(hex(ByteSpan(record).first(72)),
-            "88da2dc3b770bf74534c5231010000008877665544332211"
-            "10000000000000000202040002000500"
-            "040001c901000000"
-            "d1eec4a0ffeac323"
-            "f9f179220dc5a701"
+            "2ba9e3b5073e8000534c5232020204008877665544332211"
+            "100000000000000002000500040001c9"
+            "0100000000000000"
+            "cd7c5bcadce62a56"
+            "d8e5a9b95fa36eab"
             "6162630000000000");
   EXPECT_EQ(hex(ByteSpan(record).subspan(72, 3)), "070707");
 }
 
 TEST(Format, ARecordReadsBackAsWritten) {
   const Bytes abc = bytes_of("abc");
-  const std::vector<internal::Tile> tiles = {stored(3, {9, 5}, abc), {}, {TileState::empty, {}, 0}};
-  const Bytes bytes = internal::encode_record(3, std::nullopt, {9, 5}, tiles);
+  const std::vector<internal::Tile> tiles = {stored({9, 5}, abc), {}, {TileState::empty, {}, 0}};
+  const Bytes bytes = internal::encode_record(std::nullopt, {9, 5}, tiles);
   const auto record = internal::Record::parse(bytes);
   ASSERT_TRUE(ok(record));
-  EXPECT_EQ(record->layer(), 3u);
   EXPECT_EQ(record->first(), (TileKey{9, 5}));
   EXPECT_EQ(record->last(), (TileKey{9, 7}));
   EXPECT_FALSE(record->previous());
@@ -62,8 +61,8 @@ TEST(Format, ARecordReadsBackAsWritten) {
 TEST(Format, ForgedRecordsAreRefusedOrHarmless) {
   const Bytes payload(100, std::byte{1});
   std::vector<internal::Tile> tiles;
-  for (std::uint64_t i = 0; i < 20; ++i) tiles.push_back(stored(0, {1, i}, payload));
-  const Bytes good = internal::encode_record(0, std::nullopt, {1, 0}, tiles);
+  for (std::uint64_t i = 0; i < 20; ++i) tiles.push_back(stored({1, i}, payload));
+  const Bytes good = internal::encode_record(std::nullopt, {1, 0}, tiles);
   std::mt19937 random(5);
   int accepted = 0;
   for (int round = 0; round < 200000; ++round) {
@@ -72,11 +71,8 @@ TEST(Format, ForgedRecordsAreRefusedOrHarmless) {
       forged[8 + random() % 72] = static_cast<std::byte>(random() % 4 == 0 ? 255 : random());
     forged.resize(random() % 8 == 0 ? random() % 300 : forged.size());
     forged.shrink_to_fit();
-    const std::size_t codes = forged.size() < 40 ? 0 : load_le<std::uint16_t>(&forged[38]);
     const std::size_t table =
-        forged.size() < 40
-            ? 0
-            : internal::align8(40 + codes) + 8 * std::size_t{load_le<std::uint16_t>(&forged[36])};
+        forged.size() < internal::kRecordHeader ? 0 : internal::Record::table_end(forged);
     if (table >= 8 && table <= forged.size())
       store_le(forged.data(), internal::checksum(ByteSpan(forged).subspan(8, table - 8)));
     const auto record = internal::Record::parse(forged);
@@ -94,25 +90,19 @@ TEST(Format, ForgedRecordsAreRefusedOrHarmless) {
 }
 
 TEST(Format, TheContainerBlobIsTheseBytes) {
-  const std::vector<internal::LayerInfo> layers = {{"color", 3, TileKey{2, 0x0102}},
-                                                   {"depth", 0, std::nullopt}};
-  const Bytes blob = internal::encode_container(7, layers);
+  const Bytes blob = internal::encode_container({7, 3, TileKey{2, 0x0102}});
   EXPECT_EQ(hex(blob),
-            "534c430102000000"
+            "534c430202000000"
             "0700000000000000"
             "0300000000000000"
-            "0201000000000000"
-            "0205"
-            "636f6c6f72"
-            "0000000000000000"
-            "0000000000000000"
-            "ff05"
-            "6465707468");
+            "0201000000000000");
   for (std::size_t size = 0; size < blob.size(); ++size)
     EXPECT_FALSE(internal::decode_container(ByteSpan(blob).first(size))) << size;
-  Bytes newer = blob;
-  newer[3] = std::byte{2};
-  EXPECT_EQ(internal::decode_container(newer).error().code, ErrorCode::unsupported);
+  for (const std::uint8_t version : {1, 3}) {
+    Bytes other = blob;
+    other[3] = std::byte{version};
+    EXPECT_EQ(internal::decode_container(other).error().code, ErrorCode::unsupported);
+  }
   EXPECT_TRUE(ok(internal::decode_container(blob)));
 }
 
@@ -122,10 +112,10 @@ double file_over_payload(std::size_t mean, bool constant) {
   const std::string path = folder / "a.slf";
   std::mt19937 random(4);
   std::uint64_t payload = 0;
-  TileWriter writer = create(path, {"color"});
+  TileWriter writer = create(path);
   for (std::uint64_t i = 0; payload < 24'000'000; ++i) {
     const std::size_t size = constant ? mean : mean / 2 + random() % mean;
-    EXPECT_TRUE(ok(writer.append(0, {5, i}, Bytes(size, std::byte{1}))));
+    EXPECT_TRUE(ok(writer.append({5, i}, Bytes(size, std::byte{1}))));
     payload += size;
     if (writer.pending_bytes() > 4'000'000) {
       EXPECT_TRUE(ok(writer.commit()));

@@ -13,11 +13,10 @@ namespace {
 class History {
  public:
   explicit History(std::string path) : path_(std::move(path)) {
-    writer_ = std::move(TileWriter::create(path_, kTwoLayers, {}).value());
+    writer_ = std::move(TileWriter::create(path_, {}).value());
   }
 
   void append() {
-    const auto layer = *rc::gen::inRange<LayerId>(0, 2);
     const auto run = *rc::gen::inRange(1, 40);
     // Mostly neighbours; now and then a gap, a large gap, or a new level.
     const auto step = *rc::gen::weightedElement<std::uint64_t>(
@@ -25,36 +24,31 @@ class History {
     const auto level_up = *rc::gen::weightedElement<int>({{9, 0}, {1, 1}});
     const auto size = *rc::gen::element<std::size_t>(0, 1, 40, 900, 5000, 70000, 300000);
     for (int i = 0; i < run; ++i) {
-      std::optional<TileKey>& top = top_[layer];
-      TileKey key = top ? TileKey{top->level, top->index + step} : TileKey{};
-      if (i == 0 && level_up != 0 && top) key = {static_cast<std::uint8_t>(top->level + 1), 0};
-      const Bytes bytes = tile_bytes(layer, key, size == 0 ? 0 : size + key.index % 9, salt_);
-      RC_ASSERT(writer_->append(layer, key, bytes).has_value());
-      held_[layer][key] = bytes;
-      top = key;
+      TileKey key = top_ ? TileKey{top_->level, top_->index + step} : TileKey{};
+      if (i == 0 && level_up != 0 && top_) key = {static_cast<std::uint8_t>(top_->level + 1), 0};
+      const Bytes bytes = tile_bytes(key, size == 0 ? 0 : size + key.index % 9, salt_);
+      RC_ASSERT(writer_->append(key, bytes).has_value());
+      held_[key] = bytes;
+      top_ = key;
     }
   }
 
   void commit() {
     RC_ASSERT(writer_->commit().has_value());
-    for (LayerId layer = 0; layer < 2; ++layer) {
-      const auto last = writer_->last(layer).value();
-      const auto moved = std::erase_if(held_[layer], [&](const auto& tile) {
-        if (!last || tile.first > *last) return false;
-        kept_[layer][tile.first] = tile.second;
-        return true;
-      });
-      RC_ASSERT(moved == 0 || kept_[layer].contains(*last));
-    }
+    const auto last = writer_->last();
+    const auto moved = std::erase_if(held_, [&](const auto& tile) {
+      if (!last || tile.first > *last) return false;
+      kept_[tile.first] = tile.second;
+      return true;
+    });
+    RC_ASSERT(moved == 0 || kept_.contains(*last));
     take_replaced();
   }
 
   void close_and_resume() {
     RC_ASSERT(writer_->close().has_value());
-    for (LayerId layer = 0; layer < 2; ++layer) {
-      kept_[layer].merge(held_[layer]);
-      held_[layer].clear();
-    }
+    kept_.merge(held_);
+    held_.clear();
     take_replaced();
     reopen();
   }
@@ -62,24 +56,20 @@ class History {
   // What was not committed is gone.
   void kill_and_resume() {
     ++salt_;
-    for (LayerId layer = 0; layer < 2; ++layer) {
-      held_[layer].clear();
-      replaced_[layer].clear();
-    }
+    held_.clear();
+    replaced_.clear();
     reopen();
   }
 
   void replace() {
-    const auto layer = *rc::gen::inRange<LayerId>(0, 2);
-    const Model& kept = kept_[layer];
-    if (kept.empty()) return;
-    const auto at = *rc::gen::inRange<std::size_t>(0, kept.size());
-    const TileKey key = std::next(kept.begin(), static_cast<long>(at))->first;
+    if (kept_.empty()) return;
+    const auto at = *rc::gen::inRange<std::size_t>(0, kept_.size());
+    const TileKey key = std::next(kept_.begin(), static_cast<long>(at))->first;
     const auto state = *rc::gen::element(TileState::missing, TileState::empty, TileState::stored);
     const Bytes bytes =
-        state == TileState::stored ? tile_bytes(layer, key, 1 + at * 97 % 9000, ++salt_) : Bytes{};
-    RC_ASSERT(writer_->replace(layer, key, state, bytes).has_value());
-    replaced_[layer][key] = {state, bytes};
+        state == TileState::stored ? tile_bytes(key, 1 + at * 97 % 9000, ++salt_) : Bytes{};
+    RC_ASSERT(writer_->replace(key, state, bytes).has_value());
+    replaced_[key] = {state, bytes};
   }
 
   void compare() const {
@@ -88,35 +78,31 @@ class History {
     std::vector<Error> findings;
     store->check_structure(findings);
     RC_ASSERT(findings.empty());
-    for (LayerId layer = 0; layer < 2; ++layer) {
-      RC_ASSERT(contents(*store, layer) == kept_[layer]);
-      const auto random = *rc::gen::arbitrary<std::uint64_t>();
-      for (const auto& [key, bytes] : kept_[layer]) {
-        if ((key.index + random) % 7 != 0) continue;
-        for (const TileKey near :
-             {key, TileKey{key.level, key.index + 1}, TileKey{key.level, key.index - 1}}) {
-          const auto found = store->find(layer, near);
-          RC_ASSERT(found.has_value());
-          const auto expected = kept_[layer].find(near);
-          RC_ASSERT((found->state == TileState::missing) == (expected == kept_[layer].end()));
-          if (expected == kept_[layer].end()) continue;
-          RC_ASSERT(std::ranges::equal(found->payload, expected->second));
-        }
+    RC_ASSERT(contents(*store) == kept_);
+    const auto random = *rc::gen::arbitrary<std::uint64_t>();
+    for (const auto& [key, bytes] : kept_) {
+      if ((key.index + random) % 7 != 0) continue;
+      for (const TileKey near :
+           {key, TileKey{key.level, key.index + 1}, TileKey{key.level, key.index - 1}}) {
+        const auto found = store->find(near);
+        RC_ASSERT(found.has_value());
+        const auto expected = kept_.find(near);
+        RC_ASSERT((found->state == TileState::missing) == (expected == kept_.end()));
+        if (expected == kept_.end()) continue;
+        RC_ASSERT(std::ranges::equal(found->payload, expected->second));
       }
     }
   }
 
  private:
   void take_replaced() {
-    for (LayerId layer = 0; layer < 2; ++layer) {
-      for (const auto& [key, tile] : replaced_[layer]) {
-        if (tile.first == TileState::missing)
-          kept_[layer].erase(key);
-        else
-          kept_[layer][key] = tile.second;
-      }
-      replaced_[layer].clear();
+    for (const auto& [key, tile] : replaced_) {
+      if (tile.first == TileState::missing)
+        kept_.erase(key);
+      else
+        kept_[key] = tile.second;
     }
+    replaced_.clear();
   }
 
   void reopen() {
@@ -124,15 +110,15 @@ class History {
     auto writer = TileWriter::resume(path_);
     RC_ASSERT(writer.has_value());
     writer_ = std::move(*writer);
-    for (LayerId layer = 0; layer < 2; ++layer) top_[layer] = writer_->last(layer).value();
+    top_ = writer_->last();
   }
 
   std::string path_;
   std::optional<TileWriter> writer_;
-  Model kept_[2];
-  Model held_[2];
-  std::map<TileKey, std::pair<TileState, Bytes>> replaced_[2];  // not committed
-  std::optional<TileKey> top_[2];
+  Model kept_;
+  Model held_;
+  std::map<TileKey, std::pair<TileState, Bytes>> replaced_;  // not committed
+  std::optional<TileKey> top_;
   std::uint64_t salt_ = 0;
 };
 

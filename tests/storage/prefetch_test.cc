@@ -21,9 +21,9 @@ long faults() {
 class ColdFile : public ::testing::Test {
  protected:
   void SetUp() override {
-    TileWriter writer = create(path_, {"color"});
+    TileWriter writer = create(path_);
     for (std::uint64_t i = 0; i < kTiles; ++i)
-      ASSERT_TRUE(ok(writer.append(0, {2, i}, tile_bytes(0, {2, i}, 4000))));
+      ASSERT_TRUE(ok(writer.append({2, i}, tile_bytes({2, i}, 4000))));
     ASSERT_TRUE(ok(writer.close()));
     for (std::uint64_t i = 0; i < kTiles; i += kStep) keys_.push_back({2, (i * 7) % kTiles});
   }
@@ -54,7 +54,7 @@ TEST_F(ColdFile, IsFoundAndReadWithHardlyAFault) {
   ASSERT_TRUE(ok(store));
   const long before = faults();
   std::vector<TileRef> tiles;
-  for (auto& found : store->find_all(0, keys_)) {
+  for (auto& found : store->find_all(keys_)) {
     ASSERT_TRUE(ok(found));
     tiles.push_back(*found);
   }
@@ -68,7 +68,7 @@ TEST_F(ColdFile, IsVisitedWithHardlyAFault) {
   auto store = TileStore::open(path_);
   ASSERT_TRUE(ok(store));
   const long before = faults();
-  const auto levels = store->statistics(0);
+  const auto levels = store->statistics();
   ASSERT_TRUE(ok(levels));
   EXPECT_LT(faults() - before, static_cast<long>(levels->front().records / 4));
 }

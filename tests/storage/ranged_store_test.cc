@@ -17,13 +17,12 @@ class RangedStoreTest : public ::testing::Test {
   void SetUp() override {
     {
       TileWriter writer = create(path_);
-      for (LayerId layer = 0; layer < 2; ++layer)
-        for (std::uint64_t i = 0; i < kTiles; ++i) {
-          if (i % 7 == 3) continue;  // missing
-          const std::size_t size = i % 5 == 0 ? 0 : 100 + i % 3000;
-          ASSERT_TRUE(ok(writer.append(layer, {static_cast<std::uint8_t>(i / 1000), i},
-                                       tile_bytes(layer, {0, i}, size))));
-        }
+      for (std::uint64_t i = 0; i < kTiles; ++i) {
+        if (i % 7 == 3) continue;  // missing
+        const std::size_t size = i % 5 == 0 ? 0 : 100 + i % 3000;
+        ASSERT_TRUE(
+            ok(writer.append({static_cast<std::uint8_t>(i / 1000), i}, tile_bytes({0, i}, size))));
+      }
       ASSERT_TRUE(ok(writer.close()));
     }
     file_ = read_file(path_);
@@ -58,24 +57,22 @@ TEST_F(RangedStoreTest, FindsWhatTheMapHas) {
   ASSERT_TRUE(ok(mapped));
   RangedStore store("ranged.slf", file_.size());
   ASSERT_TRUE(ok(complete(store, file_, [&] { return store.open(); })));
-  ASSERT_EQ(store.layers().size(), 2u);
   const auto note = complete(store, file_, [&] { return store.blob("manifest.json"); });
   ASSERT_TRUE(ok(note));
   EXPECT_EQ(Bytes(note->begin(), note->end()), bytes_of("{}"));
-  for (LayerId layer = 0; layer < 2; ++layer)
-    for (std::uint64_t i = 0; i < kTiles + 10; ++i) {
-      const TileKey key{static_cast<std::uint8_t>(i / 1000), i};
-      const auto expected = mapped->find(layer, key);
-      const auto found = complete(store, file_, [&] { return store.find(layer, key); });
-      ASSERT_TRUE(ok(expected));
-      ASSERT_TRUE(ok(found)) << i;
-      ASSERT_EQ(found->state, expected->state) << i;
-      if (found->state != TileState::stored) continue;
-      const FileRange range = mapped->range(*expected);
-      ASSERT_EQ(found->payload.begin, range.begin) << i;
-      ASSERT_EQ(found->payload.end, range.end) << i;
-      ASSERT_EQ(found->checksum, expected->checksum) << i;
-    }
+  for (std::uint64_t i = 0; i < kTiles + 10; ++i) {
+    const TileKey key{static_cast<std::uint8_t>(i / 1000), i};
+    const auto expected = mapped->find(key);
+    const auto found = complete(store, file_, [&] { return store.find(key); });
+    ASSERT_TRUE(ok(expected));
+    ASSERT_TRUE(ok(found)) << i;
+    ASSERT_EQ(found->state, expected->state) << i;
+    if (found->state != TileState::stored) continue;
+    const FileRange range = mapped->range(*expected);
+    ASSERT_EQ(found->payload.begin, range.begin) << i;
+    ASSERT_EQ(found->payload.end, range.end) << i;
+    ASSERT_EQ(found->checksum, expected->checksum) << i;
+  }
 }
 
 TEST_F(RangedStoreTest, NeedsNoPayloadsToFindTiles) {
@@ -83,7 +80,7 @@ TEST_F(RangedStoreTest, NeedsNoPayloadsToFindTiles) {
   ASSERT_TRUE(ok(complete(store, file_, [&] { return store.open(); })));
   for (std::uint64_t i = 0; i < kTiles; ++i)
     ASSERT_TRUE(ok(complete(store, file_, [&] {
-      return store.find(0, {static_cast<std::uint8_t>(i / 1000), i});
+      return store.find({static_cast<std::uint8_t>(i / 1000), i});
     })));
   EXPECT_LT(fetched_, file_.size() / 4);
 }
@@ -95,8 +92,7 @@ TEST_F(RangedStoreTest, FetchesForManyTilesTogether) {
   (void)complete(store, file_, [&] {
     Result<RangedTile> last;
     for (std::uint64_t i = 0; i < kTiles; i += 50)
-      if (auto found = store.find(0, {static_cast<std::uint8_t>(i / 1000), i}); !found)
-        last = found;
+      if (auto found = store.find({static_cast<std::uint8_t>(i / 1000), i}); !found) last = found;
     return last;
   });
   EXPECT_LE(round_trips_, 4);  // branch, leaves, heads of records, and heads that are longer
@@ -113,7 +109,7 @@ TEST_F(RangedStoreTest, RefusesDamageOrFindsTheSame) {
     if (!complete(store, damaged, [&] { return store.open(); })) continue;
     for (std::uint64_t i = 0; i < kTiles; i += 101) {
       const auto found = complete(store, damaged, [&] {
-        return store.find(0, {static_cast<std::uint8_t>(i / 1000), i});
+        return store.find({static_cast<std::uint8_t>(i / 1000), i});
       });
       if (found && found->state == TileState::stored) {
         EXPECT_LE(found->payload.end, damaged.size());
@@ -146,8 +142,8 @@ TEST_F(RangedStoreTest, AnIndexSavesRoundTrips) {
   EXPECT_LE(round_trips_, 4);  // the start, the footer, the directory, the core
   for (std::uint64_t i = 0; i < kTiles; ++i) {
     const TileKey key{static_cast<std::uint8_t>(i / 1000), i};
-    const auto found = complete(store, indexed, [&] { return store.find(0, key); });
-    const auto expected = mapped->find(0, key);
+    const auto found = complete(store, indexed, [&] { return store.find(key); });
+    const auto expected = mapped->find(key);
     ASSERT_TRUE(ok(found)) << i;
     ASSERT_EQ(found->state, expected->state) << i;
     ASSERT_EQ(found->checksum, expected->checksum) << i;
@@ -183,7 +179,7 @@ TEST(Index, IsWrittenWithoutTheFileInMemory) {
   {
     TileWriter writer = create(path);
     for (std::uint64_t i = 0; i < kTiles; ++i) {
-      ASSERT_TRUE(ok(writer.append(0, {0, i}, Bytes(kTileBytes, std::byte{7}))));
+      ASSERT_TRUE(ok(writer.append({0, i}, Bytes(kTileBytes, std::byte{7}))));
       if (i % 1000 == 0) {
         ASSERT_TRUE(ok(writer.commit()));
       }
@@ -202,13 +198,13 @@ TEST_F(RangedStoreTest, AnIndexOfAnEarlierStateIsIgnored) {
     auto writer = TileWriter::resume(path_);
     ASSERT_TRUE(ok(writer));
     const TileKey key{2, kTiles + 5};
-    ASSERT_TRUE(ok(writer->append(0, key, tile_bytes(0, key, 500))));
+    ASSERT_TRUE(ok(writer->append(key, tile_bytes(key, 500))));
     ASSERT_TRUE(ok(writer->close()));
   }
   const Bytes resumed = read_file(path_);
   RangedStore store("ranged.slf", resumed.size());
   ASSERT_TRUE(ok(complete(store, resumed, [&] { return store.open(); })));
-  const auto found = complete(store, resumed, [&] { return store.find(0, {2, kTiles + 5}); });
+  const auto found = complete(store, resumed, [&] { return store.find({2, kTiles + 5}); });
   ASSERT_TRUE(ok(found));
   EXPECT_EQ(found->state, TileState::stored);
 }
@@ -227,9 +223,9 @@ TEST_F(RangedStoreTest, ADamagedIndexIsIgnored) {
     ASSERT_TRUE(ok(complete(store, damaged, [&] { return store.open(); })));
     for (std::uint64_t i = 0; i < kTiles; i += 97) {
       const TileKey key{static_cast<std::uint8_t>(i / 1000), i};
-      const auto found = complete(store, damaged, [&] { return store.find(0, key); });
+      const auto found = complete(store, damaged, [&] { return store.find(key); });
       ASSERT_TRUE(ok(found));
-      ASSERT_EQ(found->checksum, mapped->find(0, key)->checksum);
+      ASSERT_EQ(found->checksum, mapped->find(key)->checksum);
     }
   }
 }

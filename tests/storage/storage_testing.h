@@ -23,9 +23,8 @@ namespace slf::storage::testing {
 using slf::testing::TemporaryFolder;
 
 /// Bytes that depend on the place and the seed, so that no two tiles are alike.
-inline Bytes tile_bytes(LayerId layer, TileKey key, std::size_t size, std::uint64_t seed = 0) {
-  std::mt19937_64 random(key.index * 0x9E3779B97F4A7C15u + key.level * 1000003u + layer * 7919u +
-                         seed);
+inline Bytes tile_bytes(TileKey key, std::size_t size, std::uint64_t seed = 0) {
+  std::mt19937_64 random(key.index * 0x9E3779B97F4A7C15u + key.level * 1000003u + seed);
   Bytes bytes(size);
   for (std::size_t i = 0; i < size; i += 8) {
     const std::uint64_t word = random();
@@ -52,9 +51,7 @@ inline void write_file(const std::string& path, ByteSpan bytes) {
             static_cast<std::streamsize>(bytes.size()));
 }
 
-inline const std::vector<std::string> kTwoLayers = {"color", "depth"};
-
-/// What a layer holds: empty bytes stand for an empty tile.
+/// What a container holds: empty bytes stand for an empty tile.
 using Model = std::map<TileKey, Bytes>;
 
 template <class T>
@@ -63,18 +60,17 @@ template <class T>
   return ::testing::AssertionFailure() << result.error().message;
 }
 
-inline TileWriter create(const std::string& path,
-                         const std::vector<std::string>& layers = kTwoLayers) {
+inline TileWriter create(const std::string& path) {
   const std::vector<std::pair<std::string, Bytes>> blobs = {{"manifest.json", bytes_of("{}")}};
-  auto writer = TileWriter::create(path, layers, blobs);
+  auto writer = TileWriter::create(path, blobs);
   EXPECT_TRUE(ok(writer));
   return std::move(writer.value());
 }
 
-/// Everything a layer gives when visited, payloads checked.
-inline Model contents(const TileStore& store, LayerId layer) {
+/// Everything it gives when visited, payloads checked.
+inline Model contents(const TileStore& store) {
   Model model;
-  const auto visited = store.visit(layer, {0, 0}, {255, 0}, [&](const TileRef& tile) {
+  const auto visited = store.visit({0, 0}, {255, 0}, [&](const TileRef& tile) {
     EXPECT_NE(tile.state, TileState::missing);
     EXPECT_TRUE(ok(store.check(tile)));
     EXPECT_TRUE(model.empty() || model.rbegin()->first < tile.key);
@@ -88,17 +84,17 @@ inline Model contents(const TileStore& store, LayerId layer) {
 /// find_all() gives, for the tiles of the model and some that are not there, in any order and
 /// repeatedly, exactly what find() gives. In a damaged file it may find more: a record that was
 /// reached by another of its tiles.
-inline void expect_finds_alike(const TileStore& store, LayerId layer, const Model& model) {
+inline void expect_finds_alike(const TileStore& store, const Model& model) {
   std::vector<TileKey> keys{{0, 0}, {7, 7}, {254, ~std::uint64_t{0}}};
   for (const auto& [key, bytes] : model) {
     keys.push_back(key);
     if (key.index % 5 == 0) keys.insert(keys.end(), {key, {key.level, key.index + 1}});
   }
   std::shuffle(keys.begin(), keys.end(), std::mt19937_64(keys.size()));
-  const auto all = store.find_all(layer, keys);
+  const auto all = store.find_all(keys);
   ASSERT_EQ(all.size(), keys.size());
   for (std::size_t i = 0; i < keys.size(); ++i) {
-    const auto one = store.find(layer, keys[i]);
+    const auto one = store.find(keys[i]);
     if (!one && all[i]) {
       const auto held = model.find(keys[i]);
       ASSERT_EQ(all[i]->state == TileState::missing, held == model.end());
@@ -109,7 +105,6 @@ inline void expect_finds_alike(const TileStore& store, LayerId layer, const Mode
     ASSERT_EQ(all[i].has_value(), one.has_value());
     if (!one) continue;
     EXPECT_EQ(all[i]->state, one->state);
-    EXPECT_EQ(all[i]->layer, layer);
     EXPECT_EQ(all[i]->key, keys[i]);
     EXPECT_EQ(all[i]->payload.data(), one->payload.data());
     EXPECT_EQ(all[i]->payload.size(), one->payload.size());
@@ -118,16 +113,16 @@ inline void expect_finds_alike(const TileStore& store, LayerId layer, const Mode
 }
 
 /// No finding, and find() agrees with the model for its tiles.
-inline void expect_holds(const std::string& path, LayerId layer, const Model& model) {
+inline void expect_holds(const std::string& path, const Model& model) {
   auto store = TileStore::open(path);
   ASSERT_TRUE(ok(store));
   std::vector<Error> findings;
   store->check_structure(findings);
   for (const Error& finding : findings) ADD_FAILURE() << finding.message;
-  EXPECT_EQ(contents(*store, layer), model);
-  expect_finds_alike(*store, layer, model);
+  EXPECT_EQ(contents(*store), model);
+  expect_finds_alike(*store, model);
   for (const auto& [key, bytes] : model) {
-    const auto tile = store->find(layer, key);
+    const auto tile = store->find(key);
     ASSERT_TRUE(ok(tile));
     EXPECT_EQ(tile->state, bytes.empty() ? TileState::empty : TileState::stored);
     EXPECT_TRUE(ok(store->check(*tile)));

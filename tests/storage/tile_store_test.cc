@@ -11,28 +11,23 @@ namespace {
 
 using ::testing::HasSubstr;
 
-TEST(TileStore, GivesBackTilesBlobsAndLayers) {
+TEST(TileStore, GivesBackTilesAndBlobs) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  Model color;
-  Model depth;
+  Model model;
   {
     TileWriter writer = create(path);
     for (std::uint64_t i = 0; i < 300; ++i) {
       const TileKey key{static_cast<std::uint8_t>(i / 100), i % 100 * 3};
-      color[key] = i % 7 == 0 ? Bytes{} : tile_bytes(0, key, 100 + 37 * i);
-      depth[key] = tile_bytes(1, key, 1 + i);
-      ASSERT_TRUE(ok(writer.append(0, key, color[key])));
-      ASSERT_TRUE(ok(writer.append(1, key, depth[key])));
+      model[key] = i % 7 == 0 ? Bytes{} : tile_bytes(key, 100 + 37 * i);
+      ASSERT_TRUE(ok(writer.append(key, model[key])));
     }
     ASSERT_TRUE(ok(writer.set_blob("notes", bytes_of("of a builder"))));
     ASSERT_TRUE(ok(writer.close()));
   }
-  expect_holds(path, 0, color);
-  expect_holds(path, 1, depth);
+  expect_holds(path, model);
   auto store = TileStore::open(path);
   ASSERT_TRUE(ok(store));
-  EXPECT_EQ(store->layers(), kTwoLayers);
   EXPECT_EQ(store->path(), path);
   EXPECT_EQ(store->file_bytes(), std::filesystem::file_size(path));
   const auto notes = store->blob("notes");
@@ -49,25 +44,23 @@ TEST(TileStore, TellsMissingFromEmpty) {
   const std::string path = folder / "a.slf";
   {
     TileWriter writer = create(path);
-    ASSERT_TRUE(ok(writer.append(0, {1, 10}, {})));
-    ASSERT_TRUE(ok(writer.append(0, {1, 12}, tile_bytes(0, {1, 12}, 5))));
-    ASSERT_TRUE(ok(writer.append(0, {1, 5000}, {})));
-    ASSERT_TRUE(ok(writer.append(0, {3, 0}, {})));
+    ASSERT_TRUE(ok(writer.append({1, 10}, {})));
+    ASSERT_TRUE(ok(writer.append({1, 12}, tile_bytes({1, 12}, 5))));
+    ASSERT_TRUE(ok(writer.append({1, 5000}, {})));
+    ASSERT_TRUE(ok(writer.append({3, 0}, {})));
     ASSERT_TRUE(ok(writer.close()));
   }
   auto store = TileStore::open(path);
   ASSERT_TRUE(ok(store));
-  const auto state = [&](LayerId layer, TileKey key) { return store->find(layer, key)->state; };
-  EXPECT_EQ(state(0, {1, 10}), TileState::empty);
-  EXPECT_EQ(state(0, {1, 12}), TileState::stored);
-  EXPECT_EQ(state(0, {1, 5000}), TileState::empty);
-  EXPECT_EQ(state(0, {3, 0}), TileState::empty);
+  const auto state = [&](TileKey key) { return store->find(key)->state; };
+  EXPECT_EQ(state({1, 10}), TileState::empty);
+  EXPECT_EQ(state({1, 12}), TileState::stored);
+  EXPECT_EQ(state({1, 5000}), TileState::empty);
+  EXPECT_EQ(state({3, 0}), TileState::empty);
   for (const TileKey key : {TileKey{0, 0}, TileKey{1, 0}, TileKey{1, 9}, TileKey{1, 11},
                             TileKey{1, 13}, TileKey{1, 4999}, TileKey{1, 5001}, TileKey{2, 0},
                             TileKey{3, 1}, TileKey{255, ~std::uint64_t{0}}})
-    EXPECT_EQ(state(0, key), TileState::missing) << int{key.level} << "/" << key.index;
-  EXPECT_EQ(state(1, {1, 10}), TileState::missing);
-  EXPECT_EQ(store->find(2, {0, 0}).error().code, ErrorCode::usage);
+    EXPECT_EQ(state(key), TileState::missing) << int{key.level} << "/" << key.index;
 }
 
 TEST(TileStore, HoldsIndexesOf64Bits) {
@@ -75,17 +68,17 @@ TEST(TileStore, HoldsIndexesOf64Bits) {
   const std::string path = folder / "a.slf";
   Model model;
   {
-    TileWriter writer = create(path, {"color"});
+    TileWriter writer = create(path);
     const std::uint64_t top = ~std::uint64_t{0};
     for (const TileKey key :
          {TileKey{0, 0}, TileKey{0, 1u << 31}, TileKey{0, std::uint64_t{1} << 32},
           TileKey{0, top - 1}, TileKey{0, top}, TileKey{1, 0}, TileKey{254, top}}) {
-      model[key] = tile_bytes(0, key, 33);
-      ASSERT_TRUE(ok(writer.append(0, key, model[key])));
+      model[key] = tile_bytes(key, 33);
+      ASSERT_TRUE(ok(writer.append(key, model[key])));
     }
     ASSERT_TRUE(ok(writer.close()));
   }
-  expect_holds(path, 0, model);
+  expect_holds(path, model);
 }
 
 TEST(TileStore, HoldsTilesOfAllSizes) {
@@ -93,38 +86,38 @@ TEST(TileStore, HoldsTilesOfAllSizes) {
   const std::string path = folder / "a.slf";
   Model model;
   {
-    TileWriter writer = create(path, {"color"});
+    TileWriter writer = create(path);
     std::uint64_t index = 0;
     for (const std::size_t size : {0u, 1u, 7u, 8u, 9u, 126u, 127u, 128u, 2000u, 4079u, 4080u, 4081u,
                                    16382u, 16383u, 65520u, 65536u, 262128u, 262129u, 1u << 20})
       for (int repeat = 0; repeat < 3; ++repeat) {
         const TileKey key{0, index++};
-        model[key] = tile_bytes(0, key, size);
-        ASSERT_TRUE(ok(writer.append(0, key, model[key])));
+        model[key] = tile_bytes(key, size);
+        ASSERT_TRUE(ok(writer.append(key, model[key])));
       }
     ASSERT_TRUE(ok(writer.close()));
   }
-  expect_holds(path, 0, model);
+  expect_holds(path, model);
   auto store = TileStore::open(path);
   ASSERT_TRUE(ok(store));
   for (const auto& [key, bytes] : model)
-    EXPECT_EQ(reinterpret_cast<std::uintptr_t>(store->find(0, key)->payload.data()) % 8, 0u);
+    EXPECT_EQ(reinterpret_cast<std::uintptr_t>(store->find(key)->payload.data()) % 8, 0u);
 }
 
 TEST(TileStore, VisitsHalfOpenRanges) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
   {
-    TileWriter writer = create(path, {"color"});
+    TileWriter writer = create(path);
     for (std::uint64_t i = 0; i < 5000; ++i)
-      ASSERT_TRUE(ok(writer.append(0, {2, i}, tile_bytes(0, {2, i}, 50))));
+      ASSERT_TRUE(ok(writer.append({2, i}, tile_bytes({2, i}, 50))));
     ASSERT_TRUE(ok(writer.close()));
   }
   auto store = TileStore::open(path);
   ASSERT_TRUE(ok(store));
   const auto count = [&](TileKey from, TileKey to) {
     std::uint64_t n = 0;
-    EXPECT_TRUE(ok(store->visit(0, from, to, [&](const TileRef& tile) {
+    EXPECT_TRUE(ok(store->visit(from, to, [&](const TileRef& tile) {
       EXPECT_TRUE(from <= tile.key && tile.key < to);
       ++n;
       return Result<void>();
@@ -137,7 +130,7 @@ TEST(TileStore, VisitsHalfOpenRanges) {
   EXPECT_EQ(count({2, 4999}, {9, 0}), 1u);
   EXPECT_EQ(count({2, 5000}, {9, 0}), 0u);
   EXPECT_EQ(count({2, 7}, {2, 7}), 0u);
-  const auto stopped = store->visit(0, {0, 0}, {9, 0}, [](const TileRef&) -> Result<void> {
+  const auto stopped = store->visit({0, 0}, {9, 0}, [](const TileRef&) -> Result<void> {
     return fail(ErrorCode::failed, "enough");
   });
   EXPECT_EQ(stopped.error().message, "enough");
@@ -150,12 +143,12 @@ TEST(TileStore, CountsTilesPerLevel) {
     TileWriter writer = create(path);
     for (std::uint8_t level = 0; level < 3; ++level)
       for (std::uint64_t i = 0; i < 100u * (level + 1u); ++i)
-        ASSERT_TRUE(ok(writer.append(0, {level, i}, Bytes(i % 4 * 10, std::byte{1}))));
+        ASSERT_TRUE(ok(writer.append({level, i}, Bytes(i % 4 * 10, std::byte{1}))));
     ASSERT_TRUE(ok(writer.close()));
   }
   auto store = TileStore::open(path);
   ASSERT_TRUE(ok(store));
-  const auto levels = store->statistics(0);
+  const auto levels = store->statistics();
   ASSERT_TRUE(ok(levels));
   ASSERT_EQ(levels->size(), 3u);
   for (std::uint8_t level = 0; level < 3; ++level) {
@@ -168,24 +161,23 @@ TEST(TileStore, CountsTilesPerLevel) {
     EXPECT_EQ(found.records, 1u);
     EXPECT_GT(found.record_bytes, found.payload_bytes);
   }
-  EXPECT_TRUE(store->statistics(1)->empty());
 }
 
 TEST(TileStore, RangeAdviseAndReleaseConcernThePayload) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  const Bytes payload = tile_bytes(0, {0, 1}, 30000);
+  const Bytes payload = tile_bytes({0, 1}, 30000);
   {
-    TileWriter writer = create(path, {"color"});
-    ASSERT_TRUE(ok(writer.append(0, {0, 0}, {})));
-    ASSERT_TRUE(ok(writer.append(0, {0, 1}, payload)));
-    ASSERT_TRUE(ok(writer.append(0, {0, 2}, payload)));
+    TileWriter writer = create(path);
+    ASSERT_TRUE(ok(writer.append({0, 0}, {})));
+    ASSERT_TRUE(ok(writer.append({0, 1}, payload)));
+    ASSERT_TRUE(ok(writer.append({0, 2}, payload)));
     ASSERT_TRUE(ok(writer.close()));
   }
   auto store = TileStore::open(path);
   ASSERT_TRUE(ok(store));
   std::vector<TileRef> tiles;
-  for (std::uint64_t i = 3; i-- > 0;) tiles.push_back(*store->find(0, {0, i}));
+  for (std::uint64_t i = 3; i-- > 0;) tiles.push_back(*store->find({0, i}));
   const FileRange range = store->range(tiles[1]);
   EXPECT_EQ(range.end - range.begin, payload.size());
   const Bytes file = read_file(path);
@@ -200,20 +192,20 @@ TEST(TileStore, RangeAdviseAndReleaseConcernThePayload) {
 TEST(TileStore, CopiesAPayloadPastTheMapAndChecksIt) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  const Bytes payload = tile_bytes(0, {0, 0}, 30000);
+  const Bytes payload = tile_bytes({0, 0}, 30000);
   {
-    TileWriter writer = create(path, {"color"});
-    ASSERT_TRUE(ok(writer.append(0, {0, 0}, payload)));
-    ASSERT_TRUE(ok(writer.append(0, {0, 1}, {})));
+    TileWriter writer = create(path);
+    ASSERT_TRUE(ok(writer.append({0, 0}, payload)));
+    ASSERT_TRUE(ok(writer.append({0, 1}, {})));
     ASSERT_TRUE(ok(writer.close()));
   }
   const auto store = TileStore::open(path);
   ASSERT_TRUE(ok(store));
-  const TileRef tile = *store->find(0, {0, 0});
+  const TileRef tile = *store->find({0, 0});
   Bytes copy(payload.size());
   EXPECT_TRUE(ok(store->copy(tile, copy)));
   EXPECT_EQ(copy, payload);
-  EXPECT_TRUE(ok(store->copy(*store->find(0, {0, 1}), {})));
+  EXPECT_TRUE(ok(store->copy(*store->find({0, 1}), {})));
 
   Bytes file = read_file(path);
   const FileRange range = store->range(tile);
@@ -221,7 +213,7 @@ TEST(TileStore, CopiesAPayloadPastTheMapAndChecksIt) {
   write_file(folder / "damaged.slf", file);
   const auto damaged = TileStore::open(folder / "damaged.slf");
   ASSERT_TRUE(ok(damaged));
-  EXPECT_EQ(damaged->copy(*damaged->find(0, {0, 0}), copy).error().code, ErrorCode::bad_file);
+  EXPECT_EQ(damaged->copy(*damaged->find({0, 0}), copy).error().code, ErrorCode::bad_file);
 
   ASSERT_EQ(truncate(path.c_str(), static_cast<off_t>(range.begin + 20000)), 0);
   const auto shrunk = store->copy(tile, copy);
@@ -260,25 +252,25 @@ TEST(TileStore, SaysWhatIsWrongWithAFile) {
 TEST(TileStore, FindsAPayloadThatMoved) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  const Bytes one = tile_bytes(0, {0, 0}, 64);
+  const Bytes one = tile_bytes({0, 0}, 64);
   {
-    TileWriter writer = create(path, {"color"});
-    ASSERT_TRUE(ok(writer.append(0, {0, 0}, one)));
-    ASSERT_TRUE(ok(writer.append(0, {0, 1}, one)));
+    TileWriter writer = create(path);
+    ASSERT_TRUE(ok(writer.append({0, 0}, one)));
+    ASSERT_TRUE(ok(writer.append({0, 1}, one)));
     ASSERT_TRUE(ok(writer.close()));
   }
   auto store = TileStore::open(path);
   ASSERT_TRUE(ok(store));
-  TileRef first = *store->find(0, {0, 0});
-  const TileRef second = *store->find(0, {0, 1});
+  TileRef first = *store->find({0, 0});
+  const TileRef second = *store->find({0, 1});
   EXPECT_NE(first.checksum, second.checksum);
   first.payload = second.payload;
-  EXPECT_TRUE(ok(store->check(first)));  // the same bytes at the same place in the layer
+  EXPECT_TRUE(ok(store->check(first)));  // the same bytes at the same place
   first.checksum = second.checksum;
   const auto moved = store->check(first);
   ASSERT_FALSE(moved);
   EXPECT_EQ(moved.error().code, ErrorCode::bad_file);
-  EXPECT_THAT(moved.error().message, HasSubstr("layer color, tile 0/0"));
+  EXPECT_THAT(moved.error().message, HasSubstr("tile 0/0"));
 }
 
 }  // namespace

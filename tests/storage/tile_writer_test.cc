@@ -15,11 +15,9 @@ TEST(TileWriter, RefusesWhatItShould) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
   TileWriter writer = create(path);
-  ASSERT_TRUE(ok(writer.append(0, {1, 5}, {})));
+  ASSERT_TRUE(ok(writer.append({1, 5}, {})));
   for (const TileKey key : {TileKey{1, 5}, TileKey{1, 4}, TileKey{0, 9}, TileKey{255, 0}})
-    EXPECT_EQ(writer.append(0, key, {}).error().code, ErrorCode::usage);
-  EXPECT_TRUE(ok(writer.append(1, {0, 0}, {})));
-  EXPECT_EQ(writer.append(2, {9, 0}, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer.append(key, {}).error().code, ErrorCode::usage);
   EXPECT_EQ(writer.set_blob("", {}).error().code, ErrorCode::usage);
   EXPECT_EQ(writer.set_blob("container", {}).error().code, ErrorCode::usage);
   EXPECT_EQ(writer.set_blob(std::string(256, 'x'), {}).error().code, ErrorCode::usage);
@@ -28,17 +26,9 @@ TEST(TileWriter, RefusesWhatItShould) {
   EXPECT_EQ(writer.commit().error().code, ErrorCode::usage);
   EXPECT_TRUE(ok(TileStore::open(path)->blob(std::string(255, 'x'))));
 
-  EXPECT_EQ(TileWriter::create(path, kTwoLayers, {}).error().code, ErrorCode::usage);
-  for (const std::vector<std::string>& layers : {std::vector<std::string>{},
-                                                 {""},
-                                                 {"a", "a"},
-                                                 {"manifest"},
-                                                 {std::string(65, 'x')},
-                                                 std::vector<std::string>(65, "x")})
-    EXPECT_EQ(TileWriter::create(folder / "b", layers, {}).error().code, ErrorCode::usage);
-  EXPECT_EQ(TileWriter::create(folder / "no/b", kTwoLayers, {}).error().code, ErrorCode::not_found);
+  EXPECT_EQ(TileWriter::create(path, {}).error().code, ErrorCode::usage);
+  EXPECT_EQ(TileWriter::create(folder / "no/b", {}).error().code, ErrorCode::not_found);
   EXPECT_EQ(TileWriter::resume(folder / "c").error().code, ErrorCode::not_found);
-  EXPECT_FALSE(std::filesystem::exists(folder / "b.new"));
 }
 
 std::string bytes_of_file(const std::string& path) {
@@ -51,31 +41,31 @@ TEST(TileWriter, TilesOfAnotherContainerAreWrittenAsIfTheyWereAppended) {
   const std::string from = folder / "from.slf";
   const auto size = [](std::uint64_t i) { return i % 5 == 0 ? 0 : i * 7919 % 3000; };
   {
-    TileWriter writer = create(from, {"color"});
+    TileWriter writer = create(from);
     for (std::uint64_t i = 0; i < 500; ++i)
-      ASSERT_TRUE(ok(writer.append(0, {0, i}, tile_bytes(0, {0, i}, size(i)))));
+      ASSERT_TRUE(ok(writer.append({0, i}, tile_bytes({0, i}, size(i)))));
     ASSERT_TRUE(ok(writer.close()));
   }
-  TileWriter writer = create(folder / "to.slf", {"color"});
+  TileWriter writer = create(folder / "to.slf");
   {
     const auto store = TileStore::open(from);
     ASSERT_TRUE(store);
     for (std::uint64_t i = 0; i < 500; ++i) {
-      const auto tile = store->find(0, {0, i});
+      const auto tile = store->find({0, i});
       ASSERT_TRUE(tile);
       ASSERT_TRUE(ok(store->check(*tile)));
       ASSERT_TRUE(ok(writer.append_view(*tile)));
     }
-    EXPECT_EQ(writer.append_view({TileState::empty, 0, {0, 4}, {}, 0}).error().code,
+    EXPECT_EQ(writer.append_view({TileState::empty, {0, 4}, {}, 0}).error().code,
               ErrorCode::usage);
     writer.copy_viewed_payloads();
   }
   std::filesystem::resize_file(from, 0);  // nothing is read from it any more
   ASSERT_TRUE(ok(writer.close()));
 
-  TileWriter again = create(folder / "again.slf", {"color"});
+  TileWriter again = create(folder / "again.slf");
   for (std::uint64_t i = 0; i < 500; ++i)
-    ASSERT_TRUE(ok(again.append(0, {0, i}, tile_bytes(0, {0, i}, size(i)))));
+    ASSERT_TRUE(ok(again.append({0, i}, tile_bytes({0, i}, size(i)))));
   ASSERT_TRUE(ok(again.close()));
   EXPECT_EQ(bytes_of_file(folder / "to.slf"), bytes_of_file(folder / "again.slf"));
 }
@@ -89,7 +79,7 @@ TEST(TileWriter, ASecondWriterIsRefusedAtOnce) {
     ASSERT_FALSE(second);
     EXPECT_EQ(second.error().code, ErrorCode::busy);
     EXPECT_THAT(second.error().message, HasSubstr("another writer"));
-    EXPECT_TRUE(ok(writer.append(0, {0, 0}, {})));
+    EXPECT_TRUE(ok(writer.append({0, 0}, {})));
     EXPECT_TRUE(ok(writer.close()));
   }
   EXPECT_TRUE(ok(TileWriter::resume(path)));
@@ -101,25 +91,25 @@ TEST(TileWriter, WithoutCloseDropsWhatWasNotCommitted) {
   Model model;
   std::optional<TileKey> last;
   {
-    TileWriter writer = create(path, {"color"});
+    TileWriter writer = create(path);
     for (std::uint64_t i = 0; i < 2000; ++i) {
       if (i == 1000) {
         ASSERT_TRUE(ok(writer.commit()));
-        last = *writer.last(0);
+        last = writer.last();
         ASSERT_TRUE(last);
       }
       const TileKey key{0, i};
-      const Bytes bytes = tile_bytes(0, key, 300);
-      ASSERT_TRUE(ok(writer.append(0, key, bytes)));
+      const Bytes bytes = tile_bytes(key, 300);
+      ASSERT_TRUE(ok(writer.append(key, bytes)));
       if (i < 1000) model[key] = bytes;
     }
     EXPECT_GT(writer.pending_bytes(), 0u);
   }
   std::erase_if(model, [&](const auto& tile) { return tile.first > *last; });
-  expect_holds(path, 0, model);
+  expect_holds(path, model);
   auto writer = TileWriter::resume(path);
   ASSERT_TRUE(ok(writer));
-  EXPECT_EQ(*writer->last(0), last);
+  EXPECT_EQ(writer->last(), last);
 }
 
 TEST(TileWriter, CutsTheSameRecordsWhateverTheCommits) {
@@ -127,20 +117,20 @@ TEST(TileWriter, CutsTheSameRecordsWhateverTheCommits) {
   std::vector<std::pair<TileKey, Bytes>> tiles;
   for (std::uint64_t i = 0; i < 900; ++i) {
     const TileKey key{static_cast<std::uint8_t>(i / 400), i % 400 * (i > 800 ? 30 : 1)};
-    tiles.emplace_back(key, tile_bytes(0, key, i * 7919 % 6000));
+    tiles.emplace_back(key, tile_bytes(key, i * 7919 % 6000));
   }
   const auto build = [&](const std::string& path, std::size_t commit_every, bool reopen) {
-    std::optional<TileWriter> writer = create(path, {"color"});
+    std::optional<TileWriter> writer = create(path);
     std::size_t since = 0;
     for (std::size_t i = 0; i < tiles.size(); ++i) {
-      EXPECT_TRUE(ok(writer->append(0, tiles[i].first, tiles[i].second)));
+      EXPECT_TRUE(ok(writer->append(tiles[i].first, tiles[i].second)));
       if (++since < commit_every) continue;
       since = 0;
       EXPECT_TRUE(ok(writer->commit()));
       if (!reopen) continue;
       writer.reset();
       writer = std::move(TileWriter::resume(path).value());
-      const auto last = *writer->last(0);
+      const auto last = writer->last();
       while (last && tiles[i].first > *last) --i;
     }
     EXPECT_TRUE(ok(writer->close()));
@@ -150,7 +140,7 @@ TEST(TileWriter, CutsTheSameRecordsWhateverTheCommits) {
     std::vector<std::pair<std::uint64_t, std::uint64_t>> result;
     auto store = TileStore::open(path);
     std::uint64_t end = 0;
-    EXPECT_TRUE(ok(store->visit(0, {0, 0}, {9, 0}, [&](const TileRef& tile) {
+    EXPECT_TRUE(ok(store->visit({0, 0}, {9, 0}, [&](const TileRef& tile) {
       const FileRange range = store->range(tile);
       if (tile.state == TileState::stored && (range.begin < end || range.begin > end + 8))
         result.emplace_back(tile.key.level, tile.key.index);
@@ -169,8 +159,8 @@ TEST(TileWriter, CutsTheSameRecordsWhateverTheCommits) {
   }
   build(folder / "reopened", 310, true);
   EXPECT_EQ(cuts(folder / "reopened"), expected);
-  EXPECT_EQ(contents(*TileStore::open(folder / "reopened"), 0),
-            contents(*TileStore::open(folder / "once"), 0));
+  EXPECT_EQ(contents(*TileStore::open(folder / "reopened")),
+            contents(*TileStore::open(folder / "once")));
 }
 
 TEST(TileWriter, ReplacesTilesOfAllStates) {
@@ -178,11 +168,11 @@ TEST(TileWriter, ReplacesTilesOfAllStates) {
   const std::string path = folder / "a.slf";
   Model model;
   {
-    TileWriter writer = create(path, {"color"});
+    TileWriter writer = create(path);
     for (std::uint64_t i = 0; i < 600; ++i) {
       const TileKey key{static_cast<std::uint8_t>(i / 300), i % 300 * 2};
-      model[key] = tile_bytes(0, key, 500);
-      ASSERT_TRUE(ok(writer.append(0, key, model[key])));
+      model[key] = tile_bytes(key, 500);
+      ASSERT_TRUE(ok(writer.append(key, model[key])));
     }
     ASSERT_TRUE(ok(writer.close()));
   }
@@ -190,8 +180,8 @@ TEST(TileWriter, ReplacesTilesOfAllStates) {
     auto writer = TileWriter::resume(path);
     ASSERT_TRUE(ok(writer));
     const auto set = [&](TileKey key, TileState state, std::size_t size) {
-      const Bytes bytes = tile_bytes(0, key, size, 99);
-      ASSERT_TRUE(ok(writer->replace(0, key, state, bytes)));
+      const Bytes bytes = tile_bytes(key, size, 99);
+      ASSERT_TRUE(ok(writer->replace(key, state, bytes)));
       model.erase(key);
       if (state != TileState::missing) model[key] = bytes;
     };
@@ -202,15 +192,14 @@ TEST(TileWriter, ReplacesTilesOfAllStates) {
     set({1, 0}, TileState::stored, 1);
     set({1, 598}, TileState::missing, 0);
     set({1, 598}, TileState::stored, 12);
-    EXPECT_EQ(writer->replace(0, {1, 599}, TileState::empty, {}).error().code, ErrorCode::usage);
-    EXPECT_EQ(writer->replace(0, {0, 599}, TileState::empty, {}).error().code, ErrorCode::usage);
-    EXPECT_EQ(writer->replace(0, {1, 0}, TileState::stored, {}).error().code, ErrorCode::usage);
-    EXPECT_EQ(writer->replace(1, {1, 0}, TileState::empty, {}).error().code, ErrorCode::usage);
-    ASSERT_TRUE(ok(writer->append(0, {1, 600}, {})));
+    EXPECT_EQ(writer->replace({1, 599}, TileState::empty, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace({0, 599}, TileState::empty, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace({1, 0}, TileState::stored, {}).error().code, ErrorCode::usage);
+    ASSERT_TRUE(ok(writer->append({1, 600}, {})));
     ASSERT_TRUE(ok(writer->close()));
     model[{1, 600}] = {};
   }
-  expect_holds(path, 0, model);
+  expect_holds(path, model);
 }
 
 TEST(TileWriter, FillsHolesBeforeARecord) {
@@ -218,10 +207,10 @@ TEST(TileWriter, FillsHolesBeforeARecord) {
   const std::string path = folder / "a.slf";
   Model model;
   {
-    TileWriter writer = create(path, {"color"});
+    TileWriter writer = create(path);
     for (const TileKey key : {TileKey{0, 7}, TileKey{0, 9}, TileKey{1, 5}, TileKey{1, 20000000}}) {
-      model[key] = tile_bytes(0, key, 300);
-      ASSERT_TRUE(ok(writer.append(0, key, model[key])));
+      model[key] = tile_bytes(key, 300);
+      ASSERT_TRUE(ok(writer.append(key, model[key])));
       writer.end_records();
     }
     ASSERT_TRUE(ok(writer.close()));
@@ -231,14 +220,14 @@ TEST(TileWriter, FillsHolesBeforeARecord) {
     ASSERT_TRUE(ok(writer));
     for (const TileKey key : {TileKey{0, 8}, TileKey{0, 6}, TileKey{0, 2}, TileKey{0, 7},
                               TileKey{1, 0}, TileKey{0, 3}, TileKey{1, 4}}) {
-      model[key] = tile_bytes(0, key, 400, 9);
-      ASSERT_TRUE(ok(writer->replace(0, key, TileState::stored, model[key])));
+      model[key] = tile_bytes(key, 400, 9);
+      ASSERT_TRUE(ok(writer->replace(key, TileState::stored, model[key])));
     }
-    EXPECT_EQ(writer->replace(0, {1, 6}, TileState::empty, {}).error().code, ErrorCode::usage);
-    EXPECT_EQ(writer->replace(0, {0, 10}, TileState::empty, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace({1, 6}, TileState::empty, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace({0, 10}, TileState::empty, {}).error().code, ErrorCode::usage);
     ASSERT_TRUE(ok(writer->close()));
   }
-  expect_holds(path, 0, model);
+  expect_holds(path, model);
 }
 
 // The number of the last commit, from the meta pages.
@@ -251,32 +240,30 @@ std::uint64_t transaction(const std::string& path) {
 TEST(TileWriter, ReplacesManyTilesInOneCommitAndTouchesNoOtherRecord) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
-  std::vector<Model> model(2);
+  Model model;
   {
     TileWriter writer = create(path);
-    for (std::uint64_t i = 0; i < 600; ++i)
-      for (LayerId layer = 0; layer < 2; ++layer) {
-        model[layer][{1, i}] = tile_bytes(layer, {1, i}, 1000);
-        ASSERT_TRUE(ok(writer.append(layer, {1, i}, model[layer][{1, i}])));
-      }
+    for (std::uint64_t i = 0; i < 600; ++i) {
+      model[{1, i}] = tile_bytes({1, i}, 1000);
+      ASSERT_TRUE(ok(writer.append({1, i}, model[{1, i}])));
+    }
     ASSERT_TRUE(ok(writer.close()));
   }
   const std::uint64_t before = transaction(path);
-  const auto places = [&](LayerId layer) {
+  const auto places = [&] {
     std::vector<std::uint64_t> found;
     auto store = TileStore::open(path);
-    for (const auto& [key, bytes] : model[layer])
-      found.push_back(store->range(*store->find(layer, key)).begin);
+    for (const auto& [key, bytes] : model) found.push_back(store->range(*store->find(key)).begin);
     return found;
   };
-  const auto color = places(0), depth = places(1);
+  const auto old = places();
   {
     auto writer = TileWriter::resume(path);
     ASSERT_TRUE(ok(writer));
     std::uint64_t pending = 0;
     for (const std::uint64_t i : {599u, 3u, 200u, 201u, 4u, 200u}) {
-      model[1][{1, i}] = tile_bytes(1, {1, i}, 900, 5 + pending);
-      ASSERT_TRUE(ok(writer->replace(1, {1, i}, TileState::stored, model[1][{1, i}])));
+      model[{1, i}] = tile_bytes({1, i}, 900, 5 + pending);
+      ASSERT_TRUE(ok(writer->replace({1, i}, TileState::stored, model[{1, i}])));
       EXPECT_GT(writer->pending_bytes(), pending);
       pending = writer->pending_bytes();
     }
@@ -284,15 +271,13 @@ TEST(TileWriter, ReplacesManyTilesInOneCommitAndTouchesNoOtherRecord) {
     ASSERT_TRUE(ok(writer->commit()));
     EXPECT_EQ(writer->pending_bytes(), 0u);
     EXPECT_EQ(transaction(path), before + 1);
-    ASSERT_TRUE(ok(writer->replace(1, {1, 5}, TileState::empty, {})));  // and is then dropped
+    ASSERT_TRUE(ok(writer->replace({1, 5}, TileState::empty, {})));  // and is then dropped
   }
-  expect_holds(path, 0, model[0]);
-  expect_holds(path, 1, model[1]);
-  EXPECT_EQ(places(0), color);
-  const auto now = places(1);
-  EXPECT_NE(now[3], depth[3]);
-  EXPECT_NE(now[599], depth[599]);
-  EXPECT_EQ(now[400], depth[400]);
+  expect_holds(path, model);
+  const auto now = places();
+  EXPECT_NE(now[3], old[3]);
+  EXPECT_NE(now[599], old[599]);
+  EXPECT_EQ(now[400], old[400]);
 }
 
 TEST(TileWriter, OverwritesBlobs) {
@@ -300,7 +285,7 @@ TEST(TileWriter, OverwritesBlobs) {
   const std::string path = folder / "a.slf";
   TileWriter writer = create(path);
   for (const std::size_t size : {10u, 100000u, 0u, 2000u}) {
-    const Bytes bytes = tile_bytes(0, {0, size}, size);
+    const Bytes bytes = tile_bytes({0, size}, size);
     ASSERT_TRUE(ok(writer.set_blob("b", bytes)));
     ASSERT_TRUE(ok(writer.commit()));
     auto store = TileStore::open(path);
@@ -319,17 +304,17 @@ TEST(TileWriter, GrowsItsMap) {
   const std::string path = folder / "a.slf";
   Model model;
   {
-    TileWriter writer = create(path, {"color"});
+    TileWriter writer = create(path);
     for (std::uint64_t i = 0; i < 40; ++i) {
-      model[{0, i}] = tile_bytes(0, {0, i}, 1 << 20);
-      ASSERT_TRUE(ok(writer.append(0, {0, i}, model[{0, i}])));
+      model[{0, i}] = tile_bytes({0, i}, 1 << 20);
+      ASSERT_TRUE(ok(writer.append({0, i}, model[{0, i}])));
       if (i == 3) {
         ASSERT_TRUE(ok(writer.commit()));
       }
     }
     ASSERT_TRUE(ok(writer.close()));
   }
-  expect_holds(path, 0, model);
+  expect_holds(path, model);
 }
 
 }  // namespace

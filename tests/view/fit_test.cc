@@ -51,7 +51,7 @@ TEST_F(Fit, QualityIsReducedBeforeLevels) {
   const auto smaller = fit(field_->file_bytes() * 2 / 3);
   ASSERT_TRUE(smaller) << error_;
   EXPECT_EQ(smaller->shape().levels, 1u);
-  EXPECT_TRUE(smaller->layers()[0].codec.starts_with("predictive:")) << smaller->layers()[0].codec;
+  EXPECT_TRUE(smaller->codec().starts_with("predictive:")) << smaller->codec();
 }
 
 TEST_F(Fit, NothingIsWrittenThatTheEstimateSaysIsTooLarge) {
@@ -66,15 +66,31 @@ TEST_F(Fit, TheLastResultSaysHowSmallItIs) {
   EXPECT_NE(error_.find("there is room for 1000"), std::string::npos) << error_;
 }
 
+TEST_F(Fit, HalfFloatsLoseQualityOnlyWithDepth) {
+  for (const bool depth : {true, false}) {
+    auto options = testing::lossless_options(2, 5, 1);
+    options.half = true;
+    options.depth = depth;
+    field_ = testing::build_and_open(testing::stripes(), folder_ / "half.slf", options);
+    ASSERT_TRUE(field_);
+    const auto smaller = fit(field_->file_bytes() * 2 / 3);
+    ASSERT_TRUE(smaller) << error_;
+    // jpeg, which would hold colour alone, holds no half floats.
+    EXPECT_EQ(smaller->codec().starts_with("predictive:"), depth) << smaller->codec();
+    EXPECT_EQ(smaller->shape().levels, depth ? 1u : 0u);
+    std::filesystem::remove(folder_ / "half.slf");
+  }
+}
+
 TEST_F(Fit, WhatTheOptionsFixStays) {
   RepackOptions options;
   options.levels = 1;
-  options.color_codec = "jpeg:50";
+  options.codec = "jpeg:50";
   EXPECT_FALSE(fit(1000, options));
   const auto larger = fit(field_->file_bytes(), options);
   ASSERT_TRUE(larger) << error_;
   EXPECT_EQ(larger->shape().levels, 1u);
-  EXPECT_EQ(larger->layers()[0].codec, "jpeg:50");
+  EXPECT_EQ(larger->codec(), "jpeg:50");
 }
 
 }  // namespace

@@ -81,10 +81,10 @@ class PageTest(unittest.TestCase):
         lattice = ["--entry", 4, "--exit", 16]
         recipes = {
             "opaque": ["scene:balls", "--levels", 2],  # predictive
-            "translucent": ["scene:fog", "--color-codec", "zstd", "--depth-codec", "raw",
+            "translucent": ["scene:fog", "--codec", "zstd",
                             "--levels", 1],
             "lit": [path("cube.raw"), "--dims", "24x24x24", "--lighting", "shadowed", "--levels", 1,
-                    "--color-type", "half", "--color-codec", "zstd", "--depth-codec", "zstd"],
+                    "--color-type", "half", "--codec", "zstd"],
         }
         fields = []
         for name, recipe in recipes.items():
@@ -92,7 +92,7 @@ class PageTest(unittest.TestCase):
             slf("build", *recipe, "-o", fields[-1], "-f", *lattice)
         fields.append(path("partial.slf"))
         slf("repack", fields[0], "-o", fields[-1], "-f", "--subfields", "0-40", "--levels", 1,
-            "--color-codec", "jpeg:90", "--depth-codec", "zstd")
+            "--codec", "jpeg:90")
         return fields
 
     def psnr(self, page, field, view, mode, level, fragment="", options=()):

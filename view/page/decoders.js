@@ -89,7 +89,7 @@ export class Decoders {
     return {...message, references, forget};
   }
 
-  // Resolves to the samples of a tile in a layer. `part` is {layer, level, entry, exit, payload};
+  // Resolves to the samples of a tile. `part` is {level, entry, exit, payload};
   // Field.references() has verified the payload. Each of `references` is {page, entry, exit,
   // samples}; an empty tile has samples of length 0. Fails if the payload is damaged.
   decode(part, references) {

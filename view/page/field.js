@@ -5,7 +5,7 @@
 
 import {kDone, kNeedsBytes, Native} from './module.js';
 
-export const kMissing = 0, kEmpty = 1, kStored = 2, kDamaged = 4;  // states of tiles in a layer
+export const kMissing = 0, kEmpty = 1, kStored = 2, kDamaged = 4;  // states of tiles
 
 const kFirstRays = 64;             // across the picture, that choose the first tiles
 const kMaxTableEntries = 1 << 24;  // numbers in the tables, and in the page table
@@ -58,23 +58,14 @@ export class Field {
     await this.complete((c) => c.slf_open());
     this.manifestBytes = this.native.textBytes();
     this.manifest = JSON.parse(new TextDecoder().decode(this.manifestBytes));
-    const {layers} = this.manifest;
-    this.color = layers.findIndex((layer) => layer.name === 'color');
-    this.depth = layers.findIndex((layer) => layer.name === 'depth');
-    // Whether one layer has both colours and depths.
-    this.together = layers[this.color].format.endsWith('_depth8');
-    this.layers = [this.color, this.together ? -1 : this.depth].filter((layer) => layer >= 0);
-    this.predicts = layers[this.color].codec.startsWith('predictive');
+    this.predicts = this.manifest.codec.startsWith('predictive');
     // Whether colours are linear radiance, so that pictures need tone mapping.
     const light = this.manifest.provenance?.lighting;
     this.radiance = light?.linear === true && light.mode !== 'direct';
-    this.tables = layers.map(() => null);
-    for (const layer of this.layers) {
-      await this.complete((c) => c.slf_tables(layer));
-      this.tables[layer] = this.native.textBytes();
-      this.native.fill(this.tables[layer]);
-      this.native.check(this.native.calls.slf_codec(layer));
-    }
+    await this.complete((c) => c.slf_tables());
+    this.tables = this.native.textBytes();
+    this.native.fill(this.tables);
+    this.native.check(this.native.calls.slf_codec());
     this.shape = this.makeShape();
   }
 
@@ -83,9 +74,8 @@ export class Field {
     const m = this.manifest, {calls} = this.native, deeper = m.entry_depth;
     const side = m.entry_side >> deeper;
     const shape = {
-      entrySide: m.entry_side, exitSide: m.exit_side, hasDepth: this.together || this.depth >= 0,
-      levels: -1,
-      half: m.layers[this.color].format.startsWith('rgba16f'), rowBits: 0, pages: 0,
+      entrySide: m.entry_side, exitSide: m.exit_side, hasDepth: m.format.endsWith('_depth8'), levels: -1,
+      half: m.format.startsWith('rgba16f'), rowBits: 0, pages: 0,
       columns: (m.exit_side + 1) * (m.exit_side + 2) / 2, maxRows: (side + 1) * (side + 2) / 2,
       rowBase: new Int32Array(11), pathBase: new Int32Array(11), pageBase: new Int32Array(11)};
     const parts = [];
@@ -130,16 +120,14 @@ export class Field {
 
   // Resolves to the total size of the pages' payloads.
   async payloadBytes(pages) {
-    const tiles = pages.map((page) => this.tile(page));
-    const found = await Promise.all(this.layers.map((layer) => this.find(tiles, layer)));
-    return found.flat().reduce((sum, {begin, end}) => sum + end - begin, 0);
+    const found = await this.find(pages.map((page) => this.tile(page)));
+    return found.reduce((sum, {begin, end}) => sum + end - begin, 0);
   }
 
   // Reads the parts of the file that finding tiles of levels up to this one needs, and the lists of
   // the tiles that these are predicted from.
   prepare(level) {
-    return this.prepared[level] ??= Promise.all(
-      this.layers.map((layer) => this.complete((c) => c.slf_prepare(layer, level))));
+    return this.prepared[level] ??= this.complete((c) => c.slf_prepare(level));
   }
 
   // The pages of the tiles of level 0 that a view needs first, found without the graphics card: its
@@ -158,15 +146,15 @@ export class Field {
     if (!this.predicts) return tiles.map(({page}) => page);
     const {calls} = this.native;
     this.native.fill(keysOf(tiles));
-    return this.pagesAt(calls.slf_with_ancestors(this.color));
+    return this.pagesAt(calls.slf_with_ancestors());
   }
-  // Verifies a payload of a tile in a layer. Returns the pages of the tiles that it is predicted
+  // Verifies the payload of a tile. Returns the pages of the tiles that it is predicted
   // from. Throws if it is damaged.
-  references({layer, checksum, tile: {level, entry, exit}}, payload) {
+  references({level, entry, exit}, checksum, payload) {
     const {calls} = this.native;
     this.native.fill(payload);
-    this.native.check(calls.slf_check(layer, level, entry, exit, ...checksum));
-    return this.pagesAt(calls.slf_references(layer, level, entry, exit));
+    this.native.check(calls.slf_check(level, entry, exit, ...checksum));
+    return this.pagesAt(calls.slf_references(level, entry, exit));
   }
   pagesAt(at) {
     const {calls} = this.native, count = calls.slf_tile_count();
@@ -174,12 +162,12 @@ export class Field {
     return Array.from({length: count}, (_, i) => this.page(...found.subarray(3 * i, 3 * i + 3)));
   }
 
-  // Finds tiles in a layer. Resolves to {state, begin, end, checksum} for each.
-  async find(tiles, layer) {
+  // Finds tiles. Resolves to {state, begin, end, checksum} for each.
+  async find(tiles) {
     const keys = keysOf(tiles);
     for (let round = 0; round < 64; ++round) {
       this.native.fill(keys);
-      const at = this.native.calls.slf_find(layer), needed = this.native.ranges();
+      const at = this.native.calls.slf_find(), needed = this.native.ranges();
       if (needed.length > 0) {
         await this.fetchAll(needed);
         continue;

@@ -2,7 +2,7 @@
 
 import {kDamaged, kEmpty as kEmptyTile, kStored} from './field.js';
 import {Reader} from './reader.js';
-import {kEmpty, kFirstSlot, kMissing, kNoDepth, kNotLoaded} from './shader.js';
+import {kEmpty, kFirstSlot, kMissing, kNotLoaded} from './shader.js';
 
 const kBatch = 96;    // tiles that are loaded together while the view moves
 const kBatches = 2;   // batches at a time: one is fetched while another is decoded
@@ -73,9 +73,9 @@ export class Loader {
 
   // Puts a tile into a slot. `needed`: the view needs it, not only tiles that are predicted from
   // it.
-  place({page, state, color, depth, depthState}, needed = true) {
+  place({page, state, color, depth}, needed = true) {
     if (this.pages[page] !== kNotLoaded) return;
-    this.damaged += (state === kDamaged) + (depthState === kDamaged);
+    this.damaged += state === kDamaged;
     let value = state === kEmptyTile ? kEmpty : kMissing;
     if (state === kStored) {
       const slot = this.free.pop() ?? (needed ? this.evict() : undefined);
@@ -83,11 +83,8 @@ export class Loader {
         this.full ||= needed;
         return;
       }
-      if (depthState === kEmptyTile)
-        depth = new Uint8Array(this.field.shape.columns * this.field.shape.maxRows);
       this.renderer.setTile(slot, color, depth);
       value = slot + kFirstSlot;
-      if (depthState !== undefined && !depth) value |= kNoDepth;
       this.used.set(page, this.now);
     }
     this.pages[page] = value;
@@ -101,7 +98,7 @@ export class Loader {
     for (const [page, when] of this.used) {
       if (page < first) continue;
       if (when === this.now) return undefined;
-      const slot = (this.pages[page] & (kNoDepth - 1)) - kFirstSlot;
+      const slot = this.pages[page] - kFirstSlot;
       this.used.delete(page);
       this.pages[page] = kNotLoaded;
       this.renderer.setPage(page, kNotLoaded);

@@ -339,7 +339,7 @@ function showFacts() {
     Shows: kProjections[p.projection],
     Lattice: `${m.entry_side << fine} entry, ${m.exit_side << fine} exit`,
     Levels: m.levels + 1,
-    Layers: m.layers.map((l) => `${l.name} (${l.codec})`).join(', '),
+    Samples: `${m.format} (${m.codec})`,
     Sphere: `radius ${Number(m.sphere.radius.toPrecision(4))}`,
     File: human(source.size),
   };

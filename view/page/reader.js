@@ -6,8 +6,8 @@ import {kDamaged, kEmpty, kStored} from './field.js';
 const kKept = 48 << 20;  // bytes of samples
 const kNothing = new Uint8Array(0);
 
-// A tile that was read: `state` of its colours, `depthState` of its depths if the field has any,
-// and `color` and `depth`, the samples of what is stored.
+// A tile that was read: its `state` and, if it is stored, its `samples`, which `color` and `depth`
+// are the parts of.
 class Tile {
   constructor(place) {
     Object.assign(this, place);  // page, level, entry, exit
@@ -47,24 +47,16 @@ export class Reader {
   }
 
   async load(tiles, held) {
-    const {field} = this, parts = [];  // payloads
-    for (const layer of field.layers) {
-      const found = await field.find(tiles, layer);
-      tiles.forEach((tile, i) => {
-        tile[layer === field.color ? 'state' : 'depthState'] = found[i].state;
-        if (found[i].state === kStored) parts.push({...found[i], layer, tile});
-      });
-    }
-    // Colours decide: a tile without them has no use for depths.
-    const wanted = parts.filter(({tile}) => tile.state === kStored);
-    const payloads = field.source.readAll(wanted.map(({begin, end}) => [begin, end]));
+    const found = await this.field.find(tiles);
+    tiles.forEach((tile, i) => { tile.state = found[i].state; });
+    const stored = found.filter(({state}) => state === kStored);
+    const payloads = this.field.source.readAll(stored.map(({begin, end}) => [begin, end]));
     const allCame = Promise.all(payloads);
     allCame.catch(() => {});  // decode() reports it
-    const decoding = new Map(tiles.map((tile) => [tile, []]));
-    wanted.forEach((part, i) =>
-      decoding.get(part.tile).push(this.decode(part, payloads[i], held, allCame)));
-    await Promise.all(tiles.map(async (tile) => {
-      await Promise.all(decoding.get(tile));
+    await Promise.all(tiles.map(async (tile, i) => {
+      if (tile.state === kStored)
+        await this.decode(tile, found[i].checksum, payloads[stored.indexOf(found[i])], held,
+                          allCame);
       this.finish(tile);
     }));
   }
@@ -72,27 +64,30 @@ export class Reader {
   // Decodes a payload, which names the tiles that it is predicted from. If the index lists them,
   // read() holds them. Otherwise they are read once all payloads of the batch have come, so that
   // they are fetched together.
-  async decode(part, coming, held, allCame) {
-    const {tile, layer} = part, payload = await coming;
+  async decode(tile, checksum, coming, held, allCame) {
+    const payload = await coming;
     let pages;
     try {
-      pages = this.field.references(part, payload);
+      pages = this.field.references(tile, checksum, payload);
     } catch {
-      return this.spoil(part);
+      tile.state = kDamaged;
+      return;
     }
     const tileOf = (page) => held.get(page) ?? this.tiles.get(page);
     if (!pages.every(tileOf)) await allCame;
     const references = await Promise.all(
       pages.map((page) => tileOf(page)?.ready ?? this.readReference(page)));
-    if (references.some(({state}) => state !== kStored && state !== kEmpty))
-      return this.spoil(part);  // it cannot be predicted
+    if (references.some(({state}) => state !== kStored && state !== kEmpty)) {
+      tile.state = kDamaged;  // it cannot be predicted
+      return;
+    }
     try {
-      this.place(part, await this.decoders.decode(
-        {layer, level: tile.level, entry: tile.entry, exit: tile.exit, payload},
+      this.place(tile, await this.decoders.decode(
+        {level: tile.level, entry: tile.entry, exit: tile.exit, payload},
         references.map(({page, entry, exit, samples}) =>
           ({page, entry, exit, samples: samples ?? kNothing}))));
     } catch {
-      this.spoil(part);
+      tile.state = kDamaged;
     }
   }
   readReference(page) {
@@ -101,23 +96,12 @@ export class Reader {
     return ready;
   }
 
-  // Takes the samples of a part.
-  place({tile, layer}, samples) {
-    const {field} = this;
-    if (layer !== field.color) {
-      tile.depth = samples;
-    } else if (field.together) {
-      const colors = field.shape.half ? samples.byteLength / 9 * 8 : samples.byteLength / 5 * 4;
-      tile.samples = samples;
-      tile.color = samples.subarray(0, colors);
-      tile.depth = samples.subarray(colors);
-      tile.depthState = kStored;
-    } else {
-      tile.color = samples;
-    }
-  }
-  spoil({tile, layer}) {
-    tile[layer === this.field.color ? 'state' : 'depthState'] = kDamaged;
+  place(tile, samples) {
+    const {half, hasDepth} = this.field.shape, color = half ? 8 : 4;
+    const colors = hasDepth ? samples.byteLength / (color + 1) * color : samples.byteLength;
+    tile.samples = samples;
+    tile.color = samples.subarray(0, colors);
+    if (hasDepth) tile.depth = samples.subarray(colors);
   }
 
   // Keeps a tile that others may be predicted from.

@@ -6,7 +6,6 @@ export const kTableBits = 12;  // log2 of the width of the textures that hold ta
 
 // Values of the page table. Values from kFirstSlot on are kFirstSlot plus the tile's slot.
 export const kNotLoaded = 0, kEmpty = 1, kMissing = 2, kFirstSlot = 3;
-export const kNoDepth = 0x8000;  // flag of a loaded tile whose depth is missing
 
 export const kVertex = `#version 300 es
 void main() {  // one triangle that covers the picture
@@ -159,10 +158,9 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       ivec2 place = ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits});
       uint entry_ = texelFetch(uPages, place, 0).r;
       if (entry_ == ${kNotLoaded}u) state = max(state, kWaiting);
-      bool noDepth = (entry_ & ${kNoDepth}u) != 0u;
-      if (entry_ == ${kMissing}u || (uMode == 1 && noDepth)) state = kUnavailable;
+      if (entry_ == ${kMissing}u) state = kUnavailable;
       if (entry_ <= ${kNotLoaded}u || (state != kDone && round_ > 0)) continue;
-      int slot = int(entry_ & ${kNoDepth - 1}u) - ${kFirstSlot};
+      int slot = int(entry_) - ${kFirstSlot};
       vec3 along = vec3(dot(entry[e] - P, chord), dot(q - entry[e], chord), 0) / chord2;
       if (slot < 0) total += we, low = min(low, 0.0), high = max(high, 0.0);
       vec4 colors[3], linear = vec4(0);

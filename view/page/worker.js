@@ -8,23 +8,19 @@ function open({module, manifest, tables}) {
   native = new Native(module);
   native.fill(manifest);
   native.check(native.calls.slf_manifest());
-  tables.forEach((bytes, layer) => {
-    if (!bytes) return;
-    native.fill(bytes);
-    native.check(native.calls.slf_codec(layer));
-  });
+  native.fill(tables);
+  native.check(native.calls.slf_codec());
 }
 
-function decode({layer, level, entry, exit, payload, references, forget}) {
+function decode({level, entry, exit, payload, references, forget}) {
   for (const page of forget) kept.delete(page);
   for (const {page, samples} of references) if (samples) kept.set(page, samples);
   for (const reference of references) {
     native.fill(kept.get(reference.page));
-    native.check(
-      native.calls.slf_add_reference(layer, level - 1, reference.entry, reference.exit));
+    native.check(native.calls.slf_add_reference(level - 1, reference.entry, reference.exit));
   }
   native.fill(payload);
-  native.check(native.calls.slf_decode(layer, level, entry, exit));
+  native.check(native.calls.slf_decode(level, entry, exit));
   return native.bytes(native.calls.slf_samples(), native.calls.slf_sample_bytes()).slice();
 }
 

@@ -41,15 +41,6 @@ struct FoundTile {
   std::uint64_t checksum;
 };
 
-/// The codec of a layer.
-struct Decoder {
-  std::unique_ptr<codec::Codec> codec;
-  std::unique_ptr<PredictedTiles> predicted;  ///< if its tiles are predicted from others
-};
-
-/// The references of a layer's tiles, from those levels that the index lists: [level - 1].
-using ReferenceIndexes = std::vector<ReferenceIndex>;
-
 struct Module {
   std::string text;  // a message or a description
   std::string name;  // of the file
@@ -57,12 +48,13 @@ struct Module {
   std::unique_ptr<storage::RangedStore> store;
   std::vector<double> ranges;  // begin, end, begin, end, …
   std::vector<FoundTile> found;
-  std::map<std::uint32_t, ReferenceIndexes> reference_indexes;  // by layer
-  std::vector<std::uint32_t> tiles;  // (level, entry section, exit section) of each
+  std::vector<ReferenceIndex> reference_indexes;  // [level - 1], of the levels that have one
+  std::vector<std::uint32_t> tiles;               // (level, entry section, exit section) of each
   std::optional<Manifest> manifest;
   std::vector<std::unique_ptr<LevelGeometry>> geometry;  // by level, made when needed
-  std::vector<Decoder> decoders;                         // by layer
-  std::map<TileKey, Bytes> references;                   // for the next tile to decode
+  std::unique_ptr<codec::Codec> codec;
+  std::unique_ptr<PredictedTiles> predicted;  // if tiles are predicted from others
+  std::map<TileKey, Bytes> references;  // for the next tile to decode
   Bytes samples;
 };
 
@@ -185,19 +177,14 @@ SLF_EXPORT(slf_open) int slf_open() {
   const auto blob = m.store->blob("field");
   if (!blob) return needs_bytes_or_failed(blob.error());
   if (auto taken = parse_manifest(*blob, m.name); !taken) return failed(taken.error());
-  bool same = m.store->layers().size() == m.manifest->layers.size();
-  for (std::size_t i = 0; same && i < m.manifest->layers.size(); ++i)
-    same = m.store->layers()[i].name == m.manifest->layers[i].name;
-  if (!same)
-    return failed({ErrorCode::bad_file, "the manifest and the container name different layers"});
   m.text = text_of(*blob);
   return kDone;
 }
 
-/// Reads the shared tables of a layer's codec. When that is done, the text holds them.
-SLF_EXPORT(slf_tables) int slf_tables(std::uint32_t layer) {
+/// Reads the shared tables of the codec. When that is done, the text holds them.
+SLF_EXPORT(slf_tables) int slf_tables() {
   Module& m = module();
-  const auto blob = m.store->blob("tables/" + m.manifest->layers[layer].name);
+  const auto blob = m.store->blob("tables");
   if (!blob) return needs_bytes_or_failed(blob.error());
   m.text = text_of(*blob);
   return kDone;
@@ -206,14 +193,14 @@ SLF_EXPORT(slf_tables) int slf_tables(std::uint32_t layer) {
 SLF_EXPORT(slf_ranges) const double* slf_ranges() { return module().ranges.data(); }
 SLF_EXPORT(slf_range_count) std::size_t slf_range_count() { return module().ranges.size() / 2; }
 
-/// Finds tiles of a layer. The buffer holds (level, entry section, exit section), u32 each. Returns
+/// Finds tiles. The buffer holds (level, entry section, exit section), u32 each. Returns
 /// one FoundTile per tile, and stores the ranges of the bytes that any of them still need.
-SLF_EXPORT(slf_find) const FoundTile* slf_find(std::uint32_t layer) {
+SLF_EXPORT(slf_find) const FoundTile* slf_find() {
   Module& m = module();
   m.found.clear();
   std::string damage;
   for (const TileKey key : keys_in_buffer()) {
-    const auto tile = m.store->find(layer, key);
+    const auto tile = m.store->find(key);
     if (!tile) {
       m.found.push_back({tile.error().code == ErrorCode::io ? 3.0 : 4.0, 0, 0, 0});
       if (tile.error().code != ErrorCode::io) damage = tile.error().message;
@@ -226,31 +213,30 @@ SLF_EXPORT(slf_find) const FoundTile* slf_find(std::uint32_t layer) {
   return m.found.data();
 }
 
-/// Reads the tables and indexes that finding tiles of a layer needs, up to a level.
-SLF_EXPORT(slf_prepare) int slf_prepare(std::uint32_t layer, std::uint32_t levels) {
+/// Reads the tables and indexes that finding tiles needs, up to a level.
+SLF_EXPORT(slf_prepare) int slf_prepare(std::uint32_t levels) {
   Module& m = module();
-  ReferenceIndexes references;
+  std::vector<ReferenceIndex> references;
   std::optional<Error> error;
   for (std::uint32_t level = 1; level <= levels; ++level) {
-    if (auto found = m.store->find(layer, key_of(level, 0, 0)); !found) error = found.error();
-    auto section = m.store->section(reference_section(layer, level));
+    if (auto found = m.store->find(key_of(level, 0, 0)); !found) error = found.error();
+    auto section = m.store->section(reference_section(level));
     if (!section) error = section.error();
     if (error || section->empty() || references.size() + 1 != level) continue;
     if (auto index = ReferenceIndex::parse(*section, level))
       references.push_back(std::move(*index));
   }
   if (error) return needs_bytes_or_failed(*error);
-  if (ReferenceIndexes& listed = m.reference_indexes[layer]; listed.size() < references.size())
-    listed = std::move(references);
+  if (m.reference_indexes.size() < references.size()) m.reference_indexes = std::move(references);
   return kDone;
 }
 
-/// Returns the tiles of a layer in the buffer, and all tiles that they are predicted from, directly
+/// Returns the tiles in the buffer, and all tiles that they are predicted from, directly
 /// or indirectly, as far as slf_prepare() has read an index: slf_tile_count() tiles. The buffer and
 /// the result hold (level, entry section, exit section), u32 each.
-SLF_EXPORT(slf_with_ancestors) const std::uint32_t* slf_with_ancestors(std::uint32_t layer) {
+SLF_EXPORT(slf_with_ancestors) const std::uint32_t* slf_with_ancestors() {
   std::vector<TileKey> keys = keys_in_buffer();
-  append_ancestors(module().reference_indexes[layer], keys);
+  append_ancestors(module().reference_indexes, keys);
   return list(keys);
 }
 SLF_EXPORT(slf_tile_count) std::size_t slf_tile_count() { return module().tiles.size() / 3; }
@@ -299,36 +285,32 @@ SLF_EXPORT(slf_manifest) int slf_manifest() {
   return taken ? kDone : failed(taken.error());
 }
 
-/// Makes the codec of a layer, with the tables in the buffer.
-SLF_EXPORT(slf_codec) int slf_codec(std::uint32_t layer) {
+/// Makes the codec, with the tables in the buffer.
+SLF_EXPORT(slf_codec) int slf_codec() {
   Module& m = module();
-  const Layer& of = m.manifest->layers[layer];
-  auto made = codec::make_codec(of.codec, of.format, m.buffer);
+  auto made = codec::make_codec(m.manifest->codec, m.manifest->format, m.buffer);
   if (!made) return failed(made.error());
-  m.decoders.resize(m.manifest->layers.size());
-  Decoder& decoder = m.decoders[layer];
-  decoder.codec = std::move(*made);
-  if (const auto* predictive = decoder.codec->predictive())
-    decoder.predicted = std::make_unique<PredictedTiles>(m.manifest->shape, *predictive, geometry);
+  m.codec = std::move(*made);
+  if (const auto* predictive = m.codec->predictive())
+    m.predicted = std::make_unique<PredictedTiles>(m.manifest->shape, *predictive, geometry);
   return kDone;
 }
 
 /// Verifies the payload in the buffer.
 SLF_EXPORT(slf_check)
-int slf_check(std::uint32_t layer, std::uint32_t level, std::uint32_t entry, std::uint32_t exit,
+int slf_check(std::uint32_t level, std::uint32_t entry, std::uint32_t exit,
               std::uint32_t checksum_low, std::uint32_t checksum_high) {
   const std::uint64_t checksum = std::uint64_t{checksum_high} << 32 | checksum_low;
   const TileKey key = key_of(level, entry, exit);
-  if (storage::internal::payload_checksum(layer, key, module().buffer) == checksum) return kDone;
+  if (storage::internal::payload_checksum(key, module().buffer) == checksum) return kDone;
   return failed({ErrorCode::bad_file, "the payload does not match its checksum"});
 }
 
 /// Lists the tiles that the payload in the buffer is predicted from, as slf_with_ancestors() does.
 /// REQUIRES: slf_check() has verified the payload.
 SLF_EXPORT(slf_references)
-const std::uint32_t* slf_references(std::uint32_t layer, std::uint32_t level, std::uint32_t entry,
-                                    std::uint32_t exit) {
-  const auto& predicted = module().decoders[layer].predicted;
+const std::uint32_t* slf_references(std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
+  const auto& predicted = module().predicted;
   if (!predicted) return list({});
   return list(predicted->references(key_of(level, entry, exit), module().buffer));
 }
@@ -336,10 +318,9 @@ const std::uint32_t* slf_references(std::uint32_t layer, std::uint32_t level, st
 /// Adds a tile that the next tile to decode is predicted from. The buffer holds its samples, or no
 /// bytes if nothing is visible in it.
 SLF_EXPORT(slf_add_reference)
-int slf_add_reference(std::uint32_t layer, std::uint32_t level, std::uint32_t entry,
-                      std::uint32_t exit) {
+int slf_add_reference(std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
   Module& m = module();
-  const codec::Tile shape = geometry(level).tile(entry, m.manifest->layers[layer].format);
+  const codec::Tile shape = geometry(level).tile(entry, m.manifest->format);
   if (!m.buffer.empty() && m.buffer.size() != shape.bytes())
     return failed({ErrorCode::usage, "a reference has another size"});
   m.references[key_of(level, entry, exit)] = std::move(m.buffer);
@@ -349,20 +330,18 @@ int slf_add_reference(std::uint32_t layer, std::uint32_t level, std::uint32_t en
 
 /// Decodes the payload in the buffer, which slf_check() has verified. Drops the references.
 SLF_EXPORT(slf_decode)
-int slf_decode(std::uint32_t layer, std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
+int slf_decode(std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
   Module& m = module();
   const TileKey key = key_of(level, entry, exit);
-  const codec::Tile tile = geometry(level).tile(entry, m.manifest->layers[layer].format);
+  const codec::Tile tile = geometry(level).tile(entry, m.manifest->format);
   m.samples.resize(tile.bytes());
-  const Decoder& decoder = m.decoders[layer];
   const auto references = std::exchange(m.references, {});
   const auto source = [&](TileKey of) -> Result<ByteSpan> {
     if (const auto found = references.find(of); found != references.end()) return found->second;
     return fail(ErrorCode::tile_missing, "a tile that this one is predicted from is missing");
   };
-  const auto decoded = decoder.predicted
-                           ? decoder.predicted->decode(key, m.buffer, source, m.samples)
-                           : decoder.codec->decode(tile, m.buffer, m.samples);
+  const auto decoded = m.predicted ? m.predicted->decode(key, m.buffer, source, m.samples)
+                                   : m.codec->decode(tile, m.buffer, m.samples);
   return decoded ? kDone : failed(decoded.error());
 }
 SLF_EXPORT(slf_samples) const std::byte* slf_samples() { return module().samples.data(); }

@@ -14,16 +14,12 @@ namespace {
 using namespace slf;
 
 bool write_tile(const FieldFile& field, TileKey key) {
-  for (const char* name : {"color", "depth"}) {
-    const auto layer = field.layer(name);
-    if (!layer) continue;
-    const auto tile = field.store().find(*layer, key);
-    if (!tile) return false;
-    if (tile->state != storage::TileState::stored) continue;
-    Bytes samples(field.tile_shape(*layer, key).bytes());
-    if (!field.decode(*tile, samples)) return false;
-    std::fwrite(samples.data(), 1, samples.size(), stdout);
-  }
+  const auto tile = field.store().find(key);
+  if (!tile) return false;
+  if (tile->state != storage::TileState::stored) return true;
+  Bytes samples(field.tile_shape(key).bytes());
+  if (!field.decode(*tile, samples)) return false;
+  std::fwrite(samples.data(), 1, samples.size(), stdout);
   return true;
 }
 

@@ -1,0 +1,111 @@
+#include "field/build/repack_plan.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "base/half.h"
+#include "base/try.h"
+#include "field/geometry/tile_order.h"
+
+namespace slf {
+namespace {
+
+using storage::TileState;
+
+constexpr std::size_t kTrainingTiles = 16;
+
+/// Converts colours, and appends them. Premultiplied colours of 8 bits are clamped to alpha.
+void append_colors(ByteSpan in, bool from_half, bool to_half, Bytes& out) {
+  if (from_half == to_half) {
+    out.insert(out.end(), in.begin(), in.end());
+  } else if (to_half) {
+    out.resize(in.size() * 2);
+    for (std::size_t k = 0; k < in.size(); ++k)
+      store_le(&out[2 * k], half_from_byte(std::to_integer<std::uint8_t>(in[k])));
+  } else {
+    out.resize(in.size() / 2);
+    for (std::size_t k = 0; k < out.size(); ++k)
+      out[k] = std::byte{byte_from_half(load_le<std::uint16_t>(&in[2 * k]))};
+    for (std::size_t k = 0; k < out.size(); k += 4)
+      for (std::size_t c = k; c < k + 3; ++c) out[c] = std::min(out[c], out[k + 3]);
+  }
+}
+
+/// Fits shared tables to a few tiles spread over the finest level.
+Result<std::unique_ptr<codec::Codec>> train(const FieldFile& field, const RepackPlan& plan,
+                                            const std::string& codec) {
+  const TileOrder order(plan.shape);
+  const std::uint64_t begin = order.first_number(plan.shape.levels);
+  const std::uint64_t step = std::max<std::uint64_t>(1, (order.count() - begin) / 256);
+  std::vector<storage::TileRef> stored;
+  for (std::uint64_t n = begin + step / 2; n < order.count(); n += step) {
+    const auto tile = SLF_TRY(field.store().find(order.key(n)));
+    if (tile.state == TileState::stored) stored.push_back(tile);
+  }
+  const std::size_t skip = std::max<std::size_t>(1, stored.size() / kTrainingTiles);
+  std::vector<Bytes> samples;
+  for (std::size_t k = 0; k < stored.size() && samples.size() < kTrainingTiles; k += skip)
+    SLF_TRY(read_samples(field, plan, stored[k], samples.emplace_back()));
+  std::vector<codec::TrainingTile> tiles;
+  for (std::size_t k = 0; k < samples.size(); ++k)
+    tiles.push_back({plan.tile_shape(field, stored[k * skip].key), samples[k]});
+  return codec::train_codec(codec, plan.format, tiles, plan.shape.levels);
+}
+
+Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& options) {
+  FieldShape shape = field.shape();
+  if (options.levels && *options.levels > shape.levels)
+    return fail(ErrorCode::usage, field.path(), ": has levels 0 to ", shape.levels, ", not ",
+                *options.levels);
+  if (options.levels) shape.levels = *options.levels;
+  for (const std::uint8_t subfield : options.subfields)
+    if (!field.shape().has({0, std::uint64_t{subfield} << (2 * shape.entry_extra_levels)}))
+      return fail(ErrorCode::usage, field.path(), ": has no subfield ", int{subfield});
+  if (!options.subfields.empty()) shape.subfields = options.subfields;
+  SLF_TRY(shape.check());
+  return shape;
+}
+
+}  // namespace
+
+Result<RepackPlan> plan_repack(const FieldFile& field, const RepackOptions& options) {
+  RepackPlan plan;
+  plan.shape = SLF_TRY(plan_shape(field, options));
+  plan.format = sample_format(options.half.value_or(is_half(field.format())),
+                              options.depth && field.has_depth());
+  const codec::Codec& now = field.codec();
+  std::string codec = options.codec.empty() ? now.spec() : options.codec;
+  auto plain = codec::make_codec(codec, plan.format);
+  if (!plain && options.codec.empty() && is_half(plan.format) && !is_half(field.format())) {
+    codec = "zstd";  // JPEG stores no half floats
+    plain = codec::make_codec(codec, plan.format);
+  }
+  if (!plain) return tl::unexpected(plain.error());
+  // Tiles may be predicted from those of other subfields.
+  const bool whole = !field.predicts() || plan.shape.subfields == field.shape().subfields;
+  plan.copy = plan.format == field.format() && (*plain)->spec() == now.spec() && whole;
+  plan.codec = SLF_TRY(plan.copy ? codec::make_codec(now.spec(), plan.format, now.tables())
+                                 : train(field, plan, codec));
+  return plan;
+}
+
+Result<void> read_samples(const FieldFile& field, const RepackPlan& plan,
+                          const storage::TileRef& tile, Bytes& samples) {
+  const codec::Tile shape = field.tile_shape(tile.key);
+  Bytes decoded(shape.bytes());
+  SLF_TRY(field.decode(tile, decoded));
+  if (plan.format == field.format()) {
+    samples = std::move(decoded);
+    return {};
+  }
+  samples.clear();
+  append_colors(ByteSpan(decoded).first(shape.color_bytes()), is_half(field.format()),
+                is_half(plan.format), samples);
+  if (has_depth(plan.format))
+    samples.insert(samples.end(),
+                   decoded.begin() + static_cast<std::ptrdiff_t>(shape.color_bytes()),
+                   decoded.end());
+  return {};
+}
+
+}  // namespace slf

@@ -1,0 +1,33 @@
+// RepackPlan: what a repack makes of a field, and its samples.
+#pragma once
+
+#include <memory>
+
+#include "field/field_file.h"
+#include "slf/repack.h"
+
+namespace slf {
+
+struct RepackPlan {
+  FieldShape shape;
+  SampleFormat format = SampleFormat::rgba8;
+  std::unique_ptr<codec::Codec> codec;  ///< with tables fitted to a sample of the field
+  bool copy = false;                    ///< payloads are copied, not recoded
+
+  /// The shape of an output's tile.
+  [[nodiscard]] codec::Tile tile_shape(const FieldFile& field, TileKey key) const {
+    codec::Tile tile = field.tile_shape(key);
+    tile.format = format;
+    return tile;
+  }
+};
+
+/// usage: the field does not have a level or subfield. Other errors as repack_field().
+[[nodiscard]] Result<RepackPlan> plan_repack(const FieldFile& field, const RepackOptions& options);
+
+/// Decodes a stored tile and converts its samples to the plan's format. failed: a tile that it is
+/// predicted from is missing. bad_file: the tile is damaged.
+[[nodiscard]] Result<void> read_samples(const FieldFile& field, const RepackPlan& plan,
+                                        const storage::TileRef& tile, Bytes& samples);
+
+}  // namespace slf
