@@ -24,8 +24,8 @@
 #include "benchmarks/codec_contenders.h"
 #include "benchmarks/storage/expect.h"
 #include "benchmarks/timing.h"
-#include "field/field_file.h"
 #include "field/geometry/tile_order.h"
+#include "field/tiles/tile_cache.h"
 #include "slf/render.h"
 
 namespace {
@@ -126,12 +126,13 @@ std::vector<TileKey> touched_tiles(const Field& field, unsigned level, std::uint
 
 std::vector<Sample> read_samples(const Field& field, const std::vector<TileKey>& keys,
                                  std::size_t wanted) {
+  TileCache cache(field.file(), 64 << 20);
   std::vector<Sample> samples;
   for (std::size_t i = 0; i < std::min(wanted, keys.size()); ++i) {
     Sample sample{keys[i * keys.size() / std::min(wanted, keys.size())], {}};
     const codec::Tile shape = field.file().tile_shape(sample.key);
     sample.color.resize(shape.bytes());
-    expect(field.file().decode(expect(field.file().store().find(sample.key)), sample.color));
+    expect(cache.read(expect(field.file().store().find(sample.key)), sample.color));
     sample.color.resize(shape.color_bytes());
     samples.push_back(std::move(sample));
   }

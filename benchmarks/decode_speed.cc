@@ -14,7 +14,7 @@
 
 #include "benchmarks/storage/expect.h"
 #include "benchmarks/timing.h"
-#include "field/field_file.h"
+#include "field/tiles/tile_cache.h"
 
 int main(int argc, char** argv) {
   using namespace slf;
@@ -26,7 +26,6 @@ int main(int argc, char** argv) {
   const int repeats = argc > 3 ? std::atoi(argv[3]) : 9;
   const Field field = bench::expect(Field::open(argv[1]));
   const FieldFile& file = field.file();
-  file.set_reference_budget(4ull << 30);
   const auto finest = static_cast<std::uint8_t>(file.shape().levels);
 
   std::vector<storage::TileRef> tiles;
@@ -43,13 +42,17 @@ int main(int argc, char** argv) {
       [](const storage::Damage&) {});
   bench::require(visited.has_value(), "a record is damaged");
 
+  TileCache references(file, 4ull << 30);
+  const auto source = [&](TileKey key) -> Result<ByteSpan> {
+    return bench::expect(references.load({key, std::nullopt})).samples();
+  };
   Bytes samples;
   std::uint64_t hash = 0;
   const auto decode_all = [&] {
     hash = 0;
     for (const storage::TileRef& tile : tiles) {
       samples.resize(file.tile_shape(tile.key).bytes());
-      bench::expect(file.decode(tile, samples));
+      bench::expect(file.decode(tile, source, samples));
       hash = XXH3_64bits_withSeed(samples.data(), samples.size(), hash);
     }
   };

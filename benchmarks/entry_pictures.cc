@@ -19,8 +19,8 @@
 
 #include "benchmarks/storage/expect.h"
 #include "field/build/field_writer.h"
-#include "field/field_file.h"
 #include "field/geometry/tile_order.h"
+#include "field/tiles/tile_cache.h"
 #include "slf/field.h"
 
 namespace {
@@ -98,12 +98,13 @@ class Reader {
     if (ref.state == storage::TileState::missing) bench::stop("the field is incomplete");
     if (ref.state == storage::TileState::stored) {
       found->second.resize(field_.file().tile_shape(key).bytes());
-      expect(field_.file().decode(ref, found->second));
+      expect(cache_.read(ref, found->second));
     }
     return found->second;
   }
 
   const Field& field_;
+  TileCache cache_{field_.file(), 64 << 20};
   unsigned level_;
   const LevelGeometry& geometry_;
   std::unordered_map<std::uint64_t, Bytes> tiles_;
@@ -168,6 +169,7 @@ void write_recolored(const Field& field, const std::string& pictures_path,
                                            FieldWriter::Draft::discard, file.manifest(),
                                            file.codec().tables()));
   const TileOrder order(file.shape());
+  TileCache cache(file, 64 << 20);
   Bytes samples, payload;
   for (std::uint64_t n = 0; n < order.count(); ++n) {
     const storage::TileRef ref = expect(file.store().find(order.key(n)));
@@ -175,7 +177,7 @@ void write_recolored(const Field& field, const std::string& pictures_path,
     if (ref.state == storage::TileState::stored && order.key(n).level == finest) {
       const codec::Tile tile = file.tile_shape(order.key(n));
       samples.resize(tile.bytes());
-      expect(file.decode(ref, samples));
+      expect(cache.read(ref, samples));
       recolor(file, order.key(n), pictures, samples);
       expect(file.codec().encode(tile, samples, payload));
     }

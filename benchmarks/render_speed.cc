@@ -25,7 +25,7 @@
 
 #include "field/field_file.h"
 #include "field/geometry/level_geometry.h"
-#include "field/render/tile_cache.h"
+#include "field/tiles/tile_cache.h"
 #include "slf/camera.h"
 #include "slf/render.h"
 

@@ -17,8 +17,8 @@
 
 #include "codec/predictive_codec.h"
 #include "codec/zstd_frame.h"
-#include "field/field_file.h"
 #include "field/geometry/tile_order.h"
+#include "field/tiles/tile_cache.h"
 
 namespace {
 
@@ -79,12 +79,10 @@ struct Training {
 };
 
 /// A tile's colour and depth, one after the other; empty where nothing is visible.
-Bytes samples_of(const FieldFile& field, TileKey key) {
-  const auto tile = expect(field.store().find(key));
-  if (tile.state != storage::TileState::stored) return {};
-  Bytes samples(field.tile_shape(key).bytes());
-  expect(field.decode(tile, samples));
-  return samples;
+Bytes samples_of(TileCache& cache, TileKey key) {
+  const auto pin = expect(cache.load({key, std::nullopt}));
+  const ByteSpan samples = pin.samples();
+  return {samples.begin(), samples.end()};
 }
 
 void collect(const FieldFile& field, std::size_t number, int quality, Training& training) {
@@ -92,6 +90,7 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
   const codec::PredictiveCodec codec({quality}, codec::predictive_tables({quality}, shape.levels));
   const PredictedTiles tiles(
       shape, codec, [&](unsigned level) -> const LevelGeometry& { return field.geometry(level); });
+  TileCache cache(field, 64 << 20);
   std::map<TileKey, Bytes> decoded;
   const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> {
     const auto found = decoded.find(key);
@@ -101,7 +100,7 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
   for (std::uint64_t n = 0; n < order.count(); ++n) {
     const TileKey key = order.key(n);
     if (key.level == shape.levels && key.level > 0 && n % kEvery != 0) continue;
-    const Bytes samples = samples_of(field, key);
+    const Bytes samples = samples_of(cache, key);
     if (samples.empty()) continue;
     Bytes payload;
     codec::TileSymbols symbols;

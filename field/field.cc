@@ -32,30 +32,13 @@ void FieldFile::predict() {
   const auto geometries = [this](unsigned level) -> const LevelGeometry& {
     return geometry(level);
   };
-  const auto load = [this](TileKey key) { return reference(key); };
-  prediction_.reset(
-      new Prediction{{manifest_.shape, *codec, geometries}, ReferenceCache(load), {}});
+  prediction_.reset(new Prediction{{manifest_.shape, *codec, geometries}, {}});
   for (unsigned level = 1; level <= shape().levels; ++level) {
     const Bytes section = store_.section(reference_section(level));
     auto index = ReferenceIndex::parse(section, level);
     if (section.empty() || !index) return;
     prediction_->index.push_back(std::move(*index));
   }
-}
-
-Result<TileSamples> FieldFile::reference(TileKey key) const {
-  const auto named = [&](ErrorCode code, const char* what) {
-    return fail(code, path(), ": tile ", int{key.level}, "/", key.index,
-                ", from which others are predicted, ", what);
-  };
-  if (!shape().has(key)) return named(ErrorCode::bad_file, "is not in the field");
-  const auto tile = SLF_TRY(store_.find(key));
-  if (tile.state == storage::TileState::missing)
-    return named(ErrorCode::tile_missing, "is missing; build the field again");
-  if (tile.state == storage::TileState::empty) return TileSamples();
-  const auto samples = std::make_shared<Bytes>(tile_shape(key).bytes());
-  SLF_TRY(decode_payload(tile, *samples));
-  return TileSamples(samples);
 }
 
 std::vector<TileKey> FieldFile::references(const storage::TileRef& tile) const {
@@ -95,7 +78,7 @@ void FieldFile::advise_together(std::span<const storage::TileRef> tiles) const {
   store_.advise(all);
 }
 
-void FieldFile::advise(std::span<const storage::TileRef> tiles) const {
+void FieldFile::advise(std::span<const storage::TileRef> tiles, const IsLoaded& loaded) const {
   if (!prediction_) return store_.advise(tiles);
   if (prediction_->index.empty())
     store_.advise(tiles);
@@ -108,7 +91,7 @@ void FieldFile::advise(std::span<const storage::TileRef> tiles) const {
     std::vector<TileKey> keys;
     for (const storage::TileRef& tile : dependants)
       for (const TileKey key : references(tile))
-        if (shape().has(key) && !prediction_->references.has(key)) keys.push_back(key);
+        if (shape().has(key) && !(loaded && loaded(key))) keys.push_back(key);
     sort_unique(keys);
     dependants.clear();
     for (const auto& tile : store_.find_all(keys))
@@ -117,14 +100,9 @@ void FieldFile::advise(std::span<const storage::TileRef> tiles) const {
   }
 }
 
-Result<void> FieldFile::encode(TileKey key, ByteSpan samples, Bytes& payload) const {
-  return prediction_->tiles.encode(
-      key, samples, [&](TileKey reference) { return prediction_->references.get(reference); },
-      payload);
-}
-
-void FieldFile::set_reference_budget(std::uint64_t bytes) const {
-  if (prediction_) prediction_->references.set_budget(bytes);
+Result<void> FieldFile::encode(TileKey key, ByteSpan samples, const ReferenceSource& references,
+                               Bytes& payload) const {
+  return prediction_->tiles.encode(key, samples, references, payload);
 }
 
 const LevelGeometry& FieldFile::geometry(unsigned level) const {
@@ -139,30 +117,14 @@ codec::Tile FieldFile::tile_shape(TileKey key) const {
   return geometry(key.level).tile(sections.entry.index, format());
 }
 
-Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<std::byte> samples) const {
-  if (!prediction_ || tile.key.level == shape().levels) return decode_payload(tile, samples);
-  // Finer tiles may be predicted from this one, so it is decoded once for both purposes.
-  const auto shared = SLF_TRY(prediction_->references.get(tile.key));
-  if (!shared) return changed();  // the tile was not empty before
-  std::copy_n(shared->begin(), samples.size(), samples.begin());
-  return {};
-}
-
-Result<void> FieldFile::decode_payload(const storage::TileRef& tile,
-                                       std::span<std::byte> samples) const {
-  std::vector<TileSamples> kept;
-  return decode(tile, cached(tile.layer, kept), samples);
-}
-
 Result<void> FieldFile::decode(const storage::TileRef& tile, const ReferenceSource& references,
                                std::span<std::byte> samples) const {
-  decoded_bytes_ += tile.payload.size();
   if (codec_->in_place() && tile.payload.size() == samples.size())
     return store_.copy(tile, samples);
   SLF_TRY(store_.check(tile));
   std::optional<Error> of_reference;
   const auto source = [&](TileKey key) {
-    auto found = prediction_->references.get(key);
+    auto found = references(key);
     if (!found) of_reference = found.error();
     return found;
   };

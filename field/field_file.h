@@ -13,7 +13,6 @@
 #include "field/geometry/level_geometry.h"
 #include "field/manifest.h"
 #include "field/predicted_tiles.h"
-#include "field/reference_cache.h"
 #include "field/reference_index.h"
 #include "slf/error.h"
 #include "slf/field.h"
@@ -55,16 +54,15 @@ class FieldFile {
   /// The shape of a tile. REQUIRES: a key of this field.
   [[nodiscard]] codec::Tile tile_shape(TileKey key) const;
 
-  /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes. Tiles that it is
-  /// predicted from are decoded first. They are kept for others within set_reference_budget(), as
-  /// is the tile itself if others may be predicted from it. bad_file: the tile, or one that it is
-  /// predicted from, is damaged. tile_missing: one that it is predicted from was never built. The
-  /// message names it.
-  [[nodiscard]] Result<void> decode(const storage::TileRef& tile,
+  /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes; TileCache does this
+  /// with references that it keeps. bad_file: the tile is damaged. Errors of `references` are
+  /// returned as they are.
+  [[nodiscard]] Result<void> decode(const storage::TileRef& tile, const ReferenceSource& references,
                                     std::span<std::byte> samples) const;
-  /// The same with references from `source`, whose errors it returns as they are.
-  [[nodiscard]] Result<void> decode(const storage::TileRef& tile, const ReferenceSource& source,
-                                    std::span<std::byte> samples) const;
+  /// Codes a tile as a difference from what `references` predict: tiles of this field's next
+  /// coarser level. REQUIRES: predicts().
+  [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples,
+                                    const ReferenceSource& references, Bytes& payload) const;
 
   /// Whether tiles are predicted from coarser ones.
   [[nodiscard]] bool predicts() const { return prediction_ != nullptr; }
@@ -72,23 +70,12 @@ class FieldFile {
   [[nodiscard]] std::vector<TileKey> references(const storage::TileRef& tile) const;
   /// `keys` and all tiles that they are predicted from, directly or through others, ascending.
   [[nodiscard]] Result<std::vector<TileKey>> with_references(std::span<const TileKey> keys) const;
-  /// The bytes of all payloads that were decoded since the field was opened.
-  [[nodiscard]] std::uint64_t decoded_bytes() const { return decoded_bytes_; }
-
   /// Asks the kernel to read the payloads of stored tiles, then, level by level, of those that they
   /// are predicted from, except those that `loaded`. For a cold file, that takes as many trips to
   /// the disk as there are levels. For a remote file with an index, all of them are fetched
   /// together.
   using IsLoaded = std::function<bool(TileKey)>;
   void advise(std::span<const storage::TileRef> tiles, const IsLoaded& loaded = {}) const;
-
-  /// Codes a tile against this field's tiles of the next coarser level. Errors as decode() of these
-  /// tiles. REQUIRES: predicts().
-  [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples, Bytes& payload) const;
-
-  /// Limits the cache of decoded tiles that others are predicted from. The limit is 32 MiB at
-  /// first; tiles that are in use come on top.
-  void set_reference_budget(std::uint64_t bytes) const;
 
   /// bad_file: the file has shrunk while it was open; samples used in place may have been zeros.
   [[nodiscard]] Result<void> unchanged() const;
@@ -105,24 +92,16 @@ class FieldFile {
   /// The state that codes predicted tiles.
   struct Prediction {
     PredictedTiles tiles;
-    ReferenceCache references;
     std::vector<ReferenceIndex> index;  ///< [level - 1]; the levels in a remote file's index
   };
   void predict();
   void advise_together(std::span<const storage::TileRef> tiles) const;
   /// Whether all tiles of the part are there.
   [[nodiscard]] Result<bool> part_is_complete() const;
-  [[nodiscard]] Result<TileSamples> reference(TileKey key) const;
   [[nodiscard]] tl::unexpected<Error> changed() const;
-  [[nodiscard]] Result<void> decode_payload(const storage::TileRef& tile,
-                                            std::span<std::byte> samples) const;
-  /// References from the cache, which `kept` keeps alive.
-  [[nodiscard]] ReferenceSource cached(storage::LayerId layer,
-                                       std::vector<TileSamples>& kept) const;
 
   std::unique_ptr<codec::Codec> codec_;
   std::unique_ptr<Prediction> prediction_;  // null if nothing is predicted
-  mutable std::atomic<std::uint64_t> decoded_bytes_ = 0;
   mutable std::array<std::once_flag, 16> geometry_once_;
   mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometry_;
 };

@@ -6,7 +6,7 @@
 #include "benchmarks/storage/expect.h"
 #include "benchmarks/storage/page_cache.h"
 #include "benchmarks/storage/scenarios.h"
-#include "field/field_file.h"
+#include "field/tiles/tile_cache.h"
 #include "slf/field.h"
 #include "slf/repack.h"
 #include "storage/tile_writer.h"
@@ -83,13 +83,14 @@ void recode_alone(const Field& field, const codec::Codec& codec, unsigned thread
                                         tiles.push_back(tile);
                                       return {};
                                     }));
+  TileCache cache(field.file(), 64 << 20);
   std::atomic<std::uint64_t> next{0};
   expect(on_threads(threads, [&] {
     Bytes samples, payload;
     for (std::uint64_t i; (i = next.fetch_add(1)) < tiles.size();) {
       const codec::Tile shape = field.file().tile_shape(tiles[i].key);
       samples.resize(shape.bytes());
-      expect(field.file().decode(tiles[i], samples));
+      expect(cache.read(tiles[i], samples));
       expect(codec.encode(shape, samples, payload));
     }
   }));

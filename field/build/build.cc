@@ -19,6 +19,7 @@
 #include "field/build/tile_tracer.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
+#include "field/tiles/tile_cache.h"
 
 namespace slf {
 namespace {
@@ -33,6 +34,7 @@ constexpr std::size_t kTrainingTries = 256;
 /// file is open, LMDB reuses no page that later commits free, about four each. Opening it anew
 /// empties the cache of references.
 constexpr std::uint64_t kCommitsPerReader = 4;
+constexpr std::uint64_t kCoarserBytes = 32ull << 20;  // for decoded tiles that others need
 
 /// Traces a few tiles of the finest level, spread over it, that are not empty.
 Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const FieldShape& shape,
@@ -176,25 +178,35 @@ struct EncodedTile {
   std::uint64_t rays = 0;  // traced for it, approximately
 };
 
-/// A file with the tiles that others are predicted from, or none. Workers read it while the writer
-/// replaces it. A mutex guards it, because the load() of libstdc++ 12's atomic shared_ptr does not
+/// The tiles that others are predicted from, or none. Workers read them while the writer replaces
+/// the file. A mutex guards it, because the load() of libstdc++ 12's atomic shared_ptr does not
 /// release.
-class CoarserFile {
+class CoarserTiles {
  public:
-  CoarserFile(std::shared_ptr<const FieldFile> file) : file_(std::move(file)) {}
+  struct Open {
+    std::shared_ptr<const FieldFile> file;
+    TileCache tiles;
+    explicit Open(std::shared_ptr<const FieldFile> of)
+        : file(std::move(of)), tiles(*file, kCoarserBytes) {}
+  };
 
-  [[nodiscard]] std::shared_ptr<const FieldFile> get() const {
+  CoarserTiles(std::shared_ptr<const FieldFile> file) {
+    if (file) set(std::move(file));
+  }
+
+  [[nodiscard]] std::shared_ptr<Open> get() const {
     const std::lock_guard lock(mutex_);
-    return file_;
+    return open_;
   }
   void set(std::shared_ptr<const FieldFile> file) {
+    auto open = std::make_shared<Open>(std::move(file));
     const std::lock_guard lock(mutex_);
-    file_.swap(file);  // the last user of the old one closes it
+    open_.swap(open);  // the last user of the old one closes it
   }
 
  private:
   mutable std::mutex mutex_;
-  std::shared_ptr<const FieldFile> file_;
+  std::shared_ptr<Open> open_;
 };
 
 /// The checked inputs of a build.
@@ -204,7 +216,7 @@ struct BuildJob {
   const MissingTiles& missing;
   TileOrder order;
   unsigned threads;
-  CoarserFile coarser;
+  CoarserTiles coarser;
   /// Whether that is the file that is being written.
   const bool reads_own_file;
 
@@ -213,7 +225,7 @@ struct BuildJob {
     SLF_TRY(tracer.trace(key, traced));
     encoded.rays = tracer.rays(key);
     if (traced.empty) return encoded;
-    SLF_TRY(codec.predictive() ? coarser.get()->encode(key, traced.samples, encoded.payload)
+    SLF_TRY(codec.predictive() ? coarser.get()->tiles.encode(key, traced.samples, encoded.payload)
                                : codec.encode(tracer.shape(key), traced.samples, encoded.payload));
     return encoded;
   }
@@ -232,9 +244,9 @@ struct BuildJob {
   /// Opens the file that is being written as of the last commit, if it is read, and was not opened
   /// for some commits.
   Result<void> follow(const FieldWriter& writer) {
-    const std::shared_ptr<const FieldFile> reader = coarser.get();
+    const auto reader = coarser.get();
     if (!reads_own_file ||
-        (reader && writer.transaction() < reader->store().transaction() + kCommitsPerReader))
+        (reader && writer.transaction() < reader->file->store().transaction() + kCommitsPerReader))
       return {};
     auto opened = SLF_TRY(FieldFile::open(writer.file()));
     coarser.set(std::move(opened));

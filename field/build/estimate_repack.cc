@@ -42,10 +42,11 @@ struct Estimate {
 /// Encodes tiles of the output.
 class SampleEncoder {
  public:
-  SampleEncoder(const FieldFile& field, const RepackPlan& plan) : field_(field), plan_(plan) {
+  SampleEncoder(TileCache& tiles, const RepackPlan& plan)
+      : field_(tiles.field()), tiles_(tiles), plan_(plan) {
     if (const auto* codec = plan.codec->predictive())
-      predicted_.emplace(plan.shape, *codec, [&field](unsigned level) -> const LevelGeometry& {
-        return field.geometry(level);
+      predicted_.emplace(plan.shape, *codec, [this](unsigned level) -> const LevelGeometry& {
+        return field_.geometry(level);
       });
   }
 
@@ -72,11 +73,12 @@ class SampleEncoder {
  private:
   [[nodiscard]] Result<Bytes> read(const storage::TileRef& tile) const {
     Bytes samples;
-    SLF_TRY(read_samples(field_, plan_, tile, samples));
+    SLF_TRY(read_samples(tiles_, plan_, tile, samples));
     return samples;
   }
 
   const FieldFile& field_;
+  TileCache& tiles_;
   const RepackPlan& plan_;
   std::optional<PredictedTiles> predicted_;
 };
@@ -128,7 +130,8 @@ Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, st
 Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions& options,
                                        const ProgressCallback& progress) {
   const FieldFile& field = handle.file();
-  const auto plan = SLF_TRY(plan_repack(field, options));
+  TileCache tiles(field, options.memory / 3);
+  const auto plan = SLF_TRY(plan_repack(tiles, options));
   const FieldShape& shape = plan.shape;
   const TileOrder order(shape);
   Progress state;
@@ -141,7 +144,7 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
 
   Estimate total;
   if (plan.copy) total = SLF_TRY(count(field, shape));
-  const SampleEncoder encoder(field, plan);
+  const SampleEncoder encoder(tiles, plan);
   for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level) {
     const auto estimate =
         sample(encoder, order, order.first_number(level), order.first_number(level + 1),

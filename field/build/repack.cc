@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 
 #include "base/parallel.h"
 #include "base/try.h"
@@ -24,8 +25,9 @@ struct RecodedTile {
 };
 
 /// Makes a tile of the output. If tiles are predicted, `coarser` has the levels written before.
-Result<RecodedTile> recode(const FieldFile& field, const FieldFile* coarser, const RepackPlan& plan,
+Result<RecodedTile> recode(TileCache& tiles, TileCache* coarser, const RepackPlan& plan,
                            TileKey key, Bytes& samples) {
+  const FieldFile& field = tiles.field();
   const auto found = SLF_TRY(field.store().find(key));
   RecodedTile tile{found.state, {}};
   if (found.state != TileState::stored) return tile;
@@ -34,8 +36,8 @@ Result<RecodedTile> recode(const FieldFile& field, const FieldFile* coarser, con
     tile.payload.assign(found.payload.begin(), found.payload.end());
     return tile;
   }
-  auto ok = read_samples(field, plan, found, samples);
-  if (!ok && ok.error().code == ErrorCode::failed)  // it is predicted from a missing tile
+  auto ok = read_samples(tiles, plan, found, samples);
+  if (!ok && ok.error().code == ErrorCode::tile_missing)  // it is predicted from that
     return RecodedTile{};
   if (ok)
     ok = coarser ? coarser->encode(key, samples, tile.payload)
@@ -58,24 +60,23 @@ void advise(const FieldFile& field, const TileOrder& order, std::uint64_t begin,
 /// Writes the tiles of an output.
 class Repacker {
  public:
-  Repacker(const FieldFile& field, const RepackPlan& plan, const RepackOptions& options,
+  Repacker(TileCache& tiles, const RepackPlan& plan, const RepackOptions& options,
            FieldWriter& writer, const ProgressCallback& progress, RepackReport& report)
-      : field_(field),
+      : field_(tiles.field()),
+        tiles_(tiles),
         plan_(plan),
         writer_(writer),
         progress_(progress),
         report_(report),
         order_(plan.shape) {
     // A third of the budget is for tiles in progress, each at most decoded twice and encoded once;
-    // a third for records waiting for their commit; a third for LMDB's copies of their
-    // pages. With predicted tiles, half of the first third caches the tiles that others are
-    // predicted from, of the input and of the output.
+    // a third for records that wait for their commit; a third for LMDB's copies of their pages. A
+    // quarter of the first third is for decoded tiles of the input, one for those of the output
+    // that others are predicted from.
     predicts_ = plan.codec->predictive() && !plan.copy;
     const std::uint64_t share = options.memory / 3;
-    references_ = share / 4;
-    field.set_reference_budget(references_);
     writer.set_pending_limit(share);
-    const std::uint64_t under_way = field.predicts() || predicts_ ? share / 2 : share;
+    const std::uint64_t under_way = share / 2;
     const std::uint64_t tile_cost = plan.shape.max_tile_samples() * 24 + 4096;
     threads_ = static_cast<unsigned>(
         std::clamp<std::uint64_t>(under_way / tile_cost, 1, thread_count(options.threads)));
@@ -87,23 +88,24 @@ class Repacker {
     for (std::uint64_t begin = 0, end = 0; begin < order_.count(); begin = end) {
       end = order_.count();
       std::shared_ptr<const FieldFile> written;
+      std::optional<TileCache> coarser;
       if (predicts_) {  // level by level: each is predicted from the one written before
         end = order_.first_number(order_.key(begin).level + 1u);
         SLF_TRY(writer_.commit_level());
         written = SLF_TRY(FieldFile::open(writer_.file()));
-        written->set_reference_budget(references_);
+        coarser.emplace(*written, tiles_.budget());
       }
-      SLF_TRY(write(begin, end, written.get()));
+      SLF_TRY(write(begin, end, coarser ? &*coarser : nullptr));
     }
     return writer_.finish([&] { return !progress_ || progress_(state_); });
   }
 
  private:
   /// Recodes the tiles with numbers in [begin, end) on all threads and appends them in order.
-  Result<void> write(std::uint64_t begin, std::uint64_t end, const FieldFile* coarser) {
+  Result<void> write(std::uint64_t begin, std::uint64_t end, TileCache* coarser) {
     OrderedPipeline<RecodedTile> pipeline(end - begin, threads_, window_, [&] {
       return [&, samples = Bytes()](std::uint64_t n) mutable {
-        return recode(field_, coarser, plan_, order_.key(begin + n), samples);
+        return recode(tiles_, coarser, plan_, order_.key(begin + n), samples);
       };
     });
     advise(field_, order_, begin, begin + window_ + kAdvised);
@@ -134,6 +136,7 @@ class Repacker {
   }
 
   const FieldFile& field_;
+  TileCache& tiles_;
   const RepackPlan& plan_;
   FieldWriter& writer_;
   const ProgressCallback& progress_;
@@ -141,7 +144,6 @@ class Repacker {
   TileOrder order_;
   Progress state_;
   bool predicts_ = false;
-  std::uint64_t references_ = 0;
   unsigned threads_ = 1;
   std::size_t window_ = 1;
 };
@@ -153,7 +155,8 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
   const FieldFile& field = handle.file();
   const auto output = SLF_TRY(FieldOutput::at(
       path, options.replace ? Existing::replace : Existing::keep, std::span(&field.path(), 1)));
-  const auto plan = SLF_TRY(plan_repack(field, options));
+  TileCache tiles(field, options.memory / 12);
+  const auto plan = SLF_TRY(plan_repack(tiles, options));
   Manifest manifest = field.manifest();
   manifest.shape = plan.shape;
   manifest.format = plan.format;
@@ -169,7 +172,7 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
                                             plan.codec->tables(), *light));
 
   RepackReport report;
-  Repacker repacker(field, plan, options, writer, progress, report);
+  Repacker repacker(tiles, plan, options, writer, progress, report);
   SLF_TRY(repacker.write());
   std::error_code ignored;
   report.file_bytes = std::filesystem::file_size(output.target, ignored);

@@ -32,8 +32,9 @@ void append_colors(ByteSpan in, bool from_half, bool to_half, Bytes& out) {
 }
 
 /// Fits shared tables to a few tiles spread over the finest level.
-Result<std::unique_ptr<codec::Codec>> train(const FieldFile& field, const RepackPlan& plan,
+Result<std::unique_ptr<codec::Codec>> train(TileCache& cache, const RepackPlan& plan,
                                             const std::string& codec) {
+  const FieldFile& field = cache.field();
   const TileOrder order(plan.shape);
   const std::uint64_t begin = order.first_number(plan.shape.levels);
   const std::uint64_t step = std::max<std::uint64_t>(1, (order.count() - begin) / 256);
@@ -45,7 +46,7 @@ Result<std::unique_ptr<codec::Codec>> train(const FieldFile& field, const Repack
   const std::size_t skip = std::max<std::size_t>(1, stored.size() / kTrainingTiles);
   std::vector<Bytes> samples;
   for (std::size_t k = 0; k < stored.size() && samples.size() < kTrainingTiles; k += skip)
-    SLF_TRY(read_samples(field, plan, stored[k], samples.emplace_back()));
+    SLF_TRY(read_samples(cache, plan, stored[k], samples.emplace_back()));
   std::vector<codec::TrainingTile> tiles;
   for (std::size_t k = 0; k < samples.size(); ++k)
     tiles.push_back({plan.tile_shape(field, stored[k * skip].key), samples[k]});
@@ -68,7 +69,8 @@ Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& optio
 
 }  // namespace
 
-Result<RepackPlan> plan_repack(const FieldFile& field, const RepackOptions& options) {
+Result<RepackPlan> plan_repack(TileCache& tiles, const RepackOptions& options) {
+  const FieldFile& field = tiles.field();
   RepackPlan plan;
   plan.shape = SLF_TRY(plan_shape(field, options));
   plan.format = sample_format(options.half.value_or(is_half(field.format())),
@@ -85,26 +87,20 @@ Result<RepackPlan> plan_repack(const FieldFile& field, const RepackOptions& opti
   const bool whole = !field.predicts() || plan.shape.subfields == field.shape().subfields;
   plan.copy = plan.format == field.format() && (*plain)->spec() == now.spec() && whole;
   plan.codec = SLF_TRY(plan.copy ? codec::make_codec(now.spec(), plan.format, now.tables())
-                                 : train(field, plan, codec));
+                                 : train(tiles, plan, codec));
   return plan;
 }
 
-Result<void> read_samples(const FieldFile& field, const RepackPlan& plan,
-                          const storage::TileRef& tile, Bytes& samples) {
-  const codec::Tile shape = field.tile_shape(tile.key);
-  Bytes decoded(shape.bytes());
-  SLF_TRY(field.decode(tile, decoded));
-  if (plan.format == field.format()) {
-    samples = std::move(decoded);
-    return {};
-  }
+Result<void> read_samples(TileCache& tiles, const RepackPlan& plan, const storage::TileRef& tile,
+                          Bytes& samples) {
+  const FieldFile& field = tiles.field();
+  const auto pin = SLF_TRY(tiles.read(tile));
+  const ByteSpan in = pin.samples(), colors = in.first(field.tile_shape(tile.key).color_bytes());
   samples.clear();
-  append_colors(ByteSpan(decoded).first(shape.color_bytes()), is_half(field.format()),
-                is_half(plan.format), samples);
+  append_colors(colors, is_half(field.format()), is_half(plan.format), samples);
   if (has_depth(plan.format))
-    samples.insert(samples.end(),
-                   decoded.begin() + static_cast<std::ptrdiff_t>(shape.color_bytes()),
-                   decoded.end());
+    samples.insert(samples.end(), in.begin() + static_cast<std::ptrdiff_t>(colors.size()),
+                   in.end());
   return {};
 }
 

@@ -3,7 +3,7 @@
 
 #include <memory>
 
-#include "field/field_file.h"
+#include "field/tiles/tile_cache.h"
 #include "slf/repack.h"
 
 namespace slf {
@@ -23,11 +23,10 @@ struct RepackPlan {
 };
 
 /// usage: the field does not have a level or subfield. Other errors as repack_field().
-[[nodiscard]] Result<RepackPlan> plan_repack(const FieldFile& field, const RepackOptions& options);
+[[nodiscard]] Result<RepackPlan> plan_repack(TileCache& tiles, const RepackOptions& options);
 
-/// Decodes a stored tile and converts its samples to the plan's format. failed: a tile that it is
-/// predicted from is missing. bad_file: the tile is damaged.
-[[nodiscard]] Result<void> read_samples(const FieldFile& field, const RepackPlan& plan,
+/// Reads a stored tile and converts its samples to the plan's format. Errors of TileCache::read().
+[[nodiscard]] Result<void> read_samples(TileCache& tiles, const RepackPlan& plan,
                                         const storage::TileRef& tile, Bytes& samples);
 
 }  // namespace slf

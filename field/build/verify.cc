@@ -6,7 +6,7 @@
 #include "base/parallel.h"
 #include "base/try.h"
 #include "field/build/field_writer.h"
-#include "field/field_file.h"
+#include "field/tiles/tile_cache.h"
 #include "storage/tile_store.h"
 
 namespace slf {
@@ -17,6 +17,7 @@ using storage::TileState;
 
 constexpr std::size_t kMaxFindings = 1000;
 constexpr std::size_t kBatch = 256;
+constexpr std::uint64_t kMemory = 32ull << 20;  // for decoded tiles
 
 class Verifier {
  public:
@@ -96,6 +97,7 @@ class Verifier {
     for (unsigned level = 0; level <= field.shape().levels; ++level)
       state_.total += field.shape().tiles(level);
     report_.complete = true;
+    TileCache tiles(field, kMemory);
     std::vector<std::uint64_t> found(field.shape().levels + 1);
     std::vector<TileRef> batch;
     bool stopped = false;
@@ -112,7 +114,7 @@ class Verifier {
           if (field.manifest().holds(tile.key)) ++found[tile.key.level];
           if (tile.state == TileState::stored) batch.push_back(tile);
           if (batch.size() == kBatch)
-            if (auto ok = check_payloads(field, batch); !ok) return stopped = true, ok;
+            if (auto ok = check_payloads(tiles, batch); !ok) return stopped = true, ok;
           ++state_.done;
           if (!progress_ || progress_(state_)) return {};
           stopped = true;
@@ -125,7 +127,7 @@ class Verifier {
     if (stopped) return visited;
     if (unreadable) return tl::unexpected(*unreadable);
     if (!visited) add(FindingKind::structure, visited.error().message);
-    SLF_TRY(check_payloads(field, batch));
+    SLF_TRY(check_payloads(tiles, batch));
     for (unsigned level = 0; level < found.size(); ++level)
       compare_count(field, level, found[level]);
     return {};
@@ -146,12 +148,13 @@ class Verifier {
   }
 
   /// Checks and decodes tiles on all threads, and clears `tiles`.
-  Result<void> check_payloads(const FieldFile& field, std::vector<TileRef>& tiles) {
+  Result<void> check_payloads(TileCache& cache, std::vector<TileRef>& tiles) {
+    const FieldFile& field = cache.field();
     if (!options_.quick) {
       std::vector<Result<std::optional<Finding>>> found(tiles.size());
       field.advise(tiles);
       auto checked = parallel_for(tiles.size(), options_.threads, [&](std::uint64_t k) {
-        found[k] = check_payload(field, tiles[k]);
+        found[k] = check_payload(cache, tiles[k]);
       });
       field.store().release(tiles);
       if (!checked) return checked;
@@ -169,34 +172,29 @@ class Verifier {
   }
 
   /// io: bytes of the file cannot be read.
-  static Result<std::optional<Finding>> check_payload(const FieldFile& field, const TileRef& tile) {
+  static Result<std::optional<Finding>> check_payload(TileCache& tiles, const TileRef& tile) {
+    const FieldFile& field = tiles.field();
     if (auto ok = field.store().check(tile); !ok) {
       if (ok.error().code == ErrorCode::io) return tl::unexpected(ok.error());
       return Finding{FindingKind::checksum, ok.error().message};
     }
-    thread_local Bytes samples;
-    samples.resize(field.tile_shape(tile.key).bytes());
-    auto ok = field.decode(tile, samples);
+    const auto ok = tiles.read(tile);
     if (ok) return std::nullopt;
     if (ok.error().code == ErrorCode::io) return tl::unexpected(ok.error());
     // In a part, the tiles that this one is predicted from may be in another file. Then only its
     // checksum can be checked.
     if (field.manifest().part && ok.error().code == ErrorCode::tile_missing) return std::nullopt;
-    if (!references_decode(field, tile))
+    if (!references_decode(tiles, tile))
       return Finding{FindingKind::reference, place(field, tile) + ": " + ok.error().message};
     return Finding{FindingKind::decode, ok.error().message};
   }
 
   /// Whether the tiles that a tile is predicted from decode.
-  static bool references_decode(const FieldFile& field, const TileRef& tile) {
-    Bytes samples;
-    for (const TileKey key : field.references(tile)) {
-      if (!field.shape().has(key)) return true;  // then the tile itself is wrong
-      const auto reference = field.store().find(key);
-      if (!reference || reference->state == TileState::missing) return false;
-      if (reference->state == TileState::empty) continue;
-      samples.resize(field.tile_shape(key).bytes());
-      if (!field.decode(*reference, samples)) return false;
+  static bool references_decode(TileCache& tiles, const TileRef& tile) {
+    for (const TileKey key : tiles.field().references(tile)) {
+      if (!tiles.field().shape().has(key)) return true;  // then the tile itself is wrong
+      const auto reference = tiles.load({key, std::nullopt});
+      if (!reference || reference->state() == TileState::missing) return false;
     }
     return true;
   }

@@ -8,10 +8,9 @@ bool has_channel(const FieldFile& field, const std::string& name) {
   return name == "color" || (name == "depth" && field.has_depth());
 }
 
-Result<void> read_samples(const FieldFile& field, const storage::TileRef& tile, Bytes& samples) {
-  samples.assign(field.tile_shape(tile.key).bytes(), std::byte{0});
-  if (tile.state != storage::TileState::stored) return {};
-  return field.decode(tile, samples);
+Result<void> read_samples(TileCache& tiles, const storage::TileRef& tile, Bytes& samples) {
+  samples.assign(tiles.field().tile_shape(tile.key).bytes(), std::byte{0});
+  return tiles.read(tile, samples);
 }
 
 ByteSpan channel_of(const codec::Tile& shape, ByteSpan samples, bool depth) {

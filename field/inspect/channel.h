@@ -4,15 +4,15 @@
 #include <string>
 #include <vector>
 
-#include "field/field_file.h"
+#include "field/tiles/tile_cache.h"
 
 namespace slf {
 
 /// Whether a field has the channel "color" or "depth".
 [[nodiscard]] bool has_channel(const FieldFile& field, const std::string& name);
 
-/// Decodes a stored tile; all zeros for an empty one. Errors of FieldFile::decode().
-[[nodiscard]] Result<void> read_samples(const FieldFile& field, const storage::TileRef& tile,
+/// Reads a tile; all zeros for an empty one. Errors of TileCache::read().
+[[nodiscard]] Result<void> read_samples(TileCache& tiles, const storage::TileRef& tile,
                                         Bytes& samples);
 
 /// The part of a tile's samples that holds a channel.

@@ -13,8 +13,9 @@ namespace {
 using storage::TileRef;
 using storage::TileState;
 
-constexpr std::uint64_t kBatch = 256;        // tiles that a thread takes at a time
-constexpr std::uint64_t kReleaseEvery = 64;  // batches
+constexpr std::uint64_t kBatch = 256;           // tiles that a thread takes at a time
+constexpr std::uint64_t kReleaseEvery = 64;     // batches
+constexpr std::uint64_t kMemory = 32ull << 20;  // for decoded tiles of each field
 
 /// The contribution of a batch of tiles to a ChannelDifference.
 struct Sum {
@@ -45,13 +46,16 @@ struct Comparison {
   const FieldFile& b;
   std::size_t channels;  ///< 1: colour, which both have; 2: depth, too
   bool same_codec;       ///< so equal bytes mean equal samples
+  TileCache& tiles_a;
+  TileCache& tiles_b;
 };
 
-Comparison compare_fields(const FieldFile& a, const FieldFile& b) {
+Comparison compare_fields(TileCache& tiles_a, TileCache& tiles_b) {
+  const FieldFile &a = tiles_a.field(), &b = tiles_b.field();
   const ByteSpan tables_a = a.codec().tables(), tables_b = b.codec().tables();
   const bool same = a.codec().spec() == b.codec().spec() && a.format() == b.format() &&
                     std::ranges::equal(tables_a, tables_b);
-  return {a, b, a.has_depth() && b.has_depth() ? 2u : 1u, same};
+  return {a, b, a.has_depth() && b.has_depth() ? 2u : 1u, same, tiles_a, tiles_b};
 }
 
 /// Compares batches of tiles on one thread.
@@ -89,8 +93,8 @@ class Comparer {
     const bool same_bytes = a.state == b.state && std::ranges::equal(a.payload, b.payload);
     if (same_bytes && (comparison_.same_codec || a.state == TileState::empty)) return {};
 
-    SLF_TRY(read_samples(a_, a, samples_a_));
-    SLF_TRY(read_samples(b_, b, samples_b_));
+    SLF_TRY(read_samples(comparison_.tiles_a, a, samples_a_));
+    SLF_TRY(read_samples(comparison_.tiles_b, b, samples_b_));
     for (std::size_t c = 0; c < sums.size(); ++c) compare_channel(c == 1, a.key, sums[c]);
     return {};
   }
@@ -170,7 +174,8 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
   difference.comparable = same_rays(a.shape(), b.shape());
   if (!difference.comparable) return difference;
 
-  const Comparison comparison = compare_fields(a, b);
+  TileCache tiles_a(a, kMemory), tiles_b(b, kMemory);
+  const Comparison comparison = compare_fields(tiles_a, tiles_b);
   const TileOrder order(union_shape(a.shape(), b.shape()));
   const std::uint64_t batches = (order.count() + kBatch - 1) / kBatch;
   const unsigned threads = thread_count(options.threads);

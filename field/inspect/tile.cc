@@ -6,6 +6,10 @@
 
 namespace slf {
 
+namespace {
+constexpr std::uint64_t kMemory = 32ull << 20;  // for the tiles that it is predicted from
+}
+
 Result<TileSampleSet> read_tile(const Field& handle, TileKey key, const std::string& name) {
   const FieldFile& field = handle.file();
   if (!has_channel(field, name))
@@ -15,7 +19,8 @@ Result<TileSampleSet> read_tile(const Field& handle, TileKey key, const std::str
     return fail(ErrorCode::failed, field.path(), ": tile ", int{key.level}, "/", key.index,
                 " is missing; the build command that made the field builds it");
   Bytes samples;
-  SLF_TRY(read_samples(field, tile, samples));
+  TileCache tiles(field, kMemory);
+  SLF_TRY(read_samples(tiles, tile, samples));
 
   const bool depth = name == "depth";
   const codec::Tile shape = field.tile_shape(key);

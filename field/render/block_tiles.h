@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "field/geometry/level_geometry.h"
-#include "field/render/page_table.h"
 #include "field/render/ray_block.h"
+#include "field/tiles/page_table.h"
 #include "slf/tile.h"
 
 namespace slf {

@@ -98,10 +98,10 @@ bool is_near(const Camera& camera, const Camera& expected, const Camera& before,
 class Player::Loader {
  public:
   Loader(const Renderer& renderer, const ViewOptions& view)
-      : cache_(*renderer.state_->cache),
+      : cache_(renderer.state_->tiles.cache()),
         threads_(static_cast<unsigned>(renderer.state_->renderers.size())),
         view_(view),
-        previewer_(renderer, 1),
+        previewer_(renderer.state_->tiles, 1),
         thread_([this] { run(); }) {}
   ~Loader() {
     {
@@ -308,7 +308,7 @@ struct Player::State {
       : field(of_field), options(play_options), renderer(field, for_frames(options.renderer)) {
     options.view.wait = options.loading == Loading::wait;
   }
-  [[nodiscard]] TileCache& cache() const { return *renderer.state_->cache; }
+  [[nodiscard]] TileCache& cache() const { return renderer.state_->tiles.cache(); }
 
   Field field;
   PlayOptions options;

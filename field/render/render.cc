@@ -64,18 +64,17 @@ RenderMode default_mode(const Field& field) {
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field.file(), options);
-  state_ = std::unique_ptr<State>(
-      new State{field,
-                plan.cache_bytes / (plan.threads + 1),
-                std::make_shared<TileCache>(field.file(), plan.cache_bytes, options.map_budget,
-                                            options.in_place),
-                {}});
-  state_->renderers.resize(plan.threads);
+  *this = Renderer(TileReader(field, {plan.cache_bytes, options.map_budget, options.in_place}),
+                   plan.threads);
 }
-Renderer::Renderer(const Renderer& other, unsigned threads)
-    : state_(new State{other.state_->field, other.state_->pin_bytes, other.state_->cache, {}}) {
+Renderer::Renderer(TileReader tiles, unsigned threads) {
+  threads = thread_count(threads);
+  const std::uint64_t pin_bytes = tiles.cache().budget() / (threads + 1);
+  state_ = std::make_unique<State>(State{std::move(tiles), pin_bytes, {}});
   state_->renderers.resize(threads);
 }
+Renderer::Renderer(Renderer&&) noexcept = default;
+Renderer& Renderer::operator=(Renderer&&) noexcept = default;
 Renderer::~Renderer() = default;
 
 unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMode mode) {
@@ -254,18 +253,19 @@ Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
 Result<void> Renderer::render(const Camera& camera, const ViewOptions& requested, Image& image,
                               ViewStatistics* statistics) {
   const auto rays = SLF_TRY(RayGenerator::make(camera));
-  const FieldFile& field = state_->field.file();
-  SLF_TRY(check_view(state_->field, requested));
+  const FieldFile& field = state_->tiles.field().file();
+  SLF_TRY(check_view(state_->tiles.field(), requested));
   const ViewOptions options = resolved(requested, field.shape(), camera);
 
-  const std::uint64_t decodes_before = state_->cache->statistics().decodes;
+  const std::uint64_t decodes_before = state_->tiles.cache().statistics().decodes;
   if (field.store().is_remote() && options.wait) SLF_TRY(fetch(camera, options));
-  state_->cache->reset_peak();
+  state_->tiles.cache().reset_peak();
   const BlockOrder blocks(camera.width, camera.height);
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), blocks.count()));
-  ViewJob job(field, *state_->cache, state_->pin_bytes, std::span(state_->renderers).first(threads),
-              blocks, camera, rays, options, statistics != nullptr, image);
+  ViewJob job(field, state_->tiles.cache(), state_->pin_bytes,
+              std::span(state_->renderers).first(threads), blocks, camera, rays, options,
+              statistics != nullptr, image);
   SLF_TRY(on_threads(threads, [&] { job.work(); }));
   if (job.error()) return tl::unexpected(*job.error());
   SLF_TRY(field.unchanged());
@@ -273,7 +273,7 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& requested
   if (statistics) {
     *statistics = {};
     job.fill(*statistics);
-    const CacheStatistics cache = state_->cache->statistics();
+    const CacheStatistics cache = state_->tiles.cache().statistics();
     statistics->decodes = cache.decodes - decodes_before;
     statistics->decoded_peak_bytes = cache.decoded_peak_bytes;
   }
@@ -302,13 +302,13 @@ std::vector<TileKey> level0_if_small(const FieldFile& field) {
 // picture missed at once. Loaded depths lead to further tiles, hence several rounds.
 Result<void> Renderer::fetch(const Camera& camera, ViewOptions options) {
   constexpr int kRounds = 4;
-  TileCache& cache = *state_->cache;
+  TileCache& cache = state_->tiles.cache();
   const auto load = [&](std::span<const TileKey> keys) -> Result<void> {
     for (const TileCache::Located& tile : cache.locate(keys)) SLF_TRY(cache.load(tile));
     return {};
   };
   options.wait = false;
-  SLF_TRY(load(level0_if_small(state_->field.file())));
+  SLF_TRY(load(level0_if_small(state_->tiles.field().file())));
   Image picture;
   ViewStatistics statistics;
   std::set<TileKey> loaded;
@@ -323,8 +323,8 @@ Result<void> Renderer::fetch(const Camera& camera, ViewOptions options) {
 
 Result<void> Renderer::render_progressively(const Camera& camera, const ViewOptions& options,
                                             Image& image, const Show& show) {
-  SLF_TRY(check_view(state_->field, options));
-  const unsigned last = resolved(options, state_->field.shape(), camera).level;
+  SLF_TRY(check_view(state_->tiles.field(), options));
+  const unsigned last = resolved(options, state_->tiles.field().shape(), camera).level;
   ViewOptions view = options;
   for (view.level = 0; view.level <= last; ++view.level) {
     SLF_TRY(render(camera, view, image));

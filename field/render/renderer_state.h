@@ -1,4 +1,4 @@
-// The state of a Renderer. A Player shares its cache.
+// The state of a Renderer. A Player shares its tiles.
 #pragma once
 
 #include <cstdint>
@@ -7,15 +7,14 @@
 
 #include "field/field_file.h"
 #include "field/render/block_renderer.h"
-#include "field/render/tile_cache.h"
+#include "field/tiles/tile_cache.h"
 #include "slf/render.h"
 
 namespace slf {
 
 struct Renderer::State {
-  Field field;
-  std::uint64_t pin_bytes;  // of tiles that each thread may pin
-  std::shared_ptr<TileCache> cache;
+  TileReader tiles;
+  std::uint64_t pin_bytes;                                // of tiles that each thread may pin
   std::vector<std::unique_ptr<BlockRenderer>> renderers;  // one for each thread, made on first use
 };
 

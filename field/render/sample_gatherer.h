@@ -12,7 +12,7 @@
 #include "field/geometry/level_geometry.h"
 #include "field/render/block_tiles.h"
 #include "field/render/ray_block.h"
-#include "field/render/tile_cache.h"
+#include "field/tiles/tile_cache.h"
 #include "slf/error.h"
 
 namespace slf {

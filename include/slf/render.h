@@ -17,11 +17,9 @@
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/image.h"
+#include "slf/tile_reader.h"
 
 namespace slf {
-
-/// No limit on a number of bytes.
-inline constexpr std::uint64_t kUnlimited = ~std::uint64_t{0};
 
 /// How the colour of a ray is interpolated from stored ones. The first four modes are the paper's
 /// (section 3, Figure 8).
@@ -40,14 +38,10 @@ enum class RenderMode {
 [[nodiscard]] RenderMode default_mode(const Field& field);
 
 struct RendererOptions {
-  /// Bytes of decoded tiles and scratch memory. Not included: pictures, and a table for each level
-  /// of the field, about 32 N² bytes for an entry lattice of N cells.
-  std::uint64_t memory = 256ull << 20;
-  unsigned threads = 0;  ///< 0: all
-  /// Resident bytes of the mapped file, at least 512 KiB. Tiles of an in-place codec (raw) that are
-  /// in use may exceed it.
-  std::uint64_t map_budget = kUnlimited;
-  bool in_place = true;  ///< read raw tiles from the map; false: copy them, within `memory`
+  std::uint64_t memory = 256ull << 20;    ///< bytes of decoded tiles and scratch, without pictures
+  unsigned threads = 0;                   ///< 0: all
+  std::uint64_t map_budget = kUnlimited;  ///< as in TileReaderOptions
+  bool in_place = true;                   ///< as in TileReaderOptions
 };
 
 /// Stands for the level that matches the camera.
@@ -81,10 +75,14 @@ struct ViewStatistics {
 /// many as its options say.
 class Renderer {
  public:
-  /// Keeps a copy of the handle.
+  /// Reads the field's tiles with a reader of its own. Scratch comes out of the memory, which few
+  /// bytes limit to few threads.
   explicit Renderer(const Field& field, const RendererOptions& options = {});
-  /// Shares the cache of another renderer, which must outlive this one.
-  Renderer(const Renderer& other, unsigned threads);
+  /// Shares the reader with whoever else has it. Scratch, about 64 bytes for each sample of the
+  /// largest tile and thread, comes on top of its memory. threads: 0 for all.
+  explicit Renderer(TileReader tiles, unsigned threads = 0);
+  Renderer(Renderer&&) noexcept;
+  Renderer& operator=(Renderer&&) noexcept;
   ~Renderer();
 
   /// Draws a view. Rays are whole chords of the sphere, so from an eye inside the sphere, objects

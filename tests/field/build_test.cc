@@ -83,7 +83,7 @@ TEST(Build, SamplesAreTheScenesRays) {
     const codec::Tile shape = field->file().tile_shape(key);
     std::vector<std::byte> samples(shape.bytes());
     if (tile->state == storage::TileState::stored) {
-      ASSERT_TRUE(field->file().decode(*tile, samples));
+      ASSERT_TRUE(testing::read(field->file(), *tile, samples));
     } else {
       ASSERT_EQ(tile->state, storage::TileState::empty);
     }
@@ -143,7 +143,7 @@ TEST(Build, CoarserLevelsAreMeansUnderATent) {
     const codec::Tile shape = field->file().tile_shape({0, index});
     std::vector<std::byte> samples(shape.bytes());
     if (tile->state == storage::TileState::stored) {
-      ASSERT_TRUE(field->file().decode(*tile, samples));
+      ASSERT_TRUE(testing::read(field->file(), *tile, samples));
     }
     const std::byte* const colors = samples.data();
     const std::byte* const depths = colors + shape.color_bytes();
@@ -472,7 +472,7 @@ TEST(Build, HalfFloatColourIsKeptBitForBit) {
     const auto tile = field->file().store().find({1, index});
     ASSERT_TRUE(tile);
     std::vector<std::byte> samples(field->file().tile_shape({1, index}).bytes());
-    ASSERT_TRUE(field->file().decode(*tile, samples));
+    ASSERT_TRUE(testing::read(field->file(), *tile, samples));
     TracedTile traced;
     ASSERT_TRUE(tracer.trace({1, index}, traced));
     EXPECT_EQ(samples, traced.samples);

@@ -10,7 +10,7 @@
 #include <map>
 #include <string>
 
-#include "field/field_file.h"
+#include "field/tiles/tile_cache.h"
 #include "slf/build.h"
 #include "slf/field.h"
 #include "slf/render.h"
@@ -29,6 +29,12 @@ inline std::vector<LatticeVertex> all_vertices(std::int32_t n) {
       if (k != 0) all.push_back({i, j, -k});
     }
   return all;
+}
+
+/// Reads a stored tile into `samples`, by a cache of its own.
+inline Result<void> read(const FieldFile& field, const storage::TileRef& tile,
+                         std::span<std::byte> samples) {
+  return TileCache(field, 16 << 20).read(tile, samples);
 }
 
 /// A scene whose rays are a function of their two points on the unit sphere.

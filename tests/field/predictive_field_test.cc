@@ -185,18 +185,17 @@ TEST_F(PredictiveField, ATileIsDecodedOnceForItselfAndForOthers) {
   const TileKey dependant = reference_and_dependant(*field).second;
   const auto keys = file.with_references(std::span(&dependant, 1));
   ASSERT_TRUE(keys && keys->size() > 1);
-  const std::uint64_t before = file.decoded_bytes();
+  TileCache cache(file, 64 << 20);
   std::uint64_t payloads = 0;
   for (int round = 0; round < 2; ++round)
     for (const TileKey key : *keys) {  // coarse levels first
       const auto tile = file.store().find(key);
       ASSERT_TRUE(tile);
       if (tile->state != TileState::stored) continue;
-      Bytes samples(file.tile_shape(key).bytes());
-      ASSERT_TRUE(file.decode(*tile, samples));
+      ASSERT_TRUE(cache.read(*tile));
       payloads += round == 0 ? tile->payload.size() : 0;
     }
-  EXPECT_EQ(file.decoded_bytes() - before, payloads);
+  EXPECT_EQ(cache.statistics().loaded_bytes, payloads);
 }
 
 TEST_F(PredictiveField, TheBytesOfAViewIncludeWhatItsTilesArePredictedFrom) {
@@ -237,8 +236,7 @@ TEST_F(PredictiveField, WithoutAReferenceACoarserLevelIsDrawn) {
   drop("a.slf", reference);
   const auto field = open("a.slf");
   const auto tile = field->file().store().find(dependant);
-  Bytes samples(field->file().tile_shape(dependant).bytes());
-  const auto decoded = field->file().decode(*tile, samples);
+  const auto decoded = TileCache(field->file(), 1 << 20).read(*tile);
   ASSERT_FALSE(decoded);
   EXPECT_EQ(decoded.error().code, ErrorCode::tile_missing);
   EXPECT_NE(decoded.error().message.find("tile 0/" + std::to_string(reference.index)),

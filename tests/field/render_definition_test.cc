@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "field/field_file.h"
-#include "field/render/tile_cache.h"
+#include "field/tiles/tile_cache.h"
 #include "slf/render.h"
 #include "slf/scene.h"
 #include "tests/field/field_testing.h"

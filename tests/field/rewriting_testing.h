@@ -20,13 +20,14 @@ inline void write_text(const std::string& path, const std::string& text) {
 
 /// The samples of every tile; an empty tile has none.
 inline std::map<TileKey, Bytes> all_samples(const Field& field) {
+  TileCache cache(field.file(), 16 << 20);
   std::map<TileKey, Bytes> tiles;
   const auto ok = field.file().store().visit(
       {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
         Bytes& samples = tiles[tile.key];
         if (tile.state != storage::TileState::stored) return {};
         samples.resize(field.file().tile_shape(tile.key).bytes());
-        return field.file().decode(tile, samples);
+        return cache.read(tile, samples);
       });
   EXPECT_TRUE(ok) << (ok ? "" : ok.error().message);
   return tiles;

@@ -1,6 +1,6 @@
 // TileCache on its own: what readers find without a lock, and what the budget removes.
 
-#include "field/render/tile_cache.h"
+#include "field/tiles/tile_cache.h"
 
 #include <gtest/gtest.h>
 
@@ -53,7 +53,7 @@ class TileCacheTest : public ::testing::Test {
     const auto ref = field_->file().store().find(at);
     if (ref->state != storage::TileState::stored) return {};
     std::vector<std::byte> bytes(field_->file().tile_shape(at).bytes());
-    EXPECT_TRUE(field_->file().decode(*ref, bytes));
+    EXPECT_TRUE(testing::read(field_->file(), *ref, bytes));
     return bytes;
   }
 

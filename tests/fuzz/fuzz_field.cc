@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "field/field_file.h"
+#include "field/tiles/tile_cache.h"
 #include "slf/field.h"
 #include "slf/render.h"
 #include "slf/verify.h"
@@ -32,14 +33,13 @@ constexpr std::uint64_t kMaxTiles = 256;
 /// Decodes every tile that is stored; the number of those that do not.
 std::uint64_t decode_all(const Field& field) {
   std::uint64_t bad = 0, tiles = 0;
-  Bytes samples;
+  TileCache cache(field.file(), 64 << 20);
   (void)field.file().store().visit({0, 0}, {255, 0},
                                    [&](const storage::TileRef& tile) -> Result<void> {
                                      if (++tiles > kMaxTiles || !field.shape().has(tile.key) ||
                                          tile.state != storage::TileState::stored)
                                        return {};
-                                     samples.resize(field.file().tile_shape(tile.key).bytes());
-                                     if (!field.file().decode(tile, samples)) ++bad;
+                                     if (!cache.read(tile)) ++bad;
                                      return {};
                                    });
   return bad;

@@ -6,19 +6,17 @@
 #include <cstdlib>
 #include <string>
 
-#include "field/field_file.h"
 #include "field/geometry/section.h"
+#include "field/tiles/tile_cache.h"
 
 namespace {
 
 using namespace slf;
 
-bool write_tile(const FieldFile& field, TileKey key) {
-  const auto tile = field.store().find(key);
+bool write_tile(TileCache& tiles, TileKey key) {
+  const auto tile = tiles.load({key, std::nullopt});
   if (!tile) return false;
-  if (tile->state != storage::TileState::stored) return true;
-  Bytes samples(field.tile_shape(key).bytes());
-  if (!field.decode(*tile, samples)) return false;
+  const ByteSpan samples = tile->samples();
   std::fwrite(samples.data(), 1, samples.size(), stdout);
   return true;
 }
@@ -29,6 +27,7 @@ int main(int argc, char** argv) {
   if (argc != 3) return 1;
   const auto field = FieldFile::open(argv[1]);
   if (!field) return 2;
+  TileCache tiles(**field, 64 << 20);
   const FieldShape& shape = (*field)->shape();
   const unsigned long stride = std::stoul(argv[2]);
   unsigned long page = 0;
@@ -39,7 +38,7 @@ int main(int argc, char** argv) {
         if (page % stride != 0) continue;
         const TileKey key = tile_key(
             {{static_cast<std::uint8_t>(deeper), entry}, {static_cast<std::uint8_t>(level), exit}});
-        if (!write_tile(**field, key)) return 3;
+        if (!write_tile(tiles, key)) return 3;
       }
   }
   return 0;

@@ -24,10 +24,10 @@
 #include <vector>
 
 #include "field/field_file.h"
-#include "field/render/page_table.h"
-#include "field/render/tile_memory.h"
+#include "field/tiles/page_table.h"
+#include "field/tiles/tile_memory.h"
 #include "slf/error.h"
-#include "slf/render.h"
+#include "slf/tile_reader.h"
 
 namespace slf {
 
@@ -56,8 +56,13 @@ class TileCache {
     Pin& operator=(Pin&& other) noexcept;
     ~Pin() { release(); }
 
-    /// REQUIRES: the pin came from load() and was not moved from.
+    // REQUIRES of what follows: the pin came from load() or read() and was not moved from.
+
     [[nodiscard]] TilePage& page() const;
+    /// Whether the tile is stored; missing also if a tile that it is predicted from is.
+    [[nodiscard]] storage::TileState state() const;
+    /// The samples, in the layout of codec::Tile; none if the tile is not stored.
+    [[nodiscard]] ByteSpan samples() const;
 
    private:
     friend class TileCache;
@@ -107,6 +112,9 @@ class TileCache {
             bool in_place = true);
   ~TileCache();
 
+  [[nodiscard]] const FieldFile& field() const { return field_; }
+  [[nodiscard]] std::uint64_t budget() const { return budget_; }
+
   /// The table of a level, to find pages inside ReadScopes. Thread-safe.
   [[nodiscard]] const PageTable& page_table(unsigned level) const { return tables_[level]; }
 
@@ -133,6 +141,17 @@ class TileCache {
   [[nodiscard]] std::vector<Located> locate(std::span<const TileKey> keys);
   /// The second half, for one tile.
   [[nodiscard]] Result<Pin> load(const Located& tile);
+
+  /// Loads a stored tile. tile_missing: one that it is predicted from was never built; the message
+  /// names that.
+  [[nodiscard]] Result<Pin> read(const storage::TileRef& tile);
+
+  /// The same, copied into `samples`, which has the tile's size.
+  [[nodiscard]] Result<void> read(const storage::TileRef& tile, std::span<std::byte> samples);
+
+  /// Codes a tile as a difference from what this field's tiles of the next coarser level predict.
+  /// Errors of load(). Thread-safe. REQUIRES: the field predicts tiles.
+  [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples, Bytes& payload);
 
   /// The number of the frame that began last.
   [[nodiscard]] std::uint32_t now() const { return clock_.load(); }
@@ -179,14 +198,18 @@ class TileCache {
                                           const std::optional<storage::TileRef>& located);
   /// Makes room for a tile and counts it.
   void charge(Tile& tile, std::uint64_t bytes, bool located);
+  /// Loads the tiles that another one is predicted from, and adds their pins. Loads depend on
+  /// coarser levels only, so threads never wait for each other in a circle. tile_missing: the tile
+  /// was never built; then `lacking` is its key.
+  [[nodiscard]] ReferenceSource references(std::vector<Pin>& pins, std::optional<TileKey>& lacking);
 
   const FieldFile& field_;
-  const std::uint64_t decoded_before_;  // field_.decoded_bytes() at the start
   const std::uint64_t budget_, map_budget_;
   const bool in_place_;
-  std::vector<PageTable> tables_;        // by level; changed under the lock
-  std::atomic<std::uint32_t> clock_{0};  // number of the frame that began last
-  std::atomic<std::uint64_t> epoch_{1};  // removals so far
+  std::vector<PageTable> tables_;                // by level; changed under the lock
+  std::atomic<std::uint32_t> clock_{0};          // number of the frame that began last
+  std::atomic<std::uint64_t> epoch_{1};          // removals so far
+  std::atomic<std::uint64_t> payload_bytes_{0};  // decoded so far
 
   TileMemory memory_;
 

@@ -1,4 +1,4 @@
-#include "field/render/tile_memory.h"
+#include "field/tiles/tile_memory.h"
 
 #include <sys/mman.h>
 

@@ -1,4 +1,4 @@
-#include "field/render/tile_cache.h"
+#include "field/tiles/tile_cache.h"
 
 #include <algorithm>
 #include <optional>
@@ -24,7 +24,9 @@ struct TileCache::Tile : Link {
   TilePage* page = nullptr;  // where readers find it
   storage::TileRef ref;
   const std::byte* first = nullptr;
-  TileMemory::Block owned;  // what `first` points into, unless it is the map
+  TileMemory::Block owned;         // what `first` points into, unless it is the map
+  std::size_t bytes = 0;           // of the samples
+  std::optional<TileKey> lacking;  // a tile that this one is predicted from, but was never built
   std::optional<Error> error;
   Stage stage = Stage::absent;
   bool in_place = false;     // the samples are in the map
@@ -37,7 +39,6 @@ struct TileCache::Tile : Link {
 TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget,
                      bool in_place)
     : field_(field),
-      decoded_before_(field.decoded_bytes()),
       budget_(budget),
       map_budget_(map_budget),
       in_place_(in_place),
@@ -96,6 +97,10 @@ void TileCache::Pin::release() {
 }
 
 TilePage& TileCache::Pin::page() const { return *tile_->page; }
+storage::TileState TileCache::Pin::state() const { return tile_->ref.state; }
+ByteSpan TileCache::Pin::samples() const {
+  return tile_->first ? ByteSpan(tile_->first, tile_->bytes) : ByteSpan();
+}
 
 void TileCache::pin_locked(Tile& tile) {
   if (tile.pins++ > 0) return;
@@ -332,6 +337,7 @@ Result<void> TileCache::load_samples(Tile& tile, const std::optional<storage::Ti
   tile.mapped = stored && (tile.in_place || !raw);
   charge(tile, tile.in_place ? 0 : bytes, located.has_value());
   if (tile.in_place) {
+    tile.bytes = bytes;
     tile.first = ref.payload.data();  // a record's table comes before any payload
     return field_.store().check(ref);
   }
@@ -339,32 +345,47 @@ Result<void> TileCache::load_samples(Tile& tile, const std::optional<storage::Ti
   tile.owned = memory_.allocate(kReadableBefore + bytes);
   std::byte* const first = tile.owned.get() + kReadableBefore;
   tile.first = first;
-  auto decoded = field_.decode(ref, {first, bytes});
-  if (!decoded && decoded.error().code == ErrorCode::failed) {
-    // A tile that this one is predicted from is missing, so this one counts as missing, too.
-    tile.ref.state = storage::TileState::missing;
-    tile.first = nullptr;
-    return {};
-  }
+  tile.bytes = bytes;
+  payload_bytes_ += ref.payload.size();
+  std::vector<Pin> pins;
+  auto decoded = field_.decode(ref, references(pins, tile.lacking), {first, bytes});
+  if (!tile.lacking) return decoded;
+  tile.ref.state = storage::TileState::missing;
+  tile.first = nullptr;
   return {};
 }
 
-Result<bool> TileCache::decode(const storage::TileRef& ref, std::span<std::byte> samples) {
-  std::vector<Pin> references;
-  const auto source = [&](TileKey key) -> Result<ByteSpan> {
+ReferenceSource TileCache::references(std::vector<Pin>& pins, std::optional<TileKey>& lacking) {
+  return [&, this](TileKey key) -> Result<ByteSpan> {
     if (!field_.shape().has(key))
       return fail(ErrorCode::bad_file, field_.path(), ": tile ", int{key.level}, "/", key.index,
                   ", from which others are predicted, is not in the field");
-    const Pin& pin = references.emplace_back(SLF_TRY(load(Located{key}, false)));
-    const LayerSamples& found = pin.tile_->color;
-    if (found.ref.state == storage::TileState::missing)
-      return fail(ErrorCode::tile_missing, "a reference");
-    return found.first ? ByteSpan(found.first, field_.tile_shape(ref.layer, key).bytes())
-                       : ByteSpan();
+    const Pin& pin = pins.emplace_back(SLF_TRY(load(Located{key})));
+    if (pin.state() != storage::TileState::missing) return pin.samples();
+    lacking = pin.tile_->lacking.value_or(key);
+    return fail(ErrorCode::tile_missing, "a reference");
   };
-  const auto decoded = field_.decode(ref, source, samples);
-  if (decoded || decoded.error().code == ErrorCode::tile_missing) return decoded.has_value();
-  return tl::unexpected(decoded.error());
+}
+
+Result<TileCache::Pin> TileCache::read(const storage::TileRef& tile) {
+  auto pin = SLF_TRY(load(Located{tile.key, tile}));
+  if (const auto& lacking = pin.tile_->lacking)
+    return fail(ErrorCode::tile_missing, field_.path(), ": tile ", int{lacking->level}, "/",
+                lacking->index,
+                ", from which others are predicted, is missing; build the field again");
+  return pin;
+}
+
+Result<void> TileCache::read(const storage::TileRef& tile, std::span<std::byte> samples) {
+  const auto pin = SLF_TRY(read(tile));
+  std::ranges::copy(pin.samples(), samples.begin());
+  return {};
+}
+
+Result<void> TileCache::encode(TileKey key, ByteSpan samples, Bytes& payload) {
+  std::vector<Pin> pins;
+  std::optional<TileKey> lacking;
+  return field_.encode(key, samples, references(pins, lacking), payload);
 }
 
 std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys) {
@@ -391,7 +412,10 @@ std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys)
       located[places[begin + k]].ref = *found[k];
       refs.push_back(*found[k]);
     }
-    field_.advise(refs);
+    field_.advise(refs, [this](TileKey key) {
+      const std::lock_guard lock(mutex_);
+      return tiles_.contains(key);
+    });
     const ScopedLock scoped(*this);
     for (const storage::TileRef& ref : refs) count_mapped_locked(ref, false);
   }
@@ -420,7 +444,7 @@ void TileCache::count_mapped_locked(const storage::TileRef& tile, bool read) {
 CacheStatistics TileCache::statistics() const {
   const std::lock_guard lock(mutex_);
   CacheStatistics statistics = statistics_;
-  statistics.loaded_bytes += field_.decoded_bytes() - decoded_before_;
+  statistics.loaded_bytes += payload_bytes_;
   return statistics;
 }
 

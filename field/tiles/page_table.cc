@@ -1,4 +1,4 @@
-#include "field/render/page_table.h"
+#include "field/tiles/page_table.h"
 
 #include <sys/mman.h>
 

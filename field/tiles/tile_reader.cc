@@ -1,0 +1,45 @@
+#include "slf/tile_reader.h"
+
+#include "base/try.h"
+#include "field/tiles/tile_cache.h"
+
+namespace slf {
+
+struct TileReader::State {
+  Field field;
+  TileCache cache;
+
+  State(const Field& of, const TileReaderOptions& options)
+      : field(of), cache(field.file(), options.memory, options.map_budget, options.in_place) {}
+};
+
+TileReader::TileReader(const Field& field, const TileReaderOptions& options)
+    : state_(std::make_shared<State>(field, options)) {}
+
+const Field& TileReader::field() const { return state_->field; }
+TileCache& TileReader::cache() const { return state_->cache; }
+
+Result<TileReader::Tile> TileReader::read(TileKey key) const {
+  const FieldFile& file = field().file();
+  if (!file.shape().has(key))
+    return fail(ErrorCode::usage, file.path(), ": has no tile ", int{key.level}, "/", key.index);
+
+  struct Held {
+    std::shared_ptr<State> state;  // outlives the pin
+    TileCache::Pin pin;
+  };
+  auto held = std::make_shared<Held>(Held{state_, SLF_TRY(cache().load({key, std::nullopt}))});
+  Tile tile;
+  tile.missing_ = held->pin.state() == storage::TileState::missing;
+  if (const ByteSpan samples = held->pin.samples(); !samples.empty()) {
+    const std::size_t colors = file.tile_shape(key).color_bytes();
+    tile.colors_ = samples.first(colors);
+    tile.depths_ = samples.subspan(colors);
+  }
+  tile.pin_ = std::move(held);
+  return tile;
+}
+
+void TileReader::prefetch(std::span<const TileKey> keys) const { (void)cache().locate(keys); }
+
+}  // namespace slf

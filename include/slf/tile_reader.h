@@ -1,0 +1,77 @@
+// TileReader: finds, checks, decodes and keeps the tiles of a field, within a memory budget.
+//
+//   TileReader tiles(field, {.memory = 64 << 20});
+//   Renderer renderer(tiles), another(tiles);  // these share what is decoded
+//   auto tile = tiles.read({0, 5});
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "slf/error.h"
+#include "slf/field.h"
+#include "slf/tile.h"
+
+namespace slf {
+
+class TileCache;  // internal
+
+/// No limit on a number of bytes.
+inline constexpr std::uint64_t kUnlimited = ~std::uint64_t{0};
+
+struct TileReaderOptions {
+  /// Bytes of decoded tiles. Not included: a table for each level of the field, about 32 N² bytes
+  /// for an entry lattice of N cells.
+  std::uint64_t memory = 256ull << 20;
+  /// Resident bytes of the mapped file, at least 512 KiB. Tiles of an in-place codec (raw) that are
+  /// in use may exceed it.
+  std::uint64_t map_budget = kUnlimited;
+  bool in_place = true;  ///< read raw tiles from the map; false: copy them, within `memory`
+};
+
+/// A handle: copies share the decoded tiles and one budget. When that is used up, the tiles that
+/// were not used for longest are evicted, except those that somebody holds. A tile that others are
+/// predicted from is a tile like any other. Thread-safety: any thread.
+class TileReader {
+ public:
+  /// Keeps a copy of the field's handle.
+  explicit TileReader(const Field& field, const TileReaderOptions& options = {});
+
+  /// A tile that stays decoded while this or a copy lives; it keeps the reader alive.
+  class Tile {
+   public:
+    /// Whether it, or a tile that it is predicted from, was never built. Then it has no samples.
+    [[nodiscard]] bool missing() const { return missing_; }
+    /// Premultiplied colours, rgba8 or rgba16f as Field::format() says, for each entry vertex those
+    /// of all exit vertices (FORMAT.md, "Samples"). None if the tile is empty: all would be 0.
+    [[nodiscard]] std::span<const std::byte> colors() const { return colors_; }
+    /// A byte for each sample, in the same order; none if the tile is empty or has no depth.
+    [[nodiscard]] std::span<const std::byte> depths() const { return depths_; }
+
+   private:
+    friend class TileReader;
+    std::shared_ptr<const void> pin_;
+    std::span<const std::byte> colors_, depths_;
+    bool missing_ = false;
+  };
+
+  /// Reads a tile, and first those that it is predicted from, unless they are kept already. usage:
+  /// the field has no such tile. bad_file: it, or one that it is predicted from, is damaged.
+  [[nodiscard]] Result<Tile> read(TileKey key) const;
+
+  /// Asks the system to read the payloads of tiles that will be needed, all at a time.
+  void prefetch(std::span<const TileKey> keys) const;
+
+  [[nodiscard]] const Field& field() const;
+
+  /// For slf's own libraries; the type is not installed.
+  [[nodiscard]] TileCache& cache() const;
+
+ private:
+  struct State;
+  std::shared_ptr<State> state_;
+};
+
+}  // namespace slf
