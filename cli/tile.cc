@@ -35,21 +35,22 @@ Result<TileKey> parse_tile(const Field& field, const std::string& text) {
 }
 
 Result<std::vector<std::byte>> encode(const Field& field, TileKey key, const Arguments& a) {
+  const TileReader tiles(field);
   const std::string format = !a.format.empty()            ? a.format
                              : a.output == kStdout        ? "raw"
                              : a.output.ends_with(".raw") ? "raw"
                                                           : "";
   if (format == "raw") {
-    auto set = SLF_TRY(read_tile(field, key, a.channel));
+    const auto set = SLF_TRY(read_tile(tiles, key, a.channel));
     note(fmt::format("{}: {} pictures of {} samples, {}{}", a.tile, set.entries.size(),
                      (set.side + 1) * (set.side + 2) / 2,
                      set.numbers == 1 ? "depth8"
                      : set.half       ? "rgba16f"
                                       : "rgba8",
                      set.empty ? "; empty: nothing is visible" : ""));
-    return std::move(set.samples);
+    return std::vector(set.samples.begin(), set.samples.end());
   }
-  const auto picture = SLF_TRY(tile_picture(field, key, a.channel));
+  const auto picture = SLF_TRY(tile_picture(tiles, key, a.channel));
   ImageFileOptions options;
   options.transparent = true;
   return encode_image(format.empty() ? a.output : a.output + "." + format, picture, options);

@@ -6,21 +6,14 @@
 
 namespace slf {
 
-namespace {
-constexpr std::uint64_t kMemory = 32ull << 20;  // for the tiles that it is predicted from
-}
-
-Result<TileSampleSet> read_tile(const Field& handle, TileKey key, const std::string& name) {
-  const FieldFile& field = handle.file();
+Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key, const std::string& name) {
+  const FieldFile& field = tiles.field().file();
   if (!has_channel(field, name))
     return fail(ErrorCode::usage, field.path(), ": has no channel '", name, "'");
-  const auto tile = SLF_TRY(field.store().find(key));
-  if (tile.state == storage::TileState::missing)
-    return fail(ErrorCode::failed, field.path(), ": tile ", int{key.level}, "/", key.index,
+  auto tile = std::make_shared<TileReader::Tile>(SLF_TRY(tiles.read(key)));
+  if (tile->missing())
+    return fail(ErrorCode::tile_missing, field.path(), ": tile ", int{key.level}, "/", key.index,
                 " is missing; the build command that made the field builds it");
-  Bytes samples;
-  TileCache tiles(field, kMemory);
-  SLF_TRY(read_samples(tiles, tile, samples));
 
   const bool depth = name == "depth";
   const codec::Tile shape = field.tile_shape(key);
@@ -28,16 +21,23 @@ Result<TileSampleSet> read_tile(const Field& handle, TileKey key, const std::str
   set.numbers = depth ? 1 : 4;
   set.half = !depth && is_half(field.format());
   set.side = shape.side;
-  set.empty = tile.state == storage::TileState::empty;
+  set.empty = tile->colors().empty();
   for (const codec::LocalPoint& position : shape.positions)
     set.entries.push_back({position.p, position.q});
-  const ByteSpan channel = channel_of(shape, samples, depth);
-  set.samples.assign(channel.begin(), channel.end());
+  if (set.empty) {
+    const auto zeros =
+        std::make_shared<Bytes>(depth ? shape.samples() : shape.color_bytes(), std::byte{0});
+    set.samples = *zeros;
+    set.owner = zeros;
+  } else {
+    set.samples = depth ? tile->depths() : tile->colors();
+    set.owner = std::move(tile);
+  }
   return set;
 }
 
-Result<Image> tile_picture(const Field& field, TileKey key, const std::string& channel) {
-  const auto set = SLF_TRY(read_tile(field, key, channel));
+Result<Image> tile_picture(const TileReader& tiles, TileKey key, const std::string& channel) {
+  const auto set = SLF_TRY(read_tile(tiles, key, channel));
   std::vector<float> numbers;
   to_floats(set.half, set.samples, numbers);
 

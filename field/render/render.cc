@@ -77,6 +77,8 @@ Renderer::Renderer(Renderer&&) noexcept = default;
 Renderer& Renderer::operator=(Renderer&&) noexcept = default;
 Renderer::~Renderer() = default;
 
+const TileReader& Renderer::tiles() const { return state_->tiles; }
+
 unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMode mode) {
   const double distance = glm::distance(camera.eye, shape.sphere.center);
   const double pixel = 2 * std::tan(glm::radians(camera.fov) / 2) / camera.height * distance;

@@ -7,15 +7,17 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
-#include "slf/build.h"
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/image.h"
-#include "slf/tile.h"
+#include "slf/progress.h"
+#include "slf/tile_reader.h"
 
 namespace slf {
 
@@ -77,20 +79,21 @@ struct TileSampleSet {
   struct Place {
     std::uint32_t p = 0, q = 0;
   };
-  std::vector<Place> entries;      ///< the entry vertex of each picture
-  bool empty = false;              ///< nothing is visible: the samples are zeros
-  std::vector<std::byte> samples;  ///< picture by picture, in the order of FORMAT.md
+  std::vector<Place> entries;          ///< the entry vertex of each picture
+  bool empty = false;                  ///< nothing is visible: the samples are zeros
+  std::span<const std::byte> samples;  ///< picture by picture, in the order of FORMAT.md
+  std::shared_ptr<const void> owner;   ///< keeps `samples`; a decoded tile of the reader
 };
 
-/// Decodes a tile. `channel` is "color" or "depth".
-/// usage: the field has no such channel. failed: the tile, or one that it is predicted from, was
-/// never built. bad_file: it is damaged.
-[[nodiscard]] Result<TileSampleSet> read_tile(const Field& field, TileKey key,
+/// Reads a tile. `channel` is "color" or "depth".
+/// usage: the field has no such tile or channel. tile_missing: the tile, or one that it is
+/// predicted from, was never built. bad_file: it is damaged.
+[[nodiscard]] Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key,
                                               const std::string& channel);
 
 /// The pictures of a tile side by side, each where its entry vertex lies among the others.
 /// Premultiplied colour, or depth as grey; transparent between the pictures. Errors as read_tile().
-[[nodiscard]] Result<Image> tile_picture(const Field& field, TileKey key,
+[[nodiscard]] Result<Image> tile_picture(const TileReader& tiles, TileKey key,
                                          const std::string& channel);
 
 // ---- differences -------------------------------------------------------------------------------

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "slf/build.h"
 #include "slf/error.h"
+#include "slf/progress.h"
 
 namespace slf {
 

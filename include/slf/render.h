@@ -85,6 +85,9 @@ class Renderer {
   Renderer& operator=(Renderer&&) noexcept;
   ~Renderer();
 
+  /// The reader of its tiles, for others to share.
+  [[nodiscard]] const TileReader& tiles() const;
+
   /// Draws a view. Rays are whole chords of the sphere, so from an eye inside the sphere, objects
   /// behind the eye show, too. usage: an invalid camera or level, or a mode whose layer the field
   /// lacks. bad_file: a damaged tile.

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "slf/build.h"
 #include "slf/error.h"
 #include "slf/field.h"
+#include "slf/progress.h"
 
 namespace slf {
 

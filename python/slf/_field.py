@@ -250,7 +250,8 @@ class Field:
         """The samples of a tile: [entry vertices, exit vertices, 4] of premultiplied RGBA, uint8 or
         float16; or [entry vertices, exit vertices] of depth, uint8, 0 at entry, 255 at exit.
 
-        The array owns the decoded tile, whose exit vertices are in the order of FORMAT.md.
+        A read-only view of the decoded tile, which stays in memory as long as the array. Exit
+        vertices are in the order of FORMAT.md.
         Raises slf.UsageError: no such tile or channel; slf.FailedError: it was never built;
         slf.BadFileError: it is damaged.
         """

@@ -4,6 +4,7 @@
 #include <pybind11/numpy.h>
 
 #include <memory>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -20,6 +21,17 @@ pybind11::array array_of(std::vector<T>&& values, const pybind11::dtype& type,
   const pybind11::capsule owner(owned.release(),
                                 [](void* p) { delete static_cast<std::vector<T>*>(p); });
   return {type, std::move(shape), data, owner};
+}
+
+/// A read-only array of `bytes`, which `owner` keeps.
+inline pybind11::array view_of(std::span<const std::byte> bytes, std::shared_ptr<const void> owner,
+                               const pybind11::dtype& type, std::vector<pybind11::ssize_t> shape) {
+  using Owner = std::shared_ptr<const void>;
+  const pybind11::capsule capsule(new Owner(std::move(owner)),
+                                  [](void* p) { delete static_cast<Owner*>(p); });
+  pybind11::array view(type, std::move(shape), bytes.data(), capsule);
+  view.attr("setflags")(pybind11::arg("write") = false);
+  return view;
 }
 
 /// float32 [height, width, 4], premultiplied.

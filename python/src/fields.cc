@@ -101,15 +101,15 @@ py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsign
   return out;
 }
 
-/// The samples of a tile, which the array takes over, and the places of its pictures.
-py::tuple tile(const OpenField& open, unsigned level, std::uint64_t entry, std::uint64_t exit,
+/// The samples of a tile, which the array views, and the places of its pictures.
+py::tuple tile(OpenField& open, unsigned level, std::uint64_t entry, std::uint64_t exit,
                const std::string& channel) {
   const Field& field = open.field();
   LongCall call;
   auto set = value_of(call.without_gil([&]() -> Result<TileSampleSet> {
     const auto key = find_tile(field, {level, entry, exit});
     if (!key) return tl::unexpected(key.error());
-    return read_tile(field, *key, channel);
+    return read_tile(open.tiles(), *key, channel);
   }),
                       field.path());
   const py::ssize_t entries = static_cast<py::ssize_t>(set.entries.size());
@@ -118,9 +118,9 @@ py::tuple tile(const OpenField& open, unsigned level, std::uint64_t entry, std::
   if (set.numbers > 1) shape.push_back(set.numbers);
   py::list places;
   for (const auto& place : set.entries) places.append(py::make_tuple(place.p, place.q));
-  return py::make_tuple(
-      array_of(std::move(set.samples), set.half ? py::dtype("<f2") : py::dtype("u1"), shape),
-      py::tuple(places));
+  return py::make_tuple(view_of(set.samples, std::move(set.owner),
+                                set.half ? py::dtype("<f2") : py::dtype("u1"), shape),
+                        py::tuple(places));
 }
 
 // ---- checks and measures -----------------------------------------------------------------------

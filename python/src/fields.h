@@ -22,11 +22,20 @@ class OpenField {
 
   [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& view) {
     const std::lock_guard lock(mutex_);
-    if (!renderer_) renderer_ = std::make_unique<Renderer>(field_, options_);
-    return renderer_->render(camera, view);
+    return renderer().render(camera, view);
+  }
+  /// The tiles that render() draws from.
+  [[nodiscard]] TileReader tiles() {
+    const std::lock_guard lock(mutex_);
+    return renderer().tiles();
   }
 
  private:
+  [[nodiscard]] Renderer& renderer() {
+    if (!renderer_) renderer_ = std::make_unique<Renderer>(field_, options_);
+    return *renderer_;
+  }
+
   Field field_;
   RendererOptions options_;
   std::mutex mutex_;

@@ -138,30 +138,32 @@ TEST_F(Inspect, RefusesTilesThatTheFieldHasNot) {
 TEST_F(Inspect, ChannelsAreTheSamplesThatTheFieldDecodes) {
   const TileKey key = some_stored_tile();
   const Bytes both = testing::all_samples(*field_).at(key);
-  const auto color = read_tile(*field_, key, "color"), depth = read_tile(*field_, key, "depth");
+  const TileReader tiles(*field_);
+  const auto color = read_tile(tiles, key, "color"), depth = read_tile(tiles, key, "depth");
   ASSERT_TRUE(color && depth);
   for (const auto& [set, numbers] : {std::pair(&*color, 4u), std::pair(&*depth, 1u)}) {
     EXPECT_EQ(set->numbers, numbers);
     EXPECT_FALSE(set->half);
     EXPECT_EQ(set->samples.size(), set->entries.size() * 21 * numbers);
   }
-  Bytes joined = color->samples;
+  Bytes joined(color->samples.begin(), color->samples.end());
   joined.insert(joined.end(), depth->samples.begin(), depth->samples.end());
   EXPECT_EQ(joined, both);
-  EXPECT_EQ(read_tile(*field_, key, "normal").error().code, ErrorCode::usage);
+  EXPECT_EQ(read_tile(tiles, key, "normal").error().code, ErrorCode::usage);
 }
 
 TEST_F(Inspect, APictureShowsEverySampleOnce) {
   const TileKey key = some_stored_tile();
-  const auto set = read_tile(*field_, key, "color");
-  const auto picture = tile_picture(*field_, key, "color");
+  const TileReader tiles(*field_);
+  const auto set = read_tile(tiles, key, "color");
+  const auto picture = tile_picture(tiles, key, "color");
   ASSERT_TRUE(set && picture);
   glm::dvec4 expected(0), found(0);
   for (std::size_t k = 0; k < set->samples.size(); ++k)
     expected[static_cast<int>(k % 4)] += std::to_integer<int>(set->samples[k]) / 255.;
   for (const glm::vec4& pixel : picture->rgba) found += glm::dvec4(pixel);
   for (int c = 0; c < 4; ++c) EXPECT_NEAR(found[c], expected[c], 1e-3) << c;
-  const auto depth = tile_picture(*field_, key, "depth");
+  const auto depth = tile_picture(tiles, key, "depth");
   double opaque = 0;
   for (const glm::vec4& pixel : depth->rgba) opaque += pixel.a;
   EXPECT_EQ(opaque, static_cast<double>(set->entries.size() * 21));

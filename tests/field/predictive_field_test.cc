@@ -160,24 +160,6 @@ TEST_F(PredictiveField, AViewIsTheSameInAnyMemory) {
   }
 }
 
-TEST_F(PredictiveField, RenderersOfOneFieldKeepTheirOwnBudgets) {
-  const auto field = build("a.slf", predictive_options());
-  ASSERT_TRUE(field);
-  const auto decodes = [&](Renderer& renderer) {
-    ViewStatistics statistics;
-    EXPECT_TRUE(renderer.render(camera_of(*field), {}, &statistics));
-    EXPECT_GT(statistics.decoded_peak_bytes, 0u);
-    return statistics.decodes;
-  };
-  RendererOptions roomy, tight;
-  roomy.memory = 64 << 20;
-  tight.memory = 1 << 18;
-  Renderer first(*field, roomy);
-  Renderer second(*field, tight);
-  EXPECT_LT(decodes(first), decodes(second));  // each tile once, and again when it was evicted
-  EXPECT_EQ(decodes(first), 0u);               // all are still there
-}
-
 TEST_F(PredictiveField, ATileIsDecodedOnceForItselfAndForOthers) {
   const auto field = build("a.slf", predictive_options());
   ASSERT_TRUE(field);
