@@ -1,4 +1,4 @@
-// The tables that all tiles of a predictive layer share: quantisation steps for each level, and the
+// The tables that all tiles of a predictive codec share: quantisation steps for each level, and the
 // probabilities of the models, of which there are several sets for tiles to choose from.
 #pragma once
 
@@ -49,7 +49,7 @@ struct LevelModels {
   std::vector<SymbolModel> block_set;
 };
 
-/// The models of a layer. Levels of all kinds and planes share the sets.
+/// The models of a codec. Levels of all kinds and planes share the sets.
 struct PredictiveModels {
   std::array<LevelModels, 2> levels;
   std::size_t alpha_sets = 0, block_sets = 0;  ///< 0 of both where tiles are coded by sample
@@ -73,7 +73,7 @@ struct PredictiveLevel {
   [[nodiscard]] const LevelModels& level_models() const { return models->levels[kind]; }
 };
 
-/// The tables of a layer. Levels beyond the last entry use the last entry.
+/// The tables of a codec. Levels beyond the last entry use the last entry.
 struct PredictiveTables {
   std::vector<PredictiveLevel> levels;
   Bytes models;  ///< the models as they are stored
@@ -86,7 +86,7 @@ struct PredictiveTables {
 /// Stands for lossless coding; above every other quality.
 inline constexpr int kLosslessQuality = 101;
 
-/// The parameters of a predictive layer.
+/// The parameters of a predictive codec.
 struct PredictiveSettings {
   int quality = 90;  ///< 1..100, or kLosslessQuality
   SampleFormat format = SampleFormat::rgba8_depth8;

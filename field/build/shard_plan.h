@@ -4,7 +4,7 @@
 // on the settings alone, so builds on different machines agree on them, and the cuts of N ranges
 // are among those of 2N: a range can be built as two halves.
 //
-// A tile of a predictive layer is predicted from tiles of the next coarser level. A build that has
+// A tile of a predictive codec is predicted from tiles of the next coarser level. A build that has
 // no other file to read these from also makes all of them that it may need. It stores them in its
 // file, but they do not belong to its part (ARCHITECTURE.md, "Many machines").
 #pragma once

@@ -89,8 +89,8 @@ class Renderer {
   [[nodiscard]] const TileReader& tiles() const;
 
   /// Draws a view. Rays are whole chords of the sphere, so from an eye inside the sphere, objects
-  /// behind the eye show, too. usage: an invalid camera or level, or a mode whose layer the field
-  /// lacks. bad_file: a damaged tile.
+  /// behind the eye show, too. usage: an invalid camera or level, or mode depth of a field without
+  /// depths. bad_file: a damaged tile.
   [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& options,
                                      ViewStatistics* statistics = nullptr);
   /// The same into `image`, whose memory is reused. After an error it is partly drawn.
