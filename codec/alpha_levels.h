@@ -1,4 +1,4 @@
-// The syntax of alpha in few levels, coded against a prediction (FORMAT.md, "Levels of alpha"). One
+// The syntax of alpha in few levels, coded against a prediction (FORMAT.md, "Alpha"). One
 // template serves encoder and decoder: Coder is SymbolList or SymbolDecoder.
 #pragma once
 

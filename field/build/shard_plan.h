@@ -6,7 +6,7 @@
 //
 // A tile of a predictive codec is predicted from tiles of the next coarser level. A build that has
 // no other file to read these from also makes all of them that it may need. It stores them in its
-// file, but they do not belong to its part (ARCHITECTURE.md, "Many machines").
+// file, but they do not belong to its part (doc/decisions/cluster.md).
 #pragma once
 
 #include "field/build/tile_selection.h"
