@@ -112,7 +112,7 @@ Result<std::vector<PictureQuality>> evaluate_pictures(const Field& field,
                          {whole.psnr, whole.ssim},
                          psnr_inside(field.shape().sphere, picture, truth, image)});
     if (progress && !progress({qualities.size(), pictures.size(), 0}))
-      return fail(ErrorCode::failed, "stopped while pictures were compared");
+      return fail(ErrorCode::cancelled, "stopped while pictures were compared");
   }
   return qualities;
 }

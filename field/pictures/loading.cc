@@ -188,7 +188,7 @@ Result<Loaded> load_views(const PictureSet& set, const Sphere& sphere,
   }));
   for (auto& result : results)
     if (!result) return tl::unexpected(std::move(result.error()));
-  if (stopped) return fail(ErrorCode::failed, "stopped while pictures were read");
+  if (stopped) return fail(ErrorCode::cancelled, "stopped while pictures were read");
   loaded.masks = masks;
   loaded.depths = with_depth == count;
   if (with_depth > 0 && !loaded.depths)

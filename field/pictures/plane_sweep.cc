@@ -306,7 +306,7 @@ Result<void> estimate_depth(const Sphere& sphere, const Surface* hull, unsigned 
       stopped = stopped || !progress({swept, views.size(), 0});
   });
   if (!done) return done;
-  if (stopped) return fail(ErrorCode::failed, "stopped while depth was estimated");
+  if (stopped) return fail(ErrorCode::cancelled, "stopped while depth was estimated");
   return parallel_for(views.size(), threads, [&](std::uint64_t k) {
     views[k].depth = confirmed(k, views, depths, sphere.center);
   });

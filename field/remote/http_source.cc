@@ -374,7 +374,7 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
 
   const long status = t.status();
   bytes_ += t.body.size();
-  if (t.stopped) return failed(ErrorCode::failed, "stopped while the field was fetched");
+  if (t.stopped) return failed(ErrorCode::cancelled, "stopped while the field was fetched");
   if (t.oversized && t.whole) return too_large("more");
   if (t.oversized || code == CURLE_ABORTED_BY_CALLBACK)
     return failed(ErrorCode::io, "the server sends more than it was asked for");
@@ -384,7 +384,8 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
   if (status == 412 || (status == 416 && size_ != kUnknown)) return changed();
   if (status == 416) return failed(ErrorCode::bad_file, "not a field: the file is empty");
   if (status >= 400)
-    return failed(status == 404 ? ErrorCode::not_found : ErrorCode::io, "the server answers ", status);
+    return failed(status == 404 ? ErrorCode::not_found : ErrorCode::io, "the server answers ",
+                  status);
   if (status == 200 && !t.whole && (code == CURLE_OK || code == CURLE_WRITE_ERROR)) {
     if (size_ != kUnknown)
       return failed(ErrorCode::io, "the server no longer serves parts of the file (HTTP ranges)");

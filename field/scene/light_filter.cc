@@ -55,7 +55,7 @@ Result<void> filter_light(LightGrid& light, const std::vector<std::uint32_t>& in
   const auto for_lit = [&](const auto& work) -> Result<void> {
     constexpr std::size_t kNodes = std::size_t{1} << 17;  // between two calls of go_on()
     for (std::size_t begin = 0; begin < numbers.size(); begin += kNodes) {
-      if (!go_on()) return fail(ErrorCode::failed, kLightStopped);
+      if (!go_on()) return fail(ErrorCode::cancelled, kLightStopped);
       auto ok = parallel_for(std::min(kNodes, numbers.size() - begin), threads,
                              [&, begin](std::uint64_t k) {
                                if (nodes[begin + k].lit) work(begin + k);

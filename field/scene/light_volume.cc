@@ -324,7 +324,7 @@ Result<void> solve_all(const LightSolver& solver, const std::vector<std::size_t>
     std::size_t k = begin_of(item);
     for (const NodeLight& node : nodes) keep(k++, node);
     done += nodes.size();
-    if (!progress(done)) return fail(ErrorCode::failed, kLightStopped);
+    if (!progress(done)) return fail(ErrorCode::cancelled, kLightStopped);
   }
   return {};
 }
@@ -370,7 +370,7 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
               {options.samples, options.bounces, &light}};
   Progress all;
   for (const Pass& pass : passes) all.total += numbers.size() * cost(pass);
-  if (progress && !progress(all)) return fail(ErrorCode::failed, kLightStopped);
+  if (progress && !progress(all)) return fail(ErrorCode::cancelled, kLightStopped);
 
   const LightSolver solver(medium, illumination, options, light, depth);
   std::vector<NodeLight> nodes(numbers.size());

@@ -52,7 +52,7 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
       stopped = stopped || !progress({so_far, rows, 0});
   }));
   if (stopped || (progress && !progress({rows, rows, 0})))
-    return fail(ErrorCode::failed, "stopped while a view was traced");
+    return fail(ErrorCode::cancelled, "stopped while a view was traced");
   return image;
 }
 

@@ -229,7 +229,7 @@ std::string inflated(const std::string& path, std::string_view packed,
   z_stream stream{};
   std::string data;
   if (inflateInit2(&stream, -15) != Z_OK) {
-    error(ErrorCode::failed, "needs more memory");
+    error(ErrorCode::out_of_memory, "needs more memory");
     return data;
   }
   stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data()));

@@ -85,7 +85,7 @@ Result<void> append_png(const std::string& path, const VolumeOptions& options,
   };
   reader.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &reader, on_error, on_warning);
   if (reader.png) reader.info = png_create_info_struct(reader.png);
-  if (!reader.info) return fail(ErrorCode::failed, path, ": no memory to read it");
+  if (!reader.info) return fail(ErrorCode::out_of_memory, path, ": no memory to read it");
   png_set_read_fn(reader.png, &reader, on_read);
   if (!read_header(reader)) return damaged();
   SLF_TRY(same_kind(path, reader.kind, kind));

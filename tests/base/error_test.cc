@@ -51,12 +51,14 @@ TEST(Error, ResultsOfNothingAndOfWhatOnlyMoves) {
 
 // Scripts depend on these numbers: doc/commands.md and the manual pages list them.
 TEST(Error, CodesAreTheDocumentedExitCodes) {
-  EXPECT_EQ(static_cast<int>(ErrorCode::usage), 1);
-  EXPECT_EQ(static_cast<int>(ErrorCode::io), 2);
-  EXPECT_EQ(static_cast<int>(ErrorCode::bad_file), 3);
-  EXPECT_EQ(static_cast<int>(ErrorCode::failed), 4);
-  EXPECT_EQ(static_cast<int>(ErrorCode::unsupported), 5);
-  EXPECT_EQ(static_cast<int>(ErrorCode::differs), 7);
+  EXPECT_EQ(exit_code(ErrorCode::usage), 1);
+  for (const auto code : {ErrorCode::io, ErrorCode::not_found}) EXPECT_EQ(exit_code(code), 2);
+  EXPECT_EQ(exit_code(ErrorCode::bad_file), 3);
+  for (const auto code : {ErrorCode::failed, ErrorCode::tile_missing, ErrorCode::busy,
+                          ErrorCode::cancelled, ErrorCode::out_of_memory})
+    EXPECT_EQ(exit_code(code), 4) << name(code);
+  EXPECT_EQ(exit_code(ErrorCode::unsupported), 5);
+  EXPECT_EQ(exit_code(ErrorCode::differs), 7);
 }
 
 }  // namespace
