@@ -58,16 +58,17 @@ void copy_permissions(const std::string& from, const std::string& to, bool writa
 [[nodiscard]] Result<void> write_file(const std::string& path, ByteSpan bytes);
 
 /// Copies `from`, with its permissions, to the new file `to`, without syncing it; the owner may
-/// write to the copy. Progress counts bytes. io: names `to` or
-/// `from` and the cause. failed: stopped by `progress`. After an error, no new file remains.
+/// write to the copy. Progress counts bytes. io, not_found: the message names `to` or `from` and
+/// the cause. cancelled: stopped by `progress`. After an error, no new file remains.
 [[nodiscard]] Result<void> copy_file(const std::string& from, const std::string& to,
                                      const ProgressCallback& progress = {});
 
 /// Judges a file by its first bytes: at least 64 KiB, or all that it has.
 using StartCheck = std::function<Result<void>(ByteSpan start)>;
 
-/// The whole file. It is read further only if `check`, if given, accepts its start. io: missing,
-/// unreadable, a folder. unsupported: longer than `limit` bytes. Other errors are those of `check`.
+/// The whole file. It is read further only if `check`, if given, accepts its start. not_found: no
+/// such file. io: unreadable, a folder. unsupported: longer than `limit` bytes. Other errors are
+/// those of `check`.
 [[nodiscard]] Result<Bytes> read_file(const std::string& path, std::uint64_t limit,
                                       const StartCheck& check = {});
 

@@ -9,7 +9,7 @@
 
 namespace slf {
 
-/// The exception being handled, as an error `failed`: "out of memory" for std::bad_alloc, otherwise
+/// The exception being handled, as an error: out_of_memory for std::bad_alloc, otherwise failed
 /// with the text of what(). REQUIRES: called in a catch block.
 [[nodiscard]] Error error_of_exception() noexcept;
 

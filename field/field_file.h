@@ -29,8 +29,8 @@ inline constexpr const char* kLightBlob = "light";
 /// Thread-safety: all const members may be called from many threads.
 class FieldFile {
  public:
-  /// io: missing or unreadable. bad_file: damaged, truncated, not a field. unsupported: a newer
-  /// format. An incomplete field opens: what was never built is reported as missing.
+  /// Errors of Field::open(). An incomplete field opens: what was never built is reported as
+  /// missing.
   [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(const std::string& path);
   /// The same with a container that is open.
   [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(storage::TileStore store);

@@ -75,7 +75,7 @@ struct Damage : Error {
 /// Thread-safety: all const members may be called from many threads at once.
 class TileStore {
  public:
-  /// io: the file is missing or unreadable. bad_file: it is no container, truncated, or its meta
+  /// not_found: no file. io: it is unreadable. bad_file: it is no container, truncated, or its meta
   /// pages are damaged. unsupported: written by LMDB of another version or page size.
   /// Needs read permission only, and leaves no lock file. A lock on the container itself protects
   /// the snapshot from a concurrent writer in any process, except on file systems without locks.

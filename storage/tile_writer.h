@@ -28,8 +28,8 @@ class TileWriter {
       const std::string& path, std::span<const std::pair<std::string, Bytes>> blobs);
 
   /// Opens an existing container to append. Checks its structure first (bad_file).
-  /// failed: another writer has it open, or a reader holds a snapshot older than the last commit,
-  /// whose pages this writer might overwrite. io: no write permission.
+  /// busy: another writer has it open. failed: a reader holds a snapshot older than the last
+  /// commit, whose pages this writer might overwrite. io: no write permission.
   [[nodiscard]] static Result<TileWriter> resume(const std::string& path);
 
   TileWriter(TileWriter&&) noexcept;
@@ -114,7 +114,7 @@ struct IndexExtra {
 /// Writes an index after the last page of a complete, closed container, and syncs
 /// (doc/format/optional.md, "Index"). It replaces whatever follows that page. The same pages and
 /// extras give the same index. Sections of more than 1 MiB are left out. Errors as
-/// TileStore::open(), or io. failed: stopped by `go_on`; nothing was written.
+/// TileStore::open(), or io. cancelled: stopped by `go_on`; nothing was written.
 [[nodiscard]] Result<void> write_index(const std::string& path,
                                        std::span<const IndexExtra> extras = {},
                                        const GoOn& go_on = {});

@@ -9,8 +9,8 @@
 namespace slf {
 
 /// Writes the index of a complete, closed field after its last page, and replaces whatever follows
-/// that page. The same pages give the same index. Errors as FieldFile::open(), or io. failed:
-/// stopped by `go_on`; the field has no index then.
+/// that page. The same pages give the same index. Errors as FieldFile::open(), or io.
+/// cancelled: stopped by `go_on`; the field has no index then.
 [[nodiscard]] Result<void> index_field(const std::string& path, const GoOn& go_on = {});
 
 }  // namespace slf

@@ -50,7 +50,7 @@ class FieldWriter {
 
   /// Begins a new field. `tables` are those of its codec; `light`, if not empty, the light that the
   /// field keeps. After an error no file remains. usage: the output exists and is to be kept, or
-  /// readers would refuse the manifest. failed: another process is writing the field. bad_file: a
+  /// readers would refuse the manifest. busy: another process is writing the field. bad_file: a
   /// file with the draft's name exists and is no container, so it is not a draft. io: the system
   /// refuses.
   [[nodiscard]] static Result<FieldWriter> create(const FieldOutput& output, Draft draft,
@@ -58,7 +58,7 @@ class FieldWriter {
                                                   ByteSpan light = {});
 
   /// Continues the unfinished field of an output. `transaction` is the commit that the caller has
-  /// read. failed: another process is writing the field, or has written to it since.
+  /// read. busy: another process is writing the field, or has written to it since.
   [[nodiscard]] static Result<FieldWriter> resume(const FieldOutput& output,
                                                   std::uint64_t transaction);
 
@@ -109,8 +109,8 @@ class FieldWriter {
   [[nodiscard]] Result<void> commit_level();
 
   /// Commits every tile, closes, and renames a draft to its output. Errors as commit(); usage: the
-  /// output exists by now and is to be kept. failed: another process is writing the output; stopped
-  /// by `go_on`, with every tile committed.
+  /// output exists by now and is to be kept. busy: another process is writing the output.
+  /// cancelled: stopped by `go_on`, with every tile committed.
   [[nodiscard]] Result<void> finish(const GoOn& go_on = {});
 
  private:

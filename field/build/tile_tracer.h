@@ -26,8 +26,7 @@ class TileTracer {
  public:
   TileTracer(const Scene& scene, const Manifest& manifest);
 
-  /// Samples a tile. failed: the scene threw an exception, or there is not enough memory; the
-  /// message names the tile.
+  /// Samples a tile. failed: the scene threw an exception. out_of_memory. Messages name the tile.
   [[nodiscard]] Result<void> trace(TileKey key, TracedTile& tile) const;
 
   [[nodiscard]] codec::Tile shape(TileKey key) const;

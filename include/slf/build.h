@@ -65,8 +65,9 @@ struct BuildReport {
 /// usage: a setting, the scene's bounds or its provenance is wrong; another field is at `path` or
 /// unfinished beside it; `path` is one of the scene's files. unsupported: a codec that cannot hold
 /// the samples (JPEG and half floats). io: disk full or a write error; committed tiles stay, and
-/// the same call resumes. failed: the progress callback stopped the build; the scene threw an
-/// exception; another process is writing the field, or has removed, renamed or replaced it.
+/// the same call resumes. cancelled: the progress callback stopped the build, which the same call
+/// resumes. busy: another process is writing the field. failed: the scene threw an exception;
+/// another process has removed, renamed or replaced the field.
 [[nodiscard]] Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                               const BuildOptions& options,
                                               const ProgressCallback& progress = {});

@@ -43,8 +43,8 @@ struct FieldContent {
 /// file is untrusted. Thread-safety: immutable; any thread.
 class Field {
  public:
-  /// Opens a field, complete or not. io: missing or unreadable. bad_file: damaged, truncated, not a
-  /// field. unsupported: a newer format.
+  /// Opens a field, complete or not. not_found: there is no file. io: unreadable. bad_file:
+  /// damaged, truncated, not a field. unsupported: another version of the format.
   [[nodiscard]] static Result<Field> open(const std::string& path);
 
   [[nodiscard]] const std::string& path() const;

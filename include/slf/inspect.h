@@ -131,8 +131,8 @@ struct DiffOptions {
 
 /// Compares two fields tile by tile. Two tiles with the same bytes count as equal and are not
 /// decoded. If a tile that they are predicted from differs, that tile itself is counted. Progress
-/// counts tiles. bad_file: one of two tiles with different bytes is damaged. failed: the callback
-/// stopped the comparison.
+/// counts tiles. bad_file: one of two tiles with different bytes is damaged. cancelled: the
+/// callback stopped the comparison.
 [[nodiscard]] Result<FieldDifference> diff_fields(const Field& a, const Field& b,
                                                   const DiffOptions& options = {},
                                                   const ProgressCallback& progress = {});

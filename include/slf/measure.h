@@ -71,8 +71,8 @@ struct Measurement {
 
 /// Renders every camera at every level and measures the memory that each view needs. Each view
 /// starts with an empty tile cache and, where the kernel permits, with the file not in memory.
-/// Progress counts views, at each level. usage: no cameras. failed: stopped by `progress`. Else
-/// errors as Renderer::render().
+/// Progress counts views, at each level. usage: no cameras. cancelled: stopped by `progress`.
+/// Else errors as Renderer::render().
 [[nodiscard]] Result<Measurement> measure_views(const Field& field, const MeasureOptions& options,
                                                 const ProgressCallback& progress = {});
 
@@ -89,8 +89,8 @@ struct Evaluation {
 
 /// Compares views of the field with ray-cast views of its scene: RGB over black, 8 bits. A pixel of
 /// a ray-cast view is the mean of `supersample`² rays, supersample at least 1. Both are tone-mapped
-/// if `tone` is given. Progress counts rows of ray-cast pictures. usage: no cameras. failed:
-/// stopped by `progress`. Else errors as Renderer::render() and trace_view().
+/// if `tone` is given. Progress counts rows of ray-cast pictures. usage: no cameras.
+/// cancelled: stopped by `progress`. Else errors as Renderer::render() and trace_view().
 [[nodiscard]] Result<Evaluation> evaluate_views(
     const Field& field, const Scene& scene, const std::vector<Camera>& cameras,
     const ViewOptions& view, const RendererOptions& renderer, std::uint32_t supersample = 1,

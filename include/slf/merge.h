@@ -39,9 +39,10 @@ struct MergeReport {
 /// All parts are opened and compared before the output is created.
 /// usage: no parts; two parts hold the same tiles, a part has other settings or tables than the
 /// rest, or tiles are in no part; the message names the parts or tiles. `path` exists, or is one of
-/// the parts. failed: a part is not finished; the callback stopped the merge; a part changed during
-/// the merge. bad_file: a damaged tile; the message names it. io: disk full, or another error of
-/// reading or writing. After an error `path` is unchanged and no other file remains. A killed
+/// the parts. not_found: a part does not exist. failed: a part is not finished, or changed during
+/// the merge. cancelled: the callback stopped it. busy: another process is writing `path`.
+/// bad_file: a damaged tile; the message names it. io: disk full, or another error of reading or
+/// writing. After an error `path` is unchanged and no other file remains. A killed
 /// process leaves PATH.repacking, which the next merge to `path` removes.
 [[nodiscard]] Result<MergeReport> merge_fields(const std::vector<std::string>& parts,
                                                const std::string& path, const MergeOptions& options,

@@ -79,9 +79,9 @@ struct PictureSet {
 /// folder that has transforms.json, transforms_train.json, or a COLMAP model (cameras, images and
 /// points3D as .bin or .txt, in the folder, in sparse or in sparse/0, with the pictures in the
 /// folder images). Input is untrusted; the sizes of pictures are compared with those of cameras.
-/// io: cannot be read, a picture is missing. bad_file: damaged; a matrix is singular or not rigid;
-/// a picture has another shape than its camera. unsupported: an unknown kind of camera. The message
-/// names the file, the picture and what was expected.
+/// not_found: there is no such file. io: cannot be read, a picture is missing. bad_file: damaged; a
+/// matrix is singular or not rigid; a picture has another shape than its camera. unsupported: an
+/// unknown kind of camera. The message names the file, the picture and what was expected.
 [[nodiscard]] Result<PictureSet> read_pictures(const std::string& path);
 
 /// The point that the optical axes of all cameras pass nearest; none if all look the same way.
@@ -135,8 +135,8 @@ struct PictureSceneOptions {
 /// Thread-safety: any thread. Pictures are decoded when needed and kept, the least recently used
 /// leave first; the result depends neither on the memory nor on the threads. A picture that cannot
 /// be read any more throws std::runtime_error, which build_field() returns as an error.
-/// usage: no pictures, or no sphere can be found. failed: nothing is visible; stopped by
-/// `progress`. Else errors as read_image().
+/// usage: no pictures, or no sphere can be found. failed: nothing is visible.
+/// cancelled: stopped by `progress`. Else errors as read_image().
 [[nodiscard]] Result<std::unique_ptr<Scene>> make_picture_scene(PictureSet set,
                                                                 const PictureSceneOptions& options);
 

@@ -12,7 +12,7 @@ struct Progress {
   std::uint64_t skipped = 0;  ///< of `done`: finished before this call
 };
 /// Called on the calling thread, repeatedly and at the end. If it returns false, the function
-/// finishes the items that are in progress and returns an error.
+/// finishes the items that are in progress and returns the error `cancelled`.
 using ProgressCallback = std::function<bool(const Progress&)>;
 
 }  // namespace slf

@@ -47,9 +47,9 @@ class RemoteField {
  public:
   /// Opens the field with a few small requests. Characters that an address must not have, such as
   /// blanks, are escaped. If the server does not serve parts of files (HTTP ranges), a field of at
-  /// most 64 MiB is fetched whole, with progress in bytes, and a larger one is unsupported. failed:
-  /// `progress` stopped that. io: at every attempt the server did not answer, or answered with an
-  /// error. bad_file: as Field::open().
+  /// most 64 MiB is fetched whole, with progress in bytes, and a larger one is unsupported.
+  /// cancelled: `progress` stopped that. not_found: the server has no such file. io: at every
+  /// attempt the server did not answer, or answered with another error. bad_file: as Field::open().
   ///
   /// Any later use of the field may fail with these errors. It also fails with bad_file if the file
   /// has changed on the server (in its ETag, date or length) since it was opened.

@@ -50,10 +50,10 @@ struct RepackReport {
 ///
 /// usage: a codec, level or subfield that the field cannot have; `path` exists, or is the
 /// input. unsupported: a codec that cannot hold the samples. bad_file: a damaged tile; the
-/// message names it. io: disk full or a write error. failed: the callback stopped the repack;
-/// another process is writing `path`, or has removed the new file. After an error `path` is
-/// unchanged and no other file remains. A killed process leaves PATH.repacking, which the next
-/// repack to `path` removes.
+/// message names it. io: disk full or a write error. cancelled: the callback stopped the repack.
+/// busy: another process is writing `path`. failed: one has removed the new file. After an error
+/// `path` is unchanged and no other file remains. A killed process leaves PATH.repacking, which the
+/// next repack to `path` removes.
 [[nodiscard]] Result<RepackReport> repack_field(const Field& field, const std::string& path,
                                                 const RepackOptions& options,
                                                 const ProgressCallback& progress = {});

@@ -81,7 +81,7 @@ class Scene {
 
 /// Traces every pixel's ray through `sphere`, from the eye where that is inside it, on `threads`
 /// threads (0: all). Image::depth is filled. The result does not depend on the threads. Progress
-/// counts rows. usage: a bad camera. failed: stopped by `progress`.
+/// counts rows. usage: a bad camera. cancelled: stopped by `progress`.
 [[nodiscard]] Result<Image> trace_view(const Scene& scene, const Sphere& sphere,
                                        const Camera& camera, unsigned threads = 0,
                                        const ProgressCallback& progress = {});

@@ -57,8 +57,9 @@ class TileReader {
     bool missing_ = false;
   };
 
-  /// Reads a tile, and first those that it is predicted from, unless they are kept already. usage:
-  /// the field has no such tile. bad_file: it, or one that it is predicted from, is damaged.
+  /// Reads a tile, and first those that it is predicted from, unless they are kept already. A tile
+  /// that was never built is no error: see Tile::missing(). usage: the field has no such tile.
+  /// bad_file: it, or one that it is predicted from, is damaged.
   [[nodiscard]] Result<Tile> read(TileKey key) const;
 
   /// Asks the system to read the payloads of tiles that will be needed, all at a time.

@@ -162,13 +162,16 @@ struct VolumeOptions {
 /// which displays the least value as white, is not inverted.
 ///
 /// Errors:
-///  - io: missing, unreadable, no permission, its detached data file missing
+///  - not_found: it, or its detached data file, does not exist
+///  - io: unreadable, no permission
 ///  - bad_file: not what it claims, truncated, absurd dims, spacing or axes, a slice missing
 ///  - unsupported: several components, time points or DICOM series and none chosen, one slice, a
 ///    format or an encoding we do not read; the message names the choice
 ///  - usage: a headerless file without a layout; a layout, choice or crop that does not fit the
 ///    file; labels that are not integers
-///  - failed: not enough memory
+///  - out_of_memory: there is too little to read it
+///
+/// If a member of VolumeOptions would settle an error, Error::choice names it.
 [[nodiscard]] Result<Volume> read_volume(const std::string& path,
                                          const VolumeOptions& options = {});
 
