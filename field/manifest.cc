@@ -113,8 +113,8 @@ FieldShape read_shape(Reader& in, const nlohmann::json& json) {
 
 SampleFormat read_format(Reader& in) {
   const std::string format = in.text("/format");
-  const auto* known = std::ranges::find(kFormats, format, [](SampleFormat f) { return name(f); });
-  if (known != std::end(kFormats)) return *known;
+  for (const SampleFormat known : kFormats)
+    if (format == name(known)) return known;
   in.problem("/format", "is not a known sample format");
   return SampleFormat::rgba8;
 }

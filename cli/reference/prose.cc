@@ -148,7 +148,8 @@ const std::vector<Prose>& all() {
       {"tile",
        {"Decodes one tile and writes it as a picture, or as its plain samples."},
        {{"A tile that slf-verify(1) named", "slf tile head.slf 2/4711 -o tile.png"},
-        {"Samples for another program", "slf tile head.slf 0/1/6 --channel depth -o - | od -t u1"}}},
+        {"Samples for another program",
+         "slf tile head.slf 0/1/6 --channel depth -o - | od -t u1"}}},
       {"diff",
        {"Compares the manifests of two fields and all of their tiles. Tiles with other bytes are "
         "decoded, and the PSNR of their samples is printed."},

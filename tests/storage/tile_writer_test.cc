@@ -56,8 +56,7 @@ TEST(TileWriter, TilesOfAnotherContainerAreWrittenAsIfTheyWereAppended) {
       ASSERT_TRUE(ok(store->check(*tile)));
       ASSERT_TRUE(ok(writer.append_view(*tile)));
     }
-    EXPECT_EQ(writer.append_view({TileState::empty, {0, 4}, {}, 0}).error().code,
-              ErrorCode::usage);
+    EXPECT_EQ(writer.append_view({TileState::empty, {0, 4}, {}, 0}).error().code, ErrorCode::usage);
     writer.copy_viewed_payloads();
   }
   std::filesystem::resize_file(from, 0);  // nothing is read from it any more
