@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
+import weakref
 from types import TracebackType
 from typing import Any, Callable, List, Optional, Sequence, Tuple, Type, Union, overload
 
@@ -251,8 +253,7 @@ class Field:
         Raises slf.UsageError: no such tile or channel; slf.FailedError: it was never built;
         slf.BadFileError: it is damaged.
         """
-        samples, _ = self._field.tile(level, entry, exit, channel)
-        return samples
+        return self._field.tile(level, entry, exit, channel)
 
     # -- measures ---------------------------------------------------------------------------------
 
@@ -308,6 +309,7 @@ class Field:
             return View(path_text(page))
         if self._server is None:
             self._server = _slf.Server([self.path])
+            _with_threads.add(self)
         return View(self._server.url)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> Any:
@@ -315,7 +317,7 @@ class Field:
 
 
 class Player:
-    """Draws the frames of a moving camera on time. Made by Field.player()."""
+    """Draws the frames of a moving camera on time. Made by Field.player(). A context manager."""
 
     def __init__(self, field: Field, player: _slf.Player) -> None:
         self._sphere = field.sphere
@@ -323,6 +325,17 @@ class Player:
         self._player = player
         self.report: Optional[Frame] = None
         """How the last frame was drawn."""
+        _with_threads.add(self)
+
+    def close(self) -> None:
+        """Ends the thread that loads tiles, and closes the file. A second call does nothing."""
+        self._player.close()
+
+    def __enter__(self) -> Player:
+        return self
+
+    def __exit__(self, *raised: Any) -> None:
+        self.close()
 
     def draw(self, camera: AnyCamera, size: Size = (512, 512), dtype: Any = np.float32,
              background: Optional[Sequence[float]] = None,
@@ -337,6 +350,17 @@ class Player:
     def settle(self) -> None:
         """Waits until all tiles are loaded that are being loaded."""
         self._player.settle()
+
+
+_with_threads: "weakref.WeakSet[Union[Field, Player]]" = weakref.WeakSet()
+
+
+@atexit.register
+def _end_threads() -> None:
+    """Ends the threads of slf, which must not outlive the interpreter."""
+    _slf.stop_calls()
+    for owner in list(_with_threads):
+        owner.close()
 
 
 def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,

@@ -110,8 +110,8 @@ py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsign
   return out;
 }
 
-/// The samples of a tile, which the array takes over, and the places of its pictures.
-py::tuple tile(const OpenField& open, unsigned level, std::uint64_t entry, std::uint64_t exit,
+/// The samples of a tile, which the array takes over.
+py::array tile(const OpenField& open, unsigned level, std::uint64_t entry, std::uint64_t exit,
                const std::string& channel) {
   const Field& field = open.field();
   LongCall call;
@@ -126,11 +126,7 @@ py::tuple tile(const OpenField& open, unsigned level, std::uint64_t entry, std::
   const py::ssize_t columns = py::ssize_t{set.side + 1} * (set.side + 2) / 2;
   std::vector<py::ssize_t> shape{entries, columns};
   if (set.format != SampleFormat::depth8) shape.push_back(4);
-  py::list places;
-  for (const auto& place : set.entries) places.append(py::make_tuple(place.p, place.q));
-  return py::make_tuple(
-      array_of(std::move(set.samples), half ? py::dtype("<f2") : py::dtype("u1"), shape),
-      py::tuple(places));
+  return array_of(std::move(set.samples), half ? py::dtype("<f2") : py::dtype("u1"), shape);
 }
 
 // ---- checks and measures -----------------------------------------------------------------------
@@ -184,9 +180,9 @@ py::object measure(const OpenField& open, const std::vector<CameraTuple>& camera
 
 // ---- moving cameras ----------------------------------------------------------------------------
 
-/// One frame is drawn at a time.
+/// One frame is drawn at a time. Without a player: closed.
 struct OpenPlayer {
-  Player player;
+  std::optional<Player> player;
   std::mutex mutex;
 };
 
@@ -211,7 +207,8 @@ py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<
   LongCall call;
   value_of(call.without_gil([&]() -> Result<void> {
     const std::lock_guard lock(open.mutex);
-    if (auto ok = open.player.draw(camera_of(camera), image, &report); !ok) return ok;
+    if (!open.player) return fail(ErrorCode::usage, "the player is closed");
+    if (auto ok = open.player->draw(camera_of(camera), image, &report); !ok) return ok;
     if (tone) map_tones(*tone, image);
     return {};
   }));
@@ -224,9 +221,15 @@ void settle(OpenPlayer& open) {
   LongCall call;
   call.without_gil([&] {
     const std::lock_guard lock(open.mutex);
-    open.player.settle();
+    if (open.player) open.player->settle();
     return 0;
   });
+}
+
+void close(OpenPlayer& open) {
+  const py::gil_scoped_release release;
+  const std::lock_guard lock(open.mutex);
+  open.player.reset();
 }
 
 }  // namespace
@@ -247,12 +250,6 @@ void bind_fields(py::module_& module) {
       .def_property_readonly("file_bytes",
                              [](const OpenField& f) { return f.field().file_bytes(); })
       .def("content", content)
-      .def("matching_level",
-           [](const OpenField& f, const CameraTuple& camera,
-              const std::optional<std::string>& mode) {
-             return matching_level(f.field().shape(), camera_of(camera),
-                                   view_of(f.field(), mode, {}, false).mode);
-           })
       .def("render", render, py::arg("camera"), py::arg("mode"), py::arg("level"), py::arg("depth"),
            py::arg("tone"))
       .def("tiles", tiles, py::arg("first_level"), py::arg("last_level"), py::arg("layer"),
@@ -264,7 +261,8 @@ void bind_fields(py::module_& module) {
            py::arg("horizon"));
   py::class_<OpenPlayer>(module, "Player")
       .def("draw", draw, py::arg("camera"), py::arg("tone"))
-      .def("settle", settle);
+      .def("settle", settle)
+      .def("close", close);
   module.def("verify", verify, py::arg("path"), py::arg("field"), py::arg("quick"), py::arg("fix"),
              py::arg("threads"), py::arg("progress"));
   module.def("orbit_camera", [](const SphereTuple& sphere, const Triple& orbit, std::uint32_t width,
