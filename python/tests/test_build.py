@@ -356,7 +356,6 @@ def test_ctrl_c_comes_out_of_every_long_call(balls_path, voxels, tmp_path):
                      lambda: slf.repack(field, out, codec="zstd", progress=interrupt),
                      lambda: slf.merge([balls_path], out, progress=interrupt),
                      lambda: slf.diff(field, balls_path, progress=interrupt),
-                     lambda: slf.export(field, out, progress=interrupt),
                      lambda: field.measure(progress=interrupt),
                      lambda: field.evaluate("scene:balls", progress=interrupt)):
             with pytest.raises(KeyboardInterrupt):

@@ -92,6 +92,9 @@ def test_exports_a_page_and_a_folder(balls, tmp_path):
     except slf.UnsupportedError as error:
         pytest.skip(str(error))
     assert (tmp_path / "page.html").stat().st_size > balls.file_bytes
+    with pytest.raises(ZeroDivisionError):
+        slf.export(balls, tmp_path / "other.html", progress=lambda *p: 1 / 0)
+    assert not (tmp_path / "other.html").exists()
     slf.export(balls.path, tmp_path / "site")
     assert (tmp_path / "site" / "index.html").exists()
     with pytest.raises(slf.UsageError):
