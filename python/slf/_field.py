@@ -24,6 +24,7 @@ Size = Tuple[int, int]
 LevelName = Union[int, str]
 
 _DEFAULT_MEMORY = 256 << 20
+_THUMBNAIL_MEMORY = 16 << 20
 
 
 def path_text(path: Path) -> str:
@@ -218,9 +219,12 @@ class Field:
 
     def thumbnail(self, size: int = 256,
                   background: Optional[Sequence[float]] = (0, 0, 0)) -> np.ndarray:
-        """A small picture: uint8 [size, size, 4], over black; reads coarse tiles only."""
-        return self.render(orbit(), (size, size), level="matching", dtype=np.uint8,
-                           background=background)
+        """A small picture: uint8 [size, size, 4], over black. Reads coarse tiles only, and keeps none.
+        """
+        colors, _ = self._field.render(camera_tuple(self.sphere, orbit(), (size, size)), None,
+                                       self._level("matching"), False, self._tone(None, True),
+                                       _THUMBNAIL_MEMORY)
+        return finished_picture(colors, np.uint8, background)
 
     def player(self, mode: Optional[str] = None, level: LevelName = "finest",
                loading: str = "ahead", horizon: int = 8) -> Player:

@@ -69,11 +69,12 @@ ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
 }
 
 py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional<std::string>& mode,
-                 std::optional<unsigned> level, bool depth, const std::optional<ToneTuple>& tone) {
+                 std::optional<unsigned> level, bool depth, const std::optional<ToneTuple>& tone,
+                 std::optional<std::uint64_t> memory) {
   const ViewOptions view = view_of(open.field(), mode, level, depth);
   LongCall call;
   auto image = value_of(call.without_gil([&] {
-    auto drawn = open.render(camera_of(camera), view);
+    auto drawn = open.render(camera_of(camera), view, memory);
     if (drawn && tone) map_tones(*tone, *drawn);
     return drawn;
   }),
@@ -251,7 +252,7 @@ void bind_fields(py::module_& module) {
                              [](const OpenField& f) { return f.field().file_bytes(); })
       .def("content", content)
       .def("render", render, py::arg("camera"), py::arg("mode"), py::arg("level"), py::arg("depth"),
-           py::arg("tone"))
+           py::arg("tone"), py::arg("memory") = py::none())
       .def("tiles", tiles, py::arg("first_level"), py::arg("last_level"), py::arg("layer"),
            py::arg("missing"))
       .def("tile", tile, py::arg("level"), py::arg("entry"), py::arg("exit"), py::arg("channel"))
