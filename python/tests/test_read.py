@@ -228,6 +228,7 @@ def test_a_forked_process_draws_with_the_open_field_and_closes_it(balls):
     expected = balls.render(size=(64, 64))
     player = balls.player()
     player.draw(slf.orbit(), (64, 64))
+    player.settle()  # no thread works at the fork
     if has_page():
         balls.show()
     child = os.fork()
