@@ -1,6 +1,8 @@
 // Reading fields: what they hold, their pictures and their tiles.
 #include "fields.h"
 
+#include <unistd.h>
+
 #include "arrays.h"
 #include "calls.h"
 #include "convert.h"
@@ -181,10 +183,20 @@ py::object measure(const OpenField& open, const std::vector<CameraTuple>& camera
 
 // ---- moving cameras ----------------------------------------------------------------------------
 
-/// One frame is drawn at a time. Without a player: closed.
+/// One frame is drawn at a time. Without a player: closed. A forked process leaves the player
+/// alone, because the thread that it would wait for is missing there.
 struct OpenPlayer {
-  std::optional<Player> player;
+  explicit OpenPlayer(Player made) : player(std::make_unique<Player>(std::move(made))) {}
+  ~OpenPlayer() {
+    if (forked()) (void)player.release();
+  }
+  OpenPlayer(const OpenPlayer&) = delete;
+  OpenPlayer& operator=(const OpenPlayer&) = delete;
+  [[nodiscard]] bool forked() const { return getpid() != process; }
+
+  std::unique_ptr<Player> player;
   std::mutex mutex;
+  const pid_t process = getpid();
 };
 
 std::unique_ptr<OpenPlayer> make_player(const OpenField& open,
@@ -198,8 +210,7 @@ std::unique_ptr<OpenPlayer> make_player(const OpenField& open,
   options.horizon = horizon;
   LongCall call;
   auto player = call.without_gil([&] { return Player::make(open.field(), options); });
-  return std::unique_ptr<OpenPlayer>(
-      new OpenPlayer{value_of(std::move(player), open.field().path()), {}});
+  return std::make_unique<OpenPlayer>(value_of(std::move(player), open.field().path()));
 }
 
 py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<ToneTuple>& tone) {
@@ -207,6 +218,8 @@ py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<
   FrameReport report;
   LongCall call;
   value_of(call.without_gil([&]() -> Result<void> {
+    if (open.forked())
+      return fail(ErrorCode::usage, "the player is of the process that this one was forked from");
     const std::lock_guard lock(open.mutex);
     if (!open.player) return fail(ErrorCode::usage, "the player is closed");
     if (auto ok = open.player->draw(camera_of(camera), image, &report); !ok) return ok;
@@ -219,6 +232,7 @@ py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<
 }
 
 void settle(OpenPlayer& open) {
+  if (open.forked()) return;
   LongCall call;
   call.without_gil([&] {
     const std::lock_guard lock(open.mutex);
@@ -228,6 +242,7 @@ void settle(OpenPlayer& open) {
 }
 
 void close(OpenPlayer& open) {
+  if (open.forked()) return;
   const py::gil_scoped_release release;
   const std::lock_guard lock(open.mutex);
   open.player.reset();

@@ -235,7 +235,10 @@ def test_a_forked_process_draws_with_the_open_field_and_closes_it(balls):
     if child == 0:
         signal.alarm(60)
         same = np.array_equal(balls.render(size=(64, 64)), expected)
+        with pytest.raises(slf.UsageError, match="forked"):
+            player.draw(slf.orbit(), (64, 64))
         player.close()
+        del player
         balls.close()
         os._exit(0 if same else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
