@@ -6,7 +6,7 @@
 Prints, each in a process of its own: the resident memory after FIELD has shown itself as in a
 notebook, also under its page's requests; and the peak of a build from an array of so many
 gigabytes that is read slab by slab, under the kernel's memory limit of 1 GB (which needs root or
-delegated control groups).
+delegated control groups). The build's light is direct: other light takes up to light_memory more.
 """
 
 import argparse
@@ -47,8 +47,8 @@ class Chunked:  # as an array of zarr
         return (z + y + x) % 2 * np.int16(2000)
 
 begin = time.perf_counter()
-slf.build(Chunked(), sys.argv[2], entry=2, exit=8, levels=0, transfer=[[0, 0, 0, 0, 0],
-          [1000, 0, 0, 0, 0], [2000, 1, 1, 1, 0.5]])
+slf.build(Chunked(), sys.argv[2], entry=2, exit=8, levels=0, light="direct",
+          transfer=[[0, 0, 0, 0, 0], [1000, 0, 0, 0, 0], [2000, 1, 1, 1, 0.5]])
 print(f"{np.prod(Chunked.shape) * 2 / 1e9:.2f} GB of voxels in {time.perf_counter() - begin:.0f} s")
 """
 
@@ -60,12 +60,14 @@ def run(script, *arguments, **options):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--field", type=pathlib.Path)
-    parser.add_argument("--gigabytes", type=float, default=4)
+    parser.add_argument("--gigabytes", type=float, default=4, help="0: no build")
     parser.add_argument("--folder", help="for the build; it needs so much space")
     a = parser.parse_args()
     if a.field:
         print(f"{a.field}: {a.field.stat().st_size / 1e9:.2f} GB")
         run(SHOW, a.field)
+    if a.gigabytes == 0:
+        return
     with tempfile.TemporaryDirectory(dir=a.folder) as folder, MemoryLimit(10**9) as limit:
         run(BUILD, round(a.gigabytes * 1e9 / 2**21), os.path.join(folder, "a.slf"),
             preexec_fn=limit.enter)

@@ -66,7 +66,7 @@ def main():
     parser.add_argument("field")
     parser.add_argument("--cpp", required=True, help="the program draw_on_request")
     parser.add_argument("--size", type=int, default=512)
-    parser.add_argument("--rounds", type=int, default=41)
+    parser.add_argument("--rounds", type=int, default=151)
     parser.add_argument("--opens", type=int, default=10000)
     a = parser.parse_args()
     compare(a)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
+import weakref
 from types import TracebackType
 from typing import Any, Callable, List, Optional, Sequence, Tuple, Type, Union, overload
 
@@ -22,6 +24,7 @@ Size = Tuple[int, int]
 LevelName = Union[int, str]
 
 _DEFAULT_MEMORY = 256 << 20
+_THUMBNAIL_MEMORY = 16 << 20
 
 
 def path_text(path: Path) -> str:
@@ -221,9 +224,12 @@ class Field:
 
     def thumbnail(self, size: int = 256,
                   background: Optional[Sequence[float]] = (0, 0, 0)) -> np.ndarray:
-        """A small picture: uint8 [size, size, 4], over black; reads coarse tiles only."""
-        return self.render(orbit(), (size, size), level="matching", dtype=np.uint8,
-                           background=background)
+        """A small picture: uint8 [size, size, 4], over black. Reads coarse tiles only, and keeps none.
+        """
+        colors, _ = self._field.render(camera_tuple(self.sphere, orbit(), (size, size)), None,
+                                       self._level("matching"), False, self._tone(None, True),
+                                       _THUMBNAIL_MEMORY)
+        return finished_picture(colors, np.uint8, background)
 
     def player(self, mode: Optional[str] = None, level: LevelName = "finest",
                loading: str = "ahead", horizon: int = 8) -> Player:
@@ -255,8 +261,7 @@ class Field:
         Raises slf.UsageError: no such tile or channel; slf.FailedError: it was never built;
         slf.BadFileError: it is damaged.
         """
-        samples, _ = self._field.tile(level, entry, exit, channel)
-        return samples
+        return self._field.tile(level, entry, exit, channel)
 
     # -- measures ---------------------------------------------------------------------------------
 
@@ -312,6 +317,7 @@ class Field:
             return View(path_text(page))
         if self._server is None:
             self._server = _slf.Server([self.path])
+            _with_threads.add(self)
         return View(self._server.url)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> Any:
@@ -319,7 +325,7 @@ class Field:
 
 
 class Player:
-    """Draws the frames of a moving camera on time. Made by Field.player()."""
+    """Draws the frames of a moving camera on time. Made by Field.player(). A context manager."""
 
     def __init__(self, field: Field, player: _slf.Player) -> None:
         self._sphere = field.sphere
@@ -327,6 +333,17 @@ class Player:
         self._player = player
         self.report: Optional[Frame] = None
         """How the last frame was drawn."""
+        _with_threads.add(self)
+
+    def close(self) -> None:
+        """Ends the thread that loads tiles, and closes the file. A second call does nothing."""
+        self._player.close()
+
+    def __enter__(self) -> Player:
+        return self
+
+    def __exit__(self, *raised: Any) -> None:
+        self.close()
 
     def draw(self, camera: AnyCamera, size: Size = (512, 512), dtype: Any = np.float32,
              background: Optional[Sequence[float]] = None,
@@ -341,6 +358,17 @@ class Player:
     def settle(self) -> None:
         """Waits until all tiles are loaded that are being loaded."""
         self._player.settle()
+
+
+_with_threads: "weakref.WeakSet[Union[Field, Player]]" = weakref.WeakSet()
+
+
+@atexit.register
+def _end_threads() -> None:
+    """Ends the threads of slf, which must not outlive the interpreter."""
+    _slf.stop_calls()
+    for owner in list(_with_threads):
+        owner.close()
 
 
 def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,

@@ -247,31 +247,37 @@ Labels = Union[None, bool, Any]
 
 
 @contextlib.contextmanager
-def scene_of(source: Any, *, linear: bool = False, folder: Optional[str] = None,
-             threads: int = 0,
-             spacing: Optional[Sequence[float]] = None, affine: Any = None,
-             origin: Optional[Sequence[float]] = None, name: Optional[str] = None,
-             transfer: Any = None, range: Optional[Sequence[float]] = None,
-             labels: Labels = None, label_table: Any = None, mask: Any = None,
-             light: Optional[str] = None, light_rig: str = "", environment: str = "",
-             environment_gain: float = 1, light_samples: int = 16, light_bounces: int = 32,
-             light_spacing: float = 2, light_memory: int = 1 << 30, light_seed: int = 1,
-             light_file: str = "",
-             tone: Optional[Tone] = None, shade: bool = True,
-             light_direction: Sequence[float] = (-0.45, -0.65, 0.6), ambient: Optional[float] = None,
-             projection: Optional[str] = None, step: float = 2,
-             **reader: Any) -> Iterator[_slf.Scene]:
-    """The scene of a source. folder: for temporary files."""
+def scene_of(source: Any, *, linear: bool = False, folder: Optional[str] = None, threads: int = 0,
+             **settings: Any) -> Iterator[_slf.Scene]:
+    """The scene of a source. folder: for temporary files.  settings: those of volumes."""
+    is_analytic = isinstance(source, str) and source.startswith(_SCENE)
+    if not is_analytic and not isinstance(source, Scene):
+        yield _volume_scene(source, linear=linear, folder=folder, threads=threads, **settings)
+        return
+    if settings:
+        raise TypeError(f"unexpected settings, as this is no volume: {', '.join(sorted(settings))}")
+    if is_analytic:
+        yield _slf.analytic_scene(source[len(_SCENE):])
+        return
+    with ray_scene(source) as scene:
+        yield scene
+
+
+def _volume_scene(source: Any, *, linear: bool, folder: Optional[str], threads: int,
+                  spacing: Optional[Sequence[float]] = None, affine: Any = None,
+                  origin: Optional[Sequence[float]] = None, name: Optional[str] = None,
+                  transfer: Any = None, range: Optional[Sequence[float]] = None,
+                  labels: Labels = None, label_table: Any = None, mask: Any = None,
+                  light: Optional[str] = None, light_rig: str = "", environment: str = "",
+                  environment_gain: float = 1, light_samples: int = 16, light_bounces: int = 32,
+                  light_spacing: float = 2, light_memory: int = 1 << 30, light_seed: int = 1,
+                  light_file: str = "", tone: Optional[Tone] = None, shade: bool = True,
+                  light_direction: Sequence[float] = (-0.45, -0.65, 0.6),
+                  ambient: Optional[float] = None, projection: Optional[str] = None,
+                  step: float = 2, **reader: Any) -> _slf.Scene:
     unknown = sorted(set(reader) - set(_OF_FILES))
     if unknown:
         raise TypeError(f"unexpected settings: {', '.join(unknown)}")
-    if isinstance(source, Scene):
-        with ray_scene(source) as scene:
-            yield scene
-        return
-    if isinstance(source, str) and source.startswith(_SCENE):
-        yield _slf.analytic_scene(source[len(_SCENE):])
-        return
     if light is None:
         light = "global" if shade and ambient is None and projection is None else "direct"
     if light not in _LIGHTS:
@@ -289,26 +295,26 @@ def scene_of(source: Any, *, linear: bool = False, folder: Optional[str] = None,
         parts.append(None if part is None else
                      volume_of(part, labels=True, like=place, folder=folder,
                                name=None if isinstance(part, (str, os.PathLike)) else what)[0])
-    settings: Dict[str, Any] = {"step": float(step), "ambient": 0.3 if ambient is None else float(ambient),
-                                "shade": shade and projection is None,
-                                "projection": _PROJECTIONS[projection],
-                                "light": [float(x) for x in light_direction]}
     shown = tone or Tone()
-    settings["lighting"] = {
-        "mode": light, "samples": light_samples, "bounces": light_bounces,
-        "spacing": float(light_spacing), "memory": light_memory, "seed": light_seed,
-        "environment_gain": float(environment_gain), "linear": linear,
-        "tone": {"exposure": float(shown.exposure), "curve": shown.curve}}
+    settings = {
+        "step": float(step), "ambient": 0.3 if ambient is None else float(ambient),
+        "shade": shade and projection is None, "projection": _PROJECTIONS[projection],
+        "light": [float(x) for x in light_direction],
+        "lighting": {
+            "mode": light, "samples": light_samples, "bounces": light_bounces,
+            "spacing": float(light_spacing), "memory": light_memory, "seed": light_seed,
+            "environment_gain": float(environment_gain), "linear": linear,
+            "tone": {"exposure": float(shown.exposure), "curve": shown.curve}}}
     reference, points = _transfer(transfer, volume)
     table, styles = "", None
     if isinstance(label_table, Mapping):
         styles = {int(id): _style(style) for id, style in label_table.items()}
     elif label_table is not None:
         table = os.fspath(label_table)
-    yield _slf.raycaster(volume, json.dumps(settings), reference, points,
-                         None if range is None else (float(range[0]), float(range[1])),
-                         light_rig, os.fspath(environment), parts[0], table, styles, parts[1],
-                         os.fspath(light_file), threads)
+    return _slf.raycaster(volume, json.dumps(settings), reference, points,
+                          None if range is None else (float(range[0]), float(range[1])),
+                          light_rig, os.fspath(environment), parts[0], table, styles, parts[1],
+                          os.fspath(light_file), threads)
 
 
 def _style(style: Any) -> Tuple[str, Optional[Point], float]:

@@ -24,8 +24,9 @@ pybind11::array array_of(std::vector<T>&& values, const pybind11::dtype& type,
 }
 
 /// A read-only array of `bytes`, which `owner` keeps.
-inline pybind11::array view_of(std::span<const std::byte> bytes, std::shared_ptr<const void> owner,
-                               const pybind11::dtype& type, std::vector<pybind11::ssize_t> shape) {
+inline pybind11::array array_over(std::span<const std::byte> bytes,
+                                  std::shared_ptr<const void> owner, const pybind11::dtype& type,
+                                  std::vector<pybind11::ssize_t> shape) {
   using Owner = std::shared_ptr<const void>;
   const pybind11::capsule capsule(new Owner(std::move(owner)),
                                   [](void* p) { delete static_cast<Owner*>(p); });

@@ -33,10 +33,10 @@ double now() {
   return std::chrono::duration<double>(since).count();
 }
 
-/// Called by Python's atexit, when only daemon threads are left. Python ends a thread that asks for
-/// the GIL after this by unwinding its stack, which C++ does not survive. Builds commit what is
-/// finished.
-void stop_all() {
+/// Called at the interpreter's exit, when only daemon threads are left. Python ends a thread that
+/// asks for the GIL after this by unwinding its stack, which C++ does not survive. Builds commit
+/// what is finished.
+void stop_calls() {
   const py::gil_scoped_release release;
   std::unique_lock lock(calls().mutex);
   calls().exiting_thread = std::this_thread::get_id();
@@ -102,8 +102,7 @@ void bind_calls(py::module_& module) {
   });
   // The calls of other threads do not go on in a forked process.
   pthread_atfork(nullptr, nullptr, [] { new (&calls()) Calls; });
-  module.def("_stop_all", stop_all, "Stops long work of all threads, and waits for its end.");
-  py::module_::import("atexit").attr("register")(module.attr("_stop_all"));
+  module.def("stop_calls", stop_calls, "Stops long calls of all threads, and waits for their end.");
 }
 
 }  // namespace slf::python

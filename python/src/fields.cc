@@ -1,6 +1,8 @@
 // Reading fields: what they hold, their pictures and their tiles.
 #include "fields.h"
 
+#include <unistd.h>
+
 #include "arrays.h"
 #include "calls.h"
 #include "convert.h"
@@ -62,11 +64,12 @@ ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
 }
 
 py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional<std::string>& mode,
-                 std::optional<unsigned> level, bool depth, const std::optional<ToneTuple>& tone) {
+                 std::optional<unsigned> level, bool depth, const std::optional<ToneTuple>& tone,
+                 std::optional<std::uint64_t> memory) {
   const ViewOptions view = view_of(open.field(), mode, level, depth);
   LongCall call;
   auto image = value_of(call.without_gil([&] {
-    auto drawn = open.render(camera_of(camera), view);
+    auto drawn = open.render(camera_of(camera), view, memory);
     if (drawn && tone) map_tones(*tone, *drawn);
     return drawn;
   }),
@@ -101,8 +104,8 @@ py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsign
   return out;
 }
 
-/// The samples of a tile, which the array views, and the places of its pictures.
-py::tuple tile(OpenField& open, unsigned level, std::uint64_t entry, std::uint64_t exit,
+/// The samples of a tile, which the array views.
+py::array tile(OpenField& open, unsigned level, std::uint64_t entry, std::uint64_t exit,
                const std::string& channel) {
   const Field& field = open.field();
   LongCall call;
@@ -116,11 +119,8 @@ py::tuple tile(OpenField& open, unsigned level, std::uint64_t entry, std::uint64
   const py::ssize_t columns = py::ssize_t{set.side + 1} * (set.side + 2) / 2;
   std::vector<py::ssize_t> shape{entries, columns};
   if (set.numbers > 1) shape.push_back(set.numbers);
-  py::list places;
-  for (const auto& place : set.entries) places.append(py::make_tuple(place.p, place.q));
-  return py::make_tuple(view_of(set.samples, std::move(set.owner),
-                                set.half ? py::dtype("<f2") : py::dtype("u1"), shape),
-                        py::tuple(places));
+  return array_over(set.samples, std::move(set.owner),
+                    set.half ? py::dtype("<f2") : py::dtype("u1"), shape);
 }
 
 // ---- checks and measures -----------------------------------------------------------------------
@@ -174,10 +174,20 @@ py::object measure(const OpenField& open, const std::vector<CameraTuple>& camera
 
 // ---- moving cameras ----------------------------------------------------------------------------
 
-/// One frame is drawn at a time.
+/// One frame is drawn at a time. Without a player: closed. A forked process leaves the player
+/// alone, because the thread that it would wait for is missing there.
 struct OpenPlayer {
-  Player player;
+  explicit OpenPlayer(Player made) : player(std::make_unique<Player>(std::move(made))) {}
+  ~OpenPlayer() {
+    if (forked()) (void)player.release();
+  }
+  OpenPlayer(const OpenPlayer&) = delete;
+  OpenPlayer& operator=(const OpenPlayer&) = delete;
+  [[nodiscard]] bool forked() const { return getpid() != process; }
+
+  std::unique_ptr<Player> player;
   std::mutex mutex;
+  const pid_t process = getpid();
 };
 
 std::unique_ptr<OpenPlayer> make_player(const OpenField& open,
@@ -191,8 +201,7 @@ std::unique_ptr<OpenPlayer> make_player(const OpenField& open,
   options.horizon = horizon;
   LongCall call;
   auto player = call.without_gil([&] { return Player::make(open.field(), options); });
-  return std::unique_ptr<OpenPlayer>(
-      new OpenPlayer{value_of(std::move(player), open.field().path()), {}});
+  return std::make_unique<OpenPlayer>(value_of(std::move(player), open.field().path()));
 }
 
 py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<ToneTuple>& tone) {
@@ -200,8 +209,11 @@ py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<
   FrameReport report;
   LongCall call;
   value_of(call.without_gil([&]() -> Result<void> {
+    if (open.forked())
+      return fail(ErrorCode::usage, "the player is of the process that this one was forked from");
     const std::lock_guard lock(open.mutex);
-    if (auto ok = open.player.draw(camera_of(camera), image, &report); !ok) return ok;
+    if (!open.player) return fail(ErrorCode::usage, "the player is closed");
+    if (auto ok = open.player->draw(camera_of(camera), image, &report); !ok) return ok;
     if (tone) map_tones(*tone, image);
     return {};
   }));
@@ -211,12 +223,20 @@ py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<
 }
 
 void settle(OpenPlayer& open) {
+  if (open.forked()) return;
   LongCall call;
   call.without_gil([&] {
     const std::lock_guard lock(open.mutex);
-    open.player.settle();
+    if (open.player) open.player->settle();
     return 0;
   });
+}
+
+void close(OpenPlayer& open) {
+  if (open.forked()) return;
+  const py::gil_scoped_release release;
+  const std::lock_guard lock(open.mutex);
+  open.player.reset();
 }
 
 }  // namespace
@@ -238,14 +258,8 @@ void bind_fields(py::module_& module) {
       .def_property_readonly("file_bytes",
                              [](const OpenField& f) { return f.field().file_bytes(); })
       .def("content", content)
-      .def("matching_level",
-           [](const OpenField& f, const CameraTuple& camera,
-              const std::optional<std::string>& mode) {
-             return matching_level(f.field().shape(), camera_of(camera),
-                                   view_of(f.field(), mode, {}, false).mode);
-           })
       .def("render", render, py::arg("camera"), py::arg("mode"), py::arg("level"), py::arg("depth"),
-           py::arg("tone"))
+           py::arg("tone"), py::arg("memory") = py::none())
       .def("tiles", tiles, py::arg("first_level"), py::arg("last_level"), py::arg("missing"))
       .def("tile", tile, py::arg("level"), py::arg("entry"), py::arg("exit"), py::arg("channel"))
       .def("measure", measure, py::arg("cameras"), py::arg("mode"), py::arg("levels"),
@@ -254,7 +268,8 @@ void bind_fields(py::module_& module) {
            py::arg("horizon"));
   py::class_<OpenPlayer>(module, "Player")
       .def("draw", draw, py::arg("camera"), py::arg("tone"))
-      .def("settle", settle);
+      .def("settle", settle)
+      .def("close", close);
   module.def("verify", verify, py::arg("path"), py::arg("field"), py::arg("quick"), py::arg("fix"),
              py::arg("threads"), py::arg("progress"));
   module.def("orbit_camera", [](const SphereTuple& sphere, const Triple& orbit, std::uint32_t width,

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <utility>
 
 #include "slf/field.h"
@@ -20,7 +21,11 @@ class OpenField {
   [[nodiscard]] const Field& field() const { return field_; }
   [[nodiscard]] const RendererOptions& options() const { return options_; }
 
-  [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& view) {
+  /// With `memory`, by a renderer for this view only, which keeps at most so many bytes of decoded
+  /// tiles, and as many of the mapped file.
+  [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& view,
+                                     std::optional<std::uint64_t> memory) {
+    if (memory) return Renderer(field_, {*memory, options_.threads, *memory}).render(camera, view);
     const std::lock_guard lock(mutex_);
     return renderer().render(camera, view);
   }

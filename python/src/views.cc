@@ -22,7 +22,7 @@ class ViewServer {
  public:
   explicit ViewServer(const std::vector<std::string>& fields)
       : server_(value_of(view::Server::make(fields, {}), fields.empty() ? "" : fields.front())),
-        thread_([this] { ended_ = server_.run([this] { return stop_.load(); }).has_value(); }) {}
+        thread_([this] { (void)server_.run([this] { return stop_.load(); }); }) {}
   ~ViewServer() { close(); }
   ViewServer(const ViewServer&) = delete;
   ViewServer& operator=(const ViewServer&) = delete;
@@ -36,7 +36,7 @@ class ViewServer {
 
  private:
   view::Server server_;
-  std::atomic<bool> stop_{false}, ended_{false};
+  std::atomic<bool> stop_{false};
   std::thread thread_;
 };
 

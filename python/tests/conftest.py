@@ -18,10 +18,12 @@ SMALL_ARGUMENTS = ["--entry", "2", "--exit", "8", "--levels", "1"]
 def command():
     """Runs `slf ARGUMENTS...`, which must succeed."""
     program = os.environ["SLF_COMMAND"]
+    # Python needs a sanitizer's library preloaded, but the program has its own.
+    environment = {name: value for name, value in os.environ.items() if name != "LD_PRELOAD"}
 
     def run(*arguments):
         return subprocess.run([program, "-q", *map(str, arguments)], check=True,
-                              capture_output=True, text=True).stdout
+                              capture_output=True, text=True, env=environment).stdout
 
     return run
 

@@ -172,6 +172,13 @@ def test_itk_images(voxels, command, tmp_path):
     assert same_fields(tmp_path, command, file, Image())
 
 
+def test_images_of_simpleitk(voxels, command, tmp_path):
+    SimpleITK = pytest.importorskip("SimpleITK")
+    turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+    file = write_mha(tmp_path / "a.mha", voxels, (1, 2, 3), (4, 5, 6), turn)
+    assert same_fields(tmp_path, command, file, SimpleITK.ReadImage(str(file)))
+
+
 def test_xarrays(voxels, command, tmp_path):
     file = write_mha(tmp_path / "a.mha", voxels, (0.5, 1, 2), (1, -2, 3))
 
@@ -190,6 +197,9 @@ def test_xarrays(voxels, command, tmp_path):
             return moved
 
     assert same_fields(tmp_path, command, file, Array())
+    xarray = pytest.importorskip("xarray")
+    array = xarray.DataArray(Array.data, Array.coords, Array.dims, "density")
+    assert same_fields(tmp_path, command, file, array)
     Array.coords = {**Array.coords, "x": np.arange(16.0) ** 2}
     with pytest.raises(ValueError, match="x are not evenly"):
         slf.build(Array(), tmp_path / "no.slf", **SMALL)
@@ -214,6 +224,14 @@ def test_chunked_arrays_are_read_in_slabs(voxels, command, tmp_path, monkeypatch
     monkeypatch.setattr(slf._source, "_MOST_IN_MEMORY", 100)  # into a temporary file
     assert same_fields(tmp_path, command, file, Zarr())
     assert sorted(os.listdir(tmp_path)) == ["a.mha", "command.slf", "python.slf"]
+
+
+@pytest.mark.parametrize("package", ["zarr", "dask.array"])
+def test_arrays_of_zarr_and_dask(package, voxels, command, tmp_path):
+    module = pytest.importorskip(package)
+    make = module.array if package == "zarr" else module.from_array
+    file = write_mha(tmp_path / "a.mha", voxels)
+    assert same_fields(tmp_path, command, file, make(voxels, chunks=(5, 7, 8)))
 
 
 # ---- transfer functions --------------------------------------------------------------------------
@@ -255,7 +273,8 @@ def test_wrong_arguments(voxels, tmp_path):
             (ValueError, voxels, dict(center=(1e6, 0, 0))), (ValueError, voxels, dict(series="1")),
             (ValueError, voxels, dict(transfer="no-such-preset")),
             (ValueError, "scene:none", {}), (FileNotFoundError, tmp_path / "missing.nii", {}),
-            (TypeError, voxels, dict(entry="x")), (TypeError, voxels, dict(colour="red"))):
+            (TypeError, voxels, dict(entry="x")), (TypeError, voxels, dict(colour="red")),
+            (TypeError, "scene:balls", dict(transfer="ct-bone"))):
         with pytest.raises(error):
             slf.build(source, out, **{**SMALL, **settings})
         assert os.listdir(tmp_path) == []
@@ -322,6 +341,26 @@ except KeyboardInterrupt:
     with slf.open(f"{out}.unfinished") as unfinished:
         assert [level.stored + level.empty for level in unfinished.content().levels[:2]] == [
             64, 1024]
+
+
+def test_ctrl_c_comes_out_of_every_long_call(balls_path, voxels, tmp_path):
+    def interrupt(done, total, skipped):
+        os.kill(os.getpid(), signal.SIGINT)
+
+    out = tmp_path / "out"
+    with slf.open(balls_path) as field:
+        for call in (lambda: slf.build(voxels, out, progress=interrupt, **SMALL),
+                     lambda: slf.build("scene:balls", out, progress=interrupt, **SMALL),
+                     lambda: slf.raycast(voxels, progress=interrupt),
+                     lambda: slf.verify(balls_path, progress=interrupt),
+                     lambda: slf.repack(field, out, codec="zstd", progress=interrupt),
+                     lambda: slf.merge([balls_path], out, progress=interrupt),
+                     lambda: slf.diff(field, balls_path, progress=interrupt),
+                     lambda: field.measure(progress=interrupt),
+                     lambda: field.evaluate("scene:balls", progress=interrupt)):
+            with pytest.raises(KeyboardInterrupt):
+                call()
+            assert not out.exists()
 
 
 def test_interpreter_exits_while_a_build_runs(tmp_path):

@@ -3,6 +3,8 @@
 import base64
 import io
 import pathlib
+import subprocess
+import sys
 import urllib.request
 
 import numpy as np
@@ -60,12 +62,39 @@ def test_page_is_served_until_the_field_is_closed(balls):
         urllib.request.urlopen(view.url, timeout=2)
 
 
+def test_interpreter_exits_while_the_page_is_served_and_tiles_load(balls_path):
+    script = """
+import ctypes, sys, threading, urllib.request, slf
+field = slf.open(sys.argv[1])
+player = field.player()
+player.draw(slf.orbit(), (64, 64))
+url = field.show().url
+for never_freed in (field, player):
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(never_freed))
+def fetch():
+    while True:
+        with urllib.request.urlopen(url) as page: page.read()
+        begun.set()
+begun = threading.Event()
+threading.Thread(target=fetch, daemon=True).start()
+begun.wait()
+"""
+    done = subprocess.run([sys.executable, "-c", script, balls_path], timeout=60,
+                          capture_output=True, text=True)
+    if "UnsupportedError" in done.stderr:
+        pytest.skip("slf was built without the page")
+    assert done.returncode == 0, done.stderr
+
+
 def test_exports_a_page_and_a_folder(balls, tmp_path):
     try:
         slf.export(balls, tmp_path / "page.html")
     except slf.UnsupportedError as error:
         pytest.skip(str(error))
     assert (tmp_path / "page.html").stat().st_size > balls.file_bytes
+    with pytest.raises(ZeroDivisionError):
+        slf.export(balls, tmp_path / "other.html", progress=lambda *p: 1 / 0)
+    assert not (tmp_path / "other.html").exists()
     slf.export(balls.path, tmp_path / "site")
     assert (tmp_path / "site" / "index.html").exists()
     with pytest.raises(slf.UsageError):

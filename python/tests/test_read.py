@@ -3,6 +3,7 @@
 import gc
 import os
 import pickle
+import signal
 import threading
 
 import numpy as np
@@ -200,6 +201,10 @@ def test_player_draws_what_the_field_draws(balls):
     player.draw(slf.orbit(0, 0, 3), (64, 64))
     player.settle()
     assert player.draw(slf.orbit(0, 0, 3), (64, 64)).shape == (64, 64, 4)
+    player.close()
+    player.close()
+    with pytest.raises(ValueError, match="closed"):
+        player.draw(slf.orbit(0, 0, 3), (64, 64))
 
 
 def test_threads_may_share_a_field(balls):
@@ -219,12 +224,26 @@ def test_threads_may_share_a_field(balls):
     assert not wrong
 
 
-def test_a_forked_process_draws_with_the_open_field(balls):
+def test_a_forked_process_draws_with_the_open_field_and_closes_it(balls):
     expected = balls.render(size=(64, 64))
+    player = balls.player()
+    player.draw(slf.orbit(), (64, 64))
+    player.settle()  # no thread works at the fork
+    if has_page():
+        balls.show()
     child = os.fork()
     if child == 0:
-        os._exit(0 if np.array_equal(balls.render(size=(64, 64)), expected) else 1)
+        signal.alarm(60)
+        same = np.array_equal(balls.render(size=(64, 64)), expected)
+        with pytest.raises(slf.UsageError, match="forked"):
+            player.draw(slf.orbit(), (64, 64))
+        player.close()
+        del player
+        balls.close()
+        os._exit(0 if same else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert np.array_equal(balls.render(size=(64, 64)), expected)
+    player.draw(slf.orbit(), (64, 64))
 
 
 def resident_bytes():
