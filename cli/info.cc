@@ -321,8 +321,8 @@ Result<void> run_info(const Arguments& arguments) {
 }  // namespace
 
 void add_info(CLI::App& app, Run& run) {
-  auto* command =
-      app.add_subcommand("info", "What a field (.slf), pictures, a mesh or a volume (anything else) holds");
+  auto* command = app.add_subcommand(
+      "info", "What a field (.slf), pictures, a mesh or a volume (anything else) holds");
   auto a = std::make_shared<Arguments>();
   command
       ->add_option(

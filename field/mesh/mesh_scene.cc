@@ -30,7 +30,7 @@ std::string describe(const Mesh& mesh, const MeshOptions& options) {
 }  // namespace
 
 struct MeshScene::State {
-  std::unique_ptr<Surface> surface;
+  std::unique_ptr<MeshSurface> surface;
   std::optional<SurfaceLight> surface_light;
   MeshOptions options;
   glm::dvec3 toward_light;  // unit
@@ -64,7 +64,7 @@ Result<std::unique_ptr<MeshScene>> MeshScene::make(Mesh mesh, const MeshOptions&
       return fail(ErrorCode::usage, "ambient ", options.ambient, ": expected 0 to 1");
     std::string provenance = describe(mesh, options);
     std::vector<std::string> files = mesh.files;
-    auto surface = Surface::make(std::move(mesh));
+    auto surface = MeshSurface::make(std::move(mesh));
     if (!surface) return tl::unexpected(surface.error());
     auto state = std::make_unique<State>(State{.surface = std::move(*surface),
                                                .surface_light = {},
@@ -83,7 +83,7 @@ std::string MeshScene::provenance() const { return state_->provenance; }
 std::vector<std::string> MeshScene::files() const { return state_->files; }
 
 RaySample MeshScene::trace(const glm::dvec3& from, const glm::dvec3& to) const {
-  const Surface& surface = *state_->surface;
+  const MeshSurface& surface = *state_->surface;
   const glm::dvec3 start = surface.to_local(from), whole = surface.to_local(to) - start;
   const double length = glm::length(whole);
   if (!(length > 0) || !std::isfinite(length)) return {};

@@ -107,15 +107,15 @@ Result<void> check(const Mesh& mesh) {
 }  // namespace
 
 /// Embree asks these whether a hit in a material that is not opaque counts.
-struct Surface::Filters {
-  static float alpha(const RTCFilterFunctionNArguments& a, const Surface& surface,
+struct MeshSurface::Filters {
+  static float alpha(const RTCFilterFunctionNArguments& a, const MeshSurface& surface,
                      std::uint32_t& triangle) {
     const auto& hit = *reinterpret_cast<const RTCHit*>(a.hit);
     triangle = static_cast<std::uint32_t>(surface.opaque_) + hit.primID;
     return surface.raw_color(triangle, {hit.u, hit.v}).a;
   }
   static void first(const RTCFilterFunctionNArguments* a) {
-    const Surface& surface = *static_cast<const Surface*>(a->geometryUserPtr);
+    const MeshSurface& surface = *static_cast<const MeshSurface*>(a->geometryUserPtr);
     std::uint32_t triangle = 0;
     const float opacity = alpha(*a, surface, triangle);
     const MeshMaterial& m = surface.material(triangle);
@@ -123,7 +123,7 @@ struct Surface::Filters {
     if (opacity < least) a->valid[0] = 0;
   }
   static void blocking(const RTCFilterFunctionNArguments* a) {
-    const Surface& surface = *static_cast<const Surface*>(a->geometryUserPtr);
+    const MeshSurface& surface = *static_cast<const MeshSurface*>(a->geometryUserPtr);
     std::uint32_t triangle = 0;
     const float opacity = alpha(*a, surface, triangle);
     const MeshMaterial& m = surface.material(triangle);
@@ -131,10 +131,10 @@ struct Surface::Filters {
   }
 };
 
-Result<std::unique_ptr<Surface>> Surface::make(Mesh mesh) {
+Result<std::unique_ptr<MeshSurface>> MeshSurface::make(Mesh mesh) {
   if (mesh.materials.empty()) mesh.materials.emplace_back();
   if (auto ok = check(mesh); !ok) return tl::unexpected(ok.error());
-  std::unique_ptr<Surface> surface(new Surface(std::move(mesh)));
+  std::unique_ptr<MeshSurface> surface(new MeshSurface(std::move(mesh)));
   if (auto ok = surface->place(); !ok) return tl::unexpected(ok.error());
   surface->put_holes_last();
   surface->normals_ = corner_normals(surface->mesh_);
@@ -143,12 +143,12 @@ Result<std::unique_ptr<Surface>> Surface::make(Mesh mesh) {
   return surface;
 }
 
-Surface::~Surface() {
+MeshSurface::~MeshSurface() {
   if (tree_) rtcReleaseScene(tree_);
   if (device_) rtcReleaseDevice(device_);
 }
 
-Result<void> Surface::place() {
+Result<void> MeshSurface::place() {
   glm::dvec3 low(std::numeric_limits<double>::infinity()), high = -low;
   std::vector<glm::vec3>& positions = mesh_.positions;
   for (std::size_t k = 0; k < positions.size(); ++k) {
@@ -192,7 +192,7 @@ Result<void> Surface::place() {
               " triangles has an area");
 }
 
-void Surface::put_holes_last() {
+void MeshSurface::put_holes_last() {
   const std::size_t count = mesh_.triangles.size();
   if (mesh_.material_of.empty()) mesh_.material_of.assign(count, 0);
   const auto opaque = [&](std::uint32_t material) {
@@ -215,7 +215,7 @@ void Surface::put_holes_last() {
   mesh_.material_of = std::move(materials);
 }
 
-Result<void> Surface::make_tree() {
+Result<void> MeshSurface::make_tree() {
   // On one thread: its tree, and with it which of two triangles a ray meets on their common edge,
   // must not depend on the order in which threads finish.
   device_ = rtcNewDevice("threads=1");
@@ -254,8 +254,8 @@ Result<void> Surface::make_tree() {
   return {};
 }
 
-std::optional<SurfacePoint> Surface::first(const glm::dvec3& from, const glm::dvec3& direction,
-                                           double near, double far) const {
+std::optional<SurfacePoint> MeshSurface::first(const glm::dvec3& from, const glm::dvec3& direction,
+                                               double near, double far) const {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   RTCRayHit found{};
@@ -291,7 +291,7 @@ std::optional<SurfacePoint> Surface::first(const glm::dvec3& from, const glm::dv
   return point;
 }
 
-bool Surface::blocked(const glm::dvec3& from, const glm::dvec3& direction, double far) const {
+bool MeshSurface::blocked(const glm::dvec3& from, const glm::dvec3& direction, double far) const {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   RTCRay ray = make_ray(from, direction, 0, far);
@@ -299,11 +299,11 @@ bool Surface::blocked(const glm::dvec3& from, const glm::dvec3& direction, doubl
   return ray.tfar < 0;
 }
 
-const MeshMaterial& Surface::material(std::uint32_t triangle) const {
+const MeshMaterial& MeshSurface::material(std::uint32_t triangle) const {
   return mesh_.materials[mesh_.material_of[triangle]];
 }
 
-glm::vec4 Surface::raw_color(std::uint32_t triangle, const glm::vec2& at) const {
+glm::vec4 MeshSurface::raw_color(std::uint32_t triangle, const glm::vec2& at) const {
   const MeshMaterial& m = material(triangle);
   const glm::uvec3& t = mesh_.triangles[triangle];
   glm::vec4 color = m.color;
@@ -319,19 +319,19 @@ glm::vec4 Surface::raw_color(std::uint32_t triangle, const glm::vec2& at) const 
   return color;
 }
 
-glm::vec4 Surface::color(const SurfacePoint& point) const {
+glm::vec4 MeshSurface::color(const SurfacePoint& point) const {
   glm::vec4 color = raw_color(point.triangle, glm::vec2(point.at));
   color.a = material(point.triangle).opacity == MeshOpacity::blend ? std::min(color.a, 1.f) : 1.f;
   return color;
 }
 
-glm::dvec3 Surface::position(const SurfacePoint& point) const {
+glm::dvec3 MeshSurface::position(const SurfacePoint& point) const {
   const glm::uvec3& t = mesh_.triangles[point.triangle];
   const glm::dvec3 a(mesh_.positions[t[0]]), b(mesh_.positions[t[1]]), c(mesh_.positions[t[2]]);
   return a + point.at.x * (b - a) + point.at.y * (c - a);
 }
 
-glm::vec3 Surface::normal(const SurfacePoint& point) const {
+glm::vec3 MeshSurface::normal(const SurfacePoint& point) const {
   const std::uint32_t* corners = normals_.data() + std::size_t{3} * point.triangle;
   const glm::vec3 n = interpolate(unpack_normal(corners[0]), unpack_normal(corners[1]),
                                   unpack_normal(corners[2]), glm::vec2(point.at));
@@ -340,7 +340,7 @@ glm::vec3 Surface::normal(const SurfacePoint& point) const {
   return (point.back ? -1.f : 1.f) / length * n;
 }
 
-glm::vec3 Surface::face_normal(const SurfacePoint& point) const {
+glm::vec3 MeshSurface::face_normal(const SurfacePoint& point) const {
   const glm::uvec3& t = mesh_.triangles[point.triangle];
   const glm::dvec3 p(mesh_.positions[t[0]]);
   const glm::dvec3 n =

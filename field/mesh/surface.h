@@ -25,11 +25,11 @@ struct SurfacePoint {
 
 /// Thread-safety: immutable. All positions are local: those of `mesh` after make(), in which
 /// everything is within about 1 of the origin, so that lengths suit single precision.
-class Surface {
+class MeshSurface {
  public:
   /// Errors as MeshScene::make().
-  [[nodiscard]] static Result<std::unique_ptr<Surface>> make(Mesh mesh);
-  ~Surface();
+  [[nodiscard]] static Result<std::unique_ptr<MeshSurface>> make(Mesh mesh);
+  ~MeshSurface();
 
   [[nodiscard]] glm::dvec3 to_local(const glm::dvec3& world) const {
     return (world - center_) / unit_;
@@ -38,6 +38,7 @@ class Surface {
     return center_ + unit_ * local;
   }
   [[nodiscard]] const Sphere& bounds() const { return bounds_; }
+  [[nodiscard]] double local_radius() const { return bounds_.radius / unit_; }
   [[nodiscard]] const Mesh& mesh() const { return mesh_; }
 
   /// The first triangle at distances from `near` to `far`; holes of cut-out materials are none.
@@ -56,7 +57,7 @@ class Surface {
   [[nodiscard]] glm::vec3 face_normal(const SurfacePoint& point) const;
 
  private:
-  explicit Surface(Mesh mesh) : mesh_(std::move(mesh)) {}
+  explicit MeshSurface(Mesh mesh) : mesh_(std::move(mesh)) {}
   [[nodiscard]] Result<void> place();
   void put_holes_last();
   [[nodiscard]] Result<void> make_tree();
