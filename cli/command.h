@@ -322,6 +322,9 @@ struct SourceArguments {
       const std::optional<std::string>& provenance = {}) const;
 
  private:
+  /// The options of rays, without the rig and the environment; --no-shade, --projection and
+  /// --ambient imply direct light.
+  [[nodiscard]] RaycastOptions stated_options() const;
   /// What scene() makes of a mesh. usage: an option that only volumes have.
   [[nodiscard]] Result<std::unique_ptr<Scene>> mesh_scene(const nlohmann::json& built) const;
   [[nodiscard]] Result<Volume> read(const std::string& path, bool ids) const;

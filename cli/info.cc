@@ -281,12 +281,11 @@ Result<void> run_info(const Arguments& arguments) {
   if (arguments.source.is_pictures()) return print_pictures(arguments.source, arguments.json);
   if (!is_address(input) && !input.ends_with(".slf") && !input.ends_with(".slf.unfinished")) {
     if (is_mesh_name(input)) {
-      const auto mesh = arguments.source.mesh();
-      if (!mesh) return tl::unexpected(mesh.error());
+      const Mesh mesh = SLF_TRY(arguments.source.mesh());
       if (arguments.json)
-        print_json(mesh_json(*mesh));
+        print_json(mesh_json(mesh));
       else
-        print_mesh(*mesh);
+        print_mesh(mesh);
       return {};
     }
     const SeriesList list = series_of(input);

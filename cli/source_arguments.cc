@@ -432,6 +432,16 @@ Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
   return set(mask, parts.mask);
 }
 
+RaycastOptions SourceArguments::stated_options() const {
+  RaycastOptions options = raycast;
+  options.shade = !no_shade && options.projection == Projection::none;
+  options.ambient = ambient.value_or(options.ambient);
+  const bool direct = !options.shade || ambient;
+  options.lighting.mode =
+      chosen_lighting.value_or(direct ? Lighting::direct : options.lighting.mode);
+  return options;
+}
+
 Result<Mesh> SourceArguments::mesh() const {
   auto mesh = read_mesh(input, up_axis);
   if (mesh)
@@ -448,18 +458,16 @@ Result<std::unique_ptr<Scene>> SourceArguments::mesh_scene(const nlohmann::json&
                                       {"--crop", !crop.empty()},
                                       {"--dims", !dims.empty()},
                                       {"--projection", raycast.projection != Projection::none},
+                                      {"--light-file", !light_file.empty()},
                                       {"--reference", reference}})
     if (given) return fail(ErrorCode::usage, option, ": only for volumes; ", input, " is a mesh");
-  RaycastOptions options = raycast;
-  options.shade = !no_shade;
+  RaycastOptions options = stated_options();
   if (text_of(built, "kind", "") == "mesh") {
     options = raycast_options(built.dump());
-    if (auto ok = check_environment(built); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(check_environment(built));
   }
-  if (auto ok = set_light(options); !ok) return tl::unexpected(ok.error());
-  auto mesh = this->mesh();
-  if (!mesh) return tl::unexpected(mesh.error());
-  return MeshScene::make(std::move(*mesh),
+  SLF_TRY(set_light(options));
+  return MeshScene::make(SLF_TRY(mesh()),
                          {options.shade, options.light, options.ambient, options.lighting});
 }
 
@@ -489,12 +497,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
   }
   const auto built = provenance ? nlohmann::json::parse(*provenance) : nlohmann::json::object();
   if (is_mesh_name(input)) return mesh_scene(built);
-  RaycastOptions options = raycast;
-  options.shade = !no_shade && options.projection == Projection::none;
-  options.ambient = ambient.value_or(options.ambient);
-  const bool direct = !options.shade || ambient;
-  options.lighting.mode =
-      chosen_lighting.value_or(direct ? Lighting::direct : options.lighting.mode);
+  RaycastOptions options = stated_options();
   std::optional<TransferPreset> preset;
   if (text_of(built, "kind", "") == "volume") {
     options = raycast_options(*provenance);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "base/bytes.h"
+#include "base/try.h"
 
 namespace slf {
 namespace {
@@ -52,7 +53,7 @@ class GltfCheck {
                   "; glTF 2 is read");
     for (const auto check :
          {&GltfCheck::extensions, &GltfCheck::nodes, &GltfCheck::views, &GltfCheck::accessors})
-      if (auto ok = (this->*check)(); !ok) return ok;
+      SLF_TRY((this->*check)());
     return {};
   }
 

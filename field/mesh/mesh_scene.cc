@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "base/guarded.h"
+#include "base/try.h"
 #include "field/mesh/surface.h"
 #include "field/mesh/surface_light.h"
 #include "field/scene/provenance.h"
@@ -56,7 +57,7 @@ MeshScene::~MeshScene() = default;
 Result<std::unique_ptr<MeshScene>> MeshScene::make(Mesh mesh, const MeshOptions& options) {
   return guarded([&]() -> Result<std::unique_ptr<MeshScene>> {
     const LightOptions& lighting = options.lighting;
-    if (auto ok = check_light(lighting); !ok) return tl::unexpected(ok.error());
+    SLF_TRY(check_light(lighting));
     const double length = glm::length(options.light);
     if (!(length > 0) || !std::isfinite(length))
       return fail(ErrorCode::usage, "direction to the light: expected not zero and finite");
@@ -64,9 +65,8 @@ Result<std::unique_ptr<MeshScene>> MeshScene::make(Mesh mesh, const MeshOptions&
       return fail(ErrorCode::usage, "ambient ", options.ambient, ": expected 0 to 1");
     std::string provenance = describe(mesh, options);
     std::vector<std::string> files = mesh.files;
-    auto surface = MeshSurface::make(std::move(mesh));
-    if (!surface) return tl::unexpected(surface.error());
-    auto state = std::make_unique<State>(State{.surface = std::move(*surface),
+    auto surface = SLF_TRY(MeshSurface::make(std::move(mesh)));
+    auto state = std::make_unique<State>(State{.surface = std::move(surface),
                                                .surface_light = {},
                                                .options = options,
                                                .toward_light = options.light / length,

@@ -16,6 +16,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "base/try.h"
 #include "field/mesh/declared.h"
 #include "field/mesh/textures.h"
 #include "slf/mesh.h"
@@ -95,7 +96,7 @@ class Converter {
 
   Result<void> convert() {
     for (unsigned k = 0; k < scene_.mNumMaterials; ++k)
-      if (auto ok = add_material(*scene_.mMaterials[k]); !ok) return ok;
+      SLF_TRY(add_material(*scene_.mMaterials[k]));
     // A stack, because files decide how deep nodes are.
     std::vector<std::pair<const aiNode*, aiMatrix4x4>> nodes{{scene_.mRootNode, aiMatrix4x4()}};
     while (!nodes.empty()) {
@@ -103,7 +104,7 @@ class Converter {
       nodes.pop_back();
       const aiMatrix4x4 to_world = parent * node->mTransformation;
       for (unsigned k = 0; k < node->mNumMeshes; ++k)
-        if (auto ok = add_mesh(*scene_.mMeshes[node->mMeshes[k]], to_world); !ok) return ok;
+        SLF_TRY(add_mesh(*scene_.mMeshes[node->mMeshes[k]], to_world));
       for (unsigned k = node->mNumChildren; k-- > 0;)
         nodes.emplace_back(node->mChildren[k], to_world);
     }
@@ -143,9 +144,7 @@ class Converter {
     Coordinates coordinates;
     if (from.GetTextureCount(type) > 0) {
       from.GetTexture(type, 0, &text);
-      auto texture = textures_.find(text.C_Str(), to.name);
-      if (!texture) return tl::unexpected(texture.error());
-      to.texture = *texture;
+      to.texture = SLF_TRY(textures_.find(text.C_Str(), to.name));
       from.Get(AI_MATKEY_UVWSRC(type, 0), coordinates.set);
       coordinates.moved =
           from.Get(AI_MATKEY_UVTRANSFORM(type, 0), coordinates.transform) == aiReturn_SUCCESS;
@@ -155,7 +154,7 @@ class Converter {
       mode = aiTextureMapMode_Wrap;
       from.Get(AI_MATKEY_MAPPINGMODE_V(type, 0), mode);
       to.repeat_v = mode != aiTextureMapMode_Clamp;
-      if (auto ok = add_opacity_texture(from, to); !ok) return ok;
+      SLF_TRY(add_opacity_texture(from, to));
     }
     coordinates_.push_back(coordinates);
     mesh_.materials.push_back(std::move(to));
@@ -167,11 +166,10 @@ class Converter {
     if (from.GetTextureCount(aiTextureType_OPACITY) == 0) return {};
     aiString text;
     from.GetTexture(aiTextureType_OPACITY, 0, &text);
-    auto found = textures_.find(text.C_Str(), to.name);
-    if (!found) return tl::unexpected(found.error());
+    const std::size_t found = SLF_TRY(textures_.find(text.C_Str(), to.name));
     to.opacity = MeshOpacity::cutout;
-    if (*found == *to.texture) return {};
-    const MeshTexture& mask = mesh_.textures[*found];
+    if (found == *to.texture) return {};
+    const MeshTexture& mask = mesh_.textures[found];
     MeshTexture cut = mesh_.textures[*to.texture];
     if (mask.width != cut.width || mask.height != cut.height)
       return fail(ErrorCode::unsupported, path_, ": material '", to.name, "': its textures ",
@@ -296,7 +294,7 @@ Result<Mesh> read(const std::string& path, UpAxis up) {
   if (bytes > kMaxFileBytes)
     return fail(ErrorCode::unsupported, path, ": has ", bytes, " bytes; meshes are read up to ",
                 kMaxFileBytes);
-  if (auto ok = check_declared(path); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(check_declared(path));
 
   Mesh mesh;
   mesh.source = path;
@@ -309,8 +307,7 @@ Result<Mesh> read(const std::string& path, UpAxis up) {
     if (!scene || !scene->mRootNode)
       return fail(ErrorCode::bad_file, path, ": not a readable ", extension_of(path),
                   " mesh: ", importer.GetErrorString()[0] ? importer.GetErrorString() : "damaged");
-    if (auto ok = Converter(path, *scene, up, mesh).convert(); !ok)
-      return tl::unexpected(ok.error());
+    SLF_TRY(Converter(path, *scene, up, mesh).convert());
   }
   malloc_trim(0);  // Assimp allocates each triangle
   return mesh;

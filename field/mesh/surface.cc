@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/try.h"
 #include "field/mesh/normals.h"
 #include "slf/tone.h"
 
@@ -133,13 +134,13 @@ struct MeshSurface::Filters {
 
 Result<std::unique_ptr<MeshSurface>> MeshSurface::make(Mesh mesh) {
   if (mesh.materials.empty()) mesh.materials.emplace_back();
-  if (auto ok = check(mesh); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(check(mesh));
   std::unique_ptr<MeshSurface> surface(new MeshSurface(std::move(mesh)));
-  if (auto ok = surface->place(); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(surface->place());
   surface->put_holes_last();
   surface->normals_ = corner_normals(surface->mesh_);
   surface->mesh_.normals = {};
-  if (auto ok = surface->make_tree(); !ok) return tl::unexpected(ok.error());
+  SLF_TRY(surface->make_tree());
   return surface;
 }
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/bytes.h"
+#include "base/try.h"
 #include "field/image/formats.h"
 #include "slf/image.h"
 
@@ -74,18 +75,16 @@ Result<MeshTexture> TextureReader::decode(const std::string& reference) {
     const std::string name = "its texture " + reference;
     if (held->mHeight != 0)  // no format that is read here holds plain texels
       return fail(ErrorCode::unsupported, name, " is neither a PNG nor a JPEG");
-    const auto image = image_formats::decode(
-        name, {reinterpret_cast<const std::byte*>(held->pcData), held->mWidth});
-    if (!image) return tl::unexpected(image.error());
-    return pack(*image, reference);
+    const auto image = SLF_TRY(image_formats::decode(
+        name, {reinterpret_cast<const std::byte*>(held->pcData), held->mWidth}));
+    return pack(image, reference);
   }
   for (const fs::path& place : places(path_, reference)) {
     std::error_code ignored;
     if (!fs::is_regular_file(place, ignored)) continue;
-    const auto image = read_image(place);
-    if (!image) return tl::unexpected(image.error());
+    const auto image = SLF_TRY(read_image(place));
     mesh_.files.push_back(place);
-    return pack(*image, reference);
+    return pack(image, reference);
   }
   const fs::path folder = fs::path(path_).parent_path();
   return fail(ErrorCode::io, "its texture '", reference, "' is missing; put it into ",
