@@ -32,6 +32,9 @@ constexpr std::uint64_t kMaxFileBytes = std::uint64_t{8} << 30;
 constexpr std::uint64_t kMaxTriangles = std::uint64_t{1} << 28;
 constexpr std::uint64_t kMaxVertices = 3 * kMaxTriangles;
 
+/// The colour of a mesh without any: a light grey, since white has no shades in strong light.
+constexpr glm::vec4 kPlain{0.6f, 0.6f, 0.6f, 1};
+
 std::string extension_of(std::string_view path) {
   std::string extension = fs::path(path).extension();
   for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
@@ -111,6 +114,11 @@ class Converter {
     if (mesh_.triangles.empty())
       return fail(ErrorCode::bad_file, path_, ": has no triangles",
                   left_out_ ? ", only points or lines" : "", "; export faces");
+    const bool plain = mesh_.textures.empty() && mesh_.colors.empty() && !gltf_ &&
+                       std::all_of(mesh_.materials.begin(), mesh_.materials.end(),
+                                   [](const MeshMaterial& m) { return m.color == glm::vec4(1); });
+    if (plain)
+      for (MeshMaterial& m : mesh_.materials) m.color = kPlain;
     if (left_out_ > 0) mesh_.notes.emplace_back("points and lines were left out");
     return {};
   }
