@@ -1,8 +1,10 @@
 """Renders a Blender scene, or a mesh (.glb, .obj, .ply, .stl), with Cycles from the cameras of a
 transforms.json, without a window:
 
-    blender -b scene.blend --python blender_render.py -- transforms.json [SAMPLES]
-    blender -b --python blender_render.py -- transforms.json [SAMPLES] model.glb
+    blender -b scene.blend --python-exit-code 1 --python blender_render.py -- transforms.json
+    blender -b --python-exit-code 1 --python blender_render.py -- transforms.json model.glb [SAMPLES]
+
+SAMPLES are paths of a pixel; the default is 64.
 
 Writes the picture of each frame, 8-bit PNG with alpha, and NAME.exr with the depth Z beside it: the
 distance along the camera's axis, in world units.
@@ -11,11 +13,16 @@ import os
 import sys
 
 import bpy
+import numpy
 from mathutils import Matrix
 
 # Blender's Python does not look beside the script.
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import transforms  # noqa: E402
+
+# The glTF importer of Blender 3.4 uses a name that NumPy 1.24 does not have.
+if not hasattr(numpy, "bool"):
+    numpy.bool = bool
 
 
 def load(path):
@@ -31,9 +38,10 @@ def load(path):
         bpy.ops.import_mesh.stl(filepath=path)
     else:
         raise SystemExit(f"{path}: expected .glb, .gltf, .obj, .ply or .stl")
-    world = bpy.data.worlds.new("even")
+    world = bpy.data.worlds.new("white from everywhere")
     bpy.context.scene.world = world
-    world.use_nodes = True  # white light from everywhere
+    world.use_nodes = True
+    world.node_tree.nodes["Background"].inputs["Color"].default_value = (1, 1, 1, 1)
 
 
 def write_depth(scene):
@@ -66,12 +74,11 @@ def place(camera, lens, scene):
 def main():
     arguments = sys.argv[sys.argv.index("--") + 1:]
     cameras = transforms.read(arguments[0])
-    samples = next((int(a) for a in arguments[1:] if a.isdigit()), 64)
-    for model in (a for a in arguments[1:] if not a.isdigit()):
-        load(model)
+    if len(arguments) > 1:
+        load(arguments[1])
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
-    scene.cycles.samples = samples
+    scene.cycles.samples = int(arguments[2]) if len(arguments) > 2 else 64
     scene.cycles.use_denoising = False
     scene.render.film_transparent = True
     scene.view_settings.view_transform = "Standard"  # sRGB, without Blender's own tone mapping

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Renders a mesh (.ply, .stl, .obj) or a volume (.vti) with VTK from cameras in transforms.json:
+"""Renders a mesh (.ply, .stl, .obj) or a volume (.vti, .nii.gz) with VTK from the cameras of a
+transforms.json:
 
     vtk_render.py transforms.json model.ply
 
@@ -15,8 +16,8 @@ import vtk
 
 def make_prop(path):
     extension = path.rsplit(".", 1)[-1].lower()
-    if extension == "vti":
-        reader = vtk.vtkXMLImageDataReader()
+    if extension in ("vti", "nii", "gz"):
+        reader = vtk.vtkXMLImageDataReader() if extension == "vti" else vtk.vtkNIFTIImageReader()
         reader.SetFileName(path)
         reader.Update()
         low, high = reader.GetOutput().GetScalarRange()

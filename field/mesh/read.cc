@@ -196,7 +196,8 @@ class Converter {
 
   Result<void> add_mesh(const aiMesh& from, const aiMatrix4x4& to_world) {
     const auto wrong = [&](const auto&... what) {
-      return fail(ErrorCode::bad_file, path_, ": mesh '", from.mName.C_Str(), "': ", what...);
+      const std::string name = from.mName.length > 0 ? from.mName.C_Str() : "unnamed";
+      return fail(ErrorCode::bad_file, path_, ": mesh '", name, "': ", what...);
     };
     if (!(from.mPrimitiveTypes & aiPrimitiveType_TRIANGLE)) {
       left_out_ += from.mNumFaces + from.mNumVertices;
@@ -227,8 +228,7 @@ class Converter {
       for (unsigned k = 0; k < from.mNumVertices; ++k) {
         const glm::vec3 p = in_world(to_world * from.mVertices[k]);
         if (!(std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z)))
-          return wrong("vertex ", k, " is not finite (", p.x, ", ", p.y, ", ", p.z,
-                       "); repair the mesh, or export it again");
+          return wrong("vertex ", k, " is not finite; repair the mesh, or export it again");
         mesh_.positions.push_back(p);
         if (normals) mesh_.normals[first + k] = in_world(to_normal * from.mNormals[k]);
         if (uvs) mesh_.uvs[first + k] = wanted.apply(uvs[k]);
@@ -252,7 +252,7 @@ class Converter {
   }
 
   glm::vec3 in_world(const aiVector3D& v) const {
-    return y_up_ ? glm::vec3(v.x, -v.z, v.y) : glm::vec3(v.x, v.y, v.z);
+    return y_up_ ? glm::vec3(v.x, 0 - v.z, v.y) : glm::vec3(v.x, v.y, v.z);
   }
 
   /// The matrix of normals; unlike the inverse, it exists for singular matrices, too.
