@@ -2,9 +2,9 @@
 transforms.json, without a window:
 
     blender -b scene.blend --python-exit-code 1 --python blender_render.py -- transforms.json
-    blender -b --python-exit-code 1 --python blender_render.py -- transforms.json model.glb [SAMPLES]
+    blender -b --python-exit-code 1 --python blender_render.py -- transforms.json model.glb 64
 
-SAMPLES are paths of a pixel; the default is 64.
+The last number is that of paths per pixel.
 
 Writes the picture of each frame, 8-bit PNG with alpha, and NAME.exr with the depth Z beside it: the
 distance along the camera's axis, in world units.

@@ -4,7 +4,8 @@ transforms.json:
 
     vtk_render.py transforms.json model.ply
 
-Writes the picture of each frame, with straight alpha. Needs python3-vtk9. The same code runs in
+Writes the picture of each frame, with straight alpha. Needs python3-vtk9, and a display: without
+one, start it by `xvfb-run -a python3 vtk_render.py`. The same code runs in
 ParaView's pvpython. For a scene of your own, replace make_prop().
 """
 import math

@@ -71,7 +71,9 @@ enum class UpAxis : std::uint8_t {
 [[nodiscard]] bool is_mesh_name(std::string_view path);
 
 /// Reads glTF 2 (.glb, .gltf), OBJ, PLY or STL, with node transforms, and with the textures that it
-/// holds or names. Polygons become triangles; points and lines are left out. Input is untrusted.
+/// holds or names. PLY, OBJ and STL files without any colour become light grey. Polygons become
+/// triangles; points and lines are left out. Assimp, which reads them, is not hardened: see
+/// SECURITY.md.
 /// io: the mesh or one of its textures is missing or unreadable. bad_file: damaged, truncated,
 /// without triangles, or with a vertex that is not finite. unsupported: an extension of glTF that
 /// it requires, more than 2^28 triangles, a file of more than 8 GiB, coordinates beyond 10^12.
@@ -88,10 +90,11 @@ struct MeshOptions {
   glm::dvec3 light{-0.45, -0.65, 0.6};
   float ambient = 0.3f;
   /// shadowed: lights and surroundings, with shadows. global: also light that surfaces reflect, up
-  /// to three times (or `bounces`). Light is computed on a grid on each triangle, where a ray needs
-  /// it first, and interpolated. `spacing` is that of the grid, in 1/512 of the diameter of the
-  /// bounds. `samples` directions, the same at each point, replace random ones: no noise, but the
-  /// shadows of the sky have as many steps. `seed` has no effect.
+  /// to three times (or `bounces`). Light is computed at nodes on the triangles, where a ray needs
+  /// it first, and interpolated. `spacing` is that of the nodes, in 1/512 of the diameter of the
+  /// bounds. Eight times `samples` directions around each node, the same for all, replace random
+  /// ones: no noise, but shadows of the sky have steps. `memory` limits the nodes, but not below
+  /// three for each triangle. `seed` has no effect.
   LightOptions lighting{};
 };
 

@@ -331,6 +331,48 @@ TEST(Mesh, ReflectsLightOfOtherSurfaces) {
   EXPECT_LE(global, 1.01f);
 }
 
+TEST(Mesh, LightDoesNotDependOnTheSizeOfTriangles) {
+  // One triangle stands for its small neighbours where reflected light is gathered.
+  const auto under = [&](int rings) {
+    Mesh mesh = ball(rings, {0, 0, 1.05f});
+    add_floor(mesh, 0, 3);
+    MeshOptions options = lit(Lighting::global, "overcast");
+    options.lighting.rig.sky = {glm::vec3(1), glm::vec3(1), glm::vec3(1)};
+    return scene_of(mesh, options)->trace({0.9, -1.5, 0.1}, {0.9, 0, -0.001}).rgba.g;
+  };
+  EXPECT_NEAR(under(16), under(600), 0.02);
+}
+
+TEST(Mesh, LightPassesThroughHolesAndNotThroughTheRest) {
+  Mesh mesh;
+  add_floor(mesh, 0, 3);
+  add_floor(mesh, 1, 1);
+  mesh.uvs.assign(mesh.positions.size(), glm::vec2(0));
+  for (const glm::vec2 corner : {glm::vec2(0, 0), {1, 0}, {1, 1}, {0, 1}})
+    mesh.uvs[4 + static_cast<std::size_t>(corner.y > 0 ? 3 - corner.x : corner.x)] = corner;
+  mesh.textures = {{"half", 2, 1, {glm::u8vec4(0), glm::u8vec4(255)}}};
+  mesh.materials = {{}, {.texture = 0, .opacity = MeshOpacity::cutout}};
+  mesh.material_of = {0, 0, 1, 1};
+  MeshOptions options = lit(Lighting::shadowed, "sun");
+  options.lighting.rig.sky = {};
+  options.lighting.rig.lights = {{.direction = {0, 0, 1}, .color = glm::vec3(1)}};
+  const auto scene = scene_of(mesh, options);
+  const auto floor_at = [&](double x) {
+    return scene->trace({x, 0.1, 0.5}, {x, 0.1, -0.1}).rgba.g;
+  };
+  EXPECT_NEAR(floor_at(-0.5), 1, 0.01);
+  EXPECT_NEAR(floor_at(0.5), 0, 0.01);
+}
+
+TEST(Mesh, FilesWithoutColoursAreGrey) {
+  const TemporaryFolder folder;
+  write(folder / "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+  const auto mesh = read_mesh(folder / "a.obj");
+  ASSERT_TRUE(mesh) << mesh.error().message;
+  ASSERT_EQ(mesh->materials.size(), 1u);
+  EXPECT_FLOAT_EQ(mesh->materials[0].color.r, 0.6f);
+}
+
 TEST(Mesh, FieldIsTheSameForAnyNumberOfThreads) {
   const TemporaryFolder folder;
   Mesh mesh = ball(10, {0, 0, 1.2f});
