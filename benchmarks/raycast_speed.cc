@@ -1,6 +1,6 @@
 // Measures how fast the ray-caster fills a field, and how close that is to the machine's limits.
 //
-//   raycast_speed VOLUME TRANSFER.json [--benchmark_...]
+//   raycast_speed VOLUME TRANSFER.json [MESH] [--benchmark_...]
 //
 // Workload: the slabs of random tiles (entry vertex × a patch of exit vertices, as the builder
 // traces them). Reported, one thread:
@@ -9,15 +9,20 @@
 //                that it stays in the first-level cache, without empty space
 //   GatherLimit  the memory limit: only loads the voxel rows of as many samples, in the volume
 //                itself, around the depths where slabs are opaque
+//   TraceMesh    the same tiles of the mesh: with direct light, and with global light that is known
 // Trace can be at most as fast as the slower of the two limits; all three report slabs/s.
 
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <cstring>
+#include <functional>
+#include <memory>
 #include <random>
 #include <vector>
 
+#include "slf/mesh.h"
 #include "slf/raycaster.h"
 
 namespace {
@@ -30,8 +35,8 @@ std::vector<Segment> segments;
 std::vector<RaySample> samples;
 Volume volume;  // the one that the ray-caster was made from
 
-void make_segments() {
-  const Sphere s = caster->bounds();
+std::vector<Segment> make_segments(const Sphere& s) {
+  std::vector<Segment> segments;
   std::mt19937_64 random(1);
   std::normal_distribution<double> normal;
   const auto direction = [&] {
@@ -47,6 +52,7 @@ void make_segments() {
       segments.push_back({s.center + s.radius * entry, s.center + s.radius * at});
     }
   }
+  return segments;
 }
 
 void count_slabs(benchmark::State& state) {
@@ -80,6 +86,22 @@ void Trace(benchmark::State& state) {
   state.counters["shaded/slab"] = static_cast<double>(counts.visible) / slabs;
 }
 BENCHMARK(Trace)->Unit(benchmark::kMillisecond);
+
+void trace_mesh(benchmark::State& state, const Scene& mesh) {
+  const std::vector<Segment> rays = make_segments(mesh.bounds());
+  std::vector<RaySample> seen(rays.size());
+  mesh.trace_many(rays, seen);  // computes the light
+  for (auto _ : state) {
+    mesh.trace_many(rays, seen);
+    benchmark::DoNotOptimize(seen.data());
+    benchmark::ClobberMemory();
+  }
+  count_slabs(state);
+  state.counters["visible"] =
+      static_cast<double>(std::count_if(seen.begin(), seen.end(),
+                                        [](const RaySample& s) { return s.rgba.a > 0; })) /
+      static_cast<double>(seen.size());
+}
 
 /// 24³ voxels, faint: every sample is visible, and no ray ends early.
 std::unique_ptr<Raycaster> small_cube() {
@@ -151,7 +173,7 @@ BENCHMARK(GatherLimit)->Unit(benchmark::kMillisecond);
 
 int main(int argc, char** argv) {
   if (argc < 3) {
-    std::fprintf(stderr, "usage: raycast_speed VOLUME TRANSFER.json [--benchmark_...]\n");
+    std::fprintf(stderr, "usage: raycast_speed VOLUME TRANSFER.json [MESH] [--benchmark_...]\n");
     return 1;
   }
   auto read = read_volume(argv[1]);
@@ -167,11 +189,28 @@ int main(int argc, char** argv) {
     return 1;
   }
   caster = std::move(*made);
-  make_segments();
+  segments = make_segments(caster->bounds());
   samples.resize(segments.size());
-  argc -= 2;
-  argv[2] = argv[0];
-  argv += 2;
+  std::vector<std::unique_ptr<MeshScene>> meshes;
+  const int files = argc > 3 && argv[3][0] != '-' ? 3 : 2;
+  if (files == 3)
+    for (const auto& [name, mode] : {std::pair{"TraceMesh/direct", Lighting::direct},
+                                     {"TraceMesh/global", Lighting::global}}) {
+      MeshOptions options;
+      options.lighting.mode = mode;
+      auto scene = read_mesh(argv[3]).and_then(
+          [&](Mesh mesh) { return MeshScene::make(std::move(mesh), options); });
+      if (!scene) {
+        std::fprintf(stderr, "%s\n", scene.error().message.c_str());
+        return 1;
+      }
+      meshes.push_back(std::move(*scene));
+      benchmark::RegisterBenchmark(name, trace_mesh, std::cref(*meshes.back()))
+          ->Unit(benchmark::kMillisecond);
+    }
+  argc -= files;
+  argv[files] = argv[0];
+  argv += files;
   benchmark::Initialize(&argc, argv);
   benchmark::RunSpecifiedBenchmarks();
   return 0;

@@ -61,7 +61,7 @@ Result<void> run_build(const Arguments& arguments) {
 
 void add_build(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
-      "build", "Build a field from a volume or pictures; resumes if interrupted");
+      "build", "Build a field from a volume, a mesh or pictures; resumes if interrupted");
   auto a = std::make_shared<Arguments>();
   a->source.add_volume_to(*command, "INPUT");
   a->source.add_light_to(*command);

@@ -26,7 +26,8 @@ Result<Sphere> sphere_of(const Arguments& a) {
     return Sphere{{a.sphere[0], a.sphere[1], a.sphere[2]}, a.sphere[3]};
   }
   if (a.source.input.empty())
-    return fail(ErrorCode::usage, "no sphere: expected --sphere X,Y,Z,R, a field or a volume");
+    return fail(ErrorCode::usage,
+                "no sphere: expected --sphere X,Y,Z,R, a field, a volume or a mesh");
   if (is_address(a.source.input) || a.source.input.ends_with(".slf")) {
     const auto field = SLF_TRY(open_field(a.source.input));
     return field.shape().sphere;
@@ -64,7 +65,7 @@ void add_cameras(CLI::App& app, Run& run) {
   auto a = std::make_shared<Arguments>();
   a->source.add_volume_to(*command, "INPUT");
   command->get_option("INPUT")->required(false)->description(
-      "Field or volume to surround with cameras; or --sphere");
+      "Field, volume or mesh to surround with cameras; or --sphere");
   command->add_option("--sphere", a->sphere, "Centre and radius, in world units")
       ->delimiter(',')
       ->type_size(4)

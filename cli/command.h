@@ -20,6 +20,7 @@
 #include "slf/camera.h"
 #include "slf/error.h"
 #include "slf/field.h"
+#include "slf/mesh.h"
 #include "slf/path_tracer.h"
 #include "slf/pictures.h"
 #include "slf/raycaster.h"
@@ -252,6 +253,7 @@ inline constexpr const char* kVolumeHelp =
     "in gzip, bzip2, xz or zstd), a DICOM folder or one of its files, a folder of\n"
     "PNGs, JPEGs or TIFFs, or raw with --dims";
 inline constexpr const char* kVolumeGroup = "Volume";
+inline constexpr const char* kMeshHelp = "Mesh: .glb, .gltf, .obj, .ply, .stl";
 /// The transfer functions.
 inline constexpr const char* kTransferHelp =
     "Transfer function: a built-in name (see `slf transfer`), or a file of ParaView,\n"
@@ -262,7 +264,8 @@ inline constexpr const char* kLabelsHint =
     "its values look like labels (ids), which are blurred when interpolated; --labels gives each "
     "a colour of its own";
 
-/// The options of an input: a volume and its transfer function, or scene:NAME, and its lighting.
+/// The options of an input: a volume and its transfer function, a mesh, or scene:NAME, and its
+/// lighting.
 struct SourceArguments {
   std::string input;
   std::string transfer;
@@ -278,6 +281,7 @@ struct SourceArguments {
   bool resample = false;
   std::uint64_t offset = 0;
   bool labels = false;
+  UpAxis up_axis = UpAxis::by_format;
   std::string labels_volume, label_table, mask;  // empty: none
   RaycastOptions raycast;
   std::optional<Lighting> chosen_lighting;  // none: follows from the other options
@@ -303,12 +307,15 @@ struct SourceArguments {
   [[nodiscard]] bool is_pictures() const;
   /// Reads its cameras, and prints notes on them. REQUIRES: is_pictures().
   [[nodiscard]] Result<PictureSet> read_picture_set() const;
+  void add_mesh_to(CLI::App& command);
   /// Adds the options of step, light and shading.
   void add_light_to(CLI::App& command);
   void add_environment_to(CLI::App& command);
   void add_light_file_to(CLI::App& command);
   void add_reference_to(CLI::App& command);
   [[nodiscard]] Result<Volume> volume() const;
+  /// The input is a mesh if is_mesh_name() says so.
+  [[nodiscard]] Result<Mesh> mesh() const;
   /// The files that the options name. A name that is no file's, as scene:balls, does no harm.
   [[nodiscard]] std::vector<std::string> files() const;
   /// Makes the scene. Options that are not given come from `provenance`, that of a field, or have
@@ -318,11 +325,18 @@ struct SourceArguments {
       const std::optional<std::string>& provenance = {}) const;
 
  private:
+  /// The options of rays, without the rig and the environment; --no-shade, --projection and
+  /// --ambient imply direct light.
+  [[nodiscard]] RaycastOptions stated_options() const;
+  /// What scene() makes of a mesh. usage: an option that only volumes have.
+  [[nodiscard]] Result<std::unique_ptr<Scene>> mesh_scene(const nlohmann::json& built) const;
   [[nodiscard]] Result<Volume> read(const std::string& path, bool ids) const;
   /// Reads a label volume or a mask.
   [[nodiscard]] Result<Volume> structure(const std::string& path) const;
   [[nodiscard]] Result<void> set_structures(RaycastOptions& options) const;
   [[nodiscard]] Result<void> set_light(RaycastOptions& options) const;
+  /// usage: the field with this provenance was lit by a picture that is not named again.
+  [[nodiscard]] Result<void> check_environment(const nlohmann::json& built) const;
 };
 
 /// The options that choose the part of a field to build.

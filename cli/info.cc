@@ -93,6 +93,14 @@ nlohmann::json volume_json(const Volume& volume) {
       {"notes", volume.notes}};
 }
 
+/// The corners of the box around all vertices.
+std::pair<glm::dvec3, glm::dvec3> box_of(const Mesh& mesh) {
+  glm::dvec3 low(mesh.positions.front()), high = low;
+  for (const glm::vec3& p : mesh.positions)
+    low = glm::min(low, glm::dvec3(p)), high = glm::max(high, glm::dvec3(p));
+  return {low, high};
+}
+
 void print_volume(const Volume& volume) {
   const auto range = volume.value_range();
   const auto vec = [](const glm::dvec3& v) {
@@ -109,6 +117,39 @@ void print_volume(const Volume& volume) {
   if (!volume.placement.empty()) print("placed  by {}\n", volume.placement);
   for (const std::string& remark : volume.notes) print("note    {}\n", remark);
   if (!volume.labels && looks_like_labels(volume)) print("note    {}\n", kLabelsHint);
+}
+
+nlohmann::json mesh_json(const Mesh& mesh) {
+  const auto [low, high] = box_of(mesh);
+  nlohmann::json textures = nlohmann::json::array();
+  for (const MeshTexture& t : mesh.textures)
+    textures.push_back({{"name", t.name}, {"width_pixels", t.width}, {"height_pixels", t.height}});
+  return {{"source", mesh.source},
+          {"triangles", mesh.triangles.size()},
+          {"vertices", mesh.positions.size()},
+          {"materials", mesh.materials.size()},
+          {"textures", textures},
+          {"normals", !mesh.normals.empty()},
+          {"colors", !mesh.colors.empty()},
+          {"low", vec3_json(low)},
+          {"high", vec3_json(high)},
+          {"content", content_hash(mesh)},
+          {"files", mesh.files},
+          {"notes", mesh.notes}};
+}
+
+void print_mesh(const Mesh& mesh) {
+  const auto [low, high] = box_of(mesh);
+  print("{}: mesh\n", mesh.source);
+  print("size    {} triangles, {} vertices\n", mesh.triangles.size(), mesh.positions.size());
+  print("box     {:.6g},{:.6g},{:.6g} to {:.6g},{:.6g},{:.6g}  (world coordinates, +z is up)\n",
+        low.x, low.y, low.z, high.x, high.y, high.z);
+  print("colour  {} materials, {} textures{}\n", mesh.materials.size(), mesh.textures.size(),
+        mesh.colors.empty() ? "" : ", colours of vertices");
+  for (const MeshTexture& t : mesh.textures)
+    print("texture {}: {}x{} pixels\n", t.name, t.width, t.height);
+  print("normals {}\n",
+        mesh.normals.empty() ? "none in the file: made smooth below 60 degrees" : "of the file");
 }
 
 nlohmann::json series_json(const VolumeSeries& series) {
@@ -233,6 +274,14 @@ Result<void> run_info(const Arguments& arguments) {
   const std::string& input = arguments.source.input;
   if (arguments.source.is_pictures()) return print_pictures(arguments.source, arguments.json);
   if (!is_address(input) && !input.ends_with(".slf") && !input.ends_with(".slf.unfinished")) {
+    if (is_mesh_name(input)) {
+      const Mesh mesh = SLF_TRY(arguments.source.mesh());
+      if (arguments.json)
+        print_json(mesh_json(mesh));
+      else
+        print_mesh(mesh);
+      return {};
+    }
     const SeriesList list = series_of(input);
     if (list.series.size() > 1 && !arguments.source.series) {
       if (arguments.json)
@@ -265,17 +314,18 @@ Result<void> run_info(const Arguments& arguments) {
 }  // namespace
 
 void add_info(CLI::App& app, Run& run) {
-  auto* command =
-      app.add_subcommand("info", "What a field (.slf), pictures or a volume (anything else) holds");
+  auto* command = app.add_subcommand(
+      "info", "What a field (.slf), pictures, a mesh or a volume (anything else) holds");
   auto a = std::make_shared<Arguments>();
   command
       ->add_option(
           "INPUT", a->source.input,
           std::string("Field: .slf\nPictures with cameras: pictures:FOLDER or pictures:JSON\n") +
-              kVolumeHelp)
+              kVolumeHelp + "\n" + kMeshHelp)
       ->type_name(kAnyFile)
       ->required();
   a->source.add_raw_to(*command);
+  a->source.add_mesh_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_info(*a); }; });
 }

@@ -1,11 +1,12 @@
-// Options of the source of rays: a volume with its transfer function, structures and light, or an
-// analytic scene.
+// Options of the source of rays: a volume with its transfer function, structures and light, a mesh,
+// or an analytic scene.
 #include <algorithm>
 #include <cmath>
 #include <tuple>
 
 #include "base/try.h"
 #include "cli/command.h"
+#include "slf/mesh.h"
 #include "slf/path_tracer.h"
 #include "slf/scene.h"
 #include "slf/structures.h"
@@ -57,9 +58,9 @@ Result<VoxelBox> parse_crop(const std::string& text) {
 void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
   command
       .add_option(name, input,
-                  std::string(kVolumeHelp) +
-                      ", or\npictures:FOLDER or pictures:JSON, with cameras (doc/pictures.md), "
-                      "or\nscene:balls, scene:globe, scene:fog")
+                  std::string(kVolumeHelp) + ", or\n" + kMeshHelp + ", or\n" +
+                      "pictures:FOLDER or pictures:JSON, with cameras (doc/pictures.md), or\n"
+                      "scene:balls, scene:globe, scene:fog")
       ->type_name(kAnyFile)
       ->required();
   command
@@ -92,6 +93,16 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
       ->type_name(kAnyFile)
       ->group(kVolumeGroup);
   add_raw_to(command);
+  add_mesh_to(command);
+}
+
+void SourceArguments::add_mesh_to(CLI::App& command) {
+  choose(command.add_option("--up-axis", up_axis,
+                            "Axis of a mesh's file that becomes +z, up; the y axis is the default\n"
+                            "for glTF and OBJ, z for PLY and STL"),
+         Choices<UpAxis>{{"y", UpAxis::y}, {"z", UpAxis::z}})
+      ->type_name("TEXT")
+      ->group("Mesh");
 }
 
 void SourceArguments::add_pictures_to(CLI::App& command) {
@@ -418,6 +429,53 @@ Result<void> SourceArguments::set_structures(RaycastOptions& options) const {
   return set(mask, parts.mask);
 }
 
+RaycastOptions SourceArguments::stated_options() const {
+  RaycastOptions options = raycast;
+  options.shade = !no_shade && options.projection == Projection::none;
+  options.ambient = ambient.value_or(options.ambient);
+  const bool direct = !options.shade || ambient;
+  options.lighting.mode =
+      chosen_lighting.value_or(direct ? Lighting::direct : options.lighting.mode);
+  return options;
+}
+
+Result<Mesh> SourceArguments::mesh() const {
+  auto mesh = read_mesh(input, up_axis);
+  if (mesh)
+    for (const std::string& remark : mesh->notes) note(input + ": " + remark);
+  return mesh;
+}
+
+Result<std::unique_ptr<Scene>> SourceArguments::mesh_scene(const nlohmann::json& built) const {
+  for (const auto& [option, given] : {std::pair{"--transfer", !transfer.empty()},
+                                      {"--range", !range.empty()},
+                                      {"--labels-volume", !labels_volume.empty()},
+                                      {"--mask", !mask.empty()},
+                                      {"--labels", labels},
+                                      {"--crop", !crop.empty()},
+                                      {"--dims", !dims.empty()},
+                                      {"--projection", raycast.projection != Projection::none},
+                                      {"--light-file", !light_file.empty()},
+                                      {"--reference", reference}})
+    if (given) return fail(ErrorCode::usage, option, ": only for volumes; ", input, " is a mesh");
+  RaycastOptions options = stated_options();
+  if (text_of(built, "kind", "") == "mesh") {
+    options = raycast_options(built.dump());
+    SLF_TRY(check_environment(built));
+  }
+  SLF_TRY(set_light(options));
+  return MeshScene::make(SLF_TRY(mesh()),
+                         {options.shade, options.light, options.ambient, options.lighting});
+}
+
+Result<void> SourceArguments::check_environment(const nlohmann::json& built) const {
+  if (built.contains("lighting") && built["lighting"].contains("environment") &&
+      environment.empty())
+    return fail(ErrorCode::usage,
+                "the field was lit by an environment picture; pass it with --environment");
+  return {};
+}
+
 Result<std::unique_ptr<Scene>> SourceArguments::scene(
     const LightVolumeOptions& light_volume, const std::optional<std::string>& provenance) const {
   if (input.starts_with(kScenePrefix))
@@ -434,24 +492,16 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
       return with_hint(made.error(), "see --center and --radius");
     return made;
   }
-  RaycastOptions options = raycast;
-  options.shade = !no_shade && options.projection == Projection::none;
-  options.ambient = ambient.value_or(options.ambient);
-  const bool direct = !options.shade || ambient;
-  options.lighting.mode =
-      chosen_lighting.value_or(direct ? Lighting::direct : options.lighting.mode);
-  std::optional<TransferPreset> preset;
   const auto built = provenance ? nlohmann::json::parse(*provenance) : nlohmann::json::object();
+  if (is_mesh_name(input)) return mesh_scene(built);
+  RaycastOptions options = stated_options();
+  std::optional<TransferPreset> preset;
   if (text_of(built, "kind", "") == "volume") {
     options = raycast_options(*provenance);
     auto parsed = SLF_TRY(parse_transfer(built.value("transfer", nlohmann::json()).dump(),
                                          "the field's transfer function"));
     preset = TransferPreset{.function = std::move(parsed)};
-    if (built.contains("lighting") && built["lighting"].contains("environment") &&
-        environment.empty())
-      return fail(ErrorCode::usage,
-                  "the field was lit by an environment picture; pass it with "
-                  "--environment");
+    SLF_TRY(check_environment(built));
     const auto parts = built.value("structures", nlohmann::json::object());
     for (const auto& [member, path, option] :
          {std::tuple{"labels", &labels_volume, "--labels-volume"}, {"mask", &mask, "--mask"}})

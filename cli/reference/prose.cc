@@ -44,7 +44,8 @@ const std::vector<Prose>& all() {
          "slf build head.nii.gz -o head.slf --transfer ct-bone --lighting direct"},
         {"From pictures with cameras, every eighth left out",
          "slf build pictures:chair -o chair.slf --holdout 8"},
-        {"Lossless", "slf build head.nii.gz -o head.slf --codec zstd"},
+         {"From a mesh with textures", "slf build model.glb -o model.slf"},
+         {"Lossless", "slf build head.nii.gz -o head.slf --codec zstd"},
         {"The third of eight shards, for slf-merge(1)",
          "slf build head.nii.gz -o part-3.slf --shard 3/8"},
         {"Without building coarse levels in every shard: first",
@@ -63,9 +64,8 @@ const std::vector<Prose>& all() {
          "slf raycast head.nii.gz --cameras transforms.json -o pictures"}}},
       {"info",
        {"For a field, prints geometry, levels, codec, sizes and provenance; for a volume, "
-        "dimensions, spacing, orientation and the range of its values; for a folder of several "
-        "DICOM "
-        "series, a list of them."},
+        "dimensions, spacing, orientation and the range of its values; for a mesh, its "
+        "size, colours and textures; for a folder of several DICOM series, a list of them."},
        {{"Is a field complete?", "slf info head.slf --json | grep complete"},
         {"One of several series", "slf build scans --series 4 -o head.slf"}}},
       {"transfer",

@@ -1,5 +1,5 @@
 // The lights and the surroundings of a scene, in the form that light transport needs: as samples.
-// Private to field/scene.
+// Internal.
 #pragma once
 
 #include <cmath>

@@ -18,12 +18,6 @@ constexpr const char* kProjections[] = {"none", "mip", "minip", "mean"};
 constexpr const char* kModes[] = {"direct", "shadowed", "global"};
 constexpr const char* kCurves[] = {"neutral", "srgb", "none"};
 
-/// Replaces bytes that are not UTF-8 by U+FFFD, because JSON holds UTF-8 only. (File names may have
-/// any bytes.)
-json valid_utf8(const std::string& text) {
-  return json::parse(json(text).dump(-1, ' ', false, json::error_handler_t::replace));
-}
-
 std::string hash(const Image& picture) {
   const XXH64_hash_t seed = std::uint64_t{picture.width} << 32 | picture.height;
   std::ostringstream text;
@@ -89,6 +83,16 @@ LightOptions light_options(const json& from) {
 
 }  // namespace
 
+json valid_utf8(const std::string& text) {
+  return json::parse(json(text).dump(-1, ' ', false, json::error_handler_t::replace));
+}
+
+json describe_shading(bool shade, const glm::dvec3& light, float ambient,
+                      const LightOptions& lighting) {
+  if (lighting.mode != Lighting::direct) return {{"lighting", describe(lighting)}};
+  return {{"shade", shade}, {"light", {light.x, light.y, light.z}}, {"ambient", ambient}};
+}
+
 std::string describe(const Volume& volume, const TransferFunction& transfer,
                      const RaycastOptions& options) {
   json out{{"kind", "volume"},
@@ -103,13 +107,7 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
            {"step", options.step}};
   if (options.projection != Projection::none)
     out["projection"] = kProjections[static_cast<std::size_t>(options.projection)];
-  if (options.lighting.mode != Lighting::direct) {
-    out["lighting"] = describe(options.lighting);
-  } else {
-    out["shade"] = options.shade;
-    out["light"] = {options.light.x, options.light.y, options.light.z};
-    out["ambient"] = options.ambient;
-  }
+  out.update(describe_shading(options.shade, options.light, options.ambient, options.lighting));
   if (const Structures& parts = options.structures; parts.labels || parts.mask) {
     json& recorded = out["structures"] = json::object();
     if (parts.labels) recorded["labels"] = content_hash(*parts.labels);

@@ -1,7 +1,8 @@
 // Scene: gives the colour and depth of any ray. Fields are built from scenes and compared with
 // them.
 //
-// Implementations: Raycaster (a volume, raycaster.h) and the analytic scenes below.
+// Implementations: Raycaster (a volume, raycaster.h), MeshScene (mesh.h) and the analytic scenes
+// below. Programs may add their own; examples/scene.cc is one.
 #pragma once
 
 #include <cstddef>
@@ -33,6 +34,21 @@ struct RaySample {
                       ///< 0 where nothing is visible
 };
 
+/// A source of rays. What implementations must know:
+///
+/// - Threads. build_field() and trace_view() call trace_many() from several threads at once, and
+///   bounds(), provenance() and files() from one. prepare() returns before the first ray is traced.
+/// - Batches. The rays of a call to trace_many() are of one tile, or of one row of a picture.
+///   Results must not depend on how rays are divided into calls, nor on their order: fields that
+///   are resumed, or built in shards, are divided in another way.
+/// - Exceptions. trace(), trace_many() and prepare() may throw; the function that called them ends
+///   with the error `failed` and the text of what(). Tiles that were committed stay.
+/// - Numbers. Colours and depth must be finite. Nothing checks them, and with NaN the content of
+///   the field is undefined: return an empty RaySample instead. Opacity is 0 to 1, depth is 0 to 1,
+///   and RGB, which is premultiplied, is 0 to opacity; fields of half floats may hold brighter
+///   colours.
+/// - Rays. Both points lie on the sphere of the field, or the first one at an eye inside it. They
+///   differ. Matter outside of the two points must not show.
 class Scene {
  public:
   virtual ~Scene() = default;

@@ -33,6 +33,13 @@ if(NOT EXISTS ${WORK}/lit.exr)
   message(FATAL_ERROR "the example of light drew nothing")
 endif()
 
+# A scene of one's own.
+run(${WORK}/build/scene ${WORK}/ball.slf)
+run(${WORK}/prefix/bin/slf render ${WORK}/ball.slf -o ${WORK}/ball.png)
+if(NOT EXISTS ${WORK}/ball.png)
+  message(FATAL_ERROR "the example of a scene built no field")
+endif()
+
 # A program that only renders loads nothing for volumes, picture files or writing.
 run(${WORK}/build/mean_color ${WORK}/balls.slf)
 run(ldd ${WORK}/build/mean_color)
