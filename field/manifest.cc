@@ -75,10 +75,10 @@ class Reader {
 Result<void> check_version(Reader& in, const std::string& file) {
   const std::uint32_t major = in.integer("/slf/major", 1u << 20);
   if (in.error().empty() && major != Manifest::kMajor)
-    return fail(ErrorCode::unsupported, file, ": format version ", major,
-                ", this program reads version ", Manifest::kMajor,
-                major > Manifest::kMajor ? "; update slf"
-                                         : ", not what slf 0.2 and older wrote; build it anew");
+    return fail(
+        ErrorCode::unsupported, file, ": format version ", major, ", this program reads version ",
+        Manifest::kMajor,
+        major > Manifest::kMajor ? "; update slf" : "; slf 0.2 or older wrote it: build it anew");
   const auto* required = in.find("/required");
   const auto known_feature = [](const nlohmann::json& feature) { return feature == kPredictive; };
   if (required && !required->is_array())

@@ -36,9 +36,9 @@ Result<Container> decode_container(ByteSpan blob) {
   const auto magic = load_le<std::uint32_t>(blob.data());
   if ((magic & 0xFFFFFF) != kMagic) return damaged("is damaged, or from another program");
   if (const std::uint32_t version = magic >> 24; version != kVersion)
-    return fail(
-        ErrorCode::unsupported, "version ", version, ", this program reads version ", int{kVersion},
-        version > kVersion ? "; update slf" : ", not what slf 0.2 and older wrote; build it anew");
+    return fail(ErrorCode::unsupported, "version ", version, ", this program reads version ",
+                int{kVersion},
+                version > kVersion ? "; update slf" : "; slf 0.2 or older wrote it: build it anew");
   if (blob.size() != kBytes) return damaged("has the wrong size");
   Container container{load_le<std::uint64_t>(blob.data() + 8),
                       load_le<std::uint64_t>(blob.data() + 16), std::nullopt};

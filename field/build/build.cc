@@ -190,16 +190,15 @@ class CoarserTiles {
         : file(std::move(of)), tiles(*file, kCoarserBytes) {}
   };
 
-  CoarserTiles(std::shared_ptr<const FieldFile> file) {
-    if (file) set(std::move(file));
-  }
+  CoarserTiles(std::shared_ptr<const FieldFile> file) { set(std::move(file)); }
 
   [[nodiscard]] std::shared_ptr<Open> get() const {
     const std::lock_guard lock(mutex_);
     return open_;
   }
+  /// `file`: null for none.
   void set(std::shared_ptr<const FieldFile> file) {
-    auto open = std::make_shared<Open>(std::move(file));
+    auto open = file ? std::make_shared<Open>(std::move(file)) : nullptr;
     const std::lock_guard lock(mutex_);
     open_.swap(open);  // the last user of the old one closes it
   }

@@ -351,7 +351,9 @@ TEST(Mesh, LightPassesThroughHolesAndNotThroughTheRest) {
   for (const glm::vec2 corner : {glm::vec2(0, 0), {1, 0}, {1, 1}, {0, 1}})
     mesh.uvs[4 + static_cast<std::size_t>(corner.y > 0 ? 3 - corner.x : corner.x)] = corner;
   mesh.textures = {{"half", 2, 1, {glm::u8vec4(0), glm::u8vec4(255)}}};
-  mesh.materials = {{}, {.texture = 0, .opacity = MeshOpacity::cutout}};
+  mesh.materials.resize(2);
+  mesh.materials[1].texture = 0;
+  mesh.materials[1].opacity = MeshOpacity::cutout;
   mesh.material_of = {0, 0, 1, 1};
   MeshOptions options = lit(Lighting::shadowed, "sun");
   options.lighting.rig.sky = {};
@@ -381,7 +383,7 @@ TEST(Mesh, FieldIsTheSameForAnyNumberOfThreads) {
     MeshOptions options = lit(mode, "studio");
     options.lighting.samples = 8;
     options.lighting.spacing = 8;
-    std::map<std::pair<storage::LayerId, TileKey>, std::string> tiles[2];
+    testing::Payloads tiles[2];
     for (const unsigned threads : {1u, 4u}) {
       BuildOptions build = testing::lossless_options(2, 8, 1);
       build.threads = threads;
