@@ -131,6 +131,7 @@ class Converter {
     aiColor4D color(1, 1, 1, 1);
     if (from.Get(AI_MATKEY_BASE_COLOR, color) != aiReturn_SUCCESS)
       from.Get(AI_MATKEY_COLOR_DIFFUSE, color);
+    if (to.name == AI_DEFAULT_MATERIAL_NAME) color = {1, 1, 1, 1};  // Assimp's; the file has none
     for (int c = 0; c < 3; ++c) {
       const float v = std::clamp(color[static_cast<unsigned>(c)], 0.f, 1.f);
       to.color[c] = gltf_ ? v : linear_from_srgb(v);
@@ -295,7 +296,7 @@ class Converter {
 Result<Mesh> read(const std::string& path, UpAxis up) {
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
-  if (!fs::exists(status)) return fail(ErrorCode::io, path, ": no such file");
+  if (!fs::exists(status)) return fail(ErrorCode::not_found, path, ": no such file");
   if (!fs::is_regular_file(status)) return fail(ErrorCode::io, path, ": not a regular file");
   const std::uint64_t bytes = fs::file_size(path, error);
   if (error) return fail(ErrorCode::io, path, ": ", error.message());

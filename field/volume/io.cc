@@ -102,7 +102,7 @@ Result<std::uint64_t> file_size(const std::string& path) {
   std::error_code code;
   const auto status = std::filesystem::status(path, code);
   if (status.type() == std::filesystem::file_type::not_found)
-    return fail(ErrorCode::io, path, ": no such file");
+    return fail(ErrorCode::not_found, path, ": no such file");
   if (code) return fail(ErrorCode::io, path, ": ", code.message());  // such as permission denied
   if (status.type() != std::filesystem::file_type::regular)
     return fail(ErrorCode::io, path, ": not a regular file");

@@ -26,7 +26,7 @@ TEST(ParallelFor, AnExceptionEndsTheLoopAndComesBackAsAnError) {
       if (++calls == 10) throw std::bad_alloc();
     });
     ASSERT_FALSE(done);
-    EXPECT_EQ(done.error().code, ErrorCode::failed);
+    EXPECT_EQ(done.error().code, ErrorCode::out_of_memory);
     EXPECT_EQ(done.error().message, "out of memory");
     EXPECT_LT(calls, 1u << 20);
   }
@@ -109,7 +109,7 @@ TEST(OrderedPipeline, AnErrorOrExceptionComesBackInItsPlace) {
   EXPECT_EQ(pipeline.take(), 0);
   const auto second = pipeline.take();
   ASSERT_FALSE(second);
-  EXPECT_EQ(second.error().code, ErrorCode::failed);
+  EXPECT_EQ(second.error().code, ErrorCode::out_of_memory);
   EXPECT_EQ(second.error().message, "out of memory");
   const auto third = pipeline.take();
   ASSERT_FALSE(third);

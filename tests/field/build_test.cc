@@ -239,7 +239,7 @@ TEST(Build, RefusesWhatIsNotItsOwnUnfinishedField) {
   std::ofstream(folder / "text.slf") << "not a field";
   EXPECT_EQ(build_field(*scene, folder / "text.slf", options).error().code, ErrorCode::bad_file);
   EXPECT_EQ(build_field(*scene, folder / "no/such/folder.slf", options).error().code,
-            ErrorCode::io);
+            ErrorCode::not_found);
 }
 
 TEST(Build, AbsurdShapesAreRefused) {

@@ -340,7 +340,7 @@ TEST(Mesh, LightDoesNotDependOnTheSizeOfTriangles) {
     options.lighting.rig.sky = {glm::vec3(1), glm::vec3(1), glm::vec3(1)};
     return scene_of(mesh, options)->trace({0.9, -1.5, 0.1}, {0.9, 0, -0.001}).rgba.g;
   };
-  EXPECT_NEAR(under(16), under(600), 0.02);
+  EXPECT_NEAR(under(64), under(600), 0.02);
 }
 
 TEST(Mesh, LightPassesThroughHolesAndNotThroughTheRest) {

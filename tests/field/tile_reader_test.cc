@@ -47,7 +47,7 @@ class TileReaderTest : public ::testing::Test {
 };
 
 TEST_F(TileReaderTest, ReadersOfOneFieldKeepTheirOwnBudgets) {
-  constexpr std::uint64_t kSmall = 256 << 10;
+  constexpr std::uint64_t kSmall = 512 << 10;
   const TileReader roomy(*field_, {.memory = 64 << 20}), tight(*field_, {.memory = kSmall});
   Renderer first(roomy, 1), second(tight, 1);
   const ViewStatistics all = draw(first), few = draw(second);

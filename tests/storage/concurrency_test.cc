@@ -148,7 +148,7 @@ TEST(Concurrency, AWriterWaitsForReadersOfOlderSnapshotsByRefusing) {
   }
   const auto refused = TileWriter::resume(path);
   ASSERT_FALSE(refused);
-  EXPECT_EQ(refused.error().code, ErrorCode::busy);
+  EXPECT_EQ(refused.error().code, ErrorCode::failed);
   EXPECT_THAT(refused.error().message, HasSubstr("older state"));
   old = std::move(TileStore::open(path).value());  // the current one does no harm
   EXPECT_TRUE(ok(TileWriter::resume(path)));

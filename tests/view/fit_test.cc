@@ -68,7 +68,7 @@ TEST_F(Fit, TheLastResultSaysHowSmallItIs) {
 
 TEST_F(Fit, HalfFloatsLoseQualityOnlyWithDepth) {
   for (const bool depth : {true, false}) {
-    auto options = testing::lossless_options(2, 5, 1);
+    auto options = testing::lossless_options(4, 12, 1);
     options.half = true;
     options.depth = depth;
     field_ = testing::build_and_open(testing::stripes(), folder_ / "half.slf", options);

@@ -367,7 +367,7 @@ TEST(ViewServer, ListsSeveralFields) {
 
 TEST(ViewServer, RefusesWhatIsNoField) {
   EXPECT_EQ(Server::make(std::vector<std::string>{"/nonexistent.slf"}, {}).error().code,
-            ErrorCode::io);
+            ErrorCode::not_found);
   EXPECT_EQ(Server::make(std::vector<std::string>{"/etc/passwd"}, {}).error().code,
             ErrorCode::bad_file);
   EXPECT_EQ(Server::make({}, {}).error().code, ErrorCode::usage);
