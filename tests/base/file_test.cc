@@ -139,7 +139,8 @@ TEST_F(Files, PublishingKeepsOrReplaces) {
   EXPECT_EQ(text("from") + text("to"), "newold");
   ASSERT_TRUE(publish_file(at("from"), at("to"), Existing::replace));
   EXPECT_EQ(text("to"), "new");
-  EXPECT_EQ(publish_file(at("from"), at("to"), Existing::replace).error().code, ErrorCode::not_found);
+  EXPECT_EQ(publish_file(at("from"), at("to"), Existing::replace).error().code,
+            ErrorCode::not_found);
   EXPECT_EQ(text("to"), "new");
   ASSERT_TRUE(publish_file(at("to"), at("again"), Existing::keep));
   EXPECT_EQ(count(), 1u);

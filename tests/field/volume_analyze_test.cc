@@ -96,7 +96,8 @@ TEST(VolumeAnalyze, PairsByEitherNameAndPacked) {
 
 TEST(VolumeAnalyze, MissingHalvesAreNamed) {
   const Folder folder;
-  expect_error(folder.write("a.hdr", analyze(spaced())), ErrorCode::not_found, folder.path("a.img"));
+  expect_error(folder.write("a.hdr", analyze(spaced())), ErrorCode::not_found,
+               folder.path("a.img"));
   expect_error(folder.write("b.hdr.gz", gzip(nifti_pair(ScalarType::u8))), ErrorCode::not_found,
                folder.path("b.img") + ": no such file");
   expect_error(folder.write("c.img", phantom_bytes(ScalarType::u8, false)), ErrorCode::usage,

@@ -113,7 +113,8 @@ TEST_F(VolumeBadInput, HeadersThatLieAboutTheSize) {
 }
 
 TEST_F(VolumeBadInput, DetachedDataFileIsMissing) {
-  expect(nrrd_with("data file: gone.raw\n"), "a.nhdr", ErrorCode::not_found, {"gone.raw", "no such file"});
+  expect(nrrd_with("data file: gone.raw\n"), "a.nhdr", ErrorCode::not_found,
+         {"gone.raw", "no such file"});
   expect("NDims = 3\nDimSize = 5 4 3\nElementType = MET_UCHAR\nElementDataFile = gone.raw\n",
          "a.mhd", ErrorCode::not_found, {"gone.raw", "no such file"});
   expect(nifti({.magic = "i"}), "a.hdr", ErrorCode::not_found, {"a.img"});

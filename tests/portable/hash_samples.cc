@@ -88,9 +88,7 @@ void hash_field(const char* path) {
   if (const auto* predictive = codec->predictive())
     predicted = std::make_unique<PredictedTiles>(manifest.shape, *predictive, geometry);
   std::map<TileKey, Bytes> decoded;
-  const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> {
-    return decoded.at(key);
-  };
+  const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> { return decoded.at(key); };
   for (unsigned level = 0; level <= manifest.shape.levels; ++level)
     for (std::uint64_t index = 0; index < manifest.shape.tiles(level); ++index) {
       const TileKey key{static_cast<std::uint8_t>(level), index};

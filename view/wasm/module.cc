@@ -54,7 +54,7 @@ struct Module {
   std::vector<std::unique_ptr<LevelGeometry>> geometry;  // by level, made when needed
   std::unique_ptr<codec::Codec> codec;
   std::unique_ptr<PredictedTiles> predicted;  // if tiles are predicted from others
-  std::map<TileKey, Bytes> references;  // for the next tile to decode
+  std::map<TileKey, Bytes> references;        // for the next tile to decode
   Bytes samples;
 };
 
