@@ -81,7 +81,7 @@ def test_lists_and_decodes_tiles(balls):
     tiles = balls.tiles(level=1)
     assert len(tiles) == 1024 and {tile.content for tile in tiles} <= {"stored", "empty"}
     stored = [tile for tile in tiles if tile.content == "stored"]
-    assert sum(tile.payload_bytes for tile in stored) == balls.content().levels[1].payload_bytes[0]
+    assert sum(tile.payload_bytes for tile in stored) == balls.content().levels[1].payload_bytes
     tile = max(stored, key=lambda t: t.payload_bytes)
     color = balls.tile(tile.level, tile.entry, tile.exit)
     depth = balls.tile(tile.level, tile.entry, tile.exit, "depth")
