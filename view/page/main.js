@@ -270,6 +270,7 @@ async function follow() {
     } else {
       complete ??= traffic();
       level0 ??= await allOfLevel0();
+      if (version !== asked) continue;  // the view has changed meanwhile
       loader.want([...needed, ...level0]);
       page.state = 'settled';
       keepLink();
