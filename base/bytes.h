@@ -7,12 +7,18 @@
 #include <cstdint>
 #include <cstring>
 #include <span>
+#include <string_view>
 #include <vector>
 
 namespace slf {
 
 using ByteSpan = std::span<const std::byte>;
 using Bytes = std::vector<std::byte>;
+
+/// The characters of a text.
+[[nodiscard]] inline ByteSpan bytes_of(std::string_view text) {
+  return std::as_bytes(std::span(text.data(), text.size()));
+}
 
 /// Reads an unsigned integer stored least significant byte first.
 /// REQUIRES: sizeof(T) readable bytes at `from`, at any alignment.

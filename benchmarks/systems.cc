@@ -1,13 +1,15 @@
 // Measures the systems of the paper's Table 1 on the same views: ray-casting, the light field
 // between planes, the sphere light field.
 //
-//   systems VOLUME --field F.slf [--transfer TF.json] [--planes A:B:NA:NB]... [--views N]
-//           [--size N]... [--repeats N] [--raycast-once] [--threads N] [--json]
+//   systems VOLUME --field F.slf [--field SMALLER.slf]... [--transfer TF.json]
+//           [--planes A:B:NA:NB]... [--views N] [--size N]... [--repeats N] [--raycast-once]
+//           [--threads N] [--json]
 //
 // For each size and each of N random views from 3 radii, REPEATS times in turn, draws with: our
 // ray-caster; a field between planes for each --planes (heights in radii and nodes along an edge;
-// without NA and NB, as many slabs as the sphere has); the sphere's field in mode bitri and, if it
-// has depth, in mode depth. Everything is warm: a first turn, which is not counted, decodes tiles.
+// without NA and NB, as many slabs as the first sphere has); each sphere's field in mode bitri and,
+// if it has depth, in mode depth. With several fields, the cells an edge of all but the first are
+// part of their names. Everything is warm: a first turn, which is not counted, decodes tiles.
 // But the ray-caster displaces most of what they read from the CPU's caches. With --raycast-once it
 // draws each view only once, and the others find there what they read in the turn before.
 // Reported: median wall time and processor time of all threads, in ms, as means over the views;
@@ -33,7 +35,7 @@ using bench::expect;
 
 struct Arguments {
   cli::SourceArguments source;
-  std::string field;
+  std::vector<std::string> fields;
   std::vector<std::string> planes;
   std::vector<std::uint32_t> sizes{512};
   std::uint32_t views = 4;
@@ -64,21 +66,41 @@ struct System {
   std::function<void(const Camera&, Image&)> draw;  ///< into a picture that is reused
 };
 
-nlohmann::json measure(const Arguments& a) {
-  const auto field = expect(Field::open(a.field));
-  const auto scene = expect(a.source.scene({}));
-  const Sphere& sphere = field.shape().sphere;
-  const unsigned threads = thread_count(a.threads), level = field.shape().levels;
-  const auto content = expect(field.content());
-  const auto slabs = static_cast<double>(content.levels.back().slabs);
+/// Of the finest level.
+double slabs(const Field& field) {
+  return static_cast<double>(expect(field.content()).levels.back().slabs);
+}
 
-  Renderer renderer(field, {4ull << 30, threads});
+/// The sphere's field in each mode that it has.
+void add_sphere(const Field& field, unsigned threads, bool first, std::vector<System>& systems) {
+  const FieldShape& shape = field.shape();
+  const unsigned level = shape.levels;
+  const auto renderer = std::make_shared<Renderer>(field, RendererOptions{4ull << 30, threads});
+  const std::string cells = first ? ""
+                                  : ":" + std::to_string(shape.entry_side << level) + "/" +
+                                        std::to_string(shape.exit_side << level);
+  for (const RenderMode mode : {RenderMode::bitri, RenderMode::depth})
+    if (mode != RenderMode::depth || field.has_depth())
+      systems.push_back({std::string(name(mode)) + cells, slabs(field),
+                         [renderer, mode, level](const Camera& c, Image& image) {
+                           expect(renderer->render(c, {mode, level}, image));
+                         }});
+}
+
+nlohmann::json measure(const Arguments& a) {
+  std::vector<Field> fields;
+  for (const std::string& path : a.fields) fields.push_back(expect(Field::open(path)));
+  const auto scene = expect(a.source.scene({}));
+  const Sphere& sphere = fields[0].shape().sphere;
+  const unsigned threads = thread_count(a.threads);
+
   std::vector<System> systems{{"raycast", 0, [&](const Camera& c, Image& image) {
                                  image = expect(trace_view(*scene, sphere, c, threads));
                                }}};
   std::vector<std::unique_ptr<bench::PlaneField>> planes;
   for (const std::string& text : a.planes) {
-    planes.push_back(std::make_unique<bench::PlaneField>(*scene, sphere, plane_shape(text, slabs)));
+    planes.push_back(
+        std::make_unique<bench::PlaneField>(*scene, sphere, plane_shape(text, slabs(fields[0]))));
     const auto* plane = planes.back().get();
     const auto& s = plane->shape();
     char name[96];
@@ -87,12 +109,7 @@ nlohmann::json measure(const Arguments& a) {
     systems.push_back({name, s.nominal_slabs(),
                        [=](const Camera& c, Image& image) { plane->render(c, threads, image); }});
   }
-  for (const RenderMode mode : {RenderMode::bitri, RenderMode::depth})
-    if (mode != RenderMode::depth || field.has_depth())
-      systems.push_back(
-          {name(mode), slabs, [&renderer, mode, level](const Camera& c, Image& image) {
-             expect(renderer.render(c, {mode, level}, image));
-           }});
+  for (const Field& field : fields) add_sphere(field, threads, &field == &fields.front(), systems);
 
   nlohmann::json rows = nlohmann::json::array();
   for (const std::uint32_t size : a.sizes) {
@@ -154,7 +171,7 @@ int main(int argc, char** argv) {
   Arguments a;
   a.source.add_volume_to(app, "VOLUME");
   a.source.add_light_to(app);
-  app.add_option("--field", a.field, "Sphere light field of the same volume")->required();
+  app.add_option("--field", a.fields, "Sphere light fields of the same volume")->required();
   app.add_option("--planes", a.planes, "A:B or A:B:NA:NB");
   app.add_option("--views", a.views)->capture_default_str();
   app.add_option("--seed", a.seed)->capture_default_str();

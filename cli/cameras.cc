@@ -41,7 +41,7 @@ Result<void> write_cameras(const Arguments& a, const std::string& output,
   for (Picture& camera : cameras) camera.name = folder + "/" + camera.name;
   const std::string text = transforms_json(cameras, "");
   SLF_TRY(refuse_overwrite(output, a.force, a.source.files()));
-  return write_file(output, as_bytes(std::span(text)));
+  return write_file(output, bytes_of(text));
 }
 
 Result<void> run_cameras(const Arguments& a) {

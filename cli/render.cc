@@ -179,7 +179,7 @@ Result<void> raycast_cameras(const RaycastArguments& a) {
     if (progress) progress({k + 1, set.pictures.size(), 0});
   }
   const std::string text = transforms_json(set.pictures, folder.string());
-  return write_file(list, as_bytes(std::span(text)));
+  return write_file(list, bytes_of(text));
 }
 
 Result<void> run_raycast(const RaycastArguments& a) {

@@ -95,7 +95,7 @@ Image picture_of(const TransferFunction& f) {
 Result<void> write(const TransferPreset& preset, const std::string& path) {
   if (!path.ends_with(".json")) return write_image(path, picture_of(preset.function));
   const std::string json = to_json(preset.function);
-  return write_file(path, std::as_bytes(std::span(json.data(), json.size())));
+  return write_file(path, bytes_of(json));
 }
 
 Result<void> run_transfer(const Arguments& a) {

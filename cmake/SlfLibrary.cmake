@@ -9,6 +9,9 @@ target_compile_options(slf_options INTERFACE
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # GCC 12 sees overlaps in std::string that are not there (GCC bug 105651).
   target_compile_options(slf_options INTERFACE -Wno-restrict)
+  if(CMAKE_UNITY_BUILD)  # in which names of one source stand before those of the next
+    target_compile_options(slf_options INTERFACE -Wno-shadow -Wno-subobject-linkage)
+  endif()
 endif()
 if(CMAKE_SYSTEM_PROCESSOR STREQUAL "aarch64")
   # Highway's NEON vectors take them for granted.
@@ -30,6 +33,13 @@ function(slf_library name)
   if(NOT sources)
     file(GLOB sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/*.cc)
   endif()
+  foreach(source ${sources})
+    # Highway includes such a file again for each instruction set: no other may stand beside it.
+    file(STRINGS ${source} is_kernel REGEX "hwy/foreach_target" LIMIT_COUNT 1)
+    if(is_kernel)
+      set_source_files_properties(${source} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+    endif()
+  endforeach()
   add_library(slf_${name} ${sources})
   add_library(slf::${name} ALIAS slf_${name})
   set_target_properties(slf_${name} PROPERTIES

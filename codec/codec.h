@@ -107,6 +107,7 @@ struct TrainingTile {
   Tile tile;
   ByteSpan samples;
 };
+inline constexpr std::size_t kTrainingTiles = 16;  ///< that suffice
 
 /// Makes a codec with shared tables for a field. A predictive codec gets tables for levels 0 to
 /// `finest`. A JPEG codec gets Huffman codes optimised for `sample`, tiles of the field, or the

@@ -18,7 +18,7 @@ namespace slf::codec {
 namespace {
 
 /// The squared error of alpha that is worth one bit, at a quantisation step of 1.
-constexpr double kErrorPerBit = 0.15;
+constexpr double kAlphaErrorPerBit = 0.15;
 
 /// A coefficient is rounded up from this fraction of a step on. One half: no rate-distortion
 /// optimisation, because a zeroed coefficient leaves similar errors in neighbouring rows, while
@@ -224,7 +224,7 @@ void PredictiveEncoder::encode(const Prediction& prediction, std::span<std::uint
       error += off * off;
     }
     const double step = level_.steps[kAlphaPlane].low / static_cast<double>(kCoefficientScale);
-    return error + kErrorPerBit * step * step * alpha.bits;
+    return error + kAlphaErrorPerBit * step * step * alpha.bits;
   };
   Alpha alpha = soft_alpha(prediction, rgba);
   const bool soft = [&] {

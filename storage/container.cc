@@ -11,10 +11,6 @@ constexpr std::uint32_t kMagic = 0x434C53;  // "SLC", below the version
 constexpr std::uint8_t kVersion = 2;
 constexpr std::size_t kBytes = 32;
 
-ByteSpan bytes_of(std::string_view text) {
-  return std::as_bytes(std::span(text.data(), text.size()));
-}
-
 tl::unexpected<Error> damaged(const char* what) {
   return tl::unexpected(Error{ErrorCode::bad_file, what});
 }

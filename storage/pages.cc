@@ -12,20 +12,20 @@
 namespace slf::storage::internal {
 namespace {
 
-constexpr std::uint32_t kMagic = 0xBEEFC0DE;
-constexpr std::uint32_t kVersion = 1;
+constexpr std::uint32_t kLmdbMagic = 0xBEEFC0DE;
+constexpr std::uint32_t kLmdbVersion = 1;
 constexpr std::uint16_t kHarmlessFlags = 0x4000;  // MDB_NOSUBDIR: only says how the file was opened
 
 Result<Meta> parse_meta(ByteSpan bytes, const std::string& path, std::uint64_t number) {
   const std::byte* page = bytes.data();
-  if (bytes.size() < kMetaEnd || load_le<std::uint32_t>(page + 16) != kMagic) {
+  if (bytes.size() < kMetaEnd || load_le<std::uint32_t>(page + 16) != kLmdbMagic) {
     if (number == 0)
       return fail(ErrorCode::bad_file, path, ": not a field: it is not an LMDB file");
     return fail(ErrorCode::bad_file, path, ": meta page 1 is damaged or missing");
   }
-  if (const auto version = load_le<std::uint32_t>(page + 20); version != kVersion)
+  if (const auto version = load_le<std::uint32_t>(page + 20); version != kLmdbVersion)
     return fail(ErrorCode::unsupported, path, ": LMDB data version ", version, ", expected ",
-                kVersion);
+                kLmdbVersion);
   if (load_le<std::uint64_t>(page) != number || load_le<std::uint16_t>(page + 10) != kMeta)
     return fail(ErrorCode::bad_file, path, ": meta page ", number, " is damaged");
 

@@ -17,7 +17,7 @@ struct PageVisit {
   std::size_t end = 0;
 };
 
-ByteSpan bytes_of(const Pages& pages, std::uint64_t first, std::uint64_t bytes) {
+ByteSpan bytes_of_pages(const Pages& pages, std::uint64_t first, std::uint64_t bytes) {
   const std::uint64_t size = pages.meta().page_size;
   const std::uint64_t count = (bytes + size - 1) / size;
   if (first < 2 || first >= pages.count() || count > pages.count() - first) return {};
@@ -92,7 +92,7 @@ ByteSpan record_head(const Pages& pages, const TreePage& leaf, std::uint32_t ind
   const std::uint64_t span = max_tiles_in_record(leaf, index, node);
   const std::uint64_t table = kPageHeader + usual_head_bytes(span);
   const std::uint64_t all = kPageHeader + node.data_size;
-  return bytes_of(pages, node.child, span == 1 ? all : std::min(all, table));
+  return bytes_of_pages(pages, node.child, span == 1 ? all : std::min(all, table));
 }
 
 void prefetch_records(const Pages& pages, const Tree& tree, std::span<const RecordKey> keys) {
@@ -104,7 +104,7 @@ void prefetch_records(const Pages& pages, const Tree& tree, std::span<const Reco
     for (const PageVisit& visit : visits) add_children(pages, keys, visit, below);
     visits = std::move(below);
     for (const PageVisit& visit : visits)
-      advice.add(bytes_of(pages, visit.page, pages.meta().page_size));
+      advice.add(bytes_of_pages(pages, visit.page, pages.meta().page_size));
     advice.apply(MADV_WILLNEED);
   }
   for (const PageVisit& visit : visits) add_heads(pages, keys, visit, advice);

@@ -10,12 +10,12 @@
 namespace slf::storage::internal {
 namespace {
 
-constexpr std::uint32_t kMagic = 0x32524C53;  // "SLR2"
+constexpr std::uint32_t kRecordMagic = 0x32524C53;  // "SLR2"
 constexpr std::uint64_t kEmpty = 0;
 constexpr std::uint64_t kMissing = 1;
 constexpr std::size_t kMaxCode = 5;  ///< bytes of the longest code, that of kMaxPayload + 1
 
-tl::unexpected<Error> damaged(const char* what) {
+tl::unexpected<Error> damaged_record(const char* what) {
   return tl::unexpected(Error{ErrorCode::bad_file, what});
 }
 
@@ -61,9 +61,9 @@ std::uint64_t Record::table_end(ByteSpan start) {
 }
 
 Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
-  if (value.size() < kRecordHeader) return damaged("the record is shorter than its header");
+  if (value.size() < kRecordHeader) return damaged_record("the record is shorter than its header");
   const std::byte* head = value.data();
-  if (load_le<std::uint32_t>(head + 8) != kMagic) return damaged("no tile record");
+  if (load_le<std::uint32_t>(head + 8) != kRecordMagic) return damaged_record("no tile record");
   Record record;
   record.value_ = value;
   record.size_ = size;
@@ -79,11 +79,11 @@ Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
       codes < record.count_ || codes > kMaxCode * record.count_ ||
       record.payloads_ > value.size() || record.first_.level == kNoLevel ||
       record.first_.index + (record.count_ - 1) < record.first_.index)
-    return damaged("the record's header is damaged");
+    return damaged_record("the record's header is damaged");
   if (checksum(value.subspan(8, record.payloads_ - 8)) != load_le<std::uint64_t>(head))
-    return damaged("the record's table does not match its checksum");
+    return damaged_record("the record's table does not match its checksum");
   if (record.previous_ && *record.previous_ >= record.first_)
-    return damaged("the record claims to come after its own tiles");
+    return damaged_record("the record claims to come after its own tiles");
 
   // A checksum can be forged: check that codes are complete and payloads are inside the value.
   ByteSpan table = value.subspan(kRecordHeader, codes);
@@ -91,14 +91,16 @@ Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
   std::uint64_t payload = record.payloads_;
   for (std::uint32_t i = 0; i < record.count_; ++i) {
     const auto code = take_varint(table);
-    if (!code) return damaged("the record's table is damaged");
+    if (!code) return damaged_record("the record's table is damaged");
     if (*code <= kMissing) continue;
     ++stored;
     payload = align8(payload);
-    if (payload > size || *code - 1 > size - payload) return damaged("a payload leaves the record");
+    if (payload > size || *code - 1 > size - payload)
+      return damaged_record("a payload leaves the record");
     payload += *code - 1;
   }
-  if (!table.empty() || stored != record.stored_) return damaged("the record's table is damaged");
+  if (!table.empty() || stored != record.stored_)
+    return damaged_record("the record's table is damaged");
   return record;
 }
 
@@ -155,7 +157,7 @@ Bytes encode_record_head(std::optional<TileKey> previous, TileKey first,
     if (tile.state == TileState::stored) append_le<std::uint64_t>(head, tile.checksum);
 
   std::byte* at = head.data();
-  store_le<std::uint32_t>(at + 8, kMagic);
+  store_le<std::uint32_t>(at + 8, kRecordMagic);
   at[12] = static_cast<std::byte>(first.level);
   at[13] = static_cast<std::byte>(previous ? previous->level : kNoLevel);
   store_le<std::uint16_t>(at + 14, static_cast<std::uint16_t>(tiles.size()));

@@ -32,10 +32,6 @@ using internal::Snapshot;
 
 namespace {
 
-ByteSpan bytes_of(std::string_view text) {
-  return std::as_bytes(std::span(text.data(), text.size()));
-}
-
 using SealedBlobs = std::map<std::string, Bytes, std::less<>>;
 
 Result<void> check_blob_name(std::string_view name) {

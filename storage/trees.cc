@@ -10,10 +10,6 @@ namespace {
 
 constexpr std::size_t kUsualCode = 3;  ///< bytes per code of the table, for payloads below 2 MiB
 
-ByteSpan bytes_of(std::string_view text) {
-  return std::as_bytes(std::span(text.data(), text.size()));
-}
-
 }  // namespace
 
 // The record begins after the previous entry's key, which limits how many tiles it can have.

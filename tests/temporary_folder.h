@@ -1,4 +1,4 @@
-// TemporaryFolder: a folder of one test, removed with everything in it.
+// Files of a test: TemporaryFolder, a folder removed with everything in it, and their text.
 #pragma once
 
 #include <unistd.h>
@@ -6,10 +6,21 @@
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <string>
 #include <vector>
 
 namespace slf::testing {
+
+inline std::string read_text(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+inline void write_text(const std::string& path, const std::string& text) {
+  std::ofstream(path, std::ios::binary | std::ios::trunc) << text;
+}
 
 class TemporaryFolder {
  public:

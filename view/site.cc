@@ -63,7 +63,7 @@ std::string page_html(std::string_view head, std::string_view scripts) {
 /// Writes a file of the page, but never over the field.
 Result<void> write_text(const std::string& path, std::string_view text, const std::string& field) {
   SLF_TRY(check_output(path, {&field, 1}));
-  return write_file(path, std::as_bytes(std::span(text.data(), text.size())));
+  return write_file(path, bytes_of(text));
 }
 
 /// Checks that the file is a field, and returns its size.

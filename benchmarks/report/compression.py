@@ -130,13 +130,13 @@ def _claim_paper(part, rows):
         "slf",
         f"{name(shapes[-1])} with depth makes better pictures than the paper's "
         f"{name(shapes[0])} bi-triangle with {PAPER_CODEC}, from at most 1/12 of the bytes",
-        f"{ours['color']}, depth {ours['depth']}: {human_bytes(ours['bytes'])}, {ours['psnr']:.1f} "
-        f"dB; paper's {human_bytes(paper['bytes'])}, {paper['psnr']:.1f} dB: 1/{factor:.1f} of the "
-        f"bytes, {ours['psnr'] - paper['psnr']:+.1f} dB",
+        f"{ours['codec']}: {human_bytes(ours['bytes'])}, {ours['psnr']:.1f} dB; paper's "
+        f"{human_bytes(paper['bytes'])}, {paper['psnr']:.1f} dB: 1/{factor:.1f} of the bytes, "
+        f"{ours['psnr'] - paper['psnr']:+.1f} dB",
         True if better and factor >= 12 else PARTLY if better and factor > 4 else False,
     )
-    find = lambda color, shape: next(  # noqa: E731
-        r for r in rows if r["cells"] == shape and r["codec"] == color and r["depth"]
+    find = lambda codec, shape: next(  # noqa: E731
+        r for r in rows if r["cells"] == shape and r["codec"] == codec and r["depth"]
     )
     lossless, small = find("zstd", shapes[-1]), find("jpeg:75", shapes[-1])
     raw = find("raw", shapes[-1])

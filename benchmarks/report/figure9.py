@@ -138,9 +138,7 @@ def _measure_memory(bench, part):
             "--memory", "2GiB",
         )  # fmt: skip
         row = measured["runs"][0]["levels"][0]
-        row["payload"] = sum(
-            bench.json("slf", "info", field, "--json")["levels"][level]["bytes"].values()
-        )
+        row["payload"] = bench.json("slf", "info", field, "--json")["levels"][level]["payload_bytes"]
         rows.append(row)
     part.numbers["memory"] = rows
 

@@ -20,7 +20,7 @@ class SlfReader final : public StoreReader {
     keys_.clear();
     for (const std::size_t tile : tiles) keys_.push_back({set().level, set().keys[tile]});
     refs_.clear();
-    for (auto& found : store_.find_all(0, keys_)) refs_.push_back(expect(std::move(found)));
+    for (auto& found : store_.find_all(keys_)) refs_.push_back(expect(std::move(found)));
     store_.advise(refs_);
     for (std::size_t i = 0; i < tiles.size(); ++i) found_[tiles[i]] = refs_[i];
   }

@@ -27,7 +27,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using CodecPointer = std::unique_ptr<codec::Codec>;
 
-constexpr std::size_t kTrainingTiles = 16;
 constexpr std::size_t kTrainingTries = 256;
 
 /// After so many commits, a build reads the coarser levels from its file opened anew. While the
@@ -41,7 +40,7 @@ Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const 
                                                 const GoOn& go_on) {
   std::vector<TracedTile> sample;
   const std::uint64_t count = tile_count(shape.levels, shape.entry_extra_levels);
-  for (std::uint64_t t = 0; t < kTrainingTries && sample.size() < kTrainingTiles; ++t) {
+  for (std::uint64_t t = 0; t < kTrainingTries && sample.size() < codec::kTrainingTiles; ++t) {
     if (!go_on()) return fail(ErrorCode::cancelled, "interrupted; nothing was written");
     TracedTile tile;
     const TileKey key{static_cast<std::uint8_t>(shape.levels), mix(t) % count};

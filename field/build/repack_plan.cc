@@ -12,8 +12,6 @@ namespace {
 
 using storage::TileState;
 
-constexpr std::size_t kTrainingTiles = 16;
-
 /// Converts colours, and appends them. Premultiplied colours of 8 bits are clamped to alpha.
 void append_colors(ByteSpan in, bool from_half, bool to_half, Bytes& out) {
   if (from_half == to_half) {
@@ -43,9 +41,9 @@ Result<std::unique_ptr<codec::Codec>> train(TileCache& cache, const RepackPlan& 
     const auto tile = SLF_TRY(field.store().find(order.key(n)));
     if (tile.state == TileState::stored) stored.push_back(tile);
   }
-  const std::size_t skip = std::max<std::size_t>(1, stored.size() / kTrainingTiles);
+  const std::size_t skip = std::max<std::size_t>(1, stored.size() / codec::kTrainingTiles);
   std::vector<Bytes> samples;
-  for (std::size_t k = 0; k < stored.size() && samples.size() < kTrainingTiles; k += skip)
+  for (std::size_t k = 0; k < stored.size() && samples.size() < codec::kTrainingTiles; k += skip)
     SLF_TRY(read_samples(cache, plan, stored[k], samples.emplace_back()));
   std::vector<codec::TrainingTile> tiles;
   for (std::size_t k = 0; k < samples.size(); ++k)

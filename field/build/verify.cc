@@ -16,7 +16,7 @@ using storage::TileRef;
 using storage::TileState;
 
 constexpr std::size_t kMaxFindings = 1000;
-constexpr std::size_t kBatch = 256;
+constexpr std::size_t kCheckedTogether = 256;
 constexpr std::uint64_t kMemory = 32ull << 20;  // for decoded tiles
 
 class Verifier {
@@ -113,7 +113,7 @@ class Verifier {
           }
           if (field.manifest().holds(tile.key)) ++found[tile.key.level];
           if (tile.state == TileState::stored) batch.push_back(tile);
-          if (batch.size() == kBatch)
+          if (batch.size() == kCheckedTogether)
             if (auto ok = check_payloads(tiles, batch); !ok) return stopped = true, ok;
           ++state_.done;
           if (!progress_ || progress_(state_)) return {};

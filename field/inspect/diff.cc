@@ -14,7 +14,7 @@ using storage::TileRef;
 using storage::TileState;
 
 constexpr std::uint64_t kBatch = 256;           // tiles that a thread takes at a time
-constexpr std::uint64_t kReleaseEvery = 64;     // batches
+constexpr std::uint64_t kReleaseBatches = 64;   // batches
 constexpr std::uint64_t kMemory = 32ull << 20;  // for decoded tiles of each field
 
 /// The contribution of a batch of tiles to a ChannelDifference.
@@ -196,7 +196,7 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
   for (std::uint64_t batch = 0; batch < batches; ++batch) {
     const std::vector<Sum> sums = SLF_TRY(pipeline.take());
     for (std::size_t c = 0; c < total.size(); ++c) total[c].add(sums[c]);
-    if (batch % kReleaseEvery == kReleaseEvery - 1)
+    if (batch % kReleaseBatches == kReleaseBatches - 1)
       a.store().release_all(), b.store().release_all();
     state.done = std::min((batch + 1) * kBatch, order.count());
     if (progress && !progress(state))

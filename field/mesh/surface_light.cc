@@ -9,6 +9,7 @@
 #include <unordered_map>
 
 #include "base/half.h"
+#include "field/geometry/directions.h"
 
 namespace slf {
 namespace {
@@ -27,13 +28,6 @@ double radical_inverse(std::uint32_t k) {
   double value = 0, digit = 0.5;
   for (; k != 0; k >>= 1, digit /= 2) value += (k & 1) * digit;
   return value;
-}
-
-/// Direction k of `count` on a spiral, each in the middle of an equal area (Swinbank, Purser 2006).
-glm::dvec3 even_direction(unsigned k, unsigned count) {
-  const double z = 1 - (2.0 * k + 1) / count, r = std::sqrt(1 - z * z);
-  const double angle = kPi * (3 - std::sqrt(5.0)) * k;
-  return {r * std::cos(angle), r * std::sin(angle), z};
 }
 
 std::uint64_t pack(const glm::vec3& light) {

@@ -1,5 +1,4 @@
 #include "field/pictures/cameras.h"
-#include "field/image/formats.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,6 +8,8 @@
 
 #include "base/file.h"
 #include "base/try.h"
+#include "field/geometry/directions.h"
+#include "field/image/formats.h"
 
 namespace slf {
 namespace {
@@ -148,12 +149,9 @@ std::optional<glm::dvec3> focus_of(const std::vector<Picture>& pictures) {
 
 std::vector<Picture> spread_cameras(const Sphere& sphere, double distance, std::uint32_t count,
                                     std::uint32_t width, std::uint32_t height) {
-  const double turn = std::numbers::pi * (3 - std::sqrt(5.0));
   std::vector<Picture> pictures;
   for (std::uint32_t k = 0; k < count; ++k) {
-    const double z = 1 - (2 * k + 1.0) / count, azimuth = k * turn;
-    const double across = std::sqrt(1 - z * z);
-    const glm::dvec3 toward(across * std::cos(azimuth), across * std::sin(azimuth), z);
+    const glm::dvec3 toward = even_direction(k, count);
     Picture picture;
     const std::string digits = std::to_string(k);
     picture.name = std::string(digits.size() < 4 ? 4 - digits.size() : 0, '0') + digits;

@@ -15,8 +15,8 @@
 namespace slf {
 namespace {
 
-constexpr std::uint32_t kMagic = 0x31474c53;  // "SLG1"
-constexpr std::size_t kHead = 4 + 8 + 3 * 4 + 3 * 8 + 8;
+constexpr std::uint32_t kCodeMagic = 0x31474c53;  // "SLG1"
+constexpr std::size_t kCodeHead = 4 + 8 + 3 * 4 + 3 * 8 + 8;
 constexpr int kZstdLevel = 9;
 /// Planes of bytes, one byte of each per node: the exponent, and a low and a high byte for each
 /// channel.
@@ -24,7 +24,7 @@ constexpr std::size_t kPlanes = 7;
 
 Bytes head_of(const std::string& key, const LightGrid& light) {
   Bytes head;
-  append_le(head, kMagic);
+  append_le(head, kCodeMagic);
   append_le(head, std::uint64_t{XXH3_64bits(key.data(), key.size())});
   for (const std::int32_t side : light.dims) append_le(head, static_cast<std::uint32_t>(side));
   for (int axis = 0; axis < 3; ++axis)
@@ -117,12 +117,12 @@ Bytes encode_light(const std::string& key, const LightGrid& light) {
 
 std::optional<LightGrid> decode_light(ByteSpan coded, const std::string& key, LightGrid plan) {
   const Bytes head = head_of(key, plan);
-  if (coded.size() < kHead || !std::equal(head.begin(), head.end(), coded.begin()))
+  if (coded.size() < kCodeHead || !std::equal(head.begin(), head.end(), coded.begin()))
     return std::nullopt;
   const std::size_t size = plan.size();
   Bytes planes(kPlanes * size);
-  const std::size_t read =
-      ZSTD_decompress(planes.data(), planes.size(), coded.data() + kHead, coded.size() - kHead);
+  const std::size_t read = ZSTD_decompress(planes.data(), planes.size(), coded.data() + kCodeHead,
+                                           coded.size() - kCodeHead);
   if (ZSTD_isError(read) || read != planes.size()) return std::nullopt;
   plan.nodes.assign(size, 0);
   const Predictor predictor(plan);

@@ -11,8 +11,6 @@
 namespace slf {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 /// Calls f with a null pointer to the type of the grid's voxels.
 template <class F>
 auto visit_type(ScalarType type, const F& f) {
@@ -102,7 +100,7 @@ inline float value_in(const RayGrid& grid, const Cell& cell) {
 
 glm::dvec3 uniform_direction(double u, double v) {
   const double z = 1 - 2 * u, r = std::sqrt(std::max(0.0, 1 - z * z));
-  return {r * std::cos(2 * kPi * v), r * std::sin(2 * kPi * v), z};
+  return {r * std::cos(2 * std::numbers::pi * v), r * std::sin(2 * std::numbers::pi * v), z};
 }
 
 glm::dvec3 cosine_direction(const glm::dvec3& normal, double u, double v) {
@@ -120,7 +118,8 @@ glm::vec3 albedo_of(const glm::vec3& color) {
 }
 
 double Matter::kernel(const glm::dvec3& direction) const {
-  return surface * std::max(0.0, glm::dot(normal, direction)) / kPi + (1 - surface) / (4 * kPi);
+  return surface * std::max(0.0, glm::dot(normal, direction)) / std::numbers::pi +
+         (1 - surface) / (4 * std::numbers::pi);
 }
 
 glm::dvec3 Matter::sample(double choice, double u, double v) const {

@@ -1,10 +1,10 @@
 #include "field/volume/content.h"
 
-#include <xxhash.h>
-
 #include <locale>
-#include <memory>
 #include <sstream>
+
+#include "base/bytes.h"
+#include "field/volume/content_hash.h"
 
 namespace slf {
 namespace {
@@ -24,20 +24,11 @@ std::string metadata_text(const Volume& v) {
 }  // namespace
 
 std::string content_hash(const Volume& volume) {
-  const std::unique_ptr<XXH3_state_t, XXH_errorcode (*)(XXH3_state_t*)> state(XXH3_createState(),
-                                                                              XXH3_freeState);
+  ContentHash hash;
   const std::string head = metadata_text(volume);
-  XXH3_128bits_reset(state.get());
-  XXH3_128bits_update(state.get(), head.data(), head.size());
-  XXH3_128bits_update(state.get(), volume.bytes().data(), volume.bytes().size());
-  XXH128_canonical_t canonical;
-  XXH128_canonicalFromHash(&canonical, XXH3_128bits_digest(state.get()));
-  std::string hash = "xxh3-128:";
-  for (const unsigned char byte : canonical.digest) {
-    hash += "0123456789abcdef"[byte >> 4];
-    hash += "0123456789abcdef"[byte & 15];
-  }
-  return hash;
+  hash.add(bytes_of(head));
+  hash.add(volume.bytes());
+  return hash.text();
 }
 
 }  // namespace slf

@@ -81,7 +81,6 @@ enum Tag : DicomTag {
   kFrameGroups = 0x52009230,
   kFloatPixels = 0x7fe00008,
   kDoublePixels = 0x7fe00009,
-  kPixelData = 0x7fe00010,
 };
 
 /// Text as UTF-8. Characters of sets other than Latin-1 and UTF-8 become '?'.

@@ -18,6 +18,7 @@ namespace slf::volume_io {
 
 /// Group << 16 | element.
 using DicomTag = std::uint32_t;
+inline constexpr DicomTag kPixelData = 0x7fe00010;
 
 /// The elements of a data set. Values view the bytes of the file, which must outlive them.
 struct DicomDataSet {

@@ -16,7 +16,7 @@ namespace slf::volume_io {
 
 namespace {
 
-constexpr std::size_t kChunk = std::size_t{1} << 18;
+constexpr std::size_t kInputChunk = std::size_t{1} << 18;
 
 }  // namespace
 
@@ -80,7 +80,7 @@ Result<ByteReader> ByteReader::open(const std::string& path, std::uint64_t offse
                 ": cannot be opened: ", std::strerror(errno));
   state->file.seekg(static_cast<std::streamoff>(offset));
   if (packed) {
-    state->chunk.resize(std::clamp<std::uint64_t>(size, 1, kChunk));
+    state->chunk.resize(std::clamp<std::uint64_t>(size, 1, kInputChunk));
     state->refill();
     const std::string_view head(reinterpret_cast<const char*>(state->in.data()), state->in.size());
     if (packing == Packing::none) packing = packing_of(head);

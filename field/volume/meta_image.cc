@@ -14,7 +14,7 @@ namespace slf::volume_io {
 
 namespace {
 
-struct Header {
+struct MetaHeader {
   std::map<std::string, std::string, std::less<>> fields;
   std::size_t bytes = 0;            // up to and including the last line, ElementDataFile
   std::vector<std::string> listed;  // the lines after `ElementDataFile = LIST`
@@ -27,8 +27,8 @@ struct Header {
   }
 };
 
-Result<Header> parse_lines(const std::string& path, std::string_view head) {
-  Header header;
+Result<MetaHeader> parse_meta_lines(const std::string& path, std::string_view head) {
+  MetaHeader header;
   for (int number = 1; header.bytes < head.size(); ++number) {
     const auto line = next_line(head, header.bytes);
     if (trim(line).empty()) continue;
@@ -67,7 +67,7 @@ Result<std::vector<double>> numbers(const std::string& path, std::string_view fi
   return result;
 }
 
-Result<bool> flag(const std::string& path, const Header& header,
+Result<bool> flag(const std::string& path, const MetaHeader& header,
                   const std::vector<std::string_view>& names, bool otherwise) {
   const auto* text = header.find(names);
   if (!text) return otherwise;
@@ -78,7 +78,7 @@ Result<bool> flag(const std::string& path, const Header& header,
               ", expected True or False");
 }
 
-Result<ScalarType> scalar_type(const std::string& path, const Header& header) {
+Result<ScalarType> scalar_type(const std::string& path, const MetaHeader& header) {
   const auto* text = header.find({"ElementType"});
   if (!text) return fail(ErrorCode::bad_file, path, ": the header has no 'ElementType' line");
   if (text->ends_with("_ARRAY"))
@@ -99,7 +99,7 @@ Result<ScalarType> scalar_type(const std::string& path, const Header& header) {
               ", expected MET_UCHAR, MET_SHORT, MET_FLOAT or the like");
 }
 
-Result<std::vector<std::uint64_t>> sizes_of(const std::string& path, const Header& header) {
+Result<std::vector<std::uint64_t>> sizes_of(const std::string& path, const MetaHeader& header) {
   const auto* rank_text = header.find({"NDims"});
   const auto* size_text = header.find({"DimSize"});
   if (!rank_text || !size_text)
@@ -123,7 +123,7 @@ Result<std::vector<std::uint64_t>> sizes_of(const std::string& path, const Heade
   return sizes;
 }
 
-Result<void> set_position(const Header& header, std::size_t rank, const VolumeOptions& options,
+Result<void> set_position(const MetaHeader& header, std::size_t rank, const VolumeOptions& options,
                           Volume& volume) {
   const std::string& path = volume.source;
   std::vector<double> spacing(rank, 1), origin(rank, 0), matrix(rank * rank, 0);
@@ -154,7 +154,7 @@ Result<void> set_position(const Header& header, std::size_t rank, const VolumeOp
   return place(options, volume);
 }
 
-Result<void> read_scale(const Header& header, Volume& volume) {
+Result<void> read_scale(const MetaHeader& header, Volume& volume) {
   struct Part {
     std::string_view name;
     double* to;
@@ -172,7 +172,7 @@ Result<void> read_scale(const Header& header, Volume& volume) {
 }
 
 /// The paths of several data files, in order: a list, or a pattern with numbers. Empty: one file.
-Result<std::vector<std::string>> data_files(const std::string& path, const Header& header,
+Result<std::vector<std::string>> data_files(const std::string& path, const MetaHeader& header,
                                             const std::vector<std::uint64_t>& sizes) {
   const std::string& text = *header.find({"ElementDataFile"});
   const auto parts = words(text);
@@ -219,7 +219,7 @@ Result<std::vector<std::string>> data_files(const std::string& path, const Heade
 }
 
 /// Finds the voxels.
-Result<VoxelData> locate(const Header& header, const Volume& volume,
+Result<VoxelData> locate(const MetaHeader& header, const Volume& volume,
                          const std::vector<std::uint64_t>& sizes) {
   const std::string& path = volume.source;
   const auto binary = flag(path, header, {"BinaryData"}, true);
@@ -272,7 +272,7 @@ bool looks_like_meta(std::string_view head) {
 
 Result<Volume> read_meta(const std::string& path, std::string_view head,
                          const VolumeOptions& options) {
-  const auto header = SLF_TRY(parse_lines(path, head));
+  const auto header = SLF_TRY(parse_meta_lines(path, head));
   Volume volume;
   volume.source = path;
   const auto* channels = header.find({"ElementNumberOfChannels"});

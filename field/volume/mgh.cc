@@ -11,7 +11,7 @@ namespace slf::volume_io {
 
 namespace {
 
-constexpr std::size_t kHeader = 90, kVoxels = 284;
+constexpr std::size_t kMghHeader = 90, kVoxels = 284;
 
 /// Types by their code.
 std::optional<ScalarType> scalar_type(std::int32_t code) {
@@ -68,7 +68,7 @@ Result<void> set_position(const Fields& header, const VolumeOptions& options, Vo
 
 // There is no magic but the version, 1. The type and the counts must make sense, too.
 bool looks_like_mgh(std::string_view head) {
-  if (head.size() < kHeader) return false;
+  if (head.size() < kMghHeader) return false;
   const Fields header{head, true};
   const auto type = header.get<std::int32_t>(20);
   const auto placed = header.get<std::int16_t>(28);

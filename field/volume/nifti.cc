@@ -23,7 +23,7 @@ namespace {
 constexpr std::size_t kHeader1 = 348;
 constexpr std::size_t kHeader2 = 540;
 
-struct Header {
+struct NiftiHeader {
   bool big_endian = false;
   bool single_file = true;
   std::array<std::int64_t, 8> dim{};
@@ -51,7 +51,7 @@ std::optional<bool> big_endian_of(std::string_view head, std::uint32_t size) {
 // Reads the header of either version: Real is its floating type, Extent that of its dims.
 template <class Real, class Extent, class Code>
 void fill(const Fields& from, std::size_t dim, std::size_t pixdim, std::size_t scale,
-          std::size_t codes, Header& to) {
+          std::size_t codes, NiftiHeader& to) {
   for (std::size_t i = 0; i < 8; ++i) {
     to.dim[i] = from.get<Extent>(dim + i * sizeof(Extent));
     to.pixdim[i] = from.get<Real>(pixdim + i * sizeof(Real));
@@ -88,7 +88,7 @@ bool looks_like_analyze(std::string_view head) {
 }
 
 /// Replaces what Analyze has in the place of NIfTI's fields for scale and position.
-void take_as_analyze(const Fields& from, Header& header) {
+void take_as_analyze(const Fields& from, NiftiHeader& header) {
   header.analyze = true;
   header.single_file = false;
   header.intercept = 0;
@@ -108,8 +108,8 @@ void take_as_analyze(const Fields& from, Header& header) {
   if (inside) header.spm_origin = origin;
 }
 
-Header parse(std::string_view head) {
-  Header header;
+NiftiHeader parse(std::string_view head) {
+  NiftiHeader header;
   if (const auto big = big_endian_of(head, kHeader1)) {
     const Fields from{head, *big};
     header.big_endian = *big;
@@ -196,7 +196,7 @@ struct Transform {
   glm::dvec3 origin{0.0};
 };
 
-Transform sform_of(const Header& header) {
+Transform sform_of(const NiftiHeader& header) {
   Transform t;
   for (int row = 0; row < 3; ++row) {
     for (int column = 0; column < 3; ++column)
@@ -208,7 +208,7 @@ Transform sform_of(const Header& header) {
 
 // nifti1.h, method 2: the quaternion (a,b,c,d), where a follows from the others. pixdim[0] is the
 // handedness.
-Transform qform_of(const Header& header) {
+Transform qform_of(const NiftiHeader& header) {
   double b = header.quaternion.x, c = header.quaternion.y, d = header.quaternion.z;
   double a = 1 - (b * b + c * c + d * d);
   if (a < 1e-7) {  // a turn by half a circle, rounded
@@ -271,7 +271,7 @@ std::string brief(double value) {
 // Chooses as nibabel, FSL and NiiVue do: the sform if its code is set, else the qform. With
 // neither, nibabel and SPM treat the grid as LAS with the world's origin at its centre. ITK prefers
 // the qform in some cases, and refuses shear, which our ray-caster supports.
-Result<void> set_position(Header header, const VolumeOptions& options, Volume& volume) {
+Result<void> set_position(NiftiHeader header, const VolumeOptions& options, Volume& volume) {
   const Transform sform = sform_of(header), qform = qform_of(header);
   constexpr int kMetre = 1, kMicron = 3;
   const int unit = header.units & 7;
@@ -349,7 +349,7 @@ bool is_header_of_pair(std::string_view head) {
 
 Result<Volume> read_nifti(const std::string& path, std::string_view head,
                           const VolumeOptions& options) {
-  const Header header = parse(head);
+  const NiftiHeader header = parse(head);
   Volume volume;
   volume.source = path;
   const std::int64_t rank = header.dim[0];

@@ -19,7 +19,7 @@ namespace {
 constexpr std::string_view kMagic{"\x93NUMPY"};
 constexpr std::size_t kMaxHeader = std::size_t{1} << 16;
 
-struct Header {
+struct NpyHeader {
   ScalarType type = ScalarType::u8;
   bool half = false;
   bool complex = false;
@@ -41,7 +41,7 @@ std::string_view value_of(std::string_view dictionary, std::string_view key) {
   return {};
 }
 
-Result<void> set_type(const std::string& path, std::string_view descr, Header& header) {
+Result<void> set_type(const std::string& path, std::string_view descr, NpyHeader& header) {
   std::string_view code = descr.substr(0, descr.find('}'));
   const auto unsupported = [&](std::string_view what) {
     return fail(ErrorCode::unsupported, path, ": an array of ", what, " (descr ", in_quotes(code),
@@ -78,8 +78,8 @@ Result<void> set_type(const std::string& path, std::string_view descr, Header& h
                                              : "another type");
 }
 
-Result<Header> parse(const std::string& path, std::string_view head) {
-  Header header;
+Result<NpyHeader> parse(const std::string& path, std::string_view head) {
+  NpyHeader header;
   const auto cut = [&] {
     return fail(ErrorCode::bad_file, path, ": its NumPy header ends early: it is truncated");
   };
@@ -134,7 +134,7 @@ void transpose(Volume& volume) {
   volume.dims = {nx, ny, nz};
 }
 
-Result<Volume> read_array(const Header& header, VoxelData data, const VolumeOptions& options) {
+Result<Volume> read_array(const NpyHeader& header, VoxelData data, const VolumeOptions& options) {
   const std::string& path = data.path;
   std::vector<std::uint64_t> space = header.shape;
   std::uint64_t colours = 1, times = 1;
@@ -204,7 +204,7 @@ Result<Volume> read_npz(const std::string& path, const VolumeOptions& options) {
   std::string arrays;
   std::size_t volumes = 0;
   std::optional<Error> problem;
-  Header header;
+  NpyHeader header;
   VoxelData data;
   for (const auto& member : members) {
     if (!member.name.ends_with(".npy")) continue;

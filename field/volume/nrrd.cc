@@ -27,14 +27,14 @@ struct Axis {
 
 using FieldMap = std::map<std::string, std::string, std::less<>>;
 
-struct Header {
+struct NrrdHeader {
   FieldMap fields;
   std::size_t bytes = 0;           // up to and including the blank line
   std::vector<std::string> names;  // the lines after `data file: LIST`
 };
 
-Result<Header> parse_lines(const std::string& path, std::string_view head) {
-  Header header;
+Result<NrrdHeader> parse_nrrd_lines(const std::string& path, std::string_view head) {
+  NrrdHeader header;
   std::size_t at = std::min(head.find('\n'), head.size() - 1) + 1;  // after the magic
   for (int number = 2; at < head.size(); ++number) {
     const auto line = next_line(head, at);
@@ -395,7 +395,7 @@ Result<bool> parse_big_endian(const std::string& path, const FieldMap& fields, S
 
 /// The paths of several data files, in order: `LIST [SUBDIM]`, or `PATTERN MIN MAX STEP [SUBDIM]`.
 /// Empty: one file.
-Result<std::vector<std::string>> data_files(const std::string& path, const Header& header,
+Result<std::vector<std::string>> data_files(const std::string& path, const NrrdHeader& header,
                                             const std::string& text,
                                             const std::vector<Axis>& axes) {
   const auto parts = words(text);
@@ -435,7 +435,7 @@ Result<std::vector<std::string>> data_files(const std::string& path, const Heade
 }
 
 /// Finds the voxels. `axes`: all of them, as in the header.
-Result<void> locate(const std::string& path, const Header& header, ScalarType type,
+Result<void> locate(const std::string& path, const NrrdHeader& header, ScalarType type,
                     const std::vector<Axis>& axes, VoxelData& data) {
   const auto& fields = header.fields;
   data.path = path;
@@ -467,7 +467,7 @@ Result<void> locate(const std::string& path, const Header& header, ScalarType ty
 
 Result<Volume> read_nrrd(const std::string& path, std::string_view head,
                          const VolumeOptions& options) {
-  const auto header = SLF_TRY(parse_lines(path, head));
+  const auto header = SLF_TRY(parse_nrrd_lines(path, head));
   const FieldMap& fields = header.fields;
   Volume volume;
   volume.source = path;

@@ -22,7 +22,7 @@ namespace slf::volume_io {
 namespace {
 
 // The most that deflate can expand, from its format: 258 bytes for two one-bit codes.
-constexpr std::uint64_t kMaxExpansion = 1032;
+constexpr std::uint64_t kDeflateExpansion = 1032;
 constexpr std::uint64_t kSmallVolume = std::uint64_t{4} << 30;
 constexpr std::uint64_t kMaxDictionary = std::uint64_t{256} << 20;
 constexpr std::size_t kMaxStep = std::size_t{1} << 30;  // lengths of zlib and bzip2 have 32 bits
@@ -214,7 +214,7 @@ const char* name(Packing packing) {
 
 std::uint64_t max_unpacked(Packing packing, std::uint64_t packed) {
   std::uint64_t most = 0;
-  if (__builtin_mul_overflow(packed, kMaxExpansion, &most))
+  if (__builtin_mul_overflow(packed, kDeflateExpansion, &most))
     most = std::numeric_limits<std::uint64_t>::max();
   const bool expands_far =
       packing == Packing::bzip2 || packing == Packing::xz || packing == Packing::zstd;

@@ -83,9 +83,9 @@ class TextFile {
   std::array<char, 64> word_{};
 };
 
-class Parser {
+class VtkParser {
  public:
-  Parser(const std::string& path, std::uint64_t size) : path_(path), size_(size), file_(path) {}
+  VtkParser(const std::string& path, std::uint64_t size) : path_(path), size_(size), file_(path) {}
 
   Result<Document> parse() {
     file_.line();
@@ -310,7 +310,7 @@ bool looks_like_vtk(std::string_view head) {
 
 Result<Volume> read_vtk(const std::string& path, const VolumeOptions& options) {
   const auto size = SLF_TRY(file_size(path));
-  const auto document = SLF_TRY(Parser(path, size).parse());
+  const auto document = SLF_TRY(VtkParser(path, size).parse());
   if (document.arrays.empty())
     return fail(ErrorCode::bad_file, path, ": it holds no array of points or cells");
   std::string names;

@@ -9,7 +9,7 @@
 namespace slf {
 namespace {
 
-Bytes bytes(std::initializer_list<int> values) {
+Bytes literal(std::initializer_list<int> values) {
   Bytes all;
   for (const int value : values) all.push_back(static_cast<std::byte>(value));
   return all;
@@ -28,12 +28,12 @@ void expect_refused(const Bytes& input) {
 }
 
 TEST(Varint, HasSevenBitsPerByteLeastSignificantFirst) {
-  EXPECT_EQ(encoded(0), bytes({0}));
-  EXPECT_EQ(encoded(127), bytes({127}));
-  EXPECT_EQ(encoded(128), bytes({0x80, 1}));
-  EXPECT_EQ(encoded(300), bytes({0xAC, 2}));
+  EXPECT_EQ(encoded(0), literal({0}));
+  EXPECT_EQ(encoded(127), literal({127}));
+  EXPECT_EQ(encoded(128), literal({0x80, 1}));
+  EXPECT_EQ(encoded(300), literal({0xAC, 2}));
   EXPECT_EQ(encoded(~std::uint64_t{0}),
-            bytes({0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 1}));
+            literal({0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 1}));
 }
 
 RC_GTEST_PROP(Varint, ReadsWhatWasAppendedAndNothingAfterIt,
@@ -56,14 +56,14 @@ TEST(Varint, RefusesEveryTruncation) {
 }
 
 TEST(Varint, RefusesMoreBytesThanNeeded) {
-  expect_refused(bytes({0x80, 0}));
-  expect_refused(bytes({0xFF, 0x80, 0}));
-  expect_refused(bytes({0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0}));
+  expect_refused(literal({0x80, 0}));
+  expect_refused(literal({0xFF, 0x80, 0}));
+  expect_refused(literal({0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0}));
 }
 
 TEST(Varint, RefusesMoreThan64Bits) {
-  expect_refused(bytes({0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 2}));
-  expect_refused(bytes({0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x81, 0}));
+  expect_refused(literal({0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 2}));
+  expect_refused(literal({0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x81, 0}));
   expect_refused(Bytes(1000, std::byte{0xFF}));
 }
 

@@ -6,14 +6,13 @@
 namespace slf {
 namespace {
 
+using testing::kGoldenField;
 using testing::Outcome;
 using testing::read_text;
 using testing::slf;
 using testing::Workplace;
 
 using Arguments = std::vector<std::string>;
-
-const std::string kField = std::string(SLF_TEST_DATA) + "/golden/zstd.slf";
 
 /// A usage error that says all of this, and writes nothing.
 void expect_refused(Arguments arguments, const Arguments& parts) {
@@ -29,7 +28,7 @@ void expect_refused(Arguments arguments, const Arguments& parts) {
 }
 
 Arguments render(const Arguments& more, const std::string& output = "OUT.png") {
-  Arguments all{"render", kField, "-o", output};
+  Arguments all{"render", kGoldenField, "-o", output};
   all.insert(all.end(), more.begin(), more.end());
   return all;
 }
@@ -40,7 +39,8 @@ TEST(Refused, CamerasThatSeeNothing) {
   expect_refused(render({"--fov", "nan"}), {"--fov", "nan", "below 180"});
   expect_refused(render({"--orbit", "0,0,-3"}), {"--orbit", "-3", "a distance above 0"});
   expect_refused(render({"--orbit", "0,0,0"}), {"--orbit", "a distance above 0"});
-  expect_refused({"play", kField, "--orbit", "0,0,-3"}, {"--orbit", "-3", "a distance above 0"});
+  expect_refused({"play", kGoldenField, "--orbit", "0,0,-3"},
+                 {"--orbit", "-3", "a distance above 0"});
   expect_refused(render({"--eye", "500,0,0", "--orbit", "0,0,3"}), {"--eye", "--orbit"});
   expect_refused(render({"--eye", "0,0,500", "--up", "0,0,1"}), {"up", "--up"});
 }
@@ -64,9 +64,9 @@ TEST(Refused, ValuesOutOfRange) {
 TEST(Refused, NumbersWithoutBounds) {
   const Arguments build{"build", "scene:balls", "-o", "OUT.slf"};
   const Arguments raycast{"raycast", "scene:balls", "-o", "OUT.png"};
-  const Arguments play{"play", kField}, measure{"measure", kField};
-  const Arguments evaluate{"evaluate", kField, "--volume", "scene:balls"};
-  const Arguments compare{"compare", "a.png", "b.png"}, diff{"diff", kField, kField};
+  const Arguments play{"play", kGoldenField}, measure{"measure", kGoldenField};
+  const Arguments evaluate{"evaluate", kGoldenField, "--volume", "scene:balls"};
+  const Arguments compare{"compare", "a.png", "b.png"}, diff{"diff", kGoldenField, kGoldenField};
   const struct {
     Arguments command;
     std::string option, before, after;  // the number is between two others
@@ -116,9 +116,9 @@ TEST(Refused, NumbersWithoutBounds) {
                                    play,
                                    measure,
                                    diff,
-                                   {"verify", kField},
-                                   {"merge", kField, "-o", "OUT.slf"},
-                                   {"repack", kField, "-o", "OUT.slf"}}) {
+                                   {"verify", kGoldenField},
+                                   {"merge", kGoldenField, "-o", "OUT.slf"},
+                                   {"repack", kGoldenField, "-o", "OUT.slf"}}) {
     Arguments all = command;
     all.insert(all.end(), {"--threads", "100000"});
     expect_refused(all, {"--threads", "100000", "0 to 1024"});
@@ -156,9 +156,9 @@ TEST(Refused, FilesWithoutAnEnd) {
 TEST(Sizes, HaveFractionsAndUnitsOfAnyCase) {
   for (const char* size : {"1.5GiB", "1.5g", "0.25 gb", "5e8", "300000k"}) {
     const Workplace place;
-    EXPECT_EQ(
-        slf({"render", kField, "-o", place / "o.png", "--size", "8", "--memory", size}).exit_code,
-        0)
+    EXPECT_EQ(slf({"render", kGoldenField, "-o", place / "o.png", "--size", "8", "--memory", size})
+                  .exit_code,
+              0)
         << size;
   }
 }
@@ -166,7 +166,7 @@ TEST(Sizes, HaveFractionsAndUnitsOfAnyCase) {
 TEST(Refused, OutputsThatCannotHoldWhatIsAskedFor) {
   expect_refused(render({"--transparent"}, "OUT.jpg"), {"--transparent", ".jpg", ".png"});
   expect_refused(render({"--transparent"}, "OUT.jpeg"), {"--transparent", ".jpeg", ".png"});
-  expect_refused({"play", kField, "--preview", "OUT.gif"}, {"--preview", "out.gif", ".webp"});
+  expect_refused({"play", kGoldenField, "--preview", "OUT.gif"}, {"--preview", "out.gif", ".webp"});
 }
 
 TEST(Refused, ASphereThatMissesEverything) {
@@ -211,16 +211,16 @@ TEST(Help, SuggestsTheNearestName) {
 }
 
 TEST(OtherVolumes, AreWarnedOf) {
-  const Outcome same = slf(
-      {"evaluate", kField, "--volume", "scene:balls", "--views", "1", "--size", "16", "--json"});
+  const Outcome same = slf({"evaluate", kGoldenField, "--volume", "scene:balls", "--views", "1",
+                            "--size", "16", "--json"});
   EXPECT_EQ(same.exit_code, 0) << same.err;
   EXPECT_EQ(same.json()["same_source"], true);
   EXPECT_EQ(same.err, "");
-  const Outcome other = slf({"-q", "evaluate", kField, "--volume", "scene:globe", "--views", "1",
-                             "--size", "16", "--json"});
+  const Outcome other = slf({"-q", "evaluate", kGoldenField, "--volume", "scene:globe", "--views",
+                             "1", "--size", "16", "--json"});
   EXPECT_EQ(other.exit_code, 0) << other.err;
   EXPECT_EQ(other.json()["same_source"], false);
-  EXPECT_NE(other.err.find("warning: " + kField), std::string::npos) << other.err;
+  EXPECT_NE(other.err.find("warning: " + kGoldenField), std::string::npos) << other.err;
 }
 
 }  // namespace

@@ -19,10 +19,8 @@
 
 namespace slf::testing {
 
-inline std::string read_text(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
+/// A small field.
+inline const std::string kGoldenField = std::string(SLF_TEST_DATA) + "/golden/zstd.slf";
 
 /// The folder of one test, on a disk, in which commands run.
 struct Workplace : TemporaryFolder {

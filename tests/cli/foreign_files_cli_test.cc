@@ -13,13 +13,10 @@ using testing::Outcome;
 using testing::read_text;
 using testing::slf;
 using testing::Workplace;
+using testing::write_text;
 using Arguments = std::vector<std::string>;
 
 constexpr const char* kPrecious = "precious\n";
-
-void write(const std::string& path, const std::string& text) {
-  std::ofstream(path, std::ios::binary | std::ios::trunc) << text;
-}
 
 Arguments joined(Arguments all, const Arguments& more) {
   all.insert(all.end(), more.begin(), more.end());
@@ -33,7 +30,7 @@ class ForeignFiles : public ::testing::Test {
     std::string voxels;
     for (int k = 0; k < 12 * 12 * 12; ++k)
       voxels += static_cast<char>(std::abs(k % 12 - 6) + std::abs(k / 12 % 12 - 6) < 5 ? 200 : 1);
-    write(place / "scan.raw", voxels);
+    write_text(place / "scan.raw", voxels);
     EXPECT_EQ(slf({"transfer", "ct-bone", "-o", place / "t.json"}).exit_code, 0);
     EXPECT_EQ(slf(build("scene:balls", "a.slf")).exit_code, 0);
     for (const char* picture : {"a.png", "b.png"})
@@ -145,7 +142,7 @@ TEST_F(ForeignFiles, OnlyALightVolumeIsReplacedByOne) {
 }
 
 TEST_F(ForeignFiles, ABuildLeavesFilesNamedLikeItsLightAlone) {
-  write(place / "n.slf.light", kPrecious);
+  write_text(place / "n.slf.light", kPrecious);
   EXPECT_EQ(slf(build("scene:balls", "n.slf")).exit_code, 0);
   EXPECT_EQ(slf(lit("n.slf", {"-f"})).exit_code, 0);
   EXPECT_EQ(read_text(place / "n.slf.light"), kPrecious);
@@ -179,7 +176,7 @@ TEST_F(ForeignFiles, NamesThatSlfChoosesItselfAreNotTakenFromOthers) {
     for (const Arguments& command : commands) {
       SCOPED_TRACE(name + ": " + command.front());
       fs::create_directories(fs::path(place / name).parent_path());
-      write(place / name, kPrecious);
+      write_text(place / name, kPrecious);
       const Outcome outcome = slf(command);
       EXPECT_EQ(outcome.signal, 0);
       EXPECT_EQ(read_text(place / name), kPrecious) << outcome.err;
@@ -214,7 +211,7 @@ TEST_F(ForeignFiles, AFixLocksNoFileOfSomebody) {
   ASSERT_NE(at, 0u);
   field.seekp(static_cast<std::streamoff>(at)).put(static_cast<char>(text[at] ^ 1));
   field.close();
-  write(place / "a.slf-lock", kPrecious);
+  write_text(place / "a.slf-lock", kPrecious);
   EXPECT_OUTCOME(slf({"verify", "--fix", place / "a.slf"}), 1, "is not a lock file of LMDB");
   EXPECT_EQ(read_text(place / "a.slf-lock"), kPrecious);
   fs::remove(place / "a.slf-lock");

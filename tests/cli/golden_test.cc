@@ -23,6 +23,7 @@ namespace {
 using testing::read_text;
 using testing::slf;
 using testing::Workplace;
+using testing::write_text;
 
 std::string golden(const std::string& name) {
   return std::string(SLF_TEST_DATA) + "/golden/" + name;
@@ -69,10 +70,6 @@ const Bad kBad[] = {
 
 // ---- writing them ----------------------------------------------------------------------------
 
-void write(const std::string& path, const std::string& bytes) {
-  std::ofstream(path, std::ios::binary | std::ios::trunc) << bytes;
-}
-
 BuildOptions options_for(const std::string& name) {
   auto options = testing::lossless_options(1, 3, 1);
   options.codec = name == "jpeg" ? "jpeg:80" : name == "example" ? "raw" : "zstd:9";
@@ -104,7 +101,7 @@ void write_good(const std::string& name) {
   if (name == "subfields") options.subfields = {24, 25, 26, 27, 28, 29, 30, 31};
   const auto done = repack_field(*field, golden(name + ".slf"), options);
   ASSERT_TRUE(done) << done.error().message;
-  write(golden(name + ".json"), info_of(golden(name + ".slf")).dump(1) + "\n");
+  write_text(golden(name + ".json"), info_of(golden(name + ".slf")).dump(1) + "\n");
   ASSERT_EQ(slf(view_of(golden(name + ".slf"), golden(name + ".png"))).exit_code, 0);
 }
 
@@ -122,14 +119,14 @@ void write_container(const std::string& path, const nlohmann::json& manifest) {
 
 void write_bad() {
   const std::string bytes = read_text(golden("example.slf"));
-  write(golden("truncated.slf"), bytes.substr(0, bytes.size() / 2));
-  write(golden("not_a_container.slf"), "Sphere light field? No: text.\n");
+  write_text(golden("truncated.slf"), bytes.substr(0, bytes.size() / 2));
+  write_text(golden("not_a_container.slf"), "Sphere light field? No: text.\n");
   const auto field = Field::open(golden("example.slf"));
   const auto tile = field->file().store().find({0, 28});
   ASSERT_EQ(tile->state, storage::TileState::stored);
   std::string flipped = bytes;
   flipped[field->file().store().range(*tile).begin + 5] ^= 1;
-  write(golden("flipped_tile.slf"), flipped);
+  write_text(golden("flipped_tile.slf"), flipped);
   nlohmann::json json = field->file().manifest().to_json();
   write_container(golden("incomplete.slf"), json);
   write_container(golden("not_a_field.slf"), nullptr);

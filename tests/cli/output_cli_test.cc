@@ -21,6 +21,7 @@ using testing::Outcome;
 using testing::read_text;
 using testing::slf;
 using testing::Workplace;
+using testing::write_text;
 using Arguments = std::vector<std::string>;
 using Names = std::vector<std::string>;
 
@@ -37,10 +38,6 @@ std::string nrrd(double middle, const std::string& header = "") {
         text += static_cast<char>(r < 4 ? 200 : 1);
       }
   return text;
-}
-
-void write(const std::string& path, const std::string& text) {
-  std::ofstream(path, std::ios::binary | std::ios::trunc) << text;
 }
 
 /// A build of small tiles; options in `more` replace those that are here.
@@ -150,13 +147,13 @@ TEST(Outputs, AnExportThatFailsLeavesNothingInTheWay) {
   const std::string alive = site + "/field.slf." + std::to_string(getpid()) + "-0.tmp";
   const std::string foreign = site + "/field.slf." + std::to_string(child) + "-0.tmp.bak";
   for (const auto& kept : {alive, foreign}) {
-    write(kept, "x");
-    write(dead, "x");
+    write_text(kept, "x");
+    write_text(dead, "x");
     EXPECT_OUTCOME(slf(command), 1, "is not empty");
     EXPECT_TRUE(fs::remove(kept));
     EXPECT_TRUE(fs::is_empty(site));
   }
-  write(dead, "x");
+  write_text(dead, "x");
   EXPECT_OUTCOME(slf(command), 0, "");
   EXPECT_FALSE(fs::exists(dead));
 }
@@ -178,10 +175,10 @@ TEST(Outputs, AFullDiskIsNamed) {
 
 TEST(Outputs, NoInputIsWrittenOver) {
   Workplace place;
-  write(place / "scan.nrrd", nrrd(5.5));
-  write(place / "scan.nhdr", nrrd(5.5, "data file: scan.raw\n"));
+  write_text(place / "scan.nrrd", nrrd(5.5));
+  write_text(place / "scan.nhdr", nrrd(5.5, "data file: scan.raw\n"));
   const std::string voxels = nrrd(5.5).substr(nrrd(5.5).find("\n\n") + 2);
-  write(place / "scan.raw", voxels);
+  write_text(place / "scan.raw", voxels);
   fs::create_symlink("scan.nrrd", place / "soft.nrrd");
   fs::create_hard_link(place / "scan.nrrd", place / "hard.nrrd");
   fs::copy(SLF_TEST_DATA "/../../scripts/data/brain.json", place / "transfer.json");
@@ -215,20 +212,20 @@ TEST(Outputs, ASourceIsItsContent) {
     return slf(build(input, field, {"--exit", "16", "--codec", "raw"}),
                "cd " + testing::shell_quoted(place.path()) + ";" + limit);
   };
-  write(place / "va.nrrd", nrrd(5.5));
+  write_text(place / "va.nrrd", nrrd(5.5));
   const Outcome full = run("va.nrrd", "trap '' XFSZ; ulimit -f 400;");  // stopped half way
   ASSERT_EQ(full.exit_code, 2) << full.err;
 
   // Another volume under the same name, alike in all but where its voxels lie.
-  write(place / "va.nrrd", nrrd(4.5));
+  write_text(place / "va.nrrd", nrrd(4.5));
   EXPECT_OUTCOME(run("va.nrrd"), 1, "voxels");
   // The same volume, under another name.
-  write(place / "va.nrrd", nrrd(5.5));
+  write_text(place / "va.nrrd", nrrd(5.5));
   EXPECT_OUTCOME(run("./va.nrrd"), 0, "resumed");
   EXPECT_OUTCOME(slf({"verify", field}), 0, "");
   EXPECT_OUTCOME(run("va.nrrd"), 0, "nothing is left");
   // And against a field that is complete.
-  write(place / "va.nrrd", nrrd(4.5));
+  write_text(place / "va.nrrd", nrrd(4.5));
   EXPECT_OUTCOME(run("va.nrrd"), 1, "voxels");
 }
 

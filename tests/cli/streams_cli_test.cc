@@ -12,13 +12,12 @@ extern char** environ;
 namespace slf {
 namespace {
 
+using testing::kGoldenField;
 using testing::Outcome;
 using testing::read_text;
 using testing::shell_quoted;
 using testing::slf;
 using testing::Workplace;
-
-const std::string kField = std::string(SLF_TEST_DATA) + "/golden/zstd.slf";
 
 /// Runs a line of sh in which $SLF is the command.
 Outcome shell(const std::string& line) {
@@ -68,8 +67,9 @@ TEST(Streams, AnUnwritableStderrStopsNothing) {
 
 TEST(Streams, AnUnwritableStdoutIsAnErrorOfInputAndOutput) {
   for (const std::string broken : {">/dev/full", ">&-"})
-    for (const std::string& command : {"info " + shell_quoted(kField) + " --json",
-                                       std::string("--help"), "verify " + shell_quoted(kField)}) {
+    for (const std::string& command :
+         {"info " + shell_quoted(kGoldenField) + " --json", std::string("--help"),
+          "verify " + shell_quoted(kGoldenField)}) {
       const Outcome outcome = shell("\"$SLF\" " + command + " " + broken);
       EXPECT_EQ(outcome.exit_code, 2) << command << broken;
       EXPECT_NE(outcome.err.find("stdout: cannot write"), std::string::npos) << outcome.err;

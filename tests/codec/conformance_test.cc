@@ -35,7 +35,7 @@ Result<Bytes> decode_exactly(const Codec& codec, const Tile& tile, ByteSpan payl
   return Bytes(samples.get(), samples.get() + tile.bytes());
 }
 
-class Conformance : public testing::TestWithParam<Parameter> {
+class Conformance : public ::testing::TestWithParam<Parameter> {
  protected:
   void SetUp() override {
     auto made = make_codec(spec(), format());
@@ -58,7 +58,7 @@ class Conformance : public testing::TestWithParam<Parameter> {
 TEST_P(Conformance, RoundTripsEveryShapeAndContent) {
   for (const Shape& shape : kShapes)
     for (const Content content : kAllContents) {
-      SCOPED_TRACE(testing::Message()
+      SCOPED_TRACE(::testing::Message()
                    << shape.rows << " rows of side " << shape.side << ", " << name(content));
       const SampleTile sample = make_tile(format(), shape.rows, shape.side, content);
       const Result<Bytes> back = decode_exactly(*codec_, sample.tile, encode(sample));
@@ -121,7 +121,7 @@ TEST_P(Conformance, IsTheSameOnEveryThread) {
         (void)codec_->encode(sample.tile, sample.samples, payload);
       });
   }
-  EXPECT_THAT(payloads, testing::Each(expected));
+  EXPECT_THAT(payloads, ::testing::Each(expected));
 }
 
 TEST_P(Conformance, SpecAndTablesMakeTheSameCodec) {
@@ -264,20 +264,20 @@ TEST_P(Conformance, InPlaceMeansThePayloadIsTheSamples) {
   }
 }
 
-std::string test_name(const testing::TestParamInfo<Parameter>& info) {
+std::string test_name(const ::testing::TestParamInfo<Parameter>& info) {
   std::string text = std::get<0>(info.param) + "_" + name(std::get<1>(info.param));
   std::ranges::replace(text, ':', '_');
   return text;
 }
 
 INSTANTIATE_TEST_SUITE_P(Lossless, Conformance,
-                         testing::Combine(testing::Values("raw", "zstd", "zstd:1", "zstd:19"),
-                                          testing::ValuesIn(kAllFormats)),
+                         ::testing::Combine(::testing::Values("raw", "zstd", "zstd:1", "zstd:19"),
+                                            ::testing::ValuesIn(kAllFormats)),
                          test_name);
 INSTANTIATE_TEST_SUITE_P(Lossy, Conformance,
-                         testing::Combine(testing::Values("jpeg:75", "jpeg:95:444", "jpeg:100"),
-                                          testing::Values(SampleFormat::rgba8,
-                                                          SampleFormat::rgba8_depth8)),
+                         ::testing::Combine(::testing::Values("jpeg:75", "jpeg:95:444", "jpeg:100"),
+                                            ::testing::Values(SampleFormat::rgba8,
+                                                              SampleFormat::rgba8_depth8)),
                          test_name);
 
 }  // namespace

@@ -34,9 +34,9 @@ constexpr Case kCases[] = {{"raw", SampleFormat::rgba8_depth8, Content::smooth},
                            {"jpeg:90:444", SampleFormat::rgba8, Content::disc},
                            {"jpeg:75", SampleFormat::rgba8_depth8, Content::disc}};
 
-class Golden : public testing::TestWithParam<Case> {};
+class Golden : public ::testing::TestWithParam<Case> {};
 
-std::string test_name(const testing::TestParamInfo<Case>& info) {
+std::string golden_name(const ::testing::TestParamInfo<Case>& info) {
   std::string text =
       std::string(info.param.spec) + "_" + name(info.param.format) + "_" + name(info.param.content);
   std::ranges::replace(text, ':', '_');
@@ -60,7 +60,7 @@ TEST_P(Golden, TilesEncodeAndDecodeAsEver) {
   ASSERT_TRUE((*codec)->decode(sample.tile, payload, decoded));
 
   const std::string base = std::string(SLF_TEST_DATA) + "/codec/" +
-                           test_name(testing::TestParamInfo<Case>(GetParam(), 0));
+                           golden_name(::testing::TestParamInfo<Case>(GetParam(), 0));
   if (std::getenv("SLF_WRITE_GOLDEN")) {
     std::ofstream(base + ".payload", std::ios::binary)
         .write(reinterpret_cast<const char*>(payload.data()),
@@ -79,7 +79,7 @@ TEST_P(Golden, TilesEncodeAndDecodeAsEver) {
   EXPECT_EQ(from_golden, read(base + ".samples"));
 }
 
-INSTANTIATE_TEST_SUITE_P(AllCodecs, Golden, testing::ValuesIn(kCases), test_name);
+INSTANTIATE_TEST_SUITE_P(AllCodecs, Golden, ::testing::ValuesIn(kCases), golden_name);
 
 }  // namespace
 }  // namespace slf::codec

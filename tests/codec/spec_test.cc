@@ -28,7 +28,7 @@ TEST(Spec, RefusesWhatItDoesNotKnow) {
     const auto made = make_codec(spec, SampleFormat::rgba8);
     ASSERT_FALSE(made) << spec;
     EXPECT_EQ(made.error().code, ErrorCode::usage) << spec;
-    EXPECT_THAT(made.error().message, testing::HasSubstr("jpeg[:QUALITY")) << spec;
+    EXPECT_THAT(made.error().message, ::testing::HasSubstr("jpeg[:QUALITY")) << spec;
   }
 }
 
@@ -37,7 +37,7 @@ TEST(Spec, JpegCannotHoldHalves) {
     const auto made = make_codec("jpeg:75", format);
     ASSERT_FALSE(made);
     EXPECT_EQ(made.error().code, ErrorCode::unsupported);
-    EXPECT_THAT(made.error().message, testing::HasSubstr("zstd"));
+    EXPECT_THAT(made.error().message, ::testing::HasSubstr("zstd"));
   }
 }
 
@@ -46,7 +46,7 @@ TEST(Spec, PredictiveNeedsDepth) {
     const auto made = make_codec("predictive:90", format);
     ASSERT_FALSE(made);
     EXPECT_EQ(made.error().code, ErrorCode::unsupported);
-    EXPECT_THAT(made.error().message, testing::HasSubstr("needs depths"));
+    EXPECT_THAT(made.error().message, ::testing::HasSubstr("needs depths"));
   }
 }
 

@@ -20,7 +20,7 @@ using ::testing::SizeIs;
 
 constexpr std::uint32_t kSeriesUid = 0x0020000e, kSeriesNumber = 0x00200011, kInstance = 0x00200013,
                         kPosition = 0x00200032, kOrientation = 0x00200037,
-                        kInstanceUid = 0x00080018, kRows = 0x00280010, kPixels = 0x7fe00010;
+                        kInstanceUid = 0x00080018, kRows = 0x00280010, kSlicePixels = 0x7fe00010;
 const std::string kImplicit = "1.2.840.10008.1.2", kBigEndian = "1.2.840.10008.1.2.2";
 
 std::string file_name(int k) { return "IM" + std::to_string(k) + ".dcm"; }
@@ -231,7 +231,7 @@ TEST(DicomFolders, DuplicatesAreNamed) {
               ElementsAre(AllOf(HasSubstr("IM2_copy.dcm, a duplicate of "), HasSubstr("IM2.dcm"))));
   // Other pixels at the same place: which of them is meant is not known.
   auto other = small_slice(2);
-  other[kPixels].numbers[0] = 7;
+  other[kSlicePixels].numbers[0] = 7;
   folder.write("IM2_copy.dcm", write_dicom(other));
   expect_error(folder.path(), ErrorCode::unsupported, "IM2_copy.dcm and ");
   expect_error(folder.path(), ErrorCode::unsupported, "IM2.dcm lie at the same place");

@@ -22,7 +22,7 @@ namespace {
 
 using Imath::Box2i;
 using Imath::V2i;
-using testing::HasSubstr;
+using ::testing::HasSubstr;
 
 Image noise(std::uint32_t width, std::uint32_t height) {
   std::mt19937 random(1);
@@ -59,7 +59,7 @@ Bytes write_exr(ExrSource source) {
     buffer.insert(name, Imf::Slice::Make(source.type, plane.data(), window, size, size * width));
   }
 
-  const std::string path = testing::TempDir() + "/slf-exr-" + std::to_string(::getpid());
+  const std::string path = ::testing::TempDir() + "/slf-exr-" + std::to_string(::getpid());
   if (source.header.hasTileDescription()) {
     Imf::TiledOutputFile file(path.c_str(), source.header);
     file.setFrameBuffer(buffer);
@@ -81,7 +81,7 @@ TEST(DecodeExr, HalfWithoutAlphaIsOpaque) {
       decode("x", write_exr({Imf::Header(5, 3), {{"R", 0.5F}, {"G", 0.25F}, {"B", 2}}}));
   ASSERT_TRUE(image) << image.error().message;
   EXPECT_EQ(image->width, 5u);
-  EXPECT_THAT(image->rgba, testing::Each(glm::vec4(0.5F, 0.25F, 2, 1)));
+  EXPECT_THAT(image->rgba, ::testing::Each(glm::vec4(0.5F, 0.25F, 2, 1)));
   EXPECT_TRUE(image->depth.empty());
 }
 
@@ -97,8 +97,8 @@ TEST(DecodeExr, TiledWithDepthReadsLikeScanLines) {
   source.header.setTileDescription(Imf::TileDescription(16, 8));
   const auto image = decode("x", write_exr(source));
   ASSERT_TRUE(image) << image.error().message;
-  EXPECT_THAT(image->rgba, testing::Each(glm::vec4(1, 0, 0, 1)));
-  EXPECT_THAT(image->depth, testing::Each(7));
+  EXPECT_THAT(image->rgba, ::testing::Each(glm::vec4(1, 0, 0, 1)));
+  EXPECT_THAT(image->depth, ::testing::Each(7));
 }
 
 TEST(DecodeExr, DataOutsideTheDisplayWindowIsCutAndTheRestIsClear) {

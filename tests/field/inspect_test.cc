@@ -71,7 +71,7 @@ TEST_F(Inspect, ListsEveryTileWithItsPayload) {
   const auto expected = all_tiles(*field_);
   const auto listed = list(*field_);
   ASSERT_EQ(listed.size(), expected.size());
-  const std::string file = testing::file_text(field_->path());
+  const std::string file = testing::read_text(field_->path());
   auto at = expected.begin();
   for (const ListedTile& tile : listed) {
     const auto& [place, payload] = *at++;

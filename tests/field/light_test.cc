@@ -25,7 +25,6 @@
 namespace slf {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 constexpr double kForever = std::numeric_limits<double>::infinity();
 
 /// A volume of bytes; one voxel is one world unit.
@@ -141,12 +140,12 @@ TEST(Light, FogReturnsNoMorePowerThanItGets) {
   constexpr int kRays = 60000;
   int caught = 0;
   for (int k = 0; k < kRays; ++k) {
-    const double r = s.radius * std::sqrt(random()), a = 2 * kPi * random();
+    const double r = s.radius * std::sqrt(random()), a = 2 * std::numbers::pi * random();
     const glm::dvec3 at = s.center + glm::dvec3(r * std::cos(a), r * std::sin(a), s.radius);
     const glm::dvec3 index = (*scene)->grid.world_to_index * (at - (*scene)->grid.origin);
     caught += medium.fly(index, medium.per_world({0, 0, -1}), kForever, random).has_value();
   }
-  const double in = kPi * (kPi * s.radius * s.radius) * caught / kRays;
+  const double in = std::numbers::pi * (std::numbers::pi * s.radius * s.radius) * caught / kRays;
   // Out: lines through the sphere, uniform in direction and in the plane across it.
   const auto tracer = PathTracer::make(round, t, lit(sun({0, 0, 1})), {4, 1});
   ASSERT_TRUE(tracer) << tracer.error().message;
@@ -157,7 +156,8 @@ TEST(Light, FogReturnsNoMorePowerThanItGets) {
     const glm::dvec3 at = s.center + s.radius * std::sqrt(random()) * across;
     radiance += (*tracer)->trace(at - 2 * s.radius * d, at + 2 * s.radius * d).rgba.r;
   }
-  const double out = radiance / kRays * (4 * kPi) * (kPi * s.radius * s.radius);
+  const double out =
+      radiance / kRays * (4 * std::numbers::pi) * (std::numbers::pi * s.radius * s.radius);
   EXPECT_NEAR(out / in, 1, 0.04);
 }
 
@@ -365,7 +365,7 @@ TEST(Light, WaitsUntilItIsNeeded) {
 }
 
 TEST(Light, IsKeptInAFile) {
-  const std::string path = testing::TempDir() + "kept.light";
+  const std::string path = ::testing::TempDir() + "kept.light";
   std::filesystem::remove(path);
   const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
   RaycastOptions options = lit(kWhiteSky);

@@ -17,8 +17,8 @@ namespace {
 using storage::TileState;
 using testing::all_tiles;
 using testing::build_and_open;
-using testing::file_text;
 using testing::lossless_options;
+using testing::read_text;
 using testing::stripes;
 using testing::TemporaryFolder;
 
@@ -73,14 +73,14 @@ class Merge : public ::testing::Test {
     RepackOptions options;
     options.replace = true;
     EXPECT_TRUE(repack_field(*field, folder_ / ("repacked-" + name), options));
-    return file_text(folder_ / ("repacked-" + name));
+    return read_text(folder_ / ("repacked-" + name));
   }
   void expect_merges_to(const Paths& parts, const std::string& expected) {
     MergeOptions options;
     options.replace = true;
     const auto merged = merge_fields(parts, folder_ / "merged.slf", options);
     ASSERT_TRUE(merged) << merged.error().message;
-    const std::string bytes = file_text(folder_ / "merged.slf");
+    const std::string bytes = read_text(folder_ / "merged.slf");
     EXPECT_EQ(merged->file_bytes, bytes.size());
     EXPECT_TRUE(bytes == expected) << "the merged field differs";
     EXPECT_TRUE(repacked("merged.slf") == expected) << "it differs after a repack";
@@ -306,7 +306,7 @@ TEST_F(Merge, ADamagedTileIsNamed) {
   const auto field = Field::open(parts[1]);
   TileKey key{1, 0};
   while (field->file().store().find(key)->state != TileState::stored) ++key.index;
-  std::string bytes = file_text(parts[1]);
+  std::string bytes = read_text(parts[1]);
   bytes[field->file().store().range(*field->file().store().find(key)).begin] ^= 1;
   testing::write_text(parts[1], bytes);
   expect_refused(parts, ErrorCode::bad_file, {"1-of-2.slf", "tile 1/" + std::to_string(key.index)});
@@ -333,7 +333,7 @@ TEST_F(Merge, BytesDoNotDependOnThreads) {
   one.threads = 1;
   ASSERT_TRUE(merge_fields(parts, folder_ / "one.slf", one));
   ASSERT_TRUE(merge_fields({parts[2], parts[0], parts[1]}, folder_ / "all.slf", {}));
-  EXPECT_TRUE(file_text(folder_ / "one.slf") == file_text(folder_ / "all.slf"));
+  EXPECT_TRUE(read_text(folder_ / "one.slf") == read_text(folder_ / "all.slf"));
 }
 
 // ---- building parts

@@ -90,7 +90,7 @@ std::string quarters_png(float alpha_of_last) {
 }
 
 /// A sphere of radius 1 in rings, without normals.
-Mesh ball(int rings, const glm::vec3& center = glm::vec3(0)) {
+Mesh ball_mesh(int rings, const glm::vec3& center = glm::vec3(0)) {
   Mesh mesh;
   mesh.source = "ball";
   const int around = 2 * rings;
@@ -144,7 +144,7 @@ TEST(Mesh, NormalsAreSmoothOnCurvesAndSharpAtEdges) {
   MeshOptions options;
   options.light = {1, 0, 1};
   options.ambient = 0;
-  const auto scene = scene_of(ball(12), options);
+  const auto scene = scene_of(ball_mesh(12), options);
   float last = -1, largest_step = 0;
   for (double polar = 0.5; polar < 2; polar += 0.002) {
     const glm::dvec3 out(std::sin(polar), 0.01, std::cos(polar));
@@ -276,7 +276,7 @@ TEST(Mesh, RefusesImpossibleMeshes) {
 }
 
 TEST(Mesh, HashesAllThatShows) {
-  const Mesh mesh = ball(4);
+  const Mesh mesh = ball_mesh(4);
   Mesh colored = mesh;
   colored.colors.assign(mesh.positions.size(), glm::u8vec4(9));
   Mesh moved = mesh;
@@ -297,7 +297,7 @@ MeshOptions lit(Lighting mode, const std::string& rig) {
 }
 
 TEST(Mesh, CastsShadows) {
-  Mesh mesh = ball(16, {0, 0, 1.2f});
+  Mesh mesh = ball_mesh(16, {0, 0, 1.2f});
   add_floor(mesh, 0, 3);
   MeshOptions options = lit(Lighting::shadowed, "sun");
   options.lighting.rig.sky = {};
@@ -317,7 +317,7 @@ TEST(Mesh, CastsShadows) {
 TEST(Mesh, ReflectsLightOfOtherSurfaces) {
   // Under an even sky, a ball on a floor is darkest below; light that both reflect brightens it,
   // but nothing exceeds the sky.
-  Mesh mesh = ball(16, {0, 0, 1.05f});
+  Mesh mesh = ball_mesh(16, {0, 0, 1.05f});
   add_floor(mesh, 0, 3);
   const auto under = [&](Lighting mode) {
     MeshOptions options = lit(mode, "overcast");
@@ -334,7 +334,7 @@ TEST(Mesh, ReflectsLightOfOtherSurfaces) {
 TEST(Mesh, LightDoesNotDependOnTheSizeOfTriangles) {
   // One triangle stands for its small neighbours where reflected light is gathered.
   const auto under = [&](int rings) {
-    Mesh mesh = ball(rings, {0, 0, 1.05f});
+    Mesh mesh = ball_mesh(rings, {0, 0, 1.05f});
     add_floor(mesh, 0, 3);
     MeshOptions options = lit(Lighting::global, "overcast");
     options.lighting.rig.sky = {glm::vec3(1), glm::vec3(1), glm::vec3(1)};
@@ -377,7 +377,7 @@ TEST(Mesh, FilesWithoutColoursAreGrey) {
 
 TEST(Mesh, FieldIsTheSameForAnyNumberOfThreads) {
   const TemporaryFolder folder;
-  Mesh mesh = ball(10, {0, 0, 1.2f});
+  Mesh mesh = ball_mesh(10, {0, 0, 1.2f});
   add_floor(mesh, 0, 2);
   for (const Lighting mode : {Lighting::direct, Lighting::global}) {
     MeshOptions options = lit(mode, "studio");

@@ -54,7 +54,7 @@ std::unique_ptr<Raycaster> make(Volume v, const TransferFunction& t, const Rayca
   return std::move(*made);
 }
 
-glm::dvec3 random_point(std::mt19937& random, double radius) {
+glm::dvec3 random_place(std::mt19937& random, double radius) {
   std::normal_distribution<double> normal;
   return radius * glm::normalize(glm::dvec3(normal(random), normal(random), normal(random)));
 }
@@ -82,8 +82,8 @@ TEST(Raycaster, LeapingOverEmptySpaceChangesNothing) {
     std::mt19937 random(seed);
     int visible = 0;
     for (int k = 0; k < 3000; ++k) {
-      const glm::dvec3 from = s.center + random_point(random, s.radius);
-      const glm::dvec3 to = s.center + random_point(random, s.radius);
+      const glm::dvec3 from = s.center + random_place(random, s.radius);
+      const glm::dvec3 to = s.center + random_place(random, s.radius);
       const RaySample a = leaping->trace(from, to), b = plain->trace(from, to);
       EXPECT_EQ(a.rgba, b.rgba);
       EXPECT_EQ(a.depth, b.depth);
@@ -178,8 +178,8 @@ TEST(Raycaster, BoundsHoldEverythingVisible) {
   const Sphere s = caster->bounds();
   std::mt19937 random(3);
   for (int k = 0; k < 3000; ++k) {  // rays outside the sphere see nothing
-    const glm::dvec3 n = random_point(random, 1);
-    const glm::dvec3 t = glm::normalize(glm::cross(n, random_point(random, 1)));
+    const glm::dvec3 n = random_place(random, 1);
+    const glm::dvec3 t = glm::normalize(glm::cross(n, random_place(random, 1)));
     const glm::dvec3 at = s.center + 1.0001 * s.radius * n;
     EXPECT_EQ(caster->trace(at - 200.0 * t, at + 200.0 * t).rgba.a, 0);
   }
@@ -202,8 +202,8 @@ std::vector<Segment> random_segments(const Sphere& sphere, std::size_t count, st
   std::mt19937 random(seed);
   std::vector<Segment> segments(count);
   for (Segment& s : segments)
-    s = {sphere.center + random_point(random, sphere.radius),
-         sphere.center + random_point(random, sphere.radius)};
+    s = {sphere.center + random_place(random, sphere.radius),
+         sphere.center + random_place(random, sphere.radius)};
   return segments;
 }
 
@@ -360,8 +360,8 @@ TEST(Raycaster, SlopeAndInterceptMeanTheValuesTheySay) {
   const auto b = make(std::move(values), ramp(-40, 40, 0.2), options);
   std::mt19937 random(5);
   for (int k = 0; k < 500; ++k) {
-    const glm::dvec3 from = a->bounds().center + random_point(random, 30);
-    const glm::dvec3 to = a->bounds().center + random_point(random, 30);
+    const glm::dvec3 from = a->bounds().center + random_place(random, 30);
+    const glm::dvec3 to = a->bounds().center + random_place(random, 30);
     const RaySample s = a->trace(from, to), t = b->trace(from, to);
     for (int c = 0; c < 4; ++c) EXPECT_NEAR(s.rgba[c], t.rgba[c], 0.01);
   }
@@ -375,8 +375,8 @@ TEST(Raycaster, AllScalarTypesAgree) {
     const auto other = make(make_volume<T>({16, 15, 14}, type, f), ramp(10, 90, 0.3));
     std::mt19937 random(6);
     for (int k = 0; k < 200; ++k) {
-      const glm::dvec3 from = reference->bounds().center + random_point(random, 20);
-      const glm::dvec3 to = reference->bounds().center + random_point(random, 20);
+      const glm::dvec3 from = reference->bounds().center + random_place(random, 20);
+      const glm::dvec3 to = reference->bounds().center + random_place(random, 20);
       const RaySample s = other->trace(from, to), t = reference->trace(from, to);
       for (int c = 0; c < 4; ++c) EXPECT_NEAR(s.rgba[c], t.rgba[c], 0.01) << name(type);
     }
@@ -407,7 +407,7 @@ TEST(Raycaster, LabelsAreNeverBlended) {
   std::mt19937 random(7);
   int visible = 0;
   for (int k = 0; k < 2000; ++k) {
-    const glm::dvec3 from = glm::dvec3(11.5) + random_point(random, 30);
+    const glm::dvec3 from = glm::dvec3(11.5) + random_place(random, 30);
     const RaySample s = caster->trace(from, glm::dvec3(23) - from);
     EXPECT_EQ(s.rgba.g, 0);
     EXPECT_TRUE(s.rgba.r == 0 || s.rgba.b == 0);
@@ -456,8 +456,8 @@ TEST(Raycaster, NonFiniteVoxelsDoNoHarm) {
   const auto caster = make(std::move(v), ramp(5, 20, 0.5));
   std::mt19937 random(8);
   for (int k = 0; k < 500; ++k) {
-    const RaySample s = caster->trace(glm::dvec3(6) + random_point(random, 20),
-                                      glm::dvec3(6) + random_point(random, 20));
+    const RaySample s = caster->trace(glm::dvec3(6) + random_place(random, 20),
+                                      glm::dvec3(6) + random_place(random, 20));
     EXPECT_TRUE(std::isfinite(s.rgba.r + s.rgba.g + s.rgba.b + s.rgba.a + s.depth));
     EXPECT_LE(s.rgba.a, 1.0001);
   }

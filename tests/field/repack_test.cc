@@ -17,8 +17,8 @@ using testing::all_colors;
 using testing::all_samples;
 using testing::all_tiles;
 using testing::build_and_open;
-using testing::file_text;
 using testing::lossless_options;
+using testing::read_text;
 using testing::stripes;
 using testing::TemporaryFolder;
 using testing::write_text;
@@ -26,13 +26,13 @@ using testing::write_text;
 /// Repacks, expects a sound and complete file, and opens it.
 std::optional<Field> repack(const Field& field, const std::string& path,
                             const RepackOptions& options, RepackReport* report = nullptr) {
-  const std::string before = file_text(field.path());
+  const std::string before = read_text(field.path());
   const auto done = repack_field(field, path, options);
   EXPECT_TRUE(done) << (done ? "" : done.error().message);
   if (!done) return {};
   if (report) *report = *done;
   EXPECT_EQ(done->file_bytes, std::filesystem::file_size(path));
-  EXPECT_TRUE(file_text(field.path()) == before) << "the input was touched";
+  EXPECT_TRUE(read_text(field.path()) == before) << "the input was touched";
   const auto verified = verify_field(path, {});
   EXPECT_TRUE(verified);
   for (const Finding& finding : verified->findings) ADD_FAILURE() << finding.message;
@@ -279,7 +279,7 @@ TEST_F(Repack, TheFileIsTheSameForAnyNumberOfThreads) {
   for (const unsigned threads : {2u, 7u}) {
     options.threads = threads;
     ASSERT_TRUE(repack(*lossless_, folder_ / "n.slf", options));
-    EXPECT_TRUE(file_text(folder_ / "1.slf") == file_text(folder_ / "n.slf")) << threads;
+    EXPECT_TRUE(read_text(folder_ / "1.slf") == read_text(folder_ / "n.slf")) << threads;
     std::filesystem::remove(folder_ / "n.slf");
   }
   options.memory = 1;  // one tile at a time
@@ -316,7 +316,7 @@ TEST_F(Repack, WhatWasNeverBuiltStaysMissing) {
 
 TEST_F(Repack, ADamagedTileIsNamedAndNothingIsLeft) {
   const TileKey key{1, 500};
-  std::string bytes = file_text(lossless_->path());
+  std::string bytes = read_text(lossless_->path());
   const auto tile = lossless_->file().store().find(key);
   ASSERT_EQ(tile->state, storage::TileState::stored);
   bytes[lossless_->file().store().range(*tile).begin] ^= 1;
@@ -371,7 +371,7 @@ TEST_F(Repack, StoppedItLeavesWhatWasThereBefore) {
     ASSERT_FALSE(stopped);
     EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
     EXPECT_EQ(folder_.files(), before);
-    EXPECT_EQ(file_text(folder_ / "out.slf"), "precious");
+    EXPECT_EQ(read_text(folder_ / "out.slf"), "precious");
   }
   EXPECT_TRUE(repack(*lossless_, folder_ / "out.slf", options));
   EXPECT_EQ(folder_.files(), before);
@@ -394,7 +394,7 @@ TEST_F(Repack, WhatAKilledRunLeftGoesWithTheNext) {
   std::filesystem::remove(out);
   write_text(out + ".repacking", "a diary");
   EXPECT_EQ(refusal(*lossless_, out, {}, "remove it"), ErrorCode::bad_file);
-  EXPECT_EQ(file_text(out + ".repacking"), "a diary");
+  EXPECT_EQ(read_text(out + ".repacking"), "a diary");
   std::filesystem::remove(out + ".repacking");
   std::filesystem::copy(jpeg_->path(), out + ".repacking");
   EXPECT_EQ(refusal(*lossless_, out, {}, "is a complete field"), ErrorCode::usage);

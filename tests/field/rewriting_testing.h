@@ -9,15 +9,6 @@
 
 namespace slf::testing {
 
-inline std::string file_text(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-
-inline void write_text(const std::string& path, const std::string& text) {
-  std::ofstream(path, std::ios::binary | std::ios::trunc) << text;
-}
-
 /// The samples of every tile; an empty tile has none.
 inline std::map<TileKey, Bytes> all_samples(const Field& field) {
   TileCache cache(field.file(), 16 << 20);

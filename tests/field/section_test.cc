@@ -10,7 +10,7 @@
 namespace slf {
 namespace {
 
-glm::dvec3 random_direction(std::mt19937_64& random) {
+glm::dvec3 random_exit(std::mt19937_64& random) {
   std::normal_distribution<double> normal;
   return glm::normalize(glm::dvec3(normal(random), normal(random), normal(random)));
 }
@@ -36,7 +36,7 @@ TEST(Section, ThereAreEightTimesFourToTheLevelEachInItsOwnPlace) {
 TEST(Section, ChildrenTileTheirParent) {
   std::mt19937_64 random(1);
   for (int k = 0; k < 20000; ++k) {
-    const glm::dvec3 d = random_direction(random);
+    const glm::dvec3 d = random_exit(random);
     Section coarse = locate_section(d, 0);
     EXPECT_EQ(coarse.octant(), octant_of(d));
     for (unsigned level = 1; level <= kMaxSectionLevel; ++level) {
@@ -52,7 +52,7 @@ TEST(Section, CellsLieInTheSectionThatTheirPointsLieIn) {
   for (unsigned level = 0; level <= 5; ++level)
     for (std::uint32_t side : {1u, 2u, 3u, 8u, 32u})
       for (int k = 0; k < 500; ++k) {
-        const glm::dvec3 d = random_direction(random);
+        const glm::dvec3 d = random_exit(random);
         const Cell cell = locate(d, static_cast<std::int32_t>(side << level));
         const Section section = section_of(cell, side, level);
         EXPECT_EQ(section, locate_section(d, level));

@@ -190,7 +190,7 @@ TEST(Transfer, ReadsThePresetsOfTheDemo) {
 }
 
 template <class T>
-Volume volume_of(ScalarType type, const std::vector<T>& values) {
+Volume volume_with(ScalarType type, const std::vector<T>& values) {
   Volume volume;
   volume.dims = {static_cast<std::uint32_t>(values.size() / 4), 2, 2};
   volume.type = type;
@@ -203,7 +203,7 @@ TEST(Transfer, DefaultClearsAirAndShowsTissueInHounsfieldUnits) {
   std::vector<std::int16_t> stored(4000, -1000);
   std::fill(stored.begin() + 2400, stored.begin() + 3600, 40);
   std::fill(stored.begin() + 3600, stored.end(), 1200);
-  auto volume = volume_of(ScalarType::i16, stored);
+  auto volume = volume_with(ScalarType::i16, stored);
   volume.axes = glm::dmat3(2.0);
   const auto transfer = default_transfer(volume);
   EXPECT_EQ(transfer(-1000).w, 0);
@@ -217,7 +217,7 @@ TEST(Transfer, DefaultSpacesPointsByDecadesWhereValuesSpanMany) {
   std::vector<float> densities;
   for (int i = 0; i < 4000; ++i)
     densities.push_back(std::pow(10.0f, -24.0f + 25.0f * float(i) / 4000));
-  const auto transfer = default_transfer(volume_of(ScalarType::f32, densities));
+  const auto transfer = default_transfer(volume_with(ScalarType::f32, densities));
   EXPECT_EQ(transfer(1e-20).w, 0);
   EXPECT_GT(transfer(1e-3).w, 0.05);
   EXPECT_LT(transfer(1e-3).w, 0.6);
@@ -226,12 +226,13 @@ TEST(Transfer, DefaultSpacesPointsByDecadesWhereValuesSpanMany) {
 
 TEST(Transfer, DefaultOfOneValueEverywhereIsClear) {
   const auto transfer =
-      default_transfer(volume_of(ScalarType::u8, std::vector<std::uint8_t>(8, 7)));
+      default_transfer(volume_with(ScalarType::u8, std::vector<std::uint8_t>(8, 7)));
   EXPECT_EQ(transfer(7).w, 0);
 }
 
 TEST(Transfer, DefaultOfLabelsIsAColorEachAndNothingBetween) {
-  auto volume = volume_of(ScalarType::i16, std::vector<std::int16_t>{-3, 0, 0, 1, 2, 2, 900, 901});
+  auto volume =
+      volume_with(ScalarType::i16, std::vector<std::int16_t>{-3, 0, 0, 1, 2, 2, 900, 901});
   volume.labels = true;
   const auto transfer = default_transfer(volume);
   EXPECT_EQ(transfer(0).w, 0);

@@ -17,8 +17,8 @@ using storage::TileState;
 using storage::TileWriter;
 using testing::all_tiles;
 using testing::build_and_open;
-using testing::file_text;
 using testing::lossless_options;
+using testing::read_text;
 using testing::stripes;
 using testing::TemporaryFolder;
 using testing::write_text;
@@ -72,14 +72,14 @@ class Verify : public ::testing::Test {
       ASSERT_EQ(tile->state, TileState::stored);
       at = field->file().store().range(*tile).begin + tile->payload.size() / 2;
     }
-    std::string bytes = file_text(path_);
+    std::string bytes = read_text(path_);
     bytes[at] ^= 4;
     write_text(path_, bytes);
   }
 
   /// Flips a bit in the table of the record that holds a tile.
   void flip_record(TileKey key) const {
-    std::string bytes = file_text(path_);
+    std::string bytes = read_text(path_);
     const auto field = Field::open(path_);
     const auto tile = field->file().store().find(key);
     const std::size_t at =
@@ -130,13 +130,13 @@ class Verify : public ::testing::Test {
 
   /// With fix: nothing is done, and the report says that the damage is still there.
   void expect_unfixable() const {
-    const std::string before = file_text(path_);
+    const std::string before = read_text(path_);
     VerifyOptions fix;
     fix.fix = true;
     const auto report = verify(path_, fix);
     EXPECT_GT(report.unfixed, 0u);
     EXPECT_EQ(report.dropped, 0u);
-    EXPECT_TRUE(file_text(path_) == before);
+    EXPECT_TRUE(read_text(path_) == before);
   }
 
   TemporaryFolder folder_;
@@ -149,7 +149,7 @@ class Verify : public ::testing::Test {
 const VerifyOptions kQuick{.quick = true};
 
 TEST_F(Verify, ASoundFieldHasNoFindings) {
-  const std::string before = file_text(path_);
+  const std::string before = read_text(path_);
   for (const bool quick : {false, true}) {
     VerifyOptions options;
     options.quick = quick;
@@ -161,7 +161,7 @@ TEST_F(Verify, ASoundFieldHasNoFindings) {
     EXPECT_EQ(report.tiles, 64u + 1024);
     EXPECT_EQ(report.payload_bytes, Field::open(path_)->content()->payload_bytes);
   }
-  EXPECT_TRUE(file_text(path_) == before);
+  EXPECT_TRUE(read_text(path_) == before);
 }
 
 TEST_F(Verify, T1AFlippedPayloadByte) {
@@ -230,7 +230,7 @@ TEST_F(Verify, C1TilesThatWereNeverBuilt) {
 }
 
 TEST_F(Verify, S1ADamagedPage) {
-  std::string bytes = file_text(path_);
+  std::string bytes = read_text(path_);
   for (const std::size_t at : places_of(bytes, "tables"))
     bytes[at / 4096 * 4096 + 10] ^= 0x20;  // the page's kind
   write_text(path_, bytes);
@@ -242,7 +242,7 @@ TEST_F(Verify, S1ADamagedPage) {
 }
 
 TEST_F(Verify, S1WhatIsNoContainer) {
-  const std::string bytes = file_text(path_);
+  const std::string bytes = read_text(path_);
   for (const std::string& text :
        {std::string(), std::string("text"), std::string(10000, 'x'), bytes.substr(0, 9000)}) {
     write_text(path_, text);
@@ -253,7 +253,7 @@ TEST_F(Verify, S1WhatIsNoContainer) {
 
 TEST_F(Verify, S1KeepsDamagedTilesFromBeingDropped) {
   flip_payload(stored_.back());
-  std::string bytes = file_text(path_);
+  std::string bytes = read_text(path_);
   const auto field = Field::open(path_);
   const auto tile = field->file().store().find({0, 0});
   const std::size_t page = field->file().store().range(*tile).begin / 4096 * 4096;
@@ -273,7 +273,7 @@ TEST_F(Verify, M1ADamagedManifest) {
 }
 
 TEST_F(Verify, M1DamagedTables) {
-  std::string bytes = file_text(path_);
+  std::string bytes = read_text(path_);
   for (const std::size_t at : places_of(bytes, "tables")) bytes[at + 40] ^= 1;
   write_text(path_, bytes);
   EXPECT_EQ(ids(verify(path_)), Ids{"M1"});
@@ -382,7 +382,7 @@ TEST(VerifyFlips, EveryFlippedByteIsFoundOrDoesNoHarm) {
   options.shape.subfields = {7, 14};
   options.codec = "jpeg:75";
   ASSERT_TRUE(build_and_open(stripes(), path, options));
-  const std::string bytes = file_text(path);
+  const std::string bytes = read_text(path);
   ASSERT_LT(bytes.size(), 200u << 10);
   const auto truth = visible(path);
   VerifyOptions single;

@@ -8,7 +8,7 @@
 namespace slf {
 namespace {
 
-Volume example() {
+Volume example_volume() {
   Volume volume;
   volume.dims = {2, 3, 4};
   volume.voxels.resize(24);
@@ -19,15 +19,15 @@ Volume example() {
 }
 
 TEST(VolumeContent, DependsOnEverythingButThePath) {
-  Volume same = example();
+  Volume same = example_volume();
   same.source = "elsewhere/b.nrrd";
   same.files.clear();
-  EXPECT_EQ(content_hash(same), content_hash(example()));
+  EXPECT_EQ(content_hash(same), content_hash(example_volume()));
   EXPECT_EQ(content_hash(same).size(), std::string("xxh3-128:").size() + 32);
 
-  std::set<std::string> hashes{content_hash(example())};
+  std::set<std::string> hashes{content_hash(example_volume())};
   const auto expect_other = [&](const auto& change) {
-    Volume other = example();
+    Volume other = example_volume();
     change(other);
     EXPECT_TRUE(hashes.insert(content_hash(other)).second);
   };

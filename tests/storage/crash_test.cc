@@ -13,9 +13,9 @@ namespace {
 
 using ::testing::HasSubstr;
 
-constexpr std::uint64_t kTiles = 240;
+constexpr std::uint64_t kAllTiles = 240;
 
-Bytes expected_tile(std::uint64_t i) {
+Bytes written_tile(std::uint64_t i) {
   return tile_bytes({static_cast<std::uint8_t>(i / 100), i % 100}, i * 131 % 9000);
 }
 
@@ -26,17 +26,17 @@ Result<void> build(const std::string& path, const Report& report) {
       std::filesystem::exists(path) ? TileWriter::resume(path) : TileWriter::create(path, {});
   if (!writer) return tl::unexpected(writer.error());
   const std::optional<TileKey> last = writer->last();
-  for (std::uint64_t i = 0; i < kTiles; ++i) {
+  for (std::uint64_t i = 0; i < kAllTiles; ++i) {
     const TileKey key{static_cast<std::uint8_t>(i / 100), i % 100};
     if (!last || key > *last)
-      if (auto done = writer->append(key, expected_tile(i)); !done) return done;
+      if (auto done = writer->append(key, written_tile(i)); !done) return done;
     if (i % 20 != 19) continue;
     if (auto done = writer->commit(); !done) return done;
     const auto now = writer->last();
     report(now ? now->level * 100 + now->index + 1 : 0);
   }
   auto done = writer->close();
-  if (done) report(kTiles);
+  if (done) report(kAllTiles);
   return done;
 }
 
@@ -54,7 +54,7 @@ void expect_kept(const std::string& path, std::uint64_t committed) {
   std::uint64_t i = 0;
   for (const auto& [key, bytes] : contents(*store)) {
     EXPECT_EQ(key, (TileKey{static_cast<std::uint8_t>(i / 100), i % 100}));
-    EXPECT_EQ(bytes, expected_tile(i));
+    EXPECT_EQ(bytes, written_tile(i));
     ++i;
   }
   EXPECT_GE(i, committed);
@@ -63,8 +63,8 @@ void expect_kept(const std::string& path, std::uint64_t committed) {
 void expect_complete(const std::string& path) {
   const auto done = build(path, [](std::uint64_t) {});
   ASSERT_TRUE(ok(done));
-  expect_kept(path, kTiles);
-  EXPECT_EQ(contents(*TileStore::open(path)).size(), kTiles);
+  expect_kept(path, kAllTiles);
+  EXPECT_EQ(contents(*TileStore::open(path)).size(), kAllTiles);
 }
 
 TEST(Crash, AKilledWriterLosesNothingItCommitted) {
@@ -96,7 +96,7 @@ TEST(Crash, AKilledWriterLosesNothingItCommitted) {
     }
     expect_kept(path, committed);
     if (round % 10 == 0) expect_complete(path);
-    if (committed == kTiles || round % 10 == 0) std::filesystem::remove(path);
+    if (committed == kAllTiles || round % 10 == 0) std::filesystem::remove(path);
   }
   EXPECT_EQ(killed, 200);
   expect_complete(path);

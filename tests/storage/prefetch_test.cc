@@ -8,7 +8,7 @@
 namespace slf::storage::testing {
 namespace {
 
-constexpr std::uint64_t kTiles = 4000;
+constexpr std::uint64_t kStoredTiles = 4000;
 constexpr std::uint64_t kStep = 20;  // of tiles read: each in a record of its own, or nearly so
 
 // Faults of this process that had to wait for a disk because nobody had asked for the page.
@@ -22,10 +22,11 @@ class ColdFile : public ::testing::Test {
  protected:
   void SetUp() override {
     TileWriter writer = create(path_);
-    for (std::uint64_t i = 0; i < kTiles; ++i)
+    for (std::uint64_t i = 0; i < kStoredTiles; ++i)
       ASSERT_TRUE(ok(writer.append({2, i}, tile_bytes({2, i}, 4000))));
     ASSERT_TRUE(ok(writer.close()));
-    for (std::uint64_t i = 0; i < kTiles; i += kStep) keys_.push_back({2, (i * 7) % kTiles});
+    for (std::uint64_t i = 0; i < kStoredTiles; i += kStep)
+      keys_.push_back({2, (i * 7) % kStoredTiles});
   }
   void TearDown() override { std::filesystem::remove(path_); }
 

@@ -27,9 +27,9 @@
 namespace slf::view {
 namespace {
 
-using testing::HasSubstr;
-using testing::Not;
-using testing::StartsWith;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using ::testing::StartsWith;
 
 const std::string kField = SLF_TEST_DATA "/golden/example.slf";
 
@@ -214,7 +214,7 @@ TEST(ViewServer, KnowsWhatThePeerHas) {
 }
 
 TEST(ViewServer, ATagChangesWithTheFile) {
-  const std::string path = testing::TempDir() + "changing.slf";
+  const std::string path = ::testing::TempDir() + "changing.slf";
   std::ofstream(path, std::ios::binary) << content(kField);
   const RunningServer server({path});
   const std::string before = header(server.get("/changing/field.slf"), "ETag");
@@ -224,7 +224,7 @@ TEST(ViewServer, ATagChangesWithTheFile) {
 
 // As a build or repack replaces it: another file gets its name.
 TEST(ViewServer, SendsTheFieldThatHasTheNameNow) {
-  const std::string path = testing::TempDir() + "replaced.slf";
+  const std::string path = ::testing::TempDir() + "replaced.slf";
   std::ofstream(path, std::ios::binary) << content(kField);
   const RunningServer server({path});
   const std::string before = header(server.get("/replaced/field.slf"), "ETag");

@@ -33,6 +33,7 @@ const settings = {
 let source, field, renderer, loader;
 let version = 0;       // counts changes of the view
 let dirty = true;      // the picture is not what the canvas shows
+let sharp = false;     // it is, in full resolution and with every tile that is loaded
 let movedAt = -1e9, lost = false, failed = false, ceiling = 99;
 let begun = false;     // the first tiles are loaded
 let first, complete;   // traffic() until the first picture, and until the first complete one
@@ -91,6 +92,7 @@ function currentView() {
 function changed() {
   ++version;
   dirty = true;
+  sharp = false;
   pausedUntil = 0;
   ceiling = 99;
   if (page.state === 'settled') page.state = 'loading';
@@ -166,7 +168,7 @@ async function draw(moving) {
     await sharpen(view);
   } else {
     drawing = true;
-    dirty = false;
+    dirty = sharp = false;
     const begin = performance.now();
     await renderer.draw(view, Math.min(1, Math.max(kMinScale, scale)));
     pause(begin);
@@ -190,6 +192,7 @@ async function sharpen(view) {
   const begin = performance.now(), done = await renderer.sharpen(view, () => version === asked);
   pause(begin);
   drawing = false;
+  sharp = done && !dirty;
   return done;
 }
 
@@ -263,7 +266,7 @@ async function follow() {
       page.state = 'loading';
       if (absent === 0) await lookAhead(view, needed);
       await sleep(absent > 0 ? 15 : 0);
-    } else if (absent > 0 || version !== asked || !thorough) {
+    } else if (absent > 0 || version !== asked || !sharp) {
       page.state = 'loading';
       thorough = true;
       await arrived(asked);
@@ -519,7 +522,10 @@ async function start() {
   resize();
   renderer.open(field.shape, kTileBytes);
   fillPanel();
-  loader = new Loader(field, renderer, decoders, () => { dirty = true; }, fail);
+  loader = new Loader(field, renderer, decoders, () => {
+    dirty = true;
+    sharp = false;
+  }, fail);
   canvas.addEventListener('webglcontextlost', (event) => {
     event.preventDefault();
     lost = true;
