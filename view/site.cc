@@ -11,6 +11,7 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/reporter.h"
 #include "base/try.h"
 #include "field/build/field_index.h"
 #include "slf/field.h"
@@ -127,14 +128,12 @@ Result<void> export_page(const std::string& field, const std::string& output,
   const std::string_view content(reinterpret_cast<const char*>(bytes.data()), bytes.size());
 
   std::string scripts;
+  Reporter reporter(progress, {0, content.size(), 0}, output + ": interrupted");
   for (std::size_t at = 0; at < content.size(); at += kPieceBytes) {
-    if (progress && !progress({at, content.size(), 0}))
-      return fail(ErrorCode::cancelled, output, ": interrupted");
-    scripts += "<script type=\"text/plain\" class=\"piece\">" +
-               base64(content.substr(at, kPieceBytes)) + "</script>\n";
+    const std::string_view piece = content.substr(at, kPieceBytes);
+    scripts += "<script type=\"text/plain\" class=\"piece\">" + base64(piece) + "</script>\n";
+    SLF_TRY(reporter.add(piece.size()));
   }
-  if (progress && !progress({content.size(), content.size(), 0}))
-    return fail(ErrorCode::cancelled, output, ": interrupted");
   scripts +=
       "<script>\n" +
       page_script("module: " + module_string() + ",\npieceBytes: " + std::to_string(kPieceBytes) +
