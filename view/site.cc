@@ -13,7 +13,7 @@
 #include "base/file.h"
 #include "base/reporter.h"
 #include "base/try.h"
-#include "field/build/field_index.h"
+#include "field/write/field_index.h"
 #include "slf/field.h"
 #include "view/bundle.h"
 #include "view/page.h"

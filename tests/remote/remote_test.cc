@@ -8,7 +8,7 @@
 #include <iterator>
 #include <memory>
 
-#include "field/build/field_index.h"
+#include "field/write/field_index.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
 #include "tests/field/field_testing.h"

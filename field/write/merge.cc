@@ -5,8 +5,8 @@
 #include "base/parallel.h"
 #include "base/reporter.h"
 #include "base/try.h"
-#include "field/build/field_writer.h"
-#include "field/build/merge_plan.h"
+#include "field/write/field_writer.h"
+#include "field/write/merge_plan.h"
 
 namespace slf {
 namespace {

@@ -1,4 +1,4 @@
-#include "field/build/tile_tracer.h"
+#include "field/write/tile_tracer.h"
 
 #include <algorithm>
 #include <optional>

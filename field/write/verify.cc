@@ -6,8 +6,8 @@
 #include "base/parallel.h"
 #include "base/reporter.h"
 #include "base/try.h"
-#include "field/build/field_writer.h"
 #include "field/tiles/tile_cache.h"
+#include "field/write/field_writer.h"
 #include "storage/tile_store.h"
 
 namespace slf {

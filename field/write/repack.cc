@@ -7,10 +7,10 @@
 #include "base/parallel.h"
 #include "base/reporter.h"
 #include "base/try.h"
-#include "field/build/field_writer.h"
-#include "field/build/repack_plan.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
+#include "field/write/field_writer.h"
+#include "field/write/repack_plan.h"
 
 namespace slf {
 namespace {

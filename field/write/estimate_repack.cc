@@ -6,9 +6,9 @@
 #include "base/reporter.h"
 #include "base/try.h"
 #include "codec/predictive_codec.h"
-#include "field/build/repack_plan.h"
 #include "field/geometry/tile_order.h"
 #include "field/reference_index.h"
+#include "field/write/repack_plan.h"
 #include "slf/repack.h"
 
 namespace slf {

@@ -14,13 +14,13 @@
 #include "base/parallel.h"
 #include "base/reporter.h"
 #include "base/try.h"
-#include "field/build/field_writer.h"
-#include "field/build/missing_tiles.h"
-#include "field/build/shard_plan.h"
-#include "field/build/tile_tracer.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
 #include "field/tiles/tile_cache.h"
+#include "field/write/field_writer.h"
+#include "field/write/missing_tiles.h"
+#include "field/write/shard_plan.h"
+#include "field/write/tile_tracer.h"
 
 namespace slf {
 namespace {
