@@ -19,6 +19,7 @@
 #include "base/sort_unique.h"
 #include "base/try.h"
 #include "field/field_file.h"
+#include "field/measure/process_memory.h"
 #include "slf/scene.h"
 
 namespace slf {

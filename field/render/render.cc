@@ -9,6 +9,7 @@
 #include <optional>
 #include <set>
 #include <span>
+#include <thread>
 #include <utility>
 
 #include "base/parallel.h"
@@ -149,7 +150,7 @@ class ViewJob {
   ViewJob(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
           std::span<std::unique_ptr<BlockRenderer>> renderers, const BlockOrder& blocks,
           const Camera& camera, const RayGenerator& rays, const ViewOptions& options,
-          bool lists_tiles, Image& image)
+          bool lists_tiles, const ProgressCallback& progress, Image& image)
       : field_(field),
         cache_(cache),
         frame_(cache.begin_frame(lists_tiles)),
@@ -160,6 +161,7 @@ class ViewJob {
         options_(options),
         blocks_(blocks),
         bands_(renderers.size()),
+        progress_(progress),
         image_(image),
         level_pixels_(options.level + 1) {
     image_.width = camera.width;
@@ -184,10 +186,14 @@ class ViewJob {
       const std::uint32_t end = begin_of(band + 1);
       // The atomic counter waits for pending writes of pixels, so reserve several blocks at a time.
       for (std::uint32_t begin;
-           !error && (begin = bands_[band].next.fetch_add(kTakenBlocks)) < end;)
-        for (std::uint32_t block = begin; !error && block < std::min(begin + kTakenBlocks, end);
-             ++block)
+           !error && (begin = bands_[band].next.fetch_add(kTakenBlocks)) < end;) {
+        const std::uint32_t taken = std::min(begin + kTakenBlocks, end);
+        for (std::uint32_t block = begin; !error && block < taken; ++block)
           if (auto ok = renderer.draw(basis_, blocks_[block]); !ok) error = ok.error();
+        const std::uint32_t drawn = drawn_ += taken - begin;
+        if (error || !progress_ || std::this_thread::get_id() != caller_) continue;
+        if (!progress_({drawn, blocks_.count(), 0})) error = stopped();
+      }
     }
     const std::lock_guard lock(mutex_);
     const SampleGatherer& gatherer = renderer.gatherer();
@@ -202,6 +208,9 @@ class ViewJob {
   }
 
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
+  [[nodiscard]] Error stopped() const {
+    return {ErrorCode::cancelled, field_.path() + ": stopped while a view was drawn"};
+  }
 
   /// Fills in the engine's counts.
   void fill(ViewStatistics& statistics) {
@@ -234,8 +243,10 @@ class ViewJob {
   const ViewOptions& options_;
   const BlockOrder& blocks_;
   std::vector<Band> bands_;
+  const ProgressCallback& progress_;
+  const std::thread::id caller_ = std::this_thread::get_id();
   Image& image_;
-  std::atomic<std::uint32_t> workers_{0};
+  std::atomic<std::uint32_t> workers_{0}, drawn_{0};
   std::mutex mutex_;  // guards what follows
   std::optional<Error> error_;
   std::vector<TileKey> touched_, misses_;
@@ -246,14 +257,14 @@ class ViewJob {
 }  // namespace
 
 Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
-                               ViewStatistics* statistics) {
+                               ViewStatistics* statistics, const ProgressCallback& progress) {
   Image image;
-  SLF_TRY(render(camera, options, image, statistics));
+  SLF_TRY(render(camera, options, image, statistics, progress));
   return image;
 }
 
 Result<void> Renderer::render(const Camera& camera, const ViewOptions& requested, Image& image,
-                              ViewStatistics* statistics) {
+                              ViewStatistics* statistics, const ProgressCallback& progress) {
   const auto rays = SLF_TRY(RayGenerator::make(camera));
   const FieldFile& field = state_->tiles.field().file();
   SLF_TRY(check_view(state_->tiles.field(), requested));
@@ -267,9 +278,11 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& requested
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), blocks.count()));
   ViewJob job(field, state_->tiles.cache(), state_->pin_bytes,
               std::span(state_->renderers).first(threads), blocks, camera, rays, options,
-              statistics != nullptr, image);
+              statistics != nullptr, progress, image);
   SLF_TRY(on_threads(threads, [&] { job.work(); }));
   if (job.error()) return tl::unexpected(*job.error());
+  if (progress && !progress({blocks.count(), blocks.count(), 0}))
+    return tl::unexpected(job.stopped());
   SLF_TRY(field.unchanged());
 
   if (statistics) {

@@ -24,7 +24,6 @@
 #include "field/manifest.h"
 #include "field/predicted_tiles.h"
 #include "field/reference_index.h"
-#include "storage/internal/record.h"
 #include "storage/ranged_store.h"
 
 #define SLF_EXPORT(name) extern "C" __attribute__((export_name(#name)))
@@ -302,7 +301,7 @@ int slf_check(std::uint32_t level, std::uint32_t entry, std::uint32_t exit,
               std::uint32_t checksum_low, std::uint32_t checksum_high) {
   const std::uint64_t checksum = std::uint64_t{checksum_high} << 32 | checksum_low;
   const TileKey key = key_of(level, entry, exit);
-  if (storage::internal::payload_checksum(key, module().buffer) == checksum) return kDone;
+  if (storage::payload_checksum(key, module().buffer) == checksum) return kDone;
   return failed({ErrorCode::bad_file, "the payload does not match its checksum"});
 }
 
