@@ -225,8 +225,9 @@ struct BuildJob {
     SLF_TRY(tracer.trace(key, traced));
     encoded.rays = tracer.rays(key);
     if (traced.empty) return encoded;
-    SLF_TRY(codec.predictive() ? coarser.get()->tiles.encode(key, traced.samples, encoded.payload)
-                               : codec.encode(tracer.shape(key), traced.samples, encoded.payload));
+    const auto reader = coarser.get();
+    SLF_TRY(reader ? reader->tiles.encode(key, traced.samples, encoded.payload)
+                   : codec.encode(tracer.shape(key), traced.samples, encoded.payload));
     return encoded;
   }
 

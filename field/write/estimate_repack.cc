@@ -5,7 +5,6 @@
 #include "base/parallel.h"
 #include "base/reporter.h"
 #include "base/try.h"
-#include "codec/predictive_codec.h"
 #include "field/geometry/tile_order.h"
 #include "field/reference_index.h"
 #include "field/write/repack_plan.h"
@@ -44,12 +43,11 @@ struct Estimate {
 class SampleEncoder {
  public:
   SampleEncoder(TileCache& tiles, const RepackPlan& plan)
-      : field_(tiles.field()), tiles_(tiles), plan_(plan) {
-    if (const auto* codec = plan.codec->predictive())
-      predicted_.emplace(plan.shape, *codec, [this](unsigned level) -> const LevelGeometry& {
-        return field_.geometry(level);
-      });
-  }
+      : field_(tiles.field()),
+        tiles_(tiles),
+        plan_(plan),
+        coder_(plan.shape, plan.format, *plan.codec,
+               [this](unsigned level) -> const LevelGeometry& { return field_.geometry(level); }) {}
 
   /// The bytes of a tile's payload; none if it is not stored.
   [[nodiscard]] Result<std::optional<std::uint64_t>> encode(TileKey key) const {
@@ -66,8 +64,7 @@ class SampleEncoder {
       if (there.state == TileState::empty) return ByteSpan();
       return kept.emplace_back(SLF_TRY(read(there)));
     };
-    SLF_TRY(predicted_ ? predicted_->encode(key, *samples, source, payload)
-                       : plan_.codec->encode(plan_.tile_shape(field_, key), *samples, payload));
+    SLF_TRY(coder_.encode(key, *samples, source, payload));
     return payload.size();
   }
 
@@ -81,7 +78,7 @@ class SampleEncoder {
   const FieldFile& field_;
   TileCache& tiles_;
   const RepackPlan& plan_;
-  std::optional<PredictedTiles> predicted_;
+  TileCoder coder_;
 };
 
 /// The exact size of copied tiles, from the tables of the records.

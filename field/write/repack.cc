@@ -74,7 +74,7 @@ class Repacker {
     // a third for records that wait for their commit; a third for LMDB's copies of their pages. A
     // quarter of the first third is for decoded tiles of the input, one for those of the output
     // that others are predicted from.
-    predicts_ = plan.codec->predictive() && !plan.copy;
+    predicts_ = codec::is_predictive(plan.codec->spec()) && !plan.copy;
     const std::uint64_t share = options.memory / 3;
     writer.set_pending_limit(share);
     const std::uint64_t under_way = share / 2;
