@@ -85,7 +85,8 @@ template <class NewMaker, class Use>
       ++taken;
       lock.unlock();
       changed.notify_all();
-      SLF_TRY(use(k, SLF_TRY(std::move(item))));
+      if (!item) return tl::unexpected(std::move(item).error());
+      SLF_TRY(use(k, *std::move(item)));
     }
     return {};
   };

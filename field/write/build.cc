@@ -184,29 +184,23 @@ struct EncodedTile {
 /// release.
 class CoarserTiles {
  public:
-  struct Open {
-    std::shared_ptr<const FieldFile> file;
-    TileCache tiles;
-    explicit Open(std::shared_ptr<const FieldFile> of)
-        : file(std::move(of)), tiles(*file, kCoarserBytes) {}
-  };
-
   CoarserTiles(std::shared_ptr<const FieldFile> file) { set(std::move(file)); }
 
-  [[nodiscard]] std::shared_ptr<Open> get() const {
+  [[nodiscard]] std::optional<TileReader> get() const {
     const std::lock_guard lock(mutex_);
-    return open_;
+    return tiles_;
   }
   /// `file`: null for none.
   void set(std::shared_ptr<const FieldFile> file) {
-    auto open = file ? std::make_shared<Open>(std::move(file)) : nullptr;
+    std::optional<TileReader> tiles;
+    if (file) tiles.emplace(Field::of(std::move(file)), TileReaderOptions{.memory = kCoarserBytes});
     const std::lock_guard lock(mutex_);
-    open_.swap(open);  // the last user of the old one closes it
+    tiles_.swap(tiles);  // the last user of the old one closes it
   }
 
  private:
   mutable std::mutex mutex_;
-  std::shared_ptr<Open> open_;
+  std::optional<TileReader> tiles_;
 };
 
 /// The checked inputs of a build.
@@ -226,7 +220,7 @@ struct BuildJob {
     encoded.rays = tracer.rays(key);
     if (traced.empty) return encoded;
     const auto reader = coarser.get();
-    SLF_TRY(reader ? reader->tiles.encode(key, traced.samples, encoded.payload)
+    SLF_TRY(reader ? reader->cache().encode(key, traced.samples, encoded.payload)
                    : codec.encode(tracer.shape(key), traced.samples, encoded.payload));
     return encoded;
   }
@@ -246,9 +240,8 @@ struct BuildJob {
   /// for some commits.
   Result<void> follow(const FieldWriter& writer) {
     const auto reader = coarser.get();
-    if (!reads_own_file ||
-        (reader && writer.transaction() < reader->file->store().transaction() + kCommitsPerReader))
-      return {};
+    const auto read = [&] { return reader->field().file().store().transaction(); };
+    if (!reads_own_file || (reader && writer.transaction() < read() + kCommitsPerReader)) return {};
     auto opened = SLF_TRY(FieldFile::open(writer.file()));
     coarser.set(std::move(opened));
     return {};

@@ -87,15 +87,14 @@ class Repacker {
   Result<void> write() {
     for (std::uint64_t begin = 0, end = 0; begin < order_.count(); begin = end) {
       end = order_.count();
-      std::shared_ptr<const FieldFile> written;
-      std::optional<TileCache> coarser;
+      std::optional<TileReader> coarser;
       if (predicts_) {  // level by level: each is predicted from the one written before
         end = order_.first_number(order_.key(begin).level + 1u);
         SLF_TRY(writer_.commit_level());
-        written = SLF_TRY(FieldFile::open(writer_.file()));
-        coarser.emplace(*written, tiles_.budget());
+        const auto written = SLF_TRY(Field::open(writer_.file()));
+        coarser.emplace(written, TileReaderOptions{.memory = tiles_.budget()});
       }
-      SLF_TRY(write(begin, end, coarser ? &*coarser : nullptr));
+      SLF_TRY(write(begin, end, coarser ? &coarser->cache() : nullptr));
     }
     return writer_.finish([&] { return progress_.go_on(); });
   }
