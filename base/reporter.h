@@ -1,10 +1,14 @@
 // Reporter: the progress of a long function, its callback, and the error if that asks to stop.
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <string>
+#include <thread>
 #include <utility>
 
-#include "base/go_on.h"
+#include "base/parallel.h"
+#include "base/try.h"
 #include "slf/error.h"
 #include "slf/progress.h"
 
@@ -31,5 +35,28 @@ class Reporter {
   Progress progress_;
   std::string stopped_;
 };
+
+/// parallel_for() that reports each call as work of 1, on the calling thread. cancelled: the
+/// reporter's callback asked to stop.
+template <class F>
+[[nodiscard]] Result<void> parallel_for(std::uint64_t count, unsigned threads, Reporter& reporter,
+                                        const F& f) {
+  std::atomic<std::uint64_t> done{0};
+  std::atomic<bool> stopped{false};
+  std::uint64_t reported = 0;
+  Result<void> ok;
+  const auto report = [&](std::uint64_t now) {
+    ok = reporter.add(now - std::exchange(reported, now));
+    stopped = !ok;
+  };
+  SLF_TRY(parallel_for(count, threads, [&, caller = std::this_thread::get_id()](std::uint64_t k) {
+    if (stopped) return;
+    f(k);
+    const std::uint64_t now = ++done;
+    if (std::this_thread::get_id() == caller) report(now);
+  }));
+  if (!stopped && reported < count) report(count);
+  return ok;
+}
 
 }  // namespace slf

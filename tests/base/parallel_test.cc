@@ -2,10 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <new>
 #include <stdexcept>
+
+#include "base/reporter.h"
 
 namespace slf {
 namespace {
@@ -75,6 +78,33 @@ TEST(OnThreads, CallsNestAndComeFromSeveralThreads) {
     });
   callers.clear();
   EXPECT_EQ(sum, 4 * 50 * 4 * 5);
+}
+
+TEST(ParallelFor, ReportsAllWorkAndStopsWhenTold) {
+  for (const unsigned threads : {1u, 3u}) {
+    std::vector<std::uint64_t> reports;
+    const ProgressCallback note = [&](const Progress& progress) {
+      EXPECT_EQ(progress.total, 20u);
+      reports.push_back(progress.done);
+      return true;
+    };
+    Reporter reporter(note, {0, 20, 0}, "stopped");
+    EXPECT_TRUE(parallel_for(20, threads, reporter, [](std::uint64_t) {}));
+    EXPECT_TRUE(std::ranges::is_sorted(reports));
+    EXPECT_EQ(reports.back(), 20u);
+
+    const ProgressCallback stop = [](const Progress&) { return false; };
+    Reporter stopping(stop, {0, 1u << 20, 0}, "stopped");
+    std::atomic<std::uint64_t> calls{0};
+    const auto done = parallel_for(1u << 20, threads, stopping, [&](std::uint64_t) {
+      ++calls;
+      std::this_thread::yield();
+    });
+    ASSERT_FALSE(done);
+    EXPECT_EQ(done.error().code, ErrorCode::cancelled);
+    EXPECT_EQ(done.error().message, "stopped");
+    EXPECT_LT(calls, 1u << 20);
+  }
 }
 
 TEST(MakeInOrder, HandsOutInOrderAndStaysInsideItsWindow) {
