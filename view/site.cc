@@ -157,15 +157,10 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
   // The field takes long and may not fit, so it is copied first. It gets its name last.
   Draft draft;
   if (!fs::equivalent(field, target, error)) {
-    if (auto ok = check_output(target.string(), {&field, 1}); !ok) return ok;
+    SLF_TRY(check_output(target.string(), {&field, 1}));
     draft.path = unused_name(target.string());
-    if (auto ok = copy_file(field, draft.path, progress); !ok) return ok;
-    if (auto ok = index_field(draft.path,
-                              [&] {
-                                return !progress || progress({size, size, 0});
-                              });
-        !ok)
-      return ok;
+    SLF_TRY(copy_file(field, draft.path, progress));
+    SLF_TRY(index_field(draft.path, [&] { return !progress || progress({size, size, 0}); }));
   }
   const std::string style = "<link rel=\"stylesheet\" href=\"" + std::string(kStyleFile) + "\">\n";
   const std::string module =
@@ -177,7 +172,7 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
            {kScriptFile, page_script("")},
            {kModuleFile, std::string(file_named(kModuleFile))},
            {kModuleScriptFile, "slfInside.module = " + module_string() + ";\n"}})
-    if (auto ok = write_text((fs::path(folder) / name).string(), text, field); !ok) return ok;
+    SLF_TRY(write_text((fs::path(folder) / name).string(), text, field));
   if (draft.path.empty()) return {};
   return publish_file(draft.path, target.string(), Existing::replace);
 }

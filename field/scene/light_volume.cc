@@ -365,7 +365,7 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
               {options.samples, options.bounces, &light}};
   Progress all;
   for (const Pass& pass : passes) all.total += numbers.size() * cost(pass);
-  Reporter reporter(progress, all, kLightStopped);
+  Reporter reporter(progress, all, "stopped while the light volume was computed");
   SLF_TRY(reporter.add(0));
 
   const LightSolver solver(medium, illumination, options, light, depth);
@@ -378,7 +378,7 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
                         else if (node.lit)  // other points, which may all lie beside the matter
                           nodes[k].indirect = node.indirect;
                       }));
-    SLF_TRY(filter_light(light, index, numbers, nodes, threads, [&] { return reporter.go_on(); }));
+    SLF_TRY(filter_light(light, index, numbers, nodes, threads, reporter));
   }
   return light;
 }
