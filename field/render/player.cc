@@ -332,19 +332,18 @@ Result<Player> Player::make(Renderer renderer, const PlayOptions& options) {
   const Field& field = renderer.tiles().field();
   SLF_TRY(check_view(field, options.view));
   auto state = std::make_unique<State>(std::move(renderer), options);
-  if (options.loading == Loading::wait) return Player(std::move(state));
-
   // Load level 0, so that frames always have a picture to fall back to.
   TileCache& cache = state->cache();
+  const bool waits = options.loading == Loading::wait;
+  const std::uint64_t coarsest = waits ? 0 : tile_count(0, field.shape().entry_extra_levels);
   std::uint64_t bytes = 0;
-  for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_extra_levels); ++index) {
-    if (4 * bytes > cache.budget()) break;
+  for (std::uint64_t index = 0; index < coarsest && 4 * bytes <= cache.budget(); ++index) {
     auto pin = SLF_TRY(cache.load({{0, index}}));
     bytes += pin.samples().size();
     state->coarsest.push_back(std::move(pin));
   }
   state->seen = cache.statistics();
-  state->loader = std::make_unique<Loader>(state->renderer, state->options.view);
+  if (!waits) state->loader = std::make_unique<Loader>(state->renderer, state->options.view);
   return Player(std::move(state));
 }
 
