@@ -12,7 +12,7 @@
 #include <thread>
 #include <utility>
 
-#include "base/parallel.h"
+#include "base/reporter.h"
 #include "base/sort_unique.h"
 #include "base/try.h"
 #include "field/render/block_renderer.h"
@@ -150,7 +150,7 @@ class ViewJob {
   ViewJob(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
           std::span<std::unique_ptr<BlockRenderer>> renderers, const BlockOrder& blocks,
           const Camera& camera, const RayGenerator& rays, const ViewOptions& options,
-          bool lists_tiles, const ProgressCallback& progress, Image& image)
+          bool lists_tiles, Reporter& progress, Image& image)
       : field_(field),
         cache_(cache),
         frame_(cache.begin_frame(lists_tiles)),
@@ -190,9 +190,9 @@ class ViewJob {
         const std::uint32_t taken = std::min(begin + kTakenBlocks, end);
         for (std::uint32_t block = begin; !error && block < taken; ++block)
           if (auto ok = renderer.draw(basis_, blocks_[block]); !ok) error = ok.error();
-        const std::uint32_t drawn = drawn_ += taken - begin;
-        if (error || !progress_ || std::this_thread::get_id() != caller_) continue;
-        if (!progress_({drawn, blocks_.count(), 0})) error = stopped();
+        drawn_ += taken - begin;
+        if (error || std::this_thread::get_id() != caller_) continue;
+        if (auto ok = report(drawn_); !ok) error = ok.error();
       }
     }
     const std::lock_guard lock(mutex_);
@@ -208,8 +208,9 @@ class ViewJob {
   }
 
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
-  [[nodiscard]] Error stopped() const {
-    return {ErrorCode::cancelled, field_.path() + ": stopped while a view was drawn"};
+  /// Only for the thread that made this. `drawn`: blocks.
+  [[nodiscard]] Result<void> report(std::uint32_t drawn) {
+    return progress_.add(drawn - std::exchange(reported_, drawn));
   }
 
   /// Fills in the engine's counts.
@@ -243,7 +244,8 @@ class ViewJob {
   const ViewOptions& options_;
   const BlockOrder& blocks_;
   std::vector<Band> bands_;
-  const ProgressCallback& progress_;
+  Reporter& progress_;
+  std::uint32_t reported_ = 0;
   const std::thread::id caller_ = std::this_thread::get_id();
   Image& image_;
   std::atomic<std::uint32_t> workers_{0}, drawn_{0};
@@ -271,18 +273,19 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& requested
   const ViewOptions options = resolved(requested, field.shape(), camera);
 
   const std::uint64_t decodes_before = state_->tiles.cache().statistics().decodes;
-  if (field.store().is_remote() && options.wait) SLF_TRY(fetch(camera, options));
-  state_->tiles.cache().reset_peak();
   const BlockOrder blocks(camera.width, camera.height);
+  Reporter reporter(progress, {0, blocks.count(), 0},
+                    field.path() + ": stopped while a view was drawn");
+  if (field.store().is_remote() && options.wait) SLF_TRY(fetch(camera, options, reporter));
+  state_->tiles.cache().reset_peak();
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), blocks.count()));
   ViewJob job(field, state_->tiles.cache(), state_->pin_bytes,
               std::span(state_->renderers).first(threads), blocks, camera, rays, options,
-              statistics != nullptr, progress, image);
+              statistics != nullptr, reporter, image);
   SLF_TRY(on_threads(threads, [&] { job.work(); }));
   if (job.error()) return tl::unexpected(*job.error());
-  if (progress && !progress({blocks.count(), blocks.count(), 0}))
-    return tl::unexpected(job.stopped());
+  SLF_TRY(job.report(blocks.count()));
   SLF_TRY(field.unchanged());
 
   if (statistics) {
@@ -315,11 +318,14 @@ std::vector<TileKey> level0_if_small(const FieldFile& field) {
 // Drawing finds the tiles of a view a few at a time, and over a network each few would take a round
 // trip. So this function first draws pictures that do not wait, and loads all tiles that such a
 // picture missed at once. Loaded depths lead to further tiles, hence several rounds.
-Result<void> Renderer::fetch(const Camera& camera, ViewOptions options) {
+Result<void> Renderer::fetch(const Camera& camera, ViewOptions options, Reporter& progress) {
   constexpr int kRounds = 4;
   TileCache& cache = state_->tiles.cache();
   const auto load = [&](std::span<const TileKey> keys) -> Result<void> {
-    for (const TileCache::Located& tile : cache.locate(keys)) SLF_TRY(cache.load(tile));
+    for (const TileCache::Located& tile : cache.locate(keys)) {
+      SLF_TRY(cache.load(tile));
+      SLF_TRY(progress.add(0));
+    }
     return {};
   };
   options.wait = false;

@@ -22,6 +22,8 @@
 
 namespace slf {
 
+class Reporter;  // internal
+
 /// How the colour of a ray is interpolated from stored ones. The first four modes are the paper's
 /// (section 3, Figure 8).
 enum class RenderMode {
@@ -112,7 +114,7 @@ class Renderer {
  private:
   friend class Player;
   struct State;
-  [[nodiscard]] Result<void> fetch(const Camera& camera, ViewOptions options);
+  [[nodiscard]] Result<void> fetch(const Camera& camera, ViewOptions options, Reporter& progress);
   std::unique_ptr<State> state_;
 };
 

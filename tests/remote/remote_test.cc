@@ -126,6 +126,21 @@ TEST_F(RemoteTest, FetchesAViewTogether) {
   EXPECT_LE(host.requests(), 20u);
 }
 
+TEST_F(RemoteTest, StopsFetchingWhenTold) {
+  const HttpHost host(content_);
+  const auto remote = RemoteField::open(host.url());
+  ASSERT_TRUE(remote);
+  Renderer renderer(remote->field());
+  const ViewOptions view{RenderMode::depth, 1};
+  const auto stopped = renderer.render(camera(), view, nullptr, [](const Progress& progress) {
+    EXPECT_EQ(progress.done, 0u);  // before anything is drawn
+    return false;
+  });
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
+  expect_picture(renderer.render(camera(), view));
+}
+
 TEST_F(RemoteTest, FetchesNothingTwice) {
   const HttpHost host(content_);
   const auto remote = RemoteField::open(host.url());
