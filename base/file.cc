@@ -13,6 +13,7 @@
 #include <system_error>
 #include <utility>
 
+#include "base/reporter.h"
 #include "base/try.h"
 
 namespace slf {
@@ -196,7 +197,8 @@ Result<void> copy_file(const std::string& from, const std::string& to,
   Descriptor copy(::open(to.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
   if (copy.get() < 0) return io_error(to, "cannot write", errno);
 
-  Progress state{0, static_cast<std::uint64_t>(status.st_size), 0};
+  Reporter reporter(progress, {0, static_cast<std::uint64_t>(status.st_size), 0},
+                    to + ": interrupted");
   Bytes chunk(kChunk);
   const auto transfer = [&]() -> Result<void> {
     for (;;) {
@@ -207,8 +209,7 @@ Result<void> copy_file(const std::string& from, const std::string& to,
       const auto bytes = static_cast<std::size_t>(got);
       if (const int cause = write_all(copy.get(), ByteSpan(chunk).first(bytes)); cause != 0)
         return io_error(to, "cannot write", cause);
-      state.done += bytes;
-      if (progress && !progress(state)) return fail(ErrorCode::cancelled, to, ": interrupted");
+      SLF_TRY(reporter.add(bytes));
     }
     if (const int cause = copy.close(); cause != 0) return io_error(to, "cannot write", cause);
     return {};

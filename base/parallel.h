@@ -1,4 +1,4 @@
-// Work on several threads: parallel_for if the order does not matter, OrderedPipeline if results
+// Work on several threads: parallel_for if the order does not matter, make_in_order if results
 // are needed in order. An exception on any thread is returned as an error.
 #pragma once
 
@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "base/guarded.h"
+#include "base/try.h"
 #include "slf/error.h"
 
 namespace slf {
@@ -49,78 +50,59 @@ template <class F>
   });
 }
 
-/// Makes items 0 to `count` - 1 on several threads and returns them in that order. Makers are never
-/// more than `window` items ahead of take(), which bounds memory. The destructor stops after the
-/// items in progress. Thread-safety: one thread calls take().
-template <class T>
-class OrderedPipeline {
- public:
-  /// Makes one item. Each thread has its own maker, which may reuse scratch memory.
-  using Maker = std::function<Result<T>(std::uint64_t)>;
-
-  /// new_maker() returns a Maker; it is called once per thread, on the calling thread.
-  template <class NewMaker>
-  OrderedPipeline(std::uint64_t count, unsigned threads, std::size_t window,
-                  const NewMaker& new_maker)
-      : count_(count), slots_(std::max<std::size_t>(window, 1)) {
-    const auto started = guarded([&] {
-      for (unsigned t = 0; t < std::max(threads, 1u); ++t)
-        workers_.emplace_back([this, make = Maker(new_maker())] { work(make); });
-    });
-    if (!started && workers_.empty()) start_error_ = started.error();  // fewer threads will do
-  }
-  ~OrderedPipeline() {
-    {
-      const std::lock_guard lock(mutex_);
-      stop_ = true;
-    }
-    changed_.notify_all();
-    for (auto& worker : workers_) worker.join();
-  }
-  OrderedPipeline(const OrderedPipeline&) = delete;
-  OrderedPipeline& operator=(const OrderedPipeline&) = delete;
-
-  /// Waits for the next item and returns it, or the error that its maker returned or threw.
-  /// REQUIRES: called at most `count` times.
-  [[nodiscard]] Result<T> take() {
-    if (start_error_) return tl::unexpected(*start_error_);
-    std::unique_lock lock(mutex_);
-    std::optional<Result<T>>& slot = slots_[taken_ % slots_.size()];
-    changed_.wait(lock, [&] { return slot.has_value(); });
-    Result<T> item = std::move(*slot);
-    slot.reset();
-    ++taken_;
-    lock.unlock();
-    changed_.notify_all();
-    return item;
-  }
-
- private:
-  void work(const Maker& make) {
-    for (;;) {
-      std::unique_lock lock(mutex_);
-      changed_.wait(lock,
-                    [&] { return stop_ || next_ == count_ || next_ < taken_ + slots_.size(); });
-      if (stop_ || next_ == count_) return;
-      const std::uint64_t mine = next_++;
+/// Makes items 0 to `count` - 1 on `threads` threads and passes them in that order to use(k, item)
+/// on the calling thread. new_maker() is called there once per thread, so that a maker, a function
+/// from k to a Result, can reuse scratch memory. Makers are never more than `window` items ahead of
+/// use(), which bounds memory. Returns the first error of either; then no further item begins.
+template <class NewMaker, class Use>
+[[nodiscard]] Result<void> make_in_order(std::uint64_t count, unsigned threads, std::size_t window,
+                                         const NewMaker& new_maker, const Use& use) {
+  using Maker = std::invoke_result_t<NewMaker>;
+  using Made = std::invoke_result_t<Maker&, std::uint64_t>;
+  std::vector<std::optional<Made>> slots(std::max<std::size_t>(window, 1));
+  std::mutex mutex;  // guards what follows, and the slots
+  std::condition_variable changed;
+  std::uint64_t next = 0, taken = 0;
+  bool stop = false;
+  const auto work = [&](Maker& make) {
+    for (std::unique_lock lock(mutex);;) {
+      changed.wait(lock, [&] { return stop || next == count || next < taken + slots.size(); });
+      if (stop || next == count) return;
+      const std::uint64_t mine = next++;
       lock.unlock();
-      Result<T> item = guarded([&] { return make(mine); });
+      Made item = guarded([&] { return make(mine); });
       lock.lock();
-      slots_[mine % slots_.size()] = std::move(item);
-      lock.unlock();
-      changed_.notify_all();
+      slots[mine % slots.size()] = std::move(item);
+      changed.notify_all();
     }
+  };
+  const auto use_all = [&]() -> Result<void> {
+    for (std::uint64_t k = 0; k < count; ++k) {
+      std::unique_lock lock(mutex);
+      std::optional<Made>& slot = slots[k % slots.size()];
+      changed.wait(lock, [&] { return slot.has_value(); });
+      Made item = *std::exchange(slot, std::nullopt);
+      ++taken;
+      lock.unlock();
+      changed.notify_all();
+      if (!item) return tl::unexpected(std::move(item).error());
+      SLF_TRY(use(k, *std::move(item)));
+    }
+    return {};
+  };
+  std::vector<std::thread> workers;
+  auto done = guarded([&] {
+    for (unsigned t = 0; t < std::max(threads, 1u); ++t)
+      workers.emplace_back([&work, make = new_maker()]() mutable { work(make); });
+  });
+  if (!workers.empty()) done = guarded(use_all);  // fewer threads will do
+  {
+    const std::lock_guard lock(mutex);
+    stop = true;
   }
-
-  const std::uint64_t count_;
-  std::vector<std::optional<Result<T>>> slots_;
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  std::uint64_t next_ = 0;
-  std::uint64_t taken_ = 0;
-  bool stop_ = false;
-  std::optional<Error> start_error_;
-  std::vector<std::thread> workers_;
-};
+  changed.notify_all();
+  for (auto& worker : workers) worker.join();
+  return done;
+}
 
 }  // namespace slf

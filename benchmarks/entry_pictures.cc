@@ -18,9 +18,9 @@
 #include <unordered_map>
 
 #include "benchmarks/storage/expect.h"
-#include "field/build/field_writer.h"
 #include "field/geometry/tile_order.h"
 #include "field/tiles/tile_cache.h"
+#include "field/write/field_writer.h"
 #include "slf/field.h"
 
 namespace {

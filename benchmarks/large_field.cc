@@ -9,9 +9,9 @@
 #include <cstdio>
 #include <iostream>
 
-#include "field/build/field_writer.h"
 #include "field/geometry/level_geometry.h"
 #include "field/geometry/tile_order.h"
+#include "field/write/field_writer.h"
 
 namespace {
 

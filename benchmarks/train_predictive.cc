@@ -88,8 +88,9 @@ Bytes samples_of(TileCache& cache, TileKey key) {
 void collect(const FieldFile& field, std::size_t number, int quality, Training& training) {
   const FieldShape& shape = field.shape();
   const codec::PredictiveCodec codec({quality}, codec::predictive_tables({quality}, shape.levels));
-  const PredictedTiles tiles(
-      shape, codec, [&](unsigned level) -> const LevelGeometry& { return field.geometry(level); });
+  const TileCoder tiles(
+      shape, codec.settings().format, codec,
+      [&](unsigned level) -> const LevelGeometry& { return field.geometry(level); });
   TileCache cache(field, 64 << 20);
   std::map<TileKey, Bytes> decoded;
   const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> {

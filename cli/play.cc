@@ -8,9 +8,9 @@
 
 #include "base/try.h"
 #include "cli/command.h"
+#include "field/measure/process_memory.h"
 #include "slf/camera.h"
 #include "slf/image.h"
-#include "slf/measure.h"
 #include "slf/player.h"
 #include "slf/remote.h"
 

@@ -88,9 +88,8 @@ Result<std::unique_ptr<Codec>> make_jpeg(std::string_view spec, SampleFormat for
   return make_jpeg_codec(format, options, shared);
 }
 
-Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec, SampleFormat format,
-                                               const std::vector<std::string_view>& parts,
-                                               ByteSpan tables) {
+Result<PredictiveSettings> predictive_settings(std::string_view spec, SampleFormat format,
+                                               const std::vector<std::string_view>& parts) {
   if (!has_depth(format))
     return fail(ErrorCode::unsupported, "codec \"", spec, "\": needs depths beside the colours");
   PredictiveSettings settings{kDefaultPredictiveQuality, format};
@@ -101,6 +100,13 @@ Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec, SampleForm
     if (!given) return bad_spec(spec);
     settings.quality = *given;
   }
+  return settings;
+}
+
+Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec, SampleFormat format,
+                                               const std::vector<std::string_view>& parts,
+                                               ByteSpan tables) {
+  const PredictiveSettings settings = SLF_TRY(predictive_settings(spec, format, parts));
   if (tables.empty())
     return std::make_unique<PredictiveCodec>(settings, predictive_tables(settings, 0));
   auto shared = SLF_TRY(parse_predictive_tables(tables));
@@ -131,8 +137,7 @@ Result<std::unique_ptr<Codec>> train_codec(std::string_view spec, SampleFormat f
                                            std::span<const TrainingTile> sample, unsigned finest) {
   const std::vector<std::string_view> parts = split(spec, ':');
   if (is_predictive(spec)) {
-    const auto plain = SLF_TRY(make_codec(spec, format));
-    const PredictiveSettings& settings = plain->predictive()->settings();
+    const PredictiveSettings settings = SLF_TRY(predictive_settings(spec, format, parts));
     return std::make_unique<PredictiveCodec>(settings, predictive_tables(settings, finest));
   }
   if (parts[0] != "jpeg") return make_codec(spec, format);

@@ -18,41 +18,16 @@
 #include <string_view>
 
 #include "base/bytes.h"
+#include "base/tile_shape.h"
 #include "slf/error.h"
 #include "slf/tile.h"
 
 namespace slf::codec {
 
+using slf::LocalPoint;
 using slf::sample_bytes;
 using slf::SampleFormat;
-
-/// The position of a picture in the stack: integer coordinates on a triangular lattice. Pictures at
-/// adjacent positions, which differ by (±1, 0), (0, ±1) or (±1, ∓1), are similar.
-struct LocalPoint {
-  std::uint16_t p = 0;
-  std::uint16_t q = 0;
-  friend bool operator==(const LocalPoint&, const LocalPoint&) = default;
-};
-
-/// The shape of a tile: positions.size() pictures ("rows"), each a triangle of
-/// (side+1)(side+2)/2 samples ("columns"). Samples are stored row after row. Within a row the
-/// sample at (p, q), p + q <= side, has index q*(side+1) - q*(q-1)/2 + p: lines of constant q, each
-/// one sample shorter than the previous one. All colours come before all depths. `positions` is a
-/// view and must outlive the Tile. Positions are distinct and in ascending (q, p) order.
-struct Tile {
-  SampleFormat format = SampleFormat::rgba8;
-  std::uint32_t side = 0;
-  std::span<const LocalPoint> positions;
-
-  [[nodiscard]] std::size_t rows() const { return positions.size(); }
-  [[nodiscard]] std::size_t columns() const {
-    return static_cast<std::size_t>(side + 1) * (side + 2) / 2;
-  }
-  [[nodiscard]] std::size_t samples() const { return rows() * columns(); }
-  [[nodiscard]] std::size_t bytes() const { return samples() * sample_bytes(format); }
-  /// The bytes of all colours; depths follow.
-  [[nodiscard]] std::size_t color_bytes() const { return samples() * slf::color_bytes(format); }
-};
+using Tile = slf::TileShape;
 
 class PredictiveCodec;
 

@@ -1,5 +1,5 @@
 // PredictiveCodec: the state that all tiles of a field share. Tiles are coded against
-// predictions, which only a field can make: see codec/predictive.h and field/predicted_tiles.h.
+// predictions, which only a field can make: see codec/predictive.h and field/tile_coder.h.
 #pragma once
 
 #include <map>

@@ -22,34 +22,27 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(storage::TileStore stor
   if (!codec) return fail(ErrorCode::bad_file, path, ": ", codec.error().message);
   std::shared_ptr<FieldFile> field(new FieldFile(std::move(store), std::move(manifest)));
   field->codec_ = std::move(*codec);
-  field->predict();
+  field->coder_.emplace(field->shape(), field->format(), field->codec(),
+                        [file = field.get()](unsigned level) -> const LevelGeometry& {
+                          return file->geometry(level);
+                        });
+  if (field->predicts()) field->read_reference_index();
   return field;
 }
 
-void FieldFile::predict() {
-  const codec::PredictiveCodec* const codec = codec_->predictive();
-  if (!codec) return;
-  const auto geometries = [this](unsigned level) -> const LevelGeometry& {
-    return geometry(level);
-  };
-  prediction_.reset(new Prediction{{manifest_.shape, *codec, geometries}, {}});
+void FieldFile::read_reference_index() {
   for (unsigned level = 1; level <= shape().levels; ++level) {
     const Bytes section = store_.section(reference_section(level));
     auto index = ReferenceIndex::parse(section, level);
     if (section.empty() || !index) return;
-    prediction_->index.push_back(std::move(*index));
+    reference_index_.push_back(std::move(*index));
   }
-}
-
-std::vector<TileKey> FieldFile::references(const storage::TileRef& tile) const {
-  if (!prediction_) return {};
-  return prediction_->tiles.references(tile.key, tile.payload);
 }
 
 Result<std::vector<TileKey>> FieldFile::with_references(std::span<const TileKey> keys) const {
   std::vector<TileKey> all(keys.begin(), keys.end());
   std::vector<TileKey> dependants;
-  if (prediction_) dependants = all;
+  if (predicts()) dependants = all;
   while (!dependants.empty()) {
     std::vector<TileKey> found;
     for (const auto& tile : store_.find_all(dependants)) {
@@ -71,7 +64,7 @@ void FieldFile::advise_together(std::span<const storage::TileRef> tiles) const {
   std::vector<TileKey> keys;
   for (const storage::TileRef& tile : tiles)
     if (tile.state == storage::TileState::stored) keys.push_back(tile.key);
-  append_ancestors(prediction_->index, keys);
+  append_ancestors(reference_index_, keys);
   std::erase_if(keys, [&](TileKey key) { return !shape().has(key); });
   for (const auto& tile : store_.find_all(keys))
     if (tile && tile->state == storage::TileState::stored) all.push_back(*tile);
@@ -79,8 +72,8 @@ void FieldFile::advise_together(std::span<const storage::TileRef> tiles) const {
 }
 
 void FieldFile::advise(std::span<const storage::TileRef> tiles, const IsLoaded& loaded) const {
-  if (!prediction_) return store_.advise(tiles);
-  if (prediction_->index.empty())
+  if (!predicts()) return store_.advise(tiles);
+  if (reference_index_.empty())
     store_.advise(tiles);
   else
     advise_together(tiles);
@@ -100,21 +93,11 @@ void FieldFile::advise(std::span<const storage::TileRef> tiles, const IsLoaded& 
   }
 }
 
-Result<void> FieldFile::encode(TileKey key, ByteSpan samples, const ReferenceSource& references,
-                               Bytes& payload) const {
-  return prediction_->tiles.encode(key, samples, references, payload);
-}
-
 const LevelGeometry& FieldFile::geometry(unsigned level) const {
   std::call_once(geometry_once_[level], [&] {
     geometry_[level] = std::make_unique<LevelGeometry>(manifest_.shape, level);
   });
   return *geometry_[level];
-}
-
-codec::Tile FieldFile::tile_shape(TileKey key) const {
-  const TileSections sections = sections_of(key, manifest_.shape.entry_extra_levels);
-  return geometry(key.level).tile(sections.entry.index, format());
 }
 
 Result<void> FieldFile::decode(const storage::TileRef& tile, const ReferenceSource& references,
@@ -128,8 +111,7 @@ Result<void> FieldFile::decode(const storage::TileRef& tile, const ReferenceSour
     if (!found) of_reference = found.error();
     return found;
   };
-  auto decoded = prediction_ ? prediction_->tiles.decode(tile.key, tile.payload, source, samples)
-                             : codec_->decode(tile_shape(tile.key), tile.payload, samples);
+  auto decoded = coder_->decode(tile.key, tile.payload, source, samples);
   if (of_reference) return tl::unexpected(*of_reference);
   SLF_TRY(unchanged());  // not the codec's fault
   if (!decoded)

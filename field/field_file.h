@@ -12,8 +12,8 @@
 #include "codec/codec.h"
 #include "field/geometry/level_geometry.h"
 #include "field/manifest.h"
-#include "field/predicted_tiles.h"
 #include "field/reference_index.h"
+#include "field/tile_coder.h"
 #include "slf/error.h"
 #include "slf/field.h"
 #include "storage/tile_store.h"
@@ -51,23 +51,23 @@ class FieldFile {
   /// The geometry of a level, computed on first use. REQUIRES: level <= shape().levels.
   [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
 
+  /// Codes its tiles.
+  [[nodiscard]] const TileCoder& coder() const { return *coder_; }
   /// The shape of a tile. REQUIRES: a key of this field.
-  [[nodiscard]] codec::Tile tile_shape(TileKey key) const;
+  [[nodiscard]] codec::Tile tile_shape(TileKey key) const { return coder_->tile_shape(key); }
 
   /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes; TileCache does this
   /// with references that it keeps. bad_file: the tile is damaged. Errors of `references` are
   /// returned as they are.
   [[nodiscard]] Result<void> decode(const storage::TileRef& tile, const ReferenceSource& references,
                                     std::span<std::byte> samples) const;
-  /// Codes a tile as a difference from what `references` predict: tiles of this field's next
-  /// coarser level. REQUIRES: predicts().
-  [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples,
-                                    const ReferenceSource& references, Bytes& payload) const;
 
   /// Whether tiles are predicted from coarser ones.
-  [[nodiscard]] bool predicts() const { return prediction_ != nullptr; }
+  [[nodiscard]] bool predicts() const { return coder_->predicts(); }
   /// The tiles that a stored one is predicted from.
-  [[nodiscard]] std::vector<TileKey> references(const storage::TileRef& tile) const;
+  [[nodiscard]] std::vector<TileKey> references(const storage::TileRef& tile) const {
+    return coder_->references(tile.key, tile.payload);
+  }
   /// `keys` and all tiles that they are predicted from, directly or through others, ascending.
   [[nodiscard]] Result<std::vector<TileKey>> with_references(std::span<const TileKey> keys) const;
   /// Asks the kernel to read the payloads of stored tiles, then, level by level, of those that they
@@ -89,19 +89,15 @@ class FieldFile {
 
   storage::TileStore store_;
   Manifest manifest_;
-  /// The state that codes predicted tiles.
-  struct Prediction {
-    PredictedTiles tiles;
-    std::vector<ReferenceIndex> index;  ///< [level - 1]; the levels in a remote file's index
-  };
-  void predict();
+  void read_reference_index();
   void advise_together(std::span<const storage::TileRef> tiles) const;
   /// Whether all tiles of the part are there.
   [[nodiscard]] Result<bool> part_is_complete() const;
   [[nodiscard]] tl::unexpected<Error> changed() const;
 
   std::unique_ptr<codec::Codec> codec_;
-  std::unique_ptr<Prediction> prediction_;  // null if nothing is predicted
+  std::optional<TileCoder> coder_;               // from open() on
+  std::vector<ReferenceIndex> reference_index_;  // [level - 1]; the levels in a remote file's index
   mutable std::array<std::once_flag, 16> geometry_once_;
   mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometry_;
 };

@@ -37,10 +37,6 @@ std::uint64_t checksum(ByteSpan bytes, std::uint64_t seed) {
   return XXH3_64bits_withSeed(bytes.data(), bytes.size(), seed);
 }
 
-std::uint64_t payload_checksum(TileKey key, ByteSpan payload) {
-  return checksum(payload, checksum(encode_key(key)));
-}
-
 RecordKey encode_key(TileKey last) {
   RecordKey key;
   key[0] = static_cast<std::byte>(last.level);
@@ -181,3 +177,11 @@ Bytes encode_record(std::optional<TileKey> previous, TileKey first, std::span<co
 }
 
 }  // namespace slf::storage::internal
+
+namespace slf::storage {
+
+std::uint64_t payload_checksum(TileKey key, ByteSpan payload) {
+  return internal::checksum(payload, internal::checksum(internal::encode_key(key)));
+}
+
+}  // namespace slf::storage

@@ -212,7 +212,7 @@ Result<void> TileStore::check(const TileRef& tile) const {
 
 Result<void> TileStore::verify(const TileRef& tile) const {
   if (tile.state != TileState::stored) return {};
-  const bool good = internal::payload_checksum(tile.key, tile.payload) == tile.checksum;
+  const bool good = payload_checksum(tile.key, tile.payload) == tile.checksum;
   SLF_TRY(state_->snapshot->unchanged());
   if (good) return {};
   return fail(ErrorCode::bad_file, path(), ": tile ", int{tile.key.level}, "/", tile.key.index,

@@ -45,6 +45,9 @@ struct TileRef {
   std::uint64_t checksum = 0;
 };
 
+/// The checksum of a payload. It covers the key, so a payload in the wrong place does not match.
+[[nodiscard]] std::uint64_t payload_checksum(TileKey key, ByteSpan payload);
+
 /// A half-open range of bytes of the file.
 struct FileRange {
   std::uint64_t begin = 0;

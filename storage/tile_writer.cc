@@ -351,7 +351,7 @@ Result<void> TileWriter::replace(TileKey key, TileState tile_state, ByteSpan pay
   state_->edited_bytes += payload.size();
   internal::Tile& tile = edit->tiles[position];
   tile = {tile_state, copy, 0};
-  if (tile_state == TileState::stored) tile.checksum = internal::payload_checksum(key, copy);
+  if (tile_state == TileState::stored) tile.checksum = payload_checksum(key, copy);
   return {};
 }
 

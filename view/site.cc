@@ -11,8 +11,9 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/reporter.h"
 #include "base/try.h"
-#include "field/build/field_index.h"
+#include "field/write/field_index.h"
 #include "slf/field.h"
 #include "view/bundle.h"
 #include "view/page.h"
@@ -127,14 +128,12 @@ Result<void> export_page(const std::string& field, const std::string& output,
   const std::string_view content(reinterpret_cast<const char*>(bytes.data()), bytes.size());
 
   std::string scripts;
+  Reporter reporter(progress, {0, content.size(), 0}, output + ": interrupted");
   for (std::size_t at = 0; at < content.size(); at += kPieceBytes) {
-    if (progress && !progress({at, content.size(), 0}))
-      return fail(ErrorCode::cancelled, output, ": interrupted");
-    scripts += "<script type=\"text/plain\" class=\"piece\">" +
-               base64(content.substr(at, kPieceBytes)) + "</script>\n";
+    const std::string_view piece = content.substr(at, kPieceBytes);
+    scripts += "<script type=\"text/plain\" class=\"piece\">" + base64(piece) + "</script>\n";
+    SLF_TRY(reporter.add(piece.size()));
   }
-  if (progress && !progress({content.size(), content.size(), 0}))
-    return fail(ErrorCode::cancelled, output, ": interrupted");
   scripts +=
       "<script>\n" +
       page_script("module: " + module_string() + ",\npieceBytes: " + std::to_string(kPieceBytes) +
@@ -158,15 +157,10 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
   // The field takes long and may not fit, so it is copied first. It gets its name last.
   Draft draft;
   if (!fs::equivalent(field, target, error)) {
-    if (auto ok = check_output(target.string(), {&field, 1}); !ok) return ok;
+    SLF_TRY(check_output(target.string(), {&field, 1}));
     draft.path = unused_name(target.string());
-    if (auto ok = copy_file(field, draft.path, progress); !ok) return ok;
-    if (auto ok = index_field(draft.path,
-                              [&] {
-                                return !progress || progress({size, size, 0});
-                              });
-        !ok)
-      return ok;
+    SLF_TRY(copy_file(field, draft.path, progress));
+    SLF_TRY(index_field(draft.path, [&] { return !progress || progress({size, size, 0}); }));
   }
   const std::string style = "<link rel=\"stylesheet\" href=\"" + std::string(kStyleFile) + "\">\n";
   const std::string module =
@@ -178,7 +172,7 @@ Result<void> export_site(const std::string& field, const std::string& folder, bo
            {kScriptFile, page_script("")},
            {kModuleFile, std::string(file_named(kModuleFile))},
            {kModuleScriptFile, "slfInside.module = " + module_string() + ";\n"}})
-    if (auto ok = write_text((fs::path(folder) / name).string(), text, field); !ok) return ok;
+    SLF_TRY(write_text((fs::path(folder) / name).string(), text, field));
   if (draft.path.empty()) return {};
   return publish_file(draft.path, target.string(), Existing::replace);
 }

@@ -20,14 +20,14 @@ inline constexpr std::uint64_t kMaxEmbeddedBytes = std::uint64_t{1} << 30;
 /// after an error, `output` is unchanged. usage: `output` is the field. io: a file cannot be read
 /// or written. bad_file: `field` is no field. unsupported: the field is larger than
 /// kMaxEmbeddedBytes. REQUIRES: page_files() is not empty.
-/// Progress counts bytes of the field. failed: stopped by `progress`.
+/// Progress counts bytes of the field. cancelled: stopped by `progress`.
 [[nodiscard]] Result<void> export_page(const std::string& field, const std::string& output,
                                        const ProgressCallback& progress = {});
 
 /// Writes a folder with the page and the field, for any host of static files that serves ranges.
 /// The field gets an index (doc/format/optional.md, "Index"). usage: the folder has files in it and
 /// `force` is false, or the field is a file that the page needs to write. Others as export_page().
-/// Progress counts bytes of the field. failed: stopped by `progress`; the field is not written.
+/// Progress counts bytes of the field. cancelled: stopped by `progress`; the field is not written.
 [[nodiscard]] Result<void> export_site(const std::string& field, const std::string& folder,
                                        bool force, const ProgressCallback& progress = {});
 

@@ -60,17 +60,17 @@ void encode_alone(const Work& work, unsigned threads) {
 // As build_field does it: encoders on all threads, one writer, a commit every 32 MiB.
 void encode_and_store(const Work& work, unsigned threads, const std::string& path) {
   auto writer = expect(storage::TileWriter::create(path, {}));
-  OrderedPipeline<Bytes> pipeline(work.set.size(), threads, 8 * threads, [&] {
-    return [&](std::uint64_t i) {
-      Bytes payload;
-      expect(work.set.codec->encode(work.set.shapes[i], work.samples[i], payload));
-      return payload;
-    };
-  });
-  for (std::size_t i = 0; i < work.set.size(); ++i) {
-    expect(writer.append({work.set.level, work.set.keys[i]}, expect(pipeline.take())));
-    if (writer.pending_bytes() >= kCommitBytes) expect(writer.commit());
-  }
+  const auto encode = [&](std::uint64_t i) -> Result<Bytes> {
+    Bytes payload;
+    expect(work.set.codec->encode(work.set.shapes[i], work.samples[i], payload));
+    return payload;
+  };
+  const auto append = [&](std::uint64_t i, Bytes payload) -> Result<void> {
+    expect(writer.append({work.set.level, work.set.keys[i]}, std::move(payload)));
+    return writer.pending_bytes() >= kCommitBytes ? writer.commit() : Result<void>();
+  };
+  expect(make_in_order(
+      work.set.size(), threads, 8 * threads, [&] { return encode; }, append));
   expect(writer.close());
 }
 

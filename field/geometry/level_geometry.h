@@ -37,7 +37,7 @@ class LevelGeometry {
   [[nodiscard]] std::span<const LocalPoint> rows(std::uint32_t entry_section) const;
 
   /// The shape of the tiles of an entry section, with samples of this format.
-  [[nodiscard]] codec::Tile tile(std::uint32_t entry_section, codec::SampleFormat format) const {
+  [[nodiscard]] TileShape tile(std::uint32_t entry_section, SampleFormat format) const {
     return {format, exit_side_, rows(entry_section)};
   }
 

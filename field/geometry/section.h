@@ -13,13 +13,11 @@
 #include <cstdint>
 #include <vector>
 
-#include "codec/codec.h"
+#include "base/tile_shape.h"
 #include "field/geometry/lattice.h"
 #include "slf/tile.h"
 
 namespace slf {
-
-using codec::LocalPoint;
 
 /// The deepest level a section can have; index then needs 3 + 2·12 bits.
 inline constexpr unsigned kMaxSectionLevel = 12;

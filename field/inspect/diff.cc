@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "base/parallel.h"
+#include "base/reporter.h"
 #include "base/try.h"
 #include "field/geometry/tile_order.h"
 #include "field/inspect/channel.h"
@@ -185,23 +186,21 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
       keys.push_back(order.key(n));
     return keys;
   };
-  OrderedPipeline<std::vector<Sum>> pipeline(batches, threads, 4 * threads, [&] {
-    return [&, comparer = std::make_shared<Comparer>(comparison)](std::uint64_t batch) {
-      return comparer->compare(keys_of(batch));
+  const auto new_maker = [&] {
+    return [&, comparer = Comparer(comparison)](std::uint64_t batch) mutable {
+      return comparer.compare(keys_of(batch));
     };
-  });
+  };
   std::vector<Sum> total(comparison.channels);
-  Progress state;
-  state.total = order.count();
-  for (std::uint64_t batch = 0; batch < batches; ++batch) {
-    const std::vector<Sum> sums = SLF_TRY(pipeline.take());
+  Reporter reporter(progress, {0, order.count(), 0},
+                    a.path() + " and " + b.path() + ": comparison interrupted");
+  const auto add = [&](std::uint64_t batch, const std::vector<Sum>& sums) {
     for (std::size_t c = 0; c < total.size(); ++c) total[c].add(sums[c]);
     if (batch % kReleaseBatches == kReleaseBatches - 1)
       a.store().release_all(), b.store().release_all();
-    state.done = std::min((batch + 1) * kBatch, order.count());
-    if (progress && !progress(state))
-      return fail(ErrorCode::cancelled, a.path(), " and ", b.path(), ": comparison interrupted");
-  }
+    return reporter.add(std::min<std::uint64_t>(kBatch, order.count() - batch * kBatch));
+  };
+  SLF_TRY(make_in_order(batches, threads, 4 * threads, new_maker, add));
   for (std::size_t c = 0; c < total.size(); ++c) {
     ChannelDifference& channel = difference.channels.emplace_back(total[c].counts);
     channel.channel = c == 0 ? "color" : "depth";

@@ -15,9 +15,11 @@
 #include <system_error>
 #include <thread>
 
+#include "base/reporter.h"
 #include "base/sort_unique.h"
 #include "base/try.h"
 #include "field/field_file.h"
+#include "field/measure/process_memory.h"
 #include "slf/scene.h"
 
 namespace slf {
@@ -195,8 +197,8 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
     std::iota(levels.begin(), levels.end(), 0u);
   }
   Measurement result;
-  Progress state;
-  state.total = levels.size() * options.cameras.size();
+  Reporter reporter(progress, {0, levels.size() * options.cameras.size(), 0},
+                    "measure interrupted");
   PeakMemoryMonitor watch;
   PageCacheCounter kernel(field.file());
   std::vector<ViewCost> total(options.cameras.size());
@@ -227,8 +229,7 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
       total[v].cached += cost.cached;
       total[v].mapped += cost.mapped;
       total[v].peak = std::max(total[v].peak, cost.peak);
-      ++state.done;
-      if (progress && !progress(state)) return fail(ErrorCode::cancelled, "measure interrupted");
+      SLF_TRY(reporter.add(1));
     }
     const std::uint64_t tiles = tile_count(level, field.shape().entry_extra_levels);
     total_tiles += tiles;

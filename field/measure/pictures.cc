@@ -2,6 +2,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/reporter.h"
 #include "base/try.h"
 #include "slf/measure.h"
 
@@ -102,6 +103,7 @@ Result<std::vector<PictureQuality>> evaluate_pictures(const Field& field,
   if (pictures.empty()) return fail(ErrorCode::usage, "no pictures to compare with");
   Renderer renderer(field, options);
   std::vector<PictureQuality> qualities;
+  Reporter reporter(progress, {0, pictures.size(), 0}, "stopped while pictures were compared");
   for (const Picture& picture : pictures) {
     const auto truth = SLF_TRY(load_picture(picture));
     const auto camera = SLF_TRY(camera_of(picture));
@@ -111,8 +113,7 @@ Result<std::vector<PictureQuality>> evaluate_pictures(const Field& field,
     qualities.push_back({picture.name,
                          {whole.psnr, whole.ssim},
                          psnr_inside(field.shape().sphere, picture, truth, image)});
-    if (progress && !progress({qualities.size(), pictures.size(), 0}))
-      return fail(ErrorCode::cancelled, "stopped while pictures were compared");
+    SLF_TRY(reporter.add(1));
   }
   return qualities;
 }

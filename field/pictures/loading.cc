@@ -8,10 +8,9 @@
 #include <cstring>
 #include <limits>
 #include <optional>
-#include <thread>
 
 #include "base/file.h"
-#include "base/parallel.h"
+#include "base/reporter.h"
 #include "base/try.h"
 #include "field/image/formats.h"
 #include "field/volume/stack.h"
@@ -163,12 +162,11 @@ Result<Loaded> load_views(const PictureSet& set, const Sphere& sphere,
   loaded.views.resize(count);
   loaded.hashes.resize(count);
   std::vector<Result<void>> results(count);
-  std::atomic<std::uint64_t> ready{0}, with_depth{0};
-  std::atomic<bool> masks{false}, stopped{false};
+  std::atomic<std::uint64_t> with_depth{0};
+  std::atomic<bool> masks{false};
   const double voxel = 2 * sphere.radius / options.voxels;
-  const auto caller = std::this_thread::get_id();
-  SLF_TRY(parallel_for(count, options.threads, [&](std::uint64_t k) {
-    if (stopped) return;
+  Reporter reporter(options.progress, {0, count, 0}, "stopped while pictures were read");
+  SLF_TRY(parallel_for(count, options.threads, reporter, [&](std::uint64_t k) {
     const Picture& picture = set.pictures[k];
     results[k] = [&]() -> Result<void> {
       const auto bytes = SLF_TRY(read_file(picture.file, kMaxPictureBytes));
@@ -182,13 +180,9 @@ Result<Loaded> load_views(const PictureSet& set, const Sphere& sphere,
         masks = true;
       return {};
     }();
-    ++ready;
-    if (options.progress && std::this_thread::get_id() == caller)
-      stopped = stopped || !options.progress({ready, count, 0});
   }));
   for (auto& result : results)
     if (!result) return tl::unexpected(std::move(result.error()));
-  if (stopped) return fail(ErrorCode::cancelled, "stopped while pictures were read");
   loaded.masks = masks;
   loaded.depths = with_depth == count;
   if (with_depth > 0 && !loaded.depths)

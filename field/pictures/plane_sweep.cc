@@ -2,12 +2,12 @@
 // it if everything lay at one depth, for many depths. Costs are means over two windows, of the
 // half of the neighbours that agree best (Kang, Szeliski, Chai 2001).
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
 
-#include "base/parallel.h"
+#include "base/reporter.h"
+#include "base/try.h"
 #include "field/pictures/views.h"
 
 namespace slf {
@@ -295,18 +295,10 @@ std::vector<float> confirmed(std::size_t number, const std::vector<SmallView>& v
 Result<void> estimate_depth(const Sphere& sphere, const Surface* hull, unsigned threads,
                             const ProgressCallback& progress, std::vector<SmallView>& views) {
   std::vector<std::vector<float>> depths(views.size());
-  std::atomic<std::uint64_t> swept{0};
-  std::atomic<bool> stopped{false};
-  const auto caller = std::this_thread::get_id();
-  auto done = parallel_for(views.size(), threads, [&](std::uint64_t k) {
-    if (stopped) return;
+  Reporter reporter(progress, {0, views.size(), 0}, "stopped while depth was estimated");
+  SLF_TRY(parallel_for(views.size(), threads, reporter, [&](std::uint64_t k) {
     depths[k] = Sweep(sphere, hull, views, k).depth();
-    ++swept;
-    if (progress && std::this_thread::get_id() == caller)
-      stopped = stopped || !progress({swept, views.size(), 0});
-  });
-  if (!done) return done;
-  if (stopped) return fail(ErrorCode::cancelled, "stopped while depth was estimated");
+  }));
   return parallel_for(views.size(), threads, [&](std::uint64_t k) {
     views[k].depth = confirmed(k, views, depths, sphere.center);
   });

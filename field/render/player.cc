@@ -293,26 +293,15 @@ class Player::Loader {
   std::thread thread_;
 };
 
-namespace {
-
-/// Frames must not wait for page faults, so tiles are copied out of the map.
-RendererOptions for_frames(RendererOptions options) {
-  options.in_place = false;
-  return options;
-}
-
-}  // namespace
-
 struct Player::State {
-  State(const Field& of_field, const PlayOptions& play_options)
-      : field(of_field), options(play_options), renderer(field, for_frames(options.renderer)) {
+  State(Renderer with, const PlayOptions& play_options)
+      : renderer(std::move(with)), options(play_options) {
     options.view.wait = options.loading == Loading::wait;
   }
-  [[nodiscard]] TileCache& cache() const { return renderer.state_->tiles.cache(); }
+  [[nodiscard]] TileCache& cache() const { return renderer.tiles().cache(); }
 
-  Field field;
-  PlayOptions options;
   Renderer renderer;
+  PlayOptions options;
   std::vector<TileCache::Pin> coarsest;
   CacheStatistics seen;            // when the last frame was drawn
   Clock::time_point began, ended;  // of that frame
@@ -327,20 +316,34 @@ Player::Player(Player&&) noexcept = default;
 Player& Player::operator=(Player&&) noexcept = default;
 Player::~Player() = default;
 
-Result<Player> Player::make(const Field& field, const PlayOptions& options) {
-  SLF_TRY(check_view(field, options.view));
-  auto state = std::make_unique<State>(field, options);
-  if (options.loading == Loading::wait) return Player(std::move(state));
+const TileReader& Player::tiles() const { return state_->renderer.tiles(); }
 
+Result<Player> Player::make(const Field& field, const PlayOptions& options) {
+  RendererOptions copied = options.renderer;
+  copied.in_place = false;
+  return make(Renderer(field, copied), options);
+}
+
+Result<Player> Player::make(TileReader tiles, const PlayOptions& options) {
+  return make(Renderer(std::move(tiles), options.renderer.threads), options);
+}
+
+Result<Player> Player::make(Renderer renderer, const PlayOptions& options) {
+  const Field& field = renderer.tiles().field();
+  SLF_TRY(check_view(field, options.view));
+  auto state = std::make_unique<State>(std::move(renderer), options);
   // Load level 0, so that frames always have a picture to fall back to.
   TileCache& cache = state->cache();
-  for (std::uint64_t index = 0; index < tile_count(0, field.shape().entry_extra_levels); ++index) {
-    if (4 * cache.statistics().decoded_bytes > options.renderer.memory) break;
+  const bool waits = options.loading == Loading::wait;
+  const std::uint64_t coarsest = waits ? 0 : tile_count(0, field.shape().entry_extra_levels);
+  std::uint64_t bytes = 0;
+  for (std::uint64_t index = 0; index < coarsest && 4 * bytes <= cache.budget(); ++index) {
     auto pin = SLF_TRY(cache.load({{0, index}}));
+    bytes += pin.samples().size();
     state->coarsest.push_back(std::move(pin));
   }
   state->seen = cache.statistics();
-  state->loader = std::make_unique<Loader>(state->renderer, state->options.view);
+  if (!waits) state->loader = std::make_unique<Loader>(state->renderer, state->options.view);
   return Player(std::move(state));
 }
 
@@ -378,7 +381,7 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
   if (auto error = s.loader->take_error()) return tl::unexpected(*error);
   std::vector<Camera> next;
   if (s.options.loading == Loading::ahead) {
-    const glm::dvec3& center = s.field.shape().sphere.center;
+    const glm::dvec3& center = s.renderer.tiles().field().shape().sphere.center;
     if (!statistics.misses.empty()) next.push_back(camera);  // these may lead to further tiles
     s.steady = s.before && s.expected && is_near(camera, *s.expected, *s.before, s.options.horizon)
                    ? s.steady + 1

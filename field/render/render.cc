@@ -9,9 +9,10 @@
 #include <optional>
 #include <set>
 #include <span>
+#include <thread>
 #include <utility>
 
-#include "base/parallel.h"
+#include "base/reporter.h"
 #include "base/sort_unique.h"
 #include "base/try.h"
 #include "field/render/block_renderer.h"
@@ -149,7 +150,7 @@ class ViewJob {
   ViewJob(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
           std::span<std::unique_ptr<BlockRenderer>> renderers, const BlockOrder& blocks,
           const Camera& camera, const RayGenerator& rays, const ViewOptions& options,
-          bool lists_tiles, Image& image)
+          bool lists_tiles, Reporter& progress, Image& image)
       : field_(field),
         cache_(cache),
         frame_(cache.begin_frame(lists_tiles)),
@@ -160,6 +161,7 @@ class ViewJob {
         options_(options),
         blocks_(blocks),
         bands_(renderers.size()),
+        progress_(progress),
         image_(image),
         level_pixels_(options.level + 1) {
     image_.width = camera.width;
@@ -184,10 +186,14 @@ class ViewJob {
       const std::uint32_t end = begin_of(band + 1);
       // The atomic counter waits for pending writes of pixels, so reserve several blocks at a time.
       for (std::uint32_t begin;
-           !error && (begin = bands_[band].next.fetch_add(kTakenBlocks)) < end;)
-        for (std::uint32_t block = begin; !error && block < std::min(begin + kTakenBlocks, end);
-             ++block)
+           !error && (begin = bands_[band].next.fetch_add(kTakenBlocks)) < end;) {
+        const std::uint32_t taken = std::min(begin + kTakenBlocks, end);
+        for (std::uint32_t block = begin; !error && block < taken; ++block)
           if (auto ok = renderer.draw(basis_, blocks_[block]); !ok) error = ok.error();
+        drawn_ += taken - begin;
+        if (error || std::this_thread::get_id() != caller_) continue;
+        if (auto ok = report(drawn_); !ok) error = ok.error();
+      }
     }
     const std::lock_guard lock(mutex_);
     const SampleGatherer& gatherer = renderer.gatherer();
@@ -202,6 +208,10 @@ class ViewJob {
   }
 
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
+  /// Only for the thread that made this. `drawn`: blocks.
+  [[nodiscard]] Result<void> report(std::uint32_t drawn) {
+    return progress_.add(drawn - std::exchange(reported_, drawn));
+  }
 
   /// Fills in the engine's counts.
   void fill(ViewStatistics& statistics) {
@@ -234,8 +244,11 @@ class ViewJob {
   const ViewOptions& options_;
   const BlockOrder& blocks_;
   std::vector<Band> bands_;
+  Reporter& progress_;
+  std::uint32_t reported_ = 0;
+  const std::thread::id caller_ = std::this_thread::get_id();
   Image& image_;
-  std::atomic<std::uint32_t> workers_{0};
+  std::atomic<std::uint32_t> workers_{0}, drawn_{0};
   std::mutex mutex_;  // guards what follows
   std::optional<Error> error_;
   std::vector<TileKey> touched_, misses_;
@@ -246,30 +259,33 @@ class ViewJob {
 }  // namespace
 
 Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
-                               ViewStatistics* statistics) {
+                               ViewStatistics* statistics, const ProgressCallback& progress) {
   Image image;
-  SLF_TRY(render(camera, options, image, statistics));
+  SLF_TRY(render(camera, options, image, statistics, progress));
   return image;
 }
 
 Result<void> Renderer::render(const Camera& camera, const ViewOptions& requested, Image& image,
-                              ViewStatistics* statistics) {
+                              ViewStatistics* statistics, const ProgressCallback& progress) {
   const auto rays = SLF_TRY(RayGenerator::make(camera));
   const FieldFile& field = state_->tiles.field().file();
   SLF_TRY(check_view(state_->tiles.field(), requested));
   const ViewOptions options = resolved(requested, field.shape(), camera);
 
   const std::uint64_t decodes_before = state_->tiles.cache().statistics().decodes;
-  if (field.store().is_remote() && options.wait) SLF_TRY(fetch(camera, options));
-  state_->tiles.cache().reset_peak();
   const BlockOrder blocks(camera.width, camera.height);
+  Reporter reporter(progress, {0, blocks.count(), 0},
+                    field.path() + ": stopped while a view was drawn");
+  if (field.store().is_remote() && options.wait) SLF_TRY(fetch(camera, options, reporter));
+  state_->tiles.cache().reset_peak();
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), blocks.count()));
   ViewJob job(field, state_->tiles.cache(), state_->pin_bytes,
               std::span(state_->renderers).first(threads), blocks, camera, rays, options,
-              statistics != nullptr, image);
+              statistics != nullptr, reporter, image);
   SLF_TRY(on_threads(threads, [&] { job.work(); }));
   if (job.error()) return tl::unexpected(*job.error());
+  SLF_TRY(job.report(blocks.count()));
   SLF_TRY(field.unchanged());
 
   if (statistics) {
@@ -302,11 +318,14 @@ std::vector<TileKey> level0_if_small(const FieldFile& field) {
 // Drawing finds the tiles of a view a few at a time, and over a network each few would take a round
 // trip. So this function first draws pictures that do not wait, and loads all tiles that such a
 // picture missed at once. Loaded depths lead to further tiles, hence several rounds.
-Result<void> Renderer::fetch(const Camera& camera, ViewOptions options) {
+Result<void> Renderer::fetch(const Camera& camera, ViewOptions options, Reporter& progress) {
   constexpr int kRounds = 4;
   TileCache& cache = state_->tiles.cache();
   const auto load = [&](std::span<const TileKey> keys) -> Result<void> {
-    for (const TileCache::Located& tile : cache.locate(keys)) SLF_TRY(cache.load(tile));
+    for (const TileCache::Located& tile : cache.locate(keys)) {
+      SLF_TRY(cache.load(tile));
+      SLF_TRY(progress.add(0));
+    }
     return {};
   };
   options.wait = false;

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <utility>
 
-#include "base/parallel.h"
-
 namespace slf {
 namespace {
 
@@ -50,40 +48,35 @@ glm::vec3 mean_around(const LightGrid& light, const std::vector<std::uint32_t>& 
 Result<void> filter_light(LightGrid& light, const std::vector<std::uint32_t>& index,
                           const std::vector<std::size_t>& numbers,
                           const std::vector<NodeLight>& nodes, unsigned threads,
-                          const GoOn& go_on) {
+                          Reporter& progress) {
   std::vector<glm::vec3> values(numbers.size()), next(numbers.size());
   const auto for_lit = [&](const auto& work) -> Result<void> {
-    constexpr std::size_t kNodes = std::size_t{1} << 17;  // between two calls of go_on()
+    constexpr std::size_t kNodes = std::size_t{1} << 17;  // between two reports
     for (std::size_t begin = 0; begin < numbers.size(); begin += kNodes) {
-      if (!go_on()) return fail(ErrorCode::cancelled, kLightStopped);
-      auto ok = parallel_for(std::min(kNodes, numbers.size() - begin), threads,
-                             [&, begin](std::uint64_t k) {
-                               if (nodes[begin + k].lit) work(begin + k);
-                             });
-      if (!ok) return ok;
+      SLF_TRY(progress.add(0));
+      SLF_TRY(parallel_for(std::min(kNodes, numbers.size() - begin), threads,
+                           [&, begin](std::uint64_t k) {
+                             if (nodes[begin + k].lit) work(begin + k);
+                           }));
     }
     return {};
   };
   for (std::size_t k = 0; k < numbers.size(); ++k) values[k] = nodes[k].indirect;
   for (int round = 0; round < 2; ++round) {
-    if (auto ok = for_lit([&](std::uint64_t k) {
-          next[k] = filtered(light, index, nodes, numbers[k],
-                             [&](std::size_t other) { return values[other]; });
-        });
-        !ok)
-      return ok;
+    SLF_TRY(for_lit([&](std::uint64_t k) {
+      next[k] = filtered(light, index, nodes, numbers[k],
+                         [&](std::size_t other) { return values[other]; });
+    }));
     std::swap(values, next);
   }
   // Shadows are filtered as a share of the light that would arrive without them, so that shading by
   // normals stays sharp.
-  if (auto ok = for_lit([&](std::uint64_t k) {
-        const auto mean = filtered(light, index, nodes, numbers[k], [&](std::size_t other) {
-          return glm::mat2x3(nodes[other].direct, nodes[other].unshadowed);
-        });
-        values[k] += nodes[k].unshadowed * mean[0] / glm::max(mean[1], glm::vec3(1e-30f));
-      });
-      !ok)
-    return ok;
+  SLF_TRY(for_lit([&](std::uint64_t k) {
+    const auto mean = filtered(light, index, nodes, numbers[k], [&](std::size_t other) {
+      return glm::mat2x3(nodes[other].direct, nodes[other].unshadowed);
+    });
+    values[k] += nodes[k].unshadowed * mean[0] / glm::max(mean[1], glm::vec3(1e-30f));
+  }));
   light.nodes.assign(light.size(), 0);
   for (std::size_t k = 0; k < numbers.size(); ++k) {
     const glm::vec3 value =

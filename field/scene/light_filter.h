@@ -7,7 +7,7 @@
 #include <limits>
 #include <vector>
 
-#include "base/go_on.h"
+#include "base/reporter.h"
 #include "field/scene/light_grid.h"
 #include "slf/error.h"
 
@@ -24,16 +24,15 @@ struct NodeLight {
 };
 static_assert(sizeof(NodeLight) == 56);
 
-inline constexpr const char* kLightStopped = "stopped while the light volume was computed";
 inline constexpr std::uint32_t kNoNode = std::numeric_limits<std::uint32_t>::max();
 
 /// Filters the light that was solved at some nodes, as light_volume.h says, and sets the light of
 /// all nodes of the grid. nodes[k] is that of node numbers[k], and index[numbers[k]] is k; index is
-/// kNoNode at all other nodes, which become dark. Errors as parallel_for(). failed: stopped by
-/// `go_on`.
+/// kNoNode at all other nodes, which become dark. Errors as parallel_for(). cancelled: stopped by
+/// `progress`.
 [[nodiscard]] Result<void> filter_light(LightGrid& light, const std::vector<std::uint32_t>& index,
                                         const std::vector<std::size_t>& numbers,
                                         const std::vector<NodeLight>& nodes, unsigned threads,
-                                        const GoOn& go_on);
+                                        Reporter& progress);
 
 }  // namespace slf

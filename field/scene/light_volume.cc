@@ -10,6 +10,7 @@
 #include <span>
 
 #include "base/parallel.h"
+#include "base/reporter.h"
 #include "base/try.h"
 #include "field/scene/light_depth.h"
 #include "field/scene/light_filter.h"
@@ -296,13 +297,11 @@ std::size_t even_step(std::size_t count) {
 }
 
 /// Solves the nodes of `numbers` and gives each with its place there to `keep`. The order is such
-/// that the time for the first nodes foretells that for the others. `progress` gets how many are
-/// done.
+/// that the time for the first nodes foretells that for the others.
 template <class F>
 Result<void> solve_all(const LightSolver& solver, const std::vector<std::size_t>& numbers,
-                       const Pass& pass, unsigned threads,
-                       const std::function<bool(std::size_t)>& progress, const F& keep) {
-  // Between two calls of `progress`.
+                       const Pass& pass, unsigned threads, Reporter& progress, const F& keep) {
+  // Between two reports.
   const std::size_t batch_size = std::clamp<std::size_t>(8192 / pass.paths, 1, 256);
   using Batch = std::vector<NodeLight>;
   const std::size_t batches = (numbers.size() + batch_size - 1) / batch_size;
@@ -310,23 +309,19 @@ Result<void> solve_all(const LightSolver& solver, const std::vector<std::size_t>
   const std::size_t step = even_step(batches);
   const auto begin_of = [&](std::uint64_t item) { return item * step % batches * batch_size; };
   const unsigned workers = thread_count(threads);
-  OrderedPipeline<Batch> pipeline(batches, workers, 4 * workers, [&] {
-    return [&](std::uint64_t item) -> Result<Batch> {
-      Batch nodes;
-      const std::size_t begin = begin_of(item), end = std::min(begin + batch_size, numbers.size());
-      for (std::size_t k = begin; k < end; ++k) nodes.push_back(solver.solve(numbers[k], pass));
-      return nodes;
-    };
-  });
-  std::size_t done = 0;
-  for (std::uint64_t item = 0; item < batches; ++item) {
-    const auto nodes = SLF_TRY(pipeline.take());
+  const auto solve = [&](std::uint64_t item) -> Result<Batch> {
+    Batch nodes;
+    const std::size_t begin = begin_of(item), end = std::min(begin + batch_size, numbers.size());
+    for (std::size_t k = begin; k < end; ++k) nodes.push_back(solver.solve(numbers[k], pass));
+    return nodes;
+  };
+  const auto keep_all = [&](std::uint64_t item, const Batch& nodes) {
     std::size_t k = begin_of(item);
     for (const NodeLight& node : nodes) keep(k++, node);
-    done += nodes.size();
-    if (!progress(done)) return fail(ErrorCode::cancelled, kLightStopped);
-  }
-  return {};
+    return progress.add(nodes.size() * cost(pass));
+  };
+  return make_in_order(
+      batches, workers, 4 * workers, [&] { return solve; }, keep_all);
 }
 
 }  // namespace
@@ -370,26 +365,20 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
               {options.samples, options.bounces, &light}};
   Progress all;
   for (const Pass& pass : passes) all.total += numbers.size() * cost(pass);
-  if (progress && !progress(all)) return fail(ErrorCode::cancelled, kLightStopped);
+  Reporter reporter(progress, all, "stopped while the light volume was computed");
+  SLF_TRY(reporter.add(0));
 
   const LightSolver solver(medium, illumination, options, light, depth);
   std::vector<NodeLight> nodes(numbers.size());
   for (const Pass& pass : passes) {
-    const auto report = [&](std::size_t solved) {
-      return !progress || progress({all.done + solved * cost(pass), all.total, 0});
-    };
-    auto ok = solve_all(solver, numbers, pass, threads, report,
-                        [&](std::size_t k, const NodeLight& node) {
-                          if (!pass.estimate)
-                            nodes[k] = node;
-                          else if (node.lit)  // other points, which may all lie beside the matter
-                            nodes[k].indirect = node.indirect;
-                        });
-    if (ok)
-      ok = filter_light(light, index, numbers, nodes, threads,
-                        [&] { return report(numbers.size()); });
-    if (!ok) return tl::unexpected(ok.error());
-    all.done += numbers.size() * cost(pass);
+    SLF_TRY(solve_all(solver, numbers, pass, threads, reporter,
+                      [&](std::size_t k, const NodeLight& node) {
+                        if (!pass.estimate)
+                          nodes[k] = node;
+                        else if (node.lit)  // other points, which may all lie beside the matter
+                          nodes[k].indirect = node.indirect;
+                      }));
+    SLF_TRY(filter_light(light, index, numbers, nodes, threads, reporter));
   }
   return light;
 }

@@ -45,7 +45,7 @@ namespace slf {
 /// an optical depth d. Matter deeper than 7 is left dark.
 ///
 /// The result depends on the scene and the options, not on `threads` (0: all). Progress counts
-/// paths, and other work by the paths that would take as long. failed: stopped by `progress`.
+/// paths, and other work by the paths that would take as long. cancelled: stopped by `progress`.
 [[nodiscard]] Result<LightGrid> compute_light(const Medium& medium,
                                               const Illumination& illumination,
                                               const LightOptions& options, unsigned threads,

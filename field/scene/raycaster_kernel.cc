@@ -330,7 +330,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
   while (batch.size > 0) {
     find_bricks(grid, batch);
     for (std::size_t i = 0; i < batch.size; ++i)
-      batch.distance[i] = grid.leap ? grid.distance[static_cast<std::size_t>(batch.brick[i])] : 0;
+      batch.distance[i] = grid.distance[static_cast<std::size_t>(batch.brick[i])];
     find_intervals(grid, batch);
     // Find what intervals in visible cells show.
     samples.size = 0;

@@ -53,7 +53,6 @@ struct RayGrid {
   /// Cells outside this half-open box are invisible.
   glm::dvec3 visible_low{0.0};
   glm::dvec3 visible_high{0.0};
-  bool leap = true;
 
   Projection projection = Projection::none;
 

@@ -1,12 +1,10 @@
 #include "slf/scene.h"
 
 #include <algorithm>
-#include <atomic>
 #include <limits>
-#include <thread>
 #include <vector>
 
-#include "base/parallel.h"
+#include "base/reporter.h"
 #include "base/try.h"
 
 namespace slf {
@@ -19,12 +17,8 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
   image.height = camera.height;
   image.rgba.resize(std::size_t{camera.width} * camera.height);
   image.depth.assign(image.rgba.size(), std::numeric_limits<float>::infinity());
-  const std::uint64_t rows = camera.height;
-  std::atomic<std::uint64_t> traced{0};
-  std::atomic<bool> stopped{false};
-  const auto caller = std::this_thread::get_id();
-  SLF_TRY(parallel_for(rows, threads, [&](std::uint64_t y) {
-    if (stopped) return;
+  Reporter reporter(progress, {0, camera.height, 0}, "stopped while a view was traced");
+  SLF_TRY(parallel_for(camera.height, threads, reporter, [&](std::uint64_t y) {
     std::vector<Segment> segments;
     std::vector<std::uint32_t> columns;
     for (std::uint32_t x = 0; x < camera.width; ++x) {
@@ -47,12 +41,7 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
             glm::distance(rays.ray(columns[k], static_cast<std::uint32_t>(y)).origin,
                           from + double{sample.depth} * (to - from)));
     }
-    const std::uint64_t so_far = ++traced;
-    if (progress && so_far < rows && std::this_thread::get_id() == caller)
-      stopped = stopped || !progress({so_far, rows, 0});
   }));
-  if (stopped || (progress && !progress({rows, rows, 0})))
-    return fail(ErrorCode::cancelled, "stopped while a view was traced");
   return image;
 }
 

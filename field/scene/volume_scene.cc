@@ -190,7 +190,6 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   for (int axis = 0; axis < 3; ++axis)
     grid.gradient_to_world[static_cast<std::size_t>(axis)] = {gradient_to_world[axis], 0};
   grid.inverse_gradient_floor = 1 / (0.02f * contrast);
-  grid.leap = options.leap;
   grid.shade = options.shade;
   grid.light = {glm::vec3(glm::normalize(options.light)), 0};
   grid.ambient = options.ambient;

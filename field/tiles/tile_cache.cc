@@ -385,7 +385,7 @@ Result<void> TileCache::read(const storage::TileRef& tile, std::span<std::byte> 
 Result<void> TileCache::encode(TileKey key, ByteSpan samples, Bytes& payload) {
   std::vector<Pin> pins;
   std::optional<TileKey> lacking;
-  return field_.encode(key, samples, references(pins, lacking), payload);
+  return field_.coder().encode(key, samples, references(pins, lacking), payload);
 }
 
 std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys) {

@@ -149,8 +149,8 @@ class TileCache {
   /// The same, copied into `samples`, which has the tile's size.
   [[nodiscard]] Result<void> read(const storage::TileRef& tile, std::span<std::byte> samples);
 
-  /// Codes a tile as a difference from what this field's tiles of the next coarser level predict.
-  /// Errors of load(). Thread-safe. REQUIRES: the field predicts tiles.
+  /// Codes a tile for this field; if its codec is predictive, as a difference from what the tiles
+  /// of the next coarser level predict. Errors of load(). Thread-safe.
   [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples, Bytes& payload);
 
   /// The number of the frame that began last.

@@ -35,8 +35,8 @@ enum class Loading {
 [[nodiscard]] Result<Loading> parse_loading(std::string_view text);
 
 struct PlayOptions {
-  RendererOptions renderer;
-  ViewOptions view;  ///< `wait` follows from `loading`
+  RendererOptions renderer;  ///< `in_place` is off: frames must not wait for page faults
+  ViewOptions view;          ///< `wait` follows from `loading`
   Loading loading = Loading::ahead;
   unsigned horizon = 8;  ///< frames to load ahead, if memory allows
 };
@@ -70,13 +70,19 @@ struct FrameReport {
 /// Thread-safety: one draw() at a time.
 class Player {
  public:
-  /// Keeps a copy of the handle. Unless frames wait, loads level 0 and keeps it pinned, up to a
-  /// quarter of the memory. usage: as Renderer::render().
+  /// Reads the field's tiles with a reader of its own. Unless frames wait, loads level 0 and keeps
+  /// it pinned, up to a quarter of the reader's memory. usage: as Renderer::render().
   [[nodiscard]] static Result<Player> make(const Field& field, const PlayOptions& options);
+  /// Shares the reader with whoever else has it, as Renderer does. Of `options.renderer`, only
+  /// `threads` counts. A reader with `in_place` lets frames wait for page faults.
+  [[nodiscard]] static Result<Player> make(TileReader tiles, const PlayOptions& options);
   Player(Player&&) noexcept;
   Player& operator=(Player&&) noexcept;
   /// Stops the loading thread.
   ~Player();
+
+  /// The reader of its tiles, for others to share.
+  [[nodiscard]] const TileReader& tiles() const;
 
   /// Draws the next frame into `image` and reuses its memory. usage: an invalid camera. bad_file: a
   /// damaged tile, in this frame or among those loaded since the previous one.
@@ -90,6 +96,7 @@ class Player {
   struct State;
   class Loader;
   explicit Player(std::unique_ptr<State> state);
+  [[nodiscard]] static Result<Player> make(Renderer renderer, const PlayOptions& options);
   std::unique_ptr<State> state_;
 };
 

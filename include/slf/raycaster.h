@@ -47,7 +47,6 @@ struct RaycastOptions {
   /// World direction towards the light. LPS: above, in front and to the right of the patient.
   glm::dvec3 light{-0.45, -0.65, 0.6};
   float ambient = 0.3f;  ///< share of a colour that needs no light; the rest is Lambert's
-  bool leap = true;      ///< off only to test that leaping changes nothing
   /// Unless its mode is Lighting::direct, it replaces `shade`, `light` and `ambient`.
   LightOptions lighting{};
   Structures structures{};  ///< parts of the volume in colours of their own

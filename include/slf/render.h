@@ -17,9 +17,12 @@
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/image.h"
+#include "slf/progress.h"
 #include "slf/tile_reader.h"
 
 namespace slf {
+
+class Reporter;  // internal
 
 /// How the colour of a ray is interpolated from stored ones. The first four modes are the paper's
 /// (section 3, Figure 8).
@@ -89,13 +92,16 @@ class Renderer {
   [[nodiscard]] const TileReader& tiles() const;
 
   /// Draws a view. Rays are whole chords of the sphere, so from an eye inside the sphere, objects
-  /// behind the eye show, too. usage: an invalid camera or level, or mode depth of a field without
-  /// depths. bad_file: a damaged tile.
+  /// behind the eye show, too. Progress counts blocks of pixels. usage: an invalid camera or level,
+  /// or mode depth of a field without depths. bad_file: a damaged tile. cancelled: stopped by
+  /// `progress`.
   [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& options,
-                                     ViewStatistics* statistics = nullptr);
+                                     ViewStatistics* statistics = nullptr,
+                                     const ProgressCallback& progress = {});
   /// The same into `image`, whose memory is reused. After an error it is partly drawn.
   [[nodiscard]] Result<void> render(const Camera& camera, const ViewOptions& options, Image& image,
-                                    ViewStatistics* statistics = nullptr);
+                                    ViewStatistics* statistics = nullptr,
+                                    const ProgressCallback& progress = {});
 
   /// Called with the picture of each level. Returning false stops drawing.
   using Show = std::function<bool(const Image& image, unsigned level)>;
@@ -108,7 +114,7 @@ class Renderer {
  private:
   friend class Player;
   struct State;
-  [[nodiscard]] Result<void> fetch(const Camera& camera, ViewOptions options);
+  [[nodiscard]] Result<void> fetch(const Camera& camera, ViewOptions options, Reporter& progress);
   std::unique_ptr<State> state_;
 };
 

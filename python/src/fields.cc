@@ -69,7 +69,7 @@ py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional
   const ViewOptions view = view_of(open.field(), mode, level, depth);
   LongCall call;
   auto image = value_of(call.without_gil([&] {
-    auto drawn = open.render(camera_of(camera), view, memory);
+    auto drawn = open.render(camera_of(camera), view, memory, call.progress());
     if (drawn && tone) map_tones(*tone, *drawn);
     return drawn;
   }),

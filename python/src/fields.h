@@ -24,10 +24,13 @@ class OpenField {
   /// With `memory`, by a renderer for this view only, which keeps at most so many bytes of decoded
   /// tiles, and as many of the mapped file.
   [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& view,
-                                     std::optional<std::uint64_t> memory) {
-    if (memory) return Renderer(field_, {*memory, options_.threads, *memory}).render(camera, view);
+                                     std::optional<std::uint64_t> memory,
+                                     const ProgressCallback& progress) {
+    if (memory)
+      return Renderer(field_, {*memory, options_.threads, *memory})
+          .render(camera, view, nullptr, progress);
     const std::lock_guard lock(mutex_);
-    return renderer().render(camera, view);
+    return renderer().render(camera, view, nullptr, progress);
   }
   /// The tiles that render() draws from.
   [[nodiscard]] TileReader tiles() {

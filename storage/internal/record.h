@@ -27,9 +27,6 @@ inline constexpr std::uint8_t kNoLevel = 255;
 
 [[nodiscard]] std::uint64_t checksum(ByteSpan bytes, std::uint64_t seed = 0);
 
-/// The checksum of a payload. It covers the key, so a payload in the wrong place does not match.
-[[nodiscard]] std::uint64_t payload_checksum(TileKey key, ByteSpan payload);
-
 /// A record's key in the tree: the level, then the index, big-endian, so that LMDB's byte
 /// order is the order of TileKey.
 using RecordKey = std::array<std::byte, 9>;

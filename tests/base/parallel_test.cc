@@ -2,10 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <new>
 #include <stdexcept>
+
+#include "base/reporter.h"
 
 namespace slf {
 namespace {
@@ -77,58 +80,105 @@ TEST(OnThreads, CallsNestAndComeFromSeveralThreads) {
   EXPECT_EQ(sum, 4 * 50 * 4 * 5);
 }
 
-TEST(OrderedPipeline, HandsOutInOrderAndStaysInsideItsWindow) {
+TEST(ParallelFor, ReportsAllWorkAndStopsWhenTold) {
+  for (const unsigned threads : {1u, 3u}) {
+    std::vector<std::uint64_t> reports;
+    const ProgressCallback note = [&](const Progress& progress) {
+      EXPECT_EQ(progress.total, 20u);
+      reports.push_back(progress.done);
+      return true;
+    };
+    Reporter reporter(note, {0, 20, 0}, "stopped");
+    EXPECT_TRUE(parallel_for(20, threads, reporter, [](std::uint64_t) {}));
+    EXPECT_TRUE(std::ranges::is_sorted(reports));
+    EXPECT_EQ(reports.back(), 20u);
+
+    const ProgressCallback stop = [](const Progress&) { return false; };
+    Reporter stopping(stop, {0, 1u << 20, 0}, "stopped");
+    std::atomic<std::uint64_t> calls{0};
+    const auto done = parallel_for(1u << 20, threads, stopping, [&](std::uint64_t) {
+      ++calls;
+      std::this_thread::yield();
+    });
+    ASSERT_FALSE(done);
+    EXPECT_EQ(done.error().code, ErrorCode::cancelled);
+    EXPECT_EQ(done.error().message, "stopped");
+    EXPECT_LT(calls, 1u << 20);
+  }
+}
+
+TEST(MakeInOrder, HandsOutInOrderAndStaysInsideItsWindow) {
   constexpr std::uint64_t kCount = 500;
   constexpr std::size_t kWindow = 7;
   for (const unsigned threads : {1u, 3u}) {
     std::atomic<std::uint64_t> taken{0}, furthest{0};
-    OrderedPipeline<std::uint64_t> pipeline(kCount, threads, kWindow, [&] {
-      return [&](std::uint64_t k) {
-        EXPECT_LT(k, taken + kWindow + 1);  // `taken` is counted after take() made room
-        for (std::uint64_t old = furthest; old < k && !furthest.compare_exchange_weak(old, k);) {
-        }
-        return 3 * k;
-      };
-    });
-    for (std::uint64_t k = 0; k < kCount; ++k) {
-      EXPECT_EQ(pipeline.take(), 3 * k);
+    const auto make = [&](std::uint64_t k) -> Result<std::uint64_t> {
+      EXPECT_LT(k, taken + kWindow + 1);  // `taken` is counted after that made room
+      for (std::uint64_t old = furthest; old < k && !furthest.compare_exchange_weak(old, k);) {
+      }
+      return 3 * k;
+    };
+    const auto use = [&](std::uint64_t k, std::uint64_t item) -> Result<void> {
+      EXPECT_EQ(k, taken);
+      EXPECT_EQ(item, 3 * k);
       ++taken;
-    }
+      return {};
+    };
+    EXPECT_TRUE(make_in_order(
+        kCount, threads, kWindow, [&] { return make; }, use));
+    EXPECT_EQ(taken, kCount);
     EXPECT_EQ(furthest, kCount - 1);
   }
 }
 
-TEST(OrderedPipeline, AnErrorOrExceptionComesBackInItsPlace) {
-  OrderedPipeline<int> pipeline(4, 2, 2, [] {
-    return [](std::uint64_t k) -> Result<int> {
-      if (k == 1) throw std::bad_alloc();
-      if (k == 2) return fail(ErrorCode::bad_file, "tile 2");
+TEST(MakeInOrder, ReturnsTheFirstErrorOrException) {
+  for (const bool throws : {false, true}) {
+    const auto make = [&](std::uint64_t k) -> Result<int> {
+      if (k == 2 && throws) throw std::bad_alloc();
+      if (k >= 2) return fail(ErrorCode::bad_file, "tile ", k);
       return static_cast<int>(k);
     };
-  });
-  EXPECT_EQ(pipeline.take(), 0);
-  const auto second = pipeline.take();
-  ASSERT_FALSE(second);
-  EXPECT_EQ(second.error().code, ErrorCode::out_of_memory);
-  EXPECT_EQ(second.error().message, "out of memory");
-  const auto third = pipeline.take();
-  ASSERT_FALSE(third);
-  EXPECT_EQ(third.error().message, "tile 2");
-  EXPECT_EQ(pipeline.take(), 3);
+    std::uint64_t used = 0;
+    const auto done = make_in_order(
+        4, 2, 2, [&] { return make; },
+        [&](std::uint64_t, int) -> Result<void> { return ++used, Result<void>(); });
+    EXPECT_EQ(used, 2u);
+    ASSERT_FALSE(done);
+    EXPECT_EQ(done.error().message, throws ? "out of memory" : "tile 2");
+  }
 }
 
-TEST(OrderedPipeline, EndsEarlyAndWithoutItems) {
-  OrderedPipeline<int> early(1000, 3, 4, [] { return [](std::uint64_t) { return 1; }; });
-  EXPECT_EQ(early.take(), 1);
-  OrderedPipeline<int> none(0, 2, 4, [] { return [](std::uint64_t) { return 1; }; });
+TEST(MakeInOrder, StopsWhenAnItemCannotBeUsed) {
+  std::atomic<int> made{0};
+  const auto make = [&](std::uint64_t) -> Result<int> { return ++made; };
+  for (const bool throws : {false, true}) {
+    made = 0;
+    const auto use = [&](std::uint64_t k, int) -> Result<void> {
+      if (k == 1 && throws) throw std::bad_alloc();
+      if (k == 1) return fail(ErrorCode::cancelled, "stopped");
+      return {};
+    };
+    const auto done = make_in_order(
+        1000, 3, 4, [&] { return make; }, use);
+    ASSERT_FALSE(done);
+    EXPECT_EQ(done.error().message, throws ? "out of memory" : "stopped");
+    EXPECT_LE(made, 2 + 4);
+  }
+  EXPECT_TRUE(make_in_order(
+      0, 2, 4, [&] { return make; },
+      [](auto, int) -> Result<void> {
+        ADD_FAILURE();
+        return {};
+      }));
 }
 
-TEST(OrderedPipeline, AMakerThatCannotBeMadeIsAnError) {
-  OrderedPipeline<int> pipeline(3, 2, 4,
-                                []() -> OrderedPipeline<int>::Maker { throw std::bad_alloc(); });
-  const auto item = pipeline.take();
-  ASSERT_FALSE(item);
-  EXPECT_EQ(item.error().message, "out of memory");
+TEST(MakeInOrder, AMakerThatCannotBeMadeIsAnError) {
+  using Maker = std::function<Result<int>(std::uint64_t)>;
+  const auto done = make_in_order(
+      3, 2, 4, []() -> Maker { throw std::bad_alloc(); },
+      [](std::uint64_t, int) { return Result<void>(); });
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().message, "out of memory");
 }
 
 }  // namespace

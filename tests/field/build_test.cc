@@ -10,8 +10,8 @@
 #include <limits>
 #include <stdexcept>
 
-#include "field/build/tile_tracer.h"
 #include "field/field_file.h"
+#include "field/write/tile_tracer.h"
 #include "slf/field.h"
 #include "slf/measure.h"
 #include "slf/scene.h"

@@ -3,9 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include "field/build/tile_tracer.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
+#include "field/write/tile_tracer.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
 #include "storage/tile_writer.h"

@@ -9,8 +9,8 @@
 #include <set>
 
 #include "base/file.h"
-#include "field/build/field_index.h"
 #include "field/field_file.h"
+#include "field/write/field_index.h"
 #include "storage/internal/file_index.h"
 #include "tests/field/field_testing.h"
 

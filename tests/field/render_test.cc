@@ -233,6 +233,32 @@ TEST_F(Render, ProgressiveDrawingShowsEveryLevelAndStopsWhenTold) {
   EXPECT_EQ(shown, (std::vector<unsigned>{0, 1}));
 }
 
+TEST_F(Render, ReportsProgressAndStopsWhenTold) {
+  const Camera camera = orbit_camera(field_->shape().sphere, 10, 20, 3, 640, 480);
+  const ViewOptions view{RenderMode::depth, 2};
+  for (const unsigned threads : {1u, 3u}) {
+    Renderer renderer(*field_, {.threads = threads});
+    Progress last;
+    const auto whole = renderer.render(camera, view, nullptr, [&](const Progress& progress) {
+      EXPECT_GE(progress.done, last.done);
+      last = progress;
+      return true;
+    });
+    ASSERT_TRUE(whole);
+    EXPECT_EQ(last.done, last.total);
+    EXPECT_EQ(whole->rgba, draw(*field_, camera, view).rgba);
+    std::uint64_t done = 0;
+    const auto stopped = renderer.render(camera, view, nullptr, [&](const Progress& progress) {
+      done = progress.done;
+      return false;
+    });
+    ASSERT_FALSE(stopped);
+    EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
+    EXPECT_LE(done, threads == 1 ? last.total - 1 : last.total);
+    EXPECT_EQ(renderer.render(camera, view)->rgba, whole->rgba);  // as if nothing had happened
+  }
+}
+
 TEST_F(Render, ThePagesTheEngineCountsAreThoseTheKernelReads) {
   // In memory file systems forget nothing: on the disk, where there is one.
   const std::string path = std::filesystem::path(SLF_COMMAND).parent_path() / "pages-test.slf";

@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "field/tiles/tile_cache.h"
+#include "slf/player.h"
 #include "slf/render.h"
 #include "slf/scene.h"
 #include "tests/field/field_testing.h"
@@ -62,6 +63,52 @@ TEST_F(TileReaderTest, RenderersOfOneReaderShareItsTiles) {
   Renderer first(tiles, 1), second(tiles, 2);
   EXPECT_GT(draw(first).decodes, 0u);
   EXPECT_EQ(draw(second).decodes, 0u);
+}
+
+TEST_F(TileReaderTest, PlayersShareTheTilesOfARenderer) {
+  const TileReader tiles(*field_, {.memory = 64 << 20});
+  Renderer renderer(tiles, 1);
+  const ViewOptions view{RenderMode::depth, 1};
+  const Image still = *renderer.render(camera(), view);
+  for (const Loading loading : {Loading::demand, Loading::wait}) {
+    auto player =
+        Player::make(tiles, {.renderer = {.threads = 1}, .view = view, .loading = loading});
+    ASSERT_TRUE(player) << player.error().message;
+    EXPECT_EQ(&player->tiles().cache(), &tiles.cache());
+    Image frame;
+    FrameReport report;
+    ASSERT_TRUE(player->draw(camera(), frame, &report));
+    EXPECT_EQ(report.misses, 0u);
+    EXPECT_EQ(report.loads, 0u);
+    EXPECT_EQ(frame.rgba, still.rgba);
+  }
+}
+
+TEST_F(TileReaderTest, RenderersShareTheTilesOfAPlayer) {
+  auto player = Player::make(
+      *field_,
+      {.renderer = {.threads = 1}, .view = {RenderMode::depth, 1}, .loading = Loading::wait});
+  ASSERT_TRUE(player);
+  Image frame;
+  ASSERT_TRUE(player->draw(camera(), frame));
+  Renderer renderer(player->tiles(), 1);
+  EXPECT_EQ(draw(renderer).decodes, 0u);
+}
+
+TEST_F(TileReaderTest, APlayerPinsLevel0AlsoInAReaderThatIsFull) {
+  const TileReader tiles(*field_, {.memory = 1 << 20});
+  const auto read_level_1 = [&] {
+    for (std::uint64_t index = 0; index < tile_count(1, 0); ++index)
+      ASSERT_TRUE(tiles.read({1, index}));
+  };
+  read_level_1();
+  const auto player =
+      Player::make(tiles, {.renderer = {.threads = 1}, .view = {RenderMode::depth, 1}});
+  ASSERT_TRUE(player);
+  read_level_1();
+  const std::uint64_t decodes = tiles.cache().statistics().decodes;
+  ASSERT_TRUE(tiles.read(some_stored_tile(0)));
+  EXPECT_EQ(tiles.cache().statistics().decodes, decodes);
 }
 
 TEST_F(TileReaderTest, TilesThatOthersArePredictedFromAreTilesLikeAnyOther) {

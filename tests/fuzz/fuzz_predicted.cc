@@ -11,7 +11,7 @@
 #include <optional>
 #include <vector>
 
-#include "field/predicted_tiles.h"
+#include "field/tile_coder.h"
 #include "slf/shape.h"
 
 namespace {
@@ -64,7 +64,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   };
   const codec::PredictiveCodec codec(settings,
                                      codec::predictive_tables(settings, made.shape.levels));
-  const PredictedTiles tiles(made.shape, codec, geometry);
+  const TileCoder tiles(made.shape, settings.format, codec, geometry);
   TileKey key{static_cast<std::uint8_t>(data[1] / 2 % 3), 0};
   key.index = (data[3] | data[4] << 8) % made.shape.tiles(key.level);
   const ByteSpan rest = std::as_bytes(std::span(data + 5, size - 5));

@@ -17,7 +17,7 @@
 #include "field/geometry/level_geometry.h"
 #include "field/geometry/section.h"
 #include "field/manifest.h"
-#include "field/predicted_tiles.h"
+#include "field/tile_coder.h"
 #include "storage/ranged_store.h"
 
 namespace {
@@ -84,9 +84,7 @@ void hash_field(const char* path) {
   const auto tables = fetch([&] { return store.blob("tables"); });
   const auto codec =
       expect(codec::make_codec(manifest.codec, manifest.format, tables ? *tables : ByteSpan()));
-  std::unique_ptr<PredictedTiles> predicted;
-  if (const auto* predictive = codec->predictive())
-    predicted = std::make_unique<PredictedTiles>(manifest.shape, *predictive, geometry);
+  const TileCoder coder(manifest.shape, manifest.format, *codec, geometry);
   std::map<TileKey, Bytes> decoded;
   const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> { return decoded.at(key); };
   for (unsigned level = 0; level <= manifest.shape.levels; ++level)
@@ -97,15 +95,12 @@ void hash_field(const char* path) {
       if (tile.state != storage::TileState::stored) continue;
       const ByteSpan payload =
           ByteSpan(bytes).subspan(tile.payload.begin, tile.payload.end - tile.payload.begin);
-      const auto sections = sections_of(key, manifest.shape.entry_extra_levels);
-      const codec::Tile shape = geometry(level).tile(sections.entry.index, manifest.format);
-      Bytes samples(shape.bytes());
-      expect(predicted ? predicted->decode(key, payload, source, samples)
-                       : codec->decode(shape, payload, samples));
+      Bytes samples(coder.tile_shape(key).bytes());
+      expect(coder.decode(key, payload, source, samples));
       samples_hash.add(samples);
-      if (predicted) {
+      if (coder.predicts()) {
         Bytes again;
-        expect(predicted->encode(key, samples, source, again));
+        expect(coder.encode(key, samples, source, again));
         payload_hash.add(again);
       }
       decoded[key] = std::move(samples);

@@ -8,7 +8,7 @@
 #include <iterator>
 #include <memory>
 
-#include "field/build/field_index.h"
+#include "field/write/field_index.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
 #include "tests/field/field_testing.h"
@@ -124,6 +124,21 @@ TEST_F(RemoteTest, FetchesAViewTogether) {
   Renderer renderer(remote->field());
   expect_picture(renderer.render(camera(), {RenderMode::depth, 1}));
   EXPECT_LE(host.requests(), 20u);
+}
+
+TEST_F(RemoteTest, StopsFetchingWhenTold) {
+  const HttpHost host(content_);
+  const auto remote = RemoteField::open(host.url());
+  ASSERT_TRUE(remote);
+  Renderer renderer(remote->field());
+  const ViewOptions view{RenderMode::depth, 1};
+  const auto stopped = renderer.render(camera(), view, nullptr, [](const Progress& progress) {
+    EXPECT_EQ(progress.done, 0u);  // before anything is drawn
+    return false;
+  });
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
+  expect_picture(renderer.render(camera(), view));
 }
 
 TEST_F(RemoteTest, FetchesNothingTwice) {

@@ -20,7 +20,7 @@ std::string hex(ByteSpan bytes) {
 }
 
 internal::Tile stored(TileKey key, ByteSpan payload) {
-  return {TileState::stored, payload, internal::payload_checksum(key, payload)};
+  return {TileState::stored, payload, payload_checksum(key, payload)};
 }
 
 TEST(Format, ARecordIsTheseBytes) {

@@ -22,9 +22,8 @@
 #include "codec/codec.h"
 #include "field/geometry/level_geometry.h"
 #include "field/manifest.h"
-#include "field/predicted_tiles.h"
 #include "field/reference_index.h"
-#include "storage/internal/record.h"
+#include "field/tile_coder.h"
 #include "storage/ranged_store.h"
 
 #define SLF_EXPORT(name) extern "C" __attribute__((export_name(#name)))
@@ -53,8 +52,8 @@ struct Module {
   std::optional<Manifest> manifest;
   std::vector<std::unique_ptr<LevelGeometry>> geometry;  // by level, made when needed
   std::unique_ptr<codec::Codec> codec;
-  std::unique_ptr<PredictedTiles> predicted;  // if tiles are predicted from others
-  std::map<TileKey, Bytes> references;        // for the next tile to decode
+  std::unique_ptr<TileCoder> coder;     // with the codec
+  std::map<TileKey, Bytes> references;  // for the next tile to decode
   Bytes samples;
 };
 
@@ -291,8 +290,7 @@ SLF_EXPORT(slf_codec) int slf_codec() {
   auto made = codec::make_codec(m.manifest->codec, m.manifest->format, m.buffer);
   if (!made) return failed(made.error());
   m.codec = std::move(*made);
-  if (const auto* predictive = m.codec->predictive())
-    m.predicted = std::make_unique<PredictedTiles>(m.manifest->shape, *predictive, geometry);
+  m.coder = std::make_unique<TileCoder>(m.manifest->shape, m.manifest->format, *m.codec, geometry);
   return kDone;
 }
 
@@ -302,7 +300,7 @@ int slf_check(std::uint32_t level, std::uint32_t entry, std::uint32_t exit,
               std::uint32_t checksum_low, std::uint32_t checksum_high) {
   const std::uint64_t checksum = std::uint64_t{checksum_high} << 32 | checksum_low;
   const TileKey key = key_of(level, entry, exit);
-  if (storage::internal::payload_checksum(key, module().buffer) == checksum) return kDone;
+  if (storage::payload_checksum(key, module().buffer) == checksum) return kDone;
   return failed({ErrorCode::bad_file, "the payload does not match its checksum"});
 }
 
@@ -310,9 +308,7 @@ int slf_check(std::uint32_t level, std::uint32_t entry, std::uint32_t exit,
 /// REQUIRES: slf_check() has verified the payload.
 SLF_EXPORT(slf_references)
 const std::uint32_t* slf_references(std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
-  const auto& predicted = module().predicted;
-  if (!predicted) return list({});
-  return list(predicted->references(key_of(level, entry, exit), module().buffer));
+  return list(module().coder->references(key_of(level, entry, exit), module().buffer));
 }
 
 /// Adds a tile that the next tile to decode is predicted from. The buffer holds its samples, or no
@@ -333,15 +329,13 @@ SLF_EXPORT(slf_decode)
 int slf_decode(std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
   Module& m = module();
   const TileKey key = key_of(level, entry, exit);
-  const codec::Tile tile = geometry(level).tile(entry, m.manifest->format);
-  m.samples.resize(tile.bytes());
+  m.samples.resize(m.coder->tile_shape(key).bytes());
   const auto references = std::exchange(m.references, {});
   const auto source = [&](TileKey of) -> Result<ByteSpan> {
     if (const auto found = references.find(of); found != references.end()) return found->second;
     return fail(ErrorCode::tile_missing, "a tile that this one is predicted from is missing");
   };
-  const auto decoded = m.predicted ? m.predicted->decode(key, m.buffer, source, m.samples)
-                                   : m.codec->decode(tile, m.buffer, m.samples);
+  const auto decoded = m.coder->decode(key, m.buffer, source, m.samples);
   return decoded ? kDone : failed(decoded.error());
 }
 SLF_EXPORT(slf_samples) const std::byte* slf_samples() { return module().samples.data(); }

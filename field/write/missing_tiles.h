@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "field/build/tile_selection.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
+#include "field/write/tile_selection.h"
 #include "slf/error.h"
 
 namespace slf {

@@ -3,9 +3,10 @@
 #include <filesystem>
 
 #include "base/parallel.h"
+#include "base/reporter.h"
 #include "base/try.h"
-#include "field/build/field_writer.h"
-#include "field/build/merge_plan.h"
+#include "field/write/field_writer.h"
+#include "field/write/merge_plan.h"
 
 namespace slf {
 namespace {
@@ -20,7 +21,7 @@ constexpr std::uint64_t kBatch = 128;  // tiles that a thread takes at a time
 class Merger {
  public:
   Merger(const MergePlan& plan, const std::vector<std::string>& paths, const MergeOptions& options,
-         FieldWriter& writer, const ProgressCallback& progress)
+         FieldWriter& writer, Reporter& progress)
       : plan_(plan),
         paths_(paths),
         writer_(writer),
@@ -37,12 +38,11 @@ class Merger {
     threads_ =
         static_cast<unsigned>(std::min<std::uint64_t>(batches, thread_count(options.threads)));
     window_ = std::min<std::uint64_t>(batches, 4 * threads_);
-    for (const MergeSegment& segment : plan.segments) state_.total += segment.tiles.count();
   }
 
   Result<void> write() {
     for (const MergeSegment& segment : plan_.segments) SLF_TRY(write(segment));
-    return writer_.finish([&] { return !progress_ || progress_(state_); });
+    return writer_.finish([&] { return progress_.go_on(); });
   }
 
   [[nodiscard]] const MergeReport& report() const { return report_; }
@@ -55,15 +55,14 @@ class Merger {
       return fail(ErrorCode::failed, path, ": was changed while it was merged; merge again");
     const NumberRange all = segment.tiles;
     const std::uint64_t batches = (all.count() + batch_ - 1) / batch_;
-    OrderedPipeline<std::vector<TileRef>> pipeline(batches, threads_, window_, [&] {
+    const auto new_maker = [&] {
       return [&](std::uint64_t k) {
         const std::uint64_t begin = all.begin + k * batch_;
         return checked(part, {begin, std::min(begin + batch_, all.end)});
       };
-    });
+    };
     std::uint64_t mapped = 0;
-    for (std::uint64_t k = 0; k < batches; ++k) {
-      std::vector<TileRef> tiles = SLF_TRY(pipeline.take());
+    const auto put = [&](std::uint64_t, const std::vector<TileRef>& tiles) -> Result<void> {
       for (const TileRef& tile : tiles) {
         SLF_TRY(writer_.put_view(tile));
         ++report_.tiles;
@@ -74,10 +73,9 @@ class Merger {
         part.release_all();  // pages that were read stay in the kernel's cache
         mapped = 0;
       }
-      state_.done += tiles.size();
-      if (progress_ && !progress_(state_))
-        return fail(ErrorCode::cancelled, "merge interrupted; nothing was written");
-    }
+      return progress_.add(tiles.size());
+    };
+    SLF_TRY(make_in_order(batches, threads_, window_, new_maker, put));
     writer_.copy_viewed_payloads();  // `part` is closed on return
     if (part.changed()) return fail(ErrorCode::failed, path, ": was truncated while it was merged");
     return {};
@@ -104,10 +102,9 @@ class Merger {
   const MergePlan& plan_;
   const std::vector<std::string>& paths_;
   FieldWriter& writer_;
-  const ProgressCallback& progress_;
+  Reporter& progress_;
   TileOrder order_;
   MergeReport report_;
-  Progress state_;
   std::uint64_t mapped_limit_ = 0;
   std::uint64_t batch_ = 1;
   std::size_t window_ = 1;
@@ -121,11 +118,13 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   const auto output =
       SLF_TRY(FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, parts));
   const auto plan = SLF_TRY(plan_merge(parts, options.part));
-  if (progress && !progress({0, TileOrder(plan.manifest.shape).count(), 0}))
-    return fail(ErrorCode::cancelled, "merge interrupted; nothing was written");
+  Progress begin;
+  for (const MergeSegment& segment : plan.segments) begin.total += segment.tiles.count();
+  Reporter reporter(progress, begin, "merge interrupted; nothing was written");
+  SLF_TRY(reporter.add(0));
   auto writer = SLF_TRY(FieldWriter::create(output, FieldWriter::Draft::discard, plan.manifest,
                                             plan.tables, plan.light));
-  Merger merger(plan, parts, options, writer, progress);
+  Merger merger(plan, parts, options, writer, reporter);
   SLF_TRY(merger.write());
   MergeReport report = merger.report();
   std::error_code ignored;

@@ -5,11 +5,12 @@
 #include <optional>
 
 #include "base/parallel.h"
+#include "base/reporter.h"
 #include "base/try.h"
-#include "field/build/field_writer.h"
-#include "field/build/repack_plan.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
+#include "field/write/field_writer.h"
+#include "field/write/repack_plan.h"
 
 namespace slf {
 namespace {
@@ -61,7 +62,7 @@ void advise(const FieldFile& field, const TileOrder& order, std::uint64_t begin,
 class Repacker {
  public:
   Repacker(TileCache& tiles, const RepackPlan& plan, const RepackOptions& options,
-           FieldWriter& writer, const ProgressCallback& progress, RepackReport& report)
+           FieldWriter& writer, Reporter& progress, RepackReport& report)
       : field_(tiles.field()),
         tiles_(tiles),
         plan_(plan),
@@ -73,7 +74,7 @@ class Repacker {
     // a third for records that wait for their commit; a third for LMDB's copies of their pages. A
     // quarter of the first third is for decoded tiles of the input, one for those of the output
     // that others are predicted from.
-    predicts_ = plan.codec->predictive() && !plan.copy;
+    predicts_ = codec::is_predictive(plan.codec->spec()) && !plan.copy;
     const std::uint64_t share = options.memory / 3;
     writer.set_pending_limit(share);
     const std::uint64_t under_way = share / 2;
@@ -81,47 +82,44 @@ class Repacker {
     threads_ = static_cast<unsigned>(
         std::clamp<std::uint64_t>(under_way / tile_cost, 1, thread_count(options.threads)));
     window_ = std::clamp<std::uint64_t>(under_way / tile_cost, 1, 8 * threads_);
-    state_.total = order_.count();
   }
 
   Result<void> write() {
     for (std::uint64_t begin = 0, end = 0; begin < order_.count(); begin = end) {
       end = order_.count();
-      std::shared_ptr<const FieldFile> written;
-      std::optional<TileCache> coarser;
+      std::optional<TileReader> coarser;
       if (predicts_) {  // level by level: each is predicted from the one written before
         end = order_.first_number(order_.key(begin).level + 1u);
         SLF_TRY(writer_.commit_level());
-        written = SLF_TRY(FieldFile::open(writer_.file()));
-        coarser.emplace(*written, tiles_.budget());
+        const auto written = SLF_TRY(Field::open(writer_.file()));
+        coarser.emplace(written, TileReaderOptions{.memory = tiles_.budget()});
       }
-      SLF_TRY(write(begin, end, coarser ? &*coarser : nullptr));
+      SLF_TRY(write(begin, end, coarser ? &coarser->cache() : nullptr));
     }
-    return writer_.finish([&] { return !progress_ || progress_(state_); });
+    return writer_.finish([&] { return progress_.go_on(); });
   }
 
  private:
   /// Recodes the tiles with numbers in [begin, end) on all threads and appends them in order.
   Result<void> write(std::uint64_t begin, std::uint64_t end, TileCache* coarser) {
-    OrderedPipeline<RecodedTile> pipeline(end - begin, threads_, window_, [&] {
-      return [&, samples = Bytes()](std::uint64_t n) mutable {
-        return recode(tiles_, coarser, plan_, order_.key(begin + n), samples);
+    const auto new_maker = [&] {
+      return [&, samples = Bytes()](std::uint64_t k) mutable {
+        return recode(tiles_, coarser, plan_, order_.key(begin + k), samples);
       };
-    });
-    advise(field_, order_, begin, begin + window_ + kAdvised);
-    for (std::uint64_t n = begin; n < end; ++n) {
-      if ((n - begin) % kAdvised == 0) {
-        field_.store().release_all();  // pages that were read stay in the kernel's cache
-        advise(field_, order_, n + window_ + kAdvised, n + window_ + 2 * kAdvised);
-      }
-      RecodedTile tile = SLF_TRY(pipeline.take());
-      SLF_TRY(put(order_.key(n), std::move(tile)));
-      ++state_.done;
-      if (progress_ && !progress_(state_))
-        return fail(ErrorCode::cancelled, field_.path(),
-                    ": repack interrupted; nothing was written");
-    }
-    return {};
+    };
+    advise(field_, order_, begin, begin + window_ + 2 * kAdvised);
+    return make_in_order(end - begin, threads_, window_, new_maker,
+                         [&](std::uint64_t k, RecodedTile tile) -> Result<void> {
+                           SLF_TRY(put(order_.key(begin + k), std::move(tile)));
+                           if ((k + 1) % kAdvised == 0) advise_next(begin + k + 1);
+                           return progress_.add(1);
+                         });
+  }
+
+  /// Tile `n` is written next.
+  void advise_next(std::uint64_t n) {
+    field_.store().release_all();  // pages that were read stay in the kernel's cache
+    advise(field_, order_, n + window_ + kAdvised, n + window_ + 2 * kAdvised);
   }
 
   Result<void> put(TileKey key, RecodedTile tile) {
@@ -139,10 +137,9 @@ class Repacker {
   TileCache& tiles_;
   const RepackPlan& plan_;
   FieldWriter& writer_;
-  const ProgressCallback& progress_;
+  Reporter& progress_;
   RepackReport& report_;
   TileOrder order_;
-  Progress state_;
   bool predicts_ = false;
   unsigned threads_ = 1;
   std::size_t window_ = 1;
@@ -163,8 +160,9 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
   manifest.codec = plan.codec->spec();
   // If the finest level is left out, the next one becomes the finest: record that it is filtered.
   manifest.filtered_levels = field.manifest().filtered_levels.value_or(field.shape().levels);
-  if (progress && !progress({0, TileOrder(manifest.shape).count(), 0}))
-    return fail(ErrorCode::cancelled, field.path(), ": repack interrupted; nothing was written");
+  Reporter reporter(progress, {0, TileOrder(manifest.shape).count(), 0},
+                    field.path() + ": repack interrupted; nothing was written");
+  SLF_TRY(reporter.add(0));
   const Result<ByteSpan> light = options.light ? field.light() : ByteSpan();
   if (!light)
     return fail(light.error().code, light.error().message, "; a copy can leave the light out");
@@ -172,7 +170,7 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
                                             plan.codec->tables(), *light));
 
   RepackReport report;
-  Repacker repacker(tiles, plan, options, writer, progress, report);
+  Repacker repacker(tiles, plan, options, writer, reporter, report);
   SLF_TRY(repacker.write());
   std::error_code ignored;
   report.file_bytes = std::filesystem::file_size(output.target, ignored);

@@ -1,4 +1,4 @@
-#include "field/build/field_writer.h"
+#include "field/write/field_writer.h"
 
 #include <sys/stat.h>
 #include <unistd.h>
@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "base/try.h"
-#include "field/build/field_index.h"
 #include "field/field_file.h"
+#include "field/write/field_index.h"
 
 namespace slf {
 namespace {

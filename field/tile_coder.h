@@ -1,6 +1,6 @@
-// PredictedTiles: codes the tiles of a predictive codec. A tile of level l > 0 is coded as the
-// difference from a prediction. The prediction is made from its references, decoded tiles of level
-// l - 1 that its payload names (FORMAT.md, "The predictive codec").
+// TileCoder: codes the tiles of a field with its codec. If that is predictive, a tile of level l >
+// 0 is coded as the difference from a prediction. The prediction is made from its references,
+// decoded tiles of level l - 1 that its payload names (FORMAT.md, "The predictive codec").
 //
 // Thread-safety: immutable.
 #pragma once
@@ -21,14 +21,22 @@ namespace slf {
 /// if the reference is empty. Called on the thread that codes.
 using ReferenceSource = std::function<Result<ByteSpan>(TileKey)>;
 
-class PredictedTiles {
+class TileCoder {
  public:
   using Geometries = std::function<const LevelGeometry&(unsigned level)>;
 
   /// The codec must outlive this. `geometries` may be called from many threads.
-  PredictedTiles(const FieldShape& shape, const codec::PredictiveCodec& codec,
-                 Geometries geometries)
-      : shape_(shape), codec_(codec), geometries_(std::move(geometries)) {}
+  TileCoder(const FieldShape& shape, SampleFormat format, const codec::Codec& codec,
+            Geometries geometries)
+      : shape_(shape), format_(format), codec_(codec), geometries_(std::move(geometries)) {}
+
+  [[nodiscard]] codec::Tile tile_shape(TileKey key) const {
+    return geometries_(key.level).tile(sections_of(key, shape_.entry_extra_levels).entry.index,
+                                       format_);
+  }
+
+  /// Whether tiles are predicted from coarser ones.
+  [[nodiscard]] bool predicts() const { return predictive_ != nullptr; }
 
   /// The tiles that an untrusted payload refers to, in the order in which decode() requests them.
   /// The field may not have such a tile.
@@ -49,7 +57,9 @@ class PredictedTiles {
   struct Work;
 
   const FieldShape shape_;
-  const codec::PredictiveCodec& codec_;
+  const SampleFormat format_;
+  const codec::Codec& codec_;
+  const codec::PredictiveCodec* const predictive_ = codec_.predictive();
   Geometries geometries_;
 };
 

@@ -9,9 +9,9 @@
 // file, but they do not belong to its part (doc/decisions/cluster.md).
 #pragma once
 
-#include "field/build/tile_selection.h"
-#include "field/build/tile_tracer.h"
 #include "field/geometry/tile_order.h"
+#include "field/write/tile_selection.h"
+#include "field/write/tile_tracer.h"
 #include "slf/build.h"
 #include "slf/error.h"
 

@@ -13,7 +13,6 @@
 namespace slf {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kMaxSeconds = 86400;
 constexpr std::size_t kMaxKeys = 10000;
 constexpr std::uint64_t kMaxBytes = 16 << 20;
@@ -40,8 +39,8 @@ double number_of(const nlohmann::json& json, const char* key) {
 std::array<double, 3> orbit_of(const Sphere& sphere, const glm::dvec3& eye) {
   const glm::dvec3 d = eye - sphere.center;
   const double far = glm::length(d);
-  return {std::atan2(d.x, -d.y) / kDegree, std::asin(std::clamp(d.z / far, -1.0, 1.0)) / kDegree,
-          far / sphere.radius};
+  return {glm::degrees(std::atan2(d.x, -d.y)),
+          glm::degrees(std::asin(std::clamp(d.z / far, -1.0, 1.0))), far / sphere.radius};
 }
 
 /// Cubic Hermite between b and c at u in [0, 1], with slopes per unit of u.

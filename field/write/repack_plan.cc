@@ -1,4 +1,4 @@
-#include "field/build/repack_plan.h"
+#include "field/write/repack_plan.h"
 
 #include <algorithm>
 #include <vector>

@@ -1,4 +1,4 @@
-#include "field/build/merge_plan.h"
+#include "field/write/merge_plan.h"
 
 #include <algorithm>
 #include <filesystem>

@@ -1,4 +1,4 @@
-#include "field/build/field_index.h"
+#include "field/write/field_index.h"
 
 #include <vector>
 

@@ -8,6 +8,7 @@
 #include <memory>
 #include <vector>
 
+#include "base/bytes.h"
 #include "field/geometry/level_geometry.h"
 #include "field/manifest.h"
 #include "slf/scene.h"
@@ -18,7 +19,7 @@ namespace slf {
 struct TracedTile {
   TileKey key;
   bool empty = true;  ///< nothing is visible; `samples` is then undefined
-  Bytes samples;      ///< with the layout of codec::Tile
+  Bytes samples;      ///< with the layout of TileShape
 };
 
 /// The scene must outlive the tracer. Thread-safety: const members from any thread.
@@ -29,7 +30,7 @@ class TileTracer {
   /// Samples a tile. failed: the scene threw an exception. out_of_memory. Messages name the tile.
   [[nodiscard]] Result<void> trace(TileKey key, TracedTile& tile) const;
 
-  [[nodiscard]] codec::Tile shape(TileKey key) const;
+  [[nodiscard]] TileShape shape(TileKey key) const;
   /// Approximate number of rays for a tile, or for all tiles of a level.
   [[nodiscard]] std::uint64_t rays(TileKey key) const;
   [[nodiscard]] std::uint64_t rays(unsigned level) const;
@@ -45,7 +46,7 @@ class TileTracer {
   const Scene& scene_;
   FieldShape shape_;
   std::vector<bool> filtered_;  // per level
-  codec::SampleFormat format_;
+  SampleFormat format_;
   std::vector<LevelGeometry> levels_;
 };
 

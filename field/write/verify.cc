@@ -4,9 +4,10 @@
 #include <optional>
 
 #include "base/parallel.h"
+#include "base/reporter.h"
 #include "base/try.h"
-#include "field/build/field_writer.h"
 #include "field/tiles/tile_cache.h"
+#include "field/write/field_writer.h"
 #include "storage/tile_store.h"
 
 namespace slf {
@@ -94,8 +95,10 @@ class Verifier {
 
   Result<void> check_tiles(const FieldFile& field) {
     SLF_TRY(check_light(field));
+    Progress work;
     for (unsigned level = 0; level <= field.shape().levels; ++level)
-      state_.total += field.shape().tiles(level);
+      work.total += field.shape().tiles(level);
+    Reporter reporter(progress_, work, field.path() + ": verify interrupted");
     report_.complete = true;
     TileCache tiles(field, kMemory);
     std::vector<std::uint64_t> found(field.shape().levels + 1);
@@ -115,10 +118,9 @@ class Verifier {
           if (tile.state == TileState::stored) batch.push_back(tile);
           if (batch.size() == kCheckedTogether)
             if (auto ok = check_payloads(tiles, batch); !ok) return stopped = true, ok;
-          ++state_.done;
-          if (!progress_ || progress_(state_)) return {};
-          stopped = true;
-          return fail(ErrorCode::cancelled, field.path(), ": verify interrupted");
+          auto ok = reporter.add(1);
+          stopped = !ok;
+          return ok;
         },
         [&](const storage::Damage& damage) {
           if (damage.code == ErrorCode::io) unreadable = damage;
@@ -227,7 +229,6 @@ class Verifier {
   const VerifyOptions& options_;
   const ProgressCallback& progress_;
   VerifyReport report_;
-  Progress state_;
   std::vector<TileKey> repairs_;  ///< one for each finding that has one
   bool drop_light_ = false;
   std::uint64_t fixed_ = 0;

@@ -3,11 +3,11 @@
 
 #include "base/mix.h"
 #include "base/parallel.h"
+#include "base/reporter.h"
 #include "base/try.h"
-#include "codec/predictive_codec.h"
-#include "field/build/repack_plan.h"
 #include "field/geometry/tile_order.h"
 #include "field/reference_index.h"
+#include "field/write/repack_plan.h"
 #include "slf/repack.h"
 
 namespace slf {
@@ -43,12 +43,11 @@ struct Estimate {
 class SampleEncoder {
  public:
   SampleEncoder(TileCache& tiles, const RepackPlan& plan)
-      : field_(tiles.field()), tiles_(tiles), plan_(plan) {
-    if (const auto* codec = plan.codec->predictive())
-      predicted_.emplace(plan.shape, *codec, [this](unsigned level) -> const LevelGeometry& {
-        return field_.geometry(level);
-      });
-  }
+      : field_(tiles.field()),
+        tiles_(tiles),
+        plan_(plan),
+        coder_(plan.shape, plan.format, *plan.codec,
+               [this](unsigned level) -> const LevelGeometry& { return field_.geometry(level); }) {}
 
   /// The bytes of a tile's payload; none if it is not stored.
   [[nodiscard]] Result<std::optional<std::uint64_t>> encode(TileKey key) const {
@@ -65,8 +64,7 @@ class SampleEncoder {
       if (there.state == TileState::empty) return ByteSpan();
       return kept.emplace_back(SLF_TRY(read(there)));
     };
-    SLF_TRY(predicted_ ? predicted_->encode(key, *samples, source, payload)
-                       : plan_.codec->encode(plan_.tile_shape(field_, key), *samples, payload));
+    SLF_TRY(coder_.encode(key, *samples, source, payload));
     return payload.size();
   }
 
@@ -80,7 +78,7 @@ class SampleEncoder {
   const FieldFile& field_;
   TileCache& tiles_;
   const RepackPlan& plan_;
-  std::optional<PredictedTiles> predicted_;
+  TileCoder coder_;
 };
 
 /// The exact size of copied tiles, from the tables of the records.
@@ -99,22 +97,20 @@ Result<Estimate> count(const FieldFile& field, const FieldShape& shape) {
 
 /// Divides the tiles [begin, end) into equal ranges, and estimates by encoding one tile of each.
 Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, std::uint64_t begin,
-                        std::uint64_t end, unsigned threads, const std::function<bool()>& go_on) {
+                        std::uint64_t end, unsigned threads, Reporter& progress) {
   const std::uint64_t count = end - begin, taken = std::min(count, kSample);
-  OrderedPipeline<std::optional<std::uint64_t>> pipeline(taken, threads, 4 * threads, [&] {
-    return [&](std::uint64_t k) {
-      const std::uint64_t first = begin + count * k / taken, next = begin + count * (k + 1) / taken;
-      return encoder.encode(order.key(first + mix(first) % (next - first)));
-    };
-  });
+  const auto encode = [&](std::uint64_t k) {
+    const std::uint64_t first = begin + count * k / taken, next = begin + count * (k + 1) / taken;
+    return encoder.encode(order.key(first + mix(first) % (next - first)));
+  };
   double sum = 0, squares = 0, stored = 0;
-  for (std::uint64_t k = 0; k < taken; ++k) {
-    const auto bytes = SLF_TRY(pipeline.take());
-    if (!go_on()) return fail(ErrorCode::cancelled, "estimate interrupted");
-    if (!bytes) continue;
-    const auto size = static_cast<double>(*bytes);
-    sum += size, squares += size * size, stored += 1;
-  }
+  const auto add = [&](std::uint64_t, std::optional<std::uint64_t> bytes) {
+    const auto size = static_cast<double>(bytes.value_or(0));
+    sum += size, squares += size * size, stored += bytes ? 1 : 0;
+    return progress.add(1);
+  };
+  SLF_TRY(make_in_order(
+      taken, threads, 4 * threads, [&] { return encode; }, add));
   const auto n = static_cast<double>(taken), all = static_cast<double>(count);
   Estimate estimate;
   estimate.sampled = taken;
@@ -134,13 +130,10 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   const auto plan = SLF_TRY(plan_repack(tiles, options));
   const FieldShape& shape = plan.shape;
   const TileOrder order(shape);
-  Progress state;
+  Progress work;
   for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level)
-    state.total += std::min(kSample, shape.tiles(level));
-  const auto go_on = [&] {
-    ++state.done;
-    return !progress || progress(state);
-  };
+    work.total += std::min(kSample, shape.tiles(level));
+  Reporter reporter(progress, work, "estimate interrupted");
 
   Estimate total;
   if (plan.copy) total = SLF_TRY(count(field, shape));
@@ -148,7 +141,7 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level) {
     const auto estimate =
         sample(encoder, order, order.first_number(level), order.first_number(level + 1),
-               thread_count(options.threads), go_on);
+               thread_count(options.threads), reporter);
     if (!estimate) return fail(estimate.error().code, field.path(), ": ", estimate.error().message);
     total += *estimate;
   }

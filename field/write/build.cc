@@ -12,14 +12,15 @@
 
 #include "base/mix.h"
 #include "base/parallel.h"
+#include "base/reporter.h"
 #include "base/try.h"
-#include "field/build/field_writer.h"
-#include "field/build/missing_tiles.h"
-#include "field/build/shard_plan.h"
-#include "field/build/tile_tracer.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
 #include "field/tiles/tile_cache.h"
+#include "field/write/field_writer.h"
+#include "field/write/missing_tiles.h"
+#include "field/write/shard_plan.h"
+#include "field/write/tile_tracer.h"
 
 namespace slf {
 namespace {
@@ -182,29 +183,23 @@ struct EncodedTile {
 /// release.
 class CoarserTiles {
  public:
-  struct Open {
-    std::shared_ptr<const FieldFile> file;
-    TileCache tiles;
-    explicit Open(std::shared_ptr<const FieldFile> of)
-        : file(std::move(of)), tiles(*file, kCoarserBytes) {}
-  };
-
   CoarserTiles(std::shared_ptr<const FieldFile> file) { set(std::move(file)); }
 
-  [[nodiscard]] std::shared_ptr<Open> get() const {
+  [[nodiscard]] std::optional<TileReader> get() const {
     const std::lock_guard lock(mutex_);
-    return open_;
+    return tiles_;
   }
   /// `file`: null for none.
   void set(std::shared_ptr<const FieldFile> file) {
-    auto open = file ? std::make_shared<Open>(std::move(file)) : nullptr;
+    std::optional<TileReader> tiles;
+    if (file) tiles.emplace(Field::of(std::move(file)), TileReaderOptions{.memory = kCoarserBytes});
     const std::lock_guard lock(mutex_);
-    open_.swap(open);  // the last user of the old one closes it
+    tiles_.swap(tiles);  // the last user of the old one closes it
   }
 
  private:
   mutable std::mutex mutex_;
-  std::shared_ptr<Open> open_;
+  std::optional<TileReader> tiles_;
 };
 
 /// The checked inputs of a build.
@@ -223,8 +218,9 @@ struct BuildJob {
     SLF_TRY(tracer.trace(key, traced));
     encoded.rays = tracer.rays(key);
     if (traced.empty) return encoded;
-    SLF_TRY(codec.predictive() ? coarser.get()->tiles.encode(key, traced.samples, encoded.payload)
-                               : codec.encode(tracer.shape(key), traced.samples, encoded.payload));
+    const auto reader = coarser.get();
+    SLF_TRY(reader ? reader->cache().encode(key, traced.samples, encoded.payload)
+                   : codec.encode(tracer.shape(key), traced.samples, encoded.payload));
     return encoded;
   }
 
@@ -243,22 +239,11 @@ struct BuildJob {
   /// for some commits.
   Result<void> follow(const FieldWriter& writer) {
     const auto reader = coarser.get();
-    if (!reads_own_file ||
-        (reader && writer.transaction() < reader->file->store().transaction() + kCommitsPerReader))
-      return {};
+    const auto read = [&] { return reader->field().file().store().transaction(); };
+    if (!reads_own_file || (reader && writer.transaction() < read() + kCommitsPerReader)) return {};
     auto opened = SLF_TRY(FieldFile::open(writer.file()));
     coarser.set(std::move(opened));
     return {};
-  }
-
-  /// Makes the missing tiles [begin, end), in order, on all threads.
-  [[nodiscard]] OrderedPipeline<EncodedTile> pipeline(std::uint64_t begin,
-                                                      std::uint64_t end) const {
-    return {end - begin, threads, 4 * threads, [this, begin] {
-              return [this, begin, traced = TracedTile()](std::uint64_t k) mutable {
-                return make(key(begin + k), traced);
-              };
-            }};
   }
 };
 
@@ -266,34 +251,34 @@ struct BuildJob {
 /// counts rays.
 Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end,
                            FieldWriter& writer, const std::string& path,
-                           const BuildOptions& options, const ProgressCallback& progress,
-                           Progress& state) {
+                           const BuildOptions& options, Reporter& progress) {
   const std::chrono::duration<double> interval(options.commit_seconds);
   auto committed_at = Clock::now();
-  auto pipeline = job.pipeline(begin, end);
-  for (std::uint64_t k = begin; k < end; ++k) {
-    Result<EncodedTile> tile = pipeline.take();
-    if (!tile) return fail(tile.error().code, path, ": ", tile.error().message);
-    SLF_TRY(writer.put(job.key(k), std::move(tile->payload)));
-    state.done += tile->rays;
-    const bool stop = progress && !progress(state);
-    if (stop || Clock::now() - committed_at >= interval) {
+  const auto new_maker = [&] {
+    return [&, traced = TracedTile()](std::uint64_t k) mutable {
+      const auto make = [&] { return job.make(job.key(begin + k), traced); };
+      return guarded(make).map_error([&](const Error& error) {
+        return Error{error.code, path + ": " + error.message};
+      });
+    };
+  };
+  const auto put = [&](std::uint64_t k, EncodedTile tile) -> Result<void> {
+    SLF_TRY(writer.put(job.key(begin + k), std::move(tile.payload)));
+    auto go_on = progress.add(tile.rays);
+    if (!go_on || Clock::now() - committed_at >= interval) {
       SLF_TRY(writer.commit());
       SLF_TRY(job.follow(writer));
       committed_at = Clock::now();
     }
-    if (stop)
-      return fail(ErrorCode::cancelled, path, ": interrupted; the same build goes on from here (",
-                  writer.file(), ")");
-  }
-  return {};
+    return go_on;
+  };
+  return make_in_order(end - begin, job.threads, 4 * job.threads, new_maker, put);
 }
 
 /// Makes all missing tiles. If tiles are predicted, goes level by level, because a level is
 /// predicted from the committed file.
 Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string& path,
-                          const BuildOptions& options, const ProgressCallback& progress,
-                          Progress& state) {
+                          const BuildOptions& options, Reporter& progress) {
   for (std::uint64_t begin = 0, end = 0; begin < job.missing.count(); begin = end) {
     end = job.missing.count();
     if (job.reads_own_file) {
@@ -302,7 +287,7 @@ Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string&
       job.coarser.set(nullptr);  // it lacks the level before
       SLF_TRY(job.follow(writer));
     }
-    SLF_TRY(write_missing(job, begin, end, writer, path, options, progress, state));
+    SLF_TRY(write_missing(job, begin, end, writer, path, options, progress));
   }
   job.coarser.set(nullptr);
   return {};
@@ -352,7 +337,10 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
   state.total = count_rays(tracer, order, manifest.shape, plan.tiles);
   state.skipped = state.total - count_rays(tracer, order, manifest.shape, missing.numbers());
   state.done = state.skipped;
-  const GoOn go_on = [&] { return !progress || progress(state); };
+  const std::string file = earlier && earlier->in_place ? output.target : output.unfinished();
+  Reporter reporter(progress, state,
+                    path + ": interrupted; the same build goes on from here (" + file + ")");
+  const GoOn go_on = [&] { return reporter.go_on(); };
   // Light is computed once, and kept in the file from its first commit on.
   const bool has_light = earlier && scene.set_light(earlier->light);
   if (!has_light && coarser) scene.set_light(light_of(*coarser));
@@ -373,7 +361,7 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
                thread_count(options.threads),
                coarser,
                predicts(manifest) && !coarser};
-  SLF_TRY(write_levels(job, writer, path, options, progress, state));
+  SLF_TRY(write_levels(job, writer, path, options, reporter));
   SLF_TRY(writer.finish(go_on));
   report.tiles = missing.count();
   return report;

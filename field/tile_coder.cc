@@ -1,4 +1,4 @@
-#include "field/predicted_tiles.h"
+#include "field/tile_coder.h"
 
 #include <algorithm>
 #include <bit>
@@ -38,8 +38,7 @@ struct Candidates {
   std::vector<TileKey> keys;
   std::vector<std::uint8_t> kinds;
 
-  Candidates(const PredictedTiles::Geometries& geometries, unsigned level,
-             const TileSections& tile) {
+  Candidates(const TileCoder::Geometries& geometries, unsigned level, const TileSections& tile) {
     if (level == 0) return;
     const LevelGeometry& coarser = geometries(level - 1);
     references = find_references(coarser, geometries(level), tile.entry.index);
@@ -67,7 +66,7 @@ struct Scratch {
 };
 
 /// The state of a tile that is being encoded or decoded.
-struct PredictedTiles::Work {
+struct TileCoder::Work {
   const codec::PredictiveCodec& codec;
   codec::Tile tile;
   const codec::PredictiveLevel& level;
@@ -78,11 +77,11 @@ struct PredictedTiles::Work {
   std::vector<Bytes> converted;  // from half floats; what `from` views
   std::vector<ReferenceTile> from;
 
-  Work(const PredictedTiles& tiles, TileKey key)
+  Work(const TileCoder& tiles, TileKey key)
       : Work(tiles, key, sections_of(key, tiles.shape_.entry_extra_levels)) {}
-  Work(const PredictedTiles& tiles, TileKey key, const TileSections& sections)
-      : codec(tiles.codec_),
-        tile(tiles.geometries_(key.level).tile(sections.entry.index, codec.settings().format)),
+  Work(const TileCoder& tiles, TileKey key, const TileSections& sections)
+      : codec(*tiles.predictive_),
+        tile(tiles.tile_shape(key)),
         level(codec.level(key.level)),
         samples(tile.rows() * tile.columns()),
         candidates(tiles.geometries_, key.level, sections),
@@ -166,8 +165,8 @@ struct PredictedTiles::Work {
   void store(const ChannelValues& values, std::span<std::byte> to) const;
 };
 
-Result<void> PredictedTiles::Work::decode(codec::PredictiveDecoder decoder,
-                                          const ReferenceSource& source, std::span<std::byte> to) {
+Result<void> TileCoder::Work::decode(codec::PredictiveDecoder decoder,
+                                     const ReferenceSource& source, std::span<std::byte> to) {
   SLF_TRY(read_references(decoder, source));
   std::vector<std::uint8_t>& depth = scratch.depth;
   std::vector<std::uint32_t>& rgba = scratch.rgba;
@@ -183,9 +182,8 @@ Result<void> PredictedTiles::Work::decode(codec::PredictiveDecoder decoder,
   return {};
 }
 
-Result<void> PredictedTiles::Work::encode(codec::PredictiveEncoder& encoder,
-                                          const FieldShape& shape, ByteSpan of,
-                                          const ReferenceSource& source) {
+Result<void> TileCoder::Work::encode(codec::PredictiveEncoder& encoder, const FieldShape& shape,
+                                     ByteSpan of, const ReferenceSource& source) {
   std::vector<std::uint32_t> rgba(samples);
   std::vector<std::uint8_t> true_alpha(samples), true_depth(samples);
   for (std::size_t s = 0; s < samples; ++s) {
@@ -198,8 +196,8 @@ Result<void> PredictedTiles::Work::encode(codec::PredictiveEncoder& encoder,
   return {};
 }
 
-Result<void> PredictedTiles::Work::decode(codec::ChannelDecoder decoder,
-                                          const ReferenceSource& source, std::span<std::byte> to) {
+Result<void> TileCoder::Work::decode(codec::ChannelDecoder decoder, const ReferenceSource& source,
+                                     std::span<std::byte> to) {
   SLF_TRY(read_references(decoder, source));
   ChannelValues values;
   for (auto& channel : values) channel.resize(samples);
@@ -208,8 +206,8 @@ Result<void> PredictedTiles::Work::decode(codec::ChannelDecoder decoder,
   return decoder.finish();
 }
 
-Result<void> PredictedTiles::Work::encode(codec::ChannelEncoder& encoder, const FieldShape& shape,
-                                          ByteSpan of, const ReferenceSource& source) {
+Result<void> TileCoder::Work::encode(codec::ChannelEncoder& encoder, const FieldShape& shape,
+                                     ByteSpan of, const ReferenceSource& source) {
   ChannelValues values = channels_of(of);
   std::vector<std::uint8_t> true_alpha(samples), true_depth(samples);
   for (std::size_t s = 0; s < samples; ++s) {
@@ -222,7 +220,7 @@ Result<void> PredictedTiles::Work::encode(codec::ChannelEncoder& encoder, const 
   return {};
 }
 
-ChannelValues PredictedTiles::Work::channels_of(ByteSpan of) const {
+ChannelValues TileCoder::Work::channels_of(ByteSpan of) const {
   ChannelValues values;
   for (auto& channel : values) channel.resize(samples);
   const auto value = [&](std::size_t s, std::size_t c) -> std::int32_t {
@@ -239,7 +237,7 @@ ChannelValues PredictedTiles::Work::channels_of(ByteSpan of) const {
   return values;
 }
 
-void PredictedTiles::Work::store(const ChannelValues& values, std::span<std::byte> to) const {
+void TileCoder::Work::store(const ChannelValues& values, std::span<std::byte> to) const {
   const auto put = [&](std::size_t s, std::size_t c, std::int32_t value) {
     std::byte* const at = to.data() + s * color_bytes(tile.format);
     if (half())
@@ -256,7 +254,7 @@ void PredictedTiles::Work::store(const ChannelValues& values, std::span<std::byt
 }
 
 template <class Coder>
-void PredictedTiles::Work::code_channels(Coder& coder, ChannelValues& values) {
+void TileCoder::Work::code_channels(Coder& coder, ChannelValues& values) {
   const PredictedSamples& predicted = predict();
   ChannelValues expected;
   for (auto& channel : expected) channel.resize(samples);
@@ -281,36 +279,38 @@ void PredictedTiles::Work::code_channels(Coder& coder, ChannelValues& values) {
   coder.code(codec::kBlueChannel, expected, values);
 }
 
-std::vector<TileKey> PredictedTiles::references(TileKey key, ByteSpan payload) const {
+std::vector<TileKey> TileCoder::references(TileKey key, ByteSpan payload) const {
   std::vector<TileKey> keys;
-  if (key.level == 0) return keys;
+  if (!predicts() || key.level == 0) return keys;
   const TileSections sections = sections_of(key, shape_.entry_extra_levels);
   const Candidates candidates(geometries_, key.level, sections);
   std::vector<std::uint8_t> used(candidates.keys.size());
-  codec::decode_references(codec_.level(key.level), codec_.settings().by_sample(), payload,
-                           candidates.kinds, used);
+  codec::decode_references(predictive_->level(key.level), predictive_->settings().by_sample(),
+                           payload, candidates.kinds, used);
   for (std::size_t k = 0; k < used.size(); ++k)
     if (used[k]) keys.push_back(candidates.keys[k]);
   return keys;
 }
 
-Result<void> PredictedTiles::decode(TileKey key, ByteSpan payload, const ReferenceSource& source,
-                                    std::span<std::byte> samples) const {
+Result<void> TileCoder::decode(TileKey key, ByteSpan payload, const ReferenceSource& source,
+                               std::span<std::byte> samples) const {
+  if (!predicts()) return codec_.decode(tile_shape(key), payload, samples);
   Work work(*this, key);
-  if (codec_.settings().by_sample())
+  if (predictive_->settings().by_sample())
     return work.decode(codec::ChannelDecoder(work.level, work.tile, payload), source, samples);
-  return work.decode({work.level, codec_.picture(work.tile), payload}, source, samples);
+  return work.decode({work.level, predictive_->picture(work.tile), payload}, source, samples);
 }
 
-Result<void> PredictedTiles::encode(TileKey key, ByteSpan samples, const ReferenceSource& source,
-                                    Bytes& payload, codec::TileSymbols* symbols) const {
+Result<void> TileCoder::encode(TileKey key, ByteSpan samples, const ReferenceSource& source,
+                               Bytes& payload, codec::TileSymbols* symbols) const {
+  if (!predicts()) return codec_.encode(tile_shape(key), samples, payload);
   payload.clear();
   Work work(*this, key);
-  if (codec_.settings().by_sample()) {
+  if (predictive_->settings().by_sample()) {
     codec::ChannelEncoder encoder(work.level, work.tile, payload);
     SLF_TRY(work.encode(encoder, shape_, samples, source));
   } else {
-    codec::PredictiveEncoder encoder(work.level, codec_.picture(work.tile), payload);
+    codec::PredictiveEncoder encoder(work.level, predictive_->picture(work.tile), payload);
     encoder.collect(symbols);
     SLF_TRY(work.encode(encoder, shape_, samples, source));
   }

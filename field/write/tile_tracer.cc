@@ -1,4 +1,4 @@
-#include "field/build/tile_tracer.h"
+#include "field/write/tile_tracer.h"
 
 #include <algorithm>
 #include <optional>
@@ -145,12 +145,12 @@ TileTracer::TileTracer(const Scene& scene, const Manifest& manifest)
   }
 }
 
-codec::Tile TileTracer::shape(TileKey key) const {
+TileShape TileTracer::shape(TileKey key) const {
   return levels_[key.level].tile(sections_of(key, shape_.entry_extra_levels).entry.index, format_);
 }
 
 std::uint64_t TileTracer::rays(TileKey key) const {
-  const codec::Tile tile = shape(key);
+  const TileShape tile = shape(key);
   return tile.samples() * rays_per_slab(key.level);
 }
 
@@ -169,7 +169,7 @@ Result<void> TileTracer::trace(TileKey key, TracedTile& tile) const {
 
 void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
   const TileSections sections = sections_of(key, shape_.entry_extra_levels);
-  const codec::Tile layout = shape(key);
+  const TileShape layout = shape(key);
   const Sphere& sphere = shape_.sphere;
   const auto entries = world_points(
       sphere, vertices_at(sections.entry, shape_.entry_section_side(), layout.positions));

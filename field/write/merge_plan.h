@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "field/build/tile_selection.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
+#include "field/write/tile_selection.h"
 #include "slf/error.h"
 
 namespace slf {

@@ -1,4 +1,4 @@
-#include "field/build/missing_tiles.h"
+#include "field/write/missing_tiles.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "field/build/shard_plan.h"
+#include "field/write/shard_plan.h"
 
 #include <numeric>
 
