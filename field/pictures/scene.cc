@@ -282,8 +282,10 @@ Result<std::unique_ptr<Scene>> make_picture_scene(PictureSet set,
       {"kind", "pictures"},         {"source", set.source}, {"pictures", set.pictures.size()},
       {"holdout", options.holdout}, {"depth", depth},       {"depth_scale", options.depth_scale},
       {"voxels", options.voxels},   {"content", hash}};
+  // A path need not be UTF-8.
+  std::string text = provenance.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   return std::unique_ptr<Scene>(new PictureScene(std::move(set), sphere, std::move(surface),
-                                                 provenance.dump(), options.memory));
+                                                 std::move(text), options.memory));
 }
 
 }  // namespace slf

@@ -235,7 +235,7 @@ std::string transforms_json(const std::vector<Picture>& pictures, const std::str
     frame["transform_matrix"] = {row(0), row(1), row(2), {0, 0, 0, 1}};
     root["frames"].push_back(std::move(frame));
   }
-  return root.dump(1) + "\n";
+  return root.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace slf

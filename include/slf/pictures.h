@@ -90,8 +90,8 @@ struct PictureSet {
 /// Reads the cameras of a JSON file of that kind. Their pictures need not exist if it states sizes.
 [[nodiscard]] Result<PictureSet> read_cameras(const std::string& path);
 
-/// Cameras as transforms.json in instant-ngp's form. Paths of pictures
-/// are relative to `folder` if they are below it.
+/// Cameras as transforms.json in instant-ngp's form. Paths of pictures are relative to `folder` if
+/// they are below it. Bytes of paths that are not UTF-8 become U+FFFD.
 [[nodiscard]] std::string transforms_json(const std::vector<Picture>& pictures,
                                           const std::string& folder);
 

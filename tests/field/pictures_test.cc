@@ -432,6 +432,44 @@ TEST_F(PictureScenes, EveryNthPictureIsHeldOut) {
   EXPECT_EQ(provenance["holdout"], 4);
 }
 
+TEST_F(PictureScenes, PathsNeedNotBeUtf8) {
+  PictureSet set = draw(12, ".png");
+  set.source = path("no\xff.json");
+  for (Picture& picture : set.pictures) {
+    const std::string file = path("no\xff" + picture.name + ".png");
+    std::filesystem::rename(picture.file, file);
+    picture.file = file;
+  }
+  const auto scene = make_picture_scene(set, {.depth = DepthKind::none, .voxels = 32});
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_THAT(std::string(Json::parse((*scene)->provenance())["source"]),
+              HasSubstr("no\xef\xbf\xbd.json"));
+  EXPECT_THAT(transforms_json(set.pictures, ""), HasSubstr("no\xef\xbf\xbd"));
+}
+
+// As Blender writes it: colours in 8 bits, and depth alone, in the colours of an OpenEXR beside it.
+TEST_F(PictureScenes, DepthMayBeTheColourOfAnotherPicture) {
+  PictureSet set = draw(40, ".exr");
+  for (Picture& picture : set.pictures) {
+    const Image image = read_image(picture.file).value();
+    Image depth{image.width, image.height, {}, {}};
+    for (const float z : image.depth)
+      depth.rgba.emplace_back(glm::vec3(std::isfinite(z) ? z : 1e10f), 1);
+    ASSERT_TRUE(write_image(picture.file, depth));
+    picture.depth = picture.file;
+    picture.file = path(picture.name + ".png");
+    ASSERT_TRUE(write_image(picture.file, image, {.transparent = true}));
+  }
+  write("transforms.json", transforms_json(set.pictures, path("")));
+  const auto read = read_pictures(path("."));
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->pictures[5].depth, set.pictures[5].depth);
+  const auto scene = make_picture_scene(*read, {.voxels = 96});
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(Json::parse((*scene)->provenance())["depth"], "ray");
+  EXPECT_GT(quality(**scene), 24);
+}
+
 TEST_F(PictureScenes, MakeFieldsThatCanBeComparedWithPictures) {
   const PictureSet set = draw(40, ".exr");
   const auto scene = make_picture_scene(set, {.holdout = 8, .voxels = 64});
