@@ -44,8 +44,9 @@ Result<PictureSet> read_model(const std::string& model_folder, const std::string
   for (const auto& entry : fs::recursive_directory_iterator(pictures, ignored)) {
     std::string extension = entry.path().extension().string();
     for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    if (extension == ".jpg" || extension == ".jpeg" || extension == ".png")
-      without += named.count(entry.path().lexically_normal().string()) == 0;
+    for (const char* picture : {".jpg", ".jpeg", ".png", ".tif", ".tiff"})
+      if (extension == picture)
+        without += named.count(entry.path().lexically_normal().string()) == 0;
   }
   if (without > 0)
     set->notes.push_back(std::to_string(without) +
