@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "base/try.h"
+#include "field/pictures/camera_index.h"
 #include "field/pictures/loading.h"
 #include "field/pictures/picture_cache.h"
 #include "field/pictures/surface.h"
@@ -30,8 +31,13 @@ class PictureScene final : public Scene {
     double finest = std::numeric_limits<double>::max();
     for (const Picture& picture : set_.pictures)
       finest = std::min(finest, pixel_at(picture, sphere_.center));
-    for (const Picture& picture : set_.pictures)
-      coarseness_.push_back(0.1 * std::log2(pixel_at(picture, sphere_.center) / finest));
+    std::vector<glm::dvec3> eyes;
+    std::vector<double> coarseness;  // the penalty of each picture for its resolution
+    for (const Picture& picture : set_.pictures) {
+      eyes.push_back(picture.eye);
+      coarseness.push_back(0.1 * std::log2(pixel_at(picture, sphere_.center) / finest));
+    }
+    index_ = CameraIndex(eyes, coarseness);
   }
 
   [[nodiscard]] Sphere bounds() const override { return sphere_; }
@@ -85,20 +91,8 @@ class PictureScene final : public Scene {
     const glm::dvec3 point = ray.from + meeting.t * (ray.to - ray.from);
     const glm::dvec3 back = glm::normalize(ray.from - ray.to);
 
-    // The pictures whose directions are nearest.
-    std::array<std::pair<double, std::size_t>, kCandidates> nearest;
-    std::size_t count = 0;
-    for (std::size_t k = 0; k < set_.pictures.size(); ++k) {
-      const glm::dvec3 toward = set_.pictures[k].eye - point;
-      const double cosine = glm::dot(toward, back) / glm::length(toward);
-      // 1 - cosine orders as the angle does; see penalty() for the rest.
-      const double penalty = std::sqrt(std::max(0.0, 2 - 2 * cosine)) + coarseness_[k];
-      if (count == kCandidates && penalty >= nearest[count - 1].first) continue;
-      if (count < kCandidates) ++count;
-      std::size_t at = count - 1;
-      for (; at > 0 && nearest[at - 1].first > penalty; --at) nearest[at] = nearest[at - 1];
-      nearest[at] = {penalty, k};
-    }
+    std::array<CameraIndex::Near, kCandidates> nearest;
+    const std::size_t count = index_.nearest(point, back, nearest);
 
     // Weights reach zero where another picture takes over, so that colours are continuous
     // (Buehler et al. 2001, section 3).
@@ -106,8 +100,7 @@ class PictureScene final : public Scene {
     std::size_t seen = 0;
     const auto look_from = [&](Ask ask) {
       for (std::size_t k = 0; k < count && seen < sights.size(); ++k) {
-        const auto [penalty, picture] = nearest[k];
-        const auto sight = look(point, picture, penalty, ask, held);
+        const auto sight = look(point, nearest[k].camera, nearest[k].penalty, ask, held);
         if (sight.share > 0.05) sights[seen++] = sight;
       }
     };
@@ -216,7 +209,7 @@ class PictureScene final : public Scene {
   Sphere sphere_;
   Surface surface_;
   std::string provenance_;
-  std::vector<double> coarseness_;  ///< penalty of each picture for its resolution
+  CameraIndex index_;
   mutable PictureCache cache_;
 };
 
