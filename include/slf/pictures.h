@@ -7,6 +7,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <glm/glm.hpp>
 #include <memory>
 #include <optional>
@@ -115,11 +116,23 @@ struct PictureSceneOptions {
   double depth_scale = 1;          ///< world units of one unit in depth pictures
   std::uint32_t holdout = 0;       ///< leaves out every `holdout`-th picture, from the first on
   std::optional<Sphere> sphere{};  ///< none: found from cameras and content
-  std::uint32_t voxels = 256;      ///< along an edge of the grid that holds the object's surface
+  /// Of pictures without alpha and masks: rays that do not meet the object get the colour of what
+  /// is behind it, as if that were painted on the far side of the sphere. Otherwise they stay
+  /// empty.
+  bool keep_background = false;
+  std::uint32_t voxels = 256;  ///< along an edge of the grid that holds the object's surface
   std::uint64_t memory = std::uint64_t{1} << 30;  ///< bytes of decoded pictures
-  unsigned threads = 0;                           ///< 0: all
-  ProgressCallback progress{};                    ///< counts pictures
+  /// A file that keeps estimated depths, which take most of the time, for later calls with the same
+  /// pictures and options; empty: none. An older one of slf is replaced.
+  std::string depth_cache{};
+  unsigned threads = 0;                               ///< 0: all
+  ProgressCallback progress{};                        ///< counts pictures
+  std::function<void(const std::string&)> on_note{};  ///< gets what people should know
 };
+
+/// Where estimated depths of a set are kept if nothing else is said: beside the file or folder that
+/// named the cameras.
+[[nodiscard]] std::string depth_cache_of(const PictureSet& set);
 
 /// Whether `holdout` leaves out the picture with this number.
 [[nodiscard]] inline bool is_held_out(std::size_t picture, std::uint32_t holdout) {
@@ -135,10 +148,30 @@ struct PictureSceneOptions {
 /// Thread-safety: any thread. Pictures are decoded when needed and kept, the least recently used
 /// leave first; the result depends neither on the memory nor on the threads. A picture that cannot
 /// be read any more throws std::runtime_error, which build_field() returns as an error.
-/// usage: no pictures, or no sphere can be found. failed: nothing is visible.
-/// cancelled: stopped by `progress`. Else errors as read_image().
+/// usage: no pictures, or no sphere can be found; a background is to be kept, but masks hide it;
+/// `depth_cache` is a file of something else. failed: nothing is visible. cancelled: stopped by
+/// `progress`. Else errors as read_image(). That depths cannot be kept is a note.
 [[nodiscard]] Result<std::unique_ptr<Scene>> make_picture_scene(PictureSet set,
                                                                 const PictureSceneOptions& options);
+
+/// What is known of the depths of pictures.
+struct DepthSheet {
+  /// A row for each picture, in up to three columns. A row is: the picture; its depth, from yellow
+  /// (near) to blue, black where it is not known; how many other pictures confirm that depth, from
+  /// red (none) to green; the depth of the surface that scenes use.
+  Image image;
+  std::string source;       ///< "z", "ray", "inverse": stated so; "estimated"; "silhouettes": none
+  double known = 0;         ///< share of the pixels inside mask and sphere whose depth is known
+  double confirmed_by = 0;  ///< other pictures that confirm a depth; mean over known pixels
+};
+
+/// Finds depths as make_picture_scene() does, and shows those of up to `count` pictures, evenly
+/// chosen, each `cell` pixels along its longer side. Errors as make_picture_scene().
+/// REQUIRES: count and cell are above 0.
+[[nodiscard]] Result<DepthSheet> make_depth_sheet(PictureSet set,
+                                                  const PictureSceneOptions& options,
+                                                  std::uint32_t count = 24,
+                                                  std::uint32_t cell = 160);
 
 /// A picture as the scene uses it: with its mask, and depth along z where it is known.
 [[nodiscard]] Result<Image> load_picture(const Picture& picture);
