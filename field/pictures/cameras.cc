@@ -20,7 +20,9 @@ namespace fs = std::filesystem;
 Result<PictureSet> read_cameras(const std::string& path) {
   const auto bytes = SLF_TRY(read_file(path, cameras::kMaxFileBytes));
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-  return cameras::parse_transforms(text, path, fs::path(path).parent_path().string());
+  const std::string folder = fs::path(path).parent_path().string();
+  if (path.ends_with(".csv")) return cameras::parse_cinema(text, path, folder);
+  return cameras::parse_transforms(text, path, folder);
 }
 
 namespace {
@@ -57,7 +59,7 @@ Result<PictureSet> read_model(const std::string& model_folder, const std::string
 
 Result<PictureSet> read_folder(const std::string& folder) {
   std::error_code ignored;
-  for (const char* name : {"transforms.json", "transforms_train.json"})
+  for (const char* name : {"transforms.json", "transforms_train.json", "data.csv"})
     if (fs::is_regular_file(fs::path(folder) / name, ignored))
       return read_cameras((fs::path(folder) / name).string());
   for (const char* place : {"", "sparse/0", "sparse", "colmap/sparse/0"}) {
@@ -73,8 +75,8 @@ Result<PictureSet> read_folder(const std::string& folder) {
     return read_model(model, pictures);
   }
   return fail(ErrorCode::bad_file, folder,
-              ": no cameras; expected transforms.json, transforms_train.json, or COLMAP's "
-              "cameras.bin and images.bin here, in sparse or in sparse/0");
+              ": no cameras; expected transforms.json, transforms_train.json, data.csv of a Cinema "
+              "database, or COLMAP's cameras.bin and images.bin here, in sparse or in sparse/0");
 }
 
 }  // namespace

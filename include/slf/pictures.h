@@ -1,8 +1,8 @@
 // Pictures with known cameras, and the scene that they show.
 //
 // read_pictures() reads cameras as other programs write them: transforms.json of instant-ngp,
-// nerfstudio and Blender, and COLMAP's sparse models. make_picture_scene() makes a Scene of them,
-// so that a field can be built from pictures instead of a volume.
+// nerfstudio and Blender, COLMAP's sparse models, and Cinema databases. make_picture_scene() makes
+// a Scene of them, so that a field can be built from pictures instead of a volume.
 #pragma once
 
 #include <array>
@@ -76,10 +76,11 @@ struct PictureSet {
   std::vector<std::string> notes;  ///< what people should know
 };
 
-/// Reads cameras, not pictures. `path` is a transforms.json or another JSON file of its kind, or a
-/// folder that has transforms.json, transforms_train.json, or a COLMAP model (cameras, images and
-/// points3D as .bin or .txt, in the folder, in sparse or in sparse/0, with the pictures in the
-/// folder images). Input is untrusted; the sizes of pictures are compared with those of cameras.
+/// Reads cameras, not pictures. `path` is a transforms.json or another JSON file of its kind, the
+/// table (.csv) of a Cinema database of specification D, or a folder that has transforms.json,
+/// transforms_train.json, data.csv, or a COLMAP model (cameras, images and points3D as .bin or
+/// .txt, in the folder, in sparse or in sparse/0, with the pictures in the folder images). Input is
+/// untrusted; the sizes of pictures are compared with those of cameras.
 /// not_found: there is no such file. io: cannot be read, a picture is missing. bad_file: damaged; a
 /// matrix is singular or not rigid; a picture has another shape than its camera. unsupported: an
 /// unknown kind of camera. The message names the file, the picture and what was expected.
@@ -88,7 +89,8 @@ struct PictureSet {
 /// The point that the optical axes of all cameras pass nearest; none if all look the same way.
 [[nodiscard]] std::optional<glm::dvec3> focus_of(const std::vector<Picture>& pictures);
 
-/// Reads the cameras of a JSON file of that kind. Their pictures need not exist if it states sizes.
+/// Reads the cameras of a JSON or .csv file of that kind. Pictures of JSON need not exist if it
+/// states sizes.
 [[nodiscard]] Result<PictureSet> read_cameras(const std::string& path);
 
 /// Cameras as transforms.json in instant-ngp's form. Paths of pictures are relative to `folder` if
