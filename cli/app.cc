@@ -108,6 +108,7 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
 
   add_build(*app, run);
   add_cameras(*app, run);
+  add_pictures(*app, run);
   add_info(*app, run);
   add_render(*app, run);
   add_play(*app, run);

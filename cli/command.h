@@ -42,6 +42,7 @@ using Run = std::function<Result<void>()>;
 void add_build(CLI::App& app, Run& run);
 void add_cameras(CLI::App& app, Run& run);
 void add_info(CLI::App& app, Run& run);
+void add_pictures(CLI::App& app, Run& run);
 void add_render(CLI::App& app, Run& run);
 void add_raycast(CLI::App& app, Run& run);
 void add_compare(CLI::App& app, Run& run);
@@ -295,6 +296,7 @@ struct SourceArguments {
   bool reference = false;     // path tracing instead of a light volume
   PathTraceOptions paths;
   PictureSceneOptions pictures;
+  std::optional<std::string> depth_cache;  // none: no file is written; empty: beside the pictures
 
   /// Adds the volume, as an option or positional `name`, and the options of its transfer function
   /// and voxels.
@@ -307,6 +309,8 @@ struct SourceArguments {
   [[nodiscard]] bool is_pictures() const;
   /// Reads its cameras, and prints notes on them. REQUIRES: is_pictures().
   [[nodiscard]] Result<PictureSet> read_picture_set() const;
+  /// `pictures`, with all that does not follow from options alone.
+  [[nodiscard]] PictureSceneOptions picture_options(const PictureSet& set, unsigned threads) const;
   void add_mesh_to(CLI::App& command);
   /// Adds the options of step, light and shading.
   void add_light_to(CLI::App& command);

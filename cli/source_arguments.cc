@@ -138,6 +138,20 @@ void SourceArguments::add_pictures_to(CLI::App& command) {
       ->capture_default_str();
   add_bytes(command, "--picture-memory", pictures.memory, "Memory limit for decoded pictures")
       ->group(group);
+  choose(
+      command.add_option("--background-model", pictures.keep_background,
+                         "Of pictures without alpha or masks: drop what lies outside the sphere, "
+                         "or\nkeep it, as if painted on the sphere's far side; default: drop"),
+      Choices<bool>{{"keep", true}, {"drop", false}})
+      ->type_name("TEXT")
+      ->group(group);
+  depth_cache = "";
+  command
+      .add_option("--depth-cache", depth_cache,
+                  "File that keeps estimated depths for the next run, or none; default: beside\n"
+                  "the pictures, as *.slf-depths")
+      ->type_name(kAnyFile)
+      ->group(group);
 }
 
 bool SourceArguments::is_pictures() const { return input.starts_with(kPicturesPrefix); }
@@ -147,6 +161,19 @@ Result<PictureSet> SourceArguments::read_picture_set() const {
   if (set)
     for (const std::string& remark : set->notes) note(set->source + ": " + remark);
   return set;
+}
+
+PictureSceneOptions SourceArguments::picture_options(const PictureSet& set,
+                                                     unsigned threads) const {
+  PictureSceneOptions options = pictures;
+  options.threads = threads;
+  options.progress = late_progress_bar("pictures", "pictures", OnSignal::end);
+  options.on_note = [source = set.source](const std::string& text) {
+    note(source + ": " + text + "; --depth-cache names another place");
+  };
+  if (depth_cache && *depth_cache != "none")
+    options.depth_cache = depth_cache->empty() ? depth_cache_of(set) : *depth_cache;
+  return options;
 }
 
 void SourceArguments::add_raw_to(CLI::App& command) {
@@ -482,10 +509,8 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
     return make_analytic_scene(std::string_view(input).substr(kScenePrefix.size()));
   if (is_pictures()) {
     auto set = SLF_TRY(read_picture_set());
-    PictureSceneOptions from = pictures;
-    from.threads = light_volume.threads;
-    from.progress = late_progress_bar("pictures", "pictures", OnSignal::end);
-    auto made = make_picture_scene(std::move(set), from);
+    const auto options = picture_options(set, light_volume.threads);
+    auto made = make_picture_scene(std::move(set), options);
     if (!made && made.error().message.find("state what they are") != std::string::npos)
       return with_hint(made.error(), "see --depth and --depth-scale");
     if (!made && made.error().message.find("radius") != std::string::npos)

@@ -62,6 +62,12 @@ const std::vector<Prose>& all() {
          "slf cameras head.slf --count 100 --test 8 -o transforms.json"},
         {"Pictures with depth from our own ray-caster",
          "slf raycast head.nii.gz --cameras transforms.json -o pictures"}}},
+      {"pictures",
+       {"Finds the depths of pictures as slf-build(1) does, and draws a contact sheet. Four cells "
+        "show each picture: itself; its depth, from yellow (near) to blue, black where it is not "
+        "known; how many other pictures confirm this depth, from red to green; and the surface "
+        "that the field is built with. Estimated depths are kept for slf-build(1)."},
+       {{"Why does the field have holes?", "slf pictures depth photos -o sheet.png"}}},
       {"info",
        {"For a field, prints geometry, levels, codec, sizes and provenance; for a volume, "
         "dimensions, spacing, orientation and the range of its values; for a mesh, its "

@@ -7,22 +7,26 @@ transforms.json, without a window:
 The last number is that of paths per pixel.
 
 Writes the picture of each frame, 8-bit PNG with alpha, and NAME.exr with the depth Z beside it: the
-distance along the camera's axis, in world units.
+distance along the camera's axis, in world units. Then states these files in transforms.json, as
+depth_file_path.
 """
 import os
 import sys
 
 import bpy
-import numpy
 from mathutils import Matrix
 
 # Blender's Python does not look beside the script.
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import transforms  # noqa: E402
 
-# The glTF importer of Blender 3.4 uses a name that NumPy 1.24 does not have.
-if not hasattr(numpy, "bool"):
-    numpy.bool = bool
+try:
+    import numpy
+    # The glTF importer of Blender 3.4 uses a name that NumPy 1.24 does not have.
+    if not hasattr(numpy, "bool"):
+        numpy.bool = bool
+except ImportError:  # only that importer needs it
+    pass
 
 
 def load(path):
@@ -72,7 +76,9 @@ def place(camera, lens, scene):
 
 
 def main():
-    arguments = sys.argv[sys.argv.index("--") + 1:]
+    arguments = sys.argv[sys.argv.index("--") + 1:] if "--" in sys.argv else []
+    if not 1 <= len(arguments) <= 3 or (len(arguments) == 3 and not arguments[2].isdecimal()):
+        raise SystemExit("usage: blender ... -- TRANSFORMS.json [MODEL [PATHS]]")
     cameras = transforms.read(arguments[0])
     if len(arguments) > 1:
         load(arguments[1])
@@ -98,6 +104,7 @@ def main():
         # Blender appends the number of the frame.
         os.replace(os.path.join(folder, f"{name}{scene.frame_current}.exr"),
                    os.path.join(folder, f"{name}.exr"))
+    transforms.state_depths(arguments[0])
 
 
 main()

@@ -43,6 +43,7 @@ inline constexpr std::uint64_t kMaxPixels = std::uint64_t{1} << 26;
 [[nodiscard]] Result<Image> decode_jpeg(const std::string& name, ByteSpan bytes);
 [[nodiscard]] Result<Image> decode_exr(const std::string& name, ByteSpan bytes);
 [[nodiscard]] Result<Image> decode_hdr(const std::string& name, ByteSpan bytes);
+[[nodiscard]] Result<Image> decode_tiff(const std::string& name, ByteSpan bytes);
 
 /// A JPEG as it is stored: 1 channel of grey, or 3 of colour, of 8 bits each, side by side.
 struct JpegSamples {
@@ -55,6 +56,8 @@ struct ImageSize {
   std::uint32_t width = 0, height = 0;
   bool operator==(const ImageSize&) const = default;
 };
+/// Of a TIFF file. Errors as read_image().
+[[nodiscard]] Result<ImageSize> tiff_size(const std::string& path);
 /// The size that a file states in its header. Errors as read_image().
 [[nodiscard]] Result<ImageSize> read_image_size(const std::string& path);
 

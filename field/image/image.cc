@@ -34,10 +34,15 @@ Result<Decoder> decoder_for(const std::string& name, ByteSpan start) {
                                        {"\xff\xd8\xff", decode_jpeg},
                                        {"\x76\x2f\x31\x01", decode_exr},
                                        {"#?RADIANCE\n", decode_hdr},
-                                       {"#?RGBE\n", decode_hdr}})
+                                       {"#?RGBE\n", decode_hdr},
+                                       {{"II*\0", 4}, decode_tiff},
+                                       {{"MM\0*", 4}, decode_tiff},
+                                       {{"II+\0", 4}, decode_tiff},
+                                       {{"MM\0+", 4}, decode_tiff}})
     if (start.size() >= magic.size() && std::memcmp(start.data(), magic.data(), magic.size()) == 0)
       return decoder;
-  return fail(ErrorCode::bad_file, name, ": not a PNG, JPEG, OpenEXR or Radiance HDR picture");
+  return fail(ErrorCode::bad_file, name,
+              ": not a PNG, JPEG, TIFF, OpenEXR or Radiance HDR picture");
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// The sizes of PNG and JPEG pictures from their headers. Other formats are decoded.
+// The sizes of PNG, JPEG and TIFF pictures from their headers. Other formats are decoded.
 #include <array>
 #include <cstring>
 #include <fstream>
@@ -6,6 +6,7 @@
 
 #include "base/try.h"
 #include "field/image/formats.h"
+#include "field/image/tiff_file.h"
 
 namespace slf::image_formats {
 namespace {
@@ -44,6 +45,8 @@ Result<ImageSize> read_image_size(const std::string& path) {
       SLF_TRY(check_size(path, size->width, size->height));
       return *size;
     }
+  if (looks_like_tiff({reinterpret_cast<const char*>(head.data()), head.size()}))
+    return tiff_size(path);
   const auto image = SLF_TRY(read_image(path));
   return ImageSize{image.width, image.height};
 }

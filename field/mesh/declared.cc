@@ -228,7 +228,8 @@ Result<void> check_ply(const std::string& path, std::istream& file, std::uint64_
       // A number and a space or line feed, or, of a list, at least its length.
       needed += count * (ascii ? 2 : size_of(type == "list" ? length : type));
     }
-    if (word == "end_header") {
+    // Assimp does not return from a header whose end it does not find.
+    if (line.substr(0, line.find_last_not_of(" \t\r") + 1) == "end_header" && !file.eof()) {
       if (needed == 0 || header + needed <= bytes + 1) return {};
       return fail(ErrorCode::bad_file, path, ": its elements need at least ", needed,
                   " bytes after the header, but there are ", bytes - std::min(bytes, header),
@@ -268,13 +269,18 @@ Result<void> check_declared(const std::string& path) {
   if (bytes == 0) return fail(ErrorCode::bad_file, path, ": is empty (0 bytes)");
   file.clear();
   file.seekg(0);
-  std::string extension = std::filesystem::path(path).extension();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const auto lower = [](std::string text) {
+    std::transform(text.begin(), text.end(), text.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    return text;
+  };
+  const std::string extension = lower(std::filesystem::path(path).extension());
   const std::string_view start(magic.data(), magic.size());
   if (start == "glTF" || extension == ".glb" || extension == ".gltf")
     return check_gltf(path, file, bytes, start == "glTF");
-  if (start.substr(0, 3) == "ply") return check_ply(path, file, bytes);
+  // Assimp accepts any case, and does not end if such a header does not.
+  if (lower(std::string(start.substr(0, 3))) == "ply" || extension == ".ply")
+    return check_ply(path, file, bytes);
   if (extension == ".stl") return check_stl(path, file, bytes);
   return {};
 }

@@ -5,7 +5,6 @@
 #include <assimp/importerdesc.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
-#include <malloc.h>
 
 #include <algorithm>
 #include <array>
@@ -18,6 +17,7 @@
 #include "base/guarded.h"
 #include "base/try.h"
 #include "field/mesh/declared.h"
+#include "field/mesh/isolated.h"
 #include "field/mesh/textures.h"
 #include "slf/mesh.h"
 #include "slf/tone.h"
@@ -31,6 +31,7 @@ constexpr std::array<std::string_view, 5> kExtensions{"glb", "gltf", "obj", "ply
 constexpr std::uint64_t kMaxFileBytes = std::uint64_t{8} << 30;
 constexpr std::uint64_t kMaxTriangles = std::uint64_t{1} << 28;
 constexpr std::uint64_t kMaxVertices = 3 * kMaxTriangles;
+constexpr std::uint64_t kSeconds = 60;  // of reading, and one for each MiB
 
 /// The colour of a mesh without any: a light grey, since white has no shades in strong light.
 constexpr glm::vec4 kPlain{0.6f, 0.6f, 0.6f, 1};
@@ -293,7 +294,23 @@ class Converter {
   std::uint64_t left_out_ = 0;
 };
 
-Result<Mesh> read(const std::string& path, UpAxis up) {
+/// By Assimp, in a child process.
+Result<Mesh> read_by_assimp(const std::string& path, UpAxis up) {
+  Mesh mesh;
+  mesh.source = path;
+  Assimp::Importer importer;
+  keep_known_readers(importer);
+  importer.SetIOHandler(new Files(mesh.files));  // the importer owns it
+  const aiScene* scene = importer.ReadFile(
+      path, aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_ValidateDataStructure);
+  if (!scene || !scene->mRootNode)
+    return fail(ErrorCode::bad_file, path, ": not a readable ", extension_of(path),
+                " mesh: ", importer.GetErrorString()[0] ? importer.GetErrorString() : "damaged");
+  SLF_TRY(Converter(path, *scene, up, mesh).convert());
+  return mesh;
+}
+
+Result<Mesh> read(const std::string& path, UpAxis up, std::uint64_t seconds) {
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
   if (!fs::exists(status)) return fail(ErrorCode::not_found, path, ": no such file");
@@ -304,22 +321,10 @@ Result<Mesh> read(const std::string& path, UpAxis up) {
     return fail(ErrorCode::unsupported, path, ": has ", bytes, " bytes; meshes are read up to ",
                 kMaxFileBytes);
   SLF_TRY(check_declared(path));
-
-  Mesh mesh;
-  mesh.source = path;
-  {
-    Assimp::Importer importer;
-    keep_known_readers(importer);
-    importer.SetIOHandler(new Files(mesh.files));  // the importer owns it
-    const aiScene* scene = importer.ReadFile(
-        path, aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_ValidateDataStructure);
-    if (!scene || !scene->mRootNode)
-      return fail(ErrorCode::bad_file, path, ": not a readable ", extension_of(path),
-                  " mesh: ", importer.GetErrorString()[0] ? importer.GetErrorString() : "damaged");
-    SLF_TRY(Converter(path, *scene, up, mesh).convert());
-  }
-  malloc_trim(0);  // Assimp allocates each triangle
-  return mesh;
+  // Text expands most, to some 50 times; a glTF file's buffers are elsewhere.
+  const std::uint64_t memory = (std::uint64_t{16} << 30) + 64 * bytes;
+  return read_isolated(path, memory, seconds + (bytes >> 20),
+                       [&] { return read_by_assimp(path, up); });
 }
 
 }  // namespace
@@ -329,7 +334,11 @@ bool is_mesh_name(std::string_view path) {
 }
 
 Result<Mesh> read_mesh(const std::string& path, UpAxis up) {
-  auto mesh = guarded([&] { return read(path, up); });
+  return read_mesh_within(path, up, kSeconds);
+}
+
+Result<Mesh> read_mesh_within(const std::string& path, UpAxis up, std::uint64_t seconds) {
+  auto mesh = guarded([&] { return read(path, up, seconds); });
   if (!mesh && mesh.error().message.find(path) == std::string::npos)
     return fail(mesh.error().code, path, ": ", mesh.error().message);
   return mesh;

@@ -21,7 +21,9 @@ namespace fs = std::filesystem;
 Result<PictureSet> read_cameras(const std::string& path) {
   const auto bytes = SLF_TRY(read_file(path, cameras::kMaxFileBytes));
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-  return cameras::parse_transforms(text, path, fs::path(path).parent_path().string());
+  const std::string folder = fs::path(path).parent_path().string();
+  if (path.ends_with(".csv")) return cameras::parse_cinema(text, path, folder);
+  return cameras::parse_transforms(text, path, folder);
 }
 
 namespace {
@@ -45,8 +47,9 @@ Result<PictureSet> read_model(const std::string& model_folder, const std::string
   for (const auto& entry : fs::recursive_directory_iterator(pictures, ignored)) {
     std::string extension = entry.path().extension().string();
     for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    if (extension == ".jpg" || extension == ".jpeg" || extension == ".png")
-      without += named.count(entry.path().lexically_normal().string()) == 0;
+    for (const char* picture : {".jpg", ".jpeg", ".png", ".tif", ".tiff"})
+      if (extension == picture)
+        without += named.count(entry.path().lexically_normal().string()) == 0;
   }
   if (without > 0)
     set->notes.push_back(std::to_string(without) +
@@ -57,7 +60,7 @@ Result<PictureSet> read_model(const std::string& model_folder, const std::string
 
 Result<PictureSet> read_folder(const std::string& folder) {
   std::error_code ignored;
-  for (const char* name : {"transforms.json", "transforms_train.json"})
+  for (const char* name : {"transforms.json", "transforms_train.json", "data.csv"})
     if (fs::is_regular_file(fs::path(folder) / name, ignored))
       return read_cameras((fs::path(folder) / name).string());
   for (const char* place : {"", "sparse/0", "sparse", "colmap/sparse/0"}) {
@@ -73,8 +76,8 @@ Result<PictureSet> read_folder(const std::string& folder) {
     return read_model(model, pictures);
   }
   return fail(ErrorCode::bad_file, folder,
-              ": no cameras; expected transforms.json, transforms_train.json, or COLMAP's "
-              "cameras.bin and images.bin here, in sparse or in sparse/0");
+              ": no cameras; expected transforms.json, transforms_train.json, data.csv of a Cinema "
+              "database, or COLMAP's cameras.bin and images.bin here, in sparse or in sparse/0");
 }
 
 }  // namespace

@@ -17,6 +17,11 @@ inline constexpr std::size_t kMaxPictures = 100000;
 [[nodiscard]] Result<PictureSet> parse_transforms(std::string_view json, const std::string& name,
                                                   const std::string& folder);
 
+/// Parses the table of a Cinema database of specification D (untrusted). Paths of pictures are
+/// relative to `folder`; their sizes are read. Errors as read_pictures().
+[[nodiscard]] Result<PictureSet> parse_cinema(std::string_view csv, const std::string& name,
+                                              const std::string& folder);
+
 /// The bytes of COLMAP's three files, all binary or all text, untrusted.
 struct ColmapModel {
   std::string folder;  ///< in messages

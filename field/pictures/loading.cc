@@ -18,23 +18,52 @@
 namespace slf {
 namespace {
 
+bool ends_with_any(const std::string& path, std::initializer_list<const char*> extensions) {
+  return std::ranges::any_of(extensions, [&](const char* e) { return path.ends_with(e); });
+}
+
+template <class T>
+std::vector<float> to_floats(const std::vector<std::byte>& samples) {
+  std::vector<float> values(samples.size() / sizeof(T));
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    T value{};
+    std::memcpy(&value, &samples[k * sizeof(T)], sizeof(T));
+    values[k] = static_cast<float>(value);
+  }
+  return values;
+}
+
 /// Depths as they are in the file of a picture of depths, before any scale.
 Result<std::vector<float>> read_depths(const std::string& path,
                                        const image_formats::ImageSize& expected) {
   std::vector<float> depths;
   image_formats::ImageSize size;
-  if (path.ends_with(".png") || path.ends_with(".PNG")) {
+  const bool tiff = ends_with_any(path, {".tif", ".tiff", ".TIF", ".TIFF"});
+  if (tiff || ends_with_any(path, {".png", ".PNG"})) {
+    // The samples as they are stored, and not as colours.
     std::optional<volume_io::SliceKind> kind;
     std::vector<std::byte> samples;
-    SLF_TRY(volume_io::append_png(path, {}, kind, samples));
+    if (tiff)
+      SLF_TRY(volume_io::append_tiff(path, {}, kind, samples));
+    else
+      SLF_TRY(volume_io::append_png(path, {}, kind, samples));
     size = {kind->width, kind->height};
-    const bool two = kind->type == ScalarType::u16;
-    depths.resize(samples.size() / (two ? 2 : 1));
-    for (std::size_t k = 0; k < depths.size(); ++k) {
-      std::uint16_t value = std::to_integer<std::uint16_t>(samples[k]);
-      if (two) std::memcpy(&value, &samples[2 * k], 2);
-      depths[k] = value;
+    switch (kind->type) {
+      case ScalarType::u8:
+        depths = to_floats<std::uint8_t>(samples);
+        break;
+      case ScalarType::u16:
+        depths = to_floats<std::uint16_t>(samples);
+        break;
+      case ScalarType::f32:
+        depths = to_floats<float>(samples);
+        break;
+      default:
+        return fail(ErrorCode::unsupported, path, ": depths of type ", name(kind->type),
+                    "; expected 8 or 16 bits without sign, or 32-bit float");
     }
+    if (depths.size() != std::size_t{size.width} * size.height)
+      return fail(ErrorCode::bad_file, path, ": has more than one page; expected a single picture");
   } else {
     auto image = SLF_TRY(read_image(path));
     size = {image.width, image.height};

@@ -263,31 +263,28 @@ class Sweep {
   std::vector<const SmallView*> neighbors_;
 };
 
-/// Keeps the depths that other views confirm.
-std::vector<float> confirmed(std::size_t number, const std::vector<SmallView>& views,
-                             const std::vector<std::vector<float>>& depths,
-                             const glm::dvec3& center) {
+/// How many other views confirm each depth of a view.
+std::vector<std::uint8_t> confirmations(std::size_t number, const std::vector<SmallView>& views,
+                                        const glm::dvec3& center) {
   const SmallView& view = views[number];
   const auto near = neighbors_of(number, views, center);
-  std::vector<float> kept = depths[number];
+  std::vector<std::uint8_t> counts(view.depth.size(), 0);
   for (std::uint32_t y = 0; y < view.height; ++y)
     for (std::uint32_t x = 0; x < view.width; ++x) {
-      float& depth = kept[std::size_t{y} * view.width + x];
-      if (!(depth > 0)) continue;
-      const glm::dvec3 world = view.eye + double{depth} * view.direction(x + 0.5, y + 0.5);
-      int agree = 0;
+      const std::size_t p = std::size_t{y} * view.width + x;
+      if (!(view.depth[p] > 0)) continue;
+      const glm::dvec3 world = view.eye + double{view.depth[p]} * view.direction(x + 0.5, y + 0.5);
       for (const std::size_t k : near) {
         const glm::dvec3 at = views[k].project(world);
         if (!(at.z > 0 && at.x >= 0 && at.y >= 0 && at.x < views[k].width &&
               at.y < views[k].height))
           continue;
-        const float other = depths[k][static_cast<std::size_t>(at.y) * views[k].width +
-                                      static_cast<std::size_t>(at.x)];
-        agree += other > 0 && std::abs(other - at.z) < kAgreement * at.z;
+        const float other = views[k].depth[static_cast<std::size_t>(at.y) * views[k].width +
+                                           static_cast<std::size_t>(at.x)];
+        counts[p] += other > 0 && std::abs(other - at.z) < kAgreement * at.z;
       }
-      if (agree < kMinConfirmed) depth = 0;
     }
-  return kept;
+  return counts;
 }
 
 }  // namespace
@@ -299,8 +296,18 @@ Result<void> estimate_depth(const Sphere& sphere, const Surface* hull, unsigned 
   SLF_TRY(parallel_for(views.size(), threads, reporter, [&](std::uint64_t k) {
     depths[k] = Sweep(sphere, hull, views, k).depth();
   }));
+  for (std::size_t k = 0; k < views.size(); ++k) views[k].depth = std::move(depths[k]);
+  SLF_TRY(count_confirmations(sphere.center, threads, views));
+  for (SmallView& view : views)
+    for (std::size_t p = 0; p < view.depth.size(); ++p)
+      if (view.confirmed[p] < kMinConfirmed) view.depth[p] = 0, view.confirmed[p] = 0;
+  return {};
+}
+
+Result<void> count_confirmations(const glm::dvec3& center, unsigned threads,
+                                 std::vector<SmallView>& views) {
   return parallel_for(views.size(), threads, [&](std::uint64_t k) {
-    views[k].depth = confirmed(k, views, depths, sphere.center);
+    views[k].confirmed = confirmations(k, views, center);
   });
 }
 

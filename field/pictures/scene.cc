@@ -1,18 +1,19 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <initializer_list>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <numeric>
+#include <optional>
 #include <stdexcept>
 
 #include "base/file.h"
 #include "base/try.h"
-#include "field/pictures/loading.h"
+#include "field/pictures/camera_index.h"
 #include "field/pictures/picture_cache.h"
-#include "field/pictures/surface.h"
-#include "field/pictures/views.h"
+#include "field/pictures/prepare.h"
 #include "slf/pictures.h"
 
 namespace slf {
@@ -20,18 +21,23 @@ namespace {
 
 class PictureScene final : public Scene {
  public:
-  PictureScene(PictureSet set, const Sphere& sphere, Surface surface, std::string provenance,
-               std::uint64_t memory)
-      : set_(std::move(set)),
-        sphere_(sphere),
-        surface_(std::move(surface)),
+  PictureScene(Prepared found, std::string provenance, const PictureSceneOptions& options)
+      : set_(std::move(found.set)),
+        sphere_(found.sphere),
+        surface_(std::move(found.surface)),
+        keep_background_(options.keep_background),
         provenance_(std::move(provenance)),
-        cache_(set_.pictures.size(), memory, [this](std::size_t k) { return load(k); }) {
+        cache_(set_.pictures.size(), options.memory, [this](std::size_t k) { return load(k); }) {
     double finest = std::numeric_limits<double>::max();
     for (const Picture& picture : set_.pictures)
       finest = std::min(finest, pixel_at(picture, sphere_.center));
-    for (const Picture& picture : set_.pictures)
-      coarseness_.push_back(0.1 * std::log2(pixel_at(picture, sphere_.center) / finest));
+    std::vector<glm::dvec3> eyes;
+    std::vector<double> coarseness;  // the penalty of each picture for its resolution
+    for (const Picture& picture : set_.pictures) {
+      eyes.push_back(picture.eye);
+      coarseness.push_back(0.1 * std::log2(pixel_at(picture, sphere_.center) / finest));
+    }
+    index_ = CameraIndex(eyes, coarseness);
   }
 
   [[nodiscard]] Sphere bounds() const override { return sphere_; }
@@ -68,8 +74,8 @@ class PictureScene final : public Scene {
   }
 
   /// What is asked of a picture about a point: the colour of the surface that a ray met there, or
-  /// of what a ray passed, or of anything in this direction.
-  enum class Ask : std::uint8_t { met, passed, hidden };
+  /// of what a ray passed, or of anything in this direction, or of what is behind the object.
+  enum class Ask : std::uint8_t { met, passed, hidden, behind };
 
   /// How a picture sees a point.
   struct Sight {
@@ -79,42 +85,59 @@ class PictureScene final : public Scene {
   };
 
   [[nodiscard]] RaySample trace(const Segment& ray, Held& held) const {
+    RaySample sample = trace_object(ray, held);
+    if (!keep_background_ || sample.rgba.a > 1 - 1.0f / 512) return sample;
+    const Chord chord = intersect(sphere_, ray.from, ray.to - ray.from);
+    if (!chord.hit || chord.leave <= 0) return sample;
+    const double t = std::min(chord.leave, 1.0);
+    const auto behind = blend(ray, t, {Ask::behind}, held);
+    const glm::vec4 rgba = (1 - sample.rgba.a) * behind.value_or(glm::vec4(0));
+    if (!(rgba.a > 0)) return sample;
+    // The mean, weighted by opacity.
+    const double share = rgba.a / (rgba.a + sample.rgba.a);
+    sample.depth =
+        static_cast<float>(share * t + (share < 1 ? (1 - share) * double{sample.depth} : 0.0));
+    sample.rgba += rgba;
+    return sample;
+  }
+
+  [[nodiscard]] RaySample trace_object(const Segment& ray, Held& held) const {
     using Kind = Surface::Meeting::Kind;
     const auto meeting = surface_.meet(ray.from, ray.to);
     if (meeting.kind == Kind::none) return {};
-    const glm::dvec3 point = ray.from + meeting.t * (ray.to - ray.from);
-    const glm::dvec3 back = glm::normalize(ray.from - ray.to);
+    // No picture sees into some cavities; any colour of the object there is better than a hole.
+    const auto rgba = meeting.kind == Kind::near
+                          ? blend(ray, meeting.t, {Ask::passed}, held)
+                          : blend(ray, meeting.t, {Ask::met, Ask::hidden}, held);
+    if (!rgba || rgba->a < 1.0f / 512) return {};
+    RaySample sample;
+    sample.rgba = *rgba;
+    sample.depth = static_cast<float>(meeting.t);
+    return sample;
+  }
 
-    // The pictures whose directions are nearest.
-    std::array<std::pair<double, std::size_t>, kCandidates> nearest;
-    std::size_t count = 0;
-    for (std::size_t k = 0; k < set_.pictures.size(); ++k) {
-      const glm::dvec3 toward = set_.pictures[k].eye - point;
-      const double cosine = glm::dot(toward, back) / glm::length(toward);
-      // 1 - cosine orders as the angle does; see penalty() for the rest.
-      const double penalty = std::sqrt(std::max(0.0, 2 - 2 * cosine)) + coarseness_[k];
-      if (count == kCandidates && penalty >= nearest[count - 1].first) continue;
-      if (count < kCandidates) ++count;
-      std::size_t at = count - 1;
-      for (; at > 0 && nearest[at - 1].first > penalty; --at) nearest[at] = nearest[at - 1];
-      nearest[at] = {penalty, k};
-    }
+  /// The colour of the point at `t`, from the pictures in the nearest directions: the first answer
+  /// that any of them has.
+  [[nodiscard]] std::optional<glm::vec4> blend(const Segment& ray, double t,
+                                               std::initializer_list<Ask> questions,
+                                               Held& held) const {
+    const glm::dvec3 point = ray.from + t * (ray.to - ray.from);
+    const glm::dvec3 back = glm::normalize(ray.from - ray.to);
+    std::array<CameraIndex::Near, kCandidates> nearest;
+    const std::size_t count = index_.nearest(point, back, nearest);
 
     // Weights reach zero where another picture takes over, so that colours are continuous
     // (Buehler et al. 2001, section 3).
     std::array<Sight, kBlended + 1> sights;
     std::size_t seen = 0;
-    const auto look_from = [&](Ask ask) {
+    for (const Ask ask : questions) {
       for (std::size_t k = 0; k < count && seen < sights.size(); ++k) {
-        const auto [penalty, picture] = nearest[k];
-        const auto sight = look(point, picture, penalty, ask, held);
+        const auto sight = look(point, nearest[k].camera, nearest[k].penalty, ask, held);
         if (sight.share > 0.05) sights[seen++] = sight;
       }
-    };
-    look_from(meeting.kind == Kind::near ? Ask::passed : Ask::met);
-    // No picture sees into some cavities; any colour of the object there is better than a hole.
-    if (seen == 0 && meeting.kind == Kind::hit) look_from(Ask::hidden);
-    if (seen == 0) return {};
+      if (seen > 0) break;
+    }
+    if (seen == 0) return std::nullopt;
     const double end =
         seen == sights.size() ? sights[seen - 1].penalty : sights[seen - 1].penalty * 1.1 + 0.01;
     glm::dvec4 sum(0);
@@ -126,12 +149,8 @@ class PictureScene final : public Scene {
       sum += weight * glm::dvec4(sight.rgba);
       weights += weight;
     }
-    if (!(weights > 0)) return {};
-    RaySample sample;
-    sample.rgba = glm::vec4(sum / weights);
-    if (sample.rgba.a < 1.0f / 512) return {};
-    sample.depth = static_cast<float>(meeting.t);
-    return sample;
+    if (!(weights > 0)) return std::nullopt;
+    return glm::vec4(sum / weights);
   }
 
   [[nodiscard]] Sight look(const glm::dvec3& point, std::size_t number, double penalty, Ask ask,
@@ -215,75 +234,33 @@ class PictureScene final : public Scene {
   PictureSet set_;
   Sphere sphere_;
   Surface surface_;
+  bool keep_background_;
   std::string provenance_;
-  std::vector<double> coarseness_;  ///< penalty of each picture for its resolution
+  CameraIndex index_;
   mutable PictureCache cache_;
 };
-
-const char* name_of(DepthKind kind) {
-  return kind == DepthKind::ray ? "ray" : kind == DepthKind::inverse ? "inverse" : "z";
-}
 
 }  // namespace
 
 Result<std::unique_ptr<Scene>> make_picture_scene(PictureSet set,
                                                   const PictureSceneOptions& options) {
-  std::vector<Picture> used;
-  for (std::size_t k = 0; k < set.pictures.size(); ++k)
-    if (!is_held_out(k, options.holdout)) used.push_back(set.pictures[k]);
-  set.pictures = std::move(used);
-  if (set.pictures.size() < 2)
-    return fail(ErrorCode::usage, set.source, ": ", set.pictures.size(),
-                " pictures; expected at least 2");
-  Sphere guess = SLF_TRY(options.sphere ? *options.sphere : first_sphere(set));
-  auto loaded = SLF_TRY(load_views(set, guess, options));
-  if (options.depth == DepthKind::none) loaded.depths = false;
-  if (loaded.depths) SLF_TRY(settle_depths(set, options, loaded));
-
-  // The silhouettes give the sphere, if it is not stated.
-  Sphere sphere = guess;
-  const auto empty = [&] {
-    return fail(ErrorCode::failed, set.source,
-                ": nothing is inside the silhouettes of all pictures: check that cameras and "
-                "pictures belong together, and the sphere");
-  };
-  if (!options.sphere && loaded.masks) {
-    Surface coarse(guess, 96);
-    SLF_TRY(carve(loaded.views, options.threads, coarse));
-    sphere = coarse.bounds();
-    if (sphere.radius == 0) return empty();
-  }
-  Surface surface(sphere, options.voxels);
-  if (loaded.masks) {
-    SLF_TRY(carve(loaded.views, options.threads, surface));
-  } else {
-    for (std::size_t k = 0; k < std::size_t{surface.side()} * surface.side() * surface.side(); ++k)
-      surface.set(k, -1);
-    surface.finish();
-  }
-  std::string depth = "silhouettes";
-  if (loaded.depths) {
-    depth = name_of(loaded.kind);
-  } else if (options.depth != DepthKind::none) {
-    SLF_TRY(estimate_depth(sphere, loaded.masks ? &surface : nullptr, options.threads,
-                           options.progress, loaded.views));
-    depth = "estimated";
-  }
-  if (depth != "silhouettes") SLF_TRY(fuse(loaded.views, loaded.masks, options.threads, surface));
-  const Sphere content = surface.bounds();
-  if (content.radius == 0) return empty();
-  if (!options.sphere && content.radius < sphere.radius) sphere = content;
-
-  XXH64_hash_t hash =
-      XXH3_64bits(loaded.hashes.data(), loaded.hashes.size() * sizeof(std::uint64_t));
-  const std::string cameras = transforms_json(set.pictures, "");
+  auto found = SLF_TRY(prepare_pictures(std::move(set), options));
+  const auto& hashes = found.loaded.hashes;
+  XXH64_hash_t hash = XXH3_64bits(hashes.data(), hashes.size() * sizeof hashes[0]);
+  const std::string cameras = transforms_json(found.set.pictures, "");
   hash = XXH3_64bits_withSeed(cameras.data(), cameras.size(), hash);
-  nlohmann::json provenance{
-      {"kind", "pictures"},         {"source", set.source}, {"pictures", set.pictures.size()},
-      {"holdout", options.holdout}, {"depth", depth},       {"depth_scale", options.depth_scale},
-      {"voxels", options.voxels},   {"content", hash}};
-  return std::unique_ptr<Scene>(new PictureScene(std::move(set), sphere, std::move(surface),
-                                                 provenance.dump(), options.memory));
+  nlohmann::json provenance{{"kind", "pictures"},
+                            {"source", found.set.source},
+                            {"pictures", found.set.pictures.size()},
+                            {"holdout", options.holdout},
+                            {"depth", found.depth},
+                            {"depth_scale", options.depth_scale},
+                            {"background", options.keep_background ? "keep" : "drop"},
+                            {"voxels", options.voxels},
+                            {"content", hash}};
+  // A path need not be UTF-8.
+  std::string text = provenance.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  return std::unique_ptr<Scene>(new PictureScene(std::move(found), std::move(text), options));
 }
 
 }  // namespace slf

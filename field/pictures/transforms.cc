@@ -33,8 +33,8 @@ std::string find_file(const std::string& folder, const std::string& stated) {
   const std::string path = (fs::path(folder) / stated).lexically_normal().string();
   std::error_code ignored;
   if (fs::is_regular_file(path, ignored)) return path;
-  for (const char* extension :
-       {".png", ".jpg", ".jpeg", ".exr", ".PNG", ".JPG", ".JPEG", ".EXR", ".hdr"})
+  for (const char* extension : {".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".PNG", ".JPG",
+                                ".JPEG", ".EXR", ".TIF", ".TIFF", ".hdr"})
     if (fs::is_regular_file(path + extension, ignored)) return path + extension;
   return path;
 }
@@ -235,7 +235,7 @@ std::string transforms_json(const std::vector<Picture>& pictures, const std::str
     frame["transform_matrix"] = {row(0), row(1), row(2), {0, 0, 0, 1}};
     root["frames"].push_back(std::move(frame));
   }
-  return root.dump(1) + "\n";
+  return root.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace slf

@@ -18,8 +18,9 @@ struct SmallView {
   double fx = 0, fy = 0, cx = 0, cy = 0;  ///< pixels
   glm::dmat3 axes{1.0};                   ///< as Picture's
   glm::dvec3 eye{0.0};
-  std::vector<glm::u8vec4> rgba;  ///< premultiplied
-  std::vector<float> depth;       ///< along z, in world units; 0: not known; or empty
+  std::vector<glm::u8vec4> rgba;        ///< premultiplied
+  std::vector<float> depth;             ///< along z, in world units; 0: not known; or empty
+  std::vector<std::uint8_t> confirmed;  ///< number of other views that confirm the depth; or empty
 
   /// Place in pixels and depth along z. REQUIRES: nothing; z <= 0 is behind the camera.
   [[nodiscard]] glm::dvec3 project(const glm::dvec3& world) const {
@@ -42,11 +43,16 @@ struct SmallView {
 
 /// Fills `depth` of each view by comparing it with views from nearby directions (plane sweep):
 /// of the 8 nearest, the half that agrees best counts, so that occlusion does not spoil it. Only
-/// depths remain that those of other views confirm. Searches within the sphere, behind the hull if
-/// `hull` is given.
+/// depths remain that those of other views confirm; `confirmed` counts these. Searches within the
+/// sphere, behind the hull if `hull` is given.
 [[nodiscard]] Result<void> estimate_depth(const Sphere& sphere, const Surface* hull,
                                           unsigned threads, const ProgressCallback& progress,
                                           std::vector<SmallView>& views);
+
+/// Sets `confirmed` of each view, whose depths are known. Compares with the views that
+/// estimate_depth() takes.
+[[nodiscard]] Result<void> count_confirmations(const glm::dvec3& center, unsigned threads,
+                                               std::vector<SmallView>& views);
 
 /// Adds depths to the grid: the mean of the truncated distances to them (Curless and Levoy 1996),
 /// where that is further inside than the value so far. With `hull`, what no depth is known of

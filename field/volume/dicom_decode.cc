@@ -5,7 +5,6 @@
 #include <gdcmImageReader.h>
 #include <gdcmSequenceOfFragments.h>
 #include <poll.h>
-#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -14,9 +13,9 @@
 #include <cerrno>
 #include <csignal>
 #include <cstring>
-#include <fstream>
 #include <sstream>
 
+#include "base/child_process.h"
 #include "field/volume/packing.h"
 
 namespace slf::volume_io {
@@ -32,52 +31,17 @@ std::uint64_t time_limit(const DicomSlice& file) { return 60 + (decoded_bytes(fi
 
 // In the child.
 
-/// Limits the child. Its address space may grow by GDCM's several copies of a file; its CPU time is
-/// what the files need. It may neither write files nor start processes: GDCM would run pvrg-jpeg on
-/// pictures that its own JPEG decoder refuses.
-bool set_limits(const std::vector<DicomSlice>& files) {
-  std::uint64_t pages = 0, largest = 0, seconds = 0;
-  if (!(std::ifstream("/proc/self/statm") >> pages)) return false;
+/// Its address space may grow by GDCM's several copies of a file; its processor time is what the
+/// files need. It may start no processes: GDCM would run pvrg-jpeg on pictures that its own JPEG
+/// decoder refuses.
+bool confine(const std::vector<DicomSlice>& files) {
+  std::uint64_t largest = 0, seconds = 0;
   for (const auto& file : files) {
     largest = std::max(largest, decoded_bytes(file));
     seconds += time_limit(file);
   }
-  const auto page = static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
   constexpr std::uint64_t kSpareBytes = std::uint64_t{1} << 30;
-  const auto limit = [](auto resource, std::uint64_t max) {
-    rlimit now{};
-    if (::getrlimit(resource, &now) != 0) return false;
-    now.rlim_cur = std::min<rlim_t>(now.rlim_max, max);
-    return ::setrlimit(resource, &now) == 0;
-  };
-  return limit(RLIMIT_CORE, 0) && limit(RLIMIT_FSIZE, 0) && limit(RLIMIT_NPROC, 0) &&
-         limit(RLIMIT_CPU, seconds) && limit(RLIMIT_AS, pages * page + kSpareBytes + 12 * largest);
-}
-
-/// Resets the signal handlers that the parent installed.
-void reset_signal_handlers() {
-  for (const int signal : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGINT, SIGTERM, SIGHUP,
-                           SIGPIPE, SIGXCPU, SIGCHLD})
-    ::signal(signal, SIG_DFL);
-}
-
-bool silence() {
-  const int nowhere = ::open("/dev/null", O_RDWR);
-  if (nowhere < 0) return false;
-  for (const int standard : {0, 1, 2})
-    if (::dup2(nowhere, standard) < 0) return false;
-  return true;
-}
-
-bool write_all(int to, const char* bytes, std::size_t size) {
-  while (size > 0) {
-    const ssize_t written = ::write(to, bytes, size);
-    if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) return false;
-    bytes += written;
-    size -= static_cast<std::size_t>(written);
-  }
-  return true;
+  return confine_child(kSpareBytes + 12 * largest, seconds);
 }
 
 /// Whether the size in a JPEG 2000 stream is that of the header. GDCM does not check this, and
@@ -128,9 +92,8 @@ bool decode(const DicomSlice& file, int to) {
 }
 
 [[noreturn]] void be_child(const std::vector<DicomSlice>& files, int to) noexcept {
-  reset_signal_handlers();
   try {
-    bool good = silence() && set_limits(files);
+    bool good = confine(files);
     for (std::size_t i = 0; good && i < files.size(); ++i) good = decode(files[i], to);
     ::_exit(good ? 0 : 1);
   } catch (...) {

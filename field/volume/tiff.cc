@@ -1,18 +1,10 @@
-// TIFF stacks through libtiff: plain pages, OME-TIFF and ImageJ's, BigTIFF too.
-//
-// Only the encodings that are usual in stacks reach libtiff's decoders. The size of each buffer is
-// checked against the size of the file before it is allocated.
-#include <tiffio.h>
-
+// TIFF stacks: plain pages, OME-TIFF and ImageJ's, BigTIFF too.
 #include <algorithm>
 #include <bit>
-#include <cstdarg>
-#include <cstdio>
-#include <functional>
-#include <memory>
 #include <set>
 
 #include "base/try.h"
+#include "field/image/tiff_file.h"
 #include "field/volume/stack.h"
 #include "field/volume/tiff_description.h"
 
@@ -20,81 +12,9 @@ namespace slf::volume_io {
 
 namespace {
 
-// The largest expansion by an encoding that we read: that of runs by zstd. Only bounds buffers.
-constexpr std::uint64_t kMaxExpansion = 4096;
-constexpr std::uint32_t kMaxPages = 1u << 20;
-
-struct Close {
-  void operator()(TIFF* tiff) const { TIFFClose(tiff); }
-};
-
-int on_error(TIFF*, void* user, const char* module, const char* format, va_list arguments) {
-  auto& text = *static_cast<std::string*>(user);
-  if (!text.empty()) return 1;  // keep the first message, which is the most specific
-  std::array<char, 256> line{};
-  std::vsnprintf(line.data(), line.size(), format, arguments);
-  text = std::string(module ? module : "") + ": " + line.data();
-  for (char& c : text)
-    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7e) c = '?';
-  return 1;
-}
-
-int on_warning(TIFF*, void*, const char*, const char*, va_list) { return 1; }
-
-class TiffFile {
- public:
-  static Result<std::unique_ptr<TiffFile>> open(const std::string& path) {
-    const auto size = SLF_TRY(file_size(path));
-    auto file = std::make_unique<TiffFile>();
-    file->path = path;
-    file->bytes = size;
-    const std::unique_ptr<TIFFOpenOptions, decltype(&TIFFOpenOptionsFree)> options(
-        TIFFOpenOptionsAlloc(), &TIFFOpenOptionsFree);
-    if (!options) throw std::bad_alloc();
-    TIFFOpenOptionsSetErrorHandlerExtR(options.get(), on_error, &file->message);
-    TIFFOpenOptionsSetWarningHandlerExtR(options.get(), on_warning, nullptr);
-    TIFFOpenOptionsSetMaxSingleMemAlloc(
-        options.get(), static_cast<tmsize_t>(std::min<std::uint64_t>(
-                           size * kMaxExpansion + (1u << 20), std::uint64_t{1} << 40)));
-    file->tiff.reset(TIFFOpenExt(path.c_str(), "rm", options.get()));
-    if (!file->tiff) return file->damaged();
-    return file;
-  }
-
-  [[nodiscard]] tl::unexpected<Error> damaged() const {
-    return fail(ErrorCode::bad_file, path, ": page ", page,
-                ": damaged TIFF: ", message.empty() ? "cannot be decoded" : message);
-  }
-  template <class T>
-  T tag(std::uint32_t id, T otherwise) const {
-    T value{};
-    return TIFFGetFieldDefaulted(tiff.get(), id, &value) ? value : otherwise;
-  }
-  [[nodiscard]] std::string text(std::uint32_t id) const {
-    char* value = nullptr;
-    return TIFFGetField(tiff.get(), id, &value) && value ? value : "";
-  }
-  /// The next page; false at the end. bad_file: a page that cannot be read.
-  Result<bool> next() {
-    message.clear();
-    if (TIFFLastDirectory(tiff.get())) return false;
-    if (++page >= kMaxPages)
-      return fail(ErrorCode::unsupported, path, ": more than ", kMaxPages, " pages");
-    if (!TIFFReadDirectory(tiff.get())) return damaged();
-    return true;
-  }
-  /// A reduced copy of another page, or its mask, which some writers add.
-  [[nodiscard]] bool is_thumbnail() const {
-    return (tag<std::uint32_t>(TIFFTAG_SUBFILETYPE, 0) & (FILETYPE_REDUCEDIMAGE | FILETYPE_MASK)) !=
-           0;
-  }
-
-  std::string path;
-  std::uint64_t bytes = 0;
-  std::uint32_t page = 0;
-  std::string message;
-  std::unique_ptr<TIFF, Close> tiff;
-};
+using image_formats::check_compression;
+using image_formats::has_planes;
+using image_formats::TiffFile;
 
 Result<SliceKind> kind_of(const TiffFile& file) {
   SliceKind kind{.width = file.tag<std::uint32_t>(TIFFTAG_IMAGEWIDTH, 0),
@@ -128,76 +48,21 @@ Result<SliceKind> kind_of(const TiffFile& file) {
   std::uint16_t* meanings = nullptr;
   if (TIFFGetField(file.tiff.get(), TIFFTAG_EXTRASAMPLES, &extra, &meanings) && extra == 1)
     kind.alpha = meanings[0] != EXTRASAMPLE_UNSPECIFIED && kind.components > 1;
-  const auto compression = file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE);
-  for (const int read :
-       {COMPRESSION_NONE, COMPRESSION_LZW, COMPRESSION_JPEG, COMPRESSION_ADOBE_DEFLATE,
-        COMPRESSION_DEFLATE, COMPRESSION_PACKBITS, COMPRESSION_LZMA, COMPRESSION_ZSTD})
-    if (compression == read) return kind;
-  return fail(ErrorCode::unsupported, file.path, ": compression ", compression,
-              ", expected none, LZW, deflate, PackBits, JPEG, LZMA or zstd");
+  SLF_TRY(check_compression(file));
+  return kind;
 }
 
-/// A buffer for decoded rows. bad_file: the file is too short to expand to this size.
-Result<std::vector<std::byte>> buffer(const TiffFile& file, std::uint64_t size) {
-  if (size > file.bytes * kMaxExpansion)
-    return fail(ErrorCode::bad_file, file.path, ": page ", file.page, " claims ", size,
-                " bytes in a strip or tile, more than its ", file.bytes, " bytes can hold");
-  return std::vector<std::byte>(size);
-}
-
-using TakeRows = std::function<Result<void>(std::span<const std::byte>)>;
-
-/// Calls `take` with the rows of a plane of this page, by strips or by rows of tiles, so that
-/// memory grows with the data that were decoded. A pixel has this number of samples.
+/// Calls `take` with the rows of a plane of this page. A pixel has this number of samples.
 Result<void> read_rows(TiffFile& file, const SliceKind& kind, std::uint32_t samples,
-                       std::uint32_t plane_index, const TakeRows& take) {
-  TIFF* tiff = file.tiff.get();
+                       std::uint32_t plane, const image_formats::TakeRows& take) {
   const std::uint64_t pixel = samples * std::uint64_t{bytes_per_voxel(kind.type)};
-  const std::uint64_t row = pixel * kind.width;
-  const auto plane = static_cast<std::uint16_t>(plane_index);
-  if (!TIFFIsTiled(tiff)) {
-    const std::uint32_t rows = std::clamp<std::uint32_t>(
-        file.tag<std::uint32_t>(TIFFTAG_ROWSPERSTRIP, kind.height), 1, kind.height);
-    for (std::uint32_t y = 0; y < kind.height; y += rows) {
-      const std::uint32_t count = std::min(rows, kind.height - y);
-      auto band = SLF_TRY(buffer(file, row * count));
-      const auto got = TIFFReadEncodedStrip(tiff, TIFFComputeStrip(tiff, y, plane), band.data(),
-                                            static_cast<tmsize_t>(band.size()));
-      if (got != static_cast<tmsize_t>(band.size())) return file.damaged();
-      SLF_TRY(take(band));
-    }
-    return {};
-  }
-  const auto across = file.tag<std::uint32_t>(TIFFTAG_TILEWIDTH, 0);
-  const auto down = file.tag<std::uint32_t>(TIFFTAG_TILELENGTH, 0);
-  if (across == 0 || down == 0 || across > (1u << 20) || down > (1u << 20))
-    return fail(ErrorCode::bad_file, file.path, ": tiles of ", across, "x", down, " pixels");
-  auto tile = SLF_TRY(buffer(file, pixel * across * down));
-  if (TIFFTileSize(tiff) != static_cast<tmsize_t>(tile.size())) return file.damaged();
-  for (std::uint32_t y = 0; y < kind.height; y += down) {
-    const std::uint32_t count = std::min(down, kind.height - y);
-    auto band = SLF_TRY(buffer(file, row * count));
-    for (std::uint32_t x = 0; x < kind.width; x += across) {
-      if (TIFFReadEncodedTile(tiff, TIFFComputeTile(tiff, x, y, 0, plane), tile.data(),
-                              static_cast<tmsize_t>(tile.size())) < 0)
-        return file.damaged();
-      const std::size_t part = std::min(across, kind.width - x) * pixel;
-      for (std::uint32_t r = 0; r < count; ++r)
-        std::copy_n(tile.data() + r * across * pixel, part, band.data() + r * row + x * pixel);
-    }
-    SLF_TRY(take(band));
-  }
-  return {};
+  return image_formats::read_rows(file, {kind.width, kind.height, pixel}, plane, take);
 }
 
 /// Appends a component of this page.
 Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentSelector& selector,
                          std::vector<std::byte>& voxels) {
-  if (file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE) == COMPRESSION_JPEG)
-    TIFFSetField(file.tiff.get(), TIFFTAG_JPEGCOLORMODE, JPEGCOLORMODE_RGB);
-  const bool apart = kind.components > 1 &&
-                     file.tag<std::uint16_t>(TIFFTAG_PLANARCONFIG, 1) == PLANARCONFIG_SEPARATE;
-  if (!apart)
+  if (!has_planes(file))
     return read_rows(file, kind, kind.components, 0,
                      [&](auto samples) { return selector.append(samples, voxels); });
   const std::size_t begin = voxels.size();
@@ -419,12 +284,7 @@ Result<Volume> read_raw_stack(const TiffFile& file, const SliceKind& kind, const
 
 }  // namespace
 
-bool looks_like_tiff(std::string_view head) {
-  for (const std::string_view magic : {std::string_view("II*\0", 4), std::string_view("MM\0*", 4),
-                                       std::string_view("II+\0", 4), std::string_view("MM\0+", 4)})
-    if (head.starts_with(magic)) return true;
-  return false;
-}
+bool looks_like_tiff(std::string_view head) { return image_formats::looks_like_tiff(head); }
 
 Result<std::set<std::string>> files_of_tiff_set(const std::string& path) {
   const auto file = SLF_TRY(TiffFile::open(path));

@@ -44,10 +44,10 @@ struct ImageFileOptions {
                                                           const Image& image,
                                                           const ImageFileOptions& options = {});
 
-/// Reads a PNG, JPEG, OpenEXR or Radiance HDR picture, recognised by content, not by name. Input is
-/// untrusted. Values of PNG and JPEG are 0..1. io: cannot be read. bad_file: damaged, or another
-/// kind of file. unsupported: more than 2^26 pixels or 32,768 on a side, or an encoding that is not
-/// read.
+/// Reads a PNG, JPEG, TIFF, OpenEXR or Radiance HDR picture, recognised by content, not by name. Of
+/// TIFF, it reads the first page, 8 or 16 bits. Input is untrusted. Values of PNG, JPEG and TIFF
+/// are 0..1. io: cannot be read. bad_file: damaged, or another kind of file. unsupported: more than
+/// 2^26 pixels or 32,768 on a side, or an encoding that is not read.
 [[nodiscard]] Result<Image> read_image(const std::string& path);
 
 struct ImageDifference {

@@ -72,11 +72,12 @@ enum class UpAxis : std::uint8_t {
 
 /// Reads glTF 2 (.glb, .gltf), OBJ, PLY or STL, with node transforms, and with the textures that it
 /// holds or names. PLY, OBJ and STL files without any colour become light grey. Polygons become
-/// triangles; points and lines are left out. Assimp, which reads them, is not hardened: see
-/// SECURITY.md.
+/// triangles; points and lines are left out. Assimp, which is not hardened (see SECURITY.md), reads
+/// them in a child process.
 /// io: the mesh or one of its textures is missing or unreadable. bad_file: damaged, truncated,
-/// without triangles, or with a vertex that is not finite. unsupported: an extension of glTF that
-/// it requires, more than 2^28 triangles, a file of more than 8 GiB, coordinates beyond 10^12.
+/// crashes Assimp, has no triangles or a vertex that is not finite. unsupported: an extension of
+/// glTF that it requires, more than 2^28 triangles, a file of more than 8 GiB, coordinates beyond
+/// 10^12.
 [[nodiscard]] Result<Mesh> read_mesh(const std::string& path, UpAxis up = UpAxis::by_format);
 
 /// "xxh3-128:" and 32 hexadecimal digits: a hash of everything that shows. Equal meshes have equal

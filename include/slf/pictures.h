@@ -1,12 +1,13 @@
 // Pictures with known cameras, and the scene that they show.
 //
 // read_pictures() reads cameras as other programs write them: transforms.json of instant-ngp,
-// nerfstudio and Blender, and COLMAP's sparse models. make_picture_scene() makes a Scene of them,
-// so that a field can be built from pictures instead of a volume.
+// nerfstudio and Blender, COLMAP's sparse models, and Cinema databases. make_picture_scene() makes
+// a Scene of them, so that a field can be built from pictures instead of a volume.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <glm/glm.hpp>
 #include <memory>
 #include <optional>
@@ -75,10 +76,11 @@ struct PictureSet {
   std::vector<std::string> notes;  ///< what people should know
 };
 
-/// Reads cameras, not pictures. `path` is a transforms.json or another JSON file of its kind, or a
-/// folder that has transforms.json, transforms_train.json, or a COLMAP model (cameras, images and
-/// points3D as .bin or .txt, in the folder, in sparse or in sparse/0, with the pictures in the
-/// folder images). Input is untrusted; the sizes of pictures are compared with those of cameras.
+/// Reads cameras, not pictures. `path` is a transforms.json or another JSON file of its kind, the
+/// table (.csv) of a Cinema database of specification D, or a folder that has transforms.json,
+/// transforms_train.json, data.csv, or a COLMAP model (cameras, images and points3D as .bin or
+/// .txt, in the folder, in sparse or in sparse/0, with the pictures in the folder images). Input is
+/// untrusted; the sizes of pictures are compared with those of cameras.
 /// not_found: there is no such file. io: cannot be read, a picture is missing. bad_file: damaged; a
 /// matrix is singular or not rigid; a picture has another shape than its camera. unsupported: an
 /// unknown kind of camera. The message names the file, the picture and what was expected.
@@ -87,11 +89,12 @@ struct PictureSet {
 /// The point that the optical axes of all cameras pass nearest; none if all look the same way.
 [[nodiscard]] std::optional<glm::dvec3> focus_of(const std::vector<Picture>& pictures);
 
-/// Reads the cameras of a JSON file of that kind. Their pictures need not exist if it states sizes.
+/// Reads the cameras of a JSON or .csv file of that kind. Pictures of JSON need not exist if it
+/// states sizes.
 [[nodiscard]] Result<PictureSet> read_cameras(const std::string& path);
 
-/// Cameras as transforms.json in instant-ngp's form. Paths of pictures
-/// are relative to `folder` if they are below it.
+/// Cameras as transforms.json in instant-ngp's form. Paths of pictures are relative to `folder` if
+/// they are below it. Bytes of paths that are not UTF-8 become U+FFFD.
 [[nodiscard]] std::string transforms_json(const std::vector<Picture>& pictures,
                                           const std::string& folder);
 
@@ -115,11 +118,23 @@ struct PictureSceneOptions {
   double depth_scale = 1;          ///< world units of one unit in depth pictures
   std::uint32_t holdout = 0;       ///< leaves out every `holdout`-th picture, from the first on
   std::optional<Sphere> sphere{};  ///< none: found from cameras and content
-  std::uint32_t voxels = 256;      ///< along an edge of the grid that holds the object's surface
+  /// Of pictures without alpha and masks: rays that do not meet the object get the colour of what
+  /// is behind it, as if that were painted on the far side of the sphere. Otherwise they stay
+  /// empty.
+  bool keep_background = false;
+  std::uint32_t voxels = 256;  ///< along an edge of the grid that holds the object's surface
   std::uint64_t memory = std::uint64_t{1} << 30;  ///< bytes of decoded pictures
-  unsigned threads = 0;                           ///< 0: all
-  ProgressCallback progress{};                    ///< counts pictures
+  /// A file that keeps estimated depths, which take most of the time, for later calls with the same
+  /// pictures and options; empty: none. An older one of slf is replaced.
+  std::string depth_cache{};
+  unsigned threads = 0;                               ///< 0: all
+  ProgressCallback progress{};                        ///< counts pictures
+  std::function<void(const std::string&)> on_note{};  ///< gets what people should know
 };
+
+/// Where estimated depths of a set are kept if nothing else is said: beside the file or folder that
+/// named the cameras.
+[[nodiscard]] std::string depth_cache_of(const PictureSet& set);
 
 /// Whether `holdout` leaves out the picture with this number.
 [[nodiscard]] inline bool is_held_out(std::size_t picture, std::uint32_t holdout) {
@@ -135,10 +150,30 @@ struct PictureSceneOptions {
 /// Thread-safety: any thread. Pictures are decoded when needed and kept, the least recently used
 /// leave first; the result depends neither on the memory nor on the threads. A picture that cannot
 /// be read any more throws std::runtime_error, which build_field() returns as an error.
-/// usage: no pictures, or no sphere can be found. failed: nothing is visible.
-/// cancelled: stopped by `progress`. Else errors as read_image().
+/// usage: no pictures, or no sphere can be found; a background is to be kept, but masks hide it;
+/// `depth_cache` is a file of something else. failed: nothing is visible. cancelled: stopped by
+/// `progress`. Else errors as read_image(). That depths cannot be kept is a note.
 [[nodiscard]] Result<std::unique_ptr<Scene>> make_picture_scene(PictureSet set,
                                                                 const PictureSceneOptions& options);
+
+/// What is known of the depths of pictures.
+struct DepthSheet {
+  /// A row for each picture, in up to three columns. A row is: the picture; its depth, from yellow
+  /// (near) to blue, black where it is not known; how many other pictures confirm that depth, from
+  /// red (none) to green; the depth of the surface that scenes use.
+  Image image;
+  std::string source;       ///< "z", "ray", "inverse": stated so; "estimated"; "silhouettes": none
+  double known = 0;         ///< share of the pixels inside mask and sphere whose depth is known
+  double confirmed_by = 0;  ///< other pictures that confirm a depth; mean over known pixels
+};
+
+/// Finds depths as make_picture_scene() does, and shows those of up to `count` pictures, evenly
+/// chosen, each `cell` pixels along its longer side. Errors as make_picture_scene().
+/// REQUIRES: count and cell are above 0.
+[[nodiscard]] Result<DepthSheet> make_depth_sheet(PictureSet set,
+                                                  const PictureSceneOptions& options,
+                                                  std::uint32_t count = 24,
+                                                  std::uint32_t cell = 160);
 
 /// A picture as the scene uses it: with its mask, and depth along z where it is known.
 [[nodiscard]] Result<Image> load_picture(const Picture& picture);

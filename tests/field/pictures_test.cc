@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <tiffio.h>
 
 #include <cmath>
 #include <filesystem>
@@ -14,51 +15,15 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "field/pictures/cameras.h"
+#include "picture_samples.h"
 #include "slf/build.h"
 #include "slf/measure.h"
-#include "tests/temporary_folder.h"
 
 namespace slf {
 namespace {
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
-using Json = nlohmann::json;
-
-/// A folder with pictures of scene:balls and their transforms.json.
-class Pictures : public ::testing::Test {
- protected:
-  std::string path(const std::string& name) const { return folder_ / name; }
-
-  void write(const std::string& name, const std::string& text) const {
-    std::filesystem::create_directories(std::filesystem::path(path(name)).parent_path());
-    std::ofstream(path(name), std::ios::binary) << text;
-  }
-  void write(const std::string& name, const Json& json) const { write(name, json.dump()); }
-
-  /// A picture of some colour.
-  void write_picture(const std::string& name, std::uint32_t width, std::uint32_t height) const {
-    std::filesystem::create_directories(std::filesystem::path(path(name)).parent_path());
-    Image image{width, height, std::vector(std::size_t{width} * height, glm::vec4(0.5f)), {}};
-    ASSERT_TRUE(write_image(path(name), image, {.transparent = true}));
-  }
-
-  /// One frame that is valid, beside a picture of 40 x 30 pixels.
-  Json transforms() const {
-    write_picture("a.png", 40, 30);
-    return {{"camera_angle_x", 0.8},
-            {"frames",
-             {{{"file_path", "a"},
-               {"transform_matrix", {{1, 0, 0, 1}, {0, 1, 0, 2}, {0, 0, 1, 3}, {0, 0, 0, 1}}}}}}};
-  }
-  std::string message_of(const Json& json) const {
-    write("transforms.json", json);
-    const auto set = read_pictures(path("transforms.json"));
-    return set ? "no error" : set.error().message;
-  }
-
-  testing::TemporaryFolder folder_;
-};
 
 TEST_F(Pictures, CamerasOfBlenderLookAlongMinusZWithYUp) {
   write("transforms.json", transforms());
@@ -302,38 +267,6 @@ TEST(Cameras, AreWellSpreadAndSurviveTheirFile) {
   }
 }
 
-/// Pictures of an analytic scene, as files.
-class PictureScenes : public Pictures {
- protected:
-  /// Writes `count` pictures of scene:balls; `extension` .exr has depth from the eye.
-  PictureSet draw(std::uint32_t count, const std::string& extension) const {
-    PictureSet set;
-    set.source = path("transforms.json");
-    set.pictures = spread_cameras(balls_->bounds(), 3, count, 96, 96);
-    for (Picture& picture : set.pictures) {
-      picture.file = path(picture.name + extension);
-      const auto image = view(picture);
-      EXPECT_TRUE(write_image(picture.file, image, {.transparent = true}));
-    }
-    return set;
-  }
-  Image view(const Picture& picture) const { return view(*balls_, picture); }
-  static Image view(const Scene& scene, const Picture& picture) {
-    const auto camera = camera_of(picture);
-    return trace_view(scene, scene.bounds(), *camera).value();
-  }
-  /// Mean PSNR of views from other directions.
-  double quality(const Scene& scene) const {
-    double sum = 0;
-    const auto cameras = spread_cameras(balls_->bounds(), 3.3, 7, 96, 96);
-    for (const Picture& picture : cameras)
-      sum += compare(view(picture), view(scene, picture)).psnr / 7;
-    return sum;
-  }
-
-  std::unique_ptr<Scene> balls_ = make_analytic_scene("balls").value();
-};
-
 TEST_F(PictureScenes, ShowTheObjectFromOtherDirections) {
   PictureSceneOptions options{.voxels = 96};
   const auto by_depth = make_picture_scene(draw(60, ".exr"), options);
@@ -430,6 +363,102 @@ TEST_F(PictureScenes, EveryNthPictureIsHeldOut) {
   const Json provenance = Json::parse((*scene)->provenance());
   EXPECT_EQ(provenance["pictures"], 15);
   EXPECT_EQ(provenance["holdout"], 4);
+}
+
+TEST_F(PictureScenes, PathsNeedNotBeUtf8) {
+  PictureSet set = draw(12, ".png");
+  set.source = path("no\xff.json");
+  for (Picture& picture : set.pictures) {
+    const std::string file = path("no\xff" + picture.name + ".png");
+    std::filesystem::rename(picture.file, file);
+    picture.file = file;
+  }
+  const auto scene = make_picture_scene(set, {.depth = DepthKind::none, .voxels = 32});
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_THAT(std::string(Json::parse((*scene)->provenance())["source"]),
+              HasSubstr("no\xef\xbf\xbd.json"));
+  EXPECT_THAT(transforms_json(set.pictures, ""), HasSubstr("no\xef\xbf\xbd"));
+}
+
+// As Blender writes it: colours in 8 bits, and depth alone, in the colours of an OpenEXR beside it.
+TEST_F(PictureScenes, DepthMayBeTheColourOfAnotherPicture) {
+  PictureSet set = draw(40, ".exr");
+  for (Picture& picture : set.pictures) {
+    const Image image = read_image(picture.file).value();
+    Image depth{image.width, image.height, {}, {}};
+    for (const float z : image.depth)
+      depth.rgba.emplace_back(glm::vec3(std::isfinite(z) ? z : 1e10f), 1);
+    ASSERT_TRUE(write_image(picture.file, depth));
+    picture.depth = picture.file;
+    picture.file = path(picture.name + ".png");
+    ASSERT_TRUE(write_image(picture.file, image, {.transparent = true}));
+  }
+  write("transforms.json", transforms_json(set.pictures, path("")));
+  const auto read = read_pictures(path("."));
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->pictures[5].depth, set.pictures[5].depth);
+  const auto scene = make_picture_scene(*read, {.voxels = 96});
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(Json::parse((*scene)->provenance())["depth"], "ray");
+  EXPECT_GT(quality(**scene), 24);
+}
+
+/// Writes a TIFF of one strip.
+template <class T>
+void write_tiff(const std::string& path, std::uint32_t width, std::uint32_t height, int samples,
+                const std::vector<T>& values) {
+  TIFF* tiff = TIFFOpen(path.c_str(), "w");
+  TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, width);
+  TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, height);
+  TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, static_cast<int>(8 * sizeof(T)));
+  TIFFSetField(tiff, TIFFTAG_SAMPLEFORMAT,
+               std::is_floating_point_v<T> ? SAMPLEFORMAT_IEEEFP : SAMPLEFORMAT_UINT);
+  TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, samples);
+  TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, samples >= 3 ? PHOTOMETRIC_RGB : PHOTOMETRIC_MINISBLACK);
+  TIFFSetField(tiff, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG);
+  const std::uint16_t premultiplied = EXTRASAMPLE_ASSOCALPHA;
+  if (samples == 4) TIFFSetField(tiff, TIFFTAG_EXTRASAMPLES, 1, &premultiplied);
+  TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, height);
+  TIFFWriteEncodedStrip(tiff, 0, const_cast<T*>(values.data()),
+                        static_cast<tmsize_t>(values.size() * sizeof(T)));
+  TIFFClose(tiff);
+}
+
+TEST_F(PictureScenes, TiffHoldsColoursAndDepths) {
+  for (const bool real : {false, true}) {
+    PictureSet set = draw(40, ".exr");
+    for (Picture& picture : set.pictures) {
+      const Image image = read_image(picture.file).value();
+      std::vector<std::uint16_t> colors, depths;
+      std::vector<float> real_depths;
+      for (std::size_t p = 0; p < image.pixels(); ++p) {
+        for (int c = 0; c < 4; ++c)
+          colors.push_back(static_cast<std::uint16_t>(std::lround(65535 * image.rgba[p][c])));
+        const float depth = std::isfinite(image.depth[p]) ? image.depth[p] : 0;
+        depths.push_back(static_cast<std::uint16_t>(std::lround(1000 * depth)));
+        real_depths.push_back(1000 * depth);
+      }
+      std::filesystem::remove(picture.file);
+      picture.file = path(picture.name + ".tif");
+      picture.depth = path(picture.name + "_depth.tiff");
+      write_tiff(picture.file, image.width, image.height, 4, colors);
+      if (real)
+        write_tiff(picture.depth, image.width, image.height, 1, real_depths);
+      else
+        write_tiff(picture.depth, image.width, image.height, 1, depths);
+    }
+    // Extensions may be left out.
+    std::string json = transforms_json(set.pictures, path(""));
+    for (std::size_t at; (at = json.find(".tif\"")) != std::string::npos;) json.erase(at, 4);
+    write("transforms.json", json);
+    const auto read = read_pictures(path("transforms.json"));
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_EQ(read->pictures[3].file, set.pictures[3].file);
+    const auto scene = make_picture_scene(*read, {.depth_scale = 0.001, .voxels = 96});
+    ASSERT_TRUE(scene) << scene.error().message;
+    EXPECT_EQ(Json::parse((*scene)->provenance())["depth"], "ray");
+    EXPECT_GT(quality(**scene), 24);
+  }
 }
 
 TEST_F(PictureScenes, MakeFieldsThatCanBeComparedWithPictures) {

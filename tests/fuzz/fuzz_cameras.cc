@@ -1,17 +1,35 @@
-// Cameras from any bytes, as transforms.json and as COLMAP's files: an error, or cameras whose
-// numbers are finite and whose lenses map places to directions.
+// Cameras from any bytes, as transforms.json, as the table of a Cinema database and as COLMAP's
+// files: an error, or cameras whose numbers are finite and whose lenses map places to directions.
+#include <unistd.h>
+
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <filesystem>
 #include <string>
 
 #include "field/pictures/cameras.h"
+#include "slf/image.h"
 
 namespace {
 
 void require(bool condition) {
   if (!condition) std::abort();
 }
+
+// A folder of this process with one picture, t.png.
+struct Scratch {
+  std::string folder;
+  Scratch() {
+    folder = (std::filesystem::temp_directory_path() / "slf-fuzz-XXXXXX").string();
+    require(::mkdtemp(folder.data()) != nullptr);
+    const slf::Image picture{2, 2, std::vector<glm::vec4>(4, glm::vec4(0.5f)), {}};
+    require(bool(slf::write_image(folder + "/t.png", picture)));
+  }
+  Scratch(const Scratch&) = delete;
+  Scratch& operator=(const Scratch&) = delete;
+  ~Scratch() { std::filesystem::remove_all(folder); }
+};
 
 void check(const slf::Result<slf::PictureSet>& set) {
   if (!set) {
@@ -33,7 +51,9 @@ void check(const slf::Result<slf::PictureSet>& set) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size < 3) return 0;
   const std::string text(reinterpret_cast<const char*>(data), size);
+  static const Scratch scratch;
   check(slf::cameras::parse_transforms(text, "input", "/nonexistent"));
+  check(slf::cameras::parse_cinema(text, "input", scratch.folder));
   // The first three bytes state the form and where the files begin.
   const std::size_t rest = size - 3, first = data[1] % (rest + 1),
                     second = first + data[2] % (rest - first + 1);

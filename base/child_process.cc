@@ -1,0 +1,62 @@
+#include "base/child_process.h"
+
+#include <fcntl.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <fstream>
+
+namespace slf {
+namespace {
+
+void reset_signal_handlers() {
+  for (const int signal : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGINT, SIGTERM, SIGHUP,
+                           SIGPIPE, SIGXCPU, SIGCHLD})
+    ::signal(signal, SIG_DFL);
+}
+
+bool silence() {
+  const int nowhere = ::open("/dev/null", O_RDWR);
+  if (nowhere < 0) return false;
+  for (const int standard : {0, 1, 2})
+    if (::dup2(nowhere, standard) < 0) return false;
+  return true;
+}
+
+bool set_limits(std::uint64_t bytes, std::uint64_t seconds) {
+  std::uint64_t pages = 0;
+  if (!(std::ifstream("/proc/self/statm") >> pages)) return false;
+  const auto page = static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+  const auto limit = [](auto resource, std::uint64_t max) {
+    rlimit now{};
+    if (::getrlimit(resource, &now) != 0) return false;
+    now.rlim_cur = std::min<rlim_t>(now.rlim_max, max);
+    return ::setrlimit(resource, &now) == 0;
+  };
+  return limit(RLIMIT_CORE, 0) && limit(RLIMIT_FSIZE, 0) && limit(RLIMIT_NPROC, 0) &&
+         limit(RLIMIT_CPU, seconds) && limit(RLIMIT_AS, pages * page + bytes);
+}
+
+}  // namespace
+
+bool confine_child(std::uint64_t bytes, std::uint64_t seconds) {
+  reset_signal_handlers();
+  return silence() && set_limits(bytes, seconds);
+}
+
+bool write_all(int to, const void* bytes, std::size_t size) {
+  const char* from = static_cast<const char*>(bytes);
+  while (size > 0) {
+    const ssize_t written = ::write(to, from, size);
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) return false;
+    from += written;
+    size -= static_cast<std::size_t>(written);
+  }
+  return true;
+}
+
+}  // namespace slf

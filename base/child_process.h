@@ -1,0 +1,23 @@
+// A child process in which a library that hostile files can crash does its work. Internal.
+//
+//   const pid_t child = ::fork();
+//   if (child == 0) { ... confine_child(...) ... write_all(pipe, ...) ... ::_exit(0); }
+//
+// The parent must treat what the child sends as untrusted.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace slf {
+
+/// In the child: resets signal handlers that the parent installed, sends standard streams nowhere,
+/// and limits what may be used from now on: `bytes` of address space more than now, and `seconds`
+/// of processor time. It may neither write files, start processes, nor dump core. False: the
+/// system refuses; the child must exit.
+[[nodiscard]] bool confine_child(std::uint64_t bytes, std::uint64_t seconds);
+
+/// Writes to a pipe; false if the other end is closed.
+[[nodiscard]] bool write_all(int to, const void* bytes, std::size_t size);
+
+}  // namespace slf

@@ -1,0 +1,77 @@
+// slf pictures: what is known of pictures, as a picture.
+#include "base/try.h"
+#include "cli/command.h"
+
+namespace slf::cli {
+namespace {
+
+struct Arguments {
+  std::string what;
+  SourceArguments source;
+  std::vector<double> center;
+  double radius = 0;
+  std::uint32_t count = 24, cell = 160;
+  std::string output;
+  unsigned threads = 0;
+  bool force = false;
+};
+
+Result<void> run_pictures(const Arguments& a) {
+  SourceArguments source = a.source;
+  if (!source.is_pictures()) source.input = "pictures:" + source.input;
+  if (a.center.empty() != (a.radius == 0))
+    return fail(ErrorCode::usage, "--center and --radius: expected both, or none");
+  if (a.radius != 0) source.pictures.sphere = Sphere{to_vector(a.center), a.radius};
+  auto set = SLF_TRY(source.read_picture_set());
+  std::vector<std::string> inputs{set.source};
+  for (const Picture& picture : set.pictures)
+    for (const std::string* file : {&picture.file, &picture.mask, &picture.depth})
+      if (!file->empty()) inputs.push_back(*file);
+  SLF_TRY(refuse_overwrite(a.output, a.force, inputs));
+  const auto options = source.picture_options(set, a.threads);
+  const auto sheet = SLF_TRY(make_depth_sheet(std::move(set), options, a.count, a.cell));
+  SLF_TRY(write_image(a.output, sheet.image));
+  if (sheet.source == "silhouettes") {
+    print("depth      not used; the surface is that of the silhouettes\n");
+    return {};
+  }
+  print("depth      {}, known for {:.0f} % of the pixels within the sphere\n",
+        sheet.source == "estimated" ? sheet.source : "stated, as " + sheet.source,
+        100 * sheet.known);
+  print("confirmed  by {:.1f} of up to 8 other pictures (mean)\n", sheet.confirmed_by);
+  return {};
+}
+
+}  // namespace
+
+void add_pictures(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand(
+      "pictures", "Shows what is known of pictures with cameras, as a contact sheet");
+  auto a = std::make_shared<Arguments>();
+  command->add_option("WHAT", a->what, "depth: depths, and how many other pictures confirm them")
+      ->check(CLI::IsMember({"depth"}))
+      ->required();
+  command
+      ->add_option("INPUT", a->source.input,
+                   "Folder or JSON file with cameras, as of pictures:FOLDER")
+      ->type_name(kAnyFile)
+      ->required();
+  command->add_option("-o,--output", a->output, "Contact sheet to write: .png, .jpg or .exr")
+      ->type_name(kAnyFile)
+      ->required();
+  command->add_flag("-f,--force", a->force, "Overwrite the file");
+  command->add_option("--count", a->count, "Pictures to show, at most, evenly chosen")
+      ->check(CLI::Range(1, 1000).description(""))
+      ->capture_default_str();
+  command->add_option("--cell", a->cell, "Pixels along the longer side of each picture shown")
+      ->check(CLI::Range(16, 512).description(""))
+      ->capture_default_str();
+  add_vector(*command, "--center", a->center, "Centre of the sphere; default: found");
+  command->add_option("--radius", a->radius, "Radius of the sphere; default: found")
+      ->check(kLength);
+  a->source.add_pictures_to(*command);
+  add_threads(*command, a->threads);
+  command->callback([a, &run] { run = [a] { return run_pictures(*a); }; });
+}
+
+}  // namespace slf::cli

@@ -1,0 +1,202 @@
+#include "field/image/tiff_file.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdarg>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <new>
+#include <system_error>
+#include <vector>
+
+#include "base/try.h"
+
+namespace slf::image_formats {
+namespace {
+
+// The largest expansion by an encoding that we read: that of runs by zstd. Only bounds buffers.
+constexpr std::uint64_t kMaxExpansion = 4096;
+constexpr std::uint32_t kMaxPages = 1u << 20;
+
+int on_error(TIFF*, void* user, const char* module, const char* format, va_list arguments) {
+  auto& text = *static_cast<std::string*>(user);
+  if (!text.empty()) return 1;  // keep the first message, which is the most specific
+  std::array<char, 256> line{};
+  std::vsnprintf(line.data(), line.size(), format, arguments);
+  text = std::string(module ? module : "") + ": " + line.data();
+  for (char& c : text)
+    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7e) c = '?';
+  return 1;
+}
+
+int on_warning(TIFF*, void*, const char*, const char*, va_list) { return 1; }
+
+using Options = std::unique_ptr<TIFFOpenOptions, decltype(&TIFFOpenOptionsFree)>;
+
+Options options_for(TiffFile& file) {
+  Options options(TIFFOpenOptionsAlloc(), &TIFFOpenOptionsFree);
+  if (!options) throw std::bad_alloc();
+  TIFFOpenOptionsSetErrorHandlerExtR(options.get(), on_error, &file.message);
+  TIFFOpenOptionsSetWarningHandlerExtR(options.get(), on_warning, nullptr);
+  TIFFOpenOptionsSetMaxSingleMemAlloc(
+      options.get(), static_cast<tmsize_t>(std::min<std::uint64_t>(
+                         file.bytes * kMaxExpansion + (1u << 20), std::uint64_t{1} << 40)));
+  return options;
+}
+
+tmsize_t read_memory(thandle_t handle, void* to, tmsize_t size) {
+  auto& memory = *static_cast<TiffFile::Memory*>(handle);
+  if (size <= 0 || memory.at >= memory.bytes.size()) return 0;
+  const auto count =
+      std::min<std::uint64_t>(static_cast<std::uint64_t>(size), memory.bytes.size() - memory.at);
+  std::memcpy(to, memory.bytes.data() + memory.at, count);
+  memory.at += count;
+  return static_cast<tmsize_t>(count);
+}
+
+tmsize_t write_nothing(thandle_t, void*, tmsize_t) { return 0; }
+
+toff_t seek_memory(thandle_t handle, toff_t offset, int from) {
+  auto& memory = *static_cast<TiffFile::Memory*>(handle);
+  memory.at = from == SEEK_CUR   ? memory.at + offset
+              : from == SEEK_END ? memory.bytes.size() + offset
+                                 : offset;
+  return memory.at;
+}
+
+toff_t size_of_memory(thandle_t handle) {
+  return static_cast<TiffFile::Memory*>(handle)->bytes.size();
+}
+
+int close_nothing(thandle_t) { return 0; }
+
+/// A buffer for decoded rows. bad_file: the file is too short to expand to this size.
+Result<std::vector<std::byte>> buffer(const TiffFile& file, std::uint64_t size) {
+  if (size > file.bytes * kMaxExpansion)
+    return fail(ErrorCode::bad_file, file.path, ": page ", file.page, " claims ", size,
+                " bytes in a strip or tile, more than its ", file.bytes, " bytes can hold");
+  return std::vector<std::byte>(size);
+}
+
+}  // namespace
+
+bool looks_like_tiff(std::string_view head) {
+  for (const std::string_view magic : {std::string_view("II*\0", 4), std::string_view("MM\0*", 4),
+                                       std::string_view("II+\0", 4), std::string_view("MM\0+", 4)})
+    if (head.starts_with(magic)) return true;
+  return false;
+}
+
+Result<std::unique_ptr<TiffFile>> TiffFile::open(const std::string& path) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  const fs::file_status status = fs::status(path, error);
+  if (status.type() == fs::file_type::not_found)
+    return fail(ErrorCode::not_found, path, ": no such file");
+  if (!error && status.type() != fs::file_type::regular)
+    return fail(ErrorCode::io, path, ": not a regular file");
+  auto file = std::make_unique<TiffFile>();
+  file->path = path;
+  if (!error) file->bytes = fs::file_size(path, error);
+  if (error) return fail(ErrorCode::io, path, ": ", error.message());
+  file->tiff.reset(TIFFOpenExt(path.c_str(), "rm", options_for(*file).get()));
+  if (!file->tiff) return file->damaged();
+  return file;
+}
+
+Result<std::unique_ptr<TiffFile>> TiffFile::open(const std::string& name, ByteSpan bytes) {
+  auto file = std::make_unique<TiffFile>();
+  file->path = name;
+  file->bytes = bytes.size();
+  file->memory.bytes = bytes;
+  file->tiff.reset(TIFFClientOpenExt(name.c_str(), "rm", &file->memory, read_memory, write_nothing,
+                                     seek_memory, close_nothing, size_of_memory, nullptr, nullptr,
+                                     options_for(*file).get()));
+  if (!file->tiff) return file->damaged();
+  return file;
+}
+
+tl::unexpected<Error> TiffFile::damaged() const {
+  return fail(ErrorCode::bad_file, path, ": page ", page,
+              ": damaged TIFF: ", message.empty() ? "cannot be decoded" : message);
+}
+
+std::string TiffFile::text(std::uint32_t id) const {
+  char* value = nullptr;
+  return TIFFGetField(tiff.get(), id, &value) && value ? value : "";
+}
+
+Result<bool> TiffFile::next() {
+  message.clear();
+  if (TIFFLastDirectory(tiff.get())) return false;
+  if (++page >= kMaxPages)
+    return fail(ErrorCode::unsupported, path, ": more than ", kMaxPages, " pages");
+  if (!TIFFReadDirectory(tiff.get())) return damaged();
+  return true;
+}
+
+bool TiffFile::is_thumbnail() const {
+  return (tag<std::uint32_t>(TIFFTAG_SUBFILETYPE, 0) & (FILETYPE_REDUCEDIMAGE | FILETYPE_MASK)) !=
+         0;
+}
+
+Result<void> check_compression(const TiffFile& file) {
+  const auto compression = file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE);
+  for (const int read :
+       {COMPRESSION_NONE, COMPRESSION_LZW, COMPRESSION_JPEG, COMPRESSION_ADOBE_DEFLATE,
+        COMPRESSION_DEFLATE, COMPRESSION_PACKBITS, COMPRESSION_LZMA, COMPRESSION_ZSTD})
+    if (compression == read) return {};
+  return fail(ErrorCode::unsupported, file.path, ": compression ", compression,
+              ", expected none, LZW, deflate, PackBits, JPEG, LZMA or zstd");
+}
+
+bool has_planes(const TiffFile& file) {
+  return file.tag<std::uint16_t>(TIFFTAG_SAMPLESPERPIXEL, 1) > 1 &&
+         file.tag<std::uint16_t>(TIFFTAG_PLANARCONFIG, 1) == PLANARCONFIG_SEPARATE;
+}
+
+Result<void> read_rows(TiffFile& file, const TiffRows& rows, std::uint32_t plane_index,
+                       const TakeRows& take) {
+  TIFF* tiff = file.tiff.get();
+  if (file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE) == COMPRESSION_JPEG)
+    TIFFSetField(tiff, TIFFTAG_JPEGCOLORMODE, JPEGCOLORMODE_RGB);
+  const std::uint64_t row = rows.pixel * rows.width;
+  const auto plane = static_cast<std::uint16_t>(plane_index);
+  if (!TIFFIsTiled(tiff)) {
+    const std::uint32_t strip = std::clamp<std::uint32_t>(
+        file.tag<std::uint32_t>(TIFFTAG_ROWSPERSTRIP, rows.height), 1, rows.height);
+    for (std::uint32_t y = 0; y < rows.height; y += strip) {
+      const std::uint32_t count = std::min(strip, rows.height - y);
+      auto band = SLF_TRY(buffer(file, row * count));
+      const auto got = TIFFReadEncodedStrip(tiff, TIFFComputeStrip(tiff, y, plane), band.data(),
+                                            static_cast<tmsize_t>(band.size()));
+      if (got != static_cast<tmsize_t>(band.size())) return file.damaged();
+      SLF_TRY(take(band));
+    }
+    return {};
+  }
+  const auto across = file.tag<std::uint32_t>(TIFFTAG_TILEWIDTH, 0);
+  const auto down = file.tag<std::uint32_t>(TIFFTAG_TILELENGTH, 0);
+  if (across == 0 || down == 0 || across > (1u << 20) || down > (1u << 20))
+    return fail(ErrorCode::bad_file, file.path, ": tiles of ", across, "x", down, " pixels");
+  auto tile = SLF_TRY(buffer(file, rows.pixel * across * down));
+  if (TIFFTileSize(tiff) != static_cast<tmsize_t>(tile.size())) return file.damaged();
+  for (std::uint32_t y = 0; y < rows.height; y += down) {
+    const std::uint32_t count = std::min(down, rows.height - y);
+    auto band = SLF_TRY(buffer(file, row * count));
+    for (std::uint32_t x = 0; x < rows.width; x += across) {
+      if (TIFFReadEncodedTile(tiff, TIFFComputeTile(tiff, x, y, 0, plane), tile.data(),
+                              static_cast<tmsize_t>(tile.size())) < 0)
+        return file.damaged();
+      const std::size_t part = std::min(across, rows.width - x) * rows.pixel;
+      for (std::uint32_t r = 0; r < count; ++r)
+        std::copy_n(tile.data() + r * across * rows.pixel, part,
+                    band.data() + r * row + x * rows.pixel);
+    }
+    SLF_TRY(take(band));
+  }
+  return {};
+}
+
+}  // namespace slf::image_formats

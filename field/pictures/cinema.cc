@@ -1,0 +1,180 @@
+// Cinema databases, specification D: a table data.csv that names pictures by their parameters. As
+// ParaView's phi-theta camera writes them: azimuth and elevation, in degrees, of a camera that is
+// turned around its focal point, from the front with z up. Nothing states the distance, so the
+// world is chosen: the sphere around the object has radius 1, and fits the pictures.
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <numbers>
+#include <set>
+
+#include "base/try.h"
+#include "field/image/formats.h"
+#include "field/pictures/cameras.h"
+
+namespace slf::cameras {
+namespace {
+
+constexpr double kViewAngle = 30;  // degrees, of the height: the default of VTK's cameras
+constexpr std::size_t kMaxColumns = 1000;
+
+using Row = std::vector<std::string>;
+
+/// The next row of a table, whose cells may be in double quotes; empty at the end.
+Row next_row(std::string_view& text) {
+  Row row;
+  while (!text.empty() && row.empty()) {
+    std::string cell;
+    bool quoted = false, any = false;
+    for (bool line = true; line && !text.empty(); text.remove_prefix(1)) {
+      const char c = text.front();
+      if (quoted && c == '"' && text.substr(1).starts_with('"')) {
+        cell += c;
+        text.remove_prefix(1);
+      } else if (c == '"') {
+        quoted = !quoted;
+      } else if (!quoted && c == ',') {
+        row.push_back(std::move(cell));
+        cell.clear();
+        any = true;
+      } else if (!quoted && c == '\n') {
+        line = false;
+      } else if (quoted || c != '\r') {
+        cell += c;
+      }
+    }
+    if (any || !cell.empty()) row.push_back(std::move(cell));  // an empty line is none
+  }
+  for (std::string& cell : row) {
+    cell.erase(0, std::min(cell.find_first_not_of(" \t"), cell.size()));
+    cell.erase(cell.find_last_not_of(" \t") + 1);
+  }
+  return row;
+}
+
+std::string lower(std::string text) {
+  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return text;
+}
+
+/// What the columns of a table hold.
+struct Columns {
+  std::size_t count = 0;
+  std::optional<std::size_t> phi, theta, file, depth, angle;
+  std::vector<std::size_t> parameters;  ///< all others
+};
+
+Columns columns_of(const Row& names) {
+  Columns columns;
+  columns.count = names.size();
+  for (std::size_t k = 0; k < names.size(); ++k) {
+    const std::string name = lower(names[k]);
+    const bool file = name.starts_with("file");
+    const bool depth = file && (name.find("depth") != std::string::npos || name.ends_with("_z"));
+    auto& known = name == "phi"          ? columns.phi
+                  : name == "theta"      ? columns.theta
+                  : name == "view_angle" ? columns.angle
+                  : depth                ? columns.depth
+                                         : columns.file;
+    const bool named = name == "phi" || name == "theta" || name == "view_angle" || file;
+    if (named && !known) known = k;
+    if (!named) columns.parameters.push_back(k);
+  }
+  return columns;
+}
+
+std::optional<double> number_in(const std::string& cell) {
+  double value = 0;
+  const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), value);
+  if (error != std::errc() || end != cell.data() + cell.size() || !(std::abs(value) < 1e6))
+    return std::nullopt;
+  return value;
+}
+
+/// Turns a camera at the front by `phi` around the vertical axis and then by `theta` upwards, as
+/// vtkCamera's Azimuth() and Elevation() do.
+void set_place(double phi, double theta, double distance, Picture& picture) {
+  const double a = phi * std::numbers::pi / 180, e = theta * std::numbers::pi / 180;
+  const glm::dvec3 level(std::sin(a), -std::cos(a), 0), up(0, 0, 1);
+  const glm::dvec3 toward = std::cos(e) * level + std::sin(e) * up;
+  const glm::dvec3 down = std::sin(e) * level - std::cos(e) * up;
+  picture.eye = distance * toward;
+  picture.axes = glm::dmat3(glm::cross(down, -toward), down, -toward);
+}
+
+}  // namespace
+
+Result<PictureSet> parse_cinema(std::string_view text, const std::string& name,
+                                const std::string& folder) {
+  namespace fs = std::filesystem;
+  const Row names = next_row(text);
+  if (names.size() > kMaxColumns)
+    return fail(ErrorCode::unsupported, name, ": ", names.size(), " columns; up to ", kMaxColumns,
+                " are read");
+  const Columns columns = columns_of(names);
+  if (!columns.phi || !columns.theta || !columns.file)
+    return fail(ErrorCode::bad_file, name,
+                ": expected a Cinema database with columns phi, theta and FILE");
+  PictureSet set;
+  set.source = name;
+  std::vector<std::set<std::string>> values(columns.parameters.size());
+  Row first;
+  std::size_t number = 1, others = 0;
+  for (Row row = next_row(text); !row.empty(); row = next_row(text)) {
+    const std::string place = name + ": row " + std::to_string(++number);
+    if (row.size() != columns.count)
+      return fail(ErrorCode::bad_file, place, ": ", row.size(), " cells; expected ", columns.count);
+    if (first.empty()) first = row;
+    bool same = true;  // one picture for each direction: of the first row's parameters
+    for (std::size_t k = 0; k < columns.parameters.size(); ++k) {
+      const std::string& cell = row[columns.parameters[k]];
+      values[k].insert(cell);
+      same = same && cell == first[columns.parameters[k]];
+    }
+    if (!same) {
+      ++others;
+      continue;
+    }
+    if (set.pictures.size() >= kMaxPictures)
+      return fail(ErrorCode::unsupported, name, ": more than ", kMaxPictures, " pictures");
+    const auto phi = number_in(row[*columns.phi]), theta = number_in(row[*columns.theta]);
+    const auto angle = columns.angle ? number_in(row[*columns.angle]) : kViewAngle;
+    if (!phi || !theta || !angle || !(*angle > 0.01 && *angle < 179))
+      return fail(ErrorCode::bad_file, place, ": phi, theta or view_angle is no number of degrees");
+    Picture picture;
+    picture.name = row[*columns.file];
+    picture.file = (fs::path(folder) / picture.name).lexically_normal().string();
+    if (columns.depth && !row[*columns.depth].empty())
+      picture.depth = (fs::path(folder) / row[*columns.depth]).lexically_normal().string();
+    const auto size = SLF_TRY(image_formats::read_image_size(picture.file));
+    const double half = *angle * std::numbers::pi / 360;
+    Lens& lens = picture.lens;
+    lens.width = size.width, lens.height = size.height;
+    lens.fx = lens.fy = size.height / 2.0 / std::tan(half);
+    lens.cx = size.width / 2.0, lens.cy = size.height / 2.0;
+    lens.finish();
+    // ParaView puts the camera where the sphere around the data just fits the narrower side.
+    const double narrow = std::atan(std::min(lens.width, lens.height) / 2.0 / lens.fy);
+    set_place(*phi, *theta, 1 / std::sin(narrow), picture);
+    set.pictures.push_back(std::move(picture));
+  }
+  if (set.pictures.empty()) return fail(ErrorCode::bad_file, name, ": has no pictures");
+  set.notes.push_back(
+      "the database states no distances: the sphere around the object is taken to "
+      "have radius 1 and to fit the pictures" +
+      std::string(columns.angle ? "" : ", and the view angle to be 30 degrees"));
+  if (others > 0) {
+    std::string chosen;
+    for (std::size_t k = 0; k < values.size(); ++k)
+      if (values[k].size() > 1)
+        chosen += (chosen.empty() ? "" : ", ") + names[columns.parameters[k]] + " " +
+                  first[columns.parameters[k]];
+    set.notes.push_back(std::to_string(others) + " pictures with other parameters than " + chosen +
+                        " are left out: a table of other rows chooses those");
+  }
+  return set;
+}
+
+}  // namespace slf::cameras

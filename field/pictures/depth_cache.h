@@ -1,0 +1,33 @@
+// A file that keeps estimated depths for the next run. Internal.
+//
+// It begins with kDepthCacheMagic, a key of what the depths were made from, and the number of
+// views. Each view follows: the length of a zstd frame, and the frame. It ends with an XXH3 of all
+// before.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "field/pictures/views.h"
+#include "slf/shape.h"
+
+namespace slf {
+
+inline constexpr const char* kDepthCacheMagic = "SLF picture depths 1\n";
+
+/// Of all that decides what estimate_depth() finds. A hull follows from the views and the number of
+/// its voxels; 0: there is none.
+[[nodiscard]] std::uint64_t depth_key(const std::vector<SmallView>& views, const Sphere& sphere,
+                                      std::uint32_t hull_voxels);
+
+/// Fills `depth` and `confirmed` of all views; false, and nothing is changed, if there is no such
+/// file, it is damaged, or its key is another. Input is untrusted.
+[[nodiscard]] bool read_depth_cache(const std::string& path, std::uint64_t key, unsigned threads,
+                                    std::vector<SmallView>& views);
+
+/// usage: there is a file that slf did not write. io: cannot be written.
+[[nodiscard]] Result<void> write_depth_cache(const std::string& path, std::uint64_t key,
+                                             unsigned threads, const std::vector<SmallView>& views);
+
+}  // namespace slf

@@ -1,0 +1,23 @@
+// What must be found of pictures before rays can be traced: sphere, depths and surface. Internal.
+#pragma once
+
+#include <string>
+
+#include "field/pictures/loading.h"
+#include "field/pictures/surface.h"
+#include "slf/pictures.h"
+
+namespace slf {
+
+struct Prepared {
+  PictureSet set;  ///< without those that are held out
+  Loaded loaded;   ///< a view for each picture; their depths may be empty
+  Sphere sphere;
+  Surface surface;
+  std::string depth;  ///< as DepthSheet::source
+};
+
+/// Errors as make_picture_scene().
+[[nodiscard]] Result<Prepared> prepare_pictures(PictureSet set, const PictureSceneOptions& options);
+
+}  // namespace slf
