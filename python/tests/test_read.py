@@ -251,6 +251,8 @@ def resident_bytes():
         return int(statm.read().split()[1]) * os.sysconf("SC_PAGESIZE")
 
 
+@pytest.mark.skipif("libasan" in os.environ.get("LD_PRELOAD", ""),
+                    reason="the address sanitizer keeps freed memory")
 def test_opens_and_closes_without_growth(balls_path):
     def use():
         with slf.open(balls_path, threads=1) as field:
