@@ -4,7 +4,8 @@
 
 namespace slf {
 
-ContentHash::ContentHash() : state_(XXH3_createState(), [](auto* state) { XXH3_freeState(state); }) {
+ContentHash::ContentHash()
+    : state_(XXH3_createState(), [](auto* state) { XXH3_freeState(state); }) {
   XXH3_128bits_reset(state_.get());
 }
 
