@@ -6,6 +6,7 @@ import contextlib
 import json
 import logging
 import math
+import mmap
 import os
 import tempfile
 from typing import (Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence,
@@ -140,18 +141,20 @@ _MOST_IN_MEMORY = 256 << 20
 """Bytes of voxels; of arrays that are read in slabs."""
 
 
-def _space(shape: Tuple[int, ...], dtype: np.dtype, folder: Optional[str]) -> np.ndarray:
+def _space(shape: Tuple[int, ...], dtype: np.dtype, folder: Optional[str],
+           mapped: List[mmap.mmap]) -> np.ndarray:
     """Space for voxels. Large ones are in a file without a name, which the kernel can write back
-    and drop from memory."""
+    and drop from memory; its map is appended to `mapped`."""
     size = math.prod(shape) * dtype.itemsize
     if size <= _MOST_IN_MEMORY:
         return np.empty(shape, dtype)
     with tempfile.TemporaryFile(dir=folder) as file:
         os.posix_fallocate(file.fileno(), 0, size)  # a full disk is an error here, not a signal
-        return np.memmap(file, dtype, "r+", shape=shape)
+        mapped.append(mmap.mmap(file.fileno(), size))
+    return np.frombuffer(mapped[-1], dtype).reshape(shape)
 
 
-def _in_order(array: Any, folder: Optional[str]) -> np.ndarray:
+def _in_order(array: Any, folder: Optional[str], mapped: List[mmap.mmap]) -> np.ndarray:
     """The voxels in C order, in a type of volumes. A contiguous array is not copied; an array that
     is read on demand, as those of zarr and dask are, is read in slabs along z."""
     chunks = getattr(array, "chunks", None)
@@ -163,7 +166,7 @@ def _in_order(array: Any, folder: Optional[str]) -> np.ndarray:
     dtype = _type_for(np.dtype(array.dtype))
     if chunks is None:
         return np.require(array, dtype, ["C", "A"])
-    out = _space(array.shape, dtype, folder)
+    out = _space(array.shape, dtype, folder, mapped)
     depth = chunks[0] if isinstance(chunks[0], int) else max(chunks[0])
     for z in range(0, array.shape[0], depth):
         part = slice(z, min(z + depth, array.shape[0]))
@@ -174,9 +177,10 @@ def _in_order(array: Any, folder: Optional[str]) -> np.ndarray:
 def volume_of(source: Any, *, labels: bool = False, spacing: Optional[Sequence[float]] = None,
               affine: Any = None, origin: Optional[Sequence[float]] = None,
               name: Optional[str] = None, like: Optional[_Place] = None,
-              folder: Optional[str] = None,
-              reader: Optional[Mapping[str, Any]] = None) -> Tuple[_slf.Volume, Optional[_Place]]:
-    """A volume from an array, an image or a file; and its place, if it is no file."""
+              folder: Optional[str] = None, reader: Optional[Mapping[str, Any]] = None,
+              mapped: List[mmap.mmap]) -> Tuple[_slf.Volume, Optional[_Place]]:
+    """A volume from an array, an image or a file; and its place, if it is no file. Maps of files
+    that hold voxels are appended to `mapped`."""
     if isinstance(source, (str, os.PathLike)):
         if affine is not None or origin is not None:
             raise ValueError("affine and origin are for arrays; files state their position")
@@ -205,7 +209,7 @@ def volume_of(source: Any, *, labels: bool = False, spacing: Optional[Sequence[f
         place = _place(origin, place.axes)
     if not abs(np.linalg.det(place.axes)) > 0:
         raise ValueError("the axes of the image are singular")
-    array = _in_order(voxels.array, folder)
+    array = _in_order(voxels.array, folder, mapped)
     path = name or voxels.source
     volume = _slf.Volume(array, tuple(place.origin), [tuple(axis) for axis in place.axes],
                          voxels.slope, voxels.intercept, labels, path,
@@ -285,15 +289,17 @@ def _volume_scene(source: Any, *, linear: bool, folder: Optional[str], threads: 
     if projection not in _PROJECTIONS:
         raise ValueError(f"projection {projection!r}: expected mip, minip, mean or None")
     is_labels = isinstance(labels, (bool, np.bool_)) and bool(labels)
+    mapped: List[mmap.mmap] = []
     volume, place = volume_of(source, labels=is_labels, spacing=spacing, affine=affine,
-                              origin=origin, name=name, folder=folder, reader=reader)
+                              origin=origin, name=name, folder=folder, reader=reader,
+                              mapped=mapped)
     if not is_labels and volume.looks_like_labels():
         log.warning("%s: its values look like ids; labels=True shows them unblended",
                     volume.source)
     parts: List[Optional[_slf.Volume]] = []
     for part, what in ((None if isinstance(labels, bool) else labels, "labels"), (mask, "mask")):
         parts.append(None if part is None else
-                     volume_of(part, labels=True, like=place, folder=folder,
+                     volume_of(part, labels=True, like=place, folder=folder, mapped=mapped,
                                name=None if isinstance(part, (str, os.PathLike)) else what)[0])
     shown = tone or Tone()
     settings = {
@@ -311,10 +317,13 @@ def _volume_scene(source: Any, *, linear: bool, folder: Optional[str], threads: 
         styles = {int(id): _style(style) for id, style in label_table.items()}
     elif label_table is not None:
         table = os.fspath(label_table)
-    return _slf.raycaster(volume, json.dumps(settings), reference, points,
-                          None if range is None else (float(range[0]), float(range[1])),
-                          light_rig, os.fspath(environment), parts[0], table, styles, parts[1],
-                          os.fspath(light_file), threads)
+    scene = _slf.raycaster(volume, json.dumps(settings), reference, points,
+                           None if range is None else (float(range[0]), float(range[1])),
+                           light_rig, os.fspath(environment), parts[0], table, styles, parts[1],
+                           os.fspath(light_file), threads)
+    for file in mapped:  # rays jump from page to page: reading ahead would be in vain
+        file.madvise(mmap.MADV_RANDOM)
+    return scene
 
 
 def _style(style: Any) -> Tuple[str, Optional[Point], float]:
