@@ -5,7 +5,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <csignal>
 #include <fstream>
 
@@ -45,18 +44,6 @@ bool set_limits(std::uint64_t bytes, std::uint64_t seconds) {
 bool confine_child(std::uint64_t bytes, std::uint64_t seconds) {
   reset_signal_handlers();
   return silence() && set_limits(bytes, seconds);
-}
-
-bool write_all(int to, const void* bytes, std::size_t size) {
-  const char* from = static_cast<const char*>(bytes);
-  while (size > 0) {
-    const ssize_t written = ::write(to, from, size);
-    if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) return false;
-    from += written;
-    size -= static_cast<std::size_t>(written);
-  }
-  return true;
 }
 
 }  // namespace slf

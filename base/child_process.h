@@ -6,7 +6,6 @@
 // The parent must treat what the child sends as untrusted.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 
 namespace slf {
@@ -16,8 +15,5 @@ namespace slf {
 /// of processor time. It may neither write files, start processes, nor dump core. False: the
 /// system refuses; the child must exit.
 [[nodiscard]] bool confine_child(std::uint64_t bytes, std::uint64_t seconds);
-
-/// Writes to a pipe; false if the other end is closed.
-[[nodiscard]] bool write_all(int to, const void* bytes, std::size_t size);
 
 }  // namespace slf

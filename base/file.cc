@@ -41,17 +41,6 @@ class Descriptor {
   int fd_;
 };
 
-/// Writes all of `bytes`. Returns 0 or an errno value.
-int write_all(int fd, ByteSpan bytes) {
-  while (!bytes.empty()) {
-    const ssize_t written = ::write(fd, bytes.data(), bytes.size());
-    if (written < 0 && errno == EINTR) continue;
-    if (written < 0) return errno;
-    bytes = bytes.subspan(static_cast<std::size_t>(written));
-  }
-  return 0;
-}
-
 std::string folder_of(const std::string& path) {
   const std::size_t slash = path.rfind('/');
   return slash == std::string::npos ? "./" : path.substr(0, slash + 1);
@@ -243,6 +232,16 @@ Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const Star
     if (bytes.size() > limit)
       return fail(ErrorCode::unsupported, path, ": longer than ", limit, " bytes");
   }
+}
+
+int write_all(int fd, ByteSpan bytes) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::write(fd, bytes.data(), bytes.size());
+    if (written < 0 && errno == EINTR) continue;
+    if (written < 0) return errno;
+    bytes = bytes.subspan(static_cast<std::size_t>(written));
+  }
+  return 0;
 }
 
 int open_unnamed_file() {

@@ -72,6 +72,9 @@ using StartCheck = std::function<Result<void>(ByteSpan start)>;
 [[nodiscard]] Result<Bytes> read_file(const std::string& path, std::uint64_t limit,
                                       const StartCheck& check = {});
 
+/// Writes all of `bytes` to a descriptor. Returns 0 or an errno value.
+[[nodiscard]] int write_all(int fd, ByteSpan bytes);
+
 /// Opens a new file that has no name and vanishes when it is closed, in the folder TMPDIR or, if
 /// that is not set, /tmp. Returns its descriptor, or -1, and errno says why.
 [[nodiscard]] int open_unnamed_file();

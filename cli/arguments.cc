@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "base/file.h"
+#include "base/lower_case.h"
 #include "base/try.h"
 #include "cli/command.h"
 
@@ -31,7 +32,7 @@ std::string to_bytes(std::string& text) {
   std::string unit, more;
   if (!(in >> number)) return expected;
   if (in >> unit; in >> more) return expected;
-  std::ranges::transform(unit, unit.begin(), [](unsigned char c) { return std::tolower(c); });
+  unit = lower_case(unit);
   const std::size_t power = unit.empty() ? 0 : std::string_view("bkmgt").find(unit[0]);
   if (power == std::string_view::npos) return expected;
   const std::string rest = unit.empty() ? "" : unit.substr(1);

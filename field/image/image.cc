@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/lower_case.h"
 #include "base/try.h"
 #include "field/image/formats.h"
 
@@ -60,10 +61,7 @@ namespace {
 constexpr std::uint64_t kMaxFileBytes = image_formats::kMaxPixels * 20 + (std::uint64_t{1} << 24);
 
 std::string lower_extension(const std::string& path) {
-  std::string extension = std::filesystem::path(path).extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
+  return lower_case(std::filesystem::path(path).extension().string());
 }
 
 Result<void> check_pixels(const std::string& path, const Image& image) {

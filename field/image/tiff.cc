@@ -60,6 +60,14 @@ Result<Layout> layout_of(const TiffFile& file) {
   return layout;
 }
 
+/// Goes to the first page that is no thumbnail.
+Result<Layout> find_picture(TiffFile& file) {
+  while (file.is_thumbnail())
+    if (!SLF_TRY(file.next()))
+      return fail(ErrorCode::bad_file, file.path, ": TIFF without a picture");
+  return layout_of(file);
+}
+
 float sample_of(const std::byte* at, bool wide) {
   if (!wide) return static_cast<float>(std::to_integer<std::uint8_t>(*at)) / 255;
   std::uint16_t value = 0;
@@ -71,17 +79,13 @@ float sample_of(const std::byte* at, bool wide) {
 
 Result<ImageSize> tiff_size(const std::string& path) {
   const auto file = SLF_TRY(TiffFile::open(path));
-  while (file->is_thumbnail())
-    if (!SLF_TRY(file->next())) return fail(ErrorCode::bad_file, path, ": TIFF without a picture");
-  const auto layout = SLF_TRY(layout_of(*file));
+  const auto layout = SLF_TRY(find_picture(*file));
   return ImageSize{layout.width, layout.height};
 }
 
 Result<Image> decode_tiff(const std::string& name, ByteSpan bytes) {
   const auto file = SLF_TRY(TiffFile::open(name, bytes));
-  while (file->is_thumbnail())
-    if (!SLF_TRY(file->next())) return fail(ErrorCode::bad_file, name, ": TIFF without a picture");
-  const auto layout = SLF_TRY(layout_of(*file));
+  const auto layout = SLF_TRY(find_picture(*file));
   const std::uint32_t colors = layout.colored ? 3 : 1;
   const std::uint32_t used = colors + (layout.alpha != Alpha::none ? 1 : 0);
   const std::uint64_t sample = layout.wide ? 2 : 1;

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "base/bytes.h"
+#include "base/lower_case.h"
 #include "base/try.h"
 
 namespace slf {
@@ -269,17 +270,12 @@ Result<void> check_declared(const std::string& path) {
   if (bytes == 0) return fail(ErrorCode::bad_file, path, ": is empty (0 bytes)");
   file.clear();
   file.seekg(0);
-  const auto lower = [](std::string text) {
-    std::transform(text.begin(), text.end(), text.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-    return text;
-  };
-  const std::string extension = lower(std::filesystem::path(path).extension());
+  const std::string extension = lower_case(std::filesystem::path(path).extension());
   const std::string_view start(magic.data(), magic.size());
   if (start == "glTF" || extension == ".glb" || extension == ".gltf")
     return check_gltf(path, file, bytes, start == "glTF");
   // Assimp accepts any case, and does not end if such a header does not.
-  if (lower(std::string(start.substr(0, 3))) == "ply" || extension == ".ply")
+  if (lower_case(std::string(start.substr(0, 3))) == "ply" || extension == ".ply")
     return check_ply(path, file, bytes);
   if (extension == ".stl") return check_stl(path, file, bytes);
   return {};

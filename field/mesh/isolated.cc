@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "base/child_process.h"
+#include "base/file.h"
 #include "base/guarded.h"
 #include "base/try.h"
 
@@ -74,7 +75,9 @@ class Sender {
   explicit Sender(int to) : to_(to) {}
   [[nodiscard]] bool good() const { return good_; }
 
-  void bytes(const void* from, std::size_t size) { good_ = good_ && write_all(to_, from, size); }
+  void bytes(const void* from, std::size_t size) {
+    good_ = good_ && write_all(to_, {static_cast<const std::byte*>(from), size}) == 0;
+  }
   template <class T>
   void value(const T& value) {
     bytes(&value, sizeof value);

@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "base/lower_case.h"
 #include "base/try.h"
 #include "field/mesh/declared.h"
 #include "field/mesh/isolated.h"
@@ -37,8 +38,7 @@ constexpr std::uint64_t kSeconds = 60;  // of reading, and one for each MiB
 constexpr glm::vec4 kPlain{0.6f, 0.6f, 0.6f, 1};
 
 std::string extension_of(std::string_view path) {
-  std::string extension = fs::path(path).extension();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  const std::string extension = lower_case(fs::path(path).extension());
   return extension.empty() ? extension : extension.substr(1);
 }
 

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "base/file.h"
+#include "base/lower_case.h"
 #include "base/try.h"
 #include "field/geometry/directions.h"
 #include "field/image/formats.h"
@@ -45,8 +46,7 @@ Result<PictureSet> read_model(const std::string& model_folder, const std::string
   std::size_t without = 0;
   std::error_code ignored;
   for (const auto& entry : fs::recursive_directory_iterator(pictures, ignored)) {
-    std::string extension = entry.path().extension().string();
-    for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    const std::string extension = lower_case(entry.path().extension().string());
     for (const char* picture : {".jpg", ".jpeg", ".png", ".tif", ".tiff"})
       if (extension == picture)
         without += named.count(entry.path().lexically_normal().string()) == 0;

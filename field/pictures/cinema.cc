@@ -10,6 +10,7 @@
 #include <numbers>
 #include <set>
 
+#include "base/lower_case.h"
 #include "base/try.h"
 #include "field/image/formats.h"
 #include "field/pictures/cameras.h"
@@ -54,11 +55,6 @@ Row next_row(std::string_view& text) {
   return row;
 }
 
-std::string lower(std::string text) {
-  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return text;
-}
-
 /// What the columns of a table hold.
 struct Columns {
   std::size_t count = 0;
@@ -70,7 +66,7 @@ Columns columns_of(const Row& names) {
   Columns columns;
   columns.count = names.size();
   for (std::size_t k = 0; k < names.size(); ++k) {
-    const std::string name = lower(names[k]);
+    const std::string name = lower_case(names[k]);
     const bool file = name.starts_with("file");
     const bool depth = file && (name.find("depth") != std::string::npos || name.ends_with("_z"));
     auto& known = name == "phi"          ? columns.phi

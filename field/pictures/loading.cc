@@ -158,9 +158,10 @@ Result<Image> load_picture(const Picture& picture) {
 Result<Sphere> first_sphere(const PictureSet& set) {
   const auto focus = focus_of(set.pictures);
   if (!focus)
-    return fail(ErrorCode::usage, set.source,
-                ": the cameras all look the same way, so their axes do not show where the object "
-                "is: state the centre and radius of the sphere");
+    return fail_without(
+        "sphere", ErrorCode::usage, set.source,
+        ": the cameras all look the same way, so their axes do not show where the object "
+        "is: state the centre and radius of the sphere");
   std::vector<double> radii;
   double nearest = std::numeric_limits<double>::max();
   for (const Picture& picture : set.pictures) {
@@ -178,9 +179,10 @@ Result<Sphere> first_sphere(const PictureSet& set) {
     sphere.radius = std::min(1.5 * median(distances), 0.7 * nearest);
   }
   if (!(sphere.radius > 0) || !std::isfinite(sphere.radius))
-    return fail(ErrorCode::usage, set.source,
-                ": a camera is where all cameras look, so no sphere fits: state its centre and "
-                "radius");
+    return fail_without(
+        "sphere", ErrorCode::usage, set.source,
+        ": a camera is where all cameras look, so no sphere fits: state its centre and "
+        "radius");
   return sphere;
 }
 
@@ -228,9 +230,10 @@ Result<void> settle_depths(const PictureSet& set, const PictureSceneOptions& opt
   constexpr double kConsistent = 0.02;
   if (loaded.kind == DepthKind::unknown) {
     if (!(std::min(z, ray) < kConsistent))
-      return fail(ErrorCode::usage, set.source, ": depths of neighbouring pictures disagree, by ",
-                  100 * z, " % if they are along z and by ", 100 * ray,
-                  " % if they are along the ray: state what they are, and their scale");
+      return fail_without("depth", ErrorCode::usage, set.source,
+                          ": depths of neighbouring pictures disagree, by ", 100 * z,
+                          " % if they are along z and by ", 100 * ray,
+                          " % if they are along the ray: state what they are, and their scale");
     loaded.kind = z <= ray ? DepthKind::z : DepthKind::ray;
   }
   loaded.disagreement = loaded.kind == DepthKind::z ? z

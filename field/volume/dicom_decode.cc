@@ -16,6 +16,7 @@
 #include <sstream>
 
 #include "base/child_process.h"
+#include "base/file.h"
 #include "field/volume/packing.h"
 
 namespace slf::volume_io {
@@ -88,7 +89,7 @@ bool decode(const DicomSlice& file, int to) {
   const bool is_jpeg_2000 = name_of_compression(file.syntax).starts_with("JPEG 2000");
   if (is_jpeg_2000 && !is_of_stated_size(file, image)) return false;
   std::vector<char> pixels(image.GetBufferLength());
-  return image.GetBuffer(pixels.data()) && write_all(to, pixels.data(), pixels.size());
+  return image.GetBuffer(pixels.data()) && write_all(to, std::as_bytes(std::span(pixels))) == 0;
 }
 
 [[noreturn]] void be_child(const std::vector<DicomSlice>& files, int to) noexcept {

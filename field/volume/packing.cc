@@ -154,16 +154,6 @@ class Unzstder final : public Unpacker {
   std::size_t status_ = 0;
 };
 
-bool write_all(int file, std::span<const std::byte> bytes) {
-  while (!bytes.empty()) {
-    const ssize_t written = ::write(file, bytes.data(), bytes.size());
-    if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) return false;
-    bytes = bytes.subspan(static_cast<std::size_t>(written));
-  }
-  return true;
-}
-
 }  // namespace
 
 Packing packing_of(std::string_view head) {
@@ -273,7 +263,7 @@ Result<UnpackedFile> UnpackedFile::make(const std::string& path) {
     if (done > most)
       return fail(ErrorCode::unsupported, path, ": ", size, " packed bytes become more than ", most,
                   ": if that is right, unpack it yourself, and give the unpacked file");
-    if (!write_all(unpacked.file_, std::span(chunk).first(got))) return no_room();
+    if (write_all(unpacked.file_, ByteSpan(chunk).first(got)) != 0) return no_room();
   }
 }
 

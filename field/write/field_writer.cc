@@ -50,18 +50,14 @@ Error name_as_output(Error error, const std::string& file, const std::string& pa
   return error;
 }
 
-Bytes bytes_of(const std::string& text) {
-  const ByteSpan bytes = as_bytes(std::span<const char>(text));
-  return {bytes.begin(), bytes.end()};
-}
-
 /// Encodes a manifest. usage: readers would refuse it.
 Result<Bytes> encode(const Manifest& manifest, const std::string& path) {
   const std::string text =
       manifest.to_json().dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   if (auto parsed = Manifest::parse(text, path); !parsed)
     return fail(ErrorCode::usage, parsed.error().message);
-  return bytes_of(text);
+  const ByteSpan bytes = bytes_of(text);
+  return Bytes(bytes.begin(), bytes.end());
 }
 
 }  // namespace

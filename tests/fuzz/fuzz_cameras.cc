@@ -1,6 +1,5 @@
 // Cameras from any bytes, as transforms.json, as the table of a Cinema database and as COLMAP's
 // files: an error, or cameras whose numbers are finite and whose lenses map places to directions.
-#include <unistd.h>
 
 #include <cmath>
 #include <cstdint>
@@ -10,6 +9,7 @@
 
 #include "field/pictures/cameras.h"
 #include "slf/image.h"
+#include "tests/temporary_folder.h"
 
 namespace {
 
@@ -18,17 +18,12 @@ void require(bool condition) {
 }
 
 // A folder of this process with one picture, t.png.
-struct Scratch {
-  std::string folder;
+struct Scratch : slf::testing::TemporaryFolder {
   Scratch() {
-    folder = (std::filesystem::temp_directory_path() / "slf-fuzz-XXXXXX").string();
-    require(::mkdtemp(folder.data()) != nullptr);
+    require(!path().empty());
     const slf::Image picture{2, 2, std::vector<glm::vec4>(4, glm::vec4(0.5f)), {}};
-    require(bool(slf::write_image(folder + "/t.png", picture)));
+    require(bool(slf::write_image(path() + "/t.png", picture)));
   }
-  Scratch(const Scratch&) = delete;
-  Scratch& operator=(const Scratch&) = delete;
-  ~Scratch() { std::filesystem::remove_all(folder); }
 };
 
 void check(const slf::Result<slf::PictureSet>& set) {
@@ -53,7 +48,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string text(reinterpret_cast<const char*>(data), size);
   static const Scratch scratch;
   check(slf::cameras::parse_transforms(text, "input", "/nonexistent"));
-  check(slf::cameras::parse_cinema(text, "input", scratch.folder));
+  check(slf::cameras::parse_cinema(text, "input", scratch.path()));
   // The first three bytes state the form and where the files begin.
   const std::size_t rest = size - 3, first = data[1] % (rest + 1),
                     second = first + data[2] % (rest - first + 1);

@@ -1,6 +1,5 @@
 // Meshes of any bytes: an error that names the file, or a mesh that keeps its promises, and rays
 // to it. The first byte chooses the format.
-#include <unistd.h>
 
 #include <array>
 #include <cmath>
@@ -13,6 +12,7 @@
 #include "field/mesh/isolated.h"
 #include "slf/image.h"
 #include "slf/mesh.h"
+#include "tests/temporary_folder.h"
 
 namespace {
 
@@ -23,23 +23,15 @@ void require(bool condition) {
 }
 
 // A folder of this process, with the files that meshes may name.
-struct Scratch {
-  std::string folder;
+struct Scratch : slf::testing::TemporaryFolder {
   Scratch() {
-    const std::filesystem::path memory = "/dev/shm";
-    const auto base =
-        std::filesystem::is_directory(memory) ? memory : std::filesystem::temp_directory_path();
-    folder = (base / "slf-fuzz-XXXXXX").string();
-    require(::mkdtemp(folder.data()) != nullptr);
-    std::ofstream(folder + "/m.mtl") << "newmtl a\nKd 1 0 0\nmap_Kd t.png\nmap_d t.png\n"
+    require(!path().empty());
+    std::ofstream(path() + "/m.mtl") << "newmtl a\nKd 1 0 0\nmap_Kd t.png\nmap_d t.png\n"
                                      << "newmtl b\nd 0.5\n";
-    std::ofstream(folder + "/b.bin", std::ios::binary) << std::string(256, '\x3f');
+    std::ofstream(path() + "/b.bin", std::ios::binary) << std::string(256, '\x3f');
     const slf::Image picture{2, 2, std::vector<glm::vec4>(4, glm::vec4(0.5f)), {}};
-    require(bool(slf::write_image(folder + "/t.png", picture, {.transparent = true})));
+    require(bool(slf::write_image(path() + "/t.png", picture, {.transparent = true})));
   }
-  Scratch(const Scratch&) = delete;
-  Scratch& operator=(const Scratch&) = delete;
-  ~Scratch() { std::filesystem::remove_all(folder); }
 };
 
 void check(const slf::Mesh& mesh) {
@@ -83,7 +75,7 @@ void trace(slf::Mesh mesh) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const Scratch scratch;
   if (size == 0) return 0;
-  const std::string path = scratch.folder + "/input." + kExtensions[data[0] % kExtensions.size()];
+  const std::string path = scratch.path() + "/input." + kExtensions[data[0] % kExtensions.size()];
   std::ofstream(path, std::ios::binary)
       .write(reinterpret_cast<const char*>(data) + 1, static_cast<std::streamsize>(size - 1));
   // Some damaged files keep Assimp busy without end.

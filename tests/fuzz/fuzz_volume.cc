@@ -1,6 +1,5 @@
 // The volume readers on any bytes: an error that names the file, or a volume that keeps its
 // promises. The first byte chooses how the rest is read; see Way.
-#include <unistd.h>
 #include <zlib.h>
 
 #include <cmath>
@@ -14,6 +13,7 @@
 #include "field/volume/dicom.h"
 #include "slf/transfer.h"
 #include "slf/volume.h"
+#include "tests/temporary_folder.h"
 
 namespace {
 
@@ -36,30 +36,22 @@ void require(bool condition) {
 
 // A folder of this process, with data files that headers may name, and the voxels of `input` if
 // that is the header of a pair.
-struct Scratch {
-  std::string folder;
+struct Scratch : slf::testing::TemporaryFolder {
   Scratch() {
-    const std::filesystem::path memory = "/dev/shm";
-    const auto base =
-        std::filesystem::is_directory(memory) ? memory : std::filesystem::temp_directory_path();
-    folder = (base / "slf-fuzz-XXXXXX").string();
-    require(::mkdtemp(folder.data()) != nullptr);
+    require(!path().empty());
     for (const auto* name : {"/d.raw", "/input.img"})
-      std::ofstream(folder + name, std::ios::binary) << std::string(4096, 'x');
-    std::ofstream(folder + "/p.vti")
+      std::ofstream(path() + name, std::ios::binary) << std::string(4096, 'x');
+    std::ofstream(path() + "/p.vti")
         << R"(<VTKFile type="ImageData"><ImageData WholeExtent="0 1 0 1 0 1">)"
         << R"(<Piece Extent="0 1 0 1 0 1"><PointData>)"
         << R"(<DataArray type="UInt8" Name="b" format="ascii">1 2 3 4 5 6 7 8</DataArray>)"
         << "</PointData></Piece></ImageData></VTKFile>";
   }
-  Scratch(const Scratch&) = delete;
-  Scratch& operator=(const Scratch&) = delete;
-  ~Scratch() { std::filesystem::remove_all(folder); }
 };
 
 const std::string& scratch() {
   static const Scratch kScratch;
-  return kScratch.folder;
+  return kScratch.path();
 }
 
 std::string write(std::string_view bytes) {

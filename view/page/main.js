@@ -33,7 +33,7 @@ const settings = {
 let source, field, renderer, loader;
 let version = 0;       // counts changes of the view
 let dirty = true;      // the picture is not what the canvas shows
-let sharp = false;     // it is, in full resolution and with every tile that is loaded
+let sharp = false;     // what the canvas shows was drawn in full resolution
 let movedAt = -1e9, lost = false, failed = false, ceiling = 99;
 let begun = false;     // the first tiles are loaded
 let first, complete;   // traffic() until the first picture, and until the first complete one
@@ -92,7 +92,6 @@ function currentView() {
 function changed() {
   ++version;
   dirty = true;
-  sharp = false;
   pausedUntil = 0;
   ceiling = 99;
   if (page.state === 'settled') page.state = 'loading';
@@ -188,11 +187,11 @@ async function sharpen(view) {
   const asked = version;
   while (drawing) await sleep(2);
   drawing = true;
-  dirty = false;
+  dirty = sharp = false;
   const begin = performance.now(), done = await renderer.sharpen(view, () => version === asked);
   pause(begin);
   drawing = false;
-  sharp = done && !dirty;
+  sharp = done;
   return done;
 }
 
@@ -266,7 +265,7 @@ async function follow() {
       page.state = 'loading';
       if (absent === 0) await lookAhead(view, needed);
       await sleep(absent > 0 ? 15 : 0);
-    } else if (absent > 0 || version !== asked || !sharp) {
+    } else if (absent > 0 || version !== asked || dirty || !sharp) {
       page.state = 'loading';
       thorough = true;
       await arrived(asked);
@@ -522,10 +521,7 @@ async function start() {
   resize();
   renderer.open(field.shape, kTileBytes);
   fillPanel();
-  loader = new Loader(field, renderer, decoders, () => {
-    dirty = true;
-    sharp = false;
-  }, fail);
+  loader = new Loader(field, renderer, decoders, () => { dirty = true; }, fail);
   canvas.addEventListener('webglcontextlost', (event) => {
     event.preventDefault();
     lost = true;

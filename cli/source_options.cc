@@ -1,0 +1,308 @@
+// The options that state the source of rays.
+#include "cli/command.h"
+#include "slf/mesh.h"
+#include "slf/path_tracer.h"
+#include "slf/transfer.h"
+
+namespace slf::cli {
+namespace {
+
+const Choices<ScalarType> kScalarTypes{{"u8", ScalarType::u8},   {"i8", ScalarType::i8},
+                                       {"u16", ScalarType::u16}, {"i16", ScalarType::i16},
+                                       {"u32", ScalarType::u32}, {"i32", ScalarType::i32},
+                                       {"u64", ScalarType::u64}, {"i64", ScalarType::i64},
+                                       {"f32", ScalarType::f32}, {"f64", ScalarType::f64}};
+
+/// Replaces any usual name of a type, such as "uint16" or "float", by the short one.
+std::string shorten_type(std::string& text) {
+  if (const auto type = parse_scalar_type(text)) text = name(*type);
+  return "";
+}
+
+}  // namespace
+
+void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
+  command
+      .add_option(name, input,
+                  std::string(kVolumeHelp) + ", or\n" + kMeshHelp + ", or\n" +
+                      "pictures:FOLDER or pictures:JSON, with cameras (doc/pictures.md), or\n"
+                      "scene:balls, scene:globe, scene:fog")
+      ->type_name(kAnyFile)
+      ->required();
+  command
+      .add_option("--transfer", transfer,
+                  std::string(kTransferHelp) + "; default: made from the histogram")
+      ->type_name(kAnyFile)
+      ->group(kVolumeGroup);
+  command
+      .add_option("--range", range, "Stretch the transfer function to these values of the volume")
+      ->delimiter(',')
+      ->type_size(2)
+      ->expected(1)
+      ->type_name("LO,HI")
+      ->group(kVolumeGroup);
+  auto* parts =
+      command
+          .add_option("--labels-volume", labels_volume,
+                      "Label volume: each label gets a colour; on another grid it is resampled\n"
+                      "by world position (nearest voxel)")
+          ->type_name(kAnyFile)
+          ->group(kVolumeGroup);
+  command
+      .add_option("--label-table", label_table,
+                  "Colour and opacity by id: a table of ITK-SNAP, 3D Slicer (.ctbl, .csv) or\n"
+                  "FreeSurfer, or JSON")
+      ->type_name(kAnyFile)
+      ->needs(parts)
+      ->group(kVolumeGroup);
+  command.add_option("--mask", mask, "Show the volume only where this mask is not 0")
+      ->type_name(kAnyFile)
+      ->group(kVolumeGroup);
+  add_raw_to(command);
+  add_mesh_to(command);
+}
+
+void SourceArguments::add_mesh_to(CLI::App& command) {
+  choose(command.add_option("--up-axis", up_axis,
+                            "Axis of a mesh's file that becomes +z, up; the y axis is the default\n"
+                            "for glTF and OBJ, z for PLY and STL"),
+         Choices<UpAxis>{{"y", UpAxis::y}, {"z", UpAxis::z}})
+      ->type_name("TEXT")
+      ->group("Mesh");
+}
+
+void SourceArguments::add_pictures_to(CLI::App& command) {
+  const char* group = "Pictures";
+  choose(
+      command.add_option("--depth", pictures.depth,
+                         "What the pictures' depths mean: distance along the axis (z) or from the\n"
+                         "eye (ray), or 1/z (inverse); none: neither use nor estimate depths;\n"
+                         "default: z or ray, found by comparing pictures"),
+      Choices<DepthKind>{{"z", DepthKind::z},
+                         {"ray", DepthKind::ray},
+                         {"inverse", DepthKind::inverse},
+                         {"none", DepthKind::none}})
+      ->type_name("TEXT")
+      ->group(group);
+  command
+      .add_option("--depth-scale", pictures.depth_scale,
+                  "World units of one unit in depth pictures, as 0.001")
+      ->check(kLength)
+      ->group(group)
+      ->capture_default_str();
+  command
+      .add_option("--holdout", pictures.holdout,
+                  "Leave out every N-th picture, from the first on, for `slf evaluate`")
+      ->check(CLI::Range(2, 1000000).description(""))
+      ->type_name("N")
+      ->group(group);
+  command
+      .add_option("--voxels", pictures.voxels,
+                  "Voxels along an edge of the grid that holds the object's surface")
+      ->check(CLI::Range(32, 768).description(""))
+      ->group(group)
+      ->capture_default_str();
+  add_bytes(command, "--picture-memory", pictures.memory, "Memory limit for decoded pictures")
+      ->group(group);
+  choose(
+      command.add_option("--background-model", pictures.keep_background,
+                         "Of pictures without alpha or masks: drop what lies outside the sphere, "
+                         "or\nkeep it, as if painted on the sphere's far side; default: drop"),
+      Choices<bool>{{"keep", true}, {"drop", false}})
+      ->type_name("TEXT")
+      ->group(group);
+  depth_cache = "";
+  command
+      .add_option("--depth-cache", depth_cache,
+                  "File that keeps estimated depths for the next run, or none; default: beside\n"
+                  "the pictures, as *.slf-depths")
+      ->type_name(kAnyFile)
+      ->group(group);
+}
+
+void SourceArguments::add_raw_to(CLI::App& command) {
+  const char* group = kVolumeGroup;
+  command
+      .add_flag("--labels", labels, "Voxels are labels: nearest sampling, a colour for each label")
+      ->group(group);
+  auto* raw = command.add_option("--dims", dims, "Raw files: voxels along x, y, z, as 128x128x84")
+                  ->delimiter('x')
+                  ->type_size(3)
+                  ->expected(1)
+                  ->check(from_to(1, UINT32_MAX))
+                  ->type_name("NXxNYxNZ")
+                  ->group(group);
+  choose(command.add_option("--type", type, "Raw files: type of a voxel"), kScalarTypes)
+      ->transform(CLI::Validator(shorten_type, ""))
+      ->type_name("TYPE")
+      ->needs(raw)
+      ->group(group)
+      ->default_str("u8");
+  command
+      .add_option("--spacing", spacing,
+                  "Distance between voxels; default: what the file says, or 1")
+      ->delimiter('x')
+      ->type_size(3)
+      ->expected(1)
+      ->check(kLength)
+      ->type_name("DXxDYxDZ")
+      ->group(group);
+  command
+      .add_option("--component", component,
+                  "Component of each voxel (RGB, channels) to read, from 0")
+      ->check(kNotNegative)
+      ->type_name("N")
+      ->group(group);
+  command.add_option("--time", time, "Time point of a file or series to read, from 0")
+      ->check(kNotNegative)
+      ->type_name("N")
+      ->group(group);
+  command
+      .add_option("--array", array,
+                  "Array of a VTI file, or image of an OME-TIFF, to read: its name")
+      ->type_name("NAME")
+      ->group(group);
+  command
+      .add_option("--series", series,
+                  "DICOM series of a folder to read: its number or UID, as `slf info` lists them")
+      ->type_name("ID")
+      ->group(group);
+  command
+      .add_flag("--resample", resample,
+                "Resample DICOM slices that are not evenly spaced, to the smallest distance")
+      ->group(group);
+  command.add_option("--crop", crop, "Keep these voxels only: half-open ranges, as 10:200,:,50:")
+      ->type_name("X:X,Y:Y,Z:Z")
+      ->group(group);
+  choose(command.add_option("--endian", big_endian, "Raw files: order of a voxel's bytes"),
+         Choices<bool>{{"little", false}, {"big", true}})
+      ->type_name("TEXT")
+      ->needs(raw)
+      ->group(group)
+      ->default_str("little");
+  command.add_option("--offset", offset, "Raw files: bytes before the first voxel")
+      ->check(kNotNegative)
+      ->needs(raw)
+      ->group(group)
+      ->capture_default_str();
+}
+
+void SourceArguments::add_light_to(CLI::App& command) {
+  const char* group = "Light";
+  command
+      .add_option("--step", raycast.step,
+                  "Longest part of a ray that is one sample, in smallest voxel spacings; at most\n"
+                  "one cell of the volume")
+      ->check(above(0.01, 100))
+      ->group(group)
+      ->capture_default_str();
+  auto* projection =
+      choose(command.add_option("--projection", raycast.projection,
+                                "Show one value of each ray, unlit: the greatest (mip), the least\n"
+                                "(minip) or the mean of those with opacity"),
+             Choices<Projection>{{"mip", Projection::maximum},
+                                 {"minip", Projection::minimum},
+                                 {"mean", Projection::mean}})
+          ->type_name("TEXT")
+          ->group(group);
+  add_vector(command, "--light", light,
+             "World direction towards the light (LPS); "
+             "default: above, in front, to the patient's right")
+      ->group(group);
+  command
+      .add_option("--ambient", ambient,
+                  "Ambient share of the shading, 0 to 1; implies --lighting direct")
+      ->check(from_to(0, 1))
+      ->group(group)
+      ->default_str(fmt::format("{:g}", raycast.ambient));
+  command
+      .add_flag("--no-shade", no_shade,
+                "Colours as in the transfer function, unlit; implies --lighting direct")
+      ->group(group);
+  LightOptions& lighting = raycast.lighting;
+  lighting.mode = Lighting::global;
+  auto* mode =
+      choose(command.add_option(
+                 "--lighting", chosen_lighting,
+                 "global: a rig of lights and its surroundings, with shadows and scattered\n"
+                 "light; shadowed: without scattered light; direct: one light without\n"
+                 "shadows, which needs no light volume"),
+             Choices<Lighting>{{"direct", Lighting::direct},
+                               {"shadowed", Lighting::shadowed},
+                               {"global", Lighting::global}})
+          ->type_name("TEXT")
+          ->group(group)
+          ->default_str("global");
+  mode->excludes(projection);
+  std::string names;
+  for (const LightRig& rig : built_in_rigs()) names += (names.empty() ? "" : ", ") + rig.name;
+  command
+      .add_option("--light-rig", light_rig,
+                  "Lights and sky of shadowed and global light: " + names + ",\nor a JSON file")
+      ->type_name(kAnyFile)
+      ->group(group)
+      ->default_str(built_in_rigs().front().name);
+  add_environment_to(command);
+  command
+      .add_option("--environment-gain", lighting.environment_gain,
+                  "Factor of the environment picture's radiance")
+      ->check(from_to(0, 1e6))
+      ->group(group)
+      ->capture_default_str();
+  command
+      .add_option("--light-samples", lighting.samples,
+                  "Paths of light per node of the light volume: more take longer and leave\n"
+                  "less noise")
+      ->check(CLI::Range(1, 65536).description(""))
+      ->group(group)
+      ->capture_default_str();
+  command
+      .add_option("--light-bounces", lighting.bounces,
+                  "Maximum number of scattering events of a path (global)")
+      ->check(CLI::Range(0, 1000).description(""))
+      ->group(group)
+      ->capture_default_str();
+  command
+      .add_option("--light-spacing", lighting.spacing,
+                  "Distance between nodes of the light volume, in voxels")
+      ->check(from_to(0.5, 16))
+      ->group(group)
+      ->capture_default_str();
+  add_bytes(command, "--light-memory", lighting.memory,
+            "Memory limit for computing the light volume; if it does not suffice,\n"
+            "nodes are further apart")
+      ->group(group);
+  command.add_option("--light-seed", lighting.seed, "Random seed")
+      ->group(group)
+      ->capture_default_str();
+  add_light_file_to(command);
+  add_tone(command, lighting.tone, group);
+}
+
+void SourceArguments::add_light_file_to(CLI::App& command) {
+  command
+      .add_option("--light-file", light_file,
+                  "Keep the light volume in this file, and read it from there if it is the same")
+      ->type_name(kAnyFile)
+      ->group("Light");
+}
+
+void SourceArguments::add_environment_to(CLI::App& command) {
+  command
+      .add_option("--environment", environment,
+                  "Picture that surrounds the volume instead of the rig's sky: latitude-longitude\n"
+                  "OpenEXR or Radiance HDR, up being +z and the middle the front")
+      ->type_name(kAnyFile)
+      ->group("Light");
+}
+
+void SourceArguments::add_reference_to(CLI::App& command) {
+  auto* flag = command.add_flag("--reference", reference,
+                                "Path tracing instead of the light volume: unbiased, slow");
+  command.add_option("--samples", paths.samples, "Paths per ray")
+      ->check(CLI::Range(1, 1 << 24).description(""))
+      ->needs(flag)
+      ->capture_default_str();
+}
+
+}  // namespace slf::cli
