@@ -45,7 +45,7 @@ class TiffFile {
   [[nodiscard]] bool is_thumbnail() const;
 
   struct Close {
-    void operator()(TIFF* tiff) const { TIFFClose(tiff); }
+    void operator()(TIFF* handle) const { TIFFClose(handle); }
   };
   struct Memory {
     ByteSpan bytes;

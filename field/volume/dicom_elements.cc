@@ -222,7 +222,7 @@ struct Walker {
 /// that ends early.
 std::string inflated(const std::string& path, std::string_view packed,
                      std::optional<Error>& damage) {
-  constexpr std::size_t kMaxBytes = std::size_t{1} << 30, kStep = std::size_t{1} << 20;
+  constexpr std::size_t kMaxInflated = std::size_t{1} << 30, kStep = std::size_t{1} << 20;
   const auto error = [&](ErrorCode code, auto&&... parts) {
     damage = fail(code, path, ": its deflated data set ", parts...).value();
   };
@@ -235,7 +235,7 @@ std::string inflated(const std::string& path, std::string_view packed,
   stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data()));
   int status = Z_OK;
   // zlib's lengths have 32 bits, so feed longer data in parts.
-  for (std::size_t left = packed.size(); status == Z_OK && data.size() < kMaxBytes;) {
+  for (std::size_t left = packed.size(); status == Z_OK && data.size() < kMaxInflated;) {
     if (stream.avail_in == 0) {
       stream.avail_in = static_cast<uInt>(std::min(left, kStep));
       left -= stream.avail_in;
@@ -257,8 +257,8 @@ std::string inflated(const std::string& path, std::string_view packed,
 }
 
 Result<std::string> read_whole(const std::string& path) {
-  constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
-  if (packing_of_file(path) != Packing::none) return read_unpacked(path, kMaxBytes);
+  constexpr std::size_t kMaxFile = std::size_t{1} << 30;
+  if (packing_of_file(path) != Packing::none) return read_unpacked(path, kMaxFile);
   const auto size = SLF_TRY(file_size(path));
   std::string bytes(size, '\0');
   std::ifstream file(path, std::ios::binary);

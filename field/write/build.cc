@@ -7,7 +7,6 @@
 #include <memory>
 #include <mutex>
 #include <optional>
-#include <ranges>
 #include <vector>
 
 #include "base/mix.h"
@@ -228,11 +227,12 @@ struct BuildJob {
 
   /// The first missing tile behind the level of the k-th one.
   [[nodiscard]] std::uint64_t end_of_level(std::uint64_t k) const {
-    const auto later = std::views::iota(k, missing.count());
-    return k + static_cast<std::uint64_t>(
-                   std::ranges::partition_point(
-                       later, [&](std::uint64_t n) { return key(n).level == key(k).level; }) -
-                   later.begin());
+    std::uint64_t same = k, later = missing.count();
+    while (later - same > 1) {
+      const std::uint64_t middle = same + (later - same) / 2;
+      (key(middle).level == key(k).level ? same : later) = middle;
+    }
+    return later;
   }
 
   /// Opens the file that is being written as of the last commit, if it is read, and was not opened
