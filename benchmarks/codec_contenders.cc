@@ -72,10 +72,10 @@ Contender ours(const Field& field, const std::string& spec, const std::vector<Sa
   const std::shared_ptr<codec::Codec> made =
       expect(codec::train_codec(spec, SampleFormat::rgba8, training));
   return {made->spec(),
-          [=](const Sample& s, Bytes& to) { expect(made->encode(shape(s), s.color, to)); },
+          [=](const Sample& s, Bytes& to) { expect(made->encode(shape(s), s.color, nullptr, to)); },
           [=](const Sample& s, ByteSpan from, Bytes& to) {
             to.resize(s.color.size());
-            expect(made->decode(shape(s), from, to));
+            expect(made->decode(shape(s), from, nullptr, to));
           },
           made->lossless()};
 }

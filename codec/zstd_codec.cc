@@ -25,8 +25,9 @@ class ZstdCodec final : public Codec {
   std::string spec() const override { return "zstd:" + std::to_string(level_); }
   bool lossless() const override { return true; }
 
-  Result<void> encode(const Tile& tile, ByteSpan samples, Bytes& payload) const override;
-  Result<void> decode(const Tile& tile, ByteSpan payload,
+  Result<void> encode(const Tile& tile, ByteSpan samples, Predictor*,
+                      Bytes& payload) const override;
+  Result<void> decode(const Tile& tile, ByteSpan payload, Predictor*,
                       std::span<std::byte> samples) const override;
 
  private:
@@ -151,7 +152,8 @@ Result<void> read_colors(const Tile& tile, ByteSpan& payload, Workspace& work,
   return {};
 }
 
-Result<void> ZstdCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payload) const {
+Result<void> ZstdCodec::encode(const Tile& tile, ByteSpan samples, Predictor*,
+                               Bytes& payload) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   payload.clear();
   if (tile.bytes() == 0) return {};
@@ -163,7 +165,7 @@ Result<void> ZstdCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payloa
   return append_stack(single_stack(tile, 8), work.color, work.residuals, false, level_, payload);
 }
 
-Result<void> ZstdCodec::decode(const Tile& tile, ByteSpan payload,
+Result<void> ZstdCodec::decode(const Tile& tile, ByteSpan payload, Predictor*,
                                std::span<std::byte> samples) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};

@@ -29,7 +29,7 @@ void decode(const Codec& codec, const Tile& tile, ByteSpan payload) {
   const auto exact = std::make_unique<std::byte[]>(payload.size());
   std::copy(payload.begin(), payload.end(), exact.get());
   const auto samples = std::make_unique<std::byte[]>(tile.bytes());
-  (void)codec.decode(tile, {exact.get(), payload.size()}, {samples.get(), tile.bytes()});
+  (void)codec.decode(tile, {exact.get(), payload.size()}, nullptr, {samples.get(), tile.bytes()});
 }
 
 void encode(const Codec& codec, const Tile& tile, ByteSpan input) {
@@ -37,8 +37,8 @@ void encode(const Codec& codec, const Tile& tile, ByteSpan input) {
   for (std::size_t i = 0; i < samples.size() && !input.empty(); ++i)
     samples[i] = input[i % input.size()];
   Bytes payload, back(tile.bytes());
-  if (!codec.encode(tile, samples, payload)) return;
-  if (!codec.decode(tile, payload, back)) std::abort();
+  if (!codec.encode(tile, samples, nullptr, payload)) return;
+  if (!codec.decode(tile, payload, nullptr, back)) std::abort();
   if (codec.lossless() && back != samples) std::abort();
 }
 

@@ -10,9 +10,9 @@ set(SLF_PORTABLE_SOURCES
   codec/jpeg_tables.cc codec/fill.cc codec/mosaic.cc codec/premultiply.cc codec/color_difference.cc
   codec/portable/jpeg_decode.cc
   codec/predictive.cc codec/predictive_channels.cc codec/predictive_codec.cc
-  codec/predictive_tables.cc codec/rans.cc codec/dct.cc
+  codec/predictive_tables.cc codec/log_colors.cc codec/rans.cc codec/dct.cc
   field/predict/prediction_kernel.cc field/predict/predictor.cc field/predict/references.cc
   field/predict/upsample_kernel.cc
-  field/predict/log_colors.cc field/tile_coder.cc field/reference_index.cc
+  field/tile_coder.cc field/reference_index.cc
   field/manifest.cc field/geometry/lattice.cc field/geometry/section.cc
   field/geometry/level_geometry.cc field/geometry/shape.cc field/geometry/sphere.cc)
