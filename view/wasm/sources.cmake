@@ -4,7 +4,7 @@ set(SLF_PORTABLE_SOURCES
   storage/pages.cc storage/trees.cc storage/cursor.cc storage/record.cc storage/container.cc
   storage/ranged_store.cc storage/file_index.cc
   codec/codec.cc codec/raw_codec.cc
-  codec/zstd_codec.cc codec/alpha_coder.cc codec/byte_streams.cc codec/lane_samples.cc
+  codec/zstd_codec.cc codec/byte_streams.cc codec/lane_samples.cc
   codec/lanes.cc codec/linear_fit.cc codec/portable/zstd_frame.cc
   codec/jpeg_codec.cc codec/jpeg_alpha.cc codec/jpeg_encode.cc codec/jpeg_pictures.cc
   codec/jpeg_tables.cc codec/fill.cc codec/mosaic.cc codec/premultiply.cc codec/color_difference.cc
