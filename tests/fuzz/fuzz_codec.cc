@@ -16,7 +16,8 @@ namespace {
 using namespace slf;
 using namespace slf::codec;
 
-constexpr const char* specs[] = {"raw", "zstd:1", "zstd:9", "jpeg:75", "jpeg:95:444"};
+constexpr const char* specs[] = {
+    "raw", "zstd:1", "zstd:9", "jpeg:75", "jpeg:95:444", "predictive:90", "predictive:lossless"};
 
 std::vector<LocalPoint> positions_of(std::size_t rows) {
   std::vector<LocalPoint> positions;
@@ -39,7 +40,8 @@ void encode(const Codec& codec, const Tile& tile, ByteSpan input) {
   Bytes payload, back(tile.bytes());
   if (!codec.encode(tile, samples, nullptr, payload)) return;
   if (!codec.decode(tile, payload, nullptr, back)) std::abort();
-  if (codec.lossless() && back != samples) std::abort();
+  // Codecs that predict do not keep depths of what is not visible.
+  if (codec.lossless() && !codec.predicts() && back != samples) std::abort();
 }
 
 }  // namespace
