@@ -13,8 +13,8 @@
 #include <memory>
 
 #include "benchmarks/storage/expect.h"
-#include "codec/alpha_coder.h"
 #include "codec/codec.h"
+#include "codec/lane_samples.h"
 #include "codec/mosaic.h"
 #include "field/field_file.h"
 
@@ -72,28 +72,28 @@ Contender ours(const Field& field, const std::string& spec, const std::vector<Sa
   const std::shared_ptr<codec::Codec> made =
       expect(codec::train_codec(spec, SampleFormat::rgba8, training));
   return {made->spec(),
-          [=](const Sample& s, Bytes& to) { expect(made->encode(shape(s), s.color, to)); },
+          [=](const Sample& s, Bytes& to) { expect(made->encode(shape(s), s.color, nullptr, to)); },
           [=](const Sample& s, ByteSpan from, Bytes& to) {
             to.resize(s.color.size());
-            expect(made->decode(shape(s), from, to));
+            expect(made->decode(shape(s), from, nullptr, to));
           },
           made->lossless()};
 }
 
 Contender alpha_of_zstd(const Field& field) {
-  const std::uint32_t side = field.shape().exit_side;
+  const auto shape = [&field](const Sample& sample) { return field.file().tile_shape(sample.key); };
   return {"alpha of zstd",
           [=](const Sample& sample, Bytes& to) {
-            std::vector<std::uint8_t> alpha;
+            Bytes alpha;
             for (std::size_t i = 3; i < sample.color.size(); i += 4)
-              alpha.push_back(std::to_integer<std::uint8_t>(sample.color[i]));
+              alpha.push_back(sample.color[i]);
             to.clear();
-            expect(codec::append_alpha(alpha, side, 255, to));
+            expect(codec::append_bytes(shape(sample), alpha, 9, to));
           },
           [=](const Sample& sample, ByteSpan from, Bytes& to) {
             to.resize(sample.color.size());
-            std::vector<std::uint8_t> alpha(sample.color.size() / 4);
-            expect(codec::read_alpha(from, side, 255, alpha));
+            Bytes alpha(sample.color.size() / 4);
+            expect(codec::read_bytes(shape(sample), from, alpha));
           },
           true};
 }

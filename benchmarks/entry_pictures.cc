@@ -179,7 +179,7 @@ void write_recolored(const Field& field, const std::string& pictures_path,
       samples.resize(tile.bytes());
       expect(cache.read(ref, samples));
       recolor(file, order.key(n), pictures, samples);
-      expect(file.codec().encode(tile, samples, payload));
+      expect(file.codec().encode(tile, samples, nullptr, payload));
     }
     expect(writer.put(order.key(n), payload));
   }

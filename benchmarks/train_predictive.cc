@@ -87,10 +87,13 @@ Bytes samples_of(TileCache& cache, TileKey key) {
 
 void collect(const FieldFile& field, std::size_t number, int quality, Training& training) {
   const FieldShape& shape = field.shape();
-  const codec::PredictiveCodec codec({quality}, codec::predictive_tables({quality}, shape.levels));
-  const TileCoder tiles(
-      shape, codec.settings().format, codec,
-      [&](unsigned level) -> const LevelGeometry& { return field.geometry(level); });
+  const codec::PredictiveSettings settings{quality};
+  codec::TileSymbols symbols;
+  const codec::PredictiveCodec codec(settings, codec::predictive_tables(settings, shape.levels),
+                                     [&](const auto& of_tile) { symbols = of_tile; });
+  const TileCoder tiles(shape, settings.format, codec, [&](unsigned level) -> const LevelGeometry& {
+    return field.geometry(level);
+  });
   TileCache cache(field, 64 << 20);
   std::map<TileKey, Bytes> decoded;
   const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> {
@@ -104,8 +107,7 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
     const Bytes samples = samples_of(cache, key);
     if (samples.empty()) continue;
     Bytes payload;
-    codec::TileSymbols symbols;
-    expect(tiles.encode(key, samples, source, payload, &symbols));
+    expect(tiles.encode(key, samples, source, payload));
     training.bytes[number] += static_cast<double>(payload.size());
     const std::size_t level_kind = key.level == 0 ? 0 : 1;
     bool last = false;

@@ -8,7 +8,7 @@
 //
 //   auto codec = codec::make_codec("jpeg:75", codec::SampleFormat::rgba8);
 //   Bytes payload;
-//   codec.value()->encode(tile, samples, payload);
+//   codec.value()->encode(tile, samples, nullptr, payload);
 #pragma once
 
 #include <cstdint>
@@ -16,6 +16,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "base/bytes.h"
 #include "base/tile_shape.h"
@@ -29,7 +30,7 @@ using slf::sample_bytes;
 using slf::SampleFormat;
 using Tile = slf::TileShape;
 
-class PredictiveCodec;
+class Predictor;
 
 class Codec {
  public:
@@ -45,26 +46,36 @@ class Codec {
   /// instead of calling decode. A payload whose size is not tile.bytes() is damaged.
   [[nodiscard]] virtual bool in_place() const { return false; }
 
-  /// This codec if it is predictive, else null. Tiles of a predictive codec are coded against
-  /// predictions that only a field can make, so its encode and decode fail.
-  [[nodiscard]] virtual const PredictiveCodec* predictive() const { return nullptr; }
+  /// Whether tiles of levels above 0 are coded as differences from a prediction. Other codecs
+  /// ignore predictors.
+  [[nodiscard]] virtual bool predicts() const { return false; }
+
+  /// For each candidate of the predictor 1 if the payload, untrusted, names it as one to predict
+  /// from, else 0. Empty if the codec does not predict.
+  [[nodiscard]] virtual std::vector<std::uint8_t> references(const Predictor&, ByteSpan) const {
+    return {};
+  }
 
   /// Bytes that decoding any tile needs and that are stored once per field, such as shared JPEG
   /// tables. Empty for codecs without any.
   [[nodiscard]] virtual ByteSpan tables() const { return {}; }
 
   /// Encodes `samples` (exactly tile.bytes() bytes) and replaces the content of `payload`. The same
-  /// samples give the same bytes on every machine and thread.
+  /// samples and predictions give the same bytes on every machine and thread. `predictor` is null
+  /// for a tile of level 0, which is predicted from nothing. Errors of the predictor.
   [[nodiscard]] virtual Result<void> encode(const Tile& tile, ByteSpan samples,
-                                            Bytes& payload) const = 0;
+                                            Predictor* predictor, Bytes& payload) const = 0;
 
-  /// Decodes `payload` into `samples` (exactly tile.bytes() bytes, caller-owned).
+  /// Decodes `payload` into `samples` (exactly tile.bytes() bytes, caller-owned). `predictor`
+  /// predicts what that of encode() did, or is null as well.
   /// bad_file: the payload is damaged or of another shape; the content of `samples` is undefined.
+  /// Errors of the predictor.
   [[nodiscard]] virtual Result<void> decode(const Tile& tile, ByteSpan payload,
+                                            Predictor* predictor,
                                             std::span<std::byte> samples) const = 0;
 };
 
-/// Whether a codec specification is that of a predictive codec.
+/// Whether a codec of this specification predicts.
 [[nodiscard]] bool is_predictive(std::string_view spec);
 
 /// Makes a codec from its specification: "raw", "zstd", "zstd:LEVEL", "jpeg:QUALITY",

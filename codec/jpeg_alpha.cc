@@ -4,10 +4,10 @@
 #include <vector>
 
 #include "base/try.h"
-#include "codec/alpha_coder.h"
 #include "codec/jpeg_decode.h"
 #include "codec/jpeg_encode.h"
 #include "codec/jpeg_pictures.h"
+#include "codec/lane_samples.h"
 #include "codec/scratch.h"
 
 namespace slf::codec {
@@ -18,6 +18,9 @@ constexpr std::uint8_t kInJpeg = 0;
 
 // JPEG adds noise where alpha is 0 or 255. Values this close to either are rounded to it.
 constexpr std::uint8_t kNoise = 2;
+
+// Of alpha in steps.
+constexpr int kZstdLevel = 9;
 
 // Steps 0..top are evenly spaced from transparent to opaque.
 std::uint8_t to_steps(std::uint8_t alpha, int top) {
@@ -37,7 +40,7 @@ Result<Candidate> in_steps(const Tile& tile, int top, std::span<const std::uint8
   result.payload.push_back(static_cast<std::byte>(top));
   result.alpha.resize(alpha.size());
   for (std::size_t i = 0; i < alpha.size(); ++i) result.alpha[i] = to_steps(alpha[i], top);
-  SLF_TRY(append_alpha(result.alpha, tile.side, static_cast<std::uint8_t>(top), result.payload));
+  SLF_TRY(append_bytes(tile, std::as_bytes(std::span(result.alpha)), kZstdLevel, result.payload));
   for (std::uint8_t& value : result.alpha) value = from_steps(value, top);
   return result;
 }
@@ -100,7 +103,7 @@ Result<void> read_jpeg_alpha(const Tile& tile, const Mosaic& mosaic, const JpegT
   const auto top = std::to_integer<std::uint8_t>(payload[0]);
   payload = payload.subspan(1);
   if (top != kInJpeg) {
-    SLF_TRY(read_alpha(payload, tile.side, top, alpha));
+    SLF_TRY(read_bytes(tile, payload, std::as_writable_bytes(alpha)));
     if (top == 255) return {};
     std::uint8_t opacity[256];
     for (int i = 0; i < 256; ++i) opacity[i] = from_steps(static_cast<std::uint8_t>(i), top);

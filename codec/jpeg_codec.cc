@@ -56,8 +56,9 @@ class JpegCodec final : public Codec {
   bool lossless() const override { return false; }
   ByteSpan tables() const override { return table_bytes_; }
 
-  Result<void> encode(const Tile& tile, ByteSpan samples, Bytes& payload) const override;
-  Result<void> decode(const Tile& tile, ByteSpan payload,
+  Result<void> encode(const Tile& tile, ByteSpan samples, Predictor*,
+                      Bytes& payload) const override;
+  Result<void> decode(const Tile& tile, ByteSpan payload, Predictor*,
                       std::span<std::byte> samples) const override;
 
  private:
@@ -73,7 +74,8 @@ class JpegCodec final : public Codec {
   bool can_encode_;
 };
 
-Result<void> JpegCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payload) const {
+Result<void> JpegCodec::encode(const Tile& tile, ByteSpan samples, Predictor*,
+                               Bytes& payload) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   payload.clear();
   if (tile.bytes() == 0) return {};
@@ -114,7 +116,7 @@ void blend(const Tile& tile, const Mosaic& mosaic, std::span<const std::uint8_t>
   std::memcpy(samples.data(), words.data(), samples.size());
 }
 
-Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload,
+Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload, Predictor*,
                                std::span<std::byte> samples) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};

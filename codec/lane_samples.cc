@@ -2,7 +2,9 @@
 
 #include <algorithm>
 
+#include "base/try.h"
 #include "codec/byte_streams.h"
+#include "codec/scratch.h"
 
 namespace slf::codec {
 namespace {
@@ -105,6 +107,35 @@ void clear_unused(const Tile& tile, std::size_t channels, LaneValues* values) {
   std::fill_n(values + (group_count(tile) - 1) * size, size, LaneValues{});
 }
 
+// A channel of bytes in lanes, [group][column]; each thread keeps one.
+struct ByteLanes {
+  LaneValues* values;
+  LaneValues* residuals;
+
+  explicit ByteLanes(const Tile& tile) {
+    thread_local Scratch<LaneValues> scratch;
+    const std::size_t one = group_count(tile) * tile.columns();
+    values = scratch.take(2 * one).data();
+    residuals = values + one;
+  }
+};
+
+void load_bytes(const Tile& tile, const std::byte* bytes, LaneValues* values) {
+  clear_unused(tile, 1, values);
+  const std::size_t columns = tile.columns();
+  for (std::size_t row = 0; row < tile.rows(); ++row)
+    for (std::size_t i = 0; i < columns; ++i)
+      values[row / kLaneCount * columns + i][row % kLaneCount] =
+          std::to_integer<std::uint8_t>(*bytes++);
+}
+
+void store_bytes(const Tile& tile, const LaneValues* values, std::byte* bytes) {
+  const std::size_t columns = tile.columns();
+  for (std::size_t row = 0; row < tile.rows(); ++row)
+    for (std::size_t i = 0; i < columns; ++i)
+      *bytes++ = static_cast<std::byte>(values[row / kLaneCount * columns + i][row % kLaneCount]);
+}
+
 }  // namespace
 
 void load_colors(const Tile& tile, const std::byte* colors, LaneValues* alpha, LaneValues* color) {
@@ -124,20 +155,17 @@ void store_colors(const Tile& tile, bool clear, const LaneValues* alpha, const L
   }
 }
 
-void load_bytes(const Tile& tile, const std::byte* bytes, LaneValues* values) {
-  clear_unused(tile, 1, values);
-  const std::size_t columns = tile.columns();
-  for (std::size_t row = 0; row < tile.rows(); ++row)
-    for (std::size_t i = 0; i < columns; ++i)
-      values[row / kLaneCount * columns + i][row % kLaneCount] =
-          std::to_integer<std::uint8_t>(*bytes++);
+Result<void> append_bytes(const Tile& tile, ByteSpan bytes, int level, Bytes& payload) {
+  const ByteLanes lanes(tile);
+  load_bytes(tile, bytes.data(), lanes.values);
+  return append_stack(single_stack(tile, 8), lanes.values, lanes.residuals, false, level, payload);
 }
 
-void store_bytes(const Tile& tile, const LaneValues* values, std::byte* bytes) {
-  const std::size_t columns = tile.columns();
-  for (std::size_t row = 0; row < tile.rows(); ++row)
-    for (std::size_t i = 0; i < columns; ++i)
-      *bytes++ = static_cast<std::byte>(values[row / kLaneCount * columns + i][row % kLaneCount]);
+Result<void> read_bytes(const Tile& tile, ByteSpan& payload, std::span<std::byte> bytes) {
+  const ByteLanes lanes(tile);
+  SLF_TRY(read_stack(single_stack(tile, 8), false, payload, lanes.residuals, lanes.values));
+  store_bytes(tile, lanes.values, bytes.data());
+  return {};
 }
 
 }  // namespace slf::codec

@@ -23,8 +23,12 @@ void load_colors(const Tile& tile, const std::byte* colors, LaneValues* alpha, L
 void store_colors(const Tile& tile, bool clear, const LaneValues* alpha, const LaneValues* color,
                   std::byte* colors);
 
-/// Copies one byte per sample of a tile to `values` [group][column], and back.
-void load_bytes(const Tile& tile, const std::byte* bytes, LaneValues* values);
-void store_bytes(const Tile& tile, const LaneValues* values, std::byte* bytes);
+/// Appends one byte per sample of a tile as a byte stream: depth, or alpha in steps.
+[[nodiscard]] Result<void> append_bytes(const Tile& tile, ByteSpan bytes, int level,
+                                        Bytes& payload);
+
+/// Undoes append_bytes and removes what it read from the front of `payload`; untrusted.
+[[nodiscard]] Result<void> read_bytes(const Tile& tile, ByteSpan& payload,
+                                      std::span<std::byte> bytes);
 
 }  // namespace slf::codec

@@ -46,12 +46,6 @@ class TilePicture {
   std::vector<std::uint8_t> covered_;
 };
 
-/// What the caller predicts of each sample.
-struct Prediction {
-  std::span<const std::uint8_t> alpha, depth;
-  std::span<const std::uint32_t> color;  ///< not multiplied by alpha; R in the lowest byte
-};
-
 /// The quantised blocks of a plane, row by row. Blocks that are not coded are zero.
 using BlockPlane = std::vector<Block>;
 

@@ -1,17 +1,80 @@
 #include "codec/predictive_channels.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
+#include <vector>
 
+#include "base/half.h"
+#include "base/try.h"
 #include "codec/linear_system.h"
+#include "codec/log_colors.h"
+#include "codec/premultiply.h"
+#include "codec/range_coder.h"
 #include "codec/reference_coder.h"
+#include "codec/residual_coder.h"
 
 namespace slf::codec {
 namespace {
 
 constexpr std::int32_t kMaxWeight = 2047;  // in 1/256
 constexpr int kWeightBits = 12;            // of a weight plus kMaxWeight + 1
+
+/// In the order in which they are coded.
+enum TileChannel : std::size_t {
+  kAlphaChannel,
+  kDepthChannel,
+  kGreenChannel,
+  kRedChannel,
+  kBlueChannel
+};
+constexpr std::size_t kTileChannels = 5;
+
+/// The channels of colour, and their positions in RGBA.
+constexpr std::pair<TileChannel, std::size_t> kColors[] = {
+    {kGreenChannel, 1}, {kRedChannel, 0}, {kBlueChannel, 2}};
+
+/// For each channel, the value of each sample of a tile. Depth is 0..255. The others are 0..255 in
+/// rgba8, and ordered_half() of the half float in rgba16f.
+using ChannelValues = std::array<std::vector<std::int32_t>, kTileChannels>;
+
+ChannelValues channels_of(const Tile& tile, ByteSpan samples) {
+  ChannelValues values;
+  for (auto& channel : values) channel.resize(tile.samples());
+  const auto value = [&](std::size_t s, std::size_t c) -> std::int32_t {
+    const std::byte* const at = samples.data() + s * color_bytes(tile.format);
+    return is_half(tile.format) ? ordered_half(load_le<std::uint16_t>(at + 2 * c))
+                                : std::to_integer<std::int32_t>(at[c]);
+  };
+  for (std::size_t s = 0; s < tile.samples(); ++s) {
+    for (const auto& [channel, place] : kColors) values[channel][s] = value(s, place);
+    values[kAlphaChannel][s] = value(s, 3);
+    values[kDepthChannel][s] = std::to_integer<std::int32_t>(samples[tile.color_bytes() + s]);
+  }
+  return values;
+}
+
+void store(const Tile& tile, const ChannelValues& values, std::span<std::byte> samples) {
+  const auto put = [&](std::size_t s, std::size_t c, std::int32_t value) {
+    std::byte* const at = samples.data() + s * color_bytes(tile.format);
+    if (is_half(tile.format))
+      store_le(at + 2 * c, half_of_ordered(value));
+    else
+      at[c] = static_cast<std::byte>(value);
+  };
+  for (std::size_t s = 0; s < tile.samples(); ++s) {
+    for (const auto& [channel, place] : kColors) put(s, place, values[channel][s]);
+    put(s, 3, values[kAlphaChannel][s]);
+    samples[tile.color_bytes() + s] = static_cast<std::byte>(values[kDepthChannel][s]);
+  }
+}
+
+/// The columns next to one in a triangular picture; -1 where there is none.
+struct ColumnNeighbours {
+  enum { W, N, NW, NE, WW, NN, E, S, kCount };
+  std::array<std::int16_t, kCount> at;
+};
 
 std::vector<ColumnNeighbours> find_neighbours(std::uint32_t side) {
   const auto n = static_cast<int>(side);
@@ -38,7 +101,75 @@ std::int32_t predict(std::int32_t base, const std::int32_t* weights, const std::
   return base + static_cast<std::int32_t>(sum >> 8);
 }
 
-}  // namespace
+/// Codes the channels of a tile. Keeps references to its arguments, which must outlive it.
+template <class Coder>
+class ChannelCoder {
+ public:
+  template <class Bytes>
+  ChannelCoder(const PredictiveLevel& level, const Tile& tile, Bytes& payload);
+
+  void references(std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used) {
+    code_references(coder_, used_, kinds, used);
+  }
+  /// Codes all channels. An encoder replaces `values` by those that the decoder will have; a
+  /// decoder's are at first 0.
+  void code(const Prediction& prediction, ChannelValues& values);
+  [[nodiscard]] std::uint8_t alpha_byte(std::int32_t value) const {
+    return half_ ? byte_from_half(half_of_ordered(value)) : static_cast<std::uint8_t>(value);
+  }
+  [[nodiscard]] Coder& coder() { return coder_; }
+
+ private:
+  static constexpr bool kEncodes = std::is_same_v<Coder, RangeEncoder>;
+  /// Most terms of a prediction: 12 of the channel itself, 5 of each channel of colour before it.
+  static constexpr std::size_t kMaxTerms = 22;
+  using Weights = std::array<std::int32_t, kMaxTerms>;
+
+  /// The weights with the least squared error.
+  [[nodiscard]] Weights fit(TileChannel channel, const ChannelValues& predicted,
+                            const ChannelValues& values) const;
+  void code_channel(TileChannel channel, const ChannelValues& predicted, ChannelValues& values);
+
+  /// Whether a sample of the channel is coded; if not, it is 0.
+  [[nodiscard]] bool coded(TileChannel channel, const ChannelValues& values,
+                           std::size_t sample) const {
+    return channel == kAlphaChannel || values[kAlphaChannel][sample] != 0 ||
+           (hidden_ && channel >= kGreenChannel);
+  }
+  [[nodiscard]] std::size_t term_count(TileChannel channel) const {
+    return 12 + (channel > kGreenChannel ? 5 * (channel - kGreenChannel) : 0);
+  }
+  /// The terms of a sample's linear prediction: neighbours and predictions around it, as
+  /// differences from the value predicted for it.
+  void find_terms(TileChannel channel, const ChannelValues& predicted, const ChannelValues& values,
+                  std::size_t row, std::size_t column, std::int32_t* terms) const;
+  [[nodiscard]] std::int32_t step(TileChannel channel) const;
+  /// The neighbourhood of a sample of alpha, if it is flat: all neighbours are 0 or all are opaque.
+  struct FlatNeighbourhood {
+    bool flat = false;
+    std::int32_t value = 0;   ///< of the neighbours
+    std::size_t context = 0;  ///< of the residual
+  };
+  [[nodiscard]] FlatNeighbourhood find_flat(const ChannelValues& predicted,
+                                            const ChannelValues& values, std::size_t row,
+                                            std::size_t column) const;
+  /// A class of the magnitudes of the residuals around a sample, in this channel and in the colour
+  /// channels coded before.
+  [[nodiscard]] std::size_t activity(TileChannel channel, std::size_t row,
+                                     std::size_t column) const;
+
+  const PredictiveLevel& level_;
+  const std::size_t rows_, columns_;
+  const bool half_;
+  const std::int32_t min_value_, max_value_;  // of the channels other than depth
+  const std::int32_t opaque_;                 // the alpha that means opaque
+  bool hidden_ = false;  // whether samples of zero alpha have coded colours, too
+  std::vector<ColumnNeighbours> neighbours_;  // per column
+  std::vector<std::int32_t> errors_;          // per sample: the residual's magnitude
+  std::vector<std::int32_t> color_errors_;    // their sum over the colour channels before
+  LevelModels::Used used_;
+  Coder coder_;
+};
 
 template <class Coder>
 template <class Bytes>
@@ -46,9 +177,10 @@ ChannelCoder<Coder>::ChannelCoder(const PredictiveLevel& level, const Tile& tile
     : level_(level),
       rows_(tile.rows()),
       columns_(tile.columns()),
-      min_value_(is_half(tile.format) ? -0x8000 : 0),
-      max_value_(is_half(tile.format) ? 0x7FFF : 255),
-      opaque_(is_half(tile.format) ? 0x3C00 : 255),
+      half_(is_half(tile.format)),
+      min_value_(half_ ? -0x8000 : 0),
+      max_value_(half_ ? 0x7FFF : 255),
+      opaque_(half_ ? 0x3C00 : 255),
       neighbours_(find_neighbours(tile.side)),
       errors_(rows_ * columns_),
       color_errors_(rows_ * columns_),
@@ -132,9 +264,11 @@ std::size_t ChannelCoder<Coder>::activity(TileChannel channel, std::size_t row,
 }
 
 template <class Coder>
-void ChannelCoder<Coder>::code_channel(TileChannel channel, Weights weights,
-                                       const ChannelValues& predicted, ChannelValues& values) {
+void ChannelCoder<Coder>::code_channel(TileChannel channel, const ChannelValues& predicted,
+                                       ChannelValues& values) {
   const std::size_t terms = term_count(channel);
+  Weights weights{};
+  if constexpr (kEncodes) weights = fit(channel, predicted, values);
   for (std::size_t k = 0; k < terms; ++k) {
     std::int32_t coded = 0;
     for (int bit = kWeightBits - 1; bit >= 0; --bit)
@@ -178,18 +312,10 @@ void ChannelCoder<Coder>::code_channel(TileChannel channel, Weights weights,
     for (std::size_t s = 0; s < errors_.size(); ++s) color_errors_[s] += errors_[s];
 }
 
-ChannelEncoder::ChannelEncoder(const PredictiveLevel& level, const Tile& tile, Bytes& payload)
-    : ChannelCoder(level, tile, payload) {}
-
-void ChannelEncoder::references(std::span<const std::uint8_t> kinds,
-                                std::span<const std::uint8_t> used) {
-  std::vector<std::uint8_t> coded(used.begin(), used.end());
-  code_references(coder_, used_, kinds, coded);
-}
-
-/// The weights with the least squared error.
-ChannelEncoder::Weights ChannelEncoder::fit(TileChannel channel, const ChannelValues& predicted,
-                                            const ChannelValues& values) const {
+template <class Coder>
+typename ChannelCoder<Coder>::Weights ChannelCoder<Coder>::fit(TileChannel channel,
+                                                               const ChannelValues& predicted,
+                                                               const ChannelValues& values) const {
   const std::size_t terms = term_count(channel);
   std::array<std::array<double, kMaxTerms + 1>, kMaxTerms> system{};
   std::array<std::int32_t, kMaxTerms> term;
@@ -219,34 +345,63 @@ ChannelEncoder::Weights ChannelEncoder::fit(TileChannel channel, const ChannelVa
   return weights;
 }
 
-void ChannelEncoder::code(TileChannel channel, const ChannelValues& predicted,
-                          ChannelValues& values) {
-  if (channel == kGreenChannel) {
-    bool hidden = false;
-    for (std::size_t s = 0; s < values[kAlphaChannel].size(); ++s)
-      if (values[kAlphaChannel][s] == 0)
-        for (const auto c : {kGreenChannel, kRedChannel, kBlueChannel}) hidden |= values[c][s] != 0;
-    code_hidden(hidden);
+template <class Coder>
+void ChannelCoder<Coder>::code(const Prediction& prediction, ChannelValues& values) {
+  const std::size_t samples = rows_ * columns_;
+  ChannelValues predicted;
+  for (auto& channel : predicted) channel.resize(samples);
+  for (std::size_t s = 0; s < samples; ++s) {
+    const std::uint8_t alpha = prediction.alpha[s];
+    predicted[kAlphaChannel][s] = half_ ? ordered_half(half_from_byte(alpha)) : alpha;
+    predicted[kDepthChannel][s] = prediction.depth[s];
   }
-  code_channel(channel, fit(channel, predicted, values), predicted, values);
+  code_channel(kAlphaChannel, predicted, values);
+  code_channel(kDepthChannel, predicted, values);
+  bool hidden = false;
+  for (std::size_t s = 0; s < samples; ++s) {
+    const std::int32_t alpha = values[kAlphaChannel][s];
+    for (const auto& [channel, place] : kColors) {
+      const auto full = static_cast<std::uint8_t>(prediction.color[s] >> (8 * place));
+      predicted[channel][s] =
+          half_ ? ordered_half(half_from_log_color(full, half_of_ordered(alpha)))
+                : static_cast<std::int32_t>(premultiplied(full, alpha_byte(alpha)));
+      hidden |= alpha == 0 && values[channel][s] != 0;
+    }
+  }
+  hidden_ = coder_.even_bit(hidden);
+  for (const auto& [channel, place] : kColors) code_channel(channel, predicted, values);
 }
 
-ChannelDecoder::ChannelDecoder(const PredictiveLevel& level, const Tile& tile, ByteSpan payload)
-    : ChannelCoder(level, tile, payload) {}
+}  // namespace
 
-void ChannelDecoder::references(std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used) {
-  code_references(coder_, used_, kinds, used);
+Result<void> encode_channels(const PredictiveLevel& level, const Tile& tile, ByteSpan samples,
+                             Predictor& predictor, Bytes& payload) {
+  ChannelCoder<RangeEncoder> encoder(level, tile, payload);
+  ChannelValues values = channels_of(tile, samples);
+  std::vector<std::uint8_t> alpha, depth;
+  for (std::size_t s = 0; s < tile.samples(); ++s) {
+    alpha.push_back(encoder.alpha_byte(values[kAlphaChannel][s]));
+    depth.push_back(static_cast<std::uint8_t>(values[kDepthChannel][s]));
+  }
+  auto used = SLF_TRY(predictor.choose(alpha, depth));
+  encoder.references(predictor.kinds(), used);
+  const Prediction prediction = SLF_TRY(predictor.predict(used));
+  encoder.code(prediction, values);
+  encoder.coder().finish();
+  return {};
 }
 
-void ChannelDecoder::code(TileChannel channel, const ChannelValues& predicted,
-                          ChannelValues& values) {
-  if (channel == kGreenChannel) code_hidden(false);
-  std::fill(values[channel].begin(), values[channel].end(), 0);
-  code_channel(channel, {}, predicted, values);
-}
-
-Result<void> ChannelDecoder::finish() const {
-  if (coder_.finished()) return {};
+Result<void> decode_channels(const PredictiveLevel& level, const Tile& tile, ByteSpan payload,
+                             Predictor& predictor, std::span<std::byte> samples) {
+  ChannelCoder<RangeDecoder> decoder(level, tile, payload);
+  std::vector<std::uint8_t> used(predictor.kinds().size());
+  decoder.references(predictor.kinds(), used);
+  const Prediction prediction = SLF_TRY(predictor.predict(used));
+  ChannelValues values;
+  for (auto& channel : values) channel.resize(tile.samples());
+  decoder.code(prediction, values);
+  store(tile, values, samples);
+  if (decoder.coder().finished()) return {};
   return fail(ErrorCode::bad_file, "the payload does not end where its content does");
 }
 

@@ -1,16 +1,47 @@
 #include "codec/predictive_codec.h"
 
+#include <bit>
+#include <cassert>
+#include <cstring>
+
+#include "base/try.h"
+#include "codec/predictive_channels.h"
+#include "codec/reference_coder.h"
+#include "codec/scratch.h"
+
 namespace slf::codec {
 namespace {
 
-tl::unexpected<Error> needs_prediction() {
-  return fail(ErrorCode::unsupported, "tiles of a predictive codec are coded by their field");
-}
+/// Predicts a tile of level 0: the same of every sample.
+class Nothing final : public Predictor {
+ public:
+  explicit Nothing(std::size_t samples) : samples_(samples) {}
+
+  unsigned level() const override { return 0; }
+  std::span<const std::uint8_t> kinds() const override { return {}; }
+  Result<std::vector<std::uint8_t>> choose(std::span<const std::uint8_t>,
+                                           std::span<const std::uint8_t>) override {
+    return std::vector<std::uint8_t>();
+  }
+  Result<Prediction> predict(std::span<const std::uint8_t>) override {
+    thread_local std::vector<std::uint8_t> alpha, depth;
+    thread_local std::vector<std::uint32_t> color;
+    alpha.assign(samples_, 0), depth.assign(samples_, 128), color.assign(samples_, 0xFF808080u);
+    return Prediction{alpha, depth, color};
+  }
+
+ private:
+  std::size_t samples_;
+};
 
 }  // namespace
 
-PredictiveCodec::PredictiveCodec(PredictiveSettings settings, PredictiveTables tables)
-    : settings_(settings), tables_(std::move(tables)), bytes_(to_bytes(tables_)) {}
+PredictiveCodec::PredictiveCodec(PredictiveSettings settings, PredictiveTables tables,
+                                 Observer observer)
+    : settings_(settings),
+      tables_(std::move(tables)),
+      bytes_(to_bytes(tables_)),
+      observer_(std::move(observer)) {}
 
 std::string PredictiveCodec::spec() const {
   return "predictive:" + (lossless() ? "lossless" : std::to_string(settings_.quality));
@@ -23,12 +54,81 @@ const TilePicture& PredictiveCodec::picture(const Tile& tile) const {
   return *picture;
 }
 
-Result<void> PredictiveCodec::encode(const Tile&, ByteSpan, Bytes&) const {
-  return needs_prediction();
+std::vector<std::uint8_t> PredictiveCodec::references(const Predictor& predictor,
+                                                      ByteSpan payload) const {
+  std::vector<std::uint8_t> used(predictor.kinds().size());
+  decode_references(tables_.level(predictor.level()), settings_.by_sample(), payload,
+                    predictor.kinds(), used);
+  return used;
 }
 
-Result<void> PredictiveCodec::decode(const Tile&, ByteSpan, std::span<std::byte>) const {
-  return needs_prediction();
+Result<void> PredictiveCodec::encode(const Tile& tile, ByteSpan samples, Predictor* predictor,
+                                     Bytes& payload) const {
+  assert(tile.format == settings_.format && samples.size() == tile.bytes());
+  payload.clear();
+  if (tile.bytes() == 0) return {};
+  Nothing nothing(tile.samples());
+  Predictor& from = predictor ? *predictor : nothing;
+  SLF_TRY(settings_.by_sample()
+              ? encode_channels(tables_.level(from.level()), tile, samples, from, payload)
+              : encode_blocks(tile, samples, from, payload));
+  // A payload of no bytes would mean an empty tile.
+  if (payload.empty()) payload.push_back(std::byte{0});
+  return {};
+}
+
+Result<void> PredictiveCodec::decode(const Tile& tile, ByteSpan payload, Predictor* predictor,
+                                     std::span<std::byte> samples) const {
+  assert(tile.format == settings_.format && samples.size() == tile.bytes());
+  if (tile.bytes() == 0 && payload.empty()) return {};
+  if (tile.bytes() == 0)
+    return fail(ErrorCode::bad_file, "predictive: bytes for a tile without rows");
+  Nothing nothing(tile.samples());
+  Predictor& from = predictor ? *predictor : nothing;
+  return settings_.by_sample()
+             ? decode_channels(tables_.level(from.level()), tile, payload, from, samples)
+             : decode_blocks(tile, payload, from, samples);
+}
+
+Result<void> PredictiveCodec::encode_blocks(const Tile& tile, ByteSpan samples,
+                                            Predictor& predictor, Bytes& payload) const {
+  const std::size_t count = tile.samples();
+  std::vector<std::uint32_t> rgba(count);
+  std::vector<std::uint8_t> alpha(count), depth(count);
+  for (std::size_t s = 0; s < count; ++s) {
+    rgba[s] = load_le<std::uint32_t>(samples.data() + 4 * s);
+    alpha[s] = static_cast<std::uint8_t>(rgba[s] >> 24);
+    depth[s] = std::to_integer<std::uint8_t>(samples[4 * count + s]);
+  }
+  TileSymbols symbols;
+  PredictiveEncoder encoder(tables_.level(predictor.level()), picture(tile), payload);
+  if (observer_) encoder.collect(&symbols);
+  const auto used = SLF_TRY(predictor.choose(alpha, depth));
+  encoder.references(predictor.kinds(), used);
+  const Prediction prediction = SLF_TRY(predictor.predict(used));
+  encoder.encode(prediction, depth, rgba);
+  if (observer_) observer_(symbols);
+  return {};
+}
+
+Result<void> PredictiveCodec::decode_blocks(const Tile& tile, ByteSpan payload,
+                                            Predictor& predictor,
+                                            std::span<std::byte> samples) const {
+  PredictiveDecoder decoder(tables_.level(predictor.level()), picture(tile), payload);
+  std::vector<std::uint8_t> used(predictor.kinds().size());
+  decoder.references(predictor.kinds(), used);
+  // Other tiles may be decoded here, on this thread, so what it keeps is in use only afterwards.
+  const Prediction prediction = SLF_TRY(predictor.predict(used));
+  thread_local Scratch<std::uint32_t> rgba_scratch;  // `samples` may have any alignment
+  const auto rgba = rgba_scratch.take(tile.samples());
+  const auto depths = samples.subspan(tile.color_bytes());
+  SLF_TRY(decoder.decode(prediction,
+                         {reinterpret_cast<std::uint8_t*>(depths.data()), depths.size()}, rgba));
+  if constexpr (std::endian::native == std::endian::little)
+    std::memcpy(samples.data(), rgba.data(), tile.color_bytes());
+  else
+    for (std::size_t s = 0; s < rgba.size(); ++s) store_le(samples.data() + 4 * s, rgba[s]);
+  return {};
 }
 
 }  // namespace slf::codec

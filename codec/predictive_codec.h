@@ -1,7 +1,8 @@
-// PredictiveCodec: the state that all tiles of a field share. Tiles are coded against
-// predictions, which only a field can make: see codec/predictive.h and field/tile_coder.h.
+// PredictiveCodec: codes alpha, depth and colour of a tile as differences from a prediction
+// (FORMAT.md, "The predictive codec"), with a transform or sample by sample.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -14,28 +15,35 @@ namespace slf::codec {
 
 class PredictiveCodec final : public Codec {
  public:
-  PredictiveCodec(PredictiveSettings settings, PredictiveTables tables);
+  using Observer = std::function<void(const TileSymbols&)>;
+
+  /// `observer`, if any, is told the symbols of each tile that is encoded with a transform, on the
+  /// thread that encodes it: for training.
+  PredictiveCodec(PredictiveSettings settings, PredictiveTables tables, Observer observer = {});
 
   [[nodiscard]] std::string spec() const override;
   [[nodiscard]] bool lossless() const override { return settings_.quality == kLosslessQuality; }
+  [[nodiscard]] bool predicts() const override { return true; }
   [[nodiscard]] ByteSpan tables() const override { return bytes_; }
-  [[nodiscard]] const PredictiveCodec* predictive() const override { return this; }
-
-  [[nodiscard]] const PredictiveSettings& settings() const { return settings_; }
-  [[nodiscard]] const PredictiveLevel& level(unsigned index) const { return tables_.level(index); }
-  /// Made on first use and kept. Thread-safe.
-  [[nodiscard]] const TilePicture& picture(const Tile& tile) const;
-
-  /// unsupported: always, because both need a prediction.
-  [[nodiscard]] Result<void> encode(const Tile& tile, ByteSpan samples,
+  [[nodiscard]] std::vector<std::uint8_t> references(const Predictor& predictor,
+                                                     ByteSpan payload) const override;
+  [[nodiscard]] Result<void> encode(const Tile& tile, ByteSpan samples, Predictor* predictor,
                                     Bytes& payload) const override;
-  [[nodiscard]] Result<void> decode(const Tile& tile, ByteSpan payload,
+  [[nodiscard]] Result<void> decode(const Tile& tile, ByteSpan payload, Predictor* predictor,
                                     std::span<std::byte> samples) const override;
 
  private:
+  [[nodiscard]] Result<void> encode_blocks(const Tile& tile, ByteSpan samples, Predictor& predictor,
+                                           Bytes& payload) const;
+  [[nodiscard]] Result<void> decode_blocks(const Tile& tile, ByteSpan payload, Predictor& predictor,
+                                           std::span<std::byte> samples) const;
+  /// Made on first use and kept.
+  [[nodiscard]] const TilePicture& picture(const Tile& tile) const;
+
   PredictiveSettings settings_;
   PredictiveTables tables_;
   Bytes bytes_;
+  Observer observer_;
   mutable std::mutex mutex_;
   mutable std::map<std::pair<std::size_t, std::uint32_t>, std::unique_ptr<TilePicture>> pictures_;
 };

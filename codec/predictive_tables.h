@@ -11,6 +11,7 @@
 #include "base/bytes.h"
 #include "codec/alpha_levels.h"
 #include "codec/block_coder.h"
+#include "codec/prediction.h"
 #include "codec/range_coder.h"
 #include "codec/rans.h"
 #include "slf/error.h"
@@ -31,8 +32,6 @@ struct StepRange {
   [[nodiscard]] std::array<std::int32_t, 64> steps() const;
   friend bool operator==(const StepRange&, const StepRange&) = default;
 };
-
-inline constexpr std::size_t kReferenceKinds = 4;
 
 /// The order of the planes of blocks in a tile, each of which chooses a set of models.
 enum CodedPlane : std::size_t { kSoftAlpha, kDepth, kY, kCb, kCr };

@@ -12,14 +12,15 @@ class RawCodec final : public Codec {
   bool lossless() const override { return true; }
   bool in_place() const override { return true; }
 
-  Result<void> encode(const Tile& tile, ByteSpan samples, Bytes& payload) const override {
+  Result<void> encode(const Tile& tile, ByteSpan samples, Predictor*,
+                      Bytes& payload) const override {
     assert(samples.size() == tile.bytes());
     (void)tile;
     payload.assign(samples.begin(), samples.end());
     return {};
   }
 
-  Result<void> decode(const Tile& tile, ByteSpan payload,
+  Result<void> decode(const Tile& tile, ByteSpan payload, Predictor*,
                       std::span<std::byte> samples) const override {
     assert(samples.size() == tile.bytes());
     if (payload.size() != tile.bytes())

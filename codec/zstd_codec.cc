@@ -4,7 +4,6 @@
 #include <cassert>
 
 #include "base/try.h"
-#include "codec/alpha_coder.h"
 #include "codec/byte_streams.h"
 #include "codec/lane_samples.h"
 #include "codec/lanes.h"
@@ -14,9 +13,8 @@
 namespace slf::codec {
 namespace {
 
-// The first byte of a payload.
-constexpr std::uint8_t kFlagKeepsClear = 1;  // colour is stored where alpha is 0, too
-constexpr std::uint8_t kFlagLinear = 2;      // weights follow
+// The first byte of a payload: whether colour is stored where alpha is 0, too.
+constexpr std::uint8_t kKeepsClear = 1;
 
 class ZstdCodec final : public Codec {
  public:
@@ -25,8 +23,9 @@ class ZstdCodec final : public Codec {
   std::string spec() const override { return "zstd:" + std::to_string(level_); }
   bool lossless() const override { return true; }
 
-  Result<void> encode(const Tile& tile, ByteSpan samples, Bytes& payload) const override;
-  Result<void> decode(const Tile& tile, ByteSpan payload,
+  Result<void> encode(const Tile& tile, ByteSpan samples, Predictor*,
+                      Bytes& payload) const override;
+  Result<void> decode(const Tile& tile, ByteSpan payload, Predictor*,
                       std::span<std::byte> samples) const override;
 
  private:
@@ -37,9 +36,8 @@ class ZstdCodec final : public Codec {
 // A tile in lanes; each thread keeps one.
 struct Workspace {
   Scratch<LaneValues> alpha_scratch, color_scratch, residual_scratch;
-  Scratch<std::byte> byte_scratch;
   LaneValues* alpha = nullptr;      // [group][column]
-  LaneValues* color = nullptr;      // [group][channel][column]; or depth, [group][column]
+  LaneValues* color = nullptr;      // [group][channel][column]
   LaneValues* residuals = nullptr;  // as color
 
   void size_for(const Tile& tile) {
@@ -50,27 +48,8 @@ struct Workspace {
   }
 };
 
-std::span<std::uint8_t> as_numbers(std::span<std::byte> bytes) {
-  return {reinterpret_cast<std::uint8_t*>(bytes.data()), bytes.size()};
-}
-
-// Alpha of 8 bits has a coder of its own; that of halves is coded in lanes like other channels.
-Result<void> append_alpha_of(const Tile& tile, Workspace& work, int level, Bytes& payload) {
-  if (is_half(tile.format))
-    return append_stack(single_stack(tile, 16), work.alpha, work.residuals, false, level, payload);
-  const auto bytes = work.byte_scratch.take(tile.samples());
-  store_bytes(tile, work.alpha, bytes.data());
-  return append_alpha(as_numbers(bytes), tile.side, 255, payload);
-}
-
-Result<void> read_alpha_of(const Tile& tile, Workspace& work, ByteSpan& payload) {
-  if (is_half(tile.format))
-    return read_stack(single_stack(tile, 16), false, payload, work.residuals, work.alpha);
-  const auto bytes = work.byte_scratch.take(tile.samples());
-  SLF_TRY(read_alpha(payload, tile.side, 255, as_numbers(bytes)));
-  load_bytes(tile, bytes.data(), work.alpha);
-  return {};
-}
+// Alpha, which the samples that are left out of the colours depend on.
+LaneStack alpha_stack(const Tile& tile) { return single_stack(tile, value_bits(tile.format)); }
 
 // Whether all samples of zero alpha are 0 in every channel, so that they need not be stored.
 bool clear_is_zero(const LaneValues* alpha, const Tile& tile, ByteSpan colors) {
@@ -124,10 +103,9 @@ Result<void> append_colors(const Tile& tile, ByteSpan colors, int level, Workspa
       tile, {tile.side, value_bits(tile.format), predictors}, keeps_clear ? nullptr : work.alpha};
   const bool bytes = !is_half(tile.format);
   if (bytes) fit_predictors(stack, work.color, predictors);
-  payload.push_back(
-      static_cast<std::byte>((keeps_clear ? kFlagKeepsClear : 0) | (bytes ? kFlagLinear : 0)));
+  payload.push_back(static_cast<std::byte>(keeps_clear ? kKeepsClear : 0));
   if (bytes) append_weights(predictors, payload);
-  SLF_TRY(append_alpha_of(tile, work, level, payload));
+  SLF_TRY(append_stack(alpha_stack(tile), work.alpha, work.residuals, false, level, payload));
   // R and B of 8 bits share a stream; every other channel has its own.
   return append_stack(stack, work.color, work.residuals, bytes, level, payload);
 }
@@ -135,15 +113,14 @@ Result<void> append_colors(const Tile& tile, ByteSpan colors, int level, Workspa
 Result<void> read_colors(const Tile& tile, ByteSpan& payload, Workspace& work,
                          std::span<std::byte> colors) {
   if (payload.empty()) return fail(ErrorCode::bad_file, "zstd: the tile is cut short");
-  const auto flags = std::to_integer<std::uint8_t>(payload[0]);
-  const bool keeps_clear = flags & kFlagKeepsClear, linear = flags & kFlagLinear;
+  const auto flag = std::to_integer<std::uint8_t>(payload[0]);
+  const bool keeps_clear = flag == kKeepsClear;
   payload = payload.subspan(1);
   const bool bytes = !is_half(tile.format);
   ChannelPredictor predictors[kColorChannels];
-  if (flags > (kFlagKeepsClear | kFlagLinear) || (linear && !bytes) ||
-      (linear && !read_weights(payload, predictors)))
+  if (flag > kKeepsClear || (bytes && !read_weights(payload, predictors)))
     return fail(ErrorCode::bad_file, "zstd: the tile's header is damaged");
-  SLF_TRY(read_alpha_of(tile, work, payload));
+  SLF_TRY(read_stack(alpha_stack(tile), false, payload, work.residuals, work.alpha));
   const LaneStack stack{
       tile, {tile.side, value_bits(tile.format), predictors}, keeps_clear ? nullptr : work.alpha};
   SLF_TRY(read_stack(stack, bytes, payload, work.residuals, work.color));
@@ -151,7 +128,8 @@ Result<void> read_colors(const Tile& tile, ByteSpan& payload, Workspace& work,
   return {};
 }
 
-Result<void> ZstdCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payload) const {
+Result<void> ZstdCodec::encode(const Tile& tile, ByteSpan samples, Predictor*,
+                               Bytes& payload) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   payload.clear();
   if (tile.bytes() == 0) return {};
@@ -159,11 +137,10 @@ Result<void> ZstdCodec::encode(const Tile& tile, ByteSpan samples, Bytes& payloa
   work.size_for(tile);
   SLF_TRY(append_colors(tile, samples.first(tile.color_bytes()), level_, work, payload));
   if (!has_depth(format_)) return {};
-  load_bytes(tile, samples.data() + tile.color_bytes(), work.color);
-  return append_stack(single_stack(tile, 8), work.color, work.residuals, false, level_, payload);
+  return append_bytes(tile, samples.subspan(tile.color_bytes()), level_, payload);
 }
 
-Result<void> ZstdCodec::decode(const Tile& tile, ByteSpan payload,
+Result<void> ZstdCodec::decode(const Tile& tile, ByteSpan payload, Predictor*,
                                std::span<std::byte> samples) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};
@@ -171,10 +148,7 @@ Result<void> ZstdCodec::decode(const Tile& tile, ByteSpan payload,
   thread_local Workspace work;
   work.size_for(tile);
   SLF_TRY(read_colors(tile, payload, work, samples.first(tile.color_bytes())));
-  if (has_depth(format_)) {
-    SLF_TRY(read_stack(single_stack(tile, 8), false, payload, work.residuals, work.color));
-    store_bytes(tile, work.color, samples.data() + tile.color_bytes());
-  }
+  if (has_depth(format_)) SLF_TRY(read_bytes(tile, payload, samples.subspan(tile.color_bytes())));
   if (payload.empty()) return {};
   return fail(ErrorCode::bad_file, "zstd: ", payload.size(), " bytes too many");
 }

@@ -22,34 +22,19 @@ constexpr Parameters kEntropyOnly = {{ZSTD_c_strategy, ZSTD_fast},
                                      {ZSTD_c_minMatch, 7},
                                      {ZSTD_c_targetLength, 0}};
 
-// Appends one frame of all parts, with at least one block per part. zstd chooses the parameters
-// that are not given.
-Result<void> append_frame(std::span<const ByteSpan> parts, Parameters parameters, Bytes& to) {
+// Appends a frame. zstd chooses the parameters that are not given.
+Result<void> append_frame(ByteSpan stream, Parameters parameters, Bytes& to) {
   thread_local const std::unique_ptr<ZSTD_CCtx, FreeContext> context(ZSTD_createCCtx());
   if (!context) return fail(ErrorCode::out_of_memory, "zstd: out of memory");
   ZSTD_CCtx_reset(context.get(), ZSTD_reset_session_and_parameters);
   for (const auto& [parameter, value] : parameters)
     ZSTD_CCtx_setParameter(context.get(), parameter, value);
-  std::size_t total = 0, bound = 0;
-  for (const ByteSpan part : parts) {
-    total += part.size();
-    bound += ZSTD_compressBound(part.size());
-  }
-  ZSTD_CCtx_setPledgedSrcSize(context.get(), total);
-  const std::size_t begin = to.size();
+  const std::size_t begin = to.size(), bound = ZSTD_compressBound(stream.size());
   to.resize(begin + bound);
-  ZSTD_outBuffer out{to.data() + begin, bound, 0};
-  for (const ByteSpan part : parts) {
-    if (part.empty()) continue;
-    const bool last = total == part.size();
-    total -= part.size();
-    ZSTD_inBuffer in{part.data(), part.size(), 0};
-    const std::size_t left =
-        ZSTD_compressStream2(context.get(), &out, &in, last ? ZSTD_e_end : ZSTD_e_flush);
-    if (ZSTD_isError(left)) return fail(ErrorCode::failed, "zstd: ", ZSTD_getErrorName(left));
-    if (left > 0) return fail(ErrorCode::failed, "zstd: its bound is too small");
-  }
-  to.resize(begin + out.pos);
+  const std::size_t size =
+      ZSTD_compress2(context.get(), to.data() + begin, bound, stream.data(), stream.size());
+  if (ZSTD_isError(size)) return fail(ErrorCode::failed, "zstd: ", ZSTD_getErrorName(size));
+  to.resize(begin + size);
   return {};
 }
 
@@ -58,22 +43,16 @@ Result<void> append_frame(std::span<const ByteSpan> parts, Parameters parameters
 Result<void> append_stream(ByteSpan stream, int level, Bytes& to) {
   if (stream.empty()) return {};
   const std::size_t begin = to.size();
-  if (auto done = append_frame({&stream, 1}, kEntropyOnly, to); !done) return done;
+  if (auto done = append_frame(stream, kEntropyOnly, to); !done) return done;
   // A stream of more than 3 bits per byte has no matches worth coding.
   const std::size_t entropy_size = to.size() - begin;
   if (entropy_size > stream.size() * 3 / 8) return {};
   Bytes matched;
-  if (auto done = append_frame({&stream, 1}, {{ZSTD_c_compressionLevel, level}}, matched); !done)
+  if (auto done = append_frame(stream, {{ZSTD_c_compressionLevel, level}}, matched); !done)
     return done;
   if (matched.size() >= entropy_size) return {};
   to.resize(begin);
   to.insert(to.end(), matched.begin(), matched.end());
-  return {};
-}
-
-Result<void> append_parts(std::span<const ByteSpan> parts, Bytes& to) {
-  for (const ByteSpan part : parts)
-    if (!part.empty()) return append_frame(parts, kEntropyOnly, to);
   return {};
 }
 

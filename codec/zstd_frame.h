@@ -12,10 +12,6 @@ namespace slf::codec {
 /// empty stream appends nothing.
 [[nodiscard]] Result<void> append_stream(ByteSpan stream, int level, Bytes& to);
 
-/// Appends all parts as one frame, with an entropy code for each part. Appends nothing if all are
-/// empty.
-[[nodiscard]] Result<void> append_parts(std::span<const ByteSpan> parts, Bytes& to);
-
 /// Decompresses the frame at the start of `bytes` into exactly stream.size() bytes and removes it
 /// from `bytes`; untrusted. bad_file: the frame is damaged or has another size.
 [[nodiscard]] Result<void> read_stream(ByteSpan& bytes, std::span<std::byte> stream);

@@ -1,6 +1,6 @@
-// TileCoder: codes the tiles of a field with its codec. If that is predictive, a tile of level l >
-// 0 is coded as the difference from a prediction. The prediction is made from its references,
-// decoded tiles of level l - 1 that its payload names (FORMAT.md, "The predictive codec").
+// TileCoder: codes the tiles of a field with its codec. If that predicts, it makes the predictions
+// of tiles of level l > 0 from their references, decoded tiles of level l - 1 that their payloads
+// name (FORMAT.md, "The predictive codec").
 //
 // Thread-safety: immutable.
 #pragma once
@@ -10,7 +10,7 @@
 #include <span>
 #include <vector>
 
-#include "codec/predictive_codec.h"
+#include "codec/codec.h"
 #include "field/geometry/level_geometry.h"
 #include "slf/error.h"
 #include "slf/shape.h"
@@ -36,7 +36,7 @@ class TileCoder {
   }
 
   /// Whether tiles are predicted from coarser ones.
-  [[nodiscard]] bool predicts() const { return predictive_ != nullptr; }
+  [[nodiscard]] bool predicts() const { return codec_.predicts(); }
 
   /// The tiles that an untrusted payload refers to, in the order in which decode() requests them.
   /// The field may not have such a tile.
@@ -49,17 +49,15 @@ class TileCoder {
 
   /// Encodes samples and replaces `payload`. Refers to the tiles that predict enough of the samples
   /// and that `source` has; an error `tile_missing` of the source means that it lacks a tile.
-  /// `symbols`, if not null, gets those of the tile, for training.
   [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples, const ReferenceSource& source,
-                                    Bytes& payload, codec::TileSymbols* symbols = nullptr) const;
+                                    Bytes& payload) const;
 
  private:
-  struct Work;
+  class Predictor;
 
   const FieldShape shape_;
   const SampleFormat format_;
   const codec::Codec& codec_;
-  const codec::PredictiveCodec* const predictive_ = codec_.predictive();
   Geometries geometries_;
 };
 

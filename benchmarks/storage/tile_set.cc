@@ -48,7 +48,7 @@ Bytes picture(const codec::Tile& tile, std::uint64_t seed) {
 
 Bytes encode(const codec::Codec& codec, const codec::Tile& tile, std::uint64_t seed) {
   Bytes payload;
-  expect(codec.encode(tile, picture(tile, seed), payload));
+  expect(codec.encode(tile, picture(tile, seed), nullptr, payload));
   return payload;
 }
 
@@ -67,7 +67,7 @@ bool TileSet::jpeg_color() const {
 
 void TileSet::decode(std::size_t tile, ByteSpan payload, Bytes& samples) const {
   samples.resize(shapes[tile].bytes());
-  expect(codec->decode(shapes[tile], payload, samples));
+  expect(codec->decode(shapes[tile], payload, nullptr, samples));
 }
 
 TileSet tiles_of_field(const std::string& path, std::size_t max_tiles) {

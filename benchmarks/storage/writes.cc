@@ -53,7 +53,7 @@ void encode_alone(const Work& work, unsigned threads) {
   expect(on_threads(threads, [&] {
     Bytes payload;
     for (std::uint64_t i; (i = next.fetch_add(1)) < work.set.size();)
-      expect(work.set.codec->encode(work.set.shapes[i], work.samples[i], payload));
+      expect(work.set.codec->encode(work.set.shapes[i], work.samples[i], nullptr, payload));
   }));
 }
 
@@ -62,7 +62,7 @@ void encode_and_store(const Work& work, unsigned threads, const std::string& pat
   auto writer = expect(storage::TileWriter::create(path, {}));
   const auto encode = [&](std::uint64_t i) -> Result<Bytes> {
     Bytes payload;
-    expect(work.set.codec->encode(work.set.shapes[i], work.samples[i], payload));
+    expect(work.set.codec->encode(work.set.shapes[i], work.samples[i], nullptr, payload));
     return payload;
   };
   const auto append = [&](std::uint64_t i, Bytes payload) -> Result<void> {
@@ -91,7 +91,7 @@ void recode_alone(const Field& field, const codec::Codec& codec, unsigned thread
       const codec::Tile shape = field.file().tile_shape(tiles[i].key);
       samples.resize(shape.bytes());
       expect(cache.read(tiles[i], samples));
-      expect(codec.encode(shape, samples, payload));
+      expect(codec.encode(shape, samples, nullptr, payload));
     }
   }));
 }

@@ -282,10 +282,6 @@ Result<void> append_stream(ByteSpan, int, Bytes&) {
   return fail(ErrorCode::unsupported, "zstd: this program only decodes");
 }
 
-Result<void> append_parts(std::span<const ByteSpan>, Bytes&) {
-  return fail(ErrorCode::unsupported, "zstd: this program only decodes");
-}
-
 Result<void> read_stream(ByteSpan& bytes, std::span<std::byte> stream) {
   if (stream.empty()) return {};
   const auto decoder = std::make_unique<FrameDecoder>(stream);  // large for a stack

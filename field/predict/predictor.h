@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "codec/predictive.h"
+#include "codec/prediction.h"
 #include "field/predict/prediction_kernel.h"
 #include "field/predict/references.h"
 

@@ -219,7 +219,7 @@ struct BuildJob {
     if (traced.empty) return encoded;
     const auto reader = coarser.get();
     SLF_TRY(reader ? reader->cache().encode(key, traced.samples, encoded.payload)
-                   : codec.encode(tracer.shape(key), traced.samples, encoded.payload));
+                   : codec.encode(tracer.shape(key), traced.samples, nullptr, encoded.payload));
     return encoded;
   }
 

@@ -42,7 +42,7 @@ Result<RecodedTile> recode(TileCache& tiles, TileCache* coarser, const RepackPla
     return RecodedTile{};
   if (ok)
     ok = coarser ? coarser->encode(key, samples, tile.payload)
-                 : plan.codec->encode(plan.tile_shape(field, key), samples, tile.payload);
+                 : plan.codec->encode(plan.tile_shape(field, key), samples, nullptr, tile.payload);
   if (!ok) return tl::unexpected(ok.error());
   return tile;
 }

@@ -55,9 +55,9 @@ TEST_P(Golden, TilesEncodeAndDecodeAsEver) {
   ASSERT_TRUE(codec) << codec.error().message;
   const SampleTile sample = make_tile(GetParam().format, 18, 5, GetParam().content);
   Bytes payload;
-  ASSERT_TRUE((*codec)->encode(sample.tile, sample.samples, payload));
+  ASSERT_TRUE((*codec)->encode(sample.tile, sample.samples, nullptr, payload));
   Bytes decoded(sample.tile.bytes());
-  ASSERT_TRUE((*codec)->decode(sample.tile, payload, decoded));
+  ASSERT_TRUE((*codec)->decode(sample.tile, payload, nullptr, decoded));
 
   const std::string base = std::string(SLF_TEST_DATA) + "/codec/" +
                            golden_name(::testing::TestParamInfo<Case>(GetParam(), 0));
@@ -75,7 +75,7 @@ TEST_P(Golden, TilesEncodeAndDecodeAsEver) {
     EXPECT_EQ(payload, golden);
   }
   Bytes from_golden(sample.tile.bytes());
-  ASSERT_TRUE((*codec)->decode(sample.tile, golden, from_golden));
+  ASSERT_TRUE((*codec)->decode(sample.tile, golden, nullptr, from_golden));
   EXPECT_EQ(from_golden, read(base + ".samples"));
 }
 

@@ -6,44 +6,42 @@
 #include <algorithm>
 #include <vector>
 
-#include "codec/alpha_coder.h"
 #include "codec/fill.h"
 #include "codec/jpeg_tables.h"
+#include "codec/lane_samples.h"
 #include "codec/lanes.h"
+#include "tests/codec/sample_tiles.h"
 #include "tests/instruction_set.h"
 
 namespace slf::codec {
 namespace {
 
-RC_GTEST_PROP(AlphaCoder, GivesBackFlatAreasWithNoise, ()) {
+RC_GTEST_PROP(ByteStreams, GiveBackFlatAreasWithNoise, ()) {
   const auto side = *rc::gen::inRange<std::uint32_t>(0, 12);
-  const auto pictures = *rc::gen::inRange<std::size_t>(1, 5);
-  const std::size_t columns = std::size_t{side + 1} * (side + 2) / 2;
-  std::vector<std::uint8_t> alpha(pictures * columns);
-  // Long runs of few values, so that gaps, breaks and edges all occur.
-  const auto values = *rc::gen::container<std::vector<std::uint8_t>>(
-      rc::gen::element<std::uint8_t>(0, 0, 0, 255, 255, 7, 128));
-  std::size_t next = 0;
-  for (std::size_t i = 0; i < alpha.size() && !values.empty(); ++i) {
-    alpha[i] = values[next % values.size()];
-    if (i % 5 == alpha[i] % 5u) ++next;
-  }
+  const auto pictures = *rc::gen::inRange<std::size_t>(1, 40);
+  const SampleTile sample = make_tile(SampleFormat::rgba8, pictures, side, Content::zero);
+  Bytes alpha(sample.tile.samples());
+  const auto values =
+      *rc::gen::container<std::vector<std::uint8_t>>(rc::gen::element<std::uint8_t>(0, 255, 7));
+  for (std::size_t i = 0; i < alpha.size() && !values.empty(); ++i)
+    alpha[i] = static_cast<std::byte>(values[i / 7 % values.size()]);
   Bytes payload;
-  RC_ASSERT(append_alpha(alpha, side, 255, payload).has_value());
+  RC_ASSERT(append_bytes(sample.tile, alpha, 9, payload).has_value());
   payload.push_back(std::byte{42});
   ByteSpan rest = payload;
-  std::vector<std::uint8_t> back(alpha.size());
-  RC_ASSERT(read_alpha(rest, side, 255, back).has_value());
+  Bytes back(alpha.size());
+  RC_ASSERT(read_bytes(sample.tile, rest, back).has_value());
   RC_ASSERT(back == alpha);
   RC_ASSERT(rest.size() == 1u);
 }
 
-TEST(AlphaCoder, SpendsNextToNothingOnFlatAlpha) {
-  for (const std::uint8_t value : {0, 255}) {
-    const std::vector<std::uint8_t> alpha(45 * 561, value);
+TEST(ByteStreams, SpendNextToNothingOnFlatAlpha) {
+  const SampleTile sample = make_tile(SampleFormat::rgba8, 45, 32, Content::zero);
+  for (const std::byte value : {std::byte{0}, std::byte{255}}) {
+    const Bytes alpha(sample.tile.samples(), value);
     Bytes payload;
-    ASSERT_TRUE(append_alpha(alpha, 32, 255, payload));
-    EXPECT_LE(payload.size(), 32u);
+    ASSERT_TRUE(append_bytes(sample.tile, alpha, 9, payload));
+    EXPECT_LE(payload.size(), 64u);
   }
 }
 

@@ -9,11 +9,9 @@
 // The portable definitions, under names of their own.
 #define read_stream portable_read_stream
 #define append_stream portable_append_stream
-#define append_parts portable_append_parts
 #include "codec/portable/zstd_frame.cc"
 #undef read_stream
 #undef append_stream
-#undef append_parts
 
 namespace slf::codec {
 namespace {

@@ -1,176 +1,163 @@
-#include "codec/predictive_channels.h"
-
+// Tiles that the predictive codec codes sample by sample.
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <random>
 
 #include "base/half.h"
+#include "codec/predictive_channels.h"
+#include "codec/predictive_codec.h"
 #include "tests/codec/sample_tiles.h"
 
 namespace slf::codec {
 namespace {
 
-constexpr TileChannel kInOrder[] = {kAlphaChannel, kDepthChannel, kGreenChannel, kRedChannel,
-                                    kBlueChannel};
+constexpr SampleFormat kFormats[] = {SampleFormat::rgba8_depth8, SampleFormat::rgba16f_depth8};
 
-/// A ball in front of nothing, and a prediction of it that is off by up to `noise`.
+/// Predicts 8-bit samples, off by up to `noise`, from the first and the last of four candidates.
+class NoisyPredictor final : public Predictor {
+ public:
+  NoisyPredictor(const SampleTile& like, int noise) {
+    std::mt19937 random(1);
+    const auto near = [&](std::byte value) {
+      const int off = noise == 0 ? 0 : static_cast<int>(random() % (2u * noise + 1)) - noise;
+      return static_cast<std::uint8_t>(std::clamp(std::to_integer<int>(value) + off, 0, 255));
+    };
+    const std::size_t count = like.tile.samples();
+    for (std::size_t s = 0; s < count; ++s) {
+      const std::byte* const at = &like.samples[4 * s];
+      alpha_.push_back(std::to_integer<std::uint8_t>(at[3]));
+      depth_.push_back(near(like.samples[4 * count + s]));
+      color_.push_back(near(at[0]) | std::uint32_t{near(at[1])} << 8 |
+                       std::uint32_t{near(at[2])} << 16 | 0xFF000000u);
+    }
+  }
+
+  unsigned level() const override { return 1; }
+  std::span<const std::uint8_t> kinds() const override { return kKinds; }
+  Result<std::vector<std::uint8_t>> choose(std::span<const std::uint8_t>,
+                                           std::span<const std::uint8_t>) override {
+    return kUsed;
+  }
+  Result<Prediction> predict(std::span<const std::uint8_t> used) override {
+    if (!std::ranges::equal(used, kUsed)) return fail(ErrorCode::bad_file, "other candidates");
+    return Prediction{alpha_, depth_, color_};
+  }
+
+ private:
+  static constexpr std::uint8_t kKinds[] = {0, 1, 2, 3};
+  const std::vector<std::uint8_t> kUsed{1, 0, 0, 1};
+  std::vector<std::uint8_t> alpha_, depth_;
+  std::vector<std::uint32_t> color_;
+};
+
+PredictiveCodec make(int quality, SampleFormat format) {
+  const PredictiveSettings settings{quality, format};
+  return {settings, predictive_tables(settings, 1)};
+}
+
+/// A tile with noise around `content` predicted.
 struct Picture {
-  ChannelValues values, predicted;
+  SampleTile sample;
+  NoisyPredictor predictor;
 
-  Picture(const Tile& tile, int noise, std::uint32_t seed = 1) {
-    std::mt19937 random(seed);
-    const bool half = is_half(tile.format);
-    const std::int32_t opaque = half ? 0x3C00 : 255, scale = half ? 64 : 1;
-    for (std::size_t row = 0; row < tile.rows(); ++row)
-      for (std::uint32_t q = 0; q <= tile.side; ++q)
-        for (std::uint32_t p = 0; p + q <= tile.side; ++p) {
-          const double x = p + 0.3 * static_cast<double>(row), y = q, n = tile.side + 1;
-          const double inside = 0.4 * n - std::hypot(x - 0.4 * n, y - 0.3 * n);
-          const auto alpha = static_cast<std::int32_t>(std::clamp(inside, 0., 1.) * opaque);
-          const auto wave = static_cast<std::int32_t>(100 + 80 * std::sin(0.4 * x + 0.3 * y));
-          const auto put = [&](TileChannel c, std::int32_t value, std::int32_t near, int off) {
-            values[c].push_back(alpha == 0 ? 0 : value);
-            const int by = off == 0 ? 0 : static_cast<int>(random() % (2u * off + 1)) - off;
-            predicted[c].push_back(near + by);
-          };
-          put(kAlphaChannel, alpha, alpha, 0);
-          put(kDepthChannel, wave / 2, wave / 2, noise);
-          for (const TileChannel c : {kGreenChannel, kRedChannel, kBlueChannel})
-            put(c, scale * wave, scale * wave, scale * noise);
-        }
+  Picture(SampleFormat format, std::size_t rows, std::uint32_t side, int noise,
+          Content content = Content::disc)
+      : sample(make_tile(format, rows, side, content)),
+        predictor(make_tile(SampleFormat::rgba8_depth8, rows, side, Content::disc), noise) {
+    // Depth is not kept where nothing is visible; colour is.
+    const Tile& tile = sample.tile;
+    const std::size_t bytes = color_bytes(format), alpha = bytes / 4;
+    for (std::size_t s = 0; s < tile.samples(); ++s) {
+      std::byte* const at = &sample.samples[s * bytes];
+      if (content == Content::noise && s % 3 == 0)
+        std::fill(at + bytes - alpha, at + bytes, std::byte{0});
+      if (std::all_of(at + bytes - alpha, at + bytes, [](auto b) { return b == std::byte{0}; }))
+        sample.samples[tile.color_bytes() + s] = std::byte{0};
+    }
+  }
+  Bytes encode(const Codec& codec) {
+    Bytes payload;
+    EXPECT_TRUE(codec.encode(sample.tile, sample.samples, &predictor, payload));
+    return payload;
+  }
+  /// Whether the payload is accepted.
+  bool decode(const Codec& codec, ByteSpan payload, Bytes& samples) {
+    samples.assign(sample.tile.bytes(), std::byte{77});
+    return codec.decode(sample.tile, payload, &predictor, samples).has_value();
   }
 };
 
-PredictiveLevel level_of(int quality, SampleFormat format) {
-  return predictive_tables({quality, format}, 0).level(0);
-}
-
-/// What the decoder will have goes to `coded`.
-Bytes encode(const PredictiveLevel& level, const Tile& tile, const Picture& picture,
-             ChannelValues& coded) {
-  Bytes payload;
-  ChannelEncoder encoder(level, tile, payload);
-  const std::vector<std::uint8_t> kinds{0, 1, 2, 3}, used{1, 0, 0, 1};
-  encoder.references(kinds, used);
-  coded = picture.values;
-  for (const TileChannel channel : kInOrder) encoder.code(channel, picture.predicted, coded);
-  encoder.finish();
-  return payload;
-}
-
-bool decode(const PredictiveLevel& level, const Tile& tile, const Picture& picture,
-            ByteSpan payload, ChannelValues& values) {
-  ChannelDecoder decoder(level, tile, payload);
-  const std::vector<std::uint8_t> kinds{0, 1, 2, 3};
-  std::vector<std::uint8_t> used(4);
-  decoder.references(kinds, used);
-  for (auto& channel : values) channel.assign(picture.values[0].size(), 77);
-  for (const TileChannel channel : kInOrder) decoder.code(channel, picture.predicted, values);
-  return decoder.finish() && used == std::vector<std::uint8_t>{1, 0, 0, 1};
-}
-
-SampleTile shape(SampleFormat format, std::size_t rows, std::uint32_t side) {
-  return make_tile(format, rows, side, Content::zero);
-}
-
 TEST(PredictiveChannels, LosslessIsExact) {
-  for (const auto format : {SampleFormat::rgba8_depth8, SampleFormat::rgba16f_depth8})
-    for (const std::size_t rows : {1, 2, 7, 45})
-      for (const std::uint32_t side : {1, 4, 32}) {
-        const SampleTile sample = shape(format, rows, side);
-        const Picture picture(sample.tile, 9);
-        const PredictiveLevel level = level_of(kLosslessQuality, format);
-        ChannelValues coded, back;
-        const Bytes payload = encode(level, sample.tile, picture, coded);
-        EXPECT_EQ(coded, picture.values);
-        ASSERT_TRUE(decode(level, sample.tile, picture, payload, back));
-        EXPECT_EQ(back, picture.values) << name(format) << ", " << rows << " rows, side " << side;
-      }
+  for (const auto format : kFormats)
+    for (const auto content : {Content::disc, Content::noise})
+      for (const std::size_t rows : {1, 2, 7, 45})
+        for (const std::uint32_t side : {1, 4, 32}) {
+          Picture picture(format, rows, side, 9, content);
+          const auto codec = make(kLosslessQuality, format);
+          Bytes back;
+          ASSERT_TRUE(picture.decode(codec, picture.encode(codec), back));
+          EXPECT_EQ(back, picture.sample.samples)
+              << name(format) << ", " << rows << " rows, side " << side;
+        }
 }
 
-TEST(PredictiveChannels, AnyValuesSurvive) {
-  std::mt19937 random(2);
-  for (const auto format : {SampleFormat::rgba8_depth8, SampleFormat::rgba16f_depth8}) {
-    const SampleTile sample = shape(format, 5, 8);
-    Picture picture(sample.tile, 3);
-    const bool half = is_half(format);
-    for (const TileChannel c : kInOrder)
-      for (std::int32_t& value : picture.values[c]) {
-        const auto any = static_cast<std::uint16_t>(random());
-        value = half && c != kDepthChannel ? ordered_half(any) : any & 255;
-        if (c == kDepthChannel && picture.values[kAlphaChannel][0] == 0) value = 0;
-      }
-    // Depth is not kept where nothing is visible; colour is.
-    for (std::size_t s = 0; s < picture.values[0].size(); s += 3) {
-      picture.values[kAlphaChannel][s] = 0;
-      picture.values[kDepthChannel][s] = 0;
-    }
-    for (std::size_t s = 0; s < picture.values[0].size(); ++s)
-      if (picture.values[kAlphaChannel][s] == 0) picture.values[kDepthChannel][s] = 0;
-    const PredictiveLevel level = level_of(kLosslessQuality, format);
-    ChannelValues coded, back;
-    const Bytes payload = encode(level, sample.tile, picture, coded);
-    ASSERT_TRUE(decode(level, sample.tile, picture, payload, back));
-    EXPECT_EQ(back, picture.values) << name(format);
+TEST(PredictiveChannels, PayloadsNameTheChosenCandidates) {
+  for (const auto format : kFormats) {
+    Picture picture(format, 3, 5, 9);
+    const auto codec = make(kLosslessQuality, format);
+    EXPECT_EQ(codec.references(picture.predictor, picture.encode(codec)),
+              (std::vector<std::uint8_t>{1, 0, 0, 1}));
   }
 }
 
 TEST(PredictiveChannels, HalfFloatsStayWithinHalfAStep) {
-  const SampleTile sample = shape(SampleFormat::rgba16f_depth8, 21, 16);
-  const Picture picture(sample.tile, 9);
+  constexpr SampleFormat kHalf = SampleFormat::rgba16f_depth8;
+  Picture picture(kHalf, 21, 16, 9);
+  const Bytes& samples = picture.sample.samples;
   std::size_t bytes = 1 << 30;
   for (const int quality : {95, 90, 60, 20}) {
-    const PredictiveLevel level = level_of(quality, SampleFormat::rgba16f_depth8);
-    ChannelValues coded, back;
-    const Bytes payload = encode(level, sample.tile, picture, coded);
-    ASSERT_TRUE(decode(level, sample.tile, picture, payload, back));
-    EXPECT_EQ(back, coded);
-    EXPECT_EQ(back[kAlphaChannel], picture.values[kAlphaChannel]);
-    const std::int32_t step = level.steps[kLumaPlane].low / 16;
-    for (std::size_t s = 0; s < back[0].size(); ++s)
-      EXPECT_LE(2 * std::abs(back[kRedChannel][s] - picture.values[kRedChannel][s]), step);
+    const auto codec = make(quality, kHalf);
+    const Bytes payload = picture.encode(codec);
+    Bytes back;
+    ASSERT_TRUE(picture.decode(codec, payload, back));
+    const std::int32_t step =
+        predictive_tables({quality, kHalf}, 1).level(1).steps[kLumaPlane].low / 16;
+    for (std::size_t at = 0; at < picture.sample.tile.color_bytes(); at += 2) {
+      const auto value = [&](const Bytes& of) {
+        return ordered_half(load_le<std::uint16_t>(&of[at]));
+      };
+      EXPECT_LE(2 * std::abs(value(back) - value(samples)), at % 8 == 6 ? 0 : step);
+    }
     EXPECT_LT(payload.size(), bytes);
     bytes = payload.size();
   }
 }
 
 TEST(PredictiveChannels, AGoodPredictionSavesBytes) {
-  const SampleTile sample = shape(SampleFormat::rgba8_depth8, 36, 32);
-  const PredictiveLevel level = level_of(kLosslessQuality, SampleFormat::rgba8_depth8);
-  ChannelValues coded;
-  const std::size_t near = encode(level, sample.tile, Picture(sample.tile, 0), coded).size();
-  Picture blind(sample.tile, 0);
-  std::mt19937 random(3);
-  for (const TileChannel c : kInOrder)
-    for (std::size_t s = 0; s < blind.values[c].size(); ++s)
-      if (blind.values[kAlphaChannel][s] != 0 && c != kAlphaChannel)
-        blind.values[c][s] = static_cast<std::int32_t>(random() & 255);
-  EXPECT_LT(4 * near, encode(level, sample.tile, blind, coded).size());
+  constexpr SampleFormat kBytes = SampleFormat::rgba8_depth8;
+  const auto codec = make(kLosslessQuality, kBytes);
+  EXPECT_LT(4 * Picture(kBytes, 36, 32, 0).encode(codec).size(),
+            Picture(kBytes, 36, 32, 0, Content::noise).encode(codec).size());
 }
 
 TEST(PredictiveChannels, AnyPayloadDecodesWithoutHarm) {
-  for (const auto format : {SampleFormat::rgba8_depth8, SampleFormat::rgba16f_depth8}) {
-    const SampleTile sample = shape(format, 3, 5);
-    const Picture picture(sample.tile, 9);
-    const PredictiveLevel level = level_of(kLosslessQuality, format);
-    ChannelValues coded, back;
-    const Bytes payload = encode(level, sample.tile, picture, coded);
+  for (const auto format : kFormats) {
+    Picture picture(format, 3, 5, 9);
+    const auto codec = make(kLosslessQuality, format);
+    const Bytes payload = picture.encode(codec);
+    Bytes back;
     for (std::size_t size = 0; size < payload.size(); ++size)
-      (void)decode(level, sample.tile, picture, ByteSpan(payload).first(size), back);
+      (void)picture.decode(codec, ByteSpan(payload).first(size), back);
     for (std::size_t bit = 0; bit < 8 * payload.size(); ++bit) {
       Bytes flipped = payload;
       flipped[bit / 8] ^= static_cast<std::byte>(1 << bit % 8);
-      (void)decode(level, sample.tile, picture, flipped, back);
-      for (const TileChannel c : kInOrder)
-        for (const std::int32_t value : back[c])
-          ASSERT_TRUE(value >= -0x8000 && value <= 0x7FFF) << c;
+      (void)picture.decode(codec, flipped, back);
     }
     Bytes longer = payload;
     longer.resize(longer.size() + 20, std::byte{1});
-    EXPECT_FALSE(decode(level, sample.tile, picture, longer, back));
-    EXPECT_FALSE(
-        decode(level, sample.tile, picture, ByteSpan(payload).first(payload.size() / 2), back));
+    EXPECT_FALSE(picture.decode(codec, longer, back));
+    EXPECT_FALSE(picture.decode(codec, ByteSpan(payload).first(payload.size() / 2), back));
   }
 }
 

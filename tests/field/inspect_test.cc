@@ -185,7 +185,7 @@ TEST_F(Inspect, FindsTheTileThatWasChanged) {
   samples[0] ^= std::byte{64};
   Bytes payload;
   const codec::Tile shape = field_->file().tile_shape(key);
-  ASSERT_TRUE(field_->file().codec().encode(shape, samples, payload));
+  ASSERT_TRUE(field_->file().codec().encode(shape, samples, nullptr, payload));
   const auto other = changed("other.slf", [&](storage::TileWriter& writer) {
     ASSERT_TRUE(writer.replace(key, TileState::stored, payload));
     ASSERT_TRUE(writer.replace({1, 9}, TileState::missing, {}));

@@ -54,7 +54,7 @@ class Verify : public ::testing::Test {
   using Ids = std::vector<std::string>;
 
   void SetUp() override {
-    options_.codec = "jpeg:75";
+    options_.codec = "jpeg:90";  // level 1 has several records
     ASSERT_TRUE(build_and_open(stripes(), path_, options_));
     const auto field = Field::open(path_);
     tiles_ = all_tiles(*field);

@@ -16,11 +16,9 @@
 // The portable definitions, under names of their own.
 #define read_stream portable_read_stream
 #define append_stream portable_append_stream
-#define append_parts portable_append_parts
 #include "codec/portable/zstd_frame.cc"
 #undef read_stream
 #undef append_stream
-#undef append_parts
 #define decode_scan portable_decode_scan
 #define standard_tables portable_standard_tables
 #include "codec/portable/jpeg_decode.cc"

@@ -11,6 +11,7 @@
 #include <optional>
 #include <vector>
 
+#include "codec/predictive_codec.h"
 #include "field/tile_coder.h"
 #include "slf/shape.h"
 

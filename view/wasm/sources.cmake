@@ -4,15 +4,15 @@ set(SLF_PORTABLE_SOURCES
   storage/pages.cc storage/trees.cc storage/cursor.cc storage/record.cc storage/container.cc
   storage/ranged_store.cc storage/file_index.cc
   codec/codec.cc codec/raw_codec.cc
-  codec/zstd_codec.cc codec/alpha_coder.cc codec/byte_streams.cc codec/lane_samples.cc
+  codec/zstd_codec.cc codec/byte_streams.cc codec/lane_samples.cc
   codec/lanes.cc codec/linear_fit.cc codec/portable/zstd_frame.cc
   codec/jpeg_codec.cc codec/jpeg_alpha.cc codec/jpeg_encode.cc codec/jpeg_pictures.cc
   codec/jpeg_tables.cc codec/fill.cc codec/mosaic.cc codec/premultiply.cc codec/color_difference.cc
   codec/portable/jpeg_decode.cc
   codec/predictive.cc codec/predictive_channels.cc codec/predictive_codec.cc
-  codec/predictive_tables.cc codec/rans.cc codec/dct.cc
+  codec/predictive_tables.cc codec/log_colors.cc codec/rans.cc codec/dct.cc
   field/predict/prediction_kernel.cc field/predict/predictor.cc field/predict/references.cc
   field/predict/upsample_kernel.cc
-  field/predict/log_colors.cc field/tile_coder.cc field/reference_index.cc
+  field/tile_coder.cc field/reference_index.cc
   field/manifest.cc field/geometry/lattice.cc field/geometry/section.cc
   field/geometry/level_geometry.cc field/geometry/shape.cc field/geometry/sphere.cc)

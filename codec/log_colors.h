@@ -5,7 +5,7 @@
 
 #include "base/bytes.h"
 
-namespace slf {
+namespace slf::codec {
 
 /// Converts rgba16f_depth8 samples to the rgba8_depth8 samples from which others are predicted.
 [[nodiscard]] Bytes to_rgba8_depth8(ByteSpan half);
@@ -14,4 +14,4 @@ namespace slf {
 /// the result are half floats, as bits.
 [[nodiscard]] std::uint16_t half_from_log_color(std::uint8_t color, std::uint16_t alpha);
 
-}  // namespace slf
+}  // namespace slf::codec

@@ -1,11 +1,11 @@
-#include "field/predict/log_colors.h"
+#include "codec/log_colors.h"
 
 #include <algorithm>
 
 #include "base/half.h"
 #include "codec/premultiply.h"
 
-namespace slf {
+namespace slf::codec {
 namespace {
 
 // The 8-bit colour is about the logarithm of the straight colour, taken from the bits of its half
@@ -35,7 +35,7 @@ Bytes to_rgba8_depth8(ByteSpan half) {
     const std::uint32_t alpha = byte_from_half(rgba[3]);
     std::uint32_t pixel = alpha << 24;
     for (std::uint32_t c = 0; alpha != 0 && c < 3; ++c)
-      pixel |= codec::premultiplied(log_color(rgba[c], half_to_float(rgba[3])), alpha) << (8 * c);
+      pixel |= premultiplied(log_color(rgba[c], half_to_float(rgba[3])), alpha) << (8 * c);
     store_le(converted.data() + 4 * s, pixel);
   }
   std::copy(half.end() - static_cast<std::ptrdiff_t>(count), half.end(),
@@ -43,4 +43,4 @@ Bytes to_rgba8_depth8(ByteSpan half) {
   return converted;
 }
 
-}  // namespace slf
+}  // namespace slf::codec
