@@ -19,9 +19,16 @@ set(CPACK_COMPONENTS_GROUPING IGNORE)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
 
+# Loaded when it is first used, so dpkg-shlibdeps does not find it.
+set(loaded)
+if(TARGET slf::remote)
+  set(loaded "libcurl4 (>= 7.85)")
+endif()
+
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME slf)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION graphics)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_DEPENDS ${loaded})
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION
   "Build, store and render sphere light fields
  A sphere light field stores the colour of every ray that crosses a sphere
@@ -34,7 +41,8 @@ set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS
   "libexpected-dev, libglm-dev, nlohmann-json3-dev, libhwy-dev, libjpeg62-turbo-dev, libopenexr-dev, \
 libpng-dev, libwebp-dev, liblmdb-dev, libxxhash-dev, libzstd-dev, libgdcm-dev, libassimp-dev, libembree-dev, libexpat1-dev, liblz4-dev, liblzma-dev, libtiff-dev, zlib1g-dev, \
-libbz2-dev, libcurl4-openssl-dev, pkg-config")
+libbz2-dev, pkg-config" ${loaded})
+list(JOIN CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS ", " CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS)
 set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION
   "Sphere light fields: static libraries and headers
  Libraries that open, render and build sphere light fields, with their
@@ -43,7 +51,8 @@ set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION
 set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-slf)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SHLIBDEPS ON)
-set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "${SLF_PYTHON_DEPENDS}")
+set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "${SLF_PYTHON_DEPENDS}" ${loaded})
+list(JOIN CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS ", " CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS)
 set(CPACK_COMPONENT_PYTHON_DESCRIPTION
   "Sphere light fields from Python
  Builds fields from arrays, images and functions of rays, draws views of them
@@ -53,6 +62,7 @@ if(BUILD_SHARED_LIBS)
   # The program needs the libraries: one package of everything.
   set(CPACK_DEB_COMPONENT_INSTALL OFF)
   set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
+  set(CPACK_DEBIAN_PACKAGE_DEPENDS ${loaded})
   set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${PROJECT_BINARY_DIR})
   set(CPACK_DEBIAN_PACKAGE_SECTION graphics)
 endif()

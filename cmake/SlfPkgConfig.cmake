@@ -2,7 +2,7 @@
 # libraries that the target links. A library that this file does not list stops the configuration.
 set(slf_pc_requires
   PkgConfig::LMDB=lmdb PkgConfig::XXHASH=libxxhash PkgConfig::ZSTD=libzstd PkgConfig::JPEG=libjpeg
-  PkgConfig::HWY=libhwy PkgConfig::WEBP=libwebpmux PkgConfig::CURL=libcurl PNG::PNG=libpng ZLIB::ZLIB=zlib
+  PkgConfig::HWY=libhwy PkgConfig::WEBP=libwebpmux PNG::PNG=libpng ZLIB::ZLIB=zlib
   PkgConfig::LZ4=liblz4 PkgConfig::LZMA=liblzma OpenEXR::OpenEXR=OpenEXR EXPAT::EXPAT=expat TIFF::TIFF=libtiff-4 PkgConfig::ASSIMP=assimp)
 set(slf_pc_libs
   Threads::Threads=-pthread BZip2::BZip2=-lbz2 embree=-lembree3

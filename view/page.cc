@@ -21,6 +21,7 @@ SLF_EMBED(slf_page_controls, SLF_PAGE_DIR "/controls.js")
 SLF_EMBED(slf_page_renderer, SLF_PAGE_DIR "/renderer.js")
 SLF_EMBED(slf_page_source, SLF_PAGE_DIR "/source.js")
 SLF_EMBED(slf_page_field, SLF_PAGE_DIR "/field.js")
+SLF_EMBED(slf_page_cache, SLF_PAGE_DIR "/cache.js")
 SLF_EMBED(slf_page_decoders, SLF_PAGE_DIR "/decoders.js")
 SLF_EMBED(slf_page_reader, SLF_PAGE_DIR "/reader.js")
 SLF_EMBED(slf_page_loader, SLF_PAGE_DIR "/loader.js")
@@ -49,6 +50,7 @@ std::span<const PageFile> page_files() {
       file("renderer.js", kScript, slf_page_renderer_begin, slf_page_renderer_end),
       file("source.js", kScript, slf_page_source_begin, slf_page_source_end),
       file("field.js", kScript, slf_page_field_begin, slf_page_field_end),
+      file("cache.js", kScript, slf_page_cache_begin, slf_page_cache_end),
       file("decoders.js", kScript, slf_page_decoders_begin, slf_page_decoders_end),
       file("reader.js", kScript, slf_page_reader_begin, slf_page_reader_end),
       file("loader.js", kScript, slf_page_loader_begin, slf_page_loader_end),

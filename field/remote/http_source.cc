@@ -1,7 +1,5 @@
 #include "field/remote/http_source.h"
 
-#include <curl/curl.h>
-
 #include <algorithm>
 #include <charconv>
 #include <chrono>
@@ -11,6 +9,8 @@
 #include <optional>
 #include <thread>
 #include <utility>
+
+#include "field/remote/curl_library.h"
 
 namespace slf {
 namespace {
@@ -54,15 +54,15 @@ bool take(std::string_view& text, char c) {
 /// An address as servers expect it: characters that it must not have are escaped. If it is
 /// malformed, unchanged; the request then reports it.
 std::string escaped(const std::string& url) {
-  CURLU* const parts = curl_url();
+  CURLU* const parts = curl.url();
   char* text = nullptr;
   std::string result = url;
-  if (curl_url_set(parts, CURLUPART_URL, url.c_str(), CURLU_URLENCODE | CURLU_ALLOW_SPACE) ==
+  if (curl.url_set(parts, CURLUPART_URL, url.c_str(), CURLU_URLENCODE | CURLU_ALLOW_SPACE) ==
           CURLUE_OK &&
-      curl_url_get(parts, CURLUPART_URL, &text, 0) == CURLUE_OK)
+      curl.url_get(parts, CURLUPART_URL, &text, 0) == CURLUE_OK)
     result = text;
-  curl_free(text);
-  curl_url_cleanup(parts);
+  curl.free(text);
+  curl.url_cleanup(parts);
   return result;
 }
 
@@ -89,12 +89,12 @@ std::optional<ContentRange> parse_content_range(std::string_view text) {
 /// curl handles that keep their connections between uses. Thread-safety: one thread at a time.
 class HttpSource::Connections {
  public:
-  Connections() : multi(curl_multi_init()) {}
+  Connections() : multi(curl.multi_init()) {}
   Connections(const Connections&) = delete;
   Connections& operator=(const Connections&) = delete;
   ~Connections() {
-    for (CURL* easy : free) curl_easy_cleanup(easy);
-    curl_multi_cleanup(multi);
+    for (CURL* easy : free) curl.easy_cleanup(easy);
+    curl.multi_cleanup(multi);
   }
 
   CURLM* multi;
@@ -145,13 +145,13 @@ struct HttpSource::Transfer {
   /// The status of the answer; 0 if there is none.
   [[nodiscard]] long status() const {
     long status = 0;
-    curl_easy_getinfo(easy, CURLINFO_RESPONSE_CODE, &status);
+    curl.easy_getinfo(easy, CURLINFO_RESPONSE_CODE, &status);
     return status;
   }
   /// The stated length of the answer's body, or kUnknown.
   [[nodiscard]] std::uint64_t stated_length() const {
     curl_off_t length = -1;
-    curl_easy_getinfo(easy, CURLINFO_CONTENT_LENGTH_DOWNLOAD_T, &length);
+    curl.easy_getinfo(easy, CURLINFO_CONTENT_LENGTH_DOWNLOAD_T, &length);
     return length < 0 ? kUnknown : static_cast<std::uint64_t>(length);
   }
   /// Takes a piece of the body. Returns false to end the transfer.
@@ -178,8 +178,8 @@ HttpSource::~HttpSource() = default;
 Result<std::shared_ptr<HttpSource>> HttpSource::open(const std::string& url,
                                                      const RemoteOptions& options,
                                                      const ProgressCallback& progress) {
-  static const CURLcode ready = curl_global_init(CURL_GLOBAL_DEFAULT);
-  if (ready != CURLE_OK) return fail(ErrorCode::failed, url, ": ", curl_easy_strerror(ready));
+  if (const auto ready = load_curl(); !ready)
+    return fail(ready.error().code, url, ": ", ready.error().message);
   std::shared_ptr<HttpSource> source(new HttpSource(url, options));
   std::vector<Transfer> first(1);
   first[0].range = {0, 1};
@@ -220,9 +220,9 @@ Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Sink& sink)
   for (Transfer& transfer : transfers) waiting.push_back(&transfer);
   std::vector<Transfer*> running;
   const auto stop = [&](Transfer* transfer) {
-    curl_multi_remove_handle(connections.multi, transfer->easy);
+    curl.multi_remove_handle(connections.multi, transfer->easy);
     connections.free.push_back(std::exchange(transfer->easy, nullptr));
-    curl_slist_free_all(std::exchange(transfer->headers, nullptr));
+    curl.slist_free_all(std::exchange(transfer->headers, nullptr));
     std::erase(running, transfer);
   };
   Result<void> result;
@@ -242,12 +242,12 @@ Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Sink& sink)
       running.push_back(transfer);
     }
     int active = 0;
-    curl_multi_perform(connections.multi, &active);
+    curl.multi_perform(connections.multi, &active);
     int left = 0;
-    while (const CURLMsg* message = curl_multi_info_read(connections.multi, &left)) {
+    while (const CURLMsg* message = curl.multi_info_read(connections.multi, &left)) {
       if (message->msg != CURLMSG_DONE || !result) continue;
       char* owner = nullptr;
-      curl_easy_getinfo(message->easy_handle, CURLINFO_PRIVATE, &owner);
+      curl.easy_getinfo(message->easy_handle, CURLINFO_PRIVATE, &owner);
       auto* const transfer = reinterpret_cast<Transfer*>(owner);
       const auto done = evaluate(*transfer, message->data.result);
       stop(transfer);
@@ -263,7 +263,7 @@ Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Sink& sink)
     }
     if (!result || (waiting.empty() && running.empty())) break;
     const auto pause = std::chrono::duration_cast<std::chrono::milliseconds>(next_due - now);
-    curl_multi_poll(connections.multi, nullptr, 0,
+    curl.multi_poll(connections.multi, nullptr, 0,
                     static_cast<int>(std::max<long long>(1, pause.count())), nullptr);
   }
   while (!running.empty()) stop(running.back());
@@ -279,52 +279,52 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   transfer.oversized = transfer.stopped = false;
   CURL* easy = nullptr;
   if (connections.free.empty()) {
-    easy = curl_easy_init();
+    easy = curl.easy_init();
   } else {
     easy = connections.free.back();
     connections.free.pop_back();
-    curl_easy_reset(easy);
+    curl.easy_reset(easy);
   }
   transfer.easy = easy;
   const std::string range =
       std::to_string(transfer.range.begin) + "-" + std::to_string(transfer.range.end - 1);
   const long stall_timeout = std::max(1L, static_cast<long>(options_.stall_timeout * 1000));
-  curl_easy_setopt(easy, CURLOPT_URL, escaped_.c_str());
-  if (!transfer.whole) curl_easy_setopt(easy, CURLOPT_RANGE, range.c_str());
-  curl_easy_setopt(easy, CURLOPT_PRIVATE, &transfer);
-  curl_easy_setopt(easy, CURLOPT_NOSIGNAL, 1L);
-  curl_easy_setopt(easy, CURLOPT_USERAGENT, "slf");
-  curl_easy_setopt(easy, CURLOPT_FOLLOWLOCATION, 1L);
-  curl_easy_setopt(easy, CURLOPT_MAXREDIRS, kRedirects);
-  curl_easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
-  curl_easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https");
-  curl_easy_setopt(easy, CURLOPT_CONNECTTIMEOUT_MS, stall_timeout);
+  curl.easy_setopt(easy, CURLOPT_URL, escaped_.c_str());
+  if (!transfer.whole) curl.easy_setopt(easy, CURLOPT_RANGE, range.c_str());
+  curl.easy_setopt(easy, CURLOPT_PRIVATE, &transfer);
+  curl.easy_setopt(easy, CURLOPT_NOSIGNAL, 1L);
+  curl.easy_setopt(easy, CURLOPT_USERAGENT, "slf");
+  curl.easy_setopt(easy, CURLOPT_FOLLOWLOCATION, 1L);
+  curl.easy_setopt(easy, CURLOPT_MAXREDIRS, kRedirects);
+  curl.easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
+  curl.easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https");
+  curl.easy_setopt(easy, CURLOPT_CONNECTTIMEOUT_MS, stall_timeout);
   // A transfer that is slower than kMinBytesPerSecond for `stall_timeout` (in whole seconds) has
   // stalled. The last limit is for a server that sends headers forever.
-  curl_easy_setopt(easy, CURLOPT_LOW_SPEED_LIMIT, kMinBytesPerSecond);
-  curl_easy_setopt(easy, CURLOPT_LOW_SPEED_TIME, std::max(1L, stall_timeout / 1000));
+  curl.easy_setopt(easy, CURLOPT_LOW_SPEED_LIMIT, kMinBytesPerSecond);
+  curl.easy_setopt(easy, CURLOPT_LOW_SPEED_TIME, std::max(1L, stall_timeout / 1000));
   const auto bytes = static_cast<long>(transfer.range.end - transfer.range.begin);
-  curl_easy_setopt(easy, CURLOPT_TIMEOUT_MS,
+  curl.easy_setopt(easy, CURLOPT_TIMEOUT_MS,
                    2 * stall_timeout + 1000 * (bytes / kMinBytesPerSecond));
   if (validator_.starts_with('"')) {  // a strong ETag
-    transfer.headers = curl_slist_append(nullptr, ("If-Match: " + validator_).c_str());
-    curl_easy_setopt(easy, CURLOPT_HTTPHEADER, transfer.headers);
+    transfer.headers = curl.slist_append(nullptr, ("If-Match: " + validator_).c_str());
+    curl.easy_setopt(easy, CURLOPT_HTTPHEADER, transfer.headers);
   }
   using Write = std::size_t (*)(char*, std::size_t, std::size_t, void*);
   const Write write = [](char* data, std::size_t, std::size_t count, void* to) -> std::size_t {
     return static_cast<Transfer*>(to)->take_body(std::as_bytes(std::span(data, count))) ? count : 0;
   };
-  curl_easy_setopt(easy, CURLOPT_WRITEFUNCTION, write);
-  curl_easy_setopt(easy, CURLOPT_WRITEDATA, &transfer);
+  curl.easy_setopt(easy, CURLOPT_WRITEFUNCTION, write);
+  curl.easy_setopt(easy, CURLOPT_WRITEDATA, &transfer);
   // curl itself reads, and drops, the body of a redirection.
   using Count = int (*)(void*, curl_off_t, curl_off_t, curl_off_t, curl_off_t);
   const Count too_much = [](void* to, curl_off_t, curl_off_t got, curl_off_t, curl_off_t) {
     const FileRange asked = static_cast<Transfer*>(to)->range;
     return static_cast<std::uint64_t>(got) > asked.end - asked.begin + kMaxIgnored ? 1 : 0;
   };
-  curl_easy_setopt(easy, CURLOPT_NOPROGRESS, 0L);
-  curl_easy_setopt(easy, CURLOPT_XFERINFOFUNCTION, too_much);
-  curl_easy_setopt(easy, CURLOPT_XFERINFODATA, &transfer);
+  curl.easy_setopt(easy, CURLOPT_NOPROGRESS, 0L);
+  curl.easy_setopt(easy, CURLOPT_XFERINFOFUNCTION, too_much);
+  curl.easy_setopt(easy, CURLOPT_XFERINFODATA, &transfer);
   const Write header = [](char* data, std::size_t, std::size_t count, void* to) -> std::size_t {
     auto& t = *static_cast<Transfer*>(to);
     const std::string_view line(data, count);
@@ -343,9 +343,9 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
         t.retry_after = static_cast<double>(seconds);
     return count;
   };
-  curl_easy_setopt(easy, CURLOPT_HEADERFUNCTION, header);
-  curl_easy_setopt(easy, CURLOPT_HEADERDATA, &transfer);
-  curl_multi_add_handle(connections.multi, easy);
+  curl.easy_setopt(easy, CURLOPT_HEADERFUNCTION, header);
+  curl.easy_setopt(easy, CURLOPT_HEADERDATA, &transfer);
+  curl.multi_add_handle(connections.multi, easy);
 }
 
 Result<bool> HttpSource::evaluate(Transfer& t, int code) {
@@ -400,8 +400,8 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
     return failed(ErrorCode::io, "the server redirects to an address without http or https");
   if (code == CURLE_URL_MALFORMAT || code == CURLE_PEER_FAILED_VERIFICATION ||
       code == CURLE_SSL_CACERT_BADFILE)
-    return failed(ErrorCode::io, curl_easy_strerror(static_cast<CURLcode>(code)));
-  if (code != CURLE_OK) return again(curl_easy_strerror(static_cast<CURLcode>(code)));
+    return failed(ErrorCode::io, curl.easy_strerror(static_cast<CURLcode>(code)));
+  if (code != CURLE_OK) return again(curl.easy_strerror(static_cast<CURLcode>(code)));
   if (t.whole && status == 200) {
     size_ = t.body.size();
     return true;

@@ -11,6 +11,7 @@
 #include "field/write/field_index.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
+#include "tests/cli/cli_testing.h"
 #include "tests/field/field_testing.h"
 #include "tests/remote/http_host.h"
 
@@ -355,6 +356,17 @@ TEST(RemoteField, SaysThatNothingAnswers) {
   const auto remote = RemoteField::open("http://127.0.0.1:1/field.slf", kImpatient);
   ASSERT_FALSE(remote);
   EXPECT_EQ(remote.error().code, ErrorCode::io);
+}
+
+TEST(RemoteField, LoadsLibcurlForAddressesOnly) {
+  const testing::Workplace place;
+  testing::write_text(place / "libcurl.so.4", "not a library\n");
+  const std::string instead = "LD_LIBRARY_PATH=" + testing::shell_quoted(place.path());
+  EXPECT_OUTCOME(testing::slf({"render", testing::kGoldenField, "-o", place / "view.png"}, instead),
+                 0, "");
+  EXPECT_OUTCOME(testing::slf({"info", "http://127.0.0.1:1/field.slf"}, instead), 5,
+                 "http://127.0.0.1:1/field.slf: reading over HTTP needs libcurl (Debian's package "
+                 "libcurl4)");
 }
 
 }  // namespace

@@ -164,6 +164,51 @@ class PageTest(unittest.TestCase):
                 self.assertEqual(text, hashlib.sha256(native.stdout).hexdigest())
                 page.close()
 
+    def test_tiles_and_their_copies_in_workers_share_one_budget(self):
+        """Decodes tiles that are predicted from 3 of 12 others of 100 bytes, where 10 fit."""
+        with Server(self.fields[0]) as server:
+            page = self.browser.open(server.url, 64, 64)
+            page.settle()
+            found = page.run("""(async () => {
+              const {Decoders} = await import('./decoders.js');
+              const workers = [], found = {lacking: 0, most: 0, held: 0, sent: 0};
+              const makeWorker = () => {  // as worker.js, without decoding
+                const copies = new Set(), port = {copies, postMessage: (message) => {
+                  message.forget.forEach((page) => copies.delete(page));
+                  for (const {page, samples} of message.references) {
+                    if (samples) copies.add(page), ++found.sent;
+                    found.lacking += !copies.has(page);
+                  }
+                  setTimeout(() => port.onmessage({data: {id: message.id}}));
+                }};
+                workers.push(port);
+                return port;
+              };
+              const decoders = new Decoders(makeWorker), {cache} = decoders;
+              cache.budget = 1000;
+              const decode = (i) => {
+                const references = [i >> 3, i, i * i].map((k) => {
+                  const page = k % 12;
+                  if (!cache.get(page)) cache.set(page, true, 100);
+                  return {page, samples: new Uint8Array(100)};
+                });
+                const done = decoders.decode({level: 1}, undefined, references);
+                found.most = Math.max(found.most, cache.bytes);
+                return done;
+              };
+              for (let i = 0; i < 500; i += 10)
+                await Promise.all(Array.from({length: 10}, (_, k) => decode(i + k)));
+              await Promise.all(workers.map(() => decoders.decode({level: 1}, undefined, [])));
+              found.held = workers.reduce((sum, {copies}) => sum + 100 * copies.size, 0);
+              return found;
+            })()""")
+            self.assertEqual(found["lacking"], 0)
+            self.assertLessEqual(found["most"], 1000)
+            self.assertLess(0, found["held"])
+            self.assertLessEqual(found["held"], 1000)
+            self.assertLess(found["sent"], 1000)  # of 1500
+            page.close()
+
     def test_a_field_without_an_index_shows_the_same(self):
         bare = path("bare.slf")
         with open(self.fields[0], "rb") as file:

@@ -1,19 +1,21 @@
-// Decoders: decodes tiles in a few workers. A worker keeps the samples of the tiles that others are
-// predicted from, so they are sent to it once.
+// Decoders: decodes tiles in a few workers. Workers share no memory, so each has copies of the
+// tiles that others are predicted from. They are sent to it once, and the cache counts them.
 
-const kAtOnce = 2;       // messages that a worker has: it answers one while the other waits there
-const kKept = 48 << 20;  // bytes of samples that a worker keeps
+import {Cache} from './cache.js';
+
+const kAtOnce = 2;  // messages that a worker has: it answers one while the other waits there
 
 export class Decoders {
   // Workers start at once; open() tells them about the field. If a worker does not start, what
   // makeStandIn(), if there is one, returns takes its place.
   constructor(makeWorker, makeStandIn) {
+    this.cache = new Cache();
     this.next = 0;
     this.waiting = new Map();  // messages without an answer: {worker, message, done, failed}, by id
     this.queue = [];           // messages that no worker has yet
     const count = Math.max(2, Math.min(4, (navigator.hardwareConcurrency ?? 2) - 1));
-    this.workers = Array.from({length: count}, () => {
-      const worker = {busy: 0, kept: new Map(), bytes: 0};  // kept: bytes by page
+    this.workers = Array.from({length: count}, (_, number) => {
+      const worker = {number, busy: 0, dropped: new Set()};  // dropped: pages of copies
       try {
         this.connect(worker, makeWorker());
         worker.port.onerror = () => this.replace(worker, makeStandIn);
@@ -63,38 +65,29 @@ export class Decoders {
       const worker = this.workers.reduce((a, b) => b.busy < a.busy ? b : a);
       if (worker.busy >= kAtOnce) return;
       const {message, done, failed} = this.queue.shift();
-      this.post(worker, this.prepared(worker, message)).then(done, failed);
+      const forget = [...worker.dropped];
+      worker.dropped.clear();
+      const references = message.references.map((tile) => this.copied(worker, tile));
+      this.post(worker, {...message, forget, references}).then(done, failed);
     }
   }
-  // Leaves out what the worker has, and says what it no longer needs to keep.
-  prepared(worker, message) {
-    const keep = (page, bytes) => {
-      worker.bytes += bytes - (worker.kept.get(page) ?? 0);
-      worker.kept.delete(page);
-      worker.kept.set(page, bytes);
-    };
-    const references = message.references.map(({page, entry, exit, samples}) => {
-      const has = worker.kept.has(page);
-      keep(page, samples.byteLength);
-      return has ? {page, entry, exit} : {page, entry, exit, samples};
-    });
-    const forget = [];
-    for (const [page, bytes] of worker.kept) {
-      if (worker.bytes <= kKept) break;
-      if (message.references.some((reference) => reference.page === page)) break;
-      worker.kept.delete(page);
-      worker.bytes -= bytes;
-      forget.push(page);
+  // What a worker needs to predict from a tile: not the samples, if it has a copy.
+  copied(worker, {page, entry, exit, samples}) {
+    const copy = `${page} in ${worker.number}`, has = this.cache.get(copy);
+    if (!has) {
+      worker.dropped.delete(page);  // another tile of this message may have displaced it
+      this.cache.set(copy, true, samples.byteLength, () => worker.dropped.add(page));
     }
-    return {...message, references, forget};
+    this.cache.get(page);  // last, so that copies are dropped first
+    return {page, entry, exit, samples: has ? undefined : samples};
   }
 
-  // Resolves to the samples of a tile. `part` is {level, entry, exit, payload};
-  // Field.references() has verified the payload. Each of `references` is {page, entry, exit,
-  // samples}; an empty tile has samples of length 0. Fails if the payload is damaged.
-  decode(part, references) {
+  // Resolves to the samples of a tile, whose payload Field.references() has verified. `references`:
+  // the Tiles that it is predicted from. Fails if the payload is damaged.
+  decode({level, entry, exit}, payload, references) {
     return new Promise((done, failed) => {
-      this.queue.push({message: {...part, references, action: 'decode'}, done, failed});
+      const message = {action: 'decode', level, entry, exit, payload, references};
+      this.queue.push({message, done, failed});
       this.send();
     });
   }

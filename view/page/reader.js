@@ -1,16 +1,18 @@
 // Reads tiles: finds, fetches, checks and decodes them, together with those that they are predicted
-// from. Such a tile is decoded once, and kept for others within a budget.
+// from. Such a tile is decoded once, and the cache keeps it for others.
 
 import {kDamaged, kEmpty, kStored} from './field.js';
 
-const kKept = 48 << 20;  // bytes of samples
-const kNothing = new Uint8Array(0);
-
 // A tile that was read: its `state` and, if it is stored, its `samples`, which `color` and `depth`
 // are the parts of.
+//
+//   absent ── read() ──> coming ── finish(), if others are predicted from it ──> kept
+//     ^                     └─ finish(), if none are; failure        Cache drops it ─┘
+//     └──────────────────────────┴──────────────────────────────────────┘
 class Tile {
   constructor(place) {
     Object.assign(this, place);  // page, level, entry, exit
+    this.samples = new Uint8Array(0);
     this.ready = new Promise((done, failed) => Object.assign(this, {done, failed}));
     this.ready.catch(() => {});
   }
@@ -19,19 +21,18 @@ class Tile {
 export class Reader {
   // Calls `onReference` with tiles that were read because others are predicted from them.
   constructor(field, decoders, onReference) {
-    Object.assign(this, {field, decoders, onReference});
-    this.tiles = new Map();  // by page; the least recently used first
-    this.bytes = 0;          // of those that are ready
+    Object.assign(this, {field, decoders, onReference, cache: decoders.cache});
   }
 
   // Reads pages, and fetches together what it can. One promise of a Tile each.
   read(pages) {
     const fresh = [], held = new Map();  // held: by page; none is read twice for this call
     const hold = (page) => {
-      let tile = this.tiles.get(page);
-      if (!tile) fresh.push(tile = new Tile(this.field.tile(page)));
-      this.tiles.delete(page);
-      this.tiles.set(page, tile);
+      let tile = this.cache.get(page);
+      if (!tile) {
+        fresh.push(tile = new Tile(this.field.tile(page)));
+        this.cache.set(page, tile, 0);
+      }
       held.set(page, tile);
       return tile;
     };
@@ -40,7 +41,7 @@ export class Reader {
       if (!held.has(page)) hold(page).ready.then(this.onReference, () => {});
     if (fresh.length > 0)
       this.load(fresh, held).catch((error) => fresh.forEach((tile) => {
-        this.tiles.delete(tile.page);
+        this.cache.remove(tile.page);
         tile.failed(error);
       }));
     return tiles.map((tile) => tile.ready);
@@ -67,38 +68,27 @@ export class Reader {
   async decode(tile, checksum, coming, held, allCame) {
     const payload = await coming;
     let pages;
+    tile.state = kDamaged;  // until it is decoded
     try {
       pages = this.field.references(tile, checksum, payload);
     } catch {
-      tile.state = kDamaged;
       return;
     }
-    const tileOf = (page) => held.get(page) ?? this.tiles.get(page);
-    if (!pages.every(tileOf)) await allCame;
-    const references = await Promise.all(
-      pages.map((page) => tileOf(page)?.ready ?? this.readReference(page)));
-    if (references.some(({state}) => state !== kStored && state !== kEmpty)) {
-      tile.state = kDamaged;  // it cannot be predicted
-      return;
+    const tileOf = (page) => this.cache.get(page) ?? held.get(page);
+    if (!pages.every(tileOf)) {
+      await allCame;
+      this.read(pages).forEach((ready) => ready.then(this.onReference, () => {}));
     }
-    try {
-      this.place(tile, await this.decoders.decode(
-        {level: tile.level, entry: tile.entry, exit: tile.exit, payload},
-        references.map(({page, entry, exit, samples}) =>
-          ({page, entry, exit, samples: samples ?? kNothing}))));
-    } catch {
-      tile.state = kDamaged;
-    }
-  }
-  readReference(page) {
-    const [ready] = this.read([page]);
-    ready.then(this.onReference, () => {});
-    return ready;
+    const references = await Promise.all(pages.map((page) => tileOf(page).ready));
+    if (references.some(({state}) => state !== kStored && state !== kEmpty)) return;
+    await this.decoders.decode(tile, payload, references).then(
+      (samples) => this.place(tile, samples), () => {});
   }
 
   place(tile, samples) {
     const {half, hasDepth} = this.field.shape, color = half ? 8 : 4;
     const colors = hasDepth ? samples.byteLength / (color + 1) * color : samples.byteLength;
+    tile.state = kStored;
     tile.samples = samples;
     tile.color = samples.subarray(0, colors);
     if (hasDepth) tile.depth = samples.subarray(colors);
@@ -107,15 +97,9 @@ export class Reader {
   // Keeps a tile that others may be predicted from.
   finish(tile) {
     if (this.field.predicts && tile.level < this.field.shape.levels)
-      this.bytes += tile.kept = tile.samples?.byteLength ?? 0;
+      this.cache.set(tile.page, tile, tile.samples.byteLength);
     else
-      this.tiles.delete(tile.page);
-    for (const [page, {kept}] of this.tiles) {
-      if (this.bytes <= kKept) break;
-      if (!kept) continue;  // under way, or nothing in it
-      this.bytes -= kept;
-      this.tiles.delete(page);
-    }
+      this.cache.remove(tile.page);
     tile.done(tile);
   }
 }

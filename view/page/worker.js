@@ -2,7 +2,7 @@
 import {Native} from './module.js';
 
 let native;
-const kept = new Map();  // samples that tiles are predicted from, by page
+const copies = new Map();  // of samples that tiles are predicted from, by page
 
 function open({module, manifest, tables}) {
   native = new Native(module);
@@ -13,10 +13,10 @@ function open({module, manifest, tables}) {
 }
 
 function decode({level, entry, exit, payload, references, forget}) {
-  for (const page of forget) kept.delete(page);
-  for (const {page, samples} of references) if (samples) kept.set(page, samples);
+  for (const page of forget) copies.delete(page);
+  for (const {page, samples} of references) if (samples) copies.set(page, samples);
   for (const reference of references) {
-    native.fill(kept.get(reference.page));
+    native.fill(copies.get(reference.page));
     native.check(native.calls.slf_add_reference(level - 1, reference.entry, reference.exit));
   }
   native.fill(payload);
