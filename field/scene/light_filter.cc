@@ -62,7 +62,7 @@ glm::vec3 as_seen(const LightGrid& light, const std::vector<std::uint32_t>& inde
     const float weight = closeness(offset) * std::exp(-2 * (node.depth + glm::dot(turn, turn)));
     sum += weight * glm::vec4(values[index[other]], 1);
   });
-  const float hidden = std::pow(-std::expm1(-center.depth), 4.f);
+  const float hidden = std::pow(-std::expm1(-center.depth), 6.f);
   const glm::vec3 own = values[index[number]];
   return sum.w > 0 ? glm::mix(own, glm::vec3(sum) / sum.w, hidden) : own;
 }
