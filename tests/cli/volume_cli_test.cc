@@ -2,7 +2,7 @@
 #include <gmock/gmock.h>
 
 #include "tests/cli/cli_testing.h"
-#include "tests/field/volume_samples.h"
+#include "tests/field/volume/samples.h"
 
 namespace slf {
 namespace {

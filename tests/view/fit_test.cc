@@ -6,7 +6,7 @@
 
 #include <filesystem>
 
-#include "tests/field/rewriting_testing.h"
+#include "tests/field/write/rewriting.h"
 
 namespace slf::view {
 namespace {

@@ -1,0 +1,446 @@
+// TIFF stacks as libtiff writes them.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <tiffio.h>
+
+#include <random>
+
+#include "tests/field/volume/samples.h"
+
+namespace slf {
+namespace {
+
+using namespace samples;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+struct Tiff {
+  ScalarType type = ScalarType::u8;
+  const char* mode = "w";  ///< "wb" big-endian, "w8" BigTIFF
+  int compression = COMPRESSION_NONE;
+  bool tiled = false;
+  int samples = 1;  ///< all the same, but for the last where `colored`
+  bool colored = false;
+  bool apart = false;  ///< planes one after the other
+  bool alpha = false;  ///< the last sample is opacity
+  std::string description{};
+  double resolution = 0;                         ///< pixels a unit
+  int unit = RESUNIT_NONE;                       ///< of the resolution
+  std::size_t thumbnails = 0;                    ///< of the pages, the first: 2x2
+  bool marked = true;                            ///< as reduced copies
+  std::vector<std::uint32_t> pages = {0, 1, 2};  ///< slices of the phantom
+};
+
+std::string write_tiff(const Folder& folder, const std::string& name, const Tiff& t) {
+  const std::string path = folder.path(name);
+  TIFF* tiff = TIFFOpen(path.c_str(), t.mode);
+  EXPECT_NE(tiff, nullptr);
+  const std::size_t size = bytes_per_voxel(t.type);
+  const std::string voxels = phantom_bytes(t.type, false);
+  for (std::size_t page = 0; page < t.pages.size(); ++page) {
+    const std::uint32_t w = kDims[0], h = kDims[1];
+    TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, w);
+    TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, h);
+    TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, static_cast<int>(8 * size));
+    const bool real = t.type == ScalarType::f32 || t.type == ScalarType::f64;
+    const bool whole = static_cast<int>(t.type) % 2 == 0;
+    TIFFSetField(tiff, TIFFTAG_SAMPLEFORMAT,
+                 real    ? SAMPLEFORMAT_IEEEFP
+                 : whole ? SAMPLEFORMAT_UINT
+                         : SAMPLEFORMAT_INT);
+    TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, t.samples);
+    TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC,
+                 t.samples >= 3 ? PHOTOMETRIC_RGB : PHOTOMETRIC_MINISBLACK);
+    TIFFSetField(tiff, TIFFTAG_PLANARCONFIG, t.apart ? PLANARCONFIG_SEPARATE : PLANARCONFIG_CONTIG);
+    TIFFSetField(tiff, TIFFTAG_COMPRESSION, t.compression);
+    if (t.alpha) {
+      std::uint16_t meaning = EXTRASAMPLE_UNASSALPHA;
+      TIFFSetField(tiff, TIFFTAG_EXTRASAMPLES, 1, &meaning);
+    }
+    if (page < t.thumbnails) {
+      if (t.marked) TIFFSetField(tiff, TIFFTAG_SUBFILETYPE, FILETYPE_REDUCEDIMAGE);
+      TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, 2);
+      TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, 2);
+      TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, 2);
+      std::string pixels(4 * size * static_cast<std::size_t>(t.samples), '\x7f');
+      TIFFWriteEncodedStrip(tiff, 0, pixels.data(), static_cast<tmsize_t>(pixels.size()));
+      TIFFWriteDirectory(tiff);
+      continue;
+    }
+    if (page == t.thumbnails && !t.description.empty())
+      TIFFSetField(tiff, TIFFTAG_IMAGEDESCRIPTION, t.description.c_str());
+    if (t.resolution > 0) {
+      TIFFSetField(tiff, TIFFTAG_XRESOLUTION, t.resolution);
+      TIFFSetField(tiff, TIFFTAG_YRESOLUTION, t.resolution / 2);
+      TIFFSetField(tiff, TIFFTAG_RESOLUTIONUNIT, t.unit);
+    }
+    const auto sample = [&](std::uint32_t x, std::uint32_t y, int channel) {
+      std::string bytes = voxels.substr(((t.pages[page] * h + y) * w + x) * size, size);
+      if (t.colored && channel == t.samples - 1) bytes[0] = static_cast<char>(bytes[0] ^ 1);
+      return bytes;
+    };
+    const int planes = t.apart ? t.samples : 1, inner = t.apart ? 1 : t.samples;
+    if (t.tiled) {
+      TIFFSetField(tiff, TIFFTAG_TILEWIDTH, 16);
+      TIFFSetField(tiff, TIFFTAG_TILELENGTH, 16);
+      std::string tile;
+      for (std::uint32_t y = 0; y < 16; ++y)
+        for (std::uint32_t x = 0; x < 16; ++x)
+          for (int c = 0; c < inner; ++c)
+            tile += x < w && y < h ? sample(x, y, c) : std::string(size, '\0');
+      TIFFWriteEncodedTile(tiff, 0, tile.data(), static_cast<tmsize_t>(tile.size()));
+    } else {
+      TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, 3);
+      for (int plane = 0; plane < planes; ++plane)
+        for (std::uint32_t y = 0; y < h; ++y) {
+          std::string row;
+          for (std::uint32_t x = 0; x < w; ++x)
+            for (int c = 0; c < inner; ++c) row += sample(x, y, t.apart ? plane : c);
+          TIFFWriteScanline(tiff, row.data(), y, static_cast<std::uint16_t>(plane));
+        }
+    }
+    TIFFWriteDirectory(tiff);
+  }
+  TIFFClose(tiff);
+  return path;
+}
+
+TEST(VolumeTiff, ReadsEveryTypeByteOrderAndLayout) {
+  const Folder folder;
+  for (const auto type : kAllTypes)
+    for (const auto* mode : {"w", "wb", "w8"})
+      for (const bool tiled : {false, true}) {
+        SCOPED_TRACE(std::string(name(type)) + " " + mode + (tiled ? " tiled" : ""));
+        expect_phantom(
+            expect_read(write_tiff(folder, "a.tif", {.type = type, .mode = mode, .tiled = tiled})),
+            type);
+      }
+  for (const int compression :
+       {COMPRESSION_LZW, COMPRESSION_ADOBE_DEFLATE, COMPRESSION_PACKBITS, COMPRESSION_ZSTD}) {
+    SCOPED_TRACE(compression);
+    expect_phantom(expect_read(write_tiff(folder, "a.tif",
+                                          {.type = ScalarType::u16, .compression = compression})),
+                   ScalarType::u16);
+  }
+}
+
+TEST(VolumeTiff, ColorsAreGreyWhereTheyAreEqualAndElseAChoice) {
+  const Folder folder;
+  for (const int samples : {2, 3, 4})
+    expect_phantom(expect_read(write_tiff(folder, "a.tif", {.samples = samples})), ScalarType::u8);
+  for (const bool apart : {false, true}) {
+    const auto colored =
+        write_tiff(folder, "a.tif", {.samples = 3, .colored = true, .apart = apart});
+    expect_error(colored, ErrorCode::unsupported, "3 components, expected one: choose component");
+    expect_phantom(expect_read(colored, {.component = 1}), ScalarType::u8);
+    EXPECT_NE(value_at(expect_read(colored, {.component = 2}), 1, 1, 1), phantom_value(1, 1, 1));
+  }
+}
+
+// Two samples are two channels, unless the second is said to be opacity.
+TEST(VolumeTiff, OpacityIsNoChannel) {
+  const Folder folder;
+  for (const int samples : {2, 4})
+    for (const bool apart : {false, true}) {
+      SCOPED_TRACE(samples);
+      Tiff tiff{.samples = samples, .colored = true, .apart = apart, .alpha = true};
+      expect_phantom(expect_read(write_tiff(folder, "a.tif", tiff)), ScalarType::u8);
+      tiff.alpha = false;
+      expect_error(write_tiff(folder, "a.tif", tiff), ErrorCode::unsupported,
+                   std::to_string(samples) + " components, expected one");
+    }
+}
+
+TEST(VolumeTiff, ThumbnailsMayComeFirst) {
+  const Folder folder;
+  const Tiff tiff{.thumbnails = 1, .pages = {0, 0, 1, 2}};
+  const auto marked = expect_read(write_tiff(folder, "a.tif", tiff));
+  expect_phantom(marked, ScalarType::u8);
+  EXPECT_THAT(marked.notes, ElementsAre(HasSubstr("no spacing")));
+  Tiff unmarked = tiff;
+  unmarked.marked = false;
+  const auto volume = expect_read(write_tiff(folder, "b.tif", unmarked));
+  expect_phantom(volume, ScalarType::u8);
+  EXPECT_THAT(volume.notes, ElementsAre(HasSubstr("left out as a thumbnail"), HasSubstr("")));
+  Tiff described = tiff;
+  described.description = "ImageJ=1.53c\nimages=3\nslices=3\nunit=um\nspacing=2\n";
+  described.resolution = 2;
+  EXPECT_EQ(expect_read(write_tiff(folder, "c.tif", described)).spacing(), glm::dvec3(0.5, 1, 2));
+  expect_error(write_tiff(folder, "d.tif", {.thumbnails = 2, .pages = {0, 0}}),
+               ErrorCode::unsupported, "nothing but reduced copies");
+}
+
+// As ImageJ takes them: a resolution counts without a unit, except 72 dots per inch.
+TEST(VolumeTiff, ImageJsResolutionWithoutAUnit) {
+  const Folder folder;
+  const auto spacing = [&](double resolution, int unit, const std::string& more) {
+    const auto volume =
+        expect_read(write_tiff(folder, "a.tif",
+                               {.description = "ImageJ=1.53c\nimages=3\nslices=3\n" + more,
+                                .resolution = resolution,
+                                .unit = unit}));
+    return volume;
+  };
+  const auto plain = spacing(2, RESUNIT_NONE, "spacing=2.0\n");
+  EXPECT_EQ(plain.spacing(), glm::dvec3(0.5, 1, 2));
+  EXPECT_THAT(plain.placement, HasSubstr("in a unit that they do not state"));
+  EXPECT_EQ(spacing(4, RESUNIT_CENTIMETER, "spacing=2\n").spacing(), glm::dvec3(2500, 5000, 20000));
+  EXPECT_EQ(spacing(72, RESUNIT_INCH, "spacing=2\n").spacing(), glm::dvec3(1, 1, 2));
+  EXPECT_EQ(spacing(2, RESUNIT_INCH, "unit=mm\nspacing=2\n").spacing(),
+            glm::dvec3(500, 1000, 2000));
+  EXPECT_THAT(spacing(2, RESUNIT_NONE, "").notes, ElementsAre(HasSubstr("only some")));
+}
+
+// tifffile of Python states the shape of the array that it wrote.
+TEST(VolumeTiff, TifffileSaysTheShape) {
+  const Folder folder;
+  const auto write = [&](const std::string& description, std::vector<std::uint32_t> pages) {
+    return write_tiff(folder, "a.tif", {.description = description, .pages = std::move(pages)});
+  };
+  expect_phantom(expect_read(write(R"({"shape": [3, 4, 5]})", {0, 1, 2})), ScalarType::u8);
+  const auto times = write(R"({"shape": [2, 3, 4, 5]})", {0, 0, 0, 0, 1, 2});
+  expect_error(times, ErrorCode::unsupported, "2 time points");
+  expect_phantom(expect_read(times, {.time = 1}), ScalarType::u8);
+  const auto channels = write(R"({"axes": "ZCYX", "shape": [3, 2, 4, 5]})", {2, 0, 2, 1, 2, 2});
+  expect_error(channels, ErrorCode::unsupported, "2 components");
+  expect_phantom(expect_read(channels, {.component = 1}), ScalarType::u8);
+  expect_error(write(R"({"shape": [2, 9, 4, 5]})", {0, 1, 2}), ErrorCode::bad_file,
+               "3 pages, but its tifffile metadata say 9 slices");
+  expect_phantom(expect_read(write(R"({"shape": "none"})", {0, 1, 2})), ScalarType::u8);
+}
+
+TEST(VolumeTiff, ImageJSaysSpacingChannelsAndTimes) {
+  const Folder folder;
+  const auto volume = expect_read(
+      write_tiff(folder, "a.tif",
+                 {.description = "ImageJ=1.53c\nimages=3\nslices=3\nunit=micron\nspacing=2.5\n",
+                  .resolution = 4}));
+  expect_phantom(volume, ScalarType::u8);
+  EXPECT_EQ(volume.spacing(), glm::dvec3(0.25, 0.5, 2.5));
+  EXPECT_THAT(volume.notes, IsEmpty());
+  EXPECT_THAT(volume.placement, HasSubstr("ImageJ metadata, in micrometres"));
+  // Channels are the fastest, then slices, then times: choose the second of each.
+  const auto hyper = write_tiff(
+      folder, "b.tif",
+      {.description = "ImageJ=1.53c\nimages=12\nchannels=2\nslices=3\nframes=2\nhyperstack=true\n",
+       .pages = {0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 2}});
+  expect_error(hyper, ErrorCode::unsupported, "2 time points");
+  expect_error(hyper, ErrorCode::unsupported, "2 components", {.time = 1});
+  expect_phantom(expect_read(hyper, {.component = 1, .time = 1}), ScalarType::u8);
+  // Slices saved as times.
+  const auto frames = expect_read(
+      write_tiff(folder, "c.tif", {.description = "ImageJ=1.53c\nimages=3\nframes=3\n"}));
+  expect_phantom(frames, ScalarType::u8);
+  EXPECT_THAT(frames.notes, ElementsAre(HasSubstr("call its slices time points"),
+                                        HasSubstr("states no spacing")));
+}
+
+// Beyond 4 GiB ImageJ writes one page, and the voxels of all the others after its own.
+TEST(VolumeTiff, ImageJsRawStack) {
+  const Folder folder;
+  const auto path = write_tiff(folder, "a.tif",
+                               {.type = ScalarType::u16,
+                                .mode = "wb",
+                                .description = "ImageJ=1.53c\nimages=3\nslices=3\n",
+                                .pages = {0}});
+  std::string bytes;
+  {
+    std::FILE* file = std::fopen(path.c_str(), "rb");
+    for (int c = std::fgetc(file); c != EOF; c = std::fgetc(file)) bytes += static_cast<char>(c);
+    std::fclose(file);
+  }
+  // Put the pixels of all slices at the end, and let the one strip begin there.
+  const auto all = phantom_bytes(ScalarType::u16, true);
+  const auto first = bytes.find(all.substr(0, 30));
+  ASSERT_NE(first, std::string::npos);
+  EXPECT_EQ(bytes.substr(first, 40), all.substr(0, 40));
+  const std::string joined = bytes.substr(0, first) + all + bytes.substr(first + 40);
+  // The directory lies after the pixels: its offset, at byte 4, moves with them.
+  const auto be32 = [](std::string& text, std::size_t at, std::uint32_t add) {
+    std::uint32_t value = 0;
+    for (std::size_t i = 0; i < 4; ++i)
+      value = value << 8 | static_cast<unsigned char>(text[at + i]);
+    value += add;
+    for (std::size_t i = 0; i < 4; ++i) text[at + i] = static_cast<char>(value >> (24 - 8 * i));
+  };
+  std::string moved = joined;
+  be32(moved, 4, static_cast<std::uint32_t>(all.size() - 40));
+  const auto volume = read_volume(folder.write("b.tif", moved));
+  // Offsets of values after the pixels have moved, too: damaged at worst, never a crash.
+  if (volume) expect_phantom(*volume, ScalarType::u16);
+}
+
+TEST(VolumeTiff, OmeSaysSpacingAndOrder) {
+  const Folder folder;
+  const auto ome = [](const std::string& more) {
+    return "<?xml version=\"1.0\"?><OME "
+           "xmlns=\"http://www.openmicroscopy.org/Schemas/OME/2016-06\">"
+           "<Image><Pixels ID=\"P\" SizeX=\"5\" SizeY=\"4\" " +
+           more + "/></Image></OME>";
+  };
+  const auto volume = expect_read(write_tiff(
+      folder, "a.ome.tif",
+      {.description = ome("DimensionOrder=\"XYZCT\" SizeZ=\"3\" SizeC=\"1\" SizeT=\"1\" "
+                          "PhysicalSizeX=\"0.5\" PhysicalSizeY=\"250\" PhysicalSizeYUnit=\"nm\" "
+                          "PhysicalSizeZ=\"2\"")}));
+  expect_phantom(volume, ScalarType::u8);
+  EXPECT_EQ(volume.spacing(), glm::dvec3(0.5, 0.25, 2));
+  const auto channels = write_tiff(
+      folder, "b.ome.tif",
+      {.description = ome("DimensionOrder=\"XYCZT\" SizeZ=\"3\" SizeC=\"2\" SizeT=\"1\""),
+       .pages = {2, 0, 2, 1, 2, 2}});
+  expect_phantom(expect_read(channels, {.component = 1}), ScalarType::u8);
+  expect_error(
+      write_tiff(
+          folder, "c.ome.tif",
+          {.description = ome("DimensionOrder=\"XYZCT\" SizeZ=\"9\" SizeC=\"1\" SizeT=\"1\"")}),
+      ErrorCode::bad_file, "3 pages, but its OME metadata say 9 slices");
+  expect_error(write_tiff(folder, "d.ome.tif", {.description = "<OME><Pixels SizeZ=\"0\"/></OME>"}),
+               ErrorCode::bad_file, "OME metadata: SizeT is absurd or missing");
+  expect_error(write_tiff(folder, "e.ome.tif",
+                          {.description = "<!DOCTYPE a [<!ENTITY b \"c\">]>"
+                                          "<OME>&b;</OME>"}),
+               ErrorCode::bad_file, "entities");
+}
+
+TEST(VolumeTiff, OmeMayHoldSeveralImages) {
+  const Folder folder;
+  const auto image = [](const std::string& name, const std::string& more) {
+    return "<Image ID=\"Image:" + name + "\" Name=\"" + name +
+           "\"><Pixels DimensionOrder=\"XYZCT\" SizeC=\"1\" SizeT=\"1\" " + more +
+           "</Pixels></Image>";
+  };
+  for (const auto& [first, second] :
+       {std::pair{"SizeZ=\"2\">", "SizeZ=\"3\">"},
+        std::pair{"SizeZ=\"2\"><TiffData IFD=\"0\" PlaneCount=\"2\"/>",
+                  "SizeZ=\"3\"><TiffData IFD=\"2\" PlaneCount=\"3\"/>"}}) {
+    const auto path = write_tiff(
+        folder, "a.ome.tif",
+        {.description = "<OME>" + image("scout", first) + image("scan", second) + "</OME>",
+         .pages = {2, 2, 0, 1, 2}});
+    expect_error(path, ErrorCode::unsupported,
+                 "2 images (series) in one OME-TIFF, expected one: choose array 'scout', 'scan'");
+    for (const auto* chosen : {"scan", "Image:scan", "1"})
+      expect_phantom(expect_read(path, {.array = chosen}), ScalarType::u8);
+    EXPECT_THAT(expect_read(path, {.array = "scout"}).dims, ElementsAre(5, 4, 2));
+    expect_error(path, ErrorCode::usage, "no image 'third'", {.array = "third"});
+  }
+  expect_error(write_tiff(folder, "b.tif", {}), ErrorCode::usage, "the file names none",
+               {.array = "scan"});
+}
+
+// Slices 0 and 1 in one file, slice 2 in another, as OME's metadata say.
+TEST(VolumeTiff, OmeMayBeASetOfFiles) {
+  const Folder folder;
+  const auto ome = [](const std::string& places, const std::string& size = "3") {
+    return "<OME><Image><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"" + size +
+           "\" SizeC=\"1\" SizeT=\"1\">" + places + "</Pixels></Image></OME>";
+  };
+  const auto place = [](const std::string& attributes, const std::string& file) {
+    return "<TiffData " + attributes + "><UUID FileName=\"" + file + "\">urn:1</UUID></TiffData>";
+  };
+  const auto write = [&](const std::string& name, const std::string& description,
+                         const std::vector<std::uint32_t>& pages) {
+    return write_tiff(folder, name, {.description = description, .pages = pages});
+  };
+  const std::string first = place("FirstZ=\"0\" IFD=\"0\" PlaneCount=\"2\"", "a.ome.tif");
+  const std::string set = ome(first + place("FirstZ=\"2\" IFD=\"0\"", "b.ome.tif"));
+  const auto a = write("a.ome.tif", set, {0, 1});
+  expect_error(a, ErrorCode::not_found, "b.ome.tif");
+  const auto b = write("b.ome.tif", set, {2});
+  for (const auto& path : {a, b}) {
+    const auto volume = expect_read(path);
+    expect_phantom(volume, ScalarType::u8);
+    EXPECT_THAT(volume.files, ::testing::IsSupersetOf({a, b}));
+  }
+
+  folder.write("set.companion.ome", set);
+  expect_phantom(
+      expect_read(
+          write("c.ome.tif", "<OME><BinaryOnly MetadataFile=\"set.companion.ome\"/></OME>", {2})),
+      ScalarType::u8);
+
+  expect_error(write("d.ome.tif", ome(first), {0, 1}), ErrorCode::bad_file,
+               "do not say where picture 2 is");
+  expect_error(write("d.ome.tif", ome(place("", "d.ome.tif")), {0, 1}), ErrorCode::bad_file,
+               "has 2 pages, but page 2 is part of the volume");
+  for (const char* file : {"a.ome.tif", "b.ome.tif"})
+    expect_error(write("d.ome.tif",
+                       ome(first + place("FirstZ=\"2\"", "b.ome.tif") +
+                               place("FirstZ=\"3\" IFD=\"0\"", file),
+                           "4"),
+                       {0, 1}),
+                 ErrorCode::unsupported, "comes after a later one");
+}
+
+TEST(VolumeTiff, SaysWhatItDoesNotRead) {
+  const Folder folder;
+  expect_error(folder.write("a.tif", std::string("II*\0\x08\0\0\0", 8) + "xx"), ErrorCode::bad_file,
+               "damaged TIFF");
+  expect_error(write_tiff(folder, "b.tif", {.pages = {0}}), ErrorCode::unsupported, "single slice");
+  expect_error(write_tiff(folder, "c.tif", {}), ErrorCode::usage, "time point 4", {.time = 4});
+}
+
+// Every truncation and many flipped bits: an error or a volume that holds together.
+TEST(VolumeTiff, DamageIsAnErrorOrAVolume) {
+  const Folder folder;
+  const auto path = write_tiff(folder, "a.tif",
+                               {.type = ScalarType::u16,
+                                .compression = COMPRESSION_ADOBE_DEFLATE,
+                                .description = "ImageJ=1.53c\nimages=3\nslices=3\n"});
+  std::string bytes;
+  std::FILE* file = std::fopen(path.c_str(), "rb");
+  for (int c = std::fgetc(file); c != EOF; c = std::fgetc(file)) bytes += static_cast<char>(c);
+  std::fclose(file);
+  const auto check = [&](const std::string& damaged) {
+    const auto volume = read_volume(folder.write("b.tif", damaged));
+    if (!volume) return;
+    EXPECT_EQ(volume->voxels.size(), volume->voxel_count() * bytes_per_voxel(volume->type));
+  };
+  for (std::size_t size = 1; size < bytes.size(); ++size) check(bytes.substr(0, size));
+  std::mt19937 random(1);
+  for (int round = 0; round < 2000; ++round) {
+    std::string damaged = bytes;
+    damaged[random() % damaged.size()] ^= static_cast<char>(1 << random() % 8);
+    check(damaged);
+  }
+}
+
+// Each file holds two channels: those are not slices.
+TEST(VolumeFolder, TiffsOfSeveralChannels) {
+  const Folder folder;
+  for (const std::uint32_t k : {0, 1, 2})
+    write_tiff(folder, "z" + std::to_string(k) + ".tif",
+               {.description = "ImageJ=1.53c\nimages=2\nchannels=2\n", .pages = {2, k}});
+  expect_error(folder.path(), ErrorCode::unsupported, "2 components");
+  expect_phantom(expect_read(folder.path(), {.component = 1}), ScalarType::u8);
+}
+
+// A folder that holds a set that OME describes is read as the set, not in the order of names.
+TEST(VolumeFolder, SetsOfOmeTiffs) {
+  const Folder folder;
+  std::string ome =
+      "<OME><Image><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"3\" SizeC=\"2\" "
+      "SizeT=\"1\">";
+  for (int c = 0; c < 2; ++c)
+    ome += "<TiffData FirstC=\"" + std::to_string(c) + "\" IFD=\"0\" PlaneCount=\"3\"><UUID " +
+           "FileName=\"c" + std::to_string(c) + ".tif\">urn:1</UUID></TiffData>";
+  ome += "</Pixels></Image></OME>";
+  write_tiff(folder, "c0.tif", {.description = ome, .pages = {2, 2, 2}});
+  write_tiff(folder, "c1.tif", {.description = ome});
+  expect_error(folder.path(), ErrorCode::unsupported, "2 components");
+  expect_phantom(expect_read(folder.path(), {.component = 1}), ScalarType::u8);
+  write_tiff(folder, "other.tif", {});
+  expect_error(folder.path(), ErrorCode::unsupported, "other.tif: is not one of the 2 files");
+}
+
+TEST(VolumeFolder, TiffsOfAPageEach) {
+  const Folder folder;
+  for (const std::uint32_t k : {0, 1, 2})
+    write_tiff(folder, "z" + std::to_string(k) + ".tiff", {.type = ScalarType::f32, .pages = {k}});
+  expect_phantom(expect_read(folder.path()), ScalarType::f32);
+}
+
+}  // namespace
+}  // namespace slf
