@@ -1,4 +1,5 @@
-// TileShape: the order of a tile's samples, which geometry makes and codecs code.
+// TileShape: the order of a tile's samples. It is here because geometry makes it and codecs code by
+// it, and neither depends on the other. It has no samples.
 #pragma once
 
 #include <cstddef>

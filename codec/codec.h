@@ -28,6 +28,7 @@ namespace slf::codec {
 using slf::LocalPoint;
 using slf::sample_bytes;
 using slf::SampleFormat;
+/// Codecs call the shape of a tile a tile. It has no samples.
 using Tile = slf::TileShape;
 
 class Predictor;
@@ -61,13 +62,15 @@ class Codec {
   [[nodiscard]] virtual ByteSpan tables() const { return {}; }
 
   /// Encodes `samples` (exactly tile.bytes() bytes) and replaces the content of `payload`. The same
-  /// samples and predictions give the same bytes on every machine and thread. `predictor` is null
-  /// for a tile of level 0, which is predicted from nothing. Errors of the predictor.
+  /// samples and predictions give the same bytes on every machine and thread, with the same
+  /// versions of compression libraries. A tile with samples gets at least one byte, because no
+  /// bytes stand for an empty tile; a tile without rows gets none. `predictor` is null for a tile
+  /// of level 0, which is predicted from nothing. Errors of the predictor.
   [[nodiscard]] virtual Result<void> encode(const Tile& tile, ByteSpan samples,
                                             Predictor* predictor, Bytes& payload) const = 0;
 
-  /// Decodes `payload` into `samples` (exactly tile.bytes() bytes, caller-owned). `predictor`
-  /// predicts what that of encode() did, or is null as well.
+  /// Decodes `payload` into `samples` (exactly tile.bytes() bytes, at any alignment; caller-owned).
+  /// `predictor` predicts what that of encode() did, or is null as well.
   /// bad_file: the payload is damaged or of another shape; the content of `samples` is undefined.
   /// Errors of the predictor.
   [[nodiscard]] virtual Result<void> decode(const Tile& tile, ByteSpan payload,

@@ -1,5 +1,6 @@
 // Predictor: what a codec that predicts tiles asks about a tile. Codecs know of no spheres, so the
-// field that has the tile answers (field/tile_coder.h).
+// field that has the tile answers: TileCoder implements it (field/tile_coder.cc) on top of
+// TilePredictor (field/predict), which does the arithmetic.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +20,9 @@ struct Prediction {
 /// Candidates differ in how often they are used.
 inline constexpr std::size_t kReferenceKinds = 4;
 
-/// Predicts one tile of a level above 0 from others, its candidates. For one thread.
+/// Predicts one tile of a level above 0 from others, its candidates. For one thread. choose() and
+/// predict() may decode candidates with the same codec on this thread. So a codec must not have
+/// thread-local scratch in use while it calls them.
 class Predictor {
  public:
   virtual ~Predictor() = default;

@@ -1,4 +1,4 @@
-// FieldFile: the manifest, geometry, codecs and tiles behind a Field.
+// FieldFile: the manifest, geometry, codec and tiles behind a Field. field.cc implements both.
 #pragma once
 
 #include <array>
@@ -51,14 +51,14 @@ class FieldFile {
   /// The geometry of a level, computed on first use. REQUIRES: level <= shape().levels.
   [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
 
-  /// Codes its tiles.
+  /// Codes its tiles: the codec, with predictions where it needs them.
   [[nodiscard]] const TileCoder& coder() const { return *coder_; }
   /// The shape of a tile. REQUIRES: a key of this field.
   [[nodiscard]] codec::Tile tile_shape(TileKey key) const { return coder_->tile_shape(key); }
 
-  /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes; TileCache does this
-  /// with references that it keeps. bad_file: the tile is damaged. Errors of `references` are
-  /// returned as they are.
+  /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes. Code that needs
+  /// samples reads them through TileCache, which calls this with references that it keeps.
+  /// bad_file: the tile is damaged. Errors of `references` are returned as they are.
   [[nodiscard]] Result<void> decode(const storage::TileRef& tile, const ReferenceSource& references,
                                     std::span<std::byte> samples) const;
 
@@ -87,14 +87,16 @@ class FieldFile {
   FieldFile(storage::TileStore store, Manifest manifest)
       : store_(std::move(store)), manifest_(std::move(manifest)) {}
 
-  storage::TileStore store_;
-  Manifest manifest_;
   void read_reference_index();
+  /// advise() with the reference index of a remote file: the tiles and all that they are predicted
+  /// from, together.
   void advise_together(std::span<const storage::TileRef> tiles) const;
   /// Whether all tiles of the part are there.
   [[nodiscard]] Result<bool> part_is_complete() const;
   [[nodiscard]] tl::unexpected<Error> changed() const;
 
+  storage::TileStore store_;
+  Manifest manifest_;
   std::unique_ptr<codec::Codec> codec_;
   std::optional<TileCoder> coder_;               // from open() on
   std::vector<ReferenceIndex> reference_index_;  // [level - 1]; the levels in a remote file's index

@@ -16,8 +16,8 @@ struct Manifest {
   static constexpr int kMajor = 2;
 
   FieldShape shape;
-  /// How many levels, from 0 on, hold means of rays instead of single rays. Absent in fields older
-  /// than minor version 1.
+  /// How many levels, from 0 on, hold means of rays instead of single rays. Optional in a manifest;
+  /// filtered() says what its absence means.
   std::optional<unsigned> filtered_levels;
   SampleFormat format = SampleFormat::rgba8;
   std::string codec;              ///< specification, such as "jpeg:75"

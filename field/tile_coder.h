@@ -53,7 +53,7 @@ class TileCoder {
                                     Bytes& payload) const;
 
  private:
-  class Predictor;
+  class Predictor;  // what the codec asks: finds the references of a tile, loads them, predicts
 
   const FieldShape shape_;
   const SampleFormat format_;

@@ -1,4 +1,5 @@
 // RangeSource: the interface to a file that is read in ranges, such as one on a web server.
+// TileStore::open() takes one; field/remote implements it.
 #pragma once
 
 #include <cstdint>

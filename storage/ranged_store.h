@@ -1,4 +1,5 @@
-// RangedStore: reads a container from ranges of its bytes, such as those fetched over HTTP.
+// RangedStore: reads a container from ranges of its bytes, such as those fetched over HTTP. The
+// page in a browser uses it; elsewhere, TileStore reads remote files.
 //
 // It does no input or output itself. A call that needs bytes which are not present fails with
 // ErrorCode::io, and take_needed_ranges() returns their ranges. The caller fetches these ranges,

@@ -213,8 +213,9 @@ HWY_INLINE Seen look_up(const Exits& exits, const PredictedRow& row, const Rays&
         to.corners.section, hn::Eq(hn::Zero(di), hn::Zero(di)), [&](std::int32_t s, auto here) {
           const ReferenceTile& tile = from.tiles[s];
           if (!tile.color) return;
-          const auto* colors = reinterpret_cast<const std::int32_t*>(tile.color) + from.row;
-          const auto* depths = reinterpret_cast<const std::int32_t*>(tile.depth + from.row - 3);
+          const auto* colors = reinterpret_cast<const std::int32_t*>(tile.color) + from.row_begin;
+          const auto* depths =
+              reinterpret_cast<const std::int32_t*>(tile.depth + from.row_begin - 3);
           for (int corner = 0; corner < 3; ++corner) {
             const VI column = hn::IfThenElseZero(here, to.corners.column[corner]);
             rgba[corner] = hn::IfThenElse(here, hn::GatherIndex(di, colors, column), rgba[corner]);

@@ -32,7 +32,7 @@ struct ReferenceTile {
 /// A vertex of the coarser entry lattice that a row is predicted from.
 struct ReferenceVertex {
   float x = 0, y = 0, z = 0;             ///< its unit direction
-  std::uint32_t row = 0;                 ///< its first sample in its section's tiles
+  std::uint32_t row_begin = 0;           ///< the first sample of its row in a tile
   const ReferenceTile* tiles = nullptr;  ///< [exit section of the coarser level]
   std::uint32_t* uses = nullptr;         ///< [exit section]: look-ups, for count_uses()
 };

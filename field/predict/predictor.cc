@@ -64,7 +64,7 @@ PredictedRow TilePredictor::row(std::size_t index, std::span<const ReferenceTile
     const References::Vertex& vertex = row.vertex[c];
     ReferenceVertex& to = out.reference[c];
     to.x = vertex.direction.x, to.y = vertex.direction.y, to.z = vertex.direction.z;
-    to.row = static_cast<std::uint32_t>(vertex.row * columns_);
+    to.row_begin = static_cast<std::uint32_t>(vertex.row * columns_);
     to.tiles = from.data() + vertex.slot * exits;
   }
   return out;

@@ -1,6 +1,9 @@
 // TilePredictor: predicts the tiles of one level from decoded tiles of the next coarser level. All
 // machines and instruction sets predict the same bytes.
 //
+// This is the arithmetic. The codec asks through codec::Predictor (codec/prediction.h), which
+// TileCoder implements: it finds and loads the references, and calls this class.
+//
 // Thread-safety: a TilePredictor is immutable.
 #pragma once
 

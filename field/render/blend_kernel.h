@@ -13,7 +13,8 @@ namespace slf {
 /// Blends each ray's samples (eq. 2) into its pixel of a picture: premultiplied colours.
 ///
 /// A pass with depth also estimates the depth along each ray, and the next aim of each entry vertex
-/// (doc/drawing.md, "Mode depth"):
+/// (doc/drawing.md, "Mode depth"). An aim is a depth along the ray, of the point through which the
+/// vertex's next line passes:
 ///  - Without a depth tolerance, in the first pass, all three vertices aim at the ray's depth. Rays
 ///    that are too transparent get no further pass.
 ///  - With a tolerance, samples whose depth differs from the aim lose weight. Each vertex aims

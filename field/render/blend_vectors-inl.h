@@ -142,7 +142,7 @@ struct Places {
     const VU three = hn::LoadU(DU(), &samples.depth[c][k]);
     depth[0] = byte_of<0>(three), depth[1] = byte_of<1>(three), depth[2] = byte_of<2>(three);
     const Point from = Point::load(entries.point[c], k);
-    const Point aim = Point::load(*pass.aim[c], k).minus(from);
+    const Point aim = Point::load(*pass.exit_point[c], k).minus(from);
     begin = hn::Mul(from.minus(rays.enter).dot(rays.along), rays.inverse);
     scale = hn::Mul(aim.dot(rays.along), hn::Mul(rays.inverse, hn::Set(D(), 1.f / 255)));
   }

@@ -88,7 +88,7 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
   pass.entries = mode == RenderMode::nearest || mode == RenderMode::st ? 1 : 3;
   pass.with_depth = options_.needs_depth();
   pass.first_of_more = mode == RenderMode::depth;
-  pass.aim.fill(&rays_.leave);
+  pass.exit_point.fill(&rays_.leave);
   pass.exit.fill(&exits_);
   locate_entries(geometry, rays_, pass.entries == 1, pass.with_depth, entries_);
   locate_exits(

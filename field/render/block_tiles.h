@@ -47,11 +47,13 @@ class BlockTiles {
   /// that it uses to `touched`, which must outlive the frame.
   void begin_frame(std::uint32_t frame, bool with_depth, std::vector<TileKey>& touched);
 
-  /// Begins a pass over a level. `wait`: absent tiles will be loaded; otherwise they are
-  /// unavailable.
+  /// Begins a pass over a level. Geometry and table must outlive it. `wait`: the caller will load
+  /// absent tiles and call find() again; otherwise they are unavailable.
   void begin_pass(const LevelGeometry& geometry, const PageTable& table, bool wait);
 
-  /// From now on, find() also returns these tiles, sorted, if they must be pinned to be read.
+  /// For the rest of the pass, find() also returns those of these tiles that may only be read while
+  /// they are pinned (TilePage::kMustPin). REQUIRES: the keys ascend, and live until the last
+  /// find(); the caller holds the pins.
   void set_pinned(std::span<const TileKey> keys) { pinned_ = keys; }
 
   /// Finds a tile and stamps it as used by the frame. Not inlined: the kernel's loop, which calls

@@ -40,7 +40,7 @@ void DepthRefinement::begin(const LevelGeometry& geometry, Pass& pass) {
   contrast_rays_.count = 0;
   pass.depth_tolerance = kDepthTolerance / static_cast<float>(geometry.exit_resolution());
   for (std::size_t c = 0; c < 3; ++c) {
-    pass.aim[c] = &exit_points_[c];
+    pass.exit_point[c] = &exit_points_[c];
     pass.exit[c] = &exits_[c];
   }
 }

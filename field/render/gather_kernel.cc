@@ -246,10 +246,10 @@ void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells
         if (!add) clear(c, k);
         continue;
       }
-      const VU row = hn::LoadU(du, &entries.row[c][k]);
+      const VU row = hn::LoadU(du, &entries.row_begin[c][k]);
       const VU pair = hn::Add(row, hn::LoadU(du, &exit.pair[k]));
       const VU third = hn::Add(row, hn::LoadU(du, &exit.third[k]));
-      constexpr int kShift = kHalf ? 3 : 2;
+      constexpr int kShift = kHalf ? 3 : 2;  // to bytes
       V64 two[kHalves], one[kHalves], seen = hn::Zero(d);
       for_halves([&](auto half) {
         const V64 begin = hn::LoadU(d, &offsets.color[c][k + half * hn::Lanes(d)]);
@@ -302,17 +302,18 @@ void gather_next(const TileOffsets& offsets, const Pass& pass, const EntryCells&
   const auto put = [&](auto v, auto tag, auto* to) {
     hn::StoreU(add ? hn::Or(v, hn::LoadU(tag, to)) : v, tag, to);
   };
+  constexpr int kShift = kHalf ? 3 : 2;  // to bytes
   for (std::size_t slot = 0; slot < 6 * pass.entries; ++slot) {
     const std::size_t c = slot / 6;
     const auto& next = pass.exit[c]->next[slot % 6];
     for (std::size_t k = 0; k < count; k += hn::Lanes(du)) {
       const VU column = hn::LoadU(du, &next[k]);
       const VU outside = hn::VecFromMask(du, hn::Eq(column, hn::Set(du, kOutside)));
-      const VU at = hn::Add(hn::LoadU(du, &entries.row[c][k]), column);
+      const VU at = hn::Add(hn::LoadU(du, &entries.row_begin[c][k]), column);
       V64 colors[kHalves];
       for_halves([&](auto half) {
         const V64 begin = hn::LoadU(d, &offsets.color[c][k + half * hn::Lanes(d)]);
-        const V64 bytes = hn::ShiftLeft < kHalf ? 3 : 2 > (widen(half_of<half.value>(at)));
+        const V64 bytes = hn::ShiftLeft<kShift>(widen(half_of<half.value>(at)));
         const auto exists = hn::Eq(widen(half_of<half.value>(outside)), hn::Zero(d));
         colors[half] = load(hn::IfThenElseZero(exists, begin), bytes, kHalf ? 0 : 4);
         if constexpr (kHalf)

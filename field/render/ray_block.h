@@ -67,13 +67,13 @@ struct RayBlock {
 /// The cell of the entry lattice that each ray enters through: three vertices, or only the nearest
 /// one, in slot 0.
 struct EntryCells {
-  std::array<RayArray<std::uint32_t>, 3> section;  ///< the owner of the vertex
-  std::array<RayArray<std::uint32_t>, 3> row;      ///< its first sample in the section's tiles
+  std::array<RayArray<std::uint32_t>, 3> section;    ///< the owner of the vertex
+  std::array<RayArray<std::uint32_t>, 3> row_begin;  ///< the first sample of its row in a tile
   std::array<RayArray<float>, 3> weight;
   std::array<PointArrays, 3> point;  ///< the vertices' positions; only if requested
 
   void resize(std::size_t size) {
-    for (auto* arrays : {&section, &row})
+    for (auto* arrays : {&section, &row_begin})
       for (auto& array : *arrays) array.resize(size + kRayPadding);
     for (auto& array : weight) array.resize(size + kRayPadding);
     for (auto& points : point) points.resize(size + kRayPadding);
@@ -126,7 +126,8 @@ struct BlockSamples {
 };
 
 /// Depths along each ray, 0 where it enters the sphere and 1 where it leaves, as estimated from its
-/// samples.
+/// samples. Stored depths are fractions of the chord from the entry vertex instead (FORMAT.md 4.3);
+/// blend() converts them.
 struct DepthEstimates {
   RayArray<float> t;                    ///< opacity-weighted mean over all samples
   std::array<RayArray<float>, 3> aim;   ///< the depth at which each entry vertex aims
@@ -141,9 +142,10 @@ struct DepthEstimates {
   }
 };
 
-/// One round of samples for a block of rays: the exit points at which each entry vertex aims.
+/// One run of a block of rays through gather and blend, or bend. The modes without depth have one
+/// pass. Mode depth has a first one, up to three rounds, and a cubic one (depth_refinement.h).
 struct Pass {
-  unsigned entries = 3;        ///< entry vertices in use
+  unsigned entries = 3;        ///< entry vertices in use: 3, or 1 for the nearest alone
   bool with_depth = false;     ///< depths are sampled and estimated
   bool first_of_more = false;  ///< pixels that a later pass will draw need not be drawn
   /// Difference of depth, as a fraction of the ray, at which a sample's weight reaches its minimum.
@@ -154,8 +156,10 @@ struct Pass {
   /// The pass samples the same exit points again, and the vertices next to their cells. It adds to
   /// the pixels what a cubic between exit vertices differs from linear interpolation.
   bool cubic = false;
-  std::array<const PointArrays*, 3> aim{};  ///< exit points, per entry vertex
-  std::array<const ExitCells*, 3> exit{};   ///< their cells
+  /// Where each entry vertex is sampled: points on the exit side, and their cells. Views of arrays
+  /// that stay unchanged during the pass.
+  std::array<const PointArrays*, 3> exit_point{};
+  std::array<const ExitCells*, 3> exit{};
 };
 
 }  // namespace slf

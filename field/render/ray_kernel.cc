@@ -88,6 +88,8 @@ void cast_rays_any(const CameraBasis& basis, const PixelBlock& block, RayBlock& 
     return Linear{Point::set(of(start)), Point::set(of(basis.across)), Point::set(of(basis.down))};
   };
   const Linear directions = linear([](const glm::dvec3& v) { return v; });
+  // The moment eye × direction leads to the ray's point closest to the centre: direction × moment
+  // over the squared length of direction.
   const Linear moments = linear([&](const glm::dvec3& v) { return glm::cross(basis.eye, v); });
   const auto along_eye = [&](const glm::dvec3& v) {
     return hn::Set(d, static_cast<float>(glm::dot(basis.eye, v)));
@@ -141,7 +143,7 @@ void locate_entries_any(const LevelGeometry& geometry, const RayBlock& rays, boo
   const auto store_row = [&](VI vertex, V weight, std::size_t c, std::size_t k) {
     const VI packed = hn::GatherIndex(di, rows, vertex);
     store(hn::ShiftRightSame(packed, row_bits), entries.section[c], k);
-    store(hn::Mul(hn::And(packed, row_mask), columns), entries.row[c], k);
+    store(hn::Mul(hn::And(packed, row_mask), columns), entries.row_begin[c], k);
     store(weight, entries.weight[c], k);
   };
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {

@@ -30,10 +30,11 @@ class SampleGatherer {
   void begin(std::uint32_t frame, bool with_depth);
 
   /// Gathers all samples of a pass over `count` rays from a level's tiles, and finds the rays that
-  /// need an unavailable one, whose samples are 0.
+  /// need an unavailable one, whose samples are 0. Errors of TileCache::load(), if `wait`.
   [[nodiscard]] Result<void> gather(const LevelGeometry& geometry, bool wait, std::size_t count,
                                     const EntryCells& entries, const Pass& pass);
 
+  /// The samples of the last pass. The next gather() overwrites them.
   [[nodiscard]] const BlockSamples& samples() const { return samples_; }
   [[nodiscard]] bool half_floats() const { return is_half(format_); }
   /// Whether any ray of the last pass needs an unavailable tile, or a certain ray does.

@@ -1,9 +1,9 @@
 // PageTable: finds the loaded tiles of one level by their sections, without a lock.
 //
-// As in virtual texturing, an entry section and an exit section index the table directly, so one
-// load finds a tile. Readers look tiles up while the cache loads and removes others: the samples
-// of a removed tile stay valid until every reader that may have found them has left its ReadScope
-// (tile_cache.h).
+// A page is a tile here, not 4 KiB of a file: the name is that of virtual texturing. As there, an
+// entry section and an exit section index the table directly, so one load finds a tile. Readers
+// look tiles up while the cache loads and removes others: the samples of a removed tile stay valid
+// until every reader that may have found them has left its ReadScope (tile_cache.h).
 #pragma once
 
 #include <array>
@@ -34,7 +34,8 @@ struct alignas(32) TilePage {
 
   static constexpr int kStampBits = 16;  // offsets between user addresses take 48 bits
   static constexpr std::uint64_t kStampMask = (1 << kStampBits) - 1;
-  static constexpr std::uint64_t kNotFound = 0, kRemoved = kStampMask;  ///< instead of stamps
+  /// Instead of stamps: kNotFound if no frame has found the tile yet, kRemoved after its removal.
+  static constexpr std::uint64_t kNotFound = 0, kRemoved = kStampMask;
   static constexpr std::uint32_t kStamps = 0xFFFE;  ///< frames until a stamp is reused
 
   /// The stamp of a frame.
@@ -57,8 +58,10 @@ struct alignas(32) TilePage {
   /// that found the tile readable and complete; or kNotFound or kRemoved. A new stamp is stored
   /// only if the word has not changed meanwhile, so never into the word of another tile.
   std::atomic<std::uint64_t> found{0};
-  std::atomic<std::uint32_t> state{0};
-  std::atomic<std::uint32_t> used{0};  ///< the frame that used it last
+  std::atomic<std::uint32_t> state{0};  ///< kLoaded and other flags; 0: not loaded
+  /// The frame that used it last, which orders removals. `found` has its stamp, too, but not while
+  /// the tile must be pinned or is missing.
+  std::atomic<std::uint32_t> used{0};
 };
 static_assert(sizeof(TilePage) == 32);
 

@@ -1,5 +1,8 @@
 // TileCache: the loaded tiles of one field, within a byte budget.
 //
+// The states of a tile, and who may read it in each, are in ARCHITECTURE.md. In a file a tile is
+// stored, empty or missing (storage::TileState); absent means that the cache does not have it.
+//
 // Renderers find tiles without a lock: inside a ReadScope, page_table() maps a pair of sections to
 // a TilePage. They load() absent tiles: each is found in the file, checked and decoded once, while
 // other threads that need it wait. Over budget, the least recently used tiles are removed,
@@ -39,8 +42,9 @@ struct CacheStatistics {
   std::uint64_t loaded_bytes = 0;
 };
 
+/// Thread-safety: any thread, except where a member says otherwise.
 class TileCache {
-  struct Tile;
+  struct Tile;  // a tile that is loaded or being loaded
   class ScopedLock;
 
  public:
@@ -73,7 +77,8 @@ class TileCache {
     Tile* tile_ = nullptr;
   };
 
-  /// A thread that reads pages. Made once, used for many ReadScopes. Must not outlive the cache.
+  /// Registers a thread that looks up tiles in page_table(). Made once, used for many ReadScopes,
+  /// one at a time. Must not outlive the cache.
   class Reader {
    public:
     explicit Reader(TileCache& cache);
@@ -92,8 +97,9 @@ class TileCache {
     Slot* slot_;
   };
 
-  /// During its lifetime every page found in it stays valid. Keep it short, and do not call load()
-  /// in it: memory of removed tiles is freed only after it ends.
+  /// During its lifetime the samples of every tile found in it stay valid. Keep it short, and do
+  /// not call load() in it: load() may wait for memory of removed tiles, which is freed only after
+  /// it ends.
   class ReadScope {
    public:
     explicit ReadScope(Reader& reader);
@@ -105,9 +111,9 @@ class TileCache {
     Reader& reader_;
   };
 
-  /// `budget` bytes of decoded samples, `map_budget` resident bytes of the map; pinned tiles of an
-  /// in-place codec can exceed the latter. Unless `in_place`, tiles of in-place codecs are copied
-  /// out of the map too.
+  /// The field must outlive this. `budget` bytes of decoded samples, `map_budget` resident bytes of
+  /// the map; pinned tiles of an in-place codec can exceed the latter. Unless `in_place`, tiles of
+  /// in-place codecs are copied out of the map too.
   TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget = kUnlimited,
             bool in_place = true);
   ~TileCache();
@@ -115,18 +121,20 @@ class TileCache {
   [[nodiscard]] const FieldFile& field() const { return field_; }
   [[nodiscard]] std::uint64_t budget() const { return budget_; }
 
-  /// The table of a level, to find pages inside ReadScopes. Thread-safe.
+  /// The table of a level, to find tiles inside ReadScopes. Empty if it needs too much address
+  /// space; then load() fails.
   [[nodiscard]] const PageTable& page_table(unsigned level) const { return tables_[level]; }
 
-  /// Begins a frame: tiles that it uses get its number in TilePage::used. While the cache has room,
-  /// successive frames that do not `lists_tiles` share a number: they find each other's tiles as
-  /// fast as their own, and no removal needs to know which frame is older.
-  /// Thread-safe.
+  /// Begins a frame and returns its number, which its tiles get in TilePage::used. A frame whose
+  /// caller does not want the list of its tiles (`lists_tiles` is false) may share the number of
+  /// the frame before while the cache has room: then its kernels find the tiles of that frame as
+  /// fast as its own, and no removal needs to know which of the two is older.
   [[nodiscard]] std::uint32_t begin_frame(bool lists_tiles = true);
 
-  /// Loads tiles and pins them.
-  /// Thread-safe. REQUIRES: no ReadScope of the calling thread. Errors of finding, checking and
-  /// decoding, which are not cached. unsupported: a level too large for the address space.
+  /// Loads tiles and pins them, in the order of `keys`. Empty and missing tiles are no errors:
+  /// Pin::state() tells. REQUIRES: no ReadScope of the calling thread, and keys of the field.
+  /// Errors of finding, checking and decoding, which are not cached. unsupported: a level too large
+  /// for the address space.
   [[nodiscard]] Result<std::vector<Pin>> load(std::span<const TileKey> keys);
 
   /// A tile, and its payload in the file if that was looked up.
@@ -150,7 +158,7 @@ class TileCache {
   [[nodiscard]] Result<void> read(const storage::TileRef& tile, std::span<std::byte> samples);
 
   /// Codes a tile for this field; if its codec is predictive, as a difference from what the tiles
-  /// of the next coarser level predict. Errors of load(). Thread-safe.
+  /// of the next coarser level predict. Errors of load().
   [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples, Bytes& payload);
 
   /// The number of the frame that began last.

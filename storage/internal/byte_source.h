@@ -1,4 +1,5 @@
-// ByteSource: the bytes of a container that is not mapped, such as ranges fetched over HTTP.
+// ByteSource: where Pages reads a container that is not mapped. SparseCopy and RangedStore are two:
+// one fetches bytes when they are read, the other reports those that it lacks.
 #pragma once
 
 #include <cstdint>

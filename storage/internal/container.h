@@ -1,8 +1,7 @@
 // The container's own blob: the number of records, and the last tile.
 //
 // Every commit rewrites it. So a reader knows the last tile, and detects a lost branch of the tree
-// or a root page of an older commit. For the bytes see FORMAT.md, "Container
-// blob".
+// or a root page of an older commit. For the bytes see FORMAT.md, "Container blob".
 #pragma once
 
 #include <cstdint>
