@@ -20,9 +20,10 @@ struct NodeLight {
   glm::vec3 indirect{0};    // from the surroundings, and scattered
   glm::vec3 normal{0};      // mean, times the share of the surface
   float depth = 0;          // optical, below the visible surface
+  float seen = 0;           // extinction of what is visible from outside, mean around the node
   bool lit = false;         // there is matter
 };
-static_assert(sizeof(NodeLight) == 56);
+static_assert(sizeof(NodeLight) == 60);
 
 inline constexpr std::uint32_t kNoNode = std::numeric_limits<std::uint32_t>::max();
 

@@ -23,7 +23,7 @@ constexpr double kReach = 0.5;  // how far from it, in spacings
 constexpr int kMarched = 4;     // of these, towards each light
 /// Bytes per node that computing takes: its depth, index and result, and, at most for half of the
 /// nodes, those near a surface, its number, a NodeLight and twice a colour.
-constexpr std::uint64_t kBytesPerNode = 4 + 4 + 4 + (8 + 56 + 24) / 2;
+constexpr std::uint64_t kBytesPerNode = 4 + 4 + 4 + (8 + 60 + 24) / 2;
 
 /// REQUIRES: 0 <= v < 2^31.
 double fraction(double v) { return v - static_cast<int>(v); }
@@ -76,6 +76,7 @@ class LightSolver {
     NodeLight node;
     if (points.count == 0) return node;
     node.lit = true;
+    node.seen = static_cast<float>(points.total / tries);
     node.indirect = indirect_light(points, pass, random);
     if (!pass.estimate) add_direct(points, random, node);
     return node;

@@ -7,6 +7,7 @@
 #include <random>
 #include <vector>
 
+#include "codec/codec.h"
 #include "field/predict/predictor.h"
 #include "tests/instruction_set.h"
 

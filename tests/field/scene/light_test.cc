@@ -108,6 +108,28 @@ TEST(Light, FurnaceIsInvisible) {
   }
 }
 
+TEST(Light, NodesLeaveNoPatternOnASurface) {
+  // Every point of an opaque ball under an even sky has the same colour, wherever the surface
+  // passes between the nodes.
+  RaycastOptions options = lit(kWhiteSky);
+  options.lighting.spacing = 2;
+  options.lighting.samples = 256;
+  const auto scene =
+      Raycaster::make(ball(48), material(glm::dvec3(0.7), {{120, 0}, {136, 1}}), options);
+  ASSERT_TRUE(scene) << scene.error().message;
+  const Sphere s = (*scene)->bounds();
+  std::mt19937 random(1);
+  double sum = 0, squares = 0;
+  constexpr int kRays = 1000;
+  for (int k = 0; k < kRays; ++k) {
+    const glm::dvec3 from = random_point(random, s.radius);
+    const double seen = (*scene)->trace(s.center + from, s.center - from).rgba.g;
+    sum += seen / kRays;
+    squares += seen * seen / kRays;
+  }
+  EXPECT_LT(std::sqrt(squares - sum * sum) / sum, 0.02);
+}
+
 TEST(Light, NothingGetsBrighterThanItsSky) {
   // White matter that faces straight up reflects the mean of the sky's radiance, weighted by the
   // cosine. The radiance is (1 + z) / 2 at height z, its mean 5/6.
