@@ -19,6 +19,9 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(storage::TileStore stor
       SLF_TRY(Manifest::parse({reinterpret_cast<const char*>(text.data()), text.size()}, path));
   const auto tables = SLF_TRY(store.blob(kTablesBlob));
   auto codec = codec::make_codec(manifest.codec, manifest.format, tables);
+  if (!codec && codec.error().code == ErrorCode::usage)
+    return fail(ErrorCode::unsupported, path, ": this program does not know its codec \"",
+                manifest.codec, "\"; update slf");
   if (!codec) return fail(ErrorCode::bad_file, path, ": ", codec.error().message);
   std::shared_ptr<FieldFile> field(new FieldFile(std::move(store), std::move(manifest)));
   field->codec_ = std::move(*codec);

@@ -133,7 +133,7 @@ TEST(Field, OpensOnlyContainersThatAreFields) {
   EXPECT_TRUE(Field::open(folder / "good.slf"));
   json["codec"] = "gif:3";
   make("codec.slf", json);
-  EXPECT_EQ(Field::open(folder / "codec.slf").error().code, ErrorCode::bad_file);
+  EXPECT_EQ(Field::open(folder / "codec.slf").error().code, ErrorCode::unsupported);
   json = example().to_json();
   json["slf"]["major"] = 3;
   make("newer.slf", json);
