@@ -112,7 +112,7 @@ class Tools:
                     if done:
                         break
                     memory = max(memory, _resident(process.pid) if measured else 0)
-                    time.sleep(0.1 if measured else 0.02)
+                    time.sleep(0.2 if measured else 0.02)
             except BaseException:
                 process.terminate()
                 raise
@@ -169,7 +169,7 @@ def brain(tools):
     size, counts, shape = (
         (192, (50, 100), "--entry 4 --exit 24 --levels 1")
         if tools.quick
-        else (512, (50, 100, 200, 400), "--entry 8 --exit 48 --levels 1")
+        else (512, (50, 100, 200, 400), "--entry 4 --exit 48 --levels 1")
     )
     volume = [BRAIN, "--transfer", ROOT / "scripts/data/brain.json", "--light-file",
               tools.folder / "brain.light"]  # fmt: skip
@@ -234,14 +234,14 @@ def cycles(tools):
     count, size, shape = (
         (40, 128, "--entry 4 --exit 24 --levels 1 --voxels 96")
         if tools.quick
-        else (150, 256, "--entry 8 --exit 48 --levels 1")
+        else (100, 256, "--entry 4 --exit 48 --levels 1")
     )
     file, _ = tools.cameras("cycles", mesh, "--count", count, "--test", 10, "--size", size)
     test = file.with_name("transforms_test.json")
 
     def draw():
         # Noise of the new views would count as an error of the field.
-        for cameras, paths in ((file, 16), (test, 32)) if tools.quick else ((file, 64), (test, 512)):
+        for cameras, paths in ((file, 16), (test, 32)) if tools.quick else ((file, 32), (test, 128)):
             tools.run("blender", "-b", "--python-exit-code", 1, "--python",
                       RENDERERS / "blender_render.py", "--", cameras, mesh, paths)  # fmt: skip
 
