@@ -167,7 +167,7 @@ def brain(tools):
     if not BRAIN.exists():
         raise Missing("mricron-data is not installed")
     size, counts, shape = (
-        (192, (50, 100), "--entry 4 --exit 24 --levels 1")
+        (160, (50, 100), "--entry 4 --exit 20 --levels 1")
         if tools.quick
         else (512, (50, 100, 200, 400), "--entry 4 --exit 48 --levels 1")
     )
@@ -234,7 +234,7 @@ def cycles(tools):
     count, size, shape = (
         (40, 128, "--entry 4 --exit 24 --levels 1 --voxels 96")
         if tools.quick
-        else (100, 256, "--entry 4 --exit 48 --levels 1")
+        else (100, 256, "--entry 12 --exit 32 --levels 1")
     )
     file, _ = tools.cameras("cycles", mesh, "--count", count, "--test", 10, "--size", size)
     test = file.with_name("transforms_test.json")
@@ -252,7 +252,7 @@ def cycles(tools):
 
 # ---- sets that were handed over ------------------------------------------------------------
 
-SHAPES = {"chair": "--entry 8 --exit 64 --levels 1", "mouse": "--entry 4 --exit 48 --levels 1"}
+SHAPES = {"chair": "--entry 12 --exit 64 --levels 1", "mouse": "--entry 4 --exit 32 --levels 1"}
 
 
 def sets(tools, chosen=()):

@@ -133,7 +133,6 @@ class Sweep {
         if (best == depths.size() || costs[k][p] < costs[best][p]) best = k;
       }
       if (best == depths.size() || costs[best][p] > kMaxCost) continue;
-      if (is_ambiguous(depths, costs, p, best)) continue;
       // Between planes, by a parabola in 1 / z, in which they are even.
       double inverse = 1 / depths[best];
       if (best > 0 && best + 1 < depths.size()) {
@@ -175,20 +174,6 @@ class Sweep {
         nearest_ = std::min(nearest_, enter);
         farthest_ = std::max(farthest_, leave);
       }
-  }
-
-  /// Whether a pixel is about as likely to lie elsewhere, as on surfaces of one colour.
-  [[nodiscard]] bool is_ambiguous(const std::vector<double>& depths,
-                                  const std::vector<std::vector<float>>& costs, std::size_t p,
-                                  std::size_t best) const {
-    static const float kF = getenv("AMB_F") ? atof(getenv("AMB_F")) : 1.1f, kA = getenv("AMB_A") ? atof(getenv("AMB_A")) : 0.5f;
-    static const std::size_t kApart = getenv("AMB_K") ? atoi(getenv("AMB_K")) : 4;
-    const float limit = costs[best][p] * kF + kA;
-    for (std::size_t k = 0; k < depths.size(); ++k) {
-      if (depths[k] < low_[p] || depths[k] > high_[p]) continue;
-      if ((k > best ? k - best : best - k) > kApart && costs[k][p] < limit) return true;
-    }
-    return false;
   }
 
   /// About a pixel apart in the neighbours, even in 1 / z.

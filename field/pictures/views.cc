@@ -98,8 +98,7 @@ Result<void> fuse(const std::vector<SmallView>& views, bool hull, unsigned threa
         const double outside = surface.get(voxel);
         if (outside >= 1) continue;
         const glm::dvec3 world = surface.center(x, y, static_cast<std::uint32_t>(z));
-        static const double kPrior = getenv("PRIOR") ? atof(getenv("PRIOR")) : 0;
-        double count = hull ? kPrior : 0, sum = outside * count;
+        double sum = 0, count = 0;
         for (const SmallView& view : views) {
           const glm::dvec3 at = view.project(world);
           if (!(at.z > 0 && at.x >= 0 && at.y >= 0 && at.x < view.width && at.y < view.height))
