@@ -25,6 +25,7 @@ PARTS = [
     "rates",
     "light",
     "growth",
+    "pictures",
 ]
 ROOT = Path(__file__).resolve().parents[2]
 

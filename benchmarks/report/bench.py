@@ -22,6 +22,7 @@ class Bench:
 
     def __init__(self, root, out, data, quick, keep_fields):
         self.root, self.out, self.quick = Path(root), Path(out), quick
+        self.data = Path(data)
         self.programs = self.root / "build/release"
         self.fields = self.out / "fields"
         self.work = self.out / "work"

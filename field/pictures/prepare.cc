@@ -76,18 +76,21 @@ Result<Prepared> prepare_pictures(PictureSet set, const PictureSceneOptions& opt
       surface.set(k, -1);
     surface.finish();
   }
+  std::optional<Surface> hull;
   std::string depth = "silhouettes";
   if (loaded.depths) {
     depth = name_of(loaded.kind);
   } else if (options.depth != DepthKind::none) {
     SLF_TRY(find_depths(sphere, loaded.masks ? &surface : nullptr, options, loaded.views));
     depth = "estimated";
+    if (loaded.masks) hull = surface;
   }
   if (depth != "silhouettes") SLF_TRY(fuse(loaded.views, loaded.masks, options.threads, surface));
   const Sphere content = surface.bounds();
   if (content.radius == 0) return empty();
-  if (!options.sphere && content.radius < sphere.radius) sphere = content;
-  return Prepared{std::move(set), std::move(loaded), sphere, std::move(surface), std::move(depth)};
+  if (!options.sphere && !hull && content.radius < sphere.radius) sphere = content;
+  return Prepared{std::move(set),     std::move(loaded), sphere,
+                  std::move(surface), std::move(hull),   std::move(depth)};
 }
 
 }  // namespace slf

@@ -1,6 +1,7 @@
 // What must be found of pictures before rays can be traced: sphere, depths and surface. Internal.
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "field/pictures/loading.h"
@@ -14,7 +15,8 @@ struct Prepared {
   Loaded loaded;   ///< a view for each picture; their depths may be empty
   Sphere sphere;
   Surface surface;
-  std::string depth;  ///< as DepthSheet::source
+  std::optional<Surface> hull;  ///< the silhouettes', if depths were estimated within it
+  std::string depth;            ///< as DepthSheet::source
 };
 
 /// Errors as make_picture_scene().

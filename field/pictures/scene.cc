@@ -25,6 +25,7 @@ class PictureScene final : public Scene {
       : set_(std::move(found.set)),
         sphere_(found.sphere),
         surface_(std::move(found.surface)),
+        hull_(std::move(found.hull)),
         keep_background_(options.keep_background),
         provenance_(std::move(provenance)),
         cache_(set_.pictures.size(), options.memory, [this](std::size_t k) { return load(k); }) {
@@ -103,7 +104,8 @@ class PictureScene final : public Scene {
 
   [[nodiscard]] RaySample trace_object(const Segment& ray, Held& held) const {
     using Kind = Surface::Meeting::Kind;
-    const auto meeting = surface_.meet(ray.from, ray.to);
+    auto meeting = surface_.meet(ray.from, ray.to);
+    if (meeting.kind == Kind::none) meeting = pass_through_hull(ray);
     if (meeting.kind == Kind::none) return {};
     // No picture sees into some cavities; any colour of the object there is better than a hole.
     const auto rgba = meeting.kind == Kind::near
@@ -114,6 +116,19 @@ class PictureScene final : public Scene {
     sample.rgba = *rgba;
     sample.depth = static_cast<float>(meeting.t);
     return sample;
+  }
+
+  /// Estimated depths err, so what pictures show at the object's rim and where depths are wrong may
+  /// lie outside their surface. It is within the hull: in its middle, if the ray only grazes it.
+  [[nodiscard]] Surface::Meeting pass_through_hull(const Segment& ray) const {
+    constexpr double kDeepest = 12;  // voxels
+    if (!hull_) return {};
+    const auto front = hull_->meet(ray.from, ray.to);
+    if (front.kind != Surface::Meeting::Kind::hit) return {};
+    const auto back = hull_->meet(ray.to, ray.from);
+    const double deepest = kDeepest * hull_->voxel() / glm::distance(ray.from, ray.to);
+    const double half = std::max(0.0, 1 - back.t - front.t) / 2;
+    return {Surface::Meeting::Kind::near, front.t + std::min(half, deepest)};
   }
 
   /// The colour of the point at `t`, from the pictures in the nearest directions: the first answer
@@ -234,6 +249,7 @@ class PictureScene final : public Scene {
   PictureSet set_;
   Sphere sphere_;
   Surface surface_;
+  std::optional<Surface> hull_;
   bool keep_background_;
   std::string provenance_;
   CameraIndex index_;

@@ -290,6 +290,21 @@ TEST_F(PictureScenes, ShowTheObjectFromOtherDirections) {
   EXPECT_GT(quality(**estimated), 22);
 }
 
+TEST_F(PictureScenes, EstimatedDepthsKeepTheSilhouettes) {
+  // Pictures of fog match best at depths within it.
+  balls_ = make_analytic_scene("fog").value();
+  const auto scene = make_picture_scene(draw(60, ".png"), {.voxels = 96});
+  ASSERT_TRUE(scene) << scene.error().message;
+  std::size_t opaque = 0, missing = 0;
+  for (const Picture& picture : spread_cameras(balls_->bounds(), 3.3, 7, 96, 96)) {
+    const auto truth = view(picture), shown = view(**scene, picture);
+    for (std::size_t k = 0; k < truth.rgba.size(); ++k)
+      if (truth.rgba[k].a > 0.5f) ++opaque, missing += shown.rgba[k].a < 0.25f;
+  }
+  EXPECT_GT(opaque, 7000u);
+  EXPECT_LT(static_cast<double>(missing), 0.01 * static_cast<double>(opaque));
+}
+
 TEST_F(PictureScenes, DependNeitherOnMemoryNorOnThreads) {
   const PictureSet set = draw(20, ".png");
   PictureSceneOptions options{.voxels = 48, .threads = 1};
