@@ -16,7 +16,7 @@ namespace slf {
 namespace {
 
 constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 36;
-constexpr std::uint64_t kAlgorithm = 1;  // of estimate_depth(); another one finds other depths
+constexpr std::uint64_t kAlgorithm = 2;  // of estimate_depth(); another one finds other depths
 constexpr std::size_t kPixelBytes = 5;   // a float, and a count
 
 /// The bytes of floats sorted by significance, which packs better, then the counts.

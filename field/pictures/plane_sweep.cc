@@ -18,8 +18,11 @@ constexpr std::size_t kMinDepths = 24, kMaxDepths = 160;
 constexpr int kSmallWindow = 1, kLargeWindow = 4;  // pixels around the middle
 constexpr float kMaxDifference = 60;               // of 8-bit colours; larger ones count as this
 constexpr float kMaxCost = 30;                     // of a depth that is believed
-constexpr double kAgreement = 0.012;               // relative, of depths in two views
-constexpr int kMinConfirmed = 2;                   // by other views
+// Another depth whose cost is below kAlike times that of the best, and kAlikeMore, is as likely.
+constexpr float kAlike = 1.1f, kAlikeMore = 0.5f;
+constexpr std::size_t kApart = 4;     // planes between depths that are not the same
+constexpr double kAgreement = 0.012;  // relative, of depths in two views
+constexpr int kMinConfirmed = 2;      // by other views
 
 /// The views that see the object from the nearest directions, but not from the same place.
 std::vector<std::size_t> neighbors_of(std::size_t view, const std::vector<SmallView>& views,
@@ -109,6 +112,7 @@ class Sweep {
   Sweep(const Sphere& sphere, const Surface* hull, const std::vector<SmallView>& views,
         std::size_t number)
       : sphere_(sphere),
+        hull_(hull != nullptr),
         whole_(views[number]),
         part_(part_with_object(whole_)),
         view_(part_.view),
@@ -133,6 +137,8 @@ class Sweep {
         if (best == depths.size() || costs[k][p] < costs[best][p]) best = k;
       }
       if (best == depths.size() || costs[best][p] > kMaxCost) continue;
+      // Without silhouettes, a doubtful depth is better than a hole.
+      if (hull_ && is_ambiguous(depths, costs, p, best)) continue;
       // Between planes, by a parabola in 1 / z, in which they are even.
       double inverse = 1 / depths[best];
       if (best > 0 && best + 1 < depths.size()) {
@@ -174,6 +180,18 @@ class Sweep {
         nearest_ = std::min(nearest_, enter);
         farthest_ = std::max(farthest_, leave);
       }
+  }
+
+  /// Whether a pixel is as likely to lie elsewhere, as on surfaces of one colour.
+  [[nodiscard]] bool is_ambiguous(const std::vector<double>& depths,
+                                  const std::vector<std::vector<float>>& costs, std::size_t p,
+                                  std::size_t best) const {
+    const float limit = costs[best][p] * kAlike + kAlikeMore;
+    for (std::size_t k = 0; k < depths.size(); ++k) {
+      if (depths[k] < low_[p] || depths[k] > high_[p]) continue;
+      if ((k > best ? k - best : best - k) > kApart && costs[k][p] < limit) return true;
+    }
+    return false;
   }
 
   /// About a pixel apart in the neighbours, even in 1 / z.
@@ -254,6 +272,7 @@ class Sweep {
   }
 
   const Sphere& sphere_;
+  bool hull_;
   const SmallView& whole_;
   Part part_;
   const SmallView& view_;  ///< of part_

@@ -85,7 +85,10 @@ Result<Prepared> prepare_pictures(PictureSet set, const PictureSceneOptions& opt
     depth = "estimated";
     if (loaded.masks) hull = surface;
   }
-  if (depth != "silhouettes") SLF_TRY(fuse(loaded.views, loaded.masks, options.threads, surface));
+  // A few estimated depths that err would make holes.
+  const double hull_weight = hull ? 10 : 0;
+  if (depth != "silhouettes")
+    SLF_TRY(fuse(loaded.views, loaded.masks, hull_weight, options.threads, surface));
   const Sphere content = surface.bounds();
   if (content.radius == 0) return empty();
   if (!options.sphere && !hull && content.radius < sphere.radius) sphere = content;

@@ -87,8 +87,8 @@ Result<void> carve(const std::vector<SmallView>& views, unsigned threads, Surfac
   return done;
 }
 
-Result<void> fuse(const std::vector<SmallView>& views, bool hull, unsigned threads,
-                  Surface& surface) {
+Result<void> fuse(const std::vector<SmallView>& views, bool hull, double hull_weight,
+                  unsigned threads, Surface& surface) {
   const std::uint32_t side = surface.side();
   const double reach = Surface::kTruncation * surface.voxel();
   auto done = parallel_for(side, threads, [&](std::uint64_t z) {
@@ -98,7 +98,7 @@ Result<void> fuse(const std::vector<SmallView>& views, bool hull, unsigned threa
         const double outside = surface.get(voxel);
         if (outside >= 1) continue;
         const glm::dvec3 world = surface.center(x, y, static_cast<std::uint32_t>(z));
-        double sum = 0, count = 0;
+        double count = hull ? hull_weight : 0, sum = outside * count;
         for (const SmallView& view : views) {
           const glm::dvec3 at = view.project(world);
           if (!(at.z > 0 && at.x >= 0 && at.y >= 0 && at.x < view.width && at.y < view.height))

@@ -43,8 +43,8 @@ struct SmallView {
 
 /// Fills `depth` of each view by comparing it with views from nearby directions (plane sweep):
 /// of the 8 nearest, the half that agrees best counts, so that occlusion does not spoil it. Only
-/// depths remain that those of other views confirm; `confirmed` counts these. Searches within the
-/// sphere, behind the hull if `hull` is given.
+/// depths remain that those of other views confirm and, with a hull, no other depth is as likely
+/// as; `confirmed` counts these. Searches within the sphere, behind the hull if `hull` is given.
 [[nodiscard]] Result<void> estimate_depth(const Sphere& sphere, const Surface* hull,
                                           unsigned threads, const ProgressCallback& progress,
                                           std::vector<SmallView>& views);
@@ -56,8 +56,8 @@ struct SmallView {
 
 /// Adds depths to the grid: the mean of the truncated distances to them (Curless and Levoy 1996),
 /// where that is further inside than the value so far. With `hull`, what no depth is known of
-/// stays as it is; else it becomes empty.
-[[nodiscard]] Result<void> fuse(const std::vector<SmallView>& views, bool hull, unsigned threads,
-                                Surface& surface);
+/// stays as it is, and its value counts as that many depths; else it becomes empty.
+[[nodiscard]] Result<void> fuse(const std::vector<SmallView>& views, bool hull, double hull_weight,
+                                unsigned threads, Surface& surface);
 
 }  // namespace slf
