@@ -269,7 +269,7 @@ def sets(tools, chosen=()):
                    chair / "transforms_train.json", SHAPES["chair"],
                    chair / "transforms_test.json")  # fmt: skip
     if not chosen and mouse.exists():
-        for kept in ("drop", "keep"):
+        for kept in ("keep",) if tools.quick else ("drop", "keep"):
             yield _set(tools, f"mouse, 49 photographs, background: {kept}", f"mouse_{kept}", mouse,
                        SHAPES["mouse"], None, "--background-model", kept)  # fmt: skip
 
@@ -278,7 +278,7 @@ def _set(tools, title, name, source, shape, test, *options):
     # Depths are estimated once for all builds of a set, beside the fields.
     depths = tools.folder / f"{pathlib.Path(source).stem}.depths"
     if tools.quick:
-        shape, options = "--entry 4 --exit 24 --levels 1 --voxels 96", [*options, "--depth", "none"]
+        shape = "--entry 4 --exit 24 --levels 1 --voxels 80"
     holdout = [] if test else ["--holdout", 8]
     return tools.row(title, name, [f"pictures:{source}", *holdout, *options, "--depth-cache", depths],
                      shape, test)  # fmt: skip

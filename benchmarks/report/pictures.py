@@ -18,13 +18,11 @@ MOST_LOSS = 2  # dB, of pictures of the brain beside the brain itself
 LEAST_RENDERER, LEAST_CHAIR, AIM_CHAIR = 30, 27, 28.8  # dB
 MOST_CHAIR_SECONDS, MOST_CHAIR_GIB, MOST_MESH_GIB = 1800, 4, 2
 WRONG = {
-    "chair": "No picture is taken from below, so nothing tells how far the object reaches under "
-    "the seat, and smooth surfaces have no pattern by which pictures could be matched: there its "
-    "depth is that of the silhouettes, which are too large. Fine patterns are blurred, because "
-    "depths err by about a pixel.",
-    "mouse": "The mouse is smooth, shines and has no mask, so depths are missing or wrong on it; "
-    "highlights move between photographs. Without the background, everything beyond the sphere "
-    "is black; with it, what is far away is blurred.",
+    "chair": "Fringes and blurred patterns are the worst: no picture is taken from below the seat, "
+    "smooth surfaces have no pattern to match, and there the silhouettes, which are too large, "
+    "stand for the surface.",
+    "mouse": "Specks and blur are where the surface is smooth or shines, so that depths are missing "
+    "or wrong, and the fitted sphere cuts the mouse's end: outside it, nothing is in the field.",
 }
 
 
