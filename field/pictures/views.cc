@@ -98,7 +98,7 @@ Result<void> fuse(const std::vector<SmallView>& views, bool hull, double hull_we
         const double outside = surface.get(voxel);
         if (outside >= 1) continue;
         const glm::dvec3 world = surface.center(x, y, static_cast<std::uint32_t>(z));
-        double count = hull ? hull_weight : 0, sum = outside * count;
+        double count = hull_weight, sum = outside * count;
         for (const SmallView& view : views) {
           const glm::dvec3 at = view.project(world);
           if (!(at.z > 0 && at.x >= 0 && at.y >= 0 && at.x < view.width && at.y < view.height))

@@ -36,7 +36,7 @@ auto filtered(const LightGrid& light, const std::vector<std::uint32_t>& index,
 
 /// The light that rays interpolate at a node. They end at surfaces above it, so the deeper its own
 /// matter is hidden, the more it takes from neighbours that show more. Otherwise a surface that
-/// passes between the nodes shows them as rings.
+/// passes between the nodes shows them as rings, which this makes fainter.
 glm::vec3 as_seen(const LightGrid& light, const std::vector<std::uint32_t>& index,
                   const std::vector<NodeLight>& nodes, const std::vector<glm::vec3>& values,
                   std::size_t number) {

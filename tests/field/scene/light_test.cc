@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <filesystem>
 #include <functional>
 #include <memory>
 #include <numbers>
@@ -13,7 +12,6 @@
 #include <vector>
 
 #include "field/scene/illumination.h"
-#include "field/scene/light_code.h"
 #include "field/scene/light_grid.h"
 #include "field/scene/light_rig.h"
 #include "field/scene/light_volume.h"
@@ -21,57 +19,14 @@
 #include "field/scene/volume_scene.h"
 #include "slf/path_tracer.h"
 #include "slf/raycaster.h"
+#include "tests/field/scene/light_samples.h"
 
 namespace slf {
 namespace {
 
+using namespace samples;
+
 constexpr double kForever = std::numeric_limits<double>::infinity();
-
-/// A volume of bytes; one voxel is one world unit.
-Volume volume_of(glm::uvec3 dims, const std::function<double(glm::ivec3)>& f) {
-  Volume v;
-  v.dims = {dims.x, dims.y, dims.z};
-  v.source = "test";
-  for (std::uint32_t z = 0; z < dims.z; ++z)
-    for (std::uint32_t y = 0; y < dims.y; ++y)
-      for (std::uint32_t x = 0; x < dims.x; ++x)
-        v.voxels.push_back(static_cast<std::byte>(f(glm::ivec3(x, y, z))));
-  return v;
-}
-
-Volume ball(int side) {
-  return volume_of(glm::uvec3(side), [&](glm::ivec3 at) {
-    const double r = glm::distance(glm::dvec3(at), glm::dvec3((side - 1) / 2.0));
-    return std::clamp(128 + 40 * (0.35 * side - r), 0.0, 255.0);
-  });
-}
-
-/// Opacity per world unit from `opacity`(value), one colour.
-TransferFunction material(const glm::dvec3& srgb, std::vector<std::array<double, 2>> opacity) {
-  TransferFunction t;
-  t.colors = {{0, srgb}};
-  for (const auto& [value, o] : opacity) t.opacities.push_back({value, o, 0.5, 0});
-  return t;
-}
-
-/// No gradient anywhere: the same opacity at every value.
-TransferFunction fog(const glm::dvec3& srgb, double opacity) {
-  return material(srgb, {{0, opacity}});
-}
-
-RaycastOptions lit(const LightRig& rig, Lighting mode = Lighting::global) {
-  RaycastOptions options;
-  options.lighting.mode = mode;
-  options.lighting.rig = rig;
-  options.lighting.linear = true;
-  options.lighting.bounces = 1000;
-  options.lighting.spacing = 1;
-  return options;
-}
-
-const LightRig kWhiteSky{"white sky", "", {}, {glm::vec3(1), glm::vec3(1), glm::vec3(1)}};
-
-LightRig sun(const glm::dvec3& direction) { return {"sun", "", {{direction}}, {}}; }
 
 glm::dvec3 random_point(std::mt19937& random, double radius) {
   std::normal_distribution<double> normal;
@@ -108,7 +63,7 @@ TEST(Light, FurnaceIsInvisible) {
   }
 }
 
-TEST(Light, NodesLeaveNoPatternOnASurface) {
+TEST(Light, NodesHardlyShowOnASurface) {
   // Every point of an opaque ball under an even sky has the same colour, wherever the surface
   // passes between the nodes.
   RaycastOptions options = lit(kWhiteSky);
@@ -384,142 +339,6 @@ TEST(Light, WaitsUntilItIsNeeded) {
   EXPECT_GT(computed, 0);
   ASSERT_TRUE((*made)->prepare());
   EXPECT_EQ(reports, computed);
-}
-
-TEST(Light, IsKeptInAFile) {
-  const std::string path = ::testing::TempDir() + "kept.light";
-  std::filesystem::remove(path);
-  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
-  RaycastOptions options = lit(kWhiteSky);
-  options.lighting.samples = 2;
-  const auto make = [&] {
-    bool computed = false;
-    const auto made = Raycaster::make(ball(20), t, options,
-                                      {1, [&](const Progress&) { return computed = true; }, path});
-    EXPECT_TRUE(made) << made.error().message;
-    return std::pair(computed, (*made)->trace({-30, 9, 9}, {50, 9, 9}).rgba);
-  };
-  const auto first = make();
-  EXPECT_TRUE(first.first);
-  const auto second = make();
-  EXPECT_FALSE(second.first);
-  EXPECT_EQ(second.second, first.second);
-  options.lighting.seed = 7;  // other light
-  EXPECT_TRUE(make().first);
-  // Damage is found.
-  const auto size = std::filesystem::file_size(path);
-  for (const std::uintmax_t keep : {size - 1, size / 2, std::uintmax_t{20}, std::uintmax_t{0}}) {
-    std::filesystem::resize_file(path, keep);
-    EXPECT_TRUE(make().first) << keep;
-  }
-  std::filesystem::remove(path);
-}
-
-/// A light volume of a few thousand nodes, with the inputs that it was computed from.
-struct Computed {
-  std::unique_ptr<VolumeScene> scene;
-  LightGrid light;
-};
-
-Computed computed_light() {
-  RaycastOptions options = lit(built_in_rigs().front());
-  options.lighting.samples = 2;
-  auto scene =
-      make_volume_scene(ball(20), material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}}), options);
-  EXPECT_TRUE(scene) << scene.error().message;
-  auto light = compute_light(Medium((*scene)->grid), illuminate(options.lighting, (*scene)->bounds),
-                             options.lighting, 0, {});
-  EXPECT_TRUE(light) << light.error().message;
-  return {std::move(*scene), std::move(*light)};
-}
-
-TEST(Light, CodedLightIsTheSame) {
-  const Computed made = computed_light();
-  const Bytes coded = encode_light("key", made.light);
-  EXPECT_LT(coded.size(), made.light.nodes.size() * 4);
-  LightGrid plan = made.light;
-  plan.nodes.clear();
-  const auto decoded = decode_light(coded, "key", plan);
-  ASSERT_TRUE(decoded);
-  EXPECT_EQ(decoded->nodes, made.light.nodes);
-  EXPECT_FALSE(decode_light(coded, "another", plan));
-  LightGrid larger = plan;
-  ++larger.dims[2];
-  EXPECT_FALSE(decode_light(coded, "key", larger));
-}
-
-TEST(Light, DamagedCodedLightIsRefused) {
-  const Computed made = computed_light();
-  const Bytes coded = encode_light("key", made.light);
-  LightGrid plan = made.light;
-  plan.nodes.clear();
-  for (std::size_t size = 0; size < coded.size(); size += 1 + size / 16)
-    EXPECT_FALSE(decode_light(ByteSpan(coded).first(size), "key", plan)) << size;
-  std::mt19937 random(1);
-  for (int k = 0; k < 200; ++k) {
-    Bytes flipped = coded;
-    flipped[random() % flipped.size()] ^= std::byte{1} << random() % 8;
-    const auto decoded = decode_light(flipped, "key", plan);
-    EXPECT_TRUE(!decoded || decoded->nodes == made.light.nodes);  // a bit that zstd ignores
-  }
-}
-
-TEST(Light, IsTakenFromAnEqualScene) {
-  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
-  RaycastOptions options = lit(kWhiteSky);
-  options.lighting.samples = 2;
-  const auto first = Raycaster::make(ball(20), t, options);
-  ASSERT_TRUE(first) << first.error().message;
-  const std::vector<std::byte> light = (*first)->light();
-  ASSERT_FALSE(light.empty());
-  bool computed = false;
-  const LightVolumeOptions deferred{1, [&](const Progress&) { return computed = true; }, {}, true};
-  options.lighting.linear = false;  // tones do not change the light
-  const auto second = Raycaster::make(ball(20), t, options, deferred);
-  ASSERT_TRUE(second) << second.error().message;
-  EXPECT_FALSE((*second)->set_light({}));
-  EXPECT_TRUE((*second)->set_light(light));
-  ASSERT_TRUE((*second)->prepare());
-  EXPECT_FALSE(computed);
-  EXPECT_EQ((*second)->light(), light);
-  options.lighting.bounces = 3;
-  const auto other = Raycaster::make(ball(20), t, options, deferred);
-  ASSERT_TRUE(other) << other.error().message;
-  EXPECT_FALSE((*other)->set_light(light));
-}
-
-TEST(Light, ProvenanceHoldsEverySetting) {
-  RaycastOptions options = lit(built_in_rigs()[1], Lighting::shadowed);
-  options.lighting.samples = 3;
-  options.lighting.bounces = 5;
-  options.lighting.spacing = 2;
-  options.lighting.seed = 9;
-  options.lighting.linear = false;
-  options.lighting.tone = {1.5f, ToneCurve::srgb};
-  const auto scene = make_volume_scene(ball(12), fog(glm::dvec3(1), 0.1), options);
-  ASSERT_TRUE(scene) << scene.error().message;
-  const RaycastOptions back = raycast_options((*scene)->provenance);
-  EXPECT_EQ(back.lighting.mode, options.lighting.mode);
-  EXPECT_EQ(to_json(back.lighting.rig), to_json(options.lighting.rig));
-  EXPECT_EQ(back.lighting.samples, 3u);
-  EXPECT_EQ(back.lighting.bounces, 5u);
-  EXPECT_EQ(back.lighting.spacing, 2);
-  EXPECT_EQ(back.lighting.seed, 9u);
-  EXPECT_EQ(back.lighting.linear, false);
-  EXPECT_EQ(back.lighting.tone, options.lighting.tone);
-}
-
-TEST(Light, PackedColoursAreCloseToTheirOwn) {
-  std::mt19937 random(1);
-  std::uniform_real_distribution<float> exponent(-20, 15);
-  for (int k = 0; k < 10000; ++k) {
-    const glm::vec3 light(std::exp2(exponent(random)), std::exp2(exponent(random)), 0);
-    const std::uint32_t word = pack_light(light);
-    const float scale = std::exp2(static_cast<float>(word >> 27) - 24);
-    const glm::vec3 back = scale * glm::vec3(word & 511, word >> 9 & 511, word >> 18 & 511);
-    const float max = std::max(light.r, light.g);
-    for (int c = 0; c < 3; ++c) EXPECT_NEAR(back[c], light[c], max / 500 + 0x1p-24f);
-  }
 }
 
 TEST(Light, BadSettingsAreRefused) {

@@ -307,6 +307,15 @@ void expect_error(const std::string& path, ErrorCode code, const std::string& pa
   EXPECT_THAT(volume.error().message, ::testing::HasSubstr(part));
 }
 
+void expect_cuts_refused(const Folder& folder, const std::string& file, const std::string& bytes) {
+  for (std::size_t length = 0; length < bytes.size(); ++length) {
+    const auto path = folder.write(file, bytes.substr(0, length));
+    const auto volume = read_volume(path);
+    ASSERT_FALSE(volume) << file << " cut to " << length << " of " << bytes.size();
+    ASSERT_THAT(volume.error().message, ::testing::StartsWith(path));
+  }
+}
+
 void expect_phantom(const Volume& volume, ScalarType type) {
   ASSERT_EQ(volume.dims, kDims);
   EXPECT_EQ(volume.type, type);

@@ -46,6 +46,8 @@ Volume expect_read(const std::string& path, const VolumeOptions& options = {});
 /// Expects an error of this kind whose message contains `part`.
 void expect_error(const std::string& path, ErrorCode code, const std::string& part,
                   const VolumeOptions& options = {});
+/// Expects that a file cut anywhere is refused with an error that begins with its path.
+void expect_cuts_refused(const Folder& folder, const std::string& file, const std::string& bytes);
 /// Expects the phantom's voxels.
 void expect_phantom(const Volume& volume, ScalarType type);
 
