@@ -1,5 +1,6 @@
-// Conversions of IEEE 754 binary16 numbers ("half floats"), held as bits. Our own, because decoders
-// are also compiled to WebAssembly, where Imath is not available.
+// Conversions of colours between bytes, floats, and IEEE 754 binary16 numbers ("half floats"),
+// which are held as bits. Our own, because decoders are also compiled to WebAssembly, where Imath
+// is not available.
 #pragma once
 
 #include <algorithm>
@@ -35,9 +36,11 @@ namespace slf {
 }
 
 /// The value, clamped to 0..1, as the nearest of 0..255. NaN becomes 0.
-[[nodiscard]] inline std::uint8_t byte_from_half(std::uint16_t bits) {
-  const float value = half_to_float(bits);
+[[nodiscard]] inline std::uint8_t byte_from_float(float value) {
   return static_cast<std::uint8_t>(value > 0 ? std::min(value, 1.f) * 255 + 0.5f : 0.f);
+}
+[[nodiscard]] inline std::uint8_t byte_from_half(std::uint16_t bits) {
+  return byte_from_float(half_to_float(bits));
 }
 /// The half float nearest to byte / 255.
 [[nodiscard]] inline std::uint16_t half_from_byte(std::uint8_t byte) {

@@ -56,11 +56,12 @@ class Row(typing.NamedTuple):
     title: str
     field: pathlib.Path
     psnr: float
-    inside: float  # the sphere
     ssim: float
+    psnr_inside: float  # the sphere
+    ssim_inside: float
     size: int  # bytes
     build: typing.Optional[Cost]
-    views: list  # of each picture: its name, psnr, psnr_inside, ssim
+    views: list  # of each picture: its name; psnr, ssim, psnr_inside, ssim_inside
 
 
 def _tree(process):
@@ -139,8 +140,8 @@ class Tools:
         build = Cost(*json.loads(cost.read_text()))
         pictures = ["--pictures", test] if test else []
         said = json.loads(self.slf("evaluate", field, *pictures, "--json").output)
-        return Row(title, field, said["psnr"], said["psnr_inside"], said["ssim"],
-                   said["file_bytes"], build, said["per_view"])  # fmt: skip
+        return Row(title, field, said["psnr"], said["ssim"], said["psnr_inside"],
+                   said["ssim_inside"], said["file_bytes"], build, said["per_view"])  # fmt: skip
 
     def cameras(self, name, *options):
         """A file of cameras in a folder of its own. Returns its path, and whether it is new."""
@@ -423,12 +424,12 @@ def mesh(tools):
 
 # ---- printing ------------------------------------------------------------------------------
 
-HEAD = ["field", "PSNR", "inside the sphere", "SSIM", "size", "memory of the build"]
+HEAD = ["field", "PSNR", "SSIM", "inside the sphere", "size", "memory of the build"]
 
 
 def cells(row):
-    return [row.title, f"{row.psnr:.2f} dB", f"{row.inside:.2f} dB", f"{row.ssim:.4f}",
-            f"{row.size / MIB:.1f} MiB", f"{row.build.memory:,.0f} MiB"]  # fmt: skip
+    return [row.title, f"{row.psnr:.2f} dB", f"{row.ssim:.4f}",
+            f"{row.psnr_inside:.2f} dB, {row.ssim_inside:.4f}", f"{row.size / MIB:.1f} MiB", f"{row.build.memory:,.0f} MiB"]  # fmt: skip
 
 
 def mesh_cells(found):

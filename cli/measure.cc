@@ -177,37 +177,42 @@ Result<void> evaluate_with_pictures(const EvaluateArguments& a, const Field& fie
       SLF_TRY(evaluate_pictures(field, pictures, view, a.draw.renderer(),
                                 progress_bar("evaluate", "pictures", OnSignal::end)));
   nlohmann::json per_view = nlohmann::json::array();
-  double psnr = 0, inside = 0, ssim = 0;
-  std::vector<std::vector<std::string>> rows{{"picture", "PSNR", "inside", "SSIM"}};
+  ViewQuality whole, inside;
+  std::vector<std::vector<std::string>> rows{
+      {"picture", "PSNR", "SSIM", "PSNR inside", "SSIM inside"}};
   const auto count = static_cast<double>(qualities.size());
   for (const PictureQuality& q : qualities) {
-    psnr += q.whole.psnr / count;
-    inside += q.psnr_inside / count;
-    ssim += q.whole.ssim / count;
+    whole.psnr += q.whole.psnr / count;
+    whole.ssim += q.whole.ssim / count;
+    inside.psnr += q.inside.psnr / count;
+    inside.ssim += q.inside.ssim / count;
     rows.push_back({q.name, fmt::format("{:.2f}", q.whole.psnr),
-                    fmt::format("{:.2f}", q.psnr_inside), fmt::format("{:.4f}", q.whole.ssim)});
+                    fmt::format("{:.4f}", q.whole.ssim), fmt::format("{:.2f}", q.inside.psnr),
+                    fmt::format("{:.4f}", q.inside.ssim)});
     per_view.push_back({{"picture", q.name},
                         {"psnr", finite_or_null(q.whole.psnr)},
-                        {"psnr_inside", finite_or_null(q.psnr_inside)},
-                        {"ssim", q.whole.ssim}});
+                        {"ssim", q.whole.ssim},
+                        {"psnr_inside", finite_or_null(q.inside.psnr)},
+                        {"ssim_inside", q.inside.ssim}});
   }
   if (a.json) {
     print_json({{"pictures", qualities.size()},
                 {"mode", name(view.mode)},
                 {"level", view.level},
-                {"psnr", finite_or_null(psnr)},
-                {"psnr_inside", finite_or_null(inside)},
-                {"ssim", ssim},
+                {"psnr", finite_or_null(whole.psnr)},
+                {"ssim", whole.ssim},
+                {"psnr_inside", finite_or_null(inside.psnr)},
+                {"ssim_inside", inside.ssim},
                 {"per_view", per_view},
                 {"file_bytes", field.file_bytes()}});
     return {};
   }
   print_table(rows);
   print(
-      "{}: mode {}, level {}: PSNR {:.2f} dB, inside the sphere {:.2f} dB, SSIM {:.4f} (mean of "
-      "{} pictures), {}\n",
-      a.field, name(view.mode), view.level, psnr, inside, ssim, qualities.size(),
-      human_bytes(static_cast<double>(field.file_bytes())));
+      "{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f}; inside the sphere {:.2f} dB, {:.4f} "
+      "(mean of {} pictures), {}\n",
+      a.field, name(view.mode), view.level, whole.psnr, whole.ssim, inside.psnr, inside.ssim,
+      qualities.size(), human_bytes(static_cast<double>(field.file_bytes())));
   return {};
 }
 

@@ -63,7 +63,8 @@ def _found(bench, part, tools, name):
 
 def _show(part, rows):
     part.numbers["fields"] = [
-        {"title": r.title, "psnr": r.psnr, "psnr_inside": r.inside, "ssim": r.ssim,
+        {"title": r.title, "psnr": r.psnr, "ssim": r.ssim,
+         "psnr_inside": r.psnr_inside, "ssim_inside": r.ssim_inside,
          "bytes": r.size, "build_seconds": r.build.seconds, "build_mib": r.build.memory}
         for r in rows
     ]  # fmt: skip
@@ -143,7 +144,7 @@ def _compare(bench, part, row):
                   f"{truth.width}x{truth.height}", *camera)  # fmt: skip
         cells.append([
             page.Cell(path.with_suffix(".truth.png"), f"{what} of {len(views)}", "picture"),
-            page.Cell(path.with_suffix(".png"), f"{view['psnr_inside']:.1f} dB inside", "field"),
+            page.Cell(path.with_suffix(".png"), f"{view['psnr_inside']:.1f} dB, SSIM {view['ssim_inside']:.2f} inside", "field"),
         ])  # fmt: skip
     part.add(page.heading(row.title), page.grid([[*cells[0], *cells[1]]]))
     part.add(page.text(WRONG.get(kind, "")))

@@ -74,13 +74,19 @@ Plane product(const Plane& a, const Plane& b) {
   return out;
 }
 
-double mean_ssim(const Plane& x, const Plane& y) {
+/// Over the windows whose middle pixel counts; 1 if there is none.
+double mean_ssim(const Plane& x, const Plane& y, const std::vector<bool>& counted) {
   const Plane mean_x = window_means(x), mean_y = window_means(y);
   const Plane mean_xx = window_means(product(x, x));
   const Plane mean_yy = window_means(product(y, y));
   const Plane mean_xy = window_means(product(x, y));
-  double sum = 0;
+  const std::size_t left = (x.width - mean_x.width + 1) / 2;
+  const std::size_t above = (x.height - mean_x.height + 1) / 2;
+  double sum = 0, windows = 0;
   for (std::size_t i = 0; i < mean_x.values.size(); ++i) {
+    const std::size_t column = left + i % mean_x.width, row = above + i / mean_x.width;
+    if (!counted.empty() && !counted[row * x.width + column]) continue;
+    ++windows;
     const double mx = mean_x.values[i], my = mean_y.values[i];
     const double variance_x = mean_xx.values[i] - mx * mx;
     const double variance_y = mean_yy.values[i] - my * my;
@@ -88,26 +94,30 @@ double mean_ssim(const Plane& x, const Plane& y) {
     sum += (2 * mx * my + kC1) * (2 * covariance + kC2) /
            ((mx * mx + my * my + kC1) * (variance_x + variance_y + kC2));
   }
-  return sum / static_cast<double>(mean_x.values.size());
+  return windows > 0 ? sum / windows : 1;
 }
 
-double psnr(const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t>& b) {
-  double squares = 0;
+double psnr(const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t>& b,
+            const std::vector<bool>& counted) {
+  double squares = 0, values = 0;
   for (std::size_t i = 0; i < a.size(); ++i) {
+    if (!counted.empty() && !counted[i / 3]) continue;
     const double error = static_cast<double>(a[i]) - static_cast<double>(b[i]);
     squares += error * error;
+    ++values;
   }
   if (squares == 0) return std::numeric_limits<double>::infinity();
-  return 10 * std::log10(255.0 * 255.0 * static_cast<double>(a.size()) / squares);
+  return 10 * std::log10(255.0 * 255.0 * values / squares);
 }
 
 }  // namespace
 
-ImageDifference compare(const Image& a, const Image& b) {
+ImageDifference compare(const Image& a, const Image& b, const std::vector<bool>& counted) {
   assert(a.width == b.width && a.height == b.height && a.rgba.size() == b.rgba.size());
+  assert(counted.empty() || counted.size() == a.rgba.size());
   if (a.rgba.empty()) return {std::numeric_limits<double>::infinity(), 1};
   const std::vector<std::uint8_t> rgb_a = to_rgb8(a), rgb_b = to_rgb8(b);
-  return {psnr(rgb_a, rgb_b), mean_ssim(luma(a, rgb_a), luma(b, rgb_b))};
+  return {psnr(rgb_a, rgb_b, counted), mean_ssim(luma(a, rgb_a), luma(b, rgb_b), counted)};
 }
 
 Image shrink(const Image& image, std::uint32_t factor) {

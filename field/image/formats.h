@@ -6,7 +6,6 @@
 // Errors of decoders: bad_file: damaged or truncated. unsupported: valid, but not supported here.
 #pragma once
 
-#include <cmath>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -24,12 +23,6 @@ inline constexpr std::uint64_t kMaxPixels = std::uint64_t{1} << 26;
 /// Checks the size that a picture claims. unsupported: too large. bad_file: no pixels.
 [[nodiscard]] Result<void> check_size(const std::string& name, std::uint64_t width,
                                       std::uint64_t height);
-
-/// Rounds a value in 0..1 to 8 bits. Values outside are clamped; NaN becomes 0.
-[[nodiscard]] inline std::uint8_t to_byte(float value) {
-  if (!(value > 0)) return 0;
-  return value >= 1 ? 255 : static_cast<std::uint8_t>(std::lround(value * 255.0F));
-}
 
 /// All encoders: REQUIRES: width × height pixels, at least one.
 /// failed: the format or its library refuses, for example because a side is too long.

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/half.h"
 #include "base/lower_case.h"
 #include "base/try.h"
 #include "field/image/formats.h"
@@ -80,7 +81,7 @@ std::vector<std::uint8_t> to_rgb8(const Image& image, const glm::vec3& backgroun
   rgb.reserve(image.rgba.size() * 3);
   for (const glm::vec4& pixel : image.rgba) {
     const glm::vec3 color = glm::vec3(pixel) + (1 - pixel.a) * background;
-    for (int c = 0; c < 3; ++c) rgb.push_back(image_formats::to_byte(color[c]));
+    for (int c = 0; c < 3; ++c) rgb.push_back(byte_from_float(color[c]));
   }
   return rgb;
 }

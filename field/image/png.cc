@@ -5,6 +5,7 @@
 #include <cstring>
 #include <string_view>
 
+#include "base/half.h"
 #include "base/try.h"
 #include "field/image/formats.h"
 
@@ -25,8 +26,8 @@ std::vector<std::uint8_t> to_straight_rgba8(const Image& image) {
   rgba.reserve(image.rgba.size() * 4);
   for (const glm::vec4& pixel : image.rgba) {
     const float unmultiply = pixel.a > 0 ? 1 / pixel.a : 0;
-    for (int c = 0; c < 3; ++c) rgba.push_back(to_byte(pixel[c] * unmultiply));
-    rgba.push_back(to_byte(pixel.a));
+    for (int c = 0; c < 3; ++c) rgba.push_back(byte_from_float(pixel[c] * unmultiply));
+    rgba.push_back(byte_from_float(pixel.a));
   }
   return rgba;
 }

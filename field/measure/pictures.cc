@@ -26,23 +26,18 @@ glm::vec4 bilinear(const Image& image, double x, double y) {
   return glm::mix(glm::mix(p[0], p[1], fx), glm::mix(p[image.width], p[image.width + 1], fx), fy);
 }
 
-/// PSNR of the pixels whose rays cross the sphere, from RGB in 8 bits over black.
-double psnr_inside(const Sphere& sphere, const Picture& picture, const Image& a, const Image& b) {
-  const auto left = to_rgb8(a), right = to_rgb8(b);
-  double error = 0, count = 0;
-  for (std::uint32_t y = 0; y < a.height; ++y)
-    for (std::uint32_t x = 0; x < a.width; ++x) {
+/// Which pixels have rays that cross the sphere.
+std::vector<bool> pixels_inside(const Sphere& sphere, const Picture& picture) {
+  const Lens& lens = picture.lens;
+  std::vector<bool> inside;
+  inside.reserve(std::size_t{lens.width} * lens.height);
+  for (std::uint32_t y = 0; y < lens.height; ++y)
+    for (std::uint32_t x = 0; x < lens.width; ++x) {
       const Chord chord =
-          intersect(sphere, picture.eye, picture.axes * picture.lens.direction({x + 0.5, y + 0.5}));
-      if (!chord.hit || chord.leave <= 0) continue;
-      const std::size_t p = (std::size_t{y} * a.width + x) * 3;
-      for (std::size_t c = p; c < p + 3; ++c) {
-        const double d = double{left[c] / 255.0} - right[c] / 255.0;
-        error += d * d;
-        ++count;
-      }
+          intersect(sphere, picture.eye, picture.axes * lens.direction({x + 0.5, y + 0.5}));
+      inside.push_back(chord.hit && chord.leave > 0);
     }
-  return -10 * std::log10(error / count);
+  return inside;
 }
 
 }  // namespace
@@ -110,9 +105,9 @@ Result<std::vector<PictureQuality>> evaluate_pictures(const Field& field,
     auto drawn = SLF_TRY(renderer.render(camera, view));
     const Image image = through_lens(picture, camera, std::move(drawn));
     const ImageDifference whole = compare(truth, image);
-    qualities.push_back({picture.name,
-                         {whole.psnr, whole.ssim},
-                         psnr_inside(field.shape().sphere, picture, truth, image)});
+    const ImageDifference inside =
+        compare(truth, image, pixels_inside(field.shape().sphere, picture));
+    qualities.push_back({picture.name, {whole.psnr, whole.ssim}, {inside.psnr, inside.ssim}});
     SLF_TRY(reporter.add(1));
   }
   return qualities;

@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "base/half.h"
 #include "base/lower_case.h"
 #include "base/try.h"
 #include "field/mesh/declared.h"
@@ -76,13 +77,10 @@ void keep_known_readers(Assimp::Importer& importer) {
 }
 
 glm::u8vec4 to_bytes(const aiColor4D& c, bool linear) {
-  const auto byte = [](float v) {
-    return static_cast<std::uint8_t>(std::lround(255 * std::clamp(v == v ? v : 0.f, 0.f, 1.f)));
-  };
   const auto coded = [&](float v) {
-    return byte(linear ? srgb_from_linear(std::clamp(v == v ? v : 0.f, 0.f, 1.f)) : v);
+    return byte_from_float(linear ? srgb_from_linear(std::clamp(v == v ? v : 0.f, 0.f, 1.f)) : v);
   };
-  return {coded(c.r), coded(c.g), coded(c.b), byte(c.a)};
+  return {coded(c.r), coded(c.g), coded(c.b), byte_from_float(c.a)};
 }
 
 /// Makes a Mesh of what Assimp has read.

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/bytes.h"
+#include "base/half.h"
 #include "base/try.h"
 #include "field/image/formats.h"
 #include "slf/image.h"
@@ -49,8 +50,8 @@ MeshTexture pack(const Image& image, const std::string& name) {
   MeshTexture texture{name, image.width, image.height, {}};
   texture.texels.reserve(image.pixels());
   for (const glm::vec4& c : image.rgba)
-    texture.texels.emplace_back(image_formats::to_byte(c.r), image_formats::to_byte(c.g),
-                                image_formats::to_byte(c.b), image_formats::to_byte(c.a));
+    texture.texels.emplace_back(byte_from_float(c.r), byte_from_float(c.g), byte_from_float(c.b),
+                                byte_from_float(c.a));
   return texture;
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/half.h"
 #include "base/parallel.h"
 
 namespace slf {
@@ -24,9 +25,6 @@ SmallView make_small_view(const Picture& picture, const Image& image, std::uint3
   view.eye = picture.eye;
   view.rgba.resize(std::size_t{view.width} * view.height);
   if (!image.depth.empty()) view.depth.assign(view.rgba.size(), 0);
-  const auto byte = [](float v) {
-    return static_cast<std::uint8_t>(std::clamp(v, 0.0f, 1.0f) * 255 + 0.5f);
-  };
   for (std::uint32_t y = 0; y < view.height; ++y)
     for (std::uint32_t x = 0; x < view.width; ++x) {
       glm::vec4 sum(0);
@@ -49,8 +47,8 @@ SmallView make_small_view(const Picture& picture, const Image& image, std::uint3
             view.depth[std::size_t{y} * view.width + x] = image.depth[pixel];
         }
       sum /= static_cast<float>(factor * factor);
-      view.rgba[std::size_t{y} * view.width + x] = {byte(sum.r), byte(sum.g), byte(sum.b),
-                                                    byte(sum.a)};
+      view.rgba[std::size_t{y} * view.width + x] = {byte_from_float(sum.r), byte_from_float(sum.g),
+                                                    byte_from_float(sum.b), byte_from_float(sum.a)};
     }
   return view;
 }

@@ -85,17 +85,13 @@ class TentFilter {
   std::vector<std::size_t> end_;  // per mean, into shares_
 };
 
-std::byte to_byte(float value) {
-  return static_cast<std::byte>(std::clamp(value, 0.f, 1.f) * 255 + 0.5f);
-}
-
 void store_color(const glm::vec4& rgba, SampleFormat format, std::byte* to) {
   if (is_half(format)) {
     for (int c = 0; c < 4; ++c) store_le<std::uint16_t>(to + 2 * c, half_from_float(rgba[c]));
     return;
   }
-  to[3] = to_byte(rgba.a);
-  for (int c = 0; c < 3; ++c) to[c] = std::min(to_byte(rgba[c]), to[3]);
+  to[3] = std::byte{byte_from_float(rgba.a)};
+  for (int c = 0; c < 3; ++c) to[c] = std::min(std::byte{byte_from_float(rgba[c])}, to[3]);
 }
 
 /// Depth is undefined where nothing is visible. Fills such samples with smooth values, which cost
@@ -211,7 +207,7 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
       any = true;
       const std::size_t at = row * columns + column;
       store_color(sample.rgba, format_, colors + at * color_bytes(format_));
-      if (depths) depths[at] = to_byte(sample.depth);
+      if (depths) depths[at] = std::byte{byte_from_float(sample.depth)};
     }
     if (!any) continue;
     tile.empty = false;

@@ -55,8 +55,11 @@ struct ImageDifference {
   double ssim = 0;  ///< mean structural similarity of luma, Wang et al. 2004, 11×11 Gaussian σ 1.5
 };
 
+/// Compares the pixels that `counted` names, one flag each; empty: all. SSIM is the mean of the
+/// windows whose middle pixel counts. Nothing counted: as equal pictures.
 /// REQUIRES: equal sizes.
-[[nodiscard]] ImageDifference compare(const Image& a, const Image& b);
+[[nodiscard]] ImageDifference compare(const Image& a, const Image& b,
+                                      const std::vector<bool>& counted = {});
 
 /// A smaller picture, whose pixels are the means of factor × factor pixels. Its depth is empty.
 /// REQUIRES: width and height are multiples of `factor`.

@@ -97,9 +97,9 @@ struct Evaluation {
     const std::optional<ToneMapping>& tone = {}, const ProgressCallback& progress = {});
 
 struct PictureQuality {
-  std::string name;        ///< of the picture
-  ViewQuality whole;       ///< of the whole picture
-  double psnr_inside = 0;  ///< in dB, of the pixels whose rays cross the field's sphere
+  std::string name;    ///< of the picture
+  ViewQuality whole;   ///< of the whole picture
+  ViewQuality inside;  ///< of the pixels whose rays cross the field's sphere
 };
 
 /// Compares views of the field with pictures: RGB over black, 8 bits. A view has the lens of its

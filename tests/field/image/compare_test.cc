@@ -115,6 +115,24 @@ TEST(Compare, SsimIsItsDefinition) {
   EXPECT_NEAR(compare(grey(kWidth, kHeight, x), grey(kWidth, kHeight, y)).ssim, expected, 1e-7);
 }
 
+TEST(Compare, OnlyCountedPixelsCount) {
+  constexpr std::uint32_t kWidth = 23, kHeight = 17;
+  const auto x = noise(kWidth * kHeight, 1), y = noise(kWidth * kHeight, 2);
+  const Image a = grey(kWidth, kHeight, x), b = grey(kWidth, kHeight, y);
+  const auto at = [](std::size_t column, std::size_t row) { return row * kWidth + column; };
+  // The middle pixels of two windows, and a corner, which is the middle of none.
+  std::vector<bool> counted(x.size());
+  counted[at(5, 5)] = counted[at(14, 9)] = counted[0] = true;
+  double squares = 0;
+  for (const std::size_t k : {at(5, 5), at(14, 9), at(0, 0)}) squares += std::pow(x[k] - y[k], 2);
+  const ImageDifference found = compare(a, b, counted);
+  EXPECT_NEAR(found.psnr, 10 * std::log10(255 * 255 * 3 / squares), 1e-6);
+  EXPECT_NEAR(found.ssim, (ssim_at(x, y, kWidth, 0, 0) + ssim_at(x, y, kWidth, 9, 4)) / 2, 1e-7);
+  const ImageDifference none = compare(a, b, std::vector<bool>(x.size()));
+  EXPECT_EQ(none.psnr, std::numeric_limits<double>::infinity());
+  EXPECT_EQ(none.ssim, 1);
+}
+
 TEST(Compare, PicturesSmallerThanTheWindowUseASmallerOne) {
   // One pixel: no structure, the luminance term alone.
   EXPECT_NEAR(compare(constant(1, 1, 100), constant(1, 1, 150)).ssim, 0.92310, 1e-4);
