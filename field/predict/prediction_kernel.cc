@@ -1,6 +1,5 @@
 #include "field/predict/prediction_kernel.h"
 
-#include <algorithm>
 #include <utility>
 
 #undef HWY_TARGET_INCLUDE
@@ -9,7 +8,7 @@
 
 #include <hwy/highway.h>
 
-#include "field/geometry/vectors-inl.h"
+#include "field/geometry/cells-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace slf {
@@ -45,88 +44,14 @@ struct ExitCorners {
   V weight[3];
 };
 
-/// The coarser level. Its exit_paths() are held in a vector if they fit, which saves gathers.
-class Exits {
- public:
-  explicit Exits(const LevelGeometry& coarser)
-      : geometry(coarser),
-        paths_(reinterpret_cast<const std::int32_t*>(coarser.exit_paths().data())),
-        fit_(coarser.exit_paths().size() <= hn::Lanes(DI())) {
-    HWY_ALIGN std::int32_t lanes[hn::MaxLanes(DI())] = {};
-    if (fit_) std::copy_n(paths_, coarser.exit_paths().size(), lanes);
-    table_ = hn::Load(DI(), lanes);
-  }
-  [[nodiscard]] HWY_INLINE VI path(VI index) const {
-    // One lane holds no table, and to check its index needs Highway's library, which builds that
-    // only decode (tests/portable) do not link.
-    if constexpr (hn::MaxLanes(DI()) > 1)
-      if (fit_) return hn::TableLookupLanes(table_, hn::IndicesFromVec(DI(), index));
-    return hn::GatherIndex(DI(), paths_, index);
-  }
-
-  const LevelGeometry& geometry;
-
- private:
-  const std::int32_t* paths_;
-  bool fit_;
-  VI table_;
-};
-
-HWY_INLINE ExitCorners find_corners(const Exits& exits, const Exact& p, V scale) {
-  const D d;
-  const LevelGeometry& geometry = exits.geometry;
-  const auto level = static_cast<int>(geometry.level());
-  const auto side = static_cast<float>(geometry.exit_side());
-  const V zero = hn::Zero(d), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
-  const V all = hn::Set(d, 256.f);
-  const V x = hn::Mul(hn::Abs(p.x), scale), y = hn::Mul(hn::Abs(p.y), scale);
-
-  // The cell, and the position in it in steps of 1/256.
-  const V last = hn::Set(d, static_cast<float>(geometry.exit_resolution() - 1));
-  const V cell_x = hn::Min(hn::Floor(x), last);
-  const V cell_y = hn::Min(hn::Floor(y), hn::Sub(last, cell_x));
-  const auto steps = [&](V of, V cell) {
-    const V at = hn::Min(hn::Sub(of, cell), one);
-    return hn::Floor(hn::Add(hn::Mul(at, all), half));
-  };
-  const V f = steps(x, cell_x), g = steps(y, cell_y);
-  const auto diagonal = hn::Eq(hn::Add(cell_x, cell_y), last);
-  const V sum = hn::Add(f, g), rest = hn::Sub(all, f);
-  const auto inverted_cell = hn::AndNot(diagonal, hn::Gt(sum, all));
-  const V v = hn::Min(g, rest);  // on the last diagonal, rounding may make f + g too large
-
-  ExitCorners corners;
-  corners.weight[0] = hn::IfThenElse(inverted_cell, hn::Sub(sum, all), hn::Sub(rest, v));
-  corners.weight[1] = hn::IfThenElse(inverted_cell, rest, f);
-  corners.weight[2] = hn::IfThenElse(inverted_cell, hn::Sub(all, g), v);
-
-  // The section and its columns, as in LevelGeometry: whole numbers, which floats hold exactly.
-  const VI octant = hn::Add(
-      hn::Add(flag(hn::Lt(p.x, zero), 1 << 2 * level), flag(hn::Lt(p.y, zero), 2 << 2 * level)),
-      flag(hn::Lt(p.z, zero), 4 << 2 * level));
-  const V n = hn::Set(d, side), inverse = hn::Set(d, 1 / side);
-  const V sx = hn::Floor(hn::Mul(hn::Add(cell_x, half), inverse));
-  const V sy = hn::Floor(hn::Mul(hn::Add(cell_y, half), inverse));
-  const V beyond = hn::IfThenElseZero(inverted_cell, one);
-  V column = hn::Add(hn::Sub(cell_x, hn::Mul(sx, n)), beyond);
-  V line = hn::Add(hn::Sub(cell_y, hn::Mul(sy, n)), beyond);
-  const auto inverted = hn::Gt(hn::Sub(hn::Add(column, line), beyond), hn::Sub(n, one));
-  const V path =
-      hn::Add(hn::Add(hn::Mul(sy, hn::Set(d, static_cast<float>(2 << level))), hn::Add(sx, sx)),
-              hn::IfThenElseZero(inverted, one));
-  corners.section = hn::Add(octant, exits.path(to_int(path)));
-
-  column = hn::IfThenElse(inverted, hn::Sub(n, column), column);
-  line = hn::IfThenElse(inverted, hn::Sub(n, line), line);
-  const auto back = hn::Xor(inverted, inverted_cell);  // towards smaller coordinates
-  const V before = hn::IfThenElseZero(back, one);
-  const V length = hn::Sub(hn::Add(hn::Add(n, one), before), line);
-  const V start = hn::Mul(line, hn::Sub(hn::Set(d, side + 1.5f), hn::Mul(line, half)));
-  const V first = hn::Add(start, column);
-  corners.column[0] = to_int(first);
-  corners.column[1] = to_int(hn::Add(first, hn::Sub(one, hn::Add(before, before))));
-  corners.column[2] = to_int(hn::IfThenElse(back, hn::Sub(first, length), hn::Add(first, length)));
-  return corners;
+HWY_INLINE ExitCorners find_corners(const ExitFinder& exits, const Exact& p) {
+  const Cells cell = exits.cells<256>(p);
+  const ExitPlaces at = exits.places(cell);
+  const V one = hn::Set(D(), 1.f);
+  const V second = hn::Add(at.first, hn::IfThenElse(at.down, hn::Neg(one), one));
+  return {at.section,
+          {to_int(at.first), to_int(second), to_int(at.third)},
+          {cell.weight[0], cell.weight[1], cell.weight[2]}};
 }
 
 /// The ray from a reference's vertex e' through the point at depth d on the ray from e along r.
@@ -137,7 +62,7 @@ struct Aim {
 
 /// Aims from e' (`from`) at the point e + d·r; `w` is e - e'. If the point is e' itself, the ray
 /// goes to `leave`, the end Q of the ray from e.
-HWY_INLINE Aim aim(const Exits& coarser, const Exact& from, const Exact& w, const Exact& r,
+HWY_INLINE Aim aim(const ExitFinder& exits, const Exact& from, const Exact& w, const Exact& r,
                    const Exact& leave, V d) {
   const D tag;
   const Exact v = w.plus(r.times(d));
@@ -145,13 +70,8 @@ HWY_INLINE Aim aim(const Exits& coarser, const Exact& from, const Exact& w, cons
   to.vv = v.dot(v);
   to.ev = from.dot(v);
   Exact q = from.times(to.vv).minus(v.times(hn::Add(to.ev, to.ev)));
-  const auto norm = [](const Exact& p) {
-    return hn::Add(hn::Add(hn::Abs(p.x), hn::Abs(p.y)), hn::Abs(p.z));
-  };
-  const auto some = hn::Gt(norm(q), hn::Set(tag, 0x1p-40f));
-  q = q.or_else(some, leave);
-  const V resolution = hn::Set(tag, static_cast<float>(coarser.geometry.exit_resolution()));
-  to.corners = find_corners(coarser, q, hn::Div(resolution, norm(q)));
+  q = q.or_else(hn::Gt(norm1(q), hn::Set(tag, 0x1p-40f)), leave);
+  to.corners = find_corners(exits, q);
   return to;
 }
 
@@ -196,7 +116,7 @@ struct Seen {
 
 /// Looks rays up at depth t. Colours are left out unless `kColor`.
 template <bool kColor>
-HWY_INLINE Seen look_up(const Exits& exits, const PredictedRow& row, const Rays& rays, V t) {
+HWY_INLINE Seen look_up(const ExitFinder& exits, const PredictedRow& row, const Rays& rays, V t) {
   const D d;
   const DI di;
   const DU du;
@@ -279,7 +199,7 @@ constexpr int kRounds = 3;
 void find_depth_any(const LevelGeometry& coarser, const PredictedRow& row, const Points& points,
                     std::size_t count, std::uint8_t* alpha, std::uint8_t* depth) {
   const D d;
-  const Exits exits(coarser);
+  const ExitFinder exits(coarser);
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
     const Rays rays(row, points, k);
     V t = hn::Set(d, 1.f);
@@ -302,7 +222,7 @@ void predict_samples_any(const LevelGeometry& coarser, const PredictedRow& row,
   const DI di;
   const DU du;
   const V zero = hn::Zero(d), one = hn::Set(d, 1.f), full = hn::Set(d, 255.f);
-  const Exits exits(coarser);
+  const ExitFinder exits(coarser);
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
     // A ray from the same vertex needs no correction by depth.
     const V t = row.references == 1 ? one : hn::Div(to_float(load_bytes(depth + k)), full);
@@ -325,7 +245,7 @@ void count_uses_any(const LevelGeometry& coarser, const PredictedRow& row, const
                     std::size_t count, const std::uint8_t* alpha, const std::uint8_t* depth) {
   const D d;
   const DI di;
-  const Exits exits(coarser);
+  const ExitFinder exits(coarser);
   const V one = hn::Set(d, 1.f), full = hn::Set(d, 255.f);
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
     const auto visible = hn::Gt(load_bytes(alpha + k), hn::Zero(di));

@@ -4,49 +4,13 @@
 #define HWY_TARGET_INCLUDE "field/render/ray_kernel.cc"
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set
 
+#include "field/geometry/cells-inl.h"
 #include "field/render/render_vectors-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace slf {
 namespace HWY_NAMESPACE {
 namespace {
-
-/// Cells of a lattice, as slf::Cell.
-struct Cells {
-  VI octant;  ///< times a step
-  V x, y;     ///< whole numbers
-  hn::Mask<D> inverted;
-  V weight[3];
-};
-
-/// REQUIRES: points are finite.
-HWY_INLINE Cells locate_cells(const Point& p, std::int32_t resolution, std::int32_t octant_step) {
-  const D d;
-  const V one = hn::Set(d, 1.f), zero = hn::Zero(d);
-  const V ax = hn::Abs(p.x), ay = hn::Abs(p.y), az = hn::Abs(p.z);
-  const V scale = hn::Div(hn::Set(d, static_cast<float>(resolution)), hn::Add(hn::Add(ax, ay), az));
-  const V x = hn::Mul(ax, scale), y = hn::Mul(ay, scale);
-
-  // Points on the far edges belong to the last cell, not to one beyond the octsphere.
-  Cells cell;
-  const V last = hn::Set(d, static_cast<float>(resolution - 1));
-  cell.octant = hn::Add(
-      hn::Add(flag(hn::Lt(p.x, zero), octant_step), flag(hn::Lt(p.y, zero), 2 * octant_step)),
-      flag(hn::Lt(p.z, zero), 4 * octant_step));
-  cell.x = hn::Min(hn::Floor(x), last);
-  cell.y = hn::Min(hn::Floor(y), hn::Sub(last, cell.x));
-  const V du = hn::Min(hn::Sub(x, cell.x), one);
-  const V dv = hn::Min(hn::Sub(y, cell.y), one);
-
-  // On the last diagonal du + dv exceeds 1 only by rounding: reduce dv.
-  const auto diagonal = hn::Eq(hn::Add(cell.x, cell.y), last);
-  const V sum = hn::Add(du, dv), rest = hn::Sub(one, du), v = hn::Min(dv, rest);
-  cell.inverted = hn::AndNot(diagonal, hn::Gt(sum, one));
-  cell.weight[0] = hn::IfThenElse(cell.inverted, hn::Sub(sum, one), hn::Sub(rest, v));
-  cell.weight[1] = hn::IfThenElse(cell.inverted, rest, du);
-  cell.weight[2] = hn::IfThenElse(cell.inverted, hn::Sub(one, dv), v);
-  return cell;
-}
 
 /// Which of three weights is the greatest.
 struct Nearest {
@@ -148,7 +112,7 @@ void locate_entries_any(const LevelGeometry& geometry, const RayBlock& rays, boo
   };
   for (std::size_t k = 0; k < rays.count; k += hn::Lanes(d)) {
     const Point enter = Point::load(rays.enter, k);
-    const Cells cell = locate_cells(enter, resolution, across * across);
+    const Cells cell = locate_cells<1>(enter, resolution, across * across);
     // The corners, as in Cell::corners().
     const VI base = hn::Add(mul_add(to_int(cell.y), stride, to_int(cell.x)), cell.octant);
     const VI corners[] = {hn::Add(base, flag(cell.inverted, across + 1)),
@@ -180,40 +144,15 @@ void locate_entries_any(const LevelGeometry& geometry, const RayBlock& rays, boo
 void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, std::size_t count,
                       ExitUse use, ExitCells& exits) {
   const D d;
-  const DI di;
-  const auto level = static_cast<int>(geometry.level());
-  const auto side = static_cast<float>(geometry.exit_side());
-  const auto* paths = reinterpret_cast<const std::int32_t*>(geometry.exit_paths().data());
-  // Cells and columns are numbered in floats, which are exact here: integers multiply slowly.
-  const V n = hn::Set(d, side), one = hn::Set(d, 1.f), half = hn::Set(d, 0.5f);
-  const V inverse = hn::Set(d, 1 / side), across = hn::Set(d, static_cast<float>(2 << level));
-  const auto column = [&](V at_p, V at_q) {
-    return hn::MulAdd(at_q, hn::NegMulAdd(at_q, half, hn::Set(d, side + 1.5f)), at_p);
-  };
+  const ExitFinder finder(geometry);
+  const V n = hn::Set(d, static_cast<float>(geometry.exit_side())), one = hn::Set(d, 1.f);
   for (std::size_t k = 0; k < count; k += hn::Lanes(d)) {
-    const Cells cell =
-        locate_cells(Point::load(points, k), geometry.exit_resolution(), 1 << 2 * level);
-    // Divide by the side: half a cell keeps the quotients away from whole numbers.
-    const V sx = hn::Floor(hn::Mul(hn::Add(cell.x, half), inverse));
-    const V sy = hn::Floor(hn::Mul(hn::Add(cell.y, half), inverse));
-    const V beyond = hn::IfThenElseZero(cell.inverted, one);
-    V p = hn::Add(hn::NegMulAdd(sx, n, cell.x), beyond);
-    V q = hn::Add(hn::NegMulAdd(sy, n, cell.y), beyond);
-    const auto inverted = hn::Gt(hn::Sub(hn::Add(p, q), beyond), hn::Sub(n, one));
-    const V path =
-        hn::Add(hn::MulAdd(sy, across, hn::Add(sx, sx)), hn::IfThenElseZero(inverted, one));
-    store(hn::Add(cell.octant, hn::GatherIndex(di, paths, to_int(path))), exits.section, k);
-
-    // The corner opposite the hypotenuse, then its neighbours along x and y, as in
-    // LevelGeometry::exit_cell.
-    p = hn::IfThenElse(inverted, hn::Sub(n, p), p);
-    q = hn::IfThenElse(inverted, hn::Sub(n, q), q);
-    const auto down = hn::Xor(inverted, cell.inverted);  // towards smaller coordinates
-    const V back = hn::IfThenElseZero(down, one);
-    const V line = hn::Sub(hn::Add(hn::Add(n, one), back), q);  // columns from q to q ± 1
-    const V first = column(p, q);
-    store(to_int(hn::Sub(first, back)), exits.pair, k);
-    store(to_int(hn::IfThenElse(down, hn::Sub(first, line), hn::Add(first, line))), exits.third, k);
+    const Cells cell = finder.cells<1>(Point::load(points, k));
+    const ExitPlaces at = finder.places(cell);
+    const V back = hn::IfThenElseZero(at.down, one);
+    store(at.section, exits.section, k);
+    store(to_int(hn::Sub(at.first, back)), exits.pair, k);
+    store(to_int(at.third), exits.third, k);
     V weight[] = {cell.weight[0], cell.weight[1], cell.weight[2]};
     if (use == ExitUse::nearest) {
       const Nearest best = Nearest::of(weight);
@@ -223,14 +162,15 @@ void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, 
     }
     if (use == ExitUse::cubic) {
       // The pair's local coordinates are (a, q) and (a + 1, q), those of the third (p, q ± 1).
-      const V a = hn::Sub(p, back), two = hn::Add(one, one), up = hn::NegMulAdd(two, back, one);
+      const V p = at.p, q = at.q, a = hn::Sub(p, back), two = hn::Add(one, one);
+      const V up = hn::NegMulAdd(two, back, one);
       const V below = hn::Sub(q, up), above = hn::MulAdd(two, up, q);
       const V from_third = hn::Sub(hn::Add(a, a), p), to_third = hn::Sub(hn::Add(p, p), a);
       const auto store_next = [&](std::size_t pair, V at_p, V at_q) {
         const auto inside =
             hn::Ge(hn::Min(hn::Min(at_p, at_q), hn::Sub(n, hn::Add(at_p, at_q))), hn::Zero(d));
-        const VI next = to_int(hn::IfThenElseZero(inside, column(at_p, at_q)));
-        store(choose(inside, next, hn::Set(di, static_cast<std::int32_t>(kOutside))),
+        const VI next = to_int(hn::IfThenElseZero(inside, finder.column(at_p, at_q)));
+        store(choose(inside, next, hn::Set(DI(), static_cast<std::int32_t>(kOutside))),
               exits.next[pair], k);
       };
       store_next(0, hn::Sub(a, one), q);  // in the order of kVertexPairs
@@ -241,8 +181,8 @@ void locate_exits_any(const LevelGeometry& geometry, const PointArrays& points, 
       store_next(5, hn::Sub(to_third, one), above);
     }
     // The lower column of the pair comes first.
-    store(hn::IfThenElse(down, weight[1], weight[0]), exits.weight[0], k);
-    store(hn::IfThenElse(down, weight[0], weight[1]), exits.weight[1], k);
+    store(hn::IfThenElse(at.down, weight[1], weight[0]), exits.weight[0], k);
+    store(hn::IfThenElse(at.down, weight[0], weight[1]), exits.weight[1], k);
     store(weight[2], exits.weight[2], k);
   }
 }
