@@ -273,30 +273,30 @@ struct SourceArguments {
   std::vector<double> range;        // empty: TransferPreset::fit() chooses it
   std::vector<std::uint32_t> dims;  // empty: not a raw file
   std::vector<double> spacing;      // empty: the file's
-  ScalarType type = ScalarType::u8;
-  bool big_endian = false;
+  std::uint64_t offset = 0;
   std::string crop;
   std::optional<std::uint32_t> component, time;
   std::string array;  // empty: the reader's choice
   std::optional<std::string> series;
-  bool resample = false;
-  std::uint64_t offset = 0;
-  bool labels = false;
-  UpAxis up_axis = UpAxis::by_format;
   std::string labels_volume, label_table, mask;  // empty: none
   RaycastOptions raycast;
+  double longest_step = 100;                // of rays, whatever `raycast` and the provenance say
   std::optional<Lighting> chosen_lighting;  // none: follows from the other options
   std::optional<float> ambient;             // none: the default, if light is direct
   std::vector<double> light;                // empty: the default
-  bool no_shade = false;
-  double longest_step = 100;  // of rays, whatever `raycast` and the provenance say
-  std::string light_rig;      // empty: the default
-  std::string environment;    // empty: the rig's sky
-  std::string light_file;     // empty: none
-  bool reference = false;     // path tracing instead of a light volume
+  std::string light_rig;                    // empty: the default
+  std::string environment;                  // empty: the rig's sky
+  std::string light_file;                   // empty: none
   PathTraceOptions paths;
   PictureSceneOptions pictures;
   std::optional<std::string> depth_cache;  // none: no file is written; empty: beside the pictures
+  ScalarType type = ScalarType::u8;
+  UpAxis up_axis = UpAxis::by_format;
+  bool big_endian = false;
+  bool resample = false;
+  bool labels = false;
+  bool no_shade = false;
+  bool reference = false;  // path tracing instead of a light volume
 
   /// Adds the volume, as an option or positional `name`, and the options of its transfer function
   /// and voxels.
