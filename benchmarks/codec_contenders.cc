@@ -26,13 +26,13 @@ struct Mosaics {
   const Field& field;
 
   codec::Mosaic of(const Sample& sample) const {
-    const codec::Tile tile = field.file().tile_shape(sample.key);
+    const TileShape tile = field.file().tile_shape(sample.key);
     return {tile.rows(), tile.side, 1};
   }
   // Calls use(sample index, pixel index).
   template <class Use>
   void walk(const Sample& sample, Use use) const {
-    const codec::Tile tile = field.file().tile_shape(sample.key);
+    const TileShape tile = field.file().tile_shape(sample.key);
     const codec::Mosaic mosaic(tile.rows(), tile.side, 1);
     std::size_t at = 0;
     for (std::size_t row = 0; row < tile.rows(); ++row)
@@ -62,7 +62,7 @@ struct Mosaics {
 
 Contender ours(const Field& field, const std::string& spec, const std::vector<Sample>& samples) {
   const auto shape = [&field](const Sample& sample) {
-    codec::Tile tile = field.file().tile_shape(sample.key);
+    TileShape tile = field.file().tile_shape(sample.key);
     tile.format = SampleFormat::rgba8;
     return tile;
   };

@@ -130,7 +130,7 @@ std::vector<Sample> read_samples(const Field& field, const std::vector<TileKey>&
   std::vector<Sample> samples;
   for (std::size_t i = 0; i < std::min(wanted, keys.size()); ++i) {
     Sample sample{keys[i * keys.size() / std::min(wanted, keys.size())], {}};
-    const codec::Tile shape = field.file().tile_shape(sample.key);
+    const TileShape shape = field.file().tile_shape(sample.key);
     sample.color.resize(shape.bytes());
     expect(cache.read(expect(field.file().store().find(sample.key)), sample.color));
     sample.color.resize(shape.color_bytes());

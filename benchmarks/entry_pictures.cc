@@ -175,7 +175,7 @@ void write_recolored(const Field& field, const std::string& pictures_path,
     const storage::TileRef ref = expect(file.store().find(order.key(n)));
     payload.assign(ref.payload.begin(), ref.payload.end());
     if (ref.state == storage::TileState::stored && order.key(n).level == finest) {
-      const codec::Tile tile = file.tile_shape(order.key(n));
+      const TileShape tile = file.tile_shape(order.key(n));
       samples.resize(tile.bytes());
       expect(cache.read(ref, samples));
       recolor(file, order.key(n), pictures, samples);

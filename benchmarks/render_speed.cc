@@ -112,7 +112,7 @@ class GatherList {
     const auto [found, is_new] =
         tiles_.try_emplace({entry, exit}, static_cast<std::uint32_t>(samples_.size()));
     if (!is_new) return found->second;
-    const codec::Tile shape = geometry_.tile(entry, codec::SampleFormat::rgba8);
+    const TileShape shape = geometry_.tile(entry, codec::SampleFormat::rgba8);
     samples_.resize(samples_.size() + shape.bytes() / 4);
     const auto pin =
         cache_.load({tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)})});

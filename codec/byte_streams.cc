@@ -190,7 +190,8 @@ constexpr ChannelPredictor kMedian;
 
 }  // namespace
 
-LaneStack::LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneValues* covered_by)
+LaneStack::LaneStack(const TileShape& of_tile, const LaneGroup& of_group,
+                     const LaneValues* covered_by)
     : tile(of_tile), group(of_group), coverage(covered_by), stored(tile.rows() * tile.columns()) {
   if (!coverage) return;
   stored = 0;
@@ -199,7 +200,7 @@ LaneStack::LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneV
     stored += kLaneCount - uncovered(coverage[i]);
 }
 
-LaneStack single_stack(const Tile& tile, std::uint32_t bits) {
+LaneStack single_stack(const TileShape& tile, std::uint32_t bits) {
   return LaneStack(tile, {tile.side, bits, {&kMedian, 1}}, nullptr);
 }
 

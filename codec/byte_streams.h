@@ -14,12 +14,12 @@
 
 namespace slf::codec {
 
-[[nodiscard]] inline std::size_t group_count(const Tile& tile) {
+[[nodiscard]] inline std::size_t group_count(const TileShape& tile) {
   return (tile.rows() + kLaneCount - 1) / kLaneCount;
 }
 
 /// How many pictures a group has, 1..kLaneCount.
-[[nodiscard]] inline std::size_t lanes_of(const Tile& tile, std::size_t group) {
+[[nodiscard]] inline std::size_t lanes_of(const TileShape& tile, std::size_t group) {
   const std::size_t left = tile.rows() - group * kLaneCount;
   return left < kLaneCount ? left : kLaneCount;
 }
@@ -27,12 +27,12 @@ namespace slf::codec {
 /// The channels of a tile that are predicted together. Values and residuals are
 /// [group][channel][column].
 struct LaneStack {
-  Tile tile;
+  TileShape tile;
   LaneGroup group;             ///< the same for every group
   const LaneValues* coverage;  ///< [group][column]; null if all samples are stored
   std::size_t stored;          ///< how many samples of a channel are stored
 
-  LaneStack(const Tile& of_tile, const LaneGroup& of_group, const LaneValues* covered_by);
+  LaneStack(const TileShape& of_tile, const LaneGroup& of_group, const LaneValues* covered_by);
 
   [[nodiscard]] std::size_t channels() const { return group.channels.size(); }
   /// The offset of channel 0 of a group in values or residuals.
@@ -45,7 +45,7 @@ struct LaneStack {
 };
 
 /// A stack of one channel that is flat almost everywhere and has sharp edges: alpha or depth.
-[[nodiscard]] LaneStack single_stack(const Tile& tile, std::uint32_t bits);
+[[nodiscard]] LaneStack single_stack(const TileShape& tile, std::uint32_t bits);
 
 /// Predicts and appends all channels, channels 1 and 2 as a pair if `paired`. `residuals` is
 /// scratch of the size of `values`.

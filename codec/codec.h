@@ -28,8 +28,7 @@ namespace slf::codec {
 using slf::LocalPoint;
 using slf::sample_bytes;
 using slf::SampleFormat;
-/// Codecs call the shape of a tile a tile. It has no samples.
-using Tile = slf::TileShape;
+using slf::TileShape;
 
 class Predictor;
 
@@ -66,14 +65,14 @@ class Codec {
   /// versions of compression libraries. A tile with samples gets at least one byte, because no
   /// bytes stand for an empty tile; a tile without rows gets none. `predictor` is null for a tile
   /// of level 0, which is predicted from nothing. Errors of the predictor.
-  [[nodiscard]] virtual Result<void> encode(const Tile& tile, ByteSpan samples,
+  [[nodiscard]] virtual Result<void> encode(const TileShape& tile, ByteSpan samples,
                                             Predictor* predictor, Bytes& payload) const = 0;
 
   /// Decodes `payload` into `samples` (exactly tile.bytes() bytes, at any alignment; caller-owned).
   /// `predictor` predicts what that of encode() did, or is null as well.
   /// bad_file: the payload is damaged or of another shape; the content of `samples` is undefined.
   /// Errors of the predictor.
-  [[nodiscard]] virtual Result<void> decode(const Tile& tile, ByteSpan payload,
+  [[nodiscard]] virtual Result<void> decode(const TileShape& tile, ByteSpan payload,
                                             Predictor* predictor,
                                             std::span<std::byte> samples) const = 0;
 };
@@ -93,7 +92,7 @@ class Codec {
 
 /// One tile of a training set. Views the samples.
 struct TrainingTile {
-  Tile tile;
+  TileShape tile;
   ByteSpan samples;
 };
 inline constexpr std::size_t kTrainingTiles = 16;  ///< that suffice

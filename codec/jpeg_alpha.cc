@@ -35,7 +35,7 @@ struct Candidate {
   std::vector<std::uint8_t> alpha;
 };
 
-Result<Candidate> in_steps(const Tile& tile, int top, std::span<const std::uint8_t> alpha) {
+Result<Candidate> in_steps(const TileShape& tile, int top, std::span<const std::uint8_t> alpha) {
   Candidate result;
   result.payload.push_back(static_cast<std::byte>(top));
   result.alpha.resize(alpha.size());
@@ -45,7 +45,7 @@ Result<Candidate> in_steps(const Tile& tile, int top, std::span<const std::uint8
   return result;
 }
 
-Result<Candidate> as_jpeg(const Tile& tile, const Mosaic& mosaic, const JpegTables& tables,
+Result<Candidate> as_jpeg(const TileShape& tile, const Mosaic& mosaic, const JpegTables& tables,
                           std::span<const std::uint8_t> alpha) {
   Candidate result;
   result.payload.assign(5, static_cast<std::byte>(kInJpeg));
@@ -69,8 +69,9 @@ double squared_error(std::span<const std::uint8_t> a, std::span<const std::uint8
 
 }  // namespace
 
-Result<void> append_jpeg_alpha(const Tile& tile, const Mosaic& mosaic, const JpegTables& tables,
-                               bool exact, std::span<std::uint8_t> alpha, Bytes& payload) {
+Result<void> append_jpeg_alpha(const TileShape& tile, const Mosaic& mosaic,
+                               const JpegTables& tables, bool exact, std::span<std::uint8_t> alpha,
+                               Bytes& payload) {
   std::vector<Result<Candidate>> candidates;
   candidates.push_back(in_steps(tile, 255, alpha));
   if (!exact) {
@@ -97,7 +98,7 @@ Result<void> append_jpeg_alpha(const Tile& tile, const Mosaic& mosaic, const Jpe
   return {};
 }
 
-Result<void> read_jpeg_alpha(const Tile& tile, const Mosaic& mosaic, const JpegTables& tables,
+Result<void> read_jpeg_alpha(const TileShape& tile, const Mosaic& mosaic, const JpegTables& tables,
                              ByteSpan& payload, std::span<std::uint8_t> alpha) {
   if (payload.empty()) return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
   const auto top = std::to_integer<std::uint8_t>(payload[0]);

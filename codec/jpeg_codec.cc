@@ -56,14 +56,15 @@ class JpegCodec final : public Codec {
   bool lossless() const override { return false; }
   ByteSpan tables() const override { return table_bytes_; }
 
-  Result<void> encode(const Tile& tile, ByteSpan samples, Predictor*,
+  Result<void> encode(const TileShape& tile, ByteSpan samples, Predictor*,
                       Bytes& payload) const override;
-  Result<void> decode(const Tile& tile, ByteSpan payload, Predictor*,
+  Result<void> decode(const TileShape& tile, ByteSpan payload, Predictor*,
                       std::span<std::byte> samples) const override;
 
  private:
-  Result<void> decode_depth(const Tile& tile, ByteSpan& payload, std::span<std::byte> depths) const;
-  Result<void> decode_color(const Tile& tile, const Mosaic& mosaic, ByteSpan payload,
+  Result<void> decode_depth(const TileShape& tile, ByteSpan& payload,
+                            std::span<std::byte> depths) const;
+  Result<void> decode_color(const TileShape& tile, const Mosaic& mosaic, ByteSpan payload,
                             std::span<std::byte> colors) const;
 
   SampleFormat format_;
@@ -74,7 +75,7 @@ class JpegCodec final : public Codec {
   bool can_encode_;
 };
 
-Result<void> JpegCodec::encode(const Tile& tile, ByteSpan samples, Predictor*,
+Result<void> JpegCodec::encode(const TileShape& tile, ByteSpan samples, Predictor*,
                                Bytes& payload) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   payload.clear();
@@ -104,7 +105,7 @@ Result<void> JpegCodec::encode(const Tile& tile, ByteSpan samples, Predictor*,
 }
 
 // Computes samples from the pixels of a mosaic and the alpha of each sample.
-void blend(const Tile& tile, const Mosaic& mosaic, std::span<const std::uint8_t> pixels,
+void blend(const TileShape& tile, const Mosaic& mosaic, std::span<const std::uint8_t> pixels,
            std::span<const std::uint8_t> alpha, std::span<std::byte> samples) {
   thread_local Scratch<std::uint32_t> scratch;  // `samples` may have any alignment
   const auto words = scratch.take(alpha.size());
@@ -116,7 +117,7 @@ void blend(const Tile& tile, const Mosaic& mosaic, std::span<const std::uint8_t>
   std::memcpy(samples.data(), words.data(), samples.size());
 }
 
-Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload, Predictor*,
+Result<void> JpegCodec::decode(const TileShape& tile, ByteSpan payload, Predictor*,
                                std::span<std::byte> samples) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};
@@ -129,7 +130,7 @@ Result<void> JpegCodec::decode(const Tile& tile, ByteSpan payload, Predictor*,
   return decode_color(tile, mosaic, payload, samples.first(tile.color_bytes()));
 }
 
-Result<void> JpegCodec::decode_depth(const Tile& tile, ByteSpan& payload,
+Result<void> JpegCodec::decode_depth(const TileShape& tile, ByteSpan& payload,
                                      std::span<std::byte> depths) const {
   const Mosaic mosaic(tile.rows(), tile.side, alignment(JpegColor::gray));
   const auto size = take_varint(payload);
@@ -145,7 +146,7 @@ Result<void> JpegCodec::decode_depth(const Tile& tile, ByteSpan& payload,
   return {};
 }
 
-Result<void> JpegCodec::decode_color(const Tile& tile, const Mosaic& mosaic, ByteSpan payload,
+Result<void> JpegCodec::decode_color(const TileShape& tile, const Mosaic& mosaic, ByteSpan payload,
                                      std::span<std::byte> colors) const {
   thread_local Scratch<std::uint8_t> pixel_scratch, alpha_scratch;
   const auto pixels = pixel_scratch.take(mosaic.pixels() * pixel_bytes(color_));
@@ -192,7 +193,7 @@ JpegTileTables train_tables(SampleFormat format, const JpegOptions& options,
   const JpegColor color = color_of(options);
   std::vector<JpegCoefficients> colors, depths;
   for (const TrainingTile& training : sample) {
-    const Tile& tile = training.tile;
+    const TileShape& tile = training.tile;
     if (tile.bytes() == 0) continue;
     const Mosaic mosaic(tile.rows(), tile.side, alignment(color));
     if (!fits_jpeg(mosaic)) continue;

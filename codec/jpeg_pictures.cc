@@ -27,7 +27,7 @@ JpegShape shape_of(const Mosaic& mosaic, JpegColor color) {
           color};
 }
 
-JpegPicture depth_picture(const Tile& tile, const Mosaic& mosaic,
+JpegPicture depth_picture(const TileShape& tile, const Mosaic& mosaic,
                           std::span<const std::uint8_t> depth) {
   JpegPicture picture = empty_picture(mosaic, JpegColor::gray);
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
@@ -37,7 +37,7 @@ JpegPicture depth_picture(const Tile& tile, const Mosaic& mosaic,
   return picture;
 }
 
-JpegPicture alpha_picture(const Tile& tile, const Mosaic& mosaic,
+JpegPicture alpha_picture(const TileShape& tile, const Mosaic& mosaic,
                           std::span<const std::uint8_t> alpha) {
   JpegPicture picture = empty_picture(mosaic, JpegColor::gray);
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
@@ -47,7 +47,7 @@ JpegPicture alpha_picture(const Tile& tile, const Mosaic& mosaic,
   return picture;
 }
 
-JpegPicture color_picture(const Tile& tile, const Mosaic& mosaic, JpegColor color,
+JpegPicture color_picture(const TileShape& tile, const Mosaic& mosaic, JpegColor color,
                           std::span<const std::uint8_t> rgba, std::span<const std::uint8_t> shown) {
   JpegPicture picture = empty_picture(mosaic, color);
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {

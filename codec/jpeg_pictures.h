@@ -12,7 +12,7 @@ namespace slf::codec {
 
 /// Calls use(sample, pixel) for every sample of a tile and its pixel in the mosaic.
 template <class Use>
-void for_each_sample(const Tile& tile, const Mosaic& mosaic, Use use) {
+void for_each_sample(const TileShape& tile, const Mosaic& mosaic, Use use) {
   std::size_t sample = 0;
   for (std::size_t row = 0; row < tile.rows(); ++row)
     for (std::uint32_t q = 0; q <= tile.side; ++q) {
@@ -29,17 +29,17 @@ void for_each_sample(const Tile& tile, const Mosaic& mosaic, Use use) {
 [[nodiscard]] JpegShape shape_of(const Mosaic& mosaic, JpegColor color);
 
 /// Depth as grey. Pixels with a depth of 0, where nothing is visible, get weight 0.
-[[nodiscard]] JpegPicture depth_picture(const Tile& tile, const Mosaic& mosaic,
+[[nodiscard]] JpegPicture depth_picture(const TileShape& tile, const Mosaic& mosaic,
                                         std::span<const std::uint8_t> depth);
 
 /// Alpha as grey. All pixels have weight 1.
-[[nodiscard]] JpegPicture alpha_picture(const Tile& tile, const Mosaic& mosaic,
+[[nodiscard]] JpegPicture alpha_picture(const TileShape& tile, const Mosaic& mosaic,
                                         std::span<const std::uint8_t> alpha);
 
 /// Straight colour, so that a silhouette is no edge in the picture. The weight of a pixel is its
 /// alpha, or 0 where `shown`, the alpha that the decoder will have, is 0.
-[[nodiscard]] JpegPicture color_picture(const Tile& tile, const Mosaic& mosaic, JpegColor color,
-                                        std::span<const std::uint8_t> rgba,
+[[nodiscard]] JpegPicture color_picture(const TileShape& tile, const Mosaic& mosaic,
+                                        JpegColor color, std::span<const std::uint8_t> rgba,
                                         std::span<const std::uint8_t> shown);
 
 /// The alpha of rgba8 samples.

@@ -38,7 +38,7 @@ using Loading = Group<LaneValues, const std::byte>;
 using Storing = Group<const LaneValues, std::byte>;
 
 template <class To, class Values, class Byte>
-To group_of(const Tile& tile, std::size_t index, Values* alpha, Values* color, Byte* colors) {
+To group_of(const TileShape& tile, std::size_t index, Values* alpha, Values* color, Byte* colors) {
   const std::size_t columns = tile.columns();
   return {columns, lanes_of(tile, index), alpha + index * columns,
           color + index * columns * kColorChannels,
@@ -101,7 +101,7 @@ void store_rgba16f(const Storing& group, bool clear) {
     }
 }
 // Lanes without a picture become 0.
-void clear_unused(const Tile& tile, std::size_t channels, LaneValues* values) {
+void clear_unused(const TileShape& tile, std::size_t channels, LaneValues* values) {
   if (tile.rows() % kLaneCount == 0) return;
   const std::size_t size = channels * tile.columns();
   std::fill_n(values + (group_count(tile) - 1) * size, size, LaneValues{});
@@ -112,7 +112,7 @@ struct ByteLanes {
   LaneValues* values;
   LaneValues* residuals;
 
-  explicit ByteLanes(const Tile& tile) {
+  explicit ByteLanes(const TileShape& tile) {
     thread_local Scratch<LaneValues> scratch;
     const std::size_t one = group_count(tile) * tile.columns();
     values = scratch.take(2 * one).data();
@@ -120,7 +120,7 @@ struct ByteLanes {
   }
 };
 
-void load_bytes(const Tile& tile, const std::byte* bytes, LaneValues* values) {
+void load_bytes(const TileShape& tile, const std::byte* bytes, LaneValues* values) {
   clear_unused(tile, 1, values);
   const std::size_t columns = tile.columns();
   for (std::size_t row = 0; row < tile.rows(); ++row)
@@ -129,7 +129,7 @@ void load_bytes(const Tile& tile, const std::byte* bytes, LaneValues* values) {
           std::to_integer<std::uint8_t>(*bytes++);
 }
 
-void store_bytes(const Tile& tile, const LaneValues* values, std::byte* bytes) {
+void store_bytes(const TileShape& tile, const LaneValues* values, std::byte* bytes) {
   const std::size_t columns = tile.columns();
   for (std::size_t row = 0; row < tile.rows(); ++row)
     for (std::size_t i = 0; i < columns; ++i)
@@ -138,7 +138,8 @@ void store_bytes(const Tile& tile, const LaneValues* values, std::byte* bytes) {
 
 }  // namespace
 
-void load_colors(const Tile& tile, const std::byte* colors, LaneValues* alpha, LaneValues* color) {
+void load_colors(const TileShape& tile, const std::byte* colors, LaneValues* alpha,
+                 LaneValues* color) {
   clear_unused(tile, 1, alpha);
   clear_unused(tile, kColorChannels, color);
   for (std::size_t index = 0; index < group_count(tile); ++index) {
@@ -147,21 +148,21 @@ void load_colors(const Tile& tile, const std::byte* colors, LaneValues* alpha, L
   }
 }
 
-void store_colors(const Tile& tile, bool clear, const LaneValues* alpha, const LaneValues* color,
-                  std::byte* colors) {
+void store_colors(const TileShape& tile, bool clear, const LaneValues* alpha,
+                  const LaneValues* color, std::byte* colors) {
   for (std::size_t index = 0; index < group_count(tile); ++index) {
     const auto group = group_of<Storing>(tile, index, alpha, color, colors);
     is_half(tile.format) ? store_rgba16f(group, clear) : store_rgba8(group, clear);
   }
 }
 
-Result<void> append_bytes(const Tile& tile, ByteSpan bytes, int level, Bytes& payload) {
+Result<void> append_bytes(const TileShape& tile, ByteSpan bytes, int level, Bytes& payload) {
   const ByteLanes lanes(tile);
   load_bytes(tile, bytes.data(), lanes.values);
   return append_stack(single_stack(tile, 8), lanes.values, lanes.residuals, false, level, payload);
 }
 
-Result<void> read_bytes(const Tile& tile, ByteSpan& payload, std::span<std::byte> bytes) {
+Result<void> read_bytes(const TileShape& tile, ByteSpan& payload, std::span<std::byte> bytes) {
   const ByteLanes lanes(tile);
   SLF_TRY(read_stack(single_stack(tile, 8), false, payload, lanes.residuals, lanes.values));
   store_bytes(tile, lanes.values, bytes.data());

@@ -17,18 +17,19 @@ inline constexpr std::size_t kColorChannels = 3;
 
 /// Copies a tile's colours to `alpha` [group][column] and `color` [group][channel][column]. Lanes
 /// without a picture become 0.
-void load_colors(const Tile& tile, const std::byte* colors, LaneValues* alpha, LaneValues* color);
+void load_colors(const TileShape& tile, const std::byte* colors, LaneValues* alpha,
+                 LaneValues* color);
 
 /// Undoes load_colors. With `clear`, samples of zero alpha become 0 in all channels.
-void store_colors(const Tile& tile, bool clear, const LaneValues* alpha, const LaneValues* color,
-                  std::byte* colors);
+void store_colors(const TileShape& tile, bool clear, const LaneValues* alpha,
+                  const LaneValues* color, std::byte* colors);
 
 /// Appends one byte per sample of a tile as a byte stream: depth, or alpha in steps.
-[[nodiscard]] Result<void> append_bytes(const Tile& tile, ByteSpan bytes, int level,
+[[nodiscard]] Result<void> append_bytes(const TileShape& tile, ByteSpan bytes, int level,
                                         Bytes& payload);
 
 /// Undoes append_bytes and removes what it read from the front of `payload`; untrusted.
-[[nodiscard]] Result<void> read_bytes(const Tile& tile, ByteSpan& payload,
+[[nodiscard]] Result<void> read_bytes(const TileShape& tile, ByteSpan& payload,
                                       std::span<std::byte> bytes);
 
 }  // namespace slf::codec

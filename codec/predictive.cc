@@ -79,7 +79,7 @@ const StepRange& steps_of(const PredictiveLevel& level, std::size_t plane) {
 
 }  // namespace
 
-TilePicture::TilePicture(const Tile& tile) {
+TilePicture::TilePicture(const TileShape& tile) {
   const Mosaic mosaic(tile.rows(), tile.side, 8);
   width_ = mosaic.width(), height_ = mosaic.height();
   pixel_of_.resize(tile.rows() * tile.columns());

@@ -29,7 +29,7 @@ namespace slf::codec {
 /// depends on the tile's rows and side only.
 class TilePicture {
  public:
-  explicit TilePicture(const Tile& tile);
+  explicit TilePicture(const TileShape& tile);
 
   [[nodiscard]] std::size_t width() const { return width_; }    ///< a multiple of 8
   [[nodiscard]] std::size_t height() const { return height_; }  ///< the same

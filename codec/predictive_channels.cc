@@ -39,7 +39,7 @@ constexpr std::pair<TileChannel, std::size_t> kColors[] = {
 /// rgba8, and ordered_half() of the half float in rgba16f.
 using ChannelValues = std::array<std::vector<std::int32_t>, kTileChannels>;
 
-ChannelValues channels_of(const Tile& tile, ByteSpan samples) {
+ChannelValues channels_of(const TileShape& tile, ByteSpan samples) {
   ChannelValues values;
   for (auto& channel : values) channel.resize(tile.samples());
   const auto value = [&](std::size_t s, std::size_t c) -> std::int32_t {
@@ -55,7 +55,7 @@ ChannelValues channels_of(const Tile& tile, ByteSpan samples) {
   return values;
 }
 
-void store(const Tile& tile, const ChannelValues& values, std::span<std::byte> samples) {
+void store(const TileShape& tile, const ChannelValues& values, std::span<std::byte> samples) {
   const auto put = [&](std::size_t s, std::size_t c, std::int32_t value) {
     std::byte* const at = samples.data() + s * color_bytes(tile.format);
     if (is_half(tile.format))
@@ -106,7 +106,7 @@ template <class Coder>
 class ChannelCoder {
  public:
   template <class Bytes>
-  ChannelCoder(const PredictiveLevel& level, const Tile& tile, Bytes& payload);
+  ChannelCoder(const PredictiveLevel& level, const TileShape& tile, Bytes& payload);
 
   void references(std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used) {
     code_references(coder_, used_, kinds, used);
@@ -173,7 +173,8 @@ class ChannelCoder {
 
 template <class Coder>
 template <class Bytes>
-ChannelCoder<Coder>::ChannelCoder(const PredictiveLevel& level, const Tile& tile, Bytes& payload)
+ChannelCoder<Coder>::ChannelCoder(const PredictiveLevel& level, const TileShape& tile,
+                                  Bytes& payload)
     : level_(level),
       rows_(tile.rows()),
       columns_(tile.columns()),
@@ -374,7 +375,7 @@ void ChannelCoder<Coder>::code(const Prediction& prediction, ChannelValues& valu
 
 }  // namespace
 
-Result<void> encode_channels(const PredictiveLevel& level, const Tile& tile, ByteSpan samples,
+Result<void> encode_channels(const PredictiveLevel& level, const TileShape& tile, ByteSpan samples,
                              Predictor& predictor, Bytes& payload) {
   ChannelCoder<RangeEncoder> encoder(level, tile, payload);
   ChannelValues values = channels_of(tile, samples);
@@ -391,7 +392,7 @@ Result<void> encode_channels(const PredictiveLevel& level, const Tile& tile, Byt
   return {};
 }
 
-Result<void> decode_channels(const PredictiveLevel& level, const Tile& tile, ByteSpan payload,
+Result<void> decode_channels(const PredictiveLevel& level, const TileShape& tile, ByteSpan payload,
                              Predictor& predictor, std::span<std::byte> samples) {
   ChannelCoder<RangeDecoder> decoder(level, tile, payload);
   std::vector<std::uint8_t> used(predictor.kinds().size());

@@ -23,12 +23,12 @@ namespace slf::codec {
 
 /// Encodes the samples of a tile with depths and appends them to `payload`. Errors of the
 /// predictor.
-[[nodiscard]] Result<void> encode_channels(const PredictiveLevel& level, const Tile& tile,
+[[nodiscard]] Result<void> encode_channels(const PredictiveLevel& level, const TileShape& tile,
                                            ByteSpan samples, Predictor& predictor, Bytes& payload);
 
 /// Undoes encode_channels. bad_file: the payload, untrusted, is longer or shorter than what it
 /// codes. Errors of the predictor.
-[[nodiscard]] Result<void> decode_channels(const PredictiveLevel& level, const Tile& tile,
+[[nodiscard]] Result<void> decode_channels(const PredictiveLevel& level, const TileShape& tile,
                                            ByteSpan payload, Predictor& predictor,
                                            std::span<std::byte> samples);
 

@@ -47,7 +47,7 @@ std::string PredictiveCodec::spec() const {
   return "predictive:" + (lossless() ? "lossless" : std::to_string(settings_.quality));
 }
 
-const TilePicture& PredictiveCodec::picture(const Tile& tile) const {
+const TilePicture& PredictiveCodec::picture(const TileShape& tile) const {
   const std::lock_guard lock(mutex_);
   auto& picture = pictures_[{tile.rows(), tile.side}];
   if (!picture) picture = std::make_unique<TilePicture>(tile);
@@ -62,7 +62,7 @@ std::vector<std::uint8_t> PredictiveCodec::references(const Predictor& predictor
   return used;
 }
 
-Result<void> PredictiveCodec::encode(const Tile& tile, ByteSpan samples, Predictor* predictor,
+Result<void> PredictiveCodec::encode(const TileShape& tile, ByteSpan samples, Predictor* predictor,
                                      Bytes& payload) const {
   assert(tile.format == settings_.format && samples.size() == tile.bytes());
   payload.clear();
@@ -77,7 +77,7 @@ Result<void> PredictiveCodec::encode(const Tile& tile, ByteSpan samples, Predict
   return {};
 }
 
-Result<void> PredictiveCodec::decode(const Tile& tile, ByteSpan payload, Predictor* predictor,
+Result<void> PredictiveCodec::decode(const TileShape& tile, ByteSpan payload, Predictor* predictor,
                                      std::span<std::byte> samples) const {
   assert(tile.format == settings_.format && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};
@@ -90,7 +90,7 @@ Result<void> PredictiveCodec::decode(const Tile& tile, ByteSpan payload, Predict
              : decode_blocks(tile, payload, from, samples);
 }
 
-Result<void> PredictiveCodec::encode_blocks(const Tile& tile, ByteSpan samples,
+Result<void> PredictiveCodec::encode_blocks(const TileShape& tile, ByteSpan samples,
                                             Predictor& predictor, Bytes& payload) const {
   const std::size_t count = tile.samples();
   std::vector<std::uint32_t> rgba(count);
@@ -111,7 +111,7 @@ Result<void> PredictiveCodec::encode_blocks(const Tile& tile, ByteSpan samples,
   return {};
 }
 
-Result<void> PredictiveCodec::decode_blocks(const Tile& tile, ByteSpan payload,
+Result<void> PredictiveCodec::decode_blocks(const TileShape& tile, ByteSpan payload,
                                             Predictor& predictor,
                                             std::span<std::byte> samples) const {
   PredictiveDecoder decoder(tables_.level(predictor.level()), picture(tile), payload);

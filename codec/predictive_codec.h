@@ -27,18 +27,19 @@ class PredictiveCodec final : public Codec {
   [[nodiscard]] ByteSpan tables() const override { return bytes_; }
   [[nodiscard]] std::vector<std::uint8_t> references(const Predictor& predictor,
                                                      ByteSpan payload) const override;
-  [[nodiscard]] Result<void> encode(const Tile& tile, ByteSpan samples, Predictor* predictor,
+  [[nodiscard]] Result<void> encode(const TileShape& tile, ByteSpan samples, Predictor* predictor,
                                     Bytes& payload) const override;
-  [[nodiscard]] Result<void> decode(const Tile& tile, ByteSpan payload, Predictor* predictor,
+  [[nodiscard]] Result<void> decode(const TileShape& tile, ByteSpan payload, Predictor* predictor,
                                     std::span<std::byte> samples) const override;
 
  private:
-  [[nodiscard]] Result<void> encode_blocks(const Tile& tile, ByteSpan samples, Predictor& predictor,
-                                           Bytes& payload) const;
-  [[nodiscard]] Result<void> decode_blocks(const Tile& tile, ByteSpan payload, Predictor& predictor,
+  [[nodiscard]] Result<void> encode_blocks(const TileShape& tile, ByteSpan samples,
+                                           Predictor& predictor, Bytes& payload) const;
+  [[nodiscard]] Result<void> decode_blocks(const TileShape& tile, ByteSpan payload,
+                                           Predictor& predictor,
                                            std::span<std::byte> samples) const;
   /// Made on first use and kept.
-  [[nodiscard]] const TilePicture& picture(const Tile& tile) const;
+  [[nodiscard]] const TilePicture& picture(const TileShape& tile) const;
 
   PredictiveSettings settings_;
   PredictiveTables tables_;

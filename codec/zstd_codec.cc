@@ -23,9 +23,9 @@ class ZstdCodec final : public Codec {
   std::string spec() const override { return "zstd:" + std::to_string(level_); }
   bool lossless() const override { return true; }
 
-  Result<void> encode(const Tile& tile, ByteSpan samples, Predictor*,
+  Result<void> encode(const TileShape& tile, ByteSpan samples, Predictor*,
                       Bytes& payload) const override;
-  Result<void> decode(const Tile& tile, ByteSpan payload, Predictor*,
+  Result<void> decode(const TileShape& tile, ByteSpan payload, Predictor*,
                       std::span<std::byte> samples) const override;
 
  private:
@@ -40,7 +40,7 @@ struct Workspace {
   LaneValues* color = nullptr;      // [group][channel][column]
   LaneValues* residuals = nullptr;  // as color
 
-  void size_for(const Tile& tile) {
+  void size_for(const TileShape& tile) {
     const std::size_t one = group_count(tile) * tile.columns();
     alpha = alpha_scratch.take(one).data();
     color = color_scratch.take(one * kColorChannels).data();
@@ -49,10 +49,10 @@ struct Workspace {
 };
 
 // Alpha, which the samples that are left out of the colours depend on.
-LaneStack alpha_stack(const Tile& tile) { return single_stack(tile, value_bits(tile.format)); }
+LaneStack alpha_stack(const TileShape& tile) { return single_stack(tile, value_bits(tile.format)); }
 
 // Whether all samples of zero alpha are 0 in every channel, so that they need not be stored.
-bool clear_is_zero(const LaneValues* alpha, const Tile& tile, ByteSpan colors) {
+bool clear_is_zero(const LaneValues* alpha, const TileShape& tile, ByteSpan colors) {
   const std::size_t bytes = color_bytes(tile.format), columns = tile.columns();
   for (std::size_t row = 0; row < tile.rows(); ++row)
     for (std::size_t i = 0; i < columns; ++i) {
@@ -94,7 +94,7 @@ bool read_weights(ByteSpan& payload, std::span<ChannelPredictor> predictors) {
   return true;
 }
 
-Result<void> append_colors(const Tile& tile, ByteSpan colors, int level, Workspace& work,
+Result<void> append_colors(const TileShape& tile, ByteSpan colors, int level, Workspace& work,
                            Bytes& payload) {
   load_colors(tile, colors.data(), work.alpha, work.color);
   const bool keeps_clear = !clear_is_zero(work.alpha, tile, colors);
@@ -110,7 +110,7 @@ Result<void> append_colors(const Tile& tile, ByteSpan colors, int level, Workspa
   return append_stack(stack, work.color, work.residuals, bytes, level, payload);
 }
 
-Result<void> read_colors(const Tile& tile, ByteSpan& payload, Workspace& work,
+Result<void> read_colors(const TileShape& tile, ByteSpan& payload, Workspace& work,
                          std::span<std::byte> colors) {
   if (payload.empty()) return fail(ErrorCode::bad_file, "zstd: the tile is cut short");
   const auto flag = std::to_integer<std::uint8_t>(payload[0]);
@@ -128,7 +128,7 @@ Result<void> read_colors(const Tile& tile, ByteSpan& payload, Workspace& work,
   return {};
 }
 
-Result<void> ZstdCodec::encode(const Tile& tile, ByteSpan samples, Predictor*,
+Result<void> ZstdCodec::encode(const TileShape& tile, ByteSpan samples, Predictor*,
                                Bytes& payload) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   payload.clear();
@@ -140,7 +140,7 @@ Result<void> ZstdCodec::encode(const Tile& tile, ByteSpan samples, Predictor*,
   return append_bytes(tile, samples.subspan(tile.color_bytes()), level_, payload);
 }
 
-Result<void> ZstdCodec::decode(const Tile& tile, ByteSpan payload, Predictor*,
+Result<void> ZstdCodec::decode(const TileShape& tile, ByteSpan payload, Predictor*,
                                std::span<std::byte> samples) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};

@@ -54,7 +54,7 @@ class FieldFile {
   /// Codes its tiles: the codec, with predictions where it needs them.
   [[nodiscard]] const TileCoder& coder() const { return *coder_; }
   /// The shape of a tile. REQUIRES: a key of this field.
-  [[nodiscard]] codec::Tile tile_shape(TileKey key) const { return coder_->tile_shape(key); }
+  [[nodiscard]] TileShape tile_shape(TileKey key) const { return coder_->tile_shape(key); }
 
   /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes. Code that needs
   /// samples reads them through TileCache, which calls this with references that it keeps.

@@ -30,7 +30,7 @@ class TileCoder {
             Geometries geometries)
       : shape_(shape), format_(format), codec_(codec), geometries_(std::move(geometries)) {}
 
-  [[nodiscard]] codec::Tile tile_shape(TileKey key) const {
+  [[nodiscard]] TileShape tile_shape(TileKey key) const {
     return geometries_(key.level).tile(sections_of(key, shape_.entry_extra_levels).entry.index,
                                        format_);
   }

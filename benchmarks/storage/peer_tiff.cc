@@ -19,7 +19,7 @@ using File = std::unique_ptr<TIFF, Close>;
 
 std::uint32_t round_up(std::size_t n) { return static_cast<std::uint32_t>((n + 15) / 16 * 16); }
 
-codec::Mosaic mosaic_of(const codec::Tile& tile) { return {tile.rows(), tile.side, 1}; }
+codec::Mosaic mosaic_of(const TileShape& tile) { return {tile.rows(), tile.side, 1}; }
 
 struct Size {
   std::uint32_t width = 0, height = 0;
@@ -28,7 +28,7 @@ struct Size {
 // All tiles of a TIFF have one size: that of the largest mosaic.
 Size tile_size(const TileSet& set) {
   Size size;
-  for (const codec::Tile& tile : set.shapes) {
+  for (const TileShape& tile : set.shapes) {
     const codec::Mosaic mosaic = mosaic_of(tile);
     size.width = std::max(size.width, round_up(mosaic.width()));
     size.height = std::max(size.height, round_up(mosaic.height()));
@@ -38,7 +38,7 @@ Size tile_size(const TileSet& set) {
 
 // Calls use(sample, pixel of the TIFF's tile).
 template <class Use>
-void walk(const codec::Tile& tile, std::uint32_t tile_width, Use use) {
+void walk(const TileShape& tile, std::uint32_t tile_width, Use use) {
   const codec::Mosaic mosaic = mosaic_of(tile);
   const std::size_t gap = tile_width - mosaic.width();
   for (std::size_t row = 0, sample = 0; row < tile.rows(); ++row)

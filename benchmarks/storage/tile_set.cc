@@ -30,7 +30,7 @@ std::shared_ptr<Positions> positions(std::size_t rows) {
 
 // An opaque picture of waves and a little noise. JPEG needs about as many bytes as for the most
 // detailed tiles of a rendered volume.
-Bytes picture(const codec::Tile& tile, std::uint64_t seed) {
+Bytes picture(const TileShape& tile, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   Bytes samples(tile.bytes());
   const double phase = static_cast<double>(seed % 97);
@@ -46,7 +46,7 @@ Bytes picture(const codec::Tile& tile, std::uint64_t seed) {
   return samples;
 }
 
-Bytes encode(const codec::Codec& codec, const codec::Tile& tile, std::uint64_t seed) {
+Bytes encode(const codec::Codec& codec, const TileShape& tile, std::uint64_t seed) {
   Bytes payload;
   expect(codec.encode(tile, picture(tile, seed), nullptr, payload));
   return payload;
@@ -119,7 +119,7 @@ TileSet synthetic_tiles(std::size_t payload_bytes, std::size_t count) {
   const std::size_t bytes =
       encode(*set.codec, {codec::SampleFormat::rgba8, kSide, few->points}, 0).size();
   const auto rows = positions(std::max<std::size_t>(1, payload_bytes * kTrial / bytes));
-  const codec::Tile shape{codec::SampleFormat::rgba8, kSide, rows->points};
+  const TileShape shape{codec::SampleFormat::rgba8, kSide, rows->points};
   std::vector<Bytes> distinct;
   for (std::size_t i = 0; i < std::min(kPictures, count); ++i)
     distinct.push_back(encode(*set.codec, shape, i));

@@ -15,7 +15,7 @@ struct TileSet {
   std::uint8_t level = 0;
   std::vector<std::uint64_t> keys;  ///< ascending indexes within the level
   std::vector<Bytes> payloads;
-  std::vector<codec::Tile> shapes;  ///< empty if tiles are never decoded
+  std::vector<TileShape> shapes;  ///< empty if tiles are never decoded
   std::shared_ptr<const codec::Codec> codec;
   std::shared_ptr<const void> owner;  ///< of the data that `shapes` view
 

@@ -88,7 +88,7 @@ void recode_alone(const Field& field, const codec::Codec& codec, unsigned thread
   expect(on_threads(threads, [&] {
     Bytes samples, payload;
     for (std::uint64_t i; (i = next.fetch_add(1)) < tiles.size();) {
-      const codec::Tile shape = field.file().tile_shape(tiles[i].key);
+      const TileShape shape = field.file().tile_shape(tiles[i].key);
       samples.resize(shape.bytes());
       expect(cache.read(tiles[i], samples));
       expect(codec.encode(shape, samples, nullptr, payload));

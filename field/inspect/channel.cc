@@ -13,7 +13,7 @@ Result<void> read_samples(TileCache& tiles, const storage::TileRef& tile, Bytes&
   return tiles.read(tile, samples);
 }
 
-ByteSpan channel_of(const codec::Tile& shape, ByteSpan samples, bool depth) {
+ByteSpan channel_of(const TileShape& shape, ByteSpan samples, bool depth) {
   return depth ? samples.subspan(shape.color_bytes()) : samples.first(shape.color_bytes());
 }
 

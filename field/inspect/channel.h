@@ -16,7 +16,7 @@ namespace slf {
                                         Bytes& samples);
 
 /// The part of a tile's samples that holds a channel.
-[[nodiscard]] ByteSpan channel_of(const codec::Tile& shape, ByteSpan samples, bool depth);
+[[nodiscard]] ByteSpan channel_of(const TileShape& shape, ByteSpan samples, bool depth);
 
 /// Converts a channel, half floats or bytes, to numbers from 0 to 1. Colours of HDR fields may be
 /// larger.

@@ -80,7 +80,7 @@ class Comparer {
  private:
   Result<void> compare(const TileRef& a, const TileRef& b, std::vector<Sum>& sums) {
     const bool lacks_a = a.state == TileState::missing, lacks_b = b.state == TileState::missing;
-    const codec::Tile shape = a_.tile_shape(a.key);
+    const TileShape shape = a_.tile_shape(a.key);
     for (std::size_t c = 0; c < sums.size(); ++c) {
       sums[c].counts.only_in_a += !lacks_a && lacks_b ? 1 : 0;
       sums[c].counts.only_in_b += lacks_a && !lacks_b ? 1 : 0;
@@ -101,7 +101,7 @@ class Comparer {
   }
 
   void compare_channel(bool depth, TileKey key, Sum& sum) {
-    const codec::Tile shape_a = a_.tile_shape(key), shape_b = b_.tile_shape(key);
+    const TileShape shape_a = a_.tile_shape(key), shape_b = b_.tile_shape(key);
     // Depth is undefined where nothing is visible.
     if (depth) to_floats(is_half(a_.format()), channel_of(shape_a, samples_a_, false), colors_);
     to_floats(!depth && is_half(a_.format()), channel_of(shape_a, samples_a_, depth), numbers_a_);

@@ -16,7 +16,7 @@ Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key, const std:
                 " is missing; the build command that made the field builds it");
 
   const bool depth = name == "depth";
-  const codec::Tile shape = field.tile_shape(key);
+  const TileShape shape = field.tile_shape(key);
   TileSampleSet set;
   set.numbers = depth ? 1 : 4;
   set.half = !depth && is_half(field.format());

@@ -65,7 +65,7 @@ class TileCache {
     [[nodiscard]] TilePage& page() const;
     /// Whether the tile is stored; missing also if a tile that it is predicted from is.
     [[nodiscard]] storage::TileState state() const;
-    /// The samples, in the layout of codec::Tile; none if the tile is not stored.
+    /// The samples, in the layout of TileShape; none if the tile is not stored.
     [[nodiscard]] ByteSpan samples() const;
 
    private:

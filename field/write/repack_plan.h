@@ -15,8 +15,8 @@ struct RepackPlan {
   bool copy = false;                    ///< payloads are copied, not recoded
 
   /// The shape of an output's tile.
-  [[nodiscard]] codec::Tile tile_shape(const FieldFile& field, TileKey key) const {
-    codec::Tile tile = field.tile_shape(key);
+  [[nodiscard]] TileShape tile_shape(const FieldFile& field, TileKey key) const {
+    TileShape tile = field.tile_shape(key);
     tile.format = format;
     return tile;
   }

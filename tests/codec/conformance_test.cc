@@ -25,7 +25,7 @@ constexpr Shape kShapes[] = {{0, 5},  {1, 0},  {1, 1},   {2, 0},   {3, 2},  {45,
 using Parameter = std::tuple<std::string, SampleFormat>;
 
 // Decodes into a buffer of exactly the right size, so that the address sanitizer sees any overrun.
-Result<Bytes> decode_exactly(const Codec& codec, const Tile& tile, ByteSpan payload) {
+Result<Bytes> decode_exactly(const Codec& codec, const TileShape& tile, ByteSpan payload) {
   const auto exact_payload = std::make_unique<std::byte[]>(payload.size());
   std::copy(payload.begin(), payload.end(), exact_payload.get());
   const auto samples = std::make_unique<std::byte[]>(tile.bytes());

@@ -66,7 +66,7 @@ struct Picture {
       : sample(make_tile(format, rows, side, content)),
         predictor(make_tile(SampleFormat::rgba8_depth8, rows, side, Content::disc), noise) {
     // Depth is not kept where nothing is visible; colour is.
-    const Tile& tile = sample.tile;
+    const TileShape& tile = sample.tile;
     const std::size_t bytes = color_bytes(format), alpha = bytes / 4;
     for (std::size_t s = 0; s < tile.samples(); ++s) {
       std::byte* const at = &sample.samples[s * bytes];

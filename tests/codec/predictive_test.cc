@@ -23,7 +23,7 @@ std::uint32_t premultiplied(std::uint32_t r, std::uint32_t g, std::uint32_t b, s
   return times(r) | times(g) << 8 | times(b) << 16 | a << 24;
 }
 
-Scene make_scene(const Tile& tile, bool soft, std::uint32_t seed, int noise) {
+Scene make_scene(const TileShape& tile, bool soft, std::uint32_t seed, int noise) {
   std::mt19937 random(seed);
   const auto near = [&](double v) {
     const int off = noise == 0 ? 0 : static_cast<int>(random() % (2u * noise + 1)) - noise;
@@ -59,7 +59,7 @@ struct Coded {
   std::vector<std::uint32_t> rgba;
 };
 
-Coded encode(const PredictiveLevel& level, const Tile& tile, const Scene& scene) {
+Coded encode(const PredictiveLevel& level, const TileShape& tile, const Scene& scene) {
   Coded coded{{}, scene.depth, scene.rgba};
   const TilePicture picture(tile);
   PredictiveEncoder encoder(level, picture, coded.payload);
@@ -70,8 +70,8 @@ Coded encode(const PredictiveLevel& level, const Tile& tile, const Scene& scene)
 }
 
 /// Whether the payload is accepted.
-bool decode(const PredictiveLevel& level, const Tile& tile, const Scene& scene, ByteSpan payload,
-            Coded& out, std::vector<std::uint8_t>* used = nullptr) {
+bool decode(const PredictiveLevel& level, const TileShape& tile, const Scene& scene,
+            ByteSpan payload, Coded& out, std::vector<std::uint8_t>* used = nullptr) {
   out = {{},
          std::vector<std::uint8_t>(scene.depth.size()),
          std::vector<std::uint32_t>(scene.rgba.size())};

@@ -80,7 +80,7 @@ SampleTile make_tile(SampleFormat format, std::size_t rows, std::uint32_t side, 
   return result;
 }
 
-double psnr(const Tile& tile, ByteSpan expected, ByteSpan found) {
+double psnr(const TileShape& tile, ByteSpan expected, ByteSpan found) {
   const auto of = [&](std::size_t begin, std::size_t end, const auto& counts) {
     double sum = 0;
     std::size_t count = 0;

@@ -12,7 +12,7 @@ namespace slf::codec {
 /// A tile that owns its positions and samples.
 struct SampleTile {
   std::vector<LocalPoint> positions;
-  Tile tile;  ///< views positions
+  TileShape tile;  ///< views positions
   Bytes samples;
 
   SampleTile() = default;
@@ -36,7 +36,7 @@ constexpr SampleFormat kAllFormats[] = {SampleFormat::rgba8, SampleFormat::rgba1
 
 [[nodiscard]] std::string name(Content content);
 
-/// The first `rows` points of a triangular lattice in the order Tile asks for.
+/// The first `rows` points of a triangular lattice in the order TileShape asks for.
 [[nodiscard]] SampleTile make_tile(SampleFormat format, std::size_t rows, std::uint32_t side,
                                    Content content);
 
@@ -59,6 +59,6 @@ class Random {
 
 /// dB between samples of 8 bits: over R, G and B, or over depths where `expected` is not 0, which
 /// is to say nothing; whichever is lower. Infinity when equal.
-[[nodiscard]] double psnr(const Tile& tile, ByteSpan expected, ByteSpan found);
+[[nodiscard]] double psnr(const TileShape& tile, ByteSpan expected, ByteSpan found);
 
 }  // namespace slf::codec

@@ -25,7 +25,7 @@ std::vector<LocalPoint> positions_of(std::size_t rows) {
   return positions;
 }
 
-void decode(const Codec& codec, const Tile& tile, ByteSpan payload) {
+void decode(const Codec& codec, const TileShape& tile, ByteSpan payload) {
   // Exactly as large as they must be, so that the sanitizer sees every overrun.
   const auto exact = std::make_unique<std::byte[]>(payload.size());
   std::copy(payload.begin(), payload.end(), exact.get());
@@ -33,7 +33,7 @@ void decode(const Codec& codec, const Tile& tile, ByteSpan payload) {
   (void)codec.decode(tile, {exact.get(), payload.size()}, nullptr, {samples.get(), tile.bytes()});
 }
 
-void encode(const Codec& codec, const Tile& tile, ByteSpan input) {
+void encode(const Codec& codec, const TileShape& tile, ByteSpan input) {
   Bytes samples(tile.bytes());
   for (std::size_t i = 0; i < samples.size() && !input.empty(); ++i)
     samples[i] = input[i % input.size()];
@@ -51,7 +51,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const char* spec = specs[data[0] % std::size(specs)];
   const auto format = static_cast<SampleFormat>(data[1] % 4);
   const std::vector<LocalPoint> positions = positions_of(data[2] % 46);
-  const Tile tile{format, data[3] % 40u, positions};
+  const TileShape tile{format, data[3] % 40u, positions};
   const ByteSpan rest = std::as_bytes(std::span(data + 5, size - 5));
   const auto codec = make_codec(spec, format);
   if (!codec) return 0;

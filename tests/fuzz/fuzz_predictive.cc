@@ -18,7 +18,7 @@ using namespace slf::codec;
 
 /// A tile whose predictions are made of the input's bytes, over and over.
 struct Work {
-  explicit Work(const Tile& tile, ByteSpan bytes)
+  explicit Work(const TileShape& tile, ByteSpan bytes)
       : picture(tile),
         alpha(picture.samples()),
         depth(alpha.size()),
@@ -52,7 +52,7 @@ void decode(const PredictiveLevel& level, ByteSpan payload, Work& work) {
   (void)decoder.decode({work.alpha, work.depth, work.color}, work.decoded_depth, work.rgba);
 }
 
-void encode(const PredictiveLevel& level, const Tile& tile, ByteSpan input) {
+void encode(const PredictiveLevel& level, const TileShape& tile, ByteSpan input) {
   Work work(tile, input), truth(tile, input.subspan(input.size() / 2));
   Work back = work;
   for (std::size_t k = 0; k < truth.rgba.size(); ++k) {
@@ -73,7 +73,7 @@ void encode(const PredictiveLevel& level, const Tile& tile, ByteSpan input) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size < 4) return 0;
   std::vector<LocalPoint> positions(1 + data[0] % 46);
-  const Tile tile{SampleFormat::rgba8_depth8, 1 + data[1] % 33u, positions};
+  const TileShape tile{SampleFormat::rgba8_depth8, 1 + data[1] % 33u, positions};
   const ByteSpan rest = std::as_bytes(std::span(data + 4, size - 4));
   const PredictiveTables tables = predictive_tables({1 + data[2] % 100}, 1);
   Work work(tile, rest);

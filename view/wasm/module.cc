@@ -316,7 +316,7 @@ const std::uint32_t* slf_references(std::uint32_t level, std::uint32_t entry, st
 SLF_EXPORT(slf_add_reference)
 int slf_add_reference(std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
   Module& m = module();
-  const codec::Tile shape = geometry(level).tile(entry, m.manifest->format);
+  const TileShape shape = geometry(level).tile(entry, m.manifest->format);
   if (!m.buffer.empty() && m.buffer.size() != shape.bytes())
     return failed({ErrorCode::usage, "a reference has another size"});
   m.references[key_of(level, entry, exit)] = std::move(m.buffer);

@@ -184,7 +184,7 @@ TEST_F(Inspect, FindsTheTileThatWasChanged) {
   Bytes samples = testing::all_samples(*field_).at(key);
   samples[0] ^= std::byte{64};
   Bytes payload;
-  const codec::Tile shape = field_->file().tile_shape(key);
+  const TileShape shape = field_->file().tile_shape(key);
   ASSERT_TRUE(field_->file().codec().encode(shape, samples, nullptr, payload));
   const auto other = changed("other.slf", [&](storage::TileWriter& writer) {
     ASSERT_TRUE(writer.replace(key, TileState::stored, payload));

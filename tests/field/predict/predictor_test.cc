@@ -76,7 +76,7 @@ Level random_level(const LevelGeometry& coarser, const References& references, s
   std::mt19937 random(seed);
   Level level;
   for (const TileSections& sections : candidates_of(coarser, references)) {
-    const codec::Tile shape = coarser.tile(sections.entry.index, codec::SampleFormat::rgba8);
+    const TileShape shape = coarser.tile(sections.entry.index, codec::SampleFormat::rgba8);
     const std::size_t samples = shape.rows() * shape.columns();
     Bytes& bytes = level.tiles.emplace_back(8 + 5 * samples);
     const int empty = static_cast<int>(random() % 4);

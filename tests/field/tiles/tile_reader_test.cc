@@ -125,7 +125,7 @@ TEST_F(TileReaderTest, TilesThatOthersArePredictedFromAreTilesLikeAnyOther) {
 
 TEST_F(TileReaderTest, ATileOutlivesItsReader) {
   const TileKey key = some_stored_tile(1);
-  const codec::Tile shape = field_->file().tile_shape(key);
+  const TileShape shape = field_->file().tile_shape(key);
   std::optional<TileReader::Tile> tile;
   std::vector<std::byte> before;
   {

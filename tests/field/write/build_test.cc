@@ -80,7 +80,7 @@ TEST(Build, SamplesAreTheScenesRays) {
     const TileKey key{1, index};
     const auto tile = field->file().store().find(key);
     ASSERT_TRUE(tile);
-    const codec::Tile shape = field->file().tile_shape(key);
+    const TileShape shape = field->file().tile_shape(key);
     std::vector<std::byte> samples(shape.bytes());
     if (tile->state == storage::TileState::stored) {
       ASSERT_TRUE(testing::read(field->file(), *tile, samples));
@@ -140,7 +140,7 @@ TEST(Build, CoarserLevelsAreMeansUnderATent) {
   for (std::uint64_t index = 0; index < tile_count(0, 0); ++index) {
     const auto tile = field->file().store().find({0, index});
     ASSERT_TRUE(tile);
-    const codec::Tile shape = field->file().tile_shape({0, index});
+    const TileShape shape = field->file().tile_shape({0, index});
     std::vector<std::byte> samples(shape.bytes());
     if (tile->state == storage::TileState::stored) {
       ASSERT_TRUE(testing::read(field->file(), *tile, samples));
