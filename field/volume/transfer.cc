@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "field/volume/transfer_color.h"
+#include "field/volume/value_statistics.h"
 
 namespace slf {
 
@@ -15,11 +16,6 @@ template <class Point>
 auto at_or_above(const std::vector<Point>& points, double value) {
   return std::lower_bound(points.begin(), points.end(), value,
                           [](const Point& point, double v) { return point.value < v; });
-}
-
-// The fraction of the way, in halves so that a difference of huge values cannot overflow.
-double fraction(double value, double from, double to) {
-  return (value / 2 - from / 2) / (to / 2 - from / 2);
 }
 
 // vtkPiecewiseFunction's curve between two nodes: linear to the midpoint and from it on, then

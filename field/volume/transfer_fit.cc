@@ -41,11 +41,9 @@ using Extent = std::array<double, 2>;
 /// Moves the points of an extent to another, linearly.
 template <class Point>
 void stretch(std::vector<Point>& points, const Extent& from, const Extent& to) {
-  // Computed in halves, so that a range of huge values does not overflow.
-  const double scale = (to[1] / 2 - to[0] / 2) / (from[1] / 2 - from[0] / 2);
   for (auto& point : points) {
-    const double moved = to[0] + (point.value - from[0]) * scale;
-    point.value = point.value == from[1] || !std::isfinite(moved) ? to[1] : moved;
+    const double share = from[0] < from[1] ? fraction(point.value, from[0], from[1]) : 1;
+    point.value = std::lerp(to[0], to[1], share);
   }
 }
 

@@ -40,8 +40,7 @@ double quantile(std::span<const double> sorted, double q) {
 std::array<double, kBins> histogram(std::span<const double> values, double min, double max) {
   std::array<double, kBins> count{};
   for (const double value : values) {
-    // In halves, so that the range of the widest doubles does not overflow.
-    const double bin = (value / 2 - min / 2) / (max / 2 - min / 2) * kBins;
+    const double bin = fraction(value, min, max) * kBins;
     ++count[static_cast<std::size_t>(std::clamp(bin, 0.0, double{kBins - 1}))];
   }
   return count;
@@ -84,7 +83,7 @@ Threshold otsu(std::span<const double> values, double min, double max) {
 bool is_around_zero(std::span<const double> sorted, double min, double max) {
   if (!(min < 0 && max > 0) || std::min(-min, max) < 0.05 * std::max(-min, max)) return false;
   const auto count = histogram(sorted, min, max);
-  const double zero = (0 - min / 2) / (max / 2 - min / 2) * kBins;
+  const double zero = fraction(0, min, max) * kBins;
   // The bin of 0 or a neighbour, in case 0 is at the edge of its bin.
   const auto fullest = std::max_element(count.begin() + 1, count.end() - 1) - count.begin();
   return std::abs(static_cast<double>(fullest) + 0.5 - zero) <= 1.5;

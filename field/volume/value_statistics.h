@@ -2,12 +2,20 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <vector>
 
 #include "slf/transfer.h"
 #include "slf/volume.h"
 
 namespace slf {
+
+/// The fraction of the way from one number to a greater one. Ranges of the widest doubles do not
+/// overflow, and those of the smallest do not vanish.
+[[nodiscard]] inline double fraction(double value, double from, double to) {
+  return std::isfinite(to - from) ? (value - from) / (to - from)
+                                  : (value / 2 - from / 2) / (to / 2 - from / 2);
+}
 
 struct ValueStatistics {
   /// A sorted sample of the finite values, 1 to about a million. If by_decades, logarithms (base

@@ -107,6 +107,25 @@ TEST(TransferPreset, RangeOverrulesAll) {
   EXPECT_EQ(indexed(201).z, 1);
 }
 
+TEST(TransferPreset, StretchedPointsStillAscendWithinTheRange) {
+  const auto transfer = parse(R"({"RGBPoints": [0, 0, 0, 1, 155, 1, 0, 0],
+                                  "Points": [-3.2e71, 0, 0.5, 0, 0, 1, 0.5, 0, 160, 1, 0.5, 0]})")
+                            .fit(ramp_volume(), std::array<double, 2>{-3, 8});
+  EXPECT_EQ(transfer.opacities[1].value, 8);
+  EXPECT_EQ(transfer.opacities[2].value, 8);
+  EXPECT_EQ(transfer.colors.back().value, 8);
+  EXPECT_TRUE(parse_transfer(to_json(transfer), "again"));
+}
+
+TEST(TransferPreset, VolumesOfTheSmallestNumbersHaveARange) {
+  Volume volume = ramp_volume();
+  volume.slope = std::numeric_limits<double>::denorm_min();
+  const auto transfer = default_transfer(volume);
+  EXPECT_TRUE(std::ranges::is_sorted(transfer.opacities, {}, [](auto& p) { return p.value; }));
+  EXPECT_GT(transfer.opacities.back().value, 0);
+  EXPECT_EQ(transfer(0).w, 0);
+}
+
 TEST(TransferPreset, IndexedColorsAreCategoriesOrEvenSteps) {
   const auto preset = parse(R"({"Name": "Three", "IndexedColors": [1, 0, 0, 0, 1, 0, 0, 0, 1]})");
   EXPECT_EQ(preset.values, Values::indexed);
