@@ -254,7 +254,7 @@ def cycles(tools):
 
 # ---- sets that were handed over ------------------------------------------------------------
 
-SHAPES = {"chair": "--entry 8 --exit 64 --levels 1", "mouse": "--entry 4 --exit 32 --levels 1"}
+SHAPES = {"chair": "--entry 8 --exit 128 --levels 1", "mouse": "--entry 4 --exit 32 --levels 1"}
 
 
 def sets(tools, chosen=()):

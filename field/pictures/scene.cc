@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <initializer_list>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -91,7 +90,7 @@ class PictureScene final : public Scene {
     const Chord chord = intersect(sphere_, ray.from, ray.to - ray.from);
     if (!chord.hit || chord.leave <= 0) return sample;
     const double t = std::min(chord.leave, 1.0);
-    const auto behind = blend(ray, t, {Ask::behind}, held);
+    const auto behind = blend(ray, t, Ask::behind, held);
     const glm::vec4 rgba = (1 - sample.rgba.a) * behind.value_or(glm::vec4(0));
     if (!(rgba.a > 0)) return sample;
     // The mean, weighted by opacity.
@@ -107,10 +106,11 @@ class PictureScene final : public Scene {
     auto meeting = surface_.meet(ray.from, ray.to);
     if (meeting.kind == Kind::none) meeting = pass_through_hull(ray);
     if (meeting.kind == Kind::none) return {};
-    // No picture sees into some cavities; any colour of the object there is better than a hole.
-    const auto rgba = meeting.kind == Kind::near
-                          ? blend(ray, meeting.t, {Ask::passed}, held)
-                          : blend(ray, meeting.t, {Ask::met, Ask::hidden}, held);
+    auto rgba = blend(ray, meeting.t, meeting.kind == Kind::near ? Ask::passed : Ask::met, held);
+    // No picture sees this place. With a hull, it mostly is what the hull has too much, below the
+    // object for example; without, a cavity, where any colour is better than a hole.
+    if (!rgba && meeting.kind == Kind::hit && !hull_)
+      rgba = blend(ray, meeting.t, Ask::hidden, held);
     if (!rgba || rgba->a < 1.0f / 512) return {};
     RaySample sample;
     sample.rgba = *rgba;
@@ -131,10 +131,8 @@ class PictureScene final : public Scene {
     return {Surface::Meeting::Kind::near, front.t + std::min(half, deepest)};
   }
 
-  /// The colour of the point at `t`, from the pictures in the nearest directions: the first answer
-  /// that any of them has.
-  [[nodiscard]] std::optional<glm::vec4> blend(const Segment& ray, double t,
-                                               std::initializer_list<Ask> questions,
+  /// The colour of the point at `t`, from the pictures in the nearest directions that have one.
+  [[nodiscard]] std::optional<glm::vec4> blend(const Segment& ray, double t, Ask ask,
                                                Held& held) const {
     const glm::dvec3 point = ray.from + t * (ray.to - ray.from);
     const glm::dvec3 back = glm::normalize(ray.from - ray.to);
@@ -145,12 +143,9 @@ class PictureScene final : public Scene {
     // (Buehler et al. 2001, section 3).
     std::array<Sight, kBlended + 1> sights;
     std::size_t seen = 0;
-    for (const Ask ask : questions) {
-      for (std::size_t k = 0; k < count && seen < sights.size(); ++k) {
-        const auto sight = look(point, nearest[k].camera, nearest[k].penalty, ask, held);
-        if (sight.share > 0.05) sights[seen++] = sight;
-      }
-      if (seen > 0) break;
+    for (std::size_t k = 0; k < count && seen < sights.size(); ++k) {
+      const auto sight = look(point, nearest[k].camera, nearest[k].penalty, ask, held);
+      if (sight.share > 0.05) sights[seen++] = sight;
     }
     if (seen == 0) return std::nullopt;
     const double end =

@@ -305,6 +305,26 @@ TEST_F(PictureScenes, EstimatedDepthsKeepTheSilhouettes) {
   EXPECT_LT(static_cast<double>(missing), 0.01 * static_cast<double>(opaque));
 }
 
+TEST_F(PictureScenes, WhatOnlyTheHullHasAndNoPictureSeesIsEmpty) {
+  // Cameras above leave a cone of the hull below each ball.
+  PictureSet set = draw(80, ".png");
+  std::erase_if(set.pictures, [&](const Picture& p) { return p.eye.z < 1.5; });
+  const auto scene = make_picture_scene(set, {.sphere = balls_->bounds(), .voxels = 96});
+  ASSERT_TRUE(scene) << scene.error().message;
+  std::size_t object = 0, phantom = 0;
+  for (const Picture& picture : spread_cameras(balls_->bounds(), 3.3, 30, 96, 96)) {
+    if (std::abs(picture.eye.z) > 0.5) continue;
+    const auto truth = view(picture), shown = view(**scene, picture);
+    for (std::size_t k = 0; k < truth.rgba.size(); ++k)
+      if (truth.rgba[k].a > 0.5f)
+        ++object;
+      else
+        phantom += shown.rgba[k].a > 0.5f;
+  }
+  EXPECT_GT(object, 1000u);
+  EXPECT_LT(static_cast<double>(phantom), 0.09 * static_cast<double>(object));
+}
+
 TEST_F(PictureScenes, DependNeitherOnMemoryNorOnThreads) {
   const PictureSet set = draw(20, ".png");
   PictureSceneOptions options{.voxels = 48, .threads = 1};
