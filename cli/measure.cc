@@ -252,9 +252,9 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   if (!light) note(light.error().message + "; computing the light again");
   SLF_TRY(scene->prepare());
   const bool same_source = check_source(field, *scene);
-  const auto evaluation =
-      SLF_TRY(evaluate_views(field, *scene, cameras, view, a.draw.renderer(), a.supersample,
-                             view_tone(field), progress_bar("evaluate", "rows", OnSignal::end)));
+  const auto evaluation = SLF_TRY(evaluate_views(
+      field, *scene, {cameras, view, a.draw.renderer(), a.supersample, view_tone(field)},
+      progress_bar("evaluate", "rows", OnSignal::end)));
 
   const std::uint64_t bytes = field.file_bytes();
   if (a.json) {

@@ -243,12 +243,12 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
 }
 
 Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
-                                  const std::vector<Camera>& cameras, const ViewOptions& view,
-                                  const RendererOptions& options, std::uint32_t supersample,
-                                  const std::optional<ToneMapping>& tone,
+                                  const EvaluateOptions& options,
                                   const ProgressCallback& progress) {
+  const auto& cameras = options.cameras;
+  const std::uint32_t supersample = options.supersample;
   if (cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
-  Renderer renderer(field, options);
+  Renderer renderer(field, options.renderer);
   Evaluation result;
   Progress all;
   for (const Camera& camera : cameras) all.total += std::uint64_t{supersample} * camera.height;
@@ -259,12 +259,12 @@ Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
     Camera finer = camera;
     finer.width *= supersample, finer.height *= supersample;
     const auto truth =
-        SLF_TRY(trace_view(scene, field.shape().sphere, finer, options.threads, report));
+        SLF_TRY(trace_view(scene, field.shape().sphere, finer, options.renderer.threads, report));
     all.done += finer.height;
-    auto image = SLF_TRY(renderer.render(camera, view));
+    auto image = SLF_TRY(renderer.render(camera, options.view));
     Image expected = shrink(truth, supersample);
-    if (tone) {
-      const ToneMapper map(*tone);
+    if (options.tone) {
+      const ToneMapper map(*options.tone);
       for (Image* picture : {&expected, &image})
         for (glm::vec4& pixel : picture->rgba) pixel = map(pixel);
     }

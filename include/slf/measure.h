@@ -87,14 +87,20 @@ struct Evaluation {
   double ssim = 0;  ///< mean of the views' SSIM
 };
 
-/// Compares views of the field with ray-cast views of its scene: RGB over black, 8 bits. A pixel of
-/// a ray-cast view is the mean of `supersample`² rays, supersample at least 1. Both are tone-mapped
-/// if `tone` is given. Progress counts rows of ray-cast pictures. usage: no cameras.
-/// cancelled: stopped by `progress`. Else errors as Renderer::render() and trace_view().
-[[nodiscard]] Result<Evaluation> evaluate_views(
-    const Field& field, const Scene& scene, const std::vector<Camera>& cameras,
-    const ViewOptions& view, const RendererOptions& renderer, std::uint32_t supersample = 1,
-    const std::optional<ToneMapping>& tone = {}, const ProgressCallback& progress = {});
+struct EvaluateOptions {
+  std::vector<Camera> cameras;
+  ViewOptions view = {};
+  RendererOptions renderer = {};
+  std::uint32_t supersample = 1;  ///< a pixel of a ray-cast view is the mean of its square of rays
+  std::optional<ToneMapping> tone = {};  ///< of both
+};
+
+/// Compares views of the field with ray-cast views of its scene: RGB over black, 8 bits. Progress
+/// counts rows of ray-cast pictures. usage: no cameras. cancelled: stopped by `progress`. Else
+/// errors as Renderer::render() and trace_view(). REQUIRES: supersample is at least 1.
+[[nodiscard]] Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
+                                                const EvaluateOptions& options,
+                                                const ProgressCallback& progress = {});
 
 struct PictureQuality {
   std::string name;    ///< of the picture

@@ -86,19 +86,18 @@ py::object diff(const OpenField& a, const OpenField& b, unsigned threads, py::ob
 py::object evaluate(const OpenField& open, const SceneHandle& handle,
                     const std::vector<CameraTuple>& cameras, const std::optional<std::string>& mode,
                     unsigned level, std::uint32_t supersample, py::object progress) {
-  ViewOptions view;
-  view.mode = mode ? value_of(parse_render_mode(*mode)) : default_mode(open.field());
-  view.level = level;
+  EvaluateOptions options{cameras_of(cameras)};
+  options.view.mode = mode ? value_of(parse_render_mode(*mode)) : default_mode(open.field());
+  options.view.level = level;
+  options.renderer = open.options();
+  options.supersample = supersample;
   LongCall call(std::move(progress));
-  const auto evaluation = value_of(
-      handle.trace(call,
-                   [&]() -> Result<Evaluation> {
-                     if (const auto light = open.field().light()) handle.scene->set_light(*light);
-                     if (auto ok = handle.scene->prepare(); !ok) return tl::unexpected(ok.error());
-                     return evaluate_views(open.field(), *handle.scene, cameras_of(cameras), view,
-                                           open.options(), supersample, {}, call.progress());
-                   }),
-      open.field().path());
+  const auto compare = [&]() -> Result<Evaluation> {
+    if (const auto light = open.field().light()) handle.scene->set_light(*light);
+    if (auto ok = handle.scene->prepare(); !ok) return tl::unexpected(ok.error());
+    return evaluate_views(open.field(), *handle.scene, options, call.progress());
+  };
+  const auto evaluation = value_of(handle.trace(call, compare), open.field().path());
   py::list views;
   for (const ViewQuality& v : evaluation.views) views.append(py::make_tuple(v.psnr, v.ssim));
   return tuple_named("Evaluation", evaluation.psnr, evaluation.ssim, py::tuple(views));

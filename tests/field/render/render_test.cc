@@ -32,7 +32,7 @@ TEST_F(Render, QualityRisesFromNearestToBiTriangleToDepth) {
   double last = 0;
   for (const RenderMode mode :
        {RenderMode::nearest, RenderMode::uv, RenderMode::bitri, RenderMode::depth}) {
-    const auto quality = evaluate_views(*field_, *scene_, cameras, {mode, 2, false}, {});
+    const auto quality = evaluate_views(*field_, *scene_, {cameras, {mode, 2, false}});
     ASSERT_TRUE(quality);
     EXPECT_GT(quality->psnr, last) << name(mode);
     last = quality->psnr;
@@ -44,7 +44,7 @@ TEST_F(Render, FinerLevelsAreSharper) {
   double last = 0;
   for (unsigned level = 0; level <= 2; ++level) {
     const auto quality =
-        evaluate_views(*field_, *scene_, cameras, {RenderMode::bitri, level, false}, {});
+        evaluate_views(*field_, *scene_, {cameras, {RenderMode::bitri, level, false}});
     EXPECT_GT(quality->psnr, last);
     last = quality->psnr;
   }

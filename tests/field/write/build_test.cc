@@ -173,8 +173,8 @@ TEST(Build, PrefilteredLevelsAreCloserToWhatIsSeenFromAfar) {
   ASSERT_TRUE(alone && below);
   const auto cameras = random_cameras(alone->shape().sphere, 3, 4, 1, 16, 16);
   const ViewOptions coarse{RenderMode::depth, 0, false};
-  const auto rays = evaluate_views(*alone, *scene, cameras, coarse, {}, 8);
-  const auto means = evaluate_views(*below, *scene, cameras, coarse, {}, 8);
+  const auto rays = evaluate_views(*alone, *scene, {cameras, coarse, {}, 8});
+  const auto means = evaluate_views(*below, *scene, {cameras, coarse, {}, 8});
   ASSERT_TRUE(rays && means);
   EXPECT_GT(means->psnr, rays->psnr + 0.5);
 }
