@@ -107,8 +107,9 @@ class PictureScene final : public Scene {
     if (meeting.kind == Kind::none) meeting = pass_through_hull(ray);
     if (meeting.kind == Kind::none) return {};
     auto rgba = blend(ray, meeting.t, meeting.kind == Kind::near ? Ask::passed : Ask::met, held);
-    // No picture sees this place. With a hull, it mostly is what the hull has too much, below the
-    // object for example; without, a cavity, where any colour is better than a hole.
+    // No picture sees this place. With a hull, it is mostly outside the object, where the hull is
+    // too large, as below an object pictured from above. Without, it is in a cavity, where any
+    // colour is better than a hole.
     if (!rgba && meeting.kind == Kind::hit && !hull_)
       rgba = blend(ray, meeting.t, Ask::hidden, held);
     if (!rgba || rgba->a < 1.0f / 512) return {};

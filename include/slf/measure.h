@@ -91,7 +91,7 @@ struct EvaluateOptions {
   std::vector<Camera> cameras;
   ViewOptions view = {};
   RendererOptions renderer = {};
-  std::uint32_t supersample = 1;  ///< a pixel of a ray-cast view is the mean of its square of rays
+  std::uint32_t supersample = 1;  ///< a pixel of a ray-cast view is the mean of supersample² rays
   std::optional<ToneMapping> tone = {};  ///< of both
 };
 
