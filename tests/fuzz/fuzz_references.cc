@@ -16,7 +16,7 @@ constexpr std::uint64_t kTiles = 1024;  // of level 1
 std::vector<ReferenceIndex::Tile> tiles_of(const ReferenceIndex& index) {
   std::vector<ReferenceIndex::Tile> tiles;
   for (std::uint64_t k = 0; k < kTiles; ++k) {
-    ReferenceIndex::TileShape tile{{1, k}, {}};
+    ReferenceIndex::Tile tile{{1, k}, {}};
     index.append_references(tile.key, tile.references);
     for (const TileKey reference : tile.references)
       if (reference.level != 0) std::abort();
