@@ -429,7 +429,8 @@ HEAD = ["field", "PSNR", "SSIM", "inside the sphere", "size", "memory of the bui
 
 def cells(row):
     return [row.title, f"{row.psnr:.2f} dB", f"{row.ssim:.4f}",
-            f"{row.psnr_inside:.2f} dB, {row.ssim_inside:.4f}", f"{row.size / MIB:.1f} MiB", f"{row.build.memory:,.0f} MiB"]  # fmt: skip
+            f"{row.psnr_inside:.2f} dB, {row.ssim_inside:.4f}",
+            f"{row.size / MIB:.1f} MiB", f"{row.build.memory:,.0f} MiB"]  # fmt: skip
 
 
 def mesh_cells(found):

@@ -142,9 +142,10 @@ def _compare(bench, part, row):
         truth.save(path.with_suffix(".truth.png"))
         bench.run("slf", "render", row.field, "-o", path.with_suffix(".png"), "-f", "--size",
                   f"{truth.width}x{truth.height}", *camera)  # fmt: skip
+        inside = f"{view['psnr_inside']:.1f} dB, SSIM {view['ssim_inside']:.2f} inside"
         cells.append([
             page.Cell(path.with_suffix(".truth.png"), f"{what} of {len(views)}", "picture"),
-            page.Cell(path.with_suffix(".png"), f"{view['psnr_inside']:.1f} dB, SSIM {view['ssim_inside']:.2f} inside", "field"),
+            page.Cell(path.with_suffix(".png"), inside, "field"),
         ])  # fmt: skip
     part.add(page.heading(row.title), page.grid([[*cells[0], *cells[1]]]))
     part.add(page.text(WRONG.get(kind, "")))

@@ -5,6 +5,7 @@
 //
 // Prediction must compute the same on every machine. So locate_cells() rounds after each operation,
 // and all else are whole numbers or halves below 2^23, which floats hold exactly.
+// Integers would multiply more slowly.
 
 // Included once per instruction set.
 #if defined(SLF_FIELD_GEOMETRY_CELLS_INL_H_) == defined(HWY_TARGET_TOGGLE)

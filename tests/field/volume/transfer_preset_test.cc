@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <random>
 
 #include "field/volume/transfer_formats.h"
@@ -108,22 +109,21 @@ TEST(TransferPreset, RangeOverrulesAll) {
 }
 
 TEST(TransferPreset, StretchedPointsStillAscendWithinTheRange) {
-  const auto transfer = parse(R"({"RGBPoints": [0, 0, 0, 1, 155, 1, 0, 0],
-                                  "Points": [-3.2e71, 0, 0.5, 0, 0, 1, 0.5, 0, 160, 1, 0.5, 0]})")
+  const auto transfer = parse(R"({"RGBPoints": [-1511, 0, 0, 0, 401, 1, 0, 0],
+                "Points": [-3.2222222222222223e+83, 0, 0.5, 0, 160, 0, 0.5, 0, 800, 0.8, 0.5, 0]})")
                             .fit(ramp_volume(), std::array<double, 2>{-3, 8});
-  EXPECT_EQ(transfer.opacities[1].value, 8);
+  EXPECT_LE(transfer.opacities[1].value, 8);
   EXPECT_EQ(transfer.opacities[2].value, 8);
-  EXPECT_EQ(transfer.colors.back().value, 8);
+  EXPECT_LE(transfer.colors.back().value, 8);
   EXPECT_TRUE(parse_transfer(to_json(transfer), "again"));
 }
 
-TEST(TransferPreset, VolumesOfTheSmallestNumbersHaveARange) {
-  Volume volume = ramp_volume();
-  volume.slope = std::numeric_limits<double>::denorm_min();
-  const auto transfer = default_transfer(volume);
-  EXPECT_TRUE(std::ranges::is_sorted(transfer.opacities, {}, [](auto& p) { return p.value; }));
-  EXPECT_GT(transfer.opacities.back().value, 0);
-  EXPECT_EQ(transfer(0).w, 0);
+TEST(TransferPreset, RangesOfTheSmallestNumbersDoNotVanish) {
+  const double least = std::numeric_limits<double>::denorm_min();
+  const auto transfer = parse(R"({"RGBPoints": [0, 0, 0, 1, 1, 1, 0, 0],
+                                  "Points": [0, 0, 0.5, 0, 1, 1, 0.5, 0]})")
+                            .fit(ramp_volume(), std::array<double, 2>{0, 2 * least});
+  EXPECT_NEAR(transfer(least).w, 0.5, 1e-4);
 }
 
 TEST(TransferPreset, IndexedColorsAreCategoriesOrEvenSteps) {
