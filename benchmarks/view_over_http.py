@@ -13,6 +13,9 @@ the page, until the first picture and until the view is complete; bytes also rel
 of the view's tiles. Then the page loads the rest of level 0: how many requests and bytes there are
 in all. The processor emulates the graphics card (SwiftShader), and the times include that.
 
+Then how fast the page's workers decode: tiles a second of a worker that decodes, and the share of
+the time, from the first tile to the last, in which workers decode nothing.
+
 At last, how long a picture of each view takes, as medians in milliseconds: in the page and with
 `slf play`, both with all tiles decoded, and the whole command `slf render`, which opens the field,
 decodes the tiles, draws and writes a picture. All have the same size, mode and level.
@@ -40,7 +43,56 @@ from nginx import Nginx
 VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 3), (300, 5, 3), (75, 0, 3)]
 SIZE = 512
 FRAMES = 15
+TIMED = """
+self.work = {tiles: 0, busy: 0, first: 1e99, last: 0};
+Object.defineProperty(self, 'onmessage', {set(answer) {
+  self.addEventListener('message', (event) => {
+    const begin = performance.timeOrigin + performance.now();
+    answer(event);
+    const end = performance.timeOrigin + performance.now();
+    if (event.data.action !== 'decode') return;
+    ++work.tiles;
+    work.busy += end - begin;
+    work.first = Math.min(work.first, begin);
+    work.last = end;
+  });
+}})"""
 LINKS = {"at once": (None, 0.0), "10 Mbit/s, 40 ms": (1.25e6, 0.04)}
+
+
+class Workers:
+    """The workers of a page that is about to be opened, each of which counts what it decodes."""
+
+    def __init__(self, page):
+        self.page, self.sessions = page, []
+        page.call("Target.setAutoAttach", autoAttach=True, waitForDebuggerOnStart=True,
+                  flatten=True)
+
+    def wait(self, condition):
+        """Waits for a condition in the page. Workers that start meanwhile begin to count."""
+        browser = self.page.browser
+        while not self.page.run(condition):
+            for event in browser.events:
+                if event.get("method") != "Target.attachedToTarget":
+                    continue
+                session = event["params"]["sessionId"]
+                if event["params"]["targetInfo"]["type"] == "worker" \
+                        and session not in self.sessions:
+                    self.sessions.append(session)
+                    browser.call("Runtime.evaluate", session, expression=TIMED)
+                    browser.call("Runtime.runIfWaitingForDebugger", session)
+            time.sleep(0.02)
+
+    def work(self):
+        """(tiles a second, idle share)"""
+        done = [self.page.browser.call("Runtime.evaluate", session, expression="self.work",
+                                       returnByValue=True)["result"]["value"]
+                for session in self.sessions]
+        done = [work for work in done if work["tiles"] > 0]
+        busy = sum(work["busy"] for work in done)
+        whole = max(work["last"] for work in done) - min(work["first"] for work in done)
+        return (1000 * sum(work["tiles"] for work in done) / busy,
+                1 - busy / (len(self.sessions) * whole))
 
 
 def main():
@@ -97,6 +149,20 @@ def main():
                           f"{complete['bytes']:7} {complete['bytes'] / payload:5.2f} "
                           f"{complete['milliseconds']:5.0f} | {row['requests']:8} "
                           f"{row['bytes']:7}", flush=True)
+        print("view       link              | workers: tiles a second   idle")
+        for view in VIEWS[:arguments.views]:
+            text = ",".join(map(str, view))
+            for link, (rate, delay) in LINKS.items():
+                with Host(folder, "many", rate, delay) as host:
+                    page = browser.open("about:blank", SIZE, SIZE)
+                    workers = Workers(page)
+                    page.call("Page.navigate", url=f"{host.url}/index.html#view={text}"
+                              f"&mode=depth&level={level}")
+                    workers.wait("self.slf?.statistics().complete && !slf.statistics().busy")
+                    speed, idle = workers.work()
+                    page.close()
+                rows.append({"view": view, "link": link, "tiles_per_second": speed, "idle": idle})
+                print(f"{text:10} {link:17} | {speed:23.0f} {idle:6.0%}", flush=True)
         print("picture of   page, software GL   slf play | slf render: processor   wall")
         for text, times in frames.items():
             view = ["--orbit", text, "--size", f"{SIZE}x{SIZE}", "--mode", "depth", "--level",
