@@ -65,6 +65,7 @@ class Workers:
 
     def __init__(self, page):
         self.page, self.sessions = page, []
+        page.browser.events.clear()  # of the workers of other pages
         page.call("Target.setAutoAttach", autoAttach=True, waitForDebuggerOnStart=True,
                   flatten=True)
 

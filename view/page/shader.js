@@ -12,7 +12,8 @@ void main() {  // one triangle that covers the picture
   gl_Position = vec4(float(gl_VertexID & 1) * 4.0 - 1.0, float(gl_VertexID >> 1) * 4.0 - 1.0, 0, 1);
 }`;
 
-const kCommon = `#version 300 es
+const common = (cubic) => `#version 300 es
+const bool kCubic = ${cubic};  // whether pictures are interpolated by cubics; needs no other tiles
 precision highp float;
 precision highp int;
 precision highp usampler2D;
@@ -105,6 +106,10 @@ ivec3 texel(int slot, int sample_) {
                (sample_ >> uTileBits) + (slot - layer * uTilesPerLayer) * uTileHeight, layer);
 }
 
+vec4 color(int slot, int row, ivec2 local) {
+  return texelFetch(uColor, texel(slot, row + triangle(local.x, local.y)), 0);
+}
+
 const float kFaint = 1.0 / 255.0;
 // The picture is complete; a tile is not loaded; a tile is missing from the field.
 const int kDone = 0, kWaiting = 1, kUnavailable = 2;
@@ -125,7 +130,12 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
 
   vec3 entry[3];
   ivec3 section, row;
-  bool cubic = false;  // the last round adds what a cubic differs from linear interpolation
+  // Of the last round. An exit cell has the corners (x, y), (x + z, y), (x, y + z) in slot w.
+  vec4 low, high;
+  ivec4 exits[3] = ivec4[3](ivec4(-1), ivec4(-1), ivec4(-1));
+  vec3 weights[3], agreements = vec3(0);
+  float total;
+  bool cubic = false;
   for (int e = 0; e < 3; ++e) {
     ivec2 p = corner(cell, e);
     entry[e] = vertex(cell, p, entryN);
@@ -134,9 +144,10 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
     row[e] = (place & ((1 << uRowBits) - 1)) * columns;
   }
 
-  for (int round_ = 0; round_ < 5; ++round_) {
-    vec4 sum = vec4(0), bends = vec4(0), low = vec4(1e9), high = vec4(-1e9);
-    float total = 0.0, opacity = 0.0, position = 0.0;
+  for (int round_ = 0; round_ < 4; ++round_) {
+    vec4 sum = vec4(0);
+    float opacity = 0.0, position = 0.0;
+    low = vec4(1e9), high = vec4(-1e9), total = 0.0;
     vec3 opacities = vec3(0), positions = vec3(0);
     int state = kDone;
     for (int e = 0; e < 3; ++e) {
@@ -163,7 +174,8 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       int slot = int(entry_) - ${kFirstSlot};
       vec3 along = vec3(dot(entry[e] - P, chord), dot(q - entry[e], chord), 0) / chord2;
       if (slot < 0) total += we, low = min(low, 0.0), high = max(high, 0.0);
-      vec4 colors[3], linear = vec4(0);
+      exits[e] = ivec4(local[0], local[1].x - local[0].x, slot);
+      weights[e] = leave.weights;
       float agreement = 0.0;
       for (int x = slot < 0 ? 3 : 0; x < 3; ++x) {
         float wx = leave.weights[x];
@@ -171,8 +183,6 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
         vec4 color = texelFetch(uColor, from, 0);
         low = min(low, color);
         high = max(high, color);
-        colors[x] = color;
-        linear += wx * color;
         float depth = 0.0;
         if (uMode == 1 && color.a > 0.0) depth = texelFetch(uDepth, from, 0).r;
         float tx = along.x + depth * along.y;
@@ -187,23 +197,7 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
         sum += we * g * color;
       }
       total += we * agreement;
-      vec4 bent = linear;
-      for (int i = cubic && slot >= 0 ? 0 : 3; i < 3; ++i) {
-        int j = (i + 1) % 3;
-        ivec2 a = 2 * local[i] - local[j], b = 2 * local[j] - local[i];
-        bool hasA = inside(a), hasB = inside(b);
-        vec4 second = colors[i] - 2.0 * colors[j], first_ = colors[j] - 2.0 * colors[i];
-        if (hasA) first_ += texelFetch(uColor, texel(slot, row[e] + triangle(a.x, a.y)), 0);
-        if (hasB) second += texelFetch(uColor, texel(slot, row[e] + triangle(b.x, b.y)), 0);
-        float wi = leave.weights[i], wj = leave.weights[j], s = wi / max(wi + wj, 1e-9);
-        if (!hasA) first_ = hasB ? second : vec4(0);
-        if (!hasB) second = hasA ? first_ : vec4(0);
-        bent -= 0.625 * wi * wj * ((1.0 + s) * first_ + (2.0 - s) * second) / 3.0;
-      }
-      if (cubic && slot >= 0)
-        bends += we * agreement *
-                 (clamp(bent, min(colors[0], min(colors[1], colors[2])),
-                        max(colors[0], max(colors[1], colors[2]))) - linear);
+      agreements[e] = agreement;
       opacity += we * opacities[e];
       position += we * positions[e];
     }
@@ -211,10 +205,6 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       if (round_ == 0 && total > 0.0) pixel = sum / total;
       if (round_ == 0 && opacity > kFaint) t = clamp(position / opacity, 0.0, 1.0);
       return state;
-    }
-    if (cubic) {
-      pixel = clamp(pixel + bends / total, min(low, pixel), max(high, pixel));
-      return kDone;
     }
     vec4 before = pixel;
     pixel = round_ == 0 ? sum : sum / total;
@@ -241,9 +231,40 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       pixel = mix(pixel, before, 0.4);
     }
     vec3 contrast = high.rgb - low.rgb;
-    if (max(contrast.r, max(contrast.g, contrast.b)) < 0.1) return kDone;
-    cubic = true;
+    cubic = kCubic && max(contrast.r, max(contrast.g, contrast.b)) >= 0.1;
+    break;
   }
+
+  // What a cubic between the exit vertices differs from linear interpolation.
+  vec4 bends = vec4(0);
+  for (int e = cubic ? 0 : 3; e < 3; ++e) {
+    int slot = exits[e].w;
+    if (slot < 0) continue;
+    ivec2 local[3] = ivec2[3](exits[e].xy, exits[e].xy + ivec2(exits[e].z, 0),
+                              exits[e].xy + ivec2(0, exits[e].z));
+    vec4 colors[3], linear = vec4(0);
+    for (int x = 0; x < 3; ++x) {
+      colors[x] = color(slot, row[e], local[x]);
+      linear += weights[e][x] * colors[x];
+    }
+    vec4 bent = linear;
+    for (int i = 0; i < 3; ++i) {
+      int j = (i + 1) % 3;
+      ivec2 a = 2 * local[i] - local[j], b = 2 * local[j] - local[i];
+      bool hasA = inside(a), hasB = inside(b);
+      vec4 first_ = colors[j] - 2.0 * colors[i], second = colors[i] - 2.0 * colors[j];
+      if (hasA) first_ += color(slot, row[e], a);
+      if (hasB) second += color(slot, row[e], b);
+      float wi = weights[e][i], wj = weights[e][j], s = wi / max(wi + wj, 1e-9);
+      if (!hasA) first_ = hasB ? second : vec4(0);
+      if (!hasB) second = hasA ? first_ : vec4(0);
+      bent -= 0.625 * wi * wj * ((1.0 + s) * first_ + (2.0 - s) * second) / 3.0;
+    }
+    bends += cell.weights[e] * agreements[e] *
+             (clamp(bent, min(colors[0], min(colors[1], colors[2])),
+                    max(colors[0], max(colors[1], colors[2]))) - linear);
+  }
+  if (cubic) pixel = clamp(pixel + bends / total, min(low, pixel), max(high, pixel));
   return kDone;
 }
 
@@ -264,7 +285,7 @@ bool meet(vec2 at, out vec3 P, out vec3 Q) {
 
 export const kCurves = ['none', 'neutral', 'srgb'];
 
-export const kDraw = kCommon + `
+export const kDraw = common(true) + `
 uniform vec3 uBackground;
 uniform vec2 uScale;  // of the drawn part to the picture
 uniform int uCurve;   // of kCurves
@@ -317,7 +338,7 @@ void main() {
 // pass chooses other rays. If a tile is missing from the field, the next coarser level is used, as
 // when drawing. While tiles of a level are not loaded, a coarser level gives an estimate of where
 // the chord meets something, and so of the tiles that the ray will need.
-export const kFeedback = kCommon + `
+export const kFeedback = common(false) + `
 const float kNeighbourOffset = 0.02;  // of the height of the picture
 uniform vec2 uStep, uShift;
 layout(location = 0) out uvec4 needed0;
