@@ -18,7 +18,8 @@ class BuildWithCMake(build_ext):
         place = pathlib.Path(self.get_ext_fullpath(ext.name)).resolve().parent.parent
         for command in (
                 ["cmake", "-S", ROOT, "-B", build, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
-                 "-DCMAKE_UNITY_BUILD=ON", "-DSLF_BUILD_TESTS=OFF", "-DBUILD_SHARED_LIBS=OFF", "-DSLF_PYTHON=ON",
+                 "-DCMAKE_UNITY_BUILD=ON", "-DSLF_BUILD_TESTS=OFF", "-DBUILD_SHARED_LIBS=OFF",
+                 "-DSLF_PYTHON=ON",
                  f"-DPython3_EXECUTABLE={sys.executable}", f"-DSLF_PYTHON_DIR={place}"],
                 ["cmake", "--build", build, "--target", "slf_python"],
                 ["cmake", "--install", build, "--component", "python"]):

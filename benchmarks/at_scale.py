@@ -138,19 +138,22 @@ def print_views(options):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--slabs", type=float, default=1e12, help="of the finest level")
     parser.add_argument("--levels", type=int, default=5, help="finest level")
     parser.add_argument("--work", type=float, default=1.27,
-                        help="rays of all levels for a slab of the finest (filtered levels take four)")
+                        help="rays of all levels for a slab of the finest (filtered levels take 4)")
     parser.add_argument("--fine-share", type=float, default=1.0, help="of them, the finest level's")
     parser.add_argument("--bytes-per-slab", type=float, default=0.2, help="slf info, predictive:90")
     parser.add_argument("--workers", type=int, default=1000)
-    parser.add_argument("--slabs-per-second", type=float, default=1e6, help="of a worker, slf build")
+    parser.add_argument("--slabs-per-second", type=float, default=1e6,
+                        help="of a worker, slf build")
     parser.add_argument("--hours-between-failures", type=float, default=50, help="of a worker")
     parser.add_argument("--away-seconds", type=float, default=600, help="after a failure")
-    parser.add_argument("--start-seconds", type=float, default=30, help="queue, and reading the volume")
+    parser.add_argument("--start-seconds", type=float, default=30,
+                        help="queue, and reading the volume")
     parser.add_argument("--commit-seconds", type=float, default=1)
     parser.add_argument("--merge-bytes-per-second", type=float, default=500e6,
                         help="benchmarks/many_machines.py")

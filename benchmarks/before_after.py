@@ -171,7 +171,8 @@ def main():
     parser.add_argument("after", type=pathlib.Path)
     parser.add_argument("volume")
     parser.add_argument("--transfer", required=True)
-    parser.add_argument("--folder", type=pathlib.Path, default=pathlib.Path("/var/tmp/slf-versions"))
+    parser.add_argument("--folder", type=pathlib.Path,
+                        default=pathlib.Path("/var/tmp/slf-versions"))
     parser.add_argument("--parts", default=",".join(PARTS), help="default: %(default)s")
     parser.add_argument("--rounds", type=int, default=5, help="default: %(default)s")
     args = parser.parse_args()

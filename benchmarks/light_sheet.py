@@ -40,7 +40,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--slf", required=True)
     parser.add_argument("-o", "--output", required=True)
-    parser.add_argument("--folder", default="out/light_sheet", help="where single pictures are kept")
+    parser.add_argument("--folder", default="out/light_sheet",
+                        help="where single pictures are kept")
     parser.add_argument("--rigs", default="direct,studio,rim,overcast")
     parser.add_argument("--samples", default="32")
     parser.add_argument("--spacing", default="1")

@@ -2,7 +2,8 @@
 """Measures the cost of building a field in parts, and the speed of joining the parts.
 
   benchmarks/many_machines.py --slf build/release/cli/slf \\
-    --large build/bench/benchmarks/large_field --folder /var/tmp/slf [INPUT --transfer ... --levels 2 ...]
+    --large build/bench/benchmarks/large_field --folder /var/tmp/slf \
+        [INPUT --transfer ... --levels 2 ...]
 
 INPUT and what follows go to `slf build` (default: scene:balls --levels 2). Prints:
 
@@ -153,7 +154,8 @@ def tools_at_scale(slf, large, folder):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--slf", required=True, type=pathlib.Path)
     parser.add_argument("--large", type=pathlib.Path)
     parser.add_argument("--folder", required=True, type=pathlib.Path)

@@ -270,7 +270,8 @@ def disk_bytes(slf, field, size):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--slf", required=True, help="the command")
     parser.add_argument("--folder", required=True, help="where the field is, or is built")
     parser.add_argument("--jpeg", help="a JPEG field for the first frame and the bytes read")

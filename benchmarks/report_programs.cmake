@@ -29,7 +29,8 @@ endif()
 
 # The traditional light field, between planes.
 add_library(bench_plane STATIC plane/plane_field.cc plane/plane_kernel.cc)
-target_link_libraries(bench_plane PUBLIC slf::slf PRIVATE PkgConfig::HWY Threads::Threads slf_options)
+target_link_libraries(bench_plane
+  PUBLIC slf::slf PRIVATE PkgConfig::HWY Threads::Threads slf_options)
 add_executable(systems systems.cc)
 target_link_libraries(systems PRIVATE bench_arguments bench_plane Threads::Threads slf_options)
 
@@ -44,7 +45,8 @@ target_link_libraries(sampling_quality PRIVATE bench_arguments Threads::Threads 
 
 add_custom_target(report_programs)
 find_package(nlohmann_json REQUIRED)
-foreach(program codec_peers entry_pictures exr_peer light_quality sampling_quality systems turntable view_times vtk_speed)
+foreach(program codec_peers entry_pictures exr_peer light_quality sampling_quality systems
+                turntable view_times vtk_speed)
   if(TARGET ${program})
     add_dependencies(report_programs ${program})
   endif()

@@ -3,7 +3,8 @@
 set(slf_pc_requires
   PkgConfig::LMDB=lmdb PkgConfig::XXHASH=libxxhash PkgConfig::ZSTD=libzstd PkgConfig::JPEG=libjpeg
   PkgConfig::HWY=libhwy PkgConfig::WEBP=libwebpmux PNG::PNG=libpng ZLIB::ZLIB=zlib
-  PkgConfig::LZ4=liblz4 PkgConfig::LZMA=liblzma OpenEXR::OpenEXR=OpenEXR EXPAT::EXPAT=expat TIFF::TIFF=libtiff-4 PkgConfig::ASSIMP=assimp)
+  PkgConfig::LZ4=liblz4 PkgConfig::LZMA=liblzma OpenEXR::OpenEXR=OpenEXR EXPAT::EXPAT=expat
+  TIFF::TIFF=libtiff-4 PkgConfig::ASSIMP=assimp)
 set(slf_pc_libs
   Threads::Threads=-pthread BZip2::BZip2=-lbz2 embree=-lembree3
   Gdcm::gdcm=-lgdcmMSFF\ -lgdcmDSED\ -lgdcmDICT\ -lgdcmIOD\ -lgdcmCommon)

@@ -101,7 +101,9 @@ def _count_subfields(bench, part):
         f"{usual['pairs_crossed']['mean']:.1f} on average and {usual['pairs_crossed']['max']:.0f} "
         f"at most from 3 radii; averages {lowest:.1f} to {highest:.1f} from {DISTANCES[0]} to "
         f"{DISTANCES[-1]} radii",
-        True if fewer == len(pairs) else PARTLY if fewer or usual["pairs_crossed"]["mean"] < 20 else False,
+        True if fewer == len(pairs)
+        else PARTLY if fewer or usual["pairs_crossed"]["mean"] < 20
+        else False,  # fmt: skip
     )  # fmt: skip
     finer = rows[3][1]["pair_fraction"]
     part.claim(

@@ -16,6 +16,7 @@ from ._slf import version as __version__
 from ._types import Camera, Orbit, Picture, Sphere, Tone, orbit
 
 __all__ = ["BadFileError", "BusyError", "Camera", "DiffersError", "Error", "FailedError", "Field",
-           "IoError", "NotFoundError", "Orbit", "OutOfMemoryError", "Picture", "Player", "Scene", "Sphere",
+           "IoError", "NotFoundError", "Orbit", "OutOfMemoryError", "Picture", "Player", "Scene",
+           "Sphere",
            "Tone", "UnsupportedError", "UsageError", "build", "build_rays", "diff", "export",
            "merge", "open", "orbit", "raycast", "repack", "verify"]

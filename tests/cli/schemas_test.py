@@ -36,7 +36,8 @@ PREPARE = [
 ]
 CASES = {
     "info": ["info F.slf --json", "info G.slf --json", f"info {DATA}/golden/example.slf --json",
-             "info part-2.slf --json", "info v.raw --dims 2x2x2 --json", "info v.raw --dims 2x2x2 --labels --json",
+             "info part-2.slf --json", "info v.raw --dims 2x2x2 --json",
+             "info v.raw --dims 2x2x2 --labels --json",
              f"info {DATA}/dicom --json", f"info {DATA}/dicom --series 3 --json",
              "info pictures:balls --json"],
     "merge": ["merge part-1.slf part-2.slf -o M.slf --json"],
@@ -151,7 +152,8 @@ class Checker:
             probe = self.run(f"info {server.url}/F.slf")
             if probe.returncode == 5:
                 return print("not tested over HTTP: slf was built without libcurl")
-            for name in ["info", "render", "measure", "evaluate", "repack", "verify", "diff", "play"]:
+            for name in ["info", "render", "measure", "evaluate", "repack", "verify", "diff",
+                         "play"]:
                 near = CASES[name][0]
                 far = near.replace("F.slf", f"{server.url}/F.slf")
                 text = self.run(far).stdout
@@ -171,7 +173,8 @@ class Checker:
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--slf", required=True, type=pathlib.Path)
     parser.add_argument("--schemas", type=pathlib.Path, default=HERE.parent.parent / "schemas")
     arguments = parser.parse_args()

@@ -1,5 +1,5 @@
-# Installs slf into a prefix of its own, builds the examples against it and runs them, once found by CMake
-# and once by pkg-config:
+# Installs slf into a prefix of its own, builds the examples against it and runs them, once found by
+# CMake and once by pkg-config:
 #   cmake -D BUILD=slf's build folder -D SOURCE=slf's sources -D WORK=scratch folder
 #         -D COMPILER=c++ -D LIBDIR=lib -P run.cmake
 function(run)

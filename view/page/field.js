@@ -1,7 +1,7 @@
 // Field: reads a field's manifest, describes its shape in numbers for the GPU, and finds its tiles.
 //
-// A tile's number in the GPU's page table is called its page. A `tile` is {page, level, entry, exit}
-// with the indices of its sections.
+// A tile's number in the GPU's page table is called its page. A `tile` is {page, level, entry,
+// exit} with the indices of its sections.
 
 import {kDone, kNeedsBytes, Native} from './module.js';
 
@@ -74,7 +74,8 @@ export class Field {
     const m = this.manifest, {calls} = this.native, deeper = m.entry_depth;
     const side = m.entry_side >> deeper;
     const shape = {
-      entrySide: m.entry_side, exitSide: m.exit_side, hasDepth: m.format.endsWith('_depth8'), levels: -1,
+      entrySide: m.entry_side, exitSide: m.exit_side, hasDepth: m.format.endsWith('_depth8'),
+      levels: -1,
       half: m.format.startsWith('rgba16f'), rowBits: 0, pages: 0,
       columns: (m.exit_side + 1) * (m.exit_side + 2) / 2, maxRows: (side + 1) * (side + 2) / 2,
       rowBase: new Int32Array(11), pathBase: new Int32Array(11), pageBase: new Int32Array(11)};
