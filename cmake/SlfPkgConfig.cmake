@@ -6,8 +6,7 @@ set(slf_pc_requires
   PkgConfig::LZ4=liblz4 PkgConfig::LZMA=liblzma OpenEXR::OpenEXR=OpenEXR EXPAT::EXPAT=expat
   TIFF::TIFF=libtiff-4 PkgConfig::ASSIMP=assimp)
 set(slf_pc_libs
-  Threads::Threads=-pthread BZip2::BZip2=-lbz2 embree=-lembree3
-  Gdcm::gdcm=-lgdcmMSFF\ -lgdcmDSED\ -lgdcmDICT\ -lgdcmIOD\ -lgdcmCommon)
+  Threads::Threads=-pthread BZip2::BZip2=-lbz2 embree=-lembree3)
 set(slf_pc_headers tl::expected glm::glm nlohmann_json::nlohmann_json slf_options)
 
 # Adds `target` and what it links to the lists OURS, LIBS and REQUIRES, users before what they use.

@@ -1,9 +1,8 @@
 #include "field/volume/dicom_decode.h"
 #include "field/volume/dicom_elements.h"
 
+#include <dlfcn.h>
 #include <fcntl.h>
-#include <gdcmImageReader.h>
-#include <gdcmSequenceOfFragments.h>
 #include <poll.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -13,10 +12,11 @@
 #include <cerrno>
 #include <csignal>
 #include <cstring>
-#include <sstream>
+#include <string>
 
 #include "base/child_process.h"
 #include "base/file.h"
+#include "field/volume/gdcm_module.h"
 #include "field/volume/packing.h"
 
 namespace slf::volume_io {
@@ -45,57 +45,29 @@ bool confine(const std::vector<DicomSlice>& files) {
   return confine_child(kSpareBytes + 12 * largest, seconds);
 }
 
-/// Whether the size in a JPEG 2000 stream is that of the header. GDCM does not check this, and
-/// leaves pixels unset if the stream's picture is smaller.
-bool is_of_stated_size(const DicomSlice& file, const gdcm::Image& image) {
-  const auto* fragments = image.GetDataElement().GetSequenceOfFragments();
-  if (!fragments) return false;
-  for (std::size_t i = 0; i < fragments->GetNumberOfFragments(); ++i) {
-    const auto* value = fragments->GetFragment(i).GetByteValue();
-    if (!value) return false;
-    const std::string_view bytes(value->GetPointer(), value->GetLength());
-    const auto start = bytes.substr(0, 512).find("\xff\x4f\xff\x51");  // SOC, SIZ
-    if (start == std::string_view::npos) continue;                     // continues the last
-    if (bytes.size() < start + 24) return false;
-    const auto field = [&](std::size_t at) {
-      std::uint32_t number = 0;
-      for (std::size_t k = 0; k < 4; ++k)
-        number = number << 8 | static_cast<std::uint8_t>(bytes[start + at + k]);
-      return number;
-    };
-    if (field(8) - field(16) != file.width || field(12) - field(20) != file.height) return false;
-  }
-  return true;
-}
-
-bool decode(const DicomSlice& file, int to) {
-  gdcm::ImageReader reader;
-  std::istringstream unpacked;
-  if (packing_of_file(file.path) == Packing::none) {
-    reader.SetFileName(file.path.c_str());
-  } else {
+bool decode(GdcmDecode* gdcm, const DicomSlice& file, int to) {
+  GdcmInput input{file.path.c_str(),
+                  {},
+                  file.width,
+                  file.height,
+                  bytes_per_voxel(file.type) * file.samples,
+                  name_of_compression(file.syntax).starts_with("JPEG 2000")};
+  std::string unpacked;
+  if (packing_of_file(file.path) != Packing::none) {
     auto bytes = read_dicom_bytes(file.path);
     if (!bytes) return false;
-    unpacked.str(std::move(bytes->bytes));
-    reader.SetStream(unpacked);
+    unpacked = std::move(bytes->bytes);
+    input.bytes = unpacked;
   }
-  if (!reader.Read()) return false;
-  const gdcm::Image& image = reader.GetImage();
-  const auto* size = image.GetDimensions();
-  if (size[0] != file.width || size[1] != file.height ||
-      image.GetPixelFormat().GetPixelSize() != bytes_per_voxel(file.type) * file.samples ||
-      image.GetBufferLength() != decoded_bytes(file))
-    return false;
-  const bool is_jpeg_2000 = name_of_compression(file.syntax).starts_with("JPEG 2000");
-  if (is_jpeg_2000 && !is_of_stated_size(file, image)) return false;
-  std::vector<char> pixels(image.GetBufferLength());
-  return image.GetBuffer(pixels.data()) && write_all(to, std::as_bytes(std::span(pixels))) == 0;
+  std::vector<std::byte> pixels(decoded_bytes(file));
+  return gdcm(input, pixels) && write_all(to, pixels) == 0;
 }
 
-[[noreturn]] void be_child(const std::vector<DicomSlice>& files, int to) noexcept {
+[[noreturn]] void be_child(GdcmDecode* gdcm, const std::vector<DicomSlice>& files,
+                           int to) noexcept {
   try {
     bool good = confine(files);
-    for (std::size_t i = 0; good && i < files.size(); ++i) good = decode(files[i], to);
+    for (std::size_t i = 0; good && i < files.size(); ++i) good = decode(gdcm, files[i], to);
     ::_exit(good ? 0 : 1);
   } catch (...) {
     ::_exit(1);
@@ -103,6 +75,19 @@ bool decode(const DicomSlice& file, int to) {
 }
 
 // In the parent.
+
+Result<GdcmDecode*> load_gdcm() {
+  // Where this program looks for what it was installed or built with, then where slf was installed.
+  std::string why;
+  for (const char* name : {"slf_gdcm.so", SLF_MODULES "/slf_gdcm.so"}) {
+    void* module = dlopen(name, RTLD_NOW);
+    if (void* decode = module != nullptr ? dlsym(module, kGdcmDecode) : nullptr)
+      return reinterpret_cast<GdcmDecode*>(decode);
+    why += std::string(why.empty() ? "" : "; ") + dlerror();
+  }
+  return fail(ErrorCode::unsupported,
+              "slf's module slf_gdcm.so, which decodes compressed DICOM, cannot be loaded: ", why);
+}
 
 enum class Wait { ready, late };
 
@@ -123,6 +108,9 @@ Result<std::unique_ptr<DicomDecoder>> DicomDecoder::start(const std::vector<Dico
       return fail(ErrorCode::unsupported, file.path, ": ", file.frames, " frames of ", file.height,
                   "x", file.width, " decode to ", decoded_bytes(file),
                   " bytes, expected at most 2^30: decompress it first, `gdcmconv --raw IN OUT`");
+  static const Result<GdcmDecode*> loaded = load_gdcm();
+  if (!loaded) return fail(loaded.error().code, files.front().path, ": ", loaded.error().message);
+  GdcmDecode* const gdcm = *loaded;
   std::array<int, 2> ends{};
   if (::pipe2(ends.data(), O_CLOEXEC) != 0)
     return fail(ErrorCode::failed, files.front().path,
@@ -130,7 +118,7 @@ Result<std::unique_ptr<DicomDecoder>> DicomDecoder::start(const std::vector<Dico
   const pid_t child = ::fork();
   if (child == 0) {
     ::close(ends[0]);
-    be_child(files, ends[1]);
+    be_child(gdcm, files, ends[1]);
   }
   const int error = errno;
   ::close(ends[1]);

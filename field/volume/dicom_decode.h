@@ -26,8 +26,10 @@ namespace slf::volume_io {
 
 class DicomDecoder {
  public:
-  /// Starts the child. `files`: any slice of each, in the order they will be asked for.
-  /// failed: no process or pipe can be created. unsupported: a file decodes to more than 1 GiB.
+  /// Loads the module that decodes (gdcm_module.h) and starts the child. `files`: any slice of
+  /// each, in the order they will be asked for.
+  /// failed: no process or pipe can be created. unsupported: a file decodes to more than 1 GiB, or
+  /// the module is not there.
   [[nodiscard]] static Result<std::unique_ptr<DicomDecoder>> start(
       const std::vector<DicomSlice>& files);
   /// Kills the child.

@@ -16,6 +16,21 @@ file(REMOVE_RECURSE ${WORK})
 run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${WORK}/prefix)
 run(${WORK}/prefix/bin/slf --version)
 run(${WORK}/prefix/bin/slf build scene:balls -o ${WORK}/balls.slf --entry 2 --exit 8 --levels 2)
+
+# GDCM is loaded for compressed DICOM only, with a module that the program finds beside itself.
+run(ldd ${WORK}/prefix/bin/slf)
+if(output MATCHES "libgdcm")
+  message(FATAL_ERROR "slf loads GDCM when it starts")
+endif()
+set(compressed ${WORK}/prefix/bin/slf raycast ${SOURCE}/tests/install/rle
+    -o ${WORK}/rle.png -f --size 16)
+run(${compressed})
+file(REMOVE ${WORK}/prefix/${LIBDIR}/slf/slf_gdcm.so)
+execute_process(COMMAND ${compressed} RESULT_VARIABLE status ERROR_VARIABLE output)
+if(NOT status EQUAL 5 OR NOT output MATCHES "slf_gdcm.so")
+  message(FATAL_ERROR "without its module, slf ends with ${status}: ${output}")
+endif()
+
 run(${CMAKE_COMMAND} -G Ninja -S ${SOURCE}/examples -B ${WORK}/build
     -D CMAKE_PREFIX_PATH=${WORK}/prefix -D CMAKE_CXX_COMPILER=${COMPILER} -D CMAKE_BUILD_TYPE=Debug
     "-DCMAKE_CXX_FLAGS=${FLAGS}")
