@@ -301,9 +301,12 @@ Result<Mesh> read_by_assimp(const std::string& path, UpAxis up) {
   importer.SetIOHandler(new Files(mesh.files));  // the importer owns it
   const aiScene* scene = importer.ReadFile(
       path, aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_ValidateDataStructure);
-  if (!scene || !scene->mRootNode)
-    return fail(ErrorCode::bad_file, path, ": not a readable ", extension_of(path),
-                " mesh: ", importer.GetErrorString()[0] ? importer.GetErrorString() : "damaged");
+  if (!scene || !scene->mRootNode) {
+    std::string why = importer.GetErrorString();
+    if (why.empty()) why = "damaged";
+    if (why == "std::bad_alloc") why = "its counts ask for more memory than there is";
+    return fail(ErrorCode::bad_file, path, ": not a readable ", extension_of(path), " mesh: ", why);
+  }
   SLF_TRY(Converter(path, *scene, up, mesh).convert());
   return mesh;
 }

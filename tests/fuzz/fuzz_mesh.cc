@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <new>
 #include <string>
 
 #include "field/mesh/isolated.h"
@@ -71,6 +72,17 @@ void trace(slf::Mesh mesh) {
 }
 
 }  // namespace
+
+// Where memory does not suffice, sanitizers end the process. Assimp expects an exception.
+void* operator new(std::size_t size) {
+  void* memory = size < std::size_t{1} << 30 ? std::malloc(size) : nullptr;
+  return memory != nullptr ? memory : throw std::bad_alloc();
+}
+void* operator new[](std::size_t size) { return operator new(size); }
+void operator delete(void* memory) noexcept { std::free(memory); }
+void operator delete[](void* memory) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+void operator delete[](void* memory, std::size_t) noexcept { std::free(memory); }
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const Scratch scratch;
