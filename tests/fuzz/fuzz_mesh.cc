@@ -74,8 +74,14 @@ void trace(slf::Mesh mesh) {
 }  // namespace
 
 // Where memory does not suffice, sanitizers end the process. Assimp expects an exception.
+void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
+  return size < std::size_t{1} << 30 ? std::malloc(size) : nullptr;
+}
+void* operator new[](std::size_t size, const std::nothrow_t& no) noexcept {
+  return operator new(size, no);
+}
 void* operator new(std::size_t size) {
-  void* memory = size < std::size_t{1} << 30 ? std::malloc(size) : nullptr;
+  void* memory = operator new(size, std::nothrow);
   return memory != nullptr ? memory : throw std::bad_alloc();
 }
 void* operator new[](std::size_t size) { return operator new(size); }
@@ -83,6 +89,8 @@ void operator delete(void* memory) noexcept { std::free(memory); }
 void operator delete[](void* memory) noexcept { std::free(memory); }
 void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
 void operator delete[](void* memory, std::size_t) noexcept { std::free(memory); }
+void operator delete(void* memory, const std::nothrow_t&) noexcept { std::free(memory); }
+void operator delete[](void* memory, const std::nothrow_t&) noexcept { std::free(memory); }
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const Scratch scratch;
