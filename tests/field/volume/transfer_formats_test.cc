@@ -275,9 +275,8 @@ TEST(TransferPreset, SaysWhatIsWrong) {
   expect(xml, "0.5", "1.5", "ColorMap 'm': Point 1: b is '1.5', expected 0 to 1");
   expect(xml, "x=\"0\"", "", "ColorMap 'm': Point 1: x is '', expected a number");
   expect(xml, "Point", "Pint", "ColorMap 'm': expected <Point");
-  const std::string property =
-      R"(<MRML><VolumeProperty name="p" scalarOpacity="4 0 0 9 1" )"
-      R"(colorTransfer="4 0 0 0 1"/></MRML>)";
+  const std::string property = R"(<MRML><VolumeProperty name="p" scalarOpacity="4 0 0 9 1" )"
+                               R"(colorTransfer="4 0 0 0 1"/></MRML>)";
   expect(property, "4 0 0 9 1", "5 0 0 9 1", "VolumeProperty 'p': scalarOpacity: begins with '5'");
   expect(property, "4 0 0 0 1", "4 0 0 0 2", "VolumeProperty 'p': colorTransfer: number 4 is 2");
   expect(property, "scalarOpacity", "opacity", "VolumeProperty 'p': scalarOpacity: is empty");
