@@ -19,8 +19,8 @@ class BuildWithCMake(build_ext):
         for command in (
                 ["cmake", "-S", ROOT, "-B", build, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
                  "-DCMAKE_UNITY_BUILD=ON", "-DSLF_BUILD_TESTS=OFF", "-DBUILD_SHARED_LIBS=OFF",
-                 "-DSLF_PYTHON=ON",
-                 f"-DPython3_EXECUTABLE={sys.executable}", f"-DSLF_PYTHON_DIR={place}"],
+                 "-DSLF_PYTHON=ON", f"-DPython3_EXECUTABLE={sys.executable}",
+                 f"-DSLF_PYTHON_DIR={place}"],
                 ["cmake", "--build", build, "--target", "slf_python"],
                 ["cmake", "--install", build, "--component", "python"]):
             subprocess.run(list(map(str, command)), check=True)

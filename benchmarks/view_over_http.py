@@ -36,7 +36,7 @@ ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..")
 sys.dont_write_bytecode = True
 sys.path.insert(0, os.path.join(ROOT, "tests", "view"))
 
-from browser import Browser
+from browser import Browser, BrowserError
 from host import Host
 from nginx import Nginx
 
@@ -71,8 +71,10 @@ class Workers:
 
     def wait(self, condition):
         """Waits for a condition in the page. Workers that start meanwhile begin to count."""
-        browser = self.page.browser
+        browser, deadline = self.page.browser, time.monotonic() + 240
         while not self.page.run(condition):
+            if time.monotonic() > deadline:
+                raise BrowserError(f"not true: {condition}; {self.page.complaints()}")
             for event in browser.events:
                 if event.get("method") != "Target.attachedToTarget":
                     continue

@@ -17,6 +17,5 @@ from ._types import Camera, Orbit, Picture, Sphere, Tone, orbit
 
 __all__ = ["BadFileError", "BusyError", "Camera", "DiffersError", "Error", "FailedError", "Field",
            "IoError", "NotFoundError", "Orbit", "OutOfMemoryError", "Picture", "Player", "Scene",
-           "Sphere",
-           "Tone", "UnsupportedError", "UsageError", "build", "build_rays", "diff", "export",
-           "merge", "open", "orbit", "raycast", "repack", "verify"]
+           "Sphere", "Tone", "UnsupportedError", "UsageError", "build", "build_rays", "diff",
+           "export", "merge", "open", "orbit", "raycast", "repack", "verify"]

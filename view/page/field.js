@@ -75,8 +75,7 @@ export class Field {
     const side = m.entry_side >> deeper;
     const shape = {
       entrySide: m.entry_side, exitSide: m.exit_side, hasDepth: m.format.endsWith('_depth8'),
-      levels: -1,
-      half: m.format.startsWith('rgba16f'), rowBits: 0, pages: 0,
+      half: m.format.startsWith('rgba16f'), levels: -1, rowBits: 0, pages: 0,
       columns: (m.exit_side + 1) * (m.exit_side + 2) / 2, maxRows: (side + 1) * (side + 2) / 2,
       rowBase: new Int32Array(11), pathBase: new Int32Array(11), pageBase: new Int32Array(11)};
     const parts = [];

@@ -106,7 +106,7 @@ ivec3 texel(int slot, int sample_) {
                (sample_ >> uTileBits) + (slot - layer * uTilesPerLayer) * uTileHeight, layer);
 }
 
-vec4 color(int slot, int row, ivec2 local) {
+vec4 colorAt(int slot, int row, ivec2 local) {
   return texelFetch(uColor, texel(slot, row + triangle(local.x, local.y)), 0);
 }
 
@@ -244,7 +244,7 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
                               exits[e].xy + ivec2(0, exits[e].z));
     vec4 colors[3], linear = vec4(0);
     for (int x = 0; x < 3; ++x) {
-      colors[x] = color(slot, row[e], local[x]);
+      colors[x] = colorAt(slot, row[e], local[x]);
       linear += weights[e][x] * colors[x];
     }
     vec4 bent = linear;
@@ -253,8 +253,8 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       ivec2 a = 2 * local[i] - local[j], b = 2 * local[j] - local[i];
       bool hasA = inside(a), hasB = inside(b);
       vec4 first_ = colors[j] - 2.0 * colors[i], second = colors[i] - 2.0 * colors[j];
-      if (hasA) first_ += color(slot, row[e], a);
-      if (hasB) second += color(slot, row[e], b);
+      if (hasA) first_ += colorAt(slot, row[e], a);
+      if (hasB) second += colorAt(slot, row[e], b);
       float wi = weights[e][i], wj = weights[e][j], s = wi / max(wi + wj, 1e-9);
       if (!hasA) first_ = hasB ? second : vec4(0);
       if (!hasB) second = hasA ? first_ : vec4(0);
