@@ -41,9 +41,15 @@ bool set_limits(std::uint64_t bytes, std::uint64_t seconds) {
 
 }  // namespace
 
-bool confine_child(std::uint64_t bytes, std::uint64_t seconds) {
+void confine_child(std::uint64_t bytes, std::uint64_t seconds) {
   reset_signal_handlers();
-  return silence() && set_limits(bytes, seconds);
+  if (!silence() || !set_limits(bytes, seconds)) ::_exit(kNotConfined);
+}
+
+tl::unexpected<Error> not_confined(const std::string& path) {
+  return fail(ErrorCode::failed, path,
+              ": a file of this kind is read only by a process whose memory and time are limited, "
+              "and the system refuses the limits: mount /proc, and see that /dev/null opens");
 }
 
 }  // namespace slf

@@ -7,13 +7,21 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
+
+#include "slf/error.h"
 
 namespace slf {
 
 /// In the child: resets signal handlers that the parent installed, sends standard streams nowhere,
 /// and limits what may be used from now on: `bytes` of address space more than now, and `seconds`
-/// of processor time. It may neither write files, start processes, nor dump core. False: the
-/// system refuses; the child must exit.
-[[nodiscard]] bool confine_child(std::uint64_t bytes, std::uint64_t seconds);
+/// of processor time. It may neither write files, start processes, nor dump core. If the system
+/// refuses, the child exits with kNotConfined.
+void confine_child(std::uint64_t bytes, std::uint64_t seconds);
+
+constexpr int kNotConfined = 2;  // any status but those of the callers
+
+/// In the parent, of a child that exited so: failed; it was to read the file `path`.
+tl::unexpected<Error> not_confined(const std::string& path);
 
 }  // namespace slf

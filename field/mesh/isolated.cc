@@ -195,10 +195,7 @@ bool is_whole(const Mesh& mesh) {
                            const std::function<Result<Mesh>()>& read) noexcept {
   // It ends with its parent.
   if (::prctl(PR_SET_PDEATHSIG, SIGKILL) != 0 || ::getppid() != parent) ::_exit(1);
-  if (!guarded([&] {
-        return confine_child(bytes, seconds) ? Result<void>() : Result<void>(tl::unexpect, Error{});
-      }))
-    ::_exit(1);
+  if (!guarded([&] { confine_child(bytes, seconds); })) ::_exit(1);
   auto mesh = guarded(read);
   Sender end(to);
   const auto sent = guarded([&] {
@@ -266,6 +263,7 @@ Result<Mesh> read_isolated(const std::string& path, std::uint64_t bytes, std::ui
   }
   if (!received) return tl::unexpected(received.error());
   if (*received) return std::move(**received);
+  if (WIFEXITED(status) && WEXITSTATUS(status) == kNotConfined) return not_confined(path);
   const int signal = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
   if (signal == SIGINT || signal == SIGTERM || signal == SIGKILL)
     return fail(ErrorCode::failed, path, ": its reader was killed: ", ::strsignal(signal));

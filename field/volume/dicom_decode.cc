@@ -35,14 +35,14 @@ std::uint64_t time_limit(const DicomSlice& file) { return 60 + (decoded_bytes(fi
 /// Its address space may grow by GDCM's several copies of a file; its processor time is what the
 /// files need. It may start no processes: GDCM would run pvrg-jpeg on pictures that its own JPEG
 /// decoder refuses.
-bool confine(const std::vector<DicomSlice>& files) {
+void confine(const std::vector<DicomSlice>& files) {
   std::uint64_t largest = 0, seconds = 0;
   for (const auto& file : files) {
     largest = std::max(largest, decoded_bytes(file));
     seconds += time_limit(file);
   }
   constexpr std::uint64_t kSpareBytes = std::uint64_t{1} << 30;
-  return confine_child(kSpareBytes + 12 * largest, seconds);
+  confine_child(kSpareBytes + 12 * largest, seconds);
 }
 
 bool decode(GdcmDecode* gdcm, const DicomSlice& file, int to) {
@@ -66,7 +66,8 @@ bool decode(GdcmDecode* gdcm, const DicomSlice& file, int to) {
 [[noreturn]] void be_child(GdcmDecode* gdcm, const std::vector<DicomSlice>& files,
                            int to) noexcept {
   try {
-    bool good = confine(files);
+    confine(files);
+    bool good = true;
     for (std::size_t i = 0; good && i < files.size(); ++i) good = decode(gdcm, files[i], to);
     ::_exit(good ? 0 : 1);
   } catch (...) {
@@ -169,6 +170,8 @@ tl::unexpected<Error> DicomDecoder::decoding_error(const DicomSlice& file, bool 
       (WTERMSIG(status) == SIGINT || WTERMSIG(status) == SIGTERM || WTERMSIG(status) == SIGKILL))
     return fail(ErrorCode::failed, file.path,
                 ": its decoder was killed: ", ::strsignal(WTERMSIG(status)));
+  if (ended > 0 && WIFEXITED(status) && WEXITSTATUS(status) == kNotConfined)
+    return not_confined(file.path);
   return fail(ErrorCode::bad_file, file.path, ": its pixels, ", what,
               ended > 0 && WIFSIGNALED(status) ? ", crash the decoder" : ", cannot be decoded",
               " to ", file.frames, " frames of ", file.height, "x", file.width, " ",

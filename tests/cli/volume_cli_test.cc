@@ -131,5 +131,21 @@ TEST(VolumeCli, CropsAndChooses) {
   EXPECT_EQ(slf({"info", series, "--time", "2"}).exit_code, 1);
 }
 
+/// Files that hostile bytes could take over are read in a process with limits, or not at all.
+TEST(VolumeCli, SaysWhatAReaderWithoutLimitsLacks) {
+  const std::string within = "unshare -rm sh -c 'mount -t tmpfs none /proc && \"$@\"' sh";
+  if (std::system((within + " true 2>/dev/null").c_str()) != 0)
+    GTEST_SKIP() << "nothing can be mounted here";
+  const Folder folder;
+  const auto mesh = folder.write("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+  const std::string output = folder.path("a.png");
+  for (const std::string& source : {mesh, std::string(SLF_TEST_DATA "/../install/rle")}) {
+    const std::vector<std::string> arguments{"raycast", source,   "-o",   output,
+                                             "-f",      "--size", "16x16"};
+    EXPECT_OUTCOME(slf(arguments, within), 4, "mount /proc");
+    EXPECT_OUTCOME(slf(arguments), 0, "");
+  }
+}
+
 }  // namespace
 }  // namespace slf
