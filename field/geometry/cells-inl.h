@@ -83,17 +83,17 @@ struct ExitPlaces {
   V first, third;    ///< columns; the second one is that after the first, or, if `down`, before it
 };
 
-/// Finds exit sections and columns at one level. Holds LevelGeometry::exit_paths() in a vector if
-/// they fit, which saves gathers.
+/// Finds exit sections and columns at one level. Holds LevelGeometry::exit_paths() in a few vectors
+/// if they fit, which saves gathers.
 class ExitFinder {
  public:
   explicit ExitFinder(const LevelGeometry& geometry)
       : geometry_(geometry),
         paths_(reinterpret_cast<const std::int32_t*>(geometry.exit_paths().data())),
-        fit_(geometry.exit_paths().size() <= hn::Lanes(DI())) {
-    HWY_ALIGN std::int32_t lanes[hn::MaxLanes(DI())] = {};
-    if (fit_) std::copy_n(paths_, geometry.exit_paths().size(), lanes);
-    table_ = hn::Load(DI(), lanes);
+        vectors_((geometry.exit_paths().size() + kLanes - 1) / kLanes) {
+    HWY_ALIGN std::int32_t lanes[kMaxVectors * kLanes] = {};
+    if (vectors_ <= kMaxVectors) std::copy_n(paths_, geometry.exit_paths().size(), lanes);
+    for (std::size_t v = 0; v < kMaxVectors; ++v) table_[v] = hn::Load(DI(), lanes + v * kLanes);
   }
 
   /// Cells of the exit lattice that contain the points.
@@ -122,8 +122,10 @@ class ExitFinder {
     const V q = hn::Add(hn::NegMulAdd(sy, n, cell.y), beyond);
     const auto inverted = hn::Gt(hn::Sub(hn::Add(p, q), beyond), hn::Sub(n, one));
     const V across = hn::Set(d, static_cast<float>(2u << geometry_.level()));
-    const V path =
+    const V place =
         hn::Add(hn::MulAdd(sy, across, hn::Add(sx, sx)), hn::IfThenElseZero(inverted, one));
+    const V last = hn::Set(d, static_cast<float>(geometry_.last_place()));
+    const V path = hn::Min(place, hn::Sub(last, place));
 
     // In an inverted section local coordinates run backwards.
     ExitPlaces at;
@@ -139,18 +141,31 @@ class ExitFinder {
   }
 
  private:
+  static constexpr std::size_t kLanes = hn::MaxLanes(DI()), kMaxVectors = 4;
+
   [[nodiscard]] HWY_INLINE VI section(VI path) const {
     // One lane holds no table, and to check its index needs Highway's library, which builds that
     // only decode (tests/portable) do not link.
-    if constexpr (hn::MaxLanes(DI()) > 1)
-      if (fit_) return hn::TableLookupLanes(table_, hn::IndicesFromVec(DI(), path));
+    if constexpr (kLanes > 1) {
+      if (vectors_ <= kMaxVectors) {
+        const auto lanes = [](std::size_t n) {
+          return hn::Set(DI(), static_cast<std::int32_t>(n));
+        };
+        const auto lane = hn::IndicesFromVec(DI(), hn::And(path, lanes(kLanes - 1)));
+        VI found = hn::TableLookupLanes(table_[0], lane);
+        for (std::size_t v = 1; v < vectors_; ++v)
+          found = hn::IfThenElse(hn::Lt(path, lanes(v * kLanes)), found,
+                                 hn::TableLookupLanes(table_[v], lane));
+        return found;
+      }
+    }
     return hn::GatherIndex(DI(), paths_, path);
   }
 
   const LevelGeometry& geometry_;
   const std::int32_t* paths_;
-  bool fit_;
-  VI table_;
+  std::size_t vectors_;
+  VI table_[kMaxVectors];
 };
 
 }  // namespace

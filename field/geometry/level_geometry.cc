@@ -1,5 +1,6 @@
 #include "field/geometry/level_geometry.h"
 
+#include <algorithm>
 #include <bit>
 #include <cassert>
 
@@ -36,15 +37,20 @@ LevelGeometry::LevelGeometry(const FieldShape& shape, unsigned level)
   }
 
   const std::uint32_t edge = 1u << level;
-  exit_paths_.resize(std::size_t{edge} * edge * 2);
+  exit_paths_.resize(std::size_t{edge} * edge);
   for (std::uint32_t y = 0; y < edge; ++y)
     for (std::uint32_t x = 0; x + y < edge; ++x)
       for (unsigned inverted = 0; inverted <= (x + y + 1 < edge ? 1u : 0u); ++inverted)
-        exit_paths_[(std::size_t{y} * edge + x) * 2 + inverted] =
+        exit_paths_[place(x, y, inverted != 0)] =
             section_at(0,
                        {static_cast<std::int32_t>(x), static_cast<std::int32_t>(y), inverted != 0},
                        level)
                 .index;
+}
+
+std::uint32_t LevelGeometry::place(std::uint32_t x, std::uint32_t y, bool inverted) const {
+  const std::uint32_t at = ((y << level_) + x) * 2 + (inverted ? 1 : 0);
+  return std::min(at, last_place() - at);
 }
 
 std::span<const LocalPoint> LevelGeometry::rows(std::uint32_t entry_section) const {
@@ -61,8 +67,7 @@ LevelGeometry::ExitCell LevelGeometry::exit_cell(const Cell& cell) const {
   const bool inverted = rx + ry + (cell.inverted ? 1 : 0) >= n;
 
   ExitCell exit;
-  exit.section = (cell.octant << (2 * level_)) |
-                 exit_paths_[((std::size_t{sy} << level_) + sx) * 2 + (inverted ? 1 : 0)];
+  exit.section = (cell.octant << (2 * level_)) | exit_paths_[place(sx, sy, inverted)];
   // Take the corner opposite the hypotenuse, then its neighbours along x and y. In an inverted
   // section local coordinates run backwards, so an upright cell is inverted there and vice versa.
   std::uint32_t p = rx, q = ry, step = 1;

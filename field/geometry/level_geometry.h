@@ -53,8 +53,11 @@ class LevelGeometry {
   /// An entry is section << row_bits() | row.
   [[nodiscard]] std::span<const std::uint32_t> entry_rows() const { return entry_rows_; }
   [[nodiscard]] unsigned row_bits() const { return row_bits_; }
-  /// Exit sections within an octant, by position: [y][x][inverted], with 2^level values of y and x.
+  /// Exit sections within an octant, 4^level of them, by place. Of an octant cut into sections
+  /// along x and y, section (x, y, inverted) has the place i = (y · 2^level + x) · 2 + inverted, or
+  /// last_place() − i if that is less: then i is beyond the other sections.
   [[nodiscard]] std::span<const std::uint32_t> exit_paths() const { return exit_paths_; }
+  [[nodiscard]] std::uint32_t last_place() const { return (2u << 2 * level_) - 1; }
 
   /// The exit section that contains a cell, and the columns of the cell's corners in its tiles.
   struct ExitCell {
@@ -64,6 +67,8 @@ class LevelGeometry {
   [[nodiscard]] ExitCell exit_cell(const Cell& cell) const;
 
  private:
+  [[nodiscard]] std::uint32_t place(std::uint32_t x, std::uint32_t y, bool inverted) const;
+
   unsigned level_, entry_level_;
   std::int32_t entry_resolution_, exit_resolution_;
   std::uint32_t exit_side_, entry_stride_;
@@ -71,7 +76,7 @@ class LevelGeometry {
   std::vector<std::uint32_t> row_begin_;  // per entry section, into points_; one more at the end
   unsigned row_bits_;
   std::vector<std::uint32_t> entry_rows_;  // [octant][y][x]
-  std::vector<std::uint32_t> exit_paths_;  // [y][x][inverted]: section index within an octant
+  std::vector<std::uint32_t> exit_paths_;  // section index within an octant
 };
 
 }  // namespace slf
