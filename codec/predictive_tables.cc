@@ -155,7 +155,7 @@ struct FinestSteps {
     color = quality > 90 ? 50 * scale : 1.7 + 40 * scale;
     // Colours make up for errors of alpha, but over a bright background these are visible.
     alpha = color + std::min(color, 5.);
-    depth = quality > 90 ? 40 * scale : 4 + 20 * scale;
+    depth = quality > 90 ? 80 * scale : 8 + 40 * scale;
   }
 };
 
@@ -184,7 +184,7 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
     const double color =
         shrunk(finest_steps.color, 0.55 * std::pow(fine, 0.45), 0.8 * std::pow(fine, 0.7), above);
     const double depth =
-        shrunk(finest_steps.depth, 0.8 * std::pow(fine, 0.2), 0.8 * std::pow(fine, 0.4), above);
+        shrunk(finest_steps.depth, 0.65 * std::pow(fine, 0.2), 0.8 * std::pow(fine, 0.4), above);
     const double alpha =
         shrunk(finest_steps.alpha, 0.65 * std::pow(fine, 0.2), 0.9 * std::pow(fine, 0.4), above);
     PredictiveLevel& made = tables.levels.emplace_back();
@@ -193,7 +193,7 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
     else if (settings.by_sample())
       // Half floats are in 1/1024 of an octave. Without a transform, a third of the step gives
       // about the same error.
-      made.steps = {step_range(1, 1), step_range(2 * depth / 3, 1), step_range(6 * color, 1),
+      made.steps = {step_range(1, 1), step_range(depth / 3, 1), step_range(6 * color, 1),
                     step_range(6 * color, 1)};
     else
       made.steps = {step_range(alpha, 2), step_range(depth, 2), step_range(color, 1.5),
