@@ -19,9 +19,10 @@ namespace slf {
 /// refuses, the child exits with kNotConfined.
 void confine_child(std::uint64_t bytes, std::uint64_t seconds);
 
-constexpr int kNotConfined = 2;  // any status but those of the callers
+/// The exit status of such a child. For their own purposes children exit with 0 or 1.
+inline constexpr int kNotConfined = 2;
 
-/// In the parent, of a child that exited so: failed; it was to read the file `path`.
-tl::unexpected<Error> not_confined(const std::string& path);
+/// In the parent: the error of such a child, which was to read the file `path`.
+[[nodiscard]] tl::unexpected<Error> not_confined(const std::string& path);
 
 }  // namespace slf

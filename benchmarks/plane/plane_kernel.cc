@@ -200,7 +200,7 @@ void blend_any(const PlaneRays& rays, const std::uint32_t* tiles, const std::uin
     for (std::size_t c = 0; c < 4; ++c) {
       const V entry = hn::Mul(c & 1 ? high[0] : low[0], c & 2 ? high[1] : low[1]);
       const VI number = load(rays.tile[c], k, in);
-      // Most vectors of rays need one tile, as on the sphere.
+      // Often all rays of a vector need one tile, as on the sphere.
       const std::uint32_t first = rays.tile[c][k];
       const VI one_number = set_int(static_cast<std::int32_t>(first));
       const VI tile =

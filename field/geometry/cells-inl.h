@@ -122,14 +122,14 @@ class ExitFinder {
     const V q = hn::Add(hn::NegMulAdd(sy, n, cell.y), beyond);
     const auto inverted = hn::Gt(hn::Sub(hn::Add(p, q), beyond), hn::Sub(n, one));
     const V across = hn::Set(d, static_cast<float>(2u << geometry_.level()));
-    const V place =
+    const V number =
         hn::Add(hn::MulAdd(sy, across, hn::Add(sx, sx)), hn::IfThenElseZero(inverted, one));
-    const V last = hn::Set(d, static_cast<float>(geometry_.last_place()));
-    const V path = hn::Min(place, hn::Sub(last, place));
+    const V last = hn::Set(d, static_cast<float>(geometry_.last_number()));
+    const V place = hn::Min(number, hn::Sub(last, number));
 
     // In an inverted section local coordinates run backwards.
     ExitPlaces at;
-    at.section = hn::Add(cell.octant, section(to_int(path)));
+    at.section = hn::Add(cell.octant, section(to_int(place)));
     at.p = hn::IfThenElse(inverted, hn::Sub(n, p), p);
     at.q = hn::IfThenElse(inverted, hn::Sub(n, q), q);
     at.down = hn::Xor(inverted, cell.inverted);
@@ -143,23 +143,21 @@ class ExitFinder {
  private:
   static constexpr std::size_t kLanes = hn::MaxLanes(DI()), kMaxVectors = 4;
 
-  [[nodiscard]] HWY_INLINE VI section(VI path) const {
+  [[nodiscard]] HWY_INLINE VI section(VI place) const {
     // One lane holds no table, and to check its index needs Highway's library, which builds that
     // only decode (tests/portable) do not link.
     if constexpr (kLanes > 1) {
       if (vectors_ <= kMaxVectors) {
-        const auto lanes = [](std::size_t n) {
-          return hn::Set(DI(), static_cast<std::int32_t>(n));
-        };
-        const auto lane = hn::IndicesFromVec(DI(), hn::And(path, lanes(kLanes - 1)));
+        const auto set = [](std::size_t n) { return hn::Set(DI(), static_cast<std::int32_t>(n)); };
+        const auto lane = hn::IndicesFromVec(DI(), hn::And(place, set(kLanes - 1)));
         VI found = hn::TableLookupLanes(table_[0], lane);
         for (std::size_t v = 1; v < vectors_; ++v)
-          found = hn::IfThenElse(hn::Lt(path, lanes(v * kLanes)), found,
+          found = hn::IfThenElse(hn::Lt(place, set(v * kLanes)), found,
                                  hn::TableLookupLanes(table_[v], lane));
         return found;
       }
     }
-    return hn::GatherIndex(DI(), paths_, path);
+    return hn::GatherIndex(DI(), paths_, place);
   }
 
   const LevelGeometry& geometry_;

@@ -49,8 +49,8 @@ LevelGeometry::LevelGeometry(const FieldShape& shape, unsigned level)
 }
 
 std::uint32_t LevelGeometry::place(std::uint32_t x, std::uint32_t y, bool inverted) const {
-  const std::uint32_t at = ((y << level_) + x) * 2 + (inverted ? 1 : 0);
-  return std::min(at, last_place() - at);
+  const std::uint32_t number = ((y << level_) + x) * 2 + (inverted ? 1 : 0);
+  return std::min(number, last_number() - number);
 }
 
 std::span<const LocalPoint> LevelGeometry::rows(std::uint32_t entry_section) const {

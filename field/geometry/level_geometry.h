@@ -53,11 +53,12 @@ class LevelGeometry {
   /// An entry is section << row_bits() | row.
   [[nodiscard]] std::span<const std::uint32_t> entry_rows() const { return entry_rows_; }
   [[nodiscard]] unsigned row_bits() const { return row_bits_; }
-  /// Exit sections within an octant, 4^level of them, by place. Of an octant cut into sections
-  /// along x and y, section (x, y, inverted) has the place i = (y · 2^level + x) · 2 + inverted, or
-  /// last_place() − i if that is less: then i is beyond the other sections.
+  /// The exit sections within an octant, [place]. Section (x, y, inverted) has the number
+  /// i = (y · 2^level + x) · 2 + inverted. Half of the numbers up to last_number() lie beyond the
+  /// octant's diagonal. The larger ones of the others take their places: a section's place is i or
+  /// last_number() − i, whichever is less.
   [[nodiscard]] std::span<const std::uint32_t> exit_paths() const { return exit_paths_; }
-  [[nodiscard]] std::uint32_t last_place() const { return (2u << 2 * level_) - 1; }
+  [[nodiscard]] std::uint32_t last_number() const { return (2u << 2 * level_) - 1; }
 
   /// The exit section that contains a cell, and the columns of the cell's corners in its tiles.
   struct ExitCell {

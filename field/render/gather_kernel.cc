@@ -103,10 +103,6 @@ struct FoundPages {
         stamp(static_cast<std::uint32_t>(tiles.stamp())),
         with_depth(tiles.with_depth()) {}
 
-  [[nodiscard]] const TilePage& page(std::uint32_t entry, std::uint32_t exit) const {
-    return reinterpret_cast<const TilePage*>(first)[std::uint64_t{entry} << exit_bits | exit];
-  }
-
   /// Loads a member of the chosen lanes' pages, which are `at` bytes from the first one.
   template <std::size_t member>
   [[nodiscard]] HWY_INLINE V64 load(V64 at, hn::Mask<D64> chosen) const {
@@ -147,10 +143,8 @@ struct LaneBegins {
     return hn::Eq(stamps, hn::Set(du, pages.stamp));
   }
 
-  /// The same for lanes that need one tile.
-  HWY_INLINE hn::Mask<DU> find_one(const FoundPages& pages, std::uint32_t entry, std::uint32_t exit,
-                                   hn::Mask<DU> of) {
-    const TilePage& page = pages.page(entry, exit);
+  /// The same for lanes that all need the tile of one page.
+  HWY_INLINE hn::Mask<DU> find_one(const FoundPages& pages, const TilePage& page, hn::Mask<DU> of) {
     const std::uint64_t word = page.found.load(std::memory_order_acquire);
     if ((word & TilePage::kStampMask) != pages.stamp) return hn::FirstN(DU(), 0);
     BlockTiles::Found tile;
@@ -199,13 +193,13 @@ void find_tiles_any(const Pass& pass, const EntryCells& entries, std::size_t cou
           hn::And(hn::RebindMask(d, hn::Gt(hn::LoadU(D(), &entries.weight[c][k]), hn::Zero(D()))),
                   hn::FirstN(d, count - k));
       const VU entry = hn::LoadU(d, entry_at), exit = hn::LoadU(d, exit_at);
-      // Most vectors of rays need one tile, which one load finds.
+      // Often all rays of a vector need one tile, which one load finds.
       const auto differ =
           hn::Or(hn::Ne(entry, hn::Set(d, *entry_at)), hn::Ne(exit, hn::Set(d, *exit_at)));
       auto found = hn::FirstN(d, 0);
       if (pages.first)
         found = hn::AllFalse(d, hn::And(used, differ))
-                    ? lanes.find_one(pages, *entry_at, *exit_at, used)
+                    ? lanes.find_one(pages, *tiles.table().find(*entry_at, *exit_at), used)
                     : hn::And(lanes.find(pages, entry, exit, used), used);
       if (!hn::AllTrue(d, found)) {
         lanes.keep(found);

@@ -77,9 +77,9 @@ void exitCell(Cell cell, int level, out int section, out ivec2 local[3]) {
   int n = uExitSide;
   ivec2 s = cell.base / n, r = cell.base - s * n;
   bool inverted = r.x + r.y + (cell.inverted ? 1 : 0) >= n;
-  int place = ((s.y << level) + s.x) * 2 + (inverted ? 1 : 0), last = (2 << (2 * level)) - 1;
+  int number = ((s.y << level) + s.x) * 2 + (inverted ? 1 : 0), last = (2 << (2 * level)) - 1;
   section = (cell.octant << (2 * level)) |
-            int(table(uPathBase[level] + min(place, last - place)));
+            int(table(uPathBase[level] + min(number, last - number)));
   int shift = 1;
   if (cell.inverted) r += 1;
   if (inverted) r = n - r;
