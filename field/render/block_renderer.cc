@@ -34,8 +34,8 @@ BlockRenderer::BlockRenderer(const FieldFile& field, TileCache& cache, std::uint
   exits_.resize(kBlockRays);
 }
 
-void BlockRenderer::begin(std::uint32_t frame, const ViewOptions& options, const glm::dvec3& eye,
-                          Image& image) {
+void BlockRenderer::begin(std::atomic<std::uint32_t>& frame, const ViewOptions& options,
+                          const glm::dvec3& eye, Image& image) {
   options_ = options;
   eye_ = eye;
   image_ = &image;

@@ -8,6 +8,7 @@
 // unavailable tile pass through the stages of the next coarser level.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <vector>
@@ -33,8 +34,9 @@ class BlockRenderer {
   BlockRenderer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes);
 
   /// Begins a view. Its blocks are drawn into `image`, which must stay alive; depths are distances
-  /// from `eye`, in world units. `frame` comes from TileCache::begin_frame().
-  void begin(std::uint32_t frame, const ViewOptions& options, const glm::dvec3& eye, Image& image);
+  /// from `eye`, in world units. `frame` as for SampleGatherer::begin().
+  void begin(std::atomic<std::uint32_t>& frame, const ViewOptions& options, const glm::dvec3& eye,
+             Image& image);
 
   /// Draws a block of at most kBlockRays pixels.
   [[nodiscard]] Result<void> draw(const CameraBasis& basis, const PixelBlock& block);

@@ -4,14 +4,15 @@
 
 namespace slf {
 
-void BlockTiles::begin_frame(std::uint32_t frame, bool with_depth, std::vector<TileKey>& touched) {
-  frame_ = frame;
-  stamp_ = TilePage::stamp(frame);
+void BlockTiles::begin_frame(bool with_depth, std::vector<TileKey>& touched) {
   with_depth_ = with_depth;
   touched_ = &touched;
 }
 
-void BlockTiles::begin_pass(const LevelGeometry& geometry, const PageTable& table, bool wait) {
+void BlockTiles::begin_pass(std::uint32_t frame, const LevelGeometry& geometry,
+                            const PageTable& table, bool wait) {
+  frame_ = frame;
+  stamp_ = TilePage::stamp(frame);
   geometry_ = &geometry;
   table_ = &table;
   wait_ = wait;

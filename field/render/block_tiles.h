@@ -45,11 +45,13 @@ class BlockTiles {
 
   /// Begins a frame that needs colours or, with depth, depths, too. Appends the keys of the tiles
   /// that it uses to `touched`, which must outlive the frame.
-  void begin_frame(std::uint32_t frame, bool with_depth, std::vector<TileKey>& touched);
+  void begin_frame(bool with_depth, std::vector<TileKey>& touched);
 
-  /// Begins a pass over a level. Geometry and table must outlive it. `wait`: the caller will load
-  /// absent tiles and call find() again; otherwise they are unavailable.
-  void begin_pass(const LevelGeometry& geometry, const PageTable& table, bool wait);
+  /// Begins a pass over a level. `frame` is the number that tiles get. Geometry and table must
+  /// outlive it. `wait`: the caller will load absent tiles and call find() again; otherwise they
+  /// are unavailable.
+  void begin_pass(std::uint32_t frame, const LevelGeometry& geometry, const PageTable& table,
+                  bool wait);
 
   /// For the rest of the pass, find() also returns those of these tiles that may only be read while
   /// they are pinned (TilePage::kMustPin). REQUIRES: the keys ascend, and live until the last

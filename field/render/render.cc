@@ -23,22 +23,40 @@ namespace {
 
 constexpr std::uint32_t kTakenBlocks = 16;  // blocks that a thread reserves at a time
 constexpr std::size_t kRayScratch = 512;    // approximate scratch per ray of a block, in bytes
-constexpr std::size_t kDecodeScratch = 64;  // the same per sample of a predicted tile
+// The same per sample of a tile that is predicted, and coded in blocks or sample by sample.
+constexpr std::size_t kBlockScratch = 28, kSampleScratch = 64;
+
+// Tiles that a thread uses at a time, with those that they are predicted from. With fewer, threads
+// would evict each other's.
+constexpr std::uint64_t kTilesInUse = 32;
+// With fewer tiles for each, threads draw next to each other, so that they use the same ones.
+constexpr std::uint64_t kTilesOfPart = 256;
+
+std::uint64_t max_tile_bytes(const FieldFile& field) {
+  return field.shape().max_tile_samples() * sample_bytes(field.format());
+}
+
+std::uint64_t scratch_bytes(const FieldFile& field) {
+  std::uint64_t bytes = kBlockRays * kRayScratch;
+  const bool by_sample = field.codec().lossless() || is_half(field.format());
+  if (field.predicts())
+    bytes += field.shape().max_tile_samples() * (by_sample ? kSampleScratch : kBlockScratch);
+  return bytes;
+}
 
 struct Plan {
   unsigned threads;
   std::uint64_t cache_bytes;
 };
 
-/// Divides a budget between scratch, one tile at a time per thread, and the cache.
+/// Divides a budget between the scratch and the tiles in use of each thread, and the cache.
 Plan plan_memory(const FieldFile& field, const RendererOptions& options) {
-  const std::uint64_t tile = field.shape().max_tile_samples() * sample_bytes(field.format());
+  const std::uint64_t scratch = scratch_bytes(field);
+  const bool maps_tiles = options.in_place && field.codec().in_place();
+  const std::uint64_t tiles = maps_tiles ? 0 : kTilesInUse * max_tile_bytes(field);
   Plan plan;
-  std::uint64_t scratch = kBlockRays * kRayScratch;
-  if (field.predicts()) scratch += field.shape().max_tile_samples() * kDecodeScratch;
-  const std::uint64_t fit = options.memory / (tile + scratch);
-  plan.threads =
-      static_cast<unsigned>(std::clamp<std::uint64_t>(fit, 1, thread_count(options.threads)));
+  plan.threads = static_cast<unsigned>(std::clamp<std::uint64_t>(options.memory / (scratch + tiles),
+                                                                 1, thread_count(options.threads)));
   const std::uint64_t used = plan.threads * scratch;
   plan.cache_bytes = options.memory > used ? options.memory - used : 0;
   return plan;
@@ -70,8 +88,10 @@ Renderer::Renderer(const Field& field, const RendererOptions& options) {
 }
 Renderer::Renderer(TileReader tiles, unsigned threads) {
   threads = thread_count(threads);
-  const std::uint64_t pin_bytes = tiles.cache().budget() / (threads + 1);
-  state_ = std::make_unique<State>(State{std::move(tiles), pin_bytes, {}});
+  const std::uint64_t budget = tiles.cache().budget();
+  const bool ample = budget / threads >= kTilesOfPart * max_tile_bytes(tiles.field().file());
+  state_ = std::make_unique<State>(
+      State{std::move(tiles), budget / (threads + 1), ample ? threads : 1, {}});
   state_->renderers.resize(threads);
 }
 Renderer::Renderer(Renderer&&) noexcept = default;
@@ -118,25 +138,34 @@ CameraBasis make_basis(const Sphere& sphere, const RayGenerator& rays, std::uint
 }
 
 /// The blocks of a picture, in an order in which neighbours come soon after each other: along a
-/// Z-order curve of squares. So few tiles are in use at a time, and a small cache suffices.
+/// Hilbert curve of squares. So few tiles are in use at a time, and a small cache suffices.
 class BlockOrder {
  public:
   BlockOrder(std::uint32_t width, std::uint32_t height) : width_(width), height_(height) {
-    add(0, 0, std::bit_ceil(std::max({width, height, kBlockWidth})));
+    const auto side = static_cast<int>(std::bit_ceil(std::max({width, height, kBlockWidth})));
+    add({0, 0}, {side, 0}, {0, side});
   }
   [[nodiscard]] std::uint32_t count() const { return static_cast<std::uint32_t>(blocks_.size()); }
   [[nodiscard]] const PixelBlock& operator[](std::uint32_t n) const { return blocks_[n]; }
 
  private:
-  void add(std::uint32_t x, std::uint32_t y, std::uint32_t side) {
-    if (x >= width_ || y >= height_) return;
-    const std::uint32_t half = side / 2;
+  /// Adds the blocks of the square with the sides `u` and `v` from its corner `at`. The curve
+  /// begins at this corner and ends at `at + u`.
+  void add(glm::ivec2 at, glm::ivec2 u, glm::ivec2 v) {
+    const glm::uvec2 least(at + glm::min(u, 0) + glm::min(v, 0));
+    const std::uint32_t side = static_cast<std::uint32_t>(std::abs(u.x) + std::abs(u.y));
+    if (least.x >= width_ || least.y >= height_) return;
     if (side == kBlockWidth) {
-      for (const std::uint32_t end = std::min(y + side, height_); y < end; y += kBlockHeight)
-        blocks_.push_back({x, y, std::min(x + side, width_), std::min(y + kBlockHeight, end)});
+      const std::uint32_t end_x = std::min(least.x + side, width_);
+      const std::uint32_t end_y = std::min(least.y + side, height_);
+      for (std::uint32_t y = least.y; y < end_y; y += kBlockHeight)
+        blocks_.push_back({least.x, y, end_x, std::min(y + kBlockHeight, end_y)});
     } else {
-      for (const std::uint32_t v : {y, y + half})
-        for (const std::uint32_t u : {x, x + half}) add(u, v, half);
+      const glm::ivec2 p = u / 2, q = v / 2;
+      add(at, q, p);
+      add(at + q, p, q);
+      add(at + p + q, p, q);
+      add(at + u + q, -q, -p);
     }
   }
 
@@ -149,8 +178,8 @@ class ViewJob {
  public:
   ViewJob(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
           std::span<std::unique_ptr<BlockRenderer>> renderers, const BlockOrder& blocks,
-          const Camera& camera, const RayGenerator& rays, const ViewOptions& options,
-          bool lists_tiles, Reporter& progress, Image& image)
+          std::size_t parts, const Camera& camera, const RayGenerator& rays,
+          const ViewOptions& options, bool lists_tiles, Reporter& progress, Image& image)
       : field_(field),
         cache_(cache),
         frame_(cache.begin_frame(lists_tiles)),
@@ -160,7 +189,7 @@ class ViewJob {
         basis_(make_basis(field.shape().sphere, rays, camera.width)),
         options_(options),
         blocks_(blocks),
-        bands_(renderers.size()),
+        parts_(parts),
         progress_(progress),
         image_(image),
         level_pixels_(options.level + 1) {
@@ -168,7 +197,7 @@ class ViewJob {
     image_.height = camera.height;
     image_.rgba.resize(std::size_t{camera.width} * camera.height);
     image_.depth.resize(options.with_depth ? image_.rgba.size() : 0);
-    for (std::uint32_t band = 0; band < bands_.size(); ++band) bands_[band].next = begin_of(band);
+    for (std::uint32_t part = 0; part < parts_.size(); ++part) parts_[part].next = begin_of(part);
   }
 
   /// Draws blocks until none are left. Each thread calls it. A thread first draws successive
@@ -181,12 +210,12 @@ class ViewJob {
       renderers_[own] = std::make_unique<BlockRenderer>(field_, cache_, pin_bytes_);
     BlockRenderer& renderer = *renderers_[own];
     renderer.begin(frame_, options_, camera_.eye, image_);
-    for (std::uint32_t k = 0; k < bands_.size(); ++k) {
-      const auto band = (own + k) % static_cast<std::uint32_t>(bands_.size());
-      const std::uint32_t end = begin_of(band + 1);
+    for (std::uint32_t k = 0; k < parts_.size(); ++k) {
+      const auto part = (own + k) % static_cast<std::uint32_t>(parts_.size());
+      const std::uint32_t end = begin_of(part + 1);
       // The atomic counter waits for pending writes of pixels, so reserve several blocks at a time.
       for (std::uint32_t begin;
-           !error && (begin = bands_[band].next.fetch_add(kTakenBlocks)) < end;) {
+           !error && (begin = parts_[part].next.fetch_add(kTakenBlocks)) < end;) {
         const std::uint32_t taken = std::min(begin + kTakenBlocks, end);
         for (std::uint32_t block = begin; !error && block < taken; ++block)
           if (auto ok = renderer.draw(basis_, blocks_[block]); !ok) error = ok.error();
@@ -204,7 +233,7 @@ class ViewJob {
     hit_ += renderer.counts().hit;
     if (!error) return;
     if (!error_) error_ = error;
-    for (Band& band : bands_) band.next = blocks_.count();
+    for (Part& part : parts_) part.next = blocks_.count();
   }
 
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
@@ -225,25 +254,25 @@ class ViewJob {
   }
 
  private:
-  /// Blocks from begin_of(band) to begin_of(band + 1).
-  struct alignas(64) Band {
+  /// Blocks from begin_of(part) to begin_of(part + 1).
+  struct alignas(64) Part {
     std::atomic<std::uint32_t> next{0};
   };
 
-  [[nodiscard]] std::uint32_t begin_of(std::uint32_t band) const {
-    return static_cast<std::uint32_t>(std::uint64_t{blocks_.count()} * band / bands_.size());
+  [[nodiscard]] std::uint32_t begin_of(std::uint32_t part) const {
+    return static_cast<std::uint32_t>(std::uint64_t{blocks_.count()} * part / parts_.size());
   }
 
   const FieldFile& field_;
   TileCache& cache_;
-  const std::uint32_t frame_;
+  std::atomic<std::uint32_t> frame_;
   const std::uint64_t pin_bytes_;
   const std::span<std::unique_ptr<BlockRenderer>> renderers_;  // by thread
   const Camera& camera_;
   const CameraBasis basis_;
   const ViewOptions& options_;
   const BlockOrder& blocks_;
-  std::vector<Band> bands_;
+  std::vector<Part> parts_;
   Reporter& progress_;
   std::uint32_t reported_ = 0;
   const std::thread::id caller_ = std::this_thread::get_id();
@@ -281,8 +310,8 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& requested
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), blocks.count()));
   ViewJob job(field, state_->tiles.cache(), state_->pin_bytes,
-              std::span(state_->renderers).first(threads), blocks, camera, rays, options,
-              statistics != nullptr, reporter, image);
+              std::span(state_->renderers).first(threads), blocks, std::min(state_->parts, threads),
+              camera, rays, options, statistics != nullptr, reporter, image);
   SLF_TRY(on_threads(threads, [&] { job.work(); }));
   if (job.error()) return tl::unexpected(*job.error());
   SLF_TRY(job.report(blocks.count()));

@@ -26,16 +26,17 @@ SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::ui
   samples_.resize(max_rays, half_floats());
 }
 
-void SampleGatherer::begin(std::uint32_t frame, bool with_depth) {
+void SampleGatherer::begin(std::atomic<std::uint32_t>& frame, bool with_depth) {
+  frame_ = &frame;
   touched_.clear();
   misses_.clear();
   unique_misses_ = 0;
-  tiles_.begin_frame(frame, with_depth, touched_);
+  tiles_.begin_frame(with_depth, touched_);
 }
 
 Result<void> SampleGatherer::gather(const LevelGeometry& geometry, bool wait, std::size_t count,
                                     const EntryCells& entries, const Pass& pass) {
-  tiles_.begin_pass(geometry, cache_.page_table(geometry.level()), wait);
+  tiles_.begin_pass(*frame_, geometry, cache_.page_table(geometry.level()), wait);
   std::fill_n(tile_offsets_.unavailable.begin(), count, 0);
   gather_loaded(count, entries, pass, false);
   if (tiles_.absent().empty()) return {};
@@ -64,6 +65,7 @@ Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCel
     tiles_.set_pinned(batch);
     gather_loaded(count, entries, pass, true);  // reads tiles that stayed loaded again
   }
+  *frame_ = cache_.begin_frame();
   return {};
 }
 

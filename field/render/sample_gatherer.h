@@ -6,6 +6,7 @@
 // unavailable, like tiles that were never built: rays that need one are drawn from a coarser level.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <vector>
 
@@ -25,9 +26,9 @@ class SampleGatherer {
   SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
                  std::size_t max_rays);
 
-  /// Begins a view. `frame` comes from TileCache::begin_frame(). If `with_depth`, it needs
-  /// depths beside colours.
-  void begin(std::uint32_t frame, bool with_depth);
+  /// Begins a view. `frame`, which must outlive it, comes from TileCache::begin_frame(), and
+  /// changes when the view has waited for tiles. If `with_depth`, it needs depths beside colours.
+  void begin(std::atomic<std::uint32_t>& frame, bool with_depth);
 
   /// Gathers all samples of a pass over `count` rays from a level's tiles, and finds the rays that
   /// need an unavailable one, whose samples are 0. Errors of TileCache::load(), if `wait`.
@@ -58,6 +59,7 @@ class SampleGatherer {
 
   TileCache& cache_;
   TileCache::Reader reader_;
+  std::atomic<std::uint32_t>* frame_ = nullptr;
   const codec::SampleFormat format_;
   const std::uint64_t pin_bytes_, max_tile_samples_;
   BlockTiles tiles_;

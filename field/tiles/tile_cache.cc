@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/guarded.h"
+#include "base/sort_unique.h"
 #include "base/try.h"
 #include "field/geometry/section.h"
 
@@ -105,6 +106,7 @@ ByteSpan TileCache::Pin::samples() const {
 void TileCache::pin_locked(Tile& tile) {
   if (tile.pins++ > 0) return;
   tile.unlink();
+  pinned_bytes_ += tile.cost;
   if (tile.in_place) count_mapped_locked(tile.ref, true);
 }
 
@@ -117,6 +119,7 @@ void TileCache::unpin(Tile& tile) {
 
 void TileCache::unpin_locked(Tile& tile) {
   if (--tile.pins > 0) return;
+  pinned_bytes_ -= tile.cost;
   if (tile.error) {
     remove_locked(tile);
     return;
@@ -247,16 +250,73 @@ bool TileCache::has_room(std::uint32_t frame) {
 // Loading.
 
 Result<std::vector<TileCache::Pin>> TileCache::load(std::span<const TileKey> keys) {
-  std::vector<Pin> pins;
-  pins.reserve(keys.size());
-  for (const Located& tile : locate(keys)) {
-    auto pin = SLF_TRY(load(tile));
-    pins.push_back(std::move(pin));
+  return load_all(locate(keys));
+}
+
+Result<TileCache::Pin> TileCache::load(const Located& tile) {
+  auto pins = SLF_TRY(load_all({tile}));
+  return std::move(pins.front());
+}
+
+Result<std::vector<TileCache::Pin>> TileCache::load_all(std::vector<Located> tiles) {
+  std::vector<Pin> pins(tiles.size());
+  const std::vector<std::size_t> absent = pin_loaded(tiles, pins);
+  for (auto left = std::span(absent); !left.empty();) {
+    const Batch batch = next_batch(tiles, left);
+    // An error is not lost: it is met again when a tile is decoded.
+    const auto references = load_all(find(batch.references, false));
+    for (const std::size_t k : left.first(batch.tiles)) pins[k] = SLF_TRY(load_one(tiles[k]));
+    left = left.subspan(batch.tiles);
   }
   return pins;
 }
 
-Result<TileCache::Pin> TileCache::load(const Located& located) {
+std::vector<std::size_t> TileCache::pin_loaded(std::span<const Located> tiles,
+                                               std::span<Pin> pins) {
+  std::vector<std::size_t> absent;
+  const std::lock_guard lock(mutex_);
+  for (std::size_t k = 0; k < tiles.size(); ++k) {
+    const auto found = tiles_.find(tiles[k].key);
+    Tile* const tile = found == tiles_.end() ? nullptr : found->second.get();
+    if (!tile || tile->stage != Tile::Stage::done || tile->error) {
+      absent.push_back(k);
+      continue;
+    }
+    pin_locked(*tile);
+    pins[k] = Pin(this, tile);
+  }
+  return absent;
+}
+
+TileCache::Batch TileCache::next_batch(std::span<Located> tiles,
+                                       std::span<const std::size_t> absent) {
+  if (!field_.predicts()) return {absent.size(), {}};
+  const std::uint64_t room = [&] {
+    const std::lock_guard lock(mutex_);
+    return budget_ - std::min(budget_, pinned_bytes_);
+  }();
+  const auto cost = [&](TileKey key) { return field_.tile_shape(key).bytes() + kTileBytes; };
+  Batch batch;
+  std::uint64_t own_bytes = 0;
+  for (const std::size_t k : absent) {
+    Located& tile = tiles[k];
+    if (!tile.ref) tile = find({&tile.key, 1}, false).front();
+    std::vector<TileKey> references = batch.references;
+    if (tile.ref && tile.ref->state == storage::TileState::stored)
+      for (const TileKey key : field_.references(*tile.ref))
+        if (field_.shape().has(key)) references.push_back(key);
+    sort_unique(references);
+    own_bytes += cost(tile.key);
+    std::uint64_t bytes = own_bytes;
+    for (const TileKey key : references) bytes += cost(key);
+    if (batch.tiles > 0 && bytes > room) break;
+    ++batch.tiles;
+    batch.references = std::move(references);
+  }
+  return batch;
+}
+
+Result<TileCache::Pin> TileCache::load_one(const Located& located) {
   ScopedLock scoped(*this);
   if (!tables_[located.key.level])
     return fail(ErrorCode::unsupported, field_.path(), ": level ", int{located.key.level},
@@ -319,6 +379,7 @@ void TileCache::charge(Tile& tile, std::uint64_t bytes, bool located) {
   const std::uint64_t cost = bytes + kTileBytes;
   make_room(scoped.lock(), cost);
   tile.cost = cost;
+  pinned_bytes_ += cost;  // who loads it has pinned it
   statistics_.decodes += bytes > 0;
   if (tile.in_place) statistics_.loaded_bytes += tile.ref.payload.size();
   if (tile.mapped || !located) count_mapped_locked(tile.ref, tile.mapped);
@@ -389,6 +450,10 @@ Result<void> TileCache::encode(TileKey key, ByteSpan samples, Bytes& payload) {
 }
 
 std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys) {
+  return find(keys, true);
+}
+
+std::vector<TileCache::Located> TileCache::find(std::span<const TileKey> keys, bool advise) {
   std::vector<Located> located(keys.size());
   std::vector<TileKey> absent;
   std::vector<std::size_t> places;  // indices of the absent ones in `keys`
@@ -412,10 +477,11 @@ std::vector<TileCache::Located> TileCache::locate(std::span<const TileKey> keys)
       located[places[begin + k]].ref = *found[k];
       refs.push_back(*found[k]);
     }
-    field_.advise(refs, [this](TileKey key) {
-      const std::lock_guard lock(mutex_);
-      return tiles_.contains(key);
-    });
+    if (advise)
+      field_.advise(refs, [this](TileKey key) {
+        const std::lock_guard lock(mutex_);
+        return tiles_.contains(key);
+      });
     const ScopedLock scoped(*this);
     for (const storage::TileRef& ref : refs) count_mapped_locked(ref, false);
   }

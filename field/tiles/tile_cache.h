@@ -125,9 +125,10 @@ class TileCache {
   /// space; then load() fails.
   [[nodiscard]] const PageTable& page_table(unsigned level) const { return tables_[level]; }
 
-  /// Begins a frame and returns its number, which its tiles get in TilePage::used. A frame whose
-  /// caller does not want the list of its tiles (`lists_tiles` is false) may share the number of
-  /// the frame before while the cache has room: then its kernels find the tiles of that frame as
+  /// Begins a frame and returns its number, which its tiles get in TilePage::used. A frame that
+  /// waits for tiles begins anew after it: what it uses then counts as used more recently. One
+  /// whose caller does not want the list of its tiles (`lists_tiles` is false) may share the number
+  /// of the frame before while the cache has room: then its kernels find the tiles of that frame as
   /// fast as its own, and no removal needs to know which of the two is older.
   [[nodiscard]] std::uint32_t begin_frame(bool lists_tiles = true);
 
@@ -199,6 +200,22 @@ class TileCache {
   /// Counts the pages of the map that finding a tile, or reading it there, makes resident; has the
   /// map released when its budget is used up.
   void count_mapped_locked(const storage::TileRef& tile, bool read);
+  /// locate(); only if `advise`, the kernel is asked to read.
+  [[nodiscard]] std::vector<Located> find(std::span<const TileKey> keys, bool advise);
+  /// Loads tiles and pins them. References are loaded level by level, each once for as many tiles
+  /// as there is room for: in little memory, tiles that were loaded one after the other would evict
+  /// each other's.
+  [[nodiscard]] Result<std::vector<Pin>> load_all(std::vector<Located> tiles);
+  /// Pins those of the tiles that are loaded, and returns the indices of the others.
+  [[nodiscard]] std::vector<std::size_t> pin_loaded(std::span<const Located> tiles,
+                                                    std::span<Pin> pins);
+  struct Batch {
+    std::size_t tiles = 0;
+    std::vector<TileKey> references;  ///< of these tiles, ascending
+  };
+  /// As many of the first absent tiles as fit with their references, at least one.
+  [[nodiscard]] Batch next_batch(std::span<Located> tiles, std::span<const std::size_t> absent);
+  [[nodiscard]] Result<Pin> load_one(const Located& tile);
   /// Loads a tile, or waits for the thread that does.
   [[nodiscard]] Result<void> load_once(std::unique_lock<std::mutex>& lock, Tile& tile,
                                        const std::optional<storage::TileRef>& located);
@@ -232,6 +249,7 @@ class TileCache {
   std::deque<Removed> removed_;                 // that a reader may still see
   std::vector<std::unique_ptr<Tile>> garbage_;  // that no reader can see; freed outside the lock
   std::uint64_t removed_bytes_ = 0;             // of removed_
+  std::uint64_t pinned_bytes_ = 0;              // of loaded tiles that are pinned
   bool shared_ = false;                         // whether frames may share the last number
   bool release_due_ = false;                    // of the map
   Link idle_;

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <chrono>
 #include <random>
+#include <set>
 #include <thread>
 
 #include "field/geometry/section.h"
@@ -239,6 +240,49 @@ TEST_F(TileCacheTest, ReadersSeeWholeTilesWhileOthersLoadAndRemove) {
   for (std::thread& thread : threads) thread.join();
   EXPECT_GT(found, 0u);
   EXPECT_LE(cache.statistics().decoded_peak_bytes, (96u << 10) + 2 * 16384);
+}
+
+/// Tiles that these are predicted from.
+std::vector<TileKey> references(const FieldFile& field, std::span<const TileKey> tiles) {
+  std::set<TileKey> found;
+  for (const TileKey key : tiles)
+    if (const auto ref = field.store().find(key); ref->state == storage::TileState::stored)
+      for (const TileKey reference : field.references(*ref)) found.insert(reference);
+  return {found.begin(), found.end()};
+}
+
+TEST(TileCachePredicted, ABatchDecodesEachReferenceOnceIfEachLevelFitsWithTheNext) {
+  const TemporaryFolder folder;
+  const auto scene = std::move(*make_analytic_scene("balls"));
+  BuildOptions options = lossless_options(4, 8, 2);
+  options.codec = "predictive:90";
+  const auto opened = build_and_open(*scene, folder / "predicted.slf", options);
+  const FieldFile& field = opened->file();
+  const auto stored = [&](TileKey key) {
+    return field.store().find(key)->state == storage::TileState::stored;
+  };
+  const auto bytes = [&](std::span<const TileKey> keys) {
+    std::uint64_t sum = 0;
+    for (const TileKey key : keys)
+      sum += (stored(key) ? field.tile_shape(key).bytes() : 0) + 512;  // with bookkeeping
+    return sum;
+  };
+  std::vector<TileKey> batch;
+  for (std::uint64_t k = tile_count(2, 0) / 3; batch.size() < 24; ++k)
+    if (stored({2, k})) batch.push_back({2, k});
+  const std::vector<TileKey> coarser = references(field, batch);
+  const std::vector<TileKey> coarsest = references(field, coarser);
+  ASSERT_GT(coarser.size(), 10u);
+  ASSERT_GT(coarsest.size(), 5u);
+  const std::uint64_t budget = bytes(coarser) + std::max(bytes(batch), bytes(coarsest));
+  TileCache cache(field, budget);
+  ASSERT_TRUE(cache.load(batch));
+  const auto count = [&](const std::vector<TileKey>& keys) {
+    return static_cast<std::uint64_t>(std::ranges::count_if(keys, stored));
+  };
+  const std::uint64_t once = count(batch) + count(coarser) + count(coarsest);
+  EXPECT_EQ(cache.statistics().decodes, once);
+  EXPECT_LE(cache.statistics().decoded_peak_bytes, budget);
 }
 
 }  // namespace
