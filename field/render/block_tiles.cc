@@ -4,7 +4,7 @@
 
 namespace slf {
 
-void BlockTiles::begin_frame(bool with_depth, std::vector<TileKey>& touched) {
+void BlockTiles::begin_view(bool with_depth, std::vector<TileKey>& touched) {
   with_depth_ = with_depth;
   touched_ = &touched;
 }

@@ -1,8 +1,8 @@
 // BlockTiles: the tiles that a block's rays sample in one pass. Private to field/render.
 //
-// The kernel (gather_kernel.h) itself finds tiles that the frame has used before, a vector of them
-// at a time. It calls find() for the others: tiles that the frame uses for the first time, and
-// tiles that are not loaded.
+// The kernel (gather_kernel.h) itself finds tiles that have the frame's number, a vector of them at
+// a time. It calls find() for the others: tiles that the frame uses for the first time, or again
+// after it has waited, and tiles that are not loaded.
 #pragma once
 
 #include <array>
@@ -43,11 +43,11 @@ class BlockTiles {
   BlockTiles(const BlockTiles&) = delete;
   BlockTiles& operator=(const BlockTiles&) = delete;
 
-  /// Begins a frame that needs colours or, with depth, depths, too. Appends the keys of the tiles
-  /// that it uses to `touched`, which must outlive the frame.
-  void begin_frame(bool with_depth, std::vector<TileKey>& touched);
+  /// Begins a view that needs colours or, with depth, depths, too. Appends the keys of the tiles
+  /// that it uses, with repetitions, to `touched`, which must outlive the view.
+  void begin_view(bool with_depth, std::vector<TileKey>& touched);
 
-  /// Begins a pass over a level. `frame` is the number that tiles get. Geometry and table must
+  /// Begins a pass over a level. `frame` is the number that its tiles get. Geometry and table must
   /// outlive it. `wait`: the caller will load absent tiles and call find() again; otherwise they
   /// are unavailable.
   void begin_pass(std::uint32_t frame, const LevelGeometry& geometry, const PageTable& table,

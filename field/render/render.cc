@@ -23,14 +23,14 @@ namespace {
 
 constexpr std::uint32_t kTakenBlocks = 16;  // blocks that a thread reserves at a time
 constexpr std::size_t kRayScratch = 512;    // approximate scratch per ray of a block, in bytes
-// The same per sample of a tile that is predicted, and coded in blocks or sample by sample.
+// Scratch per sample of a predicted tile that is coded in blocks, or sample by sample.
 constexpr std::size_t kBlockScratch = 28, kSampleScratch = 64;
 
-// Tiles that a thread uses at a time, with those that they are predicted from. With fewer, threads
-// would evict each other's.
+// Predicted tiles that a thread uses at a time, with those that they are predicted from. With
+// fewer, threads would evict each other's.
 constexpr std::uint64_t kTilesInUse = 32;
-// With fewer tiles for each, threads draw next to each other, so that they use the same ones.
-constexpr std::uint64_t kTilesOfPart = 256;
+// Tiles of a view, about. If fewer fit, threads draw next to each other and use the same ones.
+constexpr std::uint64_t kTilesOfView = 512;
 
 std::uint64_t max_tile_bytes(const FieldFile& field) {
   return field.shape().max_tile_samples() * sample_bytes(field.format());
@@ -52,8 +52,7 @@ struct Plan {
 /// Divides a budget between the scratch and the tiles in use of each thread, and the cache.
 Plan plan_memory(const FieldFile& field, const RendererOptions& options) {
   const std::uint64_t scratch = scratch_bytes(field);
-  const bool maps_tiles = options.in_place && field.codec().in_place();
-  const std::uint64_t tiles = maps_tiles ? 0 : kTilesInUse * max_tile_bytes(field);
+  const std::uint64_t tiles = (field.predicts() ? kTilesInUse : 1) * max_tile_bytes(field);
   Plan plan;
   plan.threads = static_cast<unsigned>(std::clamp<std::uint64_t>(options.memory / (scratch + tiles),
                                                                  1, thread_count(options.threads)));
@@ -89,7 +88,8 @@ Renderer::Renderer(const Field& field, const RendererOptions& options) {
 Renderer::Renderer(TileReader tiles, unsigned threads) {
   threads = thread_count(threads);
   const std::uint64_t budget = tiles.cache().budget();
-  const bool ample = budget / threads >= kTilesOfPart * max_tile_bytes(tiles.field().file());
+  const FieldFile& field = tiles.field().file();
+  const bool ample = !field.predicts() || budget >= kTilesOfView * max_tile_bytes(field);
   state_ = std::make_unique<State>(
       State{std::move(tiles), budget / (threads + 1), ample ? threads : 1, {}});
   state_->renderers.resize(threads);
@@ -200,9 +200,9 @@ class ViewJob {
     for (std::uint32_t part = 0; part < parts_.size(); ++part) parts_[part].next = begin_of(part);
   }
 
-  /// Draws blocks until none are left. Each thread calls it. A thread first draws successive
-  /// blocks, so that threads share few tiles and cache lines, then helps with those of other
-  /// threads.
+  /// Draws blocks until none are left. Each thread calls it. A thread first draws a part of its
+  /// own, so that threads share few tiles and cache lines, then helps with the other parts. If
+  /// there is one part, all threads draw successive blocks of it.
   void work() {
     std::optional<Error> error;
     const std::uint32_t own = workers_++;

@@ -15,7 +15,7 @@ namespace slf {
 struct Renderer::State {
   TileReader tiles;
   std::uint64_t pin_bytes;                                // of tiles that each thread may pin
-  unsigned parts;                                         // of a picture, drawn side by side
+  unsigned parts;                                         // of a picture: as many as threads, or 1
   std::vector<std::unique_ptr<BlockRenderer>> renderers;  // one for each thread, made on first use
 };
 

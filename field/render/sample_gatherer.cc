@@ -13,6 +13,13 @@ namespace {
 constexpr std::uint64_t kPinBytes = 512;  // approximate bookkeeping of a pinned tile
 constexpr std::size_t kManyKeys = 4096;   // repetitions that a list may have
 
+/// Removes repetitions if there are many. `unique` keys were left the last time.
+void remove_repetitions(std::vector<TileKey>& keys, std::size_t& unique) {
+  if (keys.size() <= 2 * unique + kManyKeys) return;
+  sort_unique(keys);
+  unique = keys.size();
+}
+
 }  // namespace
 
 SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
@@ -30,8 +37,8 @@ void SampleGatherer::begin(std::atomic<std::uint32_t>& frame, bool with_depth) {
   frame_ = &frame;
   touched_.clear();
   misses_.clear();
-  unique_misses_ = 0;
-  tiles_.begin_frame(with_depth, touched_);
+  unique_touched_ = unique_misses_ = 0;
+  tiles_.begin_view(with_depth, touched_);
 }
 
 Result<void> SampleGatherer::gather(const LevelGeometry& geometry, bool wait, std::size_t count,
@@ -65,16 +72,14 @@ Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCel
     tiles_.set_pinned(batch);
     gather_loaded(count, entries, pass, true);  // reads tiles that stayed loaded again
   }
-  *frame_ = cache_.begin_frame();
+  *frame_ = cache_.resume_frame(*frame_);
+  remove_repetitions(touched_, unique_touched_);
   return {};
 }
 
 void SampleGatherer::add_misses() {
   misses_.insert(misses_.end(), tiles_.absent().begin(), tiles_.absent().end());
-  if (misses_.size() > 2 * unique_misses_ + kManyKeys) {
-    sort_unique(misses_);
-    unique_misses_ = misses_.size();
-  }
+  remove_repetitions(misses_, unique_misses_);
 }
 
 }  // namespace slf

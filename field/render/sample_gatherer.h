@@ -26,8 +26,9 @@ class SampleGatherer {
   SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
                  std::size_t max_rays);
 
-  /// Begins a view. `frame`, which must outlive it, comes from TileCache::begin_frame(), and
-  /// changes when the view has waited for tiles. If `with_depth`, it needs depths beside colours.
+  /// Begins a view. All of its threads share `frame`, which must outlive the view: a number of
+  /// TileCache::begin_frame(), which this renews when it has waited for tiles. If `with_depth`, the
+  /// view needs depths beside colours.
   void begin(std::atomic<std::uint32_t>& frame, bool with_depth);
 
   /// Gathers all samples of a pass over `count` rays from a level's tiles, and finds the rays that
@@ -66,7 +67,8 @@ class SampleGatherer {
   TileOffsets tile_offsets_;
   BlockSamples samples_;
   std::vector<TileKey> touched_, misses_;
-  std::size_t unique_misses_ = 0;  // of misses_, without repetitions, when it was last sorted
+  // Keys in these lists, without repetitions, when they were last sorted.
+  std::size_t unique_touched_ = 0, unique_misses_ = 0;
 };
 
 }  // namespace slf

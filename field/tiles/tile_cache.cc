@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <optional>
+#include <set>
 #include <thread>
 #include <utility>
 
 #include "base/guarded.h"
-#include "base/sort_unique.h"
 #include "base/try.h"
 #include "field/geometry/section.h"
 
@@ -172,24 +172,15 @@ std::uint32_t TileCache::begin_frame(bool lists_tiles) {
 // Removal.
 
 TileCache::Tile* TileCache::least_recently_used_locked() {
-  const auto first = [&] {
-    return idle_.after == &idle_ ? nullptr : static_cast<Tile*>(idle_.after);
-  };
-  Tile* tile = first();
-  if (!tile || tile->page->used.load(std::memory_order_relaxed) == tile->listed) return tile;
-  sort_idle_locked();  // frames have used some tiles since
-  return first();
-}
-
-void TileCache::sort_idle_locked() {
-  std::vector<Tile*> tiles;
-  for (Link* link = idle_.after; link != &idle_; link = link->after) {
-    tiles.push_back(static_cast<Tile*>(link));
-    tiles.back()->listed = tiles.back()->page->used.load(std::memory_order_relaxed);
+  while (idle_.after != &idle_) {
+    Tile& tile = static_cast<Tile&>(*idle_.after);
+    const std::uint32_t used = tile.page->used.load(std::memory_order_relaxed);
+    if (used == tile.listed) return &tile;
+    tile.listed = used;  // a frame has used it since
+    tile.unlink();
+    tile.link_before(idle_);
   }
-  std::ranges::stable_sort(tiles, {}, &Tile::listed);
-  idle_.before = idle_.after = &idle_;
-  for (Tile* tile : tiles) tile->link_before(idle_);
+  return nullptr;
 }
 
 void TileCache::remove_locked(Tile& tile) {
@@ -240,6 +231,14 @@ void TileCache::make_room(std::unique_lock<std::mutex>& lock, std::uint64_t byte
 
 bool TileCache::ample_locked() const { return statistics_.decoded_bytes < budget_ - budget_ / 8; }
 
+std::uint32_t TileCache::resume_frame(std::uint32_t frame) {
+  const bool ample = [&] {
+    const std::lock_guard lock(mutex_);
+    return ample_locked();
+  }();
+  return ample ? frame : begin_frame();
+}
+
 bool TileCache::has_room(std::uint32_t frame) {
   const ScopedLock scoped(*this);
   if (ample_locked()) return true;
@@ -259,12 +258,22 @@ Result<TileCache::Pin> TileCache::load(const Located& tile) {
 }
 
 Result<std::vector<TileCache::Pin>> TileCache::load_all(std::vector<Located> tiles) {
+  struct Counted {
+    std::atomic<std::uint32_t>& count;
+    explicit Counted(std::atomic<std::uint32_t>& of) : count(of) { ++count; }
+    ~Counted() { --count; }
+  };
+  const Counted counted(loading_);
+  return load_level(std::move(tiles));
+}
+
+Result<std::vector<TileCache::Pin>> TileCache::load_level(std::vector<Located> tiles) {
   std::vector<Pin> pins(tiles.size());
   const std::vector<std::size_t> absent = pin_loaded(tiles, pins);
   for (auto left = std::span(absent); !left.empty();) {
     const Batch batch = next_batch(tiles, left);
     // An error is not lost: it is met again when a tile is decoded.
-    const auto references = load_all(find(batch.references, false));
+    const auto references = load_level(find(batch.references, false));
     for (const std::size_t k : left.first(batch.tiles)) pins[k] = SLF_TRY(load_one(tiles[k]));
     left = left.subspan(batch.tiles);
   }
@@ -274,7 +283,7 @@ Result<std::vector<TileCache::Pin>> TileCache::load_all(std::vector<Located> til
 std::vector<std::size_t> TileCache::pin_loaded(std::span<const Located> tiles,
                                                std::span<Pin> pins) {
   std::vector<std::size_t> absent;
-  const std::lock_guard lock(mutex_);
+  const ScopedLock scoped(*this);
   for (std::size_t k = 0; k < tiles.size(); ++k) {
     const auto found = tiles_.find(tiles[k].key);
     Tile* const tile = found == tiles_.end() ? nullptr : found->second.get();
@@ -291,29 +300,37 @@ std::vector<std::size_t> TileCache::pin_loaded(std::span<const Located> tiles,
 TileCache::Batch TileCache::next_batch(std::span<Located> tiles,
                                        std::span<const std::size_t> absent) {
   if (!field_.predicts()) return {absent.size(), {}};
+  const auto cost = [&](TileKey key) { return field_.tile_shape(key).bytes() + kTileBytes; };
   const std::uint64_t room = [&] {
     const std::lock_guard lock(mutex_);
-    return budget_ - std::min(budget_, pinned_bytes_);
+    return (budget_ - std::min(budget_, pinned_bytes_)) / loading_;
   }();
-  const auto cost = [&](TileKey key) { return field_.tile_shape(key).bytes() + kTileBytes; };
-  Batch batch;
-  std::uint64_t own_bytes = 0;
+  std::set<TileKey> references;
+  std::uint64_t bytes = 0;
+  std::size_t count = 0;
   for (const std::size_t k : absent) {
-    Located& tile = tiles[k];
-    if (!tile.ref) tile = find({&tile.key, 1}, false).front();
-    std::vector<TileKey> references = batch.references;
-    if (tile.ref && tile.ref->state == storage::TileState::stored)
-      for (const TileKey key : field_.references(*tile.ref))
-        if (field_.shape().has(key)) references.push_back(key);
-    sort_unique(references);
-    own_bytes += cost(tile.key);
-    std::uint64_t bytes = own_bytes;
-    for (const TileKey key : references) bytes += cost(key);
-    if (batch.tiles > 0 && bytes > room) break;
-    ++batch.tiles;
-    batch.references = std::move(references);
+    std::vector<TileKey> added;
+    for (const TileKey key : references_of(tiles[k]))
+      if (!references.contains(key)) added.push_back(key);
+    bytes += cost(tiles[k].key);
+    for (const TileKey key : added) bytes += cost(key);
+    if (count > 0 && bytes > room) break;
+    references.insert(added.begin(), added.end());
+    ++count;
   }
-  return batch;
+  return {count, {references.begin(), references.end()}};
+}
+
+std::vector<TileKey> TileCache::references_of(Located& tile) const {
+  if (!tile.ref)
+    if (const auto found = field_.store().find(tile.key)) tile.ref = *found;
+  // A payload that cannot be read names none; load_one() reports the error.
+  if (!tile.ref || tile.ref->state != storage::TileState::stored ||
+      !field_.store().fetch(*tile.ref))
+    return {};
+  std::vector<TileKey> keys = field_.references(*tile.ref);
+  std::erase_if(keys, [&](TileKey key) { return !field_.shape().has(key); });
+  return keys;
 }
 
 Result<TileCache::Pin> TileCache::load_one(const Located& located) {
@@ -421,7 +438,7 @@ ReferenceSource TileCache::references(std::vector<Pin>& pins, std::optional<Tile
     if (!field_.shape().has(key))
       return fail(ErrorCode::bad_file, field_.path(), ": tile ", int{key.level}, "/", key.index,
                   ", from which others are predicted, is not in the field");
-    const Pin& pin = pins.emplace_back(SLF_TRY(load(Located{key})));
+    const Pin& pin = pins.emplace_back(SLF_TRY(load_one(Located{key})));
     if (pin.state() != storage::TileState::missing) return pin.samples();
     lacking = pin.tile_->lacking.value_or(key);
     return fail(ErrorCode::tile_missing, "a reference");

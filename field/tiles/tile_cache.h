@@ -125,12 +125,14 @@ class TileCache {
   /// space; then load() fails.
   [[nodiscard]] const PageTable& page_table(unsigned level) const { return tables_[level]; }
 
-  /// Begins a frame and returns its number, which its tiles get in TilePage::used. A frame that
-  /// waits for tiles begins anew after it: what it uses then counts as used more recently. One
-  /// whose caller does not want the list of its tiles (`lists_tiles` is false) may share the number
-  /// of the frame before while the cache has room: then its kernels find the tiles of that frame as
+  /// Begins a frame and returns its number, which its tiles get in TilePage::used. A frame whose
+  /// caller does not want the list of its tiles (`lists_tiles` is false) may share the number of
+  /// the frame before while the cache has room: then its kernels find the tiles of that frame as
   /// fast as its own, and no removal needs to know which of the two is older.
   [[nodiscard]] std::uint32_t begin_frame(bool lists_tiles = true);
+  /// The number of a frame after it has waited for tiles: while memory is short, a new one, so that
+  /// tiles that it uses from then on count as used more recently than those that it no longer uses.
+  [[nodiscard]] std::uint32_t resume_frame(std::uint32_t frame);
 
   /// Loads tiles and pins them, in the order of `keys`. Empty and missing tiles are no errors:
   /// Pin::state() tells. REQUIRES: no ReadScope of the calling thread, and keys of the field.
@@ -189,7 +191,6 @@ class TileCache {
   /// Whether nothing needs to be removed soon.
   [[nodiscard]] bool ample_locked() const;
   [[nodiscard]] Tile* least_recently_used_locked();
-  void sort_idle_locked();
   /// Removes a tile from the table. It is freed when no reader can have found it.
   void remove_locked(Tile& tile);
   void free_removed_locked();
@@ -202,10 +203,11 @@ class TileCache {
   void count_mapped_locked(const storage::TileRef& tile, bool read);
   /// locate(); only if `advise`, the kernel is asked to read.
   [[nodiscard]] std::vector<Located> find(std::span<const TileKey> keys, bool advise);
-  /// Loads tiles and pins them. References are loaded level by level, each once for as many tiles
-  /// as there is room for: in little memory, tiles that were loaded one after the other would evict
-  /// each other's.
   [[nodiscard]] Result<std::vector<Pin>> load_all(std::vector<Located> tiles);
+  /// Loads tiles of one level and pins them. References are loaded before, each once for as many
+  /// tiles as there is room for: in little memory, tiles that were loaded one after the other would
+  /// evict each other's.
+  [[nodiscard]] Result<std::vector<Pin>> load_level(std::vector<Located> tiles);
   /// Pins those of the tiles that are loaded, and returns the indices of the others.
   [[nodiscard]] std::vector<std::size_t> pin_loaded(std::span<const Located> tiles,
                                                     std::span<Pin> pins);
@@ -215,6 +217,8 @@ class TileCache {
   };
   /// As many of the first absent tiles as fit with their references, at least one.
   [[nodiscard]] Batch next_batch(std::span<Located> tiles, std::span<const std::size_t> absent);
+  /// What a tile is predicted from, according to its payload. Finds that if it was not looked up.
+  [[nodiscard]] std::vector<TileKey> references_of(Located& tile) const;
   [[nodiscard]] Result<Pin> load_one(const Located& tile);
   /// Loads a tile, or waits for the thread that does.
   [[nodiscard]] Result<void> load_once(std::unique_lock<std::mutex>& lock, Tile& tile,
@@ -223,9 +227,9 @@ class TileCache {
                                           const std::optional<storage::TileRef>& located);
   /// Makes room for a tile and counts it.
   void charge(Tile& tile, std::uint64_t bytes, bool located);
-  /// Loads the tiles that another one is predicted from, and adds their pins. Loads depend on
-  /// coarser levels only, so threads never wait for each other in a circle. tile_missing: the tile
-  /// was never built; then `lacking` is its key.
+  /// Pins the tiles that another one is predicted from, and loads those that load_level() did not.
+  /// Loads depend on coarser levels only, so threads never wait for each other in a circle.
+  /// tile_missing: the tile was never built; then `lacking` is its key.
   [[nodiscard]] ReferenceSource references(std::vector<Pin>& pins, std::optional<TileKey>& lacking);
 
   const FieldFile& field_;
@@ -235,6 +239,7 @@ class TileCache {
   std::atomic<std::uint32_t> clock_{0};          // number of the frame that began last
   std::atomic<std::uint64_t> epoch_{1};          // removals so far
   std::atomic<std::uint64_t> payload_bytes_{0};  // decoded so far
+  std::atomic<std::uint32_t> loading_{0};        // calls of load_all() under way
 
   TileMemory memory_;
 

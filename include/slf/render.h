@@ -81,8 +81,8 @@ class Renderer {
   /// Reads the field's tiles with a reader of its own. Scratch comes out of the memory, which few
   /// bytes limit to few threads.
   explicit Renderer(const Field& field, const RendererOptions& options = {});
-  /// Shares the reader with whoever else has it. Scratch, 28 or 64 bytes for each sample of the
-  /// largest tile and thread (64: lossless, or half floats), comes on top of its memory. threads: 0 for all.
+  /// Shares the reader with whoever else has it. Scratch, up to 64 bytes for each sample of the
+  /// largest tile and thread, comes on top of its memory. threads: 0 for all.
   explicit Renderer(TileReader tiles, unsigned threads = 0);
   Renderer(Renderer&&) noexcept;
   Renderer& operator=(Renderer&&) noexcept;

@@ -176,6 +176,15 @@ TEST_F(Render, StatisticsCountWhatWasTouched) {
   EXPECT_EQ(statistics.fallback_pixels(), 0u);
 }
 
+TEST_F(Render, AViewInLittleMemoryListsTheSameTiles) {
+  const Camera camera = orbit_camera(field_->shape().sphere, 40, 25, 2.5, 256, 256);
+  ViewStatistics ample, little;
+  draw(*field_, camera, {RenderMode::depth, 2, false}, {1ull << 30, 1}, &ample);
+  draw(*field_, camera, {RenderMode::depth, 2, false}, {1ull << 20, 2}, &little);
+  EXPECT_EQ(little.tiles, ample.tiles);
+  EXPECT_GT(little.decodes, ample.decodes);
+}
+
 TEST_F(Render, TheMatchingLevelIsCoarserFromAfarAndInSmallPictures) {
   const FieldShape& shape = field_->shape();
   const auto level = [&](double distance, std::uint32_t size) {

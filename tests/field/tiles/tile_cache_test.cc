@@ -251,38 +251,74 @@ std::vector<TileKey> references(const FieldFile& field, std::span<const TileKey>
   return {found.begin(), found.end()};
 }
 
-TEST(TileCachePredicted, ABatchDecodesEachReferenceOnceIfEachLevelFitsWithTheNext) {
-  const TemporaryFolder folder;
-  const auto scene = std::move(*make_analytic_scene("balls"));
-  BuildOptions options = lossless_options(4, 8, 2);
-  options.codec = "predictive:90";
-  const auto opened = build_and_open(*scene, folder / "predicted.slf", options);
-  const FieldFile& field = opened->file();
-  const auto stored = [&](TileKey key) {
-    return field.store().find(key)->state == storage::TileState::stored;
-  };
-  const auto bytes = [&](std::span<const TileKey> keys) {
+class TileCachePredicted : public ::testing::Test {
+ protected:
+  TileCachePredicted() {
+    const auto scene = std::move(*make_analytic_scene("balls"));
+    BuildOptions options = lossless_options(4, 8, 2);
+    options.codec = "predictive:90";
+    field_ = build_and_open(*scene, folder_ / "predicted.slf", options);
+  }
+  [[nodiscard]] const FieldFile& field() const { return field_->file(); }
+  [[nodiscard]] bool stored(TileKey key) const {
+    return field().store().find(key)->state == storage::TileState::stored;
+  }
+  [[nodiscard]] std::vector<TileKey> stored_tiles(std::uint64_t from, std::size_t count) const {
+    std::vector<TileKey> keys;
+    for (; keys.size() < count; ++from)
+      if (stored({2, from})) keys.push_back({2, from});
+    return keys;
+  }
+  /// What tiles cost in a cache, with bookkeeping.
+  [[nodiscard]] std::uint64_t cost(std::span<const TileKey> keys) const {
     std::uint64_t sum = 0;
-    for (const TileKey key : keys)
-      sum += (stored(key) ? field.tile_shape(key).bytes() : 0) + 512;  // with bookkeeping
+    for (const TileKey key : keys) sum += (stored(key) ? field().tile_shape(key).bytes() : 0) + 512;
     return sum;
-  };
-  std::vector<TileKey> batch;
-  for (std::uint64_t k = tile_count(2, 0) / 3; batch.size() < 24; ++k)
-    if (stored({2, k})) batch.push_back({2, k});
-  const std::vector<TileKey> coarser = references(field, batch);
-  const std::vector<TileKey> coarsest = references(field, coarser);
+  }
+
+  const TemporaryFolder folder_;
+  std::optional<Field> field_;
+};
+
+TEST_F(TileCachePredicted, ABatchDecodesEachReferenceOnceIfEachLevelFitsWithTheNext) {
+  const std::vector<TileKey> batch = stored_tiles(tile_count(2, 0) / 3, 24);
+  const std::vector<TileKey> coarser = references(field(), batch);
+  const std::vector<TileKey> coarsest = references(field(), coarser);
   ASSERT_GT(coarser.size(), 10u);
   ASSERT_GT(coarsest.size(), 5u);
-  const std::uint64_t budget = bytes(coarser) + std::max(bytes(batch), bytes(coarsest));
-  TileCache cache(field, budget);
+  const std::uint64_t budget = cost(coarser) + std::max(cost(batch), cost(coarsest));
+  TileCache cache(field(), budget);
   ASSERT_TRUE(cache.load(batch));
   const auto count = [&](const std::vector<TileKey>& keys) {
-    return static_cast<std::uint64_t>(std::ranges::count_if(keys, stored));
+    return static_cast<std::uint64_t>(
+        std::ranges::count_if(keys, [&](TileKey key) { return stored(key); }));
   };
-  const std::uint64_t once = count(batch) + count(coarser) + count(coarsest);
-  EXPECT_EQ(cache.statistics().decodes, once);
+  EXPECT_EQ(cache.statistics().decodes, count(batch) + count(coarser) + count(coarsest));
   EXPECT_LE(cache.statistics().decoded_peak_bytes, budget);
+}
+
+TEST_F(TileCachePredicted, ThreadsExceedTheBudgetByWhatATileEachNeedsAtMost) {
+  constexpr unsigned kThreads = 3;
+  std::uint64_t most = 0;  // of a tile and all that must be pinned while it is decoded
+  std::vector<std::vector<TileKey>> batches;
+  for (unsigned k = 0; k < kThreads; ++k) {
+    batches.push_back(stored_tiles((2 * k + 1) * tile_count(2, 0) / 8, 24));
+    for (const TileKey& key : batches.back()) {
+      const std::vector<TileKey> coarser = references(field(), {&key, 1});
+      most = std::max(most, cost({&key, 1}) + cost(coarser) + cost(references(field(), coarser)));
+    }
+  }
+  const std::uint64_t budget = 2 * most;
+  TileCache cache(field(), budget);
+  std::vector<std::thread> threads;
+  for (const auto& batch : batches)
+    threads.emplace_back([&] {
+      for (int repetition = 0; repetition < 5; ++repetition)
+        for (std::size_t k = 0; k < batch.size(); k += 4)
+          EXPECT_TRUE(cache.load(std::span(batch).subspan(k, 4)));
+    });
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_LE(cache.statistics().decoded_peak_bytes, budget + kThreads * most);
 }
 
 }  // namespace
