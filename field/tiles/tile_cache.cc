@@ -33,7 +33,7 @@ struct TileCache::Tile : Link {
   bool in_place = false;     // the samples are in the map
   bool mapped = false;       // the payload is read through the map
   std::uint64_t cost = 0;    // bytes that it counts in the budget
-  std::uint32_t listed = 0;  // page.used when it was linked into idle_, or idle_ was sorted
+  std::uint32_t listed = 0;  // page.used when it was last linked into idle_
   std::uint32_t pins = 0;    // 0: linked into idle_
 };
 
