@@ -147,6 +147,12 @@ void widen_half_floats(Volume& volume);
 /// The path of a data file that a header names relative to its own folder.
 [[nodiscard]] std::string beside(const std::string& header, std::string_view name);
 
+/// Whether data files may have the number, from a header, as their own or as a step. Sums and
+/// differences of a few such numbers do not overflow.
+[[nodiscard]] constexpr bool is_file_number(std::int64_t number) {
+  constexpr std::int64_t kMost = 1 << 30;
+  return number >= -kMost && number <= kMost;
+}
 /// The paths of numbered data files beside a header: `pattern` has one %d, or with a width %03d,
 /// for the numbers from `first` to `last` in steps. bad_file: another pattern, or numbers that are
 /// no range.

@@ -184,7 +184,7 @@ Result<std::vector<std::string>> data_files(const std::string& path, const MetaH
     auto word = parts[i];
     if (list && (word.ends_with('D') || word.ends_with('d'))) word.remove_suffix(1);
     const auto value = parse_integer(word);
-    if (!value || std::abs(*value) > (1 << 30) || i > (list ? 1 : 3))
+    if (!value || !is_file_number(*value) || i > (list ? 1 : 3))
       return fail(ErrorCode::bad_file, path, ": 'ElementDataFile' is ", in_quotes(text),
                   ", expected a file, 'LIST', or a pattern with its first and last number");
     given.push_back(*value);

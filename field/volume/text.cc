@@ -140,10 +140,9 @@ Result<std::vector<std::string>> numbered_files(const std::string& header, std::
   if (!known || width > 20 || pattern.find('%', end) != std::string_view::npos)
     return fail(ErrorCode::bad_file, header, ": the data files ", in_quotes(pattern),
                 ", expected one %d for their numbers, as %03d");
-  constexpr std::int64_t kMaxNumber = 1 << 30, kMaxFiles = 1 << 20;
-  if (std::abs(first) > kMaxNumber || std::abs(last) > kMaxNumber || step == 0 ||
-      (step > 0) != (last >= first) || std::abs(step) > kMaxNumber ||
-      (last - first) / step >= kMaxFiles)
+  constexpr std::int64_t kMaxFiles = 1 << 20;
+  if (!is_file_number(first) || !is_file_number(last) || !is_file_number(step) || step == 0 ||
+      (step > 0) != (last >= first) || (last - first) / step >= kMaxFiles)
     return fail(ErrorCode::bad_file, header, ": data files numbered ", first, " to ", last,
                 " in steps of ", step, ", expected at most ", kMaxFiles);
   std::vector<std::string> files;

@@ -105,10 +105,14 @@ TEST_F(VolumeLists, SaysWhatIsWrong) {
   expect_error(nhdr("s/%d.raw 7 9 1\n"), bad, "8.raw: 5x4x3 voxels of i16 need 40 bytes");
   for (const auto* pattern : {"s/%s.raw 7 9 1\n", "s/%d%d.raw 7 9 1\n", "s/%999d.raw 7 9 1\n"})
     expect_error(nhdr(pattern), bad, "expected one %d for their numbers");
-  for (const auto* range : {"9 7 1", "7 9 0", "0 99999999 1", "7 99999999999999 1"})
+  for (const auto* range :
+       {"9 7 1", "7 9 0", "0 99999999 1", "7 99999999999999 1",
+        "-9223372036854775808 -9223372036854775808 1", "7 6 -9223372036854775808"})
     expect_error(nhdr("s/%d.raw " + std::string(range) + "\n"), bad, "data files numbered");
   expect_error(nhdr("s/%d.raw 7 9 x\n"), bad, "'PATTERN MIN MAX STEP'");
   expect_error(meta("LIST x\ns/7.raw\n"), bad, "'LIST'");
+  for (const auto* range : {"-9223372036854775808", "7 1073741825", "7 6 -9223372036854775808"})
+    expect_error(meta("s/%d.raw " + std::string(range) + "\n"), bad, "first and last number");
   expect_error(nhdr("s/%d.raw 7 9 1\n", "line skip: 1\n"), ErrorCode::unsupported, "'line skip'");
 }
 
