@@ -9,7 +9,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <cmath>
 #include <cstring>
 #include <optional>
 #include <type_traits>
@@ -19,6 +18,7 @@
 #include "base/file.h"
 #include "base/guarded.h"
 #include "base/try.h"
+#include "field/mesh/surface.h"
 
 namespace slf {
 namespace {
@@ -165,32 +165,6 @@ class Receiver {
   bool good_ = true, ended_ = false;
 };
 
-/// Whether the mesh keeps the promises of its type: the child may have been taken over.
-bool is_whole(const Mesh& mesh) {
-  const std::size_t count = mesh.positions.size();
-  const auto fits = [&](std::size_t size) { return size == 0 || size == count; };
-  if (!fits(mesh.normals.size()) || !fits(mesh.uvs.size()) || !fits(mesh.colors.size()))
-    return false;
-  if (!mesh.material_of.empty() && mesh.material_of.size() != mesh.triangles.size()) return false;
-  const auto all = [](const auto& list, const auto& good) {
-    return std::all_of(list.begin(), list.end(), good);
-  };
-  return all(mesh.positions,
-             [](const glm::vec3& p) {
-               return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
-             }) &&
-         all(mesh.triangles,
-             [&](const glm::uvec3& t) { return t.x < count && t.y < count && t.z < count; }) &&
-         all(mesh.material_of, [&](std::uint32_t m) { return m < mesh.materials.size(); }) &&
-         all(mesh.materials,
-             [&](const MeshMaterial& m) {
-               return !m.texture || *m.texture < mesh.textures.size();
-             }) &&
-         all(mesh.textures, [](const MeshTexture& t) {
-           return !t.texels.empty() && t.texels.size() == std::size_t{t.width} * t.height;
-         });
-}
-
 [[noreturn]] void be_child(int to, pid_t parent, std::uint64_t bytes, std::uint64_t seconds,
                            const std::function<Result<Mesh>()>& read) noexcept {
   // It ends with its parent.
@@ -220,7 +194,7 @@ std::optional<Result<Mesh>> receive(int from, const std::string& path) {
   Result<Mesh> result;
   if (kind == kMesh) {
     exchange(end, *result);
-    if (end.good() && !is_whole(*result)) end.fail();
+    if (end.good() && !check_mesh(*result)) end.fail();  // the child may have been taken over
   } else {
     int code = 0;
     std::string message;

@@ -43,10 +43,10 @@ glm::vec4 linear_texel(const glm::u8vec4& c) {
 
 /// Bilinear, premultiplied.
 glm::vec4 sample(const MeshTexture& texture, const MeshMaterial& material, const glm::vec2& uv) {
-  const auto place = [](float at, std::uint32_t size, bool repeat, std::int64_t(&k)[2]) {
-    const double x =
-        (repeat ? double{at} - std::floor(double{at}) : std::clamp(double{at}, 0.0, 1.0)) * size -
-        0.5;
+  const auto place = [](float coordinate, std::uint32_t size, bool repeat, std::int64_t(&k)[2]) {
+    // A mesh may have any coordinates, and the sum of large ones overflows.
+    const double at = std::isfinite(coordinate) ? coordinate : 0.0;
+    const double x = (repeat ? at - std::floor(at) : std::clamp(at, 0.0, 1.0)) * size - 0.5;
     const auto low = static_cast<std::int64_t>(std::floor(x));
     for (int side = 0; side < 2; ++side) {
       const std::int64_t n = size;
@@ -75,7 +75,9 @@ RTCRay make_ray(const glm::dvec3& from, const glm::dvec3& direction, double near
           ~0u, 0,   0};
 }
 
-Result<void> check(const Mesh& mesh) {
+}  // namespace
+
+Result<void> check_mesh(const Mesh& mesh) {
   const auto wrong = [&](const auto&... what) {
     return fail(ErrorCode::usage, mesh.source, ": mesh: ", what...);
   };
@@ -86,6 +88,10 @@ Result<void> check(const Mesh& mesh) {
   if (!fits(mesh.normals.size()) || !fits(mesh.uvs.size()) || !fits(mesh.colors.size()))
     return wrong(vertices, " positions, ", mesh.normals.size(), " normals, ", mesh.uvs.size(),
                  " uvs and ", mesh.colors.size(), " colors; expected as many, or none");
+  for (std::size_t k = 0; k < vertices; ++k)
+    for (int axis = 0; axis < 3; ++axis)
+      if (!std::isfinite(mesh.positions[k][axis]))
+        return fail(ErrorCode::bad_file, mesh.source, ": vertex ", k, " is not finite");
   for (std::size_t k = 0; k < mesh.triangles.size(); ++k)
     for (int c = 0; c < 3; ++c)
       if (mesh.triangles[k][c] >= vertices)
@@ -104,8 +110,6 @@ Result<void> check(const Mesh& mesh) {
                    t.texels.size());
   return {};
 }
-
-}  // namespace
 
 /// Embree asks these whether a hit in a material that is not opaque counts.
 struct MeshSurface::Filters {
@@ -134,7 +138,7 @@ struct MeshSurface::Filters {
 
 Result<std::unique_ptr<MeshSurface>> MeshSurface::make(Mesh mesh) {
   if (mesh.materials.empty()) mesh.materials.emplace_back();
-  SLF_TRY(check(mesh));
+  SLF_TRY(check_mesh(mesh));
   std::unique_ptr<MeshSurface> surface(new MeshSurface(std::move(mesh)));
   SLF_TRY(surface->place());
   surface->put_holes_last();
@@ -152,12 +156,6 @@ MeshSurface::~MeshSurface() {
 Result<void> MeshSurface::place() {
   glm::dvec3 low(std::numeric_limits<double>::infinity()), high = -low;
   std::vector<glm::vec3>& positions = mesh_.positions;
-  for (std::size_t k = 0; k < positions.size(); ++k) {
-    const glm::dvec3 p = positions[k];
-    for (int axis = 0; axis < 3; ++axis)
-      if (!std::isfinite(p[axis]))
-        return fail(ErrorCode::bad_file, mesh_.source, ": vertex ", k, " is not finite");
-  }
   for (const glm::uvec3& t : mesh_.triangles)
     for (int c = 0; c < 3; ++c) {
       low = glm::min(low, glm::dvec3(positions[t[c]]));

@@ -23,6 +23,10 @@ struct SurfacePoint {
   bool back = false;    ///< seen from the side from which its corners run clockwise
 };
 
+/// usage: the mesh has no triangles or more than 2^28, or an index or a size is out of range.
+/// bad_file: a vertex is not finite.
+[[nodiscard]] Result<void> check_mesh(const Mesh& mesh);
+
 /// Thread-safety: immutable. All positions are local: those of `mesh` after make(), in which
 /// everything is within about 1 of the origin, so that lengths suit single precision.
 class MeshSurface {

@@ -197,6 +197,37 @@ TEST(Mesh, CutsOutAndBlends) {
   EXPECT_NEAR(opacity_at_last_quarter({{"alphaMode", "BLEND"}}), 0.4, 0.01);
 }
 
+TEST(Mesh, TextureCoordinatesThatAreNotFiniteAreZero) {
+  const float kMost = std::numeric_limits<float>::max();
+  const auto colors = [&](float u, bool repeat) {
+    Mesh mesh;
+    add_floor(mesh, 0, 1);
+    mesh.uvs.assign(4, {u, u});
+    mesh.textures.resize(1);
+    mesh.textures[0].width = mesh.textures[0].height = 3;
+    for (int k = 0; k < 9; ++k)
+      mesh.textures[0].texels.emplace_back(std::uint8_t(20 * k), 0, 0, 255);
+    mesh.materials.resize(1);
+    mesh.materials[0].texture = 0;
+    mesh.materials[0].repeat_u = mesh.materials[0].repeat_v = repeat;
+    MeshOptions unlit;
+    unlit.shade = false;
+    const auto scene = scene_of(std::move(mesh), unlit);
+    std::vector<float> red;
+    for (double x = -0.9; x < 1; x += 0.3)
+      red.push_back(scene->trace({x, 0.4, 1}, {x, 0.4, -1}).rgba.r);
+    return red;
+  };
+  for (const bool repeat : {false, true}) {
+    const auto zero = colors(0, repeat);
+    EXPECT_EQ(colors(std::numeric_limits<float>::quiet_NaN(), repeat), zero);
+    EXPECT_EQ(colors(-std::numeric_limits<float>::infinity(), repeat), zero);
+    if (repeat) {
+      EXPECT_EQ(colors(kMost, repeat), zero);
+    }
+  }
+}
+
 constexpr const char* kPly =
     "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
     "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
