@@ -44,12 +44,13 @@ Result<PictureSet> read_model(const std::string& model_folder, const std::string
   std::set<std::string> named;
   for (const Picture& picture : set->pictures) named.insert(picture.file);
   std::size_t without = 0;
-  std::error_code ignored;
-  for (const auto& entry : fs::recursive_directory_iterator(pictures, ignored)) {
-    const std::string extension = lower_case(entry.path().extension().string());
+  std::error_code code;  // pictures in folders that cannot be read are not counted
+  auto it = fs::recursive_directory_iterator(pictures,
+                                             fs::directory_options::skip_permission_denied, code);
+  for (; !code && it != fs::recursive_directory_iterator(); it.increment(code)) {
+    const std::string extension = lower_case(it->path().extension().string());
     for (const char* picture : {".jpg", ".jpeg", ".png", ".tif", ".tiff"})
-      if (extension == picture)
-        without += named.count(entry.path().lexically_normal().string()) == 0;
+      if (extension == picture) without += named.count(it->path().lexically_normal().string()) == 0;
   }
   if (without > 0)
     set->notes.push_back(std::to_string(without) +

@@ -1,6 +1,8 @@
 // Cameras as other programs write them, and lenses.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -203,6 +205,30 @@ TEST(Colmap, TextAndBinaryModelsAreEqual) {
     ASSERT_EQ(set->points.size(), 1u);
     EXPECT_EQ(set->points[0], glm::dvec3(0.5, 0.25, 0));
   }
+}
+
+TEST_F(Pictures, FoldersThatMayNotBeEnteredDoNotMatter) {
+  const auto text = [](const Bytes& bytes) {
+    return std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  };
+  const auto model = text_model();
+  write("sparse/0/cameras.txt", text(model.cameras));
+  write("sparse/0/images.txt", text(model.images));
+  write("sparse/0/points3D.txt", text(model.points));
+  for (const auto* name : {"with space.png", "b.png", "closed/c.png", "other/d.png"})
+    write_picture(std::string("images/") + name, 40, 30);
+  const auto closed = path("images/closed");
+  std::filesystem::permissions(closed, std::filesystem::perms::none);
+  // For root no folder is closed: be nobody for this call.
+  const bool root = ::geteuid() == 0;
+  ASSERT_EQ(root ? ::chmod(folder_.path().c_str(), 0755) : 0, 0);
+  ASSERT_EQ(root ? ::seteuid(65534) : 0, 0);
+  const auto set = read_pictures(path("."));
+  ASSERT_EQ(root ? ::seteuid(0) : 0, 0);
+  std::filesystem::permissions(closed, std::filesystem::perms::owner_all);
+  ASSERT_TRUE(set) << set.error().message;
+  EXPECT_EQ(set->pictures.size(), 2u);
+  EXPECT_THAT(set->notes, ::testing::Contains(HasSubstr("1 pictures without a camera")));
 }
 
 TEST(Colmap, EveryTruncationIsAnError) {
