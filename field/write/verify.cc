@@ -55,14 +55,14 @@ class Verifier {
   }
 
   Result<void> check(const std::string& path) {
-    const auto store = storage::TileStore::open(path);
+    auto store = storage::TileStore::open(path);
     if (!store) {
       if (store.error().code != ErrorCode::bad_file) return tl::unexpected(store.error());
       add(FindingKind::structure, store.error().message);
       return {};
     }
     SLF_TRY(check_structure(*store));
-    const auto field = FieldFile::open(path);
+    const auto field = FieldFile::open(std::move(*store));
     if (!field) {
       if (field.error().code != ErrorCode::bad_file) return tl::unexpected(field.error());
       add(FindingKind::manifest, field.error().message);
