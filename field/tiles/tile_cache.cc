@@ -338,14 +338,15 @@ Result<TileCache::Pin> TileCache::load_one(const Located& located) {
   if (!tables_[located.key.level])
     return fail(ErrorCode::unsupported, field_.path(), ": level ", int{located.key.level},
                 ": its table of tiles needs more address space than there is");
-  std::unique_ptr<Tile>& place = tiles_[located.key];
-  if (!place) {
+  auto place = tiles_.find(located.key);
+  if (place == tiles_.end()) {
     const auto sections = sections_of(located.key, field_.shape().entry_extra_levels);
-    place = std::make_unique<Tile>();
-    place->key = located.key;
-    place->page = tables_[located.key.level].find(sections.entry.index, sections.exit.index);
+    auto made = std::make_unique<Tile>();
+    made->key = located.key;
+    made->page = tables_[located.key.level].find(sections.entry.index, sections.exit.index);
+    place = tiles_.emplace(located.key, std::move(made)).first;
   }
-  Tile& tile = *place;
+  Tile& tile = *place->second;
   pin_locked(tile);
   auto ok = load_once(scoped.lock(), tile, located.ref);
   if (ok) return Pin(this, &tile);
