@@ -24,7 +24,7 @@ using LaneValues = std::array<std::uint16_t, kLaneCount>;
 inline constexpr std::size_t kOwnTaps = 6;
 /// Taps in each channel restored earlier: the sample itself, and its W, N, NW, NE.
 inline constexpr std::size_t kCrossTaps = 5;
-inline constexpr std::size_t kMaxChannels = 4;
+inline constexpr std::size_t kMaxChannels = 3;
 inline constexpr std::size_t kMaxTaps = kOwnTaps + kCrossTaps * 2;
 
 /// The largest weight. It keeps a weighted sum of kMaxTaps bytes below 2^24, so a float is exact.

@@ -125,10 +125,6 @@ Result<void> FieldFile::decode(const storage::TileRef& tile, const ReferenceSour
 
 Result<void> FieldFile::unchanged() const {
   if (!store_.changed()) return {};
-  return changed();
-}
-
-tl::unexpected<Error> FieldFile::changed() const {
   return fail(ErrorCode::bad_file, path(), ": changed while it was open; open it again");
 }
 

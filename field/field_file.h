@@ -2,7 +2,7 @@
 #pragma once
 
 #include <array>
-#include <atomic>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -93,7 +93,6 @@ class FieldFile {
   void advise_together(std::span<const storage::TileRef> tiles) const;
   /// Whether all tiles of the part are there.
   [[nodiscard]] Result<bool> part_is_complete() const;
-  [[nodiscard]] tl::unexpected<Error> changed() const;
 
   storage::TileStore store_;
   Manifest manifest_;

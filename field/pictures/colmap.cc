@@ -1,7 +1,6 @@
 // COLMAP's sparse models, binary and text. Cameras look along +z with y down; a picture's rotation
 // and translation take the world to camera space. Newer versions add files of rigs and frames,
 // which repeat what the files of images say.
-#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -70,10 +69,9 @@ Lens make_lens(std::size_t model, std::uint64_t width, std::uint64_t height,
 /// Values one after another: numbers of fixed sizes, or words of lines.
 class Input {
  public:
-  Input(ByteSpan bytes, bool text) : bytes_(bytes), text_(text) {}
+  explicit Input(ByteSpan bytes) : bytes_(bytes) {}
 
   [[nodiscard]] bool ok() const { return ok_; }
-  [[nodiscard]] std::size_t at() const { return at_; }
   [[nodiscard]] std::size_t left() const { return bytes_.size() - at_; }
 
   template <std::unsigned_integral T>
@@ -120,7 +118,6 @@ class Input {
   }
 
   ByteSpan bytes_;
-  bool text_;
   std::size_t at_ = 0;
   bool ok_ = true;
 };
@@ -163,7 +160,7 @@ tl::unexpected<Error> unknown_model(const std::string& file, std::uint64_t id,
 Result<std::map<std::uint64_t, Lens>> read_lenses(const ColmapModel& model) {
   const std::string file = model.folder + (model.text ? "/cameras.txt" : "/cameras.bin");
   std::map<std::uint64_t, Lens> lenses;
-  Input in(model.cameras, model.text);
+  Input in(model.cameras);
   const auto truncated = [&] {
     return fail(ErrorCode::bad_file, file, ": ends within a camera, after ", lenses.size());
   };
@@ -221,7 +218,7 @@ bool set_place(const std::array<double, 7>& place, Picture& picture) {
 Result<void> read_images(const ColmapModel& model, const std::string& image_folder,
                          const std::map<std::uint64_t, Lens>& lenses, PictureSet& set) {
   const std::string file = model.folder + (model.text ? "/images.txt" : "/images.bin");
-  Input in(model.images, model.text);
+  Input in(model.images);
   const auto truncated = [&] {
     return fail(ErrorCode::bad_file, file, ": ends within an image, after ", set.pictures.size());
   };
@@ -281,7 +278,7 @@ std::vector<glm::dvec3> read_points(const ColmapModel& model) {
   const auto add = [&](const glm::dvec3& p) {
     if (std::abs(p.x) < 1e12 && std::abs(p.y) < 1e12 && std::abs(p.z) < 1e12) points.push_back(p);
   };
-  Input in(model.points, model.text);
+  Input in(model.points);
   if (model.text) {
     while (const auto line = in.line(false)) {
       Words words(*line);
