@@ -42,12 +42,13 @@ class Checker {
 
   template <class... Parts>
   void report(std::uint64_t page, const Parts&... parts) {
-    if (findings_.size() < limit_) findings_.push_back(pages_.damaged(page, parts...).value());
-    if (findings_.size() == limit_)
-      findings_.push_back({ErrorCode::bad_file, "too many findings; the rest are not listed"});
+    if (!gave_up()) report(pages_.damaged(page, parts...).value());
   }
   void report(Error error) {
-    if (findings_.size() < limit_) findings_.push_back(std::move(error));
+    if (gave_up()) return;
+    findings_.push_back(std::move(error));
+    if (findings_.size() == limit_)
+      findings_.push_back({ErrorCode::bad_file, "too many findings; the rest are not listed"});
   }
   [[nodiscard]] bool gave_up() const { return findings_.size() > limit_; }
 

@@ -8,6 +8,8 @@
 #include <csetjmp>
 #include <set>
 
+#include "storage/internal/snapshot.h"
+#include "storage/internal/structure.h"
 #include "tests/storage/storage_testing.h"
 
 namespace slf::storage::testing {
@@ -333,6 +335,28 @@ TEST(DamagedTree, SpottyDamageInALargerTreeIsReportedWithItsKeys) {
   }
   ::close(file);
   EXPECT_GT(harmful, 10u);
+}
+
+TEST(DamagedTree, TooManyFindingsAreSaidSo) {
+  TemporaryFolder folder;
+  const std::string path = folder / "a.slf";
+  TileWriter writer = create(path);
+  for (int i = 0; i < 400; ++i)
+    ASSERT_TRUE(ok(writer.set_blob(std::to_string(i), Bytes(5000, std::byte{5}))));
+  ASSERT_TRUE(ok(writer.close()));
+  Bytes bytes = read_file(path);
+  for (std::size_t page = 2 * 4096; page < bytes.size(); page += 4096)
+    if (load_le<std::uint16_t>(&bytes[page + 10]) == 4) bytes[page] ^= std::byte{1};
+  write_file(path, bytes);
+  const auto snapshot = internal::Snapshot::open(path);
+  ASSERT_TRUE(ok(snapshot));
+  for (const auto scope : {internal::CheckScope::trees, internal::CheckScope::everything}) {
+    std::vector<Error> findings(1);  // does not count
+    internal::check_pages((*snapshot)->pages(), scope, findings);
+    ASSERT_EQ(findings.size(), 302u);
+    EXPECT_THAT(findings[300].message, HasSubstr("page"));
+    EXPECT_THAT(findings.back().message, HasSubstr("too many findings"));
+  }
 }
 
 TEST(DamagedRecord, CanBeMarkedMissingAndFilledAgain) {
