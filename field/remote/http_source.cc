@@ -238,9 +238,11 @@ Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Sink& sink)
         waiting.push_back(transfer);
         continue;
       }
-      start(*transfer, connections);
+      result = start(*transfer, connections);
+      if (!result) break;
       running.push_back(transfer);
     }
+    if (!result) break;
     int active = 0;
     curl.multi_perform(connections.multi, &active);
     int left = 0;
@@ -270,7 +272,7 @@ Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Sink& sink)
   return result;
 }
 
-void HttpSource::start(Transfer& transfer, Connections& connections) {
+Result<void> HttpSource::start(Transfer& transfer, Connections& connections) {
   ++transfer.attempts;
   ++requests_;
   transfer.body.clear();
@@ -285,6 +287,7 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
     connections.free.pop_back();
     curl.easy_reset(easy);
   }
+  if (!easy) return fail(ErrorCode::failed, url_, ": libcurl has no memory for another transfer");
   transfer.easy = easy;
   const std::string range =
       std::to_string(transfer.range.begin) + "-" + std::to_string(transfer.range.end - 1);
@@ -346,6 +349,7 @@ void HttpSource::start(Transfer& transfer, Connections& connections) {
   curl.easy_setopt(easy, CURLOPT_HEADERFUNCTION, header);
   curl.easy_setopt(easy, CURLOPT_HEADERDATA, &transfer);
   curl.multi_add_handle(connections.multi, easy);
+  return {};
 }
 
 Result<bool> HttpSource::evaluate(Transfer& t, int code) {

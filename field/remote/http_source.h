@@ -36,7 +36,7 @@ class HttpSource final : public storage::RangeSource {
 
   HttpSource(std::string url, const RemoteOptions& options);
   [[nodiscard]] Result<void> run(std::vector<Transfer>& transfers, const Sink& sink);
-  void start(Transfer& transfer, Connections& connections);
+  [[nodiscard]] Result<void> start(Transfer& transfer, Connections& connections);
   /// Judges an answer: true if the transfer is complete, false if it must be repeated, or an error.
   [[nodiscard]] Result<bool> evaluate(Transfer& transfer, int code);
 

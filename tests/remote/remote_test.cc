@@ -7,7 +7,9 @@
 #include <fstream>
 #include <iterator>
 #include <memory>
+#include <utility>
 
+#include "field/remote/curl_library.h"
 #include "field/write/field_index.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
@@ -356,6 +358,17 @@ TEST(RemoteField, SaysThatNothingAnswers) {
   const auto remote = RemoteField::open("http://127.0.0.1:1/field.slf", kImpatient);
   ASSERT_FALSE(remote);
   EXPECT_EQ(remote.error().code, ErrorCode::io);
+}
+
+TEST(RemoteField, GivesUpWhereLibcurlHasNoMemory) {
+  ASSERT_TRUE(load_curl());
+  auto& library = const_cast<CurlLibrary&>(curl);
+  const auto init = std::exchange(library.easy_init, []() -> CURL* { return nullptr; });
+  const auto remote = RemoteField::open("http://127.0.0.1:9/a.slf", kImpatient);
+  library.easy_init = init;
+  ASSERT_FALSE(remote);
+  EXPECT_EQ(remote.error().code, ErrorCode::failed);
+  EXPECT_THAT(remote.error().message, HasSubstr("memory"));
 }
 
 TEST(RemoteField, LoadsLibcurlForAddressesOnly) {
