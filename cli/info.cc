@@ -173,29 +173,23 @@ nlohmann::json series_json(const SeriesList& list) {
   return json;
 }
 
-/// Text of a file for a line of a table.
-std::string printable(const std::string& text) {
-  std::string line;
-  for (const char c : text) line += static_cast<unsigned char>(c) < ' ' || c == '\x7f' ? '?' : c;
-  return line;
-}
-
 void print_series(const std::string& folder, const SeriesList& list) {
   print("{}: {} DICOM series, see --series\n", folder, list.series.size());
   std::vector<std::vector<std::string>> rows{
       {"series", "modality", "size", "type", "times", "description", "uid"}};
+  // As print() shows them, so that columns are as wide.
+  const auto cell = [](const std::string& text) { return printable(text, Lines::indented); };
   for (const VolumeSeries& s : list.series) {
     const std::string depth =
         s.problem.empty() ? fmt::format("x{}", s.dims[2]) : fmt::format(", {} slices", s.slices);
     rows.push_back(
-        {printable(s.id), printable(s.modality),
-         fmt::format("{}x{}{}", s.dims[0], s.dims[1], depth),
+        {cell(s.id), cell(s.modality), fmt::format("{}x{}{}", s.dims[0], s.dims[1], depth),
          s.components == 1 ? name(s.type) : fmt::format("{} x {}", s.components, name(s.type)),
-         fmt::format("{}", s.times), printable(s.description), printable(s.uid)});
+         fmt::format("{}", s.times), cell(s.description), cell(s.uid)});
   }
   print_table(rows);
   for (const VolumeSeries& s : list.series)
-    if (!s.problem.empty()) print("{}: {}\n", printable(s.id), s.problem);
+    if (!s.problem.empty()) print("{}: {}\n", s.id, s.problem);
   for (const std::string& remark : list.notes) print("note    {}\n", remark);
 }
 
