@@ -61,14 +61,15 @@ class ProgressBar {
       return;
     }
     const double rate = (done - static_cast<double>(progress.skipped)) / std::max(took, 1e-9);
-    const double share = total > 0 ? done / total : 1;
+    const double share = total > 0 ? std::min(done / total, 1.0) : 1;
     const auto filled = static_cast<std::size_t>(share * 30);
     const std::string bar =
         terminal_ ? fmt::format(" [{}{}]", std::string(filled, '#'), std::string(30 - filled, '.'))
                   : ":";
-    write(fmt::format("{}{} {:3.0f} %  {}{}/s  {} left", title_, bar, 100 * share,
-                      human_count(rate), unit_, human_time((total - done) / std::max(rate, 1e-9))),
-          terminal_ ? " " : "\n");
+    write(
+        fmt::format("{}{} {:3.0f} %  {}{}/s  {} left", title_, bar, 100 * share, human_count(rate),
+                    unit_, human_time(std::max(0.0, total - done) / std::max(rate, 1e-9))),
+        terminal_ ? " " : "\n");
   }
 
  private:
