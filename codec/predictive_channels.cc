@@ -73,7 +73,7 @@ void store(const TileShape& tile, const ChannelValues& values, std::span<std::by
 /// The columns next to one in a triangular picture; -1 where there is none.
 struct ColumnNeighbours {
   enum { W, N, NW, NE, WW, NN, E, S, kCount };
-  std::array<std::int16_t, kCount> at;
+  std::array<std::int32_t, kCount> at;
 };
 
 std::vector<ColumnNeighbours> find_neighbours(std::uint32_t side) {
@@ -85,7 +85,7 @@ std::vector<ColumnNeighbours> find_neighbours(std::uint32_t side) {
     for (int p = 0; p + q <= n; ++p) {
       const auto column = [&](int x, int y) {
         const bool there = x >= 0 && y >= 0 && x + y <= n;
-        return static_cast<std::int16_t>(there ? line[y] + x : -1);
+        return there ? line[y] + x : -1;
       };
       all.push_back(
           {{column(p - 1, q), column(p, q - 1), column(p - 1, q - 1), column(p + 1, q - 1),

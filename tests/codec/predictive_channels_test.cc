@@ -102,6 +102,37 @@ TEST(PredictiveChannels, LosslessIsExact) {
         }
 }
 
+// A side of 256 has more columns than 16 bits with a sign count.
+TEST(PredictiveChannels, TheLastOfManyColumnsHaveNeighbours) {
+  constexpr std::uint32_t kSide = 256;
+  constexpr SampleFormat kBytes = SampleFormat::rgba8_depth8;
+  const auto codec = make(kLosslessQuality, kBytes);
+  // Something is visible in the last lines only: in each another colour, or noise.
+  const auto size = [&](bool noise) {
+    Picture picture(kBytes, 1, kSide, 0, Content::zero);
+    Bytes& samples = picture.sample.samples;
+    Random random(1);
+    std::size_t column = 0;
+    for (std::uint32_t line = 0; line <= kSide; ++line) {
+      std::uint64_t color = random.next();
+      for (std::uint32_t p = 0; p + line <= kSide; ++p, ++column) {
+        if (column <= 32768) continue;
+        if (noise) color = random.next();
+        for (std::size_t c = 0; c < 3; ++c)
+          samples[4 * column + c] = static_cast<std::byte>(color >> (8 * c));
+        samples[4 * column + 3] = std::byte{255};
+        samples[picture.sample.tile.color_bytes() + column] = std::byte{99};
+      }
+    }
+    const Bytes payload = picture.encode(codec);
+    Bytes back;
+    EXPECT_TRUE(picture.decode(codec, payload, back));
+    EXPECT_EQ(back, samples);
+    return payload.size();
+  };
+  EXPECT_LT(3 * size(false), 2 * size(true));
+}
+
 TEST(PredictiveChannels, PayloadsNameTheChosenCandidates) {
   for (const auto format : kFormats) {
     Picture picture(format, 3, 5, 9);
