@@ -120,6 +120,8 @@ Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec, SampleForm
 
 bool is_predictive(std::string_view spec) { return split(spec, ':')[0] == "predictive"; }
 
+bool needs_training(std::string_view spec) { return split(spec, ':')[0] == "jpeg"; }
+
 Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat format,
                                           ByteSpan tables) {
   const std::vector<std::string_view> parts = split(spec, ':');
@@ -140,7 +142,7 @@ Result<std::unique_ptr<Codec>> train_codec(std::string_view spec, SampleFormat f
     const PredictiveSettings settings = SLF_TRY(predictive_settings(spec, format, parts));
     return std::make_unique<PredictiveCodec>(settings, predictive_tables(settings, finest));
   }
-  if (parts[0] != "jpeg") return make_codec(spec, format);
+  if (!needs_training(spec)) return make_codec(spec, format);
   const JpegOptions options = SLF_TRY(jpeg_options(spec, format, parts));
   return make_jpeg_codec(format, options, train_tables(format, options, sample));
 }

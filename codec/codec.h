@@ -90,6 +90,9 @@ class Codec {
 [[nodiscard]] Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat format,
                                                         ByteSpan tables = {});
 
+/// Whether train_codec() looks at its sample.
+[[nodiscard]] bool needs_training(std::string_view spec);
+
 /// One tile of a training set. Views the samples.
 struct TrainingTile {
   TileShape tile;

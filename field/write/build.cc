@@ -35,25 +35,27 @@ constexpr std::size_t kTrainingTries = 256;
 constexpr std::uint64_t kCommitsPerReader = 4;
 constexpr std::uint64_t kCoarserBytes = 32ull << 20;  // for decoded tiles that others need
 
-/// Traces a few tiles of the finest level, spread over it, that are not empty.
+/// Traces up to `wanted` tiles of the finest level, spread over it, that are not empty. Asks at
+/// least once whether to go on.
 Result<std::vector<TracedTile>> training_sample(const TileTracer& tracer, const FieldShape& shape,
-                                                const GoOn& go_on) {
+                                                std::size_t wanted, const GoOn& go_on) {
   std::vector<TracedTile> sample;
   const std::uint64_t count = tile_count(shape.levels, shape.entry_extra_levels);
-  for (std::uint64_t t = 0; t < kTrainingTries && sample.size() < codec::kTrainingTiles; ++t) {
+  for (std::uint64_t t = 0;; ++t) {
     if (!go_on()) return fail(ErrorCode::cancelled, "interrupted; nothing was written");
+    if (t == kTrainingTries || sample.size() == wanted) return sample;
     TracedTile tile;
     const TileKey key{static_cast<std::uint8_t>(shape.levels), mix(t) % count};
     SLF_TRY(tracer.trace(key, tile));
     if (!tile.empty) sample.push_back(std::move(tile));
   }
-  return sample;
 }
 
-/// The codec, with shared tables fitted to the scene.
+/// The codec, with shared tables fitted to the scene if it has any that depend on it.
 Result<CodecPointer> train_codec(const TileTracer& tracer, const Manifest& manifest,
                                  const GoOn& go_on) {
-  const auto sample = SLF_TRY(training_sample(tracer, manifest.shape, go_on));
+  const std::size_t wanted = codec::needs_training(manifest.codec) ? codec::kTrainingTiles : 0;
+  const auto sample = SLF_TRY(training_sample(tracer, manifest.shape, wanted, go_on));
   std::vector<codec::TrainingTile> tiles;
   tiles.reserve(sample.size());
   for (const TracedTile& tile : sample) tiles.push_back({tracer.shape(tile.key), tile.samples});

@@ -29,9 +29,12 @@ void append_colors(ByteSpan in, bool from_half, bool to_half, Bytes& out) {
   }
 }
 
-/// Fits shared tables to a few tiles spread over the finest level.
+/// Fits shared tables, if the codec has any that depend on tiles, to a few of the finest level,
+/// spread over it.
 Result<std::unique_ptr<codec::Codec>> train(TileCache& cache, const RepackPlan& plan,
                                             const std::string& codec) {
+  if (!codec::needs_training(codec))
+    return codec::train_codec(codec, plan.format, {}, plan.shape.levels);
   const FieldFile& field = cache.field();
   const TileOrder order(plan.shape);
   const std::uint64_t begin = order.first_number(plan.shape.levels);

@@ -70,6 +70,26 @@ TEST(Build, ProgressCountsTheRaysThatAreTraced) {
   EXPECT_NEAR(static_cast<double>(level_0), share * all, 0.15 * share * all);
 }
 
+TEST(Build, NoRaysAreTracedForTablesThatDoNotDependOnThem) {
+  TemporaryFolder folder;
+  const auto traced = [&](const std::string& codec) {
+    std::atomic<std::uint64_t> rays = 0;
+    const FunctionScene scene([&](const glm::dvec3&, const glm::dvec3&) {
+      ++rays;
+      return RaySample{glm::vec4(1), 0.5f};
+    });
+    auto options = lossless_options(2, 4, 1);
+    options.codec = codec;
+    options.depth = true;
+    EXPECT_TRUE(build_field(scene, folder / (codec + ".slf"), options));
+    return rays.load();
+  };
+  const std::uint64_t without = traced("raw");
+  EXPECT_EQ(traced("zstd:3"), without);
+  EXPECT_EQ(traced("predictive:80"), without);
+  EXPECT_GT(traced("jpeg:80"), without);
+}
+
 TEST(Build, SamplesAreTheScenesRays) {
   TemporaryFolder folder;
   const auto scene = balls();

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "field/field_file.h"
+#include "field/write/repack_plan.h"
 #include "slf/render.h"
 #include "slf/verify.h"
 #include "storage/tile_writer.h"
@@ -117,6 +118,19 @@ TEST_F(Repack, ItsSizeIsEstimatedWithinTheStatedError) {
     EXPECT_EQ(estimate->payload_error_bytes == 0, std::string(codec).empty());
     EXPECT_LT(estimate->payload_error_bytes, estimate->payload_bytes / 5);
   }
+}
+
+TEST_F(Repack, NoTileIsReadForTablesThatDoNotDependOnTiles) {
+  const auto decodes = [&](const std::string& codec) {
+    TileCache tiles(lossless_->file(), 16 << 20);
+    RepackOptions options;
+    options.codec = codec;
+    EXPECT_TRUE(plan_repack(tiles, options));
+    return tiles.statistics().decodes;
+  };
+  EXPECT_EQ(decodes("raw"), 0u);
+  EXPECT_EQ(decodes("predictive:80"), 0u);
+  EXPECT_GT(decodes("jpeg:80"), 0u);
 }
 
 TEST_F(Repack, LosslessCodecsKeepEverySample) {
