@@ -1,6 +1,7 @@
 #include "slf/raycaster.h"
 
 #include <cassert>
+#include <mutex>
 #include <optional>
 
 #include "base/try.h"
@@ -16,6 +17,7 @@ struct Raycaster::State {
   ToneMapper tone;
   bool mapped;                                      // whether samples are tone-mapped
   std::optional<LightVolumeOptions> pending_light;  // until the light volume is computed
+  std::mutex preparing{};                           // guards pending_light, and adopt()
 
   void adopt(LightGrid light, const Medium& medium) {
     scene->grid.light_volume = std::move(light);
@@ -51,14 +53,15 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   const bool lit = lighting.mode != Lighting::direct;
   if (lit && !light_volume.file.empty()) SLF_TRY(check_light_file(light_volume.file));
   auto scene = SLF_TRY(make_volume_scene(std::move(volume), transfer, options));
-  auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::make_unique<State>(
-      State{std::move(scene), ToneMapper(lighting.tone), lit && !lighting.linear,
-            lit ? std::optional(light_volume) : std::nullopt})));
+  auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::unique_ptr<State>(
+      new State{std::move(scene), ToneMapper(lighting.tone), lit && !lighting.linear,
+                lit ? std::optional(light_volume) : std::nullopt})));
   if (!light_volume.deferred) SLF_TRY(caster->prepare());
   return caster;
 }
 
 Result<void> Raycaster::prepare() const {
+  const std::lock_guard lock(state_->preparing);
   if (!state_->pending_light) return {};
   const Medium medium(state_->scene->grid);
   auto light = SLF_TRY(light_of(*state_->scene, medium, *state_->pending_light));
@@ -73,6 +76,7 @@ std::vector<std::byte> Raycaster::light() const {
 }
 
 bool Raycaster::set_light(std::span<const std::byte> light) const {
+  const std::lock_guard lock(state_->preparing);
   if (!state_->pending_light) return false;
   const VolumeScene& scene = *state_->scene;
   auto decoded =

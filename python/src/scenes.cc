@@ -160,13 +160,13 @@ VolumeHandle volume_of(const py::array& array, const Triple& origin,
     volume->axes[static_cast<int>(axis)] = vector_of(axes[static_cast<std::size_t>(axis)]);
   }
   volume->type = scalar_type(array.dtype());
+  Py_INCREF(array.ptr());
   volume->borrowed = std::shared_ptr<const std::byte>(static_cast<const std::byte*>(array.data()),
                                                       [held = array.ptr()](const std::byte*) {
                                                         if (!Py_IsInitialized()) return;
                                                         const py::gil_scoped_acquire acquire;
                                                         Py_DECREF(held);
                                                       });
-  Py_INCREF(array.ptr());
   volume->slope = slope;
   volume->intercept = intercept;
   volume->origin = vector_of(origin);
@@ -255,10 +255,8 @@ SceneHandle raycaster(const Volume& volume, const std::string& settings,
     }
     const auto function = transfer_for(volume, transfer, transfer_json, range);
     if (!function) return tl::unexpected(function.error());
-    const auto progress = [forward = handle.light_progress](const Progress& p) {
-      return !*forward || (*forward)(p);
-    };
-    return Raycaster::make(volume, *function, options, {threads, progress, light_file, true});
+    return Raycaster::make(volume, *function, options,
+                           {threads, LightProgress::report, light_file, true});
   });
   handle.scene = value_of(std::move(made), volume.source);
   return handle;

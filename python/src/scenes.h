@@ -10,6 +10,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 
 #include "calls.h"
 #include "slf/scene.h"
@@ -55,18 +56,34 @@ class RayScene final : public Scene {
   mutable std::optional<py::error_already_set> raised_;  ///< guarded by the GIL
 };
 
+/// While it lives, takes the progress of light that its thread computes. Scenes keep a callback
+/// longer than one call, and several threads may have calls of one scene in progress.
+class LightProgress {
+ public:
+  explicit LightProgress(ProgressCallback to) : before_(std::exchange(current, std::move(to))) {}
+  LightProgress(const LightProgress&) = delete;
+  LightProgress& operator=(const LightProgress&) = delete;
+  ~LightProgress() { current = std::move(before_); }
+
+  /// The callback for scenes.
+  static bool report(const Progress& progress) { return !current || current(progress); }
+
+ private:
+  static inline thread_local ProgressCallback current;
+  ProgressCallback before_;
+};
+
 struct SceneHandle {
   std::shared_ptr<const Scene> scene;
   const RayScene* rays = nullptr;  ///< the scene, if it is one
-  /// Where the progress of light goes while a call is in progress.
-  std::shared_ptr<ProgressCallback> light_progress = std::make_shared<ProgressCallback>();
 
   /// Runs f, which traces rays, as one long call. Throws what a function of rays raised.
   template <class F>
   auto trace(LongCall& call, F&& f) const {
-    *light_progress = call.progress();
-    auto result = call.without_gil(std::forward<F>(f));
-    *light_progress = {};
+    auto result = call.without_gil([&] {
+      const LightProgress light(call.progress());
+      return std::forward<F>(f)();
+    });
     if (rays) rays->rethrow();
     return result;
   }

@@ -15,6 +15,8 @@ import pytest
 
 import slf
 from conftest import SMALL, SMALL_ARGUMENTS, write_nifti
+from slf._field import camera_tuple
+from slf._source import scene_of
 
 META_TYPES = {"u1": "UCHAR", "i1": "CHAR", "u2": "USHORT", "i2": "SHORT", "u4": "UINT", "i4": "INT",
               "f4": "FLOAT", "f8": "DOUBLE"}
@@ -406,3 +408,25 @@ def test_hint_about_labels_is_logged(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, "slf"):
         slf.raycast(ids, size=(8, 8))
     assert "labels=True" in caplog.text
+
+
+def test_threads_may_share_a_scene(voxels):
+    """Its light is computed once, by one of them, which alone is told of it."""
+    with scene_of(voxels, light="global", light_samples=4) as scene:
+        rows = 16
+        camera = camera_tuple(scene.bounds, slf.orbit(10, 20, 3), (16, rows))
+        pictures, totals, other = {}, {1: set(), 2: set()}, []
+
+        def draw(name):
+            def report(done, total, skipped):
+                totals[name].add(total)
+                if not other:
+                    other.append(threading.Thread(target=draw, args=(2,)))
+                    other[0].start()
+                    other[0].join(0.2)
+            pictures[name] = scene.raycast(camera, 2, None, report)[0]
+
+        draw(1)
+        other[0].join()
+    assert totals[1] > {rows} and totals[2] == {rows}
+    assert np.array_equal(pictures[1], pictures[2]) and pictures[1].any()
