@@ -59,6 +59,13 @@ def check_dtype(dtype: Any) -> np.dtype:
     return np.dtype(dtype)
 
 
+def tone_for(tone: Optional[Tone], linear: bool, display: bool) -> Optional[Tone]:
+    """How colours are shown: as asked, else Tone() for linear radiance on a display."""
+    if tone is not None and not linear:
+        raise ValueError("tone: this field does not hold linear radiance")
+    return Tone() if tone is None and display and linear else tone
+
+
 class Field:
     """An open sphere light field: a snapshot of its file, read-only.
 
@@ -178,11 +185,6 @@ class Field:
             raise ValueError(f"level {level!r}: expected a number, 'finest' or 'matching'")
         return int(level)
 
-    def _tone(self, tone: Optional[Tone], display: bool) -> Optional[Tone]:
-        if tone is not None and not self.linear:
-            raise ValueError("tone: this field does not hold linear radiance")
-        return Tone() if tone is None and display and self.linear else tone
-
     @overload
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
                level: LevelName = ..., *, dtype: Any = ...,
@@ -218,7 +220,7 @@ class Field:
         display = check_dtype(dtype) == np.uint8 or background is not None
         colors, distance = self._field.render(camera_tuple(self.sphere, camera, size), mode,
                                               self._level(level), depth,
-                                              self._tone(tone, display))
+                                              tone_for(tone, self.linear, display))
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
 
@@ -227,7 +229,8 @@ class Field:
         """A small picture: uint8 [size, size, 4], over black. Reads coarse tiles only, and keeps none.
         """
         colors, _ = self._field.render(camera_tuple(self.sphere, orbit(), (size, size)), None,
-                                       self._level("matching"), False, self._tone(None, True),
+                                       self._level("matching"), False,
+                                       tone_for(None, self.linear, True),
                                        _THUMBNAIL_MEMORY)
         return finished_picture(colors, np.uint8, background)
 
@@ -350,9 +353,8 @@ class Player:
              tone: Optional[Tone] = None) -> np.ndarray:
         """The next frame, as Field.render(). Draws coarser levels where tiles are not loaded."""
         display = check_dtype(dtype) == np.uint8 or background is not None
-        if tone is None and display and self._linear:
-            tone = Tone()
-        colors, self.report = self._player.draw(camera_tuple(self._sphere, camera, size), tone)
+        colors, self.report = self._player.draw(camera_tuple(self._sphere, camera, size),
+                                                tone_for(tone, self._linear, display))
         return finished_picture(colors, dtype, background)
 
     def settle(self) -> None:

@@ -196,6 +196,8 @@ def test_player_draws_what_the_field_draws(balls):
         frame = player.draw(slf.orbit(azimuth, 20, 3), (64, 64))
         assert np.array_equal(frame, balls.render(slf.orbit(azimuth, 20, 3), (64, 64)))
         assert player.report.full_share == 1
+    with pytest.raises(ValueError, match="linear radiance"):
+        player.draw(slf.orbit(0, 20, 3), (64, 64), tone=slf.Tone())
     player = balls.player()
     balls.close()
     player.draw(slf.orbit(0, 0, 3), (64, 64))
