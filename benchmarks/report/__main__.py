@@ -37,7 +37,7 @@ def arguments():
         "report.json and report.md.",
     )
     parser.add_argument("out", nargs="?", default=ROOT / "out/report", type=Path, help="folder")
-    parser.add_argument("--quick", action="store_true", help="smaller: minutes, not an hour")
+    parser.add_argument("--quick", action="store_true", help="smaller: minutes, not hours")
     parser.add_argument("--only", default="", help="parts to run: " + ",".join(PARTS))
     parser.add_argument("--data", default=ROOT / "../shared/data", type=Path, help="volumes")
     parser.add_argument("--keep-fields", action="store_true", help="use them again next time")

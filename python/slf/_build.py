@@ -43,7 +43,7 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int
     color_type: "u8" or "half" (with light: linear radiance).
     center, radius: the sphere in world units; default: around what is visible.
     shard: (k, n), the k-th of n parts, from 1, for slf.merge().
-    shard_levels, coarser: as --shard-levels and --coarser of `slf build`.
+    shard_levels, coarser: as --only-levels and --coarser of `slf build`.
     threads: 0: all.  commit_every: seconds between commits, which a kill can lose.
     replace: replace another field at `out`, once this one is complete.
     progress: counts paths of light, then rays.
