@@ -96,7 +96,8 @@ bool near_matter(const RayGrid& grid, const LightGrid& light, const glm::ivec3& 
   const auto brick = [&](const glm::dvec3& p) {
     return glm::clamp(glm::ivec3(glm::floor(p / double{kBrick})), glm::ivec3(0), last);
   };
-  const glm::ivec3 from = brick(at - light.spacing), to = brick(at + light.spacing);
+  const double reach = (1 + kLookUpBeside) * light.spacing;
+  const glm::ivec3 from = brick(at - reach), to = brick(at + reach);
   for (int z = from.z; z <= to.z; ++z)
     for (int y = from.y; y <= to.y; ++y)
       for (int x = from.x; x <= to.x; ++x)

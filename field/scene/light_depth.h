@@ -21,7 +21,7 @@ inline constexpr float kHidden = 7;
 [[nodiscard]] std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& light,
                                                     const std::vector<float>& extinction);
 
-/// Whether anything within one spacing of a node can be visible.
+/// Whether anything whose light rays look up at a node can be visible.
 [[nodiscard]] bool near_matter(const RayGrid& grid, const LightGrid& light, const glm::ivec3& node);
 
 }  // namespace slf

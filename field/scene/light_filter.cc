@@ -34,26 +34,44 @@ auto filtered(const LightGrid& light, const std::vector<std::uint32_t>& index,
   return sum / total;
 }
 
-/// The light that rays interpolate at a node. They end at surfaces above it, so the deeper its own
-/// matter is hidden, the more it takes from neighbours that show more. Otherwise a surface that
-/// passes between the nodes shows them as rings, which this makes fainter.
+/// The light of a node and its neighbours, by what can be seen of each. Below an opaque surface,
+/// light falls off within less than a spacing. A surface that passes between nodes would show as
+/// rings, so each takes from those above and below it. To the side it takes almost nothing, for
+/// folds to stay sharp.
 glm::vec3 as_seen(const LightGrid& light, const std::vector<std::uint32_t>& index,
                   const std::vector<NodeLight>& nodes, const std::vector<glm::vec3>& values,
                   std::size_t number) {
+  constexpr float kAround = 0.01f;
   const NodeLight& center = nodes[index[number]];
+  const auto unit = [](const glm::vec3& n) { return n / std::max(glm::length(n), 1e-6f); };
+  const glm::vec3 normal = unit(center.normal);
   glm::vec4 sum(0);
   for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3 offset) {
     if (index[other] == kNoNode || !nodes[index[other]].lit) return;
     const NodeLight& node = nodes[index[other]];
-    const glm::vec3 turn = center.lit ? node.normal - center.normal : glm::vec3(0);
-    const float weight =
-        closeness(offset) * node.seen * std::exp(-node.depth - 2 * glm::dot(turn, turn));
-    sum += weight * glm::vec4(values[index[other]], 1);
+    float weight = closeness(offset);
+    if (center.lit && other != number) {
+      const glm::vec3 way(offset), aside = way - glm::dot(way, normal) * normal;
+      const float turn = 1 - glm::dot(normal, unit(node.normal));
+      weight = center.opacity * (kAround * weight + std::exp(-4 * (glm::dot(aside, aside) + turn)));
+    }
+    sum += weight * node.seen * glm::vec4(values[index[other]], 1);
   });
-  const glm::vec3 own = values[index[number]];
-  if (!(sum.w > 0)) return own;
-  const float hidden = center.lit ? std::pow(-std::expm1(-center.depth), 6.f) : 1;
-  return glm::mix(own, glm::vec3(sum) / sum.w, hidden);
+  return sum.w > 0 ? glm::vec3(sum) / sum.w : values[index[number]];
+}
+
+/// What rays that show the matter of a node find, given what all nodes have.
+glm::vec3 found_at(const LightGrid& light, const std::vector<std::uint32_t>& index,
+                   const std::vector<NodeLight>& nodes, const std::vector<glm::vec3>& values,
+                   std::size_t number) {
+  const std::uint8_t* weight = nodes[index[number]].look_ups.data();
+  glm::vec4 sum(0);
+  for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3 offset) {
+    if (index[other] != kNoNode)
+      sum +=
+          static_cast<float>(weight[neighbour_number(offset)]) * glm::vec4(values[index[other]], 1);
+  });
+  return sum.w > 0 ? glm::vec3(sum) / sum.w : values[index[number]];
 }
 
 }  // namespace
@@ -92,6 +110,14 @@ Result<void> filter_light(LightGrid& light, const std::vector<std::uint32_t>& in
       return glm::mat2x3(nodes[other].direct, nodes[other].unshadowed);
     });
     values[k] += nodes[k].unshadowed * mean[0] / glm::max(mean[1], glm::vec3(1e-30f));
+  }));
+  // A node's light is a mean, and rays interpolate between nodes: both blur. This step of Jacobi's
+  // method makes rays find the means.
+  SLF_TRY(for_nodes(
+      [&](std::uint64_t k) { next[k] = as_seen(light, index, nodes, values, numbers[k]); }));
+  SLF_TRY(for_lit([&](std::uint64_t k) {
+    const glm::vec3 error = values[k] - found_at(light, index, nodes, next, numbers[k]);
+    values[k] = glm::max(values[k] + error, glm::vec3(0));
   }));
   light.nodes.assign(light.size(), 0);
   return for_nodes([&](std::uint64_t k) {

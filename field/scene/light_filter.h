@@ -1,6 +1,7 @@
 // The filter of the light volume: noise out, edges and shadows kept. Private to field/scene.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <glm/glm.hpp>
@@ -21,9 +22,13 @@ struct NodeLight {
   glm::vec3 normal{0};      // mean, times the share of the surface
   float depth = 0;          // optical, below the visible surface
   float seen = 0;           // extinction of what is visible from outside, mean around the node
+  float opacity = 0;        // of the visible matter, across one spacing
   bool lit = false;         // there is matter
+  // How much each node around this one, x fastest, counts where rays look up the light of the
+  // matter that this one stands for.
+  std::array<std::uint8_t, 27> look_ups{};
 };
-static_assert(sizeof(NodeLight) == 60);
+static_assert(sizeof(NodeLight) == 88);
 
 inline constexpr std::uint32_t kNoNode = std::numeric_limits<std::uint32_t>::max();
 

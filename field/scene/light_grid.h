@@ -27,6 +27,11 @@ struct LightGrid {
   }
 };
 
+/// Rays look up the light of matter beside it, on the side of its normal, at most this share of the
+/// spacing away: the more opaque a voxel of it is, the further. There, in front of a wall, are the
+/// nodes that stand for this side of it.
+inline constexpr float kLookUpBeside = 0.5f;
+
 /// The place of a node by its number, its index in `nodes`.
 [[nodiscard]] inline glm::ivec3 node_at(const LightGrid& light, std::size_t number) {
   const auto nx = static_cast<std::size_t>(light.dims[0]),
@@ -47,6 +52,11 @@ void for_each_neighbour(const LightGrid& light, std::size_t number, const F& f) 
           continue;
         f((static_cast<std::size_t>(to.z) * dims.y + to.y) * dims.x + to.x, offset);
       }
+}
+
+/// The number of a neighbour among the 27, x fastest; 13 is the node itself.
+[[nodiscard]] inline std::size_t neighbour_number(const glm::ivec3& offset) {
+  return static_cast<std::size_t>(13 + offset.x + 3 * offset.y + 9 * offset.z);
 }
 
 /// Trilinear interpolation of one value per node at a position in nodes, clamped to the grid.

@@ -23,7 +23,7 @@ constexpr double kReach = 0.5;  // how far from it, in spacings
 constexpr int kMarched = 4;     // of these, towards each light
 /// Bytes per node that computing takes: its depth, index and result, and, at most for half of the
 /// nodes, those near a surface, its number, a NodeLight and twice a colour.
-constexpr std::uint64_t kBytesPerNode = 4 + 4 + 4 + (8 + 60 + 24) / 2;
+constexpr std::uint64_t kBytesPerNode = 4 + 4 + 4 + (8 + sizeof(NodeLight) + 24) / 2;
 
 /// REQUIRES: 0 <= v < 2^31.
 double fraction(double v) { return v - static_cast<int>(v); }
@@ -78,14 +78,17 @@ class LightSolver {
     node.lit = true;
     node.seen = static_cast<float>(points.total / tries);
     node.indirect = indirect_light(points, pass, random);
-    if (!pass.estimate) add_direct(points, random, node);
+    if (!pass.estimate) {
+      find_look_ups(number, points, node);
+      add_direct(points, random, node);
+    }
     return node;
   }
 
  private:
   struct Points {
     int count = 0;
-    std::array<glm::dvec3, kPoints> at;  // voxel indices
+    std::array<Matter, kPoints> matter;
     std::array<double, kPoints> weight{}, depth{};
     double total = 0;   // of the weights
     double effort = 0;  // share of all paths that the node deserves
@@ -99,6 +102,7 @@ class LightSolver {
     const RayGrid& grid = medium_.grid();
     const glm::dvec3 box = (grid.visible_high - grid.visible_low) / light_.spacing;
     std::array<glm::dvec3, kPoints> at;
+    std::array<Matter, kPoints> matter;
     std::array<double, kPoints> depth{}, weight{};
     double min_depth = kHidden, total = 0;
     for (int k = 0; k < tries; ++k) {
@@ -108,10 +112,10 @@ class LightSolver {
         // There is no matter beyond the box. Where it cuts matter, the face is what is visible.
         at[k][d] = std::clamp(node[d] + kReach * tent, 0.0, box[d]);
       }
-      const double extinction = medium_.extinction(light_.low + light_.spacing * at[k]);
-      if (!(extinction > 0)) continue;
-      depth[k] = interpolate(light_, depth_, at[k]);
-      weight[k] = extinction * std::exp(-depth[k]);
+      matter[k] = medium_.matter(light_.low + light_.spacing * at[k]);
+      if (!(matter[k].extinction > 0)) continue;
+      depth[k] = depth_of(matter[k]);
+      weight[k] = matter[k].extinction * std::exp(-depth[k]);
       total += weight[k];
       min_depth = std::min(min_depth, depth[k]);
     }
@@ -126,13 +130,62 @@ class LightSolver {
     for (const int k : std::span(order).first(static_cast<std::size_t>(tries))) {
       if (!(weight[k] > 0) || (weight[k] < min_weight && random() * min_weight >= weight[k]))
         continue;
-      points.at[points.count] = light_.low + light_.spacing * at[k];
+      points.matter[points.count] = matter[k];
       points.depth[points.count] = depth[k];
       points.weight[points.count] = std::max(weight[k], min_weight);
       points.total += points.weight[points.count];
       ++points.count;
     }
     return points;
+  }
+
+  /// The optical depth of matter below what can be seen. Nodes are too far apart to tell it of
+  /// surfaces, so there it is measured, along the normal. Faces of the box show what they cut.
+  [[nodiscard]] double depth_of(const Matter& matter) const {
+    const double known = interpolate(light_, depth_, node_of(matter.at));
+    if (!(matter.surface > 0)) return known;
+    const double length = light_.spacing * medium_.smallest_spacing();
+    const glm::dvec3 along = medium_.per_world(matter.normal);
+    const double measured = medium_.optical_depth(matter.at, along, length, 0.5) +
+                            interpolate(light_, depth_, node_of(matter.at + length * along));
+    const RayGrid& grid = medium_.grid();
+    const glm::dvec3 to_face =
+        glm::min(matter.at - grid.visible_low, grid.visible_high - matter.at);
+    const double below_face = matter.extinction * medium_.smallest_spacing() *
+                              std::min({to_face.x, to_face.y, to_face.z});
+    return std::min(below_face,
+                    glm::mix(std::min(known, measured), measured, double{matter.surface}));
+  }
+
+  [[nodiscard]] glm::dvec3 node_of(const glm::dvec3& at) const {
+    return (at - light_.low) / light_.spacing;
+  }
+
+  /// The place, in nodes, where rays look up the light of matter.
+  [[nodiscard]] glm::dvec3 look_up_place(const Matter& matter) const {
+    const glm::dvec3 normal = medium_.per_world(matter.normal);
+    const double length = std::max(glm::length(normal), 1e-30);
+    const double opacity = -std::expm1(-matter.extinction * medium_.smallest_spacing());
+    return node_of(matter.at) + kLookUpBeside * opacity / length * normal;
+  }
+
+  /// Sets where rays look up the light of the matter that a node stands for.
+  void find_look_ups(std::size_t number, const Points& points, NodeLight& node) const {
+    const glm::dvec3 center(node_at(light_, number));
+    std::array<double, 27> weights{};
+    for (int k = 0; k < points.count; ++k) {
+      const glm::dvec3 place = look_up_place(points.matter[k]) - center;
+      const glm::ivec3 first = glm::clamp(glm::ivec3(glm::floor(place)), -1, 0);
+      const glm::dvec3 within = glm::clamp(place - glm::dvec3(first), 0.0, 1.0);
+      for (int corner = 0; corner < 8; ++corner) {
+        const glm::ivec3 step(corner & 1, corner >> 1 & 1, corner >> 2);
+        const glm::dvec3 share = glm::mix(1.0 - within, within, glm::dvec3(step));
+        weights[neighbour_number(first + step)] += points.weight[k] * share.x * share.y * share.z;
+      }
+    }
+    const double most = *std::max_element(weights.begin(), weights.end());
+    for (int n = 0; n < 27; ++n)
+      node.look_ups[n] = static_cast<std::uint8_t>(std::lround(255 * weights[n] / most));
   }
 
   /// Rays multiply a node's light by the colour of their sample; this turns that into the albedo.
@@ -142,21 +195,22 @@ class LightSolver {
 
   /// Adds what the filter compares, and the light that comes straight from the lights.
   void add_direct(const Points& points, Random& random, NodeLight& node) const {
-    std::array<Matter, kPoints> matter;
+    const double across = light_.spacing * medium_.smallest_spacing();
     for (int k = 0; k < points.count; ++k) {
-      matter[k] = medium_.matter(points.at[k]);
+      const Matter& matter = points.matter[k];
       const auto share = static_cast<float>(points.weight[k] / points.total);
-      node.normal += share * matter[k].surface * glm::vec3(matter[k].normal);
+      node.normal += share * matter.surface * glm::vec3(matter.normal);
+      node.opacity -= share * static_cast<float>(std::expm1(-matter.extinction * across));
       node.depth += share * static_cast<float>(points.depth[k]);
     }
     for (std::size_t l = 0; l < illumination_.lights.size(); ++l)
-      add_light(points, matter, l, random, node);
+      add_light(points, l, random, node);
   }
 
   /// The light that one light sends to the points: at all of them without shadows, times the mean
   /// transmittance to a few, chosen in proportion to their light.
-  void add_light(const Points& points, const std::array<Matter, kPoints>& matter, std::size_t light,
-                 Random& random, NodeLight& node) const {
+  void add_light(const Points& points, std::size_t light, Random& random, NodeLight& node) const {
+    const auto& matter = points.matter;
     std::array<IncidentLight, kPoints> arrivals;
     std::array<glm::vec3, kPoints> bright;
     double total = 0;
@@ -198,7 +252,7 @@ class LightSolver {
       while (passed < (i + first) / paths * points.total && k + 1 < points.count)
         passed += points.weight[++k];
       const auto at = static_cast<std::uint64_t>(i);
-      const Matter matter = medium_.matter(points.at[k]);
+      const Matter& matter = points.matter[k];
       sum +=
           tint(matter) * trace_path(matter,
                                     {fraction(r3(at, 0) + shift[0]), fraction(r3(at, 1) + shift[1]),
@@ -232,10 +286,10 @@ class LightSolver {
       if (bounce >= pass.bounces) return sum;
       traveled += *t;
       const glm::dvec3 at = matter.start + *t * along;
-      if (pass.estimate && traveled > far_)
-        if (const auto known = look_up(*pass.estimate, (at - light_.low) / light_.spacing))
-          return sum + throughput * medium_.color(at) * *known;
       matter = medium_.matter(at);
+      if (pass.estimate && traveled > far_)
+        if (const auto known = look_up(*pass.estimate, look_up_place(matter)))
+          return sum + throughput * matter.color * *known;
       throughput *= matter.albedo;
       // Russian roulette, once less than half of the light is left.
       const double survival =

@@ -21,7 +21,7 @@ namespace slf {
 ///
 /// A node stands for the matter around it: up to 32 points within half a spacing, weighted by their
 /// extinction and by how much of them can be seen from outside. Points that weigh little are
-/// thinned out at random. Nodes without matter get the mean of their neighbours.
+/// thinned out at random.
 ///
 /// The light is that which is scattered towards the eye, divided by Medium::ray_colors().
 ///
@@ -40,6 +40,10 @@ namespace slf {
 /// Filter: a joint bilateral one over 3×3×3 nodes, twice for scattered light. It averages along
 /// surfaces, not through them, because neighbours count less the more their normal and their depth
 /// below the surface differ.
+///
+/// Surfaces: nodes take from those above and below them what shows more of the surface. Then they
+/// are changed so that rays, which look up light beside the matter (kLookUpBeside), find the means
+/// over the points, as in least-squares vertex baking (Kavan, Bargteil, Sloan 2011).
 ///
 /// Deep nodes, which views hardly show, get fewer paths and marches: in proportion to exp(-d/2) at
 /// an optical depth d. Matter deeper than 7 is left dark.

@@ -307,9 +307,9 @@ HWY_INLINE void add_sample(const RayGrid& grid, const RayBatch& batch, std::size
   else
     samples.row[s] =
         grid.rows.empty() ? 0 : grid.rows[nearest] * static_cast<std::int32_t>(grid.table.entries);
-  const bool shaded = grid.shade && grid.light_volume.nodes.empty();
+  const bool lit = !grid.light_volume.nodes.empty(), shaded = grid.shade && !lit;
   const Neighbourhood<T> voxels = neighbourhood(grid, cell[0], cell[1], cell[2], border);
-  for (int r = 0; r < (shaded ? 12 : kLabels ? 0 : 4); ++r)
+  for (int r = 0; r < (shaded ? 12 : kLabels && !lit ? 0 : 4); ++r)
     samples.rows[r][s] = take_row<T, kLabels>(grid, voxels.at(kRowY[r], kRowZ[r]));
 }
 
@@ -340,7 +340,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
         add_sample<T, S, kLabels>(grid, batch, i, border, samples);
     find_opacity<S, kLabels>(grid, samples);
     if (lit)
-      find_light(grid.light_volume, samples);
+      find_light(grid, samples);
     else if (grid.shade)
       shade(grid, samples);
     // Composite front to back.

@@ -286,18 +286,57 @@ HWY_INLINE Light look_up(const LightGrid& grid, const Floats (&at)[3]) {
   return light;
 }
 
+/// The normal of the volume within a cell, of unit length in voxels; 0 where it is constant or
+/// values are too large. `to_normal` turns a gradient into a normal, both in voxel indices.
+template <class S>
+HWY_INLINE void find_normal(const Samples<S>& samples, std::size_t i, const Floats (&p)[3],
+                            const glm::mat3& to_normal, Floats (&normal)[3]) {
+  Floats step[4], at[4];
+  for (int r = 0; r < 4; ++r) {
+    const Columns c = load_columns(samples.rows[r] + i);
+    step[r] = c.x2 - c.x1;
+    at[r] = hn::MulAdd(p[0], step[r], c.x1);
+  }
+  const Floats gradient[3] = {
+      lerp(lerp(step[0], step[1], p[1]), lerp(step[2], step[3], p[1]), p[2]),
+      lerp(at[1] - at[0], at[3] - at[2], p[2]), lerp(at[2] - at[0], at[3] - at[1], p[1])};
+  Floats length2 = hn::Set(kFloats, 1e-30f);
+  for (int axis = 0; axis < 3; ++axis) {
+    normal[axis] = hn::Zero(kFloats);
+    for (int k = 0; k < 3; ++k)
+      normal[axis] = hn::MulAdd(hn::Set(kFloats, to_normal[k][axis]), gradient[k], normal[axis]);
+    length2 = hn::MulAdd(normal[axis], normal[axis], length2);
+  }
+  const auto finite = hn::IsFinite(length2);
+  const Floats inverse = hn::Set(kFloats, 1.f) / hn::Sqrt(length2);
+  for (Floats& n : normal) n = hn::IfThenElseZero(finite, n * inverse);
+}
+
 /// Finds the light at each sample, from the light volume.
 template <class S>
-HWY_INLINE void find_light(const LightGrid& grid, Samples<S>& samples) {
-  const Floats inverse_spacing = hn::Set(kFloats, static_cast<float>(1 / grid.spacing));
+HWY_INLINE void find_light(const RayGrid& grid, Samples<S>& samples) {
+  const LightGrid& light = grid.light_volume;
+  const auto spacing = static_cast<float>(light.spacing);
+  const auto& m = grid.gradient_to_world;
+  const glm::mat3 to_normal = -grid.inverse_gradient_floor * glm::mat3(grid.world_to_index) *
+                              glm::mat3(glm::vec3(m[0]), glm::vec3(m[1]), glm::vec3(m[2]));
   for (std::size_t i = 0; i < samples.size; i += kLanes) {
-    Floats at[3];
+    Floats at[3], normal[3], length2 = hn::Set(kFloats, 1e-12f);
     find_position(samples, hn::Load(kFloats, samples.center + i), i, at);
-    for (int axis = 0; axis < 3; ++axis)
-      at[axis] = (at[axis] + hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i)) -
-                  hn::Set(kFloats, static_cast<float>(grid.low[axis]))) *
-                 inverse_spacing;
-    const Light found = look_up(grid, at);
+    find_normal(samples, i, at, to_normal, normal);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Floats across = hn::Load(kFloats, samples.across[axis] + i);
+      length2 = hn::MulAdd(across, across, length2);
+    }
+    const Floats opacity =
+        hn::Min(hn::Load(kFloats, samples.opacity + i) / hn::Sqrt(length2), hn::Set(kFloats, 1.f));
+    const Floats beside = hn::Set(kFloats, kLookUpBeside * spacing) * opacity;
+    for (int axis = 0; axis < 3; ++axis) {
+      const Floats cell = hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i)) -
+                          hn::Set(kFloats, static_cast<float>(light.low[axis]));
+      at[axis] = hn::MulAdd(beside, normal[axis], at[axis] + cell) * hn::Set(kFloats, 1 / spacing);
+    }
+    const Light found = look_up(light, at);
     for (int c = 0; c < 3; ++c) hn::Store(found.rgb[c], kFloats, samples.light[c] + i);
   }
 }
