@@ -172,8 +172,7 @@ Result<ByteSpan> FieldFile::light() const {
 }
 
 Result<Field> Field::open(const std::string& path) {
-  auto file = SLF_TRY(FieldFile::open(path));
-  return Field(std::move(file));
+  return FieldFile::open(path).map([](auto file) { return Field(std::move(file)); });
 }
 
 const std::string& Field::path() const { return file_->path(); }

@@ -229,7 +229,7 @@ Result<Mesh> read_isolated(const std::string& path, std::uint64_t bytes, std::ui
     ::close(ends[0]);
     return fail(ErrorCode::failed, path, ": no process to read it: ", std::strerror(error));
   }
-  const auto received =
+  auto received =
       guarded([&]() -> Result<std::optional<Result<Mesh>>> { return receive(ends[0], path); });
   ::close(ends[0]);  // so that a child that still sends ends
   int status = 0;

@@ -321,7 +321,7 @@ Result<ColmapModel> read_colmap(const std::string& folder) {
   for (const auto& [name, bytes] : {std::pair{"/cameras", &model.cameras},
                                     {"/images", &model.images},
                                     {"/points3D", &model.points}}) {
-    const std::string file = folder + name + extension;
+    const std::string file = std::string(folder).append(name).append(extension);
     std::error_code ignored;
     if (bytes == &model.points && !fs::exists(file, ignored)) continue;
     auto read = SLF_TRY(read_file(file, kMaxFileBytes));

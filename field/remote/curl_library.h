@@ -19,6 +19,7 @@ namespace slf {
 
 /// The functions of libcurl, without "curl_".
 struct CurlLibrary {
+// NOLINTNEXTLINE(bugprone-macro-parentheses): a name
 #define SLF_CURL_MEMBER(name) decltype(&curl_##name) name;
   SLF_CURL_FUNCTIONS(SLF_CURL_MEMBER)
 #undef SLF_CURL_MEMBER

@@ -56,7 +56,8 @@ void for_each_neighbour(const LightGrid& light, std::size_t number, const F& f) 
 
 /// The number of a neighbour among the 27, x fastest; 13 is the node itself.
 [[nodiscard]] inline std::size_t neighbour_number(const glm::ivec3& offset) {
-  return static_cast<std::size_t>(13 + offset.x + 3 * offset.y + 9 * offset.z);
+  const int number = 13 + offset.x + 3 * offset.y + 9 * offset.z;
+  return static_cast<std::size_t>(number);
 }
 
 /// Trilinear interpolation of one value per node at a position in nodes, clamped to the grid.

@@ -222,8 +222,8 @@ void project(const RayGrid& grid, const Samples<S>& samples, std::size_t s, RayB
   const std::size_t i = samples.ray[s];
   for (int k = 0; k <= kPieces; ++k) {
     const float value = samples.value[k][s];
-    const auto entry = samples.row[s] + static_cast<std::int32_t>(value + 0.5f);
-    if (!(grid.table.extinctions[static_cast<std::size_t>(entry)] > 0)) continue;
+    const auto entry = static_cast<std::size_t>(samples.row[s] + std::lround(value));
+    if (!(grid.table.extinctions[entry] > 0)) continue;
     const float t = batch.from[i] + samples.length[s] * static_cast<float>(k) / kPieces;
     if (grid.projection == Projection::mean) {
       // The trapezoidal rule.
@@ -247,8 +247,8 @@ void project(const RayGrid& grid, const Samples<S>& samples, std::size_t s, RayB
 /// Ends the projection of ray i: it shows the colour of the value.
 void finish_projection(const RayGrid& grid, RayBatch& batch, std::size_t i, RaySample& sample) {
   if (!(batch.seen[i] > 0)) return;
-  const auto entry = static_cast<std::size_t>(
-      batch.row[i] + static_cast<std::int32_t>(batch.value[i] / batch.seen[i] + 0.5f));
+  const auto entry =
+      static_cast<std::size_t>(batch.row[i] + std::lround(batch.value[i] / batch.seen[i]));
   const auto opacity = static_cast<float>(opacity_of(grid.table, grid.table.extinctions[entry]));
   for (int c = 0; c < 3; ++c) sample.rgba[c] = opacity * grid.table.colors[entry][c];
   batch.depth[i] *= opacity / batch.seen[i];

@@ -85,7 +85,7 @@ enum Tag : DicomTag {
 
 /// Text as UTF-8. Characters of sets other than Latin-1 and UTF-8 become '?'.
 std::string utf8_of(const DicomLookup& values, DicomTag tag, const std::string& character_set) {
-  const std::string text = values.text(tag);
+  std::string text = values.text(tag);
   if (character_set == "ISO_IR 192") return text;
   const bool latin_1 = character_set.empty() || character_set == "ISO_IR 100";
   std::string result;

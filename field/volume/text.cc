@@ -170,13 +170,12 @@ std::string partner_of(const std::string& path, std::string_view ending) {
   std::string other(ending);
   if (own != lower(own))
     for (char& c : other) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
-  const std::string plain = fs::path(unpacked).replace_extension(other);
+  std::string plain = fs::path(unpacked).replace_extension(other);
   std::error_code code;
-  if (const std::string alike = plain + path.substr(unpacked.size()); fs::exists(alike, code))
+  if (std::string alike = plain + path.substr(unpacked.size()); fs::exists(alike, code))
     return alike;
   for (const std::string_view packing : kPackedEndings)
-    if (const std::string packed = plain + std::string(packing); fs::exists(packed, code))
-      return packed;
+    if (std::string packed = plain + std::string(packing); fs::exists(packed, code)) return packed;
   return plain;
 }
 
