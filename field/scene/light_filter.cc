@@ -37,10 +37,10 @@ auto filtered(const LightGrid& light, const std::vector<std::uint32_t>& index,
 /// The light of a node and its neighbours, by what can be seen of each. Below an opaque surface,
 /// light falls off within less than a spacing. A surface that passes between nodes would show as
 /// rings, so each takes from those above and below it. To the side it takes almost nothing, for
-/// folds to stay sharp.
+/// folds to stay sharp. `axes` turns offsets in nodes into world directions.
 glm::vec3 as_seen(const LightGrid& light, const std::vector<std::uint32_t>& index,
                   const std::vector<NodeLight>& nodes, const std::vector<glm::vec3>& values,
-                  std::size_t number) {
+                  std::size_t number, const glm::mat3& axes) {
   constexpr float kAround = 0.01f;
   const NodeLight& center = nodes[index[number]];
   const auto unit = [](const glm::vec3& n) { return n / std::max(glm::length(n), 1e-6f); };
@@ -51,7 +51,8 @@ glm::vec3 as_seen(const LightGrid& light, const std::vector<std::uint32_t>& inde
     const NodeLight& node = nodes[index[other]];
     float weight = closeness(offset);
     if (center.lit && other != number) {
-      const glm::vec3 way(offset), aside = way - glm::dot(way, normal) * normal;
+      const glm::vec3 way = axes * glm::vec3(offset);
+      const glm::vec3 aside = way - glm::dot(way, normal) * normal;
       const float turn = 1 - glm::dot(normal, unit(node.normal));
       weight = center.opacity * (kAround * weight + std::exp(-4 * (glm::dot(aside, aside) + turn)));
     }
@@ -76,10 +77,12 @@ glm::vec3 found_at(const LightGrid& light, const std::vector<std::uint32_t>& ind
 
 }  // namespace
 
-Result<void> filter_light(LightGrid& light, const std::vector<std::uint32_t>& index,
+Result<void> filter_light(const Medium& medium, LightGrid& light,
+                          const std::vector<std::uint32_t>& index,
                           const std::vector<std::size_t>& numbers,
                           const std::vector<NodeLight>& nodes, unsigned threads,
                           Reporter& progress) {
+  const glm::mat3 axes(glm::inverse(medium.grid().world_to_index) / medium.smallest_spacing());
   std::vector<glm::vec3> values(numbers.size()), next(numbers.size());
   const auto for_nodes = [&](const auto& work) -> Result<void> {
     constexpr std::size_t kNodes = std::size_t{1} << 17;  // between two reports
@@ -114,14 +117,14 @@ Result<void> filter_light(LightGrid& light, const std::vector<std::uint32_t>& in
   // A node's light is a mean, and rays interpolate between nodes: both blur. This step of Jacobi's
   // method makes rays find the means.
   SLF_TRY(for_nodes(
-      [&](std::uint64_t k) { next[k] = as_seen(light, index, nodes, values, numbers[k]); }));
+      [&](std::uint64_t k) { next[k] = as_seen(light, index, nodes, values, numbers[k], axes); }));
   SLF_TRY(for_lit([&](std::uint64_t k) {
     const glm::vec3 error = values[k] - found_at(light, index, nodes, next, numbers[k]);
     values[k] = glm::max(values[k] + error, glm::vec3(0));
   }));
   light.nodes.assign(light.size(), 0);
   return for_nodes([&](std::uint64_t k) {
-    const glm::vec3 value = as_seen(light, index, nodes, values, numbers[k]);
+    const glm::vec3 value = as_seen(light, index, nodes, values, numbers[k], axes);
     if (value != glm::vec3(0)) light.nodes[numbers[k]] = pack_light(value);
   });
 }

@@ -10,6 +10,7 @@
 
 #include "base/reporter.h"
 #include "field/scene/light_grid.h"
+#include "field/scene/medium.h"
 #include "slf/error.h"
 
 namespace slf {
@@ -36,7 +37,8 @@ inline constexpr std::uint32_t kNoNode = std::numeric_limits<std::uint32_t>::max
 /// all nodes of the grid. nodes[k] is that of node numbers[k], and index[numbers[k]] is k; index is
 /// kNoNode at all other nodes, which become dark. Errors as parallel_for(). cancelled: stopped by
 /// `progress`.
-[[nodiscard]] Result<void> filter_light(LightGrid& light, const std::vector<std::uint32_t>& index,
+[[nodiscard]] Result<void> filter_light(const Medium& medium, LightGrid& light,
+                                        const std::vector<std::uint32_t>& index,
                                         const std::vector<std::size_t>& numbers,
                                         const std::vector<NodeLight>& nodes, unsigned threads,
                                         Reporter& progress);

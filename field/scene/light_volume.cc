@@ -101,18 +101,18 @@ class LightSolver {
     const glm::dvec3 shift(random(), random(), random());
     const RayGrid& grid = medium_.grid();
     const glm::dvec3 box = (grid.visible_high - grid.visible_low) / light_.spacing;
-    std::array<glm::dvec3, kPoints> at;
     std::array<Matter, kPoints> matter;
     std::array<double, kPoints> depth{}, weight{};
     double min_depth = kHidden, total = 0;
     for (int k = 0; k < tries; ++k) {
+      glm::dvec3 at;
       for (int d = 0; d < 3; ++d) {
         const double u = 2 * fraction(r3(static_cast<std::uint64_t>(k), d) + shift[d]) - 1;
         const double tent = u < 0 ? std::sqrt(1 + u) - 1 : 1 - std::sqrt(1 - u);  // over ±1
         // There is no matter beyond the box. Where it cuts matter, the face is what is visible.
-        at[k][d] = std::clamp(node[d] + kReach * tent, 0.0, box[d]);
+        at[d] = std::clamp(node[d] + kReach * tent, 0.0, box[d]);
       }
-      matter[k] = medium_.matter(light_.low + light_.spacing * at[k]);
+      matter[k] = medium_.matter(light_.low + light_.spacing * at);
       if (!(matter[k].extinction > 0)) continue;
       depth[k] = depth_of(matter[k]);
       weight[k] = matter[k].extinction * std::exp(-depth[k]);
@@ -433,7 +433,7 @@ Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumi
                         else if (node.lit)  // other points, which may all lie beside the matter
                           nodes[k].indirect = node.indirect;
                       }));
-    SLF_TRY(filter_light(light, index, numbers, nodes, threads, reporter));
+    SLF_TRY(filter_light(medium, light, index, numbers, nodes, threads, reporter));
   }
   return light;
 }

@@ -100,6 +100,40 @@ TEST(Light, ThinWallsHideTheDarkBehindThem) {
   EXPECT_LT(unevenness(shell), 0.014);
 }
 
+TEST(Light, DoesNotDependOnTheAxesOfTheVolume) {
+  // A wavy ball, and the same ball from voxels that run along other axes.
+  constexpr int kSide = 48;
+  const auto value = [](glm::dvec3 at) {
+    at -= glm::dvec3((kSide - 1) / 2.0);
+    const double r = 0.3 * kSide + 3 * std::sin(0.4 * at.x);
+    return std::clamp(128 + 16 * (r - glm::length(at)), 0.0, 255.0);
+  };
+  const auto scene_of = [](const Volume& volume) {
+    RaycastOptions options = lit(sun(glm::normalize(glm::dvec3(1, -2, 3))));
+    options.lighting.spacing = 2;
+    options.lighting.samples = 256;
+    return Raycaster::make(volume, material(glm::dvec3(0.7), {{120, 0}, {136, 1}}), options);
+  };
+  const glm::uvec3 dims(kSide);
+  const auto plain = scene_of(volume_of(dims, value));
+  Volume turned = volume_of(dims, [&](glm::ivec3 at) { return value({at.z, at.y, at.x}); });
+  std::swap(turned.axes[0], turned.axes[2]);
+  const auto other = scene_of(turned);
+  ASSERT_TRUE(plain && other);
+  std::mt19937 random(1);
+  const Sphere s = (*plain)->bounds();
+  double difference = 0, sum = 0;
+  for (int k = 0; k < 2000; ++k) {
+    const glm::dvec3 from = random_point(random, s.radius), to = random_point(random, s.radius);
+    const auto seen = [&](const Scene& scene) {
+      return scene.trace(s.center + from, s.center + to);
+    };
+    sum += seen(**plain).rgba.g;
+    difference += std::abs(seen(**plain).rgba.g - seen(**other).rgba.g);
+  }
+  EXPECT_LT(difference / sum, 0.035);
+}
+
 TEST(Light, NothingGetsBrighterThanItsSky) {
   // White matter that faces straight up reflects the mean of the sky's radiance, weighted by the
   // cosine. The radiance is (1 + z) / 2 at height z, its mean 5/6.
