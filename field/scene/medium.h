@@ -62,10 +62,6 @@ class Medium {
 
   [[nodiscard]] float extinction(const glm::dvec3& at) const;
   [[nodiscard]] Matter matter(const glm::dvec3& at) const;
-  /// As in Matter.
-  [[nodiscard]] glm::vec3 color(const glm::dvec3& at) const {
-    return glm::vec3(ray_colors_[entry(at)]);
-  }
   /// For each entry of the grid's table, the albedo that its matter has if the gradient there is
   /// clear. It is what rays multiply the light volume's light by: a light volume then holds light
   /// alone, which varies less between nodes than what is scattered.

@@ -214,7 +214,7 @@ TEST(Mesh, TextureCoordinatesThatAreNotFiniteAreZero) {
     unlit.shade = false;
     const auto scene = scene_of(std::move(mesh), unlit);
     std::vector<float> red;
-    for (double x = -0.9; x < 1; x += 0.3)
+    for (double x = -0.9; x < 1; x += 0.01)
       red.push_back(scene->trace({x, 0.4, 1}, {x, 0.4, -1}).rgba.r);
     return red;
   };
