@@ -304,7 +304,10 @@ double Medium::optical_depth(const glm::dvec3& from, const glm::dvec3& direction
       continue;
     }
     const double end = std::min(b.end, length);
-    for (; t < end; t += step) depth += step * extinction(from + t * direction);
+    while (t < end) {
+      depth += step * extinction(from + t * direction);
+      t += step;
+    }
   }
   return depth;
 }
