@@ -334,6 +334,13 @@ bool is_mesh_name(std::string_view path) {
   return std::find(kExtensions.begin(), kExtensions.end(), extension_of(path)) != kExtensions.end();
 }
 
+Result<std::vector<std::string>> mesh_files(const std::string& path) {
+  const Mesh mesh = SLF_TRY(read_mesh(path));
+  std::vector<std::string> files = mesh.files;
+  if (std::find(files.begin(), files.end(), path) == files.end()) files.push_back(path);
+  return files;
+}
+
 Result<Mesh> read_mesh(const std::string& path, UpAxis up) {
   return read_mesh_within(path, up, kSeconds);
 }
