@@ -98,7 +98,7 @@ std::pair<glm::dvec3, glm::dvec3> box_of(const Mesh& mesh) {
   glm::dvec3 low(mesh.positions.front()), high = low;
   for (const glm::vec3& p : mesh.positions)
     low = glm::min(low, glm::dvec3(p)), high = glm::max(high, glm::dvec3(p));
-  return {low, high};
+  return {mesh.origin + low, mesh.origin + high};
 }
 
 void print_volume(const Volume& volume) {

@@ -33,6 +33,8 @@ inline constexpr std::uint64_t kMaxPixels = std::uint64_t{1} << 26;
 [[nodiscard]] Result<Bytes> encode_exr(const std::string& name, const Image& image);
 
 [[nodiscard]] Result<Image> decode_png(const std::string& name, ByteSpan bytes);
+/// Its colours are not multiplied by alpha, so they are there where it is 0.
+[[nodiscard]] Result<Image> decode_straight_png(const std::string& name, ByteSpan bytes);
 [[nodiscard]] Result<Image> decode_jpeg(const std::string& name, ByteSpan bytes);
 [[nodiscard]] Result<Image> decode_exr(const std::string& name, ByteSpan bytes);
 [[nodiscard]] Result<Image> decode_hdr(const std::string& name, ByteSpan bytes);

@@ -66,6 +66,13 @@ Result<Bytes> encode_png(const std::string& name, const Image& image,
 }
 
 Result<Image> decode_png(const std::string& name, ByteSpan bytes) {
+  auto image = decode_straight_png(name, bytes);
+  if (image)
+    for (glm::vec4& c : image->rgba) c = {glm::vec3(c) * c.a, c.a};
+  return image;
+}
+
+Result<Image> decode_straight_png(const std::string& name, ByteSpan bytes) {
   if (!reaches_end(bytes)) return fail(ErrorCode::bad_file, name, ": PNG is truncated");
   PngImage png;
   if (png_image_begin_read_from_memory(&png, bytes.data(), bytes.size()) == 0)
@@ -81,11 +88,9 @@ Result<Image> decode_png(const std::string& name, ByteSpan bytes) {
 
   Image image{png.width, png.height, {}, {}};
   image.rgba.reserve(pixels.size() / 4);
-  for (std::size_t i = 0; i < pixels.size(); i += 4) {
-    const float alpha = static_cast<float>(pixels[i + 3]) / 255;
-    const glm::vec3 straight = glm::vec3(pixels[i], pixels[i + 1], pixels[i + 2]) / 255.0F;
-    image.rgba.emplace_back(straight * alpha, alpha);
-  }
+  for (std::size_t i = 0; i < pixels.size(); i += 4)
+    image.rgba.push_back(glm::vec4(pixels[i], pixels[i + 1], pixels[i + 2], pixels[i + 3]) /
+                         255.0F);
   return image;
 }
 

@@ -20,6 +20,7 @@ void add(ContentHash& hash, std::initializer_list<double> numbers) {
 
 std::string content_hash(const Mesh& mesh) {
   ContentHash hash;
+  if (mesh.origin != glm::dvec3(0)) add(hash, {mesh.origin.x, mesh.origin.y, mesh.origin.z});
   add(hash, mesh.positions);
   add(hash, mesh.normals);
   add(hash, mesh.uvs);
@@ -28,8 +29,8 @@ std::string content_hash(const Mesh& mesh) {
   add(hash, mesh.material_of);
   for (const MeshMaterial& m : mesh.materials)
     add(hash, {m.color.r, m.color.g, m.color.b, m.color.a,
-               m.texture ? static_cast<double>(*m.texture) : -1.0, m.repeat_u ? 1.0 : 0.0,
-               m.repeat_v ? 1.0 : 0.0, static_cast<double>(m.opacity), m.cutoff});
+               m.texture ? static_cast<double>(*m.texture) : -1.0, static_cast<double>(m.wrap_u),
+               static_cast<double>(m.wrap_v), static_cast<double>(m.opacity), m.cutoff});
   for (const MeshTexture& t : mesh.textures) {
     add(hash, {static_cast<double>(t.width), static_cast<double>(t.height)});
     add(hash, t.texels);

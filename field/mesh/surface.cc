@@ -30,38 +30,37 @@ glm::vec4 linear(const glm::u8vec4& c) {
   return {t[c.r], t[c.g], t[c.b], static_cast<float>(c.a) / 255};
 }
 
-/// Premultiplied linear colour of a texel, which is premultiplied as sRGB.
-glm::vec4 linear_texel(const glm::u8vec4& c) {
-  if (c.a == 255) return linear(c);
-  if (c.a == 0) return glm::vec4(0);
-  const auto straight = [&](unsigned v) {
-    return static_cast<std::uint8_t>(std::min(255u, (v * 255 + c.a / 2) / c.a));
-  };
-  const glm::vec4 color = linear({straight(c.r), straight(c.g), straight(c.b), c.a});
-  return {color.a * glm::vec3(color), color.a};
-}
-
-/// Bilinear, premultiplied.
+/// Bilinear, premultiplied by alpha, which opaque materials ignore.
 glm::vec4 sample(const MeshTexture& texture, const MeshMaterial& material, const glm::vec2& uv) {
-  const auto place = [](float coordinate, std::uint32_t size, bool repeat, std::int64_t(&k)[2]) {
+  const auto place = [](float coordinate, std::uint32_t size, MeshWrap wrap, std::int64_t(&k)[2]) {
     // A mesh may have any coordinates, and the sum of large ones overflows.
-    const double at = std::isfinite(coordinate) ? coordinate : 0.0;
-    const double x = (repeat ? at - std::floor(at) : std::clamp(at, 0.0, 1.0)) * size - 0.5;
+    double at = std::isfinite(coordinate) ? coordinate : 0.0;
+    if (wrap == MeshWrap::repeat) at -= std::floor(at);
+    if (wrap == MeshWrap::mirror) at = 1 - std::abs(at - 2 * std::floor(at / 2) - 1);
+    const double x = std::clamp(at, 0.0, 1.0) * size - 0.5;
     const auto low = static_cast<std::int64_t>(std::floor(x));
     for (int side = 0; side < 2; ++side) {
       const std::int64_t n = size;
-      k[side] = repeat ? (low + side + n) % n : std::clamp<std::int64_t>(low + side, 0, n - 1);
+      k[side] = wrap == MeshWrap::repeat ? (low + side + n) % n
+                                         : std::clamp<std::int64_t>(low + side, 0, n - 1);
     }
     return static_cast<float>(x - static_cast<double>(low));
   };
   std::int64_t x[2], y[2];
-  const float u = place(uv.x, texture.width, material.repeat_u, x);
-  const float v = place(uv.y, texture.height, material.repeat_v, y);
+  const float u = place(uv.x, texture.width, material.wrap_u, x);
+  const float v = place(uv.y, texture.height, material.wrap_v, y);
   const auto texel = [&](int column, int row) {
-    return linear_texel(
-        texture.texels[static_cast<std::size_t>(y[row] * texture.width + x[column])]);
+    const glm::vec4 color =
+        linear(texture.texels[static_cast<std::size_t>(y[row] * texture.width + x[column])]);
+    const float alpha = material.opacity == MeshOpacity::opaque ? 1 : color.a;
+    return glm::vec4(alpha * glm::vec3(color), alpha);
   };
   return glm::mix(glm::mix(texel(0, 0), texel(1, 0), u), glm::mix(texel(0, 1), texel(1, 1), u), v);
+}
+
+/// From here on, what is translucent shows.
+float least_alpha(const MeshMaterial& material) {
+  return material.opacity == MeshOpacity::cutout ? material.cutoff : 1.f / 512;
 }
 
 template <class T>
@@ -111,6 +110,28 @@ Result<void> check_mesh(const Mesh& mesh) {
   return {};
 }
 
+bool can_be_seen(const Mesh& mesh) {
+  std::vector<float> most;  // alpha of each material with its texture
+  for (const MeshMaterial& m : mesh.materials) {
+    unsigned texel = m.texture ? 0 : 255;
+    if (m.texture)
+      for (const glm::u8vec4& t : mesh.textures[*m.texture].texels)
+        texel = std::max<unsigned>(texel, t.a);
+    most.push_back(m.color.a * static_cast<float>(texel) / 255);
+  }
+  for (std::size_t k = 0; k < mesh.triangles.size(); ++k) {
+    const std::size_t index = mesh.material_of.empty() ? 0 : mesh.material_of[k];
+    const MeshMaterial& m = mesh.materials[index];
+    unsigned vertex = mesh.colors.empty() ? 255 : 0;
+    for (int c = 0; c < 3 && !mesh.colors.empty(); ++c)
+      vertex = std::max<unsigned>(vertex, mesh.colors[mesh.triangles[k][c]].a);
+    if (m.opacity == MeshOpacity::opaque ||
+        most[index] * static_cast<float>(vertex) / 255 >= least_alpha(m))
+      return true;
+  }
+  return false;
+}
+
 /// Embree asks these whether a hit in a material that is not opaque counts.
 struct MeshSurface::Filters {
   static float alpha(const RTCFilterFunctionNArguments& a, const MeshSurface& surface,
@@ -123,9 +144,7 @@ struct MeshSurface::Filters {
     const MeshSurface& surface = *static_cast<const MeshSurface*>(a->geometryUserPtr);
     std::uint32_t triangle = 0;
     const float opacity = alpha(*a, surface, triangle);
-    const MeshMaterial& m = surface.material(triangle);
-    const float least = m.opacity == MeshOpacity::cutout ? m.cutoff : 1.f / 512;
-    if (opacity < least) a->valid[0] = 0;
+    if (opacity < least_alpha(surface.material(triangle))) a->valid[0] = 0;
   }
   static void blocking(const RTCFilterFunctionNArguments* a) {
     const MeshSurface& surface = *static_cast<const MeshSurface*>(a->geometryUserPtr);
@@ -139,6 +158,9 @@ struct MeshSurface::Filters {
 Result<std::unique_ptr<MeshSurface>> MeshSurface::make(Mesh mesh) {
   if (mesh.materials.empty()) mesh.materials.emplace_back();
   SLF_TRY(check_mesh(mesh));
+  if (!can_be_seen(mesh))
+    return fail(ErrorCode::bad_file, mesh.source,
+                ": nothing can be seen: all of its materials are transparent");
   std::unique_ptr<MeshSurface> surface(new MeshSurface(std::move(mesh)));
   SLF_TRY(surface->place());
   surface->put_holes_last();
@@ -162,15 +184,16 @@ Result<void> MeshSurface::place() {
       high = glm::max(high, glm::dvec3(positions[t[c]]));
     }
   for (int axis = 0; axis < 3; ++axis)
-    if (std::max(-low[axis], high[axis]) > kMaxCoordinate)
-      return fail(ErrorCode::unsupported, mesh_.source, ": coordinates reach ",
-                  std::max(-low[axis], high[axis]), "; expected up to ", kMaxCoordinate,
-                  "; use larger units");
-  center_ = (low + high) / 2.0;
+    if (const double most = std::max(-low[axis], high[axis]) + std::abs(mesh_.origin[axis]);
+        most > kMaxCoordinate)
+      return fail(ErrorCode::unsupported, mesh_.source, ": coordinates reach ", most,
+                  "; expected up to ", kMaxCoordinate, "; use larger units");
+  const glm::dvec3 middle = (low + high) / 2.0;
+  center_ = mesh_.origin + middle;
   double radius2 = 0;
   for (const glm::uvec3& t : mesh_.triangles)
     for (int c = 0; c < 3; ++c) {
-      const glm::dvec3 d = glm::dvec3(positions[t[c]]) - center_;
+      const glm::dvec3 d = glm::dvec3(positions[t[c]]) - middle;
       radius2 = std::max(radius2, glm::dot(d, d));
     }
   const double radius = std::sqrt(radius2);
@@ -180,7 +203,7 @@ Result<void> MeshSurface::place() {
   bounds_ = {center_, 1.001 * radius};  // rays must not start in a triangle
   // A power of 2: only the subtraction rounds.
   unit_ = std::exp2(std::ceil(std::log2(radius)));
-  for (glm::vec3& p : positions) p = glm::vec3(to_local(p));
+  for (glm::vec3& p : positions) p = glm::vec3((glm::dvec3(p) - middle) / unit_);
   for (const glm::uvec3& t : mesh_.triangles) {
     const glm::dvec3 p(positions[t[0]]);
     const glm::dvec3 n =

@@ -27,6 +27,10 @@ struct SurfacePoint {
 /// bad_file: a vertex is not finite.
 [[nodiscard]] Result<void> check_mesh(const Mesh& mesh);
 
+/// Whether some triangle is not wholly transparent. REQUIRES: a mesh that check_mesh() accepts, but
+/// for its positions.
+[[nodiscard]] bool can_be_seen(const Mesh& mesh);
+
 /// Thread-safety: immutable. All positions are local: those of `mesh` after make(), in which
 /// everything is within about 1 of the origin, so that lengths suit single precision.
 class MeshSurface {

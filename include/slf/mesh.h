@@ -20,12 +20,15 @@
 
 namespace slf {
 
-/// 8 bits per channel, sRGB, premultiplied by alpha, rows from the top.
+/// 8 bits per channel, sRGB, and alpha, not premultiplied; rows from the top.
 struct MeshTexture {
   std::string name;  ///< for messages
   std::uint32_t width = 0, height = 0;
   std::vector<glm::u8vec4> texels;
 };
+
+/// How a texture continues beyond its edges.
+enum class MeshWrap : std::uint8_t { clamp, repeat, mirror };
 
 enum class MeshOpacity : std::uint8_t {
   opaque,  ///< alpha is ignored
@@ -37,7 +40,7 @@ struct MeshMaterial {
   std::string name;
   glm::vec4 color{1};  ///< linear RGB and alpha, which multiply texture and vertex colour
   std::optional<std::size_t> texture;     ///< index into Mesh::textures
-  bool repeat_u = true, repeat_v = true;  ///< how the texture continues; otherwise its edge does
+  MeshWrap wrap_u = MeshWrap::repeat, wrap_v = MeshWrap::repeat;
   MeshOpacity opacity = MeshOpacity::opaque;
   float cutoff = 0.5f;
 };
@@ -46,6 +49,7 @@ struct MeshMaterial {
 /// have an element for each position.
 struct Mesh {
   std::string source;  ///< the path, for people
+  glm::dvec3 origin{0};  ///< positions are relative to it, as coordinates of maps need it
   std::vector<glm::vec3> positions;
   /// Any length. A normal of 0 stands for none: then triangles that meet there at less than 60°
   /// look smooth.
@@ -70,14 +74,15 @@ enum class UpAxis : std::uint8_t {
 /// Whether the path ends in .glb, .gltf, .obj, .ply or .stl, in any case.
 [[nodiscard]] bool is_mesh_name(std::string_view path);
 
-/// Reads glTF 2 (.glb, .gltf), OBJ, PLY or STL, with node transforms, and with the textures that it
-/// holds or names. PLY, OBJ and STL files without any colour become light grey. Polygons become
-/// triangles; points and lines are left out. Assimp, which is not hardened (see SECURITY.md), reads
-/// them in a child process.
-/// io: the mesh or one of its textures is missing or unreadable. bad_file: damaged, truncated,
-/// crashes Assimp, has no triangles or a vertex that is not finite. unsupported: an extension of
-/// glTF that it requires, more than 2^28 triangles, a file of more than 8 GiB, coordinates beyond
-/// 10^12.
+/// Reads glTF 2 (.glb, .gltf), OBJ, PLY or STL, with node transforms, the pose of skins and of
+/// morphs that the file gives, and with the textures that it holds or names. PLY, OBJ and STL files
+/// without any colour become light grey. Polygons become triangles; points and lines are left out.
+/// A mesh may name files in its own folder, beside that folder, and below either.
+/// io: the mesh or one of its textures is missing, unreadable or no regular file. bad_file: damaged,
+/// truncated, has no triangles or a vertex that is not finite. unsupported: only points or Gaussian
+/// splats, an extension of glTF that it requires, a picture of another format, more than 2^28
+/// triangles, a file of more than 8 GiB, a mesh whose instances need much more memory than its
+/// files have bytes.
 [[nodiscard]] Result<Mesh> read_mesh(const std::string& path, UpAxis up = UpAxis::by_format);
 
 /// Every file that a mesh consists of, without reading its pictures: the file itself, and the

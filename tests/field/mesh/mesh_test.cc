@@ -199,7 +199,7 @@ TEST(Mesh, CutsOutAndBlends) {
 
 TEST(Mesh, TextureCoordinatesThatAreNotFiniteAreZero) {
   const float kMost = std::numeric_limits<float>::max();
-  const auto colors = [&](float u, bool repeat) {
+  const auto colors = [&](float u, MeshWrap wrap) {
     Mesh mesh;
     add_floor(mesh, 0, 1);
     mesh.uvs.assign(4, {u, u});
@@ -209,7 +209,7 @@ TEST(Mesh, TextureCoordinatesThatAreNotFiniteAreZero) {
       mesh.textures[0].texels.emplace_back(std::uint8_t(20 * k), 0, 0, 255);
     mesh.materials.resize(1);
     mesh.materials[0].texture = 0;
-    mesh.materials[0].repeat_u = mesh.materials[0].repeat_v = repeat;
+    mesh.materials[0].wrap_u = mesh.materials[0].wrap_v = wrap;
     MeshOptions unlit;
     unlit.shade = false;
     const auto scene = scene_of(std::move(mesh), unlit);
@@ -218,12 +218,12 @@ TEST(Mesh, TextureCoordinatesThatAreNotFiniteAreZero) {
       red.push_back(scene->trace({x, 0.4, 1}, {x, 0.4, -1}).rgba.r);
     return red;
   };
-  for (const bool repeat : {false, true}) {
-    const auto zero = colors(0, repeat);
-    EXPECT_EQ(colors(std::numeric_limits<float>::quiet_NaN(), repeat), zero);
-    EXPECT_EQ(colors(-std::numeric_limits<float>::infinity(), repeat), zero);
-    if (repeat) {
-      EXPECT_EQ(colors(kMost, repeat), zero);
+  for (const MeshWrap wrap : {MeshWrap::clamp, MeshWrap::repeat, MeshWrap::mirror}) {
+    const auto zero = colors(0, wrap);
+    EXPECT_EQ(colors(std::numeric_limits<float>::quiet_NaN(), wrap), zero);
+    EXPECT_EQ(colors(-std::numeric_limits<float>::infinity(), wrap), zero);
+    if (wrap != MeshWrap::clamp) {
+      EXPECT_EQ(colors(kMost, wrap), zero);
     }
   }
 }

@@ -1,0 +1,110 @@
+// What the readers of all mesh formats share: the files that a mesh names, its textures, and its
+// vertices and triangles within limits. Private to field/mesh.
+#pragma once
+
+#include <cstdint>
+#include <glm/glm.hpp>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/bytes.h"
+#include "slf/mesh.h"
+
+namespace slf {
+
+struct MeshVertex {
+  glm::dvec3 position{0};
+  std::optional<glm::vec3> normal{};
+  std::optional<glm::vec2> uv{};
+  std::optional<glm::u8vec4> color{};
+};
+
+class MeshBuilder {
+ public:
+  /// `only_files`: readers stop when they know the names of all files; texture() decodes nothing.
+  MeshBuilder(const std::string& path, bool y_up, bool only_files);
+
+  [[nodiscard]] const std::string& path() const { return mesh_.source; }
+  [[nodiscard]] bool only_files() const { return only_files_; }
+  [[nodiscard]] Mesh& mesh() { return mesh_; }
+  template <class... Parts>
+  [[nodiscard]] tl::unexpected<Error> wrong(const Parts&... parts) const {
+    return fail(ErrorCode::bad_file, path(), ": ", parts...);
+  }
+
+  /// All of a regular file, which becomes one of the mesh's files. It allows the mesh more memory.
+  /// not_found, io, unsupported: more than 8 GiB.
+  [[nodiscard]] Result<Bytes> read(const std::string& file);
+  /// The path of a file that a mesh names; `folder`, relative to the mesh's own, is that of the
+  /// file with the name. Only regular files in the mesh's folder, beside that folder, or below
+  /// either; none that is hidden. Programs on Windows write backslashes, some write the path that
+  /// the file had on their machine: then it is looked for by its last part.
+  [[nodiscard]] std::optional<std::string> locate(std::string reference,
+                                                  const std::string& folder = "") const;
+  void add_file(const std::string& file);
+
+  /// The index in Mesh::textures of a picture. Files are decoded once. io: it is missing.
+  [[nodiscard]] Result<std::size_t> texture(const std::string& reference,
+                                            const std::string& folder = "");
+  [[nodiscard]] Result<std::size_t> texture(const std::string& name, ByteSpan bytes);
+
+  /// Whether the mesh has all that it may have; finish() reports that. What is added then is
+  /// ignored.
+  [[nodiscard]] bool full() const { return used_ > allowed_; }
+  /// Counts memory that a file asks for, beside vertices and triangles.
+  void use(std::uint64_t bytes) { used_ += std::min(bytes, kMost); }
+  std::uint32_t add(const MeshVertex& vertex);
+  /// REQUIRES: corners are vertices.
+  void add(const glm::uvec3& triangle, std::uint32_t material);
+  /// Ears are clipped, so it may be concave. Less than three corners count as left out.
+  void add(std::span<const std::uint32_t> polygon, std::uint32_t material);
+  [[nodiscard]] std::size_t vertices() const { return positions_.size(); }
+  void leave_out() { left_out_ = true; }
+  void note(const std::string& text);
+
+  /// unsupported: too large. bad_file: no triangles, or a vertex that is not finite.
+  [[nodiscard]] Result<Mesh> finish();
+
+ private:
+  static constexpr std::uint64_t kMost = std::uint64_t{1} << 50;
+  Mesh mesh_;
+  const bool y_up_, only_files_;
+  std::vector<glm::dvec3> positions_;
+  std::map<std::string, std::size_t> textures_;  // by path or name
+  std::uint64_t allowed_, used_ = 0;             // bytes
+  std::size_t texels_ = 0;
+  std::uint64_t compared_ = 0;  // corners with ears
+  bool left_out_ = false;
+  std::vector<glm::dvec2> flat_;     // a polygon in its plane,
+  std::vector<std::uint32_t> ring_;  // and what is left of it
+};
+
+/// The linear colour of a mesh without any: a light grey, since white has no shades in strong
+/// light.
+inline constexpr float kPlainColor = 0.6f;
+
+/// A colour as files write it, 0 to 1.
+[[nodiscard]] glm::u8vec4 color_bytes(glm::vec4 color, bool linear);
+
+/// Replaces %20 and the like.
+[[nodiscard]] std::string decode_percent(std::string_view text);
+
+/// The next word of `text`, which is removed from it; empty at its end.
+[[nodiscard]] std::string_view next_word(std::string_view& text);
+/// The whole word as a number; a number may begin with a plus sign or a point.
+[[nodiscard]] std::optional<double> number_of(std::string_view word);
+[[nodiscard]] std::string_view trimmed(std::string_view text);
+/// The next line, without its end (LF, CR LF or CR), which is removed from `text`.
+[[nodiscard]] std::string_view next_line(std::string_view& text);
+
+// The readers. `bytes` are those of the file.
+[[nodiscard]] Result<void> read_gltf(ByteSpan bytes, MeshBuilder& to);
+[[nodiscard]] Result<void> read_obj(ByteSpan bytes, MeshBuilder& to);
+[[nodiscard]] Result<void> read_ply(ByteSpan bytes, MeshBuilder& to);
+[[nodiscard]] Result<void> read_stl(ByteSpan bytes, MeshBuilder& to);
+
+}  // namespace slf

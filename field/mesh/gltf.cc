@@ -1,0 +1,684 @@
+// glTF 2, text and binary.
+#include <array>
+#include <cmath>
+#include <glm/gtc/quaternion.hpp>
+#include <limits>
+#include <map>
+
+#include "base/try.h"
+#include "field/mesh/builder.h"
+#include "field/mesh/compact_json.h"
+
+namespace slf {
+namespace {
+
+constexpr std::uint64_t kMaxJson = std::uint64_t{512} << 20;
+constexpr std::size_t kMaxItems = std::size_t{1} << 20;  // of each kind: nodes take most memory
+/// Numbers that may be decoded, whatever the file holds, and for each of its bytes: instances,
+/// targets of morphs and sets of joints can use the same bytes again and again.
+constexpr std::uint64_t kMaxDecoded = std::uint64_t{1} << 30, kDecodedPerByte = 256;
+
+constexpr const char* kTransform = "KHR_texture_transform";
+constexpr const char* kSpecular = "KHR_materials_pbrSpecularGlossiness";
+
+/// What these extensions add does not show here, or is read.
+bool is_read(std::string_view extension) {
+  return extension.starts_with("KHR_materials_") || extension == kTransform ||
+         extension == "KHR_mesh_quantization" || extension == "KHR_lights_punctual";
+}
+
+template <int N>
+std::optional<glm::vec<N, double>> vector_of(const JsonValue& value) {
+  const auto items = value.items();
+  glm::vec<N, double> vector(0);
+  if (items.size() != N) return {};
+  for (int k = 0; k < N; ++k) {
+    const auto number = items[static_cast<std::size_t>(k)].number();
+    if (!number) return {};
+    vector[k] = *number;
+  }
+  return vector;
+}
+
+std::string name_of(const JsonValue& value, std::size_t index) {
+  const std::string_view name = value["name"].text();
+  return name.empty() ? std::to_string(index) : std::string(name);
+}
+
+std::optional<Bytes> decode_base64(std::string_view text) {
+  Bytes bytes;
+  bytes.reserve(text.size() / 4 * 3);
+  std::uint32_t bits = 0;
+  int have = 0;  // of them
+  for (const char c : text) {
+    if (c == '=') break;
+    const int value = c >= 'A' && c <= 'Z'   ? c - 'A'
+                      : c >= 'a' && c <= 'z' ? c - 'a' + 26
+                      : c >= '0' && c <= '9' ? c - '0' + 52
+                      : c == '+' || c == '-' ? 62
+                      : c == '/' || c == '_' ? 63
+                                             : -1;
+    if (value < 0) return {};
+    bits = bits << 6 | static_cast<unsigned>(value);
+    have += 6;
+    if (have < 8) continue;
+    have -= 8;
+    bytes.push_back(static_cast<std::byte>(bits >> have));
+  }
+  return bytes;
+}
+
+/// The numbers of an accessor, `width` for each element; none: width is 0.
+template <class T>
+struct Elements {
+  std::size_t width = 0;
+  std::vector<T> values;
+  [[nodiscard]] std::size_t count() const { return width == 0 ? 0 : values.size() / width; }
+  [[nodiscard]] const T* at(std::size_t k) const { return values.data() + k * width; }
+};
+
+class GltfReader {
+ public:
+  GltfReader(ByteSpan bytes, MeshBuilder& to)
+      : bytes_(bytes), to_(to), left_(kMaxDecoded + kDecodedPerByte * bytes.size()) {}
+
+  Result<void> read() {
+    SLF_TRY(open());
+    const std::string_view version = root_["asset"]["version"].text();
+    if (version.empty()) return wrong("no asset.version: not a glTF file");
+    if (!version.starts_with("2."))
+      return fail(ErrorCode::unsupported, to_.path(), ": glTF ", version, "; glTF 2 is read");
+    for (const JsonValue& name : root_["extensionsRequired"].items())
+      if (!is_read(name.text())) return not_read(name.text());
+    for (const JsonValue& name : root_["extensionsUsed"].items())
+      if (!is_read(name.text()))
+        to_.note("the glTF extension " + std::string(name.text()) + " is not read");
+    if (to_.only_files()) return list_files();
+    for (const auto& [list, name] : {std::pair{&buffers_, "buffers"},
+                                     {&views_, "bufferViews"},
+                                     {&accessors_, "accessors"},
+                                     {&materials_, "materials"},
+                                     {&textures_, "textures"},
+                                     {&images_, "images"},
+                                     {&samplers_, "samplers"},
+                                     {&meshes_, "meshes"},
+                                     {&nodes_, "nodes"},
+                                     {&skins_, "skins"}}) {
+      *list = root_[name].items();
+      if (list->size() > kMaxItems)
+        return fail(ErrorCode::unsupported, to_.path(), ": glTF: has ", list->size(), " ", name,
+                    "; up to ", kMaxItems, " are read");
+    }
+    loaded_.resize(buffers_.size());
+    SLF_TRY(read_materials());
+    SLF_TRY(place_nodes());
+    for (const std::size_t k : shown_) SLF_TRY(add_node(k));
+    return {};
+  }
+
+ private:
+  struct Paint {
+    std::uint32_t material = 0;
+    std::size_t set = 0;  // of texture coordinates
+    glm::dmat3x2 transform{1};
+  };
+
+  template <class... Parts>
+  tl::unexpected<Error> wrong(const Parts&... parts) const {
+    return to_.wrong("glTF: ", parts...);
+  }
+  tl::unexpected<Error> not_read(std::string_view extension) const {
+    return fail(ErrorCode::unsupported, to_.path(), ": requires the glTF extension ", extension,
+                ", which is not read; export it without");
+  }
+
+  Result<void> open() {
+    ByteSpan json = bytes_;
+    const auto* text = reinterpret_cast<const char*>(bytes_.data());
+    if (std::string_view(text, bytes_.size()).starts_with("glTF")) {
+      constexpr std::size_t kHeader = 12, kChunk = 8;
+      if (bytes_.size() < kHeader + kChunk) return to_.wrong("truncated in its header");
+      const std::uint32_t version = load_le<std::uint32_t>(&bytes_[4]);
+      if (version != 2)
+        return fail(ErrorCode::unsupported, to_.path(), ": glTF ", version, "; glTF 2 is read");
+      const auto chunk = [&](std::size_t at) -> std::optional<ByteSpan> {
+        const std::size_t size = load_le<std::uint32_t>(&bytes_[at]);
+        if (size > bytes_.size() - at - kChunk) return {};
+        return bytes_.subspan(at + kChunk, size);
+      };
+      const auto first = chunk(kHeader);
+      if (!first) return to_.wrong("truncated: its JSON is incomplete; copy it again");
+      json = *first;
+      if (std::size_t at = kHeader + kChunk + (json.size() + 3) / 4 * 4;
+          at + kChunk <= bytes_.size()) {
+        const auto second = chunk(at);
+        if (!second) return to_.wrong("truncated: its data are incomplete; copy it again");
+        held_ = *second;
+      }
+    }
+    if (json.size() > kMaxJson)
+      return fail(ErrorCode::unsupported, to_.path(), ": has ", json.size(),
+                  " bytes of JSON; glTF files with up to ", kMaxJson,
+                  " are read; export it as .glb");
+    std::string_view json_text(reinterpret_cast<const char*>(json.data()), json.size());
+    json_text = json_text.substr(0, json_text.find_last_not_of('\0') + 1);
+    json_ = CompactJson::parse(json_text);
+    if (!json_) return wrong("its JSON is damaged or truncated");
+    root_ = json_->root();
+    return {};
+  }
+
+  Result<void> list_files() {
+    for (const char* list : {"buffers", "images"})
+      for (const JsonValue& item : root_[list].items()) {
+        const std::string uri(item["uri"].text());
+        if (!uri.empty() && !uri.starts_with("data:")) (void)to_.texture(uri);
+      }
+    return {};
+  }
+
+  /// The bytes of a URI: data, or a file.
+  Result<Bytes> fetch(std::string_view uri, const std::string& what) {
+    if (uri.starts_with("data:")) {
+      const std::size_t comma = uri.find(',');
+      const std::string_view data = uri.substr(std::min(comma, uri.size() - 1) + 1);
+      if (!uri.substr(0, comma).ends_with(";base64")) {
+        const std::string plain = decode_percent(data);
+        const auto* begin = reinterpret_cast<const std::byte*>(plain.data());
+        return Bytes(begin, begin + plain.size());
+      }
+      auto bytes = decode_base64(data.find('%') == data.npos ? data : decode_percent(data));
+      if (!bytes) return wrong(what, ": its base64 is damaged");
+      return std::move(*bytes);
+    }
+    const auto found = to_.locate(std::string(uri));
+    const std::size_t slash = to_.path().rfind('/') + 1;
+    if (!found)
+      return fail(ErrorCode::io, to_.path(), ": its ", what, " '", uri,
+                  "' is missing; put it into ",
+                  slash > 1 ? to_.path().substr(0, slash - 1) : "the mesh's folder");
+    return to_.read(to_.path().substr(0, slash) + *found);
+  }
+
+  Result<ByteSpan> buffer(std::size_t k) {
+    const JsonValue uri = buffers_[k]["uri"];
+    const auto size = buffers_[k]["byteLength"].index();
+    if (!size) return wrong("buffer ", k, " has no byteLength");
+    if (uri && !loaded_[k]) loaded_[k] = SLF_TRY(fetch(uri.text(), "buffer"));
+    const ByteSpan bytes = uri ? ByteSpan(*loaded_[k]) : k == 0 ? held_ : ByteSpan();
+    if (buffers_[k]["extensions"]["EXT_meshopt_compression"] && bytes.empty())
+      return not_read("EXT_meshopt_compression");
+    if (bytes.size() < *size)
+      return wrong("buffer ", k, " has ", *size, " bytes, but only ", bytes.size(),
+                   " are there: truncated");
+    return bytes.first(*size);
+  }
+
+  Result<ByteSpan> view(const JsonValue& index) {
+    const std::uint64_t k = index.index().value_or(views_.size());
+    if (k >= views_.size()) return wrong("there is no such bufferView");
+    const auto from = views_[k]["buffer"].index(), size = views_[k]["byteLength"].index();
+    const JsonValue start = views_[k]["byteOffset"];
+    const auto offset = start ? start.index() : 0;
+    if (!from || *from >= buffers_.size() || !offset || !size)
+      return wrong("bufferView ", k, " is not a part of a buffer");
+    const ByteSpan whole = SLF_TRY(buffer(*from));
+    if (*offset > whole.size() || *size > whole.size() - *offset)
+      return wrong("bufferView ", k, " extends beyond its buffer");
+    return whole.subspan(*offset, *size);
+  }
+
+  /// Copies numbers, `width` for each of `count` elements, out of a buffer view.
+  template <class T>
+  Result<void> copy(const JsonValue& from, std::uint64_t type, bool normalized, std::size_t width,
+                    std::uint64_t count, std::vector<T>& to) {
+    const ByteSpan bytes = SLF_TRY(view(from["bufferView"]));
+    const std::uint64_t each = type <= 5121 ? 1 : type <= 5123 ? 2 : 4, size = each * width;
+    const JsonValue start = from["byteOffset"],
+                    stated = views_[*from["bufferView"].index()]["byteStride"];
+    const auto offset = start ? start.index() : 0;
+    const std::uint64_t step = std::max(stated.index().value_or(0), size);
+    if (!offset || *offset > bytes.size() || step > 4096 ||
+        (count > 0 && (count > bytes.size() || *offset + step * (count - 1) + size > bytes.size())))
+      return wrong("an accessor, ", count, " elements of ", size,
+                   " bytes, extends beyond its bufferView of ", bytes.size(), " bytes");
+    to.resize(count * width);
+    const auto number = [&](const std::byte* at) -> double {
+      const auto small = std::to_integer<std::uint8_t>(*at);
+      switch (type) {
+        case 5120: {
+          const auto v = static_cast<std::int8_t>(small);
+          return normalized ? std::max(v / 127.0, -1.0) : v;
+        }
+        case 5121:
+          return normalized ? small / 255.0 : small;
+        case 5122: {
+          const auto v = static_cast<std::int16_t>(load_le<std::uint16_t>(at));
+          return normalized ? std::max(v / 32767.0, -1.0) : v;
+        }
+        case 5123:
+          return load_le<std::uint16_t>(at) / (normalized ? 65535.0 : 1.0);
+        case 5125:
+          return load_le<std::uint32_t>(at) / (normalized ? 4294967295.0 : 1.0);
+        default:
+          return std::bit_cast<float>(load_le<std::uint32_t>(at));
+      }
+    };
+    for (std::size_t k = 0, i = 0; k < count; ++k)
+      for (std::size_t c = 0; c < width; ++c, ++i)
+        to[i] = static_cast<T>(number(&bytes[*offset + step * k + each * c]));
+    return {};
+  }
+
+  Result<void> charge(std::uint64_t numbers) {
+    if (numbers > left_)
+      return fail(ErrorCode::unsupported, to_.path(),
+                  ": glTF: its meshes ask for much more than the file holds");
+    left_ -= numbers;
+    return {};
+  }
+
+  template <class T>
+  Result<Elements<T>> elements(const JsonValue& index) {
+    const std::uint64_t k = index.index().value_or(accessors_.size());
+    if (k >= accessors_.size()) return wrong("there is no such accessor");
+    const JsonValue& accessor = accessors_[k];
+    const auto count = accessor["count"].index(), type = accessor["componentType"].index();
+    Elements<T> out;
+    for (const auto& [name, width] :
+         {std::pair{"SCALAR", 1}, {"VEC2", 2}, {"VEC3", 3}, {"VEC4", 4}, {"MAT4", 16}})
+      if (accessor["type"].text() == name) out.width = static_cast<std::size_t>(width);
+    const bool known = type && *type >= 5120 && *type <= 5126 && *type != 5124;
+    if (!count || !known || out.width == 0 || (std::is_integral_v<T> && *type == 5126))
+      return wrong("accessor ", k, " is malformed");
+    const bool normalized = accessor["normalized"].is_true();
+    const std::uint64_t numbers = *count * out.width;
+    SLF_TRY(charge(numbers));
+    if (accessor["bufferView"]) {
+      SLF_TRY(copy(accessor, *type, normalized, out.width, *count, out.values));
+    } else {
+      to_.use(numbers * sizeof(T));
+      if (to_.full())
+        return fail(ErrorCode::unsupported, to_.path(), ": glTF: accessor ", k, " has ", *count,
+                    " elements without data");
+      out.values.resize(numbers);
+    }
+    if (const JsonValue sparse = accessor["sparse"]) {
+      const auto changes = sparse["count"].index(),
+                 index_type = sparse["indices"]["componentType"].index();
+      if (!changes || *changes > *count || !index_type || *index_type < 5121 || *index_type > 5125)
+        return wrong("accessor ", k, ": its sparse part is malformed");
+      std::vector<std::uint32_t> places;
+      std::vector<T> values;
+      SLF_TRY(copy(sparse["indices"], *index_type, false, 1, *changes, places));
+      SLF_TRY(copy(sparse["values"], *type, normalized, out.width, *changes, values));
+      for (std::size_t i = 0; i < places.size(); ++i) {
+        if (places[i] >= *count) return wrong("accessor ", k, " changes an element beyond its end");
+        std::copy_n(&values[i * out.width], out.width, &out.values[places[i] * out.width]);
+      }
+    }
+    return out;
+  }
+
+  Result<void> read_materials() {
+    for (const JsonValue& from : materials_) {
+      MeshMaterial to;
+      Paint paint;
+      paint.material = static_cast<std::uint32_t>(paints_.size());
+      to.name = from["name"].text();
+      const JsonValue specular = from["extensions"][kSpecular],
+                      metal = from["pbrMetallicRoughness"];
+      const JsonValue color = specular ? specular["diffuseFactor"] : metal["baseColorFactor"];
+      if (color) {
+        const auto factor = vector_of<4>(color);
+        if (!factor) return wrong("material '", to.name, "': its colour is malformed");
+        to.color = glm::clamp(glm::vec4(*factor), 0.f, 1.f);
+      }
+      if (from["extensions"]["KHR_materials_unlit"])
+        to_.note("materials without light are lit like others, unless shading is off");
+      const std::string_view mode = from["alphaMode"].text();
+      to.opacity = mode == "MASK"    ? MeshOpacity::cutout
+                   : mode == "BLEND" ? MeshOpacity::blend
+                                     : MeshOpacity::opaque;
+      to.cutoff = static_cast<float>(from["alphaCutoff"].number().value_or(0.5));
+      if (const JsonValue texture =
+              specular ? specular["diffuseTexture"] : metal["baseColorTexture"]) {
+        auto done = add_texture(texture, to, paint);
+        if (!done) {
+          const std::string& why = done.error().message;
+          return fail(done.error().code, to_.path(), ": material '", to.name,
+                      "': ", why.starts_with(to_.path()) ? why.substr(to_.path().size() + 2) : why);
+        }
+      }
+      to_.mesh().materials.push_back(std::move(to));
+      paints_.push_back(paint);
+    }
+    return {};
+  }
+
+  Result<void> add_texture(const JsonValue& reference, MeshMaterial& to, Paint& paint) {
+    const auto item = [](const std::vector<JsonValue>& list, const JsonValue& index) {
+      const auto k = index.index();
+      return k && *k < list.size() ? list[*k] : JsonValue();
+    };
+    const JsonValue texture = item(textures_, reference["index"]), source = texture["source"];
+    if (!texture) return wrong("it has no such texture");
+    if (!source)
+      for (const char* other :
+           {"KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds"})
+        if (texture["extensions"][other]) return not_read(other);
+    const JsonValue image = item(images_, source);
+    if (!image) return wrong("its texture has no such image");
+    const JsonValue sampler = item(samplers_, texture["sampler"]);
+    const auto wrap = [&](const char* name) {
+      const auto mode = sampler[name].index();
+      return mode == 33071 ? MeshWrap::clamp : mode == 33648 ? MeshWrap::mirror : MeshWrap::repeat;
+    };
+    to.wrap_u = wrap("wrapS");
+    to.wrap_v = wrap("wrapT");
+    paint.set = reference["texCoord"].index().value_or(0);
+    if (const JsonValue moved = reference["extensions"][kTransform]) {
+      paint.set = moved["texCoord"].index().value_or(paint.set);
+      const double angle = moved["rotation"].number().value_or(0), c = std::cos(angle),
+                   s = std::sin(angle);
+      const auto scale = vector_of<2>(moved["scale"]).value_or(glm::dvec2(1));
+      paint.transform = {scale.x * glm::dvec2(c, -s), scale.y * glm::dvec2(s, c),
+                         vector_of<2>(moved["offset"]).value_or(glm::dvec2(0))};
+    }
+    const std::string_view uri = image["uri"].text();
+    if (!uri.empty() && !uri.starts_with("data:")) {
+      to.texture = SLF_TRY(to_.texture(std::string(uri)));
+      return {};
+    }
+    const std::string name = "image " + name_of(image, *source.index());
+    Bytes decoded;
+    if (!uri.empty()) decoded = SLF_TRY(fetch(uri, name));
+    const ByteSpan bytes = uri.empty() ? SLF_TRY(view(image["bufferView"])) : ByteSpan(decoded);
+    to.texture = SLF_TRY(to_.texture(name, bytes));
+    return {};
+  }
+
+  /// Computes where nodes are, and which of them the scene shows.
+  Result<void> place_nodes() {
+    std::vector<std::size_t> parents(nodes_.size(), nodes_.size());
+    std::vector<std::vector<std::size_t>> children(nodes_.size());
+    for (std::size_t k = 0; k < nodes_.size(); ++k)
+      for (const JsonValue& child : nodes_[k]["children"].items()) {
+        const std::uint64_t c = child.index().value_or(nodes_.size());
+        if (c >= nodes_.size()) return wrong("node ", k, " has a child that is no node");
+        if (parents[c] != nodes_.size())
+          return wrong("node ", c, " has two parents, ", parents[c], " and ", k);
+        parents[c] = k;
+        children[k].push_back(c);
+      }
+    world_.resize(nodes_.size());
+    std::vector<std::size_t> order;
+    for (std::size_t k = 0; k < nodes_.size(); ++k)
+      if (parents[k] == nodes_.size()) order.push_back(k);
+    const std::size_t roots = order.size();
+    for (std::size_t i = 0; i < order.size(); ++i) {
+      const std::size_t k = order[i];
+      const glm::dmat4 own = SLF_TRY(transform_of(k));
+      world_[k] = i < roots ? own : world_[parents[k]] * own;
+      order.insert(order.end(), children[k].begin(), children[k].end());
+    }
+    if (order.size() < nodes_.size()) return wrong("a node is its own ancestor");
+    const auto scenes = root_["scenes"].items();
+    const std::uint64_t scene = root_["scene"].index().value_or(0);
+    order.resize(roots);
+    if (scene < scenes.size()) {
+      order.clear();
+      for (const JsonValue& node : scenes[scene]["nodes"].items())
+        if (const auto k = node.index(); k && *k < nodes_.size()) order.push_back(*k);
+    }
+    // In the order of the file: a node, then what is below it.
+    std::vector<bool> seen(nodes_.size());
+    for (std::vector<std::size_t> stack(order.rbegin(), order.rend()); !stack.empty();) {
+      const std::size_t k = stack.back();
+      stack.pop_back();
+      if (seen[k]) continue;
+      seen[k] = true;
+      shown_.push_back(k);
+      stack.insert(stack.end(), children[k].rbegin(), children[k].rend());
+    }
+    return {};
+  }
+
+  Result<glm::dmat4> transform_of(std::size_t k) const {
+    const JsonValue& node = nodes_[k];
+    if (const JsonValue given = node["matrix"]) {
+      const auto numbers = given.items();
+      glm::dmat4 matrix(1);
+      for (int i = 0; i < 16; ++i) {
+        const auto number =
+            numbers.size() == 16 ? numbers[static_cast<std::size_t>(i)].number() : std::nullopt;
+        if (!number) return wrong("node ", k, ": its matrix is malformed");
+        matrix[i / 4][i % 4] = *number;
+      }
+      return matrix;
+    }
+    glm::dmat4 matrix(1);
+    if (const auto q = vector_of<4>(node["rotation"]); q && glm::length(*q) > 0) {
+      const glm::dvec4 u = glm::normalize(*q);
+      matrix = glm::mat4_cast(glm::dquat(u.w, u.x, u.y, u.z));
+    }
+    const auto scale = vector_of<3>(node["scale"]).value_or(glm::dvec3(1));
+    for (int c = 0; c < 3; ++c) matrix[c] *= scale[c];
+    matrix[3] = glm::dvec4(vector_of<3>(node["translation"]).value_or(glm::dvec3(0)), 1);
+    return matrix;
+  }
+
+  /// What moves vertices: the node, or where these have joints, the joints of its skin.
+  Result<const std::vector<glm::dmat4>*> joints_of(const JsonValue& index) {
+    static const std::vector<glm::dmat4> kNone;
+    if (!index) return &kNone;
+    const std::uint64_t k = index.index().value_or(skins_.size());
+    if (k >= skins_.size()) return wrong("there is no such skin");
+    if (const auto known = joints_.find(k); known != joints_.end()) return &known->second;
+    std::vector<glm::dmat4>& joints = joints_[k];
+    const auto nodes = skins_[k]["joints"].items();
+    to_.use(nodes.size() * sizeof(glm::dmat4));
+    if (to_.full()) return &kNone;
+    for (const JsonValue& joint : nodes) {
+      const std::uint64_t node = joint.index().value_or(nodes_.size());
+      if (node >= nodes_.size()) return wrong("skin ", k, " has a joint that is no node");
+      joints.push_back(world_[node]);
+    }
+    if (const JsonValue inverse = skins_[k]["inverseBindMatrices"]) {
+      const auto matrices = SLF_TRY(elements<float>(inverse));
+      if (matrices.width != 16 || matrices.count() < joints.size())
+        return wrong("skin ", k, " has ", joints.size(), " joints and ", matrices.count(),
+                     " matrices");
+      for (std::size_t j = 0; j < joints.size(); ++j) {
+        glm::dmat4 matrix(1);
+        for (int i = 0; i < 16; ++i) matrix[i / 4][i % 4] = matrices.at(j)[i];
+        joints[j] = joints[j] * matrix;
+      }
+    }
+    return &joints;
+  }
+
+  Result<void> add_node(std::size_t k) {
+    if (!nodes_[k]["mesh"]) return {};
+    const std::uint64_t m = nodes_[k]["mesh"].index().value_or(meshes_.size());
+    if (m >= meshes_.size()) return wrong("node ", k, " has a mesh that is none");
+    const auto* joints = SLF_TRY(joints_of(nodes_[k]["skin"]));
+    const JsonValue own = nodes_[k]["weights"];
+    std::vector<double> weights;
+    for (const JsonValue& weight : (own ? own : meshes_[m]["weights"]).items())
+      weights.push_back(weight.number().value_or(0));
+    const std::string name = name_of(meshes_[m], m);
+    const auto primitives = meshes_[m]["primitives"].items();
+    SLF_TRY(charge(weights.size() * (1 + primitives.size()) + primitives.size()));
+    for (const JsonValue& primitive : primitives) {
+      if (to_.full()) return {};
+      auto added = add_primitive(primitive, world_[k], *joints, weights);
+      const std::string start = to_.path() + ": glTF: ";
+      if (!added && added.error().message.starts_with(start))
+        return fail(added.error().code, to_.path(), ": mesh '", name,
+                    "': ", added.error().message.substr(start.size()));
+      if (!added) return added;
+    }
+    return {};
+  }
+
+  /// An attribute, with what targets of morphs add.
+  Result<Elements<float>> attribute(const JsonValue& primitive, const std::string& name,
+                                    const std::vector<double>& weights) {
+    Elements<float> out;
+    if (const JsonValue base = primitive["attributes"][name]) out = SLF_TRY(elements<float>(base));
+    const auto targets = primitive["targets"].items();
+    SLF_TRY(charge(targets.size()));
+    for (std::size_t t = 0; t < std::min(targets.size(), weights.size()); ++t) {
+      const JsonValue target = targets[t][name];
+      if (!target || weights[t] == 0) continue;
+      const auto added = SLF_TRY(elements<float>(target));
+      if (added.count() != out.count() || added.width > out.width)
+        return wrong("target ", t, " has ", added.count(), " ", name, ", the mesh ", out.count());
+      for (std::size_t k = 0; k < out.count(); ++k)
+        for (std::size_t c = 0; c < added.width; ++c)
+          out.values[k * out.width + c] += static_cast<float>(weights[t]) * added.at(k)[c];
+    }
+    return out;
+  }
+
+  /// Where vertices with joints are: the mean of what their joints would do.
+  Result<std::vector<glm::dmat4>> blend(const JsonValue& primitive, std::size_t count,
+                                        const std::vector<glm::dmat4>& joints,
+                                        const glm::dmat4& otherwise) {
+    std::vector<glm::dmat4> sums(count, glm::dmat4(0));
+    std::vector<double> totals(count, 0);
+    for (int set = 0;; ++set) {
+      const std::string number = std::to_string(set);
+      const JsonValue places = primitive["attributes"]["JOINTS_" + number],
+                      shares = primitive["attributes"]["WEIGHTS_" + number];
+      if (!places || !shares) break;
+      const auto indices = SLF_TRY(elements<std::uint32_t>(places));
+      const auto weights = SLF_TRY(elements<float>(shares));
+      if (indices.count() != count || weights.count() != count || indices.width != weights.width)
+        return wrong(count, " vertices have ", indices.count(), " joints and ", weights.count(),
+                     " weights");
+      for (std::size_t i = 0; i < indices.values.size(); ++i) {
+        const double weight = weights.values[i];
+        if (weight == 0) continue;
+        if (indices.values[i] >= joints.size())
+          return wrong("vertex ", i / indices.width, " has joint ", indices.values[i], " of ",
+                       joints.size());
+        sums[i / indices.width] += weight * joints[indices.values[i]];
+        totals[i / indices.width] += weight;
+      }
+    }
+    for (std::size_t k = 0; k < count; ++k)
+      sums[k] = totals[k] > 0 ? sums[k] / totals[k] : otherwise;
+    return sums;
+  }
+
+  Result<void> add_primitive(const JsonValue& primitive, const glm::dmat4& world,
+                             const std::vector<glm::dmat4>& joints,
+                             const std::vector<double>& weights) {
+    constexpr std::uint64_t kTriangles = 4, kStrip = 5, kFan = 6;
+    const std::uint64_t mode =
+        primitive["mode"] ? primitive["mode"].index().value_or(7) : kTriangles;
+    if (mode > kFan) return wrong("a primitive has mode ", mode);
+    if (mode < kTriangles || !primitive["attributes"]["POSITION"]) {
+      to_.leave_out();
+      return {};
+    }
+    if (const auto k = primitive["attributes"]["POSITION"].index();
+        primitive["extensions"]["KHR_draco_mesh_compression"] && k && *k < accessors_.size() &&
+        !accessors_[*k]["bufferView"])
+      return not_read("KHR_draco_mesh_compression");
+    const Paint paint = SLF_TRY(paint_of(primitive["material"]));
+    const auto positions = SLF_TRY(attribute(primitive, "POSITION", weights));
+    const auto normals = SLF_TRY(attribute(primitive, "NORMAL", weights));
+    const auto uvs =
+        SLF_TRY(attribute(primitive, "TEXCOORD_" + std::to_string(paint.set), weights));
+    const auto colors = SLF_TRY(attribute(primitive, "COLOR_0", weights));
+    const std::size_t count = positions.count();
+    for (const auto& [list, what, width] : {std::tuple{&positions, "positions", 3U},
+                                            {&normals, "normals", 3U},
+                                            {&uvs, "texture coordinates", 2U},
+                                            {&colors, "colours", 3U}})
+      if (list->width != 0 && (list->width < width || list->count() != count))
+        return wrong(count, " vertices have ", list->count(), " ", what, " of ", list->width,
+                     " numbers");
+    std::vector<glm::dmat4> moved;
+    if (!joints.empty() && primitive["attributes"]["JOINTS_0"])
+      moved = SLF_TRY(blend(primitive, count, joints, world));
+    const std::size_t first = to_.vertices();
+    for (std::size_t k = 0; k < count; ++k) {
+      const glm::dmat4& matrix = moved.empty() ? world : moved[k];
+      const auto vec3 = [&](const Elements<float>& list) {
+        return glm::dvec3(list.at(k)[0], list.at(k)[1], list.at(k)[2]);
+      };
+      MeshVertex vertex{glm::dvec3(matrix * glm::dvec4(vec3(positions), 1))};
+      if (normals.width > 0) {
+        // Cofactors: unlike the inverse, they exist for singular matrices, too.
+        const glm::dmat3 m(matrix);
+        const glm::dvec3 n =
+            glm::dmat3(glm::cross(m[1], m[2]), glm::cross(m[2], m[0]), glm::cross(m[0], m[1])) *
+            vec3(normals);
+        const double length = glm::length(n);
+        vertex.normal = glm::vec3(length > 0 ? n / length : glm::dvec3(0));
+      }
+      if (uvs.width > 0)
+        vertex.uv = glm::vec2(paint.transform * glm::dvec3(uvs.at(k)[0], uvs.at(k)[1], 1));
+      if (colors.width > 0)
+        vertex.color = color_bytes(
+            glm::vec4(glm::vec3(vec3(colors)), colors.width > 3 ? colors.at(k)[3] : 1), true);
+      to_.add(vertex);
+    }
+    Elements<std::uint32_t> indices;
+    if (const JsonValue given = primitive["indices"])
+      indices = SLF_TRY(elements<std::uint32_t>(given));
+    const std::size_t corners = indices.width > 0 ? indices.values.size() : count;
+    const auto corner = [&](std::size_t k) {
+      return indices.width > 0 ? indices.values[k] : static_cast<std::uint32_t>(k);
+    };
+    for (std::size_t k = 2; k < corners && !to_.full(); k += mode == kTriangles ? 3 : 1) {
+      const bool odd = mode == kStrip && k % 2 == 1;
+      glm::uvec3 triangle(corner(mode == kFan ? 0 : k - 2), corner(k - 1), corner(k));
+      if (odd) std::swap(triangle.x, triangle.y);
+      for (int c = 0; c < 3; ++c)
+        if (triangle[c] >= count)
+          return wrong("triangle ", mode == kTriangles ? k / 3 : k - 2, " has vertex ", triangle[c],
+                       " of ", count);
+      to_.add(triangle + static_cast<std::uint32_t>(first), paint.material);
+    }
+    return {};
+  }
+
+  Result<Paint> paint_of(const JsonValue& material) {
+    if (material) {
+      const std::uint64_t k = material.index().value_or(paints_.size());
+      if (k >= paints_.size()) return wrong("there is no such material");
+      return paints_[k];
+    }
+    if (!plain_) {
+      plain_ = Paint{.material = static_cast<std::uint32_t>(to_.mesh().materials.size())};
+      to_.mesh().materials.emplace_back();
+    }
+    return *plain_;
+  }
+
+  const ByteSpan bytes_;
+  MeshBuilder& to_;
+  std::uint64_t left_;  // numbers that may still be decoded
+  ByteSpan held_;       // the data in a .glb
+  std::optional<CompactJson> json_;
+  JsonValue root_;
+  std::vector<JsonValue> buffers_, views_, accessors_, materials_, textures_, images_, samplers_,
+      meshes_, nodes_, skins_;
+  std::vector<std::optional<Bytes>> loaded_;  // buffers that are not in the file
+  std::vector<Paint> paints_;                 // of each material
+  std::optional<Paint> plain_;
+  std::vector<glm::dmat4> world_;                            // of each node
+  std::vector<std::size_t> shown_;                           // nodes
+  std::map<std::uint64_t, std::vector<glm::dmat4>> joints_;  // of each skin
+};
+
+}  // namespace
+
+Result<void> read_gltf(ByteSpan bytes, MeshBuilder& to) { return GltfReader(bytes, to).read(); }
+
+}  // namespace slf

@@ -1,0 +1,349 @@
+// PLY, as text and in both byte orders.
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "base/lower_case.h"
+#include "base/try.h"
+#include "field/mesh/builder.h"
+
+namespace slf {
+namespace {
+
+enum class Type : std::uint8_t { i8, u8, i16, u16, i32, u32, f32, f64 };
+constexpr std::array<std::uint64_t, 8> kSizes{1, 1, 2, 2, 4, 4, 4, 8};
+
+std::optional<Type> type_of(std::string_view name) {
+  for (const auto& [text, type] : {std::pair{"char", Type::i8},
+                                   {"int8", Type::i8},
+                                   {"uchar", Type::u8},
+                                   {"uint8", Type::u8},
+                                   {"short", Type::i16},
+                                   {"int16", Type::i16},
+                                   {"ushort", Type::u16},
+                                   {"uint16", Type::u16},
+                                   {"int", Type::i32},
+                                   {"int32", Type::i32},
+                                   {"uint", Type::u32},
+                                   {"uint32", Type::u32},
+                                   {"float", Type::f32},
+                                   {"float32", Type::f32},
+                                   {"double", Type::f64},
+                                   {"float64", Type::f64}})
+    if (name == text) return type;
+  return {};
+}
+
+struct Property {
+  std::string name;
+  Type type = Type::f32;
+  std::optional<Type> length{};  // of a list
+};
+
+struct Element {
+  std::string name;
+  std::uint64_t count = 0;
+  std::vector<Property> properties{};
+
+  /// The first property with one of these names, or -1.
+  [[nodiscard]] int find(std::initializer_list<std::string_view> names) const {
+    for (const std::string_view wanted : names)
+      for (std::size_t k = 0; k < properties.size(); ++k)
+        if (properties[k].name == wanted) return static_cast<int>(k);
+    return -1;
+  }
+};
+
+/// The places of red, green, blue and alpha in an element, or -1.
+std::array<int, 4> find_color(const Element& element) {
+  std::array<int, 4> places{element.find({"red", "diffuse_red", "r"}),
+                            element.find({"green", "diffuse_green", "g"}),
+                            element.find({"blue", "diffuse_blue", "b"}), element.find({"alpha"})};
+  if (places[0] < 0 || places[1] < 0 || places[2] < 0) places.fill(-1);
+  return places;
+}
+
+class PlyReader {
+ public:
+  PlyReader(ByteSpan bytes, MeshBuilder& to)
+      : rest_(reinterpret_cast<const char*>(bytes.data()), bytes.size()), to_(to) {}
+
+  Result<void> read() {
+    SLF_TRY(read_header());
+    const auto faces = std::count_if(elements_.begin(), elements_.end(), [](const Element& e) {
+      return e.count > 0 && (e.name == "face" || e.name == "tristrips");
+    });
+    const auto points = std::find_if(elements_.begin(), elements_.end(),
+                                     [](const Element& e) { return e.name == "vertex"; });
+    if (points == elements_.end() || points->count == 0) return to_.wrong("PLY: has no vertices");
+    for (const Element& e : elements_) SLF_TRY(check_size(e));
+    if (faces == 0) {
+      const bool splats = points->find({"f_dc_0"}) >= 0 && points->find({"scale_0"}) >= 0;
+      return fail(ErrorCode::unsupported, to_.path(), ": holds ", points->count,
+                  splats ? " Gaussian splats, which are not read"
+                         : " points and no faces; only faces are shown: make a surface of them "
+                           "first");
+    }
+    bool mapped = points->find({"s", "u", "texture_u"}) >= 0;
+    for (const Element& e : elements_) {
+      const bool own = e.name == "face" && e.find({"texcoord"}) >= 0;
+      mapped = mapped || own;
+      faces_own_ = faces_own_ || own || (e.name == "face" && find_color(e)[0] >= 0);
+    }
+    SLF_TRY(read_materials(mapped));
+    if (to_.only_files()) return {};
+    for (const Element& element : elements_) SLF_TRY(read_element(element));
+    Mesh& mesh = to_.mesh();
+    for (MeshMaterial& m : mesh.materials)
+      if (mesh.textures.empty() && mesh.colors.empty())
+        m.color = glm::vec4(glm::vec3(kPlainColor), 1);
+    return {};
+  }
+
+ private:
+  Result<void> read_header() {
+    const bool only_cr = rest_.find_first_of("\r\n") < rest_.size() &&
+                         rest_[rest_.find_first_of("\r\n")] == '\r' &&
+                         !rest_.substr(rest_.find('\r')).starts_with("\r\n");
+    bool known = false;
+    for (int number = 0; !rest_.empty(); ++number) {
+      // In a binary file the first byte of data may be a line feed.
+      const std::size_t end = rest_.find(only_cr ? '\r' : '\n');
+      if (end == rest_.npos) break;
+      std::string_view words = trimmed(rest_.substr(0, end));
+      rest_.remove_prefix(end + 1);
+      const std::string line(words);
+      const std::string word(next_word(words));
+      const auto malformed = [&] { return to_.wrong("PLY: malformed header line '", line, "'"); };
+      if (word == "format") {
+        const std::string_view name = next_word(words);
+        known = true;
+        ascii_ = name == "ascii";
+        big_endian_ = name == "binary_big_endian";
+        if (!ascii_ && !big_endian_ && name != "binary_little_endian") return malformed();
+      } else if (word == "comment") {
+        if (lower_case(std::string(next_word(words))) == "texturefile")
+          textures_.emplace_back(trimmed(words));
+      } else if (word == "element") {
+        const std::string_view name = next_word(words);
+        const auto count = number_of(next_word(words));
+        if (!count || !(*count >= 0 && *count < 1e15)) return malformed();
+        elements_.push_back({std::string(name), static_cast<std::uint64_t>(*count)});
+      } else if (word == "property") {
+        std::string_view type = next_word(words);
+        std::optional<Type> length;
+        const bool list = type == "list";
+        if (list) {
+          length = type_of(next_word(words));
+          type = next_word(words);
+        }
+        const auto own = type_of(type);
+        if (!own || (list && !length) || elements_.empty()) return malformed();
+        elements_.back().properties.push_back({std::string(next_word(words)), *own, length});
+      } else if (word == "end_header") {
+        return known ? Result<void>() : to_.wrong("PLY: its header has no format");
+      } else if (number > 0 && !word.empty() && word != "obj_info") {
+        return malformed();
+      }
+    }
+    return to_.wrong("PLY: its header does not end");
+  }
+
+  /// Whether there are as many bytes as the elements need at least.
+  [[nodiscard]] Result<void> check_size(const Element& element) const {
+    std::uint64_t least = 0;
+    for (const Property& p : element.properties)
+      least += ascii_ ? 2 : kSizes[static_cast<std::size_t>(p.length.value_or(p.type))];
+    if (element.count * least > rest_.size() + 1)
+      return to_.wrong("says that it has ", element.count, " elements '", element.name,
+                       "', but it has only ", rest_.size(),
+                       " bytes after its header: truncated, or damaged; copy it again");
+    return {};
+  }
+
+  Result<void> read_materials(bool mapped) {
+    if (textures_.empty() || !mapped) textures_.assign(1, "");
+    for (const std::string& name : textures_) {
+      MeshMaterial to;
+      if (!name.empty()) {
+        auto texture = to_.texture(name);
+        if (!texture) return fail(texture.error().code, to_.path(), ": ", texture.error().message);
+        to.texture = *texture;
+      }
+      to_.mesh().materials.push_back(to);
+    }
+    return {};
+  }
+
+  /// One number of the data. False: there is none.
+  bool take(Type type, double& value) {
+    if (ascii_) {
+      const auto number = number_of(next_word(rest_));
+      value = number.value_or(0);
+      return number.has_value();
+    }
+    const std::size_t size = kSizes[static_cast<std::size_t>(type)];
+    if (rest_.size() < size) return false;
+    const auto* from = reinterpret_cast<const std::byte*>(rest_.data());
+    const auto load = [&]<class T>(T) { return big_endian_ ? load_be<T>(from) : load_le<T>(from); };
+    switch (type) {
+      case Type::i8:
+        value = static_cast<std::int8_t>(load(std::uint8_t{}));
+        break;
+      case Type::u8:
+        value = load(std::uint8_t{});
+        break;
+      case Type::i16:
+        value = static_cast<std::int16_t>(load(std::uint16_t{}));
+        break;
+      case Type::u16:
+        value = load(std::uint16_t{});
+        break;
+      case Type::i32:
+        value = static_cast<std::int32_t>(load(std::uint32_t{}));
+        break;
+      case Type::u32:
+        value = load(std::uint32_t{});
+        break;
+      case Type::f32:
+        value = std::bit_cast<float>(load(std::uint32_t{}));
+        break;
+      case Type::f64:
+        value = std::bit_cast<double>(load(std::uint64_t{}));
+        break;
+    }
+    rest_.remove_prefix(size);
+    return true;
+  }
+
+  Result<void> read_element(const Element& element) {
+    const std::size_t width = element.properties.size();
+    if (width == 0) return {};
+    const bool vertex = element.name == "vertex", face = element.name == "face",
+               strips = element.name == "tristrips";
+    const std::array<int, 3> position{element.find({"x"}), element.find({"y"}),
+                                      element.find({"z"})};
+    if (vertex && *std::min_element(position.begin(), position.end()) < 0)
+      return to_.wrong("PLY: its vertices have no x, y and z");
+    const std::array<int, 3> normal{element.find({"nx"}), element.find({"ny"}),
+                                    element.find({"nz"})};
+    const std::array<int, 2> uv{element.find({"s", "u", "texture_u"}),
+                                element.find({"t", "v", "texture_v"})};
+    const std::array<int, 4> color = find_color(element);
+    const int indices = element.find({"vertex_indices", "vertex_index"}),
+              coordinates = element.find({"texcoord"}), texture = element.find({"texnumber"});
+    std::vector<double> values(width);
+    std::vector<std::vector<double>> lists(width);
+    const auto value = [&](int k) { return k < 0 ? 0 : values[static_cast<std::size_t>(k)]; };
+    const auto list = [&](int k) -> const std::vector<double>& {
+      static const std::vector<double> kEmpty;
+      return k < 0 ? kEmpty : lists[static_cast<std::size_t>(k)];
+    };
+    const auto color_of = [&]() -> std::optional<glm::u8vec4> {
+      if (color[0] < 0) return {};
+      glm::vec4 rgba(1);
+      for (int c = 0; c < 4; ++c)
+        if (const int k = color[static_cast<std::size_t>(c)]; k >= 0) {
+          const Type type = element.properties[static_cast<std::size_t>(k)].type;
+          const double most = type >= Type::f32                        ? 1
+                              : type == Type::u16 || type == Type::i16 ? 65535
+                                                                       : 255;
+          rgba[c] = static_cast<float>(value(k) / most);
+        }
+      return color_bytes(rgba, false);
+    };
+    for (std::uint64_t k = 0; k < element.count && !to_.full(); ++k) {
+      for (std::size_t p = 0; p < width; ++p) {
+        const Property& property = element.properties[p];
+        double length = 0;
+        bool good =
+            property.length ? take(*property.length, length) : take(property.type, values[p]);
+        // In text a number takes two characters.
+        if (!(length >= 0 && length <= static_cast<double>(rest_.size()))) good = false;
+        lists[p].clear();
+        for (std::size_t i = 0; good && i < static_cast<std::size_t>(length); ++i)
+          good = take(property.type, lists[p].emplace_back());
+        if (!good)
+          return to_.wrong("PLY: element '", element.name, "' ", k, ", property '", property.name,
+                           "': ", rest_.empty() ? "truncated; copy the file again" : "malformed");
+      }
+      if (vertex) {
+        MeshVertex v{{value(position[0]), value(position[1]), value(position[2])}};
+        if (normal[0] >= 0 && normal[1] >= 0 && normal[2] >= 0)
+          v.normal = glm::vec3(value(normal[0]), value(normal[1]), value(normal[2]));
+        if (uv[0] >= 0 && uv[1] >= 0) v.uv = glm::vec2(value(uv[0]), 1 - value(uv[1]));
+        v.color = color_of();
+        colored_ = color[0] >= 0;
+        if (faces_own_)
+          vertices_.push_back(v);
+        else
+          to_.add(v);
+      } else if (face) {
+        const double number = value(texture);
+        const bool known = number >= 0 && number < static_cast<double>(textures_.size());
+        SLF_TRY(add_face(k, list(indices), list(coordinates), color_of(),
+                         known ? static_cast<std::uint32_t>(number) : 0));
+      } else if (strips) {
+        SLF_TRY(add_strips(list(indices)));
+      }
+    }
+    return {};
+  }
+
+  [[nodiscard]] Result<std::uint32_t> vertex_at(double index) const {
+    const std::size_t count = faces_own_ ? vertices_.size() : to_.vertices();
+    if (index >= 0 && index < static_cast<double>(count)) return static_cast<std::uint32_t>(index);
+    return to_.wrong("PLY: a face has vertex ", index, " of ", count);
+  }
+
+  Result<void> add_face(std::uint64_t number, const std::vector<double>& indices,
+                        const std::vector<double>& uvs, const std::optional<glm::u8vec4>& color,
+                        std::uint32_t material) {
+    if (!uvs.empty() && uvs.size() != 2 * indices.size())
+      return to_.wrong("PLY: face ", number, " has ", indices.size(), " corners and ", uvs.size(),
+                       " texture coordinates");
+    corners_.clear();
+    for (std::size_t k = 0; k < indices.size(); ++k) {
+      const std::uint32_t at = SLF_TRY(vertex_at(indices[k]));
+      if (!faces_own_) {
+        corners_.push_back(at);
+        continue;
+      }
+      MeshVertex vertex = vertices_[at];
+      if (color && !colored_) vertex.color = color;
+      if (!uvs.empty()) vertex.uv = glm::vec2(uvs[2 * k], 1 - uvs[2 * k + 1]);
+      corners_.push_back(to_.add(vertex));
+    }
+    if (!to_.full()) to_.add(corners_, material);
+    return {};
+  }
+
+  /// Triangles between each three successive vertices; -1 begins another strip.
+  Result<void> add_strips(const std::vector<double>& indices) {
+    for (std::size_t k = 0, start = 0; k < indices.size(); ++k) {
+      if (indices[k] < 0) start = k + 1;
+      if (indices[k] < 0 || k < start + 2) continue;
+      std::vector<double> face{indices[k - 2], indices[k - 1], indices[k]};
+      if ((k - start) % 2 == 1) std::swap(face[0], face[1]);
+      if (face[0] == face[1] || face[1] == face[2] || face[0] == face[2]) continue;
+      SLF_TRY(add_face(k, face, {}, std::nullopt, 0));
+    }
+    return {};
+  }
+
+  std::string_view rest_;
+  MeshBuilder& to_;
+  bool ascii_ = false, big_endian_ = false;
+  std::vector<Element> elements_;
+  std::vector<std::string> textures_;
+  // Where faces have colours or texture coordinates, each has vertices of its own: copies of these.
+  bool faces_own_ = false, colored_ = false;
+  std::vector<MeshVertex> vertices_;
+  std::vector<std::uint32_t> corners_;  // of a face
+};
+
+}  // namespace
+
+Result<void> read_ply(ByteSpan bytes, MeshBuilder& to) { return PlyReader(bytes, to).read(); }
+
+}  // namespace slf
