@@ -259,12 +259,12 @@ TEST(Mesh, NamesWhatIsWrongWithAFile) {
   };
   EXPECT_THAT(read_mesh(folder / "none.obj").error().message, HasSubstr("no such file"));
   EXPECT_THAT(error("empty.obj", ""), HasSubstr("empty"));
-  EXPECT_THAT(error("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"), HasSubstr("mesh"));
+  EXPECT_THAT(error("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"), HasSubstr("3 points"));
   EXPECT_THAT(
       error("nan.ply", std::string(kPly) + "nan 0 0 1 1 1\n1 0 0 1 1 1\n0 1 0 1 1 1\n3 0 1 2\n"),
       HasSubstr("not finite"));
   EXPECT_THAT(error("short.ply", std::string(kPly) + "0 0 0"), HasSubstr("truncated"));
-  EXPECT_THAT(error("many.ply", "ply\nformat ascii 1.0\nelement vertex 4000000000\n"),
+  EXPECT_THAT(error("many.ply", std::string(kPly).replace(36, 1, "4000000000")),
               HasSubstr("4000000000"));
   EXPECT_THAT(error("short.stl", std::string(80, ' ') + word(1000) + std::string(50, '\0')),
               HasSubstr("truncated"));
