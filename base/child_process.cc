@@ -32,7 +32,8 @@ bool set_limits(std::uint64_t bytes, std::uint64_t seconds) {
   const auto limit = [](auto resource, std::uint64_t max) {
     rlimit now{};
     if (::getrlimit(resource, &now) != 0) return false;
-    now.rlim_cur = std::min<rlim_t>(now.rlim_max, max);
+    now.rlim_max = std::min<rlim_t>(now.rlim_max, max);  // it cannot be raised again
+    now.rlim_cur = now.rlim_max;
     return ::setrlimit(resource, &now) == 0;
   };
   return limit(RLIMIT_CORE, 0) && limit(RLIMIT_FSIZE, 0) && limit(RLIMIT_NPROC, 0) &&

@@ -14,9 +14,10 @@
 namespace slf {
 
 /// In the child: resets signal handlers that the parent installed, sends standard streams nowhere,
-/// and limits what may be used from now on: `bytes` of address space more than now, and `seconds`
-/// of processor time. It may neither write files, start processes, nor dump core. If the system
-/// refuses, the child exits with kNotConfined.
+/// and limits, for good, what may be used from now on: `bytes` of address space more than now, and
+/// `seconds` of processor time. It may neither write into files, fork, nor dump core. It is no
+/// sandbox: code that takes it over may still remove files or execute another program. If the
+/// system refuses, the child exits with kNotConfined.
 void confine_child(std::uint64_t bytes, std::uint64_t seconds);
 
 /// The exit status of such a child. For their own purposes children exit with 0 or 1.

@@ -123,40 +123,53 @@ std::optional<std::string> MeshBuilder::locate(std::string reference,
   return {};
 }
 
+Result<Bytes> MeshBuilder::read(const std::string& what, const std::string& reference) {
+  if (const auto found = locate(reference)) return read(beside(*found));
+  return missing(what, reference);
+}
+
+std::string MeshBuilder::beside(const std::string& file) const {
+  return fs::path(path()).parent_path() / file;
+}
+
+tl::unexpected<Error> MeshBuilder::missing(const std::string& what,
+                                           const std::string& reference) const {
+  const std::string own = fs::path(path()).parent_path();
+  return error(ErrorCode::io, "its ", what, " '", reference, "' is missing; put it into ",
+               own.empty() ? "the mesh's folder" : own);
+}
+
 Result<std::size_t> MeshBuilder::texture(const std::string& reference, const std::string& folder) {
-  const fs::path own = fs::path(path()).parent_path();
   const auto found = locate(reference, folder);
-  if (!found)
-    return fail(ErrorCode::io, "its texture '", reference, "' is missing; put it into ",
-                own.empty() ? "the mesh's folder" : own.string());
-  const std::string file = own / *found;
+  if (!found) return missing("texture", reference);
+  const std::string file = beside(*found);
   if (const auto known = textures_.find(file); known != textures_.end()) return known->second;
   if (only_files_) {
     add_file(file);
     return 0;
   }
   const std::uint64_t allowed = allowed_;
-  const Bytes bytes = SLF_TRY(read(file));
-  allowed_ = allowed;
-  const std::size_t index = SLF_TRY(texture(file, ByteSpan(bytes)));
+  const auto bytes = read(file);
+  allowed_ = allowed;  // pictures have a limit of their own
+  if (!bytes) return error(bytes.error().code, bytes.error().message);
+  const std::size_t index = SLF_TRY(texture(file, ByteSpan(*bytes)));
   mesh_.textures[index].name = reference;
   return index;
 }
 
 Result<std::size_t> MeshBuilder::texture(const std::string& name, ByteSpan bytes) {
   if (const auto known = textures_.find(name); known != textures_.end()) return known->second;
-  if (only_files_) return 0;
   const bool png = text_of(bytes).starts_with("\x89PNG");
-  auto image =
+  const auto image =
       png ? image_formats::decode_straight_png(name, bytes) : image_formats::decode(name, bytes);
   if (!image && is_other_picture(name, bytes))
-    return fail(ErrorCode::unsupported, "its texture ", name,
-                " is of a kind that is not read; convert it to PNG or JPEG");
-  if (!image) return tl::unexpected(image.error());
+    return error(ErrorCode::unsupported, "its texture ", name,
+                 " is of a kind that is not read; convert it to PNG or JPEG");
+  if (!image) return error(image.error().code, image.error().message);
   texels_ += image->pixels();
   if (texels_ > kMaxTexels)
-    return fail(ErrorCode::unsupported, "its textures have more than ", kMaxTexels,
-                " pixels; shrink them");
+    return error(ErrorCode::unsupported, "its textures have more than ", kMaxTexels,
+                 " pixels; shrink them");
   MeshTexture made{name, image->width, image->height, {}};
   made.texels.reserve(image->pixels());
   for (glm::vec4 c : image->rgba) {
@@ -245,17 +258,18 @@ void MeshBuilder::add(std::span<const std::uint32_t> polygon, std::uint32_t mate
 }
 
 void MeshBuilder::note(const std::string& text) {
-  if (std::find(mesh_.notes.begin(), mesh_.notes.end(), text) == mesh_.notes.end())
-    mesh_.notes.push_back(text);
+  std::vector<std::string>& notes = mesh_.notes;
+  if (notes.size() < 20 && std::find(notes.begin(), notes.end(), text) == notes.end())
+    notes.push_back(text);
 }
 
 Result<Mesh> MeshBuilder::finish() {
   if (full())
-    return fail(ErrorCode::unsupported, path(), ": has more than ", kMaxTriangles,
-                " triangles, or much more than its files hold, with all instances; simplify it");
+    return error(ErrorCode::unsupported, "has more than ", kMaxTriangles,
+                 " triangles, or much more than its files hold, with all instances; simplify it");
   if (mesh_.triangles.empty())
-    return fail(ErrorCode::bad_file, path(), ": has no triangles",
-                left_out_ ? ", only points or lines" : "", "; export faces");
+    return error(ErrorCode::bad_file, "has no triangles", left_out_ ? ", only points or lines" : "",
+                 "; export faces");
   glm::dvec3 low(std::numeric_limits<double>::infinity()), high = -low;
   for (std::size_t k = 0; k < positions_.size(); ++k) {
     const glm::dvec3& p = positions_[k];
@@ -271,7 +285,7 @@ Result<Mesh> MeshBuilder::finish() {
     mesh_.positions.emplace_back(p - mesh_.origin);
     const glm::vec3& q = mesh_.positions.back();
     if (!std::isfinite(q.x + q.y + q.z))
-      return fail(ErrorCode::unsupported, path(), ": coordinates are too large; use larger units");
+      return error(ErrorCode::unsupported, "coordinates are too large; use larger units");
   }
   if (left_out_) note("points and lines were left out");
   return std::move(mesh_);

@@ -31,14 +31,22 @@ class MeshBuilder {
   [[nodiscard]] const std::string& path() const { return mesh_.source; }
   [[nodiscard]] bool only_files() const { return only_files_; }
   [[nodiscard]] Mesh& mesh() { return mesh_; }
+  /// Errors name the file and the part of it that is being read.
+  void at(std::string part) { part_ = std::move(part); }
+  template <class... Parts>
+  [[nodiscard]] tl::unexpected<Error> error(ErrorCode code, const Parts&... parts) const {
+    return fail(code, path(), ": ", part_, parts...);
+  }
   template <class... Parts>
   [[nodiscard]] tl::unexpected<Error> wrong(const Parts&... parts) const {
-    return fail(ErrorCode::bad_file, path(), ": ", parts...);
+    return error(ErrorCode::bad_file, parts...);
   }
 
   /// All of a regular file, which becomes one of the mesh's files. It allows the mesh more memory.
   /// not_found, io, unsupported: more than 8 GiB.
   [[nodiscard]] Result<Bytes> read(const std::string& file);
+  /// The same for a file that the mesh names, `what` is its role. io: it is missing.
+  [[nodiscard]] Result<Bytes> read(const std::string& what, const std::string& reference);
   /// The path of a file that a mesh names; `folder`, relative to the mesh's own, is that of the
   /// file with the name. Only regular files in the mesh's folder, beside that folder, or below
   /// either; none that is hidden. Programs on Windows write backslashes, some write the path that
@@ -70,6 +78,9 @@ class MeshBuilder {
   [[nodiscard]] Result<Mesh> finish();
 
  private:
+  [[nodiscard]] std::string beside(const std::string& file) const;
+  [[nodiscard]] tl::unexpected<Error> missing(const std::string& what,
+                                              const std::string& reference) const;
   static constexpr std::uint64_t kMost = std::uint64_t{1} << 50;
   Mesh mesh_;
   const bool y_up_, only_files_;
@@ -79,6 +90,7 @@ class MeshBuilder {
   std::size_t texels_ = 0;
   std::uint64_t compared_ = 0;  // corners with ears
   bool left_out_ = false;
+  std::string part_;
   std::vector<glm::dvec2> flat_;     // a polygon in its plane,
   std::vector<std::uint32_t> ring_;  // and what is left of it
 };

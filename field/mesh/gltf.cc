@@ -87,7 +87,7 @@ class GltfReader {
     const std::string_view version = root_["asset"]["version"].text();
     if (version.empty()) return wrong("no asset.version: not a glTF file");
     if (!version.starts_with("2."))
-      return fail(ErrorCode::unsupported, to_.path(), ": glTF ", version, "; glTF 2 is read");
+      return to_.error(ErrorCode::unsupported, "glTF ", version, "; glTF 2 is read");
     for (const JsonValue& name : root_["extensionsRequired"].items())
       if (!is_read(name.text())) return not_read(name.text());
     for (const JsonValue& name : root_["extensionsUsed"].items())
@@ -106,10 +106,9 @@ class GltfReader {
                                      {&skins_, "skins"}}) {
       *list = root_[name].items();
       if (list->size() > kMaxItems)
-        return fail(ErrorCode::unsupported, to_.path(), ": glTF: has ", list->size(), " ", name,
-                    "; up to ", kMaxItems, " are read");
+        return to_.error(ErrorCode::unsupported, "glTF: has ", list->size(), " ", name, "; up to ",
+                         kMaxItems, " are read");
     }
-    loaded_.resize(buffers_.size());
     SLF_TRY(read_materials());
     SLF_TRY(place_nodes());
     for (const std::size_t k : shown_) SLF_TRY(add_node(k));
@@ -128,8 +127,8 @@ class GltfReader {
     return to_.wrong("glTF: ", parts...);
   }
   tl::unexpected<Error> not_read(std::string_view extension) const {
-    return fail(ErrorCode::unsupported, to_.path(), ": requires the glTF extension ", extension,
-                ", which is not read; export it without");
+    return to_.error(ErrorCode::unsupported, "requires the glTF extension ", extension,
+                     ", which is not read; export it without");
   }
 
   Result<void> open() {
@@ -140,7 +139,7 @@ class GltfReader {
       if (bytes_.size() < kHeader + kChunk) return to_.wrong("truncated in its header");
       const std::uint32_t version = load_le<std::uint32_t>(&bytes_[4]);
       if (version != 2)
-        return fail(ErrorCode::unsupported, to_.path(), ": glTF ", version, "; glTF 2 is read");
+        return to_.error(ErrorCode::unsupported, "glTF ", version, "; glTF 2 is read");
       const auto chunk = [&](std::size_t at) -> std::optional<ByteSpan> {
         const std::size_t size = load_le<std::uint32_t>(&bytes_[at]);
         if (size > bytes_.size() - at - kChunk) return {};
@@ -157,9 +156,9 @@ class GltfReader {
       }
     }
     if (json.size() > kMaxJson)
-      return fail(ErrorCode::unsupported, to_.path(), ": has ", json.size(),
-                  " bytes of JSON; glTF files with up to ", kMaxJson,
-                  " are read; export it as .glb");
+      return to_.error(ErrorCode::unsupported, "has ", json.size(),
+                       " bytes of JSON; glTF files with up to ", kMaxJson,
+                       " are read; export it as .glb");
     std::string_view json_text(reinterpret_cast<const char*>(json.data()), json.size());
     json_text = json_text.substr(0, json_text.find_last_not_of('\0') + 1);
     json_ = CompactJson::parse(json_text);
@@ -191,21 +190,18 @@ class GltfReader {
       if (!bytes) return wrong(what, ": its base64 is damaged");
       return std::move(*bytes);
     }
-    const auto found = to_.locate(std::string(uri));
-    const std::size_t slash = to_.path().rfind('/') + 1;
-    if (!found)
-      return fail(ErrorCode::io, to_.path(), ": its ", what, " '", uri,
-                  "' is missing; put it into ",
-                  slash > 1 ? to_.path().substr(0, slash - 1) : "the mesh's folder");
-    return to_.read(to_.path().substr(0, slash) + *found);
+    return to_.read(what, std::string(uri));
   }
 
   Result<ByteSpan> buffer(std::size_t k) {
     const JsonValue uri = buffers_[k]["uri"];
     const auto size = buffers_[k]["byteLength"].index();
     if (!size) return wrong("buffer ", k, " has no byteLength");
-    if (uri && !loaded_[k]) loaded_[k] = SLF_TRY(fetch(uri.text(), "buffer"));
-    const ByteSpan bytes = uri ? ByteSpan(*loaded_[k]) : k == 0 ? held_ : ByteSpan();
+    if (uri && loaded_.count(uri.text()) == 0) {
+      Bytes file = SLF_TRY(fetch(uri.text(), "buffer"));
+      loaded_.emplace(uri.text(), std::move(file));
+    }
+    const ByteSpan bytes = uri ? ByteSpan(loaded_[uri.text()]) : k == 0 ? held_ : ByteSpan();
     if (buffers_[k]["extensions"]["EXT_meshopt_compression"] && bytes.empty())
       return not_read("EXT_meshopt_compression");
     if (bytes.size() < *size)
@@ -272,8 +268,8 @@ class GltfReader {
 
   Result<void> charge(std::uint64_t numbers) {
     if (numbers > left_)
-      return fail(ErrorCode::unsupported, to_.path(),
-                  ": glTF: its meshes ask for much more than the file holds");
+      return to_.error(ErrorCode::unsupported,
+                       "glTF: its meshes ask for much more than the file holds");
     left_ -= numbers;
     return {};
   }
@@ -299,8 +295,8 @@ class GltfReader {
     } else {
       to_.use(numbers * sizeof(T));
       if (to_.full())
-        return fail(ErrorCode::unsupported, to_.path(), ": glTF: accessor ", k, " has ", *count,
-                    " elements without data");
+        return to_.error(ErrorCode::unsupported, "glTF: accessor ", k, " has ", *count,
+                         " elements without data");
       out.values.resize(numbers);
     }
     if (const JsonValue sparse = accessor["sparse"]) {
@@ -343,12 +339,9 @@ class GltfReader {
       to.cutoff = static_cast<float>(from["alphaCutoff"].number().value_or(0.5));
       if (const JsonValue texture =
               specular ? specular["diffuseTexture"] : metal["baseColorTexture"]) {
-        auto done = add_texture(texture, to, paint);
-        if (!done) {
-          const std::string& why = done.error().message;
-          return fail(done.error().code, to_.path(), ": material '", to.name,
-                      "': ", why.starts_with(to_.path()) ? why.substr(to_.path().size() + 2) : why);
-        }
+        to_.at("material '" + to.name + "': ");
+        SLF_TRY(add_texture(texture, to, paint));
+        to_.at("");
       }
       to_.mesh().materials.push_back(std::move(to));
       paints_.push_back(paint);
@@ -390,10 +383,11 @@ class GltfReader {
       to.texture = SLF_TRY(to_.texture(std::string(uri)));
       return {};
     }
-    const std::string name = "image " + name_of(image, *source.index());
+    const std::string name = "image " + std::to_string(*source.index());
     Bytes decoded;
     if (!uri.empty()) decoded = SLF_TRY(fetch(uri, name));
-    const ByteSpan bytes = uri.empty() ? SLF_TRY(view(image["bufferView"])) : ByteSpan(decoded);
+    ByteSpan bytes = decoded;
+    if (uri.empty()) bytes = SLF_TRY(view(image["bufferView"]));
     to.texture = SLF_TRY(to_.texture(name, bytes));
     return {};
   }
@@ -507,18 +501,12 @@ class GltfReader {
     std::vector<double> weights;
     for (const JsonValue& weight : (own ? own : meshes_[m]["weights"]).items())
       weights.push_back(weight.number().value_or(0));
-    const std::string name = name_of(meshes_[m], m);
     const auto primitives = meshes_[m]["primitives"].items();
     SLF_TRY(charge(weights.size() * (1 + primitives.size()) + primitives.size()));
-    for (const JsonValue& primitive : primitives) {
-      if (to_.full()) return {};
-      auto added = add_primitive(primitive, world_[k], *joints, weights);
-      const std::string start = to_.path() + ": glTF: ";
-      if (!added && added.error().message.starts_with(start))
-        return fail(added.error().code, to_.path(), ": mesh '", name,
-                    "': ", added.error().message.substr(start.size()));
-      if (!added) return added;
-    }
+    to_.at("mesh '" + name_of(meshes_[m], m) + "': ");
+    for (const JsonValue& primitive : primitives)
+      if (!to_.full()) SLF_TRY(add_primitive(primitive, world_[k], *joints, weights));
+    to_.at("");
     return {};
   }
 
@@ -669,7 +657,7 @@ class GltfReader {
   JsonValue root_;
   std::vector<JsonValue> buffers_, views_, accessors_, materials_, textures_, images_, samplers_,
       meshes_, nodes_, skins_;
-  std::vector<std::optional<Bytes>> loaded_;  // buffers that are not in the file
+  std::map<std::string_view, Bytes> loaded_;  // buffers that are not in the file, by URI
   std::vector<Paint> paints_;                 // of each material
   std::optional<Paint> plain_;
   std::vector<glm::dmat4> world_;                            // of each node

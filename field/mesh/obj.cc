@@ -126,14 +126,13 @@ class ObjReader {
     for (const std::uint32_t m : to_.mesh().material_of) used[m] = true;
     if (!used.back() && materials_.size() > 1) materials_.pop_back();
     for (std::size_t k = 0; k < materials_.size(); ++k) {
-      auto added = add_material(materials_[k], used[k]);
-      if (!added)
-        return fail(added.error().code, to_.path(), ": material '", materials_[k].name,
-                    "': ", added.error().message);
+      to_.at("material '" + materials_[k].name + "': ");
+      SLF_TRY(add_material(materials_[k], used[k]));
     }
+    to_.at("");
     if (to_.mesh().triangles.empty() && !positions_.empty())
-      return fail(ErrorCode::unsupported, to_.path(), ": has ", positions_.size(),
-                  " points and no faces; only faces are shown: make a surface of them first");
+      return to_.error(ErrorCode::unsupported, "has ", positions_.size(),
+                       " points and no faces; only faces are shown: make a surface of them first");
     finish_materials();
     return {};
   }
@@ -209,8 +208,7 @@ class ObjReader {
             std::string(trimmed(rest)), static_cast<std::uint32_t>(materials_.size()));
         if (added) materials_.emplace_back();
         if (materials_.size() > kMaxMaterials)
-          return fail(ErrorCode::unsupported, to_.path(), ": has more than ", kMaxMaterials,
-                      " materials");
+          return to_.error(ErrorCode::unsupported, "has more than ", kMaxMaterials, " materials");
         to = &materials_[entry->second];
         *to = {.name = entry->first, .folder = folder};  // the last one of a name counts
       }
@@ -273,9 +271,9 @@ class ObjReader {
     MeshTexture made = textures[to.texture.value_or(found)];
     if (!to.texture) std::fill(made.texels.begin(), made.texels.end(), glm::u8vec4(255));
     if (mask.width != made.width || mask.height != made.height)
-      return fail(ErrorCode::unsupported, "its textures ", made.name, " and ", mask.name,
-                  " differ in size (", made.width, "x", made.height, ", ", mask.width, "x",
-                  mask.height, "); scale one of them");
+      return to_.error(ErrorCode::unsupported, "its textures ", made.name, " and ", mask.name,
+                       " differ in size (", made.width, "x", made.height, ", ", mask.width, "x",
+                       mask.height, "); scale one of them");
     const bool opaque = std::all_of(mask.texels.begin(), mask.texels.end(),
                                     [](const glm::u8vec4& t) { return t.a == 255; });
     for (std::size_t k = 0; k < made.texels.size(); ++k) {

@@ -79,10 +79,11 @@ class PlyReader {
     for (const Element& e : elements_) SLF_TRY(check_size(e));
     if (faces == 0) {
       const bool splats = points->find({"f_dc_0"}) >= 0 && points->find({"scale_0"}) >= 0;
-      return fail(ErrorCode::unsupported, to_.path(), ": holds ", points->count,
-                  splats ? " Gaussian splats, which are not read"
-                         : " points and no faces; only faces are shown: make a surface of them "
-                           "first");
+      return to_.error(ErrorCode::unsupported, "holds ", points->count,
+                       splats
+                           ? " Gaussian splats, which are not read"
+                           : " points and no faces; only faces are shown: make a surface of them "
+                             "first");
     }
     bool mapped = points->find({"s", "u", "texture_u"}) >= 0;
     for (const Element& e : elements_) {
@@ -165,11 +166,7 @@ class PlyReader {
     if (textures_.empty() || !mapped) textures_.assign(1, "");
     for (const std::string& name : textures_) {
       MeshMaterial to;
-      if (!name.empty()) {
-        auto texture = to_.texture(name);
-        if (!texture) return fail(texture.error().code, to_.path(), ": ", texture.error().message);
-        to.texture = *texture;
-      }
+      if (!name.empty()) to.texture = SLF_TRY(to_.texture(name));
       to_.mesh().materials.push_back(to);
     }
     return {};
