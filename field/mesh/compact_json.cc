@@ -1,5 +1,6 @@
 #include "field/mesh/compact_json.h"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 namespace slf {

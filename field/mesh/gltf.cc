@@ -27,6 +27,10 @@ bool is_read(std::string_view extension) {
          extension == "KHR_mesh_quantization" || extension == "KHR_lights_punctual";
 }
 
+bool is_unsigned(std::uint64_t component) {
+  return component == 5121 || component == 5123 || component == 5125;
+}
+
 template <int N>
 std::optional<glm::vec<N, double>> vector_of(const JsonValue& value) {
   const auto items = value.items();
@@ -285,7 +289,7 @@ class GltfReader {
          {std::pair{"SCALAR", 1}, {"VEC2", 2}, {"VEC3", 3}, {"VEC4", 4}, {"MAT4", 16}})
       if (accessor["type"].text() == name) out.width = static_cast<std::size_t>(width);
     const bool known = type && *type >= 5120 && *type <= 5126 && *type != 5124;
-    if (!count || !known || out.width == 0 || (std::is_integral_v<T> && *type == 5126))
+    if (!count || !known || out.width == 0 || (std::is_integral_v<T> && !is_unsigned(*type)))
       return wrong("accessor ", k, " is malformed");
     const bool normalized = accessor["normalized"].is_true();
     const std::uint64_t numbers = *count * out.width;
@@ -302,7 +306,7 @@ class GltfReader {
     if (const JsonValue sparse = accessor["sparse"]) {
       const auto changes = sparse["count"].index(),
                  index_type = sparse["indices"]["componentType"].index();
-      if (!changes || *changes > *count || !index_type || *index_type < 5121 || *index_type > 5125)
+      if (!changes || *changes > *count || !index_type || !is_unsigned(*index_type))
         return wrong("accessor ", k, ": its sparse part is malformed");
       std::vector<std::uint32_t> places;
       std::vector<T> values;

@@ -1,5 +1,5 @@
 // STL, as text and binary.
-#include <cstring>
+#include <array>
 
 #include "base/lower_case.h"
 #include "base/try.h"

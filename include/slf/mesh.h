@@ -39,7 +39,7 @@ enum class MeshOpacity : std::uint8_t {
 struct MeshMaterial {
   std::string name;
   glm::vec4 color{1};  ///< linear RGB and alpha, which multiply texture and vertex colour
-  std::optional<std::size_t> texture;     ///< index into Mesh::textures
+  std::optional<std::size_t> texture;  ///< index into Mesh::textures
   MeshWrap wrap_u = MeshWrap::repeat, wrap_v = MeshWrap::repeat;
   MeshOpacity opacity = MeshOpacity::opaque;
   float cutoff = 0.5f;
@@ -48,7 +48,7 @@ struct MeshMaterial {
 /// Triangles with shared vertices. Attributes that a mesh does not have are empty; otherwise they
 /// have an element for each position.
 struct Mesh {
-  std::string source;  ///< the path, for people
+  std::string source;    ///< the path, for people
   glm::dvec3 origin{0};  ///< positions are relative to it, as coordinates of maps need it
   std::vector<glm::vec3> positions;
   /// Any length. A normal of 0 stands for none: then triangles that meet there at less than 60°
@@ -78,10 +78,10 @@ enum class UpAxis : std::uint8_t {
 /// morphs that the file gives, and with the textures that it holds or names. PLY, OBJ and STL files
 /// without any colour become light grey. Polygons become triangles; points and lines are left out.
 /// A mesh may name files in its own folder, beside that folder, and below either.
-/// io: the mesh or one of its textures is missing, unreadable or no regular file. bad_file: damaged,
-/// truncated, has no triangles or a vertex that is not finite. unsupported: only points or Gaussian
-/// splats, an extension of glTF that it requires, a picture of another format, more than 2^28
-/// triangles, a file of more than 8 GiB, a mesh whose instances need much more memory than its
+/// io: the mesh or one of its textures is missing, unreadable or no regular file. bad_file:
+/// damaged, truncated, has no triangles or a vertex that is not finite. unsupported: only points or
+/// Gaussian splats, an extension of glTF that it requires, a picture of another format, more than
+/// 2^28 triangles, a file of more than 8 GiB, a mesh whose instances need much more memory than its
 /// files have bytes.
 [[nodiscard]] Result<Mesh> read_mesh(const std::string& path, UpAxis up = UpAxis::by_format);
 
