@@ -222,7 +222,7 @@ TEST_F(Damaged, ShrinkingWhileMappedIsAnError) {
     ASSERT_TRUE(ok(store));
     std::vector<TileRef> tiles;
     for (const auto& [key, bytes] : model_) tiles.push_back(*store->find(key));
-    EXPECT_FALSE(store->changed());
+    EXPECT_TRUE(ok(store->unchanged()));
     ASSERT_EQ(truncate(path_.c_str(), static_cast<off_t>(size - 4096)), 0);
     for (const TileRef& tile : tiles) {
       const auto again = store->find(tile.key);
@@ -237,7 +237,7 @@ TEST_F(Damaged, ShrinkingWhileMappedIsAnError) {
     std::vector<Error> findings;
     store->check_structure(findings);
     EXPECT_FALSE(findings.empty()) << size;
-    EXPECT_TRUE(store->changed());
+    EXPECT_EQ(store->unchanged().error().code, ErrorCode::bad_file);
     const auto visited =
         store->visit({0, 0}, {9, 0}, [](const TileRef&) { return Result<void>(); });
     ASSERT_FALSE(visited);
@@ -295,7 +295,7 @@ TEST_F(Damaged, FaultsElsewhereGoToThePreviousHandler) {
       (void)map[5000];
       return 3;
     }
-    return foreign_faults == 1 && !store->changed() ? 0 : 4;
+    return foreign_faults == 1 && store->unchanged() ? 0 : 4;
   };
   const auto child_alone = [&] {  // it has a folder of its own
     const int result = child();
