@@ -69,6 +69,22 @@ int rename_to(const std::string& from, const std::string& to, Existing existing)
   return std::rename(from.c_str(), to.c_str()) == 0 ? 0 : errno;
 }
 
+/// Gives a file without a name this one. Returns 0 or an errno value.
+int link_to(int fd, const std::string& name) {
+  const std::string path = path_of_descriptor(fd);
+  return ::linkat(AT_FDCWD, path.c_str(), AT_FDCWD, name.c_str(), AT_SYMLINK_FOLLOW) == 0 ? 0
+                                                                                          : errno;
+}
+
+/// `cause`: 0 if a file has got the name `to`, or an errno value.
+Result<void> end_of_publishing(const std::string& to, int cause) {
+  if (cause == EEXIST) return fail(ErrorCode::usage, to, ": exists already");
+  if (cause != 0) return io_error(to, "cannot write", cause);
+  if (const int late = sync_folder(folder_of(to)); late != 0)
+    return io_error(to, "is written, but its folder could not be synced", late);
+  return {};
+}
+
 }  // namespace
 
 std::string resolve_links(const std::string& path) {
@@ -155,13 +171,7 @@ Result<void> publish_file(const std::string& from, const std::string& to, Existi
     if (file.get() < 0 || ::fsync(file.get()) != 0) return io_error(to, "cannot write", errno);
   }
   if (existing == Existing::replace) copy_permissions(to, from, /*writable=*/false);
-  if (const int cause = rename_to(from, to, existing); cause == EEXIST)
-    return fail(ErrorCode::usage, to, ": exists already");
-  else if (cause != 0)
-    return io_error(to, "cannot write", cause);
-  if (const int cause = sync_folder(folder_of(to)); cause != 0)
-    return io_error(to, "is written, but its folder could not be synced", cause);
-  return {};
+  return end_of_publishing(to, rename_to(from, to, existing));
 }
 
 NewFile::NewFile(std::string target, int fd, std::string name)
@@ -191,17 +201,16 @@ Result<NewFile> NewFile::create(const std::string& target) {
 std::string NewFile::path() const { return name_.empty() ? path_of_descriptor(fd_) : name_; }
 
 Result<void> NewFile::publish(Existing existing) {
-  // Nothing slow is left to do while the file has a name that is not its own.
   if (::fsync(fd_) != 0) return io_error(target_, "cannot write", errno);
-  if (name_.empty()) {
-    const std::string name = unused_name(target_);
-    if (::linkat(AT_FDCWD, path().c_str(), AT_FDCWD, name.c_str(), AT_SYMLINK_FOLLOW) != 0)
-      return io_error(target_, "cannot write", errno);
-    name_ = name;
+  if (existing == Existing::replace) copy_permissions(target_, path(), /*writable=*/false);
+  int cause = name_.empty() ? link_to(fd_, target_) : rename_to(name_, target_, existing);
+  if (cause == EEXIST && existing == Existing::replace) {  // a link replaces nothing
+    name_ = unused_name(target_);
+    cause = link_to(fd_, name_);
+    if (cause == 0) cause = rename_to(name_, target_, existing);
   }
-  auto published = publish_file(name_, target_, existing);
-  if (published) name_.clear();
-  return published;
+  if (cause == 0) name_.clear();
+  return end_of_publishing(target_, cause);
 }
 
 Result<void> write_file(const std::string& path, ByteSpan bytes) {

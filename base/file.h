@@ -59,8 +59,8 @@ void copy_permissions(const std::string& from, const std::string& to, bool writa
 [[nodiscard]] Result<void> write_file(const std::string& path, ByteSpan bytes);
 
 /// A new file, which gets its name when it is complete. Until then it has none, so that nothing
-/// remains of it if the process is killed. On file systems that cannot do this, it has the name
-/// that unused_name() gave it. Move-only.
+/// remains of it if the process is killed. While it replaces another, and on file systems without
+/// such files, it has the name that unused_name() gave it. Move-only.
 class NewFile {
  public:
   /// Creates it in the folder of `target`, whose name it is to get. io, not_found: names `target`.

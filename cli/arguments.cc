@@ -185,7 +185,8 @@ tl::unexpected<Error> with_hint(const Error& error, const std::string& hint) {
 
 Result<void> with_force(Result<void> checked) {
   if (checked || !checked.error().choice) return checked;
-  return with_hint(checked.error(), "-f overwrites it");
+  const bool folder = std::string_view(checked.error().choice) == "replace in";
+  return with_hint(checked.error(), folder ? "-f overwrites files in it" : "-f overwrites it");
 }
 
 Result<void> refuse_overwrite(const std::string& path, bool force,

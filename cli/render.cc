@@ -161,7 +161,7 @@ Result<void> name_pictures(const RaycastArguments& a, std::vector<Picture>& pict
   std::set<std::string> names;
   for (Picture& picture : pictures) {
     const fs::path name = fs::path(picture.name).relative_path().lexically_normal();
-    if (!name.has_filename() || *name.begin() == "..")
+    if (!name.has_filename() || name == "." || *name.begin() == "..")
       return fail(ErrorCode::bad_file, a.cameras, ": ", picture.name, ": leads out of the folder");
     picture.file = (fs::path(a.picture.output) / name).replace_extension(".exr").string();
     if (!names.insert(picture.file).second)

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <cstdio>
+#include <filesystem>
 #include <optional>
 
 #include "base/file.h"
@@ -80,6 +81,9 @@ Result<std::optional<Field>> repack_if_requested(const ExportArguments& a, const
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
   const bool fits = !limited || (one_file && field.file_bytes() <= room);
   if (as_it_is && fits) return std::nullopt;
+  std::error_code ignored;
+  if (std::filesystem::exists(std::filesystem::symlink_status(path, ignored)))
+    return fail(ErrorCode::usage, path, ": exists; move or remove it: the export needs its name");
   const auto bar = progress_bar("export", "tiles", OnSignal::stop);
   SLF_TRY(limited ? view::repack_to_fit(field, path, options, room, bar)
                   : repack_field(field, path, options, bar));

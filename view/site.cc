@@ -24,9 +24,10 @@ namespace fs = std::filesystem;
 // has padding.
 constexpr std::size_t kPieceBytes = std::size_t{3} << 20;
 
-/// Exported folders: files beside index.html.
-constexpr std::string_view kStyleFile = "style.css", kScriptFile = "page.js",
-                           kModuleScriptFile = "module.bin.js", kFieldFile = "field.slf";
+/// Exported folders.
+constexpr std::string_view kIndexFile = "index.html", kStyleFile = "style.css",
+                           kScriptFile = "page.js", kModuleScriptFile = "module.bin.js",
+                           kFieldFile = "field.slf";
 
 /// Some hosts send the page of a folder without the slash at the end of its address. Then the files
 /// beside the page are not where their names lead.
@@ -58,12 +59,6 @@ std::string page_html(std::string_view head, std::string_view scripts) {
   return html;
 }
 
-/// Writes a file of the page, but never over the input.
-Result<void> write_text(const std::string& path, std::string_view text, const std::string& input) {
-  SLF_TRY(check_output(path, {&input, 1}));
-  return write_file(path, bytes_of(text));
-}
-
 /// Checks that the file is a field, and returns its size.
 Result<std::uint64_t> field_size(const std::string& path) {
   const auto field = SLF_TRY(Field::open(path));
@@ -91,9 +86,9 @@ Result<void> export_page(const std::string& field, const std::string& input,
       page_script("module: " + module_string() + ",\npieceBytes: " + std::to_string(kPieceBytes) +
                   ", size: " + std::to_string(content.size()) + ",\n") +
       "</script>\n";
-  return write_text(
-      output, page_html("<style>\n" + std::string(file_named(kStyleFile)) + "</style>", scripts),
-      input);
+  const std::string page =
+      page_html("<style>\n" + std::string(file_named(kStyleFile)) + "</style>", scripts);
+  return write_file(output, bytes_of(page));
 }
 
 Result<void> export_site(const std::string& field, const std::string& input,
@@ -105,7 +100,7 @@ Result<void> export_site(const std::string& field, const std::string& input,
   // The field takes long and may not fit, so it is copied first. It gets its name last.
   const std::string target = (fs::path(folder) / kFieldFile).string();
   std::optional<NewFile> copy;
-  if (!fs::equivalent(field, target, error)) {
+  if (!is_same_file(field, target)) {
     SLF_TRY(check_output(target, {&input, 1}));  // as it is when it is made smaller
     auto copied = SLF_TRY(copy_file(field, target, progress));
     copy.emplace(std::move(copied));
@@ -116,12 +111,12 @@ Result<void> export_site(const std::string& field, const std::string& input,
       "<link rel=\"preload\" href=\"" + std::string(kModuleFile) + "\" as=\"fetch\" crossorigin>\n";
   const std::string script = "<script src=\"" + std::string(kScriptFile) + "\"></script>\n";
   for (const auto& [name, text] : std::initializer_list<std::pair<std::string_view, std::string>>{
-           {"index.html", page_html(std::string(kSlashScript) + style + module, script)},
+           {kIndexFile, page_html(std::string(kSlashScript) + style + module, script)},
            {kStyleFile, std::string(file_named(kStyleFile))},
            {kScriptFile, page_script("")},
            {kModuleFile, std::string(file_named(kModuleFile))},
            {kModuleScriptFile, "slfInside.module = " + module_string() + ";\n"}})
-    SLF_TRY(write_text((fs::path(folder) / name).string(), text, input));
+    SLF_TRY(write_file((fs::path(folder) / name).string(), bytes_of(text)));
   return copy ? copy->publish(Existing::replace) : Result<void>();
 }
 
@@ -147,10 +142,12 @@ Result<void> check_export(const std::string& input, const std::string& output, E
   std::error_code ignored;
   if (existing == Existing::keep && fs::is_directory(output, ignored) &&
       !fs::is_empty(output, ignored))
-    return fail_without("replace", ErrorCode::usage, output, ": is not empty");
+    return fail_without("replace in", ErrorCode::usage, output, ": is not empty");
+  for (const std::string_view name :
+       {kIndexFile, kStyleFile, kScriptFile, kModuleFile, kModuleScriptFile})
+    SLF_TRY(check_output((fs::path(output) / name).string(), {&input, 1}));
   const std::string target = (fs::path(output) / kFieldFile).string();
-  return fs::equivalent(input, target, ignored) ? Result<void>()
-                                                : check_output(target, {&input, 1});
+  return is_same_file(input, target) ? Result<void>() : check_output(target, {&input, 1});
 }
 
 Result<void> export_field(const std::string& field, const std::string& input,

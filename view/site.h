@@ -26,9 +26,10 @@ inline constexpr std::uint64_t kMaxEmbeddedBytes = std::uint64_t{1} << 30;
 /// (doc/format/optional.md, "Index"). After an error, an HTML file is unchanged, and so is the
 /// field in a folder. `input` is a file that must not be replaced: `field`, or what it was made of.
 /// usage: `existing` is keep, and the HTML file exists or the folder has files in it (Error::choice
-/// is then "replace"); or a file to write is `input`. io: a file cannot be read or written.
-/// bad_file: `field` is no field. unsupported: the field is larger than kMaxEmbeddedBytes, for one
-/// file; or slf was built without the page. cancelled: stopped by `progress`, which counts bytes.
+/// is then "replace" or "replace in"); or a file to write is `input`. io: a file cannot be read or
+/// written. bad_file: `field` is no field. unsupported: the field is larger than kMaxEmbeddedBytes,
+/// for one file; or slf was built without the page. cancelled: stopped by `progress`, which counts
+/// bytes.
 [[nodiscard]] Result<void> export_field(const std::string& field, const std::string& input,
                                         const std::string& output, Existing existing,
                                         const ProgressCallback& progress = {});

@@ -106,6 +106,8 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
   const bool in_place = output.existing == Existing::keep && output.exists();
   const std::string file = in_place ? output.path : output.unfinished();
   std::error_code ignored;
+  if (!in_place && std::filesystem::is_symlink(file, ignored))
+    return tl::unexpected(name_is_taken({ErrorCode::usage, file + ": is a link"}));
   if (!in_place && !std::filesystem::exists(file, ignored)) return std::nullopt;
   const auto field = FieldFile::open(file);
   if (!field && in_place) return tl::unexpected(field.error());

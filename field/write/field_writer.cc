@@ -26,6 +26,8 @@ constexpr const char* kAnotherProcess = ": another process is writing it";
 Result<void> remove_leftover(const std::string& file, ByteSpan manifest) {
   struct stat status {};
   if (::lstat(file.c_str(), &status) != 0) return {};
+  if (S_ISLNK(status.st_mode))
+    return tl::unexpected(name_is_taken({ErrorCode::usage, file + ": is a link"}));
   const auto writer = TileWriter::resume(file);  // holds the writer's lock
   if (!writer && writer.error().code == ErrorCode::busy) return tl::unexpected(writer.error());
   if (!writer) return tl::unexpected(name_is_taken(writer.error()));
@@ -77,9 +79,6 @@ Result<FieldOutput> FieldOutput::at(const std::string& path, Existing existing,
         return fail(ErrorCode::usage, input, ": is the input, and ", draft,
                     " is the name under which ", path,
                     " grows; rename it, or choose another output");
-    std::error_code ignored;
-    if (std::filesystem::is_symlink(draft, ignored))
-      return tl::unexpected(name_is_taken({ErrorCode::usage, draft + ": is a link"}));
   }
   return output;
 }

@@ -32,7 +32,7 @@ struct FieldOutput {
   Existing existing = Existing::keep;
 
   /// usage: `path` leads to a folder or a device, or to one of `inputs`, which would be lost; or
-  /// one of its drafts' names is that of an input, of a link or of a folder.
+  /// an input has the name of one of its drafts.
   [[nodiscard]] static Result<FieldOutput> at(const std::string& path, Existing existing,
                                               std::span<const std::string> inputs);
 

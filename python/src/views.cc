@@ -50,7 +50,7 @@ void export_field(const std::string& field, const std::string& output, bool forc
   value_of(call.without_gil([&] {
     auto written = view::export_field(field, field, output,
                                       force ? Existing::replace : Existing::keep, call.progress());
-    if (!written && written.error().choice) written.error().message += "; force=True replaces it";
+    if (!written && written.error().choice) written.error().message += "; force=True overwrites it";
     return written;
   }),
            field);

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <signal.h>
 #include <sys/mman.h>
+#include <sys/syscall.h>
 
 #include <atomic>
 #include <csetjmp>
@@ -243,6 +244,24 @@ TEST_F(Damaged, ShrinkingWhileMappedIsAnError) {
     ASSERT_FALSE(visited);
     EXPECT_THAT(visited.error().message, HasSubstr("changed while open"));
   }
+}
+
+// The kernel reports a page that the disk cannot read as it does one beyond the end of the file.
+TEST_F(Damaged, APageThatTheDiskCannotReadIsAnErrorOfInputAndOutput) {
+  auto store = TileStore::open(path_);
+  ASSERT_TRUE(ok(store));
+  const auto tile = store->find(model_.rbegin()->first);
+  ASSERT_TRUE(ok(tile));
+  siginfo_t fault = {};
+  fault.si_signo = SIGBUS;
+  fault.si_code = BUS_ADRERR;
+  fault.si_addr = const_cast<std::byte*>(store->map()) + 8192;
+  ASSERT_EQ(syscall(SYS_rt_tgsigqueueinfo, getpid(), gettid(), SIGBUS, &fault), 0);
+  EXPECT_EQ(store->unchanged().error().code, ErrorCode::io);
+  const auto found = store->find(tile->key);
+  ASSERT_FALSE(found);
+  EXPECT_EQ(found.error().code, ErrorCode::io);
+  EXPECT_THAT(found.error().message, HasSubstr("the disk reports an error"));
 }
 
 std::atomic<int> foreign_faults = 0;
