@@ -193,6 +193,8 @@ Result<NewFile> NewFile::create(const std::string& target) {
   if (fd < 0 && names_are_needed(errno)) {
     name = unused_name(target);
     fd = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (fd >= 0)
+      copy_permissions(target, name, /*writable=*/true);  // what replaces a private file is private
   }
   if (fd < 0) return io_error(target, "cannot write", errno);
   return NewFile(target, fd, std::move(name));
