@@ -34,8 +34,6 @@ class Descriptor {
     if (fd_ >= 0) ::close(fd_);
   }
   [[nodiscard]] int get() const { return fd_; }
-  /// Late write errors appear here. Returns 0 or an errno value.
-  [[nodiscard]] int close() { return ::close(std::exchange(fd_, -1)) == 0 ? 0 : errno; }
 
  private:
   int fd_;
@@ -54,6 +52,13 @@ int sync_folder(const std::string& folder) {
   return ::fsync(directory.get()) == 0 || errno == EINVAL || errno == ENOTSUP ? 0 : errno;
 }
 
+int open_unnamed(const std::string& folder, mode_t mode) {
+  return ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, mode);
+}
+
+/// Whether the file system has no unnamed files, by the error of open_unnamed().
+bool names_are_needed(int error) { return error == EOPNOTSUPP || error == EISDIR; }
+
 int rename_to(const std::string& from, const std::string& to, Existing existing) {
   const unsigned flags = existing == Existing::keep ? RENAME_NOREPLACE : 0;
   if (renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), flags) == 0) return 0;
@@ -62,6 +67,22 @@ int rename_to(const std::string& from, const std::string& to, Existing existing)
   struct stat status {};
   if (existing == Existing::keep && ::lstat(to.c_str(), &status) == 0) return EEXIST;
   return std::rename(from.c_str(), to.c_str()) == 0 ? 0 : errno;
+}
+
+/// Gives a file without a name this one. Returns 0 or an errno value.
+int link_to(int fd, const std::string& name) {
+  const std::string path = path_of_descriptor(fd);
+  return ::linkat(AT_FDCWD, path.c_str(), AT_FDCWD, name.c_str(), AT_SYMLINK_FOLLOW) == 0 ? 0
+                                                                                          : errno;
+}
+
+/// `cause`: 0 if a file has got the name `to`, or an errno value.
+Result<void> end_of_publishing(const std::string& to, int cause) {
+  if (cause == EEXIST) return fail(ErrorCode::usage, to, ": exists already");
+  if (cause != 0) return io_error(to, "cannot write", cause);
+  if (const int late = sync_folder(folder_of(to)); late != 0)
+    return io_error(to, "is written, but its folder could not be synced", late);
+  return {};
 }
 
 }  // namespace
@@ -88,7 +109,8 @@ bool is_same_file(const std::string& a, const std::string& b) {
          x.st_ino == y.st_ino;
 }
 
-Result<void> check_output(const std::string& path, std::span<const std::string> inputs) {
+Result<void> check_output(const std::string& path, std::span<const std::string> inputs,
+                          Existing existing) {
   const std::string target = resolve_links(path);
   struct stat status {};
   const bool exists = ::stat(target.c_str(), &status) == 0;
@@ -104,15 +126,17 @@ Result<void> check_output(const std::string& path, std::span<const std::string> 
                   input == path ? std::string() : " (" + input + ")",
                   ", which would be lost; choose another output");
   }
+  if (exists && existing == Existing::keep)
+    return fail_without("replace", ErrorCode::usage, path, ": exists");
   return {};
 }
 
 Result<void> check_own_file(const std::string& path, std::string_view magic, const char* what) {
   struct stat status {};
-  if (::stat(path.c_str(), &status) != 0) return {};  // writing it says what is wrong
+  if (::lstat(path.c_str(), &status) != 0) return {};  // writing it says what is wrong
   bool own = false;
   if (S_ISREG(status.st_mode)) {
-    const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+    const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW));
     std::string start(magic.size(), '\0');
     const ssize_t got = ::read(file.get(), start.data(), start.size());
     own = got == 0 || (got > 0 && start == magic);
@@ -147,13 +171,48 @@ Result<void> publish_file(const std::string& from, const std::string& to, Existi
     if (file.get() < 0 || ::fsync(file.get()) != 0) return io_error(to, "cannot write", errno);
   }
   if (existing == Existing::replace) copy_permissions(to, from, /*writable=*/false);
-  if (const int cause = rename_to(from, to, existing); cause == EEXIST)
-    return fail(ErrorCode::usage, to, ": exists already");
-  else if (cause != 0)
-    return io_error(to, "cannot write", cause);
-  if (const int cause = sync_folder(folder_of(to)); cause != 0)
-    return io_error(to, "is written, but its folder could not be synced", cause);
-  return {};
+  return end_of_publishing(to, rename_to(from, to, existing));
+}
+
+NewFile::NewFile(std::string target, int fd, std::string name)
+    : target_(std::move(target)), fd_(fd), name_(std::move(name)) {}
+
+NewFile::NewFile(NewFile&& other) noexcept
+    : target_(std::move(other.target_)),
+      fd_(std::exchange(other.fd_, -1)),
+      name_(std::exchange(other.name_, {})) {}
+
+NewFile::~NewFile() {
+  if (!name_.empty()) ::unlink(name_.c_str());
+  if (fd_ >= 0) ::close(fd_);
+}
+
+Result<NewFile> NewFile::create(const std::string& target) {
+  std::string name;
+  int fd = open_unnamed(folder_of(target), 0666);
+  if (fd < 0 && names_are_needed(errno)) {
+    name = unused_name(target);
+    fd = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (fd >= 0)
+      copy_permissions(target, name, /*writable=*/true);  // what replaces a private file is private
+  }
+  if (fd < 0) return io_error(target, "cannot write", errno);
+  return NewFile(target, fd, std::move(name));
+}
+
+std::string NewFile::path() const { return name_.empty() ? path_of_descriptor(fd_) : name_; }
+
+Result<void> NewFile::publish(Existing existing) {
+  if (::fsync(fd_) != 0) return io_error(target_, "cannot write", errno);
+  if (existing == Existing::replace) copy_permissions(target_, path(), /*writable=*/false);
+  int cause = name_.empty() ? link_to(fd_, target_) : rename_to(name_, target_, existing);
+  if (cause == EEXIST && existing == Existing::replace) {  // a link replaces nothing
+    name_ = unused_name(target_);
+    cause = link_to(fd_, name_);
+    if (cause == 0) cause = rename_to(name_, target_, existing);
+  }
+  if (cause == 0) name_.clear();
+  return end_of_publishing(target_, cause);
 }
 
 Result<void> write_file(const std::string& path, ByteSpan bytes) {
@@ -163,50 +222,35 @@ Result<void> write_file(const std::string& path, ByteSpan bytes) {
   if (::stat(target.c_str(), &status) == 0 ? !S_ISREG(status.st_mode) : errno == ELOOP)
     return fail(ErrorCode::io, path, ": cannot write: exists and is not a regular file");
 
-  const std::string temporary = unused_name(target);
-  Descriptor file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
-  if (file.get() < 0) return io_error(path, "cannot write", errno);
-
-  copy_permissions(target, temporary, /*writable=*/true);
-  int cause = write_all(file.get(), bytes);
-  if (const int late = file.close(); cause == 0) cause = late;
-  auto published = cause == 0 ? publish_file(temporary, target, Existing::replace)
-                              : io_error(path, "cannot write", cause);
-  if (!published) ::unlink(temporary.c_str());
-  return published;
+  auto file = SLF_TRY(NewFile::create(target));
+  if (const int cause = write_all(file.descriptor(), bytes); cause != 0)
+    return io_error(path, "cannot write", cause);
+  return file.publish(Existing::replace);
 }
 
-Result<void> copy_file(const std::string& from, const std::string& to,
-                       const ProgressCallback& progress) {
+Result<NewFile> copy_file(const std::string& from, const std::string& to,
+                          const ProgressCallback& progress) {
   constexpr std::size_t kChunk = std::size_t{1} << 20;
   const Descriptor source(::open(from.c_str(), O_RDONLY | O_CLOEXEC));
   struct stat status {};
   if (source.get() < 0 || ::fstat(source.get(), &status) != 0)
     return io_error(from, "cannot open", errno);
-  Descriptor copy(::open(to.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
-  if (copy.get() < 0) return io_error(to, "cannot write", errno);
+  auto copy = SLF_TRY(NewFile::create(to));
+  copy_permissions(from, copy.path(), /*writable=*/true);
 
   Reporter reporter(progress, {0, static_cast<std::uint64_t>(status.st_size), 0},
                     to + ": interrupted");
   Bytes chunk(kChunk);
-  const auto transfer = [&]() -> Result<void> {
-    for (;;) {
-      const ssize_t got = ::read(source.get(), chunk.data(), chunk.size());
-      if (got < 0 && errno == EINTR) continue;
-      if (got < 0) return io_error(from, "cannot read", errno);
-      if (got == 0) break;
-      const auto bytes = static_cast<std::size_t>(got);
-      if (const int cause = write_all(copy.get(), ByteSpan(chunk).first(bytes)); cause != 0)
-        return io_error(to, "cannot write", cause);
-      SLF_TRY(reporter.add(bytes));
-    }
-    if (const int cause = copy.close(); cause != 0) return io_error(to, "cannot write", cause);
-    return {};
-  };
-  copy_permissions(from, to, /*writable=*/true);
-  auto copied = transfer();
-  if (!copied) ::unlink(to.c_str());
-  return copied;
+  for (;;) {
+    const ssize_t got = ::read(source.get(), chunk.data(), chunk.size());
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return io_error(from, "cannot read", errno);
+    if (got == 0) return copy;
+    const auto bytes = static_cast<std::size_t>(got);
+    if (const int cause = write_all(copy.descriptor(), ByteSpan(chunk).first(bytes)); cause != 0)
+      return io_error(to, "cannot write", cause);
+    SLF_TRY(reporter.add(bytes));
+  }
 }
 
 Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const StartCheck& check) {
@@ -244,15 +288,20 @@ int write_all(int fd, ByteSpan bytes) {
   return 0;
 }
 
-int open_unnamed_file() {
+std::string temporary_folder() {
   const char* const given = std::getenv("TMPDIR");
-  const std::string folder = given != nullptr && *given != '\0' ? given : "/tmp";
-  const int file = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
-  if (file >= 0 || (errno != EOPNOTSUPP && errno != EISDIR)) return file;
-  std::string name = folder + "/slf-XXXXXX";  // the file system has no O_TMPFILE
+  return given != nullptr && *given != '\0' ? given : "/tmp";
+}
+
+int open_unnamed_file() {
+  const int file = open_unnamed(temporary_folder(), 0600);
+  if (file >= 0 || !names_are_needed(errno)) return file;
+  std::string name = temporary_folder() + "/slf-XXXXXX";
   const int named = ::mkostemp(name.data(), O_CLOEXEC);
   if (named >= 0) ::unlink(name.c_str());
   return named;
 }
+
+std::string path_of_descriptor(int fd) { return "/proc/self/fd/" + std::to_string(fd); }
 
 }  // namespace slf

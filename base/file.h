@@ -27,13 +27,14 @@ enum class Existing { keep, replace };
 /// output that the user named, and a file of its own that an earlier run left beside an output.
 
 /// usage: writing `path` would destroy something: it leads to a folder, a device or a pipe, or to
-/// one of `inputs`. Whether a file that is none of these may be replaced, the caller decides.
+/// one of `inputs`; or it exists and is to be kept, and then Error::choice is "replace".
 [[nodiscard]] Result<void> check_output(const std::string& path,
-                                        std::span<const std::string> inputs);
+                                        std::span<const std::string> inputs,
+                                        Existing existing = Existing::replace);
 
 /// For a name that the program has chosen itself. usage: `path` exists, and is not a regular file
-/// that is empty or begins with `magic`, so it was not left by this program. `what` says what such
-/// a file is, as "a light volume".
+/// that is empty or begins with `magic`, so it was not left by this program. A link is refused,
+/// wherever it leads. `what` says what such a file is, as "a light volume".
 [[nodiscard]] Result<void> check_own_file(const std::string& path, std::string_view magic,
                                           const char* what);
 
@@ -51,17 +52,44 @@ void copy_permissions(const std::string& from, const std::string& to, bool writa
 [[nodiscard]] Result<void> publish_file(const std::string& from, const std::string& to,
                                         Existing existing);
 
-/// Replaces `path` by a file with `bytes`, or leaves it as it was: writes a temporary file in the
-/// same folder, syncs, and renames. If `path` is a symbolic link, replaces the file it points to.
+/// Replaces `path` by a file with `bytes`, or leaves it as it was: writes a NewFile, and publishes
+/// that. If `path` is a symbolic link, replaces the file it points to.
 /// The new file has the permissions of the old one. io: names the path and the cause; no temporary
 /// file remains.
 [[nodiscard]] Result<void> write_file(const std::string& path, ByteSpan bytes);
 
-/// Copies `from`, with its permissions, to the new file `to`, without syncing it; the owner may
-/// write to the copy. Progress counts bytes. io, not_found: the message names `to` or `from` and
-/// the cause. cancelled: stopped by `progress`. After an error, no new file remains.
-[[nodiscard]] Result<void> copy_file(const std::string& from, const std::string& to,
-                                     const ProgressCallback& progress = {});
+/// A new file, which gets its name when it is complete. Until then it has none, so that nothing
+/// remains of it if the process is killed. While it replaces another, and on file systems without
+/// such files, it has the name that unused_name() gave it. Move-only.
+class NewFile {
+ public:
+  /// Creates it in the folder of `target`, whose name it is to get. io, not_found: names `target`.
+  [[nodiscard]] static Result<NewFile> create(const std::string& target);
+
+  NewFile(NewFile&& other) noexcept;
+  NewFile& operator=(NewFile&&) = delete;
+  ~NewFile();
+
+  [[nodiscard]] int descriptor() const { return fd_; }
+  /// Opens the file while this object lives; in this process only.
+  [[nodiscard]] std::string path() const;
+  /// Makes it durable and gives it its name. Errors as publish_file(); the file then vanishes with
+  /// this object.
+  [[nodiscard]] Result<void> publish(Existing existing);
+
+ private:
+  NewFile(std::string target, int fd, std::string name);
+
+  std::string target_;
+  int fd_;
+  std::string name_;  ///< empty: none
+};
+
+/// Copies `from`, with its permissions, to a new file that is to be named `to`; the owner may write
+/// to the copy. Progress counts bytes. io, not_found: the message names `to` or `from` and the
+/// cause. cancelled: stopped by `progress`.
+[[nodiscard]] Result<NewFile> copy_file(const std::string& from, const std::string& to,
+                                        const ProgressCallback& progress = {});
 
 /// Judges a file by its first bytes: at least 64 KiB, or all that it has.
 using StartCheck = std::function<Result<void>(ByteSpan start)>;
@@ -75,8 +103,14 @@ using StartCheck = std::function<Result<void>(ByteSpan start)>;
 /// Writes all of `bytes` to a descriptor. Returns 0 or an errno value.
 [[nodiscard]] int write_all(int fd, ByteSpan bytes);
 
-/// Opens a new file that has no name and vanishes when it is closed, in the folder TMPDIR or, if
-/// that is not set, /tmp. Returns its descriptor, or -1, and errno says why.
+/// TMPDIR or, if that is not set, /tmp.
+[[nodiscard]] std::string temporary_folder();
+
+/// Opens a new file that has no name and vanishes when it is closed, in temporary_folder(). Returns
+/// its descriptor, or -1, and errno says why.
 [[nodiscard]] int open_unnamed_file();
+
+/// A path that opens the file of a descriptor, as long as this process has that open.
+[[nodiscard]] std::string path_of_descriptor(int fd);
 
 }  // namespace slf

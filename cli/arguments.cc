@@ -183,13 +183,15 @@ tl::unexpected<Error> with_hint(const Error& error, const std::string& hint) {
   return tl::unexpected<Error>(Error{error.code, error.message + "; " + hint, error.choice});
 }
 
+Result<void> with_force(Result<void> checked) {
+  if (checked || !checked.error().choice) return checked;
+  const bool folder = std::string_view(checked.error().choice) == "replace in";
+  return with_hint(checked.error(), folder ? "-f overwrites files in it" : "-f overwrites it");
+}
+
 Result<void> refuse_overwrite(const std::string& path, bool force,
                               const std::vector<std::string>& inputs) {
-  SLF_TRY(check_output(path, inputs));
-  std::error_code ignored;
-  if (!force && std::filesystem::exists(path, ignored))
-    return fail(ErrorCode::usage, path, ": exists; -f overwrites it");
-  return {};
+  return with_force(check_output(path, inputs, force ? Existing::replace : Existing::keep));
 }
 
 void add_tone(CLI::App& command, ToneMapping& tone, const char* group) {

@@ -23,9 +23,9 @@ Result<void> run_build(const Arguments& arguments) {
   options.shard = shard;
   const std::string output = name_of_part(arguments.output, shard);
   SourceArguments source = arguments.source;
-  std::vector<std::string> inputs = source.files();
-  inputs.push_back(options.shard.coarser);
-  SLF_TRY(check_output(output, inputs));
+  source.check = [&](const std::vector<std::string>& inputs) {
+    return check_output(output, inputs);
+  };
   source.raycast.lighting.linear = options.half;
   if (!arguments.center.empty() && arguments.radius != 0)
     source.pictures.sphere = Sphere{to_vector(arguments.center), arguments.radius};

@@ -19,7 +19,10 @@ struct Arguments {
   bool force = false;
 };
 
-Result<Sphere> sphere_of(const Arguments& a) {
+/// `check` is given the files that the sphere is read from.
+Result<Sphere> sphere_of(
+    const Arguments& a, const std::function<Result<void>(const std::vector<std::string>&)>& check) {
+  SLF_TRY(check({a.source.input}));
   if (!a.sphere.empty()) {
     if (!(a.sphere[3] > 0))
       return fail(ErrorCode::usage, "--sphere: a radius of ", a.sphere[3], "; expected above 0");
@@ -32,29 +35,29 @@ Result<Sphere> sphere_of(const Arguments& a) {
     const auto field = SLF_TRY(open_field(a.source.input));
     return field.shape().sphere;
   }
-  const auto scene = SLF_TRY(a.source.scene({.deferred = true}));
+  SourceArguments source = a.source;
+  source.check = check;
+  const auto scene = SLF_TRY(source.scene({.deferred = true}));
   return scene->bounds();
 }
 
-Result<void> write_cameras(const Arguments& a, const std::string& output,
-                           std::vector<Picture> cameras, const std::string& folder) {
-  for (Picture& camera : cameras) camera.name = folder + "/" + camera.name;
-  const std::string text = transforms_json(cameras, "");
-  SLF_TRY(refuse_overwrite(output, a.force, a.source.files()));
-  return write_file(output, bytes_of(text));
-}
-
 Result<void> run_cameras(const Arguments& a) {
-  const auto sphere = SLF_TRY(sphere_of(a));
-  const auto spread = [&](std::uint32_t count) {
-    return spread_cameras(sphere, a.distance, count, a.size.width, a.size.height);
-  };
-  SLF_TRY(write_cameras(a, a.output, spread(a.count), "images"));
-  if (a.test == 0) return {};
   const std::filesystem::path path(a.output);
   const std::string test =
       (path.parent_path() / (path.stem().string() + "_test" + path.extension().string())).string();
-  return write_cameras(a, test, spread(a.test), "images_test");
+  const auto check = [&](const std::vector<std::string>& inputs) -> Result<void> {
+    SLF_TRY(refuse_overwrite(a.output, a.force, inputs));
+    return a.test > 0 ? refuse_overwrite(test, a.force, inputs) : Result<void>();
+  };
+  const auto sphere = SLF_TRY(sphere_of(a, check));
+  const auto write = [&](const std::string& output, std::uint32_t count, const char* folder) {
+    auto cameras = spread_cameras(sphere, a.distance, count, a.size.width, a.size.height);
+    for (Picture& camera : cameras) camera.name = folder + camera.name;
+    const std::string text = transforms_json(cameras, "");
+    return write_file(output, bytes_of(text));
+  };
+  SLF_TRY(write(a.output, a.count, "images/"));
+  return a.test > 0 ? write(test, a.test, "images_test/") : Result<void>();
 }
 
 }  // namespace

@@ -244,7 +244,10 @@ CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::s
 /// line.
 [[nodiscard]] tl::unexpected<Error> with_hint(const Error& error, const std::string& hint);
 
-/// Refuses an output that exists, without -f, and one that is an input, even with -f: usage.
+/// Names -f in an error whose choice is to replace a file.
+[[nodiscard]] Result<void> with_force(Result<void> checked);
+
+/// check_output() for an option -f.
 [[nodiscard]] Result<void> refuse_overwrite(const std::string& path, bool force,
                                             const std::vector<std::string>& inputs);
 
@@ -297,6 +300,9 @@ struct SourceArguments {
   bool labels = false;
   bool no_shade = false;
   bool reference = false;  // path tracing instead of a light volume
+  /// scene() calls it with the files that it reads, before and after it has read them, but before
+  /// longer work; and returns its error.
+  std::function<Result<void>(const std::vector<std::string>&)> check;
 
   /// Adds the volume, as an option or positional `name`, and the options of its transfer function
   /// and voxels.
@@ -320,7 +326,8 @@ struct SourceArguments {
   [[nodiscard]] Result<Volume> volume() const;
   /// The input is a mesh if is_mesh_name() says so.
   [[nodiscard]] Result<Mesh> mesh() const;
-  /// The files that the options name. A name that is no file's, as scene:balls, does no harm.
+  /// The files that the options name; scene() finds the others that they consist of. A name that is
+  /// no file's, as scene:balls, does no harm.
   [[nodiscard]] std::vector<std::string> files() const;
   /// Makes the scene. Options that are not given come from `provenance`, that of a field, or have
   /// their defaults.
@@ -329,6 +336,8 @@ struct SourceArguments {
       const std::optional<std::string>& provenance = {}) const;
 
  private:
+  /// Adds files(), and calls `check`.
+  [[nodiscard]] Result<void> check_files(std::vector<std::string>& read) const;
   /// The options of rays, without the rig and the environment; --no-shade, --projection and
   /// --ambient imply direct light.
   [[nodiscard]] RaycastOptions stated_options() const;

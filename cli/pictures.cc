@@ -23,11 +23,7 @@ Result<void> run_pictures(const Arguments& a) {
     return fail(ErrorCode::usage, "--center and --radius: expected both, or none");
   if (a.radius != 0) source.pictures.sphere = Sphere{to_vector(a.center), a.radius};
   auto set = SLF_TRY(source.read_picture_set());
-  std::vector<std::string> inputs{set.source};
-  for (const Picture& picture : set.pictures)
-    for (const std::string* file : {&picture.file, &picture.mask, &picture.depth})
-      if (!file->empty()) inputs.push_back(*file);
-  SLF_TRY(refuse_overwrite(a.output, a.force, inputs));
+  SLF_TRY(refuse_overwrite(a.output, a.force, set.files()));
   const auto options = source.picture_options(set, a.threads);
   const auto sheet = SLF_TRY(make_depth_sheet(std::move(set), options, a.count, a.cell));
   SLF_TRY(write_image(a.output, sheet.image));

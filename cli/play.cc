@@ -233,7 +233,7 @@ Result<void> run_play(const PlayArguments& a) {
     rows.push_back(played_row(played, summary));
     if (stop_signal() != 0) break;
   }
-  SLF_TRY(pictures.close());
+  if (stop_signal() == 0) SLF_TRY(pictures.close());  // a part of an animation replaces nothing
   if (a.json) {
     print_json({{"field", a.field},
                 {"fps", a.fps},

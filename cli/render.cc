@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <numeric>
+#include <set>
 
 #include "base/file.h"
 #include "base/try.h"
@@ -153,28 +154,46 @@ struct RaycastArguments {
   unsigned threads = 0;
 };
 
+/// Names the pictures of cameras in the folder of their output. bad_file: two have one name, or one
+/// leads out of the folder.
+Result<void> name_pictures(const RaycastArguments& a, std::vector<Picture>& pictures) {
+  namespace fs = std::filesystem;
+  std::set<std::string> names;
+  for (Picture& picture : pictures) {
+    const fs::path name = fs::path(picture.name).relative_path().lexically_normal();
+    if (!name.has_filename() || name == "." || *name.begin() == "..")
+      return fail(ErrorCode::bad_file, a.cameras, ": ", picture.name, ": leads out of the folder");
+    picture.file = (fs::path(a.picture.output) / name).replace_extension(".exr").string();
+    if (!names.insert(picture.file).second)
+      return fail(ErrorCode::bad_file, a.cameras, ": ", picture.name, ": another picture would be ",
+                  picture.file, ", too");
+  }
+  return {};
+}
+
 /// Draws the pictures of a file of cameras: .exr, in a folder with its own transforms.json.
 Result<void> raycast_cameras(const RaycastArguments& a) {
-  namespace fs = std::filesystem;
   auto set = SLF_TRY(read_cameras(a.cameras));
-  const auto scene =
-      SLF_TRY(a.source.scene({a.threads, light_progress(OnSignal::end), a.source.light_file}));
-  const fs::path folder = a.picture.output;
+  SLF_TRY(name_pictures(a, set.pictures));
+  const std::filesystem::path folder = a.picture.output;
   const std::string list = (folder / "transforms.json").string();
-  SLF_TRY(refuse_overwrite(list, a.picture.force, {a.cameras}));
+  SourceArguments source = a.source;
+  source.check = [&](std::vector<std::string> inputs) -> Result<void> {
+    inputs.push_back(a.cameras);
+    SLF_TRY(refuse_overwrite(list, a.picture.force, inputs));
+    for (const Picture& picture : set.pictures)
+      SLF_TRY(refuse_overwrite(picture.file, a.picture.force, inputs));
+    return {};
+  };
+  const auto scene =
+      SLF_TRY(source.scene({a.threads, light_progress(OnSignal::end), source.light_file}));
   const auto progress = progress_bar("raycast", "pictures", OnSignal::end);
   for (std::size_t k = 0; k < set.pictures.size(); ++k) {
-    Picture& picture = set.pictures[k];
-    picture.file = (folder / fs::path(picture.name).relative_path().replace_extension(".exr"))
-                       .lexically_normal()
-                       .string();
-    if (fs::path(picture.file).lexically_relative(folder).string().starts_with(".."))
-      return fail(ErrorCode::bad_file, a.cameras, ": ", picture.name, ": leads out of the folder");
+    const Picture& picture = set.pictures[k];
     const auto camera = SLF_TRY(camera_of(picture));
     auto image = SLF_TRY(trace_view(*scene, scene->bounds(), camera, a.threads));
     std::error_code error;
-    fs::create_directories(fs::path(picture.file).parent_path(), error);
-    SLF_TRY(refuse_overwrite(picture.file, a.picture.force, a.source.files()));
+    std::filesystem::create_directories(std::filesystem::path(picture.file).parent_path(), error);
     SLF_TRY(write_image(picture.file, through_lens(picture, camera, std::move(image))));
     if (progress) progress({k + 1, set.pictures.size(), 0});
   }
@@ -184,12 +203,11 @@ Result<void> raycast_cameras(const RaycastArguments& a) {
 
 Result<void> run_raycast(const RaycastArguments& a) {
   if (!a.cameras.empty()) return raycast_cameras(a);
-  SLF_TRY(a.picture.check(a.source.files()));
   SourceArguments source = a.source;
+  source.check = [&](const std::vector<std::string>& inputs) { return a.picture.check(inputs); };
   source.raycast.lighting.linear = a.picture.is_exr();
   const auto scene =
       SLF_TRY(source.scene({a.threads, light_progress(OnSignal::end), a.source.light_file}));
-  SLF_TRY(a.picture.check(scene->files()));  // of a header, or a series
   const Sphere sphere = scene->bounds();
   const auto camera = SLF_TRY(a.camera.camera(sphere));
   const auto image = SLF_TRY(trace_view(*scene, sphere, camera, a.threads,

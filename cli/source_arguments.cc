@@ -81,7 +81,15 @@ Result<void> SourceArguments::set_light(RaycastOptions& options) const {
 }
 
 std::vector<std::string> SourceArguments::files() const {
-  return {input, transfer, labels_volume, label_table, mask, light_rig, environment, light_file};
+  return {
+      input,      transfer_file(transfer), labels_volume, label_table, mask, light_rig, environment,
+      light_file, depth_cache.value_or("")};
+}
+
+Result<void> SourceArguments::check_files(std::vector<std::string>& read) const {
+  const std::vector<std::string> named = files();
+  read.insert(read.end(), named.begin(), named.end());
+  return check ? check(read) : Result<void>();
 }
 
 Result<Volume> SourceArguments::volume() const { return read(input, labels); }
@@ -194,7 +202,9 @@ Result<std::unique_ptr<Scene>> SourceArguments::mesh_scene(const nlohmann::json&
     SLF_TRY(check_environment(built));
   }
   SLF_TRY(set_light(options));
-  return MeshScene::make(SLF_TRY(mesh()),
+  auto mesh = SLF_TRY(this->mesh());
+  SLF_TRY(check_files(mesh.files));
+  return MeshScene::make(std::move(mesh),
                          {options.shade, options.light, options.ambient, options.lighting});
 }
 
@@ -208,10 +218,13 @@ Result<void> SourceArguments::check_environment(const nlohmann::json& built) con
 
 Result<std::unique_ptr<Scene>> SourceArguments::scene(
     const LightVolumeOptions& light_volume, const std::optional<std::string>& provenance) const {
+  if (check) SLF_TRY(check(files()));
   if (input.starts_with(kScenePrefix))
     return make_analytic_scene(std::string_view(input).substr(kScenePrefix.size()));
   if (is_pictures()) {
     auto set = SLF_TRY(read_picture_set());
+    auto read = set.files();
+    SLF_TRY(check_files(read));
     const auto options = picture_options(set, light_volume.threads);
     auto made = make_picture_scene(std::move(set), options);
     if (made || !made.error().choice) return made;
@@ -257,6 +270,9 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
           fmt::format("{}: {}x{}x{} voxels on another grid than {}: resampled, nearest, by world "
                       "position",
                       part->source, part->dims[0], part->dims[1], part->dims[2], volume.source));
+  for (const auto& part : {options.structures.labels, options.structures.mask})
+    if (part) volume.files.insert(volume.files.end(), part->files.begin(), part->files.end());
+  SLF_TRY(check_files(volume.files));
   if (!labels && looks_like_labels(volume)) note(volume.source + ": " + kLabelsHint);
   // A transfer function from the histogram or from a field is already fitted to the volume.
   if (!preset) preset = TransferPreset{.function = default_transfer(volume)};

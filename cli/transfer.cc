@@ -118,7 +118,7 @@ Result<void> run_transfer(const Arguments& a) {
       print_list(std::span(&preset, 1), true);
     return {};
   }
-  SLF_TRY(refuse_overwrite(a.output, a.force, {a.reference}));
+  SLF_TRY(refuse_overwrite(a.output, a.force, {transfer_file(a.reference)}));
   return write(preset, a.output);
 }
 

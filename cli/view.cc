@@ -1,5 +1,6 @@
 #include "view/server.h"
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <cstdio>
@@ -60,62 +61,52 @@ struct ExportArguments {
   std::uint64_t max_size = 0;  // 0: any
   bool force = false, json = false;
 
-  [[nodiscard]] bool one_file() const { return output.ends_with(".html"); }
+  [[nodiscard]] Existing existing() const { return force ? Existing::replace : Existing::keep; }
 };
 
-/// Writes a smaller field if the options request one. Returns false if they do not; the field is
-/// then exported unchanged.
-Result<bool> repack_if_requested(const ExportArguments& a, const Field& field,
-                                 const std::string& path) {
+/// Makes a smaller field if the options request one; otherwise the field is exported unchanged. It
+/// loses the name `path` at once, so that nothing remains if the process is killed.
+Result<std::optional<Field>> repack_if_requested(const ExportArguments& a, const Field& field,
+                                                 const std::string& path) {
   RepackOptions options = a.repack;
   options.levels = a.levels;
-  options.replace = true;
   options.light = false;  // views do not need it
-  const bool limited = a.max_size > 0;
-  const std::uint64_t room = view::room_for_field(a.max_size, a.one_file());
+  const bool limited = a.max_size > 0, one_file = view::is_page_name(a.output);
+  const std::uint64_t room = view::room_for_field(a.max_size, one_file);
   if (limited && room == 0)
     return fail(ErrorCode::usage, "--max-size: the page alone is larger; allow 1MiB or more");
   const auto light = field.light();
   const bool has_light = !light || !light->empty();
   const bool as_it_is = !has_light && !a.levels && options.codec.empty() && options.depth;
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
-  const bool fits = !limited || (a.one_file() && field.file_bytes() <= room);
-  if (as_it_is && fits) return false;
+  const bool fits = !limited || (one_file && field.file_bytes() <= room);
+  if (as_it_is && fits) return std::nullopt;
+  std::error_code ignored;
+  if (std::filesystem::exists(std::filesystem::symlink_status(path, ignored)))
+    return fail(ErrorCode::usage, path, ": exists; move or remove it: the export needs its name");
   const auto bar = progress_bar("export", "tiles", OnSignal::stop);
   SLF_TRY(limited ? view::repack_to_fit(field, path, options, room, bar)
                   : repack_field(field, path, options, bar));
-  return true;
+  const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);  // until the process ends
+  unlink(path.c_str());
+  return Field::open(path_of_descriptor(file));
 }
 
 Result<void> run_export(const ExportArguments& a) {
-  if (view::page_files().empty()) return fail(ErrorCode::unsupported, view::no_page());
-  if (a.one_file()) SLF_TRY(refuse_overwrite(a.output, a.force, {a.field}));
+  SLF_TRY(with_force(view::check_export(a.field, a.output, a.existing())));
   std::string base = a.output;
   while (base.size() > 1 && base.back() == '/') base.pop_back();
-  const std::string repacked_path = unused_name(base);
-
-  auto field = Field::open(a.field);
-  if (!field) return tl::unexpected(field.error());
-  const auto repacked = repack_if_requested(a, *field, repacked_path);
-  Result<void> written;
-  if (!repacked) {
-    written = tl::unexpected(repacked.error());
-  } else {
-    const std::string& exported = *repacked ? repacked_path : a.field;
-    const auto bar = progress_bar("export", "bytes", OnSignal::stop);
-    written = a.one_file() ? view::export_page(exported, a.output, bar)
-                           : view::export_site(exported, a.output, a.force, bar);
-    if (written && *repacked) field = Field::open(repacked_path);
-  }
-  std::error_code ignored;
-  std::filesystem::remove(repacked_path, ignored);
-  if (!written || !field) return written;
-  const std::uint64_t bytes = field->file_bytes();
+  const auto field = SLF_TRY(Field::open(a.field));
+  const auto repacked = SLF_TRY(repack_if_requested(a, field, base + ".exporting"));
+  const Field& exported = repacked ? *repacked : field;
+  SLF_TRY(with_force(view::export_field(exported.path(), a.field, a.output, a.existing(),
+                                        progress_bar("export", "bytes", OnSignal::stop))));
+  const std::uint64_t bytes = exported.file_bytes();
   if (a.json)
-    print_json({{"output", a.output}, {"field_bytes", bytes}, {"level", field->shape().levels}});
+    print_json({{"output", a.output}, {"field_bytes", bytes}, {"level", exported.shape().levels}});
   else
     print("{}: a field of {}, finest level {}\n", a.output, human_bytes(static_cast<double>(bytes)),
-          field->shape().levels);
+          exported.shape().levels);
   return {};
 }
 
@@ -142,7 +133,7 @@ void add_export(CLI::App& app, Run& run) {
   command->add_option("FIELD", a->field, "Field to show")->type_name(kFieldFile)->required();
   command
       ->add_option("-o,--output", a->output,
-                   "NAME.html: one file, which opens offline;\n"
+                   "NAME.html or NAME.htm: one file, which opens offline;\n"
                    "otherwise a folder for any host of static files")
       ->type_name(kAnyFile)
       ->required();

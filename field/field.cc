@@ -123,11 +123,6 @@ Result<void> FieldFile::decode(const storage::TileRef& tile, const ReferenceSour
   return {};
 }
 
-Result<void> FieldFile::unchanged() const {
-  if (!store_.changed()) return {};
-  return fail(ErrorCode::bad_file, path(), ": changed while it was open; open it again");
-}
-
 Result<FieldContent> FieldFile::content() const {
   FieldContent content;
   content.file_bytes = store_.file_bytes();

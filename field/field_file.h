@@ -77,8 +77,8 @@ class FieldFile {
   using IsLoaded = std::function<bool(TileKey)>;
   void advise(std::span<const storage::TileRef> tiles, const IsLoaded& loaded = {}) const;
 
-  /// bad_file: the file has shrunk while it was open; samples used in place may have been zeros.
-  [[nodiscard]] Result<void> unchanged() const;
+  /// As TileStore::unchanged(); samples used in place may have been zeros.
+  [[nodiscard]] Result<void> unchanged() const { return store_.unchanged(); }
 
   /// Counts tiles and bytes, from the records' tables alone. Linear in the number of records.
   [[nodiscard]] Result<FieldContent> content() const;

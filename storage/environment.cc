@@ -2,20 +2,20 @@
 
 #include <fcntl.h>
 #include <lmdb.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <map>
-#include <string_view>
 #include <utility>
 
 #include "base/file.h"
 #include "base/try.h"
 #include "storage/internal/container.h"
-#include "storage/internal/locked_file.h"
 #include "storage/internal/pages.h"
 
 namespace slf::storage::internal {
@@ -26,32 +26,39 @@ constexpr unsigned kTrees = 2;  // of records and of blobs
 
 MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(bytes.data())}; }
 
-// Only the writer needs LMDB's lock file, and we hold the writer's lock. So a lock file that exists
-// was left by a killed writer, and its mutexes and reader slots are invalid, unless another
-// program that uses LMDB (such as mdb_copy) has it open. usage: it is no lock file; LMDB would
-// write over it.
-Result<void> remove_lock_file(const std::string& path) {
-  constexpr std::string_view kLockMagic = "\xDE\xC0\xEF\xBE";  // MDB_MAGIC, little-endian
-  const std::string name = path + "-lock";
-  constexpr std::string_view kNoMagic("\0\0\0\0", 4);  // not written yet when LMDB was killed
-  if (auto own = check_own_file(name, kLockMagic, "a lock file of LMDB"); !own)
-    if (!check_own_file(name, kNoMagic, "a lock file of LMDB")) return own;
-  const int file = ::open(name.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
-  if (file < 0) return {};
-  struct flock lock = {};
-  lock.l_type = F_WRLCK;
-  lock.l_whence = SEEK_SET;
-  const bool unused = fcntl(file, F_OFD_GETLK, &lock) == 0 && lock.l_type == F_UNLCK;
-  ::close(file);
-  if (unused) unlink(name.c_str());
-  return {};
+// Opens LMDB on a descriptor. LMDB also needs a lock file beside the container, whose name somebody
+// else's file or link may have, and which would remain if the process were killed. Nobody shares
+// it: there is one writer, and its readers have other locks (locked_file.h). So LMDB gets a folder
+// of its own that has links to the container and to a lock file in memory, and that vanishes once
+// both are open. Returns 0 or an error.
+int open_alone(MDB_env* environment, const std::string& path, int descriptor) {
+  std::string folder = temporary_folder() + "/slf-XXXXXX";
+  if (mkdtemp(folder.data()) == nullptr) {
+    folder = path + ".XXXXXX";
+    if (mkdtemp(folder.data()) == nullptr) return errno;
+  }
+  const std::string container = folder + "/container", lock = container + "-lock";
+  const int memory = memfd_create("slf-lock", MFD_CLOEXEC);
+  int code = memory < 0 || symlink(path_of_descriptor(memory).c_str(), lock.c_str()) != 0 ||
+                     symlink(path_of_descriptor(descriptor).c_str(), container.c_str()) != 0
+                 ? errno
+                 : 0;
+  if (code == 0)
+    code = mdb_env_open(environment, container.c_str(), MDB_NOSUBDIR | MDB_NOTLS | MDB_NORDAHEAD,
+                        0666);
+  if (memory >= 0) ::close(memory);
+  unlink(container.c_str());
+  unlink(lock.c_str());
+  rmdir(folder.c_str());
+  return code;
 }
 
 // LMDB reports a short write as EIO. On a full disk, that is what happens first.
-bool is_full(const std::string& path) {
+bool is_full(MDB_env* environment) {
   constexpr std::uint64_t kAlmostNothing = std::uint64_t{1} << 20;
+  mdb_filehandle_t file = -1;
   struct statvfs status = {};
-  return statvfs(path.c_str(), &status) == 0 &&
+  return mdb_env_get_fd(environment, &file) == 0 && fstatvfs(file, &status) == 0 &&
          std::uint64_t{status.f_bavail} * status.f_frsize < kAlmostNothing;
 }
 
@@ -86,9 +93,7 @@ Environment& Environment::operator=(Environment&& other) noexcept {
 Environment::~Environment() {
   if (reader_ != nullptr) mdb_txn_abort(reader_);
   map_ = {};
-  if (environment_ == nullptr) return;
-  mdb_env_close(environment_);
-  (void)remove_lock_file(path_);
+  if (environment_ != nullptr) mdb_env_close(environment_);
 }
 
 Result<Environment> Environment::open(const std::string& path, int descriptor) {
@@ -101,15 +106,10 @@ Result<Environment> Environment::open(const std::string& path, int descriptor) {
   if (const int code = mdb_env_create(&result.environment_); code != 0)
     return result.error(code, "open");
   MDB_env* environment = result.environment_;
-  SLF_TRY(remove_lock_file(path));
   int code = mdb_env_set_mapsize(environment, result.map_bytes_);
   if (code == 0) code = mdb_env_set_maxdbs(environment, kTrees);
-  if (code == 0)
-    code = mdb_env_open(environment, path.c_str(), MDB_NOSUBDIR | MDB_NOTLS | MDB_NORDAHEAD, 0666);
+  if (code == 0) code = open_alone(environment, path, descriptor);
   if (code != 0) return result.error(code, "open to write");
-  mdb_filehandle_t opened = -1;
-  if (mdb_env_get_fd(environment, &opened) != 0 || !same_file(opened, descriptor))
-    return fail(ErrorCode::failed, path, ": was replaced by another file while it was opened");
   MDB_stat pages = {};
   if (mdb_env_stat(environment, &pages) != 0 || pages.ms_psize != kPageSize)
     return fail(ErrorCode::unsupported, path, ": LMDB makes pages of ", pages.ms_psize,
@@ -157,7 +157,10 @@ Result<void> Environment::check_length() const {
       fstat(file, &status) != 0)
     return error(errno, "read its size");
   const std::uint64_t expected = (info.me_last_pgno + 1) * kPageSize;
-  if (!map_.changed() && static_cast<std::uint64_t>(status.st_size) >= expected) return {};
+  if (static_cast<std::uint64_t>(status.st_size) >= expected) {
+    if (!map_.changed()) return {};
+    return fail(ErrorCode::io, path_, ": ", kUnreadablePage, "; nothing more is written to it");
+  }
   return fail(ErrorCode::bad_file, path_, ": changed while open: it has become shorter than its ",
               expected, " bytes; nothing more is written to it");
 }
@@ -254,7 +257,7 @@ Result<void> Environment::allow_reuse() {
 }
 
 tl::unexpected<Error> Environment::error(int code, const char* doing) const {
-  if (code == EIO && is_full(path_)) code = ENOSPC;
+  if (code == EIO && is_full(environment_)) code = ENOSPC;
   ErrorCode kind = code == ENOENT ? ErrorCode::not_found
                    : code > 0     ? ErrorCode::io
                                   : ErrorCode::failed;

@@ -22,37 +22,23 @@ struct flock lock_of(short type, std::uint64_t byte, std::uint64_t length) {
   return lock;
 }
 
-bool same(const struct stat& a, const struct stat& b) {
-  return a.st_dev == b.st_dev && a.st_ino == b.st_ino;
-}
-
 }  // namespace
-
-bool same_file(int a, int b) {
-  struct stat x = {};
-  struct stat y = {};
-  return fstat(a, &x) == 0 && fstat(b, &y) == 0 && same(x, y);
-}
 
 bool is_file(int descriptor, const std::string& path) {
   struct stat x = {};
   struct stat y = {};
-  return fstat(descriptor, &x) == 0 && stat(path.c_str(), &y) == 0 && same(x, y);
+  return fstat(descriptor, &x) == 0 && stat(path.c_str(), &y) == 0 && x.st_dev == y.st_dev &&
+         x.st_ino == y.st_ino;
 }
 
 Result<LockedFile> LockedFile::open(const std::string& path, Access access) {
   LockedFile result;
   // O_NONBLOCK: if the path is a pipe, do not wait for its other end.
-  const int mode = access == Access::read    ? O_RDONLY
-                   : access == Access::write ? O_RDWR
-                                             : O_RDWR | O_CREAT | O_NOFOLLOW;
-  result.file_ = ::open(path.c_str(), mode | O_CLOEXEC | O_NONBLOCK, 0666);
+  const int mode = access == Access::read ? O_RDONLY : O_RDWR;
+  result.file_ = ::open(path.c_str(), mode | O_CLOEXEC | O_NONBLOCK);
   if (result.file_ < 0)
-    return fail(errno == ENOENT ? ErrorCode::not_found : ErrorCode::io, path, ": cannot ",
-                access == Access::read    ? "open"
-                : access == Access::write ? "open to write"
-                                          : "create",
-                ": ", std::strerror(errno));
+    return fail(errno == ENOENT ? ErrorCode::not_found : ErrorCode::io, path, ": cannot open",
+                access == Access::read ? "" : " to write", ": ", std::strerror(errno));
   struct stat status = {};
   if (fstat(result.file_, &status) != 0)
     return fail(ErrorCode::io, path, ": ", std::strerror(errno));

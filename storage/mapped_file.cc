@@ -2,6 +2,7 @@
 
 #include <signal.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -101,9 +102,18 @@ Result<MappedFile> MappedFile::map(int file, std::size_t bytes, const std::strin
     return fail(ErrorCode::io, path, ": cannot map ", bytes, " bytes: ", std::strerror(errno));
   (void)madvise(base, bytes, MADV_RANDOM);
   MappedFile result;
+  result.file_ = file;
   result.bytes_ = {static_cast<const std::byte*>(base), bytes};
   result.guard_ = GuardedRange(result.bytes_);
   return result;
+}
+
+Result<void> MappedFile::unchanged(const std::string& path) const {
+  if (!guard_.changed()) return {};
+  struct stat status = {};
+  if (fstat(file_, &status) != 0 || static_cast<std::size_t>(status.st_size) >= bytes_.size())
+    return fail(ErrorCode::io, path, ": ", kUnreadablePage);
+  return fail(ErrorCode::bad_file, path, ": changed while open: it has become shorter");
 }
 
 MappedFile::~MappedFile() {

@@ -129,14 +129,7 @@ Result<void> Snapshot::load(const Meta& meta, const LockedFile& file) {
   return Trees::load(Pages(map_.bytes(), meta, &path()));
 }
 
-Result<void> Snapshot::unchanged() const {
-  if (!map_.changed()) return {};
-  return shrunk();
-}
-
-Result<void> Snapshot::shrunk() const {
-  return fail(ErrorCode::bad_file, path(), ": changed while open: it has become shorter");
-}
+Result<void> Snapshot::unchanged() const { return map_.unchanged(path()); }
 
 Result<void> Snapshot::read(ByteSpan part, std::span<std::byte> to) const {
   if (copy_) {
@@ -149,7 +142,8 @@ Result<void> Snapshot::read(ByteSpan part, std::span<std::byte> to) const {
     const ssize_t got = pread(file_.descriptor(), to.data(), to.size(), offset);
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) return fail(ErrorCode::io, path(), ": cannot read: ", std::strerror(errno));
-    if (got == 0) return shrunk();
+    if (got == 0)
+      return fail(ErrorCode::bad_file, path(), ": changed while open: it has become shorter");
     to = to.subspan(static_cast<std::size_t>(got));
     offset += got;
   }

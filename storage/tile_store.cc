@@ -130,7 +130,7 @@ const std::string& TileStore::path() const { return state_->snapshot->path(); }
 std::uint64_t TileStore::file_bytes() const { return state_->snapshot->bytes().size(); }
 const std::byte* TileStore::map() const { return state_->snapshot->bytes().data(); }
 std::uint64_t TileStore::transaction() const { return state_->snapshot->meta().transaction; }
-bool TileStore::changed() const { return !state_->snapshot->unchanged(); }
+Result<void> TileStore::unchanged() const { return state_->snapshot->unchanged(); }
 
 Result<bool> TileStore::has_blob(std::string_view name) const {
   return state_->snapshot->has_blob(name);

@@ -104,9 +104,10 @@ class TileStore {
   /// The number of the commit that this snapshot shows.
   [[nodiscard]] std::uint64_t transaction() const;
 
-  /// Whether the file has shrunk and an access hit a missing page. Payloads read since then may
-  /// have been zeros: call this after using bytes that were checked earlier.
-  [[nodiscard]] bool changed() const;
+  /// bad_file, io: the file has shrunk, or its disk failed, and an access hit a missing page.
+  /// Payloads read since then may have been zeros: call this after using bytes that were checked
+  /// earlier.
+  [[nodiscard]] Result<void> unchanged() const;
 
   /// Whether there is a blob of this name. bad_file: a page on the way to it is damaged.
   [[nodiscard]] Result<bool> has_blob(std::string_view name) const;

@@ -41,20 +41,6 @@ Result<void> check_blob_name(std::string_view name) {
               " characters, and not '", internal::kContainer, "'");
 }
 
-// Whether a create() that was killed may have left a file, so that the next one may write over it:
-// it is empty, or a container, damaged or not, without tiles. usage: it is anything else.
-Result<void> check_leftover(const std::string& file) {
-  // The first page of LMDB: its header, then MDB_MAGIC.
-  constexpr std::string_view kStart("\0\0\0\0\0\0\0\0\0\0\x08\0\0\0\0\0\xDE\xC0\xEF\xBE", 20);
-  constexpr const char* kWhat = "a new container";
-  SLF_TRY(check_own_file(file, kStart, kWhat));
-  const auto store = TileStore::open(file);
-  const auto levels = store ? store->statistics() : tl::unexpected(store.error());
-  if (levels && !levels->empty())
-    return fail(ErrorCode::usage, file, ": exists and is not ", kWhat, ": it has tiles");
-  return {};
-}
-
 // Writes one commit: replaced records, new records, blobs, and the container's own blob.
 Result<void> write(Environment& environment, std::span<const CompleteRecord> edited,
                    std::span<const CompleteRecord> appended, const SealedBlobs& blobs,
@@ -116,7 +102,7 @@ struct Edit {
 
 struct TileWriter::State {
   std::string path;
-  LockedFile file;  // before the environment: its lock must outlive LMDB's lock file
+  LockedFile file;  // before the environment, which its lock must outlive
   std::optional<Environment> environment;
   Container container;  // as committed
   RecordBuilder builder;
@@ -196,32 +182,16 @@ Result<TileWriter> TileWriter::create(const std::string& path,
     SLF_TRY(check_blob_name(name));
     sealed[name] = internal::seal_blob(name, bytes);
   }
-  if (access(path.c_str(), F_OK) == 0) return fail(ErrorCode::usage, path, ": exists already");
-
-  // Create it under a temporary name, so that a crash leaves no partial container under `path`.
-  const std::string unfinished = path + ".new";
-  SLF_TRY(check_leftover(unfinished));
+  auto file = SLF_TRY(NewFile::create(path));  // a crash leaves no partial container
   auto state = std::make_unique<State>();
   state->path = path;
-  auto file = SLF_TRY(LockedFile::open(unfinished, LockedFile::Access::create));
-  state->file = std::move(file);
-  SLF_TRY(state->file.lock_writer(unfinished));
-  // Another create() may have published the file that was opened here under `path`.
-  if (!internal::is_file(state->file.descriptor(), unfinished))
-    return fail(ErrorCode::failed, path, ": another program has just created it");
-  const auto finish = [&]() -> Result<void> {
-    if (ftruncate(state->file.descriptor(), 0) != 0)
-      return fail(ErrorCode::io, unfinished, ": ", std::strerror(errno));
-    {
-      auto environment = SLF_TRY(Environment::open(unfinished, state->file.descriptor()));
-      SLF_TRY(write_new(environment, sealed));
-    }
-    return publish_file(unfinished, path, Existing::keep);
-  };
-  if (auto finished = finish(); !finished) {
-    unlink(unfinished.c_str());
-    return tl::unexpected(std::move(finished.error()));
+  state->file = LockedFile(fcntl(file.descriptor(), F_DUPFD_CLOEXEC, 0));
+  SLF_TRY(state->file.lock_writer(path));
+  {
+    auto environment = SLF_TRY(Environment::open(path, file.descriptor()));
+    SLF_TRY(write_new(environment, sealed));
   }
+  SLF_TRY(file.publish(Existing::keep));
   if (auto attached = state->attach(); !attached) {
     unlink(path.c_str());  // it is new, and locked
     return tl::unexpected(std::move(attached.error()));
@@ -319,12 +289,13 @@ void TileWriter::end_records() {
   for (const CompleteRecord& record : state_->records) state_->record_bytes += record.bytes;
 }
 
-Result<void> TileWriter::close() {
+Result<void> TileWriter::close(const Finish& finish) {
   end_records();
   SLF_TRY(state_->commit());
   SLF_TRY(state_->environment->sync());
   state_->environment.reset();
-  state_->file = {};
+  if (finish) SLF_TRY(finish(state_->path));
+  state_->file = {};  // only now, so no other writer can open the file before
   return {};
 }
 

@@ -19,8 +19,7 @@ namespace slf::storage {
 
 /// The only writer of a container. Appends tiles in key order. Once commit() has
 /// returned, the data survives a crash of the process or the machine. Readers see whole commits
-/// only. LMDB's lock file, `path`-lock, exists beside the container while a writer is open. The
-/// next writer removes the one that a killed writer leaves. Thread-safety: none; one thread.
+/// only. A writer makes no other file beside the container. Thread-safety: none; one thread.
 class TileWriter {
  public:
   /// Creates the container `path` with its blobs, and commits. usage: the file exists.
@@ -88,14 +87,16 @@ class TileWriter {
   /// may be called again. failed: the file was removed, renamed or replaced meanwhile.
   [[nodiscard]] Result<void> commit();
 
-  /// Completes the last records, commits, syncs and closes. Errors as commit().
-  [[nodiscard]] Result<void> close();
+  /// Called with the path of a closed file that is still locked.
+  using Finish = std::function<Result<void>(const std::string& path)>;
+
+  /// Completes the last records, commits, syncs and closes. Then calls `finish`, if given, and
+  /// unlocks the file. Errors as commit(), and those of `finish`.
+  [[nodiscard]] Result<void> close(const Finish& finish = {});
 
   /// Closes as close() does, and durably renames the file to `to`, in the same folder. The file
-  /// stays locked until then. `finish`, if given, is called before the rename, with the path of the
-  /// closed file; its errors are returned.
-  /// usage: `to` exists and must be kept; the file is then closed under its old name.
-  using Finish = std::function<Result<void>(const std::string& path)>;
+  /// stays locked until then. usage: `to` exists and must be kept; the file is then closed under
+  /// its old name.
   [[nodiscard]] Result<void> publish(const std::string& to, Existing existing,
                                      const Finish& finish = {});
 

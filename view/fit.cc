@@ -1,5 +1,7 @@
 #include "view/fit.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
 #include <span>
@@ -22,7 +24,6 @@ std::vector<RepackOptions> candidates(const Field& field, const RepackOptions& o
   std::vector<RepackOptions> all;
   all.reserve(levels * (1 + kQualities.size()));
   RepackOptions next = options;
-  next.replace = true;
   next.light = false;
   for (unsigned k = 0; k < levels; ++k) {
     next.levels = finest - k;
@@ -48,9 +49,11 @@ Result<RepackReport> repack_to_fit(const Field& field, const std::string& path,
     if (estimate.file_bytes > max_bytes + estimate.file_error_bytes) continue;
     auto report = repack_field(field, path, candidate, progress);
     if (!report || report->file_bytes <= max_bytes) return report;
+    ::unlink(path.c_str());
   }
   auto report = repack_field(field, path, all.back(), progress);
   if (!report || report->file_bytes <= max_bytes) return report;
+  ::unlink(path.c_str());
   return fail(ErrorCode::usage, field.path(), ": does not get smaller than ", report->file_bytes,
               " bytes; there is room for ", max_bytes);
 }

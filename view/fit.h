@@ -13,7 +13,8 @@ namespace slf::view {
 /// tries the field's own codecs, then qualities 90, 75, 60 and 45; then the qualities with one
 /// level less, and so on. Keeps the first result that fits, and leaves out what is too large by the
 /// estimate of estimate_repack(). Codecs or levels that `options` sets are not changed. Errors as
-/// repack_field(). usage: even the last result is too large; the message states its size.
+/// repack_field(). usage: even the last result is too large; the message states its size. After an
+/// error, no file remains.
 [[nodiscard]] Result<RepackReport> repack_to_fit(const Field& field, const std::string& path,
                                                  const RepackOptions& options,
                                                  std::uint64_t max_bytes,

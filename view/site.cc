@@ -1,12 +1,9 @@
 #include "view/site.h"
 
 #include <algorithm>
-#include <cerrno>
-#include <csignal>
-#include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <initializer_list>
+#include <optional>
 #include <utility>
 
 #include "base/bytes.h"
@@ -27,9 +24,10 @@ namespace fs = std::filesystem;
 // has padding.
 constexpr std::size_t kPieceBytes = std::size_t{3} << 20;
 
-/// Exported folders: files beside index.html.
-constexpr std::string_view kStyleFile = "style.css", kScriptFile = "page.js",
-                           kModuleScriptFile = "module.bin.js";
+/// Exported folders.
+constexpr std::string_view kIndexFile = "index.html", kStyleFile = "style.css",
+                           kScriptFile = "page.js", kModuleScriptFile = "module.bin.js",
+                           kFieldFile = "field.slf";
 
 /// Some hosts send the page of a folder without the slash at the end of its address. Then the files
 /// beside the page are not where their names lead.
@@ -61,68 +59,17 @@ std::string page_html(std::string_view head, std::string_view scripts) {
   return html;
 }
 
-/// Writes a file of the page, but never over the field.
-Result<void> write_text(const std::string& path, std::string_view text, const std::string& field) {
-  SLF_TRY(check_output(path, {&field, 1}));
-  return write_file(path, bytes_of(text));
-}
-
 /// Checks that the file is a field, and returns its size.
 Result<std::uint64_t> field_size(const std::string& path) {
   const auto field = SLF_TRY(Field::open(path));
   return field.file_bytes();
 }
 
-/// Removes copies of the field `target` that exports which were killed left beside it, under names
-/// that unused_name() gave.
-void remove_abandoned(const fs::path& target) {
-  const std::string start = target.filename().string() + ".";
-  std::error_code code;
-  for (auto it = fs::directory_iterator(target.parent_path(), code);
-       !code && it != fs::directory_iterator(); it.increment(code)) {
-    const std::string name = it->path().filename().string();
-    pid_t process = 0;
-    unsigned count = 0;
-    int end = 0;
-    const bool named =
-        name.starts_with(start) &&
-        std::sscanf(name.c_str() + start.size(), "%d-%u.tmp%n", &process, &count, &end) == 2 &&
-        end > 0 && name.size() == start.size() + static_cast<std::size_t>(end);
-    const bool dead = process > 0 && ::kill(process, 0) != 0 && errno == ESRCH;
-    std::error_code ignored;
-    if (named && dead && it->is_regular_file(ignored)) fs::remove(it->path(), ignored);
-  }
-}
-
-/// A file that is removed unless it gets another name.
-struct Draft {
-  std::string path{};
-  Draft() = default;
-  Draft(const Draft&) = delete;
-  Draft& operator=(const Draft&) = delete;
-  ~Draft() {
-    std::error_code ignored;
-    if (!path.empty()) fs::remove(path, ignored);
-  }
-};
-
-}  // namespace
-
-std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
-  std::uint64_t page = 65536;  // what is around scripts and pieces
-  for (const PageFile& file : page_files()) {
-    if (!one_file || file.name != kModuleFile) page += file.bytes.size();
-    if (file.name == kModuleFile) page += file.bytes.size() / 3 * 4 + 4;  // base64
-  }
-  if (max_bytes <= page) return 0;
-  return one_file ? (max_bytes - page) / 4 * 3 : max_bytes - page;  // base64
-}
-
-Result<void> export_page(const std::string& field, const std::string& output,
-                         const ProgressCallback& progress) {
+Result<void> export_page(const std::string& field, const std::string& input,
+                         const std::string& output, const ProgressCallback& progress) {
   const auto size = SLF_TRY(field_size(field));
   if (size > kMaxEmbeddedBytes)
-    return fail(ErrorCode::unsupported, field, ": ", size, " bytes are too many for one page; ",
+    return fail(ErrorCode::unsupported, input, ": ", size, " bytes are too many for one page; ",
                 "export to a folder, or make it smaller with slf repack");
   const auto bytes = SLF_TRY(read_file(field, kMaxEmbeddedBytes));
   const std::string_view content(reinterpret_cast<const char*>(bytes.data()), bytes.size());
@@ -139,42 +86,76 @@ Result<void> export_page(const std::string& field, const std::string& output,
       page_script("module: " + module_string() + ",\npieceBytes: " + std::to_string(kPieceBytes) +
                   ", size: " + std::to_string(content.size()) + ",\n") +
       "</script>\n";
-  return write_text(
-      output, page_html("<style>\n" + std::string(file_named(kStyleFile)) + "</style>", scripts),
-      field);
+  const std::string page =
+      page_html("<style>\n" + std::string(file_named(kStyleFile)) + "</style>", scripts);
+  return write_file(output, bytes_of(page));
 }
 
-Result<void> export_site(const std::string& field, const std::string& folder, bool force,
-                         const ProgressCallback& progress) {
+Result<void> export_site(const std::string& field, const std::string& input,
+                         const std::string& folder, const ProgressCallback& progress) {
   const auto size = SLF_TRY(field_size(field));
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return fail(ErrorCode::io, folder, ": cannot create: ", error.message());
-  const fs::path target = fs::path(folder) / "field.slf";
-  remove_abandoned(target);
-  if (!force && !fs::is_empty(folder, error))
-    return fail(ErrorCode::usage, folder, ": is not empty; -f overwrites files in it");
   // The field takes long and may not fit, so it is copied first. It gets its name last.
-  Draft draft;
-  if (!fs::equivalent(field, target, error)) {
-    SLF_TRY(check_output(target.string(), {&field, 1}));
-    draft.path = unused_name(target.string());
-    SLF_TRY(copy_file(field, draft.path, progress));
-    SLF_TRY(index_field(draft.path, [&] { return !progress || progress({size, size, 0}); }));
+  const std::string target = (fs::path(folder) / kFieldFile).string();
+  std::optional<NewFile> copy;
+  if (!is_same_file(field, target)) {
+    SLF_TRY(check_output(target, {&input, 1}));  // as it is when it is made smaller
+    auto copied = SLF_TRY(copy_file(field, target, progress));
+    copy.emplace(std::move(copied));
+    SLF_TRY(index_field(copy->path(), [&] { return !progress || progress({size, size, 0}); }));
   }
   const std::string style = "<link rel=\"stylesheet\" href=\"" + std::string(kStyleFile) + "\">\n";
   const std::string module =
       "<link rel=\"preload\" href=\"" + std::string(kModuleFile) + "\" as=\"fetch\" crossorigin>\n";
   const std::string script = "<script src=\"" + std::string(kScriptFile) + "\"></script>\n";
   for (const auto& [name, text] : std::initializer_list<std::pair<std::string_view, std::string>>{
-           {"index.html", page_html(std::string(kSlashScript) + style + module, script)},
+           {kIndexFile, page_html(std::string(kSlashScript) + style + module, script)},
            {kStyleFile, std::string(file_named(kStyleFile))},
            {kScriptFile, page_script("")},
            {kModuleFile, std::string(file_named(kModuleFile))},
            {kModuleScriptFile, "slfInside.module = " + module_string() + ";\n"}})
-    SLF_TRY(write_text((fs::path(folder) / name).string(), text, field));
-  if (draft.path.empty()) return {};
-  return publish_file(draft.path, target.string(), Existing::replace);
+    SLF_TRY(write_file((fs::path(folder) / name).string(), bytes_of(text)));
+  return copy ? copy->publish(Existing::replace) : Result<void>();
+}
+
+}  // namespace
+
+std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
+  std::uint64_t page = 65536;  // what is around scripts and pieces
+  for (const PageFile& file : page_files()) {
+    if (!one_file || file.name != kModuleFile) page += file.bytes.size();
+    if (file.name == kModuleFile) page += file.bytes.size() / 3 * 4 + 4;  // base64
+  }
+  if (max_bytes <= page) return 0;
+  return one_file ? (max_bytes - page) / 4 * 3 : max_bytes - page;  // base64
+}
+
+bool is_page_name(std::string_view output) {
+  return output.ends_with(".html") || output.ends_with(".htm");
+}
+
+Result<void> check_export(const std::string& input, const std::string& output, Existing existing) {
+  if (page_files().empty()) return fail(ErrorCode::unsupported, no_page());
+  if (is_page_name(output)) return check_output(output, {&input, 1}, existing);
+  std::error_code ignored;
+  if (existing == Existing::keep && fs::is_directory(output, ignored) &&
+      !fs::is_empty(output, ignored))
+    return fail_without("replace in", ErrorCode::usage, output, ": is not empty");
+  for (const std::string_view name :
+       {kIndexFile, kStyleFile, kScriptFile, kModuleFile, kModuleScriptFile})
+    SLF_TRY(check_output((fs::path(output) / name).string(), {&input, 1}));
+  const std::string target = (fs::path(output) / kFieldFile).string();
+  return is_same_file(input, target) ? Result<void>() : check_output(target, {&input, 1});
+}
+
+Result<void> export_field(const std::string& field, const std::string& input,
+                          const std::string& output, Existing existing,
+                          const ProgressCallback& progress) {
+  SLF_TRY(check_export(input, output, existing));
+  return is_page_name(output) ? export_page(field, input, output, progress)
+                              : export_site(field, input, output, progress);
 }
 
 }  // namespace slf::view

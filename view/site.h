@@ -3,32 +3,39 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 
+#include "base/file.h"
 #include "slf/error.h"
 #include "slf/progress.h"
 
 namespace slf::view {
 
-/// The largest field in bytes for export_page(). Browsers would not load larger pages.
+/// The largest field in bytes for an export as one file. Browsers would not load larger pages.
 inline constexpr std::uint64_t kMaxEmbeddedBytes = std::uint64_t{1} << 30;
 
 /// The size of the largest field, with its index, whose export as one HTML file or as a folder has
 /// at most `max_bytes` bytes; 0 if the page alone is larger.
 [[nodiscard]] std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file);
 
-/// Writes one HTML file with the page and the field, which opens from disk. Replaces `output`;
-/// after an error, `output` is unchanged. usage: `output` is the field. io: a file cannot be read
-/// or written. bad_file: `field` is no field. unsupported: the field is larger than
-/// kMaxEmbeddedBytes. REQUIRES: page_files() is not empty.
-/// Progress counts bytes of the field. cancelled: stopped by `progress`.
-[[nodiscard]] Result<void> export_page(const std::string& field, const std::string& output,
-                                       const ProgressCallback& progress = {});
+/// Whether export_field() writes one file: `output` ends in .html or .htm.
+[[nodiscard]] bool is_page_name(std::string_view output);
 
-/// Writes a folder with the page and the field, for any host of static files that serves ranges.
-/// The field gets an index (doc/format/optional.md, "Index"). usage: the folder has files in it and
-/// `force` is false, or the field is a file that the page needs to write. Others as export_page().
-/// Progress counts bytes of the field. cancelled: stopped by `progress`; the field is not written.
-[[nodiscard]] Result<void> export_site(const std::string& field, const std::string& folder,
-                                       bool force, const ProgressCallback& progress = {});
+/// Writes the field `field` with the page that shows it: one HTML file, which opens from disk, or a
+/// folder for any host of static files that serves ranges. In a folder, the field gets an index
+/// (doc/format/optional.md, "Index"). After an error, an HTML file is unchanged, and so is the
+/// field in a folder. `input` is a file that must not be replaced: `field`, or what it was made of.
+/// usage: `existing` is keep, and the HTML file exists or the folder has files in it (Error::choice
+/// is then "replace" or "replace in"); or a file to write is `input`. io: a file cannot be read or
+/// written. bad_file: `field` is no field. unsupported: the field is larger than kMaxEmbeddedBytes,
+/// for one file; or slf was built without the page. cancelled: stopped by `progress`, which counts
+/// bytes.
+[[nodiscard]] Result<void> export_field(const std::string& field, const std::string& input,
+                                        const std::string& output, Existing existing,
+                                        const ProgressCallback& progress = {});
+
+/// The errors of export_field() that can be found before any work.
+[[nodiscard]] Result<void> check_export(const std::string& input, const std::string& output,
+                                        Existing existing);
 
 }  // namespace slf::view

@@ -155,17 +155,12 @@ std::string environment(bool shards) {
   return out + ".PP\nlibcurl reads its own variables, such as https_proxy and no_proxy.\n";
 }
 
-std::string closing(const std::vector<std::string>& see_also, bool writes_fields, bool shards) {
+std::string closing(const std::vector<std::string>& see_also, bool shards) {
   std::string out = section("EXIT STATUS");
   for (const auto& [code, meaning] : kExitCodes)
     out += fmt::format(".TP\n.B {}\n{}\n", code, literal(meaning));
   out += environment(shards) + section("FILES") + ".TP\n" + italic("FILE.slf") +
          "\nA field: one file, described byte by byte in FORMAT.md.\n";
-  if (writes_fields)
-    out +=
-        ".TP\n" + italic("FILE.slf-lock") +
-        "\nPresent while a program writes the field. A program that was killed leaves it behind; "
-        "the next writer removes it.\n";
   out += section("SEE ALSO");
   for (std::size_t i = 0; i < see_also.size(); ++i)
     out += fmt::format(".BR {} (1){}\n", literal(see_also[i]), i + 1 < see_also.size() ? "," : "");
@@ -204,8 +199,7 @@ std::string command_manual(const Program& program, const Command& command) {
   for (const Command& other : program.commands)
     if (other.name != command.name) others.push_back("slf-" + other.name);
   const bool builds = command.name == "build";
-  return out +
-         closing(others, builds || command.name == "repack" || command.name == "verify", builds);
+  return out + closing(others, builds);
 }
 
 std::string program_manual(const Program& program) {
@@ -223,7 +217,7 @@ std::string program_manual(const Program& program) {
   }
   out += section("OPTIONS");
   for (const Argument& a : program.global.arguments) out += entry(a);
-  return out + examples(text) + closing(pages, true, true);
+  return out + examples(text) + closing(pages, true);
 }
 
 }  // namespace slf::cli::reference

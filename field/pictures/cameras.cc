@@ -19,6 +19,15 @@ namespace fs = std::filesystem;
 
 }  // namespace
 
+std::vector<std::string> PictureSet::files() const {
+  std::vector<std::string> files = models;
+  files.push_back(source);
+  for (const Picture& picture : pictures)
+    for (const std::string* file : {&picture.file, &picture.mask, &picture.depth})
+      if (!file->empty()) files.push_back(*file);
+  return files;
+}
+
 Result<PictureSet> read_cameras(const std::string& path) {
   const auto bytes = SLF_TRY(read_file(path, cameras::kMaxFileBytes));
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
@@ -41,6 +50,8 @@ Result<PictureSet> read_model(const std::string& model_folder, const std::string
   const auto model = SLF_TRY(cameras::read_colmap(model_folder));
   auto set = cameras::parse_colmap(model, pictures);
   if (!set) return set;
+  for (const char* name : {"/cameras", "/images", "/points3D"})
+    set->models.push_back(model_folder + name + (model.text ? ".txt" : ".bin"));
   std::set<std::string> named;
   for (const Picture& picture : set->pictures) named.insert(picture.file);
   std::size_t without = 0;

@@ -42,13 +42,7 @@ class PictureScene final : public Scene {
 
   [[nodiscard]] Sphere bounds() const override { return sphere_; }
   [[nodiscard]] std::string provenance() const override { return provenance_; }
-  [[nodiscard]] std::vector<std::string> files() const override {
-    std::vector<std::string> files{set_.source};
-    for (const Picture& picture : set_.pictures)
-      for (const std::string* file : {&picture.file, &picture.mask, &picture.depth})
-        if (!file->empty()) files.push_back(*file);
-    return files;
-  }
+  [[nodiscard]] std::vector<std::string> files() const override { return set_.files(); }
 
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override {
     RaySample sample;

@@ -44,7 +44,7 @@ class Reader {
 }  // namespace
 
 Result<void> check_light_file(const std::string& path) {
-  return check_own_file(path, kMagic, "a light volume");
+  return check_own_file(resolve_links(path), kMagic, "a light volume");
 }
 
 Result<void> save_light(const std::string& path, const std::string& key, const LightGrid& light) {

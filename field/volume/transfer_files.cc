@@ -69,8 +69,8 @@ Result<std::vector<TransferPreset>> read_transfers(const std::string& path) {
   return parse_transfers(std::move(text).str(), path);
 }
 
-Result<TransferPreset> read_transfer(const std::string& reference) {
-  if (const auto* found = find_built_in(reference)) return *found;
+std::string transfer_file(const std::string& reference) {
+  if (find_built_in(reference) != nullptr) return {};
   // A path may itself contain '#': use the longest prefix that is a file.
   std::string path = reference;
   std::error_code ignored;
@@ -79,6 +79,13 @@ Result<TransferPreset> read_transfer(const std::string& reference) {
     if (hash == std::string::npos) break;
     path.resize(hash);
   }
+  return path;
+}
+
+Result<TransferPreset> read_transfer(const std::string& reference) {
+  if (const auto* found = find_built_in(reference)) return *found;
+  const std::string path = transfer_file(reference);
+  std::error_code ignored;
   if (!std::filesystem::exists(path, ignored) &&
       reference.find_first_of("/.#") == std::string::npos)
     return fail(ErrorCode::usage, in_quotes(reference),

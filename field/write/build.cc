@@ -67,20 +67,20 @@ Result<CodecPointer> codec_of(const FieldFile& field) {
   return codec::make_codec(field.codec().spec(), field.format(), field.codec().tables());
 }
 
-/// usage: the field at `file` is not the one that this build makes.
-Result<void> check_same(const std::string& file, const Manifest& existing,
-                        const Manifest& expected) {
+/// usage: the field at `file` is not the one that this build makes; `cure` says what to do.
+Result<void> check_same(const std::string& file, const Manifest& existing, const Manifest& expected,
+                        const char* cure) {
   const std::string differs = first_difference(existing, expected);
   if (differs.empty() && existing.part == expected.part) return {};
   if (differs.empty())
-    return fail(ErrorCode::usage, file,
-                ": exists and is another part of the field; choose another output, or replace it");
+    return fail(ErrorCode::usage, file, ": exists and is another part of the field; ", cure);
   if (differs == "/provenance/content")
     return fail(ErrorCode::usage, file,
                 ": exists and was built from other data: the voxels of the input, or their "
-                "geometry, have changed; choose another output, or replace it");
+                "geometry, have changed; ",
+                cure);
   return fail(ErrorCode::usage, file, ": exists and was built with other settings (", differs,
-              " differs); choose another output, or replace it");
+              " differs); ", cure);
 }
 
 /// An earlier, incomplete or complete build of the same field.
@@ -106,15 +106,16 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
   const bool in_place = output.existing == Existing::keep && output.exists();
   const std::string file = in_place ? output.path : output.unfinished();
   std::error_code ignored;
+  if (!in_place && std::filesystem::is_symlink(file, ignored))
+    return tl::unexpected(name_is_taken({ErrorCode::usage, file + ": is a link"}));
   if (!in_place && !std::filesystem::exists(file, ignored)) return std::nullopt;
   const auto field = FieldFile::open(file);
   if (!field && in_place) return tl::unexpected(field.error());
   if (!field) return tl::unexpected(name_is_taken(field.error()));
   const Manifest& existing = (*field)->manifest();
-  if (auto same = check_same(file, existing, manifest); !same) {
-    if (output.existing == Existing::replace) return std::nullopt;  // the build starts over
-    return tl::unexpected(same.error());
-  }
+  SLF_TRY(check_same(file, existing, manifest,
+                     in_place ? "choose another output, or replace it"
+                              : "complete it with its own settings, or move or remove it"));
   manifest.filtered_levels = existing.filtered_levels;
   auto missing = SLF_TRY(MissingTiles::of(**field, TileOrder(manifest.shape), selection));
   auto codec = SLF_TRY(codec_of(**field));
@@ -318,8 +319,10 @@ Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
 Result<BuildReport> build(const Scene& scene, const std::string& path, const BuildOptions& options,
                           const ProgressCallback& progress) {
   auto manifest = SLF_TRY(plan(scene, options));
-  const auto output = SLF_TRY(
-      FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, scene.files()));
+  std::vector<std::string> inputs = scene.files();
+  inputs.push_back(options.shard.coarser);
+  const auto output =
+      SLF_TRY(FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, inputs));
   const TileOrder order(manifest.shape);
   ShardOptions shard = options.shard;
   const auto coarser = SLF_TRY(open_coarser(manifest, shard));
@@ -363,7 +366,11 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
                thread_count(options.threads),
                coarser,
                predicts(manifest) && !coarser};
-  SLF_TRY(write_levels(job, writer, path, options, reporter));
+  auto written = write_levels(job, writer, path, options, reporter);
+  // What was written in place ends with an index even so.
+  if (!written && written.error().code == ErrorCode::cancelled && earlier && earlier->in_place)
+    SLF_TRY(writer.finish());
+  SLF_TRY(std::move(written));
   SLF_TRY(writer.finish(go_on));
   report.tiles = missing.count();
   return report;

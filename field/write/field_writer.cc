@@ -26,6 +26,8 @@ constexpr const char* kAnotherProcess = ": another process is writing it";
 Result<void> remove_leftover(const std::string& file, ByteSpan manifest) {
   struct stat status {};
   if (::lstat(file.c_str(), &status) != 0) return {};
+  if (S_ISLNK(status.st_mode))
+    return tl::unexpected(name_is_taken({ErrorCode::usage, file + ": is a link"}));
   const auto writer = TileWriter::resume(file);  // holds the writer's lock
   if (!writer && writer.error().code == ErrorCode::busy) return tl::unexpected(writer.error());
   if (!writer) return tl::unexpected(name_is_taken(writer.error()));
@@ -71,6 +73,13 @@ Result<FieldOutput> FieldOutput::at(const std::string& path, Existing existing,
                                     std::span<const std::string> inputs) {
   FieldOutput output{path, resolve_links(path), existing};
   SLF_TRY(check_output(path, inputs));
+  for (const std::string& draft : {output.unfinished(), output.repacking()}) {
+    for (const std::string& input : inputs)
+      if (is_same_file(draft, input))
+        return fail(ErrorCode::usage, input, ": is the input, and ", draft,
+                    " is the name under which ", path,
+                    " grows; rename it, or choose another output");
+  }
   return output;
 }
 
@@ -107,8 +116,7 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
       {kManifestBlob, text}, {kTablesBlob, Bytes(tables.begin(), tables.end())}};
   if (!light.empty()) blobs.emplace_back(kLightBlob, Bytes(light.begin(), light.end()));
 
-  const std::string file =
-      draft == Draft::keep ? output.unfinished() : output.target + ".repacking";
+  const std::string file = draft == Draft::keep ? output.unfinished() : output.repacking();
   if (output.existing == Existing::replace && storage::is_being_written(output.target))
     return fail(ErrorCode::busy, output.path, kAnotherProcess);
   if (auto cleared = remove_leftover(file, text); !cleared) {
@@ -198,12 +206,16 @@ Result<void> FieldWriter::drop(TileKey key) {
 }
 
 Result<void> FieldWriter::finish(const GoOn& go_on) {
-  if (!output_) return with_file_state(writer_->close());
+  const auto add_index = [&](const std::string& file) -> Result<void> {
+    auto indexed = index_field(file, go_on);
+    // A field that stays damaged elsewhere is not worse for having no index.
+    if (!output_ && !indexed && indexed.error().code == ErrorCode::bad_file) return {};
+    return indexed;
+  };
+  if (!output_) return with_file_state(writer_->close(add_index));
   if (output_->existing == Existing::replace && storage::is_being_written(output_->target))
     return fail(ErrorCode::busy, output_->path, kAnotherProcess);
-  auto published =
-      writer_->publish(output_->target, output_->existing,
-                       [&](const std::string& file) { return index_field(file, go_on); });
+  auto published = writer_->publish(output_->target, output_->existing, add_index);
   if (published) discard_ = false;
   if (!published && published.error().code == ErrorCode::usage)
     return fail(ErrorCode::usage, output_->path, ": exists by now",

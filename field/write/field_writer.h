@@ -31,12 +31,14 @@ struct FieldOutput {
   std::string target;  ///< `path` with symbolic links resolved
   Existing existing = Existing::keep;
 
-  /// usage: `path` leads to a folder or a device, or to one of `inputs`, which would be lost.
+  /// usage: `path` leads to a folder or a device, or to one of `inputs`, which would be lost; or
+  /// an input has the name of one of its drafts.
   [[nodiscard]] static Result<FieldOutput> at(const std::string& path, Existing existing,
                                               std::span<const std::string> inputs);
 
   [[nodiscard]] bool exists() const;
   [[nodiscard]] std::string unfinished() const { return target + ".unfinished"; }
+  [[nodiscard]] std::string repacking() const { return target + ".repacking"; }
 };
 
 /// Adds what to do to an error about a file that has the name of a draft, but is none.
@@ -108,9 +110,9 @@ class FieldWriter {
   /// only, where records end anyway.
   [[nodiscard]] Result<void> commit_level();
 
-  /// Commits every tile, closes, and renames a draft to its output. Errors as commit(); usage: the
-  /// output exists by now and is to be kept. busy: another process is writing the output.
-  /// cancelled: stopped by `go_on`, with every tile committed.
+  /// Commits every tile, closes, adds an index, and renames a draft to its output. Errors as
+  /// commit(); usage: the output exists by now and is to be kept. busy: another process is writing
+  /// the output. cancelled: stopped by `go_on`, with every tile committed.
   [[nodiscard]] Result<void> finish(const GoOn& go_on = {});
 
  private:

@@ -77,8 +77,7 @@ class Merger {
     };
     SLF_TRY(make_in_order(batches, threads_, window_, new_maker, put));
     writer_.copy_viewed_payloads();  // `part` is closed on return
-    if (part.changed()) return fail(ErrorCode::failed, path, ": was truncated while it was merged");
-    return {};
+    return part.unchanged();
   }
 
   /// The tiles of a range, checked.

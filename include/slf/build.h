@@ -57,17 +57,18 @@ struct BuildReport {
 ///
 /// | at `path` | without `replace` | with `replace` |
 /// |---|---|---|
-/// | no file | builds, or resumes PATH.unfinished | the same, or starts over if that differs |
+/// | no file | builds, or resumes PATH.unfinished | the same |
 /// | this field, complete | returns at once: nothing is left to do | as if there were no file |
 /// | this field with tiles missing | builds them in place | as if there were no file |
 /// | any other file | usage or bad_file | as if there were no file |
 ///
-/// usage: a setting, the scene's bounds or its provenance is wrong; another field is at `path` or
-/// unfinished beside it; `path` is one of the scene's files. unsupported: a codec that cannot hold
-/// the samples (JPEG and half floats). io: disk full or a write error; committed tiles stay, and
-/// the same call resumes. cancelled: the progress callback stopped the build, which the same call
-/// resumes. busy: another process is writing the field. failed: the scene threw an exception;
-/// another process has removed, renamed or replaced the field.
+/// usage: a setting, the scene's bounds or its provenance is wrong; another field is at `path`, or
+/// unfinished beside it, even with `replace`; `path` or PATH.unfinished is one of the scene's
+/// files. unsupported: a codec that cannot hold the samples (JPEG and half floats). io: disk full
+/// or a write error; committed tiles stay, and the same call resumes. cancelled: the progress
+/// callback stopped the build, which the same call resumes. busy: another process is writing the
+/// field. failed: the scene threw an exception; another process has removed, renamed or replaced
+/// the field.
 [[nodiscard]] Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                               const BuildOptions& options,
                                               const ProgressCallback& progress = {});

@@ -70,10 +70,14 @@ struct Picture {
 };
 
 struct PictureSet {
-  std::string source;              ///< the file or folder that named the cameras
-  std::vector<Picture> pictures;   ///< in the order of their names
-  std::vector<glm::dvec3> points;  ///< points of the object that the source states; mostly none
-  std::vector<std::string> notes;  ///< what people should know
+  std::string source;               ///< the file or folder that named the cameras
+  std::vector<std::string> models;  ///< the files in that folder that were read
+  std::vector<Picture> pictures;    ///< in the order of their names
+  std::vector<glm::dvec3> points;   ///< points of the object that the source states; mostly none
+  std::vector<std::string> notes;   ///< what people should know
+
+  /// All files that it consists of: those of cameras, pictures, masks and depths.
+  [[nodiscard]] std::vector<std::string> files() const;
 };
 
 /// Reads cameras, not pictures. `path` is a transforms.json or another JSON file of its kind, the

@@ -101,6 +101,9 @@ struct TransferPreset {
 /// message names the place, as in `[0].Points[8]`. unsupported: an unknown colour space.
 [[nodiscard]] Result<TransferPreset> read_transfer(const std::string& reference);
 
+/// The file that read_transfer() reads for this reference; empty if the name is built in.
+[[nodiscard]] std::string transfer_file(const std::string& reference);
+
 /// All presets of a file. Errors as read_transfer.
 [[nodiscard]] Result<std::vector<TransferPreset>> read_transfers(const std::string& path);
 

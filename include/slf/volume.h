@@ -62,9 +62,11 @@ struct Volume {
   glm::dvec3 origin{0.0};
   /// Whether values are ids, which must not be interpolated, rather than amounts.
   bool labels = false;
-  LabelTable label_styles{};       ///< names and colours of ids, if the file has them (DICOM SEG)
-  std::string source;              ///< the path it was read from, for messages and provenance
-  std::vector<std::string> files;  ///< all files it was read from, headers and data
+  LabelTable label_styles{};  ///< names and colours of ids, if the file has them (DICOM SEG)
+  std::string source;         ///< the path it was read from, for messages and provenance
+  /// All files it was read from, headers and data. Scene::files() lists them, so that no build
+  /// replaces one; add others that matter, such as that of a transfer function.
+  std::vector<std::string> files;
   /// If the format has several ways to state the position: the one that was used, such as
   /// "sform (code 4)"; else empty.
   std::string placement;

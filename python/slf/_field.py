@@ -305,18 +305,19 @@ class Field:
 
     # -- notebooks --------------------------------------------------------------------------------
 
-    def show(self, page: Optional[Path] = None) -> View:
+    def show(self, page: Optional[Path] = None, *, force: bool = False) -> View:
         """The page of `slf view`, turned by the mouse, in a notebook; its `url` for a browser.
 
         A server on this machine sends the page the parts of the file that views need. It runs
         until the field is closed.
         page: where a browser on another machine cannot reach that server: a file .html beside the
             notebook, to write page and field to and to show.
+        force: replace that file, or write into a folder that has files in it.
 
-        Raises slf.UnsupportedError: slf was built without the page.
+        Raises slf.UnsupportedError: slf was built without the page. slf.UsageError: `page` exists.
         """
         if page is not None:
-            export(self, page)
+            export(self, page, force=force)
             return View(path_text(page))
         if self._server is None:
             self._server = _slf.Server([self.path])
@@ -449,14 +450,16 @@ def export(field: Union[Field, Path], out: Path, *, force: bool = False,
            progress: Progress = None) -> None:
     """Writes the page that shows a field together with it.
 
-    out: a path that ends in .html becomes one file, which opens from disk (fields up to 1 GiB);
-        any other a folder for a host of static files.
-    force: write into a folder that has files in it.
+    out: a path that ends in .html or .htm becomes one file, which opens from disk (fields up to
+        1 GiB); any other a folder for a host of static files.
+    force: replace that file, or write into a folder that has files in it.
+
+    Raises slf.UsageError: `out` exists.
     """
     path = path_text(out)
     source = field.path if isinstance(field, Field) else path_text(field)
     with reporter(progress, "export") as report:
-        _slf.export_field(source, path, not path.endswith((".html", ".htm")), force, report)
+        _slf.export_field(source, path, force, report)
 
 
 def is_half(color_type: str) -> bool:

@@ -213,7 +213,7 @@ def volume_of(source: Any, *, labels: bool = False, spacing: Optional[Sequence[f
     path = name or voxels.source
     volume = _slf.Volume(array, tuple(place.origin), [tuple(axis) for axis in place.axes],
                          voxels.slope, voxels.intercept, labels, path,
-                         [path] if os.path.exists(path) else [])
+                         [voxels.source] if os.path.exists(voxels.source) else [])
     return volume, place
 
 

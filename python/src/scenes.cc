@@ -221,8 +221,8 @@ LabelTable label_table(const std::map<std::int64_t, Style>& styles) {
   return table;
 }
 
-SceneHandle raycaster(const Volume& volume, const std::string& settings,
-                      const std::string& transfer, const std::string& transfer_json,
+SceneHandle raycaster(Volume volume, const std::string& settings, const std::string& transfer,
+                      const std::string& transfer_json,
                       const std::optional<std::array<double, 2>>& range, const std::string& rig,
                       const std::string& environment, const VolumeHandle& labels,
                       const std::string& table,
@@ -230,6 +230,7 @@ SceneHandle raycaster(const Volume& volume, const std::string& settings,
                       const VolumeHandle& mask, const std::string& light_file, unsigned threads) {
   SceneHandle handle;
   LongCall call;
+  const std::string source = volume.source;
   auto made = handle.trace(call, [&]() -> Result<std::unique_ptr<Raycaster>> {
     RaycastOptions options = raycast_options(settings);
     if (!rig.empty()) {
@@ -255,10 +256,12 @@ SceneHandle raycaster(const Volume& volume, const std::string& settings,
     }
     const auto function = transfer_for(volume, transfer, transfer_json, range);
     if (!function) return tl::unexpected(function.error());
-    return Raycaster::make(volume, *function, options,
+    for (const std::string& file : {transfer_file(transfer), rig, environment, table, light_file})
+      volume.files.push_back(file);
+    return Raycaster::make(std::move(volume), *function, options,
                            {threads, LightProgress::report, light_file, true});
   });
-  handle.scene = value_of(std::move(made), volume.source);
+  handle.scene = value_of(std::move(made), source);
   return handle;
 }
 

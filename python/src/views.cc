@@ -44,13 +44,14 @@ void check_page() {
   if (view::page_files().empty()) throw Failure({ErrorCode::unsupported, view::no_page()}, "");
 }
 
-void export_field(const std::string& field, const std::string& output, bool site, bool force,
+void export_field(const std::string& field, const std::string& output, bool force,
                   py::object progress) {
-  check_page();
   LongCall call(std::move(progress));
   value_of(call.without_gil([&] {
-    return site ? view::export_site(field, output, force, call.progress())
-                : view::export_page(field, output, call.progress());
+    auto written = view::export_field(field, field, output,
+                                      force ? Existing::replace : Existing::keep, call.progress());
+    if (!written && written.error().choice) written.error().message += "; force=True overwrites it";
+    return written;
   }),
            field);
 }
@@ -66,8 +67,8 @@ void bind_views(py::module_& module) {
            py::arg("fields"))
       .def_property_readonly("url", &ViewServer::url)
       .def("close", &ViewServer::close);
-  module.def("export_field", export_field, py::arg("field"), py::arg("output"), py::arg("site"),
-             py::arg("force"), py::arg("progress"));
+  module.def("export_field", export_field, py::arg("field"), py::arg("output"), py::arg("force"),
+             py::arg("progress"));
 }
 
 }  // namespace slf::python

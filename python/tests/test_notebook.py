@@ -2,6 +2,7 @@
 
 import base64
 import io
+import json
 import pathlib
 import subprocess
 import sys
@@ -99,6 +100,35 @@ def test_exports_a_page_and_a_folder(balls, tmp_path):
     assert (tmp_path / "site" / "index.html").exists()
     with pytest.raises(slf.UsageError):
         slf.export(balls.path, tmp_path / "site")
+    for name in ("mine.html", "mine.htm"):
+        page = tmp_path / name
+        page.write_text("mine")
+        for write in (lambda **force: slf.export(balls, page, **force),
+                      lambda **force: balls.show(page, **force)):
+            with pytest.raises(slf.UsageError, match="exists; force=True overwrites it"):
+                write()
+            assert page.read_text() == "mine"
+            write(force=True)
+            assert page.stat().st_size > balls.file_bytes
+            page.write_text("mine")
+
+
+def test_a_build_keeps_the_files_of_its_settings(tmp_path):
+    maps = tmp_path / "maps.json"
+    maps.write_text(json.dumps([
+        {"Name": name, "ColorSpace": "RGB", "RGBPoints": [0, 1, 0, 0, 1, 1, 1, 1],
+         "Points": [0, 0, 0.5, 0, 1, 1, 0.5, 0]} for name in ("Other", "Mine")]))
+    rig = tmp_path / "rig.json"
+    rig.write_text(json.dumps({"lights": [{"direction": [0, 0, 1]}]}))
+    voxels = np.ones((4, 4, 4), np.uint8)
+    voxels.tofile(tmp_path / "voxels.raw")
+    mapped = np.memmap(tmp_path / "voxels.raw", np.uint8, "r", shape=(4, 4, 4))
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    for out in before:
+        with pytest.raises(slf.UsageError, match="is the input"):
+            slf.build(mapped, out, name="voxels", transfer=f"{maps}#Mine", light_rig=str(rig),
+                      light="shadowed", light_samples=1, entry=2, exit=4, levels=0, replace=True)
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize("name", ["first_field.ipynb", "rays_of_a_function.ipynb"])

@@ -29,14 +29,13 @@ struct Put {
 /// Thread-safety: none.
 class Environment {
  public:
-  /// Opens a container for writing; turns an empty file into a container. Creates LMDB's lock file
-  /// beside it. REQUIRES: `descriptor` is open on `path`; the caller holds the writer's lock on it
-  /// and has checked the pages.
+  /// Opens a container for writing; turns an empty file into a container. `path` is for messages.
+  /// REQUIRES: `descriptor` is open to write, and the caller holds the writer's lock on it and has
+  /// checked the pages.
   [[nodiscard]] static Result<Environment> open(const std::string& path, int descriptor);
 
   Environment(Environment&& other) noexcept;
   Environment& operator=(Environment&& other) noexcept;
-  /// Closes LMDB, and removes the lock file unless another program uses it.
   ~Environment();
 
   /// The last committed transaction.
@@ -48,8 +47,8 @@ class Environment {
   [[nodiscard]] Result<void> sync();
 
   /// Writes all puts in one durable transaction. Creates missing trees and grows the map as needed.
-  /// io: the disk is full or a write failed; the previous commit remains. bad_file: LMDB reports
-  /// damage, or another program has truncated the file. failed: another error of LMDB.
+  /// io: the disk is full, a write or read failed; the previous commit remains. bad_file: LMDB
+  /// reports damage, or another program has truncated the file. failed: another error of LMDB.
   [[nodiscard]] Result<void> put(std::span<const Put> puts);
 
   /// Allows LMDB to reuse the pages freed until now. Without this call no page freed since open()

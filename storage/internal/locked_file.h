@@ -24,19 +24,20 @@
 
 namespace slf::storage::internal {
 
-/// Whether two descriptors, or a descriptor and a path, refer to the same file.
-[[nodiscard]] bool same_file(int a, int b);
+/// Whether a descriptor and a path refer to the same file.
 [[nodiscard]] bool is_file(int descriptor, const std::string& path);
 
 /// Thread-safety: const members from any thread.
 class LockedFile {
  public:
-  enum class Access { read, write, create };
+  enum class Access { read, write };
 
   /// io: the file is missing, not accessible, or not a regular file.
   [[nodiscard]] static Result<LockedFile> open(const std::string& path, Access access);
 
   LockedFile() = default;
+  /// Takes a descriptor, which is open to read and write, or -1.
+  explicit LockedFile(int descriptor) : file_(descriptor) {}
   LockedFile(LockedFile&& other) noexcept : file_(std::exchange(other.file_, -1)) {}
   LockedFile& operator=(LockedFile&& other) noexcept {
     std::swap(file_, other.file_);

@@ -1,9 +1,11 @@
-// MappedFile: a whole file mapped read-only. If the file shrinks, the process survives.
+// MappedFile: a whole file mapped read-only. If the file shrinks or its disk fails, the process
+// survives.
 //
-// An access to a mapped page that the file no longer has raises SIGBUS. The first map() installs a
-// process-wide handler that knows all live maps. For a fault in one of them it maps a zero page in
-// place of the missing one, marks the map as changed, and repeats the access. Any other fault goes
-// to the previous handler. Readers check changed() before they trust what they read.
+// An access to a mapped page that the file no longer has, or that cannot be read, raises SIGBUS.
+// The first map() installs a process-wide handler that knows all live maps. For a fault in one of
+// them it maps a zero page in place of the missing one, marks the map as changed, and repeats the
+// access. Any other fault goes to the previous handler. Readers check changed() before they trust
+// what they read.
 #pragma once
 
 #include <atomic>
@@ -39,7 +41,7 @@ class GuardedRange {
   }
   ~GuardedRange();
 
-  /// Whether an access hit a missing page: bytes read since then may be zeros.
+  /// Whether an access hit a missing or unreadable page: bytes read since then may be zeros.
   [[nodiscard]] bool changed() const {
     return slot_ != nullptr && slot_->changed.load(std::memory_order_acquire);
   }
@@ -48,16 +50,20 @@ class GuardedRange {
   MapSlot* slot_ = nullptr;
 };
 
+/// The cause of a fault in a map of a file that has kept its length.
+inline constexpr const char* kUnreadablePage = "cannot be read: the disk reports an error";
+
 /// Thread-safety: const members from any thread.
 class MappedFile {
  public:
-  /// Maps the first `bytes` bytes of `file`, for random access (no readahead).
-  /// REQUIRES: bytes > 0. io: the kernel refused.
+  /// Maps the first `bytes` bytes of `file`, which must stay open, for random access (no
+  /// readahead). REQUIRES: bytes > 0. io: the kernel refused.
   [[nodiscard]] static Result<MappedFile> map(int file, std::size_t bytes, const std::string& path);
 
   MappedFile() = default;
   MappedFile(MappedFile&& other) noexcept { *this = std::move(other); }
   MappedFile& operator=(MappedFile&& other) noexcept {
+    std::swap(file_, other.file_);
     std::swap(guard_, other.guard_);
     std::swap(bytes_, other.bytes_);
     return *this;
@@ -66,10 +72,12 @@ class MappedFile {
 
   [[nodiscard]] ByteSpan bytes() const { return bytes_; }
 
-  /// As GuardedRange::changed().
-  [[nodiscard]] bool changed() const { return guard_.changed(); }
+  /// io, bad_file: GuardedRange::changed(), because the disk failed or because the file has become
+  /// shorter.
+  [[nodiscard]] Result<void> unchanged(const std::string& path) const;
 
  private:
+  int file_ = -1;
   GuardedRange guard_;
   ByteSpan bytes_;
 };

@@ -48,7 +48,8 @@ class Snapshot final : public Trees {
   /// As TileStore::section().
   [[nodiscard]] Bytes section(std::uint32_t id) const;
 
-  /// bad_file if the file has shrunk under the map: bytes read before may have been zeros.
+  /// io, bad_file: the disk failed, or the file has shrunk, under the map: bytes read before may
+  /// have been zeros.
   [[nodiscard]] Result<void> unchanged() const override;
 
   /// Reads a part of bytes() from the file, bypassing the map if it is a local one. io: the read
@@ -59,7 +60,6 @@ class Snapshot final : public Trees {
  private:
   explicit Snapshot(std::string path) : Trees(std::move(path)) {}
 
-  [[nodiscard]] Result<void> shrunk() const;
   [[nodiscard]] Result<void> read_index(const Meta& meta);
   [[nodiscard]] Result<Meta> pin_current();
   [[nodiscard]] Result<void> load(const Meta& meta, const LockedFile& file);

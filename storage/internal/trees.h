@@ -43,7 +43,7 @@ class Trees {
   /// May be called again after an error. REQUIRES: `pages` was made with &path().
   [[nodiscard]] Result<void> load(const Pages& pages);
 
-  /// bad_file: the file has changed, so bytes read before may be wrong.
+  /// bad_file, io: the file has changed or cannot be read, so bytes read before may be wrong.
   [[nodiscard]] virtual Result<void> unchanged() const { return {}; }
 
   /// Whether there is a blob of this name. bad_file: a page on the way to it is damaged.

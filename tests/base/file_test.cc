@@ -64,6 +64,9 @@ TEST_F(Files, AnOutputIsNoInputNorAnythingButAFile) {
   EXPECT_EQ(check_output("/dev/null", {}).error().code, ErrorCode::usage);
   write("b", "old");
   EXPECT_TRUE(check_output(at("b"), inputs));
+  const auto kept = check_output(at("b"), inputs, Existing::keep);
+  ASSERT_FALSE(kept);
+  EXPECT_STREQ(kept.error().choice, "replace");
   EXPECT_TRUE(check_output(at("c"), inputs));
 }
 
@@ -81,20 +84,31 @@ TEST_F(Files, OnlyFilesOfOnesOwnAreRecognised) {
     EXPECT_NE(refused.error().message.find("is not a cache"), std::string::npos);
   }
   EXPECT_FALSE(check_own_file(at(""), "magic", "a cache"));  // a folder
+  write("a", "magic");
+  for (const char* target : {"a", "none"}) {
+    fs::create_symlink(target, at("link"));
+    EXPECT_FALSE(check_own_file(at("link"), "magic", "a cache")) << target;
+    fs::remove(at("link"));
+  }
 }
 
 TEST_F(Files, ACopyCanBeStoppedAndLeavesNothing) {
   write("a", std::string(3 << 20, 'x'));
   ASSERT_EQ(::chmod(at("a").c_str(), 0400), 0);
-  ASSERT_TRUE(copy_file(at("a"), at("b")));
+  {
+    auto copy = copy_file(at("a"), at("b"));
+    ASSERT_TRUE(copy);
+    EXPECT_EQ(count(), 1u);  // it has no name yet
+    ASSERT_TRUE(copy->publish(Existing::keep));
+  }
   EXPECT_EQ(text("b"), text("a"));
   EXPECT_EQ(mode("b"), 0600u);
-  EXPECT_EQ(copy_file(at("a"), at("b")).error().code, ErrorCode::io);  // exists
+  EXPECT_EQ(copy_file(at("a"), at("b"))->publish(Existing::keep).error().code, ErrorCode::usage);
   int calls = 0;
   const auto stopped = copy_file(at("a"), at("c"), [&](const Progress&) { return ++calls < 2; });
   EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
   EXPECT_EQ(calls, 2);
-  EXPECT_FALSE(fs::exists(at("c")));
+  EXPECT_EQ(count(), 2u);
 }
 
 TEST_F(Files, SymbolicLinksAreWrittenThrough) {

@@ -156,38 +156,6 @@ TEST_F(ForeignFiles, ALargeForeignLightFileIsNotRead) {
                  "is not a light volume");
 }
 
-TEST_F(ForeignFiles, NamesThatSlfChoosesItselfAreNotTakenFromOthers) {
-  const Arguments names{
-      "n.slf.unfinished",     "n.slf.unfinished-lock", "n.slf.unfinished.new", "n.slf.repacking",
-      "n.slf.repacking-lock", "n.slf.repacking.new",   "n.slf-lock",           "n.slf.part",
-      "n.part.slf",           "site/field.slf.part",   "n.html.part.slf"};
-  const Arguments commands[] = {
-      build("scene:balls", "n.slf"),
-      build("scene:balls", "n.slf", {"-f"}),
-      {"repack", place / "a.slf", "-o", place / "n.slf"},
-      {"repack", place / "a.slf", "-f", "-o", place / "n.slf"},
-      {"merge", place / "a.slf", "-o", place / "n.slf"},
-      {"export", place / "a.slf", "-f", "-o", place / "n.html"},
-      {"export", place / "a.slf", "-f", "--codec", "zstd:2", "-o", place / "n.html"},
-      {"export", place / "a.slf", "-f", "-o", place / "site"},
-      {"export", place / "a.slf", "-f", "--codec", "zstd:2", "-o", place / "n"},
-  };
-  for (const std::string& name : names)
-    for (const Arguments& command : commands) {
-      SCOPED_TRACE(name + ": " + command.front());
-      fs::create_directories(fs::path(place / name).parent_path());
-      write_text(place / name, kPrecious);
-      const Outcome outcome = slf(command);
-      EXPECT_EQ(outcome.signal, 0);
-      EXPECT_EQ(read_text(place / name), kPrecious) << outcome.err;
-      if (outcome.exit_code != 0) {
-        EXPECT_NE(outcome.err.find(name), std::string::npos) << outcome.err;
-      }
-      for (const char* made : {"n.slf", "n.html", "n", "site"}) fs::remove_all(place / made);
-      fs::remove(place / name);
-    }
-}
-
 // A complete field with the name of a draft is somebody's work, too.
 TEST_F(ForeignFiles, ACompleteFieldIsNoDraft) {
   for (const char* name : {"n.slf.unfinished", "n.slf.repacking"}) {
@@ -196,26 +164,9 @@ TEST_F(ForeignFiles, ACompleteFieldIsNoDraft) {
     const bool built = std::string(name).ends_with("unfinished");
     EXPECT_OUTCOME(built ? slf(build("scene:globe", "n.slf", {"-f"}))
                          : slf({"repack", place / "a.slf", "--no-depth", "-o", place / "n.slf"}),
-                   1, "is a complete field");
+                   1, built ? "with other settings" : "is a complete field");
     EXPECT_TRUE(read_text(place / name) == before);
   }
-}
-
-TEST_F(ForeignFiles, AFixLocksNoFileOfSomebody) {
-  std::fstream field(place / "a.slf", std::ios::in | std::ios::out | std::ios::binary);
-  const std::string text = read_text(place / "a.slf");
-  const auto listed = slf({"ls", place / "a.slf", "--json"}).json();
-  std::size_t at = 0;
-  for (const auto& tile : listed)
-    if (at == 0 && tile["state"] == "stored") at = tile["offset_bytes"].get<std::size_t>();
-  ASSERT_NE(at, 0u);
-  field.seekp(static_cast<std::streamoff>(at)).put(static_cast<char>(text[at] ^ 1));
-  field.close();
-  write_text(place / "a.slf-lock", kPrecious);
-  EXPECT_OUTCOME(slf({"verify", "--fix", place / "a.slf"}), 1, "is not a lock file of LMDB");
-  EXPECT_EQ(read_text(place / "a.slf-lock"), kPrecious);
-  fs::remove(place / "a.slf-lock");
-  EXPECT_OUTCOME(slf({"verify", "--fix", place / "a.slf"}), 0, "dropped 1");
 }
 
 }  // namespace

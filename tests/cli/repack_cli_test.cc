@@ -194,7 +194,7 @@ TEST_F(RepackCli, MessagesNameTheFileThatTheUserNamed) {
   const std::string out = place / "no/such.slf";
   for (const Outcome& outcome : {slf({"repack", field(), "-o", out}), build(out)}) {
     EXPECT_EQ(outcome.exit_code, 2);
-    EXPECT_NE(outcome.err.find(out + ": cannot create"), std::string::npos) << outcome.err;
+    EXPECT_NE(outcome.err.find(out + ": cannot write"), std::string::npos) << outcome.err;
   }
 }
 

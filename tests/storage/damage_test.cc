@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <signal.h>
 #include <sys/mman.h>
+#include <sys/syscall.h>
 
 #include <atomic>
 #include <csetjmp>
@@ -222,7 +223,7 @@ TEST_F(Damaged, ShrinkingWhileMappedIsAnError) {
     ASSERT_TRUE(ok(store));
     std::vector<TileRef> tiles;
     for (const auto& [key, bytes] : model_) tiles.push_back(*store->find(key));
-    EXPECT_FALSE(store->changed());
+    EXPECT_TRUE(ok(store->unchanged()));
     ASSERT_EQ(truncate(path_.c_str(), static_cast<off_t>(size - 4096)), 0);
     for (const TileRef& tile : tiles) {
       const auto again = store->find(tile.key);
@@ -237,12 +238,30 @@ TEST_F(Damaged, ShrinkingWhileMappedIsAnError) {
     std::vector<Error> findings;
     store->check_structure(findings);
     EXPECT_FALSE(findings.empty()) << size;
-    EXPECT_TRUE(store->changed());
+    EXPECT_EQ(store->unchanged().error().code, ErrorCode::bad_file);
     const auto visited =
         store->visit({0, 0}, {9, 0}, [](const TileRef&) { return Result<void>(); });
     ASSERT_FALSE(visited);
     EXPECT_THAT(visited.error().message, HasSubstr("changed while open"));
   }
+}
+
+// The kernel reports a page that the disk cannot read as it does one beyond the end of the file.
+TEST_F(Damaged, APageThatTheDiskCannotReadIsAnErrorOfInputAndOutput) {
+  auto store = TileStore::open(path_);
+  ASSERT_TRUE(ok(store));
+  const auto tile = store->find(model_.rbegin()->first);
+  ASSERT_TRUE(ok(tile));
+  siginfo_t fault = {};
+  fault.si_signo = SIGBUS;
+  fault.si_code = BUS_ADRERR;
+  fault.si_addr = const_cast<std::byte*>(store->map()) + 8192;
+  ASSERT_EQ(syscall(SYS_rt_tgsigqueueinfo, getpid(), gettid(), SIGBUS, &fault), 0);
+  EXPECT_EQ(store->unchanged().error().code, ErrorCode::io);
+  const auto found = store->find(tile->key);
+  ASSERT_FALSE(found);
+  EXPECT_EQ(found.error().code, ErrorCode::io);
+  EXPECT_THAT(found.error().message, HasSubstr("the disk reports an error"));
 }
 
 std::atomic<int> foreign_faults = 0;
@@ -295,7 +314,7 @@ TEST_F(Damaged, FaultsElsewhereGoToThePreviousHandler) {
       (void)map[5000];
       return 3;
     }
-    return foreign_faults == 1 && !store->changed() ? 0 : 4;
+    return foreign_faults == 1 && store->unchanged() ? 0 : 4;
   };
   const auto child_alone = [&] {  // it has a folder of its own
     const int result = child();

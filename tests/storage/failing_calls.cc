@@ -2,6 +2,7 @@
 #include "tests/storage/failing_calls.h"
 
 #include <dlfcn.h>
+#include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/syscall.h>
 #include <sys/uio.h>
@@ -9,6 +10,7 @@
 
 #include <atomic>
 #include <cerrno>
+#include <cstdarg>
 
 namespace slf::storage::testing {
 namespace {
@@ -17,6 +19,7 @@ std::atomic<int> left = -1;
 std::atomic<int> code = 0;
 std::atomic<bool> later = false;
 std::atomic<bool> failed = false;
+std::atomic<bool> names_only = false;
 
 bool fails() {
   if (left.load() < 0) return false;
@@ -46,12 +49,29 @@ void fail_after(int calls, int error, bool all_later) {
 
 bool has_failed() { return failed; }
 
+void refuse_unnamed_files(bool refuse) { names_only = refuse; }
+
+bool refuses(int flags) {
+  if (!names_only || (flags & O_TMPFILE) != O_TMPFILE) return false;
+  errno = EOPNOTSUPP;
+  return true;
+}
+
 }  // namespace slf::storage::testing
 
 using slf::storage::testing::fails;
 using slf::storage::testing::next;
 
 extern "C" {
+
+int open(const char* path, int flags, ...) {
+  va_list rest;
+  va_start(rest, flags);
+  const mode_t mode = (flags & (O_CREAT | O_TMPFILE)) != 0 ? va_arg(rest, mode_t) : 0;
+  va_end(rest);
+  if (slf::storage::testing::refuses(flags)) return -1;
+  return static_cast<int>(syscall(SYS_openat, AT_FDCWD, path, flags, mode));
+}
 
 ssize_t pwrite(int file, const void* from, size_t size, off_t at) {
   static auto* real = next<ssize_t(int, const void*, size_t, off_t)>("pwrite");

@@ -10,4 +10,7 @@ void fail_after(int calls, int error, bool all_later);
 /// Whether a call has failed since.
 [[nodiscard]] bool has_failed();
 
+/// Makes file systems refuse files without names, as some do.
+void refuse_unnamed_files(bool refuse);
+
 }  // namespace slf::storage::testing

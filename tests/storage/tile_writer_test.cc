@@ -4,6 +4,7 @@
 #include <fstream>
 #include <iterator>
 
+#include "tests/storage/failing_calls.h"
 #include "tests/storage/storage_testing.h"
 
 namespace slf::storage::testing {
@@ -29,6 +30,35 @@ TEST(TileWriter, RefusesWhatItShould) {
   EXPECT_EQ(TileWriter::create(path, {}).error().code, ErrorCode::usage);
   EXPECT_EQ(TileWriter::create(folder / "no/b", {}).error().code, ErrorCode::not_found);
   EXPECT_EQ(TileWriter::resume(folder / "c").error().code, ErrorCode::not_found);
+}
+
+// LMDB's lock file is in memory, reached through a folder that vanishes; a new container has no
+// name. Other systems have no folder for temporary files, or no files without names.
+TEST(TileWriter, LeavesNothingBesideTheContainer) {
+  const char* const before = std::getenv("TMPDIR");
+  const std::string kept = before != nullptr ? before : "";
+  for (const bool temporary : {true, false})
+    for (const bool unnamed : {true, false}) {
+      SCOPED_TRACE(std::to_string(temporary) + std::to_string(unnamed));
+      const TemporaryFolder folder, other;
+      ASSERT_EQ(setenv("TMPDIR", (temporary ? other.path() : folder / "none").c_str(), 1), 0);
+      refuse_unnamed_files(!unnamed);
+      const std::string path = folder / "a.slf";
+      for (int k = 0; k < 2; ++k) {
+        auto writer = k == 0 ? TileWriter::create(path, {}) : TileWriter::resume(path);
+        ASSERT_TRUE(ok(writer));
+        EXPECT_EQ(folder.files(), std::vector<std::string>{"a.slf"});
+        EXPECT_EQ(other.files(), std::vector<std::string>());
+        EXPECT_EQ(TileWriter::resume(path).error().code, ErrorCode::busy);
+        ASSERT_TRUE(ok(writer->append({0, static_cast<std::uint64_t>(k)}, tile_bytes({0, 1}, 9))));
+        ASSERT_TRUE(ok(writer->close()));
+      }
+      EXPECT_EQ(TileWriter::create(path, {}).error().code, ErrorCode::usage);
+      EXPECT_EQ(folder.files(), std::vector<std::string>{"a.slf"});
+      EXPECT_EQ(TileStore::open(path)->find({0, 1})->state, TileState::stored);
+    }
+  refuse_unnamed_files(false);
+  ASSERT_EQ(before != nullptr ? setenv("TMPDIR", kept.c_str(), 1) : unsetenv("TMPDIR"), 0);
 }
 
 std::string bytes_of_file(const std::string& path) {

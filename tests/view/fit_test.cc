@@ -22,6 +22,7 @@ class Fit : public ::testing::Test {
   /// Repacks, and counts the times that all tiles were written.
   std::optional<Field> fit(std::uint64_t max_bytes, const RepackOptions& options = {}) {
     repacks_ = 0;
+    std::filesystem::remove(folder_ / "out.slf");
     const std::uint64_t tiles = field_->shape().tiles(0) + field_->shape().tiles(1);
     const auto done = repack_to_fit(*field_, folder_ / "out.slf", options, max_bytes,
                                     [&](const Progress& progress) {
@@ -29,7 +30,10 @@ class Fit : public ::testing::Test {
                                       return true;
                                     });
     error_ = done ? "" : done.error().message;
-    if (!done) return {};
+    if (!done) {
+      EXPECT_FALSE(std::filesystem::exists(folder_ / "out.slf"));
+      return {};
+    }
     report_ = *done;
     EXPECT_LE(std::filesystem::file_size(folder_ / "out.slf"), max_bytes);
     return *Field::open(folder_ / "out.slf");

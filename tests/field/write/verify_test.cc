@@ -7,6 +7,7 @@
 
 #include "field/field_file.h"
 #include "slf/repack.h"
+#include "storage/internal/file_index.h"
 #include "storage/tile_writer.h"
 #include "tests/field/write/rewriting.h"
 
@@ -40,6 +41,18 @@ std::vector<std::size_t> places_of(const std::string& bytes, const std::string& 
     places.push_back(at);
   EXPECT_FALSE(places.empty()) << text;
   return places;
+}
+
+/// Whether the file ends with the index of its last commit.
+bool has_index(const std::string& path) {
+  using storage::internal::FileIndex;
+  const auto field = Field::open(path);
+  const std::string bytes = read_text(path);
+  const ByteSpan all = bytes_of(bytes);
+  const std::uint64_t size = FileIndex::size(all.last(storage::internal::kIndexFooter));
+  if (!field || size == 0) return false;
+  const auto index = FileIndex::parse(all.last(size), all.size());
+  return index && index->transaction == field->file().store().transaction();
 }
 
 VerifyReport verify(const std::string& path, const VerifyOptions& options = {}) {
@@ -118,12 +131,14 @@ class Verify : public ::testing::Test {
     EXPECT_GT(fixed.dropped, 0u);
     EXPECT_EQ(fixed.unfixed, 0u);
     EXPECT_FALSE(fixed.complete);
+    EXPECT_TRUE(has_index(path_));
     const auto dropped = verify(path_);
     EXPECT_EQ(dropped.damaged, 0u);
     EXPECT_GT(dropped.found, 0u);
     const auto rebuilt = build_field(stripes(), path_, options_);
     ASSERT_TRUE(rebuilt) << rebuilt.error().message;
     EXPECT_GT(rebuilt->resumed, 0u);
+    EXPECT_TRUE(has_index(path_));
     EXPECT_EQ(verify(path_).found, 0u);
     EXPECT_EQ(all_tiles(*Field::open(path_)), tiles_);
   }
@@ -312,6 +327,7 @@ TEST_F(Verify, FillingHolesMayBeInterrupted) {
   EXPECT_FALSE(
       build_field(stripes(), path_, options_, [&](const Progress&) { return ++calls < 2; }));
   EXPECT_EQ(verify(path_).found, 1u);  // two of level 1 are still to fill
+  EXPECT_TRUE(has_index(path_));
   const auto rebuilt = build_field(stripes(), path_, options_);
   ASSERT_TRUE(rebuilt) << rebuilt.error().message;
   EXPECT_EQ(rebuilt->tiles, holes.size() - 2);
