@@ -194,7 +194,8 @@ Result<std::unique_ptr<Scene>> SourceArguments::mesh_scene(const nlohmann::json&
     SLF_TRY(check_environment(built));
   }
   SLF_TRY(set_light(options));
-  return MeshScene::make(SLF_TRY(mesh()),
+  auto parts = SLF_TRY(mesh());
+  return MeshScene::make(std::move(parts),
                          {options.shade, options.light, options.ambient, options.lighting});
 }
 
