@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <functional>
 #include <map>
 #include <utility>
 
 #include "base/file.h"
+#include "base/guarded.h"
 #include "base/try.h"
 #include "storage/internal/environment.h"
 #include "storage/internal/locked_file.h"
@@ -216,15 +218,13 @@ Result<TileWriter> TileWriter::create(const std::string& path,
       auto environment = SLF_TRY(Environment::open(unfinished, state->file.descriptor()));
       SLF_TRY(write_new(environment, sealed));
     }
-    return publish_file(unfinished, path, Existing::keep);
+    SLF_TRY(publish_file(unfinished, path, Existing::keep));
+    return state->attach();
   };
-  if (auto finished = finish(); !finished) {
-    unlink(unfinished.c_str());
+  if (auto finished = guarded(finish); !finished) {
+    for (const std::string& name : {std::cref(unfinished), std::cref(path)})
+      if (internal::is_file(state->file.descriptor(), name)) unlink(name.c_str());
     return tl::unexpected(std::move(finished.error()));
-  }
-  if (auto attached = state->attach(); !attached) {
-    unlink(path.c_str());  // it is new, and locked
-    return tl::unexpected(std::move(attached.error()));
   }
   return TileWriter(std::move(state));
 }

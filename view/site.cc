@@ -1,5 +1,7 @@
 #include "view/site.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <cerrno>
 #include <csignal>
@@ -101,8 +103,7 @@ struct Draft {
   Draft(const Draft&) = delete;
   Draft& operator=(const Draft&) = delete;
   ~Draft() {
-    std::error_code ignored;
-    if (!path.empty()) fs::remove(path, ignored);
+    if (!path.empty()) ::unlink(path.c_str());
   }
 };
 
