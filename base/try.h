@@ -3,8 +3,10 @@
 //   const auto field = SLF_TRY(Field::open(path));  // in a function that returns a Result
 //   SLF_TRY(writer.commit());
 //
-// It is a statement expression of GCC and Clang. Use it as a whole statement or initializer: the
-// other operands of a larger expression may or may not have been evaluated when it returns.
+// It is a statement expression of GCC and Clang. It stands alone: as a statement, as all of an
+// initializer, an assigned value or an operand of `return`. Never in an argument list, in braces or
+// beside an operator: when it returns, GCC 12 does not destroy the other objects of the expression.
+// The test `base.try` finds such uses.
 #pragma once
 
 #include <type_traits>

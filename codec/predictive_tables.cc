@@ -223,8 +223,8 @@ Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes) {
   if (levels == 0 || bytes.size() < models)
     return fail(ErrorCode::bad_file, "shared tables of a predictive codec: ", bytes.size(),
                 " bytes, too few for the steps of ", levels, " levels");
-  const auto shared =
-      std::make_shared<PredictiveModels>(SLF_TRY(unpack_models(bytes.subspan(models))));
+  auto unpacked = SLF_TRY(unpack_models(bytes.subspan(models)));
+  const auto shared = std::make_shared<PredictiveModels>(std::move(unpacked));
   PredictiveTables tables{{},
                           Bytes(bytes.begin() + static_cast<std::ptrdiff_t>(models), bytes.end())};
   for (std::size_t level = 0; level < levels; ++level) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/guarded.h"
 #include "base/sort_unique.h"
 #include "base/try.h"
 
@@ -123,6 +124,14 @@ Result<void> FieldFile::decode(const storage::TileRef& tile, const ReferenceSour
   return {};
 }
 
+Result<TileSelection> FieldFile::recorded(const TileOrder& order) const {
+  const auto ranges = SLF_TRY(store_.covered());
+  TileSelection tiles;
+  for (const TileRange& range : ranges)
+    tiles.add({order.number(range.begin), order.number(range.end)});
+  return tiles;
+}
+
 Result<FieldContent> FieldFile::content() const {
   FieldContent content;
   content.file_bytes = store_.file_bytes();
@@ -167,8 +176,9 @@ Result<ByteSpan> FieldFile::light() const {
 }
 
 Result<Field> Field::open(const std::string& path) {
-  auto file = SLF_TRY(FieldFile::open(path));
-  return Field(std::move(file));
+  return guarded([&] { return FieldFile::open(path); }).map([](auto file) {
+    return Field(std::move(file));
+  });
   // The analyzer loses sight of the shared pointer.
   // NOLINTNEXTLINE(clang-analyzer-cplusplus.NewDeleteLeaks)
 }
@@ -178,13 +188,17 @@ const FieldShape& Field::shape() const { return file_->shape(); }
 SampleFormat Field::format() const { return file_->format(); }
 const std::string& Field::codec() const { return file_->manifest().codec; }
 std::optional<TileRange> Field::part() const { return file_->manifest().part; }
-std::string Field::provenance() const { return file_->manifest().provenance.dump(); }
+std::string Field::provenance() const { return file_->manifest().provenance->dump(); }
 Result<std::vector<std::byte>> Field::light() const {
-  const auto light = SLF_TRY(file_->light());
-  return std::vector<std::byte>(light.begin(), light.end());
+  return guarded([&]() -> Result<std::vector<std::byte>> {
+    const auto light = SLF_TRY(file_->light());
+    return std::vector<std::byte>(light.begin(), light.end());
+  });
 }
-std::string Field::manifest() const { return file_->manifest().to_json().dump(); }
+std::string Field::manifest() const { return file_->manifest().to_json()->dump(); }
 std::uint64_t Field::file_bytes() const { return file_->store().file_bytes(); }
-Result<FieldContent> Field::content() const { return file_->content(); }
+Result<FieldContent> Field::content() const {
+  return guarded([&] { return file_->content(); });
+}
 
 }  // namespace slf

@@ -11,6 +11,8 @@
 
 #include "codec/codec.h"
 #include "field/geometry/level_geometry.h"
+#include "field/geometry/tile_order.h"
+#include "field/geometry/tile_selection.h"
 #include "field/manifest.h"
 #include "field/reference_index.h"
 #include "field/tile_coder.h"
@@ -79,6 +81,11 @@ class FieldFile {
 
   /// As TileStore::unchanged(); samples used in place may have been zeros.
   [[nodiscard]] Result<void> unchanged() const { return store_.unchanged(); }
+
+  /// The numbers, in an order, of the tiles that the file has records of; all others are missing.
+  /// What loops over a field's tiles loops over these: a file declares levels for nothing.
+  /// bad_file: the file has shrunk.
+  [[nodiscard]] Result<TileSelection> recorded(const TileOrder& order) const;
 
   /// Counts tiles and bytes, from the records' tables alone. Linear in the number of records.
   [[nodiscard]] Result<FieldContent> content() const;

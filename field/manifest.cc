@@ -12,6 +12,7 @@ namespace slf {
 namespace {
 
 constexpr int kMaxNesting = 64;
+constexpr std::size_t kMaxBytes = std::size_t{16} << 20;  // parsed, it takes some 40 times as much
 constexpr std::uint32_t kMaxKeyLevel = 11;  // the end of a range may be one above level 10
 
 constexpr SampleFormat kFormats[] = {SampleFormat::rgba8, SampleFormat::rgba16f,
@@ -80,7 +81,9 @@ Result<void> check_version(Reader& in, const std::string& file) {
         Manifest::kMajor,
         major > Manifest::kMajor ? "; update slf" : "; slf 0.2 or older wrote it: build it anew");
   const auto* required = in.find("/required");
-  const auto known_feature = [](const nlohmann::json& feature) { return feature == kPredictive; };
+  const auto known_feature = [](const nlohmann::json& feature) {
+    return feature.is_string() && feature.get_ref<const std::string&>() == kPredictive;
+  };
   if (required && !required->is_array())
     in.problem("/required", "is not an array");
   else if (required && !std::all_of(required->begin(), required->end(), known_feature))
@@ -121,26 +124,36 @@ SampleFormat read_format(Reader& in) {
 
 }  // namespace
 
-nlohmann::json Manifest::to_json() const {
-  nlohmann::json required = nlohmann::json::array();
-  if (codec::is_predictive(codec)) required.push_back(kPredictive);
-  const glm::dvec3& c = shape.sphere.center;
-  nlohmann::json json = {{"slf", {{"major", kMajor}, {"minor", 0}}},
-                         {"required", required},
-                         {"sphere", {{"center", {c.x, c.y, c.z}}, {"radius", shape.sphere.radius}}},
-                         {"entry_side", shape.entry_side},
-                         {"exit_side", shape.exit_side},
-                         {"levels", shape.levels},
-                         {"entry_depth", shape.entry_extra_levels},
-                         {"format", name(format)},
-                         {"codec", codec},
-                         {"provenance", provenance}};
-  if (!shape.subfields.empty()) json["subfields"] = shape.subfields;
-  if (filtered_levels) json["filtered_levels"] = *filtered_levels;
-  if (part)
-    json["part"] = {{"begin", {part->begin.level, part->begin.index}},
-                    {"end", {part->end.level, part->end.index}}};
-  return json;
+OwnedJson Manifest::to_json() const {
+  using nlohmann::json;
+  OwnedJson owned = json::object();
+  json& all = *owned;
+  all["slf"] = json::object();
+  all["slf"]["major"] = kMajor;
+  all["slf"]["minor"] = 0;
+  all["required"] = json::array();
+  if (codec::is_predictive(codec)) all["required"].push_back(kPredictive);
+  all["sphere"] = json::object();
+  all["sphere"]["center"] = json::array();
+  for (int axis = 0; axis < 3; ++axis) all["sphere"]["center"].push_back(shape.sphere.center[axis]);
+  all["sphere"]["radius"] = shape.sphere.radius;
+  all["entry_side"] = shape.entry_side;
+  all["exit_side"] = shape.exit_side;
+  all["levels"] = shape.levels;
+  all["entry_depth"] = shape.entry_extra_levels;
+  all["format"] = name(format);
+  all["codec"] = codec;
+  all["provenance"] = *provenance;
+  if (!shape.subfields.empty()) all["subfields"] = shape.subfields;
+  if (filtered_levels) all["filtered_levels"] = *filtered_levels;
+  if (!part) return owned;
+  all["part"] = json::object();
+  for (const auto& [name, key] : {std::pair{"begin", part->begin}, {"end", part->end}}) {
+    all["part"][name] = json::array();
+    all["part"][name].push_back(key.level);
+    all["part"][name].push_back(key.index);
+  }
+  return owned;
 }
 
 std::uint64_t Manifest::tiles(unsigned level) const {
@@ -152,13 +165,17 @@ std::uint64_t Manifest::tiles(unsigned level) const {
 }
 
 Result<Manifest> Manifest::parse(std::string_view text, const std::string& file) {
+  if (text.size() > kMaxBytes)
+    return fail(ErrorCode::bad_file, file, ": the manifest has ", text.size(), " bytes, more than ",
+                kMaxBytes);
   // Copying and printing JSON is recursive: limit its depth to protect the stack.
   bool too_deep = false;
   const auto limit_depth = [&](int depth, nlohmann::json::parse_event_t, nlohmann::json&) {
     too_deep |= depth > kMaxNesting;
     return !too_deep;
   };
-  const auto json = nlohmann::json::parse(text, limit_depth, /*allow_exceptions=*/false);
+  const OwnedJson owned = nlohmann::json::parse(text, limit_depth, /*allow_exceptions=*/false);
+  const nlohmann::json& json = *owned;
   if (too_deep)
     return fail(ErrorCode::bad_file, file, ": the manifest is nested deeper than ", kMaxNesting);
   if (!json.is_object()) return fail(ErrorCode::bad_file, file, ": the manifest is not JSON");
@@ -184,20 +201,24 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   if (!in.error().empty()) return fail(ErrorCode::bad_file, in.error());
   if (auto ok = manifest.shape.check(); !ok)
     return fail(ErrorCode::bad_file, file, ": manifest: ", ok.error().message);
-  manifest.provenance = json.value("provenance", nlohmann::json::object());
+  manifest.provenance = json.contains("provenance") ? json["provenance"] : nlohmann::json::object();
   return manifest;
 }
 
 std::string first_difference(const Manifest& existing, const Manifest& expected) {
-  const bool by_content = existing.provenance.contains("content");
+  const bool by_content = existing.provenance->contains("content");
   const auto comparable = [&](const Manifest& manifest) {
-    nlohmann::json json = manifest.to_json();
-    for (const char* member : {"slf", "filtered_levels", "part"}) json.erase(member);
-    json["provenance"].erase(by_content ? "source" : "content");
+    OwnedJson json = manifest.to_json();
+    const auto drop = [](nlohmann::json& from, const char* member) {
+      const OwnedJson dropped = std::move(from[member]);
+      from.erase(member);
+    };
+    for (const char* member : {"slf", "filtered_levels", "part"}) drop(*json, member);
+    drop((*json)["provenance"], by_content ? "source" : "content");
     return json;
   };
-  const auto patch = nlohmann::json::diff(comparable(existing), comparable(expected));
-  return patch.empty() ? "" : patch[0].value("path", "");
+  const OwnedJson patch = nlohmann::json::diff(*comparable(existing), *comparable(expected));
+  return patch->empty() ? "" : patch->at(0).value("path", "");
 }
 
 }  // namespace slf

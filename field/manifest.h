@@ -2,10 +2,10 @@
 #pragma once
 
 #include <cstdint>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 
+#include "base/owned_json.h"
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/shape.h"
@@ -21,7 +21,7 @@ struct Manifest {
   std::optional<unsigned> filtered_levels;
   SampleFormat format = SampleFormat::rgba8;
   std::string codec;              ///< specification, such as "jpeg:75"
-  nlohmann::json provenance;      ///< of the scene; free form
+  OwnedJson provenance;           ///< of the scene; free form
   std::optional<TileRange> part;  ///< the tiles of this file, if it is a part of a field
 
   /// Whether the samples of a level are means of rays. If filtered_levels is absent, all levels but
@@ -30,7 +30,7 @@ struct Manifest {
     return level < filtered_levels.value_or(shape.levels);
   }
 
-  [[nodiscard]] nlohmann::json to_json() const;
+  [[nodiscard]] OwnedJson to_json() const;
 
   /// Whether a tile belongs to the field, and to its part if this is one.
   [[nodiscard]] bool holds(TileKey key) const {

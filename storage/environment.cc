@@ -11,9 +11,12 @@
 #include <cerrno>
 #include <cstdlib>
 #include <map>
+#include <memory>
+#include <string_view>
 #include <utility>
 
 #include "base/file.h"
+#include "base/guarded.h"
 #include "base/try.h"
 #include "storage/internal/container.h"
 #include "storage/internal/pages.h"
@@ -180,30 +183,25 @@ Result<void> Environment::put(std::span<const Put> puts) {
 }
 
 int Environment::try_put(std::span<const Put> puts) {
-  MDB_txn* transaction = nullptr;
-  int code = mdb_txn_begin(environment_, nullptr, 0, &transaction);
+  MDB_txn* begun = nullptr;
+  int code = mdb_txn_begin(environment_, nullptr, 0, &begun);
   if (code != 0) return code;
+  std::unique_ptr<MDB_txn, void (*)(MDB_txn*)> transaction(begun, mdb_txn_abort);
   std::map<std::string, MDB_dbi> trees;
   for (const Put& put : puts) {
     auto [tree, unknown] = trees.try_emplace(put.tree, 0);
-    if (unknown) code = mdb_dbi_open(transaction, put.tree.c_str(), MDB_CREATE, &tree->second);
+    if (unknown) code = mdb_dbi_open(begun, put.tree.c_str(), MDB_CREATE, &tree->second);
     MDB_val key = value_of(put.key);
     MDB_val value{put.bytes, nullptr};
     const unsigned append = put.append ? MDB_APPEND : 0;
     if (code == 0 && !put.key.empty()) {
-      code = mdb_put(transaction, tree->second, &key, &value, MDB_RESERVE | append);
+      code = mdb_put(begun, tree->second, &key, &value, MDB_RESERVE | append);
       if (code == 0) put.write({static_cast<std::byte*>(value.mv_data), put.bytes});
     }
-    if (code != 0) {
-      mdb_txn_abort(transaction);
-      return code;
-    }
+    if (code != 0) return code;
   }
-  if (map_.changed()) {  // put() reports it
-    mdb_txn_abort(transaction);
-    return MDB_CORRUPTED;
-  }
-  return mdb_txn_commit(transaction);
+  if (map_.changed()) return MDB_CORRUPTED;  // put() reports it
+  return mdb_txn_commit(transaction.release());
 }
 
 // LMDB does not write pages that it allocates and frees in the same transaction. If these are the

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "base/file.h"
+#include "base/guarded.h"
 #include "base/try.h"
 
 namespace slf::storage::internal {
@@ -56,28 +57,39 @@ Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {
 Result<void> SparseCopy::fetch(std::span<const FileRange> ranges) const {
   while (true) {
     std::vector<FileRange> ours;
+    std::list<RangeSet> mine(1);
+    const auto place = mine.begin();
     {
       std::unique_lock lock(mutex_);
       std::vector<FileRange> absent;
       for (const FileRange& range : ranges) present_.append_missing(range, absent);
       if (absent.empty()) return {};
-      for (const FileRange& range : absent) fetching_.append_missing(range, ours);
+      ours = absent;
+      for (const RangeSet& theirs : fetching_) {
+        std::vector<FileRange> left;
+        for (const FileRange& range : ours) theirs.append_missing(range, left);
+        ours = std::move(left);
+      }
       if (ours.empty()) {
-        fetched_.wait(lock, [&] {
-          return std::none_of(absent.begin(), absent.end(),
-                              [&](const FileRange& range) { return fetching_.intersects(range); });
-        });
+        const auto is_fetched = [&](const FileRange& range) {
+          return std::ranges::any_of(
+              fetching_, [&](const RangeSet& theirs) { return theirs.intersects(range); });
+        };
+        fetched_.wait(lock, [&] { return std::ranges::none_of(absent, is_fetched); });
         continue;  // check again: the other thread may have failed
       }
       const std::size_t max_requests = kBaseRequests + ours.size() / kRangesPerRequest;
       ours = merged(std::move(ours), kGap, max_requests, kMaxGap);
-      for (const FileRange& range : ours) fetching_.add(range);
+      for (const FileRange& range : ours) place->add(range);
+      fetching_.splice(fetching_.end(), mine);
     }
-    auto fetched = source_->fetch(
-        ours, [&](std::uint64_t offset, ByteSpan bytes) { return put(offset, bytes); });
+    auto fetched = guarded([&] {
+      return source_->fetch(
+          ours, [&](std::uint64_t offset, ByteSpan bytes) { return put(offset, bytes); });
+    });
     {
       const std::lock_guard lock(mutex_);
-      for (const FileRange& range : ours) fetching_.remove(range);
+      fetching_.erase(place);
     }
     fetched_.notify_all();
     if (!fetched) return fetched;

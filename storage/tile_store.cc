@@ -319,6 +319,24 @@ Result<std::vector<LevelStatistics>> TileStore::statistics() const {
   return levels;
 }
 
+Result<std::vector<TileRange>> TileStore::covered() const {
+  std::vector<TileRange> ranges;
+  std::uint64_t records = 0;
+  const auto add = [&](TileKey first, TileKey last) {
+    if (ranges.empty() || ranges.back().end < first) ranges.push_back({first, first});
+    ranges.back().end = std::max(ranges.back().end, after(last));
+    return true;
+  };
+  const auto add_record = [&](const Record& record) {
+    if (++records % Snapshot::kReleaseEvery == 0) release_all();
+    return add(record.first(), record.last());
+  };
+  RecordWalk(*state_->snapshot, {}, {internal::kNoLevel, 0})
+      .run(add_record, [&](const Damage& damage) { return add(damage.first, damage.last); });
+  SLF_TRY(state_->snapshot->unchanged());
+  return ranges;
+}
+
 void TileStore::check_structure(std::vector<Error>& findings) const {
   internal::check_pages(state_->snapshot->pages(), internal::CheckScope::everything, findings);
   if (auto same = state_->snapshot->unchanged(); !same) findings.push_back(std::move(same.error()));

@@ -175,6 +175,10 @@ class TileStore {
   /// tables but no payload. bad_file: a page or record is damaged.
   [[nodiscard]] Result<std::vector<LevelStatistics>> statistics() const;
 
+  /// The keys that records cover, missing tiles among them, and those of damaged or lost records,
+  /// as ascending ranges. All other tiles are missing. Linear in the number of records.
+  [[nodiscard]] Result<std::vector<TileRange>> covered() const;
+
   /// Checks every page of the file: each is reachable exactly once, within bounds and in order, or
   /// in the free list. Appends one error per finding.
   void check_structure(std::vector<Error>& findings) const;

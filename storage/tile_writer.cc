@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <functional>
 #include <map>
 #include <utility>
 
 #include "base/file.h"
+#include "base/guarded.h"
 #include "base/try.h"
 #include "storage/internal/environment.h"
 #include "storage/internal/locked_file.h"
@@ -187,14 +189,19 @@ Result<TileWriter> TileWriter::create(const std::string& path,
   state->path = path;
   state->file = LockedFile(fcntl(file.descriptor(), F_DUPFD_CLOEXEC, 0));
   SLF_TRY(state->file.lock_writer(path));
-  {
-    auto environment = SLF_TRY(Environment::open(path, file.descriptor()));
-    SLF_TRY(write_new(environment, sealed));
-  }
-  SLF_TRY(file.publish(Existing::keep));
-  if (auto attached = state->attach(); !attached) {
-    unlink(path.c_str());  // it is new, and locked
-    return tl::unexpected(std::move(attached.error()));
+  bool published = false;
+  const auto finish = [&]() -> Result<void> {
+    {
+      auto environment = SLF_TRY(Environment::open(path, file.descriptor()));
+      SLF_TRY(write_new(environment, sealed));
+    }
+    SLF_TRY(file.publish(Existing::keep));
+    published = true;
+    return state->attach();
+  };
+  if (auto finished = guarded(finish); !finished) {
+    if (published) unlink(path.c_str());  // it is new, and locked
+    return tl::unexpected(std::move(finished.error()));
   }
   return TileWriter(std::move(state));
 }

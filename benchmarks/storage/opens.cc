@@ -35,7 +35,7 @@ void write_field(const TileSet& set, const std::string& path) {
   manifest.codec = "jpeg:75";
   manifest.provenance = {{"scene", "none"}};
   const auto codec = expect(codec::make_codec("jpeg:75", codec::SampleFormat::rgba8));
-  const std::string text = manifest.to_json().dump();
+  const std::string text = manifest.to_json()->dump();
   const ByteSpan bytes = as_bytes(std::span<const char>(text));
   const std::vector<std::pair<std::string, Bytes>> blobs{
       {kManifestBlob, {bytes.begin(), bytes.end()}},

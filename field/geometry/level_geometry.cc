@@ -17,6 +17,7 @@ LevelGeometry::LevelGeometry(const FieldShape& shape, unsigned level)
   // With lattices of at most 2^12 cells along an edge, section and row fit 32 bits.
   assert(3 + 2 * entry_level_ + row_bits_ <= 32);
   entry_rows_.resize(8ull * entry_stride_ * entry_stride_);
+  points_.reserve(vertex_count(shape.entry_resolution(level)));
   row_begin_.push_back(0);
   const std::uint32_t side = shape.entry_section_side();
   for (std::uint32_t s = 0; s < section_count(entry_level_); ++s) {

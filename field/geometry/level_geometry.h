@@ -22,6 +22,12 @@ class LevelGeometry {
  public:
   LevelGeometry(const FieldShape& shape, unsigned level);
 
+  /// Bytes of memory that it takes, about.
+  [[nodiscard]] static std::uint64_t memory(const FieldShape& shape, unsigned level) {
+    const std::uint64_t n = shape.entry_resolution(level);
+    return 8 * n * n * sizeof(std::uint32_t) + 4 * n * n * sizeof(LocalPoint);
+  }
+
   [[nodiscard]] unsigned level() const { return level_; }
   [[nodiscard]] std::int32_t entry_resolution() const { return entry_resolution_; }
   [[nodiscard]] std::int32_t exit_resolution() const { return exit_resolution_; }

@@ -62,9 +62,10 @@ Result<Layout> layout_of(const TiffFile& file) {
 
 /// Goes to the first page that is no thumbnail.
 Result<Layout> find_picture(TiffFile& file) {
-  while (file.is_thumbnail())
-    if (!SLF_TRY(file.next()))
-      return fail(ErrorCode::bad_file, file.path, ": TIFF without a picture");
+  while (file.is_thumbnail()) {
+    const bool another = SLF_TRY(file.next());
+    if (!another) return fail(ErrorCode::bad_file, file.path, ": TIFF without a picture");
+  }
   return layout_of(file);
 }
 

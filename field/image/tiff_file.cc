@@ -20,13 +20,14 @@ constexpr std::uint64_t kMaxExpansion = 4096;
 constexpr std::uint32_t kMaxPages = 1u << 20;
 
 int on_error(TIFF*, void* user, const char* module, const char* format, va_list arguments) {
-  auto& text = *static_cast<std::string*>(user);
-  if (!text.empty()) return 1;  // keep the first message, which is the most specific
-  std::array<char, 256> line{};
-  std::vsnprintf(line.data(), line.size(), format, arguments);
-  text = std::string(module ? module : "") + ": " + line.data();
+  // Nothing here may throw: no exception may pass through libtiff.
+  auto& text = *static_cast<decltype(TiffFile::message)*>(user);
+  if (text[0] != 0) return 1;  // keep the first message, which is the most specific
+  const int name = std::snprintf(text.data(), text.size() / 2, "%s: ", module ? module : "");
+  const std::size_t at = std::min(static_cast<std::size_t>(std::max(name, 0)), text.size() / 2 - 1);
+  std::vsnprintf(text.data() + at, text.size() - at, format, arguments);
   for (char& c : text)
-    if (static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7e) c = '?';
+    if (c != 0 && (c < 0x20 || c > 0x7e)) c = '?';
   return 1;
 }
 
@@ -119,7 +120,7 @@ Result<std::unique_ptr<TiffFile>> TiffFile::open(const std::string& name, ByteSp
 
 tl::unexpected<Error> TiffFile::damaged() const {
   return fail(ErrorCode::bad_file, path, ": page ", page,
-              ": damaged TIFF: ", message.empty() ? "cannot be decoded" : message);
+              ": damaged TIFF: ", message[0] == 0 ? "cannot be decoded" : message.data());
 }
 
 std::string TiffFile::text(std::uint32_t id) const {
@@ -128,7 +129,7 @@ std::string TiffFile::text(std::uint32_t id) const {
 }
 
 Result<bool> TiffFile::next() {
-  message.clear();
+  message[0] = 0;
   if (TIFFLastDirectory(tiff.get())) return false;
   if (++page >= kMaxPages)
     return fail(ErrorCode::unsupported, path, ": more than ", kMaxPages, " pages");

@@ -6,6 +6,7 @@
 
 #include <tiffio.h>
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -54,7 +55,7 @@ class TiffFile {
   std::string path;  ///< or name
   std::uint64_t bytes = 0;
   std::uint32_t page = 0;
-  std::string message;
+  std::array<char, 512> message{};
   Memory memory;
   std::unique_ptr<TIFF, Close> tiff;
 };

@@ -80,15 +80,16 @@ class Comparer {
  private:
   Result<void> compare(const TileRef& a, const TileRef& b, std::vector<Sum>& sums) {
     const bool lacks_a = a.state == TileState::missing, lacks_b = b.state == TileState::missing;
+    for (Sum& sum : sums) {
+      sum.counts.only_in_a += !lacks_a && lacks_b ? 1 : 0;
+      sum.counts.only_in_b += lacks_a && !lacks_b ? 1 : 0;
+    }
+    if (lacks_a || lacks_b) return {};
     const TileShape shape = a_.tile_shape(a.key);
     for (std::size_t c = 0; c < sums.size(); ++c) {
-      sums[c].counts.only_in_a += !lacks_a && lacks_b ? 1 : 0;
-      sums[c].counts.only_in_b += lacks_a && !lacks_b ? 1 : 0;
-      if (lacks_a || lacks_b) continue;
       ++sums[c].counts.compared;
       sums[c].numbers += shape.samples() * (c == 0 ? 4 : 1);
     }
-    if (lacks_a || lacks_b) return {};
     SLF_TRY(a_.store().fetch(a));
     SLF_TRY(b_.store().fetch(b));
     const bool same_bytes = a.state == b.state && std::ranges::equal(a.payload, b.payload);
@@ -128,7 +129,7 @@ class Comparer {
 /// The members in which two manifests differ.
 std::vector<std::string> manifest_difference(const FieldFile& a, const FieldFile& b) {
   std::vector<std::string> places;
-  for (const auto& change : nlohmann::json::diff(a.manifest().to_json(), b.manifest().to_json()))
+  for (const auto& change : nlohmann::json::diff(*a.manifest().to_json(), *b.manifest().to_json()))
     places.push_back(change.value("path", ""));
   return places;
 }
@@ -150,6 +151,20 @@ FieldShape union_shape(const FieldShape& a, const FieldShape& b) {
   shape.subfields.clear();
   std::ranges::set_union(a.subfields, b.subfields, std::back_inserter(shape.subfields));
   return shape;
+}
+
+/// What is in either.
+TileSelection united(const TileSelection& a, const TileSelection& b) {
+  std::vector<NumberRange> ranges;
+  std::ranges::merge(a.ranges(), b.ranges(), std::back_inserter(ranges), {}, &NumberRange::begin,
+                     &NumberRange::begin);
+  TileSelection all;
+  std::uint64_t end = 0;
+  for (const NumberRange& range : ranges) {
+    all.add({std::max(range.begin, std::min(end, range.end)), range.end});
+    end = std::max(end, range.end);
+  }
+  return all;
 }
 
 }  // namespace
@@ -178,12 +193,15 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
   TileCache tiles_a(a, kMemory), tiles_b(b, kMemory);
   const Comparison comparison = compare_fields(tiles_a, tiles_b);
   const TileOrder order(union_shape(a.shape(), b.shape()));
-  const std::uint64_t batches = (order.count() + kBatch - 1) / kBatch;
+  const auto in_a = SLF_TRY(a.recorded(order));
+  const auto in_b = SLF_TRY(b.recorded(order));
+  const TileSelection all = united(in_a, in_b);
+  const std::uint64_t batches = (all.count() + kBatch - 1) / kBatch;
   const unsigned threads = thread_count(options.threads);
   const auto keys_of = [&](std::uint64_t batch) {
     std::vector<TileKey> keys;
-    for (std::uint64_t n = batch * kBatch; n < std::min((batch + 1) * kBatch, order.count()); ++n)
-      keys.push_back(order.key(n));
+    for (std::uint64_t k = batch * kBatch; k < std::min((batch + 1) * kBatch, all.count()); ++k)
+      keys.push_back(order.key(all.number(k)));
     return keys;
   };
   const auto new_maker = [&] {
@@ -192,13 +210,13 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
     };
   };
   std::vector<Sum> total(comparison.channels);
-  Reporter reporter(progress, {0, order.count(), 0},
+  Reporter reporter(progress, {0, all.count(), 0},
                     a.path() + " and " + b.path() + ": comparison interrupted");
   const auto add = [&](std::uint64_t batch, const std::vector<Sum>& sums) {
     for (std::size_t c = 0; c < total.size(); ++c) total[c].add(sums[c]);
     if (batch % kReleaseBatches == kReleaseBatches - 1)
       a.store().release_all(), b.store().release_all();
-    return reporter.add(std::min<std::uint64_t>(kBatch, order.count() - batch * kBatch));
+    return reporter.add(std::min<std::uint64_t>(kBatch, all.count() - batch * kBatch));
   };
   SLF_TRY(make_in_order(batches, threads, 4 * threads, new_maker, add));
   for (std::size_t c = 0; c < total.size(); ++c) {

@@ -11,6 +11,8 @@ using storage::TileState;
 
 /// After this many tiles, pages that were read are released.
 constexpr std::uint64_t kReleaseEvery = 1 << 14;
+/// A file declares levels for nothing, and callers keep lists.
+constexpr std::uint64_t kMaxMissing = 1 << 24;
 
 /// Visits the tiles that pass the filter.
 class Listing {
@@ -57,6 +59,11 @@ class Listing {
 
   Result<void> missing(std::uint8_t level, std::uint64_t begin, std::uint64_t end) {
     if (!filter_.missing) return {};
+    missing_ += end - begin;
+    if (missing_ > kMaxMissing)
+      return fail(ErrorCode::usage, field_.path(), ": more than ", kMaxMissing,
+                  " tiles are missing up to level ", int{level},
+                  "; list those of fewer levels or subfields");
     for (std::uint64_t index = begin; index < end; ++index)
       if (auto ok = visit({TileState::missing, {level, index}, {}, 0}); !ok) return ok;
     return {};
@@ -81,7 +88,7 @@ class Listing {
   const FieldFile& field_;
   const TileFilter& filter_;
   const Visitor& visitor_;
-  std::uint64_t visited_ = 0;
+  std::uint64_t visited_ = 0, missing_ = 0;
 };
 
 Result<void> check(const FieldFile& field, const TileFilter& filter) {

@@ -10,7 +10,8 @@ Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key, const std:
   const FieldFile& field = tiles.field().file();
   if (!has_channel(field, name))
     return fail(ErrorCode::usage, field.path(), ": has no channel '", name, "'");
-  auto tile = std::make_shared<TileReader::Tile>(SLF_TRY(tiles.read(key)));
+  auto read = SLF_TRY(tiles.read(key));
+  auto tile = std::make_shared<TileReader::Tile>(std::move(read));
   if (tile->missing())
     return fail(ErrorCode::tile_missing, field.path(), ": tile ", int{key.level}, "/", key.index,
                 " is missing; the build command that made the field builds it");

@@ -15,6 +15,7 @@
 #include <system_error>
 #include <thread>
 
+#include "base/guarded.h"
 #include "base/reporter.h"
 #include "base/sort_unique.h"
 #include "base/try.h"
@@ -41,7 +42,7 @@ class PeakMemoryMonitor {
  private:
   void watch() {
     while (!stop_) {
-      update();
+      (void)guarded([this] { update(); });
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }
   }

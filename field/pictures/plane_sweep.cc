@@ -306,10 +306,20 @@ std::vector<std::uint8_t> confirmations(std::size_t number, const std::vector<Sm
   return counts;
 }
 
+/// The most bytes that the sweep of a view takes: costs of all planes, and of one by neighbour.
+std::uint64_t sweep_bytes(const SmallView& view) {
+  return view.rgba.size() * (kMaxDepths + kNeighbors + 8) * sizeof(float);
+}
+
 }  // namespace
 
 Result<void> estimate_depth(const Sphere& sphere, const Surface* hull, unsigned threads,
-                            const ProgressCallback& progress, std::vector<SmallView>& views) {
+                            std::uint64_t memory, const ProgressCallback& progress,
+                            std::vector<SmallView>& views) {
+  std::uint64_t largest = 1;
+  for (const SmallView& view : views) largest = std::max(largest, sweep_bytes(view));
+  threads =
+      static_cast<unsigned>(std::clamp<std::uint64_t>(memory / largest, 1, thread_count(threads)));
   std::vector<std::vector<float>> depths(views.size());
   Reporter reporter(progress, {0, views.size(), 0}, "stopped while depth was estimated");
   SLF_TRY(parallel_for(views.size(), threads, reporter, [&](std::uint64_t k) {

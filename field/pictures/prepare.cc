@@ -17,7 +17,7 @@ Result<void> find_depths(const Sphere& sphere, const Surface* hull,
                          const PictureSceneOptions& options, std::vector<SmallView>& views) {
   const std::string& cache = options.depth_cache;
   const auto estimate = [&] {
-    return estimate_depth(sphere, hull, options.threads, options.progress, views);
+    return estimate_depth(sphere, hull, options.threads, options.memory, options.progress, views);
   };
   if (cache.empty()) return estimate();
   // A foreign file is refused before hours of work.

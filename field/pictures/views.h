@@ -45,8 +45,10 @@ struct SmallView {
 /// of the 8 nearest, the half that agrees best counts, so that occlusion does not spoil it. Only
 /// depths remain that those of other views confirm and, with a hull, no other depth is as likely
 /// as; `confirmed` counts these. Searches within the sphere, behind the hull if `hull` is given.
+/// So many threads search at a time as `memory` has room for, at least one.
 [[nodiscard]] Result<void> estimate_depth(const Sphere& sphere, const Surface* hull,
-                                          unsigned threads, const ProgressCallback& progress,
+                                          unsigned threads, std::uint64_t memory,
+                                          const ProgressCallback& progress,
                                           std::vector<SmallView>& views);
 
 /// Sets `confirmed` of each view, whose depths are known. Compares with the views that

@@ -187,7 +187,7 @@ class Player::Loader {
       });
 
       lock.lock();
-      if (!ok && !error_) error_ = ok.error();
+      if (!ok && !error_) error_ = std::move(ok.error());  // a copy would take memory
       const std::chrono::duration<double> busy = std::exchange(busy_, {});
       const std::chrono::duration<double> passed =
           Clock::now() - std::exchange(paced_, Clock::now());
@@ -299,6 +299,7 @@ struct Player::State {
     options.view.wait = options.loading == Loading::wait;
   }
   [[nodiscard]] TileCache& cache() const { return renderer.tiles().cache(); }
+  [[nodiscard]] Result<void> draw(const Camera& camera, Image& image, FrameReport* report);
 
   Renderer renderer;
   PlayOptions options;
@@ -321,11 +322,12 @@ const TileReader& Player::tiles() const { return state_->renderer.tiles(); }
 Result<Player> Player::make(const Field& field, const PlayOptions& options) {
   RendererOptions copied = options.renderer;
   copied.in_place = false;
-  return make(Renderer(field, copied), options);
+  return guarded([&] { return make(Renderer(field, copied), options); });
 }
 
 Result<Player> Player::make(TileReader tiles, const PlayOptions& options) {
-  return make(Renderer(std::move(tiles), options.renderer.threads), options);
+  return guarded(
+      [&] { return make(Renderer(std::move(tiles), options.renderer.threads), options); });
 }
 
 Result<Player> Player::make(Renderer renderer, const PlayOptions& options) {
@@ -335,20 +337,26 @@ Result<Player> Player::make(Renderer renderer, const PlayOptions& options) {
   // Load level 0, so that frames always have a picture to fall back to.
   TileCache& cache = state->cache();
   const bool waits = options.loading == Loading::wait;
-  const std::uint64_t coarsest = waits ? 0 : tile_count(0, field.shape().entry_extra_levels);
   std::uint64_t bytes = 0;
-  for (std::uint64_t index = 0; index < coarsest && 4 * bytes <= cache.budget(); ++index) {
-    auto pin = SLF_TRY(cache.load({{0, index}}));
+  const auto pin_tile = [&](const storage::TileRef& tile) -> Result<void> {
+    if (4 * bytes > cache.budget() || !field.shape().has(tile.key)) return {};
+    auto pin = SLF_TRY(cache.load({tile.key, tile}));
     bytes += pin.samples().size();
     state->coarsest.push_back(std::move(pin));
-  }
+    return {};
+  };
+  if (!waits) SLF_TRY(field.file().store().visit(first_key(0), first_key(1), pin_tile));
   state->seen = cache.statistics();
   if (!waits) state->loader = std::make_unique<Loader>(state->renderer, state->options.view);
   return Player(std::move(state));
 }
 
 Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* report) {
-  State& s = *state_;
+  return guarded([&] { return state_->draw(camera, image, report); });
+}
+
+Result<void> Player::State::draw(const Camera& camera, Image& image, FrameReport* report) {
+  State& s = *this;
   const auto begin = Clock::now();
   // If there is time between frames, the loader pauses while a frame is drawn.
   const bool alone = s.loader && begin - s.ended > (s.ended - s.began) / kGap;
@@ -356,7 +364,7 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
   TileCache& cache = s.cache();
   const std::uint32_t frame = cache.now() + 1;  // this frame's number, or a lower one
   ViewStatistics statistics;
-  auto ok = guarded([&] { return s.renderer.render(camera, s.options.view, image, &statistics); });
+  auto ok = s.renderer.render(camera, s.options.view, image, &statistics);
   if (s.loader) s.loader->end_frame();
   if (!ok) return ok;
   s.began = begin, s.ended = Clock::now();
@@ -389,8 +397,8 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
     // While the camera moves as predicted, earlier plans have covered the nearer views. Otherwise
     // plan views 1, 2, 4, … frames ahead: tiles serve several frames, so a few views suffice.
     const unsigned first = s.steady < s.options.horizon ? 1 : std::max(s.options.horizon, 1u);
-    for (unsigned k = first; s.before && k <= s.options.horizon; k *= 2) {
-      const Camera ahead = predict(center, *s.before, camera, k);
+    for (std::uint64_t k = first; s.before && k <= s.options.horizon; k *= 2) {
+      const Camera ahead = predict(center, *s.before, camera, static_cast<double>(k));
       if (RayGenerator::make(ahead)) next.push_back(ahead);  // else it is no valid camera
     }
     if (s.before) s.expected = predict(center, *s.before, camera, 1);

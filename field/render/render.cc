@@ -12,6 +12,7 @@
 #include <thread>
 #include <utility>
 
+#include "base/guarded.h"
 #include "base/reporter.h"
 #include "base/sort_unique.h"
 #include "base/try.h"
@@ -294,12 +295,18 @@ Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
   return image;
 }
 
-Result<void> Renderer::render(const Camera& camera, const ViewOptions& requested, Image& image,
+Result<void> Renderer::render(const Camera& camera, const ViewOptions& options, Image& image,
                               ViewStatistics* statistics, const ProgressCallback& progress) {
+  return guarded([&] { return draw(camera, options, image, statistics, progress); });
+}
+
+Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, Image& image,
+                            ViewStatistics* statistics, const ProgressCallback& progress) {
   const auto rays = SLF_TRY(RayGenerator::make(camera));
   const FieldFile& field = state_->tiles.field().file();
   SLF_TRY(check_view(state_->tiles.field(), requested));
   const ViewOptions options = resolved(requested, field.shape(), camera);
+  SLF_TRY(state_->tiles.cache().check_level(options.level));
 
   const std::uint64_t decodes_before = state_->tiles.cache().statistics().decodes;
   const BlockOrder blocks(camera.width, camera.height);
@@ -334,11 +341,14 @@ std::vector<TileKey> level0_if_small(const FieldFile& field) {
   constexpr std::uint64_t kSmall = 2 << 20;  // bytes
   std::vector<TileKey> keys;
   std::uint64_t bytes = 0;
-  const std::uint64_t all = std::uint64_t{64} << 2 * field.shape().entry_extra_levels;
-  for (std::uint64_t index = 0; index < all; ++index)
-    if (const TileKey key{0, index}; field.shape().has(key)) keys.push_back(key);
-  for (const auto& tile : field.store().find_all(keys)) bytes += tile ? tile->payload.size() : 0;
-  if (bytes > kSmall) keys.clear();
+  const auto add = [&](const storage::TileRef& tile) -> Result<void> {
+    bytes += tile.payload.size();
+    if (tile.state == storage::TileState::stored && field.shape().has(tile.key))
+      keys.push_back(tile.key);
+    return {};
+  };
+  // An error is met again when the view is drawn.
+  if (!field.store().visit(first_key(0), first_key(1), add) || bytes > kSmall) keys.clear();
   return keys;
 }
 

@@ -4,8 +4,9 @@
 #include <array>
 #include <cassert>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <span>
+
+#include "base/owned_json.h"
 
 namespace slf {
 namespace {
@@ -84,7 +85,10 @@ class Balls final : public Scene {
   }
 
   std::string provenance() const override {
-    return nlohmann::json{{"kind", "scene"}, {"name", name_}}.dump();
+    OwnedJson json = nlohmann::json::object();
+    (*json)["kind"] = "scene";
+    (*json)["name"] = name_;
+    return json->dump();
   }
 
  private:

@@ -72,6 +72,7 @@ class PageTable {
   /// written. The table is empty if there is not enough address space. REQUIRES: exit_sections is a
   /// power of two.
   [[nodiscard]] static PageTable make(std::uint64_t entry_sections, std::uint64_t exit_sections);
+  PageTable() = default;  ///< empty
   PageTable(PageTable&& other) noexcept;
   PageTable& operator=(PageTable&& other) noexcept;
   ~PageTable();
@@ -89,8 +90,6 @@ class PageTable {
   [[nodiscard]] int exit_bits() const { return exit_bits_; }
 
  private:
-  PageTable() = default;
-
   TilePage* pages_ = nullptr;
   int exit_bits_ = 0;
   std::size_t bytes_ = 0;

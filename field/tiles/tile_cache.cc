@@ -16,9 +16,13 @@ namespace {
 constexpr std::uint64_t kTileBytes = 512;      // approximate bookkeeping per tile
 constexpr std::uint64_t kMapWindow = 1 << 16;  // what Linux maps around a page that is read
 constexpr std::uint64_t kTreeWindows = 3;      // approximate, on the way through the tree
+// A file declares levels for nothing. What a level needs outside of the budget, memory for its
+// geometry and address space for its table, is at most this many times the file. Even an unfinished
+// field stays far below.
+constexpr std::uint64_t kGeometryTimes = 1 << 10, kTableTimes = 1 << 17;
 }  // namespace
 
-struct TileCache::Tile : Link {
+struct TileCache::Tile {
   enum class Stage : std::uint8_t { absent, loading, done };
 
   TileKey key;
@@ -33,8 +37,10 @@ struct TileCache::Tile : Link {
   bool in_place = false;     // the samples are in the map
   bool mapped = false;       // the payload is read through the map
   std::uint64_t cost = 0;    // bytes that it counts in the budget
-  std::uint32_t listed = 0;  // page.used when it was last linked into idle_
-  std::uint32_t pins = 0;    // 0: linked into idle_
+  std::uint32_t listed = 0;  // page.used when it last came into idle_
+  std::uint32_t pins = 0;    // 0: in idle_
+  std::uint64_t epoch = 0;   // of its removal
+  Tiles::iterator place;     // in its list
 };
 
 TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget,
@@ -45,9 +51,17 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t
       in_place_(in_place),
       memory_(budget) {
   const FieldShape& shape = field.shape();
-  for (unsigned level = 0; level <= shape.levels; ++level)
-    tables_.push_back(
-        PageTable::make(section_count(level + shape.entry_extra_levels), section_count(level)));
+  const std::uint64_t bytes = field.store().file_bytes();
+  const auto fits = [&](std::uint64_t needed, std::uint64_t times) {
+    return needed <= budget || needed / times <= bytes;
+  };
+  for (unsigned level = 0; level <= shape.levels; ++level) {
+    const std::uint64_t entries = section_count(level + shape.entry_extra_levels);
+    const bool plausible =
+        fits(LevelGeometry::memory(shape, level), kGeometryTimes) &&
+        fits(tile_count(level, shape.entry_extra_levels) * sizeof(TilePage), kTableTimes);
+    tables_.push_back(plausible ? PageTable::make(entries, section_count(level)) : PageTable());
+  }
 }
 TileCache::~TileCache() = default;
 
@@ -56,7 +70,8 @@ class TileCache::ScopedLock {
  public:
   explicit ScopedLock(TileCache& cache) : cache_(cache), lock_(cache.mutex_) {}
   ~ScopedLock() {
-    const auto garbage = std::exchange(cache_.garbage_, {});
+    Tiles garbage;
+    garbage.swap(cache_.garbage_);
     const bool release = std::exchange(cache_.release_due_, false);
     lock_.unlock();
     if (release) cache_.field_.store().release_all();
@@ -68,19 +83,6 @@ class TileCache::ScopedLock {
   TileCache& cache_;
   std::unique_lock<std::mutex> lock_;
 };
-
-// Links.
-
-void TileCache::Link::unlink() {
-  before->after = after;
-  after->before = before;
-}
-
-void TileCache::Link::link_before(Link& next) {
-  after = &next;
-  before = next.before;
-  before->after = next.before = this;
-}
 
 // Pins.
 
@@ -105,7 +107,7 @@ ByteSpan TileCache::Pin::samples() const {
 
 void TileCache::pin_locked(Tile& tile) {
   if (tile.pins++ > 0) return;
-  tile.unlink();
+  pinned_.splice(pinned_.end(), idle_, tile.place);
   pinned_bytes_ += tile.cost;
   if (tile.in_place) count_mapped_locked(tile.ref, true);
 }
@@ -120,13 +122,10 @@ void TileCache::unpin(Tile& tile) {
 void TileCache::unpin_locked(Tile& tile) {
   if (--tile.pins > 0) return;
   pinned_bytes_ -= tile.cost;
-  if (tile.error) {
-    remove_locked(tile);
-    return;
-  }
+  idle_.splice(idle_.end(), pinned_, tile.place);
+  if (tile.error) return remove_locked(tile);
   tile.listed = now();
   tile.page->used.store(tile.listed, std::memory_order_relaxed);
-  tile.link_before(idle_);
 }
 
 // Readers.
@@ -172,13 +171,12 @@ std::uint32_t TileCache::begin_frame(bool lists_tiles) {
 // Removal.
 
 TileCache::Tile* TileCache::least_recently_used_locked() {
-  while (idle_.after != &idle_) {
-    Tile& tile = static_cast<Tile&>(*idle_.after);
+  while (!idle_.empty()) {
+    Tile& tile = idle_.front();
     const std::uint32_t used = tile.page->used.load(std::memory_order_relaxed);
     if (used == tile.listed) return &tile;
     tile.listed = used;  // a frame has used it since
-    tile.unlink();
-    tile.link_before(idle_);
+    idle_.splice(idle_.end(), idle_, tile.place);
   }
   return nullptr;
 }
@@ -186,11 +184,10 @@ TileCache::Tile* TileCache::least_recently_used_locked() {
 void TileCache::remove_locked(Tile& tile) {
   tile.page->found.fetch_or(TilePage::kRemoved);
   tile.page->state.store(0, std::memory_order_release);
-  const std::uint64_t epoch = 1 + epoch_.fetch_add(1, std::memory_order_seq_cst);
+  tile.epoch = 1 + epoch_.fetch_add(1, std::memory_order_seq_cst);
   removed_bytes_ += tile.cost;
-  const auto place = tiles_.find(tile.key);
-  removed_.push_back({epoch, std::move(place->second)});
-  tiles_.erase(place);
+  tiles_.erase(tile.key);
+  removed_.splice(removed_.end(), idle_, tile.place);
 }
 
 void TileCache::free_removed_locked() {
@@ -201,11 +198,10 @@ void TileCache::free_removed_locked() {
     if (const std::uint64_t epoch = slot.epoch.load(std::memory_order_acquire))
       oldest = std::min(oldest, epoch);
   while (!removed_.empty() && removed_.front().epoch <= oldest) {
-    const std::uint64_t cost = removed_.front().tile->cost;
+    const std::uint64_t cost = removed_.front().cost;
     removed_bytes_ -= cost;
     statistics_.decoded_bytes -= cost;
-    garbage_.push_back(std::move(removed_.front().tile));
-    removed_.pop_front();
+    garbage_.splice(garbage_.end(), removed_, removed_.begin());
   }
 }
 
@@ -213,7 +209,6 @@ void TileCache::remove_for_locked(std::uint64_t bytes) {
   while (statistics_.decoded_bytes - removed_bytes_ + bytes > budget_) {
     Tile* const tile = least_recently_used_locked();
     if (!tile) return;  // all others are pinned
-    tile->unlink();
     remove_locked(*tile);
   }
 }
@@ -286,7 +281,7 @@ std::vector<std::size_t> TileCache::pin_loaded(std::span<const Located> tiles,
   const ScopedLock scoped(*this);
   for (std::size_t k = 0; k < tiles.size(); ++k) {
     const auto found = tiles_.find(tiles[k].key);
-    Tile* const tile = found == tiles_.end() ? nullptr : found->second.get();
+    Tile* const tile = found == tiles_.end() ? nullptr : &*found->second;
     if (!tile || tile->stage != Tile::Stage::done || tile->error) {
       absent.push_back(k);
       continue;
@@ -333,25 +328,34 @@ std::vector<TileKey> TileCache::references_of(Located& tile) const {
   return keys;
 }
 
+Result<void> TileCache::check_level(unsigned level) const {
+  if (tables_[level]) return {};
+  return fail_without("memory", ErrorCode::unsupported, field_.path(), ": level ", level, ": its ",
+                      tile_count(level, field_.shape().entry_extra_levels),
+                      " tiles need larger tables than there is memory for, and than a file of ",
+                      field_.store().file_bytes(), " bytes can fill");
+}
+
 Result<TileCache::Pin> TileCache::load_one(const Located& located) {
+  Pin pin;  // ends after the lock
   ScopedLock scoped(*this);
-  if (!tables_[located.key.level])
-    return fail(ErrorCode::unsupported, field_.path(), ": level ", int{located.key.level},
-                ": its table of tiles needs more address space than there is");
+  SLF_TRY(check_level(located.key.level));
   auto place = tiles_.find(located.key);
   if (place == tiles_.end()) {
     const auto sections = sections_of(located.key, field_.shape().entry_extra_levels);
-    auto made = std::make_unique<Tile>();
-    made->key = located.key;
-    made->page = tables_[located.key.level].find(sections.entry.index, sections.exit.index);
-    place = tiles_.emplace(located.key, std::move(made)).first;
+    Tiles made(1);
+    Tile& tile = made.front();
+    tile.key = located.key;
+    tile.page = tables_[located.key.level].find(sections.entry.index, sections.exit.index);
+    tile.place = made.begin();
+    place = tiles_.emplace(located.key, tile.place).first;
+    idle_.splice(idle_.end(), made);
   }
   Tile& tile = *place->second;
   pin_locked(tile);
-  auto ok = load_once(scoped.lock(), tile, located.ref);
-  if (ok) return Pin(this, &tile);
-  unpin_locked(tile);
-  return tl::unexpected(std::move(ok.error()));
+  pin = Pin(this, &tile);
+  SLF_TRY(load_once(scoped.lock(), tile, located.ref));
+  return pin;
 }
 
 Result<void> TileCache::load_once(std::unique_lock<std::mutex>& lock, Tile& tile,
@@ -439,7 +443,8 @@ ReferenceSource TileCache::references(std::vector<Pin>& pins, std::optional<Tile
     if (!field_.shape().has(key))
       return fail(ErrorCode::bad_file, field_.path(), ": tile ", int{key.level}, "/", key.index,
                   ", from which others are predicted, is not in the field");
-    const Pin& pin = pins.emplace_back(SLF_TRY(load_one(Located{key})));
+    auto loaded = SLF_TRY(load_one(Located{key}));
+    const Pin& pin = pins.emplace_back(std::move(loaded));
     if (pin.state() != storage::TileState::missing) return pin.samples();
     lacking = pin.tile_->lacking.value_or(key);
     return fail(ErrorCode::tile_missing, "a reference");

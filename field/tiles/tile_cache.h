@@ -18,7 +18,7 @@
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
-#include <memory>
+#include <list>
 #include <mutex>
 #include <optional>
 #include <span>
@@ -121,8 +121,10 @@ class TileCache {
   [[nodiscard]] const FieldFile& field() const { return field_; }
   [[nodiscard]] std::uint64_t budget() const { return budget_; }
 
-  /// The table of a level, to find tiles inside ReadScopes. Empty if it needs too much address
-  /// space; then load() fails.
+  /// unsupported: the level needs larger tables than the budget, or than such a file can fill, or
+  /// more address space than there is. Then its page_table() is empty, and load() fails.
+  [[nodiscard]] Result<void> check_level(unsigned level) const;
+  /// The table of a level, to find tiles inside ReadScopes.
   [[nodiscard]] const PageTable& page_table(unsigned level) const { return tables_[level]; }
 
   /// Begins a frame and returns its number, which its tiles get in TilePage::used. A frame whose
@@ -174,14 +176,9 @@ class TileCache {
   void reset_peak();
 
  private:
-  /// Tiles that nothing pins, in a ring through `idle_`, roughly from least to most recently used.
-  struct Link {
-    Link* before = this;
-    Link* after = this;
-
-    void unlink();
-    void link_before(Link& next);
-  };
+  /// Tiles move between lists, which takes no memory: so removals, and the end of a Pin, cannot
+  /// fail.
+  using Tiles = std::list<Tile>;
 
   void pin_locked(Tile& tile);
   void unpin(Tile& tile);
@@ -246,18 +243,15 @@ class TileCache {
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable loaded_;
   std::deque<Reader::Slot> readers_;
-  std::unordered_map<TileKey, std::unique_ptr<Tile>, TileKeyHash> tiles_;
-  struct Removed {
-    std::uint64_t epoch;
-    std::unique_ptr<Tile> tile;
-  };
-  std::deque<Removed> removed_;                 // that a reader may still see
-  std::vector<std::unique_ptr<Tile>> garbage_;  // that no reader can see; freed outside the lock
-  std::uint64_t removed_bytes_ = 0;             // of removed_
-  std::uint64_t pinned_bytes_ = 0;              // of loaded tiles that are pinned
-  bool shared_ = false;                         // whether frames may share the last number
-  bool release_due_ = false;                    // of the map
-  Link idle_;
+  std::unordered_map<TileKey, Tiles::iterator, TileKeyHash> tiles_;  // in idle_ or pinned_
+  Tiles idle_;                       // that nothing pins, roughly from least to most recently used
+  Tiles pinned_;                     // all others
+  Tiles removed_;                    // that a reader may still see, in order of epochs
+  Tiles garbage_;                    // that no reader can see; freed outside the lock
+  std::uint64_t removed_bytes_ = 0;  // of removed_
+  std::uint64_t pinned_bytes_ = 0;   // of loaded tiles that are pinned
+  bool shared_ = false;              // whether frames may share the last number
+  bool release_due_ = false;         // of the map
   std::uint64_t mapped_bytes_ = 0;   // approximate, read through the map since its last release
   std::uint64_t mapped_window_ = 0;  // the window that was read last
   CacheStatistics statistics_;

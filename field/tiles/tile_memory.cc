@@ -33,38 +33,42 @@ TileMemory::TileMemory(std::uint64_t capacity)
   if (skip > 0) munmap(begin, skip);
   if (skip < kHugePage) munmap(base_ + capacity_, kHugePage - skip);
   madvise(base_, capacity_, MADV_HUGEPAGE);
-  add_free(0, capacity_);
+  add_free(0, capacity_, new_entries());
 }
 
 TileMemory::~TileMemory() {
   if (base_) munmap(base_, capacity_);
 }
 
+TileMemory::Entries TileMemory::new_entries() {
+  ByBegin by_begin{{0, 0}};
+  BySize by_size{{0, 0}};
+  return {by_begin.extract(by_begin.begin()), by_size.extract(by_size.begin())};
+}
+
 TileMemory::Block TileMemory::allocate(std::size_t bytes) {
-  const std::uint64_t size = whole_lines(bytes);
-  const Free deleter{this, bytes};
+  Free free;
+  free.bytes_ = whole_lines(bytes);
+  free.entries_ = new_entries();
   const std::lock_guard lock(mutex_);
-  const auto found = free_by_size_.lower_bound({size, 0});  // the smallest that fits
+  const auto found = free_by_size_.lower_bound({free.bytes_, 0});  // the smallest that fits
   if (found == free_by_size_.end())
-    return {static_cast<std::byte*>(::operator new(size, std::align_val_t(kLine))), deleter};
+    return {static_cast<std::byte*>(::operator new(free.bytes_, std::align_val_t(kLine))), {}};
+  free.memory_ = this;
   const auto [had, begin] = *found;
-  free_by_size_.erase(found);
-  free_.erase(begin);
-  if (had > size) {
-    free_.emplace(begin + size, had - size);
-    free_by_size_.emplace(had - size, begin + size);
-  }
-  return {base_ + begin, deleter};
+  Entries entries{free_.extract(begin), free_by_size_.extract(found)};
+  if (had > free.bytes_) add_free(begin + free.bytes_, had - free.bytes_, std::move(entries));
+  return {base_ + begin, std::move(free)};
 }
 
-void TileMemory::free(std::byte* block, std::size_t bytes) {
-  if (!base_ || block < base_ || block >= base_ + capacity_)
-    return ::operator delete(block, std::align_val_t(kLine));
-  const std::lock_guard lock(mutex_);
-  add_free(static_cast<std::uint64_t>(block - base_), whole_lines(bytes));
+void TileMemory::Free::operator()(std::byte* block) noexcept {
+  if (!memory_) return ::operator delete(block, std::align_val_t(kLine));
+  const std::lock_guard lock(memory_->mutex_);
+  memory_->add_free(static_cast<std::uint64_t>(block - memory_->base_), bytes_,
+                    std::move(entries_));
 }
 
-void TileMemory::add_free(std::uint64_t begin, std::uint64_t size) {
+void TileMemory::add_free(std::uint64_t begin, std::uint64_t size, Entries entries) noexcept {
   auto next = free_.lower_bound(begin);
   if (next != free_.end() && begin + size == next->first) {
     size += next->second;
@@ -80,8 +84,11 @@ void TileMemory::add_free(std::uint64_t begin, std::uint64_t size) {
       free_.erase(before);
     }
   }
-  free_.emplace(begin, size);
-  free_by_size_.emplace(size, begin);
+  entries.by_begin.key() = begin;
+  entries.by_begin.mapped() = size;
+  entries.by_size.value() = {size, begin};
+  free_.insert(std::move(entries.by_begin));
+  free_by_size_.insert(std::move(entries.by_size));
 }
 
 }  // namespace slf

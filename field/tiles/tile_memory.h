@@ -23,26 +23,42 @@ class TileMemory {
   TileMemory(const TileMemory&) = delete;
   TileMemory& operator=(const TileMemory&) = delete;
 
-  struct Free {
-    TileMemory* memory = nullptr;
-    std::size_t bytes = 0;
-    void operator()(std::byte* block) const { memory->free(block, bytes); }
-  };
-  /// Must not outlive its TileMemory.
+  class Free;
+  /// Must not outlive its TileMemory. To free it takes no memory.
   using Block = std::unique_ptr<std::byte, Free>;
 
   /// Uninitialised memory, aligned to cache lines. REQUIRES: bytes > 0.
   [[nodiscard]] Block allocate(std::size_t bytes);
 
  private:
-  void free(std::byte* block, std::size_t bytes);
-  void add_free(std::uint64_t begin, std::uint64_t size);
+  using ByBegin = std::map<std::uint64_t, std::uint64_t>;            // size by begin
+  using BySize = std::set<std::pair<std::uint64_t, std::uint64_t>>;  // (size, begin)
+  /// The memory of a free piece's entries. A block has it from the start, so that its end needs
+  /// none: whoever frees a block may be a destructor, at a time when memory is short.
+  struct Entries {
+    ByBegin::node_type by_begin;
+    BySize::node_type by_size;
+  };
+
+  [[nodiscard]] static Entries new_entries();
+  void add_free(std::uint64_t begin, std::uint64_t size, Entries entries) noexcept;
 
   std::byte* base_ = nullptr;
   std::uint64_t capacity_ = 0;
-  std::mutex mutex_;                                                // guards what follows
-  std::map<std::uint64_t, std::uint64_t> free_;                     // size by begin
-  std::set<std::pair<std::uint64_t, std::uint64_t>> free_by_size_;  // (size, begin)
+  std::mutex mutex_;  // guards what follows
+  ByBegin free_;
+  BySize free_by_size_;
+};
+
+class TileMemory::Free {
+ public:
+  void operator()(std::byte* block) noexcept;
+
+ private:
+  friend class TileMemory;
+  TileMemory* memory_ = nullptr;  // null: the block is from the heap
+  std::size_t bytes_ = 0;
+  Entries entries_;
 };
 
 }  // namespace slf

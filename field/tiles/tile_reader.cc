@@ -1,5 +1,6 @@
 #include "slf/tile_reader.h"
 
+#include "base/guarded.h"
 #include "base/try.h"
 #include "field/tiles/tile_cache.h"
 
@@ -28,16 +29,19 @@ Result<TileReader::Tile> TileReader::read(TileKey key) const {
     std::shared_ptr<State> state;  // outlives the pin
     TileCache::Pin pin;
   };
-  auto held = std::make_shared<Held>(Held{state_, SLF_TRY(cache().load({key, std::nullopt}))});
-  Tile tile;
-  tile.missing_ = held->pin.state() == storage::TileState::missing;
-  if (const ByteSpan samples = held->pin.samples(); !samples.empty()) {
-    const std::size_t colors = file.tile_shape(key).color_bytes();
-    tile.colors_ = samples.first(colors);
-    tile.depths_ = samples.subspan(colors);
-  }
-  tile.pin_ = std::move(held);
-  return tile;
+  return guarded([&]() -> Result<Tile> {
+    auto pin = SLF_TRY(cache().load({key, std::nullopt}));
+    auto held = std::make_shared<Held>(Held{state_, std::move(pin)});
+    Tile tile;
+    tile.missing_ = held->pin.state() == storage::TileState::missing;
+    if (const ByteSpan samples = held->pin.samples(); !samples.empty()) {
+      const std::size_t colors = file.tile_shape(key).color_bytes();
+      tile.colors_ = samples.first(colors);
+      tile.depths_ = samples.subspan(colors);
+    }
+    tile.pin_ = std::move(held);
+    return tile;
+  });
 }
 
 void TileReader::prefetch(std::span<const TileKey> keys) const { (void)cache().locate(keys); }

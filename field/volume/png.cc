@@ -1,8 +1,10 @@
 // PNG slices through libpng, all bits as they are stored.
 #include <png.h>
 
+#include <array>
 #include <bit>
 #include <csetjmp>
+#include <cstdio>
 #include <cstring>
 #include <fstream>
 
@@ -18,7 +20,7 @@ namespace {
 struct Reader {
   std::vector<std::byte> bytes;
   std::size_t at = 0;
-  std::string message;
+  std::array<char, 128> message{};
   png_structp png = nullptr;
   png_infop info = nullptr;
   SliceKind kind;
@@ -32,7 +34,8 @@ struct Reader {
 };
 
 void on_error(png_structp png, png_const_charp message) {
-  static_cast<Reader*>(png_get_error_ptr(png))->message = message;
+  auto& to = static_cast<Reader*>(png_get_error_ptr(png))->message;
+  std::snprintf(to.data(), to.size(), "%s", message);  // a std::string might throw
   png_longjmp(png, 1);
 }
 
@@ -81,7 +84,7 @@ Result<void> append_png(const std::string& path, const VolumeOptions& options,
   reader.bytes.resize(size);
   SLF_TRY(file.read(reader.bytes));
   const auto damaged = [&] {
-    return fail(ErrorCode::bad_file, path, ": damaged PNG: ", reader.message);
+    return fail(ErrorCode::bad_file, path, ": damaged PNG: ", reader.message.data());
   };
   reader.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &reader, on_error, on_warning);
   if (reader.png) reader.info = png_create_info_struct(reader.png);

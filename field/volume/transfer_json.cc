@@ -209,6 +209,10 @@ TransferPreset transfer_formats::indexed_preset(const std::vector<glm::dvec3>& c
 
 transfer_formats::Presets transfer_formats::parse_json(const std::string& text,
                                                        const std::string& source) {
+  // Parsed, a few bytes of text become 16 or more. All presets of ParaView have 0.3 MiB.
+  constexpr std::size_t kMaxBytes = std::size_t{4} << 20;
+  if (text.size() > kMaxBytes)
+    return bad(source, ": ", text.size(), " bytes, expected JSON of at most ", kMaxBytes);
   try {
     json document = json::parse(text);
     if (document.is_object() && document.contains("volumeProperties")) {

@@ -311,7 +311,7 @@ Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
   manifest.codec = plain->spec();
   manifest.provenance =
       nlohmann::json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
-  if (!manifest.provenance.is_object())
+  if (!manifest.provenance->is_object())
     return fail(ErrorCode::usage, "the scene's provenance is not a JSON object");
   return manifest;
 }

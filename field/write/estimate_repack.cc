@@ -62,7 +62,8 @@ class SampleEncoder {
       const auto there = SLF_TRY(field_.store().find(reference));
       if (there.state == TileState::missing) return fail(ErrorCode::tile_missing, "missing");
       if (there.state == TileState::empty) return ByteSpan();
-      return kept.emplace_back(SLF_TRY(read(there)));
+      auto samples_there = SLF_TRY(read(there));
+      return kept.emplace_back(std::move(samples_there));
     };
     SLF_TRY(coder_.encode(key, *samples, source, payload));
     return payload.size();

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <utility>
 
+#include "base/guarded.h"
 #include "base/try.h"
 #include "field/field_file.h"
 #include "field/write/field_index.h"
@@ -55,7 +56,7 @@ Error name_as_output(Error error, const std::string& file, const std::string& pa
 /// Encodes a manifest. usage: readers would refuse it.
 Result<Bytes> encode(const Manifest& manifest, const std::string& path) {
   const std::string text =
-      manifest.to_json().dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+      manifest.to_json()->dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   if (auto parsed = Manifest::parse(text, path); !parsed)
     return fail(ErrorCode::usage, parsed.error().message);
   const ByteSpan bytes = bytes_of(text);
@@ -125,13 +126,17 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
   }
   auto writer = TileWriter::create(file, blobs);
   if (!writer) return tl::unexpected(name_as_output(writer.error(), file, output.path));
-  // The draft of a file that replaces a private one must never be public.
-  if (output.existing == Existing::replace)
-    copy_permissions(output.target, file, /*writable=*/true);
-  FieldWriter created(std::move(*writer), file);
-  created.output_ = output;
-  created.discard_ = draft == Draft::discard;
-  if (created.discard_) created.writer_->defer_sync();
+  auto created = guarded([&]() -> Result<FieldWriter> {
+    // The draft of a file that replaces a private one must never be public.
+    if (output.existing == Existing::replace)
+      copy_permissions(output.target, file, /*writable=*/true);
+    FieldWriter made(std::move(*writer), file);
+    made.output_ = output;
+    made.discard_ = draft == Draft::discard;
+    if (made.discard_) made.writer_->defer_sync();
+    return made;
+  });
+  if (!created) unlink(file.c_str());
   return created;
 }
 

@@ -6,7 +6,7 @@
 
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
-#include "field/write/tile_selection.h"
+#include "field/geometry/tile_selection.h"
 #include "slf/error.h"
 
 namespace slf {

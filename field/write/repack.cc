@@ -47,11 +47,12 @@ Result<RecodedTile> recode(TileCache& tiles, TileCache* coarser, const RepackPla
   return tile;
 }
 
-/// Prefetches the tiles with numbers in [begin, end), for an input that is not in memory.
-void advise(const FieldFile& field, const TileOrder& order, std::uint64_t begin,
-            std::uint64_t end) {
+/// Prefetches the tiles [begin, end) of `all`, for an input that is not in memory.
+void advise(const FieldFile& field, const TileOrder& order, const TileSelection& all,
+            std::uint64_t begin, std::uint64_t end) {
   std::vector<TileKey> keys;
-  for (std::uint64_t n = begin; n < std::min(end, order.count()); ++n) keys.push_back(order.key(n));
+  for (std::uint64_t k = begin; k < std::min(end, all.count()); ++k)
+    keys.push_back(order.key(all.number(k)));
   std::vector<storage::TileRef> tiles;
   for (const auto& tile : field.store().find_all(keys))
     if (tile) tiles.push_back(*tile);
@@ -61,15 +62,18 @@ void advise(const FieldFile& field, const TileOrder& order, std::uint64_t begin,
 /// Writes the tiles of an output.
 class Repacker {
  public:
-  Repacker(TileCache& tiles, const RepackPlan& plan, const RepackOptions& options,
-           FieldWriter& writer, Reporter& progress, RepackReport& report)
+  Repacker(TileCache& tiles, const RepackPlan& plan, const TileOrder& order, TileSelection all,
+           const RepackOptions& options, FieldWriter& writer, Reporter& progress,
+           RepackReport& report)
       : field_(tiles.field()),
         tiles_(tiles),
         plan_(plan),
         writer_(writer),
         progress_(progress),
         report_(report),
-        order_(plan.shape) {
+        order_(order),
+        all_(std::move(all)) {
+    report.missing = order.count() - all_.count();
     // A third of the budget is for tiles in progress, each at most decoded twice and encoded once;
     // a third for records that wait for their commit; a third for LMDB's copies of their pages. A
     // quarter of the first third is for decoded tiles of the input, one for those of the output
@@ -85,11 +89,11 @@ class Repacker {
   }
 
   Result<void> write() {
-    for (std::uint64_t begin = 0, end = 0; begin < order_.count(); begin = end) {
-      end = order_.count();
+    for (std::uint64_t begin = 0, end = 0; begin < all_.count(); begin = end) {
+      end = all_.count();
       std::optional<TileReader> coarser;
       if (predicts_) {  // level by level: each is predicted from the one written before
-        end = order_.first_number(order_.key(begin).level + 1u);
+        end = all_.rank(order_.first_number(key(begin).level + 1u));
         SLF_TRY(writer_.commit_level());
         const auto written = SLF_TRY(Field::open(writer_.file()));
         coarser.emplace(written, TileReaderOptions{.memory = tiles_.budget()});
@@ -100,26 +104,28 @@ class Repacker {
   }
 
  private:
-  /// Recodes the tiles with numbers in [begin, end) on all threads and appends them in order.
+  [[nodiscard]] TileKey key(std::uint64_t k) const { return order_.key(all_.number(k)); }
+
+  /// Recodes the tiles [begin, end) on all threads and appends them in order.
   Result<void> write(std::uint64_t begin, std::uint64_t end, TileCache* coarser) {
     const auto new_maker = [&] {
       return [&, samples = Bytes()](std::uint64_t k) mutable {
-        return recode(tiles_, coarser, plan_, order_.key(begin + k), samples);
+        return recode(tiles_, coarser, plan_, key(begin + k), samples);
       };
     };
-    advise(field_, order_, begin, begin + window_ + 2 * kAdvised);
+    advise(field_, order_, all_, begin, begin + window_ + 2 * kAdvised);
     return make_in_order(end - begin, threads_, window_, new_maker,
                          [&](std::uint64_t k, RecodedTile tile) -> Result<void> {
-                           SLF_TRY(put(order_.key(begin + k), std::move(tile)));
+                           SLF_TRY(put(key(begin + k), std::move(tile)));
                            if ((k + 1) % kAdvised == 0) advise_next(begin + k + 1);
                            return progress_.add(1);
                          });
   }
 
-  /// Tile `n` is written next.
-  void advise_next(std::uint64_t n) {
+  /// Tile `k` is written next.
+  void advise_next(std::uint64_t k) {
     field_.store().release_all();  // pages that were read stay in the kernel's cache
-    advise(field_, order_, n + window_ + kAdvised, n + window_ + 2 * kAdvised);
+    advise(field_, order_, all_, k + window_ + kAdvised, k + window_ + 2 * kAdvised);
   }
 
   Result<void> put(TileKey key, RecodedTile tile) {
@@ -139,16 +145,15 @@ class Repacker {
   FieldWriter& writer_;
   Reporter& progress_;
   RepackReport& report_;
-  TileOrder order_;
+  const TileOrder& order_;
+  const TileSelection all_;  // that the input has records of
   bool predicts_ = false;
   unsigned threads_ = 1;
   std::size_t window_ = 1;
 };
 
-}  // namespace
-
-Result<RepackReport> repack_field(const Field& handle, const std::string& path,
-                                  const RepackOptions& options, const ProgressCallback& progress) {
+Result<RepackReport> repack(const Field& handle, const std::string& path,
+                            const RepackOptions& options, const ProgressCallback& progress) {
   const FieldFile& field = handle.file();
   const auto output = SLF_TRY(FieldOutput::at(
       path, options.replace ? Existing::replace : Existing::keep, std::span(&field.path(), 1)));
@@ -160,7 +165,9 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
   manifest.codec = plan.codec->spec();
   // If the finest level is left out, the next one becomes the finest: record that it is filtered.
   manifest.filtered_levels = field.manifest().filtered_levels.value_or(field.shape().levels);
-  Reporter reporter(progress, {0, TileOrder(manifest.shape).count(), 0},
+  const TileOrder order(plan.shape);
+  auto all = SLF_TRY(field.recorded(order));
+  Reporter reporter(progress, {0, all.count(), 0},
                     field.path() + ": repack interrupted; nothing was written");
   SLF_TRY(reporter.add(0));
   const Result<ByteSpan> light = options.light ? field.light() : ByteSpan();
@@ -170,11 +177,18 @@ Result<RepackReport> repack_field(const Field& handle, const std::string& path,
                                             plan.codec->tables(), *light));
 
   RepackReport report;
-  Repacker repacker(tiles, plan, options, writer, reporter, report);
+  Repacker repacker(tiles, plan, order, std::move(all), options, writer, reporter, report);
   SLF_TRY(repacker.write());
   std::error_code ignored;
   report.file_bytes = std::filesystem::file_size(output.target, ignored);
   return report;
+}
+
+}  // namespace
+
+Result<RepackReport> repack_field(const Field& field, const std::string& path,
+                                  const RepackOptions& options, const ProgressCallback& progress) {
+  return guarded([&] { return repack(field, path, options, progress); });
 }
 
 }  // namespace slf

@@ -10,7 +10,7 @@
 #pragma once
 
 #include "field/geometry/tile_order.h"
-#include "field/write/tile_selection.h"
+#include "field/geometry/tile_selection.h"
 #include "field/write/tile_tracer.h"
 #include "slf/build.h"
 #include "slf/error.h"

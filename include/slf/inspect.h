@@ -58,7 +58,7 @@ struct TileFilter {
   unsigned first_level = 0;
   unsigned last_level = std::numeric_limits<unsigned>::max();
   std::vector<std::uint8_t> subfields = {};  ///< ascending; empty: all
-  bool missing = false;                      ///< also list tiles that are missing
+  bool missing = false;                      ///< also list tiles that are missing, at most 2^24
 };
 
 /// Visits the tiles in key order. Reads the tables of records and no payload.

@@ -127,7 +127,8 @@ struct PictureSceneOptions {
   /// empty.
   bool keep_background = false;
   std::uint32_t voxels = 256;  ///< along an edge of the grid that holds the object's surface
-  std::uint64_t memory = std::uint64_t{1} << 30;  ///< bytes of decoded pictures
+  std::uint64_t memory = std::uint64_t{1}
+                         << 30;  ///< bytes of decoded pictures, and of the search for depths
   /// A file that keeps estimated depths, which take most of the time, for later calls with the same
   /// pictures and options; empty: none. An older one of slf is replaced.
   std::string depth_cache{};

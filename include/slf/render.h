@@ -114,6 +114,8 @@ class Renderer {
  private:
   friend class Player;
   struct State;
+  [[nodiscard]] Result<void> draw(const Camera& camera, const ViewOptions& requested, Image& image,
+                                  ViewStatistics* statistics, const ProgressCallback& progress);
   [[nodiscard]] Result<void> fetch(const Camera& camera, ViewOptions options, Reporter& progress);
   std::unique_ptr<State> state_;
 };

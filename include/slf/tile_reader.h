@@ -60,7 +60,9 @@ class TileReader {
 
   /// Reads a tile, and first those that it is predicted from, unless they are kept already. A tile
   /// that was never built is no error: see Tile::missing(). usage: the field has no such tile.
-  /// bad_file: it, or one that it is predicted from, is damaged.
+  /// bad_file: it, or one that it is predicted from, is damaged. unsupported: the field declares so
+  /// many tiles of its level that the tables for them would take far more than `memory` and the
+  /// file.
   [[nodiscard]] Result<Tile> read(TileKey key) const;
 
   /// Asks the system to read the payloads of tiles that will be needed, all at a time.

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import pathlib
 import pickle
 import signal
 import threading
@@ -255,6 +256,21 @@ def resident_bytes():
 
 @pytest.mark.skipif("libasan" in os.environ.get("LD_PRELOAD", ""),
                     reason="the address sanitizer keeps freed memory")
+def test_failed_reads_keep_nothing():
+    damaged = pathlib.Path(__file__).parents[2] / "tests/data/golden/flipped_tile.slf"
+    failed = 0
+    for _ in range(53):
+        with slf.open(damaged) as field:
+            for tile in field.tiles():
+                try:
+                    field.tile(tile.level, tile.entry, tile.exit)
+                except slf.Error:
+                    failed += 1
+    assert failed >= 53
+    gc.collect()
+    assert "flipped_tile.slf" not in pathlib.Path("/proc/self/maps").read_text()
+
+
 def test_opens_and_closes_without_growth(balls_path):
     def use():
         with slf.open(balls_path, threads=1) as field:

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <condition_variable>
+#include <list>
 #include <memory>
 #include <mutex>
 #include <span>
@@ -52,7 +53,8 @@ class SparseCopy final : public ByteSource {
   MappedFile map_;
   mutable std::mutex mutex_;
   mutable std::condition_variable fetched_;
-  mutable RangeSet present_, fetching_;
+  mutable RangeSet present_;
+  mutable std::list<RangeSet> fetching_;  // of each thread that fetches
 };
 
 }  // namespace slf::storage::internal

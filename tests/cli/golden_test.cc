@@ -127,7 +127,7 @@ void write_bad() {
   std::string flipped = bytes;
   flipped[field->file().store().range(*tile).begin + 5] ^= 1;
   write_text(golden("flipped_tile.slf"), flipped);
-  nlohmann::json json = field->file().manifest().to_json();
+  nlohmann::json json = *field->file().manifest().to_json();
   write_container(golden("incomplete.slf"), json);
   write_container(golden("not_a_field.slf"), nullptr);
   json["required"] = {"hologram"};

@@ -91,6 +91,18 @@ TEST_F(Play, LoadingAheadHasTheTilesOfFramesToCome) {
   EXPECT_LT(misses[Loading::ahead], misses[Loading::demand] / 4);
 }
 
+TEST_F(Play, AnyHorizonEnds) {
+  for (const unsigned horizon : {0u, 1u << 31, ~0u}) {
+    PlayOptions far = options(Loading::ahead);
+    far.horizon = horizon;
+    auto p = player(far);
+    ASSERT_TRUE(p);
+    Image image;
+    for (int k = 0; k < 4; ++k) draw(*p, camera(5.0 * k), image);
+    p->settle();
+  }
+}
+
 TEST_F(Play, FramesThatWaitAreWhole) {
   auto p = player(options(Loading::wait));
   ASSERT_TRUE(p);

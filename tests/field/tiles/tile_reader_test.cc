@@ -4,8 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
+#include <fstream>
 
 #include "field/tiles/tile_cache.h"
+#include "slf/inspect.h"
 #include "slf/player.h"
 #include "slf/render.h"
 #include "slf/scene.h"
@@ -138,6 +141,34 @@ TEST_F(TileReaderTest, ATileOutlivesItsReader) {
   EXPECT_EQ(tile->depths().size(), shape.samples());
   EXPECT_TRUE(std::ranges::equal(tile->colors(), before));
   EXPECT_FALSE(tile->missing());
+}
+
+/// How many files with that path this process has mapped.
+std::size_t maps_of(const std::string& path) {
+  std::ifstream maps("/proc/self/maps");
+  std::size_t count = 0;
+  for (std::string line; std::getline(maps, line);) count += line.ends_with(path);
+  return count;
+}
+
+TEST(TileReaderErrors, AFailedReadKeepsNothing) {
+  const TemporaryFolder folder;
+  const std::string path = std::filesystem::canonical(folder.path()) / "flipped_tile.slf";
+  std::filesystem::copy_file(SLF_TEST_DATA "/golden/flipped_tile.slf", path);
+  int failed = 0;
+  {
+    const TileReader tiles(*Field::open(path));
+    EXPECT_EQ(maps_of(path), 1u);
+    const FieldShape& shape = tiles.field().shape();
+    for (unsigned level = 0; level <= shape.levels; ++level)
+      for (std::uint64_t index = 0; index < shape.tiles(level); ++index) {
+        const TileKey key{static_cast<std::uint8_t>(level), index};
+        failed += !tiles.read(key);
+        failed += !read_tile(tiles, key, "color");
+      }
+  }
+  EXPECT_GE(failed, 2);
+  EXPECT_EQ(maps_of(path), 0u);
 }
 
 TEST_F(TileReaderTest, RefusesTilesThatTheFieldDoesNotHave) {

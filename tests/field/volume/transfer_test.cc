@@ -246,5 +246,14 @@ TEST(Transfer, DefaultOfLabelsIsAColorEachAndNothingBetween) {
   EXPECT_EQ(transfer(1.5), transfer(2));  // a step: never a mixture
 }
 
+TEST(Transfer, RefusesMoreJsonThanPresetsNeed) {
+  std::string text = R"([{"Name": "a", "ColorSpace": "RGB", "RGBPoints": [0)";
+  while (text.size() < (4u << 20)) text += ",0";
+  const auto presets = parse_transfers(text + "]}]", "large.json");
+  ASSERT_FALSE(presets);
+  EXPECT_EQ(presets.error().code, ErrorCode::bad_file);
+  EXPECT_THAT(presets.error().message, ::testing::HasSubstr("at most 4194304"));
+}
+
 }  // namespace
 }  // namespace slf

@@ -111,7 +111,7 @@ class Verify : public ::testing::Test {
 
   /// Makes a container with this field's manifest, changed, and no tiles.
   void remake(const std::function<void(nlohmann::json&)>& change) {
-    auto json = Field::open(path_)->file().manifest().to_json();
+    nlohmann::json json = *Field::open(path_)->file().manifest().to_json();
     change(json);
     std::filesystem::remove(path_);
     const std::string text = json.dump();

@@ -1,0 +1,124 @@
+// Fields that declare far more tiles than they hold: what they take depends on what is stored.
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "field/field_file.h"
+#include "field/tiles/tile_cache.h"
+#include "slf/inspect.h"
+#include "slf/player.h"
+#include "slf/repack.h"
+#include "slf/verify.h"
+#include "storage/tile_writer.h"
+#include "tests/field/field_testing.h"
+
+namespace slf {
+namespace {
+
+using testing::TemporaryFolder;
+
+/// The most memory that the process had since reset_peak(), in MiB.
+std::uint64_t peak_mib() {
+  std::ifstream status("/proc/self/status");
+  for (std::string word; status >> word;)
+    if (word == "VmHWM:" && status >> word) return std::stoull(word) / 1024;
+  return 0;
+}
+void reset_peak() { std::ofstream("/proc/self/clear_refs") << 5; }
+
+class DeclaredLevels : public ::testing::Test {
+ protected:
+  DeclaredLevels() {
+    const auto scene = std::move(*make_analytic_scene("balls"));
+    const auto built =
+        testing::build_and_open(*scene, folder_ / "few.slf", testing::lossless_options(4, 4, 1));
+    few_ = built->content()->levels[1].tiles + built->content()->levels[0].tiles;
+    nlohmann::json manifest = nlohmann::json::parse(built->manifest());
+    manifest["levels"] = kLevels;
+    path_ = folder_ / "declared.slf";
+    std::filesystem::copy_file(built->path(), path_);
+    auto writer = storage::TileWriter::resume(path_);
+    const std::string text = manifest.dump();
+    EXPECT_TRUE(writer && writer->set_blob(kManifestBlob, bytes_of(text)) && writer->commit());
+    // And a tile of the finest level.
+    EXPECT_TRUE(writer->append({kLevels, 1ull << 40}, Bytes(8)) && writer->close());
+    field_ = Field::open(path_).value();
+    reset_peak();
+  }
+  ~DeclaredLevels() override { EXPECT_LT(peak_mib(), before_ + 200); }
+
+  static constexpr std::uint8_t kLevels = 10;
+  TemporaryFolder folder_;
+  const std::uint64_t before_ = (reset_peak(), peak_mib());
+  std::string path_;
+  std::uint64_t few_ = 0;
+  std::optional<Field> field_;
+};
+
+TEST_F(DeclaredLevels, Diff) {
+  const auto few = Field::open(folder_ / "few.slf");
+  ASSERT_TRUE(few);
+  const auto difference = diff_fields(*field_, *few, {});
+  ASSERT_TRUE(difference) << difference.error().message;
+  EXPECT_EQ(difference->channels[0].compared, few_);
+  EXPECT_EQ(difference->channels[0].only_in_a, 1u);
+  EXPECT_EQ(difference->channels[0].only_in_b, 0u);
+  EXPECT_EQ(difference->channels[0].differing, 0u);
+  const auto other_way = diff_fields(*few, *field_, {});
+  ASSERT_TRUE(other_way);
+  EXPECT_EQ(other_way->channels[0].only_in_b, 1u);
+}
+
+TEST_F(DeclaredLevels, Repack) {
+  const auto report = repack_field(*field_, folder_ / "copy.slf", {});
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_EQ(report->copied, few_ + 1);
+  std::uint64_t declared = 0;
+  for (unsigned level = 0; level <= kLevels; ++level) declared += field_->shape().tiles(level);
+  EXPECT_EQ(report->missing, declared - few_ - 1);
+  const auto copy = Field::open(folder_ / "copy.slf");
+  ASSERT_TRUE(copy);
+  EXPECT_EQ(testing::all_tiles(*copy), testing::all_tiles(*field_));
+  const auto estimate = estimate_repack(*field_, {});
+  ASSERT_TRUE(estimate) << estimate.error().message;
+}
+
+TEST_F(DeclaredLevels, Lists) {
+  std::uint64_t listed = 0;
+  const auto count = [&](const ListedTile&) -> Result<void> { return ++listed, Result<void>(); };
+  ASSERT_TRUE(list_tiles(*field_, {}, count));
+  EXPECT_EQ(listed, few_ + 1);
+  TileFilter filter;
+  filter.missing = true;
+  const auto all = list_tiles(*field_, filter, count);
+  ASSERT_FALSE(all);
+  EXPECT_EQ(all.error().code, ErrorCode::usage);
+  filter.last_level = 2;
+  listed = 0;
+  ASSERT_TRUE(list_tiles(*field_, filter, count));
+  EXPECT_EQ(listed, few_ + field_->shape().tiles(2));
+}
+
+TEST_F(DeclaredLevels, Verify) {
+  const auto report = verify_field(path_, {});
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_FALSE(report->complete);
+  EXPECT_EQ(report->tiles, few_ + 1);
+}
+
+TEST_F(DeclaredLevels, Views) {
+  Renderer renderer(*field_, {.memory = 8 << 20, .threads = 1});
+  const Camera camera = orbit_camera(field_->shape().sphere, 30, 20, 3, 64, 64);
+  for (const unsigned level : {10u, 9u, 8u}) {
+    const auto image = renderer.render(camera, {RenderMode::bitri, level});
+    ASSERT_FALSE(image);
+    EXPECT_EQ(image.error().code, ErrorCode::unsupported);
+  }
+  EXPECT_TRUE(renderer.render(camera, {RenderMode::bitri, 1}));
+  EXPECT_TRUE(renderer.render(camera, {RenderMode::bitri, 3}));  // drawn from level 1
+  const TileReader tiles(*field_, {.memory = 8 << 20});
+  EXPECT_EQ(tiles.read({kLevels, 1ull << 40}).error().code, ErrorCode::unsupported);
+}
+
+}  // namespace
+}  // namespace slf
