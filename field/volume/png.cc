@@ -4,7 +4,6 @@
 #include <bit>
 #include <csetjmp>
 #include <cstring>
-#include <fstream>
 
 #include "base/try.h"
 #include "field/volume/stack.h"
