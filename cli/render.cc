@@ -66,8 +66,7 @@ struct RenderArguments {
 /// Tone-maps a picture of a field that holds linear radiance. A picture to be written as .exr keeps
 /// the radiance, unless an option requests tone mapping.
 Result<void> map_tones(const RenderArguments& a, const Field& field, Image& image) {
-  const LightOptions lighting = raycast_options(field.provenance()).lighting;
-  const bool linear = lighting.mode != Lighting::direct && lighting.linear;
+  const bool linear = view_tone(field.provenance()).has_value();
   if (a.tone_given && !linear)
     return fail(ErrorCode::usage, field.path(),
                 ": --exposure and --tonemap need a field that holds linear radiance: one built "
@@ -157,6 +156,7 @@ struct RaycastArguments {
 Result<void> raycast_cameras(const RaycastArguments& a) {
   namespace fs = std::filesystem;
   auto set = SLF_TRY(read_cameras(a.cameras));
+  for (const std::string& remark : set.notes) note(a.cameras + ": " + remark);
   const auto scene =
       SLF_TRY(a.source.scene({a.threads, light_progress(OnSignal::end), a.source.light_file}));
   const fs::path folder = a.picture.output;

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <tiffio.h>
 
+#include <filesystem>
 #include <random>
 
 #include "tests/field/volume/samples.h"
@@ -493,8 +494,13 @@ TEST(VolumeFolder, SetsOfOmeTiffs) {
   write_tiff(folder, "c1.tif", {.description = ome});
   expect_error(folder.path(), ErrorCode::unsupported, "2 components");
   expect_phantom(expect_read(folder.path(), {.component = 1}), ScalarType::u8);
-  write_tiff(folder, "other.tif", {});
-  expect_error(folder.path(), ErrorCode::unsupported, "other.tif: is not one of the 2 files");
+  for (const char* stray : {"a.tif", "other.tif"}) {
+    write_tiff(folder, stray, {});
+    const auto volume = expect_read(folder.path(), {.component = 1});
+    expect_phantom(volume, ScalarType::u8);
+    EXPECT_THAT(volume.notes, ::testing::Contains(HasSubstr("left out 1 of 3 TIFFs")));
+    std::filesystem::remove(folder.path(stray));
+  }
 }
 
 TEST(VolumeFolder, TiffsOfAPageEach) {
